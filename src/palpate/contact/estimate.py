@@ -1,0 +1,96 @@
+"""What an estimate of contact is: the point, the force, how sure, and a status that can be doubted."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+from jaxtyping import Float, Int, Int8
+
+__all__ = ["ROW", "ContactEstimate", "Status"]
+
+
+class Status(IntEnum):
+    """What became of a sample; stored as int8. *Answered* means CONTACT or AMBIGUOUS."""
+
+    CONTACT = 0
+    AMBIGUOUS = 1  # answered, but another candidate lies outside the 95 % ellipse of the one given
+    NO_CONTACT = 2  # below the lower threshold
+    TOO_LIGHT = 3  # something is there, but below the upper threshold: not located
+    OFF_SURFACE = 4  # no point of the surface can make this wrench; the nearest point is given
+    IMPLAUSIBLE = 5  # located, but the friction or torsion bound is exceeded
+    SATURATED = 6  # a channel is at its range
+    INVALID = 7  # NaN or infinite
+    NO_POSE = 8  # the orientation that compensation needs is missing
+
+    @property
+    def label(self) -> str:
+        """As files spell it: lower case."""
+        return self.name.lower()
+
+
+class _Row:
+    """Layout of one estimate as a row of float64, the form that the compiled loops write."""
+
+    point = slice(0, 3)
+    normal = slice(3, 6)
+    force = slice(6, 9)
+    torque = 9
+    covariance = slice(10, 19)  # row-major 3 x 3
+    residual = 19
+    candidates = 20
+    status = 21
+    length = 22
+
+
+ROW = _Row
+
+
+@dataclass(frozen=True)
+class ContactEstimate:
+    """Where, how hard, which way and how sure, batched by leading axes, in the surface's frame.
+
+    Attributes:
+        point: (*batch, 3) [m]; NaN where there is none.
+        normal: (*batch, 3) outward unit normal at the point.
+        force: (*batch, 3) [N] on the body.
+        torque: (*batch) [N m] about the normal, (M - p x F) . n.
+        covariance: (*batch, 3, 3) [m^2] of the point, of rank 2 in the tangent plane; NaN without a noise model.
+        residual: (*batch) distance, in standard deviations of the wrench, to the nearest wrench that a contact within
+            the friction and torsion bounds can make; 0 inside them.
+        candidates: (*batch) how many points within the bounds explain the wrench.
+        status: (*batch) `Status` as int8.
+    """
+
+    point: Float[np.ndarray, "*batch 3"]
+    normal: Float[np.ndarray, "*batch 3"]
+    force: Float[np.ndarray, "*batch 3"]
+    torque: Float[np.ndarray, "*batch"]
+    covariance: Float[np.ndarray, "*batch 3 3"]
+    residual: Float[np.ndarray, "*batch"]
+    candidates: Int[np.ndarray, "*batch"]
+    status: Int8[np.ndarray, "*batch"]
+
+    def __post_init__(self) -> None:
+        for value in vars(self).values():
+            value.flags.writeable = False
+
+    @classmethod
+    def from_rows(cls, rows: Float[np.ndarray, "*batch 22"]) -> ContactEstimate:
+        """From rows as the compiled loops write them."""
+        return cls(
+            point=rows[..., ROW.point].copy(),
+            normal=rows[..., ROW.normal].copy(),
+            force=rows[..., ROW.force].copy(),
+            torque=np.array(rows[..., ROW.torque]),
+            covariance=rows[..., ROW.covariance].reshape(*rows.shape[:-1], 3, 3).copy(),
+            residual=np.array(rows[..., ROW.residual]),
+            candidates=np.array(rows[..., ROW.candidates], dtype=np.int64),
+            status=np.array(rows[..., ROW.status], dtype=np.int8),
+        )
+
+    @property
+    def answered(self) -> np.ndarray:
+        """True where the status is CONTACT or AMBIGUOUS."""
+        return self.status <= Status.AMBIGUOUS

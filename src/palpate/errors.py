@@ -1,0 +1,49 @@
+"""Every error that Palpate raises on purpose.
+
+PalpateError
+|-- InputError          a file, a row or a field is wrong: what, where, how to mend it
+|-- GeometryError       a mesh or surface cannot be used as it is
+`-- NotIdentifiable     the data cannot determine what was asked: rank and what is missing
+"""
+
+from __future__ import annotations
+
+__all__ = ["GeometryError", "InputError", "NotIdentifiable", "PalpateError"]
+
+
+class PalpateError(Exception):
+    """The root: catch this to catch everything that Palpate says."""
+
+
+class InputError(PalpateError):
+    """A file, a row or a field cannot be used.
+
+    Args:
+        what: what is wrong, a sentence without the place.
+        where: file, row, column or key, as the user knows it.
+        mend: how to mend it.
+    """
+
+    def __init__(self, what: str, *, where: str = "", mend: str = "") -> None:
+        self.what, self.where, self.mend = what, where, mend
+        place = f"{where}: " if where else ""
+        hint = f" {mend}" if mend else ""
+        super().__init__(f"{place}{what}{hint}")
+
+
+class GeometryError(PalpateError):
+    """A mesh or surface cannot be used as it is."""
+
+
+class NotIdentifiable(PalpateError):  # noqa: N818 - it is a finding about the data, not a failure of the code
+    """The data cannot determine what was asked.
+
+    Args:
+        message: the sentence a user needs to mend the data.
+        rank: how many directions the data do determine.
+        missing: names of the directions that they do not.
+    """
+
+    def __init__(self, message: str, *, rank: int, missing: tuple[str, ...]) -> None:
+        self.rank, self.missing = rank, missing
+        super().__init__(message)

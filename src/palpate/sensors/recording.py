@@ -1,0 +1,55 @@
+"""A recording: named channels on one clock, in SI, as a value."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+
+import numpy as np
+from jaxtyping import Float
+
+from palpate.spatial._arrays import frozen
+
+__all__ = ["ACCELERATION", "FORCE", "ORIENTATION", "TORQUE", "Recording"]
+
+FORCE = "force"  # (n, 3) N
+TORQUE = "torque"  # (n, 3) N m
+ORIENTATION = "orientation"  # (n, 4) quaternion x, y, z, w: sensor in base
+ACCELERATION = "acceleration"  # (n, 3) m/s^2: of the sensor's origin, in the sensor's frame
+
+
+@dataclass(frozen=True)
+class Recording:
+    """Channels of one log, sample by sample: what a file or a stream becomes inside.
+
+    Args:
+        time: (n,) [s], as recorded: it may repeat, run backwards or be NaN; nothing is sorted or dropped.
+        channels: name -> (n, k) float64, SI. A value that could not be read is NaN. Names used across the house
+            are the constants of this module; a sensor with its own channels names them itself.
+        frame: the frame in which force and torque are written, "sensor" or "base".
+        source: where it came from, for messages and provenance.
+        notes: what a reader of the results should know (a gap, unsorted times), one sentence each.
+    """
+
+    time: Float[np.ndarray, " n"]
+    channels: Mapping[str, Float[np.ndarray, "n _"]]
+    frame: str = "sensor"
+    source: str = ""
+    notes: tuple[str, ...] = field(default=())
+
+    def __post_init__(self) -> None:
+        time = frozen(self.time)
+        channels = {name: frozen(values) for name, values in self.channels.items()}
+        for name, values in channels.items():
+            if values.ndim != 2 or len(values) != len(time):
+                raise ValueError(f"channel {name!r} has shape {values.shape} for {len(time)} times")
+        object.__setattr__(self, "time", time)
+        object.__setattr__(self, "channels", MappingProxyType(channels))
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    def wrenches(self) -> Float[np.ndarray, "n 6"]:
+        """Force [N] and torque [N m] side by side."""
+        return np.concatenate([self.channels[FORCE], self.channels[TORQUE]], axis=1)

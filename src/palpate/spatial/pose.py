@@ -1,0 +1,107 @@
+"""Where one frame lies in another: names read T_target_source and cancel, T_base_tool @ T_tool_sensor."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from numpy.typing import ArrayLike
+
+from palpate.spatial._arrays import frozen
+
+__all__ = ["Pose", "quaternion_from_rotation", "rotation_from_quaternion", "skew"]
+
+
+def skew(vector: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3 3"]:
+    """The matrix [v]x with [v]x u = v x u."""
+    matrix = np.zeros((*vector.shape[:-1], 3, 3))
+    x, y, z = np.moveaxis(vector, -1, 0)
+    matrix[..., 0, 1], matrix[..., 0, 2] = -z, y
+    matrix[..., 1, 0], matrix[..., 1, 2] = z, -x
+    matrix[..., 2, 0], matrix[..., 2, 1] = -y, x
+    return matrix
+
+
+def rotation_from_quaternion(quaternion: Float[np.ndarray, "*batch 4"]) -> Float[np.ndarray, "*batch 3 3"]:
+    """Rotation matrices from quaternions x, y, z, w of any length but zero (NaN in, NaN out)."""
+    q = quaternion / np.linalg.norm(quaternion, axis=-1, keepdims=True)
+    vector, w = q[..., :3], q[..., 3, None, None]
+    cross = skew(vector)
+    return np.eye(3) + 2.0 * (w * cross + cross @ cross)
+
+
+def quaternion_from_rotation(rotation: Float[np.ndarray, "*batch 3 3"]) -> Float[np.ndarray, "*batch 4"]:
+    """Unit quaternions x, y, z, w with w >= 0."""
+    from scipy.spatial.transform import Rotation  # here: it takes 0.1 s to import
+
+    flat = Rotation.from_matrix(rotation.reshape(-1, 3, 3)).as_quat(canonical=True)
+    return flat.reshape(*rotation.shape[:-2], 4)
+
+
+@dataclass(frozen=True, init=False)
+class Pose:
+    """Rotation and translation [m] of a source frame in a target frame, batched by leading axes.
+
+    Args:
+        rotation: (*batch, 3, 3), orthonormal, determinant +1.
+        translation: (*batch, 3) [m].
+
+    Raises:
+        ValueError: the rotation is not one (a reflection, a scaled matrix).
+    """
+
+    rotation: Float[np.ndarray, "*batch 3 3"]
+    translation: Float[np.ndarray, "*batch 3"]
+
+    def __init__(self, rotation: ArrayLike, translation: ArrayLike) -> None:
+        object.__setattr__(self, "rotation", frozen(rotation, tail=(3, 3), name="rotation"))
+        object.__setattr__(self, "translation", frozen(translation, tail=(3,), name="translation"))
+        gram = self.rotation @ np.swapaxes(self.rotation, -1, -2)
+        if not np.allclose(gram, np.eye(3), atol=1e-6) or np.any(np.linalg.det(self.rotation) < 0):
+            raise ValueError("rotation is not a rotation matrix (orthonormal, determinant +1)")
+
+    @classmethod
+    def identity(cls) -> Pose:
+        """No rotation, no translation."""
+        return cls(np.eye(3), np.zeros(3))
+
+    @classmethod
+    def from_quaternion(cls, quaternion_xyzw: ArrayLike, translation: ArrayLike) -> Pose:
+        """From a quaternion x, y, z, w of any length but zero."""
+        return cls(rotation_from_quaternion(np.asarray(quaternion_xyzw, dtype=np.float64)), translation)
+
+    @classmethod
+    def from_rotation_vector(cls, rotation_vector: ArrayLike, translation: ArrayLike) -> Pose:
+        """From axis times angle [rad]."""
+        from scipy.spatial.transform import Rotation
+
+        return cls(Rotation.from_rotvec(np.asarray(rotation_vector, dtype=np.float64)).as_matrix(), translation)
+
+    def quaternion(self) -> Float[np.ndarray, "*batch 4"]:
+        """Unit quaternion x, y, z, w with w >= 0."""
+        return quaternion_from_rotation(self.rotation)
+
+    def inverse(self) -> Pose:
+        """T_source_target."""
+        transposed = np.swapaxes(self.rotation, -1, -2)
+        return Pose(transposed, -np.einsum("...ij,...j->...i", transposed, self.translation))
+
+    def __matmul__(self, other: Pose) -> Pose:
+        return Pose(self.rotation @ other.rotation, self.apply(other.translation))
+
+    def apply(self, points: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3"]:
+        """Points [m] of the source frame, in the target frame."""
+        return self.rotate(points) + self.translation
+
+    def rotate(self, vectors: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3"]:
+        """Directions of the source frame, in the target frame."""
+        return np.einsum("...ij,...j->...i", self.rotation, vectors)
+
+    def wrench_matrix(self) -> Float[np.ndarray, "*batch 6 6"]:
+        """The 6 x 6 matrix that takes wrenches (force first) from the source frame to the target frame."""
+        matrix = np.zeros((*self.rotation.shape[:-2], 6, 6))
+        matrix[..., :3, :3] = self.rotation
+        matrix[..., 3:, 3:] = self.rotation
+        matrix[..., 3:, :3] = skew(self.translation) @ self.rotation
+        return matrix

@@ -1,0 +1,61 @@
+"""Covariances: from what a user states, and what the uncertainty of a pose does to a wrench."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float
+from numpy.typing import ArrayLike
+
+from palpate.spatial.pose import Pose, skew
+
+__all__ = ["inverse_pose_covariance", "noise_covariance", "pose_noise_on_wrench"]
+
+
+def noise_covariance(noise: ArrayLike) -> Float[np.ndarray, "6 6"]:
+    """A 6 x 6 covariance [N, N m], force first, from one, or from six standard deviations.
+
+    Raises:
+        ValueError: neither of the two shapes, not finite, not symmetric or negative.
+    """
+    array = np.asarray(noise, dtype=np.float64)
+    if array.shape == (6,) and np.all(array >= 0) and np.all(np.isfinite(array)):
+        return np.diag(array**2)
+    if array.shape != (6, 6):
+        raise ValueError(
+            f"noise must be six standard deviations >= 0 or a 6 x 6 covariance, force first; got shape {array.shape}"
+        )
+    if not np.all(np.isfinite(array)) or not np.allclose(array, array.T, rtol=1e-9, atol=0):
+        raise ValueError("noise covariance must be finite and symmetric")
+    if np.linalg.eigvalsh(array).min() < -1e-12 * np.abs(array).max():
+        raise ValueError("noise covariance has a negative eigenvalue")
+    return array
+
+
+def pose_noise_on_wrench(
+    wrench: Float[np.ndarray, "*batch 6"], covariance: Float[np.ndarray, "6 6"]
+) -> Float[np.ndarray, "*batch 6 6"]:
+    """Covariance of a wrench in the target frame that comes from an uncertain pose.
+
+    Args:
+        wrench: (*batch, 6) already in the target frame, force first.
+        covariance: of (rotation vector [rad], translation [m]) of the pose T_target_source perturbed on the
+            *left*: T = exp(xi) T_mean.
+
+    To first order dF = omega x F and dM = omega x M + rho x F.
+    """
+    force, torque = skew(wrench[..., :3]), skew(wrench[..., 3:])
+    jacobian = np.zeros((*wrench.shape[:-1], 6, 6))
+    jacobian[..., :3, :3] = -force
+    jacobian[..., 3:, :3] = -torque
+    jacobian[..., 3:, 3:] = -force
+    return jacobian @ covariance @ np.swapaxes(jacobian, -1, -2)
+
+
+def inverse_pose_covariance(pose: Pose, covariance: Float[np.ndarray, "6 6"]) -> Float[np.ndarray, "6 6"]:
+    """The covariance of the inverse of a pose, each perturbed on its left.
+
+    (exp(xi) T)^-1 = exp(-Ad(T^-1) xi) T^-1, with Ad = [[R, 0], [[t]x R, R]] for (rotation, translation).
+    """
+    inverse = pose.inverse()
+    adjoint = inverse.wrench_matrix()  # the same block pattern: rotation plays force, translation plays torque
+    return adjoint @ covariance @ adjoint.T

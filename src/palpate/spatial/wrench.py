@@ -1,0 +1,73 @@
+"""A wrench: force and torque that the environment applies to the body."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from jaxtyping import Float
+
+from palpate.spatial._arrays import frozen
+
+if TYPE_CHECKING:
+    from palpate.spatial.pose import Pose
+
+__all__ = ["Wrench"]
+
+
+@dataclass(frozen=True, init=False)
+class Wrench:
+    """Force [N] and torque [N m] on the body, about the origin of the frame they are written in.
+
+    Batched by leading axes; frozen down into the arrays.
+
+    Args:
+        force: (*batch, 3) [N].
+        torque: (*batch, 3) [N m].
+        covariance: (*batch, 6, 6) or (6, 6), force first [N, N m]; None when not known.
+    """
+
+    force: Float[np.ndarray, "*batch 3"]
+    torque: Float[np.ndarray, "*batch 3"]
+    covariance: Float[np.ndarray, "*#batch 6 6"] | None
+
+    def __init__(
+        self,
+        force: Float[np.ndarray, "*batch 3"],
+        torque: Float[np.ndarray, "*batch 3"],
+        covariance: Float[np.ndarray, "*#batch 6 6"] | None = None,
+    ) -> None:
+        set_field = object.__setattr__
+        set_field(self, "force", frozen(force, tail=(3,), name="force"))
+        set_field(self, "torque", frozen(torque, tail=(3,), name="torque"))
+        if self.force.shape != self.torque.shape:
+            raise ValueError(f"force {self.force.shape} and torque {self.torque.shape} differ in shape")
+        set_field(
+            self, "covariance", None if covariance is None else frozen(covariance, tail=(6, 6), name="covariance")
+        )
+
+    @classmethod
+    def from_vector(
+        cls, vector: Float[np.ndarray, "*batch 6"], covariance: Float[np.ndarray, "*#batch 6 6"] | None = None
+    ) -> Wrench:
+        """From six-vectors, force first."""
+        return cls(vector[..., :3], vector[..., 3:], covariance)
+
+    def vector(self) -> Float[np.ndarray, "*batch 6"]:
+        """Six-vectors, force first [N, N m]."""
+        return np.concatenate([self.force, self.torque], axis=-1)
+
+    def transformed(self, pose: Pose) -> Wrench:
+        """The same wrench in another frame.
+
+        Args:
+            pose: T_target_source, the pose of this wrench's frame in the target frame.
+
+        With R, t of that pose: F' = R F, M' = R M + t x (R F).
+        """
+        matrix = pose.wrench_matrix()
+        vector = np.einsum("...ij,...j->...i", matrix, self.vector())
+        if self.covariance is None:
+            return Wrench.from_vector(vector)
+        return Wrench.from_vector(vector, matrix @ self.covariance @ np.swapaxes(matrix, -1, -2))
