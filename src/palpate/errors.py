@@ -35,7 +35,7 @@ class GeometryError(PalpateError):
     """A mesh or surface cannot be used as it is."""
 
 
-class NotIdentifiable(PalpateError):  # noqa: N818 - it is a finding about the data, not a failure of the code
+class NotIdentifiable(PalpateError):  # no Error in the name: it is a finding about the data, not a failure of the code
     """The data cannot determine what was asked.
 
     Args:

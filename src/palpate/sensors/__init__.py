@@ -1,0 +1,8 @@
+"""Models and readings of the sensors themselves, without any I/O."""
+
+from __future__ import annotations
+
+from palpate.sensors.force_torque import ForceTorque, Payload
+from palpate.sensors.recording import Recording
+
+__all__ = ["ForceTorque", "Payload", "Recording"]

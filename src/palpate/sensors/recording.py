@@ -11,11 +11,12 @@ from jaxtyping import Float
 
 from palpate.spatial._arrays import frozen
 
-__all__ = ["ACCELERATION", "FORCE", "ORIENTATION", "TORQUE", "Recording"]
+__all__ = ["ACCELERATION", "FORCE", "ORIENTATION", "POSITION", "TORQUE", "Recording"]
 
 FORCE = "force"  # (n, 3) N
 TORQUE = "torque"  # (n, 3) N m
 ORIENTATION = "orientation"  # (n, 4) quaternion x, y, z, w: sensor in base
+POSITION = "position"  # (n, 3) m: of the sensor's origin in the base
 ACCELERATION = "acceleration"  # (n, 3) m/s^2: of the sensor's origin, in the sensor's frame
 
 

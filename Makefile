@@ -1,0 +1,58 @@
+# Everything a person or CI does here. A bare Python 3.11+ with pip is enough; nothing is written outside this folder.
+PYTHON ?= python3
+
+export UV_CACHE_DIR := $(CURDIR)/.cache/uv
+export UV_PYTHON_DOWNLOADS := never
+# The type checker stays with the locked version instead of asking for a newer one.
+export PYRIGHT_PYTHON_IGNORE_WARNINGS := 1
+
+BIN := .venv/bin
+READY := .venv/.ready
+UV := .tools/bin/uv
+
+.DEFAULT_GOAL := help
+.PHONY: help setup demo test check docs bench evidence lock clean
+
+help: ## this list
+	@sed -n 's/^\([a-z]*\):.*## \(.*\)/make \1\t\2/p' Makefile
+
+setup: $(READY) ## the environment, in .venv
+
+demo: $(READY) ## the whole chain on a made-up session, into demo/
+	$(BIN)/python examples/demo.py
+
+test: $(READY) ## the tests
+	$(BIN)/pytest
+
+check: $(READY) ## style, types, import directions
+	$(BIN)/ruff check
+	$(BIN)/ruff format --check
+	$(BIN)/pyright
+	$(BIN)/lint-imports
+
+docs: $(READY) ## the pages, into docs/_build
+	$(BIN)/sphinx-build -W --keep-going -q docs docs/_build/html
+
+bench: $(READY) ## timings side by side, into benchmarks/RESULTS.md
+	$(BIN)/python -m benchmarks
+
+evidence: $(READY) ## every claim with its figure, into docs/evidence.md
+	$(BIN)/python -m evidence
+
+lock: $(UV) ## requirements.lock from pyproject.toml
+	$(UV) pip compile pyproject.toml --extra bench --group dev --group docs --python-version 3.11 --universal \
+		--generate-hashes --no-header --no-annotate --upgrade --quiet --output-file requirements.lock
+
+clean: ## back to a fresh clone
+	rm -rf .venv .tools .cache .pytest_cache .ruff_cache .import_linter_cache .hypothesis docs/_build demo
+	find src tests benchmarks examples -name __pycache__ -exec rm -rf {} +
+
+$(UV):
+	@$(PYTHON) -c 'import sys; sys.exit("Palpate needs Python 3.11 or newer; name one: make setup PYTHON=python3.11" if sys.version_info < (3, 11) else 0)'
+	$(PYTHON) -m pip install --quiet --no-cache-dir --root-user-action=ignore --upgrade --target .tools uv
+
+$(READY): $(UV) requirements.lock pyproject.toml
+	$(UV) venv --quiet --allow-existing --python "$(PYTHON)" .venv
+	$(UV) pip sync --quiet --python $(BIN)/python --require-hashes requirements.lock
+	$(UV) pip install --quiet --python $(BIN)/python --no-deps --no-build-isolation --editable .
+	@touch $@

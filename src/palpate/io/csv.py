@@ -1,0 +1,163 @@
+"""A CSV log becomes a `Recording`: columns found, units turned into SI, axes put right, oddities said."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from palpate.errors import InputError
+from palpate.io.table import Table, read_table
+from palpate.io.units import FORCE_UNITS, TIME_UNITS, TORQUE_UNITS, near, to_si
+from palpate.sensors.recording import ACCELERATION, FORCE, ORIENTATION, POSITION, TORQUE, Recording
+
+__all__ = ["Layout", "axis_matrix", "read_recording"]
+
+WRENCH_COLUMNS = ("fx", "fy", "fz", "tx", "ty", "tz")
+ORIENTATION_COLUMNS = ("qx", "qy", "qz", "qw")
+POSITION_COLUMNS = ("x", "y", "z")
+ACCELERATION_COLUMNS = ("ax", "ay", "az")
+GAP = 5.0  # steps of the median length that make a gap
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Where a log keeps what, and in which units and axes. The defaults need no mapping.
+
+    Args:
+        time, time_unit: the column of the time, and its unit.
+        wrench: the six columns, force first.
+        force_unit, torque_unit: see `palpate.io.units`.
+        axes: which recorded axis is the sensor's x, y, z; "-x" flips. Applied to force and to torque alike.
+        left_handed: declares that `axes` is a reflection: the driver reported a left-handed wrench, or the reaction.
+        frame: "sensor" or "base", of the recorded wrench.
+        orientation: quaternion x, y, z, w of the sensor in the base. None: qx, qy, qz, qw where the log has them.
+        position: of the sensor in the base [m]. None: x, y, z where the log has them.
+        acceleration: of the sensor in its own frame [m/s^2]. None: ax, ay, az where the log has them.
+    """
+
+    time: str = "time"
+    time_unit: str = "s"
+    wrench: tuple[str, ...] = WRENCH_COLUMNS
+    force_unit: str = "N"
+    torque_unit: str = "N m"
+    axes: tuple[str, ...] = ("x", "y", "z")
+    left_handed: bool = False
+    frame: str = "sensor"
+    orientation: tuple[str, ...] | None = None
+    position: tuple[str, ...] | None = None
+    acceleration: tuple[str, ...] | None = None
+
+
+def read_recording(path: Path, layout: Layout | None = None) -> Recording:
+    """Read a log: as many samples as the file has rows, in their order; what cannot be read is NaN and noted.
+
+    Raises:
+        InputError: the file is no table, or a column is missing.
+    """
+    layout = layout or Layout()
+    axes = axis_matrix(layout.axes, left_handed=layout.left_handed, where="axes")
+    force = to_si(layout.force_unit, FORCE_UNITS, where="units.force")
+    torque = to_si(layout.torque_unit, TORQUE_UNITS, where="units.torque")
+    table = read_table(path)
+    _require_known(table, [layout.time, *layout.wrench])
+    time, time_notes = table.numbers([layout.time])
+    seconds = time[:, 0] * to_si(layout.time_unit, TIME_UNITS, where="time_unit")
+    wrench, wrench_notes = table.numbers(layout.wrench)
+    channels = {FORCE: force * wrench[:, :3] @ axes.T, TORQUE: torque * wrench[:, 3:] @ axes.T}
+    notes = [*table.notes, *time_notes, *wrench_notes, *_infinite_notes(wrench), *_time_notes(seconds)]
+    optional = (
+        (ORIENTATION, layout.orientation, ORIENTATION_COLUMNS),
+        (POSITION, layout.position, POSITION_COLUMNS),
+        (ACCELERATION, layout.acceleration, ACCELERATION_COLUMNS),
+    )
+    for name, declared, usual in optional:
+        columns = declared or (usual if set(usual) <= set(table.names) else ())
+        if columns:
+            channels[name], column_notes = table.numbers(columns)
+            notes += column_notes
+    if ORIENTATION in channels:
+        channels[ORIENTATION], quaternion_notes = _sound_quaternions(channels[ORIENTATION])
+        notes += quaternion_notes
+    unique = tuple(dict.fromkeys(notes))
+    return Recording(seconds, channels, frame=layout.frame, source=path.name, notes=unique)
+
+
+def axis_matrix(axes: tuple[str, ...], *, left_handed: bool, where: str) -> Float[np.ndarray, "3 3"]:
+    """The signed permutation that takes recorded components to the sensor's x, y, z.
+
+    Raises:
+        InputError: not three different axes, or a reflection that was not declared, or declared and is none.
+    """
+    matrix = np.zeros((3, 3))
+    for row, axis in enumerate(axes):
+        if not re.fullmatch(r"[-+]?[xyz]", axis):
+            raise InputError(f"{axis!r} is not an axis.", where=where, mend="Write x, y, z, or -x to flip.")
+        matrix[row, "xyz".index(axis[-1])] = -1.0 if axis[0] == "-" else 1.0
+    if len(axes) != 3 or np.linalg.matrix_rank(matrix) != 3:
+        raise InputError(f"{list(axes)} does not name three different axes.", where=where)
+    reflected = np.linalg.det(matrix) < 0
+    if reflected and not left_handed:
+        raise InputError(
+            f"{list(axes)} turns a right-handed frame into a left-handed one.",
+            where=where,
+            mend="If the driver really mirrors the wrench (or reports the reaction), declare left_handed = true.",
+        )
+    if left_handed and not reflected:
+        raise InputError(f"{list(axes)} is right-handed, but left_handed = true.", where=where, mend="Remove it.")
+    return matrix
+
+
+def _require_known(table: Table, names: list[str]) -> None:
+    """One sentence for all missing columns, not one error after the other."""
+    missing = [name for name in names if name not in table.names]
+    if missing:
+        raise InputError(
+            f"there is no column {', '.join(map(repr, missing))}.",
+            where=str(table.path),
+            mend=f"{near(missing[0], table.names)} Columns are named in a rig; `palpate rig new` guesses them.".strip(),
+        )
+
+
+def _infinite_notes(wrench: Float[np.ndarray, "n 6"]) -> list[str]:
+    count = int(np.count_nonzero(np.isinf(wrench).any(axis=1)))
+    return [f"{count} of {len(wrench)} rows have an infinite force or torque"] if count else []
+
+
+def _time_notes(time: Float[np.ndarray, " n"]) -> list[str]:
+    """Sentences on times that are missing, repeat, run backwards or leave a gap."""
+    notes: list[str] = []
+    known = time[np.isfinite(time)]
+    steps = np.diff(known)
+    if len(known) < len(time):
+        notes.append(f"{len(time) - len(known)} of {len(time)} times are missing")
+    if np.any(steps < 0):
+        notes.append(f"times run backwards {np.count_nonzero(steps < 0)} times (kept in the order of the file)")
+    if np.any(steps == 0):
+        notes.append(f"{np.count_nonzero(steps == 0)} times repeat the one before")
+    forward = steps[steps > 0]
+    usual = float(np.median(forward)) if len(forward) else np.inf
+    gaps = np.flatnonzero(steps > GAP * usual)
+    if len(gaps):
+        longest = gaps[np.argmax(steps[gaps])]
+        notes.append(
+            f"{len(gaps)} gaps longer than {GAP:g} steps of {usual:.4g} s "
+            f"(the longest {steps[longest]:.4g} s, at time {known[longest]:.6f})"
+        )
+    return notes
+
+
+def _sound_quaternions(quaternion: Float[np.ndarray, "n 4"]) -> tuple[Float[np.ndarray, "n 4"], list[str]]:
+    """Quaternions with NaN where the length says that they are none, and what was found."""
+    length = np.linalg.norm(quaternion, axis=1)
+    none = (length < 0.5) | (length > 2.0)
+    far = ~none & (np.abs(length - 1.0) > 0.01)
+    notes: list[str] = []
+    if none.any():
+        notes.append(f"{np.count_nonzero(none)} quaternions have a length far from 1 and were set aside")
+    if far.any():
+        notes.append(f"{np.count_nonzero(far)} quaternions are not unit (by more than 1 %) and were normalised")
+    return np.where(none[:, None], np.nan, quaternion), notes

@@ -1,0 +1,176 @@
+"""A force/torque sensor, and the payload that it carries: what must be taken off a reading to leave the contact."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+
+import numpy as np
+from jaxtyping import Bool, Float
+from numpy.typing import ArrayLike
+
+from palpate.errors import InputError
+from palpate.spatial._arrays import frozen
+from palpate.spatial.pose import skew
+from palpate.spatial.uncertain import noise_covariance
+
+__all__ = ["STANDARD_GRAVITY", "ForceTorque", "Payload"]
+
+STANDARD_GRAVITY = 9.80665  # m/s^2
+FRAMES = ("sensor", "base")
+
+
+@dataclass(frozen=True, eq=False)
+class Payload:
+    """What hangs on the sensor, and the sensor's zero.
+
+    With R the sensor's orientation in the base, w the weight, c its centre, f0 and m0 the biases [probe, (1), corrected]:
+
+        F_s = R^T w + f0 + F_contact
+        M_s = c x (R^T w) + m0 + M_contact
+
+    Poses determine the weight only; mass is the weight over a stated |g|.
+
+    Args:
+        weight: (3,) [N] of the payload, in the base frame.
+        force_bias: (3,) [N], in the sensor frame, as the other two.
+        center_of_mass: (3,) [m].
+        torque_bias: (3,) [N m].
+        covariance: (12, 12) of weight, force_bias, center_of_mass, torque_bias in this order. Finite; rank deficient
+            where something was given (gravity's direction).
+        magnitude: of gravity [m/s^2].
+        residual: (2,) rms of the fit's force [N] and torque [N m], per axis.
+        samples: how many wrenches were used.
+        provenance: where it came from: input hashes, version, options.
+        notes: what a user should know about the fit, one sentence each.
+    """
+
+    weight: Float[np.ndarray, "3"]
+    force_bias: Float[np.ndarray, "3"]
+    center_of_mass: Float[np.ndarray, "3"]
+    torque_bias: Float[np.ndarray, "3"]
+    covariance: Float[np.ndarray, "12 12"] = field(default_factory=lambda: np.zeros((12, 12)))
+    magnitude: float = STANDARD_GRAVITY
+    residual: Float[np.ndarray, "2"] = field(default_factory=lambda: np.zeros(2))
+    samples: int = 0
+    provenance: Mapping[str, str] = field(default_factory=lambda: {})
+    notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        set_field = object.__setattr__
+        for name in ("weight", "force_bias", "center_of_mass", "torque_bias"):
+            set_field(self, name, _finite(name, getattr(self, name), (3,)))
+        set_field(self, "covariance", _finite("covariance", self.covariance, (12, 12)))
+        set_field(self, "residual", _finite("residual", self.residual, (2,)))
+        set_field(self, "provenance", MappingProxyType(dict(self.provenance)))
+        set_field(self, "notes", tuple(self.notes))
+        if not (np.isfinite(self.magnitude) and self.magnitude > 0):
+            raise InputError(f"magnitude of gravity must be positive, not {self.magnitude}", where="payload")
+
+    @property
+    def mass(self) -> float:
+        """[kg], the weight over `magnitude`."""
+        return float(np.linalg.norm(self.weight)) / self.magnitude
+
+    @property
+    def gravity(self) -> Float[np.ndarray, "3"]:
+        """[m/s^2] in the base frame, of the stated magnitude; NaN without weight."""
+        if not self.weight.any():
+            return np.full(3, np.nan)
+        return self.weight * (self.magnitude / float(np.linalg.norm(self.weight)))
+
+    def compensate(
+        self,
+        wrenches: Float[np.ndarray, "*batch 6"],
+        rotations: Float[np.ndarray, "*batch 3 3"] | None,
+        accelerations: Float[np.ndarray, "*batch 3"] | None = None,
+    ) -> tuple[Float[np.ndarray, "*batch 6"], Float[np.ndarray, "*batch 6 6"]]:
+        """The contact's share of a reading, and the covariance that the payload's uncertainty adds to it.
+
+        Newton for the payload, which gravity, the contact and the sensor (by -F_s) push: m a = m g + F_contact - F_s.
+        So an accelerated payload weighs u = R^T w - m a, and
+
+            F_contact = F_s - f0 - u,    M_contact = M_s - m0 - c x u.
+
+        `a` should be the acceleration of the payload's centre. The sensor's origin is taken for it, and the payload's
+        own rotational inertia is left out: off by m (alpha x c + omega x (omega x c)) in force.
+
+        Args:
+            wrenches: (*batch, 6) [N, N m] in the sensor frame.
+            rotations: (*batch, 3, 3), sensor in base; a NaN in one gives a NaN wrench. None for a payload without
+                weight only (a tare).
+            accelerations: (*batch, 3) [m/s^2] of the sensor's origin in the sensor frame, without gravity: what an
+                accelerometer reads, plus g. None: at rest.
+
+        Returns:
+            Wrenches (*batch, 6) in the sensor frame and covariances (*batch, 6, 6). The error of the bias and weight
+            is the same in every sample: averaging samples does not reduce it.
+        """
+        transposed = self._base_in_sensor(wrenches, rotations)
+        weight = transposed @ self.weight
+        jacobian_weight = transposed
+        if accelerations is not None:
+            weight = weight - self.mass * accelerations
+            direction = self.gravity / self.magnitude if self.weight.any() else np.zeros(3)
+            jacobian_weight = transposed - accelerations[..., :, None] * (direction / self.magnitude)
+        load = np.concatenate([weight + self.force_bias, np.cross(self.center_of_mass, weight) + self.torque_bias], -1)
+        jacobian = np.zeros((*wrenches.shape[:-1], 6, 12))  # of the load; the contact's is its negative
+        jacobian[..., :3, :3] = jacobian_weight
+        jacobian[..., 3:, :3] = skew(self.center_of_mass) @ jacobian_weight
+        jacobian[..., :3, 3:6] = np.eye(3)
+        jacobian[..., 3:, 6:9] = -skew(weight)
+        jacobian[..., 3:, 9:] = np.eye(3)
+        return wrenches - load, jacobian @ self.covariance @ np.swapaxes(jacobian, -1, -2)
+
+    def _base_in_sensor(self, wrenches: np.ndarray, rotations: np.ndarray | None) -> np.ndarray:
+        """R^T, with every entry NaN where one is."""
+        if rotations is None:
+            if self.weight.any() or self.covariance[:3, :3].any():
+                raise InputError(
+                    f"the payload weighs {float(np.linalg.norm(self.weight)):.3g} N, so the orientation of the sensor is needed",
+                    where="payload",
+                    mend="Record the orientation, or use a payload without weight (a tare).",
+                )
+            rotations = np.broadcast_to(np.eye(3), (*wrenches.shape[:-1], 3, 3))
+        lost = ~np.isfinite(rotations).all(axis=(-2, -1), keepdims=True)
+        return np.where(lost, np.nan, np.swapaxes(rotations, -1, -2))
+
+
+@dataclass(frozen=True, eq=False)
+class ForceTorque:
+    """A six-axis force/torque sensor.
+
+    Args:
+        noise: (6, 6) covariance or six standard deviations of one reading [N, N m], force first; None when not known.
+        limits: (6,) range [N, N m] of each channel; a reading at it is saturated. None when not known.
+        frame: the frame in which the log's wrenches are written, "sensor" or "base".
+    """
+
+    noise: Float[np.ndarray, "6 6"] | None = None
+    limits: Float[np.ndarray, "6"] | None = None
+    frame: str = "sensor"
+
+    def __post_init__(self) -> None:
+        if self.noise is not None:
+            object.__setattr__(self, "noise", frozen(noise_covariance(self.noise)))
+        if self.limits is not None:
+            object.__setattr__(self, "limits", frozen(self.limits, tail=(6,), name="limits"))
+            if not np.all(self.limits > 0):  # NaN too; infinity is a channel without a limit
+                raise InputError("every limit must be positive", where="force_torque", mend="Use inf for no limit.")
+        if self.frame not in FRAMES:
+            raise InputError(f"frame must be 'sensor' or 'base', not {self.frame!r}", where="force_torque")
+
+    def saturated(self, wrenches: Float[np.ndarray, "*batch 6"]) -> Bool[np.ndarray, "*batch"]:
+        """Where a channel of a raw reading (sensor frame, before compensation) is at its range; False for NaN."""
+        if self.limits is None:
+            return np.zeros(wrenches.shape[:-1], dtype=bool)
+        return np.any(np.abs(wrenches) >= self.limits, axis=-1)
+
+
+def _finite(name: str, values: ArrayLike, shape: tuple[int, ...]) -> Float[np.ndarray, "..."]:
+    """A read-only copy of exactly this shape, without NaN."""
+    array = frozen(values, tail=shape, name=name)
+    if array.shape != shape or not np.isfinite(array).all():
+        raise InputError(f"{name} must be {shape} finite numbers", where="payload")
+    return array

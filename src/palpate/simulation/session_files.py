@@ -1,0 +1,94 @@
+"""A simulated session as the files that a laboratory would have: logs, a mesh in millimetres, marks, a rig by drawing."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from palpate.sensors.recording import ORIENTATION, Recording
+from palpate.simulation.session import NOISE, Session, Touches
+from palpate.spatial.pose import Pose
+
+__all__ = ["write_session"]
+
+LOG = ("time", "fx", "fy", "fz", "tx", "ty", "tz", "qx", "qy", "qz", "qw")
+TOUCH = ("start", "end", "px", "py", "pz", "label")
+RIG = """# Where the probe sits, how the sensor is logged, how contacts are located. Lengths in metres unless said otherwise.
+[surface]
+mesh = "probe.stl"
+unit = "mm"                          # of the mesh file
+crease = 30                          # degrees: normals are smooth within it, split across it; 0 is faceted
+pose = {{ xyz = {xyz}, quaternion_xyzw = {quaternion} }}  # of the surface in the sensor's frame, from the drawing
+
+[force_torque]
+columns = ["fx", "fy", "fz", "tx", "ty", "tz"]
+units = {{ force = "N", torque = "N m" }}
+axes = ["x", "y", "z"]
+frame = "sensor"
+noise = {{ force = {force}, torque = {torque} }}   # N, N m: one standard deviation of one reading, from the data sheet
+range = {{ force = 200, torque = 10 }}       # N, N m
+payload = "payload.toml"             # written by: palpate calibrate payload
+
+[orientation]
+columns = ["qx", "qy", "qz", "qw"]   # sensor in base
+
+[estimate]
+method = "soft_finger"
+friction = 1.0                       # bounds tan(theta)
+torsion = 0.005                      # m: bounds |torque| / |normal force|
+contact = {{ on = 0.5, off = 0.3 }}    # N
+"""
+
+
+def write_session(session: Session, folder: Path) -> None:
+    """Write free_motion.csv, touches.csv, probe.stl, rig.toml, and every other touch to marks.csv and to truth.csv.
+
+    marks.csv holds where touches were aimed at (what an operator knows); truth.csv where the others really landed (what
+    only a simulation knows), so that what is calibrated on the one can be judged on the other.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    _write_rows(folder / "free_motion.csv", LOG, _log(session.free_motion))
+    _write_rows(folder / "touches.csv", LOG, _log(session.touches))
+    _write_rows(folder / "marks.csv", TOUCH, _touches(session.truth, session.truth.mark, slice(0, None, 2)))
+    _write_rows(folder / "truth.csv", TOUCH, _touches(session.truth, session.truth.point, slice(1, None, 2)))
+    _write_stl(folder / "probe.stl", session.vertices * 1e3, session.faces)
+    (folder / "rig.toml").write_text(_rig(session.nominal), encoding="utf-8")
+
+
+def _rig(pose: Pose) -> str:
+    return RIG.format(
+        xyz=pose.translation.tolist(), quaternion=pose.quaternion().tolist(), force=NOISE[0], torque=NOISE[3]
+    )
+
+
+def _log(recording: Recording) -> Iterable[list[str]]:
+    table = np.column_stack([recording.time, recording.wrenches(), recording.channels[ORIENTATION]])
+    return ([f"{row[0]:.4f}", *(f"{value:.6f}" for value in row[1:])] for row in table.tolist())
+
+
+def _touches(touches: Touches, points: Float[np.ndarray, "n 3"], rows: slice) -> Iterable[list[str]]:
+    numbers = np.column_stack([touches.start, touches.end, points])[rows].tolist()
+    return (
+        [*(f"{value:.6f}" for value in row), label] for row, label in zip(numbers, touches.label[rows], strict=True)
+    )
+
+
+def _write_rows(path: Path, header: tuple[str, ...], rows: Iterable[list[str]]) -> None:
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(header)
+        writer.writerows(rows)
+
+
+def _write_stl(path: Path, vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]) -> None:
+    """Binary STL, little-endian: 80 bytes of header, a count, then normal, three corners and two spare bytes each."""
+    corners = vertices[faces]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    record = np.zeros(len(faces), dtype=[("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("spare", "<u2")])
+    record["normal"] = normals / np.linalg.norm(normals, axis=1, keepdims=True)
+    record["corners"] = corners
+    path.write_bytes(b"probe, millimetres".ljust(80, b"\0") + np.uint32(len(faces)).tobytes() + record.tobytes())

@@ -1,0 +1,39 @@
+"""Bytes of a mesh file to arrays, by trimesh."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from palpate.errors import InputError
+
+__all__ = ["load_arrays"]
+
+
+def load_arrays(path: Path) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"]]:
+    """Vertices (in the file's unit) and faces of all bodies in a file, as they stand there.
+
+    Raises:
+        InputError: no such file, an unknown format, or nothing in it that is a triangle mesh.
+    """
+    import trimesh  # here: it takes a while to import
+
+    if not path.is_file():
+        raise InputError("no such mesh file.", where=str(path))
+    kind = path.suffix.lower().lstrip(".")
+    if kind not in trimesh.available_formats():
+        raise InputError(f"cannot read meshes of type {path.suffix!r}.", where=str(path), mend="Use STL, OBJ, PLY or DAE.")
+    try:
+        loaded: Any = trimesh.load_scene(path, process=False, file_type=kind)
+        mesh: Any = loaded.to_mesh()
+    except Exception as error:  # trimesh raises whatever its parsers run into
+        reason = " ".join(str(error).split())[:120] or type(error).__name__
+        raise InputError(f"not a readable {kind.upper()} mesh ({reason}).", where=str(path)) from error
+    vertices = np.asarray(mesh.vertices, dtype=np.float64)
+    faces = np.asarray(mesh.faces, dtype=np.int64)
+    if faces.ndim != 2 or len(faces) == 0:
+        raise InputError("there is no triangle in this mesh file.", where=str(path))
+    return vertices, faces

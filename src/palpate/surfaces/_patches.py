@@ -1,0 +1,100 @@
+"""A mesh as patches: triangles that carry a position *and* a normal at each corner.
+
+Facets are patches. Where normals are split, the surface of (position, normal) pairs would have holes, and a wrench
+that falls in one has no contact (kernels.md: no refinement closes them). So the holes are filled: a crease edge becomes
+two patches whose corners lie on the edge and whose normals run from one side's to the other's, a corner where creases
+meet becomes a fan of patches at one point. What is left is a closed surface of pairs, on which every wrench that
+presses on a closed body has a solution; and edges and vertices need no code of their own.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from palpate.surfaces._normals import half_edge_twins
+
+__all__ = ["EDGE", "FLAT", "SMOOTH", "VERTEX", "Patches", "build_patches"]
+
+FLAT, SMOOTH, EDGE, VERTEX = 0, 1, 2, 3  # what a patch is: the kind decides its tangent plane
+_SAME = 1e-12  # 1 - cos of normals that count as one
+
+
+@dataclass(frozen=True)
+class Patches:
+    """Corners (m, 3, 6): position [m] and unit normal; kind (m,); facet (m,), the facet a patch is or touches."""
+
+    corners: Float[np.ndarray, "m 3 6"]
+    kind: Int[np.ndarray, " m"]
+    facet: Int[np.ndarray, " m"]
+
+
+def build_patches(
+    vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"], corner: Float[np.ndarray, "f 3 3"]
+) -> Patches:
+    """The patches of a mesh with corner normals."""
+    facets = np.concatenate([vertices[faces], corner], axis=2)
+    spread = np.einsum("fik,fk->fi", corner, corner[:, 0]).min(axis=1)
+    parts = [(facets, np.where(spread > 1.0 - _SAME, FLAT, SMOOTH), np.arange(len(faces)))]
+    twins = half_edge_twins(faces)
+    parts.append(_edge_strips(facets, twins))
+    parts.append(_vertex_fans(facets, twins))
+    corners, kind, facet = (np.concatenate(part) for part in zip(*parts, strict=True))
+    return Patches(np.ascontiguousarray(corners), kind.astype(np.int64), facet.astype(np.int64))
+
+
+_Part = tuple[Float[np.ndarray, "m 3 6"], Int[np.ndarray, " m"], Int[np.ndarray, " m"]]
+
+
+def _edge_strips(facets: Float[np.ndarray, "f 3 6"], twins: Int[np.ndarray, " h"]) -> _Part:
+    """Two patches a crease edge. Between flat facets they are skipped: there the strip has no area in any view,
+    because the shift between two normals runs exactly along their edge."""
+    flat = facets.reshape(-1, 6)
+    half = np.flatnonzero(twins > np.arange(len(twins)))
+    ahead = half - half % 3 + (half + 1) % 3
+    other = twins[half]
+    other_ahead = other - other % 3 + (other + 1) % 3
+    a1, b1, b2, a2 = flat[half], flat[ahead], flat[other], flat[other_ahead]
+    split = (_apart(a1, a2) | _apart(b1, b2)) & (_apart(a1, b1) | _apart(a2, b2))
+    a1, b1, b2, a2 = a1[split], b1[split], b2[split], a2[split]
+    corners = np.concatenate([np.stack([a1, a2, b2], axis=1), np.stack([a1, b2, b1], axis=1)])
+    facet = np.tile(half[split] // 3, 2)
+    return corners, np.full(len(corners), EDGE), facet
+
+
+def _vertex_fans(facets: Float[np.ndarray, "f 3 6"], twins: Int[np.ndarray, " h"]) -> _Part:
+    """At a corner where three or more normals meet, a fan over them in their order around the corner."""
+    flat = facets.reshape(-1, 6)
+    corner = np.arange(len(flat))
+    crossing = twins[corner]  # leave the corner over its outgoing edge
+    onward = np.where(crossing >= 0, crossing - crossing % 3 + (crossing + 1) % 3, -1)
+    changes = np.zeros(len(flat), dtype=bool)
+    inner = onward >= 0
+    changes[inner] = _apart(flat[corner[inner]], flat[onward[inner]])
+    fans: list[tuple[int, int, int]] = []
+    seen = np.zeros(len(flat), dtype=bool)
+    for start in np.flatnonzero(changes):
+        if seen[start]:
+            continue
+        ring = _ring(int(start), onward, changes, seen)
+        fans.extend((ring[0], ring[i], ring[i + 1]) for i in range(1, len(ring) - 1))
+    index = np.array(fans, dtype=np.int64).reshape(-1, 3)
+    return flat[index], np.full(len(index), VERTEX), index[:, 0] // 3
+
+
+def _ring(start: int, onward: np.ndarray, changes: np.ndarray, seen: np.ndarray) -> list[int]:
+    """One corner for each distinct normal around a vertex, in the order of the walk `onward`."""
+    ring: list[int] = []
+    at = start
+    while at >= 0 and not seen[at]:
+        seen[at] = True
+        if changes[at]:
+            ring.append(int(onward[at]))
+        at = int(onward[at])
+    return ring
+
+
+def _apart(a: Float[np.ndarray, "n 6"], b: Float[np.ndarray, "n 6"]) -> np.ndarray:
+    return np.einsum("ij,ij->i", a[:, 3:], b[:, 3:]) < 1.0 - _SAME

@@ -1,0 +1,31 @@
+"""A flat square in space, for pads, tables and the simplest of checks."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from palpate.errors import GeometryError
+from palpate.surfaces.mesh import Mesh
+
+__all__ = ["plane"]
+
+
+def plane(point: ArrayLike, normal: ArrayLike, half_width: float = 1.0) -> Mesh:
+    """A square of two facets through `point` [m], pressed on its `normal` side.
+
+    Args:
+        point: (3,) its middle [m].
+        normal: (3,) outward, of any length but zero.
+        half_width: [m]; beyond it a wrench is OFF_SURFACE.
+    """
+    middle, out = np.asarray(point, dtype=np.float64), np.asarray(normal, dtype=np.float64)
+    length = np.linalg.norm(out)
+    if not length > 0:
+        raise GeometryError("the normal of a plane must not be zero")
+    out = out / length
+    along = np.cross(out, np.eye(3)[np.argmin(np.abs(out))])
+    along /= np.linalg.norm(along)
+    across = np.cross(out, along)
+    corners = [middle + half_width * (i * along + j * across) for i, j in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
+    return Mesh.from_arrays(corners, [[0, 1, 2], [0, 2, 3]])

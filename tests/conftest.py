@@ -1,0 +1,48 @@
+"""What every test gets: shapes checked at run time, seeded properties, and the shared real data."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+from hypothesis import settings
+from jaxtyping import install_import_hook
+
+ROOT = Path(__file__).resolve().parents[1]
+NO_SHARED_DATA = "no shared data: set PALPATE_SHARED, or put it in ../shared beside the project"
+
+
+def _checked_modules() -> list[str]:
+    """Every module whose annotations are enforced while testing.
+
+    The hook decorates each function, which numba cannot compile: `_*.py` (kernels and their twins) stay out. Packages
+    stay out too, because a package's name stands for everything below it; their `__init__` only re-export.
+    """
+    source = ROOT / "src"
+    files = (file.relative_to(source).with_suffix("") for file in source.rglob("*.py") if not file.name.startswith("_"))
+    return [".".join(file.parts) for file in files]
+
+
+install_import_hook(_checked_modules(), "beartype.beartype")  # here only: production pays nothing for it
+
+# The default is the same examples on every machine, with no clock; `--hypothesis-profile=explore` looks for new ones.
+settings.register_profile("seeded", derandomize=True, deadline=None)
+settings.register_profile("explore", deadline=None, max_examples=2000)
+settings.load_profile("seeded")
+
+
+@pytest.fixture(scope="session")
+def shared() -> Path:
+    """The folder of real recordings that are never copied into the project; tests skip where it is absent."""
+    folder = Path(os.environ.get("PALPATE_SHARED", ROOT.parent / "shared"))
+    if not (folder / "data").is_dir():
+        pytest.skip(NO_SHARED_DATA)
+    return folder
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """Say how much was not tried for lack of shared data: a green run without it has shown less."""
+    skipped = terminalreporter.stats.get("skipped", [])
+    count = sum(NO_SHARED_DATA in str(report.longrepr) for report in skipped)
+    terminalreporter.write_line(f"{count} tests skipped for lack of shared data")
