@@ -90,6 +90,12 @@ class ContactEstimate:
             status=np.array(rows[..., ROW.status], dtype=np.int8),
         )
 
+    def reshaped(self, batch: tuple[int, ...]) -> ContactEstimate:
+        """The same estimates with other leading axes."""
+        return ContactEstimate(
+            **{name: value.reshape((*batch, *value.shape[1:])) for name, value in vars(self).items()}
+        )
+
     @property
     def answered(self) -> np.ndarray:
         """True where the status is CONTACT or AMBIGUOUS."""

@@ -1,4 +1,4 @@
-"""What is known to be true: a value, sample by sample or touch by touch."""
+"""What is known about contacts from elsewhere: instant by instant, or touch by touch."""
 
 from __future__ import annotations
 
@@ -7,10 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from palpate.spatial._arrays import frozen
+
 __all__ = ["Samples", "Touches"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Samples:
     """The truth at instants.
 
@@ -26,15 +28,20 @@ class Samples:
     normal: Float[np.ndarray, "n 3"] | None = None
     force: Float[np.ndarray, "n 3"] | None = None
 
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if value is not None:
+                object.__setattr__(self, name, frozen(value))
 
-@dataclass(frozen=True)
+
+@dataclass(frozen=True, eq=False)
 class Touches:
     """Intervals in which one known point was touched.
 
     Attributes:
         start: (n,) [s].
         end: (n,) [s], included.
-        point: (n, 3) [m] in the frame of the estimates; NaN where the point is not known.
+        point: (n, 3) [m] in the frame of the estimates.
         label: n names.
     """
 
@@ -42,3 +49,10 @@ class Touches:
     end: Float[np.ndarray, " n"]
     point: Float[np.ndarray, "n 3"]
     label: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        for name in ("start", "end", "point"):
+            object.__setattr__(self, name, frozen(getattr(self, name)))
+
+    def __len__(self) -> int:
+        return len(self.label)

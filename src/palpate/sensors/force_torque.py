@@ -25,7 +25,7 @@ FRAMES = ("sensor", "base")
 class Payload:
     """What hangs on the sensor, and the sensor's zero.
 
-    With R the sensor's orientation in the base, w the weight, c its centre, f0 and m0 the biases [probe, (1), corrected]:
+    With R the sensor's orientation in the base, w the weight, c its centre, f0 and m0 the biases [probe, (1)]:
 
         F_s = R^T w + f0 + F_contact
         M_s = c x (R^T w) + m0 + M_contact
@@ -127,8 +127,9 @@ class Payload:
         """R^T, with every entry NaN where one is."""
         if rotations is None:
             if self.weight.any() or self.covariance[:3, :3].any():
+                newtons = float(np.linalg.norm(self.weight))
                 raise InputError(
-                    f"the payload weighs {float(np.linalg.norm(self.weight)):.3g} N, so the orientation of the sensor is needed",
+                    f"the payload weighs {newtons:.3g} N, so the orientation of the sensor is needed",
                     where="payload",
                     mend="Record the orientation, or use a payload without weight (a tare).",
                 )

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 from jaxtyping import Float
-from numpy.typing import ArrayLike
 
 __all__ = ["contact_wrenches", "directed_forces", "touch_wrenches"]
 
@@ -54,13 +53,13 @@ def touch_wrenches(
 
 def directed_forces(
     normals: Float[np.ndarray, "*batch 3"],
-    size: ArrayLike,
-    tan_theta: ArrayLike,
-    azimuth: ArrayLike,
+    size: Float[np.ndarray, "*batch"],
+    tan_theta: Float[np.ndarray, "*batch"],
+    azimuth: Float[np.ndarray, "*batch"],
 ) -> Float[np.ndarray, "*batch 3"]:
     """Forces of a size [N] that press at a friction angle and an azimuth [rad] about the normal."""
     first, second = _tangents(normals)
-    size, slope, turn = (np.asarray(a, dtype=np.float64)[..., None] for a in (size, tan_theta, azimuth))
+    size, slope, turn = size[..., None], tan_theta[..., None], azimuth[..., None]
     sideways = np.cos(turn) * first + np.sin(turn) * second
     return size * (slope * sideways - normals) / np.sqrt(1.0 + slope**2)
 

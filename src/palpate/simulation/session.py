@@ -93,9 +93,8 @@ def simulate_session(seed: int = 0, *, touches: int = 20, facets: int = 8000) ->
     )
     free = _move(_orientations(14, 1.2, rng), HOLD, MOVE)
     truth, arm, contact = _touching(probe, true, touches, rng)
-    return Session(
-        vertices, faces, NOMINAL, true, load, _recorded(free, load, None, rng), _recorded(arm, load, contact, rng), truth
-    )
+    logs = _recorded(free, load, None, rng), _recorded(arm, load, contact, rng)
+    return Session(vertices, faces, NOMINAL, true, load, *logs, truth)
 
 
 def _orientations(count: int, spread: float, rng: np.random.Generator) -> Float[np.ndarray, "n 4"]:
@@ -119,12 +118,14 @@ def _move(stops: Float[np.ndarray, "k 4"], hold: float, move: float) -> Float[np
 def _touching(
     probe: Superquadric, true: Pose, count: int, rng: np.random.Generator
 ) -> tuple[Touches, Float[np.ndarray, "n 4"], Float[np.ndarray, "n 6"]]:
-    """Marks spread over the head, a touch at each with its own friction angle and torsion, and the arm's orientation."""
+    """Marks spread over the head, a touch at each with its own friction and torsion, and the arm's orientation."""
     mark = probe.on_ray(_spread(count, lowest=-0.2))
     aside = rng.normal(0.0, PLACEMENT, (count, 3))
     point = probe.on_ray(mark + aside)
     normal = probe.normals(point)
-    direction = directed_forces(normal, 1.0, rng.uniform(0.0, 0.4, count), rng.uniform(0.0, 2 * np.pi, count))
+    direction = directed_forces(
+        normal, np.ones(count), rng.uniform(0.0, 0.4, count), rng.uniform(0.0, 2 * np.pi, count)
+    )
     torsion = rng.uniform(-2e-3, 2e-3, count)  # N m of spin for each newton
     unit = contact_wrenches(point, normal, direction, torsion) @ true.wrench_matrix().T
     size = np.tile(_press_profile(), count) * np.repeat(rng.uniform(1.5, 10.0, count), len(_press_profile()))

@@ -1,4 +1,4 @@
-"""A simulated session as the files that a laboratory would have: logs, a mesh in millimetres, marks, a rig by drawing."""
+"""A simulated session as a laboratory would have it on disk: logs, a mesh in millimetres, marks, a rig by drawing."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ __all__ = ["write_session"]
 
 LOG = ("time", "fx", "fy", "fz", "tx", "ty", "tz", "qx", "qy", "qz", "qw")
 TOUCH = ("start", "end", "px", "py", "pz", "label")
-RIG = """# Where the probe sits, how the sensor is logged, how contacts are located. Lengths in metres unless said otherwise.
+RIG = """# Where the probe sits, how the sensor is logged, how contacts are located. Lengths in metres unless said so.
 [surface]
 mesh = "probe.stl"
 unit = "mm"                          # of the mesh file

@@ -16,7 +16,7 @@ __all__ = ["Body", "BumpySphere", "Ellipsoid", "Superquadric", "icosphere"]
 
 
 class Body(ABC):
-    """A closed body about the origin, negative inside: `value`, `gradient` and `on_ray` are all that a new one states."""
+    """A closed body about the origin; `value`, `gradient` and `on_ray` are all that a new one states."""
 
     radius: float
     """A characteristic size R [m], for tolerances that scale with the body."""
@@ -66,18 +66,18 @@ class Superquadric(Body):
     def _terms(self, points: Float[np.ndarray, "*batch 3"]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         e1, e2 = self.exponents
         scaled = np.abs(points) / self.axes
-        around = np.sum(scaled[..., :2] ** (2 / e2), axis=-1)
-        return scaled, around, around ** (e2 / e1) + scaled[..., 2] ** (2 / e1)
+        around = np.sum(scaled[..., :2] ** (2 / e2), axis=-1, keepdims=True)
+        return scaled, around, around ** (e2 / e1) + scaled[..., 2:] ** (2 / e1)
 
     def value(self, points: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch"]:
         """The left side of the equation less one."""
-        return self._terms(points)[2] - 1.0
+        return self._terms(points)[2][..., 0] - 1.0
 
     def gradient(self, points: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3"]:
         """Term by term; finite everywhere but at the centre of a body with exponents above 1."""
         e1, e2 = self.exponents
         scaled, around, _ = self._terms(points)
-        outer = np.maximum(around, np.finfo(float).tiny)[..., None] ** (e2 / e1 - 1)
+        outer = np.maximum(around, np.finfo(float).tiny) ** (e2 / e1 - 1)
         slopes = np.empty_like(scaled)
         slopes[..., :2] = outer * scaled[..., :2] ** (2 / e2 - 1)
         slopes[..., 2] = scaled[..., 2] ** (2 / e1 - 1)
@@ -86,7 +86,7 @@ class Superquadric(Body):
     def on_ray(self, directions: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3"]:
         """The left side is homogeneous of degree 2/e1, so the distance along the ray is its -e1/2 power."""
         unit = _unit(directions)
-        return unit * self._terms(unit)[2][..., None] ** (-self.exponents[0] / 2)
+        return unit * self._terms(unit)[2] ** (-self.exponents[0] / 2)
 
 
 class Ellipsoid(Body):
@@ -129,12 +129,13 @@ class BumpySphere(Body):
             raise ValueError(f"radius must be positive and amplitude in [0, 1), not {radius} and {amplitude}")
         self.radius, self.amplitude, self.frequency = radius, amplitude, frequency
 
-    def _radii(self, unit: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch"]:
-        return self.radius * (1.0 + self.amplitude * np.prod(np.sin(self.frequency * unit), axis=-1))
+    def _radii(self, unit: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 1"]:
+        waves = np.prod(np.sin(self.frequency * unit), axis=-1, keepdims=True)
+        return self.radius * (1.0 + self.amplitude * waves)
 
     def value(self, points: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch"]:
         """|p| - r(p/|p|) [m]: the height above the surface along the ray."""
-        return np.linalg.norm(points, axis=-1) - self._radii(_unit(points))
+        return (np.linalg.norm(points, axis=-1, keepdims=True) - self._radii(_unit(points)))[..., 0]
 
     def gradient(self, points: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3"]:
         """U - (I - u u^T) r'(u) / |p|, with u the unit direction."""
@@ -148,7 +149,7 @@ class BumpySphere(Body):
     def on_ray(self, directions: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3"]:
         """The equation itself."""
         unit = _unit(directions)
-        return unit * self._radii(unit)[..., None]
+        return unit * self._radii(unit)
 
 
 def icosphere(frequency: int) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"]]:

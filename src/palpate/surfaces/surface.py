@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -12,6 +12,7 @@ from palpate.surfaces._tree import Tree
 __all__ = ["Surface"]
 
 
+@runtime_checkable
 class Surface(Protocol):
     """A body's outside: normals point out of it. Lengths in metres, in the surface's own frame."""
 

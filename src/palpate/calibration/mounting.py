@@ -1,0 +1,227 @@
+"""Where a surface really sits in its sensor's frame, from touches: the largest error of most real set-ups."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from math import radians
+from types import MappingProxyType
+
+import numpy as np
+from jaxtyping import Float, Int
+from numpy.typing import ArrayLike
+
+from palpate.calibration._pose_fit import apply, fit, offset
+from palpate.calibration._screws import name_motions
+from palpate.calibration._touch_evidence import Evidence, KnownPoints, SomewhereOnSurface, Touched
+from palpate.errors import NotIdentifiable
+from palpate.spatial._arrays import frozen
+from palpate.spatial.pose import Pose, skew
+from palpate.spatial.uncertain import noise_covariance
+from palpate.surfaces import Mesh
+
+__all__ = ["Mounting", "identify_mounting", "mean_touches"]
+
+WRONG = 5.0  # of a touch: beyond it the touch is left out and named: another mark, or a slip
+
+
+@dataclass(frozen=True, eq=False)
+class Mounting:
+    """The pose of a surface in its sensor's frame, with how well the touches determine it.
+
+    Attributes:
+        pose: T_sensor_surface.
+        covariance: (6, 6) of (rotation vector [rad], translation [m]), T = exp(xi) T_mean, in the sensor's frame.
+        residual: rms of what is left, in the standard deviations that were expected: about 1, more says that
+            something is not modelled.
+        observable: small motions that the touches determine better than the prior does, in the surface's axes.
+        unobservable: those that they do not: there the initial pose and the prior stand.
+        touches: numbers of the touches that were used.
+        notes: what a user should know, one sentence each.
+        provenance: where it came from.
+    """
+
+    pose: Pose
+    covariance: Float[np.ndarray, "6 6"]
+    residual: float
+    observable: tuple[str, ...]
+    unobservable: tuple[str, ...]
+    touches: Int[np.ndarray, " k"]
+    notes: tuple[str, ...] = ()
+    provenance: Mapping[str, str] = field(default_factory=lambda: {})
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "covariance", frozen(self.covariance, tail=(6, 6), name="covariance"))
+        object.__setattr__(self, "provenance", MappingProxyType(dict(self.provenance)))
+        self.touches.flags.writeable = False
+
+
+def identify_mounting(
+    wrenches: Float[np.ndarray, "n 6"],
+    surface: Mesh,
+    *,
+    initial: Pose,
+    points: Float[np.ndarray, "n 3"] | None = None,
+    noise: ArrayLike | None = None,
+    prior: tuple[float, float] = (radians(10), 0.01),
+    placement: float = 0.5e-3,
+    torsion: float = 2e-3,
+    friction: float = 0.2,
+    labels: Sequence[str] | None = None,
+) -> Mounting:
+    """The pose of the surface from one compensated wrench a touch.
+
+    The most probable pose under the touches and a Gaussian prior about `initial`, found by Levenberg and Marquardt's
+    steps with weights by Huber; touches that cannot be reconciled are left out, one at a time, and named.
+
+    With points, a touch says M - (R p + t) x F = tau R n: the line of the force, two numbers for six unknowns, so
+    three touches whose forces differ in direction and whose points are not on one line determine all.
+
+    Without points a touch informs only through the *prior* that forces press more than they drag: the unit force is
+    expected within `friction` of -n. On a surface of curvature radius r that places the touch to about
+    friction * r, so 30 touches on a finger-sized body give half a millimetre, and touches that all drag the same way
+    give a wrong answer without a warning. A body that looks the same when turned or slid keeps the initial pose in
+    that direction.
+
+    Args:
+        wrenches: (n, 6) in the sensor frame, compensated, one a touch (`mean_touches`); a row with NaN is left out.
+        surface: in its own frame.
+        initial: T_sensor_surface as drawn or measured by hand.
+        points: (n, 3) [m] touched, in the surface's frame; None when not known.
+        noise: six standard deviations, one covariance (6, 6), or one for each touch (n, 6, 6), of the rows given.
+            None: small beside `placement`. Errors common to all touches (the bias) are not told apart from it.
+        prior: standard deviations [rad, m] of the initial rotation, and position of the surface's origin, by axis.
+        placement: [m] standard deviation of how well a mark is hit (and the mesh known), by axis.
+        torsion: [m] standard deviation of the torque about the normal over |F|.
+        friction: standard deviation of each tangential part of the unit force; used without points only.
+        labels: names of the touches, for messages.
+
+    Raises:
+        NotIdentifiable: no direction of the pose is seen better than the prior knows it.
+    """
+    names = [f"touch {k + 1}" for k in range(len(wrenches))] if labels is None else list(labels)
+    known = np.zeros((len(wrenches), 3)) if points is None else points
+    used = np.flatnonzero(np.isfinite(np.concatenate([wrenches, known], axis=1)).all(axis=1) & wrenches[:, :3].any(1))
+    notes = [f"{names[k]} is left out: it has no force or no point" for k in np.setdiff1d(range(len(names)), used)]
+    covariances = _noise(noise, len(wrenches))
+    sizes = np.repeat(np.asarray(prior, dtype=np.float64), 3)
+
+    def evidence(rows: Int[np.ndarray, " k"]) -> Evidence:
+        touched = Touched(wrenches[rows], covariances[rows], placement, torsion, friction)
+        if points is None:
+            return SomewhereOnSurface(touched, surface)
+        return KnownPoints(touched, points[rows], surface.project(points[rows])[1])
+
+    if len(used) == 0:
+        raise _refusal(points is None, 0, np.eye(6), prior)
+    pose, distances, scale = fit(evidence(used), initial, sizes)
+    while distances.max() > WRONG * scale and len(used) > 4:
+        worst = int(np.argmax(distances))
+        notes.append(f"{names[used[worst]]} is left out: it is {distances[worst] / scale:.0f} standard deviations off")
+        used = np.delete(used, worst)
+        pose, distances, scale = fit(evidence(used), initial, sizes)
+    if points is not None:
+        notes += _strays(points[used], surface, [names[k] for k in used], placement)
+    return _judged(evidence(used), pose, initial, prior, used, notes, points is None)
+
+
+def mean_touches(
+    time: Float[np.ndarray, " m"],
+    wrenches: Float[np.ndarray, "m 6"],
+    start: Float[np.ndarray, " n"],
+    end: Float[np.ndarray, " n"],
+    noise: ArrayLike | None = None,
+    covariances: Float[np.ndarray, "m 6 6"] | None = None,
+) -> tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, "n 6 6"]]:
+    """One wrench and covariance a touch: the mean over each [start, end] of the finite samples.
+
+    A mean is right because a wrench at a fixed point is linear in the force. `noise` is of one sample and averages
+    out; `covariances` (what the payload's uncertainty adds) is common to the samples and does not. A touch without
+    samples is NaN.
+    """
+    single = np.zeros((6, 6)) if noise is None else noise_covariance(noise)
+    means, spreads = np.full((len(start), 6), np.nan), np.zeros((len(start), 6, 6))
+    finite = np.isfinite(wrenches).all(axis=1)
+    for k, (first, last) in enumerate(zip(start, end, strict=True)):
+        inside = finite & (time >= first) & (time <= last)
+        if inside.any():
+            means[k] = wrenches[inside].mean(axis=0)
+            common = 0.0 if covariances is None else covariances[inside].mean(axis=0)
+            spreads[k] = single / inside.sum() + common
+    return means, spreads
+
+
+def _noise(noise: ArrayLike | None, count: int) -> Float[np.ndarray, "n 6 6"]:
+    if noise is None:
+        return np.zeros((count, 6, 6))
+    array = np.asarray(noise, dtype=np.float64)
+    if array.shape == (count, 6, 6) and array.ndim == 3:
+        return array
+    return np.broadcast_to(noise_covariance(array), (count, 6, 6))
+
+
+def _judged(
+    evidence: Evidence,
+    pose: Pose,
+    initial: Pose,
+    prior: tuple[float, float],
+    used: Int[np.ndarray, " k"],
+    notes: list[str],
+    free: bool,
+) -> Mounting:
+    """Which directions the touches see better than the prior does, and the covariance of all."""
+    sizes = np.repeat(np.asarray(prior, dtype=np.float64), 3)
+    whitener = evidence.whitener(pose)
+    residual = apply(whitener, evidence.residual(pose))
+    slope = (whitener @ evidence.jacobian(pose)).reshape(-1, 6)
+    information = slope.T @ slope
+    turned = np.kron(np.eye(2), pose.rotation) * sizes  # from the surface's axes, in units of the prior
+    seen = turned.T @ information @ turned
+    freedom = max(1.0, evidence.informative * len(used) - float(np.sum(np.linalg.eigvalsh(seen) > 1.0)))
+    ratio = float(np.sum(residual**2)) / freedom
+    values, vectors = np.linalg.eigh(seen / max(1.0, ratio))
+    blind = vectors[:, values <= 1.0]
+    if blind.shape[1] == 6:
+        raise _refusal(free, 0, blind, prior)
+    if ratio > 4.0:
+        notes.append(
+            f"the touches disagree {ratio**0.5:.1f} times as much as expected, and the covariance is widened by it"
+        )
+    far = np.abs(offset(initial, pose) / sizes).max()
+    if far > 3.0:
+        notes.append(f"the pose is {far:.1f} prior standard deviations from the initial one: check its frame and unit")
+    decoupled = np.linalg.inv(information / max(1.0, ratio) + np.diag(1 / sizes**2))
+    shift = np.eye(6)
+    shift[3:, :3] = skew(pose.translation)  # exp(xi) T moves the origin by rho + omega x t
+    return Mounting(
+        pose,
+        shift @ decoupled @ shift.T,
+        ratio**0.5,
+        name_motions(vectors[:, values > 1.0], *prior),
+        name_motions(blind, *prior),
+        used,
+        tuple(notes),
+    )
+
+
+def _refusal(free: bool, rank: int, blind: Float[np.ndarray, "6 k"], prior: tuple[float, float]) -> NotIdentifiable:
+    mend = (
+        "Touch more places, where the surface curves in different ways, or touch marked points."
+        if free
+        else "Touch at least three marks that are not on one line, and push in different directions."
+    )
+    return NotIdentifiable(
+        f"the touches say nothing about the mounting that the initial pose and its prior do not say better. {mend}",
+        rank=rank,
+        missing=name_motions(blind, *prior),
+    )
+
+
+def _strays(points: Float[np.ndarray, "n 3"], surface: Mesh, names: Sequence[str], placement: float) -> list[str]:
+    """Marks that do not lie on the surface: another frame, or another unit."""
+    gaps = np.linalg.norm(surface.project(points)[0] - points, axis=1)
+    return [
+        f"{name} lies {gap * 1e3:.1f} mm off the surface: are the marks in its frame, and in metres?"
+        for name, gap in zip(names, gaps, strict=True)
+        if gap > max(4 * placement, 1e-3)
+    ]

@@ -1,0 +1,67 @@
+"""One wrench a pose, from a log that holds each pose for a while."""
+
+from __future__ import annotations
+
+from math import radians
+
+import numpy as np
+from jaxtyping import Float, Int
+
+__all__ = ["average_poses"]
+
+STILL = radians(0.3)
+ENOUGH = 4  # poses
+
+
+def average_poses(
+    wrenches: Float[np.ndarray, "n 6"], rotations: Float[np.ndarray, "n 3 3"], *, shortest: int = 10
+) -> tuple[Float[np.ndarray, "k 6"], Float[np.ndarray, "k 3 3"], Int[np.ndarray, " k"]]:
+    """Means over the stretches in which the orientation stays within 0.3 degrees, and how many samples each has.
+
+    Samples of one pose share its error of model, so that a fit which takes them as independent would believe itself
+    too much. What is logged while the arm turns (with its inertia) is left out. A log of single poses, or of motion
+    only, comes back as it is.
+
+    Args:
+        wrenches: (n, 6) [N, N m].
+        rotations: (n, 3, 3); rows that are not finite belong to no pose.
+        shortest: samples that make a stretch.
+    """
+    finite = np.isfinite(wrenches).all(axis=1) & np.isfinite(rotations).all(axis=(1, 2))
+    stretches = [rows for rows in _stretches(rotations, finite) if len(rows) >= shortest]
+    if len(stretches) < ENOUGH:
+        return wrenches, rotations, np.ones(len(wrenches), dtype=np.int64)
+    means = np.stack([wrenches[rows].mean(axis=0) for rows in stretches])
+    turns = np.stack([_nearest_rotation(rotations[rows].mean(axis=0)) for rows in stretches])
+    return means, turns, np.array([len(rows) for rows in stretches])
+
+
+def _stretches(rotations: Float[np.ndarray, "n 3 3"], finite: np.ndarray) -> list[Int[np.ndarray, " k"]]:
+    """Rows that follow each other and lie within `STILL` of the first of them."""
+    found: list[Int[np.ndarray, " k"]] = []
+    start, cosine = 0, 1.0 + 2.0 * np.cos(STILL)  # the trace of a rotation by that angle
+    while start < len(rotations):
+        if not finite[start]:
+            start += 1
+            continue
+        stop = _first_turned(rotations, finite, start, cosine)
+        found.append(np.arange(start, stop))
+        start = stop
+    return found
+
+
+def _first_turned(rotations: Float[np.ndarray, "n 3 3"], finite: np.ndarray, start: int, cosine: float) -> int:
+    """The first row after `start` that is turned away from it, looked for in growing chunks."""
+    chunk, begin = 64, start + 1
+    while begin < len(rotations):
+        rows = slice(begin, begin + chunk)
+        turned = ~finite[rows] | (np.einsum("nij,ij->n", rotations[rows], rotations[start]) < cosine)
+        if turned.any():
+            return begin + int(np.argmax(turned))
+        begin, chunk = begin + chunk, 2 * chunk
+    return len(rotations)
+
+
+def _nearest_rotation(matrix: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "3 3"]:
+    left, _, right = np.linalg.svd(matrix)
+    return left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right

@@ -1,0 +1,34 @@
+"""Which commands there are."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+
+from tyro.extras import SubcommandApp
+
+from palpate.cli.calibrate_mounting import calibrate_mounting
+from palpate.cli.calibrate_payload import calibrate_payload
+from palpate.cli.estimate import estimate
+from palpate.cli.evaluate import evaluate
+from palpate.cli.inspect import inspect
+from palpate.cli.rig_new import rig_new
+
+__all__ = ["run"]
+
+
+def run(argv: Sequence[str] | None) -> None:
+    """Parse and run one command; leaves by `SystemExit` on --help and on a wrong call."""
+    app, calibrate, rig = SubcommandApp(), SubcommandApp(), SubcommandApp()
+    app.command(estimate)
+    calibrate.command(calibrate_payload, name="payload")
+    calibrate.command(calibrate_mounting, name="mounting")
+    app.command(calibrate, name="calibrate")
+    app.command(evaluate)
+    app.command(inspect)
+    rig.command(rig_new, name="new")
+    app.command(rig, name="rig")
+    app.cli(prog="palpate", description=_DESCRIPTION, args=list(sys.argv[1:] if argv is None else argv))
+
+
+_DESCRIPTION = "Where, how hard and in which direction a robot is being touched."

@@ -1,0 +1,218 @@
+"""`palpate estimate`: a log and a surface go in, contacts come out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import fields, replace
+from pathlib import Path
+from time import perf_counter
+from typing import Annotated, Literal
+
+import numpy as np
+from tyro.conf import Positional, arg
+
+from palpate.cli.screen import lines, note, percent, progress, title, wait
+from palpate.contact.estimate import ContactEstimate, Status
+from palpate.contact.estimator import Estimator
+from palpate.contact.frames import in_frame
+from palpate.contact.plausibility import lines_of_action
+from palpate.errors import InputError
+from palpate.io.contacts import write_contacts
+from palpate.io.csv import read_recording
+from palpate.io.models import provenance, write_provenance
+from palpate.io.rig import Rig, RigForceTorque, RigPair, RigSurface, RigThresholds, build, load_rig
+from palpate.sensors.noise import estimate_noise
+from palpate.sensors.recording import ORIENTATION, POSITION, Recording
+from palpate.spatial.pose import Pose
+
+__all__ = ["estimate"]
+
+BLOCK = 50_000  # samples at a time: covariances of a long log need not all be in memory
+
+
+def estimate(
+    log: Positional[Path],
+    /,
+    output: Annotated[Path, arg(aliases=["-o"])],
+    rig: Path | None = None,
+    mesh: Path | None = None,
+    unit: Literal["m", "cm", "mm", "um", "in"] | None = None,
+    crease: float | None = None,
+    payload: Path | None = None,
+    noise: tuple[float, float] | None = None,
+    method: Literal["soft_finger", "wrench_axis"] | None = None,
+    friction: float | None = None,
+    torsion: float | None = None,
+    contact: tuple[float, float] | None = None,
+    frame: Literal["surface", "sensor", "base"] = "surface",
+) -> None:
+    """Locate contacts in a log of wrenches, with a rig file, or with a mesh alone.
+
+    Options given here win over the rig. Beside OUTPUT stands OUTPUT.toml: versions, input hashes, options.
+
+    Args:
+        log: CSV with time,fx,fy,fz,tx,ty,tz and, where orientation matters, qx,qy,qz,qw (or as the rig says).
+        output: contacts.csv to write.
+        rig: TOML of the set-up.
+        mesh: surface, when there is no rig: in the sensor's frame, unless a rig says more.
+        unit: of the mesh file.
+        crease: degrees; facets that meet by less are smooth across their edge; 0 is faceted.
+        payload: model written by `palpate calibrate payload`.
+        noise: standard deviation of one reading, force [N] and torque [N m]. Estimated from the log when not given.
+        method: how to locate.
+        friction: bound on the tangent of the angle between force and normal.
+        torsion: bound on torque about the normal over normal force [m].
+        contact: force [N] at which a contact begins, and below which it ends.
+        frame: of the result; base needs the sensor's orientation and position in the log.
+    """
+    setup = _setup(rig, mesh, unit)
+    setup = _overridden(setup, crease, payload, noise, method, friction, torsion, contact)
+    _keep_inputs(output, log, rig, setup)
+    recording = read_recording(log, setup.layout())
+    to_frame = _to_frame(recording, setup, frame)
+    surface = setup.surface.load(setup.folder)
+    from_log = None if setup.force_torque.noise is not None else estimate_noise(recording.wrenches())
+    wait("preparing the surface and compiling kernels (compiling happens once)")
+    begin = perf_counter()
+    estimator = build(setup, surface=surface, noise=from_log)
+    ready = perf_counter()
+    contacts = _joined([estimator.run(block) for block in _blocks(recording)])
+    done = perf_counter()
+    write_contacts(output, recording.time, contacts if to_frame is None else in_frame(contacts, to_frame))
+    record = provenance(
+        {"log": log, "rig": rig, "mesh": setup.mesh_path(), "payload": setup.payload_path()},
+        {
+            **vars(setup.estimate),
+            "crease": setup.surface.crease,
+            "frame": frame,
+            "noise": estimator.sensor.noise is not None and np.sqrt(np.diag(estimator.sensor.noise)).tolist(),
+            "noise_source": _noise_source(setup, from_log),
+        },
+    )
+    write_provenance(output.with_name(f"{output.name}.toml"), record)
+    title(f"{log} -> {output}")
+    lines([("samples", f"{len(recording):,} in, {len(contacts.status):,} rows out")])
+    lines(_shares(contacts))
+    rate = len(recording) / max(done - ready, 1e-9)
+    lines([("time", f"{done - ready:.2f} s, {rate:,.0f} samples/s (prepared in {ready - begin:.1f} s)")])
+    note(_remarks(setup, estimator, from_log))
+    note([*surface.notes, *recording.notes])
+    note(_doubts(recording, estimator), kind="warning")
+
+
+def _setup(rig: Path | None, mesh: Path | None, unit: str | None) -> Rig:
+    """The rig, its mesh replaced where one is given; or the least rig that a mesh makes."""
+    if rig is None and mesh is None:
+        raise InputError("nothing says what is touched.", mend="Give --rig RIG, or --mesh MESH --unit UNIT.")
+    if mesh is None:
+        return load_rig(rig) if rig is not None else _never()
+    if unit is None:
+        raise InputError("a mesh file does not say its unit.", where=str(mesh), mend="Add --unit mm (or m, cm, um, in).")
+    if rig is None:
+        return Rig(RigSurface(mesh=str(mesh), unit=unit))
+    known = load_rig(rig)
+    return replace(known, surface=replace(known.surface, kind="mesh", mesh=str(mesh.resolve()), unit=unit))
+
+
+def _never() -> Rig:
+    raise AssertionError
+
+
+def _overridden(
+    rig: Rig,
+    crease: float | None,
+    payload: Path | None,
+    noise: tuple[float, float] | None,
+    method: str | None,
+    friction: float | None,
+    torsion: float | None,
+    contact: tuple[float, float] | None,
+) -> Rig:
+    """The rig with what the command line says."""
+    given = {"method": method, "friction": friction, "torsion": torsion}
+    given["contact"] = None if contact is None else RigThresholds(*contact)
+    settings = replace(rig.estimate, **{name: value for name, value in given.items() if value is not None})
+    surface = rig.surface if crease is None else replace(rig.surface, crease=crease)
+    sensor: RigForceTorque = rig.force_torque
+    if payload is not None:
+        sensor = replace(sensor, payload=str(payload.resolve()))
+    if noise is not None:
+        sensor = replace(sensor, noise=RigPair(*noise))
+    return replace(rig, estimate=settings, surface=surface, force_torque=sensor)
+
+
+def _keep_inputs(output: Path, log: Path, rig: Path | None, setup: Rig) -> None:
+    for path in (log, rig, setup.mesh_path(), setup.payload_path()):
+        if path is not None and path.resolve() == output.resolve():
+            raise InputError("the output would overwrite an input.", where=str(output))
+
+
+def _blocks(recording: Recording) -> Iterator[Recording]:
+    """Pieces of a recording, counted for whoever watches."""
+    for start in range(0, len(recording), BLOCK):
+        rows = slice(start, start + BLOCK)
+        yield replace(
+            recording,
+            time=recording.time[rows],
+            channels={name: values[rows] for name, values in recording.channels.items()},
+        )
+        progress(min(start + BLOCK, len(recording)), len(recording))
+
+
+def _joined(parts: list[ContactEstimate]) -> ContactEstimate:
+    names = [field.name for field in fields(ContactEstimate)]
+    return ContactEstimate(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in names})
+
+
+def _to_frame(recording: Recording, rig: Rig, frame: str) -> Pose | None:
+    """Pose of the surface in the wanted frame, sample by sample for the base; None for the surface's own."""
+    if frame == "surface":
+        return None
+    mount = rig.surface.pose.pose()
+    if frame == "sensor":
+        return mount
+    for channel in (ORIENTATION, POSITION):
+        if channel not in recording.channels:
+            raise InputError(
+                f"the base frame needs the sensor's {channel} in the base, which this log does not have.",
+                where=recording.source,
+                mend="Add columns qx,qy,qz,qw and x,y,z, or name them in the rig's [orientation] columns and position.",
+            )
+    return Pose.from_quaternion(recording.channels[ORIENTATION], recording.channels[POSITION]) @ mount
+
+
+def _shares(contacts: ContactEstimate) -> list[tuple[str, str]]:
+    counts = np.bincount(contacts.status, minlength=len(Status))
+    total = len(contacts.status)
+    return [(Status(k).label, f"{percent(n / total):>7}  {n:>9,}") for k, n in enumerate(counts.tolist()) if n]
+
+
+def _noise_source(rig: Rig, from_log: np.ndarray | None) -> str:
+    if rig.force_torque.noise is not None:
+        return "given"
+    return "unknown" if from_log is None else "steps of the log"
+
+
+def _remarks(rig: Rig, estimator: Estimator, from_log: np.ndarray | None) -> list[str]:
+    """What was assumed for want of being told."""
+    said: list[str] = []
+    if from_log is not None:
+        force, torque = from_log[:3].max(), from_log[3:].max()
+        said.append(f"noise taken from the log's steps: {force:.3g} N, {torque:.3g} N m (a filtered log looks too quiet)")
+    elif rig.force_torque.noise is None:
+        said.append("the noise is not known and the log too short to tell it: no covariances")
+    if estimator.payload is None:
+        said.append("no payload model: wrenches are taken as they are, so they must be tared")
+    if rig.estimate.contact is None:
+        locator = estimator.locator
+        said.append(f"a contact begins at {locator.on:.3g} N and ends at {locator.off:.3g} N (from the noise)")
+    return said
+
+
+def _doubts(recording: Recording, estimator: Estimator) -> list[str]:
+    """Units that do not fit; judged in the sensor's frame, whose origin a wrong unit draws the lines to."""
+    surface = estimator.locator.surface
+    wrenches, _, statuses = estimator.contact_wrenches(recording)
+    sensed = wrenches @ estimator.mount.wrench_matrix().T
+    doubt = lines_of_action(sensed[statuses < 0], estimator.mount.apply(surface.centre), surface.size).doubt
+    return [doubt] if doubt else []

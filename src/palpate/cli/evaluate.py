@@ -1,0 +1,94 @@
+"""`palpate evaluate`: contacts against the truth."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from tyro.conf import Positional
+
+from palpate.cli.screen import lines, note, percent, table, title
+from palpate.contact.truth import Touches
+from palpate.errors import InputError
+from palpate.evaluation.errors import Spread
+from palpate.evaluation.evaluate import Report
+from palpate.evaluation.evaluate import evaluate as compare
+from palpate.io.contacts import read_contacts
+from palpate.io.truth import read_truth
+
+__all__ = ["evaluate"]
+
+_HEADER = ("", "mean", "median", "95 %", "worst", "count")
+
+
+def evaluate(contacts: Positional[Path], truth: Positional[Path], /, tolerance: float = 0.02) -> None:
+    """Errors of location, direction and force, coverage of the ellipses, share of each status.
+
+    Args:
+        contacts: written by `palpate estimate`.
+        truth: time,px,py,pz[,nx,ny,nz][,fx,fy,fz] in the contacts' frame, or touches: start,end,px,py,pz[,label].
+        tolerance: seconds; how far the nearest true time may lie.
+    """
+    found, known = read_contacts(contacts), read_truth(truth)
+    first = found.contact == 0
+    report = compare(found.time[first], found.estimate[first], known, tolerance=tolerance)
+    if not report.matched:
+        raise InputError(
+            f"no sample matches the truth: contacts from {_span(found.time)}, truth from "
+            f"{_span(np.concatenate([known.start, known.end]) if isinstance(known, Touches) else known.time)}.",
+            where=str(truth),
+            mend="Both must be on one clock; --tolerance widens the match.",
+        )
+    title(f"{contacts} against {truth}")
+    matched = f"{report.samples:,}, of which {report.matched:,} have a truth and {report.answered:,} of these an answer"
+    lines([("samples", matched)])
+    lines((label, percent(share)) for label, share in report.statuses.items())
+    _touches(report)
+    table(_HEADER, _spreads(report))
+    seen = report.coverage
+    if seen.count:
+        lines([
+            ("95 % ellipses", f"hold the truth in {percent(seen.inside)} of {seen.count:,} (should be 95)"),
+            ("mean square", f"{seen.mean_square:.2f} (should be 2)"),
+        ])
+    note(found.notes)
+    if not first.all():
+        note([f"{np.count_nonzero(~first)} rows are second contacts and were not compared"])
+
+
+def _spreads(report: Report) -> list[tuple[str, ...]]:
+    what = "location of touches [mm]" if report.touches else "location [mm]"
+    degrees = 180 / np.pi
+    return [
+        row
+        for name, spread, scale in (
+            (what, report.location, 1e3),
+            ("normal [deg]", report.normal, degrees),
+            ("force [N]", report.force, 1.0),
+            ("force direction [deg]", report.force_angle, degrees),
+        )
+        for row in _spread(name, spread, scale)
+    ]
+
+
+def _spread(name: str, spread: Spread | None, scale: float) -> list[tuple[str, ...]]:
+    if spread is None:
+        return []
+    figures = (spread.mean, spread.median, spread.p95, spread.worst)
+    return [(name, *(f"{scale * figure:.3f}" for figure in figures), f"{spread.count:,}")]
+
+
+def _touches(report: Report) -> None:
+    if report.touches:
+        table(
+            ("touch", "error [mm]", "scatter [mm]", "answered", "samples"),
+            [
+                (touch.label, f"{1e3 * touch.error:.3f}", f"{1e3 * touch.scatter:.3f}", f"{touch.answered}", f"{touch.samples}")
+                for touch in report.touches
+            ],
+        )
+
+
+def _span(time: np.ndarray) -> str:
+    known = time[np.isfinite(time)]
+    return f"{known.min():.3f} to {known.max():.3f} s" if len(known) else "no time at all"

@@ -1,0 +1,209 @@
+"""From wrenches to contacts on a surface."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, Int8
+from numpy.typing import ArrayLike
+
+from palpate.contact.estimate import ROW, ContactEstimate
+from palpate.errors import InputError
+from palpate.spatial.uncertain import noise_covariance
+from palpate.spatial.wrench import Wrench
+from palpate.surfaces.surface import Surface
+
+__all__ = ["METHODS", "Candidates", "Locator", "locate"]
+
+METHODS = ("soft_finger", "wrench_axis")
+
+
+@dataclass(frozen=True)
+class Candidates:
+    """Every contact that one wrench can have on a surface, best first.
+
+    Attributes:
+        point: (k, 3) [m]; normal: (k, 3); torque: (k,) [N m] about the normal.
+        friction: (k,) tan of the angle between -force and normal.
+        plausible: (k,) within the friction and torsion bounds.
+    """
+
+    point: Float[np.ndarray, "k 3"]
+    normal: Float[np.ndarray, "k 3"]
+    torque: Float[np.ndarray, " k"]
+    friction: Float[np.ndarray, " k"]
+    plausible: np.ndarray
+
+
+class Locator:
+    """Prepared location on one surface: the tree is built and the loops are compiled here, never in the loop.
+
+    Args:
+        surface: a `Surface`, such as a `Mesh`.
+        method: "soft_finger" (the `probe` paper's model: force and a torque about the normal) or "wrench_axis" (Bicchi
+            1993: where the line of action meets the surface).
+        friction: bound on tan(theta), theta between -force and normal.
+        torsion: bound on |torque|/|F . n| [m].
+        noise: six standard deviations or a 6 x 6 covariance, force first [N, N m]; None: covariances are NaN unless
+            given with the wrenches.
+        on, off: force [N] from which there is a contact, and below which there is none any more. None: 10 and 5 times
+            the largest standard deviation of force, or 0 without noise (then only zero force is no contact).
+
+    Raises:
+        InputError: an unknown method, or bounds that are not positive, or on < off.
+    """
+
+    def __init__(
+        self,
+        surface: Surface,
+        method: str = "soft_finger",
+        friction: float = 1.0,
+        torsion: float = 5e-3,
+        noise: ArrayLike | None = None,
+        on: float | None = None,
+        off: float | None = None,
+    ) -> None:
+        from palpate.contact import _kernel  # compiled: loaded when first needed
+
+        if method not in METHODS:
+            raise InputError(f"unknown method {method!r}.", mend=f"Use one of {', '.join(METHODS)}.")
+        if not (friction > 0 and torsion >= 0):
+            raise InputError(f"friction ({friction}) must be > 0 and torsion ({torsion}) >= 0.")
+        self.surface, self.method, self.friction, self.torsion = surface, method, float(friction), float(torsion)
+        self.noise = None if noise is None else noise_covariance(noise)
+        self.on, self.off = _thresholds(self.noise, on, off)
+        tree = surface.tree()
+        self._tree = (tree.nodes, tree.corners, tree.tags)
+        self._settings = np.zeros(_kernel.SETTINGS)
+        self._settings[:3], self._settings[3] = tree.centre, tree.scale
+        self._settings[4] = method == "soft_finger"
+        self._settings[5:9] = self.friction, self.torsion, self.on, self.off
+        self._settings[9] = self.noise is not None
+        self._noise = np.zeros((6, 6)) if self.noise is None else self.noise
+        self._state = np.zeros(_kernel.STATE)
+        self._one: Callable[..., Any] = _kernel.estimate
+        self._many: Callable[..., Any] = _kernel.estimate_many
+        self(np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0]), self.empty())
+        self.run(np.zeros((1, 6)))
+        self.reset()
+
+    @staticmethod
+    def empty(*batch: int) -> Float[np.ndarray, "*batch 22"]:
+        """Rows to write into; `ContactEstimate.from_rows` names what is in them, `ROW` where."""
+        return np.full((*batch, ROW.length), np.nan)
+
+    def reset(self, previous: ArrayLike | None = None) -> None:
+        """Forget the last contact and the hysteresis, or set the last contact to a point [m]."""
+        self._state[:] = 0.0
+        if previous is not None:
+            self._state[1], self._state[2:] = 1.0, np.asarray(previous, dtype=np.float64)
+
+    def __call__(self, wrench: Float[np.ndarray, "6"], out: Float[np.ndarray, "22"]) -> None:
+        """Locate one wrench (6,), force first, in the surface's frame, into `out`; carries hysteresis and last contact.
+
+        Allocates nothing that lives; both arrays must be float64 and contiguous.
+        """
+        self._one(wrench, self._noise, *self._tree, self._settings, self._state, out)
+
+    def run(
+        self,
+        wrenches: Float[np.ndarray, "n 6"],
+        covariances: Float[np.ndarray, "*#n 6 6"] | None = None,
+        statuses: Int8[np.ndarray, " n"] | None = None,
+        sequential: bool = True,
+    ) -> ContactEstimate:
+        """Locate a time series; carries hysteresis and last contact from sample to sample and from call to call.
+
+        Args:
+            wrenches: (n, 6) in the surface's frame, force first.
+            covariances: (n, 6, 6) or (6, 6), instead of the Locator's noise.
+            statuses: (n,) a status known beforehand, or -1 for a sample to locate.
+            sequential: False takes each sample on its own.
+        """
+        wrenches = np.ascontiguousarray(wrenches, dtype=np.float64)
+        noise, settings = self._noise, self._settings
+        if covariances is not None:
+            noise, settings = np.asarray(covariances, dtype=np.float64), settings.copy()
+            settings[9] = 1.0
+        noises = np.ascontiguousarray(noise if noise.ndim == 3 else noise[None])
+        if len(noises) not in (1, len(wrenches)):
+            raise ValueError(f"{len(noises)} covariances for {len(wrenches)} wrenches")
+        forced = np.full(len(wrenches), -1, np.int8) if statuses is None else np.asarray(statuses, dtype=np.int8)
+        rows = self.empty(len(wrenches))
+        self._many(wrenches, noises, forced, *self._tree, settings, self._state, sequential, rows)
+        return ContactEstimate.from_rows(rows)
+
+    def candidates(self, wrench: Float[np.ndarray, "6"]) -> Candidates:
+        """Every contact that one wrench (6,) can have, those within the bounds first, then by friction angle."""
+        from palpate.surfaces import _bvh
+
+        centre, scale = self._settings[:3], self._settings[3]
+        force, moment = np.asarray(wrench[:3], dtype=np.float64), np.asarray(wrench[3:], dtype=np.float64)
+        found = np.zeros((_bvh.CAPACITY + 1, _bvh.CANDIDATE))
+        if not np.all(np.isfinite(wrench)) or not np.any(force):
+            found = found[:0]
+        else:
+            unit = np.concatenate([force, (moment - np.cross(centre, force)) / scale])
+            found = found[: _bvh.search(unit, self._settings[4], np.inf, *self._tree, found)]
+        both = np.einsum("ni,nik->nk", found[:, 1:4], self._tree[1][found[:, 0].astype(int)].reshape(-1, 3, 6))
+        point = both[:, :3] * scale + centre
+        normal = both[:, 3:] / np.linalg.norm(both[:, 3:], axis=1, keepdims=True)
+        torque = np.einsum("nk,nk->n", moment - np.cross(point, force), normal)
+        plausible = (found[:, 4] <= self.friction) & (np.abs(torque) <= self.torsion * np.abs(normal @ force))
+        order = np.lexsort((found[:, 5], found[:, 4], ~plausible))
+        return Candidates(point[order], normal[order], torque[order], found[order, 4], plausible[order])
+
+
+def _thresholds(noise: Float[np.ndarray, "6 6"] | None, on: float | None, off: float | None) -> tuple[float, float]:
+    """Forces at which a contact begins and ends, from the noise where they are not given."""
+    sigma = 0.0 if noise is None else float(np.sqrt(np.diag(noise)[:3].max()))
+    if on is None:
+        on = 10.0 * sigma if off is None else max(10.0 * sigma, off)
+    off = min(0.5 * on, 5.0 * sigma) if off is None else off
+    if not 0 <= off <= on:
+        raise InputError(f"contact thresholds must be 0 <= off <= on; got on = {on}, off = {off} N.")
+    return float(on), float(off)
+
+
+@functools.lru_cache(maxsize=8)
+def _prepared(surface: Surface, method: str, friction: float, torsion: float) -> Locator:
+    """The Locator behind `locate`; surfaces are compared by identity."""
+    return Locator(surface, method, friction, torsion, on=0.0, off=0.0)
+
+
+def locate(
+    wrench: Wrench,
+    surface: Surface,
+    method: str = "soft_finger",
+    friction: float = 1.0,
+    torsion: float = 5e-3,
+    noise: ArrayLike | None = None,
+    previous: ContactEstimate | ArrayLike | None = None,
+) -> ContactEstimate:
+    """Where a wrench touches a surface; both in the same frame, each wrench of a batch on its own.
+
+    Args:
+        wrench: batched by leading axes.
+        surface: a `Surface`, such as a `Mesh`.
+        method: "soft_finger" or "wrench_axis".
+        friction: bound on tan(theta), theta between -force and normal.
+        torsion: bound on |torque|/|F . n| [m].
+        noise: six standard deviations or a 6 x 6 covariance, force first; None takes the wrench's own covariance.
+        previous: the last contact, an estimate or a point [m]: it decides between candidates.
+
+    Returns:
+        a `ContactEstimate` with the batch's leading axes. Without any noise its covariance is NaN.
+    """
+    locator = _prepared(surface, method, friction, torsion)
+    point = previous.point if isinstance(previous, ContactEstimate) else previous
+    locator.reset(None if point is None or not np.all(np.isfinite(point)) else point)
+    vectors = wrench.vector()
+    batch = vectors.shape[:-1]
+    covariance = wrench.covariance if noise is None else noise_covariance(noise)
+    if covariance is not None and covariance.ndim > 2:
+        covariance = np.broadcast_to(covariance, (*batch, 6, 6)).reshape(-1, 6, 6)
+    return locator.run(vectors.reshape(-1, 6), covariance, sequential=False).reshaped(batch)

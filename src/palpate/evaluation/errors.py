@@ -1,0 +1,79 @@
+"""How far estimates lie from the truth, and whether their covariance says so."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from palpate.contact.estimate import ContactEstimate
+
+__all__ = ["CHI2_95", "Coverage", "Spread", "angles", "coverage", "distances"]
+
+CHI2_95 = 5.991464547107979  # 95 % point of chi-square with 2 degrees of freedom, -2 log 0.05
+_FLAT = 1e-9  # of the largest variance: below it a direction has none
+
+
+@dataclass(frozen=True)
+class Spread:
+    """What a person wants to know of many errors, in their unit."""
+
+    count: int
+    mean: float
+    median: float
+    p95: float
+    worst: float
+
+    @classmethod
+    def of(cls, errors: Float[np.ndarray, " n"]) -> Spread | None:
+        """Of the finite ones; None where there is none."""
+        known = errors[np.isfinite(errors)]
+        if not len(known):
+            return None
+        p95 = float(np.percentile(known, 95))
+        return cls(len(known), float(known.mean()), float(np.median(known)), p95, float(known.max()))
+
+
+@dataclass(frozen=True)
+class Coverage:
+    """Whether the covariance tells the truth: 2 degrees of freedom in the tangent plane.
+
+    Attributes:
+        count: estimates with a covariance of rank 2.
+        inside: share of them whose 95 % ellipse holds the truth.
+        mean_square: mean squared Mahalanobis distance; 2 when the covariance is right.
+    """
+
+    count: int
+    inside: float
+    mean_square: float
+
+
+def distances(points: Float[np.ndarray, "n 3"], truth: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:
+    """[m], NaN where either is."""
+    return np.linalg.norm(points - truth, axis=-1)
+
+
+def angles(one: Float[np.ndarray, "n 3"], other: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:
+    """Between directions [rad], exact for small ones too; NaN where either is NaN or zero."""
+    sine, cosine = np.linalg.norm(np.cross(one, other), axis=-1), np.sum(one * other, axis=-1)
+    zero = (np.linalg.norm(one, axis=-1) == 0) | (np.linalg.norm(other, axis=-1) == 0)
+    return np.where(zero, np.nan, np.arctan2(sine, cosine))
+
+
+def coverage(estimate: ContactEstimate, truth: Float[np.ndarray, "n 3"], which: Bool[np.ndarray, " n"]) -> Coverage:
+    """Of the estimates named by `which`; those whose covariance is NaN or not of rank 2 are left out.
+
+    The squared distance is d' C^+ d, C^+ the inverse within the two directions in which C has variance: the truth lies
+    on the surface, so that what d has along the normal is curvature.
+    """
+    usable = which & np.isfinite(estimate.covariance).all(axis=(-2, -1)) & np.isfinite(truth).all(axis=-1)
+    rows: Int[np.ndarray, " k"] = np.flatnonzero(usable)
+    values, vectors = np.linalg.eigh(estimate.covariance[rows])
+    flat = values[:, 1] <= _FLAT * values[:, 2]
+    along = np.einsum("nik,ni->nk", vectors[:, :, 1:], estimate.point[rows] - truth[rows])
+    square = np.sum(along[~flat] ** 2 / values[~flat, 1:], axis=-1)
+    if not len(square):
+        return Coverage(0, np.nan, np.nan)
+    return Coverage(len(square), float(np.mean(square <= CHI2_95)), float(square.mean()))

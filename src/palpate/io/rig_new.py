@@ -1,0 +1,154 @@
+"""A commented rig to start from, guessed from a log and a mesh; what was guessed is said."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from palpate.contact.plausibility import lines_of_action
+from palpate.errors import InputError
+from palpate.io.csv import ORIENTATION_COLUMNS, Layout, read_recording
+from palpate.io.guess import guess_orientation, guess_position, guess_time, guess_wrench
+from palpate.io.table import Table, read_table
+from palpate.io.units import TORQUE_UNITS
+from palpate.sensors.noise import estimate_noise
+from palpate.surfaces.mesh import UNITS, Mesh
+
+__all__ = ["Proposal", "propose_rig"]
+
+_PLAUSIBLE = (2e-3, 5.0)  # m: from a fingertip to a robot's link
+_EPOCHS = ((1e17, "ns"), (1e14, "us"), (1e11, "ms"))  # times of day above these cannot be seconds
+
+_TEXT = """\
+# A Palpate rig, guessed by `palpate rig new` from {log} and {mesh_name}. Check every line; lengths are metres.
+[surface]
+mesh = {mesh}
+unit = "{unit}"                        # of the mesh file: m, cm, mm, um, in{unit_remark}
+crease = 30                          # degrees: normals are smooth within it, split across it; 0 is faceted
+# Where the surface sits in the sensor's frame, from a drawing; `palpate calibrate mounting` makes it right.
+pose = {{ xyz = [0, 0, 0], quaternion_xyzw = [0, 0, 0, 1] }}
+# region = {{ box = [[-0.01, -0.01, 0], [0.01, 0.01, 0.02]] }}   # m: if only a part of the mesh can be touched
+
+[time]
+column = {time}
+unit = "{time_unit}"                         # s, ms, us, ns
+
+[force_torque]
+columns = {wrench}
+units = {{ force = "N", torque = "{torque_unit}" }}{torque_remark}
+axes = ["x", "y", "z"]               # which logged axis is the sensor's x, y, z; "-x" flips
+# left_handed = true                 # if axes has to mirror: a driver that swaps two axes, or reports the reaction
+frame = "sensor"                     # or "base", which needs an orientation
+noise = {{ force = {force_noise}, torque = {torque_noise} }}   # one reading, from the log's own steps; better from an idle log
+# range = {{ force = 200, torque = 10 }}     # of the sensor: a reading at it is saturated
+# payload = "payload.toml"           # written by: palpate calibrate payload
+
+{orientation}
+[estimate]
+method = "soft_finger"
+friction = 1.0                       # bounds the tangent of the angle between force and normal
+torsion = 0.005                      # m: bounds |torque about the normal| / |normal force|
+# contact = {{ on = 0.5, off = 0.3 }}  # N; without it both follow from the noise
+"""
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """A rig's text, and what its reader should check."""
+
+    text: str
+    remarks: tuple[str, ...]
+
+
+def propose_rig(log: Path, mesh: Path, folder: Path) -> Proposal:
+    """Guess a rig that will stand in `folder`.
+
+    Raises:
+        InputError: the log is no table, or no column's name says force and torque.
+    """
+    table = read_table(log)
+    wrench, time = guess_wrench(table.names), guess_time(table.names)
+    if wrench is None or time is None:
+        what = "time" if wrench is not None else "the three forces and three torques"
+        raise InputError(
+            f"no columns look like {what}: {', '.join(table.names[:12])}.",
+            where=str(log),
+            mend="Name them time, fx, fy, fz, tx, ty, tz, or write the rig by hand.",
+        )
+    unit, size = _mesh_unit(mesh)
+    time_unit = _time_unit(table, time)
+    recording = read_recording(log, Layout(time=time, time_unit=time_unit, wrench=wrench))
+    wrenches = recording.wrenches()
+    noise = estimate_noise(wrenches)
+    torque_unit = _torque_unit(wrenches, size)
+    noise = np.ones(6) if noise is None else noise * np.repeat([1.0, TORQUE_UNITS[torque_unit]], 3)
+    orientation, said = _orientation(table.names)
+    remarks = [*said, *recording.notes]
+    if torque_unit != "N m":
+        remarks.append("the torques only fit the body if they are N mm: check units.torque")
+    if unit != "m":
+        remarks.append(f"the mesh is taken to be in {unit}, which makes it {size * 1e3:.4g} mm across")
+    text = _TEXT.format(
+        log=log.name,
+        mesh_name=mesh.name,
+        mesh=_toml(Path(os.path.relpath(mesh.resolve(), folder.resolve())).as_posix()),
+        unit=unit,
+        unit_remark=f"; it makes the surface {size * 1e3:.4g} mm across",
+        time=_toml(time),
+        time_unit=time_unit,
+        wrench=_toml(wrench),
+        torque_unit=torque_unit,
+        torque_remark="" if torque_unit == "N m" else "   # guessed: as N m they do not fit the body",
+        force_noise=f"{float(noise[:3].max()):.2g}",
+        torque_noise=f"{float(noise[3:].max()):.2g}",
+        orientation=orientation,
+    )
+    return Proposal(text, tuple(remarks))
+
+
+def _mesh_unit(path: Path) -> tuple[str, float]:
+    """The unit that makes the body as large as a body is, millimetres before others, and its size [m]."""
+    raw = Mesh.load(path, unit="m").size
+    for unit in ("mm", "m", "cm", "um"):
+        if _PLAUSIBLE[0] <= raw * UNITS[unit] <= (2.0 if unit == "mm" else _PLAUSIBLE[1]):
+            return unit, raw * UNITS[unit]
+    return "m", raw
+
+
+def _time_unit(table: Table, column: str) -> str:
+    values, _ = table.numbers([column])
+    largest = np.nanmax(np.abs(values), initial=0.0)
+    return next((unit for limit, unit in _EPOCHS if largest > limit), "s")
+
+
+def _torque_unit(wrenches: np.ndarray, size: float) -> str:
+    """N mm if N m puts the lines of action off the body, and N mm does not; the bias is taken off first."""
+    free = wrenches - np.nanmedian(wrenches, axis=0)
+    for unit in ("N m", "N mm"):
+        scaled = free * np.repeat([1.0, TORQUE_UNITS[unit]], 3)
+        if not lines_of_action(scaled, np.zeros(3), 10 * size).doubt:  # the mounting is not known yet
+            return unit
+    return "N m"
+
+
+def _orientation(names: Sequence[str]) -> tuple[str, list[str]]:
+    quaternion, position = guess_orientation(names), guess_position(names)
+    if quaternion is None:
+        return "# [orientation]\n# columns = [\"qx\", \"qy\", \"qz\", \"qw\"]   # sensor in base: a payload needs it\n", []
+    lines = ["[orientation]", f"columns = {_toml(quaternion)}   # sensor in base: x, y, z, w"]
+    if position is not None:
+        lines.append(f"position = {_toml(position)}   # sensor in base [m]: only for --frame base")
+    if quaternion == ORIENTATION_COLUMNS:
+        return "\n".join(lines) + "\n", []
+    remark = f"{quaternion[0]!r} ... may be the sensor's orientation: it stands in the rig as a comment"
+    return "\n".join(f"# {line}" for line in lines) + "\n", [remark]
+
+
+def _toml(value: str | Sequence[str]) -> str:
+    """Text or a list of texts; JSON's strings are TOML's."""
+    return json.dumps(value if isinstance(value, str) else list(value), ensure_ascii=False)

@@ -1,0 +1,105 @@
+"""Laws of the house itself: the front door, what importing costs, what no tracked file may hold."""
+
+from __future__ import annotations
+
+import importlib
+import re
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+import palpate
+
+ROOT = Path(__file__).resolve().parents[1]
+HEAVY = ("numba", "scipy", "trimesh", "polars", "collada", "tyro", "embreex")
+
+
+def _ours() -> list[Path]:
+    """The files that a commit of this folder would hold, as git sees them."""
+    command = ["git", "ls-files", "--cached", "--others", "--exclude-standard"]
+    listing = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    if listing.returncode != 0:
+        pytest.skip("not a git checkout: nothing tells our files from made ones")
+    files = (ROOT / name for name in listing.stdout.splitlines())
+    return [file for file in files if file.is_file()]
+
+
+def _offending(pattern: str, files: list[Path]) -> list[str]:
+    """Each line that holds the pattern, as a reader can find it."""
+    return [
+        f"{file.relative_to(ROOT)}:{number}: {line.strip()}"
+        for file in files
+        for number, line in enumerate(file.read_text(encoding="utf-8", errors="replace").splitlines(), start=1)
+        if re.search(pattern, line)
+    ]
+
+
+def _targets() -> set[str]:
+    return set(re.findall(r"^([a-z]+):", (ROOT / "Makefile").read_text(encoding="utf-8"), flags=re.MULTILINE))
+
+
+def test_every_name_of_the_front_door_opens() -> None:
+    missing = [name for name in palpate.__all__ if not hasattr(palpate, name)]
+    assert not missing
+
+
+def test_the_front_door_is_small() -> None:
+    assert 10 <= len(palpate.__all__) <= 30  # about twenty: what a user types, and no more
+
+
+@pytest.mark.parametrize("package", sorted(file.parent for file in (ROOT / "src/palpate").rglob("__init__.py")))
+def test_every_room_exports_what_it_says(package: Path) -> None:
+    module = importlib.import_module(".".join(package.relative_to(ROOT / "src").parts))
+    assert [name for name in getattr(module, "__all__", []) if not hasattr(module, name)] == []
+
+
+def test_importing_palpate_stays_light() -> None:
+    """Compilers, solvers and mesh readers load when first needed: that, not a clock, is what keeps the import quick."""
+    script = "import sys, palpate; print(*sorted(name.partition('.')[0] for name in sys.modules))"
+    loaded = subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert not set(HEAVY) & set(loaded.stdout.split())
+
+
+def test_requirements_name_packages_and_no_address() -> None:
+    """Where packages come from is the business of the machine that installs them."""
+    files = [file for file in _ours() if file.suffix == ".lock" or file.name.startswith("requirements")]
+    assert files
+    assert _offending(r"://|--(?:extra-)?index-url|--find-links| @ ", files) == []
+
+
+def test_no_file_knows_the_machine_it_was_written_on() -> None:
+    folders = "|".join(["home", "root", "Users", "work", "tmp", "opt"])
+    assert _offending(rf"(?<![\w.~$)}}/-])/(?:{folders})/\w", _ours()) == []
+
+
+def test_the_readme_names_commands_that_exist() -> None:
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    named = set(re.findall(r"\bmake ([a-z]+)", readme))
+    assert {"setup", "demo", "test", "check", "docs"} <= named <= _targets()
+
+
+def test_ci_runs_what_the_readme_says() -> None:
+    """No hidden step: what passes in CI is what a person can type."""
+    run = set(re.findall(r"make ([a-z]+)", (ROOT / ".ci/run").read_text(encoding="utf-8")))
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    assert run <= set(re.findall(r"\bmake ([a-z]+)", readme))
+
+
+def test_every_ignored_lint_rule_has_a_reason_beside_it() -> None:
+    """In the settings a comment on the same line; in the code words after the rule's name."""
+    lines = (ROOT / "pyproject.toml").read_text(encoding="utf-8").splitlines()
+    ignored = [line for line in lines if re.match(r'\s+"[A-Z]+\d*",|report\w+ = ', line)]
+    assert ignored
+    assert [line for line in ignored if not re.search(r"# \w", line)] == []
+    code = [file for file in _ours() if file.suffix == ".py" and file != Path(__file__)]
+    assert _offending(r"# noqa(?!: [A-Z]+\d+(?:, [A-Z]+\d+)* - \w)", code) == []
+    assert _offending(r"# type: ignore", code) == []
+    assert _offending(r"# pyright: ignore(?!\[\w+(?:, \w+)*\] - \w)", code) == []
+
+
+def test_the_changelog_knows_this_version() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    assert f"## [{project['version']}]" in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
