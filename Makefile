@@ -1,11 +1,13 @@
 # Everything a person or CI does here. A bare Python 3.11+ with pip is enough; nothing is written outside this folder.
 PYTHON ?= python3
 
+export TMPDIR := $(CURDIR)/.cache/tmp
 export UV_CACHE_DIR := $(CURDIR)/.cache/uv
 export UV_PYTHON_DOWNLOADS := never
 # The type checker stays with the locked version instead of asking for a newer one.
 export PYRIGHT_PYTHON_IGNORE_WARNINGS := 1
 
+$(shell mkdir -p "$(TMPDIR)")
 BIN := .venv/bin
 READY := .venv/.ready
 UV := .tools/bin/uv

@@ -7,6 +7,7 @@ import re
 import sys
 from pathlib import Path
 
+import numpy.typing
 import pytest
 from hypothesis import settings
 from jaxtyping import install_import_hook
@@ -27,7 +28,8 @@ def _checked_modules() -> list[str]:
     return [".".join(file.relative_to(source).with_suffix("").parts) for file in checked]
 
 
-sys.pycache_prefix = str(ROOT / ".cache" / "pyc")  # the hook has its own kind of bytecode: keep all of it in this 
+numpy.typing.ArrayLike = object  # numpy's is a protocol at run time, and no tuple meets it (no __reversed__)
+sys.pycache_prefix = str(ROOT / ".cache" / "pyc")  # the hook makes its own bytecode, of what is imported below it too
 install_import_hook(_checked_modules(), "beartype.beartype")  # here only: production pays nothing for it
 
 # The default is the same examples on every machine, with no clock; `--hypothesis-profile=explore` looks for new ones.
@@ -42,7 +44,7 @@ def shared() -> Path:
     folder = Path(os.environ.get("PALPATE_SHARED", ROOT.parent / "shared"))
     if not (folder / "data").is_dir():
         pytest.skip(NO_SHARED_DATA)
-    return 
+    return folder
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:

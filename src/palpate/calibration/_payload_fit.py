@@ -73,7 +73,7 @@ def _weighted(columns: np.ndarray, target: np.ndarray, weights: np.ndarray) -> n
 def residual_covariance(residuals: Float[np.ndarray, "n 6"], force_unknowns: int) -> Float[np.ndarray, "6 6"]:
     """Of one sample, unbiased for the unknowns that force and torque were fitted with."""
     count = residuals.size // 2
-    free = np.maximum(count - np.array([force_unknowns, 6]), 1)
+    free = np.array([max(count - unknowns, 1) for unknowns in (force_unknowns, 6)])
     scale = np.repeat(np.sqrt(count / free), 3)
     return (residuals.T @ residuals / len(residuals)) * np.outer(scale, scale)
 
@@ -83,8 +83,9 @@ def covariance(
 ) -> tuple[Float[np.ndarray, "p p"], Float[np.ndarray, "p n 6"]]:
     """Covariance of an estimate that solves sum Z_i^T r_i = 0, and the gain that takes residuals to its change.
 
-    With G = sum Z_i^T J_i it is G^-1 (sum Z_i^T S Z_i) G^-T. Jointly whitened, Z = S^-1 J and this is (J^T S^-1 J)^-1; in two
-    stages, Z is J without the torque's say on the force's parameters. Either way c carries the weight's error.
+    With G = sum Z_i^T J_i it is G^-1 (sum Z_i^T S Z_i) G^-T. Jointly whitened, Z = S^-1 J and this is
+    (J^T S^-1 J)^-1; in two stages, Z is J without the torque's say on the force's parameters. Either way c carries the
+    weight's error.
 
     Args:
         jacobian: of every sample, in the parameters that are free.
@@ -136,4 +137,5 @@ def kept_samples(
 def _spread(residuals: np.ndarray, floor: np.ndarray) -> Float[np.ndarray, "6"]:
     """Standard deviations from the median absolute residual, widened where samples are few [Rousseeuw 1987]."""
     free = max(len(residuals) - 2, 1)  # six unknowns are two samples' worth
-    return np.maximum(1.4826 * (1.0 + 5.0 / free) * np.median(np.abs(residuals), axis=0), floor)
+    middle = 1.4826 * (1.0 + 5.0 / free) * np.asarray(np.median(np.abs(residuals), axis=0))
+    return np.maximum(middle, floor)

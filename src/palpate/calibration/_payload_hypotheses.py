@@ -107,8 +107,7 @@ def corrected(
 def diagnose(
     wrenches: Float[np.ndarray, "n 6"], rotations: Float[np.ndarray, "n 3 3"], settings: Settings
 ) -> list[Hypothesis]:
-    """The hypotheses under which the log determines a payload, the best fit first, each with the sign that hangs
-    down."""
+    """The hypotheses under which the log determines a payload, best fit first, each with the sign that hangs down."""
     found: list[Hypothesis] = []
     for name in _names():
         try:
@@ -123,9 +122,9 @@ def diagnose(
 
 
 def misfit(solution: Solution) -> float:
-    """See `Hypothesis`. A quantile over all samples, so that setting aside what disagrees does not make a bad fit
-    good.""" lengths = np.linalg.norm(solution.residuals.reshape(-1, 2, 3), axis=2) return
-    float(np.sqrt(np.prod(np.quantile(lengths, 0.8, axis=0))))
+    """See `Hypothesis`: a quantile over all samples, so that setting aside what disagrees improves nothing."""
+    lengths = np.linalg.norm(solution.residuals.reshape(-1, 2, 3), axis=2)
+    return float(np.sqrt(np.prod(np.quantile(lengths, 0.8, axis=0))))
 
 
 def points_up(payload: Payload, settings: Settings) -> bool:
@@ -154,16 +153,16 @@ def doubts(
         NotIdentifiable: the fit leaves so much that the weight is lost in it, and no hypothesis mends that.
     """
     payload, bad = solution.payload, is_bad(solution, wrenches, settings)
-    if bad and (said := _explanation(diagnose(wrenches, rotations, settings), misfit(solution))):
-        return (said,)
+    if bad and (mistake := _explanation(diagnose(wrenches, rotations, settings), misfit(solution))):
+        return (mistake,)
     used = corrected(wrenches, rotations, hypothesis)[1][solution.kept]
     check_noise(used, settings.direction, payload.weight, solution.noise)
-    said = ()
+    said: tuple[str, ...] = ()
     share = payload.residual[0] / float(np.linalg.norm(payload.weight))
     if bad and share > BAD_SHARE:
         said += (
-            f"The fit leaves {payload.residual[0]:.2g} N and {payload.residual[1]:.2g} N m, {share:.0%} of the weight, and no "
-            "known mistake explains it: was something touching, moving fast, or read with the wrong units or times?",
+            f"The fit leaves {payload.residual[0]:.2g} N and {payload.residual[1]:.2g} N m, {share:.0%} of the weight, "
+            "and no known mistake explains it: was something touching, moving fast, or read with wrong units or times?",
         )
     if points_up(payload, settings):
         said += (_upward(settings, hypothesis),)
@@ -174,7 +173,8 @@ def _upward(settings: Settings, hypothesis: str) -> str:
     against = "up in the base (z)" if settings.direction is None else "against the given gravity"
     cause = "the base's z points down" if settings.direction is None else "that direction is wrong"
     name = compose(hypothesis, REVERSED)
-    return f"The weight points {against}: either {cause}, or {MEANINGS[REVERSED]} (hypothesis={name!r}). Poses cannot tell."
+    reversed_sign = f"{MEANINGS[REVERSED]} (hypothesis={name!r})"
+    return f"The weight points {against}: either {cause}, or {reversed_sign}. Poses cannot tell."
 
 
 def _explanation(found: list[Hypothesis], misfit_now: float) -> str:
@@ -184,6 +184,7 @@ def _explanation(found: list[Hypothesis], misfit_now: float) -> str:
     best = found[0]
     meaning = " and ".join(MEANINGS[part] for part in parts(best.name)) or "taken as it is"
     return (
-        f"The log fits {misfit_now / max(best.misfit, 1e-300):.0f} times better if {meaning}: it leaves {best.residual[0]:.2g} N "
-        f"and {best.residual[1]:.2g} N m. Correct it where it is read, or pass hypothesis={best.name!r}."
+        f"The log fits {misfit_now / max(best.misfit, 1e-300):.0f} times better if {meaning}: it leaves "
+        f"{best.residual[0]:.2g} N and {best.residual[1]:.2g} N m. Correct it where it is read, or pass "
+        f"hypothesis={best.name!r}."
     )

@@ -78,15 +78,16 @@ def _force_refusal(null: np.ndarray, rotations: np.ndarray, direction: np.ndarra
     if direction is not None:
         turned = rotations[0].T @ direction
         return NotIdentifiable(
-            f"every pose has gravity along {_named(turned)} of the sensor, so the payload's mass cannot be told from the "
-            f"force bias along it. Add a pose turned by 30 degrees or more about {_named(_across(turned))} of the sensor.",
+            f"every pose has gravity along {_named(turned)} of the sensor, so the mass cannot be told from "
+            f"the force bias along it. Add a pose turned by 30 degrees or more about {_named(_across(turned))} of the "
+            "sensor.",
             rank=rank,
             missing=("mass", f"force_bias along {_named(turned)} (sensor)"),
         )
     if len(null) > 1:
         return NotIdentifiable(
-            f"the {len(rotations)} poses have the same orientation, so the weight cannot be told from the force bias. Add at "
-            "least two poses turned by 30 degrees or more about two different axes, such as the sensor's x and y.",
+            f"the {len(rotations)} poses have the same orientation, so the weight cannot be told from the force "
+            "bias. Add at least two poses turned by 30 degrees or more about two different axes, such as the sensor's x and y.",
             rank=rank,
             missing=("weight", "force_bias"),
         )
@@ -94,19 +95,21 @@ def _force_refusal(null: np.ndarray, rotations: np.ndarray, direction: np.ndarra
     sign = 1.0 if base[np.abs(base).argmax()] > 0 else -1.0
     base, sensor = _named(sign * base), sign * sensor
     return NotIdentifiable(
-        f"every pose turns about one axis, {base} of the base, which is {_named(sensor)} of the sensor: the weight along it "
-        f"cannot be told from the force bias along it. Add a pose turned by 30 degrees or more about {_named(_across(sensor))} "
-        "of the sensor, or state gravity's direction if it is not that axis.",
+        f"every pose turns about one axis, {base} of the base, which is {_named(sensor)} of the sensor: the weight "
+        "along it cannot be told from the force bias along it. Add a pose turned by 30 degrees or more about "
+        f"{_named(_across(sensor))} of the sensor, or state gravity's direction if it is not that axis.",
         rank=rank,
         missing=(f"weight along {base} (base)", f"force_bias along {_named(sensor)} (sensor)"),
     )
 
 
 def _noise_refusal(weight: np.ndarray, noise: float, count: int, rank: int) -> NotIdentifiable:
+    newtons = float(np.linalg.norm(weight))
     return NotIdentifiable(
-        f"a weight of {float(np.linalg.norm(weight)):.2g} N is lost in what the fit leaves ({noise:.2g} N a sample, {count} samples, "
-        f"these poses): a direction of weight or force bias is not known to {MAX_SHARE:.0%} of it. Turn further, about two axes, or "
-        "average more samples; where nothing hangs on the sensor, use a payload without weight (a tare).",
+        f"a weight of {newtons:.2g} N is lost in what the fit leaves ({noise:.2g} N a sample, "
+        f"{count} samples, these poses): a direction of weight or force bias is not known to {MAX_SHARE:.0%} of it. "
+        "Turn further, about two axes, or average more samples; where nothing hangs on the sensor, use a payload without "
+        "weight (a tare).",
         rank=rank,
         missing=("weight", "force_bias", "center_of_mass"),
     )
@@ -116,8 +119,8 @@ def _torque_refusal(null: np.ndarray) -> NotIdentifiable:
     unit = null / np.linalg.norm(null, axis=1, keepdims=True)
     names = tuple(f"center_of_mass along {_named(row)} (sensor)" for row in unit)
     return NotIdentifiable(
-        f"the weight's direction in the sensor varies too little: {', '.join(names)} cannot be told from the torque bias. Add a "
-        f"pose turned by 30 degrees or more about {_named(_across(unit[0]))} of the sensor.",
+        f"the weight's direction in the sensor varies too little: {', '.join(names)} cannot be told from the torque "
+        f"bias. Add a pose turned by 30 degrees or more about {_named(_across(unit[0]))} of the sensor.",
         rank=6 - len(null),
         missing=(*names, "torque_bias"),
     )
@@ -135,4 +138,4 @@ def _named(axis: np.ndarray) -> str:
     largest = int(np.abs(axis).argmax())
     if abs(axis[largest]) > 0.9998:  # about a degree
         return ("-" if axis[largest] < 0 else "") + "xyz"[largest]
-    return "[" + ", ".join(f"{value:.2f}" for value in axis + 0.0) + "]"
+    return "[" + ", ".join(f"{value:.2f}" for value in np.round(axis, 2) + 0.0) + "]"

@@ -43,8 +43,7 @@ class Settings:
 
 @dataclass(frozen=True)
 class Solution:
-    """A payload, what it leaves of every sample (n, 6), which samples were used, and the standard deviation of a force
-    [N]."""
+    """A payload, the standard deviation of a force [N], what is left of every sample, and which were used."""
 
     payload: Payload
     noise: float
@@ -73,7 +72,7 @@ def solve(wrenches: Float[np.ndarray, "n 6"], rotations: Float[np.ndarray, "n 3 
         magnitude=settings.magnitude,
         residual=rms(residuals[kept]),
         samples=int(kept.sum()),
-        notes=(*_set_aside(kept), *notes),
+        notes=notes,
     )
     stated = 0.0 if settings.noise is None else float(np.trace(settings.noise[:3, :3]))
     return Solution(payload, float(np.sqrt(max(np.trace(spread[:3, :3]), stated) / 3)), residuals, kept)
@@ -88,7 +87,8 @@ def _check(rotations: np.ndarray, kept: np.ndarray, theta: np.ndarray, settings:
     try:
         check_poses(rotations[kept], settings.direction, theta[:3])
     except NotIdentifiable as refused:
-        said = " ".join((str(refused), *_set_aside(kept)))
+        away = "" if kept.all() else f" ({int((~kept).sum())} samples, far from the rest, were set aside.)"
+        said = f"{refused}{away}"
         raise NotIdentifiable(said, rank=refused.rank, missing=refused.missing) from None
 
 
@@ -105,8 +105,8 @@ def _refined(
     excess = _chi_square(wrenches - predicted, noise) / (wrenches.size - basis.shape[1])
     if excess > BELIEVED:
         note = (
-            f"The residuals are {np.sqrt(excess):.1f} times the stated noise: the model, not the noise, limits this fit. Force "
-            "and torque were fitted one after the other, and the covariance is from the residuals."
+            f"The residuals are {np.sqrt(excess):.1f} times the stated noise: the model, not the noise, limits this "
+            "fit. Force and torque were fitted one after the other, and the covariance is from the residuals."
         )
         return theta, covariance(jacobian @ basis, spread, joint=False, torque_only=torque_only)[0], (note,)
     for _ in range(8):  # bilinear in c and w, and it starts a few standard errors away
@@ -122,11 +122,3 @@ def _refined(
 
 def _chi_square(residuals: np.ndarray, noise: np.ndarray) -> float:
     return float((residuals * np.linalg.solve(noise, residuals.T).T).sum())
-
-
-def _set_aside(kept: np.ndarray) -> tuple[str, ...]:
-    away = np.flatnonzero(~kept)
-    if not len(away):
-        return ()
-    first = ", ".join(str(row) for row in away[:5]) + (", ..." if len(away) > 5 else "")
-    return (f"{len(away)} of {len(kept)} samples lie far from the fit and were set aside (rows {first}).",)

@@ -35,7 +35,8 @@ def fit(
         left = np.linalg.norm(apply(whitener, evidence.residual(trial)), axis=1)
         better = weights @ left**2 + np.sum((offset(initial, trial) / sizes) ** 2) <= cost
         pose, damping = (trial, damping / 10) if better else (pose, max(damping, 1e-7) * 10)
-        if np.abs(step / sizes).max() < 1e-9 or damping > 1e8:
+        gain = -float(step @ descent)  # of the cost, expected: the squared step in standard deviations
+        if gain < 1e-10 or (gain < 1e-3 and not better):
             break
     distances = np.linalg.norm(apply(evidence.whitener(pose), evidence.residual(pose)), axis=1)
     return pose, distances, max(1.0, float(np.sqrt(np.median(distances**2) / MEDIAN)))

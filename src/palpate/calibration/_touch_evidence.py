@@ -18,7 +18,7 @@ from palpate.surfaces import Mesh
 __all__ = ["Evidence", "KnownPoints", "SomewhereOnSurface", "moved"]
 
 FLOOR = 1e-5  # m: no touch is believed to be placed better than this, even if the caller states no noise at all
-STEP = np.array([2e-3] * 3 + [1e-4] * 3)  # rad, m: over a few facets, so that the slope is the surface's
+STEP = 0.03  # rad, and a third of it in sizes of the surface: over many facets, so that the slope is the body's
 
 
 class Evidence(Protocol):
@@ -114,9 +114,9 @@ class SomewhereOnSurface:
 
     def jacobian(self, pose: Pose) -> Float[np.ndarray, "n k 6"]:
         """Central differences: the located point has no simple slope."""
-        steps = np.diag(STEP)
-        pairs = [(self.residual(moved(pose, step)), self.residual(moved(pose, -step))) for step in steps]
-        return np.stack([(up - down) / (2 * size) for (up, down), size in zip(pairs, STEP, strict=True)], axis=2)
+        sizes = np.repeat([STEP, STEP / 3 * self.surface.size], 3)
+        pairs = [(self.residual(moved(pose, step)), self.residual(moved(pose, -step))) for step in np.diag(sizes)]
+        return np.stack([(up - down) / (2 * size) for (up, down), size in zip(pairs, sizes, strict=True)], axis=2)
 
     def whitener(self, pose: Pose) -> Float[np.ndarray, "n k k"]:
         """Of the torque as for known points, and of the unit force."""

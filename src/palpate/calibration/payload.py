@@ -1,5 +1,4 @@
-"""The payload and the sensor's zero, from a log of free motion: nothing touches the sensor, its orientation is
-known."""
+"""The payload and the sensor's zero, from free motion: nothing touches the sensor, its orientation is known."""
 
 from __future__ import annotations
 
@@ -7,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool
 from numpy.typing import ArrayLike
 
 from palpate.calibration._payload_hypotheses import AS_IS, Hypothesis, corrected, diagnose, doubts
@@ -20,8 +19,8 @@ __all__ = ["Hypothesis", "diagnose_payload", "identify_payload"]
 
 
 def identify_payload(
-    wrenches: Float[np.ndarray, "n 6"],
-    rotations: Float[np.ndarray, "n 3 3"],
+    wrenches: ArrayLike,
+    rotations: ArrayLike,
     *,
     gravity: ArrayLike | None = None,
     magnitude: float = STANDARD_GRAVITY,
@@ -56,9 +55,10 @@ def identify_payload(
         InputError: shapes, or a row that is not a rotation.
     """
     settings = settings_of(gravity, magnitude, noise, robust=robust)
-    wrenches, rotations, ignored = usable(wrenches, rotations)
+    wrenches, rotations, finite = usable(wrenches, rotations)
     solution = solve(*corrected(wrenches, rotations, hypothesis), settings)
-    notes = (*ignored, *solution.payload.notes, *doubts(solution, hypothesis, wrenches, rotations, settings))
+    doubtful = doubts(solution, hypothesis, wrenches, rotations, settings)
+    notes = (*left_out(finite, solution.kept), *solution.payload.notes, *doubtful)
     options = {
         "gravity": "free" if gravity is None else "given",
         "robust": str(robust).lower(),
@@ -68,8 +68,8 @@ def identify_payload(
 
 
 def diagnose_payload(
-    wrenches: Float[np.ndarray, "n 6"],
-    rotations: Float[np.ndarray, "n 3 3"],
+    wrenches: ArrayLike,
+    rotations: ArrayLike,
     *,
     gravity: ArrayLike | None = None,
     magnitude: float = STANDARD_GRAVITY,
@@ -94,15 +94,13 @@ def settings_of(gravity: ArrayLike | None, magnitude: float, noise: ArrayLike | 
     if direction is not None:
         length = float(np.linalg.norm(direction))
         if direction.shape != (3,) or not np.isfinite(length) or length == 0.0:
-            raise InputError(
-                f"gravity must be three numbers, not all zero; got {gravity}", mend="Leave it out if unknown."
-            )
+            raise InputError(f"gravity must be three numbers, not all zero: {gravity}", mend="Leave it out if unknown.")
         direction = direction / length
     return Settings(direction, float(magnitude), None if noise is None else noise_covariance(noise), robust)
 
 
-def usable(wrenches: ArrayLike, rotations: ArrayLike) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
-    """Rows without NaN or infinity, rotations checked, and a sentence about what was ignored."""
+def usable(wrenches: ArrayLike, rotations: ArrayLike) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Complete rows, their rotations checked, and which they are (bool, n)."""
     wrenches, rotations = np.asarray(wrenches, dtype=np.float64), np.asarray(rotations, dtype=np.float64)
     if wrenches.ndim != 2 or wrenches.shape[1] != 6:
         raise InputError(f"wrenches must have shape (n, 6), not {wrenches.shape}")
@@ -110,22 +108,31 @@ def usable(wrenches: ArrayLike, rotations: ArrayLike) -> tuple[np.ndarray, np.nd
         raise InputError(
             f"rotations must have shape ({len(wrenches)}, 3, 3), one for each wrench, not {rotations.shape}"
         )
-    finite = np.isfinite(wrenches).all(axis=1) & np.isfinite(rotations).all(axis=(1, 2))
-    lost = np.flatnonzero(~finite)
+    finite = np.asarray(np.isfinite(np.column_stack([wrenches, rotations.reshape(-1, 9)])).all(axis=1), dtype=bool)
     _check_rotations(rotations, finite)
     if not finite.any():
         raise InputError(
-            f"none of the {len(wrenches)} rows is complete", mend="Check the columns, or the log's length."
+            f"none of the {len(wrenches)} rows is complete", mend="Check the columns and the log's length."
         )
-    said = (
-        f"{len(lost)} of {len(wrenches)} rows hold NaN or infinity and were ignored (the first is row {lost[0]})."
-        if len(lost)
-        else ""
-    )
-    return wrenches[finite], rotations[finite], (said,) if said else ()
+    return wrenches[finite], rotations[finite], finite
 
 
-def _check_rotations(rotations: np.ndarray, finite: np.ndarray) -> None:
+def left_out(finite: Bool[np.ndarray, " n"], kept: Bool[np.ndarray, " m"]) -> tuple[str, ...]:
+    """Sentences about the rows that were not used: those not complete, and of the others those not kept."""
+    lost, away = np.flatnonzero(~finite), np.flatnonzero(finite)[~kept]
+    said: tuple[str, ...] = ()
+    if len(lost):
+        said += (f"{len(lost)} of {len(finite)} rows hold NaN or infinity and were ignored ({_listed(lost)}).",)
+    if len(away):
+        said += (f"{len(away)} of {len(kept)} samples lie far from the fit and were set aside ({_listed(away)}).",)
+    return said
+
+
+def _listed(rows: np.ndarray) -> str:
+    return "rows " + ", ".join(str(row) for row in rows[:5]) + (", ..." if len(rows) > 5 else "")
+
+
+def _check_rotations(rotations: np.ndarray, finite: Bool[np.ndarray, " n"]) -> None:
     proper = np.where(finite[:, None, None], rotations, np.eye(3))
     skewed = np.abs(proper @ proper.swapaxes(1, 2) - np.eye(3)).max(axis=(1, 2)) > 1e-3
     mirrored = np.linalg.det(proper) < 0
@@ -133,6 +140,5 @@ def _check_rotations(rotations: np.ndarray, finite: np.ndarray) -> None:
         return
     row = int(np.flatnonzero(skewed | mirrored)[0])
     fault = "is not orthonormal" if skewed[row] else "is a reflection (determinant -1)"
-    raise InputError(
-        f"the rotation {fault}", where=f"row {row}", mend="Are the quaternions x, y, z, w, and the axes right-handed?"
-    )
+    mend = "Are the quaternions x, y, z, w, and the axes right-handed?"
+    raise InputError(f"the rotation {fault}", where=f"row {row}", mend=mend)

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from palpate.calibration._payload_fit import covariance, force_columns, model, residual_covariance
 from palpate.calibration._payload_solve import Settings, rms, solve
-from palpate.calibration.payload import settings_of, usable
+from palpate.calibration.payload import left_out, settings_of, usable
 from palpate.errors import NotIdentifiable
 from palpate.sensors.force_torque import STANDARD_GRAVITY, Payload
 from palpate.spatial.pose import skew
@@ -73,7 +73,7 @@ def identify_payload_and_mounting(
         InputError: shapes, or a row that is not a rotation.
     """
     settings = settings_of(gravity, magnitude, noise, robust=robust)
-    used, turns, ignored = usable(wrenches, rotations)
+    used, turns, finite = usable(wrenches, rotations)
     minima = _minima(used[:, :3], turns, settings)
     solution = solve(used, turns @ minima[0][0], settings)
     if not solution.kept.all():  # once more without what disagrees
@@ -81,7 +81,7 @@ def identify_payload_and_mounting(
         minima = _minima(used[:, :3], turns, settings)
     exact = solve(used, turns @ minima[0][0], replace(settings, robust=False, noise=None))
     joint = _joint_covariance(exact.payload, exact.residuals, turns @ minima[0][0], settings)
-    notes = (*ignored, *solution.payload.notes, *_ambiguous(minima))
+    notes = (*left_out(finite, solution.kept), *solution.payload.notes, *_ambiguous(minima))
     payload = replace(
         exact.payload,
         covariance=joint[:12, :12],
@@ -164,8 +164,8 @@ def _check(columns: Float[np.ndarray, "n 3 p"], weight: float) -> None:
     values = np.linalg.svd(scaled.reshape(-1, scaled.shape[-1]), compute_uv=False) / np.sqrt(len(columns))
     if values[-1] <= MIN_SINGULAR:
         raise NotIdentifiable(
-            "the poses cannot tell the sensor's mounting from the weight's direction and the force bias. Add poses turned by "
-            "30 degrees or more about two different axes of the flange, or state gravity's direction.",
+            "the poses cannot tell the sensor's mounting from the weight's direction and the force bias. Add poses "
+            "turned by 30 degrees or more about two different axes of the flange, or state gravity's direction.",
             rank=int((values > MIN_SINGULAR).sum()),
             missing=("mounting", "weight", "force_bias"),
         )
@@ -175,6 +175,6 @@ def _ambiguous(minima: list[tuple[np.ndarray, float]]) -> tuple[str, ...]:
     if len(minima) < 2 or minima[1][1] > CLEAR * minima[0][1]:
         return ()
     return (
-        f"A second mounting explains the log almost as well ({minima[1][1]:.2g} N against {minima[0][1]:.2g} N): look at both, or "
-        "add poses turned about another axis.",
+        f"A second mounting explains the log almost as well ({minima[1][1]:.2g} N against {minima[0][1]:.2g} N): look "
+        "at both, or add poses turned about another axis.",
     )

@@ -23,11 +23,11 @@ def run(argv: Sequence[str] | None) -> None:
     app.command(estimate)
     calibrate.command(calibrate_payload, name="payload")
     calibrate.command(calibrate_mounting, name="mounting")
-    app.command(calibrate, name="calibrate")
+    app.command(calibrate, name="calibrate", help="Make a model from a log: payload, mounting.")
     app.command(evaluate)
     app.command(inspect)
     rig.command(rig_new, name="new")
-    app.command(rig, name="rig")
+    app.command(rig, name="rig", help="Write a rig to start from: new.")
     app.cli(prog="palpate", description=_DESCRIPTION, args=list(sys.argv[1:] if argv is None else argv))
 
 

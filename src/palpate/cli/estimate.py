@@ -9,8 +9,9 @@ from time import perf_counter
 from typing import Annotated, Literal
 
 import numpy as np
-from tyro.conf import Positional, arg
+from tyro.conf import arg
 
+from palpate.cli.options import FileOption, Log, Output, Pair, Scalar
 from palpate.cli.screen import lines, note, percent, progress, title, wait
 from palpate.contact.estimate import ContactEstimate, Status
 from palpate.contact.estimator import Estimator
@@ -31,19 +32,19 @@ BLOCK = 50_000  # samples at a time: covariances of a long log need not all be i
 
 
 def estimate(
-    log: Positional[Path],
+    log: Log,
     /,
-    output: Annotated[Path, arg(aliases=["-o"])],
-    rig: Path | None = None,
-    mesh: Path | None = None,
-    unit: Literal["m", "cm", "mm", "um", "in"] | None = None,
-    crease: float | None = None,
-    payload: Path | None = None,
-    noise: tuple[float, float] | None = None,
-    method: Literal["soft_finger", "wrench_axis"] | None = None,
-    friction: float | None = None,
-    torsion: float | None = None,
-    contact: tuple[float, float] | None = None,
+    output: Output,
+    rig: FileOption = None,
+    mesh: FileOption = None,
+    unit: Annotated[Literal["m", "cm", "mm", "um", "in"] | None, arg(metavar="UNIT")] = None,
+    crease: Scalar = None,
+    payload: FileOption = None,
+    noise: Pair = None,
+    method: Annotated[Literal["soft_finger", "wrench_axis"] | None, arg(metavar="NAME")] = None,
+    friction: Scalar = None,
+    torsion: Scalar = None,
+    contact: Pair = None,
     frame: Literal["surface", "sensor", "base"] = "surface",
 ) -> None:
     """Locate contacts in a log of wrenches, with a rig file, or with a mesh alone.
@@ -55,11 +56,11 @@ def estimate(
         output: contacts.csv to write.
         rig: TOML of the set-up.
         mesh: surface, when there is no rig: in the sensor's frame, unless a rig says more.
-        unit: of the mesh file.
+        unit: of the mesh file: m, cm, mm, um or in.
         crease: degrees; facets that meet by less are smooth across their edge; 0 is faceted.
         payload: model written by `palpate calibrate payload`.
         noise: standard deviation of one reading, force [N] and torque [N m]. Estimated from the log when not given.
-        method: how to locate.
+        method: soft_finger or wrench_axis.
         friction: bound on the tangent of the angle between force and normal.
         torsion: bound on torque about the normal over normal force [m].
         contact: force [N] at which a contact begins, and below which it ends.
@@ -102,20 +103,18 @@ def estimate(
 
 def _setup(rig: Path | None, mesh: Path | None, unit: str | None) -> Rig:
     """The rig, its mesh replaced where one is given; or the least rig that a mesh makes."""
-    if rig is None and mesh is None:
-        raise InputError("nothing says what is touched.", mend="Give --rig RIG, or --mesh MESH --unit UNIT.")
+    known = None if rig is None else load_rig(rig)
     if mesh is None:
-        return load_rig(rig) if rig is not None else _never()
+        if known is None:
+            raise InputError("nothing says what is touched.", mend="Give --rig RIG, or --mesh MESH --unit UNIT.")
+        return known
     if unit is None:
-        raise InputError("a mesh file does not say its unit.", where=str(mesh), mend="Add --unit mm (or m, cm, um, in).")
-    if rig is None:
+        raise InputError(
+            "a mesh file does not say its unit.", where=str(mesh), mend="Add --unit mm (or m, cm, um, in)."
+        )
+    if known is None:
         return Rig(RigSurface(mesh=str(mesh), unit=unit))
-    known = load_rig(rig)
     return replace(known, surface=replace(known.surface, kind="mesh", mesh=str(mesh.resolve()), unit=unit))
-
-
-def _never() -> Rig:
-    raise AssertionError
 
 
 def _overridden(
@@ -150,13 +149,13 @@ def _keep_inputs(output: Path, log: Path, rig: Path | None, setup: Rig) -> None:
 def _blocks(recording: Recording) -> Iterator[Recording]:
     """Pieces of a recording, counted for whoever watches."""
     for start in range(0, len(recording), BLOCK):
-        rows = slice(start, start + BLOCK)
-        yield replace(
-            recording,
-            time=recording.time[rows],
-            channels={name: values[rows] for name, values in recording.channels.items()},
-        )
+        yield _picked(recording, slice(start, start + BLOCK))
         progress(min(start + BLOCK, len(recording)), len(recording))
+
+
+def _picked(recording: Recording, rows: slice) -> Recording:
+    channels = {name: values[rows] for name, values in recording.channels.items()}
+    return replace(recording, time=recording.time[rows], channels=channels)
 
 
 def _joined(parts: list[ContactEstimate]) -> ContactEstimate:
@@ -198,7 +197,9 @@ def _remarks(rig: Rig, estimator: Estimator, from_log: np.ndarray | None) -> lis
     said: list[str] = []
     if from_log is not None:
         force, torque = from_log[:3].max(), from_log[3:].max()
-        said.append(f"noise taken from the log's steps: {force:.3g} N, {torque:.3g} N m (a filtered log looks too quiet)")
+        said.append(
+            f"noise taken from the log's steps: {force:.3g} N, {torque:.3g} N m (a filtered log looks too quiet)"
+        )
     elif rig.force_torque.noise is None:
         said.append("the noise is not known and the log too short to tell it: no covariances")
     if estimator.payload is None:
@@ -212,7 +213,8 @@ def _remarks(rig: Rig, estimator: Estimator, from_log: np.ndarray | None) -> lis
 def _doubts(recording: Recording, estimator: Estimator) -> list[str]:
     """Units that do not fit; judged in the sensor's frame, whose origin a wrong unit draws the lines to."""
     surface = estimator.locator.surface
-    wrenches, _, statuses = estimator.contact_wrenches(recording)
+    thinned = _picked(recording, slice(None, None, 1 + len(recording) // BLOCK))
+    wrenches, _, statuses = estimator.contact_wrenches(thinned)
     sensed = wrenches @ estimator.mount.wrench_matrix().T
     doubt = lines_of_action(sensed[statuses < 0], estimator.mount.apply(surface.centre), surface.size).doubt
     return [doubt] if doubt else []

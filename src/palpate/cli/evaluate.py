@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
-from tyro.conf import Positional
 
+from palpate.cli.options import SomeFile
 from palpate.cli.screen import lines, note, percent, table, title
 from palpate.contact.truth import Touches
 from palpate.errors import InputError
@@ -21,7 +19,7 @@ __all__ = ["evaluate"]
 _HEADER = ("", "mean", "median", "95 %", "worst", "count")
 
 
-def evaluate(contacts: Positional[Path], truth: Positional[Path], /, tolerance: float = 0.02) -> None:
+def evaluate(contacts: SomeFile, truth: SomeFile, /, tolerance: float = 0.02) -> None:
     """Errors of location, direction and force, coverage of the ellipses, share of each status.
 
     Args:
@@ -47,10 +45,12 @@ def evaluate(contacts: Positional[Path], truth: Positional[Path], /, tolerance: 
     table(_HEADER, _spreads(report))
     seen = report.coverage
     if seen.count:
-        lines([
-            ("95 % ellipses", f"hold the truth in {percent(seen.inside)} of {seen.count:,} (should be 95)"),
-            ("mean square", f"{seen.mean_square:.2f} (should be 2)"),
-        ])
+        lines(
+            [
+                ("95 % ellipses", f"hold the truth in {percent(seen.inside)} of {seen.count:,} (should be 95)"),
+                ("mean square", f"{seen.mean_square:.2f} (should be 2)"),
+            ]
+        )
     note(found.notes)
     if not first.all():
         note([f"{np.count_nonzero(~first)} rows are second contacts and were not compared"])
@@ -83,7 +83,13 @@ def _touches(report: Report) -> None:
         table(
             ("touch", "error [mm]", "scatter [mm]", "answered", "samples"),
             [
-                (touch.label, f"{1e3 * touch.error:.3f}", f"{1e3 * touch.scatter:.3f}", f"{touch.answered}", f"{touch.samples}")
+                (
+                    touch.label,
+                    f"{1e3 * touch.error:.3f}",
+                    f"{1e3 * touch.scatter:.3f}",
+                    f"{touch.answered}",
+                    f"{touch.samples}",
+                )
                 for touch in report.touches
             ],
         )

@@ -14,7 +14,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from palpate.surfaces._bvh import _place, nearest_to_axis, search
+from palpate.surfaces._bvh import CANDIDATE, CAPACITY, nearest_to_axis, search
 
 __all__ = ["SETTINGS", "STATE", "estimate", "estimate_many"]
 
@@ -144,11 +144,11 @@ def _torsion(wrench, p, n, soft):
 
 
 @njit(cache=True)
-def _contact(wrench, candidate, corners, settings, place):
-    """Place a candidate in metres: p and n into place (6,)."""
-    _place(corners, int(candidate[0]), candidate[1], candidate[2], candidate[3], place)
+def _contact(candidate, settings, place):
+    """A candidate in metres: p and n into place (6,)."""
     for k in range(3):
-        place[k] = place[k] * settings[SCALE] + settings[CENTRE + k]
+        place[k] = candidate[8 + k] * settings[SCALE] + settings[CENTRE + k]
+        place[3 + k] = candidate[11 + k]
 
 
 @njit(cache=True)
@@ -226,7 +226,7 @@ def _distance_to_bounds(wrench, noise, nodes, corners, tags, settings, first, pl
     t, shape, slopes = np.empty((2, 3)), np.empty((2, 2)), np.empty((2, 6))
     values, rows, active = np.empty(2), np.empty((2, 6)), np.zeros((2, 6))
     current, unit, spot = wrench.copy(), np.empty(6), place.copy()
-    found = np.empty((17, 8))
+    found = np.empty((CAPACITY + 1, CANDIDATE))
     candidate = first.copy()
     use0 = use1 = False
     distance, last = np.nan, np.inf
@@ -241,7 +241,7 @@ def _distance_to_bounds(wrench, noise, nodes, corners, tags, settings, first, pl
                 if found[i, 4] < found[best, 4]:
                     best = i
             candidate[:] = found[best]
-            _contact(current, candidate, corners, settings, spot)
+            _contact(candidate, settings, spot)
         if not _sensitivity(current, candidate, spot, corners, settings, t, shape, slopes):
             return np.nan
         _bounds(current, spot, t, shape, slopes, settings, values, rows)
@@ -298,11 +298,11 @@ def _better(found, i, j):
 
 
 @njit(cache=True)
-def _choose(wrench, corners, settings, state, found, count, places, torques):
+def _choose(wrench, settings, state, found, count, places, torques):
     """Which candidate is the answer, how many lie within the bounds; those outside the torsion bound get kind < 0."""
     best, plausible, nearest = -1, 0, np.inf
     for i in range(count):
-        _contact(wrench, found[i], corners, settings, places[i])
+        _contact(found[i], settings, places[i])
         torques[i], pressing = _torsion(wrench, places[i, :3], places[i, 3:], settings[SOFT])
         within = found[i, 4] <= settings[FRICTION] and abs(torques[i]) <= settings[TORSION] * abs(pressing)
         found[i, 7] = 1.0 if within else 0.0
@@ -371,7 +371,7 @@ def estimate(wrench, noise, nodes, corners, tags, settings, state, row):
     if status != _CONTACT:
         state[HAS_PREVIOUS] = 0.0
         return
-    unit, found = np.empty(6), np.empty((17, 8))
+    unit, found = np.empty(6), np.empty((CAPACITY + 1, CANDIDATE))
     _to_unit(wrench, settings, unit)
     count = search(unit, settings[SOFT], settings[FRICTION], nodes, corners, tags, found)
     if count == 0:
@@ -381,7 +381,7 @@ def estimate(wrench, noise, nodes, corners, tags, settings, state, row):
         _off_surface(wrench, unit, noise, nodes, corners, tags, settings, noisy, found, row)
         return
     places, torques = np.empty((count, 6)), np.empty(count)
-    best, plausible = _choose(wrench, corners, settings, state, found, count, places, torques)
+    best, plausible = _choose(wrench, settings, state, found, count, places, torques)
     place = places[best]
     row[:6] = place
     row[9] = torques[best]
@@ -415,7 +415,7 @@ def _off_surface(wrench, unit, noise, nodes, corners, tags, settings, noisy, fou
     row[_STATUS] = _OFF_SURFACE
     if nearest_to_axis(unit, nodes, corners, tags, found[0]) == np.inf:
         return
-    _contact(wrench, found[0], corners, settings, row[:6])
+    _contact(found[0], settings, row[:6])
     if noisy:
         row[_RESIDUAL] = _distance_to_point(wrench, noise, row[:6])
 

@@ -96,6 +96,10 @@ class ContactEstimate:
             **{name: value.reshape((*batch, *value.shape[1:])) for name, value in vars(self).items()}
         )
 
+    def __getitem__(self, which: slice | np.ndarray) -> ContactEstimate:
+        """Those of the first axis that a slice, a mask or numbers pick."""
+        return ContactEstimate(**{name: value[which].copy() for name, value in vars(self).items()})
+
     @property
     def answered(self) -> np.ndarray:
         """True where the status is CONTACT or AMBIGUOUS."""

@@ -149,9 +149,7 @@ class Locator:
         else:
             unit = np.concatenate([force, (moment - np.cross(centre, force)) / scale])
             found = found[: _bvh.search(unit, self._settings[4], np.inf, *self._tree, found)]
-        both = np.einsum("ni,nik->nk", found[:, 1:4], self._tree[1][found[:, 0].astype(int)].reshape(-1, 3, 6))
-        point = both[:, :3] * scale + centre
-        normal = both[:, 3:] / np.linalg.norm(both[:, 3:], axis=1, keepdims=True)
+        point, normal = found[:, 8:11] * scale + centre, found[:, 11:14]
         torque = np.einsum("nk,nk->n", moment - np.cross(point, force), normal)
         plausible = (found[:, 4] <= self.friction) & (np.abs(torque) <= self.torsion * np.abs(normal @ force))
         order = np.lexsort((found[:, 5], found[:, 4], ~plausible))

@@ -43,9 +43,7 @@ class LinesOfAction:
         return ""
 
 
-def lines_of_action(
-    wrenches: Float[np.ndarray, "n 6"], centre: Float[np.ndarray, "3"], size: float
-) -> LinesOfAction:
+def lines_of_action(wrenches: Float[np.ndarray, "n 6"], centre: Float[np.ndarray, "3"], size: float) -> LinesOfAction:
     """Compare the wrench axes with the body, all in one frame.
 
     The axis of (F, M) passes a point c at |F x (M - c x F)| / |F|^2.

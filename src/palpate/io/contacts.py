@@ -98,7 +98,9 @@ def read_contacts(path: Path) -> Contacts:
     whole, _ = table.numbers(["sample", "contact", "candidates"])
     if np.isnan(whole).any():
         at = int(np.flatnonzero(np.isnan(whole).any(axis=1))[0])
-        raise InputError("sample, contact and candidates must be whole numbers.", where=f"{path}, line {table.lines[at]}")
+        raise InputError(
+            "sample, contact and candidates must be whole numbers.", where=f"{path}, line {table.lines[at]}"
+        )
     sample, contact, candidates = whole.astype(np.int64).T
     time, _ = table.numbers(["time"])
     vectors, _ = table.numbers(_VECTORS)
@@ -125,6 +127,8 @@ def _statuses(table: Table) -> np.ndarray:
     if codes.null_count():
         at = int(np.flatnonzero(codes.is_null().to_numpy())[0])
         raise InputError(
-            f"unknown status {text[at]!r}.", where=f"{table.path}, line {table.lines[at]}", mend=near(str(text[at]), _LABELS)
+            f"unknown status {text[at]!r}.",
+            where=f"{table.path}, line {table.lines[at]}",
+            mend=near(str(text[at]), _LABELS),
         )
     return codes.to_numpy().copy()

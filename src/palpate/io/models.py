@@ -45,7 +45,9 @@ def provenance(inputs: Mapping[str, Path | None], options: Mapping[str, object])
 def write_payload(path: Path, payload: Payload) -> None:
     """Write a payload model."""
     document = tomlkit.document()
-    document.add(tomlkit.comment("What hangs on the sensor, and the sensor's zero. Written by `palpate calibrate payload`."))
+    document.add(
+        tomlkit.comment("What hangs on the sensor, and the sensor's zero. Written by `palpate calibrate payload`.")
+    )
     document.add("kind", tomlkit.item("payload"))
     document.add(tomlkit.nl())
     for name, comment in _FIELDS.items():
@@ -67,7 +69,9 @@ def read_payload(path: Path) -> Payload:
     table = load_toml(path)
     if table.pop("kind", None) != "payload":
         raise InputError(
-            "is not a payload model.", where=str(path), mend="`palpate calibrate payload` writes one (kind = 'payload')."
+            "is not a payload model.",
+            where=str(path),
+            mend="`palpate calibrate payload` writes one (kind = 'payload').",
         )
     known = (*_FIELDS, *_NOT_SHOWN)
     for name in table:

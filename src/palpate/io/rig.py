@@ -38,7 +38,9 @@ class RigPose:
 
     def __post_init__(self) -> None:
         if abs(np.linalg.norm(self.quaternion_xyzw) - 1.0) > 0.01:
-            raise ValueError(f"quaternion_xyzw {list(self.quaternion_xyzw)} is not of length 1 (the order is x, y, z, w)")
+            raise ValueError(
+                f"quaternion_xyzw {list(self.quaternion_xyzw)} is not of length 1 (the order is x, y, z, w)"
+            )
 
     def pose(self) -> Pose:
         """As a value."""
@@ -239,7 +241,9 @@ def load_rig(path: Path) -> Rig:
     if "folder" in table:
         raise InputError("unknown key 'folder'.", where=str(path))
     if "surface" not in table:
-        raise InputError("a rig needs a [surface].", where=str(path), mend="`palpate rig new` writes one to start from.")
+        raise InputError(
+            "a rig needs a [surface].", where=str(path), mend="`palpate rig new` writes one to start from."
+        )
     rig = replace(parse(table, Rig, file=str(path)), folder=path.parent)
     wrench = rig.force_torque
     axis_matrix(wrench.axes, left_handed=wrench.left_handed, where=f"{path}: force_torque.axes")

@@ -139,7 +139,7 @@ def _torque_unit(wrenches: np.ndarray, size: float) -> str:
 def _orientation(names: Sequence[str]) -> tuple[str, list[str]]:
     quaternion, position = guess_orientation(names), guess_position(names)
     if quaternion is None:
-        return "# [orientation]\n# columns = [\"qx\", \"qy\", \"qz\", \"qw\"]   # sensor in base: a payload needs it\n", []
+        return '# [orientation]\n# columns = ["qx", "qy", "qz", "qw"]   # sensor in base: a payload needs it\n', []
     lines = ["[orientation]", f"columns = {_toml(quaternion)}   # sensor in base: x, y, z, w"]
     if position is not None:
         lines.append(f"position = {_toml(position)}   # sensor in base [m]: only for --frame base")

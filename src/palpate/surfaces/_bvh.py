@@ -25,9 +25,10 @@ from numba import njit
 __all__ = ["CAPACITY", "CANDIDATE", "build", "nearest_to_axis", "nearest_to_point", "search", "search_reference"]
 
 CAPACITY = 16  # candidates kept a query; the ones nearest to the force stay
-CANDIDATE = 8  # patch, b0, b1, b2, tan(theta), height along f, kind, spare
+CANDIDATE = 14  # numbers a candidate, as `search` says
 _LEAF = 4
 _INSIDE = -1e-8  # how far outside its patch a solution may lie, in barycentric units: rounding at shared edges
+_SLACK = 1e-9  # how far a box test may err, in unit size
 _STACK = 128
 
 
@@ -83,6 +84,8 @@ def _fill_node(node, corners, order, low, high):
         node[3 + k] = 0.5 * (box_high[k] - box_low[k]) + 1e-12
         node[6 + k] = axis[k]
     node[9] = cosine - 1e-12
+    node[12] = 1.0 - node[9] * node[9]
+    node[13] = np.sqrt(node[12]) * node[9]
 
 
 @njit(cache=True)
@@ -188,63 +191,56 @@ def _roots(k0, k1, k2, k3, left, right, out):
 
 
 @njit(cache=True, inline="always")
-def _project(corners, patch, view, q, c, g):
-    """Corners of a patch seen along f: q (3, 2), c (3,), g (3, 2)."""
-    for i in range(3):
-        row = corners[patch]
-        o = 6 * i
-        x, y, z, nx, ny, nz = row[o], row[o + 1], row[o + 2], row[o + 3], row[o + 4], row[o + 5]
-        q[i, 0] = view[3] * x + view[4] * y + view[5] * z - view[9]
-        q[i, 1] = view[6] * x + view[7] * y + view[8] * z - view[10]
-        c[i] = view[0] * nx + view[1] * ny + view[2] * nz
-        g[i, 0] = -(view[6] * nx + view[7] * ny + view[8] * nz)  # e1 . (f x n) = -e2 . n
-        g[i, 1] = view[3] * nx + view[4] * ny + view[5] * nz
+def _weights(qj0, qj1, qk0, qk1, gj0, gj1, gk0, gk1, pitch, base):
+    """One component of B(base + x) as coefficients of 1, x, x^2."""
+    d0 = qj0 * qk1 - qk0 * qj1
+    d1 = pitch * (qj0 * gk1 - qk0 * gj1 + gj0 * qk1 - gk0 * qj1)
+    d2 = pitch * pitch * (gj0 * gk1 - gk0 * gj1)
+    return d2 + base * (d1 + base * d0), d1 + 2.0 * base * d0, d0
 
 
 @njit(cache=True)
-def _solve_patch(q, c, g, pitch, scratch):
-    """All (b0, b1, b2, w) of one patch into scratch; how many. w = f . n before n is made unit."""
-    # In a view along f, B(w) = D0 w^2 + D1 w + D2, each a cross product of rows (q0, q1, q2) and pitch (g0, g1, g2).
-    least, most = min(c[0], c[1], c[2]), max(c[0], c[1], c[2])
-    base = c[0]
-    e0, e1, e2 = np.empty(3), np.empty(3), np.empty(3)
-    for i in range(3):
-        j, k = (i + 1) % 3, (i + 2) % 3
-        d0 = q[j, 0] * q[k, 1] - q[k, 0] * q[j, 1]
-        d1 = pitch * (q[j, 0] * g[k, 1] - q[k, 0] * g[j, 1] + g[j, 0] * q[k, 1] - g[k, 0] * q[j, 1])
-        d2 = pitch * pitch * (g[j, 0] * g[k, 1] - g[k, 0] * g[j, 1])
-        e0[i] = d2 + base * (d1 + base * d0)  # B about w = base: the roots lie close to it
-        e1[i] = d1 + 2.0 * base * d0
-        e2[i] = d0
-    s0, s1, s2 = e0[0] + e0[1] + e0[2], e1[0] + e1[1] + e1[2], e2[0] + e2[1] + e2[2]
-    r1, r2 = c[1] - base, c[2] - base
-    k0 = r1 * e0[1] + r2 * e0[2]
-    k1 = r1 * e1[1] + r2 * e1[2] - s0
-    k2 = r1 * e2[1] + r2 * e2[2] - s1
+def _solve_patch(x0, y0, x1, y1, x2, y2, c0, c1, c2, g0, h0, g1, h1, g2, h2, pitch, out):
+    """All contacts of a patch, b0, b1, b2 a row, into out (4, 3); how many.
+
+    Corners are seen along f: (x, y) their places, c = f . n, (g, h) = f x n. Solved about w = c0: the roots lie close.
+    """
+    a0, a1, a2 = _weights(x1, y1, x2, y2, g1, h1, g2, h2, pitch, c0)
+    b0, b1, b2 = _weights(x2, y2, x0, y0, g2, h2, g0, h0, pitch, c0)
+    d0, d1, d2 = _weights(x0, y0, x1, y1, g0, h0, g1, h1, pitch, c0)
+    s0, s1, s2 = a0 + b0 + d0, a1 + b1 + d1, a2 + b2 + d2
+    r1, r2 = c1 - c0, c2 - c0
+    least, most = min(0.0, r1, r2), max(0.0, r1, r2)
     slack = 1e-7 * (most - least) + 1e-14
-    roots = scratch[8]
-    found = _roots(k0, k1, k2, -s2, least - base - slack, most - base + slack, roots)
+    roots = out[3]
+    found = _roots(
+        r1 * b0 + r2 * d0,
+        r1 * b1 + r2 * d1 - s0,
+        r1 * b2 + r2 * d2 - s1,
+        -s2,
+        least - slack,
+        most + slack,
+        roots,
+    )
     count = 0
     for r in range(found):
         x = roots[r]
         total = s0 + x * (s1 + x * s2)
-        w = base + x
-        if total == 0.0 or w >= 0.0:
+        if total == 0.0 or c0 + x >= 0.0:
             continue
-        b0 = (e0[0] + x * (e1[0] + x * e2[0])) / total
-        b1 = (e0[1] + x * (e1[1] + x * e2[1])) / total
-        b2 = (e0[2] + x * (e1[2] + x * e2[2])) / total
-        if b0 >= _INSIDE and b1 >= _INSIDE and b2 >= _INSIDE:
-            scratch[count, 0], scratch[count, 1], scratch[count, 2], scratch[count, 3] = b0, b1, b2, w
+        u = (a0 + x * (a1 + x * a2)) / total
+        v = (b0 + x * (b1 + x * b2)) / total
+        w = (d0 + x * (d1 + x * d2)) / total
+        if u >= _INSIDE and v >= _INSIDE and w >= _INSIDE:
+            out[count, 0], out[count, 1], out[count, 2] = u, v, w
             count += 1
     return count
 
 
-@njit(cache=True)
-def _solve_flat(q, c, g, pitch, scratch):
-    """The one solution of a patch with one normal: the shifted line against the triangle."""
-    s0, s1 = pitch * g[0, 0] / c[0], pitch * g[0, 1] / c[0]
-    x0, y0, x1, y1, x2, y2 = q[0, 0] + s0, q[0, 1] + s1, q[1, 0] + s0, q[1, 1] + s1, q[2, 0] + s0, q[2, 1] + s1
+@njit(cache=True, inline="always")
+def _solve_flat(x0, y0, x1, y1, x2, y2, sx, sy, out):
+    """The one contact of a patch with one normal: the shifted line against the triangle."""
+    x0, y0, x1, y1, x2, y2 = x0 + sx, y0 + sy, x1 + sx, y1 + sy, x2 + sx, y2 + sy
     b0, b1, b2 = x1 * y2 - x2 * y1, x2 * y0 - x0 * y2, x0 * y1 - x1 * y0
     total = b0 + b1 + b2
     if total == 0.0:
@@ -252,178 +248,170 @@ def _solve_flat(q, c, g, pitch, scratch):
     b0, b1, b2 = b0 / total, b1 / total, b2 / total
     if b0 < _INSIDE or b1 < _INSIDE or b2 < _INSIDE:
         return 0
-    scratch[0, 0], scratch[0, 1], scratch[0, 2], scratch[0, 3] = b0, b1, b2, c[0]
+    out[0, 0], out[0, 1], out[0, 2] = b0, b1, b2
     return 1
 
 
 @njit(cache=True, inline="always")
-def _misses(q, c, g, pitch):
-    """True when the patch, its corners shifted each by its own normal, cannot cover the line."""
-    if c[0] >= 0.0 or c[1] >= 0.0 or c[2] >= 0.0:
-        return c[0] >= 0.0 and c[1] >= 0.0 and c[2] >= 0.0
-    for k in range(2):
-        t0, t1, t2 = pitch * g[0, k] / c[0], pitch * g[1, k] / c[1], pitch * g[2, k] / c[2]
-        slack = 1e-9
-        if min(q[0, k], q[1, k], q[2, k]) + min(t0, t1, t2) > slack:
-            return True
-        if max(q[0, k], q[1, k], q[2, k]) + max(t0, t1, t2) < -slack:
-            return True
-    return False
+def _node_may_hit(nodes, at, fx, fy, fz, px, py, pz, pitch, cos_limit, reach, wider):
+    """Can a node hold a contact whose friction angle has at least this cosine?
+
+    (px, py, pz) is a point of the wrench axis; reach = |pitch| tan(theta_max) bounds any shift; the box grows by `wider`.
+    """
+    ax, ay, az = nodes[at, 6], nodes[at, 7], nodes[at, 8]
+    cos_a, sin_a2 = nodes[at, 9], nodes[at, 12]
+    cos_t = -(fx * ax + fy * ay + fz * az)
+    sx = sy = sz = 0.0
+    radius = reach
+    if cos_a > 0.0:
+        short = cos_limit - cos_t * cos_a
+        square = cos_t * cos_t
+        if cos_t < cos_a and short > 0.0 and short * short > (1.0 - square) * sin_a2:
+            return False  # the cone is turned from the force by more than the limit
+        gap = square - sin_a2
+        if reach > 0.0 and cos_t > 0.0 and gap > 1e-9:
+            factor = pitch / gap
+            disc = abs(factor) * nodes[at, 13]
+            if disc < reach:
+                radius = disc
+                factor *= cos_t  # the middle of the conic section in which -pitch (f x n)/(f . n) lies
+                sx, sy, sz = factor * (fy * az - fz * ay), factor * (fz * ax - fx * az), factor * (fx * ay - fy * ax)
+    if radius == np.inf:
+        return True
+    radius += wider
+    dx, dy, dz = nodes[at, 0] - px - sx, nodes[at, 1] - py - sy, nodes[at, 2] - pz - sz
+    hx, hy, hz = nodes[at, 3] + radius, nodes[at, 4] + radius, nodes[at, 5] + radius
+    gx, gy, gz = abs(fx), abs(fy), abs(fz)
+    # A line and a box are apart if and only if they are along f x (an axis of the box).
+    return (
+        abs(dy * fz - dz * fy) <= hy * gz + hz * gy
+        and abs(dz * fx - dx * fz) <= hz * gx + hx * gz
+        and abs(dx * fy - dy * fx) <= hx * gy + hy * gx
+    )
 
 
 @njit(cache=True, inline="always")
-def _node_may_hit(node, view, pitch, cos_limit, tan_limit):
-    """Can the node hold a contact whose friction angle has at least this cosine?"""
-    fx, fy, fz = view[0], view[1], view[2]
-    ax, ay, az = node[6], node[7], node[8]
-    cos_a = node[9]
-    cos_t = -(fx * ax + fy * ay + fz * az)
-    sx = sy = sz = 0.0
-    radius = 0.0 if pitch == 0.0 else abs(pitch) * tan_limit
-    if cos_a > 0.0:
-        sin_a2 = 1.0 - cos_a * cos_a
-        sin_a = np.sqrt(sin_a2)
-        if cos_t < cos_a:  # the force lies outside the cone
-            sin_t = np.sqrt(max(0.0, 1.0 - cos_t * cos_t))
-            if cos_t * cos_a + sin_t * sin_a < cos_limit:
-                return False
-        gap = cos_t * cos_t - sin_a2
-        if cos_t > 0.0 and gap > 1e-9:
-            disc = abs(pitch) * sin_a * cos_a / gap
-            if disc < radius:
-                radius = disc
-                scale = pitch * cos_t / gap  # -pitch (f x n)/(f . n), the middle of the cone's conic section
-                sx, sy, sz = scale * (fy * az - fz * ay), scale * (fz * ax - fx * az), scale * (fx * ay - fy * ax)
-    if radius == np.inf:
-        return True
-    dx, dy, dz = node[0] - view[11] - sx, node[1] - view[12] - sy, node[2] - view[13] - sz
-    hx, hy, hz = node[3] + radius, node[4] + radius, node[5] + radius
-    gx, gy, gz = abs(fx), abs(fy), abs(fz)
-    # A line and a box are apart if and only if they are along f x (an axis of the box).
-    if abs(dy * fz - dz * fy) > hy * gz + hz * gy:
-        return False
-    if abs(dz * fx - dx * fz) > hz * gx + hx * gz:
-        return False
-    return abs(dx * fy - dy * fx) <= hx * gy + hy * gx
-
-
-@njit(cache=True)
-def _set_view(wrench, view):
-    """view: f 0-2, e1 3-5, e2 6-8, e1 . a and e2 . a 9-10, a 11-13; returns |F| and the pitch. e1 x e2 = f."""
+def _view(wrench):
+    """f, e1, e2 with e1 x e2 = f, the point a of the axis nearest to the origin, and the pitch (Duff et al. 2017)."""
     fx, fy, fz, mx, my, mz = wrench[0], wrench[1], wrench[2], wrench[3], wrench[4], wrench[5]
     force = np.sqrt(fx * fx + fy * fy + fz * fz)
     fx, fy, fz = fx / force, fy / force, fz / force
     mx, my, mz = mx / force, my / force, mz / force
-    view[0], view[1], view[2] = fx, fy, fz
-    sign = 1.0 if fz >= 0.0 else -1.0  # Duff et al. 2017: a basis without a branch that loses digits
+    sign = 1.0 if fz >= 0.0 else -1.0
     p = -1.0 / (sign + fz)
     r = fx * fy * p
-    view[3], view[4], view[5] = 1.0 + sign * fx * fx * p, sign * r, -sign * fx
-    view[6], view[7], view[8] = r, sign + fy * fy * p, -fy
-    view[11], view[12], view[13] = fy * mz - fz * my, fz * mx - fx * mz, fx * my - fy * mx
-    view[9] = view[3] * view[11] + view[4] * view[12] + view[5] * view[13]
-    view[10] = view[6] * view[11] + view[7] * view[12] + view[8] * view[13]
-    return force, fx * mx + fy * my + fz * mz
+    one = (1.0 + sign * fx * fx * p, sign * r, -sign * fx)
+    two = (r, sign + fy * fy * p, -fy)
+    axis = (fy * mz - fz * my, fz * mx - fx * mz, fx * my - fy * mx)
+    return (fx, fy, fz), one, two, axis, fx * mx + fy * my + fz * mz
 
 
 @njit(cache=True)
-def _place(corners, patch, b0, b1, b2, out):
-    """Position 0-2 and unit normal 3-5 at barycentric coordinates of a patch."""
+def _keep(found, count, capacity, patch, b, kind, corners, fx, fy, fz, tan_limit):
+    """Write a contact into `found` unless it is there already or beyond the limit; the new count."""
+    spare = found[capacity]
     row = corners[patch]
     for k in range(6):
-        out[k] = b0 * row[k] + b1 * row[6 + k] + b2 * row[12 + k]
-    length = np.sqrt(out[3] * out[3] + out[4] * out[4] + out[5] * out[5])
-    for k in range(3, 6):
-        out[k] /= length
-
-
-@njit(cache=True)
-def _keep(found, count, capacity, places, place):
-    """Where to put a candidate (its row at found[capacity]): a new place, that of a worse one, or -1 for a repeat."""
-    tangent = found[capacity, 4]
-    for i in range(count):
-        apart = 0.0
-        turned = 0.0
-        for k in range(3):
-            apart += (places[i, k] - place[k]) ** 2
-            turned += (places[i, 3 + k] - place[3 + k]) ** 2
-        if apart < 1e-14 and turned < 1e-12:  # the same contact, seen from the patch next door
-            return -1
-    if count < capacity:
+        spare[8 + k] = b[0] * row[k] + b[1] * row[6 + k] + b[2] * row[12 + k]
+    length = np.sqrt(spare[11] * spare[11] + spare[12] * spare[12] + spare[13] * spare[13])
+    cosine = -(fx * spare[11] + fy * spare[12] + fz * spare[13]) / length
+    if cosine <= 0.0:
         return count
-    worst = 0
-    for i in range(1, capacity):
-        if found[i, 4] > found[worst, 4]:
-            worst = i
-    return worst if found[worst, 4] > tangent else -1
+    tangent = np.sqrt(max(0.0, 1.0 - cosine * cosine)) / cosine
+    if tangent > tan_limit:
+        return count
+    for k in range(11, 14):
+        spare[k] /= length
+    spare[0], spare[1], spare[2], spare[3], spare[4] = patch, b[0], b[1], b[2], tangent
+    spare[5] = fx * spare[8] + fy * spare[9] + fz * spare[10]
+    spare[6], spare[7] = kind, 0.0
+    spot = count
+    for i in range(count):
+        apart = turned = 0.0
+        for k in range(3):
+            apart += (found[i, 8 + k] - spare[8 + k]) ** 2
+            turned += (found[i, 11 + k] - spare[11 + k]) ** 2
+        if apart < 1e-14 and turned < 1e-12:  # the same contact, seen from the patch next door
+            return count
+        if count == capacity and found[i, 4] > tangent and (spot == count or found[i, 4] > found[spot, 4]):
+            spot = i
+    if spot < capacity:
+        found[spot] = spare
+    return min(max(count, spot + 1), capacity)
 
 
 @njit(cache=True)
-def search(wrench, pitch_used, tan_limit, nodes, corners, tags, found):
+def search(wrench, soft, tan_limit, nodes, corners, tags, found):
     """Every contact that a wrench can have on the patches.
 
     Args:
         wrench: (6,) force first, finite, force not zero, in the tree's unit size.
-        pitch_used: 1 for the soft finger; 0 takes the wrench axis itself, without the shift.
+        soft: 1.0 for the soft finger; 0.0 takes the wrench axis itself, without the shift.
         tan_limit: largest tan(theta) wanted; inf for all that press.
         nodes, corners, tags: the tree.
         found: (CAPACITY + 1, CANDIDATE) to write into; its last row is scratch.
 
     Returns:
-        how many; `found` holds patch, b0, b1, b2, tan(theta), height along f, kind, sorted by nothing.
+        how many rows of `found` are contacts, in no order: patch 0, barycentric 1-3, tan(theta) 4, height along f 5,
+        kind 6, free 7, position 8-10, unit normal 11-13.
     """
     capacity = len(found) - 1
-    view = np.empty(14)
-    _, pitch = _set_view(wrench, view)
-    pitch *= pitch_used
-    cos_limit = 0.0 if tan_limit == np.inf else 1.0 / np.sqrt(1.0 + tan_limit * tan_limit)
-    q, c, g = np.empty((3, 2)), np.empty(3), np.empty((3, 2))
-    scratch, places, place = np.empty((9, 4)), np.empty((capacity, 6)), np.empty(6)
+    (fx, fy, fz), (ux, uy, uz), (vx, vy, vz), (px, py, pz), pitch = _view(wrench)
+    pitch *= soft
+    qu, qv = ux * px + uy * py + uz * pz, vx * px + vy * py + vz * pz
+    cos_limit = -1e-12 if tan_limit == np.inf else 1.0 / np.sqrt(1.0 + tan_limit * tan_limit) - 1e-12
+    reach = 0.0 if pitch == 0.0 else abs(pitch) * tan_limit
+    out = np.empty((4, 3))
     pending = np.empty(_STACK, dtype=np.int64)
     pending[0] = 0
     depth, count = 1, 0
     while depth > 0:
         depth -= 1
         at = pending[depth]
-        node = nodes[at]
-        if not _node_may_hit(node, view, pitch, cos_limit - 1e-12, tan_limit):
+        if not _node_may_hit(nodes, at, fx, fy, fz, px, py, pz, pitch, cos_limit, reach, 0.0):
             continue
-        if node[11] == 0.0:
-            pending[depth] = int(node[10])
-            pending[depth + 1] = at + 1
+        first, size = int(nodes[at, 10]), int(nodes[at, 11])
+        if size == 0:
+            pending[depth], pending[depth + 1] = first, at + 1
             depth += 2
             continue
-        first = int(node[10])
-        for patch in range(first, first + int(node[11])):
-            _project(corners, patch, view, q, c, g)
-            if _misses(q, c, g, pitch):
-                continue
+        for patch in range(first, first + size):
+            n0x, n0y, n0z = corners[patch, 3], corners[patch, 4], corners[patch, 5]
+            c0 = fx * n0x + fy * n0y + fz * n0z
+            x0, y0, z0 = corners[patch, 0], corners[patch, 1], corners[patch, 2]
+            x1, y1, z1 = corners[patch, 6], corners[patch, 7], corners[patch, 8]
+            x2, y2, z2 = corners[patch, 12], corners[patch, 13], corners[patch, 14]
             kind = tags[patch, 0]
+            q0, r0 = ux * x0 + uy * y0 + uz * z0 - qu, vx * x0 + vy * y0 + vz * z0 - qv
+            q1, r1 = ux * x1 + uy * y1 + uz * z1 - qu, vx * x1 + vy * y1 + vz * z1 - qv
+            q2, r2 = ux * x2 + uy * y2 + uz * z2 - qu, vx * x2 + vy * y2 + vz * z2 - qv
+            g0, h0 = -(vx * n0x + vy * n0y + vz * n0z), ux * n0x + uy * n0y + uz * n0z  # e . (f x n)
             if kind == 0:
-                solved = _solve_flat(q, c, g, pitch, scratch)
+                if c0 >= 0.0:
+                    continue
+                solved = _solve_flat(q0, r0, q1, r1, q2, r2, pitch * g0 / c0, pitch * h0 / c0, out)
             else:
-                solved = _solve_patch(q, c, g, pitch, scratch)
+                n1x, n1y, n1z = corners[patch, 9], corners[patch, 10], corners[patch, 11]
+                n2x, n2y, n2z = corners[patch, 15], corners[patch, 16], corners[patch, 17]
+                c1 = fx * n1x + fy * n1y + fz * n1z
+                c2 = fx * n2x + fy * n2y + fz * n2z
+                if c0 >= 0.0 and c1 >= 0.0 and c2 >= 0.0:
+                    continue
+                g1, h1 = -(vx * n1x + vy * n1y + vz * n1z), ux * n1x + uy * n1y + uz * n1z
+                g2, h2 = -(vx * n2x + vy * n2y + vz * n2z), ux * n2x + uy * n2y + uz * n2z
+                if c0 < 0.0 and c1 < 0.0 and c2 < 0.0:  # each corner shifted by its own normal: a box around the patch
+                    i0, i1, i2 = pitch / c0, pitch / c1, pitch / c2
+                    s0, s1, s2, t0, t1, t2 = i0 * g0, i1 * g1, i2 * g2, i0 * h0, i1 * h1, i2 * h2
+                    if (
+                        min(q0, q1, q2) + min(s0, s1, s2) > _SLACK
+                        or max(q0, q1, q2) + max(s0, s1, s2) < -_SLACK
+                        or min(r0, r1, r2) + min(t0, t1, t2) > _SLACK
+                        or max(r0, r1, r2) + max(t0, t1, t2) < -_SLACK
+                    ):
+                        continue
+                solved = _solve_patch(q0, r0, q1, r1, q2, r2, c0, c1, c2, g0, h0, g1, h1, g2, h2, pitch, out)
             for s in range(solved):
-                b0, b1, b2 = scratch[s, 0], scratch[s, 1], scratch[s, 2]
-                _place(corners, patch, b0, b1, b2, place)
-                cosine = -(view[0] * place[3] + view[1] * place[4] + view[2] * place[5])
-                if cosine <= 0.0:
-                    continue
-                tangent = np.sqrt(max(0.0, 1.0 - cosine * cosine)) / cosine
-                if tangent > tan_limit:
-                    continue
-                found[capacity, 4] = tangent
-                spot = _keep(found, count, capacity, places, place)
-                if spot < 0:
-                    continue
-                found[spot, 0], found[spot, 1], found[spot, 2], found[spot, 3] = patch, b0, b1, b2
-                found[spot, 4] = tangent
-                found[spot, 5] = view[0] * place[0] + view[1] * place[1] + view[2] * place[2]
-                found[spot, 6] = kind
-                for k in range(6):
-                    places[spot, k] = place[k]
-                if spot == count:
-                    count += 1
+                count = _keep(found, count, capacity, patch, out[s], kind, corners, fx, fy, fz, tan_limit)
     return count
 
 
@@ -431,7 +419,7 @@ def search_reference(wrench, pitch_used, tan_limit, corners):
     """NumPy twin of `search`, over all patches and with numpy's polynomial roots: the oracle of the tests.
 
     Returns:
-        (k, 8) rows: patch, b0, b1, b2, tan(theta), height along f, and two zeros.
+        (k, 6) rows: patch, b0, b1, b2, tan(theta), height along f.
     """
     force, moment = wrench[:3], wrench[3:]
     size = np.linalg.norm(force)
@@ -457,6 +445,8 @@ def search_reference(wrench, pitch_used, tan_limit, corners):
             if abs(w.imag) > 1e-9 or w.real > -1e-12:
                 continue
             weights = d2 + w.real * (d1 + w.real * d0)
+            if weights.sum() == 0:
+                continue
             b = weights / weights.sum()
             normal = b @ normals
             cosine = -(f @ normal) / np.linalg.norm(normal)
@@ -464,8 +454,8 @@ def search_reference(wrench, pitch_used, tan_limit, corners):
                 continue
             tangent = np.sqrt(max(0.0, 1 - cosine**2)) / cosine
             if tangent <= tan_limit:
-                rows.append([patch, *b, tangent, f @ (b @ points), 0.0, 0.0])
-    return np.array(rows).reshape(-1, CANDIDATE)
+                rows.append([patch, *b, tangent, f @ (b @ points)])
+    return np.array(rows).reshape(-1, 6)
 
 
 # -------------------------------------------------------------------------------------------------------------- nearest
@@ -496,48 +486,57 @@ def _origin_to_triangle(q, out):
 
 @njit(cache=True)
 def nearest_to_axis(wrench, nodes, corners, tags, found):
-    """The point nearest to the wrench axis, on a patch that faces the force if there is one.
+    """The point nearest to the wrench axis, on a facet that faces the force.
 
-    Writes patch, b0, b1, b2 into found; returns the distance, or inf when no patch faces the force. Nearest to the
-    axis is nearest in the metric of a wrench whose torque noise is the same in all directions.
+    Writes it as a row of `search` into found (CANDIDATE,); returns the distance, or inf when no facet faces the force. Nearest
+    to the axis is nearest in the metric of a wrench whose torque noise is the same in all directions.
     """
-    view, bary = np.empty(14), np.empty(3)
-    _set_view(wrench, view)
-    q, c, g = np.empty((3, 2)), np.empty(3), np.empty((3, 2))
+    (fx, fy, fz), (ux, uy, uz), (vx, vy, vz), (px, py, pz), _ = _view(wrench)
+    q, b = np.empty((3, 2)), np.empty(3)
     pending = np.empty(_STACK, dtype=np.int64)
     pending[0] = 0
     depth, best = 1, np.inf
     while depth > 0:
         depth -= 1
         at = pending[depth]
-        node = nodes[at]
-        if best < np.inf and not _node_may_hit(_widened(node, np.sqrt(best)), view, 0.0, 0.0, np.inf):
+        reach = np.sqrt(best)
+        if reach < np.inf and not _node_may_hit(nodes, at, fx, fy, fz, px, py, pz, 0.0, -1e-12, 0.0, reach):
             continue
-        if node[11] == 0.0:
-            pending[depth] = int(node[10])
-            pending[depth + 1] = at + 1
+        first, size = int(nodes[at, 10]), int(nodes[at, 11])
+        if size == 0:
+            pending[depth], pending[depth + 1] = first, at + 1
             depth += 2
             continue
-        first = int(node[10])
-        for patch in range(first, first + int(node[11])):
-            if tags[patch, 0] > 1:
+        for patch in range(first, first + size):
+            row = corners[patch]
+            if tags[patch, 0] > 1 or fx * _sum(row, 3) + fy * _sum(row, 4) + fz * _sum(row, 5) >= 0.0:
                 continue
-            _project(corners, patch, view, q, c, g)
-            if c[0] + c[1] + c[2] >= 0.0:
-                continue
-            square = _origin_to_triangle(q, bary)
+            for i in range(3):
+                x, y, z = row[6 * i] - px, row[6 * i + 1] - py, row[6 * i + 2] - pz
+                q[i, 0], q[i, 1] = ux * x + uy * y + uz * z, vx * x + vy * y + vz * z
+            square = _origin_to_triangle(q, b)
             if square < best:
                 best = square
-                found[0], found[1], found[2], found[3] = patch, bary[0], bary[1], bary[2]
+                found[0], found[1], found[2], found[3] = patch, b[0], b[1], b[2]
+    if best < np.inf:
+        _place(corners, int(found[0]), found[1], found[2], found[3], found[8:14])
     return np.sqrt(best)
 
 
+@njit(cache=True, inline="always")
+def _sum(row, k):
+    return row[k] + row[6 + k] + row[12 + k]
+
+
 @njit(cache=True)
-def _widened(node, radius):
-    wide = node.copy()
+def _place(corners, patch, b0, b1, b2, out):
+    """Position 0-2 and unit normal 3-5 at barycentric coordinates of a patch."""
+    row = corners[patch]
+    for k in range(6):
+        out[k] = b0 * row[k] + b1 * row[6 + k] + b2 * row[12 + k]
+    length = np.sqrt(out[3] * out[3] + out[4] * out[4] + out[5] * out[5])
     for k in range(3, 6):
-        wide[k] += radius
-    return wide
+        out[k] /= length
 
 
 @njit(cache=True)

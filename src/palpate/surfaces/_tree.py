@@ -21,7 +21,7 @@ class Tree:
     Attributes:
         nodes: (n, 16): box centre 0-2 and half extents 3-5; axis of the cone of normals 6-8 and cos of its half-angle
             9; the second child's number (the first follows its parent) or, in a leaf, the first patch 10; how many
-            patches, 0 for an inner node, 11. Whole numbers are exact in float64, and one row is two cache lines.
+            patches, 0 for an inner node, 11; sin^2 of the half-angle 12 and its sin cos 13. Whole numbers are exact in float64, and one row is two cache lines.
         corners: (m, 18): per corner position and unit normal, patches in the order of the leaves.
         tags: (m, 2): kind of patch and facet.
         centre: (3,) [m]; scale [m].

@@ -1,0 +1,130 @@
+"""`palpate calibrate mounting`: where the surface really sits in the sensor's frame, from touches."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import numpy as np
+from tyro.conf import arg
+
+from palpate.calibration.mounting import Mounting, identify_mounting, mean_touches
+from palpate.calibration.presses import find_presses
+from palpate.cli.options import FileOption, Log, Output, RigFile
+from palpate.cli.screen import lines, note, title, wait
+from palpate.contact.estimator import Estimator
+from palpate.contact.locate import Locator
+from palpate.contact.truth import Touches
+from palpate.errors import InputError
+from palpate.io.csv import read_recording
+from palpate.io.models import provenance
+from palpate.io.rig import Rig, load_rig
+from palpate.io.rig_edit import update_pose
+from palpate.io.truth import read_touches
+from palpate.sensors.noise import estimate_noise
+from palpate.sensors.recording import Recording
+from palpate.spatial.pose import Pose
+from palpate.surfaces.mesh import Mesh
+
+__all__ = ["calibrate_mounting"]
+
+
+def calibrate_mounting(
+    log: Log,
+    /,
+    rig: RigFile,
+    output: Output,
+    marks: FileOption = None,
+    placement: Annotated[float, arg(metavar="X")] = 0.5e-3,
+) -> None:
+    """Find the pose of the surface in the sensor's frame, starting from the rig's, and write it into the rig.
+
+    With marks, each touch was at a known point. Without, each press in the log is a touch somewhere on the surface,
+    which tells less and believes that presses are mostly along the normal. Comments in the rig stay.
+
+    Args:
+        log: CSV in which marked points, or many different places, are pressed.
+        rig: TOML of the set-up, with payload and a rough pose.
+        output: rig to write; it may be the same file.
+        marks: start,end,px,py,pz[,label] of each touch, in the surface's frame.
+        placement: standard deviation [m] of how well marks are hit, along each axis.
+    """
+    setup = load_rig(rig)
+    recording = read_recording(log, setup.layout())
+    surface = setup.surface.load(setup.folder)
+    wait("preparing the surface and compiling kernels (compiling happens once)")
+    wrenches, covariances, estimator = _in_sensor(recording, setup, surface)
+    touches = _presses(recording, wrenches, estimator) if marks is None else read_touches(marks)
+    means, spreads = mean_touches(
+        recording.time, wrenches, touches.start, touches.end, estimator.sensor.noise, covariances
+    )
+    initial = setup.surface.pose.pose()
+    mounting = identify_mounting(
+        means,
+        surface,
+        initial=initial,
+        points=None if marks is None else touches.point,
+        noise=spreads,
+        placement=placement,
+        labels=touches.label,
+    )
+    record = provenance({"touches": log, "marks": marks, "rig": rig}, {})
+    update_pose(rig, output, mounting.pose, mounting.covariance, comment=_origin(mounting, record))
+    title(f"{log} -> {output}")
+    kind = "presses somewhere on the surface" if marks is None else f"touches at the points of {marks}"
+    lines([("touches", f"{len(mounting.touches)} used of {len(touches)} {kind}"), *_figures(mounting, initial)])
+    note([*surface.notes, *recording.notes, *mounting.notes])
+
+
+def _in_sensor(recording: Recording, setup: Rig, surface: Mesh) -> tuple[np.ndarray, np.ndarray | None, Estimator]:
+    """Compensated wrenches in the sensor's frame, and what the payload's uncertainty adds to their covariance."""
+    noise = None if setup.force_torque.noise is not None else estimate_noise(recording.wrenches())
+    sensor = setup.sensor(noise)
+    settings = setup.estimate.contact
+    locator = Locator(
+        surface,
+        noise=sensor.noise,
+        on=None if settings is None else settings.on,
+        off=None if settings is None else settings.off,
+    )
+    estimator = Estimator(locator, sensor, setup.payload())  # its surface frame is the sensor's: no mount
+    wrenches, covariances, statuses = estimator.contact_wrenches(recording)
+    usable = np.where((statuses < 0)[:, None], wrenches, np.nan)
+    added = None if covariances is None or covariances.ndim == 2 else covariances - sensor.noise
+    return usable, added, estimator
+
+
+def _presses(recording: Recording, wrenches: np.ndarray, estimator: Estimator) -> Touches:
+    on, off = estimator.locator.on, estimator.locator.off
+    start, end = find_presses(recording.time, wrenches, on=on, off=off)
+    if not len(start):
+        raise InputError(
+            f"no press above {on:.3g} N is found.",
+            where=recording.source,
+            mend="Is the payload in the rig? See contact.",
+        )
+    labels = tuple(f"press {k + 1} at {begin:.2f} s" for k, begin in enumerate(start))
+    return Touches(start, end, np.full((len(start), 3), np.nan), labels)
+
+
+def _origin(mounting: Mounting, record: dict[str, str]) -> str:
+    name, _, digest = record["touches"].partition(" ")
+    return f"from {len(mounting.touches)} touches of {name} ({digest[:19]}), palpate {record['palpate']}"
+
+
+def _figures(mounting: Mounting, initial: Pose) -> list[tuple[str, str]]:
+    change = initial.inverse() @ mounting.pose
+    turned = np.degrees(2 * np.arcsin(min(1.0, float(np.linalg.norm(change.quaternion()[:3])))))
+    spread = np.sqrt(np.diag(mounting.covariance))
+    shift = mounting.pose.translation - initial.translation
+    return [
+        ("position", f"{_three(1e3 * mounting.pose.translation, 2)} +- {_three(1e3 * spread[3:], 2)} mm"),
+        ("orientation", f"{_three(mounting.pose.quaternion(), 5)} x y z w, +- {_three(np.degrees(spread[:3]), 2)} deg"),
+        ("moved by", f"{_three(1e3 * shift, 2)} mm and {turned:.2f} deg"),
+        ("residual", f"{mounting.residual:.2f} of what was expected"),
+        ("determined", "; ".join(mounting.observable) or "nothing"),
+        ("not determined", "; ".join(mounting.unobservable) or "nothing: all six directions are"),
+    ]
+
+
+def _three(values: np.ndarray, digits: int) -> str:
+    return "(" + ", ".join(f"{value:.{digits}f}" for value in values) + ")"

@@ -1,0 +1,104 @@
+"""`palpate calibrate payload`: what hangs on the sensor, and the sensor's zero, from free motion."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import numpy as np
+from tyro.conf import FlagCreatePairsOff, arg
+
+from palpate.calibration.payload import identify_payload
+from palpate.calibration.poses import average_poses
+from palpate.cli.options import FileOption, Log, Output
+from palpate.cli.screen import lines, note, title
+from palpate.errors import InputError
+from palpate.io.csv import Layout, read_recording
+from palpate.io.models import provenance, write_payload
+from palpate.io.rig import load_rig
+from palpate.sensors.force_torque import STANDARD_GRAVITY, Payload
+from palpate.sensors.recording import ORIENTATION
+from palpate.spatial.pose import rotation_from_quaternion
+
+__all__ = ["calibrate_payload", "figures"]
+
+
+def calibrate_payload(
+    log: Log,
+    /,
+    output: Output,
+    rig: FileOption = None,
+    gravity: Annotated[str, arg(metavar="X,Y,Z")] = "free",
+    magnitude: Annotated[float, arg(metavar="X")] = STANDARD_GRAVITY,
+    base_frame: Annotated[bool, FlagCreatePairsOff] = False,
+) -> None:
+    """Identify weight, centre of mass and biases from a log in which nothing is touched.
+
+    Hold some seven poses that differ about more than one axis. Stretches at rest are averaged; where there are none,
+    all samples are used.
+
+    Args:
+        log: CSV with time,fx,fy,fz,tx,ty,tz,qx,qy,qz,qw (sensor in base), or as the rig says.
+        output: payload.toml to write.
+        rig: TOML that says where the log keeps what.
+        gravity: its direction in the base as x,y,z (0,0,-1 when z points up), or free: identified too.
+        magnitude: of gravity [m/s^2].
+        base_frame: the wrenches are written in the base frame (a rig says it as frame = "base").
+    """
+    layout = Layout() if rig is None else load_rig(rig).layout()
+    recording = read_recording(log, layout)
+    if ORIENTATION not in recording.channels:
+        raise InputError(
+            "the log has no orientation, without which the weight cannot be told from the bias.",
+            where=str(log),
+            mend="Add columns qx, qy, qz, qw (sensor in base), or name them in the rig's [orientation].",
+        )
+    rotations = rotation_from_quaternion(recording.channels[ORIENTATION])
+    wrenches, poses, counts = average_poses(recording.wrenches(), rotations)
+    record = provenance({"log": log, "rig": rig}, {"gravity": gravity})
+    payload = identify_payload(
+        wrenches,
+        poses,
+        gravity=_direction(gravity),
+        magnitude=magnitude,
+        hypothesis="base frame" if base_frame or layout.frame == "base" else "as is",
+        provenance=record,
+    )
+    write_payload(output, payload)
+    title(f"{log} -> {output}")
+    averaged = (
+        f"{len(counts)} poses at rest of {int(counts.sum()):,} samples" if counts.max() > 1 else "each on its own"
+    )
+    lines([("samples", f"{len(recording):,}; used: {averaged}"), *figures(payload)])
+    note([*recording.notes, *payload.notes])
+
+
+def _direction(text: str) -> np.ndarray | None:
+    if text == "free":
+        return None
+    try:
+        direction = np.array([float(part) for part in text.split(",")])
+    except ValueError:
+        direction = np.zeros(0)
+    if direction.shape != (3,) or not direction.any():
+        raise InputError(f"--gravity {text!r} is no direction.", mend="Write x,y,z, such as 0,0,-1, or free.")
+    return direction
+
+
+def figures(payload: Payload) -> list[tuple[str, str]]:
+    """Each with its standard deviation."""
+    spread = np.sqrt(np.diag(payload.covariance))
+    weight = float(np.linalg.norm(payload.weight))
+    along = payload.weight / weight if weight else np.zeros(3)
+    mass_spread = float(np.sqrt(along @ payload.covariance[:3, :3] @ along)) / payload.magnitude
+    return [
+        ("mass", f"{payload.mass:.4f} +- {mass_spread:.4f} kg"),
+        ("gravity", f"{_three(along, 4)} (direction in the base)"),
+        ("centre of mass", f"{_three(1e3 * payload.center_of_mass, 2)} +- {_three(1e3 * spread[6:9], 2)} mm"),
+        ("force bias", f"{_three(payload.force_bias, 3)} +- {_three(spread[3:6], 3)} N"),
+        ("torque bias", f"{_three(payload.torque_bias, 4)} +- {_three(spread[9:], 4)} N m"),
+        ("residual", f"{payload.residual[0]:.3g} N, {payload.residual[1]:.3g} N m rms"),
+    ]
+
+
+def _three(values: np.ndarray, digits: int) -> str:
+    return "(" + ", ".join(f"{value:.{digits}f}" for value in values) + ")"

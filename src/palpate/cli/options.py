@@ -1,0 +1,19 @@
+"""Kinds of arguments, so that help reads the same everywhere."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from tyro.conf import Positional, arg
+
+__all__ = ["FileOption", "Log", "MeshFile", "Output", "Pair", "RigFile", "Scalar", "SomeFile"]
+
+Log = Annotated[Positional[Path], arg(metavar="LOG")]
+MeshFile = Annotated[Positional[Path], arg(metavar="MESH")]
+SomeFile = Annotated[Positional[Path], arg(metavar="FILE")]
+Output = Annotated[Path, arg(aliases=["-o"], metavar="FILE")]
+RigFile = Annotated[Path, arg(metavar="FILE")]
+FileOption = Annotated[Path | None, arg(metavar="FILE")]
+Scalar = Annotated[float | None, arg(metavar="X")]
+Pair = Annotated[tuple[float, float] | None, arg(metavar="X X")]
