@@ -1,0 +1,40 @@
+"""Palpate: where, how hard and in which direction a robot is being touched.
+
+The front door. Everything that a program needs day to day is here; the rooms behind it are documented in
+docs/architecture.md.
+"""
+
+from palpate.calibration.mounting import Mounting, identify_mounting
+from palpate.calibration.payload import identify_payload
+from palpate.contact import Candidates, ContactEstimate, Estimator, Locator, Status, locate
+from palpate.errors import GeometryError, InputError, NotIdentifiable, PalpateError
+from palpate.sensors import ForceTorque, Payload, Recording
+from palpate.spatial.pose import Pose
+from palpate.spatial.wrench import Wrench
+from palpate.surfaces import Mesh, Surface, plane
+
+__version__ = "0.1.0"
+
+__all__ = [
+    "Candidates",
+    "ContactEstimate",
+    "Estimator",
+    "ForceTorque",
+    "GeometryError",
+    "InputError",
+    "Locator",
+    "Mesh",
+    "Mounting",
+    "NotIdentifiable",
+    "PalpateError",
+    "Payload",
+    "Pose",
+    "Recording",
+    "Status",
+    "Surface",
+    "Wrench",
+    "identify_mounting",
+    "identify_payload",
+    "locate",
+    "plane",
+]

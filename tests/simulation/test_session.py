@@ -71,7 +71,7 @@ def test_same_seed_same_session() -> None:
 
 def test_files_hold_the_session(session: Session, tmp_path: Path) -> None:
     write_session(session, tmp_path)
-    rows = list(csv.DictReader((tmp_path / "touches.csv").open()))
+    rows = _rows(tmp_path / "touches.csv")
     assert list(rows[0]) == ["time", "fx", "fy", "fz", "tx", "ty", "tz", "qx", "qy", "qz", "qw"]
     read = np.array([[float(row[name]) for name in ("fx", "fy", "fz", "tx", "ty", "tz")] for row in rows])
     assert np.abs(read - session.touches.wrenches()).max() < 1e-6  # six digits are written
@@ -81,7 +81,11 @@ def test_files_hold_the_session(session: Session, tmp_path: Path) -> None:
     assert mesh.volume > 0
     rig = tomllib.loads((tmp_path / "rig.toml").read_text())
     assert rig["surface"]["pose"]["xyz"] == session.nominal.translation.tolist()
-    marks = {row["label"] for row in csv.DictReader((tmp_path / "marks.csv").open())}
-    truth = {row["label"] for row in csv.DictReader((tmp_path / "truth.csv").open())}
+    marks = {row["label"] for row in _rows(tmp_path / "marks.csv")}
+    truth = {row["label"] for row in _rows(tmp_path / "truth.csv")}
     assert marks | truth == set(session.truth.label)
     assert not marks & truth
+
+
+def _rows(path: Path) -> list[dict[str, str]]:
+    return list(csv.DictReader(path.read_text().splitlines()))

@@ -3,5 +3,12 @@
 from __future__ import annotations
 
 from palpate.calibration.payload import Hypothesis, diagnose_payload, identify_payload
+from palpate.calibration.payload_mounting import MountedPayload, identify_payload_and_mounting
 
-__all__ = ["Hypothesis", "diagnose_payload", "identify_payload"]
+__all__ = [
+    "Hypothesis",
+    "MountedPayload",
+    "diagnose_payload",
+    "identify_payload",
+    "identify_payload_and_mounting",
+]

@@ -115,7 +115,8 @@ def kept_samples(
     """Samples within `CUTOFF` robust standard deviations, channel by channel, of a fit that the others do not pull.
 
     A Huber fit to start, then least squares on what lies within, until that no longer changes. Gaussian data keep the
-    efficiency of plain least squares. The bounded regressors (rotations) leave no leverage to guard against.
+    efficiency of plain least squares. Regressors are rotations, bounded: poses that are spread
+    out leave no leverage to guard against.
     """
 
     def left(weights: np.ndarray | None) -> np.ndarray:
@@ -127,7 +128,8 @@ def kept_samples(
         residuals = left(np.minimum(1.0, HUBER / np.maximum(distance, 1e-12)))
     kept = np.ones(len(wrenches), dtype=bool)
     for _ in range(20):
-        before, kept = kept, (np.abs(residuals) <= CUTOFF * _spread(residuals, floor)).all(axis=1)
+        inside = np.all(np.abs(residuals) <= CUTOFF * _spread(residuals, floor), axis=1)
+        before, kept = kept, np.asarray(inside, dtype=bool)
         if np.array_equal(before, kept):
             break
         residuals = left(np.repeat(kept[:, None].astype(np.float64), 2, axis=1))

@@ -139,9 +139,8 @@ def is_bad(solution: Solution, wrenches: Float[np.ndarray, "n 6"], settings: Set
     stated = np.zeros(2) if settings.noise is None else np.sqrt(np.diag(settings.noise).reshape(2, 3).mean(axis=1))
     variation = float(np.std(wrenches[:, 3:], axis=0).max())
     share = BAD_SHARE * np.array([np.linalg.norm(solution.payload.weight), variation])
-    return bool((solution.payload.residual > np.maximum(BAD_NOISE * stated, share)).any()) or (
-        solution.kept.mean() < 1.0 - BAD_LEFT_OUT
-    )
+    left = solution.payload.residual > np.maximum(BAD_NOISE * stated, share)
+    return bool(left.any() or solution.kept.mean() < 1.0 - BAD_LEFT_OUT)
 
 
 def doubts(

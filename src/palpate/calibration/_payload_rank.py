@@ -76,18 +76,17 @@ def _scaled_svd(columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def _force_refusal(null: np.ndarray, rotations: np.ndarray, direction: np.ndarray | None) -> NotIdentifiable:
     rank = (6 if direction is None else 4) - len(null)
     if direction is not None:
-        turned = rotations[0].T @ direction
+        down = rotations[0].T @ direction
         return NotIdentifiable(
-            f"every pose has gravity along {_named(turned)} of the sensor, so the mass cannot be told from "
-            f"the force bias along it. Add a pose turned by 30 degrees or more about {_named(_across(turned))} of the "
-            "sensor.",
+            f"every pose has gravity along {_named(down)} of the sensor, so the mass cannot be told from the force "
+            f"bias along it. {_turn_across(down)}.",
             rank=rank,
-            missing=("mass", f"force_bias along {_named(turned)} (sensor)"),
+            missing=("mass", f"force_bias along {_named(down)} (sensor)"),
         )
     if len(null) > 1:
         return NotIdentifiable(
-            f"the {len(rotations)} poses have the same orientation, so the weight cannot be told from the force "
-            "bias. Add at least two poses turned by 30 degrees or more about two different axes, such as the sensor's x and y.",
+            "every pose has the same orientation, so the weight cannot be told from the force bias. "
+            f"{_turn_across(np.array([0.0, 0.0, 1.0]))}.",
             rank=rank,
             missing=("weight", "force_bias"),
         )
@@ -96,11 +95,19 @@ def _force_refusal(null: np.ndarray, rotations: np.ndarray, direction: np.ndarra
     base, sensor = _named(sign * base), sign * sensor
     return NotIdentifiable(
         f"every pose turns about one axis, {base} of the base, which is {_named(sensor)} of the sensor: the weight "
-        "along it cannot be told from the force bias along it. Add a pose turned by 30 degrees or more about "
-        f"{_named(_across(sensor))} of the sensor, or state gravity's direction if it is not that axis.",
+        f"along it cannot be told from the force bias along it. {_turn_across(sensor)}, or state gravity's direction "
+        "if it is not that axis.",
         rank=rank,
         missing=(f"weight along {base} (base)", f"force_bias along {_named(sensor)} (sensor)"),
     )
+
+
+def _turn_across(axis: np.ndarray) -> str:
+    """One turn tells weight from bias; the second is for the centre, where the weight hangs along the axis."""
+    one = _across(axis)
+    other = np.cross(axis, one)
+    turns = (_named(turn if turn[np.abs(turn).argmax()] > 0 else -turn) for turn in (one, other))
+    return f"Add poses turned by 30 degrees or more about {' and about '.join(turns)} of the sensor"
 
 
 def _noise_refusal(weight: np.ndarray, noise: float, count: int, rank: int) -> NotIdentifiable:
@@ -108,8 +115,8 @@ def _noise_refusal(weight: np.ndarray, noise: float, count: int, rank: int) -> N
     return NotIdentifiable(
         f"a weight of {newtons:.2g} N is lost in what the fit leaves ({noise:.2g} N a sample, "
         f"{count} samples, these poses): a direction of weight or force bias is not known to {MAX_SHARE:.0%} of it. "
-        "Turn further, about two axes, or average more samples; where nothing hangs on the sensor, use a payload without "
-        "weight (a tare).",
+        "Turn further, about two axes, or average more samples; where nothing hangs on the sensor, use a payload "
+        "without weight (a tare).",
         rank=rank,
         missing=("weight", "force_bias", "center_of_mass"),
     )

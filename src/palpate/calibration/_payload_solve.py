@@ -59,11 +59,13 @@ def solve(wrenches: Float[np.ndarray, "n 6"], rotations: Float[np.ndarray, "n 3 
     """
     direction, basis = settings.direction, settings.basis()
     kept = np.ones(len(wrenches), dtype=bool)
+    theta = two_stage(wrenches, rotations, direction)
+    _check(rotations, kept, theta, settings)
     if settings.robust:
         kept = kept_samples(wrenches, rotations, direction, settings.floor(wrenches))
-    theta = two_stage(wrenches[kept], rotations[kept], direction)
+        theta = two_stage(wrenches[kept], rotations[kept], direction)
+        _check(rotations, kept, theta, settings)
     spread = residual_covariance((wrenches - model(theta, rotations)[0])[kept], basis.shape[1] - 6)
-    _check(rotations, kept, theta, settings)
     theta, cov, notes = _refined(theta, wrenches[kept], rotations[kept], spread, settings)
     residuals = wrenches - model(theta, rotations)[0]
     payload = Payload(

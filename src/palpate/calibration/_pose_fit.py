@@ -27,8 +27,8 @@ def fit(
         weights = np.minimum(1.0, USUAL * scale / np.maximum(distances, 1e-12)) / scale**2
         slope = whitener @ evidence.jacobian(pose)
         away = offset(initial, pose) / sizes
-        normal = np.einsum("n,nki,nkj->ij", weights, slope, slope) + np.diag(1 / sizes**2)
-        descent = np.einsum("n,nki,nk->i", weights, slope, residual) + away / sizes
+        normal: np.ndarray = np.einsum("n,nki,nkj->ij", weights, slope, slope) + np.diag(1 / sizes**2)
+        descent: np.ndarray = np.einsum("n,nki,nk->i", weights, slope, residual) + away / sizes
         cost = weights @ distances**2 + away @ away
         step: np.ndarray = -np.linalg.solve(normal + damping * np.diag(np.diag(normal)), descent)
         trial = moved(pose, step)

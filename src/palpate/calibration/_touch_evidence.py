@@ -5,12 +5,13 @@ Poses are T_sensor_surface = (R, t), moved by x = (omega, delta): R <- exp(omega
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from jaxtyping import Float
 
+from palpate.contact.locate import locate
 from palpate.spatial.pose import Pose, skew
 from palpate.spatial.wrench import Wrench
 from palpate.surfaces import Mesh
@@ -21,22 +22,22 @@ FLOOR = 1e-5  # m: no touch is believed to be placed better than this, even if t
 STEP = 0.03  # rad, and a third of it in sizes of the surface: over many facets, so that the slope is the body's
 
 
-class Evidence(Protocol):
+class Evidence(ABC):
     """Residuals of n touches, k numbers each, of which `informative` can differ from zero."""
 
     informative: int
 
+    @abstractmethod
     def residual(self, pose: Pose) -> Float[np.ndarray, "n k"]:
         """What the pose leaves unexplained."""
-        ...
 
+    @abstractmethod
     def jacobian(self, pose: Pose) -> Float[np.ndarray, "n k 6"]:
         """The slope of `residual` in (omega, delta)."""
-        ...
 
+    @abstractmethod
     def whitener(self, pose: Pose) -> Float[np.ndarray, "n k k"]:
         """Makes the residual's expected covariance the identity."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -58,7 +59,7 @@ class Touched:
     friction: float
 
 
-class KnownPoints:
+class KnownPoints(Evidence):
     """Touches at known points: r = M - (R p + t) x F is the torsion about the normal and noise, nothing else.
 
     The torsion is integrated out: it only widens the covariance along the normal R n.
@@ -83,12 +84,13 @@ class KnownPoints:
         return _whitener(_torque_covariance(self.touched, pose.apply(self.points), pose.rotate(self.normals)))
 
 
-class SomewhereOnSurface:
+class SomewhereOnSurface(Evidence):
     """Touches anywhere on the surface: each is located with the pose in question, and two priors judge the result.
 
     Six equations fit six unknowns, so a located touch leaves no residual of torque but its torsion. What informs is
-    that bodies are mostly pressed, not dragged: the unit force scatters about -n. Both are written in the surface's
-    frame; a wrench that misses the surface leaves its moment about the nearest point.
+    that bodies are mostly pressed, not dragged: the unit force scatters about -n. Both are written in the sensor's
+    frame, so that a turn which changes nothing has no slope; a wrench that misses the surface leaves its moment about
+    the nearest point.
     """
 
     informative = 3
@@ -96,21 +98,20 @@ class SomewhereOnSurface:
     def __init__(self, touched: Touched, surface: Mesh) -> None:
         self.touched, self.surface = touched, surface
 
-    def _located(self, pose: Pose) -> tuple[Float[np.ndarray, "n 6"], np.ndarray, np.ndarray]:
-        from palpate.contact.locate import locate
-
+    def _located(self, pose: Pose) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"]]:
+        """Points and normals, in the sensor's frame."""
         wrench = Wrench.from_vector(self.touched.wrenches).transformed(pose.inverse())
         found = locate(wrench, self.surface, friction=10.0, torsion=1.0)  # wide: the priors judge, softly
-        lost = ~np.isfinite(found.point + found.normal).all(axis=1)
+        lost: np.ndarray = ~np.all(np.isfinite(found.point + found.normal), axis=1, keepdims=True)
         nearest, normal, _ = self.surface.project(_axis_points(wrench, self.surface))
-        lost = lost[:, None]
-        return wrench.vector(), np.where(lost, nearest, found.point), np.where(lost, normal, found.normal)
+        return pose.apply(np.where(lost, nearest, found.point)), pose.rotate(np.where(lost, normal, found.normal))
 
     def residual(self, pose: Pose) -> Float[np.ndarray, "n k"]:
         """(M - p x F, F / |F| + n) with the located p and n."""
-        wrenches, points, normals = self._located(pose)
-        size = np.linalg.norm(wrenches[:, :3], axis=1, keepdims=True)
-        return np.concatenate([_unexplained(wrenches, points), wrenches[:, :3] / size + normals], axis=1)
+        points, normals = self._located(pose)
+        force = self.touched.wrenches[:, :3]
+        unit = force / np.linalg.norm(force, axis=1, keepdims=True)
+        return np.concatenate([_unexplained(self.touched.wrenches, points), unit + normals], axis=1)
 
     def jacobian(self, pose: Pose) -> Float[np.ndarray, "n k 6"]:
         """Central differences: the located point has no simple slope."""
@@ -120,18 +121,8 @@ class SomewhereOnSurface:
 
     def whitener(self, pose: Pose) -> Float[np.ndarray, "n k k"]:
         """Of the torque as for known points, and of the unit force."""
-        wrenches, points, normals = self._located(pose)
-        matrix = pose.inverse().wrench_matrix()
-        matrix_t = matrix.T
-        here = Touched(
-            wrenches,
-            matrix @ self.touched.covariances @ matrix_t,
-            self.touched.placement,
-            self.touched.torsion,
-            self.touched.friction,
-        )
-        whole = np.zeros((len(wrenches), 6, 6))
-        whole[:, :3, :3] = _whitener(_torque_covariance(here, points, normals))
+        whole = np.zeros((len(self.touched.wrenches), 6, 6))
+        whole[:, :3, :3] = _whitener(_torque_covariance(self.touched, *self._located(pose)))
         whole[:, 3:, 3:] = np.eye(3) / self.touched.friction
         return whole
 

@@ -37,7 +37,8 @@ def identify_payload(
     flexing), and whitening by them moves the mass of the 100 real poses from 1.240 to 1.165 kg. The covariance covers
     all twelve, the centre carrying the weight's error, from the residuals' covariance (or the stated noise, where
     believed). It takes samples as independent: of a long log with many samples a pose, average each pose first, or the
-    covariance is too small by that number.
+    covariance is too small by that number. With few poses state the noise: from residuals alone it is too small, by
+    1.1 at 40 poses, by 2 at 12.
 
     Args:
         wrenches: (n, 6) [N, N m] in the sensor frame. Rows with NaN or infinity are ignored, and said.

@@ -97,38 +97,49 @@ def _minima(
 ) -> list[tuple[np.ndarray, float]]:
     from scipy.spatial.transform import Rotation  # here: it takes 0.1 s to import
 
-    found: list[tuple[np.ndarray, float]] = []
-    pushing: list[tuple[np.ndarray, float]] = []  # against the given gravity: right only if nothing pulls
+    found: list[tuple[np.ndarray, float, bool]] = []
     for start in Rotation.create_group("O").as_matrix():
-        mounting, left = _descend(forces, rotations, start, settings.direction)
+        mounting = _alternated(forces, rotations, start, settings.direction)
+        if any(_angle(mounting, other) < DISTINCT for other, _, _ in found):
+            continue
+        mounting, left = _finished(forces, rotations, mounting, settings.direction)
+        if any(_angle(mounting, other) < DISTINCT for other, _, _ in found):
+            continue
         weight = _linear(forces, rotations @ mounting, settings.direction)[0]
-        upward = settings.direction is not None and float(weight @ settings.direction) < 0
-        same_sign = pushing if upward else found
-        angles = [float(Rotation.from_matrix(mounting.T @ other).magnitude()) for other, _ in same_sign]
-        if min(angles, default=np.inf) > DISTINCT:
-            same_sign.append((mounting, left))
-    return sorted(found or pushing, key=lambda minimum: minimum[1])
+        pulls = settings.direction is None or float(weight @ settings.direction) > 0
+        found.append((mounting, left, pulls))
+    pulling = [(mounting, left) for mounting, left, pulls in found if pulls]  # with the given gravity, not against it
+    return sorted(pulling or [(mounting, left) for mounting, left, _ in found], key=lambda minimum: minimum[1])
 
 
-def _descend(
+def _angle(one: np.ndarray, other: np.ndarray) -> float:
+    return 2.0 * float(np.arcsin(min(1.0, float(np.linalg.norm(one - other)) / np.sqrt(8.0))))
+
+
+def _alternated(
     forces: np.ndarray, rotations: np.ndarray, mounting: np.ndarray, direction: np.ndarray | None
-) -> tuple[np.ndarray, float]:
-    """Alternate to the neighbourhood of a minimum, then least squares in the mounting with the rest eliminated."""
-    from scipy.optimize import least_squares
-    from scipy.spatial.transform import Rotation
-
-    for _ in range(10):
+) -> Float[np.ndarray, "3 3"]:
+    """To the neighbourhood of a minimum: it converges from anywhere, but slowly at the end."""
+    for _ in range(30):
         weight, bias, _ = _linear(forces, rotations @ mounting, direction)
         turned, target = rotations.swapaxes(1, 2) @ weight, forces - bias
-        left, _, right = np.linalg.svd(turned.T @ target)  # max trace(X^T sum turned target^T)
+        left, _, right = np.linalg.svd(turned.T @ target)  # the turn that maximises trace(X^T sum turned target^T)
         mounting = left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right
+    return mounting
+
+
+def _finished(
+    forces: np.ndarray, rotations: np.ndarray, mounting: np.ndarray, direction: np.ndarray | None
+) -> tuple[Float[np.ndarray, "3 3"], float]:
+    """Least squares in the mounting with the rest eliminated, and the rms that it leaves [N]."""
+    from scipy.optimize import least_squares
+    from scipy.spatial.transform import Rotation
 
     def residuals(turn: np.ndarray) -> np.ndarray:
         return _linear(forces, rotations @ (mounting @ Rotation.from_rotvec(turn).as_matrix()), direction)[2].ravel()
 
     result = least_squares(residuals, np.zeros(3), xtol=1e-12, ftol=1e-14, gtol=1e-12)
-    mounting = mounting @ Rotation.from_rotvec(result.x).as_matrix()
-    return mounting, float(np.sqrt(np.mean(result.fun**2)))
+    return mounting @ Rotation.from_rotvec(result.x).as_matrix(), float(np.sqrt(np.mean(result.fun**2)))
 
 
 def _linear(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from math import radians
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 __all__ = ["average_poses"]
 
@@ -27,7 +27,8 @@ def average_poses(
         rotations: (n, 3, 3); rows that are not finite belong to no pose.
         shortest: samples that make a stretch.
     """
-    finite = np.isfinite(wrenches).all(axis=1) & np.isfinite(rotations).all(axis=(1, 2))
+    both = np.concatenate([wrenches, rotations.reshape(-1, 9)], axis=1)
+    finite = ~np.isnan(both.sum(axis=1) * 0.0)  # infinity times zero is NaN
     stretches = [rows for rows in _stretches(rotations, finite) if len(rows) >= shortest]
     if len(stretches) < ENOUGH:
         return wrenches, rotations, np.ones(len(wrenches), dtype=np.int64)
@@ -36,7 +37,7 @@ def average_poses(
     return means, turns, np.array([len(rows) for rows in stretches])
 
 
-def _stretches(rotations: Float[np.ndarray, "n 3 3"], finite: np.ndarray) -> list[Int[np.ndarray, " k"]]:
+def _stretches(rotations: Float[np.ndarray, "n 3 3"], finite: Bool[np.ndarray, " n"]) -> list[Int[np.ndarray, " k"]]:
     """Rows that follow each other and lie within `STILL` of the first of them."""
     found: list[Int[np.ndarray, " k"]] = []
     start, cosine = 0, 1.0 + 2.0 * np.cos(STILL)  # the trace of a rotation by that angle
@@ -50,7 +51,9 @@ def _stretches(rotations: Float[np.ndarray, "n 3 3"], finite: np.ndarray) -> lis
     return found
 
 
-def _first_turned(rotations: Float[np.ndarray, "n 3 3"], finite: np.ndarray, start: int, cosine: float) -> int:
+def _first_turned(
+    rotations: Float[np.ndarray, "n 3 3"], finite: Bool[np.ndarray, " n"], start: int, cosine: float
+) -> int:
     """The first row after `start` that is turned away from it, looked for in growing chunks."""
     chunk, begin = 64, start + 1
     while begin < len(rotations):

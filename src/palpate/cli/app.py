@@ -21,12 +21,12 @@ def run(argv: Sequence[str] | None) -> None:
     """Parse and run one command; leaves by `SystemExit` on --help and on a wrong call."""
     app, calibrate, rig = SubcommandApp(), SubcommandApp(), SubcommandApp()
     app.command(estimate)
-    calibrate.command(calibrate_payload, name="payload")
-    calibrate.command(calibrate_mounting, name="mounting")
+    calibrate.command(name="payload")(calibrate_payload)
+    calibrate.command(name="mounting")(calibrate_mounting)
     app.command(calibrate, name="calibrate", help="Make a model from a log: payload, mounting.")
     app.command(evaluate)
     app.command(inspect)
-    rig.command(rig_new, name="new")
+    rig.command(name="new")(rig_new)
     app.command(rig, name="rig", help="Write a rig to start from: new.")
     app.cli(prog="palpate", description=_DESCRIPTION, args=list(sys.argv[1:] if argv is None else argv))
 

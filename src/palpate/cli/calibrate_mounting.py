@@ -10,7 +10,7 @@ from tyro.conf import arg
 from palpate.calibration.mounting import Mounting, identify_mounting, mean_touches
 from palpate.calibration.presses import find_presses
 from palpate.cli.options import FileOption, Log, Output, RigFile
-from palpate.cli.screen import lines, note, title, wait
+from palpate.cli.screen import lines, measured, note, title, wait
 from palpate.contact.estimator import Estimator
 from palpate.contact.locate import Locator
 from palpate.contact.truth import Touches
@@ -112,19 +112,16 @@ def _origin(mounting: Mounting, record: dict[str, str]) -> str:
 
 
 def _figures(mounting: Mounting, initial: Pose) -> list[tuple[str, str]]:
-    change = initial.inverse() @ mounting.pose
-    turned = np.degrees(2 * np.arcsin(min(1.0, float(np.linalg.norm(change.quaternion()[:3])))))
+    rotation = mounting.pose.rotation_vector()
+    turned = np.degrees(np.linalg.norm((initial.inverse() @ mounting.pose).rotation_vector()))
     spread = np.sqrt(np.diag(mounting.covariance))
     shift = mounting.pose.translation - initial.translation
+    blind = "; ".join(mounting.unobservable)
     return [
-        ("position", f"{_three(1e3 * mounting.pose.translation, 2)} +- {_three(1e3 * spread[3:], 2)} mm"),
-        ("orientation", f"{_three(mounting.pose.quaternion(), 5)} x y z w, +- {_three(np.degrees(spread[:3]), 2)} deg"),
-        ("moved by", f"{_three(1e3 * shift, 2)} mm and {turned:.2f} deg"),
+        ("position", measured(1e3 * mounting.pose.translation, 1e3 * spread[3:], "mm")),
+        ("rotation vector", measured(np.degrees(rotation), np.degrees(spread[:3]), "deg")),
+        ("moved by", f"{1e3 * np.linalg.norm(shift):.2f} mm and {turned:.2f} deg"),
         ("residual", f"{mounting.residual:.2f} of what was expected"),
-        ("determined", "; ".join(mounting.observable) or "nothing"),
-        ("not determined", "; ".join(mounting.unobservable) or "nothing: all six directions are"),
+        ("determined", "all six directions" if not blind else "; ".join(mounting.observable) or "nothing"),
+        *([("not determined", blind)] if blind else []),
     ]
-
-
-def _three(values: np.ndarray, digits: int) -> str:
-    return "(" + ", ".join(f"{value:.{digits}f}" for value in values) + ")"

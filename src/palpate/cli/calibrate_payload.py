@@ -10,7 +10,7 @@ from tyro.conf import FlagCreatePairsOff, arg
 from palpate.calibration.payload import identify_payload
 from palpate.calibration.poses import average_poses
 from palpate.cli.options import FileOption, Log, Output
-from palpate.cli.screen import lines, note, title
+from palpate.cli.screen import lines, measured, note, title
 from palpate.errors import InputError
 from palpate.io.csv import Layout, read_recording
 from palpate.io.models import provenance, write_payload
@@ -91,14 +91,10 @@ def figures(payload: Payload) -> list[tuple[str, str]]:
     along = payload.weight / weight if weight else np.zeros(3)
     mass_spread = float(np.sqrt(along @ payload.covariance[:3, :3] @ along)) / payload.magnitude
     return [
-        ("mass", f"{payload.mass:.4f} +- {mass_spread:.4f} kg"),
-        ("gravity", f"{_three(along, 4)} (direction in the base)"),
-        ("centre of mass", f"{_three(1e3 * payload.center_of_mass, 2)} +- {_three(1e3 * spread[6:9], 2)} mm"),
-        ("force bias", f"{_three(payload.force_bias, 3)} +- {_three(spread[3:6], 3)} N"),
-        ("torque bias", f"{_three(payload.torque_bias, 4)} +- {_three(spread[9:], 4)} N m"),
+        ("mass", measured([payload.mass], [mass_spread], "kg")),
+        ("gravity", f"({along[0]:.4f}, {along[1]:.4f}, {along[2]:.4f}), its direction in the base"),
+        ("centre of mass", measured(1e3 * payload.center_of_mass, 1e3 * spread[6:9], "mm")),
+        ("force bias", measured(payload.force_bias, spread[3:6], "N")),
+        ("torque bias", measured(payload.torque_bias, spread[9:], "N m")),
         ("residual", f"{payload.residual[0]:.3g} N, {payload.residual[1]:.3g} N m rms"),
     ]
-
-
-def _three(values: np.ndarray, digits: int) -> str:
-    return "(" + ", ".join(f"{value:.{digits}f}" for value in values) + ")"

@@ -16,12 +16,12 @@ from palpate.cli.screen import lines, note, percent, progress, title, wait
 from palpate.contact.estimate import ContactEstimate, Status
 from palpate.contact.estimator import Estimator
 from palpate.contact.frames import in_frame
-from palpate.contact.plausibility import lines_of_action
+from palpate.contact.plausibility import lines_of_action, never_at_rest
 from palpate.errors import InputError
 from palpate.io.contacts import write_contacts
 from palpate.io.csv import read_recording
 from palpate.io.models import provenance, write_provenance
-from palpate.io.rig import Rig, RigForceTorque, RigPair, RigSurface, RigThresholds, build, load_rig
+from palpate.io.rig import Rig, RigEstimate, RigForceTorque, RigPair, RigSurface, RigThresholds, build, load_rig
 from palpate.sensors.noise import estimate_noise
 from palpate.sensors.recording import ORIENTATION, POSITION, Recording
 from palpate.spatial.pose import Pose
@@ -37,11 +37,11 @@ def estimate(
     output: Output,
     rig: FileOption = None,
     mesh: FileOption = None,
-    unit: Annotated[Literal["m", "cm", "mm", "um", "in"] | None, arg(metavar="UNIT")] = None,
+    unit: Annotated[Literal["m", "cm", "mm", "um", "in"] | None, arg(metavar="UNIT", help_behavior_hint="")] = None,
     crease: Scalar = None,
     payload: FileOption = None,
     noise: Pair = None,
-    method: Annotated[Literal["soft_finger", "wrench_axis"] | None, arg(metavar="NAME")] = None,
+    method: Annotated[Literal["soft_finger", "wrench_axis"] | None, arg(metavar="NAME", help_behavior_hint="")] = None,
     friction: Scalar = None,
     torsion: Scalar = None,
     contact: Pair = None,
@@ -57,13 +57,13 @@ def estimate(
         rig: TOML of the set-up.
         mesh: surface, when there is no rig: in the sensor's frame, unless a rig says more.
         unit: of the mesh file: m, cm, mm, um or in.
-        crease: degrees; facets that meet by less are smooth across their edge; 0 is faceted.
+        crease: degrees; facets that meet by less are smooth across their edge; 0 is faceted (default 30).
         payload: model written by `palpate calibrate payload`.
         noise: standard deviation of one reading, force [N] and torque [N m]. Estimated from the log when not given.
-        method: soft_finger or wrench_axis.
-        friction: bound on the tangent of the angle between force and normal.
-        torsion: bound on torque about the normal over normal force [m].
-        contact: force [N] at which a contact begins, and below which it ends.
+        method: soft_finger (default) or wrench_axis.
+        friction: bound on the tangent of the angle between force and normal (default 1).
+        torsion: bound on torque about the normal over normal force [m] (default 0.005).
+        contact: force [N] at which a contact begins, and below which it ends (default: 10 and 5 times the noise).
         frame: of the result; base needs the sensor's orientation and position in the log.
     """
     setup = _setup(rig, mesh, unit)
@@ -84,6 +84,7 @@ def estimate(
         {"log": log, "rig": rig, "mesh": setup.mesh_path(), "payload": setup.payload_path()},
         {
             **vars(setup.estimate),
+            "contact": f"on {estimator.locator.on:g} N, off {estimator.locator.off:g} N",
             "crease": setup.surface.crease,
             "frame": frame,
             "noise": estimator.sensor.noise is not None and np.sqrt(np.diag(estimator.sensor.noise)).tolist(),
@@ -128,9 +129,13 @@ def _overridden(
     contact: tuple[float, float] | None,
 ) -> Rig:
     """The rig with what the command line says."""
-    given = {"method": method, "friction": friction, "torsion": torsion}
-    given["contact"] = None if contact is None else RigThresholds(*contact)
-    settings = replace(rig.estimate, **{name: value for name, value in given.items() if value is not None})
+    stated = rig.estimate
+    settings = RigEstimate(
+        method or stated.method,
+        stated.friction if friction is None else friction,
+        stated.torsion if torsion is None else torsion,
+        stated.contact if contact is None else RigThresholds(*contact),
+    )
     surface = rig.surface if crease is None else replace(rig.surface, crease=crease)
     sensor: RigForceTorque = rig.force_torque
     if payload is not None:
@@ -216,5 +221,9 @@ def _doubts(recording: Recording, estimator: Estimator) -> list[str]:
     thinned = _picked(recording, slice(None, None, 1 + len(recording) // BLOCK))
     wrenches, _, statuses = estimator.contact_wrenches(thinned)
     sensed = wrenches @ estimator.mount.wrench_matrix().T
-    doubt = lines_of_action(sensed[statuses < 0], estimator.mount.apply(surface.centre), surface.size).doubt
-    return [doubt] if doubt else []
+    sensed = sensed[statuses < 0]
+    said = [
+        lines_of_action(sensed, estimator.mount.apply(surface.centre), surface.size).doubt,
+        never_at_rest(sensed, estimator.locator.on),
+    ]
+    return [doubt for doubt in said if doubt]

@@ -92,12 +92,18 @@ def _settings(values: Any, prefix: str) -> list[tuple[str, object]]:
     """Every setting that is in force, defaults included, by its dotted key."""
     found: list[tuple[str, object]] = []
     for field in fields(values):
-        value = getattr(values, field.name)
+        value: object = getattr(values, field.name)
         if is_dataclass(value):
             found += _settings(value, f"{prefix}{field.name}.")
         elif value is not None and field.name not in ("folder", "pose_covariance"):
-            found.append((f"{prefix}{field.name}", list(value) if isinstance(value, tuple) else value))
+            found.append((f"{prefix}{field.name}", _listed(value)))
     return found
+
+
+def _listed(value: object) -> str:
+    """A tuple as a rig would write it."""
+    text = str(value)
+    return text.replace("(", "[").replace(")", "]") if text.startswith("(") else text
 
 
 def _table(file: Path) -> None:

@@ -138,7 +138,7 @@ class Locator:
         return ContactEstimate.from_rows(rows)
 
     def candidates(self, wrench: Float[np.ndarray, "6"]) -> Candidates:
-        """Every contact that one wrench (6,) can have, those within the bounds first, then by friction angle."""
+        """Every contact that one wrench (6,) can have, those within the bounds first, then as met along the force."""
         from palpate.surfaces import _bvh
 
         centre, scale = self._settings[:3], self._settings[3]
@@ -152,7 +152,7 @@ class Locator:
         point, normal = found[:, 8:11] * scale + centre, found[:, 11:14]
         torque = np.einsum("nk,nk->n", moment - np.cross(point, force), normal)
         plausible = (found[:, 4] <= self.friction) & (np.abs(torque) <= self.torsion * np.abs(normal @ force))
-        order = np.lexsort((found[:, 5], found[:, 4], ~plausible))
+        order = np.lexsort((found[:, 4], found[:, 5], ~plausible))
         return Candidates(point[order], normal[order], torque[order], found[order, 4], plausible[order])
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-__all__ = ["LinesOfAction", "lines_of_action"]
+__all__ = ["LinesOfAction", "lines_of_action", "never_at_rest"]
 
 LOADED = 0.3  # of the 95th percentile of the force: below it noise moves the line as much as contact does
 NEAR = 0.01  # of the body's size
@@ -60,8 +60,23 @@ def lines_of_action(wrenches: Float[np.ndarray, "n 6"], centre: Float[np.ndarray
         return LinesOfAction(0, 0.0, 0.0)
     loaded = strength >= LOADED * np.percentile(present, 95)
     force, torque, square = force[loaded], torque[loaded], strength[loaded] ** 2
-    about_middle = np.linalg.norm(np.cross(force, torque - np.cross(centre, force)), axis=1) / square
-    about_origin = np.linalg.norm(np.cross(force, torque), axis=1) / square
-    return LinesOfAction(
-        int(np.count_nonzero(loaded)), float(np.mean(about_middle > size)), float(np.mean(about_origin < NEAR * size))
+    about_middle: Float[np.ndarray, " k"] = (
+        np.linalg.norm(np.cross(force, torque - np.cross(centre, force)), axis=1) / square
     )
+    about_origin: Float[np.ndarray, " k"] = np.linalg.norm(np.cross(force, torque), axis=1) / square
+    far, near = np.mean(about_middle > size), np.mean(about_origin < NEAR * size)
+    return LinesOfAction(int(np.count_nonzero(loaded)), float(far), float(near))
+
+
+def never_at_rest(wrenches: Float[np.ndarray, "n 6"], on: float) -> str:
+    """The sentence to say when the force never falls below the threshold of contact, else empty.
+
+    Args:
+        wrenches: (n, 6) as they are located [N, N m].
+        on: force [N] at which a contact begins.
+    """
+    strength = np.linalg.norm(wrenches[:, :3], axis=1)
+    least = float(np.percentile(strength[np.isfinite(strength)], 1)) if np.isfinite(strength).any() else 0.0
+    if least <= on:
+        return ""
+    return f"the force is never below {least:.3g} N: if the log has free moments, bias or payload is left in it"

@@ -73,7 +73,7 @@ def coverage(estimate: ContactEstimate, truth: Float[np.ndarray, "n 3"], which: 
     values, vectors = np.linalg.eigh(estimate.covariance[rows])
     flat = values[:, 1] <= _FLAT * values[:, 2]
     along = np.einsum("nik,ni->nk", vectors[:, :, 1:], estimate.point[rows] - truth[rows])
-    square = np.sum(along[~flat] ** 2 / values[~flat, 1:], axis=-1)
+    square: Float[np.ndarray, " k"] = np.sum(along[~flat] ** 2 / values[~flat, 1:], axis=-1)
     if not len(square):
         return Coverage(0, np.nan, np.nan)
     return Coverage(len(square), float(np.mean(square <= CHI2_95)), float(square.mean()))

@@ -69,10 +69,7 @@ def evaluate(
         truth: instants (matched to the nearest within `tolerance` [s]) or touches.
         tolerance: [s].
     """
-    if isinstance(truth, Touches):
-        match = _touch_of(time, truth)
-    else:
-        match = nearest_in_time(time, truth.time, tolerance)
+    match = _touch_of(time, truth) if isinstance(truth, Touches) else nearest_in_time(time, truth.time, tolerance)
     matched = match >= 0
     answered = matched & np.asarray(estimate.answered)
     point = _picked(truth.point, match)
@@ -104,8 +101,8 @@ def nearest_in_time(
         return np.full(len(time), -1)
     right = np.searchsorted(known[order], time).clip(max=len(order) - 1)
     either = np.stack([order[(right - 1).clip(min=0)], order[right]])
-    apart = np.abs(known[either] - time)
-    best = np.where(apart[1] <= apart[0], either[1], either[0])
+    apart: Float[np.ndarray, "2 n"] = np.abs(known[either] - time)
+    best: Int[np.ndarray, " n"] = np.take_along_axis(either, apart.argmin(axis=0)[None], axis=0)[0]
     # times of day have a resolution of 0.2 us in float64
     return np.where(np.min(apart, axis=0) <= tolerance + 1e-6, best, -1)
 

@@ -67,7 +67,7 @@ def read_recording(path: Path, layout: Layout | None = None) -> Recording:
     time, time_notes = table.numbers([layout.time])
     seconds = time[:, 0] * to_si(layout.time_unit, TIME_UNITS, where="time_unit")
     wrench, wrench_notes = table.numbers(layout.wrench)
-    channels = {FORCE: force * wrench[:, :3] @ axes.T, TORQUE: torque * wrench[:, 3:] @ axes.T}
+    channels = {FORCE: force * _turned(wrench[:, :3], axes), TORQUE: torque * _turned(wrench[:, 3:], axes)}
     notes = [*table.notes, *time_notes, *wrench_notes, *_infinite_notes(wrench), *_time_notes(seconds)]
     optional = (
         (ORIENTATION, layout.orientation, ORIENTATION_COLUMNS),
@@ -109,6 +109,12 @@ def axis_matrix(axes: tuple[str, ...], *, left_handed: bool, where: str) -> Floa
     if left_handed and not reflected:
         raise InputError(f"{list(axes)} is right-handed, but left_handed = true.", where=where, mend="Remove it.")
     return matrix
+
+
+def _turned(values: Float[np.ndarray, "n 3"], axes: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "n 3"]:
+    """Picked and flipped, not multiplied out: an infinite component must not spoil the others."""
+    picked = np.argmax(np.abs(axes), axis=1)
+    return values[:, picked] * axes[np.arange(3), picked]
 
 
 def _require_known(table: Table, names: list[str]) -> None:

@@ -30,6 +30,14 @@ _FIELDS = {  # name -> comment
     "residual": "N, N m: rms of the fit",
     "samples": "that were used",
 }
+_SHAPES = {
+    "weight": (3,),
+    "force_bias": (3,),
+    "center_of_mass": (3,),
+    "torque_bias": (3,),
+    "covariance": (12, 12),
+    "residual": (2,),
+}
 _NOT_SHOWN = ("covariance", "provenance", "notes")
 
 
@@ -77,20 +85,24 @@ def read_payload(path: Path) -> Payload:
     for name in table:
         if name not in known:
             raise InputError(f"unknown key {name!r}.", where=str(path), mend=near(name, known))
+    arrays = {name: _array(table, name, shape, path) for name, shape in _SHAPES.items()}
+    rest = {name: table[name] for name in ("magnitude", "samples", "provenance") if name in table}
     try:
-        arrays = {
-            name: np.asarray(table[name], dtype=np.float64)
-            for name in ("weight", "force_bias", "center_of_mass", "torque_bias")
-        }
-        for name in ("covariance", "residual"):
-            if name in table:
-                arrays[name] = np.asarray(table[name], dtype=np.float64)
-        rest = {name: table[name] for name in ("magnitude", "samples", "provenance", "notes") if name in table}
-        return Payload(**arrays, **rest)
-    except KeyError as problem:
-        raise InputError(f"there is no {problem.args[0]!r}.", where=str(path)) from None
+        return Payload(**arrays, **rest, notes=tuple(table.get("notes", ())))
     except (TypeError, ValueError) as problem:
         raise InputError(f"{problem}.", where=str(path)) from problem
+
+
+def _array(table: Mapping[str, Any], name: str, shape: tuple[int, ...], path: Path) -> Float[np.ndarray, "..."]:
+    try:
+        array = np.asarray(table[name], dtype=np.float64)
+    except KeyError:
+        raise InputError(f"there is no {name!r}.", where=str(path)) from None
+    except (TypeError, ValueError):
+        array = np.zeros(0)
+    if array.shape != shape:
+        raise InputError(f"{name} must be {' x '.join(map(str, shape))} numbers.", where=str(path))
+    return array
 
 
 def write_provenance(path: Path, record: Mapping[str, object]) -> None:

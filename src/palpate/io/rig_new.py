@@ -44,7 +44,7 @@ units = {{ force = "N", torque = "{torque_unit}" }}{torque_remark}
 axes = ["x", "y", "z"]               # which logged axis is the sensor's x, y, z; "-x" flips
 # left_handed = true                 # if axes has to mirror: a driver that swaps two axes, or reports the reaction
 frame = "sensor"                     # or "base", which needs an orientation
-noise = {{ force = {force_noise}, torque = {torque_noise} }}   # one reading, from the log's own steps; better from an idle log
+noise = {{ force = {force_noise}, torque = {torque_noise} }}   # of one reading: from the log's own steps
 # range = {{ force = 200, torque = 10 }}     # of the sensor: a reading at it is saturated
 # payload = "payload.toml"           # written by: palpate calibrate payload
 

@@ -1,4 +1,4 @@
-"""TOML tables into frozen dataclasses; a key or a value that does not fit is named, with its place and the nearest fit."""
+"""TOML tables into frozen dataclasses; what does not fit is named, with its place and the nearest fit."""
 
 from __future__ import annotations
 

@@ -48,8 +48,8 @@ def read_touches(path: Path) -> Touches:
 
 
 def _wanted(table: Table) -> dict[str, tuple[str, ...]]:
-    optional = {"normal": _NORMAL, "force": _FORCE}
-    return {"point": _POINT} | {name: columns for name, columns in optional.items() if set(columns) <= set(table.names)}
+    known: dict[str, tuple[str, ...]] = {"point": _POINT, "normal": _NORMAL, "force": _FORCE}
+    return {name: columns for name, columns in known.items() if name == "point" or set(columns) <= set(table.names)}
 
 
 def _touches(table: Table) -> Touches:

@@ -138,7 +138,7 @@ class Payload:
         return np.where(lost, np.nan, np.swapaxes(rotations, -1, -2))
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, init=False)
 class ForceTorque:
     """A six-axis force/torque sensor.
 
@@ -148,19 +148,19 @@ class ForceTorque:
         frame: the frame in which the log's wrenches are written, "sensor" or "base".
     """
 
-    noise: Float[np.ndarray, "6 6"] | None = None
-    limits: Float[np.ndarray, "6"] | None = None
-    frame: str = "sensor"
+    noise: Float[np.ndarray, "6 6"] | None
+    limits: Float[np.ndarray, "6"] | None
+    frame: str
 
-    def __post_init__(self) -> None:
-        if self.noise is not None:
-            object.__setattr__(self, "noise", frozen(noise_covariance(self.noise)))
-        if self.limits is not None:
-            object.__setattr__(self, "limits", frozen(self.limits, tail=(6,), name="limits"))
-            if not np.all(self.limits > 0):  # NaN too; infinity is a channel without a limit
-                raise InputError("every limit must be positive", where="force_torque", mend="Use inf for no limit.")
-        if self.frame not in FRAMES:
-            raise InputError(f"frame must be 'sensor' or 'base', not {self.frame!r}", where="force_torque")
+    def __init__(self, noise: ArrayLike | None = None, limits: ArrayLike | None = None, frame: str = "sensor") -> None:
+        set_field = object.__setattr__
+        set_field(self, "noise", None if noise is None else frozen(noise_covariance(noise)))
+        set_field(self, "limits", None if limits is None else frozen(limits, tail=(6,), name="limits"))
+        set_field(self, "frame", frame)
+        if self.limits is not None and not np.all(self.limits > 0):  # NaN too
+            raise InputError("every limit must be positive", where="force_torque", mend="Use inf for no limit.")
+        if frame not in FRAMES:
+            raise InputError(f"frame must be 'sensor' or 'base', not {frame!r}", where="force_torque")
 
     def saturated(self, wrenches: Float[np.ndarray, "*batch 6"]) -> Bool[np.ndarray, "*batch"]:
         """Where a channel of a raw reading (sensor frame, before compensation) is at its range; False for NaN."""

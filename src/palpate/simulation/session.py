@@ -22,7 +22,7 @@ NOISE = np.array([0.02] * 3 + [0.001] * 3)  # N, N m: one standard deviation of 
 GRAVITY = np.array([0.0, 0.0, -9.80665])  # m/s^2, base frame
 NOMINAL = Pose.from_quaternion([0.0, 0.0, 0.0, 1.0], [0.0, 0.0, 0.085])  # of the surface in the sensor, by drawing
 ASSEMBLY = (np.radians(1.5), 1.2e-3)  # rad, m: the size of the error of assembly, each in a random direction
-PLACEMENT = 0.2e-3  # m: how well the operator hits a mark, one standard deviation along each tangent
+PLACEMENT = 0.4e-3  # m: how well the operator hits a mark, one standard deviation along each tangent
 HOLD, MOVE, FREE, RAMP, PRESS = 1.0, 0.6, 0.7, 0.3, 0.9  # s
 
 

@@ -82,6 +82,12 @@ class Pose:
         """Unit quaternion x, y, z, w with w >= 0."""
         return quaternion_from_rotation(self.rotation)
 
+    def rotation_vector(self) -> Float[np.ndarray, "*batch 3"]:
+        """Axis times angle [rad]."""
+        from scipy.spatial.transform import Rotation
+
+        return Rotation.from_quat(self.quaternion().reshape(-1, 4)).as_rotvec().reshape(self.translation.shape)
+
     def inverse(self) -> Pose:
         """T_source_target."""
         transposed = np.swapaxes(self.rotation, -1, -2)

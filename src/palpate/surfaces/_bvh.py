@@ -17,7 +17,10 @@ disc with centre h (f x n) cos(theta)/(cos(theta)^2 - sin(alpha)^2) and radius |
 is moved by the centre and the box is widened by the radius, so that the search stays logarithmic for any pitch.
 """
 
+# pyright: basic
 from __future__ import annotations
+
+import functools
 
 import numpy as np
 from numba import njit
@@ -31,11 +34,14 @@ _INSIDE = -1e-8  # how far outside its patch a solution may lie, in barycentric 
 _SLACK = 1e-9  # how far a box test may err, in unit size
 _STACK = 128
 
+# Division by zero gives inf as in NumPy, and a * b + c may be one instruction; NaN and inf keep their meaning.
+_compiled = functools.partial(njit, cache=True, error_model="numpy", fastmath={"contract"})
+
 
 # ---------------------------------------------------------------------------------------------------------------- build
 
 
-@njit(cache=True)
+@_compiled()
 def _select(keys, order, low, high, middle):
     """Partly sort order[low:high] so that position `middle` splits it by key (Hoare's quickselect)."""
     left, right = low, high - 1
@@ -59,7 +65,7 @@ def _select(keys, order, low, high, middle):
             return
 
 
-@njit(cache=True)
+@_compiled()
 def _fill_node(node, corners, order, low, high):
     """Box and cone of the patches order[low:high]."""
     box_low, box_high, axis = np.full(3, np.inf), np.full(3, -np.inf), np.zeros(3)
@@ -88,7 +94,7 @@ def _fill_node(node, corners, order, low, high):
     node[13] = np.sqrt(node[12]) * node[9]
 
 
-@njit(cache=True)
+@_compiled()
 def build(corners):
     """Order of the patches and nodes of the tree, as `Tree` describes them."""
     count = len(corners)
@@ -127,12 +133,12 @@ def build(corners):
 # --------------------------------------------------------------------------------------------------------------- search
 
 
-@njit(cache=True, inline="always")
+@_compiled()
 def _cubic(k0, k1, k2, k3, x):
     return k0 + x * (k1 + x * (k2 + x * k3))
 
 
-@njit(cache=True)
+@_compiled()
 def _root_between(k0, k1, k2, k3, left, right):
     """The root of a cubic in an interval on which it is monotone and changes sign: Newton, kept inside by bisection."""
     rising = _cubic(k0, k1, k2, k3, left) < 0.0
@@ -153,7 +159,7 @@ def _root_between(k0, k1, k2, k3, left, right):
     return x
 
 
-@njit(cache=True)
+@_compiled()
 def _roots(k0, k1, k2, k3, left, right, out):
     """Every real root of a cubic in [left, right] into out; how many."""
     cut0, cut1 = right, right  # where the slope vanishes, in order
@@ -190,7 +196,7 @@ def _roots(k0, k1, k2, k3, left, right, out):
     return count
 
 
-@njit(cache=True, inline="always")
+@_compiled()
 def _weights(qj0, qj1, qk0, qk1, gj0, gj1, gk0, gk1, pitch, base):
     """One component of B(base + x) as coefficients of 1, x, x^2."""
     d0 = qj0 * qk1 - qk0 * qj1
@@ -199,7 +205,7 @@ def _weights(qj0, qj1, qk0, qk1, gj0, gj1, gk0, gk1, pitch, base):
     return d2 + base * (d1 + base * d0), d1 + 2.0 * base * d0, d0
 
 
-@njit(cache=True)
+@_compiled()
 def _solve_patch(x0, y0, x1, y1, x2, y2, c0, c1, c2, g0, h0, g1, h1, g2, h2, pitch, out):
     """All contacts of a patch, b0, b1, b2 a row, into out (4, 3); how many.
 
@@ -237,7 +243,7 @@ def _solve_patch(x0, y0, x1, y1, x2, y2, c0, c1, c2, g0, h0, g1, h1, g2, h2, pit
     return count
 
 
-@njit(cache=True, inline="always")
+@_compiled()
 def _solve_flat(x0, y0, x1, y1, x2, y2, sx, sy, out):
     """The one contact of a patch with one normal: the shifted line against the triangle."""
     x0, y0, x1, y1, x2, y2 = x0 + sx, y0 + sy, x1 + sx, y1 + sy, x2 + sx, y2 + sy
@@ -252,7 +258,7 @@ def _solve_flat(x0, y0, x1, y1, x2, y2, sx, sy, out):
     return 1
 
 
-@njit(cache=True, inline="always")
+@_compiled()
 def _node_may_hit(nodes, at, fx, fy, fz, px, py, pz, pitch, cos_limit, reach, wider):
     """Can a node hold a contact whose friction angle has at least this cosine?
 
@@ -290,7 +296,7 @@ def _node_may_hit(nodes, at, fx, fy, fz, px, py, pz, pitch, cos_limit, reach, wi
     )
 
 
-@njit(cache=True, inline="always")
+@_compiled()
 def _view(wrench):
     """f, e1, e2 with e1 x e2 = f, the point a of the axis nearest to the origin, and the pitch (Duff et al. 2017)."""
     fx, fy, fz, mx, my, mz = wrench[0], wrench[1], wrench[2], wrench[3], wrench[4], wrench[5]
@@ -306,7 +312,7 @@ def _view(wrench):
     return (fx, fy, fz), one, two, axis, fx * mx + fy * my + fz * mz
 
 
-@njit(cache=True)
+@_compiled()
 def _keep(found, count, capacity, patch, b, kind, corners, fx, fy, fz, tan_limit):
     """Write a contact into `found` unless it is there already or beyond the limit; the new count."""
     spare = found[capacity]
@@ -340,7 +346,7 @@ def _keep(found, count, capacity, patch, b, kind, corners, fx, fy, fz, tan_limit
     return min(max(count, spot + 1), capacity)
 
 
-@njit(cache=True)
+@_compiled()
 def search(wrench, soft, tan_limit, nodes, corners, tags, found):
     """Every contact that a wrench can have on the patches.
 
@@ -461,7 +467,7 @@ def search_reference(wrench, pitch_used, tan_limit, corners):
 # -------------------------------------------------------------------------------------------------------------- nearest
 
 
-@njit(cache=True)
+@_compiled()
 def _origin_to_triangle(q, out):
     """Squared distance from the origin to a triangle in the plane; barycentric coordinates of the nearest point."""
     det = (q[1, 0] - q[0, 0]) * (q[2, 1] - q[0, 1]) - (q[2, 0] - q[0, 0]) * (q[1, 1] - q[0, 1])
@@ -484,7 +490,7 @@ def _origin_to_triangle(q, out):
     return best
 
 
-@njit(cache=True)
+@_compiled()
 def nearest_to_axis(wrench, nodes, corners, tags, found):
     """The point nearest to the wrench axis, on a facet that faces the force.
 
@@ -523,12 +529,12 @@ def nearest_to_axis(wrench, nodes, corners, tags, found):
     return np.sqrt(best)
 
 
-@njit(cache=True, inline="always")
+@_compiled()
 def _sum(row, k):
     return row[k] + row[6 + k] + row[12 + k]
 
 
-@njit(cache=True)
+@_compiled()
 def _place(corners, patch, b0, b1, b2, out):
     """Position 0-2 and unit normal 3-5 at barycentric coordinates of a patch."""
     row = corners[patch]
@@ -539,7 +545,7 @@ def _place(corners, patch, b0, b1, b2, out):
         out[k] /= length
 
 
-@njit(cache=True)
+@_compiled()
 def _point_to_triangle(row, point, out):
     """Squared distance from a point to a triangle in space; barycentric coordinates of the nearest point."""
     ax, ay, az = row[0] - point[0], row[1] - point[1], row[2] - point[2]
@@ -563,7 +569,7 @@ def _point_to_triangle(row, point, out):
     return _origin_to_triangle(q, out) + height * height
 
 
-@njit(cache=True)
+@_compiled()
 def nearest_to_point(points, nodes, corners, tags, found):
     """For each point (n, 3), in unit size, the nearest point of the facets: patch, b0, b1, b2 into found (n, 4)."""
     bary = np.empty(3)
@@ -598,7 +604,7 @@ def nearest_to_point(points, nodes, corners, tags, found):
                     found[n, 0], found[n, 1], found[n, 2], found[n, 3] = patch, bary[0], bary[1], bary[2]
 
 
-@njit(cache=True, inline="always")
+@_compiled()
 def _gap(node, point):
     """Squared distance from a point to a node's box."""
     total = 0.0

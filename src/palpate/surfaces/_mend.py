@@ -68,7 +68,7 @@ def _checked(vertices: ArrayLike, faces: ArrayLike) -> tuple[Float[np.ndarray, "
 
 def _merged(
     points: Float[np.ndarray, "v 3"], triangles: Int[np.ndarray, "f 3"]
-) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"]]:
+) -> tuple[Float[np.ndarray, "w 3"], Int[np.ndarray, "f 3"]]:
     """Vertices within 1e-7 of the size become one: the grid on which STL's float32 rounds is finer than that."""
     used = points[triangles.reshape(-1)]
     low = used.min(axis=0)

@@ -1,0 +1,130 @@
+"""From a bare log to contacts on a probe: the whole chain of commands on a session that is made here.
+
+A probe of 60 x 25 x 40 mm sits on a force/torque sensor, 1.2 mm and 1.5 degrees off its drawing. The arm moves freely,
+then the probe is touched at 20 marks. Ten of the touches place the probe, the other ten judge where contacts are found.
+Writes into the folder given (default: demo), prints what the simulation knows beside what was found, and ends.
+"""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from palpate.contact.estimate import Status
+from palpate.evaluation.evaluate import Report, evaluate
+from palpate.io.contacts import read_contacts
+from palpate.io.models import read_payload
+from palpate.io.rig import load_rig
+from palpate.io.truth import read_truth
+from palpate.simulation.session import Session, simulate_session
+from palpate.simulation.session_files import write_session
+
+CHAIN = (
+    ("What is in the log and in the mesh?", "inspect free_motion.csv", "inspect probe.stl"),
+    (
+        "The first five minutes: a mesh and nothing else. Nothing is tared yet, so nothing can be located, and it is said.",
+        "estimate touches.csv --mesh probe.stl --unit mm -o first_try.csv",
+    ),
+    (
+        "A commented rig to start from (below, one that was filled in from the drawing).",
+        "rig new touches.csv probe.stl -o rig_new.toml",
+    ),
+    ("What hangs on the sensor?", "calibrate payload free_motion.csv -o payload.toml"),
+    (
+        "Contacts with the probe where the drawing has it.",
+        "estimate touches.csv --rig rig.toml -o contacts_by_drawing.csv",
+    ),
+    (
+        "Where does the probe really sit? Every other touch was at a known mark.",
+        "calibrate mounting touches.csv --rig rig.toml --marks marks.csv -o rig.toml",
+    ),
+    ("Contacts with the probe where it is.", "estimate touches.csv --rig rig.toml -o contacts.csv"),
+    ("The touches that were not used, judged.", "evaluate contacts.csv truth.csv", "inspect contacts.csv"),
+)
+
+
+def main(folder: Path) -> None:
+    """Make a session, run the commands on it, and compare."""
+    session = simulate_session()
+    write_session(session, folder)
+    program = shutil.which("palpate", path=str(Path(sys.executable).parent)) or "palpate"
+    for why, *commands in CHAIN:
+        print(f"\n# {why}", flush=True)
+        for command in commands:
+            print(f"$ palpate {command}", flush=True)
+            code = subprocess.run([program, *command.split()], cwd=folder, check=False).returncode
+            if code:
+                sys.exit(code)
+    print("\n" + "\n".join(summary(session, folder)))
+
+
+def summary(session: Session, folder: Path) -> list[str]:
+    """The table that a person reads in ten seconds."""
+    before, after = (_report(folder, name) for name in ("contacts_by_drawing.csv", "contacts.csv"))
+    shares = ", ".join(f"{name} {share:.1%}" for name, share in _shares(folder).items())
+    return [
+        f"{'':22}{'true':>32}   found",
+        *_payload(session, folder),
+        *_mounting(session, folder),
+        "",
+        f"{'':22}{'by drawing':>32}   mounting calibrated",
+        _compared("touch off by, mean [mm]", *(f"{1e3 * r.location.mean:.2f}" for r in (before, after) if r.location)),
+        _compared("touch off by, worst", *(f"{1e3 * r.location.worst:.2f}" for r in (before, after) if r.location)),
+        _compared("truth in 95 % ellipse", *(f"{r.coverage.inside:.0%}" for r in (before, after))),
+        "",
+        f"all samples: {shares}",
+        f"files: {', '.join(sorted(path.name for path in folder.iterdir()))} in {folder}/",
+    ]
+
+
+def _payload(session: Session, folder: Path) -> list[str]:
+    load, found = session.load, read_payload(folder / "payload.toml")
+    spread = np.sqrt(np.diag(found.covariance))
+    mass_spread = spread[:3].max() / found.magnitude
+    return [
+        _row("mass [kg]", np.array([load.mass]), np.array([found.mass]), mass_spread, 4),
+        _row("centre of mass [mm]", 1e3 * load.center_of_mass, 1e3 * found.center_of_mass, 1e3 * spread[6:9].max(), 2),
+        _row("force bias [N]", load.force_bias, found.force_bias, spread[3:6].max(), 4),
+        _row("torque bias [N m]", load.torque_bias, found.torque_bias, spread[9:].max(), 5),
+    ]
+
+
+def _mounting(session: Session, folder: Path) -> list[str]:
+    surface = load_rig(folder / "rig.toml").surface
+    found, covariance = surface.pose.pose(), np.array(surface.pose_covariance)
+    x, y, z = found.translation
+    moves = np.concatenate([[[0, z, -y], [-z, 0, x], [y, -x, 0]], np.eye(3)], axis=1)  # of the probe's origin, by xi
+    place = np.sqrt(np.diag(moves @ covariance @ moves.T)).max()
+    turn = np.sqrt(np.diag(covariance)[:3].max())
+    angles = [np.degrees(pose.rotation_vector()) for pose in (session.true, found)]
+    return [
+        _row("probe sits at [mm]", 1e3 * session.true.translation, 1e3 * found.translation, 1e3 * place, 2),
+        _row("probe turned by [deg]", *angles, np.degrees(turn), 2),
+    ]
+
+
+def _row(name: str, true: np.ndarray, found: np.ndarray, spread: float, digits: int) -> str:
+    left, right = (", ".join(f"{value:.{digits}f}" for value in values) for values in (true, found))
+    return f"{name:22}{left:>32}   {right} +- {spread:.{digits}f}"
+
+
+def _compared(name: str, before: str, after: str) -> str:
+    return f"{name:22}{before:>32}   {after}"
+
+
+def _report(folder: Path, name: str) -> Report:
+    found = read_contacts(folder / name)
+    return evaluate(found.time, found.estimate, read_truth(folder / "truth.csv"))
+
+
+def _shares(folder: Path) -> dict[str, float]:
+    status = read_contacts(folder / "contacts.csv").estimate.status
+    return {kind.label: float(np.mean(status == kind)) for kind in Status if np.any(status == kind)}
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1] if len(sys.argv) > 1 else "demo"))

@@ -1,0 +1,215 @@
+"""The pose of a surface from touches: right within its own covariance, and honest about what it cannot see."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from palpate.calibration._pose_fit import offset
+from palpate.calibration._touch_evidence import KnownPoints, Touched, moved
+from palpate.calibration.mounting import Mounting, identify_mounting, mean_touches
+from palpate.errors import NotIdentifiable
+from palpate.simulation.contacts import contact_wrenches, directed_forces, touch_wrenches
+from palpate.simulation.shapes import Body, Ellipsoid
+from palpate.spatial.pose import Pose
+from palpate.surfaces import Mesh
+
+BODY = Ellipsoid((0.03, 0.0125, 0.02))
+NOMINAL = Pose(np.eye(3), np.array([0.0, 0.0, 0.085]))
+TRUE = Pose.from_rotation_vector(np.array([0.02, -0.01, 0.03]), np.array([0.001, -0.0005, 0.0862]))
+NOISE = np.array([0.002] * 3 + [1e-4] * 3)  # N, N m: 0.02 N and 1 mN m averaged over half a second at 200 Hz
+AXES = {f"{kind} {axis} of the surface" for kind in ("rotation about", "translation along") for axis in "xyz"}
+
+
+@pytest.fixture(scope="module")
+def mesh() -> Mesh:
+    return Mesh.from_arrays(*BODY.mesh(2000))
+
+
+def sensed(wrenches: np.ndarray, rng: np.random.Generator | None = None, pose: Pose = TRUE) -> np.ndarray:
+    """Wrenches of the surface's frame as the sensor reads them."""
+    noise = 0.0 if rng is None else rng.normal(size=wrenches.shape) * NOISE
+    return wrenches @ pose.wrench_matrix().T + noise
+
+
+def pressed(points: np.ndarray, rng: np.random.Generator, body: Body = BODY) -> np.ndarray:
+    return touch_wrenches(points, body.normals(points), rng, force=(2.0, 8.0), tan_theta=0.4, pitch=1e-3)
+
+
+def error(mounting: Mounting, true: Pose = TRUE) -> np.ndarray:
+    """The xi of true = exp(xi) estimate, to first order in its rotation."""
+    turn = true.rotation @ mounting.pose.rotation.T
+    return np.concatenate([Rotation.from_matrix(turn).as_rotvec(), true.translation - turn @ mounting.pose.translation])
+
+
+def test_exact_touches_give_the_exact_pose(mesh: Mesh) -> None:
+    rng = np.random.default_rng(0)
+    points = BODY.sample(12, rng)
+    wrenches = contact_wrenches(
+        points, BODY.normals(points), pressed(points, rng)[:, :3], np.zeros(12)
+    )  # without torsion nothing is left over
+    found = identify_mounting(sensed(wrenches), mesh, initial=NOMINAL, points=points, placement=1e-6)
+    # the prior draws by (posterior / prior)^2, about (1e-5 m / 1e-2 m)^2 of a millimetre
+    assert np.abs(error(found)).max() < 1e-7
+    assert set(found.observable) == AXES
+    assert found.unobservable == ()
+
+
+def test_errors_are_as_large_as_the_covariance_says(mesh: Mesh) -> None:
+    squares, trials = [], 150
+    for seed in range(trials):
+        rng = np.random.default_rng(seed)
+        points = BODY.sample(10, rng)
+        marks = points + rng.normal(0.0, 0.4e-3, points.shape)
+        normal = BODY.normals(points)
+        wrenches = pressed(points, rng)
+        wrenches[:, 3:] -= np.cross(points, wrenches[:, :3])  # its torsion, replaced by one from the stated prior
+        torsion = rng.normal(0.0, 2e-3, 10) * np.linalg.norm(wrenches[:, :3], axis=1)
+        wrenches = contact_wrenches(points, normal, wrenches[:, :3], torsion)
+        found = identify_mounting(
+            sensed(wrenches, rng), mesh, initial=NOMINAL, points=marks, noise=NOISE, placement=0.4e-3
+        )
+        squares.append(error(found) @ np.linalg.solve(found.covariance, error(found)))
+    # chi-square with 6 degrees of freedom: a mean of 6, known to sqrt(12 / 150) = 0.28; four of these
+    assert np.mean(squares) == pytest.approx(6.0, abs=1.15)
+
+
+def test_jacobian_is_the_slope_of_the_residual() -> None:
+    rng = np.random.default_rng(1)
+    points = BODY.sample(5, rng)
+    touched = Touched(sensed(pressed(points, rng)), np.zeros((5, 6, 6)), 1e-3, 2e-3, 0.2)
+    evidence = KnownPoints(touched, points, BODY.normals(points))
+    pose, step = moved(TRUE, np.full(6, 0.01)), 1e-6
+    slopes = [
+        (evidence.residual(moved(pose, e)) - evidence.residual(moved(pose, -e))) / (2 * step) for e in np.eye(6) * step
+    ]
+    # N m over rad or m, about 8; step^2 of the sine and rounding 1e-16 * 1 / 1e-6 are both below 1e-9
+    assert np.allclose(np.stack(slopes, axis=2), evidence.jacobian(pose), rtol=0, atol=1e-8)
+
+
+def test_turning_the_sensor_turns_the_answer(mesh: Mesh) -> None:
+    rng = np.random.default_rng(2)
+    points = BODY.sample(8, rng)
+    wrenches = sensed(pressed(points, rng), rng)
+    turn = Pose.from_rotation_vector(np.array([0.5, -1.1, 0.4]), np.array([0.1, -0.05, 0.2]))
+    isotropic = np.diag([1e-6] * 6)
+    there = turn.wrench_matrix() @ isotropic @ turn.wrench_matrix().T
+    first = identify_mounting(wrenches, mesh, initial=NOMINAL, points=points, noise=isotropic)
+    second = identify_mounting(
+        sensed(wrenches, pose=turn), mesh, initial=turn @ NOMINAL, points=points, noise=(there + there.T) / 2
+    )
+    # both fits stop within 1e-5 standard deviations (about 1e-4 rad, 1e-4 m) of the optimum
+    assert np.abs(offset(turn @ first.pose, second.pose)).max() < 1e-8
+    assert first.unobservable == second.unobservable
+
+
+def test_one_crossed_mark_is_named_and_left_out(mesh: Mesh) -> None:
+    rng = np.random.default_rng(3)
+    points = BODY.sample(10, rng)
+    marks = points.copy()
+    marks[4] = BODY.on_ray(-points[4])
+    wrenches = sensed(pressed(points, rng), rng)
+    wrenches[7] = np.nan
+    found = identify_mounting(wrenches, mesh, initial=NOMINAL, points=marks, noise=NOISE, labels=list("abcdefghij"))
+    assert found.touches.tolist() == [0, 1, 2, 3, 5, 6, 8, 9]
+    assert any(note.startswith("e is left out") for note in found.notes)
+    assert any(note.startswith("h is left out") for note in found.notes)
+    assert np.abs(error(found)[3:]).max() < 2e-3
+
+
+def test_marks_off_the_surface_are_said(mesh: Mesh) -> None:
+    rng = np.random.default_rng(4)
+    points = BODY.sample(6, rng)
+    found = identify_mounting(sensed(pressed(points, rng)), mesh, initial=NOMINAL, points=points * 1.3)
+    assert any("off the surface" in note for note in found.notes)
+
+
+def test_parallel_forces_do_not_see_along_themselves(mesh: Mesh) -> None:
+    rng = np.random.default_rng(5)
+    points = BODY.on_ray(np.abs(rng.normal(size=(10, 3))))
+    force = np.tile([0.0, 0.0, -5.0], (10, 1))
+    wrenches = contact_wrenches(points, BODY.normals(points), force, np.zeros(10))
+    found = identify_mounting(sensed(wrenches, rng), mesh, initial=NOMINAL, points=points, noise=NOISE)
+    assert found.unobservable == ("translation along z of the surface",)
+    along = TRUE.rotation[:, 2]  # there the initial pose and its prior of 10 mm stand
+    decoupled = np.eye(6)
+    decoupled[3:, :3] = -np.cross(np.eye(3), found.pose.translation)
+    assert abs(along @ (found.pose.translation - NOMINAL.translation)) < 1e-3
+    spread = along @ _origin_covariance(found) @ along
+    assert np.sqrt(spread) == pytest.approx(0.01, rel=0.1)
+
+
+def _origin_covariance(found: Mounting) -> np.ndarray:
+    """Of the position of the surface's origin: exp(xi) moves it by rho + omega x t."""
+    x, y, z = found.pose.translation
+    across = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    shift = np.concatenate([-across, np.eye(3)], axis=1)
+    return shift @ found.covariance @ shift.T
+
+
+def test_marks_on_one_line_do_not_see_the_turn_about_it() -> None:
+    rng = np.random.default_rng(6)
+    plate = Mesh.from_arrays(
+        np.array([[-0.05, -0.05, 0], [0.05, -0.05, 0], [0.05, 0.05, 0], [-0.05, 0.05, 0]]),
+        np.array([[0, 1, 2], [0, 2, 3]]),
+    )
+    points = np.stack([np.linspace(-0.03, 0.03, 8), np.zeros(8), np.zeros(8)], axis=1)
+    wrenches = touch_wrenches(points, np.tile([0.0, 0.0, 1.0], (8, 1)), rng, force=(2.0, 8.0))
+    found = identify_mounting(sensed(wrenches, rng), plate, initial=NOMINAL, points=points, noise=NOISE)
+    assert found.unobservable == ("rotation about x of the surface",)
+
+
+def test_nothing_seen_is_refused_with_what_is_missing(mesh: Mesh) -> None:
+    with pytest.raises(NotIdentifiable, match="at least three marks") as refusal:
+        identify_mounting(np.full((4, 6), np.nan), mesh, initial=NOMINAL, points=np.zeros((4, 3)))
+    assert set(refusal.value.missing) == AXES
+    with pytest.raises(NotIdentifiable):  # a touch so light that the noise drowns it
+        identify_mounting(np.full((1, 6), 1e-4), mesh, initial=NOMINAL, points=np.zeros((1, 3)), noise=NOISE)
+
+
+def _free(body: Body, count: int, friction: float, rng: np.random.Generator) -> np.ndarray:
+    """Touches anywhere, their tangential force scattered as the prior expects."""
+    points = body.sample(count, rng)
+    normals = body.normals(points)
+    drag = rng.normal(0.0, friction, (2, count))
+    forces = directed_forces(normals, rng.uniform(2.0, 8.0, count), np.hypot(*drag), np.arctan2(*drag))
+    return contact_wrenches(points, normals, forces, rng.normal(0.0, 1e-3, count) * np.linalg.norm(forces, axis=1))
+
+
+def test_touches_anywhere_place_the_surface_within_the_covariance(mesh: Mesh) -> None:
+    squares, trials = [], 12
+    for seed in range(trials):
+        rng = np.random.default_rng(seed)
+        wrenches = sensed(_free(BODY, 40, 0.05, rng), rng)
+        found = identify_mounting(wrenches, mesh, initial=NOMINAL, noise=NOISE, friction=0.05, torsion=1e-3)
+        assert found.unobservable == ()
+        squares.append(error(found) @ np.linalg.solve(found.covariance, error(found)))
+    # a mean of 6, known to sqrt(12 / 12) = 1; three of these
+    assert np.mean(squares) == pytest.approx(6.0, abs=3.0)
+
+
+@pytest.mark.parametrize(
+    ("axes", "blind"),
+    [
+        ((0.0125, 0.0125, 0.03), ("rotation about z of the surface",)),
+        ((0.02, 0.02, 0.02), tuple(f"rotation about {axis} of the surface" for axis in "xyz")),
+    ],
+)
+def test_a_turn_that_changes_nothing_is_named_and_stays(
+    axes: tuple[float, float, float], blind: tuple[str, ...]
+) -> None:
+    rng = np.random.default_rng(7)
+    body = Ellipsoid(axes)
+    wrenches = sensed(_free(body, 30, 0.1, rng), rng)
+    found = identify_mounting(wrenches, Mesh.from_arrays(*body.mesh(2000)), initial=NOMINAL, noise=NOISE, friction=0.1)
+    assert found.unobservable == blind
+
+
+def test_mean_touches_averages_the_noise_and_not_what_is_common() -> None:
+    time = np.arange(10.0)
+    wrenches = np.arange(10.0)[:, None] * np.ones(6)
+    wrenches[3] = np.nan
+    common = np.broadcast_to(np.eye(6) * 4.0, (10, 6, 6)).copy()
+    means, spreads = mean_touches(time, wrenches, np.array([2.0, 50.0]), np.array([5.0, 60.0]), np.full(6, 3.0), common)
+    assert np.allclose(means[0], (2 + 4 + 5) / 3)
+    assert np.allclose(spreads[0], np.eye(6) * (9.0 / 3 + 4.0))
+    assert np.isnan(means[1]).all()  # nothing was touched then

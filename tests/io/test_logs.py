@@ -1,0 +1,164 @@
+"""A CSV log becomes a recording: rows in = rows out, what cannot be read is NaN and said, what is missing is named."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from palpate.errors import InputError
+from palpate.io.csv import Layout, axis_matrix, read_recording
+from palpate.sensors.recording import FORCE, ORIENTATION, TORQUE
+
+HEADER = "time,fx,fy,fz,tx,ty,tz"
+ROWS = ["0.00,1,2,3,0.1,0.2,0.3", "0.01,4,5,6,0.4,0.5,0.6", "0.02,7,8,9,0.7,0.8,0.9"]
+
+
+def _log(tmp_path: Path, *lines: str, end: str = "\n") -> Path:
+    path = tmp_path / "log.csv"
+    path.write_bytes(end.join(lines).encode())
+    return path
+
+
+def test_the_plain_log_needs_no_mapping(tmp_path: Path) -> None:
+    recording = read_recording(_log(tmp_path, HEADER, *ROWS))
+    assert recording.notes == ()
+    assert recording.time.tolist() == [0.0, 0.01, 0.02]
+    assert recording.channels[FORCE].tolist() == [[1, 2, 3], [4, 5, 6], [7, 8, 9]]
+    assert recording.channels[TORQUE].tolist() == [[0.1, 0.2, 0.3], [0.4, 0.5, 0.6], [0.7, 0.8, 0.9]]
+
+
+@pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
+@pytest.mark.parametrize("separator", [",", ";", "\t"])
+@pytest.mark.parametrize("mark", ["", "\ufeff"])
+def test_separators_line_ends_and_marks_do_not_matter(tmp_path: Path, end: str, separator: str, mark: str) -> None:
+    lines = [line.replace(",", separator) for line in [mark + HEADER, *ROWS, ""]]
+    wrenches = read_recording(_log(tmp_path, *lines, end=end)).wrenches()
+    assert np.array_equal(wrenches, read_recording(_log(tmp_path, HEADER, *ROWS)).wrenches())
+
+
+def test_quoted_fields_are_the_same_fields(tmp_path: Path) -> None:
+    quoted = ['"' + line.replace(",", '","') + '"' for line in [HEADER, *ROWS]]
+    assert read_recording(_log(tmp_path, *quoted)).wrenches()[2, 5] == 0.9
+
+
+def test_decimal_commas_are_read_where_the_separator_is_another(tmp_path: Path) -> None:
+    rows = [row.replace(",", ";").replace(".", ",") for row in ROWS]
+    assert read_recording(_log(tmp_path, HEADER.replace(",", ";"), *rows)).time.tolist() == [0.0, 0.01, 0.02]
+
+
+def test_order_of_columns_does_not_matter_and_others_are_ignored(tmp_path: Path) -> None:
+    recording = read_recording(_log(tmp_path, "tz,ty,tx,note,fz,fy,fx,time", "6,5,4,hello,3,2,1,0"))
+    assert recording.wrenches().tolist() == [[1, 2, 3, 4, 5, 6]]
+
+
+def test_rows_in_are_rows_out_and_bad_fields_are_named(tmp_path: Path) -> None:
+    bad = ["0.03,oops,2,3,0,0,0", "0.04,1,,3,0,0,0", "0.05,nan,2,3,0,0,0", "0.06,inf,2,3,0,0,0", "0.07,1,2", "x,1,2,3,0,0,0"]
+    recording = read_recording(_log(tmp_path, HEADER, *ROWS, *bad, "0.08,1,2,3,0,0,0,5"))
+    assert len(recording) == 10
+    assert np.flatnonzero(np.isnan(recording.wrenches()).any(axis=1)).tolist() == [3, 4, 5, 7, 9]
+    assert np.isinf(recording.wrenches()[6, 0])
+    assert np.isnan(recording.time[8])
+    said = " ".join(recording.notes)
+    assert "line 5, column 'fx', 'oops'" in said
+    assert "2 rows do not have 7 fields (first: line 9)" in said
+    assert "infinite" in said
+
+
+def test_blank_lines_are_not_rows_and_lines_keep_their_number(tmp_path: Path) -> None:
+    recording = read_recording(_log(tmp_path, HEADER, ROWS[0], "", "   ", "0.01,oops,5,6,0,0,0", "", ""))
+    assert len(recording) == 2
+    assert "line 5" in recording.notes[0]
+
+
+def test_units_become_si(tmp_path: Path) -> None:
+    layout = Layout(force_unit="kN", torque_unit="N mm", time_unit="ms")
+    recording = read_recording(_log(tmp_path, HEADER, "20,1,2,3,4,5,6"), layout)
+    assert recording.time[0] == 20 * 1e-3
+    assert recording.wrenches()[0] == pytest.approx([1e3, 2e3, 3e3, 4e-3, 5e-3, 6e-3], rel=1e-15)
+
+
+@pytest.mark.parametrize("unit", ["Nm", "N m", "N*m", "N.m", "N·m"])
+def test_a_unit_may_be_spelt_as_people_spell_it(tmp_path: Path, unit: str) -> None:
+    assert read_recording(_log(tmp_path, HEADER, *ROWS), Layout(torque_unit=unit)).wrenches()[0, 5] == 0.3
+
+
+def test_swapped_axes_apply_to_force_and_torque_alike(tmp_path: Path) -> None:
+    layout = Layout(axes=("x", "z", "-y"), left_handed=False)
+    assert read_recording(_log(tmp_path, HEADER, "0,1,2,3,4,5,6"), layout).wrenches().tolist() == [[1, 3, -2, 4, 6, -5]]
+    layout = Layout(axes=("x", "z", "y"), left_handed=True)
+    assert read_recording(_log(tmp_path, HEADER, "0,1,2,3,4,5,6"), layout).wrenches().tolist() == [[1, 3, 2, 4, 6, 5]]
+
+
+@pytest.mark.parametrize(
+    ("axes", "left_handed", "word"),
+    [
+        (("x", "z", "y"), False, "left-handed"),
+        (("-x", "-y", "-z"), False, "left-handed"),
+        (("x", "y", "z"), True, "right-handed"),
+        (("x", "x", "z"), False, "three different axes"),
+        (("x", "q", "z"), False, "'q' is not an axis"),
+    ],
+)
+def test_axes_that_cannot_be_meant_are_refused(axes: tuple[str, ...], left_handed: bool, word: str) -> None:
+    with pytest.raises(InputError, match=word):
+        axis_matrix(axes, left_handed=left_handed, where="axes")
+
+
+@pytest.mark.parametrize(
+    ("content", "word"),
+    [
+        ("", "the file is empty"),
+        ("\n\n", "the file is empty"),
+        (HEADER, "a header, but no rows"),
+        (f"{HEADER}\n", "a header, but no rows"),
+        ("0,1,2,3,4,5,6\n1,1,2,3,4,5,6", "the first line holds numbers"),
+        ("time fx fy\n1 2 3", "one column only"),
+        ("time,fx,fy,fz,tx,ty\n0,1,2,3,4,5", "no column 'tz'"),
+        ("time,Fx,fy,fz,tx,ty,tz\n0,1,2,3,4,5,6", "'fx'.*Did you mean 'Fx'"),
+        (f"{HEADER},fx\n0,1,2,3,4,5,6,7", "'fx' is there 2 times"),
+        (f"{HEADER}\n0,a,2,3,4,5,6\n1,b,2,3,4,5,6", "no number in column 'fx'; line 2 has 'a'"),
+        (f"{HEADER}\n0,5,1,5,2,5,3,5,4,5,5,5,6,5\n", "no row has the 7 fields.*decimal point"),
+        ("\0\0\0\0", "not a text file"),
+    ],
+)
+def test_a_file_that_cannot_be_used_is_refused_by_name(tmp_path: Path, content: str, word: str) -> None:
+    path = _log(tmp_path, content)
+    with pytest.raises(InputError, match=word) as refused:
+        read_recording(path)
+    assert str(path) in str(refused.value)
+
+
+def test_a_missing_file_offers_its_neighbour(tmp_path: Path) -> None:
+    _log(tmp_path, HEADER, *ROWS)
+    with pytest.raises(InputError, match=r"no such file.*'log\.csv'"):
+        read_recording(tmp_path / "logs.csv")
+
+
+@pytest.mark.parametrize(
+    ("times", "word"),
+    [
+        ((0, 1, 2, 1.5, 3, 4), "run backwards 1 times"),
+        ((0, 1, 1, 2, 3, 4), "1 times repeat"),
+        ((0, 1, 2, 8, 9, 10), "1 gaps longer than 5 steps"),
+        ((0, 1, "", 3, 4, 5), "1 of 6 times are missing"),
+    ],
+)
+def test_odd_times_are_kept_and_said(tmp_path: Path, times: tuple[object, ...], word: str) -> None:
+    recording = read_recording(_log(tmp_path, HEADER, *(f"{time},1,2,3,4,5,6" for time in times)))
+    assert len(recording) == 6
+    assert word in " ".join(recording.notes)
+
+
+def test_quaternions_far_from_unit_are_set_aside_and_said(tmp_path: Path) -> None:
+    rows = [f"{k},1,2,3,4,5,6,{q}" for k, q in enumerate(["0,0,0,1", "0,0,0,0", "0,0,0,1.1", "0,0,0,"])]
+    recording = read_recording(_log(tmp_path, f"{HEADER},qx,qy,qz,qw", *rows))
+    assert np.isnan(recording.channels[ORIENTATION]).any(axis=1).tolist() == [False, True, False, True]
+    said = " ".join(recording.notes)
+    assert "1 quaternions have a length far from 1" in said
+    assert "1 quaternions are not unit" in said
+
+
+def test_a_declared_orientation_must_be_there(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no column 'a'"):
+        read_recording(_log(tmp_path, HEADER, *ROWS), Layout(orientation=("a", "b", "c", "d")))
