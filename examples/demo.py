@@ -22,16 +22,17 @@ from palpate.io.rig import load_rig
 from palpate.io.truth import read_truth
 from palpate.simulation.session import Session, simulate_session
 from palpate.simulation.session_files import write_session
+from palpate.spatial.pose import skew
 
 CHAIN = (
     ("What is in the log and in the mesh?", "inspect free_motion.csv", "inspect probe.stl"),
     (
-        "The first five minutes: a mesh and nothing else. Nothing is tared yet, so nothing can be located, and it is said.",
+        "The first five minutes: a mesh, no more. Nothing is tared yet, so nothing can be located, and it is said.",
         "estimate touches.csv --mesh probe.stl --unit mm -o first_try.csv",
     ),
     (
         "A commented rig to start from (below, one that was filled in from the drawing).",
-        "rig new touches.csv probe.stl -o rig_new.toml",
+        "rig new touches.csv probe.stl -o rig_new.toml --force",
     ),
     ("What hangs on the sensor?", "calibrate payload free_motion.csv -o payload.toml"),
     (
@@ -64,66 +65,66 @@ def main(folder: Path) -> None:
 
 def summary(session: Session, folder: Path) -> list[str]:
     """The table that a person reads in ten seconds."""
-    before, after = (_report(folder, name) for name in ("contacts_by_drawing.csv", "contacts.csv"))
-    shares = ", ".join(f"{name} {share:.1%}" for name, share in _shares(folder).items())
+    status = read_contacts(folder / "contacts.csv").estimate.status
+    shares = [f"{kind.label} {np.mean(status == kind):.1%}" for kind in Status if np.any(status == kind)]
     return [
-        f"{'':22}{'true':>32}   found",
+        _row("", "true", "found"),
         *_payload(session, folder),
         *_mounting(session, folder),
         "",
-        f"{'':22}{'by drawing':>32}   mounting calibrated",
-        _compared("touch off by, mean [mm]", *(f"{1e3 * r.location.mean:.2f}" for r in (before, after) if r.location)),
-        _compared("touch off by, worst", *(f"{1e3 * r.location.worst:.2f}" for r in (before, after) if r.location)),
-        _compared("truth in 95 % ellipse", *(f"{r.coverage.inside:.0%}" for r in (before, after))),
+        _row("", "by drawing", "mounting calibrated"),
+        *_judged([_report(folder, name) for name in ("contacts_by_drawing.csv", "contacts.csv")]),
         "",
-        f"all samples: {shares}",
-        f"files: {', '.join(sorted(path.name for path in folder.iterdir()))} in {folder}/",
+        f"all {len(status):,} samples: {', '.join(shares)}",
+        f"contacts.csv, rig.toml, payload.toml and all that they came from are in {folder}/",
     ]
 
 
 def _payload(session: Session, folder: Path) -> list[str]:
     load, found = session.load, read_payload(folder / "payload.toml")
-    spread = np.sqrt(np.diag(found.covariance))
-    mass_spread = spread[:3].max() / found.magnitude
+    spread = np.sqrt(np.diag(found.covariance)).reshape(4, 3).max(axis=1)  # weight, force bias, centre, torque bias
     return [
-        _row("mass [kg]", np.array([load.mass]), np.array([found.mass]), mass_spread, 4),
-        _row("centre of mass [mm]", 1e3 * load.center_of_mass, 1e3 * found.center_of_mass, 1e3 * spread[6:9].max(), 2),
-        _row("force bias [N]", load.force_bias, found.force_bias, spread[3:6].max(), 4),
-        _row("torque bias [N m]", load.torque_bias, found.torque_bias, spread[9:].max(), 5),
+        _figures("mass [kg]", np.array([load.mass]), np.array([found.mass]), spread[0] / found.magnitude, 4),
+        _figures("centre of mass [mm]", 1e3 * load.center_of_mass, 1e3 * found.center_of_mass, 1e3 * spread[2], 2),
+        _figures("force bias [N]", load.force_bias, found.force_bias, spread[1], 4),
+        _figures("torque bias [N m]", load.torque_bias, found.torque_bias, spread[3], 5),
     ]
 
 
 def _mounting(session: Session, folder: Path) -> list[str]:
-    surface = load_rig(folder / "rig.toml").surface
+    surface, true = load_rig(folder / "rig.toml").surface, session.true
     found, covariance = surface.pose.pose(), np.array(surface.pose_covariance)
-    x, y, z = found.translation
-    moves = np.concatenate([[[0, z, -y], [-z, 0, x], [y, -x, 0]], np.eye(3)], axis=1)  # of the probe's origin, by xi
+    moves = np.concatenate([-skew(found.translation), np.eye(3)], axis=1)  # what a small motion does to the origin
     place = np.sqrt(np.diag(moves @ covariance @ moves.T)).max()
     turn = np.sqrt(np.diag(covariance)[:3].max())
-    angles = [np.degrees(pose.rotation_vector()) for pose in (session.true, found)]
+    angles = (np.degrees(pose.rotation_vector()) for pose in (true, found))
     return [
-        _row("probe sits at [mm]", 1e3 * session.true.translation, 1e3 * found.translation, 1e3 * place, 2),
-        _row("probe turned by [deg]", *angles, np.degrees(turn), 2),
+        _figures("probe sits at [mm]", 1e3 * true.translation, 1e3 * found.translation, 1e3 * place, 2),
+        _figures("probe turned by [deg]", *angles, np.degrees(turn), 2),
     ]
 
 
-def _row(name: str, true: np.ndarray, found: np.ndarray, spread: float, digits: int) -> str:
+def _judged(reports: list[Report]) -> list[str]:
+    located = [report.location for report in reports if report.location]
+    return [
+        _row("touch off by, mean [mm]", *(f"{1e3 * spread.mean:.2f}" for spread in located)),
+        _row("touch off by, worst [mm]", *(f"{1e3 * spread.worst:.2f}" for spread in located)),
+        _row("truth in 95 % ellipse", *(f"{report.coverage.inside:.0%}" for report in reports)),
+    ]
+
+
+def _figures(name: str, true: np.ndarray, found: np.ndarray, spread: float, digits: int) -> str:
     left, right = (", ".join(f"{value:.{digits}f}" for value in values) for values in (true, found))
-    return f"{name:22}{left:>32}   {right} +- {spread:.{digits}f}"
+    return _row(name, left, f"{right} +- {spread:.{digits}f}")
 
 
-def _compared(name: str, before: str, after: str) -> str:
-    return f"{name:22}{before:>32}   {after}"
+def _row(name: str, left: str, right: str) -> str:
+    return f"{name:24}{left:>30}   {right}"
 
 
 def _report(folder: Path, name: str) -> Report:
     found = read_contacts(folder / name)
     return evaluate(found.time, found.estimate, read_truth(folder / "truth.csv"))
-
-
-def _shares(folder: Path) -> dict[str, float]:
-    status = read_contacts(folder / "contacts.csv").estimate.status
-    return {kind.label: float(np.mean(status == kind)) for kind in Status if np.any(status == kind)}
 
 
 if __name__ == "__main__":

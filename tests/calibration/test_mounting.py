@@ -131,19 +131,9 @@ def test_parallel_forces_do_not_see_along_themselves(mesh: Mesh) -> None:
     found = identify_mounting(sensed(wrenches, rng), mesh, initial=NOMINAL, points=points, noise=NOISE)
     assert found.unobservable == ("translation along z of the surface",)
     along = TRUE.rotation[:, 2]  # there the initial pose and its prior of 10 mm stand
-    decoupled = np.eye(6)
-    decoupled[3:, :3] = -np.cross(np.eye(3), found.pose.translation)
     assert abs(along @ (found.pose.translation - NOMINAL.translation)) < 1e-3
-    spread = along @ _origin_covariance(found) @ along
+    spread = along @ found.position_covariance @ along
     assert np.sqrt(spread) == pytest.approx(0.01, rel=0.1)
-
-
-def _origin_covariance(found: Mounting) -> np.ndarray:
-    """Of the position of the surface's origin: exp(xi) moves it by rho + omega x t."""
-    x, y, z = found.pose.translation
-    across = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    shift = np.concatenate([-across, np.eye(3)], axis=1)
-    return shift @ found.covariance @ shift.T
 
 
 def test_marks_on_one_line_do_not_see_the_turn_about_it() -> None:

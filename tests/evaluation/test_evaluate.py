@@ -6,6 +6,7 @@ from math import pi, sqrt
 
 import numpy as np
 import pytest
+
 from palpate.contact.estimate import ContactEstimate, Status
 from palpate.contact.truth import Samples, Touches
 from palpate.evaluation.errors import Spread, angles, coverage
@@ -13,7 +14,11 @@ from palpate.evaluation.evaluate import evaluate, nearest_in_time, status_shares
 
 
 def _estimate(
-    point: np.ndarray, *, covariance: np.ndarray | None = None, status: np.ndarray | None = None, force: np.ndarray | None = None
+    point: np.ndarray,
+    *,
+    covariance: np.ndarray | None = None,
+    status: np.ndarray | None = None,
+    force: np.ndarray | None = None,
 ) -> ContactEstimate:
     count = len(point)
     return ContactEstimate(
@@ -58,13 +63,18 @@ def test_the_right_covariance_covers_95_percent_and_its_mean_square_is_2() -> No
 def test_what_the_truth_has_along_the_normal_does_not_count() -> None:
     """It is the surface's curvature or its error of shape, not the error of location in the tangent plane."""
     covariance = np.diag([4e-6, 1e-6, 0.0])[None]
-    found = coverage(_estimate(np.array([[2e-3, 1e-3, 5.0]]), covariance=covariance), np.zeros((1, 3)), np.array([True]))
+    found = coverage(
+        _estimate(np.array([[2e-3, 1e-3, 5.0]]), covariance=covariance), np.zeros((1, 3)), np.array([True])
+    )
     assert found.mean_square == pytest.approx(2.0)
 
 
 def test_covariances_of_another_rank_are_left_out() -> None:
     covariance = np.stack([np.diag([1.0, 0, 0]), np.full((3, 3), np.nan), np.zeros((3, 3))])
-    assert coverage(_estimate(np.zeros((3, 3)), covariance=covariance), np.zeros((3, 3)), np.ones(3, dtype=bool)).count == 0
+    assert (
+        coverage(_estimate(np.zeros((3, 3)), covariance=covariance), np.zeros((3, 3)), np.ones(3, dtype=bool)).count
+        == 0
+    )
 
 
 def test_times_are_matched_to_the_nearest_within_the_tolerance_in_any_order() -> None:

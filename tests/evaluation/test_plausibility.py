@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+
 from palpate.calibration.poses import average_poses
 from palpate.calibration.presses import find_presses
 from palpate.contact.plausibility import lines_of_action, never_at_rest

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 from palpate.contact.estimate import ContactEstimate, Status
 from palpate.contact.truth import Samples, Touches
 from palpate.errors import InputError
@@ -13,7 +14,9 @@ from palpate.io.atomic import replacing
 from palpate.io.contacts import COLUMNS, read_contacts, write_contacts
 from palpate.io.truth import read_touches, read_truth
 
-HEADER = "sample,time,contact,status,px,py,pz,nx,ny,nz,fx,fy,fz,torque,var_xx,var_xy,var_xz,var_yy,var_yz,var_zz,candidates"
+HEADER = (
+    "sample,time,contact,status,px,py,pz,nx,ny,nz,fx,fy,fz,torque,var_xx,var_xy,var_xz,var_yy,var_yz,var_zz,candidates"
+)
 
 
 def _estimate(count: int, seed: int) -> tuple[np.ndarray, ContactEstimate]:
@@ -69,12 +72,17 @@ def test_where_there_is_none_the_field_is_empty_and_status_is_lower_case(tmp_pat
     assert lines == [HEADER, "0,0.5,0,no_pose" + "," * 17 + "0"]
 
 
+def _write_half(path: Path) -> None:
+    with replacing(path) as temporary:
+        temporary.write_text("half")
+        raise KeyboardInterrupt
+
+
 def test_an_interrupted_write_leaves_the_old_file_and_nothing_else(tmp_path: Path) -> None:
     path = tmp_path / "contacts.csv"
     path.write_text("old")
-    with pytest.raises(KeyboardInterrupt), replacing(path) as temporary:
-        temporary.write_text("half")
-        raise KeyboardInterrupt
+    with pytest.raises(KeyboardInterrupt):
+        _write_half(path)
     assert [file.name for file in tmp_path.iterdir()] == ["contacts.csv"]
     assert path.read_text() == "old"
 

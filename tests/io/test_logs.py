@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 from palpate.errors import InputError
 from palpate.io.csv import Layout, axis_matrix, read_recording
 from palpate.sensors.recording import FORCE, ORIENTATION, TORQUE
@@ -53,7 +54,14 @@ def test_order_of_columns_does_not_matter_and_others_are_ignored(tmp_path: Path)
 
 
 def test_rows_in_are_rows_out_and_bad_fields_are_named(tmp_path: Path) -> None:
-    bad = ["0.03,oops,2,3,0,0,0", "0.04,1,,3,0,0,0", "0.05,nan,2,3,0,0,0", "0.06,inf,2,3,0,0,0", "0.07,1,2", "x,1,2,3,0,0,0"]
+    bad = [
+        "0.03,oops,2,3,0,0,0",
+        "0.04,1,,3,0,0,0",
+        "0.05,nan,2,3,0,0,0",
+        "0.06,inf,2,3,0,0,0",
+        "0.07,1,2",
+        "x,1,2,3,0,0,0",
+    ]
     recording = read_recording(_log(tmp_path, HEADER, *ROWS, *bad, "0.08,1,2,3,0,0,0,5"))
     assert len(recording) == 10
     assert np.flatnonzero(np.isnan(recording.wrenches()).any(axis=1)).tolist() == [3, 4, 5, 7, 9]

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 from palpate.errors import InputError
 from palpate.io.models import provenance, read_payload, write_payload
 from palpate.sensors.force_torque import Payload

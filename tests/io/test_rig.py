@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 from palpate.errors import InputError
 from palpate.io.guess import guess_orientation, guess_position, guess_time, guess_wrench
 from palpate.io.rig import build, load_rig
@@ -133,7 +134,9 @@ def test_a_new_pose_leaves_every_other_word(tmp_path: Path) -> None:
 
 
 def test_a_pose_written_as_a_table_of_its_own_is_replaced_too(tmp_path: Path) -> None:
-    path = _rig(tmp_path, '[surface]\nmesh = "probe.stl"\nunit = "mm"\n[surface.pose]\nxyz = [0, 0, 1]\n[time]\nunit = "ms"\n')
+    path = _rig(
+        tmp_path, '[surface]\nmesh = "probe.stl"\nunit = "mm"\n[surface.pose]\nxyz = [0, 0, 1]\n[time]\nunit = "ms"\n'
+    )
     update_pose(path, path, Pose.identity(), np.eye(6))
     rig = load_rig(path)
     assert rig.surface.pose.xyz == (0, 0, 0)
@@ -160,7 +163,13 @@ def test_paths_follow_a_rig_into_another_folder(tmp_path: Path) -> None:
     [
         ("time,fx,fy,fz,tx,ty,tz,qx,qy,qz,qw", "time", "fx,fy,fz,tx,ty,tz", "qx,qy,qz,qw", None),
         ("t,Fx,Fy,Fz,Mx,My,Mz", "t", "Fx,Fy,Fz,Mx,My,Mz", None, None),
-        ("Timestamp,Fx (N),Fy (N),Fz (N),Tx (N m),Ty (N m),Tz (N m)", "Timestamp", "Fx (N),Fy (N),Fz (N),Tx (N m),Ty (N m),Tz (N m)", None, None),
+        (
+            "Timestamp,Fx (N),Fy (N),Fz (N),Tx (N m),Ty (N m),Tz (N m)",
+            "Timestamp",
+            "Fx (N),Fy (N),Fz (N),Tx (N m),Ty (N m),Tz (N m)",
+            None,
+            None,
+        ),
         (
             "stamp,a.force.x,a.force.y,a.force.z,b.force.x,b.force.y,b.force.z,b.torque.x,b.torque.y,b.torque.z",
             "stamp",

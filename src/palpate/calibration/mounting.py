@@ -31,7 +31,8 @@ class Mounting:
 
     Attributes:
         pose: T_sensor_surface.
-        covariance: (6, 6) of (rotation vector [rad], translation [m]), T = exp(xi) T_mean, in the sensor's frame.
+        covariance: (6, 6) of (rotation vector [rad], translation [m]), T = exp(xi) T_mean, in the sensor's frame: its
+            last three are about the sensor's origin, so a person reads `position_covariance`.
         residual: rms of what is left, in the standard deviations that were expected: about 1, more says that
             something is not modelled.
         observable: small motions that the touches determine better than the prior does, in the surface's axes.
@@ -54,6 +55,12 @@ class Mounting:
         object.__setattr__(self, "covariance", frozen(self.covariance, tail=(6, 6), name="covariance"))
         object.__setattr__(self, "provenance", MappingProxyType(dict(self.provenance)))
         self.touches.flags.writeable = False
+
+    @property
+    def position_covariance(self) -> Float[np.ndarray, "3 3"]:
+        """Of where the surface's origin is [m^2], sensor's axes: exp(xi) T moves it by rho + omega x t."""
+        moves = np.concatenate([-skew(self.pose.translation), np.eye(3)], axis=1)
+        return moves @ self.covariance @ moves.T
 
 
 def identify_mounting(

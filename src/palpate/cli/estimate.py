@@ -15,7 +15,7 @@ from palpate.cli.options import FileOption, Log, Output, Pair, Scalar
 from palpate.cli.screen import lines, note, percent, progress, title, wait
 from palpate.contact.estimate import ContactEstimate, Status
 from palpate.contact.estimator import Estimator
-from palpate.contact.frames import in_frame
+from palpate.contact.frames import in_base, in_frame
 from palpate.contact.plausibility import lines_of_action, never_at_rest
 from palpate.errors import InputError
 from palpate.io.contacts import write_contacts
@@ -24,7 +24,6 @@ from palpate.io.models import provenance, write_provenance
 from palpate.io.rig import Rig, RigEstimate, RigForceTorque, RigPair, RigSurface, RigThresholds, build, load_rig
 from palpate.sensors.noise import estimate_noise
 from palpate.sensors.recording import ORIENTATION, POSITION, Recording
-from palpate.spatial.pose import Pose
 
 __all__ = ["estimate"]
 
@@ -70,7 +69,8 @@ def estimate(
     setup = _overridden(setup, crease, payload, noise, method, friction, torsion, contact)
     _keep_inputs(output, log, rig, setup)
     recording = read_recording(log, setup.layout())
-    to_frame = _to_frame(recording, setup, frame)
+    if frame == "base":
+        _require_pose(recording)
     surface = setup.surface.load(setup.folder)
     from_log = None if setup.force_torque.noise is not None else estimate_noise(recording.wrenches())
     wait("preparing the surface and compiling kernels (compiling happens once)")
@@ -79,7 +79,7 @@ def estimate(
     ready = perf_counter()
     contacts = _joined([estimator.run(block) for block in _blocks(recording)])
     done = perf_counter()
-    write_contacts(output, recording.time, contacts if to_frame is None else in_frame(contacts, to_frame))
+    write_contacts(output, recording.time, _in_frame(contacts, recording, setup, frame))
     record = provenance(
         {"log": log, "rig": rig, "mesh": setup.mesh_path(), "payload": setup.payload_path()},
         {
@@ -168,13 +168,15 @@ def _joined(parts: list[ContactEstimate]) -> ContactEstimate:
     return ContactEstimate(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in names})
 
 
-def _to_frame(recording: Recording, rig: Rig, frame: str) -> Pose | None:
-    """Pose of the surface in the wanted frame, sample by sample for the base; None for the surface's own."""
-    if frame == "surface":
-        return None
+def _in_frame(contacts: ContactEstimate, recording: Recording, rig: Rig, frame: str) -> ContactEstimate:
     mount = rig.surface.pose.pose()
-    if frame == "sensor":
-        return mount
+    if frame == "base":
+        return in_base(contacts, recording.channels[ORIENTATION], recording.channels[POSITION], mount)
+    return contacts if frame == "surface" else in_frame(contacts, mount)
+
+
+def _require_pose(recording: Recording) -> None:
+    """Before the work, not after it."""
     for channel in (ORIENTATION, POSITION):
         if channel not in recording.channels:
             raise InputError(
@@ -182,7 +184,6 @@ def _to_frame(recording: Recording, rig: Rig, frame: str) -> Pose | None:
                 where=recording.source,
                 mend="Add columns qx,qy,qz,qw and x,y,z, or name them in the rig's [orientation] columns and position.",
             )
-    return Pose.from_quaternion(recording.channels[ORIENTATION], recording.channels[POSITION]) @ mount
 
 
 def _shares(contacts: ContactEstimate) -> list[tuple[str, str]]:

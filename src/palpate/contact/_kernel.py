@@ -294,7 +294,7 @@ def _distance_to_bounds(wrench, noise, nodes, corners, tags, settings, first, pl
     for step in range(_STEPS):
         if step > 0:
             _to_unit(current, settings, unit)
-            count = search(unit, settings[SOFT], np.inf, nodes, corners, tags, found)
+            count = search(unit, settings[SOFT], 0.5 + 2.0 * candidate[4], nodes, corners, tags, found)
             if count == 0:
                 break
             chosen = 0
@@ -305,13 +305,11 @@ def _distance_to_bounds(wrench, noise, nodes, corners, tags, settings, first, pl
             _contact(candidate, settings, spot)
         if _allowed(current, spot, settings, near):
             distance = _metric(wrench, near, inverse)
-            if distance < best * (1.0 - 1e-9):
-                settled = best - distance < 1e-4 * distance
-                best = distance
-                if settled and step > 3:
-                    break
-            else:
-                step_size = max(0.1, 0.7 * step_size)
+            if distance > 0.995 * best:
+                step_size *= 0.5
+            best = min(best, distance)
+            if step_size < 0.2:
+                break
         if not _sensitivity(current, candidate, spot, corners, settings, t, shape, slopes):
             break
         _bounds(current, spot, t, shape, slopes, settings, values, rows)

@@ -56,6 +56,8 @@ class Estimator:
     ) -> tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, "*#n 6 6"] | None, Int8[np.ndarray, " n"]]:
         """Compensated wrenches in the surface's frame, their covariances, and statuses known beforehand (else -1)."""
         measured = recording.wrenches()
+        invalid = ~np.all(np.isfinite(measured), axis=1)
+        measured = np.where(invalid[:, None], np.nan, measured)  # infinity would spoil what it is multiplied with
         rotations = self._rotations(recording)
         statuses = np.full(len(measured), -1, dtype=np.int8)
         if rotations is not None:
@@ -63,7 +65,7 @@ class Estimator:
         if self.sensor.frame == "base" and rotations is not None:
             measured = np.einsum("nji,nkj->nki", rotations, measured.reshape(-1, 2, 3)).reshape(-1, 6)
         statuses[self.sensor.saturated(measured)] = Status.SATURATED
-        statuses[~np.isfinite(recording.wrenches()).all(axis=1)] = Status.INVALID
+        statuses[invalid] = Status.INVALID
         noise, added = self.sensor.noise, None
         if self.payload is not None:
             acceleration = recording.channels.get(ACCELERATION)

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
+from jaxtyping import Float
 
-from palpate.contact.estimate import ContactEstimate
+from palpate.contact.estimate import ContactEstimate, Status
 from palpate.spatial.pose import Pose
 
-__all__ = ["in_frame"]
+__all__ = ["in_base", "in_frame"]
 
 
 def in_frame(estimate: ContactEstimate, pose: Pose) -> ContactEstimate:
@@ -30,3 +31,37 @@ def in_frame(estimate: ContactEstimate, pose: Pose) -> ContactEstimate:
         candidates=estimate.candidates.copy(),
         status=estimate.status.copy(),
     )
+
+
+def in_base(
+    estimate: ContactEstimate,
+    quaternions: Float[np.ndarray, "n 4"],
+    positions: Float[np.ndarray, "n 3"],
+    mount: Pose,
+) -> ContactEstimate:
+    """Contacts in the base; what has a point but no pose of the sensor becomes NO_POSE.
+
+    Args:
+        estimate: (n) in the surface's frame.
+        quaternions: (n, 4) x, y, z, w of the sensor in the base; NaN where not known.
+        positions: (n, 3) [m] of the sensor in the base; NaN where not known.
+        mount: T_sensor_surface.
+    """
+    lost = np.isnan(np.concatenate([quaternions, positions], axis=1).sum(axis=1))
+    sensor = Pose.from_quaternion(np.where(lost[:, None], [0.0, 0.0, 0.0, 1.0], quaternions), positions)
+    moved = in_frame(estimate, sensor @ mount)
+    located = np.isfinite(estimate.point).all(axis=1)
+    return ContactEstimate(
+        point=moved.point,
+        normal=_blank(moved.normal, lost),
+        force=_blank(moved.force, lost),
+        torque=_blank(moved.torque, lost),
+        covariance=_blank(moved.covariance, lost),
+        residual=moved.residual.copy(),
+        candidates=np.where(lost, 0, moved.candidates),
+        status=np.where(lost & located, np.int8(Status.NO_POSE), moved.status),
+    )
+
+
+def _blank(values: Float[np.ndarray, "n ..."], lost: np.ndarray) -> Float[np.ndarray, "n ..."]:
+    return np.where(lost.reshape(-1, *[1] * (values.ndim - 1)), np.nan, values)

@@ -30,15 +30,15 @@ class LinesOfAction:
     @property
     def doubt(self) -> str:
         """The sentence to say when most of them do not fit, else empty."""
-        if self.far > 0.5:
-            return (
-                f"{self.far:.0%} of the loaded samples put the force's line further from the body than the body is "
-                "large: are the units of the torque and of the mesh right (N mm, mm), and is bias or payload left in?"
-            )
         if self.near > 0.5:
             return (
                 f"{self.near:.0%} of the loaded samples put the force's line through the sensor's origin, within 1 % "
                 "of the body's size: are the units of the torque and of the mesh right (N m, mm)?"
+            )
+        if self.far > 0.5:
+            return (
+                f"{self.far:.0%} of the loaded samples put the force's line further from the body than the body is "
+                "large: are the units of the torque and of the mesh right (N mm, mm), and is bias or payload left in?"
             )
         return ""
 

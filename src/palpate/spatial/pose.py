@@ -96,11 +96,11 @@ class Pose:
     def __matmul__(self, other: Pose) -> Pose:
         return Pose(self.rotation @ other.rotation, self.apply(other.translation))
 
-    def apply(self, points: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3"]:
+    def apply(self, points: Float[np.ndarray, "*#batch 3"]) -> Float[np.ndarray, "*#batch 3"]:
         """Points [m] of the source frame, in the target frame."""
         return self.rotate(points) + self.translation
 
-    def rotate(self, vectors: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3"]:
+    def rotate(self, vectors: Float[np.ndarray, "*#batch 3"]) -> Float[np.ndarray, "*#batch 3"]:
         """Directions of the source frame, in the target frame."""
         return np.einsum("...ij,...j->...i", self.rotation, vectors)
 

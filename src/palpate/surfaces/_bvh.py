@@ -32,10 +32,12 @@ CANDIDATE = 14  # numbers a candidate, as `search` says
 _LEAF = 4
 _INSIDE = -1e-8  # how far outside its patch a solution may lie, in barycentric units: rounding at shared edges
 _SLACK = 1e-9  # how far a box test may err, in unit size
+_ROUNDING = 4e-7  # of the float32 in which the nodes are kept
 _STACK = 128
 
 # Division by zero gives inf as in NumPy, and a * b + c may be one instruction; NaN and inf keep their meaning.
 _compiled = functools.partial(njit, cache=True, error_model="numpy", fastmath={"contract"})
+_inlined = functools.partial(_compiled, inline="always")
 
 
 # ---------------------------------------------------------------------------------------------------------------- build
@@ -85,49 +87,48 @@ def _fill_node(node, corners, order, low, high):
             for i in range(3):
                 n = corners[order[at], i]
                 cosine = min(cosine, axis[0] * n[3] + axis[1] * n[4] + axis[2] * n[5])
-    for k in range(3):
+    for k in range(3):  # float32 rounds by 6e-8 of the unit size: every bound is widened by more than that
         node[k] = 0.5 * (box_low[k] + box_high[k])
-        node[3 + k] = 0.5 * (box_high[k] - box_low[k]) + 1e-12
+        node[3 + k] = 0.5 * (box_high[k] - box_low[k]) * (1.0 + 1e-6) + _ROUNDING
         node[6 + k] = axis[k]
-    node[9] = cosine - 1e-12
-    node[12] = 1.0 - node[9] * node[9]
-    node[13] = np.sqrt(node[12]) * node[9]
+    cosine = max(-1.0, cosine - _ROUNDING)
+    node[9] = cosine
+    node[12] = (1.0 - cosine * cosine) * (1.0 + 1e-6)
+    node[13] = np.sqrt(1.0 - cosine * cosine) * max(0.0, cosine) * (1.0 + 1e-6)
 
 
 @_compiled()
-def build(corners):
-    """Order of the patches and nodes of the tree, as `Tree` describes them."""
+def build(corners, nodes):
+    """Fill `nodes` (2 m + 2, 16), zeros, as `Tree` describes them; the order of the patches and how many nodes."""
     count = len(corners)
     order = np.arange(count)
-    nodes = np.zeros((2 * count + 1, 16))
     middles = np.empty((3, count))
     for k in range(3):
         for m in range(count):
             middles[k, m] = corners[m, 0, k] + corners[m, 1, k] + corners[m, 2, k]
-    pending = np.empty((_STACK, 3), dtype=np.int64)  # low, high, parent whose second child this is
-    pending[0] = (0, count, -1)
-    depth, used = 1, 0
+    pending = np.empty((_STACK, 3), dtype=np.int64)  # low, high, node
+    pending[0] = (0, count, 0)
+    depth, used = 1, 2  # node 1 is left empty, so that a pair of children shares its two cache lines with nothing else
     while depth > 0:
         depth -= 1
-        low, high, parent = pending[depth]
-        if parent >= 0:
-            nodes[parent, 10] = used
-        node = nodes[used]
+        low, high, at = pending[depth]
+        node = nodes[at]
         _fill_node(node, corners, order, low, high)
         if high - low <= _LEAF:
             node[10], node[11] = low, high - low
-        else:
-            widest = 0
-            for k in range(1, 3):
-                if node[3 + k] > node[3 + widest]:
-                    widest = k
-            middle = (low + high) // 2
-            _select(middles[widest], order, low, high, middle)
-            pending[depth] = (middle, high, used)
-            pending[depth + 1] = (low, middle, -1)
-            depth += 2
-        used += 1
-    return order, nodes[:used].copy()
+            continue
+        widest = 0
+        for k in range(1, 3):
+            if node[3 + k] > node[3 + widest]:
+                widest = k
+        middle = (low + high) // 2
+        _select(middles[widest], order, low, high, middle)
+        node[10] = used
+        pending[depth] = (middle, high, used + 1)
+        pending[depth + 1] = (low, middle, used)
+        depth += 2
+        used += 2
+    return order, used
 
 
 # --------------------------------------------------------------------------------------------------------------- search
@@ -258,41 +259,47 @@ def _solve_flat(x0, y0, x1, y1, x2, y2, sx, sy, out):
     return 1
 
 
-@_compiled()
-def _node_may_hit(nodes, at, fx, fy, fz, px, py, pz, pitch, cos_limit, reach, wider):
+@_inlined()
+def _node_may_hit(nodes, at, fx, fy, fz, gx, gy, gz, px, py, pz, pitch, cos_limit, reach, wider):
     """Can a node hold a contact whose friction angle has at least this cosine?
 
-    (px, py, pz) is a point of the wrench axis; reach = |pitch| tan(theta_max) bounds any shift; the box grows by `wider`.
+    (px, py, pz) is a point of the wrench axis and g = |f|; reach = |pitch| tan(theta_max) bounds any shift; the box grows
+    by `wider`. First the box, widened by the reach; then the cone against the limit; then, where the reach matters, the
+    box against the axis as the cone shifts it. The order is that of the cheapest way to say no.
     """
-    ax, ay, az = nodes[at, 6], nodes[at, 7], nodes[at, 8]
-    cos_a, sin_a2 = nodes[at, 9], nodes[at, 12]
-    cos_t = -(fx * ax + fy * ay + fz * az)
-    sx = sy = sz = 0.0
-    radius = reach
-    if cos_a > 0.0:
-        short = cos_limit - cos_t * cos_a
-        square = cos_t * cos_t
-        if cos_t < cos_a and short > 0.0 and short * short > (1.0 - square) * sin_a2:
-            return False  # the cone is turned from the force by more than the limit
-        gap = square - sin_a2
-        if reach > 0.0 and cos_t > 0.0 and gap > 1e-9:
-            factor = pitch / gap
-            disc = abs(factor) * nodes[at, 13]
-            if disc < reach:
-                radius = disc
-                factor *= cos_t  # the middle of the conic section in which -pitch (f x n)/(f . n) lies
-                sx, sy, sz = factor * (fy * az - fz * ay), factor * (fz * ax - fx * az), factor * (fx * ay - fy * ax)
-    if radius == np.inf:
-        return True
-    radius += wider
-    dx, dy, dz = nodes[at, 0] - px - sx, nodes[at, 1] - py - sy, nodes[at, 2] - pz - sz
-    hx, hy, hz = nodes[at, 3] + radius, nodes[at, 4] + radius, nodes[at, 5] + radius
-    gx, gy, gz = abs(fx), abs(fy), abs(fz)
+    dx, dy, dz = nodes[at, 0] - px, nodes[at, 1] - py, nodes[at, 2] - pz
+    hx, hy, hz = nodes[at, 3] + wider, nodes[at, 4] + wider, nodes[at, 5] + wider
     # A line and a box are apart if and only if they are along f x (an axis of the box).
+    if abs(dy * fz - dz * fy) > (hy + reach) * gz + (hz + reach) * gy:
+        return False
+    if abs(dz * fx - dx * fz) > (hz + reach) * gx + (hx + reach) * gz:
+        return False
+    if abs(dx * fy - dy * fx) > (hx + reach) * gy + (hy + reach) * gx:
+        return False
+    ax, ay, az, cos_a = nodes[at, 6], nodes[at, 7], nodes[at, 8], nodes[at, 9]
+    if cos_a <= 0.0:
+        return True
+    sin_a2 = nodes[at, 12]
+    cos_t = -(fx * ax + fy * ay + fz * az)
+    short = cos_limit - cos_t * cos_a
+    square = cos_t * cos_t
+    if cos_t < cos_a and short > 0.0 and short * short > (1.0 - square) * sin_a2:
+        return False  # the cone is turned from the force by more than the limit
+    gap = square - sin_a2
+    if 20.0 * reach < hx + hy + hz or cos_t <= 0.0 or gap <= 1e-9:
+        return True
+    factor = pitch / gap
+    radius = abs(factor) * nodes[at, 13]
+    if radius >= reach:
+        return True
+    factor *= cos_t  # the middle of the conic section in which -pitch (f x n)/(f . n) lies
+    dx -= factor * (fy * az - fz * ay)
+    dy -= factor * (fz * ax - fx * az)
+    dz -= factor * (fx * ay - fy * ax)
     return (
-        abs(dy * fz - dz * fy) <= hy * gz + hz * gy
-        and abs(dz * fx - dx * fz) <= hz * gx + hx * gz
-        and abs(dx * fy - dy * fx) <= hx * gy + hy * gx
+        abs(dy * fz - dz * fy) <= (hy + radius) * gz + (hz + radius) * gy
+        and abs(dz * fx - dx * fz) <= (hz + radius) * gx + (hx + radius) * gz
+        and abs(dx * fy - dy * fx) <= (hx + radius) * gy + (hy + radius) * gx
     )
 
 
@@ -364,6 +371,7 @@ def search(wrench, soft, tan_limit, nodes, corners, tags, found):
     capacity = len(found) - 1
     (fx, fy, fz), (ux, uy, uz), (vx, vy, vz), (px, py, pz), pitch = _view(wrench)
     pitch *= soft
+    gx, gy, gz = abs(fx), abs(fy), abs(fz)
     qu, qv = ux * px + uy * py + uz * pz, vx * px + vy * py + vz * pz
     cos_limit = -1e-12 if tan_limit == np.inf else 1.0 / np.sqrt(1.0 + tan_limit * tan_limit) - 1e-12
     reach = 0.0 if pitch == 0.0 else abs(pitch) * tan_limit
@@ -374,11 +382,11 @@ def search(wrench, soft, tan_limit, nodes, corners, tags, found):
     while depth > 0:
         depth -= 1
         at = pending[depth]
-        if not _node_may_hit(nodes, at, fx, fy, fz, px, py, pz, pitch, cos_limit, reach, 0.0):
+        if not _node_may_hit(nodes, at, fx, fy, fz, gx, gy, gz, px, py, pz, pitch, cos_limit, reach, 0.0):
             continue
         first, size = int(nodes[at, 10]), int(nodes[at, 11])
         if size == 0:
-            pending[depth], pending[depth + 1] = first, at + 1
+            pending[depth], pending[depth + 1] = first + 1, first
             depth += 2
             continue
         for patch in range(first, first + size):
@@ -498,6 +506,7 @@ def nearest_to_axis(wrench, nodes, corners, tags, found):
     to the axis is nearest in the metric of a wrench whose torque noise is the same in all directions.
     """
     (fx, fy, fz), (ux, uy, uz), (vx, vy, vz), (px, py, pz), _ = _view(wrench)
+    gx, gy, gz = abs(fx), abs(fy), abs(fz)
     q, b = np.empty((3, 2)), np.empty(3)
     pending = np.empty(_STACK, dtype=np.int64)
     pending[0] = 0
@@ -506,11 +515,13 @@ def nearest_to_axis(wrench, nodes, corners, tags, found):
         depth -= 1
         at = pending[depth]
         reach = np.sqrt(best)
-        if reach < np.inf and not _node_may_hit(nodes, at, fx, fy, fz, px, py, pz, 0.0, -1e-12, 0.0, reach):
+        if reach < np.inf and not _node_may_hit(
+            nodes, at, fx, fy, fz, gx, gy, gz, px, py, pz, 0.0, -1e-12, 0.0, reach
+        ):
             continue
         first, size = int(nodes[at, 10]), int(nodes[at, 11])
         if size == 0:
-            pending[depth], pending[depth + 1] = first, at + 1
+            pending[depth], pending[depth + 1] = first + 1, first
             depth += 2
             continue
         for patch in range(first, first + size):
@@ -586,7 +597,7 @@ def nearest_to_point(points, nodes, corners, tags, found):
             at = pending[depth]
             node = nodes[at]
             if node[11] == 0.0:
-                left, right = at + 1, int(node[10])
+                left, right = int(node[10]), int(node[10]) + 1
                 gap_left, gap_right = _gap(nodes[left], point), _gap(nodes[right], point)
                 if gap_left < gap_right:
                     left, right, gap_left, gap_right = right, left, gap_right, gap_left

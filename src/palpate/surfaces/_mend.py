@@ -83,7 +83,7 @@ def _merged(
 
 def _without_slivers(
     points: Float[np.ndarray, "v 3"], triangles: Int[np.ndarray, "f 3"]
-) -> tuple[Int[np.ndarray, "f 3"], int]:
+) -> tuple[Int[np.ndarray, "g 3"], int]:
     """A facet needs three different corners and a height above rounding of its longest edge."""
     _, area = facet_normals(points, triangles)
     sides = points[triangles] - np.roll(points[triangles], 1, axis=1)
@@ -92,7 +92,7 @@ def _without_slivers(
     return triangles[good], int(np.count_nonzero(~good))
 
 
-def _without_doubles(triangles: Int[np.ndarray, "f 3"]) -> tuple[Int[np.ndarray, "f 3"], int]:
+def _without_doubles(triangles: Int[np.ndarray, "f 3"]) -> tuple[Int[np.ndarray, "g 3"], int]:
     _, first = np.unique(np.sort(triangles, axis=1), axis=0, return_index=True)
     return triangles[np.sort(first)], len(triangles) - len(first)
 

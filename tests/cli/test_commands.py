@@ -1,0 +1,338 @@
+"""The commands on a small simulated session, in process: exit codes, files, and what a person reads."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+
+from palpate.cli import main
+from palpate.io.contacts import read_contacts
+from palpate.io.models import load_toml, read_payload
+from palpate.io.rig import load_rig
+from palpate.simulation.session import Session, simulate_session
+from palpate.simulation.session_files import write_session
+
+Edit = Callable[[pl.DataFrame], pl.DataFrame]
+
+
+@pytest.fixture(scope="module")
+def session() -> Session:
+    return simulate_session(3, touches=8, facets=2000)
+
+
+@pytest.fixture(scope="module")
+def made(session: Session, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The files of a session, with its payload identified."""
+    folder = tmp_path_factory.mktemp("session")
+    write_session(session, folder)
+    assert main(["calibrate", "payload", str(folder / "free_motion.csv"), "-o", str(folder / "payload.toml")]) == 0
+    return folder
+
+
+def _edited(made: Path, tmp_path: Path, edit: Edit) -> Path:
+    log = pl.read_csv(made / "touches.csv", infer_schema_length=None)
+    edit(log).write_csv(tmp_path / "touches.csv")
+    return tmp_path / "touches.csv"
+
+
+def _estimate(log: Path, made: Path, tmp_path: Path, *options: str) -> int:
+    rig = [] if "--mesh" in options else ["--rig", str(made / "rig.toml")]
+    return main(["estimate", str(log), *rig, "-o", str(tmp_path / "contacts.csv"), *options])
+
+
+def test_payload_is_what_the_session_carries(session: Session, made: Path) -> None:
+    """The biases of 14 poses of 200 samples: noise 0.02 N / sqrt(2800), five times over, and more for the centre."""
+    payload = read_payload(made / "payload.toml")
+    assert payload.mass == pytest.approx(session.load.mass, abs=1e-3)
+    assert payload.force_bias == pytest.approx(session.load.force_bias, abs=5e-3)
+    assert payload.center_of_mass == pytest.approx(session.load.center_of_mass, abs=2e-4)
+    assert "free_motion.csv sha256:" in payload.provenance["log"]
+
+
+def test_the_chain_of_the_quick_start(made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Location after calibration: under a millimetre where assembly alone puts it 1.2 mm and 1.5 degrees off."""
+    log, marks, rig = made / "touches.csv", made / "marks.csv", tmp_path / "rig.toml"
+    assert (
+        main(
+            ["calibrate", "mounting", str(log), "--rig", str(made / "rig.toml"), "--marks", str(marks), "-o", str(rig)]
+        )
+        == 0
+    )
+    assert main(["estimate", str(log), "--rig", str(rig), "-o", str(tmp_path / "contacts.csv")]) == 0
+    capsys.readouterr()
+    assert main(["evaluate", str(tmp_path / "contacts.csv"), str(made / "truth.csv")]) == 0
+    said = capsys.readouterr().out
+    row = next(line for line in said.splitlines() if "location of touches" in line)
+    assert float(row.split()[4]) < 1.0
+    assert "contact" in said
+    assert load_rig(rig).surface.pose_covariance is not None
+    assert "# of the mesh file" in rig.read_text()
+
+
+def test_mounting_without_marks_uses_presses(made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    rig = tmp_path / "rig.toml"
+    assert (
+        main(["calibrate", "mounting", str(made / "touches.csv"), "--rig", str(made / "rig.toml"), "-o", str(rig)]) == 0
+    )
+    assert "used of 8 presses somewhere on the surface" in capsys.readouterr().out
+
+
+def test_the_first_five_minutes_need_a_mesh_only(
+    made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert _estimate(made / "touches.csv", made, tmp_path, "--mesh", str(made / "probe.stl"), "--unit", "mm") == 0
+    said = capsys.readouterr().out
+    assert "no payload model: wrenches are taken as they are" in said
+    assert "warning: the force is never below" in said
+    contacts = read_contacts(tmp_path / "contacts.csv")
+    log = pl.read_csv(made / "touches.csv")
+    assert contacts.sample.tolist() == list(range(len(log)))
+    assert np.array_equal(contacts.time, log["time"].to_numpy())
+    record = load_toml(tmp_path / "contacts.csv.toml")
+    assert set(record) >= {"palpate", "log", "mesh", "friction", "method", "noise_source"}
+
+
+def test_frames_differ_by_the_mount(made: Path, tmp_path: Path) -> None:
+    points = {}
+    for frame in ("surface", "sensor"):
+        assert _estimate(made / "touches.csv", made, tmp_path, "--frame", frame) == 0
+        points[frame] = read_contacts(tmp_path / "contacts.csv").estimate.point
+    mount = load_rig(made / "rig.toml").surface.pose.pose()
+    assert points["sensor"] == pytest.approx(mount.apply(points["surface"]), abs=1e-12, nan_ok=True)
+
+
+def test_the_base_frame_needs_a_position(made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert _estimate(made / "touches.csv", made, tmp_path, "--frame", "base") == 1
+    assert "sensor's position" in capsys.readouterr().err
+    log = _edited(made, tmp_path, lambda table: table.with_columns(x=pl.lit(1.0), y=pl.lit(2.0), z=pl.lit(3.0)))
+    assert _estimate(log, made, tmp_path, "--frame", "base") == 0
+    based = read_contacts(tmp_path / "contacts.csv").estimate
+    assert _estimate(log, made, tmp_path, "--frame", "sensor") == 0
+    sensed = read_contacts(tmp_path / "contacts.csv").estimate
+    away = np.linalg.norm(based.point - [1.0, 2.0, 3.0], axis=1)
+    assert away == pytest.approx(
+        np.linalg.norm(sensed.point, axis=1), abs=1e-6, nan_ok=True
+    )  # quaternions have 6 digits
+
+
+def _at(row: int, **values: float | None) -> Edit:
+    return lambda table: table.with_columns(
+        pl.when(pl.int_range(pl.len()) == row).then(pl.lit(value, dtype=pl.Float64)).otherwise(pl.col(name)).alias(name)
+        for name, value in values.items()
+    )
+
+
+@pytest.mark.parametrize(
+    ("edit", "status", "word"),
+    [
+        (_at(5, fx=float("nan")), "invalid", "not a number"),
+        (_at(5, fx=None), "invalid", "not a number"),
+        (_at(5, tz=float("inf")), "invalid", "infinite"),
+        (_at(5, fz=-250.0), "saturated", "saturated"),
+        (_at(5, qx=float("nan")), "no_pose", "not a number"),
+        (_at(5, qx=0.0, qy=0.0, qz=0.0, qw=0.0), "no_pose", "length far from 1"),
+        (_at(5, time=0.0), None, "times run backwards"),
+        (_at(5, time=1e4), None, "gaps longer than"),
+        (_at(5, time=float("nan")), None, "times are missing"),
+        (lambda table: table.with_columns(time=pl.col("time").floor()), None, "times repeat"),
+    ],
+)
+def test_bad_samples_get_a_status_or_a_note_and_none_is_lost(
+    made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], edit: Edit, status: str | None, word: str
+) -> None:
+    log = _edited(made, tmp_path, edit)
+    assert _estimate(log, made, tmp_path) == 0
+    contacts = pl.read_csv(tmp_path / "contacts.csv", infer_schema=False)
+    assert contacts["sample"].to_list() == [str(k) for k in range(len(pl.read_csv(made / "touches.csv")))]
+    if status is not None:
+        assert contacts["status"][5] == status
+    assert word in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("edit", "word"),
+    [
+        (lambda table: table.clear(), "a header, but no rows"),
+        (lambda table: table.drop("tz"), "no column 'tz'"),
+        (lambda table: table.rename({"tz": "Tz"}), "Did you mean 'Tz'"),
+        (lambda table: table.drop("qw"), "no column 'qw'"),
+        (lambda table: table.with_columns(fx=pl.lit("n/a")), "no number in column 'fx'"),
+    ],
+)
+def test_a_log_that_cannot_be_used_is_one_sentence_and_exit_1(
+    made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], edit: Edit, word: str
+) -> None:
+    assert _estimate(_edited(made, tmp_path, edit), made, tmp_path) == 1
+    said = capsys.readouterr().err
+    assert word in said
+    assert said.count("\n") == 1
+    assert not (tmp_path / "contacts.csv").exists()
+
+
+def test_an_empty_file_is_refused(made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "touches.csv").write_text("")
+    assert _estimate(tmp_path / "touches.csv", made, tmp_path) == 1
+    assert "the file is empty" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "word"),
+    [
+        ('torque = "N m"', 'torque = "kN m"', "further from the body"),  # as if N mm had been declared N m
+        ('unit = "mm"', 'unit = "m"', "is the unit right"),
+    ],
+)
+def test_units_that_do_not_fit_are_warned_of(
+    made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], old: str, new: str, word: str
+) -> None:
+    text = (made / "rig.toml").read_text().replace(old, new, 1)
+    text = text.replace('payload = "payload.toml"', "").replace("probe.stl", (made / "probe.stl").as_posix())
+    (tmp_path / "rig.toml").write_text(text)
+    log = _edited(made, tmp_path, _compensated(made))
+    assert main(["estimate", str(log), "--rig", str(tmp_path / "rig.toml"), "-o", str(tmp_path / "contacts.csv")]) == 0
+    assert word in capsys.readouterr().out
+
+
+def _compensated(made: Path) -> Edit:
+    """Readings less what the free sensor reads in about the same pose: enough for a warning about units."""
+    payload = read_payload(made / "payload.toml")
+    bias = np.concatenate([payload.force_bias, payload.torque_bias])
+    names = ("fx", "fy", "fz", "tx", "ty", "tz")
+    return lambda table: table.with_columns(
+        pl.Series(name, table[name].to_numpy() - value) for name, value in zip(names, bias, strict=True)
+    )
+
+
+def test_misspelt_keys_wrong_calls_and_help_have_their_exit_codes(
+    made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "rig.toml").write_text((made / "rig.toml").read_text().replace("crease", "creese"))
+    assert main(["inspect", str(tmp_path / "rig.toml")]) == 1
+    assert "Did you mean 'crease'" in capsys.readouterr().err
+    assert main(["estimate"]) == 2
+    assert main(["no-such-command"]) == 2
+    assert main(["estimate", "--help"]) == 0
+    assert main(["estimate", str(made / "touches.csv"), "-o", str(tmp_path / "c.csv")]) == 1
+    assert (
+        main(["estimate", str(made / "touches.csv"), "--mesh", str(made / "probe.stl"), "-o", str(tmp_path / "c.csv")])
+        == 1
+    )
+    assert "--unit mm" in capsys.readouterr().err
+
+
+def test_an_output_never_overwrites_an_input(made: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    before = (made / "touches.csv").read_bytes()
+    assert (
+        main(["estimate", str(made / "touches.csv"), "--rig", str(made / "rig.toml"), "-o", str(made / "touches.csv")])
+        == 1
+    )
+    assert "would overwrite an input" in capsys.readouterr().err
+    assert (made / "touches.csv").read_bytes() == before
+
+
+def test_ctrl_c_leaves_nothing_torn(made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from palpate.contact.estimator import Estimator
+
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Estimator, "run", interrupted)
+    assert _estimate(made / "touches.csv", made, tmp_path) == 130
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_options_win_over_the_rig(made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    options = (
+        "--friction",
+        "0.7",
+        "--torsion",
+        "0.01",
+        "--contact",
+        "3",
+        "2",
+        "--method",
+        "wrench_axis",
+        "--noise",
+        "0.1",
+        "0.01",
+    )
+    assert _estimate(made / "touches.csv", made, tmp_path, *options) == 0
+    record = load_toml(tmp_path / "contacts.csv.toml")
+    assert (record["friction"], record["torsion"], record["method"]) == ("0.7", "0.01", "wrench_axis")
+    assert record["contact"] == "on 3 N, off 2 N"
+    assert record["noise_source"] == "given"
+
+
+def test_truth_on_another_clock_is_refused(made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert _estimate(made / "touches.csv", made, tmp_path) == 0
+    (tmp_path / "truth.csv").write_text("time,px,py,pz\n5000,0,0,0\n")
+    assert main(["evaluate", str(tmp_path / "contacts.csv"), str(tmp_path / "truth.csv")]) == 1
+    assert "no sample matches the truth" in capsys.readouterr().err
+
+
+def test_inspect_knows_every_kind_of_file(made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert _estimate(made / "touches.csv", made, tmp_path) == 0
+    capsys.readouterr()
+    for file, word in (
+        (made / "touches.csv", "a log"),
+        (made / "truth.csv", "touches at known points"),
+        (made / "probe.stl", "a mesh"),
+        (made / "rig.toml", "a rig"),
+        (made / "payload.toml", "a payload model"),
+        (tmp_path / "contacts.csv", ": contacts"),
+        (tmp_path / "contacts.csv.toml", "TOML"),
+    ):
+        assert main(["inspect", str(file)]) == 0
+        said = capsys.readouterr().out
+        assert word in said.splitlines()[0]
+        assert len(said.splitlines()) <= 40  # one screen
+    assert main(["inspect", str(tmp_path / "nothing.csv")]) == 1
+
+
+def test_a_new_rig_serves_at_once_and_is_not_overwritten(
+    made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rig = tmp_path / "rig.toml"
+    call = ["rig", "new", str(made / "touches.csv"), str(made / "probe.stl"), "-o", str(rig)]
+    assert main(call) == 0
+    assert main(["estimate", str(made / "touches.csv"), "--rig", str(rig), "-o", str(tmp_path / "contacts.csv")]) == 0
+    assert main(call) == 1
+    assert "--force" in capsys.readouterr().err
+    assert main([*call, "--force"]) == 0
+
+
+def test_a_payload_needs_an_orientation(made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pl.read_csv(made / "free_motion.csv").drop("qx", "qy", "qz", "qw").write_csv(tmp_path / "free.csv")
+    assert main(["calibrate", "payload", str(tmp_path / "free.csv"), "-o", str(tmp_path / "payload.toml")]) == 1
+    assert "the log has no orientation" in capsys.readouterr().err
+    log = pl.read_csv(made / "touches.csv").drop("qx", "qy", "qz", "qw")
+    log.write_csv(tmp_path / "touches.csv")
+    mesh = ("--mesh", str(made / "probe.stl"), "--unit", "mm", "--payload", str(made / "payload.toml"))
+    assert _estimate(tmp_path / "touches.csv", made, tmp_path, *mesh) == 1
+    assert "the payload's weight turns with the sensor" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("text", ["down", "0,0", "0,0,0", "a,b,c"])
+def test_a_gravity_that_is_no_direction_is_refused(made: Path, tmp_path: Path, text: str) -> None:
+    call = ["calibrate", "payload", str(made / "free_motion.csv"), "-o", str(tmp_path / "p.toml"), "--gravity", text]
+    assert main(call) == 1
+    assert not (tmp_path / "p.toml").exists()
+
+
+def test_the_command_runs_as_a_program(made: Path) -> None:
+    run = subprocess.run(
+        [sys.executable, "-m", "palpate", "inspect", str(made / "nothing.csv")],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert run.returncode == 1
+    assert run.stdout == ""
+    assert run.stderr.startswith("palpate: ")
+    assert "Traceback" not in run.stderr
