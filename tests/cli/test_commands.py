@@ -318,6 +318,24 @@ def test_a_payload_needs_an_orientation(made: Path, tmp_path: Path, capsys: pyte
     assert "the payload's weight turns with the sensor" in capsys.readouterr().err
 
 
+def test_swapped_axes_are_named_with_the_line_that_mends_them(
+    made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    table = pl.read_csv(made / "free_motion.csv")
+    swapped = table.rename({"fy": "fz", "fz": "fy", "ty": "tz", "tz": "ty"})
+    swapped.write_csv(tmp_path / "free.csv")
+    main(["calibrate", "payload", str(tmp_path / "free.csv"), "-o", str(tmp_path / "payload.toml")])
+    said = capsys.readouterr().out
+    assert 'mend: axes = ["x", "z", "y"] and left_handed = true' in said
+    rig = (
+        (made / "rig.toml").read_text().replace('axes = ["x", "y", "z"]', 'axes = ["x", "z", "y"]\nleft_handed = true')
+    )
+    (tmp_path / "rig.toml").write_text(rig)
+    call = ["calibrate", "payload", str(tmp_path / "free.csv"), "-o", str(tmp_path / "payload.toml")]
+    assert main([*call, "--rig", str(tmp_path / "rig.toml")]) == 0
+    assert "mend:" not in capsys.readouterr().out
+
+
 @pytest.mark.parametrize("text", ["down", "0,0", "0,0,0", "a,b,c"])
 def test_a_gravity_that_is_no_direction_is_refused(made: Path, tmp_path: Path, text: str) -> None:
     call = ["calibrate", "payload", str(made / "free_motion.csv"), "-o", str(tmp_path / "p.toml"), "--gravity", text]

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial import ConvexHull
 
 from palpate.simulation.shapes import Body, BumpySphere, Ellipsoid, Superquadric
 from palpate.surfaces import Mesh, plane
@@ -75,6 +76,12 @@ def _patch() -> Arrays:
     return vertices, np.concatenate([np.c_[a.ravel(), b.ravel(), c.ravel()], np.c_[a.ravel(), c.ravel(), d.ravel()]])
 
 
+def _hull() -> Arrays:
+    """The convex hull of an ellipsoid's vertices: their stretched triangles have saddles, a hull has none."""
+    vertices, _ = ELLIPSOID.mesh(500)
+    return vertices, ConvexHull(vertices).simplices.astype(np.int64)
+
+
 def _placed(arrays: Arrays, **options: object) -> Mesh:
     return Mesh.from_arrays(arrays[0] + PLACE, arrays[1], **options)  # pyright: ignore[reportArgumentType]
 
@@ -83,7 +90,8 @@ ELLIPSOID, SUPERQUADRIC, BUMPY = Ellipsoid((R, 0.7 * R, 0.5 * R)), Superquadric(
 
 BODIES: dict[str, Surfaced] = {
     "ellipsoid": Surfaced(lambda: _placed(ELLIPSOID.mesh(1280)), convex=True, analytic=ELLIPSOID),
-    "faceted ellipsoid": Surfaced(lambda: _placed(ELLIPSOID.mesh(500), smooth=False), convex=True),
+    "convex hull": Surfaced(lambda: _placed(_hull(), smooth=False), convex=True),
+    "faceted ellipsoid": Surfaced(lambda: _placed(ELLIPSOID.mesh(500), smooth=False)),
     "superquadric": Surfaced(lambda: _placed(SUPERQUADRIC.mesh(1280)), convex=True, analytic=SUPERQUADRIC),
     "bumpy sphere": Surfaced(lambda: _placed(BUMPY.mesh(1280)), analytic=BUMPY),
     "faceted bumpy sphere": Surfaced(lambda: _placed(BUMPY.mesh(500), smooth=False)),

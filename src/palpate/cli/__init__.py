@@ -26,7 +26,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"palpate: {problem}", file=sys.stderr)
         return FAILED
     except KeyboardInterrupt:
-        print("palpate: interrupted; no file was touched", file=sys.stderr)
+        print("palpate: interrupted; no file is half written", file=sys.stderr)
         return INTERRUPTED
     except BrokenPipeError:  # the reader of our output (head, less) has left
         sys.stderr.close()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Annotated
 
 import numpy as np
@@ -20,6 +21,13 @@ from palpate.sensors.recording import ORIENTATION
 from palpate.spatial.pose import rotation_from_quaternion
 
 __all__ = ["calibrate_payload", "figures"]
+
+_MENDS = {
+    "base frame": 'frame = "base" under [force_torque] in the rig, or --base-frame here',
+    "y and z swapped": 'axes = ["x", "z", "y"] and left_handed = true under [force_torque] in the rig',
+    "sign reversed": 'axes = ["-x", "-y", "-z"] and left_handed = true under [force_torque] in the rig',
+    "inverse rotations": "the log must hold the sensor in the base: negate qx, qy, qz",
+}
 
 
 def calibrate_payload(
@@ -70,6 +78,13 @@ def calibrate_payload(
     )
     lines([("samples", f"{len(recording):,}; used: {averaged}"), *figures(payload)])
     note([*recording.notes, *payload.notes])
+    note(_mends(payload), kind="mend")
+
+
+def _mends(payload: Payload) -> list[str]:
+    """What to write where, for each explanation that the calibration names."""
+    named = {name for text in payload.notes for name in re.findall(r"hypothesis='([^']*)'", text)}
+    return [mend for name, mend in _MENDS.items() if any(name in hypothesis for hypothesis in named)]
 
 
 def _direction(text: str) -> np.ndarray | None:

@@ -21,13 +21,14 @@ from palpate.errors import InputError
 from palpate.io.contacts import write_contacts
 from palpate.io.csv import read_recording
 from palpate.io.models import provenance, write_provenance
-from palpate.io.rig import Rig, RigEstimate, RigForceTorque, RigPair, RigSurface, RigThresholds, build, load_rig
+from palpate.io.rig import Rig, build, load_rig
+from palpate.io.rig_tables import RigEstimate, RigForceTorque, RigPair, RigSurface, RigThresholds
 from palpate.sensors.noise import estimate_noise
 from palpate.sensors.recording import ORIENTATION, POSITION, Recording
 
 __all__ = ["estimate"]
 
-BLOCK = 50_000  # samples at a time: covariances of a long log need not all be in memory
+BLOCK = 5_000  # samples at a time: a long log need not be in memory at once, and Ctrl-C is heard in between
 
 
 def estimate(

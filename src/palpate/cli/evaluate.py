@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from palpate.cli.options import SomeFile
+from palpate.cli.options import ContactsFile, TruthFile
 from palpate.cli.screen import lines, note, percent, table, title
 from palpate.contact.truth import Touches
 from palpate.errors import InputError
@@ -19,7 +19,7 @@ __all__ = ["evaluate"]
 _HEADER = ("", "mean", "median", "95 %", "worst", "count")
 
 
-def evaluate(contacts: SomeFile, truth: SomeFile, /, tolerance: float = 0.02) -> None:
+def evaluate(contacts: ContactsFile, truth: TruthFile, /, tolerance: float = 0.02) -> None:
     """Errors of location, direction and force, coverage of the ellipses, share of each status.
 
     Args:

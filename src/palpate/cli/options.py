@@ -7,10 +7,23 @@ from typing import Annotated
 
 from tyro.conf import Positional, arg
 
-__all__ = ["FileOption", "Log", "MeshFile", "Output", "Pair", "RigFile", "Scalar", "SomeFile"]
+__all__ = [
+    "ContactsFile",
+    "FileOption",
+    "Log",
+    "MeshFile",
+    "Output",
+    "Pair",
+    "RigFile",
+    "Scalar",
+    "SomeFile",
+    "TruthFile",
+]
 
 Log = Annotated[Positional[Path], arg(metavar="LOG")]
 MeshFile = Annotated[Positional[Path], arg(metavar="MESH")]
+ContactsFile = Annotated[Positional[Path], arg(metavar="CONTACTS")]
+TruthFile = Annotated[Positional[Path], arg(metavar="TRUTH")]
 SomeFile = Annotated[Positional[Path], arg(metavar="FILE")]
 Output = Annotated[Path, arg(aliases=["-o"], metavar="FILE")]
 RigFile = Annotated[Path, arg(metavar="FILE")]

@@ -18,8 +18,10 @@ def title(text: str) -> None:
 
 def lines(pairs: Iterable[tuple[str, object]]) -> None:
     """Name and value, one pair a line."""
-    for name, value in pairs:
-        print(f"  {name:<{_WIDTH}} {value}")
+    known = list(pairs)
+    width = max([_WIDTH, *(len(name) for name, _ in known)])
+    for name, value in known:
+        print(f"  {name:<{width}} {value}")
 
 
 def note(texts: Iterable[str], kind: str = "note") -> None:

@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Float, Int8
 from numpy.typing import ArrayLike
 
+from palpate.contact._settings import HAS_PREVIOUS, NOISY, PREVIOUS, SOFT, STATE
 from palpate.contact.estimate import ROW, ContactEstimate
 from palpate.errors import InputError
 from palpate.spatial.uncertain import noise_covariance
@@ -78,13 +79,12 @@ class Locator:
         self.on, self.off = _thresholds(self.noise, on, off)
         tree = surface.tree()
         self._tree = (tree.nodes, tree.corners, tree.tags)
-        self._settings = np.zeros(_kernel.SETTINGS)
-        self._settings[:3], self._settings[3] = tree.centre, tree.scale
-        self._settings[4] = method == "soft_finger"
-        self._settings[5:9] = self.friction, self.torsion, self.on, self.off
-        self._settings[9] = self.noise is not None
+        soft, noisy = float(method == "soft_finger"), float(self.noise is not None)
+        self._settings = np.array(
+            [*tree.centre, tree.scale, soft, self.friction, self.torsion, self.on, self.off, noisy]
+        )
         self._noise = np.zeros((6, 6)) if self.noise is None else self.noise
-        self._state = np.zeros(_kernel.STATE)
+        self._state = _state(None)
         self._one: Callable[..., Any] = _kernel.estimate
         self._many: Callable[..., Any] = _kernel.estimate_many
         self(np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0]), self.empty())
@@ -98,9 +98,7 @@ class Locator:
 
     def reset(self, previous: ArrayLike | None = None) -> None:
         """Forget the last contact and the hysteresis, or set the last contact to a point [m]."""
-        self._state[:] = 0.0
-        if previous is not None:
-            self._state[1], self._state[2:] = 1.0, np.asarray(previous, dtype=np.float64)
+        self._state[:] = _state(previous)
 
     def __call__(self, wrench: Float[np.ndarray, "6"], out: Float[np.ndarray, "22"]) -> None:
         """Locate one wrench (6,), force first, in the surface's frame, into `out`; carries hysteresis and last contact.
@@ -115,6 +113,7 @@ class Locator:
         covariances: Float[np.ndarray, "*#n 6 6"] | None = None,
         statuses: Int8[np.ndarray, " n"] | None = None,
         sequential: bool = True,
+        previous: ArrayLike | None = None,
     ) -> ContactEstimate:
         """Locate a time series; carries hysteresis and last contact from sample to sample and from call to call.
 
@@ -122,19 +121,21 @@ class Locator:
             wrenches: (n, 6) in the surface's frame, force first.
             covariances: (n, 6, 6) or (6, 6), instead of the Locator's noise.
             statuses: (n,) a status known beforehand, or -1 for a sample to locate.
-            sequential: False takes each sample on its own.
+            sequential: False takes each sample on its own and leaves the Locator's memory alone.
+            previous: (3,) [m] the last contact of every sample then.
         """
         wrenches = np.ascontiguousarray(wrenches, dtype=np.float64)
         noise, settings = self._noise, self._settings
         if covariances is not None:
             noise, settings = np.asarray(covariances, dtype=np.float64), settings.copy()
-            settings[9] = 1.0
+            settings[NOISY] = 1.0
         noises = np.ascontiguousarray(noise if noise.ndim == 3 else noise[None])
         if len(noises) not in (1, len(wrenches)):
             raise ValueError(f"{len(noises)} covariances for {len(wrenches)} wrenches")
         forced = np.full(len(wrenches), -1, np.int8) if statuses is None else np.asarray(statuses, dtype=np.int8)
         rows = self.empty(len(wrenches))
-        self._many(wrenches, noises, forced, *self._tree, settings, self._state, sequential, rows)
+        state = self._state if sequential else _state(previous)
+        self._many(wrenches, noises, forced, *self._tree, settings, state, sequential, rows)
         return ContactEstimate.from_rows(rows)
 
     def candidates(self, wrench: Float[np.ndarray, "6"]) -> Candidates:
@@ -148,12 +149,20 @@ class Locator:
             found = found[:0]
         else:
             unit = np.concatenate([force, (moment - np.cross(centre, force)) / scale])
-            found = found[: _bvh.search(unit, self._settings[4], np.inf, *self._tree, found)]
+            found = found[: _bvh.search(unit, self._settings[SOFT], np.inf, *self._tree, found)]
         point, normal = found[:, 8:11] * scale + centre, found[:, 11:14]
         torque = np.einsum("nk,nk->n", moment - np.cross(point, force), normal)
         plausible = (found[:, 4] <= self.friction) & (np.abs(torque) <= self.torsion * np.abs(normal @ force))
         order = np.lexsort((found[:, 4], found[:, 5], ~plausible))
         return Candidates(point[order], normal[order], torque[order], found[order, 4], plausible[order])
+
+
+def _state(previous: ArrayLike | None) -> Float[np.ndarray, "5"]:
+    """No contact so far, or the last one at a point [m]."""
+    state = np.zeros(STATE)
+    if previous is not None:
+        state[HAS_PREVIOUS], state[PREVIOUS:] = 1.0, np.asarray(previous, dtype=np.float64)
+    return state
 
 
 def _thresholds(noise: Float[np.ndarray, "6 6"] | None, on: float | None, off: float | None) -> tuple[float, float]:
@@ -198,10 +207,10 @@ def locate(
     """
     locator = _prepared(surface, method, friction, torsion)
     point = previous.point if isinstance(previous, ContactEstimate) else previous
-    locator.reset(None if point is None or not np.all(np.isfinite(point)) else point)
+    last = None if point is None or not np.all(np.isfinite(point)) else point
     vectors = wrench.vector()
     batch = vectors.shape[:-1]
     covariance = wrench.covariance if noise is None else noise_covariance(noise)
     if covariance is not None and covariance.ndim > 2:
         covariance = np.broadcast_to(covariance, (*batch, 6, 6)).reshape(-1, 6, 6)
-    return locator.run(vectors.reshape(-1, 6), covariance, sequential=False).reshaped(batch)
+    return locator.run(vectors.reshape(-1, 6), covariance, sequential=False, previous=last).reshaped(batch)

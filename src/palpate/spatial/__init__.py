@@ -1,0 +1,1 @@
+"""Where things are, what pushes on them, and how sure."""

@@ -25,7 +25,9 @@ def load_arrays(path: Path) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "
         raise InputError("no such mesh file.", where=str(path))
     kind = path.suffix.lower().lstrip(".")
     if kind not in trimesh.available_formats():
-        raise InputError(f"cannot read meshes of type {path.suffix!r}.", where=str(path), mend="Use STL, OBJ, PLY or DAE.")
+        raise InputError(
+            f"cannot read meshes of type {path.suffix!r}.", where=str(path), mend="Use STL, OBJ, PLY or DAE."
+        )
     try:
         loaded: Any = trimesh.load_scene(path, process=False, file_type=kind)
         mesh: Any = loaded.to_mesh()

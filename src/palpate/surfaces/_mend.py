@@ -26,9 +26,9 @@ def mend(
     """
     points, triangles = _checked(vertices, faces)
     notes: list[str] = []
-    finite = np.isfinite(points).all(axis=1)
+    finite = np.all(np.isfinite(points), axis=1)
     if not finite.all():
-        usable = finite[triangles].all(axis=1)
+        usable = np.all(finite[triangles], axis=1)
         notes.append(f"{np.count_nonzero(~usable)} facets with NaN or infinite vertices dropped")
         triangles = triangles[usable]
         points = np.where(finite[:, None], points, 0.0)
@@ -73,7 +73,7 @@ def _merged(
     used = points[triangles.reshape(-1)]
     low = used.min(axis=0)
     step = 1e-7 * max(float(np.linalg.norm(used.max(axis=0) - low)), 1e-300)
-    cells = np.round((points - low) / step).astype(np.int64)
+    cells: Int[np.ndarray, "v 3"] = np.rint((points - low) / step).astype(np.int64)
     needed = np.unique(triangles)
     _, first, inverse = np.unique(cells[needed], axis=0, return_index=True, return_inverse=True)
     renamed = np.zeros(len(points), dtype=np.int64)
@@ -97,9 +97,7 @@ def _without_doubles(triangles: Int[np.ndarray, "f 3"]) -> tuple[Int[np.ndarray,
     return triangles[np.sort(first)], len(triangles) - len(first)
 
 
-def _outward(
-    points: Float[np.ndarray, "v 3"], triangles: Int[np.ndarray, "f 3"]
-) -> tuple[Int[np.ndarray, "f 3"], int]:
+def _outward(points: Float[np.ndarray, "v 3"], triangles: Int[np.ndarray, "f 3"]) -> tuple[Int[np.ndarray, "f 3"], int]:
     """Consistent winding over each connected body, and positive volume where the body is closed.
 
     An open body keeps the sense of most of its facets: which side is out is then the file's word.

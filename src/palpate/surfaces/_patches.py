@@ -49,8 +49,11 @@ _Part = tuple[Float[np.ndarray, "m 3 6"], Int[np.ndarray, " m"], Int[np.ndarray,
 
 
 def _edge_strips(facets: Float[np.ndarray, "f 3 6"], twins: Int[np.ndarray, " h"]) -> _Part:
-    """Two patches a crease edge. Between flat facets they are skipped: there the strip has no area in any view,
-    because the shift between two normals runs exactly along their edge."""
+    """Two patches a crease edge.
+
+    Between flat facets they are skipped: there the strip has no area in any view, because the shift between two normals
+    runs exactly along their edge.
+    """
     flat = facets.reshape(-1, 6)
     half = np.flatnonzero(twins > np.arange(len(twins)))
     ahead = half - half % 3 + (half + 1) % 3

@@ -22,9 +22,9 @@ class Tree:
     Lengths inside are (p - centre) / scale: at metre scale, closest-point and ray routines lose digits (kernels.md).
 
     Attributes:
-        nodes: (n, 16) float32, aligned: box centre 0-2 and half extents 3-5; axis of the cone of normals 6-8, cos of its
-            half-angle 9, sin^2 12 and sin cos 13; the first of two children, which lie side by side, or the first patch
-            of a leaf 10; how many patches, 0 for an inner node, 11. A node is one cache line: the search waits for memory.
+        nodes: (n, 16) float32, aligned: box centre 0-2 and half extents 3-5; axis of the cone of normals 6-8, cos of
+            its half-angle 9, sin^2 12 and sin cos 13; the first of two children, which lie side by side, or the first
+            patch of a leaf 10; how many patches, 0 for an inner node, 11. A node is one cache line.
         corners: (m, 18): per corner position and unit normal, patches in the order of the leaves.
         tags: (m, 2): kind of patch and facet.
         centre: (3,) [m]; scale [m].

@@ -154,11 +154,11 @@ class Mesh:
         self, points: Float[np.ndarray, "n 3"]
     ) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"], Int[np.ndarray, " n"]]:
         """Closest points [m], outward unit normals there (interpolated where smooth) and facets."""
-        from palpate.surfaces import _bvh
+        from palpate.surfaces import _nearest
 
         tree = self.tree()
         found = np.empty((len(points), 4))
-        _bvh.nearest_to_point((points - tree.centre) / tree.scale, tree.nodes, tree.corners, tree.tags, found)
+        _nearest.nearest_to_point((points - tree.centre) / tree.scale, tree.nodes, tree.corners, tree.tags, found)
         patch = found[:, 0].astype(np.int64)
         both = np.einsum("ni,nik->nk", found[:, 1:], tree.corners[patch].reshape(-1, 3, 6))
         normals = both[:, 3:] / np.linalg.norm(both[:, 3:], axis=1, keepdims=True)
@@ -175,9 +175,7 @@ class Mesh:
         )
 
 
-def _in_region(
-    vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"], region: ArrayLike
-) -> np.ndarray:
+def _in_region(vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"], region: ArrayLike) -> np.ndarray:
     """Which facets a box or a list of facets keeps."""
     array = np.asarray(region)
     if array.shape == (2, 3):

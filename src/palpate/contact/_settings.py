@@ -1,0 +1,24 @@
+"""Where a Locator's settings and its state stand in the arrays that the compiled loops read."""
+
+from __future__ import annotations
+
+__all__ = [
+    "CENTRE",
+    "FRICTION",
+    "HAS_PREVIOUS",
+    "NOISY",
+    "OFF",
+    "ON",
+    "PREVIOUS",
+    "SCALE",
+    "SOFT",
+    "STATE",
+    "TORSION",
+    "TOUCHING",
+]
+
+# settings: what a Locator was made with, as numbers
+CENTRE, SCALE, SOFT, FRICTION, TORSION, ON, OFF, NOISY = 0, 3, 4, 5, 6, 7, 8, 9
+# state: what one sample leaves to the next
+STATE = 5
+TOUCHING, HAS_PREVIOUS, PREVIOUS = 0, 1, 2

@@ -1,0 +1,151 @@
+"""Compiled: how a located point moves with the wrench.
+
+A contact at p with unit normal n and torsion tau satisfies M - p x F - tau n = 0 with tau = F . M/(F . n).
+Differentiated along the surface, dn = S dp with S the shape operator, and projected on two tangents t_a:
+
+    (F . n) J dp - tau S dp = t . (-dM + p x dF),   J = [[0, -1], [1, 0]],
+
+so dp/dW is a 2 x 2 solve, and the covariance of p is that of W carried through it: rank 2, in the tangent plane. On
+facets, edges and corners S is 0: there the plane across n stands for the surface, which errs to the wide side.
+"""
+
+# pyright: basic
+from __future__ import annotations
+
+import numpy as np
+
+from palpate.contact._settings import CENTRE, SCALE, SOFT
+from palpate.surfaces._jit import compiled
+
+__all__ = ["cross_into", "dot", "sandwich", "sensitivity", "tangents", "to_metres", "to_unit"]
+
+
+@compiled()
+def dot(a, b):
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@compiled()
+def cross_into(a, b, out):
+    out[0] = a[1] * b[2] - a[2] * b[1]
+    out[1] = a[2] * b[0] - a[0] * b[2]
+    out[2] = a[0] * b[1] - a[1] * b[0]
+
+
+@compiled()
+def tangents(n, out):
+    """Two unit vectors across n, right-handed with it (Duff et al. 2017), into out (2, 3)."""
+    sign = 1.0 if n[2] >= 0.0 else -1.0
+    a = -1.0 / (sign + n[2])
+    b = n[0] * n[1] * a
+    out[0, 0], out[0, 1], out[0, 2] = 1.0 + sign * n[0] * n[0] * a, sign * b, -sign * n[0]
+    out[1, 0], out[1, 1], out[1, 2] = b, sign + n[1] * n[1] * a, -n[1]
+
+
+@compiled()
+def _shape(row, b, n, t, scale, out):
+    """Shape operator of a patch with interpolated normals in the tangents t: dn = S dp, into out (2, 2) [1/m]."""
+    a, d = np.empty((2, 2)), np.empty((2, 2))  # tangential parts of the edges and of the change of the normal
+    length = 0.0
+    for k in range(3):
+        length += (b[0] * row[3 + k] + b[1] * row[9 + k] + b[2] * row[15 + k]) * n[k]
+    for i in range(2):
+        for j in range(2):
+            o = 6 * (j + 1)
+            a[i, j] = d[i, j] = 0.0
+            for k in range(3):
+                a[i, j] += t[i, k] * (row[o + k] - row[k]) * scale
+                d[i, j] += t[i, k] * (row[o + 3 + k] - row[3 + k]) / length
+    det = a[0, 0] * a[1, 1] - a[0, 1] * a[1, 0]
+    if det == 0.0:
+        out[:] = 0.0
+        return
+    out[0, 0] = (d[0, 0] * a[1, 1] - d[0, 1] * a[1, 0]) / det
+    out[0, 1] = (d[0, 1] * a[0, 0] - d[0, 0] * a[0, 1]) / det
+    out[1, 0] = (d[1, 0] * a[1, 1] - d[1, 1] * a[1, 0]) / det
+    out[1, 1] = (d[1, 1] * a[0, 0] - d[1, 0] * a[0, 1]) / det
+
+
+@compiled()
+def _slopes(wrench, p, n, t, shape, soft, slopes):
+    """d(p . t)/dW into slopes (2, 6). False where the wrench does not determine the point.
+
+    For the wrench axis (soft = 0) the moment left over is along F instead of n: the same equations, projected across
+    F instead of across n, with the pitch in the place of tau S.
+    """
+    force, moment = wrench[:3], wrench[3:]
+    across = t
+    tau, pitch = 0.0, 0.0
+    if soft == 1.0:
+        tau = dot(force, moment) / dot(force, n)
+    else:
+        unit = force / np.sqrt(dot(force, force))
+        across = np.empty((2, 3))
+        tangents(unit, across)
+        pitch = dot(force, moment) / dot(force, force)
+    work, right = np.empty(3), np.empty((2, 6))
+    g = np.empty((2, 2))
+    for a in range(2):
+        for c in range(2):
+            cross_into(force, t[c], work)
+            g[a, c] = dot(across[a], work) - soft * tau * shape[a, c]
+        cross_into(across[a], p, work)  # t . (p x dF) = (t x p) . dF
+        for k in range(3):
+            right[a, k] = work[k] + pitch * across[a, k]
+            right[a, 3 + k] = -across[a, k]
+    det = g[0, 0] * g[1, 1] - g[0, 1] * g[1, 0]
+    if abs(det) < 1e-14 * dot(force, force):
+        return False
+    for k in range(6):
+        slopes[0, k] = (g[1, 1] * right[0, k] - g[0, 1] * right[1, k]) / det
+        slopes[1, k] = (g[0, 0] * right[1, k] - g[1, 0] * right[0, k]) / det
+    return True
+
+
+@compiled()
+def sandwich(left, middle, right):
+    """Left (i, 6) middle (6, 6) right (j, 6)^T, small and without a call into BLAS."""
+    out = np.zeros((len(left), len(right)))
+    half = np.empty(6)
+    for i in range(len(left)):
+        for k in range(6):
+            total = 0.0
+            for m in range(6):
+                total += left[i, m] * middle[m, k]
+            half[k] = total
+        for j in range(len(right)):
+            total = 0.0
+            for k in range(6):
+                total += half[k] * right[j, k]
+            out[i, j] = total
+    return out
+
+
+@compiled()
+def to_metres(candidate, settings, place):
+    """A candidate in metres: p and n into place (6,)."""
+    for k in range(3):
+        place[k] = candidate[8 + k] * settings[SCALE] + settings[CENTRE + k]
+        place[3 + k] = candidate[11 + k]
+
+
+@compiled()
+def to_unit(wrench, settings, out):
+    """The wrench about the tree's centre, in its unit size."""
+    work = np.empty(3)
+    cross_into(settings[CENTRE : CENTRE + 3], wrench[:3], work)
+    for k in range(3):
+        out[k] = wrench[k]
+        out[3 + k] = (wrench[3 + k] - work[k]) / settings[SCALE]
+
+
+@compiled()
+def sensitivity(wrench, candidate, place, corners, settings, t, shape, slopes):
+    """Tangents, shape operator and slopes of a candidate. False where the point is not determined."""
+    n = place[3:]
+    tangents(n, t)
+    if candidate[6] == 1.0 and settings[SOFT] == 1.0:
+        _shape(corners[int(candidate[0])], candidate[1:4], n, t, settings[SCALE], shape)
+    else:
+        shape[:] = 0.0
+    return _slopes(wrench, place[:3], n, t, shape, settings[SOFT], slopes)

@@ -1,0 +1,160 @@
+"""Compiled: the point of a surface nearest to a line, and nearest to a point."""
+
+# pyright: basic
+from __future__ import annotations
+
+import numpy as np
+
+from palpate.surfaces._bvh import STACK, axis_view, node_may_hit
+from palpate.surfaces._jit import compiled
+
+__all__ = ["nearest_to_axis", "nearest_to_point"]
+
+
+@compiled()
+def _origin_to_triangle(q, out):
+    """Squared distance from the origin to a triangle in the plane; barycentric coordinates of the nearest point."""
+    det = (q[1, 0] - q[0, 0]) * (q[2, 1] - q[0, 1]) - (q[2, 0] - q[0, 0]) * (q[1, 1] - q[0, 1])
+    if det != 0.0:
+        b0 = (q[1, 0] * q[2, 1] - q[2, 0] * q[1, 1]) / det
+        b1 = (q[2, 0] * q[0, 1] - q[0, 0] * q[2, 1]) / det
+        if b0 >= 0.0 and b1 >= 0.0 and b0 + b1 <= 1.0:
+            out[0], out[1], out[2] = b0, b1, 1.0 - b0 - b1
+            return 0.0
+    best = np.inf
+    for i in range(3):
+        j = (i + 1) % 3
+        dx, dy = q[j, 0] - q[i, 0], q[j, 1] - q[i, 1]
+        square = dx * dx + dy * dy
+        t = 0.0 if square == 0.0 else min(1.0, max(0.0, -(q[i, 0] * dx + q[i, 1] * dy) / square))
+        x, y = q[i, 0] + t * dx, q[i, 1] + t * dy
+        if x * x + y * y < best:
+            best = x * x + y * y
+            out[i], out[j], out[(j + 1) % 3] = 1.0 - t, t, 0.0
+    return best
+
+
+@compiled()
+def nearest_to_axis(wrench, nodes, corners, tags, found):
+    """The point nearest to the wrench axis, on a facet that faces the force.
+
+    Writes it as a row of `search` into found (CANDIDATE,); returns the distance, or inf when no facet faces the force.
+    Nearest to the axis is nearest in the metric of a wrench whose torque noise is the same in all directions.
+    """
+    (fx, fy, fz), (ux, uy, uz), (vx, vy, vz), (px, py, pz), _ = axis_view(wrench)
+    gx, gy, gz = abs(fx), abs(fy), abs(fz)
+    q, b = np.empty((3, 2)), np.empty(3)
+    pending = np.empty(STACK, dtype=np.int64)
+    pending[0] = 0
+    depth, best = 1, np.inf
+    while depth > 0:
+        depth -= 1
+        at = pending[depth]
+        reach = np.sqrt(best)
+        if reach < np.inf and not node_may_hit(nodes, at, fx, fy, fz, gx, gy, gz, px, py, pz, 0.0, -1e-12, 0.0, reach):
+            continue
+        first, size = int(nodes[at, 10]), int(nodes[at, 11])
+        if size == 0:
+            pending[depth], pending[depth + 1] = first + 1, first
+            depth += 2
+            continue
+        for patch in range(first, first + size):
+            row = corners[patch]
+            if tags[patch, 0] > 1 or fx * _sum(row, 3) + fy * _sum(row, 4) + fz * _sum(row, 5) >= 0.0:
+                continue
+            for i in range(3):
+                x, y, z = row[6 * i] - px, row[6 * i + 1] - py, row[6 * i + 2] - pz
+                q[i, 0], q[i, 1] = ux * x + uy * y + uz * z, vx * x + vy * y + vz * z
+            square = _origin_to_triangle(q, b)
+            if square < best:
+                best = square
+                found[0], found[1], found[2], found[3] = patch, b[0], b[1], b[2]
+    if best < np.inf:
+        _place(corners, int(found[0]), found[1], found[2], found[3], found[8:14])
+    return np.sqrt(best)
+
+
+@compiled()
+def _sum(row, k):
+    return row[k] + row[6 + k] + row[12 + k]
+
+
+@compiled()
+def _place(corners, patch, b0, b1, b2, out):
+    """Position 0-2 and unit normal 3-5 at barycentric coordinates of a patch."""
+    row = corners[patch]
+    for k in range(6):
+        out[k] = b0 * row[k] + b1 * row[6 + k] + b2 * row[12 + k]
+    length = np.sqrt(out[3] * out[3] + out[4] * out[4] + out[5] * out[5])
+    for k in range(3, 6):
+        out[k] /= length
+
+
+@compiled()
+def _point_to_triangle(row, point, out):
+    """Squared distance from a point to a triangle in space; barycentric coordinates of the nearest point."""
+    ax, ay, az = row[0] - point[0], row[1] - point[1], row[2] - point[2]
+    ux, uy, uz = row[6] - row[0], row[7] - row[1], row[8] - row[2]
+    vx, vy, vz = row[12] - row[0], row[13] - row[1], row[14] - row[2]
+    # In the triangle's plane this is the planar problem: an orthonormal pair (s, t) of that plane.
+    lu = np.sqrt(ux * ux + uy * uy + uz * uz)
+    nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+    ln = np.sqrt(nx * nx + ny * ny + nz * nz)
+    if ln == 0.0:
+        return np.inf
+    sx, sy, sz = ux / lu, uy / lu, uz / lu
+    nx, ny, nz = nx / ln, ny / ln, nz / ln
+    tx, ty, tz = ny * sz - nz * sy, nz * sx - nx * sz, nx * sy - ny * sx
+    q = np.empty((3, 2))
+    q[0, 0], q[0, 1] = ax * sx + ay * sy + az * sz, ax * tx + ay * ty + az * tz
+    q[1, 0], q[1, 1] = q[0, 0] + lu, q[0, 1]
+    q[2, 0] = q[0, 0] + vx * sx + vy * sy + vz * sz
+    q[2, 1] = q[0, 1] + vx * tx + vy * ty + vz * tz
+    height = ax * nx + ay * ny + az * nz
+    return _origin_to_triangle(q, out) + height * height
+
+
+@compiled()
+def nearest_to_point(points, nodes, corners, tags, found):
+    """For each point (n, 3), in unit size, the nearest point of the facets: patch, b0, b1, b2 into found (n, 4)."""
+    bary = np.empty(3)
+    pending = np.empty(STACK, dtype=np.int64)
+    gaps = np.empty(STACK)
+    for n in range(len(points)):
+        point = points[n]
+        pending[0], gaps[0] = 0, 0.0
+        depth, best = 1, np.inf
+        while depth > 0:
+            depth -= 1
+            if gaps[depth] >= best:
+                continue
+            at = pending[depth]
+            node = nodes[at]
+            if node[11] == 0.0:
+                left, right = int(node[10]), int(node[10]) + 1
+                gap_left, gap_right = _gap(nodes[left], point), _gap(nodes[right], point)
+                if gap_left < gap_right:
+                    left, right, gap_left, gap_right = right, left, gap_right, gap_left
+                pending[depth], gaps[depth] = left, gap_left
+                pending[depth + 1], gaps[depth + 1] = right, gap_right
+                depth += 2
+                continue
+            first = int(node[10])
+            for patch in range(first, first + int(node[11])):
+                if tags[patch, 0] > 1:
+                    continue
+                square = _point_to_triangle(corners[patch], point, bary)
+                if square < best:
+                    best = square
+                    found[n, 0], found[n, 1], found[n, 2], found[n, 3] = patch, bary[0], bary[1], bary[2]
+
+
+@compiled()
+def _gap(node, point):
+    """Squared distance from a point to a node's box."""
+    total = 0.0
+    for k in range(3):
+        beyond = abs(point[k] - node[k]) - node[3 + k]
+        if beyond > 0.0:
+            total += beyond * beyond
+    return total

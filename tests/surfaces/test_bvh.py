@@ -1,0 +1,102 @@
+"""The compiled search against its NumPy twin, which looks at every patch and asks numpy for the roots."""
+
+from __future__ import annotations
+
+import functools
+
+import numpy as np
+import pytest
+from laws.bodies import R, box, cylinder
+
+from palpate.simulation.shapes import BumpySphere, Ellipsoid
+from palpate.surfaces import Mesh, _bvh
+
+MESHES = {
+    "smooth ellipsoid": lambda: Mesh.from_arrays(*Ellipsoid((R, 0.7 * R, 0.5 * R)).mesh(320)),
+    "faceted ellipsoid": lambda: Mesh.from_arrays(*Ellipsoid((R, 0.7 * R, 0.5 * R)).mesh(80), smooth=False),
+    "smooth bumpy sphere": lambda: Mesh.from_arrays(*BumpySphere(R).mesh(320)),
+    "faceted bumpy sphere": lambda: Mesh.from_arrays(*BumpySphere(R).mesh(80), smooth=False),
+    "box": lambda: Mesh.from_arrays(*box()),
+    "cylinder": lambda: Mesh.from_arrays(*cylinder()),
+}
+
+
+@functools.cache
+def mesh_of(name: str) -> Mesh:
+    return MESHES[name]()
+
+
+def random_wrench(rng: np.random.Generator, pitch: float) -> np.ndarray:
+    """In the tree's unit size, through a random point of the body."""
+    force, through = rng.normal(size=3), rng.uniform(-0.5, 0.5, 3)
+    return np.concatenate([force, np.cross(through, force) + pitch * force])
+
+
+def searched(wrench: np.ndarray, mesh: Mesh, soft: float = 1.0, limit: float = np.inf) -> np.ndarray:
+    tree = mesh.tree()
+    found = np.zeros((_bvh.CAPACITY + 1, _bvh.CANDIDATE))
+    count = _bvh.search(wrench, soft, limit, tree.nodes, tree.corners, tree.tags, found)
+    return found[:count, 8:14]
+
+
+def placed(rows: np.ndarray, corners: np.ndarray) -> np.ndarray:
+    """Position and unit normal of the oracle's rows."""
+    both = np.einsum("ni,nik->nk", rows[:, 1:4], corners[rows[:, 0].astype(int)].reshape(-1, 3, 6))
+    both[:, 3:] /= np.linalg.norm(both[:, 3:], axis=1, keepdims=True)
+    return both
+
+
+def unmatched(one: np.ndarray, two: np.ndarray, tolerance: float) -> int:
+    """How many of `one` are not among `two`."""
+    if not len(one):
+        return 0
+    if not len(two):
+        return len(one)
+    return int(np.sum(np.abs(one[:, None] - two[None]).max(axis=2).min(axis=1) > tolerance))
+
+
+@pytest.mark.parametrize("pitch", [0.0, 0.05, 0.3, 1.0, 3.0])
+@pytest.mark.parametrize("name", MESHES)
+def test_search_finds_what_the_oracle_finds(name: str, pitch: float) -> None:
+    """As sets, to 1e-6: numpy's roots of a cubic are good to 1e-8 where two are near each other.
+
+    What grazes (tan(theta) > 100) is left out: there both are rounding.
+    """
+    mesh, rng = mesh_of(name), np.random.default_rng(int(pitch * 100))
+    corners, limit, seen = mesh.tree().corners, 100.0, 0
+    for _ in range(12):
+        wrench = random_wrench(rng, pitch)
+        oracle = placed(_bvh.search_reference(wrench, 1.0, limit, corners), corners)
+        found = searched(wrench, mesh, limit=limit)
+        assert unmatched(found, oracle, 1e-6) == 0
+        if len(found) < _bvh.CAPACITY:
+            assert unmatched(oracle, found, 1e-6) == 0
+        seen += len(oracle)
+    assert seen > 0
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_the_wrench_axis_is_the_soft_finger_without_pitch(name: str) -> None:
+    mesh, rng = mesh_of(name), np.random.default_rng(9)
+    for _ in range(50):
+        wrench = random_wrench(rng, 0.0)
+        twisted = wrench + np.concatenate([np.zeros(3), 0.7 * wrench[:3]])
+        one, two = searched(twisted, mesh, soft=0.0), searched(wrench, mesh, soft=1.0)
+        assert len(one) == len(two)
+        assert unmatched(one, two, 1e-9) == 0
+
+
+@pytest.mark.parametrize("name", MESHES)
+@pytest.mark.parametrize("limit", [0.3, 1.0, 3.0])
+def test_a_limit_on_friction_leaves_out_what_is_beyond_and_nothing_else(name: str, limit: float) -> None:
+    mesh, rng = mesh_of(name), np.random.default_rng(10)
+    for pitch in (0.05, 0.3, 1.0):
+        for _ in range(50):
+            wrench = random_wrench(rng, pitch)
+            everything, some = searched(wrench, mesh), searched(wrench, mesh, limit=limit)
+            if len(everything) == _bvh.CAPACITY:
+                continue
+            cosine = -everything[:, 3:] @ wrench[:3] / np.linalg.norm(wrench[:3])
+            near = cosine > 1 / np.sqrt(1 + limit**2)
+            assert len(some) == near.sum()
+            assert unmatched(some, everything[near], 1e-9) == 0

@@ -1,0 +1,127 @@
+"""Mesh files: the formats, the units, and what is said to a file that is none."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from laws.bodies import R, box
+
+from palpate.errors import GeometryError, InputError, PalpateError
+from palpate.surfaces import Mesh
+
+
+def write(path: Path, scale: float = 1e3) -> Path:
+    """The box of the table, in millimetres unless said otherwise, by trimesh: not by the code under test."""
+    vertices, faces = box()
+    trimesh.Trimesh(vertices * scale, faces, process=False).export(path)
+    return path
+
+
+@pytest.mark.parametrize("kind", ["stl", "obj", "ply", "dae", "STL"])
+def test_formats_are_read_in_the_declared_unit(tmp_path: Path, kind: str) -> None:
+    path = tmp_path / f"box.{kind.lower()}"
+    write(path)
+    if kind.isupper():
+        path = path.rename(tmp_path / "box2.STL")
+    mesh = Mesh.load(path, unit="mm")
+    assert len(mesh.faces) == 12
+    assert len(mesh.vertices) == 8  # STL's soup is merged
+    assert np.allclose(mesh.bounds, [[-R, -0.7 * R, -0.5 * R], [R, 0.7 * R, 0.5 * R]], rtol=1e-6, atol=0)  # float32
+    assert mesh.notes == ()
+
+
+def test_text_stl_and_bytes_stl_are_the_same(tmp_path: Path) -> None:
+    vertices, faces = box()
+    trimesh.Trimesh(vertices * 1e3, faces, process=False).export(tmp_path / "text.stl", file_type="stl_ascii")
+    one, two = Mesh.load(tmp_path / "text.stl", unit="mm"), Mesh.load(write(tmp_path / "bytes.stl"), unit="mm")
+    assert np.allclose(one.bounds, two.bounds, rtol=1e-6)
+
+
+def test_every_body_of_a_file_is_read(tmp_path: Path) -> None:
+    vertices, faces = box()
+    scene = trimesh.Scene([trimesh.Trimesh(vertices * 1e3 + offset, faces, process=False) for offset in (0, 100)])
+    scene.export(tmp_path / "two.obj")
+    assert len(Mesh.load(tmp_path / "two.obj", unit="mm").faces) == 24
+
+
+@pytest.mark.parametrize(("unit", "scale"), [("m", 1.0), ("cm", 1e2), ("mm", 1e3), ("um", 1e6), ("in", 1 / 0.0254)])
+def test_units_give_the_same_body(tmp_path: Path, unit: str, scale: float) -> None:
+    mesh = Mesh.load(write(tmp_path / "box.ply", scale), unit=unit)
+    assert mesh.size == pytest.approx(R * np.sqrt(4 + 1.96 + 1), rel=1e-6)
+    assert mesh.notes == ()
+
+
+def test_millimetres_declared_as_metres_are_doubted(tmp_path: Path) -> None:
+    mesh = Mesh.load(write(tmp_path / "box.stl"), unit="m")
+    (note,) = mesh.notes
+    assert "is the unit right" in note
+    assert "mm" in note
+
+
+def test_a_region_is_in_metres_whatever_the_unit(tmp_path: Path) -> None:
+    path = write(tmp_path / "box.stl")
+    upper = Mesh.load(path, unit="mm", region=((-1, -1, 0.4 * R), (1, 1, R)))
+    assert len(upper.faces) == 2
+    with pytest.raises(GeometryError, match="box.stl: no facet lies"):
+        Mesh.load(path, unit="mm", region=((-1, -1, 0.9), (1, 1, 2)))
+
+
+def test_crease_and_smooth_pass_through(tmp_path: Path) -> None:
+    path = write(tmp_path / "box.stl")
+    assert Mesh.load(path, unit="mm", crease=0.5).crease == 0.5
+    assert Mesh.load(path, unit="mm", smooth=False).crease == 0.0
+
+
+def spoilt_files(folder: Path) -> dict[str, Path]:
+    good = write(folder / "good.stl").read_bytes()
+    files = {
+        "text garbage.stl": b"this is not a mesh\n" * 5,
+        "bytes garbage.stl": bytes(range(256)) * 3,
+        "cut in a facet.stl": good[:300],
+        "cut in the header.stl": good[:40],
+        "empty.stl": b"",
+        "empty.obj": b"",
+        "empty.ply": b"",
+        "empty.dae": b"",
+        "garbage.obj": b"f 1 2\nhello\nv a b c\n",
+        "garbage.ply": b"ply\nformat ascii 1.0\nelement vertex 3\nend_header\n1 2\n",
+        "garbage.dae": b"<collada><unfinished>",
+        "points only.obj": b"v 0 0 0\nv 1 0 0\nv 0 1 0\n",
+    }
+    for name, content in files.items():
+        (folder / name).write_bytes(content)
+    return {name: folder / name for name in files}
+
+
+NAMES = [
+    *("text garbage.stl", "bytes garbage.stl", "cut in a facet.stl", "cut in the header.stl", "empty.stl", "empty.obj"),
+    *("empty.ply", "empty.dae", "garbage.obj", "garbage.ply", "garbage.dae", "points only.obj"),
+]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_file_that_is_no_mesh_is_named_in_a_sentence(tmp_path: Path, name: str) -> None:
+    path = spoilt_files(tmp_path)[name]
+    with pytest.raises(PalpateError) as caught:
+        Mesh.load(path, unit="mm")
+    said = str(caught.value)
+    assert name in said
+    assert said.endswith((".", "facets", "area"))
+    assert "Traceback" not in said
+    assert "\n" not in said
+
+
+def test_a_missing_file_an_unknown_suffix_and_an_unknown_unit(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no such mesh file"):
+        Mesh.load(tmp_path / "nowhere.stl")
+    (tmp_path / "mesh.xyz123").write_bytes(b"1 2 3")
+    with pytest.raises(InputError, match=r"cannot read meshes of type '.xyz123'. Use STL"):
+        Mesh.load(tmp_path / "mesh.xyz123")
+    (tmp_path / "mesh").write_bytes(b"1 2 3")
+    with pytest.raises(InputError, match="cannot read meshes"):
+        Mesh.load(tmp_path / "mesh")
+    with pytest.raises(InputError, match="unknown unit 'feet'. Use one of m, cm"):
+        Mesh.load(write(tmp_path / "box.stl"), unit="feet")

@@ -1,0 +1,167 @@
+"""Meshes as they come: what is mended, what is said, and where normals are shared."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from laws.bodies import R, box, cylinder
+
+from palpate.errors import GeometryError
+from palpate.simulation.shapes import Ellipsoid
+from palpate.surfaces import Mesh, plane
+
+
+def volume(mesh: Mesh) -> float:
+    a, b, c = (mesh.vertices[mesh.faces[:, i]] for i in range(3))
+    return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
+
+
+def test_vertices_that_coincide_are_merged() -> None:
+    vertices, faces = box()
+    soup = vertices[faces].reshape(-1, 3)  # as in STL: three vertices a facet
+    soup = soup + np.random.default_rng(0).uniform(-1, 1, soup.shape) * 1e-9 * R  # and a float32's rounding
+    mesh = Mesh.from_arrays(soup, np.arange(36).reshape(12, 3))
+    assert len(mesh.vertices) == 8
+    assert mesh.notes == ()  # closed again
+
+
+def test_facets_without_area_and_doubles_are_dropped_and_counted() -> None:
+    vertices, faces = box()
+    spoilt = np.concatenate([faces, faces[3:5], faces[7:8, [1, 2, 0]], [[0, 0, 1], [2, 2, 2]]])
+    middle = 0.5 * (vertices[0] + vertices[1])
+    mesh = Mesh.from_arrays(np.concatenate([vertices, [middle]]), np.concatenate([spoilt, [[0, 8, 1]]]))
+    assert len(mesh.faces) == 12
+    assert "3 facets without area dropped" in mesh.notes
+    assert "3 doubled facets dropped" in mesh.notes
+
+
+@pytest.mark.parametrize("turned", [[5], [0, 1, 2, 7], list(range(12)), list(range(3, 12))])
+def test_flipped_facets_and_bodies_point_outward_again(turned: list[int]) -> None:
+    vertices, faces = box()
+    faces = faces.copy()
+    faces[turned] = faces[turned][:, ::-1]
+    mesh = Mesh.from_arrays(vertices, faces)
+    middles = mesh.vertices[mesh.faces].mean(axis=1)
+    assert np.all(np.einsum("ij,ij->i", middles, mesh.normals) > 0)  # a box about the origin: outward is away from it
+    assert any(note.startswith(f"{len(turned)} facets turned over") for note in mesh.notes)
+
+
+def test_each_of_two_bodies_is_turned_on_its_own() -> None:
+    vertices, faces = box()
+    both = np.concatenate([vertices, vertices + 5 * R])
+    mesh = Mesh.from_arrays(both, np.concatenate([faces[:, ::-1], faces + 8]))
+    assert volume(mesh) == pytest.approx(2 * 2.8 * R**3, rel=1e-12)
+    assert any(note.startswith("12 facets turned over") for note in mesh.notes)
+
+
+def test_facets_with_nan_or_infinite_vertices_are_dropped() -> None:
+    vertices, faces = box()
+    vertices = vertices.copy()
+    vertices[0, 1] = np.nan
+    vertices[6, 2] = np.inf
+    mesh = Mesh.from_arrays(vertices, faces)
+    touched = np.isin(faces, [0, 6]).any(axis=1).sum()
+    assert len(mesh.faces) == 12 - touched
+    assert f"{touched} facets with NaN or infinite vertices dropped" in mesh.notes
+    assert np.isfinite(mesh.vertices).all()
+
+
+def test_an_open_mesh_says_so() -> None:
+    vertices, faces = box()
+    mesh = Mesh.from_arrays(vertices, faces[:-1])
+    assert any("not closed: 3 edges" in note for note in mesh.notes)
+
+
+def test_what_is_no_mesh_is_refused_with_a_sentence() -> None:
+    vertices, faces = box()
+    for points, triangles, word in (
+        (vertices, np.empty((0, 3), dtype=int), "no facets"),
+        (vertices, [[0, 1, 99]], "vertex 99"),
+        (vertices, [[0, 1, -1]], "vertex"),
+        (vertices[:, :2], faces, r"\(v, 3\)"),
+        (vertices, faces * 1.0, "whole numbers"),
+        (vertices, faces[:, :2], r"\(f, 3\)"),
+        (vertices, [[0, 0, 1]], "area"),
+        (np.full((8, 3), np.nan), faces, "no facets"),
+        (np.zeros((8, 3)), faces, "area"),
+    ):
+        with pytest.raises(GeometryError, match=word):
+            Mesh.from_arrays(points, triangles)
+
+
+def test_one_facet_is_a_mesh() -> None:
+    mesh = Mesh.from_arrays([[0, 0, 0], [R, 0, 0], [0, R, 0]], [[0, 1, 2]])
+    closest, normal, facet = mesh.project(np.array([[0.2 * R, 0.2 * R, R], [2 * R, 0.0, -R]]))
+    assert np.allclose(closest, [[0.2 * R, 0.2 * R, 0], [R, 0, 0]], rtol=0, atol=1e-15)
+    assert np.allclose(normal, [[0, 0, 1], [0, 0, 1]])
+    assert facet.tolist() == [0, 0]
+
+
+def distinct_normals_at(mesh: Mesh, vertex: int) -> int:
+    here = mesh.corner_normals[mesh.faces == vertex]
+    return len(np.unique(np.round(here, 9), axis=0))
+
+
+def test_a_box_has_three_normals_at_each_corner() -> None:
+    mesh = Mesh.from_arrays(*box())
+    assert [distinct_normals_at(mesh, vertex) for vertex in range(8)] == [3] * 8
+    assert np.allclose(mesh.corner_normals, mesh.normals[:, None, :], rtol=0, atol=1e-15)
+
+
+def test_a_cylinder_is_split_at_its_rims_and_smooth_around() -> None:
+    vertices, faces = cylinder(around=32)
+    mesh = Mesh.from_arrays(vertices, faces)
+    assert {distinct_normals_at(mesh, vertex) for vertex in range(64)} == {2}  # one of the side, one of the lid
+    side = np.abs(mesh.corner_normals[..., 2]) < 0.5
+    radial = mesh.vertices[mesh.faces][side] * (1, 1, 0)
+    radial /= np.linalg.norm(radial, axis=1, keepdims=True)
+    apart = np.arccos(np.clip(np.einsum("ij,ij->i", radial, mesh.corner_normals[side]), -1, 1))
+    assert apart.max() < 1e-7  # by symmetry the angle-weighted mean is radial: at each corner two facets left and right
+
+
+def test_crease_angle_decides_and_zero_is_faceted() -> None:
+    vertices, faces = cylinder(around=32)  # 11.25 degrees from side to side
+    assert {distinct_normals_at(Mesh.from_arrays(vertices, faces, crease=np.radians(11)), v) for v in range(64)} == {3}
+    assert {distinct_normals_at(Mesh.from_arrays(vertices, faces, crease=np.radians(12)), v) for v in range(64)} == {2}
+    assert {distinct_normals_at(Mesh.from_arrays(vertices, faces, crease=np.radians(91)), v) for v in range(64)} == {1}
+    for flat in (Mesh.from_arrays(vertices, faces, crease=0.0), Mesh.from_arrays(vertices, faces, smooth=False)):
+        assert np.allclose(flat.corner_normals, flat.normals[:, None, :], rtol=0, atol=1e-15)
+
+
+def test_a_region_by_box_and_by_list_keeps_facets_and_normals() -> None:
+    vertices, faces = Ellipsoid((R, 0.7 * R, 0.5 * R)).mesh(500)
+    whole = Mesh.from_arrays(vertices, faces)
+    upper = whole.vertices[whole.faces].mean(axis=1)[:, 2] > 0
+    by_box = Mesh.from_arrays(vertices, faces, region=((-1, -1, 0), (1, 1, 1)))
+    by_list = Mesh.from_arrays(vertices, faces, region=np.flatnonzero(upper))
+    for part in (by_box, by_list):
+        assert np.array_equal(part.faces, whole.faces[upper])
+        assert np.array_equal(part.corner_normals, whole.corner_normals[upper])  # the rim is as smooth as it was
+        assert any(f"{upper.sum()} of {len(faces)} facets" in note for note in part.notes)
+        assert part.bounds[0, 2] > -0.1 * R  # size and middle are those of what is used
+    for wrong, word in (
+        (((1, 1, 1), (2, 2, 2)), "no facet lies"),
+        ([len(faces)], f"facet {len(faces)}"),
+        ([0.5, 1.5], "region must be"),
+        (np.array([], dtype=int), "no facet lies"),
+    ):
+        with pytest.raises(GeometryError, match=word):
+            Mesh.from_arrays(vertices, faces, region=wrong)
+
+
+def test_nobody_can_change_a_mesh() -> None:
+    mesh = Mesh.from_arrays(*box())
+    for array in (mesh.vertices, mesh.faces, mesh.corner_normals):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 0
+
+
+def test_a_plane_is_where_it_was_said_to_be() -> None:
+    point, normal = np.array([0.1, -0.2, 0.3]), np.array([1.0, 2.0, -2.0])
+    square = plane(point, normal, half_width=0.5)
+    assert np.allclose(square.normals, normal / 3, rtol=0, atol=1e-15)
+    assert np.allclose((square.vertices - point) @ normal, 0, atol=1e-15)
+    assert square.areas.sum() == pytest.approx(1.0, rel=1e-12)
+    assert np.allclose(square.centre, square.vertices.mean(axis=0), atol=0.5)
+    with pytest.raises(GeometryError, match="must not be zero"):
+        plane(point, np.zeros(3))
