@@ -66,7 +66,7 @@ def test_search_finds_what_the_oracle_finds(name: str, pitch: float) -> None:
     corners, limit, seen = mesh.tree().corners, 100.0, 0
     for _ in range(12):
         wrench = random_wrench(rng, pitch)
-        oracle = placed(_bvh.search_reference(wrench, 1.0, limit, corners), corners)
+        oracle = placed(_bvh.search_reference(wrench, float(pitch > 0), limit, corners), corners)
         found = searched(wrench, mesh, limit=limit)
         assert unmatched(found, oracle, 1e-6) == 0
         if len(found) < _bvh.CAPACITY:

@@ -131,14 +131,14 @@ def test_crease_angle_decides_and_zero_is_faceted() -> None:
 def test_a_region_by_box_and_by_list_keeps_facets_and_normals() -> None:
     vertices, faces = Ellipsoid((R, 0.7 * R, 0.5 * R)).mesh(500)
     whole = Mesh.from_arrays(vertices, faces)
-    upper = whole.vertices[whole.faces].mean(axis=1)[:, 2] > 0
+    upper = whole.vertices[whole.faces].mean(axis=1)[:, 2] >= 0
     by_box = Mesh.from_arrays(vertices, faces, region=((-1, -1, 0), (1, 1, 1)))
     by_list = Mesh.from_arrays(vertices, faces, region=np.flatnonzero(upper))
     for part in (by_box, by_list):
-        assert np.array_equal(part.faces, whole.faces[upper])
+        assert np.array_equal(part.vertices[part.faces], whole.vertices[whole.faces[upper]])
         assert np.array_equal(part.corner_normals, whole.corner_normals[upper])  # the rim is as smooth as it was
         assert any(f"{upper.sum()} of {len(faces)} facets" in note for note in part.notes)
-        assert part.bounds[0, 2] > -0.1 * R  # size and middle are those of what is used
+        assert part.bounds[0, 2] > -0.2 * R  # size and middle are those of what is used
     for wrong, word in (
         (((1, 1, 1), (2, 2, 2)), "no facet lies"),
         ([len(faces)], f"facet {len(faces)}"),

@@ -83,7 +83,7 @@ class Locator:
         self._settings = np.array(
             [*tree.centre, tree.scale, soft, self.friction, self.torsion, self.on, self.off, noisy]
         )
-        self._noise = np.zeros((6, 6)) if self.noise is None else self.noise
+        self._noise = np.zeros((6, 6)) if self.noise is None else _writable(self.noise)
         self._state = _state(None)
         self._one: Callable[..., Any] = _kernel.estimate
         self._many: Callable[..., Any] = _kernel.estimate_many
@@ -124,15 +124,15 @@ class Locator:
             sequential: False takes each sample on its own and leaves the Locator's memory alone.
             previous: (3,) [m] the last contact of every sample then.
         """
-        wrenches = np.ascontiguousarray(wrenches, dtype=np.float64)
+        wrenches = _writable(wrenches)
         noise, settings = self._noise, self._settings
         if covariances is not None:
             noise, settings = np.asarray(covariances, dtype=np.float64), settings.copy()
             settings[NOISY] = 1.0
-        noises = np.ascontiguousarray(noise if noise.ndim == 3 else noise[None])
+        noises = _writable(noise if noise.ndim == 3 else noise[None])
         if len(noises) not in (1, len(wrenches)):
             raise ValueError(f"{len(noises)} covariances for {len(wrenches)} wrenches")
-        forced = np.full(len(wrenches), -1, np.int8) if statuses is None else np.asarray(statuses, dtype=np.int8)
+        forced = np.full(len(wrenches), -1, np.int8) if statuses is None else np.require(statuses, np.int8, ["C", "W"])
         rows = self.empty(len(wrenches))
         state = self._state if sequential else _state(previous)
         self._many(wrenches, noises, forced, *self._tree, settings, state, sequential, rows)
@@ -155,6 +155,11 @@ class Locator:
         plausible = (found[:, 4] <= self.friction) & (np.abs(torque) <= self.torsion * np.abs(normal @ force))
         order = np.lexsort((found[:, 4], found[:, 5], ~plausible))
         return Candidates(point[order], normal[order], torque[order], found[order, 4], plausible[order])
+
+
+def _writable(array: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
+    """Contiguous float64, copied if read-only: to the compiler a read-only array is another type, compiled again."""
+    return np.require(array, np.float64, ["C", "W"])
 
 
 def _state(previous: ArrayLike | None) -> Float[np.ndarray, "5"]:

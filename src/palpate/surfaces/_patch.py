@@ -23,6 +23,7 @@ from palpate.surfaces._jit import compiled
 __all__ = ["solve_flat", "solve_patch"]
 
 _INSIDE = -1e-8  # how far outside its patch a solution may lie, in barycentric units: rounding at shared edges
+_SOLVED = 1e-7  # how far off the shifted axis a contact may lie, in unit size
 
 
 @compiled()
@@ -124,12 +125,20 @@ def solve_patch(x0, y0, x1, y1, x2, y2, c0, c1, c2, g0, h0, g1, h1, g2, h2, pitc
     for r in range(found):
         x = roots[r]
         total = s0 + x * (s1 + x * s2)
-        if total == 0.0 or c0 + x >= 0.0:
+        if total == 0.0:
             continue
         u = (a0 + x * (a1 + x * a2)) / total
         v = (b0 + x * (b1 + x * b2)) / total
         w = (d0 + x * (d1 + x * d2)) / total
-        if u >= _INSIDE and v >= _INSIDE and w >= _INSIDE:
+        # A root can be spurious (without pitch, w = 0 is a double one) or lost in rounding (a patch seen edge-on): the
+        # contact has to solve the equations themselves.
+        facing = u * c0 + v * c1 + w * c2
+        if not facing < -1e-12:
+            continue
+        ratio = pitch / facing
+        off = abs(u * x0 + v * x1 + w * x2 + ratio * (u * g0 + v * g1 + w * g2))
+        off += abs(u * y0 + v * y1 + w * y2 + ratio * (u * h0 + v * h1 + w * h2))
+        if off <= _SOLVED * (1.0 + abs(ratio)) and u >= _INSIDE and v >= _INSIDE and w >= _INSIDE:
             out[count, 0], out[count, 1], out[count, 2] = u, v, w
             count += 1
     return count

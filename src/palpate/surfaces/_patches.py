@@ -76,15 +76,37 @@ def _vertex_fans(facets: Float[np.ndarray, "f 3 6"], twins: Int[np.ndarray, " h"
     changes = np.zeros(len(flat), dtype=bool)
     inner = onward >= 0
     changes[inner] = _apart(flat[corner[inner]], flat[onward[inner]])
-    fans: list[tuple[int, int, int]] = []
+    rings: dict[int, list[list[int]]] = {}
     seen = np.zeros(len(flat), dtype=bool)
     for start in np.flatnonzero(changes):
-        if seen[start]:
-            continue
-        ring = _ring(int(start), onward, changes, seen)
-        fans.extend((ring[0], ring[i], ring[i + 1]) for i in range(1, len(ring) - 1))
-    index = np.array(fans, dtype=np.int64).reshape(-1, 3)
-    return flat[index], np.full(len(index), VERTEX), index[:, 0] // 3
+        if not seen[start]:
+            ring = _ring(int(start), onward, changes, seen)
+            rings.setdefault(len(ring), []).append(ring)
+    corners = [np.zeros((0, 3, 6))]
+    facet = [np.zeros(0, dtype=np.int64)]
+    for size, members in rings.items():
+        if size > 2:
+            index = np.array(members)
+            fans = _fan(flat[index])
+            corners.append(fans.reshape(-1, 3, 6))
+            facet.append(np.repeat(index[:, 0] // 3, len(fans[0])))
+    both = np.concatenate(corners)
+    return both, np.full(len(both), VERTEX), np.concatenate(facet)
+
+
+def _fan(ring: Float[np.ndarray, "r k 6"]) -> Float[np.ndarray, "r t 3 6"]:
+    """Triangles over rings of k normals at one point each, about the middle of the normals.
+
+    Where the ring is convex on the sphere of normals any triangles would do. Where it is not (at a saddle), the middle
+    makes the patches the same whatever the order of the facets.
+    """
+    hub = ring.mean(axis=1)
+    length = np.linalg.norm(hub[:, 3:], axis=1, keepdims=True)
+    hub[:, 3:] = np.where(length > 1e-6, hub[:, 3:] / np.maximum(length, 1e-6), ring[:, 0, 3:])
+    if ring.shape[1] == 3:
+        return ring[:, None]
+    middle = np.broadcast_to(hub[:, None], ring.shape)
+    return np.stack([middle, ring, np.roll(ring, -1, axis=1)], axis=2)
 
 
 def _ring(start: int, onward: np.ndarray, changes: np.ndarray, seen: np.ndarray) -> list[int]:

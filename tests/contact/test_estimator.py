@@ -1,0 +1,184 @@
+"""The chain: what a sensor reads of a touch, with weight, zero and mounting, back to the place on the surface."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from laws.bodies import BODIES, R, on_mesh
+
+from palpate.contact import ContactEstimate, Estimator, Locator, Status
+from palpate.errors import InputError
+from palpate.sensors import ForceTorque, Payload, Recording
+from palpate.sensors.recording import FORCE, ORIENTATION, TORQUE
+from palpate.simulation.contacts import touch_wrenches
+from palpate.spatial.pose import Pose, rotation_from_quaternion
+
+NOISE = np.array([0.02] * 3 + [5e-4] * 3)
+MESH = BODIES["ellipsoid"].mesh
+MOUNT = Pose.from_rotation_vector((0.3, -0.5, 1.1), (0.01, 0.02, 0.08))  # of the surface in the sensor
+PAYLOAD = Payload(
+    weight=np.array([0.3, -0.4, -12.0]),
+    force_bias=np.array([-3.0, 4.0, -16.0]),
+    center_of_mass=np.array([-0.001, 0.002, 0.045]),
+    torque_bias=np.array([0.1, -0.2, 0.05]),
+)
+
+
+@dataclass(frozen=True)
+class Session:
+    """Where was touched in the surface's frame, what the sensor read, and how it stood."""
+
+    points: np.ndarray
+    contact: np.ndarray
+    readings: np.ndarray
+    quaternions: np.ndarray
+
+    def recording(self, base: bool = False, orientation: bool = True) -> Recording:
+        readings = self.readings
+        if base:
+            turn = rotation_from_quaternion(self.quaternions)
+            readings = np.einsum("nij,nkj->nki", turn, readings.reshape(-1, 2, 3)).reshape(-1, 6)
+        channels = {FORCE: readings[:, :3].copy(), TORQUE: readings[:, 3:].copy()}
+        if orientation:
+            channels[ORIENTATION] = self.quaternions
+        return Recording(np.arange(len(readings)) / 100.0, channels, frame="base" if base else "sensor", source="a.csv")
+
+
+def session(count: int = 80) -> Session:
+    """Forwards by hand: F_s = R F + R_s^T w + f0 and M_s = t x (R F) + R M + c x (R_s^T w) + m0."""
+    rng = np.random.default_rng(0)
+    points, normals, _ = on_mesh(MESH, count, rng)
+    contact = touch_wrenches(points, normals, rng, force=(2.0, 10.0), tan_theta=0.5, pitch=0.2 * R)
+    quaternions = rng.normal(size=(count, 4))
+    quaternions /= np.linalg.norm(quaternions, axis=1, keepdims=True)
+    force = contact[:, :3] @ MOUNT.rotation.T
+    torque = contact[:, 3:] @ MOUNT.rotation.T + np.cross(MOUNT.translation, force)
+    weight = np.einsum("nji,j->ni", rotation_from_quaternion(quaternions), PAYLOAD.weight)
+    force = force + weight + PAYLOAD.force_bias
+    torque = torque + np.cross(PAYLOAD.center_of_mass, weight) + PAYLOAD.torque_bias
+    return Session(points, contact, np.concatenate([force, torque], axis=1), quaternions)
+
+
+def estimator(sensor: ForceTorque, **options: object) -> Estimator:
+    locator = Locator(MESH, noise=NOISE, friction=2.0, torsion=0.05)
+    return Estimator(locator, sensor, **({"payload": PAYLOAD, "mount": MOUNT} | options))  # pyright: ignore[reportArgumentType]
+
+
+def assert_found(answer: ContactEstimate, made: Session, which: np.ndarray | None = None) -> None:
+    """To 1e-9 m: 20 N of payload rounded off 2 N of contact on an arm of 0.1 m is 1e-16 m."""
+    which = np.ones(len(made.points), dtype=bool) if which is None else which
+    assert answer.answered[which].all()
+    assert np.abs(answer.point - made.points)[which].max() < 1e-9
+    assert np.abs(answer.force - made.contact[:, :3])[which].max() < 1e-12 * 100
+
+
+def test_what_was_touched_is_found_through_weight_bias_and_mounting() -> None:
+    made = session()
+    assert_found(estimator(ForceTorque(NOISE)).run(made.recording()), made)
+
+
+def test_a_log_in_the_base_frame_is_turned_back() -> None:
+    made = session()
+    assert_found(estimator(ForceTorque(NOISE, frame="base")).run(made.recording(base=True)), made)
+
+
+def test_without_payload_and_mounting_the_reading_is_the_wrench() -> None:
+    made = session()
+    plain = Recording(np.arange(80.0), {FORCE: made.contact[:, :3], TORQUE: made.contact[:, 3:]})
+    answer = estimator(ForceTorque(NOISE), payload=None, mount=None).run(plain)
+    assert_found(answer, made)
+
+
+def test_a_tare_without_weight_needs_no_orientation() -> None:
+    made = session()
+    tare = Payload(np.zeros(3), PAYLOAD.force_bias, PAYLOAD.center_of_mass, PAYLOAD.torque_bias)
+    readings = MOUNT.wrench_matrix() @ made.contact[..., None]
+    readings = readings[..., 0] + np.concatenate([tare.force_bias, tare.torque_bias])
+    answer = estimator(ForceTorque(NOISE), payload=tare).run(
+        Recording(np.arange(80.0), {FORCE: readings[:, :3], TORQUE: readings[:, 3:]})
+    )
+    assert_found(answer, made)
+
+
+def test_samples_without_an_orientation_have_no_pose_and_hurt_no_other() -> None:
+    made = session()
+    quaternions = made.quaternions.copy()
+    lost = np.zeros(80, dtype=bool)
+    lost[[3, 40, 41]] = True
+    quaternions[3], quaternions[40, 2], quaternions[41] = np.nan, np.nan, 0.0
+    for base in (False, True):
+        recording = made.recording(base)
+        channels = {**recording.channels, ORIENTATION: quaternions}
+        sensor = ForceTorque(NOISE, frame="base" if base else "sensor")
+        answer = estimator(sensor).run(Recording(recording.time, channels))
+        assert (answer.status[lost] == Status.NO_POSE).all()
+        assert np.isnan(answer.point[lost]).all()
+        assert_found(answer, made, ~lost)
+
+
+def test_saturated_and_invalid_samples_are_named_and_hurt_no_other() -> None:
+    made = session()
+    readings = made.readings.copy()
+    readings[5, 4], readings[9, 0], readings[10, 2], readings[11, 5] = 10.0, -200.0, np.nan, np.inf
+    odd = np.isin(np.arange(80), [5, 9, 10, 11])
+    sensor = ForceTorque(NOISE, limits=[200.0] * 3 + [10.0] * 3)
+    answer = estimator(sensor).run(Session(made.points, made.contact, readings, made.quaternions).recording())
+    assert answer.status[[5, 9]].tolist() == [Status.SATURATED] * 2
+    assert answer.status[[10, 11]].tolist() == [Status.INVALID] * 2
+    assert np.isnan(answer.point[odd]).all()
+    assert_found(answer, made, ~odd)
+
+
+@pytest.mark.parametrize("base", [False, True])
+def test_a_missing_orientation_is_said_with_the_file_and_the_columns(base: bool) -> None:
+    sensor = ForceTorque(NOISE, frame="base" if base else "sensor")
+    chain = estimator(sensor, payload=None) if base else estimator(sensor)
+    with pytest.raises(InputError, match=r"a.csv: the log has no orientation.*qx, qy, qz, qw"):
+        chain.run(session().recording(orientation=False))
+
+
+def test_blocks_of_a_stream_are_the_recording() -> None:
+    made = session()
+    recording = made.recording()
+    whole, parts = estimator(ForceTorque(NOISE)), estimator(ForceTorque(NOISE))
+    expected = whole.run(recording)
+    for begin in range(0, 80, 7):
+        cut = {name: values[begin : begin + 7] for name, values in recording.channels.items()}
+        answer = parts.run(Recording(recording.time[begin : begin + 7], cut))
+        assert np.array_equal(answer.status, expected.status[begin : begin + 7])
+        # 1e-15 m: numpy may group a sum of products otherwise in a shorter block
+        assert np.allclose(answer.point, expected.point[begin : begin + 7], rtol=0, atol=1e-15 * 10)
+
+
+def test_an_empty_block_gives_an_empty_answer() -> None:
+    nothing = Recording(np.zeros(0), {FORCE: np.zeros((0, 3)), TORQUE: np.zeros((0, 3)), ORIENTATION: np.zeros((0, 4))})
+    assert estimator(ForceTorque(NOISE)).run(nothing).point.shape == (0, 3)
+
+
+def test_payload_and_mounting_add_to_the_covariance_what_dice_say() -> None:
+    """Sensor noise, a payload drawn from its covariance and a mounting from its own, located 4000 times: 10 % of each
+    entry's scale is four deviations of such a sample."""
+    rng, made = np.random.default_rng(1), session(1)
+    spread = np.diag(np.r_[[0.02] * 3, [0.02] * 3, [5e-4] * 3, [1e-3] * 3] ** 2)
+    mount_spread = np.diag(np.r_[[2e-3] * 3, [1e-4] * 3] ** 2)
+    known = Payload(PAYLOAD.weight, PAYLOAD.force_bias, PAYLOAD.center_of_mass, PAYLOAD.torque_bias, spread)
+    stated = estimator(ForceTorque(NOISE), payload=known, mount_covariance=mount_spread).run(made.recording())
+    points = []
+    readings = made.readings + rng.normal(size=(4000, 6)) * NOISE
+    locator = Locator(MESH, friction=2.0, torsion=0.05)
+    for reading, off, xi in zip(
+        readings,
+        rng.multivariate_normal(np.zeros(12), spread, 4000),
+        rng.multivariate_normal(np.zeros(6), mount_spread, 4000),
+        strict=True,
+    ):
+        weight = rotation_from_quaternion(made.quaternions[0]).T @ (PAYLOAD.weight + off[:3])
+        force = reading[:3] - weight - PAYLOAD.force_bias - off[3:6]
+        torque = reading[3:] - np.cross(PAYLOAD.center_of_mass + off[6:9], weight) - PAYLOAD.torque_bias - off[9:]
+        inverse = (Pose.from_rotation_vector(xi[:3], xi[3:]) @ MOUNT).inverse()
+        points.append(inverse.wrench_matrix() @ np.concatenate([force, torque]))
+    located = locator.run(np.array(points), sequential=False)
+    sample = np.cov(located.point[located.answered].T)
+    assert np.abs(sample - stated.covariance[0]).max() < 0.1 * np.trace(stated.covariance[0])

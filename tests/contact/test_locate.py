@@ -1,0 +1,328 @@
+"""Statuses and the ways of calling: nothing lost, nothing changed behind the caller's back."""
+
+from __future__ import annotations
+
+import functools
+
+import numpy as np
+import pytest
+from laws.bodies import BODIES, PLACE, R, box, on_mesh, pressing
+
+from palpate.contact import ROW, ContactEstimate, Locator, Status, locate
+from palpate.errors import InputError
+from palpate.simulation.contacts import touch_wrenches
+from palpate.spatial.wrench import Wrench
+from palpate.surfaces import Mesh
+
+NOISE = np.array([0.02] * 3 + [5e-4] * 3)
+UP = np.array([0.0, 0, 1])
+TOP = PLACE + np.array([0.3 * R, 0.1 * R, 0.5 * R])  # on the box's lid
+
+
+@functools.cache
+def lid() -> Mesh:
+    vertices, faces = box()
+    return Mesh.from_arrays(vertices + PLACE, faces)
+
+
+def press(size: float, tangent: float = 0.0, pitch: float = 0.0) -> np.ndarray:
+    return pressing(TOP, UP, size * np.array([tangent, 0, -1.0]) / np.hypot(1, tangent), pitch)
+
+
+def status_of(locator: Locator, *wrenches: np.ndarray) -> list[Status]:
+    return [Status(s) for s in locator.run(np.array(wrenches)).status]
+
+
+def same(one: ContactEstimate, two: ContactEstimate) -> None:
+    """Bit for bit, NaN for NaN."""
+    for name, value in vars(one).items():
+        assert np.array_equal(value, getattr(two, name), equal_nan=True), name
+
+
+def a_log(mesh: Mesh, count: int = 5000, seed: int = 0) -> np.ndarray:
+    """Touches, gaps of rest, NaN and light ones, as a log has them."""
+    rng = np.random.default_rng(seed)
+    points, normals, _ = on_mesh(mesh, count, rng)
+    wrenches = touch_wrenches(points, normals, rng, force=(0.0, 3.0), tan_theta=1.3, pitch=0.3 * R)
+    wrenches[rng.random(count) < 0.1] = 0
+    wrenches[rng.random(count) < 0.05, 3] = np.nan
+    return wrenches + 0.5 * NOISE * rng.normal(size=wrenches.shape)
+
+
+# ------------------------------------------------------------------------------------------------------------- statuses
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("channel", range(6))
+def test_nan_and_infinite_channels_are_invalid_and_answered_by_nothing(bad: float, channel: int) -> None:
+    wrench = press(5.0)
+    wrench[channel] = bad
+    answer = Locator(lid(), noise=NOISE).run(wrench[None])
+    assert answer.status[0] == Status.INVALID
+    assert np.isnan(answer.point).all()
+    assert np.isnan(answer.covariance).all()
+    assert answer.candidates[0] == 0
+
+
+def test_infinities_that_cancel_and_huge_finite_numbers() -> None:
+    wrench = press(5.0)
+    wrench[0], wrench[1] = np.inf, -np.inf
+    assert status_of(Locator(lid()), wrench, press(1e150)) == [Status.INVALID, Status.CONTACT]
+
+
+def test_zero_force_is_no_contact_with_and_without_thresholds() -> None:
+    couple = np.array([0, 0, 0, 0.1, 0, 0])
+    for locator in (Locator(lid()), Locator(lid(), noise=NOISE), Locator(lid(), on=0.0, off=0.0)):
+        assert status_of(locator, np.zeros(6), couple) == [Status.NO_CONTACT] * 2
+
+
+def test_thresholds_have_hysteresis() -> None:
+    """Up through `off` is too light until `on` is reached; down to `off` it stays a contact."""
+    locator = Locator(lid(), on=1.0, off=0.5)
+    sizes = [0.4, 0.6, 0.99, 1.01, 0.7, 0.51, 0.49, 0.7, 1.0, 0.5]
+    none, light, touch = Status.NO_CONTACT, Status.TOO_LIGHT, Status.CONTACT
+    expected = [none, light, light, touch, touch, touch, none, light, touch, touch]
+    assert status_of(locator, *(press(size) for size in sizes)) == expected
+    locator.reset()
+    assert status_of(locator, press(0.7)) == [light]
+
+
+def test_too_light_keeps_the_force_and_no_point() -> None:
+    answer = Locator(lid(), on=1.0, off=0.5).run(press(0.7)[None])
+    assert np.array_equal(answer.force[0], press(0.7)[:3])
+    assert np.isnan(answer.point).all()
+
+
+def test_thresholds_come_from_the_noise() -> None:
+    """Ten and five times the largest deviation of force."""
+    locator = Locator(lid(), noise=[0.01, 0.02, 0.03, 1, 1, 1])
+    assert (locator.on, locator.off) == (pytest.approx(0.3), pytest.approx(0.15))
+    assert (Locator(lid()).on, Locator(lid()).off) == (0, 0)
+    given = Locator(lid(), noise=NOISE, on=0.05)
+    assert given.on == 0.05
+    assert given.off <= 0.05
+    given = Locator(lid(), noise=NOISE, off=0.7)
+    assert given.off == 0.7
+    assert given.on >= 0.7
+
+
+@pytest.mark.parametrize(
+    ("options", "word"),
+    [
+        ({"on": 0.3, "off": 0.5}, "0 <= off <= on"),
+        ({"on": -1.0}, "0 <= off <= on"),
+        ({"friction": 0.0}, "friction"),
+        ({"friction": np.nan}, "friction"),
+        ({"torsion": -1e-3}, "torsion"),
+        ({"method": "guess"}, "unknown method 'guess'. Use one of soft_finger, wrench_axis"),
+    ],
+)
+def test_settings_that_make_no_sense_are_refused(options: dict[str, float], word: str) -> None:
+    with pytest.raises(InputError, match=word):
+        Locator(lid(), **options)  # pyright: ignore[reportArgumentType]
+
+
+@pytest.mark.parametrize("noise", [np.ones(5), -np.ones(6), np.full(6, np.nan), np.ones((6, 5)), np.triu(np.ones((6, 6)))])
+def test_bad_noise_is_refused(noise: np.ndarray) -> None:
+    with pytest.raises((ValueError, InputError), match="noise"):
+        Locator(lid(), noise=noise)
+    with pytest.raises((ValueError, InputError), match="noise"):
+        locate(Wrench.from_vector(press(1.0)), lid(), noise=noise)
+
+
+def test_friction_beyond_its_bound_is_implausible_and_located() -> None:
+    locator = Locator(lid(), friction=0.5, noise=NOISE)
+    assert status_of(locator, press(5.0, 0.49), press(5.0, 0.51)) == [Status.CONTACT, Status.IMPLAUSIBLE]
+    answer = locator.run(press(5.0, 0.51)[None])
+    assert np.allclose(answer.point[0], TOP, rtol=0, atol=1e-12)
+    assert answer.candidates[0] == 0
+    assert answer.residual[0] > 0
+    assert np.isfinite(answer.covariance).all()
+
+
+def test_torsion_beyond_its_bound_is_implausible_and_located() -> None:
+    """On the normal the torsion is h |F|: the bound is on h itself."""
+    locator = Locator(lid(), torsion=2e-3, noise=NOISE)
+    assert status_of(locator, press(5.0, 0, 1.99e-3), press(5.0, 0, 2.01e-3)) == [Status.CONTACT, Status.IMPLAUSIBLE]
+    answer = locator.run(press(5.0, 0, -2.5e-3)[None])
+    assert answer.status[0] == Status.IMPLAUSIBLE
+    assert answer.torque[0] == pytest.approx(2.5e-3 * 5.0, rel=1e-9)  # tau = h |F|^2/(F . n), and F . n = -|F|
+    # 0.5 mm too much of 5 N: 2.5 mN m, five deviations, a little less as a larger force may carry more
+    assert 4.5 < answer.residual[0] <= 5.0 + 1e-9
+
+
+def two_ways() -> tuple[Mesh, np.ndarray, np.ndarray, np.ndarray]:
+    """A force into the end of the L's lower arm (x = R), out of its top (y = 0) and into the wall of the upper (x = 0)."""
+    mesh = BODIES["L"].mesh
+    first, second = np.array([R, -0.3 * R, 0.0]), np.array([0.0, 0.4 * R, 0.0])
+    force = 5.0 * (second - first) / np.linalg.norm(second - first)
+    return mesh, first + PLACE, second + PLACE, np.concatenate([force, np.cross(first + PLACE, force)])
+
+
+def test_two_candidates_are_ambiguous_and_the_one_met_first_is_given() -> None:
+    mesh, first, second, wrench = two_ways()
+    locator = Locator(mesh, noise=NOISE)
+    answer = locator.run(wrench[None])
+    assert answer.status[0] == Status.AMBIGUOUS
+    assert answer.answered.all()
+    assert answer.candidates[0] == 2
+    assert np.allclose(answer.point[0], first, rtol=0, atol=1e-10)
+    found = locator.candidates(wrench)
+    assert found.plausible.sum() == 2
+    assert np.allclose(found.point[:2], [first, second], rtol=0, atol=1e-10)
+
+
+def test_previous_decides_between_candidates_and_so_does_the_sequence() -> None:
+    mesh, first, second, wrench = two_ways()
+    for point in (first, second):
+        beside = point + 1e-3
+        assert np.allclose(locate(Wrench.from_vector(wrench), mesh, previous=beside).point, point, rtol=0, atol=1e-10)
+    alone = pressing(second, np.array([1.0, 0, 0]), np.array([-5.0, 0, 0]), 0.0)
+    before = locate(Wrench.from_vector(alone), mesh)
+    assert np.allclose(locate(Wrench.from_vector(wrench), mesh, previous=before).point, second, rtol=0, atol=1e-10)
+    locator = Locator(mesh, noise=NOISE)
+    in_sequence = locator.run(np.array([alone, wrench, np.zeros(6), wrench]))
+    assert np.allclose(in_sequence.point[1], second, rtol=0, atol=1e-10)
+    assert np.allclose(in_sequence.point[3], first, rtol=0, atol=1e-10)  # let go in between: nothing to go on from
+    locator.reset()
+    apart = locator.run(np.array([alone, wrench]), sequential=False)
+    assert np.allclose(apart.point[1], first, rtol=0, atol=1e-10)  # each on its own
+
+
+def test_a_candidate_within_the_ellipse_is_no_ambiguity() -> None:
+    mesh, _, _, wrench = two_ways()
+    vague = np.array([0.02] * 3 + [0.5] * 3)  # a decimetre
+    assert locate(Wrench.from_vector(wrench), mesh, noise=vague).status == Status.CONTACT
+
+
+def test_forced_statuses_are_kept_and_break_nothing() -> None:
+    locator = Locator(lid(), noise=NOISE)
+    wrenches = np.array([press(5.0)] * 4)
+    forced = np.array([-1, Status.SATURATED, Status.NO_POSE, -1], dtype=np.int8)
+    answer = locator.run(wrenches, statuses=forced)
+    assert answer.status.tolist() == [Status.CONTACT, Status.SATURATED, Status.NO_POSE, Status.CONTACT]
+    assert np.isnan(answer.point[1:3]).all()
+    assert (answer.candidates[1:3] == 0).all()
+    assert np.allclose(answer.point[[0, 3]], TOP, rtol=0, atol=1e-12)
+
+
+def test_every_answer_is_consistent_with_its_status() -> None:
+    """Rows in = rows out; a point where there is a contact, and nowhere else; counts and residuals that agree."""
+    mesh = BODIES["open patch"].mesh
+    wrenches = a_log(mesh)
+    answer = Locator(mesh, noise=NOISE).run(wrenches)
+    assert len(answer.status) == len(wrenches)
+    present = set(answer.status.tolist())
+    wanted = (Status.CONTACT, Status.NO_CONTACT, Status.TOO_LIGHT, Status.OFF_SURFACE, Status.IMPLAUSIBLE, Status.INVALID)
+    assert present >= set(wanted)
+    located = np.isin(answer.status, [Status.CONTACT, Status.AMBIGUOUS, Status.IMPLAUSIBLE])
+    assert np.isfinite(answer.point[located]).all()
+    assert np.isfinite(answer.covariance[located]).all()
+    assert (answer.candidates[answer.answered] >= 1).all()
+    assert (answer.candidates[~answer.answered] == 0).all()
+    assert (answer.residual[answer.answered] == 0).all()
+    silent = np.isin(answer.status, [Status.NO_CONTACT, Status.TOO_LIGHT, Status.INVALID])
+    assert np.isnan(answer.point[silent]).all()
+    kept = answer.status != Status.INVALID
+    assert np.array_equal(answer.force[kept], wrenches[kept, :3])
+
+
+# -------------------------------------------------------------------------------------------------------------- calling
+
+
+@pytest.mark.parametrize("shape", [(), (1,), (7,), (2, 3), (0,), (2, 0)])
+def test_locate_keeps_leading_axes(shape: tuple[int, ...]) -> None:
+    vector = np.broadcast_to(press(5.0), (*shape, 6))
+    answer = locate(Wrench.from_vector(vector, np.diag(NOISE**2)), lid())
+    assert answer.point.shape == (*shape, 3)
+    assert answer.covariance.shape == (*shape, 3, 3)
+    assert answer.status.shape == shape
+    assert answer.status.dtype == np.int8
+    assert np.allclose(answer.point, TOP, rtol=0, atol=1e-12)
+    assert np.all(answer.status == Status.CONTACT)
+
+
+def test_locate_does_not_remember_between_calls_or_samples() -> None:
+    mesh, first, second, wrench = two_ways()
+    locate(Wrench.from_vector(wrench), mesh, previous=second)
+    assert np.allclose(locate(Wrench.from_vector(wrench), mesh).point, first, rtol=0, atol=1e-10)
+
+
+@pytest.mark.parametrize("name", ["ellipsoid", "L", "open patch"])
+def test_called_in_a_loop_it_is_what_run_says(name: str) -> None:
+    mesh = BODIES[name].mesh
+    wrenches = a_log(mesh, 300)
+    one, two = Locator(mesh, noise=NOISE), Locator(mesh, noise=NOISE)
+    rows = one.empty(len(wrenches))
+    for wrench, row in zip(wrenches, rows, strict=True):
+        one(wrench, row)
+    same(ContactEstimate.from_rows(rows), two.run(wrenches))
+    assert rows.shape[1] == ROW.length
+
+
+@pytest.mark.parametrize("block", [1, 17, 4096])
+@pytest.mark.parametrize("name", ["ellipsoid", "L"])
+def test_blocks_do_not_matter(name: str, block: int) -> None:
+    mesh = BODIES[name].mesh
+    wrenches = a_log(mesh, 5000 if block > 1 else 500)
+    whole, parts = Locator(mesh, noise=NOISE), Locator(mesh, noise=NOISE)
+    answers = [parts.run(wrenches[i : i + block]) for i in range(0, len(wrenches), block)]
+    expected = whole.run(wrenches)
+    for name_, value in vars(expected).items():
+        joined = np.concatenate([getattr(answer, name_) for answer in answers])
+        assert np.array_equal(joined, value, equal_nan=True), name_
+
+
+def test_without_noise_covariances_and_residuals_outside_are_nan() -> None:
+    answer = Locator(lid(), friction=0.5).run(np.array([press(5.0), press(5.0, 0.7)]))
+    assert answer.status.tolist() == [Status.CONTACT, Status.IMPLAUSIBLE]
+    assert np.isnan(answer.covariance).all()
+    assert answer.residual[0] == 0
+    assert np.isnan(answer.residual[1])
+    assert np.allclose(answer.point, TOP, rtol=0, atol=1e-12)
+
+
+def test_noise_may_come_with_the_locator_the_call_or_the_wrench() -> None:
+    covariance = np.diag(NOISE**2)
+    wrench = press(5.0, 0.3, 1e-3)
+    by_locator = Locator(lid(), noise=NOISE, on=0.0).run(wrench[None]).covariance[0]
+    by_run = Locator(lid()).run(wrench[None], covariance).covariance[0]
+    by_run_each = Locator(lid()).run(np.array([wrench, wrench]), np.array([covariance, 4 * covariance])).covariance
+    by_wrench = locate(Wrench.from_vector(wrench, covariance), lid()).covariance
+    by_call = locate(Wrench.from_vector(wrench, 9 * covariance), lid(), noise=NOISE).covariance
+    for found in (by_run, by_run_each[0], by_run_each[1] / 4, by_wrench, by_call):
+        assert np.allclose(found, by_locator, rtol=1e-12, atol=0)
+    each = Wrench.from_vector(np.array([[wrench] * 3] * 2), np.broadcast_to(covariance, (2, 3, 6, 6)))
+    assert np.allclose(locate(each, lid()).covariance, by_locator, rtol=1e-12, atol=0)
+    with pytest.raises(Exception, match="covariances"):
+        Locator(lid()).run(np.array([wrench] * 3), np.array([covariance] * 2))
+
+
+def test_an_unknown_method_is_named() -> None:
+    with pytest.raises(InputError, match="unknown method 'softfinger'"):
+        locate(Wrench.from_vector(press(1.0)), lid(), method="softfinger")
+
+
+def test_results_are_read_only_and_apart_from_what_was_given() -> None:
+    wrenches = np.array([press(5.0)] * 2)
+    given = wrenches.copy()
+    answer = Locator(lid(), noise=NOISE).run(wrenches)
+    assert np.array_equal(wrenches, given)
+    for part in (answer, answer[:1], answer.reshaped((2, 1))):
+        for value in vars(part).values():
+            with pytest.raises(ValueError, match="read-only"):
+                value[...] = 0
+    wrenches[:] = 0
+    assert np.all(answer.force[:, 2] == -5.0)
+
+
+def test_torque_is_what_is_left_about_the_normal_for_both_methods() -> None:
+    """(M - p x F) . n, with the point that the method gives."""
+    mesh = BODIES["ellipsoid"].mesh
+    wrenches = np.nan_to_num(a_log(mesh, 300))
+    for method in ("soft_finger", "wrench_axis"):
+        answer = Locator(mesh, method=method, friction=3.0, torsion=1.0).run(wrenches)
+        ok = answer.answered
+        assert ok.sum() > 200
+        left = wrenches[ok, 3:] - np.cross(answer.point[ok], wrenches[ok, :3])
+        assert np.allclose(answer.torque[ok], np.sum(left * answer.normal[ok], axis=1), rtol=0, atol=1e-12)

@@ -1,0 +1,86 @@
+"""Covariances: their stated forms, and first-order rules against finite differences and dice."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from palpate.spatial.pose import Pose
+from palpate.spatial.uncertain import inverse_pose_covariance, noise_covariance, pose_noise_on_wrench
+
+
+def perturbed(pose: Pose, xi: np.ndarray) -> Pose:
+    """exp(xi) T to first order in the coupling: a turn about the target's origin, then a shift."""
+    return Pose.from_rotation_vector(xi[..., :3], xi[..., 3:]) @ pose
+
+
+def some_pose() -> Pose:
+    return Pose.from_rotation_vector((0.3, -0.8, 1.2), (0.05, -0.2, 0.1))
+
+
+def test_six_deviations_are_a_diagonal_and_a_covariance_is_itself() -> None:
+    deviations = np.array([1.0, 2, 3, 0.1, 0.2, 0])
+    assert np.array_equal(noise_covariance(deviations), np.diag(deviations**2))
+    full = np.eye(6) + 0.1
+    assert np.array_equal(noise_covariance(full), full)
+
+
+@pytest.mark.parametrize(
+    ("noise", "word"),
+    [
+        (np.ones(3), r"six standard deviations.*\(3,\)"),
+        (0.1, "six standard deviations"),
+        (-np.ones(6), "six standard deviations"),
+        ([1, 1, 1, 1, 1, np.nan], "six standard deviations"),
+        (np.ones((5, 6)), r"\(5, 6\)"),
+        (np.triu(np.ones((6, 6))), "symmetric"),
+        (np.full((6, 6), np.inf), "finite"),
+        (np.diag([1.0, 1, 1, 1, 1, -1e-3]), "negative eigenvalue"),
+    ],
+)
+def test_bad_noise_is_refused_with_what_it_should_be(noise: object, word: str) -> None:
+    with pytest.raises(ValueError, match=word):
+        noise_covariance(noise)  # pyright: ignore[reportArgumentType]
+
+
+def test_pose_noise_moves_a_wrench_as_finite_differences_say() -> None:
+    """For a covariance e_i e_i^T the answer is dW dW^T; central differences of 1e-5 are good to 1e-10 of 1 N, 1 m."""
+    pose, step = some_pose(), 1e-5
+    source = np.array([1.0, -2.0, 0.5, 0.1, 0.3, -0.2])
+    here = pose.wrench_matrix() @ source
+    for unit in np.eye(6):
+        ahead = perturbed(pose, step * unit).wrench_matrix() @ source
+        behind = perturbed(pose, -step * unit).wrench_matrix() @ source
+        slope = (ahead - behind) / (2 * step)
+        found = pose_noise_on_wrench(here, np.outer(unit, unit))
+        assert np.allclose(found, np.outer(slope, slope), rtol=0, atol=1e-8)
+
+
+def test_pose_noise_is_batched_and_rank_deficient_without_force() -> None:
+    wrenches = np.random.default_rng(0).normal(size=(5, 6))
+    wrenches[:, :3] = 0
+    covariance = np.diag([1e-4] * 3 + [1e-6] * 3)
+    batch = pose_noise_on_wrench(wrenches, covariance)
+    for one, wrench in zip(batch, wrenches, strict=True):
+        assert np.allclose(one, pose_noise_on_wrench(wrench, covariance), rtol=1e-12, atol=0)
+        assert np.array_equal(one[:3], np.zeros((3, 6)))  # a couple does not mind where it is, nor does no force
+        assert np.linalg.matrix_rank(one) == 2  # nor a turn about itself
+
+
+def test_the_inverse_of_an_uncertain_pose_against_dice() -> None:
+    """20,000 draws tell a covariance to 1 % of its diagonal: four of that."""
+    rng, pose = np.random.default_rng(1), some_pose()
+    root = rng.normal(size=(6, 6)) * 1e-4
+    covariance = root @ root.T
+    draws = rng.multivariate_normal(np.zeros(6), covariance, 20000)
+    moved = perturbed(pose, draws).inverse() @ pose  # exp(xi') of the inverse, read off against its mean
+    xi = np.concatenate([moved.rotation_vector(), moved.translation], axis=1)
+    found = inverse_pose_covariance(pose, covariance)
+    scale = np.sqrt(np.outer(np.diag(found), np.diag(found)))
+    assert np.abs((xi.T @ xi / len(xi) - found) / scale).max() < 0.04
+
+
+def test_the_inverse_of_the_inverse_is_as_uncertain_as_the_pose() -> None:
+    pose, root = some_pose(), np.random.default_rng(2).normal(size=(6, 6))
+    there = inverse_pose_covariance(pose, root @ root.T)
+    assert np.allclose(inverse_pose_covariance(pose.inverse(), there), root @ root.T, rtol=0, atol=1e-12)
