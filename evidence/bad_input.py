@@ -53,6 +53,7 @@ def _judge(case: Case, folder: Path) -> Row:
     code, said = _run(["estimate", str(log), "--rig", str(folder / "rig.toml"), "-o", str(out)])
     said = said.replace(str(folder) + "/", "")
     held = [line for line in said if any(word in line.lower() for word in case.words)]
+    held.sort(key=lambda line: not line.startswith(("warning:", "palpate:")))
     kept, got = True, f"exit {code}; "
     if out.exists():
         samples, written = pl.read_csv(log, infer_schema=False).height, pl.read_csv(out, infer_schema=False)
@@ -153,6 +154,11 @@ def _scaled(table: pl.DataFrame) -> pl.DataFrame:
 
 
 def _newton_millimetres(folder: Path) -> None:
+    _rig("range = ", "# range = ")(folder)
+    _beyond_range(folder)
+
+
+def _beyond_range(folder: Path) -> None:
     for name in ("touches.csv", "free_motion.csv"):
         _scaled(pl.read_csv(folder / name)).write_csv(folder / name)
     _run(["calibrate", "payload", str(folder / "free_motion.csv"), "-o", str(folder / "payload.toml")])
@@ -171,10 +177,11 @@ CASES = (
     Case("NaN", _set({"fx": float("nan")}, slice(10, 20)), 0, ("nan", "invalid")),
     Case("infinity", _set({"ty": float("inf")}, slice(10, 20)), 0, ("inf",)),
     Case("saturation", _set({"fz": 250.0}, slice(10, 20)), 0, ("saturated",)),
-    Case("unsorted times", _log(lambda t: _rested(t, slice(50, 90), lambda part: part.reverse())), 0, ("time",)),
-    Case("repeated times", _set({"time": 0.1}, slice(20, 30)), 0, ("time",)),
+    Case("unsorted times", _log(lambda t: _rested(t, slice(50, 90), lambda part: part.reverse())), 0, ("backwards",)),
+    Case("repeated times", _set({"time": 0.1}, slice(20, 30)), 0, ("repeat",)),
     Case("a gap", _log(lambda t: pl.concat([t[:100], t[300:]])), 0, ("gap",)),
-    Case("torque in N mm declared as N m", _newton_millimetres, 0, ("unit",)),
+    Case("torque in N mm declared as N m", _newton_millimetres, 0, ("units of the torque",)),
+    Case("the same, the rig stating the sensor's range", _beyond_range, 0, ("unit",)),
     Case("mesh in mm declared as m", _rig('unit = "mm"', 'unit = "m"'), 0, ("unit",)),
     Case("open mesh", _mesh(lambda triangles: triangles[20:]), 0, ("not closed",)),
     Case("zero-area facets", _mesh(lambda t: np.concatenate([t, t[:9, [0, 1, 1]]])), 0, ("without area",)),

@@ -8,14 +8,14 @@ import numpy as np
 from palpate.contact._settings import FRICTION, SOFT, TORSION
 from palpate.contact._slopes import cross_into, dot, sandwich, sensitivity, tangents, to_metres, to_unit
 from palpate.surfaces._bvh import CANDIDATE, CAPACITY, search
-from palpate.surfaces._jit import compiled
+from palpate.surfaces._jit import inner
 
 __all__ = ["distance_to_bounds", "distance_to_point"]
 
 _STEPS = 30  # of the search for the nearest wrench within the bounds
 
 
-@compiled()
+@inner
 def _solve_two(matrix, right, count):
     """right^T matrix^-1 right and the solution, for one or two equations; (-1, 0, 0) when singular."""
     if count == 1:
@@ -31,7 +31,7 @@ def _solve_two(matrix, right, count):
     return right[0] * x + right[1] * y, x, y
 
 
-@compiled()
+@inner
 def _bounds(wrench, place, t, shape, slopes, settings, values, rows):
     """The friction and the torsion bound, tan(theta) - mu and |tau| - c |F . n|, and their slopes by W (2, 6)."""
     force, moment, n = wrench[:3], wrench[3:], place[3:]
@@ -57,7 +57,7 @@ def _bounds(wrench, place, t, shape, slopes, settings, values, rows):
         rows[1, k] = sign * (dboth - tau * dpress) / pressing + settings[TORSION] * dpress
 
 
-@compiled()
+@inner
 def _inverse(matrix):
     """Inverse of a 6 x 6 covariance by Gauss and Jordan; NaN where it has none."""
     size = len(matrix)
@@ -79,7 +79,7 @@ def _inverse(matrix):
     return out
 
 
-@compiled()
+@inner
 def _allowed(wrench, place, settings, out):
     """A wrench that a contact within the bounds makes at this point, near the given one. False if it only pulls."""
     force, n = wrench[:3], place[3:]
@@ -106,7 +106,7 @@ def _allowed(wrench, place, settings, out):
     return True
 
 
-@compiled()
+@inner
 def _metric(a, b, inverse):
     """sqrt((a - b)' inverse (a - b))."""
     total = 0.0
@@ -116,7 +116,7 @@ def _metric(a, b, inverse):
     return np.sqrt(max(0.0, total))
 
 
-@compiled()
+@inner
 def distance_to_bounds(wrench, noise, nodes, corners, tags, settings, first, place):
     """Distance in the metric of `noise` from a wrench to the nearest that a contact within the bounds can make.
 
@@ -178,7 +178,7 @@ def distance_to_bounds(wrench, noise, nodes, corners, tags, settings, first, pla
     return best if best < np.inf else np.nan
 
 
-@compiled()
+@inner
 def distance_to_point(wrench, noise, place):
     """Distance from a wrench to the nearest that a soft finger at a given point can make: two linear equations."""
     t, work, rows, right = np.empty((2, 3)), np.empty(3), np.empty((2, 6)), np.empty(2)

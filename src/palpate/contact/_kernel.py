@@ -9,7 +9,7 @@ from palpate.contact._bounds import distance_to_bounds, distance_to_point
 from palpate.contact._settings import FRICTION, HAS_PREVIOUS, NOISY, OFF, ON, PREVIOUS, SOFT, TORSION, TOUCHING
 from palpate.contact._slopes import cross_into, dot, sandwich, sensitivity, to_metres, to_unit
 from palpate.surfaces._bvh import CANDIDATE, CAPACITY, search
-from palpate.surfaces._jit import compiled
+from palpate.surfaces._jit import entry, inner
 from palpate.surfaces._nearest import nearest_to_axis
 
 __all__ = ["estimate", "estimate_many"]
@@ -19,7 +19,7 @@ _CONTACT, _AMBIGUOUS, _NO_CONTACT, _TOO_LIGHT, _OFF_SURFACE, _IMPLAUSIBLE, _INVA
 _RESIDUAL, _CANDIDATES, _STATUS = 19, 20, 21  # estimate._Row, which compiled code cannot read
 
 
-@compiled()
+@inner
 def _torsion(wrench, p, n, soft):
     """Torque about the normal, (M - p x F) . n, and F . n."""
     pressing = dot(wrench[:3], n)
@@ -30,7 +30,7 @@ def _torsion(wrench, p, n, soft):
     return dot(wrench[3:], n) - dot(work, n), pressing
 
 
-@compiled()
+@inner
 def _better(found, i, j):
     """Is candidate i to be preferred to j: met first along the force from outside, then smaller friction angle?
 
@@ -43,7 +43,7 @@ def _better(found, i, j):
     return found[i, 4] < found[j, 4]
 
 
-@compiled()
+@inner
 def _choose(wrench, settings, state, found, count, places, torques):
     """Which candidate is the answer, and how many lie within the bounds; found[:, 7] says which."""
     best, plausible, nearest = -1, 0, np.inf
@@ -70,7 +70,7 @@ def _choose(wrench, settings, state, found, count, places, torques):
     return best, plausible
 
 
-@compiled()
+@inner
 def _ambiguous(found, places, count, best, t, spread, noisy):
     """Does another plausible candidate lie outside the 95 % ellipse of the one chosen?"""
     det = spread[0, 0] * spread[1, 1] - spread[0, 1] * spread[1, 0]
@@ -87,7 +87,7 @@ def _ambiguous(found, places, count, best, t, spread, noisy):
     return False
 
 
-@compiled()
+@inner
 def _gate(wrench, settings, state):
     """Status before anything is located, or CONTACT; moves the hysteresis."""
     total = 0.0
@@ -104,7 +104,7 @@ def _gate(wrench, settings, state):
     return _CONTACT if state[TOUCHING] == 1.0 else _TOO_LIGHT
 
 
-@compiled()
+@entry
 def estimate(wrench, noise, nodes, corners, tags, settings, state, row):
     """One wrench (6,) with covariance (6, 6) in the surface's frame to one row of `estimate.ROW`."""
     row[:] = np.nan
@@ -155,7 +155,7 @@ def estimate(wrench, noise, nodes, corners, tags, settings, state, row):
     state[PREVIOUS : PREVIOUS + 3] = place[:3]
 
 
-@compiled()
+@inner
 def _off_surface(wrench, unit, noise, nodes, corners, tags, settings, noisy, found, row):
     """No patch can make this wrench: give the nearest point, flagged."""
     row[_STATUS] = _OFF_SURFACE
@@ -166,7 +166,7 @@ def _off_surface(wrench, unit, noise, nodes, corners, tags, settings, noisy, fou
         row[_RESIDUAL] = distance_to_point(wrench, noise, row[:6])
 
 
-@compiled()
+@entry
 def estimate_many(wrenches, noises, forced, nodes, corners, tags, settings, state, sequential, rows):
     """`estimate` over (n, 6). noises is (n, 6, 6) or (1, 6, 6); forced (n,) >= 0 is a status known beforehand.
 

@@ -15,24 +15,24 @@ from __future__ import annotations
 import numpy as np
 
 from palpate.contact._settings import CENTRE, SCALE, SOFT
-from palpate.surfaces._jit import compiled
+from palpate.surfaces._jit import inner
 
 __all__ = ["cross_into", "dot", "sandwich", "sensitivity", "tangents", "to_metres", "to_unit"]
 
 
-@compiled()
+@inner
 def dot(a, b):
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-@compiled()
+@inner
 def cross_into(a, b, out):
     out[0] = a[1] * b[2] - a[2] * b[1]
     out[1] = a[2] * b[0] - a[0] * b[2]
     out[2] = a[0] * b[1] - a[1] * b[0]
 
 
-@compiled()
+@inner
 def tangents(n, out):
     """Two unit vectors across n, right-handed with it (Duff et al. 2017), into out (2, 3)."""
     sign = 1.0 if n[2] >= 0.0 else -1.0
@@ -42,7 +42,7 @@ def tangents(n, out):
     out[1, 0], out[1, 1], out[1, 2] = b, sign + n[1] * n[1] * a, -n[1]
 
 
-@compiled()
+@inner
 def _shape(row, b, n, t, scale, out):
     """Shape operator of a patch with interpolated normals in the tangents t: dn = S dp, into out (2, 2) [1/m]."""
     a, d = np.empty((2, 2)), np.empty((2, 2))  # tangential parts of the edges and of the change of the normal
@@ -66,7 +66,7 @@ def _shape(row, b, n, t, scale, out):
     out[1, 1] = (d[1, 1] * a[0, 0] - d[1, 0] * a[0, 1]) / det
 
 
-@compiled()
+@inner
 def _slopes(wrench, p, n, t, shape, soft, slopes):
     """d(p . t)/dW into slopes (2, 6). False where the wrench does not determine the point.
 
@@ -102,7 +102,7 @@ def _slopes(wrench, p, n, t, shape, soft, slopes):
     return True
 
 
-@compiled()
+@inner
 def sandwich(left, middle, right):
     """Left (i, 6) middle (6, 6) right (j, 6)^T, small and without a call into BLAS."""
     out = np.zeros((len(left), len(right)))
@@ -121,7 +121,7 @@ def sandwich(left, middle, right):
     return out
 
 
-@compiled()
+@inner
 def to_metres(candidate, settings, place):
     """A candidate in metres: p and n into place (6,)."""
     for k in range(3):
@@ -129,7 +129,7 @@ def to_metres(candidate, settings, place):
         place[3 + k] = candidate[11 + k]
 
 
-@compiled()
+@inner
 def to_unit(wrench, settings, out):
     """The wrench about the tree's centre, in its unit size."""
     work = np.empty(3)
@@ -139,7 +139,7 @@ def to_unit(wrench, settings, out):
         out[3 + k] = (wrench[3 + k] - work[k]) / settings[SCALE]
 
 
-@compiled()
+@inner
 def sensitivity(wrench, candidate, place, corners, settings, t, shape, slopes):
     """Tangents, shape operator and slopes of a candidate. False where the point is not determined."""
     n = place[3:]

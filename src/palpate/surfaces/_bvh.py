@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from palpate.surfaces._jit import compiled, inlined
+from palpate.surfaces._jit import entry, inlined, inner
 from palpate.surfaces._patch import solve_flat, solve_patch
 
 __all__ = ["CANDIDATE", "CAPACITY", "STACK", "axis_view", "build", "node_may_hit", "search", "search_reference"]
@@ -24,7 +24,7 @@ _SLACK = 1e-9  # how far a box test may err, in unit size
 _ROUNDING = 4e-7  # of the float32 in which the nodes are kept
 
 
-@compiled()
+@inner
 def _select(keys, order, low, high, middle):
     """Partly sort order[low:high] so that position `middle` splits it by key (Hoare's quickselect)."""
     left, right = low, high - 1
@@ -48,7 +48,7 @@ def _select(keys, order, low, high, middle):
             return
 
 
-@compiled()
+@inner
 def _fill_node(node, corners, order, low, high):
     """Box and cone of the patches order[low:high]."""
     box_low, box_high, axis = np.full(3, np.inf), np.full(3, -np.inf), np.zeros(3)
@@ -78,7 +78,7 @@ def _fill_node(node, corners, order, low, high):
     node[13] = np.sqrt(1.0 - cosine * cosine) * max(0.0, cosine) * (1.0 + 1e-6)
 
 
-@compiled()
+@entry
 def build(corners, nodes):
     """Fill `nodes` (2 m + 2, 16), zeros, as `Tree` describes them; the order of the patches and how many nodes."""
     count = len(corners)
@@ -112,7 +112,7 @@ def build(corners, nodes):
     return order, used
 
 
-@inlined()
+@inlined
 def node_may_hit(nodes, at, fx, fy, fz, gx, gy, gz, px, py, pz, pitch, cos_limit, reach, wider):
     """Can a node hold a contact whose friction angle has at least this cosine?
 
@@ -156,7 +156,7 @@ def node_may_hit(nodes, at, fx, fy, fz, gx, gy, gz, px, py, pz, pitch, cos_limit
     )
 
 
-@compiled()
+@inner
 def axis_view(wrench):
     """f, e1, e2 with e1 x e2 = f, the point a of the axis nearest to the origin, and the pitch (Duff et al. 2017)."""
     fx, fy, fz, mx, my, mz = wrench[0], wrench[1], wrench[2], wrench[3], wrench[4], wrench[5]
@@ -172,7 +172,7 @@ def axis_view(wrench):
     return (fx, fy, fz), one, two, axis, fx * mx + fy * my + fz * mz
 
 
-@compiled()
+@inner
 def _keep(found, count, capacity, patch, b, kind, corners, fx, fy, fz, tan_limit):
     """Write a contact into `found` unless it is there already or beyond the limit; the new count."""
     spare = found[capacity]
@@ -206,7 +206,7 @@ def _keep(found, count, capacity, patch, b, kind, corners, fx, fy, fz, tan_limit
     return min(max(count, spot + 1), capacity)
 
 
-@compiled()
+@entry
 def search(wrench, soft, tan_limit, nodes, corners, tags, found):
     """Every contact that a wrench can have on the patches.
 

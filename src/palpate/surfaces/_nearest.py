@@ -6,12 +6,12 @@ from __future__ import annotations
 import numpy as np
 
 from palpate.surfaces._bvh import STACK, axis_view, node_may_hit
-from palpate.surfaces._jit import compiled
+from palpate.surfaces._jit import entry, inner
 
 __all__ = ["nearest_to_axis", "nearest_to_point"]
 
 
-@compiled()
+@inner
 def _origin_to_triangle(q, out):
     """Squared distance from the origin to a triangle in the plane; barycentric coordinates of the nearest point."""
     det = (q[1, 0] - q[0, 0]) * (q[2, 1] - q[0, 1]) - (q[2, 0] - q[0, 0]) * (q[1, 1] - q[0, 1])
@@ -34,7 +34,7 @@ def _origin_to_triangle(q, out):
     return best
 
 
-@compiled()
+@entry
 def nearest_to_axis(wrench, nodes, corners, tags, found):
     """The point nearest to the wrench axis, on a facet that faces the force.
 
@@ -74,12 +74,12 @@ def nearest_to_axis(wrench, nodes, corners, tags, found):
     return np.sqrt(best)
 
 
-@compiled()
+@inner
 def _sum(row, k):
     return row[k] + row[6 + k] + row[12 + k]
 
 
-@compiled()
+@inner
 def _place(corners, patch, b0, b1, b2, out):
     """Position 0-2 and unit normal 3-5 at barycentric coordinates of a patch."""
     row = corners[patch]
@@ -90,7 +90,7 @@ def _place(corners, patch, b0, b1, b2, out):
         out[k] /= length
 
 
-@compiled()
+@inner
 def _point_to_triangle(row, point, out):
     """Squared distance from a point to a triangle in space; barycentric coordinates of the nearest point."""
     ax, ay, az = row[0] - point[0], row[1] - point[1], row[2] - point[2]
@@ -114,7 +114,7 @@ def _point_to_triangle(row, point, out):
     return _origin_to_triangle(q, out) + height * height
 
 
-@compiled()
+@entry
 def nearest_to_point(points, nodes, corners, tags, found):
     """For each point (n, 3), in unit size, the nearest point of the facets: patch, b0, b1, b2 into found (n, 4)."""
     bary = np.empty(3)
@@ -149,7 +149,7 @@ def nearest_to_point(points, nodes, corners, tags, found):
                     found[n, 0], found[n, 1], found[n, 2], found[n, 3] = patch, bary[0], bary[1], bary[2]
 
 
-@compiled()
+@inner
 def _gap(node, point):
     """Squared distance from a point to a node's box."""
     total = 0.0

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from palpate.surfaces._jit import compiled
+from palpate.surfaces._jit import inner
 
 __all__ = ["solve_flat", "solve_patch"]
 
@@ -26,12 +26,12 @@ _INSIDE = -1e-8  # how far outside its patch a solution may lie, in barycentric 
 _SOLVED = 1e-7  # how far off the shifted axis a contact may lie, in unit size
 
 
-@compiled()
+@inner
 def _cubic(k0, k1, k2, k3, x):
     return k0 + x * (k1 + x * (k2 + x * k3))
 
 
-@compiled()
+@inner
 def _root_between(k0, k1, k2, k3, left, right):
     """The root of a cubic in an interval on which it is monotone and changes sign: Newton, kept inside by bisection."""
     rising = _cubic(k0, k1, k2, k3, left) < 0.0
@@ -52,7 +52,7 @@ def _root_between(k0, k1, k2, k3, left, right):
     return x
 
 
-@compiled()
+@inner
 def _roots(k0, k1, k2, k3, left, right, out):
     """Every real root of a cubic in [left, right] into out; how many."""
     cut0, cut1 = right, right  # where the slope vanishes, in order
@@ -89,7 +89,7 @@ def _roots(k0, k1, k2, k3, left, right, out):
     return count
 
 
-@compiled()
+@inner
 def _weights(qj0, qj1, qk0, qk1, gj0, gj1, gk0, gk1, pitch, base):
     """One component of B(base + x) as coefficients of 1, x, x^2."""
     d0 = qj0 * qk1 - qk0 * qj1
@@ -98,7 +98,7 @@ def _weights(qj0, qj1, qk0, qk1, gj0, gj1, gk0, gk1, pitch, base):
     return d2 + base * (d1 + base * d0), d1 + 2.0 * base * d0, d0
 
 
-@compiled()
+@inner
 def solve_patch(x0, y0, x1, y1, x2, y2, c0, c1, c2, g0, h0, g1, h1, g2, h2, pitch, out):
     """All contacts of a patch, b0, b1, b2 a row, into out (4, 3); how many.
 
@@ -144,7 +144,7 @@ def solve_patch(x0, y0, x1, y1, x2, y2, c0, c1, c2, g0, h0, g1, h1, g2, h2, pitc
     return count
 
 
-@compiled()
+@inner
 def solve_flat(x0, y0, x1, y1, x2, y2, sx, sy, out):
     """The one contact of a patch with one normal: the shifted line against the triangle."""
     x0, y0, x1, y1, x2, y2 = x0 + sx, y0 + sy, x1 + sx, y1 + sy, x2 + sx, y2 + sy
