@@ -70,12 +70,12 @@ def _touches(
     convex = name in CONVEX
     judged = not reported and (convex or ratio < 1)
     target = f"<= {median_limit * 1e6:g} um at 20k"
-    got = ", ".join(f"{_short(n)}: {m * 1e6:.2f} (max {x * 1e6:.1f})" for n, m, x in zip(sizes, medians, largest, strict=True))
+    got = ", ".join(
+        f"{_short(n)}: {m * 1e6:.2f} (max {x * 1e6:.1f})" for n, m, x in zip(sizes, medians, largest, strict=True)
+    )
     yield Row(NAME, f"{title}: median error [um]", target, got, middle <= median_limit if judged else None, COMMAND)
     if convex and ratio < 1:
-        yield Row(
-            NAME, f"{title}: within 20 e^2/R", "99.9 %", _each(right, sizes), min(right) >= 0.999, COMMAND
-        )
+        yield Row(NAME, f"{title}: within 20 e^2/R", "99.9 %", _each(right, sizes), min(right) >= 0.999, COMMAND)
     elif not convex:
         met = None if reported or ratio >= 1 else min(among) >= 0.999
         what = f"{title}: truth among the candidates (within 20 e^2/R)"

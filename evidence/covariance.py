@@ -41,8 +41,10 @@ class Trials:
 def rows(small: bool) -> Iterator[Row]:
     """Smooth convex bodies from 2 N, then lighter touches, then facets."""
     count = 300 if small else 10_000
-    slack = 3.0 / np.sqrt(count / 10_000) if small else 1.0  # few trials scatter more: the targets widen with 1/sqrt(n)
-    cases = [(name, smooth, force) for force in ((2.0, 10.0), (0.5, 2.0)) for smooth in (True, False) for name in CONVEX]
+    slack = 3.5 if small else 1.0  # 300 trials scatter by 1.3 % and by 0.12: three deviations
+    cases = [
+        (name, smooth, force) for force in ((2.0, 10.0), (0.5, 2.0)) for smooth in (True, False) for name in CONVEX
+    ]
     for name, smooth, force in sorted(cases, key=lambda case: (not case[1], -case[2][0])):
         judged = smooth and force[0] >= 2
         yield _coverage(name, BODIES[name], smooth, force, count, slack if judged else None)
@@ -91,7 +93,11 @@ def _coverage(name: str, body: Body, smooth: bool, force: tuple[float, float], c
     got = f"{share:.2%}, {mean:.3f}; median of the stated rms {1e3 * np.median(spread):.2f} mm"
     lost = int(np.count_nonzero(~found.answered))
     got += f"; {count:,} trials, {lost} not answered"
-    what = f"{name}, R = 10 mm, {kind}, {force[0]:g} to {force[1]:g} N: truth in the 95 % ellipse, mean squared distance"
+    if lost:
+        got += f" (of the answered {np.mean(square[found.answered] <= CHI2_95):.2%})"
+    what = (
+        f"{name}, R = 10 mm, {kind}, {force[0]:g} to {force[1]:g} N: truth in the 95 % ellipse, mean squared distance"
+    )
     return Row(NAME, what, "93 to 97 %, 2 +- 0.1" if force[0] >= 2 and smooth else "", got, met, COMMAND)
 
 

@@ -48,14 +48,24 @@ def _invariance(count: int) -> Iterator[Row]:
                 lost += not np.isfinite(gap)
                 gaps.append(gap)
                 sets += len(a.point)
-            answers = [palpate.Locator(m, torsion=np.inf).run(w, sequential=False).point for m, w in ((mesh, wrenches), (other, turned))]
+            answers = [
+                palpate.Locator(m, torsion=np.inf).run(w, sequential=False).point
+                for m, w in ((mesh, wrenches), (other, turned))
+            ]
             gaps.append(np.abs(answers[0] - back.apply(answers[1])).max())
             worst.append((name, np.max([g for g in gaps if np.isfinite(g)]) / mesh.size))
         size = max(gap for _, gap in worst)
         got = f"{size:.1e} of the body at most over {sets:,} candidates of {count * len(worst):,} wrenches"
         got += "; candidates of another number: " + str(lost)
         got += " (" + ", ".join(f"{name} {gap:.0e}" for name, gap in worst) + ")"
-        yield Row(NAME, f"same answer and candidates (as a set, pitch to R, any angle): {what}", "1e-9 of the body", got, size <= 1e-9 and lost == 0, COMMAND)
+        yield Row(
+            NAME,
+            f"same answer and candidates (as a set, pitch to R, any angle): {what}",
+            "1e-9 of the body",
+            got,
+            size <= 1e-9 and lost == 0,
+            COMMAND,
+        )
 
 
 def _as_sets(a: np.ndarray, b: np.ndarray) -> float:
@@ -119,7 +129,11 @@ def _crease(count: int) -> Iterator[Row]:
         half = rng.uniform(0.2, 1.2)  # half the angle between the normals
         mesh, first, second = _ridge(half)
         locator = palpate.Locator(mesh, friction=2.3, torsion=np.inf)
-        aim = first * rng.uniform(0.2, 1) + second * rng.uniform(0.2, 1) + rng.uniform(-0.3, 0.3) * np.array([0.0, 1.0, 0.0])
+        aim = (
+            first * rng.uniform(0.2, 1)
+            + second * rng.uniform(0.2, 1)
+            + rng.uniform(-0.3, 0.3) * np.array([0.0, 1.0, 0.0])
+        )
         f = -aim / np.linalg.norm(aim)
         if max(f @ first, f @ second) > -0.4:
             continue

@@ -91,7 +91,9 @@ def _path(log: Path, scratch: Path) -> Iterator[Row]:
         met, name = method == "soft_finger", method.replace("_", " ")
         text = f"{1e3 * mean:.2f} mm over {len(ought):,} rows, {answered.mean():.1%} answered (the authors' {1e3 * theirs:.2f})"
         passed = bool(mean <= 3.9e-3 and answered.all()) if met else None
-        yield Row(NAME, f"{name}, all rows with |Fz| > 1.5 N, as recorded: mean error", "<= 3.9 mm", text, passed, COMMAND)
+        yield Row(
+            NAME, f"{name}, all rows with |Fz| > 1.5 N, as recorded: mean error", "<= 3.9 mm", text, passed, COMMAND
+        )
         text = ", ".join(f"{1e3 * value:.2f}" for value in judged) + " mm (judged on the second half, on the first)"
         what = f"{name}, one constant offset fitted on one half, judged on the other"
         yield Row(NAME, what, "<= 3.4 mm", text, max(judged) <= 3.4e-3 if met else None, COMMAND)

@@ -69,7 +69,9 @@ def rows(small: bool) -> Iterator[Row]:
 
 def _python(code: str, cache: str | None = None) -> str:
     surroundings = dict(os.environ) if cache is None else {**os.environ, "NUMBA_CACHE_DIR": cache}
-    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=surroundings).stdout
+    return subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, env=surroundings
+    ).stdout
 
 
 def _first(what: str, cache: str | None) -> Row:
@@ -104,5 +106,9 @@ def _said() -> Row:
             heard += piece
         done.wait()
         os.close(main)
-    lines = [line.strip() for line in heard.decode(errors="replace").replace("\r", "\n").splitlines() if "compil" in line]
-    return Row(NAME, "`palpate estimate` on a terminal says that it compiles", "a word", " ".join(lines), bool(lines), COMMAND)
+    lines = [
+        line.strip() for line in heard.decode(errors="replace").replace("\r", "\n").splitlines() if "compil" in line
+    ]
+    return Row(
+        NAME, "`palpate estimate` on a terminal says that it compiles", "a word", " ".join(lines), bool(lines), COMMAND
+    )

@@ -36,6 +36,7 @@ class Session:
     quaternions: np.ndarray
 
     def recording(self, base: bool = False, orientation: bool = True) -> Recording:
+        """As a log has it, its wrenches in the sensor's frame or in the base's."""
         readings = self.readings
         if base:
             turn = rotation_from_quaternion(self.quaternions)
@@ -158,8 +159,10 @@ def test_an_empty_block_gives_an_empty_answer() -> None:
 
 
 def test_payload_and_mounting_add_to_the_covariance_what_dice_say() -> None:
-    """Sensor noise, a payload drawn from its covariance and a mounting from its own, located 4000 times: 10 % of each
-    entry's scale is four deviations of such a sample."""
+    """Sensor noise, a payload drawn from its covariance and a mounting from its own, located 4000 times.
+
+    4000 draws tell an entry of a covariance to 2 % of its scale: four of that, and 2 for the surface's curvature.
+    """
     rng, made = np.random.default_rng(1), session(1)
     spread = np.diag(np.r_[[0.02] * 3, [0.02] * 3, [5e-4] * 3, [1e-3] * 3] ** 2)
     mount_spread = np.diag(np.r_[[2e-3] * 3, [1e-4] * 3] ** 2)

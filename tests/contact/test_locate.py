@@ -122,7 +122,9 @@ def test_settings_that_make_no_sense_are_refused(options: dict[str, float], word
         Locator(lid(), **options)  # pyright: ignore[reportArgumentType]
 
 
-@pytest.mark.parametrize("noise", [np.ones(5), -np.ones(6), np.full(6, np.nan), np.ones((6, 5)), np.triu(np.ones((6, 6)))])
+@pytest.mark.parametrize(
+    "noise", [np.ones(5), -np.ones(6), np.full(6, np.nan), np.ones((6, 5)), np.triu(np.ones((6, 6)))]
+)
 def test_bad_noise_is_refused(noise: np.ndarray) -> None:
     with pytest.raises((ValueError, InputError), match="noise"):
         Locator(lid(), noise=noise)
@@ -152,7 +154,7 @@ def test_torsion_beyond_its_bound_is_implausible_and_located() -> None:
 
 
 def two_ways() -> tuple[Mesh, np.ndarray, np.ndarray, np.ndarray]:
-    """A force into the end of the L's lower arm (x = R), out of its top (y = 0) and into the wall of the upper (x = 0)."""
+    """A force into the end of the L's lower arm (x = R), out of its top (y = 0), into the wall of the upper (x = 0)."""
     mesh = BODIES["L"].mesh
     first, second = np.array([R, -0.3 * R, 0.0]), np.array([0.0, 0.4 * R, 0.0])
     force = 5.0 * (second - first) / np.linalg.norm(second - first)
@@ -213,7 +215,14 @@ def test_every_answer_is_consistent_with_its_status() -> None:
     answer = Locator(mesh, noise=NOISE).run(wrenches)
     assert len(answer.status) == len(wrenches)
     present = set(answer.status.tolist())
-    wanted = (Status.CONTACT, Status.NO_CONTACT, Status.TOO_LIGHT, Status.OFF_SURFACE, Status.IMPLAUSIBLE, Status.INVALID)
+    wanted = (
+        Status.CONTACT,
+        Status.NO_CONTACT,
+        Status.TOO_LIGHT,
+        Status.OFF_SURFACE,
+        Status.IMPLAUSIBLE,
+        Status.INVALID,
+    )
     assert present >= set(wanted)
     located = np.isin(answer.status, [Status.CONTACT, Status.AMBIGUOUS, Status.IMPLAUSIBLE])
     assert np.isfinite(answer.point[located]).all()
@@ -326,3 +335,12 @@ def test_torque_is_what_is_left_about_the_normal_for_both_methods() -> None:
         assert ok.sum() > 200
         left = wrenches[ok, 3:] - np.cross(answer.point[ok], wrenches[ok, :3])
         assert np.allclose(answer.torque[ok], np.sum(left * answer.normal[ok], axis=1), rtol=0, atol=1e-12)
+
+
+def test_one_facet_is_surface_enough() -> None:
+    mesh = Mesh.from_arrays([[0, 0, 0], [R, 0, 0], [0, R, 0]], [[0, 1, 2]])
+    inside, beside = np.array([0.2 * R, 0.3 * R, 0]), np.array([0.8 * R, 0.7 * R, 0])
+    down = np.array([0, 0, -5.0])
+    answer = Locator(mesh, noise=NOISE).run(np.array([pressing(point, UP, down, 0.0) for point in (inside, beside)]))
+    assert answer.status.tolist() == [Status.CONTACT, Status.OFF_SURFACE]
+    assert np.allclose(answer.point, [inside, [0.55 * R, 0.45 * R, 0]], rtol=0, atol=1e-15)  # the foot on the long side

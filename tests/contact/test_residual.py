@@ -18,7 +18,7 @@ FRICTION, TORSION = 0.5, 1e-3
 
 
 def made(x: np.ndarray) -> np.ndarray:
-    """Any wrench within the bounds, from eight free numbers: a direction, log of the grip, slip within the cone, torsion."""
+    """Any wrench within the bounds, from eight free numbers: direction, log of the grip, slip in the cone, torsion."""
     point = BODY.on_ray(x[:3])
     normal = BODY.normals(point)
     grip = np.exp(x[3])
@@ -33,27 +33,25 @@ def nearest_by_minimisation(wrench: np.ndarray, start: np.ndarray, rng: np.rando
         return float(np.sum(((made(x) - wrench) / NOISE) ** 2))
 
     grip = np.log(np.linalg.norm(wrench[:3]))
-    starts = [np.concatenate([start / R + 0.3 * rng.normal(size=3), [grip], rng.normal(size=3), [0]]) for _ in range(5)]
+    starts = [np.concatenate([start / R + 0.3 * rng.normal(size=3), [grip], rng.normal(size=3), [0]]) for _ in range(3)]
     return min(float(np.sqrt(minimize(square, x0, method="BFGS").fun)) for x0 in starts)
 
 
 def test_outside_the_bounds_it_is_the_distance_to_the_nearest_wrench_within() -> None:
     """Against a direct minimisation over the analytic body.
 
-    5 %: the mesh's normals are e/R off, and where both bounds are met the scheme stops up to 4 % above the least.
+    5 %: where both bounds are met the scheme stops up to 4 % above the least. 0.2 deviations: the mesh lies up to
+    e^2/8R = 9 um inside the body, and one deviation of the torque, 0.5 mN m over 10 N, moves the point by 50 um.
     """
     rng = np.random.default_rng(0)
     points = BODY.sample(60, rng)
     wrenches = touch_wrenches(points, BODY.normals(points), rng, force=(2.0, 10.0), tan_theta=1.5, pitch=0.3 * R)
-    mesh = Mesh.from_arrays(*BODY.mesh(20000))
+    mesh = Mesh.from_arrays(*BODY.mesh(5000))
     answer = Locator(mesh, noise=NOISE, friction=FRICTION, torsion=TORSION).run(wrenches, sequential=False)
     outside = np.flatnonzero(answer.status == Status.IMPLAUSIBLE)
     assert len(outside) > 20
-    ratios = []
-    for i in outside[:10]:
-        ratios.append(answer.residual[i] / nearest_by_minimisation(wrenches[i], points[i], rng))
-    assert np.max(ratios) < 1.05
-    assert np.min(ratios) > 0.95
+    truth = [nearest_by_minimisation(wrenches[i], points[i], rng) for i in outside[:10]]
+    assert np.allclose(answer.residual[outside[:10]], truth, rtol=0.05, atol=0.2)
 
 
 def test_inside_the_bounds_it_is_zero_and_outside_positive() -> None:

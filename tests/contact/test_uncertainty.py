@@ -43,7 +43,7 @@ def covariances(locator: Locator, wrench: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("method", ["soft_finger", "wrench_axis"])
 def test_on_a_facet_a_unit_covariance_is_the_slope_squared(method: str) -> None:
-    """Cov(e_i e_i^T) = dp_i dp_i^T: exact to the differences, rounding 1e-16 over a step of 1e-7, with second-order 1e-7."""
+    """Cov(e_i e_i^T) = dp_i dp_i^T: to 1e-5, as differences of 1e-16 over steps of 1e-7 allow."""
     rng = np.random.default_rng(0)
     locator = Locator(flat(), method=method, friction=2.0, torsion=0.1)
     for _ in range(20):
@@ -57,8 +57,10 @@ def test_on_a_facet_a_unit_covariance_is_the_slope_squared(method: str) -> None:
 
 @pytest.mark.parametrize("method", ["soft_finger", "wrench_axis"])
 def test_on_a_smooth_mesh_too_within_the_turn_of_its_normals(method: str) -> None:
-    """The located point moves in the facet, its covariance lies across the interpolated normal: they differ by the angle
-    between, e/R, and so does their effect, finer mesh by finer mesh."""
+    """The covariance lies across the interpolated normal, the located point moves in the facet.
+
+    They differ by the angle between, e/R: less and less, mesh by finer mesh.
+    """
     rng = np.random.default_rng(1)
     worst = []
     points = BODY.sample(40, rng)

@@ -45,7 +45,7 @@ def box(sides: tuple[float, float, float] = (2 * R, 1.4 * R, R)) -> Arrays:
 
 
 def extruded(outline: np.ndarray, height: float) -> Arrays:
-    """A prism over a polygon, counter-clockwise and star-shaped about its first corner; z from -height/2 to height/2."""
+    """A prism over a polygon, counter-clockwise and star-shaped about its first corner; z within +-height/2."""
     count = len(outline)
     vertices = np.concatenate([np.c_[outline, np.full(count, s * height / 2)] for s in (-1, 1)])
     i, j = np.arange(count), np.roll(np.arange(count), -1)

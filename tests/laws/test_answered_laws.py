@@ -59,7 +59,7 @@ def test_a_line_into_a_closed_body_is_answered_whatever_the_pitch(name: str) -> 
     mesh, rng = BODIES[name].mesh, np.random.default_rng(0)
     inside = mesh.centre * 0.98 + 0.02 * on_mesh(mesh, 200, rng)[0]
     if name == "L":
-        inside = inside + (-0.3 * R, -0.3 * R, 0)  # the middle of its box is its inner edge
+        inside = inside - np.array([0.3 * R, 0.3 * R, 0])  # the middle of its box is its inner edge
     for pitch in (0.0, 1e-6 * R, 0.05 * R, 0.3 * R, R, 3 * R):
         for point in inside:
             force = rng.normal(size=3)
@@ -69,9 +69,11 @@ def test_a_line_into_a_closed_body_is_answered_whatever_the_pitch(name: str) -> 
 
 @pytest.mark.parametrize("name", [name for name in CLOSED if not name.startswith("faceted")])
 def test_a_pitched_wrench_has_an_odd_number_of_contacts_on_a_closed_body(name: str) -> None:
-    """Wherever it passes: the shift grows without bound towards the silhouette, so the pressed side, shifted, covers the
-    plane across the force with degree one; an even number is a lost or a doubled contact. Not told at saddle corners of
-    facets: their cone of normals is folded, and what lies on two of its sheets is one candidate.
+    """Wherever it passes; an even number is a lost or a doubled contact.
+
+    The shift grows without bound towards the silhouette, so the pressed side, shifted, covers the plane across the
+    force with degree one. Not told at saddle corners of facets: their cone of normals is folded, and what lies on two
+    of its sheets is one candidate.
     """
     mesh, rng = BODIES[name].mesh, np.random.default_rng(1)
     for pitch in (0.1 * R, 0.3 * R, R):
@@ -103,7 +105,7 @@ def test_a_convex_body_has_exactly_one(name: str) -> None:
 
 @pytest.mark.parametrize("pitch", [0.0, 0.05 * R, 0.3 * R])
 def test_on_a_smooth_body_the_answer_slides_without_a_jump(pitch: float) -> None:
-    """Ten times smaller steps of the wrench make the largest step of the answer ten times smaller; a jump would stay."""
+    """Ten times smaller steps of the wrench make the answer's largest step ten times smaller; a jump would stay."""
     rng = np.random.default_rng(3)
     mesh = BODIES["ellipsoid"].mesh
     body = BODIES["ellipsoid"].analytic

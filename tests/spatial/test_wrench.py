@@ -16,7 +16,7 @@ def some(count: int = 40) -> tuple[Wrench, Pose, np.random.Generator]:
 
 
 def test_the_power_on_a_moving_body_does_not_depend_on_the_frame() -> None:
-    """F . v + M . w, v the velocity of the body's point at the frame's origin: v' = R v - w' x t seen from the target."""
+    """F . v + M . w, v the velocity of the body's point at the frame's origin: in the target v' = R v - w' x t."""
     wrench, pose, rng = some()
     velocity, turning = rng.normal(size=(2, 40, 3))
     power = np.sum(wrench.force * velocity + wrench.torque * turning, axis=1)
@@ -70,5 +70,5 @@ def test_shapes_are_checked_and_values_frozen() -> None:
     for array in (wrench.force, wrench.torque, wrench.covariance):
         with pytest.raises(ValueError, match="read-only"):
             array[...] = 1.0
-    with pytest.raises((ValueError, TypeError), match="shape|torque"):
+    with pytest.raises((ValueError, TypeError), match=r"shape|torque"):
         Wrench(np.zeros((2, 3)), np.zeros(3))

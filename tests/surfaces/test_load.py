@@ -65,7 +65,7 @@ def test_a_region_is_in_metres_whatever_the_unit(tmp_path: Path) -> None:
     path = write(tmp_path / "box.stl")
     upper = Mesh.load(path, unit="mm", region=((-1, -1, 0.4 * R), (1, 1, R)))
     assert len(upper.faces) == 2
-    with pytest.raises(GeometryError, match="box.stl: no facet lies"):
+    with pytest.raises(GeometryError, match=r"box.stl: no facet lies"):
         Mesh.load(path, unit="mm", region=((-1, -1, 0.9), (1, 1, 2)))
 
 
@@ -123,5 +123,5 @@ def test_a_missing_file_an_unknown_suffix_and_an_unknown_unit(tmp_path: Path) ->
     (tmp_path / "mesh").write_bytes(b"1 2 3")
     with pytest.raises(InputError, match="cannot read meshes"):
         Mesh.load(tmp_path / "mesh")
-    with pytest.raises(InputError, match="unknown unit 'feet'. Use one of m, cm"):
+    with pytest.raises(InputError, match=r"unknown unit 'feet'. Use one of m, cm"):
         Mesh.load(write(tmp_path / "box.stl"), unit="feet")

@@ -1,0 +1,187 @@
+"""Every variant on one mesh, in turns, so that a busy moment of the machine falls on all of them alike."""
+
+from __future__ import annotations
+
+import gc
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from numba import njit
+
+import palpate
+from benchmarks import rivals
+from palpate.simulation import BumpySphere, touch_wrenches
+from palpate.surfaces import _bvh
+from palpate.surfaces._patches import FLAT as FACET
+from palpate.surfaces._patches import Patches
+from palpate.surfaces._tree import Tree, build_tree
+
+__all__ = ["FLAT", "FULL", "Batch", "Meshes", "R", "Single", "batches", "singles"]
+
+R = 0.010  # m
+NOISE = [0.02] * 3 + [0.001] * 3
+ROUNDS = 5
+FACETS = "flat kernel, facets only, h/R 0.05"
+FLAT, FULL = "flat kernel, h/R 0.05", "full answer, h/R 0.3"
+
+
+@dataclass
+class Single:
+    """One query at a time, from Python: times [us] of the calls, in turns."""
+
+    name: str
+    times: list[float] = field(default_factory=list)
+
+    def at(self, percent: float) -> float:
+        """A percentile [us]; NaN where it was not run."""
+        return float(np.percentile(self.times, percent)) if self.times else float("nan")
+
+
+@dataclass
+class Batch:
+    """Many queries in one compiled call, one thread: the rates of the rounds [1/s]."""
+
+    name: str
+    rates: list[float] = field(default_factory=list)
+
+    @property
+    def rate(self) -> float:
+        """The median of the rounds; NaN where it was not run."""
+        return float(np.median(self.rates)) if self.rates else float("nan")
+
+
+@njit(cache=True, nogil=True)
+def _search_many(wrenches, soft, tan_limit, nodes, corners, tags, found):  # type: ignore[no-untyped-def]
+    total = 0
+    for i in range(len(wrenches)):
+        total += _bvh.search(wrenches[i], soft, tan_limit, nodes, corners, tags, found)
+    return total
+
+
+def touches(count: int, ratio: float, seed: int = 1) -> np.ndarray:
+    """Wrenches of touches on the analytic bumpy sphere, tan(theta) to 0.5."""
+    body, rng = BumpySphere(R), np.random.default_rng(seed)
+    points = body.sample(count, rng)
+    return touch_wrenches(points, body.normals(points), rng, pitch=ratio * R)
+
+
+class Meshes:
+    """The two meshes of a size, faceted and smooth, their locator, and wrenches in the units each takes."""
+
+    def __init__(self, facets: int) -> None:
+        vertices, faces = BumpySphere(R).mesh(facets)
+        self.flat = palpate.Mesh.from_arrays(vertices, faces, smooth=False)
+        self.smooth = palpate.Mesh.from_arrays(vertices, faces)
+        self.tree = self.flat.tree()
+        self.facets = _facets_only(self.flat)
+        self.locator = palpate.Locator(self.smooth, noise=NOISE, on=0.5, off=0.3)
+
+    def inside(self, wrenches: np.ndarray) -> np.ndarray:
+        """About the tree's centre, in its unit size: what the flat kernel takes."""
+        force, moment = wrenches[:, :3], wrenches[:, 3:]
+        return np.concatenate([force, (moment - np.cross(self.tree.centre, force)) / self.tree.scale], axis=1)
+
+
+def _facets_only(mesh: palpate.Mesh) -> Tree:
+    """A tree without the vertices' fans: what the NumPy forms and embree see, a quarter of the patches."""
+    corners = np.concatenate([mesh.vertices[mesh.faces], mesh.corner_normals], axis=2)
+    count = len(corners)
+    return build_tree(Patches(corners, np.full(count, FACET), np.arange(count)))
+
+
+def singles(meshes: Meshes, queries: int, budget: float) -> list[Single]:
+    """Call by call; `budget` [s] bounds a slow variant's share of a round."""
+    facets = len(meshes.flat.faces)
+    slight, steep = touches(queries, 0.05), touches(queries, 0.3, seed=2)
+    unit, tree, out = meshes.inside(slight), meshes.tree, meshes.locator.empty()
+    found = np.empty((_bvh.CAPACITY + 1, _bvh.CANDIDATE))
+    bare = meshes.facets
+    calls: dict[str, tuple[Callable[..., object], np.ndarray]] = {
+        FLAT: (lambda w: _bvh.search(w, 1.0, 1.0, tree.nodes, tree.corners, tree.tags, found), unit),
+        FACETS: (lambda w: _bvh.search(w, 1.0, 1.0, bare.nodes, bare.corners, bare.tags, found), unit),
+        FULL: (lambda w: meshes.locator(w, out), steep),
+        "NumPy, three products a facet": (rivals.reciprocal_products(meshes.flat), slight),
+        "NumPy, closed form": (rivals.closed_form(meshes.flat), slight),
+    }
+    if facets <= 25_000:
+        calls["4 x 4 solves, batched"] = (rivals.batched_solve(meshes.flat), slight)
+    if facets <= 2_500:
+        calls["4 x 4 solves in a loop (the paper)"] = (rivals.loop_of_solves(meshes.flat), slight)
+    _agree(calls, meshes, found)
+    cast = rivals.embree_scene(meshes.flat)
+    if cast is not None:
+        rays = np.stack(_rays(slight))  # (2, n, 3)
+        calls["embreex, one ray, zero pitch"] = (
+            lambda ray: cast(ray[0], ray[1]),
+            rays.transpose(1, 0, 2)[:, :, None].copy(),
+        )
+    results = {name: Single(name) for name in calls}
+    for turn in range(ROUNDS):
+        for name, (call, arguments) in calls.items():
+            _time(call, np.roll(arguments, -turn * 7, axis=0), budget, results[name].times)
+    return list(results.values())
+
+
+def _time(call: Callable[..., object], arguments: np.ndarray, budget: float, times: list[float]) -> None:
+    """Each call by the clock; the clock itself takes about 0.05 us, which stays in."""
+    ready = list(arguments)
+    call(ready[0])
+    gc.disable()
+    end = time.perf_counter() + budget
+    for argument in ready:
+        begin = time.perf_counter_ns()
+        call(argument)
+        after = time.perf_counter_ns()
+        times.append((after - begin) * 1e-3)
+        if after * 1e-9 > end:
+            break
+    gc.enable()
+
+
+def _agree(calls: dict[str, tuple[Callable[..., object], np.ndarray]], meshes: Meshes, found: np.ndarray) -> None:
+    """All forms must name the same facets, or the comparison is of different things."""
+    search, unit = calls[FLAT]
+    for i in range(20):
+        count = int(search(unit[i]))  # type: ignore[call-overload]
+        rows = found[:count]
+        ours = {int(meshes.tree.tags[int(p), 1]) for p, kind in zip(rows[:, 0], rows[:, 6], strict=True) if kind == 0}
+        for name, (call, wrenches) in calls.items():
+            if name not in (FLAT, FACETS, FULL) and not ours <= set(call(wrenches[i]).tolist()):  # type: ignore[attr-defined]
+                raise RuntimeError(f"{name} and the kernel disagree on wrench {i}")
+
+
+def _rays(wrenches: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The wrench axes as rays from outside, in millimetres; their pitch is left out."""
+    force, moment = wrenches[:, :3], wrenches[:, 3:]
+    along = force / np.linalg.norm(force, axis=1, keepdims=True)
+    origin = np.cross(force, moment) / np.einsum("nk,nk->n", force, force)[:, None] - 3 * R * along
+    return np.ascontiguousarray(origin * 1e3, np.float32), np.ascontiguousarray(along, np.float32)
+
+
+def batches(meshes: Meshes, count: int) -> list[Batch]:
+    """In bulk, one thread each."""
+    level, slight, steep = touches(count, 0.0), touches(count, 0.05), touches(count, 0.3, seed=2)
+    tree, found = meshes.tree, np.empty((_bvh.CAPACITY + 1, _bvh.CANDIDATE))
+    parts = (tree.nodes, tree.corners, tree.tags, found)
+    bare = (meshes.facets.nodes, meshes.facets.corners, meshes.facets.tags, found)
+    unit_level, unit_slight = meshes.inside(level), meshes.inside(slight)
+    calls: dict[str, Callable[[], object]] = {
+        "flat, h = 0": lambda: _search_many(unit_level, 1.0, 1.0, *parts),
+        "flat, h/R 0.05": lambda: _search_many(unit_slight, 1.0, 1.0, *parts),
+        "flat, facets only, h = 0": lambda: _search_many(unit_level, 1.0, 1.0, *bare),
+        "full, h/R 0.3": lambda: meshes.locator.run(steep, sequential=False),
+    }
+    cast = rivals.embree_scene(meshes.flat)
+    if cast is not None:
+        rays = _rays(level)
+        calls["embreex, h = 0"] = lambda: cast(*rays)
+    results = {name: Batch(name) for name in calls}
+    for turn in range(ROUNDS + 1):
+        for name, call in calls.items():
+            begin = time.perf_counter()
+            call()
+            if turn:  # the first only warms up
+                results[name].rates.append(count / (time.perf_counter() - begin))
+    return list(results.values())

@@ -1,0 +1,41 @@
+"""Estimates in another frame are the estimates of the moved body."""
+
+from __future__ import annotations
+
+import numpy as np
+from laws.bodies import BODIES, R, on_mesh
+
+from palpate.contact import Locator
+from palpate.contact.frames import in_frame
+from palpate.simulation.contacts import touch_wrenches
+from palpate.spatial.pose import Pose
+
+
+def test_moving_the_answer_is_moving_the_question() -> None:
+    mesh, rng = BODIES["ellipsoid"].mesh, np.random.default_rng(0)
+    points, normals, _ = on_mesh(mesh, 50, rng)
+    wrenches = touch_wrenches(points, normals, rng, pitch=0.2 * R)
+    wrenches[7] = np.nan
+    noise = np.diag(np.array([0.02] * 3 + [5e-4] * 3) ** 2)
+    move = Pose.from_rotation_vector((0.4, -1.1, 2.0), (0.05, -0.02, 0.11))
+    matrix = move.wrench_matrix()
+    one = in_frame(Locator(mesh, noise=noise).run(wrenches, sequential=False), move)
+    two = Locator(mesh.transformed(move)).run(wrenches @ matrix.T, matrix @ noise @ matrix.T, sequential=False)
+    assert one.status[7] == two.status[7]
+    for name in ("point", "normal", "force", "torque", "residual", "candidates"):
+        # 1e-9 of lengths of centimetres, unit normals turn 50 times faster, forces of 10 N
+        assert np.allclose(getattr(one, name), getattr(two, name), rtol=1e-8, atol=1e-10, equal_nan=True), name
+    assert np.nanmax(np.abs(one.covariance - two.covariance)) < 1e-6 * np.nanmax(two.covariance)
+
+
+def test_a_pose_for_every_sample_and_what_it_leaves_alone() -> None:
+    mesh, rng = BODIES["ellipsoid"].mesh, np.random.default_rng(1)
+    points, normals, _ = on_mesh(mesh, 5, rng)
+    answer = Locator(mesh).run(touch_wrenches(points, normals, rng), sequential=False)
+    poses = Pose.from_rotation_vector(rng.normal(size=(5, 3)), rng.normal(size=(5, 3)))
+    moved = in_frame(answer, poses)
+    for i in range(5):
+        assert np.allclose(moved.point[i], poses.rotation[i] @ answer.point[i] + poses.translation[i], atol=1e-15)
+        assert np.allclose(moved.force[i], poses.rotation[i] @ answer.force[i], atol=1e-14)
+    assert np.array_equal(moved.torque, answer.torque)
+    assert np.array_equal(moved.status, answer.status)
