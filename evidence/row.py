@@ -22,6 +22,10 @@ class Row:
     passed: bool | None
     command: str
 
+    def __post_init__(self) -> None:
+        if self.passed is not None:  # numpy's False is not False
+            object.__setattr__(self, "passed", bool(self.passed))
+
     @property
     def verdict(self) -> str:
         """As the table says it."""
