@@ -1,4 +1,4 @@
-"""Other ways to the same facet contacts: NumPy over all facets at once, the paper's systems, and embree at zero pitch."""
+"""Other ways to the same facet contacts: NumPy over all facets at once, the paper's systems, embree at zero pitch."""
 
 from __future__ import annotations
 

@@ -79,7 +79,7 @@ def _run(arguments: list[str]) -> tuple[int, _Lines]:
     return code, _Lines(line.strip() for line in heard.getvalue().splitlines() if line.strip())
 
 
-# ---------------------------------------------------------------------------------------------------------- the spoiling
+# --- the spoiling
 
 
 def _log(change: Callable[[pl.DataFrame], pl.DataFrame]) -> Callable[[Path], None]:

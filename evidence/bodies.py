@@ -7,7 +7,7 @@ import numpy as np
 import palpate
 from palpate.simulation import Body, BumpySphere, Ellipsoid, Superquadric, contact_wrenches
 
-__all__ = ["BODIES", "BUMPIER", "CONVEX", "R", "SIZES", "curvature", "mesh_of", "path"]
+__all__ = ["BODIES", "BUMPIER", "CONVEX", "SIZES", "R", "curvature", "mesh_of", "path"]
 
 R = 0.010  # m
 BODIES: dict[str, Body] = {
@@ -26,7 +26,7 @@ def mesh_of(body: Body, facets: int, smooth: bool = True) -> palpate.Mesh:
 
 
 def curvature(body: Body, points: np.ndarray) -> np.ndarray:
-    """Gaussian curvature [1/m^2]: the determinant of how the normal turns along two tangents, by central differences."""
+    """Gaussian curvature [1/m^2]: determinant of how the normal turns along two tangents, by differences."""
     normals = body.normals(points)
     first = np.cross(normals, np.eye(3)[np.argmin(np.abs(normals), axis=1)])
     first /= np.linalg.norm(first, axis=1, keepdims=True)

@@ -1,8 +1,9 @@
 """Covariance: does the 95 % ellipse hold the truth 95 times in 100?
 
 Each trial draws its own load and biases, its own free-motion log (24 poses, one noisy reading each, from which
-`identify_payload` makes its own payload model), its own orientation and touch, and one noisy reading of it. Compensation
-carries the payload's covariance. Nothing is filtered out: a trial without an answer counts as one that missed.
+`identify_payload` makes its own payload model), its own orientation and touch, and one noisy reading of it. The noise
+is 0.02 N and 0.001 N m, the lever arm 50 mm. Compensation carries the payload's covariance. Nothing is filtered out: a
+trial without an answer counts as one that missed.
 """
 
 from __future__ import annotations

@@ -101,7 +101,7 @@ def _moved(
 
 
 def _no_jump(count: int) -> Iterator[Row]:
-    """The finger slides over the same path in ever smaller steps: where nothing jumps, the answer's steps shrink alike."""
+    """The finger slides in ever smaller steps: where nothing jumps, the answer's steps shrink alike."""
     steps = (10e-6, 1e-6, 0.1e-6)
     for name, body in {**BODIES, "bumpier sphere (0.4)": BUMPIER}.items():
         mesh = mesh_of(body, 20_000)

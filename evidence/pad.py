@@ -89,7 +89,8 @@ def _path(log: Path, scratch: Path) -> Iterator[Row]:
         for fit, judge in ((slice(0, half), slice(half, None)), (slice(half, None), slice(0, half))):
             judged.append(np.linalg.norm(off[judge] - off[fit].mean(axis=0), axis=1).mean())
         met, name = method == "soft_finger", method.replace("_", " ")
-        text = f"{1e3 * mean:.2f} mm over {len(ought):,} rows, {answered.mean():.1%} answered (the authors' {1e3 * theirs:.2f})"
+        text = f"{1e3 * mean:.2f} mm over {len(ought):,} rows, {answered.mean():.1%} answered"
+        text += f" (the authors' {1e3 * theirs:.2f})"
         passed = bool(mean <= 3.9e-3 and answered.all()) if met else None
         yield Row(
             NAME, f"{name}, all rows with |Fz| > 1.5 N, as recorded: mean error", "<= 3.9 mm", text, passed, COMMAND

@@ -1,12 +1,12 @@
 """Real meshes: touches at the outside of three ultrasound probes, located on the meshes as they come.
 
-Points are uniform in area on facets; *outer* are those whose ray along the normal hits nothing (embree, in millimetres).
+Points are uniform in area on facets; *outer* are those whose ray along the normal hits nothing (embree, millimetres).
 Faceted, the truth is the facet's own point and normal, exactly. With the default crease the truth must not be the model
-that is judged (linear positions, linear normals): each facet is curved into a PN triangle (Vlachos et al. 2001), a cubic
-patch that takes the corners' positions and normals, and the touch is at a point of that. Its normal is taken twice: as
-the quadratic one that belongs to a PN triangle (continuous from facet to facet), and as the cubic's own geometric one,
-which is not continuous and swings by 30 degrees and more on slivers and coarse fillets: the severer of the two. The mesh
-differs from the truth by its chord error; an answer within `NEAR` of the truth counts as it.
+that is judged (linear positions, linear normals): each facet is curved into a PN triangle (Vlachos et al. 2001), a
+cubic patch that takes the corners' positions and normals, and the touch is at a point of that. Its normal is taken
+twice: as the quadratic one that belongs to a PN triangle (continuous from facet to facet), and as the cubic's own
+geometric one, which is not continuous and swings by 30 degrees and more on slivers and coarse fillets: the severer of
+the two. The mesh differs from the truth by its chord error; an answer within `NEAR` of the truth counts as it.
 """
 
 from __future__ import annotations
@@ -66,7 +66,8 @@ def _judge(probe: str, mesh: palpate.Mesh, kind: str, count: int) -> Iterator[Ro
     got = f"{among.mean():.2%} (within {limit * 1e6:g} um)"
     if mesh.crease > 0:
         shift = np.linalg.norm(points - _flat(mesh, points, facets), axis=1)
-        got += f"; median error {1e6 * np.median(error):.0f} um, truth off the mesh by {1e6 * np.percentile(shift, 99):.0f} um (99 %)"
+        got += f"; median error {1e6 * np.median(error):.0f} um"
+        got += f", truth off the mesh by {1e6 * np.percentile(shift, 99):.0f} um (99 %)"
     yield Row(NAME, what, ">= 99 %", got, among.mean() >= 0.99, COMMAND)
     got = f"{first.mean():.2%}"
     if not first.all():
@@ -125,7 +126,7 @@ def _curved(
 
 
 def _pn_normals(p: np.ndarray, n: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """The quadratic of Vlachos et al. 2001: midway along an edge the mean normal, mirrored in the edge's middle plane."""
+    """The quadratic of Vlachos et al. 2001: midway along an edge, the mean normal mirrored in its middle plane."""
     out = sum(b[:, i, None] ** 2 * n[:, i] for i in range(3))
     for i, j in ((0, 1), (1, 2), (2, 0)):
         edge, both = p[:, j] - p[:, i], n[:, i] + n[:, j]

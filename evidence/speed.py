@@ -1,4 +1,4 @@
-"""Speed: what `make bench` measures, held against the targets. It depends on the machine and on what else runs there."""
+"""Speed: what `make bench` measures, held against the targets. It depends on the machine and on what else runs."""
 
 from __future__ import annotations
 
