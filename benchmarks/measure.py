@@ -53,10 +53,10 @@ class Batch:
 
 
 @njit(cache=True, nogil=True)
-def _search_many(wrenches, soft, tan_limit, nodes, corners, tags, found):  # type: ignore[no-untyped-def]
+def _search_many(wrenches, soft, tan_limit, nodes, corners, found):  # type: ignore[no-untyped-def]
     total = 0
     for i in range(len(wrenches)):
-        total += _bvh.search(wrenches[i], soft, tan_limit, nodes, corners, tags, found)
+        total += _bvh.search(wrenches[i], soft, tan_limit, nodes, corners, found)
     return total
 
 
@@ -99,8 +99,8 @@ def singles(meshes: Meshes, queries: int, budget: float) -> list[Single]:
     found = np.empty((_bvh.CAPACITY + 1, _bvh.CANDIDATE))
     bare = meshes.facets
     calls: dict[str, tuple[Callable[..., object], np.ndarray]] = {
-        FLAT: (lambda w: _bvh.search(w, 1.0, 1.0, tree.nodes, tree.corners, tree.tags, found), unit),
-        FACETS: (lambda w: _bvh.search(w, 1.0, 1.0, bare.nodes, bare.corners, bare.tags, found), unit),
+        FLAT: (lambda w: _bvh.search(w, 1.0, 1.0, tree.nodes, tree.corners, found), unit),
+        FACETS: (lambda w: _bvh.search(w, 1.0, 1.0, bare.nodes, bare.corners, found), unit),
         FULL: (lambda w: meshes.locator(w, out), steep),
         "NumPy, three products a facet": (rivals.reciprocal_products(meshes.flat), slight),
         "NumPy, closed form": (rivals.closed_form(meshes.flat), slight),
@@ -146,7 +146,11 @@ def _agree(calls: dict[str, tuple[Callable[..., object], np.ndarray]], meshes: M
     for i in range(20):
         count = int(search(unit[i]))  # type: ignore[call-overload]
         rows = found[:count]
-        ours = {int(meshes.tree.tags[int(p), 1]) for p, kind in zip(rows[:, 0], rows[:, 6], strict=True) if kind == 0}
+        ours = {
+            int(meshes.tree.corners[int(p), _bvh.FACET])
+            for p, kind in zip(rows[:, 0], rows[:, 6], strict=True)
+            if kind == 0
+        }
         for name, (call, wrenches) in calls.items():
             if name not in (FLAT, FACETS, FULL) and not ours <= set(call(wrenches[i]).tolist()):  # type: ignore[attr-defined]
                 raise RuntimeError(f"{name} and the kernel disagree on wrench {i}")
@@ -164,8 +168,8 @@ def batches(meshes: Meshes, count: int) -> list[Batch]:
     """In bulk, one thread each."""
     level, slight, steep = touches(count, 0.0), touches(count, 0.05), touches(count, 0.3, seed=2)
     tree, found = meshes.tree, np.empty((_bvh.CAPACITY + 1, _bvh.CANDIDATE))
-    parts = (tree.nodes, tree.corners, tree.tags, found)
-    bare = (meshes.facets.nodes, meshes.facets.corners, meshes.facets.tags, found)
+    parts = (tree.nodes, tree.corners, found)
+    bare = (meshes.facets.nodes, meshes.facets.corners, found)
     unit_level, unit_slight = meshes.inside(level), meshes.inside(slight)
     calls: dict[str, Callable[[], object]] = {
         "flat, h = 0": lambda: _search_many(unit_level, 1.0, 1.0, *parts),

@@ -35,13 +35,13 @@ def random_wrench(rng: np.random.Generator, pitch: float) -> np.ndarray:
 def searched(wrench: np.ndarray, mesh: Mesh, soft: float = 1.0, limit: float = np.inf) -> np.ndarray:
     tree = mesh.tree()
     found = np.zeros((_bvh.CAPACITY + 1, _bvh.CANDIDATE))
-    count = _bvh.search(wrench, soft, limit, tree.nodes, tree.corners, tree.tags, found)
+    count = _bvh.search(wrench, soft, limit, tree.nodes, tree.corners, found)
     return found[:count, 8:14]
 
 
 def placed(rows: np.ndarray, corners: np.ndarray) -> np.ndarray:
     """Position and unit normal of the oracle's rows."""
-    both = np.einsum("ni,nik->nk", rows[:, 1:4], corners[rows[:, 0].astype(int)].reshape(-1, 3, 6))
+    both = np.einsum("ni,nik->nk", rows[:, 1:4], corners[rows[:, 0].astype(int), :18].reshape(-1, 3, 6))
     both[:, 3:] /= np.linalg.norm(both[:, 3:], axis=1, keepdims=True)
     return both
 

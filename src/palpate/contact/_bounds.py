@@ -117,7 +117,7 @@ def _metric(a, b, inverse):
 
 
 @inner
-def distance_to_bounds(wrench, noise, nodes, corners, tags, settings, first, place):
+def distance_to_bounds(wrench, noise, nodes, corners, settings, first, place):
     """Distance in the metric of `noise` from a wrench to the nearest that a contact within the bounds can make.
 
     Where the point lies is a function of the wrench, so the bounds are two functions g(W), and the nearest W' with
@@ -137,7 +137,7 @@ def distance_to_bounds(wrench, noise, nodes, corners, tags, settings, first, pla
     for step in range(_STEPS):
         if step > 0:
             to_unit(current, settings, unit)
-            count = search(unit, settings[SOFT], 0.5 + 2.0 * candidate[4], nodes, corners, tags, found)
+            count = search(unit, settings[SOFT], 0.5 + 2.0 * candidate[4], nodes, corners, found)
             if count == 0:
                 break
             chosen = 0

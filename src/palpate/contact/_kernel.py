@@ -105,7 +105,7 @@ def _gate(wrench, settings, state):
 
 
 @entry
-def estimate(wrench, noise, nodes, corners, tags, settings, state, row):
+def estimate(wrench, noise, nodes, corners, settings, state, row):
     """One wrench (6,) with covariance (6, 6) in the surface's frame to one row of `estimate.ROW`."""
     row[:] = np.nan
     row[_CANDIDATES] = 0.0
@@ -119,12 +119,12 @@ def estimate(wrench, noise, nodes, corners, tags, settings, state, row):
         return
     unit, found = np.empty(6), np.empty((CAPACITY + 1, CANDIDATE))
     to_unit(wrench, settings, unit)
-    count = search(unit, settings[SOFT], settings[FRICTION], nodes, corners, tags, found)
+    count = search(unit, settings[SOFT], settings[FRICTION], nodes, corners, found)
     if count == 0:
-        count = search(unit, settings[SOFT], np.inf, nodes, corners, tags, found)
+        count = search(unit, settings[SOFT], np.inf, nodes, corners, found)
     noisy = settings[NOISY] == 1.0
     if count == 0:
-        _off_surface(wrench, unit, noise, nodes, corners, tags, settings, noisy, found, row)
+        _off_surface(wrench, unit, noise, nodes, corners, settings, noisy, found, row)
         return
     places, torques = np.empty((count, 6)), np.empty(count)
     best, plausible = _choose(wrench, settings, state, found, count, places, torques)
@@ -146,7 +146,7 @@ def estimate(wrench, noise, nodes, corners, tags, settings, state, row):
     if plausible == 0:
         row[_STATUS] = _IMPLAUSIBLE
         if noisy:
-            row[_RESIDUAL] = distance_to_bounds(wrench, noise, nodes, corners, tags, settings, found[best], place)
+            row[_RESIDUAL] = distance_to_bounds(wrench, noise, nodes, corners, settings, found[best], place)
         return
     row[_RESIDUAL] = 0.0
     if plausible > 1 and _ambiguous(found, places, count, best, t, spread, noisy):
@@ -156,10 +156,10 @@ def estimate(wrench, noise, nodes, corners, tags, settings, state, row):
 
 
 @inner
-def _off_surface(wrench, unit, noise, nodes, corners, tags, settings, noisy, found, row):
+def _off_surface(wrench, unit, noise, nodes, corners, settings, noisy, found, row):
     """No patch can make this wrench: give the nearest point, flagged."""
     row[_STATUS] = _OFF_SURFACE
-    if nearest_to_axis(unit, nodes, corners, tags, found[0]) == np.inf:
+    if nearest_to_axis(unit, nodes, corners, found[0]) == np.inf:
         return
     to_metres(found[0], settings, row[:6])
     if noisy:
@@ -167,7 +167,7 @@ def _off_surface(wrench, unit, noise, nodes, corners, tags, settings, noisy, fou
 
 
 @entry
-def estimate_many(wrenches, noises, forced, nodes, corners, tags, settings, state, sequential, rows):
+def estimate_many(wrenches, noises, forced, nodes, corners, settings, state, sequential, rows):
     """`estimate` over (n, 6). noises is (n, 6, 6) or (1, 6, 6); forced (n,) >= 0 is a status known beforehand.
 
     In sequence the hysteresis and the previous contact go from sample to sample; otherwise each starts from `state`.
@@ -182,4 +182,4 @@ def estimate_many(wrenches, noises, forced, nodes, corners, tags, settings, stat
             rows[i, _STATUS] = forced[i]
             continue
         noise = noises[i] if len(noises) > 1 else noises[0]
-        estimate(wrenches[i], noise, nodes, corners, tags, settings, state, rows[i])
+        estimate(wrenches[i], noise, nodes, corners, settings, state, rows[i])

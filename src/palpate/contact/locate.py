@@ -78,7 +78,7 @@ class Locator:
         self.noise = None if noise is None else noise_covariance(noise)
         self.on, self.off = _thresholds(self.noise, on, off)
         tree = surface.tree()
-        self._tree = (tree.nodes, tree.corners, tree.tags)
+        self._tree = (tree.nodes, tree.corners)
         soft, noisy = float(method == "soft_finger"), float(self.noise is not None)
         self._settings = np.array(
             [*tree.centre, tree.scale, soft, self.friction, self.torsion, self.on, self.off, noisy]

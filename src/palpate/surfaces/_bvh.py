@@ -14,14 +14,29 @@ import numpy as np
 from palpate.surfaces._jit import entry, inlined, inner
 from palpate.surfaces._patch import solve_flat, solve_patch
 
-__all__ = ["CANDIDATE", "CAPACITY", "STACK", "axis_view", "build", "node_may_hit", "search", "search_reference"]
+__all__ = [
+    "CANDIDATE",
+    "CAPACITY",
+    "FACET",
+    "KIND",
+    "STACK",
+    "WIDTH",
+    "axis_view",
+    "build",
+    "search",
+    "search_reference",
+    "start_view",
+    "test_children",
+]
 
 CAPACITY = 16  # candidates kept a query; the ones nearest to the force stay
 CANDIDATE = 14  # numbers a candidate, as `search` says
-STACK = 128  # of a walk down the tree: twice its depth, which is 23 at most
-_LEAF = 4
+KIND, FACET = 18, 19  # behind the three corners of a patch
+STACK = 128  # of a walk down the tree: seven a level, of which there are 8 at most
+LEAF = 4
+WIDTH = 8  # children of a node
 _SLACK = 1e-9  # how far a box test may err, in unit size
-_ROUNDING = 4e-7  # of the float32 in which the nodes are kept
+ROUNDING = 1e-6  # of the float32 in which nodes are kept and tested
 
 
 @inner
@@ -49,8 +64,8 @@ def _select(keys, order, low, high, middle):
 
 
 @inner
-def _fill_node(node, corners, order, low, high):
-    """Box and cone of the patches order[low:high]."""
+def _fill_child(node, child, corners, order, low, high):
+    """Box and cone of the patches order[low:high], into one column of a node."""
     box_low, box_high, axis = np.full(3, np.inf), np.full(3, -np.inf), np.zeros(3)
     for at in range(low, high):
         for i in range(3):
@@ -68,19 +83,43 @@ def _fill_node(node, corners, order, low, high):
             for i in range(3):
                 n = corners[order[at], i]
                 cosine = min(cosine, axis[0] * n[3] + axis[1] * n[4] + axis[2] * n[5])
-    for k in range(3):  # float32 rounds by 6e-8 of the unit size: every bound is widened by more than that
-        node[k] = 0.5 * (box_low[k] + box_high[k])
-        node[3 + k] = 0.5 * (box_high[k] - box_low[k]) * (1.0 + 1e-6) + _ROUNDING
-        node[6 + k] = axis[k]
-    cosine = max(-1.0, cosine - _ROUNDING)
-    node[9] = cosine
-    node[12] = (1.0 - cosine * cosine) * (1.0 + 1e-6)
-    node[13] = np.sqrt(1.0 - cosine * cosine) * max(0.0, cosine) * (1.0 + 1e-6)
+    for k in range(3):
+        node[k, child] = 0.5 * (box_low[k] + box_high[k])
+        node[3 + k, child] = 0.5 * (box_high[k] - box_low[k]) + ROUNDING
+        node[6 + k, child] = axis[k]
+    cosine = max(-1.0, cosine - ROUNDING)
+    node[9, child] = cosine
+    node[12, child] = 1.0 - cosine * cosine
+    node[13, child] = np.sqrt(1.0 - cosine * cosine) * max(0.0, cosine)
+
+
+@inner
+def _split(middles, order, ends):
+    """Halve each range of order between `ends` at the median of its longest side; ends (WIDTH + 1,) grows in place."""
+    parts = 1
+    while parts < WIDTH:
+        for part in range(parts - 1, -1, -1):
+            low, high = ends[part], ends[part + 1]
+            ends[2 * part + 2] = high
+            ends[2 * part] = low
+            ends[2 * part + 1] = high
+            if high - low <= LEAF:
+                continue
+            widest, longest = 0, -1.0
+            for k in range(3):
+                least, most = np.inf, -np.inf
+                for at in range(low, high):
+                    least, most = min(least, middles[k, order[at]]), max(most, middles[k, order[at]])
+                if most - least > longest:
+                    widest, longest = k, most - least
+            ends[2 * part + 1] = (low + high) // 2
+            _select(middles[widest], order, low, high, (low + high) // 2)
+        parts *= 2
 
 
 @entry
 def build(corners, nodes):
-    """Fill `nodes` (2 m + 2, 16), zeros, as `Tree` describes them; the order of the patches and how many nodes."""
+    """Fill `nodes`, as `Tree` describes them; the order of the patches and how many nodes."""
     count = len(corners)
     order = np.arange(count)
     middles = np.empty((3, count))
@@ -89,71 +128,82 @@ def build(corners, nodes):
             middles[k, m] = corners[m, 0, k] + corners[m, 1, k] + corners[m, 2, k]
     pending = np.empty((STACK, 3), dtype=np.int64)  # low, high, node
     pending[0] = (0, count, 0)
-    depth, used = 1, 2  # node 1 is left empty, so that a pair of children shares its two cache lines with nothing else
+    ends = np.empty(WIDTH + 1, dtype=np.int64)
+    depth, used = 1, 1
     while depth > 0:
         depth -= 1
         low, high, at = pending[depth]
         node = nodes[at]
-        _fill_node(node, corners, order, low, high)
-        if high - low <= _LEAF:
-            node[10], node[11] = low, high - low
-            continue
-        widest = 0
-        for k in range(1, 3):
-            if node[3 + k] > node[3 + widest]:
-                widest = k
-        middle = (low + high) // 2
-        _select(middles[widest], order, low, high, middle)
-        node[10] = used
-        pending[depth] = (middle, high, used + 1)
-        pending[depth + 1] = (low, middle, used)
-        depth += 2
-        used += 2
+        ends[0], ends[1] = low, high
+        _split(middles, order, ends)
+        for child in range(WIDTH):
+            low, high = ends[child], ends[child + 1]
+            node[:, child] = 0.0
+            node[11, child] = -1.0
+            if high == low:
+                continue
+            _fill_child(node, child, corners, order, low, high)
+            if high - low <= LEAF:
+                node[10, child], node[11, child] = low, high - low
+                continue
+            node[10, child], node[11, child] = used, 0.0
+            pending[depth] = (low, high, used)
+            depth += 1
+            used += 1
     return order, used
 
 
-@inlined
-def node_may_hit(nodes, at, fx, fy, fz, gx, gy, gz, px, py, pz, pitch, cos_limit, reach, wider):
-    """Can a node hold a contact whose friction angle has at least this cosine?
+@inner
+def start_view(f, point, pitch, tan_limit, view):
+    """For `test_children`: f 0-2, |f| 3-5, a point of the axis 6-8, pitch 9, cos of limit 10, reach 11, wider 12."""
+    for k in range(3):
+        view[k], view[3 + k], view[6 + k] = f[k], abs(f[k]), point[k]
+    view[9], view[12] = pitch, 0.0
+    view[10] = 0.0 if tan_limit == np.inf else 1.0 / np.sqrt(1.0 + tan_limit * tan_limit)
+    view[11] = 0.0 if pitch == 0.0 else abs(pitch) * tan_limit
 
-    (px, py, pz) is a point of the wrench axis and g = |f|; reach = |pitch| tan(theta_max) bounds any shift; the box
-    grows by `wider`. First the box, widened by the reach; then the cone against the limit; then, where the reach
-    matters, the box against the axis as the cone shifts it. The order is that of the cheapest way to say no.
+
+@inlined
+def test_children(node, view):
+    """Which children of a node can hold a contact, one bit each.
+
+    view (float32) is what `start_view` wrote. There are no branches and nothing is stored, so that the compiler tests
+    several children at once. The cone is held against the limit, and the box against the axis: moved to the middle of
+    the conic section in which the shifts -pitch (f x n)/(f . n) of a cone of normals lie, and widened by its radius, or
+    by the reach |pitch| tan(theta_max) where that is less.
     """
-    dx, dy, dz = nodes[at, 0] - px, nodes[at, 1] - py, nodes[at, 2] - pz
-    hx, hy, hz = nodes[at, 3] + wider, nodes[at, 4] + wider, nodes[at, 5] + wider
-    # A line and a box are apart if and only if they are along f x (an axis of the box).
-    if abs(dy * fz - dz * fy) > (hy + reach) * gz + (hz + reach) * gy:
-        return False
-    if abs(dz * fx - dx * fz) > (hz + reach) * gx + (hx + reach) * gz:
-        return False
-    if abs(dx * fy - dy * fx) > (hx + reach) * gy + (hy + reach) * gx:
-        return False
-    ax, ay, az, cos_a = nodes[at, 6], nodes[at, 7], nodes[at, 8], nodes[at, 9]
-    if cos_a <= 0.0:
-        return True
-    sin_a2 = nodes[at, 12]
-    cos_t = -(fx * ax + fy * ay + fz * az)
-    short = cos_limit - cos_t * cos_a
-    square = cos_t * cos_t
-    if cos_t < cos_a and short > 0.0 and short * short > (1.0 - square) * sin_a2:
-        return False  # the cone is turned from the force by more than the limit
-    gap = square - sin_a2
-    if 20.0 * reach < hx + hy + hz or cos_t <= 0.0 or gap <= 1e-9:
-        return True
-    factor = pitch / gap
-    radius = abs(factor) * nodes[at, 13]
-    if radius >= reach:
-        return True
-    factor *= cos_t  # the middle of the conic section in which -pitch (f x n)/(f . n) lies
-    dx -= factor * (fy * az - fz * ay)
-    dy -= factor * (fz * ax - fx * az)
-    dz -= factor * (fx * ay - fy * ax)
-    return (
-        abs(dy * fz - dz * fy) <= (hy + radius) * gz + (hz + radius) * gy
-        and abs(dz * fx - dx * fz) <= (hz + radius) * gx + (hx + radius) * gz
-        and abs(dx * fy - dy * fx) <= (hx + radius) * gy + (hy + radius) * gx
-    )
+    fx, fy, fz, gx, gy, gz = view[0], view[1], view[2], view[3], view[4], view[5]
+    px, py, pz, pitch, cos_limit, reach, wider = view[6], view[7], view[8], view[9], view[10], view[11], view[12]
+    zero, one, tiny = np.float32(0.0), np.float32(1.0), np.float32(0.04)
+    slack, rounding = np.float32(1e-5), np.float32(2e-6)
+    mask = np.int32(0)
+    for i in range(WIDTH):
+        ax, ay, az = node[6, i], node[7, i], node[8, i]
+        cos_a, sin_a2 = node[9, i], node[12, i]
+        cos_t = -(fx * ax + fy * ay + fz * az)
+        square = cos_t * cos_t
+        short = cos_limit - cos_t * cos_a - rounding
+        away = (cos_a > zero) & (cos_t < cos_a) & (short > zero) & (short * short > (one - square) * sin_a2 + rounding)
+        gap = square - sin_a2
+        fair = (cos_a > zero) & (cos_t > zero) & (gap > tiny)
+        factor = pitch / (gap if fair else one)
+        disc = abs(factor) * node[13, i]
+        moved = fair & (disc < reach)
+        factor = factor * cos_t if moved else zero
+        radius = disc if moved else reach
+        radius = radius + slack * (radius + abs(factor)) + rounding + wider
+        dx = node[0, i] - px - factor * (fy * az - fz * ay)
+        dy = node[1, i] - py - factor * (fz * ax - fx * az)
+        dz = node[2, i] - pz - factor * (fx * ay - fy * ax)
+        hx, hy, hz = node[3, i] + radius, node[4, i] + radius, node[5, i] + radius
+        # A line and a box are apart if and only if they are along f x (an axis of the box).
+        apart = (
+            (abs(dy * fz - dz * fy) > hy * gz + hz * gy)
+            | (abs(dz * fx - dx * fz) > hz * gx + hx * gz)
+            | (abs(dx * fy - dy * fx) > hx * gy + hy * gx)
+        )
+        mask |= np.int32(0 if (away | apart) else 1) << np.int32(i)
+    return mask
 
 
 @inner
@@ -207,7 +257,7 @@ def _keep(found, count, capacity, patch, b, kind, corners, fx, fy, fz, tan_limit
 
 
 @entry
-def search(wrench, soft, tan_limit, nodes, corners, tags, found):
+def search(wrench, soft, tan_limit, nodes, corners, found):
     """Every contact that a wrench can have on the patches.
 
     Args:
@@ -216,7 +266,6 @@ def search(wrench, soft, tan_limit, nodes, corners, tags, found):
         tan_limit: largest tan(theta) wanted; inf for all that press.
         nodes: of the tree.
         corners: of the tree.
-        tags: of the tree.
         found: (CAPACITY + 1, CANDIDATE) to write into; its last row is scratch.
 
     Returns:
@@ -226,23 +275,22 @@ def search(wrench, soft, tan_limit, nodes, corners, tags, found):
     capacity = len(found) - 1
     (fx, fy, fz), (ux, uy, uz), (vx, vy, vz), (px, py, pz), pitch = axis_view(wrench)
     pitch *= soft
-    gx, gy, gz = abs(fx), abs(fy), abs(fz)
     qu, qv = ux * px + uy * py + uz * pz, vx * px + vy * py + vz * pz
-    cos_limit = -1e-12 if tan_limit == np.inf else 1.0 / np.sqrt(1.0 + tan_limit * tan_limit) - 1e-12
-    reach = 0.0 if pitch == 0.0 else abs(pitch) * tan_limit
+    view = np.empty(13, dtype=np.float32)
+    start_view((fx, fy, fz), (px, py, pz), pitch, tan_limit, view)
     out = np.empty((4, 3))
-    pending = np.empty(STACK, dtype=np.int64)
-    pending[0] = 0
+    pending = np.empty((STACK, 2), dtype=np.int64)  # first and size, as in a node
+    pending[0, 0], pending[0, 1] = 0, 0
     depth, count = 1, 0
     while depth > 0:
         depth -= 1
-        at = pending[depth]
-        if not node_may_hit(nodes, at, fx, fy, fz, gx, gy, gz, px, py, pz, pitch, cos_limit, reach, 0.0):
-            continue
-        first, size = int(nodes[at, 10]), int(nodes[at, 11])
+        first, size = pending[depth, 0], pending[depth, 1]
         if size == 0:
-            pending[depth], pending[depth + 1] = first + 1, first
-            depth += 2
+            mask = test_children(nodes[first], view)
+            for i in range(WIDTH):
+                if (mask >> i) & 1 and nodes[first, 11, i] >= 0.0:
+                    pending[depth, 0], pending[depth, 1] = int(nodes[first, 10, i]), int(nodes[first, 11, i])
+                    depth += 1
             continue
         for patch in range(first, first + size):
             n0x, n0y, n0z = corners[patch, 3], corners[patch, 4], corners[patch, 5]
@@ -250,12 +298,12 @@ def search(wrench, soft, tan_limit, nodes, corners, tags, found):
             x0, y0, z0 = corners[patch, 0], corners[patch, 1], corners[patch, 2]
             x1, y1, z1 = corners[patch, 6], corners[patch, 7], corners[patch, 8]
             x2, y2, z2 = corners[patch, 12], corners[patch, 13], corners[patch, 14]
-            kind = tags[patch, 0]
+            kind = corners[patch, KIND]
             q0, r0 = ux * x0 + uy * y0 + uz * z0 - qu, vx * x0 + vy * y0 + vz * z0 - qv
             q1, r1 = ux * x1 + uy * y1 + uz * z1 - qu, vx * x1 + vy * y1 + vz * z1 - qv
             q2, r2 = ux * x2 + uy * y2 + uz * z2 - qu, vx * x2 + vy * y2 + vz * z2 - qv
             g0, h0 = -(vx * n0x + vy * n0y + vz * n0z), ux * n0x + uy * n0y + uz * n0z  # e . (f x n)
-            if kind == 0:
+            if kind == 0.0:
                 if c0 >= 0.0:
                     continue
                 solved = solve_flat(q0, r0, q1, r1, q2, r2, pitch * g0 / c0, pitch * h0 / c0, out)
@@ -298,7 +346,7 @@ def search_reference(wrench, pitch_used, tan_limit, corners):
     e2 = np.cross(f, e1)
     rows = []
     for patch, row in enumerate(corners):
-        points, normals = row.reshape(3, 6)[:, :3], row.reshape(3, 6)[:, 3:]
+        points, normals = row[:18].reshape(3, 6)[:, :3], row[:18].reshape(3, 6)[:, 3:]
         c = normals @ f
         if np.all(c >= 0):
             continue

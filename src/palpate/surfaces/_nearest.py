@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from palpate.surfaces._bvh import STACK, axis_view, node_may_hit
+from palpate.surfaces._bvh import KIND, STACK, WIDTH, axis_view, start_view, test_children
 from palpate.surfaces._jit import entry, inner
 
 __all__ = ["nearest_to_axis", "nearest_to_point"]
@@ -35,32 +35,33 @@ def _origin_to_triangle(q, out):
 
 
 @entry
-def nearest_to_axis(wrench, nodes, corners, tags, found):
+def nearest_to_axis(wrench, nodes, corners, found):
     """The point nearest to the wrench axis, on a facet that faces the force.
 
     Writes it as a row of `search` into found (CANDIDATE,); returns the distance, or inf when no facet faces the force.
     Nearest to the axis is nearest in the metric of a wrench whose torque noise is the same in all directions.
     """
     (fx, fy, fz), (ux, uy, uz), (vx, vy, vz), (px, py, pz), _ = axis_view(wrench)
-    gx, gy, gz = abs(fx), abs(fy), abs(fz)
+    view = np.empty(13, dtype=np.float32)
+    start_view((fx, fy, fz), (px, py, pz), 0.0, np.inf, view)
     q, b = np.empty((3, 2)), np.empty(3)
-    pending = np.empty(STACK, dtype=np.int64)
-    pending[0] = 0
+    pending = np.empty((STACK, 2), dtype=np.int64)
+    pending[0, 0], pending[0, 1] = 0, 0
     depth, best = 1, np.inf
     while depth > 0:
         depth -= 1
-        at = pending[depth]
-        reach = np.sqrt(best)
-        if reach < np.inf and not node_may_hit(nodes, at, fx, fy, fz, gx, gy, gz, px, py, pz, 0.0, -1e-12, 0.0, reach):
-            continue
-        first, size = int(nodes[at, 10]), int(nodes[at, 11])
+        first, size = pending[depth, 0], pending[depth, 1]
         if size == 0:
-            pending[depth], pending[depth + 1] = first + 1, first
-            depth += 2
+            view[12] = np.sqrt(best)
+            mask = test_children(nodes[first], view)
+            for i in range(WIDTH):
+                if (mask >> i) & 1 and nodes[first, 11, i] >= 0.0:
+                    pending[depth, 0], pending[depth, 1] = int(nodes[first, 10, i]), int(nodes[first, 11, i])
+                    depth += 1
             continue
         for patch in range(first, first + size):
             row = corners[patch]
-            if tags[patch, 0] > 1 or fx * _sum(row, 3) + fy * _sum(row, 4) + fz * _sum(row, 5) >= 0.0:
+            if corners[patch, KIND] > 1.0 or fx * _sum(row, 3) + fy * _sum(row, 4) + fz * _sum(row, 5) >= 0.0:
                 continue
             for i in range(3):
                 x, y, z = row[6 * i] - px, row[6 * i + 1] - py, row[6 * i + 2] - pz
@@ -115,33 +116,37 @@ def _point_to_triangle(row, point, out):
 
 
 @entry
-def nearest_to_point(points, nodes, corners, tags, found):
+def nearest_to_point(points, nodes, corners, found):
     """For each point (n, 3), in unit size, the nearest point of the facets: patch, b0, b1, b2 into found (n, 4)."""
     bary = np.empty(3)
-    pending = np.empty(STACK, dtype=np.int64)
+    pending = np.empty((STACK, 2), dtype=np.int64)
     gaps = np.empty(STACK)
     for n in range(len(points)):
         point = points[n]
-        pending[0], gaps[0] = 0, 0.0
+        pending[0, 0], pending[0, 1], gaps[0] = 0, 0, 0.0
         depth, best = 1, np.inf
         while depth > 0:
             depth -= 1
             if gaps[depth] >= best:
                 continue
-            at = pending[depth]
-            node = nodes[at]
-            if node[11] == 0.0:
-                left, right = int(node[10]), int(node[10]) + 1
-                gap_left, gap_right = _gap(nodes[left], point), _gap(nodes[right], point)
-                if gap_left < gap_right:
-                    left, right, gap_left, gap_right = right, left, gap_right, gap_left
-                pending[depth], gaps[depth] = left, gap_left
-                pending[depth + 1], gaps[depth + 1] = right, gap_right
-                depth += 2
+            first, size = pending[depth, 0], pending[depth, 1]
+            if size == 0:
+                begin, closest = depth, depth
+                for i in range(WIDTH):
+                    gap = _gap(nodes[first], i, point)
+                    if nodes[first, 11, i] >= 0.0 and gap < best:
+                        pending[depth, 0], pending[depth, 1] = int(nodes[first, 10, i]), int(nodes[first, 11, i])
+                        gaps[depth] = gap
+                        if gap < gaps[closest]:
+                            closest = depth
+                        depth += 1
+                if depth > begin:  # the closest child is looked into first
+                    for k in range(2):
+                        pending[closest, k], pending[depth - 1, k] = pending[depth - 1, k], pending[closest, k]
+                    gaps[closest], gaps[depth - 1] = gaps[depth - 1], gaps[closest]
                 continue
-            first = int(node[10])
-            for patch in range(first, first + int(node[11])):
-                if tags[patch, 0] > 1:
+            for patch in range(first, first + size):
+                if corners[patch, KIND] > 1.0:
                     continue
                 square = _point_to_triangle(corners[patch], point, bary)
                 if square < best:
@@ -150,11 +155,11 @@ def nearest_to_point(points, nodes, corners, tags, found):
 
 
 @inner
-def _gap(node, point):
-    """Squared distance from a point to a node's box."""
+def _gap(node, child, point):
+    """Squared distance from a point to a child's box."""
     total = 0.0
     for k in range(3):
-        beyond = abs(point[k] - node[k]) - node[3 + k]
+        beyond = abs(point[k] - node[k, child]) - node[3 + k, child]
         if beyond > 0.0:
             total += beyond * beyond
     return total

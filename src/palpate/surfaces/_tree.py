@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Float32, Int
+from jaxtyping import Float, Float32
 
 from palpate.errors import GeometryError
 from palpate.surfaces._patches import Patches
@@ -17,28 +17,26 @@ _MOST = 2**23  # patch and node numbers must be exact in float32
 
 @dataclass(frozen=True)
 class Tree:
-    """A bounding-volume hierarchy as three arrays, which is what the compiled loops read.
+    """A bounding-volume hierarchy as two arrays, which is what the compiled loops read.
 
     Lengths inside are (p - centre) / scale: at metre scale, closest-point and ray routines lose digits (kernels.md).
 
     Attributes:
-        nodes: (n, 16) float32, aligned: box centre 0-2 and half extents 3-5; axis of the cone of normals 6-8, cos of
-            its half-angle 9, sin^2 12 and sin cos 13; the first of two children, which lie side by side, or the first
-            patch of a leaf 10; how many patches, 0 for an inner node, 11. A node is one cache line.
-        corners: (m, 18): per corner position and unit normal, patches in the order of the leaves.
-        tags: (m, 2): kind of patch and facet.
+        nodes: (n, 14, 8) float32, a column a child, so that one instruction serves several: box centre 0-2 and half
+            extents 3-5; axis of the cone of normals 6-8, cos of its half-angle 9, sin^2 12 and sin cos 13; first 10 and
+            how many 11: patches of a leaf, or the number of an inner node and 0; -1 where there is no child.
+        corners: (m, 20): per corner position and unit normal, then kind and facet; patches in the order of the leaves.
         centre: (3,) [m]; scale [m].
     """
 
-    nodes: Float32[np.ndarray, "n 16"]
-    corners: Float[np.ndarray, "m 18"]
-    tags: Int[np.ndarray, "m 2"]
+    nodes: Float32[np.ndarray, "n 14 8"]
+    corners: Float[np.ndarray, "m 20"]
     centre: Float[np.ndarray, "3"]
     scale: float
 
 
 def build_tree(patches: Patches) -> Tree:
-    """Build the tree: median splits along the longest side, leaves of up to four patches."""
+    """Build the tree: three rounds of median splits along the longest side a node, leaves of up to four patches."""
     from palpate.surfaces import _bvh  # compiled: loaded when first needed
 
     if len(patches.kind) > _MOST:
@@ -49,20 +47,12 @@ def build_tree(patches: Patches) -> Tree:
     centre, scale = 0.5 * (low + high), 0.5 * float(np.linalg.norm(high - low))
     corners = patches.corners.copy()
     corners[:, :, :3] = (positions - centre) / scale
-    nodes = _aligned(2 * len(corners) + 2)
+    nodes = np.zeros((len(corners) + 1, 14, _bvh.WIDTH), dtype=np.float32)
     order, used = _bvh.build(corners, nodes)
     tags = np.stack([patches.kind, patches.facet], axis=1)
     return Tree(
-        nodes=nodes[:used],
-        corners=np.ascontiguousarray(corners[order].reshape(-1, 18)),
-        tags=np.ascontiguousarray(tags[order]),
+        nodes=nodes[:used].copy(),
+        corners=np.concatenate([corners[order].reshape(-1, 18), tags[order]], axis=1),
         centre=centre,
         scale=scale,
     )
-
-
-def _aligned(count: int) -> Float32[np.ndarray, "n 16"]:
-    """Zeros that begin on a cache line."""
-    raw = np.zeros(16 * count + 32, dtype=np.float32)
-    skip = (-raw.ctypes.data % 128) // 4
-    return raw[skip : skip + 16 * count].reshape(count, 16)

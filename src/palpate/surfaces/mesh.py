@@ -154,15 +154,15 @@ class Mesh:
         self, points: Float[np.ndarray, "n 3"]
     ) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"], Int[np.ndarray, " n"]]:
         """Closest points [m], outward unit normals there (interpolated where smooth) and facets."""
-        from palpate.surfaces import _nearest
+        from palpate.surfaces import _bvh, _nearest
 
         tree = self.tree()
         found = np.empty((len(points), 4))
-        _nearest.nearest_to_point((points - tree.centre) / tree.scale, tree.nodes, tree.corners, tree.tags, found)
+        _nearest.nearest_to_point((points - tree.centre) / tree.scale, tree.nodes, tree.corners, found)
         patch = found[:, 0].astype(np.int64)
-        both = np.einsum("ni,nik->nk", found[:, 1:], tree.corners[patch].reshape(-1, 3, 6))
+        both = np.einsum("ni,nik->nk", found[:, 1:], tree.corners[patch, :18].reshape(-1, 3, 6))
         normals = both[:, 3:] / np.linalg.norm(both[:, 3:], axis=1, keepdims=True)
-        return both[:, :3] * tree.scale + tree.centre, normals, tree.tags[patch, 1]
+        return both[:, :3] * tree.scale + tree.centre, normals, tree.corners[patch, _bvh.FACET].astype(np.int64)
 
     def transformed(self, pose: Pose) -> Mesh:
         """The same mesh in another frame; pose is T_target_mesh."""
