@@ -221,9 +221,8 @@ def _doubts(recording: Recording, estimator: Estimator) -> list[str]:
     """Units that do not fit; judged in the sensor's frame, whose origin a wrong unit draws the lines to."""
     surface = estimator.locator.surface
     thinned = _picked(recording, slice(None, None, 1 + len(recording) // BLOCK))
-    wrenches, _, statuses = estimator.contact_wrenches(thinned)
-    sensed = wrenches @ estimator.mount.wrench_matrix().T
-    sensed = sensed[statuses < 0]
+    wrenches, _, _ = estimator.contact_wrenches(thinned)
+    sensed = wrenches @ estimator.mount.wrench_matrix().T  # saturated ones too: a wrong unit saturates a sensor
     said = [
         lines_of_action(sensed, estimator.mount.apply(surface.centre), surface.size).doubt,
         never_at_rest(sensed, estimator.locator.on),

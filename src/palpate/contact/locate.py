@@ -84,7 +84,7 @@ class Locator:
             [*tree.centre, tree.scale, soft, self.friction, self.torsion, self.on, self.off, noisy]
         )
         self._noise = np.zeros((6, 6)) if self.noise is None else _writable(self.noise)
-        self._state = _state(None)
+        self._state, self._wrench = _state(None), np.zeros(6)
         self._one: Callable[..., Any] = _kernel.estimate
         self._many: Callable[..., Any] = _kernel.estimate_many
         self(np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0]), self.empty())
@@ -103,9 +103,10 @@ class Locator:
     def __call__(self, wrench: Float[np.ndarray, "6"], out: Float[np.ndarray, "22"]) -> None:
         """Locate one wrench (6,), force first, in the surface's frame, into `out`; carries hysteresis and last contact.
 
-        Allocates nothing that lives; both arrays must be float64 and contiguous.
+        Allocates nothing. `out` is a row of `empty()`; the wrench may be any six numbers (a frozen value, a column).
         """
-        self._one(wrench, self._noise, *self._tree, self._settings, self._state, out)
+        self._wrench[:] = wrench  # the one array type that was compiled for
+        self._one(self._wrench, self._noise, *self._tree, self._settings, self._state, out)
 
     def run(
         self,

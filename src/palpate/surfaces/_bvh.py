@@ -12,7 +12,8 @@ from __future__ import annotations
 import numpy as np
 
 from palpate.surfaces._jit import entry, inlined, inner
-from palpate.surfaces._patch import solve_flat, solve_patch
+from palpate.surfaces._patch import solve_flat, solve_patch, solve_vertex
+from palpate.surfaces._patches import FLAT, VERTEX
 
 __all__ = [
     "CANDIDATE",
@@ -231,7 +232,7 @@ def _keep(found, count, capacity, patch, b, kind, corners, fx, fy, fz, tan_limit
         spare[8 + k] = b[0] * row[k] + b[1] * row[6 + k] + b[2] * row[12 + k]
     length = np.sqrt(spare[11] * spare[11] + spare[12] * spare[12] + spare[13] * spare[13])
     cosine = -(fx * spare[11] + fy * spare[12] + fz * spare[13]) / length
-    if cosine <= 0.0:
+    if cosine <= 1e-12:
         return count
     tangent = np.sqrt(max(0.0, 1.0 - cosine * cosine)) / cosine
     if tangent > tan_limit:
@@ -275,6 +276,10 @@ def search(wrench, soft, tan_limit, nodes, corners, found):
     capacity = len(found) - 1
     (fx, fy, fz), (ux, uy, uz), (vx, vy, vz), (px, py, pz), pitch = axis_view(wrench)
     pitch *= soft
+    # M/|F|, without its part along f where the shift is not wanted
+    mx = py * fz - pz * fy + pitch * fx
+    my = pz * fx - px * fz + pitch * fy
+    mz = px * fy - py * fx + pitch * fz
     qu, qv = ux * px + uy * py + uz * pz, vx * px + vy * py + vz * pz
     view = np.empty(13, dtype=np.float32)
     start_view((fx, fy, fz), (px, py, pz), pitch, tan_limit, view)
@@ -293,20 +298,13 @@ def search(wrench, soft, tan_limit, nodes, corners, found):
                     depth += 1
             continue
         for patch in range(first, first + size):
+            kind = corners[patch, KIND]
             n0x, n0y, n0z = corners[patch, 3], corners[patch, 4], corners[patch, 5]
             c0 = fx * n0x + fy * n0y + fz * n0z
-            x0, y0, z0 = corners[patch, 0], corners[patch, 1], corners[patch, 2]
-            x1, y1, z1 = corners[patch, 6], corners[patch, 7], corners[patch, 8]
-            x2, y2, z2 = corners[patch, 12], corners[patch, 13], corners[patch, 14]
-            kind = corners[patch, KIND]
-            q0, r0 = ux * x0 + uy * y0 + uz * z0 - qu, vx * x0 + vy * y0 + vz * z0 - qv
-            q1, r1 = ux * x1 + uy * y1 + uz * z1 - qu, vx * x1 + vy * y1 + vz * z1 - qv
-            q2, r2 = ux * x2 + uy * y2 + uz * z2 - qu, vx * x2 + vy * y2 + vz * z2 - qv
-            g0, h0 = -(vx * n0x + vy * n0y + vz * n0z), ux * n0x + uy * n0y + uz * n0z  # e . (f x n)
-            if kind == 0.0:
-                if c0 >= 0.0:
-                    continue
-                solved = solve_flat(q0, r0, q1, r1, q2, r2, pitch * g0 / c0, pitch * h0 / c0, out)
+            if kind == FLAT:
+                solved = 0 if c0 >= 0.0 else solve_flat(corners[patch], fx, fy, fz, mx, my, mz, out)
+            elif kind == VERTEX:
+                solved = 0 if pitch == 0.0 else solve_vertex(corners[patch], fx, fy, fz, mx, my, mz, out)
             else:
                 n1x, n1y, n1z = corners[patch, 9], corners[patch, 10], corners[patch, 11]
                 n2x, n2y, n2z = corners[patch, 15], corners[patch, 16], corners[patch, 17]
@@ -314,6 +312,13 @@ def search(wrench, soft, tan_limit, nodes, corners, found):
                 c2 = fx * n2x + fy * n2y + fz * n2z
                 if c0 >= 0.0 and c1 >= 0.0 and c2 >= 0.0:
                     continue
+                x0, y0, z0 = corners[patch, 0], corners[patch, 1], corners[patch, 2]
+                x1, y1, z1 = corners[patch, 6], corners[patch, 7], corners[patch, 8]
+                x2, y2, z2 = corners[patch, 12], corners[patch, 13], corners[patch, 14]
+                q0, r0 = ux * x0 + uy * y0 + uz * z0 - qu, vx * x0 + vy * y0 + vz * z0 - qv
+                q1, r1 = ux * x1 + uy * y1 + uz * z1 - qu, vx * x1 + vy * y1 + vz * z1 - qv
+                q2, r2 = ux * x2 + uy * y2 + uz * z2 - qu, vx * x2 + vy * y2 + vz * z2 - qv
+                g0, h0 = -(vx * n0x + vy * n0y + vz * n0z), ux * n0x + uy * n0y + uz * n0z  # e . (f x n)
                 g1, h1 = -(vx * n1x + vy * n1y + vz * n1z), ux * n1x + uy * n1y + uz * n1z
                 g2, h2 = -(vx * n2x + vy * n2y + vz * n2z), ux * n2x + uy * n2y + uz * n2z
                 if c0 < 0.0 and c1 < 0.0 and c2 < 0.0:  # each corner shifted by its own normal: a box around the patch

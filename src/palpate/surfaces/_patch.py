@@ -18,11 +18,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from palpate.surfaces._jit import inner
+from palpate.surfaces._jit import inlined, inner
 
-__all__ = ["solve_flat", "solve_patch"]
+__all__ = ["solve_flat", "solve_patch", "solve_vertex"]
 
 _INSIDE = -1e-8  # how far outside its patch a solution may lie, in barycentric units: rounding at shared edges
+_EDGE = 1e-9  # rounding of a moment about an edge, in unit size
 _SOLVED = 1e-7  # how far off the shifted axis a contact may lie, in unit size
 
 
@@ -144,16 +145,56 @@ def solve_patch(x0, y0, x1, y1, x2, y2, c0, c1, c2, g0, h0, g1, h1, g2, h2, pitc
     return count
 
 
-@inner
-def solve_flat(x0, y0, x1, y1, x2, y2, sx, sy, out):
-    """The one contact of a patch with one normal: the shifted line against the triangle."""
-    x0, y0, x1, y1, x2, y2 = x0 + sx, y0 + sy, x1 + sx, y1 + sy, x2 + sx, y2 + sy
-    b0, b1, b2 = x1 * y2 - x2 * y1, x2 * y0 - x0 * y2, x0 * y1 - x1 * y0
-    total = b0 + b1 + b2
+@inlined
+def _within(s0, s1, s2, out):
+    """Three weights of one sign, up to rounding, as barycentric coordinates in out[0]; 1 or 0."""
+    total = s0 + s1 + s2
     if total == 0.0:
         return 0
-    b0, b1, b2 = b0 / total, b1 / total, b2 / total
-    if b0 < _INSIDE or b1 < _INSIDE or b2 < _INSIDE:
+    s0, s1, s2 = s0 / total, s1 / total, s2 / total
+    if not (s0 >= _INSIDE and s1 >= _INSIDE and s2 >= _INSIDE):
         return 0
-    out[0, 0], out[0, 1], out[0, 2] = b0, b1, b2
+    out[0, 0], out[0, 1], out[0, 2] = s0, s1, s2
     return 1
+
+
+@inlined
+def _side(ax, ay, az, bx, by, bz, fx, fy, fz, mx, my, mz):
+    """Moment of a wrench about the edge from a to b, times its length: F . (a x b) + M . (b - a)."""
+    cross = fx * (ay * bz - az * by) + fy * (az * bx - ax * bz) + fz * (ax * by - ay * bx)
+    return cross + mx * (bx - ax) + my * (by - ay) + mz * (bz - az)
+
+
+@inlined
+def solve_flat(row, fx, fy, fz, mx, my, mz, out):
+    """The one contact of a patch with one normal.
+
+    The torsion drops out of the moment about an edge, since the edge lies across the normal: what is left is the area
+    of the triangle between edge and contact, seen along the force. So the wrench meets the facet, at any pitch, if
+    its moments about the three edges have one sign.
+    """
+    x0, y0, z0, x1, y1, z1, x2, y2, z2 = row[0], row[1], row[2], row[6], row[7], row[8], row[12], row[13], row[14]
+    s2 = _side(x0, y0, z0, x1, y1, z1, fx, fy, fz, mx, my, mz)
+    if s2 > _EDGE:
+        return 0
+    s0 = _side(x1, y1, z1, x2, y2, z2, fx, fy, fz, mx, my, mz)
+    if s0 > _EDGE:
+        return 0
+    s1 = _side(x2, y2, z2, x0, y0, z0, fx, fy, fz, mx, my, mz)
+    if s1 > _EDGE:
+        return 0
+    return _within(s0, s1, s2, out)
+
+
+@inlined
+def solve_vertex(row, fx, fy, fz, mx, my, mz, out):
+    """The one contact of a patch at one point v: its normal is along M - v x F, if that lies in the patch's cone."""
+    x, y, z = row[0], row[1], row[2]
+    wx, wy, wz = mx - (y * fz - z * fy), my - (z * fx - x * fz), mz - (x * fy - y * fx)
+    ax, ay, az, bx, by, bz, cx, cy, cz = row[3], row[4], row[5], row[9], row[10], row[11], row[15], row[16], row[17]
+    s2 = wx * (ay * bz - az * by) + wy * (az * bx - ax * bz) + wz * (ax * by - ay * bx)
+    s0 = wx * (by * cz - bz * cy) + wy * (bz * cx - bx * cz) + wz * (bx * cy - by * cx)
+    if s0 * s2 < 0.0 and min(abs(s0), abs(s2)) > _EDGE:
+        return 0
+    s1 = wx * (cy * az - cz * ay) + wy * (cz * ax - cx * az) + wz * (cx * ay - cy * ax)
+    return _within(s0, s1, s2, out)
