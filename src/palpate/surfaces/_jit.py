@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import hashlib
 from pathlib import Path
+from typing import Any, cast
 
 from numba import njit
 
@@ -20,7 +21,7 @@ def _stamp() -> str:
 STAMP = _stamp()
 
 
-_OPTIONS = {"error_model": "numpy", "fastmath": {"contract"}}
+_OPTIONS: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract"}}
 
 
 def entry(function):
@@ -31,14 +32,14 @@ def entry(function):
     function's own file changes but not when a file that it calls into does, so the stamp of all kernels takes the place
     of the file's.
     """
-    dispatcher = njit(cache=True, **_OPTIONS)(function)
+    dispatcher = cast(Any, njit(cache=True, **_OPTIONS)(function))
     dispatcher._cache._cache_file._source_stamp = STAMP
     return dispatcher
 
 
 def inner(function):
     """Decorates a function that only compiled code calls: no wrapper for Python, which halves the compiler's work."""
-    return njit(no_cpython_wrapper=True, no_cfunc_wrapper=True, **_OPTIONS)(function)
+    return cast(Any, njit)(no_cpython_wrapper=True, no_cfunc_wrapper=True, **_OPTIONS)(function)
 
 
 def inlined(function):
