@@ -91,6 +91,9 @@ def _facets_only(mesh: palpate.Mesh) -> Tree:
     return build_tree(Patches(corners, np.full(count, FACET), np.arange(count)))
 
 
+Variant = tuple[Callable[..., object], np.ndarray, tuple[object, ...]]  # what is called, first arguments, the others
+
+
 def singles(meshes: Meshes, queries: int, budget: float) -> list[Single]:
     """Call by call; `budget` [s] bounds a slow variant's share of a round."""
     facets = len(meshes.flat.faces)
@@ -98,17 +101,17 @@ def singles(meshes: Meshes, queries: int, budget: float) -> list[Single]:
     unit, tree, out = meshes.inside(slight), meshes.tree, meshes.locator.empty()
     found = np.empty((_bvh.CAPACITY + 1, _bvh.CANDIDATE))
     bare = meshes.facets
-    calls: dict[str, tuple[Callable[..., object], np.ndarray]] = {
-        FLAT: (lambda w: _bvh.search(w, 1.0, 1.0, tree.nodes, tree.corners, found), unit),
-        FACETS: (lambda w: _bvh.search(w, 1.0, 1.0, bare.nodes, bare.corners, found), unit),
-        FULL: (lambda w: meshes.locator(w, out), steep),
-        "NumPy, three products a facet": (rivals.reciprocal_products(meshes.flat), slight),
-        "NumPy, closed form": (rivals.closed_form(meshes.flat), slight),
+    calls: dict[str, Variant] = {
+        FLAT: (_bvh.search, unit, (1.0, 1.0, tree.nodes, tree.corners, found)),
+        FACETS: (_bvh.search, unit, (1.0, 1.0, bare.nodes, bare.corners, found)),
+        FULL: (meshes.locator, steep, (out,)),
+        "NumPy, three products a facet": (rivals.reciprocal_products(meshes.flat), slight, ()),
+        "NumPy, closed form": (rivals.closed_form(meshes.flat), slight, ()),
     }
     if facets <= 25_000:
-        calls["4 x 4 solves, batched"] = (rivals.batched_solve(meshes.flat), slight)
+        calls["4 x 4 solves, batched"] = (rivals.batched_solve(meshes.flat), slight, ())
     if facets <= 2_500:
-        calls["4 x 4 solves in a loop (the paper)"] = (rivals.loop_of_solves(meshes.flat), slight)
+        calls["4 x 4 solves in a loop (the paper)"] = (rivals.loop_of_solves(meshes.flat), slight, ())
     _agree(calls, meshes, found)
     cast = rivals.embree_scene(meshes.flat)
     if cast is not None:
@@ -116,23 +119,26 @@ def singles(meshes: Meshes, queries: int, budget: float) -> list[Single]:
         calls["embreex, one ray, zero pitch"] = (
             lambda ray: cast(ray[0], ray[1]),
             rays.transpose(1, 0, 2)[:, :, None].copy(),
+            (),
         )
     results = {name: Single(name) for name in calls}
     for turn in range(ROUNDS):
-        for name, (call, arguments) in calls.items():
-            _time(call, np.roll(arguments, -turn * 7, axis=0), budget, results[name].times)
+        for name, (call, arguments, rest) in calls.items():
+            _time(call, np.roll(arguments, -turn * 7, axis=0), rest, budget, results[name].times)
     return list(results.values())
 
 
-def _time(call: Callable[..., object], arguments: np.ndarray, budget: float, times: list[float]) -> None:
+def _time(
+    call: Callable[..., object], arguments: np.ndarray, rest: tuple[object, ...], budget: float, times: list[float]
+) -> None:
     """Each call by the clock; the clock itself takes about 0.05 us, which stays in."""
     ready = list(arguments)
-    call(ready[0])
+    call(ready[0], *rest)
     gc.disable()
     end = time.perf_counter() + budget
     for argument in ready:
         begin = time.perf_counter_ns()
-        call(argument)
+        call(argument, *rest)
         after = time.perf_counter_ns()
         times.append((after - begin) * 1e-3)
         if after * 1e-9 > end:
@@ -140,18 +146,18 @@ def _time(call: Callable[..., object], arguments: np.ndarray, budget: float, tim
     gc.enable()
 
 
-def _agree(calls: dict[str, tuple[Callable[..., object], np.ndarray]], meshes: Meshes, found: np.ndarray) -> None:
+def _agree(calls: dict[str, Variant], meshes: Meshes, found: np.ndarray) -> None:
     """All forms must name the same facets, or the comparison is of different things."""
-    search, unit = calls[FLAT]
+    search, unit, rest = calls[FLAT]
     for i in range(20):
-        count = int(search(unit[i]))  # type: ignore[call-overload]
+        count = int(search(unit[i], *rest))  # type: ignore[call-overload]
         rows = found[:count]
         ours = {
             int(meshes.tree.corners[int(p), _bvh.FACET])
             for p, kind in zip(rows[:, 0], rows[:, 6], strict=True)
             if kind == 0
         }
-        for name, (call, wrenches) in calls.items():
+        for name, (call, wrenches, _) in calls.items():
             if name not in (FLAT, FACETS, FULL) and not ours <= set(call(wrenches[i]).tolist()):  # type: ignore[attr-defined]
                 raise RuntimeError(f"{name} and the kernel disagree on wrench {i}")
 

@@ -14,6 +14,7 @@ from palpate.surfaces._nearest import nearest_to_axis
 
 __all__ = ["estimate", "estimate_many"]
 
+_GRAZING = 60.0  # tan(theta) beyond which a contact is searched for without a limit
 _CHI2_95 = 5.991464547107979  # two degrees of freedom
 _CONTACT, _AMBIGUOUS, _NO_CONTACT, _TOO_LIGHT, _OFF_SURFACE, _IMPLAUSIBLE, _INVALID = 0, 1, 2, 3, 4, 5, 7
 _RESIDUAL, _CANDIDATES, _STATUS = 19, 20, 21  # estimate._Row, which compiled code cannot read
@@ -119,7 +120,10 @@ def estimate(wrench, noise, nodes, corners, settings, state, row):
         return
     unit, found = np.empty(6), np.empty((CAPACITY + 1, CANDIDATE))
     to_unit(wrench, settings, unit)
-    count = search(unit, settings[SOFT], settings[FRICTION], nodes, corners, found)
+    limit, count = settings[FRICTION], 0
+    while count == 0 and limit < np.inf:  # outside the bounds, wider step by step: a search without a limit is slow
+        count = search(unit, settings[SOFT], limit, nodes, corners, found)
+        limit = 4.0 * max(1.0, limit) if limit < _GRAZING else np.inf
     if count == 0:
         count = search(unit, settings[SOFT], np.inf, nodes, corners, found)
     noisy = settings[NOISY] == 1.0

@@ -20,6 +20,7 @@ from palpate.surfaces.surface import Surface
 
 __all__ = ["METHODS", "Candidates", "Locator", "locate"]
 
+_ROW_SHAPE = (ROW.length,)
 METHODS = ("soft_finger", "wrench_axis")
 
 
@@ -105,6 +106,8 @@ class Locator:
 
         Allocates nothing. `out` is a row of `empty()`; the wrench may be any six numbers (a frozen value, a column).
         """
+        if out.shape != _ROW_SHAPE or out.dtype != np.float64:
+            raise ValueError(f"out must be a row of Locator.empty(), float64 {_ROW_SHAPE}, not {out.dtype} {out.shape}")
         self._wrench[:] = wrench  # the one array type that was compiled for
         self._one(self._wrench, self._noise, *self._tree, self._settings, self._state, out)
 
@@ -211,6 +214,8 @@ def locate(
     Returns:
         a `ContactEstimate` with the batch's leading axes. Without any noise its covariance is NaN.
     """
+    if not isinstance(wrench, Wrench):
+        raise TypeError("locate takes a palpate.Wrench; six numbers become one by Wrench.from_vector")
     locator = _prepared(surface, method, friction, torsion)
     point = previous.point if isinstance(previous, ContactEstimate) else previous
     last = None if point is None or not np.all(np.isfinite(point)) else point

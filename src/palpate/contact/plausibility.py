@@ -5,10 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int8
 
-__all__ = ["LinesOfAction", "lines_of_action", "never_at_rest"]
+from palpate.contact.estimate import Status
 
+__all__ = ["LinesOfAction", "lines_of_action", "never_at_rest", "unexplained"]
+
+UNLOADED = (Status.NO_CONTACT, Status.TOO_LIGHT, Status.INVALID, Status.NO_POSE)
 LOADED = 0.3  # of the 95th percentile of the force: below it noise moves the line as much as contact does
 NEAR = 0.01  # of the body's size
 
@@ -80,3 +83,23 @@ def never_at_rest(wrenches: Float[np.ndarray, "n 6"], on: float) -> str:
     if least <= on:
         return ""
     return f"the force is never below {least:.3g} N: if the log has free moments, bias or payload is left in it"
+
+
+def unexplained(status: Int8[np.ndarray, " n"]) -> list[str]:
+    """The sentence to say when a contact within the bounds explains fewer than half of the loaded samples, else none.
+
+    Args:
+        status: (n,) `Status` of the estimates.
+    """
+    loaded = status[~np.isin(status, UNLOADED)]
+    if not len(loaded):
+        return []
+    beyond, off = (np.count_nonzero(loaded == kind) / len(loaded) for kind in (Status.IMPLAUSIBLE, Status.OFF_SURFACE))
+    if beyond + off <= 0.5:
+        return []
+    return [
+        f"of the loaded samples {beyond:.0%} are implausible (beyond the bounds of friction or torsion) and {off:.0%} "
+        "off the surface (no point of it makes such a wrench): are the units of the torque and of the mesh right, is "
+        "bias or payload left in or in other units, is the surface mounted as its pose says, do the normals of an open "
+        "mesh face out?"
+    ]

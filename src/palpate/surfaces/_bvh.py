@@ -156,10 +156,11 @@ def build(corners, nodes):
 
 @inner
 def start_view(f, point, pitch, tan_limit, view):
-    """For `test_children`: f 0-2, |f| 3-5, a point of the axis 6-8, pitch 9, cos of limit 10, reach 11, wider 12."""
+    """For `test_children`: f 0-2, |f| 3-5, a point of the axis 6-8, pitch 9, limit 10, reach 11, wider 12, slip 13."""
     for k in range(3):
         view[k], view[3 + k], view[6 + k] = f[k], abs(f[k]), point[k]
     view[9], view[12] = pitch, 0.0
+    view[13] = 2e-6 * (1.0 + view[6] * view[6] + view[7] * view[7] + view[8] * view[8])  # of float32, far from the body
     view[10] = 0.0 if tan_limit == np.inf else 1.0 / np.sqrt(1.0 + tan_limit * tan_limit)
     view[11] = 0.0 if pitch == 0.0 else abs(pitch) * tan_limit
 
@@ -175,8 +176,7 @@ def test_children(node, view):
     """
     fx, fy, fz, gx, gy, gz = view[0], view[1], view[2], view[3], view[4], view[5]
     px, py, pz, pitch, cos_limit, reach, wider = view[6], view[7], view[8], view[9], view[10], view[11], view[12]
-    zero, one, tiny = np.float32(0.0), np.float32(1.0), np.float32(0.04)
-    slack, rounding = np.float32(1e-5), np.float32(2e-6)
+    slip, zero, one, tiny, rounding = view[13], np.float32(0.0), np.float32(1.0), np.float32(3e-3), np.float32(2e-6)
     mask = np.int32(0)
     for i in range(WIDTH):
         ax, ay, az = node[6, i], node[7, i], node[8, i]
@@ -187,12 +187,13 @@ def test_children(node, view):
         away = (cos_a > zero) & (cos_t < cos_a) & (short > zero) & (short * short > (one - square) * sin_a2 + rounding)
         gap = square - sin_a2
         fair = (cos_a > zero) & (cos_t > zero) & (gap > tiny)
-        factor = pitch / (gap if fair else one)
+        over = one / (gap if fair else one)
+        factor = pitch * over
         disc = abs(factor) * node[13, i]
         moved = fair & (disc < reach)
         factor = factor * cos_t if moved else zero
-        radius = disc if moved else reach
-        radius = radius + slack * (radius + abs(factor)) + rounding + wider
+        radius = disc + abs(pitch) * over * over * rounding if moved else reach  # what rounding does to the gap
+        radius = radius + slip * (one + radius + abs(factor)) + wider
         dx = node[0, i] - px - factor * (fy * az - fz * ay)
         dy = node[1, i] - py - factor * (fz * ax - fx * az)
         dz = node[2, i] - pz - factor * (fx * ay - fy * ax)
@@ -281,7 +282,7 @@ def search(wrench, soft, tan_limit, nodes, corners, found):
     my = pz * fx - px * fz + pitch * fy
     mz = px * fy - py * fx + pitch * fz
     qu, qv = ux * px + uy * py + uz * pz, vx * px + vy * py + vz * pz
-    view = np.empty(13, dtype=np.float32)
+    view = np.empty(14, dtype=np.float32)
     start_view((fx, fy, fz), (px, py, pz), pitch, tan_limit, view)
     out = np.empty((4, 3))
     pending = np.empty((STACK, 2), dtype=np.int64)  # first and size, as in a node

@@ -42,7 +42,7 @@ def nearest_to_axis(wrench, nodes, corners, found):
     Nearest to the axis is nearest in the metric of a wrench whose torque noise is the same in all directions.
     """
     (fx, fy, fz), (ux, uy, uz), (vx, vy, vz), (px, py, pz), _ = axis_view(wrench)
-    view = np.empty(13, dtype=np.float32)
+    view = np.empty(14, dtype=np.float32)
     start_view((fx, fy, fz), (px, py, pz), 0.0, np.inf, view)
     q, b = np.empty((3, 2)), np.empty(3)
     pending = np.empty((STACK, 2), dtype=np.int64)
