@@ -150,3 +150,39 @@ def test_touches_ask_for_touches(tmp_path: Path) -> None:
     (tmp_path / "marks.csv").write_text("time,px,py,pz\n0,1,2,3")
     with pytest.raises(InputError, match="no column 'start'"):
         read_touches(tmp_path / "marks.csv")
+
+
+@pytest.mark.parametrize(
+    ("row", "word"),
+    [
+        (f"0,0,0,contact,,2,3{',1' * 14}", "line 2: is answered, but has no point"),
+        (f"0,0,0,ambiguous,inf,2,3{',1' * 14}", "line 2: is answered, but has no point"),
+        (f"0.5,0,0,contact{',1' * 17}", "line 2: sample, contact and candidates must be whole"),
+        (f"inf,0,0,contact{',1' * 17}", "line 2: sample, contact and candidates must be whole"),
+        (f"0,0,0,contact,1,2,3,one{',1' * 13}", "line 2: 'one' in column 'nx' is not a number"),
+        (f"0,soon,0,no_contact{',' * 17}0", "line 2: 'soon' in column 'time'"),
+        ("0,0,0,no_contact", "line 2: does not have 21 fields"),
+    ],
+)
+def test_a_row_of_contacts_that_was_spoilt_is_named(tmp_path: Path, row: str, word: str) -> None:
+    (tmp_path / "contacts.csv").write_text(f"{HEADER}\n{row}\n1,1,0,no_contact{',' * 17}0\n2,2,0,contact{',1' * 17}\n")
+    with pytest.raises(InputError, match=word):
+        read_contacts(tmp_path / "contacts.csv")
+
+
+@pytest.mark.parametrize(
+    ("text", "word"),
+    [
+        ("time,px,py,pz\n0,1,2,3\n1,nan,2,3", "line 3: an instant needs a point"),
+        ("time,px,py,pz\n0,1,2,3\n1,,2,3", "line 3: an instant needs a point"),
+        ("time,px,py,pz\n0,1,2,3\n1,x,2,3", "line 3: 'x' in column 'px'"),
+        ("time,px,py,pz\n0,1,2,3\n,1,2,3", "line 3: an instant needs a time"),
+        ("time,px,py,pz,fx,fy,fz\n0,1,2,3,,,\n1,1,2,3,a,0,0\n2,1,2,3,1,0,0", "line 3: 'a' in column 'fx'"),
+        ("start,end,px,py,pz\n0,1,1,2,3\n2,3,1,nan,3", "line 3: a touch needs a point"),
+        ("start,end,px,py,pz\n0,1,1,2,3\n2,3,1", "line 3: does not have 5 fields"),
+    ],
+)
+def test_a_row_of_truth_that_was_spoilt_is_named(tmp_path: Path, text: str, word: str) -> None:
+    (tmp_path / "truth.csv").write_text(text)
+    with pytest.raises(InputError, match=word):
+        read_truth(tmp_path / "truth.csv")

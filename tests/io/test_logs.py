@@ -9,6 +9,7 @@ import pytest
 
 from palpate.errors import InputError
 from palpate.io.csv import Layout, axis_matrix, read_recording
+from palpate.io.table import read_table
 from palpate.sensors.recording import FORCE, ORIENTATION, TORQUE
 
 HEADER = "time,fx,fy,fz,tx,ty,tz"
@@ -64,8 +65,8 @@ def test_rows_in_are_rows_out_and_bad_fields_are_named(tmp_path: Path) -> None:
     ]
     recording = read_recording(_log(tmp_path, HEADER, *ROWS, *bad, "0.08,1,2,3,0,0,0,5"))
     assert len(recording) == 10
-    assert np.flatnonzero(np.isnan(recording.wrenches()).any(axis=1)).tolist() == [3, 4, 5, 7, 9]
-    assert np.isinf(recording.wrenches()[6, 0])
+    assert np.flatnonzero(np.isnan(recording.channels[FORCE]).any(axis=1)).tolist() == [3, 4, 5, 7, 9]
+    assert np.isinf(recording.channels[FORCE][6, 0])
     assert np.isnan(recording.time[8])
     said = " ".join(recording.notes)
     assert "line 5, column 'fx', 'oops'" in said
@@ -170,3 +171,49 @@ def test_quaternions_far_from_unit_are_set_aside_and_said(tmp_path: Path) -> Non
 def test_a_declared_orientation_must_be_there(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no column 'a'"):
         read_recording(_log(tmp_path, HEADER, *ROWS), Layout(orientation=("a", "b", "c", "d")))
+
+
+def test_a_row_is_a_line_whatever_its_quotes_say(tmp_path: Path) -> None:
+    rows = ['0,0,0,-5,0,0,0,"a', "1,0,0,-6,0,0,0,", '2,0,0,-5,0,0,0,b"', '3,0,0,-7,0,0,0,"c, d"', "4,1,2"]
+    recording = read_recording(_log(tmp_path, f"{HEADER},note", *rows))
+    assert len(recording) == 5
+    assert np.isnan(recording.wrenches()[:, 2]).tolist() == [True, False, True, False, True]
+    assert recording.wrenches()[[1, 3], 2].tolist() == [-6, -7]
+    said = " ".join(recording.notes)
+    assert "2 rows have a quote that is not closed (first: line 2)" in said
+    assert "1 rows do not have 8 fields (first: line 6)" in said
+
+
+def test_a_quote_elsewhere_does_not_let_a_row_shift(tmp_path: Path) -> None:
+    header = '"time",label,fx,fy,fz,tx,ty,tz'
+    recording = read_recording(_log(tmp_path, header, '0,"a, b",1,2,3,4,5,6', "", '1,"a",9,1,2,3,4,5,6'))
+    assert recording.wrenches()[0].tolist() == [1, 2, 3, 4, 5, 6]
+    assert np.isnan(recording.wrenches()[1]).all()
+    assert "first: line 4" in recording.notes[0]
+    with pytest.raises(InputError, match="no row has the 7 fields of the header; line 2 has 14"):
+        read_recording(_log(tmp_path, HEADER.replace("time", '"time"'), "0,5,1,5,2,5,3,5,4,5,5,5,6,5"))
+
+
+def test_quoted_names_and_texts_keep_what_the_quotes_protect(tmp_path: Path) -> None:
+    table = read_table(_log(tmp_path, '"a, N";b', '"tip; ""left""";1'))
+    assert table.names == ("a, N", "b")
+    assert table.strings("a, N").to_list() == ['tip; "left"']
+
+
+def test_blank_lines_before_the_header_count(tmp_path: Path) -> None:
+    recording = read_recording(_log(tmp_path, "", " ", HEADER, ROWS[0], "0.01,oops,5,6,0,0,0"))
+    assert "line 5, column 'fx'" in recording.notes[0]
+
+
+@pytest.mark.parametrize(
+    ("content", "word"),
+    [
+        (f"{HEADER}\n\t\n", "a header, but no rows"),
+        (f'"{HEADER}\n0,1,2,3,4,5,6', "line 1: a quote is not closed in the header"),
+        (f'{HEADER}\n"0,1,2,3,4,5,6\n1,1,2,3,4,5,6"', "line 2 has a quote that is not closed"),
+        (f'{HEADER}\n""\n', "line 2 has 1"),
+    ],
+)
+def test_a_file_of_quotes_or_tabs_is_refused_in_a_sentence(tmp_path: Path, content: str, word: str) -> None:
+    with pytest.raises(InputError, match=word):
+        read_recording(_log(tmp_path, content))

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import os
 import struct
+import tomllib
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from palpate.errors import InputError
+from palpate.io.atomic import write_text
 from palpate.io.guess import guess_orientation, guess_position, guess_time, guess_wrench
-from palpate.io.rig import build, load_rig
+from palpate.io.rig import build, check_rig, load_rig
 from palpate.io.rig_edit import update_pose
 from palpate.io.rig_new import propose_rig
+from palpate.io.rig_tables import RigEstimate, RigPair, RigSurface, RigThresholds
 from palpate.spatial.pose import Pose
 
 RIG = """\
@@ -218,3 +222,114 @@ def test_a_proposed_rig_loads_and_knows_its_units(tmp_path: Path, unit: str, mes
     assert rig.force_torque.columns == ("f_x", "f_y", "f_z", "m_x", "m_y", "m_z")
     assert rig.surface.load(rig.folder).size == pytest.approx(0.04 * 3**0.5, rel=1e-6)
     assert ("N mm" in " ".join(proposal.remarks)) == (unit == "N mm")
+
+
+_SURFACE = "mesh = 'probe.stl'\nunit = 'mm'\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "word"),
+    [
+        (f"[surface]\n{_SURFACE}{line}", word)
+        for line, word in (
+            ("pose = { xyz = [0, 0, nan] }", r"surface.pose.xyz\[2\] must be a finite number, not nan"),
+            ("pose = { xyz = [0, 0, 1e200] }", r"surface.pose.xyz\[2\] must be a finite number"),
+            ("pose = { quaternion_xyzw = [0, 0, 0, nan] }", r"quaternion_xyzw\[3\] must be a finite number"),
+            ("crease = -30", "surface: crease must lie between 0 and 180"),
+            ("crease = 181", "crease must lie between 0 and 180"),
+            ("crease = inf", "surface.crease must be a finite number, not inf"),
+            ("crease = 1" + "0" * 400, "surface.crease must be a finite number, not one so large"),
+            ("half_width = 0", "half_width must be positive"),
+            ("normal = [0, 0, 0]", "normal must not be zero"),
+            ("pose_covariance = [[1, 2], [3]]", "pose_covariance must be 6 x 6"),
+            (f"pose_covariance = {(-np.eye(6)).tolist()}", "pose_covariance must be positive semidefinite"),
+            (f"pose_covariance = {np.triu(np.ones((6, 6))).tolist()}", "pose_covariance must be symmetric"),
+            (f"pose_covariance = {np.full((6, 6), np.nan).tolist()}", r"pose_covariance\[0\]\[0\] must be a finite"),
+            ("[force_torque]\npayload = ''", "force_torque: payload must name a file"),
+            ('[force_torque]\npayload = "a\\u0000b"', "force_torque: payload must name a file"),
+            ("[force_torque]\nnoise = { force = nan, torque = 1 }", "noise.force must be a finite number, not nan"),
+            ("[force_torque]\nnoise = { force = 0, torque = 1 }", "noise: force and torque must be positive"),
+            ("[force_torque]\nnoise = { force = [1, 1, nan], torque = 1 }", r"noise.force\[2\] must be a finite"),
+            ("[force_torque]\nrange = { force = inf, torque = 1 }", "range.force must be"),
+            ("[estimate]\nfriction = 0", "friction must be positive"),
+            ("[estimate]\nfriction = inf", "estimate.friction must be a finite number"),
+            ("[estimate]\ntorsion = nan", "estimate.torsion must be a finite number"),
+            ("[estimate]\ntorsion = -inf", "torsion not negative"),
+            ("[estimate]\ncontact = { on = inf, off = 0 }", "contact.on must be a finite number"),
+            ("[estimate]\ncontact = { on = true, off = 0 }", "contact.on must be a number, not True"),
+        )
+    ]
+    + [
+        ("[surface]\nmesh = ''\nunit = 'mm'", "surface: mesh must name a file"),
+        ("surface = " + "[" * 3000 + "]" * 3000, "is not TOML"),
+    ],
+)
+def test_a_number_or_name_without_sense_is_refused_by_its_key(tmp_path: Path, text: str, word: str) -> None:
+    path = _rig(tmp_path, text)
+    with pytest.raises(InputError, match=word) as refused:
+        load_rig(path)
+    assert str(path) in str(refused.value)
+
+
+def test_torsion_may_be_without_bound_and_a_rig_may_begin_with_a_mark(tmp_path: Path) -> None:
+    path = _rig(tmp_path, f"\ufeff[surface]\n{_SURFACE}[estimate]\ntorsion = inf\n")
+    assert load_rig(path).estimate.torsion == np.inf
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -1.0])
+def test_what_is_made_in_python_is_held_to_the_same(value: float) -> None:
+    for make in (
+        lambda: RigPair(value, 1.0),
+        lambda: RigThresholds(value, 0.0),
+        lambda: RigEstimate(friction=value),
+        lambda: RigSurface(mesh="m", unit="mm", crease=value),
+    ):
+        with pytest.raises(ValueError, match="must"):
+            make()
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        'surface = { mesh = "a.stl", unit = "mm", pose = { xyz = [0, 0, 1] } }\n# kept\n[time] # kept\nunit = "ms"\n',
+        'surface.mesh = "a.stl"\nsurface.unit = "mm"\nsurface.pose.xyz = [0, 0, 1]\n# kept\n[time] # kept\nunit="ms"',
+        'surface.mesh = "a.stl"\ntime.unit = "ms" # kept\nsurface.unit = "mm"\n# kept\n',
+        '[surface.pose]\nxyz = [0, 0, 1]\n[time] # kept\nunit = "ms" # kept\n[surface]\nmesh = "a.stl"\nunit = "mm"',
+        '[surface]\nmesh = "a.stl" # kept\nunit = "mm"\npose.xyz = [0, 0, 1]\n# kept\n[time]\nunit = "ms"',
+        '[surface]\nmesh = "a.stl"\nunit = "mm"\n[time] # kept\nunit = "ms" # kept\n[surface.pose]\nxyz = [0, 0, 1]\n',
+        '\ufeff[surface]\nmesh = "a.stl"\nunit = "mm" # kept\n[time] # kept\nunit = "ms"',
+    ],
+)
+@pytest.mark.parametrize("folder", ["", "sub"])
+def test_whatever_the_form_of_a_rig_a_new_pose_can_be_read_back(tmp_path: Path, text: str, folder: str) -> None:
+    path = tmp_path / "rig.toml"
+    path.write_text(text, encoding="utf-8")
+    (tmp_path / "sub").mkdir()
+    target = tmp_path / folder / "rig.toml"
+    update_pose(path, target, Pose.identity(), np.eye(6), comment="from a\nb.csv")
+    rig = load_rig(target)
+    assert rig.surface.pose.xyz == (0, 0, 0)
+    assert np.array_equal(np.asarray(rig.surface.pose_covariance), np.eye(6))
+    assert rig.folder.joinpath(str(rig.surface.mesh)).resolve() == tmp_path / "a.stl"
+    assert rig.time.unit == "ms"
+    assert target.read_text().count("# kept") == 2
+
+
+def test_a_surface_that_is_no_table_is_refused_and_left(tmp_path: Path) -> None:
+    path = _rig(tmp_path, "[[surface]]\nmesh = 'a.stl'\n")
+    with pytest.raises(InputError, match=r"needs a \[surface\]"):
+        update_pose(path, path, Pose.identity(), np.eye(6))
+    assert path.read_text() == "[[surface]]\nmesh = 'a.stl'\n"
+
+
+def test_a_proposed_rig_loads_whatever_the_names_or_is_not_proposed(tmp_path: Path) -> None:
+    header = '"time\x7f",fx,fy,fz,tx,ty,tz'
+    rows = [f"{k},{k % 3},0,1,0,0,0" for k in range(50)]
+    log = tmp_path / 'a "b\n.csv'
+    log.write_text("\n".join([header, *rows]))
+    write_octahedron(tmp_path / 'm "x".stl')
+    text = propose_rig(log, tmp_path / 'm "x".stl', tmp_path).text
+    assert check_rig(tomllib.loads(text), tmp_path / "rig.toml").time.column == "time\x7f"
+    write_octahedron(tmp_path / os.fsdecode(b"bad\xff.stl"))
+    with pytest.raises(InputError, match=r"(?i)utf-8"):
+        write_text(tmp_path / "r.toml", propose_rig(log, tmp_path / os.fsdecode(b"bad\xff.stl"), tmp_path).text)

@@ -86,7 +86,8 @@ def read_contacts(path: Path) -> Contacts:
     """Read a contacts.csv back.
 
     Raises:
-        InputError: not a contacts.csv, or a status that there is none of.
+        InputError: not a contacts.csv, a status that there is none of, a field that is no number, or an answered row
+            without a point.
     """
     table = read_table(path)
     if missing := [name for name in COLUMNS if name not in table.names]:
@@ -95,16 +96,19 @@ def read_contacts(path: Path) -> Contacts:
             where=str(path),
             mend="`palpate estimate` writes one.",
         )
-    whole, _ = table.numbers(["sample", "contact", "candidates"])
-    if np.isnan(whole).any():
-        at = int(np.flatnonzero(np.isnan(whole).any(axis=1))[0])
-        raise InputError(
-            "sample, contact and candidates must be whole numbers.", where=f"{path}, line {table.lines[at]}"
-        )
+    whole, _ = table.numbers(["sample", "contact", "candidates"], strict=True)
+    odd = np.flatnonzero(~((whole == np.rint(whole)) & (np.abs(whole) < 2**53)).all(axis=1))  # NaN and infinite too
+    if len(odd):
+        table.refuse(int(odd[0]), "sample, contact and candidates must be whole numbers")
     sample, contact, candidates = whole.astype(np.int64).T
-    time, _ = table.numbers(["time"])
-    vectors, _ = table.numbers(_VECTORS)
-    variances, _ = table.numbers(_VARIANCES)
+    time, _ = table.numbers(["time"], strict=True)
+    vectors, _ = table.numbers(_VECTORS, strict=True)
+    variances, _ = table.numbers(_VARIANCES, strict=True)
+    status = _statuses(table)
+    answered = np.isin(status, (Status.CONTACT, Status.AMBIGUOUS))
+    pointless = np.flatnonzero(answered & ~np.isfinite(vectors[:, :3]).all(axis=1))
+    if len(pointless):
+        table.refuse(int(pointless[0]), "is answered, but has no point")
     covariance = np.empty((len(table), 3, 3))
     covariance[:, *_UPPER] = variances
     covariance[:, *_UPPER[::-1]] = variances
@@ -116,7 +120,7 @@ def read_contacts(path: Path) -> Contacts:
         covariance=covariance,
         residual=np.full(len(table), np.nan),
         candidates=candidates.copy(),
-        status=_statuses(table),
+        status=status,
     )
     return Contacts(sample.copy(), time[:, 0].copy(), contact.copy(), estimate, table.notes)
 

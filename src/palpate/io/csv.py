@@ -12,7 +12,7 @@ from jaxtyping import Float
 from palpate.errors import InputError
 from palpate.io.table import Table, read_table
 from palpate.io.units import FORCE_UNITS, TIME_UNITS, TORQUE_UNITS, near, to_si
-from palpate.sensors.recording import ACCELERATION, FORCE, ORIENTATION, POSITION, TORQUE, Recording
+from palpate.sensors.recording import ACCELERATION, FORCE, LARGEST, ORIENTATION, POSITION, TORQUE, Recording
 
 __all__ = ["Layout", "axis_matrix", "read_recording"]
 
@@ -68,7 +68,13 @@ def read_recording(path: Path, layout: Layout | None = None) -> Recording:
     seconds = time[:, 0] * to_si(layout.time_unit, TIME_UNITS, where="time_unit")
     wrench, wrench_notes = table.numbers(layout.wrench)
     channels = {FORCE: force * _turned(wrench[:, :3], axes), TORQUE: torque * _turned(wrench[:, 3:], axes)}
-    notes = [*table.notes, *time_notes, *wrench_notes, *_infinite_notes(wrench), *_time_notes(seconds)]
+    notes = [
+        *table.notes,
+        *time_notes,
+        *wrench_notes,
+        *_infinite_notes(channels[FORCE], channels[TORQUE]),
+        *_time_notes(seconds),
+    ]
     optional = (
         (ORIENTATION, layout.orientation, ORIENTATION_COLUMNS),
         (POSITION, layout.position, POSITION_COLUMNS),
@@ -128,9 +134,9 @@ def _require_known(table: Table, names: list[str]) -> None:
         )
 
 
-def _infinite_notes(wrench: Float[np.ndarray, "n 6"]) -> list[str]:
-    count = int(np.count_nonzero(np.isinf(wrench).any(axis=1)))
-    return [f"{count} of {len(wrench)} rows have an infinite force or torque"] if count else []
+def _infinite_notes(force: Float[np.ndarray, "n 3"], torque: Float[np.ndarray, "n 3"]) -> list[str]:
+    count = int(np.count_nonzero((np.abs(np.hstack([force, torque])) > LARGEST).any(axis=1)))
+    return [f"{count} of {len(force)} rows have a force or torque that is infinite or beyond 1e9"] if count else []
 
 
 def _time_notes(time: Float[np.ndarray, " n"]) -> list[str]:

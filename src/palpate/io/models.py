@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import tomllib
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -16,10 +17,11 @@ from tomlkit.items import Array
 
 from palpate.errors import InputError
 from palpate.io.atomic import write_text
+from palpate.io.strict import covariance_matrix, parse
 from palpate.io.units import near
-from palpate.sensors.force_torque import Payload
+from palpate.sensors.force_torque import STANDARD_GRAVITY, Payload
 
-__all__ = ["load_toml", "provenance", "read_payload", "toml_array", "write_payload", "write_provenance"]
+__all__ = ["load_toml", "printable", "provenance", "read_payload", "toml_array", "write_payload", "write_provenance"]
 
 _FIELDS = {  # name -> comment
     "weight": "N, in the base frame",
@@ -30,15 +32,43 @@ _FIELDS = {  # name -> comment
     "residual": "N, N m: rms of the fit",
     "samples": "that were used",
 }
-_SHAPES = {
-    "weight": (3,),
-    "force_bias": (3,),
-    "center_of_mass": (3,),
-    "torque_bias": (3,),
-    "covariance": (12, 12),
-    "residual": (2,),
-}
-_NOT_SHOWN = ("covariance", "provenance", "notes")
+Three = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class _PayloadFile:
+    """A payload model as its file spells it."""
+
+    kind: str
+    weight: Three
+    force_bias: Three
+    center_of_mass: Three
+    torque_bias: Three
+    covariance: tuple[tuple[float, ...], ...]
+    residual: tuple[float, float]
+    magnitude: float = STANDARD_GRAVITY
+    samples: int = 0
+    notes: tuple[str, ...] = ()
+    provenance: Mapping[str, Any] = field(default_factory=lambda: {})
+
+    def __post_init__(self) -> None:
+        covariance_matrix(self.covariance, 12, "covariance")
+        if not self.magnitude > 0:
+            raise ValueError(f"magnitude must be positive, not {self.magnitude:g}")
+        if min(self.residual) < 0 or self.samples < 0:
+            raise ValueError("residual and samples must not be negative")
+
+    def payload(self) -> Payload:
+        """As a value."""
+        return Payload(
+            *map(np.asarray, (self.weight, self.force_bias, self.center_of_mass, self.torque_bias)),
+            covariance=np.asarray(self.covariance),
+            magnitude=self.magnitude,
+            residual=np.asarray(self.residual),
+            samples=self.samples,
+            provenance={name: str(said) for name, said in self.provenance.items()},
+            notes=self.notes,
+        )
 
 
 def provenance(inputs: Mapping[str, Path | None], options: Mapping[str, object]) -> dict[str, str]:
@@ -46,7 +76,7 @@ def provenance(inputs: Mapping[str, Path | None], options: Mapping[str, object])
     record = {"palpate": version("palpate")}
     for name, path in inputs.items():
         if path is not None:
-            record[name] = f"{path.name} sha256:{_sha256(path)}"
+            record[name] = f"{printable(path.name)} {_sha256(path)}"
     return record | {name: str(value) for name, value in options.items() if value is not None}
 
 
@@ -75,34 +105,17 @@ def read_payload(path: Path) -> Payload:
         InputError: not a payload model, a key misspelt or missing, a value of the wrong kind.
     """
     table = load_toml(path)
-    if table.pop("kind", None) != "payload":
+    if table.get("kind") != "payload":
         raise InputError(
             "is not a payload model.",
             where=str(path),
             mend="`palpate calibrate payload` writes one (kind = 'payload').",
         )
-    known = (*_FIELDS, *_NOT_SHOWN)
-    for name in table:
-        if name not in known:
-            raise InputError(f"unknown key {name!r}.", where=str(path), mend=near(name, known))
-    arrays = {name: _array(table, name, shape, path) for name, shape in _SHAPES.items()}
-    rest = {name: table[name] for name in ("magnitude", "samples", "provenance") if name in table}
+    stated = parse(table, _PayloadFile, file=str(path))
     try:
-        return Payload(**arrays, **rest, notes=tuple(table.get("notes", ())))
-    except (TypeError, ValueError) as problem:
-        raise InputError(f"{problem}.", where=str(path)) from problem
-
-
-def _array(table: Mapping[str, Any], name: str, shape: tuple[int, ...], path: Path) -> Float[np.ndarray, "..."]:
-    try:
-        array = np.asarray(table[name], dtype=np.float64)
-    except KeyError:
-        raise InputError(f"there is no {name!r}.", where=str(path)) from None
-    except (TypeError, ValueError):
-        array = np.zeros(0)
-    if array.shape != shape:
-        raise InputError(f"{name} must be {' x '.join(map(str, shape))} numbers.", where=str(path))
-    return array
+        return stated.payload()
+    except InputError as problem:  # it does not know its file
+        raise InputError(problem.what, where=str(path)) from problem
 
 
 def write_provenance(path: Path, record: Mapping[str, object]) -> None:
@@ -117,13 +130,13 @@ def load_toml(path: Path) -> dict[str, Any]:
         InputError: not there, or not TOML; says the line.
     """
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
+        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except FileNotFoundError:
         siblings = [other.name for other in path.parent.glob("*.toml")] if path.parent.is_dir() else []
         raise InputError("there is no such file.", where=str(path), mend=near(path.name, siblings)) from None
     except (OSError, UnicodeDecodeError) as problem:
         raise InputError(f"cannot be read ({problem}).", where=str(path)) from problem
-    except tomllib.TOMLDecodeError as problem:
+    except (ValueError, RecursionError) as problem:  # tomllib's own, an integer too long, lists in lists in lists
         raise InputError(f"is not TOML: {problem}.", where=str(path)) from problem
 
 
@@ -135,6 +148,13 @@ def toml_array(rows: Float[np.ndarray, "n k"] | Sequence[Sequence[float]]) -> Ar
     return array.multiline(multiline=True)
 
 
+def printable(name: str) -> str:
+    """A file name as it may stand in a line of UTF-8 text."""
+    return "".join(letter if letter.isprintable() else "\N{REPLACEMENT CHARACTER}" for letter in name)
+
+
 def _sha256(path: Path) -> str:
+    if not path.is_file():  # a pipe gives its bytes once
+        return "(a pipe, no hash)"
     with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+        return f"sha256:{hashlib.file_digest(file, 'sha256').hexdigest()}"

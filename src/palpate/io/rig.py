@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -20,7 +21,7 @@ from palpate.io.units import FORCE_UNITS, TIME_UNITS, TORQUE_UNITS, to_si
 from palpate.sensors.force_torque import ForceTorque, Payload
 from palpate.surfaces.mesh import Mesh
 
-__all__ = ["Rig", "build", "load_rig"]
+__all__ = ["Rig", "build", "check_rig", "load_rig"]
 
 
 @dataclass(frozen=True)
@@ -78,7 +79,15 @@ def load_rig(path: Path) -> Rig:
     Raises:
         InputError: not there, not TOML, a key misspelt or missing, a value of another kind or out of bounds.
     """
-    table: dict[str, Any] = load_toml(path)
+    return check_rig(load_toml(path), path)
+
+
+def check_rig(table: Mapping[str, Any], path: Path) -> Rig:
+    """A rig from what TOML says, as if it stood in `path`.
+
+    Raises:
+        InputError: a key misspelt or missing, a value of another kind or out of bounds.
+    """
     if "folder" in table:
         raise InputError("unknown key 'folder'.", where=str(path))
     if "surface" not in table:

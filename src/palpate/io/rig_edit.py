@@ -3,26 +3,33 @@
 from __future__ import annotations
 
 import os
+import tomllib
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import tomlkit
 from jaxtyping import Float
-from tomlkit.items import Item, Key, Whitespace
+from tomlkit.exceptions import TOMLKitError
+from tomlkit.items import Item, Key, Table, Whitespace
 
 from palpate.errors import InputError
 from palpate.io.atomic import write_text
-from palpate.io.models import load_toml, toml_array
+from palpate.io.models import load_toml, printable, toml_array
 from palpate.spatial.pose import Pose
 
 __all__ = ["update_pose"]
+
+_COVARIANCE = "of rotation [rad] and translation [m] in the sensor's frame"
 
 
 def update_pose(
     source: Path, target: Path, pose: Pose, covariance: Float[np.ndarray, "6 6"], *, comment: str = ""
 ) -> None:
     """Copy a rig with the surface's pose and its covariance set; comments, order and all else stay.
+
+    A surface in dotted keys or an inline table is written anew as a [surface], without its comments.
 
     Relative paths are rewritten when `target` lies in another folder.
 
@@ -32,34 +39,91 @@ def update_pose(
         pose: T_sensor_surface.
         covariance: (6, 6) of (rotation vector [rad], translation [m]), perturbed on the left.
         comment: said beside the pose.
+
+    Raises:
+        InputError: `source` cannot be read or has no surface, or `target` cannot be written.
     """
-    load_toml(source)  # its sentences are better than tomlkit's
-    document: Any = tomlkit.parse(source.read_text(encoding="utf-8"))
-    if "surface" not in document:
+    wanted = load_toml(source)
+    if not isinstance(wanted.get("surface"), dict):
         raise InputError("a rig needs a [surface].", where=str(source))
-    surface = document["surface"]
-    table = tomlkit.inline_table()
-    table.update({"xyz": pose.translation.tolist(), "quaternion_xyzw": pose.quaternion().tolist()})
-    _replace(surface, "pose", table, comment)
-    matrix = toml_array(np.asarray(covariance))
-    _replace(surface, "pose_covariance", matrix, "of rotation [rad] and translation [m] in the sensor's frame")
+    wanted["surface"]["pose"] = {"xyz": pose.translation.tolist(), "quaternion_xyzw": pose.quaternion().tolist()}
+    wanted["surface"]["pose_covariance"] = np.asarray(covariance).tolist()
     if source.resolve().parent != target.resolve().parent:
-        _rebase(surface, "mesh", source, target)
-        if "force_torque" in document:
-            _rebase(document["force_torque"], "payload", source, target)
-    write_text(target, tomlkit.dumps(document))
+        _rebase(wanted["surface"], "mesh", source, target)
+        _rebase(wanted.get("force_torque", {}), "payload", source, target)
+    before = source.read_text(encoding="utf-8-sig")
+    for edit in (_in_place, _surface_anew):
+        try:
+            text = edit(before, wanted, printable(comment))
+        except TOMLKitError:  # a form that it does not know how to edit
+            continue
+        if text is not None and _reads_as(text, wanted):
+            return write_text(target, text)
+    raise InputError(
+        "the pose cannot be written into a rig of this form.", where=str(source), mend="Write [surface] as one table."
+    )
+
+
+def _in_place(text: str, wanted: Mapping[str, Any], comment: str) -> str | None:
+    """The text with the new values where the old ones stood; None where [surface] is not one plain table."""
+    document: Any = tomlkit.parse(text)
+    surface = document["surface"]
+    if not isinstance(surface, Table):
+        return None
+    _replace(surface, "pose", _inline(wanted["surface"]["pose"]), comment)
+    _replace(surface, "pose_covariance", toml_array(wanted["surface"]["pose_covariance"]), _COVARIANCE)
+    _move_paths(document, wanted)
+    return tomlkit.dumps(document)
+
+
+def _surface_anew(text: str, wanted: Mapping[str, Any], comment: str) -> str:
+    """The text with all of the surface in a [surface] at its end: for dotted keys and inline tables."""
+    document: Any = tomlkit.parse(text)
+    document.remove("surface")
+    surface = tomlkit.table()
+    for key, value in wanted["surface"].items():
+        if key not in ("pose", "pose_covariance"):
+            surface.add(key, _inline(cast("dict[str, Any]", value)) if isinstance(value, dict) else value)
+    pose = _inline(wanted["surface"]["pose"])
+    surface.add("pose", pose.comment(comment) if comment else pose)
+    surface.add("pose_covariance", toml_array(wanted["surface"]["pose_covariance"]).comment(_COVARIANCE))
+    _move_paths(document, wanted)
+    rest = tomlkit.dumps(document).strip()
+    fresh = tomlkit.document()
+    fresh.add("surface", surface)
+    return f"{rest}\n\n{tomlkit.dumps(fresh)}".lstrip()
+
+
+def _inline(table: Mapping[str, Any]) -> Item:
+    item = tomlkit.inline_table()
+    item.update(table)
+    return item
+
+
+def _reads_as(text: str, wanted: Mapping[str, Any]) -> bool:
+    try:
+        return tomllib.loads(text) == wanted
+    except tomllib.TOMLDecodeError:
+        return False
+
+
+def _move_paths(document: Any, wanted: Mapping[str, Any]) -> None:
+    for name, key in (("surface", "mesh"), ("force_torque", "payload")):
+        table: Any = document.get(name, {})
+        if key in table and table[key] != wanted[name][key]:
+            _replace(table, key, tomlkit.string(wanted[name][key]), "")
 
 
 def _replace(table: Any, key: str, value: Item, comment: str) -> None:
-    if key in table:
-        kept = table[key].trivia if hasattr(table[key], "trivia") else None
-        table[key] = value
-        if comment:
-            table[key].comment(comment)
-        elif kept is not None:
-            table[key].trivia.comment, table[key].trivia.comment_ws = kept.comment, kept.comment_ws
+    if key not in table:
+        _append(table, key, value.comment(comment) if comment else value)
         return
-    _append(table, key, value.comment(comment) if comment else value)
+    old = getattr(table[key], "trivia", None)
+    table[key] = value
+    if comment:
+        table[key].comment(comment)
+    elif old is not None:
+        table[key].trivia.comment, table[key].trivia.comment_ws = old.comment, old.comment_ws
 
 
 def _append(table: Any, key: str, value: Item) -> None:
@@ -73,7 +137,7 @@ def _append(table: Any, key: str, value: Item) -> None:
         table.add(item)
 
 
-def _rebase(table: Any, key: str, source: Path, target: Path) -> None:
-    if key in table and not Path(str(table[key])).is_absolute():
-        moved = os.path.relpath(source.resolve().parent / str(table[key]), target.resolve().parent)
-        _replace(table, key, tomlkit.item(Path(moved).as_posix()), "")
+def _rebase(table: dict[str, Any], key: str, source: Path, target: Path) -> None:
+    if key in table and not Path(table[key]).is_absolute():
+        moved = os.path.relpath(source.resolve().parent / table[key], target.resolve().parent)
+        table[key] = Path(moved).as_posix()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,6 +15,8 @@ from palpate.contact.plausibility import lines_of_action
 from palpate.errors import InputError
 from palpate.io.csv import ORIENTATION_COLUMNS, Layout, read_recording
 from palpate.io.guess import guess_orientation, guess_position, guess_time, guess_wrench
+from palpate.io.models import printable
+from palpate.io.rig import check_rig
 from palpate.io.table import Table, read_table
 from palpate.io.units import TORQUE_UNITS
 from palpate.sensors.noise import estimate_noise
@@ -22,6 +25,7 @@ from palpate.surfaces.mesh import UNITS, Mesh
 __all__ = ["Proposal", "propose_rig"]
 
 _PLAUSIBLE = (2e-3, 5.0)  # m: from a fingertip to a robot's link
+_LEAST_NOISE = 1e-6  # N, N m: a log that never changes does not make a noise of nothing
 _EPOCHS = ((1e17, "ns"), (1e14, "us"), (1e11, "ms"))  # times of day above these cannot be seconds
 
 _TEXT = """\
@@ -69,7 +73,7 @@ def propose_rig(log: Path, mesh: Path, folder: Path) -> Proposal:
     """Guess a rig that will stand in `folder`.
 
     Raises:
-        InputError: the log is no table, or no column's name says force and torque.
+        InputError: the log is no table, or no column's name says force and torque, or the rig would not load.
     """
     table = read_table(log)
     wrench, time = guess_wrench(table.names), guess_time(table.names)
@@ -87,6 +91,7 @@ def propose_rig(log: Path, mesh: Path, folder: Path) -> Proposal:
     noise = estimate_noise(wrenches)
     torque_unit = _torque_unit(wrenches, size)
     noise = np.ones(6) if noise is None else noise * np.repeat([1.0, TORQUE_UNITS[torque_unit]], 3)
+    noise = np.maximum(noise, _LEAST_NOISE)
     orientation, said = _orientation(table.names)
     remarks = [*said, *recording.notes]
     if torque_unit != "N m":
@@ -94,8 +99,8 @@ def propose_rig(log: Path, mesh: Path, folder: Path) -> Proposal:
     if unit != "m":
         remarks.append(f"the mesh is taken to be in {unit}, which makes it {size * 1e3:.4g} mm across")
     text = _TEXT.format(
-        log=log.name,
-        mesh_name=mesh.name,
+        log=printable(log.name),
+        mesh_name=printable(mesh.name),
         mesh=_toml(Path(os.path.relpath(mesh.resolve(), folder.resolve())).as_posix()),
         unit=unit,
         unit_remark=f"; it makes the surface {size * 1e3:.4g} mm across",
@@ -108,7 +113,19 @@ def propose_rig(log: Path, mesh: Path, folder: Path) -> Proposal:
         torque_noise=f"{float(noise[3:].max()):.2g}",
         orientation=orientation,
     )
+    _require_sound(text, folder / "rig.toml")
     return Proposal(text, tuple(remarks))
+
+
+def _require_sound(text: str, path: Path) -> None:
+    """Before it is written: odd names of files or columns must not make a rig that does not load."""
+    try:
+        table = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as problem:
+        raise InputError(
+            f"a name of a column or of the mesh cannot stand in a rig ({problem}).", where=str(path), mend="Rename it."
+        ) from problem
+    check_rig(table, path)
 
 
 def _mesh_unit(path: Path) -> tuple[str, float]:
@@ -150,5 +167,5 @@ def _orientation(names: Sequence[str]) -> tuple[str, list[str]]:
 
 
 def _toml(value: str | Sequence[str]) -> str:
-    """Text or a list of texts; JSON's strings are TOML's."""
-    return json.dumps(value if isinstance(value, str) else list(value), ensure_ascii=False)
+    """Text or a list of texts; JSON's strings are TOML's, but for DEL."""
+    return json.dumps(value if isinstance(value, str) else list(value), ensure_ascii=False).replace("\x7f", "\\u007f")

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from math import radians
+from math import inf, radians
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
 
+from palpate.io.strict import INFINITE, covariance_matrix
 from palpate.spatial.pose import Pose
 from palpate.surfaces.mesh import UNITS, Mesh
 from palpate.surfaces.plane import plane
@@ -30,6 +31,7 @@ __all__ = [
 Three = tuple[float, float, float]
 Four = tuple[float, float, float, float]
 Six = tuple[str, str, str, str, str, str]
+_SMALLEST = 1e-15  # N, N m: below any sensor, and its square is still a number
 
 
 @dataclass(frozen=True)
@@ -40,7 +42,7 @@ class RigPose:
     quaternion_xyzw: Four = (0.0, 0.0, 0.0, 1.0)
 
     def __post_init__(self) -> None:
-        if abs(np.linalg.norm(self.quaternion_xyzw) - 1.0) > 0.01:
+        if not abs(np.linalg.norm(self.quaternion_xyzw) - 1.0) <= 0.01:  # NaN too
             raise ValueError(
                 f"quaternion_xyzw {list(self.quaternion_xyzw)} is not of length 1 (the order is x, y, z, w)"
             )
@@ -80,8 +82,15 @@ class RigSurface:
             raise ValueError("mesh is missing: the file of the surface")
         if self.kind == "mesh" and self.unit not in UNITS:
             raise ValueError(f"unit of the mesh must be one of {', '.join(UNITS)}, not {self.unit!r}")
-        if self.pose_covariance is not None and np.shape(self.pose_covariance) != (6, 6):
-            raise ValueError("pose_covariance must be 6 x 6, of rotation [rad] and translation [m]")
+        _require_path("mesh", self.mesh)
+        if not 0 <= self.crease <= 180:
+            raise ValueError(f"crease must lie between 0 and 180 degrees, not {self.crease:g}")
+        if not 0 < self.half_width < inf:
+            raise ValueError("half_width must be positive")
+        if not 0 < np.linalg.norm(self.normal) < inf:
+            raise ValueError("normal must not be zero")
+        if self.pose_covariance is not None:
+            covariance_matrix(self.pose_covariance, 6, "pose_covariance")
 
     def load(self, folder: Path) -> Mesh:
         """The surface, in metres; a relative path starts at `folder`."""
@@ -107,8 +116,8 @@ class RigPair:
     torque: float | Three
 
     def __post_init__(self) -> None:
-        if np.min(self.force) <= 0 or np.min(self.torque) <= 0:
-            raise ValueError("force and torque must be positive")
+        if not np.all((self.six() > _SMALLEST) & (self.six() < inf)):  # NaN too
+            raise ValueError(f"force and torque must be positive (above {_SMALLEST:g})")
 
     def six(self) -> Float[np.ndarray, "6"]:
         """Force first."""
@@ -134,6 +143,7 @@ class RigForceTorque:
             raise ValueError("topic: logs with topics are not read yet; name the columns of a CSV file")
         if self.frame not in ("sensor", "base"):
             raise ValueError(f"frame must be 'sensor' or 'base', not {self.frame!r}")
+        _require_path("payload", self.payload)
 
 
 @dataclass(frozen=True)
@@ -167,8 +177,8 @@ class RigThresholds:
     off: float
 
     def __post_init__(self) -> None:
-        if not 0 <= self.off <= self.on:
-            raise ValueError(f"off ({self.off:g}) must lie between 0 and on ({self.on:g})")
+        if not 0 <= self.off <= self.on < inf:
+            raise ValueError(f"off ({self.off:g}) must lie between 0 and on ({self.on:g}), and on must be finite")
 
 
 @dataclass(frozen=True)
@@ -177,9 +187,14 @@ class RigEstimate:
 
     method: str = "soft_finger"
     friction: float = 1.0
-    torsion: float = 5e-3
+    torsion: float = field(default=5e-3, metadata=INFINITE)
     contact: RigThresholds | None = None
 
     def __post_init__(self) -> None:
-        if not (self.friction > 0 and self.torsion >= 0):
-            raise ValueError("friction must be positive, and torsion not negative")
+        if not (0 < self.friction < inf and self.torsion >= 0):
+            raise ValueError("friction must be positive and finite, and torsion not negative")
+
+
+def _require_path(key: str, path: str | None) -> None:
+    if path is not None and (not path.strip() or "\0" in path):
+        raise ValueError(f"{key} must name a file, not {path!r}")

@@ -7,6 +7,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NoReturn
 
 import numpy as np
 import polars as pl
@@ -18,6 +19,7 @@ from palpate.io.units import near
 __all__ = ["Table", "read_table"]
 
 _DELIMITERS = (b",", b";", b"\t")
+_INSIDE = b"\x1f"  # stands for a delimiter inside quotes, so that every line parses on its own
 
 
 @dataclass(frozen=True)
@@ -29,7 +31,7 @@ class Table:
         delimiter: one of comma, semicolon, tab.
         names: the column names, as the header gives them.
         lines: (n,) the line of the file that each row stands on, counted from 1.
-        ragged: (n,) True where a row has more or fewer fields than the header.
+        ragged: (n,) True where a row has more or fewer fields than the header, or a quote that is not closed.
         notes: what was met on the way.
     """
 
@@ -49,12 +51,22 @@ class Table:
         self._require([name])
         return self._columns([name])[0]
 
-    def numbers(self, names: Sequence[str]) -> tuple[Float[np.ndarray, "n k"], tuple[str, ...]]:
+    def numbers(
+        self, names: Sequence[str], *, strict: bool = False
+    ) -> tuple[Float[np.ndarray, "n k"], tuple[str, ...]]:
         """Columns as float64, NaN where a field is not a number or its row is ragged, and a note when there is one.
 
+        Args:
+            names: of the columns.
+            strict: refuse a ragged row and a field that is no number, unless it is empty or says nan.
+
         Raises:
-            InputError: a column is missing, or holds no number at all.
+            InputError: a column is missing, or holds no number at all, or `strict` finds a row.
         """
+        if strict and self.ragged.any():
+            self.refuse(
+                int(np.argmax(self.ragged)), f"does not have {len(self.names)} fields, or a quote is not closed"
+            )
         self._require(names)
         values = np.empty((len(self), len(names)))
         bad = self.ragged.copy()
@@ -69,11 +81,17 @@ class Table:
                 )
             if unread.any() and not first:
                 at = int(np.flatnonzero(unread)[0])
+                if strict:
+                    self.refuse(at, f"{text[at]!r} in column {name!r} is not a number")
                 first = f" (first: line {self.lines[at]}, column {name!r}, {text[at]!r})"
             bad |= np.isnan(column)
             values[:, k] = column
         values[self.ragged] = np.nan
         return values, self._bad_note(bad, first)
+
+    def refuse(self, row: int, what: str) -> NoReturn:
+        """Raise an InputError that names the line of a row."""
+        raise InputError(f"{what}.", where=f"{self.path}, line {self.lines[row]}")
 
     def _bad_note(self, bad: Bool[np.ndarray, " n"], first: str) -> tuple[str, ...]:
         if not bad.any():
@@ -92,9 +110,7 @@ class Table:
     def _columns(self, names: Sequence[str]) -> list[pl.Series]:
         indices = [self.names.index(name) for name in names]
         frame = _parse(self._text, self.delimiter, self.path, indices)[1:]
-        if len(frame) != len(self):
-            raise InputError("the quotes in this file are not balanced.", where=str(self.path))
-        stripped = frame.with_columns(pl.all().str.strip_chars().replace("", None))
+        stripped = frame.with_columns(_unquoted(pl.all(), self.delimiter).replace("", None))
         order = {column: k for k, column in enumerate(sorted(set(indices)))}  # polars gives them in the file's order
         return [stripped.to_series(order[index]) for index in indices]
 
@@ -111,30 +127,36 @@ def read_table(path: Path) -> Table:
         InputError: the file is not there, not text, empty, or has no header.
     """
     raw = _read_bytes(path)
-    lines = raw.split(b"\n", 1)
-    delimiter = max(_DELIMITERS, key=lines[0].count)
-    if delimiter not in lines[0]:
+    header = raw.lstrip(b"\n\r ").split(b"\n", 1)[0]
+    bare = re.sub(rb'"[^"]*"', b"", header)
+    delimiter = max(_DELIMITERS, key=bare.count)
+    if delimiter not in bare:
         raise InputError("found one column only.", where=str(path), mend="Separate columns by , or ; or tab.")
-    names = tuple((name or "").strip() for name in _parse(lines[0], delimiter.decode(), path, None).row(0))
+    raw, numbers, fields = _lines(raw, delimiter)
+    if fields[0] < 0:
+        raise InputError("a quote is not closed in the header.", where=f"{path}, line {numbers[0]}")
+    first = _parse(raw.split(b"\n", 1)[0], delimiter.decode(), path, None)
+    names = first.select(_unquoted(pl.all(), delimiter.decode()).fill_null("")).row(0)
     if all(re.fullmatch(r"[-+\d.eE]+|nan|inf", name.lower()) for name in names):
         raise InputError("the first line holds numbers.", where=str(path), mend="It must name the columns.")
-    if len(lines) == 1:
+    if len(numbers) == 1:
         raise InputError("there is a header, but no rows.", where=str(path))
-    raw, numbers, fields = _drop_blank_lines(raw, delimiter)
     ragged = fields != len(names)
-    if b'"' in raw:  # a delimiter may then stand inside quotes: fields cannot be counted this way
-        quoted = _parse(raw, delimiter.decode(), path, [0])
-        numbers, ragged = np.arange(1, len(quoted) + 1), np.zeros(len(quoted), dtype=bool)
     if ragged[1:].all():
+        found = str(fields[1]) if fields[1] >= 0 else "a quote that is not closed"
         raise InputError(
-            f"no row has the {len(names)} fields of the header; line {numbers[1]} has {fields[1]}.",
+            f"no row has the {len(names)} fields of the header; line {numbers[1]} has {found}.",
             where=str(path),
             mend="Is the decimal point a comma?" if delimiter == b"," else "",
         )
-    notes = ()
-    if ragged.any():
-        at = int(np.flatnonzero(ragged)[0])
-        notes = (f"{np.count_nonzero(ragged)} rows do not have {len(names)} fields (first: line {numbers[at]})",)
+    notes: tuple[str, ...] = ()
+    for rows, what in (
+        (fields < 0, "have a quote that is not closed"),
+        (ragged & (fields > 0), f"do not have {len(names)} fields"),
+    ):
+        if rows.any():
+            at = int(np.flatnonzero(rows)[0])
+            notes += (f"{np.count_nonzero(rows)} rows {what} (first: line {numbers[at]})",)
     return Table(path, delimiter.decode(), names, numbers[1:], ragged[1:], notes, raw)
 
 
@@ -144,8 +166,8 @@ def _read_bytes(path: Path) -> bytes:
     except FileNotFoundError:
         siblings = [other.name for other in path.parent.glob("*")] if path.parent.is_dir() else []
         raise InputError("there is no such file.", where=str(path), mend=near(path.name, siblings)) from None
-    except OSError as problem:
-        raise InputError(f"cannot be read ({problem.strerror}).", where=str(path)) from problem
+    except (OSError, ValueError) as problem:  # the second: a NUL in the name
+        raise InputError(f"cannot be read ({problem}).", where=str(path)) from problem
     raw = raw.removeprefix(b"\xef\xbb\xbf")
     if raw.startswith((b"\xff\xfe", b"\xfe\xff")):
         raise InputError("is UTF-16 text.", where=str(path), mend="Save it as UTF-8.")
@@ -153,26 +175,42 @@ def _read_bytes(path: Path) -> bytes:
         raise InputError("is not a text file.", where=str(path), mend="A log is a CSV file here.")
     if b"\n" not in raw:
         raw = raw.replace(b"\r", b"\n")
-    raw = raw.strip(b"\r\n ")
+    raw = raw.rstrip(b"\r\n ")
     if not raw:
         raise InputError("the file is empty.", where=str(path))
     return raw
 
 
-def _drop_blank_lines(raw: bytes, delimiter: bytes) -> tuple[bytes, Int[np.ndarray, " n"], Int[np.ndarray, " n"]]:
-    """The text without blank lines, the number of each line left, and its count of fields."""
+def _lines(raw: bytes, delimiter: bytes) -> tuple[bytes, Int[np.ndarray, " n"], Int[np.ndarray, " n"]]:
+    """The text without blank lines and with `_INSIDE` for delimiters inside quotes; each line's number and fields.
+
+    A line is a row, whatever its quotes say: where one is not closed, the count of fields is -1.
+    """
     text = np.frombuffer(raw, dtype=np.uint8)
     ends = np.append(np.flatnonzero(text == ord("\n")), len(text))
-    marks = np.flatnonzero(text == ord(delimiter))
-    fields = np.diff(np.searchsorted(marks, ends), prepend=0) + 1
-    numbers = np.arange(1, len(ends) + 1)
     starts = np.append(0, ends[:-1] + 1)
+    marks = np.flatnonzero(text == ord(delimiter))
+    unclosed = np.zeros(len(ends), dtype=bool)
+    if b'"' in raw:
+        quotes = np.flatnonzero(text == ord('"'))
+        before = np.searchsorted(quotes, starts)
+        unclosed = np.diff(before, append=len(quotes)) % 2 == 1
+        inside = (np.searchsorted(quotes, marks) - before[np.searchsorted(ends, marks)]) % 2 == 1
+        text = text.copy()
+        text[marks[inside]] = ord(_INSIDE)
+        raw, marks = text.tobytes(), marks[~inside]
+    fields = np.diff(np.searchsorted(marks, ends), prepend=0) + 1
     blank = [k for k in np.flatnonzero(fields == 1) if not raw[starts[k] : ends[k]].strip()]
     if blank:
         drop = set(blank)
         raw = b"\n".join(line for k, line in enumerate(raw.split(b"\n")) if k not in drop)
-        numbers, fields = np.delete(numbers, blank), np.delete(fields, blank)
-    return raw, numbers, fields
+    fields[unclosed] = -1
+    return raw, np.delete(np.arange(1, len(ends) + 1), blank), np.delete(fields, blank)
+
+
+def _unquoted(text: pl.Expr, delimiter: str) -> pl.Expr:
+    bare = text.str.strip_chars().str.strip_prefix('"').str.strip_suffix('"').str.strip_chars()
+    return bare.str.replace_all('""', '"', literal=True).str.replace_all(_INSIDE.decode(), delimiter, literal=True)
 
 
 def _parse(text: bytes, delimiter: str, path: Path, columns: list[int] | None) -> pl.DataFrame:
@@ -180,6 +218,7 @@ def _parse(text: bytes, delimiter: str, path: Path, columns: list[int] | None) -
         return pl.read_csv(
             io.BytesIO(text),
             separator=delimiter,
+            quote_char=None,
             has_header=False,
             infer_schema=False,
             truncate_ragged_lines=True,
