@@ -6,6 +6,7 @@ import gc
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -53,7 +54,7 @@ class Batch:
 
 
 @njit(cache=True, nogil=True)
-def _search_many(wrenches, soft, tan_limit, nodes, corners, found):  # type: ignore[no-untyped-def]
+def _search_many(wrenches, soft, tan_limit, nodes, corners, found):
     total = 0
     for i in range(len(wrenches)):
         total += _bvh.search(wrenches[i], soft, tan_limit, nodes, corners, found)
@@ -91,7 +92,7 @@ def _facets_only(mesh: palpate.Mesh) -> Tree:
     return build_tree(Patches(corners, np.full(count, FACET), np.arange(count)))
 
 
-Variant = tuple[Callable[..., object], np.ndarray, tuple[object, ...]]  # what is called, first arguments, the others
+Variant = tuple[Callable[..., Any], np.ndarray, tuple[object, ...]]  # what is called, first arguments, the others
 
 
 def singles(meshes: Meshes, queries: int, budget: float) -> list[Single]:
@@ -150,7 +151,7 @@ def _agree(calls: dict[str, Variant], meshes: Meshes, found: np.ndarray) -> None
     """All forms must name the same facets, or the comparison is of different things."""
     search, unit, rest = calls[FLAT]
     for i in range(20):
-        count = int(search(unit[i], *rest))  # type: ignore[call-overload]
+        count = int(search(unit[i], *rest))
         rows = found[:count]
         ours = {
             int(meshes.tree.corners[int(p), _bvh.FACET])
@@ -158,7 +159,7 @@ def _agree(calls: dict[str, Variant], meshes: Meshes, found: np.ndarray) -> None
             if kind == 0
         }
         for name, (call, wrenches, _) in calls.items():
-            if name not in (FLAT, FACETS, FULL) and not ours <= set(call(wrenches[i]).tolist()):  # type: ignore[attr-defined]
+            if name not in (FLAT, FACETS, FULL) and not ours <= set(call(wrenches[i]).tolist()):
                 raise RuntimeError(f"{name} and the kernel disagree on wrench {i}")
 
 
