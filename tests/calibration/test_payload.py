@@ -387,3 +387,29 @@ def test_real_poses_with_y_and_z_swapped_are_named(shared: Path) -> None:
     wrenches, rotations = real(shared, "_100")
     sensor = np.einsum("nji,nkj->nki", rotations, wrenches.reshape(-1, 2, 3)).reshape(-1, 6)
     assert "hypothesis='y and z swapped'" in identify_payload(sensor[:, SWAP], rotations).notes[-1]
+
+
+def test_only_the_direction_of_gravity_counts() -> None:
+    rotations = poses(30)
+    wrenches = readings(rotations)
+    for length in (1e-300, 1e300):
+        payload = identify_payload(wrenches, rotations, gravity=[0.0, 0.0, -length])
+        np.testing.assert_array_equal(
+            parameters(payload), parameters(identify_payload(wrenches, rotations, gravity=[0, 0, -1]))
+        )
+
+
+def test_a_centre_of_mass_beyond_reach_is_said() -> None:
+    rotations = poses(30)
+    wrenches = readings(rotations)
+    assert "centre of mass lies" not in " ".join(identify_payload(wrenches, rotations).notes)
+    wrenches[:, 3:] *= 1e3  # N mm taken for N m
+    assert "centre of mass lies" in " ".join(identify_payload(wrenches, rotations).notes)
+
+
+def test_rows_beyond_any_sensor_are_ignored_like_infinity() -> None:
+    rotations = poses(30)
+    wrenches = readings(rotations, noise=1.0)
+    good = identify_payload(np.delete(wrenches, [2], axis=0), np.delete(rotations, [2], axis=0))
+    wrenches[2, 4] = 1e200
+    np.testing.assert_array_equal(parameters(identify_payload(wrenches, rotations)), parameters(good))

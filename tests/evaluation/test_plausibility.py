@@ -7,7 +7,8 @@ import pytest
 
 from palpate.calibration.poses import average_poses
 from palpate.calibration.presses import find_presses
-from palpate.contact.plausibility import lines_of_action, never_at_rest
+from palpate.contact.estimate import Status
+from palpate.contact.plausibility import lines_of_action, never_at_rest, unexplained
 from palpate.sensors.noise import estimate_noise
 from palpate.spatial.pose import Pose
 
@@ -108,3 +109,13 @@ def test_presses_are_found_without_their_ramps() -> None:
     assert 1.10 <= start[0] <= 1.20  # the ramp passes 0.7 of the force at 1.14 s
     assert 1.79 <= end[0] <= 1.90
     assert len(find_presses(time, np.zeros((400, 6)), on=0.5, off=0.3)[0]) == 0
+
+
+def test_most_of_the_loaded_samples_decide_what_is_unexplained() -> None:
+    free = [Status.NO_CONTACT, Status.TOO_LIGHT, Status.INVALID, Status.NO_POSE] * 5
+    found = [Status.CONTACT, Status.AMBIGUOUS]
+    assert unexplained(np.array(free, dtype=np.int8)) == []
+    assert unexplained(np.array([*free, *found, Status.OFF_SURFACE, Status.IMPLAUSIBLE], dtype=np.int8)) == []
+    [said] = unexplained(np.array([*free, *found, Status.OFF_SURFACE, *[Status.IMPLAUSIBLE] * 2], dtype=np.int8))
+    assert "40% are implausible" in said
+    assert "20% off the surface" in said

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from palpate.calibration._pose_fit import apply, fit, offset
 from palpate.calibration._screws import name_motions
 from palpate.calibration._touch_evidence import Evidence, KnownPoints, SomewhereOnSurface, Touched
-from palpate.errors import NotIdentifiable
+from palpate.errors import InputError, NotIdentifiable
 from palpate.spatial._arrays import frozen
 from palpate.spatial.pose import Pose, skew
 from palpate.spatial.uncertain import noise_covariance
@@ -22,6 +22,7 @@ from palpate.surfaces import Mesh
 
 __all__ = ["Mounting", "identify_mounting", "mean_touches"]
 
+SAID = 3  # notes in a refusal
 WRONG = 5.0  # of a touch: beyond it the touch is left out and named: another mark, or a slip
 
 
@@ -106,11 +107,16 @@ def identify_mounting(
 
     Raises:
         NotIdentifiable: no direction of the pose is seen better than the prior knows it.
+        InputError: a mark lies further from the surface than the surface is large; a placement that is no length.
     """
+    if not 0 < placement <= 1:  # NaN too
+        raise InputError(f"placement must be above 0 and at most 1 m, not {placement:g}.")
     names = [f"touch {k + 1}" for k in range(len(wrenches))] if labels is None else list(labels)
     known = np.zeros((len(wrenches), 3)) if points is None else points
     used = np.flatnonzero(np.isfinite(np.concatenate([wrenches, known], axis=1)).all(axis=1) & wrenches[:, :3].any(1))
-    notes = [f"{names[k]} is left out: it has no force or no point" for k in np.setdiff1d(range(len(names)), used)]
+    notes = [
+        f"{names[k]} is left out: it has no point, or no usable sample" for k in np.setdiff1d(range(len(names)), used)
+    ]
     covariances = _noise(noise, len(wrenches))
     sizes = np.repeat(np.asarray(prior, dtype=np.float64), 3)
 
@@ -121,15 +127,15 @@ def identify_mounting(
         return KnownPoints(touched, points[rows], surface.project(points[rows])[1])
 
     if len(used) == 0:
-        raise _refusal(points is None, 0, np.eye(6), prior)
+        raise _refusal(points is None, 0, np.eye(6), prior, notes)
+    if points is not None:
+        notes += _strays(points[used], surface, [names[k] for k in used], placement)
     pose, distances, scale = fit(evidence(used), initial, sizes)
     while distances.max() > WRONG * scale and len(used) > 4:
         worst = int(np.argmax(distances))
         notes.append(f"{names[used[worst]]} is left out: it is {distances[worst] / scale:.0f} standard deviations off")
         used = np.delete(used, worst)
         pose, distances, scale = fit(evidence(used), initial, sizes)
-    if points is not None:
-        notes += _strays(points[used], surface, [names[k] for k in used], placement)
     return _judged(evidence(used), pose, initial, prior, used, notes, points is None)
 
 
@@ -190,7 +196,7 @@ def _judged(
     values, vectors = np.linalg.eigh(seen / max(1.0, ratio))
     blind = vectors[:, values <= 1.0]
     if blind.shape[1] == 6:
-        raise _refusal(free, 0, blind, prior)
+        raise _refusal(free, 0, blind, prior, notes)
     if ratio > 4.0:
         notes.append(
             f"the touches disagree {ratio**0.5:.1f} times as much as expected, and the covariance is widened by it"
@@ -212,14 +218,19 @@ def _judged(
     )
 
 
-def _refusal(free: bool, rank: int, blind: Float[np.ndarray, "6 k"], prior: tuple[float, float]) -> NotIdentifiable:
+def _refusal(
+    free: bool, rank: int, blind: Float[np.ndarray, "6 k"], prior: tuple[float, float], notes: Sequence[str]
+) -> NotIdentifiable:
     mend = (
         "Touch more places, where the surface curves in different ways, or touch marked points."
         if free
         else "Touch at least three marks that are not on one line, and push in different directions."
     )
+    more = f"; and {len(notes) - SAID} more" if len(notes) > SAID else ""
+    found = f" Besides: {'; '.join(notes[:SAID])}{more}." if notes else ""
     return NotIdentifiable(
-        f"the touches say nothing about the mounting that the initial pose and its prior do not say better. {mend}",
+        f"the touches say nothing about the mounting that the initial pose and its prior do not say better. "
+        f"{mend}{found}",
         rank=rank,
         missing=name_motions(blind, *prior),
     )
@@ -228,6 +239,13 @@ def _refusal(free: bool, rank: int, blind: Float[np.ndarray, "6 k"], prior: tupl
 def _strays(points: Float[np.ndarray, "n 3"], surface: Mesh, names: Sequence[str], placement: float) -> list[str]:
     """Marks that do not lie on the surface: another frame, or another unit."""
     gaps = np.linalg.norm(surface.project(points)[0] - points, axis=1)
+    absurd = np.flatnonzero(gaps > surface.size)
+    if len(absurd):
+        raise InputError(
+            f"{len(absurd)} of {len(names)} marks lie further from the surface than it is large "
+            f"({names[absurd[0]]}: {gaps[absurd[0]]:.3g} m).",
+            mend="Are the marks in the surface's frame, in metres, and the unit of the mesh right?",
+        )
     return [
         f"{name} lies {gap * 1e3:.1f} mm off the surface: are the marks in its frame, and in metres?"
         for name, gap in zip(names, gaps, strict=True)

@@ -13,9 +13,12 @@ from palpate.calibration._payload_hypotheses import AS_IS, Hypothesis, corrected
 from palpate.calibration._payload_solve import Settings, solve
 from palpate.errors import InputError
 from palpate.sensors.force_torque import STANDARD_GRAVITY, Payload
+from palpate.sensors.recording import LARGEST
 from palpate.spatial.uncertain import noise_covariance
 
 __all__ = ["Hypothesis", "diagnose_payload", "identify_payload"]
+
+FAR = 1.0  # m from the sensor: no tool has its centre of mass further out
 
 
 def identify_payload(
@@ -41,7 +44,7 @@ def identify_payload(
     1.1 at 40 poses, by 2 at 12.
 
     Args:
-        wrenches: (n, 6) [N, N m] in the sensor frame. Rows with NaN or infinity are ignored, and said.
+        wrenches: (n, 6) [N, N m] in the sensor frame. Rows with NaN or infinity (above 1e9) are ignored, and said.
         rotations: (n, 3, 3), sensor in base.
         gravity: (3,) its direction in the base, of any length; None when unknown, to be identified.
         magnitude: |g| [m/s^2], which only divides the weight into a mass.
@@ -59,7 +62,7 @@ def identify_payload(
     wrenches, rotations, finite = usable(wrenches, rotations)
     solution = solve(*corrected(wrenches, rotations, hypothesis), settings)
     doubtful = doubts(solution, hypothesis, wrenches, rotations, settings)
-    notes = (*left_out(finite, solution.kept), *solution.payload.notes, *doubtful)
+    notes = (*left_out(finite, solution.kept), *solution.payload.notes, *doubtful, *_far_centre(solution.payload))
     options = {
         "gravity": "free" if gravity is None else "given",
         "robust": str(robust).lower(),
@@ -93,10 +96,11 @@ def settings_of(gravity: ArrayLike | None, magnitude: float, noise: ArrayLike | 
         raise InputError(f"magnitude of gravity must be positive, not {magnitude}")
     direction = None if gravity is None else np.asarray(gravity, dtype=np.float64)
     if direction is not None:
-        length = float(np.linalg.norm(direction))
-        if direction.shape != (3,) or not np.isfinite(length) or length == 0.0:
+        largest = float(np.abs(direction).max(initial=0.0))
+        if direction.shape != (3,) or not np.isfinite(largest) or largest == 0.0:
             raise InputError(f"gravity must be three numbers, not all zero: {gravity}", mend="Leave it out if unknown.")
-        direction = direction / length
+        direction = direction / largest  # first: the square of 1e200 is no number
+        direction = direction / np.linalg.norm(direction)
     return Settings(direction, float(magnitude), None if noise is None else noise_covariance(noise), robust)
 
 
@@ -109,11 +113,12 @@ def usable(wrenches: ArrayLike, rotations: ArrayLike) -> tuple[np.ndarray, np.nd
         raise InputError(
             f"rotations must have shape ({len(wrenches)}, 3, 3), one for each wrench, not {rotations.shape}"
         )
-    finite = np.asarray(np.isfinite(np.column_stack([wrenches, rotations.reshape(-1, 9)])).all(axis=1), dtype=bool)
+    rows = np.column_stack([wrenches, rotations.reshape(-1, 9)])
+    finite = np.asarray((np.abs(rows) <= LARGEST).all(axis=1), dtype=bool)
     _check_rotations(rotations, finite)
     if not finite.any():
         raise InputError(
-            f"none of the {len(wrenches)} rows is complete", mend="Check the columns and the log's length."
+            f"none of the {len(wrenches)} rows is complete.", mend="Check the columns and the log's length."
         )
     return wrenches[finite], rotations[finite], finite
 
@@ -127,6 +132,13 @@ def left_out(finite: Bool[np.ndarray, " n"], kept: Bool[np.ndarray, " m"]) -> tu
     if len(away):
         said += (f"{len(away)} of {len(kept)} samples lie far from the fit and were set aside ({_listed(away)}).",)
     return said
+
+
+def _far_centre(payload: Payload) -> tuple[str, ...]:
+    far = float(np.linalg.norm(payload.center_of_mass))
+    if far <= FAR:
+        return ()
+    return (f"The centre of mass lies {far:.3g} m from the sensor: is the unit of the torque right?",)
 
 
 def _listed(rows: np.ndarray) -> str:

@@ -28,7 +28,7 @@ def average_poses(
         shortest: samples that make a stretch.
     """
     both = np.concatenate([wrenches, rotations.reshape(-1, 9)], axis=1)
-    finite = ~np.isnan(both.sum(axis=1) * 0.0)  # infinity times zero is NaN
+    finite = np.asarray(np.isfinite(both).all(axis=1), dtype=bool)
     stretches = [rows for rows in _stretches(rotations, finite) if len(rows) >= shortest]
     if len(stretches) < ENOUGH:
         return wrenches, rotations, np.ones(len(wrenches), dtype=np.int64)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import io
+import os
 import sys
 from collections.abc import Sequence
 
@@ -16,21 +18,46 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run one command.
 
     Returns:
-        0; 1 when the input cannot be used (one sentence on stderr); 2 for a wrong call; 130 after Ctrl-C.
+        0; 1 when the input cannot be used or the output not be written (one sentence on stderr); 2 for a wrong call;
+        130 after Ctrl-C.
     """
-    from palpate.cli.app import run  # here: `import palpate.cli` stays free of what commands need
-
     try:
-        run(argv)
-    except PalpateError as problem:
-        print(f"palpate: {problem}", file=sys.stderr)
-        return FAILED
+        code = _run(argv)
+        print(end="", flush=True)  # here, where what goes wrong can still be said
     except KeyboardInterrupt:
         print("palpate: interrupted; no file is half written", file=sys.stderr)
         return INTERRUPTED
     except BrokenPipeError:  # the reader of our output (head, less) has left
-        sys.stderr.close()
+        _drop_output()
         return 0
+    except OSError as problem:  # a full disk behind `> file`
+        _drop_output()
+        print(f"palpate: {problem}", file=sys.stderr)
+        return FAILED
+    return code
+
+
+def _run(argv: Sequence[str] | None) -> int:
+    try:
+        from palpate.cli.interrupts import uninterrupted
+
+        with uninterrupted():  # imports here, not above: Ctrl-C may fall on them
+            from palpate.cli.app import run
+
+        if isinstance(sys.stdout, io.TextIOWrapper):
+            sys.stdout.reconfigure(errors="backslashreplace")  # names of files need not fit the terminal's encoding
+        run(argv)
+    except PalpateError as problem:
+        print(f"palpate: {problem}", file=sys.stderr)
+        return FAILED
     except SystemExit as leaving:  # the parser's: 0 after --help
         return leaving.code if isinstance(leaving.code, int) else USAGE
     return 0
+
+
+def _drop_output() -> None:
+    """What is still to be written goes nowhere: Python writes it once more when it leaves."""
+    try:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    except OSError:  # an output that is no file
+        return

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated
 
 import numpy as np
@@ -9,12 +10,14 @@ from tyro.conf import arg
 
 from palpate.calibration.mounting import Mounting, identify_mounting, mean_touches
 from palpate.calibration.presses import find_presses
+from palpate.cli.interrupts import import_mesh_reader
 from palpate.cli.options import FileOption, Log, Output, RigFile
 from palpate.cli.screen import lines, measured, note, title, wait
 from palpate.contact.estimator import Estimator
 from palpate.contact.locate import Locator
 from palpate.contact.truth import Touches
 from palpate.errors import InputError
+from palpate.io.atomic import keep_inputs
 from palpate.io.csv import read_recording
 from palpate.io.models import provenance
 from palpate.io.rig import Rig, load_rig
@@ -49,11 +52,15 @@ def calibrate_mounting(
         placement: standard deviation [m] of how well marks are hit, along each axis.
     """
     setup = load_rig(rig)
+    keep_inputs(output, (log, marks, setup.mesh_path(), setup.payload_path()))  # not the rig: it may be updated
     recording = read_recording(log, setup.layout())
+    if setup.mesh_path() is not None:
+        import_mesh_reader()
     surface = setup.surface.load(setup.folder)
     wait("preparing the surface and compiling kernels (compiling happens once)")
     wrenches, covariances, estimator = _in_sensor(recording, setup, surface)
     touches = _presses(recording, wrenches, estimator) if marks is None else read_touches(marks)
+    _require_overlap(recording, touches, marks or log)
     means, spreads = mean_touches(
         recording.time, wrenches, touches.start, touches.end, estimator.sensor.noise, covariances
     )
@@ -102,8 +109,23 @@ def _presses(recording: Recording, wrenches: np.ndarray, estimator: Estimator) -
             where=recording.source,
             mend="Is the payload in the rig? See contact.",
         )
+    if not np.all(start <= end):  # NaN too
+        raise InputError("times run backwards or are missing within a press.", where=recording.source)
     labels = tuple(f"press {k + 1} at {begin:.2f} s" for k, begin in enumerate(start))
     return Touches(start, end, np.full((len(start), 3), np.nan), labels)
+
+
+def _require_overlap(recording: Recording, touches: Touches, source: Path) -> None:
+    """Some touch must lie in the log, or the two are not on one clock."""
+    known = recording.time[np.isfinite(recording.time)]
+    first, last = (known.min(), known.max()) if len(known) else (np.nan, np.nan)
+    if not np.any((touches.start <= last) & (touches.end >= first)):
+        span = f"from {first:.3f} to {last:.3f} s" if len(known) else "without any time"
+        raise InputError(
+            f"none of the {len(touches)} touches lies in the log, which is {span}.",
+            where=str(source),
+            mend="Both must be on one clock, in seconds.",
+        )
 
 
 def _origin(mounting: Mounting, record: dict[str, str]) -> str:
@@ -114,12 +136,13 @@ def _origin(mounting: Mounting, record: dict[str, str]) -> str:
 def _figures(mounting: Mounting, initial: Pose) -> list[tuple[str, str]]:
     rotation = mounting.pose.rotation_vector()
     turned = np.degrees(np.linalg.norm((initial.inverse() @ mounting.pose).rotation_vector()))
-    spread = np.sqrt(np.diag(mounting.covariance))
+    spread = np.degrees(np.sqrt(np.diag(mounting.covariance)[:3]))
+    place = np.sqrt(np.diag(mounting.position_covariance))
     shift = mounting.pose.translation - initial.translation
     blind = "; ".join(mounting.unobservable)
     return [
-        ("position", measured(1e3 * mounting.pose.translation, 1e3 * spread[3:], "mm")),
-        ("rotation vector", measured(np.degrees(rotation), np.degrees(spread[:3]), "deg")),
+        ("position", measured(1e3 * mounting.pose.translation, 1e3 * place, "mm")),
+        ("rotation vector", measured(np.degrees(rotation), spread, "deg")),
         ("moved by", f"{1e3 * np.linalg.norm(shift):.2f} mm and {turned:.2f} deg"),
         ("residual", f"{mounting.residual:.2f} of what was expected"),
         ("determined", "all six directions" if not blind else "; ".join(mounting.observable) or "nothing"),

@@ -13,6 +13,7 @@ from palpate.calibration.poses import average_poses
 from palpate.cli.options import FileOption, Log, Output
 from palpate.cli.screen import lines, measured, note, title
 from palpate.errors import InputError
+from palpate.io.atomic import keep_inputs
 from palpate.io.csv import Layout, read_recording
 from palpate.io.models import provenance, write_payload
 from palpate.io.rig import load_rig
@@ -52,7 +53,9 @@ def calibrate_payload(
         magnitude: of gravity [m/s^2].
         base_frame: the wrenches are written in the base frame (a rig says it as frame = "base").
     """
-    layout = Layout() if rig is None else load_rig(rig).layout()
+    setup = None if rig is None else load_rig(rig)
+    keep_inputs(output, (log, rig, None if setup is None else setup.mesh_path()))
+    layout = Layout() if setup is None else setup.layout()
     recording = read_recording(log, layout)
     if ORIENTATION not in recording.channels:
         raise InputError(

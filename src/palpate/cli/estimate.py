@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import fields, replace
 from pathlib import Path
 from time import perf_counter
-from typing import Annotated, Literal
+from typing import Annotated, Literal, TypeVar
 
 import numpy as np
 from tyro.conf import arg
 
+from palpate.cli.interrupts import import_mesh_reader
 from palpate.cli.options import FileOption, Log, Output, Pair, Scalar
 from palpate.cli.screen import lines, note, percent, progress, title, wait
 from palpate.contact.estimate import ContactEstimate, Status
 from palpate.contact.estimator import Estimator
 from palpate.contact.frames import in_base, in_frame
-from palpate.contact.plausibility import lines_of_action, never_at_rest
+from palpate.contact.plausibility import lines_of_action, never_at_rest, unexplained
 from palpate.errors import InputError
+from palpate.io.atomic import keep_inputs
 from palpate.io.contacts import write_contacts
 from palpate.io.csv import read_recording
 from palpate.io.models import provenance, write_provenance
@@ -28,6 +30,7 @@ from palpate.sensors.recording import ORIENTATION, POSITION, Recording
 
 __all__ = ["estimate"]
 
+Made = TypeVar("Made")
 BLOCK = 5_000  # samples at a time: a long log need not be in memory at once, and Ctrl-C is heard in between
 
 
@@ -68,10 +71,13 @@ def estimate(
     """
     setup = _setup(rig, mesh, unit)
     setup = _overridden(setup, crease, payload, noise, method, friction, torsion, contact)
-    _keep_inputs(output, log, rig, setup)
+    beside = output.with_name(f"{output.name}.toml") if output.name else output
+    keep_inputs(output, (log, rig, setup.mesh_path(), setup.payload_path()), beside=(beside,))
     recording = read_recording(log, setup.layout())
     if frame == "base":
         _require_pose(recording)
+    if setup.mesh_path() is not None:
+        import_mesh_reader()
     surface = setup.surface.load(setup.folder)
     from_log = None if setup.force_torque.noise is not None else estimate_noise(recording.wrenches())
     wait("preparing the surface and compiling kernels (compiling happens once)")
@@ -92,7 +98,7 @@ def estimate(
             "noise_source": _noise_source(setup, from_log),
         },
     )
-    write_provenance(output.with_name(f"{output.name}.toml"), record)
+    write_provenance(beside, record)
     title(f"{log} -> {output}")
     lines([("samples", f"{len(recording):,} in, {len(contacts.status):,} rows out")])
     lines(_shares(contacts))
@@ -100,7 +106,7 @@ def estimate(
     lines([("time", f"{done - ready:.2f} s, {rate:,.0f} samples/s (prepared in {ready - begin:.1f} s)")])
     note(_remarks(setup, estimator, from_log))
     note([*surface.notes, *recording.notes])
-    note(_doubts(recording, estimator), kind="warning")
+    note([*_doubts(recording, estimator), *unexplained(contacts.status)], kind="warning")
 
 
 def _setup(rig: Path | None, mesh: Path | None, unit: str | None) -> Rig:
@@ -115,7 +121,7 @@ def _setup(rig: Path | None, mesh: Path | None, unit: str | None) -> Rig:
             "a mesh file does not say its unit.", where=str(mesh), mend="Add --unit mm (or m, cm, um, in)."
         )
     if known is None:
-        return Rig(RigSurface(mesh=str(mesh), unit=unit))
+        return _made("--mesh", lambda: Rig(RigSurface(mesh=str(mesh), unit=unit)))
     return replace(known, surface=replace(known.surface, kind="mesh", mesh=str(mesh.resolve()), unit=unit))
 
 
@@ -131,25 +137,28 @@ def _overridden(
 ) -> Rig:
     """The rig with what the command line says."""
     stated = rig.estimate
-    settings = RigEstimate(
-        method or stated.method,
-        stated.friction if friction is None else friction,
-        stated.torsion if torsion is None else torsion,
-        stated.contact if contact is None else RigThresholds(*contact),
-    )
-    surface = rig.surface if crease is None else replace(rig.surface, crease=crease)
+    settings: RigEstimate = replace(stated, method=method or stated.method)
+    if friction is not None:
+        settings = _made("--friction", lambda: replace(settings, friction=friction))
+    if torsion is not None:
+        settings = _made("--torsion", lambda: replace(settings, torsion=torsion))
+    if contact is not None:
+        settings = _made("--contact", lambda: replace(settings, contact=RigThresholds(*contact)))
+    surface = rig.surface if crease is None else _made("--crease", lambda: replace(rig.surface, crease=crease))
     sensor: RigForceTorque = rig.force_torque
     if payload is not None:
         sensor = replace(sensor, payload=str(payload.resolve()))
     if noise is not None:
-        sensor = replace(sensor, noise=RigPair(*noise))
+        sensor = _made("--noise", lambda: replace(sensor, noise=RigPair(*noise)))
     return replace(rig, estimate=settings, surface=surface, force_torque=sensor)
 
 
-def _keep_inputs(output: Path, log: Path, rig: Path | None, setup: Rig) -> None:
-    for path in (log, rig, setup.mesh_path(), setup.payload_path()):
-        if path is not None and path.resolve() == output.resolve():
-            raise InputError("the output would overwrite an input.", where=str(output))
+def _made(option: str, make: Callable[[], Made]) -> Made:
+    """What an option sets, checked as the rig's tables check theirs."""
+    try:
+        return make()
+    except ValueError as problem:
+        raise InputError(f"{problem}.", where=option) from problem
 
 
 def _blocks(recording: Recording) -> Iterator[Recording]:

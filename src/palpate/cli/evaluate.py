@@ -42,7 +42,10 @@ def evaluate(contacts: ContactsFile, truth: TruthFile, /, tolerance: float = 0.0
     lines([("samples", matched)])
     lines((label, percent(share)) for label, share in report.statuses.items())
     _touches(report)
-    table(_HEADER, _spreads(report))
+    if rows := _spreads(report):
+        table(_HEADER, rows)
+    else:
+        note(["no sample that has a truth has an answer: there is nothing to average"])
     seen = report.coverage
     if seen.count:
         lines(
@@ -51,7 +54,7 @@ def evaluate(contacts: ContactsFile, truth: TruthFile, /, tolerance: float = 0.0
                 ("mean square", f"{seen.mean_square:.2f} (should be 2)"),
             ]
         )
-    note(found.notes)
+    note([*_unanswered(report), *found.notes])
     if not first.all():
         note([f"{np.count_nonzero(~first)} rows are second contacts and were not compared"])
 
@@ -85,14 +88,30 @@ def _touches(report: Report) -> None:
             [
                 (
                     touch.label,
-                    f"{1e3 * touch.error:.3f}",
-                    f"{1e3 * touch.scatter:.3f}",
+                    f"{1e3 * touch.error:.3f}" if touch.answered else "-",
+                    f"{1e3 * touch.scatter:.3f}" if touch.answered else "-",
                     f"{touch.answered}",
                     f"{touch.samples}",
                 )
                 for touch in report.touches
             ],
         )
+
+
+def _unanswered(report: Report) -> list[str]:
+    """Touches without an error, which no average holds."""
+    return [
+        f"{len(labels)} of {len(report.touches)} touches {why} and are left out of the averages: {_listed(labels)}"
+        for why, labels in (
+            ("have no sample", [touch.label for touch in report.touches if not touch.samples]),
+            ("have samples, but no answer,", [t.label for t in report.touches if t.samples and not t.answered]),
+        )
+        if labels
+    ]
+
+
+def _listed(labels: list[str]) -> str:
+    return ", ".join(labels[:5]) + (", ..." if len(labels) > 5 else "")
 
 
 def _span(time: np.ndarray) -> str:

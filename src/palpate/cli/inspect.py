@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from palpate.cli.calibrate_payload import figures
+from palpate.cli.interrupts import import_mesh_reader
 from palpate.cli.options import SomeFile
 from palpate.cli.screen import lines, note, percent, table, title
 from palpate.contact.truth import Touches
@@ -49,6 +50,7 @@ def inspect(file: SomeFile, /) -> None:
 
 
 def _mesh(file: Path) -> None:
+    import_mesh_reader()
     mesh = Mesh.load(file, unit="m")
     extent = mesh.bounds[1] - mesh.bounds[0]
     title(f"{file}: a mesh")

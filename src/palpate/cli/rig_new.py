@@ -6,10 +6,11 @@ from typing import Annotated
 
 from tyro.conf import FlagCreatePairsOff
 
+from palpate.cli.interrupts import import_mesh_reader
 from palpate.cli.options import Log, MeshFile, Output
 from palpate.cli.screen import note, title
 from palpate.errors import InputError
-from palpate.io.atomic import write_text
+from palpate.io.atomic import keep_inputs, write_text
 from palpate.io.rig import load_rig
 from palpate.io.rig_new import propose_rig
 
@@ -25,8 +26,10 @@ def rig_new(log: Log, mesh: MeshFile, /, output: Output, force: Annotated[bool, 
         output: rig.toml to write.
         force: overwrite a rig that is there already.
     """
+    keep_inputs(output, (log, mesh))
     if output.exists() and not force:
         raise InputError("is there already.", where=str(output), mend="Add --force to overwrite it.")
+    import_mesh_reader()
     proposal = propose_rig(log, mesh, output.parent)
     write_text(output, proposal.text)
     load_rig(output)

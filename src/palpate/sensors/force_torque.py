@@ -11,6 +11,7 @@ from jaxtyping import Bool, Float
 from numpy.typing import ArrayLike
 
 from palpate.errors import InputError
+from palpate.sensors.recording import LARGEST
 from palpate.spatial._arrays import frozen
 from palpate.spatial.pose import skew
 from palpate.spatial.uncertain import noise_covariance
@@ -61,7 +62,7 @@ class Payload:
         set_field = object.__setattr__
         for name in ("weight", "force_bias", "center_of_mass", "torque_bias"):
             set_field(self, name, _finite(name, getattr(self, name), (3,)))
-        set_field(self, "covariance", _finite("covariance", self.covariance, (12, 12)))
+        set_field(self, "covariance", _finite("covariance", self.covariance, (12, 12), LARGEST**2))
         set_field(self, "residual", _finite("residual", self.residual, (2,)))
         set_field(self, "provenance", MappingProxyType(dict(self.provenance)))
         set_field(self, "notes", tuple(self.notes))
@@ -101,7 +102,7 @@ class Payload:
             rotations: (*batch, 3, 3), sensor in base; a NaN in one gives a NaN wrench. None for a payload without
                 weight only (a tare).
             accelerations: (*batch, 3) [m/s^2] of the sensor's origin in the sensor frame, without gravity: what an
-                accelerometer reads, plus g. None: at rest.
+                accelerometer reads, plus g. None: at rest. Beyond 1e9 it gives a NaN wrench.
 
         Returns:
             Wrenches (*batch, 6) in the sensor frame and covariances (*batch, 6, 6). The error of the bias and weight
@@ -111,6 +112,7 @@ class Payload:
         weight = transposed @ self.weight
         jacobian_weight = transposed
         if accelerations is not None:
+            accelerations = np.where(np.abs(accelerations) <= LARGEST, accelerations, np.nan)
             weight = weight - self.mass * accelerations
             direction = self.gravity / self.magnitude if self.weight.any() else np.zeros(3)
             jacobian_weight = transposed - accelerations[..., :, None] * (direction / self.magnitude)
@@ -169,9 +171,9 @@ class ForceTorque:
         return np.any(np.abs(wrenches) >= self.limits, axis=-1)
 
 
-def _finite(name: str, values: ArrayLike, shape: tuple[int, ...]) -> Float[np.ndarray, "..."]:
-    """A read-only copy of exactly this shape, without NaN."""
+def _finite(name: str, values: ArrayLike, shape: tuple[int, ...], largest: float = LARGEST) -> Float[np.ndarray, "..."]:
+    """A read-only copy of exactly this shape, without NaN and whatever would overflow."""
     array = frozen(values, tail=shape, name=name)
-    if array.shape != shape or not np.isfinite(array).all():
-        raise InputError(f"{name} must be {shape} finite numbers", where="payload")
+    if array.shape != shape or not np.all(np.abs(array) <= largest):
+        raise InputError(f"{name} must be {shape} finite numbers, at most {largest:g}", where="payload")
     return array

@@ -11,8 +11,9 @@ from jaxtyping import Float
 
 from palpate.spatial._arrays import frozen
 
-__all__ = ["ACCELERATION", "FORCE", "ORIENTATION", "POSITION", "TORQUE", "Recording"]
+__all__ = ["ACCELERATION", "FORCE", "LARGEST", "ORIENTATION", "POSITION", "TORQUE", "Recording"]
 
+LARGEST = 1e9  # N, N m, m/s^2: what is larger is a fault of the file, and its powers would overflow
 FORCE = "force"  # (n, 3) N
 TORQUE = "torque"  # (n, 3) N m
 ORIENTATION = "orientation"  # (n, 4) quaternion x, y, z, w: sensor in base
@@ -52,5 +53,6 @@ class Recording:
         return len(self.time)
 
     def wrenches(self) -> Float[np.ndarray, "n 6"]:
-        """Force [N] and torque [N m] side by side."""
-        return np.concatenate([self.channels[FORCE], self.channels[TORQUE]], axis=1)
+        """Force [N] and torque [N m] side by side; what is infinite or beyond `LARGEST` is NaN."""
+        values = np.concatenate([self.channels[FORCE], self.channels[TORQUE]], axis=1)
+        return np.where(np.abs(values) <= LARGEST, values, np.nan)

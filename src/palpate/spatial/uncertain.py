@@ -6,28 +6,33 @@ import numpy as np
 from jaxtyping import Float
 from numpy.typing import ArrayLike
 
+from palpate.errors import InputError
 from palpate.spatial.pose import Pose, skew
 
 __all__ = ["inverse_pose_covariance", "noise_covariance", "pose_noise_on_wrench"]
+
+LARGEST = 1e9  # N, N m: no sensor, and its square is a number
 
 
 def noise_covariance(noise: ArrayLike) -> Float[np.ndarray, "6 6"]:
     """A 6 x 6 covariance [N, N m], force first, from one, or from six standard deviations.
 
     Raises:
-        ValueError: neither of the two shapes, not finite, not symmetric or negative.
+        InputError: neither of the two shapes, not finite, not symmetric or negative.
     """
     array = np.asarray(noise, dtype=np.float64)
-    if array.shape == (6,) and np.all(array >= 0) and np.all(np.isfinite(array)):
+    if array.shape == (6,) and np.all((array >= 0) & (array <= LARGEST)):
         return np.diag(array**2)
     if array.shape != (6, 6):
-        raise ValueError(
-            f"noise must be six standard deviations >= 0 or a 6 x 6 covariance, force first; got shape {array.shape}"
+        got = f"shape {array.shape}" if array.shape != (6,) else str(array.tolist())
+        raise InputError(
+            f"noise must be six standard deviations from 0 to {LARGEST:g} or a 6 x 6 covariance, force first; "
+            f"got {got}."
         )
     if not np.all(np.isfinite(array)) or not np.allclose(array, array.T, rtol=1e-9, atol=0):
-        raise ValueError("noise covariance must be finite and symmetric")
+        raise InputError("noise covariance must be finite and symmetric.")
     if np.linalg.eigvalsh(array).min() < -1e-12 * np.abs(array).max():
-        raise ValueError("noise covariance has a negative eigenvalue")
+        raise InputError("noise covariance has a negative eigenvalue.")
     return array
 
 

@@ -1,0 +1,37 @@
+"""Ctrl-C that is neither lost nor falls where it would do harm."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from collections.abc import Generator
+from contextlib import contextmanager
+from importlib import import_module
+
+__all__ = ["import_mesh_reader", "uninterrupted"]
+
+
+@contextmanager
+def uninterrupted() -> Generator[None]:
+    """Holds Ctrl-C back until the block has ended, then raises `KeyboardInterrupt`.
+
+    Libraries guard optional imports by `except BaseException`, which swallows a `KeyboardInterrupt` raised within.
+    """
+    usual = signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    if not usual or threading.current_thread() is not threading.main_thread():  # somebody else hears Ctrl-C
+        yield
+        return
+    caught: list[int] = []
+    before = signal.signal(signal.SIGINT, lambda number, _: caught.append(number))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+    if caught:
+        raise KeyboardInterrupt
+
+
+def import_mesh_reader() -> None:
+    """The library behind `Mesh.load`, whole before the first mesh is read."""
+    with uninterrupted():
+        import_module("trimesh")
