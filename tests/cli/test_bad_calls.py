@@ -10,6 +10,7 @@ import subprocess
 import sys
 import warnings
 from pathlib import Path
+from typing import IO
 
 import numpy as np
 import polars as pl
@@ -224,11 +225,15 @@ def test_accelerations_beyond_any_robot_are_invalid_samples(here: Path) -> None:
     assert set(pl.read_csv(here / "out.csv")["status"]) == {"invalid"}
 
 
-def _python(script: str, *arguments: str, **options: object) -> subprocess.Popen[bytes]:
-    return subprocess.Popen(
-        [sys.executable, "-c", script, *arguments],
-        **{"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, **options},  # pyright: ignore[reportArgumentType,reportCallIssue] - options of Popen
-    )
+def _python(
+    script: str,
+    *arguments: str,
+    stdin: int | None = None,
+    stdout: int | IO[bytes] = subprocess.PIPE,
+    env: dict[str, str] | None = None,
+) -> subprocess.Popen[bytes]:
+    command = [sys.executable, "-c", script, *arguments]
+    return subprocess.Popen(command, stdin=stdin, stdout=stdout, stderr=subprocess.PIPE, env=env)
 
 
 CALL = "import sys; from palpate.cli import main; print('here', file=sys.stderr, flush=True); sys.exit(main())"

@@ -64,7 +64,7 @@ def session(count: int = 80) -> Session:
 
 def estimator(sensor: ForceTorque, **options: object) -> Estimator:
     locator = Locator(MESH, noise=NOISE, friction=2.0, torsion=0.05)
-    return Estimator(locator, sensor, **({"payload": PAYLOAD, "mount": MOUNT} | options))  # pyright: ignore[reportArgumentType]
+    return Estimator(locator, sensor, **({"payload": PAYLOAD, "mount": MOUNT} | options))
 
 
 def assert_found(answer: ContactEstimate, made: Session, which: np.ndarray | None = None) -> None:

@@ -119,7 +119,7 @@ def test_thresholds_come_from_the_noise() -> None:
 )
 def test_settings_that_make_no_sense_are_refused(options: dict[str, float], word: str) -> None:
     with pytest.raises(InputError, match=word):
-        Locator(lid(), **options)  # pyright: ignore[reportArgumentType]
+        Locator(lid(), **options)
 
 
 @pytest.mark.parametrize(

@@ -83,7 +83,7 @@ def _hull() -> Arrays:
 
 
 def _placed(arrays: Arrays, **options: object) -> Mesh:
-    return Mesh.from_arrays(arrays[0] + PLACE, arrays[1], **options)  # pyright: ignore[reportArgumentType]
+    return Mesh.from_arrays(arrays[0] + PLACE, arrays[1], **options)
 
 
 ELLIPSOID, SUPERQUADRIC, BUMPY = Ellipsoid((R, 0.7 * R, 0.5 * R)), Superquadric((R, 0.7 * R, 0.5 * R)), BumpySphere(R)

@@ -108,4 +108,4 @@ def test_poses_are_frozen_and_do_not_share_what_they_were_given() -> None:
         with pytest.raises(ValueError, match="read-only"):
             array[...] = 1.0
     with pytest.raises(AttributeError):
-        pose.translation = np.ones(3)  # pyright: ignore[reportAttributeAccessIssue]
+        pose.translation = np.ones(3)

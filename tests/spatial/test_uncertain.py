@@ -42,7 +42,7 @@ def test_six_deviations_are_a_diagonal_and_a_covariance_is_itself() -> None:
 )
 def test_bad_noise_is_refused_with_what_it_should_be(noise: object, word: str) -> None:
     with pytest.raises(InputError, match=word):
-        noise_covariance(noise)  # pyright: ignore[reportArgumentType]
+        noise_covariance(noise)
 
 
 def test_pose_noise_moves_a_wrench_as_finite_differences_say() -> None:

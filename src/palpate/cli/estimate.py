@@ -220,6 +220,10 @@ def _remarks(rig: Rig, estimator: Estimator, from_log: np.ndarray | None) -> lis
         said.append("the noise is not known and the log too short to tell it: no covariances")
     if estimator.payload is None:
         said.append("no payload model: wrenches are taken as they are, so they must be tared")
+    if rig.surface.pose_covariance is None and estimator.sensor.noise is not None:
+        said.append(
+            "ellipses hold noise and payload only: where the surface sits is taken as exact (calibrate mounting)"
+        )
     if rig.estimate.contact is None:
         locator = estimator.locator
         said.append(f"a contact begins at {locator.on:.3g} N and ends at {locator.off:.3g} N (from the noise)")

@@ -214,7 +214,7 @@ def locate(
     Returns:
         a `ContactEstimate` with the batch's leading axes. Without any noise its covariance is NaN.
     """
-    if not isinstance(wrench, Wrench):
+    if not isinstance(wrench, Wrench):  # pyright: ignore[reportUnnecessaryIsInstance] - six bare numbers are a likely slip
         raise TypeError("locate takes a palpate.Wrench; six numbers become one by Wrench.from_vector")
     locator = _prepared(surface, method, friction, torsion)
     point = previous.point if isinstance(previous, ContactEstimate) else previous
