@@ -30,6 +30,8 @@ from palpate.surfaces.mesh import Mesh
 
 __all__ = ["calibrate_mounting"]
 
+POOR = 3.0  # times the expected residual: beyond it the model, not the noise, is what is left
+
 
 def calibrate_mounting(
     log: Log,
@@ -80,6 +82,27 @@ def calibrate_mounting(
     kind = "presses somewhere on the surface" if marks is None else f"touches at the points of {marks}"
     lines([("touches", f"{len(mounting.touches)} used of {len(touches)} {kind}"), *_figures(mounting, initial)])
     note([*surface.notes, *recording.notes, *mounting.notes])
+    note(_doubts(mounting, initial, estimator), kind="warning")
+
+
+def _doubts(mounting: Mounting, initial: Pose, estimator: Estimator) -> list[str]:
+    """Before somebody relies on it."""
+    said: list[str] = []
+    if estimator.payload is None:
+        said.append("the rig names no payload: weight and bias, where they are not taken off, end up in the pose")
+    if mounting.residual > POOR:
+        said.append(
+            f"the touches fit {mounting.residual:.1f} times worse than they should: "
+            "look at payload, units, marks and the pose to start from before using this"
+        )
+    moved = float(np.linalg.norm(mounting.pose.translation - initial.translation))
+    sure = float(np.sqrt(np.trace(mounting.position_covariance)))
+    if moved < sure:
+        said.append(
+            f"the pose moved by {1e3 * moved:.2g} mm and is known to {1e3 * sure:.2g} mm: "
+            "that may be no better than the drawing; touches at known marks tell more"
+        )
+    return said
 
 
 def _in_sensor(recording: Recording, setup: Rig, surface: Mesh) -> tuple[np.ndarray, np.ndarray | None, Estimator]:

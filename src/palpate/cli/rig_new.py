@@ -35,4 +35,9 @@ def rig_new(log: Log, mesh: MeshFile, /, output: Output, force: Annotated[bool, 
     load_rig(output)
     title(f"{log}, {mesh} -> {output}")
     note(proposal.remarks, kind="check")
-    note(["every line is a guess: read it once, then `palpate calibrate payload`, `palpate calibrate mounting`"])
+    note(
+        [
+            "every line is a guess: read it once, then `palpate calibrate payload`, fill in payload and pose, "
+            "then `palpate calibrate mounting`"
+        ]
+    )
