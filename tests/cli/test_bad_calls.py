@@ -71,6 +71,15 @@ def test_no_command_writes_over_what_it_reads(here: Path, capsys: pytest.Capture
     assert {file.name: file.read_bytes() for file in here.iterdir()} == before
 
 
+def test_a_mounting_that_nobody_should_rely_on_is_warned_of(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Marks that are each off by centimetres fit no pose; marks as they are bring no warning."""
+    assert main([*MOUNTING.split(), "good.toml"]) == 0
+    assert "warning" not in "".join(capsys.readouterr())
+    _edit("marks.csv", pz=pl.col("pz") + 0.012 * (pl.int_range(pl.len()) % 2))
+    assert main([*MOUNTING.split(), "poor.toml"]) == 0
+    assert "times worse than they should" in "".join(capsys.readouterr())
+
+
 def test_a_mounting_may_be_written_into_its_own_rig(here: Path) -> None:
     assert main([*MOUNTING.split(), "rig.toml"]) == 0
     assert "pose_covariance" in (here / "rig.toml").read_text()

@@ -82,10 +82,10 @@ def calibrate_mounting(
     kind = "presses somewhere on the surface" if marks is None else f"touches at the points of {marks}"
     lines([("touches", f"{len(mounting.touches)} used of {len(touches)} {kind}"), *_figures(mounting, initial)])
     note([*surface.notes, *recording.notes, *mounting.notes])
-    note(_doubts(mounting, initial, estimator), kind="warning")
+    note(_doubts(mounting, initial, estimator, anywhere=marks is None), kind="warning")
 
 
-def _doubts(mounting: Mounting, initial: Pose, estimator: Estimator) -> list[str]:
+def _doubts(mounting: Mounting, initial: Pose, estimator: Estimator, *, anywhere: bool) -> list[str]:
     """Before somebody relies on it."""
     said: list[str] = []
     if estimator.payload is None:
@@ -97,7 +97,7 @@ def _doubts(mounting: Mounting, initial: Pose, estimator: Estimator) -> list[str
         )
     moved = float(np.linalg.norm(mounting.pose.translation - initial.translation))
     sure = float(np.sqrt(np.trace(mounting.position_covariance)))
-    if moved < sure:
+    if anywhere and moved < sure:
         said.append(
             f"the pose moved by {1e3 * moved:.2g} mm and is known to {1e3 * sure:.2g} mm: "
             "that may be no better than the drawing; touches at known marks tell more"
