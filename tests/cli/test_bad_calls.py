@@ -71,8 +71,13 @@ def test_no_command_writes_over_what_it_reads(here: Path, capsys: pytest.Capture
     assert {file.name: file.read_bytes() for file in here.iterdir()} == before
 
 
-def test_a_mounting_that_nobody_should_rely_on_is_warned_of(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_mounting_that_nobody_should_rely_on_is_warned_of(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Marks that are each off by centimetres fit no pose; marks as they are bring no warning."""
+    write_session(simulate_session(4, touches=16, facets=320), tmp_path)
+    monkeypatch.chdir(tmp_path)
+    assert main(["calibrate", "payload", "free_motion.csv", "-o", "payload.toml"]) == 0
     assert main([*MOUNTING.split(), "good.toml"]) == 0
     assert "warning" not in "".join(capsys.readouterr())
     _edit("marks.csv", pz=pl.col("pz") + 0.012 * (pl.int_range(pl.len()) % 2))
