@@ -35,8 +35,8 @@ def _torsion(wrench, p, n, soft):
 def _better(found, i, j):
     """Is candidate i to be preferred to j: met first along the force from outside, then smaller friction angle?
 
-    Met first comes first because what presses stands on the side that the force comes from: on the three real probes it
-    picks the right one of several 96-98 times in 100, the friction angle 80-98 (docs/evidence.md).
+    Met first comes first because what presses stands on the side that the force comes from. How often that picks the
+    right one on real probes is in docs/evidence.md.
     """
     gap = found[i, 5] - found[j, 5]
     if abs(gap) > 1e-9:

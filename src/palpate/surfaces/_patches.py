@@ -100,11 +100,11 @@ def _fan(ring: Float[np.ndarray, "r k 6"]) -> Float[np.ndarray, "r t 3 6"]:
     Where the ring is convex on the sphere of normals any triangles would do. Where it is not (at a saddle), the middle
     makes the patches the same whatever the order of the facets.
     """
+    if ring.shape[1] == 3:
+        return ring[:, None]
     hub = ring.mean(axis=1)
     length = np.linalg.norm(hub[:, 3:], axis=1, keepdims=True)
     hub[:, 3:] = np.where(length > 1e-6, hub[:, 3:] / np.maximum(length, 1e-6), ring[:, 0, 3:])
-    if ring.shape[1] == 3:
-        return ring[:, None]
     middle = np.broadcast_to(hub[:, None], ring.shape)
     return np.stack([middle, ring, np.roll(ring, -1, axis=1)], axis=2)
 
