@@ -42,7 +42,7 @@ evidence: $(READY) ## every claim with its figure, into docs/evidence.md
 	$(BIN)/python -m evidence
 
 lock: $(UV) ## requirements.lock from pyproject.toml
-	$(UV) pip compile pyproject.toml --extra bench --group dev --group docs --python-version 3.11 --universal \
+	$(UV) pip compile pyproject.toml --all-extras --group dev --group docs --python-version 3.11 --universal \
 		--generate-hashes --no-header --no-annotate --upgrade --quiet --output-file requirements.lock
 
 clean: ## back to a fresh clone

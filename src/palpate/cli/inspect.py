@@ -16,8 +16,9 @@ from palpate.contact.truth import Touches
 from palpate.errors import InputError
 from palpate.evaluation.evaluate import status_shares
 from palpate.io.contacts import COLUMNS, read_contacts
-from palpate.io.csv import Layout, read_recording
+from palpate.io.csv import read_recording
 from palpate.io.guess import guess_orientation, guess_time, guess_wrench
+from palpate.io.layout import Layout
 from palpate.io.models import load_toml, read_payload
 from palpate.io.rig import load_rig
 from palpate.io.table import Table, read_table

@@ -13,9 +13,17 @@ from jaxtyping import Float
 from palpate.contact.estimator import Estimator
 from palpate.contact.locate import Locator
 from palpate.errors import InputError
-from palpate.io.csv import Layout, axis_matrix
+from palpate.io.layout import Layout, axis_matrix
 from palpate.io.models import load_toml, read_payload
-from palpate.io.rig_tables import RigAcceleration, RigEstimate, RigForceTorque, RigOrientation, RigSurface, RigTime
+from palpate.io.rig_tables import (
+    RigAcceleration,
+    RigEstimate,
+    RigFilter,
+    RigForceTorque,
+    RigOrientation,
+    RigSurface,
+    RigTime,
+)
 from palpate.io.strict import parse
 from palpate.io.units import FORCE_UNITS, TIME_UNITS, TORQUE_UNITS, to_si
 from palpate.sensors.force_torque import ForceTorque, Payload
@@ -33,6 +41,7 @@ class Rig:
     time: RigTime = field(default_factory=RigTime)
     orientation: RigOrientation = field(default_factory=RigOrientation)
     acceleration: RigAcceleration = field(default_factory=RigAcceleration)
+    filter: RigFilter = field(default_factory=RigFilter)
     estimate: RigEstimate = field(default_factory=RigEstimate)
     folder: Path = field(default_factory=Path)
 
@@ -51,6 +60,11 @@ class Rig:
             orientation=self.orientation.columns,
             position=self.orientation.position,
             acceleration=self.acceleration.columns,
+            wrench_topic=wrench.topic,
+            orientation_topic=self.orientation.topic,
+            acceleration_topic=self.acceleration.topic,
+            offset=self.orientation.offset,
+            max_gap=self.orientation.max_gap,
         )
 
     def payload_path(self) -> Path | None:

@@ -17,6 +17,7 @@ from palpate.surfaces.plane import plane
 __all__ = [
     "RigAcceleration",
     "RigEstimate",
+    "RigFilter",
     "RigForceTorque",
     "RigOrientation",
     "RigPair",
@@ -139,8 +140,6 @@ class RigForceTorque:
     payload: str | None = None
 
     def __post_init__(self) -> None:
-        if self.topic is not None:
-            raise ValueError("topic: logs with topics are not read yet; name the columns of a CSV file")
         if self.frame not in ("sensor", "base"):
             raise ValueError(f"frame must be 'sensor' or 'base', not {self.frame!r}")
         _require_path("payload", self.payload)
@@ -156,17 +155,73 @@ class RigTime:
 
 @dataclass(frozen=True)
 class RigOrientation:
-    """Columns of the sensor in the base: quaternion x, y, z, w, and (for answers in the base frame) position [m]."""
+    """The sensor in the base, as columns (quaternion x, y, z, w; position [m]) or as a topic of poses.
+
+    `offset` [s] is added to the stamps of the poses to put them on the wrenches' clock; between poses further apart
+    than `max_gap` [s] there is no orientation.
+    """
 
     columns: tuple[str, str, str, str] | None = None
     position: tuple[str, str, str] | None = None
+    topic: str | None = None
+    offset: float = 0.0
+    max_gap: float = 0.25
+
+    def __post_init__(self) -> None:
+        if not self.max_gap > 0:
+            raise ValueError("max_gap must be positive")
 
 
 @dataclass(frozen=True)
 class RigAcceleration:
-    """Columns of the sensor's acceleration in its own frame [m/s^2]."""
+    """The sensor's acceleration in its own frame [m/s^2], as columns or a topic, or from the poses.
+
+    `kind` says what is recorded: "motion" (zero at rest) or "imu" (what an accelerometer reads: 1 g upward at rest).
+    `from_poses` differentiates positions and orientations over `window` [s].
+    """
 
     columns: tuple[str, str, str] | None = None
+    topic: str | None = None
+    kind: str = "motion"
+    from_poses: bool = False
+    window: float = 0.1
+
+    def __post_init__(self) -> None:
+        if self.kind not in ("motion", "imu"):
+            raise ValueError(f"kind must be 'motion' or 'imu', not {self.kind!r}")
+        if not self.window > 0:
+            raise ValueError("window must be positive")
+        if self.from_poses and (self.columns or self.topic):
+            raise ValueError("from_poses and recorded acceleration exclude each other")
+
+
+@dataclass(frozen=True)
+class RigFilter:
+    """What smooths the compensated wrench before it is located: see `palpate.sensors.filters`.
+
+    kind: "none"; "kalman" with `q` and `r` (variances [N^2] of one step of the contact and of one reading);
+    "butterworth" with `cutoff` [Hz] and `order`; "zero_phase", the same forward and backward, for logs only.
+    `rate` [Hz] of the log; measured where it is not given.
+    """
+
+    kind: str = "none"
+    q: float = 1e-6
+    r: float = 2e-4
+    cutoff: float = 10.0
+    order: int = 2
+    rate: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.kind not in ("none", "kalman", "butterworth", "zero_phase"):
+            raise ValueError(f"kind must be 'none', 'kalman', 'butterworth' or 'zero_phase', not {self.kind!r}")
+        if not (self.q > 0 and self.r > 0):
+            raise ValueError("q and r must be positive")
+        if not self.cutoff > 0:
+            raise ValueError("cutoff must be positive")
+        if not 1 <= self.order <= 8:
+            raise ValueError("order must lie between 1 and 8")
+        if self.rate is not None and not self.rate > 0:
+            raise ValueError("rate must be positive")
 
 
 @dataclass(frozen=True)
@@ -183,14 +238,17 @@ class RigThresholds:
 
 @dataclass(frozen=True)
 class RigEstimate:
-    """How contacts are located: see `palpate.Locator`."""
+    """How contacts are located: see `palpate.Locator`. `tare` [s]: the log starts unloaded for so long."""
 
     method: str = "soft_finger"
     friction: float = 1.0
     torsion: float = field(default=5e-3, metadata=INFINITE)
     contact: RigThresholds | None = None
+    tare: float | None = None
 
     def __post_init__(self) -> None:
+        if self.tare is not None and not self.tare > 0:
+            raise ValueError("tare must be a positive time [s]")
         if not (0 < self.friction < inf and self.torsion >= 0):
             raise ValueError("friction must be positive and finite, and torsion not negative")
 

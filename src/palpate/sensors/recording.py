@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from palpate.spatial._arrays import frozen
 
-__all__ = ["ACCELERATION", "FORCE", "LARGEST", "ORIENTATION", "POSITION", "TORQUE", "Recording"]
+__all__ = ["ACCELERATION", "FORCE", "LARGEST", "ORIENTATION", "POSITION", "TORQUE", "UNSTEADY", "Recording"]
 
 LARGEST = 1e9  # N, N m, m/s^2: what is larger is a fault of the file, and its powers would overflow
 FORCE = "force"  # (n, 3) N
@@ -19,6 +19,7 @@ TORQUE = "torque"  # (n, 3) N m
 ORIENTATION = "orientation"  # (n, 4) quaternion x, y, z, w: sensor in base
 POSITION = "position"  # (n, 3) m: of the sensor's origin in the base
 ACCELERATION = "acceleration"  # (n, 3) m/s^2: of the sensor's origin, in the sensor's frame
+UNSTEADY = "unsteady"  # (n, 1) m/s^2: standard deviation, along each axis, of what ACCELERATION leaves out
 
 
 @dataclass(frozen=True)

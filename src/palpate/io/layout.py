@@ -1,0 +1,87 @@
+"""Where a log keeps what: columns or topics, units, axes, the frame of the wrench."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from palpate.errors import InputError
+
+__all__ = [
+    "ACCELERATION_COLUMNS",
+    "ORIENTATION_COLUMNS",
+    "POSITION_COLUMNS",
+    "WRENCH_COLUMNS",
+    "Layout",
+    "axis_matrix",
+]
+
+WRENCH_COLUMNS = ("fx", "fy", "fz", "tx", "ty", "tz")
+ORIENTATION_COLUMNS = ("qx", "qy", "qz", "qw")
+POSITION_COLUMNS = ("x", "y", "z")
+ACCELERATION_COLUMNS = ("ax", "ay", "az")
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Where a log keeps what, and in which units and axes. The defaults need no mapping.
+
+    Args:
+        time, time_unit: the column of the time, and its unit.
+        wrench: the six columns, force first.
+        force_unit, torque_unit: see `palpate.io.units`.
+        axes: which recorded axis is the sensor's x, y, z; "-x" flips. Applied to force and to torque alike.
+        left_handed: declares that `axes` is a reflection: the driver reported a left-handed wrench, or the reaction.
+        frame: "sensor" or "base", of the recorded wrench.
+        orientation: quaternion x, y, z, w of the sensor in the base. None: qx, qy, qz, qw where the log has them.
+        position: of the sensor in the base [m]. None: x, y, z where the log has them.
+        acceleration: of the sensor in its own frame [m/s^2]. None: ax, ay, az where the log has them.
+        wrench_topic, orientation_topic, acceleration_topic: of a log with topics. None: the only one of its kind.
+        offset: [s] added to the stamps of the poses of a topic to put them on the wrenches' clock.
+        max_gap: [s] between poses of a topic, beyond which there is no orientation.
+    """
+
+    time: str = "time"
+    time_unit: str = "s"
+    wrench: tuple[str, ...] = WRENCH_COLUMNS
+    force_unit: str = "N"
+    torque_unit: str = "N m"
+    axes: tuple[str, ...] = ("x", "y", "z")
+    left_handed: bool = False
+    frame: str = "sensor"
+    orientation: tuple[str, ...] | None = None
+    position: tuple[str, ...] | None = None
+    acceleration: tuple[str, ...] | None = None
+    wrench_topic: str | None = None
+    orientation_topic: str | None = None
+    acceleration_topic: str | None = None
+    offset: float = 0.0
+    max_gap: float = 0.25
+
+
+def axis_matrix(axes: tuple[str, ...], *, left_handed: bool, where: str) -> Float[np.ndarray, "3 3"]:
+    """The signed permutation that takes recorded components to the sensor's x, y, z.
+
+    Raises:
+        InputError: not three different axes, or a reflection that was not declared, or declared and is none.
+    """
+    matrix = np.zeros((3, 3))
+    for row, axis in enumerate(axes):
+        if not re.fullmatch(r"[-+]?[xyz]", axis):
+            raise InputError(f"{axis!r} is not an axis.", where=where, mend="Write x, y, z, or -x to flip.")
+        matrix[row, "xyz".index(axis[-1])] = -1.0 if axis[0] == "-" else 1.0
+    if len(axes) != 3 or np.linalg.matrix_rank(matrix) != 3:
+        raise InputError(f"{list(axes)} does not name three different axes.", where=where)
+    reflected = np.linalg.det(matrix) < 0
+    if reflected and not left_handed:
+        raise InputError(
+            f"{list(axes)} turns a right-handed frame into a left-handed one.",
+            where=where,
+            mend="If the driver really mirrors the wrench (or reports the reaction), declare left_handed = true.",
+        )
+    if left_handed and not reflected:
+        raise InputError(f"{list(axes)} is right-handed, but left_handed = true.", where=where, mend="Remove it.")
+    return matrix

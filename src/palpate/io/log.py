@@ -1,0 +1,38 @@
+"""An opened log, whatever its format: read in blocks, any number of times."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Protocol
+
+from palpate.sensors.recording import Recording
+
+__all__ = ["Log"]
+
+
+class Log(Protocol):
+    """What every reader gives.
+
+    Attributes:
+        path: of the file or folder.
+        size: bytes to read in all; `position`: bytes read so far in the running iteration, for who watches.
+        torn: after an iteration, the sentence that says where the file was cut; "" where it is whole.
+    """
+
+    path: Path
+    size: int
+    position: int
+    torn: str
+
+    def blocks(self) -> Iterator[Recording]:
+        """The samples from the start, in the order of the file, every one once, in pieces as they come.
+
+        Raises:
+            InputError: what the layout asks for is not there.
+        """
+        ...
+
+    def notes(self) -> tuple[str, ...]:
+        """What a reader of the results should know of the blocks read so far, one sentence each."""
+        ...

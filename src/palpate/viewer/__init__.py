@@ -1,0 +1,1 @@
+"""Draws values, decides nothing: the report and the page."""
