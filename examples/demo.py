@@ -1,19 +1,20 @@
-"""From a bare log to contacts on a probe: the whole chain of commands on a session that is made here.
+"""From a robot's log to contacts on a probe: the whole chain of commands on a session that is made here.
 
-A probe of 60 x 25 x 40 mm sits on a force/torque sensor, 1.2 mm and 1.5 degrees off its drawing. The arm moves freely,
-then the probe is touched at 20 marks. Ten of the touches place the probe, the other ten judge where contacts are found.
-Writes into the folder given (default: demo), prints what the simulation knows beside what was found, and ends.
+A probe of 60 x 25 x 40 mm sits on a force/torque sensor, 1.2 mm and 1.5 degrees off its drawing; the arm's clock is 30 ms
+behind the sensor's. The arm moves freely, then the probe is touched at 20 marks. Ten of the touches place the probe, the
+other ten judge where contacts are found. Writes into the folder given (default: demo) and prints what the simulation
+knows beside what was found. On a terminal it then serves the page until Ctrl-C; `--no-view` ends at once.
 """
 
 from __future__ import annotations
 
-import shutil
-import subprocess
+import contextlib
 import sys
 from pathlib import Path
 
 import numpy as np
 
+from palpate.cli import main as palpate
 from palpate.contact.estimate import Status
 from palpate.evaluation.evaluate import Report, evaluate
 from palpate.io.contacts import read_contacts
@@ -22,45 +23,55 @@ from palpate.io.rig import load_rig
 from palpate.io.truth import read_truth
 from palpate.simulation.session import Session, simulate_session
 from palpate.simulation.session_files import write_session
+from palpate.simulation.session_mcap import CLOCK_OFFSET, write_session_mcap
 from palpate.spatial.pose import skew
 
 CHAIN = (
-    ("What is in the log and in the mesh?", "inspect free_motion.csv", "inspect probe.stl"),
-    (
-        "The first five minutes: a mesh, no more. Nothing is tared yet, so nothing can be located, and it is said.",
-        "estimate touches.csv --mesh probe.stl --unit mm -o first_try.csv",
-    ),
-    (
-        "A commented rig to start from (below, one that was filled in from the drawing).",
-        "rig new touches.csv probe.stl -o rig_new.toml --force",
-    ),
-    ("What hangs on the sensor?", "calibrate payload free_motion.csv -o payload.toml"),
+    ("What is in the log and in the mesh?", "inspect touches.mcap", "inspect probe.stl"),
+    ("Is the arm's clock the sensor's?", "calibrate clock free_motion.mcap --rig rig.toml -o rig.toml"),
+    ("What hangs on the sensor?", "calibrate payload free_motion.mcap --rig rig.toml -o payload.toml"),
     (
         "Contacts with the probe where the drawing has it.",
-        "estimate touches.csv --rig rig.toml -o contacts_by_drawing.csv",
+        "estimate touches.mcap --rig rig.toml -o contacts_by_drawing.csv",
     ),
     (
         "Where does the probe really sit? Every other touch was at a known mark.",
-        "calibrate mounting touches.csv --rig rig.toml --marks marks.csv -o rig.toml",
+        "calibrate mounting touches.mcap --rig rig.toml --marks marks.csv -o rig.toml",
     ),
-    ("Contacts with the probe where it is.", "estimate touches.csv --rig rig.toml -o contacts.csv"),
-    ("The touches that were not used, judged.", "evaluate contacts.csv truth.csv", "inspect contacts.csv"),
+    (
+        "Contacts with the probe where it is: as a table, as a log that Foxglove and rerun open, and as a page.",
+        "estimate touches.mcap --rig rig.toml -o contacts.csv --report report.html --truth truth.csv",
+        "estimate touches.mcap --rig rig.toml -o contacts.mcap",
+    ),
+    ("When and where was it touched?", "events contacts.csv"),
+    ("The touches that were not used, judged.", "evaluate contacts.csv truth.csv"),
 )
+VIEW = "view touches.mcap --rig rig.toml"
 
 
-def main(folder: Path) -> None:
-    """Make a session, run the commands on it, and compare."""
+def main(folder: Path, *, view: bool) -> None:
+    """Make a session, run the commands on it, compare, and show."""
     session = simulate_session()
     write_session(session, folder)
-    program = shutil.which("palpate", path=str(Path(sys.executable).parent)) or "palpate"
-    for why, *commands in CHAIN:
-        print(f"\n# {why}", flush=True)
-        for command in commands:
-            print(f"$ palpate {command}", flush=True)
-            code = subprocess.run([program, *command.split()], cwd=folder, check=False).returncode
-            if code:
-                sys.exit(code)
+    write_session_mcap(session, folder)
+    with contextlib.chdir(folder):
+        for why, *commands in CHAIN:
+            print(f"\n# {why}", flush=True)
+            for command in commands:
+                _run(command)
     print("\n" + "\n".join(summary(session, folder)))
+    if view:
+        with contextlib.chdir(folder):
+            _run(VIEW)
+    else:
+        print(f"to look around: cd {folder}; palpate {VIEW}")
+
+
+def _run(command: str) -> None:
+    """As if typed, in this process: starting one a command would take longer than most of them."""
+    print(f"$ palpate {command}", flush=True)
+    if code := palpate(command.split()):
+        sys.exit(code)
 
 
 def summary(session: Session, folder: Path) -> list[str]:
@@ -69,6 +80,7 @@ def summary(session: Session, folder: Path) -> list[str]:
     shares = [f"{kind.label} {np.mean(status == kind):.1%}" for kind in Status if np.any(status == kind)]
     return [
         _row("", "true", "found"),
+        _row("clock offset [ms]", f"{1e3 * CLOCK_OFFSET:.1f}", f"{1e3 * _offset(folder):.1f}"),
         *_payload(session, folder),
         *_mounting(session, folder),
         "",
@@ -76,8 +88,12 @@ def summary(session: Session, folder: Path) -> list[str]:
         *_judged([_report(folder, name) for name in ("contacts_by_drawing.csv", "contacts.csv")]),
         "",
         f"all {len(status):,} samples: {', '.join(shares)}",
-        f"contacts.csv, rig.toml, payload.toml and all that they came from are in {folder}/",
+        f"contacts.csv, contacts.mcap, report.html, and all that they came from are in {folder}/",
     ]
+
+
+def _offset(folder: Path) -> float:
+    return load_rig(folder / "rig.toml").orientation.offset
 
 
 def _payload(session: Session, folder: Path) -> list[str]:
@@ -128,4 +144,5 @@ def _report(folder: Path, name: str) -> Report:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1] if len(sys.argv) > 1 else "demo"))
+    folders = [name for name in sys.argv[1:] if name != "--no-view"]
+    main(Path(folders[0] if folders else "demo"), view="--no-view" not in sys.argv and sys.stdout.isatty())

@@ -8,7 +8,7 @@ from palpate.calibration.mounting import Mounting, identify_mounting
 from palpate.calibration.payload import identify_payload
 from palpate.contact import Candidates, ContactEstimate, Estimator, Locator, Status, locate
 from palpate.errors import GeometryError, InputError, NotIdentifiable, PalpateError
-from palpate.sensors import ForceTorque, Payload, Recording
+from palpate.sensors import Butterworth, ForceTorque, Kalman, Payload, Recording
 from palpate.spatial.pose import Pose
 from palpate.spatial.wrench import Wrench
 from palpate.surfaces import Mesh, Surface, plane
@@ -16,12 +16,14 @@ from palpate.surfaces import Mesh, Surface, plane
 __version__ = "0.1.0"
 
 __all__ = [
+    "Butterworth",
     "Candidates",
     "ContactEstimate",
     "Estimator",
     "ForceTorque",
     "GeometryError",
     "InputError",
+    "Kalman",
     "Locator",
     "Mesh",
     "Mounting",

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from palpate.errors import InputError
-from palpate.io.csv import read_recording
+from palpate.io.logs import read_recording
 from palpate.io.layout import Layout, axis_matrix
 from palpate.io.table import read_table
 from palpate.sensors.recording import FORCE, ORIENTATION, TORQUE

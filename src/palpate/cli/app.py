@@ -7,12 +7,15 @@ from collections.abc import Sequence
 
 from tyro.extras import SubcommandApp
 
+from palpate.cli.calibrate_clock import calibrate_clock
 from palpate.cli.calibrate_mounting import calibrate_mounting
 from palpate.cli.calibrate_payload import calibrate_payload
 from palpate.cli.estimate import estimate
 from palpate.cli.evaluate import evaluate
+from palpate.cli.events import events
 from palpate.cli.inspect import inspect
 from palpate.cli.rig_new import rig_new
+from palpate.cli.view import view
 
 __all__ = ["run"]
 
@@ -21,11 +24,14 @@ def run(argv: Sequence[str] | None) -> None:
     """Parse and run one command; leaves by `SystemExit` on --help and on a wrong call."""
     app, calibrate, rig = SubcommandApp(), SubcommandApp(), SubcommandApp()
     app.command(estimate)
+    calibrate.command(name="clock")(calibrate_clock)
     calibrate.command(name="payload")(calibrate_payload)
     calibrate.command(name="mounting")(calibrate_mounting)
-    app.command(calibrate, name="calibrate", help="Make a model from a log: payload, mounting.")
+    app.command(calibrate, name="calibrate", help="Make a model from a log: clock, payload, mounting.")
     app.command(evaluate)
+    app.command(events)
     app.command(inspect)
+    app.command(view)
     rig.command(name="new")(rig_new)
     app.command(rig, name="rig", help="Write a rig to start from: new.")
     app.cli(prog="palpate", description=_DESCRIPTION, args=list(sys.argv[1:] if argv is None else argv))

@@ -18,7 +18,7 @@ from palpate.contact.locate import Locator
 from palpate.contact.truth import Touches
 from palpate.errors import InputError
 from palpate.io.atomic import keep_inputs
-from palpate.io.csv import read_recording
+from palpate.io.logs import read_recording
 from palpate.io.models import provenance
 from palpate.io.rig import Rig, load_rig
 from palpate.io.rig_edit import update_pose

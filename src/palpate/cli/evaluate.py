@@ -14,9 +14,9 @@ from palpate.evaluation.evaluate import evaluate as compare
 from palpate.io.contacts import read_contacts
 from palpate.io.truth import read_truth
 
-__all__ = ["evaluate"]
+__all__ = ["HEADER", "evaluate", "spreads"]
 
-_HEADER = ("", "mean", "median", "95 %", "worst", "count")
+HEADER = ("", "mean", "median", "95 %", "worst", "count")
 
 
 def evaluate(contacts: ContactsFile, truth: TruthFile, /, tolerance: float = 0.02) -> None:
@@ -42,8 +42,8 @@ def evaluate(contacts: ContactsFile, truth: TruthFile, /, tolerance: float = 0.0
     lines([("samples", matched)])
     lines((label, percent(share)) for label, share in report.statuses.items())
     _touches(report)
-    if rows := _spreads(report):
-        table(_HEADER, rows)
+    if rows := spreads(report):
+        table(HEADER, rows)
     else:
         note(["no sample that has a truth has an answer: there is nothing to average"])
     seen = report.coverage
@@ -59,7 +59,8 @@ def evaluate(contacts: ContactsFile, truth: TruthFile, /, tolerance: float = 0.0
         note([f"{np.count_nonzero(~first)} rows are second contacts and were not compared"])
 
 
-def _spreads(report: Report) -> list[tuple[str, ...]]:
+def spreads(report: Report) -> list[tuple[str, ...]]:
+    """Rows of what, mean, median, 95 %, worst and count, each with its unit; none where nothing was compared."""
     what = "location of touches [mm]" if report.touches else "location [mm]"
     degrees = 180 / np.pi
     return [

@@ -4,50 +4,129 @@ from __future__ import annotations
 
 from dataclasses import fields, is_dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from tyro.conf import arg
 
 from palpate.cli.calibrate_payload import figures
+from palpate.cli.inspect_log import inspect_contacts, inspect_log
 from palpate.cli.interrupts import import_mesh_reader
-from palpate.cli.options import SomeFile
-from palpate.cli.screen import lines, note, percent, table, title
+from palpate.cli.options import FileOption, SomeFile
+from palpate.cli.screen import lines, note, title
+from palpate.cli.spectrum import KINDS, draw_spectrum, located
 from palpate.contact.truth import Touches
 from palpate.errors import InputError
-from palpate.evaluation.evaluate import status_shares
-from palpate.io.contacts import COLUMNS, read_contacts
-from palpate.io.csv import read_recording
-from palpate.io.guess import guess_orientation, guess_time, guess_wrench
-from palpate.io.layout import Layout
+from palpate.io.atomic import PART, keep_inputs
+from palpate.io.contacts import COLUMNS, unfinished
+from palpate.io.contacts_mcap import ESTIMATE
+from palpate.io.lines import open_input
+from palpate.io.logs import topics
 from palpate.io.models import load_toml, read_payload
-from palpate.io.rig import load_rig
-from palpate.io.table import Table, read_table
+from palpate.io.rig import Rig, load_rig
+from palpate.io.table import tables
 from palpate.io.truth import read_truth
-from palpate.sensors.noise import estimate_noise
-from palpate.sensors.recording import ORIENTATION
+from palpate.sensors.recording import Recording
 from palpate.surfaces.mesh import UNITS, Mesh
 
 __all__ = ["inspect"]
 
+TORN = 3  # what was asked for is done, but the log was torn
 _MESHES = (".stl", ".obj", ".ply", ".dae")
-_CHANNELS = ("fx [N]", "fy [N]", "fz [N]", "tx [N m]", "ty [N m]", "tz [N m]")
+_TOPICS = (b"\x89MCAP0\r\n", b"#ROSBAG V", b"SQLite format 3\0")  # how files begin that hold topics
 
 
-def inspect(file: SomeFile, /) -> None:
-    """Say what is in a log, a mesh, a rig, a model, a result or a truth.
+def inspect(
+    file: SomeFile,
+    /,
+    rig: FileOption = None,
+    spectrum: Annotated[Path | None, arg(metavar="FILE", help_behavior_hint="")] = None,
+) -> None:
+    """Say what is in a log, a mesh, a rig, a model, a result or a truth; draw the spectrum of a log or a result.
 
     Args:
-        file: by its suffix: CSV or text, STL, OBJ, PLY or DAE, TOML.
+        file: a log or contacts (CSV, Parquet, MCAP, bag), STL, OBJ, PLY or DAE, TOML, a truth.
+        rig: TOML that says where the log keeps what; with it, spectra are those of the contact: payload taken off, and
+            of its place too.
+        spectrum: .html, .svg or .png to draw spectra into; what cut-off of a filter they propose is printed.
     """
-    if not file.exists():
+    suffix, whole = file.suffix.lower(), unfinished(file)
+    if not file.exists() and whole is None:
         raise InputError("there is no such file.", where=str(file))
-    suffix = file.suffix.lower()
-    if suffix in _MESHES:
-        _mesh(file)
-    elif suffix == ".toml":
-        _toml(file)
+    if spectrum is not None:
+        _check_output(spectrum, file, rig)
+    if suffix in _MESHES or suffix == ".toml":
+        if spectrum is not None:
+            raise InputError("has no spectrum: it is no log and no result.", where=str(file))
+        (_toml if suffix == ".toml" else _mesh)(file)
     else:
-        _table(file)
+        _data(whole or file, None if rig is None else load_rig(rig), spectrum)
+
+
+def _check_output(output: Path, file: Path, rig: Path | None) -> None:
+    """Before the work, not after it."""
+    if output.suffix.lower() not in KINDS:
+        raise InputError(f"no picture ends in {output.suffix!r}.", where=str(output), mend=f"Use {', '.join(KINDS)}.")
+    keep_inputs(output, (file, rig))
+
+
+def _data(file: Path, rig: Rig | None, output: Path | None) -> None:
+    """A log, contacts, or a truth."""
+    names = _columns(file)
+    if _holds_contacts(file, names):
+        recording, torn = inspect_contacts(file), False
+    elif {"px", "py", "pz"} <= set(names) and set(names) & {"time", "start"}:
+        _truth(file)
+        recording, torn = None, False
+    else:
+        recording, torn = inspect_log(file, names, None if rig is None else rig.layout())
+        if output is not None and recording is not None and rig is not None:
+            recording = _located(recording, rig)
+    if output is not None:
+        _draw(recording, output, file)
+    if torn:
+        raise SystemExit(TORN)
+
+
+def _located(recording: Recording, rig: Rig) -> Recording:
+    if rig.mesh_path() is not None:
+        import_mesh_reader()
+    return located(recording, rig)
+
+
+def _draw(recording: Recording | None, output: Path, file: Path) -> None:
+    if recording is None or not len(recording):
+        raise InputError("has no spectrum: there are no wrenches over time in it.", where=str(file))
+    draw_spectrum(recording, output, file.name)
+
+
+def _columns(file: Path) -> tuple[str, ...]:
+    """Names of the columns; none where a file has topics."""
+    if file.is_dir():
+        return COLUMNS if any(file.glob("*.parquet")) else ()  # an unfinished Parquet file, or a bag
+    with open_input(file) as opened:
+        start = opened.read(16)
+        if start.startswith(b"PAR1"):
+            return _parquet_columns(file)
+        if start.startswith(_TOPICS):
+            return ()
+    with open_input(file) as opened:
+        return next(tables(opened, file, 1 << 16)).names
+
+
+def _parquet_columns(file: Path) -> tuple[str, ...]:
+    import polars as pl
+
+    try:
+        return tuple(pl.read_parquet_schema(file))
+    except (pl.exceptions.PolarsError, OSError) as problem:
+        raise InputError(f"cannot be read as Parquet ({str(problem).splitlines()[0]}).", where=str(file)) from problem
+
+
+def _holds_contacts(file: Path, names: tuple[str, ...]) -> bool:
+    if names:
+        return set(COLUMNS) <= set(names)
+    return file.suffix == PART or any(kind == ESTIMATE.kind for _, kind, _ in topics(file))
 
 
 def _mesh(file: Path) -> None:
@@ -109,71 +188,12 @@ def _listed(value: object) -> str:
     return text.replace("(", "[").replace(")", "]") if text.startswith("(") else text
 
 
-def _table(file: Path) -> None:
-    content = read_table(file)
-    names = set(content.names)
-    if set(COLUMNS) <= names:
-        _contacts(file)
-    elif {"px", "py", "pz"} <= names and names & {"time", "start"}:
-        _truth(file)
-    else:
-        _log(file, content)
-
-
-def _contacts(file: Path) -> None:
-    contacts = read_contacts(file)
-    title(f"{file}: contacts")
-    lines([("rows", f"{len(contacts):,}"), ("time", _span(contacts.time))])
-    lines((label, percent(share)) for label, share in status_shares(contacts.estimate.status).items())
-    note(contacts.notes)
-
-
 def _truth(file: Path) -> None:
     truth = read_truth(file)
     touches = isinstance(truth, Touches)
     title(f"{file}: {'touches at known points' if touches else 'the truth at instants'}")
     time = np.concatenate([truth.start, truth.end]) if isinstance(truth, Touches) else truth.time
     lines([("rows", f"{len(truth.point):,}"), ("time", _span(time))])
-
-
-def _log(file: Path, content: Table) -> None:
-    title(f"{file}: a log")
-    shown = ", ".join(content.names[:20]) + (", ..." if len(content.names) > 20 else "")
-    lines([("columns", f"{len(content.names)}: {shown}"), ("rows", f"{len(content):,}")])
-    wrench, time = guess_wrench(content.names), guess_time(content.names)
-    if wrench is None or time is None:
-        note([*content.notes, "no columns look like a time with three forces and three torques"])
-        return
-    recording = read_recording(file, Layout(time=time, wrench=wrench))
-    steps = np.diff(recording.time[np.isfinite(recording.time)])
-    usual = float(np.median(steps)) if len(steps) else float("nan")
-    lines(
-        [
-            ("taken as", f"{time}; {', '.join(wrench)}"),
-            ("time", f"{_span(recording.time)}, a step of {usual:.4g} (rate {1 / usual if usual > 0 else 0:.4g})"),
-            ("orientation", _orientation(content, ORIENTATION in recording.channels)),
-        ]
-    )
-    _ranges(recording.wrenches())
-    note(recording.notes)
-
-
-def _orientation(content: Table, usual: bool) -> str:
-    if usual:
-        return "qx, qy, qz, qw"
-    guess = guess_orientation(content.names)
-    return "none" if guess is None else f"perhaps {', '.join(guess)}"
-
-
-def _ranges(wrenches: np.ndarray) -> None:
-    noise = estimate_noise(wrenches)
-    rows: list[list[str]] = []
-    for k, name in enumerate(_CHANNELS):
-        known = wrenches[np.isfinite(wrenches[:, k]), k]
-        figures = (known.min(), np.median(known), known.max()) if len(known) else (np.nan,) * 3
-        step = "" if noise is None else f"{noise[k]:.3g}"
-        rows.append([name, *(f"{value:.4g}" for value in figures), step, f"{len(wrenches) - len(known)}"])
-    table(("as N and N m", "least", "median", "most", "noise", "missing"), rows)
 
 
 def _span(time: np.ndarray) -> str:

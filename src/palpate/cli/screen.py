@@ -61,8 +61,13 @@ def wait(text: str) -> None:
         print(f"palpate: {text}", file=sys.stderr, flush=True)
 
 
-def progress(done: int, total: int) -> None:
-    """One line that counts, for a person."""
+def progress(done: int, share: float) -> None:
+    """One line that counts, for a person.
+
+    Args:
+        done: samples so far.
+        share: of the file that was read.
+    """
     if sys.stderr.isatty():
-        end = "\n" if done >= total else ""
-        print(f"\rpalpate: {done:,} of {total:,} samples", end=end, file=sys.stderr, flush=True)
+        end = "\n" if share >= 1.0 else ""
+        print(f"\rpalpate: {done:,} samples, {share:4.0%} of the log", end=end, file=sys.stderr, flush=True)

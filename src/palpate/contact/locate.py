@@ -84,6 +84,8 @@ class Locator:
         self._settings = np.array(
             [*tree.centre, tree.scale, soft, self.friction, self.torsion, self.on, self.off, noisy]
         )
+        self._noisy = self._settings.copy()  # with covariances beside the wrenches
+        self._noisy[NOISY] = 1.0
         self._noise = np.zeros((6, 6)) if self.noise is None else _writable(self.noise)
         self._state, self._wrench = _state(None), np.zeros(6)
         self._one: Callable[..., Any] = _kernel.estimate
@@ -131,8 +133,7 @@ class Locator:
         wrenches = _writable(wrenches)
         noise, settings = self._noise, self._settings
         if covariances is not None:
-            noise, settings = np.asarray(covariances, dtype=np.float64), settings.copy()
-            settings[NOISY] = 1.0
+            noise, settings = np.asarray(covariances, dtype=np.float64), self._noisy
         noises = _writable(noise if noise.ndim == 3 else noise[None])
         if len(noises) not in (1, len(wrenches)):
             raise ValueError(f"{len(noises)} covariances for {len(wrenches)} wrenches")
@@ -141,6 +142,18 @@ class Locator:
         state = self._state if sequential else _state(previous)
         self._many(wrenches, noises, forced, *self._tree, settings, state, sequential, rows)
         return ContactEstimate.from_rows(rows)
+
+    def run_into(
+        self,
+        rows: Float[np.ndarray, "n 22"],
+        wrenches: Float[np.ndarray, "n 6"],
+        covariances: Float[np.ndarray, "n 6 6"] | None,
+        statuses: Int8[np.ndarray, " n"],
+    ) -> None:
+        """`run` in sequence into rows of `empty()`, from contiguous, writable arrays: what a control loop calls."""
+        noises = self._noise[None] if covariances is None else covariances
+        settings = self._settings if covariances is None else self._noisy
+        self._many(wrenches, noises, statuses, *self._tree, settings, self._state, True, rows)
 
     def candidates(self, wrench: Float[np.ndarray, "6"]) -> Candidates:
         """Every contact that one wrench (6,) can have, those within the bounds first, then as met along the force."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Int8
+from jaxtyping import Float, Int
 
 from palpate.contact.estimate import Status
 
@@ -85,16 +85,16 @@ def never_at_rest(wrenches: Float[np.ndarray, "n 6"], on: float) -> str:
     return f"the force is never below {least:.3g} N: if the log has free moments, bias or payload is left in it"
 
 
-def unexplained(status: Int8[np.ndarray, " n"]) -> list[str]:
+def unexplained(counts: Int[np.ndarray, " s"]) -> list[str]:
     """The sentence to say when a contact within the bounds explains fewer than half of the loaded samples, else none.
 
     Args:
-        status: (n,) `Status` of the estimates.
+        counts: (len(Status),) how many estimates have each `Status`.
     """
-    loaded = status[~np.isin(status, UNLOADED)]
-    if not len(loaded):
+    loaded = int(counts.sum() - counts[list(UNLOADED)].sum())
+    if not loaded:
         return []
-    beyond, off = (np.count_nonzero(loaded == kind) / len(loaded) for kind in (Status.IMPLAUSIBLE, Status.OFF_SURFACE))
+    beyond, off = counts[Status.IMPLAUSIBLE] / loaded, counts[Status.OFF_SURFACE] / loaded
     if beyond + off <= 0.5:
         return []
     return [

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import stat
 import tempfile
 from collections.abc import Generator, Iterable
@@ -11,7 +12,10 @@ from pathlib import Path
 
 from palpate.errors import InputError
 
-__all__ = ["keep_inputs", "replacing", "write_text"]
+__all__ = ["PART", "WHOLE", "growing", "keep_inputs", "part", "replacing", "write_text", "writing"]
+
+PART = ".part"
+WHOLE = "whole.part"  # in a folder that grew: what it became
 
 
 def keep_inputs(output: Path, inputs: Iterable[Path | None], *, beside: Iterable[Path] = ()) -> None:
@@ -26,12 +30,42 @@ def keep_inputs(output: Path, inputs: Iterable[Path | None], *, beside: Iterable
         InputError: a file to write is an input (by whatever name or link), a folder, a pipe or a device.
     """
     read = [(path, _status(path)) for path in inputs if path is not None]
-    for written in (output, *beside):
+    grown = Path(f"{output}{PART}")
+    for written in (output, *beside, grown):
         target = _status(written)
-        _refuse_irregular(written, target)
+        if written is not grown:  # a folder of that name may be what a killed process left
+            _refuse_irregular(written, target)
         for path, status in read:
             if target is not None and status is not None and os.path.samestat(target, status):
                 raise InputError(f"would overwrite an input, {path}.", where=str(written), mend="Name another output.")
+
+
+def part(path: Path) -> Path:
+    """Where a file that grows for long stands until it is finished: OUTPUT.part, beside what OUTPUT leads to."""
+    target = _target(path)
+    return target.with_name(target.name + PART)
+
+
+@contextmanager
+def growing(path: Path) -> Generator[Path]:
+    """OUTPUT.part, to be written bit by bit; it takes the place of OUTPUT when the block ends well or by Ctrl-C.
+
+    After any other error it stays as it is, and so it does if the process is killed: what was done is in it. What was
+    there before is removed. It may be a folder; then the file `WHOLE` in it takes the place.
+
+    Raises:
+        InputError: as `replacing`.
+    """
+    _refuse_irregular(path, _status(path))
+    target, temporary = _target(path), part(path)
+    with writing(path):
+        _clear(temporary)
+    try:
+        yield temporary
+    except KeyboardInterrupt:
+        _place(temporary, target)
+        raise
+    _place(temporary, target)
 
 
 @contextmanager
@@ -44,21 +78,26 @@ def replacing(path: Path) -> Generator[Path]:
         InputError: the folder is not there, or may not be written, or `path` is a folder, a pipe or a device.
     """
     _refuse_irregular(path, _status(path))
+    target = _target(path)
+    with writing(path):
+        handle, name = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name[:32]}.", suffix=PART)
+        os.close(handle)
+        temporary = Path(name)
+        try:
+            yield temporary
+            temporary.chmod(0o666 & ~_umask())  # mkstemp makes it private
+            temporary.replace(target)
+        finally:
+            temporary.unlink(missing_ok=True)
+
+
+@contextmanager
+def writing(path: Path) -> Generator[None]:
+    """Says an error of the system as an `InputError` that names `path`."""
     try:
-        target = path.resolve()
-        handle, name = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name[:32]}.", suffix=".part")
-    except (OSError, ValueError, RuntimeError) as problem:  # the last two: a NUL in the name, links in a circle
-        raise InputError(f"cannot write here ({_reason(problem)}).", where=str(path)) from problem
-    os.close(handle)
-    temporary = Path(name)
-    try:
-        yield temporary
-        temporary.chmod(0o666 & ~_umask())  # mkstemp makes it private
-        temporary.replace(target)
+        yield
     except OSError as problem:
         raise InputError(f"cannot write here ({_reason(problem)}).", where=str(path)) from problem
-    finally:
-        temporary.unlink(missing_ok=True)
 
 
 def write_text(path: Path, text: str) -> None:
@@ -73,6 +112,38 @@ def write_text(path: Path, text: str) -> None:
         raise InputError("cannot be written: the name of a file in it is not UTF-8.", where=str(path)) from problem
     with replacing(path) as temporary:
         temporary.write_bytes(raw)
+
+
+def _target(path: Path) -> Path:
+    """What a name leads to."""
+    try:
+        return path.resolve()
+    except (OSError, ValueError, RuntimeError) as problem:  # the last two: a NUL in the name, links in a circle
+        raise InputError(f"cannot write here ({_reason(problem)}).", where=str(path)) from problem
+
+
+def _place(temporary: Path, target: Path) -> None:
+    """What was finished takes its name; nothing happens where nothing was left."""
+    with writing(target):
+        if temporary.is_dir():
+            (temporary / WHOLE).replace(target)
+            shutil.rmtree(temporary)
+        elif temporary.exists():
+            temporary.replace(target)
+
+
+def _clear(temporary: Path) -> None:
+    """Remove what a killed process left, but no folder that may be somebody's own."""
+    if not temporary.is_dir():
+        temporary.unlink(missing_ok=True)
+        return
+    if strange := [file.name for file in temporary.iterdir() if file.suffix not in (".parquet", PART)]:
+        raise InputError(
+            f"is in the way: a folder with {strange[0]!r}.",
+            where=str(temporary),
+            mend="Remove it, or name another output.",
+        )
+    shutil.rmtree(temporary)
 
 
 def _refuse_irregular(path: Path, status: os.stat_result | None) -> None:

@@ -1,49 +1,103 @@
-"""contacts.csv: what was estimated, at least one row for every sample of the log."""
+"""Files of contacts: what was estimated, at least one row for every sample of the log, as CSV, Parquet or MCAP.
+
+While it is written, OUTPUT is OUTPUT.part, which can be read up to its last block at any moment.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Generator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
-import polars as pl
 from jaxtyping import Float, Int
 
-from palpate.contact.estimate import ContactEstimate, Status
+from palpate.contact.estimate import ContactEstimate
 from palpate.errors import InputError
-from palpate.io.atomic import replacing
-from palpate.io.table import Table, read_table
-from palpate.io.units import near
+from palpate.io.atomic import PART, growing, part, writing
+from palpate.io.contacts_read import contact_blocks
+from palpate.io.contacts_sinks import SINKS, Sink
+from palpate.io.contacts_table import COLUMNS, Contacts
 
-__all__ = ["COLUMNS", "Contacts", "read_contacts", "write_contacts"]
+__all__ = [
+    "COLUMNS",
+    "Contacts",
+    "ContactsWriter",
+    "contact_blocks",
+    "open_contacts",
+    "read_contacts",
+    "unfinished",
+    "write_contacts",
+]
 
-_VECTORS = ("px", "py", "pz", "nx", "ny", "nz", "fx", "fy", "fz", "torque")
-_VARIANCES = ("var_xx", "var_xy", "var_xz", "var_yy", "var_yz", "var_zz")
-COLUMNS = ("sample", "time", "contact", "status", *_VECTORS, *_VARIANCES, "candidates")
-_UPPER = np.triu_indices(3)
-_LABELS = {status.label: int(status) for status in Status}
+
+class ContactsWriter:
+    """Takes estimates block by block; each is in the file when `write` returns."""
+
+    def __init__(self, path: Path, sink: Sink) -> None:
+        self._path, self._sink = path, sink
+        self._samples = 0
+        self.rows = 0
+
+    def write(
+        self,
+        time: Float[np.ndarray, " n"],
+        estimate: ContactEstimate,
+        *,
+        sample: Int[np.ndarray, " n"] | None = None,
+        contact: Int[np.ndarray, " n"] | None = None,
+    ) -> None:
+        """Append a block.
+
+        Args:
+            time: (n,) [s] as in the log.
+            estimate: batch of n, in the frame of the file.
+            sample: (n,) rows of the log; None: one row each, going on from the block before.
+            contact: (n,) which of the sample's contacts; None: 0.
+        """
+        count = len(time)
+        if not count:
+            return
+        sample = np.arange(self._samples, self._samples + count) if sample is None else sample
+        contact = np.zeros(count, dtype=np.int64) if contact is None else contact
+        with writing(self._path):
+            self._sink.append(Contacts(sample, time, contact, estimate))
+        self._samples = int(sample[-1]) + 1
+        self.rows += count
 
 
-@dataclass(frozen=True)
-class Contacts:
-    """The rows of a contacts.csv, SI.
+@contextmanager
+def open_contacts(path: Path, *, frame_id: str = "surface") -> Generator[ContactsWriter]:
+    """A file of contacts to write block by block, in memory that does not grow; the suffix says the format.
 
-    Attributes:
-        sample: (n,) row of the log, counted from 0.
-        time: (n,) [s].
-        contact: (n,) which of the sample's contacts; it keeps its identity.
-        estimate: batch of n. Its residual is NaN: the file does not hold it.
-        notes: what was met in reading.
+    OUTPUT.part takes the name of OUTPUT when the block ends well, or by Ctrl-C once there is a row. After any other
+    error, or a kill, it stays, with every block that was written; without a row it is removed. OUTPUT itself is not
+    touched before.
+
+    Args:
+        path: OUTPUT, ending in .csv, .parquet or .mcap.
+        frame_id: name of the contacts' frame, for viewers; only MCAP holds it.
+
+    Raises:
+        InputError: another suffix, or it cannot be written.
     """
-
-    sample: Int[np.ndarray, " n"]
-    time: Float[np.ndarray, " n"]
-    contact: Int[np.ndarray, " n"]
-    estimate: ContactEstimate
-    notes: tuple[str, ...] = ()
-
-    def __len__(self) -> int:
-        return len(self.sample)
+    kind = SINKS.get(path.suffix.lower())
+    if kind is None:
+        raise InputError(
+            f"no format of contacts ends in {path.suffix!r}.", where=str(path), mend=f"Use {', '.join(SINKS)}."
+        )
+    with growing(path) as temporary:
+        with writing(path):
+            sink = kind(temporary, frame_id)
+        writer = ContactsWriter(path, sink)
+        try:
+            yield writer
+        except BaseException as problem:
+            with writing(path):
+                _end(writer, sink, isinstance(problem, KeyboardInterrupt))
+            raise
+        with writing(path):
+            sink.finish()
 
 
 def write_contacts(
@@ -54,85 +108,44 @@ def write_contacts(
     sample: Int[np.ndarray, " n"] | None = None,
     contact: Int[np.ndarray, " n"] | None = None,
 ) -> None:
-    """Write estimates in the surface's frame, whole or not at all; numbers read back the same to the last bit.
-
-    Args:
-        path: of the file.
-        time: (n,) [s] as in the log.
-        estimate: batch of n.
-        sample: (n,) rows of the log; None: one row each, in order.
-        contact: (n,) which of the sample's contacts; None: 0.
-    """
-    count = len(time)
-    numbers = np.column_stack([estimate.point, estimate.normal, estimate.force, estimate.torque])
-    variances = estimate.covariance[:, *_UPPER]
-    labels = np.array([status.label for status in Status])
-    frame = pl.DataFrame(
-        {
-            "sample": np.arange(count) if sample is None else sample,
-            "time": time,
-            "contact": np.zeros(count, dtype=np.int64) if contact is None else contact,
-            "status": labels[estimate.status],
-            **dict(zip(_VECTORS, numbers.T, strict=True)),
-            **dict(zip(_VARIANCES, variances.T, strict=True)),
-            "candidates": estimate.candidates,
-        }
-    )
-    with replacing(path) as temporary:
-        frame.with_columns(pl.col(pl.Float64).fill_nan(None)).write_csv(temporary)
+    """Write estimates in one go; see `open_contacts` and `ContactsWriter.write`."""
+    with open_contacts(path) as writer:
+        writer.write(time, estimate, sample=sample, contact=contact)
 
 
 def read_contacts(path: Path) -> Contacts:
-    """Read a contacts.csv back.
+    """All rows of a file of contacts, finished or not; numbers are those that were written, to the last bit.
 
     Raises:
-        InputError: not a contacts.csv, a status that there is none of, a field that is no number, or an answered row
-            without a point.
+        InputError: it is none, or a row is not one of contacts.
     """
-    table = read_table(path)
-    if missing := [name for name in COLUMNS if name not in table.names]:
-        raise InputError(
-            f"is not a contacts.csv: there is no column {missing[0]!r}.",
-            where=str(path),
-            mend="`palpate estimate` writes one.",
-        )
-    whole, _ = table.numbers(["sample", "contact", "candidates"], strict=True)
-    odd = np.flatnonzero(~((whole == np.rint(whole)) & (np.abs(whole) < 2**53)).all(axis=1))  # NaN and infinite too
-    if len(odd):
-        table.refuse(int(odd[0]), "sample, contact and candidates must be whole numbers")
-    sample, contact, candidates = whole.astype(np.int64).T
-    time, _ = table.numbers(["time"], strict=True)
-    vectors, _ = table.numbers(_VECTORS, strict=True)
-    variances, _ = table.numbers(_VARIANCES, strict=True)
-    status = _statuses(table)
-    answered = np.isin(status, (Status.CONTACT, Status.AMBIGUOUS))
-    pointless = np.flatnonzero(answered & ~np.isfinite(vectors[:, :3]).all(axis=1))
-    if len(pointless):
-        table.refuse(int(pointless[0]), "is answered, but has no point")
-    covariance = np.empty((len(table), 3, 3))
-    covariance[:, *_UPPER] = variances
-    covariance[:, *_UPPER[::-1]] = variances
-    estimate = ContactEstimate(
-        point=vectors[:, 0:3].copy(),
-        normal=vectors[:, 3:6].copy(),
-        force=vectors[:, 6:9].copy(),
-        torque=vectors[:, 9].copy(),
-        covariance=covariance,
-        residual=np.full(len(table), np.nan),
-        candidates=candidates.copy(),
-        status=status,
+    blocks = list(contact_blocks(path))
+    if len(blocks) == 1:
+        return blocks[0]
+    estimates = [block.estimate for block in blocks]
+    joined = {name: np.concatenate([getattr(estimate, name) for estimate in estimates]) for name in vars(estimates[0])}
+    return Contacts(
+        np.concatenate([block.sample for block in blocks]),
+        np.concatenate([block.time for block in blocks]),
+        np.concatenate([block.contact for block in blocks]),
+        ContactEstimate(**joined),
+        tuple(dict.fromkeys(note for block in blocks for note in block.notes)),
     )
-    return Contacts(sample.copy(), time[:, 0].copy(), contact.copy(), estimate, table.notes)
 
 
-def _statuses(table: Table) -> np.ndarray:
-    text = table.strings("status")
-    codes = text.replace_strict(_LABELS, default=None, return_dtype=pl.Int8)
-    if codes.null_count():
-        at = int(np.flatnonzero(codes.is_null().to_numpy())[0])
-        raise InputError(
-            f"unknown status {text[at]!r}.",
-            where=f"{table.path}, line {table.lines[at]}",
-            mend=near(str(text[at]), _LABELS),
-        )
-    return codes.to_numpy().copy()
+def unfinished(path: Path) -> Path | None:
+    """OUTPUT.part where there is no OUTPUT, or what was named is such a file itself: writing it was cut short."""
+    if path.suffix == PART:
+        return path if path.exists() else None
+    try:
+        return part(path) if not path.exists() and part(path).exists() else None
+    except (InputError, OSError, ValueError):
+        return None
+
+
+def _end(writer: ContactsWriter, sink: Sink, interrupted: bool) -> None:
+    """After an error: an interrupt makes a whole file of the rows, without a row nothing is left."""
+    if writer.rows and interrupted:
+        sink.finish()
+    else:
+        sink.abandon(keep=bool(writer.rows))

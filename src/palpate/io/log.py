@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from palpate.sensors.recording import Recording
 
 __all__ = ["Log"]
 
 
+@runtime_checkable
 class Log(Protocol):
     """What every reader gives.
 
@@ -20,10 +21,17 @@ class Log(Protocol):
         torn: after an iteration, the sentence that says where the file was cut; "" where it is whole.
     """
 
-    path: Path
-    size: int
-    position: int
-    torn: str
+    @property
+    def path(self) -> Path: ...  # noqa: D102 - said above
+
+    @property
+    def size(self) -> int: ...  # noqa: D102 - said above
+
+    @property
+    def position(self) -> int: ...  # noqa: D102 - said above
+
+    @property
+    def torn(self) -> str: ...  # noqa: D102 - said above
 
     def blocks(self) -> Iterator[Recording]:
         """The samples from the start, in the order of the file, every one once, in pieces as they come.

@@ -117,13 +117,16 @@ def check_rig(table: Mapping[str, Any], path: Path) -> Rig:
     return rig
 
 
-def build(rig: Rig, *, surface: Mesh | None = None, noise: Float[np.ndarray, "6"] | None = None) -> Estimator:
+def build(
+    rig: Rig, *, surface: Mesh | None = None, noise: Float[np.ndarray, "6"] | None = None, rate: float | None = None
+) -> Estimator:
     """The estimator of a rig.
 
     Args:
         rig: what the user wrote.
         surface: where it was loaded before.
         noise: (6,) standard deviations [N, N m], used where the rig states none.
+        rate: [Hz] of the log, used where the rig states none; filters by frequency need one.
     """
     settings, sensor = rig.estimate, rig.sensor(noise)
     locator = Locator(
@@ -142,4 +145,6 @@ def build(rig: Rig, *, surface: Mesh | None = None, noise: Float[np.ndarray, "6"
         rig.payload(),
         rig.surface.pose.pose(),
         None if uncertain is None else np.asarray(uncertain),
+        filter=rig.filter.filter(),
+        rate=rig.filter.rate or rate,
     )

@@ -1,10 +1,10 @@
-"""Write a calibrated pose into a rig that a person wrote, leaving their words alone."""
+"""Write what was calibrated into a rig that a person wrote, leaving their words alone."""
 
 from __future__ import annotations
 
 import os
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, cast
 
@@ -19,7 +19,7 @@ from palpate.io.atomic import write_text
 from palpate.io.models import load_toml, printable, toml_array
 from palpate.spatial.pose import Pose
 
-__all__ = ["update_pose"]
+__all__ = ["update_offset", "update_pose"]
 
 _COVARIANCE = "of rotation [rad] and translation [m] in the sensor's frame"
 
@@ -48,11 +48,40 @@ def update_pose(
         raise InputError("a rig needs a [surface].", where=str(source))
     wanted["surface"]["pose"] = {"xyz": pose.translation.tolist(), "quaternion_xyzw": pose.quaternion().tolist()}
     wanted["surface"]["pose_covariance"] = np.asarray(covariance).tolist()
+    _write(source, target, wanted, (_in_place, _surface_anew), comment, "surface")
+
+
+def update_offset(source: Path, target: Path, offset: float, *, comment: str = "") -> None:
+    """Copy a rig with the offset of the poses' clock set; comments, order and all else stay, as in `update_pose`.
+
+    Args:
+        source: the rig to read.
+        target: the rig to write; it may be the same file.
+        offset: [s] added to the stamps of the poses.
+        comment: said beside it.
+
+    Raises:
+        InputError: `source` cannot be read, or `target` cannot be written.
+    """
+    wanted = load_toml(source)
+    if not isinstance(wanted.setdefault("orientation", {}), dict):
+        raise InputError("[orientation] must be a table.", where=str(source))
+    wanted["orientation"]["offset"] = offset
+    _write(source, target, wanted, (_offset_in_place,), comment, "orientation")
+
+
+_Edit = Callable[[str, Mapping[str, Any], str], str | None]
+
+
+def _write(
+    source: Path, target: Path, wanted: dict[str, Any], edits: Sequence[_Edit], comment: str, table: str
+) -> None:
+    """By the first edit of the text that reads as what is wanted."""
     if source.resolve().parent != target.resolve().parent:
-        _rebase(wanted["surface"], "mesh", source, target)
+        _rebase(wanted.get("surface", {}), "mesh", source, target)
         _rebase(wanted.get("force_torque", {}), "payload", source, target)
     before = source.read_text(encoding="utf-8-sig")
-    for edit in (_in_place, _surface_anew):
+    for edit in edits:
         try:
             text = edit(before, wanted, printable(comment))
         except TOMLKitError:  # a form that it does not know how to edit
@@ -60,8 +89,25 @@ def update_pose(
         if text is not None and _reads_as(text, wanted):
             return write_text(target, text)
     raise InputError(
-        "the pose cannot be written into a rig of this form.", where=str(source), mend="Write [surface] as one table."
+        "what was found cannot be written into a rig of this form.",
+        where=str(source),
+        mend=f"Write [{table}] as one table.",
     )
+
+
+def _offset_in_place(text: str, wanted: Mapping[str, Any], comment: str) -> str:
+    document: Any = tomlkit.parse(text)
+    if "orientation" not in document:
+        document["orientation"] = tomlkit.table()
+    table = document["orientation"]
+    _replace(
+        table,
+        "offset",
+        tomlkit.float_(repr(wanted["orientation"]["offset"])),
+        comment if isinstance(table, Table) else "",
+    )
+    _move_paths(document, wanted)
+    return tomlkit.dumps(document)
 
 
 def _in_place(text: str, wanted: Mapping[str, Any], comment: str) -> str | None:

@@ -13,9 +13,9 @@ import numpy as np
 
 from palpate.contact.plausibility import lines_of_action
 from palpate.errors import InputError
-from palpate.io.csv import read_recording
 from palpate.io.guess import guess_orientation, guess_position, guess_time, guess_wrench
 from palpate.io.layout import ORIENTATION_COLUMNS, Layout
+from palpate.io.logs import read_recording
 from palpate.io.models import printable
 from palpate.io.rig import check_rig
 from palpate.io.table import Table, read_table

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from palpate.io.strict import INFINITE, covariance_matrix
+from palpate.sensors.filters import Butterworth, Kalman
 from palpate.spatial.pose import Pose
 from palpate.surfaces.mesh import UNITS, Mesh
 from palpate.surfaces.plane import plane
@@ -184,7 +185,7 @@ class RigAcceleration:
     topic: str | None = None
     kind: str = "motion"
     from_poses: bool = False
-    window: float = 0.1
+    window: float = 0.2
 
     def __post_init__(self) -> None:
         if self.kind not in ("motion", "imu"):
@@ -222,6 +223,14 @@ class RigFilter:
             raise ValueError("order must lie between 1 and 8")
         if self.rate is not None and not self.rate > 0:
             raise ValueError("rate must be positive")
+
+    def filter(self) -> Kalman | Butterworth | None:
+        """As a value."""
+        if self.kind == "none":
+            return None
+        if self.kind == "kalman":
+            return Kalman(self.q, self.r)
+        return Butterworth(self.cutoff, self.order, zero_phase=self.kind == "zero_phase")
 
 
 @dataclass(frozen=True)

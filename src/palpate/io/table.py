@@ -1,22 +1,25 @@
-"""A delimited text file as named columns of text, every row of it accounted for."""
+"""A delimited text file as named columns of text, every row of it accounted for: whole, or in pieces."""
 
 from __future__ import annotations
 
 import io
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
-from typing import NoReturn
+from typing import BinaryIO, NoReturn
 
 import numpy as np
 import polars as pl
 from jaxtyping import Bool, Float, Int
 
 from palpate.errors import InputError
+from palpate.io.fields import Fields
+from palpate.io.lines import open_input, whole_lines
 from palpate.io.units import near
 
-__all__ = ["Table", "read_table"]
+__all__ = ["Rows", "Table", "read_table", "tables"]
 
 _DELIMITERS = (b",", b";", b"\t")
 _INSIDE = b"\x1f"  # stands for a delimiter inside quotes, so that every line parses on its own
@@ -24,32 +27,40 @@ _INSIDE = b"\x1f"  # stands for a delimiter inside quotes, so that every line pa
 
 @dataclass(frozen=True)
 class Table:
-    """The text of a file's columns; numbers are made on request, so that a bad field can be named.
+    """The text of some rows of a file; numbers are made on request, so that a bad field can be named.
 
     Attributes:
         path: the file.
         delimiter: one of comma, semicolon, tab.
         names: the column names, as the header gives them.
         lines: (n,) the line of the file that each row stands on, counted from 1.
-        ragged: (n,) True where a row has more or fewer fields than the header, or a quote that is not closed.
-        notes: what was met on the way.
+        fields: (n,) how many fields each row has; -1 where a quote is not closed.
     """
 
     path: Path
     delimiter: str
     names: tuple[str, ...]
     lines: Int[np.ndarray, " n"]
-    ragged: Bool[np.ndarray, " n"]
-    notes: tuple[str, ...]
+    fields: Int[np.ndarray, " n"]
     _text: bytes
 
     def __len__(self) -> int:
         return len(self.lines)
 
+    @property
+    def ragged(self) -> Bool[np.ndarray, " n"]:
+        """True where a row has more or fewer fields than the header, or a quote that is not closed."""
+        return self.fields != len(self.names)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What was met on the way."""
+        return Rows().add(self).notes()
+
     def strings(self, name: str) -> pl.Series:
         """One column as text, stripped, null where empty."""
-        self._require([name])
-        return self._columns([name])[0]
+        self.require([name])
+        return self._strings([name])[0]
 
     def numbers(
         self, names: Sequence[str], *, strict: bool = False
@@ -67,52 +78,66 @@ class Table:
             self.refuse(
                 int(np.argmax(self.ragged)), f"does not have {len(self.names)} fields, or a quote is not closed"
             )
-        self._require(names)
+        fields = Fields()
+        values = self.read(names, fields)
+        fields.require_numbers(self.path)
+        if strict and fields.unread:
+            name, (place, text) = next(iter(fields.unread.items()))
+            raise InputError(f"{text!r} in column {name!r} is not a number.", where=f"{self.path}, {place}")
+        return values, fields.notes()
+
+    def read(self, names: Sequence[str], fields: Fields) -> Float[np.ndarray, "n k"]:
+        """Columns as float64, NaN where there is no number, of which `fields` keeps account.
+
+        Raises:
+            InputError: a column is missing.
+        """
+        self.require(names)
+        parsed = self._parse(names, numbers=True)
+        unclear = [name for name, column in zip(names, parsed, strict=True) if column.null_count()]
+        texts = dict(zip(unclear, self._strings(unclear), strict=True))
         values = np.empty((len(self), len(names)))
-        bad = self.ragged.copy()
-        first = ""
-        for k, (name, text) in enumerate(zip(names, self._columns(names), strict=True)):
-            column = self._cast(text)
-            unread = text.is_not_null().to_numpy() & np.isnan(column) & ~_says_nan(text)
-            if len(self) and not self.ragged.all() and np.all(np.isnan(column)) and unread.any():
-                at = int(np.flatnonzero(unread)[0])
-                raise InputError(
-                    f"no number in column {name!r}; line {self.lines[at]} has {text[at]!r}.", where=str(self.path)
-                )
-            if unread.any() and not first:
-                at = int(np.flatnonzero(unread)[0])
-                if strict:
-                    self.refuse(at, f"{text[at]!r} in column {name!r} is not a number")
-                first = f" (first: line {self.lines[at]}, column {name!r}, {text[at]!r})"
-            bad |= np.isnan(column)
-            values[:, k] = column
+        for k, name in enumerate(names):
+            values[:, k] = self._cast(texts[name]) if name in texts else parsed[k].to_numpy()
+            fields.see(name, values[:, k])
+            if name in texts and name not in fields.unread:
+                self._find_unread(name, texts[name], values[:, k], fields)
         values[self.ragged] = np.nan
-        return values, self._bad_note(bad, first)
+        fields.count(values, self._line)
+        return values
 
     def refuse(self, row: int, what: str) -> NoReturn:
         """Raise an InputError that names the line of a row."""
-        raise InputError(f"{what}.", where=f"{self.path}, line {self.lines[row]}")
+        raise InputError(f"{what}.", where=f"{self.path}, {self._line(row)}")
 
-    def _bad_note(self, bad: Bool[np.ndarray, " n"], first: str) -> tuple[str, ...]:
-        if not bad.any():
-            return ()
-        if not first:
-            first = f" (first: line {self.lines[int(np.flatnonzero(bad)[0])]})"
-        return (f"{np.count_nonzero(bad)} of {len(self)} rows have a field that is missing or not a number{first}",)
-
-    def _require(self, names: Sequence[str]) -> None:
+    def require(self, names: Sequence[str]) -> None:
+        """Raise an InputError unless each of these columns is there, once."""
         for name in names:
             if self.names.count(name) > 1:
                 raise InputError(f"column {name!r} is there {self.names.count(name)} times.", where=str(self.path))
             if name not in self.names:
                 raise InputError(f"there is no column {name!r}.", where=str(self.path), mend=near(name, self.names))
 
-    def _columns(self, names: Sequence[str]) -> list[pl.Series]:
+    def _line(self, row: int) -> str:
+        return f"line {self.lines[row]}"
+
+    def _find_unread(self, name: str, text: pl.Series, values: Float[np.ndarray, " n"], fields: Fields) -> None:
+        unread = text.is_not_null().to_numpy() & np.isnan(values) & ~_says_nan(text)
+        if unread.any():
+            at = int(np.argmax(unread))
+            fields.unread[name] = self._line(at), text[at]
+
+    def _strings(self, names: Sequence[str]) -> list[pl.Series]:
+        parsed = self._parse(names, numbers=False)
+        return [
+            column.to_frame("").select(_unquoted(pl.all(), self.delimiter).replace("", None)).to_series()
+            for column in parsed
+        ]
+
+    def _parse(self, names: Sequence[str], *, numbers: bool) -> list[pl.Series]:
         indices = [self.names.index(name) for name in names]
-        frame = _parse(self._text, self.delimiter, self.path, indices)[1:]
-        stripped = frame.with_columns(_unquoted(pl.all(), self.delimiter).replace("", None))
-        order = {column: k for k, column in enumerate(sorted(set(indices)))}  # polars gives them in the file's order
-        return [stripped.to_series(order[index]) for index in indices]
+        frame = _parse(self._text, self.delimiter, self.path, len(self.names), indices, numbers=numbers)
+        return [frame[f"c{index}"] for index in indices]
 
     def _cast(self, text: pl.Series) -> Float[np.ndarray, " n"]:
         if self.delimiter != ",":  # then a comma can only be a decimal point
@@ -120,65 +145,104 @@ class Table:
         return text.cast(pl.Float64, strict=False).fill_null(float("nan")).to_numpy().copy()
 
 
+class Rows:
+    """How many rows of a file have the fields of its header, summed over its pieces."""
+
+    def __init__(self) -> None:
+        self.count = self.whole = self.unclosed = self.ragged = 0
+        self._first = self._first_unclosed = self._first_ragged = ""
+        self._fields, self._delimiter = 0, ""
+
+    def add(self, table: Table) -> Rows:
+        """The rows of one more piece."""
+        unclosed = table.fields < 0
+        ragged = table.ragged & ~unclosed
+        if not self.count and len(table):
+            found = f"{table.fields[0]}" if table.fields[0] >= 0 else "a quote that is not closed"
+            self._first = f"line {table.lines[0]} has {found}"
+        self.count += len(table)
+        self._fields, self._delimiter = len(table.names), table.delimiter
+        self.unclosed += int(np.count_nonzero(unclosed))
+        self.ragged += int(np.count_nonzero(ragged))
+        if unclosed.any() and not self._first_unclosed:
+            self._first_unclosed = f"line {table.lines[int(np.argmax(unclosed))]}"
+        if ragged.any() and not self._first_ragged:
+            self._first_ragged = f"line {table.lines[int(np.argmax(ragged))]}"
+        return self
+
+    def require(self, path: Path) -> None:
+        """Raise an InputError if there is no row, or none with the fields of the header."""
+        if not self.count:
+            raise InputError("there is a header, but no rows.", where=str(path))
+        if self.unclosed + self.ragged == self.count:
+            raise InputError(
+                f"no row has the {self._fields} fields of the header; {self._first}.",
+                where=str(path),
+                mend="Is the decimal point a comma?" if self._delimiter == "," else "",
+            )
+
+    def notes(self) -> tuple[str, ...]:
+        """What a reader should know."""
+        said = (
+            (self.unclosed, "have a quote that is not closed", self._first_unclosed),
+            (self.ragged, f"do not have {self._fields} fields", self._first_ragged),
+        )
+        return tuple(f"{count} rows {what} (first: {first})" for count, what, first in said if count)
+
+
 def read_table(path: Path) -> Table:
     """Read a comma, semicolon or tab separated file whose first line names the columns.
 
     Raises:
-        InputError: the file is not there, not text, empty, or has no header.
+        InputError: the file is not there, not text, empty, or has no header or no row that fits it.
     """
-    raw = _read_bytes(path)
-    header = raw.lstrip(b"\n\r ").split(b"\n", 1)[0]
+    with open_input(path) as file:
+        whole = next(tables(file, path, -1))
+    Rows().add(whole).require(path)
+    return whole
+
+
+def tables(file: BinaryIO, path: Path, size: int) -> Iterator[Table]:
+    """The rows of an opened file in pieces of about `size` bytes; the first may be without rows.
+
+    Raises:
+        InputError: it is not text, empty, or has no header.
+    """
+    pieces, before = whole_lines(file, path, size), 0
+    for text in pieces:
+        if header := text.lstrip(b"\n\r ").split(b"\n", 1)[0]:
+            break
+        before += text.count(b"\n") + 1
+    else:
+        raise InputError("the file is empty.", where=str(path))
+    delimiter, names = _delimiter(header, path), ()
+    for piece in chain([text], pieces):
+        raw, numbers, fields = _lines(piece, delimiter)
+        numbers += before
+        before += piece.count(b"\n") + 1
+        if not names:
+            if fields[0] < 0:
+                raise InputError("a quote is not closed in the header.", where=f"{path}, line {numbers[0]}")
+            header, _, raw = raw.partition(b"\n")
+            names = _names(header, delimiter.decode(), path, int(fields[0]))
+            numbers, fields = numbers[1:], fields[1:]
+        yield Table(path, delimiter.decode(), names, numbers, fields, raw)
+
+
+def _delimiter(header: bytes, path: Path) -> bytes:
     bare = re.sub(rb'"[^"]*"', b"", header)
     delimiter = max(_DELIMITERS, key=bare.count)
     if delimiter not in bare:
         raise InputError("found one column only.", where=str(path), mend="Separate columns by , or ; or tab.")
-    raw, numbers, fields = _lines(raw, delimiter)
-    if fields[0] < 0:
-        raise InputError("a quote is not closed in the header.", where=f"{path}, line {numbers[0]}")
-    first = _parse(raw.split(b"\n", 1)[0], delimiter.decode(), path, None)
-    names = first.select(_unquoted(pl.all(), delimiter.decode()).fill_null("")).row(0)
+    return delimiter
+
+
+def _names(header: bytes, delimiter: str, path: Path, count: int) -> tuple[str, ...]:
+    parsed = _parse(header, delimiter, path, count, range(count), numbers=False)
+    names = parsed.select(_unquoted(pl.all(), delimiter).fill_null("")).row(0)
     if all(re.fullmatch(r"[-+\d.eE]+|nan|inf", name.lower()) for name in names):
         raise InputError("the first line holds numbers.", where=str(path), mend="It must name the columns.")
-    if len(numbers) == 1:
-        raise InputError("there is a header, but no rows.", where=str(path))
-    ragged = fields != len(names)
-    if ragged[1:].all():
-        found = str(fields[1]) if fields[1] >= 0 else "a quote that is not closed"
-        raise InputError(
-            f"no row has the {len(names)} fields of the header; line {numbers[1]} has {found}.",
-            where=str(path),
-            mend="Is the decimal point a comma?" if delimiter == b"," else "",
-        )
-    notes: tuple[str, ...] = ()
-    for rows, what in (
-        (fields < 0, "have a quote that is not closed"),
-        (ragged & (fields > 0), f"do not have {len(names)} fields"),
-    ):
-        if rows.any():
-            at = int(np.flatnonzero(rows)[0])
-            notes += (f"{np.count_nonzero(rows)} rows {what} (first: line {numbers[at]})",)
-    return Table(path, delimiter.decode(), names, numbers[1:], ragged[1:], notes, raw)
-
-
-def _read_bytes(path: Path) -> bytes:
-    try:
-        raw = path.read_bytes()
-    except FileNotFoundError:
-        siblings = [other.name for other in path.parent.glob("*")] if path.parent.is_dir() else []
-        raise InputError("there is no such file.", where=str(path), mend=near(path.name, siblings)) from None
-    except (OSError, ValueError) as problem:  # the second: a NUL in the name
-        raise InputError(f"cannot be read ({problem}).", where=str(path)) from problem
-    raw = raw.removeprefix(b"\xef\xbb\xbf")
-    if raw.startswith((b"\xff\xfe", b"\xfe\xff")):
-        raise InputError("is UTF-16 text.", where=str(path), mend="Save it as UTF-8.")
-    if b"\0" in raw[:4096]:
-        raise InputError("is not a text file.", where=str(path), mend="A log is a CSV file here.")
-    if b"\n" not in raw:
-        raw = raw.replace(b"\r", b"\n")
-    raw = raw.rstrip(b"\r\n ")
-    if not raw:
-        raise InputError("the file is empty.", where=str(path))
-    return raw
+    return names
 
 
 def _lines(raw: bytes, delimiter: bytes) -> tuple[bytes, Int[np.ndarray, " n"], Int[np.ndarray, " n"]]:
@@ -213,17 +277,21 @@ def _unquoted(text: pl.Expr, delimiter: str) -> pl.Expr:
     return bare.str.replace_all('""', '"', literal=True).str.replace_all(_INSIDE.decode(), delimiter, literal=True)
 
 
-def _parse(text: bytes, delimiter: str, path: Path, columns: list[int] | None) -> pl.DataFrame:
+def _parse(
+    text: bytes, delimiter: str, path: Path, count: int, columns: Sequence[int], *, numbers: bool
+) -> pl.DataFrame:
+    """Columns c0, c1, ... of text without a header; null where a field is empty or not of this kind."""
+    names = [f"c{k}" for k in range(count)]
     try:
         return pl.read_csv(
-            io.BytesIO(text),
+            io.BytesIO(delimiter.join(names).encode() + b"\n" + text),  # polars takes the width from the first line
             separator=delimiter,
             quote_char=None,
-            has_header=False,
-            infer_schema=False,
+            schema={name: pl.Float64 if numbers else pl.String for name in names},
+            ignore_errors=True,
             truncate_ragged_lines=True,
             encoding="utf8-lossy",
-            columns=sorted(set(columns)) if columns is not None else None,
+            columns=[names[k] for k in sorted(set(columns))],
         )
     except pl.exceptions.PolarsError as problem:
         raise InputError(f"is not a table ({str(problem).splitlines()[0]}).", where=str(path)) from problem

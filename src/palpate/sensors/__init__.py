@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
+from palpate.sensors.filters import Butterworth, Kalman
 from palpate.sensors.force_torque import ForceTorque, Payload
 from palpate.sensors.recording import Recording
 
-__all__ = ["ForceTorque", "Payload", "Recording"]
+__all__ = ["Butterworth", "ForceTorque", "Kalman", "Payload", "Recording"]

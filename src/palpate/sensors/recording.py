@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from palpate.spatial._arrays import frozen
 
@@ -57,3 +57,14 @@ class Recording:
         """Force [N] and torque [N m] side by side; what is infinite or beyond `LARGEST` is NaN."""
         values = np.concatenate([self.channels[FORCE], self.channels[TORQUE]], axis=1)
         return np.where(np.abs(values) <= LARGEST, values, np.nan)
+
+    def picked(self, rows: slice | Bool[np.ndarray, " n"]) -> Recording:
+        """The samples that a slice or a mask picks."""
+        channels = {name: values[rows] for name, values in self.channels.items()}
+        return replace(self, time=self.time[rows], channels=channels)
+
+    def rate(self) -> float | None:
+        """Samples a second, from the median of the steps forward in time; None where there is none."""
+        steps = np.diff(self.time)
+        steps = steps[steps > 0]
+        return 1.0 / float(np.median(steps)) if len(steps) else None

@@ -13,8 +13,9 @@ from palpate.sensors.recording import ORIENTATION, Recording
 from palpate.simulation.session import NOISE, Session, Touches
 from palpate.spatial.pose import Pose
 
-__all__ = ["write_session"]
+__all__ = ["POSE_TOPIC", "WRENCH_TOPIC", "write_session"]
 
+WRENCH_TOPIC, POSE_TOPIC = "/ft_sensor/wrench", "/arm/sensor_pose"
 LOG = ("time", "fx", "fy", "fz", "tx", "ty", "tz", "qx", "qy", "qz", "qw")
 TOUCH = ("start", "end", "px", "py", "pz", "label")
 RIG = """# Where the probe sits, how the sensor is logged, how contacts are located. Lengths in metres unless said so.
@@ -25,7 +26,8 @@ crease = 30                          # degrees: normals are smooth within it, sp
 pose = {{ xyz = {xyz}, quaternion_xyzw = {quaternion} }}  # of the surface in the sensor's frame, from the drawing
 
 [force_torque]
-columns = ["fx", "fy", "fz", "tx", "ty", "tz"]
+columns = ["fx", "fy", "fz", "tx", "ty", "tz"]   # of a table
+topic = "{wrench_topic}"          # of an MCAP file or a bag
 units = {{ force = "N", torque = "N m" }}
 axes = ["x", "y", "z"]
 frame = "sensor"
@@ -34,7 +36,13 @@ range = {{ force = 200, torque = 10 }}       # N, N m
 payload = "payload.toml"             # written by: palpate calibrate payload
 
 [orientation]
-columns = ["qx", "qy", "qz", "qw"]   # sensor in base
+columns = ["qx", "qy", "qz", "qw"]   # sensor in base, in a table
+topic = "{pose_topic}"            # poses of the sensor in the base, on a clock of their own
+
+[filter]
+kind = "butterworth"                 # of the compensated wrench, before it is located
+cutoff = 15                          # Hz
+order = 2
 
 [estimate]
 method = "soft_finger"
@@ -61,7 +69,12 @@ def write_session(session: Session, folder: Path) -> None:
 
 def _rig(pose: Pose) -> str:
     return RIG.format(
-        xyz=pose.translation.tolist(), quaternion=pose.quaternion().tolist(), force=NOISE[0], torque=NOISE[3]
+        xyz=pose.translation.tolist(),
+        quaternion=pose.quaternion().tolist(),
+        force=NOISE[0],
+        torque=NOISE[3],
+        wrench_topic=WRENCH_TOPIC,
+        pose_topic=POSE_TOPIC,
     )
 
 

@@ -1,0 +1,266 @@
+"""How far the clock of the poses is off the clock of the wrenches, from how the payload's weight turns."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from palpate.errors import InputError, NotIdentifiable
+from palpate.sensors.force_torque import Payload
+from palpate.sensors.noise import estimate_noise
+from palpate.sensors.pose_track import PoseTrack
+from palpate.spatial.pose import rotation_from_quaternion
+
+__all__ = ["ClockOffset", "identify_offset"]
+
+AVERAGE = 0.01  # s of wrenches averaged into one: nothing turns far in it
+COARSE, FINE = 2000, 40_000  # averages used for the search, and for the answer
+GRID = 0.02  # s of the search
+STEP = 0.01  # s at most of a step from there, and over which the poses' turning is taken
+LEAST = 30  # averages without which there is no point
+CAUCHY = 4.0  # standard deviations of a component, some 2.4 of the length: keeps 95 % of the efficiency
+CLUSTER = 1.0  # s within which residuals may be alike (interpolated poses, a sensor's own filter)
+SURE = 30.0  # gain in log-likelihood over the middle of the search that noise alone does not make
+FLAT = 0.03  # s: an offset that is not known better is no answer
+
+
+@dataclass(frozen=True)
+class ClockOffset:
+    """What is added to the poses' stamps to put them on the wrenches' clock.
+
+    Attributes:
+        offset: [s]; its standard deviation is `deviation` [s].
+        residual: [N] robust standard deviation of what the fit leaves, along each axis, of averages over 10 ms.
+        samples: readings that were used.
+        notes: what a user should know, one sentence each.
+    """
+
+    offset: float
+    deviation: float
+    residual: float
+    samples: int
+    notes: tuple[str, ...] = ()
+
+
+def identify_offset(
+    time: Float[np.ndarray, " n"],
+    wrenches: Float[np.ndarray, "n 6"],
+    pose_time: Float[np.ndarray, " k"],
+    quaternions: Float[np.ndarray, "k 4"],
+    *,
+    payload: Payload | None = None,
+    search: tuple[float, float] = (-0.5, 0.5),
+    max_gap: float = 0.25,
+    noise: Float[np.ndarray, "6"] | None = None,
+) -> ClockOffset:
+    """The offset d under which the force reads like a weight that turns with the poses, F(t) = R(t - d)^T w + f0.
+
+    For each d of a grid, weight w and bias f0 are fitted; the sum of log(1 + r^2 / s^2) over the residuals r (Cauchy's
+    likelihood, which touches hardly move) is least at the true d. From there Gauss and Newton's steps on d, w and f0
+    together, weighted 1 / (1 + r^2 / s^2). The deviation is the sandwich of these equations over stretches of 1 s,
+    which holds for residuals that are alike within a stretch.
+
+    Args:
+        time: [s] of the wrenches, on their clock.
+        wrenches: (n, 6) [N, N m] in the sensor frame, as logged; only the forces are used.
+        pose_time: [s] of the poses, on theirs.
+        quaternions: x, y, z, w: sensor in base.
+        payload: weight and bias, where known: then touches may fill most of the log. Without it they are fitted, and
+            the sensor must be free in most of the log.
+        search: lowest and highest offset [s] that is looked at.
+        max_gap: [s] between poses, beyond which there is no orientation.
+        noise: (6,) standard deviations of one reading; None: from the log.
+
+    Raises:
+        NotIdentifiable: the arm hardly turns, or nothing hangs on the sensor.
+        InputError: wrenches and poses do not overlap, or the best offset lies at the edge of the search.
+    """
+    track = PoseTrack(max_gap=max_gap)
+    track.add(pose_time, quaternions)
+    low, high = search
+    if not (np.isfinite([low, high]).all() and low < high):
+        raise InputError(f"the search must go from a lower to a higher offset, not from {low} to {high}.")
+    known = None if payload is None else np.concatenate([payload.weight, payload.force_bias])
+    averages, each = _averages(time, wrenches)
+    grid = np.linspace(low, high, int(np.clip(np.ceil((high - low) / GRID), 20, 2000)) + 1)
+    problem = _Problem(track, *_usable(track, *_thinned(averages, COARSE), grid), known)
+    floor = _floor(wrenches, each) if noise is None else float(np.mean(noise[:3])) / each**0.5
+    costs = np.array([problem.cost(offset, floor) for offset in grid])
+    best = int(np.argmin(costs))
+    gain = (np.median(costs) - costs[best]) / 2
+    if not gain > SURE:  # NaN too
+        raise _hardly_turns()
+    if best in (0, len(grid) - 1):
+        raise InputError(
+            f"the best offset, {grid[best]:.3g} s, lies at the edge of the search from {low:g} to {high:g} s.",
+            mend="Search further, or check that both clocks count from the same moment.",
+        )
+    near = grid[best - 1 : best + 2]
+    problem = _Problem(track, *_usable(track, *_thinned(averages, FINE), near), known)
+    return _refined(problem, float(grid[best]), floor, each)
+
+
+@dataclass(frozen=True)
+class _Problem:
+    """Averaged forces and the poses that should explain them; `known` weight and bias, or None to fit them."""
+
+    track: PoseTrack
+    time: Float[np.ndarray, " n"]
+    force: Float[np.ndarray, "n 3"]
+    known: Float[np.ndarray, "6"] | None
+
+    def columns(self, offset: float) -> Float[np.ndarray, "n 3 6"]:
+        """What multiplies (w, f0)."""
+        rotations = rotation_from_quaternion(self.track.at(self.time - offset)[0])
+        identity = np.broadcast_to(np.eye(3), rotations.shape)
+        return np.concatenate([rotations.swapaxes(-1, -2), identity], axis=-1)
+
+    def fit(self, columns: np.ndarray, floor: float) -> tuple[Float[np.ndarray, "6"], Float[np.ndarray, "n 3"]]:
+        """(w, f0) and the residuals, by weights that narrow from the spread of all to that of the good."""
+        if self.known is not None:
+            return self.known, self.force - columns @ self.known
+        weights = np.ones(len(self.force))
+        solution, residual = np.zeros(6), self.force
+        for _ in range(8):
+            solution = _solve(columns, self.force, weights)
+            residual = self.force - columns @ solution
+            weights = _weights(residual, _scale(residual, floor))
+        return solution, residual
+
+    def cost(self, offset: float, floor: float) -> float:
+        """Twice the negative log-likelihood, but for a constant, with the scale at its least."""
+        residual = self.fit(self.columns(offset), floor)[1]
+        squares = np.sum(residual**2, axis=1)
+        return float(np.sum(np.log(squares + (CAUCHY * floor) ** 2)))
+
+
+def _refined(problem: _Problem, offset: float, floor: float, each: int) -> ClockOffset:
+    free = problem.known is None
+    solution, residual = problem.fit(problem.columns(offset), floor)
+    columns, slope, spread = _linearised(problem, offset, solution, floor)
+    for _ in range(30):
+        jacobian = np.concatenate([slope[..., None], columns], axis=-1) if free else slope[..., None]
+        residual = problem.force - columns @ solution
+        step = _solve(jacobian, residual, _weights(residual, spread))
+        offset += float(np.clip(step[0], -STEP, STEP))
+        solution = solution + step[1:] if free else solution
+        columns, slope, spread = _linearised(problem, offset, solution, floor)
+        if abs(step[0]) < 1e-7:
+            break
+    residual = problem.force - columns @ solution
+    across = slope - columns @ _solve(columns, slope, _weights(residual, spread)) if free else slope
+    deviation = _deviation(problem.time, across, residual, spread)
+    if not deviation < FLAT:  # NaN too
+        raise _hardly_turns(deviation)
+    far = np.count_nonzero(np.linalg.norm(residual, axis=1) > 5.0 * spread) / len(residual)
+    said = (f"{far:.0%} of the samples lie far from the fit (touches?) and hardly count.",) if far > 0.02 else ()
+    return ClockOffset(offset, deviation, spread, len(residual) * each, said)
+
+
+def _linearised(
+    problem: _Problem, offset: float, solution: np.ndarray, floor: float
+) -> tuple[Float[np.ndarray, "n 3 6"], Float[np.ndarray, "n 3"], float]:
+    """What multiplies (w, f0), how the modelled force changes with the offset, and the scale of what it leaves."""
+    columns = problem.columns(offset)
+    touched = problem.known is not None
+    spread = _scale(problem.force - columns @ solution, floor, touched=touched)
+    return columns, _slope(problem, offset, solution), spread
+
+
+def _slope(problem: _Problem, offset: float, solution: np.ndarray) -> Float[np.ndarray, "n 3"]:
+    """How the modelled force changes with the offset [N/s]: a difference over a step, as poses are kinked."""
+    span = STEP / 2
+    return (problem.columns(offset + span) - problem.columns(offset - span)) @ solution / (2 * span)
+
+
+def _deviation(time: np.ndarray, across: np.ndarray, residual: np.ndarray, spread: float) -> float:
+    """Of the offset, one equation sum psi = 0: the spread of psi summed over stretches, over the sum of its slope.
+
+    With few stretches that is sometimes too small by chance, and then what independent residuals would give is taken.
+    """
+    weights = _weights(residual, spread)
+    along = np.sum(across * residual, axis=1)
+    lost = 2.0 * (weights * along / (CAUCHY * spread)) ** 2  # a far residual pulls less the further it is
+    information = float(np.sum(weights * np.sum(across**2, axis=1) - lost))
+    if not information > 0:
+        return np.inf
+    stretch = np.unique(np.floor((time - time[0]) / CLUSTER), return_inverse=True)[1]
+    sums = np.bincount(stretch.reshape(-1), weights * along)
+    alike = float(np.sum(sums**2)) * len(sums) / max(len(sums) - 1, 1)
+    return float(np.sqrt(max(alike, float(np.sum((weights * along) ** 2))))) / information
+
+
+def _solve(columns: Float[np.ndarray, "n 3 p"], target: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """Weighted least squares; of least length where turns about one axis leave weight and bias undivided."""
+    weighted = (columns * weights[:, None, None]).reshape(-1, columns.shape[-1])
+    matrix = weighted.T @ columns.reshape(-1, columns.shape[-1])
+    scale = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
+    inverse = np.linalg.pinv(matrix / np.outer(scale, scale), rcond=1e-10, hermitian=True)
+    return inverse @ (weighted.T @ target.reshape(-1) / scale) / scale
+
+
+def _weights(residual: Float[np.ndarray, "n 3"], scale: float) -> Float[np.ndarray, " n"]:
+    return 1.0 / (1.0 + np.sum(residual**2, axis=1) / (CAUCHY * scale) ** 2)
+
+
+def _scale(residual: Float[np.ndarray, "n 3"], floor: float, *, touched: bool = False) -> float:
+    """Standard deviation along an axis from the median absolute residual, and not below the noise.
+
+    From the lowest quarter where touches may fill more than half of the log.
+    """
+    share, of_normal = (0.25, 0.3186) if touched else (0.5, 0.6745)
+    return max(float(np.quantile(np.abs(residual), share)) / of_normal, floor)
+
+
+def _averages(time: np.ndarray, wrenches: np.ndarray) -> tuple[tuple[np.ndarray, np.ndarray], int]:
+    """Times and forces averaged over `AVERAGE`, whole ones without a gap, and how many readings each holds."""
+    steps = np.diff(time[np.isfinite(time)])
+    steps = steps[steps > 0]
+    if not len(steps):
+        raise InputError("the wrenches have no rising times, so no clock to compare.")
+    usual = float(np.median(steps))
+    each = max(1, int(min(AVERAGE / usual, len(time))))
+    count = len(time) // each
+    times = time[: count * each].reshape(count, each)
+    forces = wrenches[: count * each, :3].reshape(count, each, 3)
+    whole = np.isfinite(forces).all(axis=(1, 2)) & (np.abs(times[:, -1] - times[:, 0]) <= 2 * each * usual)
+    return (times[whole].mean(axis=1), forces[whole].mean(axis=1)), each
+
+
+def _thinned(averages: tuple[np.ndarray, np.ndarray], most: int) -> tuple[np.ndarray, np.ndarray]:
+    time, force = averages
+    every = max(1, -(-len(time) // most))
+    return time[::every], force[::every]
+
+
+def _usable(
+    track: PoseTrack, time: np.ndarray, force: np.ndarray, offsets: np.ndarray
+) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, "m 3"]]:
+    """The averages that have a pose at every offset, so that all offsets are judged by the same readings."""
+    known: Bool[np.ndarray, " n"] = np.ones(len(time), dtype=bool)
+    for offset in offsets:
+        known &= np.isfinite(track.at(time - offset)[0][:, 0])
+    if np.count_nonzero(known) < LEAST:
+        raise InputError(
+            "hardly any wrench has a pose at every offset of the search.",
+            mend="Check that poses and wrenches overlap in time, search less far, or allow a larger gap.",
+        )
+    return time[known], force[known]
+
+
+def _floor(wrenches: np.ndarray, each: int) -> float:
+    """Noise [N] of an average, from the log's own steps."""
+    found = estimate_noise(wrenches)
+    return 1e-6 if found is None else max(float(np.mean(found[:3])) / each**0.5, 1e-6)
+
+
+def _hardly_turns(deviation: float = np.inf) -> NotIdentifiable:
+    sure = f": it would be known to {deviation:.2g} s" if np.isfinite(deviation) else ""
+    return NotIdentifiable(
+        f"the wrenches do not show when the arm turns, so its clock cannot be compared{sure}. "
+        "Turn the loaded sensor by 30 degrees or more, to and fro, with nothing touching it.",
+        rank=0,
+        missing=("clock offset",),
+    )

@@ -1,0 +1,91 @@
+"""`palpate calibrate clock`: how far the clock of the poses is off the clock of the wrenches."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import numpy as np
+from tyro.conf import arg
+
+from palpate.calibration.clock import ClockOffset, identify_offset
+from palpate.cli.options import Log, Output, RigFile
+from palpate.cli.screen import lines, measured, note, title
+from palpate.errors import InputError
+from palpate.io.atomic import keep_inputs
+from palpate.io.logs import read_poses, read_recording, topics
+from palpate.io.models import provenance
+from palpate.io.rig import load_rig
+from palpate.io.rig_edit import update_offset
+
+__all__ = ["calibrate_clock"]
+
+SURE = 3.0  # standard deviations from which on two clocks differ
+
+
+def calibrate_clock(
+    log: Log, /, rig: RigFile, output: Output, search: Annotated[float, arg(metavar="X")] = 0.5
+) -> None:
+    """Find how late or early the poses are stamped, from how the payload's weight turns, and write it into the rig.
+
+    Turn the loaded sensor to and fro by 30 degrees or more, with nothing touching it. Where the rig names a payload,
+    its weight and bias are used, and the log may hold touches. Comments in the rig stay.
+
+    Args:
+        log: MCAP or bag with topics of wrenches and poses; a log of columns is judged too.
+        rig: TOML of the set-up.
+        output: rig to write; it may be the same file.
+        search: seconds to either side of the rig's offset that are looked at.
+    """
+    setup = load_rig(rig)
+    keep_inputs(output, (log, setup.mesh_path(), setup.payload_path()))  # not the rig: it may be updated
+    if setup.force_torque.frame == "base":
+        raise InputError(
+            "wrenches written in the base frame were turned with poses whose clock is in question.",
+            where=str(rig),
+            mend="Record them in the sensor's frame.",
+        )
+    layout, payload = setup.layout(), setup.payload()
+    before = setup.orientation.offset
+    recording = read_recording(log, layout)
+    pose_time, quaternions, _ = read_poses(log, layout)
+    wrench = setup.force_torque.noise
+    found = identify_offset(
+        recording.time,
+        recording.wrenches(),
+        pose_time,
+        quaternions,
+        payload=payload if payload is not None and payload.weight.any() else None,
+        search=(before - search, before + search),
+        max_gap=setup.orientation.max_gap,
+        noise=None if wrench is None else wrench.six(),
+    )
+    origin = provenance({"log": log}, {})["log"].partition(" ")
+    update_offset(rig, output, round(found.offset, 7), comment=f"s, from {origin[0]} ({origin[2][:19]})")
+    title(f"{log} -> {output}")
+    lines(
+        [
+            ("samples", f"{len(recording):,} wrenches, {len(pose_time):,} poses; used: {found.samples:,}"),
+            ("offset", f"{measured([1e3 * found.offset], [1e3 * found.deviation], 'ms')} added to the poses' stamps"),
+            ("before", f"{1e3 * before:.3f} ms"),
+            ("residual", f"{found.residual:.3g} N, of averages over 10 ms"),
+        ]
+    )
+    note([*recording.notes, *found.notes, *_findings(found, columns=not topics(log))])
+
+
+def _findings(found: ClockOffset, *, columns: bool) -> list[str]:
+    """What the offset means."""
+    said: list[str] = []
+    together = abs(found.offset) < SURE * found.deviation
+    if together:
+        said.append("poses and wrenches are on one clock, as far as this log can tell")
+    elif columns:
+        size, way = 1e3 * abs(found.offset), "late" if found.offset < 0 else "early"
+        said.append(
+            f"the orientations of this log are {size:.1f} ms {way}, "
+            "but stand in its columns, to which a rig's offset is not applied: shift them before writing the log"
+        )
+    if found.deviation > 2e-3:
+        turning = "turn further, faster or longer to know it better"
+        said.append(f"the offset is known to {np.ceil(1e3 * found.deviation):.0f} ms: {turning}")
+    return said

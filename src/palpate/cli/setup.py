@@ -1,0 +1,117 @@
+"""A rig, and what the command line says over it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Annotated, Any, Literal, TypeVar, cast
+
+from tyro.conf import arg
+
+from palpate.cli.options import FileOption, Pair, Scalar
+from palpate.errors import InputError
+from palpate.io.rig import Rig, load_rig
+from palpate.io.rig_tables import RigEstimate, RigForceTorque, RigPair, RigSurface, RigThresholds
+
+__all__ = ["Setup"]
+
+Made = TypeVar("Made")
+FILTERS = Literal["none", "kalman", "butterworth", "zero_phase"]
+
+
+@dataclass(frozen=True)
+class Setup:
+    """What is touched, by which sensor, located how.
+
+    Args:
+        rig: TOML of the set-up.
+        mesh: surface, when there is no rig: in the sensor's frame, unless a rig says more.
+        unit: of the mesh file: m, cm, mm, um or in.
+        crease: degrees; facets that meet by less are smooth across their edge; 0 is faceted (default 30).
+        payload: model written by `palpate calibrate payload`.
+        noise: standard deviation of one reading, force [N] and torque [N m]. Estimated from the log when not given.
+        method: soft_finger (default) or wrench_axis.
+        friction: bound on the tangent of the angle between force and normal (default 1).
+        torsion: bound on torque about the normal over normal force [m] (default 0.005).
+        contact: force [N] at which a contact begins, and below which it ends (default: 10 and 5 times the noise).
+        filter: none (default), kalman, butterworth, or zero_phase (forward and backward); details in the rig.
+        cutoff: of a butterworth or zero_phase filter [Hz] (default 10).
+        tare: seconds at the start of the log in which nothing is touched: their mean is taken off.
+    """
+
+    rig: FileOption = None
+    mesh: FileOption = None
+    unit: Annotated[Literal["m", "cm", "mm", "um", "in"] | None, arg(metavar="UNIT", help_behavior_hint="")] = None
+    crease: Scalar = None
+    payload: FileOption = None
+    noise: Pair = None
+    method: Annotated[Literal["soft_finger", "wrench_axis"] | None, arg(metavar="NAME", help_behavior_hint="")] = None
+    friction: Scalar = None
+    torsion: Scalar = None
+    contact: Pair = None
+    filter: Annotated[FILTERS | None, arg(metavar="NAME", help_behavior_hint="")] = None
+    cutoff: Scalar = None
+    tare: Scalar = None
+
+    def load(self) -> Rig:
+        """The rig with everything that was said over it.
+
+        Raises:
+            InputError: nothing says what is touched, or something said is out of bounds.
+        """
+        rig = self._base()
+        return replace(
+            rig,
+            surface=_over(rig.surface, "--crease", crease=self.crease),
+            force_torque=self._sensor(rig.force_torque),
+            filter=_over(_over(rig.filter, "--filter", kind=self.filter), "--cutoff", cutoff=self.cutoff),
+            estimate=self._estimate(rig.estimate),
+        )
+
+    def _base(self) -> Rig:
+        """The rig, its mesh replaced where one is given; or the least rig that a mesh makes."""
+        known = None if self.rig is None else load_rig(self.rig)
+        if self.mesh is None:
+            if known is None:
+                raise InputError("nothing says what is touched.", mend="Give --rig RIG, or --mesh MESH --unit UNIT.")
+            return known
+        mesh, unit = self.mesh, self.unit
+        if unit is None:
+            raise InputError(
+                "a mesh file does not say its unit.", where=str(mesh), mend="Add --unit mm (or m, cm, um, in)."
+            )
+        if known is None:
+            return _made("--mesh", lambda: Rig(RigSurface(mesh=str(mesh), unit=unit)))
+        return replace(known, surface=replace(known.surface, kind="mesh", mesh=str(mesh.resolve()), unit=unit))
+
+    def _sensor(self, stated: RigForceTorque) -> RigForceTorque:
+        payload = None if self.payload is None else str(self.payload.resolve())
+        noise = self.noise
+        pair = None if noise is None else _made("--noise", lambda: RigPair(*noise))
+        return _over(_over(stated, "--payload", payload=payload), "--noise", noise=pair)
+
+    def _estimate(self, stated: RigEstimate) -> RigEstimate:
+        bounds = self.contact
+        thresholds = None if bounds is None else _made("--contact", lambda: RigThresholds(*bounds))
+        for option, key, value in (
+            ("--method", "method", self.method),
+            ("--friction", "friction", self.friction),
+            ("--torsion", "torsion", self.torsion),
+            ("--contact", "contact", thresholds),
+            ("--tare", "tare", self.tare),
+        ):
+            stated = _over(stated, option, **{key: value})
+        return stated
+
+
+def _over(table: Made, option: str, **said: object) -> Made:
+    """A table of the rig with what an option sets, checked as the rig's own; None leaves it as it is."""
+    known = {key: value for key, value in said.items() if value is not None}
+    return _made(option, lambda: replace(cast("Any", table), **known)) if known else table
+
+
+def _made(option: str, make: Callable[[], Made]) -> Made:
+    try:
+        return make()
+    except ValueError as problem:
+        raise InputError(f"{problem}.", where=option) from problem

@@ -1,0 +1,83 @@
+"""`palpate inspect --spectrum`: how fast force and place move, drawn, and the filter that this proposes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from palpate.cli.screen import lines, note
+from palpate.errors import InputError
+from palpate.io.atomic import replacing, write_text
+from palpate.io.rig import Rig, build
+from palpate.io.rig_tables import RigFilter
+from palpate.sensors.noise import estimate_noise
+from palpate.sensors.recording import FORCE, POSITION, Recording
+from palpate.sensors.spectrum import Cutoff, Spectrum, propose_cutoff, spectrum
+from palpate.viewer import plots
+from palpate.viewer._style import save
+from palpate.viewer.report import Report, Section, Tile, picture, render
+
+__all__ = ["KINDS", "draw_spectrum", "located"]
+
+KINDS = (".html", ".svg", ".png")
+
+
+def located(recording: Recording, rig: Rig) -> Recording:
+    """Forces and places of the contacts in a recording, without the rig's filter: its effect is not to be proposed."""
+    bare = replace(rig, filter=RigFilter())
+    noise = None if rig.force_torque.noise is not None else estimate_noise(recording.wrenches())
+    estimate = build(bare, noise=noise).run(recording)
+    point = np.where(estimate.answered[:, None], estimate.point, np.nan)
+    return Recording(recording.time, {FORCE: estimate.force, POSITION: point}, source=recording.source)
+
+
+def draw_spectrum(recording: Recording, output: Path, name: str) -> None:
+    """Draw the spectra of FORCE and, where there is one, of POSITION; print what they propose.
+
+    Raises:
+        InputError: the log is too short or its rate wanders, or OUTPUT cannot be written.
+    """
+    force = spectrum(recording.time, recording.channels[FORCE])
+    proposal = propose_cutoff(force)
+    panels = [plots.Panel(force.frequency, force.density, "force", "N", proposal.floor, proposal.frequency)]
+    said = [("cut-off", proposal.sentence), *(("as a filter", setting) for setting in proposal.settings)]
+    place = _place(recording)
+    if place is not None:
+        found, edge = place
+        millimetres = (1e6 * found.density, "place", "mm", 1e6 * edge.floor)
+        panels.append(plots.Panel(found.frequency, *millimetres, edge.frequency))
+        said.append(("place", edge.sentence))
+    _write(output, panels, force, said, name)
+    lines([("spectrum", f"{output}, of {force.samples:,} samples in {force.stretches:,} stretches"), *said])
+
+
+def _place(recording: Recording) -> tuple[Spectrum, Cutoff] | None:
+    """Of the answered stretches; None, and said, where they are too short."""
+    if POSITION not in recording.channels:
+        return None
+    try:
+        found = spectrum(recording.time, recording.channels[POSITION])
+    except InputError as problem:
+        note([f"no spectrum of the place: {problem}"])
+        return None
+    return found, propose_cutoff(found, "m")
+
+
+def _write(output: Path, panels: list[plots.Panel], force: Spectrum, said: list[tuple[str, str]], name: str) -> None:
+    if output.suffix.lower() != ".html":
+        with replacing(output) as temporary:
+            save(plots.spectra(panels), temporary, output.suffix.lower().removeprefix("."))
+        return
+    captions = "Dashed: the noise floor of each axis. The line: the proposed cut-off, where there is one."
+    shown = tuple(picture(plots.spectra([panel]), f"The spectrum of the {panel.title}. {captions}") for panel in panels)
+    cutoff = "none" if panels[0].cutoff is None else f"{panels[0].cutoff:.3g} Hz"
+    tiles = (
+        Tile("proposed cut-off", cutoff),
+        Tile("rate", f"{force.rate:.4g} Hz", f"{force.samples:,} samples"),
+        Tile("resolution", f"{force.frequency[0]:.3g} Hz", f"{force.segments:,} periodograms averaged"),
+    )
+    section = Section("Spectra", facts=tuple(said), pictures=shown)
+    summary = "How fast the force and the place of contact move, and from which frequency on there is noise only."
+    write_text(output, render(Report(f"Spectrum of {name}", summary, tiles, sections=(section,))))

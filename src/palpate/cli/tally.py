@@ -1,0 +1,57 @@
+"""What is remembered of a stream of estimates, however long it gets."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Int
+
+from palpate.contact.estimate import ContactEstimate, Status
+from palpate.contact.estimator import Estimator
+from palpate.contact.plausibility import lines_of_action, never_at_rest, unexplained
+from palpate.io.logs import join
+from palpate.sensors.recording import Recording
+
+__all__ = ["Tally"]
+
+KEPT = 5_000  # samples of the log, evenly spread, that doubts are raised from
+
+
+class Tally:
+    """Counts of each status, and some of the samples.
+
+    Attributes:
+        samples: seen so far.
+        counts: (len(Status),) of each status.
+    """
+
+    samples: int
+    counts: Int[np.ndarray, " s"]
+
+    def __init__(self) -> None:
+        self.samples, self.counts = 0, np.zeros(len(Status), dtype=np.int64)
+        self._stride, self._kept = 1, list[Recording]()
+
+    def add(self, block: Recording, found: ContactEstimate) -> None:
+        """Count a block of the log and its contacts, row for row."""
+        self.counts = self.counts + np.bincount(found.status, minlength=len(Status))
+        self._kept.append(block.picked(slice(-self.samples % self._stride, None, self._stride)))
+        self.samples += len(block)
+        while sum(map(len, self._kept)) > 2 * KEPT:  # every second one of those kept stays
+            self._kept = [join(self._kept).picked(slice(None, None, 2))]
+            self._stride *= 2
+
+    def doubts(self, estimator: Estimator) -> list[str]:
+        """What does not fit: units, bias, mounting.
+
+        Lines of action are judged in the sensor's frame, whose origin a wrong unit draws them to.
+        """
+        if not self.samples:
+            return []
+        surface = estimator.locator.surface
+        wrenches, _, _ = estimator.contact_wrenches(join(self._kept))
+        sensed = wrenches @ estimator.mount.wrench_matrix().T  # saturated ones too: a wrong unit saturates a sensor
+        said = [
+            lines_of_action(sensed, estimator.mount.apply(surface.centre), surface.size).doubt,
+            never_at_rest(sensed, estimator.locator.on),
+        ]
+        return [*(doubt for doubt in said if doubt), *unexplained(self.counts)]

@@ -1,0 +1,89 @@
+"""Files of contacts, finished or not, in blocks, whatever their format is."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+
+from palpate.errors import InputError
+from palpate.io.atomic import PART
+from palpate.io.contacts_mcap import ESTIMATE, from_messages
+from palpate.io.contacts_table import TYPES, Contacts, csv_blocks, from_frame, noted, parquet_blocks
+from palpate.io.mcap_file import McapFile
+from palpate.io.mcap_write import MAGIC
+from palpate.io.messages import Messages
+
+__all__ = ["contact_blocks"]
+
+_KIND = ESTIMATE.kind.replace("/msg/", "/")
+
+
+def contact_blocks(path: Path) -> Iterator[Contacts]:
+    """The rows of a file of contacts in order, in pieces, at least one; what is said in reading is in their notes.
+
+    Of OUTPUT.part it gives every whole block, and notes what is torn.
+
+    Raises:
+        InputError: it is none, or a row is not one of contacts.
+    """
+    if path.is_dir():
+        yield from _folder(path)
+        return
+    start = _start(path)
+    if start == MAGIC:
+        yield from _mcap(path)
+    elif start.startswith(b"PAR1"):
+        yield from parquet_blocks(path)
+    else:
+        yield from csv_blocks(path, torn=path.suffix == PART)
+
+
+def _start(path: Path) -> bytes:
+    try:
+        with path.open("rb") as file:
+            return file.read(len(MAGIC))
+    except (OSError, ValueError):  # the reader of text says what is wrong
+        return b""
+
+
+def _folder(path: Path) -> Iterator[Contacts]:
+    """OUTPUT.part of a Parquet file."""
+    files = sorted(path.glob("*.parquet"))
+    if not files:
+        raise InputError("is a folder, with no rows of contacts in it.", where=str(path))
+    for file in files:
+        yield from parquet_blocks(file)
+
+
+def _mcap(path: Path) -> Iterator[Contacts]:
+    """What is torn is noted after the last."""
+    file, rows = McapFile(path), 0
+    try:
+        for messages in file.messages():
+            for records in _ours(messages):
+                rows += len(records)
+                yield from_messages(records)
+        note = file.torn
+        if not rows and _KIND not in [topic.kind for topic in file.topics()]:
+            raise InputError(
+                f"has no topic of {ESTIMATE.kind}.", where=str(path), mend="`palpate estimate` writes one."
+            )
+    except (ValueError, OSError) as problem:
+        raise InputError(f"is no file of contacts ({problem}).", where=str(path)) from problem
+    if note or not rows:
+        yield noted(from_frame(pl.DataFrame(schema=TYPES)), note)
+
+
+def _ours(messages: Messages) -> Iterator[np.ndarray]:
+    """(n, length) bytes of messages that hold contacts, in order, those of one length together."""
+    keys = [key for key, topic in messages.topics.items() if topic.kind == _KIND and topic.encoding == "cdr"]
+    ours = np.isin(messages.topic, keys)
+    start, length = messages.start[ours], messages.length[ours]
+    changes = np.flatnonzero(np.diff(length)) + 1
+    for starts, lengths in zip(np.split(start, changes), np.split(length, changes), strict=True):
+        if len(starts) and (width := int(lengths[0])):
+            everywhere = np.ndarray(len(messages.data) - width + 1, f"V{width}", messages.data, strides=(1,))
+            yield everywhere[starts].view(np.uint8).reshape(-1, width)

@@ -1,0 +1,62 @@
+"""Opening what is read, and the whole lines of a text file in pieces."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import BinaryIO
+
+from palpate.errors import InputError
+from palpate.io.units import near
+
+__all__ = ["open_input", "whole_lines"]
+
+_LONGEST = 1 << 26  # bytes of a line, beyond which a file is no text
+
+
+def open_input(path: Path) -> BinaryIO:
+    """Open a file to be read.
+
+    Raises:
+        InputError: it is not there, or may not be read.
+    """
+    try:
+        return path.open("rb")
+    except FileNotFoundError:
+        siblings = [other.name for other in path.parent.glob("*")] if path.parent.is_dir() else []
+        raise InputError("there is no such file.", where=str(path), mend=near(path.name, siblings)) from None
+    except (OSError, ValueError) as problem:  # the second: a NUL in the name
+        raise InputError(f"cannot be read ({problem}).", where=str(path)) from problem
+
+
+def whole_lines(file: BinaryIO, path: Path, size: int) -> Iterator[bytes]:
+    """The text in pieces of about `size` bytes (-1: all of it) that begin and end with a line, without its end.
+
+    Raises:
+        InputError: it is no text in UTF-8.
+    """
+    piece = _read(file, path, size).removeprefix(b"\xef\xbb\xbf")
+    if piece.startswith((b"\xff\xfe", b"\xfe\xff")):
+        raise InputError("is UTF-16 text.", where=str(path), mend="Save it as UTF-8.")
+    if b"\0" in piece[:4096]:
+        raise InputError("is not a text file.", where=str(path), mend="A log is a CSV file here.")
+    returns = b"\n" not in piece  # the line ends of old
+    rest = b""
+    while piece:
+        text = rest + (piece.replace(b"\r", b"\n") if returns else piece)
+        piece = _read(file, path, size)
+        if not piece:
+            yield text.removesuffix(b"\n")
+            return
+        whole, end, rest = text.rpartition(b"\n")
+        if end:
+            yield whole
+        if len(rest) > _LONGEST:
+            raise InputError("has a line of more than 64 MB.", where=str(path), mend="A log is a CSV file here.")
+
+
+def _read(file: BinaryIO, path: Path, size: int) -> bytes:
+    try:
+        return file.read(size)
+    except OSError as problem:  # a folder, a disk that fails
+        raise InputError(f"cannot be read ({problem}).", where=str(path)) from problem

@@ -1,0 +1,126 @@
+"""Opening a log by what the file is, in blocks or whole."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from palpate.errors import InputError
+from palpate.io.bag_file import BagFile, open_folder
+from palpate.io.csv import CsvLog
+from palpate.io.layout import Layout
+from palpate.io.lines import open_input
+from palpate.io.log import Log
+from palpate.io.mcap_file import McapFile
+from palpate.io.messages import Source
+from palpate.io.parquet_log import ParquetLog
+from palpate.io.topic_log import TopicLog
+from palpate.sensors.recording import ORIENTATION, POSITION, Recording
+
+__all__ = ["join", "open_log", "read_poses", "read_recording", "topics"]
+
+_MAGIC = (
+    (b"PAR1", ".parquet"),
+    (b"\x89MCAP0\r\n", ".mcap"),
+    (b"#ROSBAG V", ".bag"),
+    (b"SQLite format 3\0", ".db3"),
+)
+_KINDS = {".parquet": "a Parquet file", ".mcap": "an MCAP file", ".bag": "a ROS 1 bag", ".db3": "a ROS 2 bag"}
+
+
+def open_log(path: Path, layout: Layout | None = None) -> Log:
+    """Open a log: CSV or other text, Parquet, MCAP, a ROS 1 bag, a ROS 2 bag (its folder, or a .db3 file).
+
+    Raises:
+        InputError: the file is not there, or not what its name says.
+    """
+    layout, kind = layout or Layout(), _kind(path)
+    if kind == ".parquet":
+        return ParquetLog(path, layout)
+    if kind == "":
+        return CsvLog(path, layout)
+    return TopicLog(path, layout, _messages(path, kind))
+
+
+def read_recording(path: Path, layout: Layout | None = None) -> Recording:
+    """Read a whole log: as many samples as it has, in their order; what cannot be read is NaN and noted.
+
+    Raises:
+        InputError: it is no log, or what the layout asks for is not there.
+    """
+    log = open_log(path, layout)
+    recording = join(list(log.blocks()))
+    return replace(recording, notes=(*([log.torn] if log.torn else []), *log.notes()))
+
+
+def read_poses(
+    path: Path, layout: Layout | None = None
+) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, "k 4"], Float[np.ndarray, "k 3"]]:
+    """The poses alone: stamps [s] without the layout's offset, quaternions x, y, z, w, positions [m].
+
+    Of a log of columns each row is a pose.
+
+    Raises:
+        InputError: it is no log, or it has no orientations.
+    """
+    from palpate.io.topic_log import TopicLog
+
+    log = open_log(path, layout)
+    if isinstance(log, TopicLog):
+        time, values = log.poses()
+        return time, values[:, 3:], values[:, :3]
+    recording = join(list(log.blocks()))
+    if ORIENTATION not in recording.channels:
+        raise InputError(
+            "the log has no orientation.",
+            where=str(path),
+            mend="Add columns qx, qy, qz, qw (sensor in base), or name them in the rig's [orientation].",
+        )
+    unknown = np.full((len(recording), 3), np.nan)
+    return recording.time, recording.channels[ORIENTATION], recording.channels.get(POSITION, unknown)
+
+
+def join(blocks: Sequence[Recording]) -> Recording:
+    """Blocks of one log, one after the other, as one recording."""
+    if len(blocks) == 1:
+        return blocks[0]
+    channels = {name: np.concatenate([block.channels[name] for block in blocks]) for name in blocks[0].channels}
+    return replace(blocks[0], time=np.concatenate([block.time for block in blocks]), channels=channels)
+
+
+def topics(path: Path) -> list[tuple[str, str, int]]:
+    """Name, type and number of messages of every topic of an MCAP file or a bag; nothing for a log of columns.
+
+    Raises:
+        InputError: the file cannot be read.
+    """
+    kind = _kind(path)
+    if kind in ("", ".parquet"):
+        return []
+    return [(topic.name, topic.kind, topic.count) for topic in _messages(path, kind).topics()]
+
+
+def _messages(path: Path, kind: str) -> Source:
+    if kind == ".mcap":
+        return McapFile(path)
+    return open_folder(path) if kind == "folder" else BagFile(path)
+
+
+def _kind(path: Path) -> str:
+    """The usual suffix of what this is, by its first bytes: "" for text."""
+    if path.is_dir():
+        return "folder"
+    if path.exists() and not path.is_file():  # a pipe gives its first bytes once
+        return ""
+    with open_input(path) as file:
+        first = file.read(16)
+    kind = next((suffix for magic, suffix in _MAGIC if first.startswith(magic)), "")
+    suffix = path.suffix.lower()
+    if kind == "" and suffix in _KINDS:
+        what = "is empty" if not first else f"does not begin as {_KINDS[suffix]} does"
+        raise InputError(f"{what}.", where=str(path))
+    return kind

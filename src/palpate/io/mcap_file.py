@@ -1,0 +1,208 @@
+"""The messages of an MCAP file, read from its start and without need of its index: a cut file is read up to the cut.
+
+MAGIC, then records: a kind (1 byte), a length (8) and so many bytes. Messages stand in chunks, packed or not, or beside
+them; behind them an index, a footer and MAGIC again.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Collection, Generator, Iterator
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from pathlib import Path
+from struct import error as StructError
+from struct import unpack_from
+from typing import BinaryIO
+
+import numpy as np
+from jaxtyping import Int
+
+from palpate.io.lines import open_input
+from palpate.io.mcap_chunks import LARGEST, Chunk, channel, inflate, schema, statistics
+from palpate.io.messages import Messages, Topic, merged
+
+__all__ = ["McapFile"]
+
+MAGIC = b"\x89MCAP0\r\n"
+PIECE = 1 << 22  # bytes read at a time; a longer record, if no chunk, is passed over
+_HEAD = 9
+_FOOTER, _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _STATISTICS = 2, 3, 4, 5, 6, 11
+_END = _HEAD + 20 + len(MAGIC)  # bytes of the footer and what follows it
+_LONGEST_INDEX = 1 << 26
+_FOOT = bytes([_FOOTER]) + (20).to_bytes(8, "little")
+
+
+@dataclass(frozen=True)
+class _Stretch:
+    """Whole records up to `end`: `messages` and `others` as `walk` lists them; a chunk or the footer is the last."""
+
+    messages: Int[np.ndarray, "4 k"]
+    others: list[list[int]]
+    end: int
+
+    @property
+    def last(self) -> int:
+        """Kind of the last record that is no message."""
+        return self.others[-1][0] if self.others else 0
+
+
+class McapFile:
+    """One file, a `palpate.io.messages.Source`."""
+
+    def __init__(self, path: Path) -> None:
+        self.path, self.size = path, path.stat().st_size
+        self._forget()
+
+    def topics(self) -> list[Topic]:
+        """From the index at the end where there is one, else by reading everything."""
+        if not self._read_index():
+            for _ in self.messages():
+                pass
+        return merged(replace(topic, count=self._counts[key]) for key, topic in self._topics.items())
+
+    def messages(self, names: Collection[str] = ()) -> Generator[Messages]:
+        """All of them, whatever the names."""
+        self._forget()
+        with open_input(self.path) as file:
+            yield from self._read(file)
+        if self._damage is not None:
+            at, what = self._damage
+            count = sum(self._counts.values())
+            self.torn = f"the file is torn at byte {at:,} of {self.size:,} ({what}); {count:,} whole messages were read"
+
+    def notes(self) -> tuple[str, ...]:
+        """What was odd."""
+        stray = sum(count for key, count in self._counts.items() if key not in self._topics)
+        return (f"{stray} messages belong to no topic that is declared",) if stray else ()
+
+    def _forget(self) -> None:
+        self.position, self.torn = 0, ""
+        self._damage: tuple[int, str] | None = None
+        self._counts = Counter[int]()
+        self._schemas: dict[int, str] = {}
+        self._channels: dict[int, tuple[int, str, str]] = {}
+        self._topics: dict[int, Topic] = {}
+
+    def _damaged(self, at: int, what: str) -> None:
+        self._damage = self._damage or (at, what)  # the first is said
+
+    def _read(self, file: BinaryIO) -> Iterator[Messages]:
+        """`held` are the bytes from `at` on that were not used yet; they begin with a record."""
+        at, held, want = file.seek(len(MAGIC)), b"", PIECE
+        while more := file.read(want):
+            held += more
+            self.position = at + len(held)
+            end = 0
+            for stretch in _stretches(held):
+                yield from self._use(stretch, held)
+                end = stretch.end
+                if stretch.last == _CHUNK:
+                    _, start, length = stretch.others[-1]
+                    yield from self._unpack(memoryview(held)[start : start + length], at + start - _HEAD)
+                elif stretch.last == _FOOTER:
+                    if held[end:] + file.read(len(MAGIC)) != MAGIC:
+                        self._damaged(at + end, "the footer is not the end")
+                    return
+            held, at, want = held[end:], at + end, PIECE
+            if len(held) < _HEAD:
+                continue
+            kind, length = unpack_from("<BQ", held)
+            after = at + _HEAD + length
+            if kind == 0 or after <= at + len(held):
+                return self._damaged(at, "what is there is no record")
+            if after > self.size:
+                if kind == _CHUNK:
+                    yield from self._unpack(memoryview(held + file.read(LARGEST))[_HEAD:], at)
+                return self._damaged(at, "it ends within a record")
+            if length > (LARGEST if kind == _CHUNK else PIECE):
+                self._pass_over(kind, held, at)
+                held, at = b"", file.seek(after)
+            else:
+                want = max(PIECE, after - at - len(held))
+        self._damaged(at, "it ends within a record" if held else "it ends without its footer")
+
+    def _pass_over(self, kind: int, head: bytes, at: int) -> None:
+        """A record too long to be one of ours."""
+        if kind == _CHUNK:
+            self._damaged(at, "a chunk of more than 1 GiB")
+        if kind == _MESSAGE:
+            self._counts[unpack_from("<H", head, _HEAD)[0]] += 1
+
+    def _unpack(self, content: memoryview, at: int) -> Iterator[Messages]:
+        """The messages of a chunk that begins at byte `at`."""
+        chunk = Chunk.parse(content)
+        if chunk is None:
+            return self._damaged(at, "a chunk without a whole head")
+        data, problem = inflate(chunk, content)
+        end = 0
+        for stretch in _stretches(data):
+            yield from self._use(stretch, data)
+            end = stretch.end
+        if end < len(data):
+            problem = problem or "a chunk with a record that is not whole"
+        if problem:
+            self._damaged(at, problem)
+
+    def _use(self, stretch: _Stretch, data: bytes) -> Iterator[Messages]:
+        for kind, start, length in stretch.others:
+            self._declare(kind, memoryview(data)[start : start + length])
+        topic, time, start, length = stretch.messages
+        if len(topic):
+            counts = np.bincount(topic)
+            self._counts.update({int(key): int(counts[key]) for key in np.flatnonzero(counts)})
+            yield Messages(data, self._topics, topic, time, start, length)
+
+    def _declare(self, kind: int, content: memoryview) -> None:
+        """A type or a topic; one that is malformed declares nothing."""
+        try:
+            if kind == _SCHEMA:
+                key, name = schema(content)
+                self._schemas[key] = name
+                for channel_key, (of, topic, encoding) in self._channels.items():  # also those that came before it
+                    if of == key:
+                        self._topics[channel_key] = Topic(topic, name, encoding)
+            elif kind == _CHANNEL:
+                key, of, topic, encoding = channel(content)
+                self._channels[key] = of, topic, encoding
+                self._topics[key] = Topic(topic, self._schemas.get(of, ""), encoding)
+        except StructError:
+            return
+
+    def _read_index(self) -> bool:
+        """Whether there is one that names every topic, with the number of messages in each."""
+        self._forget()
+        with open_input(self.path) as file:
+            end = file.seek(max(0, self.size - _END))
+            foot = file.read()
+            if len(foot) < _END or foot[:_HEAD] != _FOOT or not foot.endswith(MAGIC):
+                return False
+            (start,) = unpack_from("<Q", foot, _HEAD)
+            if not len(MAGIC) <= start < end <= start + _LONGEST_INDEX:
+                return False
+            file.seek(start)
+            data = file.read(end - start)
+        channels = -1
+        for stretch in _stretches(data):
+            for kind, start, length in stretch.others:
+                content = memoryview(data)[start : start + length]
+                self._declare(kind, content)
+                if kind == _STATISTICS:
+                    with suppress(StructError):
+                        channels, counts = statistics(content)
+                        self._counts.update(counts)
+        return channels == len(self._topics)
+
+
+def _stretches(data: bytes) -> Iterator[_Stretch]:
+    """All that is whole, in pieces that end with a chunk, with the footer, or when they are long."""
+    from palpate.io._mcap_walk import walk
+
+    raw, end = np.frombuffer(data, dtype=np.uint8), 0
+    messages, others = np.empty((4, 1 << 16), dtype=np.int64), np.empty((1 << 12, 3), dtype=np.int64)
+    while True:
+        found, rest, stop = walk(raw, end, messages, others)
+        if stop == end:
+            return
+        end = int(stop)
+        yield _Stretch(messages[:, :found].copy(), others[:rest].tolist(), end)

@@ -1,0 +1,78 @@
+"""A Parquet log, read in pieces."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+from jaxtyping import Float
+
+from palpate.errors import InputError
+from palpate.io.columns import Columns
+from palpate.io.fields import Fields
+from palpate.io.layout import Layout
+from palpate.io.lines import open_input
+from palpate.sensors.recording import Recording
+
+__all__ = ["ParquetLog"]
+
+PIECE = 1 << 16  # rows
+
+
+class ParquetLog:
+    """As many samples as the file has rows, in their order; what is null is NaN and noted."""
+
+    torn = ""  # a Parquet file is whole or none
+
+    def __init__(self, path: Path, layout: Layout, piece: int = PIECE) -> None:
+        self.path, self._layout, self._piece = path, layout, piece
+        self.size = path.stat().st_size
+        self.position = 0
+        self._columns: Columns | None = None
+
+    def blocks(self) -> Iterator[Recording]:
+        """See `palpate.io.log.Log`."""
+        open_input(self.path).close()
+        try:
+            yield from self._blocks()
+        except pl.exceptions.PolarsError as problem:
+            raise InputError(
+                f"cannot be read as Parquet ({str(problem).splitlines()[0]}).",
+                where=str(self.path),
+                mend="A Parquet file that was cut cannot be mended: its index is at the end.",
+            ) from problem
+
+    def _blocks(self) -> Iterator[Recording]:
+        frame = pl.scan_parquet(self.path, glob=False)
+        kinds = frame.collect_schema()
+        self._columns = columns = Columns(self._layout, self.path, kinds.names())
+        for name in columns.names:
+            if not (kinds[name].is_numeric() or kinds[name] == pl.Null):
+                raise InputError(f"column {name!r} holds no numbers but {kinds[name]}.", where=str(self.path))
+        wanted = frame.select(pl.col(columns.names).cast(pl.Float64).fill_null(np.nan))
+        total, done = int(frame.select(pl.len()).collect().item()), 0
+        pieces = wanted.collect_batches(chunk_size=self._piece, maintain_order=True, lazy=True)
+        for piece in pieces:
+            yield columns.block(_Piece(piece, done).read)
+            done += len(piece)
+            self.position = self.size * done // total
+        if not done:
+            raise InputError("there are columns, but no rows.", where=str(self.path))
+
+    def notes(self) -> tuple[str, ...]:
+        """See `palpate.io.log.Log`."""
+        return () if self._columns is None else tuple(dict.fromkeys(self._columns.notes()))
+
+
+class _Piece:
+    """Some rows of the file."""
+
+    def __init__(self, frame: pl.DataFrame, before: int) -> None:
+        self._frame, self._before = frame, before
+
+    def read(self, names: Sequence[str], fields: Fields) -> Float[np.ndarray, "n k"]:
+        values = np.column_stack([self._frame[name].to_numpy() for name in names])
+        fields.count(values, lambda row: f"row {self._before + row + 1}")
+        return values

@@ -1,0 +1,122 @@
+"""Raw numbers of a log, whatever its format, become recordings: units into SI, axes put right, oddities said."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from palpate.io.layout import Layout, axis_matrix
+from palpate.io.units import FORCE_UNITS, TORQUE_UNITS, to_si
+from palpate.sensors.recording import FORCE, LARGEST, ORIENTATION, TORQUE, Recording
+
+__all__ = ["Samples"]
+
+GAP = 5.0  # steps of the median length that make a gap
+
+
+class Samples:
+    """Makes the blocks of one log, and keeps account of what is odd in them.
+
+    Raises:
+        InputError: the layout's axes or units cannot be meant.
+    """
+
+    def __init__(self, layout: Layout, path: Path) -> None:
+        axes = axis_matrix(layout.axes, left_handed=layout.left_handed, where="axes")
+        self._picked = np.argmax(np.abs(axes), axis=1)
+        self._signs = axes[np.arange(3), self._picked]
+        self._force = to_si(layout.force_unit, FORCE_UNITS, where="units.force")
+        self._torque = to_si(layout.torque_unit, TORQUE_UNITS, where="units.torque")
+        self._frame, self._source = layout.frame, path.name
+        self._times = _Times()
+        self._infinite = self._none = self._far = 0
+
+    def block(
+        self,
+        time: Float[np.ndarray, " n"],
+        wrench: Float[np.ndarray, "n 6"],
+        others: Mapping[str, Float[np.ndarray, "n _"]],
+    ) -> Recording:
+        """The next samples.
+
+        Args:
+            time: [s].
+            wrench: as recorded, force first.
+            others: the channels besides force and torque, in SI.
+        """
+        channels = {FORCE: self._turned(wrench[:, :3], self._force), TORQUE: self._turned(wrench[:, 3:], self._torque)}
+        channels |= others
+        if ORIENTATION in channels:
+            channels[ORIENTATION] = self._sound(channels[ORIENTATION])
+        both = np.hstack([channels[FORCE], channels[TORQUE]])
+        self._infinite += int(np.count_nonzero((np.abs(both) > LARGEST).any(axis=1)))
+        self._times.add(time)
+        return Recording(time, channels, frame=self._frame, source=self._source)
+
+    def notes(self) -> tuple[str, ...]:
+        """What a reader should know of the blocks so far, one sentence each."""
+        infinite, none, far = self._infinite, self._none, self._far
+        said = (
+            (infinite, f"{infinite} of {self._times.count} rows have a force or torque that is infinite or beyond 1e9"),
+            *self._times.oddities(),
+            (none, f"{none} quaternions have a length far from 1 and were set aside"),
+            (far, f"{far} quaternions are not unit (by more than 1 %) and were normalised"),
+        )
+        return tuple(sentence for count, sentence in said if count)
+
+    def _turned(self, values: Float[np.ndarray, "n 3"], unit: float) -> Float[np.ndarray, "n 3"]:
+        """Picked and flipped, not multiplied out: an infinite component must not spoil the others."""
+        with np.errstate(over="ignore"):
+            return unit * (values[:, self._picked] * self._signs)
+
+    def _sound(self, quaternion: Float[np.ndarray, "n 4"]) -> Float[np.ndarray, "n 4"]:
+        """NaN where the length says that it is no rotation."""
+        with np.errstate(over="ignore"):
+            length = np.linalg.norm(quaternion, axis=1)
+        none = (length < 0.5) | (length > 2.0)
+        self._none += int(np.count_nonzero(none))
+        self._far += int(np.count_nonzero(~none & (np.abs(length - 1.0) > 0.01)))
+        return np.where(none[:, None], np.nan, quaternion)
+
+
+class _Times:
+    """Times that are missing, repeat, run backwards or leave a gap."""
+
+    def __init__(self) -> None:
+        self.count = self.missing = self.backwards = self.repeated = self.gaps = 0
+        self._last = np.empty(0)
+        self._usual = np.inf  # s: the median step of the first block that has one
+        self._longest = self._longest_at = 0.0
+
+    def add(self, time: Float[np.ndarray, " n"]) -> None:
+        known = np.concatenate([self._last, time[np.isfinite(time)]])
+        with np.errstate(over="ignore"):
+            steps = np.diff(known)
+        forward = steps[steps > 0]
+        if np.isinf(self._usual) and len(forward):
+            self._usual = float(np.median(forward))
+        self.count += len(time)
+        self.missing += int(np.count_nonzero(~np.isfinite(time)))
+        self.backwards += int(np.count_nonzero(steps < 0))
+        self.repeated += int(np.count_nonzero(steps == 0))
+        gaps = np.flatnonzero(steps > GAP * self._usual)
+        self.gaps += len(gaps)
+        if len(gaps) and (longest := steps[gaps].max()) > self._longest:
+            self._longest, self._longest_at = float(longest), float(known[gaps[np.argmax(steps[gaps])]])
+        self._last = known[-1:]
+
+    def oddities(self) -> tuple[tuple[int, str], ...]:
+        """How many, and the sentence on them."""
+        return (
+            (self.missing, f"{self.missing} of {self.count} times are missing"),
+            (self.backwards, f"times run backwards {self.backwards} times (kept in the order of the file)"),
+            (self.repeated, f"{self.repeated} times repeat the one before"),
+            (
+                self.gaps,
+                f"{self.gaps} gaps longer than {GAP:g} steps of {self._usual:.4g} s "
+                f"(the longest {self._longest:.4g} s, at time {self._longest_at:.6f})",
+            ),
+        )

@@ -1,0 +1,177 @@
+"""Second derivatives of sampled paths, with the noise that they have: a parabola through the parts of a window.
+
+The window is cut into nine parts; the path is averaged over each, and a parabola goes through the nine averages by
+least squares [Savitzky and Golay 1964]. Nine is enough to tell noise from curvature, averages cost the same whatever
+the rate, and they are right where rows repeat or interpolate slower poses: parts are made longer than their period.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+__all__ = ["Curvature", "Settings", "curvature", "part_of", "settings_of"]
+
+PARTS = 9
+LONGEST = 1.0  # s: windows are not made longer than this for slow poses
+EVEN = 0.2  # share by which a window's duration may differ from what its rows should take
+ROUNDING = 1e-12  # of the largest value: smaller changes of slope are none
+
+_PLACES = np.arange(PARTS) - (PARTS - 1) / 2
+_BASIS = np.stack([np.ones(PARTS), _PLACES, _PLACES**2 / 2], axis=1)
+_FIT = np.linalg.pinv(_BASIS)
+_LEFT = np.eye(PARTS) - _BASIS @ _FIT
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Fixed for a log: the usual step [s], the rows of a part and of the longest part, and how far a window reaches."""
+
+    step: float
+    part: int
+    longest: int
+
+    @property
+    def reach(self) -> int:
+        """Rows before and after a row that its answer may depend on."""
+        return PARTS * self.longest
+
+
+@dataclass(frozen=True)
+class Curvature:
+    """Row by row; all lengths are over the columns.
+
+    Attributes:
+        value: (n, k) second derivative; NaN where no window is near.
+        noise: (n,) standard deviation of its length, from what the parabola leaves.
+        usual: median of `noise`.
+        held: where the window of a row is not whole and the nearest whole one answers.
+        half: rows to either side of a window's middle.
+    """
+
+    value: Float[np.ndarray, "n k"]
+    noise: Float[np.ndarray, " n"]
+    usual: float
+    held: Bool[np.ndarray, " n"]
+    half: int
+
+
+def settings_of(time: Float[np.ndarray, " n"], window: float, scale: float, most: int) -> Settings:
+    """From the first rows of a log; windows reach up to `scale` times `window` [s], and `most` rows."""
+    steps = np.diff(time)
+    steps = steps[np.isfinite(steps) & (steps > 0)]
+    step = float(np.median(steps)) if len(steps) else 1.0
+    largest = float(most // PARTS - 1)
+    part, longest = (_odd(min(seconds / step / PARTS, largest)) for seconds in (window, max(scale * window, LONGEST)))
+    return Settings(step, part, longest)
+
+
+def curvature(
+    time: Float[np.ndarray, " n"], path: Float[np.ndarray, "n k"], settings: Settings, part: int, factor: float = 1.0
+) -> Curvature:
+    """Second derivatives of the columns of `path` at each row's time.
+
+    Args:
+        time: [s], nearly even; a window that is not gives no answer.
+        path: NaN where it is not known.
+        settings: see `settings_of`.
+        part: rows of a part, odd.
+        factor: of the noise, see `part_of`.
+    """
+    half = (PARTS * part - 1) // 2
+    value, noise = np.full(path.shape, np.nan), np.full(len(path), np.nan)
+    if len(path) > 2 * half:
+        value[half : len(path) - half], noise[half : len(path) - half] = _parabola(time, path, part, settings.step)
+    noise *= factor
+    whole = np.isfinite(noise)
+    usual = float(np.median(noise[whole])) if whole.any() else 0.0
+    nearest = _nearest(whole)
+    reached = np.abs(time - time[nearest]) <= (1 + EVEN) * half * settings.step  # not NaN
+    known = (whole | reached) & np.isfinite(path).all(axis=1)
+    value = np.where(known[:, None], value[nearest], np.nan)
+    return Curvature(value, np.where(known, noise[nearest], 0.0), usual, known & ~whole, half)
+
+
+def _parabola(
+    time: np.ndarray, path: np.ndarray, part: int, step: float
+) -> tuple[Float[np.ndarray, "m k"], Float[np.ndarray, " m"]]:
+    """Value and noise at the centres of all whole windows; NaN where rows are missing or uneven."""
+    span = PARTS * part - 1
+    bad = ~(np.isfinite(path).all(axis=1) & np.isfinite(time))
+    clean = np.where(bad[:, None], 0.0, path)
+    clean = np.where(bad[:, None], 0.0, clean - np.sum(clean, axis=0) / max(np.count_nonzero(~bad), 1))  # for the sums
+    sums = np.concatenate([np.zeros((1, path.shape[1])), np.cumsum(clean, axis=0)])
+    averages = (sums[part:] - sums[:-part]) / part
+    count = len(path) - span
+    parts = np.stack([averages[k * part : k * part + count] for k in range(PARTS)])
+    lasting = time[span:] - time[:count]
+    duration = np.abs(lasting - span * step) <= EVEN * span * step
+    missing = np.cumsum(np.append(0, bad))
+    good = duration & (missing[span + 1 :] == missing[:count])
+    scale = np.where(good, (part * lasting / span) ** 2, np.nan)
+    value = np.tensordot(_FIT[2], parts, axes=1) / scale[:, None]
+    left = np.tensordot(_LEFT, parts, axes=1)
+    variance = np.sum(left**2, axis=(0, 2)) / (PARTS - 3) * float(_FIT[2] @ _FIT[2])
+    return value, np.sqrt(variance) / scale
+
+
+def _nearest(whole: Bool[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
+    """Of each row, the nearest row where `whole` is set; itself where none is."""
+    rows = np.arange(len(whole))
+    if not whole.any():
+        return rows
+    marked = np.flatnonzero(whole)
+    after = np.minimum(np.searchsorted(marked, rows), len(marked) - 1)
+    before = np.maximum(after - 1, 0)
+    return np.where(np.abs(marked[before] - rows) < np.abs(marked[after] - rows), marked[before], marked[after])
+
+
+def part_of(
+    poses: Float[np.ndarray, "n 8"], settings: Settings, scale: float = 1.0, periods: float = 2.0
+) -> tuple[int, float]:
+    """Rows of a part: of `scale` times the window of the settings, and no shorter than some periods of the poses.
+
+    The period is told by the kinks of rows that run straight between slower poses, or repeat them; where neither shows,
+    every row is a pose. Interpolated noise is alike over one period: with fewer than two in a part, the parabola takes
+    some of it for its own, and leaves too little. By how much is the second answer: a factor of the noise.
+
+    Args:
+        poses: (n, 8) time, quaternion and position, row by row.
+        settings: see `settings_of`.
+        scale: times the settings' window.
+        periods: of the poses in a part, at least.
+    """
+    time, quaternion, position = poses[:, 0], poses[:, 1:5], poses[:, 5:]
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        rates = np.hstack([_turns(quaternion), np.diff(position, axis=0)]) / np.diff(time)[:, None]
+        change = np.abs(np.diff(rates, axis=0)) * settings.step
+        largest = max(1.0, float(np.max(np.abs(position), initial=0.0, where=np.isfinite(position))))
+        kinked: Bool[np.ndarray, " m"] = np.any(change > ROUNDING * largest, axis=1)
+    period = _period(np.flatnonzero(kinked))
+    part = min(_odd(max(scale * settings.part, periods * period)), settings.longest)
+    return part, max(1.0, 2.0 * period / part) ** 0.5
+
+
+def _period(kinked: Int[np.ndarray, " k"]) -> float:
+    """Rows from pose to pose, 0 where there are too few to tell. A kink between two rows shows in both: that is one."""
+    steps = np.diff(kinked, prepend=-2, append=kinked[-1:] + 2) if len(kinked) else kinked
+    pairs = (steps[1:-1] == 1) & (steps[:-2] != 1) & (steps[2:] != 1)
+    poses = kinked[np.append(True, ~pairs)] if len(kinked) > 1 else kinked
+    return float(np.median(np.diff(poses))) if len(poses) > 3 else 0.0
+
+
+def _turns(quaternion: Float[np.ndarray, "n 4"]) -> Float[np.ndarray, "m 3"]:
+    """Rotation vectors in the base from each row to the next."""
+    unit = quaternion / np.linalg.norm(quaternion, axis=1, keepdims=True)
+    v, w, u, s = unit[:-1, :3], unit[:-1, 3:], unit[1:, :3], unit[1:, 3:]
+    vector = w * u - s * v - np.cross(u, v)
+    cosine = w * s + np.sum(v * u, axis=1, keepdims=True)
+    sine = np.linalg.norm(vector, axis=1, keepdims=True)
+    angle = 2.0 * np.arctan2(sine, np.abs(cosine))
+    return np.where(sine > 0, angle / sine, 2.0) * np.sign(cosine) * vector
+
+
+def _odd(rows: float) -> int:
+    return int(rows / 2) * 2 + 1

@@ -1,0 +1,121 @@
+"""The sensor's pose between the poses that were recorded, on the clock of the wrenches."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from palpate.spatial.interpolate import slerp
+
+__all__ = ["PoseTrack", "sound_quaternions"]
+
+SLACK = 1e-6  # s: seconds since 1970 are only good to a quarter of this in float64, and must not open a gap
+
+
+class PoseTrack:
+    """Recorded poses, added in pieces as they come; asked at any times that lie between them.
+
+    A pose that is no newer than the newest before it, or has no stamp or no quaternion, is left out and counted. What
+    is left has rising stamps, and depends on the order of the poses alone, not on how they were cut into pieces.
+
+    Args:
+        offset: [s] added to the poses' stamps to put them on the wrenches' clock.
+        max_gap: [s] between neighbours, beyond which there is no answer between them.
+    """
+
+    def __init__(self, offset: float = 0.0, max_gap: float = 0.25) -> None:
+        self.offset, self.max_gap = offset, max_gap
+        self.late = 0
+        """Poses left out because their stamp was not newer than one before."""
+        self.unreadable = 0
+        """Poses left out because stamp or quaternion was none."""
+        self._rows = np.zeros((0, 8))  # stamp, quaternion, position
+        self._fresh: list[np.ndarray] = []  # pieces not yet in _rows: poses may come one by one
+        self._newest = -np.inf
+        self._complete = False
+
+    def add(
+        self,
+        time: Float[np.ndarray, " n"],
+        quaternion: Float[np.ndarray, "n 4"],
+        position: Float[np.ndarray, "n 3"] | None = None,
+    ) -> None:
+        """More poses, later than those before.
+
+        Args:
+            time: [s] stamps on the poses' own clock.
+            quaternion: x, y, z, w: sensor in base.
+            position: [m] of the sensor's origin in the base; None or NaN where it is not known.
+        """
+        position = np.full((len(time), 3), np.nan) if position is None else position
+        rows = np.column_stack([time + self.offset, quaternion, position])
+        sound = np.isfinite(rows[:, 0]) & sound_quaternions(quaternion)
+        rows = rows[sound]
+        reached = np.maximum.accumulate(np.append(self._newest, rows[:, 0]))
+        newer = rows[:, 0] > reached[:-1]
+        self.unreadable += int(np.count_nonzero(~sound))
+        self.late += int(np.count_nonzero(~newer))
+        self._newest = float(reached[-1])
+        self._fresh.append(rows[newer])
+
+    def complete(self) -> None:
+        """No more poses will come."""
+        self._complete = True
+
+    def answerable(self, time: Float[np.ndarray, " n"]) -> int:
+        """How many of these times, from the first, get an answer from `at` that poses to come will not change."""
+        open_ended = np.flatnonzero(time > self._newest)
+        return len(time) if self._complete or not len(open_ended) else int(open_ended[0])
+
+    def at(self, time: Float[np.ndarray, " n"]) -> tuple[Float[np.ndarray, "n 4"], Float[np.ndarray, "n 3"]]:
+        """Quaternions x, y, z, w and positions [m] at times on the wrenches' clock, which need not rise.
+
+        At a pose's own stamp it is that pose to the last bit, as recorded. Between two that are no further apart than
+        `max_gap`, the rotation turns at constant speed and the position runs straight. Otherwise NaN.
+        """
+        rows = self._gathered()
+        answers = np.full((len(time), 7), np.nan)
+        before = np.searchsorted(rows[:, 0], time, side="right") - 1
+        inside = (before >= 0) & (time <= self._newest)  # not NaN
+        stamp = np.where(inside, rows[before, 0] if len(rows) else np.nan, np.nan)
+        exact = stamp == time
+        answers[exact] = rows[before[exact], 1:]
+        between = np.flatnonzero(inside & ~exact)
+        first, second = rows[before[between]], rows[before[between] + 1]
+        with np.errstate(over="ignore"):  # stamps of nonsense
+            gap = second[:, 0] - first[:, 0]
+        near = gap <= self.max_gap + SLACK
+        between, first, second, gap = between[near], first[near], second[near], gap[near]
+        share = (time[between] - first[:, 0]) / gap
+        answers[between, :4] = slerp(first[:, 1:5], second[:, 1:5], share)
+        with np.errstate(invalid="ignore"):  # an infinite position
+            answers[between, 4:] = first[:, 5:] + share[:, None] * (second[:, 5:] - first[:, 5:])
+        return answers[:, :4], answers[:, 4:]
+
+    def forget(self, before: float) -> None:
+        """Drop what answers at `before` [s, on the wrenches' clock] and later do not need."""
+        rows = self._gathered()
+        first = int(np.searchsorted(rows[:, 0], before, side="right")) - 1
+        if first > 0:
+            self._rows = rows[first:].copy()
+
+    def notes(self) -> tuple[str, ...]:
+        """What was left out, one sentence each."""
+        said = (
+            (self.late, "are no newer than one before them and were left out"),
+            (self.unreadable, "have no stamp or no quaternion of length 1 and were left out"),
+        )
+        return tuple(f"{count} poses {what}" for count, what in said if count)
+
+    def _gathered(self) -> Float[np.ndarray, "k 8"]:
+        if self._fresh:
+            self._rows = np.concatenate([self._rows, *self._fresh])
+            self._fresh = []
+        return self._rows
+
+
+def sound_quaternions(quaternion: Float[np.ndarray, "n 4"]) -> Bool[np.ndarray, " n"]:
+    """Where the length says that these are rotations: not NaN, infinite, zero or far from 1."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        length = np.sqrt(np.sum(quaternion * quaternion, axis=1))
+    return (length > 0.5) & (length < 2.0)

@@ -1,0 +1,158 @@
+"""Running a filter over a stream of wrenches: forward as they come, or forward and backward a little later."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float, Int8
+
+from palpate.sensors.filters import Recursion
+
+__all__ = ["BothWays", "Forward"]
+
+GAP_PERIODS, LEAST_GAP = 5, 0.05  # samples and s: clocks that stamp on arrival make smaller gaps of their own
+SEGMENT = 4096  # samples that are filtered backward at a time, at least
+
+Wrenches = Float[np.ndarray, "_ 6"]
+
+
+class Forward:
+    """Filters samples as they come, each by those before it: what a piece gives does not depend on how it was cut.
+
+    It starts afresh where time steps back, or forward by more than 5 periods and 0.05 s. Samples that are none pass it
+    by. Samples in between count as evenly spaced.
+
+    Args:
+        recursion: of a filter at a rate.
+        rate: [Hz] of the samples.
+    """
+
+    def __init__(self, recursion: Recursion, rate: float) -> None:
+        from palpate.sensors import _filters  # compiled: loaded when first needed
+
+        self._smooth, self._share = _filters.smooth, recursion.share
+        self._made = tuple(part.copy() for part in (recursion.sections, recursion.start, recursion.gains))  # writable
+        self._gap = max(GAP_PERIODS / rate, LEAST_GAP)
+        self._state = np.zeros((max(1, 2 * len(recursion.sections)), 6))
+        self._clock = np.zeros(2)
+        self.reset()
+
+    def reset(self) -> None:
+        """The next sample is the first."""
+        self._clock[:] = -1.0, np.nan
+
+    def __call__(self, time: Float[np.ndarray, " n"], status: Int8[np.ndarray, " n"], values: Wrenches) -> np.ndarray:
+        """Filter samples whose status is below 0, in place; returns ages (n,), 0 at a start, -1 for the others."""
+        age = np.empty(len(values), dtype=np.int64)
+        self._smooth(time, status, values, *self._made, self._gap, self._clock, self._state, age)
+        return age
+
+    def starts(self, time: Float[np.ndarray, " n"], status: Int8[np.ndarray, " n"]) -> np.ndarray:
+        """The ages that samples will have."""
+        clock, state = self._clock.copy(), self._state.copy()
+        age = self(time, status, np.zeros((len(time), 6)))
+        self._clock[:], self._state[:] = clock, state
+        return age
+
+    def share(self, age: np.ndarray) -> Float[np.ndarray, " n"]:
+        """Of the noise's variance, what is left at an age; 1 for samples that the filter did not touch."""
+        return np.where(age < 0, 1.0, self._share[np.minimum(age, len(self._share) - 1)])
+
+    def held(self, value: Float[np.ndarray, "6"], count: int) -> Wrenches:
+        """What would come out if the last sample stayed; leaves the filter there."""
+        values = np.repeat(value[None], count, axis=0)
+        self(np.full(count, np.nan), np.full(count, -1, np.int8), values)
+        return values
+
+
+class BothWays:
+    """Filters forward and backward, as if the first and last sample of a run had been there for ever.
+
+    A run ends where the forward filter starts afresh. Its samples are filtered backward in segments counted from its
+    first, each begun a settled response later, so that nothing depends on how the stream was cut; memory is flat.
+
+    With r the autocorrelation of the forward response, sample k of a run 0 ... e is the sum of r_{k-i} x_i, the first
+    and last x carrying all of the weight beyond them: a share of sum r^2 + edge(k) + edge(e - k) of the noise is left,
+    edge(m) = (sum of r_j, j >= m)^2 - (sum of r_j^2, j >= m).
+
+    Args:
+        recursion, rate: as of `Forward`.
+    """
+
+    def __init__(self, recursion: Recursion, rate: float) -> None:
+        from scipy.signal import correlate
+
+        self._forward, self._backward = Forward(recursion, rate), Forward(recursion, rate)
+        response = recursion.response
+        self._settled = len(response)
+        self._segment = max(SEGMENT, self._settled)
+        both = correlate(response, response)[self._settled - 1 :]
+        squares = both**2
+        self._inside = float(2.0 * squares.sum() - squares[0])
+        self._edge = np.append(both[::-1].cumsum()[::-1] ** 2 - squares[::-1].cumsum()[::-1], 0.0)
+        self._last = np.zeros(6)
+        self._parts: list[Wrenches] = []  # of the run, filtered forward
+        self._emitted = 0  # samples of the run that are done
+        self._done = np.zeros((0, 7))  # wrench, and share of the noise
+
+    def push(self, time: Float[np.ndarray, " n"], status: Int8[np.ndarray, " n"], values: Wrenches) -> None:
+        """More samples; only those whose status is below 0 count."""
+        good = status < 0
+        time, status, values = time[good], status[good], values[good]
+        for part in np.split(np.arange(len(time)), np.flatnonzero(self._forward.starts(time, status) == 0)):
+            if len(part):
+                self._extend(time[part], status[part], values[part])
+
+    def finish(self) -> None:
+        """No more samples come, in this run at least."""
+        if not self._parts:
+            return
+        rows = np.concatenate(self._parts)
+        after = self._forward.held(self._last, self._settled)
+        done = self._reversed(np.concatenate([rows, after]))[: len(rows)]
+        left = np.arange(len(rows))[::-1]
+        share = np.ones(1) if self._emitted + len(rows) == 1 else self._share(len(rows)) + self._edges(left)
+        self._add(done, share)
+        self._parts, self._emitted = [], 0
+
+    @property
+    def ready(self) -> int:
+        """How many samples can be taken."""
+        return len(self._done)
+
+    def take(self, count: int) -> tuple[Wrenches, Float[np.ndarray, " n"]]:
+        """The next that are done, in order: wrenches (n, 6) and the share of the noise left in them (n,)."""
+        taken, self._done = self._done[:count], self._done[count:]
+        return taken[:, :6], taken[:, 6]
+
+    def _extend(self, time: np.ndarray, status: np.ndarray, values: Wrenches) -> None:
+        """Samples of one run."""
+        if self._forward.starts(time[:1], status[:1])[0] == 0:
+            self.finish()
+        self._last = values[-1].copy()
+        self._forward(time, status, values)
+        self._parts.append(values)
+        needed = self._segment + self._settled
+        if sum(map(len, self._parts)) >= needed:
+            rows = np.concatenate(self._parts)
+            while len(rows) >= needed:
+                self._add(self._reversed(rows[:needed])[: self._segment], self._share(self._segment))
+                rows = rows[self._segment :]
+                self._emitted += self._segment
+            self._parts = [rows]
+
+    def _add(self, wrenches: Wrenches, share: Float[np.ndarray, " n"]) -> None:
+        self._done = np.concatenate([self._done, np.column_stack([wrenches, share])])
+
+    def _reversed(self, rows: Wrenches) -> Wrenches:
+        """Filtered from the last to the first."""
+        self._backward.reset()
+        turned = rows[::-1].copy()
+        self._backward(np.zeros(len(rows)), np.full(len(rows), -1, np.int8), turned)
+        return turned[::-1]
+
+    def _share(self, count: int) -> Float[np.ndarray, " n"]:
+        """Of the next samples of the run, while its end is far."""
+        return self._inside + self._edges(self._emitted + np.arange(count))
+
+    def _edges(self, steps: np.ndarray) -> Float[np.ndarray, " n"]:
+        return self._edge[np.minimum(steps, self._settled)]

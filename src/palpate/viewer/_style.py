@@ -1,0 +1,102 @@
+"""How figures look, and how they get into a page: letters as letters, colours of the page, no ids that clash."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Generator
+from contextlib import contextmanager
+from io import StringIO
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from palpate.errors import InputError
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = ["AXES", "INK", "MUTED", "RULE", "STATUS", "figure", "inline", "save", "styled"]
+
+INK, MUTED, RULE = "#1b2530", "#5d6975", "#d5dbe1"  # text, what comes second, lines of the grid
+AXES = ("#d55e00", "#009e73", "#0072b2")  # x, y, z: Okabe and Ito's colours, told apart by the colour-blind
+STATUS = ("#009e73", "#56b4e9", "#d5dbe1", "#9aa5b0", "#d55e00", "#e69f00", "#cc79a7", "#5d6975", "#f0e442")
+_THEME = {INK: "currentColor", MUTED: "var(--muted)", RULE: "var(--rule)"}  # a page in the dark has others
+_WIDTH = 4.6  # inches of 72 units: on a phone of 360 px a unit is a pixel, and letters keep their size
+_IDS = re.compile(r' id="(?:figure|axes|patch|line2d|matplotlib|text|legend|\w*Collection|xtick|ytick)\.?\w*_\d+"')
+
+
+def figure(height: float = 2.6) -> Figure:
+    """An empty figure of the width of all others [inches]; call it, and draw in it, within `styled`."""
+    from matplotlib.figure import Figure  # not pyplot: no windows, no global state
+
+    return Figure(figsize=(_WIDTH, height), layout="constrained")
+
+
+def inline(drawn: Figure) -> str:
+    """As an SVG element for a page, in the page's colours."""
+    page = StringIO()
+    with styled():
+        drawn.savefig(page, format="svg", transparent=True, dpi=200, metadata={"Date": None, "Creator": None})
+    text = page.getvalue()
+    text = re.sub(r"<metadata>.*?</metadata>", "", text[text.index("<svg") :], flags=re.DOTALL)
+    text = re.sub(r'^<svg[^>]*viewBox="([^"]*)"[^>]*>', r'<svg viewBox="\1" role="img">', text, count=1)
+    for colour, name in _THEME.items():
+        text = text.replace(colour, name)
+    return _IDS.sub("", text).strip()
+
+
+def save(drawn: Figure, path: Path, kind: str) -> None:
+    """As a file of its own, on white; `kind` is svg or png."""
+    with styled():
+        drawn.savefig(path, format=kind, dpi=200, metadata={"Date": None} if kind == "svg" else None)
+
+
+@contextmanager
+def styled() -> Generator[None]:
+    """Within it, and within functions that it decorates, figures look as they should.
+
+    Raises:
+        InputError: matplotlib is not installed.
+    """
+    try:
+        import matplotlib
+    except ImportError as problem:
+        raise InputError("drawing needs matplotlib.", mend="pip install 'palpate[report]'") from problem
+    with matplotlib.rc_context(_RC):
+        yield
+
+
+_RC: dict[Any, Any] = {  # matplotlib's own type of the keys has no name
+    "svg.fonttype": "none",  # letters stay letters: small, sharp, and to be searched for
+    "svg.hashsalt": "palpate",  # the same figure gives the same bytes
+    "font.family": "sans-serif",
+    "font.size": 9.0,
+    "axes.labelsize": 9.0,
+    "axes.titlesize": 9.0,
+    "xtick.labelsize": 8.5,
+    "ytick.labelsize": 8.5,
+    "legend.fontsize": 8.5,
+    "legend.frameon": False,
+    "legend.handlelength": 1.2,
+    "legend.columnspacing": 1.2,
+    "text.color": INK,
+    "axes.labelcolor": INK,
+    "axes.titlecolor": INK,
+    "xtick.color": MUTED,
+    "ytick.color": MUTED,
+    "axes.edgecolor": MUTED,
+    "axes.linewidth": 0.6,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "grid.color": RULE,
+    "grid.linewidth": 0.5,
+    "xtick.major.width": 0.6,
+    "ytick.major.width": 0.6,
+    "xtick.major.size": 3.0,
+    "ytick.major.size": 3.0,
+    "lines.linewidth": 1.0,
+    "lines.solid_joinstyle": "round",
+    "axes.formatter.useoffset": False,
+    "axes.unicode_minus": False,
+}

@@ -1,0 +1,242 @@
+"""The page's panel: what is felt, in words and numbers; timeline, settings and plots."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
+
+import numpy as np
+from jaxtyping import Float
+
+from palpate.viewer._style import AXES, STATUS
+from palpate.viewer.heat import PALETTE
+from palpate.viewer.scene import MAGNIFICATIONS, Moment, Scene
+from palpate.viewer.stage import Settings
+
+if TYPE_CHECKING:
+    from viser import GuiUplotHandle, ViserServer
+
+__all__ = ["Panel", "Player", "spoken"]
+
+SPEEDS = {"x 0.1": 0.1, "x 0.5": 0.5, "x 1": 1.0, "x 2": 2.0, "x 5": 5.0, "x 20": 20.0}
+WINDOWS = {"all": 0.0, "20 s": 20.0, "5 s": 5.0, "1 s": 1.0}
+NOW = "#cc3311"
+NONE = "&ndash;"
+TITLE = """<style onload="document.title='Palpate'"></style>"""  # viser names its page after itself
+FORCES, PLACES = slice(0, 2), slice(2, 5)  # columns of the courses
+
+
+@runtime_checkable
+class Player(Protocol):
+    """What the panel's buttons move."""
+
+    @property
+    def playing(self) -> bool:
+        """Whether it runs by itself."""
+        ...
+
+    def seek(self, seconds: float) -> None:
+        """Go to a time since the start of the log."""
+        ...
+
+    def play(self, on: bool) -> None:
+        """Run, or stand still."""
+        ...
+
+    def step(self, which: int) -> None:
+        """To the next touch (1) or the previous one (-1)."""
+        ...
+
+    def refresh(self) -> None:
+        """Draw again: a setting has changed."""
+        ...
+
+
+class Panel:
+    """Handles of the panel; `show` writes a moment into them."""
+
+    def __init__(self, server: ViserServer, scene: Scene, player: Player) -> None:
+        self._server, self._scene, self._player = server, scene, player
+        self._gui = server.gui
+        self._theme(dark=False)
+        self._gui.set_panel_label(f"Palpate \u00b7 {scene.title}" if scene.title else "Palpate")
+        self._gui.main_panel.dock_right()
+        self._gui.add_html(TITLE)
+        self._now = self._gui.add_html("")
+        self._add_timeline()
+        self._add_plots()
+        self._add_settings()
+
+    def settings(self) -> Settings:
+        """As they stand."""
+        magnification = MAGNIFICATIONS[self._ellipse.options.index(self._ellipse.value)]
+        return Settings(self._heat.value, float(self._trail.value), magnification)
+
+    @property
+    def speed(self) -> float:
+        """Of playing, times real time."""
+        return SPEEDS[self._speed.value]
+
+    def show(self, moment: Moment, seconds: float) -> None:
+        """Say a moment, and mark it in the plots."""
+        self._now.content = spoken(moment, self.settings().magnification)
+        if self._slider.value != seconds:
+            self._slider.value = seconds
+        self._show_playing(self._player.playing)
+        self._show_plots(moment)
+
+    def _show_playing(self, playing: bool) -> None:
+        from viser import Icon
+
+        self._play.label = "Pause" if playing else "Play"
+        self._play.icon = Icon.PLAYER_PAUSE if playing else Icon.PLAYER_PLAY
+
+    def _add_timeline(self) -> None:
+        timeline = self._scene.timeline
+        duration = max(timeline.duration, 1e-6)
+        step = min(timeline.step or duration / 1000, duration)
+        self._slider = self._gui.add_slider("time [s]", 0.0, duration, step, 0.0)
+        self._play = self._gui.add_button("Play")
+        self._skip = self._gui.add_button_group("touch", ("previous", "next"))
+        self._speed = self._gui.add_dropdown("speed", tuple(SPEEDS), initial_value="x 1")
+        self._slider.on_update(lambda event: self._player.seek(self._slider.value) if event.client else None)
+        self._play.on_click(lambda _: self._player.play(not self._player.playing))
+        self._skip.on_click(lambda _: self._player.step(1 if self._skip.value == "next" else -1))
+
+    def _add_settings(self) -> None:
+        with self._gui.add_folder("Show"):
+            self._heat = self._gui.add_checkbox("heat", True, hint="where the body was touched, how long")
+            self._trail = self._gui.add_slider("trail [s]", 0.0, 60.0, 0.5, 5.0)
+            options = tuple(f"x {times}" for times in MAGNIFICATIONS)
+            first = options[MAGNIFICATIONS.index(self._scene.magnification)]
+            self._ellipse = self._gui.add_dropdown(
+                "ellipse",
+                options,
+                initial_value=first,
+                hint="the 95 % ellipse of the point, drawn so many times as large",
+            )
+            self._dark = self._gui.add_checkbox("dark", False)
+        for handle in (self._heat, self._trail, self._ellipse, self._window):
+            handle.on_update(lambda event: self._player.refresh())
+        self._dark.on_update(lambda event: self._theme(self._dark.value))
+        self._gui.add_html(_legend(self._scene))
+
+    def _theme(self, dark: bool) -> None:
+        self._gui.configure_theme(
+            control_width="large", dark_mode=dark, show_logo=False, show_share_button=False, brand_color=(0, 114, 178)
+        )
+
+    def _add_plots(self) -> None:
+        self._window = self._gui.add_dropdown("plots", tuple(WINDOWS), initial_value="all")
+        self._whole = self._scene.courses()
+        self._force = self._plot(FORCES, ("pressing", "force"), ("#9aa5b0", "#0072b2"), "N")
+        self._place = self._plot(PLACES, ("x", "y", "z"), AXES, "mm")
+
+    def _plot(self, which: slice, names: tuple[str, ...], inks: tuple[str, ...], unit: str) -> GuiUplotHandle:
+        """Lines where there always is a value, dots where there is one in touch only."""
+        from viser import uplot
+
+        dots = unit == "mm"
+        lines = [
+            uplot.Series(
+                label=f"{name} [{unit}]",
+                stroke=ink,
+                width=0 if dots else 1.25,
+                points=uplot.Series_Points(show=dots, size=2, width=1, stroke=ink, fill=ink),
+            )
+            for name, ink in zip(names, inks, strict=True)
+        ]
+        mark = uplot.Series(label="now", stroke=NOW, width=1.5, points=uplot.Series_Points(show=False))
+        clock, values = self._whole
+        low, high = _range(values[:, which])
+        return self._gui.add_uplot(
+            _marked(clock, values[:, which], 0.0, (low, high)),
+            (uplot.Series(label="time [s]"), *lines, mark),
+            scales={"x": uplot.Scale(time=False), "y": uplot.Scale(range=(low, high))},
+            legend=uplot.Legend(show=True, live=False),
+            cursor=uplot.Cursor(sync=uplot.Cursor_Sync(key="palpate")),
+            height=150,
+        )
+
+    def _show_plots(self, moment: Moment) -> None:
+        clock, values = self._whole
+        if width := WINDOWS[self._window.value]:
+            span = self._scene.timeline.span(moment.seconds - width / 2, moment.seconds + width / 2)
+            clock, values = self._scene.courses(span)
+        for plot, which in ((self._force, FORCES), (self._place, PLACES)):
+            plot.data = _marked(clock, values[:, which], moment.seconds, _range(self._whole[1][:, which]))
+
+
+def spoken(moment: Moment, magnification: int) -> str:
+    """A moment as a person reads it, in HTML; `magnification` is that of the ellipse."""
+    force = float(np.linalg.norm(moment.force))
+    size = f"{force:.2f} N" if np.isfinite(force) else "&ndash;"
+    rows = "".join(
+        f'<tr><td style="opacity:.6;padding-right:.8em">{name}</td><td>{value}</td></tr>'
+        for name, value in (
+            ("place", _place(moment)),
+            ("95 %", _ellipse(moment, magnification)),
+            ("torque", f"{1e3 * moment.torque:.1f} mN m about the normal" if np.isfinite(moment.torque) else NONE),
+            ("time", f"{moment.time:.3f} s, sample {moment.index:,}"),
+        )
+    )
+    return (
+        '<div style="padding:.3em .7em 0;font-size:.8em;line-height:1.45;white-space:nowrap;overflow-x:auto;'
+        'font-variant-numeric:tabular-nums"><div style="display:flex;align-items:center;gap:.7em">'
+        f'<span style="font-size:2.2em;font-weight:600">{size}</span><span style="padding:.05em .7em;'
+        f'border-radius:1em;border:2px solid {STATUS[moment.status]}">{moment.words}</span></div>'
+        f"<table>{rows}</table></div>"
+    )
+
+
+def _place(moment: Moment) -> str:
+    if not moment.located:
+        return NONE
+    pairs = zip("xyz", 1e3 * moment.point, 1e3 * moment.deviation, strict=True)
+    return "&ensp;".join(f"{name}&nbsp;{_measured(value, spread)}" for name, value, spread in pairs) + "&ensp;mm"
+
+
+def _ellipse(moment: Moment, magnification: int) -> str:
+    if not np.isfinite(moment.axes).all():
+        return NONE if not moment.located else "no noise is known"
+    long, short = 1e3 * moment.axes
+    drawn = f", drawn {magnification} times as large" if magnification > 1 else ", drawn to scale"
+    return f"within {long:.2f} &times; {short:.2f} mm{drawn}"
+
+
+def _measured(value: float, spread: float) -> str:
+    return f"{value:.2f} &plusmn; {spread:.2f}" if np.isfinite(spread) else f"{value:.2f}"
+
+
+def _legend(scene: Scene) -> str:
+    stops = ",".join("rgb({:.0f},{:.0f},{:.0f})".format(*colour) for colour in PALETTE)
+    longest = 1e-4 * float(scene.heat.max())  # s/cm^2
+    return (
+        '<div style="padding:.2em .8em .8em;font-size:.8em">'
+        f'<div style="height:.6em;border-radius:.3em;background:linear-gradient(90deg,{stops})"></div>'
+        f'<div style="display:flex;justify-content:space-between"><span>not touched</span><span>{longest:.3g} s/cm²'
+        "</span></div></div>"
+    )
+
+
+def _range(values: Float[np.ndarray, "m k"]) -> tuple[float, float]:
+    """From the least to the largest, with some air, and 0 where there is nothing."""
+    known = values[np.isfinite(values)]
+    low, high = (float(known.min()), float(known.max())) if len(known) else (0.0, 0.0)
+    air = 0.05 * (high - low) or 1.0
+    return low - air, high + air
+
+
+def _marked(
+    clock: Float[np.ndarray, " m"], values: Float[np.ndarray, "m k"], now: float, bounds: tuple[float, float]
+) -> tuple[Float[np.ndarray, " r"], ...]:
+    """Columns for a plot, and one more that draws a line from bottom to top at this time.
+
+    The plot knows no NaN, so what is missing lies far below what is shown.
+    """
+    below, above = bounds[0] - 10 * (bounds[1] - bounds[0]), bounds[1] + 1.0
+    at = int(np.searchsorted(clock, now))
+    rows = np.where(np.isfinite(values), values, below)
+    rows = np.insert(rows, at, rows[[max(at - 1, 0)] * 3], axis=0)
+    mark = np.full(len(rows), below)
+    mark[at + 1] = above
+    return (np.insert(clock, at, [now] * 3), *(np.ascontiguousarray(column) for column in rows.T), mark)

@@ -1,0 +1,325 @@
+"""The figures of a report: arrays in, a matplotlib figure out; units on every axis, few points in every line."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from palpate.contact.estimate import Status
+from palpate.viewer._style import AXES, INK, MUTED, STATUS, figure, styled
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = ["Panel", "errors", "forces", "histogram", "locations", "silhouettes", "spectra", "statuses", "touch_errors"]
+
+COLUMNS = 450  # of a line over time: as many as a phone has pixels
+DOTS = 1_500
+_NAMES = ("x", "y", "z")
+
+
+@dataclass(frozen=True, eq=False)
+class Panel:
+    """The spectrum of a vector: frequency [Hz], density and its noise floor [unit^2/Hz], cut-off [Hz] or None."""
+
+    frequency: Float[np.ndarray, " k"]
+    density: Float[np.ndarray, "k 3"]
+    title: str
+    unit: str
+    floor: Float[np.ndarray, "3"]
+    cutoff: float | None
+
+
+@styled()
+def forces(time: Float[np.ndarray, " n"], force: Float[np.ndarray, "n 3"], status: Int[np.ndarray, " n"]) -> Figure:
+    """Components [N], magnitude [N] and what became of each sample, over time [s]."""
+    drawn = figure(3.6)
+    parts: Any = drawn.subplots(3, 1, sharex=True, height_ratios=(5, 5, 0.55))
+    for k, name in enumerate(_NAMES):
+        parts[0].plot(*_course(time, force[:, k]), color=AXES[k], label=f"F{name}")
+    parts[0].set_ylabel("force [N]")
+    _legend(parts[0], 3)
+    parts[1].plot(*_course(time, np.linalg.norm(force, axis=1)), color=INK)
+    parts[1].set_ylabel("magnitude [N]")
+    parts[1].set_ylim(bottom=0)
+    parts[1].set_xlim(*_span(time))
+    _band(parts[2], time, status)
+    parts[2].set_xlabel("time [s]")
+    return drawn
+
+
+@styled()
+def locations(
+    time: Float[np.ndarray, " n"], point: Float[np.ndarray, "n 3"], deviation: Float[np.ndarray, "n 3"]
+) -> Figure:
+    """x, y and z [m] of the answered samples with their 95 % bands, over time [s]; NaN where not answered."""
+    drawn = figure(4.0)
+    parts: Any = drawn.subplots(3, 1, sharex=True)
+    for k, (axes, name) in enumerate(zip(parts, _NAMES, strict=True)):
+        place, spread = 1e3 * point[:, k], 1.96e3 * np.nan_to_num(deviation[:, k])
+        bottom, top = _course(time, place - spread), _course(time, place + spread)
+        axes.fill_between(bottom[0], bottom[1], np.interp(bottom[0], *top), color=AXES[k], alpha=0.3, linewidth=0)
+        axes.plot(*_course(time, place), color=AXES[k])
+        axes.set_ylabel(f"{name} [mm]")
+        axes.set_xlim(*_span(time))
+    drawn.align_ylabels()
+    parts[-1].set_xlabel("time [s]")
+    return drawn
+
+
+@styled()
+def silhouettes(
+    vertices: Float[np.ndarray, "v 3"],
+    faces: Int[np.ndarray, "f 3"],
+    point: Float[np.ndarray, "n 3"],
+    normal: Float[np.ndarray, "n 3"],
+    force: Float[np.ndarray, " n"],
+) -> Figure:
+    """The body [m] from three sides and where it was touched, coloured by force [N]; rings are on the far side."""
+    dx, dy, dz = np.ptp(vertices[faces.reshape(-1)], axis=0)
+    least = 0.3 * max(dx, dy, dz)  # a flat body has views that are lines, and these have axes too
+    widths, heights = (max(dx, least), max(dy, least)), (max(dy, least), max(dz, least))
+    drawn = figure(min(5.5, 0.9 + 3.6 * sum(heights) / sum(widths)))
+    grid: Any = drawn.subplots(2, 2, width_ratios=widths, height_ratios=heights)
+    shown = None
+    for across, up, depth, axes in ((0, 1, 2, grid[0, 0]), (0, 2, 1, grid[1, 0]), (1, 2, 0, grid[1, 1])):
+        toward = -1.0 if (across, up) == (0, 2) else 1.0  # so that what is seen is right-handed
+        _body(axes, vertices, faces, (across, up, depth), toward)
+        far = toward * normal[:, depth] < 0
+        shown = _touched(axes, 1e3 * point[:, (across, up)], force, far) or shown
+        axes.set_xlabel(f"{_NAMES[across]} [mm]")
+        axes.set_ylabel(f"{_NAMES[up]} [mm]")
+        axes.set_title(f"from {'+' if toward > 0 else '-'}{_NAMES[depth]}", color=MUTED)
+    grid[0, 1].axis("off")
+    if shown is not None:
+        bar: Any = drawn.colorbar(shown, cax=grid[0, 1].inset_axes((0.05, 0.5, 0.9, 0.1)), orientation="horizontal")
+        bar.set_label("force [N]")
+        bar.outline.set_visible(False)
+    return drawn
+
+
+@styled()
+def histogram(values: Float[np.ndarray, " n"], label: str) -> Figure:
+    """How many of each size, on a logarithmic axis where they span more than a decade."""
+    drawn = figure(2.4)
+    axes: Any = drawn.subplots()
+    known = values[np.isfinite(values) & (values > 0)]
+    if len(known):
+        low, high = (float(end) for end in np.percentile(known, (0.5, 99.5)))
+        wide = high > 10 * low
+        edges = np.geomspace(low, high * 1.001, 40) if wide else np.linspace(low, high * 1.001, 40)
+        share = np.full(len(known), 100 / len(known))
+        axes.hist(np.clip(known, low, high), edges, weights=share, color=AXES[2], alpha=0.8)
+        if wide:
+            axes.set_xscale("log")
+            _plain(axes.xaxis, (1, 2, 5))
+        middle = float(np.median(known))
+        _mark(axes, middle, f"median {middle:.3g}")
+    axes.set_xlabel(label)
+    axes.set_ylabel("share [%]")
+    return drawn
+
+
+@styled()
+def statuses(counts: Int[np.ndarray, " s"]) -> Figure:
+    """One bar for each status that occurred, with its share."""
+    kinds = [kind for kind in Status if counts[kind]]
+    drawn = figure(0.45 + 0.27 * max(len(kinds), 2))
+    axes: Any = drawn.subplots()
+    shares = [100 * counts[kind] / max(counts.sum(), 1) for kind in kinds]
+    axes.barh([kind.label for kind in kinds], shares, color=[STATUS[kind] for kind in kinds], height=0.7)
+    for row, share in enumerate(shares):
+        axes.annotate(f" {share:.1f} %", (share, row), va="center", fontsize=8.5)
+    axes.invert_yaxis()
+    axes.set_xlim(0, 118)
+    axes.set_xticks(range(0, 101, 25))
+    axes.grid(visible=False, axis="y")
+    axes.tick_params(axis="y", length=0, labelcolor=INK)
+    axes.set_xlabel("share of the samples [%]")
+    return drawn
+
+
+@styled()
+def errors(time: Float[np.ndarray, " n"], error: Float[np.ndarray, " n"], radius: Float[np.ndarray, " n"]) -> Figure:
+    """Distance from the truth [m] and the 95 % radius that was predicted [m], over time [s]."""
+    drawn = figure(2.6)
+    axes: Any = drawn.subplots()
+    some = _some(np.isfinite(error), DOTS)
+    axes.plot(time[some], 1e3 * error[some], ".", color=AXES[0], markersize=2.5, label="error")
+    if np.isfinite(radius).any():
+        axes.plot(*_course(time, 1e3 * radius), color=AXES[2], label="95 % radius predicted", zorder=1)
+    axes.set_yscale("log")  # at the start and the end of a touch the force is small, and the radius large
+    _plain(axes.yaxis)
+    axes.set_xlabel("time [s]")
+    axes.set_ylabel("location [mm]")
+    _legend(axes, 2)
+    return drawn
+
+
+@styled()
+def touch_errors(labels: Sequence[str], error: Float[np.ndarray, " n"], radius: Float[np.ndarray, " n"]) -> Figure:
+    """Each touch: how far its median point is from the truth [m], and the 95 % radius of a sample of it [m]."""
+    drawn = figure(min(0.9 + 0.21 * len(labels), 9.0))
+    axes: Any = drawn.subplots()
+    rows = np.arange(len(labels))
+    axes.barh(rows, 1e3 * np.nan_to_num(radius), color=AXES[2], alpha=0.3, height=0.75, label="95 % radius predicted")
+    axes.plot(1e3 * error, rows, "o", color=AXES[0], markersize=4, label="error")
+    every = 1 + len(labels) // 40
+    axes.set_yticks(rows[::every], [label if len(label) < 18 else f"{label[:16]}.." for label in labels[::every]])
+    axes.invert_yaxis()
+    axes.set_xlim(left=0)
+    axes.grid(visible=False, axis="y")
+    axes.set_xlabel("location [mm]")
+    _legend(axes, 2)
+    return drawn
+
+
+@styled()
+def spectra(panels: Sequence[Panel]) -> Figure:
+    """Spectra over frequency [Hz], one panel below the other, with noise floors and cut-offs."""
+    drawn = figure(2.9 * len(panels))
+    below: Any = drawn.subplots(len(panels), 1, sharex=True, squeeze=False)
+    for axes, panel in zip(below[:, 0], panels, strict=True):
+        frequency, density = _banded(panel.frequency, panel.density)
+        for k, name in enumerate(_NAMES):
+            axes.loglog(frequency, np.sqrt(density[:, k]), color=AXES[k], label=name)
+            if panel.floor[k] > 0:
+                axes.axhline(panel.floor[k] ** 0.5, color=AXES[k], linewidth=0.8, linestyle=(0, (4, 3)))
+        if panel.cutoff is not None:
+            _mark(axes, panel.cutoff, f"{panel.cutoff:.3g} Hz")
+        axes.set_ylabel(f"{panel.title} [{panel.unit}/√Hz]")
+        _plain(axes.xaxis)
+        _plain(axes.yaxis, (1, 3))
+        _legend(axes, 3)
+    below[-1, 0].set_xlabel("frequency [Hz]")
+    return drawn
+
+
+def _course(
+    time: Float[np.ndarray, " n"], values: Float[np.ndarray, " n"]
+) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
+    """A line over time with few points that looks the same: the least and the most of each of many columns."""
+    known = time[np.isfinite(time)]
+    if len(time) <= 2 * COLUMNS or known.max(initial=0.0) <= known.min(initial=0.0):
+        return time, values
+    column = np.floor((time - known.min()) / (known.max() - known.min()) * COLUMNS)
+    starts = np.flatnonzero(np.diff(column, prepend=np.nan) != 0)
+    low = np.fmin.reduceat(values, starts)  # NaN only where a whole column has nothing to show
+    high = np.fmax.reduceat(values, starts)
+    return np.repeat(time[starts], 2), np.column_stack([low, high]).reshape(-1)
+
+
+def _span(time: Float[np.ndarray, " n"]) -> tuple[float | None, float | None]:
+    """First and last of a log, for axes that start and end with it."""
+    known = time[np.isfinite(time)]
+    return (float(known.min()), float(known.max())) if len(known) and np.ptp(known) > 0 else (None, None)
+
+
+def _some(which: Bool[np.ndarray, " n"], most: int) -> Int[np.ndarray, " k"]:
+    rows = np.flatnonzero(which)
+    return rows[:: 1 + len(rows) // most]
+
+
+def _banded(
+    frequency: Float[np.ndarray, " k"], density: Float[np.ndarray, "k 3"]
+) -> tuple[Float[np.ndarray, " b"], Float[np.ndarray, "b 3"]]:
+    """Means over bands that are equally wide on a logarithmic axis, some of one frequency only."""
+    band = np.floor(20 * np.log2(frequency / frequency[0]))
+    starts = np.flatnonzero(np.diff(band, prepend=-1.0))
+    sizes = np.diff(starts, append=len(band))
+    middle = np.exp(np.add.reduceat(np.log(frequency), starts) / sizes)
+    return middle, np.add.reduceat(density, starts, axis=0) / sizes[:, None]
+
+
+def _band(axes: Any, time: Float[np.ndarray, " n"], status: Int[np.ndarray, " n"]) -> None:
+    """A strip of colours: of each column the status that most of its samples have."""
+    from matplotlib.colors import BoundaryNorm, ListedColormap
+
+    axes.set_yticks([])
+    axes.grid(visible=False)
+    known = np.isfinite(time)
+    if known.any() and np.ptp(time[known]) > 0:
+        edges: Float[np.ndarray, " e"] = np.linspace(float(time[known].min()), float(time[known].max()), COLUMNS + 1)
+        bounds: list[Float[np.ndarray, " e"]] = [edges, np.arange(len(Status) + 1) - 0.5]
+        counts, _, _ = np.histogram2d(time[known], status[known].astype(np.float64), bins=bounds)
+        most = np.where(counts.any(axis=1), counts.argmax(axis=1), -1)
+        most = np.ma.masked_less(most, 0)  # a gap in the log stays empty
+        norm = BoundaryNorm(bounds[1], len(Status))
+        axes.imshow(
+            most[None],
+            extent=(edges[0], edges[-1], 0, 1),
+            aspect="auto",
+            cmap=ListedColormap(STATUS),
+            norm=norm,
+            interpolation="nearest",
+        )
+    axes.set_ylabel("status", rotation=0, ha="right", va="center")
+    for side in ("left", "bottom"):
+        axes.spines[side].set_visible(False)
+
+
+def _body(axes: Any, vertices: np.ndarray, faces: np.ndarray, order: tuple[int, int, int], toward: float) -> None:
+    """Facets that face the viewer, the furthest first, lighter where they face him more; as pixels."""
+    from matplotlib.collections import PolyCollection
+
+    corners = 1e3 * vertices[faces]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    length = np.linalg.norm(normals, axis=1)
+    facing = toward * normals[:, order[2]] / np.where(length > 0, length, 1.0)
+    front = np.flatnonzero(facing > -1e-9)
+    front = front[np.argsort(toward * corners[front, :, order[2]].mean(axis=1))]
+    shade = 0.62 + 0.26 * np.clip(facing[front], 0, 1)
+    colours = np.column_stack([shade, shade, shade + 0.02, np.ones(len(shade))])
+    shapes = corners[front][:, :, list(order[:2])]
+    axes.add_collection(
+        PolyCollection(list(shapes), facecolors=colours, edgecolors=colours, linewidths=0.3, rasterized=True)
+    )
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.autoscale_view()
+    axes.grid(visible=False)
+
+
+def _touched(
+    axes: Any, point: Float[np.ndarray, "n 2"], force: Float[np.ndarray, " n"], far: Bool[np.ndarray, " n"]
+) -> Any:
+    """Dots where one sees them and rings where the body is in between, the strongest on top."""
+    from matplotlib import colormaps
+
+    some = _some(np.isfinite(point[:, 0]), DOTS)
+    if not len(some):
+        return None
+    some = some[np.argsort(force[some])]
+
+    most = float(force[some].max())
+    behind, seen = some[far[some]], some[~far[some]]
+    look: Any = {"cmap": "viridis_r", "vmin": 0.0, "vmax": most, "linewidths": 0, "rasterized": True}
+    rings = colormaps["viridis_r"](force[behind] / most if most > 0 else force[behind])
+    axes.scatter(*point[behind].T, s=9, facecolors="none", edgecolors=rings, linewidths=0.4, alpha=0.5, rasterized=True)
+    return axes.scatter(*point[seen].T, s=6, c=force[seen], **look)
+
+
+def _mark(axes: Any, at: float, text: str) -> None:
+    """A vertical line that says what it is."""
+    axes.axvline(at, color=INK, linewidth=1.0)
+    axes.annotate(f" {text}", (at, 1.0), xycoords=("data", "axes fraction"), va="top", fontsize=8.5)
+
+
+def _plain(axis: Any, multiples: tuple[int, ...] = (1,)) -> None:
+    """A logarithmic axis with numbers as people write them, not as powers."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    axis.set_major_locator(LogLocator(subs=multiples))
+    axis.set_major_formatter(FuncFormatter(_shortest))
+    axis.set_minor_formatter(NullFormatter())
+
+
+def _shortest(value: float, _: int | None) -> str:
+    return f"{value:g}"
+
+
+def _legend(axes: Any, columns: int) -> None:
+    axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=columns, borderaxespad=0.1)

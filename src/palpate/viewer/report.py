@@ -1,0 +1,97 @@
+"""A report: tiles, sections, facts, tables and figures as values, and the one page of HTML that holds them all."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from importlib.resources import files
+from typing import TYPE_CHECKING
+
+from palpate.errors import InputError
+from palpate.viewer._style import inline
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = ["Picture", "Report", "Section", "Table", "Tile", "picture", "render"]
+
+
+@dataclass(frozen=True)
+class Tile:
+    """A figure that is read first: what it is, its value, a word on it; `tone` is "", "good" or "poor"."""
+
+    name: str
+    value: str
+    word: str = ""
+    tone: str = ""
+
+
+@dataclass(frozen=True)
+class Table:
+    """Cells of text; a row may be shorter than the header. `caption` stands above it."""
+
+    header: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    caption: str = ""
+
+
+@dataclass(frozen=True)
+class Picture:
+    """An SVG element, and the sentence below it; made by `picture`."""
+
+    svg: str
+    caption: str
+
+
+@dataclass(frozen=True)
+class Section:
+    """A heading and what stands below it, in this order; what is empty is left out.
+
+    Attributes:
+        title: of the section.
+        text: paragraphs.
+        points: sentences of a list.
+        pictures: figures, side by side where there is room.
+        facts: names and values.
+        tables: each in a box of its own that scrolls.
+    """
+
+    title: str
+    text: tuple[str, ...] = ()
+    points: tuple[str, ...] = ()
+    pictures: tuple[Picture, ...] = ()
+    facts: tuple[tuple[str, str], ...] = ()
+    tables: tuple[Table, ...] = ()
+
+
+@dataclass(frozen=True)
+class Report:
+    """The whole page: what was done in one sentence, the verdict in tiles, warnings, sections; all of it is text."""
+
+    title: str
+    summary: str
+    tiles: tuple[Tile, ...] = ()
+    warnings: tuple[str, ...] = ()
+    sections: tuple[Section, ...] = field(default=())
+    footer: str = ""
+
+
+def picture(drawn: Figure, caption: str) -> Picture:
+    """A figure as it goes into the page."""
+    return Picture(inline(drawn), caption)
+
+
+def render(report: Report) -> str:
+    """One self-contained page: no script, no address, nothing to fetch.
+
+    Raises:
+        InputError: jinja2 is not installed.
+    """
+    try:
+        from jinja2 import Environment, StrictUndefined
+        from markupsafe import Markup
+    except ImportError as problem:
+        raise InputError("a report needs jinja2.", mend="pip install 'palpate[report]'") from problem
+    page = files("palpate.viewer").joinpath("report.html").read_text(encoding="utf-8")
+    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    environment.filters["drawn"] = Markup  # an SVG of our own making; everything else is escaped
+    return environment.from_string(page).render(report=report)

@@ -1,0 +1,99 @@
+"""The time of a log as something to scrub along, and courses over it thinned to what a screen can show."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+__all__ = ["Timeline", "thinned"]
+
+
+@dataclass(frozen=True)
+class Timeline:
+    """Seconds since the start of a log, one a sample, never running backwards.
+
+    Attributes:
+        clock: (n,) [s], from 0. A time that is missing or runs backwards stands where the latest before it stood;
+            without any time at all, samples are a second apart.
+        touched: (n,) where there is a contact.
+    """
+
+    clock: Float[np.ndarray, " n"]
+    touched: Bool[np.ndarray, " n"]
+
+    @classmethod
+    def of(cls, time: Float[np.ndarray, " n"], touched: Bool[np.ndarray, " n"]) -> Timeline:
+        """From the times of a log as they were recorded [s]."""
+        known = np.isfinite(time)
+        if not known.any():
+            return cls(np.arange(float(len(time))), touched)
+        reached = np.maximum.accumulate(np.where(known, time, -np.inf))
+        start = float(time[known][0])
+        return cls(np.maximum(reached, start) - start, touched)
+
+    @property
+    def duration(self) -> float:
+        """[s]."""
+        return float(self.clock[-1]) if len(self.clock) else 0.0
+
+    @cached_property
+    def step(self) -> float:
+        """The usual time between samples [s]; 0 where there is none."""
+        steps = np.diff(self.clock)
+        steps = steps[steps > 0]
+        return float(np.median(steps)) if len(steps) else 0.0
+
+    @cached_property
+    def seconds(self) -> Float[np.ndarray, " n"]:
+        """(n,) how long each sample lasted [s]: until the next one, and no longer than ten usual steps."""
+        return np.minimum(np.diff(self.clock, append=self.duration + self.step), 10.0 * self.step)
+
+    @cached_property
+    def touches(self) -> Int[np.ndarray, " m"]:
+        """(m,) samples at which a touch begins."""
+        return np.flatnonzero(np.diff(self.touched.astype(np.int8), prepend=np.int8(0)) == 1)
+
+    @property
+    def opening(self) -> float:
+        """Where to begin [s]: amid the first touch, where there is something to see."""
+        if not len(self.touches):
+            return 0.0
+        first = int(self.touches[0])
+        free = np.flatnonzero(~self.touched[first:])
+        return float(self.clock[first + (int(free[0]) if len(free) else len(self.clock) - first) // 2])
+
+    def at(self, seconds: float) -> int:
+        """The sample in force at a time: the last that is not later."""
+        return max(0, int(np.searchsorted(self.clock, seconds + 1e-9, side="right")) - 1)
+
+    def span(self, begin: float, end: float) -> slice:
+        """The samples from one time to another, both included [s]."""
+        return slice(int(np.searchsorted(self.clock, begin)), int(np.searchsorted(self.clock, end, side="right")))
+
+    def touch(self, index: int, step: int) -> int:
+        """The sample at which the next (step 1) or the previous (-1) touch begins; the same if there is none."""
+        which = np.searchsorted(self.touches, index, side="right" if step > 0 else "left") + (0 if step > 0 else -1)
+        return int(self.touches[which]) if 0 <= which < len(self.touches) else index
+
+
+def thinned(
+    clock: Float[np.ndarray, " n"], values: Float[np.ndarray, "n k"], most: int
+) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, "m k"]]:
+    """At most `most` rows that keep every peak: of each run of samples the least and the largest value.
+
+    Args:
+        clock: (n,) [s], not falling.
+        values: (n, k); NaN where there is none.
+        most: rows to keep; at least 2.
+    """
+    if len(clock) <= most:
+        return clock.copy(), values.copy()
+    starts = np.unique(np.linspace(0, len(clock), max(1, most // 2), endpoint=False).astype(np.int64))
+    ends = np.append(starts[1:], len(clock)) - 1
+    least, largest = np.fmin.reduceat(values, starts), np.fmax.reduceat(values, starts)
+    rising = values[ends] >= values[starts]  # or what comes first would be drawn last
+    rows = np.stack([np.where(rising, least, largest), np.where(rising, largest, least)], axis=1)
+    return np.stack([clock[starts], clock[ends]], axis=1).reshape(-1), rows.reshape(-1, values.shape[1])

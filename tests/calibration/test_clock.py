@@ -1,0 +1,152 @@
+"""The offset of the poses' clock comes back from simulated motion, through noise, touches and slow poses."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from palpate.calibration.clock import ClockOffset, identify_offset
+from palpate.errors import InputError, NotIdentifiable
+from palpate.sensors import Payload
+from palpate.sensors.pose_track import PoseTrack
+from palpate.simulation.moving import Swing, moving_wrenches
+from palpate.simulation.session import GRAVITY, Load
+from palpate.spatial.pose import rotation_from_quaternion
+
+LOAD = Load(0.5, np.array([0.002, -0.001, 0.045]), np.array([1.0, -2.0, 3.0]), np.array([0.1, 0.2, -0.3]))
+LIGHT = Load(0.5, np.zeros(3), LOAD.force_bias, LOAD.torque_bias)  # its centre does not swing: weight and nothing else
+PAYLOAD = Payload(LOAD.mass * GRAVITY, LOAD.force_bias, LOAD.center_of_mass, LOAD.torque_bias)
+NOISE = np.array([0.02] * 3 + [0.001] * 3)
+SWING = Swing()  # three axes, 0.4 to 0.5 rad at 0.17 to 0.23 Hz
+
+Log = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+
+
+def a_log(
+    offset: float,
+    seed: int = 0,
+    *,
+    swing: Swing = SWING,
+    load: Load = LOAD,
+    lasting: float = 10.0,
+    rate: float = 200.0,
+    pose_rate: float = 100.0,
+) -> Log:
+    """Times and wrenches; stamps, `offset` behind, and quaternions with 0.01 degrees of noise."""
+    rng = np.random.default_rng(seed)
+    time = np.arange(round(lasting * rate)) / rate
+    wrenches = moving_wrenches(load, swing.at(time)) + rng.normal(size=(len(time), 6)) * NOISE
+    posed = np.arange(-1.0, lasting + 1.0, 1.0 / pose_rate) + rng.uniform(0.0, 1.0 / pose_rate)
+    error = Rotation.from_rotvec(rng.normal(0.0, np.radians(0.01), (len(posed), 3)))
+    turned = Rotation.from_quat(swing.at(posed).quaternion) * error
+    return time, wrenches, posed - offset, turned.as_quat()
+
+
+def z(found: ClockOffset, offset: float) -> float:
+    return (found.offset - offset) / found.deviation
+
+
+def test_poses_at_ten_hertz_and_forty_milliseconds_behind() -> None:
+    """The case that this is for: within 2 ms, and then compensation leaves no more than 1.2 times the noise."""
+    time, wrenches, stamps, quaternions = a_log(0.040, lasting=20.0, rate=1000.0, pose_rate=10.0)
+    found = identify_offset(time, wrenches, stamps, quaternions)
+    assert abs(found.offset - 0.040) < 2e-3
+    assert found.deviation < 1e-3
+
+    def left(offset: float) -> float:
+        track = PoseTrack(offset=offset)
+        track.add(stamps, quaternions)
+        contact, _ = PAYLOAD.compensate(wrenches, rotation_from_quaternion(track.at(time)[0]))
+        return float(np.sqrt(np.mean(contact[:, :3] ** 2))) / NOISE[0]
+
+    assert left(found.offset) < 1.2
+    assert left(0.0) > 2.0  # the test can fail
+
+
+def test_its_deviation_is_honest() -> None:
+    """Thirty logs whose model is exact: the rms of 30 normal numbers lies within 1 +- 3 / sqrt 60."""
+    rng = np.random.default_rng(0)
+    scores = []
+    for seed in range(30):
+        offset = float(rng.uniform(-0.1, 0.1))
+        swing = Swing(swing=tuple(rng.uniform(0.3, 0.6, 3)), swing_rate=tuple(rng.uniform(0.1, 0.35, 3)))
+        log = a_log(offset, seed, swing=swing, load=LIGHT, rate=100.0)
+        scores.append(z(identify_offset(*log, search=(-0.2, 0.2)), offset))
+    assert 0.6 < np.sqrt(np.mean(np.square(scores))) < 1.4
+    assert np.abs(scores).max() < 4.0
+
+
+@pytest.mark.parametrize("offset", [-0.31, 0.0, 0.2])
+def test_of_either_sign_and_with_a_payload(offset: float) -> None:
+    found = identify_offset(*a_log(offset, load=LIGHT), payload=PAYLOAD)
+    assert abs(z(found, offset)) < 4.0
+    assert found.deviation < 1e-3
+
+
+def test_far_off_clocks_are_found_where_they_are_looked_for() -> None:
+    time, wrenches, stamps, quaternions = a_log(0.04, load=LIGHT)
+    found = identify_offset(time, wrenches, stamps - 1.7e9, quaternions, search=(1.7e9 - 0.2, 1.7e9 + 0.2))
+    assert abs(found.offset - 1.7e9 - 0.04) < 2e-3
+
+
+def pressed(wrenches: np.ndarray, share: float) -> np.ndarray:
+    """Touches of 2 to 8 N, half a second each, that fill this share of the log."""
+    touched = wrenches.copy()
+    rng, every = np.random.default_rng(9), 200
+    for start in range(0, len(wrenches), every):
+        touched[start : start + round(share * every), :3] += rng.normal(size=3) * 4.0
+    return touched
+
+
+@pytest.mark.parametrize(("share", "payload"), [(0.25, None), (0.6, PAYLOAD)])
+def test_touches_hardly_move_it(share: float, payload: Payload | None) -> None:
+    time, wrenches, *poses = a_log(0.04, load=LIGHT, lasting=20.0)
+    found = identify_offset(time, pressed(wrenches, share), *poses, payload=payload)
+    assert abs(found.offset - 0.04) < 2e-3
+    assert any("touches" in note for note in found.notes)
+
+
+def test_a_turn_about_one_axis_is_enough() -> None:
+    """The weight along it cannot be told from the bias, and that does not matter."""
+    swing = Swing(swing=(0.0, 0.0, 0.6))
+    found = identify_offset(*a_log(0.04, swing=swing, load=LIGHT))
+    assert abs(z(found, 0.04)) < 4.0
+
+
+def test_missing_readings_and_gaps_are_left_out() -> None:
+    time, wrenches, stamps, quaternions = a_log(0.04, load=LIGHT)
+    wrenches[::97] = np.nan
+    time[1200:] += 30.0  # nothing in between
+    away = stamps > 5.96
+    stamps = np.where(away, stamps + 30.0, stamps)
+    found = identify_offset(time, wrenches, stamps, quaternions)
+    assert abs(z(found, 0.04)) < 4.0
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_an_arm_that_rests_tells_nothing(seed: int) -> None:
+    resting = Swing(start=1e9)
+    with pytest.raises(NotIdentifiable, match="do not show when the arm turns"):
+        identify_offset(*a_log(0.04, seed, swing=resting, pose_rate=10.0))
+
+
+def test_a_sensor_that_carries_nothing_tells_nothing() -> None:
+    nothing = Load(0.0, np.zeros(3), LOAD.force_bias, LOAD.torque_bias)
+    with pytest.raises(NotIdentifiable):
+        identify_offset(*a_log(0.04, load=nothing))
+
+
+def test_an_offset_beyond_the_search_is_said() -> None:
+    with pytest.raises(InputError, match="edge of the search"):
+        identify_offset(*a_log(0.3), search=(-0.1, 0.1))
+
+
+def test_logs_apart_and_impossible_searches_are_refused() -> None:
+    time, wrenches, stamps, quaternions = a_log(0.0)
+    with pytest.raises(InputError, match="overlap"):
+        identify_offset(time, wrenches, stamps + 1000.0, quaternions)
+    with pytest.raises(InputError, match="search must go"):
+        identify_offset(time, wrenches, stamps, quaternions, search=(0.1, 0.1))
+    with pytest.raises(InputError, match="no rising times"):
+        identify_offset(np.zeros_like(time), wrenches, stamps, quaternions)

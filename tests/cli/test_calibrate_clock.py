@@ -1,0 +1,125 @@
+"""`palpate calibrate clock` on files that rosbags wrote, and on columns."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from palpate.cli import main
+from palpate.io.rig import load_rig
+from palpate.sensors.recording import ORIENTATION
+from palpate.simulation.session import Session, simulate_session
+from palpate.simulation.session_files import POSE_TOPIC, WRENCH_TOPIC
+from palpate.simulation.session_mcap import CLOCK_OFFSET, write_session_mcap
+
+RIG = f"""# my rig
+[surface]
+kind = "plane"  # a table
+
+[orientation]
+topic = "{POSE_TOPIC}"  # of the arm
+
+[force_torque]
+topic = "{WRENCH_TOPIC}"
+"""
+
+
+@pytest.fixture(scope="module")
+def session() -> Session:
+    return simulate_session(5, touches=2, facets=80)
+
+
+@pytest.fixture(scope="module")
+def made(session: Session, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("clock")
+    write_session_mcap(session, folder)
+    return folder
+
+
+def clock(log: Path, rig: str, folder: Path, *options: str) -> tuple[int, Path]:
+    (folder / "rig.toml").write_text(rig)
+    code = main(
+        ["calibrate", "clock", str(log), "--rig", str(folder / "rig.toml"), "-o", str(folder / "out.toml"), *options]
+    )
+    return code, folder / "out.toml"
+
+
+def test_the_offset_is_found_and_written_beside_what_a_person_wrote(
+    made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, out = clock(made / "free_motion.mcap", RIG, tmp_path)
+    assert code == 0
+    assert abs(load_rig(out).orientation.offset - CLOCK_OFFSET) < 1e-3
+    text = out.read_text()
+    assert all(line in text.splitlines() for line in RIG.splitlines())
+    assert "# s, from free_motion.mcap (sha256:" in text
+    said = capsys.readouterr().out
+    assert "added to the poses' stamps" in said
+    assert "before           0.000 ms" in said
+
+
+def test_it_starts_from_the_offset_that_the_rig_has_and_finds_the_same(made: Path, tmp_path: Path) -> None:
+    first = load_rig(clock(made / "free_motion.mcap", RIG, tmp_path)[1]).orientation.offset
+    code, out = clock(made / "free_motion.mcap", RIG.replace("  # of the arm", "\noffset = 0.1  # guessed"), tmp_path)
+    assert code == 0
+    assert load_rig(out).orientation.offset == pytest.approx(first, abs=1e-5)
+    assert "guessed" not in out.read_text()
+
+
+def test_beyond_the_search_it_says_so_and_writes_nothing(
+    made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, out = clock(made / "free_motion.mcap", RIG, tmp_path, "--search", "0.02")
+    assert code == 1
+    assert "edge of the search" in capsys.readouterr().err
+    assert not out.exists()
+
+
+def in_columns(session: Session, late: int, path: Path) -> Path:
+    """Rows whose orientations are so many rows old."""
+    free = session.free_motion
+    rows = np.column_stack([free.time, free.wrenches(), np.roll(free.channels[ORIENTATION], late, axis=0)])[late:]
+    np.savetxt(path, rows, delimiter=",", header="time,fx,fy,fz,tx,ty,tz,qx,qy,qz,qw", comments="")
+    return path
+
+
+@pytest.mark.parametrize(("late", "said"), [(0, "on one clock"), (8, "are 40.")])
+def test_columns_are_judged_and_what_to_do_is_said(
+    session: Session, late: int, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Eight rows at 200 Hz are 40 ms."""
+    code, out = clock(in_columns(session, late, tmp_path / "log.csv"), '[surface]\nkind = "plane"\n', tmp_path)
+    assert code == 0
+    assert load_rig(out).orientation.offset == pytest.approx(-late / 200.0, abs=1e-3)
+    told = capsys.readouterr().out
+    assert said in told
+    assert ("offset is not applied" in told) == (late > 0)
+
+
+def test_wrenches_that_were_turned_with_the_poses_are_refused(
+    made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, _ = clock(made / "free_motion.mcap", RIG + 'frame = "base"\n', tmp_path)
+    assert code == 1
+    assert "sensor's frame" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "table",
+    [
+        "",
+        "[orientation]\nmax_gap = 0.5\n[time]\nunit = 's'\n",
+        "orientation.max_gap = 0.5\n",
+        "orientation = { max_gap = 0.5 }\n",
+        "[orientation]\noffset = 1.5 # old\n",
+    ],
+)
+def test_the_offset_finds_its_place_in_any_form_of_rig(session: Session, table: str, tmp_path: Path) -> None:
+    surface = '[surface]\nkind = "plane"\n'
+    rig = surface + table if table.startswith("[") else table + surface
+    code, out = clock(in_columns(session, 0, tmp_path / "log.csv"), rig, tmp_path, "--search", "2")
+    assert code == 0
+    assert abs(load_rig(out).orientation.offset) < 1e-3
+    assert load_rig(out).orientation.max_gap == (0.5 if "max_gap" in table else 0.25)

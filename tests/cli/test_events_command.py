@@ -1,0 +1,73 @@
+"""`palpate events` prints and writes touches that other commands read."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from palpate.cli import main
+from palpate.contact.estimate import ContactEstimate, Status
+from palpate.io.contacts import open_contacts, write_contacts
+from palpate.io.truth import read_touches
+
+
+def _session(touches: int) -> tuple[np.ndarray, ContactEstimate]:
+    """One touch a second, 0.5 s long, at 100 Hz."""
+    count = 100 * touches
+    status = np.where(np.arange(count) % 100 < 50, Status.CONTACT, Status.NO_CONTACT).astype(np.int8)
+    there = status == Status.CONTACT
+    point = np.where(there[:, None], [0.001, -0.002, 0.003], np.nan)
+    normal = np.where(there[:, None], [0.0, 0.0, 1.0], np.nan)
+    covariance = np.where(there[:, None, None], 0.25e-6 * np.diag([1.0, 1.0, 0.0]), np.nan)
+    force = np.where(there, -3.0, 0.0)[:, None] * np.array([0.0, 0.0, 1.0])
+    ones = np.ones(count, dtype=np.int64)
+    return np.arange(count) / 100, ContactEstimate(
+        point, normal, force, np.where(there, 0.0, np.nan), covariance, np.zeros(count), ones, status
+    )
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".parquet", ".mcap"])
+def test_touches_are_printed_and_written(tmp_path: Path, capsys: pytest.CaptureFixture[str], suffix: str) -> None:
+    contacts, output = tmp_path / f"contacts{suffix}", tmp_path / "touches.csv"
+    write_contacts(contacts, *_session(3))
+    assert main(["events", str(contacts), "-o", str(output)]) == 0
+    printed = capsys.readouterr().out.splitlines()
+    assert printed[0].endswith("3 touches in 300 rows")
+    assert printed[3].split() == ["2", "1.000", "1.490", "3.00", "1.00", "-2.00", "3.00", "0.50", "0.00", "0.0", "%"]
+    found = read_touches(output)
+    assert found.start.tolist() == [0.0, 1.0, 2.0]
+    np.testing.assert_allclose(found.point, [[0.001, -0.002, 0.003]] * 3)
+    assert found.label == ("1", "2", "3")
+    assert main(["evaluate", str(contacts), str(output)]) == 0
+
+
+def test_what_was_not_finished_is_read_and_many_touches_are_not_all_printed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    time, estimate = _session(60)
+    with open_contacts(tmp_path / "contacts.mcap") as writer:
+        writer.write(time, estimate, contact=np.zeros(6000, dtype=np.int64))
+        writer.write(time[:50], estimate[:50], contact=np.ones(50, dtype=np.int64))
+        assert main(["events", str(tmp_path / "contacts.mcap.part")]) == 0
+    printed = capsys.readouterr().out
+    assert "60 touches" in printed
+    assert "20 more" in printed
+    assert "50 rows are second contacts" in printed
+    assert "was not finished" in printed
+
+
+def test_without_touches(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    time, estimate = _session(1)
+    write_contacts(tmp_path / "contacts.csv", time[50:], estimate[50:])
+    assert main(["events", str(tmp_path / "contacts.csv"), "-o", str(tmp_path / "touches.csv")]) == 0
+    assert "0 touches" in capsys.readouterr().out
+
+
+def test_wrong_calls_are_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    write_contacts(tmp_path / "contacts.csv", *_session(1))
+    assert main(["events", str(tmp_path / "contacts.csv"), "-o", str(tmp_path / "contacts.csv")]) == 1
+    assert "would overwrite an input" in capsys.readouterr().err
+    assert main(["events", str(tmp_path / "contacts.csv"), "--gap", "-1"]) == 1
+    assert "must not be negative" in capsys.readouterr().err

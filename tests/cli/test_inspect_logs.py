@@ -1,0 +1,165 @@
+"""`palpate inspect` reads logs and contacts of every format and any length, whole or torn, and says what is in them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from palpate.cli import main
+from palpate.cli.inspect_log import Excerpt
+from palpate.contact.estimate import ROW, ContactEstimate, Status
+from palpate.io.contacts import open_contacts
+from palpate.sensors.recording import FORCE, TORQUE, Recording
+from palpate.simulation.session import Session, simulate_session
+from palpate.simulation.session_mcap import write_session_mcap
+
+
+@pytest.fixture(scope="module")
+def session() -> Session:
+    return simulate_session(3, touches=4, facets=500)
+
+
+@pytest.fixture(scope="module")
+def mcap(session: Session, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("mcap")
+    write_session_mcap(session, folder)
+    return folder / "touches.mcap"
+
+
+def _columns(session: Session) -> pl.DataFrame:
+    wrenches = session.touches.wrenches()
+    names = ("fx", "fy", "fz", "tx", "ty", "tz")
+    return pl.DataFrame({"time": session.touches.time, **dict(zip(names, wrenches.T, strict=True))})
+
+
+def _contacts(path: Path, blocks: int = 3) -> None:
+    rng = np.random.default_rng(0)
+    with open_contacts(path) as writer:
+        for k in range(blocks):
+            rows = rng.normal(size=(400, ROW.length))
+            rows[:, ROW.candidates] = 1
+            rows[:, ROW.status] = np.where(np.arange(400) < 100, Status.NO_CONTACT, Status.CONTACT)
+            writer.write(k + np.arange(400) / 400, ContactEstimate.from_rows(rows))
+
+
+def _inspect(file: Path, capsys: pytest.CaptureFixture[str], *options: str) -> tuple[int, str]:
+    capsys.readouterr()
+    code = main(["inspect", str(file), *options])
+    return code, capsys.readouterr().out
+
+
+def _ranges(said: str) -> list[list[str]]:
+    return [line.split() for line in said.splitlines() if line.strip().startswith(("fx [N]", "fy [N]", "tz [N m]"))]
+
+
+def test_a_log_says_the_same_in_every_format(
+    session: Session, mcap: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Ranges are those that polars finds, and the formats agree on every line of the table."""
+    table = _columns(session)
+    table.write_csv(tmp_path / "log.csv")
+    table.write_parquet(tmp_path / "log.parquet")
+    found = []
+    for file in (tmp_path / "log.csv", tmp_path / "log.parquet", mcap):
+        code, said = _inspect(file, capsys)
+        assert code == 0
+        assert f"{len(table):,}" in said
+        found.append(_ranges(said))
+    assert found[0] == found[1] == found[2]
+    assert found[0][0][2:5] == [
+        f"{value:.4g}" for value in (table["fx"].min(), table["fx"].median(), table["fx"].max())
+    ]
+
+
+def test_topics_are_listed(mcap: Path, session: Session, capsys: pytest.CaptureFixture[str]) -> None:
+    _, said = _inspect(mcap, capsys)
+    rows = [line.split() for line in said.splitlines()]
+    assert ["/ft_sensor/wrench", "geometry_msgs/msg/WrenchStamped", f"{len(session.touches):,}"] in rows
+    assert any(row[:2] == ["/arm/sensor_pose", "geometry_msgs/msg/PoseStamped"] for row in rows)
+
+
+def test_a_torn_log_is_said_and_has_an_exit_code_of_its_own(
+    mcap: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    torn = tmp_path / "torn.mcap"
+    torn.write_bytes(mcap.read_bytes()[: mcap.stat().st_size // 2])
+    code, said = _inspect(torn, capsys)
+    assert code == 3
+    assert "warning: " in said
+    assert len(_ranges(said)) == 3
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".parquet", ".mcap"])
+def test_contacts_are_known_in_every_format(suffix: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    _contacts(tmp_path / f"contacts{suffix}")
+    code, said = _inspect(tmp_path / f"contacts{suffix}", capsys)
+    assert code == 0
+    lines = [line.split() for line in said.splitlines()]
+    assert lines[0][-1] == "contacts"
+    assert ["rows", "1,200"] in lines
+    assert ["contact", "75.0", "%"] in lines
+    assert ["no_contact", "25.0", "%"] in lines
+    assert ["time", "0.000", "to", "2.998"] in lines
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".parquet", ".mcap"])
+@pytest.mark.parametrize("named", ["part", "output"])
+def test_contacts_that_were_not_finished_are_read_to_their_last_block(
+    suffix: str, named: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As a kill leaves them; whether one names OUTPUT.part, or OUTPUT, which is not there."""
+    output = tmp_path / f"contacts{suffix}"
+    with pytest.raises(RuntimeError), open_contacts(output) as writer:
+        rows = np.zeros((300, ROW.length))
+        writer.write(np.arange(300.0), ContactEstimate.from_rows(rows))
+        raise RuntimeError
+    code, said = _inspect(output if named == "output" else output.with_name(f"{output.name}.part"), capsys)
+    assert code == 0
+    assert "rows             300" in said
+    assert "cut short" in said
+
+
+def test_what_no_guess_fits_is_still_described(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "other.csv").write_text("alpha,beta\n1,2\n")
+    code, said = _inspect(tmp_path / "other.csv", capsys)
+    assert code == 0
+    assert "alpha, beta" in said
+    assert "no columns look like" in said
+
+
+def test_a_rig_says_where_the_log_keeps_what(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Columns that no guess would find, in kN and ms."""
+    names = list("abcdef")
+    values = np.random.default_rng(1).normal(size=(50, 6))
+    pl.DataFrame({"clock": np.arange(50.0), **dict(zip(names, values.T, strict=True))}).write_csv(tmp_path / "log.csv")
+    (tmp_path / "rig.toml").write_text(
+        f'[surface]\nkind = "plane"\n[time]\ncolumn = "clock"\nunit = "ms"\n'
+        f'[force_torque]\ncolumns = {names}\nunits = {{ force = "kN" }}\n'
+    )
+    code, said = _inspect(tmp_path / "log.csv", capsys, "--rig", str(tmp_path / "rig.toml"))
+    assert code == 0
+    assert "0.000 to 0.049" in said
+    assert _ranges(said)[0][2] == f"{1e3 * values[:, 0].min():.4g}"
+
+
+@given(sizes=st.lists(st.integers(0, 700), min_size=1, max_size=10))
+def test_an_excerpt_is_long_pieces_evenly_spread(sizes: list[int]) -> None:
+    """Of a log of any length, in blocks of any size: whole pieces of 50 neighbours, at most 400 samples in all."""
+    excerpt, total = Excerpt(most=400, piece=50), sum(sizes)
+    start = 0
+    for size in sizes:
+        time = np.arange(start, start + size, dtype=float)
+        excerpt.add(Recording(time, {FORCE: np.zeros((size, 3)), TORQUE: np.zeros((size, 3))}))
+        start += size
+    assert excerpt.count == total
+    if total:
+        kept = excerpt.recording().time
+        expected = np.arange(total)
+        assert np.array_equal(kept, expected[expected // 50 % excerpt.stride == 0])
+        assert len(kept) <= 400
+        assert excerpt.stride == 1 or len(kept) > 400 // 4

@@ -1,0 +1,142 @@
+"""Touches are the stretches in which something was answered, whatever the blocks in which it comes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from palpate.contact.estimate import ContactEstimate, Status
+from palpate.contact.events import Events, TouchFinder, find_touches
+
+RATE = 1000.0
+
+
+def _estimate(status: np.ndarray, point: np.ndarray, force: np.ndarray, sigma: float = 1e-3) -> ContactEstimate:
+    """Touches of a horizontal plane from above, with the same noise along x and y."""
+    n = len(status)
+    answered = status <= Status.AMBIGUOUS
+    covariance = np.where(answered[:, None, None], sigma**2 * np.diag([1.0, 1.0, 0.0]), np.nan)
+    return ContactEstimate(
+        np.where(answered[:, None], point, np.nan),
+        np.where(answered[:, None], [0.0, 0.0, 1.0], np.nan),
+        force[:, None] * np.array([0.0, 0.0, -1.0]),
+        np.zeros(n),
+        covariance,
+        np.zeros(n),
+        np.ones(n, dtype=np.int64),
+        status.astype(np.int8),
+    )
+
+
+def _session() -> tuple[np.ndarray, ContactEstimate]:
+    """Two touches: 0.1-0.5 s at rest, interrupted for 30 ms; 1.0-2.0 s slides by 20 mm along x; and a flicker."""
+    time = np.arange(2500) / RATE
+    status = np.full(2500, Status.NO_CONTACT)
+    status[100:501] = Status.CONTACT
+    status[300:330] = Status.IMPLAUSIBLE
+    status[700:710] = Status.CONTACT
+    status[1000:2001] = Status.CONTACT
+    status[1000:1100] = Status.AMBIGUOUS
+    point = np.zeros((2500, 3))
+    point[100:501] = [0.01, 0.02, 0.03]
+    point[1000:2001, 0] = np.linspace(0, 0.02, 1001)
+    force = np.zeros(2500)
+    force[100:501] = 2.0
+    force[1000:2001] = 1.0
+    force[1500] = 7.0
+    return time, _estimate(status, point, force)
+
+
+def _assert_close(found: Events, known: Events) -> None:
+    for name, value in vars(known).items():
+        # sums in another order
+        np.testing.assert_allclose(getattr(found, name), value, rtol=1e-12, atol=1e-15, err_msg=name)
+
+
+def test_what_the_touches_were() -> None:
+    found = find_touches(*_session())
+    assert len(found) == 2
+    np.testing.assert_allclose(found.start, [0.1, 1.0])
+    np.testing.assert_allclose(found.end, [0.5, 2.0])
+    np.testing.assert_allclose(found.point, [[0.01, 0.02, 0.03], [0.01, 0, 0]], atol=1e-15)
+    np.testing.assert_allclose(found.normal, [[0, 0, 1], [0, 0, 1]])
+    assert found.peak_force.tolist() == [2.0, 7.0]
+    assert found.peak_time[1] == 1.5
+    np.testing.assert_allclose(found.mean_force, [2.0, (1000 + 7) / 1001])
+    assert found.samples.tolist() == [371, 1001]
+    np.testing.assert_allclose(found.ambiguous, [0, 100 / 1001])
+    # between the middles of the first and the last window of 0.1 s; the one sample after it weighs too little
+    np.testing.assert_allclose(found.slid, [0, 0.018], atol=1e-9)
+
+
+def test_the_place_is_as_sure_as_a_sample_and_no_surer() -> None:
+    found = find_touches(*_session())
+    np.testing.assert_allclose(found.deviation, 1e-3)
+    np.testing.assert_allclose(found.covariance[0], 1e-6 * np.diag([1, 1, 0]), atol=1e-20)
+
+
+@pytest.mark.parametrize("block", [1, 17, 400])
+def test_blocks_do_not_matter(block: int) -> None:
+    time, estimate = _session()
+    finder = TouchFinder()
+    for start in range(0, len(time), block):
+        finder.add(time[start : start + block], estimate[start : start + block])
+    _assert_close(finder.touches(), find_touches(time, estimate))
+
+
+def test_gap_and_shortest() -> None:
+    session = _session()
+    assert find_touches(*session, gap=0.02).start == pytest.approx([0.1, 0.33, 1.0])
+    assert find_touches(*session, shortest=0.0).start == pytest.approx([0.1, 0.7, 1.0])
+    assert find_touches(*session, gap=0.3).end == pytest.approx([0.709, 2.0])
+    assert len(find_touches(*session, shortest=5.0)) == 0
+
+
+def test_samples_that_are_further_apart_than_the_gap_are_one_touch_where_none_is_missing() -> None:
+    time = np.arange(40) / 10  # 10 Hz
+    status = np.full(40, Status.CONTACT)
+    status[20] = Status.NO_CONTACT
+    found = find_touches(time, _estimate(status, np.zeros((40, 3)), np.ones(40)))
+    assert found.start == pytest.approx([0, 2.1])
+    assert found.end == pytest.approx([1.9, 3.9])
+
+
+def test_a_gap_in_the_log_ends_a_touch_and_times_that_are_missing_do_not() -> None:
+    time = np.arange(2000) / RATE
+    time[1000:] += 60
+    time[500:520] = np.nan
+    found = find_touches(time, _estimate(np.full(2000, Status.CONTACT), np.zeros((2000, 3)), np.ones(2000)))
+    assert found.start == pytest.approx([0, 61])
+    assert found.samples.tolist() == [980, 1000]
+
+
+def test_a_sample_that_is_surer_weighs_more() -> None:
+    time = np.arange(100) / RATE
+    point = np.zeros((100, 3))
+    point[50:, 0] = 0.01
+    estimate = _estimate(np.full(100, Status.CONTACT), point, np.ones(100))
+    covariance = estimate.covariance.copy()
+    covariance[50:] *= 4.0
+    weighed = ContactEstimate(**{**vars(estimate), "covariance": covariance})
+    found = find_touches(time, weighed)
+    assert found.point[0, 0] == pytest.approx(0.002)  # (1 * 0 + 1/4 * 0.01) / (1 + 1/4)
+    unknown = ContactEstimate(**{**vars(estimate), "covariance": np.full((100, 3, 3), np.nan)})
+    found = find_touches(time, unknown)
+    assert found.point[0, 0] == pytest.approx(0.005)
+    assert np.isnan(found.deviation).all()
+
+
+@pytest.mark.parametrize("count", [0, 1, 50])
+def test_without_contact_there_are_no_touches(count: int) -> None:
+    status = np.full(count, Status.NO_CONTACT)
+    found = find_touches(np.arange(count) / RATE, _estimate(status, np.zeros((count, 3)), np.zeros(count)))
+    assert len(found) == 0
+    assert found.covariance.shape == (0, 3, 3)
+    assert found.deviation.shape == (0,)
+
+
+def test_values_are_frozen() -> None:
+    found = find_touches(*_session())
+    for name in vars(found):
+        with pytest.raises(ValueError, match="read-only"):
+            getattr(found, name)[0] = 0

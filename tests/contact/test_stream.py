@@ -1,0 +1,319 @@
+"""The Estimator as a stream: the same answers however it is fed, filters as they say, honest ellipses, tare."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import fields
+
+import numpy as np
+import pytest
+from laws.bodies import BODIES
+
+from palpate.contact import ContactEstimate, Estimator, Locator, Status
+from palpate.errors import InputError
+from palpate.sensors import Butterworth, ForceTorque, Kalman, Payload, Recording
+from palpate.sensors.filters import Filter
+from palpate.sensors.recording import ACCELERATION, FORCE, ORIENTATION, TORQUE, UNSTEADY
+from palpate.spatial.pose import Pose, rotation_from_quaternion, skew
+from palpate.surfaces import plane
+
+RATE = 200.0
+NOISE = np.array([0.02] * 3 + [5e-4] * 3)
+MOUNT = Pose.from_rotation_vector((0.3, -0.5, 1.1), (0.01, 0.02, 0.08))
+_RNG = np.random.default_rng(5)
+_ROOT = _RNG.normal(size=(12, 12)) * np.repeat([3e-3, 3e-3, 1e-4, 3e-4], 3)[:, None]
+PAYLOAD = Payload(
+    np.array([0.3, -0.4, -12.0]),
+    np.array([-3.0, 4.0, -16.0]),
+    np.array([-0.001, 0.002, 0.045]),
+    np.array([0.1, -0.2, 0.05]),
+    _ROOT @ _ROOT.T,
+)
+CALIBRATED = np.diag([1e-3, 2e-3, 1e-3, 1e-4, 1e-4, 2e-4]) ** 2
+FILTERS = [None, Kalman(1e-3, 2e-3), Butterworth(20.0), Butterworth(20.0, zero_phase=True)]
+FLAT = plane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
+PARTS = ("weight", "force_bias", "center_of_mass", "torque_bias")
+
+
+def estimator(
+    made: Filter | None = None, sensor: ForceTorque | None = None, payload: Payload | None = PAYLOAD
+) -> Estimator:
+    """On a body with more than one candidate, so that the last contact counts."""
+    sensor = ForceTorque(NOISE, limits=[60.0] * 3 + [5.0] * 3) if sensor is None else sensor
+    locator = Locator(BODIES["ellipsoid"].mesh, noise=NOISE, friction=2.0, torsion=0.05, on=1.0, off=0.5)
+    return Estimator(locator, sensor, payload, MOUNT, CALIBRATED, made, RATE)
+
+
+def hard_log(count: int = 500, base: bool = False) -> Recording:
+    """Touches that come and go while the arm turns and is shaken, with everything that can be wrong with a sample."""
+    rng, step = np.random.default_rng(0), np.arange(count)
+    press = 3.0 * np.maximum(0.0, np.sin(step / 15.0))[:, None]
+    away = np.array([0.2, -0.1, -1.0]) + 0.2 * np.sin(step[:, None] / np.array([40.0, 50.0, 60.0]))
+    force = press * away @ MOUNT.rotation.T
+    readings = np.concatenate([force, np.cross(MOUNT.translation, force)], axis=1)
+    quaternions = np.array([30.0, 0.0, 0.0, 5.0]) + np.cumsum(rng.normal(size=(count, 4)), axis=0)
+    quaternions /= np.linalg.norm(quaternions, axis=1, keepdims=True)
+    acceleration = 0.1 * rng.normal(size=(count, 3))
+    turn = rotation_from_quaternion(quaternions)
+    readings = readings - PAYLOAD.compensate(np.zeros((count, 6)), turn, acceleration)[0]
+    readings = readings + NOISE * rng.normal(size=(count, 6))
+    if base:
+        readings = np.einsum("nij,nkj->nki", turn, readings.reshape(-1, 2, 3)).reshape(-1, 6)
+    time = step / RATE
+    time[250:] += 1.0
+    time[400:] -= 2.0
+    quaternions[[3, 100, 101]], acceleration[[7, 200]] = np.nan, np.nan
+    readings[[5, 150], 2], readings[[11, 260], 1] = np.nan, 100.0
+    channels = {
+        FORCE: readings[:, :3],
+        TORQUE: readings[:, 3:],
+        ORIENTATION: quaternions,
+        ACCELERATION: acceleration,
+        UNSTEADY: np.full((count, 1), 0.05),
+    }
+    return Recording(time, channels, frame="base" if base else "sensor")
+
+
+def blocks(recording: Recording, size: int) -> Iterator[Recording]:
+    for start in range(0, len(recording), size):
+        yield recording.picked(slice(start, start + size))
+
+
+def assert_same(parts: list[ContactEstimate], whole: ContactEstimate) -> None:
+    """To the last bit, NaN included."""
+    for field in fields(whole):
+        expected = getattr(whole, field.name)
+        joined = np.concatenate([np.atleast_1d(getattr(part, field.name)) for part in parts])
+        assert np.array_equal(joined.reshape(expected.shape), expected, equal_nan=True)
+
+
+def streamed(made: Filter | None, recording: Recording, size: int, base: bool) -> list[ContactEstimate]:
+    sensor = ForceTorque(NOISE, frame="base") if base else None
+    chain, pieces = estimator(made, sensor), list(blocks(recording, size))
+    answers = list(chain.stream(pieces))
+    assert [id(block) for block, _ in answers] == [id(block) for block in pieces]  # in order, row for row
+    assert [len(answer.status) for _, answer in answers] == [len(block) for block in pieces]
+    return [answer for _, answer in answers]
+
+
+@pytest.mark.parametrize("base", [False, True])
+@pytest.mark.parametrize("made", FILTERS, ids=["none", "kalman", "butterworth", "zero phase"])
+def test_block_sizes_make_no_difference_to_the_last_bit(made: Filter | None, base: bool) -> None:
+    recording = hard_log(base=base)
+    (whole,) = streamed(made, recording, 10**6, base)
+    expected = {Status.CONTACT, Status.NO_CONTACT, Status.INVALID, Status.NO_POSE}
+    assert expected <= set(whole.status.tolist())
+    for size in (1, 17, 256):
+        assert_same(streamed(made, recording, size, base), whole)
+
+
+@pytest.mark.parametrize("made", FILTERS[:3], ids=["none", "kalman", "butterworth"])
+def test_sample_by_sample_is_the_block_to_the_last_bit(made: Filter | None) -> None:
+    recording = hard_log()
+    channels = {name: values for name, values in recording.channels.items() if name != UNSTEADY}
+    recording = Recording(recording.time, channels)
+    turn = rotation_from_quaternion(recording.channels[ORIENTATION])
+    readings = np.concatenate([channels[FORCE], channels[TORQUE]], axis=1)
+    chain = estimator(made)
+    whole = chain.run(recording)
+    chain.reset()
+    samples = list(zip(recording.time, readings, turn, channels[ACCELERATION], strict=True))
+    assert_same([chain.update(*sample) for sample in samples], whole)
+    chain.reset()
+    rows = Locator.empty(len(recording))
+    for row, sample in zip(rows, samples, strict=True):
+        chain.update_into(row, *sample)
+    assert_same([ContactEstimate.from_rows(rows)], whole)
+
+
+def test_update_takes_what_a_caller_has() -> None:
+    """Lists, frozen values, columns of something larger, and no rotation where nothing turns."""
+    chain, reading = estimator(payload=None), np.array([0.5, 0.2, -3.0, 0.0, 0.1, 0.0])
+    first = chain.update(0.0, reading)
+    table = np.repeat(reading[:, None], 3, axis=1)
+    frozen = reading.copy()
+    frozen.flags.writeable = False
+    for form in (reading.tolist(), frozen, table[:, 1]):
+        chain.reset()
+        assert_same([chain.update(1.0, form, np.asfortranarray(np.eye(3)))], first)
+    with pytest.raises(InputError, match="orientation of the sensor: the payload's weight"):
+        estimator().update(0.0, reading)
+    assert estimator().update(0.0, reading, np.full((3, 3), np.nan)).status == Status.NO_POSE
+
+
+def test_the_chain_is_the_payloads_own_formula() -> None:
+    """`Payload.compensate` in NumPy, its covariance, the mounting's to first order: 1e-12 of 20 N is rounding."""
+    recording = hard_log()
+    chain = estimator(sensor=ForceTorque(NOISE))
+    wrenches, covariances, statuses = chain.contact_wrenches(recording)
+    assert covariances is not None
+    good = statuses < 0
+    turn = rotation_from_quaternion(recording.channels[ORIENTATION][good])
+    acceleration = recording.channels[ACCELERATION][good]
+    wrench, spread = PAYLOAD.compensate(recording.wrenches()[good], turn, acceleration)
+    lever = np.concatenate([np.eye(3), skew(PAYLOAD.center_of_mass)])
+    spread = spread + np.diag(NOISE**2) + (PAYLOAD.mass * 0.05) ** 2 * lever @ lever.T
+    matrix = MOUNT.inverse().wrench_matrix()
+    expected, spread = wrench @ matrix.T, matrix @ spread @ matrix.T
+    assert np.abs(wrenches[good] - expected).max() < 1e-12
+    # T_surface_sensor = (exp(xi) T)^-1 = T^-1 exp(-xi): in the sensor's frame, -xi turns and shifts the wrench
+    for sample, moved in zip(np.flatnonzero(good), wrench, strict=True):
+        jacobian = np.block([[skew(moved[:3]), np.zeros((3, 3))], [skew(moved[3:]), skew(moved[:3])]])
+        whole = spread[np.count_nonzero(good[:sample])] + matrix @ jacobian @ CALIBRATED @ jacobian.T @ matrix.T
+        assert np.abs(covariances[sample] - whole).max() < 1e-10 * np.abs(whole).max()
+
+
+@pytest.mark.parametrize("made", FILTERS[1:3], ids=["kalman", "butterworth"])
+@pytest.mark.parametrize("frequency", [0.5, 3.0, 10.0])
+def test_measured_gain_and_delay_of_a_sine_are_the_formulas(made: Filter, frequency: float) -> None:
+    """Two per cent, of the issue; the sine runs until the start is forgotten, then over whole periods.
+
+    The delay of a narrow band is the slope of the phase: two sines 2 % apart.
+    """
+    count, phases, gains = int(20 * RATE), [], []
+    time = np.arange(2 * count) / RATE
+    for wave in (0.99 * frequency, 1.01 * frequency):
+        sine = np.sin(2 * np.pi * wave * time)[:, None] * np.array([0.0, 0.0, 1.0])
+        chain = Estimator(Locator(FLAT), ForceTorque(), filter=made, rate=RATE)
+        force = chain.run(Recording(time, {FORCE: sine, TORQUE: np.zeros_like(sine)})).force[count:, 2]
+        basis = np.exp(-2j * np.pi * wave * time[count:])
+        design = np.stack([basis.real, -basis.imag], axis=1)  # cos and sin, by least squares
+        cosine, sinus = np.linalg.lstsq(design, force, rcond=None)[0]
+        phases.append(np.arctan2(cosine, sinus))
+        gains.append(np.hypot(cosine, sinus))
+    delay = -np.diff(np.unwrap(phases))[0] / (2 * np.pi * 0.02 * frequency)
+    assert np.mean(gains) == pytest.approx(float(made.gain(frequency, RATE)), rel=0.02)
+    assert delay == pytest.approx(float(made.delay(frequency, RATE)), rel=0.02, abs=0.02 / RATE)
+
+
+def test_zero_phase_keeps_a_sine_in_step() -> None:
+    made, time = Butterworth(8.0, zero_phase=True), np.arange(3000) / RATE
+    sine = np.sin(2 * np.pi * 6.0 * time)[:, None] * np.array([0.0, 0.0, 1.0])
+    chain = Estimator(Locator(FLAT), ForceTorque(), filter=made, rate=RATE)
+    recording = Recording(time, {FORCE: sine, TORQUE: np.zeros_like(sine)})
+    force = np.concatenate([answer.force for _, answer in chain.stream(blocks(recording, 100))])
+    inner = slice(500, 2500)
+    assert np.abs(force[inner, 2] - float(made.gain(6.0, RATE)) * sine[inner, 2]).max() < 1e-6
+
+
+@pytest.mark.parametrize("made", [None, Kalman(4e-6, 4e-4), Butterworth(20.0), Butterworth(20.0, zero_phase=True)])
+def test_ellipses_hold_95_per_cent_after_the_filter(made: Filter | None) -> None:
+    """Steady touches, and for the Kalman filter ones that walk as it believes, on a plane: 400 runs of 60 samples.
+
+    Samples of a run hang together, so the 24,000 are worth about 400 x 60 / 20: 0.6 % of deviation, and three of that.
+    """
+    rng, runs, count = np.random.default_rng(3), 400, 60
+    truth = np.array([0.01, 0.02, -5.0, -0.05, 0.1, 0.0]) * np.ones((runs, count, 6))
+    if isinstance(made, Kalman):
+        walk = np.cumsum(rng.normal(size=(runs, count, 6)) * NOISE * (made.q / made.r) ** 0.5, axis=1)
+        truth = truth + walk - walk[:, :1]
+    readings = (truth + NOISE * rng.normal(size=truth.shape)).reshape(-1, 6)
+    truth = truth.reshape(-1, 6)
+    time = np.arange(runs * count) / RATE + np.repeat(np.arange(runs), count)  # a second apart: afresh each time
+    chain = Estimator(Locator(FLAT, noise=NOISE, on=0.1), ForceTorque(NOISE), filter=made, rate=RATE)
+    recording = Recording(time, {FORCE: readings[:, :3], TORQUE: readings[:, 3:]})
+    ((_, answer),) = chain.stream([recording])
+    point = np.stack([-truth[:, 4], truth[:, 3]], axis=1) / truth[:, 2:3]  # where M = p x F on z = 0
+    off, spread = answer.point[:, :2] - point, answer.covariance[:, :2, :2]
+    held = np.einsum("ni,nij,nj->n", off, np.linalg.inv(spread), off) < 5.991464547107979
+    late = np.tile(np.arange(count) >= 15, runs)
+    assert 0.93 < held.mean() < 0.97
+    assert 0.93 < held[late].mean() < 0.97
+
+
+def at_rest(mean: np.ndarray, count: int = 400, seed: int = 0, still: bool = True) -> Recording:
+    rng = np.random.default_rng(seed)
+    quaternions = np.tile([0.1, -0.2, 0.3, 0.9], (count, 1)) + (0.0 if still else 0.02) * rng.normal(size=(count, 4))
+    turn = rotation_from_quaternion(quaternions)
+    readings = mean - PAYLOAD.compensate(np.zeros((count, 6)), turn)[0] + NOISE * rng.normal(size=(count, 6))
+    channels = {FORCE: readings[:, :3], TORQUE: readings[:, 3:], ORIENTATION: quaternions}
+    return Recording(np.arange(count) / RATE, channels, source="a.csv")
+
+
+DRIFT = np.array([0.3, -0.2, 0.4, 0.01, 0.02, -0.01])
+
+
+def test_a_tare_takes_off_what_the_sensor_read_at_rest() -> None:
+    """The mean of 400 samples is good to 0.05 of the noise: five of that."""
+    chain = estimator()
+    said = chain.tare(at_rest(DRIFT))
+    assert "400 samples" in said
+    assert "0.53" in said  # N, the length of the drift
+    wrenches, _, _ = chain.contact_wrenches(at_rest(DRIFT, seed=1))
+    mean = MOUNT.wrench_matrix() @ wrenches.mean(axis=0)
+    assert np.abs(mean / NOISE).max() < 5 * (2 / 400) ** 0.5
+    chain.tare(at_rest(0.0 * DRIFT))  # in its place, not on top
+    wrenches, _, _ = chain.contact_wrenches(at_rest(0.0 * DRIFT, seed=1))
+    assert np.abs(MOUNT.wrench_matrix() @ wrenches.mean(axis=0) / NOISE).max() < 5 * (2 / 400) ** 0.5
+
+
+def test_after_a_tare_the_covariance_is_what_dice_over_payloads_say() -> None:
+    """The window read with one payload error, a later pose with the same; 3000 draws tell a variance to 3 %: four."""
+    rng = np.random.default_rng(4)
+    chain = Estimator(estimator().locator, ForceTorque(NOISE), PAYLOAD)
+    chain.tare(at_rest(DRIFT, count=40, still=False))
+    later = Recording(
+        np.zeros(1), {FORCE: np.zeros((1, 3)), TORQUE: np.zeros((1, 3)), ORIENTATION: np.array([[0.6, 0.5, -0.4, 0.2]])}
+    )
+    _, stated, _ = chain.contact_wrenches(later)
+    assert stated is not None
+    window = rotation_from_quaternion(at_rest(DRIFT, count=40, still=False).channels[ORIENTATION])
+    turn = rotation_from_quaternion(later.channels[ORIENTATION])
+    drawn = []
+    for off in rng.multivariate_normal(np.zeros(12), PAYLOAD.covariance, 3000):
+        other = Payload(*(np.split(off, 4)[k] + getattr(PAYLOAD, name) for k, name in enumerate(PARTS)))
+        before = -other.compensate(np.zeros((40, 6)), window)[0]
+        after = -other.compensate(np.zeros((1, 6)), turn)[0]
+        noise = NOISE * (rng.normal(size=6) - rng.normal(size=(40, 6)).mean(axis=0))
+        drawn.append(after[0] - before.mean(axis=0) + noise)
+    found, scale = np.cov(np.array(drawn).T), np.sqrt(np.diag(stated[0]))
+    assert np.abs((found - stated[0]) / np.outer(scale, scale)).max() < 0.12
+
+
+def test_a_tare_forgets_the_filter_and_reset_keeps_the_tare() -> None:
+    chain = estimator(Kalman(1e-6, 1.0))
+    chain.run(at_rest(10 * DRIFT))
+    chain.tare(at_rest(DRIFT))
+    for _ in range(2):
+        assert np.linalg.norm(chain.run(at_rest(DRIFT, seed=2)).force, axis=1).max() < 0.2
+        chain.reset()
+
+
+def pressed(recording: Recording, force: np.ndarray) -> Recording:
+    """With what a contact adds to the force."""
+    return Recording(recording.time, {**recording.channels, FORCE: recording.channels[FORCE] + force}, source="a.csv")
+
+
+def test_a_tare_is_refused_where_something_moves_or_touches() -> None:
+    rest = at_rest(DRIFT)
+    slow = np.linspace(0.0, 0.1, 400)[:, None] * np.ones(3)
+    knock = np.where(np.arange(400) % 50 < 10, 1.0, 0.0)[:, None] * np.ones(3)
+    for made, what in (
+        (pressed(rest, slow), "changes between the two halves by 0.08"),
+        (pressed(rest, knock), "scatters by 0.6"),
+    ):
+        with pytest.raises(InputError, match=f"a.csv: the sensor was not at rest.*{what}.*noise is 0.0346 N"):
+            estimator().tare(made)
+    with pytest.raises(InputError, match="at least 10 samples, and has 9"):
+        estimator().tare(rest.picked(slice(0, 9)))
+    with pytest.raises(InputError, match="not at rest"):  # the noise taken from the steps
+        estimator(sensor=ForceTorque()).tare(pressed(rest, knock))
+
+
+def test_a_tare_that_could_be_a_touch_says_so() -> None:
+    """A press of 3 N through the middle of the body is one that the surface explains; a twist of 1 N m is not."""
+    force = MOUNT.rotation @ np.array([0.0, 0.0, -3.0])
+    touch = np.concatenate([force, np.cross(MOUNT.translation, force)])
+    assert "what a steady touch at" in estimator().tare(at_rest(touch))
+    assert "touch" not in estimator().tare(at_rest(DRIFT + np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0])))
+
+
+def test_what_cannot_be_is_refused() -> None:
+    with pytest.raises(InputError, match="rate"):
+        Estimator(Locator(FLAT), ForceTorque(), filter=Kalman())
+    with pytest.raises(InputError, match="half the rate of 200 Hz"):
+        estimator(Butterworth(100.0))
+    chain = estimator(FILTERS[3])
+    for call in (lambda: chain.run(hard_log()), lambda: chain.update(0.0, np.zeros(6), np.eye(3))):
+        with pytest.raises(InputError, match="looks ahead"):
+            call()

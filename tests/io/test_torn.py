@@ -1,0 +1,103 @@
+"""A file that was cut anywhere gives every whole message before the cut, none that was not there, and says so."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from logs_written import STAMPED, WRENCH, Session, session, wrench_stamped, write_mcap
+from mcap.reader import make_reader
+from mcap.writer import CompressionType
+
+from palpate.errors import InputError
+from palpate.io.logs import open_log, read_recording
+
+FORMATS = {
+    "plain": {"use_chunking": False},
+    "chunks": {"chunk_size": 4000},
+    "lz4": {"chunk_size": 4000, "compression": CompressionType.LZ4},
+    "zstd": {"chunk_size": 4000, "compression": CompressionType.ZSTD},
+}
+CUTS = 250  # of each format: 1,000 in all
+
+
+def _read(path: Path) -> tuple[np.ndarray, str]:
+    """Wrenches, and what is said on the cut."""
+    try:
+        log = open_log(path)
+        return np.concatenate([block.wrenches() for block in log.blocks()]), log.torn
+    except InputError as problem:
+        return np.empty((0, 6)), str(problem)
+
+
+def _cuts(path: Path) -> Iterator[tuple[int, np.ndarray, str]]:
+    whole = path.read_bytes()
+    part = path.with_name("part.mcap")
+    for kept in np.random.default_rng(0).choice(len(whole), CUTS, replace=False).tolist():
+        part.write_bytes(whole[:kept])
+        yield kept, *_read(part)
+
+
+def _ends(path: Path, log: Session, name: str) -> np.ndarray:
+    """(n,) the byte of the file from which on each wrench is there: its own last, or that of its chunk."""
+    whole = path.read_bytes()
+    if name in ("plain", "chunks"):
+        return np.array([whole.find(row.tobytes()) + 48 for row in log.wrench])
+    with path.open("rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None
+    chunks = {chunk.message_end_time: chunk.chunk_start_offset + chunk.chunk_length for chunk in summary.chunk_indexes}
+    times = np.sort(list(chunks))
+    return np.array([chunks[times[np.searchsorted(times, stamp)]] for stamp in log.stamp])
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_every_whole_message_before_a_cut_is_there(tmp_path: Path, name: str) -> None:
+    log, path = session(100), tmp_path / "log.mcap"
+    write_mcap(path, log.messages(), **FORMATS[name])
+    ends = _ends(path, log, name)
+    for kept, wrenches, said in _cuts(path):
+        assert np.array_equal(wrenches, log.wrench[: len(wrenches)])
+        assert len(wrenches) == np.count_nonzero(ends <= kept)
+        assert "torn at byte" in said or kept < 8  # the first 8 bytes say that it is MCAP
+
+
+@pytest.mark.parametrize("compression", [CompressionType.LZ4, CompressionType.ZSTD])
+def test_a_packed_chunk_that_was_cut_gives_what_can_be_unpacked(tmp_path: Path, compression: CompressionType) -> None:
+    """Blocks of lz4 are 64 KiB here and those of zstd at most 128 KiB: of 500 KiB half is more than one block."""
+    log, path = session(5000), tmp_path / "log.mcap"
+    messages = ((stamp, WRENCH, wrench_stamped(stamp, log.wrench[k])) for k, stamp in enumerate(log.stamp.tolist()))
+    write_mcap(path, messages, {WRENCH: STAMPED[WRENCH]}, compression=compression, chunk_size=1 << 20)
+    whole = path.read_bytes()
+    counts: list[int] = []
+    for share in (0.1, 0.5, 0.9):
+        path.write_bytes(whole[: int(share * len(whole))])
+        wrenches, said = _read(path)
+        assert np.array_equal(wrenches, log.wrench[: len(wrenches)])
+        assert "it ends within a chunk" in said
+        counts.append(len(wrenches))
+    assert counts[0] < counts[1] < counts[2] < 5000
+    assert counts[1] > 1000
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_changed_bytes_are_no_traceback_and_no_more_rows(tmp_path: Path, name: str) -> None:
+    log, path = session(100), tmp_path / "log.mcap"
+    write_mcap(path, log.messages(), **FORMATS[name])
+    whole, rng = bytearray(path.read_bytes()), np.random.default_rng(1)
+    for _ in range(100):
+        changed = whole.copy()
+        for at in rng.integers(len(whole), size=3):
+            changed[at] = rng.integers(256)
+        path.write_bytes(changed)
+        wrenches, _ = _read(path)
+        assert len(wrenches) <= 100
+
+
+def test_the_recording_of_a_torn_file_says_so_first(tmp_path: Path) -> None:
+    log, path = session(100), tmp_path / "log.mcap"
+    write_mcap(path, log.messages(), use_chunking=False)
+    path.write_bytes(path.read_bytes()[:9000])
+    assert read_recording(path).notes[0].startswith("the file is torn at byte")

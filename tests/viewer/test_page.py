@@ -1,0 +1,149 @@
+"""The page in Debian's chromium: it is drawn, its slider works, and the picture shows what it should."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Callable, Iterator
+from io import BytesIO
+from pathlib import Path
+from time import monotonic, sleep
+
+import numpy as np
+import pytest
+from viewer.pages import ellipsoid, session
+
+from palpate.viewer.scene import Scene, prepare
+from palpate.viewer.server import Page
+
+CHROMIUM = shutil.which("chromium")
+FLAGS = (
+    "--no-sandbox",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--no-first-run",
+)
+PATIENCE = 60.0  # s: without a graphics card the first picture may take most of it
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    return prepare(ellipsoid(2_000), *session(), title="session")
+
+
+@pytest.fixture(scope="module")
+def page(scene: Scene) -> Iterator[Page]:
+    with Page(scene, port=0) as served:
+        yield served
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[object]:
+    if CHROMIUM is None:
+        if os.environ.get("CI"):
+            pytest.fail("no chromium to open the page in: `make browser` installs Debian's")
+        pytest.skip("no chromium to open the page in: `make browser` installs Debian's")
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as playwright:
+        launched = playwright.chromium.launch(executable_path=CHROMIUM, args=list(FLAGS))
+        yield launched
+        launched.close()
+
+
+@pytest.fixture(scope="module")
+def view(browser: object, page: Page) -> Iterator[object]:
+    opened = browser.new_page(viewport={"width": 1280, "height": 800})
+    opened.set_default_timeout(1e3 * PATIENCE)
+    opened.asked = []
+    opened.on("request", lambda request: opened.asked.append(request.url))
+    opened.goto(page.address)
+    opened.wait_for_selector("canvas")
+    opened.get_by_text("touched", exact=True).wait_for()
+    yield opened
+    opened.close()
+
+
+def _until(true: Callable[[], object], what: str) -> None:
+    end = monotonic() + PATIENCE
+    while not true():
+        assert monotonic() < end, what
+        sleep(0.1)
+
+
+def _picture(view: object) -> np.ndarray:
+    import imageio.v3
+
+    return imageio.v3.imread(BytesIO(view.screenshot()))[..., :3].astype(int)
+
+
+def _warm(picture: np.ndarray) -> int:
+    """Pixels of yellow and orange in the space, below the browser's remark that there is no graphics card."""
+    red, green, blue = np.moveaxis(picture[200:, :860], -1, 0)
+    return int(
+        np.count_nonzero((red - blue > 60) & (green - blue > 25))
+    )  # the x axis is red, even where it fades to white
+
+
+def _shaded(picture: np.ndarray) -> int:
+    """Pixels of the space that are grey: the body, and a few lines of the grid."""
+    space = picture[200:, :860]
+    return int(np.count_nonzero((space.max(axis=-1) < 235) & (np.ptp(space, axis=-1) < 40)))
+
+
+def test_the_page_is_drawn(view: object, tmp_path: Path) -> None:
+    """A body of 60 x 40 x 30 mm in 860 x 800 pixels, with the traces of a touch of 2 s."""
+    _until(lambda: _warm(_picture(view)) > 100 and _shaded(_picture(view)) > 20_000, "no warm body is to be seen")
+    view.screenshot(path=str(tmp_path / "page.png"))
+    assert view.title() == "Palpate"
+
+
+def test_the_slider_moves_everything(view: object, page: Page) -> None:
+    """Through the page's own elements: keys on the slider's thumb."""
+    before, shown = page.index, view.inner_text("table")
+    thumb = view.get_by_role("slider").first
+    thumb.focus()
+    for _ in range(5):
+        thumb.press("ArrowRight")
+    _until(lambda: page.index == before + 5, "the server does not hear the slider")
+    _until(lambda: f"sample {before + 5}" in view.inner_text("table"), "the panel does not follow")
+    assert view.inner_text("table") != shown
+    thumb.press("Home")
+    _until(lambda: page.index == 0, "the server does not hear the slider")
+    view.get_by_text("not touched", exact=True).first.wait_for()
+
+
+def test_next_leads_to_the_touch_and_play_runs(view: object, page: Page, scene: Scene) -> None:
+    page.seek(0.0)
+    view.get_by_role("button", name="next").click()
+    _until(lambda: page.index == scene.timeline.touches[0], "no step to the touch")
+    view.get_by_role("button", name="Play").click()
+    _until(lambda: page.index > scene.timeline.touches[0] + 5, "it does not play")
+    view.get_by_role("button", name="Pause").click()
+    _until(lambda: not page.playing, "it does not pause")
+
+
+def test_heat_can_be_hidden(view: object) -> None:
+    view.get_by_role("checkbox").first.uncheck()
+    _until(lambda: _warm(_picture(view)) < 20, "the heat stays")
+    view.get_by_role("checkbox").first.check()
+    _until(lambda: _warm(_picture(view)) > 100, "the heat does not come back")
+
+
+def test_the_page_asks_nobody_else(view: object, page: Page) -> None:
+    """Neither fonts nor textures nor scripts come from elsewhere: it works, and tells nothing, without a network."""
+    foreign = [url for url in view.asked if not url.startswith((page.address, f"blob:{page.address}", "data:"))]
+    assert foreign == []
+
+
+def test_a_touch_on_a_phone_is_readable(browser: object, page: Page) -> None:
+    opened = browser.new_page(viewport={"width": 390, "height": 844}, has_touch=True)
+    opened.set_default_timeout(1e3 * PATIENCE)
+    opened.goto(page.address)
+    opened.get_by_text("session").first.wait_for()
+    wide = opened.evaluate("document.documentElement.scrollWidth")
+    opened.close()
+    assert wide <= 390
