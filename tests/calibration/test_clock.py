@@ -72,7 +72,7 @@ def test_its_deviation_is_honest() -> None:
         offset = float(rng.uniform(-0.1, 0.1))
         swing = Swing(swing=tuple(rng.uniform(0.3, 0.6, 3)), swing_rate=tuple(rng.uniform(0.1, 0.35, 3)))
         log = a_log(offset, seed, swing=swing, load=LIGHT, rate=100.0)
-        scores.append(z(identify_offset(*log, search=(-0.2, 0.2)), offset))
+        scores.append(z(identify_offset(*log, search=(-0.12, 0.12)), offset))
     assert 0.6 < np.sqrt(np.mean(np.square(scores))) < 1.4
     assert np.abs(scores).max() < 4.0
 

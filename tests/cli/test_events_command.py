@@ -55,7 +55,7 @@ def test_what_was_not_finished_is_read_and_many_touches_are_not_all_printed(
     assert "60 touches" in printed
     assert "20 more" in printed
     assert "50 rows are second contacts" in printed
-    assert "was not finished" in printed
+    assert "ends without its footer" in printed
 
 
 def test_without_touches(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -8,15 +8,16 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 
+import hypothesis
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from palpate.errors import InputError
 from palpate.sensors import Payload, motion
-from palpate.sensors._curvature import Settings, part_of
+from palpate.sensors._curvature import Settings, part_of, pose_period
 from palpate.sensors.motion import Motion, with_motion
 from palpate.sensors.pose_track import PoseTrack
 from palpate.sensors.recording import ACCELERATION, FORCE, ORIENTATION, POSITION, TORQUE, UNSTEADY, Recording
@@ -203,10 +204,11 @@ def test_the_period_of_slower_poses_is_seen(rows: float) -> None:
     resting[:, 0] = np.arange(10000) / 1000.0 - 10.0
     poses = np.column_stack([recording.time, recording.channels[ORIENTATION], recording.channels[POSITION]])
     for log in (poses, np.concatenate([resting, poses])):
-        part, factor = part_of(log, Settings(1e-3, 1, 901), periods=2.0)
+        settings = Settings(1e-3, 1, 901)
+        part, factor = part_of(pose_period(log, settings), settings)
         assert 2 * rows - 2 <= part <= 2 * rows + 2
         assert factor == pytest.approx(1.0, abs=0.2)
-    assert part_of(resting, Settings(1e-3, 23, 901)) == (23, 1.0)
+    assert pose_period(resting, settings) == 0.0
 
 
 def test_poses_too_slow_for_the_window_are_said() -> None:
@@ -250,7 +252,7 @@ def cut(recording: Recording, at: list[int]) -> Iterator[Recording]:
 
 @pytest.mark.parametrize("source", ["none", "poses", "imu"])
 @given(at=st.lists(st.integers(0, len(SMALL)), max_size=8), fine=st.integers(0, 2900))
-@settings(max_examples=10)
+@hypothesis.settings(max_examples=10)
 def test_answers_do_not_depend_on_the_cuts(source: str, at: list[int], fine: int) -> None:
     """To the last bit, and block by block, over several of the chunks that are worked on."""
     with pytest.MonkeyPatch.context() as patch:

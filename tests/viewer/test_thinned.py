@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from palpate.contact.estimate import ROW, ContactEstimate, Status
@@ -39,6 +39,7 @@ def test_nothing_added_is_nothing_kept() -> None:
     assert len(thinned.time) == len(thinned.estimate.status) == thinned.count == 0
 
 
+@settings(max_examples=40)
 @given(
     sizes=st.lists(st.integers(0, 400), min_size=1, max_size=12),
     limit=st.integers(8, 300),

@@ -44,7 +44,9 @@ def calibrate_clock(
             where=str(rig),
             mend="Record them in the sensor's frame.",
         )
-    layout, payload = setup.layout(), setup.payload()
+    path = setup.payload_path()
+    there = path is not None and path.exists()  # a rig may name it before it is made, which the clock may come before
+    layout, payload = setup.layout(), setup.payload() if there else None
     before = setup.orientation.offset
     recording = read_recording(log, layout)
     pose_time, quaternions, _ = read_poses(log, layout)

@@ -11,6 +11,7 @@ from tyro.conf import arg
 
 from palpate.cli.options import FileOption, Log, Output
 from palpate.cli.pipeline import Pipeline, open_pipeline
+from palpate.cli.report import Run, write_report
 from palpate.cli.screen import lines, note, percent, progress, title
 from palpate.cli.setup import Setup
 from palpate.cli.tally import Tally
@@ -20,7 +21,9 @@ from palpate.errors import InputError
 from palpate.io.atomic import keep_inputs
 from palpate.io.contacts import ContactsWriter, open_contacts
 from palpate.io.models import provenance, write_provenance
+from palpate.io.truth import read_truth
 from palpate.sensors.recording import ORIENTATION, POSITION, Recording
+from palpate.viewer.report import require_report
 
 __all__ = ["estimate"]
 
@@ -38,12 +41,12 @@ def estimate(
 ) -> None:
     """Locate contacts in a log of wrenches, with a rig file, or with a mesh alone.
 
-    Options given here win over the rig. Beside OUTPUT stands OUTPUT.toml: versions, input hashes, options. Ctrl-C leaves
-    the contacts found so far. Exit code 3: done, but the log was cut off.
+    Options given here win over the rig. Beside OUTPUT stands OUTPUT.toml: versions, input hashes, options. Ctrl-C
+    leaves the contacts found so far. Exit code 3: done, but the log was cut off.
 
     Args:
-        log: CSV with time,fx,fy,fz,tx,ty,tz and, where orientation matters, qx,qy,qz,qw; Parquet with such columns; MCAP
-            or a ROS bag with WrenchStamped and PoseStamped; or as the rig says.
+        log: CSV or Parquet with time,fx,fy,fz,tx,ty,tz and, where orientation matters, qx,qy,qz,qw; MCAP or a ROS bag
+            with WrenchStamped and PoseStamped; or as the rig says.
         output: contacts to write: .csv, .parquet or .mcap.
         setup: what is touched and how it is located.
         frame: of the result; base needs the sensor's orientation and position in the log.
@@ -54,6 +57,9 @@ def estimate(
     beside = output.with_name(f"{output.name}.toml") if output.name else output
     inputs = (log, setup.rig, rig.mesh_path(), rig.payload_path(), truth)
     keep_inputs(output, inputs, beside=(beside, *([report] if report else [])))
+    if report is not None:
+        require_report()
+    known = None if truth is None else read_truth(truth)  # before the work, not after it
     pipeline = open_pipeline(log, rig)
     if frame == "base":
         _require_pose(pipeline)
@@ -65,16 +71,33 @@ def estimate(
     except KeyboardInterrupt:  # what was found until then has been kept
         interrupted = True
     record = provenance(
-        {"log": log, "rig": setup.rig, "mesh": rig.mesh_path(), "payload": rig.payload_path()},
+        {"log": log, "rig": setup.rig, "mesh": rig.mesh_path(), "payload": rig.payload_path(), "truth": truth},
         _options(pipeline, frame),
     )
     write_provenance(beside, record)
-    _say(log, output, pipeline, tally)
+    doubts = tally.doubts(pipeline.estimator)
+    _say(log, output, pipeline, tally, doubts)
+    if report is not None:
+        notes, warnings = (*pipeline.said, *pipeline.remarks(), *pipeline.notes()), (*doubts, *_torn(pipeline))
+        run = Run(
+            log.name,
+            output.name,
+            rig,
+            pipeline.estimator,
+            tally.thinned,
+            record,
+            pipeline.seconds,
+            tally.touches(),
+            known,
+            notes=notes,
+            warnings=warnings,
+        )
+        write_report(report, run)
     if interrupted:
         note([f"interrupted: {output} holds the {tally.samples:,} samples done until then"], kind="warning")
         raise SystemExit(INTERRUPTED)
     if pipeline.log.torn:
-        note([pipeline.log.torn], kind="warning")
+        note(_torn(pipeline), kind="warning")
         raise SystemExit(TORN)
 
 
@@ -86,7 +109,7 @@ def _locate(pipeline: Pipeline, writer: ContactsWriter, tally: Tally, frame: str
         begin = perf_counter()
         writer.write(block.time, placed)
         pipeline.seconds["write"] += perf_counter() - begin
-        tally.add(block, placed)
+        tally.add(block, found)
         progress(tally.samples, pipeline.log.position / max(pipeline.log.size, 1))
 
 
@@ -123,7 +146,11 @@ def _options(pipeline: Pipeline, frame: str) -> dict[str, object]:
     }
 
 
-def _say(log: Path, output: Path, pipeline: Pipeline, tally: Tally) -> None:
+def _torn(pipeline: Pipeline) -> list[str]:
+    return [pipeline.log.torn] if pipeline.log.torn else []
+
+
+def _say(log: Path, output: Path, pipeline: Pipeline, tally: Tally, doubts: list[str]) -> None:
     title(f"{log} -> {output}")
     lines([("samples", f"{tally.samples:,} in, {tally.samples:,} rows out")])
     lines(_shares(tally))
@@ -133,7 +160,7 @@ def _say(log: Path, output: Path, pipeline: Pipeline, tally: Tally) -> None:
     lines([("time", f"{parts}; {rate:,.0f} samples/s once prepared")])
     note([*pipeline.said, *pipeline.remarks()])
     note(pipeline.notes())
-    note(tally.doubts(pipeline.estimator), kind="warning")
+    note(doubts, kind="warning")
 
 
 def _shares(tally: Tally) -> list[tuple[str, str]]:

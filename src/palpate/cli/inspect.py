@@ -126,7 +126,8 @@ def _parquet_columns(file: Path) -> tuple[str, ...]:
 def _holds_contacts(file: Path, names: tuple[str, ...]) -> bool:
     if names:
         return set(COLUMNS) <= set(names)
-    return file.suffix == PART or any(kind == ESTIMATE.kind for _, kind, _ in topics(file))
+    ours = ESTIMATE.kind.replace("/msg/", "/")
+    return file.suffix == PART or any(kind.replace("/msg/", "/") == ours for _, kind, _ in topics(file))
 
 
 def _mesh(file: Path) -> None:

@@ -5,15 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from platform import python_version
 
 import numpy as np
 from jaxtyping import Float
 
-from palpate.cli.calibrate_payload import figures
 from palpate.cli.evaluate import HEADER, spreads
 from palpate.cli.report_advice import MEANING, advice
-from palpate.cli.screen import measured, percent
+from palpate.cli.report_settings import budget, inputs, models, settings, surface_name
+from palpate.cli.screen import percent
 from palpate.contact.estimate import ContactEstimate, Status
 from palpate.contact.estimator import Estimator
 from palpate.contact.events import Events
@@ -24,7 +23,6 @@ from palpate.evaluation.evaluate import Report as Evaluation
 from palpate.evaluation.evaluate import evaluate, nearest_in_time
 from palpate.io.atomic import write_text
 from palpate.io.rig import Rig
-from palpate.spatial.pose import skew
 from palpate.surfaces.mesh import Mesh
 from palpate.viewer import plots
 from palpate.viewer.report import Picture, Report, Section, Table, Tile, picture, render
@@ -86,10 +84,10 @@ def compose(run: Run) -> Report:
         _statuses(run),
         _touches(run),
         Section("What to improve", points=advice(run.rig, run.estimator, run.thinned.statuses, found, radius)),
-        _setup(run, kept),
-        _models(run),
-        _inputs(run),
-        _budget(run),
+        settings(run.rig, run.estimator, kept.rate),
+        models(run.rig, run.estimator),
+        inputs(run.provenance),
+        budget(run.stages, run.thinned.count),
         Section("Notes of the run", points=run.notes),
     )
     return Report(
@@ -152,12 +150,8 @@ def _summary(run: Run, kept: _Kept) -> str:
     weight = "with" if run.estimator.payload is not None else "without"
     return (
         f"{run.thinned.count:,} wrenches were read from {run.log}, compensated {weight} a payload model, and located "
-        f"on {_surface_name(run.rig)} by the {method} method; contacts went to {run.output}."
+        f"on {surface_name(run.rig)} by the {method} method; contacts went to {run.output}."
     )
-
-
-def _surface_name(rig: Rig) -> str:
-    return "a plane" if rig.surface.kind == "plane" else Path(str(rig.surface.mesh)).name
 
 
 def _tiles(run: Run, kept: _Kept, found: Evaluation | None) -> list[Tile]:
@@ -312,84 +306,3 @@ def _touches(run: Run) -> Section:
     header = ("touch", "start [s]", "lasts [s]", "peak [N]", "x [mm]", "y [mm]", "z [mm]", "+- [mm]", "slid [mm]")
     text = "+- is one standard deviation of a sample in the direction in which it is largest."
     return Section("Touches", text=(text,), tables=(Table(header, tuple(rows), more),))
-
-
-def _setup(run: Run, kept: _Kept) -> Section:
-    rig, locator = run.rig, run.estimator.locator
-    noise = run.estimator.sensor.noise
-    deviation = None if noise is None else np.sqrt(np.diag(noise))
-    facts = [
-        ("method", rig.estimate.method),
-        ("friction, at most", f"{rig.estimate.friction:g} (tangent of the angle between force and normal)"),
-        ("torsion, at most", f"{1e3 * rig.estimate.torsion:g} mm (torque about the normal over normal force)"),
-        ("a contact", f"begins at {locator.on:.3g} N, ends at {locator.off:.3g} N"),
-        ("noise of a reading", "not known" if deviation is None else _noise(deviation)),
-        ("filter", _filter(run, kept)),
-        ("wrench", f"in the {run.estimator.sensor.frame}'s frame, logged axes {', '.join(rig.force_torque.axes)}"),
-        ("surface", _surface(run)),
-    ]
-    if rig.estimate.tare is not None:
-        facts.append(("tare", f"over the first {rig.estimate.tare:g} s"))
-    if rig.orientation.topic is not None or rig.orientation.offset:
-        gap = f"gaps of up to {rig.orientation.max_gap:g} s are interpolated"
-        facts.append(("orientation", f"clock offset {1e3 * rig.orientation.offset:g} ms; {gap}"))
-    return Section("Settings in force", facts=tuple(facts))
-
-
-def _noise(deviation: np.ndarray) -> str:
-    return f"{deviation[:3].max():.3g} N and {deviation[3:].max():.3g} N m (one standard deviation, largest axis)"
-
-
-def _filter(run: Run, kept: _Kept) -> str:
-    known, rate = run.estimator.filter, run.rig.filter.rate or kept.rate
-    if known is None:
-        return "none"
-    return known.describe(rate) if np.isfinite(rate) else run.rig.filter.kind
-
-
-def _surface(run: Run) -> str:
-    surface = run.estimator.locator.surface
-    facets = f", {len(surface.faces):,} facets" if isinstance(surface, Mesh) else ""
-    return f"{_surface_name(run.rig)}{facets}, {1e3 * surface.size:.4g} mm across"
-
-
-def _models(run: Run) -> Section:
-    payload = run.estimator.payload
-    said = [("payload", "none: wrenches are taken as they are")] if payload is None else list(figures(payload))
-    return Section("Payload and mounting", facts=tuple((name, str(value)) for name, value in [*said, *_mounting(run)]))
-
-
-def _mounting(run: Run) -> list[tuple[str, str]]:
-    pose, uncertain = run.estimator.mount, run.rig.surface.pose_covariance
-    place, turn = 1e3 * pose.translation, np.degrees(pose.rotation_vector())
-    if uncertain is None:
-        stated = (("mounting", place, "mm"), ("turned by", turn, "deg"))
-        return [
-            (name, f"({', '.join(f'{v:.2f}' for v in three)}) {unit}, not calibrated") for name, three, unit in stated
-        ]
-    covariance = np.asarray(uncertain)
-    moves = np.concatenate([-skew(pose.translation), np.eye(3)], axis=1)  # what a small motion does to the origin
-    spread = 1e3 * np.sqrt(np.diag(moves @ covariance @ moves.T).clip(min=0))
-    turned = np.degrees(np.sqrt(np.diag(covariance)[:3].clip(min=0)))
-    return [("mounting", measured(place, spread, "mm")), ("turned by", measured(turn, turned, "deg"))]
-
-
-def _inputs(run: Run) -> Section:
-    used = ", ".join(f"{name} {release}" for name, release in (("numpy", np.__version__), ("Python", python_version())))
-    facts = [("versions", f"palpate {run.provenance.get('palpate', 'unknown')}, {used}")]
-    for name, said in run.provenance.items():
-        if name != "palpate":
-            facts.append((name.replace("_", " "), said.replace(" sha256:", ", SHA-256 ")))
-    return Section("Inputs and options", facts=tuple(facts))
-
-
-def _budget(run: Run) -> Section:
-    total, count = sum(run.stages.values()), max(run.thinned.count, 1)
-    if not total:
-        return Section("Time budget")
-    rows = [
-        (name, f"{spent:.3f}", f"{1e6 * spent / count:.2f}", percent(spent / total))
-        for name, spent in (*run.stages.items(), ("all", total))
-    ]
-    header = ("stage", "time [s]", "per sample [us]", "share")
-    return Section("Time budget", tables=(Table(header, tuple(rows)),))

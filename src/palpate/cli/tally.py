@@ -5,11 +5,13 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Int
 
-from palpate.contact.estimate import ContactEstimate, Status
+from palpate.contact.estimate import ContactEstimate
 from palpate.contact.estimator import Estimator
+from palpate.contact.events import Events, TouchFinder
 from palpate.contact.plausibility import lines_of_action, never_at_rest, unexplained
 from palpate.io.logs import join
 from palpate.sensors.recording import Recording
+from palpate.viewer.thinned import Thinned
 
 __all__ = ["Tally"]
 
@@ -17,23 +19,30 @@ KEPT = 5_000  # samples of the log, evenly spread, that doubts are raised from
 
 
 class Tally:
-    """Counts of each status, and some of the samples.
+    """Counts of each status, touches, and some of the samples.
 
     Attributes:
         samples: seen so far.
-        counts: (len(Status),) of each status.
+        thinned: some of the estimates, and how many of each status.
     """
 
-    samples: int
-    counts: Int[np.ndarray, " s"]
-
     def __init__(self) -> None:
-        self.samples, self.counts = 0, np.zeros(len(Status), dtype=np.int64)
+        self.samples, self.thinned, self._finder = 0, Thinned(), TouchFinder()
         self._stride, self._kept = 1, list[Recording]()
 
+    @property
+    def counts(self) -> Int[np.ndarray, " s"]:
+        """(len(Status),) of each status."""
+        return self.thinned.statuses
+
+    def touches(self) -> Events:
+        """Found so far."""
+        return self._finder.touches()
+
     def add(self, block: Recording, found: ContactEstimate) -> None:
-        """Count a block of the log and its contacts, row for row."""
-        self.counts = self.counts + np.bincount(found.status, minlength=len(Status))
+        """A block of the log and its contacts in the surface's frame, row for row."""
+        self.thinned.add(block.time, found)
+        self._finder.add(block.time, found)
         self._kept.append(block.picked(slice(-self.samples % self._stride, None, self._stride)))
         self.samples += len(block)
         while sum(map(len, self._kept)) > 2 * KEPT:  # every second one of those kept stays

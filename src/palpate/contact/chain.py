@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int8
@@ -19,8 +19,7 @@ __all__ = ["Chain", "Readings"]
 NOTHING = Payload(np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3))
 
 
-@dataclass(frozen=True, slots=True)
-class Readings:
+class Readings(NamedTuple):
     """Samples as the compiled loops take them: contiguous and writable, n rows, or one that stands for all.
 
     Attributes:
@@ -37,12 +36,11 @@ class Readings:
     def picked(self, rows: Bool[np.ndarray, " n"]) -> Readings:
         """Those of a mask."""
         count = len(self.time)
-        parts = (getattr(self, field.name) for field in fields(self))
-        return Readings(*(part[rows] if len(part) == count else part for part in parts))
+        return Readings(*(part[rows] if len(part) == count else part for part in self))
 
     def mean(self) -> Readings:
         """Their means, as one sample."""
-        return Readings(*(getattr(self, field.name).mean(axis=0, keepdims=True) for field in fields(self)))
+        return Readings(*(part.mean(axis=0, keepdims=True) for part in self))
 
 
 class Chain:

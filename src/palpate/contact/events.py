@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from palpate.contact.estimate import ContactEstimate, Status
 
@@ -96,7 +97,7 @@ class _Sum:
 
 
 class TouchFinder:
-    """Finds touches in estimates that come block by block; of each block it keeps ten numbers-rows a second of contact.
+    """Finds touches in estimates that come block by block; of each block it keeps ten rows of sums a second of contact.
 
     Args:
         gap: [s]; answered samples that are closer, beyond one and a half steps of the samples, belong to one touch.
@@ -125,12 +126,19 @@ class TouchFinder:
         spans = np.concatenate([np.empty((0, 4)), *(spans for spans, _ in self._windows)])
         sums = np.concatenate([np.empty((0, _Sum.length)), *(sums for _, sums in self._windows)])
         step = float(np.median(self._steps)) if self._steps else 0.0
-        apart = np.abs(spans[1:, 0] - spans[:-1, 1])
-        firsts = np.flatnonzero(np.concatenate([[True], apart >= self._gap + 1.5 * step])[: len(spans)])
-        lasts = np.append(firsts[1:], len(spans)) - 1 if len(firsts) else firsts
-        long = spans[lasts, 1] - spans[firsts, 0] >= self._shortest
-        slid = _reach(sums, firsts, lasts)[long]
-        return _events(_merged(spans, firsts)[long], _added(sums, firsts)[long], slid)
+        ends = np.abs(spans[1:, 0] - spans[:-1, 1]) >= self._gap + 1.5 * step
+        windows = _firsts(ends | (np.diff(np.floor(spans[:, 0] / WINDOW)) != 0), len(spans))  # blocks cut some in two
+        touches = _firsts(ends, len(spans))
+        spans, sums, firsts = _merged(spans, windows), _added(sums, windows), np.searchsorted(windows, touches)
+        slid = _reach(sums, firsts)
+        spans, sums = _merged(spans, firsts), _added(sums, firsts)
+        long = spans[:, 1] - spans[:, 0] >= self._shortest
+        return _events(spans[long], sums[long], slid[long])
+
+
+def _firsts(ends: Bool[np.ndarray, " m"], count: int) -> Int[np.ndarray, " k"]:
+    """Where the groups of `count` rows begin, if some of them end before the next row."""
+    return np.flatnonzero(np.concatenate([[True], ends])[:count])
 
 
 def _windows(
@@ -139,7 +147,7 @@ def _windows(
     """Answered samples, together as long as neither a window of time nor a touch ends: their spans and their sums."""
     strength = np.linalg.norm(estimate.force, axis=1)
     ends = (np.diff(np.floor(time / WINDOW)) != 0) | (np.abs(np.diff(time)) >= gap)
-    firsts = np.flatnonzero(np.concatenate([[True], ends]))
+    firsts = _firsts(ends, len(time))
     spans = np.stack([time, time, strength, time], axis=1)
     return _merged(spans, firsts), _added(_samples(estimate, strength), firsts)
 
@@ -183,16 +191,14 @@ def _place(sums: Float[np.ndarray, "n 22"]) -> Float[np.ndarray, "n 3"]:
     return np.where(weight > 0, weighed, sums[:, _Sum.plain] / count)
 
 
-def _reach(
-    sums: Float[np.ndarray, "w 22"], firsts: Int[np.ndarray, " k"], lasts: Int[np.ndarray, " k"]
-) -> Float[np.ndarray, " k"]:
+def _reach(sums: Float[np.ndarray, "w 22"], firsts: Int[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
     """How far the means of windows lie from the first one, without those in which it was felt faintly."""
     place = _place(sums)
     weight = np.where(sums[:, _Sum.weight] > 0, sums[:, _Sum.weight], sums[:, _Sum.count])
     reach = np.zeros(len(firsts))
-    for k, (first, last) in enumerate(zip(firsts, lasts, strict=True)):
-        own = slice(first, last + 1)
-        clear = place[own][weight[own] >= FAINT * weight[own].max()]
+    for k, (first, end) in enumerate(pairwise([*firsts, len(sums)])):
+        heavy = weight[first:end] >= FAINT * weight[first:end].max()
+        clear = place[first:end][heavy]
         reach[k] = np.linalg.norm(clear - clear[0], axis=1).max()
     return reach
 

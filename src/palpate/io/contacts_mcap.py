@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from palpate.contact.estimate import ContactEstimate, Status
-from palpate.io.contacts_table import Contacts
+from palpate.io.contacts_table import Contacts, pointless
 from palpate.io.mcap_write import MESSAGE, Topic
 
 __all__ = ["ESTIMATE", "TOPICS", "Messages", "from_messages"]
@@ -150,9 +150,9 @@ def from_messages(payloads: np.ndarray) -> Contacts:
     if len(odd := np.flatnonzero((status < 0) | (status >= len(Status)))):
         raise ValueError(f"unknown status {status[odd[0]]}")
     values = {name: rows[name].copy() for name in ("point", "normal", "force", "torque", "covariance", "candidates")}
-    if not np.isfinite(values["point"][status <= Status.AMBIGUOUS]).all():
-        raise ValueError("an answered row has no point")
     estimate = ContactEstimate(**values, residual=np.full(len(rows), np.nan), status=status)
+    if (row := pointless(estimate)) is not None:
+        raise ValueError(f"row {row} of a block is answered, but has no point")
     return Contacts(rows["sample"].copy(), rows["time"].copy(), rows["contact"].copy(), estimate)
 
 

@@ -4,20 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 import polars as pl
 
 from palpate.errors import InputError
 from palpate.io.atomic import PART
+from palpate.io.contacts_csv import csv_blocks
 from palpate.io.contacts_mcap import ESTIMATE, from_messages
-from palpate.io.contacts_table import TYPES, Contacts, csv_blocks, from_frame, noted, parquet_blocks
+from palpate.io.contacts_table import TYPES, Contacts, from_frame, noted, require_columns
 from palpate.io.mcap_file import McapFile
 from palpate.io.mcap_write import MAGIC
 from palpate.io.messages import Messages
 
 __all__ = ["contact_blocks"]
 
+_ROWS = 65_536  # of a Parquet file read at a time
 _KIND = ESTIMATE.kind.replace("/msg/", "/")
 
 
@@ -36,7 +39,7 @@ def contact_blocks(path: Path) -> Iterator[Contacts]:
     if start == MAGIC:
         yield from _mcap(path)
     elif start.startswith(b"PAR1"):
-        yield from parquet_blocks(path)
+        yield from _parquet(path)
     else:
         yield from csv_blocks(path, torn=path.suffix == PART)
 
@@ -55,7 +58,24 @@ def _folder(path: Path) -> Iterator[Contacts]:
     if not files:
         raise InputError("is a folder, with no rows of contacts in it.", where=str(path))
     for file in files:
-        yield from parquet_blocks(file)
+        yield from _parquet(file)
+
+
+def _parquet(path: Path) -> Iterator[Contacts]:
+    """The rows of a Parquet file of contacts, in pieces.
+
+    Raises:
+        InputError: it is none, or a row is not one of contacts.
+    """
+    try:
+        rows = pl.scan_parquet(path, glob=False)
+        require_columns(path, rows.collect_schema().names())
+        rows = rows.select(pl.col(name).cast(kind) for name, kind in TYPES.items())
+        count = cast(int, rows.select(pl.len()).collect().item())
+        for start in range(0, max(count, 1), _ROWS):
+            yield from_frame(rows.slice(start, _ROWS).collect())
+    except (pl.exceptions.PolarsError, ValueError, OSError) as problem:
+        raise InputError(f"is no file of contacts ({str(problem).splitlines()[0]}).", where=str(path)) from problem
 
 
 def _mcap(path: Path) -> Iterator[Contacts]:

@@ -10,15 +10,16 @@ from typing import Protocol, runtime_checkable
 import polars as pl
 
 from palpate.io.atomic import PART, WHOLE
+from palpate.io.contacts_csv import HEADER, to_csv
 from palpate.io.contacts_mcap import TOPICS, Messages
-from palpate.io.contacts_table import TYPES, Contacts, to_csv, to_frame
+from palpate.io.contacts_table import TYPES, Contacts, to_frame
 from palpate.io.mcap_write import McapWriter
 
 __all__ = ["SINKS", "Sink"]
 
 _SMALL = 4096  # rows up to which Parquet files grow, should blocks be small
 _GROUP = 20_000  # rows of a group in the joined Parquet file: memory is a few of them
-_CHUNK = 8192  # samples of a chunk of MCAP
+_CHUNK = 2048  # samples of a chunk of MCAP
 
 
 @runtime_checkable
@@ -68,7 +69,7 @@ class _Appended:
 
 class _Csv:
     def __init__(self, path: Path, _: str) -> None:
-        self._file = _Appended(path, (",".join(TYPES) + "\n").encode())
+        self._file = _Appended(path, HEADER)
 
     def append(self, contacts: Contacts) -> None:
         self._file.append(to_csv(contacts))
@@ -119,7 +120,9 @@ class _Parquet:
 
     def finish(self) -> None:
         if files := sorted(self._folder.glob("*.parquet")):
-            pl.scan_parquet(files, glob=False).sink_parquet(self._folder / WHOLE, row_group_size=_GROUP)
+            pl.scan_parquet(files, glob=False).sink_parquet(
+                self._folder / WHOLE, compression="zstd", compression_level=1, row_group_size=_GROUP
+            )
         else:
             self._rows.write_parquet(self._folder / WHOLE)
 

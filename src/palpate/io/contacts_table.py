@@ -1,12 +1,10 @@
-"""Contacts as the rows of a table: the columns that every format has, as CSV and as Parquet."""
+"""Contacts as the rows of a table: the columns that every format has."""
 
 from __future__ import annotations
 
-import io
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, BinaryIO, cast
+from typing import Any
 
 import numpy as np
 import polars as pl
@@ -14,32 +12,30 @@ from jaxtyping import Float, Int
 
 from palpate.contact.estimate import ContactEstimate, Status
 from palpate.errors import InputError
-from palpate.io.table import Table, read_table
-from palpate.io.units import near
 
 __all__ = [
     "COLUMNS",
+    "LABELS",
+    "NUMBERS",
     "TYPES",
+    "WHOLE",
     "Contacts",
-    "csv_blocks",
+    "assembled",
     "from_frame",
     "noted",
-    "parquet_blocks",
-    "read_csv",
-    "to_csv",
+    "pointless",
+    "require_columns",
     "to_frame",
 ]
 
-_WHOLE = ("sample", "contact", "candidates")
+WHOLE = ("sample", "contact", "candidates")
 _VECTORS = ("px", "py", "pz", "nx", "ny", "nz", "fx", "fy", "fz", "torque")
 _VARIANCES = ("var_xx", "var_xy", "var_xz", "var_yy", "var_yz", "var_zz")
+NUMBERS = ("time", *_VECTORS, *_VARIANCES)
 COLUMNS = ("sample", "time", "contact", "status", *_VECTORS, *_VARIANCES, "candidates")
 _UPPER = np.triu_indices(3)
-_LABELS = [status.label for status in Status]  # at the place of their code
-TYPES: dict[str, Any] = {name: pl.Int64 if name in _WHOLE else pl.Float64 for name in COLUMNS} | {"status": pl.String}
-_HEADER = (",".join(COLUMNS) + "\n").encode()
-_PIECE = 1 << 23  # bytes of text parsed at a time
-_ROWS = 65_536  # of a Parquet file read at a time
+LABELS = [status.label for status in Status]  # at the place of their code
+TYPES: dict[str, Any] = {name: pl.Int64 if name in WHOLE else pl.Float64 for name in COLUMNS} | {"status": pl.String}
 
 
 @dataclass(frozen=True)
@@ -78,7 +74,7 @@ def to_frame(contacts: Contacts) -> pl.DataFrame:
             "sample": contacts.sample,
             "time": contacts.time,
             "contact": contacts.contact,
-            "status": pl.Series(_LABELS, dtype=pl.String).gather(estimate.status),
+            "status": pl.Series(LABELS, dtype=pl.String).gather(estimate.status),
             **dict(zip(_VECTORS, numbers.T, strict=True)),
             **dict(zip(_VARIANCES, variances.T, strict=True)),
             "candidates": estimate.candidates,
@@ -93,15 +89,18 @@ def from_frame(frame: pl.DataFrame) -> Contacts:
     Raises:
         ValueError: a whole number or a status is missing, there is no such status, or an answered row has no point.
     """
-    whole = frame.select(_WHOLE)
+    whole = frame.select(WHOLE)
     if whole.null_count().sum_horizontal().item():
         raise ValueError("sample, contact and candidates must be whole numbers")
-    codes = frame["status"].replace_strict(_LABELS, range(len(_LABELS)), default=None, return_dtype=pl.Int8)
+    codes = frame["status"].replace_strict(LABELS, range(len(LABELS)), default=None, return_dtype=pl.Int8)
     if codes.null_count():
         raise ValueError(f"unknown status {frame['status'].filter(codes.is_null())[0]!r}")
-    numbers = frame.select("time", *_VECTORS, *_VARIANCES).fill_null(float("nan")).to_numpy()
+    numbers = frame.select(*NUMBERS).fill_null(float("nan")).to_numpy()
     sample, contact, candidates = whole.to_numpy().T
-    return _contacts(sample, contact, candidates, codes.to_numpy(), numbers)
+    contacts = assembled(sample, contact, candidates, codes.to_numpy(), numbers)
+    if (row := pointless(contacts.estimate)) is not None:
+        raise ValueError(f"row {row} of a block is answered, but has no point")
+    return contacts
 
 
 def noted(contacts: Contacts, note: str) -> Contacts:
@@ -109,84 +108,14 @@ def noted(contacts: Contacts, note: str) -> Contacts:
     return replace(contacts, notes=(note,)) if note else contacts
 
 
-def to_csv(contacts: Contacts) -> bytes:
-    """Rows of a contacts.csv, without its header; numbers read back the same to the last bit."""
-    text = io.BytesIO()
-    to_frame(contacts).write_csv(text, include_header=False)
-    return text.getvalue()
+def pointless(estimate: ContactEstimate) -> int | None:
+    """The first row that is answered, but has no point."""
+    rows = np.flatnonzero(estimate.answered & ~np.isfinite(estimate.point).all(axis=1))
+    return int(rows[0]) if len(rows) else None
 
 
-def csv_blocks(path: Path, *, torn: bool = False) -> Iterator[Contacts]:
-    """The rows of a contacts.csv in pieces, at least one; where it is not as it was written, all at once by `read_csv`.
-
-    Args:
-        path: of the file.
-        torn: the last line may be cut; it is left out, and noted.
-    """
-    done = 0
-    try:
-        with path.open("rb") as file:
-            plain = file.readline() == _HEADER
-            for rows in _pieces(file, torn) if plain else ():
-                yield rows
-                done += len(rows)
-    except (pl.exceptions.PolarsError, ValueError, OSError):
-        plain = False
-    if not plain:
-        yield read_csv(path)[done:]
-
-
-def read_csv(path: Path) -> Contacts:
-    """Read a contacts.csv that somebody may have edited, and say what is wrong with it.
-
-    Raises:
-        InputError: not a contacts.csv, a status that there is none of, a field that is no number, or an answered row
-            without a point.
-    """
-    table = read_table(path)
-    _require_columns(path, table.names)
-    whole, _ = table.numbers(_WHOLE, strict=True)
-    odd = np.flatnonzero(~((whole == np.rint(whole)) & (np.abs(whole) < 2**53)).all(axis=1))  # NaN and infinite too
-    if len(odd):
-        table.refuse(int(odd[0]), "sample, contact and candidates must be whole numbers")
-    sample, contact, candidates = whole.astype(np.int64).T
-    numbers, _ = table.numbers(["time", *_VECTORS, *_VARIANCES], strict=True)
-    return _contacts(sample, contact, candidates, _statuses(table), numbers, table)
-
-
-def parquet_blocks(path: Path) -> Iterator[Contacts]:
-    """The rows of a Parquet file of contacts, in pieces.
-
-    Raises:
-        InputError: it is none, or a row is not one of contacts.
-    """
-    try:
-        rows = pl.scan_parquet(path, glob=False)
-        _require_columns(path, rows.collect_schema().names())
-        rows = rows.select(pl.col(name).cast(kind) for name, kind in TYPES.items())
-        count = cast(int, rows.select(pl.len()).collect().item())
-        for start in range(0, max(count, 1), _ROWS):
-            yield from_frame(rows.slice(start, _ROWS).collect())
-    except (pl.exceptions.PolarsError, ValueError, OSError) as problem:
-        raise InputError(f"is no file of contacts ({str(problem).splitlines()[0]}).", where=str(path)) from problem
-
-
-def _pieces(file: BinaryIO, torn: bool) -> Iterator[Contacts]:
-    """At least one."""
-    while True:
-        text = file.read(_PIECE) + file.readline()
-        whole, end, rest = text.rpartition(b"\n") if torn else (text, b"", b"")
-        yield noted(from_frame(_parsed(whole + end)), "the last line is cut and was left out" if rest else "")
-        if len(text) < _PIECE:
-            return
-
-
-def _parsed(text: bytes) -> pl.DataFrame:
-    """Lines of text whose columns are those of `COLUMNS`, strictly."""
-    return pl.read_csv(text, has_header=False, schema=TYPES, quote_char=None) if text else pl.DataFrame(schema=TYPES)
-
-
-def _require_columns(path: Path, names: list[str] | tuple[str, ...]) -> None:
+def require_columns(path: Path, names: list[str] | tuple[str, ...]) -> None:
+    """Raise an InputError if a column is missing."""
     if missing := [name for name in COLUMNS if name not in names]:
         raise InputError(
             f"is not a contacts.csv: there is no column {missing[0]!r}.",
@@ -195,22 +124,16 @@ def _require_columns(path: Path, names: list[str] | tuple[str, ...]) -> None:
         )
 
 
-def _contacts(
+def assembled(
     sample: Int[np.ndarray, " n"],
     contact: Int[np.ndarray, " n"],
     candidates: Int[np.ndarray, " n"],
     status: Int[np.ndarray, " n"],
     numbers: Float[np.ndarray, "n 17"],
-    table: Table | None = None,
+    notes: tuple[str, ...] = (),
 ) -> Contacts:
-    """From columns; `numbers` are the time, the vectors and the variances."""
+    """From columns; `numbers` are those of `NUMBERS`."""
     vectors, variances = numbers[:, 1:11], numbers[:, 11:]
-    answered = np.isin(status, (Status.CONTACT, Status.AMBIGUOUS))
-    pointless = np.flatnonzero(answered & ~np.isfinite(vectors[:, :3]).all(axis=1))
-    if len(pointless):
-        if table is None:
-            raise ValueError("an answered row has no point")
-        table.refuse(int(pointless[0]), "is answered, but has no point")
     covariance = np.empty((len(sample), 3, 3))
     covariance[:, *_UPPER] = variances
     covariance[:, *_UPPER[::-1]] = variances
@@ -224,17 +147,4 @@ def _contacts(
         candidates=candidates.copy(),
         status=status.astype(np.int8),
     )
-    return Contacts(sample.copy(), numbers[:, 0].copy(), contact.copy(), estimate, table.notes if table else ())
-
-
-def _statuses(table: Table) -> np.ndarray:
-    text = table.strings("status")
-    codes = text.replace_strict(_LABELS, range(len(_LABELS)), default=None, return_dtype=pl.Int8)
-    if codes.null_count():
-        at = int(np.flatnonzero(codes.is_null().to_numpy())[0])
-        raise InputError(
-            f"unknown status {text[at]!r}.",
-            where=f"{table.path}, line {table.lines[at]}",
-            mend=near(str(text[at]), _LABELS),
-        )
-    return codes.to_numpy().copy()
+    return Contacts(sample.copy(), numbers[:, 0].copy(), contact.copy(), estimate, notes)

@@ -30,6 +30,7 @@ _HEAD = 9
 _FOOTER, _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _STATISTICS = 2, 3, 4, 5, 6, 11
 _END = _HEAD + 20 + len(MAGIC)  # bytes of the footer and what follows it
 _LONGEST_INDEX = 1 << 26
+_MOST = 1 << 16  # records of a stretch
 _FOOT = bytes([_FOOTER]) + (20).to_bytes(8, "little")
 
 
@@ -199,7 +200,8 @@ def _stretches(data: bytes) -> Iterator[_Stretch]:
     from palpate.io._mcap_walk import walk
 
     raw, end = np.frombuffer(data, dtype=np.uint8), 0
-    messages, others = np.empty((4, 1 << 16), dtype=np.int64), np.empty((1 << 12, 3), dtype=np.int64)
+    messages = np.empty((4, min(_MOST, len(raw) // (_HEAD + 22) + 1)), dtype=np.int64)
+    others = np.empty((min(_MOST, len(raw) // _HEAD + 1), 3), dtype=np.int64)
     while True:
         found, rest, stop = walk(raw, end, messages, others)
         if stop == end:

@@ -154,6 +154,7 @@ def decode(
     at += -(at - origin) % 8 if cdr else 0
     sound &= at + kind.size <= end
     values = _numbers(messages.data, at + kind.first, "f8", (kind.last - kind.first) // 8, sound, little)
+    values[np.isnan(values)] = np.nan  # of the many that bytes can make, the one that arithmetic does not warn of
     return stamps, values, sound
 
 

@@ -18,7 +18,7 @@ from palpate.sensors.recording import Recording
 
 __all__ = ["ParquetLog"]
 
-PIECE = 1 << 16  # rows
+PIECE = 1 << 17  # rows: each piece reads the file's own group of rows again, so few
 
 
 class ParquetLog:
@@ -52,13 +52,11 @@ class ParquetLog:
             if not (kinds[name].is_numeric() or kinds[name] == pl.Null):
                 raise InputError(f"column {name!r} holds no numbers but {kinds[name]}.", where=str(self.path))
         wanted = frame.select(pl.col(columns.names).cast(pl.Float64).fill_null(np.nan))
-        total, done = int(frame.select(pl.len()).collect().item()), 0
-        pieces = wanted.collect_batches(chunk_size=self._piece, maintain_order=True, lazy=True)
-        for piece in pieces:
-            yield columns.block(_Piece(piece, done).read)
-            done += len(piece)
-            self.position = self.size * done // total
-        if not done:
+        total = int(frame.select(pl.len()).collect().item())
+        for done in range(0, total, self._piece):
+            yield columns.block(_Piece(wanted.slice(done, self._piece).collect(), done).read)
+            self.position = self.size * min(done + self._piece, total) // total
+        if not total:
             raise InputError("there are columns, but no rows.", where=str(self.path))
 
     def notes(self) -> tuple[str, ...]:

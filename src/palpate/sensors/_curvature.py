@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-__all__ = ["Curvature", "Settings", "curvature", "part_of", "settings_of"]
+__all__ = ["Curvature", "Settings", "curvature", "part_of", "pose_period", "settings_of"]
 
 PARTS = 9
 LONGEST = 1.0  # s: windows are not made longer than this for slow poses
@@ -22,7 +22,8 @@ ROUNDING = 1e-12  # of the largest value: smaller changes of slope are none
 _PLACES = np.arange(PARTS) - (PARTS - 1) / 2
 _BASIS = np.stack([np.ones(PARTS), _PLACES, _PLACES**2 / 2], axis=1)
 _FIT = np.linalg.pinv(_BASIS)
-_LEFT = np.eye(PARTS) - _BASIS @ _FIT
+_LEFT = np.linalg.qr(np.hstack([_BASIS, np.eye(PARTS)]))[0][:, 3:].T  # across every parabola, orthonormal
+_BOTH = np.vstack([_FIT[2], _LEFT])
 
 
 @dataclass(frozen=True)
@@ -111,9 +112,9 @@ def _parabola(
     missing = np.cumsum(np.append(0, bad))
     good = duration & (missing[span + 1 :] == missing[:count])
     scale = np.where(good, (part * lasting / span) ** 2, np.nan)
-    value = np.tensordot(_FIT[2], parts, axes=1) / scale[:, None]
-    left = np.tensordot(_LEFT, parts, axes=1)
-    variance = np.sum(left**2, axis=(0, 2)) / (PARTS - 3) * float(_FIT[2] @ _FIT[2])
+    found = np.einsum("pq,qnk->pnk", _BOTH, parts)  # not BLAS: its threads take longer than the sums
+    value, left = found[0] / scale[:, None], np.sum(found[1:] ** 2, axis=0)
+    variance = np.sum(left, axis=1) / (PARTS - 3) * float(_FIT[2] @ _FIT[2])
     return value, np.sqrt(variance) / scale
 
 
@@ -128,20 +129,30 @@ def _nearest(whole: Bool[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
     return np.where(np.abs(marked[before] - rows) < np.abs(marked[after] - rows), marked[before], marked[after])
 
 
-def part_of(
-    poses: Float[np.ndarray, "n 8"], settings: Settings, scale: float = 1.0, periods: float = 2.0
-) -> tuple[int, float]:
+def part_of(period: float, settings: Settings, scale: float = 1.0, periods: float = 2.0) -> tuple[int, float]:
     """Rows of a part: of `scale` times the window of the settings, and no shorter than some periods of the poses.
 
-    The period is told by the kinks of rows that run straight between slower poses, or repeat them; where neither shows,
-    every row is a pose. Interpolated noise is alike over one period: with fewer than two in a part, the parabola takes
-    some of it for its own, and leaves too little. By how much is the second answer: a factor of the noise.
+    Interpolated noise is alike over one period: with fewer than two in a part, the parabola takes some of it for its
+    own, and leaves too little. By how much is the second answer: a factor of the noise.
+
+    Args:
+        period: rows from pose to pose, see `pose_period`.
+        settings: see `settings_of`.
+        scale: times the settings' window.
+        periods: of the poses in a part, at least.
+    """
+    part = min(_odd(max(scale * settings.part, periods * period)), settings.longest)
+    return part, max(1.0, 2.0 * period / part) ** 0.5
+
+
+def pose_period(poses: Float[np.ndarray, "n 8"], settings: Settings) -> float:
+    """Rows from pose to pose, told by the kinks of rows that run straight between slower poses, or repeat them.
+
+    0 where too few show: then every row is a pose, or nothing moves.
 
     Args:
         poses: (n, 8) time, quaternion and position, row by row.
         settings: see `settings_of`.
-        scale: times the settings' window.
-        periods: of the poses in a part, at least.
     """
     time, quaternion, position = poses[:, 0], poses[:, 1:5], poses[:, 5:]
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
@@ -149,9 +160,7 @@ def part_of(
         change = np.abs(np.diff(rates, axis=0)) * settings.step
         largest = max(1.0, float(np.max(np.abs(position), initial=0.0, where=np.isfinite(position))))
         kinked: Bool[np.ndarray, " m"] = np.any(change > ROUNDING * largest, axis=1)
-    period = _period(np.flatnonzero(kinked))
-    part = min(_odd(max(scale * settings.part, periods * period)), settings.longest)
-    return part, max(1.0, 2.0 * period / part) ** 0.5
+    return _period(np.flatnonzero(kinked))
 
 
 def _period(kinked: Int[np.ndarray, " k"]) -> float:

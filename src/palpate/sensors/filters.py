@@ -15,6 +15,7 @@ __all__ = ["Butterworth", "Filter", "Kalman", "Recursion"]
 
 SETTLED = 1e-12  # of a step: what is left of it where a response counts as settled
 SLOWEST = 1e-5  # of the rate: a lower cut-off needs tables that do not fit
+LEAST_RATIO = 1e-8  # of q and r: as slow
 MOST_SECTIONS = 4  # second order each
 
 
@@ -59,8 +60,8 @@ class Kalman:
     zero_phase = False
 
     def __post_init__(self) -> None:
-        if not (0 < self.q < np.inf and 0 < self.r < np.inf and 1e-12 <= self.q / self.r <= 1e12):  # NaN too
-            raise InputError(f"q ({self.q}) and r ({self.r}) must be positive, and not 1e12 times each other.")
+        if not (0 < self.q < np.inf and 0 < self.r < np.inf and LEAST_RATIO <= self.q / self.r < np.inf):  # NaN too
+            raise InputError(f"q ({self.q}) and r ({self.r}) must be positive, and q at least {LEAST_RATIO:g} r.")
 
     @property
     def steady_gain(self) -> float:

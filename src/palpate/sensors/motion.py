@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from palpate.errors import InputError
-from palpate.sensors._curvature import Curvature, Settings, curvature, part_of, settings_of
+from palpate.sensors._curvature import Curvature, Settings, curvature, part_of, pose_period, settings_of
 from palpate.sensors.recording import ACCELERATION, ORIENTATION, POSITION, UNSTEADY, Recording
 from palpate.spatial.pose import rotation_from_quaternion
 
@@ -165,7 +165,8 @@ class Motion:
         elif self.source in ("none", "poses"):
             path = path + near[:, 5:]
         choices = [(scale, 0.5) for scale in SCALES] if self.source == "none" else [(1.0, 2.0)]
-        parts = {part_of(near, settings, *choice) for choice in choices}
+        period = pose_period(near, settings)
+        parts = {part_of(period, settings, *choice) for choice in choices}
         found = [curvature(near[:, 0], path, settings, *part) for part in sorted(parts)]
         answers = self._left_out(found) if self.source == "none" else self._felt(found[0], rotations)
         self._span = max(self._span, 2 * found[0].half * settings.step)

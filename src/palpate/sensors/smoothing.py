@@ -54,8 +54,8 @@ class Forward:
         return age
 
     def share(self, age: np.ndarray) -> Float[np.ndarray, " n"]:
-        """Of the noise's variance, what is left at an age; 1 for samples that the filter did not touch."""
-        return np.where(age < 0, 1.0, self._share[np.minimum(age, len(self._share) - 1)])
+        """Of the noise's variance, what is left at an age; means nothing for samples that were passed by."""
+        return self._share[np.minimum(age, len(self._share) - 1)]
 
     def held(self, value: Float[np.ndarray, "6"], count: int) -> Wrenches:
         """What would come out if the last sample stayed; leaves the filter there."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from importlib.resources import files
+from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
 from palpate.errors import InputError
@@ -12,7 +13,7 @@ from palpate.viewer._style import inline
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["Picture", "Report", "Section", "Table", "Tile", "picture", "render"]
+__all__ = ["Picture", "Report", "Section", "Table", "Tile", "picture", "render", "require_report"]
 
 
 @dataclass(frozen=True)
@@ -73,6 +74,16 @@ class Report:
     warnings: tuple[str, ...] = ()
     sections: tuple[Section, ...] = field(default=())
     footer: str = ""
+
+
+def require_report() -> None:
+    """Before the work, not after it.
+
+    Raises:
+        InputError: matplotlib or jinja2 is not installed.
+    """
+    if missing := [name for name in ("matplotlib", "jinja2") if find_spec(name) is None]:
+        raise InputError(f"a report needs {' and '.join(missing)}.", mend="pip install 'palpate[report]'")
 
 
 def picture(drawn: Figure, caption: str) -> Picture:

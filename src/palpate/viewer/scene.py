@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from palpate.contact.estimate import ContactEstimate, Status
 from palpate.spatial.pose import quaternion_from_rotation
@@ -17,7 +17,7 @@ __all__ = ["MAGNIFICATIONS", "Moment", "Scene", "ellipse", "nice", "prepare"]
 
 INSIDE = 5.991464547107979  # chi-square of two degrees of freedom at 95 %
 MAGNIFICATIONS = (1, 2, 5, 10, 20, 50, 100)
-PLOTTED = 1_200  # rows of a plot: two a pixel
+PLOTTED = 800  # rows of a plot: two a pixel
 TRAIL = 300  # segments
 _SAMPLED = 2_000  # contacts that a typical value is taken from
 _WORDS = {
@@ -118,7 +118,8 @@ class Scene:
         """Where the contact was in the last seconds: segments [m] and their ages (0 now, 1 oldest)."""
         now = self.timeline.clock[index]
         first = self.timeline.span(now - seconds, now).start
-        rows: Int[np.ndarray, " r"] = np.arange(index, first - 1, -max(1, -(-(index - first) // TRAIL)))[::-1]
+        stride = max(1, -(-(index - first) // TRAIL))
+        rows = index - stride * np.arange((index - first) // stride + 1, dtype=np.int64)[::-1]
         known = self.timeline.touched[rows]
         joined = np.flatnonzero(known[:-1] & known[1:])
         points = self.estimate.point[rows] + 2e-3 * self.mesh.size * self.estimate.normal[rows]

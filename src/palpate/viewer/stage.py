@@ -37,6 +37,7 @@ class Stage:
     def __init__(self, server: ViserServer, scene: Scene) -> None:
         self._scene, self._size, self._centre = scene, scene.mesh.size, scene.mesh.centre
         self._space = server.scene
+        self._space.configure_default_lights(cast_shadow=False)  # dear where there is no graphics card
         self._place_camera(server)
         self._ground()
         self._bodies: dict[bool, GlbHandle] = {}  # with and without heat, each made when first wanted
