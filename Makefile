@@ -13,7 +13,7 @@ READY := .venv/.ready
 UV := .tools/bin/uv
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test check docs bench evidence lock clean
+.PHONY: help setup demo browser test check docs bench evidence lock clean
 
 help: ## this list
 	@sed -n 's/^\([a-z]*\):.*## \(.*\)/make \1\t\2/p' Makefile
@@ -23,7 +23,10 @@ setup: $(READY) ## the environment, in .venv
 demo: $(READY) ## the whole chain on a made-up session, into demo/
 	$(BIN)/python examples/demo.py
 
-test: $(READY) ## the tests
+browser: ## chromium, from Debian's packages where there is none: the tests of the page open it
+	@command -v chromium > /dev/null || { apt-get update -qq && apt-get install -qq -y --no-install-recommends chromium; }
+
+test: $(READY) ## the tests; those of the page skip without chromium
 	$(BIN)/pytest
 
 check: $(READY) ## style, types, import directions
@@ -55,6 +58,6 @@ $(UV):
 
 $(READY): $(UV) requirements.lock pyproject.toml
 	$(UV) venv --quiet --allow-existing --python "$(PYTHON)" .venv
-	$(UV) pip sync --quiet --python $(BIN)/python --require-hashes requirements.lock
+	$(UV) pip sync --quiet --compile-bytecode --python $(BIN)/python --require-hashes requirements.lock
 	$(UV) pip install --quiet --python $(BIN)/python --no-deps --no-build-isolation --editable .
 	@touch $@

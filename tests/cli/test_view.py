@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import importlib
+import inspect
 import os
 import re
 import signal
@@ -17,12 +19,13 @@ import numpy as np
 import pytest
 
 from palpate.cli import main
-from palpate.cli.view import view
 from palpate.io.contacts import read_contacts
 from palpate.simulation.session import simulate_session
 from palpate.simulation.session_files import write_session
 from palpate.viewer import server
 from palpate.viewer.scene import Scene
+
+view_command = importlib.import_module("palpate.cli.view")
 
 
 @pytest.fixture(scope="module")
@@ -41,7 +44,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def shown(monkeypatch: pytest.MonkeyPatch) -> list[Scene]:
     """The scenes that would have been served."""
     scenes: list[Scene] = []
-    monkeypatch.setattr(server, "serve", lambda scene, *_, **__: scenes.append(scene))
+    monkeypatch.setattr(view_command, "serve", lambda scene, *_, **__: scenes.append(scene))
     return scenes
 
 
@@ -86,7 +89,8 @@ def test_an_address_to_which_nothing_can_be_bound_is_one_sentence(
 
 
 def test_it_listens_at_this_machine_only_unless_told_otherwise() -> None:
-    assert view.__defaults__ == (8080, "127.0.0.1")
+    for function in (view_command.view, server.serve, server.Page.__init__):
+        assert inspect.signature(function).parameters["host"].default == "127.0.0.1"
 
 
 def test_it_serves_until_ctrl_c_on_the_next_free_port(made: Path) -> None:

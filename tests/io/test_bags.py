@@ -130,3 +130,10 @@ def test_a_folder_that_is_no_bag_is_refused(tmp_path: Path) -> None:
     (tmp_path / "metadata.yaml").write_text("rosbag2_bagfile_information: 3\n")
     with pytest.raises(InputError, match="a bag that cannot be read"):
         read_recording(tmp_path)
+
+
+def test_a_folder_of_several_recordings_is_not_one(tmp_path: Path) -> None:
+    for name in ("monday.mcap", "tuesday.mcap"):
+        write_mcap(tmp_path / name, session(3).messages())
+    with pytest.raises(InputError, match=r"not one recording: monday\.mcap, tuesday\.mcap"):
+        read_recording(tmp_path)

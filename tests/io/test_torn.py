@@ -40,27 +40,32 @@ def _cuts(path: Path) -> Iterator[tuple[int, np.ndarray, str]]:
         yield kept, *_read(part)
 
 
-def _ends(path: Path, log: Session, name: str) -> np.ndarray:
-    """(n,) the byte of the file from which on each wrench is there: its own last, or that of its chunk."""
+def _bounds(path: Path, log: Session, name: str) -> tuple[np.ndarray, np.ndarray]:
+    """(n,) bytes of the file without which a wrench cannot be there, and with which it must be.
+
+    Its own last byte; in a packed chunk the first and the last of the chunk.
+    """
     whole = path.read_bytes()
     if name in ("plain", "chunks"):
-        return np.array([whole.find(row.tobytes()) + 48 for row in log.wrench])
+        ends = np.array([whole.find(row.tobytes()) + 48 for row in log.wrench])
+        return ends, ends
     with path.open("rb") as file:
         summary = make_reader(file).get_summary()
     assert summary is not None
-    chunks = {chunk.message_end_time: chunk.chunk_start_offset + chunk.chunk_length for chunk in summary.chunk_indexes}
-    times = np.sort(list(chunks))
-    return np.array([chunks[times[np.searchsorted(times, stamp)]] for stamp in log.stamp])
+    chunks = sorted(summary.chunk_indexes, key=lambda chunk: chunk.message_end_time)
+    of = np.searchsorted([chunk.message_end_time for chunk in chunks], log.stamp)
+    begins = np.array([chunk.chunk_start_offset for chunk in chunks])
+    return begins[of], (begins + [chunk.chunk_length for chunk in chunks])[of]
 
 
 @pytest.mark.parametrize("name", FORMATS)
 def test_every_whole_message_before_a_cut_is_there(tmp_path: Path, name: str) -> None:
     log, path = session(60), tmp_path / "log.mcap"
     write_mcap(path, log.messages(), **FORMATS[name])
-    ends = _ends(path, log, name)
+    least, enough = _bounds(path, log, name)
     for kept, wrenches, said in _cuts(path):
         assert np.array_equal(wrenches, log.wrench[: len(wrenches)])
-        assert len(wrenches) == np.count_nonzero(ends <= kept)
+        assert np.count_nonzero(enough <= kept) <= len(wrenches) <= np.count_nonzero(least <= kept)
         assert "torn at byte" in said or kept < 8  # the first 8 bytes say that it is MCAP
 
 
@@ -101,3 +106,20 @@ def test_the_recording_of_a_torn_file_says_so_first(tmp_path: Path) -> None:
     write_mcap(path, log.messages(), use_chunking=False)
     path.write_bytes(path.read_bytes()[:6000])
     assert read_recording(path).notes[0].startswith("the file is torn at byte")
+
+
+def test_a_damaged_first_chunk_costs_its_messages_only(tmp_path: Path) -> None:
+    """The topics are declared in it, but also in the index."""
+    log, path = session(100), tmp_path / "log.mcap"
+    write_mcap(path, log.messages(), chunk_size=4000, compression=CompressionType.ZSTD)
+    raw = bytearray(path.read_bytes())
+    with path.open("rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None
+    first = summary.chunk_indexes[0]
+    raw[first.chunk_start_offset + 60] ^= 0xFF  # behind the head, in what is packed
+    path.write_bytes(raw)
+    wrenches, said = _read(path)
+    assert np.array_equal(wrenches, log.wrench[-len(wrenches) :])
+    assert len(wrenches) >= np.count_nonzero(log.stamp > first.message_end_time)
+    assert f"torn at byte {first.chunk_start_offset} of" in said

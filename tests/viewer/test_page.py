@@ -126,6 +126,16 @@ def test_next_leads_to_the_touch_and_play_runs(view: object, page: Page, scene: 
     _until(lambda: not page.playing, "it does not pause")
 
 
+def test_the_camera_turns_to_the_side_that_is_touched(view: object, page: Page, scene: Scene) -> None:
+    """Seen against the normal, whatever side it was seen from before; the browser says where its camera is."""
+    page.seek(2.0)
+    _until(lambda: page.index == 200, "no seeking")
+    view.get_by_role("button", name="turn to it").click()
+    client = next(iter(page._server.get_clients().values()))
+    normal = scene.at(200).normal
+    _until(lambda: client.camera.position @ normal > 0.7 * np.linalg.norm(client.camera.position), "it does not turn")
+
+
 def test_heat_can_be_hidden(view: object) -> None:
     view.get_by_role("checkbox").first.uncheck()
     _until(lambda: _warm(_picture(view)) < 20, "the heat stays")

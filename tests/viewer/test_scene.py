@@ -14,9 +14,9 @@ from palpate.contact.estimate import ContactEstimate, Status
 from palpate.spatial.pose import rotation_from_quaternion
 from palpate.surfaces.plane import plane
 from palpate.viewer.heat import PALETTE, colours, density, skin
-from palpate.viewer.panel import spoken
 from palpate.viewer.scene import INSIDE, MAGNIFICATIONS, Scene, ellipse, nice, prepare
 from palpate.viewer.timeline import Timeline, thinned
+from palpate.viewer.words import spoken
 
 
 @pytest.fixture(scope="module")

@@ -6,32 +6,29 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-from jaxtyping import Float
 from tyro.conf import arg
 
 from palpate.cli.interrupts import import_mesh_reader
-from palpate.cli.options import Log, RigFile
-from palpate.cli.screen import note, progress, title, wait
+from palpate.cli.options import Log
+from palpate.cli.pipeline import open_pipeline
+from palpate.cli.screen import note, progress, title
+from palpate.cli.setup import Setup
 from palpate.contact.estimate import ContactEstimate
 from palpate.contact.frames import in_frame
 from palpate.errors import InputError
-from palpate.io.contacts import Contacts, read_contacts
-from palpate.io.contacts_read import contact_blocks
-from palpate.io.logs import read_recording
+from palpate.io.contacts import Contacts, contact_blocks, read_contacts
 from palpate.io.models import load_toml
-from palpate.io.rig import Rig, build, load_rig
-from palpate.sensors.noise import estimate_noise
-from palpate.surfaces.mesh import Mesh
+from palpate.io.rig import Rig
+from palpate.viewer.scene import Scene, prepare
+from palpate.viewer.server import require_viser, serve
 
 __all__ = ["view"]
-
-BLOCK = 5_000  # samples between two chances of hearing Ctrl-C
 
 
 def view(
     log: Log,
     /,
-    rig: RigFile,
+    setup: Annotated[Setup, arg(name="")],
     port: Annotated[int, arg(metavar="N")] = 8080,
     host: Annotated[str, arg(metavar="ADDRESS")] = "127.0.0.1",
 ) -> None:
@@ -39,28 +36,16 @@ def view(
 
     Args:
         log: a log, which is estimated first, or what `palpate estimate` wrote, which is shown as it is.
-        rig: TOML of the set-up.
+        setup: what is touched and how it is located.
         port: to serve at; the next free one if it is taken.
         host: address to serve at; the default can be reached from this machine only.
     """
-    from palpate.viewer.scene import prepare
-    from palpate.viewer.server import require_viser, serve
-
-    require_viser()  # before the work, not after it
-    setup = load_rig(rig)
-    if setup.mesh_path() is not None:
-        import_mesh_reader()
-    surface = setup.surface.load(setup.folder)
+    require_viser(host, port)  # before the work, not after it
+    rig = setup.load()
     contacts = _written(log)
-    if contacts is None:
-        time, estimate, notes = _estimated(log, setup, surface)
-    else:
-        time, estimate, notes = contacts.time, _in_surface(contacts, log, setup), contacts.notes
-    if not len(time):
-        raise InputError("there is nothing to show: it has no samples.", where=str(log))
-    scene = prepare(surface, time, estimate, log.name)
-    title(f"{log}: {len(time):,} samples")
-    note([*surface.notes, *notes])
+    scene, notes = _estimated(log, rig) if contacts is None else (_shown(contacts, log, rig), contacts.notes)
+    title(f"{log}: {len(scene):,} samples")
+    note(notes)
     serve(scene, host, port, up=lambda address: print(f"  open {address} in a browser; Ctrl-C ends it", flush=True))
 
 
@@ -71,6 +56,30 @@ def _written(path: Path) -> Contacts | None:
     except InputError:  # the reader of logs will say what it is instead
         return None
     return read_contacts(path)
+
+
+def _estimated(path: Path, rig: Rig) -> tuple[Scene, list[str]]:
+    """A log on its way through the whole chain, and what is to be known of it."""
+    pipeline = open_pipeline(path, rig)
+    times, parts, done = list[np.ndarray](), list[ContactEstimate](), 0
+    for block, found in pipeline.stream():
+        times.append(block.time)
+        parts.append(found)
+        done += len(block)
+        progress(done, pipeline.log.position / max(pipeline.log.size, 1))
+    joined = {name: np.concatenate([getattr(part, name) for part in parts]) for name in vars(parts[0])}
+    scene = prepare(pipeline.surface, np.concatenate(times), ContactEstimate(**joined), path.name)
+    torn = [pipeline.log.torn] if pipeline.log.torn else []
+    return scene, [*torn, *pipeline.said, *pipeline.remarks(), *pipeline.notes()]
+
+
+def _shown(contacts: Contacts, path: Path, rig: Rig) -> Scene:
+    """Contacts as they were written."""
+    if not len(contacts):
+        raise InputError("there is nothing to show: it has no rows.", where=str(path))
+    if rig.mesh_path() is not None:
+        import_mesh_reader()
+    return prepare(rig.surface.load(rig.folder), contacts.time, _in_surface(contacts, path, rig), path.name)
 
 
 def _in_surface(contacts: Contacts, path: Path, rig: Rig) -> ContactEstimate:
@@ -84,16 +93,3 @@ def _in_surface(contacts: Contacts, path: Path, rig: Rig) -> ContactEstimate:
             mend="Estimate without --frame base, or view the log itself.",
         )
     return in_frame(contacts.estimate, rig.surface.pose.pose().inverse()) if frame == "sensor" else contacts.estimate
-
-
-def _estimated(path: Path, rig: Rig, surface: Mesh) -> tuple[Float[np.ndarray, " n"], ContactEstimate, tuple[str, ...]]:
-    recording = read_recording(path, rig.layout())
-    noise = None if rig.force_torque.noise is not None else estimate_noise(recording.wrenches())
-    wait("preparing the surface and compiling kernels (compiling happens once)")
-    estimator = build(rig, surface=surface, noise=noise)
-    parts: list[ContactEstimate] = []
-    for start in range(0, len(recording), BLOCK):
-        parts.append(estimator.run(recording.picked(slice(start, start + BLOCK))))
-        progress(min(start + BLOCK, len(recording)), len(recording))
-    joined = {name: np.concatenate([getattr(part, name) for part in parts]) for name in vars(parts[0])}
-    return recording.time, ContactEstimate(**joined), recording.notes

@@ -26,8 +26,14 @@ def open_folder(path: Path) -> Source:
     Raises:
         InputError: there is no bag in the folder.
     """
-    files = [file for file in path.iterdir() if file.is_file()]
+    try:
+        files = [file for file in path.iterdir() if file.is_file()]
+    except OSError as problem:
+        raise InputError(f"cannot be read ({problem}).", where=str(path)) from problem
     parts = sorted((file for file in files if file.suffix == ".mcap"), key=_natural)
+    if len({re.sub(r"_\d+$", "", part.stem) for part in parts}) > 1:
+        listed = ", ".join(part.name for part in parts[:5])
+        raise InputError(f"holds MCAP files that are not one recording: {listed}.", where=str(path), mend="Name one.")
     if parts:
         return _Parts([McapFile(part) for part in parts])
     if path / "metadata.yaml" not in files:

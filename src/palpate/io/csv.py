@@ -6,9 +6,10 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from palpate.io.columns import Columns
+from palpate.io.fields import Rows
 from palpate.io.layout import Layout
 from palpate.io.lines import open_input
-from palpate.io.table import Rows, tables
+from palpate.io.table import tables
 from palpate.sensors.recording import Recording
 
 __all__ = ["CsvLog"]
@@ -35,7 +36,7 @@ class CsvLog:
                 self.position = file.tell() if file.seekable() else 0
                 if self._columns is None:
                     self._columns = Columns(self._layout, self.path, table.names)
-                self._rows.add(table)
+                table.counted(self._rows)
                 if len(table):
                     yield self._columns.block(table.read)
         self._rows.require(self.path)

@@ -1,4 +1,4 @@
-"""How well the columns of a file could be read as numbers, summed over the pieces in which it is read."""
+"""How well a file could be read as rows of numbers, summed over the pieces in which it is read."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from palpate.errors import InputError
 
-__all__ = ["Fields"]
+__all__ = ["Fields", "Rows"]
 
 
 class Fields:
@@ -52,3 +52,46 @@ class Fields:
             first = f"{place}, column {name!r}, {text!r}"
             break
         return (f"{self.bad} of {self.rows} rows have a field that is missing or not a number (first: {first})",)
+
+
+class Rows:
+    """How many rows of a file have the fields of its header, summed over its pieces."""
+
+    def __init__(self) -> None:
+        self.count = self.whole = self.unclosed = self.ragged = 0
+        self._first = self._first_unclosed = self._first_ragged = ""
+        self._fields, self._delimiter = 0, ""
+
+    def add(self, lines: Int[np.ndarray, " n"], fields: Int[np.ndarray, " n"], width: int, delimiter: str) -> None:
+        """One more piece: the line of each row, its fields (-1: a quote is not closed), and those of the header."""
+        unclosed, ragged = fields < 0, (fields >= 0) & (fields != width)
+        if not self.count and len(lines):
+            found = f"{fields[0]}" if fields[0] >= 0 else "a quote that is not closed"
+            self._first = f"line {lines[0]} has {found}"
+        self.count += len(lines)
+        self._fields, self._delimiter = width, delimiter
+        self.unclosed += int(np.count_nonzero(unclosed))
+        self.ragged += int(np.count_nonzero(ragged))
+        if unclosed.any() and not self._first_unclosed:
+            self._first_unclosed = f"line {lines[int(np.argmax(unclosed))]}"
+        if ragged.any() and not self._first_ragged:
+            self._first_ragged = f"line {lines[int(np.argmax(ragged))]}"
+
+    def require(self, path: Path) -> None:
+        """Raise an InputError if there is no row, or none with the fields of the header."""
+        if not self.count:
+            raise InputError("there is a header, but no rows.", where=str(path))
+        if self.unclosed + self.ragged == self.count:
+            raise InputError(
+                f"no row has the {self._fields} fields of the header; {self._first}.",
+                where=str(path),
+                mend="Is the decimal point a comma?" if self._delimiter == "," else "",
+            )
+
+    def notes(self) -> tuple[str, ...]:
+        """What a reader should know."""
+        said = (
+            (self.unclosed, "have a quote that is not closed", self._first_unclosed),
+            (self.ragged, f"do not have {self._fields} fields", self._first_ragged),
+        )
+        return tuple(f"{count} rows {what} (first: {first})" for count, what, first in said if count)

@@ -39,9 +39,10 @@ class Layout:
         orientation: quaternion x, y, z, w of the sensor in the base. None: qx, qy, qz, qw where the log has them.
         position: of the sensor in the base [m]. None: x, y, z where the log has them.
         acceleration: of the sensor in its own frame [m/s^2]. None: ax, ay, az where the log has them.
-        wrench_topic, orientation_topic, acceleration_topic: of a log with topics. None: the only one of its kind.
+        wrench_topic, orientation_topic: of a log with topics. None: the only one of its kind.
+        acceleration_topic: of a log with topics. None: no acceleration, as an accelerometer may sit anywhere.
         offset: [s] added to the stamps of the poses of a topic to put them on the wrenches' clock.
-        max_gap: [s] between poses of a topic, beyond which there is no orientation.
+        max_gap: [s] between poses or accelerations of a topic, beyond which there is none in between.
     """
 
     time: str = "time"

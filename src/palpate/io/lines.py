@@ -9,7 +9,7 @@ from typing import BinaryIO
 from palpate.errors import InputError
 from palpate.io.units import near
 
-__all__ = ["open_input", "whole_lines"]
+__all__ = ["open_input", "read_some", "whole_lines"]
 
 _LONGEST = 1 << 26  # bytes of a line, beyond which a file is no text
 
@@ -35,7 +35,7 @@ def whole_lines(file: BinaryIO, path: Path, size: int) -> Iterator[bytes]:
     Raises:
         InputError: it is no text in UTF-8.
     """
-    piece = _read(file, path, size).removeprefix(b"\xef\xbb\xbf")
+    piece = read_some(file, path, size).removeprefix(b"\xef\xbb\xbf")
     if piece.startswith((b"\xff\xfe", b"\xfe\xff")):
         raise InputError("is UTF-16 text.", where=str(path), mend="Save it as UTF-8.")
     if b"\0" in piece[:4096]:
@@ -44,7 +44,7 @@ def whole_lines(file: BinaryIO, path: Path, size: int) -> Iterator[bytes]:
     rest = b""
     while piece:
         text = rest + (piece.replace(b"\r", b"\n") if returns else piece)
-        piece = _read(file, path, size)
+        piece = read_some(file, path, size)
         if not piece:
             yield text.removesuffix(b"\n")
             return
@@ -55,7 +55,12 @@ def whole_lines(file: BinaryIO, path: Path, size: int) -> Iterator[bytes]:
             raise InputError("has a line of more than 64 MB.", where=str(path), mend="A log is a CSV file here.")
 
 
-def _read(file: BinaryIO, path: Path, size: int) -> bytes:
+def read_some(file: BinaryIO, path: Path, size: int) -> bytes:
+    """So many bytes, or what is left, or all with -1.
+
+    Raises:
+        InputError: they cannot be read.
+    """
     try:
         return file.read(size)
     except OSError as problem:  # a folder, a disk that fails

@@ -13,7 +13,7 @@ from palpate.errors import InputError
 from palpate.io.bag_file import BagFile, open_folder
 from palpate.io.csv import CsvLog
 from palpate.io.layout import Layout
-from palpate.io.lines import open_input
+from palpate.io.lines import open_input, read_some
 from palpate.io.log import Log
 from palpate.io.mcap_file import McapFile
 from palpate.io.messages import Source
@@ -117,7 +117,7 @@ def _kind(path: Path) -> str:
     if path.exists() and not path.is_file():  # a pipe gives its first bytes once
         return ""
     with open_input(path) as file:
-        first = file.read(16)
+        first = read_some(file, path, 16)
     kind = next((suffix for magic, suffix in _MAGIC if first.startswith(magic)), "")
     suffix = path.suffix.lower()
     if kind == "" and suffix in _KINDS:

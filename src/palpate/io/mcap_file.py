@@ -18,7 +18,7 @@ from typing import BinaryIO
 import numpy as np
 from jaxtyping import Int
 
-from palpate.io.lines import open_input
+from palpate.io.lines import open_input, read_some
 from palpate.io.mcap_chunks import LARGEST, Chunk, channel, inflate, schema, statistics
 from palpate.io.messages import Messages, Topic, merged
 
@@ -64,7 +64,8 @@ class McapFile:
 
     def messages(self, names: Collection[str] = ()) -> Generator[Messages]:
         """All of them, whatever the names."""
-        self._forget()
+        self._read_index()  # what it declares stands even if the chunk that declares it is damaged
+        self._counts.clear()
         with open_input(self.path) as file:
             yield from self._read(file)
         if self._damage is not None:
@@ -91,7 +92,7 @@ class McapFile:
     def _read(self, file: BinaryIO) -> Iterator[Messages]:
         """`held` are the bytes from `at` on that were not used yet; they begin with a record."""
         at, held, want = file.seek(len(MAGIC)), b"", PIECE
-        while more := file.read(want):
+        while more := read_some(file, self.path, want):
             held += more
             self.position = at + len(held)
             end = 0
@@ -102,7 +103,7 @@ class McapFile:
                     _, start, length = stretch.others[-1]
                     yield from self._unpack(memoryview(held)[start : start + length], at + start - _HEAD)
                 elif stretch.last == _FOOTER:
-                    if held[end:] + file.read(len(MAGIC)) != MAGIC:
+                    if held[end:] + read_some(file, self.path, len(MAGIC)) != MAGIC:
                         self._damaged(at + end, "the footer is not the end")
                     return
             held, at, want = held[end:], at + end, PIECE
@@ -114,7 +115,7 @@ class McapFile:
                 return self._damaged(at, "what is there is no record")
             if after > self.size:
                 if kind == _CHUNK:
-                    yield from self._unpack(memoryview(held + file.read(LARGEST))[_HEAD:], at)
+                    yield from self._unpack(memoryview(held + read_some(file, self.path, LARGEST))[_HEAD:], at)
                 return self._damaged(at, "it ends within a record")
             if length > (LARGEST if kind == _CHUNK else PIECE):
                 self._pass_over(kind, held, at)
@@ -175,14 +176,14 @@ class McapFile:
         self._forget()
         with open_input(self.path) as file:
             end = file.seek(max(0, self.size - _END))
-            foot = file.read()
+            foot = read_some(file, self.path, -1)
             if len(foot) < _END or foot[:_HEAD] != _FOOT or not foot.endswith(MAGIC):
                 return False
             (start,) = unpack_from("<Q", foot, _HEAD)
             if not len(MAGIC) <= start < end <= start + _LONGEST_INDEX:
                 return False
             file.seek(start)
-            data = file.read(end - start)
+            data = read_some(file, self.path, end - start)
         channels = -1
         for stretch in _stretches(data):
             for kind, start, length in stretch.others:

@@ -37,7 +37,7 @@ class ParquetLog:
         open_input(self.path).close()
         try:
             yield from self._blocks()
-        except pl.exceptions.PolarsError as problem:
+        except (pl.exceptions.PolarsError, pl.exceptions.PanicException, OSError) as problem:
             raise InputError(
                 f"cannot be read as Parquet ({str(problem).splitlines()[0]}).",
                 where=str(self.path),
@@ -54,8 +54,9 @@ class ParquetLog:
         wanted = frame.select(pl.col(columns.names).cast(pl.Float64).fill_null(np.nan))
         total = int(frame.select(pl.len()).collect().item())
         for done in range(0, total, self._piece):
-            yield columns.block(_Piece(wanted.slice(done, self._piece).collect(), done).read)
+            piece = _Piece(wanted.slice(done, self._piece).collect(), done)
             self.position = self.size * min(done + self._piece, total) // total
+            yield columns.block(piece.read)
         if not total:
             raise InputError("there are columns, but no rows.", where=str(self.path))
 

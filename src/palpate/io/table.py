@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -15,14 +14,14 @@ import polars as pl
 from jaxtyping import Bool, Float, Int
 
 from palpate.errors import InputError
-from palpate.io.fields import Fields
+from palpate.io.delimited import parse, says_nan, split, unquoted
+from palpate.io.fields import Fields, Rows
 from palpate.io.lines import open_input, whole_lines
 from palpate.io.units import near
 
-__all__ = ["Rows", "Table", "read_table", "tables"]
+__all__ = ["Table", "read_table", "tables"]
 
 _DELIMITERS = (b",", b";", b"\t")
-_INSIDE = b"\x1f"  # stands for a delimiter inside quotes, so that every line parses on its own
 
 
 @dataclass(frozen=True)
@@ -55,7 +54,12 @@ class Table:
     @property
     def notes(self) -> tuple[str, ...]:
         """What was met on the way."""
-        return Rows().add(self).notes()
+        return self.counted(Rows()).notes()
+
+    def counted(self, rows: Rows) -> Rows:
+        """Add these rows to an account of them."""
+        rows.add(self.lines, self.fields, len(self.names), self.delimiter)
+        return rows
 
     def strings(self, name: str) -> pl.Series:
         """One column as text, stripped, null where empty."""
@@ -122,7 +126,7 @@ class Table:
         return f"line {self.lines[row]}"
 
     def _find_unread(self, name: str, text: pl.Series, values: Float[np.ndarray, " n"], fields: Fields) -> None:
-        unread = text.is_not_null().to_numpy() & np.isnan(values) & ~_says_nan(text)
+        unread = text.is_not_null().to_numpy() & np.isnan(values) & ~says_nan(text)
         if unread.any():
             at = int(np.argmax(unread))
             fields.unread[name] = self._line(at), text[at]
@@ -130,64 +134,19 @@ class Table:
     def _strings(self, names: Sequence[str]) -> list[pl.Series]:
         parsed = self._parse(names, numbers=False)
         return [
-            column.to_frame("").select(_unquoted(pl.all(), self.delimiter).replace("", None)).to_series()
+            column.to_frame("").select(unquoted(pl.all(), self.delimiter).replace("", None)).to_series()
             for column in parsed
         ]
 
     def _parse(self, names: Sequence[str], *, numbers: bool) -> list[pl.Series]:
         indices = [self.names.index(name) for name in names]
-        frame = _parse(self._text, self.delimiter, self.path, len(self.names), indices, numbers=numbers)
+        frame = parse(self._text, self.delimiter, self.path, len(self.names), indices, numbers=numbers)
         return [frame[f"c{index}"] for index in indices]
 
     def _cast(self, text: pl.Series) -> Float[np.ndarray, " n"]:
         if self.delimiter != ",":  # then a comma can only be a decimal point
             text = text.str.replace(",", ".", literal=True)
         return text.cast(pl.Float64, strict=False).fill_null(float("nan")).to_numpy().copy()
-
-
-class Rows:
-    """How many rows of a file have the fields of its header, summed over its pieces."""
-
-    def __init__(self) -> None:
-        self.count = self.whole = self.unclosed = self.ragged = 0
-        self._first = self._first_unclosed = self._first_ragged = ""
-        self._fields, self._delimiter = 0, ""
-
-    def add(self, table: Table) -> Rows:
-        """The rows of one more piece."""
-        unclosed = table.fields < 0
-        ragged = table.ragged & ~unclosed
-        if not self.count and len(table):
-            found = f"{table.fields[0]}" if table.fields[0] >= 0 else "a quote that is not closed"
-            self._first = f"line {table.lines[0]} has {found}"
-        self.count += len(table)
-        self._fields, self._delimiter = len(table.names), table.delimiter
-        self.unclosed += int(np.count_nonzero(unclosed))
-        self.ragged += int(np.count_nonzero(ragged))
-        if unclosed.any() and not self._first_unclosed:
-            self._first_unclosed = f"line {table.lines[int(np.argmax(unclosed))]}"
-        if ragged.any() and not self._first_ragged:
-            self._first_ragged = f"line {table.lines[int(np.argmax(ragged))]}"
-        return self
-
-    def require(self, path: Path) -> None:
-        """Raise an InputError if there is no row, or none with the fields of the header."""
-        if not self.count:
-            raise InputError("there is a header, but no rows.", where=str(path))
-        if self.unclosed + self.ragged == self.count:
-            raise InputError(
-                f"no row has the {self._fields} fields of the header; {self._first}.",
-                where=str(path),
-                mend="Is the decimal point a comma?" if self._delimiter == "," else "",
-            )
-
-    def notes(self) -> tuple[str, ...]:
-        """What a reader should know."""
-        said = (
-            (self.unclosed, "have a quote that is not closed", self._first_unclosed),
-            (self.ragged, f"do not have {self._fields} fields", self._first_ragged),
-        )
-        return tuple(f"{count} rows {what} (first: {first})" for count, what, first in said if count)
 
 
 def read_table(path: Path) -> Table:
@@ -198,7 +157,7 @@ def read_table(path: Path) -> Table:
     """
     with open_input(path) as file:
         whole = next(tables(file, path, -1))
-    Rows().add(whole).require(path)
+    whole.counted(Rows()).require(path)
     return whole
 
 
@@ -217,7 +176,7 @@ def tables(file: BinaryIO, path: Path, size: int) -> Iterator[Table]:
         raise InputError("the file is empty.", where=str(path))
     delimiter, names = _delimiter(header, path), ()
     for piece in chain([text], pieces):
-        raw, numbers, fields = _lines(piece, delimiter)
+        raw, numbers, fields = split(piece, delimiter)
         numbers += before
         before += piece.count(b"\n") + 1
         if not names:
@@ -238,64 +197,8 @@ def _delimiter(header: bytes, path: Path) -> bytes:
 
 
 def _names(header: bytes, delimiter: str, path: Path, count: int) -> tuple[str, ...]:
-    parsed = _parse(header, delimiter, path, count, range(count), numbers=False)
-    names = parsed.select(_unquoted(pl.all(), delimiter).fill_null("")).row(0)
+    parsed = parse(header, delimiter, path, count, range(count), numbers=False)
+    names = parsed.select(unquoted(pl.all(), delimiter).fill_null("")).row(0)
     if all(re.fullmatch(r"[-+\d.eE]+|nan|inf", name.lower()) for name in names):
         raise InputError("the first line holds numbers.", where=str(path), mend="It must name the columns.")
     return names
-
-
-def _lines(raw: bytes, delimiter: bytes) -> tuple[bytes, Int[np.ndarray, " n"], Int[np.ndarray, " n"]]:
-    """The text without blank lines and with `_INSIDE` for delimiters inside quotes; each line's number and fields.
-
-    A line is a row, whatever its quotes say: where one is not closed, the count of fields is -1.
-    """
-    text = np.frombuffer(raw, dtype=np.uint8)
-    ends = np.append(np.flatnonzero(text == ord("\n")), len(text))
-    starts = np.append(0, ends[:-1] + 1)
-    marks = np.flatnonzero(text == ord(delimiter))
-    unclosed = np.zeros(len(ends), dtype=bool)
-    if b'"' in raw:
-        quotes = np.flatnonzero(text == ord('"'))
-        before = np.searchsorted(quotes, starts)
-        unclosed = np.diff(before, append=len(quotes)) % 2 == 1
-        inside = (np.searchsorted(quotes, marks) - before[np.searchsorted(ends, marks)]) % 2 == 1
-        text = text.copy()
-        text[marks[inside]] = ord(_INSIDE)
-        raw, marks = text.tobytes(), marks[~inside]
-    fields = np.diff(np.searchsorted(marks, ends), prepend=0) + 1
-    blank = [k for k in np.flatnonzero(fields == 1) if not raw[starts[k] : ends[k]].strip()]
-    if blank:
-        drop = set(blank)
-        raw = b"\n".join(line for k, line in enumerate(raw.split(b"\n")) if k not in drop)
-    fields[unclosed] = -1
-    return raw, np.delete(np.arange(1, len(ends) + 1), blank), np.delete(fields, blank)
-
-
-def _unquoted(text: pl.Expr, delimiter: str) -> pl.Expr:
-    bare = text.str.strip_chars().str.strip_prefix('"').str.strip_suffix('"').str.strip_chars()
-    return bare.str.replace_all('""', '"', literal=True).str.replace_all(_INSIDE.decode(), delimiter, literal=True)
-
-
-def _parse(
-    text: bytes, delimiter: str, path: Path, count: int, columns: Sequence[int], *, numbers: bool
-) -> pl.DataFrame:
-    """Columns c0, c1, ... of text without a header; null where a field is empty or not of this kind."""
-    names = [f"c{k}" for k in range(count)]
-    try:
-        return pl.read_csv(
-            io.BytesIO(delimiter.join(names).encode() + b"\n" + text),  # polars takes the width from the first line
-            separator=delimiter,
-            quote_char=None,
-            schema={name: pl.Float64 if numbers else pl.String for name in names},
-            ignore_errors=True,
-            truncate_ragged_lines=True,
-            encoding="utf8-lossy",
-            columns=[names[k] for k in sorted(set(columns))],
-        )
-    except pl.exceptions.PolarsError as problem:
-        raise InputError(f"is not a table ({str(problem).splitlines()[0]}).", where=str(path)) from problem
-
-
-def _says_nan(text: pl.Series) -> Bool[np.ndarray, " n"]:
-    return text.str.to_lowercase().is_in(["nan", "-nan", "+nan", "null", "none"]).fill_null(value=False).to_numpy()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
 
@@ -13,7 +13,7 @@ from palpate.errors import InputError
 from palpate.io.layout import Layout
 from palpate.io.messages import KINDS, Messages, Source, Topic, decode, seconds
 from palpate.io.samples import Samples
-from palpate.io.units import near
+from palpate.io.topics import READ, choose, sentence
 from palpate.sensors.pose_track import PoseTrack
 from palpate.sensors.recording import ACCELERATION, ORIENTATION, POSITION, Recording
 
@@ -21,8 +21,6 @@ __all__ = ["TopicLog"]
 
 BLOCK = 1 << 14  # rows
 HELD = 1 << 16  # rows that wait for a pose; a topic that fell silent must not hold the others for ever
-ENCODINGS = ("cdr", "ros1")
-_SHOWN = 12  # topics in a sentence
 
 
 class TopicLog:
@@ -49,21 +47,23 @@ class TopicLog:
 
     def blocks(self) -> Iterator[Recording]:
         """See `palpate.io.log.Log`."""
-        streams = _streams(self._source, self._layout, self.path)
+        chosen = choose(self._source, self._layout, self.path)
+        streams = {role: _Stream(topic, self._source) for role, topic in chosen.items()}
         self._join = join = _Join(streams, Samples(self._layout, self.path), self._layout)
         for messages in self._source.messages([stream.topic.name for stream in streams.values()]):
             yield from join.take(messages)
         yield from join.finish()
         if not join.rows:
             name = streams["wrench"].topic.name
-            raise InputError(f"topic {name!r} has no messages.", where=str(self.path), mend=_said(self.torn))
+            raise InputError(f"topic {name!r} has no messages.", where=str(self.path), mend=sentence(self.torn))
 
     def poses(self) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, "k 7"]]:
         """Stamps [s] as recorded, without the layout's offset, and positions [m] and quaternions of the pose topic."""
-        stream = _streams(self._source, self._layout, self.path).get("pose")
-        if stream is None:
-            raise InputError("no topic holds poses.", where=str(self.path), mend=_READ["pose"])
-        pieces = [stream.read(messages) for messages in self._source.messages([stream.topic.name])]
+        topic = choose(self._source, self._layout, self.path).get("pose")
+        if topic is None:
+            raise InputError("no topic holds poses.", where=str(self.path), mend=READ["pose"])
+        stream = _Stream(topic, self._source)
+        pieces = [stream.read(messages) for messages in self._source.messages([topic.name])]
         times, values = [piece[0] for piece in pieces], [piece[1] for piece in pieces]
         return np.concatenate([np.zeros(0), *times]), np.concatenate([np.zeros((0, 7)), *values])
 
@@ -75,8 +75,8 @@ class TopicLog:
 class _Stream:
     """The times and numbers of one topic."""
 
-    def __init__(self, topic: Topic, source: Source, remark: str = "") -> None:
-        self.topic, self._kind, self._remark = topic, KINDS[topic.kind], remark
+    def __init__(self, topic: Topic, source: Source) -> None:
+        self.topic, self._kind = topic, KINDS[topic.kind]
         self.count = self.unread = 0
         self._stamped = self._has_stamps(source)
 
@@ -93,7 +93,6 @@ class _Stream:
         """What was odd."""
         name, unread = repr(self.topic.name), self.unread
         said = (
-            (self._remark, self._remark),
             (unread, f"{unread} of {self.count} messages of {name} are cut short, or not {self.topic.kind}"),
             (not self._stamped, f"messages of {name} have no stamps: the times at which they were recorded are taken"),
         )
@@ -117,7 +116,7 @@ class _Join:
     """Rows of wrenches that wait until poses and accelerations around their time have come."""
 
     def __init__(self, streams: dict[str, _Stream], samples: Samples, layout: Layout) -> None:
-        self._streams, self._samples = streams, samples
+        self._streams, self._samples, self._layout = streams, samples, layout
         offsets = {"pose": layout.offset, "acceleration": 0.0}
         self._tracks = {role: PoseTrack(offsets[role], layout.max_gap) for role in streams if role != "wrench"}
         self._waiting: list[np.ndarray] = []  # time and wrench
@@ -148,6 +147,9 @@ class _Join:
     def notes(self) -> tuple[str, ...]:
         """What was odd, one sentence each."""
         said = [note for stream in self._streams.values() for note in stream.notes()]
+        if "pose" in self._streams and self._layout.orientation_topic is None:
+            name = self._streams["pose"].topic.name
+            said.insert(0, f"the orientation is taken from {name!r}, the only topic of poses")
         said += [note for track in self._tracks.values() for note in track.notes()]
         if self._lost:
             said.append(f"{self._lost} wrenches have no pose: none of their time had come {HELD} rows later")
@@ -174,72 +176,3 @@ class _Join:
             quaternion, position = track.at(time)
             found |= {ORIENTATION: quaternion, POSITION: position} if role == "pose" else {ACCELERATION: position}
         return found
-
-
-def _streams(source: Source, layout: Layout, path: Path) -> dict[str, _Stream]:
-    """Role -> topic."""
-    topics = source.topics()
-    wrench = _named(topics, "wrench", layout.wrench_topic, path) or _only(topics, "wrench", path)
-    if wrench is None:
-        listed = ", ".join(f"{t.name} ({t.kind or 'of no type'}, {t.count:,})" for t in topics[:_SHOWN])
-        raise InputError(
-            f"no topic holds wrenches; {f'there is {listed}' if listed else 'there is no topic at all'}.",
-            where=str(path),
-            mend=_said(source.torn) or _READ["wrench"],
-        )
-    pose = _named(topics, "pose", layout.orientation_topic, path)
-    guessed = None if pose else _only(topics, "pose", path)
-    acceleration = _named(topics, "acceleration", layout.acceleration_topic, path)  # an accelerometer may sit anywhere
-    remark = f"the orientation is taken from {guessed.name!r}, the only topic of poses" if guessed else ""
-    chosen = {"wrench": wrench, "pose": pose or guessed, "acceleration": acceleration}
-    return {role: _Stream(topic, source, remark if role == "pose" else "") for role, topic in chosen.items() if topic}
-
-
-def _said(torn: str) -> str:
-    """As a sentence of its own."""
-    return torn and f"{torn[0].upper()}{torn[1:]}."
-
-
-def _named(topics: Sequence[Topic], role: str, name: str | None, path: Path) -> Topic | None:
-    """The topic that the rig names."""
-    if name is None:
-        return None
-    found = [topic for topic in topics if topic.name == name]
-    if not found:
-        raise InputError(f"there is no topic {name!r}.", where=str(path), mend=near(name, (t.name for t in topics)))
-    fitting = [topic for topic in found if _fits(topic, role)]
-    if not fitting:
-        raise InputError(
-            f"topic {name!r} holds {found[0].kind or 'messages of no type'} ({found[0].encoding or 'no encoding'}).",
-            where=str(path),
-            mend=_READ[role],
-        )
-    return fitting[0]
-
-
-def _only(topics: Sequence[Topic], role: str, path: Path) -> Topic | None:
-    """The only topic with messages of a fitting type."""
-    fitting = [topic for topic in topics if _fits(topic, role) and topic.count]
-    if len(fitting) > 1:
-        raise InputError(
-            f"{len(fitting)} topics hold a {role}: {', '.join(topic.name for topic in fitting)}.",
-            where=str(path),
-            mend=f"Name one in the rig, as topic in [{_TABLES[role]}].",
-        )
-    return fitting[0] if fitting else None
-
-
-def _fits(topic: Topic, role: str) -> bool:
-    return topic.kind in KINDS and KINDS[topic.kind].role == role and topic.encoding in ENCODINGS
-
-
-def _kinds(role: str) -> str:
-    return ", ".join(name.split("/")[1] for name, kind in KINDS.items() if kind.role == role)
-
-
-_TABLES = {"wrench": "force_torque", "pose": "orientation", "acceleration": "acceleration"}
-_READ = {
-    "wrench": f"Wrenches are read from {_kinds('wrench')}.",
-    "pose": f"Poses are read from {_kinds('pose')}; not from the tree of /tf, so record the sensor's pose on a topic.",
-    "acceleration": f"Accelerations are read from {_kinds('acceleration')}.",
-}

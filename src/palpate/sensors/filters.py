@@ -149,19 +149,28 @@ class Butterworth:
 
     def recursion(self, rate: float) -> Recursion:
         """As it is run at a rate [Hz]."""
-        from scipy.signal import butter, sosfilt, sosfilt_zi
-
-        sections = butter(self.order, 2.0 * self._checked(rate), output="sos")
+        sections = self._sections(rate)
+        start = np.stack([1.0 - sections[:, 0], sections[:, 2] - sections[:, 5]], axis=1)  # 1 in, 1 out, for ever
         slowest = float(np.abs(self._poles(rate)).max())
-        settled = int(np.ceil(np.log(SETTLED) / np.log(slowest))) + 8 * self.order
-        impulse = np.zeros(settled)
-        impulse[0] = 1.0
-        response = np.asarray(sosfilt(sections, impulse))
+        response = _response(sections, start, int(np.ceil(np.log(SETTLED) / np.log(slowest))) + 8 * self.order)
         # y_k = sum over j < k of h_j x_{k-j}, and all the rest of the weight, which sums to 1, on x_0
         newer = np.concatenate([[0.0], np.cumsum(response)[:-1]])
         squares = np.concatenate([[0.0], np.cumsum(response**2)[:-1]])
         share = squares + (1.0 - newer) ** 2
-        return Recursion(frozen(sections), frozen(sosfilt_zi(sections)), np.zeros(0), frozen(share), frozen(response))
+        return Recursion(frozen(sections), frozen(start), np.zeros(0), frozen(share), frozen(response))
+
+    def _sections(self, rate: float) -> Float[np.ndarray, "s 6"]:
+        """b0 b1 b2 1 a1 a2 of each pair of poles, 1 at rest; a pole on its own makes a section of first order.
+
+        What scipy.signal.butter gives (and is tested against), without the time and memory that importing it takes.
+        """
+        sections: list[list[float]] = []
+        for pole in self._poles(rate)[: (self.order + 1) // 2]:  # the others are their conjugates
+            alone = 2 * len(sections) + 1 == self.order
+            a1, a2 = (-pole.real, 0.0) if alone else (-2 * pole.real, abs(pole) ** 2)
+            zeros = np.array([1.0, 1.0, 0.0] if alone else [1.0, 2.0, 1.0])
+            sections.append([*((1 + a1 + a2) / zeros.sum() * zeros).tolist(), 1.0, a1, a2])
+        return np.array(sections)
 
     def _poles(self, rate: float) -> np.ndarray:
         """Of the digital filter: those of the analogue one, w tan(pi cutoff/rate), through the bilinear transform."""
@@ -186,6 +195,20 @@ class Butterworth:
 
 
 Filter = Kalman | Butterworth
+
+
+def _response(
+    sections: Float[np.ndarray, "s 6"], start: Float[np.ndarray, "s 2"], length: int
+) -> Float[np.ndarray, " l"]:
+    """To an impulse that follows on a first sample of 0."""
+    from palpate.sensors._filters import smooth  # compiled: loaded when first needed
+
+    values = np.zeros((length + 1, 6))
+    values[1] = 1.0
+    clock, state, age = np.array([-1.0, np.nan]), np.zeros((2 * len(sections), 6)), np.empty(length + 1, dtype=np.int64)
+    status = np.full(length + 1, -1, dtype=np.int8)
+    smooth(np.zeros(length + 1), status, values, sections, start, np.zeros(0), np.inf, clock, state, age)
+    return values[1:, 0].copy()
 
 
 def _known(rate: float) -> float:

@@ -7,20 +7,19 @@ from typing import TYPE_CHECKING, Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Float
 
-from palpate.viewer._style import AXES, STATUS
-from palpate.viewer.heat import PALETTE
+from palpate.viewer._style import AXES
 from palpate.viewer.scene import MAGNIFICATIONS, Moment, Scene
 from palpate.viewer.stage import Settings
+from palpate.viewer.words import legend, spoken
 
 if TYPE_CHECKING:
     from viser import GuiUplotHandle, ViserServer
 
-__all__ = ["Panel", "Player", "spoken"]
+__all__ = ["Panel", "Player"]
 
 SPEEDS = {"x 0.1": 0.1, "x 0.5": 0.5, "x 1": 1.0, "x 2": 2.0, "x 5": 5.0, "x 20": 20.0}
 WINDOWS = {"all": 0.0, "20 s": 20.0, "5 s": 5.0, "1 s": 1.0}
 NOW = "#cc3311"
-NONE = "&ndash;"
 TITLE = """<style onload="document.title='Palpate'"></style>"""  # viser names its page after itself
 FORCES, PLACES = slice(0, 2), slice(2, 5)  # columns of the courses
 
@@ -44,6 +43,10 @@ class Player(Protocol):
 
     def step(self, which: int) -> None:
         """To the next touch (1) or the previous one (-1)."""
+        ...
+
+    def face(self) -> None:
+        """Look at the side that is touched."""
         ...
 
     def refresh(self) -> None:
@@ -96,11 +99,17 @@ class Panel:
         step = min(timeline.step or duration / 1000, duration)
         self._slider = self._gui.add_slider("time [s]", 0.0, duration, step, 0.0)
         self._play = self._gui.add_button("Play")
-        self._skip = self._gui.add_button_group("touch", ("previous", "next"))
+        self._skip = self._gui.add_button_group("touch", ("previous", "next", "turn to it"))
         self._speed = self._gui.add_dropdown("speed", tuple(SPEEDS), initial_value="x 1")
         self._slider.on_update(lambda event: self._player.seek(self._slider.value) if event.client else None)
         self._play.on_click(lambda _: self._player.play(not self._player.playing))
-        self._skip.on_click(lambda _: self._player.step(1 if self._skip.value == "next" else -1))
+        self._skip.on_click(lambda _: self._skipped(self._skip.value))
+
+    def _skipped(self, where: str) -> None:
+        if where == "turn to it":
+            self._player.face()
+        else:
+            self._player.step(1 if where == "next" else -1)
 
     def _add_settings(self) -> None:
         with self._gui.add_folder("Show"):
@@ -118,7 +127,7 @@ class Panel:
         for handle in (self._heat, self._trail, self._ellipse, self._window):
             handle.on_update(lambda event: self._player.refresh())
         self._dark.on_update(lambda event: self._theme(self._dark.value))
-        self._gui.add_html(_legend(self._scene))
+        self._gui.add_html(legend(self._scene))
 
     def _theme(self, dark: bool) -> None:
         self._gui.configure_theme(
@@ -164,58 +173,6 @@ class Panel:
             clock, values = self._scene.courses(span)
         for plot, which in ((self._force, FORCES), (self._place, PLACES)):
             plot.data = _marked(clock, values[:, which], moment.seconds, _range(self._whole[1][:, which]))
-
-
-def spoken(moment: Moment, magnification: int) -> str:
-    """A moment as a person reads it, in HTML; `magnification` is that of the ellipse."""
-    force = float(np.linalg.norm(moment.force))
-    size = f"{force:.2f} N" if np.isfinite(force) else "&ndash;"
-    rows = "".join(
-        f'<tr><td style="opacity:.6;padding-right:.8em">{name}</td><td>{value}</td></tr>'
-        for name, value in (
-            ("place", _place(moment)),
-            ("95 %", _ellipse(moment, magnification)),
-            ("torque", f"{1e3 * moment.torque:.1f} mN m about the normal" if np.isfinite(moment.torque) else NONE),
-            ("time", f"{moment.time:.3f} s, sample {moment.index:,}"),
-        )
-    )
-    return (
-        '<div style="padding:.3em .7em 0;font-size:.8em;line-height:1.45;white-space:nowrap;overflow-x:auto;'
-        'font-variant-numeric:tabular-nums"><div style="display:flex;align-items:center;gap:.7em">'
-        f'<span style="font-size:2.2em;font-weight:600">{size}</span><span style="padding:.05em .7em;'
-        f'border-radius:1em;border:2px solid {STATUS[moment.status]}">{moment.words}</span></div>'
-        f"<table>{rows}</table></div>"
-    )
-
-
-def _place(moment: Moment) -> str:
-    if not moment.located:
-        return NONE
-    pairs = zip("xyz", 1e3 * moment.point, 1e3 * moment.deviation, strict=True)
-    return "&ensp;".join(f"{name}&nbsp;{_measured(value, spread)}" for name, value, spread in pairs) + "&ensp;mm"
-
-
-def _ellipse(moment: Moment, magnification: int) -> str:
-    if not np.isfinite(moment.axes).all():
-        return NONE if not moment.located else "no noise is known"
-    long, short = 1e3 * moment.axes
-    drawn = f", drawn {magnification} times as large" if magnification > 1 else ", drawn to scale"
-    return f"within {long:.2f} &times; {short:.2f} mm{drawn}"
-
-
-def _measured(value: float, spread: float) -> str:
-    return f"{value:.2f} &plusmn; {spread:.2f}" if np.isfinite(spread) else f"{value:.2f}"
-
-
-def _legend(scene: Scene) -> str:
-    stops = ",".join("rgb({:.0f},{:.0f},{:.0f})".format(*colour) for colour in PALETTE)
-    longest = 1e-4 * float(scene.heat.max())  # s/cm^2
-    return (
-        '<div style="padding:.2em .8em .8em;font-size:.8em">'
-        f'<div style="height:.6em;border-radius:.3em;background:linear-gradient(90deg,{stops})"></div>'
-        f'<div style="display:flex;justify-content:space-between"><span>not touched</span><span>{longest:.3g} s/cm²'
-        "</span></div></div>"
-    )
 
 
 def _range(values: Float[np.ndarray, "m k"]) -> tuple[float, float]:

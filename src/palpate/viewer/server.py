@@ -47,14 +47,15 @@ def serve(
         return
 
 
-def require_viser() -> None:
-    """Say what to install where it is missing.
+def require_viser(host: str, port: int) -> None:
+    """Before long work, say what would keep the page from being served.
 
     Raises:
-        InputError: viser is not installed.
+        InputError: viser is not installed, or nothing can listen there.
     """
     if find_spec("viser") is None:
         raise InputError("the page needs viser.", mend="pip install 'palpate[view]'")
+    _free(host, port)
 
 
 class Page:
@@ -109,6 +110,12 @@ class Page:
         """To the next touch (1) or the previous one (-1)."""
         timeline = self.scene.timeline
         self.seek(float(timeline.clock[timeline.touch(timeline.at(self._seconds), which)]))
+
+    def face(self) -> None:
+        """Look at the side that is touched."""
+        moment = self.scene.at(self.index)
+        if moment.located:
+            self._stage.face(moment)
 
     def stop(self) -> None:
         """Close the page and free its port."""
@@ -165,7 +172,7 @@ class Page:
 
 def _listen(host: str, port: int) -> ViserServer:
     """A server on this port, or on the next one that is free."""
-    require_viser()
+    require_viser(host, port)
     from viser import ViserServer
 
     class Local(ViserServer):
@@ -182,7 +189,7 @@ def _listen(host: str, port: int) -> ViserServer:
 def _free(host: str, port: int) -> int:
     """The port, or the next one that can be listened at; viser itself would wait for ever where there is none."""
     last: OSError | None = None
-    for candidate in range(port, min(port + PORTS, 65536)) if port else (0,):
+    for candidate in range(port, min(port + PORTS, 65536)) if port > 0 else [0] * (port == 0):
         try:
             family, kind, protocol, _, address = socket.getaddrinfo(host, candidate, type=socket.SOCK_STREAM)[0]
             with socket.socket(family, kind, protocol) as probe:

@@ -19,6 +19,7 @@ __all__ = ["Settings", "Stage"]
 
 FORCE, POINT = (0, 48, 120), (16, 24, 32)
 TRACE = np.array([(0, 90, 170), (170, 205, 235)])  # now, and long ago
+DISTANCE = 1.31  # of the camera from the middle, in sizes of the body
 _CIRCLE = np.stack([np.cos(np.linspace(0, 2 * np.pi, 65)), np.sin(np.linspace(0, 2 * np.pi, 65)), np.zeros(65)], axis=1)
 
 
@@ -36,7 +37,7 @@ class Stage:
 
     def __init__(self, server: ViserServer, scene: Scene) -> None:
         self._scene, self._size, self._centre = scene, scene.mesh.size, scene.mesh.centre
-        self._space = server.scene
+        self._server, self._space = server, server.scene
         self._space.configure_default_lights(cast_shadow=False)  # dear where there is no graphics card
         self._place_camera(server)
         self._ground()
@@ -70,6 +71,15 @@ class Stage:
         if located:
             self._show_contact(moment, settings.magnification)
             self._show_force(moment)
+
+    def face(self, moment: Moment) -> None:
+        """Turn everybody's camera to a contact, somewhat from above and aside, as far away as at the start."""
+        aside = np.cross([0.0, 0.0, 1.0], moment.normal)
+        direction = moment.normal + 0.5 * aside + [0.0, 0.0, 0.4]
+        for client in self._server.get_clients().values():
+            with client.atomic():
+                client.camera.position = DISTANCE * direction / np.linalg.norm(direction)
+                client.camera.look_at = np.zeros(3)
 
     def _show_contact(self, moment: Moment, magnification: int) -> None:
         x, y, z, w = moment.turn.tolist()
@@ -122,7 +132,8 @@ class Stage:
 
     def _place_camera(self, server: ViserServer) -> None:
         camera = server.initial_camera
-        camera.position, camera.look_at, camera.up = (0.72, -0.92, 0.6), (0.0, 0.0, 0.0), (0.0, 0.0, 1.0)
+        away = DISTANCE * np.array([0.55, -0.7, 0.456])
+        camera.position, camera.look_at, camera.up = away, np.zeros(3), np.array([0.0, 0.0, 1.0])
         camera.near, camera.far = 0.01, 100.0
 
     def _ground(self) -> None:
