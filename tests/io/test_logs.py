@@ -233,7 +233,7 @@ def test_pieces_do_not_change_what_is_read_or_said(tmp_path: Path, end: str, pie
     assert len(whole.notes) == 8
     log = CsvLog(path, Layout(), piece)
     blocks = list(log.blocks())
-    assert len(blocks) > 3
+    assert len(blocks) > 2
     joined = join(blocks)
     assert np.array_equal(joined.time, whole.time, equal_nan=True)
     assert np.array_equal(joined.wrenches(), whole.wrenches(), equal_nan=True)

@@ -67,8 +67,7 @@ def _estimated(path: Path, rig: Rig) -> tuple[Scene, list[str]]:
         parts.append(found)
         done += len(block)
         progress(done, pipeline.log.position / max(pipeline.log.size, 1))
-    joined = {name: np.concatenate([getattr(part, name) for part in parts]) for name in vars(parts[0])}
-    scene = prepare(pipeline.surface, np.concatenate(times), ContactEstimate(**joined), path.name)
+    scene = prepare(pipeline.surface, np.concatenate(times), ContactEstimate.joined(parts), path.name)
     torn = [pipeline.log.torn] if pipeline.log.torn else []
     return scene, [*torn, *pipeline.said, *pipeline.remarks(), *pipeline.notes()]
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
 from enum import IntEnum
 
 import numpy as np
@@ -89,6 +90,12 @@ class ContactEstimate:
             candidates=np.array(rows[..., ROW.candidates], dtype=np.int64),
             status=np.array(rows[..., ROW.status], dtype=np.int8),
         )
+
+    @classmethod
+    def joined(cls, parts: Sequence[ContactEstimate]) -> ContactEstimate:
+        """One after the other along the first axis."""
+        names = [field.name for field in fields(cls)]
+        return cls(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in names})
 
     def reshaped(self, batch: tuple[int, ...]) -> ContactEstimate:
         """The same estimates with other leading axes."""

@@ -122,13 +122,11 @@ def read_contacts(path: Path) -> Contacts:
     blocks = list(contact_blocks(path))
     if len(blocks) == 1:
         return blocks[0]
-    estimates = [block.estimate for block in blocks]
-    joined = {name: np.concatenate([getattr(estimate, name) for estimate in estimates]) for name in vars(estimates[0])}
     return Contacts(
         np.concatenate([block.sample for block in blocks]),
         np.concatenate([block.time for block in blocks]),
         np.concatenate([block.contact for block in blocks]),
-        ContactEstimate(**joined),
+        ContactEstimate.joined([block.estimate for block in blocks]),
         tuple(dict.fromkeys(note for block in blocks for note in block.notes)),
     )
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +20,7 @@ from palpate.sensors.recording import Recording
 __all__ = ["ParquetLog"]
 
 PIECE = 1 << 17  # rows: each piece reads the file's own group of rows again, so few
+BLOCK = 1 << 14  # rows handed on at a time
 
 
 class ParquetLog:
@@ -32,11 +34,26 @@ class ParquetLog:
         self.position = 0
         self._columns: Columns | None = None
 
+    def names(self) -> list[str]:
+        """Of the columns.
+
+        Raises:
+            InputError: it is no Parquet file.
+        """
+        open_input(self.path).close()
+        with self._reading():
+            return pl.scan_parquet(self.path, glob=False).collect_schema().names()
+
     def blocks(self) -> Iterator[Recording]:
         """See `palpate.io.log.Log`."""
         open_input(self.path).close()
-        try:
+        with self._reading():
             yield from self._blocks()
+
+    @contextmanager
+    def _reading(self) -> Generator[None]:
+        try:
+            yield
         except (pl.exceptions.PolarsError, pl.exceptions.PanicException, OSError) as problem:
             raise InputError(
                 f"cannot be read as Parquet ({str(problem).splitlines()[0]}).",
@@ -54,9 +71,10 @@ class ParquetLog:
         wanted = frame.select(pl.col(columns.names).cast(pl.Float64).fill_null(np.nan))
         total = int(frame.select(pl.len()).collect().item())
         for done in range(0, total, self._piece):
-            piece = _Piece(wanted.slice(done, self._piece).collect(), done)
-            self.position = self.size * min(done + self._piece, total) // total
-            yield columns.block(piece.read)
+            rows = wanted.slice(done, self._piece).collect()
+            for start in range(0, len(rows), BLOCK):  # what follows needs far more memory than what is read
+                self.position = self.size * min(done + start + BLOCK, total) // total
+                yield columns.block(_Piece(rows.slice(start, BLOCK), done + start).read)
         if not total:
             raise InputError("there are columns, but no rows.", where=str(self.path))
 

@@ -6,7 +6,7 @@ import json
 import os
 import tomllib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -15,10 +15,12 @@ from palpate.contact.plausibility import lines_of_action
 from palpate.errors import InputError
 from palpate.io.guess import guess_orientation, guess_position, guess_time, guess_wrench
 from palpate.io.layout import ORIENTATION_COLUMNS, Layout
-from palpate.io.logs import read_recording
+from palpate.io.logs import open_log, read_recording, topics
+from palpate.io.messages import KINDS
 from palpate.io.models import printable
+from palpate.io.parquet_log import ParquetLog
 from palpate.io.rig import check_rig
-from palpate.io.table import Table, read_table
+from palpate.io.table import read_table
 from palpate.io.units import TORQUE_UNITS
 from palpate.sensors.noise import estimate_noise
 from palpate.surfaces.mesh import UNITS, Mesh
@@ -39,12 +41,8 @@ crease = 30                          # degrees: normals are smooth within it, sp
 pose = {{ xyz = [0, 0, 0], quaternion_xyzw = [0, 0, 0, 1] }}
 # region = {{ box = [[-0.01, -0.01, 0], [0.01, 0.01, 0.02]] }}   # m: if only a part of the mesh can be touched
 
-[time]
-column = {time}
-unit = "{time_unit}"                         # s, ms, us, ns
-
-[force_torque]
-columns = {wrench}
+{time}[force_torque]
+{wrench}
 units = {{ force = "N", torque = "{torque_unit}" }}{torque_remark}
 axes = ["x", "y", "z"]               # which logged axis is the sensor's x, y, z; "-x" flips
 # left_handed = true                 # if axes has to mirror: a driver that swaps two axes, or reports the reaction
@@ -54,11 +52,16 @@ noise = {{ force = {force_noise}, torque = {torque_noise} }}   # of one reading:
 # payload = "payload.toml"           # written by: palpate calibrate payload
 
 {orientation}
+# [filter]                           # `palpate inspect LOG --spectrum spectrum.html` proposes one
+# kind = "butterworth"               # or "kalman" (q, r), or "zero_phase" for logs
+# cutoff = 10                        # Hz
+
 [estimate]
 method = "soft_finger"
 friction = 1.0                       # bounds the tangent of the angle between force and normal
 torsion = 0.005                      # m: bounds |torque about the normal| / |normal force|
 # contact = {{ on = 0.5, off = 0.3 }}  # N; without it both follow from the noise
+# tare = 1.0                         # s: the log starts so long unloaded, and its mean is taken off
 """
 
 
@@ -70,31 +73,32 @@ class Proposal:
     remarks: tuple[str, ...]
 
 
+@dataclass(frozen=True)
+class _Found:
+    """How to read the log, and what stands in the rig of it: [time], the wrench's line, [orientation]."""
+
+    layout: Layout
+    time: str
+    wrench: str
+    orientation: str
+    remarks: tuple[str, ...]
+
+
 def propose_rig(log: Path, mesh: Path, folder: Path) -> Proposal:
     """Guess a rig that will stand in `folder`.
 
     Raises:
-        InputError: the log is no table, or no column's name says force and torque, or the rig would not load.
+        InputError: the log cannot be read, or nothing in it looks like force and torque, or the rig would not load.
     """
-    table = read_table(log)
-    wrench, time = guess_wrench(table.names), guess_time(table.names)
-    if wrench is None or time is None:
-        what = "time" if wrench is not None else "the three forces and three torques"
-        raise InputError(
-            f"no columns look like {what}: {', '.join(table.names[:12])}.",
-            where=str(log),
-            mend="Name them time, fx, fy, fz, tx, ty, tz, or write the rig by hand.",
-        )
+    found = _topics_of(log) or _columns_of(log)
     unit, size = _mesh_unit(mesh)
-    time_unit = _time_unit(table, time)
-    recording = read_recording(log, Layout(time=time, time_unit=time_unit, wrench=wrench))
+    recording = read_recording(log, found.layout)
     wrenches = recording.wrenches()
     noise = estimate_noise(wrenches)
     torque_unit = _torque_unit(wrenches, size)
     noise = np.ones(6) if noise is None else noise * np.repeat([1.0, TORQUE_UNITS[torque_unit]], 3)
     noise = np.maximum(noise, _LEAST_NOISE)
-    orientation, said = _orientation(table.names)
-    remarks = [*said, *recording.notes]
+    remarks = [*found.remarks, *recording.notes]
     if torque_unit != "N m":
         remarks.append("the torques only fit the body if they are N mm: check units.torque")
     if unit != "m":
@@ -105,14 +109,13 @@ def propose_rig(log: Path, mesh: Path, folder: Path) -> Proposal:
         mesh=_toml(Path(os.path.relpath(mesh.resolve(), folder.resolve())).as_posix()),
         unit=unit,
         unit_remark=f"; it makes the surface {size * 1e3:.4g} mm across",
-        time=_toml(time),
-        time_unit=time_unit,
-        wrench=_toml(wrench),
+        time=found.time,
+        wrench=found.wrench,
         torque_unit=torque_unit,
         torque_remark="" if torque_unit == "N m" else "   # guessed: as N m they do not fit the body",
         force_noise=f"{float(noise[:3].max()):.2g}",
         torque_noise=f"{float(noise[3:].max()):.2g}",
-        orientation=orientation,
+        orientation=found.orientation,
     )
     _require_sound(text, folder / "rig.toml")
     return Proposal(text, tuple(remarks))
@@ -138,9 +141,60 @@ def _mesh_unit(path: Path) -> tuple[str, float]:
     return "m", raw
 
 
-def _time_unit(table: Table, column: str) -> str:
-    values, _ = table.numbers([column])
-    largest = np.nanmax(np.abs(values), initial=0.0)
+def _topics_of(log: Path) -> _Found | None:
+    """Of a log that has topics; None where it has columns."""
+    known = topics(log)
+    if not known:
+        return None
+    wrenches, poses = (
+        [name for name, kind, count in known if count and kind in KINDS and KINDS[kind].role == role]
+        for role in ("wrench", "pose")
+    )
+    if not wrenches:
+        raise InputError("no topic holds wrenches.", where=str(log), mend="`palpate inspect` lists the topics.")
+    several = [
+        f"{len(names)} topics hold {what}: {', '.join(names)}; the first is taken"
+        for what, names in (("wrenches", wrenches), ("poses", poses))
+        if len(names) > 1
+    ]
+    lines = [f"topic = {_toml(name)}" for name in poses[:1]] or ['# topic = "/pose"']
+    orientation = "\n".join(
+        [
+            "[orientation]" if poses else "# [orientation]",
+            f"{lines[0]}   # poses of the sensor in the base",
+            "# offset = 0.0                     # s: written by `palpate calibrate clock`",
+        ]
+    )
+    layout = Layout(wrench_topic=wrenches[0], orientation_topic=poses[0] if poses else None)
+    return _Found(layout, "", f"topic = {_toml(wrenches[0])}", f"{orientation}\n", tuple(several))
+
+
+def _columns_of(log: Path) -> _Found:
+    names = _names(log)
+    wrench, time = guess_wrench(names), guess_time(names)
+    if wrench is None or time is None:
+        what = "time" if wrench is not None else "the three forces and three torques"
+        raise InputError(
+            f"no columns look like {what}: {', '.join(names[:12])}.",
+            where=str(log),
+            mend="Name them time, fx, fy, fz, tx, ty, tz, or write the rig by hand.",
+        )
+    layout = Layout(time=time, wrench=wrench)
+    layout = replace(layout, time_unit=_time_unit(read_recording(log, layout).time))
+    text = f'[time]\ncolumn = {_toml(time)}\nunit = "{layout.time_unit}"                         # s, ms, us, ns\n\n'
+    orientation, said = _orientation(names)
+    return _Found(layout, text, f"columns = {_toml(wrench)}", orientation, tuple(said))
+
+
+def _names(log: Path) -> Sequence[str]:
+    """Of the columns."""
+    if isinstance(opened := open_log(log), ParquetLog):
+        return opened.names()
+    return read_table(log).names
+
+
+def _time_unit(time: np.ndarray) -> str:
+    largest = np.nanmax(np.abs(time), initial=0.0)
     return next((unit for limit, unit in _EPOCHS if largest > limit), "s")
 
 
