@@ -21,6 +21,7 @@ NUMBERS += ("9" * 400, "18446744073709551616", "0x10", "1_000", "1,5", "NaN", "a
 VALUES = ("nan", "inf", "-inf", "1e308", "1e-308", "-0.0", "0", "1", "-1", "1e17", "-1e17", "1e-14", "9" * 400, "true")
 VALUES += ('""', '"x"', '"\\u0000"', "[]", "[[]]", "{}", "[1, 2]", "[0.0, 0.0, 0.0]", "[nan, 0.0, 1.0]", "1979-05-27")
 VALUES += ('"base"', '"sensor"', '"plane"', '"mesh"', '"kalman"', '"zero_phase"', '"imu"', '"."', '"/"', '["x", "x", "y"]')
+REALS = ("0.0", "1.0", "-1.0", "1", "0", "-3", "1e17", "-1e17", "1e-17", "1e-300", "1e308", "1e9", "0.3", "7", "1e4")
 BYTES = (b"\0", b"\xff", b'"', b"'", b"\n", b"\r", b"\r\n", b"\n\n", b",", b";", b"\t", b"\xef\xbb\xbf", b"\xff\xfe", b"#", b"=")
 DOUBLES = (np.nan, np.inf, -np.inf, 1e308, -1e308, 5e-324, -0.0, 0.0, 1e9, 1e18, 1.0, -1.0, 1e-12)
 COUNTS = (0, 1, 2, 3, 0xFF, 0x7FFF, 0xFFFF, 0x10000, 0x7FFFFFFF, 0x80000000, 0xFFFFFFFF, 1 << 40, (1 << 63) - 1, (1 << 64) - 1)
@@ -154,8 +155,8 @@ def _value(data: bytes, random: Random) -> bytes:
     return _replaced(data, found, VALUES, random)
 
 
-def _element(data: bytes, random: Random) -> bytes:
-    return _replaced(data, list(re.finditer(rb"(?<![\w\"])[-+]?\d[\w.+-]*", data)), VALUES, random)
+def _element(data: bytes, random: Random, by: tuple[str, ...] = VALUES) -> bytes:
+    return _replaced(data, list(re.finditer(rb"(?<![\w\"])[-+]?\d[\w.+-]*", data)), by, random)
 
 
 def _replaced(data: bytes, found: list[re.Match[bytes]], by: tuple[str, ...], random: Random) -> bytes:
@@ -303,7 +304,7 @@ _anywhere = (_reorder, _opcode, _channel, _channel_number, _schema)
 WAYS: dict[str, tuple[Mutation, ...]] = {
     "bytes": (_flip, _delete, _double, _swap, _insert, _overwrite, _cut, _head_gone),
     "table": (_fields, _fields, _fields, _lines, _lines, _header, _header, _delimiters, _line_ends, _encoded),
-    "toml": (_value, _value, _value, _element, _element, _element, _key, _key, _lines, _encoded),
+    "toml": (*(partial(_element, by=REALS),) * 12, _value, _value, _element, _element, _key, _key, _lines, _encoded),
     "stl": (_stl_corners, _stl_corners, partial(_count, first=80, last=80), partial(_double_in, kind="<f"), _count),
     "ascii": (_fields, _fields, _lines, _line_ends),
     "binary": (_count, _double_in, partial(_count, size=8), partial(_count, size=2)),

@@ -13,7 +13,7 @@ from palpate.spatial.pose import Pose
 from palpate.spatial.wrench import Wrench
 from palpate.surfaces import Mesh, Surface, plane
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 __all__ = [
     "Butterworth",

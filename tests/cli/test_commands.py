@@ -140,7 +140,6 @@ def _at(row: int, **values: float | None) -> Edit:
         (_at(5, time=0.0), None, "times run backwards"),
         (_at(5, time=1e4), None, "gaps longer than"),
         (_at(5, time=float("nan")), None, "times are missing"),
-        (lambda table: table.with_columns(time=pl.col("time").floor()), None, "times repeat"),
     ],
 )
 def test_bad_samples_get_a_status_or_a_note_and_none_is_lost(
@@ -236,7 +235,19 @@ def test_an_output_never_overwrites_an_input(made: Path, capsys: pytest.CaptureF
     assert (made / "touches.csv").read_bytes() == before
 
 
-def test_ctrl_c_leaves_nothing_torn(made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_times_too_coarse_for_a_filter_are_refused_with_one_and_noted_without(
+    made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """200 samples of each second have its stamp: nothing says how fast they came."""
+    log = _edited(made, tmp_path, lambda table: table.with_columns(time=pl.col("time").floor()))
+    assert _estimate(log, made, tmp_path) == 1
+    assert "the rate that the filter needs is not known" in capsys.readouterr().err
+    assert _estimate(log, made, tmp_path, "--filter", "none") == 0
+    assert "times repeat" in capsys.readouterr().out
+    assert len(read_contacts(tmp_path / "contacts.csv")) == len(pl.read_csv(log))
+
+
+def test_ctrl_c_before_the_first_row_leaves_nothing(made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from palpate.contact.estimator import Estimator
 
     def interrupted(*_: object) -> None:

@@ -51,9 +51,15 @@ def test_a_link_is_followed(tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", ["a\0b", "x" * 300, "file/x"])
 def test_a_name_that_cannot_be_written_is_said(tmp_path: Path, name: str) -> None:
     (tmp_path / "file").write_text("")
-    keep_inputs(tmp_path / name, [])
     with pytest.raises(InputError, match="cannot write here"):
         write_text(tmp_path / name, "text")
+
+
+@pytest.mark.parametrize("name", ["a\0b", "file/x", "no/x"])
+def test_a_place_where_nothing_can_be_written_is_said_before_the_work(tmp_path: Path, name: str) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match="cannot write here"):
+        keep_inputs(tmp_path / name, [])
 
 
 def test_a_circle_of_links_is_said(tmp_path: Path) -> None:

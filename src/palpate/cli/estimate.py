@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import ExitStack
 from pathlib import Path
 from time import perf_counter
 from typing import Annotated, Literal
@@ -9,6 +10,7 @@ from typing import Annotated, Literal
 import numpy as np
 from tyro.conf import arg
 
+from palpate.cli.interrupts import uninterrupted
 from palpate.cli.options import FileOption, Log, Output
 from palpate.cli.pipeline import Pipeline, open_pipeline
 from palpate.cli.report import Run, write_report
@@ -17,9 +19,10 @@ from palpate.cli.setup import Setup
 from palpate.cli.tally import Tally
 from palpate.contact.estimate import ContactEstimate, Status
 from palpate.contact.frames import in_base, in_frame
+from palpate.contact.truth import Samples, Touches
 from palpate.errors import InputError
 from palpate.io.atomic import keep_inputs
-from palpate.io.contacts import ContactsWriter, open_contacts
+from palpate.io.contacts import ContactsWriter, open_contacts, require_format
 from palpate.io.models import provenance, write_provenance
 from palpate.io.truth import read_truth
 from palpate.sensors.recording import ORIENTATION, POSITION, Recording
@@ -51,25 +54,23 @@ def estimate(
         setup: what is touched and how it is located.
         frame: of the result; base needs the sensor's orientation and position in the log.
         report: page to write as well (.html): what was done, pictures, what to improve.
-        truth: what is known of the contacts, for the report (see `palpate evaluate`).
+        truth: what is known of the contacts, to be drawn and judged in the report (see `palpate evaluate`).
     """
     rig = setup.load()
     beside = output.with_name(f"{output.name}.toml") if output.name else output
     inputs = (log, setup.rig, rig.mesh_path(), rig.payload_path(), truth)
     keep_inputs(output, inputs, beside=(beside, *([report] if report else [])))
-    if report is not None:
-        require_report()
-    known = None if truth is None else read_truth(truth)  # before the work, not after it
+    require_format(output)  # this and what follows: before the work, not after it
+    known = _known(truth, report)
     pipeline = open_pipeline(log, rig)
     if frame == "base":
         _require_pose(pipeline)
     tally = Tally()
-    interrupted = False
-    try:
-        with open_contacts(output, frame_id=frame) as writer:
-            _locate(pipeline, writer, tally, frame)
-    except KeyboardInterrupt:  # what was found until then has been kept
-        interrupted = True
+    with ExitStack() as stack:
+        writer = stack.enter_context(open_contacts(output, frame_id=frame))
+        interrupted = _interrupted(pipeline, writer, tally, frame)
+        with uninterrupted():  # a second Ctrl-C waits until the file is whole
+            stack.close()
     record = provenance(
         {"log": log, "rig": setup.rig, "mesh": rig.mesh_path(), "payload": rig.payload_path(), "truth": truth},
         _options(pipeline, frame),
@@ -94,11 +95,34 @@ def estimate(
         )
         write_report(report, run)
     if interrupted:
-        note([f"interrupted: {output} holds the {tally.samples:,} samples done until then"], kind="warning")
+        note([f"interrupted: {output} holds the {writer.rows:,} samples done until then"], kind="warning")
         raise SystemExit(INTERRUPTED)
     if pipeline.log.torn:
         note(_torn(pipeline), kind="warning")
         raise SystemExit(TORN)
+
+
+def _known(truth: Path | None, report: Path | None) -> Samples | Touches | None:
+    if report is not None:
+        require_report()
+    elif truth is not None:
+        raise InputError(
+            "the truth is for the report, and none is asked for.",
+            where="--truth",
+            mend="Add --report FILE, or compare with palpate evaluate.",
+        )
+    return None if truth is None else read_truth(truth)
+
+
+def _interrupted(pipeline: Pipeline, writer: ContactsWriter, tally: Tally, frame: str) -> bool:
+    """Locate, and whether Ctrl-C ended it; without a row there is nothing to keep."""
+    try:
+        _locate(pipeline, writer, tally, frame)
+    except KeyboardInterrupt:
+        if not writer.rows:
+            raise
+        return True
+    return False
 
 
 def _locate(pipeline: Pipeline, writer: ContactsWriter, tally: Tally, frame: str) -> None:
@@ -121,25 +145,26 @@ def _in_frame(found: ContactEstimate, block: Recording, pipeline: Pipeline, fram
 
 
 def _require_pose(pipeline: Pipeline) -> None:
-    """Before the work, not after it."""
     for channel in (ORIENTATION, POSITION):
         if channel not in pipeline.channels:
             raise InputError(
                 f"the base frame needs the sensor's {channel} in the base, which this log does not have.",
                 where=str(pipeline.log.path),
-                mend="Add columns qx,qy,qz,qw and x,y,z, or name them in the rig's [orientation] columns and position.",
+                mend="A table needs columns qx,qy,qz,qw and x,y,z, messages a topic of poses; other names stand in the "
+                "rig's [orientation] (columns, position, topic).",
             )
 
 
 def _options(pipeline: Pipeline, frame: str) -> dict[str, object]:
     """What was in force, as it stands in OUTPUT.toml."""
-    rig, locator, sensor = pipeline.rig, pipeline.estimator.locator, pipeline.estimator.sensor
+    rig, estimator = pipeline.rig, pipeline.estimator
+    locator, sensor, smooth = estimator.locator, estimator.sensor, estimator.filter
     source = "given" if rig.force_torque.noise else "unknown" if pipeline.noise is None else "steps of the log"
     return {
         **vars(rig.estimate),
         "contact": f"on {locator.on:g} N, off {locator.off:g} N",
         "crease": rig.surface.crease,
-        "filter": "; ".join(f"{key} {value}" for key, value in vars(rig.filter).items() if value is not None),
+        "filter": "none" if smooth is None else f"{smooth} at {estimator.rate:.6g} Hz",
         "frame": frame,
         "noise": sensor.noise is not None and np.sqrt(np.diag(sensor.noise)).tolist(),
         "noise_source": source,

@@ -171,14 +171,25 @@ def _toml(file: Path) -> None:
         lines((name, value) for name, value in content.items())
 
 
+_IDLE = {  # keys of a table that mean nothing to what its kind is
+    "mesh": ("point", "normal", "half_width"),
+    "plane": ("crease",),
+    "none": ("q", "r", "cutoff", "order"),
+    "kalman": ("cutoff", "order"),
+    "butterworth": ("q", "r"),
+    "zero_phase": ("q", "r"),
+}
+
+
 def _settings(values: Any, prefix: str) -> list[tuple[str, object]]:
     """Every setting that is in force, defaults included, by its dotted key."""
     found: list[tuple[str, object]] = []
+    hidden = ("folder", "pose_covariance", *_IDLE.get(getattr(values, "kind", ""), ()))
     for field in fields(values):
         value: object = getattr(values, field.name)
         if is_dataclass(value):
             found += _settings(value, f"{prefix}{field.name}.")
-        elif value is not None and field.name not in ("folder", "pose_covariance"):
+        elif value is not None and field.name not in hidden:
             found.append((f"{prefix}{field.name}", _listed(value)))
     return found
 

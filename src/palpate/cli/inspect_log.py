@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from palpate.cli.screen import lines, note, percent, progress, table, title
+from palpate.cli.spectrum import PLACE
 from palpate.contact.estimate import Status
 from palpate.errors import InputError
 from palpate.io.contacts import contact_blocks, unfinished
@@ -178,7 +179,7 @@ def inspect_contacts(file: Path) -> Recording:
     """Say what is in a file of contacts, finished or not.
 
     Returns:
-        What was kept of it: FORCE [N], and POSITION [m] of the contact, NaN where not answered.
+        What was kept of it: FORCE [N], and PLACE [m] of the contact, NaN where not answered.
     """
     excerpt, counts = Excerpt(), np.zeros(len(Status), dtype=np.int64)
     first, last, notes = np.inf, -np.inf, dict[str, None]()
@@ -188,7 +189,7 @@ def inspect_contacts(file: Path) -> Recording:
         first, last = min(first, known.min(initial=np.inf)), max(last, known.max(initial=-np.inf))
         notes |= dict.fromkeys(block.notes)
         point = np.where(estimate.answered[:, None], estimate.point, np.nan)
-        excerpt.add(Recording(block.time, {FORCE: estimate.force, POSITION: point}).picked(block.contact == 0))
+        excerpt.add(Recording(block.time, {FORCE: estimate.force, PLACE: point}).picked(block.contact == 0))
     title(f"{file}: contacts")
     total = int(counts.sum())
     lines([("rows", f"{total:,}"), ("time", f"{first:.3f} to {last:.3f}" if first <= last else "none")])

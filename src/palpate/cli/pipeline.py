@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import chain
 from pathlib import Path
 from time import perf_counter
@@ -19,6 +19,7 @@ from palpate.errors import InputError
 from palpate.io.log import Log
 from palpate.io.logs import join, open_log
 from palpate.io.rig import Rig, build
+from palpate.io.rig_tables import RigFilter
 from palpate.sensors.motion import Motion
 from palpate.sensors.noise import estimate_noise
 from palpate.sensors.recording import ACCELERATION, Recording
@@ -81,8 +82,10 @@ class Pipeline:
             )
         elif rig.force_torque.noise is None:
             said.append("the noise is not known and the log too short to tell it: no covariances")
-        if self.estimator.payload is None and rig.estimate.tare is None:
-            said.append("no payload model: wrenches are taken as they are, so they must be tared")
+        if self.estimator.payload is None:
+            tared = "the tare holds only while the sensor keeps its orientation"
+            untared = "wrenches are taken as they are, so they must be tared"
+            said.append(f"no payload model: {untared if rig.estimate.tare is None else tared}")
         if rig.surface.pose_covariance is None and self.estimator.sensor.noise is not None:
             said.append(
                 "ellipses hold noise and payload only: where the surface sits is taken as exact (calibrate mounting)"
@@ -109,25 +112,25 @@ def open_pipeline(path: Path, rig: Rig) -> Pipeline:
         InputError: the log, the mesh or the payload cannot be used, or the start to tare at is not unloaded.
     """
     log = open_log(path, rig.layout())
-    blocks = log.blocks()
-    begin = perf_counter()
-    first = list(_head(blocks, rig.estimate.tare or 0.0))
-    read = perf_counter() - begin
-    head = join(first)
     if rig.mesh_path() is not None:
         import_mesh_reader()
-    surface = rig.surface.load(rig.folder)
-    noise = None if rig.force_torque.noise is not None else estimate_noise(head.wrenches())
     wait("preparing the surface and compiling kernels (compiling happens once)")
     begin = perf_counter()
-    rate = rig.filter.rate or head.rate()
-    estimator = build(rig, surface=surface, noise=noise, rate=rate)
+    surface = rig.surface.load(rig.folder)
+    surface.tree()  # compiled loops are loaded here, and not on the time of reading
+    blocks, loaded = log.blocks(), perf_counter()
+    first = list(_head(blocks, rig.estimate.tare or 0.0))
+    read = perf_counter() - loaded
+    head = join(first)
+    noise = None if rig.force_torque.noise is not None else estimate_noise(head.wrenches())
+    rate = _rate(rig.filter, head)
+    estimator = build(rig if rate else replace(rig, filter=RigFilter()), surface=surface, noise=noise, rate=rate)
     said = [] if estimator.filter is None or rate is None else [estimator.filter.describe(rate)]
     if rig.estimate.tare is not None:
         said.append(estimator.tare(_start(head, rig.estimate.tare)))
     motion, channels = _motion(rig, estimator, head), frozenset(head.channels)
     pipeline = Pipeline(log, rig, surface, estimator, motion, noise, channels, said, chain(first, blocks))
-    pipeline.seconds.update(prepare=perf_counter() - begin, read=read)
+    pipeline.seconds.update(prepare=perf_counter() - begin - read, read=read)
     return pipeline
 
 
@@ -141,6 +144,22 @@ def _head(blocks: Iterable[Recording], seconds: float) -> Iterator[Recording]:
         end = max(end, np.nanmax(block.time, initial=-np.inf))
         if count >= HEAD and end - begin > seconds:
             return
+
+
+def _rate(stated: RigFilter, head: Recording) -> float | None:
+    """Samples a second; None where a filter has nothing to smooth."""
+    if stated.rate is not None or stated.kind == "none":
+        return stated.rate or head.rate()
+    if len(head) < 2:
+        return None
+    steps = np.diff(head.time)
+    if np.count_nonzero(steps > 0) <= len(steps) / 2:
+        raise InputError(
+            "most times repeat or are missing, so the rate that the filter needs is not known.",
+            where=head.source,
+            mend="Give the rate [Hz] in the rig's [filter], or use --filter none.",
+        )
+    return head.rate()
 
 
 def _start(head: Recording, seconds: float) -> Recording:

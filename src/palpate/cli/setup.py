@@ -11,7 +11,7 @@ from tyro.conf import arg
 from palpate.cli.options import FileOption, Pair, Scalar
 from palpate.errors import InputError
 from palpate.io.rig import Rig, load_rig
-from palpate.io.rig_tables import RigEstimate, RigForceTorque, RigPair, RigSurface, RigThresholds
+from palpate.io.rig_tables import RigEstimate, RigFilter, RigForceTorque, RigPair, RigSurface, RigThresholds
 
 __all__ = ["Setup"]
 
@@ -64,7 +64,7 @@ class Setup:
             rig,
             surface=_over(rig.surface, "--crease", crease=self.crease),
             force_torque=self._sensor(rig.force_torque),
-            filter=_over(_over(rig.filter, "--filter", kind=self.filter), "--cutoff", cutoff=self.cutoff),
+            filter=self._filter(rig.filter),
             estimate=self._estimate(rig.estimate),
         )
 
@@ -89,6 +89,16 @@ class Setup:
         noise = self.noise
         pair = None if noise is None else _made("--noise", lambda: RigPair(*noise))
         return _over(_over(stated, "--payload", payload=payload), "--noise", noise=pair)
+
+    def _filter(self, stated: RigFilter) -> RigFilter:
+        filtered = _over(stated, "--filter", kind=self.filter)
+        if self.cutoff is not None and filtered.kind in ("none", "kalman"):
+            raise InputError(
+                f"the filter is {filtered.kind!r}, which has no cut-off.",
+                where="--cutoff",
+                mend="Add --filter butterworth or --filter zero_phase.",
+            )
+        return _over(filtered, "--cutoff", cutoff=self.cutoff)
 
     def _estimate(self, stated: RigEstimate) -> RigEstimate:
         bounds = self.contact

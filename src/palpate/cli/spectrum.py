@@ -13,14 +13,15 @@ from palpate.io.atomic import replacing, write_text
 from palpate.io.rig import Rig, build
 from palpate.io.rig_tables import RigFilter
 from palpate.sensors.noise import estimate_noise
-from palpate.sensors.recording import FORCE, POSITION, Recording
+from palpate.sensors.recording import FORCE, Recording
 from palpate.sensors.spectrum import Cutoff, Spectrum, propose_cutoff, spectrum
 from palpate.viewer import plots
 from palpate.viewer._style import save
 from palpate.viewer.report import Report, Section, Tile, picture, render
 
-__all__ = ["KINDS", "draw_spectrum", "located"]
+__all__ = ["KINDS", "PLACE", "draw_spectrum", "located"]
 
+PLACE = "place"  # (n, 3) m: channel of the point of contact, NaN where there is none
 KINDS = (".html", ".svg", ".png")
 
 
@@ -30,11 +31,11 @@ def located(recording: Recording, rig: Rig) -> Recording:
     noise = None if rig.force_torque.noise is not None else estimate_noise(recording.wrenches())
     estimate = build(bare, noise=noise).run(recording)
     point = np.where(estimate.answered[:, None], estimate.point, np.nan)
-    return Recording(recording.time, {FORCE: estimate.force, POSITION: point}, source=recording.source)
+    return Recording(recording.time, {FORCE: estimate.force, PLACE: point}, source=recording.source)
 
 
 def draw_spectrum(recording: Recording, output: Path, name: str) -> None:
-    """Draw the spectra of FORCE and, where there is one, of POSITION; print what they propose.
+    """Draw the spectra of FORCE and, where there is one, of PLACE; print what they propose.
 
     Raises:
         InputError: the log is too short or its rate wanders, or OUTPUT cannot be written.
@@ -55,10 +56,10 @@ def draw_spectrum(recording: Recording, output: Path, name: str) -> None:
 
 def _place(recording: Recording) -> tuple[Spectrum, Cutoff] | None:
     """Of the answered stretches; None, and said, where they are too short."""
-    if POSITION not in recording.channels:
+    if PLACE not in recording.channels:
         return None
     try:
-        found = spectrum(recording.time, recording.channels[POSITION])
+        found = spectrum(recording.time, recording.channels[PLACE])
     except InputError as problem:
         note([f"no spectrum of the place: {problem}"])
         return None

@@ -13,6 +13,7 @@ from palpate.contact.estimate import ContactEstimate, Status
 __all__ = ["Events", "TouchFinder", "find_touches"]
 
 WINDOW = 0.1  # s over which points are averaged before it is asked how far they moved
+LEAST = 1e-24  # m^2: below any spread of a point
 FAINT = 0.1  # of the heaviest window's weight: what weighs less has no say in that
 
 
@@ -155,7 +156,7 @@ def _windows(
 def _samples(estimate: ContactEstimate, strength: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 22"]:
     """What each sample adds."""
     trace = np.trace(estimate.covariance, axis1=1, axis2=2)
-    known = np.isfinite(trace) & (trace > 0)
+    known = np.isfinite(trace) & (trace > LEAST)
     weight = np.where(known, 1 / np.where(known, trace, 1.0), 0.0)
     table = np.empty((len(strength), _Sum.length))
     table[:, _Sum.count] = 1.0

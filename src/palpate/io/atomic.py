@@ -19,7 +19,7 @@ WHOLE = "whole.part"  # in a folder that grew: what it became
 
 
 def keep_inputs(output: Path, inputs: Iterable[Path | None], *, beside: Iterable[Path] = ()) -> None:
-    """Refuse, before any work is done, to write over what is read or over what is no regular file.
+    """Refuse, before any work is done, to write over what is read, over what is no regular file, or into no folder.
 
     Args:
         output: what will be written.
@@ -27,7 +27,8 @@ def keep_inputs(output: Path, inputs: Iterable[Path | None], *, beside: Iterable
         beside: what else will be written, such as OUTPUT.toml.
 
     Raises:
-        InputError: a file to write is an input (by whatever name or link), a folder, a pipe or a device.
+        InputError: a file to write is an input (by whatever name or link), a folder, a pipe or a device, or in a
+            folder that is not there.
     """
     read = [(path, _status(path)) for path in inputs if path is not None]
     grown = Path(f"{output}{PART}")
@@ -35,6 +36,7 @@ def keep_inputs(output: Path, inputs: Iterable[Path | None], *, beside: Iterable
         target = _status(written)
         if written is not grown:  # a folder of that name may be what a killed process left
             _refuse_irregular(written, target)
+            _require_folder(written)
         for path, status in read:
             if target is not None and status is not None and os.path.samestat(target, status):
                 raise InputError(f"would overwrite an input, {path}.", where=str(written), mend="Name another output.")
@@ -123,12 +125,12 @@ def _target(path: Path) -> Path:
 
 
 def _place(temporary: Path, target: Path) -> None:
-    """What was finished takes its name; nothing happens where nothing was left."""
+    """What was finished takes its name; nothing happens where nothing was left, or joining it was interrupted."""
     with writing(target):
-        if temporary.is_dir():
+        if (temporary / WHOLE).exists():
             (temporary / WHOLE).replace(target)
             shutil.rmtree(temporary)
-        elif temporary.exists():
+        elif temporary.is_file():
             temporary.replace(target)
 
 
@@ -150,6 +152,12 @@ def _refuse_irregular(path: Path, status: os.stat_result | None) -> None:
     if status is not None and not stat.S_ISREG(status.st_mode):
         kind = "a folder" if stat.S_ISDIR(status.st_mode) else "a pipe or a device"
         raise InputError(f"is {kind}, not a file to write.", where=str(path), mend="Name another output.")
+
+
+def _require_folder(path: Path) -> None:
+    folder = _target(path).parent
+    if not folder.is_dir():
+        raise InputError(f"cannot write here: there is no folder {str(folder)!r}.", where=str(path))
 
 
 def _status(path: Path) -> os.stat_result | None:

@@ -128,7 +128,7 @@ class BagFile:
                 yield bag
         except Exception as problem:
             raise InputError(
-                f"is a bag that cannot be read ({type(problem).__name__}: {problem}).",
+                f"is a bag that cannot be read ({type(problem).__name__}: {' '.join(str(problem).split())[:200]}).",
                 where=str(self.path),
                 mend="`rosbag reindex` and `ros2 bag reindex` mend a recording that was not ended.",
             ) from problem

@@ -26,6 +26,7 @@ __all__ = [
     "contact_blocks",
     "open_contacts",
     "read_contacts",
+    "require_format",
     "unfinished",
     "write_contacts",
 ]
@@ -66,6 +67,18 @@ class ContactsWriter:
         self.rows += count
 
 
+def require_format(path: Path) -> None:
+    """Refuse a suffix that says no format, before any work is done.
+
+    Raises:
+        InputError: the suffixes that there are.
+    """
+    if path.suffix.lower() not in SINKS:
+        raise InputError(
+            f"no format of contacts ends in {path.suffix!r}.", where=str(path), mend=f"Use {', '.join(SINKS)}."
+        )
+
+
 @contextmanager
 def open_contacts(path: Path, *, frame_id: str = "surface") -> Generator[ContactsWriter]:
     """A file of contacts to write block by block, in memory that does not grow; the suffix says the format.
@@ -81,14 +94,10 @@ def open_contacts(path: Path, *, frame_id: str = "surface") -> Generator[Contact
     Raises:
         InputError: another suffix, or it cannot be written.
     """
-    kind = SINKS.get(path.suffix.lower())
-    if kind is None:
-        raise InputError(
-            f"no format of contacts ends in {path.suffix!r}.", where=str(path), mend=f"Use {', '.join(SINKS)}."
-        )
+    require_format(path)
     with growing(path) as temporary:
         with writing(path):
-            sink = kind(temporary, frame_id)
+            sink = SINKS[path.suffix.lower()](temporary, frame_id)
         writer = ContactsWriter(path, sink)
         try:
             yield writer

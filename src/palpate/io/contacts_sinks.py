@@ -120,9 +120,11 @@ class _Parquet:
 
     def finish(self) -> None:
         if files := sorted(self._folder.glob("*.parquet")):
+            beside = self._folder / f"joined{PART}"  # only what nothing interrupted is called `WHOLE`
             pl.scan_parquet(files, glob=False).sink_parquet(
-                self._folder / WHOLE, compression="zstd", compression_level=1, row_group_size=_GROUP
+                beside, compression="zstd", compression_level=1, row_group_size=_GROUP
             )
+            beside.replace(self._folder / WHOLE)
         else:
             self._rows.write_parquet(self._folder / WHOLE)
 

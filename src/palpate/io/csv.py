@@ -14,7 +14,7 @@ from palpate.sensors.recording import Recording
 
 __all__ = ["CsvLog"]
 
-PIECE = 1 << 22  # bytes
+PIECE = 1 << 21  # bytes
 
 
 class CsvLog:

@@ -20,7 +20,7 @@ from palpate.sensors.recording import Recording
 __all__ = ["ParquetLog"]
 
 PIECE = 1 << 17  # rows: each piece reads the file's own group of rows again, so few
-BLOCK = 1 << 14  # rows handed on at a time
+BLOCK = 1 << 13  # rows handed on at a time
 
 
 class ParquetLog:

@@ -157,16 +157,11 @@ def _topics_of(log: Path) -> _Found | None:
         for what, names in (("wrenches", wrenches), ("poses", poses))
         if len(names) > 1
     ]
-    lines = [f"topic = {_toml(name)}" for name in poses[:1]] or ['# topic = "/pose"']
-    orientation = "\n".join(
-        [
-            "[orientation]" if poses else "# [orientation]",
-            f"{lines[0]}   # poses of the sensor in the base",
-            "# offset = 0.0                     # s: written by `palpate calibrate clock`",
-        ]
-    )
+    lines = ["[orientation]", f"topic = {_toml(poses[0] if poses else '/pose')}   # poses of the sensor in the base"]
+    lines.append("offset = 0.0                         # s added to their stamps; written by `palpate calibrate clock`")
+    orientation = "".join(f"{'' if poses else '# '}{line}\n" for line in lines)
     layout = Layout(wrench_topic=wrenches[0], orientation_topic=poses[0] if poses else None)
-    return _Found(layout, "", f"topic = {_toml(wrenches[0])}", f"{orientation}\n", tuple(several))
+    return _Found(layout, "", f"topic = {_toml(wrenches[0])}", orientation, tuple(several))
 
 
 def _columns_of(log: Path) -> _Found:

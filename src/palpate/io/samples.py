@@ -15,6 +15,7 @@ from palpate.sensors.recording import FORCE, LARGEST, ORIENTATION, TORQUE, Recor
 __all__ = ["Samples"]
 
 GAP = 5.0  # steps of the median length that make a gap
+LATEST = 1e20  # s: beyond any clock, in nanoseconds too
 
 
 class Samples:
@@ -32,7 +33,7 @@ class Samples:
         self._torque = to_si(layout.torque_unit, TORQUE_UNITS, where="units.torque")
         self._frame, self._source = layout.frame, path.name
         self._times = _Times()
-        self._infinite = self._none = self._far = 0
+        self._infinite = self._beyond = self._none = self._far = 0
 
     def block(
         self,
@@ -47,8 +48,9 @@ class Samples:
             wrench: as recorded, force first.
             others: the channels besides force and torque, in SI.
         """
+        time = np.where(np.abs(time) <= LATEST, time, np.nan)
         channels = {FORCE: self._turned(wrench[:, :3], self._force), TORQUE: self._turned(wrench[:, 3:], self._torque)}
-        channels |= others
+        channels |= {name: self._bounded(values) for name, values in others.items()}
         if ORIENTATION in channels:
             channels[ORIENTATION] = self._sound(channels[ORIENTATION])
         both = np.hstack([channels[FORCE], channels[TORQUE]])
@@ -58,9 +60,10 @@ class Samples:
 
     def notes(self) -> tuple[str, ...]:
         """What a reader should know of the blocks so far, one sentence each."""
-        infinite, none, far = self._infinite, self._none, self._far
+        infinite, beyond, none, far = self._infinite, self._beyond, self._none, self._far
         said = (
             (infinite, f"{infinite} of {self._times.count} rows have a force or torque that is infinite or beyond 1e9"),
+            (beyond, f"{beyond} poses or accelerations are infinite or beyond 1e9 and were set aside"),
             *self._times.oddities(),
             (none, f"{none} quaternions have a length far from 1 and were set aside"),
             (far, f"{far} quaternions are not unit (by more than 1 %) and were normalised"),
@@ -72,10 +75,15 @@ class Samples:
         with np.errstate(over="ignore"):
             return unit * (values[:, self._picked] * self._signs)
 
+    def _bounded(self, values: Float[np.ndarray, "n k"]) -> Float[np.ndarray, "n k"]:
+        """NaN where a number is a fault of the file."""
+        wrong = np.abs(values) > LARGEST
+        self._beyond += int(np.count_nonzero(wrong.any(axis=1)))
+        return np.where(wrong, np.nan, values)
+
     def _sound(self, quaternion: Float[np.ndarray, "n 4"]) -> Float[np.ndarray, "n 4"]:
         """NaN where the length says that it is no rotation."""
-        with np.errstate(over="ignore"):
-            length = np.linalg.norm(quaternion, axis=1)
+        length = np.linalg.norm(quaternion, axis=1)
         none = (length < 0.5) | (length > 2.0)
         self._none += int(np.count_nonzero(none))
         self._far += int(np.count_nonzero(~none & (np.abs(length - 1.0) > 0.01)))
@@ -93,8 +101,7 @@ class _Times:
 
     def add(self, time: Float[np.ndarray, " n"]) -> None:
         known = np.concatenate([self._last, time[np.isfinite(time)]])
-        with np.errstate(over="ignore"):
-            steps = np.diff(known)
+        steps = np.diff(known)
         forward = steps[steps > 0]
         if np.isinf(self._usual) and len(forward):
             self._usual = float(np.median(forward))

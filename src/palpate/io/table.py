@@ -22,6 +22,7 @@ from palpate.io.units import near
 __all__ = ["Table", "read_table", "tables"]
 
 _DELIMITERS = (b",", b";", b"\t")
+_MOST = 2000  # columns: more are rows whose ends were lost
 
 
 @dataclass(frozen=True)
@@ -197,6 +198,8 @@ def _delimiter(header: bytes, path: Path) -> bytes:
 
 
 def _names(header: bytes, delimiter: str, path: Path, count: int) -> tuple[str, ...]:
+    if count > _MOST:
+        raise InputError(f"the first line has {count:,} fields.", where=str(path), mend="It must name the columns.")
     parsed = parse(header, delimiter, path, count, range(count), numbers=False)
     names = parsed.select(unquoted(pl.all(), delimiter).fill_null("")).row(0)
     if all(re.fullmatch(r"[-+\d.eE]+|nan|inf", name.lower()) for name in names):

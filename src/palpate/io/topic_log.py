@@ -19,7 +19,7 @@ from palpate.sensors.recording import ACCELERATION, ORIENTATION, POSITION, Recor
 
 __all__ = ["TopicLog"]
 
-BLOCK = 1 << 14  # rows
+BLOCK = 1 << 13  # rows
 HELD = 1 << 16  # rows that wait for a pose; a topic that fell silent must not hold the others for ever
 
 

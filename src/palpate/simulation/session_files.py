@@ -38,6 +38,7 @@ payload = "payload.toml"             # written by: palpate calibrate payload
 [orientation]
 columns = ["qx", "qy", "qz", "qw"]   # sensor in base, in a table
 topic = "{pose_topic}"            # poses of the sensor in the base, on a clock of their own
+offset = 0.0                         # s added to their stamps; written by: palpate calibrate clock
 
 [filter]
 kind = "butterworth"                 # of the compensated wrench, before it is located

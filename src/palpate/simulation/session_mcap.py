@@ -1,4 +1,4 @@
-"""A simulated session as a robot would record it: wrenches and poses on topics of an MCAP file, each with its own clock.
+"""A simulated session as a robot would record it: wrenches and poses on topics of an MCAP file, with a clock each.
 
 Written by rosbags, message by message, so that what is read later was not written by the code that reads it.
 """

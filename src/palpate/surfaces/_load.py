@@ -29,8 +29,9 @@ def load_arrays(path: Path) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "
             f"cannot read meshes of type {path.suffix!r}.", where=str(path), mend="Use STL, OBJ, PLY or DAE."
         )
     try:
-        loaded: Any = trimesh.load_scene(path, process=False, file_type=kind)
-        mesh: Any = loaded.to_mesh()
+        with np.errstate(all="ignore"):  # it multiplies whatever numbers are in the file, which are looked at later
+            loaded: Any = trimesh.load_scene(path, process=False, file_type=kind)
+            mesh: Any = loaded.to_mesh()
     except Exception as error:  # trimesh raises whatever its parsers run into
         reason = " ".join(str(error).split())[:120] or type(error).__name__
         raise InputError(f"not a readable {kind.upper()} mesh ({reason}).", where=str(path)) from error

@@ -15,6 +15,8 @@ from palpate.surfaces._normals import facet_normals, half_edge_twins
 
 __all__ = ["mend"]
 
+_FARTHEST = 1e12  # in any unit: what is beyond is a fault of the file, and its powers would overflow
+
 
 def mend(
     vertices: ArrayLike, faces: ArrayLike
@@ -26,10 +28,10 @@ def mend(
     """
     points, triangles = _checked(vertices, faces)
     notes: list[str] = []
-    finite = np.all(np.isfinite(points), axis=1)
+    finite = np.all(np.abs(points) <= _FARTHEST, axis=1)  # not NaN
     if not finite.all():
         usable = np.all(finite[triangles], axis=1)
-        notes.append(f"{np.count_nonzero(~usable)} facets with NaN or infinite vertices dropped")
+        notes.append(f"{np.count_nonzero(~usable)} facets with vertices that are NaN, infinite or beyond 1e12 dropped")
         triangles = triangles[usable]
         points = np.where(finite[:, None], points, 0.0)
     if len(triangles) == 0:

@@ -1,0 +1,166 @@
+"""Same answers: one session in every format, in blocks of every size, sample by sample, to the last bit.
+
+The session is the demonstration's, its numbers with all of their bits; polars, the mcap library and rosbags write it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+from collections.abc import Callable, Iterator
+from dataclasses import fields
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+from mcap.writer import CompressionType
+from rosbags.rosbag2 import StoragePlugin
+
+from evidence.row import Row
+from palpate import Recording
+from palpate.cli import main
+from palpate.contact import ContactEstimate, Estimator
+from palpate.io.contacts import Contacts, read_contacts
+from palpate.io.logs import read_recording
+from palpate.io.rig import build, load_rig
+from palpate.sensors import Butterworth, Kalman
+from palpate.sensors.filters import Filter
+from palpate.sensors.recording import ORIENTATION
+from palpate.simulation import simulate_session, write_session
+from palpate.simulation.session_files import POSE_TOPIC, WRENCH_TOPIC
+from palpate.spatial.pose import rotation_from_quaternion
+from tests.logs_written import POSE, WRENCH, Session, write_csv, write_mcap, write_parquet, write_ros1, write_ros2
+
+__all__ = ["rows", "written"]
+
+COMMAND = "python -m evidence --only same"
+NAME = "same answers"
+FORMATS: dict[str, Callable[[Path, Session], None]] = {
+    "log.csv": write_csv,
+    "log.parquet": write_parquet,
+    "none.mcap": lambda path, log: write_mcap(path, log.messages(), chunk_size=50_000),
+    "lz4.mcap": lambda path, log: write_mcap(path, log.messages(), compression=CompressionType.LZ4),
+    "zstd.mcap": lambda path, log: write_mcap(path, log.messages(), compression=CompressionType.ZSTD),
+    "ros1.bag": write_ros1,
+    "ros2 bag (SQLite)": lambda path, log: write_ros2(path, log.messages(), StoragePlugin.SQLITE3),
+    "ros2 bag (MCAP)": lambda path, log: write_ros2(path, log.messages(), StoragePlugin.MCAP),
+}
+FILTERS: dict[str, Filter | None] = {
+    "no filter": None,
+    "Kalman": Kalman(),
+    "Butterworth": Butterworth(15.0),
+    "zero phase": Butterworth(15.0, zero_phase=True),
+}
+SIZES = (1, 17, 4096)
+WHOLE = 1 << 40  # samples
+
+
+def rows(small: bool) -> Iterator[Row]:
+    """Formats in, formats out, blocks, single samples."""
+    with TemporaryDirectory() as scratch:
+        folder = Path(scratch)
+        log = written(folder, touches=2 if small else 20, facets=320 if small else 20_000)
+        yield from _formats(folder, log)
+        recording = read_recording(folder / "log.parquet", load_rig(folder / "rig.toml").layout())
+        yield from _blocks(folder, recording)
+
+
+def written(folder: Path, touches: int, facets: int) -> Session:
+    """A session's rig, mesh and payload, and its touches, with a pose for every wrench."""
+    session = simulate_session(touches=touches, facets=facets)
+    write_session(session, folder)
+    rig = (folder / "rig.toml").read_text().replace(WRENCH_TOPIC, WRENCH).replace(POSE_TOPIC, POSE)
+    (folder / "rig.toml").write_text(rig)
+    run("calibrate", "payload", str(folder / "free_motion.csv"), "-o", str(folder / "payload.toml"))
+    touched = session.touches
+    stamp = np.rint(1e9 * touched.time).astype(np.int64) + 1_700_000_000_123_456_789
+    position = np.tile([0.4, 0.0, 0.6], (len(touched), 1))
+    return Session(stamp, touched.wrenches(), touched.channels[ORIENTATION], position)
+
+
+def run(*arguments: str) -> tuple[int, str]:
+    """A command in this process: its exit code and what it says."""
+    heard = io.StringIO()
+    with contextlib.redirect_stdout(heard), contextlib.redirect_stderr(heard):
+        code = main(list(arguments))
+    return code, heard.getvalue()
+
+
+def _formats(folder: Path, log: Session) -> Iterator[Row]:
+    """Through the command; Parquet holds what was found as it is."""
+    first: Contacts | None = None
+    for name, write in FORMATS.items():
+        write(folder / name, log)
+        found = _estimated(folder, name, "contacts.parquet")
+        first = first or found
+        same = np.count_nonzero(found.time == log.table[:, 0])
+        got = f"{_differing(first, found)} of {len(_columns(found))} columns differ from those of log.csv"
+        got += f"; {same:,} of {len(log.stamp):,} times are the stamps"
+        met = _differing(first, found) == 0 and same == len(log.stamp) == len(found)
+        yield Row(NAME, f"{name} in, {len(found):,} samples", "0, all", got, met, COMMAND)
+    for result in ("contacts.csv", "contacts.mcap"):
+        found = _estimated(folder, "log.csv", result)
+        differ = _differing(first, found)
+        got = f"{differ} of {len(_columns(found))} columns differ from those of contacts.parquet"
+        yield Row(NAME, f"log.csv in, {result} out and read back", "0", got, differ == 0, COMMAND)
+
+
+def _estimated(folder: Path, log: str, result: str) -> Contacts:
+    code, said = run("estimate", str(folder / log), "--rig", str(folder / "rig.toml"), "-o", str(folder / result))
+    if code:
+        raise RuntimeError(said)
+    return read_contacts(folder / result)
+
+
+def _columns(contacts: Contacts) -> dict[str, np.ndarray]:
+    found = {field.name: getattr(contacts.estimate, field.name) for field in fields(ContactEstimate)}
+    del found["residual"]  # files do not hold it
+    return {"sample": contacts.sample, "time": contacts.time, "contact": contacts.contact, **found}
+
+
+def _differing(one: Contacts | None, other: Contacts) -> int:
+    return -1 if one is None else _unlike(_columns(one), _columns(other))
+
+
+def _unlike(one: dict[str, np.ndarray], other: dict[str, np.ndarray]) -> int:
+    """How many columns have other bits; NaN is NaN whatever it carries."""
+    return sum(_bits(one[name]) != _bits(other[name]) for name in one)
+
+
+def _bits(values: np.ndarray) -> bytes:
+    known = np.where(np.isnan(values), np.nan, values) if values.dtype == np.float64 else values
+    return str(values.shape).encode() + np.ascontiguousarray(known).tobytes()
+
+
+# --- blocks
+
+
+def _blocks(folder: Path, recording: Recording) -> Iterator[Row]:
+    """Blocks of the same log for each filter, then single samples as a control loop gives them."""
+    rig = load_rig(folder / "rig.toml")
+    surface, sensor = rig.surface.load(rig.folder), rig.sensor()
+    locator = build(rig, surface=surface, rate=200.0).locator
+    for name, made in FILTERS.items():
+        chain = Estimator(locator, sensor, rig.payload(), rig.surface.pose.pose(), filter=made, rate=200.0)
+        whole = _streamed(chain, recording, WHOLE)
+        counts = {f"blocks of {size}": _unlike(whole, _streamed(chain, recording, size)) for size in SIZES}
+        if not chain.filter or not chain.filter.zero_phase:
+            counts["update, sample by sample"] = _unlike(whole, _updated(chain, recording))
+        got = ", ".join(f"{what}: {count}" for what, count in counts.items())
+        what = f"{name}, {len(recording):,} samples: columns of {len(whole)} that differ from those of one block"
+        yield Row(NAME, what, "0", got, not any(counts.values()), COMMAND)
+
+
+def _streamed(chain: Estimator, recording: Recording, size: int) -> dict[str, np.ndarray]:
+    chain.reset()
+    starts = range(0, len(recording), size)
+    answers = chain.stream(recording.picked(slice(start, start + size)) for start in starts)
+    return vars(ContactEstimate.joined([found for _, found in answers]))
+
+
+def _updated(chain: Estimator, recording: Recording) -> dict[str, np.ndarray]:
+    chain.reset()
+    rotations = rotation_from_quaternion(recording.channels[ORIENTATION])
+    samples = zip(recording.time.tolist(), recording.wrenches(), rotations, strict=True)
+    answers = [chain.update(*sample) for sample in samples]
+    return {field.name: np.stack([getattr(answer, field.name) for answer in answers]) for field in fields(answers[0])}
