@@ -65,8 +65,8 @@ def chunk_records(content: bytes) -> tuple[list[Record], str]:
     return (records, compression) if whole else ([], compression)
 
 
-def counted(data: bytes, topic: str, kinds: Iterable[str]) -> tuple[int, int]:
-    """The least and the most messages on a topic of these types that a reader can find from front to back.
+def counted(data: bytes, topic: str | None, kinds: Iterable[str]) -> tuple[int, int]:
+    """The least and the most messages on a topic (None: any) of these types that can be found from front to back.
 
     They differ where a chunk is damaged, or a channel is declared in more than one way, or after its messages.
     """
@@ -91,7 +91,7 @@ def counted(data: bytes, topic: str, kinds: Iterable[str]) -> tuple[int, int]:
     least = most = 0
     for key, declared in messages:
         said = [(of, name, encoding) for of, name, encoding in channels.get(key, ())]
-        fits = [name == topic and encoding in ("cdr", "ros1") and bool(schemas.get(of, set()) & kinds) for of, name, encoding in said]
+        fits = [topic in (None, name) and encoding in ("cdr", "ros1") and bool(schemas.get(of, set()) & kinds) for of, name, encoding in said]
         sure = declared and fits == [True] and len(schemas[said[0][0]]) == 1
         least += sure
         most += any(fits) or doubtful

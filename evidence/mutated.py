@@ -226,7 +226,8 @@ def _unanswered(command: str, bad: Path, out: Path) -> str:
     if words[0] != "estimate":
         return ""
     log = Path(words[1])
-    least, most = _samples(log) if log == bad else (SAMPLES, SAMPLES)
+    topic = WRENCH_TOPIC if "--rig" in words else None
+    least, most = _samples(log, topic) if log == bad else (SAMPLES, SAMPLES)
     rows, numbered = _rows(out)
     if not least <= rows <= most:
         return f"{rows} rows out of {least} to {most} samples"
@@ -240,13 +241,13 @@ def _rows(out: Path) -> tuple[int, bool]:
     return table.height, table["sample"].cast(pl.Int64).to_list() == list(range(table.height))
 
 
-def _samples(log: Path) -> tuple[int, int]:
+def _samples(log: Path, topic: str | None) -> tuple[int, int]:
     """The least and the most that a log has, counted without palpate."""
     if log.is_dir():
         return _of_database(next(log.glob("*.db3")))
     data = log.read_bytes()
     if data.startswith(MAGIC):
-        return counted(data, WRENCH_TOPIC, WRENCHES)
+        return counted(data, topic, WRENCHES)
     if data.startswith(b"#ROSBAG"):
         return _of_bag(log)
     if data.startswith(b"PAR1"):

@@ -31,7 +31,7 @@ from palpate.simulation.session_files import POSE_TOPIC, WRENCH_TOPIC
 from palpate.spatial.pose import rotation_from_quaternion
 from tests.logs_written import POSE, WRENCH, Session, write_csv, write_mcap, write_parquet, write_ros1, write_ros2
 
-__all__ = ["rows", "written"]
+__all__ = ["rows", "run", "written"]
 
 COMMAND = "python -m evidence --only same"
 NAME = "same answers"
@@ -115,6 +115,7 @@ def _estimated(folder: Path, log: str, result: str) -> Contacts:
 def _columns(contacts: Contacts) -> dict[str, np.ndarray]:
     found = {field.name: getattr(contacts.estimate, field.name) for field in fields(ContactEstimate)}
     del found["residual"]  # files do not hold it
+    found["covariance"] = found["covariance"][:, *np.triu_indices(3)]  # and tables only this half
     return {"sample": contacts.sample, "time": contacts.time, "contact": contacts.contact, **found}
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,8 @@ from jaxtyping import Float, Int
 from palpate.errors import InputError
 
 __all__ = ["load_arrays"]
+
+_UNHEARD = logging.NullHandler()  # without any, Python prints trimesh's tracebacks, whose reason our error gives
 
 
 def load_arrays(path: Path) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"]]:
@@ -28,6 +31,7 @@ def load_arrays(path: Path) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "
         raise InputError(
             f"cannot read meshes of type {path.suffix!r}.", where=str(path), mend="Use STL, OBJ, PLY or DAE."
         )
+    logging.getLogger("trimesh").addHandler(_UNHEARD)
     try:
         with np.errstate(all="ignore"):  # it multiplies whatever numbers are in the file, which are looked at later
             loaded: Any = trimesh.load_scene(path, process=False, file_type=kind)

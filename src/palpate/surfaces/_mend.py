@@ -72,15 +72,15 @@ def _merged(
     points: Float[np.ndarray, "v 3"], triangles: Int[np.ndarray, "f 3"]
 ) -> tuple[Float[np.ndarray, "w 3"], Int[np.ndarray, "f 3"]]:
     """Vertices within 1e-7 of the size become one: the grid on which STL's float32 rounds is finer than that."""
-    used = points[triangles.reshape(-1)]
+    needed = np.unique(triangles)
+    used = points[needed]
     low = used.min(axis=0)
     step = 1e-7 * max(float(np.linalg.norm(used.max(axis=0) - low)), 1e-300)
-    cells: Int[np.ndarray, "v 3"] = np.rint((points - low) / step).astype(np.int64)
-    needed = np.unique(triangles)
-    _, first, inverse = np.unique(cells[needed], axis=0, return_index=True, return_inverse=True)
+    cells: Int[np.ndarray, "v 3"] = np.rint((used - low) / step).astype(np.int64)
+    _, first, inverse = np.unique(cells, axis=0, return_index=True, return_inverse=True)
     renamed = np.zeros(len(points), dtype=np.int64)
     renamed[needed] = inverse.reshape(-1)
-    return points[needed][first], renamed[triangles]
+    return used[first], renamed[triangles]
 
 
 def _without_slivers(
