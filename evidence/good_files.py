@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import polars as pl
+import tomlkit
 import trimesh
 
 from evidence.mcap_records import CHANNEL, MESSAGE, SCHEMA, Record, chunk, chunk_records, pack, unpack
@@ -23,18 +24,6 @@ __all__ = ["RIGS", "write_good"]
 SAMPLES = 300  # of the touches: one of them, and what is before it
 MCAP = {"plain": None, "stored": "", "lz4": "lz4", "zstd": "zstd"}
 RIGS = ("rig.toml", "rig_full.toml", "rig_imu.toml", "rig_plane.toml")
-FULL = """
-[time]
-column = "time"
-unit = "s"
-
-[acceleration]
-columns = ["ax", "ay", "az"]
-kind = "motion"
-from_poses = false
-window = 0.1
-"""
-IMU = FULL.replace('columns = ["ax", "ay", "az"]\nkind = "motion"', 'kind = "imu"').replace("false", "true")
 PLANE = """[surface]
 kind = "plane"
 point = [0.0, 0.0, 0.0]
@@ -90,18 +79,20 @@ def _tables(folder: Path) -> None:
 
 
 def _rigs(folder: Path) -> None:
-    rig = (folder / "rig.toml").read_text()
-    covariance = (1e-6 * np.eye(6)).tolist()
-    full = rig.replace(
-        "\n[force_torque]",
-        f"region = {{ box = [[-1.0, -1.0, -1.0], [1.0, 1.0, 1.0]] }}\npose_covariance = {covariance}\n\n[force_torque]",
-    )
-    full = full.replace('frame = "sensor"', 'frame = "sensor"\nleft_handed = false')
-    full = full.replace("[filter]", 'position = ["x", "y", "z"]\noffset = 0.03\nmax_gap = 0.25\n\n[filter]')
-    kalman = full.replace('kind = "butterworth"', 'kind = "kalman"\nq = 1e-6\nr = 2e-4')
-    (folder / "rig_full.toml").write_text(kalman.replace("[estimate]", "[estimate]\ntare = 0.05") + FULL)
-    (folder / "rig_imu.toml").write_text(full + IMU)
+    """Every table and key stands in one of them."""
     (folder / "rig_plane.toml").write_text(PLANE)
+    full: Any = tomlkit.parse((folder / "rig.toml").read_text())
+    full["surface"]["region"] = {"box": [[-1.0] * 3, [1.0] * 3]}
+    full["surface"]["pose_covariance"] = (1e-6 * np.eye(6)).tolist()
+    full["time"] = {"column": "time", "unit": "s"}
+    full["force_torque"]["left_handed"] = False
+    full["orientation"].update({"position": ["x", "y", "z"], "offset": 0.03, "max_gap": 0.25})
+    full["acceleration"] = {"kind": "imu", "from_poses": True, "window": 0.1}
+    (folder / "rig_imu.toml").write_text(tomlkit.dumps(full))
+    full["acceleration"] = {"columns": ["ax", "ay", "az"], "kind": "motion", "from_poses": False}
+    full["filter"] = {"kind": "kalman", "q": 1e-6, "r": 2e-4}
+    full["estimate"]["tare"] = 0.05
+    (folder / "rig_full.toml").write_text(tomlkit.dumps(full))
 
 
 def _meshes(folder: Path) -> None:

@@ -11,6 +11,7 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from time import sleep
 
 import numpy as np
 from mcap.reader import make_reader
@@ -57,15 +58,16 @@ def rows(small: bool) -> Iterator[Row]:
         log = written(folder, touches=2, facets=320)
         log = Session(*(values[:300] for values in vars(log).values()))
         for packed in PACKED:
-            yield from _cuts(folder, log, packed, *((30, 3) if small else (1_000, 30)))
+            yield from _cuts(folder, log, packed, *((12, 1) if small else (1_000, 30)))
         yield from _kills(folder, 40_000 if small else 400_000, (".mcap",) if small else (".csv", ".parquet", ".mcap"))
 
 
 def _cuts(folder: Path, log: Session, packed: str, count: int, commands: int) -> Iterator[Row]:
-    """Least and most are the wrenches in chunks that end, and that begin, before the cut."""
+    """Least and most are the wrenches that end before the cut; packed, those in chunks that end, and that begin there."""
     path, part, rng = folder / "log.mcap", folder / "part.mcap", np.random.default_rng(71)
     write_mcap(path, log.messages(), compression=PACKED[packed], chunk_size=CHUNK)
-    whole, bounds = path.read_bytes(), _bounds(path, log)
+    whole = path.read_bytes()
+    bounds = _ends(whole, log) if packed == "none" else _bounds(path, log)
     lost = invented = silent = torn = 0
     cuts = rng.choice(np.arange(8, len(whole)), min(count, len(whole) - 8), replace=False).tolist()
     some, failures = [], []
@@ -81,13 +83,20 @@ def _cuts(folder: Path, log: Session, packed: str, count: int, commands: int) ->
             some.append(kept)
             failures += _commanded(folder, whole[:kept], len(wrenches))
     got = f"{lost} of them lost, {invented} cuts with any that was not there, {silent} not said"
-    got += f"; besides, {torn:,} messages out of chunks that were cut"
+    if packed != "none":
+        got += f"; besides, {torn:,} out of chunks that were cut"
     what = f"MCAP ({packed}) of {len(log.stamp)} wrenches and poses cut at {len(cuts):,} random bytes"
     met = not (lost or invented or silent)
     yield Row(NAME, f"{what}: whole messages before the cut", "0, 0, 0", got, met, COMMAND)
     got = f"{len(failures)} of {len(some)} otherwise" + "".join(f"; {failure}" for failure in failures[:3])
     target = "exit code 3, the sentence, a row for each whole wrench"
     yield Row(NAME, f"MCAP ({packed}), cut, through `palpate estimate`", target, got, not failures, COMMAND)
+
+
+def _ends(whole: bytes, log: Session) -> tuple[np.ndarray, np.ndarray]:
+    """(n,) bytes of the file with which a wrench, whose numbers end its message, is there: one bound for both."""
+    ends = np.array([whole.find(row.tobytes()) + 48 for row in log.wrench])
+    return ends, ends
 
 
 def _bounds(path: Path, log: Session) -> tuple[np.ndarray, np.ndarray]:
@@ -136,7 +145,7 @@ def _kills(folder: Path, samples: int, suffixes: tuple[str, ...]) -> Iterator[Ro
         told, failures = [], []
         for number in range(3 if len(suffixes) > 1 else 1):
             result = folder / f"killed{number}{suffix}"
-            answered = _killed([*words, str(result)], float(rng.uniform(0.0, 1.0)), samples)
+            answered = _killed([*words, str(result)], rng.uniform(0.1, 0.7) * samples, rng.uniform(0.0, 0.05))
             found, failure = _found(folder, result, right)
             failures += failure
             told.append(f"{answered - found:,} behind {answered:,} answered")
@@ -146,16 +155,17 @@ def _kills(folder: Path, samples: int, suffixes: tuple[str, ...]) -> Iterator[Ro
         yield Row(NAME, what, target, got, not failures, COMMAND)
 
 
-def _killed(words: list[str], share: float, samples: int) -> int:
-    """Kill the command after about a share of the samples; how many had been answered."""
+def _killed(words: list[str], samples: float, later: float) -> int:
+    """Kill the command a moment [s] after so many samples; how many had been answered by then."""
     command = [sys.executable, "-c", WRITING, *words]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
-    answered = 0
+    answered = blocks = 0
     with process:
         for line in process.stdout or ():
             if line.startswith("answered"):
-                answered = int(line.split()[1])
-                if answered >= (0.1 + 0.6 * share) * samples:
+                answered, blocks = int(line.split()[1]), blocks + 1
+                if blocks > 1 and answered >= samples and process.poll() is None:
+                    sleep(later)
                     process.send_signal(signal.SIGKILL)
     if process.returncode != -signal.SIGKILL:
         raise RuntimeError(f"it ended by itself, with {process.returncode}")

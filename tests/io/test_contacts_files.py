@@ -417,3 +417,11 @@ def test_files_that_are_no_contacts_are_said(tmp_path: Path) -> None:
     frame.write_parquet(tmp_path / "e.parquet")
     with pytest.raises(InputError, match="unknown status 'contct'"):
         read_contacts(tmp_path / "e.parquet")
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".mcap"])
+def test_a_file_that_has_no_row_yet_is_one_without_rows(tmp_path: Path, suffix: str) -> None:
+    """A writer that is killed before its first block leaves one."""
+    path = tmp_path / f"contacts{suffix}"
+    with open_contacts(path):
+        assert len(read_contacts(part(path))) == 0

@@ -78,6 +78,7 @@ _POSE_FIELDS: _Fields = (("position", "<f8", (3,)), ("orientation", "<f8", (4,))
 _WRENCH_FIELDS: _Fields = (("force", "<f8", (3,)), ("torque", "<f8", (3,)))
 _CDR = 0x100  # the bytes 0, 1, 0, 0: plain, little-endian
 _NAMED = 16  # bytes before the name of the frame
+_UPPER = np.triu_indices(3)
 _LATEST = 2**31 * 10**9 - 1  # ns that an int32 of seconds can say
 
 
@@ -113,6 +114,7 @@ class Messages:
             everything[name] = getattr(contacts, name)
         for name in ("point", "normal", "force", "torque", "covariance", "candidates", "status"):
             everything[name] = getattr(estimate, name)
+        everything["covariance"][:, *_UPPER[::-1]] = estimate.covariance[:, *_UPPER]  # the same numbers as in a table
         normal = estimate.normal[placed]
         pose["position"], pose["orientation"] = estimate.point[placed], _z_to(normal)
         wrench["force"], wrench["torque"] = estimate.force[placed], estimate.torque[placed, None] * normal

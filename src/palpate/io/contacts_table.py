@@ -112,8 +112,8 @@ def noted(contacts: Contacts, note: str) -> Contacts:
 def unsound(contacts: Contacts) -> tuple[int, str] | None:
     """The first row that is no estimate's, and what is wrong with it."""
     found = contacts.estimate
-    columns = [contacts.time, found.torque, found.point.T, found.normal.T, found.force.T, found.covariance.reshape(-1, 9).T]
-    numbers = np.vstack([column.reshape(-1, len(contacts)) for column in columns])
+    covariance = found.covariance.reshape(-1, 9).T
+    numbers = np.vstack([contacts.time, found.torque, found.point.T, found.normal.T, found.force.T, covariance])
     for wrong, what in (
         (found.answered & ~np.isfinite(found.point).all(axis=1), "is answered, but has no point"),
         ((np.abs(numbers) > _LARGEST).any(axis=0), f"has a number beyond {_LARGEST:g}"),

@@ -53,6 +53,9 @@ class McapFile:
 
     def __init__(self, path: Path) -> None:
         self.path, self.size = path, path.stat().st_size
+        self._schemas: dict[int, str] = {}  # these three stand once read: a file may declare behind its messages
+        self._channels: dict[int, tuple[int, str, str]] = {}
+        self._topics: dict[int, Topic] = {}
         self._forget()
 
     def topics(self) -> list[Topic]:
@@ -82,9 +85,6 @@ class McapFile:
         self.position, self.torn = 0, ""
         self._damage: tuple[int, str] | None = None
         self._counts = Counter[int]()
-        self._schemas: dict[int, str] = {}
-        self._channels: dict[int, tuple[int, str, str]] = {}
-        self._topics: dict[int, Topic] = {}
 
     def _damaged(self, at: int, what: str) -> None:
         self._damage = self._damage or (at, what)  # the first is said

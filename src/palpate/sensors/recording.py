@@ -64,7 +64,9 @@ class Recording:
         return replace(self, time=self.time[rows], channels=channels)
 
     def rate(self) -> float | None:
-        """Samples a second, from the median of the steps forward in time; None where there is none."""
+        """Samples a second, from the steps forward in time that are no gaps; None where there is none."""
         steps = np.diff(self.time)
         steps = steps[steps > 0]
-        return 1.0 / float(np.median(steps)) if len(steps) else None
+        if not len(steps):
+            return None
+        return 1.0 / float(np.mean(steps[steps < 1.5 * np.median(steps)]))  # the median alone has the clock's rounding
