@@ -7,6 +7,7 @@ import sys
 import time
 from pathlib import Path
 
+from benchmarks import streams
 from benchmarks.machine import machine
 from benchmarks.measure import FLAT, Batch, Meshes, Single, batches, singles
 
@@ -35,7 +36,9 @@ def main() -> None:
         one[size] = singles(meshes, 100 if small else 1_000, 0.1 if small else 0.5)
         many[size] = batches(meshes, 2_000 if small else 100_000)
         del meshes
-    text = report(one, many, time.perf_counter() - begin)
+    print("   streams ...", file=sys.stderr, flush=True)
+    lines = streams.report(2_000 if small else 100_000)
+    text = "\n".join([report(one, many, time.perf_counter() - begin), *lines])
     print(text)
     if not small:
         RESULTS.write_text(text, encoding="utf-8")

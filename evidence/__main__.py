@@ -12,7 +12,22 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from benchmarks.machine import machine
-from evidence import answered, bad_input, covariance, laws, pad, payload, probes, speed, start
+from evidence import (
+    answered,
+    bad_input,
+    clock,
+    covariance,
+    filters,
+    laws,
+    pad,
+    page,
+    payload,
+    probes,
+    same,
+    speed,
+    start,
+    torn,
+)
 from evidence.row import ROOT, Row
 
 __all__ = ["THEMES", "main", "report"]
@@ -24,6 +39,11 @@ THEMES: dict[str, Callable[[bool], Iterator[Row]]] = {
     "payload": payload.rows,
     "pad": pad.rows,
     "probes": probes.rows,
+    "filters": filters.rows,
+    "clock": clock.rows,
+    "same": same.rows,
+    "torn": torn.rows,
+    "page": page.rows,
     "speed": speed.rows,
     "start": start.rows,
     "bad_input": bad_input.rows,

@@ -1,4 +1,7 @@
-"""Bad input: each case is given to the command, which must say a sentence, exit accordingly and lose no row."""
+"""Bad input: each case is given to the command, which must say a sentence, exit accordingly and lose no row.
+
+First what people do wrong, each by name; then 10,000 files that were mutated at random (`evidence.mutated`).
+"""
 
 from __future__ import annotations
 
@@ -13,6 +16,7 @@ import numpy as np
 import polars as pl
 import trimesh
 
+from evidence import mutated
 from evidence.row import Row
 from palpate.cli import main
 from palpate.simulation import simulate_session, write_session
@@ -34,7 +38,7 @@ class Case:
 
 
 def rows(small: bool) -> Iterator[Row]:
-    """The same small and full."""
+    """The cases with a name are the same small and full."""
     with TemporaryDirectory() as scratch:
         good = Path(scratch) / "good"
         write_session(simulate_session(touches=3, facets=320), good)
@@ -46,6 +50,7 @@ def rows(small: bool) -> Iterator[Row]:
                 (folder / file.name).write_bytes(file.read_bytes())
             case.spoil(folder)
             yield _judge(case, folder)
+    yield from mutated.rows(small)
 
 
 def _judge(case: Case, folder: Path) -> Row:

@@ -20,7 +20,7 @@ from evidence.bodies import BODIES, CONVEX, R, mesh_of
 from evidence.row import Row
 from palpate.simulation import Body, touch_wrenches
 
-__all__ = ["rows"]
+__all__ = ["CHI2_95", "NOISE", "rows", "squared_distance"]
 
 COMMAND = "python -m evidence --only covariance"
 NAME = "covariance"
@@ -84,7 +84,7 @@ def _coverage(name: str, body: Body, smooth: bool, force: tuple[float, float], c
     mesh = mesh_of(body, 20_000, smooth)
     locator = palpate.Locator(mesh, noise=NOISE, on=0.0, off=0.0)
     found = locator.run(located, covariances, sequential=False)
-    square = _squared_distance(found, points)
+    square = squared_distance(found, points)
     share, mean = float(np.mean(square <= CHI2_95)), float(np.mean(square[np.isfinite(square)]))
     spread = np.sqrt(np.einsum("nii->n", found.covariance[found.answered]))
     met = None
@@ -102,12 +102,10 @@ def _coverage(name: str, body: Body, smooth: bool, force: tuple[float, float], c
     return Row(NAME, what, "93 to 97 %, 2 +- 0.1" if force[0] >= 2 and smooth else "", got, met, COMMAND)
 
 
-def _squared_distance(found: palpate.ContactEstimate, points: np.ndarray) -> np.ndarray:
+def squared_distance(found: palpate.ContactEstimate, points: np.ndarray) -> np.ndarray:
     """Of the truth in the tangent plane at the answer, two degrees of freedom; inf without an answer."""
-    square = np.full(len(points), np.inf)
-    for i in np.flatnonzero(found.answered):
-        _, vectors = np.linalg.eigh(found.covariance[i])  # the least belongs to the normal: the rank is 2
-        across = vectors[:, 1:]
-        off = across.T @ (points[i] - found.point[i])
-        square[i] = off @ np.linalg.solve(across.T @ found.covariance[i] @ across, off)
+    square, answered = np.full(len(points), np.inf), found.answered
+    values, vectors = np.linalg.eigh(found.covariance[answered])  # the least belongs to the normal: the rank is 2
+    off = np.einsum("nij,ni->nj", vectors, points[answered] - found.point[answered])
+    square[answered] = np.sum(off[:, 1:] ** 2 / values[:, 1:], axis=1)
     return square

@@ -14,6 +14,7 @@ import numpy as np
 from scipy import linalg, signal
 
 from evidence.bodies import BODIES, R, mesh_of
+from evidence.covariance import CHI2_95, NOISE, squared_distance
 from evidence.row import Row
 from palpate import ForceTorque, Locator, Pose, Recording
 from palpate.contact import ContactEstimate, Estimator
@@ -33,11 +34,9 @@ ONE_PASS = (PAPER, Kalman(1e-4, 1e-3), Butterworth(15.0), Butterworth(20.0, 4))
 ZERO_PHASE = Butterworth(15.0, 2, zero_phase=True)
 SHARES = (0.1, 0.25, 0.5, 1.0, 1.5, 2.0, 3.0)  # of the -3 dB point
 APART = 0.01  # of a frequency: to either side of it, for the slope of the phase
-NOISE = np.array([0.02] * 3 + [0.001] * 3)  # N, N m: one reading
 MOUNT = Pose(np.eye(3), [0.0, 0.0, 0.05])  # T_sensor_surface
 RUN = 80  # samples, several times what any of these filters remembers
 BLOCK = 8192  # samples, as a reader gives them
-CHI2_95 = 5.991464547107979
 
 
 def rows(small: bool) -> Iterator[Row]:
@@ -45,7 +44,7 @@ def rows(small: bool) -> Iterator[Row]:
     yield _said()
     for made in (*ONE_PASS, ZERO_PHASE):
         yield _sines(made, 4.0 if small else 20.0)
-    count = 400 if small else 10_000
+    count = 300 if small else 10_000
     for made in ONE_PASS[:2]:
         yield _coverage(made, "contact that walks at random as q/r says", count, True)
     for made in (*ONE_PASS[2:], ZERO_PHASE):
@@ -141,12 +140,10 @@ def _coverage(made: Filter, what: str, count: int, judged: bool) -> Row:
         wrenches[:, :-1] += np.cumsum(steps, axis=1)[:, ::-1]
     wrenches += rng.standard_normal(wrenches.shape) * NOISE
     found = _answers(made, wrenches, RUN // 2 if made.zero_phase else RUN - 1)
-    answered = found.answered
-    square = np.full(count, np.inf)
-    square[answered] = _squared_distance(found[answered], points[answered])
-    share, mean = float(np.mean(square <= CHI2_95)), float(np.mean(square[answered]))
+    square = squared_distance(found, points)
+    share, mean = float(np.mean(square <= CHI2_95)), float(np.mean(square[found.answered]))
     scatter = 3.5 * (0.05 * 0.95 / count) ** 0.5 if count < 10_000 else 0.0  # of few runs
-    got = f"{share:.2%}, {mean:.3f}; {count:,} runs, {np.count_nonzero(~answered)} not answered"
+    got = f"{share:.2%}, {mean:.3f}; {count:,} runs, {np.count_nonzero(~found.answered)} not answered"
     name = f"{_name(made)}, {what}: truth in the 95 % ellipse, mean squared distance"
     met = abs(share - 0.95) <= 0.02 + scatter if judged else None
     return Row(NAME, name, "93 to 97 %" if judged else "", got, met, COMMAND)
@@ -166,10 +163,3 @@ def _answers(made: Filter, wrenches: np.ndarray, which: int) -> ContactEstimate:
     blocks = (log.picked(slice(start, start + BLOCK)) for start in range(0, len(log), BLOCK))
     found = ContactEstimate.joined([answer for _, answer in chain.stream(blocks)])
     return found[np.arange(count) * (RUN + 1) + 1 + which]
-
-
-def _squared_distance(found: ContactEstimate, points: np.ndarray) -> np.ndarray:
-    """Of the truth in the tangent plane at the answer, two degrees of freedom."""
-    values, vectors = np.linalg.eigh(found.covariance)  # the least belongs to the normal: the rank is 2
-    across = np.einsum("nij,ni->nj", vectors, points - found.point)[:, 1:]
-    return np.sum(across**2 / values[:, 1:], axis=1)

@@ -72,7 +72,9 @@ def _run(*arguments: str) -> None:
 
 def _tables(folder: Path) -> None:
     log = pl.read_csv(folder / "touches.csv")
-    others = {name: 0.1 * np.sin(np.arange(log.height) / (20 + k)) for k, name in enumerate(("x", "y", "z", "ax", "ay", "az"))}
+    others = {
+        name: 0.1 * np.sin(np.arange(log.height) / (20 + k)) for k, name in enumerate(("x", "y", "z", "ax", "ay", "az"))
+    }
     log = log.with_columns(**{name: pl.Series(values).round(6) for name, values in others.items()})
     log.write_csv(folder / "touches.csv")
     log.write_parquet(folder / "touches.parquet", row_group_size=97, compression="uncompressed")
@@ -121,7 +123,10 @@ def _mcap(declared: list[Record], messages: list[Record], compression: str | Non
     if compression is None:
         data += [*declared, *messages]
     else:
-        data += [chunk([*(declared if k == 0 else ()), *messages[k : k + 60]], compression) for k in range(0, len(messages), 60)]
+        data += [
+            chunk([*(declared if k == 0 else ()), *messages[k : k + 60]], compression)
+            for k in range(0, len(messages), 60)
+        ]
     data.append((15, bytes(4)))
     keys = [struct.unpack_from("<H", content)[0] for _, content in messages]
     counts = b"".join(struct.pack("<HQ", key, keys.count(key)) for key in sorted(set(keys)))

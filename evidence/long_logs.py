@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
+from palpate.io.contacts_mcap import TOPICS
 from palpate.io.mcap_write import MESSAGE, McapWriter, Topic
 from palpate.sensors.recording import ORIENTATION, Recording
 from palpate.simulation.session import Session
@@ -44,9 +45,11 @@ def _rows(recording: Recording) -> np.ndarray:
 
 
 def _write_mcap(path: Path, session: Session, samples: int) -> None:
+    definitions = {topic.kind: topic.definition for topic in TOPICS}
+    wrench, pose = "geometry_msgs/msg/WrenchStamped", "geometry_msgs/msg/PoseStamped"
     topics = (
-        Topic("/ft_sensor/wrench", "geometry_msgs/msg/WrenchStamped", ""),
-        Topic("/arm/sensor_pose", "geometry_msgs/msg/PoseStamped", ""),
+        Topic("/ft_sensor/wrench", wrench, definitions[wrench]),
+        Topic("/arm/sensor_pose", pose, definitions[pose]),
     )
     writer, sequence = McapWriter(topics, "evidence"), count()
     with path.open("wb") as file:

@@ -7,7 +7,19 @@ import zlib
 from collections.abc import Iterable, Iterator
 from typing import Any
 
-__all__ = ["CHANNEL", "CHUNK", "MAGIC", "MESSAGE", "SCHEMA", "Record", "chunk", "chunk_records", "counted", "pack", "unpack"]
+__all__ = [
+    "CHANNEL",
+    "CHUNK",
+    "MAGIC",
+    "MESSAGE",
+    "SCHEMA",
+    "Record",
+    "chunk",
+    "chunk_records",
+    "counted",
+    "pack",
+    "unpack",
+]
 
 Record = tuple[int, bytes]
 """Kind and content."""
@@ -68,7 +80,8 @@ def chunk_records(content: bytes) -> tuple[list[Record], str]:
 def counted(data: bytes, topic: str | None, kinds: Iterable[str]) -> tuple[int, int]:
     """The least and the most messages on a topic (None: any) of these types that can be found from front to back.
 
-    They differ where a chunk is damaged, or a channel is declared in more than one way, or after its messages.
+    They differ where a chunk is damaged, or a channel is declared in more than one way, or after its messages, as in
+    the index at the end.
     """
     kinds = {kind.replace("/msg/", "/") for kind in kinds}
     records, rest = unpack(data)
@@ -76,7 +89,7 @@ def counted(data: bytes, topic: str | None, kinds: Iterable[str]) -> tuple[int, 
     channels: dict[int, set[tuple[int, str, str]]] = {}
     messages: list[tuple[int, bool]] = []
     doubtful = False
-    for kind, content in _flat(records):
+    for kind, content in [*_flat(records), *_index(data)]:
         if kind == SCHEMA:
             _declare(schemas, content, _schema)
         elif kind == CHANNEL:
@@ -91,7 +104,10 @@ def counted(data: bytes, topic: str | None, kinds: Iterable[str]) -> tuple[int, 
     least = most = 0
     for key, declared in messages:
         said = [(of, name, encoding) for of, name, encoding in channels.get(key, ())]
-        fits = [topic in (None, name) and encoding in ("cdr", "ros1") and bool(schemas.get(of, set()) & kinds) for of, name, encoding in said]
+        fits = [
+            topic in (None, name) and encoding in ("cdr", "ros1") and bool(schemas.get(of, set()) & kinds)
+            for of, name, encoding in said
+        ]
         sure = declared and fits == [True] and len(schemas[said[0][0]]) == 1
         least += sure
         most += any(fits) or doubtful
@@ -106,6 +122,15 @@ def _flat(records: list[Record]) -> Iterator[Record]:
             yield from inner
         else:
             yield kind, content
+
+
+def _index(data: bytes) -> list[Record]:
+    """What the end of the file declares, where it is whole."""
+    foot = data[-37:-8]
+    if not data.endswith(MAGIC) or foot[:9] != struct.pack("<BQ", FOOTER, 20):
+        return []
+    (start,) = struct.unpack_from("<Q", foot, 9)
+    return [record for record in unpack(data, start)[0] if record[0] in (SCHEMA, CHANNEL)] if start else []
 
 
 def _declare(table: dict[int, set[Any]], content: bytes, read: Any) -> None:

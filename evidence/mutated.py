@@ -6,37 +6,36 @@ A case is a kind and a number, from which everything follows: `python -m evidenc
 from __future__ import annotations
 
 import contextlib
-import io
+import faulthandler
+import multiprocessing
 import os
-import resource
 import shutil
-import signal
-import sqlite3
 import sys
-import time
-import traceback
-import warnings
+from collections import Counter
 from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from tempfile import TemporaryDirectory, TemporaryFile
+from tempfile import TemporaryDirectory
 
 import numpy as np
-import polars as pl
 
-from evidence.good_files import SAMPLES, write_good
-from evidence.mcap_records import MAGIC, counted
-from evidence.mutation import Random, mutate
-from palpate.cli import main
-from palpate.simulation.session_files import WRENCH_TOPIC
+from evidence.good_files import write_good
+from evidence.mutation import mutate
+from evidence.mutation_bytes import Random
+from evidence.row import Row
+from evidence.row_for_row import unanswered
+from evidence.watched import LIMIT, watched
 
-__all__ = ["KINDS", "Kind", "Outcome", "bench", "try_one"]
+__all__ = ["KINDS", "Kind", "Outcome", "bench", "rows", "try_one"]
 
-LIMIT = 10  # s
-MEMORY = 400  # MB more than before, for files of some 50 kB
+NAME = "mutated files"
+COMMAND = "python -m evidence --only bad_input"
+TARGET = f"a sentence, or a row for every sample; no traceback, no warning, none over {LIMIT} s"
+PIECE = 100  # cases that a process does at a time
+
 SUFFIXES = ("csv", "parquet", "mcap")
-CONTACT = "/palpate/contact/estimate", ("palpate_msgs/Contact",)
-WRENCHES = ("geometry_msgs/WrenchStamped", "geometry_msgs/Wrench")
 
 
 @dataclass(frozen=True)
@@ -108,7 +107,7 @@ KINDS = {
     "rig, TOML": Kind(
         1500, tuple((f"{name}.toml", "toml") for name in ("rig", "rig_full", "rig_imu", "rig_plane")), RIG
     ),
-    "payload, TOML": Kind(500, (("payload.toml", "toml"),), PAYLOAD),
+    "payload, TOML": Kind(500, (("payload.toml", "payload"),), PAYLOAD),
     "STL": Kind(1000, (("probe.stl", "stl"), ("probe.stl", "stl"), ("ascii.stl", "ascii")), MESH),
     "OBJ and PLY": Kind(100, (("probe.obj", "ascii"), ("probe.ply", "binary")), MESH),
     "contacts": Kind(
@@ -116,10 +115,6 @@ KINDS = {
     ),
     "truth, CSV": Kind(200, (("truth.csv", "table"), ("marks.csv", "table")), (*TRUTH, MOUNTING)),
 }
-
-
-class _HangError(BaseException):
-    """Not an Exception, which might be caught."""
 
 
 @contextlib.contextmanager
@@ -145,13 +140,9 @@ def try_one(name: str, number: int) -> Outcome:
     command = kind.commands[int(random.integers(len(kind.commands)))].format(bad=bad, out=out, made="made.toml")
     for left in Path().glob("out.*"):
         shutil.rmtree(left) if left.is_dir() else left.unlink()
-    peak, begin = _peak(), time.perf_counter()
-    code, out_text, said, fault = _watched(command.split())
-    seconds = time.perf_counter() - begin
-    if _peak() - peak > MEMORY:
-        fault = fault or f"took {_peak() - peak} MB"
-    fault = fault or _unfit(code, out_text, said) or (_unanswered(command, bad, out) if code in (0, 3) else "")
-    return Outcome(name, number, command, code, seconds, said.strip() or out_text, fault)
+    heard = watched(command.split())
+    fault = heard.fault or (unanswered(command, bad, out) if command.startswith("estimate") and heard.code != 1 else "")
+    return Outcome(name, number, command, heard.code, heard.seconds, heard.said.strip() or heard.out, fault)
 
 
 def _spoilt(file: Path, ways: str, random: Random) -> Path:
@@ -167,114 +158,52 @@ def _spoilt(file: Path, ways: str, random: Random) -> Path:
     return bad if folder == Path() else Path("bad_bag")
 
 
-def _watched(arguments: list[str]) -> tuple[int, str, str, str]:
-    """Exit code, stdout, stderr (also of what writes to the file itself), and what no command may do."""
-    heard, said, fault, code = io.StringIO(), io.StringIO(), "", -1
-    with TemporaryFile() as below, warnings.catch_warnings(record=True) as warned, _below(below.fileno()):
-        warnings.simplefilter("always")
-        old = signal.signal(signal.SIGALRM, _ring)
-        signal.setitimer(signal.ITIMER_REAL, LIMIT)
-        try:
-            with contextlib.redirect_stdout(heard), contextlib.redirect_stderr(said):
-                code = main(arguments)
-        except BaseException as problem:
-            place = traceback.extract_tb(problem.__traceback__)[-12:]
-            way = " < ".join(f"{Path(at.filename).name}:{at.lineno}" for at in reversed(place))
-            fault = f"{type(problem).__name__}: {problem} ({way})"
-        finally:
-            signal.setitimer(signal.ITIMER_REAL, 0)
-            signal.signal(signal.SIGALRM, old)
-        below.seek(0)
-        text = said.getvalue() + below.read().decode(errors="replace")
-    if warned:
-        fault = fault or f"{warned[0].category.__name__}: {warned[0].message} ({warned[0].filename}:{warned[0].lineno})"
-    return code, heard.getvalue(), text, fault
+def rows(small: bool) -> Iterator[Row]:
+    """One for each kind; 10,000 cases in all, or four of each kind."""
+    if small:
+        with bench():
+            for name in KINDS:
+                yield _row(name, [try_one(name, number) for number in range(4)])
+        return
+    pieces = [
+        (name, range(kind.count)[first : first + PIECE])
+        for name, kind in KINDS.items()
+        for first in range(0, kind.count, PIECE)
+    ]
+    os.environ.setdefault("POLARS_MAX_THREADS", "1")  # of the processes below, which fill the machine as they are
+    spawned = multiprocessing.get_context("spawn")
+    with TemporaryDirectory() as scratch, ProcessPoolExecutor(mp_context=spawned) as pool:
+        write_good(Path(scratch) / "good")
+        found: dict[str, list[Outcome]] = {name: [] for name in KINDS}
+        for outcomes in pool.map(partial(_piece, Path(scratch)), pieces):
+            name = outcomes[0].kind
+            found[name] += outcomes
+            if len(found[name]) == KINDS[name].count:
+                yield _row(name, found[name])
 
 
-def _ring(*_: object) -> None:
-    raise _HangError
+def _piece(scratch: Path, piece: tuple[str, range]) -> list[Outcome]:
+    """Some cases in a process of its own, which ends where even the alarm is not heard, and says where it was."""
+    here = scratch / str(os.getpid())
+    if not here.exists():
+        shutil.copytree(scratch / "good", here)
+    os.chdir(here)
+    outcomes: list[Outcome] = []
+    for number in piece[1]:
+        faulthandler.dump_traceback_later(4 * LIMIT, exit=True)
+        outcomes.append(try_one(piece[0], number))
+    faulthandler.cancel_dump_traceback_later()
+    return outcomes
 
 
-@contextlib.contextmanager
-def _below(file: int) -> Iterator[None]:
-    """What compiled code says of itself goes to the file."""
-    sys.stderr.flush()
-    kept = os.dup(2)
-    os.dup2(file, 2)
-    try:
-        yield
-    finally:
-        os.dup2(kept, 2)
-        os.close(kept)
-
-
-def _unfit(code: int, heard: str, said: str) -> str:
-    """What is wrong with an exit code and what was said."""
-    if code not in (0, 1, 3):
-        return f"exit {code}: {said}"
-    sentence, _, rest = said.partition("\n")
-    if code == 1 and (not sentence.startswith("palpate: ") or rest and "panicked at crates/polars" not in rest):
-        return f"no sentence, but {said!r}"  # polars' own readers of damaged Parquet talk beside it
-    if code != 1 and said:
-        return f"exit {code}, and on stderr {said!r}"
-    return "Traceback" if "Traceback" in heard + said else ""
-
-
-def _unanswered(command: str, bad: Path, out: Path) -> str:
-    """What is wrong with the rows of the contacts."""
-    words = command.split()
-    if words[0] != "estimate":
-        return ""
-    log = Path(words[1])
-    topic = WRENCH_TOPIC if "--rig" in words else None
-    least, most = _samples(log, topic) if log == bad else (SAMPLES, SAMPLES)
-    rows, numbered = _rows(out)
-    if not least <= rows <= most:
-        return f"{rows} rows out of {least} to {most} samples"
-    return "" if numbered else "samples are not numbered from 0 in order"
-
-
-def _rows(out: Path) -> tuple[int, bool]:
-    if out.suffix == ".mcap":
-        return counted(out.read_bytes(), *CONTACT)[0], True
-    table = pl.read_csv(out, infer_schema=False) if out.suffix == ".csv" else pl.read_parquet(out)
-    return table.height, table["sample"].cast(pl.Int64).to_list() == list(range(table.height))
-
-
-def _samples(log: Path, topic: str | None) -> tuple[int, int]:
-    """The least and the most that a log has, counted without palpate."""
-    if log.is_dir():
-        return _of_database(next(log.glob("*.db3")))
-    data = log.read_bytes()
-    if data.startswith(MAGIC):
-        return counted(data, topic, WRENCHES)
-    if data.startswith(b"#ROSBAG"):
-        return _of_bag(log)
-    if data.startswith(b"PAR1"):
-        return (int(pl.scan_parquet(log, glob=False).select(pl.len()).collect().item()),) * 2
-    lines = data.removeprefix(b"\xef\xbb\xbf").split(b"\n" if b"\n" in data else b"\r")
-    count = sum(bool(line.strip()) for line in lines) - 1
-    return count, count
-
-
-def _of_database(file: Path) -> tuple[int, int]:
-    query = "select count(*) from messages, topics where topics.id = topic_id and name = ?"
-    with contextlib.closing(sqlite3.connect(file)) as database:
-        database.text_factory = bytes
-        return (int(database.execute(query, [WRENCH_TOPIC]).fetchone()[0]),) * 2
-
-
-def _of_bag(file: Path) -> tuple[int, int]:
-    from rosbags.rosbag1 import Reader
-
-    with Reader(file) as bag:
-        count = sum(1 for connection, *_ in bag.messages() if connection.topic == WRENCH_TOPIC)
-    return count, count
-
-
-def _peak() -> int:
-    """MB that this process has held at most."""
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024
+def _row(name: str, outcomes: list[Outcome]) -> Row:
+    codes = Counter(outcome.code for outcome in outcomes)
+    faults = [outcome for outcome in outcomes if outcome.fault]
+    said = ", ".join(f"{count} exit {code}" for code, count in sorted(codes.items()))
+    got = f"{said}; slowest {max(outcome.seconds for outcome in outcomes):.1f} s"
+    for fault in faults[:3]:
+        got += f"; number {fault.number}, {fault.command}: {fault.fault}"
+    return Row(NAME, f"{len(outcomes):,} of {name}", TARGET, got, not faults, COMMAND)
 
 
 if __name__ == "__main__":

@@ -62,7 +62,7 @@ def rows(small: bool) -> Iterator[Row]:
         log = written(folder, touches=2 if small else 20, facets=320 if small else 20_000)
         yield from _formats(folder, log)
         recording = read_recording(folder / "log.parquet", load_rig(folder / "rig.toml").layout())
-        yield from _blocks(folder, recording)
+        yield from _blocks(folder, recording.picked(slice(0, 250 if small else None)))
 
 
 def written(folder: Path, touches: int, facets: int) -> Session:

@@ -1,6 +1,7 @@
 """Torn files: an MCAP cut anywhere, and a writer that is killed.
 
-The mcap library writes the log, rosbags its messages, and the library's own index says where each chunk begins and ends.
+The mcap library writes the log, rosbags its messages, and the library's own index says where each chunk begins and
+ends.
 """
 
 from __future__ import annotations
@@ -59,11 +60,11 @@ def rows(small: bool) -> Iterator[Row]:
         log = Session(*(values[:300] for values in vars(log).values()))
         for packed in PACKED:
             yield from _cuts(folder, log, packed, *((12, 1) if small else (1_000, 30)))
-        yield from _kills(folder, 40_000 if small else 400_000, (".mcap",) if small else (".csv", ".parquet", ".mcap"))
+        yield from _kills(folder, 20_000 if small else 400_000, (".mcap",) if small else (".csv", ".parquet", ".mcap"))
 
 
 def _cuts(folder: Path, log: Session, packed: str, count: int, commands: int) -> Iterator[Row]:
-    """Least and most are the wrenches that end before the cut; packed, those in chunks that end, and that begin there."""
+    """Least and most are the wrenches that end before the cut; packed, those in chunks that end, or begin, there."""
     path, part, rng = folder / "log.mcap", folder / "part.mcap", np.random.default_rng(71)
     write_mcap(path, log.messages(), compression=PACKED[packed], chunk_size=CHUNK)
     whole = path.read_bytes()

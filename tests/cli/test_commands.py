@@ -247,7 +247,7 @@ def test_times_too_coarse_for_a_filter_are_refused_with_one_and_noted_without(
     assert len(read_contacts(tmp_path / "contacts.csv")) == len(pl.read_csv(log))
 
 
-def test_ctrl_c_before_the_first_row_leaves_nothing(made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_ctrl_c_before_a_row_leaves_nothing(made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from palpate.contact.estimator import Estimator
 
     def interrupted(*_: object) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -143,3 +145,17 @@ def test_values_are_frozen() -> None:
     for name in vars(found):
         with pytest.raises(ValueError, match="read-only"):
             getattr(found, name)[0] = 0
+
+
+def test_numbers_that_no_contact_has_are_left_out() -> None:
+    """A damaged file may hold them; their sums and squares would overflow, which a warning would say."""
+    time, estimate = _session()
+    known = find_touches(time, estimate)
+    rows = np.flatnonzero(estimate.answered)[[5, 9, 12]]
+    wild = {name: np.array(getattr(estimate, name)) for name in ("point", "force", "covariance")}
+    wild["point"][rows[0]], wild["force"][rows[1]], wild["covariance"][rows[2]] = 1e300, -np.inf, 1e300
+    found = find_touches(time, replace(estimate, **wild))
+    assert found.start.tolist() == known.start.tolist()
+    assert found.samples.sum() == known.samples.sum() - 2
+    for name in ("point", "peak_force", "covariance"):  # one sample of hundreds cannot move a mean of them far
+        assert np.allclose(getattr(found, name), getattr(known, name), rtol=0.05, atol=1e-4)

@@ -3,14 +3,18 @@
 import csv
 import tomllib
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import trimesh
+from logs_written import ROS2
+from mcap.reader import make_reader
 
 from palpate.sensors.recording import ORIENTATION
 from palpate.simulation.session import ASSEMBLY, NOISE, Session, simulate_session
-from palpate.simulation.session_files import write_session
+from palpate.simulation.session_files import POSE_TOPIC, WRENCH_TOPIC, write_session
+from palpate.simulation.session_mcap import CLOCK_OFFSET, POSITION, write_session_mcap
 from palpate.spatial.pose import rotation_from_quaternion
 
 
@@ -89,3 +93,45 @@ def test_files_hold_the_session(session: Session, tmp_path: Path) -> None:
 
 def _rows(path: Path) -> list[dict[str, str]]:
     return list(csv.DictReader(path.read_text().splitlines()))
+
+
+def test_mcap_holds_the_session_to_the_last_bit_with_a_clock_each(tmp_path: Path) -> None:
+    """Read by the mcap library; stamps are those of the samples to the nanosecond, poses 30 ms less and every other."""
+    session = simulate_session(5, touches=2, facets=20)
+    write_session_mcap(session, tmp_path)
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["free_motion.mcap", "touches.mcap"]
+    for name, log in (("free_motion", session.free_motion), ("touches", session.touches)):
+        read = _messages(tmp_path / f"{name}.mcap")
+        assert set(read) == {WRENCH_TOPIC, POSE_TOPIC}
+        stamps, messages = zip(*read[WRENCH_TOPIC], strict=True)
+        assert np.array_equal(np.array(stamps), np.rint(log.time * 1e9).astype(np.int64))
+        assert [message.header.frame_id for message in messages] == ["ft_sensor"] * len(log)
+        wrenches = [_xyz(message.wrench.force) + _xyz(message.wrench.torque) for message in messages]
+        assert np.array_equal(np.array(wrenches), log.wrenches())
+        stamps, messages = zip(*read[POSE_TOPIC], strict=True)
+        expected = np.rint((log.time[::2] - CLOCK_OFFSET) * 1e9).astype(np.int64)
+        there = expected >= 0  # no header says a time before 0
+        assert np.array_equal(np.array(stamps), expected[there])
+        turns = [(*_xyz(message.pose.orientation), message.pose.orientation.w) for message in messages]
+        assert np.array_equal(np.array(turns), log.channels[ORIENTATION][::2][there])
+        assert {_xyz(message.pose.position) for message in messages} == {POSITION}
+
+
+def _messages(path: Path) -> dict[str, list[tuple[int, Any]]]:
+    """Stamp of the header [ns] and message, by topic, in the order of the file, which is that of time."""
+    found: dict[str, list[tuple[int, Any]]] = {}
+    with path.open("rb") as file:
+        times = []
+        for schema, channel, message in make_reader(file).iter_messages(log_time_order=False):
+            assert schema is not None
+            read = ROS2.deserialize_cdr(message.data, schema.name)
+            stamp = read.header.stamp.sec * 10**9 + read.header.stamp.nanosec
+            assert message.log_time == stamp
+            times.append(stamp)
+            found.setdefault(channel.topic, []).append((stamp, read))
+    assert times == sorted(times)
+    return found
+
+
+def _xyz(vector: Any) -> tuple[float, float, float]:
+    return vector.x, vector.y, vector.z

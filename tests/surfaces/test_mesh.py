@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from laws.bodies import R, box, cylinder
 
-from palpate.errors import GeometryError
+from palpate.errors import GeometryError, PalpateError
 from palpate.simulation.shapes import Ellipsoid
 from palpate.surfaces import Mesh, plane
 
@@ -165,3 +167,22 @@ def test_a_plane_is_where_it_was_said_to_be() -> None:
     assert np.allclose(square.centre, square.vertices.mean(axis=0), atol=0.5)
     with pytest.raises(GeometryError, match="must not be zero"):
         plane(point, np.zeros(3))
+
+
+def test_vertices_beyond_reason_take_their_facets_with_them() -> None:
+    """Squares of 1e200 overflow, and the grid on which vertices are merged has no cell for one far off."""
+    vertices, facets = box()
+    far = np.vstack([vertices, [[1e200, 0.0, 0.0], [0.0, np.inf, 0.0], [1e11, 0.0, 0.0]]])
+    faces = np.vstack([facets, [[0, 1, 8], [1, 2, 9]]])
+    mesh = Mesh.from_arrays(far, faces)  # the last vertex is in no facet
+    assert len(mesh.faces) == 12
+    assert "2 facets with vertices that are NaN, infinite or beyond 1e12 dropped" in mesh.notes
+
+
+def test_a_mesh_that_cannot_be_read_is_said_once(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    """Trimesh logs a traceback beside the error that it raises, which Python prints where nobody listens."""
+    path = tmp_path / "bad.stl"
+    path.write_bytes(b"solid of text" + bytes(67) + b"\xff\xff\xff\x7f" + bytes(500))
+    with pytest.raises(PalpateError, match=r"bad\.stl"):
+        Mesh.load(path)
+    assert not capfd.readouterr().err

@@ -47,7 +47,7 @@ def calibrate_mounting(
     which tells less and believes that presses are mostly along the normal. Comments in the rig stay.
 
     Args:
-        log: CSV in which marked points, or many different places, are pressed.
+        log: in which marked points, or many different places, are pressed.
         rig: TOML of the set-up, with payload and a rough pose.
         output: rig to write; it may be the same file.
         marks: start,end,px,py,pz[,label] of each touch, in the surface's frame.

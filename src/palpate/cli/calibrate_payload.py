@@ -47,7 +47,8 @@ def calibrate_payload(
     all samples are used.
 
     Args:
-        log: CSV with time,fx,fy,fz,tx,ty,tz,qx,qy,qz,qw (sensor in base), or as the rig says.
+        log: CSV or Parquet with time,fx,fy,fz,tx,ty,tz,qx,qy,qz,qw (sensor in base); MCAP or a ROS bag with
+            WrenchStamped and PoseStamped; or as the rig says.
         output: payload.toml to write.
         rig: TOML that says where the log keeps what.
         gravity: its direction in the base as x,y,z (0,0,-1 when z points up), or free: identified too.
@@ -62,7 +63,8 @@ def calibrate_payload(
         raise InputError(
             "the log has no orientation, without which the weight cannot be told from the bias.",
             where=str(log),
-            mend="Add columns qx, qy, qz, qw (sensor in base), or name them in the rig's [orientation].",
+            mend="A table needs columns qx, qy, qz, qw (sensor in base), messages a topic of poses; other names stand "
+            "in the rig's [orientation].",
         )
     rotations = rotation_from_quaternion(recording.channels[ORIENTATION])
     wrenches, poses, counts = average_poses(recording.wrenches(), rotations)

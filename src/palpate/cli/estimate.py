@@ -14,7 +14,7 @@ from palpate.cli.interrupts import uninterrupted
 from palpate.cli.options import FileOption, Log, Output
 from palpate.cli.pipeline import Pipeline, open_pipeline
 from palpate.cli.report import Run, write_report
-from palpate.cli.screen import lines, note, percent, progress, title
+from palpate.cli.screen import counting, lines, note, percent, progress, title
 from palpate.cli.setup import Setup
 from palpate.cli.tally import Tally
 from palpate.contact.estimate import ContactEstimate, Status
@@ -77,9 +77,11 @@ def estimate(
     )
     write_provenance(beside, record)
     doubts = tally.doubts(pipeline.estimator)
+    short = [f"interrupted: {output.name} holds the {writer.rows:,} samples done until then"] if interrupted else []
+    short += [pipeline.log.torn] if pipeline.log.torn else []
     _say(log, output, pipeline, tally, doubts)
     if report is not None:
-        notes, warnings = (*pipeline.said, *pipeline.remarks(), *pipeline.notes()), (*doubts, *_torn(pipeline))
+        notes, warnings = (*pipeline.said, *pipeline.remarks(), *pipeline.notes()), (*doubts, *short)
         run = Run(
             log.name,
             output.name,
@@ -94,12 +96,9 @@ def estimate(
             warnings=warnings,
         )
         write_report(report, run)
-    if interrupted:
-        note([f"interrupted: {output} holds the {writer.rows:,} samples done until then"], kind="warning")
-        raise SystemExit(INTERRUPTED)
-    if pipeline.log.torn:
-        note(_torn(pipeline), kind="warning")
-        raise SystemExit(TORN)
+    note(short, kind="warning")
+    if short:
+        raise SystemExit(INTERRUPTED if interrupted else TORN)
 
 
 def _known(truth: Path | None, report: Path | None) -> Samples | Touches | None:
@@ -117,7 +116,8 @@ def _known(truth: Path | None, report: Path | None) -> Samples | Touches | None:
 def _interrupted(pipeline: Pipeline, writer: ContactsWriter, tally: Tally, frame: str) -> bool:
     """Locate, and whether Ctrl-C ended it; without a row there is nothing to keep."""
     try:
-        _locate(pipeline, writer, tally, frame)
+        with counting():
+            _locate(pipeline, writer, tally, frame)
     except KeyboardInterrupt:
         if not writer.rows:
             raise
@@ -169,10 +169,6 @@ def _options(pipeline: Pipeline, frame: str) -> dict[str, object]:
         "noise": sensor.noise is not None and np.sqrt(np.diag(sensor.noise)).tolist(),
         "noise_source": source,
     }
-
-
-def _torn(pipeline: Pipeline) -> list[str]:
-    return [pipeline.log.torn] if pipeline.log.torn else []
 
 
 def _say(log: Path, output: Path, pipeline: Pipeline, tally: Tally, doubts: list[str]) -> None:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from typing import Annotated
+
 import numpy as np
+from tyro.conf import arg
 
 from palpate.cli.options import ContactsFile, TruthFile
 from palpate.cli.screen import lines, note, percent, table, title
@@ -19,7 +22,7 @@ __all__ = ["HEADER", "evaluate", "spreads"]
 HEADER = ("", "mean", "median", "95 %", "worst", "count")
 
 
-def evaluate(contacts: ContactsFile, truth: TruthFile, /, tolerance: float = 0.02) -> None:
+def evaluate(contacts: ContactsFile, truth: TruthFile, /, tolerance: Annotated[float, arg(metavar="X")] = 0.02) -> None:
     """Errors of location, direction and force, coverage of the ellipses, share of each status.
 
     Args:

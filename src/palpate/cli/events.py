@@ -36,8 +36,8 @@ def events(
     contacts: ContactsFile,
     /,
     output: Annotated[FileOption, arg(aliases=["-o"])] = None,
-    gap: float = 0.05,
-    shortest: float = 0.02,
+    gap: Annotated[float, arg(metavar="X")] = 0.05,
+    shortest: Annotated[float, arg(metavar="X")] = 0.02,
 ) -> None:
     """Touches: start, end, peak force, place.
 

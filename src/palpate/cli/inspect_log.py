@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate.cli.screen import lines, note, percent, progress, table, title
+from palpate.cli.screen import counting, lines, note, percent, progress, table, title
 from palpate.cli.spectrum import PLACE
 from palpate.contact.estimate import Status
 from palpate.errors import InputError
@@ -79,10 +79,11 @@ def inspect_log(file: Path, names: Sequence[str], layout: Layout | None) -> tupl
     log = open_log(file, layout)
     excerpt, ranges = Excerpt(), _Ranges()
     try:
-        for block in log.blocks():
-            excerpt.add(block)
-            ranges.add(block)
-            progress(ranges.count, log.position / max(log.size, 1))
+        with counting():
+            for block in log.blocks():
+                excerpt.add(block)
+                ranges.add(block)
+                progress(ranges.count, log.position / max(log.size, 1))
     except InputError as problem:
         if names or excerpt.count:
             raise

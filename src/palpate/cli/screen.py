@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Generator, Iterable, Sequence
+from contextlib import contextmanager
 from math import floor, isfinite, log10
 
-__all__ = ["lines", "measured", "note", "percent", "progress", "table", "title", "wait"]
+__all__ = ["counting", "lines", "measured", "note", "percent", "progress", "table", "title", "wait"]
 
 _WIDTH = 16
 
@@ -69,5 +70,14 @@ def progress(done: int, share: float) -> None:
         share: of the file that was read.
     """
     if sys.stderr.isatty():
-        end = "\n" if share >= 1.0 else ""
-        print(f"\rpalpate: {done:,} samples, {share:4.0%} of the log", end=end, file=sys.stderr, flush=True)
+        print(f"\rpalpate: {done:,} samples, {share:4.0%} of the log", end="", file=sys.stderr, flush=True)
+
+
+@contextmanager
+def counting() -> Generator[None]:
+    """Wipes the line of `progress` when the block ends, however it does."""
+    try:
+        yield
+    finally:
+        if sys.stderr.isatty():
+            print("\r\x1b[K", end="", file=sys.stderr, flush=True)

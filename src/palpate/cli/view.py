@@ -11,7 +11,7 @@ from tyro.conf import arg
 from palpate.cli.interrupts import import_mesh_reader
 from palpate.cli.options import Log
 from palpate.cli.pipeline import open_pipeline
-from palpate.cli.screen import note, progress, title
+from palpate.cli.screen import counting, note, progress, title
 from palpate.cli.setup import Setup
 from palpate.contact.estimate import ContactEstimate
 from palpate.contact.frames import in_frame
@@ -62,11 +62,12 @@ def _estimated(path: Path, rig: Rig) -> tuple[Scene, list[str]]:
     """A log on its way through the whole chain, and what is to be known of it."""
     pipeline = open_pipeline(path, rig)
     times, parts, done = list[np.ndarray](), list[ContactEstimate](), 0
-    for block, found in pipeline.stream():
-        times.append(block.time)
-        parts.append(found)
-        done += len(block)
-        progress(done, pipeline.log.position / max(pipeline.log.size, 1))
+    with counting():
+        for block, found in pipeline.stream():
+            times.append(block.time)
+            parts.append(found)
+            done += len(block)
+            progress(done, pipeline.log.position / max(pipeline.log.size, 1))
     scene = prepare(pipeline.surface, np.concatenate(times), ContactEstimate.joined(parts), path.name)
     torn = [pipeline.log.torn] if pipeline.log.torn else []
     return scene, [*torn, *pipeline.said, *pipeline.remarks(), *pipeline.notes()]

@@ -9,10 +9,12 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from palpate.contact.estimate import ContactEstimate, Status
+from palpate.sensors.recording import LARGEST
 
 __all__ = ["Events", "TouchFinder", "find_touches"]
 
 WINDOW = 0.1  # s over which points are averaged before it is asked how far they moved
+LATEST = 1e20  # s: beyond any clock, in nanoseconds too
 LEAST = 1e-24  # m^2: below any spread of a point
 FAINT = 0.1  # of the heaviest window's weight: what weighs less has no say in that
 
@@ -112,13 +114,14 @@ class TouchFinder:
         self._windows: list[tuple[np.ndarray, np.ndarray]] = []
 
     def add(self, time: Float[np.ndarray, " n"], estimate: ContactEstimate) -> None:
-        """The next samples, one contact each."""
-        known = np.isfinite(time)
+        """The next samples, one contact each; what no sensor gives is left out, as its sums would overflow."""
+        known = np.abs(time) <= LATEST  # not NaN
         steps = np.diff(np.concatenate([self._last, time[known]]))
         if (steps > 0).any():
             self._steps.append(float(np.median(steps[steps > 0])))
         self._last = time[known][-1:]
-        wanted = known & estimate.answered
+        numbers = np.concatenate([estimate.point, estimate.normal, estimate.force], axis=1)
+        wanted = known & estimate.answered & ~(np.abs(numbers) > LARGEST).any(axis=1)
         if wanted.any():
             self._windows.append(_windows(time[wanted], estimate[wanted], self._gap))
 
@@ -155,8 +158,9 @@ def _windows(
 
 def _samples(estimate: ContactEstimate, strength: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 22"]:
     """What each sample adds."""
-    trace = np.trace(estimate.covariance, axis1=1, axis2=2)
-    known = np.isfinite(trace) & (trace > LEAST)
+    covariance = estimate.covariance.reshape(-1, 9)
+    trace = covariance[:, ::4].sum(axis=1, where=np.abs(covariance[:, ::4]) <= LARGEST)
+    known = (np.abs(covariance) <= LARGEST).all(axis=1) & (trace > LEAST)
     weight = np.where(known, 1 / np.where(known, trace, 1.0), 0.0)
     table = np.empty((len(strength), _Sum.length))
     table[:, _Sum.count] = 1.0
@@ -165,7 +169,7 @@ def _samples(estimate: ContactEstimate, strength: Float[np.ndarray, " n"]) -> Fl
     table[:, _Sum.weight] = weight
     table[:, _Sum.weighted] = weight[:, None] * estimate.point
     table[:, _Sum.plain] = estimate.point
-    table[:, _Sum.covariance] = np.where(known[:, None], weight[:, None] * estimate.covariance.reshape(-1, 9), 0.0)
+    table[:, _Sum.covariance] = weight[:, None] * np.where(known[:, None], covariance, 0.0)
     table[:, _Sum.normal] = estimate.normal
     return table
 

@@ -21,9 +21,9 @@ from palpate.io.contacts_table import (
     assembled,
     from_frame,
     noted,
+    pointless,
     require_columns,
     to_frame,
-    unsound,
 )
 from palpate.io.table import Table, read_table
 from palpate.io.units import near
@@ -65,8 +65,8 @@ def read_csv(path: Path) -> Contacts:
     """Read a contacts.csv that somebody may have edited, and say what is wrong with it.
 
     Raises:
-        InputError: not a contacts.csv, a status that there is none of, a field that is no number, or a row that is
-            unsound.
+        InputError: not a contacts.csv, a status that there is none of, a field that is no number, or an answered row
+            without a point.
     """
     table = read_table(path)
     require_columns(path, table.names)
@@ -77,8 +77,8 @@ def read_csv(path: Path) -> Contacts:
     sample, contact, candidates = whole.astype(np.int64).T
     numbers, _ = table.numbers(NUMBERS, strict=True)
     contacts = assembled(sample, contact, candidates, _statuses(table), numbers, table.notes)
-    if found := unsound(contacts):
-        table.refuse(*found)
+    if (row := pointless(contacts.estimate)) is not None:
+        table.refuse(row, "is answered, but has no point")
     return contacts
 
 

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from palpate.contact.estimate import ContactEstimate, Status
-from palpate.io.contacts_table import Contacts, unsound
+from palpate.io.contacts_table import Contacts, pointless
 from palpate.io.mcap_write import MESSAGE, Topic
 
 __all__ = ["ESTIMATE", "TOPICS", "Messages", "from_messages"]
@@ -153,10 +153,9 @@ def from_messages(payloads: np.ndarray) -> Contacts:
         raise ValueError(f"unknown status {status[odd[0]]}")
     values = {name: rows[name].copy() for name in ("point", "normal", "force", "torque", "covariance", "candidates")}
     estimate = ContactEstimate(**values, residual=np.full(len(rows), np.nan), status=status)
-    contacts = Contacts(rows["sample"].copy(), rows["time"].copy(), rows["contact"].copy(), estimate)
-    if found := unsound(contacts):
-        raise ValueError(f"row {found[0]} of a block {found[1]}")
-    return contacts
+    if (row := pointless(estimate)) is not None:
+        raise ValueError(f"row {row} of a block is answered, but has no point")
+    return Contacts(rows["sample"].copy(), rows["time"].copy(), rows["contact"].copy(), estimate)
 
 
 def _layout(name: int, fields: _Fields) -> np.dtype[np.void]:

@@ -74,7 +74,7 @@ def _parquet(path: Path) -> Iterator[Contacts]:
         count = cast(int, rows.select(pl.len()).collect().item())
         for start in range(0, max(count, 1), _ROWS):
             yield from_frame(rows.slice(start, _ROWS).collect())
-    except (pl.exceptions.PolarsError, ValueError, OSError) as problem:
+    except (pl.exceptions.PolarsError, pl.exceptions.PanicException, ValueError, OSError) as problem:
         raise InputError(f"is no file of contacts ({str(problem).splitlines()[0]}).", where=str(path)) from problem
 
 

@@ -23,9 +23,9 @@ __all__ = [
     "assembled",
     "from_frame",
     "noted",
+    "pointless",
     "require_columns",
     "to_frame",
-    "unsound",
 ]
 
 WHOLE = ("sample", "contact", "candidates")
@@ -34,7 +34,6 @@ _VARIANCES = ("var_xx", "var_xy", "var_xz", "var_yy", "var_yz", "var_zz")
 NUMBERS = ("time", *_VECTORS, *_VARIANCES)
 COLUMNS = ("sample", "time", "contact", "status", *_VECTORS, *_VARIANCES, "candidates")
 _UPPER = np.triu_indices(3)
-_LARGEST = 1e20  # of any number in SI, of time in nanoseconds too: powers of what is larger would overflow
 LABELS = [status.label for status in Status]  # at the place of their code
 TYPES: dict[str, Any] = {name: pl.Int64 if name in WHOLE else pl.Float64 for name in COLUMNS} | {"status": pl.String}
 
@@ -88,7 +87,7 @@ def from_frame(frame: pl.DataFrame) -> Contacts:
     """The inverse of `to_frame`; columns may stand in any order.
 
     Raises:
-        ValueError: a whole number or a status is missing, there is no such status, or a row is `unsound`.
+        ValueError: a whole number or a status is missing, there is no such status, or an answered row has no point.
     """
     whole = frame.select(WHOLE)
     if whole.null_count().sum_horizontal().item():
@@ -99,8 +98,8 @@ def from_frame(frame: pl.DataFrame) -> Contacts:
     numbers = frame.select(*NUMBERS).fill_null(float("nan")).to_numpy()
     sample, contact, candidates = whole.to_numpy().T
     contacts = assembled(sample, contact, candidates, codes.to_numpy(), numbers)
-    if found := unsound(contacts):
-        raise ValueError(f"row {found[0]} of a block {found[1]}")
+    if (row := pointless(contacts.estimate)) is not None:
+        raise ValueError(f"row {row} of a block is answered, but has no point")
     return contacts
 
 
@@ -109,18 +108,10 @@ def noted(contacts: Contacts, note: str) -> Contacts:
     return replace(contacts, notes=(note,)) if note else contacts
 
 
-def unsound(contacts: Contacts) -> tuple[int, str] | None:
-    """The first row that is no estimate's, and what is wrong with it."""
-    found = contacts.estimate
-    covariance = found.covariance.reshape(-1, 9).T
-    numbers = np.vstack([contacts.time, found.torque, found.point.T, found.normal.T, found.force.T, covariance])
-    for wrong, what in (
-        (found.answered & ~np.isfinite(found.point).all(axis=1), "is answered, but has no point"),
-        ((np.abs(numbers) > _LARGEST).any(axis=0), f"has a number beyond {_LARGEST:g}"),
-    ):
-        if wrong.any():
-            return int(np.argmax(wrong)), what
-    return None
+def pointless(estimate: ContactEstimate) -> int | None:
+    """The first row that is answered, but has no point."""
+    rows = np.flatnonzero(estimate.answered & ~np.isfinite(estimate.point).all(axis=1))
+    return int(rows[0]) if len(rows) else None
 
 
 def require_columns(path: Path, names: list[str] | tuple[str, ...]) -> None:

@@ -92,7 +92,7 @@ class BothWays:
         self._last = np.zeros(6)
         self._parts: list[Wrenches] = []  # of the run, filtered forward
         self._emitted = 0  # samples of the run that are done
-        self._done = np.zeros((0, 7))  # wrench, and share of the noise
+        self._done = [np.zeros((0, 7))]  # wrench, and share of the noise
 
     def push(self, time: Float[np.ndarray, " n"], status: Int8[np.ndarray, " n"], values: Wrenches) -> None:
         """More samples; only those whose status is below 0 count."""
@@ -117,12 +117,13 @@ class BothWays:
     @property
     def ready(self) -> int:
         """How many samples can be taken."""
-        return len(self._done)
+        return sum(map(len, self._done))
 
     def take(self, count: int) -> tuple[Wrenches, Float[np.ndarray, " n"]]:
         """The next that are done, in order: wrenches (n, 6) and the share of the noise left in them (n,)."""
-        taken, self._done = self._done[:count], self._done[count:]
-        return taken[:, :6], taken[:, 6]
+        done = self._done[0] if len(self._done) == 1 else np.concatenate(self._done)
+        self._done = [done[count:]]
+        return done[:count, :6], done[:count, 6]
 
     def _extend(self, time: np.ndarray, status: np.ndarray, values: Wrenches) -> None:
         """Samples of one run."""
@@ -141,7 +142,7 @@ class BothWays:
             self._parts = [rows]
 
     def _add(self, wrenches: Wrenches, share: Float[np.ndarray, " n"]) -> None:
-        self._done = np.concatenate([self._done, np.column_stack([wrenches, share])])
+        self._done.append(np.column_stack([wrenches, share]))
 
     def _reversed(self, rows: Wrenches) -> Wrenches:
         """Filtered from the last to the first."""
