@@ -26,6 +26,7 @@ from evidence import (
     same,
     speed,
     start,
+    streams,
     torn,
 )
 from evidence.row import ROOT, Row
@@ -45,6 +46,7 @@ THEMES: dict[str, Callable[[bool], Iterator[Row]]] = {
     "torn": torn.rows,
     "page": page.rows,
     "speed": speed.rows,
+    "streams": streams.rows,
     "start": start.rows,
     "bad_input": bad_input.rows,
 }

@@ -258,6 +258,28 @@ def test_ctrl_c_before_a_row_leaves_nothing(made: Path, tmp_path: Path, monkeypa
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize(
+    ("step", "call"),
+    [
+        ("calibrate_payload.identify_payload", "payload free_motion.csv --rig rig.toml -o out.toml"),
+        ("calibrate_payload.write_payload", "payload free_motion.csv --rig rig.toml -o out.toml"),
+        ("calibrate_mounting.identify_mounting", "mounting touches.csv --rig rig.toml -o rig.toml"),
+    ],
+)
+def test_ctrl_c_while_calibrating_leaves_everything_as_it_was(
+    made: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], step: str, call: str
+) -> None:
+    def interrupted(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.chdir(made)
+    monkeypatch.setattr(f"palpate.cli.{step}", interrupted)
+    before = {file.name: file.read_bytes() for file in made.iterdir()}
+    assert main(["calibrate", *call.split()]) == 130
+    assert capsys.readouterr().err == "palpate: interrupted; no file is half written\n"
+    assert {file.name: file.read_bytes() for file in made.iterdir()} == before
+
+
 def test_options_win_over_the_rig(made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     options = (
         "--friction",

@@ -219,6 +219,7 @@ def test_a_signal_in_the_middle_is_130_and_a_whole_file(
     said, problem = answering.communicate(timeout=60)
     assert (answering.returncode, problem) == (130, "")
     found = read_contacts(tmp_path / "contacts.csv")
+    assert f"{len(found):,} in, {len(found):,} rows out" in said
     assert f"contacts.csv holds the {len(found):,} samples done until then" in said
     assert found.notes == ()
     assert not (tmp_path / "contacts.csv.part").exists()

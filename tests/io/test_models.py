@@ -84,6 +84,7 @@ def test_provenance_names_inputs_by_their_content(tmp_path: Path) -> None:
         ("weight", "[[1, 2], [3], 4]", r"weight\[0\] must be a number, not a list"),
         ("magnitude", '"9.8"', "magnitude must be a number, not '9.8'"),
         ("magnitude", "-9.8", "magnitude must be positive"),
+        ("magnitude", "1e-300", "magnitude of gravity must lie between 1e-09 and 1e"),  # the mass would be 1e300 kg
         ("magnitude", "1" + "0" * 400, "magnitude must be a finite number, not one so large"),
         ("magnitude", "1" + "0" * 5000, "is not TOML"),
         ("magnitude", "[" * 3000 + "]" * 3000, "is not TOML"),

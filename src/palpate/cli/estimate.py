@@ -130,10 +130,11 @@ def _locate(pipeline: Pipeline, writer: ContactsWriter, tally: Tally, frame: str
     pipeline.seconds["write"] = 0.0
     for block, found in pipeline.stream():
         placed = _in_frame(found, block, pipeline, frame)
-        begin = perf_counter()
-        writer.write(block.time, placed)
-        pipeline.seconds["write"] += perf_counter() - begin
-        tally.add(block, found)
+        with uninterrupted():  # a block is written and counted, or neither
+            begin = perf_counter()
+            writer.write(block.time, placed)
+            pipeline.seconds["write"] += perf_counter() - begin
+            tally.add(block, found)
         progress(tally.samples, pipeline.log.position / max(pipeline.log.size, 1))
 
 

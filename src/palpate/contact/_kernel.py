@@ -140,12 +140,12 @@ def estimate(wrench, noise, nodes, corners, settings, state, row):
     if noisy and sensitivity(wrench, found[best], place, corners, settings, t, shape, slopes):
         spread = sandwich(slopes, noise, slopes)
         for i in range(3):
-            for j in range(3):
+            for j in range(i, 3):
                 total = 0.0
                 for a in range(2):
                     for c in range(2):
                         total += t[a, i] * spread[a, c] * t[c, j]
-                row[10 + 3 * i + j] = total
+                row[10 + 3 * i + j] = row[10 + 3 * j + i] = total  # symmetric to the last bit
     row[_CANDIDATES] = plausible
     if plausible == 0:
         row[_STATUS] = _IMPLAUSIBLE

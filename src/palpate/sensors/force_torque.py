@@ -66,8 +66,9 @@ class Payload:
         set_field(self, "residual", _finite("residual", self.residual, (2,)))
         set_field(self, "provenance", MappingProxyType(dict(self.provenance)))
         set_field(self, "notes", tuple(self.notes))
-        if not (np.isfinite(self.magnitude) and self.magnitude > 0):
-            raise InputError(f"magnitude of gravity must be positive, not {self.magnitude}", where="payload")
+        if not 1 / LARGEST <= self.magnitude <= LARGEST:  # NaN too
+            bounds = f"{1 / LARGEST:g} and {LARGEST:g} m/s^2"
+            raise InputError(f"magnitude of gravity must lie between {bounds}, not {self.magnitude}", where="payload")
 
     @property
     def mass(self) -> float:
