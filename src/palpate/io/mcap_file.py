@@ -74,7 +74,8 @@ class McapFile:
         if self._damage is not None:
             at, what = self._damage
             count = sum(self._counts.values())
-            self.torn = f"the file is torn at byte {at:,} of {self.size:,} ({what}); {count:,} whole messages were read"
+            where = f"at byte {at:,} of {self.size:,}, in what begins there"
+            self.torn = f"the file is torn {where} ({what}); {count:,} whole messages were read"
 
     def notes(self) -> tuple[str, ...]:
         """What was odd."""
