@@ -19,11 +19,10 @@ from palpate.cli import main
 from palpate.simulation import Session, simulate_session, write_session
 from palpate.simulation.session_mcap import write_session_mcap
 
-__all__ = ["RIGS", "write_good"]
+__all__ = ["write_good"]
 
 SAMPLES = 300  # of the touches: one of them, and what is before it
 MCAP = {"plain": None, "stored": "", "lz4": "lz4", "zstd": "zstd"}
-RIGS = ("rig.toml", "rig_full.toml", "rig_imu.toml", "rig_plane.toml")
 PLANE = """[surface]
 kind = "plane"
 point = [0.0, 0.0, 0.0]
