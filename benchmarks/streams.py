@@ -13,8 +13,8 @@ import numpy as np
 import palpate
 from evidence.long_logs import RATE, pieces, write_log
 from palpate.io.contacts import open_contacts
-from palpate.io.layout import Layout
 from palpate.io.logs import open_log
+from palpate.io.logs.layout import Layout
 from palpate.sensors.recording import FORCE, ORIENTATION, TORQUE
 from palpate.simulation import simulate_session
 from palpate.simulation.session import NOISE, Session

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
-from palpate.io.contacts_mcap import TOPICS
-from palpate.io.mcap_write import MESSAGE, McapWriter, Topic
+from palpate.io.contacts.mcap import TOPICS
+from palpate.io.contacts.mcap_write import MESSAGE, McapWriter, Topic
 from palpate.sensors.recording import ORIENTATION, Recording
 from palpate.simulation.session import Session
 

@@ -23,7 +23,7 @@ from evidence.row import Row
 from evidence.same import run, written
 from palpate import InputError
 from palpate.io.contacts import Contacts, read_contacts
-from palpate.io.contacts_table import to_frame
+from palpate.io.contacts.rows import to_frame
 from palpate.io.logs import open_log
 from palpate.simulation import simulate_session
 from tests.logs_written import Session, write_mcap

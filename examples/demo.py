@@ -1,9 +1,9 @@
 """From a robot's log to contacts on a probe: the whole chain of commands on a session that is made here.
 
-A probe of 60 x 25 x 40 mm sits on a force/torque sensor, 1.2 mm and 1.5 degrees off its drawing; the arm's clock is 30 ms
-behind the sensor's. The arm moves freely, then the probe is touched at 20 marks. Ten of the touches place the probe, the
-other ten judge where contacts are found. Writes into the folder given (default: demo) and prints what the simulation
-knows beside what was found. On a terminal it then serves the page until Ctrl-C; `--no-view` ends at once.
+A probe of 60 x 25 x 40 mm sits on a force/torque sensor, 1.2 mm and 1.5 degrees off its drawing; the arm's clock is
+30 ms behind the sensor's. The arm moves freely, then the probe is touched at 20 marks. Ten of the touches place the
+probe, the other ten judge where contacts are found. Writes into the folder given (default: demo) and prints what the
+simulation knows beside what was found. On a terminal it then serves the page until Ctrl-C; `--no-view` ends at once.
 """
 
 from __future__ import annotations

@@ -23,8 +23,8 @@ from mcap.writer import CompressionType
 from rosbags.rosbag2 import StoragePlugin
 
 from palpate.errors import InputError
-from palpate.io.layout import Layout
 from palpate.io.logs import open_log, read_recording, topics
+from palpate.io.logs.layout import Layout
 from palpate.sensors.recording import FORCE, ORIENTATION, POSITION, TORQUE
 
 YEAR_2023 = 1_700_000_000_123_456_789  # ns: more than 53 bits

@@ -23,7 +23,7 @@ from palpate.io.contacts import (
     unfinished,
     write_contacts,
 )
-from palpate.io.contacts_sinks import _Appended
+from palpate.io.contacts.sinks import _Appended
 
 SUFFIXES = (".csv", ".parquet", ".mcap")
 FIELDS = ("point", "normal", "force", "torque", "covariance", "candidates", "status")
@@ -380,7 +380,7 @@ def test_times_that_ros_cannot_say_are_kept_in_our_message(tmp_path: Path, time:
 
 
 def test_a_normal_that_points_straight_down_has_a_rotation(tmp_path: Path) -> None:
-    from palpate.io.contacts_mcap import _z_to
+    from palpate.io.contacts.mcap import _z_to
 
     normals = np.array([[0, 0, -1.0], [0, 0, 1.0], [1e-9, 0, -1.0], [0, 1e-7, -1.0], [1.0, 0, 0]])
     found = Rotation.from_quat(_z_to(normals)).apply([0, 0, 1])

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from palpate.errors import InputError
-from palpate.io.csv import CsvLog
-from palpate.io.layout import Layout, axis_matrix
 from palpate.io.logs import join, read_recording
-from palpate.io.table import read_table
+from palpate.io.logs.csv import CsvLog
+from palpate.io.logs.layout import Layout, axis_matrix
+from palpate.io.tables.table import read_table
 from palpate.sensors.recording import FORCE, ORIENTATION, TORQUE
 
 HEADER = "time,fx,fy,fz,tx,ty,tz"

@@ -27,11 +27,11 @@ from mcap.reader import make_reader
 from scipy.spatial.transform import Rotation, Slerp
 
 from palpate.errors import InputError
-from palpate.io._mcap_walk import walk
-from palpate.io.layout import Layout
 from palpate.io.logs import open_log, read_recording
-from palpate.io.mcap_file import MAGIC
-from palpate.io.messages import KINDS, Messages, decode, seconds
+from palpate.io.logs._mcap_walk import walk
+from palpate.io.logs.layout import Layout
+from palpate.io.logs.mcap import MAGIC
+from palpate.io.logs.messages import KINDS, Messages, decode, seconds
 from palpate.sensors.recording import ACCELERATION, ORIENTATION, POSITION, Recording
 
 IMU = "/imu"
@@ -181,8 +181,8 @@ def test_how_a_file_is_cut_into_chunks_does_not_matter(tmp_path: Path, chunk: in
 
 
 def test_rows_do_not_wait_for_a_topic_that_fell_silent(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("palpate.io.topic_log.BLOCK", 100)
-    monkeypatch.setattr("palpate.io.topic_log.HELD", 300)
+    monkeypatch.setattr("palpate.io.logs.topic_log.BLOCK", 100)
+    monkeypatch.setattr("palpate.io.logs.topic_log.HELD", 300)
     log = session(2000, start=10**9)
     messages = [m for k, m in enumerate(log.messages()) if m[1] == WRENCH or k < 500]
     write_mcap(tmp_path / "log.mcap", messages, chunk_size=3000)
@@ -196,8 +196,8 @@ def test_rows_do_not_wait_for_a_topic_that_fell_silent(tmp_path: Path, monkeypat
 
 
 def test_one_stamp_from_the_future_costs_one_pose(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("palpate.io.topic_log.BLOCK", 100)
-    monkeypatch.setattr("palpate.io.topic_log.HELD", 300)
+    monkeypatch.setattr("palpate.io.logs.topic_log.BLOCK", 100)
+    monkeypatch.setattr("palpate.io.logs.topic_log.HELD", 300)
     log = session(2000, start=10**9)
     messages = list(log.messages())
     messages[1000] = (messages[1000][0], WRENCH, wrench_stamped(2**30 * 10**9, log.wrench[500]))

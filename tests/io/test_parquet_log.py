@@ -10,9 +10,9 @@ import pytest
 from logs_written import session, write_parquet
 
 from palpate.errors import InputError
-from palpate.io.layout import Layout
 from palpate.io.logs import open_log, read_recording
-from palpate.io.parquet_log import ParquetLog
+from palpate.io.logs.layout import Layout
+from palpate.io.logs.parquet import ParquetLog
 
 NAMES = ("time", "fx", "fy", "fz", "tx", "ty", "tz")
 

@@ -12,11 +12,11 @@ import pytest
 
 from palpate.errors import InputError
 from palpate.io.atomic import write_text
-from palpate.io.guess import guess_orientation, guess_position, guess_time, guess_wrench
+from palpate.io.logs.guess import guess_orientation, guess_position, guess_time, guess_wrench
 from palpate.io.rig import build, check_rig, load_rig
-from palpate.io.rig_edit import update_pose
-from palpate.io.rig_new import propose_rig
-from palpate.io.rig_tables import RigEstimate, RigPair, RigSurface, RigThresholds
+from palpate.io.rig.edit import update_pose
+from palpate.io.rig.new import propose_rig
+from palpate.io.rig.tables import RigEstimate, RigPair, RigSurface, RigThresholds
 from palpate.spatial.pose import Pose
 
 RIG = """\

@@ -16,9 +16,8 @@ from rosbags.rosbag2 import StoragePlugin
 
 from palpate.cli import main
 from palpate.contact.estimate import ContactEstimate, Status
-from palpate.io import parquet_log, topic_log
 from palpate.io.contacts import Contacts, read_contacts
-from palpate.io.logs import read_recording
+from palpate.io.logs import parquet, read_recording, topic_log
 from palpate.io.models import write_payload
 from palpate.io.rig import build, load_rig
 from palpate.sensors.filters import Butterworth, Filter, Kalman
@@ -69,7 +68,7 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def _small_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
     """Each reader cuts this short log where it likes."""
     monkeypatch.setattr(topic_log, "BLOCK", 211)
-    monkeypatch.setattr(parquet_log, "BLOCK", 137)
+    monkeypatch.setattr(parquet, "BLOCK", 137)
 
 
 def _estimated(folder: Path, log: str, output: Path, *options: str) -> Contacts:

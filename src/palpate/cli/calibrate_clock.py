@@ -15,7 +15,7 @@ from palpate.io.atomic import keep_inputs
 from palpate.io.logs import read_poses, read_recording, topics
 from palpate.io.models import provenance
 from palpate.io.rig import load_rig
-from palpate.io.rig_edit import update_offset
+from palpate.io.rig.edit import update_offset
 
 __all__ = ["calibrate_clock"]
 

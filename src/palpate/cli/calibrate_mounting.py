@@ -21,7 +21,7 @@ from palpate.io.atomic import keep_inputs
 from palpate.io.logs import read_recording
 from palpate.io.models import provenance
 from palpate.io.rig import Rig, load_rig
-from palpate.io.rig_edit import update_pose
+from palpate.io.rig.edit import update_pose
 from palpate.io.truth import read_touches
 from palpate.sensors.noise import estimate_noise
 from palpate.sensors.recording import Recording

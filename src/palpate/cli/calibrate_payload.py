@@ -14,8 +14,8 @@ from palpate.cli.options import FileOption, Log, Output
 from palpate.cli.screen import lines, measured, note, title
 from palpate.errors import InputError
 from palpate.io.atomic import keep_inputs
-from palpate.io.layout import Layout
 from palpate.io.logs import read_recording
+from palpate.io.logs.layout import Layout
 from palpate.io.models import provenance, write_payload
 from palpate.io.rig import load_rig
 from palpate.sensors.force_torque import STANDARD_GRAVITY, Payload

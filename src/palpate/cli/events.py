@@ -13,7 +13,7 @@ from palpate.contact.events import Events, TouchFinder
 from palpate.errors import InputError
 from palpate.io.atomic import keep_inputs
 from palpate.io.contacts import contact_blocks
-from palpate.io.events import write_events
+from palpate.io.contacts.events import write_events
 
 __all__ = ["events"]
 

@@ -19,12 +19,12 @@ from palpate.contact.truth import Touches
 from palpate.errors import InputError
 from palpate.io.atomic import PART, keep_inputs
 from palpate.io.contacts import COLUMNS, unfinished
-from palpate.io.contacts_mcap import ESTIMATE
-from palpate.io.lines import open_input
+from palpate.io.contacts.mcap import ESTIMATE
 from palpate.io.logs import topics
 from palpate.io.models import load_toml, read_payload
 from palpate.io.rig import Rig, load_rig
-from palpate.io.table import tables
+from palpate.io.tables.lines import open_input
+from palpate.io.tables.table import tables
 from palpate.io.truth import read_truth
 from palpate.sensors.recording import Recording
 from palpate.surfaces.mesh import UNITS, Mesh

@@ -12,9 +12,9 @@ from palpate.cli.spectrum import PLACE
 from palpate.contact.estimate import Status
 from palpate.errors import InputError
 from palpate.io.contacts import contact_blocks, unfinished
-from palpate.io.guess import guess_orientation, guess_time, guess_wrench
-from palpate.io.layout import Layout
 from palpate.io.logs import join, open_log, topics
+from palpate.io.logs.guess import guess_orientation, guess_time, guess_wrench
+from palpate.io.logs.layout import Layout
 from palpate.sensors.noise import estimate_noise
 from palpate.sensors.recording import FORCE, ORIENTATION, POSITION, Recording
 

@@ -16,10 +16,9 @@ from palpate.cli.screen import wait
 from palpate.contact.estimate import ContactEstimate
 from palpate.contact.estimator import Estimator
 from palpate.errors import InputError
-from palpate.io.log import Log
-from palpate.io.logs import join, open_log
+from palpate.io.logs import Log, join, open_log
 from palpate.io.rig import Rig, build
-from palpate.io.rig_tables import RigFilter
+from palpate.io.rig.tables import RigFilter
 from palpate.sensors.motion import Motion
 from palpate.sensors.noise import estimate_noise
 from palpate.sensors.recording import ACCELERATION, Recording

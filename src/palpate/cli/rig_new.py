@@ -12,7 +12,7 @@ from palpate.cli.screen import note, title
 from palpate.errors import InputError
 from palpate.io.atomic import keep_inputs, write_text
 from palpate.io.rig import load_rig
-from palpate.io.rig_new import propose_rig
+from palpate.io.rig.new import propose_rig
 
 __all__ = ["rig_new"]
 

@@ -11,7 +11,7 @@ from palpate.cli.screen import lines, note
 from palpate.errors import InputError
 from palpate.io.atomic import replacing, write_text
 from palpate.io.rig import Rig, build
-from palpate.io.rig_tables import RigFilter
+from palpate.io.rig.tables import RigFilter
 from palpate.sensors.noise import estimate_noise
 from palpate.sensors.recording import FORCE, Recording
 from palpate.sensors.spectrum import Cutoff, Spectrum, propose_cutoff, spectrum

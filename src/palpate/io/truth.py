@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from palpate.contact.truth import Samples, Touches
 from palpate.errors import InputError
-from palpate.io.table import Table, read_table
+from palpate.io.tables.table import Table, read_table
 from palpate.io.units import near
 
 __all__ = ["read_touches", "read_truth"]

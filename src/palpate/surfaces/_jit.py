@@ -14,7 +14,7 @@ __all__ = ["STAMP", "entry", "inlined", "inner"]
 
 def _stamp() -> str:
     """A digest of every private module of the package, the kernels among them."""
-    files = sorted(Path(__file__).parents[1].glob("*/_*.py"))
+    files = sorted(Path(__file__).parents[1].rglob("_*.py"))
     return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()
 
 

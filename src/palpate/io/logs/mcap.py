@@ -18,9 +18,9 @@ from typing import BinaryIO
 import numpy as np
 from jaxtyping import Int
 
-from palpate.io.lines import open_input, read_some
-from palpate.io.mcap_chunks import LARGEST, Chunk, channel, inflate, schema, statistics
-from palpate.io.messages import Messages, Topic, merged
+from palpate.io.logs.mcap_chunks import LARGEST, Chunk, channel, inflate, schema, statistics
+from palpate.io.logs.messages import Messages, Topic, merged
+from palpate.io.tables.lines import open_input, read_some
 
 __all__ = ["McapFile"]
 
@@ -49,7 +49,7 @@ class _Stretch:
 
 
 class McapFile:
-    """One file, a `palpate.io.messages.Source`."""
+    """One file, a `palpate.io.logs.messages.Source`."""
 
     def __init__(self, path: Path) -> None:
         self.path, self.size = path, path.stat().st_size
@@ -199,7 +199,7 @@ class McapFile:
 
 def _stretches(data: bytes) -> Iterator[_Stretch]:
     """All that is whole, in pieces that end with a chunk, with the footer, or when they are long."""
-    from palpate.io._mcap_walk import walk
+    from palpate.io.logs._mcap_walk import walk
 
     raw, end = np.frombuffer(data, dtype=np.uint8), 0
     messages = np.empty((4, min(_MOST, len(raw) // (_HEAD + 22) + 1)), dtype=np.int64)

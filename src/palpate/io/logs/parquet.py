@@ -11,10 +11,10 @@ import polars as pl
 from jaxtyping import Float
 
 from palpate.errors import InputError
-from palpate.io.columns import Columns
-from palpate.io.fields import Fields
-from palpate.io.layout import Layout
-from palpate.io.lines import open_input
+from palpate.io.logs.columns import Columns
+from palpate.io.logs.layout import Layout
+from palpate.io.tables.fields import Fields
+from palpate.io.tables.lines import open_input
 from palpate.sensors.recording import Recording
 
 __all__ = ["ParquetLog"]
@@ -45,7 +45,7 @@ class ParquetLog:
             return pl.scan_parquet(self.path, glob=False).collect_schema().names()
 
     def blocks(self) -> Iterator[Recording]:
-        """See `palpate.io.log.Log`."""
+        """See `palpate.io.logs.log.Log`."""
         open_input(self.path).close()
         with self._reading():
             yield from self._blocks()
@@ -79,7 +79,7 @@ class ParquetLog:
             raise InputError("there are columns, but no rows.", where=str(self.path))
 
     def notes(self) -> tuple[str, ...]:
-        """See `palpate.io.log.Log`."""
+        """See `palpate.io.logs.log.Log`."""
         return () if self._columns is None else tuple(dict.fromkeys(self._columns.notes()))
 
 

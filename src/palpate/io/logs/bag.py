@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from palpate.errors import InputError
-from palpate.io.lines import open_input
-from palpate.io.mcap_file import McapFile
-from palpate.io.messages import Messages, Source, Topic, merged
+from palpate.io.logs.mcap import McapFile
+from palpate.io.logs.messages import Messages, Source, Topic, merged
+from palpate.io.tables.lines import open_input
 
 __all__ = ["BagFile", "open_folder"]
 
@@ -73,7 +73,7 @@ class _Parts:
 
 
 class BagFile:
-    """A .bag file, a .db3 file or a folder of these, a `palpate.io.messages.Source`."""
+    """A .bag file, a .db3 file or a folder of these, a `palpate.io.logs.messages.Source`."""
 
     torn = ""  # rosbags reads a bag that is whole, or none
 

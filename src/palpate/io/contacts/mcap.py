@@ -6,8 +6,8 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from palpate.contact.estimate import ContactEstimate, Status
-from palpate.io.contacts_table import Contacts, pointless
-from palpate.io.mcap_write import MESSAGE, Topic
+from palpate.io.contacts.mcap_write import MESSAGE, Topic
+from palpate.io.contacts.rows import Contacts, pointless
 
 __all__ = ["ESTIMATE", "TOPICS", "Messages", "from_messages"]
 

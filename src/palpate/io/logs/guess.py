@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Sequence
 
-from palpate.io.layout import ORIENTATION_COLUMNS, POSITION_COLUMNS, WRENCH_COLUMNS
+from palpate.io.logs.layout import ORIENTATION_COLUMNS, POSITION_COLUMNS, WRENCH_COLUMNS
 
 __all__ = ["guess_orientation", "guess_position", "guess_time", "guess_wrench"]
 

@@ -15,9 +15,9 @@ from jaxtyping import Float, Int
 from palpate.contact.estimate import ContactEstimate
 from palpate.errors import InputError
 from palpate.io.atomic import PART, growing, part, writing
-from palpate.io.contacts_read import contact_blocks
-from palpate.io.contacts_sinks import SINKS, Sink
-from palpate.io.contacts_table import COLUMNS, Contacts
+from palpate.io.contacts.reading import contact_blocks
+from palpate.io.contacts.rows import COLUMNS, Contacts
+from palpate.io.contacts.sinks import SINKS, Sink
 
 __all__ = [
     "COLUMNS",

@@ -9,9 +9,9 @@ import numpy as np
 from jaxtyping import Float
 
 from palpate.errors import InputError
-from palpate.io.fields import Fields
-from palpate.io.layout import ACCELERATION_COLUMNS, ORIENTATION_COLUMNS, POSITION_COLUMNS, Layout
-from palpate.io.samples import Samples
+from palpate.io.logs.layout import ACCELERATION_COLUMNS, ORIENTATION_COLUMNS, POSITION_COLUMNS, Layout
+from palpate.io.logs.samples import Samples
+from palpate.io.tables.fields import Fields
 from palpate.io.units import TIME_UNITS, near, to_si
 from palpate.sensors.recording import ACCELERATION, ORIENTATION, POSITION, Recording
 

@@ -10,10 +10,10 @@ from typing import Protocol, runtime_checkable
 import polars as pl
 
 from palpate.io.atomic import PART, WHOLE
-from palpate.io.contacts_csv import HEADER, to_csv
-from palpate.io.contacts_mcap import TOPICS, Messages
-from palpate.io.contacts_table import TYPES, Contacts, to_frame
-from palpate.io.mcap_write import McapWriter
+from palpate.io.contacts.csv import HEADER, to_csv
+from palpate.io.contacts.mcap import TOPICS, Messages
+from palpate.io.contacts.mcap_write import McapWriter
+from palpate.io.contacts.rows import TYPES, Contacts, to_frame
 
 __all__ = ["SINKS", "Sink"]
 

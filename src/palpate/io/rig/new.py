@@ -13,14 +13,14 @@ import numpy as np
 
 from palpate.contact.plausibility import lines_of_action
 from palpate.errors import InputError
-from palpate.io.guess import guess_orientation, guess_position, guess_time, guess_wrench
-from palpate.io.layout import ORIENTATION_COLUMNS, Layout
 from palpate.io.logs import open_log, read_recording, topics
-from palpate.io.messages import KINDS
+from palpate.io.logs.guess import guess_orientation, guess_position, guess_time, guess_wrench
+from palpate.io.logs.layout import ORIENTATION_COLUMNS, Layout
+from palpate.io.logs.messages import KINDS
+from palpate.io.logs.parquet import ParquetLog
 from palpate.io.models import printable
-from palpate.io.parquet_log import ParquetLog
-from palpate.io.rig import check_rig
-from palpate.io.table import read_table
+from palpate.io.rig.rig import check_rig
+from palpate.io.tables.table import read_table
 from palpate.io.units import TORQUE_UNITS
 from palpate.sensors.noise import estimate_noise
 from palpate.surfaces.mesh import UNITS, Mesh

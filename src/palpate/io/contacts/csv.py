@@ -11,7 +11,7 @@ import numpy as np
 import polars as pl
 
 from palpate.errors import InputError
-from palpate.io.contacts_table import (
+from palpate.io.contacts.rows import (
     COLUMNS,
     LABELS,
     NUMBERS,
@@ -25,7 +25,7 @@ from palpate.io.contacts_table import (
     require_columns,
     to_frame,
 )
-from palpate.io.table import Table, read_table
+from palpate.io.tables.table import Table, read_table
 from palpate.io.units import near
 
 __all__ = ["HEADER", "csv_blocks", "read_csv", "to_csv"]

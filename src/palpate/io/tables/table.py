@@ -14,9 +14,9 @@ import polars as pl
 from jaxtyping import Bool, Float, Int
 
 from palpate.errors import InputError
-from palpate.io.delimited import parse, says_nan, split, unquoted
-from palpate.io.fields import Fields, Rows
-from palpate.io.lines import open_input, whole_lines
+from palpate.io.tables.delimited import parse, says_nan, split, unquoted
+from palpate.io.tables.fields import Fields, Rows
+from palpate.io.tables.lines import open_input, whole_lines
 from palpate.io.units import near
 
 __all__ = ["Table", "read_table", "tables"]

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from palpate.errors import InputError
-from palpate.io.layout import Layout
-from palpate.io.messages import KINDS, Source, Topic
+from palpate.io.logs.layout import Layout
+from palpate.io.logs.messages import KINDS, Source, Topic
 from palpate.io.units import near
 
 __all__ = ["READ", "choose", "sentence"]

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from palpate.io.layout import Layout, axis_matrix
+from palpate.io.logs.layout import Layout, axis_matrix
 from palpate.io.units import FORCE_UNITS, TORQUE_UNITS, to_si
 from palpate.sensors.recording import FORCE, LARGEST, ORIENTATION, TORQUE, Recording
 

@@ -11,12 +11,12 @@ import polars as pl
 
 from palpate.errors import InputError
 from palpate.io.atomic import PART
-from palpate.io.contacts_csv import csv_blocks
-from palpate.io.contacts_mcap import ESTIMATE, from_messages
-from palpate.io.contacts_table import TYPES, Contacts, from_frame, noted, require_columns
-from palpate.io.mcap_file import McapFile
-from palpate.io.mcap_write import MAGIC
-from palpate.io.messages import Messages
+from palpate.io.contacts.csv import csv_blocks
+from palpate.io.contacts.mcap import ESTIMATE, from_messages
+from palpate.io.contacts.mcap_write import MAGIC
+from palpate.io.contacts.rows import TYPES, Contacts, from_frame, noted, require_columns
+from palpate.io.logs.mcap import McapFile
+from palpate.io.logs.messages import Messages
 
 __all__ = ["contact_blocks"]
 

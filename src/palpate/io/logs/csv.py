@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
-from palpate.io.columns import Columns
-from palpate.io.fields import Rows
-from palpate.io.layout import Layout
-from palpate.io.lines import open_input
-from palpate.io.table import tables
+from palpate.io.logs.columns import Columns
+from palpate.io.logs.layout import Layout
+from palpate.io.tables.fields import Rows
+from palpate.io.tables.lines import open_input
+from palpate.io.tables.table import tables
 from palpate.sensors.recording import Recording
 
 __all__ = ["CsvLog"]
@@ -29,7 +29,7 @@ class CsvLog:
         self._columns: Columns | None = None
 
     def blocks(self) -> Iterator[Recording]:
-        """See `palpate.io.log.Log`."""
+        """See `palpate.io.logs.log.Log`."""
         self._rows, self._columns = Rows(), None
         with open_input(self.path) as file:
             for table in tables(file, self.path, self._piece):
@@ -44,6 +44,6 @@ class CsvLog:
             self._columns.finish()
 
     def notes(self) -> tuple[str, ...]:
-        """See `palpate.io.log.Log`."""
+        """See `palpate.io.logs.log.Log`."""
         columns = () if self._columns is None else self._columns.notes()
         return tuple(dict.fromkeys((*self._rows.notes(), *columns)))

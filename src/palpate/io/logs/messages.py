@@ -96,7 +96,7 @@ class Messages:
 
 @runtime_checkable
 class Source(Protocol):
-    """A file of messages; `size`, `position` and `torn` are those of `palpate.io.log.Log`."""
+    """A file of messages; `size`, `position` and `torn` are those of `palpate.io.logs.log.Log`."""
 
     @property
     def size(self) -> int: ...  # noqa: D102 - said above

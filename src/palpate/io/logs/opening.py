@@ -10,15 +10,15 @@ import numpy as np
 from jaxtyping import Float
 
 from palpate.errors import InputError
-from palpate.io.bag_file import BagFile, open_folder
-from palpate.io.csv import CsvLog
-from palpate.io.layout import Layout
-from palpate.io.lines import open_input, read_some
-from palpate.io.log import Log
-from palpate.io.mcap_file import McapFile
-from palpate.io.messages import Source
-from palpate.io.parquet_log import ParquetLog
-from palpate.io.topic_log import TopicLog
+from palpate.io.logs.bag import BagFile, open_folder
+from palpate.io.logs.csv import CsvLog
+from palpate.io.logs.layout import Layout
+from palpate.io.logs.log import Log
+from palpate.io.logs.mcap import McapFile
+from palpate.io.logs.messages import Source
+from palpate.io.logs.parquet import ParquetLog
+from palpate.io.logs.topic_log import TopicLog
+from palpate.io.tables.lines import open_input, read_some
 from palpate.sensors.recording import ORIENTATION, POSITION, Recording
 
 __all__ = ["join", "open_log", "read_poses", "read_recording", "topics"]
@@ -67,7 +67,7 @@ def read_poses(
     Raises:
         InputError: it is no log, or it has no orientations.
     """
-    from palpate.io.topic_log import TopicLog
+    from palpate.io.logs.topic_log import TopicLog
 
     log = open_log(path, layout)
     if isinstance(log, TopicLog):

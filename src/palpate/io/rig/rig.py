@@ -13,9 +13,9 @@ from jaxtyping import Float
 from palpate.contact.estimator import Estimator
 from palpate.contact.locate import Locator
 from palpate.errors import InputError
-from palpate.io.layout import Layout, axis_matrix
+from palpate.io.logs.layout import Layout, axis_matrix
 from palpate.io.models import load_toml, read_payload
-from palpate.io.rig_tables import (
+from palpate.io.rig.tables import (
     RigAcceleration,
     RigEstimate,
     RigFilter,

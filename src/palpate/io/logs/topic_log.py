@@ -10,10 +10,10 @@ import numpy as np
 from jaxtyping import Float
 
 from palpate.errors import InputError
-from palpate.io.layout import Layout
-from palpate.io.messages import KINDS, Messages, Source, Topic, decode, seconds
-from palpate.io.samples import Samples
-from palpate.io.topics import READ, choose, sentence
+from palpate.io.logs.layout import Layout
+from palpate.io.logs.messages import KINDS, Messages, Source, Topic, decode, seconds
+from palpate.io.logs.samples import Samples
+from palpate.io.logs.topics import READ, choose, sentence
 from palpate.sensors.pose_track import PoseTrack
 from palpate.sensors.recording import ACCELERATION, ORIENTATION, POSITION, Recording
 
@@ -32,21 +32,21 @@ class TopicLog:
 
     @property
     def size(self) -> int:
-        """See `palpate.io.log.Log`."""
+        """See `palpate.io.logs.log.Log`."""
         return self._source.size
 
     @property
     def position(self) -> int:
-        """See `palpate.io.log.Log`."""
+        """See `palpate.io.logs.log.Log`."""
         return self._source.position
 
     @property
     def torn(self) -> str:
-        """See `palpate.io.log.Log`."""
+        """See `palpate.io.logs.log.Log`."""
         return self._source.torn
 
     def blocks(self) -> Iterator[Recording]:
-        """See `palpate.io.log.Log`."""
+        """See `palpate.io.logs.log.Log`."""
         chosen = choose(self._source, self._layout, self.path)
         streams = {role: _Stream(topic, self._source) for role, topic in chosen.items()}
         self._join = join = _Join(streams, Samples(self._layout, self.path), self._layout)
@@ -68,7 +68,7 @@ class TopicLog:
         return np.concatenate([np.zeros(0), *times]), np.concatenate([np.zeros((0, 7)), *values])
 
     def notes(self) -> tuple[str, ...]:
-        """See `palpate.io.log.Log`."""
+        """See `palpate.io.logs.log.Log`."""
         return (*self._source.notes(), *(() if self._join is None else self._join.notes()))
 
 

@@ -1,0 +1,25 @@
+"""Files of contacts, written and read block by block, as CSV, Parquet and MCAP."""
+
+from palpate.io.contacts.writing import (
+    COLUMNS,
+    Contacts,
+    ContactsWriter,
+    contact_blocks,
+    open_contacts,
+    read_contacts,
+    require_format,
+    unfinished,
+    write_contacts,
+)
+
+__all__ = [
+    "COLUMNS",
+    "Contacts",
+    "ContactsWriter",
+    "contact_blocks",
+    "open_contacts",
+    "read_contacts",
+    "require_format",
+    "unfinished",
+    "write_contacts",
+]

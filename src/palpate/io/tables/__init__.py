@@ -1,0 +1,1 @@
+"""Delimited text: lines, fields and numbers, every row accounted for."""
