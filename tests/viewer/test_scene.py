@@ -188,9 +188,9 @@ def test_a_gap_is_not_a_touch() -> None:
 def test_touches_are_stepped_through() -> None:
     touched = np.array([0, 1, 1, 0, 0, 1, 0, 1], dtype=bool)
     timeline = Timeline.of(np.arange(8.0), touched)
-    assert timeline.touches.tolist() == [1, 5, 7]
-    assert [timeline.touch(k, 1) for k in (0, 1, 4, 7)] == [1, 5, 5, 7]
-    assert [timeline.touch(k, -1) for k in (0, 1, 4, 7)] == [0, 1, 1, 5]
+    assert timeline.touches.tolist() == [2, 5, 7]  # their middles
+    assert [timeline.touch(k, 1) for k in (0, 1, 4, 7)] == [2, 2, 5, 7]
+    assert [timeline.touch(k, -1) for k in (0, 1, 4, 7)] == [0, 1, 2, 5]
     assert timeline.opening == 2.0
     assert Timeline.of(np.arange(3.0), np.zeros(3, dtype=bool)).opening == 0.0
 

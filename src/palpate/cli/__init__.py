@@ -44,6 +44,11 @@ def _run(argv: Sequence[str] | None) -> int:
         with uninterrupted():  # imports here, not above: Ctrl-C may fall on them
             from palpate.cli.app import run
 
+        if list(sys.argv[1:] if argv is None else argv) == ["--version"]:
+            from palpate import __version__
+
+            print(f"palpate {__version__}")
+            return 0
         if isinstance(sys.stdout, io.TextIOWrapper):
             sys.stdout.reconfigure(errors="backslashreplace")  # names of files need not fit the terminal's encoding
         run(argv)

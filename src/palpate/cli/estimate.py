@@ -73,10 +73,10 @@ def estimate(
             stack.close()
     record = provenance(
         {"log": log, "rig": setup.rig, "mesh": rig.mesh_path(), "payload": rig.payload_path(), "truth": truth},
-        _options(pipeline, frame),
+        _options(pipeline, frame) | {"complete": not (interrupted or pipeline.log.torn)},
     )
     write_provenance(beside, record)
-    doubts = tally.doubts(pipeline.estimator)
+    doubts = [*pipeline.doubted, *tally.doubts(pipeline.estimator)]
     short = [f"interrupted: {output.name} holds the {writer.rows:,} samples done until then"] if interrupted else []
     short += [pipeline.log.torn] if pipeline.log.torn else []
     _say(log, output, pipeline, tally, doubts)
@@ -103,6 +103,8 @@ def estimate(
 
 def _known(truth: Path | None, report: Path | None) -> Samples | Touches | None:
     if report is not None:
+        if report.suffix.lower() not in (".html", ".htm"):
+            raise InputError("the report is a page of HTML.", where=str(report), mend="Name it .html.")
         require_report()
     elif truth is not None:
         raise InputError(

@@ -15,6 +15,7 @@ from palpate.evaluation.errors import Spread
 from palpate.evaluation.evaluate import Report
 from palpate.evaluation.evaluate import evaluate as compare
 from palpate.io.contacts import read_contacts
+from palpate.io.models import read_provenance
 from palpate.io.truth import read_truth
 
 __all__ = ["HEADER", "evaluate", "spreads"]
@@ -58,6 +59,9 @@ def evaluate(contacts: ContactsFile, truth: TruthFile, /, tolerance: Annotated[f
             ]
         )
     note([*_unanswered(report), *found.notes])
+    frame = read_provenance(contacts).get("frame", "surface")
+    if frame != "surface":
+        note([f"the contacts are in the {frame}'s frame: the truth must be, too"], kind="warning")
     if not first.all():
         note([f"{np.count_nonzero(~first)} rows are second contacts and were not compared"])
 

@@ -15,6 +15,7 @@ from palpate.io.contacts import contact_blocks, unfinished
 from palpate.io.logs import join, open_log, topics
 from palpate.io.logs.guess import guess_orientation, guess_time, guess_wrench
 from palpate.io.logs.layout import Layout
+from palpate.io.models import read_provenance
 from palpate.sensors.noise import estimate_noise
 from palpate.sensors.recording import FORCE, ORIENTATION, POSITION, Recording
 
@@ -195,6 +196,9 @@ def inspect_contacts(file: Path) -> Recording:
     total = int(counts.sum())
     lines([("rows", f"{total:,}"), ("time", f"{first:.3f} to {last:.3f}" if first <= last else "none")])
     lines((kind.label, percent(counts[kind] / total)) for kind in Status if counts[kind])
-    cut = unfinished(file) is not None
+    beside, cut = read_provenance(file), unfinished(file) is not None
+    lines([("frame", beside["frame"])] if "frame" in beside else [])
+    if not beside.get("complete", True):
+        note(["they are not all: the log was torn, or estimating was interrupted"], kind="warning")
     note([*(["writing it was cut short: these are the blocks that were whole"] if cut else []), *notes])
     return excerpt.recording() if excerpt.count else Recording(np.empty(0), {FORCE: np.empty((0, 3))})

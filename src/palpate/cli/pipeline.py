@@ -39,6 +39,7 @@ class Pipeline:
         noise: (6,) taken from the log's steps, None where the rig states it or the log cannot tell.
         channels: names of what the log has.
         said: sentences on what was done before the first sample, such as the tare.
+        doubted: what may be wrong about it.
         seconds: spent so far on preparing, reading and locating.
     """
 
@@ -50,6 +51,7 @@ class Pipeline:
     noise: Float[np.ndarray, "6"] | None
     channels: frozenset[str]
     said: list[str]
+    doubted: list[str]
     _blocks: Iterator[Recording]
     seconds: dict[str, float] = field(default_factory=lambda: {"prepare": 0.0, "read": 0.0, "locate": 0.0})
 
@@ -125,10 +127,13 @@ def open_pipeline(path: Path, rig: Rig) -> Pipeline:
     rate = _rate(rig.filter, head)
     estimator = build(rig if rate else replace(rig, filter=RigFilter()), surface=surface, noise=noise, rate=rate)
     said = [] if estimator.filter is None or rate is None else [estimator.filter.describe(rate)]
+    doubted: list[str] = []
     if rig.estimate.tare is not None:
-        said.append(estimator.tare(_start(head, rig.estimate.tare)))
+        tared = estimator.tare(_start(head, rig.estimate.tare))
+        said.append(tared.said)
+        doubted += [tared.doubt] if tared.doubt else []
     motion, channels = _motion(rig, estimator, head), frozenset(head.channels)
-    pipeline = Pipeline(log, rig, surface, estimator, motion, noise, channels, said, chain(first, blocks))
+    pipeline = Pipeline(log, rig, surface, estimator, motion, noise, channels, said, doubted, chain(first, blocks))
     pipeline.seconds.update(prepare=perf_counter() - begin - read, read=read)
     return pipeline
 

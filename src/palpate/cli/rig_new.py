@@ -21,7 +21,7 @@ def rig_new(log: Log, mesh: MeshFile, /, output: Output, force: Annotated[bool, 
     """Guess a rig from a log and a mesh: columns, units, noise.
 
     Args:
-        log: CSV of wrenches.
+        log: of wrenches: CSV, Parquet, MCAP or a ROS bag.
         mesh: STL, OBJ, PLY or DAE.
         output: rig.toml to write.
         force: overwrite a rig that is there already.

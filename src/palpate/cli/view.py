@@ -17,7 +17,7 @@ from palpate.contact.estimate import ContactEstimate
 from palpate.contact.frames import in_frame
 from palpate.errors import InputError
 from palpate.io.contacts import Contacts, contact_blocks, read_contacts
-from palpate.io.models import load_toml
+from palpate.io.models import read_provenance
 from palpate.io.rig import Rig
 from palpate.viewer.scene import Scene, prepare
 from palpate.viewer.server import require_viser, serve
@@ -84,8 +84,7 @@ def _shown(contacts: Contacts, path: Path, rig: Rig) -> Scene:
 
 def _in_surface(contacts: Contacts, path: Path, rig: Rig) -> ContactEstimate:
     """Contacts in the frame that the body is drawn in; which one they are in stands beside the file."""
-    beside = path.with_name(f"{path.name}.toml")
-    frame = load_toml(beside).get("frame", "surface") if beside.exists() else "surface"
+    frame = read_provenance(path).get("frame", "surface")
     if frame == "base":
         raise InputError(
             "these contacts are in the base frame, in which the body moves.",

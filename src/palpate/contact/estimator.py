@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from palpate.contact.chain import Chain, Readings
 from palpate.contact.estimate import ContactEstimate
 from palpate.contact.locate import Locator
-from palpate.contact.tare import rest
+from palpate.contact.tare import Tare, rest
 from palpate.errors import InputError
 from palpate.sensors.filters import Filter
 from palpate.sensors.force_torque import ForceTorque, Payload
@@ -160,14 +160,14 @@ class Estimator:
             for block in blocks:
                 yield block, self.run(block)
 
-    def tare(self, recording: Recording) -> str:
+    def tare(self, recording: Recording) -> Tare:
         """Take the mean compensated wrench of a window off from now on, in place of an earlier tare; then `reset`.
 
         Args:
             recording: steady and untouched.
 
         Returns:
-            a sentence: how much it is, and a warning where it could be a touch.
+            how much it is, and a doubt where it could be a touch, each as a sentence.
 
         Raises:
             InputError: too few samples, or not steady: what was seen.
@@ -180,10 +180,10 @@ class Estimator:
         chain.untare()
         middle = readings.picked(usable).mean()
         mean, covariance = chain.in_surface(found.mean[None], middle, np.array([1.0 / found.samples]))
-        said = found.said(mean[0], None if covariance is None else covariance[0], self.locator)
+        judged = found.judged(mean[0], None if covariance is None else covariance[0], self.locator)
         chain.tare(found.mean, middle, found.samples)
         self.reset()
-        return said
+        return judged
 
     def contact_wrenches(
         self, recording: Recording

@@ -11,12 +11,20 @@ from palpate.contact.locate import Locator
 from palpate.errors import InputError
 from palpate.sensors.noise import estimate_noise
 
-__all__ = ["Rest", "rest"]
+__all__ = ["Rest", "Tare", "rest"]
 
 FEWEST = 10  # samples
 SCATTER = 3.0  # times the noise: a motor that hums is at rest, an arm that moves with its load is not
 DRIFT = 5.0  # standard errors between the halves, and at least
 LEAST_DRIFT = 1.0  # times the noise: sensors warm up
+
+
+@dataclass(frozen=True)
+class Tare:
+    """What was `said` of a tare, and the `doubt` about it; "" where there is none."""
+
+    said: str
+    doubt: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,8 +39,8 @@ class Rest:
     deviation: Float[np.ndarray, "6"]
     samples: int
 
-    def said(self, located: Float[np.ndarray, "6"], covariance: Float[np.ndarray, "6 6"] | None, on: Locator) -> str:
-        """What is taken off, and a warning if it may be a touch.
+    def judged(self, located: Float[np.ndarray, "6"], covariance: Float[np.ndarray, "6 6"] | None, on: Locator) -> Tare:
+        """What is taken off, and a doubt if it may be a touch.
 
         Args:
             located: (6,) the mean in the surface's frame.
@@ -40,17 +48,18 @@ class Rest:
             on: the surface.
         """
         force, torque = _sizes(self.mean)
-        text = f"Tare over {self.samples} samples: {force:.3g} N and {torque:.3g} N m are taken off from now on."
+        text = f"tare over {self.samples} samples: {force:.3g} N and {torque:.3g} N m are taken off from now on"
         spread = self.deviation[:3].max() ** 2 / self.samples if covariance is None else covariance[:3, :3].max()
         if force <= max(on.on, 5.0 * float(np.sqrt(spread))):
-            return text
+            return Tare(text, "")
         found = on.candidates(located)
         if not found.plausible.any():
-            return text
+            return Tare(text, "")
         x, y, z = 1e3 * found.point[0]
-        return (
-            f"{text} That is also what a steady touch at ({x:.1f}, {y:.1f}, {z:.1f}) mm of the surface would read: "
-            "make sure that nothing touched it."
+        return Tare(
+            text,
+            f"what the tare takes off is also what a steady touch at ({x:.1f}, {y:.1f}, {z:.1f}) mm of the surface "
+            "would read: make sure that nothing touched it",
         )
 
 

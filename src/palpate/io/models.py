@@ -21,7 +21,16 @@ from palpate.io.strict import covariance_matrix, parse
 from palpate.io.units import near
 from palpate.sensors.force_torque import STANDARD_GRAVITY, Payload
 
-__all__ = ["load_toml", "printable", "provenance", "read_payload", "toml_array", "write_payload", "write_provenance"]
+__all__ = [
+    "load_toml",
+    "printable",
+    "provenance",
+    "read_payload",
+    "read_provenance",
+    "toml_array",
+    "write_payload",
+    "write_provenance",
+]
 
 _FIELDS = {  # name -> comment
     "weight": "N, in the base frame",
@@ -121,6 +130,12 @@ def read_payload(path: Path) -> Payload:
 def write_provenance(path: Path, record: Mapping[str, object]) -> None:
     """Write beside a result where it came from, as TOML."""
     write_text(path, tomlkit.dumps(dict(record)))
+
+
+def read_provenance(path: Path) -> dict[str, Any]:
+    """What stands beside a result, in its .toml; nothing where there is none."""
+    beside = path.with_name(f"{path.name}.toml")
+    return load_toml(beside) if beside.exists() else {}
 
 
 def load_toml(path: Path) -> dict[str, Any]:

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Panel", "errors", "forces", "histogram", "locations", "silhouettes", "spectra", "statuses", "touch_errors"]
 
+LATE = 1e6  # s: the log does not begin near 0
 COLUMNS = 450  # of a line over time: as many as a phone has pixels
 DOTS = 1_500
 _NAMES = ("x", "y", "z")
@@ -37,6 +38,7 @@ class Panel:
 @styled()
 def forces(time: Float[np.ndarray, " n"], force: Float[np.ndarray, "n 3"], status: Int[np.ndarray, " n"]) -> Figure:
     """Components [N], magnitude [N] and what became of each sample, over time [s]."""
+    time, label = _clock(time)
     drawn = figure(3.6)
     parts: Any = drawn.subplots(3, 1, sharex=True, height_ratios=(5, 5, 0.55))
     for k, name in enumerate(_NAMES):
@@ -48,7 +50,7 @@ def forces(time: Float[np.ndarray, " n"], force: Float[np.ndarray, "n 3"], statu
     parts[1].set_ylim(bottom=0)
     parts[1].set_xlim(*_span(time))
     _band(parts[2], time, status)
-    parts[2].set_xlabel("time [s]")
+    parts[2].set_xlabel(label)
     return drawn
 
 
@@ -57,6 +59,7 @@ def locations(
     time: Float[np.ndarray, " n"], point: Float[np.ndarray, "n 3"], deviation: Float[np.ndarray, "n 3"]
 ) -> Figure:
     """x, y and z [m] of the answered samples with their 95 % bands, over time [s]; NaN where not answered."""
+    time, label = _clock(time)
     drawn = figure(4.0)
     parts: Any = drawn.subplots(3, 1, sharex=True)
     for k, (axes, name) in enumerate(zip(parts, _NAMES, strict=True)):
@@ -66,8 +69,11 @@ def locations(
         axes.plot(*_course(time, place), color=AXES[k])
         axes.set_ylabel(f"{name} [mm]")
         axes.set_xlim(*_span(time))
+        if np.isfinite(place).any():  # a band is wide where a touch begins and ends, and would flatten all the rest
+            margin = 3.0 * float(np.median(spread[np.isfinite(place)])) + 1.0
+            axes.set_ylim(np.nanmin(place) - margin, np.nanmax(place) + margin)
     drawn.align_ylabels()
-    parts[-1].set_xlabel("time [s]")
+    parts[-1].set_xlabel(label)
     return drawn
 
 
@@ -146,6 +152,7 @@ def statuses(counts: Int[np.ndarray, " s"]) -> Figure:
 @styled()
 def errors(time: Float[np.ndarray, " n"], error: Float[np.ndarray, " n"], radius: Float[np.ndarray, " n"]) -> Figure:
     """Distance from the truth [m] and the 95 % radius that was predicted [m], over time [s]."""
+    time, label = _clock(time)
     drawn = figure(2.6)
     axes: Any = drawn.subplots()
     some = _some(np.isfinite(error), DOTS)
@@ -154,7 +161,7 @@ def errors(time: Float[np.ndarray, " n"], error: Float[np.ndarray, " n"], radius
         axes.plot(*_course(time, 1e3 * radius), color=AXES[2], label="95 % radius predicted", zorder=1)
     axes.set_yscale("log")  # at the start and the end of a touch the force is small, and the radius large
     _plain(axes.yaxis)
-    axes.set_xlabel("time [s]")
+    axes.set_xlabel(label)
     axes.set_ylabel("location [mm]")
     _legend(axes, 2)
     return drawn
@@ -211,6 +218,13 @@ def _course(
     low = np.fmin.reduceat(values, starts)  # NaN only where a whole column has nothing to show
     high = np.fmax.reduceat(values, starts)
     return np.repeat(time[starts], 2), np.column_stack([low, high]).reshape(-1)
+
+
+def _clock(time: Float[np.ndarray, " n"]) -> tuple[Float[np.ndarray, " n"], str]:
+    """Times for an axis and its label: seconds since 1970 are counted from the start of the log."""
+    known = time[np.isfinite(time)]
+    start = float(np.floor(known.min())) if len(known) and known.min() > LATE else 0.0
+    return time - start, f"time [s] after {start:.0f}" if start else "time [s]"
 
 
 def _span(time: Float[np.ndarray, " n"]) -> tuple[float | None, float | None]:

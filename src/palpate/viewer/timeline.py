@@ -10,6 +10,8 @@ from jaxtyping import Bool, Float, Int
 
 __all__ = ["Timeline", "thinned"]
 
+GAP, SHORTEST = 0.05, 0.02  # s, as `palpate events` has them
+
 
 @dataclass(frozen=True)
 class Timeline:
@@ -53,17 +55,20 @@ class Timeline:
 
     @cached_property
     def touches(self) -> Int[np.ndarray, " m"]:
-        """(m,) samples at which a touch begins."""
-        return np.flatnonzero(np.diff(self.touched.astype(np.int8), prepend=np.int8(0)) == 1)
+        """(m,) the middle of each touch, which goes on over gaps of `GAP` and lasts at least `SHORTEST`."""
+        touched = np.flatnonzero(self.touched)
+        if not len(touched):
+            return touched
+        clock = self.clock[touched]
+        apart = np.flatnonzero(np.diff(clock) >= GAP + 1.5 * self.step)
+        first, last = np.append(0, apart + 1), np.append(apart, len(touched) - 1)
+        long = clock[last] - clock[first] + self.step >= SHORTEST
+        return np.searchsorted(self.clock, (clock[first] + clock[last])[long] / 2)
 
     @property
     def opening(self) -> float:
         """Where to begin [s]: amid the first touch, where there is something to see."""
-        if not len(self.touches):
-            return 0.0
-        first = int(self.touches[0])
-        free = np.flatnonzero(~self.touched[first:])
-        return float(self.clock[first + (int(free[0]) if len(free) else len(self.clock) - first) // 2])
+        return float(self.clock[self.touches[0]]) if len(self.touches) else 0.0
 
     def at(self, seconds: float) -> int:
         """The sample in force at a time: the last that is not later."""
@@ -74,7 +79,7 @@ class Timeline:
         return slice(int(np.searchsorted(self.clock, begin)), int(np.searchsorted(self.clock, end, side="right")))
 
     def touch(self, index: int, step: int) -> int:
-        """The sample at which the next (step 1) or the previous (-1) touch begins; the same if there is none."""
+        """The sample amid the next touch (step 1) or the previous one (-1); the same if there is none."""
         which = np.searchsorted(self.touches, index, side="right" if step > 0 else "left") + (0 if step > 0 else -1)
         return int(self.touches[which]) if 0 <= which < len(self.touches) else index
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from os import SEEK_END
 from pathlib import Path
 
 from palpate.io.logs.columns import Columns
@@ -20,17 +21,16 @@ PIECE = 1 << 21  # bytes
 class CsvLog:
     """As many samples as the file has rows, in their order; what cannot be read is NaN and noted."""
 
-    torn = ""  # a table cannot tell
-
     def __init__(self, path: Path, layout: Layout, piece: int = PIECE) -> None:
         self.path, self._layout, self._piece = path, layout, piece
         self.position, self.size = 0, path.stat().st_size if path.exists() else 0
         self._rows = Rows()
         self._columns: Columns | None = None
+        self.torn = ""
 
     def blocks(self) -> Iterator[Recording]:
         """See `palpate.io.logs.log.Log`."""
-        self._rows, self._columns = Rows(), None
+        self._rows, self._columns, self.torn = Rows(), None, ""
         with open_input(self.path) as file:
             for table in tables(file, self.path, self._piece):
                 self.position = file.tell() if file.seekable() else 0
@@ -39,6 +39,10 @@ class CsvLog:
                 table.counted(self._rows)
                 if len(table):
                     yield self._columns.block(table.read)
+            if self._rows.cut and file.seekable():
+                file.seek(-1, SEEK_END)
+                if file.read(1) not in b"\r\n":
+                    self.torn = "the file is torn: its last line ends within a row"
         self._rows.require(self.path)
         if self._columns is not None:
             self._columns.finish()

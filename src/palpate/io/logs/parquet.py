@@ -66,9 +66,10 @@ class ParquetLog:
         kinds = frame.collect_schema()
         self._columns = columns = Columns(self._layout, self.path, kinds.names())
         for name in columns.names:
-            if not (kinds[name].is_numeric() or kinds[name] == pl.Null):
+            if not (kinds[name].is_numeric() or kinds[name] == pl.Null or isinstance(kinds[name], pl.Datetime)):
                 raise InputError(f"column {name!r} holds no numbers but {kinds[name]}.", where=str(self.path))
-        wanted = frame.select(pl.col(columns.names).cast(pl.Float64).fill_null(np.nan))
+        dates = {name for name in columns.names if isinstance(kinds[name], pl.Datetime)}
+        wanted = frame.select(_number(name, date=name in dates) for name in columns.names)
         total = int(frame.select(pl.len()).collect().item())
         for done in range(0, total, self._piece):
             rows = wanted.slice(done, self._piece).collect()
@@ -81,6 +82,12 @@ class ParquetLog:
     def notes(self) -> tuple[str, ...]:
         """See `palpate.io.logs.log.Log`."""
         return () if self._columns is None else tuple(dict.fromkeys(self._columns.notes()))
+
+
+def _number(name: str, *, date: bool) -> pl.Expr:
+    """A column as numbers; a date with a time as seconds since 1970, to the nearest double."""
+    column = pl.col(name).dt.epoch("ns").cast(pl.Float64) / 1e9 if date else pl.col(name).cast(pl.Float64)
+    return column.fill_null(np.nan)
 
 
 class _Piece:

@@ -59,6 +59,8 @@ class Rows:
 
     def __init__(self) -> None:
         self.count = self.whole = self.unclosed = self.ragged = 0
+        self.cut = False
+        """Whether the last row so far has fewer fields than the header."""
         self._first = self._first_unclosed = self._first_ragged = ""
         self._fields, self._delimiter = 0, ""
 
@@ -69,6 +71,7 @@ class Rows:
             found = f"{fields[0]}" if fields[0] >= 0 else "a quote that is not closed"
             self._first = f"line {lines[0]} has {found}"
         self.count += len(lines)
+        self.cut = bool(len(fields) and 0 <= fields[-1] < width)
         self._fields, self._delimiter = width, delimiter
         self.unclosed += int(np.count_nonzero(unclosed))
         self.ragged += int(np.count_nonzero(ragged))
