@@ -19,6 +19,7 @@ import pytest
 from logs_written import POSE, STAMPED, WRENCH, write_csv, write_mcap
 from scipy.spatial.transform import Rotation
 
+import palpate
 from palpate.cli import main
 from palpate.contact.estimate import Status
 from palpate.io.contacts import Contacts, read_contacts
@@ -452,3 +453,25 @@ def test_poses_that_come_late_are_waited_for(made: Path, session: Session, tmp_p
     found = read_contacts(tmp_path / "late.csv")
     assert_same(found, read_contacts(tmp_path / "log.csv"))
     assert not np.any(found.estimate.status == Status.NO_POSE)
+
+
+def test_contacts_that_are_not_all_say_so(made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    torn, output = tmp_path / "torn.mcap", tmp_path / "contacts.csv"
+    torn.write_bytes((made / "touches.mcap").read_bytes()[:200_000])
+    assert estimate(torn, made / "rig.toml", output) == 3
+    assert load_toml(tmp_path / "contacts.csv.toml")["ended"] == "torn"
+    capsys.readouterr()
+    assert main(["inspect", str(output)]) == 0
+    assert "they are not all" in capsys.readouterr().out
+
+
+def test_a_report_that_is_no_page_is_refused(made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    wanted = ("--report", str(tmp_path / "report.pdf"))
+    assert estimate(made / "touches.csv", made / "rig.toml", tmp_path / "contacts.csv", *wanted) == 1
+    assert "Name it .html" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_version_is_told(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--version"]) == 0
+    assert capsys.readouterr().out == f"palpate {palpate.__version__}\n"

@@ -87,3 +87,12 @@ def test_a_file_whose_bytes_were_changed_is_no_traceback(tmp_path: Path) -> None
         except InputError:
             continue
         assert len(recording) == 50
+
+
+def test_dates_with_a_time_are_seconds_since_1970(tmp_path: Path) -> None:
+    """As pandas writes them; 1,760,000,000.25 s is a double."""
+    stamps = pl.Series([1_760_000_000_250_000_000, 1_760_000_001_000_000_000, None]).cast(pl.Datetime("ns"))
+    _frame(time=stamps).write_parquet(tmp_path / "log.parquet")
+    time = read_recording(tmp_path / "log.parquet").time
+    assert time[:2].tolist() == [1_760_000_000.25, 1_760_000_001.0]
+    assert np.isnan(time[2])

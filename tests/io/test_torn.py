@@ -123,3 +123,13 @@ def test_a_damaged_first_chunk_costs_its_messages_only(tmp_path: Path) -> None:
     assert np.array_equal(wrenches, log.wrench[-len(wrenches) :])
     assert len(wrenches) >= np.count_nonzero(log.stamp > first.message_end_time)
     assert f"torn at byte {first.chunk_start_offset} of" in said
+
+
+def test_a_table_that_ends_within_a_row_is_torn(tmp_path: Path) -> None:
+    whole = "time,fx,fy,fz,tx,ty,tz\n" + "0.1,1,2,3,4,5,6\n" * 3
+    path = tmp_path / "log.csv"
+    for text, torn in ((whole, False), (whole.rstrip("\n"), False), (whole[:-6], True)):
+        path.write_text(text, encoding="utf-8")
+        log = open_log(path)
+        assert sum(map(len, log.blocks())) == 3
+        assert bool(log.torn) == torn

@@ -73,7 +73,7 @@ def estimate(
             stack.close()
     record = provenance(
         {"log": log, "rig": setup.rig, "mesh": rig.mesh_path(), "payload": rig.payload_path(), "truth": truth},
-        _options(pipeline, frame) | {"complete": not (interrupted or pipeline.log.torn)},
+        _options(pipeline, frame) | {"ended": _ended(pipeline, interrupted)},
     )
     write_provenance(beside, record)
     doubts = [*pipeline.doubted, *tally.doubts(pipeline.estimator)]
@@ -99,6 +99,11 @@ def estimate(
     note(short, kind="warning")
     if short:
         raise SystemExit(INTERRUPTED if interrupted else TORN)
+
+
+def _ended(pipeline: Pipeline, interrupted: bool) -> str:
+    """How, as it stands in OUTPUT.toml."""
+    return "interrupted" if interrupted else "torn" if pipeline.log.torn else "whole"
 
 
 def _known(truth: Path | None, report: Path | None) -> Samples | Touches | None:

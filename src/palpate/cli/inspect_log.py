@@ -198,7 +198,11 @@ def inspect_contacts(file: Path) -> Recording:
     lines((kind.label, percent(counts[kind] / total)) for kind in Status if counts[kind])
     beside, cut = read_provenance(file), unfinished(file) is not None
     lines([("frame", beside["frame"])] if "frame" in beside else [])
-    if not beside.get("complete", True):
-        note(["they are not all: the log was torn, or estimating was interrupted"], kind="warning")
+    ended = beside.get("ended", "whole")
+    if ended != "whole":
+        note(
+            [f"they are not all: {'the log was torn' if ended == 'torn' else 'estimating was interrupted'}"],
+            kind="warning",
+        )
     note([*(["writing it was cut short: these are the blocks that were whole"] if cut else []), *notes])
     return excerpt.recording() if excerpt.count else Recording(np.empty(0), {FORCE: np.empty((0, 3))})
