@@ -1,14 +1,15 @@
 """`python -m evidence [--small] [--only NAME]`: measure every claim and write docs/evidence.md.
 
-With --small or --only the table is printed and the page is left as it is.
+With --small the table is printed and the page is left as it is; --only NAME renews that theme's part of the page.
 """
 
 from __future__ import annotations
 
 import argparse
+import re
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 from benchmarks.machine import machine
@@ -31,7 +32,7 @@ from evidence import (
 )
 from evidence.row import ROOT, Row
 
-__all__ = ["THEMES", "main", "report"]
+__all__ = ["THEMES", "main", "renewed", "report"]
 
 THEMES: dict[str, Callable[[bool], Iterator[Row]]] = {
     "answered": answered.rows,
@@ -51,6 +52,8 @@ THEMES: dict[str, Callable[[bool], Iterator[Row]]] = {
     "bad_input": bad_input.rows,
 }
 PAGE = ROOT / "docs" / "evidence.md"
+MISSED = "## Missed"
+VERDICTS = ("met", r"\*\*missed\*\*", "reported", "skipped")
 
 
 def main() -> int:
@@ -71,10 +74,10 @@ def main() -> int:
                 flush=True,
             )
     text = report(rows, time.perf_counter() - begin)
-    if options.small or options.only:
+    if options.small:
         print(text)
     else:
-        _write(PAGE, text)
+        _write(PAGE, renewed(PAGE.read_text(encoding="utf-8"), rows) if options.only else text)
     return int(any(row.passed is False for row in rows))
 
 
@@ -95,24 +98,39 @@ def report(rows: list[Row], took: float) -> str:
         f"- {took:.0f} s in all; {counted}",
         "",
     ]
-    if missed:
-        lines += ["## Missed", ""]
-        lines += [f"- {row.row}: {row.what}. Target {row.target}; got {row.got}" for row in missed]
-        lines.append("")
-    for theme in dict.fromkeys(row.row for row in rows):
-        some = [row for row in rows if row.row == theme]
-        command = " or ".join(dict.fromkeys(row.command for row in some))
-        lines += [
-            f"## {theme[0].upper()}{theme[1:]}",
-            "",
-            f"`{command}`",
-            "",
-            "| row | target | got | |",
-            "| --- | --- | --- | --- |",
-        ]
-        lines += ["| " + " | ".join(_cell(text) for text in (r.what, r.target, r.got, r.verdict)) + " |" for r in some]
-        lines.append("")
-    return "\n".join(lines)
+    sections = {theme: _section(theme, rows) for theme in dict.fromkeys(row.row for row in rows)}
+    return "\n".join([*lines, *_missed(missed), *(line for section in sections.values() for line in section)])
+
+
+def renewed(page: str, rows: list[Row]) -> str:
+    """A page with the sections of these rows' themes in place of what they were; the rest was measured before."""
+    head, *sections = re.split(r"^(?=## )", page, flags=re.MULTILINE)
+    themes = dict.fromkeys(row.row for row in rows)
+    fresh = {_title(theme): "\n".join(_section(theme, rows)) + "\n" for theme in themes}
+    kept = {section.split("\n", 1)[0]: section for section in sections}
+    before = kept.pop(MISSED, "").splitlines()[2:]
+    others = [line for line in before if line and line[2:].split(":", 1)[0] not in themes]
+    lines = _missed([row for row in rows if row.passed is False], others)
+    body = "\n".join(lines) + ("\n" if lines else "") + "".join((kept | fresh).values()).rstrip("\n") + "\n"
+    counts = [len(re.findall(rf"\| {verdict} \|$", body, re.MULTILINE)) for verdict in VERDICTS]
+    counted = "{} rows met, {} missed, {} reported, {} skipped".format(*counts)
+    return re.sub(r"\d+ rows met, \d+ missed, \d+ reported, \d+ skipped", counted, head) + body
+
+
+def _missed(rows: list[Row], others: Sequence[str] = ()) -> list[str]:
+    said = [*others, *(f"- {row.row}: {row.what}. Target {row.target}; got {row.got}" for row in rows)]
+    return [MISSED, "", *said, ""] if said else []
+
+
+def _title(theme: str) -> str:
+    return f"## {theme[0].upper()}{theme[1:]}"
+
+
+def _section(theme: str, rows: list[Row]) -> list[str]:
+    some = [row for row in rows if row.row == theme]
+    command = " or ".join(dict.fromkeys(row.command for row in some))
+    table = ["| " + " | ".join(_cell(text) for text in (r.what, r.target, r.got, r.verdict)) + " |" for r in some]
+    return [_title(theme), "", f"`{command}`", "", "| row | target | got | |", "| --- | --- | --- | --- |", *table, ""]
 
 
 def _cell(text: str) -> str:

@@ -5,7 +5,6 @@ It depends on the machine and on what else runs there; ratios between formats co
 
 from __future__ import annotations
 
-import os
 import subprocess
 import sys
 import tempfile
@@ -24,6 +23,15 @@ __all__ = ["rows"]
 COMMAND = "python -m evidence --only streams"
 THEME = "streams"
 MEBI = 1 << 10  # KiB, as the kernel counts
+# The kernel counts what a process was before it became the command: so a small one starts it, not this large one.
+WATCH = """\
+import os, subprocess, sys
+command = subprocess.Popen(sys.argv[1:])
+_, status, usage = os.wait4(command.pid, 0)
+print(usage.ru_maxrss, file=sys.stderr)
+sys.stderr.flush()
+os._exit(os.waitstatus_to_exitcode(status))
+"""
 
 
 @dataclass(frozen=True)
@@ -91,10 +99,7 @@ def _run(session: Session, folder: Path, source: str, result: str, samples: int)
 def _palpate(*words: str | Path) -> tuple[str, float]:
     """What a command prints, and its peak of memory [MiB]."""
     command = [sys.executable, "-m", "palpate", *map(str, words)]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
-        printed = process.stdout.read() if process.stdout else ""
-        _, status, usage = os.wait4(process.pid, 0)
-        process.returncode = os.waitstatus_to_exitcode(status)
-    if process.returncode:
-        raise RuntimeError(f"{' '.join(command)} ended with {process.returncode}")
-    return printed, usage.ru_maxrss / MEBI
+    done = subprocess.run([sys.executable, "-c", WATCH, *command], capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise RuntimeError(f"{' '.join(command)} ended with {done.returncode}: {done.stderr}")
+    return done.stdout, float(done.stderr.splitlines()[-1]) / MEBI

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from evidence.__main__ import THEMES, report
+from evidence.__main__ import THEMES, renewed, report
+from evidence.row import Row
 
 NEED_SHARED = {"pad", "probes"}
 KNOWN = {  # missed, and written so in docs/evidence.md
@@ -28,3 +29,15 @@ def test_speed_is_reported_and_never_judged_here() -> None:
     assert {"one query", "batch"} <= {row.row for row in rows}
     page = report(rows, 1.0)
     assert all(row.what in page for row in rows)
+
+
+def test_one_theme_is_renewed_and_the_others_stay() -> None:
+    old = [
+        Row("one", "a", "1", "2", False, "c"),
+        Row("two", "b", "1", "1", True, "d"),
+        Row("two", "e", "", "x", None, "d"),
+    ]
+    new = [Row("one", "a", "1", "1", True, "c")]
+    page = renewed(report(old, 1.0), new)
+    assert page == report([*new, *others], 1.0)
+    assert renewed(page, old[:1]) == report(old, 1.0)
