@@ -39,5 +39,5 @@ def test_one_theme_is_renewed_and_the_others_stay() -> None:
     ]
     new = [Row("one", "a", "1", "1", True, "c")]
     page = renewed(report(old, 1.0), new)
-    assert page == report([*new, *others], 1.0)
+    assert page == report([*new, *old[1:]], 1.0)
     assert renewed(page, old[:1]) == report(old, 1.0)
