@@ -1,0 +1,117 @@
+"""Triaxial force cells under a rigid frame: how it shares a load among them, and the voltages that they answer with."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from palpate.errors import GeometryError
+from palpate.spatial._arrays import frozen
+from palpate.spatial.pose import skew
+
+__all__ = ["LAYOUTS", "CellArray", "in_line", "random_cells"]
+
+GAIN = 0.1  # V/N: of a cell
+SPREAD = 0.2  # of gains and stiffnesses, to either side
+COUPLING = 0.05  # of the gain: one standard deviation of what another axis adds
+STIFFNESS = np.array([1.0e5, 1.0e5, 2.0e5])  # N/m: a coated cell, sideways and down
+_DEPTH = -3.5e-3  # m: the cells' plane below the middle of the ellipse
+_STIFF_ENOUGH = 1e-9  # least over largest eigenvalue of the frame's stiffness, in lengths of the array
+
+
+def _plane(*places: tuple[float, float]) -> Float[np.ndarray, "k 3"]:
+    return frozen([(1e-3 * x, 1e-3 * y, _DEPTH) for x, y in places], tail=(3,))
+
+
+LAYOUTS = {  # m: cells on a base of 22 x 32 mm, by how many they are; four is the paper's
+    3: _plane((-6.5, -10.5), (6.5, -10.5), (0.0, 10.5)),
+    4: _plane((-6.5, -10.5), (6.5, -10.5), (-6.5, 10.5), (6.5, 10.5)),
+    5: _plane((-6.5, -10.5), (6.5, -10.5), (0.0, 0.0), (-6.5, 10.5), (6.5, 10.5)),
+    6: _plane((-6.5, -10.5), (6.5, -10.5), (-6.5, 0.0), (6.5, 0.0), (-6.5, 10.5), (6.5, 10.5)),
+}
+
+
+def in_line(count: int = 3) -> Float[np.ndarray, "k 3"]:
+    """Cells along y, which nobody should build: nothing measures the moment about their line."""
+    return _plane(*((0.0, y) for y in np.linspace(-10.5, 10.5, count)))
+
+
+@dataclass(frozen=True)
+class CellArray:
+    """k cells: a cell gives u = S^-1 f + b (`load_cells` (8)), f the force that the frame puts on it.
+
+    The frame is rigid and each cell a spring K_i at its place l_i, so that a small motion (d, phi) of the frame loads
+    it with f_i = K_i (d + phi x l_i). With G_i = [1, -[l_i]x] the balance of forces and moments, W = sum G_i' f_i,
+    gives f_i = K_i G_i (sum G_j' K_j G_j)^-1 W, and W = (F, M) comes back as (`load_cells` (3), (4)).
+
+    Args:
+        position: (k, 3) l_i [m].
+        sensitivity: (k, 3, 3) S_i [N/V].
+        stiffness: (k, 3, 3) K_i [N/m], symmetric.
+        twist: [N m/rad] of each cell against turning, a moment that it does not measure; cells in line need one.
+    """
+
+    position: Float[np.ndarray, "k 3"]
+    sensitivity: Float[np.ndarray, "k 3 3"]
+    stiffness: Float[np.ndarray, "k 3 3"]
+    twist: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("position", "sensitivity", "stiffness"):
+            object.__setattr__(self, name, frozen(getattr(self, name)))
+
+    @property
+    def count(self) -> int:
+        """How many cells."""
+        return len(self.position)
+
+    def shares(self) -> Float[np.ndarray, "k 3 6"]:
+        """f_i = shares_i W.
+
+        Raises:
+            GeometryError: the frame can turn without loading a cell.
+        """
+        motion: np.ndarray = np.concatenate(
+            [np.broadcast_to(np.eye(3), (self.count, 3, 3)), -skew(self.position)], axis=2
+        )
+        loads = self.stiffness @ motion  # of a unit motion
+        frame: np.ndarray = np.sum(np.swapaxes(motion, 1, 2) @ loads, axis=0)
+        frame[3:, 3:] += self.count * self.twist * np.eye(3)
+        size = np.r_[np.ones(3), np.full(3, 1.0 / np.ptp(self.position, axis=0).max())]
+        values = np.linalg.eigvalsh(size[:, None] * frame * size)
+        if values[0] < _STIFF_ENOUGH * values[-1]:
+            raise GeometryError("the frame turns freely about these cells: give them a twist, or a place off the line")
+        return loads @ np.linalg.inv(frame)
+
+    def forces(self, wrench: Float[np.ndarray, "*batch 6"]) -> Float[np.ndarray, "*batch k 3"]:
+        """On each cell [N], of a wrench on the frame [N, N m]."""
+        return np.einsum("iab,...b->...ia", self.shares(), wrench)
+
+    def forward(self) -> Float[np.ndarray, "m 6"]:
+        """C (3k, 6) of u = C w + b [V/N, V/(N m)]."""
+        return (np.linalg.inv(self.sensitivity) @ self.shares()).reshape(-1, 6)
+
+    def voltages(self, wrench: Float[np.ndarray, "*batch 6"]) -> Float[np.ndarray, "*batch m"]:
+        """(*batch, 3k) [V], cell by cell and x, y, z in each, without bias and noise."""
+        return wrench @ self.forward().T
+
+    def voltage_noise(self, noise: float, *, array: bool) -> float:
+        """[V] on every channel alone that is worth `noise` [N] an axis: of the sum of all cells, or of one cell.
+
+        Cells differ, so that this is the root of the mean square over the axes, and over the cells.
+        """
+        square = float(np.sum(self.sensitivity**2)) / 3.0
+        return noise / float(np.sqrt(square if array else square / self.count))
+
+
+def random_cells(position: Float[np.ndarray, "k 3"], rng: np.random.Generator, *, twist: float = 0.0) -> CellArray:
+    """Cells at these places [m], no two alike: gains about 0.1 V/N, cross-coupling of 5 %, stiffness by 20 %."""
+    count = len(position)
+    gain = GAIN * COUPLING * rng.normal(size=(count, 3, 3))
+    diagonal = np.arange(3)
+    gain[:, diagonal, diagonal] = GAIN * rng.uniform(1 - SPREAD, 1 + SPREAD, (count, 3))
+    stiffness = np.zeros((count, 3, 3))
+    stiffness[:, diagonal, diagonal] = STIFFNESS * rng.uniform(1 - SPREAD, 1 + SPREAD, (count, 3))
+    return CellArray(position, np.linalg.inv(gain), stiffness, twist)
