@@ -1,0 +1,75 @@
+"""What a bench log must hold before anything is fitted to it: sentences about channels and directions."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float
+from numpy.typing import ArrayLike
+
+from palpate.calibration._load_cell_log import Rest
+from palpate.errors import InputError, NotIdentifiable
+from palpate.sensors.load_cells import LENGTH, wrench_direction
+
+__all__ = ["check_channels", "check_directions"]
+
+ODD = 100.0  # times the others: no gain of a cell differs so much, a prefix of its unit does
+LEAST_PUSH = 0.01  # N, rms along a direction of the wrench: less is lost in the reference's noise
+AT_RANGE = 0.001  # share of samples at a limit that is too much
+
+
+def check_channels(
+    voltages: Float[np.ndarray, "n m"],
+    found: list[Rest],
+    noise: Float[np.ndarray, "m m"],
+    limits: ArrayLike | None,
+    names: tuple[str, ...],
+) -> None:
+    """Raise an InputError where a channel never moves, is at its range, or has another unit than the others."""
+    middle = np.mean([rest.voltage for rest in found], axis=0)
+    travel = np.median(np.abs(voltages - middle), axis=0)
+    still = [name for name, span in zip(names, np.ptp(voltages, axis=0), strict=True) if span == 0]
+    if still:
+        raise InputError(
+            f"{_listed(still)} never changes: the cell is dead, or not connected.",
+            mend="Mend it, or leave the three columns of that cell out of [load_cells] columns.",
+        )
+    if limits is not None:
+        low, high = np.asarray(limits, dtype=np.float64).T
+        share = np.mean((voltages <= low) | (voltages >= high), axis=0)
+        full = [name for name, part in zip(names, share, strict=True) if part > AT_RANGE]
+        if full:
+            raise InputError(
+                f"{_listed(full)} is at its range in {share.max():.1%} of the samples.",
+                mend="Push less hard, or correct the range in [load_cells].",
+            )
+    size = travel + np.sqrt(np.diag(noise))
+    ratio = size / np.median(size)
+    odd = [(name, part) for name, part in zip(names, ratio, strict=True) if not 1 / ODD < part < ODD]
+    if odd:
+        name, part = odd[0]
+        raise InputError(
+            f"{_listed([name for name, _ in odd])} moves {part:.3g} times as much as the other channels: "
+            "a column in another unit (mV instead of V).",
+            mend="State its unit in [load_cells] units, or write all voltages in V.",
+        )
+
+
+def check_directions(forces: Float[np.ndarray, "n 3"], contact: Float[np.ndarray, "n 3"], reference: float) -> None:
+    """Raise a NotIdentifiable where the wrenches that acted do not span six directions, and name those missing."""
+    wrench = np.concatenate([forces, np.cross(contact, forces) / LENGTH], axis=1)
+    _, values, directions = np.linalg.svd(wrench, full_matrices=False)
+    size = values / np.sqrt(len(wrench))
+    known = size > max(LEAST_PUSH, 3.0 * reference / np.sqrt(len(wrench)))
+    if known.all():
+        return
+    missing = tuple(wrench_direction(row) for row in directions[~known])
+    raise NotIdentifiable(
+        f"the log holds too few directions: nothing pushed along {'; '.join(missing)}. "
+        "Slide the ball over the whole surface in directions that cross, so that friction pulls along x and y.",
+        rank=int(known.sum()),
+        missing=missing,
+    )
+
+
+def _listed(names: list[str]) -> str:
+    return "column " + ", ".join(map(repr, names))

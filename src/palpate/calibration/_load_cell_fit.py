@@ -1,0 +1,297 @@
+"""The least squares behind a calibration of load cells: wrench and contact against a reference.
+
+The voltages span six dimensions. With V their six strongest whitened directions, y = V' R^-1/2 (u - b) holds all that
+they say of the wrench, and w = B y leaves 36 unknowns, whatever the number of cells. Of each block, with c the contact,
+n its normal, t two tangents and M_e = M - e x F the moment about e = c - d n, where the force acts
+[load cells, (18), corrected]:
+
+    r = ( F - F_ref,  t . (n x M_e) / (F . n),  F . M_e / |F|  )
+
+The middle two are where the wrench meets the tangent plane at c, less c; the last is the moment along the force, to
+which force and position are blind. With a reference of zero, the first and the second, times F . n, are linear in B:
+that is the global start.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from palpate.calibration._load_cell_log import Blocks
+from palpate.sensors.correlation import correlation_time
+from palpate.sensors.load_cells import Indentation
+from palpate.spatial.pose import skew
+
+__all__ = ["Fit", "Touches", "Zeros", "fit", "linear_start", "touches"]
+
+START = np.array([17e-3] * 3 + [100e-6] * 2 + [1e-4])  # N, m, N m: standard deviations before any residual is seen
+ROUNDS = 4  # of whitening again by what the fit leaves
+OUTLYING = 3.0  # whitened residuals beyond which a component counts less (Huber)
+LAW = np.array([0.0, 0.2]), np.array([2e-3, 1.2])  # bounds of depth [m] at 1 N, and exponent
+LAW_START = np.array([2e-4, 0.5])
+SETTLED = 1e-10  # relative change of cost at which the solver stops
+STEPS, MOST_DAMPING = 100, 1e6
+LIGHTEST = 1e-3  # N: the pressing force is not taken to be less, wherever a start goes
+
+
+@dataclass(frozen=True, eq=False)
+class Touches:
+    """What the reference says of each block.
+
+    Attributes:
+        signal: (n, 6) y; force: (n, 3) [N]; contact, normal: (n, 3); tangents: (n, 2, 3); torque: (n,) [N m].
+    """
+
+    signal: Float[np.ndarray, "n 6"]
+    force: Float[np.ndarray, "n 3"]
+    contact: Float[np.ndarray, "n 3"]
+    normal: Float[np.ndarray, "n 3"]
+    tangents: Float[np.ndarray, "n 2 3"]
+    torque: Float[np.ndarray, " n"]
+
+
+@dataclass(frozen=True, eq=False)
+class Zeros:
+    """What each run's zeros may be off by, the same in all of its blocks.
+
+    Attributes:
+        runs: numbers of the blocks of each run.
+        variance: (9,) of the zero of y, and of the reference force [N^2].
+    """
+
+    runs: tuple[Int[np.ndarray, " b"], ...]
+    variance: Float[np.ndarray, "9"]
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """B, the law of indentation if one was fitted, and what is left.
+
+    Attributes:
+        matrix: (6, 6) B; law: depth and exponent, or empty.
+        covariance: of (B row by row, law).
+        residuals: (n, 6) [N, m, N m]; scales: (n, 6) their standard deviations as used.
+        cost: half the sum of whitened squares; whitening: (6, 6) covariance of residuals at unit weight.
+    """
+
+    matrix: Float[np.ndarray, "6 6"]
+    law: Float[np.ndarray, " l"]
+    covariance: Float[np.ndarray, "p p"]
+    residuals: Float[np.ndarray, "n 6"]
+    cost: float
+    correlation: Float[np.ndarray, "6"] = field(default_factory=lambda: np.ones(6))
+
+    @property
+    def indentation(self) -> Indentation | None:
+        """As a value."""
+        return Indentation(*map(float, self.law), covariance=self.covariance[36:, 36:]) if len(self.law) else None
+
+
+def touches(
+    blocks: Blocks,
+    signal: Float[np.ndarray, "n 6"],
+    contact: Float[np.ndarray, "n 3"],
+    normal: Float[np.ndarray, "n 3"],
+) -> Touches:
+    """Prepared."""
+    across = np.cross(normal, np.where(np.abs(normal[:, 1:2]) < 0.9, [[0.0, 1.0, 0.0]], [[1.0, 0.0, 0.0]]))
+    first = across / np.linalg.norm(across, axis=1, keepdims=True)
+    both = np.stack([first, np.cross(normal, first)], axis=1)
+    return Touches(signal, blocks.forces, contact, normal, both, blocks.torques)
+
+
+def linear_start(data: Touches, law: Float[np.ndarray, " l"]) -> Float[np.ndarray, "6 6"]:
+    """B by linear least squares: force against the reference, and no moment about where it acts but the reference's.
+
+    The moment is weighed as the positions are whose error it would be.
+    """
+    at = _acting(data, law, np.abs(_dot(data.force, data.normal)))
+    frame = np.concatenate([data.tangents, data.normal[:, None]], axis=1)  # (n, 3, 3) rows t1, t2, n
+    size = np.maximum(np.linalg.norm(data.force, axis=1), 1e-3)
+    turned = np.einsum("nab,nbc->nac", frame, skew(at))  # frame . (e x F)
+    rows = np.zeros((len(at), 6, 6))  # on w
+    rows[:, :3, :3] = np.eye(3) / START[0]
+    rows[:, 3:, :3] = -turned
+    rows[:, 3:, 3:] = frame
+    rows[:, 3:5] /= (START[3] * size)[:, None, None]
+    rows[:, 5] /= START[5]
+    right = np.concatenate([data.force / START[0], np.zeros((len(at), 2)), data.torque[:, None] / START[5]], axis=1)
+    return _solve_linear(rows, data.signal, right)
+
+
+def _solve_linear(
+    rows: Float[np.ndarray, "n 6 6"], signal: Float[np.ndarray, "n 6"], right: Float[np.ndarray, "n 6"]
+) -> Float[np.ndarray, "6 6"]:
+    """min sum |rows B y - right|^2."""
+    return _step(_normal(rows, signal, np.zeros((len(rows), 6, 0))), _gradient(rows, signal, right)).reshape(6, 6)
+
+
+def _normal(
+    by_wrench: Float[np.ndarray, "n 6 6"], signal: Float[np.ndarray, "n 6"], by_law: Float[np.ndarray, "n 6 l"]
+) -> Float[np.ndarray, "p p"]:
+    """J' J for unknowns (B row by row, law), without J: of B it is a sum of products (A' A) x (y y')."""
+    count, laws = len(signal), by_law.shape[2]
+    gram = np.swapaxes(by_wrench, 1, 2) @ by_wrench
+    pairs = signal[:, :, None] * signal[:, None, :]
+    both = (gram.reshape(count, 36).T @ pairs.reshape(count, 36)).reshape(6, 6, 6, 6)
+    out = np.empty((36 + laws, 36 + laws))
+    out[:36, :36] = both.transpose(0, 2, 1, 3).reshape(36, 36)
+    mixed = (np.swapaxes(by_law, 1, 2) @ by_wrench).transpose(1, 2, 0) @ signal  # (l, 6, 6)
+    out[36:, :36] = mixed.reshape(laws, 36)
+    out[:36, 36:] = out[36:, :36].T
+    out[36:, 36:] = np.einsum("nra,nrb->ab", by_law, by_law)
+    return out
+
+
+def _gradient(
+    by_wrench: Float[np.ndarray, "n 6 6"], signal: Float[np.ndarray, "n 6"], right: Float[np.ndarray, "n 6"]
+) -> Float[np.ndarray, "36"]:
+    """J' r for B row by row."""
+    return (np.einsum("nra,nr->na", by_wrench, right).T @ signal).reshape(36)
+
+
+def _step(normal: Float[np.ndarray, "p p"], gradient: Float[np.ndarray, " p"], damping: float = 0.0) -> np.ndarray:
+    """Solution of the damped normal equations, in units in which each unknown moves the residuals alike."""
+    size = np.sqrt(np.diag(normal))
+    scaled = normal / np.outer(size, size) + damping * np.eye(len(size))
+    return np.linalg.solve(scaled, gradient / size) / size
+
+
+def fit(data: Touches, start: Float[np.ndarray, "6 6"], zeros: Zeros, *, indented: bool, robust: bool) -> Fit:
+    """The nonlinear least squares, whitened again by what it leaves, until that settles."""
+    law = LAW_START.copy() if indented else np.zeros(0)
+    found, whitening = np.concatenate([start.reshape(-1), law]), _Whitening(np.diag(1.0 / START))
+    found, cost = _solve(data, found, whitening, robust=robust)
+    for _ in range(ROUNDS):
+        whitening = _Whitening.of(residuals(data, found[:36].reshape(6, 6), found[36:])[0])
+        found, cost = _solve(data, found, whitening, robust=robust)
+    covariance, times = _covariance(data, found, whitening, zeros)
+    left = residuals(data, found[:36].reshape(6, 6), found[36:])[0]
+    return Fit(found[:36].reshape(6, 6), found[36:], covariance, left, cost, times)
+
+
+@dataclass(frozen=True, eq=False)
+class _Whitening:
+    """Inverse of a Cholesky factor of the residuals' covariance."""
+
+    inverse: Float[np.ndarray, "6 6"]
+
+    @classmethod
+    def of(cls, left: Float[np.ndarray, "n 6"]) -> _Whitening:
+        """From residuals, by their spread about 0 with what lies far out cut off."""
+        deviation = np.sqrt(np.median(left**2, axis=0) / 0.4549)  # the median of chi-square of one degree
+        cut_off = np.clip(left, -OUTLYING * deviation, OUTLYING * deviation)
+        covariance = cut_off.T @ cut_off / len(left) / 0.973  # what a normal keeps of its variance within 3
+        return cls(np.linalg.inv(np.linalg.cholesky(covariance + 1e-12 * np.diag(np.diag(covariance)))))
+
+
+def residuals(
+    data: Touches, matrix: Float[np.ndarray, "6 6"], law: Float[np.ndarray, " l"]
+) -> tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, "n 6 6"], Float[np.ndarray, "n 6 l"]]:
+    """r, and its derivatives by the wrench and by the law."""
+    wrench = data.signal @ matrix.T
+    force, normal = wrench[:, :3], data.normal
+    pressing = np.minimum(_dot(force, normal), -LIGHTEST)
+    at = _acting(data, law, -pressing)
+    about = wrench[:, 3:] - np.cross(at, force)
+    size = np.maximum(np.linalg.norm(force, axis=1), LIGHTEST)
+    unit = force / size[:, None]
+    offset = np.einsum("nak,nk->na", data.tangents, np.cross(normal, about)) / pressing[:, None]
+    ratio = pressing / size
+    left = np.concatenate([force - data.force, offset, (_dot(unit, about) - data.torque * ratio)[:, None]], axis=1)
+    about_by = np.zeros((len(force), 3, 6))
+    about_by[:, :, :3], about_by[:, :, 3:] = -skew(at), np.eye(3)
+    across = np.cross(normal, force)  # what a depth adds to the moment
+    if len(law):
+        rate = law[0] * law[1] * (-pressing) ** (law[1] - 1.0)
+        about_by[:, :, :3] -= rate[:, None, None] * across[:, :, None] * normal[:, None, :]
+    turned = data.tangents @ skew(normal) / pressing[:, None, None]
+    by_wrench = np.zeros((len(force), 6, 6))
+    by_wrench[:, :3, :3] = np.eye(3)
+    by_wrench[:, 3:5] = turned @ about_by
+    by_wrench[:, 3:5, :3] -= (offset / pressing[:, None])[:, :, None] * normal[:, None, :]
+    by_wrench[:, 5] = (unit[:, None] @ about_by)[:, 0]
+    by_wrench[:, 5, :3] += (about - unit * _dot(unit, about)[:, None]) / size[:, None]
+    by_wrench[:, 5, :3] -= (data.torque / size)[:, None] * (normal - ratio[:, None] * unit)
+    by_law = np.zeros((len(force), 6, len(law)))
+    if len(law):
+        power = (-pressing) ** law[1]
+        by_law[:, 3:5, 0] = (turned @ across[..., None])[..., 0] * power[:, None]
+        by_law[:, 3:5, 1] = by_law[:, 3:5, 0] * (law[0] * np.log(-pressing))[:, None]
+    return left, by_wrench, by_law
+
+
+def _solve(data: Touches, start: np.ndarray, whitening: _Whitening, *, robust: bool) -> tuple[np.ndarray, float]:
+    """Levenberg and Marquardt on a Huber cost, the law kept within its bounds; unknowns and half the cost."""
+    found, damping = start, 1e-9
+    left, slopes, law_slopes = _whitened(data, found, whitening)
+    weight, cost = _huber(left, robust=robust)
+    for _ in range(STEPS):
+        root = np.sqrt(weight)
+        steep, law_steep = slopes * root[..., None], law_slopes * root[..., None]
+        normal = _normal(steep, data.signal, law_steep)
+        gradient = np.concatenate(
+            [_gradient(steep, data.signal, left * root), np.einsum("nrl,nr->l", law_steep, left * root)]
+        )
+        while damping < MOST_DAMPING:
+            trial = found - _step(normal, gradient, damping)
+            trial[36:] = np.clip(trial[36:], *(bound[: len(trial) - 36] for bound in LAW))
+            others = _whitened(data, trial, whitening)
+            others_weight, others_cost = _huber(others[0], robust=robust)
+            if others_cost <= cost:
+                break
+            damping *= 10.0
+        else:
+            return found, cost
+        gain, found, damping = cost - others_cost, trial, max(damping / 10.0, 1e-12)
+        (left, slopes, law_slopes), weight, cost = others, others_weight, others_cost
+        if gain <= SETTLED * cost:
+            break
+    return found, cost
+
+
+def _whitened(data: Touches, found: np.ndarray, whitening: _Whitening) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    left, by_wrench, by_law = residuals(data, found[:36].reshape(6, 6), found[36:])
+    return left @ whitening.inverse.T, whitening.inverse @ by_wrench, whitening.inverse @ by_law
+
+
+def _huber(white: Float[np.ndarray, "n 6"], *, robust: bool) -> tuple[Float[np.ndarray, "n 6"], float]:
+    """Weights of squares, and half the cost: beyond `OUTLYING` it grows as |r|."""
+    size = np.abs(white)
+    far = (size > OUTLYING) & robust
+    weight = np.where(far, OUTLYING / np.maximum(size, OUTLYING), 1.0)
+    return weight, 0.5 * float(np.sum(np.where(far, OUTLYING * (2.0 * size - OUTLYING), size**2)))
+
+
+def _covariance(
+    data: Touches, found: np.ndarray, whitening: _Whitening, zeros: Zeros
+) -> tuple[Float[np.ndarray, "p p"], Float[np.ndarray, "6"]]:
+    """Of the unknowns: H^-1 (sum tau_c s_c^2 J_c' J_c + what the zeros of each run add) H^-1.
+
+    Each whitened component counts as the independent samples that its correlation leaves.
+    """
+    left, slopes, law_slopes = _whitened(data, found, whitening)
+    times = correlation_time(left)
+    scale = np.sqrt(times * np.mean(left**2, axis=0))[:, None]
+    whole = _normal(slopes, data.signal, law_slopes)
+    meat = _normal(slopes * scale, data.signal, law_slopes * scale)
+    for rows in zeros.runs:
+        pushed = np.concatenate([slopes[rows] @ found[:36].reshape(6, 6), whitening.inverse[:, :3][None].repeat(len(rows), 0)], 2)
+        joint = np.empty((len(found), 9))
+        joint[:36] = np.einsum("nra,nrz,nc->acz", slopes[rows], pushed, data.signal[rows], optimize=True).reshape(36, 9)
+        joint[36:] = np.einsum("nrl,nrz->lz", law_slopes[rows], pushed)
+        meat += (joint * zeros.variance) @ joint.T
+    size = np.sqrt(np.diag(whole))
+    bread = np.linalg.inv(whole / np.outer(size, size)) / np.outer(size, size)
+    return bread @ meat @ bread, times
+
+
+def _acting(data: Touches, law: Float[np.ndarray, " l"], pressing: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
+    """Where the force acts: the contact, or below it."""
+    return data.contact - (law[0] * pressing ** law[1])[:, None] * data.normal if len(law) else data.contact
+
+
+def _dot(a: np.ndarray, b: np.ndarray) -> Float[np.ndarray, " n"]:
+    return np.einsum("nk,nk->n", a, b)
