@@ -10,7 +10,7 @@ from jaxtyping import Float
 __all__ = ["FINGERTIP", "Ellipse", "pressed_wrench"]
 
 RINGS, SPOKES = 16, 24  # of the cap of the ball that presses: twice as many move the line of action by 0.3 um
-_STEPS = 3  # of Newton to the ellipse's nearest point, from a place at most a ball away
+_STEPS = 4  # of Newton to the ellipse's nearest point, from a place at most a ball away
 
 
 @dataclass(frozen=True)
