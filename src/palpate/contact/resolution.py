@@ -60,6 +60,7 @@ def resolution(
     points: Float[np.ndarray, "n 3"],
     normals: Float[np.ndarray, "n 3"],
     *,
+    forces: Float[np.ndarray, "n 3"] | None = None,
     friction: float = 0.0,
     tare: float = np.inf,
     drift: float = 0.0,
@@ -71,16 +72,19 @@ def resolution(
         cells: calibrated, or `nominal_cells`.
         points: (n, 3) [m] of the surface.
         normals: (n, 3) outward unit normals.
+        forces: (n, 3) that press there, of any length; None: against the normals, and at this friction.
         friction: tangent of the angle between force and normal.
         tare: independent readings that the bias was taken from.
         drift: [V] of a channel since then, one standard deviation.
-        soft: whether the contact may have a torque about the normal.
+        soft: whether a contact may have a torque about the normal; if not, that F . M = 0 is used.
     """
     if not (tare > 0 and drift >= 0 and friction >= 0):  # NaN too
         raise InputError("tare must be positive, drift and friction not negative.")
     inverse, spread, _ = cells.inverse()
     spread = spread * (1.0 + 1.0 / tare) + drift**2 * inverse @ inverse.T
-    worst = [_at(cells, points, normals, direction, spread, soft) for direction in _directions(normals, friction)]
+    pushes = _directions(normals, friction) if forces is None else [forces]
+    units = [push / np.linalg.norm(push, axis=1, keepdims=True) for push in pushes]
+    worst = [_at(cells, points, normals, unit, spread, soft) for unit in units]
     return Resolution(*(np.max([one[k] for one in worst], axis=0) for k in range(5)), largest=_largest(cells, worst))
 
 
@@ -88,25 +92,22 @@ def position_slope(
     point: Float[np.ndarray, "*batch 3"],
     normal: Float[np.ndarray, "*batch 3"],
     force: Float[np.ndarray, "*batch 3"],
-    *,
-    soft: bool = True,
 ) -> Float[np.ndarray, "*batch 4 6"]:
-    """How point and torque answer to a change of the wrench, where there is no torque yet.
+    """How point and torque of a soft finger answer to a change of the wrench, where there is no torque yet.
 
     M = p x F + tau n gives with m = dM - p x dF, the change of the moment about the point,
 
         dtau = m . F/(n . F),    dp = Q F x (m - dtau n)/|F|^2,    Q = 1 - F n'/(F . n)
 
-    as dp lies in the tangent plane; without a torque m counts only across F, and dtau is 0.
+    as dp lies in the tangent plane.
 
     Returns:
-        (*batch, 4, 6) d(p, tau)/d(F, M) [m/N, 1/m; m, 1].
+        (*batch, 4, 6) d(p, tau)/d(F, M) [m/N, 1/N; m, 1].
     """
     moment = np.concatenate([-skew(point), np.broadcast_to(np.eye(3), (*point.shape[:-1], 3, 3))], axis=-1)
     pressing = np.sum(force * normal, axis=-1)[..., None]
-    along = np.einsum("...i,...ij->...j", force, moment)
-    twist = along / pressing if soft else np.zeros_like(along)
-    across = moment - normal[..., :, None] * twist[..., None, :]  # what F x takes is across F already
+    twist = np.einsum("...i,...ij->...j", force, moment) / pressing
+    across = moment - normal[..., :, None] * twist[..., None, :]
     shift = skew(force) @ across / np.sum(force**2, axis=-1)[..., None, None]
     out = np.einsum("...i,...ij->...j", normal, shift) / pressing
     return np.concatenate([shift - force[..., :, None] * out[..., None, :], twist[..., None, :]], axis=-2)
@@ -145,10 +146,14 @@ def _at(
     cells: LoadCells, points: np.ndarray, normals: np.ndarray, force: np.ndarray, spread: np.ndarray, soft: bool
 ) -> _Part:
     """Of one force of 1 N at each point, as the fields of `Resolution`, and the readings that it makes."""
-    slope = position_slope(points, normals, force, soft=soft)
+    slope = position_slope(points, normals, force)
+    place = slope[:, :3]
     wrench = np.concatenate([force, np.cross(points, force)], axis=1)
     unsure = cells.calibration_spread(wrench)
-    place = slope[:, :3]
+    if not soft:  # the wrench nearest to the measured one without moment along the force
+        torsion = np.concatenate([wrench[:, 3:], wrench[:, :3]], axis=1)  # slope of F . M
+        moved = torsion @ spread / np.einsum("ni,ij,nj->n", torsion, spread, torsion)[:, None]
+        place = place - (place @ moved[..., None]) * torsion[:, None]
     return (
         _rms(place @ spread @ np.swapaxes(place, 1, 2)),
         _rms(place @ unsure @ np.swapaxes(place, 1, 2)),
