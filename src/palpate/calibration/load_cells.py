@@ -139,6 +139,7 @@ def identify_load_cells(
         np.array([1.0] * 6 + [reference**2] * 3) / resting,
     )
     answer = fit(data, first, zeros, indented=indentation, robust=robust)
+    drift, misfit = _unexplained(blocks, lower, basis, correlation)
     matrix = lower @ basis @ np.linalg.inv(answer.matrix)
     cells = LoadCells(
         matrix,
@@ -148,7 +149,8 @@ def identify_load_cells(
         positions=positions,
         indentation=answer.indentation,
         bias=np.mean([rest.voltage for rest in found], axis=0),
-        misfit=_misfit(blocks, lower, basis, 1.0 / max(1.0, blocks.size / correlation)),
+        drift=drift,
+        misfit=misfit,
         correlation=correlation,
         samples=len(rows.time),
         provenance=provenance,
@@ -226,12 +228,23 @@ def _signal(
     return lower, vectors[:, :-7:-1]
 
 
-def _misfit(blocks: Blocks, lower: np.ndarray, basis: np.ndarray, share: float) -> float:
-    """Share of a whitened reading's length, across the six directions, beyond the noise that a block has left."""
+def _unexplained(blocks: Blocks, lower: np.ndarray, basis: np.ndarray, correlation: float) -> tuple[float, float]:
+    """Drift and misfit of `LoadCells`: squares across the six directions beyond the noise that a block has left.
+
+    A channel's square is noise/samples + drift^2 + misfit^2 |along|^2 / (m - 6). The drift is that of the worst run:
+    others will be as bad.
+    """
+    from scipy.optimize import nnls
+
     white = np.linalg.solve(lower, blocks.voltages.T).T
-    along = white @ basis
-    across = np.sum(white**2, axis=1) - np.sum(along**2, axis=1) - share * (white.shape[1] - 6)
-    return float(np.sqrt(max(0.0, across.sum() / np.sum(along**2))))
+    size = np.sum((white @ basis) ** 2, axis=1)
+    spare = white.shape[1] - 6
+    across = (np.sum(white**2, axis=1) - size) / spare - correlation / max(correlation, blocks.size)
+    loads = np.column_stack([np.ones(len(size)), size / spare])
+    found, _ = nnls(loads, across)
+    drifted = across - found[1] * loads[:, 1]
+    worst = max(float(drifted[blocks.run == run].mean()) for run in np.unique(blocks.run))
+    return float(np.sqrt(max(0.0, worst))), float(np.sqrt(found[1]))
 
 
 def _relative(answer: Fit) -> Float[np.ndarray, "36 36"]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from numpy.typing import ArrayLike
 
 from palpate.errors import InputError
@@ -65,6 +65,7 @@ def resolution(
     tare: float = np.inf,
     drift: float = 0.0,
     soft: bool = True,
+    sound: Bool[np.ndarray, " k"] | None = None,
 ) -> Resolution:
     """Resolution over a surface, to first order; with friction, in the worst direction of the force.
 
@@ -77,10 +78,14 @@ def resolution(
         tare: independent readings that the bias was taken from.
         drift: [V] of a channel since then, one standard deviation.
         soft: whether a contact may have a torque about the normal; if not, that F . M = 0 is used.
+        sound: (k,) the cells that answer; None: all. The others still carry load.
+
+    Raises:
+        NotIdentifiable: those cells tell no wrench.
     """
     if not (tare > 0 and drift >= 0 and friction >= 0):  # NaN too
         raise InputError("tare must be positive, drift and friction not negative.")
-    inverse, spread, _ = cells.inverse()
+    inverse, spread, _ = cells.inverse(sound)
     spread = spread * (1.0 + 1.0 / tare) + drift**2 * inverse @ inverse.T
     pushes = _directions(normals, friction) if forces is None else [forces]
     units = [push / np.linalg.norm(push, axis=1, keepdims=True) for push in pushes]

@@ -71,6 +71,7 @@ class LoadCells:
         positions: (k, 3) [m] of the cells as far as they are known, else NaN.
         indentation: of the soft layer on the frame; None: rigid.
         bias: (3 k,) b [V] as it was in the calibration: what a later one is compared with.
+        drift: standard deviation of slow changes of the zero after it was taken, in those of a reading's noise.
         misfit: the share of a reading's whitened length by which C does not explain it, besides noise.
         correlation: samples of this sensor that tell as much as one independent sample.
         samples: of the calibration. provenance: where it came from. notes: what to know, one sentence each.
@@ -87,6 +88,7 @@ class LoadCells:
     positions: Float[np.ndarray, "k 3"]
     indentation: Indentation | None
     bias: Float[np.ndarray, " m"]
+    drift: float
     misfit: float
     correlation: float
     samples: int
@@ -103,6 +105,7 @@ class LoadCells:
         positions: ArrayLike | None = None,
         indentation: Indentation | None = None,
         bias: ArrayLike | None = None,
+        drift: float = 0.0,
         misfit: float = 0.0,
         correlation: float = 1.0,
         samples: int = 0,
@@ -126,6 +129,7 @@ class LoadCells:
             object.__setattr__(self, name, _shaped(name, values, shape))
         for name, value in (
             ("indentation", indentation),
+            ("drift", float(drift)),
             ("misfit", float(misfit)),
             ("correlation", float(correlation)),
             ("samples", int(samples)),
@@ -173,7 +177,7 @@ class LoadCells:
     def wrenches(
         self, readings: Float[np.ndarray, "*batch m"], sound: Bool[np.ndarray, " k"] | None = None
     ) -> tuple[Float[np.ndarray, "*batch 6"], Float[np.ndarray, "*batch 6 6"]]:
-        """Wrenches of readings without bias, and covariances: of a reading's noise, and of the calibration.
+        """Wrenches of readings without bias, and covariances: of a reading's noise and drift, and of the calibration.
 
         Args:
             readings: (*batch, 3 k) [V], u - b.
@@ -184,7 +188,7 @@ class LoadCells:
         """
         inverse, spread, _ = self.inverse(sound)
         found = readings @ inverse.T
-        return found, spread + self.calibration_spread(found)
+        return found, (1.0 + self.drift**2) * spread + self.calibration_spread(found)
 
     def calibration_spread(self, wrenches: Float[np.ndarray, "*batch 6"]) -> Float[np.ndarray, "*batch 6 6"]:
         """Covariance of E w: what the calibration is unsure about, the same in every sample of a contact."""
@@ -196,14 +200,14 @@ class LoadCells:
     ) -> Float[np.ndarray, "*batch"]:
         """What no wrench explains of readings without bias: chi-square of 3 k - 6 degrees, where the cells are sound.
 
-        The calibrated misfit, which grows with the load, is divided out.
+        Drift, and the calibrated misfit, which grows with the load, are divided out.
         """
         inverse, _, rest = self.inverse(sound)
         left = np.sum((readings @ rest.T) ** 2, axis=-1)
         explained = readings @ inverse.T @ self.matrix[self.channels(sound)].T
         lower = np.linalg.cholesky(self.noise[np.ix_(self.channels(sound), self.channels(sound))])
         size = np.sum(np.linalg.solve(lower, explained[..., None])[..., 0] ** 2, axis=-1)
-        return left / (1.0 + self.misfit**2 * size / len(rest)) if len(rest) else left
+        return left / (1.0 + self.drift**2 + self.misfit**2 * size / len(rest)) if len(rest) else left
 
     def require_rank(self, sound: Bool[np.ndarray, " k"]) -> None:
         """Raise a NotIdentifiable where some cells (k,) do not determine a wrench."""

@@ -1,0 +1,359 @@
+"""Compiled: from the voltages of load cells to contacts on an elliptic cylinder, x^2/a^2 + z^2/b^2 = 1, in closed form.
+
+A point of it is c = (a sin t, y, b cos t), with h = |dc/dt|, normal n = (b sin t, 0, a cos t)/h and tangent
+u = (n_z, 0, -n_x). A soft finger with its force at e = c - d n satisfies M - e x F = tau n. As n has no part along y,
+the second row knows neither y nor tau,
+
+    e_z F_x - e_x F_z = M_y        for d = 0:  b F_x cos t - a F_z sin t = M_y,
+
+a line that meets the ellipse twice; the force presses at one of the two, F . n < 0. Then u . (M - e x F) = 0 gives
+
+    y = (u . M + F_y (a b/h - d))/(F . n),    tau = F . M/(F . n).
+"""
+
+# pyright: basic
+from __future__ import annotations
+
+import numpy as np
+
+from palpate.surfaces._jit import entry, inner
+
+__all__ = [
+    "A",
+    "ACCURACY",
+    "B",
+    "DEPTH",
+    "DRIFT",
+    "EXPONENT",
+    "FRICTION",
+    "HALF",
+    "MISFIT",
+    "OFF",
+    "ON",
+    "PURE",
+    "SETTINGS",
+    "TORSION",
+    "contacts",
+    "one_contact",
+]
+
+A, B, HALF, DEPTH, EXPONENT, FRICTION, TORSION, ON, OFF, ACCURACY, PURE, DRIFT, MISFIT, SETTINGS = range(14)
+_CONTACT, _NO_CONTACT, _TOO_LIGHT, _OFF_SURFACE, _IMPLAUSIBLE, _SATURATED, _INVALID = 0, 2, 3, 4, 5, 6, 7
+_RESIDUAL, _CANDIDATES, _STATUS = 19, 20, 21  # estimate._Row, which compiled code cannot read
+_LARGEST = 1e9
+_NEWTON = 8  # steps to where an indented force acts
+_TOLERANCE = 3.0  # standard deviations by which a contact may lie beyond an end, and is put there
+_ROUNDING = 1e-9  # of the size
+
+
+@inner
+def _mapped(reading, bias, mapping, out):
+    """Reading less bias, mapped: six of a wrench, then what no wrench can make. The sums run along the outputs."""
+    count = mapping.shape[1]
+    for i in range(count):
+        out[i] = 0.0
+    for j in range(len(reading)):
+        value = reading[j] - bias[j]
+        for i in range(count):
+            out[i] += mapping[j, i] * value
+
+
+@inner
+def _left(out, expected):
+    """Squares that no wrench makes, over what is expected of each."""
+    total = 0.0
+    for i in range(6, len(out)):
+        total += out[i] * out[i]
+    return total / expected
+
+
+@inner
+def _chosen(reading, bias, limits, mappings, metrics, bounds, settings, out, work):
+    """Which subset answers: 0 all, 1 + i without cell i, -1 none; the mapped reading is left in out.
+
+    A cell at its range is left out. Where what is left has too little chance, so is the cell without which it has.
+    """
+    full, count = -1, 0
+    for j in range(len(reading)):
+        if reading[j] <= limits[j, 0] or reading[j] >= limits[j, 1]:
+            if full != j // 3:
+                count += 1
+            full = j // 3
+    if count > 1:
+        return -1
+    if count == 1:
+        if bounds[1 + full] < 0.0:
+            return -1
+        _mapped(reading, bias, mappings[1 + full], out)
+        return 1 + full
+    _mapped(reading, bias, mappings[0], out)
+    expected = 1.0 + settings[DRIFT] ** 2
+    if settings[MISFIT] > 0.0:
+        square = 0.0
+        for i in range(6):
+            for j in range(6):
+                square += out[i] * metrics[i, j] * out[j]
+        expected += settings[MISFIT] ** 2 * square
+    if _left(out, expected) <= bounds[0]:
+        return 0
+    best, least = -1, np.inf
+    for cell in range(1, len(bounds)):
+        if bounds[cell] <= 0.0:
+            continue
+        _mapped(reading, bias, mappings[cell], work)
+        left = _left(work, expected) / bounds[cell]
+        if left < least:
+            best, least = cell, left
+    if best < 0 or least > 1.0:
+        return -2
+    _mapped(reading, bias, mappings[best], out)
+    return best
+
+
+@inner
+def _pure(wrench, spread, work):
+    """To the nearest wrench without moment along its force, F . M = 0, in the metric of its spread; and what is left.
+
+    Two steps of Newton on one equation, with slope (M, F).
+    """
+    for _ in range(2):
+        left, square = 0.0, 0.0
+        for i in range(3):
+            left += wrench[i] * wrench[3 + i]
+        for i in range(6):
+            work[i] = 0.0
+            for j in range(6):
+                work[i] += spread[i, j] * wrench[(j + 3) % 6]
+        for i in range(6):
+            square += work[i] * wrench[(i + 3) % 6]
+        if not square > 0.0:
+            return
+        for i in range(6):
+            wrench[i] -= work[i] * left / square
+    for i in range(6):
+        work[i] = 0.0
+        for j in range(6):
+            work[i] += spread[i, j] * wrench[(j + 3) % 6]
+    square = 0.0
+    for i in range(6):
+        square += work[i] * wrench[(i + 3) % 6]
+    for i in range(6):
+        for j in range(6):
+            spread[i, j] -= work[i] * work[j] / square
+
+
+@inner
+def _meeting(w, settings):
+    """Cosine and sine of t where the force presses; False where its line misses, with the nearest t."""
+    a, b = settings[A], settings[B]
+    p, q = b * w[0], -a * w[2]
+    size = np.sqrt(p * p + q * q)
+    if size == 0.0:
+        return False, 1.0, 0.0
+    cosine = w[4] / size
+    met = abs(cosine) <= 1.0
+    cosine = min(1.0, max(-1.0, cosine))
+    sine = -np.sqrt(1.0 - cosine * cosine)
+    c, s = (p * cosine - q * sine) / size, (q * cosine + p * sine) / size
+    if settings[DEPTH] == 0.0 or not met:
+        return met, c, s
+    for _ in range(_NEWTON):
+        h = np.sqrt(b * b * s * s + a * a * c * c)
+        fn, ft = (w[0] * b * s + w[2] * a * c) / h, (w[0] * a * c - w[2] * b * s) / h
+        fn = min(fn, -1e-6)
+        nu = a * b / (h * h)
+        d = settings[DEPTH] * (-fn) ** settings[EXPONENT]
+        rate = settings[EXPONENT] * d / -fn
+        g = b * c * w[0] - a * s * w[2] - d * ft - w[4]
+        slope = -fn * (h - d * nu) + rate * nu * ft * ft
+        step = -g / slope
+        step = min(0.5, max(-0.5, step))
+        c, s = c - s * step, s + c * step
+        length = np.sqrt(c * c + s * s)
+        c, s = c / length, s / length
+        if abs(step) < _ROUNDING:
+            break
+    return True, c, s
+
+
+@inner
+def _locate(w, settings, c, s, row, slopes):
+    """Point, normal, torque into a row, and d(arc length, y)/dw into slopes (2, 6); False where it only pulls."""
+    a, b = settings[A], settings[B]
+    h = np.sqrt(b * b * s * s + a * a * c * c)
+    nx, nz = b * s / h, a * c / h
+    fn, ft = w[0] * nx + w[2] * nz, w[0] * nz - w[2] * nx
+    if not fn < 0.0:
+        return False
+    d, rate = 0.0, 0.0
+    if settings[DEPTH] > 0.0:
+        d = settings[DEPTH] * (-fn) ** settings[EXPONENT]
+        rate = settings[EXPONENT] * d / -fn
+    nu = a * b / (h * h)
+    reach = a * b / h - d
+    along = nz * w[3] - nx * w[5]
+    y = (along + w[1] * reach) / fn
+    row[0], row[1], row[2] = a * s, y, b * c
+    row[3], row[4], row[5] = nx, 0.0, nz
+    row[9] = (w[0] * w[3] + w[1] * w[4] + w[2] * w[5]) / fn
+    ex, ez = a * s - d * nx, b * c - d * nz
+    slope = -fn * (h - d * nu) + rate * nu * ft * ft
+    bend = (b * b - a * a) * s * c / h  # dh/dt
+    by_t = -nu * (nx * w[3] + nz * w[5]) + w[1] * (-a * b * bend / (h * h) + rate * nu * ft) - y * nu * ft
+    turn = rate * ft
+    slopes[0, 0] = -(ez + turn * nx) / slope
+    slopes[0, 1] = 0.0
+    slopes[0, 2] = -(-ex + turn * nz) / slope
+    slopes[0, 3] = slopes[0, 5] = 0.0
+    slopes[0, 4] = 1.0 / slope
+    direct = w[1] * rate - y
+    slopes[1, 0], slopes[1, 1], slopes[1, 2] = direct * nx, reach, direct * nz
+    slopes[1, 3], slopes[1, 4], slopes[1, 5] = nz, 0.0, -nx
+    for k in range(6):
+        slopes[1, k] = (slopes[1, k] + by_t * slopes[0, k]) / fn
+        slopes[0, k] *= h
+    return True
+
+
+@inner
+def _spread(w, slopes, spread, doubts, plane, work):
+    """Covariance (2, 2) of the point along u and y: of the wrench, and of the calibration's E w."""
+    for i in range(2):
+        for j in range(i, 2):
+            total = 0.0
+            for m in range(6):
+                part = 0.0
+                for k in range(6):
+                    part += spread[m, k] * slopes[j, k]
+                total += slopes[i, m] * part
+            plane[i, j] = plane[j, i] = total
+    count = doubts.shape[1]
+    if count == 0:
+        return
+    first, second = work[0], work[1]
+    for r in range(count):
+        first[r] = second[r] = 0.0
+    for m in range(6):
+        for k in range(6):
+            row = 6 * m + k
+            one, other = slopes[0, m] * w[k], slopes[1, m] * w[k]
+            for r in range(count):
+                value = doubts[row, r]
+                first[r] += value * one
+                second[r] += value * other
+    for r in range(count):
+        plane[0, 0] += first[r] * first[r]
+        plane[1, 1] += second[r] * second[r]
+        plane[0, 1] += first[r] * second[r]
+    plane[1, 0] = plane[0, 1]
+
+
+@inner
+def _bounded(row, plane, settings):
+    """Puts a point that is hardly beyond an end there; False where it is farther out, with the nearest point."""
+    inside = True
+    beyond = abs(row[1]) - settings[HALF]
+    if beyond > 0.0:
+        inside = beyond <= _TOLERANCE * np.sqrt(max(0.0, plane[1, 1]))
+        row[1] = settings[HALF] if row[1] > 0.0 else -settings[HALF]
+    if row[2] < 0.0:
+        inside = inside and -row[2] <= _TOLERANCE * np.sqrt(max(0.0, plane[0, 0]))
+        row[0], row[2] = (settings[A] if row[0] > 0.0 else -settings[A]), 0.0
+        row[3], row[5] = (1.0 if row[3] > 0.0 else -1.0), 0.0
+    return inside
+
+
+@inner
+def _answer(w, spread, doubts, settings, state, row, slopes, plane, work, line):
+    """One wrench with its covariance to a row; state[0] is whether it touched before."""
+    force = np.sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2])
+    row[6], row[7], row[8] = w[0], w[1], w[2]
+    if force >= settings[ON] and force > 0.0:
+        state[0] = 1.0
+    elif force < settings[OFF] or force == 0.0:
+        state[0] = 0.0
+        row[_STATUS] = _NO_CONTACT
+        return
+    if state[0] == 0.0:
+        row[_STATUS] = _TOO_LIGHT
+        return
+    if settings[PURE] == 1.0:
+        _pure(w, spread, line)
+        row[6], row[7], row[8] = w[0], w[1], w[2]
+    met, c, s = _meeting(w, settings)
+    if not met or not _locate(w, settings, c, s, row, slopes):
+        row[_STATUS] = _OFF_SURFACE
+        h = np.sqrt((settings[B] * s) ** 2 + (settings[A] * c) ** 2)
+        row[0], row[2] = settings[A] * s, settings[B] * c
+        row[3], row[4], row[5] = settings[B] * s / h, 0.0, settings[A] * c / h
+        row[1] = 0.0
+        row[9] = np.nan
+        return
+    _spread(w, slopes, spread, doubts, plane, work)
+    if settings[ACCURACY] > 0.0 and plane[0, 0] + plane[1, 1] > settings[ACCURACY] ** 2:
+        row[0:6] = np.nan
+        row[9] = np.nan
+        row[_STATUS] = _TOO_LIGHT
+        return
+    if not _bounded(row, plane, settings):
+        row[9] = np.nan
+        row[_STATUS] = _OFF_SURFACE
+        return
+    ux, uz = row[5], -row[3]
+    row[10] = ux * ux * plane[0, 0]
+    row[11] = row[13] = ux * plane[0, 1]
+    row[12] = row[16] = ux * uz * plane[0, 0]
+    row[14] = plane[1, 1]
+    row[15] = row[17] = uz * plane[0, 1]
+    row[18] = uz * uz * plane[0, 0]
+    pressing = -(w[0] * row[3] + w[2] * row[5])
+    side = np.sqrt(max(0.0, force * force - pressing * pressing))
+    within = side <= settings[FRICTION] * pressing and abs(row[9]) <= settings[TORSION] * pressing
+    row[_CANDIDATES] = 1.0 if within else 0.0
+    row[_STATUS] = _CONTACT if within else _IMPLAUSIBLE
+    row[_RESIDUAL] = 0.0 if within else np.nan
+
+
+@entry
+def contacts(readings, bias, limits, mappings, metrics, spreads, bounds, doubts, settings, state, rows, subsets):
+    """Voltages (n, m) to rows (n, 22) of `estimate.ROW`, and which subset answered (n,): 0 all, 1 + i without cell i.
+
+    bias (m,); limits (m, 2). Of all cells, and without each: mappings (1 + k, m, 6 + r, and zeros), spreads (1 + k, 6, 6) of the
+    noise, and bounds (1 + k,) of what may be left, negative where they tell no wrench, 0 where nothing is left to
+    judge by. metrics (6, 6), the squared length of a wrench in whitened voltages, a degree of freedom; doubts (36, q),
+    D D' the covariance of E; settings as named above; state (1,), whether it touched before.
+    """
+    outputs = mappings.shape[2]
+    out, second, w = np.empty(outputs), np.empty(outputs), np.empty(6)
+    slopes, plane, work, line = np.zeros((2, 6)), np.zeros((2, 2)), np.empty((2, doubts.shape[1])), np.empty(6)
+    spread = np.empty((6, 6))
+    for i in range(len(readings)):
+        row, reading = rows[i], readings[i]
+        row[:] = np.nan
+        row[_CANDIDATES] = 0.0
+        sound = True
+        for value in reading:
+            sound = sound and abs(value) <= _LARGEST
+        if not sound:
+            row[_STATUS] = _INVALID
+            subsets[i] = -2
+            continue
+        chosen = _chosen(reading, bias, limits, mappings, metrics, bounds, settings, out, second)
+        subsets[i] = chosen
+        if chosen < 0:
+            row[_STATUS] = _SATURATED if chosen == -1 else _INVALID
+            continue
+        for k in range(6):
+            w[k] = out[k]
+            for j in range(6):
+                spread[k, j] = spreads[chosen, k, j]
+        _answer(w, spread, doubts, settings, state, row, slopes, plane, work, line)
+
+
+@entry
+def one_contact(w, spread, doubts, settings, row, slopes):
+    """One wrench (6,) with a covariance (6, 6) to a row (22,), and the slopes (2, 6) of the point along u and y."""
+    state, plane, work, line = np.zeros(1), np.zeros((2, 2)), np.empty((2, doubts.shape[1])), np.empty(6)
+    row[:] = np.nan
+    row[_CANDIDATES] = 0.0
+    _answer(w, spread, doubts, settings, state, row, slopes, plane, work, line)

@@ -1,0 +1,249 @@
+"""From the voltages of load cells under an elliptic cylinder to contacts, in one compiled step."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from numpy.typing import ArrayLike
+
+from palpate.contact.estimate import ROW, ContactEstimate
+from palpate.errors import InputError, NotIdentifiable
+from palpate.sensors.load_cells import LoadCells
+
+__all__ = ["Elliptic", "Fingertip"]
+
+METHODS = ("soft_finger", "wrench_axis")
+COLUMNS = 32  # of the factor of the calibration's covariance
+LANES = 16  # outputs of a mapping are a multiple of it: the compiler adds so many at a time
+CHANCE = 1e-6  # that sound cells leave more than the bound
+WANTED = 2e-3  # m: the accuracy that the paper asks for
+
+
+class Elliptic(Protocol):
+    """x^2/a^2 + z^2/b^2 = 1, |y| <= half_length, z >= 0 [m]; see `palpate.surfaces.EllipticCylinder`."""
+
+    @property
+    def a(self) -> float: ...  # noqa: D102 - said above
+    @property
+    def b(self) -> float: ...  # noqa: D102 - said above
+    @property
+    def half_length(self) -> float: ...  # noqa: D102 - said above
+
+
+@dataclass(frozen=True, eq=False)
+class Zero:
+    """What the cells read unloaded.
+
+    Attributes:
+        voltage: (m,) [V]; share: variance of it over that of one reading.
+    """
+
+    voltage: Float[np.ndarray, " m"]
+    share: float = 0.0
+
+
+class Fingertip:
+    """Prepared: what does not depend on the sample is computed here, and the loops are compiled.
+
+    Each sample is answered alone but for the hysteresis of touch: from all cells, or, where those contradict each other,
+    from the subset without one cell that does not (see `LoadCells`). With more than one bad cell, or one among three,
+    the sample is INVALID. A cell at its range is left out; two at it make the sample SATURATED.
+
+    Args:
+        cells: the model.
+        surface: its semi-axes and half length.
+        method: "soft_finger" (force, and torque about the normal) or "wrench_axis" (a force alone: the wrench is first
+            taken to the nearest without moment along the force, which sharpens the point where there is no torque).
+        friction: bound on tan(theta), theta between -force and normal.
+        torsion: bound on |torque|/|F . n| [m].
+        accuracy: [m] 3-D standard deviation above which the answer is TOO_LIGHT; None: none.
+        on, off: force [N] from which there is a contact, and below which there is none any more. None: 10 and 5 times
+            the noise.
+        sound: (k,) cells to use; None: all.
+
+    Raises:
+        InputError: an unknown method, or bounds that are not positive.
+        NotIdentifiable: the sound cells tell no wrench.
+    """
+
+    def __init__(
+        self,
+        cells: LoadCells,
+        surface: Elliptic,
+        method: str = "soft_finger",
+        friction: float = 1.0,
+        torsion: float = 5e-3,
+        accuracy: float | None = None,
+        on: float | None = None,
+        off: float | None = None,
+        sound: Bool[np.ndarray, " k"] | None = None,
+    ) -> None:
+        from palpate.contact import _fingertip  # compiled: loaded when first needed
+
+        if method not in METHODS:
+            raise InputError(f"unknown method {method!r}.", mend=f"Use one of {', '.join(METHODS)}.")
+        if not (friction > 0 and torsion >= 0 and (accuracy is None or accuracy > 0)):
+            raise InputError(f"friction ({friction}) and accuracy ({accuracy}) must be > 0, torsion ({torsion}) >= 0.")
+        self.cells, self.surface, self.method = cells, surface, method
+        self.friction, self.torsion, self.accuracy = float(friction), float(torsion), accuracy
+        self.sound = np.ones(cells.cells, dtype=bool) if sound is None else np.array(sound, dtype=bool)
+        self._mappings, self._spreads, self._bounds = _subsets(cells, self.sound)
+        noise = float(np.sqrt(np.diag(self._spreads[0])[:3].max()))
+        self.on = max(10.0 * noise, off or 0.0) if on is None else float(on)
+        self.off = min(0.5 * self.on, 5.0 * noise) if off is None else float(off)
+        if not 0 <= self.off <= self.on:
+            raise InputError(f"contact thresholds must be 0 <= off <= on; got on = {self.on}, off = {self.off} N.")
+        self._metric = _metric(cells)
+        self._doubts = _doubts(cells.covariance)
+        law = cells.indentation
+        self._settings = np.zeros(_fingertip.SETTINGS)
+        for place, value in (
+            (_fingertip.A, surface.a),
+            (_fingertip.B, surface.b),
+            (_fingertip.HALF, surface.half_length),
+            (_fingertip.DEPTH, 0.0 if law is None else law.depth),
+            (_fingertip.EXPONENT, 1.0 if law is None else law.exponent),
+            (_fingertip.FRICTION, self.friction),
+            (_fingertip.TORSION, self.torsion),
+            (_fingertip.ON, self.on),
+            (_fingertip.OFF, self.off),
+            (_fingertip.ACCURACY, accuracy or 0.0),
+            (_fingertip.PURE, float(method == "wrench_axis")),
+            (_fingertip.DRIFT, cells.drift),
+            (_fingertip.MISFIT, cells.misfit),
+        ):
+            self._settings[place] = value
+        self._many: Callable[..., Any] = _fingertip.contacts
+        self._single: Callable[..., Any] = _fingertip.one_contact
+        self._limits = cells.limits.copy()
+        self._reading, self._which = np.zeros((1, len(cells.matrix))), np.zeros(1, np.int64)
+        self._state, self.zero = np.zeros(1), Zero(cells.bias)
+        self.set_zero(cells.bias)
+        self(cells.bias, self.empty())
+        self.reset()
+
+    @staticmethod
+    def empty(*batch: int) -> Float[np.ndarray, "*batch 22"]:
+        """Rows to write into; `ContactEstimate.from_rows` names what is in them."""
+        return np.full((*batch, ROW.length), np.nan)
+
+    def reset(self) -> None:
+        """Forget whether it touched; not the zero."""
+        self._state[:] = 0.0
+
+    def set_zero(self, voltage: ArrayLike, share: float = 0.0) -> None:
+        """What the cells read unloaded (m,) [V], and its variance over that of one reading: in every covariance."""
+        self.zero = Zero(np.array(voltage, dtype=np.float64), float(share))
+        self._bias = self.zero.voltage.copy()
+        self._noise = self._spreads * (1.0 + self.zero.share + self.cells.drift**2)
+
+    def __call__(self, voltages: ArrayLike, out: Float[np.ndarray, "22"]) -> None:
+        """Voltages (m,) to a row of `empty()`; carries the hysteresis. What a control loop calls."""
+        self._reading[0] = voltages
+        self._run(self._reading, out.reshape(1, -1), self._which)
+
+    def run(self, voltages: Float[np.ndarray, "n m"]) -> ContactEstimate:
+        """Contacts of a time series of voltages, in the surface's frame; carries the hysteresis."""
+        return ContactEstimate.from_rows(self.run_into(self.empty(len(voltages)), voltages)[0])
+
+    def run_into(
+        self, rows: Float[np.ndarray, "n 22"], voltages: Float[np.ndarray, "n m"]
+    ) -> tuple[Float[np.ndarray, "n 22"], Int[np.ndarray, " n"]]:
+        """`run` into rows; also which subset answered: 0 all, 1 + i without cell i, negative none."""
+        which = np.empty(len(voltages), np.int64)
+        self._run(np.require(voltages, np.float64, ["C", "W"]), rows, which)
+        return rows, which
+
+    def _run(self, voltages: np.ndarray, rows: np.ndarray, which: np.ndarray) -> None:
+        self._many(
+            voltages,
+            self._bias,
+            self._limits,
+            self._mappings,
+            self._metric,
+            self._noise,
+            self._bounds,
+            self._doubts,
+            self._settings,
+            self._state,
+            rows,
+            which,
+        )
+
+    def smallest_force(self, point: ArrayLike, direction: ArrayLike, accuracy: float = WANTED) -> float:
+        """Force [N] from which a touch is located within an accuracy, the 3-D standard deviation [m].
+
+        Noise of a reading and of the zero err as 1/F, the calibration by the same at every force: s_n^2/F^2 + s_c^2.
+
+        Args:
+            point: (3,) [m] of the surface. direction: (3,) of the force on it, of any length.
+            accuracy: [m].
+
+        Returns:
+            inf where the calibration alone errs by more.
+        """
+        push = np.asarray(direction, dtype=np.float64) / np.linalg.norm(direction)
+        wrench = np.concatenate([push, np.cross(point, push)])
+        noise, doubt = self._deviation(wrench, calibrated=False), self._deviation(wrench, calibrated=True)
+        left = accuracy**2 - max(0.0, doubt**2 - noise**2)
+        return float(noise / np.sqrt(left)) if left > 0 else np.inf
+
+    def _deviation(self, wrench: Float[np.ndarray, "6"], *, calibrated: bool) -> float:
+        """3-D standard deviation [m] of the point of a wrench of 1 N, rigid."""
+        row, settings = self.empty(), self._settings.copy()
+        settings[[3, 7, 8, 9]] = 0.0
+        settings[5:7] = np.inf
+        doubts = self._doubts if calibrated else np.zeros((36, 0))
+        self._single(wrench.copy(), self._noise[0].copy(), doubts, settings, row, np.zeros((2, 6)))
+        return float(np.sqrt(row[10] + row[14] + row[18]))
+
+
+def _subsets(
+    cells: LoadCells, sound: Bool[np.ndarray, " k"]
+) -> tuple[Float[np.ndarray, "s m o"], Float[np.ndarray, "s 6 6"], Float[np.ndarray, " s"]]:
+    """Of the sound cells, and without each: what maps voltages, the spread, and the bound of what is left."""
+    from scipy.stats import chi2
+
+    rows = len(cells.matrix)
+    whole = [sound, *(sound & (np.arange(cells.cells) != cell) for cell in range(cells.cells))]
+    width = -(-rows // LANES) * LANES
+    mappings, spreads, bounds = np.zeros((len(whole), rows, width)), np.zeros((len(whole), 6, 6)), -np.ones(len(whole))
+    for s, kept in enumerate(whole):
+        if s and not sound[s - 1]:
+            continue
+        try:
+            inverse, spreads[s], rest = cells.inverse(kept)
+        except NotIdentifiable:
+            if not s:
+                raise
+            continue
+        mappings[s, :, :6] = inverse.T
+        mappings[s, :, 6 : 6 + len(rest)] = rest.T
+        bounds[s] = float(chi2.isf(CHANCE, len(rest))) if len(rest) else 0.0
+    if bounds[0] == 0.0:
+        bounds[0] = np.inf  # nothing to judge by
+    return mappings, spreads, bounds
+
+
+def _metric(cells: LoadCells) -> Float[np.ndarray, "6 6"]:
+    """Squared length of a wrench in whitened voltages, a degree of freedom of what is left."""
+    return cells.matrix.T @ np.linalg.solve(cells.noise, cells.matrix) / max(1, len(cells.matrix) - 6)
+
+
+def _doubts(covariance: Float[np.ndarray, "36 36"]) -> Float[np.ndarray, "36 q"]:
+    """D with D D' a covariance that may lack rank; in units in which its diagonal is 1.
+
+    Of 36 columns the 32 largest stay, made larger by what the others held: processors work on four or eight at a time.
+    """
+    if not covariance.any():
+        return np.zeros((36, 0))
+    scale = np.sqrt(np.diag(covariance))
+    scale = np.where(scale > 0, scale, 1.0)
+    values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
+    values = np.maximum(values, 0.0)
+    kept = values[-COLUMNS:] * (values.sum() / values[-COLUMNS:].sum())
+    return np.ascontiguousarray(scale[:, None] * vectors[:, -COLUMNS:] * np.sqrt(kept))
