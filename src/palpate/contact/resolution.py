@@ -52,7 +52,7 @@ class Resolution:
         """[N] from which on the position errs by less than `accuracy` [m]; inf where the calibration alone does not."""
         left = accuracy**2 - self.calibration**2
         with np.errstate(divide="ignore"):
-            return np.where(left > 0, self.noise / np.sqrt(np.maximum(left, 0.0)), np.inf)
+            return np.where(left <= 0, np.inf, self.noise / np.sqrt(np.maximum(left, 0.0)))
 
 
 def resolution(

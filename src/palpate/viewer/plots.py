@@ -15,7 +15,18 @@ from palpate.viewer._style import AXES, INK, MUTED, STATUS, figure, styled
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["Panel", "errors", "forces", "histogram", "locations", "silhouettes", "spectra", "statuses", "touch_errors"]
+__all__ = [
+    "Panel",
+    "errors",
+    "forces",
+    "histogram",
+    "locations",
+    "plain",
+    "silhouettes",
+    "spectra",
+    "statuses",
+    "touch_errors",
+]
 
 LATE = 1e6  # s: the log does not begin near 0
 COLUMNS = 450  # of a line over time: as many as a phone has pixels
@@ -122,7 +133,7 @@ def histogram(values: Float[np.ndarray, " n"], label: str) -> Figure:
         axes.hist(np.clip(known, low, high), edges, weights=share, color=AXES[2], alpha=0.8)
         if wide:
             axes.set_xscale("log")
-            _plain(axes.xaxis, (1, 2, 5))
+            plain(axes.xaxis, (1, 2, 5))
         middle = float(np.median(known))
         _mark(axes, middle, f"median {middle:.3g}")
     axes.set_xlabel(label)
@@ -160,7 +171,7 @@ def errors(time: Float[np.ndarray, " n"], error: Float[np.ndarray, " n"], radius
     if np.isfinite(radius).any():
         axes.plot(*_course(time, 1e3 * radius), color=AXES[2], label="95 % radius predicted", zorder=1)
     axes.set_yscale("log")  # at the start and the end of a touch the force is small, and the radius large
-    _plain(axes.yaxis)
+    plain(axes.yaxis)
     axes.set_xlabel(label)
     axes.set_ylabel("location [mm]")
     _legend(axes, 2)
@@ -199,8 +210,8 @@ def spectra(panels: Sequence[Panel]) -> Figure:
         if panel.cutoff is not None:
             _mark(axes, panel.cutoff, f"{panel.cutoff:.3g} Hz")
         axes.set_ylabel(f"{panel.title} [{panel.unit}/√Hz]")
-        _plain(axes.xaxis)
-        _plain(axes.yaxis, (1, 3))
+        plain(axes.xaxis)
+        plain(axes.yaxis, (1, 3))
         _legend(axes, 3)
     below[-1, 0].set_xlabel("frequency [Hz]")
     return drawn
@@ -322,7 +333,7 @@ def _mark(axes: Any, at: float, text: str) -> None:
     axes.annotate(f" {text}", (at, 1.0), xycoords=("data", "axes fraction"), va="top", fontsize=8.5)
 
 
-def _plain(axis: Any, multiples: tuple[int, ...] = (1,)) -> None:
+def plain(axis: Any, multiples: tuple[int, ...] = (1,)) -> None:
     """A logarithmic axis with numbers as people write them, not as powers."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 

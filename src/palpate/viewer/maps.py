@@ -1,0 +1,103 @@
+"""Maps of a number over a surface, seen from the side that is touched, and how an error falls with the force."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from palpate.viewer._style import AXES, INK, MUTED, figure, styled
+from palpate.viewer.plots import plain
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = ["error_over_force", "surface_map"]
+
+LEVELS = 9  # colours of a map: as many as an eye tells apart
+_NAMES = "xyz"
+
+
+@styled()
+def surface_map(
+    vertices: Float[np.ndarray, "v 3"],
+    faces: Int[np.ndarray, "f 3"],
+    values: Float[np.ndarray, " v"],
+    label: str,
+    *,
+    cells: Float[np.ndarray, "k 3"] | None = None,
+    view: tuple[int, float] = (2, 1.0),
+) -> Figure:
+    """Lines of equal values over the surface [m], with the cells below as numbered squares.
+
+    Args:
+        vertices: places of the values.
+        faces: triangles between them.
+        values: finite ones are drawn.
+        label: what they are, with the unit.
+        cells: [m]; NaN where not known.
+        view: the axis that it is seen along, and from which side: 1 or -1.
+    """
+    across, up = ((1, 2), (2, 0), (0, 1))[view[0]]
+    places = 1e3 * vertices
+    drawn = figure(_height(places[:, across], places[:, up]))
+    axes: Any = drawn.subplots()
+    shown = faces[np.isfinite(values[faces]).all(axis=1)]
+    if len(shown):
+        filled = axes.tricontourf(
+            places[:, across], places[:, up], shown, values, levels=_levels(values), cmap="viridis_r"
+        )
+        bar: Any = drawn.colorbar(filled, ax=axes)
+        bar.set_label(label)
+        bar.outline.set_visible(False)
+    for number, place in enumerate(np.zeros((0, 3)) if cells is None else 1e3 * cells, start=1):
+        if np.isfinite(place).all():
+            look: Any = {"boxstyle": "square,pad=0.25", "facecolor": "#ffffffcc", "edgecolor": MUTED, "linewidth": 0.6}
+            axes.text(place[across], place[up], str(number), color="#1b2531", ha="center", va="center", bbox=look)
+    axes.set_aspect("equal")
+    if view[1] < 0:
+        axes.invert_xaxis()
+    axes.set_xlabel(f"{_NAMES[across]} [mm]")
+    axes.set_ylabel(f"{_NAMES[up]} [mm]")
+    axes.grid(visible=False)
+    return drawn
+
+
+@styled()
+def error_over_force(
+    force: Float[np.ndarray, " n"], courses: Mapping[str, Float[np.ndarray, " n"]], wanted: float
+) -> Figure:
+    """Errors of position [m] by name over the force [N], and the accuracy that is wanted [m]."""
+    drawn = figure(2.8)
+    axes: Any = drawn.subplots()
+    for colour, (name, error) in zip(AXES, courses.items(), strict=False):
+        axes.plot(force, 1e3 * error, color=colour, label=name)
+    axes.axhline(1e3 * wanted, color=INK, linewidth=0.8, linestyle="--")
+    axes.annotate("wanted", (force[-1], 1e3 * wanted), ha="right", va="bottom", fontsize=8.5)
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    axes.set_xlim(force[0], force[-1])
+    plain(axes.xaxis)
+    plain(axes.yaxis)
+    axes.set_xlabel("force [N]")
+    axes.set_ylabel("position error, rms [mm]")
+    axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=len(courses), borderaxespad=0.1)
+    return drawn
+
+
+def _height(across: np.ndarray, up: np.ndarray) -> float:
+    """Inches that suit a map beside its bar of colours."""
+    return float(np.clip(0.7 + 3.1 * np.ptp(up) / max(float(np.ptp(across)), 1e-9), 1.8, 4.6))
+
+
+def _levels(values: np.ndarray) -> np.ndarray:
+    """Round numbers from the least to the most."""
+    from matplotlib.ticker import MaxNLocator
+
+    known = values[np.isfinite(values)]
+    low, high = float(known.min()), float(known.max())
+    if high - low < 1e-3 * max(abs(high), abs(low), 1e-300):
+        low, high = 0.99 * low, 1.01 * high if high else 1.0
+    return np.asarray(MaxNLocator(LEVELS).tick_values(low, high))
