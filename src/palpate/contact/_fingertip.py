@@ -44,6 +44,7 @@ _LARGEST = 1e9
 _NEWTON = 8  # steps to where an indented force acts
 _TOLERANCE = 3.0  # standard deviations by which a contact may lie beyond an end, and is put there
 _ROUNDING = 1e-9  # of the size
+_FADES, _ENOUGH, _DOUBTFUL = 0.999, 10.0, 0.01  # of blame a sample; to be left out; of what several cells explain
 
 
 @inner
@@ -68,21 +69,44 @@ def _left(out, expected):
 
 
 @inner
-def _chosen(reading, bias, limits, mappings, metrics, bounds, settings, out, work):
-    """Which subset answers: 0 all, 1 + i without cell i, -1 none; the mapped reading is left in out.
-
-    A cell at its range is left out. Where what is left has too little chance, so is the cell without which it has.
-    """
-    full, count = -1, 0
+def _saturated(reading, limits):
+    """The cell at its range: its number, -1 where none is, -2 where several are."""
+    full = -1
     for j in range(len(reading)):
         if reading[j] <= limits[j, 0] or reading[j] >= limits[j, 1]:
-            if full != j // 3:
-                count += 1
+            if full >= 0 and full != j // 3:
+                return -2
             full = j // 3
-    if count > 1:
-        return -1
-    if count == 1:
-        if bounds[1 + full] < 0.0:
+    return full
+
+
+@inner
+def _stuck(reading, state, first):
+    """Of the samples that contradict: one more than the cell of which a channel repeats itself exactly, -1 if not one.
+
+    That is how a channel at a range that nobody stated looks, and a dead one. Coarse voltages repeat themselves too,
+    but rarely in one cell alone.
+    """
+    found = -1
+    for j in range(len(reading)):
+        if reading[j] == state[first + j]:
+            if found >= 0 and found != 1 + j // 3:
+                return -1
+            found = 1 + j // 3
+    return found
+
+
+@inner
+def _chosen(reading, bias, limits, mappings, metrics, bounds, settings, state, out, work):
+    """Which subset answers: 0 all, 1 + i without cell i, -1 and -2 none; the mapped reading is left in out.
+
+    A cell at its range is left out. Where what is left has too little chance, so is the cell without which it has: of
+    several, the one blamed most so far. Blame grows by what is not in doubt and fades; a cell that has enough of it is
+    left out for as long as it has.
+    """
+    full = _saturated(reading, limits)
+    if full != -1:
+        if full == -2 or bounds[1 + full] < 0.0:
             return -1
         _mapped(reading, bias, mappings[1 + full], out)
         return 1 + full
@@ -94,18 +118,43 @@ def _chosen(reading, bias, limits, mappings, metrics, bounds, settings, out, wor
             for j in range(6):
                 square += out[i] * metrics[i, j] * out[j]
         expected += settings[MISFIT] ** 2 * square
-    if _left(out, expected) <= bounds[0]:
-        return 0
-    best, least = -1, np.inf
+    agreed = _left(out, expected) <= bounds[0]
+    most, suspect = 0.0, -1
     for cell in range(1, len(bounds)):
+        state[cell] *= _FADES
+        if state[cell] > most:
+            most, suspect = state[cell], cell
+    if agreed and most < _ENOUGH:
+        return 0
+    if most >= _ENOUGH:
+        _mapped(reading, bias, mappings[suspect], work)
+        if _left(work, expected) <= bounds[suspect]:
+            out[:] = work
+            if not agreed:
+                state[suspect] += 1.0
+            return suspect
+        if agreed:
+            return 0
+    best, least, passing = _stuck(reading, state, len(bounds)), np.inf, 1
+    if best > 0:
+        _mapped(reading, bias, mappings[best], work)
+        if bounds[best] < 0.0 or (bounds[best] > 0.0 and _left(work, expected) > bounds[best]):
+            best = -1
+    if best < 0:
+        passing = 0
+    for cell in range(1, len(bounds) if best < 0 else 0):
         if bounds[cell] <= 0.0:
             continue
         _mapped(reading, bias, mappings[cell], work)
         left = _left(work, expected) / bounds[cell]
-        if left < least:
+        if left > 1.0:
+            continue
+        passing += 1
+        if best < 0 or state[cell] > state[best] or (state[cell] == state[best] and left < least):
             best, least = cell, left
-    if best < 0 or least > 1.0:
+    if best < 0:
         return -2
+    state[best] += 1.0 if passing == 1 else _DOUBTFUL
     _mapped(reading, bias, mappings[best], out)
     return best
 
@@ -321,7 +370,8 @@ def contacts(readings, bias, limits, mappings, metrics, spreads, bounds, doubts,
     bias (m,); limits (m, 2). Of all cells, and without each: mappings (1 + k, m, 6 + r, and zeros), spreads (1 + k, 6, 6) of the
     noise, and bounds (1 + k,) of what may be left, negative where they tell no wrench, 0 where nothing is left to
     judge by. metrics (6, 6), the squared length of a wrench in whitened voltages, a degree of freedom; doubts (36, q),
-    D D' the covariance of E; settings as named above; state (1,), whether it touched before.
+    D D' the covariance of E; settings as named above; state (1 + k + m,), whether it touched before,
+    the blame of each cell, and the last voltages.
     """
     outputs = mappings.shape[2]
     out, second, w = np.empty(outputs), np.empty(outputs), np.empty(6)
@@ -338,8 +388,10 @@ def contacts(readings, bias, limits, mappings, metrics, spreads, bounds, doubts,
             row[_STATUS] = _INVALID
             subsets[i] = -2
             continue
-        chosen = _chosen(reading, bias, limits, mappings, metrics, bounds, settings, out, second)
+        chosen = _chosen(reading, bias, limits, mappings, metrics, bounds, settings, state, out, second)
         subsets[i] = chosen
+        for j in range(len(reading)):
+            state[len(bounds) + j] = reading[j]
         if chosen < 0:
             row[_STATUS] = _SATURATED if chosen == -1 else _INVALID
             continue

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
@@ -12,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from palpate.contact.estimate import ROW, ContactEstimate
 from palpate.errors import InputError, NotIdentifiable
+from palpate.sensors.load_cell_zero import Zero, take_zero
 from palpate.sensors.load_cells import LoadCells
 
 __all__ = ["Elliptic", "Fingertip"]
@@ -34,24 +34,13 @@ class Elliptic(Protocol):
     def half_length(self) -> float: ...  # noqa: D102 - said above
 
 
-@dataclass(frozen=True, eq=False)
-class Zero:
-    """What the cells read unloaded.
-
-    Attributes:
-        voltage: (m,) [V]; share: variance of it over that of one reading.
-    """
-
-    voltage: Float[np.ndarray, " m"]
-    share: float = 0.0
-
-
 class Fingertip:
     """Prepared: what does not depend on the sample is computed here, and the loops are compiled.
 
-    Each sample is answered alone but for the hysteresis of touch: from all cells, or, where those contradict each other,
-    from the subset without one cell that does not (see `LoadCells`). With more than one bad cell, or one among three,
-    the sample is INVALID. A cell at its range is left out; two at it make the sample SATURATED.
+    A sample is answered from all cells, or, where those contradict each other, from the subset without one cell that
+    does not (see `LoadCells`); what one sample leaves to the next is whether it touched, and how much each cell was to
+    blame. With more than one bad cell, or one among three, the sample is INVALID. A cell at its range is left out; two
+    at it make the sample SATURATED.
 
     Args:
         cells: the model.
@@ -121,8 +110,8 @@ class Fingertip:
         self._single: Callable[..., Any] = _fingertip.one_contact
         self._limits = cells.limits.copy()
         self._reading, self._which = np.zeros((1, len(cells.matrix))), np.zeros(1, np.int64)
-        self._state, self.zero = np.zeros(1), Zero(cells.bias)
-        self.set_zero(cells.bias)
+        self._state, self.zero = np.zeros(1 + 4 * cells.cells), Zero(cells.bias)
+        self.set_zero(self.zero)
         self(cells.bias, self.empty())
         self.reset()
 
@@ -132,14 +121,25 @@ class Fingertip:
         return np.full((*batch, ROW.length), np.nan)
 
     def reset(self) -> None:
-        """Forget whether it touched; not the zero."""
+        """Forget whether it touched, and what was blamed; not the zero."""
         self._state[:] = 0.0
+        self._state[1 + self.cells.cells :] = np.nan
 
-    def set_zero(self, voltage: ArrayLike, share: float = 0.0) -> None:
-        """What the cells read unloaded (m,) [V], and its variance over that of one reading: in every covariance."""
-        self.zero = Zero(np.array(voltage, dtype=np.float64), float(share))
-        self._bias = self.zero.voltage.copy()
-        self._noise = self._spreads * (1.0 + self.zero.share + self.cells.drift**2)
+    def set_zero(self, zero: Zero) -> None:
+        """What the cells read unloaded; its variance goes into every covariance."""
+        self.zero = zero
+        self._bias = zero.voltage.copy()
+        self._noise = self._spreads * (1.0 + zero.share + self.cells.drift**2)
+
+    def tare(self, voltages: Float[np.ndarray, "n m"], where: str = "") -> Zero:
+        """Take the zero from a window in which nothing touches, from now on; then `reset`.
+
+        Raises:
+            InputError: the window does not stand still, or is too short.
+        """
+        self.set_zero(take_zero(self.cells, voltages, where))
+        self.reset()
+        return self.zero
 
     def __call__(self, voltages: ArrayLike, out: Float[np.ndarray, "22"]) -> None:
         """Voltages (m,) to a row of `empty()`; carries the hysteresis. What a control loop calls."""
