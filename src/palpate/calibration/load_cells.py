@@ -15,7 +15,7 @@ from palpate.calibration._load_cell_coverage import Coverage, coverage
 from palpate.calibration._load_cell_fit import Fit, Zeros, fit, linear_start, touches
 from palpate.calibration._load_cell_log import Blocks, blocks_of, cut, rest_noise, rests
 from palpate.errors import InputError
-from palpate.sensors.load_cells import LoadCells, require_layout
+from palpate.sensors.load_cells import LoadCells, require_layout, with_changes
 
 __all__ = ["LoadCellCalibration", "Projecting", "identify_load_cells"]
 
@@ -158,7 +158,7 @@ def identify_load_cells(
     covered = coverage(data, cells)
     notes = (*_off_surface(blocks, contact, normal, ball), *covered.notes)
     return LoadCellCalibration(
-        replace_notes(cells, notes),
+        with_changes(cells, notes=notes),
         blocks.time,
         contact,
         blocks.forces,
@@ -169,12 +169,6 @@ def identify_load_cells(
         covered,
         notes,
     )
-
-
-def replace_notes(cells: LoadCells, notes: tuple[str, ...]) -> LoadCells:
-    """The same cells with other notes."""
-    fields = {name: value for name, value in vars(cells).items() if name not in ("matrix", "noise", "notes")}
-    return LoadCells(cells.matrix, cells.noise, notes=notes, **fields)
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -12,11 +13,20 @@ from numpy.typing import ArrayLike
 
 from palpate.errors import InputError, NotIdentifiable
 from palpate.spatial._arrays import frozen
-from palpate.spatial.pose import skew
 
-__all__ = ["VOLTAGE", "Indentation", "LoadCells", "require_layout"]
+__all__ = [
+    "REFERENCE",
+    "VOLTAGE",
+    "Indentation",
+    "LoadCells",
+    "named_axis",
+    "require_layout",
+    "with_changes",
+    "wrench_direction",
+]
 
 VOLTAGE = "voltage"  # channel of a Recording: (n, 3 k) V, cell by cell x, y, z
+REFERENCE = "reference"  # of a bench log: (n, 6) force [N] on the fingertip, and the centre of the ball [m]
 LENGTH = 0.01  # m: a torque of 1 N at this arm weighs as much as 1 N where ranks are judged
 FLATTEST = 1e-3  # of the largest singular value: below it a direction of the wrench is not measured
 IN_LINE = 0.02  # of the layout's extent: cells nearer to one line than this cannot tell the moment about it
@@ -278,9 +288,10 @@ def named_axis(axis: Float[np.ndarray, "3"]) -> str:
     return "(" + ", ".join(f"{value:.2f}" for value in unit + 0.0) + ")"
 
 
-def single_wrench_map(position: Float[np.ndarray, "3"]) -> Float[np.ndarray, "6 3"]:
-    """(I; [l]x): the wrench of a cell's force at its place."""
-    return np.concatenate([np.eye(3), skew(position)])
+def with_changes(cells: LoadCells, **changes: Any) -> LoadCells:
+    """The same cells with other fields."""
+    fields = vars(cells) | changes
+    return LoadCells(fields.pop("matrix"), fields.pop("noise"), **fields)
 
 
 def _shaped(name: str, values: ArrayLike, shape: tuple[int, ...]) -> Float[np.ndarray, "..."]:

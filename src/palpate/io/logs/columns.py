@@ -13,6 +13,7 @@ from palpate.io.logs.layout import ACCELERATION_COLUMNS, ORIENTATION_COLUMNS, PO
 from palpate.io.logs.samples import Samples
 from palpate.io.tables.fields import Fields
 from palpate.io.units import TIME_UNITS, near, to_si
+from palpate.sensors.load_cells import REFERENCE, VOLTAGE
 from palpate.sensors.recording import ACCELERATION, ORIENTATION, POSITION, Recording
 
 __all__ = ["Columns"]
@@ -30,18 +31,21 @@ class Columns:
     def __init__(self, layout: Layout, path: Path, names: Sequence[str]) -> None:
         self._samples, self._path = Samples(layout, path), path
         self._per_second = round(1 / to_si(layout.time_unit, TIME_UNITS, where="time_unit"))
-        _require_known([layout.time, *layout.wrench], names, path)
-        self._time, self._wrench = [layout.time], layout.wrench
+        self._time, self._wrench = [layout.time], () if layout.voltages else layout.wrench
+        _require_known([layout.time, *self._wrench, *layout.voltages, *layout.reference], names, path)
         self._others: dict[str, Sequence[str]] = {}
         for channel, declared, usual in (
             (ORIENTATION, layout.orientation, ORIENTATION_COLUMNS),
             (POSITION, layout.position, POSITION_COLUMNS),
             (ACCELERATION, layout.acceleration, ACCELERATION_COLUMNS),
+            (VOLTAGE, layout.voltages, None),
+            (REFERENCE, layout.reference, None),
         ):
-            if columns := declared or (usual if set(usual) <= set(names) else ()):
+            if columns := declared or (usual if usual and set(usual) <= set(names) else ()):
                 _require_known(columns, names, path)
                 self._others[channel] = columns
-        self._fields = {columns: Fields() for columns in ("time", "wrench", *self._others)}
+        read = ("time", "wrench") if self._wrench else ("time",)
+        self._fields = {columns: Fields() for columns in (*read, *self._others)}
 
     @property
     def names(self) -> list[str]:
@@ -51,7 +55,7 @@ class Columns:
     def block(self, read: Read) -> Recording:
         """The next samples; `read` gives columns as numbers."""
         time = read(self._time, self._fields["time"])[:, 0] / self._per_second  # 235 / 1e3 is 0.235, 235 * 1e-3 is not
-        wrench = read(self._wrench, self._fields["wrench"])
+        wrench = read(self._wrench, self._fields["wrench"]) if self._wrench else None
         others = {channel: read(columns, self._fields[channel]) for channel, columns in self._others.items()}
         return self._samples.block(time, wrench, others)
 

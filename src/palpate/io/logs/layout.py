@@ -42,6 +42,9 @@ class Layout:
         wrench_topic, orientation_topic: of a log with topics. None: the only one of its kind.
         acceleration_topic: of a log with topics. None: no acceleration, as an accelerometer may sit anywhere.
         offset: [s] added to the stamps of the poses of a topic to put them on the wrenches' clock.
+        voltages: columns of load cells, three a cell, in place of a wrench; volts: what one unit of each is in V.
+        voltage_topic: of arrays of so many numbers, of a log with topics.
+        reference: six columns beside them, force [N] and position [m], of a bench log.
         max_gap: [s] between poses or accelerations of a topic, beyond which there is none in between.
     """
 
@@ -61,6 +64,10 @@ class Layout:
     acceleration_topic: str | None = None
     offset: float = 0.0
     max_gap: float = 0.25
+    voltages: tuple[str, ...] = ()
+    volts: tuple[float, ...] = ()
+    voltage_topic: str | None = None
+    reference: tuple[str, ...] = ()
 
 
 def axis_matrix(axes: tuple[str, ...], *, left_handed: bool, where: str) -> Float[np.ndarray, "3 3"]:

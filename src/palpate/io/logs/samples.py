@@ -10,6 +10,7 @@ from jaxtyping import Float
 
 from palpate.io.logs.layout import Layout, axis_matrix
 from palpate.io.units import FORCE_UNITS, TORQUE_UNITS, to_si
+from palpate.sensors.load_cells import VOLTAGE
 from palpate.sensors.recording import FORCE, LARGEST, ORIENTATION, TORQUE, Recording
 
 __all__ = ["Samples"]
@@ -32,29 +33,31 @@ class Samples:
         self._force = to_si(layout.force_unit, FORCE_UNITS, where="units.force")
         self._torque = to_si(layout.torque_unit, TORQUE_UNITS, where="units.torque")
         self._frame, self._source = layout.frame, path.name
+        self._volts = np.array(layout.volts) if layout.volts else np.ones(1)
         self._times = _Times()
         self._infinite = self._beyond = self._none = self._far = 0
 
     def block(
         self,
         time: Float[np.ndarray, " n"],
-        wrench: Float[np.ndarray, "n 6"],
+        wrench: Float[np.ndarray, "n 6"] | None,
         others: Mapping[str, Float[np.ndarray, "n _"]],
     ) -> Recording:
         """The next samples.
 
         Args:
             time: [s].
-            wrench: as recorded, force first.
+            wrench: as recorded, force first; None where there are voltages instead.
             others: the channels besides force and torque, in SI.
         """
         time = np.where(np.abs(time) <= LATEST, time, np.nan)
-        channels = {FORCE: self._turned(wrench[:, :3], self._force), TORQUE: self._turned(wrench[:, 3:], self._torque)}
-        channels |= {name: self._bounded(values) for name, values in others.items()}
+        channels = {name: self._bounded(values) for name, values in others.items()}
+        if wrench is not None:
+            channels |= self._wrench(wrench)
+        if VOLTAGE in channels:
+            channels[VOLTAGE] = channels[VOLTAGE] * self._volts
         if ORIENTATION in channels:
             channels[ORIENTATION] = self._sound(channels[ORIENTATION])
-        both = np.hstack([channels[FORCE], channels[TORQUE]])
-        self._infinite += int(np.count_nonzero((np.abs(both) > LARGEST).any(axis=1)))
         self._times.add(time)
         return Recording(time, channels, frame=self._frame, source=self._source)
 
@@ -69,6 +72,13 @@ class Samples:
             (far, f"{far} quaternions are not unit (by more than 1 %) and were normalised"),
         )
         return tuple(sentence for count, sentence in said if count)
+
+    def _wrench(self, wrench: Float[np.ndarray, "n 6"]) -> dict[str, Float[np.ndarray, "n 3"]]:
+        """Force and torque along the sensor's axes, in SI."""
+        force, torque = self._turned(wrench[:, :3], self._force), self._turned(wrench[:, 3:], self._torque)
+        both = np.hstack([force, torque])
+        self._infinite += int(np.count_nonzero((np.abs(both) > LARGEST).any(axis=1)))
+        return {FORCE: force, TORQUE: torque}
 
     def _turned(self, values: Float[np.ndarray, "n 3"], unit: float) -> Float[np.ndarray, "n 3"]:
         """Picked and flipped, not multiplied out: an infinite component must not spoil the others."""

@@ -15,11 +15,13 @@ from palpate.contact.locate import Locator
 from palpate.errors import InputError
 from palpate.io.logs.layout import Layout, axis_matrix
 from palpate.io.models import load_toml, read_payload
+from palpate.io.rig.load_cells import RigLoadCells
 from palpate.io.rig.surface import RigSurface
 from palpate.io.rig.tables import RigAcceleration, RigEstimate, RigFilter, RigForceTorque, RigOrientation, RigTime
 from palpate.io.strict import parse
 from palpate.io.units import FORCE_UNITS, TIME_UNITS, TORQUE_UNITS, to_si
 from palpate.sensors.force_torque import ForceTorque, Payload
+from palpate.sensors.load_cells import LoadCells
 from palpate.surfaces import Surface
 
 __all__ = ["Rig", "build", "check_rig", "load_rig"]
@@ -31,6 +33,7 @@ class Rig:
 
     surface: RigSurface
     force_torque: RigForceTorque = field(default_factory=RigForceTorque)
+    load_cells: RigLoadCells | None = None
     time: RigTime = field(default_factory=RigTime)
     orientation: RigOrientation = field(default_factory=RigOrientation)
     acceleration: RigAcceleration = field(default_factory=RigAcceleration)
@@ -38,9 +41,10 @@ class Rig:
     estimate: RigEstimate = field(default_factory=RigEstimate)
     folder: Path = field(default_factory=Path)
 
-    def layout(self) -> Layout:
-        """How to read a log of this rig."""
-        wrench = self.force_torque
+    def layout(self, *, bench: bool = False) -> Layout:
+        """How to read a log of this rig; of load cells with their reference, if it is of their bench."""
+        wrench, cells = self.force_torque, self.load_cells
+        count = 0 if cells is None else cells.count(None if bench or cells.model is None else cells.cells(self.folder))
         return Layout(
             time=self.time.column,
             time_unit=self.time.unit,
@@ -58,7 +62,36 @@ class Rig:
             acceleration_topic=self.acceleration.topic,
             offset=self.orientation.offset,
             max_gap=self.orientation.max_gap,
+            voltages=() if cells is None else cells.names(count),
+            volts=() if cells is None else cells.volts(count),
+            voltage_topic=None if cells is None else cells.topic,
+            reference=cells.reference if bench and cells is not None else (),
         )
+
+    def cells_path(self) -> Path | None:
+        """Of the model of load cells, if one is named."""
+        return None if self.load_cells is None else self.load_cells.path(self.folder)
+
+    def cells(self) -> LoadCells:
+        """The calibrated load cells.
+
+        Raises:
+            InputError: there are none, or they are not calibrated.
+        """
+        return self._stated_cells().cells(self.folder)
+
+    def nominal_cells(self) -> LoadCells:
+        """The calibrated load cells, or what the rig says that they will be.
+
+        Raises:
+            InputError: the rig has none, or says too little of them.
+        """
+        return self._stated_cells().nominal(self.folder)
+
+    def _stated_cells(self) -> RigLoadCells:
+        if self.load_cells is None:
+            raise InputError("the rig has no load cells.", where="rig", mend="Add a [load_cells].")
+        return self.load_cells
 
     def payload_path(self) -> Path | None:
         """Of the payload model, if one is named."""
