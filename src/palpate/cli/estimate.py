@@ -10,6 +10,7 @@ from typing import Annotated, Literal
 import numpy as np
 from tyro.conf import arg
 
+from palpate.cli.estimate_load_cells import estimate_load_cells
 from palpate.cli.interrupts import uninterrupted
 from palpate.cli.options import FileOption, Log, Output
 from palpate.cli.pipeline import Pipeline, open_pipeline
@@ -49,7 +50,7 @@ def estimate(
 
     Args:
         log: CSV or Parquet with time,fx,fy,fz,tx,ty,tz and, where orientation matters, qx,qy,qz,qw; MCAP or a ROS bag
-            with WrenchStamped and PoseStamped; or as the rig says.
+            with WrenchStamped and PoseStamped; or as the rig says; voltages where it has [load_cells].
         output: contacts to write: .csv, .parquet or .mcap.
         setup: what is touched and how it is located.
         frame: of the result; base needs the sensor's orientation and position in the log.
@@ -58,10 +59,14 @@ def estimate(
     """
     rig = setup.load()
     beside = output.with_name(f"{output.name}.toml") if output.name else output
-    inputs = (log, setup.rig, rig.mesh_path(), rig.payload_path(), truth)
+    inputs = (log, setup.rig, rig.mesh_path(), rig.payload_path(), rig.cells_path(), truth)
     keep_inputs(output, inputs, beside=(beside, *([report] if report else [])))
     require_format(output)  # this and what follows: before the work, not after it
     known = _known(truth, report)
+    if rig.load_cells is not None:
+        _require_no_report(report)
+        estimate_load_cells(log, output, beside, rig, setup.rig, frame)
+        return
     pipeline = open_pipeline(log, rig)
     if frame == "base":
         _require_pose(pipeline)
@@ -104,6 +109,11 @@ def estimate(
 def _ended(pipeline: Pipeline, interrupted: bool) -> str:
     """How, as it stands in OUTPUT.toml."""
     return "interrupted" if interrupted else "torn" if pipeline.log.torn else "whole"
+
+
+def _require_no_report(report: Path | None) -> None:
+    if report is not None:
+        raise InputError("a report is not written of load cells.", where="--report", mend="palpate view shows contacts.")
 
 
 def _known(truth: Path | None, report: Path | None) -> Samples | Touches | None:

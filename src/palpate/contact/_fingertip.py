@@ -33,11 +33,12 @@ __all__ = [
     "PURE",
     "SETTINGS",
     "TORSION",
+    "UPPER",
     "contacts",
     "one_contact",
 ]
 
-A, B, HALF, DEPTH, EXPONENT, FRICTION, TORSION, ON, OFF, ACCURACY, PURE, DRIFT, MISFIT, SETTINGS = range(14)
+A, B, HALF, DEPTH, EXPONENT, FRICTION, TORSION, ON, OFF, ACCURACY, PURE, DRIFT, MISFIT, UPPER, SETTINGS = range(15)
 _CONTACT, _NO_CONTACT, _TOO_LIGHT, _OFF_SURFACE, _IMPLAUSIBLE, _SATURATED, _INVALID = 0, 2, 3, 4, 5, 6, 7
 _RESIDUAL, _CANDIDATES, _STATUS = 19, 20, 21  # estimate._Row, which compiled code cannot read
 _LARGEST = 1e9
@@ -305,7 +306,7 @@ def _bounded(row, plane, settings):
     if beyond > 0.0:
         inside = beyond <= _TOLERANCE * np.sqrt(max(0.0, plane[1, 1]))
         row[1] = settings[HALF] if row[1] > 0.0 else -settings[HALF]
-    if row[2] < 0.0:
+    if row[2] < 0.0 and settings[UPPER] == 1.0:
         inside = inside and -row[2] <= _TOLERANCE * np.sqrt(max(0.0, plane[0, 0]))
         row[0], row[2] = (settings[A] if row[0] > 0.0 else -settings[A]), 0.0
         row[3], row[5] = (1.0 if row[3] > 0.0 else -1.0), 0.0

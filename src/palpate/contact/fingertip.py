@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -13,25 +13,15 @@ from palpate.contact.estimate import ROW, ContactEstimate
 from palpate.errors import InputError, NotIdentifiable
 from palpate.sensors.load_cell_zero import Zero, take_zero
 from palpate.sensors.load_cells import LoadCells
+from palpate.surfaces import EllipticCylinder, Surface
 
-__all__ = ["Elliptic", "Fingertip"]
+__all__ = ["WANTED", "Fingertip"]
 
 METHODS = ("soft_finger", "wrench_axis")
 COLUMNS = 32  # of the factor of the calibration's covariance
 LANES = 16  # outputs of a mapping are a multiple of it: the compiler adds so many at a time
 CHANCE = 1e-6  # that sound cells leave more than the bound
 WANTED = 2e-3  # m: the accuracy that the paper asks for
-
-
-class Elliptic(Protocol):
-    """x^2/a^2 + z^2/b^2 = 1, |y| <= half_length, z >= 0 [m]; see `palpate.surfaces.EllipticCylinder`."""
-
-    @property
-    def a(self) -> float: ...  # noqa: D102 - said above
-    @property
-    def b(self) -> float: ...  # noqa: D102 - said above
-    @property
-    def half_length(self) -> float: ...  # noqa: D102 - said above
 
 
 class Fingertip:
@@ -44,7 +34,7 @@ class Fingertip:
 
     Args:
         cells: the model.
-        surface: its semi-axes and half length.
+        surface: an `EllipticCylinder`, in the frame of the cells' matrix.
         method: "soft_finger" (force, and torque about the normal) or "wrench_axis" (a force alone: the wrench is first
             taken to the nearest without moment along the force, which sharpens the point where there is no torque).
         friction: bound on tan(theta), theta between -force and normal.
@@ -55,14 +45,14 @@ class Fingertip:
         sound: (k,) cells to use; None: all.
 
     Raises:
-        InputError: an unknown method, or bounds that are not positive.
+        InputError: another surface, an unknown method, or bounds that are not positive.
         NotIdentifiable: the sound cells tell no wrench.
     """
 
     def __init__(
         self,
         cells: LoadCells,
-        surface: Elliptic,
+        surface: Surface,
         method: str = "soft_finger",
         friction: float = 1.0,
         torsion: float = 5e-3,
@@ -73,6 +63,12 @@ class Fingertip:
     ) -> None:
         from palpate.contact import _fingertip  # compiled: loaded when first needed
 
+        if not isinstance(surface, EllipticCylinder) or not _is_identity(surface):
+            raise InputError(
+                "load cells are read under an elliptic cylinder along y about the origin.",
+                where="surface",
+                mend='Take kind = "elliptic_cylinder" with a, b and half_length.',
+            )
         if method not in METHODS:
             raise InputError(f"unknown method {method!r}.", mend=f"Use one of {', '.join(METHODS)}.")
         if not (friction > 0 and torsion >= 0 and (accuracy is None or accuracy > 0)):
@@ -104,6 +100,7 @@ class Fingertip:
             (_fingertip.PURE, float(method == "wrench_axis")),
             (_fingertip.DRIFT, cells.drift),
             (_fingertip.MISFIT, cells.misfit),
+            (_fingertip.UPPER, float(surface.upper)),
         ):
             self._settings[place] = value
         self._many: Callable[..., Any] = _fingertip.contacts
@@ -194,12 +191,18 @@ class Fingertip:
 
     def _deviation(self, wrench: Float[np.ndarray, "6"], *, calibrated: bool) -> float:
         """3-D standard deviation [m] of the point of a wrench of 1 N, rigid."""
+        from palpate.contact._fingertip import ACCURACY, DEPTH, FRICTION, OFF, ON, TORSION
+
         row, settings = self.empty(), self._settings.copy()
-        settings[[3, 7, 8, 9]] = 0.0
-        settings[5:7] = np.inf
+        settings[[DEPTH, ON, OFF, ACCURACY]] = 0.0
+        settings[[FRICTION, TORSION]] = np.inf
         doubts = self._doubts if calibrated else np.zeros((36, 0))
         self._single(wrench.copy(), self._noise[0].copy(), doubts, settings, row, np.zeros((2, 6)))
         return float(np.sqrt(row[10] + row[14] + row[18]))
+
+
+def _is_identity(surface: EllipticCylinder) -> bool:
+    return bool(np.all(surface.pose.rotation == np.eye(3)) and not surface.pose.translation.any())
 
 
 def _subsets(

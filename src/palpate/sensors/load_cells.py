@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from palpate.errors import InputError, NotIdentifiable
 from palpate.spatial._arrays import frozen
+from palpate.spatial.pose import skew
 
 __all__ = [
     "REFERENCE",
@@ -21,6 +22,7 @@ __all__ = [
     "LoadCells",
     "named_axis",
     "require_layout",
+    "single_wrench_map",
     "with_changes",
     "wrench_direction",
 ]
@@ -286,6 +288,11 @@ def named_axis(axis: Float[np.ndarray, "3"]) -> str:
     if unit[largest] > 0.98:  # 11 degrees
         return "xyz"[largest]
     return "(" + ", ".join(f"{value:.2f}" for value in unit + 0.0) + ")"
+
+
+def single_wrench_map(position: Float[np.ndarray, "3"]) -> Float[np.ndarray, "6 3"]:
+    """(I; [l]x): the wrench of a cell's force at its place."""
+    return np.concatenate([np.eye(3), skew(position)])
 
 
 def with_changes(cells: LoadCells, **changes: Any) -> LoadCells:

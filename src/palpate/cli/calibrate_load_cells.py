@@ -1,0 +1,80 @@
+"""`palpate calibrate load-cells`: from a bench log to the model of a fingertip's force cells."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from palpate.calibration.load_cells import LoadCellCalibration, identify_load_cells
+from palpate.cli.options import Log, Output, RigFile
+from palpate.cli.screen import lines, note, title
+from palpate.errors import InputError
+from palpate.io.atomic import keep_inputs
+from palpate.io.load_cells import write_load_cells
+from palpate.io.logs import read_recording
+from palpate.io.models import provenance
+from palpate.io.rig import load_rig
+from palpate.sensors.load_cells import REFERENCE, VOLTAGE
+
+__all__ = ["calibrate_load_cells"]
+
+
+def calibrate_load_cells(log: Log, /, rig: RigFile, output: Output) -> None:
+    """Calibrate three-axis force cells under a rigid frame, from a bench log with a reference.
+
+    Let a ball slide over the whole surface, in directions that cross, starting unloaded. The model holds the
+    sensitivity of all cells together, the noise, and the covariance of both.
+
+    Args:
+        log: CSV or Parquet with time,u1x,u1y,u1z,u2x,... [V], ref_fx,ref_fy,ref_fz [N] on the fingertip, and
+            ref_x,ref_y,ref_z [m] of the ball's centre, both in the surface's frame.
+        rig: TOML with [surface] and [load_cells].
+        output: model to write, such as fingertip.toml.
+    """
+    setup = load_rig(rig)
+    table = setup.load_cells
+    if table is None:
+        raise InputError("has no [load_cells].", where=str(rig), mend="Name the columns of the voltages there.")
+    keep_inputs(output, (log, rig, setup.mesh_path()))
+    recording = read_recording(log, setup.layout(bench=True))
+    reference, voltages = recording.channels[REFERENCE], recording.channels[VOLTAGE]
+    cells = table.count()
+    found = identify_load_cells(
+        recording.time,
+        voltages,
+        reference[:, :3],
+        reference[:, 3:],
+        setup.surface.load(setup.folder),
+        ball=table.ball / 2.0,
+        indentation=table.indentation,
+        positions=table.places(),
+        limits=table.limits(cells),
+        noise=None if table.noise is None else np.full(3 * cells, table.noise),
+        names=table.names(cells),
+        provenance=provenance({"log": log, "rig": rig}, {"indentation": table.indentation}),
+    )
+    write_load_cells(output, found.cells)
+    title(f"{log} -> {output}")
+    lines(_figures(found))
+    note([*recording.notes])
+    note(found.notes, kind="warning")
+    note([f'name it in the rig: model = "{output.name}" under [load_cells]'])
+
+
+def _figures(found: LoadCellCalibration) -> list[tuple[str, str]]:
+    force, position, moment = found.rms
+    cells = found.cells
+    _, spread, _ = cells.inverse()
+    noise, law = 1e3 * np.sqrt(np.diag(spread)[:3]), cells.indentation
+    visited = int(np.count_nonzero(found.coverage.visits))
+    said = [
+        ("cells", f"{cells.cells}, noise of the force ({', '.join(f'{value:.2g}' for value in noise)}) mN"),
+        ("samples", f"{cells.samples:,}; {len(found.time):,} blocks of 10 ms loaded"),
+        ("reference", f"noise {1e3 * found.reference_noise:.2g} mN"),
+        ("left", f"{1e3 * force:.3g} mN, {1e6 * position:.3g} um, {1e3 * moment:.2g} N mm along the force (rms)"),
+        ("foretold", f"{1e6 * found.coverage.error.max():.2g} um at most from the calibration alone, at 1 N"),
+        ("visited", f"{visited} of {len(found.coverage.visits)} parts of the surface"),
+        ("zero", f"drifts by {cells.drift:.2g} times the noise of a reading at most"),
+    ]
+    if law is not None:
+        said.append(("indentation", f"{1e3 * law.depth:.3f} mm at 1 N, growing as F^{law.exponent:.2f}"))
+    return said
