@@ -38,7 +38,8 @@ class Literal:
 
         Args:
             voltages: without bias.
-            force, point: the reference's [N], [m].
+            force: of the reference [N].
+            point: of the reference, on the surface [m].
             position: of the cells as drawn [m].
             ratio: how many newtons count as much as a metre: 1 adds SI numbers, which leaves the point nearly free.
         """
@@ -60,7 +61,7 @@ class Literal:
     def estimate(
         self, voltages: Float[np.ndarray, "n k 3"]
     ) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"]]:
-        """(17): force, the sum of the cells' (13), and the point where its line of action meets the ellipse (14), (15)."""
+        """(17): force, the sum of the cells' (13), and where its line of action meets the ellipse (14), (15)."""
         each = np.einsum("iab,nib->nia", self.sensitivity, voltages)
         force, moment = each.sum(axis=1), np.cross(self.position, each).sum(axis=1)
         start = np.cross(force, moment) / np.sum(force**2, axis=1, keepdims=True)

@@ -121,7 +121,8 @@ def test_more_cells_friction_tare_and_drift_act_the_way_they_must() -> None:
     plain = noise()
     assert np.all(noise(friction=0.5) > plain)
     np.testing.assert_allclose(noise(tare=1.0), np.sqrt(2) * plain)
-    np.testing.assert_allclose(noise(drift=NOISE), np.sqrt(2) * plain)  # as much again on every channel
+    drifted = nominal_cells(LAYOUTS[4], GAIN, NOISE, drift=NOISE)  # as much again on every channel
+    np.testing.assert_allclose(resolution(drifted, *places).noise, np.sqrt(2) * plain)
     assert np.all(resolution(nominal_cells(1.5 * LAYOUTS[4], GAIN, NOISE), *places).torque > 0)
 
 

@@ -11,6 +11,7 @@ from palpate.cli.calibrate_clock import calibrate_clock
 from palpate.cli.calibrate_load_cells import calibrate_load_cells
 from palpate.cli.calibrate_mounting import calibrate_mounting
 from palpate.cli.calibrate_payload import calibrate_payload
+from palpate.cli.design_load_cells import design_load_cells
 from palpate.cli.estimate import estimate
 from palpate.cli.evaluate import evaluate
 from palpate.cli.events import events
@@ -23,13 +24,15 @@ __all__ = ["run"]
 
 def run(argv: Sequence[str] | None) -> None:
     """Parse and run one command; leaves by `SystemExit` on --help and on a wrong call."""
-    app, calibrate, rig = SubcommandApp(), SubcommandApp(), SubcommandApp()
+    app, calibrate, design, rig = SubcommandApp(), SubcommandApp(), SubcommandApp(), SubcommandApp()
     app.command(estimate)
     calibrate.command(name="clock")(calibrate_clock)
     calibrate.command(name="load-cells")(calibrate_load_cells)
     calibrate.command(name="payload")(calibrate_payload)
     calibrate.command(name="mounting")(calibrate_mounting)
     app.command(calibrate, name="calibrate", help="Make a model from a log: clock, load-cells, payload, mounting.")
+    design.command(name="load-cells")(design_load_cells)
+    app.command(design, name="design", help="What a sensor can resolve before it is built: load-cells.")
     app.command(evaluate)
     app.command(events)
     app.command(inspect)

@@ -32,7 +32,7 @@ class Design:
         cells: calibrated, or as drawn.
         surface: that is touched.
         accuracy: [m] that is wanted; force: [N] of the maps; friction: tangent of its angle.
-        tared: independent readings of the bias; drift: [V] since then.
+        tared: independent readings of the bias.
         variants: other layouts to compare with, by what is different.
     """
 
@@ -43,7 +43,6 @@ class Design:
     force: float = 1.0
     friction: float = 0.5
     tared: float = 100.0
-    drift: float = 0.0
     variants: tuple[tuple[str, LoadCells], ...] = field(default=())
 
     @cached_property
@@ -81,9 +80,7 @@ class Design:
             NotIdentifiable: those cells tell no wrench.
         """
         points, normals, _ = self.places
-        made = resolution(
-            cells, points, normals, friction=self.friction, tare=self.tared, drift=self.drift, sound=sound
-        )
+        made = resolution(cells, points, normals, friction=self.friction, tare=self.tared, sound=sound)
         return Resolution(**{name: np.where(self.seen, value, np.nan) for name, value in vars(made).items()})
 
 
@@ -221,7 +218,8 @@ def _facts(design: Design) -> Section:
         ("cells", f"{cells.cells}, {'calibrated' if cells.samples else 'as drawn: equal, of one stiffness'}"),
         ("noise", f"{1e3 * noise.mean():.3g} mV of a reading"),
         ("friction", f"{design.friction:g}, in the worst direction"),
-        ("bias", f"from {design.tared:g} independent readings, and {1e3 * design.drift:.3g} mV of drift since then"),
+        ("bias", f"from {design.tared:g} independent readings"),
+        ("drift", f"{1e3 * cells.drift * noise.mean():.3g} mV since then"),
         ("wanted", f"{1e3 * design.accuracy:g} mm"),
     )
     return Section("What this is for", facts=facts, tables=(Table(("cell", "x [mm]", "y [mm]", "z [mm]"), places),))

@@ -63,30 +63,27 @@ def resolution(
     forces: Float[np.ndarray, "n 3"] | None = None,
     friction: float = 0.0,
     tare: float = np.inf,
-    drift: float = 0.0,
     soft: bool = True,
     sound: Bool[np.ndarray, " k"] | None = None,
 ) -> Resolution:
     """Resolution over a surface, to first order; with friction, in the worst direction of the force.
 
     Args:
-        cells: calibrated, or `nominal_cells`.
+        cells: calibrated, or `nominal_cells`; their drift since the bias was taken counts too.
         points: (n, 3) [m] of the surface.
         normals: (n, 3) outward unit normals.
         forces: (n, 3) that press there, of any length; None: against the normals, and at this friction.
         friction: tangent of the angle between force and normal.
         tare: independent readings that the bias was taken from.
-        drift: [V] of a channel since then, one standard deviation.
         soft: whether a contact may have a torque about the normal; if not, that F . M = 0 is used.
         sound: (k,) the cells that answer; None: all. The others still carry load.
 
     Raises:
         NotIdentifiable: those cells tell no wrench.
     """
-    if not (tare > 0 and drift >= 0 and friction >= 0):  # NaN too
-        raise InputError("tare must be positive, drift and friction not negative.")
-    inverse, spread, _ = cells.inverse(sound)
-    spread = spread * (1.0 + 1.0 / tare) + drift**2 * inverse @ inverse.T
+    if not (tare > 0 and friction >= 0):  # NaN too
+        raise InputError("tare must be positive, and friction not negative.")
+    spread = (1.0 + 1.0 / tare + cells.drift**2) * cells.inverse(sound)[1]
     pushes = _directions(normals, friction) if forces is None else [forces]
     units = [push / np.linalg.norm(push, axis=1, keepdims=True) for push in pushes]
     worst = [_at(cells, points, normals, unit, spread, soft) for unit in units]
@@ -118,7 +115,9 @@ def position_slope(
     return np.concatenate([shift - force[..., :, None] * out[..., None, :], twist[..., None, :]], axis=-2)
 
 
-def nominal_cells(positions: ArrayLike, sensitivity: float, noise: float, limit: float = np.inf) -> LoadCells:
+def nominal_cells(
+    positions: ArrayLike, sensitivity: float, noise: float, limit: float = np.inf, *, drift: float = 0.0
+) -> LoadCells:
     """Equal cells that have not been built: springs of one stiffness, without cross-coupling.
 
     The frame's balance gives f_i = B_i' (sum B_j B_j')^-1 w with B_i = (1; [l_i]x).
@@ -128,6 +127,7 @@ def nominal_cells(positions: ArrayLike, sensitivity: float, noise: float, limit:
         sensitivity: [N/V] of every axis.
         noise: [V] of a reading, one standard deviation.
         limit: [V] of a reading, to either side.
+        drift: [V] of a reading after its bias was taken, one standard deviation.
     """
     places = np.asarray(positions, dtype=np.float64)
     maps = np.concatenate([single_wrench_map(place) for place in places], axis=1)
@@ -138,7 +138,8 @@ def nominal_cells(positions: ArrayLike, sensitivity: float, noise: float, limit:
         shares = np.linalg.solve(balance, maps).T
     channels = len(shares)
     limits = np.tile([-limit, limit], (channels, 1))
-    return LoadCells(shares / sensitivity, np.full(channels, noise), limits=limits, positions=places)
+    spread = np.full(channels, noise)
+    return LoadCells(shares / sensitivity, spread, limits=limits, positions=places, drift=drift / noise)
 
 
 _ARMS = np.array([1.0, 1.0, 1.0, 0.01, 0.01, 0.01])  # m: lengths of a fingertip

@@ -1,0 +1,77 @@
+"""`palpate design load-cells`: what a layout of force cells can resolve, before it is built."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from math import inf
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from tyro.conf import Positional, arg
+
+from palpate.cli.design_report import Design, compose, tiles, warnings
+from palpate.cli.options import Output
+from palpate.cli.screen import lines, note, title
+from palpate.contact.resolution import nominal_cells
+from palpate.errors import InputError
+from palpate.io.atomic import keep_inputs, write_text
+from palpate.io.rig import Rig, load_rig
+from palpate.sensors.load_cells import LoadCells
+from palpate.viewer.report import render, require_report
+
+__all__ = ["design_load_cells"]
+
+STEP = 0.25  # by which cells are moved apart and together, to see what it does
+
+
+def design_load_cells(
+    rig: Annotated[Positional[Path], arg(metavar="RIG")],
+    /,
+    output: Output,
+    accuracy: Annotated[float, arg(metavar="X")] = 2e-3,
+    force: Annotated[float, arg(metavar="X")] = 1.0,
+    friction: Annotated[float, arg(metavar="X")] = 0.5,
+    tared: Annotated[float, arg(metavar="N")] = 100.0,
+) -> None:
+    """Draw how well place, force and torque can be known over the surface, and the smallest force that will do.
+
+    Args:
+        rig: TOML with a [surface] and [load_cells]: positions, noise and sensitivity, or a calibrated model.
+        output: page to write, HTML.
+        accuracy: m that are wanted of the place, root mean square in three dimensions.
+        force: N that the maps are drawn for.
+        friction: tangent of the angle between force and normal; the worst direction counts.
+        tared: independent readings that the bias is taken from.
+    """
+    require_report()
+    for name, value in (("accuracy", accuracy), ("force", force), ("tared", tared)):
+        if not 0 < value < inf:
+            raise InputError(f"--{name} must be positive, not {value:g}.")
+    if not 0 <= friction < inf:
+        raise InputError(f"--friction must not be negative, not {friction:g}.")
+    setup = load_rig(rig)
+    keep_inputs(output, (rig, setup.mesh_path(), setup.cells_path()))
+    surface, cells = setup.surface.load(setup.folder), setup.nominal_cells()
+    design = Design(rig.name, cells, surface, accuracy, force, friction, tared, tuple(_variants(setup, cells)))
+    write_text(output, render(compose(design)))
+    title(f"{rig} -> {output}")
+    lines([(tile.name, f"{tile.value} {tile.word}".rstrip()) for tile in tiles(design)])
+    note(warnings(design), "warning")
+
+
+def _variants(rig: Rig, cells: LoadCells) -> Iterator[tuple[str, LoadCells]]:
+    """Layouts that have not been built can still be changed."""
+    table, places = rig.load_cells, cells.positions
+    if table is None or table.model is not None or table.sensitivity is None or table.noise is None:
+        return
+    middle = places.mean(axis=0)
+    for name, spread, noise in (
+        ("half the noise", 1.0, 0.5),
+        (f"cells {100 * STEP:g} % nearer together", 1.0 - STEP, 1.0),
+        (f"cells {100 * STEP:g} % further apart", 1.0 + STEP, 1.0),
+    ):
+        moved = middle + spread * (places - middle)
+        drift = cells.drift * table.noise
+        limit = table.range or np.inf
+        yield name, nominal_cells(moved, table.sensitivity, noise * table.noise, limit, drift=drift)
