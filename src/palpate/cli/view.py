@@ -19,6 +19,7 @@ from palpate.errors import InputError
 from palpate.io.contacts import Contacts, contact_blocks, read_contacts
 from palpate.io.models import read_provenance
 from palpate.io.rig import Rig
+from palpate.sensors.load_cells import LoadCells
 from palpate.viewer.scene import Scene, prepare
 from palpate.viewer.server import require_viser, serve
 
@@ -68,7 +69,7 @@ def _estimated(path: Path, rig: Rig) -> tuple[Scene, list[str]]:
             parts.append(found)
             done += len(block)
             progress(done, pipeline.log.position / max(pipeline.log.size, 1))
-    scene = prepare(pipeline.surface, np.concatenate(times), ContactEstimate.joined(parts), path.name)
+    scene = prepare(pipeline.surface, np.concatenate(times), ContactEstimate.joined(parts), path.name, _cells(rig))
     torn = [pipeline.log.torn] if pipeline.log.torn else []
     return scene, [*torn, *pipeline.said, *pipeline.remarks(), *pipeline.notes()]
 
@@ -79,7 +80,13 @@ def _shown(contacts: Contacts, path: Path, rig: Rig) -> Scene:
         raise InputError("there is nothing to show: it has no rows.", where=str(path))
     if rig.mesh_path() is not None:
         import_mesh_reader()
-    return prepare(rig.surface.load(rig.folder), contacts.time, _in_surface(contacts, path, rig), path.name)
+    shown = _in_surface(contacts, path, rig)
+    return prepare(rig.surface.load(rig.folder), contacts.time, shown, path.name, _cells(rig))
+
+
+def _cells(rig: Rig) -> LoadCells | None:
+    """Of a rig with load cells that are calibrated."""
+    return None if rig.cells_path() is None else rig.cells()
 
 
 def _in_surface(contacts: Contacts, path: Path, rig: Rig) -> ContactEstimate:

@@ -87,7 +87,8 @@ def resolution(
     pushes = _directions(normals, friction) if forces is None else [forces]
     units = [push / np.linalg.norm(push, axis=1, keepdims=True) for push in pushes]
     worst = [_at(cells, points, normals, unit, spread, soft) for unit in units]
-    return Resolution(*(np.max([one[k] for one in worst], axis=0) for k in range(5)), largest=_largest(cells, worst))
+    largest = _largest(cells, worst, cells.channels(sound))
+    return Resolution(*(np.max([one[k] for one in worst], axis=0) for k in range(5)), largest=largest)
 
 
 def position_slope(
@@ -184,11 +185,11 @@ def _directions(normals: np.ndarray, friction: float) -> list[np.ndarray]:
     ]
 
 
-def _largest(cells: LoadCells, parts: list[_Part]) -> Float[np.ndarray, " n"]:
-    """Readings grow with the force from the bias that they had."""
+def _largest(cells: LoadCells, parts: list[_Part], kept: Bool[np.ndarray, " m"]) -> Float[np.ndarray, " n"]:
+    """Readings grow with the force from the bias that they had; those of a dead cell go nowhere."""
     room = np.stack([cells.bias - cells.limits[:, 0], cells.limits[:, 1] - cells.bias], axis=1)
     least = [np.where(part[5] < 0, room[:, 0], room[:, 1]) / np.maximum(np.abs(part[5]), 1e-300) for part in parts]
-    return np.min(least, axis=(0, 2))
+    return np.min(np.array(least)[..., kept], axis=(0, 2))
 
 
 def _rms(covariance: np.ndarray) -> np.ndarray:

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from palpate.contact.estimate import ContactEstimate, Status
+from palpate.sensors.load_cells import LoadCells
 from palpate.spatial.pose import quaternion_from_rotation
 from palpate.surfaces import Mesh, Surface
 from palpate.viewer.heat import Skin, density, skin
@@ -78,6 +79,7 @@ class Scene:
         heat: (v,) time of touch per area at the skin's vertices [s/m^2].
         newton: [m] that an arrow is long for each newton.
         magnification: of the ellipse, so that a usual one can be seen; one of MAGNIFICATIONS.
+        cells: that carry the body, where load cells measure.
     """
 
     title: str
@@ -89,6 +91,7 @@ class Scene:
     heat: Float[np.ndarray, " v"]
     newton: float
     magnification: int
+    cells: LoadCells | None = None
 
     def __len__(self) -> int:
         return len(self.time)
@@ -136,7 +139,13 @@ class Scene:
         return thinned(self.timeline.clock[rows], values, PLOTTED)
 
 
-def prepare(surface: Surface, time: Float[np.ndarray, " n"], estimate: ContactEstimate, title: str = "") -> Scene:
+def prepare(
+    surface: Surface,
+    time: Float[np.ndarray, " n"],
+    estimate: ContactEstimate,
+    title: str = "",
+    cells: LoadCells | None = None,
+) -> Scene:
     """A scene from contacts in the surface's frame.
 
     Args:
@@ -144,6 +153,7 @@ def prepare(surface: Surface, time: Float[np.ndarray, " n"], estimate: ContactEs
         time: (n,) [s] as recorded.
         estimate: batch of n; at least one.
         title: what to call it.
+        cells: that carry the body, if load cells measured.
     """
     answered = estimate.answered & np.isfinite(estimate.point).all(axis=1) & np.isfinite(estimate.normal).all(axis=1)
     timeline = Timeline.of(time, answered)
@@ -156,7 +166,8 @@ def prepare(surface: Surface, time: Float[np.ndarray, " n"], estimate: ContactEs
     shown = _some(np.flatnonzero(answered))
     strong = np.nanquantile(np.linalg.norm(estimate.force[shown], axis=1), 0.95) if len(shown) else 1.0
     newton = 0.35 * mesh.size / max(float(strong), 1e-9)
-    return Scene(title, mesh, body, time, timeline, estimate, heat, newton, _magnified(mesh, estimate, shown))
+    magnified = _magnified(mesh, estimate, shown)
+    return Scene(title, mesh, body, time, timeline, estimate, heat, newton, magnified, cells)
 
 
 def ellipse(

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float
 
+from palpate.viewer.cells import CellBoxes, Twist
 from palpate.viewer.heat import colours
 from palpate.viewer.scene import Moment, Scene, nice
 
@@ -59,6 +60,9 @@ class Stage:
             "/force", np.zeros((1, 2, 3)), FORCE, shaft_radius=0.007, head_radius=0.018, head_length=0.05
         )
         self._label = self._space.add_label("/force_label", "", anchor="bottom-center")
+        self._twist = Twist(self._space, scene.estimate)
+        known = scene.cells is not None and bool(np.isfinite(scene.cells.positions).all())
+        self._cells = CellBoxes(self._space, scene, scene.cells) if scene.cells is not None and known else None
         nothing = np.zeros((1, 2, 3))
         self._trail = self._space.add_line_segments("/trail", nothing, FORCE, thickness=3.0, thickness_units="screen")
 
@@ -66,11 +70,14 @@ class Stage:
         """Move everything to a moment."""
         self._show_body(settings.heat)
         self._show_trail(moment, settings.trail)
+        if self._cells is not None:
+            self._cells.show(moment)
         located = moment.located
         self._contact.visible = self._arrow.visible = self._label.visible = located
         if located:
             self._show_contact(moment, settings.magnification)
             self._show_force(moment)
+            self._twist.show(moment)
 
     def face(self, moment: Moment) -> None:
         """Turn everybody's camera to a contact, somewhat from above and aside, as far away as at the start."""
