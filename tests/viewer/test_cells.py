@@ -62,9 +62,9 @@ def test_the_page_colours_the_cell_that_carries_most_and_shows_the_twist() -> No
         assert near < far  # darker
         assert page._stage._cells._drawn[0][1].text.startswith("cell 1: ")
         assert page._stage._twist._line.visible
-        assert page._stage._twist._line.points[-1, 1, 1] < 0  # against the clock about the normal is positive
+        assert page._stage._twist._line.points[0, 1, 1] < 0  # against the clock about the normal is positive
         page._stage.show(scene.at(10), Settings(heat=True, trail=1.0, magnification=1))
-        assert page._stage._twist._line.points[-1, 1, 1] > 0
+        assert page._stage._twist._line.points[0, 1, 1] > 0
 
 
 def test_a_body_without_cells_has_no_boxes() -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -25,6 +25,7 @@ FEWEST = 200  # blocks
 FARTHEST = 0.2  # of the ball's radius: how far off the surface its centre may say that it touches, before it is said
 
 
+@runtime_checkable
 class Projecting(Protocol):
     """What the calibration needs of a surface; see `palpate.surfaces.Surface`."""
 
