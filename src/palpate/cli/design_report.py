@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -73,14 +73,28 @@ class Design:
         """At all points; NaN where they are not seen."""
         return self.with_cells(self.cells)
 
-    def with_cells(self, cells: LoadCells, sound: Bool[np.ndarray, " k"] | None = None) -> Resolution:
-        """The same of other cells, or of some of them.
+    def with_cells(
+        self,
+        cells: LoadCells,
+        sound: Bool[np.ndarray, " k"] | None = None,
+        *,
+        friction: float | None = None,
+        tared: float | None = None,
+    ) -> Resolution:
+        """The same of other cells, of some of them, or with another friction or bias.
 
         Raises:
             NotIdentifiable: those cells tell no wrench.
         """
         points, normals, _ = self.places
-        made = resolution(cells, points, normals, friction=self.friction, tare=self.tared, sound=sound)
+        made = resolution(
+            cells,
+            points,
+            normals,
+            friction=self.friction if friction is None else friction,
+            tare=self.tared if tared is None else tared,
+            sound=sound,
+        )
         return Resolution(**{name: np.where(self.seen, value, np.nan) for name, value in vars(made).items()})
 
 
@@ -200,10 +214,10 @@ def _variants(design: Design) -> Section:
     rows = [("as it is", *_summary(design, design.found))]
     rows += [(name, *_summary(design, design.with_cells(cells))) for name, cells in design.variants]
     for name, changed in (
-        ("the bias from four times as many readings", replace(design, tared=4 * design.tared)),
-        ("without friction", replace(design, friction=0.0)),
+        ("the bias from four times as many readings", design.with_cells(design.cells, tared=4 * design.tared)),
+        ("without friction", design.with_cells(design.cells, friction=0.0)),
     ):
-        rows.append((name, *_summary(design, changed.found)))
+        rows.append((name, *_summary(design, changed)))
     caption = "Nearer cells know moments better, as their noise has shorter arms, and carry more for the same moment."
     return Section("What would change it", tables=(Table(_header(design), tuple(rows), caption),))
 
