@@ -20,6 +20,7 @@ from evidence import (
     covariance,
     filters,
     laws,
+    load_cells,
     pad,
     page,
     payload,
@@ -48,6 +49,7 @@ THEMES: dict[str, Callable[[bool], Iterator[Row]]] = {
     "page": page.rows,
     "speed": speed.rows,
     "streams": streams.rows,
+    "load_cells": load_cells.rows,
     "start": start.rows,
     "bad_input": bad_input.rows,
 }

@@ -10,10 +10,11 @@ from palpate.calibration._load_cell_log import Rest
 from palpate.errors import InputError, NotIdentifiable
 from palpate.sensors.load_cells import LENGTH, wrench_direction
 
-__all__ = ["check_channels", "check_directions"]
+__all__ = ["check_channels", "check_directions", "check_response"]
 
 ODD = 100.0  # times the others: no gain of a cell differs so much, a prefix of its unit does
-LEAST_PUSH = 0.01  # N, rms along a direction of the wrench: less is lost in the reference's noise
+LEAST_PUSH, AS_NOISE = 0.01, 1.5  # N, rms along a direction of the wrench, and times the reference's noise
+LEAST_ANSWER = 5.0  # times the noise of a reading, for 1 N or 10 N mm: less is no answer
 AT_RANGE = 0.001  # share of samples at a limit that is too much
 
 
@@ -59,13 +60,32 @@ def check_directions(forces: Float[np.ndarray, "n 3"], contact: Float[np.ndarray
     wrench = np.concatenate([forces, np.cross(contact, forces) / LENGTH], axis=1)
     _, values, directions = np.linalg.svd(wrench, full_matrices=False)
     size = values / np.sqrt(len(wrench))
-    known = size > max(LEAST_PUSH, 3.0 * reference / np.sqrt(len(wrench)))
+    known = size > max(LEAST_PUSH, AS_NOISE * reference)
     if known.all():
         return
     missing = tuple(wrench_direction(row) for row in directions[~known])
     raise NotIdentifiable(
         f"the log holds too few directions: nothing pushed along {'; '.join(missing)}. "
         "Slide the ball over the whole surface in directions that cross, so that friction pulls along x and y.",
+        rank=int(known.sum()),
+        missing=missing,
+    )
+
+
+def check_response(
+    white: Float[np.ndarray, "n m"], forces: Float[np.ndarray, "n 3"], contact: Float[np.ndarray, "n 3"]
+) -> None:
+    """Raise a NotIdentifiable where the whitened voltages (n, m) answer nothing to a direction of the wrench."""
+    wrench = np.concatenate([forces, np.cross(contact, forces) / LENGTH], axis=1)
+    answer = np.linalg.lstsq(wrench, white)[0]
+    directions, values, _ = np.linalg.svd(answer)
+    known = values > LEAST_ANSWER
+    if known.all():
+        return
+    missing = tuple(wrench_direction(row) for row in directions.T[~known])
+    raise NotIdentifiable(
+        f"the voltages do not answer to {'; '.join(missing)}: "
+        "cells in line cannot tell the moment about their line. Place one cell beside it.",
         rank=int(known.sum()),
         missing=missing,
     )

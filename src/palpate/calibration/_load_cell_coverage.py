@@ -42,7 +42,7 @@ def coverage(data: Touches, cells: LoadCells) -> Coverage:
     visits = np.bincount(part, minlength=PARTS**2)
     middle = low + (high - low) * (np.stack(np.divmod(np.arange(PARTS**2), PARTS), axis=1) + 0.5) / PARTS
     nearest = np.array([np.argmin(np.sum((data.contact[:, :2] - spot) ** 2, axis=1)) for spot in middle])
-    error = np.array([_foretold(data, cells, k) for k in nearest])
+    error = np.array([_foretold(data, cells, int(k)) for k in nearest])
     pressing = np.einsum("nk,nk->n", data.force, data.normal)
     sideways = np.einsum("nak,nk->na", data.tangents, data.force) / pressing[:, None]
     friction = np.sqrt(np.mean(sideways**2, axis=0))

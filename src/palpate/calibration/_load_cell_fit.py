@@ -17,7 +17,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from palpate.calibration._load_cell_log import Blocks
 from palpate.sensors.correlation import correlation_time
@@ -27,7 +27,7 @@ from palpate.spatial.pose import skew
 __all__ = ["Fit", "Touches", "Zeros", "fit", "linear_start", "touches"]
 
 START = np.array([17e-3] * 3 + [100e-6] * 2 + [1e-4])  # N, m, N m: standard deviations before any residual is seen
-ROUNDS = 4  # of whitening again by what the fit leaves
+ROUNDS = 30  # of whitening again by what the fit leaves, at most
 OUTLYING = 3.0  # whitened residuals beyond which a component counts less (Huber)
 LAW = np.array([0.0, 0.2]), np.array([2e-3, 1.2])  # bounds of depth [m] at 1 N, and exponent
 LAW_START = np.array([2e-4, 0.5])
@@ -61,7 +61,7 @@ class Zeros:
         variance: (9,) of the zero of y, and of the reference force [N^2].
     """
 
-    runs: tuple[Int[np.ndarray, " b"], ...]
+    runs: tuple[np.ndarray, ...]
     variance: Float[np.ndarray, "9"]
 
 
@@ -135,7 +135,8 @@ def _normal(
     count, laws = len(signal), by_law.shape[2]
     gram = np.swapaxes(by_wrench, 1, 2) @ by_wrench
     pairs = signal[:, :, None] * signal[:, None, :]
-    both = (gram.reshape(count, 36).T @ pairs.reshape(count, 36)).reshape(6, 6, 6, 6)
+    both = np.einsum("na,nb->ab", gram.reshape(count, 36), pairs.reshape(count, 36))  # BLAS's threads take longer
+    both = both.reshape(6, 6, 6, 6)
     out = np.empty((36 + laws, 36 + laws))
     out[:36, :36] = both.transpose(0, 2, 1, 3).reshape(36, 36)
     mixed = (np.swapaxes(by_law, 1, 2) @ by_wrench).transpose(1, 2, 0) @ signal  # (l, 6, 6)
@@ -165,8 +166,11 @@ def fit(data: Touches, start: Float[np.ndarray, "6 6"], zeros: Zeros, *, indente
     found, whitening = np.concatenate([start.reshape(-1), law]), _Whitening(np.diag(1.0 / START))
     found, cost = _solve(data, found, whitening, robust=robust)
     for _ in range(ROUNDS):
+        before = cost
         whitening = _Whitening.of(residuals(data, found[:36].reshape(6, 6), found[36:])[0])
         found, cost = _solve(data, found, whitening, robust=robust)
+        if abs(cost - before) <= SETTLED * cost:
+            break
     covariance, times = _covariance(data, found, whitening, zeros)
     left = residuals(data, found[:36].reshape(6, 6), found[36:])[0]
     return Fit(found[:36].reshape(6, 6), found[36:], covariance, left, cost, times)

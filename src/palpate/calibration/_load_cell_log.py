@@ -14,7 +14,8 @@ __all__ = ["Blocks", "Rest", "blocks_of", "cut", "rest_noise", "rests"]
 
 BLOCK = 0.01  # s: a touch moves 25 um meanwhile at 2.5 mm/s, and readings filtered at 100 Hz tell little more
 SMOOTH = 0.05  # s over which a reference force is averaged before it is called none
-UNLOADED = 0.1  # N: below it, on average, nothing touches
+UNLOADED, NOISES = 0.1, 5.0  # N, and times the noise of that average: below both nothing touches
+MEDIAN_STEP = 0.954  # of |difference of two normals|, in their deviation
 LEAST_REST = 0.2  # s
 LATEST_REST = 1.0  # s into the log
 SETTLING = 0.03  # s at the end of a rest where a touch begins that are left out too
@@ -56,14 +57,14 @@ class Blocks:
     size: int
 
 
-def cut(time: Float[np.ndarray, " n"]) -> tuple[float, Int[np.ndarray, " s"]]:
+def cut(time: Float[np.ndarray, " n"]) -> tuple[float, list[int]]:
     """The step [s] of a log, and the rows at which a run begins: after a gap, or where time runs back."""
     steps = np.diff(time)
     forward = steps[steps > 0]
     if not len(forward):
         raise InputError("the times of the bench log never go forward.", where="time")
     step = float(np.median(forward))
-    return step, np.concatenate([[0], np.flatnonzero((steps > GAP * step) | (steps < 0)) + 1])
+    return step, [0, *(np.flatnonzero((steps > GAP * step) | (steps < 0)) + 1).tolist()]
 
 
 def rests(
@@ -78,7 +79,8 @@ def rests(
     width = max(1, round(SMOOTH / step))
     found = list[Rest]()
     for begin, end in zip(starts, [*starts[1:], len(time)], strict=True):
-        light = np.linalg.norm(_smooth(forces[begin:end], width), axis=1) < UNLOADED
+        smooth = _smooth(forces[begin:end], width)
+        light = np.linalg.norm(smooth, axis=1) < max(UNLOADED, NOISES * _noise_of(smooth, width))
         found += _stretches(light, begin, step, time, voltages, forces)
     if not found or (found[0].rows[0] - starts[0]) * step > LATEST_REST:
         begun = float(np.linalg.norm(forces[: max(1, round(LEAST_REST / step))].mean(axis=0)))
@@ -102,12 +104,20 @@ def _stretches(
     edges = np.flatnonzero(np.diff(np.concatenate([[False], light, [False]]).astype(np.int8)))
     found = list[Rest]()
     for first, last in edges.reshape(-1, 2):
+        if (last - first) * step < LEAST_REST:
+            continue
         rows = _still(voltages[begin + first : begin + last], step)
         if (rows.stop - rows.start) * step >= LEAST_REST:
             rows = slice(begin + first + rows.start, begin + first + rows.stop)
             mean = (voltages[rows].mean(axis=0), forces[rows].mean(axis=0))
             found.append(Rest(float(time[rows].mean()), (int(rows.start), int(rows.stop)), *mean))
     return found
+
+
+def _noise_of(smooth: Float[np.ndarray, "n 3"], width: int) -> float:
+    """Standard deviation [N] of smoothed forces, from how they usually differ a width apart."""
+    steps = smooth[width:] - smooth[:-width]
+    return float(np.median(np.abs(steps), axis=0).max()) / MEDIAN_STEP if len(steps) else 0.0
 
 
 def _still(voltages: Float[np.ndarray, "n m"], step: float) -> slice:
@@ -184,7 +194,7 @@ def blocks_of(
     return Blocks(mean[:, 0], run, mean[:, 1 : 1 + m], mean[:, 1 + m : 4 + m], mean[:, 4 + m : 7 + m], mean[:, -1], size)
 
 
-def _zeros(found: list[Rest], time: Float[np.ndarray, " n"], starts: Int[np.ndarray, " s"]) -> Float[np.ndarray, "n k"]:
+def _zeros(found: list[Rest], time: Float[np.ndarray, " n"], starts: list[int]) -> Float[np.ndarray, "n k"]:
     """What voltages and reference read without a load; a run without a rest of its own takes the last before it."""
     values = np.array([np.concatenate([rest.voltage, rest.force]) for rest in found])
     first = np.array([rest.rows[0] for rest in found])

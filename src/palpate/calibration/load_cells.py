@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from numpy.typing import ArrayLike
 
-from palpate.calibration._load_cell_checks import check_channels, check_directions
+from palpate.calibration._load_cell_checks import check_channels, check_directions, check_response
 from palpate.calibration._load_cell_coverage import Coverage, coverage
 from palpate.calibration._load_cell_fit import Fit, Zeros, fit, linear_start, touches
 from palpate.calibration._load_cell_log import Blocks, blocks_of, cut, rest_noise, rests
@@ -22,6 +22,7 @@ __all__ = ["LoadCellCalibration", "Projecting", "identify_load_cells"]
 BALL = 2e-3  # m: radius of the paper's ball, of 4 mm diameter
 LEAST = 0.3  # N: lighter touches are left out
 FEWEST = 200  # blocks
+NOWHERE = 5.0  # times its radius: a log that cannot be meant
 FARTHEST = 0.2  # of the ball's radius: how far off the surface its centre may say that it touches, before it is said
 
 
@@ -129,9 +130,12 @@ def identify_load_cells(
             mend="Slide the ball over the whole surface, with 1 N or more.",
         )
     contact, normal, _ = surface.project(blocks.centres)
+    doubts = _off_surface(blocks, contact, normal, ball)
     check_directions(blocks.forces, contact, reference)
     lower, basis = _signal(blocks, stated)
-    y = np.linalg.solve(lower, blocks.voltages.T).T @ basis
+    white = np.linalg.solve(lower, blocks.voltages.T).T
+    check_response(white, blocks.forces, contact)
+    y = white @ basis
     data = touches(blocks, y, contact, normal)
     first = linear_start(data, np.zeros(0)) if start is None else np.asarray(start) @ lower @ basis
     resting = float(np.mean([rest.rows[1] - rest.rows[0] for rest in found])) / correlation
@@ -140,7 +144,7 @@ def identify_load_cells(
         np.array([1.0] * 6 + [reference**2] * 3) / resting,
     )
     answer = fit(data, first, zeros, indented=indentation, robust=robust)
-    drift, misfit = _unexplained(blocks, lower, basis, correlation)
+    drift, misfit = _unexplained(white, basis, blocks, correlation)
     matrix = lower @ basis @ np.linalg.inv(answer.matrix)
     cells = LoadCells(
         matrix,
@@ -157,7 +161,7 @@ def identify_load_cells(
         provenance=provenance,
     )
     covered = coverage(data, cells)
-    notes = (*_off_surface(blocks, contact, normal, ball), *covered.notes)
+    notes = (*doubts, *covered.notes)
     return LoadCellCalibration(
         with_changes(cells, notes=notes),
         blocks.time,
@@ -223,7 +227,7 @@ def _signal(
     return lower, vectors[:, :-7:-1]
 
 
-def _unexplained(blocks: Blocks, lower: np.ndarray, basis: np.ndarray, correlation: float) -> tuple[float, float]:
+def _unexplained(white: np.ndarray, basis: np.ndarray, blocks: Blocks, correlation: float) -> tuple[float, float]:
     """Drift and misfit of `LoadCells`: squares across the six directions beyond the noise that a block has left.
 
     A channel's square is noise/samples + drift^2 + misfit^2 |along|^2 / (m - 6). The drift is that of the worst run:
@@ -231,7 +235,6 @@ def _unexplained(blocks: Blocks, lower: np.ndarray, basis: np.ndarray, correlati
     """
     from scipy.optimize import nnls
 
-    white = np.linalg.solve(lower, blocks.voltages.T).T
     size = np.sum((white @ basis) ** 2, axis=1)
     spare = white.shape[1] - 6
     across = (np.sum(white**2, axis=1) - size) / spare - correlation / max(correlation, blocks.size)
@@ -255,7 +258,10 @@ def _off_surface(blocks: Blocks, contact: np.ndarray, normal: np.ndarray, ball: 
     middle = float(np.median(height))
     if -FARTHEST * ball <= middle <= (1 + FARTHEST) * ball:
         return ()
-    return (
-        f"The ball's centre lies {1e3 * middle:.2f} mm off the surface on average, and its radius is {1e3 * ball:.2g} "
-        "mm: ref_x, ref_y, ref_z are the ball's centre, in metres, in the surface's frame.",
+    said = (
+        f"the ball's centre lies {1e3 * middle:.2f} mm off the surface on average, and its radius is {1e3 * ball:.2g} "
+        "mm: ref_x, ref_y, ref_z are the ball's centre, in metres, in the surface's frame."
     )
+    if abs(middle) > NOWHERE * ball:
+        raise InputError(said, where="ref_x, ref_y, ref_z")
+    return (said,)

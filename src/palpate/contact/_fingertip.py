@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from palpate.surfaces._jit import entry, inner
+from palpate.surfaces._jit import entry, inlined, inner
 
 __all__ = [
     "A",
@@ -48,19 +48,30 @@ _ROUNDING = 1e-9  # of the size
 _FADES, _ENOUGH, _DOUBTFUL = 0.999, 10.0, 0.01  # of blame a sample; to be left out; of what several cells explain
 
 
-@inner
-def _mapped(reading, bias, mapping, out):
-    """Reading less bias, mapped: six of a wrench, then what no wrench can make. The sums run along the outputs."""
-    count = mapping.shape[1]
+@inlined
+def _blank(row):
+    """Nothing known; a slice that is set takes the compiler ten times as long as a loop."""
+    for k in range(len(row)):
+        row[k] = np.nan
+    row[_CANDIDATES] = 0.0
+
+
+@inlined
+def _mapped(readings, n, bias, mappings, subset, out):
+    """Reading n less bias, mapped: six of a wrench, then what no wrench can make. The sums run along the outputs.
+
+    Whole arrays and numbers, not parts of arrays: each part would count its references.
+    """
+    count = mappings.shape[2]
     for i in range(count):
         out[i] = 0.0
-    for j in range(len(reading)):
-        value = reading[j] - bias[j]
+    for j in range(readings.shape[1]):
+        value = readings[n, j] - bias[j]
         for i in range(count):
-            out[i] += mapping[j, i] * value
+            out[i] += mappings[subset, j, i] * value
 
 
-@inner
+@inlined
 def _left(out, expected):
     """Squares that no wrench makes, over what is expected of each."""
     total = 0.0
@@ -69,12 +80,12 @@ def _left(out, expected):
     return total / expected
 
 
-@inner
-def _saturated(reading, limits):
+@inlined
+def _saturated(readings, n, limits):
     """The cell at its range: its number, -1 where none is, -2 where several are."""
     full = -1
-    for j in range(len(reading)):
-        if reading[j] <= limits[j, 0] or reading[j] >= limits[j, 1]:
+    for j in range(readings.shape[1]):
+        if readings[n, j] <= limits[j, 0] or readings[n, j] >= limits[j, 1]:
             if full >= 0 and full != j // 3:
                 return -2
             full = j // 3
@@ -82,36 +93,36 @@ def _saturated(reading, limits):
 
 
 @inner
-def _stuck(reading, state, first):
+def _stuck(readings, n, state, first):
     """Of the samples that contradict: one more than the cell of which a channel repeats itself exactly, -1 if not one.
 
     That is how a channel at a range that nobody stated looks, and a dead one. Coarse voltages repeat themselves too,
     but rarely in one cell alone.
     """
     found = -1
-    for j in range(len(reading)):
-        if reading[j] == state[first + j]:
+    for j in range(readings.shape[1]):
+        if readings[n, j] == state[first + j]:
             if found >= 0 and found != 1 + j // 3:
                 return -1
             found = 1 + j // 3
     return found
 
 
-@inner
-def _chosen(reading, bias, limits, mappings, metrics, bounds, settings, state, out, work):
+@inlined
+def _chosen(readings, n, bias, limits, mappings, metrics, bounds, settings, state, out, work):
     """Which subset answers: 0 all, 1 + i without cell i, -1 and -2 none; the mapped reading is left in out.
 
     A cell at its range is left out. Where what is left has too little chance, so is the cell without which it has: of
     several, the one blamed most so far. Blame grows by what is not in doubt and fades; a cell that has enough of it is
     left out for as long as it has.
     """
-    full = _saturated(reading, limits)
+    full = _saturated(readings, n, limits)
     if full != -1:
         if full == -2 or bounds[1 + full] < 0.0:
             return -1
-        _mapped(reading, bias, mappings[1 + full], out)
+        _mapped(readings, n, bias, mappings, 1 + full, out)
         return 1 + full
-    _mapped(reading, bias, mappings[0], out)
+    _mapped(readings, n, bias, mappings, 0, out)
     expected = 1.0 + settings[DRIFT] ** 2
     if settings[MISFIT] > 0.0:
         square = 0.0
@@ -128,17 +139,18 @@ def _chosen(reading, bias, limits, mappings, metrics, bounds, settings, state, o
     if agreed and most < _ENOUGH:
         return 0
     if most >= _ENOUGH:
-        _mapped(reading, bias, mappings[suspect], work)
+        _mapped(readings, n, bias, mappings, suspect, work)
         if _left(work, expected) <= bounds[suspect]:
-            out[:] = work
+            for i in range(len(out)):
+                out[i] = work[i]
             if not agreed:
                 state[suspect] += 1.0
             return suspect
         if agreed:
             return 0
-    best, least, passing = _stuck(reading, state, len(bounds)), np.inf, 1
+    best, least, passing = _stuck(readings, n, state, len(bounds)), np.inf, 1
     if best > 0:
-        _mapped(reading, bias, mappings[best], work)
+        _mapped(readings, n, bias, mappings, best, work)
         if bounds[best] < 0.0 or (bounds[best] > 0.0 and _left(work, expected) > bounds[best]):
             best = -1
     if best < 0:
@@ -146,7 +158,7 @@ def _chosen(reading, bias, limits, mappings, metrics, bounds, settings, state, o
     for cell in range(1, len(bounds) if best < 0 else 0):
         if bounds[cell] <= 0.0:
             continue
-        _mapped(reading, bias, mappings[cell], work)
+        _mapped(readings, n, bias, mappings, cell, work)
         left = _left(work, expected) / bounds[cell]
         if left > 1.0:
             continue
@@ -156,7 +168,7 @@ def _chosen(reading, bias, limits, mappings, metrics, bounds, settings, state, o
     if best < 0:
         return -2
     state[best] += 1.0 if passing == 1 else _DOUBTFUL
-    _mapped(reading, bias, mappings[best], out)
+    _mapped(readings, n, bias, mappings, best, out)
     return best
 
 
@@ -192,7 +204,7 @@ def _pure(wrench, spread, work):
             spread[i, j] -= work[i] * work[j] / square
 
 
-@inner
+@inlined
 def _meeting(w, settings):
     """Cosine and sine of t where the force presses; False where its line misses, with the nearest t."""
     a, b = settings[A], settings[B]
@@ -226,7 +238,7 @@ def _meeting(w, settings):
     return True, c, s
 
 
-@inner
+@inlined
 def _locate(w, settings, c, s, row, slopes):
     """Point, normal, torque into a row, and d(arc length, y)/dw into slopes (2, 6); False where it only pulls."""
     a, b = settings[A], settings[B]
@@ -265,22 +277,22 @@ def _locate(w, settings, c, s, row, slopes):
     return True
 
 
-@inner
-def _spread(w, slopes, spread, doubts, plane, work):
+@inlined
+def _spread(w, slopes, spreads, subset, doubts, plane, first, second):
     """Covariance (2, 2) of the point along u and y: of the wrench, and of the calibration's E w."""
-    for i in range(2):
-        for j in range(i, 2):
-            total = 0.0
-            for m in range(6):
-                part = 0.0
-                for k in range(6):
-                    part += spread[m, k] * slopes[j, k]
-                total += slopes[i, m] * part
-            plane[i, j] = plane[j, i] = total
+    plane[0, 0] = plane[0, 1] = plane[1, 1] = 0.0
+    for m in range(6):
+        one, other = 0.0, 0.0
+        for k in range(6):
+            one += spreads[subset, m, k] * slopes[0, k]
+            other += spreads[subset, m, k] * slopes[1, k]
+        plane[0, 0] += slopes[0, m] * one
+        plane[0, 1] += slopes[0, m] * other
+        plane[1, 1] += slopes[1, m] * other
+    plane[1, 0] = plane[0, 1]
     count = doubts.shape[1]
     if count == 0:
         return
-    first, second = work[0], work[1]
     for r in range(count):
         first[r] = second[r] = 0.0
     for m in range(6):
@@ -298,7 +310,7 @@ def _spread(w, slopes, spread, doubts, plane, work):
     plane[1, 0] = plane[0, 1]
 
 
-@inner
+@inlined
 def _bounded(row, plane, settings):
     """Puts a point that is hardly beyond an end there; False where it is farther out, with the nearest point."""
     inside = True
@@ -313,8 +325,8 @@ def _bounded(row, plane, settings):
     return inside
 
 
-@inner
-def _answer(w, spread, doubts, settings, state, row, slopes, plane, work, line):
+@inlined
+def _answer(w, spreads, subset, doubts, settings, state, row, slopes, plane, first, second):
     """One wrench with its covariance to a row; state[0] is whether it touched before."""
     force = np.sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2])
     row[6], row[7], row[8] = w[0], w[1], w[2]
@@ -328,7 +340,9 @@ def _answer(w, spread, doubts, settings, state, row, slopes, plane, work, line):
         row[_STATUS] = _TOO_LIGHT
         return
     if settings[PURE] == 1.0:
-        _pure(w, spread, line)
+        sharper = spreads[subset : subset + 1].copy()
+        _pure(w, sharper[0], np.empty(6))
+        spreads, subset = sharper, 0
         row[6], row[7], row[8] = w[0], w[1], w[2]
     met, c, s = _meeting(w, settings)
     if not met or not _locate(w, settings, c, s, row, slopes):
@@ -339,9 +353,10 @@ def _answer(w, spread, doubts, settings, state, row, slopes, plane, work, line):
         row[1] = 0.0
         row[9] = np.nan
         return
-    _spread(w, slopes, spread, doubts, plane, work)
+    _spread(w, slopes, spreads, subset, doubts, plane, first, second)
     if settings[ACCURACY] > 0.0 and plane[0, 0] + plane[1, 1] > settings[ACCURACY] ** 2:
-        row[0:6] = np.nan
+        for k in range(6):
+            row[k] = np.nan
         row[9] = np.nan
         row[_STATUS] = _TOO_LIGHT
         return
@@ -375,38 +390,35 @@ def contacts(readings, bias, limits, mappings, metrics, spreads, bounds, doubts,
     the blame of each cell, and the last voltages.
     """
     outputs = mappings.shape[2]
-    out, second, w = np.empty(outputs), np.empty(outputs), np.empty(6)
-    slopes, plane, work, line = np.zeros((2, 6)), np.zeros((2, 2)), np.empty((2, doubts.shape[1])), np.empty(6)
-    spread = np.empty((6, 6))
+    out, work, w = np.empty(outputs), np.empty(outputs), np.empty(6)
+    slopes, plane = np.zeros((2, 6)), np.zeros((2, 2))
+    first, second = np.empty(doubts.shape[1]), np.empty(doubts.shape[1])
     for i in range(len(readings)):
-        row, reading = rows[i], readings[i]
-        row[:] = np.nan
-        row[_CANDIDATES] = 0.0
+        row = rows[i]
+        _blank(row)
         sound = True
-        for value in reading:
-            sound = sound and abs(value) <= _LARGEST
+        for j in range(readings.shape[1]):
+            sound = sound and abs(readings[i, j]) <= _LARGEST
         if not sound:
             row[_STATUS] = _INVALID
             subsets[i] = -2
             continue
-        chosen = _chosen(reading, bias, limits, mappings, metrics, bounds, settings, state, out, second)
+        chosen = _chosen(readings, i, bias, limits, mappings, metrics, bounds, settings, state, out, work)
         subsets[i] = chosen
-        for j in range(len(reading)):
-            state[len(bounds) + j] = reading[j]
+        for j in range(readings.shape[1]):
+            state[len(bounds) + j] = readings[i, j]
         if chosen < 0:
             row[_STATUS] = _SATURATED if chosen == -1 else _INVALID
             continue
         for k in range(6):
             w[k] = out[k]
-            for j in range(6):
-                spread[k, j] = spreads[chosen, k, j]
-        _answer(w, spread, doubts, settings, state, row, slopes, plane, work, line)
+        _answer(w, spreads, chosen, doubts, settings, state, row, slopes, plane, first, second)
 
 
 @entry
 def one_contact(w, spread, doubts, settings, row, slopes):
-    """One wrench (6,) with a covariance (6, 6) to a row (22,), and the slopes (2, 6) of the point along u and y."""
-    state, plane, work, line = np.zeros(1), np.zeros((2, 2)), np.empty((2, doubts.shape[1])), np.empty(6)
-    row[:] = np.nan
-    row[_CANDIDATES] = 0.0
-    _answer(w, spread, doubts, settings, state, row, slopes, plane, work, line)
+    """One wrench (6,) with a covariance (1, 6, 6) to a row (22,), and the slopes (2, 6) of the point along u and y."""
+    state, plane = np.zeros(1), np.zeros((2, 2))
+    first, second = np.empty(doubts.shape[1]), np.empty(doubts.shape[1])
+    _blank(row)
+    _answer(w, spread, 0, doubts, settings, state, row, slopes, plane, first, second)

@@ -197,7 +197,7 @@ class Fingertip:
         settings[[DEPTH, ON, OFF, ACCURACY]] = 0.0
         settings[[FRICTION, TORSION]] = np.inf
         doubts = self._doubts if calibrated else np.zeros((36, 0))
-        self._single(wrench.copy(), self._noise[0].copy(), doubts, settings, row, np.zeros((2, 6)))
+        self._single(wrench.copy(), self._noise[:1].copy(), doubts, settings, row, np.zeros((2, 6)))
         return float(np.sqrt(row[10] + row[14] + row[18]))
 
 

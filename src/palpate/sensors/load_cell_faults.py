@@ -17,7 +17,7 @@ CHANCE = 1e-6  # that sound cells contradict each other so much in a sample
 RARE = 0.002  # share of samples that may contradict
 AGREE = 0.9  # share of the contradicting samples that a cause must explain
 STILL = 0.02  # of what it should move: a cell that moves less is dead
-CLIPPED = 0.05  # share of samples at the very same extreme
+CLIPPED = 0.1  # share of samples that repeat the one before exactly
 SAME_GAIN = 0.1  # by which a drifting cell may still answer differently to load
 LAGS = 100  # parts of a log over which a cell's movement is looked at
 PREFIX = 300.0  # a gain so far off is a prefix of the unit
@@ -118,13 +118,18 @@ def _named(cell: int, seen: np.ndarray, due: np.ndarray, bad: np.ndarray, names:
             share,
             f"{which} reads {abs(gains[odd[0]]):.3g} times what it should: is it in another unit (mV for V)?",
         )
-    if any(max(np.mean(column == column.max()), np.mean(column == column.min())) > CLIPPED for column in seen.T):
+    if _repeats(seen):
         return Fault((cell,), "saturated", share, f"{name} is saturated: it goes no further than one voltage{rest}")
     off = seen - due
     if np.all(np.abs(gains - 1.0) < SAME_GAIN) or _steady(off, due):
         volts = float(np.abs(off.mean(axis=0)).max())
         return Fault((cell,), "drifting", share, f"{name} drifts: it is off by {volts:.2g} V whatever the load{rest}")
     return Fault((cell,), "gain", share, f"{name} answers differently to load than when it was calibrated{rest}")
+
+
+def _repeats(values: np.ndarray) -> bool:
+    """Whether a channel often reads exactly what it read before, as one at its range does."""
+    return bool(np.mean(np.diff(values, axis=0) == 0, axis=0).max(initial=0.0) > CLIPPED)
 
 
 def _moves(values: np.ndarray) -> Float[np.ndarray, "3"]:
@@ -169,8 +174,9 @@ def _still(cells: LoadCells, usable: np.ndarray, kept: np.ndarray, share: float)
         column = usable[:, 3 * cell : 3 * cell + 3]
         if moves[cell] <= STILL * moves[others].max() or moves[cell] < 0.1:
             return Fault((int(cell),), "dead", share, f"cell {cell + 1} is dead, and of three none can be spared")
-        if any(max(np.mean(part == part.max()), np.mean(part == part.min())) > CLIPPED for part in column.T):
-            return Fault((int(cell),), "saturated", share, f"cell {cell + 1} is saturated, and of three none can be spared")
+        if _repeats(column) and not _repeats(np.delete(usable, np.s_[3 * cell : 3 * cell + 3], axis=1)):
+            said = f"cell {cell + 1} is saturated, and of three none can be spared"
+            return Fault((int(cell),), "saturated", share, said)
     return None
 
 

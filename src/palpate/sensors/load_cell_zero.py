@@ -15,6 +15,7 @@ __all__ = ["Zero", "take_zero"]
 
 FEWEST = 20  # samples
 SCATTER, DRIFT = 3.0, 5.0  # times the noise of a sample, and of the difference of the two halves
+WARMS = 3.0  # times the noise by which the halves may differ besides: cells warm up
 LIKE_TOUCH = 0.05  # of a change of the zero that no wrench explains: less, and it may be a touch
 HEAVY = 0.2  # N that such a change must weigh
 
@@ -37,8 +38,9 @@ class Zero:
 def take_zero(cells: LoadCells, voltages: Float[np.ndarray, "n m"], where: str = "") -> Zero:
     """The mean of a window in which nothing changes but by noise.
 
-    A touch that stands still cannot be told from a zero, except by what the calibration knows: a change of the zero
-    since then that is nearly a wrench is doubted.
+    A touch moves all cells: where one alone is not at rest among four or more, it is named, and the others go on. A
+    touch that stands still cannot be told from a zero, except by what the calibration knows: a change of the zero since
+    then that is nearly a wrench is doubted.
 
     Args:
         cells: the model, with its noise.
@@ -61,9 +63,11 @@ def take_zero(cells: LoadCells, voltages: Float[np.ndarray, "n m"], where: str =
     count = max(1.0, len(usable) / max(tau, cells.correlation))
     first, second = np.array_split(usable, 2)
     change = np.abs(second.mean(axis=0) - first.mean(axis=0))
-    allowed = noise * (DRIFT * 2.0 / np.sqrt(count) + 1.0 + cells.drift)
-    if np.any(deviation > SCATTER * noise * (1.0 + cells.drift)) or np.any(change > allowed):
-        worst = int(np.argmax(np.maximum(deviation / noise, change / allowed)))
+    allowed = noise * (DRIFT * 2.0 / np.sqrt(count) + WARMS + cells.drift)
+    off = np.maximum(deviation / (SCATTER * noise * (1.0 + cells.drift)), change / allowed)
+    restless = np.unique(np.flatnonzero(off > 1.0) // 3)
+    if len(restless) > 1 or (len(restless) and cells.cells < 4):
+        worst = int(off.argmax())
         raise InputError(
             f"the cells are not at rest at the start: channel {worst + 1} scatters by {deviation[worst]:.2g} V and "
             f"changes by {change[worst]:.2g} V, and its noise is {noise[worst]:.2g} V.",
@@ -72,7 +76,8 @@ def take_zero(cells: LoadCells, voltages: Float[np.ndarray, "n m"], where: str =
         )
     zero = usable.mean(axis=0)
     said = f"zero of the cells from {len(usable)} samples at the start, known to {1e6 * noise.max() / count**0.5:.2g} uV"
-    return Zero(zero, 1.0 / count, said, _doubt(cells, zero))
+    alone = f"cell {restless[0] + 1} alone is not at rest at the start: it drifts" if len(restless) else ""
+    return Zero(zero, 1.0 / count, said, alone or _doubt(cells, zero))
 
 
 def _doubt(cells: LoadCells, zero: Float[np.ndarray, " m"]) -> str:
