@@ -100,11 +100,12 @@ class Design:
 
 def compose(design: Design) -> Report:
     """The page."""
+    known = "their calibration" if design.cells.samples else "the layout and the noise alone, before they are built"
     sections = (_maps(design), _curves(design), _dead(design), _variants(design), _facts(design))
     return Report(
         title=f"What {design.name} can resolve",
         summary=f"{design.cells.cells} force cells under a rigid frame: how well place, force and torque of a touch "
-        "can be known, from the layout and the noise alone, before anything is measured.",
+        f"can be known, from {known}.",
         tiles=tuple(tiles(design)),
         warnings=tuple(warnings(design)),
         sections=tuple(section for section in sections if section.pictures or section.tables or section.facts),
