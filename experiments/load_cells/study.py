@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float
 
 from experiments.load_cells.literal import Literal
 from palpate.calibration.load_cells import LoadCellCalibration, identify_load_cells
+from palpate.contact.estimate import ContactEstimate
 from palpate.contact.fingertip import Fingertip
 from palpate.simulation.cell_array import LAYOUTS
 from palpate.simulation.load_cell_bench import REST, Bench, BenchRun
@@ -79,11 +80,12 @@ class Study:
     def estimate(self, method: str) -> Answer:
         """By a method, with the bias of each start."""
         run = self.second
-        fingertip, rows = Fingertip(self.calibration.cells, SURFACE, method), Fingertip.empty(len(run))
+        fingertip, found = Fingertip(self.calibration.cells, SURFACE, method), list[ContactEstimate]()
         for part, rest in _starts(run):
             fingertip.tare(run.voltages[rest])
-            rows[part] = fingertip.run_into(Fingertip.empty(np.count_nonzero(part)), run.voltages[part])[0]
-        return Answer(rows[:, 6:9], rows[:, 0:3], rows[:, 9])
+            found.append(fingertip.run(run.voltages[part]))
+        whole = ContactEstimate.joined(found)
+        return Answer(whole.force, whole.point, whole.torque)
 
     @cached_property
     def theirs(self) -> Answer:

@@ -52,10 +52,11 @@ def surface_map(
         bar: Any = drawn.colorbar(filled, ax=axes)
         bar.set_label(label)
         bar.outline.set_visible(False)
+    dark = "#1b2531"  # and not INK, which the page turns light in the dark: the box stays white
     for number, place in enumerate(np.zeros((0, 3)) if cells is None else 1e3 * cells, start=1):
         if np.isfinite(place).all():
             look: Any = {"boxstyle": "square,pad=0.25", "facecolor": "#ffffffcc", "edgecolor": MUTED, "linewidth": 0.6}
-            axes.text(place[across], place[up], str(number), color="#1b2531", ha="center", va="center", bbox=look)
+            axes.text(place[across], place[up], str(number), color=dark, ha="center", va="center", bbox=look)
     axes.set_aspect("equal")
     if view[1] < 0:
         axes.invert_xaxis()
