@@ -45,7 +45,7 @@ def test_contacts_of_every_start(folder: Path, capsys: pytest.CaptureFixture[str
     assert "warning" not in said
     assert "is located within 2 mm" in said
     run = BENCHES["rigid"].run(1, thin=10)
-    _, found = read_contacts(out)
+    found = read_contacts(out).estimate
     use = np.linalg.norm(run.wrench[:, :3], axis=1) >= 1.0
     off = np.linalg.norm(found.point[use] - run.point[use], axis=1)
     assert np.sqrt(np.mean(off**2)) < 45e-6  # the paper's noise makes 28 um
@@ -149,5 +149,5 @@ def test_columns_by_name_and_unit(folder: Path) -> None:
     for name, rig in (("log.csv", "rig.toml"), ("milli.csv", "milli.toml")):
         out = folder / f"{name}.out.csv"
         assert main(["estimate", str(folder / name), "--rig", str(folder / rig), "-o", str(out)]) == 0
-    one, other = (read_contacts(folder / f"{name}.out.csv")[1] for name in ("log.csv", "milli.csv"))
+    one, other = (read_contacts(folder / f"{name}.out.csv").estimate for name in ("log.csv", "milli.csv"))
     np.testing.assert_allclose(one.point, other.point, atol=1e-9)  # nine digits of mV
