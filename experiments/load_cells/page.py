@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from textwrap import wrap
 
 __all__ = ["Check", "page", "table"]
 
@@ -63,7 +64,8 @@ def page(checks: Sequence[Check], tables: str, remarks: Mapping[str, str]) -> st
             ("told"), and on lighter touches ("lighter").
     """
     asked = table(("bench", "figure", "paper", "ours", "asked", ""), [check.cells() for check in checks])
-    return _PAGE.format(asked=asked, tables=tables, **remarks)
+    wrapped = {name: "\n  ".join(wrap(words, 117)) for name, words in remarks.items()}
+    return _PAGE.format(asked=asked, tables=tables, **wrapped)
 
 
 _PAGE = """# A fingertip on force cells: table I and figure 7 of `load cells`
@@ -107,13 +109,15 @@ Above, the force that was found; below, its error against the truth, and in grey
   of 3e8 N/m^3, with friction that wanders between 0.1 and 0.6. The ball sinks in, its friction acts where the
   *deformed* surface is, and the line of action meets the undeformed one beside the ball. The force range was chosen so
   that on this bench the paper's own estimator errs by about what the paper published (with seeds 1 to 5 it errs 115 to
-  128 um, and ours 27 to 29); ours is judged on it, not tuned to it. {law}
+  128 um, and ours 27 to 29); ours is judged on it, not tuned to it.
+  {law}
 - **Drift.** 0.5 mV on every channel, one standard deviation, between the start of a trajectory and its end: five times
   the noise of a channel. No estimator can know it, and it dominates.
 - **The paper's estimator** is (18) as printed: single sensitivities and places of the cells in one nonlinear least
   squares, from places as drawn. Newtons and metres cannot be added: with metres it leaves the positions nearly free and
   goes astray, so it is given millimetres, which favours it. It takes for granted that there is no torque, where ours
-  finds one, and so has one unknown less. {told}
+  finds one, and so has one unknown less.
+  {told}
 - **Paths.** The text does not say what figure 6 shows: three paths along y, three along x and two across that meet them
   are our reading. Nor does it give the cantilever's stiffness: 2 N/mm takes the force to 5 N, the end of the range that
   it states.

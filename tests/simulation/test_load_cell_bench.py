@@ -8,7 +8,7 @@ import polars
 import pytest
 
 from palpate.simulation.bench_files import write_bench_log, write_voltage_log
-from palpate.simulation.cell_array import LAYOUTS
+from palpate.simulation.cell_array import LAYOUTS, in_line
 from palpate.simulation.cell_faults import dead, drifting, saturated, swapped
 from palpate.simulation.load_cell_bench import BENCHES, CUTOFF, RATE, REST, Bench, BenchRun
 
@@ -118,6 +118,15 @@ def test_a_soft_layer_carries_the_same_load_deeper_where_it_is_larger(soft: Benc
     assert np.abs(soft.wrench[~soft.loaded]).max() < 1e-4
 
 
+def test_a_twist_on_a_soft_layer_adds_to_the_moment_about_the_normal_alone(soft: BenchRun) -> None:
+    twisted = replace(BENCHES["soft layer"], paths=SHORT, torsion=5e-3).run()
+    added = twisted.wrench - soft.wrench
+    np.testing.assert_allclose(added[:, :3], 0.0, atol=1e-12)
+    np.testing.assert_allclose(
+        added[:, 3:], twisted.torque[:, None] * twisted.normal, atol=1e-7
+    )  # N m: the filter's lag
+
+
 def test_faults_touch_only_the_cells_that_they_name(rigid: BenchRun) -> None:
     for broken, cells in (
         (dead(rigid, 1, volts=0.3), {1}),
@@ -148,4 +157,5 @@ def test_logs_have_the_columns_of_the_issue(rigid: BenchRun, tmp_path: Path) -> 
 
 @pytest.mark.parametrize("count", LAYOUTS)
 def test_other_layouts_run_too(count: int) -> None:
+    assert Bench(layout=in_line(count), twist=0.5, paths=SHORT[:1]).run(thin=50).voltages.shape[1] == 3 * count
     assert Bench(layout=LAYOUTS[count], paths=SHORT[:1]).run(thin=50).voltages.shape[1] == 3 * count

@@ -21,7 +21,10 @@ RATE, CUTOFF, ORDER = 1000.0, 100.0, 2  # Hz, Hz: of all signals
 SPEED = 2.5e-3  # m/s: of the stages
 REST, APPROACH, PRESS, HOLD, BREAK_AWAY, PAUSE = 2.0, 0.25, 1.0, 0.5, 0.3, 30.0  # s
 HOVER = 0.5e-3  # m: of the ball, where it does not touch
-LEAST, CANTILEVER = 1.0, 2e3  # N, N/m: pressed by the one, and by the other for every metre that the surface rises: to 5 N
+LEAST, CANTILEVER = (
+    1.0,
+    2e3,
+)  # N, N/m: pressed by the one, and by the other for every metre that the surface rises: to 5 N
 REFERENCE_NOISE, RULER_NOISE = 17e-3, 1e-6  # N, m
 BIAS = 20e-3  # V: of a channel when it was switched on
 KNOTS = 25.0  # Hz: at which the pressure of a soft layer is summed; splines in between
@@ -92,7 +95,7 @@ class Bench:
         layer: [N/m^3] stiffness of the soft layer, an elastic foundation; None is rigid.
         drift: [V] by which channels are off at the end of a trajectory, one standard deviation.
         friction: bounds between which the coefficient wanders while the ball slides.
-        torsion: [N m] largest soft-finger torque, which wanders too; only on a rigid surface.
+        torsion: [N m] largest soft-finger torque about the normal, which wanders too.
         layout: (k, 3) [m] of the cells; None is the paper's four.
         twist: [N m/rad] of a cell; see `CellArray`.
         paths: trajectories of the contact [mm].
@@ -237,6 +240,7 @@ class _Course:
         values = np.concatenate([np.zeros((1, 7)), np.c_[few.pressed(stiffness, depth), depth]])
         filled = np.zeros((len(self.time), 7))
         filled[later] = CubicSpline(time, values)(self.time[later])
+        filled[:, 3:6] += self.torque[:, None] * self.normal
         return filled[:, :6], filled[:, 6]
 
     def pressed(self, stiffness: float, depth: np.ndarray) -> np.ndarray:
