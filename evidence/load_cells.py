@@ -111,11 +111,20 @@ def _tables() -> Iterator[Row]:
         got = (1e6 * _rms(position), 1e6 * position.max(), 1e3 * _rms(force))
         text = f"{got[0]:.0f} / {got[1]:.0f} um, {got[2]:.1f} mN; {share:.2%} answered"
         met = None if targets is None else bool(np.all(np.array(got) <= targets)) and share > 0.999
-        target = "" if targets is None else f"{targets[0]} / {targets[1]} um" + (
-            f", {targets[2]} mN" if np.isfinite(targets[2]) else ""
+        target = (
+            ""
+            if targets is None
+            else f"{targets[0]} / {targets[1]} um" + (f", {targets[2]} mN" if np.isfinite(targets[2]) else "")
         )
         yield Row(NAME, f"table I, {what}: position RMSE / worst, force RMSE", target, text, met, COMMAND)
-    yield Row(NAME, "table I, the paper's own", "", "141 / 621 um, 41.5 mN (against a reference of 17 mN noise)", None, COMMAND)
+    yield Row(
+        NAME,
+        "table I, the paper's own",
+        "",
+        "141 / 621 um, 41.5 mN (against a reference of 17 mN noise)",
+        None,
+        COMMAND,
+    )
 
 
 def _torque() -> Iterator[Row]:
@@ -154,7 +163,12 @@ def _limits() -> Iterator[Row]:
             got = f"{ratio:.3f} ({1e6 * ratio * least:.1f} um, bound {1e6 * least:.1f} um; {len(use):,} samples)"
             yield Row(NAME, f"{name}: RMSE of position over the Cramer-Rao bound", "1.25", got, ratio <= 1.25, COMMAND)
             yield Row(
-                NAME, f"{name}: truth in the 95 % ellipse", "93 to 97 %", f"{inside:.1%}", 0.93 <= inside <= 0.97, COMMAND
+                NAME,
+                f"{name}: truth in the 95 % ellipse",
+                "93 to 97 %",
+                f"{inside:.1%}",
+                0.93 <= inside <= 0.97,
+                COMMAND,
             )
 
 
@@ -167,9 +181,11 @@ def _bound(bench: Bench, run: BenchRun, k: int, torque: bool) -> float:
 
     def made(values: np.ndarray) -> np.ndarray:
         point, normal = bench.ellipse.foot(values[0], values[1])
-        wrench = _soft(bench, values, normal) if bench.layer else contact_wrenches(
-            point[None], normal[None], values[None, 2:5], values[None, 5]
-        )[0]
+        wrench = (
+            _soft(bench, values, normal)
+            if bench.layer
+            else contact_wrenches(point[None], normal[None], values[None, 2:5], values[None, 5])[0]
+        )
         return forward @ wrench / spread
 
     unknown = 6 if torque else 5
@@ -193,12 +209,19 @@ def _soft(bench: Bench, values: np.ndarray, normal: np.ndarray) -> np.ndarray:
     wrench = np.zeros(6)
     for _ in range(4):
         wrench = pressed_wrench(
-            bench.ellipse, bench.radius, float(bench.layer or 1.0), values[:1], np.array([depth]), np.array([mu]), motion[None]
+            bench.ellipse,
+            bench.radius,
+            float(bench.layer or 1.0),
+            values[:1],
+            np.array([depth]),
+            np.array([mu]),
+            motion[None],
         )[0]
         depth *= np.sqrt(pressing / -float(wrench[:3] @ normal))
     arm = wrench[3:]
     lever = _lever(wrench[:3], arm)  # where the line of action passes; the small rest of the force goes there too
-    moment = np.cross(lever + [0.0, values[1], 0.0], force) + values[5] * normal
+    aside = np.array([0.0, values[1], 0.0])
+    moment = np.cross(lever + aside, force) + values[5] * normal
     return np.concatenate([force, moment])
 
 
@@ -236,9 +259,10 @@ def _starts(count: int) -> Iterator[Row]:
     array = RIGID.cells()
     points, costs, failed = list[np.ndarray](), list[float](), 0
     spots, normals = RIGID.ellipse.foot(*np.meshgrid(np.linspace(-9e-3, 9e-3, 7), np.linspace(-12e-3, 12e-3, 7)))
-    wrenches = contact_wrenches(
-        spots.reshape(-1, 3), normals.reshape(-1, 3), -1.5 * normals.reshape(-1, 3), np.zeros(49)
-    ) @ array.forward().T
+    wrenches = (
+        contact_wrenches(spots.reshape(-1, 3), normals.reshape(-1, 3), -1.5 * normals.reshape(-1, 3), np.zeros(49))
+        @ array.forward().T
+    )
     for _ in range(count):
         gains = rng.uniform(2.0, 30.0, (4, 1, 1)) * (np.eye(3) + 0.2 * rng.standard_normal((4, 3, 3)))
         places = array.position + 2e-3 * rng.standard_normal((4, 3)) / 3**0.5
@@ -296,7 +320,9 @@ def _speed() -> Iterator[Row]:
     begin = time.perf_counter()
     found = identify_load_cells(run.time, run.voltages, run.force, run.position, SURFACE)
     took = time.perf_counter() - begin
-    yield Row(NAME, f"calibration of eight trajectories, {len(run):,} samples", "5 s", f"{took:.1f} s", took <= 5, COMMAND)
+    yield Row(
+        NAME, f"calibration of eight trajectories, {len(run):,} samples", "5 s", f"{took:.1f} s", took <= 5, COMMAND
+    )
     fingertip = Fingertip(found.cells, SURFACE)
     fingertip.tare(run.voltages[: int(1e3 * UNLOADED)])
     volts, row = np.ascontiguousarray(run.voltages[3000:11000]), fingertip.empty()
@@ -311,7 +337,9 @@ def _speed() -> Iterator[Row]:
         for _ in range(20):
             fingertip.run_into(table, volts)
         bulk = min(bulk, (time.process_time() - begin) / len(volts) / 20)
-    yield Row(NAME, "voltages to contact, one by one from Python", "5 us", f"{1e6 * each:.2f} us", each <= 5e-6, COMMAND)
+    yield Row(
+        NAME, "voltages to contact, one by one from Python", "5 us", f"{1e6 * each:.2f} us", each <= 5e-6, COMMAND
+    )
     what = "voltages to contact with covariance, in batch on one core"
     yield Row(NAME, what, "1 million/s", f"{1e-6 / bulk:.2f} million/s", bulk <= 1e-6, COMMAND)
 
@@ -342,7 +370,9 @@ def _faults(small: bool) -> Iterator[Row]:
         share = float(np.mean(answer.found.answered[_loaded(run)]))
         got = f"{share:.1%} answered; {'; '.join(fault.said for fault in named)}"
         met = [fault.kind for fault in named] == ["swapped"] and named[0].cells == (one, other)
-        yield Row(NAME, f"cells {one + 1} and {other + 1} exchanged", "named, and says that it cannot", got, met, COMMAND)
+        yield Row(
+            NAME, f"cells {one + 1} and {other + 1} exchanged", "named, and says that it cannot", got, met, COMMAND
+        )
 
 
 def _zeroed(run: BenchRun) -> np.ndarray:

@@ -133,7 +133,7 @@ def test_channels_are_named() -> None:
     with pytest.raises(InputError, match="'u2y' never changes"):
         fitted(replace(run, voltages=dead))
     unit[:, 6:9] *= 1e3
-    with pytest.raises(InputError, match="'u3x', 'u3y', 'u3z' moves .* another unit"):
+    with pytest.raises(InputError, match=r"'u3x', 'u3y', 'u3z' moves .* another unit"):
         fitted(replace(run, voltages=unit))
     with pytest.raises(InputError, match="at its range"):
         fitted(run, limits=np.tile([-0.1, 0.1], (12, 1)))
@@ -148,7 +148,7 @@ def test_a_corner_that_was_not_touched_is_named() -> None:
 
 def test_the_balls_centre_is_meant() -> None:
     run = log()
-    with pytest.raises(InputError, match="centre lies .* off the surface"):  # millimetres for metres
+    with pytest.raises(InputError, match=r"centre lies .* off the surface"):  # millimetres for metres
         fitted(replace(run, position=run.position * 1e3))
-    sunk = replace(run, position=run.position + [0.0, 0.0, 2e-3])
+    sunk = replace(run, position=run.position + np.array([0.0, 0.0, 2e-3]))
     assert any("centre lies" in note for note in fitted(sunk).notes)

@@ -33,7 +33,20 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     write_bench_log(bench.run(0, thin=10), made / "bench.csv")
     write_voltage_log(bench.run(1, thin=10), made / "log.csv")
     (made / "plain.toml").write_text(RIG)
-    assert main(["calibrate", "load-cells", str(made / "bench.csv"), "--rig", str(made / "plain.toml"), "-o", str(made / "tip.toml")]) == 0
+    assert (
+        main(
+            [
+                "calibrate",
+                "load-cells",
+                str(made / "bench.csv"),
+                "--rig",
+                str(made / "plain.toml"),
+                "-o",
+                str(made / "tip.toml"),
+            ]
+        )
+        == 0
+    )
     (made / "rig.toml").write_text(RIG + 'model = "tip.toml"\n')
     return made
 
@@ -98,7 +111,10 @@ def test_a_log_that_begins_touched_is_refused(folder: Path, capsys: pytest.Captu
     [
         (RIG + 'model = "none.toml"\n', "there is no such file"),
         (RIG, "the cells are not calibrated"),
-        (RIG + 'model = "tip.toml"\ncolumns = ["u1x", "u1y", "u1z", "u2x", "u2y", "u2z", "u3x", "u3y", "u3z"]\n', "has 4 cells"),
+        (
+            RIG + 'model = "tip.toml"\ncolumns = ["u1x", "u1y", "u1z", "u2x", "u2y", "u2z", "u3x", "u3y", "u3z"]\n',
+            "has 4 cells",
+        ),
         (RIG + 'model = "tip.toml"\nwithout = [5]\n', "cell 5 is none of the 4"),
         (RIG + 'model = "tip.toml"\n[filter]\nkind = "butterworth"\n', "not filtered"),
         ('[surface]\nkind = "plane"\n[load_cells]\nmodel = "tip.toml"\n', "elliptic cylinder"),

@@ -87,14 +87,21 @@ def test_slopes_are_those_of_differences(law: Indentation | None) -> None:
             for end, sign in zip(ends, (1, -1), strict=True):
                 moved = wrench + sign * step * np.eye(6)[k]
                 fingertip._single(moved, spread, doubts, fingertip._settings, end, np.zeros((2, 6)))
-            np.testing.assert_allclose(slopes[:, k], along @ (ends[0][:3] - ends[1][:3]) / (2 * step), rtol=1e-4, atol=1e-6)
+            np.testing.assert_allclose(
+                slopes[:, k], along @ (ends[0][:3] - ends[1][:3]) / (2 * step), rtol=1e-4, atol=1e-6
+            )
 
 
 @pytest.mark.parametrize("method", ["soft_finger", "wrench_axis"])
 def test_the_ellipse_holds_the_truth(method: str) -> None:
     rng = np.random.default_rng(5)
     point, normal, force, torque = touches(4000, torque=0.0)
-    doubt = 3e-4 * rng.normal(size=(36, 36)) / 6 * np.outer([1, 1, 1, 0.01, 0.01, 0.01], [1, 1, 1, 100, 100, 100]).reshape(36, 1)
+    doubt = (
+        3e-4
+        * rng.normal(size=(36, 36))
+        / 6
+        * np.outer([1, 1, 1, 0.01, 0.01, 0.01], [1, 1, 1, 100, 100, 100]).reshape(36, 1)
+    )
     cells = with_changes(CELLS, covariance=doubt @ doubt.T)
     wrench = contact_wrenches(point, normal, force, torque)
     errors = (rng.normal(size=(len(wrench), 36)) @ doubt.T).reshape(-1, 6, 6)
@@ -124,7 +131,9 @@ def test_a_force_alone_is_located_more_surely() -> None:
 
 def test_blocks_and_single_samples_are_the_same_to_the_last_bit() -> None:
     point, normal, force, torque = touches(300)
-    volts = read(contact_wrenches(point, normal, force, torque)) + NOISE * np.random.default_rng(9).normal(size=(300, 12))
+    volts = read(contact_wrenches(point, normal, force, torque)) + NOISE * np.random.default_rng(9).normal(
+        size=(300, 12)
+    )
     volts[100:200, 3:6] = 0.0  # a dead cell on the way
     whole, parts, single = tip().empty(300), tip().empty(300), tip().empty(300)
     tip().run_into(whole, volts)
@@ -191,7 +200,9 @@ def test_the_zero_is_taken_and_counts() -> None:
     volts = 0.02 + NOISE * rng.normal(size=(500, 12))
     said = fingertip.tare(volts)
     assert "500 samples" in said.said
-    wrench = contact_wrenches(np.array([[0.0, 0.0, B]]), np.array([[0.0, 0.0, 1.0]]), np.array([[0.0, 0.0, -1.0]]), np.zeros(1))
+    wrench = contact_wrenches(
+        np.array([[0.0, 0.0, B]]), np.array([[0.0, 0.0, 1.0]]), np.array([[0.0, 0.0, -1.0]]), np.zeros(1)
+    )
     found: ContactEstimate = fingertip.run(read(wrench) + 0.02)
     assert np.linalg.norm(found.point - [0.0, 0.0, B]) < 1e-4
     assert found.covariance[0, 0, 0] > tip().run(read(wrench)).covariance[0, 0, 0]

@@ -15,8 +15,10 @@ ROW = '<UserAxis Name="{}" values="{}" max="{}"/>'
 
 
 def made(tmp_path: Path, **change: str) -> Path:
-    rows = [ROW.format(name, " ".join("1" if k == j else "0" for j in range(6)), 10) for k, name in
-            enumerate(("Fx", "Fy", "Fz", "Tx", "Ty", "Tz"))]
+    rows = [
+        ROW.format(name, " ".join("1" if k == j else "0" for j in range(6)), 10)
+        for k, name in enumerate(("Fx", "Fy", "Fz", "Tx", "Ty", "Tz"))
+    ]
     text = (
         '<FTSensor Serial="S1"><Calibration ForceUnits="lbf" TorqueUnits="lbf-in" OutputRange="20">'
         + "".join(rows)
@@ -87,6 +89,8 @@ def test_the_real_nano17(shared: Path) -> None:
     rows[3:] *= 1e-3  # N mm
     np.testing.assert_allclose(sensor.matrix, rows, atol=2e-5)  # the file has five decimals
     noise = np.sqrt(np.diag(read_certificate(path.with_name("cert_FT44297_loadcases.csv"), sensor)))
-    assert np.all(noise < 0.005 * sensor.limits)  # the certificate's errors are below 1.4 % of full scale, most below 0.3
+    assert np.all(
+        noise < 0.005 * sensor.limits
+    )  # the certificate's errors are below 1.4 % of full scale, most below 0.3
     assert np.all(noise > 0.0002 * sensor.limits)
     assert sensor.sensor(noise).limits is not None

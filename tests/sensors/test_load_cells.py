@@ -69,7 +69,7 @@ def test_what_no_wrench_explains_is_chi_square() -> None:
 
 
 def test_cells_in_line_are_refused_by_name() -> None:
-    with pytest.raises(NotIdentifiable, match="in line along y.*torque about y") as refusal:
+    with pytest.raises(NotIdentifiable, match=r"in line along y.*torque about y") as refusal:
         require_layout(in_line(4))
     assert refusal.value.rank == 5
     matrix = random_cells(in_line(3), np.random.default_rng(3), twist=1.0).forward()

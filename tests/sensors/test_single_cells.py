@@ -18,7 +18,7 @@ def made(positions: np.ndarray = LAYOUTS[4]) -> LoadCells:
 
 
 def test_without_more_knowledge_they_are_not_determined() -> None:
-    with pytest.raises(NotIdentifiable, match="of 48 combinations .* not determined: force along") as refusal:
+    with pytest.raises(NotIdentifiable, match=r"of 48 combinations .* not determined: force along") as refusal:
         single_cells(made(), ARRAY.sensitivity)
     assert 20 < refusal.value.rank < 40
     assert refusal.value.missing
@@ -31,7 +31,9 @@ def test_what_is_found_reads_every_wrench() -> None:
     wrenches = rng.normal(size=(100, 6)) * [1, 1, 1, 0.01, 0.01, 0.01]
     forces = np.einsum("kab,nkb->nka", found.sensitivity, ARRAY.voltages(wrenches).reshape(-1, 4, 3))
     summed = sum(forces[:, k] @ single_wrench_map(found.position[k]).T for k in range(4))
-    np.testing.assert_allclose(summed, wrenches, atol=2e-3, rtol=2e-3)  # the calibration is known to 1e-4, the prior pulls
+    np.testing.assert_allclose(
+        summed, wrenches, atol=2e-3, rtol=2e-3
+    )  # the calibration is known to 1e-4, the prior pulls
     assert 0.3 < found.determined.mean() < 0.9  # 36 equations for 48 unknowns
 
 
@@ -48,7 +50,9 @@ def test_the_covariance_holds_the_truth() -> None:
         prior = ARRAY.sensitivity + 0.02 * largest * rng.normal(size=(4, 3, 3))
         places = ARRAY.position + 5e-4 * rng.normal(size=(4, 3))
         found = single_cells(made(places), prior, spread=0.02, place_spread=5e-4, known=np.inf, near=np.inf)
-        off = np.concatenate([(found.sensitivity - ARRAY.sensitivity).reshape(-1), (found.position - ARRAY.position).reshape(-1)])
+        off = np.concatenate(
+            [(found.sensitivity - ARRAY.sensitivity).reshape(-1), (found.position - ARRAY.position).reshape(-1)]
+        )
         values, vectors = np.linalg.eigh(found.covariance / np.outer(*[np.sqrt(np.diag(found.covariance))] * 2))
         loose = values > 1e-6  # what the calibration determines errs by nothing here
         along = vectors[:, loose].T @ (off / np.sqrt(np.diag(found.covariance)))

@@ -47,7 +47,7 @@ def check_channels(
     ratio = size / np.median(size)
     odd = [(name, part) for name, part in zip(names, ratio, strict=True) if not 1 / ODD < part < ODD]
     if odd:
-        name, part = odd[0]
+        part = odd[0][1]
         raise InputError(
             f"{_listed([name for name, _ in odd])} moves {part:.3g} times as much as the other channels: "
             "a column in another unit (mV instead of V).",

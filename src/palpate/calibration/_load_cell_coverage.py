@@ -9,6 +9,7 @@ from jaxtyping import Float
 
 from palpate.calibration._load_cell_fit import Touches
 from palpate.sensors.load_cells import LoadCells
+from palpate.spatial.pose import skew
 
 __all__ = ["Coverage", "coverage"]
 
@@ -20,11 +21,13 @@ QUIET = 0.1  # of the normal force: less friction does not show the moment along
 
 @dataclass(frozen=True, eq=False)
 class Coverage:
-    """Attributes:
-    place: (9, 3) [m] middles of the parts of the surface; visits: (9,) blocks in each.
-    error: (9, 5) [m] foretold from the calibration alone, straight on and with friction along +-x, +-y.
-    friction: (2,) rms of the sideways share of the force along the two tangents.
-    notes: what is missing, one sentence each.
+    """Where the calibration was, and how well it knows each place.
+
+    Attributes:
+        place: (9, 3) [m] middles of the parts of the surface; visits: (9,) blocks in each.
+        error: (9, 5) [m] foretold from the calibration alone, straight on and with friction along +-x, +-y.
+        friction: (2,) rms of the sideways share of the force along the two tangents.
+        notes: what is missing, one sentence each.
     """
 
     place: Float[np.ndarray, "p 3"]
@@ -46,7 +49,9 @@ def coverage(data: Touches, cells: LoadCells) -> Coverage:
     pressing = np.einsum("nk,nk->n", data.force, data.normal)
     sideways = np.einsum("nak,nk->na", data.tangents, data.force) / pressing[:, None]
     friction = np.sqrt(np.mean(sideways**2, axis=0))
-    return Coverage(data.contact[nearest], visits.astype(float), error, friction, _notes(middle, visits, error, friction))
+    return Coverage(
+        data.contact[nearest], visits.astype(float), error, friction, _notes(middle, visits, error, friction)
+    )
 
 
 def _foretold(data: Touches, cells: LoadCells, k: int) -> Float[np.ndarray, "5"]:
@@ -58,8 +63,8 @@ def _foretold(data: Touches, cells: LoadCells, k: int) -> Float[np.ndarray, "5"]
         force = FORCE * push
         wrench = np.concatenate([force, np.cross(at, force)])
         slopes = np.zeros((2, 6))  # of the point by the wrench, for a touch without torque
-        turned = tangents @ _skew(normal) / (FORCE * (push @ normal))
-        slopes[:, :3], slopes[:, 3:] = -turned @ _skew(at), turned
+        turned = tangents @ skew(normal) / (FORCE * (push @ normal))
+        slopes[:, :3], slopes[:, 3:] = -turned @ skew(at), turned
         out.append(float(np.sqrt(np.trace(slopes @ cells.calibration_spread(wrench) @ slopes.T))))
     return np.array(out)
 
@@ -75,20 +80,18 @@ def _notes(middle: np.ndarray, visits: np.ndarray, error: np.ndarray, friction: 
     ]
     if unsure:
         said.append(f"The calibration alone errs by more than {1e6 * WANTED:.0f} um around {', '.join(unsure)} at 1 N.")
-    weak = [axis for axis, part in zip(("around", "along y"), friction, strict=True) if part < QUIET]
+    weak = [
+        f"{part:.0%} of the normal force {axis}"
+        for axis, part in zip(("around", "along y"), friction, strict=True)
+        if part < QUIET
+    ]
     if weak:
         said.append(
-            f"Friction was small ({', '.join(f'{part:.0%} of the normal force {axis}' for axis, part in zip(('around', 'along y'), friction, strict=True) if part < QUIET)}): "
-            "the moment along the force, and with it the torque about the normal, is badly known. Slide along and across."
+            f"Friction was small ({', '.join(weak)}): the moment along the force, and with it the torque about the "
+            "normal, is badly known. Slide along and across."
         )
     return tuple(said)
 
 
 def _place(spot: np.ndarray) -> str:
     return f"x = {1e3 * spot[0]:.0f}, y = {1e3 * spot[1]:.0f} mm"
-
-
-def _skew(vector: np.ndarray) -> np.ndarray:
-    from palpate.spatial.pose import skew
-
-    return skew(vector)

@@ -124,7 +124,7 @@ def linear_start(data: Touches, law: Float[np.ndarray, " l"]) -> Float[np.ndarra
 def _solve_linear(
     rows: Float[np.ndarray, "n 6 6"], signal: Float[np.ndarray, "n 6"], right: Float[np.ndarray, "n 6"]
 ) -> Float[np.ndarray, "6 6"]:
-    """min sum |rows B y - right|^2."""
+    """The B that makes sum |rows B y - right|^2 least."""
     return _step(_normal(rows, signal, np.zeros((len(rows), 6, 0))), _gradient(rows, signal, right)).reshape(6, 6)
 
 
@@ -282,7 +282,9 @@ def _covariance(
     whole = _normal(slopes, data.signal, law_slopes)
     meat = _normal(slopes * scale, data.signal, law_slopes * scale)
     for rows in zeros.runs:
-        pushed = np.concatenate([slopes[rows] @ found[:36].reshape(6, 6), whitening.inverse[:, :3][None].repeat(len(rows), 0)], 2)
+        pushed = np.concatenate(
+            [slopes[rows] @ found[:36].reshape(6, 6), whitening.inverse[:, :3][None].repeat(len(rows), 0)], 2
+        )
         joint = np.empty((len(found), 9))
         joint[:36] = np.einsum("nra,nrz,nc->acz", slopes[rows], pushed, data.signal[rows], optimize=True).reshape(36, 9)
         joint[36:] = np.einsum("nrl,nrz->lz", law_slopes[rows], pushed)

@@ -191,7 +191,9 @@ def blocks_of(
         pieces.append(whole[kept].mean(axis=1))
         runs.append(np.full(len(pieces[-1]), len(runs)))
     mean, run = np.concatenate(pieces), np.concatenate(runs)
-    return Blocks(mean[:, 0], run, mean[:, 1 : 1 + m], mean[:, 1 + m : 4 + m], mean[:, 4 + m : 7 + m], mean[:, -1], size)
+    return Blocks(
+        mean[:, 0], run, mean[:, 1 : 1 + m], mean[:, 1 + m : 4 + m], mean[:, 4 + m : 7 + m], mean[:, -1], size
+    )
 
 
 def _zeros(found: list[Rest], time: Float[np.ndarray, " n"], starts: list[int]) -> Float[np.ndarray, "n k"]:

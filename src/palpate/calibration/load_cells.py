@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from palpate.calibration._load_cell_checks import check_channels, check_directions, check_response
 from palpate.calibration._load_cell_coverage import Coverage, coverage
 from palpate.calibration._load_cell_fit import Fit, Zeros, fit, linear_start, touches
-from palpate.calibration._load_cell_log import Blocks, blocks_of, cut, rest_noise, rests
+from palpate.calibration._load_cell_log import Blocks, blocks_of, rest_noise, rests
 from palpate.errors import InputError
 from palpate.sensors.load_cells import LoadCells, require_layout, with_changes
 
@@ -207,13 +207,13 @@ class _Rows:
             require_layout(np.asarray(positions, dtype=np.float64))
         t = np.zeros(len(u)) if torques is None else np.asarray(torques, dtype=np.float64)
         named = names or tuple(f"u{cell + 1}{axis}" for cell in range(u.shape[1] // 3) for axis in "xyz")
-        whole: Bool[np.ndarray, " n"] = np.isfinite(np.column_stack([at, u, f, c, t])).all(axis=1)
+        whole: Bool[np.ndarray, " n"] = np.all(np.isfinite(np.column_stack([at, u, f, c, t])), axis=1)
         if not whole.any():
             raise InputError("no row of the log is complete.", mend="Check the columns and the log's length.")
         return cls(at[whole], u[whole], f[whole], c[whole], t[whole], named)
 
     @property
-    def arrays(self) -> tuple[np.ndarray, ...]:
+    def arrays(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         return self.time, self.voltages, self.forces, self.centres, self.torques
 
 

@@ -113,7 +113,9 @@ def _ended(pipeline: Pipeline, interrupted: bool) -> str:
 
 def _require_no_report(report: Path | None) -> None:
     if report is not None:
-        raise InputError("a report is not written of load cells.", where="--report", mend="palpate view shows contacts.")
+        raise InputError(
+            "a report is not written of load cells.", where="--report", mend="palpate view shows contacts."
+        )
 
 
 def _known(truth: Path | None, report: Path | None) -> Samples | Touches | None:

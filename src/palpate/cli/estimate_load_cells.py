@@ -48,10 +48,17 @@ def estimate_load_cells(log: Path, output: Path, beside: Path, rig: Rig, rig_pat
             stack.close()
     spent = perf_counter() - spent
     ended = "interrupted" if interrupted else "torn" if source.torn else "whole"
-    options = {**vars(rig.estimate), "frame": frame, "without": rig.load_cells and rig.load_cells.without, "ended": ended}
+    options = {
+        **vars(rig.estimate),
+        "frame": frame,
+        "without": rig.load_cells and rig.load_cells.without,
+        "ended": ended,
+    }
     write_provenance(beside, provenance({"log": log, "rig": rig_path, "cells": rig.cells_path()}, options))
     title(f"{log} -> {output}")
-    lines([("samples", f"{tally.count:,} in, {tally.count:,} rows out, {tally.count / max(spent, 1e-9):,.0f} a second")])
+    lines(
+        [("samples", f"{tally.count:,} in, {tally.count:,} rows out, {tally.count / max(spent, 1e-9):,.0f} a second")]
+    )
     lines(_shares(tally))
     _say(stream, tally, rig, source)
     short = [f"interrupted: {output.name} holds the {writer.rows:,} samples done until then"] if interrupted else []
@@ -116,4 +123,7 @@ def _say(stream: FingertipStream, tally: Thinned, rig: Rig, source: Log) -> None
     note(source.notes())
     names = () if table is None else table.names(fingertip.cells.cells)
     spared = [f"cell {cell} is left out, as the rig says" for cell in (() if table is None else table.without)]
-    note([*spared, *stream.doubted, *(fault.said for fault in stream.faults(names)), *unexplained(tally.statuses)], "warning")
+    note(
+        [*spared, *stream.doubted, *(fault.said for fault in stream.faults(names)), *unexplained(tally.statuses)],
+        "warning",
+    )

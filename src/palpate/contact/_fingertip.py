@@ -19,9 +19,7 @@ import numpy as np
 from palpate.surfaces._jit import entry, inlined, inner
 
 __all__ = [
-    "A",
     "ACCURACY",
-    "B",
     "DEPTH",
     "DRIFT",
     "EXPONENT",
@@ -34,6 +32,8 @@ __all__ = [
     "SETTINGS",
     "TORSION",
     "UPPER",
+    "A",
+    "B",
     "contacts",
     "one_contact",
 ]
@@ -383,11 +383,11 @@ def _answer(w, spreads, subset, doubts, settings, state, row, slopes, plane, fir
 def contacts(readings, bias, limits, mappings, metrics, spreads, bounds, doubts, settings, state, rows, subsets):
     """Voltages (n, m) to rows (n, 22) of `estimate.ROW`, and which subset answered (n,): 0 all, 1 + i without cell i.
 
-    bias (m,); limits (m, 2). Of all cells, and without each: mappings (1 + k, m, 6 + r, and zeros), spreads (1 + k, 6, 6) of the
-    noise, and bounds (1 + k,) of what may be left, negative where they tell no wrench, 0 where nothing is left to
-    judge by. metrics (6, 6), the squared length of a wrench in whitened voltages, a degree of freedom; doubts (36, q),
-    D D' the covariance of E; settings as named above; state (1 + k + m,), whether it touched before,
-    the blame of each cell, and the last voltages.
+    bias (m,); limits (m, 2). Of all cells, and without each: mappings (1 + k, m, 6 + r, and zeros), spreads (1 + k, 6,
+    6) of the noise, and bounds (1 + k,) of what may be left, negative where they tell no wrench, 0 where nothing is
+    left to judge by. metrics (6, 6), the squared length of a wrench in whitened voltages, a degree of freedom; doubts
+    (36, q), D D' the covariance of E; settings as named above; state (1 + k + m,), whether it touched before, the blame
+    of each cell, and the last voltages.
     """
     outputs = mappings.shape[2]
     out, work, w = np.empty(outputs), np.empty(outputs), np.empty(6)

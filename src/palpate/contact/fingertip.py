@@ -177,14 +177,16 @@ class Fingertip:
         Noise of a reading and of the zero err as 1/F, the calibration by the same at every force: s_n^2/F^2 + s_c^2.
 
         Args:
-            point: (3,) [m] of the surface. direction: (3,) of the force on it, of any length.
+            point: (3,) [m] of the surface.
+            direction: (3,) of the force on it, of any length.
             accuracy: [m].
 
         Returns:
             inf where the calibration alone errs by more.
         """
-        push = np.asarray(direction, dtype=np.float64) / np.linalg.norm(direction)
-        wrench = np.concatenate([push, np.cross(point, push)])
+        push = np.asarray(direction, dtype=np.float64)
+        push = push / np.linalg.norm(push)
+        wrench = np.concatenate([push, np.cross(np.asarray(point, dtype=np.float64), push)])
         noise, doubt = self._deviation(wrench, calibrated=False), self._deviation(wrench, calibrated=True)
         left = accuracy**2 - max(0.0, doubt**2 - noise**2)
         return float(noise / np.sqrt(left)) if left > 0 else np.inf

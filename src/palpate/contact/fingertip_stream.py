@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -76,7 +77,9 @@ class FingertipStream:
         """Those that waited for the zero of their start."""
         if not waiting:
             return
-        rest = [part.channels[VOLTAGE][part.time <= begun + self.seconds] for part in waiting if VOLTAGE in part.channels]
+        rest = [
+            part.channels[VOLTAGE][part.time <= begun + self.seconds] for part in waiting if VOLTAGE in part.channels
+        ]
         if not rest:
             raise InputError("the log has no voltages.", where=waiting[0].source, mend="Name them in [load_cells].")
         self._starts += 1
@@ -85,7 +88,9 @@ class FingertipStream:
         except InputError as problem:
             if self._starts == 1:
                 raise
-            self.doubted.append(f"the start at {begun:.3f} s is not at rest, so the zero before it is kept ({problem.what})")
+            self.doubted.append(
+                f"the start at {begun:.3f} s is not at rest, so the zero before it is kept ({problem.what})"
+            )
         else:
             self.said += [zero.said] if self._starts == 1 else []
             self.doubted += [zero.doubt] if zero.doubt else []
@@ -116,7 +121,7 @@ def _parts(block: Recording, last: float) -> Iterator[tuple[Recording, bool]]:
     steps = np.diff(block.time, prepend=last)
     fresh = np.flatnonzero((steps > RESTART) | (steps < 0))
     edges = np.unique(np.concatenate([[0], fresh, [len(block)]]))
-    for begin, end in zip(edges[:-1], edges[1:], strict=True):
+    for begin, end in pairwise(edges.tolist()):
         yield block.picked(slice(begin, end)), bool(np.isnan(last)) if begin == 0 and begin not in fresh else True
         last = 0.0
 

@@ -88,7 +88,9 @@ class _LoadCellsFile:
 def write_load_cells(path: Path, cells: LoadCells) -> None:
     """Write a model of load cells."""
     document = tomlkit.document()
-    document.add(tomlkit.comment("Cells under a rigid frame: u = C (I + E) w + b. Written by `palpate calibrate load-cells`."))
+    document.add(
+        tomlkit.comment("Cells under a rigid frame: u = C (I + E) w + b. Written by `palpate calibrate load-cells`.")
+    )
     document.add("kind", tomlkit.item("load_cells"))
     law = cells.indentation
     plain = {
@@ -101,14 +103,15 @@ def write_load_cells(path: Path, cells: LoadCells) -> None:
     for name, (value, comment) in plain.items():
         document.add(name, tomlkit.item(value).comment(comment))
     limits = np.clip(cells.limits, -UNBOUNDED, UNBOUNDED)
-    places = [row.tolist() if np.isfinite(row).all() else [] for row in cells.positions]
-    for name, rows, comment in (
+    places: list[list[float]] = [row.tolist() if np.isfinite(row).all() else [] for row in cells.positions]
+    tables: tuple[tuple[str, list[list[float]], str], ...] = (
         ("positions", places, "m, of the cells, as far as they are known"),
         ("limits", limits.tolist(), "V, lowest and highest of each channel; 1e18 is none"),
         ("matrix", cells.matrix.tolist(), "C: V/N and V/(N m), channel by channel, force first"),
         ("noise", cells.noise.tolist(), "V^2, covariance of one reading"),
         ("covariance", cells.covariance.tolist(), "of E, row by row: 36 x 36"),
-    ):
+    )
+    for name, rows, comment in tables:
         document.add(tomlkit.comment(comment))
         document.add(name, toml_array(rows) if all(rows) else tomlkit.item(rows))
     document.add("notes", tomlkit.item(list(cells.notes)))

@@ -24,7 +24,7 @@ def correlation_time(values: Float[np.ndarray, "n k"]) -> Float[np.ndarray, " k"
     """
     count = len(values)
     if count < 4:
-        return np.ones(values.shape[1])
+        return np.ones(len(values.T))
     centred = values - values.mean(axis=0)
     padded = 1 << (2 * count - 1).bit_length()
     spectrum = np.abs(np.fft.rfft(centred, padded, axis=0)) ** 2

@@ -54,9 +54,7 @@ class Gauges:
         return ForceTorque(noise, self.limits)
 
 
-def certified_noise(
-    errors: Float[np.ndarray, "n 6"], limits: Float[np.ndarray, "6"]
-) -> Float[np.ndarray, "6 6"]:
+def certified_noise(errors: Float[np.ndarray, "n 6"], limits: Float[np.ndarray, "6"]) -> Float[np.ndarray, "6 6"]:
     """Covariance [N, N m] of what a sensor errs, from certified load cases.
 
     Mean outer product about zero: a maker's errors are systematic, and their mean is one of them. With n cases its

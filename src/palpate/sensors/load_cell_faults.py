@@ -25,10 +25,12 @@ PREFIX = 300.0  # a gain so far off is a prefix of the unit
 
 @dataclass(frozen=True)
 class Fault:
-    """Attributes:
-    cells: numbers from 0; kind: "dead", "saturated", "swapped", "drifting", "unit", "gain" or "several".
-    share: of the samples in which it shows.
-    said: the sentence, with what to do.
+    """What is wrong.
+
+    Attributes:
+        cells: numbers from 0; kind: "dead", "saturated", "swapped", "drifting", "unit", "gain" or "several".
+        share: of the samples in which it shows.
+        said: the sentence, with what to do.
     """
 
     cells: tuple[int, ...]
@@ -111,7 +113,7 @@ def _named(cell: int, seen: np.ndarray, due: np.ndarray, bad: np.ndarray, names:
     gains = np.sum(seen * due, axis=0) / np.sum(due**2, axis=0)
     odd = np.flatnonzero((np.abs(gains) > PREFIX) | (np.abs(gains) < 1 / PREFIX))
     if len(odd):
-        which = names[odd[0]] if names else f"channel {'xyz'[odd[0]]} of {name}"
+        which = names[int(odd[0])] if names else f"channel {'xyz'[int(odd[0])]} of {name}"
         return Fault(
             (cell,),
             "unit",
@@ -135,7 +137,7 @@ def _repeats(values: np.ndarray) -> bool:
 def _moves(values: np.ndarray) -> Float[np.ndarray, "3"]:
     """How much each channel usually changes meanwhile; jumps between logs do not count."""
     lag = max(1, len(values) // LAGS)
-    return np.median(np.abs(values[lag:] - values[:-lag]), axis=0) if len(values) > lag else np.zeros(values.shape[1])
+    return np.median(np.abs(values[lag:] - values[:-lag]), axis=0) if len(values) > lag else np.zeros(3)
 
 
 def _steady(off: np.ndarray, due: np.ndarray) -> bool:
@@ -149,7 +151,7 @@ def _swapped(cells: LoadCells, some: np.ndarray, kept: np.ndarray, share: float)
     """The two cells that agree with the others when they are exchanged."""
     best, least, bound = None, AGREE, _bound(3 * int(kept.sum()) - 6)
     for one, other in combinations(np.flatnonzero(kept).tolist(), 2):
-        order = np.arange(some.shape[1]).reshape(-1, 3)
+        order = np.arange(len(some.T)).reshape(-1, 3)
         order[[one, other]] = order[[other, one]]
         agree = float(np.mean(cells.chi_square(some[:, order.reshape(-1)], kept) <= bound))
         if agree > least:

@@ -75,7 +75,9 @@ def take_zero(cells: LoadCells, voltages: Float[np.ndarray, "n m"], where: str =
             mend="Let the log begin with nothing touching the fingertip, and set tare to that time [s].",
         )
     zero = usable.mean(axis=0)
-    said = f"zero of the cells from {len(usable)} samples at the start, known to {1e6 * noise.max() / count**0.5:.2g} uV"
+    said = (
+        f"zero of the cells from {len(usable)} samples at the start, known to {1e6 * noise.max() / count**0.5:.2g} uV"
+    )
     alone = f"cell {restless[0] + 1} alone is not at rest at the start: it drifts" if len(restless) else ""
     return Zero(zero, 1.0 / count, said, alone or _doubt(cells, zero))
 

@@ -62,7 +62,7 @@ class Indentation:
         object.__setattr__(self, "covariance", frozen(self.covariance, tail=(2, 2), name="covariance"))
 
     def __call__(self, pressing: Float[np.ndarray, "*batch"]) -> Float[np.ndarray, "*batch"]:
-        """d [m] under |F . n| [N]."""
+        """Depth [m] under |F . n| [N]."""
         return self.depth * np.abs(pressing) ** self.exponent
 
 

@@ -110,7 +110,7 @@ def _fitted(cells: LoadCells, prior: np.ndarray, size: np.ndarray) -> tuple[np.n
 
 
 def _equations(cells: LoadCells, found: np.ndarray) -> tuple[Float[np.ndarray, "36"], Float[np.ndarray, "36 p"]]:
-    """sum (S_i; [l_i]x S_i) C_i - 1 row by row, and its derivatives by all S_i and l_i."""
+    """Left sides of sum (S_i; [l_i]x S_i) C_i - 1 = 0, row by row, and their derivatives by all S_i and l_i."""
     count = cells.cells
     singles, places = found[: 9 * count].reshape(-1, 3, 3), found[9 * count :].reshape(-1, 3)
     left, slopes = -np.eye(6), np.zeros((36, len(found)))

@@ -9,7 +9,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-__all__ = ["KINDS", "Kind", "Messages", "Source", "Topic", "decode", "merged", "seconds"]
+__all__ = ["ARRAYS", "KINDS", "Kind", "Messages", "Source", "Topic", "decode", "decode_array", "merged", "seconds"]
 
 
 @dataclass(frozen=True)
@@ -17,7 +17,7 @@ class Kind:
     """Where the numbers of a type of message are.
 
     Args:
-        role: "wrench", "pose" or "acceleration".
+        role: "wrench", "pose", "acceleration" or "voltage".
         size: bytes of doubles after the header and the strings.
         first, last: which of these bytes are the numbers wanted.
         strings: how many there are in front, that of the header among them; 0 is a type without a header.
@@ -30,6 +30,7 @@ class Kind:
     strings: int = 1
 
 
+_MOST_DIMENSIONS = 8
 KINDS: Mapping[str, Kind] = {
     "geometry_msgs/WrenchStamped": Kind("wrench", 48, 0, 48),
     "geometry_msgs/Wrench": Kind("wrench", 48, 0, 48, strings=0),
@@ -42,6 +43,7 @@ KINDS: Mapping[str, Kind] = {
     "geometry_msgs/Vector3Stamped": Kind("acceleration", 24, 0, 24),
     "sensor_msgs/Imu": Kind("acceleration", 296, 200, 224),  # behind 4 + 9 + 3 + 9 doubles, before its covariance
 }
+ARRAYS: Mapping[str, Kind] = {"std_msgs/Float64MultiArray": Kind("voltage", 0, 0, 0, strings=0)}  # see `decode_array`
 
 
 @dataclass(frozen=True)
@@ -156,6 +158,61 @@ def decode(
     values = _numbers(messages.data, at + kind.first, "f8", (kind.last - kind.first) // 8, sound, little)
     values[np.isnan(values)] = np.nan  # of the many that bytes can make, the one that arithmetic does not warn of
     return stamps, values, sound
+
+
+def decode_array(
+    messages: Messages, count: int, encoding: str
+) -> tuple[Int[np.ndarray, " n"], Float[np.ndarray, "n k"], Bool[np.ndarray, " n"]]:
+    """The same of Float64MultiArray: `count` numbers; a message with another number of them cannot be read.
+
+    In front of them are its dimensions (a label, size and stride each), which say nothing more, and an offset.
+    """
+    little = np.ones(len(messages.start), dtype=bool)
+    cdr = encoding == "cdr"
+    at, end = messages.start.copy(), messages.start + messages.length
+    sound = messages.length >= (4 if cdr else 0)
+    if cdr:
+        representation = _taken(messages.data, at, 2, sound)
+        little = representation[:, 1] == 1
+        sound &= (representation[:, 0] == 0) & (representation[:, 1] <= 1)
+        at += 4
+    origin = at.copy()
+    left = _count(messages.data, at, end, sound, little)
+    at += 4
+    sound &= left <= _MOST_DIMENSIONS
+    for _ in range(_MOST_DIMENSIONS):
+        more = sound & (left > 0)
+        if not more.any():
+            break
+        start = at + np.where(cdr, -(at - origin) % 4, 0)
+        whole = more.copy()
+        length = _count(messages.data, start, end, whole, little)
+        sound &= whole | ~more
+        start += 4 + length
+        start += np.where(cdr, -(start - origin) % 4, 0) + 8
+        at, left = np.where(more, start, at), left - more
+    at += 4 + np.where(cdr, -(at - origin) % 4, 0)
+    sound &= _count(messages.data, at, end, sound, little) == count
+    at += 4
+    at += np.where(cdr, -(at - origin) % 8, 0)
+    sound &= at + 8 * count <= end
+    values = _numbers(messages.data, at, "f8", count, sound, little)
+    values[np.isnan(values)] = np.nan
+    return np.zeros(len(at), dtype=np.int64), values, sound
+
+
+def _count(
+    data: bytes,
+    at: Int[np.ndarray, " n"],
+    end: Int[np.ndarray, " n"],
+    sound: Bool[np.ndarray, " n"],
+    little: Bool[np.ndarray, " n"],
+) -> Int[np.ndarray, " n"]:
+    """A length that stands at each place; what is not whole, or too long to be one, makes a message unsound."""
+    sound &= at + 4 <= end
+    found = _numbers(data, at, "u4", 1, sound, little)[:, 0].astype(np.int64)
+    sound &= found <= end - at
+    return np.where(sound, found, 0)
 
 
 def seconds(nanoseconds: Int[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:

@@ -51,9 +51,8 @@ class Samples:
             others: the channels besides force and torque, in SI.
         """
         time = np.where(np.abs(time) <= LATEST, time, np.nan)
-        channels = {name: self._bounded(values) for name, values in others.items()}
-        if wrench is not None:
-            channels |= self._wrench(wrench)
+        channels = {} if wrench is None else self._wrench(wrench)
+        channels |= {name: self._bounded(values) for name, values in others.items()}
         if VOLTAGE in channels:
             channels[VOLTAGE] = channels[VOLTAGE] * self._volts
         if ORIENTATION in channels:

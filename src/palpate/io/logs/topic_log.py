@@ -11,20 +11,22 @@ from jaxtyping import Float
 
 from palpate.errors import InputError
 from palpate.io.logs.layout import Layout
-from palpate.io.logs.messages import KINDS, Messages, Source, Topic, decode, seconds
+from palpate.io.logs.messages import ARRAYS, KINDS, Messages, Source, Topic, decode, decode_array, seconds
 from palpate.io.logs.samples import Samples
 from palpate.io.logs.topics import READ, choose, sentence
+from palpate.sensors.load_cells import VOLTAGE
 from palpate.sensors.pose_track import PoseTrack
 from palpate.sensors.recording import ACCELERATION, ORIENTATION, POSITION, Recording
 
 __all__ = ["TopicLog"]
 
 BLOCK = 1 << 13  # rows
+MAIN = ("wrench", "voltage")  # what each row is made of
 HELD = 1 << 16  # rows that wait for a pose; a topic that fell silent must not hold the others for ever
 
 
 class TopicLog:
-    """One sample a wrench, in the order of the file; times are the stamps of the headers."""
+    """One sample a wrench, or an array of voltages, in the order of the file; times are the stamps of the headers."""
 
     def __init__(self, path: Path, layout: Layout, source: Source) -> None:
         self.path, self._layout, self._source = path, layout, source
@@ -48,13 +50,13 @@ class TopicLog:
     def blocks(self) -> Iterator[Recording]:
         """See `palpate.io.logs.log.Log`."""
         chosen = choose(self._source, self._layout, self.path)
-        streams = {role: _Stream(topic, self._source) for role, topic in chosen.items()}
+        streams = {role: _Stream(topic, self._source, len(self._layout.voltages)) for role, topic in chosen.items()}
         self._join = join = _Join(streams, Samples(self._layout, self.path), self._layout)
         for messages in self._source.messages([stream.topic.name for stream in streams.values()]):
             yield from join.take(messages)
         yield from join.finish()
         if not join.rows:
-            name = streams["wrench"].topic.name
+            name = streams["voltage" if "voltage" in streams else "wrench"].topic.name
             raise InputError(f"topic {name!r} has no messages.", where=str(self.path), mend=sentence(self.torn))
 
     def poses(self) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, "k 7"]]:
@@ -75,19 +77,24 @@ class TopicLog:
 class _Stream:
     """The times and numbers of one topic."""
 
-    def __init__(self, topic: Topic, source: Source) -> None:
-        self.topic, self._kind = topic, KINDS[topic.kind]
+    def __init__(self, topic: Topic, source: Source, numbers: int = 0) -> None:
+        self.topic, self._kind, self._numbers = topic, {**KINDS, **ARRAYS}[topic.kind], numbers
         self.count = self.unread = 0
         self._stamped = self._has_stamps(source)
 
     def read(self, messages: Messages) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n k"]]:
         """Times [s] and numbers; NaN where a message is cut or of another make."""
         messages = messages.of(self.topic)
-        stamps, values, sound = decode(messages, self._kind, self.topic.encoding)
+        stamps, values, sound = self._decoded(messages)
         time = np.where(sound, seconds(stamps if self._stamped else messages.time), np.nan)
         self.count += len(sound)
         self.unread += int(np.count_nonzero(~sound))
         return time, values
+
+    def _decoded(self, messages: Messages) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        if self._kind.role == "voltage":
+            return decode_array(messages, self._numbers, self.topic.encoding)
+        return decode(messages, self._kind, self.topic.encoding)
 
     def notes(self) -> tuple[str, ...]:
         """What was odd."""
@@ -118,8 +125,9 @@ class _Join:
     def __init__(self, streams: dict[str, _Stream], samples: Samples, layout: Layout) -> None:
         self._streams, self._samples, self._layout = streams, samples, layout
         offsets = {"pose": layout.offset, "acceleration": 0.0}
-        self._tracks = {role: PoseTrack(offsets[role], layout.max_gap) for role in streams if role != "wrench"}
-        self._waiting: list[np.ndarray] = []  # time and wrench
+        self._tracks = {role: PoseTrack(offsets[role], layout.max_gap) for role in streams if role not in MAIN}
+        self._main = "voltage" if "voltage" in streams else "wrench"
+        self._waiting: list[np.ndarray] = []  # time and wrench, or voltages
         self._fresh = self.rows = self._lost = 0
 
     def take(self, messages: Messages) -> Iterator[Recording]:
@@ -130,8 +138,8 @@ class _Join:
                 track.add(time, values[:, 3:], values[:, :3])
             else:  # what runs straight between its readings is a position too
                 track.add(time, np.tile([0.0, 0.0, 0.0, 1.0], (len(time), 1)), values)
-        time, wrench = self._streams["wrench"].read(messages)
-        self._waiting.append(np.column_stack([time, wrench]))
+        time, values = self._streams[self._main].read(messages)
+        self._waiting.append(np.column_stack([time, values]))
         self._fresh += len(time)
         if self._fresh >= BLOCK:
             self._fresh = 0
@@ -165,7 +173,11 @@ class _Join:
         self._waiting = [rows[ready:]]
         if ready:
             self.rows += ready
-            yield self._samples.block(time[:ready], rows[:ready, 1:], self._others(time[:ready]))
+            others, values = self._others(time[:ready]), rows[:ready, 1:]
+            wrench = values if self._main == "wrench" else None
+            if wrench is None:
+                others[VOLTAGE] = values
+            yield self._samples.block(time[:ready], wrench, others)
         oldest = float(np.min(time, initial=np.inf, where=np.isfinite(time)))
         for track in self._tracks.values() if np.isfinite(oldest) else ():
             track.forget(oldest)

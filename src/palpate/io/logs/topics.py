@@ -7,33 +7,38 @@ from pathlib import Path
 
 from palpate.errors import InputError
 from palpate.io.logs.layout import Layout
-from palpate.io.logs.messages import KINDS, Source, Topic
+from palpate.io.logs.messages import ARRAYS, KINDS, Source, Topic
 from palpate.io.units import near
 
 __all__ = ["READ", "choose", "sentence"]
 
+_READ = {**KINDS, **ARRAYS}
 _ENCODINGS = ("cdr", "ros1")
 _SHOWN = 12  # topics in a sentence
 
 
 def choose(source: Source, layout: Layout, path: Path) -> dict[str, Topic]:
-    """What "wrench", "pose" and "acceleration" are taken from, as far as they are there.
+    """What "wrench" (or "voltage", where load cells are read), "pose" and "acceleration" are taken from.
+
+    The last two as far as they are there.
 
     Raises:
         InputError: a topic that is named is not there or holds something else, or several could be meant.
     """
     topics = source.topics()
-    wrench = _named(topics, "wrench", layout.wrench_topic, path) or _only(topics, "wrench", path)
+    role = "voltage" if layout.voltages else "wrench"
+    name = layout.voltage_topic if layout.voltages else layout.wrench_topic
+    wrench = _named(topics, role, name, path) or _only(topics, role, path)
     if wrench is None:
         listed = ", ".join(f"{t.name} ({t.kind or 'of no type'}, {t.count:,})" for t in topics[:_SHOWN])
         raise InputError(
-            f"no topic holds wrenches; {f'there is {listed}' if listed else 'there is no topic at all'}.",
+            f"no topic holds {_MANY[role]}; {f'there is {listed}' if listed else 'there is no topic at all'}.",
             where=str(path),
-            mend=sentence(source.torn) or READ["wrench"],
+            mend=sentence(source.torn) or READ[role],
         )
     pose = _named(topics, "pose", layout.orientation_topic, path) or _only(topics, "pose", path)
     acceleration = _named(topics, "acceleration", layout.acceleration_topic, path)  # an accelerometer may sit anywhere
-    chosen = {"wrench": wrench, "pose": pose, "acceleration": acceleration}
+    chosen = {role: wrench, "pose": pose, "acceleration": acceleration}
     return {role: topic for role, topic in chosen.items() if topic is not None}
 
 
@@ -72,16 +77,18 @@ def _only(topics: Sequence[Topic], role: str, path: Path) -> Topic | None:
 
 
 def _fits(topic: Topic, role: str) -> bool:
-    return topic.kind in KINDS and KINDS[topic.kind].role == role and topic.encoding in _ENCODINGS
+    return topic.kind in _READ and _READ[topic.kind].role == role and topic.encoding in _ENCODINGS
 
 
 def _kinds(role: str) -> str:
-    return ", ".join(name.split("/")[1] for name, kind in KINDS.items() if kind.role == role)
+    return ", ".join(name.split("/")[1] for name, kind in _READ.items() if kind.role == role)
 
 
-_TABLES = {"wrench": "force_torque", "pose": "orientation", "acceleration": "acceleration"}
+_MANY = {"wrench": "wrenches", "voltage": "voltages"}
+_TABLES = {"wrench": "force_torque", "pose": "orientation", "acceleration": "acceleration", "voltage": "load_cells"}
 READ = {
     "wrench": f"Wrenches are read from {_kinds('wrench')}.",
     "pose": f"Poses are read from {_kinds('pose')}; not from the tree of /tf, so record the sensor's pose on a topic.",
     "acceleration": f"Accelerations are read from {_kinds('acceleration')}.",
+    "voltage": f"Voltages of load cells are read from {_kinds('voltage')}, three a cell.",
 }
