@@ -14,7 +14,8 @@ that is the global start.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
@@ -27,11 +28,14 @@ from palpate.spatial.pose import skew
 __all__ = ["Fit", "Touches", "Zeros", "fit", "linear_start", "touches"]
 
 START = np.array([17e-3] * 3 + [100e-6] * 2 + [1e-4])  # N, m, N m: standard deviations before any residual is seen
-ROUNDS = 30  # of whitening again by what the fit leaves, at most
+# Of whitening again by what the fit leaves. More would not be better: where whitening and fit settle together, the
+# determinant of what is left is least, and a B that scatters less is preferred to one that is right.
+ROUNDS = 2
 OUTLYING = 3.0  # whitened residuals beyond which a component counts less (Huber)
 LAW = np.array([0.0, 0.2]), np.array([2e-3, 1.2])  # bounds of depth [m] at 1 N, and exponent
 LAW_START = np.array([2e-4, 0.5])
-SETTLED = 1e-10  # relative change of cost at which the solver stops
+SETTLED = 1e-13  # relative change of cost at which the solver stops
+SAME = 1e-9  # of the cost: by less, the first of two starts is followed
 STEPS, MOST_DAMPING = 100, 1e6
 LIGHTEST = 1e-3  # N: the pressing force is not taken to be less, wherever a start goes
 
@@ -72,8 +76,9 @@ class Fit:
     Attributes:
         matrix: (6, 6) B; law: depth and exponent, or empty.
         covariance: of (B row by row, law).
-        residuals: (n, 6) [N, m, N m]; scales: (n, 6) their standard deviations as used.
-        cost: half the sum of whitened squares; whitening: (6, 6) covariance of residuals at unit weight.
+        residuals: (n, 6) [N, m, N m].
+        cost: half the sum of whitened squares; correlation: (6,) blocks that tell as much as one independent block.
+        followed: which of the starts.
     """
 
     matrix: Float[np.ndarray, "6 6"]
@@ -81,7 +86,8 @@ class Fit:
     covariance: Float[np.ndarray, "p p"]
     residuals: Float[np.ndarray, "n 6"]
     cost: float
-    correlation: Float[np.ndarray, "6"] = field(default_factory=lambda: np.ones(6))
+    correlation: Float[np.ndarray, "6"]
+    followed: int
 
     @property
     def indentation(self) -> Indentation | None:
@@ -160,20 +166,21 @@ def _step(normal: Float[np.ndarray, "p p"], gradient: Float[np.ndarray, " p"], d
     return np.linalg.solve(scaled, gradient / size) / size
 
 
-def fit(data: Touches, start: Float[np.ndarray, "6 6"], zeros: Zeros, *, indented: bool, robust: bool) -> Fit:
-    """The nonlinear least squares, whitened again by what it leaves, until that settles."""
+def fit(
+    data: Touches, starts: Sequence[Float[np.ndarray, "6 6"]], zeros: Zeros, *, indented: bool, robust: bool
+) -> Fit:
+    """The nonlinear least squares from the better of some starts, whitened again by what it leaves."""
     law = LAW_START.copy() if indented else np.zeros(0)
-    found, whitening = np.concatenate([start.reshape(-1), law]), _Whitening(np.diag(1.0 / START))
-    found, cost = _solve(data, found, whitening, robust=robust)
+    whitening = _Whitening(np.diag(1.0 / START))
+    ends = [_solve(data, np.concatenate([start.reshape(-1), law]), whitening, robust=robust) for start in starts]
+    followed = int(np.argmin([cost * (1.0 + (k > 0) * SAME) for k, (_, cost) in enumerate(ends)]))
+    found, cost = ends[followed]
     for _ in range(ROUNDS):
-        before = cost
         whitening = _Whitening.of(residuals(data, found[:36].reshape(6, 6), found[36:])[0])
         found, cost = _solve(data, found, whitening, robust=robust)
-        if abs(cost - before) <= SETTLED * cost:
-            break
     covariance, times = _covariance(data, found, whitening, zeros)
     left = residuals(data, found[:36].reshape(6, 6), found[36:])[0]
-    return Fit(found[:36].reshape(6, 6), found[36:], covariance, left, cost, times)
+    return Fit(found[:36].reshape(6, 6), found[36:], covariance, left, cost, times, followed)
 
 
 @dataclass(frozen=True, eq=False)

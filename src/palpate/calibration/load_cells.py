@@ -108,7 +108,8 @@ def identify_load_cells(
         limits: (3 k, 2) range of each channel [V].
         noise: (3 k,) or (3 k, 3 k) of one reading; None: as the unloaded stretches show it.
         least: [N] lighter touches are left out.
-        start: (6, 3 k) a map from voltages to wrenches to start from; None: the linear least squares.
+        start: (6, 3 k) a map from voltages to wrenches to start from, beside the linear least squares; where it leads
+            to a worse fit, it is not followed, and that is said.
         robust: what lies more than three deviations out counts less.
         names: of the channels, for messages.
         provenance: kept in the model.
@@ -137,13 +138,14 @@ def identify_load_cells(
     check_response(white, blocks.forces, contact)
     y = white @ basis
     data = touches(blocks, y, contact, normal)
-    first = linear_start(data, np.zeros(0)) if start is None else np.asarray(start) @ lower @ basis
+    starts = [] if start is None else [np.asarray(start, dtype=np.float64) @ lower @ basis]
+    starts.append(linear_start(data, np.zeros(0)))
     resting = float(np.mean([rest.rows[1] - rest.rows[0] for rest in found])) / correlation
     zeros = Zeros(
         tuple(np.flatnonzero(blocks.run == run) for run in np.unique(blocks.run)),
         np.array([1.0] * 6 + [reference**2] * 3) / resting,
     )
-    answer = fit(data, first, zeros, indented=indentation, robust=robust)
+    answer = fit(data, starts, zeros, indented=indentation, robust=robust)
     drift, misfit = _unexplained(white, basis, blocks, correlation)
     matrix = lower @ basis @ np.linalg.inv(answer.matrix)
     cells = LoadCells(
@@ -161,7 +163,8 @@ def identify_load_cells(
         provenance=provenance,
     )
     covered = coverage(data, cells)
-    notes = (*doubts, *covered.notes)
+    lost = ("The start that was given leads to a worse fit than the linear one, and was not followed.",)
+    notes = (*doubts, *(lost if start is not None and answer.followed == 1 else ()), *covered.notes)
     return LoadCellCalibration(
         with_changes(cells, notes=notes),
         blocks.time,
