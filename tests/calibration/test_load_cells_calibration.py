@@ -109,7 +109,7 @@ def test_derivatives_are_those_of_differences(law: np.ndarray) -> None:
 
 def test_missing_directions_and_starts_are_named() -> None:
     quiet = replace(RIGID, friction=(0.0, 0.0), paths=RIGID.paths[:2])
-    with pytest.raises(NotIdentifiable, match=r"too few directions: .*force along y"):
+    with pytest.raises(NotIdentifiable, match=r"too few directions, for want of .*force along y"):
         fitted(quiet.run(0, thin=10))
     run = log()
     with pytest.raises(InputError, match="does not begin unloaded"):

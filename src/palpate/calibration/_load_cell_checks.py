@@ -65,7 +65,7 @@ def check_directions(forces: Float[np.ndarray, "n 3"], contact: Float[np.ndarray
         return
     missing = tuple(wrench_direction(row) for row in directions[~known])
     raise NotIdentifiable(
-        f"the log holds too few directions: nothing pushed along {'; '.join(missing)}. "
+        f"the log holds too few directions, for want of {'; '.join(missing)}. "
         "Slide the ball over the whole surface in directions that cross, so that friction pulls along x and y.",
         rank=int(known.sum()),
         missing=missing,

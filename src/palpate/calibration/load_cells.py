@@ -21,6 +21,7 @@ __all__ = ["LoadCellCalibration", "Projecting", "identify_load_cells"]
 
 BALL = 2e-3  # m: radius of the paper's ball, of 4 mm diameter
 LEAST = 0.3  # N: lighter touches are left out
+BEYOND = 5.0  # times the reference's noise that they must also be
 FEWEST = 200  # blocks
 NOWHERE = 5.0  # times its radius: a log that cannot be meant
 FARTHEST = 0.2  # of the ball's radius: how far off the surface its centre may say that it touches, before it is said
@@ -124,6 +125,7 @@ def identify_load_cells(
     stated = seen if noise is None else np.asarray(noise, dtype=np.float64)
     stated = np.diag(stated**2) if stated.ndim == 1 else stated
     check_channels(rows.voltages, found, seen, limits, rows.names)
+    least = max(least, BEYOND * reference)
     blocks = blocks_of(found, *rows.arrays, least)
     if len(blocks.time) < FEWEST:
         raise InputError(

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
 
-from palpate.contact.estimate import ROW, ContactEstimate
+from palpate.contact.estimate import ROW, ContactEstimate, Status
 from palpate.errors import InputError, NotIdentifiable
 from palpate.sensors.load_cell_zero import Zero, take_zero
 from palpate.sensors.load_cells import LoadCells
@@ -134,9 +135,12 @@ class Fingertip:
         Raises:
             InputError: the window does not stand still, or is too short.
         """
-        self.set_zero(take_zero(self.cells, voltages, where))
+        zero = take_zero(self.cells, voltages, where)
+        if zero.touch is not None and not self._presses(zero.touch):
+            zero = replace(zero, doubt="", touch=None)
+        self.set_zero(zero)
         self.reset()
-        return self.zero
+        return zero
 
     def __call__(self, voltages: ArrayLike, out: Float[np.ndarray, "22"]) -> None:
         """Voltages (m,) to a row of `empty()`; carries the hysteresis. What a control loop calls."""
@@ -190,6 +194,12 @@ class Fingertip:
         noise, doubt = self._deviation(wrench, calibrated=False), self._deviation(wrench, calibrated=True)
         left = accuracy**2 - max(0.0, doubt**2 - noise**2)
         return float(noise / np.sqrt(left)) if left > 0 else np.inf
+
+    def _presses(self, wrench: Float[np.ndarray, "6"]) -> bool:
+        """Whether a touch of the surface makes such a wrench."""
+        row = self.empty()
+        self._single(wrench.copy(), self._noise[:1].copy(), self._doubts, self._settings, row, np.zeros((2, 6)))
+        return bool(row[ROW.status] == Status.CONTACT)
 
     def _deviation(self, wrench: Float[np.ndarray, "6"], *, calibrated: bool) -> float:
         """3-D standard deviation [m] of the point of a wrench of 1 N, rigid."""

@@ -122,8 +122,7 @@ def _parts(block: Recording, last: float) -> Iterator[tuple[Recording, bool]]:
     fresh = np.flatnonzero((steps > RESTART) | (steps < 0))
     edges = np.unique(np.concatenate([[0], fresh, [len(block)]]))
     for begin, end in pairwise(edges.tolist()):
-        yield block.picked(slice(begin, end)), bool(np.isnan(last)) if begin == 0 and begin not in fresh else True
-        last = 0.0
+        yield block.picked(slice(begin, end)), begin > 0 or begin in fresh or bool(np.isnan(last))
 
 
 def _first(time: Float[np.ndarray, " n"]) -> float:

@@ -94,9 +94,10 @@ def _alone(
             agree[cell] = np.mean(cells.chi_square(some, others) <= _bound(freedom))
         except NotIdentifiable:
             continue
-    cell = int(agree.argmax())
-    if agree[cell] < AGREE:
+    if agree.max() < AGREE:
         return None
+    stuck = [cell for cell in np.flatnonzero(agree >= AGREE) if _repeats(usable[:, 3 * cell : 3 * cell + 3])]
+    cell = int(stuck[0]) if len(stuck) == 1 else int(agree.argmax())  # one channel's fault can look like another's
     others = kept & (np.arange(cells.cells) != cell)
     rows = slice(3 * cell, 3 * cell + 3)
     due = cells.wrenches(usable, others)[0] @ cells.matrix[rows].T
@@ -107,7 +108,7 @@ def _named(cell: int, seen: np.ndarray, due: np.ndarray, bad: np.ndarray, names:
     """What a cell's readings say of its fault, beside what they should be."""
     name, share = f"cell {cell + 1}", float(bad.mean())
     rest = "; the other cells go on without it, with wider covariances"
-    if np.all(_moves(seen) <= STILL * _moves(due).max()):
+    if np.all(_moves(seen) <= STILL * _moves(due).max()) or np.all(seen.std(axis=0) <= STILL * due.std(axis=0).max()):
         return Fault((cell,), "dead", share, f"{name} is dead: it does not answer to load{rest}")
     seen, due = seen[bad], due[bad]
     gains = np.sum(seen * due, axis=0) / np.sum(due**2, axis=0)

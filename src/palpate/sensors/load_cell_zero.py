@@ -27,12 +27,14 @@ class Zero:
     Attributes:
         voltage: (m,) [V]; share: its variance over that of one reading.
         said: what was taken. doubt: why it may be wrong, or nothing.
+        touch: (6,) the wrench that a change of the zero since the calibration looks like, if it does.
     """
 
     voltage: Float[np.ndarray, " m"]
     share: float = 0.0
     said: str = ""
     doubt: str = ""
+    touch: Float[np.ndarray, "6"] | None = None
 
 
 def take_zero(cells: LoadCells, voltages: Float[np.ndarray, "n m"], where: str = "") -> Zero:
@@ -79,19 +81,23 @@ def take_zero(cells: LoadCells, voltages: Float[np.ndarray, "n m"], where: str =
         f"zero of the cells from {len(usable)} samples at the start, known to {1e6 * noise.max() / count**0.5:.2g} uV"
     )
     alone = f"cell {restless[0] + 1} alone is not at rest at the start: it drifts" if len(restless) else ""
-    return Zero(zero, 1.0 / count, said, alone or _doubt(cells, zero))
+    touch = None if alone else _touch(cells, zero)
+    doubt = "" if touch is None else _LIKE.format(float(np.linalg.norm(touch[:3])))
+    return Zero(zero, 1.0 / count, said, alone or doubt, touch)
 
 
-def _doubt(cells: LoadCells, zero: Float[np.ndarray, " m"]) -> str:
+_LIKE = (
+    "since the calibration the zero changed as a touch of {:.2g} N would change it: "
+    "make sure that nothing touched at the start"
+)
+
+
+def _touch(cells: LoadCells, zero: Float[np.ndarray, " m"]) -> Float[np.ndarray, "6"] | None:
+    """The wrench that explains nearly all of the change of the zero, if there is one of some weight."""
     change = zero - cells.bias
     inverse, _, rest = cells.inverse()
     wrench = inverse @ change
     metric = np.linalg.solve(np.linalg.cholesky(cells.noise), change)
-    force = float(np.linalg.norm(wrench[:3]))
     unlike = float(np.sum((rest @ change) ** 2) / max(metric @ metric, 1e-300))
-    if not len(rest) or force < HEAVY or unlike > LIKE_TOUCH:
-        return ""
-    return (
-        f"since the calibration the zero changed as a touch of {force:.2g} N would change it: "
-        "make sure that nothing touched at the start"
-    )
+    like = len(rest) > 0 and unlike <= LIKE_TOUCH and float(np.linalg.norm(wrench[:3])) >= HEAVY
+    return wrench if like else None
