@@ -68,7 +68,7 @@ def press(probe: Probe, mark: np.ndarray, way: np.ndarray, pad: Pad, twist: floa
     reduced = 1.0 / (1.0 / pad.radius + 1.0 / 0.03)  # only to choose a step: the probes curve with some 30 mm
     deepest = np.sqrt(LARGEST / (pad.stiffness * np.pi * reduced))
     begin = _touching(points, way, mark, pad.radius)
-    bristles, wrenches, centroids, slips = np.zeros_like(points), [], [], []
+    bristles, wrenches, middles, slips = np.zeros_like(points), [], [], []
     step, turn = deepest / STEPS, twist / STEPS
     for number in range(1, 6 * STEPS):
         centre = begin + number * step * way
@@ -87,13 +87,14 @@ def press(probe: Probe, mark: np.ndarray, way: np.ndarray, pad: Pad, twist: floa
             continue
         wrenches.append(np.concatenate([force, np.cross(points, stress).sum(axis=0)]))
         weight = pressure * areas
-        middle, out = (weight @ values / weight.sum() for values in (points, normals))
-        centroids.append(probe.land(middle, out / np.linalg.norm(out)))
+        middles.append(np.concatenate([weight @ points, weight @ normals]) / weight.sum())
         slips.append(float(np.mean(slides[depth > 0])))
         if np.linalg.norm(force) >= LARGEST:
             break
-    wrench = np.array(wrenches)
-    return Press(np.linalg.norm(wrench[:, :3], axis=1), wrench, np.array(centroids), np.array(slips))
+    wrench, middle = np.array(wrenches), np.array(middles)
+    out = middle[:, 3:] / np.linalg.norm(middle[:, 3:], axis=1, keepdims=True)
+    centroid = probe.land(middle[:, :3], out)  # the mean of points of a bulging surface lies a little below it
+    return Press(np.linalg.norm(wrench[:, :3], axis=1), wrench, centroid, np.array(slips))
 
 
 def _elements(probe: Probe, mark: np.ndarray, spacing: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

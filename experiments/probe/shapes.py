@@ -121,8 +121,8 @@ class Probe:
         caps = np.array([[0.0, side * self.thickness / 2, np.mean(self._box[1:])] for side in (-1, 1)])
         rows, columns = grid.shape[:2]
         ring, ahead = np.arange(rows) * columns, np.roll(np.arange(rows), -1) * columns
-        low = np.column_stack([np.full(rows, len(vertices)), ahead, ring])
-        high = np.column_stack([np.full(rows, len(vertices) + 1), ring + columns - 1, ahead + columns - 1])
+        low = np.column_stack([np.full(rows, len(vertices)), ring, ahead])
+        high = np.column_stack([np.full(rows, len(vertices) + 1), ahead + columns - 1, ring + columns - 1])
         vertices, faces = np.concatenate([vertices, caps]), np.concatenate([faces, low, high])
         if self.handle is not None:
             tube, walls = self._tube()
@@ -182,7 +182,7 @@ def _wrapped(grid: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     index = np.arange(rows * columns).reshape(rows, columns)
     a, b = index[:, :-1].ravel(), np.roll(index, -1, axis=0)[:, :-1].ravel()
     c, d = np.roll(index, -1, axis=0)[:, 1:].ravel(), index[:, 1:].ravel()
-    return grid.reshape(-1, 3), np.concatenate([np.column_stack([a, b, c]), np.column_stack([a, c, d])])
+    return grid.reshape(-1, 3), np.concatenate([np.column_stack([a, c, b]), np.column_stack([a, d, c])])
 
 
 def _area(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:

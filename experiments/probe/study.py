@@ -1,0 +1,141 @@
+"""Presses on every mark, what the sensor makes of them, and how far the estimates are from both truths."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass
+
+import numpy as np
+
+import palpate
+from experiments.probe import assumed
+from experiments.probe.bound import bound
+from experiments.probe.draws import Draws
+from experiments.probe.press import Press, press, tilted
+from experiments.probe.shapes import PROBES, Probe
+
+__all__ = ["ANGLES", "Case", "Errors", "Meshes", "Size", "case", "errors", "noise_over_bound"]
+
+ANGLES = {"perpendicular": (0.0, "in-plane"), "in-plane": (30.0, "in-plane"), "out-of-plane": (30.0, "out-of-plane")}
+REPEATS = 3  # the paper pressed each mark three times
+FINE, SIMPLE = 0.5e-3, 4e-3  # m, edges
+
+
+@dataclass(frozen=True)
+class Size:
+    """How much is run: builds, spacing of the surface's elements [m], readings for the bound."""
+
+    builds: int
+    spacing: float
+    readings: int
+
+    @classmethod
+    def of(cls, small: bool) -> Size:
+        """Seconds, or a few minutes."""
+        return cls(30, 0.4e-3, 400) if small else cls(300, 0.15e-3, 4_000)
+
+
+class Meshes:
+    """Of one probe: fine for what the surface is, simplified for what the paper worked with; locators when asked for."""
+
+    def __init__(self, probe: Probe) -> None:
+        self.fine, self.simple = probe.mesh(FINE), probe.mesh(SIMPLE)
+        self.flat = probe.mesh(SIMPLE, smooth=False)
+        self._locators: dict[tuple[str, str], palpate.Locator] = {}
+
+    def locator(self, mesh: str, method: str = "soft_finger") -> palpate.Locator:
+        """On "fine", "simple" or "flat"."""
+        if (mesh, method) not in self._locators:
+            self._locators[mesh, method] = palpate.Locator(getattr(self, mesh), method)
+        return self._locators[mesh, method]
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """All marks of one probe pressed at one angle.
+
+    Attributes:
+        number: for the dice.
+        marks: (n, 3) [m]; tangents: (n, 2, 3) at the marks.
+        presses: n of them, in the marks' order.
+    """
+
+    number: int
+    probe: Probe
+    marks: np.ndarray
+    tangents: np.ndarray
+    presses: list[Press]
+
+    def at(self, forces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Wrenches and centroids when the forces were (builds, n, repeats) [N]."""
+        pairs = [one.at(forces[:, i].ravel()) for i, one in enumerate(self.presses)]
+        shape = (forces.shape[0], forces.shape[2])
+        wrenches, centroids = (
+            np.stack([pair[k].reshape(*shape, -1) for pair in pairs], axis=1) for k in (0, 1)
+        )
+        return wrenches, centroids
+
+
+def case(name: str, angle: str, spacing: float, pad: assumed.Pad | None = None, twist: float = 0.0) -> Case:
+    """Press every mark of a probe at an angle; tilts alternate in sign from mark to mark."""
+    probe = PROBES[name]
+    marks, normals = probe.marked()
+    degrees, plane = ANGLES[angle]
+    signs = np.where(np.arange(len(marks)) % 2, -1.0, 1.0)
+    presses = [
+        press(probe, mark, tilted(normal, sign * degrees, plane), pad or assumed.Pad(), twist, spacing)
+        for mark, normal, sign in zip(marks, normals, signs, strict=True)
+    ]
+    first = np.cross(normals, [0.0, 1.0, 0.0])
+    first /= np.linalg.norm(first, axis=1, keepdims=True)
+    tangents = np.stack([first, np.cross(normals, first)], axis=1)
+    return Case(10 * list(PROBES).index(name) + list(ANGLES).index(angle), probe, marks, tangents, presses)
+
+
+@dataclass(frozen=True, eq=False)
+class Errors:
+    """Distances [m], (builds, marks, repeats), to the mark under the tip's axis and to the pressure's centre."""
+
+    mark: np.ndarray
+    centroid: np.ndarray
+    unanswered: int
+
+    @classmethod
+    def joined(cls, parts: list[Errors]) -> Errors:
+        """Of several cases, along the marks."""
+        mark, centroid = (np.concatenate([getattr(part, name) for part in parts], axis=1) for name in ("mark", "centroid"))
+        return cls(mark, centroid, sum(part.unanswered for part in parts))
+
+
+def errors(
+    some: Case,
+    locator: palpate.Locator,
+    draws: Draws,
+    causes: Collection[str],
+    forces: tuple[float, float] = assumed.FORCE_SPAN,
+    repeats: int = REPEATS,
+    worse_payload: bool = False,
+) -> Errors:
+    """Every mark of every build, `repeats` times, at random forces within bounds [N]."""
+    count = len(some.marks)
+    size = np.random.default_rng([draws.seed, some.number]).uniform(*forces, (draws.builds, count, repeats))
+    wrenches, centroids = some.at(size)
+    sensed = draws.sensed(wrenches, causes, some.number)
+    if worse_payload:
+        sensed = draws.worse_payload(sensed)
+    found = locator.run(sensed.reshape(-1, 6), sequential=False)
+    points = found.point.reshape(sensed.shape[:-1] + (3,))
+    off = np.einsum("bmrk,mki->bmri", draws.missed(count, repeats, causes, some.number), some.tangents)
+    # pressed at mark + off, so everything else moved along by as much: the same as a mark off the other way
+    mark = np.linalg.norm(points + off - some.marks[:, None], axis=-1)
+    return Errors(mark, np.linalg.norm(points - centroids, axis=-1), int(np.sum(~found.answered)))
+
+
+def noise_over_bound(some: Case, locator: palpate.Locator, force: float, readings: int) -> np.ndarray:
+    """Rms error to the pressure's centre with nothing but noise, over the bound, mark by mark (n,)."""
+    draws = Draws(readings, 7)
+    count = len(some.marks)
+    wrenches, centroids = some.at(np.full((1, count, 1), force))
+    bounds = np.array([bound(some.probe, centroids[0, i, 0], wrenches[0, i, 0]) for i in range(count)])
+    found = errors(some, locator, draws, ("noise, single reading",), (force, force), 1).centroid[..., 0]
+    return np.sqrt(np.mean(found**2, axis=0)) / bounds
