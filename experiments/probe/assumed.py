@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-__all__ = ["ASSUMED", "DRIFT", "FORCE_SPAN", "LEVER", "NOISE", "RATE", "SENSOR", "Pad", "tip"]
+__all__ = ["ASSUMED", "BROAD", "DRIFT", "FORCE_SPAN", "LEVER", "NOISE", "RATE", "SENSOR", "Pad", "tip"]
 
 from dataclasses import dataclass, replace
 
@@ -40,6 +40,9 @@ class Pad:
     stiffness: float = 5e9
     shear: float = 2 / 3
     friction: float = 0.5
+
+
+BROAD = Pad(radius=20e-3, stiffness=1e9)  # not in the paper: skin rather than a synapse
 
 
 def tip(radius: float) -> Pad:

@@ -53,7 +53,15 @@ def tilted(normal: np.ndarray, degrees: float, plane: str) -> np.ndarray:
     return -(np.cos(angle) * normal + np.sin(angle) * np.cross(axis, normal))
 
 
-def press(probe: Probe, mark: np.ndarray, way: np.ndarray, pad: Pad, twist: float = 0.0, spacing: float = SPACING) -> Press:
+def press(
+    probe: Probe,
+    mark: np.ndarray,
+    way: np.ndarray,
+    pad: Pad,
+    twist: float = 0.0,
+    spacing: float = SPACING,
+    aim: np.ndarray | None = None,
+) -> Press:
     """Push the tip along `way`, its axis through the mark, to 21 N.
 
     Args:
@@ -63,11 +71,12 @@ def press(probe: Probe, mark: np.ndarray, way: np.ndarray, pad: Pad, twist: floa
         pad: the tip.
         twist: [rad] by which it turns about its axis meanwhile.
         spacing: [m] between the elements of the surface.
+        aim: (3,) [m] a point of the tip's axis, instead of the mark.
     """
     points, normals, areas = _elements(probe, mark, spacing)
     reduced = 1.0 / (1.0 / pad.radius + 1.0 / 0.03)  # only to choose a step: the probes curve with some 30 mm
     deepest = np.sqrt(LARGEST / (pad.stiffness * np.pi * reduced))
-    begin = _touching(points, way, mark, pad.radius)
+    begin = _touching(points, way, mark if aim is None else aim, pad.radius)
     bristles, wrenches, middles, slips = np.zeros_like(points), [], [], []
     step, turn = deepest / STEPS, twist / STEPS
     for number in range(1, 6 * STEPS):
@@ -112,13 +121,13 @@ def _elements(probe: Probe, mark: np.ndarray, spacing: float) -> tuple[np.ndarra
     return points[kept], normals[kept], spacing**2 / facing[kept]
 
 
-def _touching(points: np.ndarray, way: np.ndarray, mark: np.ndarray, radius: float) -> np.ndarray:
-    """Where the ball's middle is when it first touches an element, coming along `way` with its axis through the mark."""
-    off = points - mark
+def _touching(points: np.ndarray, way: np.ndarray, aim: np.ndarray, radius: float) -> np.ndarray:
+    """Where the ball's middle is when it first touches an element, coming along `way` with its axis through a point."""
+    off = points - aim
     along = off @ way
     aside = np.sum(off**2, axis=1) - along**2
     near = aside < radius**2
-    return mark + np.min(along[near] - np.sqrt(radius**2 - aside[near])) * way
+    return aim + np.min(along[near] - np.sqrt(radius**2 - aside[near])) * way
 
 
 def _depth(off: np.ndarray, normals: np.ndarray, radius: float) -> np.ndarray:

@@ -76,14 +76,20 @@ class Case:
         return wrenches, centroids
 
 
-def case(name: str, angle: str, spacing: float, pad: assumed.Pad | None = None, twist: float = 0.0) -> Case:
-    """Press every mark of a probe at an angle; tilts alternate in sign from mark to mark."""
+def case(
+    name: str, angle: str, spacing: float, pad: assumed.Pad | None = None, twist: float = 0.0, centred: bool = False
+) -> Case:
+    """Press every mark of a probe at an angle; tilts alternate in sign from mark to mark.
+
+    The tip's axis goes through the mark, or, `centred`, its ball's middle goes to where the mark's normal is.
+    """
     probe = PROBES[name]
     marks, normals = probe.marked()
     degrees, plane = ANGLES[angle]
+    pad = pad or assumed.Pad()
     signs = np.where(np.arange(len(marks)) % 2, -1.0, 1.0)
     presses = [
-        press(probe, mark, tilted(normal, sign * degrees, plane), pad or assumed.Pad(), twist, spacing)
+        press(probe, mark, tilted(normal, sign * degrees, plane), pad, twist, spacing, mark + centred * pad.radius * normal)
         for mark, normal, sign in zip(marks, normals, signs, strict=True)
     ]
     first = np.cross(normals, [0.0, 1.0, 0.0])

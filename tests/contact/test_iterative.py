@@ -32,6 +32,16 @@ def _touches(count: int, pitch: float) -> tuple[np.ndarray, np.ndarray]:
     return points, touch_wrenches(points, BODY.normals(points), rng, pitch=pitch)
 
 
+def test_a_start_in_the_middle_of_a_fitted_region_moves() -> None:
+    """At x = 0 MINPACK bounds its first step by nothing: the unknowns must not be counted from there."""
+    fitted = fit_paraboloid(palpate.Mesh.from_arrays(*BODY.mesh(5_000)), (0.0, 0.0, AXES[2]), 2e-3)
+    point = BODY.on_ray(np.array([0.1, 0.1, 1.0]))
+    wrench = contact_wrenches(point, BODY.normals(point), np.array([0.5, 0.0, -5.0]), np.array(1e-4))
+    found = locate_iteratively(wrench, fitted, start=fitted.origin)
+    assert found.status == palpate.Status.CONTACT
+    assert np.linalg.norm(found.point - point) < 3e-5  # chords of the mesh, and quartic terms over 2 mm
+
+
 @pytest.mark.parametrize("jacobian", ["analytic", "numeric"])
 def test_a_wrench_made_at_a_point_is_found_there(jacobian: str) -> None:
     points, wrenches = _touches(40, 0.1 * R)

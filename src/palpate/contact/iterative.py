@@ -239,30 +239,31 @@ def _solve(
     """Point [m], k, the largest residual and how many evaluations; lengths are taken in the surface's size inside."""
     from scipy.optimize import least_squares
 
-    size, middle = equation.size, equation.centre
-    along, about = force / np.linalg.norm(force), moment - np.cross(middle, force)
+    size = equation.size
+    along, about = force / np.linalg.norm(force), moment - np.cross(start, force)
     turning = about / (size * np.linalg.norm(force))
     steepness = max(float(np.linalg.norm(equation.gradient(start[None])[0])), np.finfo(float).tiny)
     cross = skew(along)
 
     def residuals(x: np.ndarray) -> np.ndarray:
-        at = (middle + size * x[:3])[None]
+        off, k = x[:3] - 1.0, x[3] - 1.0
+        at = (start + size * off)[None]
         slope = equation.gradient(at)[0] / steepness
-        return np.append(turning - np.cross(x[:3], along) + x[3] * slope, equation.value(at)[0] / (steepness * size))
+        return np.append(turning + cross @ off + k * slope, equation.value(at)[0] / (steepness * size))
 
     def derivative(x: np.ndarray) -> np.ndarray:
-        at = (middle + size * x[:3])[None]
+        at = (start + size * (x[:3] - 1.0))[None]
         slope = equation.gradient(at)[0] / steepness
         matrix = np.zeros((4, 4))
-        matrix[:3, :3] = cross + x[3] * size / steepness * equation.hessian(at)[0]
+        matrix[:3, :3] = cross + (x[3] - 1.0) * size / steepness * equation.hessian(at)[0]
         matrix[:3, 3] = matrix[3, :3] = slope
         return matrix
 
-    guess = np.append((start - middle) / size, 0.0)
+    guess = np.ones(4)  # ones stand for the start: MINPACK's first step is bounded by |x|, and at 0 it would not move
     jac, most = (derivative, STEPS) if analytic else ("2-point", 5 * STEPS)  # MINPACK counts the differences
     found = least_squares(residuals, guess, jac, method="lm", xtol=1e-14, ftol=1e-14, gtol=1e-14, max_nfev=most)
-    k = float(found.x[3]) * size * float(np.linalg.norm(force)) / steepness
-    return middle + size * found.x[:3], k, float(np.max(np.abs(found.fun))), int(found.nfev)
+    k = float(found.x[3] - 1.0) * size * float(np.linalg.norm(force)) / steepness
+    return start + size * (found.x[:3] - 1.0), k, float(np.max(np.abs(found.fun))), int(found.nfev)
 
 
 def _entry(surface: Equation | Mesh, force: np.ndarray, moment: np.ndarray) -> Float[np.ndarray, "3"]:
