@@ -51,16 +51,57 @@ def tip(radius: float) -> Pad:
 
 
 ASSUMED: list[tuple[str, str, str]] = [
-    ("tip", "half ball of 3 mm radius", "the paper draws a `synapse` with a cross and gives no size; 1.5 and 6 mm are run beside it"),
-    ("foundation", "5 N/mm^3", "silicone lens of 1 mm, Shore A 65, E = 5 MPa (Gent 1958); pressure = stiffness times depth"),
+    (
+        "tip",
+        "half ball of 3 mm radius",
+        "the paper draws a `synapse` with a cross and gives no size; 1.5 and 6 mm are run beside it",
+    ),
+    (
+        "foundation",
+        "5 N/mm^3; pressure = stiffness times depth",
+        "silicone lens of 1 mm, Shore A 65, E = 5 MPa (Gent 1958)",
+    ),
     ("shear", "2/3 of the normal stiffness", "Mindlin 1949, 2(1 - nu)/(2 - nu) with nu = 1/2"),
-    ("friction", "0.5, Coulomb, per surface element", "dry printed plastic on silicone, a round figure; sticking elements slip one by one"),
+    (
+        "friction",
+        "0.5, Coulomb, element by element",
+        "dry printed plastic on silicone, a round figure",
+    ),
     ("lever", "120 mm from sensor to face", "a hand-held probe in a printed connector; not given in the paper"),
-    ("noise of one reading", "0.02 N, 0.8 mN m, white, 200 Hz", "rms over the axes of the first 100 unloaded rows of a real recording of a sensor of this class (ATI Gamma, pad/data_two_payloads_ft.csv); no data sheet of the SRI M3815B was at hand"),
-    ("filter", "the paper's Kalman, Q 1e-6, R 2e-4", "section II-A; variance of white noise times 0.034"),
-    ("sensor error", "matrix of 0.18 % of range, each entry normal; range 150 N, 8 N m", "certificate of a real six-axis sensor (nano17/cert_FT44297_loadcases.csv): 0.20 % of range rms at two axes near 0.78 of it; range assumed"),
-    ("payload residue", "6 mN, 0.2 mN m drift a press; 0.1 degree of orientation under 3 N at 60 mm; noise of identification from 12 poses", "drift: change of the unloaded reading between the first and last half second of two real recordings (pad/); orientation and weight assumed"),
-    ("simplified mesh", "edges of 4 mm, vertices on the surface (650 to 850 facets)", "the paper simplifies its mesh and does not say how far"),
-    ("assembly", "a printed connector with two fits, at 0 and 60 mm, each 40 mm long; both ends of a fit off by up to 0.2 mm in each direction, uniform; drawn once a build", "accuracy of the paper's printer (Stratasys F170: 0.2 mm or 0.2 %)"),
-    ("marking", "printed housing 0.2 mm (a build), its hole 0.2 mm (a mark), pen dot 0.25 mm (a mark), cross on dot by camera 0.25 mm (a press); bounds of uniform draws, each tangent direction", "the same printer; half the width of a drawn line"),
+    (
+        "noise of one reading",
+        "0.02 N, 0.8 mN m, white, 200 Hz",
+        "rms over the axes of the first 100 unloaded rows of a real recording of a sensor of this class (ATI Gamma, "
+        "pad/data_two_payloads_ft.csv); no data sheet of the SRI M3815B was at hand",
+    ),
+    ("filter", "the paper's Kalman, Q 1e-6, R 2e-4", "section II-A; 0.034 of the variance of white noise is left"),
+    (
+        "sensor error",
+        "matrix of 0.18 % of range, each entry normal; range 150 N, 8 N m",
+        "certificate of a real six-axis sensor (nano17/cert_FT44297_loadcases.csv): 0.20 % of range rms at two axes "
+        "near 0.78 of it; range assumed",
+    ),
+    (
+        "payload residue",
+        "6 mN, 0.2 mN m drift a press; 0.1 degree of orientation under 3 N at 60 mm; noise of 12 poses",
+        "drift: change of the unloaded reading between the first and last half second of two real recordings (pad/); "
+        "orientation and weight assumed",
+    ),
+    (
+        "simplified mesh",
+        "edges of 4 mm, vertices on the surface (580 to 780 facets)",
+        "the paper simplifies its mesh and does not say how far",
+    ),
+    (
+        "assembly",
+        "a printed connector with two fits, at 0 and 60 mm, each 40 mm long; both ends of a fit off by up to 0.2 mm in "
+        "each direction, uniform; drawn once a build",
+        "accuracy of the paper's printer (Stratasys F170: 0.2 mm or 0.2 %)",
+    ),
+    (
+        "marking",
+        "printed housing 0.2 mm (a build), its hole 0.2 mm (a mark), pen dot 0.25 mm (a mark), cross on dot by camera "
+        "0.25 mm (a press); bounds of uniform draws, each tangent direction",
+        "the same printer; half the width of a drawn line",
+    ),
 ]

@@ -25,11 +25,11 @@ def bound(probe: Probe, point: np.ndarray, wrench: np.ndarray) -> float:
     at = np.concatenate([wrench[:3], [0.0, 0.0, torque]])
 
     def forward(x: np.ndarray) -> np.ndarray:
-        here = probe.land(point + x[3:5] @ tangents, normal)
-        return contact_wrenches(here, probe.normals(here), x[:3], x[5])
+        here = probe.land(point + x[:, 3:5] @ tangents, normal)
+        return contact_wrenches(here, probe.normals(here), x[:, :3], x[:, 5])
 
-    steps = np.array([1e-3] * 3 + [1e-6] * 2 + [1e-5])
-    columns = [(forward(at + s * e) - forward(at - s * e)) / (2 * s) for s, e in zip(steps, np.eye(6), strict=True)]
-    inverse = np.linalg.inv(np.stack(columns, axis=1))
+    steps = np.diag([1e-3] * 3 + [1e-6] * 2 + [1e-5])
+    slopes = (forward(at + steps) - forward(at - steps)) / (2 * np.diag(steps)[:, None])
+    inverse = np.linalg.inv(slopes.T)
     covariance = inverse @ np.diag(NOISE**2) @ inverse.T
     return float(np.sqrt(covariance[3, 3] + covariance[4, 4]))

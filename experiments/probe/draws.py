@@ -34,7 +34,7 @@ class Draws:
     seed: int
 
     def sensed(self, wrenches: np.ndarray, causes: Collection[str], case: int) -> np.ndarray:
-        """Wrenches on the probe in its own frame -> what is handed to the estimator, both (builds, marks, repeats, 6)."""
+        """Wrenches on the probe -> what the estimator is given, both (builds, marks, repeats, 6)."""
         shape = wrenches.shape
         if "assembly" in causes:
             wrenches = np.einsum("bij,bmrj->bmri", self._assembly().wrench_matrix(), wrenches)

@@ -1,8 +1,8 @@
 """A rounded, compliant tip pressed on a probe: pressure and friction summed over the surface. No estimator is in here.
 
-Elastic foundation (Winkler): where the ball of the tip reaches a depth t below an element of the surface, measured along
-the element's normal, the pressure is K t along -n. Friction is a bristle on every element: its deflection grows with the
-tip's tangential motion there, and its stress is held to Coulomb's bound mu K t, element by element.
+Elastic foundation (Winkler): where the ball of the tip reaches a depth t below an element of the surface, measured
+along the element's normal, the pressure is K t along -n. Friction is a bristle on every element: its deflection grows
+with the tip's tangential motion there, and its stress is held to Coulomb's bound mu K t, element by element.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ class Press:
 
 
 def tilted(normal: np.ndarray, degrees: float, plane: str) -> np.ndarray:
-    """The way a tip goes (3,) onto a surface with this outward normal, tilted in the plane of the image or out of it."""
+    """The way (3,) of a tip onto a surface with this normal, tilted in the plane of the image or out of it."""
     across = np.array([0.0, 1.0, 0.0]) if plane == "in-plane" else np.array([1.0, 0.0, 0.0])
     axis = across - normal * (normal @ across)
     axis /= np.linalg.norm(axis)
@@ -69,7 +69,7 @@ def press(
         mark: (3,) [m] on it.
         way: (3,) unit vector of the tip's motion.
         pad: the tip.
-        twist: [rad] by which it turns about its axis meanwhile.
+        twist: [rad] by which it turns meanwhile about the normal at the mark.
         spacing: [m] between the elements of the surface.
         aim: (3,) [m] a point of the tip's axis, instead of the mark.
     """
@@ -77,13 +77,14 @@ def press(
     reduced = 1.0 / (1.0 / pad.radius + 1.0 / 0.03)  # only to choose a step: the probes curve with some 30 mm
     deepest = np.sqrt(LARGEST / (pad.stiffness * np.pi * reduced))
     begin = _touching(points, way, mark if aim is None else aim, pad.radius)
+    upright = probe.normals(mark)
     bristles, wrenches, middles, slips = np.zeros_like(points), [], [], []
     step, turn = deepest / STEPS, twist / STEPS
     for number in range(1, 6 * STEPS):
         centre = begin + number * step * way
         depth = _depth(points - centre, normals, pad.radius)
         pressure = pad.stiffness * depth
-        motion = step * way + turn * np.cross(way, points - centre)
+        motion = step * way + turn * np.cross(upright, points - mark)
         motion -= normals * np.sum(motion * normals, axis=1)[:, None]
         bristles = (bristles + pad.shear * pad.stiffness * motion) * (depth > 0)[:, None]
         size = np.linalg.norm(bristles, axis=1)
@@ -112,7 +113,7 @@ def _elements(probe: Probe, mark: np.ndarray, spacing: float) -> tuple[np.ndarra
     first = np.cross(normal, np.array([0.0, 1.0, 0.0]))
     first /= np.linalg.norm(first)
     second = np.cross(normal, first)
-    ticks = np.arange(-HALF, HALF + spacing / 2, spacing)
+    ticks = spacing * np.arange(-round(HALF / spacing), round(HALF / spacing) + 1)
     u, v = (grid.ravel() for grid in np.meshgrid(ticks, ticks))
     points = probe.land(mark + u[:, None] * first + v[:, None] * second, normal)
     normals = probe.normals(points)

@@ -15,18 +15,21 @@ from experiments.probe.shapes import PROBES
 from experiments.probe.study import ANGLES, Case, Errors, Meshes, Size, case, errors, noise_over_bound
 from palpate.contact.iterative import PatchParaboloid, fit_paraboloid, locate_iteratively
 
-__all__ = ["ALL", "FORCES", "METHODS", "TIPS", "TWIST", "Method", "Results", "measure"]
+__all__ = ["ALL", "FORCES", "MARK_3", "METHODS", "READINGS", "TIPS", "TWIST", "Method", "Results", "measure"]
 
 ALL = tuple(cause for cause in CAUSES if cause != "noise, single reading")
 UNFILTERED = tuple(cause for cause in CAUSES if cause != "noise, filtered")
 WITHOUT_ASSEMBLY = tuple(cause for cause in ALL if cause != "assembly")
 FORCES = (1.0, 2.0, 5.0, 10.0, 15.0, 20.0)  # N
-MARK_3 = 2
+MARK_3, READINGS = 2, 50
 TIPS = (1.5e-3, 3e-3, 6e-3)  # m
-TWIST = 30.0  # degrees, about the tip's axis: not in the paper
+TWIST = 30.0  # degrees, about the normal, under the broad pad: not in the paper
 REGION = 6e-3  # m, what the paraboloid is fitted to
 METHODS = ("soft_finger", "soft_finger, flat facets", "iterative", "wrench_axis")
 SEED = 20231
+Answer = Callable[
+    [np.ndarray, np.ndarray], np.ndarray
+]  # wrench (6,), the mark pressed (3,) -> point (3,), NaN: refused
 
 
 @dataclass(frozen=True)
@@ -34,8 +37,8 @@ class Method:
     """One method on the simplified mesh: errors [m] to the pressure's centre, times [us] by mark, answers refused.
 
     Attributes:
-        errors: all errors on, the paper's three angles.
-        clean: the same with nothing wrong but the mesh; twisted: so too, under a broad soft pad that is twisted.
+        errors: all errors on, the paper's three angles, simplified mesh.
+        clean: nothing wrong, fine mesh; twisted: so too, under a broad soft pad that is twisted.
     """
 
     errors: np.ndarray
@@ -53,7 +56,9 @@ class Results:
     causes: dict[str, dict[str, Errors]] = field(default_factory=dict)  # by cause, by angle, on the T
     probes: dict[str, Errors] = field(default_factory=dict)  # all causes, perpendicular
     bound: dict[float, float] = field(default_factory=dict)  # worst mark's ratio by force
-    forces: dict[str, dict[float, list[Errors]]] = field(default_factory=dict)  # mark 3, by filter, by force, an angle each
+    forces: dict[str, dict[float, list[Errors]]] = field(
+        default_factory=dict
+    )  # mark 3, by filter, by force, an angle each
     tips: dict[float, dict[str, float]] = field(default_factory=dict)  # mean error to the mark, nothing else wrong
     methods: dict[str, Method] = field(default_factory=dict)
     force_error: dict[str, np.ndarray] = field(default_factory=dict)  # [N], by angle, one each of figure 6's forces
@@ -75,8 +80,8 @@ class Results:
             said[f"noise over bound, {force:g} N, worst mark"] = ratio
         for name, method in self.methods.items():
             said[f"{name}: centroid"] = 1e3 * float(np.nanmean(method.errors))
-            said[f"{name}, mesh alone: centroid"] = 1e3 * float(np.nanmean(method.clean))
-            said[f"{name}, mesh alone, twisted: centroid"] = 1e3 * float(np.nanmean(method.twisted))
+            said[f"{name}, nothing wrong: centroid"] = 1e3 * float(np.nanmean(method.clean))
+            said[f"{name}, nothing wrong, twisted: centroid"] = 1e3 * float(np.nanmean(method.twisted))
         return said
 
     def overall(self) -> np.ndarray:
@@ -111,20 +116,27 @@ def measure(small: bool, say: Callable[[str], None] = lambda text: None) -> Resu
         results.probes[name] = errors(results.cases[name, "perpendicular"], mesh.locator("simple"), draws, ALL)
     say("noise over its bound")
     for force in (1.0, 5.0, 9.0, 20.0):
-        ratios = [noise_over_bound(c, meshes[p].locator("fine"), force, size.readings) for (p, _), c in results.cases.items()]
+        ratios = [
+            noise_over_bound(c, meshes[p].locator("fine"), force, size.readings) for (p, _), c in results.cases.items()
+        ]
         results.bound[force] = float(np.max(np.concatenate(ratios)))
     say("forces")
     for kind, causes in (("filtered", ALL), ("single readings", UNFILTERED)):
         results.forces[kind] = {
-            force: [errors(_third(c), tee.locator("simple"), draws, causes, (force, force), 50) for c in angles.values()]
+            force: [
+                errors(_third(c), tee.locator("simple"), draws, causes, (force, force), READINGS, presses=1)
+                for c in angles.values()
+            ]
             for force in FORCES
         }
     results.force_error = {angle: _force_error(c, draws) for angle, c in angles.items()}
     say("tips")
     for radius in TIPS:
-        pressed = angles if radius == assumed.Pad().radius else {
-            a: case("T-shaped", a, size.spacing, assumed.tip(radius)) for a in ("in-plane", "out-of-plane")
-        }
+        pressed = (
+            angles
+            if radius == assumed.Pad().radius
+            else {a: case("T-shaped", a, size.spacing, assumed.tip(radius)) for a in ("in-plane", "out-of-plane")}
+        )
         results.tips[radius] = {
             a: float(errors(pressed[a], tee.locator("fine"), Draws(1, SEED), ()).mark.mean())
             for a in ("in-plane", "out-of-plane")
@@ -170,24 +182,24 @@ def _pitch(some: Case) -> float:
 
 def _methods(meshes: Meshes, angles: dict[str, Case], twisted: Case, draws: Draws) -> dict[str, Method]:
     """Distance to the pressure's centre on the simplified mesh with all errors, and the time of one call."""
-    answers = {
-        "soft_finger": _located(meshes.locator("simple")),
-        "soft_finger, flat facets": _located(meshes.locator("flat")),
-        "iterative": _iterated(meshes.simple),
-        "wrench_axis": _located(meshes.locator("simple", "wrench_axis")),
-    }
     found = {}
-    for name, answer in answers.items():
+    alone = Draws(1, draws.seed)
+    for name in METHODS:
+        answer, exact = _answer(meshes, "simple", name), _answer(meshes, "fine", name)
         parts = [_asked(answer, some, draws, ALL) for some in angles.values()]
-        clean = [_asked(answer, some, Draws(1, draws.seed), ())[0] for some in angles.values()]
-        turned = _asked(answer, twisted, Draws(1, draws.seed), ())[0]
+        clean = [_asked(exact, some, alone, ())[0] for some in angles.values()]
+        turned = _asked(exact, twisted, alone, ())[0]
         off, times = np.concatenate([part[0] for part in parts]), np.concatenate([part[1] for part in parts])
         refused = int(np.sum(np.isnan(off)))
         found[name] = Method(off, np.concatenate(clean), turned, times, refused)
     return found
 
 
-Answer = Callable[[np.ndarray, np.ndarray], np.ndarray]  # wrench (6,), the mark pressed (3,) -> point (3,), NaN: refused
+def _answer(meshes: Meshes, mesh: str, method: str) -> Answer:
+    if method == "iterative":
+        return _iterated(meshes.meshes[mesh])
+    flat = ", flat" if "flat" in method else ""
+    return _located(meshes.locator(mesh + flat, method.partition(",")[0]))
 
 
 def _located(locator: palpate.Locator) -> Answer:
@@ -216,7 +228,9 @@ def _iterated(mesh: palpate.Mesh) -> Answer:
 
 def _asked(answer: Answer, some: Case, draws: Draws, causes: Collection[str]) -> tuple[np.ndarray, np.ndarray]:
     """Errors (n,) [m], NaN without an answer, and times [us] (repeats, marks), wrench by wrench."""
-    size = np.random.default_rng([draws.seed, some.number]).uniform(*assumed.FORCE_SPAN, (draws.builds, len(some.marks), 3))
+    size = np.random.default_rng([draws.seed, some.number]).uniform(
+        *assumed.FORCE_SPAN, (draws.builds, len(some.marks), 3)
+    )
     wrenches, centroids = some.at(size)
     sensed = draws.sensed(wrenches, causes, some.number)
     points, times = np.empty_like(centroids), np.empty(sensed.shape[:3])

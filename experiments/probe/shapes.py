@@ -4,8 +4,8 @@ The outline D is what a disc and a box share; with g the distance from it in the
 
     (max(g, 0)/w)^2 + (y/b)^2 < 1,
 
-so the section across the face is half an ellipse of depth w and half-width b, and flat sides y = +-b close it. The frame
-is the sensor's: z through the crown of the face, x along the array (in plane), y across it (out of plane).
+so the section across the face is half an ellipse of depth w and half-width b, and flat sides y = +-b close it. The
+frame is the sensor's: z through the crown of the face, x along the array (in plane), y across it (out of plane).
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ class Probe:
 
     def _off_outline(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Vectors from the nearest point of D, in the plane, and their lengths (0 inside)."""
-        half, low, top = self._box
+        half, low, _top = self._box
         x, z = points[..., 0], points[..., 2]
         off = np.stack([x - np.clip(x, -half, half), z - np.clip(z, low, self._corner)], axis=-1)
         if np.isinf(self.face):
@@ -72,7 +72,7 @@ class Probe:
         middle, radius = self._disc
         out = np.stack([x, z - middle], axis=-1)
         length = np.linalg.norm(out, axis=-1)
-        above = (z - middle > 0) & (np.abs(x) * radius <= half * length)  # in the disc's sector
+        above = (z > self._corner) & (np.abs(x) * radius <= half * length)  # in the disc's sector
         radial = out * np.where(length > radius, 1 - radius / np.maximum(length, radius), 0.0)[..., None]
         off = np.where(above[..., None], radial, off)
         return off, np.linalg.norm(off, axis=-1)
@@ -87,7 +87,9 @@ class Probe:
         vector, off = self._off_outline(points)
         b = self.thickness / 2
         length = np.maximum(np.hypot(off / self.round, points[..., 1] / b), 1e-12)[..., None]
-        slope = np.stack([vector[..., 0] / self.round**2, points[..., 1] / b**2, vector[..., 1] / self.round**2], axis=-1)
+        slope = np.stack(
+            [vector[..., 0] / self.round**2, points[..., 1] / b**2, vector[..., 1] / self.round**2], axis=-1
+        )
         return slope / length
 
     def normals(self, points: np.ndarray) -> np.ndarray:
@@ -172,7 +174,9 @@ class Probe:
         corners = np.array([[1, -1], [1, 1], [-1, 1], [-1, -1]]) * [width / 2, thickness / 2]
         top = LEVER - self.depth + 1e-3
         heights = np.array([top - length, top])
-        grid = np.concatenate([np.repeat(corners[:, None], 2, axis=1), np.broadcast_to(heights[:, None], (4, 2, 1))], axis=2)
+        grid = np.concatenate(
+            [np.repeat(corners[:, None], 2, axis=1), np.broadcast_to(heights[:, None], (4, 2, 1))], axis=2
+        )
         return _wrapped(grid)
 
 
@@ -199,7 +203,9 @@ def _rows(middle: np.ndarray, sides: np.ndarray, off: float) -> np.ndarray:
 
 FIVE, SIX = np.linspace(-1, 1, 5), np.linspace(-1, 1, 6)
 PROBES: dict[str, Probe] = {
-    "T-shaped": Probe("T-shaped", 0.060, 0.066, 0.022, 0.024, 0.006, _rows(22 * FIVE, 22 * SIX, 6.0), (0.034, 0.018, 0.06)),
+    "T-shaped": Probe(
+        "T-shaped", 0.060, 0.066, 0.022, 0.024, 0.006, _rows(22 * FIVE, 22 * SIX, 6.0), (0.034, 0.018, 0.06)
+    ),
     "linear": Probe("linear", np.inf, 0.048, 0.018, 0.040, 0.005, _rows(16 * FIVE, 16 * FIVE, 4.5)),
     "convex": Probe("convex", 0.050, 0.060, 0.020, 0.040, 0.005, _rows(20 * FIVE, 20 * FIVE, 5.0)),
 }

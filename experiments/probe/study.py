@@ -36,17 +36,21 @@ class Size:
 
 
 class Meshes:
-    """Of one probe: fine for what the surface is, simplified for what the paper worked with; locators when asked for."""
+    """Of one probe: fine for what the surface is, simplified for what the paper worked with; and locators."""
 
     def __init__(self, probe: Probe) -> None:
-        self.fine, self.simple = probe.mesh(FINE), probe.mesh(SIMPLE)
-        self.flat = probe.mesh(SIMPLE, smooth=False)
+        self.meshes = {
+            "fine": probe.mesh(FINE),
+            "simple": probe.mesh(SIMPLE),
+            "fine, flat": probe.mesh(FINE, smooth=False),
+            "simple, flat": probe.mesh(SIMPLE, smooth=False),
+        }
         self._locators: dict[tuple[str, str], palpate.Locator] = {}
 
     def locator(self, mesh: str, method: str = "soft_finger") -> palpate.Locator:
-        """On "fine", "simple" or "flat"."""
+        """On "fine" or "simple", smooth or ", flat"."""
         if (mesh, method) not in self._locators:
-            self._locators[mesh, method] = palpate.Locator(getattr(self, mesh), method)
+            self._locators[mesh, method] = palpate.Locator(self.meshes[mesh], method)
         return self._locators[mesh, method]
 
 
@@ -70,9 +74,7 @@ class Case:
         """Wrenches and centroids when the forces were (builds, n, repeats) [N]."""
         pairs = [one.at(forces[:, i].ravel()) for i, one in enumerate(self.presses)]
         shape = (forces.shape[0], forces.shape[2])
-        wrenches, centroids = (
-            np.stack([pair[k].reshape(*shape, -1) for pair in pairs], axis=1) for k in (0, 1)
-        )
+        wrenches, centroids = (np.stack([pair[k].reshape(*shape, -1) for pair in pairs], axis=1) for k in (0, 1))
         return wrenches, centroids
 
 
@@ -89,7 +91,15 @@ def case(
     pad = pad or assumed.Pad()
     signs = np.where(np.arange(len(marks)) % 2, -1.0, 1.0)
     presses = [
-        press(probe, mark, tilted(normal, sign * degrees, plane), pad, twist, spacing, mark + centred * pad.radius * normal)
+        press(
+            probe,
+            mark,
+            tilted(normal, sign * degrees, plane),
+            pad,
+            twist,
+            spacing,
+            mark + centred * pad.radius * normal,
+        )
         for mark, normal, sign in zip(marks, normals, signs, strict=True)
     ]
     first = np.cross(normals, [0.0, 1.0, 0.0])
@@ -109,7 +119,9 @@ class Errors:
     @classmethod
     def joined(cls, parts: list[Errors]) -> Errors:
         """Of several cases, along the marks."""
-        mark, centroid = (np.concatenate([getattr(part, name) for part in parts], axis=1) for name in ("mark", "centroid"))
+        mark, centroid = (
+            np.concatenate([getattr(part, name) for part in parts], axis=1) for name in ("mark", "centroid")
+        )
         return cls(mark, centroid, sum(part.unanswered for part in parts))
 
 
@@ -121,8 +133,20 @@ def errors(
     forces: tuple[float, float] = assumed.FORCE_SPAN,
     repeats: int = REPEATS,
     worse_payload: bool = False,
+    presses: int | None = None,
 ) -> Errors:
-    """Every mark of every build, `repeats` times, at random forces within bounds [N]."""
+    """Every mark of every build, `repeats` times, at random forces within bounds [N].
+
+    Args:
+        some: the presses.
+        locator: on the mesh that is taken for the surface.
+        draws: the dice.
+        causes: what goes wrong.
+        forces: bounds [N].
+        repeats: readings of a mark.
+        worse_payload: the payload is misjudged as on the real recording.
+        presses: 1 when the repeats are readings of one press, aimed once; None: each is a press.
+    """
     count = len(some.marks)
     size = np.random.default_rng([draws.seed, some.number]).uniform(*forces, (draws.builds, count, repeats))
     wrenches, centroids = some.at(size)
@@ -130,8 +154,9 @@ def errors(
     if worse_payload:
         sensed = draws.worse_payload(sensed)
     found = locator.run(sensed.reshape(-1, 6), sequential=False)
-    points = found.point.reshape(sensed.shape[:-1] + (3,))
-    off = np.einsum("bmrk,mki->bmri", draws.missed(count, repeats, causes, some.number), some.tangents)
+    points = found.point.reshape((*sensed.shape[:-1], 3))
+    missed = draws.missed(count, presses or repeats, causes, some.number)
+    off = np.einsum("bmrk,mki->bmri", missed, some.tangents)
     # pressed at mark + off, so everything else moved along by as much: the same as a mark off the other way
     mark = np.linalg.norm(points + off - some.marks[:, None], axis=-1)
     return Errors(mark, np.linalg.norm(points - centroids, axis=-1), int(np.sum(~found.answered)))

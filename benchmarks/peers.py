@@ -1,0 +1,223 @@
+"""Other estimators of a contact beside ours, on the same wrenches: `python -m benchmarks --only peers`.
+
+Each is made for a surface and answers one wrench at a time with a point; NaN where it has none. Truth is the point that
+the wrench was made at, on the exact surface.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+import palpate
+from palpate.contact.iterative import locate_iteratively
+from palpate.simulation import Ellipsoid, touch_wrenches
+from palpate.surfaces import Ellipsoid as EllipsoidEquation
+from palpate.surfaces import plane
+
+__all__ = ["HEIGHT", "PITCHES", "Answer", "Measured", "Scene", "answers", "bota_plane", "measure", "report", "scenes"]
+
+R = 0.010  # m
+AXES = (R, 0.7 * R, 0.5 * R)
+PITCHES = (0.0, 0.1, 0.3, 1.0)  # of R
+HEIGHT = 0.02  # m of the plane over the sensor
+FACETS = 20_000
+NOWHERE = np.full(3, np.nan)
+
+Answer = Callable[[np.ndarray], np.ndarray]  # a wrench (6,) to a point (3,) [m]
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """Touches of one surface: a mesh, its equation where there is one, and wrenches made at known points."""
+
+    name: str
+    mesh: palpate.Mesh
+    equation: EllipsoidEquation | None
+    points: np.ndarray
+    wrenches: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """Of one estimator on one scene: errors (n,) [m], NaN without an answer, and times (n,) [us]."""
+
+    errors: np.ndarray
+    times: np.ndarray
+
+
+def scenes(count: int, seed: int = 3) -> list[Scene]:
+    """A plane over the sensor, touched with pitch, and an ellipsoid with pitches up to its size."""
+    rng = np.random.default_rng(seed)
+    level = np.array([0.0, 0.0, 1.0])
+    points = np.column_stack([rng.uniform(-0.03, 0.03, (count, 2)), np.full(count, HEIGHT)])
+    pressed = touch_wrenches(points, np.broadcast_to(level, points.shape), rng, pitch=0.3 * R)
+    made = [Scene("plane, h to 0.3 R", plane((0.0, 0.0, HEIGHT), level, 0.1), None, points, pressed)]
+    body = Ellipsoid(AXES)
+    mesh, equation = palpate.Mesh.from_arrays(*body.mesh(FACETS)), EllipsoidEquation(AXES)
+    for pitch in PITCHES:
+        points = body.sample(count, rng)
+        wrenches = touch_wrenches(points, body.normals(points), rng, pitch=pitch * R)
+        made.append(
+            Scene(f"ellipsoid, h to {pitch:g} R" if pitch else "ellipsoid, h = 0", mesh, equation, points, wrenches)
+        )
+    return made
+
+
+def answers(scene: Scene) -> dict[str, Answer]:
+    """Every estimator that is installed and can take this surface."""
+    made: dict[str, Answer | None] = {
+        "Palpate, soft_finger": _located(scene.mesh, "soft_finger"),
+        "Palpate, wrench_axis": _located(scene.mesh, "wrench_axis"),
+        "bota-tactile-sensing-utils, one plane": bota_plane(HEIGHT) if scene.equation is None else None,
+        "first hit of the line of action, embreex": _first_hit(scene.mesh),
+        "nearest vertex by torque residual": _nearest_vertex(scene.mesh),
+    }
+    if scene.equation is not None:
+        made["Palpate, soft_finger on the equation"] = _located(scene.equation, "soft_finger")
+        for jacobian in ("analytic", "numeric"):
+            made[f"scipy LM on the equation, {jacobian} Jacobian"] = _iterated(scene.equation, jacobian)
+    return {name: answer for name, answer in made.items() if answer is not None}
+
+
+def _located(surface: palpate.Surface, method: str) -> Answer:
+    locator = palpate.Locator(surface, method, torsion=3 * R)
+    out = locator.empty()
+
+    def answer(wrench: np.ndarray) -> np.ndarray:
+        locator(wrench, out)
+        return out[:3]
+
+    return answer
+
+
+def bota_plane(height: float) -> Answer | None:
+    """A sensor maker's contact point, on the plane z = height [m]; None where the package is not installed."""
+    try:
+        from bota_tactile_sensing_utils import BotaContactPoint, BotaContactPointConfig
+    except ImportError:
+        return None
+    config = BotaContactPointConfig()
+    config.geometry.dz = height
+    config.force_threshold = 1e-6
+    contact = BotaContactPoint(config)
+    out = np.zeros(3)
+
+    def answer(wrench: np.ndarray) -> np.ndarray:
+        contact.update(wrench, out)
+        return out if contact.in_contact() else NOWHERE
+
+    return answer
+
+
+def _first_hit(mesh: palpate.Mesh) -> Answer | None:
+    """Where the wrench axis first meets a facet; in millimetres and float32, as embree has it."""
+    try:
+        from embreex.mesh_construction import TriangleMesh
+        from embreex.rtcore_scene import EmbreeScene
+    except ImportError:
+        return None
+    scene = EmbreeScene()
+    held = TriangleMesh(scene, np.ascontiguousarray(mesh.vertices * 1e3, np.float32), mesh.faces.astype(np.int32))
+    middle, size = mesh.centre, mesh.size
+
+    def answer(wrench: np.ndarray, _held: object = held) -> np.ndarray:
+        force, moment = wrench[:3], wrench[3:]
+        along = force / np.sqrt(force @ force)
+        foot = np.cross(force, moment) / (force @ force)
+        origin = foot + along * (along @ (middle - foot) - size)
+        ray = scene.run(np.float32(1e3 * origin[None]), np.float32(along[None]), output=True)
+        return origin + 1e-3 * float(ray["tfar"][0]) * along if ray["primID"][0] >= 0 else NOWHERE
+
+    return answer
+
+
+def _nearest_vertex(mesh: palpate.Mesh) -> Answer:
+    """The vertex that is pressed and about which the least moment is left: |M - p x F|."""
+    vertices, normals = mesh.vertices, np.zeros(mesh.vertices.shape)
+    np.add.at(normals, mesh.faces, mesh.corner_normals)
+
+    def answer(wrench: np.ndarray) -> np.ndarray:
+        force, moment = wrench[:3], wrench[3:]
+        left = np.linalg.norm(moment - np.cross(vertices, force), axis=1)
+        return vertices[np.argmin(np.where(normals @ force < 0, left, np.inf))]
+
+    return answer
+
+
+def _iterated(equation: EllipsoidEquation, jacobian: str) -> Answer:
+    solve = partial(locate_iteratively, surface=equation, jacobian=jacobian, torsion=3 * R)
+
+    def answer(wrench: np.ndarray) -> np.ndarray:
+        found = solve(wrench)
+        return found.point if found.status == palpate.Status.CONTACT else NOWHERE
+
+    return answer
+
+
+def measure(scene: Scene) -> dict[str, Measured]:
+    """Every estimator, wrench by wrench, in turns, so that a busy moment falls on all alike."""
+    asked = answers(scene)
+    for answer in asked.values():
+        answer(scene.wrenches[0])
+    found = {name: (np.empty(len(scene.wrenches)), np.empty(len(scene.wrenches))) for name in asked}
+    for i, (point, wrench) in enumerate(zip(scene.points, scene.wrenches, strict=True)):
+        for name, answer in asked.items():
+            begin = time.perf_counter_ns()
+            located = answer(wrench)
+            found[name][1][i] = 1e-3 * (time.perf_counter_ns() - begin)
+            found[name][0][i] = np.linalg.norm(located - point)
+    return {name: Measured(*pair) for name, pair in found.items()}
+
+
+def report(count: int) -> list[str]:
+    """The section of RESULTS.md."""
+    made = scenes(count)
+    found = {scene.name: measure(scene) for scene in made}
+    names = list(dict.fromkeys(name for each in found.values() for name in each))
+    head = _line(["", *found, "time [us]"])
+    lines = [
+        "",
+        "## Peers: error and time on the same wrenches",
+        "",
+        "Distance to the point that the wrench was made at [um]: median (99th percentile), and how many had no answer; time",
+        f"of one call from Python, median over the ellipsoid's {count * len(PITCHES):,} wrenches (one plane: over the plane's).",
+        f"Ellipsoid 10 x 7 x 5 mm, {FACETS:,} facets; h is the pitch, R = 10 mm. The line of action and the nearest vertex",
+        "know no torque about the normal: what they miss grows with h.",
+        "",
+        head,
+        _line(["---"] + ["---:"] * (len(found) + 1)),
+    ]
+    for name in names:
+        cells = [_cell(each[name]) if name in each else "" for each in found.values()]
+        curved = [found[scene.name][name].times for scene in made[1:] if name in found[scene.name]]
+        times = np.concatenate(curved) if curved else found[made[0].name][name].times
+        lines.append(_line([name, *cells, _short(float(np.median(times)))]))
+    return [*lines, ""]
+
+
+def _cell(measured: Measured) -> str:
+    errors = 1e6 * measured.errors
+    missing = int(np.sum(np.isnan(errors)))
+    said = f"{_short(float(np.nanmedian(errors)))} ({_short(float(np.nanpercentile(errors, 99)))})"
+    return f"{said}, {missing} none" if missing else said
+
+
+def _line(cells: list[str]) -> str:
+    return "| " + " | ".join(cells) + " |"
+
+
+def _short(value: float) -> str:
+    return (
+        f"{value:,.0f}"
+        if value >= 100
+        else f"{value:.1f}"
+        if value >= 10
+        else f"{value:.2f}"
+        if value >= 0.1
+        else f"{value:.1e}"
+    )
