@@ -14,7 +14,8 @@ from palpate.contact.estimate import ROW, ContactEstimate, Status
 from palpate.contact.events import find_touches
 from palpate.contact.truth import Samples, Touches
 from palpate.io.rig import Rig, build
-from palpate.io.rig.tables import RigEstimate, RigFilter, RigForceTorque, RigPair, RigSurface, RigThresholds
+from palpate.io.rig.surface import RigSurface
+from palpate.io.rig.tables import RigEstimate, RigFilter, RigForceTorque, RigPair, RigThresholds
 from palpate.sensors.force_torque import Payload
 from palpate.viewer.report import Section
 from palpate.viewer.thinned import Thinned

@@ -16,7 +16,8 @@ from palpate.io.logs.guess import guess_orientation, guess_position, guess_time,
 from palpate.io.rig import build, check_rig, load_rig
 from palpate.io.rig.edit import update_pose
 from palpate.io.rig.new import propose_rig
-from palpate.io.rig.tables import RigEstimate, RigPair, RigSurface, RigThresholds
+from palpate.io.rig.surface import RigSurface
+from palpate.io.rig.tables import RigEstimate, RigPair, RigThresholds
 from palpate.spatial.pose import Pose
 
 RIG = """\

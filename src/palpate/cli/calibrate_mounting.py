@@ -58,7 +58,7 @@ def calibrate_mounting(
     recording = read_recording(log, setup.layout())
     if setup.mesh_path() is not None:
         import_mesh_reader()
-    surface = setup.surface.load(setup.folder)
+    surface = setup.surface.load(setup.folder).drawn()  # an equation as its fine mesh: evidence counts facets
     wait("preparing the surface and compiling kernels (compiling happens once)")
     wrenches, covariances, estimator = _in_sensor(recording, setup, surface)
     touches = _presses(recording, wrenches, estimator) if marks is None else read_touches(marks)

@@ -22,7 +22,7 @@ from palpate.io.rig.tables import RigFilter
 from palpate.sensors.motion import Motion
 from palpate.sensors.noise import estimate_noise
 from palpate.sensors.recording import ACCELERATION, Recording
-from palpate.surfaces.mesh import Mesh
+from palpate.surfaces import Surface
 
 __all__ = ["Pipeline", "open_pipeline"]
 
@@ -45,7 +45,7 @@ class Pipeline:
 
     log: Log
     rig: Rig
-    surface: Mesh
+    surface: Surface
     estimator: Estimator
     motion: Motion | None
     noise: Float[np.ndarray, "6"] | None
@@ -118,7 +118,7 @@ def open_pipeline(path: Path, rig: Rig) -> Pipeline:
     wait("preparing the surface and compiling kernels (compiling happens once)")
     begin = perf_counter()
     surface = rig.surface.load(rig.folder)
-    surface.tree()  # compiled loops are loaded here, and not on the time of reading
+    surface.prepared()  # compiled loops are loaded here, and not on the time of reading
     blocks, loaded = log.blocks(), perf_counter()
     first = list(_head(blocks, rig.estimate.tare or 0.0))
     read = perf_counter() - loaded

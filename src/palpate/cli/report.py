@@ -23,7 +23,6 @@ from palpate.evaluation.evaluate import Report as Evaluation
 from palpate.evaluation.evaluate import evaluate, nearest_in_time
 from palpate.io.atomic import write_text
 from palpate.io.rig import Rig
-from palpate.surfaces.mesh import Mesh
 from palpate.viewer import plots
 from palpate.viewer.report import Picture, Report, Section, Table, Tile, picture, render
 from palpate.viewer.thinned import Thinned
@@ -210,10 +209,9 @@ def _places(run: Run, kept: _Kept) -> Section:
     if not np.isfinite(kept.point).any():
         return Section("Where it was touched", text=("No sample was located.",))
     shown: list[Picture] = []
-    surface = run.estimator.locator.surface
-    if isinstance(surface, Mesh):
-        body = plots.silhouettes(surface.vertices, surface.faces, kept.point, kept.estimate.normal, kept.strength)
-        shown.append(picture(body, "The body from three sides. Dots are on the side one sees, rings on the far one."))
+    drawn = run.estimator.locator.surface.drawn()
+    body = plots.silhouettes(drawn.vertices, drawn.faces, kept.point, kept.estimate.normal, kept.strength)
+    shown.append(picture(body, "The body from three sides. Dots are on the side one sees, rings on the far one."))
     if np.isfinite(kept.radius).any():
         sizes = plots.histogram(1e3 * kept.radius[kept.even], "long half axis of the 95 % ellipse [mm]")
         shown.append(picture(sizes, _ellipse_words(run)))

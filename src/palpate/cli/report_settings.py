@@ -21,7 +21,8 @@ __all__ = ["budget", "inputs", "models", "settings", "surface_name"]
 
 def surface_name(rig: Rig) -> str:
     """What was touched, in a word."""
-    return "a plane" if rig.surface.kind == "plane" else Path(str(rig.surface.mesh)).name
+    kind = rig.surface.kind.replace("_", " ")
+    return Path(str(rig.surface.mesh)).name if kind == "mesh" else f"{'an' if kind[0] in 'aeiou' else 'a'} {kind}"
 
 
 def settings(rig: Rig, estimator: Estimator, rate: float) -> Section:

@@ -11,7 +11,8 @@ from tyro.conf import arg
 from palpate.cli.options import FileOption, Pair, Scalar
 from palpate.errors import InputError
 from palpate.io.rig import Rig, load_rig
-from palpate.io.rig.tables import RigEstimate, RigFilter, RigForceTorque, RigPair, RigSurface, RigThresholds
+from palpate.io.rig.surface import RigSurface
+from palpate.io.rig.tables import RigEstimate, RigFilter, RigForceTorque, RigPair, RigThresholds
 
 __all__ = ["Setup"]
 

@@ -7,8 +7,8 @@ import numpy as np
 
 from palpate.contact._settings import FRICTION, SOFT, TORSION
 from palpate.contact._slopes import cross_into, dot, sandwich, sensitivity, tangents, to_metres, to_unit
-from palpate.surfaces._bvh import CANDIDATE, CAPACITY, search
 from palpate.surfaces._jit import inner
+from palpate.surfaces._kernels import CANDIDATE, CAPACITY, search
 
 __all__ = ["distance_to_bounds", "distance_to_point"]
 
@@ -153,7 +153,7 @@ def distance_to_bounds(wrench, noise, nodes, corners, settings, first, place):
             best = min(best, distance)
             if step_size < 0.1:
                 break
-        if not sensitivity(current, candidate, spot, corners, settings, t, shape, slopes):
+        if not sensitivity(current, candidate, spot, nodes, corners, settings, t, shape, slopes):
             break
         _bounds(current, spot, t, shape, slopes, settings, values, rows)
         use0, use1 = use0 or values[0] > 0.0, use1 or values[1] > 0.0

@@ -8,9 +8,8 @@ import numpy as np
 from palpate.contact._bounds import distance_to_bounds, distance_to_point
 from palpate.contact._settings import FRICTION, HAS_PREVIOUS, NOISY, OFF, ON, PREVIOUS, SOFT, TORSION, TOUCHING
 from palpate.contact._slopes import cross_into, dot, sandwich, sensitivity, to_metres, to_unit
-from palpate.surfaces._bvh import CANDIDATE, CAPACITY, search
 from palpate.surfaces._jit import entry, inner
-from palpate.surfaces._nearest import nearest_to_axis
+from palpate.surfaces._kernels import CANDIDATE, CAPACITY, nearest_to_axis, search
 
 __all__ = ["estimate", "estimate_many"]
 
@@ -137,7 +136,7 @@ def estimate(wrench, noise, nodes, corners, settings, state, row):
     row[9] = torques[best]
     t, shape, slopes = np.empty((2, 3)), np.empty((2, 2)), np.empty((2, 6))
     spread = np.zeros((2, 2))
-    if noisy and sensitivity(wrench, found[best], place, corners, settings, t, shape, slopes):
+    if noisy and sensitivity(wrench, found[best], place, nodes, corners, settings, t, shape, slopes):
         spread = sandwich(slopes, noise, slopes)
         for i in range(3):
             for j in range(i, 3):

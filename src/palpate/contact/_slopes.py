@@ -16,6 +16,7 @@ import numpy as np
 
 from palpate.contact._settings import CENTRE, SCALE, SOFT
 from palpate.surfaces._jit import inner
+from palpate.surfaces._kernels import shape_operator
 
 __all__ = ["cross_into", "dot", "sandwich", "sensitivity", "tangents", "to_metres", "to_unit"]
 
@@ -40,30 +41,6 @@ def tangents(n, out):
     b = n[0] * n[1] * a
     out[0, 0], out[0, 1], out[0, 2] = 1.0 + sign * n[0] * n[0] * a, sign * b, -sign * n[0]
     out[1, 0], out[1, 1], out[1, 2] = b, sign + n[1] * n[1] * a, -n[1]
-
-
-@inner
-def _shape(row, b, n, t, scale, out):
-    """Shape operator of a patch with interpolated normals in the tangents t: dn = S dp, into out (2, 2) [1/m]."""
-    a, d = np.empty((2, 2)), np.empty((2, 2))  # tangential parts of the edges and of the change of the normal
-    length = 0.0
-    for k in range(3):
-        length += (b[0] * row[3 + k] + b[1] * row[9 + k] + b[2] * row[15 + k]) * n[k]
-    for i in range(2):
-        for j in range(2):
-            o = 6 * (j + 1)
-            a[i, j] = d[i, j] = 0.0
-            for k in range(3):
-                a[i, j] += t[i, k] * (row[o + k] - row[k]) * scale
-                d[i, j] += t[i, k] * (row[o + 3 + k] - row[3 + k]) / length
-    det = a[0, 0] * a[1, 1] - a[0, 1] * a[1, 0]
-    if det == 0.0:
-        out[:] = 0.0
-        return
-    out[0, 0] = (d[0, 0] * a[1, 1] - d[0, 1] * a[1, 0]) / det
-    out[0, 1] = (d[0, 1] * a[0, 0] - d[0, 0] * a[0, 1]) / det
-    out[1, 0] = (d[1, 0] * a[1, 1] - d[1, 1] * a[1, 0]) / det
-    out[1, 1] = (d[1, 1] * a[0, 0] - d[1, 0] * a[0, 1]) / det
 
 
 @inner
@@ -140,12 +117,11 @@ def to_unit(wrench, settings, out):
 
 
 @inner
-def sensitivity(wrench, candidate, place, corners, settings, t, shape, slopes):
+def sensitivity(wrench, candidate, place, nodes, corners, settings, t, shape, slopes):
     """Tangents, shape operator and slopes of a candidate. False where the point is not determined."""
-    n = place[3:]
-    tangents(n, t)
-    if candidate[6] == 1.0 and settings[SOFT] == 1.0:
-        _shape(corners[int(candidate[0])], candidate[1:4], n, t, settings[SCALE], shape)
+    tangents(place[3:], t)
+    if settings[SOFT] == 1.0:
+        shape_operator(candidate, t, settings[SCALE], nodes, corners, shape)
     else:
         shape[:] = 0.0
-    return _slopes(wrench, place[:3], n, t, shape, settings[SOFT], slopes)
+    return _slopes(wrench, place[:3], place[3:], t, shape, settings[SOFT], slopes)

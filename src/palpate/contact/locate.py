@@ -78,11 +78,11 @@ class Locator:
         self.surface, self.method, self.friction, self.torsion = surface, method, float(friction), float(torsion)
         self.noise = None if noise is None else noise_covariance(noise)
         self.on, self.off = _thresholds(self.noise, on, off)
-        tree = surface.tree()
-        self._tree = (tree.nodes, tree.corners)
+        prepared = surface.prepared()
+        self._arguments = prepared.arguments
         soft, noisy = float(method == "soft_finger"), float(self.noise is not None)
         self._settings = np.array(
-            [*tree.centre, tree.scale, soft, self.friction, self.torsion, self.on, self.off, noisy]
+            [*prepared.centre, prepared.scale, soft, self.friction, self.torsion, self.on, self.off, noisy]
         )
         self._noisy = self._settings.copy()  # with covariances beside the wrenches
         self._noisy[NOISY] = 1.0
@@ -111,7 +111,7 @@ class Locator:
         if out.shape != _ROW_SHAPE or out.dtype != np.float64:
             raise ValueError(f"out must be a row of Locator.empty(), float64 {_ROW_SHAPE}, not {out.dtype} {out.shape}")
         self._wrench[:] = wrench  # the one array type that was compiled for
-        self._one(self._wrench, self._noise, *self._tree, self._settings, self._state, out)
+        self._one(self._wrench, self._noise, *self._arguments, self._settings, self._state, out)
 
     def run(
         self,
@@ -140,7 +140,7 @@ class Locator:
         forced = np.full(len(wrenches), -1, np.int8) if statuses is None else np.require(statuses, np.int8, ["C", "W"])
         rows = self.empty(len(wrenches))
         state = self._state if sequential else _state(previous)
-        self._many(wrenches, noises, forced, *self._tree, settings, state, sequential, rows)
+        self._many(wrenches, noises, forced, *self._arguments, settings, state, sequential, rows)
         return ContactEstimate.from_rows(rows)
 
     def run_into(
@@ -153,20 +153,20 @@ class Locator:
         """`run` in sequence into rows of `empty()`, from contiguous, writable arrays: what a control loop calls."""
         noises = self._noise[None] if covariances is None else covariances
         settings = self._settings if covariances is None else self._noisy
-        self._many(wrenches, noises, statuses, *self._tree, settings, self._state, True, rows)
+        self._many(wrenches, noises, statuses, *self._arguments, settings, self._state, True, rows)
 
     def candidates(self, wrench: Float[np.ndarray, "6"]) -> Candidates:
         """Every contact that one wrench (6,) can have, those within the bounds first, then as met along the force."""
-        from palpate.surfaces import _bvh
+        from palpate.surfaces import _kernels
 
         centre, scale = self._settings[:3], self._settings[3]
         force, moment = np.asarray(wrench[:3], dtype=np.float64), np.asarray(wrench[3:], dtype=np.float64)
-        found = np.zeros((_bvh.CAPACITY + 1, _bvh.CANDIDATE))
+        found = np.zeros((_kernels.CAPACITY + 1, _kernels.CANDIDATE))
         if not np.all(np.isfinite(wrench)) or not np.any(force):
             found = found[:0]
         else:
             unit = np.concatenate([force, (moment - np.cross(centre, force)) / scale])
-            found = found[: _bvh.search(unit, self._settings[SOFT], np.inf, *self._tree, found)]
+            found = found[: _kernels.search(unit, self._settings[SOFT], np.inf, *self._arguments, found)]
         point, normal = found[:, 8:11] * scale + centre, found[:, 11:14]
         torque = np.einsum("nk,nk->n", moment - np.cross(point, force), normal)
         plausible = (found[:, 4] <= self.friction) & (np.abs(torque) <= self.torsion * np.abs(normal @ force))

@@ -1,7 +1,21 @@
 """Surfaces: what a body is to a wrench."""
 
+from palpate.surfaces.implicit import ImplicitSurface, superquadric
 from palpate.surfaces.mesh import UNITS, Mesh
 from palpate.surfaces.plane import plane
+from palpate.surfaces.quadric import Cylinder, Ellipsoid, EllipticCylinder, Paraboloid, Sphere
 from palpate.surfaces.surface import Surface
 
-__all__ = ["UNITS", "Mesh", "Surface", "plane"]
+__all__ = [
+    "UNITS",
+    "Cylinder",
+    "Ellipsoid",
+    "EllipticCylinder",
+    "ImplicitSurface",
+    "Mesh",
+    "Paraboloid",
+    "Sphere",
+    "Surface",
+    "plane",
+    "superquadric",
+]

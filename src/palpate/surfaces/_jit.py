@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import Any, cast
 
 from numba import njit
+from numba.extending import overload
 
-__all__ = ["STAMP", "entry", "inlined", "inner"]
+__all__ = ["STAMP", "chosen_for", "entry", "inlined", "inner"]
 
 
 def _stamp() -> str:
@@ -45,3 +46,8 @@ def inner(function):
 def inlined(function):
     """Decorates one of the few inner functions that must not become a call."""
     return njit(inline="always", **_OPTIONS)(function)
+
+
+def chosen_for(function):
+    """Decorates what returns the function that compiled code calls, given the types of the arguments."""
+    return cast(Any, overload)(function, jit_options=_OPTIONS)

@@ -18,6 +18,7 @@ from palpate.surfaces._mend import mend
 from palpate.surfaces._normals import corner_normals, facet_normals
 from palpate.surfaces._patches import build_patches
 from palpate.surfaces._tree import Tree, build_tree
+from palpate.surfaces.surface import Prepared
 
 if TYPE_CHECKING:
     from palpate.spatial.pose import Pose
@@ -149,6 +150,15 @@ class Mesh:
     def tree(self) -> Tree:
         """The prepared search tree; built (and its loops compiled) on the first call."""
         return self._tree
+
+    def prepared(self) -> Prepared:
+        """For the compiled loops: the tree."""
+        tree = self._tree
+        return Prepared((tree.nodes, tree.corners), tree.centre, tree.scale)
+
+    def drawn(self) -> Mesh:
+        """What a viewer shows of it: itself."""
+        return self
 
     def project(
         self, points: Float[np.ndarray, "n 3"]

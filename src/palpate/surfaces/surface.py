@@ -2,14 +2,25 @@
 
 from __future__ import annotations
 
-from typing import Protocol, runtime_checkable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float, Int
 
-from palpate.surfaces._tree import Tree
+if TYPE_CHECKING:
+    from palpate.surfaces.mesh import Mesh
 
-__all__ = ["Surface"]
+__all__ = ["Prepared", "Surface"]
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """A surface as compiled loops read it: two arguments (`_kernels`), in unit size (p - centre)/scale, in metres."""
+
+    arguments: tuple[Any, Float[np.ndarray, "m k"]]
+    centre: Float[np.ndarray, "3"]
+    scale: float
 
 
 @runtime_checkable
@@ -26,12 +37,21 @@ class Surface(Protocol):
         """Middle of the bounding box [m]."""
         ...
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What to doubt about it, a sentence each."""
+        ...
+
     def project(
         self, points: Float[np.ndarray, "n 3"]
     ) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"], Int[np.ndarray, " n"]]:
-        """Closest points, outward unit normals there, and the facets they lie on."""
+        """Closest points, outward unit normals there, and the facets they lie on (-1 where there are none)."""
         ...
 
-    def tree(self) -> Tree:
-        """The prepared search tree, built once."""
+    def prepared(self) -> Prepared:
+        """For the compiled loops, built once."""
+        ...
+
+    def drawn(self) -> Mesh:
+        """What a viewer shows of it."""
         ...

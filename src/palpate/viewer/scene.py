@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from palpate.contact.estimate import ContactEstimate, Status
 from palpate.spatial.pose import quaternion_from_rotation
-from palpate.surfaces.mesh import Mesh
+from palpate.surfaces import Mesh, Surface
 from palpate.viewer.heat import Skin, density, skin
 from palpate.viewer.timeline import Timeline, thinned
 
@@ -136,11 +136,11 @@ class Scene:
         return thinned(self.timeline.clock[rows], values, PLOTTED)
 
 
-def prepare(surface: Mesh, time: Float[np.ndarray, " n"], estimate: ContactEstimate, title: str = "") -> Scene:
+def prepare(surface: Surface, time: Float[np.ndarray, " n"], estimate: ContactEstimate, title: str = "") -> Scene:
     """A scene from contacts in the surface's frame.
 
     Args:
-        surface: the body.
+        surface: the body; one that is an equation is shown as a mesh.
         time: (n,) [s] as recorded.
         estimate: batch of n; at least one.
         title: what to call it.
@@ -148,14 +148,15 @@ def prepare(surface: Mesh, time: Float[np.ndarray, " n"], estimate: ContactEstim
     answered = estimate.answered & np.isfinite(estimate.point).all(axis=1) & np.isfinite(estimate.normal).all(axis=1)
     timeline = Timeline.of(time, answered)
     points = estimate.point[answered]
-    width = _width(surface, points)
+    mesh = surface.drawn()
+    width = _width(mesh, points)
     thin = np.unique((points / width).round(), axis=0) * width
-    body = skin(surface, thin, width)
+    body = skin(mesh, thin, width)
     heat = density(body, points, estimate.normal[answered], timeline.seconds[answered], width)
     shown = _some(np.flatnonzero(answered))
     strong = np.nanquantile(np.linalg.norm(estimate.force[shown], axis=1), 0.95) if len(shown) else 1.0
-    newton = 0.35 * surface.size / max(float(strong), 1e-9)
-    return Scene(title, surface, body, time, timeline, estimate, heat, newton, _magnified(surface, estimate, shown))
+    newton = 0.35 * mesh.size / max(float(strong), 1e-9)
+    return Scene(title, mesh, body, time, timeline, estimate, heat, newton, _magnified(mesh, estimate, shown))
 
 
 def ellipse(

@@ -15,19 +15,12 @@ from palpate.contact.locate import Locator
 from palpate.errors import InputError
 from palpate.io.logs.layout import Layout, axis_matrix
 from palpate.io.models import load_toml, read_payload
-from palpate.io.rig.tables import (
-    RigAcceleration,
-    RigEstimate,
-    RigFilter,
-    RigForceTorque,
-    RigOrientation,
-    RigSurface,
-    RigTime,
-)
+from palpate.io.rig.surface import RigSurface
+from palpate.io.rig.tables import RigAcceleration, RigEstimate, RigFilter, RigForceTorque, RigOrientation, RigTime
 from palpate.io.strict import parse
 from palpate.io.units import FORCE_UNITS, TIME_UNITS, TORQUE_UNITS, to_si
 from palpate.sensors.force_torque import ForceTorque, Payload
-from palpate.surfaces.mesh import Mesh
+from palpate.surfaces import Surface
 
 __all__ = ["Rig", "build", "check_rig", "load_rig"]
 
@@ -73,7 +66,7 @@ class Rig:
 
     def mesh_path(self) -> Path | None:
         """Of the mesh, if there is one."""
-        return None if self.surface.kind == "plane" else self.folder / str(self.surface.mesh)
+        return self.folder / str(self.surface.mesh) if self.surface.kind == "mesh" else None
 
     def payload(self) -> Payload | None:
         """Read from its file, if one is named."""
@@ -118,7 +111,7 @@ def check_rig(table: Mapping[str, Any], path: Path) -> Rig:
 
 
 def build(
-    rig: Rig, *, surface: Mesh | None = None, noise: Float[np.ndarray, "6"] | None = None, rate: float | None = None
+    rig: Rig, *, surface: Surface | None = None, noise: Float[np.ndarray, "6"] | None = None, rate: float | None = None
 ) -> Estimator:
     """The estimator of a rig.
 

@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from math import inf, radians
-from pathlib import Path
+from math import inf
 
 import numpy as np
 from jaxtyping import Float
 
-from palpate.io.strict import INFINITE, covariance_matrix
+from palpate.io.strict import INFINITE
 from palpate.sensors.filters import Butterworth, Kalman
-from palpate.spatial.pose import Pose
-from palpate.surfaces.mesh import UNITS, Mesh
-from palpate.surfaces.plane import plane
 
 __all__ = [
     "RigAcceleration",
@@ -22,84 +18,16 @@ __all__ = [
     "RigForceTorque",
     "RigOrientation",
     "RigPair",
-    "RigPose",
-    "RigRegion",
-    "RigSurface",
     "RigThresholds",
     "RigTime",
     "RigUnits",
+    "require_path",
 ]
 
 Three = tuple[float, float, float]
 Four = tuple[float, float, float, float]
 Six = tuple[str, str, str, str, str, str]
 _SMALLEST = 1e-15  # N, N m: below any sensor, and its square is still a number
-
-
-@dataclass(frozen=True)
-class RigPose:
-    """Of the surface in the sensor's frame [m]."""
-
-    xyz: Three = (0.0, 0.0, 0.0)
-    quaternion_xyzw: Four = (0.0, 0.0, 0.0, 1.0)
-
-    def __post_init__(self) -> None:
-        if not abs(np.linalg.norm(self.quaternion_xyzw) - 1.0) <= 0.01:  # NaN too
-            raise ValueError(
-                f"quaternion_xyzw {list(self.quaternion_xyzw)} is not of length 1 (the order is x, y, z, w)"
-            )
-
-    def pose(self) -> Pose:
-        """As a value."""
-        return Pose.from_quaternion(self.quaternion_xyzw, self.xyz)
-
-
-@dataclass(frozen=True)
-class RigRegion:
-    """The part of the mesh that can be touched: a box in the mesh's frame [m], or facets counted from 0."""
-
-    box: tuple[Three, Three] | None = None
-    facets: tuple[int, ...] | None = None
-
-
-@dataclass(frozen=True)
-class RigSurface:
-    """What is touched: `mesh` with its `unit`, or kind = "plane" with a `point` [m], a `normal` and a `half_width`."""
-
-    kind: str = "mesh"
-    mesh: str | None = None
-    unit: str | None = None
-    crease: float = 30.0
-    region: RigRegion = field(default_factory=RigRegion)
-    point: Three = (0.0, 0.0, 0.0)
-    normal: Three = (0.0, 0.0, 1.0)
-    half_width: float = 1.0
-    pose: RigPose = field(default_factory=RigPose)
-    pose_covariance: tuple[tuple[float, ...], ...] | None = None
-
-    def __post_init__(self) -> None:
-        if self.kind not in ("mesh", "plane"):
-            raise ValueError(f"kind must be 'mesh' or 'plane', not {self.kind!r}")
-        if self.kind == "mesh" and self.mesh is None:
-            raise ValueError("mesh is missing: the file of the surface")
-        if self.kind == "mesh" and self.unit not in UNITS:
-            raise ValueError(f"unit of the mesh must be one of {', '.join(UNITS)}, not {self.unit!r}")
-        _require_path("mesh", self.mesh)
-        if not 0 <= self.crease <= 180:
-            raise ValueError(f"crease must lie between 0 and 180 degrees, not {self.crease:g}")
-        if not 0 < self.half_width < inf:
-            raise ValueError("half_width must be positive")
-        if not 0 < np.linalg.norm(self.normal) < inf:
-            raise ValueError("normal must not be zero")
-        if self.pose_covariance is not None:
-            covariance_matrix(self.pose_covariance, 6, "pose_covariance")
-
-    def load(self, folder: Path) -> Mesh:
-        """The surface, in metres; a relative path starts at `folder`."""
-        if self.kind == "plane":
-            return plane(self.point, self.normal, self.half_width)
-        region = self.region.box if self.region.box is not None else self.region.facets
-        return Mesh.load(folder / str(self.mesh), unit=str(self.unit), crease=radians(self.crease), region=region)
 
 
 @dataclass(frozen=True)
@@ -143,7 +71,7 @@ class RigForceTorque:
     def __post_init__(self) -> None:
         if self.frame not in ("sensor", "base"):
             raise ValueError(f"frame must be 'sensor' or 'base', not {self.frame!r}")
-        _require_path("payload", self.payload)
+        require_path("payload", self.payload)
 
 
 @dataclass(frozen=True)
@@ -262,6 +190,7 @@ class RigEstimate:
             raise ValueError("friction must be positive and finite, and torsion not negative")
 
 
-def _require_path(key: str, path: str | None) -> None:
+def require_path(key: str, path: str | None) -> None:
+    """ValueError unless it can name a file, or is left out."""
     if path is not None and (not path.strip() or "\0" in path):
         raise ValueError(f"{key} must name a file, not {path!r}")

@@ -1,0 +1,141 @@
+"""The surface of a rig: a mesh from a file, or an equation by its lengths."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from math import inf, radians
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from palpate.io.rig.tables import Three, require_path
+from palpate.io.strict import covariance_matrix
+from palpate.spatial.pose import Pose
+from palpate.surfaces import (
+    UNITS,
+    Cylinder,
+    Ellipsoid,
+    EllipticCylinder,
+    Mesh,
+    Paraboloid,
+    Sphere,
+    Surface,
+    plane,
+    superquadric,
+)
+
+__all__ = ["EQUATIONS", "RigPose", "RigRegion", "RigSurface"]
+
+Four = tuple[float, float, float, float]
+
+EQUATIONS: dict[str, tuple[Callable[..., Surface], tuple[str, ...]]] = {
+    "sphere": (Sphere, ("radius",)),
+    "ellipsoid": (Ellipsoid, ("axes",)),
+    "cylinder": (Cylinder, ("radius", "half_length", "upper")),
+    "elliptic_cylinder": (EllipticCylinder, ("a", "b", "half_length", "upper")),
+    "paraboloid": (Paraboloid, ("radii", "height")),
+    "superquadric": (superquadric, ("axes", "exponents")),
+}
+_KINDS = ("mesh", "plane", *EQUATIONS)
+
+
+@dataclass(frozen=True)
+class RigPose:
+    """Of the surface in the sensor's frame [m]."""
+
+    xyz: Three = (0.0, 0.0, 0.0)
+    quaternion_xyzw: Four = (0.0, 0.0, 0.0, 1.0)
+
+    def __post_init__(self) -> None:
+        if not abs(np.linalg.norm(self.quaternion_xyzw) - 1.0) <= 0.01:  # NaN too
+            raise ValueError(
+                f"quaternion_xyzw {list(self.quaternion_xyzw)} is not of length 1 (the order is x, y, z, w)"
+            )
+
+    def pose(self) -> Pose:
+        """As a value."""
+        return Pose.from_quaternion(self.quaternion_xyzw, self.xyz)
+
+
+@dataclass(frozen=True)
+class RigRegion:
+    """The part of the mesh that can be touched: a box in the mesh's frame [m], or facets counted from 0."""
+
+    box: tuple[Three, Three] | None = None
+    facets: tuple[int, ...] | None = None
+
+
+@dataclass(frozen=True)
+class RigSurface:
+    """What is touched: `mesh` with its `unit`, or another `kind`, its lengths in metres.
+
+    plane: a `point`, a `normal` and a `half_width`. sphere: `radius`. ellipsoid: `axes` (three half-lengths).
+    cylinder, along y: `radius` and `half_length`. elliptic_cylinder: half-axes `a` along x and `b` along z, and
+    `half_length`; `upper` = true for its half with z >= 0. paraboloid: `radii` of curvature at its apex along x and y,
+    and `height`. superquadric: `axes` and `exponents`. See `palpate.surfaces`.
+    """
+
+    kind: str = "mesh"
+    mesh: str | None = None
+    unit: str | None = None
+    crease: float = 30.0
+    region: RigRegion = field(default_factory=RigRegion)
+    point: Three = (0.0, 0.0, 0.0)
+    normal: Three = (0.0, 0.0, 1.0)
+    half_width: float = 1.0
+    radius: float | None = None
+    axes: Three | None = None
+    a: float | None = None
+    b: float | None = None
+    half_length: float | None = None
+    upper: bool = False
+    radii: tuple[float, float] | None = None
+    height: float | None = None
+    exponents: tuple[float, float] | None = None
+    pose: RigPose = field(default_factory=RigPose)
+    pose_covariance: tuple[tuple[float, ...], ...] | None = None
+
+    def __post_init__(self) -> None:
+        if self.kind not in _KINDS:
+            raise ValueError(f"kind must be one of {', '.join(_KINDS)}, not {self.kind!r}")
+        if self.kind == "mesh" and self.mesh is None:
+            raise ValueError("mesh is missing: the file of the surface")
+        if self.kind == "mesh" and self.unit not in UNITS:
+            raise ValueError(f"unit of the mesh must be one of {', '.join(UNITS)}, not {self.unit!r}")
+        require_path("mesh", self.mesh)
+        if not 0 <= self.crease <= 180:
+            raise ValueError(f"crease must lie between 0 and 180 degrees, not {self.crease:g}")
+        if not 0 < self.half_width < inf:
+            raise ValueError("half_width must be positive")
+        if not 0 < np.linalg.norm(self.normal) < inf:
+            raise ValueError("normal must not be zero")
+        if self.pose_covariance is not None:
+            covariance_matrix(self.pose_covariance, 6, "pose_covariance")
+        if self.kind in EQUATIONS:
+            self._require_lengths()
+
+    def _require_lengths(self) -> None:
+        needed = EQUATIONS[self.kind][1]
+        given: dict[str, Any] = {name: getattr(self, name) for name in needed}
+        for name, value in given.items():
+            if value is None:
+                raise ValueError(f"{name} is missing: a {self.kind} needs {', '.join(needed)} (in metres)")
+            if not np.all((np.asarray(value) > 0) & (np.asarray(value) < inf)) and name != "upper":
+                raise ValueError(f"{name} must be positive and finite, not {value}")
+
+    def load(self, folder: Path) -> Surface:
+        """The surface, in metres; a relative path starts at `folder`.
+
+        Raises:
+            InputError: the mesh cannot be read.
+            GeometryError: there is nothing usable in it, or no such surface.
+        """
+        if self.kind == "plane":
+            return plane(self.point, self.normal, self.half_width)
+        if self.kind in EQUATIONS:
+            make, names = EQUATIONS[self.kind]
+            return make(**{name: getattr(self, name) for name in names})
+        region = self.region.box if self.region.box is not None else self.region.facets
+        return Mesh.load(folder / str(self.mesh), unit=str(self.unit), crease=radians(self.crease), region=region)

@@ -1,0 +1,130 @@
+"""Surfaces with an equation f(p) = 0: what all of them share."""
+
+from __future__ import annotations
+
+import functools
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from palpate.spatial._arrays import frozen
+from palpate.spatial.pose import Pose
+from palpate.surfaces.mesh import Mesh
+from palpate.surfaces.surface import Prepared
+
+__all__ = ["Analytic"]
+
+SAMPLES = 24  # along each side of the chart, for a first guess at the nearest point
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Analytic(ABC):
+    """A surface f(p) = 0, f < 0 inside, along axes of its own.
+
+    Attributes:
+        pose: T_frame_surface, where its own axes lie in the frame it is used in.
+        notes: what to doubt, a sentence each.
+    """
+
+    pose: Pose = field(default_factory=Pose.identity)
+    notes: tuple[str, ...] = ()
+
+    @property
+    @abstractmethod
+    def box(self) -> Float[np.ndarray, "2 3"]:
+        """Corners of the box around it, along its own axes [m]."""
+
+    @property
+    def ends(self) -> Float[np.ndarray, "2 3"]:
+        """Least and largest coordinates at which it is cut off, along its own axes [m]; infinite where it is not."""
+        return frozen([[-np.inf] * 3, [np.inf] * 3])
+
+    @abstractmethod
+    def evaluate(
+        self, points: Float[np.ndarray, "*batch 3"]
+    ) -> tuple[Float[np.ndarray, "*batch"], Float[np.ndarray, "*batch 3"], Float[np.ndarray, "*batch 3 3"]]:
+        """Value, gradient and Hessian at points [m] along its own axes: the NumPy twin of `_equation.evaluate`."""
+
+    @abstractmethod
+    def equation(self) -> Any:
+        """What compiled loops take for it: coefficients in unit size, or a compiled function of points [m]."""
+
+    @abstractmethod
+    def chart(self, count: int) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "f 3"]]:
+        """Points [m] of it along its own axes, `count` steps each way, and outward triangles between them."""
+
+    def samples(self) -> Float[np.ndarray, "n 3"]:
+        """Points all over it, within its ends, along its own axes [m]: first guesses at the nearest one."""
+        return self.chart(SAMPLES)[0]
+
+    @property
+    def centre(self) -> Float[np.ndarray, "3"]:
+        """Middle of the box [m]."""
+        return self.pose.apply(self.box.mean(axis=0))
+
+    @property
+    def size(self) -> float:
+        """Diagonal of the box [m]."""
+        return float(np.linalg.norm(self.box[1] - self.box[0]))
+
+    def value(self, points: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch"]:
+        """The equation's left side: negative inside, 0 on the surface."""
+        return self.evaluate(self._own(points))[0]
+
+    def gradient(self, points: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3"]:
+        """Its derivative, which points outward."""
+        return self.pose.rotate(self.evaluate(self._own(points))[1])
+
+    def hessian(self, points: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3 3"]:
+        """Its second derivative."""
+        rotation = self.pose.rotation
+        return rotation @ self.evaluate(self._own(points))[2] @ rotation.T
+
+    def transformed(self, pose: Pose) -> Analytic:
+        """The same surface in another frame; pose is T_target_frame."""
+        return replace(self, pose=pose @ self.pose)
+
+    def project(
+        self, points: Float[np.ndarray, "n 3"]
+    ) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"], Int[np.ndarray, " n"]]:
+        """Closest points [m] within its ends, outward unit normals there, and -1 for the facets that it has not."""
+        from palpate.surfaces import _equation
+
+        prepared, out = self.prepared(), np.empty((len(points), 6))
+        unit = (self._own(points) - self.box.mean(axis=0)) / prepared.scale
+        _equation.nearest_points(unit, *prepared.arguments, out)
+        closest = self.pose.apply(out[:, :3] * prepared.scale + self.box.mean(axis=0))
+        return closest, self.pose.rotate(out[:, 3:]), np.full(len(points), -1)
+
+    def mesh(self, facets: int = 5000) -> Mesh:
+        """Triangles with their corners on it, about as many as asked for: to draw, and for what needs a mesh."""
+        points, faces = self.chart(max(3, round((facets / 2) ** 0.5)))
+        return Mesh.from_arrays(self.pose.apply(points), faces)
+
+    def drawn(self) -> Mesh:
+        """What a viewer shows of it."""
+        return self.mesh()
+
+    def prepared(self) -> Prepared:
+        """For the compiled loops; made, and they compiled, on the first call."""
+        return self._prepared
+
+    @functools.cached_property
+    def _prepared(self) -> Prepared:
+        middle, scale = self.box.mean(axis=0), 0.5 * self.size
+        head = np.zeros((5, 6))
+        head[0, :3], head[0, 3:] = (self.ends - middle) / scale
+        head[1, :3], head[1, 3] = middle, scale
+        head[2:, :3] = self.pose.rotation
+        points = self.samples()
+        gradient = self.evaluate(points)[1]
+        normals = gradient / np.linalg.norm(gradient, axis=1, keepdims=True)
+        table = np.concatenate([head, np.concatenate([(points - middle) / scale, normals], axis=1)])
+        return Prepared((self.equation(), table), self.centre, scale)
+
+    def _own(self, points: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3"]:
+        """Points of the frame along the surface's own axes."""
+        return self.pose.inverse().apply(points)

@@ -1,0 +1,174 @@
+"""Any smooth surface whose equation a user can write down."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from palpate.errors import GeometryError, InputError
+from palpate.spatial._arrays import frozen
+from palpate.surfaces.analytic import Analytic
+from palpate.surfaces.quadric import Ellipsoid
+
+__all__ = ["ImplicitSurface", "superquadric"]
+
+_LINES = 20  # along each side of the box, three ways and back: to look for a surface of which nothing is known
+
+
+@dataclass(frozen=True, eq=False)
+class ImplicitSurface(Analytic):
+    """f(p) = 0 from functions of a point p (3,) [m] along its own axes, in arithmetic that numba compiles.
+
+    They need to be smooth where the surface is, and negative inside. Contacts are found from where the wrench axis
+    enters the surface; on a body that is not convex, others that a pitch makes elsewhere are not looked for.
+
+    Attributes:
+        value: f(p), a number.
+        gradient: (3,), or a tuple of three.
+        hessian: (3, 3).
+        low, high: corners of the box in which the surface lies, and at which it ends [m].
+
+    Raises:
+        GeometryError: nothing of the surface is in the box, or the derivatives are not those of the value.
+        InputError: numba cannot compile a function.
+    """
+
+    value_at: Callable[[Any], Any]
+    gradient_at: Callable[[Any], Any]
+    hessian_at: Callable[[Any], Any]
+    low: tuple[float, float, float]
+    high: tuple[float, float, float]
+
+    def __post_init__(self) -> None:
+        if not np.all(np.subtract(self.high, self.low) > 0) or not np.all(np.isfinite([self.low, self.high])):
+            raise GeometryError(f"the box from {self.low} to {self.high} of an implicit surface has no inside")
+        self._require_derivatives()
+
+    @property
+    def box(self) -> Float[np.ndarray, "2 3"]:
+        """As given."""
+        return frozen([self.low, self.high])
+
+    @property
+    def ends(self) -> Float[np.ndarray, "2 3"]:
+        """The box as given."""
+        return self.box
+
+    def evaluate(
+        self, points: Float[np.ndarray, "*batch 3"]
+    ) -> tuple[Float[np.ndarray, "*batch"], Float[np.ndarray, "*batch 3"], Float[np.ndarray, "*batch 3 3"]]:
+        """The functions themselves, point by point."""
+        batch = points.shape[:-1]
+        flat = np.ascontiguousarray(points, dtype=np.float64).reshape(-1, 3)
+        value = np.array([self.value_at(p) for p in flat], dtype=np.float64).reshape(batch)
+        gradient = np.array([self.gradient_at(p) for p in flat], dtype=np.float64).reshape(*batch, 3)
+        hessian = np.array([self.hessian_at(p) for p in flat], dtype=np.float64).reshape(*batch, 3, 3)
+        return value, gradient, hessian
+
+    def equation(self) -> Any:
+        """The three functions compiled into one."""
+        return _compiled(self.value_at, self.gradient_at, self.hessian_at)
+
+    def chart(self, count: int) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "f 3"]]:
+        """Longitude and latitude about the middle of the box, from where every point must be in sight."""
+        directions, faces = Ellipsoid((1.0, 1.0, 1.0)).chart(count)
+        middle, reach = self.box.mean(axis=0), 0.5 * self.size
+        points = self._entered(middle + reach * directions, -directions)
+        if np.isnan(points).any() or not self.value_at(middle) < 0:
+            raise GeometryError(
+                "this surface cannot be drawn: from the middle of its box it is not seen in every direction; choose "
+                "a box about a point inside it"
+            )
+        return points, faces
+
+    def samples(self) -> Float[np.ndarray, "n 3"]:
+        """Where a lattice of lines first enters it, from six sides."""
+        return self._on_lattice
+
+    @functools.cached_property
+    def _on_lattice(self) -> Float[np.ndarray, "m 3"]:
+        low, high = self.box
+        origins, directions = list[Any](), list[Any]()
+        for axis in range(3):
+            others = [k for k in range(3) if k != axis]
+            shares = (np.arange(_LINES) + 0.5) / _LINES
+            start = np.empty((_LINES, _LINES, 3))
+            start[..., others[0]] = (low + shares[:, None] * (high - low))[:, None, others[0]]
+            start[..., others[1]] = (low + shares[:, None] * (high - low))[None, :, others[1]]
+            start = start.reshape(-1, 3)
+            for end, sign in ((low[axis], 1.0), (high[axis], -1.0)):
+                begin = start.copy()
+                begin[:, axis] = end
+                origins.append(begin)
+                directions.append(np.broadcast_to(sign * np.eye(3)[axis], begin.shape))
+        points = self._entered(np.concatenate(origins), np.concatenate(directions))
+        inside = np.all((points >= low) & (points <= high), axis=1)  # NaN is not
+        if not inside.any():
+            raise GeometryError("no point of the surface lies in its box (is the value negative inside, in metres?)")
+        return points[inside]
+
+    def _entered(self, origins: Float[np.ndarray, "n 3"], directions: Float[np.ndarray, "n 3"]) -> np.ndarray:
+        """Where lines first enter the surface [m]."""
+        from palpate.surfaces import _equation
+
+        middle, scale = self.box.mean(axis=0), 0.5 * self.size
+        head = np.zeros((5, 6))
+        head[1, :3], head[1, 3] = middle, scale
+        out = np.empty((len(origins), 3))
+        _equation.enter((origins - middle) / scale, np.ascontiguousarray(directions), self.equation(), head, out)
+        return out * scale + middle
+
+    def _require_derivatives(self) -> None:
+        """Hold gradient and Hessian against central differences at points of the surface."""
+        points, step = self._on_lattice[::37], 1e-5 * self.size
+        value, gradient, hessian = self.evaluate(points)
+        del value
+        moves = step * np.eye(3)
+        views = [(self.evaluate(points + move), self.evaluate(points - move)) for move in moves]
+        slopes = np.stack([(after[0] - before[0]) / (2 * step) for after, before in views], axis=-1)
+        bends = np.stack([(after[1] - before[1]) / (2 * step) for after, before in views], axis=-1)
+        size = np.abs(gradient).max()
+        if not np.abs(slopes - gradient).max() < 1e-4 * size:
+            raise GeometryError("the gradient of an implicit surface is not the derivative of its value")
+        if not np.abs(bends - hessian).max() < 1e-3 * max(np.abs(hessian).max(), size / self.size):
+            raise GeometryError("the Hessian of an implicit surface is not the derivative of its gradient")
+
+
+@functools.lru_cache(maxsize=64)
+def _compiled(value: Callable[..., Any], gradient: Callable[..., Any], hessian: Callable[..., Any]) -> Any:
+    """One function (point, out) of three, that compiled loops call whatever is behind it."""
+    from palpate.surfaces import _function
+
+    try:
+        return _function.compiled(value, gradient, hessian)
+    except Exception as error:  # numba raises many kinds
+        line = str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
+        raise InputError(
+            f"the functions of an implicit surface cannot be compiled: {line}.",
+            mend="Write them with plain arithmetic and numpy on p[0], p[1], p[2]; the Hessian as an array (3, 3).",
+        ) from error
+
+
+def superquadric(axes: tuple[float, float, float], exponents: tuple[float, float], **options: Any) -> ImplicitSurface:
+    """(|x/a|^(2/e2) + |y/b|^(2/e2))^(e2/e1) + |z/c|^(2/e1) = 1 (Barr 1981), for exponents in (0, 1].
+
+    Args:
+        axes: half-lengths a, b, c [m].
+        exponents: e1 (along z) and e2 (around z); below 1 they square it off.
+        options: `pose` and `notes`.
+
+    Raises:
+        GeometryError: exponents at which it has edges, or axes that are not positive.
+    """
+    from palpate.surfaces import _function
+
+    if not all(0 < e <= 1 for e in exponents) or not all(0 < axis < np.inf for axis in axes):
+        raise GeometryError(f"a smooth superquadric has positive axes and exponents in (0, 1], not {axes}, {exponents}")
+    functions = _function.superquadric(*axes, *exponents)
+    x, y, z = (1.000001 * axis for axis in axes)  # a little room: it ends nowhere
+    return ImplicitSurface(*functions, (-x, -y, -z), (x, y, z), **options)

@@ -1,0 +1,236 @@
+"""Surfaces of the second degree: sphere, ellipsoid, cylinder, elliptic cylinder and paraboloid."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from palpate.errors import GeometryError
+from palpate.spatial._arrays import frozen
+from palpate.surfaces.analytic import Analytic
+
+__all__ = ["Cylinder", "Ellipsoid", "EllipticCylinder", "Paraboloid", "Quadric", "Sphere"]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Quadric(Analytic):
+    """p'A p + 2 b'p + c = 0 along its own axes."""
+
+    @abstractmethod
+    def form(self) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, "3"], float]:
+        """A, b and c."""
+
+    def evaluate(
+        self, points: Float[np.ndarray, "*batch 3"]
+    ) -> tuple[Float[np.ndarray, "*batch"], Float[np.ndarray, "*batch 3"], Float[np.ndarray, "*batch 3 3"]]:
+        """Of the form: p'A p + 2 b'p + c, 2 (A p + b), 2 A."""
+        square, linear, constant = self.form()
+        half = points @ square
+        value = np.sum(points * (half + 2.0 * linear), axis=-1) + constant
+        return value, 2.0 * (half + linear), np.broadcast_to(2.0 * square, (*points.shape, 3))
+
+    def equation(self) -> Float[np.ndarray, "10"]:
+        """The form in q, p = scale q + middle of the box, divided by its largest coefficient."""
+        square, linear, constant = self.form()
+        middle, scale = self.box.mean(axis=0), 0.5 * self.size
+        flat = square[(0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2)]
+        at = middle @ square @ middle + 2.0 * linear @ middle + constant
+        unit = np.array([*(scale**2 * flat), *(scale * (square @ middle + linear)), at])
+        return unit / np.abs(unit).max()
+
+
+class _Oval(Quadric):
+    """(x/a)^2 + (y/b)^2 + (z/c)^2 = 1."""
+
+    @abstractmethod
+    def halves(self) -> tuple[float, float, float]:
+        """Half-lengths a, b, c [m]."""
+
+    def __post_init__(self) -> None:
+        _require_positive(self, *self.halves())
+
+    def form(self) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, "3"], float]:
+        """A = diag(1/a^2, 1/b^2, 1/c^2), c = -1."""
+        return np.diag(np.array(self.halves()) ** -2.0), np.zeros(3), -1.0
+
+    @property
+    def box(self) -> Float[np.ndarray, "2 3"]:
+        """Twice its half-lengths."""
+        return frozen(np.multiply.outer([-1.0, 1.0], self.halves()))
+
+    def chart(self, count: int) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "f 3"]]:
+        """Longitude and latitude."""
+        turn, height = np.meshgrid(_around(2 * count), np.linspace(-np.pi / 2, np.pi / 2, count + 1), indexing="ij")
+        unit = np.stack([np.cos(height) * np.cos(turn), np.cos(height) * np.sin(turn), np.sin(height)], axis=-1)
+        return (unit * self.halves()).reshape(-1, 3), _grid(2 * count, count + 1, closed=True)
+
+
+@dataclass(frozen=True, eq=False)
+class Ellipsoid(_Oval):
+    """(x/a)^2 + (y/b)^2 + (z/c)^2 = 1.
+
+    Attributes:
+        axes: half-lengths a, b, c [m].
+    """
+
+    axes: tuple[float, float, float]
+
+    def halves(self) -> tuple[float, float, float]:
+        """As given."""
+        return self.axes
+
+
+@dataclass(frozen=True, eq=False)
+class Sphere(_Oval):
+    """|p| = radius.
+
+    Attributes:
+        radius: [m].
+    """
+
+    radius: float
+
+    def halves(self) -> tuple[float, float, float]:
+        """The radius, three times."""
+        return self.radius, self.radius, self.radius
+
+
+class _Tube(Quadric):
+    """(x/a)^2 + (z/b)^2 = 1 with |y| <= half_length and without lids: the `load cells` paper's (9) to (12)."""
+
+    half_length: float
+    upper: bool
+
+    @abstractmethod
+    def halves(self) -> tuple[float, float]:
+        """Half-axes a along x and b along z [m]."""
+
+    def __post_init__(self) -> None:
+        _require_positive(self, *self.halves(), self.half_length)
+
+    def form(self) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, "3"], float]:
+        """A = diag(1/a^2, 0, 1/b^2), c = -1."""
+        a, b = self.halves()
+        return np.diag([a**-2.0, 0.0, b**-2.0]), np.zeros(3), -1.0
+
+    @property
+    def box(self) -> Float[np.ndarray, "2 3"]:
+        """As long as it is, and as wide."""
+        a, b = self.halves()
+        return frozen([[-a, -self.half_length, 0.0 if self.upper else -b], [a, self.half_length, b]])
+
+    @property
+    def ends(self) -> Float[np.ndarray, "2 3"]:
+        """Along y, and its middle plane where there is only the upper half."""
+        least = 0.0 if self.upper else -np.inf
+        return frozen([[-np.inf, -self.half_length, least], [np.inf, self.half_length, np.inf]])
+
+    def chart(self, count: int) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "f 3"]]:
+        """Angle and length."""
+        a, b = self.halves()
+        turn = np.linspace(np.pi, 0.0, count + 1) if self.upper else _around(2 * count)[::-1]
+        angle, along = np.meshgrid(turn, np.linspace(-self.half_length, self.half_length, count + 1), indexing="ij")
+        points = np.stack([a * np.cos(angle), along, b * np.sin(angle)], axis=-1)
+        return points.reshape(-1, 3), _grid(len(turn), count + 1, closed=not self.upper)
+
+
+@dataclass(frozen=True, eq=False)
+class EllipticCylinder(_Tube):
+    """(x/a)^2 + (z/b)^2 = 1 with |y| <= half_length and without lids: the `load cells` paper's (9) to (12).
+
+    Attributes:
+        a: half-axis along x [m].
+        b: half-axis along z [m].
+        half_length: [m] along y.
+        upper: only its half with z >= 0, such as a fingertip's.
+    """
+
+    a: float
+    b: float
+    half_length: float
+    upper: bool = False
+
+    def halves(self) -> tuple[float, float]:
+        """As given."""
+        return self.a, self.b
+
+
+@dataclass(frozen=True, eq=False)
+class Cylinder(_Tube):
+    """x^2 + z^2 = radius^2 with |y| <= half_length and without lids.
+
+    Attributes:
+        radius: [m].
+        half_length: [m] along y.
+        upper: only its half with z >= 0.
+    """
+
+    radius: float
+    half_length: float
+    upper: bool = False
+
+    def halves(self) -> tuple[float, float]:
+        """The radius, twice."""
+        return self.radius, self.radius
+
+
+@dataclass(frozen=True, eq=False)
+class Paraboloid(Quadric):
+    """z = -(x^2/r_x + y^2/r_y)/2 from its apex at z = 0 down to -height; the body is below.
+
+    Attributes:
+        radii: of curvature at the apex, r_x and r_y [m].
+        height: [m].
+    """
+
+    radii: tuple[float, float]
+    height: float
+
+    def __post_init__(self) -> None:
+        _require_positive(self, *self.radii, self.height)
+
+    def form(self) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, "3"], float]:
+        """A = diag(1/r_x, 1/r_y, 0)/2, b = (0, 0, 1/2)."""
+        return np.diag([0.5 / self.radii[0], 0.5 / self.radii[1], 0.0]), np.array([0.0, 0.0, 0.5]), 0.0
+
+    @property
+    def box(self) -> Float[np.ndarray, "2 3"]:
+        """From the rim to the apex."""
+        x, y = np.sqrt(2.0 * self.height * np.array(self.radii))
+        return frozen([[-x, -y, -self.height], [x, y, 0.0]])
+
+    @property
+    def ends(self) -> Float[np.ndarray, "2 3"]:
+        """The rim."""
+        return frozen([[-np.inf, -np.inf, -self.height], [np.inf, np.inf, np.inf]])
+
+    def chart(self, count: int) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "f 3"]]:
+        """Angle about the apex, and distance from it."""
+        turn, out = np.meshgrid(_around(2 * count), np.linspace(1.0, 0.0, count + 1), indexing="ij")
+        x, y = (np.sqrt(2.0 * self.height * radius) * out for radius in self.radii)
+        points = np.stack([x * np.cos(turn), y * np.sin(turn), -self.height * out**2], axis=-1)
+        return points.reshape(-1, 3), _grid(2 * count, count + 1, closed=True)
+
+
+def _around(count: int) -> Float[np.ndarray, " n"]:
+    """Angles once round [rad], the last short of the first."""
+    return np.arange(count) * (2.0 * np.pi / count)
+
+
+def _grid(rows: int, columns: int, *, closed: bool) -> Int[np.ndarray, "f 3"]:
+    """Two triangles a cell of a grid of points, row by row; the last row meets the first where it is closed."""
+    at = np.arange(rows * columns).reshape(rows, columns)
+    after = np.roll(at, -1, axis=0)
+    if not closed:
+        at, after = at[:-1], after[:-1]
+    a, b, c, d = at[:, :-1].ravel(), after[:, :-1].ravel(), after[:, 1:].ravel(), at[:, 1:].ravel()
+    return np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
+
+
+def _require_positive(surface: Quadric, *lengths: float) -> None:
+    if not all(0 < length < np.inf for length in lengths):  # NaN too
+        kind, got = type(surface).__name__, ", ".join(f"{length:g}" for length in lengths)
+        raise GeometryError(f"the lengths of {kind} must be positive and finite [m], not {got}")
