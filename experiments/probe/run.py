@@ -143,7 +143,7 @@ def measure(small: bool, say: Callable[[str], None] = lambda text: None) -> Resu
         }
     say("methods")
     twisted = case("T-shaped", "in-plane", size.spacing, assumed.BROAD, np.radians(TWIST), centred=True)
-    results.methods = _methods(tee, angles, twisted, replace(draws, builds=2 if small else 10))
+    results.methods = _methods(tee, angles, twisted, replace(draws, builds=1 if small else 10))
     results.pitch = (_pitch(angles["in-plane"]), _pitch(twisted))
     results.took = time.perf_counter() - begin
     return results
