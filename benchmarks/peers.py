@@ -48,8 +48,8 @@ NOTES = """\
 Distance to the point that the wrench was made at [um]: median (99th percentile), and how many had no answer; the time
 of one call from Python, median over the ellipsoid's {wrenches:,} wrenches (one plane: over the plane's). Ellipsoid 10 x
 7 x 5 mm, {facets:,} facets; h is the pitch, R = 10 mm. The line of action and the nearest vertex know no torque about
-the normal: what they miss grows with h. On the equation soft_finger is {ratio:,.0f} times as quick as Levenberg-Marquardt
-written out with an analytic Jacobian."""
+the normal: what they miss grows with h. On the equation soft_finger is {ratio:,.0f} times as quick as Levenberg-
+Marquardt written out with an analytic Jacobian."""
 
 Answer = Callable[[np.ndarray], np.ndarray]  # a wrench (6,) to a point (3,) [m]
 

@@ -197,7 +197,7 @@ def _methods(meshes: Meshes, angles: dict[str, Case], twisted: Case, draws: Draw
 
 def _answer(meshes: Meshes, mesh: str, method: str) -> Answer:
     if method == "iterative":
-        return _iterated(meshes.meshes[mesh])
+        return _iterated(meshes.mesh(mesh))
     flat = ", flat" if "flat" in method else ""
     return _located(meshes.locator(mesh + flat, method.partition(",")[0]))
 

@@ -32,25 +32,28 @@ class Size:
     @classmethod
     def of(cls, small: bool) -> Size:
         """Seconds, or a few minutes."""
-        return cls(30, 0.4e-3, 400) if small else cls(300, 0.15e-3, 4_000)
+        return cls(30, 0.5e-3, 300) if small else cls(300, 0.15e-3, 4_000)
 
 
 class Meshes:
     """Of one probe: fine for what the surface is, simplified for what the paper worked with; and locators."""
 
     def __init__(self, probe: Probe) -> None:
-        self.meshes = {
-            "fine": probe.mesh(FINE),
-            "simple": probe.mesh(SIMPLE),
-            "fine, flat": probe.mesh(FINE, smooth=False),
-            "simple, flat": probe.mesh(SIMPLE, smooth=False),
-        }
+        self.probe = probe
+        self._meshes: dict[str, palpate.Mesh] = {}
         self._locators: dict[tuple[str, str], palpate.Locator] = {}
 
+    def mesh(self, name: str) -> palpate.Mesh:
+        """The one called "fine" or "simple", smooth or ", flat"."""
+        if name not in self._meshes:
+            edge = FINE if name.startswith("fine") else SIMPLE
+            self._meshes[name] = self.probe.mesh(edge, smooth="flat" not in name)
+        return self._meshes[name]
+
     def locator(self, mesh: str, method: str = "soft_finger") -> palpate.Locator:
-        """On "fine" or "simple", smooth or ", flat"."""
+        """On a mesh of that name."""
         if (mesh, method) not in self._locators:
-            self._locators[mesh, method] = palpate.Locator(self.meshes[mesh], method)
+            self._locators[mesh, method] = palpate.Locator(self.mesh(mesh), method)
         return self._locators[mesh, method]
 
 

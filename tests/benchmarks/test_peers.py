@@ -16,7 +16,7 @@ ELLIPSOID = 1e-2  # m, its longest half axis
 
 @cache
 def _scenes() -> list[Scene]:
-    return scenes(60)
+    return scenes(25)
 
 
 def test_on_a_plane_ours_is_the_contact_point_of_a_sensor_maker() -> None:
@@ -49,5 +49,5 @@ def test_with_pitch_the_rigid_methods_miss_and_ours_does_not() -> None:
 
 
 def test_the_section_names_every_estimator() -> None:
-    said = "\n".join(report(20))
+    said = "\n".join(report(4))
     assert all(name in said for name in ("soft_finger", "wrench_axis", "nearest vertex", "numeric Jacobian"))

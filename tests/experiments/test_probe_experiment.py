@@ -14,7 +14,7 @@ from experiments.probe.press import press, tilted
 from experiments.probe.run import Results, measure
 from experiments.probe.shapes import PROBES
 
-SPACING = 0.4e-3
+SPACING = 0.5e-3
 
 
 @pytest.fixture(scope="module")
