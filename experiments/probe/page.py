@@ -9,7 +9,7 @@ import numpy as np
 
 from benchmarks.machine import machine
 from experiments.probe.assumed import ASSUMED
-from experiments.probe.run import FORCES, METHODS, READINGS, TWIST, Results
+from experiments.probe.run import CALIBRATED, FORCES, METHODS, READINGS, TWIST, Results
 from experiments.probe.study import ANGLES, Errors
 
 __all__ = ["page"]
@@ -34,6 +34,10 @@ def page(results: Results, took: float) -> str:
         many=READINGS * len(ANGLES),
         alone=mean["assembly"]["perpendicular"],
         share=results.share("assembly"),
+        theirs=float(np.mean(results.causes["assembly"]["perpendicular"].mark ** 2)) / (1.04e-3**2 + 0.43e-3**2),
+        mounted=mean[CALIBRATED]["perpendicular"],
+        all_centre=1e3 * float(results.causes["all errors"]["perpendicular"].centroid.mean()),
+        mounted_centre=1e3 * float(results.causes[CALIBRATED]["perpendicular"].centroid.mean()),
         without=mean["all but assembly"]["perpendicular"],
         all=mean["all errors"]["perpendicular"],
         clean=1e6 * np.mean([e.centroid.mean() for e in results.causes["nothing wrong"].values()]),

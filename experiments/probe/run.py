@@ -12,10 +12,22 @@ import palpate
 from experiments.probe import assumed
 from experiments.probe.draws import CAUSES, Draws
 from experiments.probe.shapes import PROBES
-from experiments.probe.study import ANGLES, Case, Errors, Meshes, Size, case, errors, noise_over_bound
+from experiments.probe.study import ANGLES, Case, Errors, Meshes, Size, calibrated, case, errors, noise_over_bound
 from palpate.contact.iterative import PatchParaboloid, fit_paraboloid, locate_iteratively
 
-__all__ = ["ALL", "FORCES", "MARK_3", "METHODS", "READINGS", "TIPS", "TWIST", "Method", "Results", "measure"]
+__all__ = [
+    "ALL",
+    "CALIBRATED",
+    "FORCES",
+    "MARK_3",
+    "METHODS",
+    "READINGS",
+    "TIPS",
+    "TWIST",
+    "Method",
+    "Results",
+    "measure",
+]
 
 ALL = tuple(cause for cause in CAUSES if cause != "noise, single reading")
 UNFILTERED = tuple(cause for cause in CAUSES if cause != "noise, filtered")
@@ -25,6 +37,7 @@ MARK_3, READINGS = 2, 50
 TIPS = (1.5e-3, 3e-3, 6e-3)  # m
 TWIST = 30.0  # degrees, about the normal, under the broad pad: not in the paper
 REGION = 6e-3  # m, what the paraboloid is fitted to
+CALIBRATED = "all errors, mounting calibrated"
 METHODS = ("soft_finger", "soft_finger, flat facets", "iterative", "wrench_axis")
 SEED = 20231
 Answer = Callable[
@@ -111,6 +124,10 @@ def measure(small: bool, say: Callable[[str], None] = lambda text: None) -> Resu
         results.causes[name] = {a: errors(c, _mesh(tee, causes), draws, causes) for a, c in angles.items()}
     results.causes["worse payload model"] = {
         a: errors(c, tee.locator("fine"), draws, (), worse_payload=True) for a, c in angles.items()
+    }
+    mounted = calibrated(angles["perpendicular"], tee.mesh("simple"), draws, ALL)
+    results.causes[CALIBRATED] = {
+        a: errors(c, tee.locator("simple"), draws, ALL, mounted=mounted) for a, c in angles.items()
     }
     for name, mesh in meshes.items():
         results.probes[name] = errors(results.cases[name, "perpendicular"], mesh.locator("simple"), draws, ALL)

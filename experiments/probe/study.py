@@ -14,7 +14,7 @@ from experiments.probe.draws import Draws
 from experiments.probe.press import Press, press, tilted
 from experiments.probe.shapes import PROBES, Probe
 
-__all__ = ["ANGLES", "Case", "Errors", "Meshes", "Size", "case", "errors", "noise_over_bound"]
+__all__ = ["ANGLES", "Case", "Errors", "Meshes", "Size", "calibrated", "case", "errors", "noise_over_bound"]
 
 ANGLES = {"perpendicular": (0.0, "in-plane"), "in-plane": (30.0, "in-plane"), "out-of-plane": (30.0, "out-of-plane")}
 REPEATS = 3  # the paper pressed each mark three times
@@ -137,6 +137,7 @@ def errors(
     repeats: int = REPEATS,
     worse_payload: bool = False,
     presses: int | None = None,
+    mounted: palpate.Pose | None = None,
 ) -> Errors:
     """Every mark of every build, `repeats` times, at random forces within bounds [N].
 
@@ -149,6 +150,7 @@ def errors(
         repeats: readings of a mark.
         worse_payload: the payload is misjudged as on the real recording.
         presses: 1 when the repeats are readings of one press, aimed once; None: each is a press.
+        mounted: (builds,) T_sensor_probe as calibrated; None: as drawn.
     """
     count = len(some.marks)
     size = np.random.default_rng([draws.seed, some.number]).uniform(*forces, (draws.builds, count, repeats))
@@ -156,6 +158,8 @@ def errors(
     sensed = draws.sensed(wrenches, causes, some.number)
     if worse_payload:
         sensed = draws.worse_payload(sensed)
+    if mounted is not None:
+        sensed = np.einsum("bij,bmrj->bmri", mounted.inverse().wrench_matrix(), sensed)
     found = locator.run(sensed.reshape(-1, 6), sequential=False)
     points = found.point.reshape((*sensed.shape[:-1], 3))
     missed = draws.missed(count, presses or repeats, causes, some.number)
@@ -163,6 +167,18 @@ def errors(
     # pressed at mark + off, so everything else moved along by as much: the same as a mark off the other way
     mark = np.linalg.norm(points + off - some.marks[:, None], axis=-1)
     return Errors(mark, np.linalg.norm(points - centroids, axis=-1), int(np.sum(~found.answered)))
+
+
+def calibrated(some: Case, mesh: palpate.Mesh, draws: Draws, causes: Collection[str]) -> palpate.Pose:
+    """T_sensor_probe of every build, identified from one more press on each mark, taken to be where it was drawn."""
+    count, number = len(some.marks), some.number + 100  # other presses: other dice
+    size = np.random.default_rng([draws.seed, number]).uniform(*assumed.FORCE_SPAN, (draws.builds, count, 1))
+    wrenches, _ = some.at(size)
+    off = np.einsum("bmrk,mki->bmri", draws.missed(count, 1, causes, number), some.tangents)
+    wrenches[..., 3:] += np.cross(off, wrenches[..., :3])  # the contact moved along with the tip
+    sensed = draws.sensed(wrenches, causes, number)[:, :, 0]
+    found = [palpate.identify_mounting(w, mesh, initial=palpate.Pose.identity(), points=some.marks) for w in sensed]
+    return palpate.Pose([each.pose.rotation for each in found], [each.pose.translation for each in found])
 
 
 def noise_over_bound(some: Case, locator: palpate.Locator, force: float, readings: int) -> np.ndarray:
