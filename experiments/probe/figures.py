@@ -14,7 +14,8 @@ from matplotlib.axes import Axes
 
 import palpate
 from experiments.probe import assumed
-from experiments.probe.run import FORCES, MARK_3, METHODS, Results
+from experiments.probe.methods import METHODS
+from experiments.probe.run import FORCES, MARK_3, Results
 from experiments.probe.shapes import PROBES
 from experiments.probe.study import ANGLES, Meshes
 from palpate.simulation import contact_wrenches

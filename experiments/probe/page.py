@@ -9,7 +9,8 @@ import numpy as np
 
 from benchmarks.machine import machine
 from experiments.probe.assumed import ASSUMED
-from experiments.probe.run import CALIBRATED, FORCES, METHODS, READINGS, TWIST, Results
+from experiments.probe.methods import METHODS
+from experiments.probe.run import CALIBRATED, FORCES, READINGS, TWIST, Results
 from experiments.probe.study import ANGLES, Errors
 
 __all__ = ["page"]
