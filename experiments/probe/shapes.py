@@ -103,6 +103,8 @@ class Probe:
             slope = np.sum(self.gradient(points) * along, axis=-1)
             step = self.value(points) / np.where(np.abs(slope) > 1e-9, slope, np.inf)
             points = points - np.clip(step, -2e-3, 2e-3)[..., None] * along
+            if np.max(np.abs(step)) < 1e-13:
+                break
         return points
 
     def marked(self) -> tuple[np.ndarray, np.ndarray]:
