@@ -112,3 +112,16 @@ def test_what_cannot_be_believed_is_said() -> None:
     assert locate_iteratively(twisted, BODY).status == palpate.Status.IMPLAUSIBLE
     with pytest.raises(palpate.InputError, match="Jacobian"):
         locate_iteratively(press, BODY, jacobian="guessed")
+
+
+def test_locate_calls_it_by_name() -> None:
+    """On an equation and on a mesh, a batch at once; what it cannot do it says."""
+    points, wrenches = _touches(6, 0.0)
+    batch = palpate.Wrench.from_vector(wrenches.reshape(2, 3, 6))
+    exact = palpate.locate(batch, palpate.surfaces.Ellipsoid(AXES), method="iterative")
+    fitted = palpate.locate(batch, palpate.Mesh.from_arrays(*BODY.mesh(20_000)), method="iterative")
+    assert exact.point.shape == (2, 3, 3)
+    assert np.abs(exact.point.reshape(-1, 3) - points).max() < 1e-8
+    assert np.linalg.norm(fitted.point.reshape(-1, 3) - points, axis=1).max() < 0.02 * R
+    with pytest.raises(palpate.InputError, match=r"palpate\.locate"):
+        palpate.Locator(palpate.surfaces.Ellipsoid(AXES), method="iterative")
