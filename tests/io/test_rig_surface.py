@@ -45,3 +45,9 @@ def test_every_kind_is_built_from_its_lengths(table: dict[str, object], kind: ty
 def test_what_is_missing_or_wrong_is_named(table: dict[str, object], said: str) -> None:
     with pytest.raises(InputError, match=said):
         check_rig({"surface": table}, RIG)
+
+
+def test_lengths_that_are_no_metres_are_doubted() -> None:
+    notes = check_rig({"surface": {"kind": "sphere", "radius": 10.0}}, RIG).surface.load(Path()).notes
+    assert "in metres?" in notes[0]
+    assert not check_rig({"surface": {"kind": "sphere", "radius": 0.01}}, RIG).surface.load(Path()).notes
