@@ -14,7 +14,7 @@ READY := .venv/.ready
 UV := .tools/bin/uv
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo browser test check docs bench evidence lock clean
+.PHONY: help setup demo browser test check docs bench evidence experiments lock clean
 
 help: ## this list
 	@sed -n 's/^\([a-z]*\):.*## \(.*\)/make \1\t\2/p' Makefile
@@ -45,13 +45,16 @@ bench: $(READY) ## timings side by side, into benchmarks/RESULTS.md
 evidence: $(READY) ## every claim with its figure, into docs/evidence.md
 	$(BIN)/python -m evidence
 
+experiments: $(READY) ## the papers' experiments beside ours, into experiments/*/README.md
+	for paper in experiments/*/__main__.py; do $(BIN)/python -m experiments.$$(basename $$(dirname $$paper)) || exit 1; done
+
 lock: $(UV) ## requirements.lock from pyproject.toml
 	$(UV) pip compile pyproject.toml --all-extras --group dev --group docs --python-version 3.11 --universal \
 		--generate-hashes --no-header --no-annotate --upgrade --quiet --output-file requirements.lock
 
 clean: ## back to a fresh clone
 	rm -rf .venv .tools .cache .pytest_cache .ruff_cache .import_linter_cache .hypothesis docs/_build demo
-	find src tests benchmarks examples -name __pycache__ -exec rm -rf {} +
+	find src tests benchmarks evidence examples experiments -name __pycache__ -exec rm -rf {} +
 
 $(UV):
 	@$(PYTHON) -c 'import sys; sys.exit("Palpate needs Python 3.11 or newer; name one: make setup PYTHON=python3.11" if sys.version_info < (3, 11) else 0)'

@@ -1,4 +1,7 @@
-"""`python -m benchmarks [--small]`: every variant on every mesh, into benchmarks/RESULTS.md."""
+"""`python -m benchmarks [--small] [--only peers]`: every variant on every mesh, into benchmarks/RESULTS.md.
+
+With --small nothing is written; --only peers renews that section, which is the last, and leaves the others.
+"""
 
 from __future__ import annotations
 
@@ -7,10 +10,11 @@ import sys
 import time
 from pathlib import Path
 
-from benchmarks import streams
+from benchmarks import peers, streams
 from benchmarks.machine import machine
 from benchmarks.measure import FLAT, Batch, Meshes, Single, batches, singles
 
+PEERS = 1_000  # wrenches of a pitch
 SIZES = (200, 2_000, 20_000, 200_000, 1_000_000)
 NOTES = """\
 The flat kernel searches a faceted mesh for every facet, edge and vertex contact within 45 degrees and writes them into
@@ -26,7 +30,16 @@ def main() -> None:
     """Measure and write."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
     parser.add_argument("--small", action="store_true", help="meshes up to 20k facets, few queries, nothing written")
-    small = parser.parse_args().small
+    parser.add_argument("--only", choices=["peers"], help="one section")
+    options = parser.parse_args()
+    small = options.small
+    if options.only:
+        lines = peers.report(100 if small else PEERS)
+        print("\n".join(lines))
+        if not small:
+            kept = RESULTS.read_text(encoding="utf-8").partition(f"\n{peers.TITLE}")[0]
+            RESULTS.write_text(kept.rstrip("\n") + "\n" + "\n".join(lines), encoding="utf-8")
+        return
     begin = time.perf_counter()
     one: dict[int, list[Single]] = {}
     many: dict[int, list[Batch]] = {}
@@ -38,6 +51,8 @@ def main() -> None:
         del meshes
     print("   streams ...", file=sys.stderr, flush=True)
     lines = streams.report(2_000 if small else 100_000)
+    print("   peers ...", file=sys.stderr, flush=True)
+    lines += peers.report(100 if small else PEERS)
     text = "\n".join([report(one, many, time.perf_counter() - begin), *lines])
     print(text)
     if not small:

@@ -18,6 +18,7 @@ from evidence import (
     bad_input,
     clock,
     covariance,
+    equations,
     filters,
     laws,
     load_cells,
@@ -38,6 +39,7 @@ __all__ = ["THEMES", "main", "renewed", "report"]
 THEMES: dict[str, Callable[[bool], Iterator[Row]]] = {
     "answered": answered.rows,
     "laws": laws.rows,
+    "equations": equations.rows,
     "covariance": covariance.rows,
     "payload": payload.rows,
     "pad": pad.rows,

@@ -21,7 +21,7 @@ from palpate.surfaces.surface import Surface
 __all__ = ["METHODS", "Candidates", "Locator", "locate"]
 
 _ROW_SHAPE = (ROW.length,)
-METHODS = ("soft_finger", "wrench_axis")
+METHODS = ("soft_finger", "wrench_axis")  # of a Locator; `locate` knows "iterative" too
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,8 @@ class Locator:
         from palpate.contact import _kernel  # compiled: loaded when first needed
 
         if method not in METHODS:
-            raise InputError(f"unknown method {method!r}.", mend=f"Use one of {', '.join(METHODS)}.")
+            slow = " iterative is for `palpate.locate` alone." if method == "iterative" else ""
+            raise InputError(f"unknown method {method!r}.", mend=f"Use one of {', '.join(METHODS)}.{slow}")
         if not (friction > 0 and torsion >= 0):
             raise InputError(f"friction ({friction}) must be > 0 and torsion ({torsion}) >= 0.")
         self.surface, self.method, self.friction, self.torsion = surface, method, float(friction), float(torsion)
@@ -198,6 +199,19 @@ def _thresholds(noise: Float[np.ndarray, "6 6"] | None, on: float | None, off: f
     return float(on), float(off)
 
 
+def _iterated(
+    wrenches: Float[np.ndarray, "n 6"], surface: Surface, start: ArrayLike | None, friction: float, torsion: float
+) -> ContactEstimate:
+    """The baseline, one wrench after the other."""
+    from palpate.contact.iterative import Equation, locate_iteratively
+    from palpate.surfaces.mesh import Mesh
+
+    if not isinstance(surface, Equation | Mesh):
+        raise InputError("the method iterative needs an equation of the surface, or a mesh to fit one to.")
+    found = [locate_iteratively(w, surface, start, friction=friction, torsion=torsion).estimate() for w in wrenches]
+    return ContactEstimate.joined([ContactEstimate(**{k: v[None] for k, v in vars(one).items()}) for one in found])
+
+
 @functools.lru_cache(maxsize=8)
 def _prepared(surface: Surface, method: str, friction: float, torsion: float) -> Locator:
     """The Locator behind `locate`; surfaces are compared by identity."""
@@ -218,7 +232,8 @@ def locate(
     Args:
         wrench: batched by leading axes.
         surface: a `Surface`, such as a `Mesh`.
-        method: "soft_finger" or "wrench_axis".
+        method: "soft_finger", "wrench_axis", or "iterative" (`locate_iteratively`, the older way: slow, without a
+            covariance; on a mesh it fits a paraboloid to the touched region, or refuses).
         friction: bound on tan(theta), theta between -force and normal.
         torsion: bound on |torque|/|F . n| [m].
         noise: six standard deviations or a 6 x 6 covariance, force first; None takes the wrench's own covariance.
@@ -229,11 +244,13 @@ def locate(
     """
     if not isinstance(wrench, Wrench):  # pyright: ignore[reportUnnecessaryIsInstance] - six bare numbers are a likely slip
         raise TypeError("locate takes a palpate.Wrench; six numbers become one by Wrench.from_vector")
-    locator = _prepared(surface, method, friction, torsion)
     point = previous.point if isinstance(previous, ContactEstimate) else previous
     last = None if point is None or not np.all(np.isfinite(point)) else point
     vectors = wrench.vector()
     batch = vectors.shape[:-1]
+    if method == "iterative":
+        return _iterated(vectors.reshape(-1, 6), surface, last, friction, torsion).reshaped(batch)
+    locator = _prepared(surface, method, friction, torsion)
     covariance = wrench.covariance if noise is None else noise_covariance(noise)
     if covariance is not None and covariance.ndim > 2:
         covariance = np.broadcast_to(covariance, (*batch, 6, 6)).reshape(-1, 6, 6)

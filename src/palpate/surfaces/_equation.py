@@ -28,6 +28,7 @@ _SCAN = 64  # steps along the axis in search of where it enters a surface of whi
 _ARRIVED = 1e-8  # a Newton step this short, in unit size, is followed by one of its square
 _INSIDE = 1e-9  # rounding at the ends of a surface, in unit size
 _SAMPLES = 5  # first row of the samples in a table
+_SLOPE = 1e-6  # so that of many equally near points one is taken: about an axis of symmetry
 _SMOOTH = 2.0  # kind of a candidate, where a patch of a mesh has 0 or 1
 
 
@@ -421,7 +422,7 @@ def nearest(equation, table, metric, q, f, p):
         for i in range(3):
             for k in range(3):
                 bend = h[4 + i] if i == k else h[6 + i + k]  # xy 7, xz 8, yz 9
-                a[i, k] = metric[i, k] + multiplier * bend
+                a[i, k] = metric[i, k] + multiplier * bend + (_SLOPE if i == k else 0.0)
             a[i, 3], a[3, i], a[i, 4] = h[1 + i], h[1 + i], -pull[i]
             if held[i] != 0.0:
                 a[i, :] = 0.0

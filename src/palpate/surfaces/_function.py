@@ -16,9 +16,11 @@ _SIGNATURE = types.void(types.float64[::1], types.float64[::1])
 
 def compiled(value, gradient, hessian) -> Any:
     """One compiled function (point (3,), out (10,)) of three, as `_equation.evaluate` reads it."""
-    value, gradient, hessian = (cast(Any, njit(function)) for function in (value, gradient, hessian))
+    value, gradient, hessian = (
+        cast(Any, njit(error_model="numpy")(function)) for function in (value, gradient, hessian)
+    )
 
-    @cfunc(_SIGNATURE)
+    @cfunc(_SIGNATURE, error_model="numpy")
     def write(p, out):
         slope, bend = gradient(p), hessian(p)
         out[0] = value(p)

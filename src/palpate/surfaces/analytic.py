@@ -127,4 +127,8 @@ class Analytic(ABC):
 
     def _own(self, points: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3"]:
         """Points of the frame along the surface's own axes."""
-        return self.pose.inverse().apply(points)
+        return self._inverse.apply(points)
+
+    @functools.cached_property
+    def _inverse(self) -> Pose:
+        return self.pose.inverse()

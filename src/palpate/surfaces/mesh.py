@@ -23,7 +23,7 @@ from palpate.surfaces.surface import Prepared
 if TYPE_CHECKING:
     from palpate.spatial.pose import Pose
 
-__all__ = ["UNITS", "Mesh"]
+__all__ = ["UNITS", "Mesh", "plausible_size"]
 
 UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254}
 CREASE = radians(30)
@@ -204,10 +204,15 @@ def _in_region(vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]
     return kept
 
 
+def plausible_size(size: float) -> bool:
+    """Of something that is touched [m]: from a fingertip to a robot."""
+    return 2e-3 <= size <= 5.0
+
+
 def _doubts(mesh: Mesh, unit: str) -> tuple[str, ...]:
     """A size that no probe, finger or link has is most often a wrong unit."""
-    if 2e-3 <= mesh.size <= 5.0:
+    if plausible_size(mesh.size):
         return ()
-    likely = [name for name, scale in UNITS.items() if 2e-3 <= mesh.size / UNITS[unit] * scale <= 5.0]
+    likely = [name for name, scale in UNITS.items() if plausible_size(mesh.size / UNITS[unit] * scale)]
     hint = f"; in {' or '.join(likely)} it would be plausible" if likely else ""
     return (f"the mesh is {mesh.size:.4g} m across as {unit}: is the unit right{hint}?",)

@@ -30,7 +30,7 @@ class Quadric(Analytic):
         square, linear, constant = self.form()
         half = points @ square
         value = np.sum(points * (half + 2.0 * linear), axis=-1) + constant
-        return value, 2.0 * (half + linear), np.broadcast_to(2.0 * square, (*points.shape, 3))
+        return np.asarray(value), 2.0 * (half + linear), np.broadcast_to(2.0 * square, (*points.shape, 3))
 
     def equation(self) -> Float[np.ndarray, "10"]:
         """The form in q, p = scale q + middle of the box, divided by its largest coefficient."""

@@ -25,6 +25,7 @@ from palpate.surfaces import (
     plane,
     superquadric,
 )
+from palpate.surfaces.mesh import plausible_size
 
 __all__ = ["EQUATIONS", "RigPose", "RigRegion", "RigSurface"]
 
@@ -135,7 +136,13 @@ class RigSurface:
         if self.kind == "plane":
             return plane(self.point, self.normal, self.half_width)
         if self.kind in EQUATIONS:
-            make, names = EQUATIONS[self.kind]
-            return make(**{name: getattr(self, name) for name in names})
+            return self._equation()
         region = self.region.box if self.region.box is not None else self.region.facets
         return Mesh.load(folder / str(self.mesh), unit=str(self.unit), crease=radians(self.crease), region=region)
+
+    def _equation(self) -> Surface:
+        make, names = EQUATIONS[self.kind]
+        lengths = {name: getattr(self, name) for name in names}
+        size = make(**lengths).size
+        doubt = f"the {self.kind.replace('_', ' ')} is {size:.4g} m across: are its lengths in metres?"
+        return make(**lengths, notes=() if plausible_size(size) else (doubt,))

@@ -1,0 +1,1 @@
+"""The static half of the `probe` paper: marks on three ultrasound probes, pressed and located."""

@@ -1,0 +1,305 @@
+"""The older way to a contact on a surface with an equation: Levenberg-Marquardt from a first guess, kept as a baseline.
+
+Unknown are the point p and a number k; the equations are [bicchi; probe (4); liu]
+
+    M - p x F + k grad S(p) = 0,    S(p) = 0,
+
+so that the torque about the outward normal is -k |grad S|. Nothing keeps the point on the touched part of the surface,
+as the `probe` paper remarks: the result says where it ended, and must be asked whether it may be believed. On a mesh
+there is no S; as in that paper a paraboloid is then fitted to the touched region.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+from jaxtyping import Float
+from numpy.typing import ArrayLike
+
+from palpate.contact.estimate import ContactEstimate, Status
+from palpate.errors import GeometryError, InputError
+from palpate.spatial._arrays import frozen
+from palpate.spatial.pose import skew
+from palpate.surfaces.mesh import Mesh
+
+__all__ = ["Equation", "IterativeResult", "PatchParaboloid", "fit_paraboloid", "locate_iteratively"]
+
+RINGS, SPOKES = 5, 12  # where a mesh is asked for its surface about a point
+POOR_FIT = 0.05  # of the region's radius: the largest rms distance between paraboloid and mesh
+CONVERGED = 1e-6  # of |F| times the surface's size, and of that size
+STEPS = 200  # the most evaluations of the equations
+ALONG = 65  # samples of the wrench axis in search of a start
+
+
+@runtime_checkable
+class Equation(Protocol):
+    """A surface S(p) = 0 with S < 0 inside, each method for points (n, 3) [m]."""
+
+    @property
+    def size(self) -> float:
+        """Across the whole of it [m]."""
+        ...
+
+    @property
+    def centre(self) -> Float[np.ndarray, "3"]:
+        """Its middle [m]."""
+        ...
+
+    def value(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:
+        """S."""
+        ...
+
+    def gradient(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
+        """The derivative of S."""
+        ...
+
+    def hessian(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3 3"]:
+        """The second derivative of S."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class IterativeResult:
+    """Where the iteration ended, and what speaks against it.
+
+    Attributes:
+        point: (3,) [m]; normal: (3,) outward; force: (3,) [N] on the body.
+        torque: [N m] about the normal.
+        residual: what is left of the equations: moments over |F| times the surface's size, S over its slope and size.
+        evaluations: of the equations, until it stopped.
+        within: the point lies where the equation holds (a fitted paraboloid holds in its region only).
+        status: CONTACT; IMPLAUSIBLE beyond the friction or torsion bound; OFF_SURFACE where it did not converge, pulls
+            instead of pressing, or left the region; NO_CONTACT and INVALID as everywhere.
+    """
+
+    point: Float[np.ndarray, "3"]
+    normal: Float[np.ndarray, "3"]
+    force: Float[np.ndarray, "3"]
+    torque: float
+    residual: float
+    evaluations: int
+    within: bool
+    status: Status
+
+    @property
+    def converged(self) -> bool:
+        """The equations hold."""
+        return self.residual <= CONVERGED
+
+    def estimate(self) -> ContactEstimate:
+        """As the other methods answer; without a covariance, which this method does not give."""
+        return ContactEstimate(
+            point=self.point.copy(),
+            normal=self.normal.copy(),
+            force=self.force.copy(),
+            torque=np.array(self.torque),
+            covariance=np.full((3, 3), np.nan),
+            residual=np.array(np.nan),
+            candidates=np.array(int(self.status == Status.CONTACT)),
+            status=np.array(self.status, dtype=np.int8),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class PatchParaboloid:
+    """z = a + b x + c y + d x^2 + e x y + f y^2 in a frame of its own, fitted to a region of a mesh.
+
+    Attributes:
+        origin: (3,) [m] the region's middle; axes: (3, 3) rows x, y, z of the frame, z outward.
+        coefficients: (6,) a [m], b, c, and d, e, f [1/m].
+        radius: [m] of the region; beyond it the equation says nothing.
+        misfit: [m] rms distance along z between the paraboloid and the mesh in the region.
+    """
+
+    origin: Float[np.ndarray, "3"]
+    axes: Float[np.ndarray, "3 3"]
+    coefficients: Float[np.ndarray, "6"]
+    radius: float
+    misfit: float
+
+    @property
+    def size(self) -> float:
+        """The region's diameter [m]."""
+        return 2.0 * self.radius
+
+    @property
+    def centre(self) -> Float[np.ndarray, "3"]:
+        """The region's middle [m]."""
+        return self.origin
+
+    def value(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:
+        """Height over the paraboloid [m]."""
+        local = (points - self.origin) @ self.axes.T
+        return local[:, 2] - _monomials(local) @ self.coefficients
+
+    def gradient(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
+        """The derivative of `value`."""
+        x, y, _ = ((points - self.origin) @ self.axes.T).T
+        _, b, c, d, e, f = self.coefficients
+        return np.stack([-b - 2 * d * x - e * y, -c - e * x - 2 * f * y, np.ones(len(points))], axis=1) @ self.axes
+
+    def hessian(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3 3"]:
+        """The same everywhere."""
+        d, e, f = self.coefficients[3:]
+        local = np.array([[-2 * d, -e, 0.0], [-e, -2 * f, 0.0], [0.0, 0.0, 0.0]])
+        return np.broadcast_to(self.axes.T @ local @ self.axes, (len(points), 3, 3))
+
+
+def locate_iteratively(
+    wrench: Float[np.ndarray, "6"],
+    surface: Equation | Mesh,
+    start: ArrayLike | None = None,
+    *,
+    jacobian: str = "analytic",
+    radius: float | None = None,
+    friction: float = 1.0,
+    torsion: float = 5e-3,
+) -> IterativeResult:
+    """Solve the four equations by scipy's Levenberg-Marquardt.
+
+    Args:
+        wrench: (6,) [N, N m] in the surface's frame, force first.
+        surface: one with an equation, or a mesh, to which a paraboloid is fitted about the start (slow: to locate many
+            wrenches in one region, call `fit_paraboloid` once and pass what it returns).
+        start: (3,) [m] the first guess; None: where the wrench axis goes in, or passes nearest.
+        jacobian: "analytic"; "numeric" takes differences, and needs no Hessian.
+        radius: [m] of the region of a mesh that the paraboloid is fitted to; None: a tenth of the mesh's size.
+        friction: bound on tan(theta), theta between -force and normal.
+        torsion: bound on |torque|/|F . n| [m].
+
+    Raises:
+        InputError: a Jacobian that is neither.
+        GeometryError: the mesh about the start is no paraboloid.
+    """
+    if jacobian not in ("analytic", "numeric"):
+        raise InputError(f"unknown Jacobian {jacobian!r}.", mend="Use analytic or numeric.")
+    force, moment = np.array(wrench[:3], dtype=np.float64), np.array(wrench[3:], dtype=np.float64)
+    if not np.all(np.isfinite(wrench)):
+        return _nothing(force, Status.INVALID)
+    if not np.any(force):
+        return _nothing(force, Status.NO_CONTACT)
+    first = _entry(surface, force, moment) if start is None else np.asarray(start, dtype=np.float64)
+    equation = fit_paraboloid(surface, first, radius) if isinstance(surface, Mesh) else surface
+    point, k, residual, evaluations = _solve(equation, force, moment, first, jacobian == "analytic")
+    slope = equation.gradient(point[None])[0]
+    steepness = float(np.linalg.norm(slope))
+    normal, torque = slope / steepness, -k * steepness
+    within = bool(np.linalg.norm(point - equation.centre) <= equation.size / 2 * (1 + 1e-9))
+    pressing = -float(force @ normal)
+    status = Status.CONTACT
+    if not (residual <= CONVERGED and within and pressing > 0):
+        status = Status.OFF_SURFACE
+    elif np.linalg.norm(np.cross(force, normal)) > friction * pressing or abs(torque) > torsion * pressing:
+        status = Status.IMPLAUSIBLE
+    return IterativeResult(frozen(point), frozen(normal), frozen(force), torque, residual, evaluations, within, status)
+
+
+def fit_paraboloid(mesh: Mesh, about: ArrayLike, radius: float | None = None) -> PatchParaboloid:
+    """The paraboloid that fits a mesh best about a point, least squares along the normal there.
+
+    The surface is asked at 60 places on rings about the point in the tangent plane, so the mesh may be coarse.
+
+    Args:
+        mesh: the surface.
+        about: (3,) [m] near the surface.
+        radius: [m] of the region; None: a tenth of the mesh's size.
+
+    Raises:
+        GeometryError: the mesh turns away within the region, or lies more than 5 % of the radius (rms) off.
+    """
+    reach = 0.1 * mesh.size if radius is None else float(radius)
+    if not reach > 0:
+        raise GeometryError(f"the radius of the region to fit must be positive, not {reach:g} m")
+    origin, normals, _ = mesh.project(np.asarray(about, dtype=np.float64)[None])
+    axes = _frame(normals[0])
+    steps = np.arange(1, RINGS + 1) / RINGS * reach
+    turns = np.arange(SPOKES) * (2 * np.pi / SPOKES)
+    flat = np.stack([np.outer(steps, np.cos(turns)).ravel(), np.outer(steps, np.sin(turns)).ravel()], axis=1)
+    found, outward, _ = mesh.project(origin + flat @ axes[:2])
+    local = (found - origin) @ axes.T
+    terms = _monomials(local)
+    coefficients = np.linalg.lstsq(terms, local[:, 2], rcond=None)[0]
+    misfit = float(np.sqrt(np.mean((local[:, 2] - terms @ coefficients) ** 2)))
+    turned = float(np.min(outward @ axes[2]))
+    if misfit > POOR_FIT * reach or turned <= 0:
+        why = f"is {1e3 * misfit:.2g} mm off (rms)" if turned > 0 else "turns by more than 90 degrees"
+        where = np.array2string(origin[0] * 1e3, precision=1)
+        raise GeometryError(
+            f"the mesh within {1e3 * reach:.3g} mm of {where} mm {why}: no paraboloid. "
+            "Give a smaller radius, or use the method soft_finger, which needs no equation."
+        )
+    return PatchParaboloid(frozen(origin[0]), frozen(axes), frozen(coefficients), reach, misfit)
+
+
+def _solve(
+    equation: Equation, force: np.ndarray, moment: np.ndarray, start: np.ndarray, analytic: bool
+) -> tuple[Float[np.ndarray, "3"], float, float, int]:
+    """Point [m], k, the largest residual and how many evaluations; lengths are taken in the surface's size inside."""
+    from scipy.optimize import least_squares
+
+    size = equation.size
+    along, about = force / np.linalg.norm(force), moment - np.cross(start, force)
+    turning = about / (size * np.linalg.norm(force))
+    steepness = max(float(np.linalg.norm(equation.gradient(start[None])[0])), np.finfo(float).tiny)
+    cross = skew(along)
+
+    def residuals(x: np.ndarray) -> np.ndarray:
+        off, k = x[:3] - 1.0, x[3] - 1.0
+        at = (start + size * off)[None]
+        slope = equation.gradient(at)[0] / steepness
+        return np.append(turning + cross @ off + k * slope, equation.value(at)[0] / (steepness * size))
+
+    def derivative(x: np.ndarray) -> np.ndarray:
+        at = (start + size * (x[:3] - 1.0))[None]
+        slope = equation.gradient(at)[0] / steepness
+        matrix = np.zeros((4, 4))
+        matrix[:3, :3] = cross + (x[3] - 1.0) * size / steepness * equation.hessian(at)[0]
+        matrix[:3, 3] = matrix[3, :3] = slope
+        return matrix
+
+    guess = np.ones(4)  # ones stand for the start: MINPACK's first step is bounded by |x|, and at 0 it would not move
+    jac, most = (derivative, STEPS) if analytic else ("2-point", 5 * STEPS)  # MINPACK counts the differences
+    found = least_squares(residuals, guess, jac, method="lm", xtol=1e-14, ftol=1e-14, gtol=1e-14, max_nfev=most)
+    k = float(found.x[3] - 1.0) * size * float(np.linalg.norm(force)) / steepness
+    return start + size * (found.x[:3] - 1.0), k, float(np.max(np.abs(found.fun))), int(found.nfev)
+
+
+def _entry(surface: Equation | Mesh, force: np.ndarray, moment: np.ndarray) -> Float[np.ndarray, "3"]:
+    """Where the wrench axis first goes in [m], to a sixty-fourth of the surface's size; else where it is nearest."""
+    along, middle = force / np.linalg.norm(force), surface.centre
+    foot = np.cross(force, moment - np.cross(middle, force)) / (force @ force)
+    points = middle + foot + np.linspace(-0.5, 0.5, ALONG)[:, None] * surface.size * along
+    heights = _heights(surface, points)
+    inward = np.flatnonzero((heights[:-1] > 0) & (heights[1:] <= 0))
+    if len(inward) == 0:
+        return points[int(np.argmin(np.abs(heights)))]
+    before, after = int(inward[0]), int(inward[0]) + 1
+    share = heights[before] / (heights[before] - heights[after])
+    return points[before] + share * (points[after] - points[before])
+
+
+def _heights(surface: Equation | Mesh, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:
+    """Positive outside: S, or the distance to a mesh along its normal."""
+    if not isinstance(surface, Mesh):
+        return surface.value(points)
+    nearest, normals, _ = surface.project(points)
+    return np.einsum("nk,nk->n", points - nearest, normals)
+
+
+def _monomials(local: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 6"]:
+    x, y, _ = local.T
+    return np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1)
+
+
+def _frame(normal: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
+    """Rows x, y, z of a right-handed frame whose z is the normal."""
+    x = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
+    x /= np.linalg.norm(x)
+    return np.stack([x, np.cross(normal, x), normal])
+
+
+def _nothing(force: np.ndarray, status: Status) -> IterativeResult:
+    nowhere = frozen(np.full(3, np.nan))
+    return IterativeResult(nowhere, nowhere, frozen(force), np.nan, np.nan, 0, False, status)

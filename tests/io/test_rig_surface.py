@@ -1,0 +1,53 @@
+"""Surfaces by their lengths in a rig."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from palpate.errors import InputError
+from palpate.io.rig import check_rig
+from palpate.surfaces import Cylinder, Ellipsoid, EllipticCylinder, ImplicitSurface, Paraboloid, Sphere
+
+RIG = Path("rig.toml")
+
+
+@pytest.mark.parametrize(
+    ("table", "kind"),
+    [
+        ({"kind": "sphere", "radius": 0.01}, Sphere),
+        ({"kind": "ellipsoid", "axes": [0.01, 0.02, 0.03]}, Ellipsoid),
+        ({"kind": "cylinder", "radius": 0.01, "half_length": 0.02}, Cylinder),
+        ({"kind": "elliptic_cylinder", "a": 0.014, "b": 0.005, "half_length": 0.016, "upper": True}, EllipticCylinder),
+        ({"kind": "paraboloid", "radii": [0.06, 0.01], "height": 0.004}, Paraboloid),
+        ({"kind": "superquadric", "axes": [0.01, 0.01, 0.01], "exponents": [0.9, 0.9]}, ImplicitSurface),
+    ],
+)
+def test_every_kind_is_built_from_its_lengths(table: dict[str, object], kind: type) -> None:
+    surface = check_rig({"surface": table}, RIG).surface.load(Path())
+    assert isinstance(surface, kind)
+    assert np.allclose(surface.drawn().size, surface.size, rtol=0.01)
+
+
+@pytest.mark.parametrize(
+    ("table", "said"),
+    [
+        ({"kind": "sphere"}, "radius is missing"),
+        ({"kind": "sphere", "radius": -1.0}, "radius must be positive"),
+        ({"kind": "elliptic_cylinder", "a": 0.014, "half_length": 0.016}, "b is missing"),
+        ({"kind": "ellipsoid", "axes": [0.01, 0.0, 0.01]}, "axes must be positive"),
+        ({"kind": "ellipsoid", "axes": [0.01, 0.01]}, "axes"),
+        ({"kind": "ball", "radius": 0.01}, "kind must be one of mesh, plane, sphere"),
+    ],
+)
+def test_what_is_missing_or_wrong_is_named(table: dict[str, object], said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        check_rig({"surface": table}, RIG)
+
+
+def test_lengths_that_are_no_metres_are_doubted() -> None:
+    notes = check_rig({"surface": {"kind": "sphere", "radius": 10.0}}, RIG).surface.load(Path()).notes
+    assert "in metres?" in notes[0]
+    assert not check_rig({"surface": {"kind": "sphere", "radius": 0.01}}, RIG).surface.load(Path()).notes

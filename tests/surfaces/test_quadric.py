@@ -1,0 +1,67 @@
+"""Quadrics: their charts close, face out and hold the volume they should; lengths that are none are refused."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from palpate.errors import GeometryError
+from palpate.spatial.pose import Pose
+from palpate.surfaces import Cylinder, Ellipsoid, EllipticCylinder, Mesh, Paraboloid, Sphere, superquadric
+
+R = 0.01
+
+
+def flux(mesh: Mesh) -> float:
+    """Integral of p . n / 3: the volume, where the mesh is closed."""
+    corners = mesh.vertices[mesh.faces]
+    return float(np.einsum("fk,fk->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6)
+
+
+@pytest.mark.parametrize(
+    ("surface", "volume"),
+    [
+        (Sphere(R), 4 / 3 * np.pi * R**3),
+        (Ellipsoid((R, 2 * R, 0.5 * R)), 4 / 3 * np.pi * R**3),
+        (superquadric((R, R, R), (1.0, 1.0)), 4 / 3 * np.pi * R**3),  # exponents of 1: the sphere
+        (Cylinder(R, 2 * R), np.pi * R**2 * 4 * R * 2 / 3),  # without lids: of the flux, two thirds go out at the side
+        (EllipticCylinder(R, 3 * R, R), np.pi * R * 3 * R * 2 * R * 2 / 3),
+        (EllipticCylinder(R, 3 * R, R, upper=True), np.pi * R * 3 * R * 2 * R / 3),
+    ],
+    ids=["sphere", "ellipsoid", "superquadric", "cylinder", "elliptic", "half"],
+)
+def test_its_mesh_faces_out_and_holds_its_volume(surface: Ellipsoid, volume: float) -> None:
+    assert flux(surface.mesh(20000)) == pytest.approx(volume, rel=2e-3)  # chords of 1/100 of a turn: (2 pi/100)^2/6
+
+
+def test_paraboloid_opens_downward_from_its_apex() -> None:
+    """Its outward flux about the apex, where z = -(x^2/r_x + y^2/r_y)/2: a third of (V + A height) of the cup."""
+    bowl = Paraboloid((R, 2 * R), R)
+    volume, rim = np.pi * R * np.sqrt(2) * R * R, 2 * np.pi * R * np.sqrt(2) * R  # half of the cylinder around it; area
+    assert flux(bowl.mesh(20000)) == pytest.approx(volume - rim * R / 3, rel=2e-3)
+    assert np.allclose(bowl.gradient(np.zeros((1, 3))), [[0, 0, 1]])
+
+
+def test_pose_places_it() -> None:
+    pose = Pose.from_rotation_vector((0.3, 0.1, -0.7), (0.1, 0.2, 0.3))
+    placed = EllipticCylinder(R, 2 * R, 3 * R).transformed(pose)
+    assert np.allclose(placed.centre, [0.1, 0.2, 0.3])
+    assert abs(placed.value(pose.apply(np.array([R, R, 0.0])))) < 1e-12
+    assert np.allclose(placed.drawn().centre, placed.centre, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: Sphere(0.0),
+        lambda: Ellipsoid((R, -R, R)),
+        lambda: Cylinder(R, float("nan")),
+        lambda: EllipticCylinder(float("inf"), R, R),
+        lambda: Paraboloid((R, R), 0.0),
+        lambda: superquadric((R, R, R), (1.5, 1.0)),
+        lambda: superquadric((R, 0.0, R), (1.0, 1.0)),
+    ],
+)
+def test_lengths_that_are_none_are_refused(make: object) -> None:
+    with pytest.raises(GeometryError, match="positive"):
+        make()  # pyright: ignore[reportCallIssue] - a lambda
