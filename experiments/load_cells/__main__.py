@@ -89,8 +89,8 @@ def _write(made: Mapping[str, Study], found: list[Check]) -> None:
         "soft layer, the paper's (18)": (soft, soft.theirs),
         "drift": (drift, drift.ours),
     }
-    figures.paths(panels, FOLDER / "paths.svg")
-    figures.forces(soft, soft.ours, FOLDER / "forces.svg")
+    figures.paths(panels, FOLDER / "paths.png")
+    figures.forces(soft, soft.ours, FOLDER / "forces.png")
     (FOLDER / "README.md").write_text(page(found, _tables(made), _remarks(made)), encoding="utf-8")
 
 

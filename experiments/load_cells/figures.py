@@ -41,7 +41,7 @@ def paths(panels: Mapping[str, tuple[Study, Answer]], path: Path) -> None:
             part.set_xlabel("x [mm]")
         for part in axes[::2]:
             part.set_ylabel("y [mm]")
-        save(drawn, path, "svg")
+        save(drawn, path, "png")
 
 
 def forces(study: Study, answer: Answer, path: Path, trajectory: int = 6) -> None:
@@ -65,4 +65,4 @@ def forces(study: Study, answer: Answer, path: Path, trajectory: int = 6) -> Non
         parts[1].set_ylabel("error [mN]")
         parts[1].set_xlabel("time [s]")
         drawn.align_ylabels()
-        save(drawn, path, "svg")
+        save(drawn, path, "png")

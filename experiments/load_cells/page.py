@@ -93,11 +93,11 @@ Signed means of components; largest sizes. Samples from 1 N on. Without "truth",
 
 ## Figure 7
 
-![The eight paths, as they were and as they were found](paths.svg)
+![The eight paths, as they were and as they were found](paths.png)
 
 Black is where the ball went; the errors of what was found are drawn 20 times as large.
 
-![Force over one path](forces.svg)
+![Force over one path](forces.png)
 
 Above, the force that was found; below, its error against the truth, and in grey that of the reference.
 

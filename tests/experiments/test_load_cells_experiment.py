@@ -101,6 +101,6 @@ def test_the_page_says_what_was_met_and_what_was_missed() -> None:
 def test_the_page_that_is_kept_is_one_of_a_run_that_met_everything() -> None:
     kept = (FOLDER / "README.md").read_text(encoding="utf-8")
     assert "missed" not in kept
-    for name in ("paths.svg", "forces.svg"):
+    for name in ("paths.png", "forces.png"):
         assert (FOLDER / name).exists()
         assert name in kept
