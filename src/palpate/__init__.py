@@ -4,11 +4,14 @@ The front door. Everything that a program needs day to day is here; the rooms be
 docs/architecture.md.
 """
 
+from palpate.calibration.load_cells import identify_load_cells
 from palpate.calibration.mounting import Mounting, identify_mounting
 from palpate.calibration.payload import identify_payload
 from palpate.contact import Candidates, ContactEstimate, Estimator, Locator, Status, locate
+from palpate.contact.fingertip import Fingertip
 from palpate.errors import GeometryError, InputError, NotIdentifiable, PalpateError
 from palpate.sensors import Butterworth, ForceTorque, Kalman, Payload, Recording
+from palpate.sensors.load_cells import LoadCells
 from palpate.spatial.pose import Pose
 from palpate.spatial.wrench import Wrench
 from palpate.surfaces import Mesh, Surface, plane
@@ -20,10 +23,12 @@ __all__ = [
     "Candidates",
     "ContactEstimate",
     "Estimator",
+    "Fingertip",
     "ForceTorque",
     "GeometryError",
     "InputError",
     "Kalman",
+    "LoadCells",
     "Locator",
     "Mesh",
     "Mounting",
@@ -35,6 +40,7 @@ __all__ = [
     "Status",
     "Surface",
     "Wrench",
+    "identify_load_cells",
     "identify_mounting",
     "identify_payload",
     "locate",
