@@ -85,6 +85,7 @@ class SkinMap:
             if values.shape[axis] == 1:  # a single row says nothing of what is beside it
                 values = np.repeat(values, 2, axis=axis)
         degrees = min(3, values.shape[0] - 1), min(3, values.shape[1] - 1)
-        along = make_interp_spline(np.arange(values.shape[0]), values, k=degrees[0])
-        across = make_interp_spline(np.arange(values.shape[1]), np.moveaxis(along.c, 1, 0), k=degrees[1])
+        count = values.shape
+        along = make_interp_spline(np.arange(float(count[0])), values, k=degrees[0])
+        across = make_interp_spline(np.arange(float(count[1])), np.moveaxis(along.c, 1, 0), k=degrees[1])
         return NdBSpline((along.t, across.t), np.moveaxis(across.c, 1, 0), degrees, extrapolate=True)
