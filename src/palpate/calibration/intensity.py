@@ -1,0 +1,401 @@
+"""The curve from intensity to force of a taxel, from presses whose force a load cell knows."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from palpate.errors import InputError, NotIdentifiable
+from palpate.sensors.intensity import Curve, Intensity
+
+__all__ = ["identify_curve", "identify_intensity", "identify_resistive"]
+
+FEWEST = 8  # rows that a curve needs
+DEGREES = (1, 2, 3, 4, 5)
+FOLDS = 5
+_LOADED = 0.02  # of the span: below it a row says where zero is
+_Matrix = Callable[[Float[np.ndarray, " n"]], Float[np.ndarray, "n p"]]
+
+
+def identify_curve(
+    force: Float[np.ndarray, " n"],
+    intensity: Float[np.ndarray, " n"],
+    *,
+    kind: str = "auto",
+    degree: int | None = None,
+    top: float | None = None,
+) -> Curve:
+    """One curve I - I0 = f(F), by least squares in the intensity: the load cell is the better of the two.
+
+    The unloaded intensity I0 is fitted along and left out: on a sheet it is each cell's baseline. Rows at the sensor's
+    range say nothing but that, and are left out.
+
+    Args:
+        force: (n,) [N], not negative.
+        intensity: (n,) raw.
+        kind: of `sensors.intensity.Curve` but "resistive", or "auto": the one that predicts held-out blocks best.
+        degree: of the polynomial; None: the best of 1 to 5, in the same way.
+        top: raw reading at the end of the range (255); None: found where readings stop rising.
+
+    Raises:
+        NotIdentifiable: too few rows, or forces that hardly differ.
+        InputError: the fit does not rise with force.
+    """
+    force, intensity, dropped = _sound(force, intensity)
+    falling = bool(np.corrcoef(force, intensity)[0, 1] < 0)
+    signed = -intensity if falling else intensity
+    limit = _limit(force, signed, None if top is None else (-top if falling else top))
+    below = signed < limit
+    _require_spread(force[below], dropped)
+    choice = _choices(kind, degree, force[below], signed[below])
+    if len(choice) > 1:
+        choice = [min(choice, key=lambda each: _held_out(each, force[below], signed[below]))]
+    curve = choice[0](force[below], signed[below])
+    saturation = float("nan") if np.isinf(limit) else (-limit if falling else limit)
+    hysteresis = _hysteresis(curve, force[below], signed[below])
+    return replace(curve, saturation=saturation, falling=falling, hysteresis=hysteresis)
+
+
+def identify_intensity(
+    force: Float[np.ndarray, " n"],
+    intensity: Float[np.ndarray, " n"],
+    cell: Int[np.ndarray, "n 2"] | None = None,
+    *,
+    shape: tuple[int, int] | None = None,
+    kind: str = "auto",
+    degree: int | None = None,
+    top: float | None = None,
+    provenance: Mapping[str, str] | None = None,
+) -> Intensity:
+    """Curves of a sheet: one shape for all cells, and a gain of its own for each cell that was pressed.
+
+    I = I0_k + g_k f(F) for cell k: shape and gains are fitted in turn, so that forty presses a cell are enough.
+
+    Args:
+        force, intensity, kind, degree, top: as of `identify_curve`.
+        cell: (n, 2) row and column of the cell that was pressed; None: the presses stand for all cells.
+        shape: rows and columns of the sheet; None: as many as were pressed.
+        provenance: where the log came from.
+    """
+    common = identify_curve(force, intensity, kind=kind, degree=degree, top=top)
+    if cell is None:
+        return Intensity((common,), provenance=provenance or {}, notes=tuple(_remarks(common)))
+    rows, columns = shape or tuple(int(last) + 1 for last in cell.max(axis=0))
+    pressed, number = np.unique(cell, axis=0, return_inverse=True)
+    outside = (pressed < 0).any() or (pressed >= [rows, columns]).any()
+    if outside:
+        raise InputError(f"a press names a cell that is not on the sheet of {rows} x {columns}.", where="intensity")
+    which, zero, gain, error = np.zeros((rows, columns), np.int64), *np.zeros((3, len(pressed)))
+    for step in range(3):
+        zero, gain, error = _gains(common, force, intensity, number.ravel(), len(pressed))
+        known = gain > 0
+        if step < 2:
+            own = known[number.ravel()]
+            mine = number.ravel()[own]
+            alike = (intensity[own] - zero[mine]) / gain[mine]
+            refit = identify_curve(force[own], alike, kind=common.kind, degree=_degree(common), top=np.inf)
+            common = replace(refit, saturation=common.saturation, falling=common.falling)
+    notes, curves = _remarks(common), [common]
+    for (row, column), own, spread in zip(pressed.tolist(), gain.tolist(), error.tolist(), strict=True):
+        if own > 0:
+            curves.append(_scaled(common, own, spread))
+            which[row, column] = len(curves) - 1
+    if len(curves) - 1 < which.size:
+        notes.append(f"{which.size - len(curves) + 1} of {which.size} cells have no gain of their own: too few presses")
+    notes.append(f"gains of cells differ by {100 * float(np.std(gain[gain > 0])):.1f} %")
+    return Intensity(tuple(curves), which, provenance=provenance or {}, notes=tuple(notes))
+
+
+def _gains(
+    common: Curve, force: np.ndarray, intensity: np.ndarray, number: Int[np.ndarray, " n"], count: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Reading at rest, gain and its standard deviation of each cell, by a straight line; a gain of 0: not known."""
+    sign = -1.0 if common.falling else 1.0
+    limit = np.inf if np.isnan(common.saturation) else sign * common.saturation
+    use = np.isfinite(force) & np.isfinite(intensity) & (sign * intensity < limit)
+    x, y = sign * common.intensity(np.maximum(force, 0.0)), intensity
+    zero, gain, error = np.zeros(count), np.zeros(count), np.zeros(count)
+    for k in range(count):
+        mine = use & (number == k)
+        if np.count_nonzero(mine) < 4 or not np.ptp(x[mine]) > 0:
+            continue
+        centred = x[mine] - x[mine].mean()
+        square = float(centred @ centred)
+        slope = float(centred @ y[mine]) / square
+        left = y[mine] - y[mine].mean() - slope * centred
+        if slope > 0:
+            zero[k], gain[k] = y[mine].mean() - slope * x[mine].mean(), slope
+            error[k] = np.sqrt(float(left @ left) / max(np.count_nonzero(mine) - 2, 1) / square)
+    return zero, gain, error
+
+
+def _scaled(common: Curve, gain: float, error: float) -> Curve:
+    values = common.parameters
+    covariance = gain**2 * common.covariance + error**2 * np.outer(values, values)
+    return replace(common, parameters=gain * values, covariance=covariance)
+
+
+def identify_resistive(
+    force: Float[np.ndarray, " n"],
+    reading: Float[np.ndarray, " n"],
+    *,
+    scale: float,
+    reference: Float[np.ndarray, " n"],
+    layer: Int[np.ndarray, " n"],
+    floor: float = 0.0,
+) -> tuple[Curve, ...]:
+    """A sheet of resistive taxels: reading = max(floor, s (1 - R / (2 S / F + R_i))), S common, R_i of each layer.
+
+    Args:
+        force: (n,) [N].
+        reading: (n,) of the ADC, falling with force.
+        scale: s, the reading without load.
+        reference: (n,) R of the divider, in any unit of resistance; S and R_i come out in it.
+        layer: (n,) from 0, which series resistance a row has.
+        floor: the lowest reading.
+
+    Returns:
+        One curve for each layer, of the reference that its rows have; their covariance is that of (S, R_i).
+
+    Raises:
+        NotIdentifiable: too few rows, or forces that hardly differ.
+    """
+    from scipy.optimize import least_squares
+
+    _require_spread(force, 0)
+    count = int(layer.max()) + 1
+    pushed = np.maximum(force, 0.0)
+
+    def model(values: np.ndarray) -> np.ndarray:
+        return np.maximum(floor, scale * (1 - reference * pushed / (2 * values[0] + values[1:][layer] * pushed)))
+
+    half = float(np.median(pushed[pushed > 0] * reference[pushed > 0]))
+    start = np.concatenate([[half], np.full(count, float(np.median(reference)))])
+    found = least_squares(lambda values: model(values) - reading, start, bounds=(1e-12, np.inf), x_scale=start)
+    freedom = max(len(force) - count - 1, 1)
+    variance = float(np.sum(found.fun**2)) / freedom
+    covariance = variance * np.linalg.pinv(found.jac.T @ found.jac)
+    curves: list[Curve] = []
+    for k in range(count):
+        mine = layer == k
+        pair = [0, k + 1]
+        curves.append(
+            Curve(
+                "resistive",
+                found.x[pair],
+                covariance[np.ix_(pair, pair)],
+                largest=float(pushed[mine].max()),
+                saturation=floor,
+                falling=True,
+                reference=float(reference[mine][0]),
+                scale=scale,
+                residual=float(np.sqrt(np.mean(found.fun[mine] ** 2))),
+            )
+        )
+    return tuple(curves)
+
+
+# --- kinds
+
+
+@dataclass(frozen=True)
+class _Linear:
+    """A curve that is linear in its parameters, beside the intensity at rest."""
+
+    kind: str
+    design: _Matrix
+    fields: Mapping[str, object]
+    rising: bool = False
+
+    def __call__(self, force: Float[np.ndarray, " n"], signed: Float[np.ndarray, " n"]) -> Curve:
+        matrix = np.column_stack([np.ones(len(force)), self.design(force)])
+        values = _increasing(matrix, signed) if self.rising else np.linalg.lstsq(matrix, signed, rcond=None)[0]
+        left = signed - matrix @ values
+        variance = float(left @ left) / max(len(force) - matrix.shape[1], 1)
+        covariance = variance * np.linalg.pinv(matrix.T @ matrix)
+        turn = np.eye(len(values))
+        if self.rising:  # steps to values
+            turn[1:, 1:] = np.tril(np.ones((len(values) - 1, len(values) - 1)))
+        values, covariance = turn @ values, turn @ covariance @ turn.T
+        return Curve(
+            self.kind,
+            values[1:],
+            covariance[1:, 1:],
+            largest=float(force.max()),
+            residual=float(np.sqrt(np.mean(left**2))),
+            **self.fields,  # pyright: ignore[reportArgumentType] - knots or joint, as the kind has
+        )
+
+
+def _polynomial(degree: int) -> _Linear:
+    return _Linear("polynomial", lambda force: force[:, None] ** np.arange(1, degree + 1), {})
+
+
+def _two_range(joint: float) -> _Linear:
+    def design(force: np.ndarray) -> np.ndarray:
+        low = np.minimum(force, joint)
+        return np.column_stack([low, low**2, force - low])
+
+    return _Linear("two_range", design, {"joint": joint})
+
+
+def _monotone(knots: Float[np.ndarray, " k"]) -> _Linear:
+    """Steps from knot to knot, none of them downward."""
+
+    def design(force: np.ndarray) -> np.ndarray:
+        edges = np.concatenate([[0.0], knots])
+        return np.clip((force[:, None] - edges[:-1]) / np.diff(edges), 0.0, 1.0)
+
+    return _Linear("monotone", design, {"knots": knots}, rising=True)
+
+
+def _increasing(matrix: np.ndarray, signed: np.ndarray) -> np.ndarray:
+    from scipy.optimize import lsq_linear
+
+    least = 1e-6 * float(np.ptp(signed))
+    low = np.concatenate([[-np.inf], np.full(matrix.shape[1] - 1, least)])
+    return lsq_linear(matrix, signed, bounds=(low, np.inf), tol=1e-12).x
+
+
+class _BestJoint:
+    """The joint of two ranges is where the fit is best."""
+
+    def __call__(self, force: np.ndarray, signed: np.ndarray) -> Curve:
+        joints = np.quantile(force[force > 0], np.linspace(0.02, 0.95, 48))
+        best = _best(joints, force, signed)
+        for _ in range(2):  # finer, to either side
+            at = int(np.argmin(np.abs(joints - best.joint)))
+            joints = np.linspace(joints[max(at - 1, 0)], joints[min(at + 1, len(joints) - 1)], 17)
+            best = _best(joints, force, signed)
+        return best
+
+
+def _best(joints: np.ndarray, force: np.ndarray, signed: np.ndarray) -> Curve:
+    fits: list[Curve] = []
+    for joint in joints:
+        try:
+            fits.append(_two_range(float(joint))(force, signed))
+        except InputError:  # it does not rise
+            continue
+    if not fits:
+        raise InputError("no two ranges that rise with force fit the log.", where="intensity")
+    return min(fits, key=lambda fit: fit.residual)
+
+
+def _choices(kind: str, degree: int | None, force: np.ndarray, signed: np.ndarray) -> list[Callable[[np.ndarray, np.ndarray], Curve]]:
+    """What may be tried."""
+    known: dict[str, list[Callable[[np.ndarray, np.ndarray], Curve]]] = {
+        "polynomial": [_polynomial(each) for each in (DEGREES if degree is None else (degree,))],
+        "two_range": [_BestJoint()],
+        "monotone": [_monotone(_knots(force, signed))],
+    }
+    if kind == "auto":
+        return [each for some in known.values() for each in some]
+    if kind not in known:
+        raise InputError(f"no kind of curve is called {kind!r}.", mend=f"There is auto, {', '.join(known)}.")
+    return known[kind]
+
+
+def _knots(force: np.ndarray, signed: np.ndarray) -> np.ndarray:
+    """Up to twelve forces, equally far apart along the curve: dense where it is steep."""
+    count = int(np.clip(len(force) // 8, 2, 12))
+    order = np.argsort(force, kind="stable")
+    window = max(len(force) // 40, 1)
+    smooth = np.convolve(signed[order], np.ones(window) / window, mode="valid")
+    middle = np.convolve(force[order], np.ones(window) / window, mode="valid")
+    risen = np.maximum.accumulate(smooth)
+    way = (middle - middle[0]) / max(float(np.ptp(middle)), 1e-12)
+    way = way + (risen - risen[0]) / max(float(np.ptp(risen)), 1e-12)
+    knots = np.interp(np.linspace(0, way[-1], count + 1)[1:-1], way, middle)
+    return np.unique(np.append(knots[knots > 0], force.max()))
+
+
+def _held_out(make: Callable[[np.ndarray, np.ndarray], Curve], force: np.ndarray, signed: np.ndarray) -> float:
+    """Mean squared error over blocks of neighbouring forces that the fit has not seen; inf where it cannot be made."""
+    order = np.argsort(force, kind="stable")
+    fold = np.empty(len(force), dtype=np.int64)
+    fold[order] = np.arange(len(force)) // max(len(force) // (4 * FOLDS), 1) % FOLDS
+    total = 0.0
+    for k in range(FOLDS):
+        train, test = fold != k, fold == k
+        if np.count_nonzero(train) < FEWEST or not test.any():
+            return np.inf
+        try:
+            curve = make(force[train], signed[train])
+        except (InputError, NotIdentifiable, ValueError):
+            return np.inf
+        zero = float(np.median(signed[train] - curve.intensity(force[train])))
+        total += float(np.sum((signed[test] - zero - curve.intensity(force[test])) ** 2))
+    return total
+
+
+# --- rows
+
+
+def _sound(force: np.ndarray, intensity: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:
+    """Rows with both numbers."""
+    known = np.isfinite(force) & np.isfinite(intensity)
+    if known.any() and float(force[known].min()) < -0.05 * float(np.ptp(force[known])):
+        raise InputError(
+            "some forces are negative: a load cell that pulls, or one that was not tared.",
+            mend="Give forces that grow as the taxel is pressed, zero without load.",
+        )
+    return np.maximum(force[known], 0.0), intensity[known], int(np.count_nonzero(~known))
+
+
+def _require_spread(force: np.ndarray, dropped: int) -> None:
+    if len(force) < FEWEST:
+        raise NotIdentifiable(
+            f"{len(force)} rows are too few for a curve (at least {FEWEST}"
+            f"{f'; {dropped} rows had no number' if dropped else ''}): press with more forces.",
+            rank=len(force),
+            missing=("curve",),
+        )
+    if not np.ptp(force) > 1e-6 * max(float(np.abs(force).max()), 1e-12):
+        raise NotIdentifiable(
+            f"all presses have the same force ({force[0]:.3g} N): a curve needs several.", rank=1, missing=("curve",)
+        )
+
+
+def _limit(force: Float[np.ndarray, " n"], signed: Float[np.ndarray, " n"], stated: float | None) -> float:
+    """The reading at the end of the range: as stated, or the highest, if it stays while the force grows by a tenth."""
+    if stated is not None:
+        return stated
+    top = signed.max()
+    at_top: Bool[np.ndarray, " n"] = signed >= top
+    if np.count_nonzero(at_top) >= 5 and np.ptp(force[at_top]) > 0.1 * np.ptp(force):
+        return float(top)
+    return np.inf
+
+
+def _hysteresis(curve: Curve, force: np.ndarray, signed: np.ndarray) -> float:
+    """Difference between readings as the force grows and as it falls, over the span; NaN where it does only one."""
+    span = float(np.ptp(signed))
+    trend = np.sign(np.convolve(np.gradient(force), np.ones(5) / 5, mode="same"))
+    left = signed - curve.intensity(force)
+    edges = np.linspace(0.0, float(force.max()), 9)
+    found: list[float] = []
+    for low, high in zip(edges[:-1], edges[1:], strict=True):
+        inside = (force > low) & (force <= high)
+        up, down = inside & (trend > 0), inside & (trend < 0)
+        if np.count_nonzero(up) >= 3 and np.count_nonzero(down) >= 3:
+            found.append(abs(float(np.mean(left[down]) - np.mean(left[up]))))
+    return max(found) / span if found and span > 0 else float("nan")
+
+
+def _remarks(curve: Curve) -> list[str]:
+    said: list[str] = []
+    if curve.falling:
+        said.append("the reading falls as the force grows")
+    if np.isfinite(curve.saturation):
+        said.append(f"readings stop at {curve.saturation:g}: what is there is saturated")
+    if np.isfinite(curve.hysteresis):
+        said.append(f"loading and unloading differ by up to {100 * curve.hysteresis:.1f} % of the span")
+    return said
+
+
+def _degree(curve: Curve) -> int | None:
+    return len(curve.parameters) if curve.kind == "polynomial" else None

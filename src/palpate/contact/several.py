@@ -1,0 +1,371 @@
+"""Frames of a sheet of taxels become touches: several at once, each with place, force, pressure, area and axes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from math import exp, inf
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from palpate.contact.estimate import ContactEstimate, Status
+from palpate.contact.track import Tracker
+from palpate.errors import InputError
+from palpate.sensors.intensity import Intensity
+from palpate.sensors.skin import Frames, Health, Sheet
+from palpate.sensors.skin_map import SkinMap
+
+__all__ = ["Skin", "SkinSettings", "SkinTouches", "contours"]
+
+_SHORTEST_RING = 6  # columns: fewer cannot go round a link
+_SEAM = 1.6  # pitches between the ends of a sheet that are neighbours
+
+
+@dataclass(frozen=True)
+class SkinSettings:
+    """How touches are found.
+
+    Args:
+        on, off: a touch begins where a cell stands so many deviations of its noise above its rest, and reaches as far
+            as cells that stand `off` above: a threshold of each cell's own, that follows its drift.
+        sure, share: two peaks are two touches if the saddle lies deeper than `sure` deviations and than this share of
+            the lower peak.
+        drift: [s] in which the rest of an untouched cell is followed; inf: it stays.
+        reach, speed, patience: of `contact.track.Tracker`.
+    """
+
+    on: float = 6.0
+    off: float = 3.0
+    sure: float = 5.0
+    share: float = 0.05
+    drift: float = 10.0
+    reach: float = 0.012
+    speed: float = 0.5
+    patience: float = 0.3
+
+    def __post_init__(self) -> None:
+        if not 0 < self.off <= self.on < inf:
+            raise ValueError(f"off ({self.off:g}) must lie between 0 and on ({self.on:g})")
+        if not (self.drift > 0 and self.sure >= 0 and 0 <= self.share < 1):
+            raise ValueError("drift must be positive, sure not negative and share between 0 and 1")
+        if not (self.reach > 0 and self.speed >= 0 and self.patience >= 0):
+            raise ValueError("reach must be positive, speed and patience not negative")
+
+
+@dataclass(frozen=True, eq=False)
+class SkinTouches:
+    """Touches of some frames, at least one row a frame.
+
+    Attributes:
+        sample: (n,) which frame; time: (n,) [s]; contact: (n,) identity.
+        estimate: point, normal, force and covariance in the link's frame; the torque about the normal is NaN, because
+            cells feel no shear. SATURATED: located, but the force is a lower bound.
+        row, column: (n,) between cell centres, which have whole numbers; NaN without a touch, as all that follows.
+        area: (n,) [m^2] of the cells that are pressed.
+        load: (n,) [N] sum of the cells' forces along their own normals; on a curved link more than the force.
+        pressure: (n,) [Pa] mean; peak: (n,) [Pa] of one cell.
+        axes: (n, 2) [cells], deviations of the pressure along its principal axes, the long one first.
+        angle: (n,) [rad] of the long axis, from the direction of rising rows towards that of rising columns.
+        cells: (n,) how many.
+    """
+
+    sample: Int[np.ndarray, " n"]
+    time: Float[np.ndarray, " n"]
+    contact: Int[np.ndarray, " n"]
+    estimate: ContactEstimate
+    row: Float[np.ndarray, " n"]
+    column: Float[np.ndarray, " n"]
+    area: Float[np.ndarray, " n"]
+    load: Float[np.ndarray, " n"]
+    peak: Float[np.ndarray, " n"]
+    pressure: Float[np.ndarray, " n"]
+    axes: Float[np.ndarray, "n 2"]
+    angle: Float[np.ndarray, " n"]
+    cells: Float[np.ndarray, " n"]
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if isinstance(value, np.ndarray):
+                value.flags.writeable = False
+
+    def __len__(self) -> int:
+        return len(self.sample)
+
+    @property
+    def found(self) -> Bool[np.ndarray, " n"]:
+        """Rows that hold a touch."""
+        return np.isfinite(self.row)
+
+    @classmethod
+    def joined(cls, parts: Sequence[SkinTouches]) -> SkinTouches:
+        """One after the other."""
+        names = [field.name for field in fields(cls) if field.name != "estimate"]
+        columns = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
+        return cls(estimate=ContactEstimate.joined([part.estimate for part in parts]), **columns)
+
+
+class Skin:
+    """The chain from frames to touches: each frame is answered with what those before it left (rest, identities).
+
+    A cell's reading is taken from its rest, which follows drift while nothing touches it, and turned into force before
+    anything is summed. Touches are connected cells; one whose pressure has two peaks with a saddle between them is
+    two, whose cells are shared out by a mixture of two round Gaussians. The place is the centroid, divided by the sum
+    of the forces [skin map, (1) corrected], on the map between cell centres; the force is the sum over the cells, each
+    along its own normal.
+
+    Args:
+        place: where the cells sit.
+        intensity: what their readings mean.
+        sheet: rows, columns, bits, masked cells.
+        health: rest and noise of the cells, from `palpate.sensors.skin.examine`.
+        settings: how touches are found.
+
+    Raises:
+        InputError: map, curves and sheet are not of one size, or no cell is good.
+    """
+
+    def __init__(
+        self,
+        place: SkinMap,
+        intensity: Intensity,
+        sheet: Sheet,
+        health: Health,
+        settings: SkinSettings | None = None,
+    ) -> None:
+        from palpate.contact import _several  # compiled: loaded when first needed
+
+        shape = (sheet.rows, sheet.columns)
+        for what, size in (("the map", place.centres.shape[:2]), ("the frames examined", health.baseline.shape)):
+            if size != shape:
+                raise InputError(
+                    f"{what} {'is' if what == 'the map' else 'are'} of {size[0]} x {size[1]} cells, "
+                    f"the sheet of {shape[0]} x {shape[1]}.",
+                    where="skin",
+                )
+        self.place, self.sheet, self.settings = place, sheet, settings or SkinSettings()
+        self.health = health
+        self.used = _columns_used(place)
+        self.ring = _is_ring(place, self.used)
+        good = sheet.mask() & health.good
+        good[:, self.used :] = False
+        if not good.any():
+            raise InputError("no cell of the sheet is good: all are masked, dead or stuck.", where="skin")
+        falling = intensity.curves[0].falling
+        limits = np.array([curve.saturation for curve in intensity.curves])
+        limits = np.where(np.isnan(limits), -np.inf if falling else sheet.top, limits)
+        which = intensity.numbers(*shape)
+        tables, steps = intensity.tables()
+        self._sheet = (sheet.rows, sheet.columns, self.used, self.ring)
+        self._cell = (
+            good.ravel(),
+            health.noise.ravel().copy(),
+            place.normals.reshape(-1, 3).copy(),
+            place.areas.ravel().copy(),
+            which.ravel(),
+            limits[which].ravel(),
+        )
+        self._curves = (tables, steps, -1.0 if falling else 1.0)
+        self._grid = _padded(place, self.used, self.ring)
+        count = sheet.cells
+        numbers = [np.zeros(count) for _ in range(4)]
+        flags = [np.zeros(count, dtype=np.bool_) for _ in range(2)]
+        whole = [np.zeros(count, dtype=np.int64) for _ in range(4)]
+        self._work = (*numbers, *flags, *whole)
+        self._touches = _several.touches
+        self._extra = _several.EXTRA
+        self._out = np.zeros((_several.MOST, _several.WIDTH))
+        self._raw = np.zeros(count)
+        self._tracker = Tracker(self.settings.reach, self.settings.speed, self.settings.patience)
+        self._turn = 0.0 if sheet.bits is None else sheet.top + 1.0
+        self.reset()
+        self.update_into(0.0, health.baseline)  # compiles, before anything is in a hurry
+        self._tracker.follow(0.0, self._out[:1, :3])
+        self._tracker = Tracker(self.settings.reach, self.settings.speed, self.settings.patience)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget what frames left: the drift of the rest, readings that wrapped around, identities."""
+        rest = self.health.baseline.ravel().copy()
+        count = len(rest)
+        self._state = (rest, np.full(count, np.nan), np.zeros(count, np.int64), np.zeros(count, np.int64))
+        self._tracker.reset()
+        self._last, self.invalid = np.nan, 0
+
+    @property
+    def force(self) -> Float[np.ndarray, "rows columns"]:
+        """[N] of each cell in the last frame, below the thresholds too; a view that the next frame overwrites."""
+        return self._work[2].reshape(self.sheet.rows, self.sheet.columns)
+
+    @property
+    def label(self) -> Int[np.ndarray, "rows columns"]:
+        """Which area each cell belongs to in the last frame, from 1; 0: none, negative: the rim of that area."""
+        return self._work[6].reshape(self.sheet.rows, self.sheet.columns)
+
+    @property
+    def wrapped(self) -> Int[np.ndarray, "rows columns"]:
+        """How often each cell's reading went over an end of its range and came out at the other."""
+        return self._state[3].reshape(self.sheet.rows, self.sheet.columns)
+
+    def update_into(self, time: float, frame: np.ndarray) -> Float[np.ndarray, "n w"] | None:
+        """The touches of one frame for a control loop, nothing allocated; None where the frame cannot be used.
+
+        Returns:
+            Rows as `contact.estimate.ROW` lays them out, behind them row, column, area, load, peak and mean pressure,
+            variances along the axes, angle, cells and identity; the next frame overwrites them.
+        """
+        if frame.size != len(self._raw):
+            return None
+        self._raw[:] = frame.reshape(-1)
+        settings = self.settings
+        passed = min(max(time - self._last, 0.0), settings.drift)
+        drift = 1.0 - exp(-passed / settings.drift) if passed == passed and settings.drift < inf else 0.0  # not NaN
+        if time == time:
+            self._last = time
+        count = self._touches(
+            self._raw,
+            self._sheet,
+            self._cell,
+            self._state,
+            self._curves,
+            (settings.on, settings.off, settings.sure, settings.share, drift, self._turn),
+            self._grid,
+            self._work,
+            self._out,
+        )
+        if count < 0:
+            self.invalid += 1
+            return None
+        found = self._out[:count]
+        found[:, self._extra + 10] = self._tracker.follow(time, found[:, :3])
+        return found
+
+    def update(self, time: float, frame: np.ndarray) -> SkinTouches:
+        """The touches of one frame, as values; one row that says so where there is none.
+
+        Args:
+            time: [s] on the clock of the frames.
+            frame: rows x columns raw readings; another size, or many that are no number, is INVALID.
+        """
+        found = self.update_into(time, frame)
+        rows = self._nothing(found) if found is None or not len(found) else found
+        return self._value(rows, np.zeros(len(rows), np.int64), np.full(len(rows), time))
+
+    def run(self, frames: Frames, first: int = 0) -> SkinTouches:
+        """The touches of a block, at least one row a frame.
+
+        Args:
+            frames: in order.
+            first: number of the first frame in its log.
+        """
+        parts: list[np.ndarray] = []
+        for time, frame in zip(frames.time.tolist(), frames.cells, strict=True):
+            found = self.update_into(time, frame)
+            parts.append(self._nothing(found) if found is None or not len(found) else found.copy())
+        counts = [len(part) for part in parts]
+        rows = np.concatenate(parts) if parts else np.zeros((0, self._out.shape[1]))
+        return self._value(rows, first + np.repeat(np.arange(len(parts)), counts), np.repeat(frames.time, counts))
+
+    def notes(self) -> tuple[str, ...]:
+        """What was met so far, one sentence each."""
+        said: list[str] = [*self.health.notes]
+        if self.used < self.sheet.columns:
+            said.append(
+                f"the last {self.sheet.columns - self.used} of {self.sheet.columns} columns lie over others and are "
+                "left out: a press there is felt twice"
+            )
+        if self.ring:
+            said.append("the sheet closes around the link: touches cross the seam")
+        if self.invalid:
+            said.append(f"{self.invalid} frames could not be used (another size, or no numbers)")
+        wrapped = np.argwhere(self.wrapped > 0).tolist()
+        if wrapped:
+            cells = ", ".join(f"({row}, {column})" for row, column in wrapped[:5])
+            said.append(
+                f"readings of {len(wrapped)} cells went over the end of the range and came out at the other "
+                f"({cells}{', ...' if len(wrapped) > 5 else ''}): they were put right where it was clear"
+            )
+        return tuple(said)
+
+    def _nothing(self, found: np.ndarray | None) -> Float[np.ndarray, "1 w"]:
+        row = np.full((1, self._out.shape[1]), np.nan)
+        row[0, 20] = 0.0
+        row[0, 21] = Status.INVALID if found is None else Status.NO_CONTACT
+        row[0, -1] = 0.0
+        return row
+
+    def _value(
+        self, rows: Float[np.ndarray, "n w"], sample: Int[np.ndarray, " n"], time: Float[np.ndarray, " n"]
+    ) -> SkinTouches:
+        extra = rows[:, self._extra :]
+        row, column, area, load, peak, pressure = (extra[:, k].copy() for k in range(6))
+        return SkinTouches(
+            sample,
+            np.array(time, dtype=np.float64),
+            extra[:, 10].astype(np.int64),
+            ContactEstimate.from_rows(rows[:, : self._extra]),
+            row,
+            column,
+            area,
+            load,
+            peak,
+            pressure,
+            np.sqrt(extra[:, 6:8]),
+            extra[:, 8].copy(),
+            extra[:, 9].copy(),
+        )
+
+
+def contours(areas: Bool[np.ndarray, "rows columns"]) -> list[Float[np.ndarray, "k 2"]]:
+    """Outlines of connected cells, each as row and column of the cells on it, by OpenCV; for pictures.
+
+    Raises:
+        InputError: OpenCV is not installed.
+    """
+    try:
+        import cv2
+    except ImportError as problem:
+        raise InputError("outlines need OpenCV.", mend="pip install opencv-python-headless") from problem
+    found, _ = cv2.findContours(areas.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    return [outline[:, 0, ::-1].astype(np.float64) for outline in found]
+
+
+def _columns_used(place: SkinMap) -> int:
+    """Columns before those that lie over others: where a sheet overlaps itself a press is felt in both layers."""
+    over = place.overlap.mean(axis=0) > 0.5
+    over[: place.columns // 2] = False
+    last = np.flatnonzero(over)
+    return int(last[0]) if len(last) and over[last[0] :].all() else place.columns
+
+
+def _is_ring(place: SkinMap, used: int) -> bool:
+    """Whether the last column in use lies beside the first."""
+    if used < _SHORTEST_RING:
+        return False
+    gap = np.linalg.norm(place.centres[:, 0] - place.centres[:, used - 1], axis=-1)
+    return bool(np.median(gap) < _SEAM * place.pitch[1])
+
+
+def _padded(place: SkinMap, used: int, ring: bool) -> Float[np.ndarray, "r c 6"]:
+    """Centres and normals with two more cells at each end: over the seam of a ring, else as a parabola goes on."""
+    values = np.concatenate([place.centres, place.normals], axis=2)
+    columns = (
+        np.concatenate([values[:, used - 2 : used], values[:, :used], values[:, :2]], axis=1)
+        if ring
+        else _continued(_continued(values.swapaxes(0, 1)))
+    )
+    if not ring:
+        columns = columns.swapaxes(0, 1)
+    return np.ascontiguousarray(_continued(_continued(columns)))
+
+
+def _continued(values: Float[np.ndarray, "n k 6"]) -> Float[np.ndarray, "m k 6"]:
+    """One more at each end."""
+    if len(values) == 1:
+        return np.concatenate([values, values, values])
+    if len(values) == 2:
+        return np.concatenate([2 * values[:1] - values[1:], values, 2 * values[1:] - values[:1]])
+    before = 3 * values[0] - 3 * values[1] + values[2]
+    after = 3 * values[-1] - 3 * values[-2] + values[-3]
+    return np.concatenate([before[None], values, after[None]])
