@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -17,7 +18,8 @@ FEWEST = 8  # rows that a curve needs
 DEGREES = (1, 2, 3, 4, 5)
 FOLDS = 5
 _LOADED = 0.02  # of the span: below it a row says where zero is
-_Matrix = Callable[[Float[np.ndarray, " n"]], Float[np.ndarray, "n p"]]
+_Matrix = Callable[[np.ndarray], np.ndarray]
+_Make = Callable[[np.ndarray, np.ndarray], Curve]
 
 
 def identify_curve(
@@ -75,7 +77,7 @@ def identify_intensity(
     I = I0_k + g_k f(F) for cell k: shape and gains are fitted in turn, so that forty presses a cell are enough.
 
     Args:
-        force, intensity, kind, degree, top: as of `identify_curve`.
+        force: (n,) [N]; intensity: (n,) raw; kind, degree, top: as of `identify_curve`.
         cell: (n, 2) row and column of the cell that was pressed; None: the presses stand for all cells.
         shape: rows and columns of the sheet; None: as many as were pressed.
         provenance: where the log came from.
@@ -285,7 +287,9 @@ def _best(joints: np.ndarray, force: np.ndarray, signed: np.ndarray) -> Curve:
     return min(fits, key=lambda fit: fit.residual)
 
 
-def _choices(kind: str, degree: int | None, force: np.ndarray, signed: np.ndarray) -> list[Callable[[np.ndarray, np.ndarray], Curve]]:
+def _choices(
+    kind: str, degree: int | None, force: np.ndarray, signed: np.ndarray
+) -> list[Callable[[np.ndarray, np.ndarray], Curve]]:
     """What may be tried."""
     known: dict[str, list[Callable[[np.ndarray, np.ndarray], Curve]]] = {
         "polynomial": [_polynomial(each) for each in (DEGREES if degree is None else (degree,))],
@@ -313,7 +317,7 @@ def _knots(force: np.ndarray, signed: np.ndarray) -> np.ndarray:
     return np.unique(np.append(knots[knots > 0], force.max()))
 
 
-def _held_out(make: Callable[[np.ndarray, np.ndarray], Curve], force: np.ndarray, signed: np.ndarray) -> float:
+def _held_out(make: _Make, force: np.ndarray, signed: np.ndarray) -> float:
     """Mean squared error over blocks of neighbouring forces that the fit has not seen; inf where it cannot be made."""
     order = np.argsort(force, kind="stable")
     fold = np.empty(len(force), dtype=np.int64)
@@ -378,7 +382,7 @@ def _hysteresis(curve: Curve, force: np.ndarray, signed: np.ndarray) -> float:
     left = signed - curve.intensity(force)
     edges = np.linspace(0.0, float(force.max()), 9)
     found: list[float] = []
-    for low, high in zip(edges[:-1], edges[1:], strict=True):
+    for low, high in pairwise(edges.tolist()):
         inside = (force > low) & (force <= high)
         up, down = inside & (trend > 0), inside & (trend < 0)
         if np.count_nonzero(up) >= 3 and np.count_nonzero(down) >= 3:

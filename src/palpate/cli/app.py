@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from tyro.extras import SubcommandApp
 
 from palpate.cli.calibrate_clock import calibrate_clock
+from palpate.cli.calibrate_intensity import calibrate_intensity
 from palpate.cli.calibrate_mounting import calibrate_mounting
 from palpate.cli.calibrate_payload import calibrate_payload
 from palpate.cli.estimate import estimate
@@ -25,9 +26,10 @@ def run(argv: Sequence[str] | None) -> None:
     app, calibrate, rig = SubcommandApp(), SubcommandApp(), SubcommandApp()
     app.command(estimate)
     calibrate.command(name="clock")(calibrate_clock)
+    calibrate.command(name="intensity")(calibrate_intensity)
     calibrate.command(name="payload")(calibrate_payload)
     calibrate.command(name="mounting")(calibrate_mounting)
-    app.command(calibrate, name="calibrate", help="Make a model from a log: clock, payload, mounting.")
+    app.command(calibrate, name="calibrate", help="Make a model from a log: clock, intensity, payload, mounting.")
     app.command(evaluate)
     app.command(events)
     app.command(inspect)

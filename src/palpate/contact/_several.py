@@ -319,8 +319,8 @@ def _measure(cells, count, end, part, number, parts, force, spread, normals, are
         vrc += noise * a * b
     rr, cc, rc = rr / inside, cc / inside, rc / inside
     # within one cell a touch may be anywhere; over several the cells' edges hardly matter: measured on Hertz's patches
-    vr += _CELL / (1.0 + 12.0 * rr) ** 3
-    vc += _CELL / (1.0 + 12.0 * cc) ** 3
+    vr += _CELL / (1.0 + 12.0 * rr) ** 2
+    vc += _CELL / (1.0 + 12.0 * cc) ** 2
     _write(row, column, total, np.array([rr, cc, rc]), np.array([vr, vc, vrc]), grid, used, ring, out)
     for c in range(3):
         out[6 + c] = push[c]
@@ -342,7 +342,8 @@ def touches(raw, sheet, cell, state, curves, settings, grid, work, out):
         curves: (c, k) forces [N], (c,) counts between two, sign of the sheet.
         settings: on, off [deviations], sure [deviations], share, drift of rest in this step (0 to 1), turn (0: none).
         grid: (rows + 4, columns + 4, 6) positions and normals.
-        work: value, z, force, spread (n,) and label, column, cells, parent (n,) of whole numbers.
+        work: value, z, force, spread (n,), live, saturated (n,), and label, column, cells, parent (n,) of whole numbers.
+        out: rows of an estimate, and behind them what `WIDTH` lists.
     """
     rows, columns, used, ring = sheet
     good, noise, normals, areas, which, limit = cell
@@ -366,7 +367,9 @@ def touches(raw, sheet, cell, state, curves, settings, grid, work, out):
         above = sign * (value[k] - baseline[k]) if live[k] else 0.0
         table, step = tables[which[k]], steps[which[k]]
         z[k], force[k] = above / noise[k], _force(above, table, step)
-        spread[k] = noise[k] * (_force(max(above, 0.0) + step, table, step) - _force(max(above, 0.0), table, step)) / step
+        spread[k] = (
+            noise[k] * (_force(max(above, 0.0) + step, table, step) - _force(max(above, 0.0), table, step)) / step
+        )
         saturated[k] = live[k] and sign * value[k] >= sign * limit[k]
     _fill(z, force, live, columns, rows, used, ring)
     parts = np.empty((PARTS, 5))

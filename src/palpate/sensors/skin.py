@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -91,6 +91,10 @@ class Frames:
     def __len__(self) -> int:
         return len(self.time)
 
+    def turned(self) -> Frames:
+        """With the sign of the readings turned: of a sheet whose readings fall under load."""
+        return Frames(self.time, -self.cells, self.source)
+
     def picked(self, rows: slice | Bool[np.ndarray, " n"]) -> Frames:
         """The frames that a slice or a mask picks."""
         return Frames(self.time[rows], self.cells[rows], self.source)
@@ -113,6 +117,10 @@ class Health:
     dead: Bool[np.ndarray, "rows columns"]
     stuck: Bool[np.ndarray, "rows columns"]
     notes: tuple[str, ...] = field(default=())
+
+    def turned(self) -> Health:
+        """Of readings with the other sign."""
+        return replace(self, baseline=frozen(-self.baseline))
 
     @property
     def good(self) -> Bool[np.ndarray, "rows columns"]:
@@ -220,7 +228,7 @@ def _unwrapped(
     cells: Float[np.ndarray, "n rows columns"], sheet: Sheet
 ) -> tuple[Float[np.ndarray, "n rows columns"], Bool[np.ndarray, "rows columns"]]:
     """At rest a whole-number reading that falls below 0 comes out at the top: such readings, put where they belong."""
-    if sheet.bits is None:
+    if sheet.bits is None or cells.min() < 0:  # floats, or turned: rest is at the top, and falls
         return cells, np.zeros(cells.shape[1:], dtype=bool)
     turn = sheet.top + 1.0
     below = (cells > WRAP * turn) & (np.quantile(cells, 0.25, axis=0) < (1 - WRAP) * turn)

@@ -1,4 +1,4 @@
-"""A bench for taxel sheets: pressure on a sheet round a link, and what sheet, force/torque sensor and cameras make of it.
+"""A bench for taxel sheets: pressure on a sheet round a link, and what the sheet and cameras make of it.
 
 Truth is the geometry of the patches, never a map or an estimate: a patch is placed in the coordinates of the unrolled
 sheet, which a cylinder and a plane bear without strain, and integrated by its own points.
@@ -6,18 +6,18 @@ sheet, which a cylinder and a plane bear without strain, and integrated by its o
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import inf, pi
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from palpate.sensors.skin import Frames
 from palpate.sensors.skin_map import SkinMap
 from palpate.spatial._arrays import frozen
 
-__all__ = ["Patch", "PaperSheet", "Press", "Rolled", "Wand", "paper_sheet", "press", "read_out", "wand_poses"]
+__all__ = ["PaperSheet", "Patch", "Press", "Rolled", "Wand", "paper_sheet", "press", "read_out", "wand_poses"]
 
 _RINGS = 40  # of points in a patch one cell wide, twice as many in each: a cell's share errs by less than 1 %
 LOW, HIGH = 100.0, 11.5  # counts per newton of a 1 cm^2 cell: 10 a kPa at first, then so that 200 kPa is the range
@@ -90,7 +90,7 @@ class Patch:
         r = np.broadcast_to(ring[:, None], turned.shape)
         places = self.radius * np.stack([r * np.cos(turned), r * np.sin(turned)], axis=-1).reshape(-1, 2)
         weight = np.ones(r.size) if self.flat else np.sqrt(1.0 - r.ravel() ** 2)
-        return places + [self.row, self.column], self.force * weight / weight.sum()
+        return places + np.array([self.row, self.column]), self.force * weight / weight.sum()
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,7 +197,7 @@ class Wand:
     def markers(self) -> Float[np.ndarray, "4 3"]:
         """In the frame of the wand: its tip's centre, z to the markers."""
         flat = self.arm * np.array([[1.0, 0, 0], [-0.5, 0.8, 0], [-0.4, -0.9, 0], [0.1, 0.1, 0.8]])
-        return flat + [0.0, 0.0, self.height]
+        return flat + np.array([0.0, 0.0, self.height])
 
 
 def wand_poses(
@@ -238,8 +238,3 @@ def _fitted(
     flip = np.diag([1.0, 1.0, np.sign(np.linalg.det(vt.T @ u.T))])
     turn = vt.T @ flip @ u.T
     return turn, there - turn @ middle
-
-
-Path = Callable[[float], tuple[float, float]]
-"""Row and column of a moving patch at a time [s]."""
-_Seen = Bool[np.ndarray, "4"]
