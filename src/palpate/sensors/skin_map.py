@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from math import nan
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,6 +14,7 @@ from numpy.typing import ArrayLike
 
 from palpate.errors import InputError
 from palpate.spatial._arrays import frozen
+from palpate.surfaces.bspline import BSplineSurface
 
 if TYPE_CHECKING:
     from scipy.interpolate import NdBSpline
@@ -31,6 +33,10 @@ class SkinMap:
         pitch: between rows, and between columns, of the flat sheet [m].
         overlap: (r, c), cells that lie over or under another one, where a sheet goes more than once round; none unless
             given.
+        surface: the smooth outside of the link under the sheet; none where a map was read from a table.
+        uv: (r, c, 2) the surface's parameters under the centres; none without it.
+        strain: root mean square, and the one farthest from 0, of the sheet's principal strains; NaN where not known.
+        distance: of the surface from the mesh, mean and worst [m]; NaN where not known.
         provenance: what it was made from.
         notes: what to know of it, a sentence each.
     """
@@ -40,6 +46,10 @@ class SkinMap:
     areas: Float[np.ndarray, "r c"]
     pitch: tuple[float, float]
     overlap: Bool[np.ndarray, "r c"] = field(default_factory=lambda: np.zeros((0, 0), dtype=bool))
+    surface: BSplineSurface | None = None
+    uv: Float[np.ndarray, "r c 2"] = field(default_factory=lambda: np.zeros((0, 0, 2)))
+    strain: tuple[float, float] = (nan, nan)
+    distance: tuple[float, float] = (nan, nan)
     provenance: Mapping[str, str] = field(default_factory=lambda: {})
     notes: tuple[str, ...] = ()
 
@@ -53,6 +63,7 @@ class SkinMap:
             if array.shape[:2] != shape or array.ndim != (2 if name in ("areas", "overlap") else 3):
                 raise InputError(f"{name} of shape {array.shape} do not belong to {shape[0]} x {shape[1]} cells.")
             object.__setattr__(self, name, array)
+        object.__setattr__(self, "uv", frozen(self.uv, tail=(2,), name="uv"))
 
     @property
     def rows(self) -> int:

@@ -1,0 +1,277 @@
+"""A sheet that does not stretch, laid on a surface: geodesics first, then the least squared Green strain.
+
+The edge from the origin along the heading becomes a geodesic, and so does every line of the sheet across it. In these
+coordinates the surface's metric is J^2 dx^2 + dy^2 with J_yy = -K J, J = 1 and J_y = 0 on the edge: where the Gaussian
+curvature K is zero, on every developable surface, J stays 1 and the sheet has unrolled exactly. Elsewhere its lines
+give way: a displacement in the surface's parameters, a cubic spline over the sheet, is found by Gauss-Newton so that
+
+    W = integral |E|^2 dx dy,   E = (F'F - I)/2,   F = [r_x r_y]
+
+is least [green]. The corner and the heading there stay where they were put.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import inf
+from typing import Protocol
+
+import numpy as np
+from jaxtyping import Float
+
+from palpate.surfaces.bspline import basis_matrices, open_knots, solve_tangent
+
+__all__ = ["Layout", "Parametric", "lay"]
+
+_STEP = 4e-3  # m, of the geodesics' Runge-Kutta
+_MOST_ELEMENTS = 32  # along either side of the sheet: the displacement is far smoother than the cells are small
+_FLAT = 1e-7  # rms strain of a sheet that lies without any
+_ROUNDS = 12
+_EVERYWHERE = ((-inf, inf), (-inf, inf))
+_HANGING = 0.01  # weight of what hangs beyond the surface beside what lies on it
+
+
+class Parametric(Protocol):
+    """What a sheet can be laid on."""
+
+    def derivatives(self, uv: Float[np.ndarray, "*batch 2"]) -> Float[np.ndarray, "*batch 6 3"]:
+        """Position, r_u, r_v, r_uu, r_uv and r_vv; r_u x r_v points out."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Layout:
+    """Where the lattice of a sheet lies, and how much it had to give.
+
+    Attributes:
+        uv: (2 r + 1, 2 c + 1, 2) parameters of cells' corners (even numbers), centres (odd) and the middles of sides.
+        rms: root mean square of the principal strains over the sheet.
+        worst: the principal strain that is farthest from 0.
+        rounds: of Gauss-Newton.
+    """
+
+    uv: Float[np.ndarray, "a b 2"]
+    rms: float
+    worst: float
+    rounds: int
+
+
+def lay(
+    surface: Parametric,
+    start: Float[np.ndarray, "2"],
+    heading: Float[np.ndarray, "3"],
+    size: tuple[float, float],
+    cells: tuple[int, int],
+    *,
+    flip: bool = False,
+    bounds: tuple[tuple[float, float], tuple[float, float]] = _EVERYWHERE,
+    elements: int = _MOST_ELEMENTS,
+) -> Layout:
+    """Lay a sheet of `size` (height across rows, length along columns) [m] with its corner at `start`.
+
+    Args:
+        surface: what it is laid on.
+        start: parameters of the outer corner of cell (0, 0).
+        heading: (3,) the direction of increasing column there; its part along the surface counts.
+        size: of the flat sheet [m].
+        cells: rows and columns.
+        flip: rows increase to the right of the heading, seen from outside, and not to the left.
+        bounds: of u and of v, beyond which there is no surface to follow: there strain hardly counts.
+        elements: of the displacement's spline, along either side at most.
+    """
+    sign = -1.0 if flip else 1.0
+    spans = [max(2, min(count, elements)) for count in cells]
+    gauss = [_gauss(length, count) for length, count in zip(size, spans, strict=True)]
+    lattice = [np.linspace(0.0, length, 2 * count + 1) for length, count in zip(size, cells, strict=True)]
+    y, x = (np.union1d(a, b) for a, b in zip(gauss, lattice, strict=True))
+    fan = _fan(surface, start, heading, x, y, sign)
+    at_gauss = np.ix_(np.searchsorted(y, gauss[0]), np.searchsorted(x, gauss[1]))
+    at_lattice = np.ix_(np.searchsorted(y, lattice[0]), np.searchsorted(x, lattice[1]))
+    knots = [open_knots(np.linspace(0.0, length, count + 1)) for length, count in zip(size, spans, strict=True)]
+    problem = _Problem(surface, bounds, fan[at_gauss], [basis_matrices(k, 3, g) for k, g in zip(knots, gauss, strict=True)])
+    control, rounds = problem.solve(surface.derivatives(start), fan[0, 0, 2:4])
+    by, bx = (basis_matrices(k, 3, places)[0] for k, places in zip(knots, lattice, strict=True))
+    moved = np.einsum("ya,abk,xb->yxk", by, control, bx)
+    strain, _, _, weights = problem.strain(control)
+    return Layout(fan[at_lattice][..., :2] + moved, *_principal(strain, weights), rounds)
+
+
+def _gauss(length: float, spans: int) -> Float[np.ndarray, " n"]:
+    """Two places in each span, at which polynomials up to the third degree are integrated exactly."""
+    step = length / spans
+    return ((np.arange(spans)[:, None] + 0.5 + np.array([-0.5, 0.5]) / np.sqrt(3.0)) * step).reshape(-1)
+
+
+def _fan(
+    surface: Parametric,
+    start: Float[np.ndarray, "2"],
+    heading: Float[np.ndarray, "3"],
+    x: Float[np.ndarray, " m"],
+    y: Float[np.ndarray, " n"],
+    sign: float,
+) -> Float[np.ndarray, "n m 6"]:
+    """Parameters, and their derivatives along x and along y, where geodesics from a geodesic edge reach y."""
+    at = surface.derivatives(start)
+    along = solve_tangent(at[1:3], heading)
+    along /= np.linalg.norm(along @ at[1:3])
+    edge = _geodesic(surface, np.concatenate([start, along, [1.0, 0.0]])[None], x)[:, 0]
+    found = surface.derivatives(edge[:, :2])
+    forward = np.einsum("nk,nkd->nd", edge[:, 2:4], found[:, 1:3])
+    normal = np.cross(found[:, 1], found[:, 2])
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    across = solve_tangent(found[:, 1:3], sign * np.cross(normal, forward))
+    begin = np.concatenate([edge[:, :2], across, np.ones((len(x), 1)), np.zeros((len(x), 1))], axis=1)
+    fan = _geodesic(surface, begin, y)
+    found = surface.derivatives(fan[..., :2])
+    upward = np.einsum("...k,...kd->...d", fan[..., 2:4], found[..., 1:3, :])
+    normal = np.cross(found[..., 1, :], found[..., 2, :])
+    normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
+    sideways = solve_tangent(found[..., 1:3, :], sign * fan[..., 4:5] * np.cross(upward, normal))
+    return np.concatenate([fan[..., :2], sideways, fan[..., 2:4]], axis=-1)
+
+
+def _geodesic(
+    surface: Parametric, begin: Float[np.ndarray, "m 6"], places: Float[np.ndarray, " n"]
+) -> Float[np.ndarray, "n m 6"]:
+    """States (u, v, u', v', J, J') along geodesics of unit speed, at lengths that rise from 0: Runge-Kutta's fourth.
+
+    Steps are of one length; between them the cubic through their ends and slopes.
+    """
+    steps = max(1, int(np.ceil(places[-1] / _STEP)))
+    h = places[-1] / steps
+    states, slopes = [begin], [_slope(surface, begin)]
+    for _ in range(steps):
+        y, k1 = states[-1], slopes[-1]
+        k2 = _slope(surface, y + 0.5 * h * k1)
+        k3 = _slope(surface, y + 0.5 * h * k2)
+        k4 = _slope(surface, y + h * k3)
+        states.append(y + h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4))
+        slopes.append(_slope(surface, states[-1]))
+    number = np.clip((places / h).astype(np.int64), 0, steps - 1)
+    t = (places / h - number)[:, None, None]
+    y, k = np.stack(states), np.stack(slopes) * h
+    a, b, p, q = y[number], y[number + 1], k[number], k[number + 1]
+    return a + t * (p + t * (3 * (b - a) - 2 * p - q + t * (2 * (a - b) + p + q)))
+
+
+def _slope(surface: Parametric, state: Float[np.ndarray, "m 6"]) -> Float[np.ndarray, "m 6"]:
+    """A geodesic's acceleration has no part along the surface; J'' = -K J."""
+    found = surface.derivatives(state[:, :2])
+    du, dv = state[:, 2:3], state[:, 3:4]
+    bend = du * du * found[:, 3] + 2.0 * du * dv * found[:, 4] + dv * dv * found[:, 5]
+    turn = -solve_tangent(found[:, 1:3], bend)
+    n = np.cross(found[:, 1], found[:, 2])
+    square = np.einsum("ni,ni->n", n, n)
+    l, m, k = (np.einsum("ni,ni->n", found[:, i], n) for i in (3, 4, 5))
+    curvature = (l * k - m * m) / (square * square)
+    rest = np.stack([state[:, 5], -curvature * state[:, 4]], axis=1)
+    return np.concatenate([state[:, 2:4], turn, rest], axis=1)
+
+
+class _Problem:
+    """The strain at Gauss points as a function of the displacement's control points, and its least square."""
+
+    def __init__(
+        self,
+        surface: Parametric,
+        bounds: tuple[tuple[float, float], tuple[float, float]],
+        fan: Float[np.ndarray, "n m 6"],
+        bases: list[tuple[Float[np.ndarray, "n a"], Float[np.ndarray, "n a"]]],
+    ) -> None:
+        self.surface, self.bounds, self.fan = surface, np.array(bounds), fan
+        (self.by, self.dy), (self.bx, self.dx) = bases
+
+    def strain(self, control: Float[np.ndarray, "a b 2"]) -> tuple[np.ndarray, ...]:
+        """E_xx, E_yy and E_xy (n, m, 3); the surface there; the derivatives of its parameters along x and y; weights."""
+        uv = self.fan[..., :2] + _spread(self.by, control, self.bx)
+        ux = self.fan[..., 2:4] + _spread(self.by, control, self.dx)
+        uy = self.fan[..., 4:6] + _spread(self.dy, control, self.bx)
+        found = self.surface.derivatives(uv)
+        rx, ry = (np.einsum("...k,...kd->...d", side, found[..., 1:3, :]) for side in (ux, uy))
+        xx, yy, xy = (0.5 * np.einsum("...d,...d->...", *pair) for pair in ((rx, rx), (ry, ry), (rx, ry)))
+        there = np.all((uv >= self.bounds[:, 0]) & (uv <= self.bounds[:, 1]), axis=-1)
+        weights = np.where(there, 1.0, _HANGING)
+        return np.stack([xx - 0.5, yy - 0.5, xy], axis=-1), found, np.stack([ux, uy], axis=2), weights
+
+    def solve(
+        self, corner: Float[np.ndarray, "6 3"], heading: Float[np.ndarray, "2"]
+    ) -> tuple[Float[np.ndarray, "a b 2"], int]:
+        """Gauss-Newton from no displacement; a step that does not help is halved."""
+        control = np.zeros((self.by.shape[1], self.bx.shape[1], 2))
+        state = self.strain(control)
+        energy = _energy(state[0], state[3])
+        for rounds in range(_ROUNDS):
+            if np.sqrt(energy) < _FLAT:
+                return control, rounds
+            step = self._step(state, corner, heading)
+            for _ in range(8):
+                trial = self.strain(control + step)
+                fresh = _energy(trial[0], trial[3])
+                if fresh < energy:
+                    break
+                step *= 0.5
+            else:
+                return control, rounds
+            control, state, gained, energy = control + step, trial, energy - fresh, fresh
+            if gained < 1e-4 * energy:
+                return control, rounds + 1
+        return control, _ROUNDS
+
+    def _step(
+        self, state: tuple[np.ndarray, ...], corner: Float[np.ndarray, "6 3"], heading: Float[np.ndarray, "2"]
+    ) -> Float[np.ndarray, "a b 2"]:
+        """What makes the linearised strain least: normal equations in a band as wide as the sheet's shorter side."""
+        from scipy.linalg import solveh_banded
+
+        from palpate.calibration.skin_map import _strain  # compiled: loaded when first needed
+
+        rows, columns = self.by.shape[1], self.bx.shape[1]
+        strides = (1, rows) if rows <= columns else (columns, 1)
+        matrix = np.zeros((2 * (3 * min(rows, columns) + 3) + 2, 2 * rows * columns))
+        vector = np.zeros(2 * rows * columns)
+        local = [part for base in ((self.by, self.dy), (self.bx, self.dx)) for part in _narrow(*base)]
+        _strain.normal_equations(*state, *local, *strides, matrix, vector)
+        _hold(matrix, corner, heading, strides[1])
+        step = solveh_banded(matrix, vector, lower=True, check_finite=False, overwrite_ab=True)
+        return step.reshape(rows, columns, 2) if rows > columns else np.swapaxes(step.reshape(columns, rows, 2), 0, 1)
+
+
+def _hold(
+    matrix: Float[np.ndarray, "k n"], corner: Float[np.ndarray, "6 3"], heading: Float[np.ndarray, "2"], stride: int
+) -> None:
+    """Stiff springs: the first control point is the sheet's corner; the next along x must not leave the heading."""
+    stiff = 1e9 * float(matrix[0].max())
+    side = np.cross(np.cross(corner[1], corner[2]), heading @ corner[1:3])
+    u, v = corner[1:3] @ (side / np.linalg.norm(side))
+    scale = stiff / max(u * u, v * v)
+    matrix[0, :2] += stiff
+    matrix[0, 2 * stride] += scale * u * u
+    matrix[0, 2 * stride + 1] += scale * v * v
+    matrix[1, 2 * stride] += scale * u * v
+
+
+def _spread(
+    left: Float[np.ndarray, "n a"], control: Float[np.ndarray, "a b 2"], right: Float[np.ndarray, "m b"]
+) -> Float[np.ndarray, "n m 2"]:
+    return np.moveaxis(left @ np.moveaxis(control, -1, 0) @ right.T, 0, -1)
+
+
+def _narrow(values: Float[np.ndarray, "n a"], slopes: Float[np.ndarray, "n a"]) -> tuple[np.ndarray, ...]:
+    """The four cubics that are not zero at each place: the number of the first, their values and slopes."""
+    first = np.argmax(values != 0.0, axis=1)
+    first = np.minimum(first, values.shape[1] - 4)
+    near = first[:, None] + np.arange(4)
+    return first, np.take_along_axis(values, near, axis=1), np.take_along_axis(slopes, near, axis=1)
+
+
+def _energy(strain: Float[np.ndarray, "n m 3"], weights: Float[np.ndarray, "n m"]) -> float:
+    """Mean |E|^2, which is the mean of the squared principal strains, both added."""
+    return float(np.sum(weights * (np.square(strain) @ np.array([1.0, 1.0, 2.0]))) / np.sum(weights))
+
+
+def _principal(strain: Float[np.ndarray, "n m 3"], weights: Float[np.ndarray, "n m"]) -> tuple[float, float]:
+    """Root mean square of the principal strains, and the one that is farthest from 0."""
+    xx, yy, xy = np.moveaxis(strain, -1, 0)
+    middle, radius = 0.5 * (xx + yy), np.hypot(0.5 * (xx - yy), xy)
+    both = np.stack([middle - radius, middle + radius]) * (weights == 1.0)
+    return float(np.sqrt(0.5 * _energy(strain, weights))), float(both.reshape(-1)[np.argmax(np.abs(both))])
