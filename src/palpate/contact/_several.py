@@ -43,32 +43,30 @@ def _beside(k, step, across, columns, rows, used, ring):
 
 
 @inner
-def _unwrap(raw, last, turns, value, wrapped, rest, columns, rows, used, ring, turn):
-    """Readings that went over one end of their range and came out at the other."""
+def _unwrap(raw, last, turns, value, wrapped, rest, noise, columns, rows, used, ring, turn):
+    """Readings that went over one end of their range and came out at the other, alone: a touch moves neighbours too.
+
+    Below 0 only where a cell rests that low; over the top only while a neighbour is pressed.
+    """
     for k in range(len(raw)):
-        before = last[k] if np.isfinite(last[k]) else rest[k]
-        moved = raw[k] - before
-        if abs(moved) > 0.85 * turn:
-            quiet = True
+        moved = raw[k] - (last[k] if np.isfinite(last[k]) else rest[k])
+        jumped, quiet, pressed = abs(moved) > 0.85 * turn, True, False
+        if jumped or turns[k] != 0:
             for step in range(-1, 2):
                 for across in range(-1, 2):
                     j = _beside(k, step, across, columns, rows, used, ring)
-                    if j >= 0 and j != k:
-                        past = last[j] if np.isfinite(last[j]) else rest[j]
-                        quiet = quiet and abs(raw[j] - past) < 0.25 * turn
-            if quiet:
+                    if j < 0 or j == k:
+                        continue
+                    past = abs(raw[j] - (last[j] if np.isfinite(last[j]) else rest[j]))
+                    quiet = quiet and (past < 0.25 * turn or past > 0.85 * turn)  # those may wrap themselves
+                    pressed = pressed or abs(raw[j] - rest[j]) > 0.1 * turn
+        if jumped and quiet:
+            low = raw[k] - turn > rest[k] - 6.0 * noise[k] - 1.0
+            if moved < 0.0 or low or turns[k] > 0:
                 turns[k] = min(1, max(-1, turns[k] + (1 if moved < 0.0 else -1)))
-                wrapped[k] += 1
-        if turns[k] < 0 and raw[k] < 0.85 * turn:
+        if (turns[k] < 0 and raw[k] < 0.85 * turn) or (turns[k] > 0 and not pressed):
             turns[k] = 0
-        if turns[k] > 0:
-            pressed = False
-            for step in range(-1, 2):
-                for across in range(-1, 2):
-                    j = _beside(k, step, across, columns, rows, used, ring)
-                    pressed = pressed or (j >= 0 and j != k and abs(raw[j] - rest[j]) > 0.1 * turn)
-            if not pressed or raw[k] > 0.85 * turn:
-                turns[k] = 0
+        wrapped[k] += jumped and turns[k] != 0
     for k in range(len(raw)):
         value[k] = raw[k] + turns[k] * turn
         last[k] = raw[k]
@@ -342,7 +340,7 @@ def touches(raw, sheet, cell, state, curves, settings, grid, work, out):
         curves: (c, k) forces [N], (c,) counts between two, sign of the sheet.
         settings: on, off [deviations], sure [deviations], share, drift of rest in this step (0 to 1), turn (0: none).
         grid: (rows + 4, columns + 4, 6) positions and normals.
-        work: value, z, force, spread (n,), live, saturated (n,), and label, column, cells, parent (n,) of whole numbers.
+        work: value, z, force, spread, live, saturated (n,), and whole numbers label, column, cells, parent (n,).
         out: rows of an estimate, and behind them what `WIDTH` lists.
     """
     rows, columns, used, ring = sheet
@@ -359,7 +357,7 @@ def touches(raw, sheet, cell, state, curves, settings, grid, work, out):
     if 4 * missing > len(raw):
         return -1
     if turn > 0.0:
-        _unwrap(raw, last, turns, value, wrapped, baseline, columns, rows, used, ring, turn)
+        _unwrap(raw, last, turns, value, wrapped, baseline, noise, columns, rows, used, ring, turn)
     else:
         for k in range(len(raw)):
             value[k] = raw[k]
