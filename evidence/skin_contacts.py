@@ -9,8 +9,10 @@ neither. Mean pressures are 10 to 80 kPa, drawn evenly in their logarithm; a fra
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from functools import cache
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from functools import cache, partial
+from pathlib import Path
 from time import perf_counter
 
 import numpy as np
@@ -18,6 +20,7 @@ import numpy as np
 from evidence.row import Row, shared, skipped
 from palpate.calibration.intensity import identify_intensity, identify_resistive
 from palpate.calibration.response import identify_response
+from palpate.contact.estimate import Status
 from palpate.contact.several import Skin, SkinSettings, SkinTouches
 from palpate.errors import NotIdentifiable, PalpateError
 from palpate.evaluation.errors import CHI2_95
@@ -26,8 +29,9 @@ from palpate.sensors.intensity import Curve, Intensity
 from palpate.sensors.skin import Frames, Health, Sheet, examine
 from palpate.simulation.shapes import icosphere
 from palpate.simulation.skin_bench import PaperSheet, Patch, Rolled, Wand, paper_sheet, press, read_out
-from palpate.simulation.skin_session import load_cell_presses, simulate_protocol
+from palpate.simulation.skin_session import SkinSession, load_cell_presses, simulate_protocol
 from palpate.spatial.pose import rotation_from_quaternion
+from palpate.surfaces.mesh import Mesh
 
 __all__ = ["rows"]
 
@@ -114,7 +118,9 @@ def _single(count: int) -> Iterator[Row]:
     yield Row(NAME, "force of the same", "<= 3 % median", got, share <= 3.0, COMMAND)
     got = f"{np.mean(np.array(square) <= CHI2_95):.1%}"
     yield Row(NAME, "truth in the 95 % ellipse, the same", "", got, None, COMMAND)
-    yield Row(NAME, "frames of one patch not found as one touch, the same", "", f"{wrong} of {len(apart):,}", None, COMMAND)
+    yield Row(
+        NAME, "frames of one patch not found as one touch, the same", "", f"{wrong} of {len(apart):,}", None, COMMAND
+    )
 
 
 def _pairs(count: int) -> Iterator[Row]:
@@ -161,9 +167,7 @@ def _told_apart(
     return told, errors
 
 
-def _apart(
-    rng: np.random.Generator, several: int, width: float, flat: bool, least: float, spare: float
-) -> list[Patch]:
+def _apart(rng: np.random.Generator, several: int, width: float, flat: bool, least: float, spare: float) -> list[Patch]:
     """Patches whose middles are `least` to `least + spare` cells apart, each from the one before, in any direction."""
     half = width / 2 - 0.5
     while True:
@@ -258,9 +262,9 @@ def _taxel_force() -> Iterator[Row]:
         yield Row(NAME, f"{what} ({half} blocks)", "<= the published", got, rms[0] <= rms[1], COMMAND)
 
 
-def _runs(folder) -> tuple[np.ndarray, ...]:  # noqa: ANN001 - a Path
+def _runs(folder: Path) -> tuple[np.ndarray, ...]:
     """Force [N], mean of five readings, reference [kOhm], layer and block of each row of the three runs."""
-    parts = []
+    parts: list[np.ndarray] = []
     for name, reference, layer, zero, loaded, kilograms in (
         ("10k-nosil-cylindertip.1614926403.33.txt", 10.0, 0, 1660130, 1667333, 0.160),
         ("none.1614726111.69.txt", 1.0, 0, 8322237, 8341540, 0.050),
@@ -268,8 +272,10 @@ def _runs(folder) -> tuple[np.ndarray, ...]:  # noqa: ANN001 - a Path
     ):
         table = np.loadtxt(folder / "data" / "taxel_force" / name)
         force = np.maximum((table[:, 0] - zero) / (loaded - zero) * kilograms * GRAVITY, 0.0)
-        parts.append((force, table[:, 1] / 5, np.full(len(table), reference), np.full(len(table), layer), np.arange(len(table)) // 20))
-    return tuple(np.concatenate(column) for column in zip(*parts, strict=True))
+        ones = np.ones(len(table))
+        parts.append(np.stack([force, table[:, 1] / 5, reference * ones, layer * ones, np.arange(len(table)) // 20]))
+    force, reading, references, layers, blocks = np.concatenate(parts, axis=1)
+    return force, reading, references, layers.astype(np.int64), blocks.astype(np.int64)
 
 
 def _resistive(force: np.ndarray, reference: np.ndarray, half: float, series: np.ndarray) -> np.ndarray:
@@ -326,63 +332,90 @@ def _straight(middle: np.ndarray, x: np.ndarray, group: np.ndarray) -> float:
 # --- validation
 
 
+@dataclass
+class _Judged:
+    """Errors [m], angles [rad] and the paper's measure of all touches of many sessions."""
+
+    truth: list[np.ndarray] = field(default_factory=list)
+    sensor: list[np.ndarray] = field(default_factory=list)
+    wand: list[np.ndarray] = field(default_factory=list)
+    turned: list[np.ndarray] = field(default_factory=list)
+    paper: list[float] = field(default_factory=list)
+    refused: int = 0
+    lost: int = 0
+
+
 def _validation(count: int) -> Iterator[Row]:
     """The 19-touch protocol, once with a fine wand and once with patches over several cells."""
-    surface = map_mesh(SHEET.layout())
-    vertices, _ = icosphere(16)
-    for width, text in ((0.3, "touches smaller than a cell"), (3.0, "patches 3 cells wide")):
-        truth, sensor, cameras = (list[np.ndarray]() for _ in range(3))
-        turned, paper, lost = list[np.ndarray](), list[float](), np.zeros(2, dtype=int)
+    surface, skin = map_mesh(SHEET.layout()), _skin()
+    for width in (0.3, 3.0):
+        judged = _Judged()
         for k in range(count):
             session = simulate_protocol(np.random.default_rng([65, k]), model=_model()[0], width=width)
-            points, normals, at = _touched(session.frames)
-            truth.append(np.linalg.norm(points - session.point, axis=1))
-            wrench = np.stack([np.median(session.wrench[rows], axis=0) for rows in at])
-            reference = equivalent_forces(surface, wrench, alone=np.ones(len(at), dtype=bool))
-            report = judge(points, normals, reference, (SHEET.pitch, SHEET.pitch))
-            sensor.append(report.errors)
-            turned.append(report.turned)
-            paper.append(report.paper_direction)
-            lost[0] += sum(map(bool, reference.refused))
-            if width < 1:
-                pose = np.stack([_middle(session.wand[rows]) for rows in at])
-                gone = np.isnan(pose).any(axis=1)
-                turn = rotation_from_quaternion(np.where(gone[:, None], [0, 0, 0, 1.0], pose[:, 3:]))
-                position = np.where(gone[:, None], np.nan, pose[:, :3])
-                seen = wand_points(surface, Wand().radius * vertices, turn, position)
-                cameras.append(judge(points, normals, seen, (SHEET.pitch, SHEET.pitch)).errors)
-                lost[1] += sum(map(bool, seen.refused))
-        yield from _validated(width, text, count, truth, sensor, cameras, turned, paper, lost)
+            _judge(session, skin, surface, judged)
+        yield from _small_touches(judged, count) if width < 1 else _wide_touches(judged, count)
 
 
-def _validated(width, text, count, truth, sensor, cameras, turned, paper, lost) -> Iterator[Row]:  # noqa: ANN001 - above
-    def mean(errors: list[np.ndarray]) -> float:
-        return 1e3 * float(np.nanmean(np.concatenate(errors)))
-
-    middle = 1e3 * float(np.median(np.concatenate(truth)))
-    runs = f"the 19-touch protocol, {count} times, {text}"
-    if width < 1:
-        got = f"{mean(truth):.2f} mm; the middle of the cell of a perfect map 3.83; the paper 4.2 mm with z set to zero"
-        yield Row(NAME, f"{runs}: mean distance from the truth", "<= 3.83 + 0.3 mm", got, mean(truth) <= 4.13, COMMAND)
-        got = f"{mean(sensor):.2f} mm, {lost[0]} of {19 * count} refused"
-        yield Row(NAME, f"{runs}: from the equivalent force of the sensor below", "<= 3.83 + 0.3 mm", got, mean(sensor) <= 4.13, COMMAND)  # fmt: skip
-        got = f"{mean(cameras):.2f} mm, {lost[1]} of {19 * count} lost or apart; the paper 14.0 mm"
-        yield Row(NAME, f"{runs}: from the tracked wand", "<= 3.83 + 0.3 mm", got, mean(cameras) <= 4.13, COMMAND)
-    else:
-        got = f"{middle:.2f} mm median, {mean(truth):.2f} mm mean; from the sensor below {mean(sensor):.2f} mm mean"
-        yield Row(NAME, f"{runs}: distance from the truth", "<= 1.0 mm median", got, middle <= 1.0, COMMAND)
-    share = 100 * float(np.nanmean(paper))
-    degrees = np.degrees(float(np.nanmean(np.concatenate(turned))))
-    got = f"{share:.2f} %, in space {degrees:.2f} deg; the paper 2.9 %"
-    if width < 1:
-        got += "; within a cell the normal of this link turns by up to 8 deg, which no cell can tell"
-    met = None if width < 1 else share <= 1.5
-    yield Row(NAME, f"{runs}: directions, by the paper's measure", "" if width < 1 else "<= 1.5 %", got, met, COMMAND)
+def _judge(session: SkinSession, skin: Skin, surface: Mesh, judged: _Judged) -> None:
+    """One session against its truth, the sensor below and the wand."""
+    points, normals, at = _touched(session.frames, skin)
+    pitch = (SHEET.pitch, SHEET.pitch)
+    judged.truth.append(np.linalg.norm(points - session.point, axis=1))
+    wrench = np.stack([np.median(session.wrench[rows], axis=0) for rows in at])
+    reference = equivalent_forces(surface, wrench, alone=np.ones(len(at), dtype=bool))
+    report = judge(points, normals, reference, pitch)
+    judged.sensor.append(report.errors)
+    judged.turned.append(report.turned)
+    judged.paper.append(report.paper_direction)
+    judged.refused += sum(map(bool, reference.refused))
+    pose = np.stack([_middle(session.wand[rows]) for rows in at])
+    lost = np.isnan(pose).any(axis=1)
+    turn = rotation_from_quaternion(np.where(lost[:, None], [0, 0, 0, 1.0], pose[:, 3:]))
+    tip = Wand().radius * icosphere(16)[0]
+    seen = wand_points(surface, tip, turn, np.where(lost[:, None], np.nan, pose[:, :3]))
+    judged.wand.append(judge(points, normals, seen, pitch).errors)
+    judged.lost += sum(map(bool, seen.refused))
 
 
-def _touched(frames: Frames) -> tuple[np.ndarray, np.ndarray, list[np.ndarray]]:
+def _small_touches(judged: _Judged, count: int) -> Iterator[Row]:
+    what, target = f"the 19-touch protocol, {count} times, touches smaller than a cell", "<= 3.83 + 0.3 mm"
+    truth, sensor, wand = map(_mean, (judged.truth, judged.sensor, judged.wand))
+    got = f"{truth:.2f} mm; a perfect map that names the cell 3.83 mm; the paper 4.2 mm with z set to zero"
+    yield Row(NAME, f"{what}: mean distance from the truth", target, got, truth <= 4.13, COMMAND)
+    got = f"{sensor:.2f} mm, {judged.refused} of {19 * count} refused"
+    yield Row(NAME, f"{what}: from the equivalent force of the sensor below", target, got, sensor <= 4.13, COMMAND)
+    got = f"{wand:.2f} mm, {judged.lost} of {19 * count} lost or apart; the paper 14.0 mm"
+    yield Row(NAME, f"{what}: from the tracked wand", target, got, wand <= 4.13, COMMAND)
+    got = f"{_directions(judged)}; within a cell the normal of this link turns by 16 deg, which one cell cannot tell"
+    yield Row(NAME, f"{what}: directions, by the paper's measure", "", got, None, COMMAND)
+
+
+def _wide_touches(judged: _Judged, count: int) -> Iterator[Row]:
+    what = f"the 19-touch protocol, {count} times, patches 3 cells wide"
+    middle = 1e3 * float(np.median(np.concatenate(judged.truth)))
+    got = (
+        f"{middle:.2f} mm median, {_mean(judged.truth):.2f} mean; from the sensor below {_mean(judged.sensor):.2f} mean"
+    )
+    yield Row(NAME, f"{what}: distance from the truth", "<= 1.0 mm median", got, middle <= 1.0, COMMAND)
+    share = 100 * float(np.nanmean(judged.paper))
+    yield Row(
+        NAME, f"{what}: directions, by the paper's measure", "<= 1.5 %", _directions(judged), share <= 1.5, COMMAND
+    )
+
+
+def _mean(errors: list[np.ndarray]) -> float:
+    return 1e3 * float(np.nanmean(np.concatenate(errors)))
+
+
+def _directions(judged: _Judged) -> str:
+    degrees = np.degrees(float(np.nanmean(np.concatenate(judged.turned))))
+    return f"{100 * float(np.nanmean(judged.paper)):.2f} %, in space {degrees:.2f} deg; the paper 2.9 %"
+
+
+def _touched(frames: Frames, skin: Skin) -> tuple[np.ndarray, np.ndarray, list[np.ndarray]]:
     """Medians of points and normals of each touch, and the samples it lasted, in order."""
-    found = _skin().run(frames)
+    skin.reset()
+    found = skin.run(frames)
     touches = [(rows, found) for _, rows, _ in touches_of(found.contact, found.found, found.sample)]
     touches.sort(key=lambda each: found.time[each[0][0]])
     held = [rows[4:-4] for rows, _ in touches]  # without the ramps
@@ -403,13 +436,17 @@ def _speed(count: int) -> Iterator[Row]:
     """One frame in a loop, three touches on it; the plain chain of OpenCV on the same frames."""
     for shape, target in (((6, 22), "<= 100 us"), ((64, 64), ">= 2,000 frames/s")):
         skin, frames = _loaded(shape)
-        ours = _seconds(lambda k: skin.update_into(0.02 * k, frames[k % len(frames)]), count)
-        values = _seconds(lambda k: skin.update(0.02 * k, frames[k % len(frames)]), count)
-        theirs = _opencv(frames, count)
+        ours = _seconds(partial(_step, skin.update_into, frames), count)
+        values = _seconds(partial(_step, skin.update, frames), count)
         rate = 1e6 / ours
         met = ours <= 100.0 if shape[0] == 6 else rate >= 2000
-        got = f"{ours:.1f} us a frame ({rate:,.0f} frames/s), {values:.0f} us as values; {theirs}"
-        yield Row(NAME, f"{shape[0]} x {shape[1]}, 3 touches: frame to contacts in a loop, median", target, got, met, COMMAND)
+        got = f"{ours:.1f} us a frame ({rate:,.0f} frames/s), {values:.0f} us as values; {_opencv(frames, count)}"
+        what = f"{shape[0]} x {shape[1]}, 3 touches: frame to contacts in a loop, median"
+        yield Row(NAME, what, target, got, met, COMMAND)
+
+
+def _step(update: Callable[[float, np.ndarray], object], frames: np.ndarray, k: int) -> None:
+    update(0.02 * k, frames[k % len(frames)])
 
 
 def _loaded(shape: tuple[int, int]) -> tuple[Skin, np.ndarray]:
@@ -420,10 +457,11 @@ def _loaded(shape: tuple[int, int]) -> tuple[Skin, np.ndarray]:
     plain = Curve("polynomial", np.array([10.0]), np.zeros((1, 1)), largest=25.0)
     still = read_out(model, np.zeros((20, *shape)), rng)
     health = examine(still, Sheet(*shape), seconds=10.0)
-    return Skin(sheet.layout(), Intensity((plain,)), Sheet(*shape), health), read_out(model, np.repeat(loads[None], 64, axis=0), rng).cells  # fmt: skip
+    pressed = read_out(model, np.repeat(loads[None], 64, axis=0), rng)
+    return Skin(sheet.layout(), Intensity((plain,)), Sheet(*shape), health), pressed.cells
 
 
-def _seconds(step, count: int) -> float:  # noqa: ANN001 - a function of a number
+def _seconds(step: Callable[[int], object], count: int) -> float:
     """Median of single calls [us]."""
     took = np.empty(count)
     for k in range(count):
@@ -461,30 +499,31 @@ def _opencv(frames: np.ndarray, count: int) -> str:
 
 def _bad() -> Iterator[Row]:
     """Each is refused with a sentence, or answered with a status; nothing raises but ours."""
-    model, _, health = _model()
-    rng = np.random.default_rng(67)
+    model, intensity, health = _model()
+    rng, skin, sheet = np.random.default_rng(67), _skin(), Sheet(6, 22)
     idle = read_out(model, np.zeros((40, 6, 22)), rng)
-    skin = _skin()
-    said: dict[str, bool] = {}
-    said["wrong frame size"] = skin.update(0.0, np.zeros((5, 22))).estimate.status[0] == 7
-    said["a frame of NaN"] = skin.update(0.0, np.full((6, 22), np.nan)).estimate.status[0] == 7
-    one = idle.cells[0].copy()
-    one[2, 3] = np.nan
-    said["one cell NaN: answered"] = skin.update(0.0, one).estimate.status[0] == 2
-    said["all cells stuck"] = _refuses(lambda: examine(Frames(idle.time, np.repeat(idle.cells[:1] * 20 % 250, 40, axis=0)), Sheet(6, 22)))  # fmt: skip
-    said["too few frames"] = _refuses(lambda: examine(idle.picked(slice(0, 3)), Sheet(6, 22)))
-    said["a map of another size"] = _refuses(lambda: Skin(Rolled(5, 22).layout(), _model()[1], Sheet(6, 22), health))
+    lacking, stuck = idle.cells[0].copy(), np.repeat(idle.cells[:1] * 20 % 250, 40, axis=0)
+    lacking[2, 3] = np.nan
     loads = press(SHEET, [Patch(2.0, 5.0, 1.5, 90.0)]).loads
-    over = read_out(model, np.concatenate([np.zeros((5, 6, 22)), np.linspace(0, 2.5, 60)[:, None, None] * loads]), rng, wraps=True)  # fmt: skip
-    wrapped = _skin()
-    last = wrapped.run(over)
-    said["8-bit wrap-around: noticed, saturated"] = bool(wrapped.wrapped.any()) and last.estimate.status[-1] == 6
+    rising = np.linspace(0, 2.5, 60)[:, None, None] * loads
+    over = read_out(model, np.concatenate([np.zeros((5, 6, 22)), rising]), rng, wraps=True)
+    wrapped = skin.run(over).estimate.status[-1] == Status.SATURATED and bool(skin.wrapped.any())
+    skin.reset()
+    said = {
+        "wrong frame size": skin.update(0.0, np.zeros((5, 22))).estimate.status[0] == Status.INVALID,
+        "a frame of NaN": skin.update(0.0, np.full((6, 22), np.nan)).estimate.status[0] == Status.INVALID,
+        "one cell NaN: answered": skin.update(0.0, lacking).estimate.status[0] == Status.NO_CONTACT,
+        "8-bit wrap-around: noticed, saturated": wrapped,
+        "all cells stuck": _refuses(lambda: examine(Frames(idle.time, stuck), sheet)),
+        "too few frames": _refuses(lambda: examine(idle.picked(slice(0, 3)), sheet)),
+        "a map of another size": _refuses(lambda: Skin(Rolled(5, 22).layout(), intensity, sheet, health)),
+    }
     failed = [name for name, good in said.items() if not good]
-    got = f"{len(said) - len(failed)} of {len(said)}{': not ' + ', '.join(failed) if failed else ': ' + ', '.join(said)}"
+    got = f"{len(said) - len(failed)} of {len(said)}: {', '.join(said)}{'; not ' if failed else ''}{', '.join(failed)}"
     yield Row(NAME, "bad input: a sentence, or a row with a status", "all", got, not failed, COMMAND)
 
 
-def _refuses(step) -> bool:  # noqa: ANN001 - a function
+def _refuses(step: Callable[[], object]) -> bool:
     try:
         step()
     except PalpateError:

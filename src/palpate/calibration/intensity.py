@@ -77,9 +77,13 @@ def identify_intensity(
     I = I0_k + g_k f(F) for cell k: shape and gains are fitted in turn, so that forty presses a cell are enough.
 
     Args:
-        force: (n,) [N]; intensity: (n,) raw; kind, degree, top: as of `identify_curve`.
+        force: (n,) [N], as of `identify_curve`.
+        intensity: (n,) raw.
         cell: (n, 2) row and column of the cell that was pressed; None: the presses stand for all cells.
         shape: rows and columns of the sheet; None: as many as were pressed.
+        kind: of the curve, as of `identify_curve`.
+        degree: of a polynomial.
+        top: raw reading at the end of the range.
         provenance: where the log came from.
     """
     common = identify_curve(force, intensity, kind=kind, degree=degree, top=top)
@@ -179,7 +183,8 @@ def identify_resistive(
     found = least_squares(lambda values: model(values) - reading, start, bounds=(1e-12, np.inf), x_scale=start)
     freedom = max(len(force) - count - 1, 1)
     variance = float(np.sum(found.fun**2)) / freedom
-    covariance = variance * np.linalg.pinv(found.jac.T @ found.jac)
+    jacobian = np.asarray(found.jac, dtype=np.float64)
+    covariance: Float[np.ndarray, "p p"] = variance * np.linalg.pinv(jacobian.T @ jacobian)
     curves: list[Curve] = []
     for k in range(count):
         mine = layer == k
@@ -266,11 +271,12 @@ class _BestJoint:
     """The joint of two ranges is where the fit is best."""
 
     def __call__(self, force: np.ndarray, signed: np.ndarray) -> Curve:
-        joints = np.quantile(force[force > 0], np.linspace(0.02, 0.95, 48))
+        joints: Float[np.ndarray, " j"] = np.quantile(force[force > 0], np.linspace(0.02, 0.95, 48))
         best = _best(joints, force, signed)
         for _ in range(2):  # finer, to either side
             at = int(np.argmin(np.abs(joints - best.joint)))
-            joints = np.linspace(joints[max(at - 1, 0)], joints[min(at + 1, len(joints) - 1)], 17)
+            low, high = float(joints[max(at - 1, 0)]), float(joints[min(at + 1, len(joints) - 1)])
+            joints = np.linspace(low, high, 17)
             best = _best(joints, force, signed)
         return best
 
@@ -313,7 +319,8 @@ def _knots(force: np.ndarray, signed: np.ndarray) -> np.ndarray:
     risen = np.maximum.accumulate(smooth)
     way = (middle - middle[0]) / max(float(np.ptp(middle)), 1e-12)
     way = way + (risen - risen[0]) / max(float(np.ptp(risen)), 1e-12)
-    knots = np.interp(np.linspace(0, way[-1], count + 1)[1:-1], way, middle)
+    steps = np.linspace(0.0, float(way[-1]), count + 1)[1:-1]
+    knots: Float[np.ndarray, " k"] = np.interp(steps, way, middle)
     return np.unique(np.append(knots[knots > 0], force.max()))
 
 

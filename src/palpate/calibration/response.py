@@ -73,8 +73,8 @@ def identify_response(
     lost = tuple(name for name, share in zip(names, explained.tolist(), strict=False) if share < _LEAST)
     if lost:
         raise NotIdentifiable(
-            f"the readings say nothing of {' and '.join(lost)}: held out, presses are placed hardly better there than by "
-            "their mean. Leave it out, or use a sensor that has more than one row.",
+            f"the readings say nothing of {' and '.join(lost)}: held out, presses are placed hardly better there than "
+            "by their mean. Leave it out, or use a sensor that has more than one row.",
             rank=len(explained) - len(lost),
             missing=lost,
         )
@@ -86,7 +86,7 @@ def _learnt(readings: np.ndarray, positions: np.ndarray, length: float) -> Respo
     mean = positions.mean(axis=0)
     kernel = _kernel(readings, readings, length)
     kernel[np.diag_indices(len(kernel))] += NOISE
-    weights = np.linalg.solve(kernel, positions - mean)
+    weights: Float[np.ndarray, "n d"] = np.asarray(np.linalg.solve(kernel, positions - mean), np.float64)
     return ResponseMap(frozen(readings), frozen(weights), frozen(mean), length, np.full(len(mean), np.nan))
 
 

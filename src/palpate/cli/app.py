@@ -15,6 +15,7 @@ from palpate.cli.estimate import estimate
 from palpate.cli.evaluate import evaluate
 from palpate.cli.events import events
 from palpate.cli.inspect import inspect
+from palpate.cli.map_skin import map_skin
 from palpate.cli.rig_new import rig_new
 from palpate.cli.view import view
 
@@ -23,7 +24,7 @@ __all__ = ["run"]
 
 def run(argv: Sequence[str] | None) -> None:
     """Parse and run one command; leaves by `SystemExit` on --help and on a wrong call."""
-    app, calibrate, rig = SubcommandApp(), SubcommandApp(), SubcommandApp()
+    app, calibrate, maps, rig = SubcommandApp(), SubcommandApp(), SubcommandApp(), SubcommandApp()
     app.command(estimate)
     calibrate.command(name="clock")(calibrate_clock)
     calibrate.command(name="intensity")(calibrate_intensity)
@@ -33,6 +34,8 @@ def run(argv: Sequence[str] | None) -> None:
     app.command(evaluate)
     app.command(events)
     app.command(inspect)
+    maps.command(name="skin")(map_skin)
+    app.command(maps, name="map", help="Find where the cells of a sensor sit on a robot: skin.")
     app.command(view)
     rig.command(name="new")(rig_new)
     app.command(rig, name="rig", help="Write a rig to start from: new.")

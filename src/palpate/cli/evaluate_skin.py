@@ -84,7 +84,7 @@ def evaluate_skin(
 
 
 def _touches(found: Contacts) -> list[_Touch]:
-    located = np.isfinite(found.estimate.point).all(axis=1)
+    located = np.asarray(np.isfinite(found.estimate.point).all(axis=1))
     cell = np.full((len(found), 3), np.nan) if found.cell is None else found.cell
     made: list[_Touch] = []
     for identity, rows, alone in touches_of(found.contact, located, found.sample):
@@ -130,7 +130,7 @@ def _reference(
                 mend="Add --wand wand.stl --wand-unit mm.",
             )
         poses = _at(known, WAND, times, tolerance)
-        lost = np.isnan(poses).any(axis=1)
+        lost = np.asarray(np.isnan(poses).any(axis=1))
         rotation = rotation_from_quaternion(np.where(lost[:, None], [0, 0, 0, 1.0], poses[:, 3:]))
         vertices = Mesh.load(wand, unit=unit).vertices
         return wand_points(surface, vertices, rotation, np.where(lost[:, None], np.nan, poses[:, :3]))
@@ -168,15 +168,15 @@ def _summary(judged: SkinReport, touches: list[_Touch]) -> list[tuple[str, str]]
         ("along x, y, z", f"{along} mm on average"),
         (
             "perfect map",
-            f"errs {1e3 * judged.perfect[0]:.2f} mm, {1e3 * judged.perfect[1]:.2f} mm an axis, where touches are smaller "
-            "than a cell",
+            f"errs {1e3 * judged.perfect[0]:.2f} mm, {1e3 * judged.perfect[1]:.2f} mm an axis, where touches are "
+            "smaller than a cell",
         ),
     ]
     if paper is not None:
-        directions = f"; directions {100 * judged.paper_direction:.1f} %" if judged.paper_direction == judged.paper_direction else ""  # fmt: skip
-        said.append(
-            ("as the paper", f"{1e3 * paper.mean:.2f} mm, worst {1e3 * paper.worst:.2f} mm, z set to zero{directions}")
-        )
+        share = judged.paper_direction
+        directions = f"; directions {100 * share:.1f} %" if np.isfinite(share) else ""
+        distance = f"{1e3 * paper.mean:.2f} mm, worst {1e3 * paper.worst:.2f} mm, z set to zero"
+        said.append(("as the paper", distance + directions))
     return said
 
 
@@ -198,7 +198,6 @@ def write_skin_report(
     path: Path, contacts: str, truth: str, judged: SkinReport, touches: list[_Touch], of: str
 ) -> None:
     """One page: figures, every touch, and where on the unrolled sheet the errors are."""
-    position, direction, paper = judged.position, judged.direction, judged.paper_position
     tiles = [Tile("touches", f"{len(touches)}", f"{judged.reference.name}"), *_tiles(judged)]
     judgements = zip(touches, judged.errors, judged.turned, judged.reference.refused, strict=True)
     rows = tuple(

@@ -241,7 +241,7 @@ def paired(
         known: instants, of which several may have one time, or touches.
         tolerance: [s] of instants.
     """
-    located = np.isfinite(estimate.point).all(axis=1)
+    located = np.asarray(np.isfinite(estimate.point).all(axis=1))
     if isinstance(known, Touches):
         keep = np.zeros(len(time), dtype=bool)
         for start, end, point in zip(known.start, known.end, known.point, strict=True):

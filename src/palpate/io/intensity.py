@@ -6,10 +6,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from math import nan
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import tomlkit
+from tomlkit.items import Table
 
 from palpate.errors import InputError
 from palpate.io.atomic import write_text
@@ -53,8 +54,9 @@ class _CurveTable:
         size = len(self.parameters)
         if not size or [len(row) for row in self.covariance] != [size] * size:
             raise ValueError(f"covariance must be {size} x {size}, as there are parameters")
-        arrays = {name: np.array(getattr(self, name)) for name in ("parameters", "covariance", "knots")}
-        return Curve(**(vars(self) | arrays))
+        values: dict[str, Any] = dict(vars(self))
+        values |= {name: np.array(values[name]) for name in ("parameters", "covariance", "knots")}
+        return Curve(**values)
 
 
 @dataclass(frozen=True)
@@ -87,7 +89,7 @@ def write_intensity(path: Path, intensity: Intensity) -> None:
     write_text(path, tomlkit.dumps(document))
 
 
-def _table(curve: Curve, *, commented: bool) -> tomlkit.items.Table:
+def _table(curve: Curve, *, commented: bool) -> Table:
     table = tomlkit.table()
     for each in fields(curve):
         value = getattr(curve, each.name)
@@ -97,7 +99,7 @@ def _table(curve: Curve, *, commented: bool) -> tomlkit.items.Table:
         plain = value.tolist() if isinstance(value, np.ndarray) else value
         if plain in ([], 0.0) or plain != plain:  # NaN: not known
             continue
-        item = tomlkit.item(plain)
+        item = cast("Any", tomlkit.item(plain))
         table.add(each.name, item.comment(_COMMENTS[each.name]) if commented and each.name in _COMMENTS else item)
     return table
 
@@ -115,13 +117,11 @@ def read_intensity(path: Path) -> Intensity:
             where=str(path),
             mend="`palpate calibrate intensity` writes one (kind = 'intensity').",
         )
-    curves = table.get("curve")
-    if not isinstance(curves, list):
+    listed: Any = table.get("curve")
+    if not isinstance(listed, list):
         raise InputError("has no [[curve]].", where=str(path))
-    tables = tuple(
-        parse(each, _CurveTable, file=str(path), key=f"curve[{k}]")
-        for k, each in enumerate(curves)  # pyright: ignore[reportUnknownVariableType, reportUnknownArgumentType] - as tomllib gives it
-    )
+    curves = cast("list[dict[str, Any]]", listed)
+    tables = tuple(parse(each, _CurveTable, file=str(path), key=f"curve[{k}]") for k, each in enumerate(curves))
     rest = parse(table | {"curve": []}, _IntensityFile, file=str(path))
     try:
         which = None if rest.which is None else np.array(rest.which, dtype=np.int64)

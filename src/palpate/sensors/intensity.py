@@ -95,7 +95,7 @@ R = `reference`, s = `scale`; 2 p1/F is the sensor's two contacts, p2 what stand
         """Counts, evenly spaced from 0 to those of the largest force, and the force [N] at each."""
         grid = self.largest * np.linspace(0.0, 1.0, _KNOTS) ** 2  # denser where the curve may be steep
         counts = self.intensity(grid)
-        even = np.linspace(0.0, counts[-1], _KNOTS)
+        even: Float[np.ndarray, " k"] = np.linspace(0.0, float(counts[-1]), _KNOTS)
         return even, np.interp(even, counts, grid)
 
     def deviation(self, force: Float[np.ndarray, "*batch"], noise: float = 0.0) -> Float[np.ndarray, "*batch"]:

@@ -237,7 +237,7 @@ def _unwrapped(
         for shift in (1, -1):
             alone |= np.roll(cells, shift, axis=axis) > 0.25 * turn
     below &= ~alone
-    return np.where(below, cells - turn, cells), below.any(axis=0)
+    return np.where(below, cells - turn, cells), np.asarray(below.any(axis=0))
 
 
 def _named(what: str, which: Bool[np.ndarray, "rows columns"]) -> list[str]:

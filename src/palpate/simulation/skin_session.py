@@ -62,7 +62,8 @@ def simulate_protocol(
 
     Args:
         rng: of everything drawn.
-        sheet, model: None: the paper's, drawn.
+        sheet: None: the paper's.
+        model: None: the paper's, drawn.
         touches: how many.
         width: of a touch, in cells; small ones lie in one cell or two.
         wand: the wand and its cameras.
@@ -75,7 +76,10 @@ def simulate_protocol(
         axis=1,
     )
     newtons = np.clip(rng.exponential(2.6, touches) + 1.0, 1.0, 16.0) * max(1.0, width**2 / 2)
-    patches = [Patch(*place, width / 2, force) for place, force in zip(places.tolist(), newtons.tolist(), strict=True)]
+    patches = [
+        Patch(row, column, width / 2, force)
+        for (row, column), force in zip(places.tolist(), newtons.tolist(), strict=True)
+    ]
     pressed = [press(sheet, [patch]) for patch in patches]
     begin = 1.0 + (HOLD + PAUSE) * np.arange(touches)
     time = np.arange(int((begin[-1] + HOLD + PAUSE) * RATE)) / RATE

@@ -99,7 +99,8 @@ def frame(
             return _image(cursor, rows, columns)
         for _ in range(min(cursor.number("I", 4), 16)):
             cursor.text()
-            cursor.number("I", 4), cursor.number("I", 4)
+            for _ in ("size", "stride"):
+                cursor.number("I", 4)
         start = cursor.number("I", 4)
         values = cursor.array(_ARRAYS[kind])[start:]
     except (StructError, ValueError):

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from os import SEEK_END
 from pathlib import Path
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, cast, runtime_checkable
 
 import numpy as np
 
@@ -184,16 +184,14 @@ class _Numpy:
     def _arrays(self) -> tuple[np.ndarray, np.ndarray]:
         layout = self._layout
         try:
-            loaded = np.load(self.path, allow_pickle=False)
-            named = {} if isinstance(loaded, np.ndarray) else {name: loaded[name] for name in loaded.files}
+            loaded = cast("Any", np.load(self.path, allow_pickle=False))
+            several = not isinstance(loaded, np.ndarray)
+            named: dict[str, np.ndarray] = dict(loaded) if several else {"frames": loaded}
         except (OSError, ValueError, EOFError, KeyError) as problem:
             raise InputError(f"is no NumPy file that can be read ({problem}).", where=str(self.path)) from problem
-        if isinstance(loaded, np.ndarray):
-            frames = loaded
-        elif "frames" in named:
-            frames = named["frames"]
-        else:
+        if "frames" not in named:
             raise InputError("has no array 'frames'.", where=str(self.path), mend=near("frames", named))
+        frames = np.asarray(named["frames"])
         if not (np.issubdtype(frames.dtype, np.integer) or np.issubdtype(frames.dtype, np.floating)):
             raise InputError(f"frames are {frames.dtype}, not numbers.", where=str(self.path))
         if layout.time in named:

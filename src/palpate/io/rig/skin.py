@@ -13,7 +13,7 @@ from palpate.io.intensity import read_intensity
 from palpate.io.logs.frames import FrameLayout
 from palpate.io.models import load_toml
 from palpate.io.rig.tables import RigForceTorque, RigSurface, RigTime
-from palpate.io.skin_csv import read_map_csv
+from palpate.io.skin_map import read_skin_map
 from palpate.io.strict import parse
 from palpate.io.units import TIME_UNITS, to_si
 from palpate.sensors.intensity import Curve, Intensity
@@ -78,7 +78,7 @@ class SkinRig:
         Raises:
             InputError: the map cannot be read, or is of another sheet than `rows` and `columns` say.
         """
-        found, skin = _read_map(self.map_path()), self.skin
+        found, skin = read_skin_map(self.map_path()), self.skin
         rows, columns = skin.rows or found.rows, skin.columns or found.columns
         if (rows, columns) != (found.rows, found.columns):
             raise InputError(
@@ -103,14 +103,6 @@ class SkinRig:
         return FrameLayout(
             place.rows, place.columns, self.time.column, self.time.unit, skin.cells, skin.topic, skin.rate
         )
-
-
-def _read_map(path: Path) -> SkinMap:
-    if path.suffix.lower() == ".csv":
-        return read_map_csv(path)
-    from palpate.io.skin_map import read_skin_map
-
-    return read_skin_map(path)
 
 
 def is_skin_rig(path: Path) -> bool:
