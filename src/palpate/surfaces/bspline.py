@@ -146,7 +146,7 @@ def periodic_knots(breaks: ArrayLike, degree: int = 3) -> Float[np.ndarray, " k"
 
 
 def greville(knots: Float[np.ndarray, " k"], degree: int) -> Float[np.ndarray, " n"]:
-    """Parameters at which control points have most of their say: means of `degree` knots, so that x = sum N_i(x) x_i."""
+    """Where control points have most of their say: means x_i of `degree` knots, so that x = sum N_i(x) x_i."""
     inner = np.lib.stride_tricks.sliding_window_view(knots[1:-1], degree)
     return inner.mean(axis=1)
 

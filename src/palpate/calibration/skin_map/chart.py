@@ -76,7 +76,7 @@ def round_chart(
     if axis is None:
         spread = np.einsum("f,fi,fj->ij", areas, normals, normals)
         direction = np.linalg.eigh(spread)[1][:, 0]
-        direction *= np.sign(direction[np.argmax(np.abs(direction))])
+        direction = direction * np.sign(direction[np.argmax(np.abs(direction))])
         point = None
     else:
         point, direction = (np.asarray(part, dtype=np.float64) for part in axis)
@@ -89,7 +89,8 @@ def round_chart(
         length = np.linalg.norm(flat, axis=1)
         flat = flat / np.where(length > 0, length, 1.0)[:, None]
         reject = (areas * length)[:, None, None] * (across - flat[:, :, None] * flat[:, None, :])
-        point, *_ = np.linalg.lstsq(reject.sum(axis=0), np.einsum("fij,fj->i", reject, middles), rcond=1e-9)
+        right = np.einsum("fij,fj->i", reject, middles)
+        point = np.linalg.pinv(reject.sum(axis=0), rcond=1e-9, hermitian=True) @ right
     point = point + direction * (direction @ (origin - point))
     spoke = across @ (origin - point)
     if not np.linalg.norm(spoke) > 0:

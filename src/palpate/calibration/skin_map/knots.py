@@ -13,7 +13,6 @@ __all__ = ["Breaks", "breaks_at", "clusters", "knots_of", "refined"]
 
 Breaks = tuple[Float[np.ndarray, " a"], Float[np.ndarray, " b"]]
 _ROUNDS = 3
-_ENOUGH = 1e-6  # m rms: what is left cannot matter
 
 
 def knots_of(breaks: Breaks, periodic: bool, degree: tuple[int, int] = (3, 3)) -> Breaks:
@@ -27,6 +26,7 @@ def refined(
     uv: Float[np.ndarray, "k 2"],
     narrowest: tuple[float, float],
     control: int,
+    enough: float,
 ) -> tuple[BSplineSurface, Float[np.ndarray, " k"]]:
     """Halve the spans, of u or of v, that leave most squared distance for the control points they cost.
 
@@ -36,11 +36,12 @@ def refined(
         uv: (k, 2) parameters of the points.
         narrowest: span in u and in v that is worth halving.
         control: points at most.
+        enough: rms distance that needs no mending [m].
     """
     surface, distance = fitted(breaks)
     for rounds in range(_ROUNDS, 0, -1):
         spare = control - surface.points
-        if float(np.sqrt(np.mean(distance**2))) < _ENOUGH:
+        if float(np.sqrt(np.mean(distance**2))) < enough:
             break
         fresh = _halved(breaks, uv, distance, narrowest, surface, -(-spare // rounds))
         if fresh is None:
@@ -106,7 +107,9 @@ def clusters(values: Float[np.ndarray, " n"], apart: float) -> Float[np.ndarray,
 
 def breaks_at(places: Float[np.ndarray, " n"], degree: int) -> Float[np.ndarray, " k"]:
     """Breaks of an open spline with as many control points as places: all of these, but for some beside the ends."""
-    spare = (degree - 1) // 2
     if len(places) <= degree + 1:
         return places[[0, -1]]
+    if degree == 1:
+        return places
+    spare = (degree - 1) // 2
     return np.concatenate([places[:1], places[1 + spare : len(places) - 1 - spare], places[-1:]])

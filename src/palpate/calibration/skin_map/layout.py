@@ -7,7 +7,8 @@ give way: a displacement in the surface's parameters, a cubic spline over the sh
 
     W = integral |E|^2 dx dy,   E = (F'F - I)/2,   F = [r_x r_y]
 
-is least [green]. The corner and the heading there stay where they were put.
+is least [green]. The sheet's corner stays where it was put, and its first edge leaves along the heading: it meets the
+geodesic again at the next corner of the cell.
 """
 
 from __future__ import annotations
@@ -23,10 +24,11 @@ from palpate.surfaces.bspline import basis_matrices, open_knots, solve_tangent
 
 __all__ = ["Layout", "Parametric", "lay"]
 
-_STEP = 4e-3  # m, of the geodesics' Runge-Kutta
+_STEP = 2e-3  # m, of the geodesics' Runge-Kutta
 _MOST_ELEMENTS = 32  # along either side of the sheet: the displacement is far smoother than the cells are small
 _FLAT = 1e-7  # rms strain of a sheet that lies without any
 _ROUNDS = 12
+_HELD = 2  # cells from the corner to where the first edge meets its geodesic
 _EVERYWHERE = ((-inf, inf), (-inf, inf))
 _HANGING = 0.01  # weight of what hangs beyond the surface beside what lies on it
 
@@ -88,12 +90,23 @@ def lay(
     at_gauss = np.ix_(np.searchsorted(y, gauss[0]), np.searchsorted(x, gauss[1]))
     at_lattice = np.ix_(np.searchsorted(y, lattice[0]), np.searchsorted(x, lattice[1]))
     knots = [open_knots(np.linspace(0.0, length, count + 1)) for length, count in zip(size, spans, strict=True)]
-    problem = _Problem(surface, bounds, fan[at_gauss], [basis_matrices(k, 3, g) for k, g in zip(knots, gauss, strict=True)])
-    control, rounds = problem.solve(surface.derivatives(start), fan[0, 0, 2:4])
+    problem = _Problem(
+        surface, bounds, fan[at_gauss], [basis_matrices(k, 3, g) for k, g in zip(knots, gauss, strict=True)]
+    )
+    held = lattice[1][2 * min(_HELD, cells[1])]
+    share = basis_matrices(knots[1], 3, np.array([held]))[0][0]
+    control, rounds = problem.solve((share, _across(surface, fan[0, np.searchsorted(x, held)])))
     by, bx = (basis_matrices(k, 3, places)[0] for k, places in zip(knots, lattice, strict=True))
     moved = np.einsum("ya,abk,xb->yxk", by, control, bx)
     strain, _, _, weights = problem.strain(control)
     return Layout(fan[at_lattice][..., :2] + moved, *_principal(strain, weights), rounds)
+
+
+def _across(surface: Parametric, state: Float[np.ndarray, "6"]) -> Float[np.ndarray, "2"]:
+    """How far steps in u and in v go across the edge."""
+    at = surface.derivatives(state[:2])
+    side = np.cross(np.cross(at[1], at[2]), state[2:4] @ at[1:3])
+    return at[1:3] @ (side / np.linalg.norm(side))
 
 
 def _gauss(length: float, spans: int) -> Float[np.ndarray, " n"]:
@@ -162,8 +175,8 @@ def _slope(surface: Parametric, state: Float[np.ndarray, "m 6"]) -> Float[np.nda
     turn = -solve_tangent(found[:, 1:3], bend)
     n = np.cross(found[:, 1], found[:, 2])
     square = np.einsum("ni,ni->n", n, n)
-    l, m, k = (np.einsum("ni,ni->n", found[:, i], n) for i in (3, 4, 5))
-    curvature = (l * k - m * m) / (square * square)
+    uu, uv, vv = (np.einsum("ni,ni->n", found[:, i], n) for i in (3, 4, 5))
+    curvature = (uu * vv - uv * uv) / (square * square)
     rest = np.stack([state[:, 5], -curvature * state[:, 4]], axis=1)
     return np.concatenate([state[:, 2:4], turn, rest], axis=1)
 
@@ -182,7 +195,7 @@ class _Problem:
         (self.by, self.dy), (self.bx, self.dx) = bases
 
     def strain(self, control: Float[np.ndarray, "a b 2"]) -> tuple[np.ndarray, ...]:
-        """E_xx, E_yy and E_xy (n, m, 3); the surface there; the derivatives of its parameters along x and y; weights."""
+        """E_xx, E_yy and E_xy (n, m, 3); the surface there; how its parameters grow along x and y; weights."""
         uv = self.fan[..., :2] + _spread(self.by, control, self.bx)
         ux = self.fan[..., 2:4] + _spread(self.by, control, self.dx)
         uy = self.fan[..., 4:6] + _spread(self.dy, control, self.bx)
@@ -193,9 +206,7 @@ class _Problem:
         weights = np.where(there, 1.0, _HANGING)
         return np.stack([xx - 0.5, yy - 0.5, xy], axis=-1), found, np.stack([ux, uy], axis=2), weights
 
-    def solve(
-        self, corner: Float[np.ndarray, "6 3"], heading: Float[np.ndarray, "2"]
-    ) -> tuple[Float[np.ndarray, "a b 2"], int]:
+    def solve(self, anchor: tuple[Float[np.ndarray, " b"], Float[np.ndarray, "2"]]) -> tuple[np.ndarray, int]:
         """Gauss-Newton from no displacement; a step that does not help is halved."""
         control = np.zeros((self.by.shape[1], self.bx.shape[1], 2))
         state = self.strain(control)
@@ -203,7 +214,7 @@ class _Problem:
         for rounds in range(_ROUNDS):
             if np.sqrt(energy) < _FLAT:
                 return control, rounds
-            step = self._step(state, corner, heading)
+            step = self._step(state, anchor)
             for _ in range(8):
                 trial = self.strain(control + step)
                 fresh = _energy(trial[0], trial[3])
@@ -218,7 +229,7 @@ class _Problem:
         return control, _ROUNDS
 
     def _step(
-        self, state: tuple[np.ndarray, ...], corner: Float[np.ndarray, "6 3"], heading: Float[np.ndarray, "2"]
+        self, state: tuple[np.ndarray, ...], anchor: tuple[Float[np.ndarray, " b"], Float[np.ndarray, "2"]]
     ) -> Float[np.ndarray, "a b 2"]:
         """What makes the linearised strain least: normal equations in a band as wide as the sheet's shorter side."""
         from scipy.linalg import solveh_banded
@@ -231,23 +242,28 @@ class _Problem:
         vector = np.zeros(2 * rows * columns)
         local = [part for base in ((self.by, self.dy), (self.bx, self.dx)) for part in _narrow(*base)]
         _strain.normal_equations(*state, *local, *strides, matrix, vector)
-        _hold(matrix, corner, heading, strides[1])
+        _hold(matrix, *anchor, strides[1])
         step = solveh_banded(matrix, vector, lower=True, check_finite=False, overwrite_ab=True)
         return step.reshape(rows, columns, 2) if rows > columns else np.swapaxes(step.reshape(columns, rows, 2), 0, 1)
 
 
 def _hold(
-    matrix: Float[np.ndarray, "k n"], corner: Float[np.ndarray, "6 3"], heading: Float[np.ndarray, "2"], stride: int
+    matrix: Float[np.ndarray, "k n"],
+    share: Float[np.ndarray, " b"],
+    side: Float[np.ndarray, "2"],
+    stride: int,
 ) -> None:
-    """Stiff springs: the first control point is the sheet's corner; the next along x must not leave the heading."""
-    stiff = 1e9 * float(matrix[0].max())
-    side = np.cross(np.cross(corner[1], corner[2]), heading @ corner[1:3])
-    u, v = corner[1:3] @ (side / np.linalg.norm(side))
-    scale = stiff / max(u * u, v * v)
+    """Stiff springs: on the sheet's corner, and across the heading on a point of the first edge."""
+    stiff = 1e6 * float(matrix[0].max())
     matrix[0, :2] += stiff
-    matrix[0, 2 * stride] += scale * u * u
-    matrix[0, 2 * stride + 1] += scale * v * v
-    matrix[1, 2 * stride] += scale * u * v
+    near = np.flatnonzero(np.abs(share) > 1e-9)
+    near = near[near > 0]  # the first control point is held already
+    number = (2 * stride * near[:, None] + np.arange(2)).reshape(-1)
+    row = (share[near, None] * side).reshape(-1) / np.abs(side).max()
+    for i, a in zip(number, row, strict=True):
+        for j, b in zip(number, row, strict=True):
+            if i >= j:
+                matrix[i - j, j] += stiff * a * b
 
 
 def _spread(

@@ -17,7 +17,7 @@ from palpate.sensors.skin_map import SkinMap
 from palpate.surfaces.bspline import BSplineSurface
 from palpate.surfaces.mesh import Mesh
 
-__all__ = ["Sheet", "fit_stretch", "map_skin", "mapped"]
+__all__ = ["Sheet", "fit_stretch", "map_skin", "mapped", "placed"]
 
 _HELD = 0.10  # strain beyond which no sheet lies by itself
 
@@ -88,21 +88,16 @@ def map_skin(
             surface under it.
         GeometryError: the mesh cannot be cut by two families of planes about the origin.
     """
-    point, direction = _vector(origin, "origin"), _vector(heading, "heading")
-    foot, normal, facet = _foot(mesh, point, sheet)
-    along = direction - normal * (direction @ normal)
-    if not np.linalg.norm(along) > 1e-6 * np.linalg.norm(direction):
-        raise InputError("points along the normal of the surface.", where="heading", mend="Give one along it.")
-    along /= np.linalg.norm(along)
+    foot, along, normal, body = placed(mesh, sheet, origin, heading)
+    point = np.asarray(origin, dtype=np.float64)
     signed = (-sheet.size[0] if sheet.flip else sheet.size[0]), sheet.size[1]
-    body = _body(mesh, facet)
     notes: tuple[str, ...] = ()
     if len(body) < len(mesh.faces):
         notes = (f"{len(mesh.faces) - len(body)} facets of other bodies than the origin's passed over",)
 
     def on(facets: Int[np.ndarray, " f"]) -> SkinMap:
         found = shell(mesh, facets, foot, along, normal, signed, mode=mode, planes=planes, control=control)
-        return mapped(found, sheet, foot, along)
+        return mapped(found, sheet, point, along)
 
     try:
         result = on(body)
@@ -112,6 +107,22 @@ def map_skin(
             raise refusal
         notes = ("the outermost of all bodies is taken: the origin's alone does not carry the sheet",)
     return replace(result, notes=(*notes, *result.notes), provenance=dict(provenance or {}))
+
+
+def placed(
+    mesh: Mesh, sheet: Sheet, origin: ArrayLike, heading: ArrayLike
+) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"], Float[np.ndarray, "3"], Int[np.ndarray, " f"]]:
+    """The sheet's corner on the mesh, its heading there, the outward normal, and the facets of the body it lies on.
+
+    Raises:
+        InputError: the origin is off the surface, or the heading along the normal.
+    """
+    point, direction = _vector(origin, "origin"), _vector(heading, "heading")
+    foot, normal, facet = _foot(mesh, point, sheet)
+    along = direction - normal * (direction @ normal)
+    if not np.linalg.norm(along) > 1e-6 * np.linalg.norm(direction):
+        raise InputError("points along the normal of the surface.", where="heading", mend="Give one along it.")
+    return foot, along / np.linalg.norm(along), normal, _body(mesh, facet)
 
 
 def _else(on: Callable[[Int[np.ndarray, " f"]], SkinMap], facets: Int[np.ndarray, " f"]) -> SkinMap | None:
@@ -134,7 +145,7 @@ def mapped(found: Shell, sheet: Sheet, origin: Float[np.ndarray, "3"], heading: 
         cells = sheet.rows, sheet.columns
         layout = lay(found.surface, begin, heading, sheet.size, cells, flip=sheet.flip, bounds=_bounds(found.surface))
     except np.linalg.LinAlgError as problem:
-        raise _too_large(sheet, "it would have to fold", 0) from problem
+        raise _too_large(sheet, "it would have to fold") from problem
     _refuse_bare(found, layout, sheet)
     centres, normals = found.surface.at(layout.uv[1::2, 1::2])
     overlap = _overlap(layout.uv, 2 * np.pi) if found.surface.periodic else np.zeros(centres.shape[:2], dtype=bool)
@@ -196,7 +207,7 @@ def fit_stretch(
         found = map_skin(mesh, tried, origin=origin, heading=heading, mode=mode, planes=planes)
         return (found.centres[cells] - points).reshape(-1)
 
-    best = least_squares(off, np.array(sheet.stretch), diff_step=1e-3, xtol=1e-6, x_scale=0.05)
+    best = least_squares(off, np.array(sheet.stretch), diff_step=[1e-3], xtol=1e-6, x_scale=0.05)
     return replace(sheet, stretch=(float(best.x[0]), float(best.x[1])))
 
 
@@ -246,7 +257,9 @@ def _body(mesh: Mesh, facet: int) -> Int[np.ndarray, " f"]:
     from scipy.sparse.csgraph import connected_components
 
     start, end = mesh.faces[:, :2].reshape(-1), mesh.faces[:, 1:].reshape(-1)
-    graph = coo_array((np.ones(len(start), dtype=np.int8), (start, end)), shape=(len(mesh.vertices),) * 2)
+    graph = coo_array(
+        (np.ones(len(start), dtype=np.int8), (start, end)), shape=(len(mesh.vertices), len(mesh.vertices))
+    )
     body = connected_components(graph, directed=False)[1][mesh.faces[:, 0]]
     return np.flatnonzero(body == body[facet])
 
@@ -254,27 +267,28 @@ def _body(mesh: Mesh, facet: int) -> Int[np.ndarray, " f"]:
 def _cell_blocks(lattice: Float[np.ndarray, "a b ..."]) -> Float[np.ndarray, "r c 3 3 ..."]:
     """The nine lattice points of every cell."""
     rows, columns = (lattice.shape[0] - 1) // 2, (lattice.shape[1] - 1) // 2
-    i, j = 2 * np.arange(rows)[:, None] + np.arange(3), 2 * np.arange(columns)[:, None] + np.arange(3)
+    i: Int[np.ndarray, "r 3"] = 2 * np.arange(rows)[:, None] + np.arange(3)
+    j: Int[np.ndarray, "c 3"] = 2 * np.arange(columns)[:, None] + np.arange(3)
     return lattice[i[:, None, :, None], j[None, :, None, :]]
 
 
 def _refuse_bare(found: Shell, layout: Layout, sheet: Sheet) -> None:
     """No cell may lie where there is no surface at all."""
     if not np.isfinite(layout.uv).all():
-        raise _too_large(sheet, "it would have to fold", 0)
+        raise _too_large(sheet, "it would have to fold")
     bare = ~found.there(_cell_blocks(layout.uv)).any(axis=(2, 3))
     if not bare.any():
         return
-    rows, columns = (np.flatnonzero(bare.any(axis=k)) for k in (1, 0))
+    rows, columns = (np.unique(numbers) for numbers in np.nonzero(bare))
     place = f"rows {rows[0]} to {rows[-1]}, columns {columns[0]} to {columns[-1]}"
-    raise _too_large(sheet, f"{np.count_nonzero(bare)} of {bare.size} cells have no surface under them ({place})", 1)
+    raise _too_large(sheet, f"{np.count_nonzero(bare)} of {bare.size} cells have no surface under them ({place})")
 
 
-def _too_large(sheet: Sheet, what: str, kind: int) -> InputError:
+def _too_large(sheet: Sheet, what: str) -> InputError:
     height, length = sheet.size
     hint = "Move the origin, turn the heading, flip the rows, or check the sheet's size and the mesh's unit."
     size = f"{1e3 * height:.0f} x {1e3 * length:.0f} mm"
-    return InputError(f"a sheet of {size} does not fit here: {what}.", where="sheet", mend=hint if kind else hint)
+    return InputError(f"a sheet of {size} does not fit here: {what}.", where="sheet", mend=hint)
 
 
 def _areas(found: Shell, layout: Layout, sheet: Sheet) -> Float[np.ndarray, "r c"]:
@@ -300,8 +314,8 @@ def _overlap(uv: Float[np.ndarray, "a b 2"], period: float) -> Bool[np.ndarray, 
     covered = np.zeros(len(points), dtype=bool)
     for turn in range(1, turns + 1):
         for shift in (turn * period, -turn * period):
-            covered |= _inside(points + [0.0, shift], edge)
-    return covered.reshape(*blocks.shape[:2], 9).any(axis=2)
+            covered |= _inside(points + np.array([0.0, shift]), edge)
+    return np.any(covered.reshape(*blocks.shape[:2], 9), axis=2)
 
 
 def _inside(points: Float[np.ndarray, "n 2"], edge: Float[np.ndarray, "k 2"]) -> Bool[np.ndarray, " n"]:
@@ -320,7 +334,9 @@ def _notes(found: Shell, layout: Layout, overlap: Bool[np.ndarray, "r c"]) -> tu
     if partly:
         notes.append(f"{partly} cells reach beyond the surface; there it is continued")
     if overlap.any():
-        notes.append(f"{np.count_nonzero(overlap)} cells lie over or under another: the sheet goes round and meets itself")
+        notes.append(
+            f"{np.count_nonzero(overlap)} cells lie over or under another: the sheet goes round and meets itself"
+        )
     if abs(layout.worst) > _HELD:
         notes.append(f"the sheet would have to stretch by {100 * layout.worst:.0f} %: does it lie on this shape?")
     return tuple(notes)

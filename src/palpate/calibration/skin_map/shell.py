@@ -16,16 +16,19 @@ from palpate.errors import GeometryError
 from palpate.surfaces.bspline import BSplineSurface, solve_tangent
 from palpate.surfaces.mesh import Mesh
 
-__all__ = ["Mode", "Planes", "Shell", "shell"]
+__all__ = ["Mode", "Planes", "Shell", "full_sections", "shell"]
 
 Mode = Literal["facets", "vertices"]
 _ROWS, _SPOKES = 40, 96  # planes of either family that look at the mesh
 _SEEN = np.cos(np.radians(65.0))  # facets that are steeper to a flat chart's lines are not seen from one side
-_COARSE = 2e-5  # m between a chord and its arc: below it facets and vertices are the same
+_COARSE = 3e-5  # m between a chord and its arc: below it facets and vertices are the same, and arcs are taken
+_RIPPLE = 0.5  # of that height, rms: what is left between facets and a smooth surface needs no more control points
+_ENOUGH = 1e-6  # m rms
 _SHARP = np.radians(40.0)  # facets that meet by more make an edge, and are no samples of a smooth shape
 _MOST_SPANS = (16, 64)  # between vertices that stand in no rows
 _UNEVEN = 2.5  # times the median width of facets: vertices that far apart do not carry the shape by themselves
-_RIM = np.radians(8.0)
+_RIM = np.radians(8.0)  # that a row may turn from the next before it is taken for a rim
+_FINE = (3, 5)  # degree through vertices, which are exact: round a link a cubic would show between 24 of them
 _LEAST = 0.7  # of the rows that most spokes have, for a spoke to count
 
 
@@ -115,6 +118,22 @@ def shell(
     return _fitted(mesh, facets, chart, sections, mode, control)
 
 
+def full_sections(
+    mesh: Mesh, facets: Int[np.ndarray, " f"], origin: Float[np.ndarray, "3"], planes: Planes | None = None
+) -> tuple[Chart, tuple[float, float]]:
+    """The chart about a link's axis, and the heights between which sections across it are complete [m].
+
+    Raises:
+        GeometryError: there are none, or no axis about which the link closes.
+    """
+    chart, sections = _round(mesh, facets, origin, planes or Planes())
+    rows, columns, periodic = _block(sections, True)
+    if not periodic:
+        raise GeometryError("the link does not close about an axis")
+    rows = _without_rims(rows, mesh.normals[facets], sections.facet[:, columns])
+    return chart, (float(sections.u[rows.start]), float(sections.u[rows.stop - 1]))
+
+
 def _one_sided(
     triangles: Float[np.ndarray, "f 3 3"],
     normals: Float[np.ndarray, "f 3"],
@@ -130,9 +149,7 @@ def _one_sided(
     chart = flat_chart(origin, normal, heading)
     for count in (16, 16, 56):
         chart = flat_chart(origin, normal, heading)
-        sections = cut(
-            chart, triangles, np.linspace(low, high, count), np.linspace(-margin, length + margin, count)
-        )
+        sections = cut(chart, triangles, np.linspace(low, high, count), np.linspace(-margin, length + margin, count))
         met = sections.facet[sections.facet >= 0]
         if len(met) < 0.5 * sections.facet.size:
             return chart, None
@@ -228,15 +245,20 @@ def _fitted(
     normals = _outward(mesh.normals[facets][met[place]], spokes)
     steps = float(u[1] - u[0]), float(v[1] - v[0])
     span = (float(u[0]), float(u[-1])), (float(v[0]), float(v[0]) + 2 * np.pi if periodic else float(v[-1]))
-    chosen, why = _judged(normals, points, met)
+    chosen, why, sag = _judged(normals, points, met)
     used = np.unique(met[place])
-    if (mode or chosen) == "vertices" and _even(chart.coordinates(triangles[used])[..., 1], chart.round):
+    extents = _extents(chart, triangles[used])
+    apart = float(np.median(extents[:, 0])), float(np.median(extents[:, 1]))
+    if (mode or chosen) == "vertices" and extents[:, 1].max() < _UNEVEN * apart[1]:
         corners = _corners(mesh, facets[used], chart, span, steps)
-        surface, distance = _through_vertices(chart, periodic, span, *corners)
+        surface, distance = _through_vertices(chart, periodic, span, *corners, apart)
     else:
-        if (mode or chosen) == "vertices":
+        enough = _RIPPLE * sag
+        if (mode or chosen) == "vertices" or sag < _COARSE:
             points, normals = _lifted(mesh, facets[met[place]], points, spokes)
-        surface, distance = _along_facets(chart, periodic, span, (points, normals, uv), steps, control)
+            enough = _ENOUGH
+        data = points, normals, uv
+        surface, distance = _along_facets(chart, periodic, span, data, steps, control, enough)
     size = float(np.abs(distance).mean()), float(np.abs(distance).max())
     return Shell(surface, chart, sections, mode or chosen, size, (why,) if mode is None else ())
 
@@ -246,13 +268,13 @@ def _outward(normals: Float[np.ndarray, "k 3"], spokes: Float[np.ndarray, "k 3"]
     return normals * np.where(np.einsum("ki,ki->k", normals, spokes) < 0, -1.0, 1.0)[:, None]
 
 
-def _even(v: Float[np.ndarray, "f 3"], around: bool) -> bool:
-    """Whether no facet is much wider than the others."""
-    beside = v - v[:, :1]
-    if around:
-        beside = np.mod(beside + np.pi, 2 * np.pi) - np.pi
-    width = np.ptp(beside, axis=1)
-    return bool(width.max() < _UNEVEN * np.median(width))
+def _extents(chart: Chart, triangles: Float[np.ndarray, "f 3 3"]) -> Float[np.ndarray, "f 2"]:
+    """How far facets reach in u and in v."""
+    where = chart.coordinates(triangles)[..., :2]
+    beside = where - where[:, :1]
+    if chart.round:
+        beside[..., 1] = np.mod(beside[..., 1] + np.pi, 2 * np.pi) - np.pi
+    return np.ptp(beside, axis=1)
 
 
 def _lifted(
@@ -278,8 +300,8 @@ def _corners(
     chart: Chart,
     span: tuple[tuple[float, float], tuple[float, float]],
     steps: tuple[float, float],
-) -> tuple[Float[np.ndarray, "k 3"], Float[np.ndarray, "k 3"], float]:
-    """The corners of facets that were met, within the span, their normals by area, and the facets' mean edge."""
+) -> tuple[Float[np.ndarray, "k 3"], Float[np.ndarray, "k 3"]]:
+    """The corners of facets that were met, within the span, and their normals by area."""
     number, corner = np.unique(mesh.faces[met], return_inverse=True)
     points = mesh.vertices[number]
     where = chart.coordinates(points)
@@ -291,14 +313,12 @@ def _corners(
     np.add.at(sums, corner.reshape(-1), np.repeat(weighed, 3, axis=0))
     inside = np.all((where[:, :2] >= np.array(span)[:, 0] - steps) & (where[:, :2] <= np.array(span)[:, 1] + steps), 1)
     normals = sums / np.maximum(np.linalg.norm(sums, axis=1), 1e-300)[:, None]
-    sides = mesh.vertices[mesh.faces[met]]
-    edge = float(np.linalg.norm(sides - np.roll(sides, 1, axis=1), axis=2).mean())
-    return points[inside], _outward(normals, spokes)[inside], edge
+    return points[inside], _outward(normals, spokes)[inside]
 
 
 def _judged(
     normals: Float[np.ndarray, "k 3"], points: Float[np.ndarray, "k 3"], met: Int[np.ndarray, "n m"]
-) -> tuple[Mode, str]:
+) -> tuple[Mode, str, float]:
     """Facets where they are meant as they are, or finer than matters; vertices where they sample a smooth shape.
 
     Looks from facet to facet along the sections: how far they turn, and how long they are.
@@ -310,14 +330,15 @@ def _judged(
     length = float(np.linalg.norm(grid_p[:, 1:] - grid_p[:, :-1], axis=2)[both].sum())
     edges = turn > 1e-3
     if not edges.any():
-        return "facets", "mode facets: the mesh is flat along its sections"
+        return "facets", "mode facets: the mesh is flat along its sections", 0.0
     sharp = float(np.quantile(turn[edges], 0.98))
     sag = length / np.count_nonzero(edges) * float(turn[edges].mean()) / 8.0
     said = f"facets lie {1e3 * sag:.2g} mm below a smooth shape through their corners and meet by up to "
     said += f"{np.degrees(sharp):.0f} deg"
     if sharp > _SHARP:
-        return "facets", f"mode facets: {said}, which is an edge"
-    return ("facets", f"mode facets: {said}") if sag < _COARSE else ("vertices", f"mode vertices: {said}")
+        return "facets", f"mode facets: {said}, which is an edge", sag
+    chosen: Mode = "facets" if sag < _COARSE else "vertices"
+    return chosen, f"mode {chosen}: {said}", sag
 
 
 def _along_facets(
@@ -327,6 +348,7 @@ def _along_facets(
     data: tuple[Float[np.ndarray, "k 3"], Float[np.ndarray, "k 3"], Float[np.ndarray, "k 2"]],
     steps: tuple[float, float],
     control: int,
+    enough: float,
 ) -> tuple[BSplineSurface, Float[np.ndarray, " k"]]:
     """Along all of the mesh's outside, with knots where it bends."""
     points, normals, uv = data
@@ -337,7 +359,7 @@ def _along_facets(
 
     begin = (4, 21) if periodic else (5, 9)
     breaks = np.linspace(*span[0], begin[0]), np.linspace(*span[1], begin[1])
-    return refined(fitted, breaks, uv, (1.5 * steps[0], 1.5 * steps[1]), control)
+    return refined(fitted, breaks, uv, (1.5 * steps[0], 1.5 * steps[1]), control, enough)
 
 
 def _through_vertices(
@@ -346,16 +368,15 @@ def _through_vertices(
     span: tuple[tuple[float, float], tuple[float, float]],
     vertices: Float[np.ndarray, "k 3"],
     normals: Float[np.ndarray, "k 3"],
-    edge: float,
+    apart: tuple[float, float],
 ) -> tuple[BSplineSurface, Float[np.ndarray, " k"]]:
     """Through the corners of facets as samples of something smooth, with a control point for each."""
     target = chart.coordinates(vertices)
-    reach = float(np.median(target[:, 2])) if chart.round else 1.0
-    breaks = _sampled(target, edge, edge / reach, periodic, span)
+    breaks, degree = _sampled(target, apart, periodic, span)
     uv = target[:, :2].copy()
-    knots = knots_of(breaks, periodic)
+    knots = knots_of(breaks, periodic, degree)
     for _ in range(3):
-        surface = fit(chart, knots, vertices, normals, uv, periodic=periodic)
+        surface = fit(chart, knots, vertices, normals, uv, periodic=periodic, degree=degree)
         found, normals = surface.at(uv)
         off = target[:, :2] - chart.coordinates(found)[:, :2]
         if chart.round:
@@ -366,20 +387,24 @@ def _through_vertices(
 
 def _sampled(
     target: Float[np.ndarray, "k 3"],
-    apart_u: float,
-    apart_v: float,
+    apart: tuple[float, float],
     periodic: bool,
     span: tuple[tuple[float, float], tuple[float, float]],
-) -> Breaks:
-    """Breaks at the rings and columns in which vertices stand, or as far apart as they are where they stand in none."""
+) -> tuple[Breaks, tuple[int, int]]:
+    """Breaks at the rings and columns in which vertices stand, or as far apart as they are where they stand in none.
+
+    And the degree: not more than rings can carry.
+    """
     (low, high), (begin, end) = (float(target[:, 0].min()), float(target[:, 0].max())), span[1]
-    rings, columns = clusters(target[:, 0], 0.3 * apart_u), clusters(target[:, 1], 0.3 * apart_v)
-    if len(rings) * 6 > len(target):  # none: as many pieces as vertices, evenly
-        sides = (high - low) / apart_u, (end - begin) / apart_v
+    rings, columns = clusters(target[:, 0], 0.3 * apart[0]), clusters(target[:, 1], 0.3 * apart[1])
+    if len(rings) * 6 > len(target) or len(rings) < 2:  # none: as many pieces as vertices, evenly
+        sides = (high - low) / apart[0], (end - begin) / apart[1]
         share = np.sqrt(len(target) / (sides[0] * sides[1]))
         counts = [max(1, min(most, round(side * share))) for side, most in zip(sides, _MOST_SPANS, strict=True)]
-        return np.linspace(low, high, counts[0] + 1), np.linspace(begin, end, counts[1] + 1)
+        return (np.linspace(low, high, counts[0] + 1), np.linspace(begin, end, counts[1] + 1)), _FINE
     each = len(target) / len(rings)
+    degree = min(_FINE[0], len(rings) - 1), _FINE[1]
+    along = breaks_at(rings, degree[0])
     if not 0.7 * each <= len(columns) <= 1.4 * each:  # staggered from ring to ring
-        return breaks_at(rings, 3), np.linspace(begin, end, min(_MOST_SPANS[1], round(each)) + 1)
-    return breaks_at(rings, 3), np.append(columns, columns[0] + 2 * np.pi) if periodic else breaks_at(columns, 3)
+        return (along, np.linspace(begin, end, min(_MOST_SPANS[1], round(each)) + 1)), degree
+    return (along, np.append(columns, columns[0] + 2 * np.pi) if periodic else breaks_at(columns, degree[1])), degree
