@@ -47,6 +47,9 @@ def identify_curve(
         InputError: the fit does not rise with force.
     """
     force, intensity, dropped = _sound(force, intensity)
+    _require_spread(force, dropped)
+    if not np.ptp(intensity) > 0:
+        raise NotIdentifiable("the reading never changes: is it the cell that was pressed?", rank=0, missing=("curve",))
     falling = bool(np.corrcoef(force, intensity)[0, 1] < 0)
     signed = -intensity if falling else intensity
     limit = _limit(force, signed, None if top is None else (-top if falling else top))

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from itertools import chain
 from pathlib import Path
 from time import perf_counter
 
 import numpy as np
+from jaxtyping import Float
 
-from palpate.cli.interrupts import uninterrupted
+from palpate.cli.interrupts import import_mesh_reader, uninterrupted
 from palpate.cli.screen import counting, lines, note, percent, progress, title, wait
 from palpate.contact.estimate import Status
 from palpate.contact.several import Skin, SkinTouches
@@ -21,8 +22,9 @@ from palpate.io.logs.frames import FrameLog, open_frames
 from palpate.io.models import provenance, write_provenance
 from palpate.io.rig.skin import SkinRig, build_skin, load_skin_rig
 from palpate.sensors.skin import Frames, examine
+from palpate.viewer.skin import SkinScene
 
-__all__ = ["SkinPipeline", "estimate_skin", "open_skin"]
+__all__ = ["SkinPipeline", "estimate_skin", "open_skin", "skin_scene"]
 
 HEAD = 2048  # frames from which rest, noise and faults are taken
 TORN, INTERRUPTED = 3, 130
@@ -43,8 +45,10 @@ class SkinPipeline:
     _blocks: Iterator[Frames]
     seconds: dict[str, float] = field(default_factory=lambda: {"prepare": 0.0, "read": 0.0, "find": 0.0})
 
-    def stream(self) -> Iterator[tuple[Frames, SkinTouches]]:
-        """Blocks of the log with their touches."""
+    def stream(
+        self, forces: Callable[[Float[np.ndarray, "n rows columns"]], None] | None = None
+    ) -> Iterator[tuple[Frames, SkinTouches]]:
+        """Blocks of the log with their touches; `forces` is given the force [N] of each cell of each block."""
         first = 0
         while True:
             begin = perf_counter()
@@ -53,7 +57,10 @@ class SkinPipeline:
             if block is None:
                 return
             begin = perf_counter()
-            found = self.skin.run(block, first)
+            cells = None if forces is None else np.empty(block.cells.shape)
+            found = self.skin.run(block, first, cells)
+            if forces is not None and cells is not None:
+                forces(cells)
             self.seconds["find"] += perf_counter() - begin
             first += len(block)
             yield block, found
@@ -145,3 +152,23 @@ def _write(pipeline: SkinPipeline, writer: ContactsWriter, counts: np.ndarray) -
             raise
         return True, done, most
     return False, done, most
+
+
+def skin_scene(log: Path, rig_path: Path) -> tuple[SkinScene, list[str]]:
+    """A log of frames to look at, and what is to be known of it: `palpate view` for a rig with a [skin]."""
+    pipeline = open_skin(log, rig_path)
+    forces, touches, times = list[np.ndarray](), list[SkinTouches](), list[np.ndarray]()
+    with counting():
+        for block, found in pipeline.stream(lambda cells: forces.append(cells.astype(np.float32))):
+            touches.append(found)
+            times.append(block.time)
+            progress(sum(map(len, times)), pipeline.log.position / max(pipeline.log.size, 1))
+    rig = pipeline.rig
+    if rig.surface is not None and rig.surface.mesh is not None:
+        import_mesh_reader()
+    body = None if rig.surface is None else rig.surface.load(rig.folder)
+    scene = SkinScene(
+        log.name, pipeline.skin.place, body, np.concatenate(times), np.concatenate(forces), SkinTouches.joined(touches)
+    )
+    torn = [pipeline.log.torn] if pipeline.log.torn else []
+    return scene, [*torn, *pipeline.notes()]

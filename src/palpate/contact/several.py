@@ -252,17 +252,22 @@ class Skin:
         rows = self._nothing(found) if found is None or not len(found) else found
         return self._value(rows, np.zeros(len(rows), np.int64), np.full(len(rows), time))
 
-    def run(self, frames: Frames, first: int = 0) -> SkinTouches:
+    def run(
+        self, frames: Frames, first: int = 0, forces: Float[np.ndarray, "n rows columns"] | None = None
+    ) -> SkinTouches:
         """The touches of a block, at least one row a frame.
 
         Args:
             frames: in order.
             first: number of the first frame in its log.
+            forces: where the force [N] of each cell is to be written.
         """
         parts: list[np.ndarray] = []
-        for time, frame in zip(frames.time.tolist(), frames.cells, strict=True):
+        for k, (time, frame) in enumerate(zip(frames.time.tolist(), frames.cells, strict=True)):
             found = self.update_into(time, frame)
             parts.append(self._nothing(found) if found is None or not len(found) else found.copy())
+            if forces is not None:
+                forces[k] = self.force
         counts = [len(part) for part in parts]
         rows = np.concatenate(parts) if parts else np.zeros((0, self._out.shape[1]))
         return self._value(rows, first + np.repeat(np.arange(len(parts)), counts), np.repeat(frames.time, counts))

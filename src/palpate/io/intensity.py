@@ -79,7 +79,7 @@ def write_intensity(path: Path, intensity: Intensity) -> None:
     document.add("unit", tomlkit.item(intensity.unit))
     if intensity.which is not None:
         document.add(tomlkit.comment("the curve of each cell, row by row, counted from 0"))
-        document.add("which", toml_array(intensity.which))
+        document.add("which", tomlkit.item(intensity.which.tolist()))
     document.add("notes", tomlkit.item(list(intensity.notes)))
     document.add("provenance", tomlkit.item(dict(intensity.provenance)))
     curves = tomlkit.aot()

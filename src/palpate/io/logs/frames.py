@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from os import SEEK_END
 from pathlib import Path
-from typing import Any, Protocol, cast, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -184,7 +184,7 @@ class _Numpy:
     def _arrays(self) -> tuple[np.ndarray, np.ndarray]:
         layout = self._layout
         try:
-            loaded = cast("Any", np.load(self.path, allow_pickle=False))
+            loaded: Any = np.load(self.path, allow_pickle=False)
             several = not isinstance(loaded, np.ndarray)
             named: dict[str, np.ndarray] = dict(loaded) if several else {"frames": loaded}
         except (OSError, ValueError, EOFError, KeyError) as problem:
