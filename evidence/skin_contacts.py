@@ -306,7 +306,8 @@ def _strip() -> Iterator[Row]:
         off = _straight(middle, x, group)
         both = float(np.corrcoef(middle[:, 0], x[:, 0])[0, 1])
         everywhere = _straight(middle, x, group, held_out=False)
-        got = f"{off:.2f} mm rmse, {everywhere:.2f} fitted to all rows as the note does; correlation {both:.3f}, there {correlated}"
+        note = f"{everywhere:.2f} fitted to all rows as the note does; correlation {both:.3f}, there {correlated}"
+        got = f"{off:.2f} mm rmse, {note}"
         met = round(off, 1) <= centroid
         yield Row(NAME, f"{what}: x by the centroid on a line", f"<= {centroid} mm", got, met, COMMAND)
         learnt = identify_response(strips, x, group)

@@ -74,7 +74,7 @@ def test_a_ball_that_touches_is_found_at_its_point() -> None:
 def test_the_papers_measures_are_those_of_the_paper() -> None:
     point, normal, wrench = _lines()
     reference = equivalent_forces(MESH, wrench, alone=np.ones(20, dtype=bool))
-    shifted = judge(point + [0.001, 0.0, 0.004], normal, reference, (0.01, 0.01))
+    shifted = judge(point + np.array([0.001, 0.0, 0.004]), normal, reference, (0.01, 0.01))
     assert shifted.position is not None
     assert shifted.paper_position is not None
     assert shifted.position.mean == pytest.approx((0.001**2 + 0.004**2) ** 0.5, abs=3e-5)
