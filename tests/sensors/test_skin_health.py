@@ -93,3 +93,16 @@ def test_a_start_without_touch_is_taken_at_its_word() -> None:
 def test_sheets_that_cannot_be_are_refused(kwargs: dict[str, object], said: str) -> None:
     with pytest.raises(InputError, match=said):
         Sheet(**kwargs)  # pyright: ignore[reportArgumentType] - wrong on purpose
+
+
+def test_what_is_left_of_a_reading_behind_a_touch_is_reported() -> None:
+    """Pressed for a second to 100 counts, then 15 counts that decay with 2 s: 11.7 after half a second."""
+    time = np.arange(200) / 50.0
+    course = np.where(time < 1, 0.0, np.where(time < 2, 100.0, 15.0 * np.exp(-(time - 2) / 2.0)))
+    cells = np.random.default_rng(5).standard_normal((200, 6, 8)) + 12.0
+    cells[:, 2:4, 3:5] += course[:, None, None]
+    health = examine(Frames(time, cells), Sheet(6, 8, bits=None), seconds=0.9)
+    assert health.hysteresis == pytest.approx(0.15 * np.exp(-0.25), abs=0.02)
+    assert any("hysteresis" in note for note in health.notes)
+    quick, _ = _frames()
+    assert not any("hysteresis" in note for note in _examined(quick).notes)

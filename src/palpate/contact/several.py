@@ -282,6 +282,11 @@ class Skin:
             )
         if self.ring:
             said.append("the sheet closes around the link: touches cross the seam")
+        drifted = np.abs(self._state[0].reshape(self.sheet.rows, -1) - self.health.baseline) / self.health.noise
+        if drifted.max() > self.settings.on:
+            row, column = np.unravel_index(int(np.argmax(drifted)), drifted.shape)
+            moved = f"{drifted.max():.0f} deviations of its noise, most at cell ({row}, {column})"
+            said.append(f"the rest of cells drifted by up to {moved}; it was followed where nothing touched")
         if self.invalid:
             said.append(f"{self.invalid} frames could not be used (another size, or no numbers)")
         wrapped = np.argwhere(self.wrapped > 0).tolist()

@@ -16,6 +16,7 @@ FEWEST = 8  # frames from which anything can be said of a cell
 CLOSE = 4.0  # deviations about the resting value that still are rest
 SILENT = 5  # frames in which a cell said nothing between neighbours that were pressed
 PRESSED = 0.25  # of the largest excursion in the log: then a cell is pressed
+AFTER, LEFT = 0.5, 0.03  # s behind a touch, and the share of a reading that may be left then
 WRAP = 0.85  # of the range: a step of a cell alone that is no touch
 _QUANTUM = 12**-0.5  # deviation of what is rounded to whole numbers
 
@@ -110,6 +111,8 @@ class Health:
         dead: (rows, columns) silent between neighbours that were pressed.
         stuck: (rows, columns) at one value that is not that of the others' rest.
         notes: one sentence each.
+        hysteresis: what is left of a reading `AFTER` seconds behind a touch, as a share of its height (median over
+            releases); NaN where the start of the log holds none.
     """
 
     baseline: Float[np.ndarray, "rows columns"]
@@ -117,6 +120,7 @@ class Health:
     dead: Bool[np.ndarray, "rows columns"]
     stuck: Bool[np.ndarray, "rows columns"]
     notes: tuple[str, ...] = field(default=())
+    hysteresis: float = float("nan")
 
     def turned(self) -> Health:
         """Of readings with the other sign."""
@@ -168,6 +172,8 @@ def examine(frames: Frames, sheet: Sheet, *, seconds: float | None = None) -> He
             mend="Is the sheet connected, and are the columns those of its cells?",
         )
     dead = _dead(cells - baseline, noise, still, stuck)
+    good = np.where(stuck | dead, 0.0, cells - baseline)
+    hysteresis = _hysteresis(frames.time[known], good, noise)
     said = [
         *_named("dead: silent between cells that are pressed", dead),
         *_named("stuck at one value", stuck),
@@ -175,7 +181,27 @@ def examine(frames: Frames, sheet: Sheet, *, seconds: float | None = None) -> He
     ]
     if still.all():
         said.append(f"no cell moves in the first {len(cells):,} frames")
-    return Health(frozen(baseline), frozen(noise), dead, stuck, tuple(said))
+    if hysteresis > LEFT:
+        share = f"{100 * hysteresis:.0f} % of a reading is left {AFTER:g} s after a touch"
+        said.append(f"{share}: hysteresis, or slow recovery, by which forces are too large for a while")
+    return Health(frozen(baseline), frozen(noise), dead, stuck, tuple(said), hysteresis)
+
+
+def _hysteresis(
+    time: Float[np.ndarray, " n"], above: Float[np.ndarray, "n rows columns"], noise: Float[np.ndarray, "rows columns"]
+) -> float:
+    """Median over releases of cells whose surroundings were let go too; NaN where there is none."""
+    flat, limit = above.reshape(len(above), -1), 0.25 * float(above.max(initial=0.0))
+    if not limit > 20 * float(np.median(noise)):
+        return float("nan")
+    pressed = flat > limit
+    later = np.searchsorted(time, time + AFTER)  # of sorted times
+    found: list[float] = []
+    for start, cell in np.argwhere(pressed[:-1] & ~pressed[1:]).tolist():
+        end = int(later[start])
+        if end < len(flat) and not pressed[start + 1 : end + 1].any() and abs(time[end] - time[start] - AFTER) < AFTER:
+            found.append(float(flat[end, cell] / flat[max(start - 5, 0) : start + 1, cell].max()))
+    return float(np.median(found)) if found else float("nan")
 
 
 def _resting(
