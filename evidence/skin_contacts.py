@@ -46,10 +46,10 @@ def rows(small: bool) -> Iterator[Row]:
     """Bench, identities, real signals, validation, speed, bad input."""
     yield from _single(40 if small else 1_000)
     yield from _pairs(60 if small else 1_000)
-    yield from _moving(4 if small else 60)
+    yield from _moving(1 if small else 60)
     yield from _taxel_force()
-    yield from _strip()
-    yield from _validation(4 if small else 200)
+    yield from _strip(6 if small else 1)
+    yield from _validation(1 if small else 200)
     yield from _speed(300 if small else 5_000)
     yield from _bad()
 
@@ -282,7 +282,7 @@ def _resistive(force: np.ndarray, reference: np.ndarray, half: float, series: np
     return np.maximum(20.0, 1024.0 * (1.0 - reference * force / (2 * half + series * force)))
 
 
-def _strip() -> Iterator[Row]:
+def _strip(every: int) -> Iterator[Row]:
     """The note beside the data names its figures SW35, SW75, SW100 but lists the files in alphabetical order.
 
     Its correlations 0.991, 0.994 and 0.988 are those of SW100, SW35 and SW75, to three digits; so are its errors. Each
@@ -299,7 +299,7 @@ def _strip() -> Iterator[Row]:
             yield from skipped(NAME, what, f"<= {centroid} and {mapped} mm", COMMAND)
             continue
         table = np.loadtxt(folder / "data" / "strip" / file, delimiter=",", skiprows=1)
-        table = table[table[:, 3:].sum(axis=1) > 0]
+        table = table[table[:, 3:].sum(axis=1) > 0][::every]
         x, y, strips = table[:, :1], table[:, 1:2], table[:, 3:]
         middle = (strips @ np.arange(7.0) / strips.sum(axis=1))[:, None]
         group = np.unique(y, return_inverse=True)[1].ravel()

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from palpate.surfaces._jit import entry, inlined, inner
+from palpate.surfaces._jit import entry, inner
 
 __all__ = ["EXTRA", "MOST", "WIDTH", "touches"]
 
@@ -21,7 +21,7 @@ _NARROW = 0.12  # squared cells: no touch is seen narrower than its cell
 _CELL = 1.0 / 12.0  # variance of a place anywhere in a cell
 
 
-@inlined
+@inner
 def _force(counts, table, step):
     """[N] of counts above rest: straight between the entries, and on with the first and the last slope."""
     at = counts / step
@@ -29,7 +29,7 @@ def _force(counts, table, step):
     return table[k] + (at - k) * (table[k + 1] - table[k])
 
 
-@inlined
+@inner
 def _beside(k, step, across, columns, rows, used, ring):
     """The cell so many rows and columns from cell k, or -1."""
     row, column = k // columns + step, k % columns + across
@@ -123,7 +123,7 @@ def _rim(name, count, label, column_of, cells, good, columns, rows, used, ring):
     return end
 
 
-@inlined
+@inner
 def _root(parent, k):
     while parent[k] != k:
         k = parent[k]
@@ -201,7 +201,7 @@ def _mixture(cells, count, force, column_of, columns, parent, parts):
     return number
 
 
-@inlined
+@inner
 def _shares(row, column, parts, number, share):
     """How much of a cell belongs to each touch."""
     least = np.inf
