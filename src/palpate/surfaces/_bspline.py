@@ -1,4 +1,4 @@
-"""Compiled: a tensor-product B-spline and its derivatives at scattered parameters."""
+"""Compiled: a tensor-product B-spline at scattered parameters, its geodesics, and the equations of a fit."""
 
 # pyright: basic
 from __future__ import annotations
@@ -7,7 +7,7 @@ import numpy as np
 
 from palpate.surfaces._jit import entry, inner
 
-__all__ = ["evaluate", "normal_equations"]
+__all__ = ["evaluate", "geodesics", "normal_equations"]
 
 MOST = 6  # orders (degree + 1) up to quintic
 
@@ -47,37 +47,113 @@ def _basis(knots, degree, x, out):
     return low - degree
 
 
-@entry
-def evaluate(uv, knots_u, knots_v, degree_u, degree_v, coefficients, out):
-    """Position, r_u, r_v, r_uu, r_uv, r_vv at (n, 2) parameters into out (n, 6, 3)."""
-    bu, bv = np.empty((3, MOST)), np.empty((3, MOST))
-    rows = np.empty((3, 3))
-    for n in range(len(uv)):
-        first_u = _basis(knots_u, degree_u, uv[n, 0], bu)
-        first_v = _basis(knots_v, degree_v, uv[n, 1], bv)
-        out[n] = 0.0
-        for i in range(degree_u + 1):
-            rows[:] = 0.0
-            for j in range(degree_v + 1):
-                for k in range(3):
-                    c = coefficients[first_u + i, first_v + j, k]
-                    rows[0, k] += bv[0, j] * c
-                    rows[1, k] += bv[1, j] * c
-                    rows[2, k] += bv[2, j] * c
+@inner
+def _inside(knots, degree, x):
+    """The nearest parameter of the domain, and how far beyond it x is."""
+    low, high = knots[degree], knots[len(knots) - degree - 1]
+    within = min(max(x, low), high)
+    return within, x - within
+
+
+@inner
+def _at(u, v, knots_u, knots_v, degree_u, degree_v, periodic, coefficients, work, out):
+    """Position, r_u, r_v, r_uu, r_uv, r_vv into out (6, 3); beyond an open end straight on. work is (9, MOST)."""
+    if periodic:
+        low = knots_v[degree_v]
+        v = low + np.mod(v - low, knots_v[len(knots_v) - degree_v - 1] - low)
+    u, beyond_u = _inside(knots_u, degree_u, u)
+    v, beyond_v = _inside(knots_v, degree_v, v)
+    bu, bv, rows = work[:3], work[3:6], work[6:]
+    first_u = _basis(knots_u, degree_u, u, bu)
+    first_v = _basis(knots_v, degree_v, v, bv)
+    out[:] = 0.0
+    for i in range(degree_u + 1):
+        rows[:] = 0.0
+        for j in range(degree_v + 1):
             for k in range(3):
-                out[n, 0, k] += bu[0, i] * rows[0, k]
-                out[n, 1, k] += bu[1, i] * rows[0, k]
-                out[n, 2, k] += bu[0, i] * rows[1, k]
-                out[n, 3, k] += bu[2, i] * rows[0, k]
-                out[n, 4, k] += bu[1, i] * rows[1, k]
-                out[n, 5, k] += bu[0, i] * rows[2, k]
+                c = coefficients[first_u + i, first_v + j, k]
+                rows[0, k] += bv[0, j] * c
+                rows[1, k] += bv[1, j] * c
+                rows[2, k] += bv[2, j] * c
+        for k in range(3):
+            out[0, k] += bu[0, i] * rows[0, k]
+            out[1, k] += bu[1, i] * rows[0, k]
+            out[2, k] += bu[0, i] * rows[1, k]
+            out[3, k] += bu[2, i] * rows[0, k]
+            out[4, k] += bu[1, i] * rows[1, k]
+            out[5, k] += bu[0, i] * rows[2, k]
+    if beyond_u != 0.0 or beyond_v != 0.0:
+        for k in range(3):
+            out[0, k] += beyond_u * out[1, k] + beyond_v * out[2, k] + beyond_u * beyond_v * out[4, k]
+            out[1, k] += beyond_v * out[4, k]
+            out[2, k] += beyond_u * out[4, k]
+            if beyond_u != 0.0:
+                out[3, k] = 0.0
+            if beyond_v != 0.0:
+                out[5, k] = 0.0
 
 
 @entry
-def normal_equations(
-    uv, points, directions, knots_u, knots_v, degree_u, degree_v, starts, spokes, matrix, vector
-):
-    """Adds what points ask of the offsets s_ij along the lines A_ij + s_ij D_ij to matrix and vector.
+def evaluate(uv, knots_u, knots_v, degree_u, degree_v, periodic, coefficients, out):
+    """Position, r_u, r_v, r_uu, r_uv, r_vv at (n, 2) parameters into out (n, 6, 3)."""
+    work = np.empty((9, MOST))
+    for n in range(len(uv)):
+        _at(uv[n, 0], uv[n, 1], knots_u, knots_v, degree_u, degree_v, periodic, coefficients, work, out[n])
+
+
+@inner
+def _slope(state, knots_u, knots_v, degree_u, degree_v, periodic, coefficients, work, r, out):
+    """Derivative of (u, v, u', v', J, J') along a geodesic: no acceleration along the surface, J'' = -K J."""
+    _at(state[0], state[1], knots_u, knots_v, degree_u, degree_v, periodic, coefficients, work, r)
+    du, dv = state[2], state[3]
+    n0 = r[1, 1] * r[2, 2] - r[1, 2] * r[2, 1]
+    n1 = r[1, 2] * r[2, 0] - r[1, 0] * r[2, 2]
+    n2 = r[1, 0] * r[2, 1] - r[1, 1] * r[2, 0]
+    e = f = g = a = b = 0.0
+    for k in range(3):
+        bend = du * du * r[3, k] + 2.0 * du * dv * r[4, k] + dv * dv * r[5, k]
+        e += r[1, k] * r[1, k]
+        f += r[1, k] * r[2, k]
+        g += r[2, k] * r[2, k]
+        a += r[1, k] * bend
+        b += r[2, k] * bend
+    square = e * g - f * f
+    uu = r[3, 0] * n0 + r[3, 1] * n1 + r[3, 2] * n2
+    uv = r[4, 0] * n0 + r[4, 1] * n1 + r[4, 2] * n2
+    vv = r[5, 0] * n0 + r[5, 1] * n1 + r[5, 2] * n2
+    out[0], out[1] = du, dv
+    out[2], out[3] = -(g * a - f * b) / square, -(e * b - f * a) / square
+    out[4], out[5] = state[5], -(uu * vv - uv * uv) / (square * square) * state[4]
+
+
+@entry
+def geodesics(step, knots_u, knots_v, degree_u, degree_v, periodic, coefficients, states, slopes):
+    """From states[0] (m, 6) on, geodesics by Runge-Kutta's fourth in equal steps, and their slopes (s + 1, m, 6)."""
+    work, r = np.empty((9, MOST)), np.empty((6, 3))
+    y, k2, k3, k4 = np.empty(6), np.empty(6), np.empty(6), np.empty(6)
+    for m in range(states.shape[1]):
+        for s in range(states.shape[0]):
+            if s > 0:
+                for i in range(6):
+                    states[s, m, i] = states[s - 1, m, i] + step / 6.0 * (
+                        slopes[s - 1, m, i] + 2.0 * k2[i] + 2.0 * k3[i] + k4[i]
+                    )
+            k1 = slopes[s, m]
+            _slope(states[s, m], knots_u, knots_v, degree_u, degree_v, periodic, coefficients, work, r, k1)
+            for i in range(6):
+                y[i] = states[s, m, i] + 0.5 * step * k1[i]
+            _slope(y, knots_u, knots_v, degree_u, degree_v, periodic, coefficients, work, r, k2)
+            for i in range(6):
+                y[i] = states[s, m, i] + 0.5 * step * k2[i]
+            _slope(y, knots_u, knots_v, degree_u, degree_v, periodic, coefficients, work, r, k3)
+            for i in range(6):
+                y[i] = states[s, m, i] + step * k3[i]
+            _slope(y, knots_u, knots_v, degree_u, degree_v, periodic, coefficients, work, r, k4)
+
+
+@entry
+def normal_equations(uv, points, directions, knots_u, knots_v, degree_u, degree_v, starts, spokes, matrix, vector):
+    """Adds what points ask of the offsets s_ij along the lines A_ij + s_ij D_ij to matrix (its lower half) and vector.
 
     A row for each point Q: the sum over ij of N_i M_j (d . D_ij) s_ij = d . (Q - sum N_i M_j A_ij).
     Lines (n, m, 3) that a periodic v needs again are counted from the first.
@@ -105,4 +181,5 @@ def normal_equations(
         for a in range(size):
             vector[number[a]] += row[a] * right
             for b in range(size):
-                matrix[number[a], number[b]] += row[a] * row[b]
+                if number[b] <= number[a]:
+                    matrix[number[a], number[b]] += row[a] * row[b]

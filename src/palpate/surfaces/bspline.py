@@ -66,17 +66,29 @@ class BSplineSurface:
         """Position, r_u, r_v, r_uu, r_uv and r_vv; beyond an open end it goes on straight."""
         from palpate.surfaces import _bspline  # compiled: loaded when first needed
 
-        flat = np.array(uv, dtype=np.float64).reshape(-1, 2)
-        (first, last), (low, high) = self.domain
-        if self.periodic:
-            flat[:, 1] = low + np.mod(flat[:, 1] - low, high - low)
-        inside = np.clip(flat, [first, low], [last, high])
+        flat = np.ascontiguousarray(uv, dtype=np.float64).reshape(-1, 2)
         out = np.empty((len(flat), 6, 3))
-        _bspline.evaluate(inside, self.knots_u, self.knots_v, *self.degree, self.control, out)
-        beyond = flat - inside
-        if beyond.any():
-            _go_on(out, beyond[:, 0, None], beyond[:, 1, None])
+        _bspline.evaluate(flat, *self._numbers, out)
         return out.reshape(*uv.shape[:-1], 6, 3)
+
+    def geodesics(
+        self, begin: Float[np.ndarray, "m 6"], step: float, steps: int
+    ) -> tuple[Float[np.ndarray, "s m 6"], Float[np.ndarray, "s m 6"]]:
+        """States (u, v, u', v', J, J') along geodesics in equal steps of length [m], and their derivatives.
+
+        J is how far neighbours that leave side by side have come apart: J'' = -K J, K the Gaussian curvature.
+        """
+        from palpate.surfaces import _bspline  # compiled: loaded when first needed
+
+        states, slopes = np.empty((steps + 1, *begin.shape)), np.empty((steps + 1, *begin.shape))
+        states[0] = begin
+        _bspline.geodesics(step, *self._numbers, states, slopes)
+        return states, slopes
+
+    @property
+    def _numbers(self) -> tuple[np.ndarray, np.ndarray, int, int, bool, np.ndarray]:
+        """As the compiled loops take them."""
+        return self.knots_u, self.knots_v, *self.degree, self.periodic, self.control
 
     def at(self, uv: ArrayLike) -> tuple[Float[np.ndarray, "*batch 3"], Float[np.ndarray, "*batch 3"]]:
         """Points [m] and outward unit normals n = r_u x r_v / |r_u x r_v|.
@@ -107,15 +119,6 @@ class BSplineSurface:
         across, up = first + 1, first + columns + 1
         faces = np.concatenate([np.stack([first, up, across], 1), np.stack([across, up, up + 1], 1)])
         return Mesh.from_arrays(points.reshape(-1, 3), faces)
-
-
-def _go_on(found: Float[np.ndarray, "n 6 3"], u: Float[np.ndarray, "n 1"], v: Float[np.ndarray, "n 1"]) -> None:
-    """Straight on along u and v from the nearest point of the domain, in place."""
-    found[:, 0] += u * found[:, 1] + v * found[:, 2] + u * v * found[:, 4]
-    found[:, 1] += v * found[:, 4]
-    found[:, 2] += u * found[:, 4]
-    found[:, 3] *= u == 0
-    found[:, 5] *= v == 0
 
 
 def solve_tangent(

@@ -32,8 +32,8 @@ class Chart:
     axes: Float[np.ndarray, "3 3"]
 
     def lines(
-        self, u: Float[np.ndarray, "*batch"], v: Float[np.ndarray, "*batch"]
-    ) -> tuple[Float[np.ndarray, "*batch 3"], Float[np.ndarray, "*batch 3"]]:
+        self, u: Float[np.ndarray, "..."], v: Float[np.ndarray, "..."]
+    ) -> tuple[Float[np.ndarray, "... 3"], Float[np.ndarray, "... 3"]]:
         """A point of each line, and its unit direction."""
         p, q, w = self.axes
         u, v = np.asarray(u)[..., None], np.asarray(v)[..., None]

@@ -39,7 +39,7 @@ def fit(
         degree: in u and v.
         stiffness: weight of the squared second differences of s beside the data's mean.
     """
-    from scipy.linalg import solve
+    from scipy.linalg import solveh_banded
 
     from palpate.surfaces import _bspline  # compiled: loaded when first needed
 
@@ -51,7 +51,11 @@ def fit(
     vector = np.zeros(len(matrix))
     inside = np.clip(uv, [knots[0][degree[0]], -np.inf], [knots[0][-degree[0] - 1], np.inf])
     _bspline.normal_equations(inside, points, directions, *knots, *degree, starts, spokes, matrix, vector)
-    offsets = solve(matrix, vector, assume_a="pos", check_finite=False, overwrite_a=True)
+    width = min(len(vector), (degree[0] + 1) * starts.shape[1])
+    band = np.zeros((width, len(vector)))
+    for k in range(width):
+        band[k, : len(vector) - k] = matrix.diagonal(-k)
+    offsets = solveh_banded(band, vector, lower=True, check_finite=False, overwrite_ab=True)
     control = starts + offsets.reshape(*starts.shape[:2], 1) * spokes
     if periodic:
         control = np.concatenate([control, control[:, : degree[1]]], axis=1)

@@ -11,8 +11,8 @@ from palpate.surfaces.bspline import BSplineSurface, open_knots, periodic_knots
 
 __all__ = ["Breaks", "breaks_at", "clusters", "knots_of", "refined"]
 
-Breaks = tuple[Float[np.ndarray, " a"], Float[np.ndarray, " b"]]
-_ROUNDS = 3
+Breaks = tuple[Float[np.ndarray, " _"], Float[np.ndarray, " _"]]
+_ROUNDS = 2
 
 
 def knots_of(breaks: Breaks, periodic: bool, degree: tuple[int, int] = (3, 3)) -> Breaks:

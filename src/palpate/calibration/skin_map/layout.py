@@ -3,36 +3,40 @@
 The edge from the origin along the heading becomes a geodesic, and so does every line of the sheet across it. In these
 coordinates the surface's metric is J^2 dx^2 + dy^2 with J_yy = -K J, J = 1 and J_y = 0 on the edge: where the Gaussian
 curvature K is zero, on every developable surface, J stays 1 and the sheet has unrolled exactly. Elsewhere its lines
-give way: a displacement in the surface's parameters, a cubic spline over the sheet, is found by Gauss-Newton so that
+give way: parameters over the sheet, cubic splines in x and y (beside the geodesics where these are nearly right), are
+found by Gauss-Newton so that
 
     W = integral |E|^2 dx dy,   E = (F'F - I)/2,   F = [r_x r_y]
 
-is least [green]. The sheet's corner stays where it was put, and its first edge leaves along the heading: it meets the
-geodesic again at the next corner of the cell.
+is least. The sheet's corner stays where it was put, and its first edge leaves along the heading: two cells on it meets
+the geodesic again.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from math import inf
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
 
-from palpate.surfaces.bspline import basis_matrices, open_knots, solve_tangent
+from palpate.surfaces.bspline import BSplineSurface, basis_matrices, greville, open_knots, solve_tangent
 
 __all__ = ["Layout", "Parametric", "lay"]
 
 _STEP = 2e-3  # m, of the geodesics' Runge-Kutta
-_MOST_ELEMENTS = 32  # along either side of the sheet: the displacement is far smoother than the cells are small
+_MOST_ELEMENTS = 64  # along either side of the sheet: a cell of a fine one is smaller than what it has to follow
 _FLAT = 1e-7  # rms strain of a sheet that lies without any
+_BENT = 2e-3  # rms strain of the geodesics from which the splines alone carry the sheet: geodesics echo every dent
 _ROUNDS = 12
+_PER = 2  # elements a cell, along either side
 _HELD = 2  # cells from the corner to where the first edge meets its geodesic
 _EVERYWHERE = ((-inf, inf), (-inf, inf))
 _HANGING = 0.01  # weight of what hangs beyond the surface beside what lies on it
 
 
+@runtime_checkable
 class Parametric(Protocol):
     """What a sheet can be laid on."""
 
@@ -82,24 +86,31 @@ def lay(
         elements: of the displacement's spline, along either side at most.
     """
     sign = -1.0 if flip else 1.0
-    spans = [max(2, min(count, elements)) for count in cells]
-    gauss = [_gauss(length, count) for length, count in zip(size, spans, strict=True)]
-    lattice = [np.linspace(0.0, length, 2 * count + 1) for length, count in zip(size, cells, strict=True)]
-    y, x = (np.union1d(a, b) for a, b in zip(gauss, lattice, strict=True))
-    fan = _fan(surface, start, heading, x, y, sign)
-    at_gauss = np.ix_(np.searchsorted(y, gauss[0]), np.searchsorted(x, gauss[1]))
-    at_lattice = np.ix_(np.searchsorted(y, lattice[0]), np.searchsorted(x, lattice[1]))
+    spans = [max(2, min(_PER * count, elements)) for count in cells]
     knots = [open_knots(np.linspace(0.0, length, count + 1)) for length, count in zip(size, spans, strict=True)]
-    problem = _Problem(
-        surface, bounds, fan[at_gauss], [basis_matrices(k, 3, g) for k, g in zip(knots, gauss, strict=True)]
-    )
+    gauss = [_gauss(length, count) for length, count in zip(size, spans, strict=True)]
+    nodes = [greville(k, 3) for k in knots]
+    lattice = [np.linspace(0.0, length, 2 * count + 1) for length, count in zip(size, cells, strict=True)]
+    y, x = (np.unique(np.concatenate(places)) for places in zip(gauss, nodes, lattice, strict=True))
+
+    def at(places: list[Float[np.ndarray, " _"]]) -> Float[np.ndarray, "_ _ 6"]:
+        return fan[np.ix_(np.searchsorted(y, places[0]), np.searchsorted(x, places[1]))]
+
+    fan = _fan(surface, start, heading, x, y, sign)
+    bases = [basis_matrices(k, 3, g) for k, g in zip(knots, gauss, strict=True)]
+    problem, laid = _Problem(surface, bounds, at(gauss), bases), at(lattice)[..., :2]
+    control = np.zeros((len(nodes[0]), len(nodes[1]), 2))
+    strain, _, _, weights = problem.strain(control)
+    if np.sqrt(_energy(strain, weights)) > _BENT:
+        inverse = [np.linalg.inv(basis_matrices(k, 3, n)[0]) for k, n in zip(knots, nodes, strict=True)]
+        control = _spread(inverse[0], at(nodes)[..., :2], inverse[1])
+        problem, laid = _Problem(surface, bounds, np.zeros_like(problem.fan), bases), np.zeros_like(laid)
     held = lattice[1][2 * min(_HELD, cells[1])]
     share = basis_matrices(knots[1], 3, np.array([held]))[0][0]
-    control, rounds = problem.solve((share, _across(surface, fan[0, np.searchsorted(x, held)])))
-    by, bx = (basis_matrices(k, 3, places)[0] for k, places in zip(knots, lattice, strict=True))
-    moved = np.einsum("ya,abk,xb->yxk", by, control, bx)
+    control, rounds = problem.solve(control, (share, _across(surface, fan[0, np.searchsorted(x, held)])))
     strain, _, _, weights = problem.strain(control)
-    return Layout(fan[at_lattice][..., :2] + moved, *_principal(strain, weights), rounds)
+    by, bx = (basis_matrices(k, 3, places)[0] for k, places in zip(knots, lattice, strict=True))
+    return Layout(laid + _spread(by, control, bx), *_principal(strain, weights), rounds)
 
 
 def _across(surface: Parametric, state: Float[np.ndarray, "6"]) -> Float[np.ndarray, "2"]:
@@ -152,6 +163,20 @@ def _geodesic(
     """
     steps = max(1, int(np.ceil(places[-1] / _STEP)))
     h = places[-1] / steps
+    y, k = (
+        surface.geodesics(begin, h, steps) if isinstance(surface, BSplineSurface) else _march(surface, begin, h, steps)
+    )
+    number = np.clip((places / h).astype(np.int64), 0, steps - 1)
+    t = (places / h - number)[:, None, None]
+    k = k * h
+    a, b, p, q = y[number], y[number + 1], k[number], k[number + 1]
+    return a + t * (p + t * (3 * (b - a) - 2 * p - q + t * (2 * (a - b) + p + q)))
+
+
+def _march(
+    surface: Parametric, begin: Float[np.ndarray, "m 6"], h: float, steps: int
+) -> tuple[Float[np.ndarray, "s m 6"], Float[np.ndarray, "s m 6"]]:
+    """What `BSplineSurface.geodesics` does, for any surface."""
     states, slopes = [begin], [_slope(surface, begin)]
     for _ in range(steps):
         y, k1 = states[-1], slopes[-1]
@@ -160,11 +185,7 @@ def _geodesic(
         k4 = _slope(surface, y + h * k3)
         states.append(y + h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4))
         slopes.append(_slope(surface, states[-1]))
-    number = np.clip((places / h).astype(np.int64), 0, steps - 1)
-    t = (places / h - number)[:, None, None]
-    y, k = np.stack(states), np.stack(slopes) * h
-    a, b, p, q = y[number], y[number + 1], k[number], k[number + 1]
-    return a + t * (p + t * (3 * (b - a) - 2 * p - q + t * (2 * (a - b) + p + q)))
+    return np.stack(states), np.stack(slopes)
 
 
 def _slope(surface: Parametric, state: Float[np.ndarray, "m 6"]) -> Float[np.ndarray, "m 6"]:
@@ -189,7 +210,7 @@ class _Problem:
         surface: Parametric,
         bounds: tuple[tuple[float, float], tuple[float, float]],
         fan: Float[np.ndarray, "n m 6"],
-        bases: list[tuple[Float[np.ndarray, "n a"], Float[np.ndarray, "n a"]]],
+        bases: list[tuple[Float[np.ndarray, "_ _"], Float[np.ndarray, "_ _"]]],
     ) -> None:
         self.surface, self.bounds, self.fan = surface, np.array(bounds), fan
         (self.by, self.dy), (self.bx, self.dx) = bases
@@ -206,9 +227,10 @@ class _Problem:
         weights = np.where(there, 1.0, _HANGING)
         return np.stack([xx - 0.5, yy - 0.5, xy], axis=-1), found, np.stack([ux, uy], axis=2), weights
 
-    def solve(self, anchor: tuple[Float[np.ndarray, " b"], Float[np.ndarray, "2"]]) -> tuple[np.ndarray, int]:
-        """Gauss-Newton from no displacement; a step that does not help is halved."""
-        control = np.zeros((self.by.shape[1], self.bx.shape[1], 2))
+    def solve(
+        self, control: Float[np.ndarray, "a b 2"], anchor: tuple[Float[np.ndarray, " b"], Float[np.ndarray, "2"]]
+    ) -> tuple[Float[np.ndarray, "a b 2"], int]:
+        """Gauss-Newton; a step that does not help is halved."""
         state = self.strain(control)
         energy = _energy(state[0], state[3])
         for rounds in range(_ROUNDS):

@@ -19,7 +19,7 @@ from palpate.surfaces.mesh import Mesh
 __all__ = ["Mode", "Planes", "Shell", "full_sections", "shell"]
 
 Mode = Literal["facets", "vertices"]
-_ROWS, _SPOKES = 40, 96  # planes of either family that look at the mesh
+_ROWS, _SPOKES = 36, 96  # planes of either family that look at the mesh
 _SEEN = np.cos(np.radians(65.0))  # facets that are steeper to a flat chart's lines are not seen from one side
 _COARSE = 3e-5  # m between a chord and its arc: below it facets and vertices are the same, and arcs are taken
 _RIPPLE = 0.5  # of that height, rms: what is left between facets and a smooth surface needs no more control points
@@ -256,7 +256,7 @@ def _fitted(
         enough = _RIPPLE * sag
         if (mode or chosen) == "vertices" or sag < _COARSE:
             points, normals = _lifted(mesh, facets[met[place]], points, spokes)
-            enough = _ENOUGH
+            enough = _ENOUGH if sag < _COARSE else enough
         data = points, normals, uv
         surface, distance = _along_facets(chart, periodic, span, data, steps, control, enough)
     size = float(np.abs(distance).mean()), float(np.abs(distance).max())
