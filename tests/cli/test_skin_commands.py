@@ -18,7 +18,7 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, SkinSession
     """Six touches, two cells wide, calibrated and estimated."""
     folder, rng = tmp_path_factory.mktemp("skin"), np.random.default_rng(7)
     made = simulate_protocol(rng, touches=6, width=2.0)
-    write_skin_session(made, folder, rng)
+    write_skin_session(made, folder, rng, presses=20)
     assert main(["calibrate", "intensity", f"{folder}/load_cell_log.csv", "-o", f"{folder}/intensity.toml"]) == 0
     estimate = ["estimate", f"{folder}/skin_log.csv", "--rig", f"{folder}/rig.toml", "-o", f"{folder}/contacts.csv"]
     assert main(estimate) == 0

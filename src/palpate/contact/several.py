@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, fields
 from math import exp, inf
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
 from palpate.contact.estimate import ContactEstimate, Status
+from palpate.contact.seam import columns_used, contours, is_ring, padded
+from palpate.contact.touches import SkinSettings, SkinTouches
 from palpate.contact.track import Tracker
 from palpate.errors import InputError
 from palpate.sensors.intensity import Intensity
@@ -17,93 +17,6 @@ from palpate.sensors.skin import Frames, Health, Sheet
 from palpate.sensors.skin_map import SkinMap
 
 __all__ = ["Skin", "SkinSettings", "SkinTouches", "contours"]
-
-_SHORTEST_RING = 6  # columns: fewer cannot go round a link
-_SEAM = 1.6  # pitches between the ends of a sheet that are neighbours
-
-
-@dataclass(frozen=True)
-class SkinSettings:
-    """How touches are found.
-
-    Args:
-        on, off: a touch begins where a cell stands so many deviations of its noise above its rest, and reaches as far
-            as cells that stand `off` above: a threshold of each cell's own, that follows its drift.
-        sure, share: two peaks are two touches if the saddle lies deeper than `sure` deviations and than this share of
-            the lower peak.
-        drift: [s] in which the rest of an untouched cell is followed; inf: it stays.
-        reach, speed, patience: of `contact.track.Tracker`.
-    """
-
-    on: float = 6.0
-    off: float = 3.0
-    sure: float = 5.0
-    share: float = 0.05
-    drift: float = 10.0
-    reach: float = 0.012
-    speed: float = 0.5
-    patience: float = 0.3
-
-    def __post_init__(self) -> None:
-        if not 0 < self.off <= self.on < inf:
-            raise ValueError(f"off ({self.off:g}) must lie between 0 and on ({self.on:g})")
-        if not (self.drift > 0 and self.sure >= 0 and 0 <= self.share < 1):
-            raise ValueError("drift must be positive, sure not negative and share between 0 and 1")
-        if not (self.reach > 0 and self.speed >= 0 and self.patience >= 0):
-            raise ValueError("reach must be positive, speed and patience not negative")
-
-
-@dataclass(frozen=True, eq=False)
-class SkinTouches:
-    """Touches of some frames, at least one row a frame.
-
-    Attributes:
-        sample: (n,) which frame; time: (n,) [s]; contact: (n,) identity.
-        estimate: point, normal, force and covariance in the link's frame; the torque about the normal is NaN, because
-            cells feel no shear. SATURATED: located, but the force is a lower bound.
-        row, column: (n,) between cell centres, which have whole numbers; NaN without a touch, as all that follows.
-        area: (n,) [m^2] of the cells that are pressed.
-        load: (n,) [N] sum of the cells' forces along their own normals; on a curved link more than the force.
-        pressure: (n,) [Pa] mean; peak: (n,) [Pa] of one cell.
-        axes: (n, 2) [cells], deviations of the pressure along its principal axes, the long one first.
-        angle: (n,) [rad] of the long axis, from the direction of rising rows towards that of rising columns.
-        cells: (n,) how many.
-    """
-
-    sample: Int[np.ndarray, " n"]
-    time: Float[np.ndarray, " n"]
-    contact: Int[np.ndarray, " n"]
-    estimate: ContactEstimate
-    row: Float[np.ndarray, " n"]
-    column: Float[np.ndarray, " n"]
-    area: Float[np.ndarray, " n"]
-    load: Float[np.ndarray, " n"]
-    peak: Float[np.ndarray, " n"]
-    pressure: Float[np.ndarray, " n"]
-    axes: Float[np.ndarray, "n 2"]
-    angle: Float[np.ndarray, " n"]
-    cells: Float[np.ndarray, " n"]
-
-    def __post_init__(self) -> None:
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if isinstance(value, np.ndarray):
-                value.flags.writeable = False
-
-    def __len__(self) -> int:
-        return len(self.sample)
-
-    @property
-    def found(self) -> Bool[np.ndarray, " n"]:
-        """Rows that hold a touch."""
-        return np.isfinite(self.row)
-
-    @classmethod
-    def joined(cls, parts: Sequence[SkinTouches]) -> SkinTouches:
-        """One after the other."""
-        names = [field.name for field in fields(cls) if field.name != "estimate"]
-        columns = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
-        return cls(estimate=ContactEstimate.joined([part.estimate for part in parts]), **columns)
 
 
 class Skin:
@@ -146,8 +59,8 @@ class Skin:
                 )
         self.place, self.sheet, self.settings = place, sheet, settings or SkinSettings()
         self.health = health
-        self.used = _columns_used(place)
-        self.ring = _is_ring(place, self.used)
+        self.used = columns_used(place)
+        self.ring = is_ring(place, self.used)
         good = sheet.mask() & health.good
         good[:, self.used :] = False
         if not good.any():
@@ -167,7 +80,7 @@ class Skin:
             limits[which].ravel(),
         )
         self._curves = (tables, steps, -1.0 if falling else 1.0)
-        self._grid = _padded(place, self.used, self.ring)
+        self._grid = padded(place, self.used, self.ring)
         count = sheet.cells
         numbers = [np.zeros(count) for _ in range(4)]
         flags = [np.zeros(count, dtype=np.bool_) for _ in range(2)]
@@ -325,57 +238,3 @@ class Skin:
             extra[:, 8].copy(),
             extra[:, 9].copy(),
         )
-
-
-def contours(areas: Bool[np.ndarray, "rows columns"]) -> list[Float[np.ndarray, "k 2"]]:
-    """Outlines of connected cells, each as row and column of the cells on it, by OpenCV; for pictures.
-
-    Raises:
-        InputError: OpenCV is not installed.
-    """
-    try:
-        import cv2
-    except ImportError as problem:
-        raise InputError("outlines need OpenCV.", mend="pip install opencv-python-headless") from problem
-    found, _ = cv2.findContours(areas.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-    return [outline[:, 0, ::-1].astype(np.float64) for outline in found]
-
-
-def _columns_used(place: SkinMap) -> int:
-    """Columns before those that lie over others: where a sheet overlaps itself a press is felt in both layers."""
-    over = place.overlap.mean(axis=0) > 0.5
-    over[: place.columns // 2] = False
-    last = np.flatnonzero(over)
-    return int(last[0]) if len(last) and over[last[0] :].all() else place.columns
-
-
-def _is_ring(place: SkinMap, used: int) -> bool:
-    """Whether the last column in use lies beside the first."""
-    if used < _SHORTEST_RING:
-        return False
-    gap = np.linalg.norm(place.centres[:, 0] - place.centres[:, used - 1], axis=-1)
-    return bool(np.median(gap) < _SEAM * place.pitch[1])
-
-
-def _padded(place: SkinMap, used: int, ring: bool) -> Float[np.ndarray, "r c 6"]:
-    """Centres and normals with two more cells at each end: over the seam of a ring, else as a parabola goes on."""
-    values = np.concatenate([place.centres, place.normals], axis=2)
-    columns = (
-        np.concatenate([values[:, used - 2 : used], values[:, :used], values[:, :2]], axis=1)
-        if ring
-        else _continued(_continued(values.swapaxes(0, 1)))
-    )
-    if not ring:
-        columns = columns.swapaxes(0, 1)
-    return np.ascontiguousarray(_continued(_continued(columns)))
-
-
-def _continued(values: Float[np.ndarray, "n k 6"]) -> Float[np.ndarray, "m k 6"]:
-    """One more at each end."""
-    if len(values) == 1:
-        return np.concatenate([values, values, values])
-    if len(values) == 2:
-        return np.concatenate([2 * values[:1] - values[1:], values, 2 * values[1:] - values[:1]])
-    before = 3 * values[0] - 3 * values[1] + values[2]
-    after = 3 * values[-1] - 3 * values[-2] + values[-3]
-    return np.concatenate([before[None], values, after[None]])

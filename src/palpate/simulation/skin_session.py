@@ -119,13 +119,21 @@ def load_cell_presses(
 
 
 def write_skin_session(
-    session: SkinSession, folder: Path, rng: np.random.Generator, *, wand: Wand | None = None
+    session: SkinSession, folder: Path, rng: np.random.Generator, *, wand: Wand | None = None, presses: int = 60
 ) -> None:
-    """Write load_cell_log.csv, skin_log.csv, map.csv, wrench.csv, wand.csv, wand.stl, truth.csv and rig.toml."""
+    """Write load_cell_log.csv, skin_log.csv, map.csv, wrench.csv, wand.csv, wand.stl, truth.csv and rig.toml.
+
+    Args:
+        session: what was simulated.
+        folder: made where it is not there.
+        rng: of the load cell's presses.
+        wand: as of the session.
+        presses: of each cell in the load cell's log.
+    """
     folder.mkdir(parents=True, exist_ok=True)
-    force, counts, cell = load_cell_presses(session.sheet, session.model, rng)
-    presses = {"force": force, "intensity": counts, "row": cell[:, 0], "column": cell[:, 1]}
-    _table(folder / "load_cell_log.csv", presses)
+    force, counts, cell = load_cell_presses(session.sheet, session.model, rng, presses=presses)
+    pressed = {"force": force, "intensity": counts, "row": cell[:, 0], "column": cell[:, 1]}
+    _table(folder / "load_cell_log.csv", pressed)
     frames = session.frames
     flat = frames.cells.reshape(len(frames), -1)
     _table(folder / "skin_log.csv", {"time": frames.time} | {f"c{k}": flat[:, k] for k in range(flat.shape[1])})
