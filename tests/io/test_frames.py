@@ -143,3 +143,37 @@ def test_what_is_no_log_of_frames_is_said(tmp_path: Path) -> None:
     pl.DataFrame({"a": [1.0], "b": [2.0]}).write_csv(tmp_path / "t.csv")
     with pytest.raises(InputError, match="no column 'time'"):
         _read(tmp_path / "t.csv")
+
+
+def test_a_bag_of_ros_1_is_read(tmp_path: Path) -> None:
+    """There nothing is aligned, and the header begins with a number of its own."""
+    from rosbags.rosbag1 import Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS1_NOETIC)
+    types: Any = store.types
+    kind = "sensor_msgs/msg/Image"
+    with Writer(tmp_path / "log.bag") as writer:
+        topic = writer.add_connection("/skin", kind, typestore=store)
+        for k, cells in enumerate(CELLS):
+            stamp = round(TIME[k] * 1e9)
+            header = types["std_msgs/msg/Header"](k, types["builtin_interfaces/msg/Time"](*divmod(stamp, 10**9)), "a")
+            image = types[kind](header, 3, 4, "mono16", 0, 8, cells.astype("<u2").view(np.uint8).ravel())
+            writer.write(topic, stamp, store.serialize_ros1(image, kind))
+    time, cells, _ = _read(tmp_path / "log.bag")
+    np.testing.assert_array_equal(cells, CELLS)
+    np.testing.assert_allclose(time, TIME, atol=1e-9)
+
+
+def test_a_damaged_archive_is_said_and_nothing_else_is_raised(tmp_path: Path) -> None:
+    np.savez(tmp_path / "log.npz", time=TIME, frames=CELLS)
+    whole = (tmp_path / "log.npz").read_bytes()
+    rng = np.random.default_rng(2)
+    for _ in range(60):
+        raw = bytearray(whole[: rng.integers(len(whole) // 2, len(whole) + 1)])
+        raw[rng.integers(4, len(raw))] ^= int(rng.integers(1, 256))
+        (tmp_path / "log.npz").write_bytes(bytes(raw))
+        try:
+            _read(tmp_path / "log.npz")
+        except InputError as problem:
+            assert "log.npz" in str(problem)

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from os import SEEK_END
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
+from zipfile import BadZipFile
+from zlib import error as ZlibError
 
 import numpy as np
 
@@ -25,6 +27,17 @@ __all__ = ["FrameLayout", "FrameLog", "open_frames"]
 
 BLOCK = 2048  # frames
 PIECE = 1 << 21  # bytes of text
+_DAMAGED = (
+    OSError,
+    ValueError,
+    EOFError,
+    KeyError,
+    SyntaxError,
+    MemoryError,
+    NotImplementedError,
+    BadZipFile,
+    ZlibError,
+)
 _NUMPY = (b"\x93NUMPY", b"PK\x03\x04")
 _MCAP, _BAG, _DB3 = b"\x89MCAP0\r\n", b"#ROSBAG V", b"SQLite format 3\0"
 
@@ -184,10 +197,11 @@ class _Numpy:
     def _arrays(self) -> tuple[np.ndarray, np.ndarray]:
         layout = self._layout
         try:
-            loaded: Any = np.load(self.path, allow_pickle=False)
-            several = not isinstance(loaded, np.ndarray)
-            named: dict[str, np.ndarray] = dict(loaded) if several else {"frames": loaded}
-        except (OSError, ValueError, EOFError, KeyError) as problem:
+            with open_input(self.path) as file:
+                loaded: Any = np.load(file, allow_pickle=False)
+                several = not isinstance(loaded, np.ndarray)
+                named: dict[str, np.ndarray] = dict(loaded) if several else {"frames": loaded}
+        except _DAMAGED as problem:
             raise InputError(f"is no NumPy file that can be read ({problem}).", where=str(self.path)) from problem
         if "frames" not in named:
             raise InputError("has no array 'frames'.", where=str(self.path), mend=near("frames", named))
