@@ -48,7 +48,7 @@ def test_a_sheet_unrolls_exactly_where_the_surface_is_developable(shape: Cone | 
     size = 0.01 * points.shape[0], 0.01 * points.shape[1]
     layout = lay(shape, start, ahead, size, (points.shape[0], points.shape[1]))
     place = shape.derivatives(layout.uv[1::2, 1::2])
-    assert np.abs(place[..., 0, :] - points).max() < 1e-8  # Runge-Kutta of 2 mm steps: (2/35)^5 of 35 mm, summed
+    assert np.abs(place[..., 0, :] - points).max() < 1e-7  # Runge-Kutta of 2 mm steps: (2/35)^5 of 35 mm, summed
     assert layout.rms < 1e-6
     mesh = round_mesh(shape.point, 24, np.linspace(-0.15, 0.15, 11))
     sheet = Sheet(points.shape[0], points.shape[1], (0.01, 0.01))

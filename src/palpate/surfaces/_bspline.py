@@ -152,8 +152,8 @@ def geodesics(step, knots_u, knots_v, degree_u, degree_v, periodic, coefficients
 
 
 @entry
-def normal_equations(uv, points, directions, knots_u, knots_v, degree_u, degree_v, starts, spokes, matrix, vector):
-    """Adds what points ask of the offsets s_ij along the lines A_ij + s_ij D_ij to matrix (its lower half) and vector.
+def normal_equations(uv, points, directions, knots_u, knots_v, degree_u, degree_v, starts, spokes, band, vector):
+    """Adds what points ask of the offsets s_ij along the lines A_ij + s_ij D_ij to a band matrix and a vector.
 
     A row for each point Q: the sum over ij of N_i M_j (d . D_ij) s_ij = d . (Q - sum N_i M_j A_ij).
     Lines (n, m, 3) that a periodic v needs again are counted from the first.
@@ -182,4 +182,4 @@ def normal_equations(uv, points, directions, knots_u, knots_v, degree_u, degree_
             vector[number[a]] += row[a] * right
             for b in range(size):
                 if number[b] <= number[a]:
-                    matrix[number[a], number[b]] += row[a] * row[b]
+                    band[number[b], number[a] - number[b]] += row[a] * row[b]

@@ -11,10 +11,8 @@ __all__ = ["normal_equations"]
 
 
 @entry
-def normal_equations(
-    strain, found, sides, weights, first_y, by, dy, first_x, bx, dx, stride_y, stride_x, matrix, vector
-):
-    """Adds J'WJ to a lower band matrix and -J'WE to vector, J the derivative of (E_xx, E_yy, sqrt(2) E_xy).
+def normal_equations(strain, found, sides, weights, first_y, by, dy, first_x, bx, dx, stride_y, stride_x, band, vector):
+    """Adds J'WJ to a band matrix and -J'WE to vector, J the derivative of (E_xx, E_yy, sqrt(2) E_xy).
 
     At each Gauss point (n, m): strain (3), the surface and its derivatives (6, 3), and the derivatives of u and v along
     x and y (2, 2), and a weight; along either side the four cubics there. Unknown 2 (a stride_y + b stride_x) + c is
@@ -55,4 +53,4 @@ def normal_equations(
                 for f in range(32):
                     j = number[f]
                     if j <= i:
-                        matrix[i - j, j] += w * (row[0, e] * row[0, f] + row[1, e] * row[1, f] + row[2, e] * row[2, f])
+                        band[j, i - j] += w * (row[0, e] * row[0, f] + row[1, e] * row[1, f] + row[2, e] * row[2, f])

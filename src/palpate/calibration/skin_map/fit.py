@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from palpate.calibration.skin_map.chart import Chart
+from palpate.errors import GeometryError
 from palpate.surfaces.bspline import BSplineSurface, greville
 
 __all__ = ["fit"]
@@ -39,34 +40,35 @@ def fit(
         degree: in u and v.
         stiffness: weight of the squared second differences of s beside the data's mean.
     """
-    from scipy.linalg import solveh_banded
-
-    from palpate.surfaces import _bspline  # compiled: loaded when first needed
+    from palpate.surfaces import _band, _bspline  # compiled: loaded when first needed
 
     places = greville(knots[0], degree[0]), greville(knots[1], degree[1])
     if periodic:
         places = places[0], places[1][: -degree[1]]
     starts, spokes = (np.ascontiguousarray(part) for part in chart.lines(places[0][:, None], places[1][None, :]))
-    matrix = _stiffness(places, periodic) * (stiffness * len(points) / starts[..., 0].size)
-    vector = np.zeros(len(matrix))
+    band = _stiffness(places, periodic, degree[0]) * (stiffness * len(points) / starts[..., 0].size)
+    vector = np.zeros(len(band))
     inside = np.clip(uv, [knots[0][degree[0]], -np.inf], [knots[0][-degree[0] - 1], np.inf])
-    _bspline.normal_equations(inside, points, directions, *knots, *degree, starts, spokes, matrix, vector)
-    width = min(len(vector), (degree[0] + 1) * starts.shape[1])
-    band = np.zeros((width, len(vector)))
-    for k in range(width):
-        band[k, : len(vector) - k] = matrix.diagonal(-k)
-    offsets = solveh_banded(band, vector, lower=True, check_finite=False, overwrite_ab=True)
-    control = starts + offsets.reshape(*starts.shape[:2], 1) * spokes
+    _bspline.normal_equations(inside, points, directions, *knots, *degree, starts, spokes, band, vector)
+    if not _band.solve_band(band, vector):
+        raise GeometryError("the mesh says too little of the surface there: fewer control points, or another region")
+    control = starts + vector.reshape(*starts.shape[:2], 1) * spokes
     if periodic:
         control = np.concatenate([control, control[:, : degree[1]]], axis=1)
     return BSplineSurface(knots[0], knots[1], control, degree, periodic)
 
 
-def _stiffness(places: tuple[np.ndarray, np.ndarray], periodic: bool) -> Float[np.ndarray, "n n"]:
-    """The sum of the squared second differences of the offsets along u and along v."""
-    bend_u, bend_v = _second_differences(places[0], False), _second_differences(places[1], periodic)
-    along = np.kron(bend_u.T @ bend_u, np.eye(len(places[1])))
-    return along + np.kron(np.eye(len(places[0])), bend_v.T @ bend_v)
+def _stiffness(places: tuple[np.ndarray, np.ndarray], periodic: bool, degree: int) -> Float[np.ndarray, "n w"]:
+    """The sum of the squared second differences of the offsets along u and along v, as a band."""
+    bends = _second_differences(places[0], False), _second_differences(places[1], periodic)
+    along, across = (bend.T @ bend for bend in bends)
+    n, m = len(along), len(across)
+    out = np.zeros((n, m, min(n, max(degree, 2) + 1) * m))
+    for step in range(min(n, 3)):
+        out[: n - step, :, step * m] += np.diagonal(along, -step)[:, None]
+    for j in range(m):
+        out[:, j, : m - j] += across[j:, j]
+    return out.reshape(n * m, -1)
 
 
 def _second_differences(places: Float[np.ndarray, " n"], periodic: bool) -> Float[np.ndarray, "k n"]:

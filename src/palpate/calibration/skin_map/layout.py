@@ -14,6 +14,7 @@ the geodesic again.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from math import inf
 from typing import Protocol, runtime_checkable
@@ -72,6 +73,7 @@ def lay(
     flip: bool = False,
     bounds: tuple[tuple[float, float], tuple[float, float]] = _EVERYWHERE,
     elements: int = _MOST_ELEMENTS,
+    look: Callable[[Float[np.ndarray, "_ _ 2"]], None] | None = None,
 ) -> Layout:
     """Lay a sheet of `size` (height across rows, length along columns) [m] with its corner at `start`.
 
@@ -83,6 +85,7 @@ def lay(
         cells: rows and columns.
         flip: rows increase to the right of the heading, seen from outside, and not to the left.
         bounds: of u and of v, beyond which there is no surface to follow: there strain hardly counts.
+        look: is shown the lattice along geodesics before anything is worked out, and may raise.
         elements: of the displacement's spline, along either side at most.
     """
     sign = -1.0 if flip else 1.0
@@ -97,6 +100,8 @@ def lay(
         return fan[np.ix_(np.searchsorted(y, places[0]), np.searchsorted(x, places[1]))]
 
     fan = _fan(surface, start, heading, x, y, sign)
+    if look is not None:
+        look(at(lattice)[..., :2])
     bases = [basis_matrices(k, 3, g) for k, g in zip(knots, gauss, strict=True)]
     problem, laid = _Problem(surface, bounds, at(gauss), bases), at(lattice)[..., :2]
     control = np.zeros((len(nodes[0]), len(nodes[1]), 2))
@@ -254,30 +259,30 @@ class _Problem:
         self, state: tuple[np.ndarray, ...], anchor: tuple[Float[np.ndarray, " b"], Float[np.ndarray, "2"]]
     ) -> Float[np.ndarray, "a b 2"]:
         """What makes the linearised strain least: normal equations in a band as wide as the sheet's shorter side."""
-        from scipy.linalg import solveh_banded
-
         from palpate.calibration.skin_map import _strain  # compiled: loaded when first needed
+        from palpate.surfaces import _band
 
         rows, columns = self.by.shape[1], self.bx.shape[1]
         strides = (1, rows) if rows <= columns else (columns, 1)
-        matrix = np.zeros((2 * (3 * min(rows, columns) + 3) + 2, 2 * rows * columns))
-        vector = np.zeros(2 * rows * columns)
+        band = np.zeros((2 * rows * columns, 2 * (3 * min(rows, columns) + 3) + 2))
+        step = np.zeros(len(band))
         local = [part for base in ((self.by, self.dy), (self.bx, self.dx)) for part in _narrow(*base)]
-        _strain.normal_equations(*state, *local, *strides, matrix, vector)
-        _hold(matrix, *anchor, strides[1])
-        step = solveh_banded(matrix, vector, lower=True, check_finite=False, overwrite_ab=True)
+        _strain.normal_equations(*state, *local, *strides, band, step)
+        _hold(band, *anchor, strides[1])
+        if not _band.solve_band(band, step):
+            raise np.linalg.LinAlgError("the strain does not determine the layout")
         return step.reshape(rows, columns, 2) if rows > columns else np.swapaxes(step.reshape(columns, rows, 2), 0, 1)
 
 
 def _hold(
-    matrix: Float[np.ndarray, "k n"],
+    band: Float[np.ndarray, "k n"],
     share: Float[np.ndarray, " b"],
     side: Float[np.ndarray, "2"],
     stride: int,
 ) -> None:
     """Stiff springs: on the sheet's corner, and across the heading on a point of the first edge."""
-    stiff = 1e6 * float(matrix[0].max())
-    matrix[0, :2] += stiff
+    stiff = 1e6 * float(band[:, 0].max())
+    band[:2, 0] += stiff
     near = np.flatnonzero(np.abs(share) > 1e-9)
     near = near[near > 0]  # the first control point is held already
     number = (2 * stride * near[:, None] + np.arange(2)).reshape(-1)
@@ -285,7 +290,7 @@ def _hold(
     for i, a in zip(number, row, strict=True):
         for j, b in zip(number, row, strict=True):
             if i >= j:
-                matrix[i - j, j] += stiff * a * b
+                band[j, i - j] += stiff * a * b
 
 
 def _spread(

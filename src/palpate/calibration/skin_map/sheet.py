@@ -20,6 +20,7 @@ from palpate.surfaces.mesh import Mesh
 __all__ = ["Sheet", "fit_stretch", "map_skin", "mapped", "placed"]
 
 _HELD = 0.10  # strain beyond which no sheet lies by itself
+_ASTRAY = 0.25  # of the cells may seem to lie beside the surface along geodesics: the layout may bring them back
 
 
 @dataclass(frozen=True)
@@ -143,10 +144,19 @@ def mapped(found: Shell, sheet: Sheet, origin: Float[np.ndarray, "3"], heading: 
     begin = found.surface.nearest(origin[None], found.chart.coordinates(origin[None])[:, :2])[0]
     try:
         cells = sheet.rows, sheet.columns
-        layout = lay(found.surface, begin, heading, sheet.size, cells, flip=sheet.flip, bounds=_bounds(found.surface))
+        layout = lay(
+            found.surface,
+            begin,
+            heading,
+            sheet.size,
+            cells,
+            flip=sheet.flip,
+            bounds=_bounds(found.surface),
+            look=lambda uv: _refuse_bare(found, uv, sheet, allowed=_ASTRAY * sheet.rows * sheet.columns),
+        )
     except np.linalg.LinAlgError as problem:
         raise _too_large(sheet, "it would have to fold") from problem
-    _refuse_bare(found, layout, sheet)
+    _refuse_bare(found, layout.uv, sheet)
     centres, normals = found.surface.at(layout.uv[1::2, 1::2])
     overlap = _overlap(layout.uv, 2 * np.pi) if found.surface.periodic else np.zeros(centres.shape[:2], dtype=bool)
     return SkinMap(
@@ -272,12 +282,12 @@ def _cell_blocks(lattice: Float[np.ndarray, "a b ..."]) -> Float[np.ndarray, "r 
     return lattice[i[:, None, :, None], j[None, :, None, :]]
 
 
-def _refuse_bare(found: Shell, layout: Layout, sheet: Sheet) -> None:
-    """No cell may lie where there is no surface at all."""
-    if not np.isfinite(layout.uv).all():
+def _refuse_bare(found: Shell, uv: Float[np.ndarray, "a b 2"], sheet: Sheet, allowed: float = 0.0) -> None:
+    """No cell may lie where there is no surface at all; before the layout is worked out some may seem to."""
+    if not np.isfinite(uv).all():
         raise _too_large(sheet, "it would have to fold")
-    bare = ~found.there(_cell_blocks(layout.uv)).any(axis=(2, 3))
-    if not bare.any():
+    bare = ~found.there(_cell_blocks(uv)).any(axis=(2, 3))
+    if np.count_nonzero(bare) <= allowed:
         return
     rows, columns = (np.unique(numbers) for numbers in np.nonzero(bare))
     place = f"rows {rows[0]} to {rows[-1]}, columns {columns[0]} to {columns[-1]}"

@@ -1,0 +1,1 @@
+"""Reproductions of the papers, one folder a paper."""
