@@ -16,6 +16,7 @@ MOST = 64  # touches of a frame
 PARTS = 16  # of an area
 EXTRA = 22  # where the numbers behind a row of an estimate begin
 WIDTH = EXTRA + 11  # row, column, area, force, peak and mean pressure, variances along the axes, angle, cells, identity
+SATURATED = 6.0  # palpate.contact.estimate.Status
 _ROUNDS = 8  # of expectation maximisation
 _NARROW = 0.12  # squared cells: no touch is seen narrower than its cell
 _CELL = 1.0 / 12.0  # variance of a place anywhere in a cell
@@ -322,7 +323,7 @@ def _measure(cells, count, end, part, number, parts, force, spread, normals, are
     _write(row, column, total, np.array([rr, cc, rc]), np.array([vr, vc, vrc]), grid, used, ring, out)
     for c in range(3):
         out[6 + c] = push[c]
-    out[21] = 6.0 if full else 0.0
+    out[21] = SATURATED if full else 0.0
     out[EXTRA + 2], out[EXTRA + 4], out[EXTRA + 5] = covered, peak, inside / covered
     out[EXTRA + 9] = held
     return True
