@@ -93,6 +93,20 @@ def test_what_cannot_be_meant_is_refused_with_a_sentence(
     assert not Path("x.csv").exists()
 
 
+def test_a_resistive_taxel_is_calibrated_as_a_divider(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    force = np.linspace(0.05, 8.0, 80)
+    reading = 1024.0 * (1.0 - 10.0 / (2 * 20.0 / force + 0.5))
+    rows = [f"{f},{r}" for f, r in zip(force.tolist(), reading.tolist(), strict=True)]
+    (tmp_path / "log.csv").write_text("\n".join(["force,intensity", *rows]))
+    command = ["calibrate", "intensity", f"{tmp_path}/log.csv", "-o", f"{tmp_path}/i.toml", "--kind", "resistive"]
+    assert main(command) == 1
+    assert "--scale" in capsys.readouterr().err
+    assert main([*command, "--scale", "1024", "--reference", "10"]) == 0
+    curve = read_intensity(tmp_path / "i.toml").curves[0]
+    np.testing.assert_allclose(curve.parameters, [20.0, 0.5], rtol=1e-3)
+    assert curve.falling
+
+
 def test_a_log_that_ends_within_a_row_is_read_to_there(
     session: tuple[Path, SkinSession], capsys: pytest.CaptureFixture[str]
 ) -> None:
