@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import tomlkit
 from jaxtyping import Float
+from tomlkit.items import Table
 
 from palpate.errors import GeometryError, InputError
 from palpate.io.atomic import write_text
@@ -152,7 +153,7 @@ def _toml(skin: SkinMap, name: str) -> str:
     return tomlkit.dumps(document)
 
 
-def _surface_table(surface: BSplineSurface) -> tomlkit.items.Table:
+def _surface_table(surface: BSplineSurface) -> Table:
     table = tomlkit.table()
     table.add("degree", list(surface.degree))
     table.add(

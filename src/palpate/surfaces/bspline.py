@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any, cast
 
 import numpy as np
 from jaxtyping import Float
@@ -144,7 +145,7 @@ def periodic_knots(breaks: ArrayLike, degree: int = 3) -> Float[np.ndarray, " k"
     around = np.concatenate([breaks[:-1] - period, breaks[:-1], breaks[:-1] + period])
     while len(around) < 3 * len(breaks) + 2 * degree:  # few spans: the period comes round more often
         around = np.concatenate([around[: len(breaks) - 1] - period, around, around[1 - len(breaks) :] + period])
-    start = int(np.searchsorted(around, breaks[0]))
+    start = int(cast("Any", np.searchsorted(around, breaks[0])))
     return around[start - degree : start + len(breaks) + degree]
 
 

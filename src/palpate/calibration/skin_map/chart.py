@@ -7,6 +7,7 @@ Over a patch that is seen from one side both families are parallel, and the line
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any, cast
 
 import numpy as np
 from jaxtyping import Float
@@ -90,7 +91,9 @@ def round_chart(
         flat = flat / np.where(length > 0, length, 1.0)[:, None]
         reject = (areas * length)[:, None, None] * (across - flat[:, :, None] * flat[:, None, :])
         right = np.einsum("fij,fj->i", reject, middles)
-        point = np.linalg.pinv(reject.sum(axis=0), rcond=1e-9, hermitian=True) @ right
+        whole = reject.sum(axis=0)
+        whole = whole + np.trace(whole) * (np.outer(direction, direction) + 1e-9 * np.eye(3))  # along it all points do
+        point = cast("Any", np.linalg.solve(whole, right))
     point = point + direction * (direction @ (origin - point))
     spoke = across @ (origin - point)
     if not np.linalg.norm(spoke) > 0:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any, Literal, cast
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -54,7 +55,7 @@ def _segments(
     """The cuts by planes u: their ends in the plane, the plane and the facet."""
     local = np.take_along_axis(local, np.argsort(local[..., 0], axis=1)[..., None], axis=1)
     height = local[..., 0]
-    first, last = np.searchsorted(u, height[:, 0], side="left"), np.searchsorted(u, height[:, 2], side="right")
+    first, last = _place(u, height[:, 0], "left"), _place(u, height[:, 2], "right")
     facet, plane = _runs(first, last)
     z, corner = height[facet], local[facet, :, 1:]
     at = u[plane]
@@ -85,31 +86,38 @@ def _crossings(
 ) -> tuple[Int[np.ndarray, " k"], Int[np.ndarray, " k"], Float[np.ndarray, " k"]]:
     """Which line meets which segment, and how far out on it."""
     if not chart.round:
-        begin, end = np.sort(ends[..., 0], axis=1).T
-        segment, line = _runs(np.searchsorted(v, begin, side="left"), np.searchsorted(v, end, side="right"))
+        begin, end = ends[..., 0].min(axis=1), ends[..., 0].max(axis=1)
+        segment, line = _runs(_place(v, begin, "left"), _place(v, end, "right"))
         a, b = ends[segment, 0], ends[segment, 1]
         offset = _between(a[:, 0], b[:, 0], a, b, v[line])[:, 1]
         backward = b[:, 0] < a[:, 0]
         offset = np.where(backward, _between(b[:, 0], a[:, 0], b, a, v[line])[:, 1], offset)
         return line, segment, offset
     angle = np.arctan2(ends[..., 1], ends[..., 0])
-    turn = np.mod(angle[:, 1] - angle[:, 0] + np.pi, 2 * np.pi) - np.pi  # a segment is seen under less than half a turn
+    turn: Float[np.ndarray, " s"] = (
+        np.mod(angle[:, 1] - angle[:, 0] + np.pi, 2 * np.pi) - np.pi
+    )  # a segment is seen under less than half a turn
     begin = np.where(turn >= 0, angle[:, 0], angle[:, 0] + turn)
     begin = v[0] + np.mod(begin - v[0], 2 * np.pi)
     tiled = np.concatenate([v, v + 2 * np.pi])
     tolerance = 1e-12
     segment, line = _runs(
-        np.searchsorted(tiled, begin - tolerance, side="left"),
-        np.searchsorted(tiled, begin + np.abs(turn) + tolerance, side="right"),
+        _place(tiled, begin - tolerance, "left"),
+        _place(tiled, begin + np.abs(turn) + tolerance, "right"),
     )
     line = line % len(v)
     a, side = ends[segment, 0], ends[segment, 1] - ends[segment, 0]
     x, y = np.cos(v[line]), np.sin(v[line])
     across = x * side[:, 1] - y * side[:, 0]
     usable = np.abs(across) > 1e-9 * np.abs(side).max(axis=1)
-    offset = (a[:, 0] * side[:, 1] - a[:, 1] * side[:, 0]) / np.where(usable, across, 1.0)
-    offset = np.where(usable, offset, np.hypot(a[:, 0], a[:, 1]))
-    return line, segment, offset
+    met = (a[:, 0] * side[:, 1] - a[:, 1] * side[:, 0]) / np.where(usable, across, 1.0)
+    return line, segment, cast("Any", np.where(usable, met, np.hypot(a[:, 0], a[:, 1])))
+
+
+def _place(
+    planes: Float[np.ndarray, " m"], at: Float[np.ndarray, " n"], side: Literal["left", "right"]
+) -> Int[np.ndarray, " n"]:
+    return cast("Any", np.searchsorted(planes, at, side=side))
 
 
 def _runs(first: Int[np.ndarray, " n"], last: Int[np.ndarray, " n"]) -> tuple[np.ndarray, np.ndarray]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from math import inf, isfinite
+from typing import Any, cast
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -277,8 +278,7 @@ def _body(mesh: Mesh, facet: int) -> Int[np.ndarray, " f"]:
 def _cell_blocks(lattice: Float[np.ndarray, "a b ..."]) -> Float[np.ndarray, "r c 3 3 ..."]:
     """The nine lattice points of every cell."""
     rows, columns = (lattice.shape[0] - 1) // 2, (lattice.shape[1] - 1) // 2
-    i: Int[np.ndarray, "r 3"] = 2 * np.arange(rows)[:, None] + np.arange(3)
-    j: Int[np.ndarray, "c 3"] = 2 * np.arange(columns)[:, None] + np.arange(3)
+    i, j = (cast("Any", np.arange(3) + 2 * np.arange(count)[:, None]) for count in (rows, columns))
     return lattice[i[:, None, :, None], j[None, :, None, :]]
 
 

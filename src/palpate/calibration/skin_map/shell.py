@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Any, Literal, cast
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -32,19 +32,27 @@ _FINE = (3, 5)  # degree through vertices, which are exact: round a link a cubic
 _LEAST = 0.7  # of the rows that most spokes have, for a spoke to count
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Planes:
     """The user's own two families of planes: an axis, and where the planes stand on it and about it.
 
     Attributes:
         axis: a point [m] and the direction of the link's axis; found from the mesh if None.
-        heights: along the axis from the point [m]; chosen if None.
+        heights: along the axis from that point, or from the sheet's origin without one [m]; chosen if None.
         angles: about the axis [rad], from the spoke of the sheet's origin; chosen if None.
     """
 
     axis: tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]] | None = None
     heights: Float[np.ndarray, " n"] | None = None
     angles: Float[np.ndarray, " m"] | None = None
+
+    @property
+    def spaced(self) -> bool:
+        """Whether the user says where planes of a family stand."""
+        return self.heights is not None or self.angles is not None
+
+
+_ANY = Planes()
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,13 +117,12 @@ def shell(
         GeometryError: no part of the mesh about the origin can be seen along the lines of two families of planes.
     """
     triangles = mesh.vertices[mesh.faces[facets]]
-    planes = planes or Planes()
-    sections = None
-    if planes.axis is None and planes.angles is None:
-        chart, sections = _one_sided(triangles, mesh.normals[facets], origin, heading, normal, size)
-    if sections is None:
-        chart, sections = _round(mesh, facets, origin, planes)
-    return _fitted(mesh, facets, chart, sections, mode, control)
+    planes = planes or _ANY
+    found = None
+    if planes.axis is None and not planes.spaced:
+        found = _one_sided(triangles, mesh.normals[facets], origin, heading, normal, size)
+    chart, sections = found or _round(mesh, facets, origin, planes)
+    return _fitted(mesh, facets, chart, sections, mode, control, planes)
 
 
 def full_sections(
@@ -126,7 +133,7 @@ def full_sections(
     Raises:
         GeometryError: there are none, or no axis about which the link closes.
     """
-    chart, sections = _round(mesh, facets, origin, planes or Planes())
+    chart, sections = _round(mesh, facets, origin, planes or _ANY)
     rows, columns, periodic = _block(sections, True)
     if not periodic:
         raise GeometryError("the link does not close about an axis")
@@ -141,25 +148,24 @@ def _one_sided(
     heading: Float[np.ndarray, "3"],
     normal: Float[np.ndarray, "3"],
     size: tuple[float, float],
-) -> tuple[Chart, Sections | None]:
+) -> tuple[Chart, Sections] | None:
     """Parallel planes, where the sheet's place can be seen from one side: along its mean normal."""
     height, length = size
     margin = 0.15 * min(abs(height), length)
     low, high = min(0.0, -height) - margin, max(0.0, -height) + margin  # u falls where rows rise
     chart = flat_chart(origin, normal, heading)
+    found = None
     for count in (16, 16, 56):
         chart = flat_chart(origin, normal, heading)
         sections = cut(chart, triangles, np.linspace(low, high, count), np.linspace(-margin, length + margin, count))
         met = sections.facet[sections.facet >= 0]
         if len(met) < 0.5 * sections.facet.size:
-            return chart, None
+            return None
         facing = normals[met] * np.sign(normals[met] @ normal)[:, None]
-        if count == 56:
-            break
+        found = (chart, sections) if np.count_nonzero(facing @ normal < _SEEN) < 0.01 * len(met) else None
         normal = facing.mean(axis=0)
-        normal /= np.linalg.norm(normal)
-    steep = float(np.mean(facing @ normal < _SEEN))
-    return chart, sections if steep < 0.01 else None
+        normal = normal / np.linalg.norm(normal)
+    return found
 
 
 def _round(
@@ -169,15 +175,29 @@ def _round(
     chart = round_chart(triangles.mean(axis=1), mesh.normals[facets], mesh.areas[facets], origin, planes.axis)
     height = chart.local(triangles)[..., 0]
     low, high = float(height.min()), float(height.max())
-    if planes.heights is not None:
-        low, high = max(low, float(planes.heights[0])), min(high, float(planes.heights[-1]))
-    if not low < high:
-        raise GeometryError(
-            "no plane of the first family meets the link: give heights between "
-            f"{1e3 * float(height.min()):.1f} and {1e3 * float(height.max()):.1f} mm from the point of the axis"
-        )
+    own, _ = _own(planes, chart)
+    if own is not None:
+        shift = float(own[0] - np.min(_given(planes.heights)))
+        said = f"between {1e3 * (low - shift):.1f} and {1e3 * (high - shift):.1f} mm along the axis"
+        low, high = max(low, float(own[0])), min(high, float(own[-1]))
+        if not low < high:
+            raise GeometryError(f"no two planes of the first family meet the link: give heights {said}")
     spokes = np.linspace(-np.pi, np.pi, _SPOKES, endpoint=False)
     return chart, cut(chart, triangles, np.linspace(low, high, _ROWS), spokes)
+
+
+def _own(planes: Planes, chart: Chart) -> tuple[Float[np.ndarray, " _"] | None, Float[np.ndarray, " _"] | None]:
+    """The user's planes as parameters of the chart, in order."""
+    shift = 0.0 if planes.axis is None else float(chart.axes[2] @ (np.asarray(planes.axis[0]) - chart.centre))
+    u = None if planes.heights is None else np.unique(_given(planes.heights)) + shift
+    return u, None if planes.angles is None else np.unique(np.mod(_given(planes.angles) + np.pi, 2 * np.pi) - np.pi)
+
+
+def _given(values: Float[np.ndarray, " n"] | None) -> Float[np.ndarray, " n"]:
+    array = np.zeros(0) if values is None else np.asarray(values, dtype=np.float64)
+    if array.ndim != 1 or len(array) < 2 or not np.isfinite(array).all():
+        raise GeometryError("planes of a family must be at least two numbers")
+    return array
 
 
 def _block(sections: Sections, round_about: bool) -> tuple[slice, slice, bool]:
@@ -212,7 +232,7 @@ def _without_rims(rows: slice, normals: Float[np.ndarray, "f 3"], met: Int[np.nd
     cosine = np.abs(np.einsum("nmi,nmi->nm", grid[1:], grid[:-1]))
     turn = np.quantile(np.arccos(np.clip(cosine, 0.0, 1.0)), 0.9, axis=1)
     usual = max(_RIM, 2.0 * float(turn[2:-2].max(initial=0.0)))
-    first, last = (int(np.count_nonzero(np.cumprod(end[:3] > usual))) for end in (turn, turn[::-1]))
+    first, last = (int(cast("Any", np.cumprod(end[:3] > usual)).sum()) for end in (turn, turn[::-1]))
     return slice(rows.start + first, rows.stop - last)
 
 
@@ -231,6 +251,7 @@ def _fitted(
     sections: Sections,
     mode: Mode | None,
     control: int,
+    planes: Planes,
 ) -> Shell:
     triangles = mesh.vertices[mesh.faces[facets]]
     rows, columns, periodic = _block(sections, chart.round)
@@ -249,7 +270,8 @@ def _fitted(
     used = np.unique(met[place])
     extents = _extents(chart, triangles[used])
     apart = float(np.median(extents[:, 0])), float(np.median(extents[:, 1]))
-    if (mode or chosen) == "vertices" and extents[:, 1].max() < _UNEVEN * apart[1]:
+    own = _own(planes, chart)
+    if (mode or chosen) == "vertices" and not planes.spaced and extents[:, 1].max() < _UNEVEN * apart[1]:
         corners = _corners(mesh, facets[used], chart, span, steps)
         surface, distance = _through_vertices(chart, periodic, span, *corners, apart)
     else:
@@ -258,7 +280,7 @@ def _fitted(
             points, normals = _lifted(mesh, facets[met[place]], points, spokes)
             enough = _ENOUGH if sag < _COARSE else enough
         data = points, normals, uv
-        surface, distance = _along_facets(chart, periodic, span, data, steps, control, enough)
+        surface, distance = _along_facets(chart, periodic, span, data, steps, control, enough, own)
     size = float(np.abs(distance).mean()), float(np.abs(distance).max())
     return Shell(surface, chart, sections, mode or chosen, size, (why,) if mode is None else ())
 
@@ -349,8 +371,9 @@ def _along_facets(
     steps: tuple[float, float],
     control: int,
     enough: float,
+    own: tuple[Float[np.ndarray, " _"] | None, Float[np.ndarray, " _"] | None],
 ) -> tuple[BSplineSurface, Float[np.ndarray, " k"]]:
-    """Along all of the mesh's outside, with knots where it bends."""
+    """Along all of the mesh's outside, with knots where it bends, or in the user's own planes."""
     points, normals, uv = data
 
     def fitted(breaks: Breaks) -> tuple[BSplineSurface, Float[np.ndarray, " k"]]:
@@ -359,7 +382,17 @@ def _along_facets(
 
     begin = (4, 21) if periodic else (5, 9)
     breaks = np.linspace(*span[0], begin[0]), np.linspace(*span[1], begin[1])
+    if any(mine is not None for mine in own):
+        u, v = (breaks[axis] if mine is None else _clipped(mine, span[axis]) for axis, mine in enumerate(own))
+        return fitted((u, v))
     return refined(fitted, breaks, uv, (1.5 * steps[0], 1.5 * steps[1]), control, enough)
+
+
+def _clipped(places: Float[np.ndarray, " n"], span: tuple[float, float]) -> Float[np.ndarray, " k"]:
+    """Breaks at some places and at both ends."""
+    least = 1e-6 * (span[1] - span[0])
+    inner = places[(places > span[0] + least) & (places < span[1] - least)]
+    return np.concatenate([span[:1], inner, span[1:]])
 
 
 def _through_vertices(
@@ -375,13 +408,14 @@ def _through_vertices(
     breaks, degree = _sampled(target, apart, periodic, span)
     uv = target[:, :2].copy()
     knots = knots_of(breaks, periodic, degree)
-    for _ in range(3):
-        surface = fit(chart, knots, vertices, normals, uv, periodic=periodic, degree=degree)
+    surface = fit(chart, knots, vertices, normals, uv, periodic=periodic, degree=degree)
+    for _ in range(2):
         found, normals = surface.at(uv)
         off = target[:, :2] - chart.coordinates(found)[:, :2]
         if chart.round:
             off[:, 1] = np.mod(off[:, 1] + np.pi, 2 * np.pi) - np.pi
         uv = uv + off  # lines of the chart are nearly, not quite, lines of the spline
+        surface = fit(chart, knots, vertices, normals, uv, periodic=periodic, degree=degree)
     return surface, np.einsum("ki,ki->k", vertices - surface.at(uv)[0], normals)
 
 
