@@ -1,4 +1,4 @@
-"""Where cells sit: the fit to the paper's own wrist, lengths on shapes whose unrolled sheet is known, strain, hard meshes."""
+"""Where cells sit: the fit to the paper's own wrist, lengths where the unrolled sheet is known, strain, hard meshes."""
 
 from __future__ import annotations
 
@@ -57,7 +57,8 @@ def wrist() -> Mesh | None:
 def _table_2(link: Mesh, small: bool) -> Iterator[Row]:
     for name, target, values, took, limits in table(link, small):
         mean, worst = values[:, 1].max(), values[:, 2].max()
-        got = "; ".join(f"{way} {low:.3f}, {most:.3f}, {mid:.3f}" for way, (low, mid, most) in zip(("to mesh", "from mesh"), values, strict=True))  # fmt: skip
+        ways = zip(("to mesh", "from mesh"), values, strict=True)
+        got = "; ".join(f"{way} {low:.3f}, {most:.3f}, {mid:.3f}" for way, (low, mid, most) in ways)
         passed = None if limits is None else mean <= limits[0] and worst <= limits[1]
         yield Row(NAME, f"table 2, min, max, mean in mm: {name}", target, f"{got}; {took:.1f} ms", passed, COMMAND)
 
@@ -245,7 +246,9 @@ def _strain(link: Mesh | None, small: bool) -> Iterator[Row]:
         if surface is not cases["sphere, R = 100 mm, 6 x 12"][0] and small:
             continue
         energies = [general(surface, begin, heading, size, cells, per) ** 2 for per in ((1, 2) if small else (1, 2, 4))]
-        limit = np.sqrt(energies[-1] - (energies[-2] - energies[-1]) / 3.0)  # its error falls with the square of the step
+        limit = np.sqrt(
+            energies[-1] - (energies[-2] - energies[-1]) / 3.0
+        )  # its error falls with the square of the step
         finer = [lay(surface, begin, heading, size, cells, elements=len_) for len_ in (cells[1] // 2, cells[1], 128)]
         got = f"bilinear general {', '.join(f'{100 * np.sqrt(e):.3f}' for e in energies)} -> {100 * limit:.3f} %; "
         got += f"ours with 1/2, 1, 2 elements a cell {', '.join(f'{100 * f.rms:.3f}' for f in finer)} %, "

@@ -45,7 +45,7 @@ def map_skin(
 
     Args:
         mesh: of the link: STL, OBJ, PLY or DAE, as its maker ships it.
-        unit: of the mesh's numbers, and of --origin, --axis and --known: m, cm, mm, um or in.
+        unit: of the mesh's numbers, and of --origin, --axis, --heights and --known: m, cm, mm, um or in.
         sheet: rows x columns of cells, such as 6x22.
         cell: size of a cell [mm], or its height along a column and width along a row, such as 10x8.
         origin: outer corner of cell (0, 0), on the mesh.

@@ -122,7 +122,7 @@ def placed(
     point, direction = _vector(origin, "origin"), _vector(heading, "heading")
     foot, normal, facet = _foot(mesh, point, sheet)
     along = direction - normal * (direction @ normal)
-    if not np.linalg.norm(along) > 1e-6 * np.linalg.norm(direction):
+    if not np.linalg.norm(along) > 1e-2 * np.linalg.norm(direction):
         raise InputError("points along the normal of the surface.", where="heading", mend="Give one along it.")
     return foot, along / np.linalg.norm(along), normal, _body(mesh, facet)
 

@@ -118,11 +118,16 @@ def shell(
     """
     triangles = mesh.vertices[mesh.faces[facets]]
     planes = planes or _ANY
-    found = None
+    found, whole = None, False
     if planes.axis is None and not planes.spaced:
-        found = _one_sided(triangles, mesh.normals[facets], origin, heading, normal, size)
-    chart, sections = found or _round(mesh, facets, origin, planes)
-    return _fitted(mesh, facets, chart, sections, mode, control, planes)
+        found, whole = _one_sided(triangles, mesh.normals[facets], origin, heading, normal, size)
+    if found is None or not whole:
+        try:
+            return _fitted(mesh, facets, *_round(mesh, facets, origin, planes), mode, control, planes)
+        except GeometryError:
+            if found is None:
+                raise
+    return _fitted(mesh, facets, *found, mode, control, planes)
 
 
 def full_sections(
@@ -148,24 +153,26 @@ def _one_sided(
     heading: Float[np.ndarray, "3"],
     normal: Float[np.ndarray, "3"],
     size: tuple[float, float],
-) -> tuple[Chart, Sections] | None:
-    """Parallel planes, where the sheet's place can be seen from one side: along its mean normal."""
+) -> tuple[tuple[Chart, Sections] | None, bool]:
+    """Parallel planes, where the sheet's place can be seen from one side: along its mean normal; whether all of it."""
     height, length = size
     margin = 0.15 * min(abs(height), length)
     low, high = min(0.0, -height) - margin, max(0.0, -height) + margin  # u falls where rows rise
     chart = flat_chart(origin, normal, heading)
-    found = None
+    found, whole = None, False
     for count in (16, 16, 56):
         chart = flat_chart(origin, normal, heading)
         sections = cut(chart, triangles, np.linspace(low, high, count), np.linspace(-margin, length + margin, count))
         met = sections.facet[sections.facet >= 0]
         if len(met) < 0.5 * sections.facet.size:
-            return None
+            return None, False
         facing = normals[met] * np.sign(normals[met] @ normal)[:, None]
         found = (chart, sections) if np.count_nonzero(facing @ normal < _SEEN) < 0.01 * len(met) else None
         normal = facing.mean(axis=0)
         normal = normal / np.linalg.norm(normal)
-    return found
+        inner = sections.facet[2 * count // 10 : 8 * count // 10, count // 10 : 8 * count // 10]
+        whole = bool(np.mean(inner >= 0) > 0.9)
+    return found, whole
 
 
 def _round(
@@ -304,7 +311,7 @@ def _lifted(
 ) -> tuple[Float[np.ndarray, "k 3"], Float[np.ndarray, "k 3"]]:
     """Points of facets moved half way to the planes across their corners' normals: on a circle, onto its arc.
 
-    The mean is weighed by how near each corner is (Phong tessellation, Boubekeur and Alexa 2008).
+    The mean is weighed by how near each corner is [phong].
     """
     corners, slopes = mesh.vertices[mesh.faces[met]], mesh.corner_normals[met]
     a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
