@@ -89,12 +89,9 @@ def lay(
         elements: of the displacement's spline, along either side at most.
     """
     sign = -1.0 if flip else 1.0
-    spans = [max(2, min(_PER * count, elements)) for count in cells]
-    knots = [open_knots(np.linspace(0.0, length, count + 1)) for length, count in zip(size, spans, strict=True)]
-    gauss = [_gauss(length, count) for length, count in zip(size, spans, strict=True)]
-    nodes = [greville(k, 3) for k in knots]
+    coarse, fine = (_Grid(size, [max(2, min(per * count, elements)) for count in cells]) for per in (1, _PER))
     lattice = [np.linspace(0.0, length, 2 * count + 1) for length, count in zip(size, cells, strict=True)]
-    y, x = (np.unique(np.concatenate(places)) for places in zip(gauss, nodes, lattice, strict=True))
+    y, x = (np.unique(np.concatenate(places)) for places in zip(fine.gauss, coarse.nodes, lattice, strict=True))
 
     def at(places: list[Float[np.ndarray, " _"]]) -> Float[np.ndarray, "_ _ 6"]:
         return fan[np.ix_(np.searchsorted(y, places[0]), np.searchsorted(x, places[1]))]
@@ -102,20 +99,51 @@ def lay(
     fan = _fan(surface, start, heading, x, y, sign)
     if look is not None:
         look(at(lattice)[..., :2])
-    bases = [basis_matrices(k, 3, g) for k, g in zip(knots, gauss, strict=True)]
-    problem, laid = _Problem(surface, bounds, at(gauss), bases), at(lattice)[..., :2]
-    control = np.zeros((len(nodes[0]), len(nodes[1]), 2))
-    strain, _, _, weights = problem.strain(control)
-    if np.sqrt(_energy(strain, weights)) > _BENT:
-        inverse = [np.linalg.inv(basis_matrices(k, 3, n)[0]) for k, n in zip(knots, nodes, strict=True)]
-        control = _spread(inverse[0], at(nodes)[..., :2], inverse[1])
-        problem, laid = _Problem(surface, bounds, np.zeros_like(problem.fan), bases), np.zeros_like(laid)
     held = lattice[1][2 * min(_HELD, cells[1])]
-    share = basis_matrices(knots[1], 3, np.array([held]))[0][0]
-    control, rounds = problem.solve(control, (share, _across(surface, fan[0, np.searchsorted(x, held)])))
+    side = _across(surface, fan[0, np.searchsorted(x, held)])
+    problem, laid = _Problem(surface, bounds, fine, at(fine.gauss)), at(lattice)[..., :2]
+    control = np.zeros((*fine.shape, 2))
     strain, _, _, weights = problem.strain(control)
-    by, bx = (basis_matrices(k, 3, places)[0] for k, places in zip(knots, lattice, strict=True))
-    return Layout(laid + _spread(by, control, bx), *_principal(strain, weights), rounds)
+    if np.sqrt(_energy(strain, weights)) > _BENT:  # without geodesics, and first on elements as large as cells
+        first = _Problem(surface, bounds, coarse, None)
+        control, _ = first.solve(coarse.through(at(coarse.nodes)[..., :2]), (coarse.along(held), side), 0.2)
+        control = fine.through(coarse.at(control, fine.nodes))
+        problem, laid = _Problem(surface, bounds, fine, None), np.zeros_like(laid)
+    control, rounds = problem.solve(control, (fine.along(held), side))
+    strain, _, _, weights = problem.strain(control)
+    return Layout(laid + fine.at(control, lattice), *_principal(strain, weights), rounds)
+
+
+class _Grid:
+    """Cubic splines over the sheet: their knots, the Gauss points of their elements, and where they can be read off."""
+
+    def __init__(self, size: tuple[float, float], spans: list[int]) -> None:
+        sides = list(zip(size, spans, strict=True))
+        self.knots = [open_knots(np.linspace(0.0, length, count + 1)) for length, count in sides]
+        self.gauss = [_gauss(length, count) for length, count in sides]
+        self.nodes = [greville(knots, 3) for knots in self.knots]
+        self.bases = [basis_matrices(knots, 3, places) for knots, places in zip(self.knots, self.gauss, strict=True)]
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Of the control points."""
+        return len(self.nodes[0]), len(self.nodes[1])
+
+    def through(self, values: Float[np.ndarray, "a b 2"]) -> Float[np.ndarray, "a b 2"]:
+        """Control points of the spline with these values at the nodes."""
+        left, right = (np.linalg.inv(basis_matrices(k, 3, n)[0]) for k, n in zip(self.knots, self.nodes, strict=True))
+        return _spread(left, values, right)
+
+    def at(
+        self, control: Float[np.ndarray, "a b 2"], places: list[Float[np.ndarray, " _"]]
+    ) -> Float[np.ndarray, "n m 2"]:
+        """Values of the spline on a lattice."""
+        left, right = (basis_matrices(k, 3, p)[0] for k, p in zip(self.knots, places, strict=True))
+        return _spread(left, control, right)
+
+    def along(self, place: float) -> Float[np.ndarray, " b"]:
+        """What the first edge's control points have to say at a place on it."""
+        return basis_matrices(self.knots[1], 3, np.array([place]))[0][0]
 
 
 def _across(surface: Parametric, state: Float[np.ndarray, "6"]) -> Float[np.ndarray, "2"]:
@@ -214,11 +242,12 @@ class _Problem:
         self,
         surface: Parametric,
         bounds: tuple[tuple[float, float], tuple[float, float]],
-        fan: Float[np.ndarray, "n m 6"],
-        bases: list[tuple[Float[np.ndarray, "_ _"], Float[np.ndarray, "_ _"]]],
+        grid: _Grid,
+        fan: Float[np.ndarray, "n m 6"] | None,
     ) -> None:
-        self.surface, self.bounds, self.fan = surface, np.array(bounds), fan
-        (self.by, self.dy), (self.bx, self.dx) = bases
+        self.surface, self.bounds = surface, np.array(bounds)
+        (self.by, self.dy), (self.bx, self.dx) = grid.bases
+        self.fan = np.zeros((len(self.by), len(self.bx), 6)) if fan is None else fan
 
     def strain(self, control: Float[np.ndarray, "a b 2"]) -> tuple[np.ndarray, ...]:
         """E_xx, E_yy and E_xy (n, m, 3); the surface there; how its parameters grow along x and y; weights."""
@@ -233,9 +262,12 @@ class _Problem:
         return np.stack([xx - 0.5, yy - 0.5, xy], axis=-1), found, np.stack([ux, uy], axis=2), weights
 
     def solve(
-        self, control: Float[np.ndarray, "a b 2"], anchor: tuple[Float[np.ndarray, " b"], Float[np.ndarray, "2"]]
+        self,
+        control: Float[np.ndarray, "a b 2"],
+        anchor: tuple[Float[np.ndarray, " b"], Float[np.ndarray, "2"]],
+        enough: float = 1e-3,
     ) -> tuple[Float[np.ndarray, "a b 2"], int]:
-        """Gauss-Newton; a step that does not help is halved."""
+        """Gauss-Newton, until a step gains less than `enough` of what is left; a step that does not help is halved."""
         state = self.strain(control)
         energy = _energy(state[0], state[3])
         for rounds in range(_ROUNDS):
@@ -251,7 +283,7 @@ class _Problem:
             else:
                 return control, rounds
             control, state, gained, energy = control + step, trial, energy - fresh, fresh
-            if gained < 1e-4 * energy:
+            if gained < enough * energy:
                 return control, rounds + 1
         return control, _ROUNDS
 
