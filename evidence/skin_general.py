@@ -1,7 +1,7 @@
 """The least strain of a sheet by a general optimiser: scipy's trust region with a numerical Jacobian, no geodesics.
 
-The surface's parameters are a spline over the sheet: bilinear, which is another discretisation than ours, or cubic, which
-is ours. Green strain at 2 x 2 Gauss points of every square. It starts from straight lines in the parameters.
+The surface's parameters are a spline over the sheet: bilinear, which is another discretisation than ours, or cubic,
+which is ours. Green strain at 2 x 2 Gauss points of every square. It starts from straight lines in the parameters.
 """
 
 from __future__ import annotations

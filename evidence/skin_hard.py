@@ -41,7 +41,8 @@ def hard_rows(name: str, command: str, small: bool, link: Mesh | None) -> Iterat
     }.items():
         got = off(mesh)
         yield row(f"{what}: the map of the clean mesh", "<= 0.001 mm", got, float(got.split()[1]) <= 1e-3)
-    yield row("a sharp edge (square link, edges of 90 deg)", "mapped or refused with the reason", *_tried(box_link(), Sheet(4, 10, (0.01, 0.01)), (0.03, -0.02, -0.02), (0, 1, 0)))  # fmt: skip
+    got = _tried(box_link(), Sheet(4, 10, (0.01, 0.01)), (0.03, -0.02, -0.02), (0, 1, 0))
+    yield row("a sharp edge (square link, edges of 90 deg)", "mapped or refused with the reason", *got)
     for size in (0.006, 0.03):
         what = f"a hole of {2e3 * size:.0f} mm under the sheet"
         yield row(what, "mapped or refused with the reason", *_tried(holed(clean, size), sheet, START, AHEAD))
@@ -52,7 +53,8 @@ def hard_rows(name: str, command: str, small: bool, link: Mesh | None) -> Iterat
         begin = time.perf_counter()
         got = off(mesh)
         took = time.perf_counter() - begin
-        yield row(f"{len(mesh.faces):,} triangles: from the map of 3,072", "<= 0.1 mm", f"{got}, {took:.2f} s the first time", float(got.split()[1]) <= 0.1)  # fmt: skip
+        what = f"{len(mesh.faces):,} triangles: from the map of 3,072"
+        yield row(what, "<= 0.1 mm", f"{got}, {took:.2f} s the first time", float(got.split()[1]) <= 0.1)
     yield from _bad_input(name, command, clean)
 
 
@@ -87,7 +89,8 @@ def box_link() -> Mesh:
     """A square tube of 60 mm, open at its ends."""
     corners = 0.03 * np.array([[1, -1], [1, 1], [-1, 1], [-1, -1]])
     vertices = np.array([(x, y, z) for z in (-0.05, 0.05) for x, y in corners])
-    return Mesh.from_arrays(vertices, [f for i in range(4) for f in ((i, (i + 1) % 4, 4 + (i + 1) % 4), (i, 4 + (i + 1) % 4, 4 + i))])  # fmt: skip
+    sides = [(i, (i + 1) % 4) for i in range(4)]
+    return Mesh.from_arrays(vertices, [f for i, j in sides for f in ((i, j, 4 + j), (i, 4 + j, 4 + i))])
 
 
 def holed(mesh: Mesh, radius: float) -> Mesh:
@@ -114,7 +117,8 @@ def _seam(name: str, command: str, mesh: Mesh) -> Row:
         step = np.linalg.norm(np.diff(found.centres, axis=1), axis=-1)
         worst = max(worst, 1e3 * float(np.abs(step - 0.01).max()))
     got = f"neighbours' distance differs from 10 mm by {worst:.2f} mm at most (chords of arcs, and strain)"
-    return Row(name, "a closed wrist, the seam anywhere: 12 origins round it, 4 x 22 cells", "<= 0.5 mm", got, worst <= 0.5, command)  # fmt: skip
+    what = "a closed wrist, the seam anywhere: 12 origins round it, 4 x 22 cells"
+    return Row(name, what, "<= 0.5 mm", got, worst <= 0.5, command)
 
 
 def _bad_input(name: str, command: str, mesh: Mesh) -> Iterator[Row]:
@@ -138,12 +142,14 @@ def _bad_input(name: str, command: str, mesh: Mesh) -> Iterator[Row]:
         for what, change in bad.items():
             options = {**good, "-o": "map.toml", **change}
             options["-o"] = str(Path(scratch) / options["-o"])
-            done = cli("map", "skin", file, *(f"{key}={value}" if key[1] == "-" else f"{key}" for key, value in options.items() if key != "-o"), "-o", options["-o"])  # fmt: skip
+            out = options.pop("-o")
+            done = cli("map", "skin", file, *(f"{key}={value}" for key, value in options.items()), "-o", out)
             sentence = done.stderr.strip().replace(f"{scratch}/", "")
             fine = done.returncode not in (0, None) and "Traceback" not in done.stderr and sentence.count("\n") == 0
             said.append((fine, f"{what}: {sentence}"))
     got = "; ".join(text for _, text in said)
-    yield Row(name, f"bad input for maps, {len(said)} kinds: a sentence, exit code not 0, no traceback", "all", got, all(fine for fine, _ in said), command)  # fmt: skip
+    what = f"bad input for maps, {len(said)} kinds: a sentence, exit code not 0, no traceback"
+    yield Row(name, what, "all", got, all(fine for fine, _ in said), command)
 
 
 def _text(values: np.ndarray) -> str:

@@ -95,7 +95,7 @@ def table(link: Mesh, small: bool) -> Iterator[tuple[str, str, np.ndarray, float
 
 
 def _both_ways(surface: BSplineSurface, given: Mesh, outside: np.ndarray) -> np.ndarray:
-    """Min, mean, max [mm] of the spline's points from the mesh, and of the mesh's from the spline, finely tessellated."""
+    """Min, mean, max [mm] of the spline's points from the mesh, and of the mesh's from the spline, finely meshed."""
     (u0, u1), (v0, v1) = surface.domain
     inner = np.stack(np.meshgrid(np.linspace(u0, u1, 61), np.linspace(v0, v1, 361), indexing="ij"), axis=-1)
     points, _ = surface.at(inner)

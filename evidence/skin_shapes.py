@@ -22,7 +22,7 @@ def _stack(*parts: np.ndarray) -> np.ndarray:
 
 
 class Cone:
-    """A cone (a cylinder where the angle is 0) about z: u along a side from the circle of radius R, v round, clockwise."""
+    """A cone (a cylinder where the angle is 0) about z: u along a side from a circle of radius R, v clockwise."""
 
     def __init__(self, radius: float, degrees: float) -> None:
         self.radius, self.angle = radius, np.radians(degrees)
@@ -101,9 +101,9 @@ class Sphere:
 
     def derivatives(self, uv: np.ndarray) -> np.ndarray:
         """Position and its derivatives."""
-        r = self.radius
-        return _turned(r * np.cos(uv[..., 0] / r), -np.sin(uv[..., 0] / r), -np.cos(uv[..., 0] / r) / r,
-                       r * np.sin(uv[..., 0] / r), np.cos(uv[..., 0] / r), -np.sin(uv[..., 0] / r) / r, uv[..., 1])  # fmt: skip
+        r, w = self.radius, uv[..., 0] / self.radius
+        c, s = np.cos(w), np.sin(w)
+        return _turned(r * c, -s, -c / r, r * s, c, -s / r, uv[..., 1])
 
     def point(self, z: np.ndarray, angle: np.ndarray) -> np.ndarray:
         """By height and angle, for meshes."""

@@ -35,11 +35,11 @@ def main() -> int:
     options = parser.parse_args()
     link = wrist()
     if link is None:
-        print("no shared data: set PALPATE_SHARED, or put it in ../shared beside the project", file=sys.stderr)
+        sys.stderr.write("no shared data: set PALPATE_SHARED, or put it in ../shared beside the project\n")
         return 1
     text = "\n".join(_page(link, options.small))
     if options.small:
-        print(text)
+        sys.stdout.write(text)
     else:
         PAGE.write_text(text, encoding="utf-8")
     return 0
@@ -57,7 +57,7 @@ def _page(link: Mesh, small: bool) -> Iterator[str]:
         "",
         "## Table 2: distance of spline and mesh",
         "",
-        "Theirs was measured with MeshLab, on a crop of the mesh and planes that are not told; ours on the points of one",
+        "Theirs was measured with MeshLab, on a crop of the mesh and planes that are not told; ours on points of one",
         "against the other surface, both ways. The text does not say the degree, nor on how many sides of the axis a",
         "plane counts: we read cubics and both sides (2 m half planes). *literal* gives the section's points uniform",
         "parameters and stacks the curves' control points as the surface's; with clamped uniform knots both are wrong",
@@ -84,9 +84,9 @@ def _figures(link: Mesh) -> Iterator[str]:
         "",
         "## Figures 6 to 8: where cells are and which way they face",
         "",
-        "The figures compare the map with a force/torque sensor and with motion capture; those recordings are not public,",
-        "and a simulated bench stands for them (`python -m evidence --only skin_contacts`). What the map itself adds to",
-        "their errors can be shown: cells of the paper's way (equal parameters over the whole link) beside cells of a",
+        "The figures compare the map with a force/torque sensor and with motion capture; those recordings are not",
+        "public, and a simulated bench stands for them (`python -m evidence --only skin_contacts`). What the map itself",
+        "adds to their errors can be shown: cells of the paper's way (equal parameters over the whole link) beside cells of a",
         "sheet that does not stretch, on the same mesh, from the same corner.",
         "",
         "| | mean | worst |",
@@ -100,7 +100,8 @@ def _figures(link: Mesh) -> Iterator[str]:
     for name, skin in (*others.items(), ("ours", ours)):
         for axis, what in ((1, "columns"), (0, "rows")):
             step = 1e3 * np.linalg.norm(np.diff(skin.centres, axis=axis), axis=-1)
-            yield f"| {name}: between neighbouring {what} (10 on the sheet) [mm] | {step.mean():.2f} | {step.flat[np.abs(step - 10).argmax()]:.2f} |"  # fmt: skip
+            worst = step.flat[np.abs(step - 10).argmax()]
+            yield f"| {name}: between neighbouring {what} (10 on the sheet) [mm] | {step.mean():.2f} | {worst:.2f} |"
     yield from [
         "",
         f"Ours: strain {100 * ours.strain[0]:.2f} % rms, {100 * ours.strain[1]:.1f} % at worst; "

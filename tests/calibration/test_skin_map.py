@@ -177,6 +177,16 @@ def test_planes_of_the_users_own_are_taken(wrist_like: Mesh, found: SkinMap) -> 
     assert np.linalg.norm(again.centres - found.centres, axis=-1).max() < 1e-4  # the same shape by other planes
 
 
+def test_where_the_users_planes_stand_pieces_of_the_spline_meet(wrist_like: Mesh, found: SkinMap) -> None:
+    heights, angles = np.array([-0.04, -0.02, 0.0, 0.02, 0.04]), np.radians(np.arange(-180, 180, 15.0))
+    planes = Planes((np.zeros(3), np.array([0.0, 0.0, 1.0])), heights, angles)
+    again = map_skin(wrist_like, SMALL, origin=START, heading=AHEAD, planes=planes)
+    assert again.surface is not None
+    assert np.allclose(np.diff(np.unique(again.surface.knots_v)), np.radians(15.0))
+    assert again.surface.points == (5 + 2) * 24
+    assert np.linalg.norm(again.centres - found.centres, axis=-1).max() < 3e-4  # the facets' curvature is estimated
+
+
 def test_the_papers_way_is_there_by_name(wrist_like: Mesh) -> None:
     cells = paper_map(wrist_like, Sheet(6, 22, (0.01, 0.01)), origin=START, heading=AHEAD)
     assert "paper's way, literal" in cells.notes[0]
