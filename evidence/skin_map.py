@@ -74,9 +74,9 @@ def table(link: Mesh, small: bool) -> Iterator[tuple[str, str, np.ndarray, float
     offsets = cut(chart, triangles, u, v).offset
     starts, spokes = chart.lines(u[:, None], v[None, :])
     outside = (starts + offsets[..., None] * spokes).reshape(-1, 3)
-    for reading in ("literal", "greville"):
-        for n in (5, 10):
-            for m in (5, 10):
+    for reading in ("greville",) if small else ("literal", "greville"):
+        for n in (10,) if small else (5, 10):
+            for m in (10,) if small else (5, 10):
 
                 def made(n: int = n, m: int = m, reading=reading) -> BSplineSurface:
                     return paper_surface(chart, triangles, span, n, m, reading)
@@ -84,24 +84,30 @@ def table(link: Mesh, small: bool) -> Iterator[tuple[str, str, np.ndarray, float
                 limits = (0.15, 0.60) if reading == "greville" and n == m == 10 else None
                 target = "<= 0.15 mean, 0.60 worst" if limits else "the paper's 10, 10: 0.854 mean, 3.856 worst"
                 name = f"the paper's way, {reading}, cubic, 2 m half planes, n = {n}, m = {m}"
-                yield name, target, _both_ways(made(), given, outside), 1e3 * _best(made, 5), limits
+                yield name, target, _both_ways(made(), given, outside, small), 1e3 * _best(made, 5), limits
 
     def ours() -> BSplineSurface:
         return shell(link, body, foot, along, normal, SHEET.size, mode="facets").surface
 
     surface = ours()
     name = f"ours, along facets, {surface.points} control points"
-    yield name, "<= 0.10 mean, 0.60 worst", _both_ways(surface, given, outside), 1e3 * _best(ours, 5), (0.10, 0.60)
+    yield (
+        name,
+        "<= 0.10 mean, 0.60 worst",
+        _both_ways(surface, given, outside, small),
+        1e3 * _best(ours, 5),
+        (0.10, 0.60),
+    )
 
 
-def _both_ways(surface: BSplineSurface, given: Mesh, outside: np.ndarray) -> np.ndarray:
+def _both_ways(surface: BSplineSurface, given: Mesh, outside: np.ndarray, small: bool) -> np.ndarray:
     """Min, mean, max [mm] of the spline's points from the mesh, and of the mesh's from the spline, finely meshed."""
     (u0, u1), (v0, v1) = surface.domain
     inner = np.stack(np.meshgrid(np.linspace(u0, u1, 61), np.linspace(v0, v1, 361), indexing="ij"), axis=-1)
     points, _ = surface.at(inner)
     flat = points.reshape(-1, 3)
     to_mesh = np.linalg.norm(flat - given.project(flat)[0], axis=1)
-    fine = surface.mesh(200, 800)
+    fine = surface.mesh(60, 240) if small else surface.mesh(200, 800)
     from_mesh = np.linalg.norm(outside - fine.project(outside)[0], axis=1)
     return 1e3 * np.array([[d.min(), d.mean(), d.max()] for d in (to_mesh, from_mesh)])
 
@@ -124,7 +130,7 @@ def _time(link: Mesh, small: bool) -> Iterator[Row]:
         spline = 1e3 * _best(lambda mode=mode: shell(link, body, foot, along, normal, SHEET.size, mode=mode), times)
         whole = 1e3 * _best(lambda mode=mode: map_skin(link, SHEET, origin=ORIGIN, heading=HEADING, mode=mode), times)
         got = f"{spline:.1f} ms; {whole:.1f} ms with the layout and all else (best of {times}; the paper 344-766 ms)"
-        passed = spline <= 15 and whole <= 100
+        passed = None if small else spline <= 15 and whole <= 100  # never judged where others may be running
         yield Row(
             NAME, f"time, {mode}, warm, from a loaded mesh", "spline <= 15 ms, all <= 100 ms", got, passed, COMMAND
         )
@@ -231,7 +237,9 @@ def _strain(link: Mesh | None, small: bool) -> Iterator[Row]:
         "sphere, R = 100 mm, 6 x 12": (Sphere(0.1), start, west, (6, 12)),
         "torus patch, 80 + 60 mm, 6 x 12": (Torus(0.08, 0.06), start, west, (6, 12)),
     }
-    if link is not None:
+    if small:
+        cases.popitem()
+    elif link is not None:
         found = map_skin(link, SHEET, origin=ORIGIN, heading=HEADING)
         assert found.surface is not None
         begin = found.surface.nearest(ORIGIN[None], _first_uv(found))[0]
@@ -243,9 +251,9 @@ def _strain(link: Mesh | None, small: bool) -> Iterator[Row]:
         got = f"{100 * ours.rms:.3f} % rms, {100 * ours.worst:.2f} % worst in {ours.rounds} rounds; {100 * same:.3f} %"
         what = f"least strain, {name}: rms against a general optimiser's over the same splines"
         yield Row(NAME, what, "within 2 %", got, abs(ours.rms / same - 1.0) <= 0.02, COMMAND)
-        if surface is not cases["sphere, R = 100 mm, 6 x 12"][0] and small:
+        if small:
             continue
-        energies = [general(surface, begin, heading, size, cells, per) ** 2 for per in ((1, 2) if small else (1, 2, 4))]
+        energies = [general(surface, begin, heading, size, cells, per) ** 2 for per in (1, 2, 4)]
         limit = np.sqrt(
             energies[-1] - (energies[-2] - energies[-1]) / 3.0
         )  # its error falls with the square of the step

@@ -19,7 +19,7 @@ from palpate.surfaces.mesh import Mesh
 __all__ = ["Mode", "Planes", "Shell", "full_sections", "shell"]
 
 Mode = Literal["facets", "vertices"]
-_ROWS, _SPOKES = 36, 96  # planes of either family that look at the mesh
+_ROWS, _SPOKES = 32, 96  # planes of either family that look at the mesh
 _SEEN = np.cos(np.radians(65.0))  # facets that are steeper to a flat chart's lines are not seen from one side
 _COARSE = 3e-5  # m between a chord and its arc: below it facets and vertices are the same, and arcs are taken
 _RIPPLE = 0.5  # of that height, rms: what is left between facets and a smooth surface needs no more control points
