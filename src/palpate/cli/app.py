@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from tyro.extras import SubcommandApp
 
 from palpate.cli.calibrate_clock import calibrate_clock
+from palpate.cli.calibrate_intensity import calibrate_intensity
 from palpate.cli.calibrate_load_cells import calibrate_load_cells
 from palpate.cli.calibrate_mounting import calibrate_mounting
 from palpate.cli.calibrate_payload import calibrate_payload
@@ -16,6 +17,7 @@ from palpate.cli.estimate import estimate
 from palpate.cli.evaluate import evaluate
 from palpate.cli.events import events
 from palpate.cli.inspect import inspect
+from palpate.cli.map_skin import map_skin
 from palpate.cli.rig_new import rig_new
 from palpate.cli.view import view
 
@@ -24,18 +26,22 @@ __all__ = ["run"]
 
 def run(argv: Sequence[str] | None) -> None:
     """Parse and run one command; leaves by `SystemExit` on --help and on a wrong call."""
-    app, calibrate, design, rig = SubcommandApp(), SubcommandApp(), SubcommandApp(), SubcommandApp()
+    app, calibrate, design, maps, rig = (SubcommandApp() for _ in range(5))
     app.command(estimate)
     calibrate.command(name="clock")(calibrate_clock)
+    calibrate.command(name="intensity")(calibrate_intensity)
     calibrate.command(name="load-cells")(calibrate_load_cells)
     calibrate.command(name="payload")(calibrate_payload)
     calibrate.command(name="mounting")(calibrate_mounting)
-    app.command(calibrate, name="calibrate", help="Make a model from a log: clock, load-cells, payload, mounting.")
+    models = "clock, intensity, load-cells, payload, mounting"
+    app.command(calibrate, name="calibrate", help=f"Make a model from a log: {models}.")
     design.command(name="load-cells")(design_load_cells)
     app.command(design, name="design", help="What a sensor can resolve before it is built: load-cells.")
     app.command(evaluate)
     app.command(events)
     app.command(inspect)
+    maps.command(name="skin")(map_skin)
+    app.command(maps, name="map", help="Find where the cells of a sensor sit on a robot: skin.")
     app.command(view)
     rig.command(name="new")(rig_new)
     app.command(rig, name="rig", help="Write a rig to start from: new.")

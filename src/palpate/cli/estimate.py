@@ -17,6 +17,7 @@ from palpate.cli.pipeline import Pipeline, open_pipeline
 from palpate.cli.report import Run, write_report
 from palpate.cli.screen import counting, lines, note, percent, progress, title
 from palpate.cli.setup import Setup
+from palpate.cli.skin import estimate_skin
 from palpate.cli.tally import Tally
 from palpate.contact.estimate import ContactEstimate, Status
 from palpate.contact.frames import in_base, in_frame
@@ -25,6 +26,7 @@ from palpate.errors import InputError
 from palpate.io.atomic import keep_inputs
 from palpate.io.contacts import ContactsWriter, open_contacts, require_format
 from palpate.io.models import provenance, write_provenance
+from palpate.io.rig.skin import is_skin_rig
 from palpate.io.truth import read_truth
 from palpate.sensors.recording import ORIENTATION, POSITION, Recording
 from palpate.viewer.report import require_report
@@ -43,20 +45,25 @@ def estimate(
     report: FileOption = None,
     truth: FileOption = None,
 ) -> None:
-    """Locate contacts in a log of wrenches, with a rig file, or with a mesh alone.
+    """Locate contacts in a log of wrenches, with a rig file, or with a mesh alone; or in frames of a taxel sheet.
 
     Options given here win over the rig. Beside OUTPUT stands OUTPUT.toml: versions, input hashes, options. Ctrl-C
     leaves the contacts found so far. Exit code 3: done, but the log was cut off.
 
     Args:
         log: CSV or Parquet with time,fx,fy,fz,tx,ty,tz and, where orientation matters, qx,qy,qz,qw; MCAP or a ROS bag
-            with WrenchStamped and PoseStamped; or as the rig says; voltages where it has [load_cells].
+            with WrenchStamped and PoseStamped; or as the rig says. With [load_cells] in the rig: voltages. With [skin]:
+            frames, as CSV with time and one column a cell, .npy, .npz, or MCAP with images or arrays.
         output: contacts to write: .csv, .parquet or .mcap.
         setup: what is touched and how it is located.
         frame: of the result; base needs the sensor's orientation and position in the log.
         report: page to write as well (.html): what was done, pictures, what to improve.
         truth: what is known of the contacts, to be drawn and judged in the report (see `palpate evaluate`).
     """
+    if setup.rig is not None and is_skin_rig(setup.rig):
+        _refuse_beside_skin(setup, frame, report, truth)
+        estimate_skin(log, output, setup.rig)
+        return
     rig = setup.load()
     beside = output.with_name(f"{output.name}.toml") if output.name else output
     inputs = (log, setup.rig, rig.mesh_path(), rig.payload_path(), rig.cells_path(), truth)
@@ -104,6 +111,19 @@ def estimate(
     note(short, kind="warning")
     if short:
         raise SystemExit(INTERRUPTED if interrupted else TORN)
+
+
+def _refuse_beside_skin(setup: Setup, frame: str, report: Path | None, truth: Path | None) -> None:
+    """Options that say something of a force/torque sensor."""
+    said = {name: value for name, value in vars(setup).items() if name != "rig"}
+    said |= {"report": report, "truth": truth, "frame": None if frame == "surface" else frame}
+    wrong = [name for name, value in said.items() if value is not None]
+    if wrong:
+        raise InputError(
+            "is for wrenches, and this rig has a [skin].",
+            where=f"--{wrong[0]}",
+            mend="Settings of a skin stand in the rig's [skin] and [contacts]; palpate evaluate judges the contacts.",
+        )
 
 
 def _ended(pipeline: Pipeline, interrupted: bool) -> str:

@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated
 
 import numpy as np
 from tyro.conf import arg
 
-from palpate.cli.options import ContactsFile, TruthFile
+from palpate.cli.evaluate_skin import WAND, WRENCH, evaluate_skin
+from palpate.cli.options import ContactsFile, FileOption, TruthFile
 from palpate.cli.screen import lines, note, percent, table, title
 from palpate.contact.truth import Touches
 from palpate.errors import InputError
 from palpate.evaluation.errors import Spread
 from palpate.evaluation.evaluate import Report
 from palpate.evaluation.evaluate import evaluate as compare
+from palpate.evaluation.skin import paired
 from palpate.io.contacts import read_contacts
 from palpate.io.models import read_provenance
+from palpate.io.tables.table import read_table
 from palpate.io.truth import read_truth
 
 __all__ = ["HEADER", "evaluate", "spreads"]
@@ -23,17 +27,49 @@ __all__ = ["HEADER", "evaluate", "spreads"]
 HEADER = ("", "mean", "median", "95 %", "worst", "count")
 
 
-def evaluate(contacts: ContactsFile, truth: TruthFile, /, tolerance: Annotated[float, arg(metavar="X")] = 0.02) -> None:
+def evaluate(
+    contacts: ContactsFile,
+    truth: TruthFile,
+    /,
+    tolerance: Annotated[float, arg(metavar="X")] = 0.02,
+    rig: FileOption = None,
+    wand: FileOption = None,
+    wand_unit: Annotated[str, arg(metavar="UNIT")] = "mm",
+    output: Annotated[Path | None, arg(aliases=["-o"], metavar="FILE", help_behavior_hint="")] = None,
+) -> None:
     """Errors of location, direction and force, coverage of the ellipses, share of each status.
+
+    Contacts of a taxel sheet may also be compared with a force/torque sensor below it, time,fx,fy,fz,tx,ty,tz, or with
+    a wand that cameras track, time,x,y,z,qx,qy,qz,qw in the link's frame; both need the rig with its [skin].
 
     Args:
         contacts: written by `palpate estimate`.
         truth: time,px,py,pz[,nx,ny,nz][,fx,fy,fz] in the contacts' frame, or touches: start,end,px,py,pz[,label].
         tolerance: seconds; how far the nearest true time may lie.
+        rig: of the taxel sheet.
+        wand: mesh of the tracked wand.
+        wand_unit: of that mesh.
+        output: page to write as well (.html), of a taxel sheet.
     """
-    found, known = read_contacts(contacts), read_truth(truth)
+    found = read_contacts(contacts)
+    if found.cell is not None and _is_instrument(truth):
+        if rig is None:
+            raise InputError("a wrench or a wand is compared on the link, which the rig knows.", mend="Add --rig FILE.")
+        evaluate_skin(contacts, found, truth, rig, wand=wand, unit=wand_unit, tolerance=tolerance, report=output)
+        return
+    if output is not None:
+        raise InputError(
+            "a page is written for a taxel sheet against a wrench or a wand.",
+            where="--output",
+            mend="For other contacts use palpate estimate --report FILE --truth FILE.",
+        )
+    known = read_truth(truth)
     first = found.contact == 0
-    report = compare(found.time[first], found.estimate[first], known, tolerance=tolerance)
+    if found.cell is None:
+        report = compare(found.time[first], found.estimate[first], known, tolerance=tolerance)
+    else:
+        first[:] = True
+        report = compare(*paired(found.time, found.contact, found.estimate, known, tolerance), tolerance=tolerance)
     if not report.matched:
         raise InputError(
             f"no sample matches the truth: contacts from {_span(found.time)}, truth from "
@@ -64,6 +100,12 @@ def evaluate(contacts: ContactsFile, truth: TruthFile, /, tolerance: Annotated[f
         note([f"the contacts are in the {frame}'s frame: the truth must be, too"], kind="warning")
     if not first.all():
         note([f"{np.count_nonzero(~first)} rows are second contacts and were not compared"])
+
+
+def _is_instrument(truth: Path) -> bool:
+    """Whether the columns are those of a wrench or of a wand."""
+    names = set(read_table(truth).names)
+    return set(WRENCH) <= names or set(WAND) <= names
 
 
 def spreads(report: Report) -> list[tuple[str, ...]]:

@@ -13,15 +13,18 @@ from palpate.cli.options import Log
 from palpate.cli.pipeline import open_pipeline
 from palpate.cli.screen import counting, note, progress, title
 from palpate.cli.setup import Setup
+from palpate.cli.skin import skin_scene
 from palpate.contact.estimate import ContactEstimate
 from palpate.contact.frames import in_frame
 from palpate.errors import InputError
 from palpate.io.contacts import Contacts, contact_blocks, read_contacts
 from palpate.io.models import read_provenance
 from palpate.io.rig import Rig
+from palpate.io.rig.skin import is_skin_rig
 from palpate.sensors.load_cells import LoadCells
 from palpate.viewer.scene import Scene, prepare
 from palpate.viewer.server import require_viser, serve
+from palpate.viewer.skin import serve_skin
 
 __all__ = ["view"]
 
@@ -36,18 +39,29 @@ def view(
     """Show contacts on the body, with a timeline to scrub and play, in a browser; Ctrl-C ends it.
 
     Args:
-        log: a log, which is estimated first, or what `palpate estimate` wrote, which is shown as it is.
+        log: a log, which is estimated first, or what `palpate estimate` wrote, which is shown as it is; with a [skin]
+            in the rig frames of the sheet, shown cell by cell.
         setup: what is touched and how it is located.
         port: to serve at; the next free one if it is taken.
         host: address to serve at; the default can be reached from this machine only.
     """
     require_viser(host, port)  # before the work, not after it
+    if setup.rig is not None and is_skin_rig(setup.rig):
+        sheet, notes = skin_scene(log, setup.rig)
+        title(f"{log}: {len(sheet):,} frames")
+        note(notes)
+        serve_skin(sheet, host, port, up=_say)
+        return
     rig = setup.load()
     contacts = _written(log)
     scene, notes = _estimated(log, rig) if contacts is None else (_shown(contacts, log, rig), contacts.notes)
     title(f"{log}: {len(scene):,} samples")
     note(notes)
-    serve(scene, host, port, up=lambda address: print(f"  open {address} in a browser; Ctrl-C ends it", flush=True))
+    serve(scene, host, port, up=_say)
+
+
+def _say(address: str) -> None:
+    print(f"  open {address} in a browser; Ctrl-C ends it", flush=True)
 
 
 def _written(path: Path) -> Contacts | None:

@@ -19,7 +19,7 @@ from palpate.viewer.stage import Stage
 if TYPE_CHECKING:
     from viser import ViserServer
 
-__all__ = ["Page", "require_viser", "serve"]
+__all__ = ["Page", "listen", "quiet", "require_viser", "serve"]
 
 TICK = 1 / 20  # s between two pictures
 PORTS = 100  # tried, where one is taken
@@ -66,7 +66,7 @@ class Page:
 
     def __init__(self, scene: Scene, host: str = "127.0.0.1", port: int = 8080) -> None:
         self.scene = scene
-        self._server = _listen(host, port)
+        self._server = listen(host, port)
         self._wake = threading.Condition()
         self._seconds = scene.timeline.opening
         self._playing = self._stopping = False
@@ -121,7 +121,7 @@ class Page:
         """Close the page and free its port."""
         self._wish(stopping=True)
         self._painter.join(timeout=5.0)
-        with _quiet():
+        with quiet():
             self._server.stop()
 
     def __enter__(self) -> Page:
@@ -170,7 +170,7 @@ class Page:
             self._panel.show(moment, seconds)
 
 
-def _listen(host: str, port: int) -> ViserServer:
+def listen(host: str, port: int) -> ViserServer:
     """A server on this port, or on the next one that is free."""
     require_viser(host, port)
     from viser import ViserServer
@@ -182,7 +182,7 @@ def _listen(host: str, port: int) -> ViserServer:
             """A stranger's page may ask for this by itself: nothing is shared with anybody's servers."""
             return None
 
-    with _quiet():
+    with quiet():
         return Local(host, _free(host, port), label="Palpate", verbose=False)
 
 
@@ -207,7 +207,7 @@ def _free(host: str, port: int) -> int:
 
 
 @contextmanager
-def _quiet() -> Generator[None]:
+def quiet() -> Generator[None]:
     """Viser announces itself on the screen; here the command speaks."""
     import rich
 

@@ -5,16 +5,18 @@ from __future__ import annotations
 import io
 from collections.abc import Iterator
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
 import polars as pl
 
 from palpate.errors import InputError
 from palpate.io.contacts.rows import (
+    CELL,
     COLUMNS,
     LABELS,
     NUMBERS,
+    SKIN_TYPES,
     TYPES,
     WHOLE,
     Contacts,
@@ -28,9 +30,11 @@ from palpate.io.contacts.rows import (
 from palpate.io.tables.table import Table, read_table
 from palpate.io.units import near
 
-__all__ = ["HEADER", "csv_blocks", "read_csv", "to_csv"]
+__all__ = ["HEADER", "SKIN_HEADER", "csv_blocks", "read_csv", "to_csv"]
 
 HEADER = (",".join(COLUMNS) + "\n").encode()
+SKIN_HEADER = (",".join((*COLUMNS, *CELL)) + "\n").encode()
+_SCHEMAS = {HEADER: TYPES, SKIN_HEADER: SKIN_TYPES}
 _PIECE = 1 << 23  # bytes of text parsed at a time
 
 
@@ -51,8 +55,9 @@ def csv_blocks(path: Path, *, torn: bool = False) -> Iterator[Contacts]:
     done = 0
     try:
         with path.open("rb") as file:
-            plain = file.readline() == HEADER
-            for rows in _pieces(file, torn) if plain else ():
+            schema = _SCHEMAS.get(file.readline())
+            plain = schema is not None
+            for rows in () if schema is None else _pieces(file, torn, schema):
                 yield rows
                 done += len(rows)
     except (pl.exceptions.PolarsError, ValueError, OSError):
@@ -76,25 +81,26 @@ def read_csv(path: Path) -> Contacts:
         table.refuse(int(odd[0]), "sample, contact and candidates must be whole numbers")
     sample, contact, candidates = whole.astype(np.int64).T
     numbers, _ = table.numbers(NUMBERS, strict=True)
-    contacts = assembled(sample, contact, candidates, _statuses(table), numbers, table.notes)
+    cell = table.numbers(CELL, strict=True)[0] if set(CELL) <= set(table.names) else None
+    contacts = assembled(sample, contact, candidates, _statuses(table), numbers, table.notes, cell)
     if (row := pointless(contacts.estimate)) is not None:
         table.refuse(row, "is answered, but has no point")
     return contacts
 
 
-def _pieces(file: BinaryIO, torn: bool) -> Iterator[Contacts]:
+def _pieces(file: BinaryIO, torn: bool, schema: dict[str, Any]) -> Iterator[Contacts]:
     """At least one."""
     while True:
         text = file.read(_PIECE) + file.readline()
         whole, end, rest = text.rpartition(b"\n") if torn else (text, b"", b"")
-        yield noted(from_frame(_parsed(whole + end)), "the last line is cut and was left out" if rest else "")
+        yield noted(from_frame(_parsed(whole + end, schema)), "the last line is cut and was left out" if rest else "")
         if len(text) < _PIECE:
             return
 
 
-def _parsed(text: bytes) -> pl.DataFrame:
-    """Lines of text whose columns are those of `COLUMNS`, strictly."""
-    return pl.read_csv(text, has_header=False, schema=TYPES, quote_char=None) if text else pl.DataFrame(schema=TYPES)
+def _parsed(text: bytes, schema: dict[str, Any]) -> pl.DataFrame:
+    """Lines of text whose columns are those of a header of ours, strictly."""
+    return pl.read_csv(text, has_header=False, schema=schema, quote_char=None) if text else pl.DataFrame(schema=schema)
 
 
 def _statuses(table: Table) -> np.ndarray:

@@ -53,6 +53,9 @@ geometry_msgs/Vector3 normal # outward, of length 1
 geometry_msgs/Vector3 force # on the body
 float64 torque # about the normal
 float64[9] covariance # of the point, m^2, row by row
+float64 row # between the cells of a sheet of taxels, if one felt it
+float64 column
+float64 area # of the cells, m^2
 uint8 status
 {_STAMPED}{_POINT}{_VECTOR}"""
 ESTIMATE = Topic("/palpate/contact/estimate", "palpate_msgs/msg/Contact", _CONTACT)
@@ -72,8 +75,10 @@ _CONTACT_FIELDS: _Fields = (
     ("force", "<f8", (3,)),
     ("torque", "<f8", ()),
     ("covariance", "<f8", (3, 3)),
+    ("cell", "<f8", (3,)),
     ("status", "u1", ()),
 )
+_BEFORE: _Fields = tuple(field for field in _CONTACT_FIELDS if field[0] != "cell")  # as files of 0.2 have it
 _POSE_FIELDS: _Fields = (("position", "<f8", (3,)), ("orientation", "<f8", (4,)))
 _WRENCH_FIELDS: _Fields = (("force", "<f8", (3,)), ("torque", "<f8", (3,)))
 _CDR = 0x100  # the bytes 0, 1, 0, 0: plain, little-endian
@@ -114,6 +119,7 @@ class Messages:
             everything[name] = getattr(contacts, name)
         for name in ("point", "normal", "force", "torque", "covariance", "candidates", "status"):
             everything[name] = getattr(estimate, name)
+        everything["cell"] = np.nan if contacts.cell is None else contacts.cell
         everything["covariance"][:, *_UPPER[::-1]] = estimate.covariance[:, *_UPPER]  # the same numbers as in a table
         normal = estimate.normal[placed]
         pose["position"], pose["orientation"] = estimate.point[placed], _z_to(normal)
@@ -143,7 +149,9 @@ def from_messages(payloads: np.ndarray) -> Contacts:
     """
     length = payloads.shape[1]
     name = int(payloads[0, 12:16].view("<u4")[0]) if length > _NAMED else 0
-    if not 0 < name < length or length != (layout := _layout(name, _CONTACT_FIELDS)).itemsize:
+    layouts = [_layout(name, fields) for fields in (_CONTACT_FIELDS, _BEFORE) if 0 < name < length]
+    layout = next((layout for layout in layouts if layout.itemsize == length), None)
+    if layout is None:
         raise ValueError(f"a message of {length} bytes is not of {ESTIMATE.kind}")
     rows = payloads.view(layout)[:, 0]
     if not ((rows["encoding"] == _CDR) & (rows["named"] == name)).all():
@@ -155,7 +163,9 @@ def from_messages(payloads: np.ndarray) -> Contacts:
     estimate = ContactEstimate(**values, residual=np.full(len(rows), np.nan), status=status)
     if (row := pointless(estimate)) is not None:
         raise ValueError(f"row {row} of a block is answered, but has no point")
-    return Contacts(rows["sample"].copy(), rows["time"].copy(), rows["contact"].copy(), estimate)
+    names = layout.names or ()
+    cell = rows["cell"].copy() if "cell" in names and not np.isnan(rows["cell"]).all() else None
+    return Contacts(rows["sample"].copy(), rows["time"].copy(), rows["contact"].copy(), estimate, cell=cell)
 
 
 def _layout(name: int, fields: _Fields) -> np.dtype[np.void]:

@@ -14,7 +14,7 @@ from palpate.io.atomic import PART
 from palpate.io.contacts.csv import csv_blocks
 from palpate.io.contacts.mcap import ESTIMATE, from_messages
 from palpate.io.contacts.mcap_write import MAGIC
-from palpate.io.contacts.rows import TYPES, Contacts, from_frame, noted, require_columns
+from palpate.io.contacts.rows import CELL, SKIN_TYPES, TYPES, Contacts, from_frame, noted, require_columns
 from palpate.io.logs.mcap import McapFile
 from palpate.io.logs.messages import Messages
 
@@ -69,8 +69,10 @@ def _parquet(path: Path) -> Iterator[Contacts]:
     """
     try:
         rows = pl.scan_parquet(path, glob=False)
-        require_columns(path, rows.collect_schema().names())
-        rows = rows.select(pl.col(name).cast(kind) for name, kind in TYPES.items())
+        names = rows.collect_schema().names()
+        require_columns(path, names)
+        types = SKIN_TYPES if set(CELL) <= set(names) else TYPES
+        rows = rows.select(pl.col(name).cast(kind) for name, kind in types.items())
         count = cast(int, rows.select(pl.len()).collect().item())
         for start in range(0, max(count, 1), _ROWS):
             yield from_frame(rows.slice(start, _ROWS).collect())

@@ -14,9 +14,11 @@ from palpate.contact.estimate import ContactEstimate, Status
 from palpate.errors import InputError
 
 __all__ = [
+    "CELL",
     "COLUMNS",
     "LABELS",
     "NUMBERS",
+    "SKIN_TYPES",
     "TYPES",
     "WHOLE",
     "Contacts",
@@ -33,9 +35,11 @@ _VECTORS = ("px", "py", "pz", "nx", "ny", "nz", "fx", "fy", "fz", "torque")
 _VARIANCES = ("var_xx", "var_xy", "var_xz", "var_yy", "var_yz", "var_zz")
 NUMBERS = ("time", *_VECTORS, *_VARIANCES)
 COLUMNS = ("sample", "time", "contact", "status", *_VECTORS, *_VARIANCES, "candidates")
+CELL = ("row", "column", "area")  # of contacts that a sheet of taxels felt: the first two between cell centres, m^2
 _UPPER = np.triu_indices(3)
 LABELS = [status.label for status in Status]  # at the place of their code
 TYPES: dict[str, Any] = {name: pl.Int64 if name in WHOLE else pl.Float64 for name in COLUMNS} | {"status": pl.String}
+SKIN_TYPES: dict[str, Any] = TYPES | dict.fromkeys(CELL, pl.Float64)
 
 
 @dataclass(frozen=True)
@@ -48,6 +52,7 @@ class Contacts:
         contact: (n,) which of the sample's contacts; it keeps its identity.
         estimate: batch of n. Its residual is NaN when read: files do not hold it.
         notes: what was met in reading.
+        cell: (n, 3) row, column and area [m^2] on a sheet of taxels; None where another sensor felt them.
     """
 
     sample: Int[np.ndarray, " n"]
@@ -55,17 +60,20 @@ class Contacts:
     contact: Int[np.ndarray, " n"]
     estimate: ContactEstimate
     notes: tuple[str, ...] = ()
+    cell: Float[np.ndarray, "n 3"] | None = None
 
     def __len__(self) -> int:
         return len(self.sample)
 
     def __getitem__(self, which: slice) -> Contacts:
         """Some of the rows."""
-        return Contacts(self.sample[which], self.time[which], self.contact[which], self.estimate[which], self.notes)
+        cell = None if self.cell is None else self.cell[which]
+        part = self.sample[which], self.time[which], self.contact[which], self.estimate[which]
+        return Contacts(*part, self.notes, cell)
 
 
 def to_frame(contacts: Contacts) -> pl.DataFrame:
-    """The columns of `COLUMNS`; null where a number is NaN, the label for the status."""
+    """The columns of `COLUMNS`, and of `CELL` where there are; null where a number is NaN, the status's label."""
     estimate = contacts.estimate
     numbers = np.column_stack([estimate.point, estimate.normal, estimate.force, estimate.torque])
     variances = estimate.covariance[:, *_UPPER]
@@ -78,8 +86,9 @@ def to_frame(contacts: Contacts) -> pl.DataFrame:
             **dict(zip(_VECTORS, numbers.T, strict=True)),
             **dict(zip(_VARIANCES, variances.T, strict=True)),
             "candidates": estimate.candidates,
+            **({} if contacts.cell is None else dict(zip(CELL, contacts.cell.T, strict=True))),
         },
-        schema=TYPES,
+        schema=TYPES if contacts.cell is None else SKIN_TYPES,
     ).with_columns(pl.col(pl.Float64).fill_nan(None))
 
 
@@ -97,7 +106,9 @@ def from_frame(frame: pl.DataFrame) -> Contacts:
         raise ValueError(f"unknown status {frame['status'].filter(codes.is_null())[0]!r}")
     numbers = frame.select(*NUMBERS).fill_null(float("nan")).to_numpy()
     sample, contact, candidates = whole.to_numpy().T
-    contacts = assembled(sample, contact, candidates, codes.to_numpy(), numbers)
+    skin = set(CELL) <= set(frame.columns)
+    cell = frame.select(*CELL).fill_null(float("nan")).to_numpy() if skin else None
+    contacts = assembled(sample, contact, candidates, codes.to_numpy(), numbers, cell=cell)
     if (row := pointless(contacts.estimate)) is not None:
         raise ValueError(f"row {row} of a block is answered, but has no point")
     return contacts
@@ -131,8 +142,9 @@ def assembled(
     status: Int[np.ndarray, " n"],
     numbers: Float[np.ndarray, "n 17"],
     notes: tuple[str, ...] = (),
+    cell: Float[np.ndarray, "n 3"] | None = None,
 ) -> Contacts:
-    """From columns; `numbers` are those of `NUMBERS`."""
+    """From columns; `numbers` are those of `NUMBERS`, `cell` those of `CELL`."""
     vectors, variances = numbers[:, 1:11], numbers[:, 11:]
     covariance = np.empty((len(sample), 3, 3))
     covariance[:, *_UPPER] = variances
@@ -147,4 +159,5 @@ def assembled(
         candidates=candidates.copy(),
         status=status.astype(np.int8),
     )
-    return Contacts(sample.copy(), numbers[:, 0].copy(), contact.copy(), estimate, notes)
+    cell = None if cell is None else np.array(cell, dtype=np.float64)
+    return Contacts(sample.copy(), numbers[:, 0].copy(), contact.copy(), estimate, notes, cell)

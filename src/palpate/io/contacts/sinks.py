@@ -10,10 +10,10 @@ from typing import Protocol, runtime_checkable
 import polars as pl
 
 from palpate.io.atomic import PART, WHOLE
-from palpate.io.contacts.csv import HEADER, to_csv
+from palpate.io.contacts.csv import HEADER, SKIN_HEADER, to_csv
 from palpate.io.contacts.mcap import TOPICS, Messages
 from palpate.io.contacts.mcap_write import McapWriter
-from palpate.io.contacts.rows import TYPES, Contacts, to_frame
+from palpate.io.contacts.rows import SKIN_TYPES, TYPES, Contacts, to_frame
 
 __all__ = ["SINKS", "Sink"]
 
@@ -68,8 +68,8 @@ class _Appended:
 
 
 class _Csv:
-    def __init__(self, path: Path, _: str) -> None:
-        self._file = _Appended(path, HEADER)
+    def __init__(self, path: Path, _: str, skin: bool) -> None:
+        self._file = _Appended(path, SKIN_HEADER if skin else HEADER)
 
     def append(self, contacts: Contacts) -> None:
         self._file.append(to_csv(contacts))
@@ -82,7 +82,7 @@ class _Csv:
 
 
 class _Mcap:
-    def __init__(self, path: Path, frame_id: str) -> None:
+    def __init__(self, path: Path, frame_id: str, _: bool) -> None:
         self._mcap = McapWriter(TOPICS, f"palpate {version('palpate')}")
         self._messages = Messages(frame_id)
         self._file = _Appended(path, self._mcap.head())
@@ -103,9 +103,9 @@ class _Mcap:
 class _Parquet:
     """A folder of small files, each of them whole, joined at the end: a Parquet file has its index where it ends."""
 
-    def __init__(self, path: Path, _: str) -> None:
+    def __init__(self, path: Path, _: str, skin: bool) -> None:
         self._folder = path
-        self._rows = pl.DataFrame(schema=TYPES)
+        self._rows = pl.DataFrame(schema=SKIN_TYPES if skin else TYPES)
         self._files = 0
         path.mkdir()
 

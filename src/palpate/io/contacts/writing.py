@@ -47,6 +47,7 @@ class ContactsWriter:
         *,
         sample: Int[np.ndarray, " n"] | None = None,
         contact: Int[np.ndarray, " n"] | None = None,
+        cell: Float[np.ndarray, "n 3"] | None = None,
     ) -> None:
         """Append a block.
 
@@ -55,6 +56,7 @@ class ContactsWriter:
             estimate: batch of n, in the frame of the file.
             sample: (n,) rows of the log; None: one row each, going on from the block before.
             contact: (n,) which of the sample's contacts; None: 0.
+            cell: (n, 3) row, column and area [m^2], in a file that was opened for a skin.
         """
         count = len(time)
         if not count:
@@ -62,7 +64,7 @@ class ContactsWriter:
         sample = np.arange(self._samples, self._samples + count) if sample is None else sample
         contact = np.zeros(count, dtype=np.int64) if contact is None else contact
         with writing(self._path):
-            self._sink.append(Contacts(sample, time, contact, estimate))
+            self._sink.append(Contacts(sample, time, contact, estimate, cell=cell))
         self._samples = int(sample[-1]) + 1
         self.rows += count
 
@@ -80,7 +82,7 @@ def require_format(path: Path) -> None:
 
 
 @contextmanager
-def open_contacts(path: Path, *, frame_id: str = "surface") -> Generator[ContactsWriter]:
+def open_contacts(path: Path, *, frame_id: str = "surface", skin: bool = False) -> Generator[ContactsWriter]:
     """A file of contacts to write block by block, in memory that does not grow; the suffix says the format.
 
     OUTPUT.part takes the name of OUTPUT when the block ends well, or by Ctrl-C once there is a row. After any other
@@ -90,6 +92,7 @@ def open_contacts(path: Path, *, frame_id: str = "surface") -> Generator[Contact
     Args:
         path: OUTPUT, ending in .csv, .parquet or .mcap.
         frame_id: name of the contacts' frame, for viewers; only MCAP holds it.
+        skin: the contacts have cells, in columns behind the others.
 
     Raises:
         InputError: another suffix, or it cannot be written.
@@ -97,7 +100,7 @@ def open_contacts(path: Path, *, frame_id: str = "surface") -> Generator[Contact
     require_format(path)
     with growing(path) as temporary:
         with writing(path):
-            sink = SINKS[path.suffix.lower()](temporary, frame_id)
+            sink = SINKS[path.suffix.lower()](temporary, frame_id, skin)
         writer = ContactsWriter(path, sink)
         try:
             yield writer
@@ -137,7 +140,14 @@ def read_contacts(path: Path) -> Contacts:
         np.concatenate([block.contact for block in blocks]),
         ContactEstimate.joined([block.estimate for block in blocks]),
         tuple(dict.fromkeys(note for block in blocks for note in block.notes)),
+        _cells(blocks),
     )
+
+
+def _cells(blocks: list[Contacts]) -> Float[np.ndarray, "n 3"] | None:
+    if all(block.cell is None for block in blocks):
+        return None
+    return np.concatenate([np.full((len(block), 3), np.nan) if block.cell is None else block.cell for block in blocks])
 
 
 def unfinished(path: Path) -> Path | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import chain
@@ -22,7 +23,7 @@ from palpate.io.units import near
 __all__ = ["Table", "read_table", "tables"]
 
 _DELIMITERS = (b",", b";", b"\t")
-_MOST = 2000  # columns: more are rows whose ends were lost
+_MOST = 20_000  # columns, of a sheet of 128 x 128 cells: more are rows whose ends were lost
 
 
 @dataclass(frozen=True)
@@ -117,10 +118,11 @@ class Table:
 
     def require(self, names: Sequence[str]) -> None:
         """Raise an InputError unless each of these columns is there, once."""
+        there = Counter(self.names)
         for name in names:
-            if self.names.count(name) > 1:
-                raise InputError(f"column {name!r} is there {self.names.count(name)} times.", where=str(self.path))
-            if name not in self.names:
+            if there[name] > 1:
+                raise InputError(f"column {name!r} is there {there[name]} times.", where=str(self.path))
+            if not there[name]:
                 raise InputError(f"there is no column {name!r}.", where=str(self.path), mend=near(name, self.names))
 
     def _line(self, row: int) -> str:
@@ -140,7 +142,8 @@ class Table:
         ]
 
     def _parse(self, names: Sequence[str], *, numbers: bool) -> list[pl.Series]:
-        indices = [self.names.index(name) for name in names]
+        at = {name: k for k, name in enumerate(self.names)}
+        indices = [at[name] for name in names]
         frame = parse(self._text, self.delimiter, self.path, len(self.names), indices, numbers=numbers)
         return [frame[f"c{index}"] for index in indices]
 

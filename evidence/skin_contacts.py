@@ -1,0 +1,534 @@
+"""Contacts of a taxel sheet: are they where, how hard and who they are, on a bench, on real signals, in time?
+
+The bench (`palpate.simulation.skin_bench`) presses a sheet of 6 x 22 cells of 10 mm round a cylinder of 71 mm with
+patches of pressure, Hertz's and flat, and reads it as the paper's sheet is described: 8 bits, 10 counts a kPa up to
+2.8 kPa and 200 kPa at the end of the range, with noise of one count before rounding and gains that differ by 2 %. Each
+cell was calibrated with 60 simulated presses of a load cell. The noise and the gains are ours: the paper gives
+neither. Mean pressures are 10 to 80 kPa, drawn evenly in their logarithm; a frame is judged alone, unfiltered.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from functools import cache, partial
+from pathlib import Path
+from time import perf_counter
+
+import numpy as np
+
+from evidence.row import Row, shared, skipped
+from palpate.calibration.intensity import identify_intensity, identify_resistive
+from palpate.calibration.response import identify_response
+from palpate.contact.estimate import Status
+from palpate.contact.several import Skin, SkinSettings, SkinTouches
+from palpate.errors import NotIdentifiable, PalpateError
+from palpate.evaluation.errors import CHI2_95
+from palpate.evaluation.skin import equivalent_forces, judge, map_mesh, touches_of, wand_points
+from palpate.sensors.intensity import Curve, Intensity
+from palpate.sensors.skin import Frames, Health, Sheet, examine
+from palpate.simulation.shapes import icosphere
+from palpate.simulation.skin_bench import PaperSheet, Patch, Rolled, Wand, paper_sheet, press, read_out
+from palpate.simulation.skin_session import SkinSession, load_cell_presses, simulate_protocol
+from palpate.spatial.pose import rotation_from_quaternion
+from palpate.surfaces.mesh import Mesh
+
+__all__ = ["rows"]
+
+COMMAND = "python -m evidence --only skin_contacts"
+NAME = "skin contacts"
+SHEET = Rolled()
+WIDTHS = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0)  # cells
+GRAVITY = 9.80665
+
+
+def rows(small: bool) -> Iterator[Row]:
+    """Bench, identities, real signals, validation, speed, bad input."""
+    yield from _single(40 if small else 1_000)
+    yield from _pairs(60 if small else 1_000)
+    yield from _moving(1 if small else 60)
+    yield from _taxel_force()
+    yield from _strip(6 if small else 1)
+    yield from _validation(1 if small else 200)
+    yield from _speed(300 if small else 5_000)
+    yield from _bad()
+
+
+# --- the bench
+
+
+@cache
+def _model() -> tuple[PaperSheet, Intensity, Health]:
+    """One sheet, its calibration and its state at rest."""
+    rng = np.random.default_rng(61)
+    model = paper_sheet(SHEET, rng)
+    force, counts, cell = load_cell_presses(SHEET, model, rng)
+    intensity = identify_intensity(force, counts, cell, shape=(SHEET.rows, SHEET.columns), top=255.0)
+    idle = read_out(model, np.zeros((100, SHEET.rows, SHEET.columns)), rng)
+    return model, intensity, examine(idle, Sheet(SHEET.rows, SHEET.columns), seconds=10.0)
+
+
+def _skin(settings: SkinSettings | None = None) -> Skin:
+    _, intensity, health = _model()
+    return Skin(SHEET.layout(), intensity, Sheet(SHEET.rows, SHEET.columns), health, settings)
+
+
+def _drawn(rng: np.random.Generator, width: float, flat: bool) -> Patch:
+    """A patch that lies wholly on the sheet."""
+    half = width / 2 - 0.5
+    row, column = rng.uniform(half, SHEET.rows - 1 - half + 1e-9), rng.uniform(half, SHEET.columns - 1 - half)
+    return Patch(row, column, width / 2, _newtons(rng, width), flat)
+
+
+def _newtons(rng: np.random.Generator, width: float) -> float:
+    """Of a mean pressure of 10 to 80 kPa; a kPa on a cell is a tenth of a newton."""
+    return float(np.pi * (width / 2) ** 2 * np.exp(rng.uniform(np.log(1.0), np.log(8.0))))
+
+
+def _single(count: int) -> Iterator[Row]:
+    """One patch, every width and both shapes."""
+    rng, skin, model = np.random.default_rng(62), _skin(), _model()[0]
+    apart, short, square, wrong = [], [], [], 0
+    narrow: dict[str, float] = {}
+    for width in WIDTHS:
+        for flat in (False, True):
+            pressed = [press(SHEET, [_drawn(rng, width, flat)]) for _ in range(count // len(WIDTHS) + 1)]
+            frames = read_out(model, np.stack([each.loads for each in pressed]), rng)
+            mine: list[float] = []
+            for k, each in enumerate(pressed):
+                skin.reset()
+                found = skin.update(0.0, frames.cells[k])
+                wrong += not found.found[0] or len(found) != 1
+                best = int(np.argmax(found.load))
+                off = found.estimate.point[best] - each.point[0]
+                mine.append(float(np.linalg.norm(off)))
+                size = np.linalg.norm(each.force[0])
+                short.append(abs(np.linalg.norm(found.estimate.force[best]) / size - 1.0))
+                square.append(off @ np.linalg.pinv(found.estimate.covariance[best], rcond=1e-6) @ off)
+            apart += mine
+            if width in (1.0, 6.0):
+                narrow[f"{width:g} wide, {'flat' if flat else 'Hertz'}"] = 1e3 * float(np.median(mine))
+    text = f"{len(apart):,} patches, Hertz and flat, {WIDTHS[0]:g} to {WIDTHS[-1]:g} cells wide"
+    by = ", ".join(f"{name} {value:.2f}" for name, value in narrow.items())
+    median, p95 = 1e3 * np.median(apart), 1e3 * np.percentile(apart, 95)
+    got = f"{median:.2f} mm median, {p95:.2f} mm 95 % ({by})"
+    yield Row(NAME, f"position, {text}", "<= 1.0 mm median", got, median <= 1.0, COMMAND)
+    share = 100 * float(np.median(short))
+    got = f"{share:.2f} % median, {100 * np.percentile(short, 95):.1f} % 95 %"
+    yield Row(NAME, "force of the same", "<= 3 % median", got, share <= 3.0, COMMAND)
+    got = f"{np.mean(np.array(square) <= CHI2_95):.1%}"
+    yield Row(NAME, "truth in the 95 % ellipse, the same", "", got, None, COMMAND)
+    yield Row(
+        NAME, "frames of one patch not found as one touch, the same", "", f"{wrong} of {len(apart):,}", None, COMMAND
+    )
+
+
+def _pairs(count: int) -> Iterator[Row]:
+    """Two and three at once, by the gap between their edges."""
+    for gap in (2.0, 1.0):
+        told, apart, total = 0, list[float](), 0
+        for width in (1.0, 2.0):
+            for flat in (False, True):
+                one, where = _told_apart(count // 4, 2, width, flat, gap)
+                told, total = told + one, total + count // 4
+                apart += where
+        got = f"{told / total:.1%} of {total:,}; position {1e3 * np.median(apart):.2f} mm median"
+        what = f"two touches, 1 and 2 cells wide, {gap:g} cells between their edges, any direction: told apart"
+        met = None if gap < 2 else told / total >= 0.95
+        yield Row(NAME, what, "" if gap < 2 else ">= 95 %", got, met, COMMAND)
+    told, _ = _told_apart(count // 2, 3, 1.0, False, 2.0)
+    what = "three touches, 1 cell wide, 2 cells between their edges: told apart"
+    yield Row(NAME, what, ">= 95 %", f"{told / (count // 2):.1%}", told / (count // 2) >= 0.95, COMMAND)
+    told = sum(_told_apart(count // 4, 2, 1.0, flat, 1.0, spare=0.0)[0] for flat in (False, True))
+    got = f"{told / (2 * (count // 4)):.1%}"
+    what = (
+        "two touches, 1 cell wide, *middles* exactly 2 cells apart: told apart (where both lie astride two cells, four "
+        "cells read alike)"
+    )
+    yield Row(NAME, what, "", got, None, COMMAND)
+
+
+def _told_apart(
+    count: int, several: int, width: float, flat: bool, gap: float, spare: float = 0.25
+) -> tuple[int, list[float]]:
+    """How many of so many sets of touches were found as such, and the errors [m] of their positions."""
+    rng, skin, model = np.random.default_rng(63), _skin(), _model()[0]
+    sets = [_apart(rng, several, width, flat, width + gap, spare) for _ in range(count)]
+    pressed = [press(SHEET, patches) for patches in sets]
+    frames = read_out(model, np.stack([each.loads for each in pressed]), rng)
+    told, errors = 0, list[float]()
+    for k, each in enumerate(pressed):
+        skin.reset()
+        found = skin.update(0.0, frames.cells[k])
+        if found.found[0] and len(found) == several:
+            told += 1
+            distance = np.linalg.norm(found.estimate.point[:, None] - each.point[None], axis=-1)
+            errors += distance.min(axis=0).tolist()
+    return told, errors
+
+
+def _apart(rng: np.random.Generator, several: int, width: float, flat: bool, least: float, spare: float) -> list[Patch]:
+    """Patches whose middles are `least` to `least + spare` cells apart, each from the one before, in any direction."""
+    half = width / 2 - 0.5
+    while True:
+        patches = [_drawn(rng, width, flat)]
+        for _ in range(several - 1):
+            angle, far = rng.uniform(0, 2 * np.pi), least + spare * rng.random()
+            row, column = patches[-1].row + far * np.cos(angle), patches[-1].column + far * np.sin(angle)
+            patches.append(Patch(row, column, width / 2, _newtons(rng, width), flat))
+        inside = all(
+            half <= p.row <= SHEET.rows - 1 - half and half <= p.column <= SHEET.columns - 1 - half for p in patches
+        )
+        far = [np.hypot(a.row - b.row, a.column - b.column) for k, a in enumerate(patches) for b in patches[:k]]
+        if inside and min(far) >= least - 1e-9:
+            return patches
+
+
+def _moving(count: int) -> Iterator[Row]:
+    """Two or three touches that wander for 4 s at up to 0.1 m/s, over the seam too, coming as close as a cell's gap."""
+    rng, model = np.random.default_rng(64), _model()[0]
+    kept = total = lost = 0
+    for number in range(count):
+        several = 2 + number % 2
+        path = _paths(rng, several)
+        newtons = [_newtons(rng, 1.5) for _ in range(several)]
+        pressed = [
+            press(SHEET, [Patch(*place, 0.75, force) for place, force in zip(places, newtons, strict=True)])
+            for places in path
+        ]
+        frames = read_out(model, np.stack([each.loads for each in pressed]), rng)
+        found = _skin().run(frames)
+        same, judged, missing = _identities(found, [each.point for each in pressed])
+        kept, total, lost = kept + same, total + judged, lost + missing
+    got = f"{kept / total:.2%} of {total:,} samples of touches; {lost / (total + lost):.2%} were not found"
+    what = f"identities while 2 or 3 touches move, {count} runs of 4 s at 50 Hz, a cell or more between edges"
+    yield Row(NAME, what, ">= 99 %", got, kept / total >= 0.99, COMMAND)
+
+
+def _paths(rng: np.random.Generator, several: int) -> np.ndarray:
+    """(200, several, 2) rows and columns: smooth wandering round the sheet, never nearer than 2.5 cells."""
+    time = np.arange(200) / 50.0
+    while True:
+        waves = rng.uniform(0.1, 0.5, (several, 2, 2)) * 2 * np.pi
+        phase = rng.uniform(0, 2 * np.pi, (several, 2, 2))
+        swing = np.sin(time[:, None, None, None] * waves + phase).mean(axis=-1)
+        row = 2.5 + 2.0 * swing[..., 0]
+        column = rng.uniform(0, 22, several) + 3.0 * swing[..., 1] + rng.uniform(-2, 2, several) * time[:, None]
+        column = np.mod(column, SHEET.period)
+        apart = np.abs(column[:, :, None] - column[:, None])
+        apart = np.minimum(apart, SHEET.period - apart)
+        distance = np.hypot(apart, row[:, :, None] - row[:, None]) + 99.0 * np.eye(several)
+        if distance.min() >= 2.5:
+            return np.stack([row, column], axis=-1)
+
+
+def _identities(found: SkinTouches, points: list[np.ndarray]) -> tuple[int, int, int]:
+    """Samples of true touches that carry the identity that their touch carries mostly; all samples; and those lost."""
+    named: list[list[int]] = [[] for _ in range(len(points[0]))]
+    missing = 0
+    for sample, true in enumerate(points):
+        rows = np.flatnonzero((found.sample == sample) & found.found)
+        for k, point in enumerate(true):
+            away = np.linalg.norm(found.estimate.point[rows] - point, axis=1)
+            if len(rows) and away.min() < 0.008:
+                named[k].append(int(found.contact[rows[int(np.argmin(away))]]))
+            else:
+                missing += 1
+    kept = sum(int(np.bincount(names).max()) for names in named if names)
+    return kept, sum(map(len, named)), missing
+
+
+# --- real signals
+
+
+def _taxel_force() -> Iterator[Row]:
+    what = "taxel_force: the resistive model, fitted on every other block of 20 rows and judged on the rest"
+    folder = shared()
+    if folder is None:
+        yield from skipped(NAME, what, "no worse than the published parameters", COMMAND)
+        return
+    force, reading, reference, layer, block = _runs(folder)
+    published = _resistive(force, reference, 16.963, np.array([0.502, 1.620])[layer])
+    for even in (0, 1):
+        train, test = block % 2 == even, block % 2 != even
+        fitted = identify_resistive(
+            force[train], reading[train], scale=1024.0, reference=reference[train], layer=layer[train], floor=20.0
+        )
+        series = np.array([curve.parameters[1] for curve in fitted])[layer]
+        ours = _resistive(force, reference, float(fitted[0].parameters[0]), series)
+        rms = [float(np.sqrt(np.mean((model - reading)[test] ** 2))) for model in (ours, published)]
+        half = "odd" if even == 0 else "even"
+        got = f"rmse {rms[0]:.1f} against {rms[1]:.1f} of 1024, {np.count_nonzero(test)} rows"
+        yield Row(NAME, f"{what} ({half} blocks)", "<= the published", got, rms[0] <= rms[1], COMMAND)
+
+
+def _runs(folder: Path) -> tuple[np.ndarray, ...]:
+    """Force [N], mean of five readings, reference [kOhm], layer and block of each row of the three runs."""
+    parts: list[np.ndarray] = []
+    for name, reference, layer, zero, loaded, kilograms in (
+        ("10k-nosil-cylindertip.1614926403.33.txt", 10.0, 0, 1660130, 1667333, 0.160),
+        ("none.1614726111.69.txt", 1.0, 0, 8322237, 8341540, 0.050),
+        ("thin.1614725386.31.txt", 1.0, 1, 8322237, 8341540, 0.050),
+    ):
+        table = np.loadtxt(folder / "data" / "taxel_force" / name)
+        force = np.maximum((table[:, 0] - zero) / (loaded - zero) * kilograms * GRAVITY, 0.0)
+        ones = np.ones(len(table))
+        parts.append(np.stack([force, table[:, 1] / 5, reference * ones, layer * ones, np.arange(len(table)) // 20]))
+    force, reading, references, layers, blocks = np.concatenate(parts, axis=1)
+    return force, reading, references, layers.astype(np.int64), blocks.astype(np.int64)
+
+
+def _resistive(force: np.ndarray, reference: np.ndarray, half: float, series: np.ndarray) -> np.ndarray:
+    return np.maximum(20.0, 1024.0 * (1.0 - reference * force / (2 * half + series * force)))
+
+
+def _strip(every: int) -> Iterator[Row]:
+    """The note beside the data names its figures SW35, SW75, SW100 but lists the files in alphabetical order.
+
+    Its correlations 0.991, 0.994 and 0.988 are those of SW100, SW35 and SW75, to three digits; so are its errors. Each
+    file is judged by the figure that is its own.
+    """
+    folder = shared()
+    for name, file, centroid, mapped, correlated in (
+        ("SW100", "norm_SW100-RATIO0-P250.csv", 2.8, 2.4, 0.991),
+        ("SW35", "norm_SW35-RATIO100-P250.csv", 2.3, 2.1, 0.994),
+        ("SW75", "norm_SW75-RATIO85-P250.csv", 3.1, 2.8, 0.988),
+    ):
+        what = f"strip, {name}, held out by rows of Y"
+        if folder is None:
+            yield from skipped(NAME, what, f"<= {centroid} and {mapped} mm", COMMAND)
+            continue
+        table = np.loadtxt(folder / "data" / "strip" / file, delimiter=",", skiprows=1)
+        table = table[table[:, 3:].sum(axis=1) > 0][::every]
+        x, y, strips = table[:, :1], table[:, 1:2], table[:, 3:]
+        middle = (strips @ np.arange(7.0) / strips.sum(axis=1))[:, None]
+        group = np.unique(y, return_inverse=True)[1].ravel()
+        off = _straight(middle, x, group)
+        both = float(np.corrcoef(middle[:, 0], x[:, 0])[0, 1])
+        everywhere = _straight(middle, x, group, held_out=False)
+        note = f"{everywhere:.2f} fitted to all rows as the note does; correlation {both:.3f}, there {correlated}"
+        got = f"{off:.2f} mm rmse, {note}"
+        met = round(off, 1) <= centroid
+        yield Row(NAME, f"{what}: x by the centroid on a line", f"<= {centroid} mm", got, met, COMMAND)
+        learnt = identify_response(strips, x, group)
+        error = float(learnt.error[0])
+        got = f"{error:.2f} mm rmse, by a Gaussian process"
+        yield Row(NAME, f"{what}: x by a calibrated map", f"<= {mapped} mm", got, error <= mapped, COMMAND)
+        said = ""
+        try:
+            identify_response(strips, y, group, names=("y",))
+        except NotIdentifiable as problem:
+            said = str(problem).split(":")[0]
+        yield Row(NAME, f"{what}: y", "reported as not observable", said or "nothing said", bool(said), COMMAND)
+
+
+def _straight(middle: np.ndarray, x: np.ndarray, group: np.ndarray, *, held_out: bool = True) -> float:
+    """Rmse [mm], each row of Y by a straight line through the others, or through all."""
+    design, found = np.column_stack([np.ones(len(x)), middle]), np.empty_like(x)
+    for row in np.unique(group):
+        out = group == row
+        use = ~out if held_out else np.ones_like(out)
+        found[out] = design[out] @ np.linalg.lstsq(design[use], x[use], rcond=None)[0]
+    return float(np.sqrt(np.mean((found - x) ** 2)))
+
+
+# --- validation
+
+
+@dataclass
+class _Judged:
+    """Errors [m], angles [rad] and the paper's measure of all touches of many sessions."""
+
+    truth: list[np.ndarray] = field(default_factory=list)
+    sensor: list[np.ndarray] = field(default_factory=list)
+    wand: list[np.ndarray] = field(default_factory=list)
+    turned: list[np.ndarray] = field(default_factory=list)
+    paper: list[float] = field(default_factory=list)
+    refused: int = 0
+    lost: int = 0
+
+
+def _validation(count: int) -> Iterator[Row]:
+    """The 19-touch protocol, once with a fine wand and once with patches over several cells."""
+    surface, skin = map_mesh(SHEET.layout()), _skin()
+    for width in (0.3, 3.0):
+        judged = _Judged()
+        for k in range(count):
+            session = simulate_protocol(np.random.default_rng([65, k]), model=_model()[0], width=width)
+            _judge(session, skin, surface, judged)
+        yield from _small_touches(judged, count) if width < 1 else _wide_touches(judged, count)
+
+
+def _judge(session: SkinSession, skin: Skin, surface: Mesh, judged: _Judged) -> None:
+    """One session against its truth, the sensor below and the wand."""
+    points, normals, at = _touched(session.frames, skin)
+    pitch = (SHEET.pitch, SHEET.pitch)
+    judged.truth.append(np.linalg.norm(points - session.point, axis=1))
+    wrench = np.stack([np.median(session.wrench[rows], axis=0) for rows in at])
+    reference = equivalent_forces(surface, wrench, alone=np.ones(len(at), dtype=bool))
+    report = judge(points, normals, reference, pitch)
+    judged.sensor.append(report.errors)
+    judged.turned.append(report.turned)
+    judged.paper.append(report.paper_direction)
+    judged.refused += sum(map(bool, reference.refused))
+    pose = np.stack([_middle(session.wand[rows]) for rows in at])
+    lost = np.isnan(pose).any(axis=1)
+    turn = rotation_from_quaternion(np.where(lost[:, None], [0, 0, 0, 1.0], pose[:, 3:]))
+    tip = Wand().radius * icosphere(16)[0]
+    seen = wand_points(surface, tip, turn, np.where(lost[:, None], np.nan, pose[:, :3]))
+    judged.wand.append(judge(points, normals, seen, pitch).errors)
+    judged.lost += sum(map(bool, seen.refused))
+
+
+def _small_touches(judged: _Judged, count: int) -> Iterator[Row]:
+    what, target = f"the 19-touch protocol, {count} times, touches smaller than a cell", "<= 3.83 + 0.3 mm"
+    truth, sensor, wand = map(_mean, (judged.truth, judged.sensor, judged.wand))
+    got = f"{truth:.2f} mm; a perfect map that names the cell 3.83 mm; the paper 4.2 mm with z set to zero"
+    yield Row(NAME, f"{what}: mean distance from the truth", target, got, truth <= 4.13, COMMAND)
+    got = f"{sensor:.2f} mm, {judged.refused} of {19 * count} refused"
+    yield Row(NAME, f"{what}: from the equivalent force of the sensor below", target, got, sensor <= 4.13, COMMAND)
+    got = f"{wand:.2f} mm, {judged.lost} of {19 * count} lost or apart; the paper 14.0 mm"
+    yield Row(NAME, f"{what}: from the tracked wand", target, got, wand <= 4.13, COMMAND)
+    got = f"{_directions(judged)}; within a cell the normal of this link turns by 16 deg, which one cell cannot tell"
+    yield Row(NAME, f"{what}: directions, by the paper's measure", "", got, None, COMMAND)
+
+
+def _wide_touches(judged: _Judged, count: int) -> Iterator[Row]:
+    what = f"the 19-touch protocol, {count} times, patches 3 cells wide"
+    middle = 1e3 * float(np.median(np.concatenate(judged.truth)))
+    got = (
+        f"{middle:.2f} mm median, {_mean(judged.truth):.2f} mean; from the sensor below {_mean(judged.sensor):.2f} mean"
+    )
+    yield Row(NAME, f"{what}: distance from the truth", "<= 1.0 mm median", got, middle <= 1.0, COMMAND)
+    share = 100 * float(np.nanmean(judged.paper))
+    yield Row(
+        NAME, f"{what}: directions, by the paper's measure", "<= 1.5 %", _directions(judged), share <= 1.5, COMMAND
+    )
+
+
+def _mean(errors: list[np.ndarray]) -> float:
+    return 1e3 * float(np.nanmean(np.concatenate(errors)))
+
+
+def _directions(judged: _Judged) -> str:
+    degrees = np.degrees(float(np.nanmean(np.concatenate(judged.turned))))
+    return f"{100 * float(np.nanmean(judged.paper)):.2f} %, in space {degrees:.2f} deg; the paper 2.9 %"
+
+
+def _touched(frames: Frames, skin: Skin) -> tuple[np.ndarray, np.ndarray, list[np.ndarray]]:
+    """Medians of points and normals of each touch, and the samples it lasted, in order."""
+    skin.reset()
+    found = skin.run(frames)
+    touches = [(rows, found) for _, rows, _ in touches_of(found.contact, found.found, found.sample)]
+    touches.sort(key=lambda each: found.time[each[0][0]])
+    held = [rows[4:-4] for rows, _ in touches]  # without the ramps
+    points = np.stack([np.median(found.estimate.point[rows], axis=0) for rows in held])
+    normals = np.stack([np.median(found.estimate.normal[rows], axis=0) for rows in held])
+    return points, normals / np.linalg.norm(normals, axis=1, keepdims=True), [found.sample[rows] for rows in held]
+
+
+def _middle(poses: np.ndarray) -> np.ndarray:
+    known = np.isfinite(poses).all(axis=1)
+    return np.median(poses[known], axis=0) if known.any() else np.full(7, np.nan)
+
+
+# --- speed
+
+
+def _speed(count: int) -> Iterator[Row]:
+    """One frame in a loop, three touches on it; the plain chain of OpenCV on the same frames."""
+    for shape, target in (((6, 22), "<= 100 us"), ((64, 64), ">= 2,000 frames/s")):
+        skin, frames = _loaded(shape)
+        ours = _seconds(partial(_step, skin.update_into, frames), count)
+        values = _seconds(partial(_step, skin.update, frames), count)
+        rate = 1e6 / ours
+        met = ours <= 100.0 if shape[0] == 6 else rate >= 2000
+        got = f"{ours:.1f} us a frame ({rate:,.0f} frames/s), {values:.0f} us as values; {_opencv(frames, count)}"
+        what = f"{shape[0]} x {shape[1]}, 3 touches: frame to contacts in a loop, median"
+        yield Row(NAME, what, target, got, met, COMMAND)
+
+
+def _step(update: Callable[[float, np.ndarray], object], frames: np.ndarray, k: int) -> None:
+    update(0.02 * k, frames[k % len(frames)])
+
+
+def _loaded(shape: tuple[int, int]) -> tuple[Skin, np.ndarray]:
+    rng, sheet = np.random.default_rng(66), Rolled(*shape, radius=np.inf)
+    model = paper_sheet(sheet, rng, unequal=0.0)
+    places = [(1.5, 3.0), (shape[0] - 2.5, shape[1] / 2), (shape[0] / 2, shape[1] - 4.0)]
+    loads = press(sheet, [Patch(*place, 1.0, 6.0) for place in places]).loads
+    plain = Curve("polynomial", np.array([10.0]), np.zeros((1, 1)), largest=25.0)
+    still = read_out(model, np.zeros((20, *shape)), rng)
+    health = examine(still, Sheet(*shape), seconds=10.0)
+    pressed = read_out(model, np.repeat(loads[None], 64, axis=0), rng)
+    return Skin(sheet.layout(), Intensity((plain,)), Sheet(*shape), health), pressed.cells
+
+
+def _seconds(step: Callable[[int], object], count: int) -> float:
+    """Median of single calls [us]."""
+    took = np.empty(count)
+    for k in range(count):
+        begin = perf_counter()
+        step(k)
+        took[k] = perf_counter() - begin
+    return 1e6 * float(np.median(took))
+
+
+def _opencv(frames: np.ndarray, count: int) -> str:
+    """The paper's chain: adaptive threshold, contours, centroid of each; no forces, no identities."""
+    try:
+        import cv2
+    except ImportError:
+        return "OpenCV is not installed"
+    images = np.clip(frames, 0, 255).astype(np.uint8)
+
+    def chain(k: int) -> list[tuple[float, float]]:
+        image = images[k % len(images)]
+        mask = cv2.adaptiveThreshold(image, 255, cv2.ADAPTIVE_THRESH_MEAN_C, cv2.THRESH_BINARY, 11, -8)
+        outlines, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+        made = []
+        for outline in outlines:
+            inside = np.zeros_like(image)
+            cv2.drawContours(inside, [outline], -1, 1, cv2.FILLED)
+            moments = cv2.moments(image * inside)
+            made.append((moments["m01"] / moments["m00"], moments["m10"] / moments["m00"]))
+        return made
+
+    return f"the plain OpenCV chain (threshold, contours, centroids; nothing else) {_seconds(chain, count):.1f} us"
+
+
+# --- bad input
+
+
+def _bad() -> Iterator[Row]:
+    """Each is refused with a sentence, or answered with a status; nothing raises but ours."""
+    model, intensity, health = _model()
+    rng, skin, sheet = np.random.default_rng(67), _skin(), Sheet(6, 22)
+    idle = read_out(model, np.zeros((40, 6, 22)), rng)
+    lacking, stuck = idle.cells[0].copy(), np.repeat(idle.cells[:1] * 20 % 250, 40, axis=0)
+    lacking[2, 3] = np.nan
+    loads = press(SHEET, [Patch(2.0, 5.0, 1.5, 90.0)]).loads
+    rising = np.linspace(0, 2.5, 60)[:, None, None] * loads
+    over = read_out(model, np.concatenate([np.zeros((5, 6, 22)), rising]), rng, wraps=True)
+    wrapped = skin.run(over).estimate.status[-1] == Status.SATURATED and bool(skin.wrapped.any())
+    skin.reset()
+    said = {
+        "wrong frame size": skin.update(0.0, np.zeros((5, 22))).estimate.status[0] == Status.INVALID,
+        "a frame of NaN": skin.update(0.0, np.full((6, 22), np.nan)).estimate.status[0] == Status.INVALID,
+        "one cell NaN: answered": skin.update(0.0, lacking).estimate.status[0] == Status.NO_CONTACT,
+        "8-bit wrap-around: noticed, saturated": wrapped,
+        "all cells stuck": _refuses(lambda: examine(Frames(idle.time, stuck), sheet)),
+        "too few frames": _refuses(lambda: examine(idle.picked(slice(0, 3)), sheet)),
+        "a map of another size": _refuses(lambda: Skin(Rolled(5, 22).layout(), intensity, sheet, health)),
+    }
+    failed = [name for name, good in said.items() if not good]
+    got = f"{len(said) - len(failed)} of {len(said)}: {', '.join(said)}{'; not ' if failed else ''}{', '.join(failed)}"
+    yield Row(NAME, "bad input: a sentence, or a row with a status", "all", got, not failed, COMMAND)
+
+
+def _refuses(step: Callable[[], object]) -> bool:
+    try:
+        step()
+    except PalpateError:
+        return True
+    return False

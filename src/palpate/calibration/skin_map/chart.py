@@ -1,0 +1,102 @@
+"""The lines that control points are held to: where the planes of two families meet.
+
+Round a link the planes of one family stand on its axis, those of the other pass through it, and the lines are spokes.
+Over a patch that is seen from one side both families are parallel, and the lines are its mean normal.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, cast
+
+import numpy as np
+from jaxtyping import Float
+
+from palpate.errors import InputError
+
+__all__ = ["Chart", "flat_chart", "round_chart"]
+
+
+@dataclass(frozen=True, eq=False)
+class Chart:
+    """Planes u and v, and the line in which they meet: A(u, v) + s D(v).
+
+    Attributes:
+        round: spokes about an axis, v an angle [rad] and u a height [m]; else both are lengths [m].
+        centre: (3,) where u is 0 [m].
+        axes: (3, 3) rows p, q, w: spokes p cos v + q sin v and w the axis; else u along p, v along q, lines along w.
+            Either way the surface's r_u x r_v points out.
+    """
+
+    round: bool
+    centre: Float[np.ndarray, "3"]
+    axes: Float[np.ndarray, "3 3"]
+
+    def lines(
+        self, u: Float[np.ndarray, "..."], v: Float[np.ndarray, "..."]
+    ) -> tuple[Float[np.ndarray, "... 3"], Float[np.ndarray, "... 3"]]:
+        """A point of each line, and its unit direction."""
+        p, q, w = self.axes
+        u, v = np.asarray(u)[..., None], np.asarray(v)[..., None]
+        if self.round:
+            return self.centre + u * w + 0.0 * v, np.cos(v) * p + np.sin(v) * q + 0.0 * u
+        return self.centre + u * p + v * q, np.broadcast_to(w, (*np.broadcast_shapes(u.shape, v.shape)[:-1], 3))
+
+    def local(self, points: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3"]:
+        """Coordinates (height u, and two in its plane): about an axis x and y, else v and s."""
+        x, y, z = np.moveaxis((points - self.centre) @ self.axes.T, -1, 0)
+        return np.stack([z, x, y] if self.round else [x, y, z], axis=-1)
+
+    def coordinates(self, points: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3"]:
+        """u, v and s of points; an angle in [-pi, pi]."""
+        u, b, c = np.moveaxis(self.local(points), -1, 0)
+        return np.stack([u, np.arctan2(c, b), np.hypot(b, c)] if self.round else [u, b, c], axis=-1)
+
+
+def flat_chart(
+    origin: Float[np.ndarray, "3"], normal: Float[np.ndarray, "3"], heading: Float[np.ndarray, "3"]
+) -> Chart:
+    """Parallel planes across and along the heading; u falls where columns rise, so that p, q, w is right-handed."""
+    v = heading - normal * (heading @ normal)
+    v /= np.linalg.norm(v)
+    return Chart(False, origin, np.stack([np.cross(v, normal), v, normal]))
+
+
+def round_chart(
+    middles: Float[np.ndarray, "f 3"],
+    normals: Float[np.ndarray, "f 3"],
+    areas: Float[np.ndarray, " f"],
+    origin: Float[np.ndarray, "3"],
+    axis: tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]] | None,
+) -> Chart:
+    """About the axis that is given (a point and a direction), or that facets show.
+
+    The normals of a link about an axis have least along it, and pass near it: the direction is the smallest
+    eigenvector of sum A n n', and the point is nearest to all lines along the normals, in the plane across.
+    """
+    if axis is None:
+        spread = np.einsum("f,fi,fj->ij", areas, normals, normals)
+        direction = np.linalg.eigh(spread)[1][:, 0]
+        direction = direction * np.sign(direction[np.argmax(np.abs(direction))])
+        point = None
+    else:
+        point, direction = (np.asarray(part, dtype=np.float64) for part in axis)
+        if not np.linalg.norm(direction) > 0:
+            raise InputError("the axis has no direction.", where="axis")
+        direction = direction / np.linalg.norm(direction)
+    across = np.eye(3) - np.outer(direction, direction)
+    if point is None:
+        flat = normals @ across
+        length = np.linalg.norm(flat, axis=1)
+        flat = flat / np.where(length > 0, length, 1.0)[:, None]
+        reject = (areas * length)[:, None, None] * (across - flat[:, :, None] * flat[:, None, :])
+        right = np.einsum("fij,fj->i", reject, middles)
+        whole = reject.sum(axis=0)
+        whole = whole + np.trace(whole) * (np.outer(direction, direction) + 1e-9 * np.eye(3))  # along it all points do
+        point = cast("Any", np.linalg.solve(whole, right))
+    point = point + direction * (direction @ (origin - point))
+    spoke = across @ (origin - point)
+    if not np.linalg.norm(spoke) > 0:
+        raise InputError("the origin lies on the axis.", where="axis", mend="Give the axis of the link.")
+    spoke /= np.linalg.norm(spoke)
+    return Chart(True, point, np.stack([spoke, np.cross(spoke, direction), direction]))

@@ -1,0 +1,115 @@
+"""Where the pieces of a spline meet: more of them where the surface bends, or one for every vertex."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from palpate.surfaces.bspline import BSplineSurface, open_knots, periodic_knots
+
+__all__ = ["Breaks", "breaks_at", "clusters", "knots_of", "refined"]
+
+Breaks = tuple[Float[np.ndarray, " _"], Float[np.ndarray, " _"]]
+_ROUNDS = 2
+
+
+def knots_of(breaks: Breaks, periodic: bool, degree: tuple[int, int] = (3, 3)) -> Breaks:
+    """The knots in u and v whose pieces meet at `breaks`."""
+    return open_knots(breaks[0], degree[0]), (periodic_knots if periodic else open_knots)(breaks[1], degree[1])
+
+
+def refined(
+    fitted: Callable[[Breaks], tuple[BSplineSurface, Float[np.ndarray, " k"]]],
+    breaks: Breaks,
+    uv: Float[np.ndarray, "k 2"],
+    narrowest: tuple[float, float],
+    control: int,
+    enough: float,
+) -> tuple[BSplineSurface, Float[np.ndarray, " k"]]:
+    """Halve the spans, of u or of v, that leave most squared distance for the control points they cost.
+
+    Args:
+        fitted: breaks to a surface and its distances from the points.
+        breaks: to begin with.
+        uv: (k, 2) parameters of the points.
+        narrowest: span in u and in v that is worth halving.
+        control: points at most.
+        enough: rms distance that needs no mending [m].
+    """
+    surface, distance = fitted(breaks)
+    for rounds in range(_ROUNDS, 0, -1):
+        spare = control - surface.points
+        if float(np.sqrt(np.mean(distance**2))) < enough:
+            break
+        fresh = _halved(breaks, uv, distance, narrowest, surface, -(-spare // rounds))
+        if fresh is None:
+            break
+        breaks = fresh
+        surface, distance = fitted(breaks)
+    return surface, distance
+
+
+def _halved(
+    breaks: Breaks,
+    uv: Float[np.ndarray, "k 2"],
+    distance: Float[np.ndarray, " k"],
+    narrowest: tuple[float, float],
+    surface: BSplineSurface,
+    spare: int,
+) -> Breaks | None:
+    n = surface.control.shape[0]
+    cost = surface.points // n, n  # a break in u is a row of control points
+    wanted: list[tuple[float, int, float]] = []
+    spans = [_in_span(at, uv[:, axis]) for axis, at in enumerate(breaks)]
+    for axis, at in enumerate(breaks):
+        left = _along(spans, uv, distance, axis, len(at) - 1) / cost[axis]
+        wide = np.flatnonzero(np.diff(at) > 2.0 * narrowest[axis])
+        wanted += [(float(left[k]), axis, float(0.5 * (at[k] + at[k + 1]))) for k in wide]
+    chosen: tuple[list[float], list[float]] = ([], [])
+    for _, axis, place in sorted(wanted, reverse=True):
+        if cost[axis] <= spare:
+            chosen[axis].append(place)
+            spare -= cost[axis]
+    if not any(chosen):
+        return None
+    return np.sort(np.concatenate([breaks[0], chosen[0]])), np.sort(np.concatenate([breaks[1], chosen[1]]))
+
+
+def _in_span(breaks: Float[np.ndarray, " a"], places: Float[np.ndarray, " k"]) -> Int[np.ndarray, " k"]:
+    return np.clip(np.searchsorted(breaks, places, side="right") - 1, 0, len(breaks) - 2)
+
+
+def _along(
+    spans: list[Int[np.ndarray, " k"]],
+    uv: Float[np.ndarray, "k 2"],
+    distance: Float[np.ndarray, " k"],
+    axis: int,
+    count: int,
+) -> Float[np.ndarray, " a"]:
+    """What is left in each span of one axis after the mean across it: what more breaks of the other cannot mend."""
+    places, line = np.unique(uv[:, axis], return_inverse=True)
+    group = spans[1 - axis] * len(places) + line
+    total = np.bincount(group, distance)
+    gained = total**2 / np.maximum(np.bincount(group), 1)
+    span = np.zeros(len(places), dtype=np.int64)
+    span[line] = spans[axis]
+    return np.bincount(span[np.arange(len(gained)) % len(places)], gained, minlength=count)
+
+
+def clusters(values: Float[np.ndarray, " n"], apart: float) -> Float[np.ndarray, " c"]:
+    """Means of the groups of values that lie closer together than `apart`."""
+    ordered = np.sort(values)
+    group = np.concatenate([[0], np.cumsum(np.diff(ordered) > apart)])
+    return np.bincount(group, ordered) / np.bincount(group)
+
+
+def breaks_at(places: Float[np.ndarray, " n"], degree: int) -> Float[np.ndarray, " k"]:
+    """Breaks of an open spline with as many control points as places: all of these, but for some beside the ends."""
+    if len(places) <= degree + 1:
+        return places[[0, -1]]
+    if degree == 1:
+        return places
+    spare = (degree - 1) // 2
+    return np.concatenate([places[:1], places[1 + spare : len(places) - 1 - spare], places[-1:]])

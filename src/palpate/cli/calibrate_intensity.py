@@ -1,0 +1,126 @@
+"""`palpate calibrate intensity`: what readings of taxels mean, from presses that a load cell measured."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+from tyro.conf import arg
+
+from palpate.calibration.intensity import identify_intensity, identify_resistive
+from palpate.cli.options import Log, Output, Scalar
+from palpate.cli.screen import lines, note, title
+from palpate.errors import InputError
+from palpate.io.atomic import keep_inputs
+from palpate.io.intensity import write_intensity
+from palpate.io.models import provenance
+from palpate.io.tables.table import read_table
+from palpate.io.units import FORCE_UNITS, to_si
+from palpate.sensors.intensity import Intensity
+
+__all__ = ["calibrate_intensity"]
+
+_PLATEAU = 5  # readings alike at the lower end: that is where they stop
+_KIND = Literal["auto", "polynomial", "two_range", "monotone", "resistive"]
+
+
+def calibrate_intensity(
+    log: Log,
+    /,
+    output: Output,
+    kind: Annotated[_KIND, arg(metavar="NAME")] = "auto",
+    degree: Annotated[int | None, arg(metavar="N", help_behavior_hint="")] = None,
+    bits: Annotated[int | None, arg(metavar="N", help_behavior_hint="")] = None,
+    unit: Annotated[str, arg(metavar="UNIT")] = "N",
+    sheet: Annotated[str | None, arg(metavar="RxC", help_behavior_hint="")] = None,
+    scale: Scalar = None,
+    reference: Scalar = None,
+) -> None:
+    """Fit the curve from intensity to force, and each cell's gain where the log says which cell was pressed.
+
+    Args:
+        log: CSV with the columns intensity and force (of the load cell, zero without load), and, where several cells
+            were pressed, row and column.
+        output: intensity.toml to write.
+        kind: polynomial (the paper's), two_range (a sensitive and a strong range, joined), monotone, or auto: the one
+            that predicts presses held out best; resistive: a taxel in a voltage divider.
+        degree: of the polynomial.
+        bits: of the reading: what is at its top is saturated (default: found where readings stop rising).
+        unit: of the force in the log: N, mN, gf, ...
+        sheet: rows and columns of the whole sheet, as 6x22.
+        scale: reading without load, of a resistive taxel.
+        reference: resistor of its divider, in the unit in which its resistances come out.
+    """
+    keep_inputs(output, (log,))
+    force, intensity, cell = _presses(log, to_si(unit, FORCE_UNITS, where="--unit"))
+    top = None if bits is None else 2.0**bits - 1.0
+    record = provenance({"log": log}, {"kind": kind, "degree": degree, "bits": bits, "unit": unit})
+    if kind == "resistive":
+        found = _divider(force, intensity, scale, reference, record)
+    else:
+        found = identify_intensity(
+            force, intensity, cell, shape=_shape(sheet), kind=kind, degree=degree, top=top, provenance=record
+        )
+    write_intensity(output, found)
+    curve = found.curves[0]
+    half = np.array([curve.largest / 2])
+    title(f"{log} -> {output}")
+    lines(
+        [
+            ("presses", f"{len(force):,} rows{'' if cell is None else f', {len(np.unique(cell, axis=0))} cells'}"),
+            ("curve", f"{curve.kind}, {len(curve.parameters)} parameters, up to {curve.largest:.4g} N"),
+            ("residual", f"{curve.residual:.3g} counts rms"),
+            (
+                "deviation",
+                f"{1e3 * float(curve.deviation(half)[0]):.3g} mN by the fit, "
+                f"{1e3 * float(curve.deviation(half, curve.residual)[0]):.3g} mN of one reading, at {half[0]:.3g} N",
+            ),
+        ]
+    )
+    note(found.notes)
+
+
+def _divider(
+    force: np.ndarray, reading: np.ndarray, scale: float | None, reference: float | None, record: dict[str, str]
+) -> Intensity:
+    if scale is None or reference is None or not (scale > 0 and reference > 0):
+        raise InputError("a divider needs its full scale and its resistor.", mend="Add --scale 1024 --reference 10.")
+    known = np.isfinite(force) & np.isfinite(reading)
+    layer = np.zeros(np.count_nonzero(known), dtype=np.int64)
+    lowest = float(reading[known].min(initial=np.inf))
+    floor = lowest if np.count_nonzero(reading[known] <= lowest) >= _PLATEAU else 0.0
+    curves = identify_resistive(
+        force[known],
+        reading[known],
+        scale=scale,
+        reference=np.full(len(layer), reference),
+        layer=layer,
+        floor=floor,
+    )
+    half, series = curves[0].parameters.tolist()
+    said = f"2 x {half:.4g} / F in the taxel, {series:.4g} in series, in the unit of the reference"
+    return Intensity(curves, provenance=record, notes=(said,))
+
+
+def _presses(log: Path, unit: float) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
+    """Forces [N], readings and cells."""
+    table = read_table(log)
+    values, _ = table.numbers(["force", "intensity"])
+    if not {"row", "column"} <= set(table.names):
+        return unit * values[:, 0], values[:, 1], None
+    cells, _ = table.numbers(["row", "column"])
+    known = np.isfinite(cells).all(axis=1) & np.isfinite(values).all(axis=1)
+    whole = cells[known].astype(np.int64)
+    if (whole != cells[known]).any() or (whole < 0).any():
+        raise InputError("row and column must be whole numbers from 0.", where=str(log))
+    return unit * values[known, 0], values[known, 1], whole
+
+
+def _shape(text: str | None) -> tuple[int, int] | None:
+    if text is None:
+        return None
+    rows, _, columns = text.lower().partition("x")
+    if not (rows.isdigit() and columns.isdigit() and int(rows) * int(columns)):
+        raise InputError(f"--sheet {text!r} is no size.", mend="Write rows and columns as 6x22.")
+    return int(rows), int(columns)

@@ -1,0 +1,149 @@
+"""`palpate map skin`: where every cell of a flexible sheet sits on the link that carries it."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+import numpy as np
+from tyro.conf import FlagCreatePairsOff, arg
+
+from palpate.cli.interrupts import import_mesh_reader
+from palpate.cli.options import MeshFile, Output
+from palpate.cli.screen import lines, note, title, wait
+from palpate.errors import InputError
+from palpate.io.atomic import keep_inputs
+from palpate.io.models import provenance
+from palpate.io.skin_map import SUFFIXES, write_skin_map
+from palpate.sensors.skin_map import SkinMap
+
+__all__ = ["map_skin"]
+
+Vector = Annotated[str, arg(metavar="X,Y,Z")]
+
+
+def map_skin(
+    mesh: MeshFile,
+    /,
+    unit: Annotated[str, arg(metavar="UNIT")],
+    sheet: Annotated[str, arg(metavar="RxC")],
+    cell: Annotated[str, arg(metavar="MM")],
+    origin: Vector,
+    heading: Vector,
+    output: Output,
+    flip: Annotated[bool, FlagCreatePairsOff] = False,
+    thickness: Annotated[float, arg(metavar="MM")] = 0.0,
+    stretch: Annotated[str, arg(metavar="S[,S]")] = "1",
+    known: Annotated[tuple[str, ...], arg(metavar="R,C,X,Y,Z")] = (),
+    mode: Literal["auto", "facets", "vertices"] = "auto",
+    axis: Annotated[str, arg(metavar="X,Y,Z,DX,DY,DZ")] = "",
+    heights: Annotated[str, arg(metavar="H,H,...")] = "",
+    angles: Annotated[str, arg(metavar="A,A,...")] = "",
+    control: Annotated[int, arg(metavar="N")] = 200,
+    method: Literal["isometric", "paper"] = "isometric",
+) -> None:
+    """Fit a smooth surface to a link's mesh, lay the sheet on it without stretching, and write where its cells are.
+
+    Args:
+        mesh: of the link: STL, OBJ, PLY or DAE, as its maker ships it.
+        unit: of the mesh's numbers, and of --origin, --axis, --heights and --known: m, cm, mm, um or in.
+        sheet: rows x columns of cells, such as 6x22.
+        cell: size of a cell [mm], or its height along a column and width along a row, such as 10x8.
+        origin: outer corner of cell (0, 0), on the mesh.
+        heading: direction of increasing column there; its part along the surface counts.
+        output: map to write: .toml, .csv, .txt (iCub) or .urdf.
+        flip: rows increase to the right of the heading, seen from outside; else to the left.
+        thickness: of what lies between the link and the sensing layer [mm].
+        stretch: by which the sheet is pulled, or across its rows and along them.
+        known: centres of some cells, to which the stretch is fitted.
+        mode: facets follows the mesh as it is; vertices the smooth shape that its vertices sample; auto looks and says.
+        axis: a point and the direction of the link's axis, instead of what the mesh shows.
+        heights: where the spline's pieces meet along the axis, from that point.
+        angles: where they meet about the axis [deg], from the origin's side.
+        control: points of the spline at most.
+        method: isometric, or the paper's: even planes, and cells at equal parameters over the whole of the link.
+    """
+    import_mesh_reader()
+    from palpate.calibration.skin_map import Planes, Sheet, fit_stretch
+    from palpate.calibration.skin_map import map_skin as laid
+    from palpate.calibration.skin_map.paper import paper_map
+    from palpate.surfaces import UNITS, Mesh
+
+    keep_inputs(output, (mesh,))
+    if output.suffix.lower() not in SUFFIXES:
+        raise InputError(
+            f"cannot write a map as {output.suffix!r}.", where=str(output), mend=f"Use {', '.join(SUFFIXES)}."
+        )
+    rows, columns = (int(side) for side in _numbers(sheet, "--sheet", 2, "x", whole=True))
+    pitch, pulled = (_pair(text, name) for text, name in ((cell.replace("x", ","), "--cell"), (stretch, "--stretch")))
+    link = Mesh.load(mesh, unit)
+    scale = UNITS[unit]
+    flat = Sheet(rows, columns, (1e-3 * pitch[0], 1e-3 * pitch[1]), 1e-3 * thickness, flip, pulled)
+    start = scale * np.array(_numbers(origin, "--origin", 3))
+    direction = np.array(_numbers(heading, "--heading", 3))
+    spine = np.array(_numbers(axis, "--axis", 6)) if axis else None
+    planes = Planes(
+        axis=None if spine is None else (scale * spine[:3], spine[3:]),
+        heights=scale * np.array(_numbers(heights, "--heights", None)) if heights else None,
+        angles=np.radians(_numbers(angles, "--angles", None)) if angles else None,
+    )
+    chosen = None if mode == "auto" else mode
+    wait("loading the compiled loops (the first time they are compiled, which takes a while) ...")
+    if known:
+        points = [_numbers(text, "--known", 5) for text in known]
+        where = {(int(point[0]), int(point[1])): scale * np.array(point[2:]) for point in points}
+        flat = fit_stretch(link, flat, where, origin=start, heading=direction, mode=chosen, planes=planes)
+    options = {
+        "unit": unit, "sheet": sheet, "cell": cell, "origin": origin, "heading": heading, "flip": flip,
+        "thickness": thickness, "stretch": ",".join(repr(side) for side in flat.stretch), "mode": mode,
+        "axis": axis or None, "heights": heights or None, "angles": angles or None, "control": control,
+        "method": method,
+    }  # fmt: skip
+    record = provenance({"mesh": mesh}, options)
+    if method == "paper":
+        skin = paper_map(link, flat, origin=start, heading=direction, planes=planes, provenance=record)
+    else:
+        skin = laid(
+            link, flat, origin=start, heading=direction, mode=chosen, planes=planes, control=control, provenance=record
+        )
+    write_skin_map(output, skin, name=_stem(output.stem))
+    title(f"{mesh} -> {output}")
+    lines(_figures(skin, flat.stretch))
+    note([*link.notes, *skin.notes])
+
+
+def _stem(stem: str) -> str:
+    """A name for frames and parts: letters, digits and underscores."""
+    return "".join(letter if letter.isalnum() and letter.isascii() else "_" for letter in stem)
+
+
+def _figures(skin: SkinMap, stretch: tuple[float, float]) -> list[tuple[str, str]]:
+    surface = skin.surface
+    found = [("cells", f"{skin.rows} x {skin.columns}, {1e4 * float(skin.areas.sum()):.1f} cm^2")]
+    if surface is not None:
+        found.append(("spline", f"{surface.points} control points, {'closed' if surface.periodic else 'open'}"))
+    if np.isfinite(skin.distance).all():
+        found.append(("distance", f"{1e3 * skin.distance[0]:.3f} mm mean, {1e3 * skin.distance[1]:.3f} mm worst"))
+    if np.isfinite(skin.strain).all():
+        found.append(("strain", f"{100 * skin.strain[0]:.2f} % rms, {100 * skin.strain[1]:.2f} % worst"))
+    if stretch != (1.0, 1.0):
+        found.append(("stretch", f"{stretch[0]:.4f} across rows, {stretch[1]:.4f} along them"))
+    return found
+
+
+def _pair(text: str, name: str) -> tuple[float, float]:
+    values = _numbers(text, name, None)
+    if len(values) not in (1, 2):
+        raise InputError(f"must be one number or two, not {text!r}.", where=name)
+    return values[0], values[-1]
+
+
+def _numbers(text: str, name: str, count: int | None, by: str = ",", *, whole: bool = False) -> list[float]:
+    """Numbers out of an argument, or the sentence that says what was expected."""
+    try:
+        values = [float(int(part)) if whole else float(part) for part in text.lower().split(by)]
+    except ValueError:
+        values = []
+    if not values or (count is not None and len(values) != count) or not np.isfinite(values).all():
+        expected = f"{count} {'whole ' if whole else ''}numbers" if count else "numbers"
+        raise InputError(f"must be {expected} with {by!r} between, not {text!r}.", where=name)
+    return values

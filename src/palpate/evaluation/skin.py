@@ -1,0 +1,266 @@
+"""Touches of a taxel sheet against a force/torque sensor, a tracked wand, or known points: touch by touch."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from palpate.contact.estimate import ContactEstimate, Status
+from palpate.contact.locate import Locator
+from palpate.contact.truth import Samples, Touches
+from palpate.evaluation.errors import Spread, angles, distances
+from palpate.sensors.skin_map import SkinMap
+from palpate.surfaces.mesh import Mesh
+
+__all__ = [
+    "Reference",
+    "SkinReport",
+    "equivalent_forces",
+    "judge",
+    "map_mesh",
+    "paired",
+    "perfect",
+    "touches_of",
+    "wand_points",
+]
+
+PITCH = 2e-3  # m: of a wrench, |F . N| / |F|^2; more is no single force
+LIGHTEST = 0.5  # N
+TOUCHING = 1.5e-3  # m: between wand and link, still a touch of theirs
+_MEAN_IN_CELL = 0.3825978  # mean distance of a point of the unit square from its middle
+_FINE = 4  # facets of the map's mesh in a cell
+
+
+@dataclass(frozen=True, eq=False)
+class Reference:
+    """What another instrument says of the touches.
+
+    Attributes:
+        point: (n, 3) [m] in the link's frame; NaN where it says nothing.
+        direction: (n, 3) outward, along which the force came; NaN where it is not known.
+        refused: n sentences, "" where there is an answer.
+        name: of the instrument.
+    """
+
+    point: Float[np.ndarray, "n 3"]
+    direction: Float[np.ndarray, "n 3"]
+    refused: tuple[str, ...]
+    name: str
+
+
+@dataclass(frozen=True, eq=False)
+class SkinReport:
+    """Position and direction of touches against a reference.
+
+    Attributes:
+        position: distances [m] in space; direction: angles [rad]; None where nothing could be compared.
+        paper_position: as the paper gives it, with the errors along z set to zero; paper_direction: mean absolute
+            difference of the unit vectors' x and y [skin map, 4.3].
+        along: (3,) mean absolute error along x, y and z [m].
+        perfect: mean distance [m], and per axis, of a perfect map for touches smaller than a cell.
+        errors: (n,) [m]; turned: (n,) [rad]; NaN where refused.
+        reference: what it was compared with.
+    """
+
+    position: Spread | None
+    direction: Spread | None
+    paper_position: Spread | None
+    paper_direction: float
+    along: Float[np.ndarray, "3"]
+    perfect: tuple[float, float]
+    errors: Float[np.ndarray, " n"]
+    turned: Float[np.ndarray, " n"]
+    reference: Reference
+
+
+def equivalent_forces(surface: Mesh, wrenches: Float[np.ndarray, "n 6"], *, alone: Bool[np.ndarray, " n"]) -> Reference:
+    """Where the line of the force meets the link, and from where it comes [skin map, (6) to (9)].
+
+    E = F x N / |F|^2 is the foot of the line. A wrench with torque along its force is no single force, and is refused:
+    its line is off by up to |F . N| / |F|^2 times the tangent of the angle to the normal.
+
+    Args:
+        surface: of the link, in its frame, in which the wrenches are written too.
+        wrenches: (n, 6) [N, N m] about the link's origin.
+        alone: (n,) there was one touch; several have one resultant, which lies at neither.
+    """
+    force, torque = wrenches[:, :3], wrenches[:, 3:]
+    size = np.linalg.norm(force, axis=1)
+    pitch = np.sum(force * torque, axis=1) / np.maximum(size, 1e-12) ** 2
+    found = Locator(surface, method="wrench_axis", friction=np.inf, torsion=np.inf).run(wrenches, sequential=False)
+    met = found.status <= Status.AMBIGUOUS
+    said = [_why(bool(alone[k]), float(size[k]), float(pitch[k]), bool(met[k])) for k in range(len(wrenches))]
+    usable = np.array([not text for text in said])
+    return Reference(
+        np.where(usable[:, None], found.point, np.nan),
+        np.where(usable[:, None], -force / np.maximum(size, 1e-12)[:, None], np.nan),
+        tuple(said),
+        "force/torque sensor",
+    )
+
+
+def _why(alone: bool, newtons: float, pitch: float, met: bool) -> str:
+    """What speaks against taking a wrench for one force."""
+    if not np.isfinite(newtons):
+        return "no wrench at its time"
+    if not alone:
+        return "several touches at once have one resultant, which lies at none of them"
+    if newtons < LIGHTEST:
+        return f"{newtons:.2f} N is too light for a line of action (below {LIGHTEST:g} N)"
+    if abs(pitch) > PITCH:
+        return (
+            f"F . N / |F|^2 is {1e3 * pitch:.1f} mm: a torque along the force, which no single force makes "
+            f"(above {1e3 * PITCH:g} mm)"
+        )
+    return "" if met else "the line of the force misses the link"
+
+
+def wand_points(
+    surface: Mesh,
+    wand: Float[np.ndarray, "v 3"],
+    rotation: Float[np.ndarray, "n 3 3"],
+    position: Float[np.ndarray, "n 3"],
+) -> Reference:
+    """Where a tracked wand meets the link: the middle of what lies inside, or the nearest point within `TOUCHING`.
+
+    Args:
+        surface: of the link.
+        wand: (v, 3) points of the wand's surface, in its own frame.
+        rotation: of the wand in the link's frame; NaN where it was lost.
+        position: [m] of its origin there.
+    """
+    points, said = np.full((len(position), 3), np.nan), list[str]()
+    for k in range(len(position)):
+        if not (np.isfinite(position[k]).all() and np.isfinite(rotation[k]).all()):
+            said.append("the cameras lost the wand or the link")
+            continue
+        placed = wand @ rotation[k].T + position[k]
+        near, normals, _ = surface.project(placed)
+        height = np.sum((placed - near) * normals, axis=1)
+        close = np.linalg.norm(placed - near, axis=1) < np.abs(height) * 1.5 + 1e-4  # beside it, not behind it
+        inside = close & (height < 0) & (height > -10 * TOUCHING)
+        lowest = int(np.argmin(np.where(close, np.abs(height), np.inf)))
+        if inside.any():
+            points[k] = np.average(near[inside], axis=0, weights=-height[inside])
+        elif close.any() and height[lowest] <= TOUCHING:
+            band = close & (height <= height[lowest] + 2e-5)
+            points[k] = near[band].mean(axis=0)
+        said.append("" if np.isfinite(points[k]).all() else "wand and link do not meet")
+    nowhere = np.full((len(position), 3), np.nan)
+    return Reference(points, nowhere, tuple(said), "wand tracked by motion capture")
+
+
+def judge(
+    point: Float[np.ndarray, "n 3"], normal: Float[np.ndarray, "n 3"], reference: Reference, pitch: tuple[float, float]
+) -> SkinReport:
+    """Touches of the sheet against a reference, one for one.
+
+    Args:
+        point: (n, 3) [m] of the touches, as the sheet and its map give them.
+        normal: (n, 3) there.
+        reference: n of them.
+        pitch: of the sheet's cells [m].
+    """
+    apart = point - reference.point
+    turned = angles(normal, reference.direction)
+    components: Float[np.ndarray, "n 2"] = np.abs(normal - reference.direction)[:, :2]
+    known = np.isfinite(components).all(axis=1)
+    compared = np.isfinite(apart).all(axis=1)
+    return SkinReport(
+        position=Spread.of(distances(point, reference.point)),
+        direction=Spread.of(turned),
+        paper_position=Spread.of(np.linalg.norm(apart[:, :2], axis=1)),
+        paper_direction=float(components[known].mean()) if known.any() else float("nan"),
+        along=np.abs(apart[compared]).mean(axis=0) if compared.any() else np.full(3, np.nan),
+        perfect=perfect(pitch),
+        errors=np.linalg.norm(apart, axis=1),
+        turned=turned,
+        reference=reference,
+    )
+
+
+def perfect(pitch: tuple[float, float]) -> tuple[float, float]:
+    """What a perfect map errs by where a touch is smaller than a cell: mean distance, and mean along each axis [m].
+
+    A point anywhere in a square of side a lies 0.3826 a from its middle on average, and a/4 along each axis.
+    """
+    side = float(np.sqrt(pitch[0] * pitch[1]))
+    return _MEAN_IN_CELL * side, side / 4
+
+
+def map_mesh(place: SkinMap) -> Mesh:
+    """The sensing layer as a mesh, where no mesh of the link is at hand."""
+    rows, columns = place.rows * _FINE, place.columns * _FINE
+    row, column = np.meshgrid(
+        np.linspace(-0.5, place.rows - 0.5, rows + 1),
+        np.linspace(-0.5, place.columns - 0.5, columns + 1),
+        indexing="ij",
+    )
+    points, normals = place.at(row, column)
+    corner: Int[np.ndarray, "r c"] = (np.arange(rows)[:, None] * (columns + 1) + np.arange(columns)[None]).astype(
+        np.int64
+    )
+    a, b, c, d = corner, corner + 1, corner + columns + 1, corner + columns + 2
+    faces = np.concatenate([np.stack(three, axis=-1).reshape(-1, 3) for three in ((a, c, b), (b, c, d))])
+    vertices = points.reshape(-1, 3)
+    first = faces[0]
+    outward = np.cross(vertices[first[1]] - vertices[first[0]], vertices[first[2]] - vertices[first[0]])
+    if outward @ normals.reshape(-1, 3)[first[0]] < 0:
+        faces = faces[:, ::-1]
+    return Mesh.from_arrays(vertices, faces)
+
+
+def touches_of(
+    contact: Int[np.ndarray, " n"], found: Bool[np.ndarray, " n"], sample: Int[np.ndarray, " n"]
+) -> list[tuple[int, Int[np.ndarray, " k"], bool]]:
+    """Identity, rows, and whether it was alone, of each touch that lasted three samples or more."""
+    several = np.bincount(sample[found], minlength=int(sample.max(initial=0)) + 1) > 1
+    touches: list[tuple[int, np.ndarray, bool]] = []
+    for identity in np.unique(contact[found]).tolist():
+        rows = np.flatnonzero(found & (contact == identity))
+        if len(rows) >= 3:
+            touches.append((identity, rows, not bool(several[sample[rows]].mean() > 0.2)))
+    return touches
+
+
+def paired(
+    time: Float[np.ndarray, " n"],
+    contact: Int[np.ndarray, " n"],
+    estimate: ContactEstimate,
+    known: Samples | Touches,
+    tolerance: float,
+) -> tuple[Float[np.ndarray, " m"], ContactEstimate, Samples | Touches]:
+    """Several contacts a sample, brought to one for each truth: the nearest at its time, or the nearest identity.
+
+    Args:
+        time: (n,) [s] of contacts, as a file holds them.
+        contact: (n,) identities.
+        estimate: batch of n.
+        known: instants, of which several may have one time, or touches.
+        tolerance: [s] of instants.
+    """
+    located = np.asarray(np.isfinite(estimate.point).all(axis=1))
+    if isinstance(known, Touches):
+        keep = np.zeros(len(time), dtype=bool)
+        for start, end, point in zip(known.start, known.end, known.point, strict=True):
+            inside = located & (time >= start) & (time <= end)
+            named = np.unique(contact[inside])
+            away = [np.linalg.norm(np.median(estimate.point[inside & (contact == k)], axis=0) - point) for k in named]
+            if len(named):
+                keep |= inside & (contact == named[int(np.argmin(away))])
+        return time[keep], estimate[keep], known
+    rows, which = list[int](), list[int]()
+    order = np.argsort(time, kind="stable")
+    for k, (at, point) in enumerate(zip(known.time, known.point, strict=True)):
+        low, high = np.searchsorted(time[order], [at - tolerance, at + tolerance + 1e-6])
+        near = order[low:high]
+        near = near[np.abs(time[near] - at) <= np.abs(time[near] - at).min(initial=np.inf) + 1e-6]  # of one frame
+        if len(near):
+            apart = np.where(located[near], np.linalg.norm(estimate.point[near] - point, axis=1), np.inf)
+            rows.append(int(near[np.argmin(apart)]))
+            which.append(k)
+    number = np.arange(float(len(which)))
+    rest = (None if values is None else values[which] for values in (known.normal, known.force))
+    return number, estimate[np.array(rows, dtype=np.int64)], Samples(number, known.point[which], *rest)

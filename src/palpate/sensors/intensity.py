@@ -1,0 +1,214 @@
+"""What a taxel's intensity says of the force on it: curves that are known up to their covariance, and saturate."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from palpate.errors import InputError
+from palpate.spatial._arrays import frozen
+
+__all__ = ["KINDS", "Curve", "Intensity"]
+
+KINDS = ("polynomial", "two_range", "monotone", "resistive")
+_KNOTS = 2048  # of a curve as a table: linear between them, finer than 16 bits can tell
+
+
+@dataclass(frozen=True, eq=False)
+class Curve:
+    """Intensity above the unloaded one as a function of force, I = f(F), and back [skin map, 3.1].
+
+    With the parameters p of each kind, F in newtons and I in counts above (or below) the unloaded intensity:
+
+    | kind | f(F) |
+    |---|---|
+    | `polynomial` | p1 F + p2 F^2 + ...: the paper's |
+    | `two_range` | p1 F + p2 F^2 below the force `joint`, a line of slope p3 above it that joins there |
+    | `monotone` | straight between the `knots` of force, where it is p1, p2, ... |
+    | `resistive` | full scale s of an ADC on a divider: s R / (2 p1 / F + p2), falling where the reading falls; \
+R = `reference`, s = `scale`; 2 p1/F is the sensor's two contacts, p2 what stands in series with them |
+
+    Args:
+        kind: one of `KINDS`.
+        parameters: (p,).
+        covariance: (p, p) of the parameters.
+        largest: [N] up to which the curve was measured; it rises all the way.
+        saturation: raw intensity at which the sensor is at its range; NaN where none was met.
+        falling: the raw reading falls as the force grows.
+        joint: [N] of `two_range`; knots: [N] of `monotone`; reference, scale: of `resistive`.
+        residual: rms of the fit, in counts.
+        hysteresis: largest difference between loading and unloading at one force, as a share of the span; NaN where
+            the log does not tell.
+
+    Raises:
+        InputError: the curve does not rise with force, so that an intensity would say nothing.
+    """
+
+    kind: str
+    parameters: Float[np.ndarray, " p"]
+    covariance: Float[np.ndarray, "p p"]
+    largest: float
+    saturation: float = float("nan")
+    falling: bool = False
+    joint: float = 0.0
+    knots: Float[np.ndarray, " k"] = field(default_factory=lambda: np.zeros(0))
+    reference: float = 0.0
+    scale: float = 0.0
+    residual: float = 0.0
+    hysteresis: float = float("nan")
+
+    def __post_init__(self) -> None:
+        for name in ("parameters", "covariance", "knots"):
+            object.__setattr__(self, name, frozen(getattr(self, name)))
+        if self.kind not in KINDS:
+            raise InputError(f"a curve is one of {', '.join(KINDS)}, not {self.kind!r}.", where="intensity")
+        if not self.largest > 0:
+            raise InputError(f"largest force must be positive, not {self.largest:g} N.", where="intensity")
+        forces = np.linspace(0.0, self.largest, 257)
+        steps = np.diff(self.intensity(forces))
+        if not np.all(steps > 0):
+            place = forces[int(np.argmin(np.where(np.isfinite(steps), steps, -np.inf)))]
+            raise InputError(
+                f"the {self.kind} curve does not rise at {place:.3g} N, so an intensity there names no force.",
+                where="intensity",
+                mend="Use a lower degree, kind 'monotone', or more presses around that force.",
+            )
+
+    def intensity(self, force: Float[np.ndarray, "*batch"]) -> Float[np.ndarray, "*batch"]:
+        """Counts away from the unloaded reading, positive under load; the first slope goes on below 0."""
+        pushed = np.maximum(force, 0.0)
+        return self._rising(pushed) + np.minimum(force, 0.0) * self._first_slope()
+
+    def force(self, intensity: Float[np.ndarray, "*batch"]) -> Float[np.ndarray, "*batch"]:
+        """[N] of counts away from the unloaded reading; beyond what was measured the last slope goes on."""
+        counts, forces = self.table()
+        found = np.interp(intensity, counts, forces)
+        last = (forces[-1] - forces[-2]) / (counts[-1] - counts[-2])
+        found = found + np.maximum(intensity - counts[-1], 0.0) * last
+        return found + np.minimum(intensity, 0.0) * (forces[1] - forces[0]) / (counts[1] - counts[0])
+
+    def table(self) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
+        """Counts, evenly spaced from 0 to those of the largest force, and the force [N] at each."""
+        grid = self.largest * np.linspace(0.0, 1.0, _KNOTS) ** 2  # denser where the curve may be steep
+        counts = self.intensity(grid)
+        even: Float[np.ndarray, " k"] = np.linspace(0.0, float(counts[-1]), _KNOTS)
+        return even, np.interp(even, counts, grid)
+
+    def deviation(self, force: Float[np.ndarray, "*batch"], noise: float = 0.0) -> Float[np.ndarray, "*batch"]:
+        """Standard deviation [N] of a force found from an intensity with this noise, by the parameters and the noise.
+
+        Var F = (J C J^T + noise^2) / f'(F)^2, J the derivative of f by its parameters.
+        """
+        steps = np.maximum(np.abs(self.parameters), 1e-9) * 1e-6
+        columns = [
+            (self._moved(k, step).intensity(force) - self._moved(k, -step).intensity(force)) / (2 * step)
+            for k, step in enumerate(steps)
+        ]
+        jacobian = np.stack(columns, axis=-1)
+        variance = np.einsum("...i,ij,...j->...", jacobian, self.covariance, jacobian) + noise**2
+        return np.sqrt(np.maximum(variance, 0.0)) / self.slope(force)
+
+    def slope(self, force: Float[np.ndarray, "*batch"]) -> Float[np.ndarray, "*batch"]:
+        """Counts per newton."""
+        step = 1e-6 * self.largest
+        return (self.intensity(force + step) - self.intensity(force - step)) / (2 * step)
+
+    def _moved(self, which: int, step: float) -> _Loose:
+        return _Loose(self, np.where(np.arange(len(self.parameters)) == which, step, 0.0))
+
+    def _first_slope(self) -> float:
+        step = 1e-6 * self.largest
+        return float(self._rising(np.array([step]))[0] / step)
+
+    def _rising(self, force: np.ndarray) -> np.ndarray:
+        return rising(self, self.parameters, force)
+
+
+@dataclass(frozen=True)
+class _Loose:
+    """A curve with its parameters moved a little, for derivatives."""
+
+    curve: Curve
+    by: np.ndarray
+
+    def intensity(self, force: np.ndarray) -> np.ndarray:
+        return rising(self.curve, self.curve.parameters + self.by, np.maximum(force, 0.0))
+
+
+def rising(curve: Curve, parameters: Float[np.ndarray, " p"], force: np.ndarray) -> np.ndarray:
+    """f(F) for F >= 0 with other parameters than the curve's own."""
+    if curve.kind == "polynomial":
+        return force * np.polynomial.polynomial.polyval(force, parameters)
+    if curve.kind == "two_range":
+        low = np.minimum(force, curve.joint)
+        return parameters[0] * low + parameters[1] * low**2 + parameters[2] * (force - low)
+    if curve.kind == "monotone":
+        knots = np.concatenate([[0.0], curve.knots])
+        values = np.concatenate([[0.0], parameters])
+        last = (values[-1] - values[-2]) / (knots[-1] - knots[-2])
+        return np.interp(force, knots, values) + np.maximum(force - knots[-1], 0.0) * last
+    return curve.scale * curve.reference * force / (2.0 * parameters[0] + parameters[1] * force)
+
+
+@dataclass(frozen=True, eq=False)
+class Intensity:
+    """The curves of a whole sheet.
+
+    Args:
+        curves: one for all cells, or several.
+        which: (rows, columns) the number of each cell's curve; None: the first for all.
+        unit: what an intensity is, for messages: "counts".
+        provenance: where it came from.
+        notes: what a user should know, one sentence each.
+    """
+
+    curves: tuple[Curve, ...]
+    which: Int[np.ndarray, "rows columns"] | None = None
+    unit: str = "counts"
+    provenance: Mapping[str, str] = field(default_factory=lambda: {})
+    notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "provenance", MappingProxyType(dict(self.provenance)))
+        if not self.curves:
+            raise InputError("there is no curve.", where="intensity")
+        if self.which is not None:
+            which = np.array(self.which, dtype=np.int64)
+            if which.ndim != 2 or which.min() < 0 or which.max() >= len(self.curves):
+                raise InputError(
+                    f"`which` must be rows x columns of curve numbers from 0 to {len(self.curves) - 1}.",
+                    where="intensity",
+                )
+            which.flags.writeable = False
+            object.__setattr__(self, "which", which)
+        if len({curve.falling for curve in self.curves}) > 1:
+            raise InputError("some curves fall with force and some rise.", where="intensity")
+
+    def numbers(self, rows: int, columns: int) -> Int[np.ndarray, "rows columns"]:
+        """The curve of each cell of a sheet.
+
+        Raises:
+            InputError: it was calibrated for a sheet of another size.
+        """
+        if self.which is None:
+            return np.zeros((rows, columns), dtype=np.int64)
+        if self.which.shape != (rows, columns):
+            calibrated = f"{self.which.shape[0]} x {self.which.shape[1]}"
+            raise InputError(
+                f"it was calibrated for a sheet of {calibrated} cells, not {rows} x {columns}.", where="intensity"
+            )
+        return self.which.copy()
+
+    def tables(self) -> tuple[Float[np.ndarray, "c k"], Float[np.ndarray, " c"]]:
+        """Forces [N] at evenly spaced counts, one row a curve, and how many counts lie between two."""
+        tables = [curve.table() for curve in self.curves]
+        return np.stack([forces for _, forces in tables]), np.array([counts[1] for counts, _ in tables])
+
+    def saturated(self, raw: Float[np.ndarray, "*batch rows columns"]) -> Bool[np.ndarray, "*batch rows columns"]:
+        """Where a reading is at the range of its cell."""
+        limits = np.array([curve.saturation for curve in self.curves])[self.numbers(*raw.shape[-2:])]
+        return raw <= limits if self.curves[0].falling else raw >= limits

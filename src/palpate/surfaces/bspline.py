@@ -1,0 +1,165 @@
+"""A smooth surface by control points: a tensor-product B-spline, open or periodic in its second parameter."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, cast
+
+import numpy as np
+from jaxtyping import Float
+from numpy.typing import ArrayLike
+
+from palpate.errors import GeometryError
+from palpate.spatial._arrays import frozen
+from palpate.surfaces.mesh import Mesh
+
+__all__ = ["BSplineSurface", "basis_matrices", "greville", "open_knots", "periodic_knots", "solve_tangent"]
+
+_MOST = 5  # the highest degree: `_bspline.MOST` holds its basis functions
+
+
+@dataclass(frozen=True, eq=False)
+class BSplineSurface:
+    """r(u, v) = sum_ij N_i(u) M_j(v) P_ij [m], with r_u x r_v pointing out of the body.
+
+    Attributes:
+        knots_u: of N, n + degree + 1 of them; not falling.
+        knots_v: of M.
+        control: (n, m, 3) points P_ij [m]; where v is periodic the last `degree` columns repeat the first.
+        degree: in u and in v.
+        periodic: v runs round and back into itself.
+
+    Raises:
+        GeometryError: the numbers do not belong together.
+    """
+
+    knots_u: Float[np.ndarray, " a"]
+    knots_v: Float[np.ndarray, " b"]
+    control: Float[np.ndarray, "n m 3"]
+    degree: tuple[int, int] = (3, 3)
+    periodic: bool = False
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "control", frozen(self.control, tail=(3,), name="control"))
+        for axis, name in enumerate(("knots_u", "knots_v")):
+            knots, degree, count = frozen(getattr(self, name)), self.degree[axis], self.control.shape[axis]
+            if not 1 <= degree <= _MOST or knots.shape != (count + degree + 1,) or count <= degree:
+                raise GeometryError(f"{count} control points of degree {degree} do not go with {len(knots)} {name}")
+            if not np.all(np.diff(knots) >= 0) or not knots[degree] < knots[count]:
+                raise GeometryError(f"{name} must rise, and span something")
+            object.__setattr__(self, name, knots)
+        if not np.isfinite(self.control).all():
+            raise GeometryError("control points must be finite")
+
+    @property
+    def domain(self) -> tuple[tuple[float, float], tuple[float, float]]:
+        """From where to where u runs, and v."""
+        (p, q), (n, m) = self.degree, self.control.shape[:2]
+        return (float(self.knots_u[p]), float(self.knots_u[n])), (float(self.knots_v[q]), float(self.knots_v[m]))
+
+    @property
+    def points(self) -> int:
+        """How many control points there are, the repeated ones not counted."""
+        n, m = self.control.shape[:2]
+        return n * (m - self.degree[1] * self.periodic)
+
+    def derivatives(self, uv: Float[np.ndarray, "*batch 2"]) -> Float[np.ndarray, "*batch 6 3"]:
+        """Position, r_u, r_v, r_uu, r_uv and r_vv; beyond an open end it goes on straight."""
+        from palpate.surfaces import _bspline  # compiled: loaded when first needed
+
+        flat = np.ascontiguousarray(uv, dtype=np.float64).reshape(-1, 2)
+        out = np.empty((len(flat), 6, 3))
+        _bspline.evaluate(flat, *self._numbers, out)
+        return out.reshape(*uv.shape[:-1], 6, 3)
+
+    def geodesics(
+        self, begin: Float[np.ndarray, "m 6"], step: float, steps: int
+    ) -> tuple[Float[np.ndarray, "s m 6"], Float[np.ndarray, "s m 6"]]:
+        """States (u, v, u', v', J, J') along geodesics in equal steps of length [m], and their derivatives.
+
+        J is how far neighbours that leave side by side have come apart: J'' = -K J, K the Gaussian curvature.
+        """
+        from palpate.surfaces import _bspline  # compiled: loaded when first needed
+
+        states, slopes = np.empty((steps + 1, *begin.shape)), np.empty((steps + 1, *begin.shape))
+        states[0] = begin
+        _bspline.geodesics(step, *self._numbers, states, slopes)
+        return states, slopes
+
+    @property
+    def _numbers(self) -> tuple[np.ndarray, np.ndarray, int, int, bool, np.ndarray]:
+        """As the compiled loops take them."""
+        return self.knots_u, self.knots_v, *self.degree, self.periodic, self.control
+
+    def at(self, uv: ArrayLike) -> tuple[Float[np.ndarray, "*batch 3"], Float[np.ndarray, "*batch 3"]]:
+        """Points [m] and outward unit normals n = r_u x r_v / |r_u x r_v|.
+
+        [skin] (5) prints r_u x r_u, which is zero.
+        """
+        found = self.derivatives(np.asarray(uv, dtype=np.float64))
+        normals = np.cross(found[..., 1, :], found[..., 2, :])
+        return found[..., 0, :], normals / np.linalg.norm(normals, axis=-1, keepdims=True)
+
+    def nearest(
+        self, points: Float[np.ndarray, "n 3"], start: Float[np.ndarray, "n 2"], steps: int = 6
+    ) -> Float[np.ndarray, "n 2"]:
+        """Parameters of the points nearest to some points [m], by Gauss-Newton from parameters that are nearly so."""
+        uv = np.array(start)
+        for _ in range(steps):
+            found = self.derivatives(uv)
+            tangents = found[:, 1:3]
+            uv += solve_tangent(tangents, points - found[:, 0])
+        return uv
+
+    def mesh(self, rows: int, columns: int) -> Mesh:
+        """Triangles whose corners lie on the surface: what trees, viewers and file formats take."""
+        (low_u, high_u), (low_v, high_v) = self.domain
+        u, v = np.linspace(low_u, high_u, rows + 1), np.linspace(low_v, high_v, columns + 1)
+        points, _ = self.at(np.stack(np.meshgrid(u, v, indexing="ij"), axis=-1))
+        first = (np.arange(rows)[:, None] * (columns + 1) + np.arange(columns)).reshape(-1)
+        across, up = first + 1, first + columns + 1
+        faces = np.concatenate([np.stack([first, up, across], 1), np.stack([across, up, up + 1], 1)])
+        return Mesh.from_arrays(points.reshape(-1, 3), faces)
+
+
+def solve_tangent(
+    tangents: Float[np.ndarray, "*batch 2 3"], vectors: Float[np.ndarray, "*batch 3"]
+) -> Float[np.ndarray, "*batch 2"]:
+    """Steps in u and v whose r_u du + r_v dv is nearest to each vector."""
+    u, v = tangents[..., 0, :], tangents[..., 1, :]
+    e, f, g = (np.einsum("...i,...i->...", *pair) for pair in ((u, u), (u, v), (v, v)))
+    a, b = (np.einsum("...i,...i->...", side, vectors) for side in (u, v))
+    return np.stack([g * a - f * b, e * b - f * a], axis=-1) / (e * g - f * f)[..., None]
+
+
+def open_knots(breaks: ArrayLike, degree: int = 3) -> Float[np.ndarray, " k"]:
+    """Knots that begin and end at the first and the last of `breaks`, each `degree` + 1 times."""
+    breaks = np.asarray(breaks, dtype=np.float64)
+    return np.concatenate([np.full(degree, breaks[0]), breaks, np.full(degree, breaks[-1])])
+
+
+def periodic_knots(breaks: ArrayLike, degree: int = 3) -> Float[np.ndarray, " k"]:
+    """Knots of a closed curve; the last of `breaks` is the first again, a period later."""
+    breaks = np.asarray(breaks, dtype=np.float64)
+    period = breaks[-1] - breaks[0]
+    around = np.concatenate([breaks[:-1] - period, breaks[:-1], breaks[:-1] + period])
+    while len(around) < 3 * len(breaks) + 2 * degree:  # few spans: the period comes round more often
+        around = np.concatenate([around[: len(breaks) - 1] - period, around, around[1 - len(breaks) :] + period])
+    start = int(cast("Any", np.searchsorted(around, breaks[0])))
+    return around[start - degree : start + len(breaks) + degree]
+
+
+def greville(knots: Float[np.ndarray, " k"], degree: int) -> Float[np.ndarray, " n"]:
+    """Where control points have most of their say: means x_i of `degree` knots, so that x = sum N_i(x) x_i."""
+    inner = np.lib.stride_tricks.sliding_window_view(knots[1:-1], degree)
+    return inner.mean(axis=1)
+
+
+def basis_matrices(
+    knots: Float[np.ndarray, " k"], degree: int, places: Float[np.ndarray, " n"]
+) -> tuple[Float[np.ndarray, "n a"], Float[np.ndarray, "n a"]]:
+    """Values and slopes of all basis functions at some places."""
+    from scipy.interpolate import BSpline  # here: scipy is slow to import
+
+    spline = BSpline(knots, np.eye(len(knots) - degree - 1), degree)
+    return np.asarray(spline(places)), np.asarray(spline(places, nu=1))

@@ -1,0 +1,107 @@
+"""Touches of a sheet against other instruments: lines of action, a tracked ball, known points."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from palpate.contact.estimate import ContactEstimate, Status
+from palpate.contact.truth import Samples, Touches
+from palpate.evaluation.skin import equivalent_forces, judge, map_mesh, paired, perfect, wand_points
+from palpate.simulation.shapes import icosphere
+from palpate.simulation.skin_bench import Rolled
+
+SHEET = Rolled()
+MESH = map_mesh(SHEET.layout())
+
+
+def _lines(count: int = 20) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Points and normals of the cylinder, and wrenches of pure forces along the normals there."""
+    rng = np.random.default_rng(1)
+    point, normal = SHEET.at(rng.uniform(0, 5, count), rng.uniform(0, 21, count))
+    force = -3.0 * normal
+    return point, normal, np.concatenate([force, np.cross(point, force)], axis=1)
+
+
+def test_a_pure_force_is_traced_back_to_its_point() -> None:
+    """To 20 um: facets of a quarter of a cell lie e^2/8R = 22 um inside the cylinder at most."""
+    point, normal, wrench = _lines()
+    found = equivalent_forces(MESH, wrench, alone=np.ones(20, dtype=bool))
+    assert not any(found.refused)
+    assert np.linalg.norm(found.point - point, axis=1).max() < 25e-6
+    np.testing.assert_allclose(found.direction, normal, atol=1e-12)
+
+
+def test_the_foot_of_the_line_is_the_papers_formula() -> None:
+    """E = F x N / |F|^2 is equation (9): the point of our line nearest to the origin."""
+    _, _, wrench = _lines()
+    force, torque = wrench[:, :3], wrench[:, 3:]
+    foot = np.cross(force, torque) / (force**2).sum(axis=1, keepdims=True)
+    across = torque - (torque * force).sum(axis=1, keepdims=True) / (force**2).sum(axis=1, keepdims=True) * force
+    crossed = np.cross(force, torque)
+    paper = np.linalg.norm(across, axis=1) / np.linalg.norm(force, axis=1)
+    papers = paper[:, None] * crossed / np.maximum(np.linalg.norm(crossed, axis=1, keepdims=True), 1e-300)
+    np.testing.assert_allclose(foot, papers, atol=1e-12)
+
+
+def test_what_is_no_single_force_is_refused_with_the_reason() -> None:
+    _, normal, wrench = _lines(4)
+    wrench[0, 3:] += 0.02 * normal[0]  # torsion: 6.7 mm of pitch
+    wrench[1] *= 0.1  # 0.3 N
+    wrench[2, 3:] += np.cross([0.0, 0.0, 0.5], wrench[2, :3])  # pushed along the axis, off the sheet
+    found = equivalent_forces(MESH, wrench, alone=np.array([True, True, True, False]))
+    assert "F . N" in found.refused[0]
+    assert "too light" in found.refused[1]
+    assert "misses" in found.refused[2]
+    assert "several touches" in found.refused[3]
+    assert np.isnan(found.point).all()
+
+
+def test_a_ball_that_touches_is_found_at_its_point() -> None:
+    """To 0.3 mm: vertices of the ball are 0.3 mm apart."""
+    point, normal, _ = _lines(10)
+    ball = 0.004 * icosphere(16)[0]
+    centre = point + (0.004 - 0.0002) * normal  # 0.2 mm deep
+    found = wand_points(MESH, ball, np.tile(np.eye(3), (10, 1, 1)), centre)
+    assert not any(found.refused)
+    assert np.linalg.norm(found.point - point, axis=1).max() < 0.3e-3
+    away = wand_points(MESH, ball, np.eye(3)[None], (point + 0.02 * normal)[:1])
+    assert away.refused == ("wand and link do not meet",)
+    lost = wand_points(MESH, ball, np.full((1, 3, 3), np.nan), np.full((1, 3), np.nan))
+    assert "lost" in lost.refused[0]
+
+
+def test_the_papers_measures_are_those_of_the_paper() -> None:
+    point, normal, wrench = _lines()
+    reference = equivalent_forces(MESH, wrench, alone=np.ones(20, dtype=bool))
+    shifted = judge(point + np.array([0.001, 0.0, 0.004]), normal, reference, (0.01, 0.01))
+    assert shifted.position is not None
+    assert shifted.paper_position is not None
+    assert shifted.position.mean == pytest.approx((0.001**2 + 0.004**2) ** 0.5, abs=3e-5)
+    assert shifted.paper_position.mean == pytest.approx(0.001, abs=3e-5)  # z set to zero
+    turned = judge(point, np.roll(normal, 1, axis=0), reference, (0.01, 0.01))
+    exact = np.abs(np.roll(normal, 1, axis=0) - normal)[:, :2].mean()
+    assert turned.paper_direction == pytest.approx(exact, rel=1e-9)
+
+
+def test_a_perfect_map_errs_as_a_square_does() -> None:
+    """A million points of a square; their mean deviates by 1.4e-4 of it."""
+    points = np.random.default_rng(2).uniform(-0.5, 0.5, (1_000_000, 2)) * 0.01
+    distance, axis = perfect((0.01, 0.01))
+    assert distance == pytest.approx(np.linalg.norm(points, axis=1).mean(), rel=2e-3)
+    assert axis == pytest.approx(np.abs(points[:, 0]).mean(), rel=2e-3)
+
+
+def test_each_truth_is_paired_with_the_nearest_contact_at_its_time() -> None:
+    points = np.array([[0.0, 0, 0], [1.0, 0, 0], [0.1, 0, 0], [1.1, 0, 0]])
+    estimate = ContactEstimate(
+        points, points, points, np.zeros(4), np.zeros((4, 3, 3)), np.zeros(4), np.ones(4, np.int64),
+        np.full(4, Status.CONTACT, np.int8),
+    )  # fmt: skip
+    time, contact = np.array([0.0, 0.0, 1.0, 1.0]), np.array([0, 1, 0, 1])
+    known = Samples(np.array([1.0, 1.0, 0.0]), np.array([[1.2, 0, 0], [0.0, 0, 0], [0.9, 0, 0]]))
+    _, found, _ = paired(time, contact, estimate, known, 0.01)
+    assert found.point[:, 0].tolist() == [1.1, 0.1, 1.0]
+    touches = Touches(np.array([0.0]), np.array([1.0]), np.array([[1.0, 0, 0]]), ("a",))
+    _, found, _ = paired(time, contact, estimate, touches, 0.01)
+    assert found.point[:, 0].tolist() == [1.0, 1.1]
