@@ -71,6 +71,14 @@ def test_rest_below_zero_that_wrapped_is_put_right() -> None:
     assert any("wrapped around" in note for note in health.notes)
 
 
+def test_a_hard_touch_of_one_cell_is_not_taken_for_a_wrap() -> None:
+    """It rests where noise takes it nowhere near 0, so what it reads at the top is pressed."""
+    rng = np.random.default_rng(5)
+    cells = np.rint(7.0 + rng.standard_normal((300, 6, 8)))
+    cells[100:140, 4, 2] += 223.0
+    assert not any("wrapped around" in note for note in _examined(cells).notes)
+
+
 def test_frames_of_another_size_are_counted_and_named() -> None:
     with pytest.raises(InputError, match="0 frames of 6 x 8 cells could be read of 30"):
         _examined(np.full((30, 6, 8), np.nan))

@@ -147,7 +147,12 @@ def wand_points(
         elif close.any() and height[lowest] <= TOUCHING:
             band = close & (height <= height[lowest] + 2e-5)
             points[k] = near[band].mean(axis=0)
-        said.append("" if np.isfinite(points[k]).all() else "wand and link do not meet")
+        apart = float(np.linalg.norm(placed - near, axis=1).min())
+        said.append(
+            ""
+            if np.isfinite(points[k]).all()
+            else f"wand and link do not meet: they are {1e3 * apart:.3g} mm apart (is the wand's unit right, and its frame?)"
+        )
     nowhere = np.full((len(position), 3), np.nan)
     return Reference(points, nowhere, tuple(said), "wand tracked by motion capture")
 

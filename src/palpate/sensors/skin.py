@@ -257,7 +257,9 @@ def _unwrapped(
     if sheet.bits is None or cells.min() < 0:  # floats, or turned: rest is at the top, and falls
         return cells, np.zeros(cells.shape[1:], dtype=bool)
     turn = sheet.top + 1.0
-    below = (cells > WRAP * turn) & (np.quantile(cells, 0.25, axis=0) < (1 - WRAP) * turn)
+    noise = np.median(np.abs(np.diff(cells, axis=0)), axis=0) if len(cells) > 1 else np.zeros(cells.shape[1:])
+    rest = np.quantile(cells, 0.25, axis=0)
+    below = (cells > WRAP * turn) & (rest <= 1.0 + 3.0 * noise)  # noise takes no other rest below 0
     alone = np.zeros_like(below)  # a touch presses neighbours too
     for axis in (1, 2):
         for shift in (1, -1):
