@@ -147,12 +147,9 @@ def wand_points(
         elif close.any() and height[lowest] <= TOUCHING:
             band = close & (height <= height[lowest] + 2e-5)
             points[k] = near[band].mean(axis=0)
-        apart = float(np.linalg.norm(placed - near, axis=1).min())
-        said.append(
-            ""
-            if np.isfinite(points[k]).all()
-            else f"wand and link do not meet: they are {1e3 * apart:.3g} mm apart (is the wand's unit right, and its frame?)"
-        )
+        apart = 1e3 * float(np.linalg.norm(placed - near, axis=1).min())
+        never = f"wand and link do not meet: they are {apart:.3g} mm apart (is the wand's unit right, and its frame?)"
+        said.append("" if np.isfinite(points[k]).all() else never)
     nowhere = np.full((len(position), 3), np.nan)
     return Reference(points, nowhere, tuple(said), "wand tracked by motion capture")
 

@@ -54,6 +54,11 @@ class SkinScene:
         """[N] that is drawn darkest."""
         return max(float(np.quantile(self.force.max(axis=(1, 2)), 0.99)), 1e-6)
 
+    @property
+    def strongest(self) -> int:
+        """The frame with most force: shown first."""
+        return int(self.force.sum(axis=(1, 2)).argmax())
+
     def at(self, index: int) -> Int[np.ndarray, " k"]:
         """Rows of the touches of a frame."""
         low, high = np.searchsorted(self.touches.sample, [index, index + 1])
@@ -120,7 +125,7 @@ class SkinPage:
         self._stopping = False
         self._names: list[str] = []
         self._build()
-        self.show(0)
+        self.show(scene.strongest)
         self._painter = threading.Thread(target=self._paint, name="palpate-skin", daemon=True)
         self._painter.start()
 
@@ -172,7 +177,7 @@ class SkinPage:
         flat = unrolled(scene.force[0], scene.most, np.zeros((0, 2)))
         self._sheet = gui.add_image(flat, label="the sheet, unrolled")
         self._told = gui.add_markdown("")
-        self._slider = gui.add_slider("frame", 0, max(len(scene) - 1, 1), 1, 0)
+        self._slider = gui.add_slider("frame", 0, max(len(scene) - 1, 1), 1, scene.strongest)
         self._play = gui.add_checkbox("play", False)
         self._slider.on_update(lambda event: self.show(self._frame()) if event.client else None)
         self._play.on_update(lambda event: self._nudge())
