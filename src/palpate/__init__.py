@@ -7,8 +7,10 @@ docs/architecture.md.
 from palpate.calibration.load_cells import identify_load_cells
 from palpate.calibration.mounting import Mounting, identify_mounting
 from palpate.calibration.payload import identify_payload
+from palpate.calibration.skin_map import map_skin
 from palpate.contact import Candidates, ContactEstimate, Estimator, Locator, Status, locate
 from palpate.contact.fingertip import Fingertip
+from palpate.contact.several import Skin
 from palpate.errors import GeometryError, InputError, NotIdentifiable, PalpateError
 from palpate.sensors import Butterworth, ForceTorque, Kalman, Payload, Recording
 from palpate.sensors.load_cells import LoadCells
@@ -37,6 +39,7 @@ __all__ = [
     "Payload",
     "Pose",
     "Recording",
+    "Skin",
     "Status",
     "Surface",
     "Wrench",
@@ -44,5 +47,6 @@ __all__ = [
     "identify_mounting",
     "identify_payload",
     "locate",
+    "map_skin",
     "plane",
 ]
