@@ -88,7 +88,7 @@ def _answer(cells: palpate.sensors.load_cells.LoadCells, run: BenchRun, method: 
     for number in np.unique(run.trajectory):
         part = run.trajectory == number
         fingertip.tare(_rest(run, part))
-        table[part], which[part] = fingertip.run_into(fingertip.empty(np.count_nonzero(part)), run.voltages[part])
+        table[part], which[part] = fingertip.run_into(fingertip.empty(int(np.count_nonzero(part))), run.voltages[part])
     return Answer(palpate.ContactEstimate.from_rows(table), which)
 
 
@@ -193,7 +193,7 @@ def _bound(bench: Bench, run: BenchRun, k: int, torque: bool) -> float:
     steps = np.array([1e-7, 1e-7, 1e-5, 1e-5, 1e-5, 1e-8])
 
     def made(values: np.ndarray) -> np.ndarray:
-        point, normal = bench.ellipse.foot(values[0], values[1])
+        point, normal = (each[0] for each in bench.ellipse.foot(values[:1], values[1:2]))
         wrench = (
             _soft(bench, values, normal)
             if bench.layer
