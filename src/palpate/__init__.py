@@ -18,7 +18,7 @@ from palpate.spatial.pose import Pose
 from palpate.spatial.wrench import Wrench
 from palpate.surfaces import Mesh, Surface, plane
 
-__version__ = "0.2.0"
+__version__ = "0.3.0"
 
 __all__ = [
     "Butterworth",
