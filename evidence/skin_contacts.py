@@ -33,7 +33,7 @@ from palpate.simulation.skin_session import SkinSession, load_cell_presses, simu
 from palpate.spatial.pose import rotation_from_quaternion
 from palpate.surfaces.mesh import Mesh
 
-__all__ = ["rows"]
+__all__ = ["Judged", "protocol", "rows"]
 
 COMMAND = "python -m evidence --only skin_contacts"
 NAME = "skin contacts"
@@ -336,7 +336,7 @@ def _straight(middle: np.ndarray, x: np.ndarray, group: np.ndarray, *, held_out:
 
 
 @dataclass
-class _Judged:
+class Judged:
     """Errors [m], angles [rad] and the paper's measure of all touches of many sessions."""
 
     truth: list[np.ndarray] = field(default_factory=list)
@@ -344,22 +344,27 @@ class _Judged:
     wand: list[np.ndarray] = field(default_factory=list)
     turned: list[np.ndarray] = field(default_factory=list)
     paper: list[float] = field(default_factory=list)
+    flat: list[np.ndarray] = field(default_factory=list)  # from sensor and wand: the paper's mean position errors
     refused: int = 0
     lost: int = 0
 
 
 def _validation(count: int) -> Iterator[Row]:
     """The 19-touch protocol, once with a fine wand and once with patches over several cells."""
-    surface, skin = map_mesh(SHEET.layout()), _skin()
-    for width in (0.3, 3.0):
-        judged = _Judged()
-        for k in range(count):
-            session = simulate_protocol(np.random.default_rng([65, k]), model=_model()[0], width=width)
-            _judge(session, skin, surface, judged)
-        yield from _small_touches(judged, count) if width < 1 else _wide_touches(judged, count)
+    yield from _small_touches(protocol(count, 0.3), count)
+    yield from _wide_touches(protocol(count, 3.0), count)
 
 
-def _judge(session: SkinSession, skin: Skin, surface: Mesh, judged: _Judged) -> None:
+def protocol(count: int, width: float) -> Judged:
+    """The paper's 19 touches, `count` times, `width` cells wide, held against sensor, wand and truth."""
+    surface, skin, judged = map_mesh(SHEET.layout()), _skin(), Judged()
+    for k in range(count):
+        session = simulate_protocol(np.random.default_rng([65, k]), model=_model()[0], width=width)
+        _judge(session, skin, surface, judged)
+    return judged
+
+
+def _judge(session: SkinSession, skin: Skin, surface: Mesh, judged: Judged) -> None:
     """One session against its truth, the sensor below and the wand."""
     points, normals, at = _touched(session.frames, skin)
     pitch = (SHEET.pitch, SHEET.pitch)
@@ -376,11 +381,14 @@ def _judge(session: SkinSession, skin: Skin, surface: Mesh, judged: _Judged) -> 
     turn = rotation_from_quaternion(np.where(lost[:, None], [0, 0, 0, 1.0], pose[:, 3:]))
     tip = Wand().radius * icosphere(16)[0]
     seen = wand_points(surface, tip, turn, np.where(lost[:, None], np.nan, pose[:, :3]))
-    judged.wand.append(judge(points, normals, seen, pitch).errors)
+    by_wand = judge(points, normals, seen, pitch)
+    judged.wand.append(by_wand.errors)
+    means = [np.nan if s is None else s.mean for s in (report.paper_position, by_wand.paper_position)]
+    judged.flat.append(np.array(means))
     judged.lost += sum(map(bool, seen.refused))
 
 
-def _small_touches(judged: _Judged, count: int) -> Iterator[Row]:
+def _small_touches(judged: Judged, count: int) -> Iterator[Row]:
     what, target = f"the 19-touch protocol, {count} times, touches smaller than a cell", "<= 3.83 + 0.3 mm"
     truth, sensor, wand = map(_mean, (judged.truth, judged.sensor, judged.wand))
     got = f"{truth:.2f} mm; a perfect map that names the cell 3.83 mm; the paper 4.2 mm with z set to zero"
@@ -393,7 +401,7 @@ def _small_touches(judged: _Judged, count: int) -> Iterator[Row]:
     yield Row(NAME, f"{what}: directions, by the paper's measure", "", got, None, COMMAND)
 
 
-def _wide_touches(judged: _Judged, count: int) -> Iterator[Row]:
+def _wide_touches(judged: Judged, count: int) -> Iterator[Row]:
     what = f"the 19-touch protocol, {count} times, patches 3 cells wide"
     middle = 1e3 * float(np.median(np.concatenate(judged.truth)))
     got = (
@@ -410,7 +418,7 @@ def _mean(errors: list[np.ndarray]) -> float:
     return 1e3 * float(np.nanmean(np.concatenate(errors)))
 
 
-def _directions(judged: _Judged) -> str:
+def _directions(judged: Judged) -> str:
     degrees = np.degrees(float(np.nanmean(np.concatenate(judged.turned))))
     return f"{100 * float(np.nanmean(judged.paper)):.2f} %, in space {degrees:.2f} deg; the paper 2.9 %"
 

@@ -152,3 +152,10 @@ def test_the_balls_centre_is_meant() -> None:
         fitted(replace(run, position=run.position * 1e3))
     sunk = replace(run, position=run.position + np.array([0.0, 0.0, 2e-3]))
     assert any("centre lies" in note for note in fitted(sunk).notes)
+
+
+def test_too_little_friction_to_show_the_torque_is_said() -> None:
+    """The sideways share of the force is what tells the moment along it: 0.1 of the normal force is asked."""
+    said = calibrated(replace(RIGID, friction=(0.02, 0.08))).coverage.notes
+    assert any("Friction was small" in note and "torque about the normal" in note for note in said)
+    assert not any("Friction" in note for note in calibrated().coverage.notes)

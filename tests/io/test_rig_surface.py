@@ -39,6 +39,9 @@ def test_every_kind_is_built_from_its_lengths(table: dict[str, object], kind: ty
         ({"kind": "elliptic_cylinder", "a": 0.014, "half_length": 0.016}, "b is missing"),
         ({"kind": "ellipsoid", "axes": [0.01, 0.0, 0.01]}, "axes must be positive"),
         ({"kind": "ellipsoid", "axes": [0.01, 0.01]}, "axes"),
+        ({"kind": "sphere", "radius": 0.01, "height": 0.02}, "height does not belong to kind = 'sphere'"),
+        ({"kind": "cylinder", "radius": 0.01, "half_length": 0.02, "mesh": "a.stl"}, "mesh does not belong"),
+        ({"kind": "mesh", "mesh": "a.stl", "unit": "mm", "radius": 0.01}, "radius does not belong"),
         ({"kind": "ball", "radius": 0.01}, "kind must be one of mesh, plane, sphere"),
     ],
 )

@@ -14,7 +14,7 @@ from tomlkit.items import Table
 
 from palpate.errors import InputError
 from palpate.io.atomic import write_text
-from palpate.io.models import load_toml, toml_array
+from palpate.io.models import load_model, toml_array
 from palpate.io.strict import INFINITE, parse
 from palpate.sensors.intensity import Curve, Intensity
 
@@ -110,13 +110,7 @@ def read_intensity(path: Path) -> Intensity:
     Raises:
         InputError: not such a file, a key misspelt or missing, a curve that does not rise.
     """
-    table = load_toml(path)
-    if table.get("kind") != "intensity":
-        raise InputError(
-            "is not an intensity model.",
-            where=str(path),
-            mend="`palpate calibrate intensity` writes one (kind = 'intensity').",
-        )
+    table = load_model(path, "intensity", "an intensity model", "palpate calibrate intensity")
     listed: Any = table.get("curve")
     if not isinstance(listed, list):
         raise InputError("has no [[curve]].", where=str(path))

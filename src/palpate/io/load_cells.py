@@ -12,7 +12,7 @@ import tomlkit
 
 from palpate.errors import InputError, NotIdentifiable
 from palpate.io.atomic import write_text
-from palpate.io.models import load_toml, toml_array
+from palpate.io.models import load_model, toml_array
 from palpate.io.strict import covariance_matrix, parse
 from palpate.sensors.load_cells import Indentation, LoadCells
 
@@ -128,13 +128,7 @@ def read_load_cells(path: Path) -> LoadCells:
     Raises:
         InputError: not one, a key misspelt or missing, a value of the wrong kind, or cells that tell no wrench.
     """
-    table = load_toml(path)
-    if table.get("kind") != "load_cells":
-        raise InputError(
-            "is not a model of load cells.",
-            where=str(path),
-            mend="`palpate calibrate load-cells` writes one (kind = 'load_cells').",
-        )
+    table = load_model(path, "load_cells", "a model of load cells", "palpate calibrate load-cells")
     stated = parse(table, _LoadCellsFile, file=str(path))
     try:
         return stated.cells()

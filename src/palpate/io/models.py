@@ -22,6 +22,7 @@ from palpate.io.units import near
 from palpate.sensors.force_torque import STANDARD_GRAVITY, Payload
 
 __all__ = [
+    "load_model",
     "load_toml",
     "printable",
     "provenance",
@@ -113,13 +114,7 @@ def read_payload(path: Path) -> Payload:
     Raises:
         InputError: not a payload model, a key misspelt or missing, a value of the wrong kind.
     """
-    table = load_toml(path)
-    if table.get("kind") != "payload":
-        raise InputError(
-            "is not a payload model.",
-            where=str(path),
-            mend="`palpate calibrate payload` writes one (kind = 'payload').",
-        )
+    table = load_model(path, "payload", "a payload model", "palpate calibrate payload")
     stated = parse(table, _PayloadFile, file=str(path))
     try:
         return stated.payload()
@@ -136,6 +131,24 @@ def read_provenance(path: Path) -> dict[str, Any]:
     """What stands beside a result, in its .toml; nothing where there is none."""
     beside = path.with_name(f"{path.name}.toml")
     return load_toml(beside) if beside.exists() else {}
+
+
+def load_model(path: Path, kind: str, called: str, command: str) -> dict[str, Any]:
+    """The table of a model's file.
+
+    Args:
+        path: of the file.
+        kind: that it must state.
+        called: what the model is called in a sentence.
+        command: what writes one.
+
+    Raises:
+        InputError: not there, not TOML, or of another kind.
+    """
+    table = load_toml(path)
+    if table.get("kind") != kind:
+        raise InputError(f"is not {called}.", where=str(path), mend=f"`{command}` writes one (kind = {kind!r}).")
+    return table
 
 
 def load_toml(path: Path) -> dict[str, Any]:

@@ -18,7 +18,7 @@ from tomlkit.items import Table
 
 from palpate.errors import GeometryError, InputError
 from palpate.io.atomic import write_text
-from palpate.io.models import load_toml, toml_array
+from palpate.io.models import load_model, toml_array
 from palpate.io.strict import parse
 from palpate.sensors.skin_map import SkinMap
 from palpate.surfaces.bspline import BSplineSurface
@@ -118,11 +118,7 @@ def read_skin_map(path: Path) -> SkinMap:
         from palpate.io.skin_csv import read_map_csv  # here: tables load polars
 
         return read_map_csv(path)
-    table = load_toml(path)
-    if table.get("kind") != _KIND:
-        raise InputError(
-            "is not a skin map.", where=str(path), mend=f"`palpate map skin` writes one (kind = {_KIND!r})."
-        )
+    table = load_model(path, _KIND, "a skin map", "palpate map skin")
     stated = parse(table, _MapFile, file=str(path))
     try:
         return stated.map()

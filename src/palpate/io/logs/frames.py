@@ -15,6 +15,7 @@ import numpy as np
 from palpate.errors import InputError
 from palpate.io.logs.bag import BagFile, open_folder
 from palpate.io.logs.frame_messages import FRAMES, STAMPED, frame
+from palpate.io.logs.log import Watched
 from palpate.io.logs.mcap import McapFile
 from palpate.io.logs.messages import Source, Topic
 from palpate.io.tables.fields import Fields, Rows
@@ -64,27 +65,14 @@ class FrameLayout:
 
 
 @runtime_checkable
-class FrameLog(Protocol):
-    """What every reader of frames gives; the attributes are those of `palpate.io.logs.log.Log`."""
+class FrameLog(Watched, Protocol):
+    """What every reader of frames gives; `path` is of the file or folder."""
 
     @property
     def path(self) -> Path: ...  # noqa: D102 - said above
 
-    @property
-    def size(self) -> int: ...  # noqa: D102 - said above
-
-    @property
-    def position(self) -> int: ...  # noqa: D102 - said above
-
-    @property
-    def torn(self) -> str: ...  # noqa: D102 - said above
-
     def blocks(self) -> Iterator[Frames]:
         """Frames from the start, every one once; one that could not be read is NaN."""
-        ...
-
-    def notes(self) -> tuple[str, ...]:
-        """What a reader of the results should know of the blocks read so far."""
         ...
 
 

@@ -9,6 +9,8 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from palpate.io.logs.log import Watched
+
 __all__ = ["ARRAYS", "KINDS", "Kind", "Messages", "Source", "Topic", "decode", "decode_array", "merged", "seconds"]
 
 
@@ -97,17 +99,8 @@ class Messages:
 
 
 @runtime_checkable
-class Source(Protocol):
-    """A file of messages; `size`, `position` and `torn` are those of `palpate.io.logs.log.Log`."""
-
-    @property
-    def size(self) -> int: ...  # noqa: D102 - said above
-
-    @property
-    def position(self) -> int: ...  # noqa: D102 - said above
-
-    @property
-    def torn(self) -> str: ...  # noqa: D102 - said above
+class Source(Watched, Protocol):
+    """A file of messages."""
 
     def topics(self) -> list[Topic]:
         """Everything that it declares, one entry a name and type, with how many messages there are."""
@@ -115,10 +108,6 @@ class Source(Protocol):
 
     def messages(self, names: Collection[str] = ()) -> Generator[Messages]:
         """From the start, in the order of the file: all, or at least those of the topics that are named."""
-        ...
-
-    def notes(self) -> tuple[str, ...]:
-        """What was odd."""
         ...
 
 
@@ -130,15 +119,8 @@ def decode(
     In CDR (ROS 2) four bytes come first, of which the second says the order of bytes, and doubles stand at multiples of
     8 behind them; in ROS 1 nothing is aligned, and the header begins with a sequence number.
     """
-    little = np.ones(len(messages.start), dtype=bool)
     cdr = encoding == "cdr"
-    at, end = messages.start.copy(), messages.start + messages.length
-    sound = messages.length >= (4 if cdr else 0)
-    if cdr:
-        representation = _taken(messages.data, at, 2, sound)
-        little = representation[:, 1] == 1
-        sound &= (representation[:, 0] == 0) & (representation[:, 1] <= 1)
-        at += 4
+    little, at, end, sound = _opened(messages, cdr=cdr)
     origin = at.copy()
     stamps = np.zeros(len(at), dtype=np.int64)
     if kind.strings:
@@ -160,15 +142,11 @@ def decode(
     return stamps, values, sound
 
 
-def decode_array(
-    messages: Messages, count: int, encoding: str
-) -> tuple[Int[np.ndarray, " n"], Float[np.ndarray, "n k"], Bool[np.ndarray, " n"]]:
-    """The same of Float64MultiArray: `count` numbers; a message with another number of them cannot be read.
-
-    In front of them are its dimensions (a label, size and stride each), which say nothing more, and an offset.
-    """
+def _opened(
+    messages: Messages, *, cdr: bool
+) -> tuple[Bool[np.ndarray, " n"], Int[np.ndarray, " n"], Int[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
+    """Which messages are little-endian, where each begins behind its representation and ends, and which are sound."""
     little = np.ones(len(messages.start), dtype=bool)
-    cdr = encoding == "cdr"
     at, end = messages.start.copy(), messages.start + messages.length
     sound = messages.length >= (4 if cdr else 0)
     if cdr:
@@ -176,6 +154,18 @@ def decode_array(
         little = representation[:, 1] == 1
         sound &= (representation[:, 0] == 0) & (representation[:, 1] <= 1)
         at += 4
+    return little, at, end, sound
+
+
+def decode_array(
+    messages: Messages, count: int, encoding: str
+) -> tuple[Int[np.ndarray, " n"], Float[np.ndarray, "n k"], Bool[np.ndarray, " n"]]:
+    """The same of Float64MultiArray: `count` numbers; a message with another number of them cannot be read.
+
+    In front of them are its dimensions (a label, size and stride each), which say nothing more, and an offset.
+    """
+    cdr = encoding == "cdr"
+    little, at, end, sound = _opened(messages, cdr=cdr)
     origin = at.copy()
     left = _count(messages.data, at, end, sound, little)
     at += 4

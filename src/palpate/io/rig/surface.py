@@ -40,6 +40,7 @@ EQUATIONS: dict[str, tuple[Callable[..., Surface], tuple[str, ...]]] = {
     "superquadric": (superquadric, ("axes", "exponents")),
 }
 _KINDS = ("mesh", "plane", *EQUATIONS)
+_LENGTHS = tuple(dict.fromkeys(name for _, names in EQUATIONS.values() for name in names))
 
 
 @dataclass(frozen=True)
@@ -114,11 +115,13 @@ class RigSurface:
             raise ValueError("normal must not be zero")
         if self.pose_covariance is not None:
             covariance_matrix(self.pose_covariance, 6, "pose_covariance")
-        if self.kind in EQUATIONS:
-            self._require_lengths()
+        self._require_lengths()
 
     def _require_lengths(self) -> None:
-        needed = EQUATIONS[self.kind][1]
+        needed = EQUATIONS[self.kind][1] if self.kind in EQUATIONS else ()
+        for name in ("mesh", *_LENGTHS) if needed else _LENGTHS:
+            if name not in needed and getattr(self, name) not in (None, False):
+                raise ValueError(f"{name} does not belong to kind = {self.kind!r}")
         given: dict[str, Any] = {name: getattr(self, name) for name in needed}
         for name, value in given.items():
             if value is None:
