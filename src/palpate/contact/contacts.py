@@ -1,0 +1,177 @@
+"""Contacts over time: what every estimator gives, and every file, table, page and report takes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
+from typing import TYPE_CHECKING
+
+import numpy as np
+from jaxtyping import Bool, Float, Int, Int8
+
+from palpate.contact.estimate import ContactEstimate
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import polars as pl
+
+__all__ = ["Contacts"]
+
+_NO_FEATURES: Mapping[str, Float[np.ndarray, " n"]] = MappingProxyType({})
+
+
+@dataclass(frozen=True, eq=False)
+class Contacts:
+    """Contacts in the order of the samples, at least one row a sample; a sample without one has a row that says so.
+
+    Attributes:
+        sample: (n,) row of the log, counted from 0.
+        time: (n,) [s], as in the log.
+        identity: (n,) which contact it is: it stays while the contact lasts. 0 where there is one at a time.
+        estimate: batch of n: point, force, covariance, status.
+        features: name -> (n,) what a sensor adds, SI (a sheet's row, column, area, ...); NaN without a contact.
+        notes: what was met on the way, one sentence each.
+    """
+
+    sample: Int[np.ndarray, " n"]
+    time: Float[np.ndarray, " n"]
+    identity: Int[np.ndarray, " n"]
+    estimate: ContactEstimate
+    features: Mapping[str, Float[np.ndarray, " n"]] = field(default_factory=lambda: _NO_FEATURES)
+    notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        for name in ("sample", "time", "identity"):
+            object.__setattr__(self, name, _read_only(getattr(self, name)))
+        features = {name: _read_only(values) for name, values in self.features.items()}
+        object.__setattr__(self, "features", MappingProxyType(features))
+        count = len(self.sample)
+        columns = {"time": self.time, "identity": self.identity, "estimate": self.estimate.status, **features}
+        for name, values in columns.items():
+            if values.shape != (count,):
+                raise ValueError(f"{name} has shape {values.shape} for {count} rows")
+
+    @classmethod
+    def single(cls, time: Float[np.ndarray, " n"], estimate: ContactEstimate, first: int = 0) -> Contacts:
+        """One contact a sample, the samples counted from `first`."""
+        count = len(time)
+        return cls(first + np.arange(count), time, np.zeros(count, dtype=np.int64), estimate)
+
+    @classmethod
+    def joined(cls, parts: Sequence[Contacts]) -> Contacts:
+        """One after the other; a feature that some do not have is NaN there."""
+        if len(parts) == 1:
+            return parts[0]
+        names = dict.fromkeys(name for part in parts for name in part.features)
+        return cls(
+            np.concatenate([part.sample for part in parts]),
+            np.concatenate([part.time for part in parts]),
+            np.concatenate([part.identity for part in parts]),
+            ContactEstimate.joined([part.estimate for part in parts]),
+            {
+                name: np.concatenate([part.features.get(name, np.full(len(part), np.nan)) for part in parts])
+                for name in names
+            },
+            tuple(dict.fromkeys(note for part in parts for note in part.notes)),
+        )
+
+    def __len__(self) -> int:
+        return len(self.sample)
+
+    def __getitem__(self, which: slice | np.ndarray) -> Contacts:
+        """The rows that a slice, a mask or numbers pick."""
+        return replace(
+            self,
+            sample=self.sample[which],
+            time=self.time[which],
+            identity=self.identity[which],
+            estimate=self.estimate[which],
+            features={name: values[which] for name, values in self.features.items()},
+        )
+
+    def __reduce__(self) -> tuple[type[Contacts], tuple[object, ...]]:
+        """A view of features cannot be pickled, their values can."""
+        return Contacts, (self.sample, self.time, self.identity, self.estimate, dict(self.features), self.notes)
+
+    @property
+    def point(self) -> Float[np.ndarray, "n 3"]:
+        """(n, 3) [m]."""
+        return self.estimate.point
+
+    @property
+    def normal(self) -> Float[np.ndarray, "n 3"]:
+        """(n, 3) outward."""
+        return self.estimate.normal
+
+    @property
+    def force(self) -> Float[np.ndarray, "n 3"]:
+        """(n, 3) [N] on the body."""
+        return self.estimate.force
+
+    @property
+    def torque(self) -> Float[np.ndarray, " n"]:
+        """(n,) [N m] about the normal."""
+        return self.estimate.torque
+
+    @property
+    def covariance(self) -> Float[np.ndarray, "n 3 3"]:
+        """(n, 3, 3) [m^2] of the point."""
+        return self.estimate.covariance
+
+    @property
+    def residual(self) -> Float[np.ndarray, " n"]:
+        """(n,) standard deviations to the nearest plausible wrench."""
+        return self.estimate.residual
+
+    @property
+    def candidates(self) -> Int[np.ndarray, " n"]:
+        """(n,) how many points explain the reading."""
+        return self.estimate.candidates
+
+    @property
+    def status(self) -> Int8[np.ndarray, " n"]:
+        """(n,) `Status` codes."""
+        return self.estimate.status
+
+    @property
+    def answered(self) -> Bool[np.ndarray, " n"]:
+        """(n,) rows whose status is CONTACT or AMBIGUOUS."""
+        return np.asarray(self.estimate.answered)
+
+    @property
+    def located(self) -> Bool[np.ndarray, " n"]:
+        """(n,) rows that have a point and a normal, whether or not they are answered."""
+        return np.isfinite(self.estimate.point).all(axis=1) & np.isfinite(self.estimate.normal).all(axis=1)
+
+    def with_estimate(self, estimate: ContactEstimate) -> Contacts:
+        """The same rows with other estimates, such as in another frame."""
+        return replace(self, estimate=estimate)
+
+    def to_polars(self) -> pl.DataFrame:
+        """As a table, with the columns that files of contacts have."""
+        from palpate.contact.table import to_frame  # here: polars is slow to import
+
+        return to_frame(self)
+
+    def to_pandas(self) -> pd.DataFrame:
+        """The same as a pandas table.
+
+        Raises:
+            ImportError: pandas is not installed.
+        """
+        import pandas as pd
+
+        return pd.DataFrame(self.to_polars().to_dict(as_series=False))
+
+    def _repr_html_(self) -> str:
+        """For notebooks."""
+        return self.to_polars()._repr_html_()  # pyright: ignore[reportPrivateUsage] - what notebooks call
+
+
+def _read_only(values: np.ndarray) -> np.ndarray:
+    """The array itself where it is read-only and nobody else's, else a read-only copy."""
+    if values.flags.writeable or values.base is not None:
+        values = values.copy()
+        values.flags.writeable = False
+    return values

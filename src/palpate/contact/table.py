@@ -1,0 +1,120 @@
+"""Contacts as the rows of a table: the columns that files have, in every format, and what a sensor adds behind them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import polars as pl
+from jaxtyping import Float, Int
+
+from palpate.contact.contacts import Contacts
+from palpate.contact.estimate import ContactEstimate, Status
+
+__all__ = [
+    "COLUMNS",
+    "LABELS",
+    "NUMBERS",
+    "WHOLE",
+    "assembled",
+    "features_of",
+    "from_frame",
+    "pointless",
+    "schema",
+    "to_frame",
+]
+
+WHOLE = ("sample", "contact", "candidates")
+_VECTORS = ("px", "py", "pz", "nx", "ny", "nz", "fx", "fy", "fz", "torque")
+_VARIANCES = ("var_xx", "var_xy", "var_xz", "var_yy", "var_yz", "var_zz")
+NUMBERS = ("time", *_VECTORS, *_VARIANCES)
+COLUMNS = ("sample", "time", "contact", "status", *_VECTORS, *_VARIANCES, "candidates")  # `contact` is the identity
+_UPPER = np.triu_indices(3)
+LABELS = [status.label for status in Status]  # at the place of their code
+
+
+def schema(features: tuple[str, ...] = ()) -> dict[str, Any]:
+    """Column -> type of polars."""
+    types: dict[str, Any] = {name: pl.Int64 if name in WHOLE else pl.Float64 for name in COLUMNS}
+    return types | {"status": pl.String} | dict.fromkeys(features, pl.Float64)
+
+
+def features_of(names: tuple[str, ...] | list[str]) -> tuple[str, ...]:
+    """Those names of columns that are features of a sensor."""
+    return tuple(name for name in names if name not in COLUMNS)
+
+
+def to_frame(contacts: Contacts) -> pl.DataFrame:
+    """The columns of `COLUMNS`, then features; null where a number is NaN, the status's label."""
+    estimate = contacts.estimate
+    numbers = np.column_stack([estimate.point, estimate.normal, estimate.force, estimate.torque])
+    variances = estimate.covariance[:, *_UPPER]
+    return pl.DataFrame(
+        {
+            "sample": contacts.sample,
+            "time": contacts.time,
+            "contact": contacts.identity,
+            "status": pl.Series(LABELS, dtype=pl.String).gather(estimate.status),
+            **dict(zip(_VECTORS, numbers.T, strict=True)),
+            **dict(zip(_VARIANCES, variances.T, strict=True)),
+            "candidates": estimate.candidates,
+            **contacts.features,
+        },
+        schema=schema(tuple(contacts.features)),
+    ).with_columns(pl.col(pl.Float64).fill_nan(None))
+
+
+def from_frame(frame: pl.DataFrame) -> Contacts:
+    """The inverse of `to_frame`; columns may stand in any order.
+
+    Raises:
+        ValueError: a whole number or a status is missing, there is no such status, or an answered row has no point.
+    """
+    whole = frame.select(WHOLE)
+    if whole.null_count().sum_horizontal().item():
+        raise ValueError("sample, contact and candidates must be whole numbers")
+    codes = frame["status"].replace_strict(LABELS, range(len(LABELS)), default=None, return_dtype=pl.Int8)
+    if codes.null_count():
+        raise ValueError(f"unknown status {frame['status'].filter(codes.is_null())[0]!r}")
+    numbers = frame.select(*NUMBERS).fill_null(float("nan")).to_numpy()
+    sample, contact, candidates = whole.to_numpy().T
+    features = {
+        name: frame[name].fill_null(float("nan")).to_numpy().astype(np.float64) for name in features_of(frame.columns)
+    }
+    contacts = assembled(sample, contact, candidates, codes.to_numpy(), numbers, features)
+    if (row := pointless(contacts.estimate)) is not None:
+        raise ValueError(f"row {row} of a block is answered, but has no point")
+    return contacts
+
+
+def pointless(estimate: ContactEstimate) -> int | None:
+    """The first row that is answered, but has no point."""
+    rows = np.flatnonzero(estimate.answered & ~np.isfinite(estimate.point).all(axis=1))
+    return int(rows[0]) if len(rows) else None
+
+
+def assembled(
+    sample: Int[np.ndarray, " n"],
+    identity: Int[np.ndarray, " n"],
+    candidates: Int[np.ndarray, " n"],
+    status: Int[np.ndarray, " n"],
+    numbers: Float[np.ndarray, "n 17"],
+    features: dict[str, Float[np.ndarray, " n"]],
+    notes: tuple[str, ...] = (),
+) -> Contacts:
+    """From columns; `numbers` are those of `NUMBERS`. The residual is NaN: files do not hold it."""
+    vectors, variances = numbers[:, 1:11], numbers[:, 11:]
+    covariance = np.empty((len(sample), 3, 3))
+    covariance[:, *_UPPER] = variances
+    covariance[:, *_UPPER[::-1]] = variances
+    estimate = ContactEstimate(
+        point=vectors[:, 0:3].copy(),
+        normal=vectors[:, 3:6].copy(),
+        force=vectors[:, 6:9].copy(),
+        torque=vectors[:, 9].copy(),
+        covariance=covariance,
+        residual=np.full(len(sample), np.nan),
+        candidates=candidates.copy(),
+        status=status.astype(np.int8),
+    )
+    return Contacts(sample.copy(), numbers[:, 0].copy(), identity.copy(), estimate, features, notes)
