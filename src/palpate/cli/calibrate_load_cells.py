@@ -6,7 +6,7 @@ import numpy as np
 
 from palpate.calibration.load_cells import LoadCellCalibration, identify_load_cells
 from palpate.cli.options import Log, Output, RigFile
-from palpate.cli.screen import lines, note, title
+from palpate.cli.console import lines, note, title
 from palpate.errors import InputError
 from palpate.io.atomic import keep_inputs
 from palpate.io.load_cells import write_load_cells

@@ -12,7 +12,7 @@ from palpate.calibration.mounting import Mounting, identify_mounting, mean_touch
 from palpate.calibration.presses import find_presses
 from palpate.cli.interrupts import import_mesh_reader
 from palpate.cli.options import FileOption, Log, Output, RigFile
-from palpate.cli.screen import lines, measured, note, title, wait
+from palpate.cli.console import lines, measured, note, title, wait
 from palpate.contact.estimator import Estimator
 from palpate.contact.locate import Locator
 from palpate.contact.truth import Touches

@@ -9,7 +9,7 @@ from platform import python_version
 import numpy as np
 
 from palpate.cli.calibrate_payload import figures
-from palpate.cli.screen import measured, percent
+from palpate.cli.console import measured, percent
 from palpate.contact.estimator import Estimator
 from palpate.io.rig import Rig
 from palpate.spatial.pose import skew

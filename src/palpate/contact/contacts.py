@@ -144,9 +144,20 @@ class Contacts:
         """(n,) rows that have a point and a normal, whether or not they are answered."""
         return np.asarray(np.isfinite(np.hstack([self.estimate.point, self.estimate.normal])).all(axis=1))
 
+    def strongest(self) -> Int[np.ndarray, " s"]:
+        """(s,) the row of each sample whose force is largest; its first row where none has a force."""
+        force = np.linalg.norm(self.estimate.force, axis=1)
+        order = np.lexsort((-np.where(np.isfinite(force), force, -1.0), self.sample))
+        _, first = np.unique(self.sample[order], return_index=True)
+        return order[first]
+
     def with_estimate(self, estimate: ContactEstimate) -> Contacts:
         """The same rows with other estimates, such as in another frame."""
         return replace(self, estimate=estimate)
+
+    def noted(self, notes: Sequence[str]) -> Contacts:
+        """The same rows with other notes."""
+        return replace(self, notes=tuple(notes))
 
     def to_polars(self) -> pl.DataFrame:
         """As a table, with the columns that files of contacts have."""
