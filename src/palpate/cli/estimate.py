@@ -21,13 +21,13 @@ from palpate.cli.skin import estimate_skin
 from palpate.cli.tally import Tally
 from palpate.contact.estimate import ContactEstimate, Status
 from palpate.contact.frames import in_base, in_frame
-from palpate.contact.truth import Samples, Touches
+from palpate.contact.ground_truth import Samples, Touches
 from palpate.errors import InputError
 from palpate.io.atomic import keep_inputs
 from palpate.io.contacts import ContactsWriter, open_contacts, require_format
+from palpate.io.ground_truth import read_ground_truth
 from palpate.io.models import provenance, write_provenance
 from palpate.io.rig.skin import is_skin_rig
-from palpate.io.truth import read_truth
 from palpate.sensors.recording import ORIENTATION, POSITION, Recording
 from palpate.viewer.report import require_report
 
@@ -149,7 +149,7 @@ def _known(truth: Path | None, report: Path | None) -> Samples | Touches | None:
             where="--truth",
             mend="Add --report FILE, or compare with palpate evaluate.",
         )
-    return None if truth is None else read_truth(truth)
+    return None if truth is None else read_ground_truth(truth)
 
 
 def _interrupted(pipeline: Pipeline, writer: ContactsWriter, tally: Tally, frame: str) -> bool:

@@ -9,23 +9,24 @@ from typing import Annotated, Any
 import numpy as np
 from tyro.conf import arg
 
-from palpate.cli.calibrate_payload import figures
 from palpate.cli.inspect_log import inspect_contacts, inspect_log
 from palpate.cli.interrupts import import_mesh_reader
 from palpate.cli.options import FileOption, SomeFile
 from palpate.cli.screen import lines, note, title
 from palpate.cli.spectrum import KINDS, draw_spectrum, located
-from palpate.contact.truth import Touches
+from palpate.contact.ground_truth import Touches
 from palpate.errors import InputError
 from palpate.io.atomic import PART, keep_inputs
 from palpate.io.contacts import COLUMNS, unfinished
 from palpate.io.contacts.mcap import ESTIMATE
+from palpate.io.ground_truth import read_ground_truth
 from palpate.io.logs import topics
-from palpate.io.models import load_toml, read_payload
+from palpate.io.models import load_toml, read_model
+from palpate.io.models.summary import of_payload
 from palpate.io.rig import Rig, load_rig
 from palpate.io.tables.lines import open_input
 from palpate.io.tables.table import tables
-from palpate.io.truth import read_truth
+from palpate.sensors.force_torque import Payload
 from palpate.sensors.recording import Recording
 from palpate.surfaces.mesh import UNITS, Mesh
 
@@ -154,9 +155,9 @@ def _mesh(file: Path) -> None:
 def _toml(file: Path) -> None:
     content = load_toml(file)
     if content.get("kind") == "payload":
-        payload = read_payload(file)
+        payload = read_model(file, Payload)
         title(f"{file}: a payload model")
-        lines(figures(payload))
+        lines(of_payload(payload))
         lines(payload.provenance.items())
         note(payload.notes)
     elif "surface" in content or "force_torque" in content:
@@ -201,7 +202,7 @@ def _listed(value: object) -> str:
 
 
 def _truth(file: Path) -> None:
-    truth = read_truth(file)
+    truth = read_ground_truth(file)
     touches = isinstance(truth, Touches)
     title(f"{file}: {'touches at known points' if touches else 'the truth at instants'}")
     time = np.concatenate([truth.start, truth.end]) if isinstance(truth, Touches) else truth.time

@@ -10,7 +10,7 @@ import numpy as np
 
 from palpate.contact.resolution import nominal_cells
 from palpate.errors import InputError
-from palpate.io.load_cells import read_load_cells
+from palpate.io.models import read_model
 from palpate.sensors.load_cells import LoadCells, with_changes
 
 __all__ = ["VOLT_UNITS", "RigLoadCells"]
@@ -105,7 +105,7 @@ class RigLoadCells:
                 where="load_cells.model",
                 mend="`palpate calibrate load-cells LOG --rig RIG -o fingertip.toml`, then name that file as model.",
             )
-        model = read_load_cells(path)
+        model = read_model(path, LoadCells)
         if self.columns and len(self.columns) != len(model.matrix):
             raise InputError(
                 f"names {len(self.columns)} columns, and {path.name} has {model.cells} cells.",

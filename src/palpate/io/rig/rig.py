@@ -14,11 +14,11 @@ from palpate.contact.estimator import Estimator
 from palpate.contact.locate import Locator
 from palpate.errors import InputError
 from palpate.io.logs.layout import Layout, axis_matrix
-from palpate.io.models import load_toml, read_payload
+from palpate.io.models import load_toml, read_model
 from palpate.io.rig.load_cells import RigLoadCells
 from palpate.io.rig.surface import RigSurface
 from palpate.io.rig.tables import RigAcceleration, RigEstimate, RigFilter, RigForceTorque, RigOrientation, RigTime
-from palpate.io.strict import parse
+from palpate.io.schema import parse
 from palpate.io.units import FORCE_UNITS, TIME_UNITS, TORQUE_UNITS, to_si
 from palpate.sensors.force_torque import ForceTorque, Payload
 from palpate.sensors.load_cells import LoadCells
@@ -104,7 +104,7 @@ class Rig:
     def payload(self) -> Payload | None:
         """Read from its file, if one is named."""
         path = self.payload_path()
-        return None if path is None else read_payload(path)
+        return None if path is None else read_model(path, Payload)
 
     def sensor(self, noise: Float[np.ndarray, "6"] | None = None) -> ForceTorque:
         """The sensor; `noise` is used where the rig states none."""

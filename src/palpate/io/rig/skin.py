@@ -9,13 +9,12 @@ import numpy as np
 
 from palpate.contact.several import Skin, SkinSettings
 from palpate.errors import InputError
-from palpate.io.intensity import read_intensity
 from palpate.io.logs.frames import FrameLayout
-from palpate.io.models import load_toml
+from palpate.io.models import load_toml, read_model
 from palpate.io.rig.surface import RigSurface
 from palpate.io.rig.tables import RigForceTorque, RigTime
+from palpate.io.schema import parse
 from palpate.io.skin_map import read_skin_map
-from palpate.io.strict import parse
 from palpate.io.units import TIME_UNITS, to_si
 from palpate.sensors.intensity import Curve, Intensity
 from palpate.sensors.skin import Health, Sheet
@@ -92,7 +91,7 @@ class SkinRig:
     def intensity(self) -> Intensity:
         """What readings mean; where the rig names nothing, a count is taken for a newton."""
         path = self.intensity_path()
-        return Intensity((_PLAIN,), unit="newtons") if path is None else read_intensity(path)
+        return Intensity((_PLAIN,), unit="newtons") if path is None else read_model(path, Intensity)
 
     def sheet(self, place: SkinMap) -> Sheet:
         """Of the map's size."""
