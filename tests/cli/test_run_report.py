@@ -12,7 +12,7 @@ from palpate.cli.report import Run, compose, write_report
 from palpate.cli.report_advice import MEANING, advice
 from palpate.contact.estimate import ROW, ContactEstimate, Status
 from palpate.contact.events import find_touches
-from palpate.contact.truth import Samples, Touches
+from palpate.contact.ground_truth import Samples, Touches
 from palpate.io.rig import Rig, build
 from palpate.io.rig.surface import RigSurface
 from palpate.io.rig.tables import RigEstimate, RigFilter, RigForceTorque, RigPair, RigThresholds

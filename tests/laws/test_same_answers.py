@@ -18,7 +18,7 @@ from palpate.cli import main
 from palpate.contact.estimate import ContactEstimate, Status
 from palpate.io.contacts import Contacts, read_contacts
 from palpate.io.logs import parquet, read_recording, topic_log
-from palpate.io.models import write_payload
+from palpate.io.models import write_model
 from palpate.io.rig import build, load_rig
 from palpate.sensors.filters import Butterworth, Filter, Kalman
 from palpate.sensors.force_torque import Payload
@@ -45,7 +45,7 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
     write_session(made, folder)
     load = made.load
     payload = Payload(load.mass * GRAVITY, load.force_bias, load.center_of_mass, load.torque_bias, 1e-8 * np.eye(12))
-    write_payload(folder / "payload.toml", payload)
+    write_model(folder / "payload.toml", payload)
     rig = (folder / "rig.toml").read_text().replace(WRENCH_TOPIC, WRENCH).replace(POSE_TOPIC, POSE)
     (folder / "rig.toml").write_text(rig)
     recording = made.touches

@@ -9,13 +9,14 @@ from tyro.conf import arg
 
 from palpate.calibration.clock import ClockOffset, identify_offset
 from palpate.cli.options import Log, Output, RigFile
-from palpate.cli.console import lines, measured, note, title
+from palpate.cli.console import lines, note, title
 from palpate.errors import InputError
 from palpate.io.atomic import keep_inputs
 from palpate.io.logs import read_poses, read_recording, topics
 from palpate.io.models import provenance
 from palpate.io.rig import load_rig
 from palpate.io.rig.edit import update_offset
+from palpate.io.units import measured
 
 __all__ = ["calibrate_clock"]
 

@@ -5,9 +5,8 @@ from __future__ import annotations
 import sys
 from collections.abc import Generator, Iterable, Sequence
 from contextlib import contextmanager
-from math import floor, isfinite, log10
 
-__all__ = ["counting", "lines", "measured", "note", "percent", "progress", "table", "title", "wait"]
+__all__ = ["counting", "lines", "note", "percent", "progress", "table", "title", "wait"]
 
 _WIDTH = 16
 
@@ -40,15 +39,6 @@ def table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
             f"{cell:{'<' if k == 0 else '>'}{width}}" for k, (cell, width) in enumerate(zip(row, widths, strict=True))
         )
         print("  " + "  ".join([first, *rest]).rstrip())
-
-
-def measured(values: Iterable[float], spreads: Iterable[float], unit: str) -> str:
-    """Values and their standard deviations, with the digits that the deviations leave standing."""
-    both = list(zip(values, spreads, strict=True))
-    largest = max((spread for _, spread in both), default=0.0)
-    digits = min(8, max(0, 1 - floor(log10(largest)))) if largest > 0 and isfinite(largest) else 4
-    left, right = (", ".join(f"{pair[k]:.{digits}f}" for pair in both) for k in (0, 1))
-    return f"{left} +- {right} {unit}" if len(both) == 1 else f"({left}) +- ({right}) {unit}"
 
 
 def percent(share: float) -> str:

@@ -16,8 +16,8 @@ from palpate.cli.console import percent
 from palpate.contact.estimate import ContactEstimate, Status
 from palpate.contact.estimator import Estimator
 from palpate.contact.events import Events
+from palpate.contact.ground_truth import Samples, Touches
 from palpate.contact.plausibility import UNLOADED
-from palpate.contact.truth import Samples, Touches
 from palpate.evaluation.errors import CHI2_95, distances
 from palpate.evaluation.evaluate import Report as Evaluation
 from palpate.evaluation.evaluate import evaluate, nearest_in_time

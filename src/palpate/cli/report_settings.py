@@ -8,10 +8,11 @@ from platform import python_version
 
 import numpy as np
 
-from palpate.cli.calibrate_payload import figures
-from palpate.cli.console import measured, percent
+from palpate.cli.console import percent
 from palpate.contact.estimator import Estimator
+from palpate.io.models.summary import of_payload
 from palpate.io.rig import Rig
+from palpate.io.units import measured
 from palpate.spatial.pose import skew
 from palpate.surfaces.mesh import Mesh
 from palpate.viewer.report import Section, Table
@@ -67,7 +68,7 @@ def _surface(rig: Rig, estimator: Estimator) -> str:
 def models(rig: Rig, estimator: Estimator) -> Section:
     """Payload and mounting, with what is unsure about them."""
     payload = estimator.payload
-    said = [("payload", "none: wrenches are taken as they are")] if payload is None else list(figures(payload))
+    said = [("payload", "none: wrenches are taken as they are")] if payload is None else list(of_payload(payload))
     return Section(
         "Payload and mounting", facts=tuple((name, str(value)) for name, value in [*said, *_mounting(rig, estimator)])
     )

@@ -7,19 +7,19 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from palpate.contact.truth import Samples, Touches
+from palpate.contact.ground_truth import Samples, Touches
 from palpate.errors import InputError
 from palpate.io.tables.table import Table, read_table
 from palpate.io.units import near
 
-__all__ = ["read_touches", "read_truth"]
+__all__ = ["read_ground_truth", "read_touches"]
 
 _POINT = ("px", "py", "pz")
 _NORMAL = ("nx", "ny", "nz")
 _FORCE = ("fx", "fy", "fz")
 
 
-def read_truth(path: Path) -> Samples | Touches:
+def read_ground_truth(path: Path) -> Samples | Touches:
     """Read `time,px,py,pz[,nx,ny,nz][,fx,fy,fz]` or `start,end,px,py,pz[,label]`.
 
     Raises:
