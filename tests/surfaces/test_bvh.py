@@ -6,10 +6,10 @@ import functools
 
 import numpy as np
 import pytest
-from laws.bodies import R, box, cylinder
 
 from palpate.simulation.shapes import BumpySphere, Ellipsoid
 from palpate.surfaces import Mesh, _bvh
+from tests.support.bodies import R, box, cylinder
 
 MESHES = {
     "smooth ellipsoid": lambda: Mesh.from_arrays(*Ellipsoid((R, 0.7 * R, 0.5 * R)).mesh(320)),
