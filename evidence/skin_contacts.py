@@ -17,9 +17,9 @@ from time import perf_counter
 
 import numpy as np
 
+from evidence.response import identify_response
 from evidence.row import Row, shared, skipped
 from palpate.calibration.intensity import identify_intensity, identify_resistive
-from palpate.calibration.response import identify_response
 from palpate.contact.estimate import Status
 from palpate.contact.several import Skin, SkinSettings, SkinTouches
 from palpate.errors import NotIdentifiable, PalpateError

@@ -8,7 +8,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from logs_written import (
+from mcap.writer import CompressionType
+from rosbags.rosbag2 import StoragePlugin
+
+from evidence.logs_written import (
     POSE,
     WRENCH,
     Session,
@@ -19,9 +22,6 @@ from logs_written import (
     write_ros1,
     write_ros2,
 )
-from mcap.writer import CompressionType
-from rosbags.rosbag2 import StoragePlugin
-
 from palpate.errors import InputError
 from palpate.io.logs import open_log, read_recording, topics
 from palpate.io.logs.layout import Layout

@@ -9,7 +9,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from logs_written import (
+from mcap.reader import make_reader
+from scipy.spatial.transform import Rotation, Slerp
+
+from evidence.logs_written import (
     POSE,
     ROS1,
     ROS2,
@@ -23,9 +26,6 @@ from logs_written import (
     wrench_stamped,
     write_mcap,
 )
-from mcap.reader import make_reader
-from scipy.spatial.transform import Rotation, Slerp
-
 from palpate.errors import InputError
 from palpate.io.logs import open_log, read_recording
 from palpate.io.logs._mcap_walk import walk

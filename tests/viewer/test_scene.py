@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from viewer.pages import BODY, SPREAD, ellipsoid, session, tangents
 
 from palpate.contact.estimate import ContactEstimate, Status
 from palpate.spatial.pose import rotation_from_quaternion
@@ -17,6 +16,7 @@ from palpate.viewer.heat import PALETTE, colours, density, skin
 from palpate.viewer.scene import INSIDE, MAGNIFICATIONS, Scene, ellipse, nice, prepare
 from palpate.viewer.timeline import Timeline, thinned
 from palpate.viewer.words import spoken
+from tests.support.pages import BODY, SPREAD, ellipsoid, session, tangents
 
 
 @pytest.fixture(scope="module")

@@ -1,4 +1,4 @@
-"""What a figure was measured on."""
+"""What a figure was measured on, and when."""
 
 from __future__ import annotations
 
@@ -8,9 +8,11 @@ from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
+import palpate
+
 __all__ = ["machine"]
 
-PACKAGES = ("palpate", "numpy", "numba", "scipy", "trimesh", "embreex")
+PACKAGES = ("numpy", "numba", "scipy", "trimesh", "embreex")
 
 
 def machine() -> list[str]:
@@ -18,10 +20,11 @@ def machine() -> list[str]:
     now = datetime.now(UTC)
     load = os.getloadavg()[0] if hasattr(os, "getloadavg") else float("nan")
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    versions = ", ".join(f"{name} {_version(name)}" for name in PACKAGES)
     return [
         f"{now:%Y-%m-%d %H:%M} UTC",
+        f"palpate {palpate.__version__}, Python {platform.python_version()}, {versions}",
         f"{_processor()}, {cores} cores, load {load:.1f}; {platform.system()} {platform.machine()}",
-        f"Python {platform.python_version()}, " + ", ".join(f"{name} {_version(name)}" for name in PACKAGES),
     ]
 
 

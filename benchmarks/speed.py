@@ -1,4 +1,4 @@
-"""Speed: what `make bench` measures, held against the targets. It depends on the machine and on what else runs."""
+"""Speed against the targets. It depends on the machine and on what else runs."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from evidence.row import Row
 
 __all__ = ["rows"]
 
-COMMAND = "python -m evidence --only speed"
+COMMAND = "python -m benchmarks --only speed"
 ONE, MANY = "one query", "batch"
 
 

@@ -20,8 +20,8 @@ from palpate.simulation.session import Session
 
 __all__ = ["rows"]
 
-COMMAND = "python -m evidence --only streams"
-THEME = "streams"
+COMMAND = "python -m benchmarks --only processes"
+THEME = "processes"
 MEBI = 1 << 10  # KiB, as the kernel counts
 # The kernel counts what a process was before it became the command: so a small one starts it, not this large one.
 WATCH = """\

@@ -17,7 +17,7 @@ from palpate.simulation import simulate_session, write_session
 
 __all__ = ["rows"]
 
-COMMAND = "python -m evidence --only start"
+COMMAND = "python -m benchmarks --only start"
 NAME = "start"
 IMPORT = "import time; t = time.perf_counter(); import palpate; print(time.perf_counter() - t)"
 FIRST = """

@@ -53,40 +53,48 @@ def session(count: int = 300, *, start: int = 0, step: int = 10**6, seed: int = 
 
 
 def header(stamp: int, frame: str = "tool", types: Any = ROS2.types) -> Any:
+    """A ROS header."""
     time = types["builtin_interfaces/msg/Time"](*divmod(stamp, 10**9))
     make = types["std_msgs/msg/Header"]
     return make(time, frame) if types is ROS2.types else make(0, time, frame)
 
 
 def vector(values: np.ndarray, types: Any = ROS2.types) -> Any:
+    """A ROS vector."""
     return types["geometry_msgs/msg/Vector3"](*(float(value) for value in values))
 
 
 def wrench_stamped(stamp: int, values: np.ndarray, frame: str = "tool", types: Any = ROS2.types) -> Any:
+    """A wrench [N, N m] as ROS stamps it."""
     wrench = types["geometry_msgs/msg/Wrench"](vector(values[:3], types), vector(values[3:], types))
     return types["geometry_msgs/msg/WrenchStamped"](header(stamp, frame, types), wrench)
 
 
 def pose(quaternion: np.ndarray, position: np.ndarray, types: Any = ROS2.types) -> Any:
+    """Of a quaternion x, y, z, w and a position."""
     point = types["geometry_msgs/msg/Point"](*(float(value) for value in position))
     turn = types["geometry_msgs/msg/Quaternion"](*(float(value) for value in quaternion))
     return types["geometry_msgs/msg/Pose"](point, turn)
 
 
 def pose_stamped(stamp: int, quaternion: np.ndarray, position: np.ndarray, types: Any = ROS2.types) -> Any:
+    """A pose as ROS stamps it."""
     return types["geometry_msgs/msg/PoseStamped"](header(stamp, "base", types), pose(quaternion, position, types))
 
 
 def write_csv(path: Path, log: Session) -> None:
+    """As text, every digit."""
     rows = (",".join(map(repr, row)) for row in log.table.tolist())
     path.write_text("\n".join([",".join(COLUMNS), *rows]) + "\n", encoding="utf-8")
 
 
 def write_parquet(path: Path, log: Session) -> None:
+    """By polars, in row groups that end within a second."""
     pl.DataFrame(dict(zip(COLUMNS, log.table.T, strict=True))).write_parquet(path, row_group_size=97)
 
 
 def cdr(message: Any, *, little_endian: bool = True) -> bytes:
+    """A ROS 2 message's bytes."""
     return bytes(ROS2.serialize_cdr(message, message.__msgtype__, little_endian=little_endian))
 
 
@@ -115,6 +123,7 @@ def write_ros2(path: Path, messages: Any, storage: StoragePlugin) -> None:
 
 
 def write_ros1(path: Path, log: Session) -> None:
+    """A bag's file, by rosbags."""
     types = ROS1.types
     with Writer1(path) as writer:
         topics = {topic: writer.add_connection(topic, kind, typestore=ROS1) for topic, kind in STAMPED.items()}
