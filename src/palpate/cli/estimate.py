@@ -18,7 +18,6 @@ from palpate.cli.run_summary import RunSummary
 from palpate.cli.setup import Setup
 from palpate.contact.estimate import Status
 from palpate.contact.ground_truth import Samples, Touches
-from palpate.contact.plausibility import unexplained
 from palpate.errors import InputError
 from palpate.io.atomic import keep_inputs
 from palpate.io.contacts import ContactsWriter, open_contacts, require_format
@@ -77,7 +76,7 @@ def estimate(
     options = {**pipeline.facts, "frame": frame, "sensor": opened.kind.name, "ended": ended}
     record = provenance(files, options)
     write_provenance(beside, record)
-    doubts = [*pipeline.doubts(), *unexplained(summary.counts)]
+    doubts = pipeline.doubts()
     short = list(_short(output, opened, summary, interrupted=interrupted))
     _say(f"{log} -> {output}", pipeline, summary, doubts)
     if report is not None:
