@@ -11,13 +11,14 @@ from jaxtyping import Bool, Float
 
 from palpate.spatial._arrays import frozen
 
-__all__ = ["ACCELERATION", "FORCE", "LARGEST", "ORIENTATION", "POSITION", "TORQUE", "UNSTEADY", "Recording"]
+__all__ = ["ACCELERATION", "CELLS", "FORCE", "LARGEST", "ORIENTATION", "POSITION", "TORQUE", "UNSTEADY", "Recording"]
 
 LARGEST = 1e9  # N, N m, m/s^2: what is larger is a fault of the file, and its powers would overflow
 FORCE = "force"  # (n, 3) N
 TORQUE = "torque"  # (n, 3) N m
 ORIENTATION = "orientation"  # (n, 4) quaternion x, y, z, w: sensor in base
 POSITION = "position"  # (n, 3) m: of the sensor's origin in the base
+CELLS = "cells"  # (n, rows, columns) or (n, k): raw readings of taxels
 ACCELERATION = "acceleration"  # (n, 3) m/s^2: of the sensor's origin, in the sensor's frame
 UNSTEADY = "unsteady"  # (n, 1) m/s^2: standard deviation, along each axis, of what ACCELERATION leaves out
 
@@ -28,7 +29,7 @@ class Recording:
 
     Args:
         time: (n,) [s], as recorded: it may repeat, run backwards or be NaN; nothing is sorted or dropped.
-        channels: name -> (n, k) float64, SI. A value that could not be read is NaN. Names used across the house
+        channels: name -> (n, ...) float64, SI. A value that could not be read is NaN. Names used across the house
             are the constants of this module; a sensor with its own channels names them itself.
         frame: the frame in which force and torque are written, "sensor" or "base".
         source: where it came from, for messages and provenance.
@@ -36,7 +37,7 @@ class Recording:
     """
 
     time: Float[np.ndarray, " n"]
-    channels: Mapping[str, Float[np.ndarray, "n _"]]
+    channels: Mapping[str, Float[np.ndarray, "n ..."]]
     frame: str = "sensor"
     source: str = ""
     notes: tuple[str, ...] = field(default=())
@@ -45,7 +46,7 @@ class Recording:
         time = frozen(self.time)
         channels = {name: frozen(values) for name, values in self.channels.items()}
         for name, values in channels.items():
-            if values.ndim != 2 or len(values) != len(time):
+            if values.ndim < 2 or len(values) != len(time):
                 raise ValueError(f"channel {name!r} has shape {values.shape} for {len(time)} times")
         object.__setattr__(self, "time", time)
         object.__setattr__(self, "channels", MappingProxyType(channels))
