@@ -12,7 +12,7 @@ from palpate.io.atomic import keep_inputs
 from palpate.io.logs import read_recording
 from palpate.io.models import provenance, write_model
 from palpate.io.rig import load_rig
-from palpate.sensors.load_cells import REFERENCE, VOLTAGE
+from palpate.sensors.recording import REFERENCE, VOLTAGE
 
 __all__ = ["calibrate_load_cells"]
 
