@@ -8,8 +8,8 @@ import numpy as np
 from tyro.conf import arg
 
 from palpate.calibration.clock import ClockOffset, identify_offset
+from palpate.cli.console import lines, note, title
 from palpate.cli.options import Log, Output, RigFile
-from palpate.cli.screen import lines, note, title
 from palpate.errors import InputError
 from palpate.io.atomic import keep_inputs
 from palpate.io.logs import read_poses, read_recording, topics

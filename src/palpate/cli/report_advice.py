@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Int
 
-from palpate.cli.screen import percent
+from palpate.cli.console import percent
 from palpate.contact.estimate import Status
 from palpate.contact.estimator import Estimator
 from palpate.contact.plausibility import UNLOADED

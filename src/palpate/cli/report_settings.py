@@ -8,7 +8,7 @@ from platform import python_version
 
 import numpy as np
 
-from palpate.cli.screen import percent
+from palpate.cli.console import percent
 from palpate.contact.estimator import Estimator
 from palpate.io.models.summary import of_payload
 from palpate.io.rig import Rig

@@ -11,7 +11,7 @@ from tyro.conf import arg
 from palpate.cli.interrupts import import_mesh_reader
 from palpate.cli.options import Log
 from palpate.cli.pipeline import open_pipeline
-from palpate.cli.screen import counting, note, progress, title
+from palpate.cli.console import counting, note, progress, title
 from palpate.cli.setup import Setup
 from palpate.cli.skin import skin_scene
 from palpate.contact.estimate import ContactEstimate
