@@ -9,8 +9,8 @@ import numpy as np
 from tyro.conf import arg
 
 from palpate.calibration.intensity import identify_intensity, identify_resistive
-from palpate.cli.options import Log, Output, Scalar
 from palpate.cli.console import lines, note, title
+from palpate.cli.options import Log, Output, Scalar
 from palpate.errors import InputError
 from palpate.io.atomic import keep_inputs
 from palpate.io.models import provenance, write_model

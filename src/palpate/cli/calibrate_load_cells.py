@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from palpate.calibration.load_cells import LoadCellCalibration, identify_load_cells
-from palpate.cli.options import Log, Output, RigFile
 from palpate.cli.console import lines, note, title
+from palpate.cli.options import Log, Output, RigFile
 from palpate.errors import InputError
 from palpate.io.atomic import keep_inputs
 from palpate.io.logs import read_recording

@@ -10,9 +10,9 @@ from tyro.conf import arg
 
 from palpate.calibration.mounting import Mounting, identify_mounting, mean_touches
 from palpate.calibration.presses import find_presses
+from palpate.cli.console import lines, note, title, wait
 from palpate.cli.interrupts import import_mesh_reader
 from palpate.cli.options import FileOption, Log, Output, RigFile
-from palpate.cli.console import lines, note, title, wait
 from palpate.contact.estimator import Estimator
 from palpate.contact.ground_truth import Touches
 from palpate.contact.locate import Locator

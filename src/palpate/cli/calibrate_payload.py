@@ -10,8 +10,8 @@ from tyro.conf import FlagCreatePairsOff, arg
 
 from palpate.calibration.payload import identify_payload
 from palpate.calibration.poses import average_poses
-from palpate.cli.options import FileOption, Log, Output
 from palpate.cli.console import lines, note, title
+from palpate.cli.options import FileOption, Log, Output
 from palpate.errors import InputError
 from palpate.io.atomic import keep_inputs
 from palpate.io.logs import read_recording

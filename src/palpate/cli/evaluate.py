@@ -8,9 +8,9 @@ from typing import Annotated
 import numpy as np
 from tyro.conf import arg
 
+from palpate.cli.console import lines, note, percent, table, title
 from palpate.cli.evaluate_skin import WAND, WRENCH, evaluate_skin
 from palpate.cli.options import ContactsFile, FileOption, TruthFile
-from palpate.cli.console import lines, note, percent, table, title
 from palpate.contact.ground_truth import Touches
 from palpate.errors import InputError
 from palpate.evaluation.errors import Spread

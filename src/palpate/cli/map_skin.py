@@ -7,9 +7,9 @@ from typing import Annotated, Literal
 import numpy as np
 from tyro.conf import FlagCreatePairsOff, arg
 
+from palpate.cli.console import lines, note, title, wait
 from palpate.cli.interrupts import import_mesh_reader
 from palpate.cli.options import MeshFile, Output
-from palpate.cli.console import lines, note, title, wait
 from palpate.errors import InputError
 from palpate.io.atomic import keep_inputs
 from palpate.io.models import provenance

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
+from palpate.cli.console import percent
 from palpate.cli.evaluate import HEADER, spreads
 from palpate.cli.report_advice import MEANING, advice
 from palpate.cli.report_settings import budget, inputs, models, settings, surface_name
-from palpate.cli.console import percent
 from palpate.contact.estimate import ContactEstimate, Status
 from palpate.contact.estimator import Estimator
 from palpate.contact.events import Events

@@ -181,7 +181,9 @@ def load_cells_layout(rig: Rig, *, bench: bool = False) -> Layout:
 
 def _build(rig: Rig, head: Recording | None) -> Prepared:
     table, cells = rig_load_cells(rig), rig_cells(rig)
-    array = LoadCellArray(cells, sound=~np.isin(np.arange(cells.cells) + 1, table.without), names=table.names(cells.cells))
+    array = LoadCellArray(
+        cells, sound=~np.isin(np.arange(cells.cells) + 1, table.without), names=table.names(cells.cells)
+    )
     tare = rig.estimate.tare or START
     array.seconds = tare
     made = wrench_estimator(rig, array, head, tare=tare, indentation=cells.indentation, accuracy=table.accuracy)
