@@ -11,7 +11,8 @@ from palpate.contact.estimate import Status
 from palpate.contact.several import Skin, SkinSettings, contours
 from palpate.errors import InputError
 from palpate.sensors.intensity import Curve, Intensity
-from palpate.sensors.skin import Frames, Health, Sheet
+from palpate.sensors.recording import CELLS, Recording
+from palpate.sensors.skin import Health, Sheet
 from palpate.sensors.skin_map import SkinMap
 from palpate.simulation.skin_bench import Patch, Rolled, press
 
@@ -163,7 +164,7 @@ def test_every_frame_has_a_row_and_bad_ones_a_status() -> None:
     cells = np.full((4, 6, 22), REST)
     cells[1] = np.nan
     cells[2] = _read(press(FLAT, [Patch(2.0, 4.0, 1.0, 5.0), Patch(2.0, 15.0, 1.0, 5.0)]).loads)
-    found = skin.run(Frames(np.arange(4.0), cells))
+    found = skin.run(Recording(np.arange(4.0), {CELLS: cells}))
     assert found.sample.tolist() == [0, 1, 2, 2, 3]
     labels = [Status(code).name for code in found.estimate.status.tolist()]
     assert labels == ["NO_CONTACT", "INVALID", "CONTACT", "CONTACT", "NO_CONTACT"]
@@ -174,7 +175,7 @@ def test_every_frame_has_a_row_and_bad_ones_a_status() -> None:
 def test_answers_are_the_same_however_the_log_is_cut() -> None:
     rng = np.random.default_rng(5)
     loads = np.stack([press(FLAT, [Patch(2.5, 4 + 0.1 * k, 1.0, 4.0)]).loads for k in range(40)])
-    frames = Frames(np.arange(40) / 50, _read(loads) + 0.1 * rng.standard_normal(loads.shape))
+    frames = Recording(np.arange(40) / 50, {CELLS: _read(loads) + 0.1 * rng.standard_normal(loads.shape)})
     skin = _skin()
     whole = skin.run(frames)
     skin = _skin()
@@ -187,8 +188,8 @@ def test_rest_follows_drift_where_nothing_touches() -> None:
     """A drift of ten deviations in 100 s, of which a follower of 10 s is one behind: no touch; without it there is."""
     time = np.arange(0.0, 100.0, 0.1)
     cells = REST + np.linspace(0.0, 1.0, len(time))[:, None, None] * np.ones((6, 22))
-    assert not _skin().run(Frames(time, cells)).found.any()
-    assert _skin(settings=SkinSettings(drift=np.inf)).run(Frames(time, cells)).found.any()
+    assert not _skin().run(Recording(time, {CELLS: cells})).found.any()
+    assert _skin(settings=SkinSettings(drift=np.inf)).run(Recording(time, {CELLS: cells})).found.any()
 
 
 def test_eight_bits_that_wrap_are_put_right() -> None:
@@ -198,7 +199,7 @@ def test_eight_bits_that_wrap_are_put_right() -> None:
     loads = press(FLAT, [Patch(2.0, 10.0, 1.5, 100.0)]).loads
     rising = np.stack([np.rint(_read(share * loads)) for share in np.linspace(0.0, 1.3, 60)])
     assert rising.max() > 256
-    found = skin.run(Frames(np.arange(60) / 50, np.mod(rising, 256.0)))
+    found = skin.run(Recording(np.arange(60) / 50, {CELLS: np.mod(rising, 256.0)}))
     assert found.estimate.status[-1] == Status.SATURATED
     assert skin.wrapped.sum() == (rising[-1] > 255).sum()
     assert any("came out at the other" in note for note in skin.notes())
@@ -209,7 +210,7 @@ def test_a_fast_poke_from_rest_to_the_end_of_the_range_is_no_wrap() -> None:
     skin = Skin(FLAT.layout(), LINEAR, Sheet(*shape), Health(np.full(shape, 20.0), np.full(shape, 1.0), none, none))
     frames = np.full((3, 6, 22), 20.0)
     frames[1, 2, 5] = 255.0
-    found = skin.run(Frames(np.arange(3) / 50, frames))
+    found = skin.run(Recording(np.arange(3) / 50, {CELLS: frames}))
     assert [Status(code).name for code in found.estimate.status.tolist()] == ["NO_CONTACT", "SATURATED", "NO_CONTACT"]
 
 

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from palpate.errors import InputError
-from palpate.sensors.skin import Frames, Sheet, examine
+from palpate.sensors.recording import CELLS, Recording
+from palpate.sensors.skin import Sheet, examine
 
 SHEET = Sheet(6, 8)
 
@@ -23,7 +24,7 @@ def _frames(count: int = 200, *, touched: bool = True) -> tuple[np.ndarray, np.n
 
 
 def _examined(cells: np.ndarray, sheet: Sheet = SHEET, seconds: float | None = None):
-    return examine(Frames(np.arange(len(cells)) / 50.0, cells), sheet, seconds=seconds)
+    return examine(Recording(np.arange(len(cells)) / 50.0, {CELLS: cells}), sheet, seconds=seconds)
 
 
 def test_rest_and_noise_are_found_under_touches() -> None:
@@ -109,7 +110,7 @@ def test_what_is_left_of_a_reading_behind_a_touch_is_reported() -> None:
     course = np.where(time < 1, 0.0, np.where(time < 2, 100.0, 15.0 * np.exp(-(time - 2) / 2.0)))
     cells = np.random.default_rng(5).standard_normal((200, 6, 8)) + 12.0
     cells[:, 2:4, 3:5] += course[:, None, None]
-    health = examine(Frames(time, cells), Sheet(6, 8, bits=None), seconds=0.9)
+    health = examine(Recording(time, {CELLS: cells}), Sheet(6, 8, bits=None), seconds=0.9)
     assert health.hysteresis == pytest.approx(0.15 * np.exp(-0.25), abs=0.02)
     assert any("hysteresis" in note for note in health.notes)
     quick, _ = _frames()

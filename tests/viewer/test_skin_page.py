@@ -9,7 +9,8 @@ import pytest
 
 from palpate.contact.several import Skin
 from palpate.sensors.intensity import Curve, Intensity
-from palpate.sensors.skin import Frames, Health, Sheet
+from palpate.sensors.recording import CELLS, Recording
+from palpate.sensors.skin import Health, Sheet
 from palpate.simulation.skin_bench import Patch, Rolled, press
 from palpate.viewer.skin import PIXELS, SkinPage, SkinScene, unrolled
 
@@ -23,7 +24,7 @@ def _scene() -> SkinScene:
     health = Health(np.zeros((6, 22)), np.full((6, 22), 0.1), none, none)
     skin = Skin(SHEET.layout(), Intensity((curve,)), Sheet(6, 22, bits=None), health)
     loads = press(SHEET, [Patch(2.0, 5.0, 1.0, 4.0), Patch(3.0, 15.0, 1.0, 6.0)]).loads
-    frames = Frames(np.array([0.0, 0.1]), 10.0 * np.stack([np.zeros((6, 22)), loads]))
+    frames = Recording(np.array([0.0, 0.1]), {CELLS: 10.0 * np.stack([np.zeros((6, 22)), loads])})
     forces = np.empty((2, 6, 22))
     found = skin.run(frames, forces=forces)
     return SkinScene("bench", SHEET.layout(), None, frames.time, forces.astype(np.float32), found)

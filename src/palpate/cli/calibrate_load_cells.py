@@ -13,7 +13,7 @@ from palpate.io.load_cells import write_load_cells
 from palpate.io.logs import read_recording
 from palpate.io.models import provenance
 from palpate.io.rig import load_rig
-from palpate.sensors.load_cells import REFERENCE, VOLTAGE
+from palpate.sensors.recording import REFERENCE, VOLTAGE
 
 __all__ = ["calibrate_load_cells"]
 

@@ -20,11 +20,9 @@ from palpate.errors import InputError
 from palpate.io.atomic import PART, keep_inputs
 from palpate.io.contacts import COLUMNS, unfinished
 from palpate.io.contacts.mcap import ESTIMATE
-from palpate.io.logs import topics
+from palpate.io.logs import contents
 from palpate.io.models import load_toml, read_payload
 from palpate.io.rig import Rig, load_rig
-from palpate.io.tables.lines import open_input
-from palpate.io.tables.table import tables
 from palpate.io.truth import read_truth
 from palpate.sensors.recording import Recording
 from palpate.surfaces.mesh import UNITS, Mesh
@@ -33,7 +31,6 @@ __all__ = ["inspect"]
 
 TORN = 3  # what was asked for is done, but the log was torn
 _MESHES = (".stl", ".obj", ".ply", ".dae")
-_TOPICS = (b"\x89MCAP0\r\n", b"#ROSBAG V", b"SQLite format 3\0")  # how files begin that hold topics
 
 
 def inspect(
@@ -102,32 +99,16 @@ def _draw(recording: Recording | None, output: Path, file: Path) -> None:
 
 def _columns(file: Path) -> tuple[str, ...]:
     """Names of the columns; none where a file has topics."""
-    if file.is_dir():
-        return COLUMNS if any(file.glob("*.parquet")) else ()  # an unfinished Parquet file, or a bag
-    with open_input(file) as opened:
-        start = opened.read(16)
-        if start.startswith(b"PAR1"):
-            return _parquet_columns(file)
-        if start.startswith(_TOPICS):
-            return ()
-    with open_input(file) as opened:
-        return next(tables(opened, file, 1 << 16)).names
-
-
-def _parquet_columns(file: Path) -> tuple[str, ...]:
-    import polars as pl
-
-    try:
-        return tuple(pl.read_parquet_schema(file))
-    except (pl.exceptions.PolarsError, OSError) as problem:
-        raise InputError(f"cannot be read as Parquet ({str(problem).splitlines()[0]}).", where=str(file)) from problem
+    if file.is_dir() and any(file.glob("*.parquet")):
+        return COLUMNS  # an unfinished Parquet file
+    return tuple(contents(file).names)
 
 
 def _holds_contacts(file: Path, names: tuple[str, ...]) -> bool:
     if names:
         return set(COLUMNS) <= set(names)
     ours = ESTIMATE.kind.replace("/msg/", "/")
-    return file.suffix == PART or any(kind.replace("/msg/", "/") == ours for _, kind, _ in topics(file))
+    return file.suffix == PART or any(topic.kind == ours for topic in contents(file).topics)
 
 
 def _mesh(file: Path) -> None:

@@ -12,7 +12,7 @@ from palpate.cli.spectrum import PLACE
 from palpate.contact.estimate import Status
 from palpate.errors import InputError
 from palpate.io.contacts import contact_blocks, unfinished
-from palpate.io.logs import join, open_log, topics
+from palpate.io.logs import contents, join, open_log
 from palpate.io.logs.guess import guess_orientation, guess_time, guess_wrench
 from palpate.io.logs.layout import Layout
 from palpate.io.models import read_provenance
@@ -133,13 +133,16 @@ def _say_contents(file: Path, names: Sequence[str]) -> None:
         shown = ", ".join(names[:20]) + (", ..." if len(names) > 20 else "")
         lines([("columns", f"{len(names)}: {shown}")])
     else:
-        table(("topic", "type", "messages"), [(name, kind, f"{count:,}") for name, kind, count in topics(file)])
+        table(
+            ("topic", "type", "messages"),
+            [(topic.name, topic.kind, f"{topic.count:,}") for topic in contents(file).topics],
+        )
 
 
 def _say_samples(kept: Recording, ranges: _Ranges, names: Sequence[str], layout: Layout) -> None:
     rate = kept.rate()
     speed = "" if rate is None else f", a step of {1 / rate:.4g} (rate {rate:.4g})"
-    taken = [("taken as", f"{layout.time}; {', '.join(layout.wrench)}")] if names else []
+    taken = [("taken as", f"{layout.time}; {', '.join(layout.wrench or ())}")] if names else []
     lines(
         [
             ("rows" if names else "samples", f"{ranges.count:,}"),

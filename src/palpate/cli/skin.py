@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import chain
 from pathlib import Path
 from time import perf_counter
@@ -18,10 +18,11 @@ from palpate.contact.several import Skin, SkinTouches
 from palpate.errors import InputError
 from palpate.io.atomic import keep_inputs
 from palpate.io.contacts import ContactsWriter, open_contacts, require_format
-from palpate.io.logs.frames import FrameLog, open_frames
+from palpate.io.logs import Log, join, open_log
 from palpate.io.models import provenance, write_provenance
 from palpate.io.rig.skin import SkinRig, build_skin, load_skin_rig
-from palpate.sensors.skin import Frames, examine
+from palpate.sensors.recording import CELLS, Recording
+from palpate.sensors.skin import examine
 from palpate.viewer.skin import SkinScene
 
 __all__ = ["SkinPipeline", "estimate_skin", "open_skin", "skin_scene"]
@@ -39,15 +40,15 @@ class SkinPipeline:
         seconds: spent on preparing, reading and finding.
     """
 
-    log: FrameLog
+    log: Log
     rig: SkinRig
     skin: Skin
-    _blocks: Iterator[Frames]
+    _blocks: Iterator[Recording]
     seconds: dict[str, float] = field(default_factory=lambda: {"prepare": 0.0, "read": 0.0, "find": 0.0})
 
     def stream(
         self, forces: Callable[[Float[np.ndarray, "n rows columns"]], None] | None = None
-    ) -> Iterator[tuple[Frames, SkinTouches]]:
+    ) -> Iterator[tuple[Recording, SkinTouches]]:
         """Blocks of the log with their touches; `forces` is given the force [N] of each cell of each block."""
         first = 0
         while True:
@@ -57,7 +58,7 @@ class SkinPipeline:
             if block is None:
                 return
             begin = perf_counter()
-            cells = None if forces is None else np.empty(block.cells.shape)
+            cells = None if forces is None else np.empty(block.channels[CELLS].shape)
             found = self.skin.run(block, first, cells)
             if forces is not None and cells is not None:
                 forces(cells)
@@ -85,8 +86,8 @@ def open_skin(path: Path, rig_path: Path) -> SkinPipeline:
     wait("preparing the sheet and compiling kernels (compiling happens once)")
     begin = perf_counter()
     place = rig.place()
-    log = open_frames(path, rig.layout(place))
-    blocks, first, count = log.blocks(), list[Frames](), 0
+    log = open_log(path, rig.layout(place))
+    blocks, first, count = log.blocks(), list[Recording](), 0
     for block in blocks:
         first.append(block)
         count += len(block)
@@ -94,16 +95,18 @@ def open_skin(path: Path, rig_path: Path) -> SkinPipeline:
             break
     if not count:
         raise InputError("holds no frames.", where=str(path))
-    head = Frames(
-        np.concatenate([block.time for block in first]), np.concatenate([block.cells for block in first]), path.name
-    )
-    sheet = rig.sheet(place)
+    head, sheet = join(first), rig.sheet(place)
     falling = rig.intensity().curves[0].falling
-    health = examine(head.turned() if falling else head, sheet, seconds=rig.skin.tare)
+    health = examine(_turned(head) if falling else head, sheet, seconds=rig.skin.tare)
     skin = build_skin(rig, place, health.turned() if falling else health)
     pipeline = SkinPipeline(log, rig, skin, chain(first, blocks))
     pipeline.seconds["prepare"] = perf_counter() - begin
     return pipeline
+
+
+def _turned(frames: Recording) -> Recording:
+    """With the sign of the readings turned."""
+    return replace(frames, channels={CELLS: -frames.channels[CELLS]})
 
 
 def estimate_skin(log: Path, output: Path, rig_path: Path) -> None:

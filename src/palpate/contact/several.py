@@ -13,7 +13,8 @@ from palpate.contact.touches import SkinSettings, SkinTouches
 from palpate.contact.track import Tracker
 from palpate.errors import InputError
 from palpate.sensors.intensity import Intensity
-from palpate.sensors.skin import Frames, Health, Sheet
+from palpate.sensors.recording import CELLS, Recording
+from palpate.sensors.skin import Health, Sheet
 from palpate.sensors.skin_map import SkinMap
 
 __all__ = ["Skin", "SkinSettings", "SkinTouches", "contours"]
@@ -166,17 +167,17 @@ class Skin:
         return self._value(rows, np.zeros(len(rows), np.int64), np.full(len(rows), time))
 
     def run(
-        self, frames: Frames, first: int = 0, forces: Float[np.ndarray, "n rows columns"] | None = None
+        self, frames: Recording, first: int = 0, forces: Float[np.ndarray, "n rows columns"] | None = None
     ) -> SkinTouches:
         """The touches of a block, at least one row a frame.
 
         Args:
-            frames: in order.
+            frames: with `CELLS`, in order.
             first: number of the first frame in its log.
             forces: where the force [N] of each cell is to be written.
         """
         parts: list[np.ndarray] = []
-        for k, (time, frame) in enumerate(zip(frames.time.tolist(), frames.cells, strict=True)):
+        for k, (time, frame) in enumerate(zip(frames.time.tolist(), frames.channels[CELLS], strict=True)):
             found = self.update_into(time, frame)
             parts.append(self._nothing(found) if found is None or not len(found) else found.copy())
             if forces is not None:

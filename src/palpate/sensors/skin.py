@@ -1,4 +1,4 @@
-"""A sheet of taxels: its frames, and what its cells are worth: at rest, dead, stuck, wrapped around."""
+"""A sheet of taxels, and what its cells are worth: at rest, dead, stuck, wrapped around."""
 
 from __future__ import annotations
 
@@ -8,9 +8,10 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from palpate.errors import InputError
+from palpate.sensors.recording import CELLS, Recording
 from palpate.spatial._arrays import frozen
 
-__all__ = ["Frames", "Health", "Sheet", "examine"]
+__all__ = ["Health", "Sheet", "examine"]
 
 FEWEST = 8  # frames from which anything can be said of a cell
 CLOSE = 4.0  # deviations about the resting value that still are rest
@@ -70,38 +71,6 @@ class Sheet:
 
 
 @dataclass(frozen=True, eq=False)
-class Frames:
-    """Frames of one log, or of a piece of it.
-
-    Args:
-        time: (n,) [s], as recorded.
-        cells: (n, rows, columns) raw; a frame of another size, or one that could not be read, is NaN.
-        source: where it came from.
-    """
-
-    time: Float[np.ndarray, " n"]
-    cells: Float[np.ndarray, "n rows columns"]
-    source: str = ""
-
-    def __post_init__(self) -> None:
-        for name in ("time", "cells"):
-            object.__setattr__(self, name, frozen(getattr(self, name)))
-        if len(self.time) != len(self.cells):
-            raise ValueError(f"{len(self.cells)} frames for {len(self.time)} times")
-
-    def __len__(self) -> int:
-        return len(self.time)
-
-    def turned(self) -> Frames:
-        """With the sign of the readings turned: of a sheet whose readings fall under load."""
-        return Frames(self.time, -self.cells, self.source)
-
-    def picked(self, rows: slice | Bool[np.ndarray, " n"]) -> Frames:
-        """The frames that a slice or a mask picks."""
-        return Frames(self.time[rows], self.cells[rows], self.source)
-
-
-@dataclass(frozen=True, eq=False)
 class Health:
     """What the cells are at rest, and which are no good.
 
@@ -132,22 +101,26 @@ class Health:
         return ~(self.dead | self.stuck)
 
 
-def examine(frames: Frames, sheet: Sheet, *, seconds: float | None = None) -> Health:
+def examine(frames: Recording, sheet: Sheet, *, seconds: float | None = None) -> Health:
     """Rest, noise and faults of every cell, from the start of a log; it may hold touches.
 
     A cell rests where its readings crowd at their lower end: within `CLOSE` deviations of it, whatever touches do
     above (a falling sensor is turned by the caller). With `seconds` the start is known to be untouched.
 
     Args:
-        frames: at least `FEWEST` of them.
+        frames: with `CELLS`, (n, rows, columns) or (n, rows * columns); at least `FEWEST` of them.
         sheet: what it is.
         seconds: at the start, in which nothing was touched; None: not known.
 
     Raises:
-        InputError: too few frames, or no cell ever moves from a value that is not rest.
+        InputError: no or too few frames, or no cell ever moves from a value that is not rest.
     """
-    known = np.isfinite(frames.cells).all(axis=(1, 2))
-    cells = frames.cells[known]
+    raw = frames.channels.get(CELLS, np.empty(0))
+    if raw.size != len(frames) * sheet.cells:
+        raise InputError(f"has no frames of {sheet.rows} x {sheet.columns} cells.", where=frames.source)
+    raw = raw.reshape(-1, sheet.rows, sheet.columns)
+    known = np.isfinite(raw).all(axis=(1, 2))
+    cells = raw[known]
     if len(cells) < FEWEST:
         raise InputError(
             f"{len(cells)} frames of {sheet.rows} x {sheet.columns} cells could be read of {len(frames)}; "

@@ -11,13 +11,15 @@ import numpy as np
 from palpate.contact.resolution import nominal_cells
 from palpate.errors import InputError
 from palpate.io.load_cells import read_load_cells
+from palpate.io.logs.layout import ArrayChannel
 from palpate.sensors.load_cells import LoadCells, with_changes
+from palpate.sensors.recording import REFERENCE, VOLTAGE
 
 __all__ = ["VOLT_UNITS", "RigLoadCells"]
 
 VOLT_UNITS = {"V": 1.0, "mV": 1e-3, "uV": 1e-6}
 Three = tuple[float, float, float]
-REFERENCE = ("ref_fx", "ref_fy", "ref_fz", "ref_x", "ref_y", "ref_z")
+REFERENCE_COLUMNS = ("ref_fx", "ref_fy", "ref_fz", "ref_x", "ref_y", "ref_z")
 
 
 @dataclass(frozen=True)
@@ -44,7 +46,7 @@ class RigLoadCells:
     drift: float | None = None
     without: tuple[int, ...] = ()
     accuracy: float | None = None
-    reference: tuple[str, str, str, str, str, str] = REFERENCE
+    reference: tuple[str, str, str, str, str, str] = REFERENCE_COLUMNS
     ball: float = 4e-3
     indentation: bool = False
 
@@ -75,10 +77,13 @@ class RigLoadCells:
             return model.cells
         return len(self.columns) // 3 or (len(self.positions) if self.positions else 4)
 
-    def volts(self, cells: int) -> tuple[float, ...]:
-        """What one unit of each column is in V."""
+    def channels(self, cells: int, *, bench: bool) -> tuple[ArrayChannel, ...]:
+        """The voltages in a log, and the reference beside them in one of their bench."""
         units = [self.units] * (3 * cells) if isinstance(self.units, str) else self.units
-        return tuple(VOLT_UNITS[unit] for unit in units)
+        volts = tuple(VOLT_UNITS[unit] for unit in units)
+        voltage = ArrayChannel(VOLTAGE, (3 * cells,), self.names(cells), self.topic, volts, "load_cells")
+        reference = ArrayChannel(REFERENCE, (6,), self.reference, table="load_cells")
+        return (voltage, reference) if bench else (voltage,)
 
     def places(self) -> np.ndarray | None:
         """(k, 3) [m], if they are stated."""

@@ -13,14 +13,12 @@ import numpy as np
 
 from palpate.contact.plausibility import lines_of_action
 from palpate.errors import InputError
-from palpate.io.logs import open_log, read_recording, topics
+from palpate.io.logs import contents, read_recording
+from palpate.io.logs.decoding import role
 from palpate.io.logs.guess import guess_orientation, guess_position, guess_time, guess_wrench
 from palpate.io.logs.layout import ORIENTATION_COLUMNS, Layout
-from palpate.io.logs.messages import KINDS
-from palpate.io.logs.parquet import ParquetLog
 from palpate.io.models import printable
 from palpate.io.rig.rig import check_rig
-from palpate.io.tables.table import read_table
 from palpate.io.units import TORQUE_UNITS
 from palpate.sensors.noise import estimate_noise
 from palpate.surfaces.mesh import UNITS, Mesh
@@ -143,12 +141,11 @@ def _mesh_unit(path: Path) -> tuple[str, float]:
 
 def _topics_of(log: Path) -> _Found | None:
     """Of a log that has topics; None where it has columns."""
-    known = topics(log)
+    known = contents(log).topics
     if not known:
         return None
     wrenches, poses = (
-        [name for name, kind, count in known if count and kind in KINDS and KINDS[kind].role == role]
-        for role in ("wrench", "pose")
+        [topic.name for topic in known if topic.count and role(topic.kind) == wanted] for wanted in ("wrench", "pose")
     )
     if not wrenches:
         raise InputError("no topic holds wrenches.", where=str(log), mend="`palpate inspect` lists the topics.")
@@ -165,7 +162,7 @@ def _topics_of(log: Path) -> _Found | None:
 
 
 def _columns_of(log: Path) -> _Found:
-    names = _names(log)
+    names = list(contents(log).names)
     wrench, time = guess_wrench(names), guess_time(names)
     if wrench is None or time is None:
         what = "time" if wrench is not None else "the three forces and three torques"
@@ -179,13 +176,6 @@ def _columns_of(log: Path) -> _Found:
     text = f'[time]\ncolumn = {_toml(time)}\nunit = "{layout.time_unit}"                         # s, ms, us, ns\n\n'
     orientation, said = _orientation(names)
     return _Found(layout, text, f"columns = {_toml(wrench)}", orientation, tuple(said))
-
-
-def _names(log: Path) -> Sequence[str]:
-    """Of the columns."""
-    if isinstance(opened := open_log(log), ParquetLog):
-        return opened.names()
-    return read_table(log).names
 
 
 def _time_unit(time: np.ndarray) -> str:

@@ -48,7 +48,8 @@ class Rig:
         return Layout(
             time=self.time.column,
             time_unit=self.time.unit,
-            wrench=wrench.columns,
+            wrench=wrench.columns if cells is None else None,
+            arrays=() if cells is None else cells.channels(count, bench=bench),
             force_unit=wrench.units.force,
             torque_unit=wrench.units.torque,
             axes=wrench.axes,
@@ -62,10 +63,6 @@ class Rig:
             acceleration_topic=self.acceleration.topic,
             offset=self.orientation.offset,
             max_gap=self.orientation.max_gap,
-            voltages=() if cells is None else cells.names(count),
-            volts=() if cells is None else cells.volts(count),
-            voltage_topic=None if cells is None else cells.topic,
-            reference=cells.reference if bench and cells is not None else (),
         )
 
     def cells_path(self) -> Path | None:

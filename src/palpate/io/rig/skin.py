@@ -10,7 +10,7 @@ import numpy as np
 from palpate.contact.several import Skin, SkinSettings
 from palpate.errors import InputError
 from palpate.io.intensity import read_intensity
-from palpate.io.logs.frames import FrameLayout
+from palpate.io.logs.layout import ArrayChannel, Layout
 from palpate.io.models import load_toml
 from palpate.io.rig.surface import RigSurface
 from palpate.io.rig.tables import RigForceTorque, RigTime
@@ -18,6 +18,7 @@ from palpate.io.skin_map import read_skin_map
 from palpate.io.strict import parse
 from palpate.io.units import TIME_UNITS, to_si
 from palpate.sensors.intensity import Curve, Intensity
+from palpate.sensors.recording import CELLS
 from palpate.sensors.skin import Health, Sheet
 from palpate.sensors.skin_map import SkinMap
 
@@ -98,12 +99,11 @@ class SkinRig:
         """Of the map's size."""
         return Sheet(place.rows, place.columns, self.skin.bits or None, self.skin.masked)
 
-    def layout(self, place: SkinMap) -> FrameLayout:
+    def layout(self, place: SkinMap) -> Layout:
         """How to read a log of this rig."""
         skin = self.skin
-        return FrameLayout(
-            place.rows, place.columns, self.time.column, self.time.unit, skin.cells, skin.topic, skin.rate
-        )
+        cells = ArrayChannel(CELLS, (place.rows, place.columns), skin.cells, skin.topic, table="skin")
+        return Layout(time=self.time.column, time_unit=self.time.unit, wrench=None, arrays=(cells,), rate=skin.rate)
 
 
 def is_skin_rig(path: Path) -> bool:
