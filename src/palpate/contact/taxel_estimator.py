@@ -117,6 +117,7 @@ class TaxelEstimator:
         self.features = ("row", "column", *FEATURES) if body.rows else FEATURES
         self.health: Health | None = None
         self._kernels, self._tared = _taxels, Tare("", "")
+        self._width = _taxels.AREA + len(self.features) + 1
         self._looked = health is not None
         curves = intensity or _PLAIN
         self._falling = curves.curves[0].falling
@@ -133,6 +134,7 @@ class TaxelEstimator:
         forward = self._recursion is not None and not self._zero_phase
         self._forward = Forward(self._recursion, self._rate(), count) if forward else None
         self._clock = np.zeros(2)
+        self._turn = 0.0 if body.bits is None else body.top + 1.0
         self._memory = np.full((_taxels.MEMORY, count), np.nan)
         self._kept = np.zeros((2, count), dtype=np.int64)
         self._work = (
@@ -151,7 +153,7 @@ class TaxelEstimator:
 
     def empty(self, *batch: int) -> Float[np.ndarray, "*batch w"]:
         """Rows for `update_into`: `contact.estimate.ROW`, then `features`, then the identity."""
-        return np.zeros((*batch, self._kernels.AREA + len(self.features) + 1))
+        return np.zeros((*batch, self._width))
 
     def reset(self) -> None:
         """Forget what frames left: the drift of the rest, readings that wrapped around, the filter, identities."""
@@ -345,6 +347,7 @@ class TaxelEstimator:
             self._know(health)
         else:
             self._memory[:] = 0.0
+            self._same = self._fixed()
         when, raw, rows = self._single
         buffer, status, _ = self._buffer
         if self._zero_phase:
@@ -364,7 +367,19 @@ class TaxelEstimator:
             raise InputError("no cell is good: all are masked, dead or stuck.", where="taxels")
         self.health = health
         self._cell[0][:], self._cell[1][:] = good, health.noise
+        self._same = self._fixed()
         self.reset()
+
+    def _fixed(self) -> tuple[object, ...]:
+        """What the compiled loop takes that is the same from frame to frame, or goes on from it."""
+        set_, forward = self.settings, self._forward
+        resting = 0.0 if self._recursion is None or self.health is None else 1.0 / self.health.frames
+        sign = -1.0 if self._falling else 1.0
+        numbers = (set_.on, set_.off, set_.sure, set_.share, sign, set_.drift, self._turn, resting)
+        settings = (*numbers, set_.reach, set_.speed, set_.patience)
+        smoothing = _NO_FILTER if forward is None else (*forward.parts, forward.shares)
+        known = (self._place, self._table, self._cell, self._curves, settings, smoothing)
+        return (*known, self._clock, self._memory, self._kept, *self._work, *self._tracks)
 
     def _look(self, head: Recording) -> None:
         """Find what is not known of rest, noise and bad cells in the first frames of a log."""
@@ -426,17 +441,9 @@ class TaxelEstimator:
         forces: np.ndarray,
     ) -> tuple[int, int]:
         """The compiled loop, with what stays the same from frame to frame."""
-        set_, forward = self.settings, self._forward
-        turn = 0.0 if self.body.bits is None else self.body.top + 1.0
-        resting = 0.0 if self._recursion is None or self.health is None else 1.0 / self.health.frames
-        sign = -1.0 if self._falling else 1.0
-        numbers = (set_.on, set_.off, set_.sure, set_.share, sign, set_.drift, turn, resting)
-        settings = (*numbers, set_.reach, set_.speed, set_.patience)
-        smoothing = _NO_FILTER if forward is None else (*forward.parts, forward.shares)
         return self._kernels.frames(
-            _constant(time), _constant(raw), values, status, left, self._place, self._table, self._cell, self._curves,
-            settings, smoothing, self._clock, self._memory, self._kept, *self._work, *self._tracks, out, rows, forces,
-        )  # fmt: skip
+            _constant(time), _constant(raw), values, status, left, *self._same, out, rows, forces
+        )
 
     def _prepare(self, block: Recording, both: BothWays) -> tuple[np.ndarray, np.ndarray]:
         """Readings on their way through a filter of zero phase, and which of the frames can be used."""
@@ -447,11 +454,8 @@ class TaxelEstimator:
         return values, status
 
     def _ready(self, raw: np.ndarray, rest: np.ndarray, values: np.ndarray, status: np.ndarray) -> None:
-        turn = 0.0 if self.body.bits is None else self.body.top + 1.0
-        cell, table = self._cell, self._table[0]
-        self._kernels.prepare(
-            _constant(raw), _constant(rest), cell, table, turn, self._memory, self._kept, values, status
-        )
+        known = (self._cell, self._table[0], self._turn, self._memory, self._kept)
+        self._kernels.prepare(_constant(raw), _constant(rest), *known, values, status)
 
     def _contacts(
         self, rows: Float[np.ndarray, "n w"], sample: Int[np.ndarray, " n"], time: Float[np.ndarray, " n"]
