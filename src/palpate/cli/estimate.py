@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from time import perf_counter
 from typing import Annotated, Literal
@@ -14,7 +15,9 @@ from palpate.cli.estimate_load_cells import estimate_load_cells
 from palpate.cli.interrupts import uninterrupted
 from palpate.cli.options import FileOption, Log, Output
 from palpate.cli.pipeline import Pipeline, open_pipeline
-from palpate.cli.report import Run, write_report
+from palpate.cli.report import write_report
+from palpate.cli.report_advice import wrench_advice
+from palpate.cli.report_settings import force_torque, wrench_method, wrench_settings
 from palpate.cli.screen import counting, lines, note, percent, progress, title
 from palpate.cli.setup import Setup
 from palpate.cli.skin import estimate_skin
@@ -30,6 +33,7 @@ from palpate.io.rig.skin import is_skin_rig
 from palpate.io.truth import read_truth
 from palpate.sensors.recording import ORIENTATION, POSITION, Recording
 from palpate.viewer.report import require_report
+from palpate.viewer.run_report import Run
 
 __all__ = ["estimate"]
 
@@ -94,23 +98,37 @@ def estimate(
     _say(log, output, pipeline, tally, doubts)
     if report is not None:
         notes, warnings = (*pipeline.said, *pipeline.remarks(), *pipeline.notes()), (*doubts, *short)
-        run = Run(
-            log.name,
-            output.name,
-            rig,
-            pipeline.estimator,
-            tally.thinned,
-            record,
-            pipeline.seconds,
-            tally.touches(),
-            known,
-            notes=notes,
-            warnings=warnings,
-        )
-        write_report(report, run)
+        run = replace(_run(pipeline, tally), log=log.name, output=output.name, provenance=record)
+        run = replace(run, notes=notes, warnings=warnings)
+        write_report(report, run, known, mounted=rig.surface.pose_covariance is not None)
     note(short, kind="warning")
     if short:
         raise SystemExit(INTERRUPTED if interrupted else TORN)
+
+
+def _run(pipeline: Pipeline, tally: Tally) -> Run:
+    """What the report says of it."""
+    rig, estimator, kept = pipeline.rig, pipeline.estimator, tally.downsample
+    payload, smooth = estimator.payload, estimator.filter
+    rate = estimator.rate or kept.rate
+    filtered = "none" if smooth is None else smooth.describe(rate) if np.isfinite(rate) else rig.filter.kind
+    known = (("the payload's", payload), ("the mounting's", rig.surface.pose_covariance))
+    drawn = pipeline.surface.drawn()
+    run = Run(
+        "",
+        "",
+        wrench_method(rig, payload=payload is not None),
+        kept,
+        (drawn.vertices, drawn.faces),
+        wrench_settings(rig, estimator.locator, estimator.sensor.noise, filtered),
+        ("the sensor's noise", *(f"{name} uncertainty" for name, value in known if value is not None)),
+        stages=pipeline.seconds,
+        touches=tally.touches(),
+        sections=(force_torque(rig, payload, estimator.mount),),
+    )
+    radius = run.kept.median_radius
+    advice = wrench_advice(rig, payload=payload is not None, filtered=smooth is not None, radius=radius)
+    return replace(run, advice=advice)
 
 
 def _refuse_beside_skin(setup: Setup, frame: str, report: Path | None, truth: Path | None) -> None:

@@ -10,6 +10,7 @@ import numpy as np
 
 from palpate.cli.interrupts import uninterrupted
 from palpate.cli.screen import counting, lines, note, percent, progress, title, wait
+from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import Status
 from palpate.contact.fingertip import WANTED, Fingertip
 from palpate.contact.fingertip_stream import START, FingertipStream
@@ -20,7 +21,7 @@ from palpate.io.contacts import ContactsWriter, open_contacts
 from palpate.io.logs import Log, open_log
 from palpate.io.models import provenance, write_provenance
 from palpate.io.rig import Rig
-from palpate.viewer.thinned import Thinned
+from palpate.viewer.downsample import Downsample
 
 __all__ = ["estimate_load_cells"]
 
@@ -40,7 +41,7 @@ def estimate_load_cells(log: Path, output: Path, beside: Path, rig: Rig, rig_pat
     wait("compiling kernels (compiling happens once)")
     source, fingertip = open_log(log, rig.layout()), _fingertip(rig)
     stream = FingertipStream(fingertip, rig.estimate.tare or START)
-    tally, spent = Thinned(), perf_counter()
+    tally, spent = Downsample(), perf_counter()
     with ExitStack() as stack:
         writer = stack.enter_context(open_contacts(output, frame_id=frame))
         interrupted = _written(source, stream, writer, tally, rig, frame)
@@ -85,7 +86,7 @@ def _fingertip(rig: Rig) -> Fingertip:
 
 
 def _written(
-    source: Log, stream: FingertipStream, writer: ContactsWriter, tally: Thinned, rig: Rig, frame: str
+    source: Log, stream: FingertipStream, writer: ContactsWriter, tally: Downsample, rig: Rig, frame: str
 ) -> bool:
     """All blocks, and whether Ctrl-C ended it; without a row there is nothing to keep."""
     pose = rig.surface.pose.pose()
@@ -94,7 +95,7 @@ def _written(
             for block, found in stream.stream(source.blocks()):
                 with uninterrupted():
                     writer.write(block.time, found if frame == "surface" else in_frame(found, pose))
-                    tally.add(block.time, found)
+                    tally.add(Contacts.single(block.time, found, tally.count))
                 progress(tally.count, source.position / max(source.size, 1))
     except KeyboardInterrupt:
         if not writer.rows:
@@ -103,13 +104,13 @@ def _written(
     return False
 
 
-def _shares(tally: Thinned) -> list[tuple[str, str]]:
+def _shares(tally: Downsample) -> list[tuple[str, str]]:
     return [
         (Status(k).label, f"{percent(n / tally.count):>7}  {n:>9,}") for k, n in enumerate(tally.statuses.tolist()) if n
     ]
 
 
-def _say(stream: FingertipStream, tally: Thinned, rig: Rig, source: Log) -> None:
+def _say(stream: FingertipStream, tally: Downsample, rig: Rig, source: Log) -> None:
     """What was assumed, how light is too light, and which cells are wrong."""
     fingertip, table = stream.fingertip, rig.load_cells
     note([*stream.said, f"a contact begins at {fingertip.on:.3g} N and ends at {fingertip.off:.3g} N"])

@@ -19,9 +19,9 @@ from palpate.io.tables.table import Table, read_table
 from palpate.sensors.skin_map import SkinMap
 from palpate.spatial.pose import rotation_from_quaternion
 from palpate.surfaces.mesh import Mesh
+from palpate.viewer.maps import sheet_map
 from palpate.viewer.report import Report, Section, Tile, picture, render, require_report
 from palpate.viewer.report import Table as Cells
-from palpate.viewer.skin_plots import skin_errors
 
 __all__ = ["WAND", "WRENCH", "evaluate_skin", "write_skin_report"]
 
@@ -205,7 +205,10 @@ def write_skin_report(
         for touch, error, turn, why in judgements
     )
     cells = np.array([[touch.row, touch.column] for touch in touches])
-    drawn = picture(skin_errors(cells, judged.errors), "Where the touches were on the unrolled sheet, and how far off.")
+    drawn = picture(
+        sheet_map(cells, 1e3 * judged.errors, "position error [mm]"),
+        "Where the touches were on the unrolled sheet, and how far off.",
+    )
     header = ("touch", "time [s]", "row", "column", "position [mm]", "direction [deg]", "left out because")
     sections = (Section("Errors", text=(of,), pictures=(drawn,), tables=(Cells(header, rows),)),)
     summary = f"{contacts} against {truth}: touches of a taxel sheet, each as the median of its samples."

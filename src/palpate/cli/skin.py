@@ -9,10 +9,11 @@ from pathlib import Path
 from time import perf_counter
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Float32
 
 from palpate.cli.interrupts import import_mesh_reader, uninterrupted
 from palpate.cli.screen import counting, lines, note, percent, progress, title, wait
+from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import Status
 from palpate.contact.several import Skin, SkinTouches
 from palpate.errors import InputError
@@ -22,9 +23,11 @@ from palpate.io.logs.frames import FrameLog, open_frames
 from palpate.io.models import provenance, write_provenance
 from palpate.io.rig.skin import SkinRig, build_skin, load_skin_rig
 from palpate.sensors.skin import Frames, examine
-from palpate.viewer.skin import SkinScene
+from palpate.sensors.skin_map import SkinMap
+from palpate.viewer.scene import Scene, prepare
+from palpate.viewer.taxels import TaxelLayer
 
-__all__ = ["SkinPipeline", "estimate_skin", "open_skin", "skin_scene"]
+__all__ = ["SkinPipeline", "estimate_skin", "open_skin", "skin_scene", "taxel_layer"]
 
 HEAD = 2048  # frames from which rest, noise and faults are taken
 TORN, INTERRUPTED = 3, 130
@@ -154,21 +157,26 @@ def _write(pipeline: SkinPipeline, writer: ContactsWriter, counts: np.ndarray) -
     return False, done, most
 
 
-def skin_scene(log: Path, rig_path: Path) -> tuple[SkinScene, list[str]]:
+def skin_scene(log: Path, rig_path: Path) -> tuple[Scene, list[str]]:
     """A log of frames to look at, and what is to be known of it: `palpate view` for a rig with a [skin]."""
     pipeline = open_skin(log, rig_path)
-    forces, touches, times = list[np.ndarray](), list[SkinTouches](), list[np.ndarray]()
+    forces, parts, done = list[np.ndarray](), list[Contacts](), 0
     with counting():
         for block, found in pipeline.stream(lambda cells: forces.append(cells.astype(np.float32))):
-            touches.append(found)
-            times.append(block.time)
-            progress(sum(map(len, times)), pipeline.log.position / max(pipeline.log.size, 1))
+            features = {name: getattr(found, name) for name in ("row", "column", "area", "pressure")}
+            parts.append(Contacts(found.sample, found.time, found.contact, found.estimate, features))
+            done += len(block)
+            progress(done, pipeline.log.position / max(pipeline.log.size, 1))
     rig = pipeline.rig
     if rig.surface is not None and rig.surface.mesh is not None:
         import_mesh_reader()
-    body = None if rig.surface is None else rig.surface.load(rig.folder).drawn()
-    scene = SkinScene(
-        log.name, pipeline.skin.place, body, np.concatenate(times), np.concatenate(forces), SkinTouches.joined(touches)
-    )
+    body = None if rig.surface is None else rig.surface.load(rig.folder)
+    layer = taxel_layer(pipeline.skin.place, np.concatenate(forces).reshape(done, -1))
     torn = [pipeline.log.torn] if pipeline.log.torn else []
-    return scene, [*torn, *pipeline.notes()]
+    return prepare(body, Contacts.joined(parts), log.name, [layer]), [*torn, *pipeline.notes()]
+
+
+def taxel_layer(place: SkinMap, forces: Float32[np.ndarray, "n k"] | None = None) -> TaxelLayer:
+    """Of the cells of a map, with the force [N] of each in every frame where it is known."""
+    shape = (place.rows, place.columns)
+    return TaxelLayer(place.centres.reshape(-1, 3), place.normals.reshape(-1, 3), place.areas.ravel(), shape, forces)

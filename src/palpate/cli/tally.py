@@ -5,13 +5,14 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Int
 
+from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import ContactEstimate
 from palpate.contact.estimator import Estimator
 from palpate.contact.events import Events, TouchFinder
 from palpate.contact.plausibility import lines_of_action, never_at_rest, unexplained
 from palpate.io.logs import join
 from palpate.sensors.recording import Recording
-from palpate.viewer.thinned import Thinned
+from palpate.viewer.downsample import Downsample
 
 __all__ = ["Tally"]
 
@@ -23,17 +24,17 @@ class Tally:
 
     Attributes:
         samples: seen so far.
-        thinned: some of the estimates, and how many of each status.
+        downsample: some of the estimates, and how many of each status.
     """
 
     def __init__(self) -> None:
-        self.samples, self.thinned, self._finder = 0, Thinned(), TouchFinder()
+        self.samples, self.downsample, self._finder = 0, Downsample(), TouchFinder()
         self._stride, self._kept = 1, list[Recording]()
 
     @property
     def counts(self) -> Int[np.ndarray, " s"]:
         """(len(Status),) of each status."""
-        return self.thinned.statuses
+        return self.downsample.statuses
 
     def touches(self) -> Events:
         """Found so far."""
@@ -41,7 +42,7 @@ class Tally:
 
     def add(self, block: Recording, found: ContactEstimate) -> None:
         """A block of the log and its contacts in the surface's frame, row for row."""
-        self.thinned.add(block.time, found)
+        self.downsample.add(Contacts.single(block.time, found, self.samples))
         self._finder.add(block.time, found)
         self._kept.append(block.picked(slice(-self.samples % self._stride, None, self._stride)))
         self.samples += len(block)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import numpy as np
 from tyro.conf import arg
 
 from palpate.cli.interrupts import import_mesh_reader
@@ -13,18 +12,18 @@ from palpate.cli.options import Log
 from palpate.cli.pipeline import open_pipeline
 from palpate.cli.screen import counting, note, progress, title
 from palpate.cli.setup import Setup
-from palpate.cli.skin import skin_scene
-from palpate.contact.estimate import ContactEstimate
+from palpate.cli.skin import skin_scene, taxel_layer
+from palpate.contact.contacts import Contacts
 from palpate.contact.frames import in_frame
 from palpate.errors import InputError
-from palpate.io.contacts import Contacts, contact_blocks, read_contacts
+from palpate.io.contacts import contact_blocks, read_contacts
 from palpate.io.models import read_provenance
 from palpate.io.rig import Rig
-from palpate.io.rig.skin import is_skin_rig
-from palpate.sensors.load_cells import LoadCells
+from palpate.io.rig.skin import is_skin_rig, load_skin_rig
+from palpate.spatial.pose import Pose
+from palpate.viewer.load_cells import LoadCellLayer
 from palpate.viewer.scene import Scene, prepare
 from palpate.viewer.server import require_viser, serve
-from palpate.viewer.skin import serve_skin
 
 __all__ = ["view"]
 
@@ -39,22 +38,18 @@ def view(
     """Show contacts on the body, with a timeline to scrub and play, in a browser; Ctrl-C ends it.
 
     Args:
-        log: a log, which is estimated first, or what `palpate estimate` wrote, which is shown as it is; with a [skin]
-            in the rig frames of the sheet, shown cell by cell.
+        log: a log, which is estimated first, or what `palpate estimate` wrote, which is shown as it is.
         setup: what is touched and how it is located.
         port: to serve at; the next free one if it is taken.
         host: address to serve at; the default can be reached from this machine only.
     """
     require_viser(host, port)  # before the work, not after it
-    if setup.rig is not None and is_skin_rig(setup.rig):
-        sheet, notes = skin_scene(log, setup.rig)
-        title(f"{log}: {len(sheet):,} frames")
-        note(notes)
-        serve_skin(sheet, host, port, up=_say)
-        return
-    rig = setup.load()
     contacts = _written(log)
-    scene, notes = _estimated(log, rig) if contacts is None else (_shown(contacts, log, rig), contacts.notes)
+    if setup.rig is not None and is_skin_rig(setup.rig):
+        scene, notes = skin_scene(log, setup.rig) if contacts is None else _shown_skin(contacts, log, setup.rig)
+    else:
+        rig = setup.load()
+        scene, notes = _estimated(log, rig) if contacts is None else _shown(contacts, log, rig)
     title(f"{log}: {len(scene):,} samples")
     note(notes)
     serve(scene, host, port, up=_say)
@@ -70,40 +65,50 @@ def _written(path: Path) -> Contacts | None:
         next(contact_blocks(path))
     except InputError:  # the reader of logs will say what it is instead
         return None
-    return read_contacts(path)
+    found = read_contacts(path)
+    features = {} if found.cell is None else dict(zip(("row", "column", "area"), found.cell.T, strict=True))
+    return Contacts(found.sample, found.time, found.contact, found.estimate, features, found.notes)
 
 
 def _estimated(path: Path, rig: Rig) -> tuple[Scene, list[str]]:
     """A log on its way through the whole chain, and what is to be known of it."""
     pipeline = open_pipeline(path, rig)
-    times, parts, done = list[np.ndarray](), list[ContactEstimate](), 0
+    parts, done = list[Contacts](), 0
     with counting():
         for block, found in pipeline.stream():
-            times.append(block.time)
-            parts.append(found)
+            parts.append(Contacts.single(block.time, found, done))
             done += len(block)
             progress(done, pipeline.log.position / max(pipeline.log.size, 1))
-    scene = prepare(pipeline.surface, np.concatenate(times), ContactEstimate.joined(parts), path.name, _cells(rig))
+    scene = prepare(pipeline.surface, Contacts.joined(parts), path.name, _layers(rig))
     torn = [pipeline.log.torn] if pipeline.log.torn else []
     return scene, [*torn, *pipeline.said, *pipeline.remarks(), *pipeline.notes()]
 
 
-def _shown(contacts: Contacts, path: Path, rig: Rig) -> Scene:
+def _shown(contacts: Contacts, path: Path, rig: Rig) -> tuple[Scene, tuple[str, ...]]:
     """Contacts as they were written."""
-    if not len(contacts):
-        raise InputError("there is nothing to show: it has no rows.", where=str(path))
+    shown = _in_surface(contacts, path, rig.surface.pose.pose())
     if rig.mesh_path() is not None:
         import_mesh_reader()
-    shown = _in_surface(contacts, path, rig)
-    return prepare(rig.surface.load(rig.folder), contacts.time, shown, path.name, _cells(rig))
+    return prepare(rig.surface.load(rig.folder), shown, path.name, _layers(rig)), contacts.notes
 
 
-def _cells(rig: Rig) -> LoadCells | None:
+def _shown_skin(contacts: Contacts, path: Path, rig_path: Path) -> tuple[Scene, tuple[str, ...]]:
+    """Contacts of a sheet as they were written, without the forces of its cells."""
+    rig = load_skin_rig(rig_path)
+    mount = Pose.identity() if rig.surface is None else rig.surface.pose.pose()
+    shown = _in_surface(contacts, path, mount)
+    if rig.surface is not None and rig.surface.mesh is not None:
+        import_mesh_reader()
+    body = None if rig.surface is None else rig.surface.load(rig.folder)
+    return prepare(body, shown, path.name, [taxel_layer(rig.place())]), contacts.notes
+
+
+def _layers(rig: Rig) -> list[LoadCellLayer]:
     """Of a rig with load cells that are calibrated."""
-    return None if rig.cells_path() is None else rig.cells()
+    return [] if rig.cells_path() is None else [LoadCellLayer(rig.cells())]
 
 
-def _in_surface(contacts: Contacts, path: Path, rig: Rig) -> ContactEstimate:
+def _in_surface(contacts: Contacts, path: Path, mount: Pose) -> Contacts:
     """Contacts in the frame that the body is drawn in; which one they are in stands beside the file."""
     frame = read_provenance(path).get("frame", "surface")
     if frame == "base":
@@ -112,4 +117,4 @@ def _in_surface(contacts: Contacts, path: Path, rig: Rig) -> ContactEstimate:
             where=str(path),
             mend="Estimate without --frame base, or view the log itself.",
         )
-    return in_frame(contacts.estimate, rig.surface.pose.pose().inverse()) if frame == "sensor" else contacts.estimate
+    return contacts.with_estimate(in_frame(contacts.estimate, mount.inverse())) if frame == "sensor" else contacts
