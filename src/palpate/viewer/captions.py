@@ -57,7 +57,8 @@ def caption(moment: Moment, magnification: int, lines: Sequence[str] = ()) -> st
     rows = [row for contact in contacts for row in _contact(contact, magnification, single)]
     rows.append(("time", f"{moment.time:.3f} s, sample {moment.sample:,}"))
     table = "".join(
-        f'<tr><td style="opacity:.6;padding-right:.8em">{name}</td><td>{value}</td></tr>' for name, value in rows
+        f'<tr><td style="opacity:.6;padding-right:.8em;white-space:nowrap">{name}</td><td>{value}</td></tr>'
+        for name, value in rows
     )
     more = "".join(f"<div>{escape(line)}</div>" for line in lines)
     return (

@@ -9,7 +9,7 @@ from jaxtyping import Float, Int, UInt8
 
 from palpate.surfaces.mesh import Mesh
 
-__all__ = ["FineMesh", "colours", "density", "refined"]
+__all__ = ["FineMesh", "colours", "density", "linear", "refined"]
 
 REACH = 3.0  # widths, beyond which a touch colours nothing
 FACETS = 60_000  # of the finest mesh: more is slow to send and to draw
@@ -72,6 +72,11 @@ def colours(share: Float[np.ndarray, " v"]) -> UInt8[np.ndarray, "v 3"]:
     """From the colour of the bare body (0) to the darkest (1), in sRGB."""
     stops = np.linspace(0.0, 1.0, len(PALETTE))
     return np.column_stack([np.interp(share, stops, PALETTE[:, k]) for k in range(3)]).round().astype(np.uint8)
+
+
+def linear(colour: UInt8[np.ndarray, "v 3"]) -> UInt8[np.ndarray, "v 3"]:
+    """From sRGB to linear, as vertex colours of a glTF and colours of instances are."""
+    return (255 * (colour / 255.0) ** 2.2).round().astype(np.uint8)
 
 
 def _quartered(corners: Float[np.ndarray, "f 3 6"]) -> Float[np.ndarray, "g 3 6"]:

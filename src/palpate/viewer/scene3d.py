@@ -8,8 +8,9 @@ from itertools import zip_longest
 from typing import TYPE_CHECKING
 
 import numpy as np
+from jaxtyping import Float
 
-from palpate.viewer.heat import FineMesh, colours
+from palpate.viewer.heat import FineMesh, colours, linear
 from palpate.viewer.marker import FORCE, Marker
 from palpate.viewer.scene import Moment, Scene, ShownContact, nice
 
@@ -59,12 +60,10 @@ class Scene3D:
             layer.show(moment.index)
 
     def face(self, contact: ShownContact) -> None:
-        """Turn everybody's camera to a contact, somewhat from above and aside, as far away as at the start."""
-        aside = np.cross([0.0, 0.0, 1.0], contact.normal)
-        direction = contact.normal + 0.5 * aside + [0.0, 0.0, 0.4]
+        """Turn everybody's camera to a contact."""
         for client in self._server.get_clients().values():
             with client.atomic():
-                client.camera.position = DISTANCE * direction / np.linalg.norm(direction)
+                client.camera.position = _before(contact)
                 client.camera.look_at = np.zeros(3)
 
     def _show_trail(self, moment: Moment, seconds: float) -> None:
@@ -87,18 +86,18 @@ class Scene3D:
 
         heat = self._scene.heat
         share = heat / max(float(heat.max()), 1e-12) * warm
-        linear = (colours(share) / 255.0) ** 2.2  # a glTF's vertex colours are linear
         mesh = trimesh.Trimesh(
             self._scene.placed(body.vertices), body.faces, vertex_normals=body.normals, process=False,
-            vertex_colors=(255 * linear).round().astype(np.uint8),
+            vertex_colors=linear(colours(share)),
         )  # fmt: skip
         made = BytesIO()
         mesh.export(made, file_type="glb")
         return made.getvalue()
 
     def _place_camera(self, server: ViserServer) -> None:
-        camera = server.initial_camera
-        away = DISTANCE * np.array([0.55, -0.7, 0.456])
+        """On the side of the contact that is shown first."""
+        camera, opening = server.initial_camera, self._scene.at(self._scene.opening).contacts[0]
+        away = _before(opening) if opening.located else DISTANCE * np.array([0.55, -0.7, 0.456])
         camera.position, camera.look_at, camera.up = away, np.zeros(3), np.array([0.0, 0.0, 1.0])
         camera.near, camera.far = 0.01, 100.0
 
@@ -121,3 +120,10 @@ class Scene3D:
         )  # fmt: skip
         for name, end in zip("xyz", length * np.eye(3), strict=True):
             self._space.add_label(f"/axes/{name}", name, position=end, font_screen_scale=0.8, depth_test=True)
+
+
+def _before(contact: ShownContact) -> Float[np.ndarray, "3"]:
+    """Where a camera sees a contact, in units of the scene: before it, somewhat from above and aside."""
+    direction = contact.normal + 0.5 * np.cross([0.0, 0.0, 1.0], contact.normal) + [0.0, 0.0, 0.4]
+    length = float(np.linalg.norm(direction))
+    return DISTANCE * (direction / length if length > 0.1 else contact.normal)

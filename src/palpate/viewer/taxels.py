@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float, Float32, UInt8
 
 from palpate.spatial.pose import quaternion_from_rotation
-from palpate.viewer.heat import colours
+from palpate.viewer.heat import colours, linear
 from palpate.viewer.marker import FORCE
 from palpate.viewer.scene import Scene
 
@@ -107,7 +107,7 @@ class TaxelLayer:
         return self._forces[sample].astype(np.float64) if known else np.zeros(len(self._positions))
 
     def _colours(self, force: Float[np.ndarray, " k"]) -> UInt8[np.ndarray, "k 3"]:
-        return colours(np.clip(np.nan_to_num(force) / self.most, 0.0, 1.0))
+        return linear(colours(np.clip(np.nan_to_num(force) / self.most, 0.0, 1.0)))
 
     def _dots(self, index: int) -> Float[np.ndarray, "c 2"]:
         """Row and column of each contact of a sample."""
