@@ -19,11 +19,12 @@ from rosbags.rosbag2 import StoragePlugin
 from evidence.row import Row
 from palpate import Recording
 from palpate.cli import main
-from palpate.contact import ContactEstimate, Estimator
+from palpate.contact import ContactEstimate, WrenchEstimator
 from palpate.io.contacts import Contacts, read_contacts
 from palpate.io.logs import read_recording
 from palpate.io.rig import build, load_rig
 from palpate.sensors import Butterworth, Kalman
+from palpate.sensors.compensation import Compensation
 from palpate.sensors.filters import Filter
 from palpate.sensors.recording import ORIENTATION
 from palpate.simulation import simulate_session, write_session
@@ -142,7 +143,9 @@ def _blocks(folder: Path, recording: Recording) -> Iterator[Row]:
     surface, sensor = rig.surface.load(rig.folder), rig.sensor()
     locator = build(rig, surface=surface, rate=200.0).locator
     for name, made in FILTERS.items():
-        chain = Estimator(locator, sensor, rig.payload(), rig.surface.pose.pose(), filter=made, rate=200.0)
+        chain = WrenchEstimator(
+            locator, Compensation(sensor, rig.payload()), rig.surface.pose.pose(), filter=made, rate=200.0
+        )
         whole = _streamed(chain, recording, WHOLE)
         counts = {f"blocks of {size}": _unlike(whole, _streamed(chain, recording, size)) for size in SIZES}
         if not chain.filter or not chain.filter.zero_phase:
@@ -152,16 +155,15 @@ def _blocks(folder: Path, recording: Recording) -> Iterator[Row]:
         yield Row(NAME, what, "0", got, not any(counts.values()), COMMAND)
 
 
-def _streamed(chain: Estimator, recording: Recording, size: int) -> dict[str, np.ndarray]:
+def _streamed(chain: WrenchEstimator, recording: Recording, size: int) -> dict[str, np.ndarray]:
     chain.reset()
     starts = range(0, len(recording), size)
     answers = chain.stream(recording.picked(slice(start, start + size)) for start in starts)
-    return vars(ContactEstimate.joined([found for _, found in answers]))
+    return vars(ContactEstimate.joined([found.estimate for found in answers]))
 
 
-def _updated(chain: Estimator, recording: Recording) -> dict[str, np.ndarray]:
+def _updated(chain: WrenchEstimator, recording: Recording) -> dict[str, np.ndarray]:
     chain.reset()
     rotations = rotation_from_quaternion(recording.channels[ORIENTATION])
     samples = zip(recording.time.tolist(), recording.wrenches(), rotations, strict=True)
-    answers = [chain.update(*sample) for sample in samples]
-    return {field.name: np.stack([getattr(answer, field.name) for answer in answers]) for field in fields(answers[0])}
+    return vars(ContactEstimate.joined([chain.update(*sample).estimate for sample in samples]))

@@ -8,7 +8,7 @@ from palpate.calibration.load_cells import identify_load_cells
 from palpate.calibration.mounting import Mounting, identify_mounting
 from palpate.calibration.payload import identify_payload
 from palpate.calibration.skin_map import map_skin
-from palpate.contact import Candidates, ContactEstimate, Estimator, Locator, Status, locate
+from palpate.contact import Candidates, ContactEstimate, Locator, Status, WrenchEstimator, locate
 from palpate.contact.fingertip import Fingertip
 from palpate.contact.several import Skin
 from palpate.errors import GeometryError, InputError, NotIdentifiable, PalpateError
@@ -24,7 +24,6 @@ __all__ = [
     "Butterworth",
     "Candidates",
     "ContactEstimate",
-    "Estimator",
     "Fingertip",
     "ForceTorque",
     "GeometryError",
@@ -43,6 +42,7 @@ __all__ = [
     "Status",
     "Surface",
     "Wrench",
+    "WrenchEstimator",
     "identify_load_cells",
     "identify_mounting",
     "identify_payload",

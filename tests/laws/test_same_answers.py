@@ -15,11 +15,13 @@ from mcap.writer import CompressionType
 from rosbags.rosbag2 import StoragePlugin
 
 from palpate.cli import main
+from palpate.contact import WrenchEstimator
 from palpate.contact.estimate import ContactEstimate, Status
 from palpate.io.contacts import Contacts, read_contacts
 from palpate.io.logs import parquet, read_recording, topic_log
 from palpate.io.models import write_payload
 from palpate.io.rig import build, load_rig
+from palpate.sensors.compensation import Compensation
 from palpate.sensors.filters import Butterworth, Filter, Kalman
 from palpate.sensors.force_torque import Payload
 from palpate.sensors.motion import Motion
@@ -135,16 +137,13 @@ def _cut(recording: Recording, size: int) -> Iterator[Recording]:
 def _streamed(folder: Path, recording: Recording, made: Filter, source: str, size: int) -> ContactEstimate:
     """Through inertia and the whole chain, in blocks of a size."""
     estimator = build(load_rig(folder / "rig.toml"), rate=float(RATE))
-    payload = estimator.payload
+    assert isinstance(estimator.sensor, Compensation)
+    payload = estimator.sensor.payload
     assert payload is not None
-    chain = type(estimator)(
-        estimator.locator, estimator.sensor, payload, estimator.mount, filter=made, rate=float(RATE)
-    )
     motion = Motion(source, gravity=payload.gravity, lever=payload.center_of_mass)
-    parts = [found for _, found in chain.stream(motion.stream(_cut(recording, size)))]
-    return ContactEstimate(
-        **{field.name: np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(parts[0])}
-    )
+    sensor = Compensation(estimator.sensor.sensor, payload, motion)
+    chain = WrenchEstimator(estimator.locator, sensor, estimator.mount, filter=made, rate=float(RATE))
+    return ContactEstimate.joined([found.estimate for found in chain.stream(_cut(recording, size))])
 
 
 @pytest.mark.parametrize(

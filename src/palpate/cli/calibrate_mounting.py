@@ -13,9 +13,9 @@ from palpate.calibration.presses import find_presses
 from palpate.cli.interrupts import import_mesh_reader
 from palpate.cli.options import FileOption, Log, Output, RigFile
 from palpate.cli.screen import lines, measured, note, title, wait
-from palpate.contact.estimator import Estimator
 from palpate.contact.locate import Locator
 from palpate.contact.truth import Touches
+from palpate.contact.wrench_estimator import WrenchEstimator
 from palpate.errors import InputError
 from palpate.io.atomic import keep_inputs
 from palpate.io.logs import read_recording
@@ -23,6 +23,7 @@ from palpate.io.models import provenance
 from palpate.io.rig import Rig, load_rig
 from palpate.io.rig.edit import update_pose
 from palpate.io.truth import read_touches
+from palpate.sensors.compensation import Compensation
 from palpate.sensors.noise import estimate_noise
 from palpate.sensors.recording import Recording
 from palpate.spatial.pose import Pose
@@ -85,10 +86,10 @@ def calibrate_mounting(
     note(_doubts(mounting, initial, estimator, anywhere=marks is None), kind="warning")
 
 
-def _doubts(mounting: Mounting, initial: Pose, estimator: Estimator, *, anywhere: bool) -> list[str]:
+def _doubts(mounting: Mounting, initial: Pose, estimator: WrenchEstimator, *, anywhere: bool) -> list[str]:
     """Before somebody relies on it."""
     said: list[str] = []
-    if estimator.payload is None:
+    if estimator.sensor.payload is None:
         said.append("the rig names no payload: weight and bias, where they are not taken off, end up in the pose")
     if mounting.residual > POOR:
         said.append(
@@ -105,7 +106,9 @@ def _doubts(mounting: Mounting, initial: Pose, estimator: Estimator, *, anywhere
     return said
 
 
-def _in_sensor(recording: Recording, setup: Rig, surface: Mesh) -> tuple[np.ndarray, np.ndarray | None, Estimator]:
+def _in_sensor(
+    recording: Recording, setup: Rig, surface: Mesh
+) -> tuple[np.ndarray, np.ndarray | None, WrenchEstimator]:
     """Compensated wrenches in the sensor's frame, and what the payload's uncertainty adds to their covariance."""
     noise = None if setup.force_torque.noise is not None else estimate_noise(recording.wrenches())
     sensor = setup.sensor(noise)
@@ -116,14 +119,16 @@ def _in_sensor(recording: Recording, setup: Rig, surface: Mesh) -> tuple[np.ndar
         on=None if settings is None else settings.on,
         off=None if settings is None else settings.off,
     )
-    estimator = Estimator(locator, sensor, setup.payload())  # its surface frame is the sensor's: no mount
+    estimator = WrenchEstimator(
+        locator, Compensation(sensor, setup.payload())
+    )  # its surface frame is the sensor's: no mount
     wrenches, covariances, statuses = estimator.contact_wrenches(recording)
     usable = np.where((statuses < 0)[:, None], wrenches, np.nan)
     added = None if covariances is None or covariances.ndim == 2 else covariances - sensor.noise
     return usable, added, estimator
 
 
-def _presses(recording: Recording, wrenches: np.ndarray, estimator: Estimator) -> Touches:
+def _presses(recording: Recording, wrenches: np.ndarray, estimator: WrenchEstimator) -> Touches:
     on, off = estimator.locator.on, estimator.locator.off
     start, end = find_presses(recording.time, wrenches, on=on, off=off)
     if not len(start):

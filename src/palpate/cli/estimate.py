@@ -198,7 +198,7 @@ def _require_pose(pipeline: Pipeline) -> None:
 def _options(pipeline: Pipeline, frame: str) -> dict[str, object]:
     """What was in force, as it stands in OUTPUT.toml."""
     rig, estimator = pipeline.rig, pipeline.estimator
-    locator, sensor, smooth = estimator.locator, estimator.sensor, estimator.filter
+    locator, sensor, smooth = estimator.locator, estimator.sensor.sensor, estimator.filter
     source = "given" if rig.force_torque.noise else "unknown" if pipeline.noise is None else "steps of the log"
     return {
         **vars(rig.estimate),

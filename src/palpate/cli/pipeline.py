@@ -14,7 +14,7 @@ from jaxtyping import Float
 from palpate.cli.interrupts import import_mesh_reader
 from palpate.cli.screen import wait
 from palpate.contact.estimate import ContactEstimate
-from palpate.contact.estimator import Estimator
+from palpate.contact.wrench_estimator import WrenchEstimator
 from palpate.errors import InputError
 from palpate.io.logs import Log, join, open_log
 from palpate.io.rig import Rig, build
@@ -46,7 +46,7 @@ class Pipeline:
     log: Log
     rig: Rig
     surface: Surface
-    estimator: Estimator
+    estimator: WrenchEstimator
     motion: Motion | None
     noise: Float[np.ndarray, "6"] | None
     channels: frozenset[str]
@@ -58,7 +58,7 @@ class Pipeline:
     def stream(self) -> Iterator[tuple[Recording, ContactEstimate]]:
         """Blocks of the log with their contacts in the surface's frame, row for row."""
         blocks = self._timed() if self.motion is None else self.motion.stream(self._timed())
-        located = self.estimator.stream(blocks)
+        located = ((block, found.estimate) for block, found in self.estimator.pairs(blocks))
         while True:
             begin, reading = perf_counter(), self.seconds["read"]
             pair = next(located, None)
@@ -69,7 +69,7 @@ class Pipeline:
 
     def notes(self) -> list[str]:
         """What was met on the way, so far."""
-        motion, payload = self.motion, self.estimator.payload
+        motion, payload = self.motion, self.estimator.sensor.payload
         moved = () if motion is None or payload is None else motion.notes(payload.mass)
         return [*self.surface.notes, *self.log.notes(), *moved]
 
@@ -83,7 +83,7 @@ class Pipeline:
             )
         elif rig.force_torque.noise is None:
             said.append("the noise is not known and the log too short to tell it: no covariances")
-        if self.estimator.payload is None:
+        if self.estimator.sensor.payload is None:
             tared = "the tare holds only while the sensor keeps its orientation"
             untared = "wrenches are taken as they are, so they must be tared"
             said.append(f"no payload model: {untared if rig.estimate.tare is None else tared}")
@@ -174,9 +174,9 @@ def _start(head: Recording, seconds: float) -> Recording:
     return head.picked(head.time <= known[0] + seconds)
 
 
-def _motion(rig: Rig, estimator: Estimator, head: Recording) -> Motion | None:
+def _motion(rig: Rig, estimator: WrenchEstimator, head: Recording) -> Motion | None:
     """How inertia is accounted for."""
-    stated, payload = rig.acceleration, estimator.payload
+    stated, payload = rig.acceleration, estimator.sensor.payload
     if payload is None or not payload.weight.any():
         return None
     recorded = stated.kind if ACCELERATION in head.channels else "none"

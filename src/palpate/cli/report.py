@@ -14,10 +14,10 @@ from palpate.cli.report_advice import MEANING, advice
 from palpate.cli.report_settings import budget, inputs, models, settings, surface_name
 from palpate.cli.screen import percent
 from palpate.contact.estimate import ContactEstimate, Status
-from palpate.contact.estimator import Estimator
 from palpate.contact.events import Events
 from palpate.contact.plausibility import UNLOADED
 from palpate.contact.truth import Samples, Touches
+from palpate.contact.wrench_estimator import WrenchEstimator
 from palpate.evaluation.errors import CHI2_95, distances
 from palpate.evaluation.evaluate import Report as Evaluation
 from palpate.evaluation.evaluate import evaluate, nearest_in_time
@@ -52,7 +52,7 @@ class Run:
     log: str
     output: str
     rig: Rig
-    estimator: Estimator
+    estimator: WrenchEstimator
     thinned: Thinned
     provenance: Mapping[str, str] = field(default_factory=lambda: {})
     stages: Mapping[str, float] = field(default_factory=lambda: {})
@@ -146,7 +146,7 @@ def _says_something(section: Section) -> bool:
 
 def _summary(run: Run, kept: _Kept) -> str:
     method = run.rig.estimate.method.replace("_", " ")
-    weight = "with" if run.estimator.payload is not None else "without"
+    weight = "with" if run.estimator.sensor.payload is not None else "without"
     return (
         f"{run.thinned.count:,} wrenches were read from {run.log}, compensated {weight} a payload model, and located "
         f"on {surface_name(run.rig)} by the {method} method; contacts went to {run.output}."
@@ -220,7 +220,7 @@ def _places(run: Run, kept: _Kept) -> Section:
 
 def _ellipse_words(run: Run) -> str:
     held = ["the sensor's noise"]
-    if run.estimator.payload is not None:
+    if run.estimator.sensor.payload is not None:
         held.append("the payload's uncertainty")
     if run.rig.surface.pose_covariance is not None:
         held.append("the mounting's uncertainty")

@@ -7,8 +7,8 @@ from jaxtyping import Int
 
 from palpate.cli.screen import percent
 from palpate.contact.estimate import Status
-from palpate.contact.estimator import Estimator
 from palpate.contact.plausibility import UNLOADED
+from palpate.contact.wrench_estimator import WrenchEstimator
 from palpate.evaluation.evaluate import Report
 from palpate.io.rig import Rig
 
@@ -38,7 +38,7 @@ BLURRED = 1e-3  # m: of a median ellipse that a filter is worth its lag for
 
 
 def advice(
-    rig: Rig, estimator: Estimator, counts: Int[np.ndarray, " s"], found: Report | None, radius: float
+    rig: Rig, estimator: WrenchEstimator, counts: Int[np.ndarray, " s"], found: Report | None, radius: float
 ) -> tuple[str, ...]:
     """One sentence each, the models first; a sentence that there is nothing to say where there is not.
 
@@ -58,9 +58,9 @@ def advice(
     return tuple(said) or ("Nothing stands out: models are calibrated, and the samples are answered.",)
 
 
-def _models(rig: Rig, estimator: Estimator) -> list[str]:
+def _models(rig: Rig, estimator: WrenchEstimator) -> list[str]:
     said: list[str] = []
-    if estimator.payload is None and rig.estimate.tare is None:
+    if estimator.sensor.payload is None and rig.estimate.tare is None:
         said.append("Identify the payload (palpate calibrate payload): its weight and the sensor's zero are still in.")
     if rig.surface.pose_covariance is None:
         said.append(

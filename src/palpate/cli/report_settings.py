@@ -10,7 +10,7 @@ import numpy as np
 
 from palpate.cli.calibrate_payload import figures
 from palpate.cli.screen import measured, percent
-from palpate.contact.estimator import Estimator
+from palpate.contact.wrench_estimator import WrenchEstimator
 from palpate.io.rig import Rig
 from palpate.spatial.pose import skew
 from palpate.surfaces.mesh import Mesh
@@ -25,7 +25,7 @@ def surface_name(rig: Rig) -> str:
     return Path(str(rig.surface.mesh)).name if kind == "mesh" else f"{'an' if kind[0] in 'aeiou' else 'a'} {kind}"
 
 
-def settings(rig: Rig, estimator: Estimator, rate: float) -> Section:
+def settings(rig: Rig, estimator: WrenchEstimator, rate: float) -> Section:
     """What the answers depend on, defaults included; `rate` [Hz] is that of the log."""
     locator, noise = estimator.locator, estimator.sensor.noise
     deviation = None if noise is None else np.sqrt(np.diag(noise))
@@ -36,7 +36,7 @@ def settings(rig: Rig, estimator: Estimator, rate: float) -> Section:
         ("a contact", f"begins at {locator.on:.3g} N, ends at {locator.off:.3g} N"),
         ("noise of a reading", "not known" if deviation is None else _noise(deviation)),
         ("filter", _filter(rig, estimator, rate)),
-        ("wrench", f"in the {estimator.sensor.frame}'s frame, logged axes {', '.join(rig.force_torque.axes)}"),
+        ("wrench", f"in the {estimator.sensor.sensor.frame}'s frame, logged axes {', '.join(rig.force_torque.axes)}"),
         ("surface", _surface(rig, estimator)),
     ]
     if rig.estimate.tare is not None:
@@ -51,29 +51,29 @@ def _noise(deviation: np.ndarray) -> str:
     return f"{deviation[:3].max():.3g} N and {deviation[3:].max():.3g} N m (one standard deviation, largest axis)"
 
 
-def _filter(rig: Rig, estimator: Estimator, rate: float) -> str:
+def _filter(rig: Rig, estimator: WrenchEstimator, rate: float) -> str:
     known, rate = estimator.filter, estimator.rate or rate
     if known is None:
         return "none"
     return known.describe(rate) if np.isfinite(rate) else rig.filter.kind
 
 
-def _surface(rig: Rig, estimator: Estimator) -> str:
+def _surface(rig: Rig, estimator: WrenchEstimator) -> str:
     surface = estimator.locator.surface
     facets = f", {len(surface.faces):,} facets" if isinstance(surface, Mesh) else ""
     return f"{surface_name(rig)}{facets}, {1e3 * surface.size:.4g} mm across"
 
 
-def models(rig: Rig, estimator: Estimator) -> Section:
+def models(rig: Rig, estimator: WrenchEstimator) -> Section:
     """Payload and mounting, with what is unsure about them."""
-    payload = estimator.payload
+    payload = estimator.sensor.payload
     said = [("payload", "none: wrenches are taken as they are")] if payload is None else list(figures(payload))
     return Section(
         "Payload and mounting", facts=tuple((name, str(value)) for name, value in [*said, *_mounting(rig, estimator)])
     )
 
 
-def _mounting(rig: Rig, estimator: Estimator) -> list[tuple[str, str]]:
+def _mounting(rig: Rig, estimator: WrenchEstimator) -> list[tuple[str, str]]:
     pose, uncertain = estimator.mount, rig.surface.pose_covariance
     place, turn = 1e3 * pose.translation, np.degrees(pose.rotation_vector())
     if uncertain is None:

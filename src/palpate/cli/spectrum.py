@@ -29,7 +29,7 @@ def located(recording: Recording, rig: Rig) -> Recording:
     """Forces and places of the contacts in a recording, without the rig's filter: its effect is not to be proposed."""
     bare = replace(rig, filter=RigFilter())
     noise = None if rig.force_torque.noise is not None else estimate_noise(recording.wrenches())
-    estimate = build(bare, noise=noise).run(recording)
+    estimate = build(bare, noise=noise).run(recording).estimate
     point = np.where(estimate.answered[:, None], estimate.point, np.nan)
     return Recording(recording.time, {FORCE: estimate.force, PLACE: point}, source=recording.source)
 

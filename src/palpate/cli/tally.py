@@ -6,9 +6,9 @@ import numpy as np
 from jaxtyping import Int
 
 from palpate.contact.estimate import ContactEstimate
-from palpate.contact.estimator import Estimator
 from palpate.contact.events import Events, TouchFinder
 from palpate.contact.plausibility import lines_of_action, never_at_rest, unexplained
+from palpate.contact.wrench_estimator import WrenchEstimator
 from palpate.io.logs import join
 from palpate.sensors.recording import Recording
 from palpate.viewer.thinned import Thinned
@@ -49,7 +49,7 @@ class Tally:
             self._kept = [join(self._kept).picked(slice(None, None, 2))]
             self._stride *= 2
 
-    def doubts(self, estimator: Estimator) -> list[str]:
+    def doubts(self, estimator: WrenchEstimator) -> list[str]:
         """What does not fit: units, bias, mounting.
 
         Lines of action are judged in the sensor's frame, whose origin a wrong unit draws them to.

@@ -46,7 +46,7 @@ class Gauges:
         return np.where(full, np.nan, (voltages - zero) @ self.matrix.T)
 
     def sensor(self, noise: Float[np.ndarray, "6 6"] | Float[np.ndarray, "6"] | None = None) -> ForceTorque:
-        """As what an `Estimator` takes, with its range.
+        """As what a `WrenchEstimator` takes, with its range.
 
         Args:
             noise: six deviations or a covariance of one reading, such as `certified_noise`.

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from palpate.contact.estimator import Estimator
 from palpate.contact.locate import Locator
+from palpate.contact.wrench_estimator import WrenchEstimator
 from palpate.errors import InputError
 from palpate.io.logs.layout import Layout, axis_matrix
 from palpate.io.models import load_toml, read_payload
@@ -20,6 +20,7 @@ from palpate.io.rig.surface import RigSurface
 from palpate.io.rig.tables import RigAcceleration, RigEstimate, RigFilter, RigForceTorque, RigOrientation, RigTime
 from palpate.io.strict import parse
 from palpate.io.units import FORCE_UNITS, TIME_UNITS, TORQUE_UNITS, to_si
+from palpate.sensors.compensation import Compensation
 from palpate.sensors.force_torque import ForceTorque, Payload
 from palpate.sensors.load_cells import LoadCells
 from palpate.surfaces import Surface
@@ -145,7 +146,7 @@ def check_rig(table: Mapping[str, Any], path: Path) -> Rig:
 
 def build(
     rig: Rig, *, surface: Surface | None = None, noise: Float[np.ndarray, "6"] | None = None, rate: float | None = None
-) -> Estimator:
+) -> WrenchEstimator:
     """The estimator of a rig.
 
     Args:
@@ -165,10 +166,9 @@ def build(
         off=None if settings.contact is None else settings.contact.off,
     )
     uncertain = rig.surface.pose_covariance
-    return Estimator(
+    return WrenchEstimator(
         locator,
-        sensor,
-        rig.payload(),
+        Compensation(sensor, rig.payload()),
         rig.surface.pose.pose(),
         None if uncertain is None else np.asarray(uncertain),
         filter=rig.filter.filter(),
