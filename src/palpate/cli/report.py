@@ -20,7 +20,8 @@ from palpate.contact.ground_truth import Samples, Touches
 from palpate.contact.plausibility import UNLOADED
 from palpate.evaluation.errors import CHI2_95, distances
 from palpate.evaluation.evaluate import Report as Evaluation
-from palpate.evaluation.evaluate import evaluate, nearest_in_time
+from palpate.evaluation.evaluate import evaluate
+from palpate.evaluation.matching import nearest_in_time
 from palpate.io.atomic import write_text
 from palpate.io.rig import Rig
 from palpate.viewer import plots
