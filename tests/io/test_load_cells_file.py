@@ -77,7 +77,7 @@ def test_the_rig_says_more_than_the_model(tmp_path: Path) -> None:
     cells = rig.cells()
     assert np.all(np.abs(cells.limits) == 2.0)
     np.testing.assert_allclose(np.diag(cells.noise), 4e-8)
-    assert rig.layout().voltages[:4] == ("u1x", "u1y", "u1z", "u2x")
+    assert (rig.layout().arrays[0].columns or ())[:4] == ("u1x", "u1y", "u1z", "u2x")
     assert len(rig.layout().voltages) == 12
 
 

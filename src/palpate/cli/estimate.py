@@ -13,12 +13,12 @@ from tyro.conf import arg
 from palpate.cli.console import counting, lines, note, percent, progress, title, wait
 from palpate.cli.interrupts import import_mesh_reader, uninterrupted
 from palpate.cli.options import FileOption, Log, Output
-from palpate.cli.report import Run, write_report
+from palpate.cli.report import write_report
+from palpate.cli.run_report import run_of
 from palpate.cli.run_summary import RunSummary
 from palpate.cli.setup import Setup
 from palpate.contact.estimate import Status
 from palpate.contact.ground_truth import Samples, Touches
-from palpate.contact.plausibility import unexplained
 from palpate.errors import InputError
 from palpate.io.atomic import keep_inputs
 from palpate.io.contacts import ContactsWriter, open_contacts, require_format
@@ -77,12 +77,13 @@ def estimate(
     options = {**pipeline.facts, "frame": frame, "sensor": opened.kind.name, "ended": ended}
     record = provenance(files, options)
     write_provenance(beside, record)
-    doubts = [*pipeline.doubts(), *unexplained(summary.counts)]
+    doubts = pipeline.doubts()
     short = list(_short(output, opened, summary, interrupted=interrupted))
     _say(f"{log} -> {output}", pipeline, summary, doubts)
     if report is not None:
         warnings = (*doubts, *short)
-        write_report(report, Run.of(pipeline, summary, record, known, output.name, warnings))
+        mounted = rig.surface is not None and rig.surface.pose_covariance is not None
+        write_report(report, run_of(pipeline, summary, record, output.name, warnings), known, mounted=mounted)
     note(short, kind="warning")
     if short:
         raise SystemExit(INTERRUPTED if interrupted else TORN)

@@ -49,7 +49,7 @@ def in_frame(estimate: ContactEstimate, pose: Pose) -> ContactEstimate:
         covariance=turn @ estimate.covariance @ np.swapaxes(turn, -1, -2),
         residual=estimate.residual.copy(),
         candidates=estimate.candidates.copy(),
-        status=estimate.status.copy(),
+        status=estimate.status,
     )
 
 

@@ -8,12 +8,16 @@ from itertools import chain
 from pathlib import Path
 from time import perf_counter
 from types import TracebackType
+from typing import Any
 
 import numpy as np
 
 from palpate.contact.contacts import Contacts
+from palpate.contact.estimate import Status
 from palpate.contact.estimator import ContactEstimator
 from palpate.contact.frames import placed
+from palpate.contact.plausibility import lines_of_action, never_at_rest, unexplained
+from palpate.contact.wrench_estimator import WrenchEstimator
 from palpate.errors import InputError
 from palpate.io.logs import Log, contents, join, missing
 from palpate.io.logs import open_log as open_by_layout
@@ -25,6 +29,7 @@ __all__ = ["FRAMES", "OpenedLog", "Pipeline", "estimate", "open_log", "prepare"]
 
 FRAMES = ("surface", "sensor", "base")
 HEAD = 20_000  # samples of the start of a log from which noise, rate and rest are taken
+KEPT = 5_000  # samples of the log, evenly spread, that doubts are raised from
 HEAD_VALUES = 3_000_000  # numbers, where a sample has many
 
 
@@ -137,6 +142,37 @@ def prepare(rig: Rig, log: OpenedLog | None = None, sensor: str | None = None) -
     return log.kind.build(rig, log.head(rig.estimate.tare or 1.0))
 
 
+class Seen:
+    """Some samples of a log, evenly spread, and how its contacts turned out: what does not fit shows in them."""
+
+    def __init__(self) -> None:
+        self._count, self._stride, self._kept = 0, 1, list[Recording]()
+        self._statuses = np.zeros(len(Status), dtype=np.int64)
+
+    def add(self, block: Recording, found: Contacts) -> None:
+        """The next samples and their contacts."""
+        self._statuses += np.bincount(found.status, minlength=len(Status))
+        self._kept.append(block.picked(slice(-self._count % self._stride, None, self._stride)))
+        self._count += len(block)
+        while sum(map(len, self._kept)) > 2 * KEPT:  # every second one of those kept stays
+            self._kept = [join(self._kept).picked(slice(None, None, 2))]
+            self._stride *= 2
+
+    def doubts(self, estimator: ContactEstimator) -> list[str]:
+        """Units, bias, mounting: what a wrench says of them, and how many samples no contact explains."""
+        said = unexplained(self._statuses)
+        if not self._count or not isinstance(estimator, WrenchEstimator):
+            return said
+        surface, mount = estimator.locator.surface, estimator.mount
+        wrenches, _, _ = estimator.contact_wrenches(join(self._kept))
+        sensed = wrenches @ mount.wrench_matrix().T  # saturated ones too: a wrong unit saturates a sensor
+        judged = (
+            lines_of_action(sensed, mount.apply(surface.centre), surface.size).doubt,
+            never_at_rest(sensed, estimator.locator.on),
+        )
+        return [*(doubt for doubt in judged if doubt), *said]
+
+
 @dataclass
 class Pipeline:
     """A log on its way to contacts, once.
@@ -155,6 +191,7 @@ class Pipeline:
     doubted: list[str]
     facts: dict[str, object]
     seconds: dict[str, float] = field(default_factory=lambda: {"prepare": 0.0, "locate": 0.0})
+    _seen: Seen = field(default_factory=Seen)
 
     @classmethod
     def of(cls, log: OpenedLog, frame: str = "surface") -> Pipeline:
@@ -175,9 +212,13 @@ class Pipeline:
         pipeline.seconds["prepare"] = perf_counter() - begin - (log.seconds - read)
         return pipeline
 
-    def stream(self) -> Iterator[tuple[Recording, Contacts, Contacts]]:
-        """Blocks of the log with their contacts, in the surface's frame and in the one asked for."""
-        located = self.estimator.pairs(self.log)
+    def stream(self, **options: Any) -> Iterator[tuple[Recording, Contacts, Contacts]]:
+        """Blocks of the log with their contacts, in the surface's frame and in the one asked for.
+
+        Args:
+            options: that this estimator's `pairs` has beside the blocks, such as `forces` of taxels.
+        """
+        located = self.estimator.pairs(self.log, **options)
         while True:
             begin, read = perf_counter(), self.log.seconds
             pair = next(located, None)
@@ -185,6 +226,7 @@ class Pipeline:
             if pair is None:
                 return
             block, found = pair
+            self._seen.add(block, found)
             yield block, found, placed(found, block, self.frame, self.estimator.mount)
 
     def notes(self) -> list[str]:
@@ -193,7 +235,7 @@ class Pipeline:
 
     def doubts(self) -> list[str]:
         """What may be wrong, by what was seen so far."""
-        return list(dict.fromkeys((*self.doubted, *self.estimator.doubts())))
+        return list(dict.fromkeys((*self.doubted, *self.estimator.doubts(), *self._seen.doubts(self.estimator))))
 
 
 def estimate(

@@ -9,13 +9,11 @@ import numpy as np
 
 from palpate.contact.plausibility import lines_of_action
 from palpate.errors import InputError
-from palpate.io.logs import read_recording
-from palpate.io.logs.contents import LogContents
+from palpate.io.logs import LogContents, read_recording
 from palpate.io.logs.guess import guess_time, guess_wrench
 from palpate.io.logs.layout import Layout
-from palpate.io.logs.messages import KINDS
 from palpate.io.rig.kind import Guess
-from palpate.io.rig.words import mesh_size, orientation_table, pose_table, quoted, time_table, time_unit
+from palpate.io.rig.words import mesh_size, orientation_table, pose_table, quoted, time_table, time_unit, topics_of
 from palpate.io.units import TORQUE_UNITS
 from palpate.sensors.noise import estimate_noise
 
@@ -67,10 +65,7 @@ def _filled(wrench: str, orientation: str, time: str = "") -> str:
 
 
 def _topics_of(contents: LogContents) -> Guess | None:
-    wrenches, poses = (
-        [t.name for t in contents.topics if t.count and t.kind in KINDS and KINDS[t.kind].role == role]
-        for role in ("wrench", "pose")
-    )
+    wrenches, poses = topics_of(contents, "wrench"), topics_of(contents, "pose")
     if not wrenches:
         return None
     remarks = [
@@ -84,7 +79,7 @@ def _topics_of(contents: LogContents) -> Guess | None:
 
 
 def _columns_of(log: Path, contents: LogContents) -> Guess | None:
-    names = contents.names
+    names = list(contents.names)
     wrench, time = guess_wrench(names), guess_time(names)
     if wrench is None:
         return None

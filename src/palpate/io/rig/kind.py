@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from palpate.contact.estimator import ContactEstimator
-from palpate.io.logs.contents import LogContents
+from palpate.io.logs import LogContents
 from palpate.io.logs.layout import Layout
 from palpate.sensors.recording import Recording
 

@@ -81,7 +81,7 @@ def propose_rig(log: Path, mesh: Path | None, folder: Path, sensor: str | None =
     found = guess_sensor(log, mesh, sensor)
     if found is None:
         raise InputError(
-            f"looks like none of {', '.join(kind.called for kind in KINDS.values())}: {contents(log)}.",
+            f"looks like none of {', '.join(kind.called for kind in KINDS.values())}: {_listed(log)}.",
             where=str(log),
             mend="Name columns time, fx, fy, fz, tx, ty, tz, or write the rig by hand; `palpate inspect` lists what it has.",
         )
@@ -92,6 +92,13 @@ def propose_rig(log: Path, mesh: Path | None, folder: Path, sensor: str | None =
     if mesh is not None and (unit := mesh_size(mesh))[0] != "m":
         remarks.append(f"the mesh is taken to be in {unit[0]}, which makes it {unit[1] * 1e3:.4g} mm across")
     return Proposal(text, kind.called, guess.why, tuple(remarks))
+
+
+def _listed(log: Path) -> str:
+    """What it has, in short."""
+    there = contents(log)
+    names = [*there.names, *(f"{topic.name} ({topic.kind})" for topic in there.topics)]
+    return ", ".join(names[:12]) + (", ..." if len(names) > 12 else "") if names else "it is empty"
 
 
 def _parts(log: Path, mesh: Path | None, folder: Path, kind: SensorKind, guess: Guess) -> Iterator[str]:

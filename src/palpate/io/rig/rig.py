@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from palpate.contact.estimator import ContactEstimator
-from palpate.contact.taxel_settings import TaxelSettings
+from palpate.contact.taxel_estimator import TaxelSettings
 from palpate.errors import InputError
 from palpate.io.logs.layout import Layout
 from palpate.io.models import load_toml

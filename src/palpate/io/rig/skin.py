@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
-
-import numpy as np
 
 from palpate.contact.taxel_estimator import TaxelEstimator
 from palpate.errors import InputError
@@ -13,20 +12,20 @@ from palpate.io.logs.layout import ArrayChannel, Layout
 from palpate.io.models import read_model
 from palpate.io.rig.guess_skin import guess_skin
 from palpate.io.rig.kind import Prepared, SensorKind
-from palpate.io.rig.wrench import noted_filter, rig_filter
+from palpate.io.rig.wrench import first_seconds, noted_filter, rig_filter
 from palpate.io.skin_map import read_skin_map
-from palpate.sensors.intensity import Curve, Intensity
+from palpate.sensors.intensity import Intensity
 from palpate.sensors.recording import CELLS, Recording
-from palpate.sensors.skin import Health, Sheet, examine
+from palpate.sensors.skin import examine
 from palpate.sensors.skin_map import SkinMap
-from palpate.sensors.taxel_body import TaxelBody
+from palpate.sensors.taxels import TaxelBody
 
 if TYPE_CHECKING:
     from palpate.io.rig.rig import Rig
 
-__all__ = ["SKIN", "RigSkin", "rig_map", "rig_skin"]
+__all__ = ["SKIN", "RigSkin", "rig_body", "rig_map", "rig_skin"]
 
-_PLAIN = Curve("polynomial", np.ones(1), np.zeros((1, 1)), largest=1.0)  # a count is taken for a newton
+HEAD = 2048  # frames of the start of a log from which rest, noise and bad cells are taken
 
 
 @dataclass(frozen=True)
@@ -88,10 +87,10 @@ def rig_map(rig: Rig) -> SkinMap:
     return found
 
 
-def _intensity(rig: Rig) -> Intensity:
-    """What readings mean; where the rig names nothing, a count is taken for a newton."""
+def _intensity(rig: Rig) -> Intensity | None:
+    """What readings mean; None: a count is taken for a newton."""
     name = rig_skin(rig).intensity
-    return Intensity((_PLAIN,), unit="newtons") if name is None else read_model(rig.folder / name, Intensity)
+    return None if name is None else read_model(rig.folder / name, Intensity)
 
 
 def _layout(rig: Rig) -> Layout:
@@ -102,34 +101,33 @@ def _layout(rig: Rig) -> Layout:
     )
 
 
+def rig_body(rig: Rig) -> TaxelBody:
+    """The cells of the sheet on the link."""
+    table = rig_skin(rig)
+    return TaxelBody.sheet(rig_map(rig), bits=table.bits or None, masked=table.masked)
+
+
 def _build(rig: Rig, head: Recording | None) -> Prepared:
-    table, place, intensity = rig_skin(rig), rig_map(rig), _intensity(rig)
-    sheet = Sheet(place.rows, place.columns, table.bits or None, table.masked)
-    health = None if head is None else _rest(head, sheet, intensity, rig.estimate.tare or table.tare)
+    body, intensity, tare = rig_body(rig), _intensity(rig), rig.estimate.tare or rig_skin(rig).tare
+    health = None
+    if head is not None:
+        first = max(HEAD, 0 if tare is None else len(first_seconds(head, tare)))
+        falling = intensity is not None and intensity.curves[0].falling
+        health = examine(head.picked(slice(0, first)), body, seconds=tare, falling=falling)
     smooth, rate = rig_filter(rig, head)
     estimator = TaxelEstimator(
-        TaxelBody.sheet(place),
+        body,
         intensity,
-        sheet,
         health,
-        rig.contacts,
-        mount=None if rig.surface is None else rig.surface.pose.pose(),
+        settings=rig.contacts,
         filter=smooth.filter(),
         rate=rate,
+        mount=None if rig.surface is None else rig.surface.pose.pose(),
     )
-    made = Prepared(estimator, said=[*noted_filter(smooth, rate), *place.notes], facts=dict(vars(rig.contacts)))
-    if table.intensity is None:
-        made.said.append("no intensity model: a count is taken for a newton (palpate calibrate intensity makes one)")
-    if table.tare is None and rig.estimate.tare is None:
-        made.said.append(
-            "cells at rest are found in the log itself; tare = seconds in [skin] says when nothing touches"
-        )
+    made = Prepared(estimator, said=noted_filter(smooth, rate), facts=dict(vars(rig.contacts)))
+    if tare is None:
+        made.said.append("cells at rest are found in the log itself; tare = seconds in [skin] says when nothing touches")
     return made
-
-
-def _rest(head: Recording, sheet: Sheet, intensity: Intensity, seconds: float | None) -> Health:
-    """What the cells are at rest, from the start of a log."""
-    return examine(head, sheet, seconds=seconds, falling=intensity.curves[0].falling)
 
 
 _NO_WRENCH = "cells measure no wrench"

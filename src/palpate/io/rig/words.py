@@ -9,11 +9,13 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
+from palpate.io.logs import LogContents
+from palpate.io.logs.decoding import role
 from palpate.io.logs.guess import guess_orientation, guess_position
 from palpate.io.logs.layout import ORIENTATION_COLUMNS
 from palpate.surfaces.mesh import UNITS, Mesh
 
-__all__ = ["mesh_size", "orientation_table", "pose_table", "quoted", "time_table", "time_unit"]
+__all__ = ["mesh_size", "orientation_table", "pose_table", "quoted", "time_table", "time_unit", "topics_of"]
 
 _PLAUSIBLE = (2e-3, 5.0)  # m: from a fingertip to a robot's link
 _EPOCHS = ((1e17, "ns"), (1e14, "us"), (1e11, "ms"))  # times of day above these cannot be seconds
@@ -22,6 +24,11 @@ _EPOCHS = ((1e17, "ns"), (1e14, "us"), (1e11, "ms"))  # times of day above these
 def quoted(value: str | Sequence[str]) -> str:
     """Text or a list of texts; JSON's strings are TOML's, but for DEL."""
     return json.dumps(value if isinstance(value, str) else list(value), ensure_ascii=False).replace("\x7f", "\\u007f")
+
+
+def topics_of(contents: LogContents, wanted: str) -> list[str]:
+    """Names of topics with messages that hold "wrench", "pose", "acceleration" or "array"."""
+    return [topic.name for topic in contents.topics if topic.count and role(topic.kind) == wanted]
 
 
 def time_table(column: str, unit: str) -> str:
