@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from palpate.cli.evaluate import HEADER, spreads
+from palpate.cli.evaluate import HEADER, summaries
 from palpate.cli.report_advice import coverage_advice, status_advice
 from palpate.contact.ground_truth import Samples, Touches
 from palpate.evaluation.errors import distances
@@ -48,8 +48,7 @@ def judged(run: Run, truth: Samples | Touches | None = None, *, mounted: bool = 
     if truth is not None:
         kept = run.kept
         error = _errors(kept, truth)
-        rows = kept.even & _nearest(error, kept)
-        found = evaluate(kept.contacts.time[rows], kept.contacts.estimate[rows], truth)
+        found = evaluate(kept.contacts[kept.even], truth)
         section = _section(run, truth, found, error)
     said = (*run.advice, *status_advice(run.downsample.statuses), *coverage_advice(found, mounted=mounted))
     return replace(
@@ -89,7 +88,7 @@ def _section(run: Run, truth: Samples | Touches, found: Evaluation, error: Float
             f" The 95 % ellipses hold it in {percent(found.coverage.inside)} of {found.coverage.count:,} samples, and "
             f"the mean square is {found.coverage.mean_square:.2f}, which should be 2."
         )
-    table = Table(("error", *HEADER[1:]), tuple(spreads(found)))
+    table = Table(("error", *HEADER[1:]), tuple(summaries(found)))
     return Section(title, text=(text,), pictures=tuple(shown), tables=(table,) if table.rows else ())
 
 
