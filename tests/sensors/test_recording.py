@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import pickle
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -49,8 +50,9 @@ def test_what_comes_back_is_the_same_and_read_only(through: Callable[[Recording]
         assert found.flags.c_contiguous
         with pytest.raises(ValueError, match="read-only"):
             found[0] = 0.0
+    channels: Any = back.channels
     with pytest.raises(TypeError):
-        back.channels[FORCE] = whole.channels[FORCE]  # pyright: ignore[reportIndexIssue]
+        channels[FORCE] = whole.channels[FORCE]
 
 
 @pytest.mark.parametrize("name", WIDTHS)
