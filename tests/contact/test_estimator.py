@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from laws.bodies import BODIES, R, on_mesh
 
 from palpate.contact import ContactEstimate, Estimator, Locator, Status
 from palpate.errors import InputError
@@ -14,6 +13,7 @@ from palpate.sensors import ForceTorque, Payload, Recording
 from palpate.sensors.recording import FORCE, ORIENTATION, TORQUE
 from palpate.simulation.contacts import touch_wrenches
 from palpate.spatial.pose import Pose, rotation_from_quaternion
+from tests.support.bodies import BODIES, R, on_mesh
 
 NOISE = np.array([0.02] * 3 + [5e-4] * 3)
 MESH = BODIES["ellipsoid"].mesh

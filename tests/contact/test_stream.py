@@ -7,7 +7,6 @@ from dataclasses import fields
 
 import numpy as np
 import pytest
-from laws.bodies import BODIES
 
 from palpate.contact import ContactEstimate, Estimator, Locator, Status
 from palpate.errors import InputError
@@ -16,6 +15,7 @@ from palpate.sensors.filters import Filter
 from palpate.sensors.recording import ACCELERATION, FORCE, ORIENTATION, TORQUE, UNSTEADY
 from palpate.spatial.pose import Pose, rotation_from_quaternion, skew
 from palpate.surfaces import plane
+from tests.support.bodies import BODIES
 
 RATE = 200.0
 NOISE = np.array([0.02] * 3 + [5e-4] * 3)

@@ -8,14 +8,15 @@ import numpy as np
 from tyro.conf import arg
 
 from palpate.calibration.clock import ClockOffset, identify_offset
+from palpate.cli.console import lines, note, title
 from palpate.cli.options import Log, Output, RigFile
-from palpate.cli.screen import lines, measured, note, title
 from palpate.errors import InputError
 from palpate.io.atomic import keep_inputs
-from palpate.io.logs import read_poses, read_recording, topics
+from palpate.io.logs import contents, read_poses, read_recording
 from palpate.io.models import provenance
 from palpate.io.rig import load_rig
 from palpate.io.rig.edit import update_offset
+from palpate.io.units import measured
 
 __all__ = ["calibrate_clock"]
 
@@ -72,7 +73,7 @@ def calibrate_clock(
             ("residual", f"{found.residual:.3g} N, of averages over 10 ms"),
         ]
     )
-    note([*recording.notes, *found.notes, *_findings(found, columns=not topics(log))])
+    note([*recording.notes, *found.notes, *_findings(found, columns=not contents(log).topics)])
 
 
 def _findings(found: ClockOffset, *, columns: bool) -> list[str]:

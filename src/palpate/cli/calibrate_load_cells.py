@@ -5,15 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from palpate.calibration.load_cells import LoadCellCalibration, identify_load_cells
+from palpate.cli.console import lines, note, title
 from palpate.cli.options import Log, Output, RigFile
-from palpate.cli.screen import lines, note, title
 from palpate.errors import InputError
 from palpate.io.atomic import keep_inputs
-from palpate.io.load_cells import write_load_cells
 from palpate.io.logs import read_recording
-from palpate.io.models import provenance
+from palpate.io.models import provenance, write_model
 from palpate.io.rig import load_rig
-from palpate.sensors.load_cells import REFERENCE, VOLTAGE
+from palpate.sensors.recording import REFERENCE, VOLTAGE
 
 __all__ = ["calibrate_load_cells"]
 
@@ -52,7 +51,7 @@ def calibrate_load_cells(log: Log, /, rig: RigFile, output: Output) -> None:
         names=table.names(cells),
         provenance=provenance({"log": log, "rig": rig}, {"indentation": table.indentation}),
     )
-    write_load_cells(output, found.cells)
+    write_model(output, found.cells)
     title(f"{log} -> {output}")
     lines(_figures(found))
     note([*recording.notes])

@@ -10,19 +10,20 @@ from tyro.conf import arg
 
 from palpate.calibration.mounting import Mounting, identify_mounting, mean_touches
 from palpate.calibration.presses import find_presses
+from palpate.cli.console import lines, note, title, wait
 from palpate.cli.interrupts import import_mesh_reader
 from palpate.cli.options import FileOption, Log, Output, RigFile
-from palpate.cli.screen import lines, measured, note, title, wait
 from palpate.contact.estimator import Estimator
+from palpate.contact.ground_truth import Touches
 from palpate.contact.locate import Locator
-from palpate.contact.truth import Touches
 from palpate.errors import InputError
 from palpate.io.atomic import keep_inputs
+from palpate.io.ground_truth import read_touches
 from palpate.io.logs import read_recording
 from palpate.io.models import provenance
 from palpate.io.rig import Rig, load_rig
 from palpate.io.rig.edit import update_pose
-from palpate.io.truth import read_touches
+from palpate.io.units import measured
 from palpate.sensors.noise import estimate_noise
 from palpate.sensors.recording import Recording
 from palpate.spatial.pose import Pose

@@ -210,7 +210,7 @@ class Estimator:
         rows: Float[np.ndarray, "n 22"],
     ) -> None:
         located, covariances = self._chain.in_surface(wrenches, readings, share)
-        self.locator.run_into(rows, located, covariances, statuses)
+        self.locator.run_into(located, covariances, statuses, rows)
 
     def _look_ahead(self, blocks: Iterable[Recording]) -> Iterator[tuple[Recording, ContactEstimate]]:
         """Blocks wait until all of their samples are filtered."""

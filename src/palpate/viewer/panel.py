@@ -1,4 +1,4 @@
-"""The page's panel: what is felt, in words and numbers; timeline, settings and plots."""
+"""The page's panel: captions of the moment, what layers add, timeline, plots and settings."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ import numpy as np
 from jaxtyping import Float
 
 from palpate.viewer._style import AXES
+from palpate.viewer.captions import caption, legend
 from palpate.viewer.scene import MAGNIFICATIONS, Moment, Scene
-from palpate.viewer.stage import Settings
-from palpate.viewer.words import legend, spoken
+from palpate.viewer.scene3d import Settings
 
 if TYPE_CHECKING:
     from viser import GuiUplotHandle, ViserServer
@@ -21,7 +21,7 @@ SPEEDS = {"x 0.1": 0.1, "x 0.5": 0.5, "x 1": 1.0, "x 2": 2.0, "x 5": 5.0, "x 20"
 WINDOWS = {"all": 0.0, "20 s": 20.0, "5 s": 5.0, "1 s": 1.0}
 NOW = "#cc3311"
 TITLE = """<style onload="document.title='Palpate'"></style>"""  # viser names its page after itself
-FORCES, PLACES = slice(0, 2), slice(2, 5)  # columns of the courses
+FORCES, PLACES = slice(0, 2), slice(2, 5)  # columns of the curves
 
 
 @runtime_checkable
@@ -46,7 +46,7 @@ class Player(Protocol):
         ...
 
     def face(self) -> None:
-        """Look at the side that is touched."""
+        """Look at the side of the strongest contact."""
         ...
 
     def refresh(self) -> None:
@@ -65,6 +65,8 @@ class Panel:
         self._gui.main_panel.dock_right()
         self._gui.add_html(TITLE)
         self._now = self._gui.add_html("")
+        for layer in scene.layers:
+            layer.panel(self._gui)
         self._add_timeline()
         self._add_plots()
         self._add_settings()
@@ -80,8 +82,9 @@ class Panel:
         return SPEEDS[self._speed.value]
 
     def show(self, moment: Moment, seconds: float) -> None:
-        """Say a moment, and mark it in the plots."""
-        self._now.content = spoken(moment, self.settings().magnification)
+        """Describe a moment, and mark it in the plots."""
+        lines = [line for layer in self._scene.layers for line in layer.captions(moment.index)]
+        self._now.content = caption(moment, self.settings().magnification, lines)
         if self._slider.value != seconds:
             self._slider.value = seconds
         self._show_playing(self._player.playing)
@@ -113,7 +116,9 @@ class Panel:
 
     def _add_settings(self) -> None:
         with self._gui.add_folder("Show"):
-            self._heat = self._gui.add_checkbox("heat", True, hint="where the body was touched, how long")
+            self._heat = self._gui.add_checkbox(
+                "heat", True, visible=self._scene.body is not None, hint="where the body was touched, how long"
+            )
             self._trail = self._gui.add_slider("trail [s]", 0.0, 60.0, 0.5, 5.0)
             options = tuple(f"x {times}" for times in MAGNIFICATIONS)
             first = options[MAGNIFICATIONS.index(self._scene.magnification)]
@@ -121,13 +126,14 @@ class Panel:
                 "ellipse",
                 options,
                 initial_value=first,
-                hint="the 95 % ellipse of the point, drawn so many times as large",
+                hint="the 95 % ellipse of a point, drawn so many times as large",
             )
             self._dark = self._gui.add_checkbox("dark", False)
         for handle in (self._heat, self._trail, self._ellipse, self._window):
             handle.on_update(lambda event: self._player.refresh())
         self._dark.on_update(lambda event: self._theme(self._dark.value))
-        self._gui.add_html(legend(self._scene))
+        if self._scene.body is not None:
+            self._gui.add_html(legend(self._scene))
 
     def _theme(self, dark: bool) -> None:
         self._gui.configure_theme(
@@ -136,8 +142,9 @@ class Panel:
 
     def _add_plots(self) -> None:
         self._window = self._gui.add_dropdown("plots", tuple(WINDOWS), initial_value="all")
-        self._whole = self._scene.courses()
-        self._force = self._plot(FORCES, ("pressing", "force"), ("#9aa5b0", "#0072b2"), "N")
+        self._whole = self._scene.curves()
+        forces = ("total", "strongest") if self._scene.several else ("pressing", "force")
+        self._force = self._plot(FORCES, forces, ("#9aa5b0", "#0072b2"), "N")
         self._place = self._plot(PLACES, ("x", "y", "z"), AXES, "mm")
 
     def _plot(self, which: slice, names: tuple[str, ...], inks: tuple[str, ...], unit: str) -> GuiUplotHandle:
@@ -170,7 +177,7 @@ class Panel:
         clock, values = self._whole
         if width := WINDOWS[self._window.value]:
             span = self._scene.timeline.span(moment.seconds - width / 2, moment.seconds + width / 2)
-            clock, values = self._scene.courses(span)
+            clock, values = self._scene.curves(span)
         for plot, which in ((self._force, FORCES), (self._place, PLACES)):
             plot.data = _marked(clock, values[:, which], moment.seconds, _range(self._whole[1][:, which]))
 
