@@ -66,7 +66,8 @@ def _written(path: Path) -> Contacts | None:
     except InputError:  # the reader of logs will say what it is instead
         return None
     found = read_contacts(path)
-    features = {} if found.cell is None else dict(zip(("row", "column", "area"), found.cell.T, strict=True))
+    cell = () if found.cell is None else found.cell.T
+    features = {name: values for name, values in zip(("row", "column", "area"), cell, strict=False)}
     return Contacts(found.sample, found.time, found.contact, found.estimate, features, found.notes)
 
 

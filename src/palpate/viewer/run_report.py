@@ -136,7 +136,7 @@ class Kept:
     def radius(self) -> Float[np.ndarray, " n"]:
         """(n,) [m] long half-axes of the 95 % ellipses."""
         known = np.isfinite(self.covariance).all(axis=(1, 2))
-        largest = np.full(len(known), np.nan)
+        largest = np.full(len(self.contacts), np.nan)
         largest[known] = np.linalg.eigvalsh(self.covariance[known])[:, -1].clip(min=0)
         return np.sqrt(CHI2_95 * largest)
 

@@ -103,8 +103,9 @@ class TaxelLayer:
     def _force(self, index: int) -> Float[np.ndarray, " k"]:
         """[N] of each cell; 0 where the log has no such sample."""
         sample = int(self._scene.contacts.sample[self._scene.starts[index]])
-        known = self._forces is not None and sample < len(self._forces)
-        return self._forces[sample].astype(np.float64) if known else np.zeros(len(self._positions))
+        if self._forces is None or sample >= len(self._forces):
+            return np.zeros(len(self._positions))
+        return self._forces[sample].astype(np.float64)
 
     def _colours(self, force: Float[np.ndarray, " k"]) -> UInt8[np.ndarray, "k 3"]:
         return linear(colours(np.clip(np.nan_to_num(force) / self.most, 0.0, 1.0)))
@@ -131,7 +132,7 @@ def patches(
     side = np.sqrt(areas)
     along = np.eye(3)[np.argmin(np.abs(normals), axis=1)]
     if shape is not None and shape[0] > 1:
-        steps = np.gradient(positions.reshape(*shape, 3), axis=0).reshape(-1, 3)
+        steps = np.asarray(np.gradient(positions.reshape(*shape, 3), axis=0)).reshape(-1, 3)
         length: Float[np.ndarray, " k"] = np.linalg.norm(steps, axis=1)
         usable = length > 0
         side, along = np.where(usable, length, side), np.where(usable[:, None], steps, along)
@@ -157,5 +158,6 @@ def unrolled(
     down, across = np.indices(picture.shape[:2])
     for row, column in contacts:
         away = (down / PIXELS - 0.5 - row) ** 2 + (across / PIXELS - 0.5 - column) ** 2
+        picture[away < 0.1] = 255
         picture[away < 0.05] = FORCE
     return picture[::-1].copy()
