@@ -17,16 +17,17 @@ from time import perf_counter
 
 import numpy as np
 
+from evidence.response import identify_response
 from evidence.row import Row, shared, skipped
 from palpate.calibration.intensity import identify_intensity, identify_resistive
-from palpate.calibration.response import identify_response
 from palpate.contact.estimate import Status
 from palpate.contact.several import Skin, SkinSettings, SkinTouches
 from palpate.errors import NotIdentifiable, PalpateError
 from palpate.evaluation.errors import CHI2_95
 from palpate.evaluation.skin import equivalent_forces, judge, map_mesh, touches_of, wand_points
 from palpate.sensors.intensity import Curve, Intensity
-from palpate.sensors.skin import Frames, Health, Sheet, examine
+from palpate.sensors.recording import CELLS, Recording
+from palpate.sensors.skin import Health, Sheet, examine
 from palpate.simulation.shapes import icosphere
 from palpate.simulation.skin_bench import PaperSheet, Patch, Rolled, Wand, paper_sheet, press, read_out
 from palpate.simulation.skin_session import SkinSession, load_cell_presses, simulate_protocol
@@ -97,7 +98,7 @@ def _single(count: int) -> Iterator[Row]:
             mine: list[float] = []
             for k, each in enumerate(pressed):
                 skin.reset()
-                found = skin.update(0.0, frames.cells[k])
+                found = skin.update(0.0, frames.channels[CELLS][k])
                 wrong += not found.found[0] or len(found) != 1
                 best = int(np.argmax(found.load))
                 off = found.estimate.point[best] - each.point[0]
@@ -159,7 +160,7 @@ def _told_apart(
     told, errors = 0, list[float]()
     for k, each in enumerate(pressed):
         skin.reset()
-        found = skin.update(0.0, frames.cells[k])
+        found = skin.update(0.0, frames.channels[CELLS][k])
         if found.found[0] and len(found) == several:
             told += 1
             distance = np.linalg.norm(found.estimate.point[:, None] - each.point[None], axis=-1)
@@ -423,7 +424,7 @@ def _directions(judged: Judged) -> str:
     return f"{100 * float(np.nanmean(judged.paper)):.2f} %, in space {degrees:.2f} deg; the paper 2.9 %"
 
 
-def _touched(frames: Frames, skin: Skin) -> tuple[np.ndarray, np.ndarray, list[np.ndarray]]:
+def _touched(frames: Recording, skin: Skin) -> tuple[np.ndarray, np.ndarray, list[np.ndarray]]:
     """Medians of points and normals of each touch, and the samples it lasted, in order."""
     skin.reset()
     found = skin.run(frames)
@@ -469,7 +470,7 @@ def _loaded(shape: tuple[int, int]) -> tuple[Skin, np.ndarray]:
     still = read_out(model, np.zeros((20, *shape)), rng)
     health = examine(still, Sheet(*shape), seconds=10.0)
     pressed = read_out(model, np.repeat(loads[None], 64, axis=0), rng)
-    return Skin(sheet.layout(), Intensity((plain,)), Sheet(*shape), health), pressed.cells
+    return Skin(sheet.layout(), Intensity((plain,)), Sheet(*shape), health), pressed.channels[CELLS]
 
 
 def _seconds(step: Callable[[int], object], count: int) -> float:
@@ -513,7 +514,7 @@ def _bad() -> Iterator[Row]:
     model, intensity, health = _model()
     rng, skin, sheet = np.random.default_rng(67), _skin(), Sheet(6, 22)
     idle = read_out(model, np.zeros((40, 6, 22)), rng)
-    lacking, stuck = idle.cells[0].copy(), np.repeat(idle.cells[:1] * 20 % 250, 40, axis=0)
+    lacking, stuck = idle.channels[CELLS][0].copy(), np.repeat(idle.channels[CELLS][:1] * 20 % 250, 40, axis=0)
     lacking[2, 3] = np.nan
     loads = press(SHEET, [Patch(2.0, 5.0, 1.5, 90.0)]).loads
     rising = np.linspace(0, 2.5, 60)[:, None, None] * loads
@@ -525,7 +526,7 @@ def _bad() -> Iterator[Row]:
         "a frame of NaN": skin.update(0.0, np.full((6, 22), np.nan)).estimate.status[0] == Status.INVALID,
         "one cell NaN: answered": skin.update(0.0, lacking).estimate.status[0] == Status.NO_CONTACT,
         "8-bit wrap-around: noticed, saturated": wrapped,
-        "all cells stuck": _refuses(lambda: examine(Frames(idle.time, stuck), sheet)),
+        "all cells stuck": _refuses(lambda: examine(Recording(idle.time, {CELLS: stuck}), sheet)),
         "too few frames": _refuses(lambda: examine(idle.picked(slice(0, 3)), sheet)),
         "a map of another size": _refuses(lambda: Skin(Rolled(5, 22).layout(), intensity, sheet, health)),
     }

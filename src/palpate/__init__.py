@@ -8,12 +8,13 @@ from palpate.calibration.load_cells import identify_load_cells
 from palpate.calibration.mounting import Mounting, identify_mounting
 from palpate.calibration.payload import identify_payload
 from palpate.calibration.skin_map import map_skin
-from palpate.contact import Candidates, ContactEstimate, Estimator, Locator, Status, locate
+from palpate.contact import Candidates, ContactEstimate, Locator, Status, WrenchEstimator, locate
 from palpate.contact.fingertip import Fingertip
-from palpate.contact.several import Skin
+from palpate.contact.taxel_estimator import TaxelEstimator
 from palpate.errors import GeometryError, InputError, NotIdentifiable, PalpateError
 from palpate.sensors import Butterworth, ForceTorque, Kalman, Payload, Recording
 from palpate.sensors.load_cells import LoadCells
+from palpate.sensors.taxels import TaxelBody
 from palpate.spatial.pose import Pose
 from palpate.spatial.wrench import Wrench
 from palpate.surfaces import Mesh, Surface, plane
@@ -24,7 +25,6 @@ __all__ = [
     "Butterworth",
     "Candidates",
     "ContactEstimate",
-    "Estimator",
     "Fingertip",
     "ForceTorque",
     "GeometryError",
@@ -39,10 +39,12 @@ __all__ = [
     "Payload",
     "Pose",
     "Recording",
-    "Skin",
     "Status",
     "Surface",
+    "TaxelBody",
+    "TaxelEstimator",
     "Wrench",
+    "WrenchEstimator",
     "identify_load_cells",
     "identify_mounting",
     "identify_payload",

@@ -12,14 +12,14 @@ from contextlib import suppress
 from dataclasses import fields, replace
 from pathlib import Path
 
-import logs_written
 import numpy as np
 import polars as pl
 import pytest
-from logs_written import POSE, STAMPED, WRENCH, write_csv, write_mcap
 from scipy.spatial.transform import Rotation
 
 import palpate
+from evidence import logs_written
+from evidence.logs_written import POSE, STAMPED, WRENCH, write_csv, write_mcap
 from palpate.cli import main
 from palpate.contact.estimate import Status
 from palpate.io.contacts import Contacts, read_contacts

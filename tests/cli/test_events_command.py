@@ -10,7 +10,7 @@ import pytest
 from palpate.cli import main
 from palpate.contact.estimate import ContactEstimate, Status
 from palpate.io.contacts import open_contacts, write_contacts
-from palpate.io.truth import read_touches
+from palpate.io.ground_truth import read_touches
 
 
 def _session(touches: int) -> tuple[np.ndarray, ContactEstimate]:

@@ -9,7 +9,8 @@ import pytest
 
 from palpate.cli import main
 from palpate.io.contacts import read_contacts
-from palpate.io.intensity import read_intensity
+from palpate.io.models import read_model
+from palpate.sensors.intensity import Intensity
 from palpate.simulation.skin_session import SkinSession, simulate_protocol, write_skin_session
 
 
@@ -39,7 +40,7 @@ def test_touches_are_found_and_named(session: tuple[Path, SkinSession]) -> None:
         assert np.linalg.norm(off) < 1.2e-3
         sizes = np.linalg.norm(found.estimate.force[rows], axis=1)
         assert np.median(sizes) == pytest.approx(np.linalg.norm(force), rel=0.1)
-    assert read_intensity(folder / "intensity.toml").numbers(6, 22).max() == 132
+    assert read_model(folder / "intensity.toml", Intensity).numbers(6, 22).max() == 132
     assert 'sensor = "skin"' in (folder / "contacts.csv.toml").read_text()
 
 
@@ -102,7 +103,7 @@ def test_a_resistive_taxel_is_calibrated_as_a_divider(tmp_path: Path, capsys: py
     assert main(command) == 1
     assert "--scale" in capsys.readouterr().err
     assert main([*command, "--scale", "1024", "--reference", "10"]) == 0
-    curve = read_intensity(tmp_path / "i.toml").curves[0]
+    curve = read_model(tmp_path / "i.toml", Intensity).curves[0]
     np.testing.assert_allclose(curve.parameters, [20.0, 0.5], rtol=1e-3)
     assert curve.falling
 

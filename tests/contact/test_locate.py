@@ -6,13 +6,13 @@ import functools
 
 import numpy as np
 import pytest
-from laws.bodies import BODIES, PLACE, R, box, on_mesh, pressing
 
 from palpate.contact import ROW, ContactEstimate, Locator, Status, locate
 from palpate.errors import InputError
 from palpate.simulation.contacts import touch_wrenches
 from palpate.spatial.wrench import Wrench
 from palpate.surfaces import Mesh
+from tests.support.bodies import BODIES, PLACE, R, box, on_mesh, pressing
 
 NOISE = np.array([0.02] * 3 + [5e-4] * 3)
 UP = np.array([0.0, 0, 1])

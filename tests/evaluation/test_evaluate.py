@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from palpate.contact.estimate import ContactEstimate, Status
-from palpate.contact.truth import Samples, Touches
+from palpate.contact.ground_truth import Samples, Touches
 from palpate.evaluation.errors import Spread, angles, coverage
 from palpate.evaluation.evaluate import evaluate, nearest_in_time, status_shares
 

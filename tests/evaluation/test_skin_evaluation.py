@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from palpate.contact.estimate import ContactEstimate, Status
-from palpate.contact.truth import Samples, Touches
+from palpate.contact.ground_truth import Samples, Touches
 from palpate.evaluation.skin import equivalent_forces, judge, map_mesh, paired, perfect, wand_points
 from palpate.simulation.shapes import icosphere
 from palpate.simulation.skin_bench import Rolled

@@ -10,7 +10,7 @@ import pytest
 from palpate.contact.estimate import ContactEstimate, Status
 from palpate.errors import InputError
 from palpate.io.contacts import open_contacts, read_contacts
-from palpate.io.intensity import read_intensity, write_intensity
+from palpate.io.models import read_model, write_model
 from palpate.io.rig.skin import is_skin_rig, load_skin_rig
 from palpate.io.skin_csv import read_map_csv
 from palpate.sensors.intensity import Curve, Intensity
@@ -21,18 +21,6 @@ CURVES = (
     ),
     Curve("monotone", np.array([1.0 / 3.0, 2.0]), np.eye(2) / 7, 2.0, knots=np.array([0.7, 2.0]), hysteresis=0.01),
 )
-
-
-def test_curves_are_read_back_to_the_last_bit(tmp_path: Path) -> None:
-    which = np.array([[0, 1], [1, 1]])
-    written = Intensity(CURVES, which, provenance={"log": "a"}, notes=("a note",))
-    write_intensity(tmp_path / "i.toml", written)
-    read = read_intensity(tmp_path / "i.toml")
-    for one, other in zip(written.curves, read.curves, strict=True):
-        for name, value in vars(one).items():
-            np.testing.assert_array_equal(value, getattr(other, name))
-    np.testing.assert_array_equal(read.numbers(2, 2), which)
-    assert (dict(read.provenance), read.notes) == ({"log": "a"}, ("a note",))
 
 
 @pytest.mark.parametrize(
@@ -46,12 +34,12 @@ def test_curves_are_read_back_to_the_last_bit(tmp_path: Path) -> None:
 )
 def test_what_is_wrong_with_curves_is_said(tmp_path: Path, change: tuple[str, str], said: str) -> None:
     path = tmp_path / "i.toml"
-    write_intensity(path, Intensity(CURVES))
+    write_model(path, Intensity(CURVES))
     text = path.read_text()
     assert change[0] in text
     path.write_text(text.replace(change[0], change[1], 1))
     with pytest.raises(InputError, match=said):
-        read_intensity(path)
+        read_model(path, Intensity)
 
 
 @pytest.mark.parametrize(

@@ -11,10 +11,10 @@ from time import monotonic, sleep
 
 import numpy as np
 import pytest
-from viewer.pages import ellipsoid, session
 
 from palpate.viewer.scene import Scene, prepare
 from palpate.viewer.server import Page
+from tests.support.pages import ellipsoid, session
 
 CHROMIUM = shutil.which("chromium")
 FLAGS = (

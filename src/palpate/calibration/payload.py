@@ -14,7 +14,9 @@ from palpate.calibration._payload_solve import Settings, solve
 from palpate.errors import InputError
 from palpate.sensors.force_torque import STANDARD_GRAVITY, Payload
 from palpate.sensors.recording import LARGEST
+from palpate.spatial._arrays import shaped
 from palpate.spatial.uncertain import noise_covariance
+from palpate.spatial.wrench import Wrench
 
 __all__ = ["Hypothesis", "diagnose_payload", "identify_payload"]
 
@@ -22,7 +24,7 @@ FAR = 1.0  # m from the sensor: no tool has its centre of mass further out
 
 
 def identify_payload(
-    wrenches: ArrayLike,
+    wrenches: Wrench | ArrayLike,
     rotations: ArrayLike,
     *,
     gravity: ArrayLike | None = None,
@@ -44,7 +46,8 @@ def identify_payload(
     1.1 at 40 poses, by 2 at 12.
 
     Args:
-        wrenches: (n, 6) [N, N m] in the sensor frame. Rows with NaN or infinity (above 1e9) are ignored, and said.
+        wrenches: (n, 6) [N, N m], or a `Wrench` of n, in the sensor frame. Rows with NaN or infinity (above 1e9) are
+            ignored, and said.
         rotations: (n, 3, 3), sensor in base.
         gravity: (3,) its direction in the base, of any length; None when unknown, to be identified.
         magnitude: |g| [m/s^2], which only divides the weight into a mass.
@@ -72,7 +75,7 @@ def identify_payload(
 
 
 def diagnose_payload(
-    wrenches: ArrayLike,
+    wrenches: Wrench | ArrayLike,
     rotations: ArrayLike,
     *,
     gravity: ArrayLike | None = None,
@@ -104,15 +107,10 @@ def settings_of(gravity: ArrayLike | None, magnitude: float, noise: ArrayLike | 
     return Settings(direction, float(magnitude), None if noise is None else noise_covariance(noise), robust)
 
 
-def usable(wrenches: ArrayLike, rotations: ArrayLike) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def usable(wrenches: Wrench | ArrayLike, rotations: ArrayLike) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Complete rows, their rotations checked, and which they are (bool, n)."""
-    wrenches, rotations = np.asarray(wrenches, dtype=np.float64), np.asarray(rotations, dtype=np.float64)
-    if wrenches.ndim != 2 or wrenches.shape[1] != 6:
-        raise InputError(f"wrenches must have shape (n, 6), not {wrenches.shape}")
-    if rotations.shape != (len(wrenches), 3, 3):
-        raise InputError(
-            f"rotations must have shape ({len(wrenches)}, 3, 3), one for each wrench, not {rotations.shape}"
-        )
+    wrenches = shaped(wrenches.vector() if isinstance(wrenches, Wrench) else wrenches, (None, 6), "wrenches")
+    rotations = shaped(rotations, (len(wrenches), 3, 3), "rotations, one for each wrench,")
     rows = np.column_stack([wrenches, rotations.reshape(-1, 9)])
     finite = np.asarray((np.abs(rows) <= LARGEST).all(axis=1), dtype=bool)
     _check_rotations(rotations, finite)

@@ -8,19 +8,19 @@ from typing import Annotated
 import numpy as np
 from tyro.conf import arg
 
+from palpate.cli.console import lines, note, percent, table, title
 from palpate.cli.evaluate_skin import WAND, WRENCH, evaluate_skin
 from palpate.cli.options import ContactsFile, FileOption, TruthFile
-from palpate.cli.screen import lines, note, percent, table, title
-from palpate.contact.truth import Touches
+from palpate.contact.ground_truth import Touches
 from palpate.errors import InputError
 from palpate.evaluation.errors import Spread
 from palpate.evaluation.evaluate import Report
 from palpate.evaluation.evaluate import evaluate as compare
 from palpate.evaluation.skin import paired
 from palpate.io.contacts import read_contacts
+from palpate.io.ground_truth import read_ground_truth
 from palpate.io.models import read_provenance
 from palpate.io.tables.table import read_table
-from palpate.io.truth import read_truth
 
 __all__ = ["HEADER", "evaluate", "spreads"]
 
@@ -63,7 +63,7 @@ def evaluate(
             where="--output",
             mend="For other contacts use palpate estimate --report FILE --truth FILE.",
         )
-    known = read_truth(truth)
+    known = read_ground_truth(truth)
     first = found.contact == 0
     if found.cell is None:
         report = compare(found.time[first], found.estimate[first], known, tolerance=tolerance)

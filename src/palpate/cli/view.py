@@ -1,27 +1,27 @@
-"""`palpate view`: a log or a file of contacts as a page in the browser."""
+"""`palpate view`: the log of any sensor, or a file of contacts, as a page in the browser."""
 
 from __future__ import annotations
 
 from pathlib import Path
 from typing import Annotated
 
+import numpy as np
 from tyro.conf import arg
 
+from palpate.cli.console import counting, note, progress, title, wait
 from palpate.cli.interrupts import import_mesh_reader
+from palpate.cli.layers import layers_of
 from palpate.cli.options import Log
-from palpate.cli.pipeline import open_pipeline
-from palpate.cli.screen import counting, note, progress, title
 from palpate.cli.setup import Setup
-from palpate.cli.skin import skin_scene, taxel_layer
 from palpate.contact.contacts import Contacts
 from palpate.contact.frames import in_frame
+from palpate.contact.taxel_estimator import TaxelEstimator
 from palpate.errors import InputError
 from palpate.io.contacts import contact_blocks, read_contacts
 from palpate.io.models import read_provenance
+from palpate.io.pipeline import Pipeline
 from palpate.io.rig import Rig
-from palpate.io.rig.skin import is_skin_rig, load_skin_rig
-from palpate.spatial.pose import Pose
-from palpate.viewer.load_cells import LoadCellLayer
+from palpate.surfaces import Surface
 from palpate.viewer.scene import Scene, prepare
 from palpate.viewer.server import require_viser, serve
 
@@ -38,18 +38,16 @@ def view(
     """Show contacts on the body, with a timeline to scrub and play, in a browser; Ctrl-C ends it.
 
     Args:
-        log: a log, which is estimated first, or what `palpate estimate` wrote, which is shown as it is.
+        log: a log of any sensor, which is estimated first, or what `palpate estimate` wrote, which is shown as it is.
         setup: what is touched and how it is located.
         port: to serve at; the next free one if it is taken.
         host: address to serve at; the default can be reached from this machine only.
     """
     require_viser(host, port)  # before the work, not after it
+    rig = setup.load()
+    import_mesh_reader()
     contacts = _written(log)
-    if setup.rig is not None and is_skin_rig(setup.rig):
-        scene, notes = skin_scene(log, setup.rig) if contacts is None else _shown_skin(contacts, log, setup.rig)
-    else:
-        rig = setup.load()
-        scene, notes = _estimated(log, rig) if contacts is None else _shown(contacts, log, rig)
+    scene, notes = _estimated(log, setup, rig) if contacts is None else _shown(contacts, log, rig, setup.sensor)
     title(f"{log}: {len(scene):,} samples")
     note(notes)
     serve(scene, host, port, up=_say)
@@ -65,57 +63,42 @@ def _written(path: Path) -> Contacts | None:
         next(contact_blocks(path))
     except InputError:  # the reader of logs will say what it is instead
         return None
-    found = read_contacts(path)
-    cell = () if found.cell is None else found.cell.T
-    features = {name: values for name, values in zip(("row", "column", "area"), cell, strict=False)}
-    return Contacts(found.sample, found.time, found.contact, found.estimate, features, found.notes)
+    return read_contacts(path)
 
 
-def _estimated(path: Path, rig: Rig) -> tuple[Scene, list[str]]:
+def _body(rig: Rig) -> Surface | None:
+    return None if rig.surface is None else rig.surface.load(rig.folder)
+
+
+def _estimated(path: Path, setup: Setup, rig: Rig) -> tuple[Scene, list[str]]:
     """A log on its way through the whole chain, and what is to be known of it."""
-    pipeline = open_pipeline(path, rig)
-    parts, done = list[Contacts](), 0
+    log = setup.open(path, rig)
+    wait("preparing the surface and compiling kernels (compiling happens once)")
+    pipeline = Pipeline.of(log)
+    forces, parts, done = list[np.ndarray](), list[Contacts](), 0
+    taxels = isinstance(pipeline.estimator, TaxelEstimator)
+    watched = {"forces": lambda cells: forces.append(cells.reshape(len(cells), -1).astype(np.float32))}
     with counting():
-        for block, found in pipeline.stream():
-            parts.append(Contacts.single(block.time, found, done))
+        for block, found, _ in pipeline.stream(**(watched if taxels else {})):
+            parts.append(found)
             done += len(block)
-            progress(done, pipeline.log.position / max(pipeline.log.size, 1))
-    scene = prepare(pipeline.surface, Contacts.joined(parts), path.name, _layers(rig))
-    torn = [pipeline.log.torn] if pipeline.log.torn else []
-    return scene, [*torn, *pipeline.said, *pipeline.remarks(), *pipeline.notes()]
+            progress(done, log.position / max(log.size, 1))
+    layers = layers_of(rig, log.kind.name, np.concatenate(forces) if forces else None)
+    scene = prepare(_body(rig), Contacts.joined(parts), path.name, layers)
+    return scene, [*([log.torn] if log.torn else []), *pipeline.doubts(), *pipeline.notes()]
 
 
-def _shown(contacts: Contacts, path: Path, rig: Rig) -> tuple[Scene, tuple[str, ...]]:
-    """Contacts as they were written."""
-    shown = _in_surface(contacts, path, rig.surface.pose.pose())
-    if rig.mesh_path() is not None:
-        import_mesh_reader()
-    return prepare(rig.surface.load(rig.folder), shown, path.name, _layers(rig)), contacts.notes
-
-
-def _shown_skin(contacts: Contacts, path: Path, rig_path: Path) -> tuple[Scene, tuple[str, ...]]:
-    """Contacts of a sheet as they were written, without the forces of its cells."""
-    rig = load_skin_rig(rig_path)
-    mount = Pose.identity() if rig.surface is None else rig.surface.pose.pose()
-    shown = _in_surface(contacts, path, mount)
-    if rig.surface is not None and rig.surface.mesh is not None:
-        import_mesh_reader()
-    body = None if rig.surface is None else rig.surface.load(rig.folder)
-    return prepare(body, shown, path.name, [taxel_layer(rig.place())]), contacts.notes
-
-
-def _layers(rig: Rig) -> list[LoadCellLayer]:
-    """Of a rig with load cells that are calibrated."""
-    return [] if rig.cells_path() is None else [LoadCellLayer(rig.cells())]
-
-
-def _in_surface(contacts: Contacts, path: Path, mount: Pose) -> Contacts:
-    """Contacts in the frame that the body is drawn in; which one they are in stands beside the file."""
-    frame = read_provenance(path).get("frame", "surface")
+def _shown(contacts: Contacts, path: Path, rig: Rig, sensor: str | None) -> tuple[Scene, list[str]]:
+    """Contacts as they were written, in the frame that the body is drawn in."""
+    beside = read_provenance(path)  # which frame, and of which sensor they are
+    frame = beside.get("frame", "surface")
     if frame == "base":
         raise InputError(
             "these contacts are in the base frame, in which the body moves.",
             where=str(path),
             mend="Estimate without --frame base, or view the log itself.",
         )
-    return contacts.with_estimate(in_frame(contacts.estimate, mount.inverse())) if frame == "sensor" else contacts
+    if frame == "sensor" and rig.surface is not None:
+        contacts = contacts.with_estimate(in_frame(contacts.estimate, rig.surface.pose.pose().inverse()))
+    kind = sensor or str(beside.get("sensor", rig.kinds[0].name))
+    return prepare(_body(rig), contacts, path.name, layers_of(rig, kind)), list(contacts.notes)

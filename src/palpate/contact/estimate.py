@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from enum import IntEnum
+from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Int, Int8
+from jaxtyping import Float, Int
+
+from palpate.errors import InputError
+from palpate.spatial._arrays import Value
 
 __all__ = ["ROW", "ContactEstimate", "Status"]
 
@@ -30,6 +34,12 @@ class Status(IntEnum):
         """As files spell it: lower case."""
         return self.name.lower()
 
+    def __str__(self) -> str:
+        return self.label
+
+    def __format__(self, spec: str) -> str:
+        return format(self.label, spec)
+
 
 class _Row:
     """Layout of one estimate as a row of float64, the form that the compiled loops write."""
@@ -48,8 +58,8 @@ class _Row:
 ROW = _Row
 
 
-@dataclass(frozen=True)
-class ContactEstimate:
+@dataclass(frozen=True, eq=False, repr=False)
+class ContactEstimate(Value):
     """Where, how hard, which way and how sure, batched by leading axes, in the surface's frame.
 
     Attributes:
@@ -61,7 +71,7 @@ class ContactEstimate:
         residual: (*batch) distance, in standard deviations of the wrench, to the nearest wrench that a contact within
             the friction and torsion bounds can make; 0 inside them.
         candidates: (*batch) how many points within the bounds explain the wrench.
-        status: (*batch) `Status` as int8.
+        status: (*batch) `Status` as int8; of a single estimate (no batch) a `Status`.
     """
 
     point: Float[np.ndarray, "*batch 3"]
@@ -71,11 +81,21 @@ class ContactEstimate:
     covariance: Float[np.ndarray, "*batch 3 3"]
     residual: Float[np.ndarray, "*batch"]
     candidates: Int[np.ndarray, "*batch"]
-    status: Int8[np.ndarray, "*batch"]
+    status: Any  # int8 array or Status: no type checker knows the batch
 
     def __post_init__(self) -> None:
+        if not self.batch:
+            object.__setattr__(self, "status", Status(int(self.status)))
+        elif self.status.shape != self.batch or self.status.dtype != np.int8:
+            raise InputError(f"status must be int8 of shape {self.batch}, not {self.status.dtype} {self.status.shape}.")
         for value in vars(self).values():
-            value.flags.writeable = False
+            if isinstance(value, np.ndarray):
+                value.flags.writeable = False
+
+    @property
+    def batch(self) -> tuple[int, ...]:
+        """The leading axes; () for a single estimate."""
+        return self.torque.shape
 
     @classmethod
     def from_rows(cls, rows: Float[np.ndarray, "*batch 22"]) -> ContactEstimate:
@@ -94,20 +114,38 @@ class ContactEstimate:
     @classmethod
     def joined(cls, parts: Sequence[ContactEstimate]) -> ContactEstimate:
         """One after the other along the first axis."""
-        names = [field.name for field in fields(cls)]
-        return cls(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in names})
+        columns = [part._columns() for part in parts]
+        return cls(**{name: np.concatenate([each[name] for each in columns]) for name in columns[0]})
 
     def reshaped(self, batch: tuple[int, ...]) -> ContactEstimate:
         """The same estimates with other leading axes."""
+        axes = len(self.batch)
         return ContactEstimate(
-            **{name: value.reshape((*batch, *value.shape[1:])) for name, value in vars(self).items()}
+            **{name: value.reshape((*batch, *value.shape[axes:])) for name, value in self._columns().items()}
         )
 
-    def __getitem__(self, which: slice | np.ndarray) -> ContactEstimate:
-        """Those of the first axis that a slice, a mask or numbers pick."""
-        return ContactEstimate(**{name: value[which].copy() for name, value in vars(self).items()})
+    def __getitem__(self, which: int | np.integer[Any] | slice | np.ndarray) -> ContactEstimate:
+        """Those of the first axis that a number, a slice, a mask or numbers pick."""
+        if not self.batch:
+            raise TypeError("a single estimate cannot be indexed")
+        return ContactEstimate(**{name: np.array(value[which]) for name, value in vars(self).items()})
+
+    def __iter__(self) -> Iterator[ContactEstimate]:
+        return (self[i] for i in range(len(self.status)))
+
+    def __repr__(self) -> str:
+        if not self.batch:
+            point, force = (", ".join(f"{k:.3f}" for k in v) for v in (1e3 * self.point, self.force))
+            return f"ContactEstimate({self.status}, point ({point}) mm, force ({force}) N)"
+        counts = np.bincount(self.status.ravel(), minlength=len(Status))
+        seen = ", ".join(f"{count} {Status(code)}" for code, count in enumerate(counts) if count)
+        return f"ContactEstimate({self.batch}: {seen or 'empty'})"
 
     @property
-    def answered(self) -> np.ndarray:
+    def answered(self) -> Any:
         """True where the status is CONTACT or AMBIGUOUS."""
         return self.status <= Status.AMBIGUOUS
+
+    def _columns(self) -> dict[str, np.ndarray]:
+        """Every field as an array."""
+        return {**vars(self), "status": np.asarray(self.status, dtype=np.int8)}

@@ -8,24 +8,25 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Int8
+from jaxtyping import Bool, Float
 from numpy.typing import ArrayLike
 
 from palpate.contact._settings import HAS_PREVIOUS, NOISY, PREVIOUS, SOFT, STATE
 from palpate.contact.estimate import ROW, ContactEstimate
 from palpate.errors import InputError
+from palpate.spatial._arrays import FLOAT, INT8, Value, require_out, shaped
 from palpate.spatial.uncertain import noise_covariance
 from palpate.spatial.wrench import Wrench
 from palpate.surfaces.surface import Surface
 
 __all__ = ["METHODS", "Candidates", "Locator", "locate"]
 
-_ROW_SHAPE = (ROW.length,)
+_WRENCH, _ROW = (6,), (ROW.length,)
 METHODS = ("soft_finger", "wrench_axis")  # of a Locator; `locate` knows "iterative" too
 
 
-@dataclass(frozen=True)
-class Candidates:
+@dataclass(frozen=True, eq=False)
+class Candidates(Value):
     """Every contact that one wrench can have on a surface, best first.
 
     Attributes:
@@ -38,7 +39,11 @@ class Candidates:
     normal: Float[np.ndarray, "k 3"]
     torque: Float[np.ndarray, " k"]
     friction: Float[np.ndarray, " k"]
-    plausible: np.ndarray
+    plausible: Bool[np.ndarray, " k"]
+
+    def __post_init__(self) -> None:
+        for value in vars(self).values():
+            value.flags.writeable = False
 
 
 class Locator:
@@ -78,6 +83,7 @@ class Locator:
             raise InputError(f"friction ({friction}) must be > 0 and torsion ({torsion}) >= 0.")
         self.surface, self.method, self.friction, self.torsion = surface, method, float(friction), float(torsion)
         self.noise = None if noise is None else noise_covariance(noise)
+        self._given = (on, off)
         self.on, self.off = _thresholds(self.noise, on, off)
         prepared = surface.prepared()
         self._arguments = prepared.arguments
@@ -95,73 +101,111 @@ class Locator:
         self.run(np.zeros((1, 6)))
         self.reset()
 
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in vars(self).items() if name not in ("_arguments", "_one", "_many")}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        from palpate.contact import _kernel
+
+        vars(self).update(state)
+        self._arguments = self.surface.prepared().arguments
+        self._one, self._many = _kernel.estimate, _kernel.estimate_many
+
     @staticmethod
     def empty(*batch: int) -> Float[np.ndarray, "*batch 22"]:
         """Rows to write into; `ContactEstimate.from_rows` names what is in them, `ROW` where."""
         return np.full((*batch, ROW.length), np.nan)
 
+    def with_noise(self, noise: Float[np.ndarray, "6 6"]) -> Locator:
+        """The same on the same surface, with another noise, and thresholds from it where they were not given."""
+        return Locator(self.surface, self.method, self.friction, self.torsion, noise, *self._given)
+
     def reset(self, previous: ArrayLike | None = None) -> None:
-        """Forget the last contact and the hysteresis, or set the last contact to a point [m]."""
+        """Forget the last contact and the hysteresis, or set the last contact to a point (3,) [m]."""
         self._state[:] = _state(previous)
 
-    def __call__(self, wrench: Float[np.ndarray, "6"], out: Float[np.ndarray, "22"]) -> None:
+    def __call__(self, wrench: ArrayLike, out: np.ndarray) -> None:
         """Locate one wrench (6,), force first, in the surface's frame, into `out`; carries hysteresis and last contact.
 
-        Allocates nothing. `out` is a row of `empty()`; the wrench may be any six numbers (a frozen value, a column).
+        Allocates nothing where the wrench is an array of float64, writable or not, a column or a row.
+
+        Args:
+            wrench: six numbers.
+            out: (22,), a row of `empty()`.
+
+        Raises:
+            InputError: other shapes, or an `out` that cannot be written into.
         """
-        if out.shape != _ROW_SHAPE or out.dtype != np.float64:
-            raise ValueError(f"out must be a row of Locator.empty(), float64 {_ROW_SHAPE}, not {out.dtype} {out.shape}")
+        if type(out) is not np.ndarray or out.shape != _ROW or out.dtype != FLOAT or not out.flags.carray:
+            require_out(out, _ROW)
+        if type(wrench) is not np.ndarray or wrench.shape != _WRENCH or wrench.dtype != FLOAT:
+            wrench = shaped(wrench, _WRENCH, "wrench")
         self._wrench[:] = wrench  # the one array type that was compiled for
         self._one(self._wrench, self._noise, *self._arguments, self._settings, self._state, out)
 
     def run(
         self,
-        wrenches: Float[np.ndarray, "n 6"],
-        covariances: Float[np.ndarray, "*#n 6 6"] | None = None,
-        statuses: Int8[np.ndarray, " n"] | None = None,
+        wrenches: ArrayLike,
+        covariances: ArrayLike | None = None,
+        statuses: ArrayLike | None = None,
         sequential: bool = True,
         previous: ArrayLike | None = None,
     ) -> ContactEstimate:
-        """Locate a time series; carries hysteresis and last contact from sample to sample and from call to call.
+        """Locate one wrench or a time series; carries hysteresis and last contact on, from call to call too.
 
         Args:
-            wrenches: (n, 6) in the surface's frame, force first.
-            covariances: (n, 6, 6) or (6, 6), instead of the Locator's noise.
-            statuses: (n,) a status known beforehand, or -1 for a sample to locate.
+            wrenches: (*batch, 6) in the surface's frame, force first: (6,) for one, (n, 6) for n in the order of time.
+            covariances: (*batch, 6, 6), or (6, 6) for all, instead of the Locator's noise.
+            statuses: (*batch) a `Status` known beforehand, or -1 for a sample to locate.
             sequential: False takes each sample on its own and leaves the Locator's memory alone.
             previous: (3,) [m] the last contact of every sample then.
+
+        Raises:
+            InputError: other shapes, or numbers that are not real.
         """
-        wrenches = _writable(wrenches)
-        noise, settings = self._noise, self._settings
+        wrenches = shaped(wrenches, (..., 6), "wrenches")
+        batch = wrenches.shape[:-1]
+        noises, settings = self._noise[None], self._settings
         if covariances is not None:
-            noise, settings = np.asarray(covariances, dtype=np.float64), self._noisy
-        noises = _writable(noise if noise.ndim == 3 else noise[None])
-        if len(noises) not in (1, len(wrenches)):
-            raise ValueError(f"{len(noises)} covariances for {len(wrenches)} wrenches")
-        forced = np.full(len(wrenches), -1, np.int8) if statuses is None else np.require(statuses, np.int8, ["C", "W"])
-        rows = self.empty(len(wrenches))
+            each = shaped(covariances, (..., 6, 6), "covariances")
+            noises, settings = each[None] if each.ndim == 2 else _each(each, batch), self._noisy
+        known = np.full(batch, -1, np.int8) if statuses is None else shaped(statuses, batch, "statuses", INT8)
+        rows = self.empty(*batch)
         state = self._state if sequential else _state(previous)
-        self._many(wrenches, noises, forced, *self._arguments, settings, state, sequential, rows)
+        flat = wrenches.reshape(-1, 6), noises, known.reshape(-1)
+        self._many(*flat, *self._arguments, settings, state, sequential, rows.reshape(-1, ROW.length))
         return ContactEstimate.from_rows(rows)
 
     def run_into(
-        self,
-        rows: Float[np.ndarray, "n 22"],
-        wrenches: Float[np.ndarray, "n 6"],
-        covariances: Float[np.ndarray, "n 6 6"] | None,
-        statuses: Int8[np.ndarray, " n"],
+        self, wrenches: np.ndarray, covariances: np.ndarray | None, statuses: np.ndarray, out: np.ndarray
     ) -> None:
-        """`run` in sequence into rows of `empty()`, from contiguous, writable arrays: what a control loop calls."""
-        noises = self._noise[None] if covariances is None else covariances
-        settings = self._settings if covariances is None else self._noisy
-        self._many(wrenches, noises, statuses, *self._arguments, settings, self._state, True, rows)
+        """`run` in sequence into rows of `empty()`; copies nothing that is contiguous and writable.
 
-    def candidates(self, wrench: Float[np.ndarray, "6"]) -> Candidates:
+        Args:
+            wrenches: (n, 6) in the surface's frame, force first.
+            covariances: (n, 6, 6), or None for the Locator's noise.
+            statuses: (n,) int8, a `Status` known beforehand or -1.
+            out: (n, 22).
+
+        Raises:
+            InputError: other shapes, or an `out` that cannot be written into.
+        """
+        count = len(out)
+        require_out(out, (count, ROW.length))
+        wrenches = shaped(wrenches, (count, 6), "wrenches")
+        statuses = shaped(statuses, (count,), "statuses", INT8)
+        noises, settings = self._noise[None], self._settings
+        if covariances is not None:
+            noises, settings = shaped(covariances, (count, 6, 6), "covariances"), self._noisy
+        self._many(wrenches, noises, statuses, *self._arguments, settings, self._state, True, out)
+
+    def candidates(self, wrench: ArrayLike) -> Candidates:
         """Every contact that one wrench (6,) can have, those within the bounds first, then as met along the force."""
         from palpate.surfaces import _kernels
 
+        wrench = shaped(wrench, _WRENCH, "wrench")
         centre, scale = self._settings[:3], self._settings[3]
-        force, moment = np.asarray(wrench[:3], dtype=np.float64), np.asarray(wrench[3:], dtype=np.float64)
+        force, moment = wrench[:3], wrench[3:]
         found = np.zeros((_kernels.CAPACITY + 1, _kernels.CANDIDATE))
         if not np.all(np.isfinite(wrench)) or not np.any(force):
             found = found[:0]
@@ -180,11 +224,22 @@ def _writable(array: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
     return np.require(array, np.float64, ["C", "W"])
 
 
+def _each(covariances: np.ndarray, batch: tuple[int, ...]) -> Float[np.ndarray, "n 6 6"]:
+    """One covariance a wrench."""
+    try:
+        whole = np.broadcast_to(covariances, (*batch, 6, 6))
+    except ValueError as problem:
+        raise InputError(
+            f"covariances must have shape {(*batch, 6, 6)} or (6, 6), not {covariances.shape}."
+        ) from problem
+    return _writable(whole.reshape(-1, 6, 6))
+
+
 def _state(previous: ArrayLike | None) -> Float[np.ndarray, "5"]:
-    """No contact so far, or the last one at a point [m]."""
+    """No contact so far, or the last one at a point (3,) [m]."""
     state = np.zeros(STATE)
     if previous is not None:
-        state[HAS_PREVIOUS], state[PREVIOUS:] = 1.0, np.asarray(previous, dtype=np.float64)
+        state[HAS_PREVIOUS], state[PREVIOUS:] = 1.0, shaped(previous, (3,), "previous")
     return state
 
 
@@ -209,7 +264,7 @@ def _iterated(
     if not isinstance(surface, Equation | Mesh):
         raise InputError("the method iterative needs an equation of the surface, or a mesh to fit one to.")
     found = [locate_iteratively(w, surface, start, friction=friction, torsion=torsion).estimate() for w in wrenches]
-    return ContactEstimate.joined([ContactEstimate(**{k: v[None] for k, v in vars(one).items()}) for one in found])
+    return ContactEstimate.joined([one.reshaped((1,)) for one in found])
 
 
 @functools.lru_cache(maxsize=8)
@@ -219,7 +274,7 @@ def _prepared(surface: Surface, method: str, friction: float, torsion: float) ->
 
 
 def locate(
-    wrench: Wrench,
+    wrench: Wrench | ArrayLike,
     surface: Surface,
     method: str = "soft_finger",
     friction: float = 1.0,
@@ -230,7 +285,7 @@ def locate(
     """Where a wrench touches a surface; both in the same frame, each wrench of a batch on its own.
 
     Args:
-        wrench: batched by leading axes.
+        wrench: a `Wrench`, or six-vectors (*batch, 6), force first [N, N m].
         surface: a `Surface`, such as a `Mesh`.
         method: "soft_finger", "wrench_axis", or "iterative" (`locate_iteratively`, the older way: slow, without a
             covariance; on a mesh it fits a paraboloid to the touched region, or refuses).
@@ -241,17 +296,17 @@ def locate(
 
     Returns:
         a `ContactEstimate` with the batch's leading axes. Without any noise its covariance is NaN.
+
+    Raises:
+        InputError: an unknown method, or wrenches, noise or previous of another shape.
     """
-    if not isinstance(wrench, Wrench):  # pyright: ignore[reportUnnecessaryIsInstance] - six bare numbers are a likely slip
-        raise TypeError("locate takes a palpate.Wrench; six numbers become one by Wrench.from_vector")
+    if not isinstance(wrench, Wrench):
+        wrench = Wrench.from_vector(wrench)
     point = previous.point if isinstance(previous, ContactEstimate) else previous
     last = None if point is None or not np.all(np.isfinite(point)) else point
     vectors = wrench.vector()
-    batch = vectors.shape[:-1]
     if method == "iterative":
-        return _iterated(vectors.reshape(-1, 6), surface, last, friction, torsion).reshaped(batch)
+        return _iterated(vectors.reshape(-1, 6), surface, last, friction, torsion).reshaped(vectors.shape[:-1])
     locator = _prepared(surface, method, friction, torsion)
     covariance = wrench.covariance if noise is None else noise_covariance(noise)
-    if covariance is not None and covariance.ndim > 2:
-        covariance = np.broadcast_to(covariance, (*batch, 6, 6)).reshape(-1, 6, 6)
-    return locator.run(vectors.reshape(-1, 6), covariance, sequential=False, previous=last).reshaped(batch)
+    return locator.run(vectors, covariance, sequential=False, previous=last)

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from palpate.contact.estimate import ContactEstimate, Status
-from palpate.contact.truth import Samples, Touches
+from palpate.contact.ground_truth import Samples, Touches
 from palpate.evaluation.errors import Coverage, Spread, angles, coverage, distances
 
 __all__ = ["Report", "Touch", "evaluate", "nearest_in_time", "status_shares"]

@@ -8,8 +8,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from palpate.contact.estimate import ContactEstimate, Status
+from palpate.contact.ground_truth import Samples, Touches
 from palpate.contact.locate import Locator
-from palpate.contact.truth import Samples, Touches
 from palpate.evaluation.errors import Spread, angles, distances
 from palpate.sensors.skin_map import SkinMap
 from palpate.surfaces.mesh import Mesh

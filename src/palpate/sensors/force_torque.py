@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from palpate.errors import InputError
 from palpate.sensors.recording import LARGEST
-from palpate.spatial._arrays import frozen
+from palpate.spatial._arrays import Value, frozen
 from palpate.spatial.pose import skew
 from palpate.spatial.uncertain import noise_covariance
 
@@ -23,7 +23,7 @@ FRAMES = ("sensor", "base")
 
 
 @dataclass(frozen=True, eq=False)
-class Payload:
+class Payload(Value):
     """What hangs on the sensor, and the sensor's zero.
 
     With R the sensor's orientation in the base, w the weight, c its centre, f0 and m0 the biases [probe, (1)]:
@@ -142,7 +142,7 @@ class Payload:
 
 
 @dataclass(frozen=True, eq=False, init=False)
-class ForceTorque:
+class ForceTorque(Value):
     """A six-axis force/torque sensor.
 
     Args:

@@ -12,6 +12,7 @@ from jaxtyping import Bool, Float
 from numpy.typing import ArrayLike
 
 from palpate.errors import InputError, NotIdentifiable
+from palpate.sensors.recording import REFERENCE, VOLTAGE
 from palpate.spatial._arrays import frozen
 from palpate.spatial.pose import skew
 
@@ -27,8 +28,6 @@ __all__ = [
     "wrench_direction",
 ]
 
-VOLTAGE = "voltage"  # channel of a Recording: (n, 3 k) V, cell by cell x, y, z
-REFERENCE = "reference"  # of a bench log: (n, 6) force [N] on the fingertip, and the centre of the ball [m]
 LENGTH = 0.01  # m: a torque of 1 N at this arm weighs as much as 1 N where ranks are judged
 FLATTEST = 1e-3  # of the largest singular value: below it a direction of the wrench is not measured
 IN_LINE = 0.02  # of the layout's extent: cells nearer to one line than this cannot tell the moment about it

@@ -1,22 +1,128 @@
-"""Turning what a caller gives into arrays that nobody can change afterwards."""
+"""Turning what a caller gives into arrays: that compiled loops can take, or that nobody can change afterwards."""
 
 from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import fields
+from types import EllipsisType, MappingProxyType
+from typing import Any, cast
 
 import numpy as np
 from jaxtyping import Float
 from numpy.typing import ArrayLike
 
-__all__ = ["frozen"]
+from palpate.errors import InputError
+
+__all__ = ["FLOAT", "INT8", "Value", "frozen", "require_out", "shaped"]
+
+Shape = tuple[int | EllipsisType | None, ...]  # None: any length; ... in front: any leading axes
+
+FLOAT, INT8 = np.dtype(np.float64), np.dtype(np.int8)
+
+
+def shaped(values: ArrayLike, shape: Shape, name: str, dtype: np.dtype[Any] = FLOAT) -> np.ndarray:
+    """`values` as compiled loops take them: of this shape and type, contiguous, aligned and writable.
+
+    The array itself where it is all that, else a copy. A loop that is given another layout is compiled again, and one
+    that is given another shape reads whatever lies behind it.
+
+    Args:
+        values: numbers.
+        shape: wanted; None is any length, ... in front any leading axes.
+        name: of the argument, for the message.
+        dtype: float64 or int8.
+
+    Raises:
+        InputError: another shape, or numbers that the type cannot hold.
+    """
+    array = values
+    if type(array) is not np.ndarray or array.dtype != dtype or not array.flags.carray:
+        array = _converted(values, shape, name, dtype)
+    if array.shape != shape and not _fits(array.shape, shape):
+        raise InputError(f"{name} must have shape {_said(shape)}, not {array.shape}.")
+    return array
+
+
+def require_out(out: np.ndarray, shape: Shape) -> None:
+    """Requires what a compiled loop can write into: float64 of this shape, contiguous, aligned and writable.
+
+    Raises:
+        InputError: it is not; nothing is copied, because the caller would not see what is written.
+    """
+    if type(out) is np.ndarray and out.dtype == FLOAT and out.flags.carray:
+        if out.shape == shape or _fits(out.shape, shape):
+            return
+        raise InputError(f"out must have shape {_said(shape)}, not {out.shape}.")
+    seen = [f"{name} {getattr(out, name)}" for name in ("dtype", "shape", "strides") if hasattr(out, name)]
+    raise InputError(
+        f"out must be a writable, contiguous array of float64 and shape {_said(shape)}, "
+        f"not {type(out).__name__} {', '.join(seen)}."
+    )
 
 
 def frozen(values: ArrayLike, *, tail: tuple[int, ...] = (), name: str = "array") -> Float[np.ndarray, "..."]:
-    """A read-only float64 copy of `values` whose last axes are `tail`.
+    """A read-only float64 copy of `values` whose last axes are `tail`, in C order whatever the order it came in.
 
     Raises:
-        ValueError: the last axes are not `tail`.
+        ValueError: the last axes are not `tail`, or the numbers are complex.
     """
-    array = np.array(values, dtype=np.float64)
-    if array.shape[array.ndim - len(tail) :] != tail or array.ndim < len(tail):
-        raise ValueError(f"{name} must end in shape {tail}, not {array.shape}")
+    if np.iscomplexobj(values):
+        raise ValueError(f"{name} must be real numbers")
+    array = np.array(values, dtype=np.float64, order="C")
+    if not _fits(array.shape, (..., *tail)):
+        raise ValueError(f"{name} must have shape {_said((..., *tail))}, not {array.shape}")
     array.flags.writeable = False
     return array
+
+
+class Value:
+    """A frozen dataclass that holds arrays: a copy of it is itself, and from a pickle it is built, and frozen, anew."""
+
+    def __copy__(self) -> Any:
+        return self
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Any:
+        return self
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        names = [field.name for field in fields(cast("Any", self))]
+        return _built, (type(self), {name: _picklable(getattr(self, name)) for name in names})
+
+
+def _built(kind: type[Any], given: dict[str, Any]) -> Any:
+    return kind(**given)
+
+
+def _picklable(value: Any) -> Any:
+    """A read-only view of a dict, which cannot be pickled, as a dict."""
+    return dict(cast("Mapping[str, Any]", value)) if isinstance(value, MappingProxyType) else value
+
+
+def _converted(values: ArrayLike, shape: Shape, name: str, dtype: np.dtype[Any]) -> np.ndarray:
+    """A copy of the type wanted, if it can hold the numbers."""
+    wanted = f"{name} must be {dtype} of shape {_said(shape)}"
+    try:
+        given = np.asarray(values)
+    except ValueError as problem:  # lists of different lengths
+        raise InputError(f"{wanted}: {problem}") from problem
+    if given.size and given.dtype.kind not in ("biuf" if dtype == FLOAT else "iu"):
+        raise InputError(f"{wanted}, not {given.dtype} of shape {given.shape}.")
+    array = np.array(given, dtype=dtype, order="C", subok=False)
+    if dtype != FLOAT and not np.array_equal(array, given):
+        raise InputError(f"{wanted}; {given.dtype} holds numbers beyond its range.")
+    return array
+
+
+def _fits(seen: tuple[int, ...], wanted: Shape) -> bool:
+    if wanted and wanted[0] is ...:
+        wanted = wanted[1:]
+        seen = seen[max(0, len(seen) - len(wanted)) :]
+    return len(seen) == len(wanted) and all(
+        want is None or have == want for have, want in zip(seen, wanted, strict=True)
+    )
+
+
+def _said(shape: Shape) -> str:
+    """As Python writes a shape, with n for any length."""
+    axes = ["..." if axis is ... else "n" if axis is None else str(axis) for axis in shape]
+    return f"({', '.join(axes)}{',' * (len(axes) == 1)})"

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy.typing import ArrayLike
 
-from palpate.spatial._arrays import frozen
+from palpate.spatial._arrays import Value, frozen
 
 __all__ = ["Pose", "quaternion_from_rotation", "rotation_from_quaternion", "skew"]
 
@@ -39,8 +39,8 @@ def quaternion_from_rotation(rotation: Float[np.ndarray, "*batch 3 3"]) -> Float
     return flat.reshape(*rotation.shape[:-2], 4)
 
 
-@dataclass(frozen=True, init=False)
-class Pose:
+@dataclass(frozen=True, eq=False, init=False)
+class Pose(Value):
     """Rotation and translation [m] of a source frame in a target frame, batched by leading axes.
 
     Args:

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float
+from numpy.typing import ArrayLike
 
-from palpate.spatial._arrays import frozen
+from palpate.spatial._arrays import Value, frozen, shaped
 
 if TYPE_CHECKING:
     from palpate.spatial.pose import Pose
@@ -16,8 +17,8 @@ if TYPE_CHECKING:
 __all__ = ["Wrench"]
 
 
-@dataclass(frozen=True, init=False)
-class Wrench:
+@dataclass(frozen=True, eq=False, init=False)
+class Wrench(Value):
     """Force [N] and torque [N m] on the body, about the origin of the frame they are written in.
 
     Batched by leading axes; frozen down into the arrays.
@@ -26,32 +27,30 @@ class Wrench:
         force: (*batch, 3) [N].
         torque: (*batch, 3) [N m].
         covariance: (*batch, 6, 6) or (6, 6), force first [N, N m]; None when not known.
+
+    Raises:
+        ValueError: shapes that do not belong together.
     """
 
     force: Float[np.ndarray, "*batch 3"]
     torque: Float[np.ndarray, "*batch 3"]
     covariance: Float[np.ndarray, "*#batch 6 6"] | None
 
-    def __init__(
-        self,
-        force: Float[np.ndarray, "*batch 3"],
-        torque: Float[np.ndarray, "*batch 3"],
-        covariance: Float[np.ndarray, "*#batch 6 6"] | None = None,
-    ) -> None:
+    def __init__(self, force: ArrayLike, torque: ArrayLike, covariance: ArrayLike | None = None) -> None:
         set_field = object.__setattr__
         set_field(self, "force", frozen(force, tail=(3,), name="force"))
         set_field(self, "torque", frozen(torque, tail=(3,), name="torque"))
         if self.force.shape != self.torque.shape:
             raise ValueError(f"force {self.force.shape} and torque {self.torque.shape} differ in shape")
-        set_field(
-            self, "covariance", None if covariance is None else frozen(covariance, tail=(6, 6), name="covariance")
-        )
+        spread = None if covariance is None else frozen(covariance, tail=(6, 6), name="covariance")
+        if spread is not None:
+            np.broadcast_to(spread, (*self.force.shape[:-1], 6, 6))  # raises ValueError
+        set_field(self, "covariance", spread)
 
     @classmethod
-    def from_vector(
-        cls, vector: Float[np.ndarray, "*batch 6"], covariance: Float[np.ndarray, "*#batch 6 6"] | None = None
-    ) -> Wrench:
-        """From six-vectors, force first."""
+    def from_vector(cls, vector: ArrayLike, covariance: ArrayLike | None = None) -> Wrench:
+        """From six-vectors (*batch, 6), force first [N, N m]."""
+        vector = shaped(vector, (..., 6), "vector")
         return cls(vector[..., :3], vector[..., 3:], covariance)
 
     def vector(self) -> Float[np.ndarray, "*batch 6"]:

@@ -11,6 +11,7 @@ from jaxtyping import Float, Int
 from numpy.typing import ArrayLike
 
 from palpate.errors import GeometryError
+from palpate.spatial._arrays import shaped
 from palpate.surfaces._normals import facet_normals, half_edge_twins
 
 __all__ = ["mend"]
@@ -55,10 +56,7 @@ def mend(
 
 
 def _checked(vertices: ArrayLike, faces: ArrayLike) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"]]:
-    points = np.array(vertices, dtype=np.float64)
-    triangles = np.array(faces)
-    if points.ndim != 2 or points.shape[1:] != (3,):
-        raise GeometryError(f"vertices must be (v, 3), not {points.shape}")
+    points, triangles = shaped(vertices, (None, 3), "vertices"), np.array(faces, order="C")
     if triangles.size == 0:
         raise GeometryError("the mesh has no facets")
     if triangles.ndim != 2 or triangles.shape[1] != 3 or not np.issubdtype(triangles.dtype, np.integer):

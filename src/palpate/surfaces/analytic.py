@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
+from numpy.typing import ArrayLike
 
-from palpate.spatial._arrays import frozen
+from palpate.spatial._arrays import Value, frozen, shaped
 from palpate.spatial.pose import Pose
 from palpate.surfaces.mesh import Mesh
 from palpate.surfaces.surface import Prepared
@@ -21,7 +22,7 @@ SAMPLES = 24  # along each side of the chart, for a first guess at the nearest p
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Analytic(ABC):
+class Analytic(Value, ABC):
     """A surface f(p) = 0, f < 0 inside, along axes of its own.
 
     Attributes:
@@ -70,16 +71,16 @@ class Analytic(ABC):
         """Diagonal of the box [m]."""
         return float(np.linalg.norm(self.box[1] - self.box[0]))
 
-    def value(self, points: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch"]:
-        """The equation's left side: negative inside, 0 on the surface."""
+    def value(self, points: ArrayLike) -> Float[np.ndarray, "*batch"]:
+        """The equation's left side at points (*batch, 3) [m]: negative inside, 0 on the surface."""
         return self.evaluate(self._own(points))[0]
 
-    def gradient(self, points: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3"]:
-        """Its derivative, which points outward."""
+    def gradient(self, points: ArrayLike) -> Float[np.ndarray, "*batch 3"]:
+        """Its derivative at points (*batch, 3) [m], which points outward."""
         return self.pose.rotate(self.evaluate(self._own(points))[1])
 
-    def hessian(self, points: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3 3"]:
-        """Its second derivative."""
+    def hessian(self, points: ArrayLike) -> Float[np.ndarray, "*batch 3 3"]:
+        """Its second derivative at points (*batch, 3) [m]."""
         rotation = self.pose.rotation
         return rotation @ self.evaluate(self._own(points))[2] @ rotation.T
 
@@ -88,14 +89,19 @@ class Analytic(ABC):
         return replace(self, pose=pose @ self.pose)
 
     def project(
-        self, points: Float[np.ndarray, "n 3"]
+        self, points: ArrayLike
     ) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"], Int[np.ndarray, " n"]]:
-        """Closest points [m] within its ends, outward unit normals there, and -1 for the facets that it has not."""
+        """Closest points [m] to points (n, 3) within its ends, outward unit normals there, and -1: it has no facets.
+
+        NaN of a point that is NaN or infinite.
+        """
         from palpate.surfaces import _equation
 
+        points = shaped(points, (None, 3), "points")
         prepared, out = self.prepared(), np.empty((len(points), 6))
-        unit = (self._own(points) - self.box.mean(axis=0)) / prepared.scale
+        unit = np.ascontiguousarray((self._own(points) - self.box.mean(axis=0)) / prepared.scale)
         _equation.nearest_points(unit, *prepared.arguments, out)
+        out[~np.isfinite(unit).all(axis=1)] = np.nan
         closest = self.pose.apply(out[:, :3] * prepared.scale + self.box.mean(axis=0))
         return closest, self.pose.rotate(out[:, 3:]), np.full(len(points), -1)
 
@@ -125,9 +131,9 @@ class Analytic(ABC):
         table = np.concatenate([head, np.concatenate([(points - middle) / scale, normals], axis=1)])
         return Prepared((self.equation(), table), self.centre, scale)
 
-    def _own(self, points: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3"]:
-        """Points of the frame along the surface's own axes."""
-        return self._inverse.apply(points)
+    def _own(self, points: ArrayLike) -> Float[np.ndarray, "*batch 3"]:
+        """Points (*batch, 3) of the frame along the surface's own axes."""
+        return self._inverse.apply(shaped(points, (..., 3), "points"))
 
     @functools.cached_property
     def _inverse(self) -> Pose:

@@ -10,7 +10,7 @@ from jaxtyping import Float
 from numpy.typing import ArrayLike
 
 from palpate.errors import GeometryError
-from palpate.spatial._arrays import frozen
+from palpate.spatial._arrays import Value, frozen, shaped
 from palpate.surfaces.mesh import Mesh
 
 __all__ = ["BSplineSurface", "basis_matrices", "greville", "open_knots", "periodic_knots", "solve_tangent"]
@@ -19,7 +19,7 @@ _MOST = 5  # the highest degree: `_bspline.MOST` holds its basis functions
 
 
 @dataclass(frozen=True, eq=False)
-class BSplineSurface:
+class BSplineSurface(Value):
     """r(u, v) = sum_ij N_i(u) M_j(v) P_ij [m], with r_u x r_v pointing out of the body.
 
     Attributes:
@@ -63,25 +63,26 @@ class BSplineSurface:
         n, m = self.control.shape[:2]
         return n * (m - self.degree[1] * self.periodic)
 
-    def derivatives(self, uv: Float[np.ndarray, "*batch 2"]) -> Float[np.ndarray, "*batch 6 3"]:
-        """Position, r_u, r_v, r_uu, r_uv and r_vv; beyond an open end it goes on straight."""
+    def derivatives(self, uv: ArrayLike) -> Float[np.ndarray, "*batch 6 3"]:
+        """Position, r_u, r_v, r_uu, r_uv and r_vv at parameters (*batch, 2); beyond an open end it goes on straight."""
         from palpate.surfaces import _bspline  # compiled: loaded when first needed
 
-        flat = np.ascontiguousarray(uv, dtype=np.float64).reshape(-1, 2)
-        out = np.empty((len(flat), 6, 3))
-        _bspline.evaluate(flat, *self._numbers, out)
-        return out.reshape(*uv.shape[:-1], 6, 3)
+        uv = shaped(uv, (..., 2), "uv")
+        out = np.empty((*uv.shape[:-1], 6, 3))
+        _bspline.evaluate(uv.reshape(-1, 2), *self._numbers, out.reshape(-1, 6, 3))
+        return out
 
     def geodesics(
-        self, begin: Float[np.ndarray, "m 6"], step: float, steps: int
+        self, begin: ArrayLike, step: float, steps: int
     ) -> tuple[Float[np.ndarray, "s m 6"], Float[np.ndarray, "s m 6"]]:
-        """States (u, v, u', v', J, J') along geodesics in equal steps of length [m], and their derivatives.
+        """States (u, v, u', v', J, J') along geodesics from `begin` (m, 6) in equal steps [m], and their derivatives.
 
         J is how far neighbours that leave side by side have come apart: J'' = -K J, K the Gaussian curvature.
         """
         from palpate.surfaces import _bspline  # compiled: loaded when first needed
 
-        states, slopes = np.empty((steps + 1, *begin.shape)), np.empty((steps + 1, *begin.shape))
+        begin = shaped(begin, (None, 6), "begin")
+        states, slopes = np.empty((2, steps + 1, *begin.shape))
         states[0] = begin
         _bspline.geodesics(step, *self._numbers, states, slopes)
         return states, slopes
@@ -92,19 +93,18 @@ class BSplineSurface:
         return self.knots_u, self.knots_v, *self.degree, self.periodic, self.control
 
     def at(self, uv: ArrayLike) -> tuple[Float[np.ndarray, "*batch 3"], Float[np.ndarray, "*batch 3"]]:
-        """Points [m] and outward unit normals n = r_u x r_v / |r_u x r_v|.
+        """Points [m] and outward unit normals at parameters (*batch, 2), n = r_u x r_v / |r_u x r_v|.
 
         [skin] (5) prints r_u x r_u, which is zero.
         """
-        found = self.derivatives(np.asarray(uv, dtype=np.float64))
+        found = self.derivatives(uv)
         normals = np.cross(found[..., 1, :], found[..., 2, :])
         return found[..., 0, :], normals / np.linalg.norm(normals, axis=-1, keepdims=True)
 
-    def nearest(
-        self, points: Float[np.ndarray, "n 3"], start: Float[np.ndarray, "n 2"], steps: int = 6
-    ) -> Float[np.ndarray, "n 2"]:
-        """Parameters of the points nearest to some points [m], by Gauss-Newton from parameters that are nearly so."""
-        uv = np.array(start)
+    def nearest(self, points: ArrayLike, start: ArrayLike, steps: int = 6) -> Float[np.ndarray, "n 2"]:
+        """Parameters of the points nearest to points (n, 3) [m], by Gauss-Newton from parameters (n, 2) close by."""
+        points = shaped(points, (None, 3), "points")
+        uv = shaped(start, (len(points), 2), "start").copy()
         for _ in range(steps):
             found = self.derivatives(uv)
             tangents = found[:, 1:3]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import pickle
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -69,6 +70,12 @@ class ImplicitSurface(Analytic):
         gradient = np.array([self.gradient_at(p) for p in flat], dtype=np.float64).reshape(*batch, 3)
         hessian = np.array([self.hessian_at(p) for p in flat], dtype=np.float64).reshape(*batch, 3, 3)
         return value, gradient, hessian
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Functions go by value where they have no name to be found by: a lambda, a superquadric's."""
+        from numba import cloudpickle
+
+        return _unpacked, (cloudpickle.dumps(super().__reduce__()),)
 
     def equation(self) -> Any:
         """The three functions compiled into one."""
@@ -137,6 +144,11 @@ class ImplicitSurface(Analytic):
             raise GeometryError("the gradient of an implicit surface is not the derivative of its value")
         if not np.abs(bends - hessian).max() < 1e-3 * max(np.abs(hessian).max(), size / self.size):
             raise GeometryError("the Hessian of an implicit surface is not the derivative of its gradient")
+
+
+def _unpacked(packed: bytes) -> ImplicitSurface:
+    built, given = pickle.loads(packed)
+    return built(*given)
 
 
 @functools.lru_cache(maxsize=64)

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import functools
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import radians
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from jaxtyping import Float, Int
 from numpy.typing import ArrayLike
 
 from palpate.errors import GeometryError, InputError
-from palpate.spatial._arrays import frozen
+from palpate.spatial._arrays import Value, frozen, shaped
 from palpate.surfaces._mend import mend
 from palpate.surfaces._normals import corner_normals, facet_normals
 from palpate.surfaces._patches import build_patches
@@ -30,8 +30,8 @@ CREASE = radians(30)
 
 
 @dataclass(frozen=True, eq=False)
-class Mesh:
-    """A mesh in metres; build it with `from_arrays` or `load`.
+class Mesh(Value):
+    """A mesh in metres; build it with `from_arrays`, `from_trimesh` or `load`.
 
     Attributes:
         vertices: (v, 3) [m]; faces: (f, 3), counter-clockwise seen from outside.
@@ -45,6 +45,13 @@ class Mesh:
     corner_normals: Float[np.ndarray, "f 3 3"]
     crease: float
     notes: tuple[str, ...] = field(default=())
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "vertices", frozen(self.vertices, tail=(3,), name="vertices"))
+        object.__setattr__(self, "corner_normals", frozen(self.corner_normals, tail=(3, 3), name="corner_normals"))
+        faces = np.array(self.faces, order="C")
+        faces.flags.writeable = False
+        object.__setattr__(self, "faces", faces)
 
     @classmethod
     def from_arrays(
@@ -66,7 +73,8 @@ class Mesh:
                 facet's middle. The normals come from the whole mesh, so a region's rim is as smooth as it was.
 
         Raises:
-            GeometryError: nothing usable is left, or the arrays are not a mesh.
+            InputError: vertices of another shape.
+            GeometryError: nothing usable is left, or the faces are none of these vertices.
         """
         points, triangles, notes = mend(vertices, faces)
         crease = float(crease) if smooth else 0.0
@@ -75,41 +83,52 @@ class Mesh:
             kept = _in_region(points, triangles, region)
             triangles, normals = triangles[kept], normals[kept]
             notes = (*notes, f"a region of {len(triangles)} of {len(kept)} facets is used")
-        triangles.flags.writeable = False
-        return cls(frozen(points), triangles, frozen(normals), crease, notes)
+        return cls(points, triangles, normals, crease, notes)
 
     @classmethod
-    def load(
-        cls,
-        path: str | Path,
-        unit: str = "m",
-        smooth: bool = True,
-        crease: float = CREASE,
-        region: ArrayLike | None = None,
-    ) -> Mesh:
+    def from_trimesh(cls, mesh: Any, unit: str | None = None, **options: Any) -> Mesh:
+        """A mesh from a `trimesh.Trimesh`, or from all bodies of a `trimesh.Scene`.
+
+        Args:
+            mesh: of trimesh.
+            unit: of its numbers: m, cm, mm, um or in.
+            options: `smooth`, `crease` and `region` as in `from_arrays`; facets are numbered as trimesh does.
+
+        Raises:
+            InputError: no unit, an unknown one, or nothing that has vertices and faces.
+            GeometryError: nothing usable in it.
+        """
+        return cls._from_numbers(mesh, unit, type(mesh).__name__, options)
+
+    @classmethod
+    def load(cls, path: str | Path, unit: str | None = None, **options: Any) -> Mesh:
         """Read STL, OBJ, PLY, DAE or whatever else trimesh reads. The one place below `io` that opens a file.
 
         Args:
             path: the file.
-            unit: of the file's numbers: m, cm, mm, um or in.
-            smooth: as in `from_arrays`.
-            crease: as in `from_arrays`.
-            region: as in `from_arrays`; facets are numbered as in the file, a box is in metres.
+            unit: of the file's numbers: m, cm, mm, um or in. It must be given, because most files do not say it.
+            options: `smooth`, `crease` and `region` as in `from_arrays`; facets are numbered as in the file.
 
         Raises:
-            InputError: no such file, an unknown unit or a file that is not a mesh.
+            InputError: no such file, no unit, an unknown one or a file that is not a mesh.
             GeometryError: nothing usable in it.
         """
-        from palpate.surfaces._load import load_arrays
+        from palpate.surfaces._load import load_trimesh
 
-        if unit not in UNITS:
-            raise InputError(f"unknown unit {unit!r}.", where=str(path), mend=f"Use one of {', '.join(UNITS)}.")
-        vertices, faces = load_arrays(Path(path))
+        return cls._from_numbers(load_trimesh(Path(path)), unit, str(path), options)
+
+    @classmethod
+    def _from_numbers(cls, mesh: Any, unit: str | None, source: str, options: dict[str, Any]) -> Mesh:
+        """From what trimesh holds, in a unit."""
+        from palpate.surfaces._load import arrays_of
+
+        scale = _require_unit(unit, source)
+        vertices, faces = arrays_of(mesh, source)
         try:
-            mesh = cls.from_arrays(vertices * UNITS[unit], faces, smooth, crease, region)
+            made = cls.from_arrays(vertices * scale, faces, **options)
         except GeometryError as error:
-            raise GeometryError(f"{path}: {error}") from error
-        return cls(mesh.vertices, mesh.faces, mesh.corner_normals, mesh.crease, (*mesh.notes, *_doubts(mesh, unit)))
+            raise GeometryError(f"{source}: {error}") from error
+        return replace(made, notes=(*made.notes, *_doubts(made, str(unit))))
 
     @functools.cached_property
     def normals(self) -> Float[np.ndarray, "f 3"]:
@@ -161,28 +180,28 @@ class Mesh:
         return self
 
     def project(
-        self, points: Float[np.ndarray, "n 3"]
+        self, points: ArrayLike
     ) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"], Int[np.ndarray, " n"]]:
-        """Closest points [m], outward unit normals there (interpolated where smooth) and facets."""
+        """Closest points [m] to points (n, 3), outward unit normals there (interpolated where smooth) and facets.
+
+        NaN, NaN and -1 of a point that is NaN or infinite.
+        """
         from palpate.surfaces import _bvh, _nearest
 
-        tree = self.tree()
-        found = np.empty((len(points), 4))
+        tree, points = self.tree(), shaped(points, (None, 3), "points")
+        found = np.full((len(points), 4), np.nan)
+        found[:, 0] = 0.0
         _nearest.nearest_to_point((points - tree.centre) / tree.scale, tree.nodes, tree.corners, found)
         patch = found[:, 0].astype(np.int64)
         both = np.einsum("ni,nik->nk", found[:, 1:], tree.corners[patch, :18].reshape(-1, 3, 6))
         normals = both[:, 3:] / np.linalg.norm(both[:, 3:], axis=1, keepdims=True)
-        return both[:, :3] * tree.scale + tree.centre, normals, tree.corners[patch, _bvh.FACET].astype(np.int64)
+        facets = np.where(np.isnan(found[:, 1]), -1, tree.corners[patch, _bvh.FACET])
+        return both[:, :3] * tree.scale + tree.centre, normals, facets.astype(np.int64)
 
     def transformed(self, pose: Pose) -> Mesh:
         """The same mesh in another frame; pose is T_target_mesh."""
-        return Mesh(
-            frozen(pose.apply(self.vertices)),
-            self.faces,
-            frozen(pose.rotate(self.corner_normals)),
-            self.crease,
-            self.notes,
-        )
+        vertices, normals = pose.apply(self.vertices), pose.rotate(self.corner_normals)
+        return replace(self, vertices=vertices, corner_normals=normals)
 
 
 def _in_region(vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"], region: ArrayLike) -> np.ndarray:
@@ -202,6 +221,14 @@ def _in_region(vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]
     if not kept.any():
         raise GeometryError("no facet lies in the region (is it in metres?)")
     return kept
+
+
+def _require_unit(unit: str | None, source: str) -> float:
+    """Its length [m]."""
+    if unit in UNITS:
+        return UNITS[unit]
+    what = "the unit of a mesh's numbers is not given." if unit is None else f"unknown unit {unit!r}."
+    raise InputError(what, where=source, mend=f"Use unit= one of {', '.join(UNITS)}.")
 
 
 def plausible_size(size: float) -> bool:

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from palpate.errors import GeometryError
+from palpate.spatial._arrays import shaped
 from palpate.surfaces.mesh import Mesh
 
 __all__ = ["plane"]
@@ -19,7 +20,7 @@ def plane(point: ArrayLike, normal: ArrayLike, half_width: float = 1.0) -> Mesh:
         normal: (3,) outward, of any length but zero.
         half_width: [m]; beyond it a wrench is OFF_SURFACE.
     """
-    middle, out = np.asarray(point, dtype=np.float64), np.asarray(normal, dtype=np.float64)
+    middle, out = shaped(point, (3,), "point"), shaped(normal, (3,), "normal")
     length = np.linalg.norm(out)
     if not length > 0:
         raise GeometryError("the normal of a plane must not be zero")

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float, Int
+from numpy.typing import ArrayLike
 
 if TYPE_CHECKING:
     from palpate.surfaces.mesh import Mesh
@@ -43,9 +44,12 @@ class Surface(Protocol):
         ...
 
     def project(
-        self, points: Float[np.ndarray, "n 3"]
+        self, points: ArrayLike
     ) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"], Int[np.ndarray, " n"]]:
-        """Closest points, outward unit normals there, and the facets they lie on (-1 where there are none)."""
+        """Closest points to points (n, 3), outward unit normals there, and the facets they lie on (-1: there are none).
+
+        NaN of a point that is NaN.
+        """
         ...
 
     def prepared(self) -> Prepared:

@@ -53,7 +53,8 @@ class McapFile:
 
     def __init__(self, path: Path) -> None:
         self.path, self.size = path, path.stat().st_size
-        self._schemas: dict[int, str] = {}  # these three stand once read: a file may declare behind its messages
+        self.definitions: dict[str, str] = {}  # name of a type -> its fields, as text
+        self._schemas: dict[int, str] = {}  # these stand once read: a file may declare behind its messages
         self._channels: dict[int, tuple[int, str, str]] = {}
         self._topics: dict[int, Topic] = {}
         self._forget()
@@ -160,8 +161,9 @@ class McapFile:
         """A type or a topic; one that is malformed declares nothing."""
         try:
             if kind == _SCHEMA:
-                key, name = schema(content)
+                key, name, definition = schema(content)
                 self._schemas[key] = name
+                self.definitions[name] = definition
                 for channel_key, (of, topic, encoding) in self._channels.items():  # also those that came before it
                     if of == key:
                         self._topics[channel_key] = Topic(topic, name, encoding)

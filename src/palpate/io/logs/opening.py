@@ -2,38 +2,97 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
 
 from palpate.errors import InputError
+from palpate.io.logs.arrays import ArrayLog
 from palpate.io.logs.bag import BagFile, open_folder
+from palpate.io.logs.columns import plan
 from palpate.io.logs.csv import CsvLog
 from palpate.io.logs.layout import Layout
 from palpate.io.logs.log import Log
 from palpate.io.logs.mcap import McapFile
-from palpate.io.logs.messages import Source
+from palpate.io.logs.messages import Source, Topic
 from palpate.io.logs.parquet import ParquetLog
 from palpate.io.logs.topic_log import TopicLog
+from palpate.io.logs.topics import choose
 from palpate.io.tables.lines import open_input, read_some
-from palpate.sensors.recording import ORIENTATION, POSITION, Recording
+from palpate.sensors.recording import ORIENTATION, POSITION, Recording, sealed
 
-__all__ = ["join", "open_log", "read_poses", "read_recording", "topics"]
+__all__ = ["LogContents", "contents", "join", "missing", "open_log", "read_poses", "read_recording"]
 
 _MAGIC = (
     (b"PAR1", ".parquet"),
     (b"\x89MCAP0\r\n", ".mcap"),
     (b"#ROSBAG V", ".bag"),
     (b"SQLite format 3\0", ".db3"),
+    (b"\x93NUMPY", ".npy"),
+    (b"PK\x03\x04", ".npz"),
+    (b"PK\x05\x06", ".npz"),  # without an array
 )
-_KINDS = {".parquet": "a Parquet file", ".mcap": "an MCAP file", ".bag": "a ROS 1 bag", ".db3": "a ROS 2 bag"}
+_KINDS = {
+    ".parquet": "a Parquet file",
+    ".mcap": "an MCAP file",
+    ".bag": "a ROS 1 bag",
+    ".db3": "a ROS 2 bag",
+    ".npy": "a NumPy array",
+    ".npz": "an archive of NumPy arrays",
+}
+_ARRAYS = (".npy", ".npz")
+
+
+@dataclass(frozen=True)
+class LogContents:
+    """What a log holds, as far as it says so before it is read.
+
+    Attributes:
+        path: of the log.
+        names: column -> (), array of an .npz -> the shape of one sample; none where the log has topics.
+        topics: of an MCAP file or a bag.
+        torn: the sentence that says where the file was cut, as far as it was met.
+    """
+
+    path: Path
+    names: Mapping[str, tuple[int, ...]]
+    topics: tuple[Topic, ...] = ()
+    torn: str = ""
+
+
+def contents(path: Path) -> LogContents:
+    """What is in a log; it is not read, unless it is an MCAP file without an index.
+
+    Raises:
+        InputError: the file is not there, or not what its name says.
+    """
+    log = open_log(path)
+    if isinstance(log, TopicLog):
+        topics = log.topics()
+        return LogContents(path, {}, tuple(topics), log.torn)
+    if isinstance(log, ArrayLog):
+        return LogContents(path, log.shapes())
+    names = log.names() if isinstance(log, (CsvLog, ParquetLog)) else ()
+    return LogContents(path, dict.fromkeys(names, ()))
+
+
+def missing(there: LogContents, layout: Layout) -> list[str]:
+    """Why a log cannot be read with a layout, one sentence each; nothing: it has all that the layout asks for."""
+    try:
+        if there.names:
+            plan(layout, there.names, there.path)
+        else:
+            choose(there.topics, layout, there.path, there.torn)
+    except InputError as problem:
+        return [problem.what]
+    return []
 
 
 def open_log(path: Path, layout: Layout | None = None) -> Log:
-    """Open a log: CSV or other text, Parquet, MCAP, a ROS 1 bag, a ROS 2 bag (its folder, or a .db3 file).
+    """Open a log: CSV or other text, Parquet, NumPy, MCAP, a ROS 1 bag, a ROS 2 bag (its folder, or a .db3 file).
 
     Raises:
         InputError: the file is not there, or not what its name says.
@@ -41,6 +100,8 @@ def open_log(path: Path, layout: Layout | None = None) -> Log:
     layout, kind = layout or Layout(), _kind(path)
     if kind == ".parquet":
         return ParquetLog(path, layout)
+    if kind in _ARRAYS:
+        return ArrayLog(path, layout)
     if kind == "":
         return CsvLog(path, layout)
     return TopicLog(path, layout, _messages(path, kind))
@@ -67,8 +128,6 @@ def read_poses(
     Raises:
         InputError: it is no log, or it has no orientations.
     """
-    from palpate.io.logs.topic_log import TopicLog
-
     log = open_log(path, layout)
     if isinstance(log, TopicLog):
         time, values = log.poses()
@@ -88,20 +147,12 @@ def join(blocks: Sequence[Recording]) -> Recording:
     """Blocks of one log, one after the other, as one recording."""
     if len(blocks) == 1:
         return blocks[0]
-    channels = {name: np.concatenate([block.channels[name] for block in blocks]) for name in blocks[0].channels}
-    return replace(blocks[0], time=np.concatenate([block.time for block in blocks]), channels=channels)
+    channels = {name: _joined([block.channels[name] for block in blocks]) for name in blocks[0].channels}
+    return replace(blocks[0], time=_joined([block.time for block in blocks]), channels=channels)
 
 
-def topics(path: Path) -> list[tuple[str, str, int]]:
-    """Name, type and number of messages of every topic of an MCAP file or a bag; nothing for a log of columns.
-
-    Raises:
-        InputError: the file cannot be read.
-    """
-    kind = _kind(path)
-    if kind in ("", ".parquet"):
-        return []
-    return [(topic.name, topic.kind, topic.count) for topic in _messages(path, kind).topics()]
+def _joined(arrays: Sequence[np.ndarray]) -> np.ndarray:
+    return sealed(np.concatenate(arrays), own=True)
 
 
 def _messages(path: Path, kind: str) -> Source:
@@ -120,7 +171,7 @@ def _kind(path: Path) -> str:
         first = read_some(file, path, 16)
     kind = next((suffix for magic, suffix in _MAGIC if first.startswith(magic)), "")
     suffix = path.suffix.lower()
-    if kind == "" and suffix in _KINDS:
-        what = "is empty" if not first else f"does not begin as {_KINDS[suffix]} does"
-        raise InputError(f"{what}.", where=str(path))
+    if suffix in _KINDS and kind != suffix and not (kind in _ARRAYS and suffix in _ARRAYS):
+        what = f"does not begin as {_KINDS[suffix]} does" if first else "is empty"
+        raise InputError(f"{what}.", where=str(path), mend=f"It is {_KINDS[kind]}: rename it." if kind else "")
     return kind

@@ -10,10 +10,12 @@ from jaxtyping import Float
 
 from palpate.io.logs.layout import Layout, axis_matrix
 from palpate.io.units import FORCE_UNITS, TORQUE_UNITS, to_si
-from palpate.sensors.load_cells import VOLTAGE
-from palpate.sensors.recording import FORCE, LARGEST, ORIENTATION, TORQUE, Recording
+from palpate.sensors.recording import CELLS, FORCE, LARGEST, ORIENTATION, TORQUE, Recording, sealed
 
-__all__ = ["Samples"]
+__all__ = ["NUMBERS", "WRENCH", "Samples", "rows_at_once"]
+
+WRENCH = "wrench"  # (n, 6) force and torque as recorded
+NUMBERS = 1 << 22  # of a block
 
 GAP = 5.0  # steps of the median length that make a gap
 LATEST = 1e20  # s: beyond any clock, in nanoseconds too
@@ -32,33 +34,29 @@ class Samples:
         self._signs = axes[np.arange(3), self._picked]
         self._force = to_si(layout.force_unit, FORCE_UNITS, where="units.force")
         self._torque = to_si(layout.torque_unit, TORQUE_UNITS, where="units.torque")
-        self._frame, self._source = layout.frame, path.name
-        self._volts = np.array(layout.volts) if layout.volts else np.ones(1)
+        self._frame, self._source, self._arrays = layout.frame, path.name, layout.arrays
         self._times = _Times()
         self._infinite = self._beyond = self._none = self._far = 0
 
-    def block(
-        self,
-        time: Float[np.ndarray, " n"],
-        wrench: Float[np.ndarray, "n 6"] | None,
-        others: Mapping[str, Float[np.ndarray, "n _"]],
-    ) -> Recording:
+    def block(self, time: Float[np.ndarray, " n"], read: Mapping[str, Float[np.ndarray, "n _"]]) -> Recording:
         """The next samples.
 
         Args:
             time: [s].
-            wrench: as recorded, force first; None where there are voltages instead.
-            others: the channels besides force and torque, in SI.
+            read: as recorded, `WRENCH` or arrays, and the channels besides them; nobody else holds them.
         """
         time = np.where(np.abs(time) <= LATEST, time, np.nan)
-        channels = {} if wrench is None else self._wrench(wrench)
-        channels |= {name: self._bounded(values) for name, values in others.items()}
-        if VOLTAGE in channels:
-            channels[VOLTAGE] = channels[VOLTAGE] * self._volts
+        channels = self._wrench(read[WRENCH]) if WRENCH in read else {}
+        channels |= {name: self._bounded(values) for name, values in read.items() if name not in (WRENCH, CELLS)}
         if ORIENTATION in channels:
             channels[ORIENTATION] = self._sound(channels[ORIENTATION])
+        for array in self._arrays:
+            values = read[CELLS] if array.name == CELLS else channels[array.name]  # counts may be larger than `LARGEST`
+            values = values if array.scale == 1.0 else values * np.array(array.scale)
+            channels[array.name] = values.reshape(-1, *array.shape)
         self._times.add(time)
-        return Recording(time, channels, frame=self._frame, source=self._source)
+        channels = {name: sealed(values, own=True) for name, values in channels.items()}
+        return Recording(sealed(time, own=True), channels, frame=self._frame, source=self._source)
 
     def notes(self) -> tuple[str, ...]:
         """What a reader should know of the blocks so far, one sentence each."""
@@ -82,7 +80,7 @@ class Samples:
     def _turned(self, values: Float[np.ndarray, "n 3"], unit: float) -> Float[np.ndarray, "n 3"]:
         """Picked and flipped, not multiplied out: an infinite component must not spoil the others."""
         with np.errstate(over="ignore"):
-            return unit * (values[:, self._picked] * self._signs)
+            return unit * (values.take(self._picked, axis=1) * self._signs)  # by rows: an index would leave columns
 
     def _bounded(self, values: Float[np.ndarray, "n k"]) -> Float[np.ndarray, "n k"]:
         """NaN where a number is a fault of the file."""
@@ -97,6 +95,11 @@ class Samples:
         self._none += int(np.count_nonzero(none))
         self._far += int(np.count_nonzero(~none & (np.abs(length - 1.0) > 0.01)))
         return np.where(none[:, None], np.nan, quaternion)
+
+
+def rows_at_once(most: int, width: int, numbers: int = NUMBERS) -> int:
+    """How many rows of so many numbers are read or held at once: `most`, or fewer if they are long."""
+    return max(1, min(most, numbers // max(width, 1)))
 
 
 class _Times:
