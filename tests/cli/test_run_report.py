@@ -14,8 +14,8 @@ from palpate.cli.report_settings import force_torque, load_cells, taxels, wrench
 from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import ROW, ContactEstimate, Status
 from palpate.contact.events import find_touches
-from palpate.contact.resolution import nominal_cells
 from palpate.contact.ground_truth import Samples, Touches
+from palpate.contact.resolution import nominal_cells
 from palpate.io.rig import Rig, build
 from palpate.io.rig.surface import RigSurface
 from palpate.io.rig.tables import RigEstimate, RigFilter, RigForceTorque, RigPair, RigThresholds

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from jaxtyping import Float, Float32, UInt8
+from jaxtyping import Float, Float32, Int, UInt8
 
 from palpate.spatial.pose import quaternion_from_rotation
 from palpate.viewer.heat import colours, linear
@@ -15,7 +15,7 @@ from palpate.viewer.scene import Scene
 if TYPE_CHECKING:
     from viser import BatchedMeshHandle, GuiApi, GuiCheckboxHandle, GuiImageHandle, ViserServer
 
-__all__ = ["TaxelLayer", "patches", "unrolled"]
+__all__ = ["TaxelLayer", "cell_mesh", "patches", "unrolled"]
 
 PIXELS = 18  # of a cell of the unrolled sheet
 LIFT = 3e-4  # m: cells stand out from the body
@@ -140,6 +140,19 @@ def patches(
     across = across / np.linalg.norm(across, axis=1, keepdims=True)
     frames = np.stack([np.cross(across, normals), across, normals], axis=2)
     return frames, np.column_stack([side, areas / side, np.ones(len(side))])
+
+
+def cell_mesh(
+    positions: Float[np.ndarray, "k 3"],
+    normals: Float[np.ndarray, "k 3"],
+    areas: Float[np.ndarray, " k"],
+    shape: tuple[int, int] | None = None,
+) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"]]:
+    """All cells as vertices [m] and faces, two a cell: a body to draw on where there is no other."""
+    frames, sides = patches(positions, normals, areas, shape)
+    corners = positions[:, None] + np.einsum("kij,kcj->kci", frames, _CORNERS * sides[:, None])
+    faces = 4 * np.arange(len(positions))[:, None, None] + _FACES
+    return corners.reshape(-1, 3), faces.reshape(-1, 3).astype(np.int64)
 
 
 def unrolled(
