@@ -6,7 +6,6 @@ import urllib.request
 
 import numpy as np
 import pytest
-from viewer.pages import BODY, ellipsoid, two_contacts
 
 from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import ContactEstimate
@@ -14,6 +13,7 @@ from palpate.simulation.skin_bench import Rolled
 from palpate.viewer.scene import prepare
 from palpate.viewer.server import Page
 from palpate.viewer.taxels import PIXELS, TaxelLayer, cell_mesh, unrolled
+from tests.support.pages import BODY, ellipsoid, two_contacts
 
 SHEET = Rolled()
 PLACE = SHEET.layout()

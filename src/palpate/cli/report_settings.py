@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from palpate.cli.console import measured
 from palpate.contact.contacts import Contacts
 from palpate.contact.locate import Locator
 from palpate.io.models import MODELS
 from palpate.io.rig import Rig
+from palpate.io.units import measured
 from palpate.sensors.force_torque import Payload
 from palpate.sensors.load_cells import LoadCells
 from palpate.spatial.pose import Pose, skew
