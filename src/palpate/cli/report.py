@@ -13,7 +13,8 @@ from palpate.cli.report_advice import coverage_advice, status_advice
 from palpate.contact.ground_truth import Samples, Touches
 from palpate.evaluation.errors import distances
 from palpate.evaluation.evaluate import Report as Evaluation
-from palpate.evaluation.evaluate import evaluate, nearest_in_time
+from palpate.evaluation.evaluate import evaluate
+from palpate.evaluation.matching import nearest_in_time
 from palpate.io.atomic import write_text
 from palpate.viewer import plots
 from palpate.viewer.report import Picture, Section, Table, Tile, picture, render

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from palpate.contact.taxel_estimator import TaxelEstimator
@@ -126,7 +125,9 @@ def _build(rig: Rig, head: Recording | None) -> Prepared:
     )
     made = Prepared(estimator, said=noted_filter(smooth, rate), facts=dict(vars(rig.contacts)))
     if tare is None:
-        made.said.append("cells at rest are found in the log itself; tare = seconds in [skin] says when nothing touches")
+        made.said.append(
+            "cells at rest are found in the log itself; tare = seconds in [skin] says when nothing touches"
+        )
     return made
 
 
