@@ -71,7 +71,7 @@ class Case:
         """Files made and the sensor added to the table, where it is none of Palpate's."""
         folder.mkdir(parents=True, exist_ok=True)
         if sensor.added is not None:
-            sensor.added()
+            importlib.import_module(sensor.added)
         return cls(sensor, sensor.files(folder, run))
 
     def estimate(self, suffix: str = ".csv", *options: str) -> Path:
