@@ -1,7 +1,7 @@
-# ruff: noqa: D102 - docs/architecture.md says what each call of a WrenchSensor does
+# ruff: noqa: D101, D102 - docs/architecture.md says what each call of a WrenchSensor does
 """A sensor that Palpate does not know, in one file: three single-axis cells under a slippery plate, a WrenchSensor.
 
-Each cell feels the force along z at its place. Together they tell F_z, M_x and M_y; a slippery plate has no others.
+Each cell feels the force along z at its place; together they tell F_z, M_x and M_y, and a slippery plate has no others.
 """
 
 from __future__ import annotations
@@ -61,12 +61,10 @@ class Plate:
         doubt = "more than a zero: something may have pressed" if np.abs(self.zero).max() > 0.5 else ""
         return Tare(f"{self.zero.round(3)} N are taken off the three cells", doubt)
 
-    def reset(self) -> None: ...
-
     def notes(self) -> tuple[str, ...]:
         return ()
 
-    doubts = notes
+    doubts = reset = notes
 
 
 RigPlate = dataclass(frozen=True)(type("RigPlate", (), {"__doc__": "[plate] of a rig."}))  # nothing to say
