@@ -8,7 +8,7 @@ from palpate.calibration.load_cells import identify_load_cells
 from palpate.calibration.mounting import Mounting, identify_mounting
 from palpate.calibration.payload import identify_payload
 from palpate.calibration.skin_map import map_skin
-from palpate.contact import Candidates, ContactEstimate, Estimator, Locator, Status, locate
+from palpate.contact import Candidates, ContactEstimate, Locator, Status, WrenchEstimator, locate
 from palpate.contact.fingertip import Fingertip
 from palpate.contact.taxel_estimator import TaxelEstimator
 from palpate.errors import GeometryError, InputError, NotIdentifiable, PalpateError
@@ -25,7 +25,6 @@ __all__ = [
     "Butterworth",
     "Candidates",
     "ContactEstimate",
-    "Estimator",
     "Fingertip",
     "ForceTorque",
     "GeometryError",
@@ -45,6 +44,7 @@ __all__ = [
     "TaxelBody",
     "TaxelEstimator",
     "Wrench",
+    "WrenchEstimator",
     "identify_load_cells",
     "identify_mounting",
     "identify_payload",

@@ -15,7 +15,7 @@ from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import ROW, ContactEstimate, Status
 from palpate.contact.events import find_touches
 from palpate.contact.resolution import nominal_cells
-from palpate.contact.truth import Samples, Touches
+from palpate.contact.ground_truth import Samples, Touches
 from palpate.io.rig import Rig, build
 from palpate.io.rig.surface import RigSurface
 from palpate.io.rig.tables import RigEstimate, RigFilter, RigForceTorque, RigPair, RigThresholds

@@ -13,7 +13,8 @@ from tyro.conf import arg
 from palpate.cli.console import counting, lines, note, percent, progress, title, wait
 from palpate.cli.interrupts import import_mesh_reader, uninterrupted
 from palpate.cli.options import FileOption, Log, Output
-from palpate.cli.report import Run, write_report
+from palpate.cli.report import write_report
+from palpate.cli.run_report import run_of
 from palpate.cli.run_summary import RunSummary
 from palpate.cli.setup import Setup
 from palpate.contact.estimate import Status
@@ -81,7 +82,8 @@ def estimate(
     _say(f"{log} -> {output}", pipeline, summary, doubts)
     if report is not None:
         warnings = (*doubts, *short)
-        write_report(report, Run.of(pipeline, summary, record, known, output.name, warnings))
+        mounted = rig.surface is not None and rig.surface.pose_covariance is not None
+        write_report(report, run_of(pipeline, summary, record, output.name, warnings), known, mounted=mounted)
     note(short, kind="warning")
     if short:
         raise SystemExit(INTERRUPTED if interrupted else TORN)

@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from palpate.cli.evaluate import HEADER, spreads
 from palpate.cli.report_advice import coverage_advice, status_advice
-from palpate.contact.truth import Samples, Touches
+from palpate.contact.ground_truth import Samples, Touches
 from palpate.evaluation.errors import distances
 from palpate.evaluation.evaluate import Report as Evaluation
 from palpate.evaluation.evaluate import evaluate, nearest_in_time

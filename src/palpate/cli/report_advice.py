@@ -37,7 +37,7 @@ def wrench_advice(rig: Rig, *, payload: bool, filtered: bool, radius: float) -> 
     said: list[str] = []
     if not payload and rig.estimate.tare is None:
         said.append("Identify the payload (palpate calibrate payload): its weight and the sensor's zero are still in.")
-    if rig.surface.pose_covariance is None:
+    if rig.surface is None or rig.surface.pose_covariance is None:
         said.append(
             "Calibrate the mounting (palpate calibrate mounting): where the surface sits was taken as exact, and the "
             "ellipses do not hold how far off it may be."

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from palpate.cli.calibrate_payload import figures
-from palpate.cli.screen import measured
+from palpate.io.models import MODELS
+from palpate.cli.console import measured
 from palpate.contact.contacts import Contacts
 from palpate.contact.locate import Locator
 from palpate.io.rig import Rig
@@ -27,6 +27,8 @@ Facts = tuple[tuple[str, str], ...]
 
 def surface_name(rig: Rig) -> str:
     """What was touched, in a word."""
+    if rig.surface is None:
+        return "the body"
     kind = rig.surface.kind.replace("_", " ")
     return Path(str(rig.surface.mesh)).name if kind == "mesh" else f"{'an' if kind[0] in 'aeiou' else 'a'} {kind}"
 
@@ -71,8 +73,8 @@ def _noise(deviation: np.ndarray) -> str:
 
 def force_torque(rig: Rig, payload: Payload | None, mount: Pose) -> Section:
     """Payload and mounting with their standard deviations, axes and orientation."""
-    facts = [("payload", "none: wrenches are taken as they are")] if payload is None else list(figures(payload))
-    facts += _mounting(mount, rig.surface.pose_covariance)
+    facts = [("payload", "none: wrenches are taken as they are")] if payload is None else list(MODELS["payload"].summary(payload))
+    facts += _mounting(mount, None if rig.surface is None else rig.surface.pose_covariance)
     wrench, orientation = rig.force_torque, rig.orientation
     facts.append(("wrench", f"in the {wrench.frame}'s frame, logged axes {', '.join(wrench.axes)}"))
     if orientation.topic is not None or orientation.offset:

@@ -8,7 +8,7 @@ from jaxtyping import Int
 from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import Status
 from palpate.contact.events import Events, TouchFinder
-from palpate.viewer.downsample import Downsampled
+from palpate.viewer.downsample import Downsample
 
 __all__ = ["RunSummary"]
 
@@ -24,7 +24,7 @@ class RunSummary:
 
     def __init__(self) -> None:
         self.samples = self.rows = self.most = 0
-        self.downsampled, self._finder = Downsampled(), TouchFinder()
+        self.downsampled, self._finder = Downsample(), TouchFinder()
 
     @property
     def counts(self) -> Int[np.ndarray, " s"]:

@@ -7,9 +7,10 @@ import numpy as np
 
 from palpate.contact._bounds import distance_to_bounds, distance_to_point
 from palpate.contact._settings import FRICTION, HAS_PREVIOUS, NOISY, OFF, ON, PREVIOUS, SOFT, TORSION, TOUCHING
-from palpate.contact._slopes import cross_into, dot, sandwich, sensitivity, to_metres, to_unit
+from palpate.contact._slopes import sandwich, sensitivity, to_metres, to_unit
 from palpate.surfaces._jit import entry, inner
 from palpate.surfaces._kernels import CANDIDATE, CAPACITY, nearest_to_axis, search
+from palpate.surfaces._vectors import cross_into, dot
 
 __all__ = ["estimate", "estimate_many"]
 

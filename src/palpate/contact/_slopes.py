@@ -17,20 +17,9 @@ import numpy as np
 from palpate.contact._settings import CENTRE, SCALE, SOFT
 from palpate.surfaces._jit import inner
 from palpate.surfaces._kernels import shape_operator
+from palpate.surfaces._vectors import cross_into, dot
 
-__all__ = ["cross_into", "dot", "sandwich", "sensitivity", "tangents", "to_metres", "to_unit"]
-
-
-@inner
-def dot(a, b):
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-@inner
-def cross_into(a, b, out):
-    out[0] = a[1] * b[2] - a[2] * b[1]
-    out[1] = a[2] * b[0] - a[0] * b[2]
-    out[2] = a[0] * b[1] - a[1] * b[0]
+__all__ = ["sandwich", "sensitivity", "tangents", "to_metres", "to_unit"]
 
 
 @inner

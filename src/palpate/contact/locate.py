@@ -83,6 +83,7 @@ class Locator:
             raise InputError(f"friction ({friction}) must be > 0 and torsion ({torsion}) >= 0.")
         self.surface, self.method, self.friction, self.torsion = surface, method, float(friction), float(torsion)
         self.noise = None if noise is None else noise_covariance(noise)
+        self._given = (on, off)
         self.on, self.off = _thresholds(self.noise, on, off)
         prepared = surface.prepared()
         self._arguments = prepared.arguments
@@ -114,6 +115,10 @@ class Locator:
     def empty(*batch: int) -> Float[np.ndarray, "*batch 22"]:
         """Rows to write into; `ContactEstimate.from_rows` names what is in them, `ROW` where."""
         return np.full((*batch, ROW.length), np.nan)
+
+    def with_noise(self, noise: Float[np.ndarray, "6 6"]) -> Locator:
+        """The same on the same surface, with another noise, and thresholds from it where they were not given."""
+        return Locator(self.surface, self.method, self.friction, self.torsion, noise, *self._given)
 
     def reset(self, previous: ArrayLike | None = None) -> None:
         """Forget the last contact and the hysteresis, or set the last contact to a point (3,) [m]."""
