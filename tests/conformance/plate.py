@@ -7,11 +7,10 @@ Each cell feels the force along z at its place; together they tell F_z, M_x and 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import make_dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from palpate.sensors.wrench_sensor import Placement, Tare
 
 from palpate.errors import InputError
 from palpate.io.logs.layout import ArrayChannel, Layout
@@ -19,6 +18,7 @@ from palpate.io.rig.kind import Guess, SensorKind
 from palpate.io.rig.kinds import KINDS
 from palpate.io.rig.wrench import wrench_estimator
 from palpate.sensors.recording import LARGEST, Recording
+from palpate.sensors.wrench_sensor import Placement, Tare
 
 NOISE, COLUMNS = 0.005, ("left", "right", "back")  # N: standard deviation of one cell
 CELLS = np.array([[-0.02, -0.015], [0.02, -0.015], [0.0, 0.02]])  # m
@@ -67,12 +67,11 @@ class Plate:
     doubts = reset = notes
 
 
-RigPlate = dataclass(frozen=True)(type("RigPlate", (), {"__doc__": "[plate] of a rig."}))  # nothing to say
 LAYOUT = Layout(wrench=None, arrays=(ArrayChannel("plate", (3,), COLUMNS, table="plate"),))
 KINDS["plate"] = SensorKind(
     name="plate",
     called="three cells under a plate",
-    table=RigPlate,
+    table=make_dataclass("RigPlate", ()),  # it has nothing to say
     channels=("plate",),
     layout=lambda rig: LAYOUT,
     build=lambda rig, head: wrench_estimator(rig, Plate(), head, tare=rig.estimate.tare),
