@@ -35,7 +35,7 @@ class Loads(NamedTuple):
 class Plate:
     """The sensor; its zero is all that it keeps."""
 
-    zero, channels, noise = np.zeros(3), ("plate",), NOISE**2 * WRENCHES @ WRENCHES.T + FREE
+    zero, channels, noise = np.zeros(3), ("plate",), (NOISE * WRENCHES) @ (NOISE * WRENCHES).T + FREE
 
     def ready(self, blocks: Iterable[Recording]) -> Iterator[Recording]:
         return iter(blocks)
