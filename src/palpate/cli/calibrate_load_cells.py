@@ -7,7 +7,6 @@ import numpy as np
 from palpate.calibration.load_cells import LoadCellCalibration, identify_load_cells
 from palpate.cli.console import lines, note, title
 from palpate.cli.options import Log, Output, RigFile
-from palpate.errors import InputError
 from palpate.io.atomic import keep_inputs
 from palpate.io.logs import read_recording
 from palpate.io.models import provenance, write_model

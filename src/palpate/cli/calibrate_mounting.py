@@ -109,7 +109,9 @@ def _doubts(mounting: Mounting, initial: Pose, rig: Rig, *, anywhere: bool) -> l
     return said
 
 
-def _in_sensor(recording: Recording, setup: Rig, surface: Mesh) -> tuple[np.ndarray, np.ndarray | None, WrenchEstimator]:
+def _in_sensor(
+    recording: Recording, setup: Rig, surface: Mesh
+) -> tuple[np.ndarray, np.ndarray | None, WrenchEstimator]:
     """Compensated wrenches in the sensor's frame, and what the payload's uncertainty adds to their covariance."""
     noise = None if setup.force_torque.noise is not None else estimate_noise(recording.wrenches())
     sensor = rig_sensor(setup, noise)
@@ -120,7 +122,9 @@ def _in_sensor(recording: Recording, setup: Rig, surface: Mesh) -> tuple[np.ndar
         on=None if settings is None else settings.on,
         off=None if settings is None else settings.off,
     )
-    estimator = WrenchEstimator(locator, Compensation(sensor, rig_payload(setup)))  # its surface frame is the sensor's: no mount
+    estimator = WrenchEstimator(
+        locator, Compensation(sensor, rig_payload(setup))
+    )  # its surface frame is the sensor's: no mount
     wrenches, covariances, statuses = estimator.contact_wrenches(recording)
     usable = np.where((statuses < 0)[:, None], wrenches, np.nan)
     added = None if covariances is None or covariances.ndim == 2 else covariances - sensor.noise

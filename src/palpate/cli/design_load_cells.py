@@ -10,9 +10,9 @@ from typing import Annotated
 import numpy as np
 from tyro.conf import Positional, arg
 
+from palpate.cli.console import lines, note, title
 from palpate.cli.design_report import Design, compose, tiles, warnings
 from palpate.cli.options import Output
-from palpate.cli.console import lines, note, title
 from palpate.contact.resolution import nominal_cells
 from palpate.errors import InputError
 from palpate.io.atomic import keep_inputs, write_text

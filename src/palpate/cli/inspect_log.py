@@ -195,7 +195,9 @@ def inspect_contacts(file: Path) -> Recording:
         excerpt.add(Recording(strongest.time, {FORCE: strongest.force, PLACE: point}))
     title(f"{file}: contacts")
     total = int(counts.sum())
-    several = f", of {samples:,} samples; {len(identities):,} contacts" if total > samples or len(identities) > 1 else ""
+    several = (
+        f", of {samples:,} samples; {len(identities):,} contacts" if total > samples or len(identities) > 1 else ""
+    )
     lines([("rows", f"{total:,}{several}"), ("time", f"{first:.3f} to {last:.3f}" if first <= last else "none")])
     lines([("features", ", ".join(features))] if features else [])
     lines((kind.label, percent(counts[kind] / total)) for kind in Status if counts[kind])

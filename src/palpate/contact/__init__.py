@@ -1,7 +1,18 @@
 """From readings and a surface to contacts."""
 
+from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import ROW, ContactEstimate, Status
 from palpate.contact.locate import METHODS, Candidates, Locator, locate
 from palpate.contact.wrench_estimator import WrenchEstimator
 
-__all__ = ["METHODS", "ROW", "Candidates", "ContactEstimate", "Locator", "Status", "WrenchEstimator", "locate"]
+__all__ = [
+    "METHODS",
+    "ROW",
+    "Candidates",
+    "ContactEstimate",
+    "Contacts",
+    "Locator",
+    "Status",
+    "WrenchEstimator",
+    "locate",
+]

@@ -14,7 +14,6 @@ from numpy.typing import ArrayLike
 
 from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import ContactEstimate
-from palpate.contact.tare import Tare
 from palpate.errors import InputError
 from palpate.sensors.filters import Filter
 from palpate.sensors.intensity import Curve, Intensity
@@ -22,6 +21,7 @@ from palpate.sensors.recording import CELLS, Recording
 from palpate.sensors.skin import FEWEST, Health, at_rest, examine
 from palpate.sensors.smoothing import BothWays, Forward
 from palpate.sensors.taxels import TaxelBody
+from palpate.sensors.wrench_sensor import Tare
 from palpate.spatial._arrays import frozen
 from palpate.spatial.pose import Pose
 

@@ -81,4 +81,3 @@ class SensorKind:
     refused: Mapping[str, str] = field(default_factory=lambda: {})
     needs_surface: bool = True
     check: Callable[[Rig, Path], None] = lambda rig, path: None
-
