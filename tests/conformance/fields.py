@@ -29,7 +29,7 @@ from tests.support.simulated import POSE
 
 __all__ = ["FIELDS", "Case", "Refused", "judged", "run", "same"]
 
-SCREEN = (70, 240)  # lines and letters of what `inspect` may say: one screen
+SCREEN = (70, 1000)  # lines, and letters of one, that `inspect` may say: a screen, where names of 132 cells wrap
 ANSWERED = 0.9  # of the samples of a touch
 
 

@@ -202,7 +202,7 @@ def _plate(folder: Path, run: Callable[..., str]) -> Files:
     points = np.column_stack([rng.uniform(-0.02, 0.02, (5, 2)), np.zeros(5)])
     time, wrenches, truth = pressed(points, np.tile([0.0, 0.0, 1.0], (5, 1)), rng, tan_theta=0.0)
     levers = np.stack([np.ones(3), plate.CELLS[:, 1], -plate.CELLS[:, 0]])  # F_z, M_x, M_y of three forces along z
-    loads = wrenches[:, 2:5] @ np.linalg.inv(levers).T + 0.3  # N: of a zero
+    loads = (wrenches @ MOUNT.wrench_matrix().T)[:, 2:5] @ np.linalg.inv(levers).T + 0.3  # N: of a zero
     loads += plate.NOISE * rng.standard_normal(loads.shape)
     write_table(folder / "log.csv", {"time": time} | dict(zip(plate.COLUMNS, loads.T, strict=True)) | base_poses(time))
     surface = f'[surface]\nkind = "plane"\nhalf_width = 0.03\n{POSE}'
