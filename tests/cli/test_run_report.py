@@ -53,7 +53,7 @@ def _advice(rig: Rig) -> tuple[str, ...]:
     counts[Status.CONTACT] = N
     estimator = build(rig, rate=100.0)
     if rig.surface.pose_covariance is not None:
-        estimator.payload = Payload(np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3))
+        estimator.sensor.payload = Payload(np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3))
     return advice(rig, estimator, counts, None, 2e-3)
 
 
