@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import functools
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -109,6 +110,9 @@ class Locator:
         self(np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0]), self.empty())
         self.run(np.zeros((1, 6)))
         self.reset()
+
+    def __copy__(self) -> Locator:
+        return copy.deepcopy(self)  # a shallow one would share its memory of the last contact
 
     def __getstate__(self) -> dict[str, Any]:
         return {name: value for name, value in vars(self).items() if name not in ("_arguments", "_one", "_many")}
