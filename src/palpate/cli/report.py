@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from palpate.cli.evaluate import HEADER, spreads
+from palpate.cli.evaluate import HEADER, summaries
 from palpate.cli.report_advice import coverage_advice, status_advice
 from palpate.contact.ground_truth import Samples, Touches
 from palpate.evaluation.errors import distances
@@ -85,7 +85,7 @@ def _section(run: Run, truth: Samples | Touches, found: Evaluation) -> Section:
             f" The 95 % ellipses hold it in {percent(found.coverage.inside)} of {found.coverage.count:,} samples, and "
             f"the mean square is {found.coverage.mean_square:.2f}, which should be 2."
         )
-    table = Table(("error", *HEADER[1:]), tuple(spreads(found)))
+    table = Table(("error", *HEADER[1:]), tuple(summaries(found)))
     return Section(title, text=(text,), pictures=tuple(shown), tables=(table,) if table.rows else ())
 
 
