@@ -8,12 +8,11 @@ import pytest
 from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import ContactEstimate, Status
 from palpate.evaluation.instruments import (
-    alone,
     judge,
     map_mesh,
-    medians,
     perfect,
     touch_rows,
+    touches_of,
     wand_points,
     wrench_points,
 )
@@ -124,24 +123,24 @@ def test_a_touch_is_the_median_of_its_rows_and_knows_whether_it_was_alone() -> N
     point = np.stack([identity * 0.01, np.zeros(18), np.zeros(18)], axis=1)
     point[8] = 1.0
     contacts = _contacts(point, np.tile([0.0, 0.0, 1.0], (18, 1)), identity, sample)[np.argsort(sample)]
-    rows = touch_rows(contacts)
-    touches, single = medians(contacts, rows), alone(contacts, rows)
+    touches, alone = touches_of(contacts)
     assert sorted(touches.identity.tolist()) == [3, 4, 5]
     by_identity = dict(zip(touches.identity.tolist(), range(3), strict=True))
     assert touches.point[by_identity[3]] == pytest.approx([0.03, 0, 0])
     assert touches.time[by_identity[5]] == pytest.approx(0.215)
     assert touches.features["row"][by_identity[4]] == 4.0
-    assert [bool(single[by_identity[k]]) for k in (3, 4, 5)] == [False, False, True]
+    assert [bool(alone[by_identity[k]]) for k in (3, 4, 5)] == [False, False, True]
 
 
 def test_touches_of_a_sensor_without_identities_are_told_apart_by_time() -> None:
     sample = np.array([*range(10), *range(100, 110)])
     point = np.repeat([[0.0, 0, 0], [0.01, 0, 0]], 10, axis=0)
     contacts = _contacts(point, np.tile([0.0, 0.0, 1.0], (20, 1)), np.zeros(20, np.int64), sample)
-    rows = touch_rows(contacts)
-    np.testing.assert_allclose(medians(contacts, rows).point, [[0.0, 0, 0], [0.01, 0, 0]])
-    assert alone(contacts, rows).all()
-    assert len(medians(contacts[:0], touch_rows(contacts[:0]))) == 0
+    touches, alone = touches_of(contacts)
+    np.testing.assert_allclose(touches.point, [[0.0, 0, 0], [0.01, 0, 0]])
+    assert alone.all()
+    assert [rows.tolist() for rows in touch_rows(contacts)] == [list(range(10)), list(range(10, 20))]
+    assert len(touches_of(contacts[:0])[0]) == 0
 
 
 def test_a_perfect_map_errs_as_a_square_does() -> None:

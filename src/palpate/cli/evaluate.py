@@ -9,11 +9,11 @@ import numpy as np
 from tyro.conf import arg
 
 from palpate.cli.console import lines, note, percent, table, title
-from palpate.cli.error_table import HEADER, error_rows
-from palpate.cli.evaluate_instruments import WAND, WRENCH, evaluate_instrument
+from palpate.cli.evaluate_instrument import WAND, WRENCH, evaluate_instrument
 from palpate.cli.options import ContactsFile, FileOption, TruthFile
 from palpate.contact.ground_truth import Touches
 from palpate.errors import InputError
+from palpate.evaluation.errors import ErrorSummary
 from palpate.evaluation.evaluate import Report
 from palpate.evaluation.evaluate import evaluate as compare
 from palpate.io.contacts import read_contacts
@@ -21,7 +21,9 @@ from palpate.io.ground_truth import read_ground_truth
 from palpate.io.models import read_provenance
 from palpate.io.tables.table import read_table
 
-__all__ = ["evaluate"]
+__all__ = ["HEADER", "evaluate", "summaries"]
+
+HEADER = ("", "mean", "median", "95 %", "worst", "count")
 
 
 def evaluate(
@@ -36,32 +38,32 @@ def evaluate(
 ) -> None:
     """Errors of location, direction and force, coverage of the ellipses, share of each status.
 
-    Several contacts at once are each compared with the truth that is nearest. Touches may also be compared with a
-    force/torque sensor that carries the body, time,fx,fy,fz,tx,ty,tz, or with a wand that cameras track,
-    time,x,y,z,qx,qy,qz,qw in the body's frame; both need the rig.
+    Contacts may also be compared with a force/torque sensor that carries the body, time,fx,fy,fz,tx,ty,tz, or with a
+    wand that cameras track, time,x,y,z,qx,qy,qz,qw in the body's frame; both need the rig.
 
     Args:
-        contacts: written by `palpate estimate`.
+        contacts: written by `palpate estimate`, of any sensor.
         truth: time,px,py,pz[,nx,ny,nz][,fx,fy,fz] in the contacts' frame, or touches: start,end,px,py,pz[,label].
         tolerance: seconds; how far the nearest true time may lie.
-        rig: that knows the body, for a force/torque sensor or a wand.
+        rig: of the body, for a wrench or a wand.
         wand: mesh of the tracked wand.
         wand_unit: of that mesh.
-        output: page to write as well (.html), of a comparison with a force/torque sensor or a wand.
+        output: page to write as well (.html), of contacts against a wrench or a wand.
     """
     found = read_contacts(contacts)
     if _is_instrument(truth):
         if rig is None:
             raise InputError("a wrench or a wand is compared on the body, which the rig knows.", mend="Add --rig FILE.")
-        tip = None if wand is None else (wand, wand_unit)
-        evaluate_instrument((contacts, found), truth, rig, wand=tip, tolerance=tolerance, report=output)
+        tool = None if wand is None else (wand, wand_unit)
+        evaluate_instrument((contacts, found), truth, rig, wand=tool, tolerance=tolerance, output=output)
         return
-    if output is not None:
-        raise InputError(
-            "a page is written for a comparison with a wrench or a wand.",
-            where="--output",
-            mend="For other contacts use palpate estimate --report FILE --truth FILE.",
-        )
+    for option, given in (("rig", rig), ("wand", wand), ("output", output)):
+        if given is not None:
+            raise InputError(
+                "is for contacts against a wrench or a wand.",
+                where=f"--{option}",
+                mend="A page of other contacts is written by palpate estimate --report FILE --truth FILE.",
+            )
     known = read_ground_truth(truth)
     report = compare(found, known, tolerance=tolerance)
     if not report.matched:
@@ -72,14 +74,22 @@ def evaluate(
             mend="Both must be on one clock; --tolerance widens the match.",
         )
     title(f"{contacts} against {truth}")
+    _say(report)
+    note([*_unanswered(report), *_unpaired(report), *found.notes])
+    frame = read_provenance(contacts).get("frame", "surface")
+    if frame != "surface":
+        note([f"the contacts are in the {frame}'s frame: the truth must be, too"], kind="warning")
+
+
+def _say(report: Report) -> None:
     matched = f"{report.samples:,}, of which {report.matched:,} have a truth and {report.answered:,} of these an answer"
-    lines([("samples", matched)])
+    lines([("contacts", matched)])
     lines((label, percent(share)) for label, share in report.statuses.items())
     _touches(report)
-    if rows := error_rows(report):
+    if rows := summaries(report):
         table(HEADER, rows)
     else:
-        note(["no sample that has a truth has an answer: there is nothing to average"])
+        note(["no contact that has a truth has an answer: there is nothing to average"])
     seen = report.coverage
     if seen.count:
         lines(
@@ -88,16 +98,45 @@ def evaluate(
                 ("mean square", f"{seen.mean_square:.2f} (should be 2)"),
             ]
         )
-    note([*_unanswered(report), *_unpaired(report), *found.notes])
-    frame = read_provenance(contacts).get("frame", "surface")
-    if frame != "surface":
-        note([f"the contacts are in the {frame}'s frame: the truth must be, too"], kind="warning")
+
+
+def _unpaired(report: Report) -> list[str]:
+    """Contacts and truths that are left over where there are several at once."""
+    said: list[str] = []
+    if report.unmatched:
+        said.append(f"{report.unmatched:,} contacts have no truth of their own: others are nearer to it")
+    if report.missed:
+        said.append(f"{report.missed:,} truths have no contact, though others of their time have one")
+    return said
 
 
 def _is_instrument(truth: Path) -> bool:
     """Whether the columns are those of a wrench or of a wand."""
     names = set(read_table(truth).names)
     return set(WRENCH) <= names or set(WAND) <= names
+
+
+def summaries(report: Report) -> list[tuple[str, ...]]:
+    """Rows of what, mean, median, 95 %, worst and count, each with its unit; none where nothing was compared."""
+    what = "location of touches [mm]" if report.touches else "location [mm]"
+    degrees = 180 / np.pi
+    return [
+        row
+        for name, summary, scale in (
+            (what, report.location, 1e3),
+            ("normal [deg]", report.normal, degrees),
+            ("force [N]", report.force, 1.0),
+            ("force direction [deg]", report.force_angle, degrees),
+        )
+        for row in _summary(name, summary, scale)
+    ]
+
+
+def _summary(name: str, summary: ErrorSummary | None, scale: float) -> list[tuple[str, ...]]:
+    if summary is None:
+        return []
+    figures = (summary.mean, summary.median, summary.p95, summary.worst)
+    return [(name, *(f"{scale * figure:.3f}" for figure in figures), f"{summary.count:,}")]
 
 
 def _touches(report: Report) -> None:
@@ -126,21 +165,6 @@ def _unanswered(report: Report) -> list[str]:
             ("have samples, but no answer,", [t.label for t in report.touches if t.samples and not t.answered]),
         )
         if labels
-    ]
-
-
-def _unpaired(report: Report) -> list[str]:
-    """Contacts and truths that none of the others is, which no average holds."""
-    return [
-        f"{count:,} {what}"
-        for count, what in (
-            (
-                report.unmatched,
-                "contacts have no truth of their own: at their time others are nearer to it",
-            ),
-            (report.missed, "truths have no contact, though others at their time have"),
-        )
-        if count
     ]
 
 

@@ -8,11 +8,13 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from palpate.cli.error_table import HEADER, error_rows
+from palpate.cli.evaluate import HEADER, summaries
 from palpate.cli.report_advice import coverage_advice, status_advice
 from palpate.contact.ground_truth import Samples, Touches
+from palpate.evaluation.errors import distances
 from palpate.evaluation.evaluate import Report as Evaluation
-from palpate.evaluation.evaluate import evaluate, location_errors
+from palpate.evaluation.evaluate import evaluate
+from palpate.evaluation.matching import match_instants, match_touches
 from palpate.io.atomic import write_text
 from palpate.viewer import plots
 from palpate.viewer.report import Picture, Section, Table, Tile, picture, render
@@ -20,6 +22,7 @@ from palpate.viewer.run_report import Kept, Run, compose, percent, tone
 
 __all__ = ["judged", "write_report"]
 
+TOLERANCE = 0.02  # s: between a sample and the ground truth's instant
 FINE = "Nothing stands out: models are calibrated, and the samples are answered."
 
 
@@ -42,9 +45,8 @@ def judged(run: Run, truth: Samples | Touches | None = None, *, mounted: bool = 
     """
     found, section = None, Section("Against the ground truth")
     if truth is not None:
-        kept = run.kept
-        found = evaluate(kept.contacts[kept.even], truth)
-        section = _section(run, truth, found, location_errors(kept.contacts, truth))
+        found = evaluate(run.kept.contacts[run.kept.even], truth, tolerance=TOLERANCE)
+        section = _section(run, truth, found)
     said = (*run.advice, *status_advice(run.downsample.statuses), *coverage_advice(found, mounted=mounted))
     return replace(
         run,
@@ -66,12 +68,12 @@ def _tiles(found: Evaluation | None) -> list[Tile]:
     return tiles
 
 
-def _section(run: Run, truth: Samples | Touches, found: Evaluation, error: Float[np.ndarray, " n"]) -> Section:
+def _section(run: Run, truth: Samples | Touches, found: Evaluation) -> Section:
     title = "Against the ground truth"
     if not found.matched:
         return Section(title, text=("No sample matches the ground truth: both must be on one clock.",))
     kept = run.kept
-    drawn = plots.errors(kept.contacts.time, error, kept.radius)
+    drawn = plots.errors(kept.contacts.time, _errors(kept, truth), kept.radius)
     shown = [picture(drawn, "Distance of each located sample from the ground truth.")]
     if isinstance(truth, Touches):
         shown.append(_touch_picture(kept, truth, found))
@@ -83,8 +85,18 @@ def _section(run: Run, truth: Samples | Touches, found: Evaluation, error: Float
             f" The 95 % ellipses hold it in {percent(found.coverage.inside)} of {found.coverage.count:,} samples, and "
             f"the mean square is {found.coverage.mean_square:.2f}, which should be 2."
         )
-    table = Table(("error", *HEADER[1:]), tuple(error_rows(found)))
+    table = Table(("error", *HEADER[1:]), tuple(summaries(found)))
     return Section(title, text=(text,), pictures=tuple(shown), tables=(table,) if table.rows else ())
+
+
+def _errors(kept: Kept, truth: Samples | Touches) -> Float[np.ndarray, " n"]:
+    """(n,) [m] of each answered row from its ground truth, NaN where it has none."""
+    if isinstance(truth, Touches):
+        match = match_touches(kept.contacts, truth)[0]
+    else:
+        match = match_instants(kept.contacts, truth, TOLERANCE)[0]
+    known = np.concatenate([truth.point, np.full((1, 3), np.nan)])  # the last is that of -1
+    return distances(kept.point, known[match])
 
 
 def _touch_picture(kept: Kept, truth: Touches, found: Evaluation) -> Picture:

@@ -177,7 +177,7 @@ class Locator:
         return ContactEstimate.from_rows(rows)
 
     def run_into(
-        self, wrenches: np.ndarray, covariances: np.ndarray | None, statuses: np.ndarray, out: np.ndarray
+        self, wrenches: ArrayLike, covariances: ArrayLike | None, statuses: ArrayLike, out: np.ndarray
     ) -> None:
         """`run` in sequence into rows of `empty()`; copies nothing that is contiguous and writable.
 
@@ -190,8 +190,8 @@ class Locator:
         Raises:
             InputError: other shapes, or an `out` that cannot be written into.
         """
+        require_out(out, (None, ROW.length))
         count = len(out)
-        require_out(out, (count, ROW.length))
         wrenches = shaped(wrenches, (count, 6), "wrenches")
         statuses = shaped(statuses, (count,), "statuses", INT8)
         noises, settings = self._noise[None], self._settings

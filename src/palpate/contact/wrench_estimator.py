@@ -238,7 +238,7 @@ class WrenchEstimator:
         rows: Float[np.ndarray, "n 22"],
     ) -> None:
         located, covariances = self.sensor.place(measured, wrenches, share, self._placement)
-        self.locator.run_into(rows, located, covariances, measured.status)
+        self.locator.run_into(located, covariances, measured.status, rows)
 
     def _look_ahead(self, blocks: Iterable[Recording]) -> Iterator[tuple[Recording, ContactEstimate]]:
         """Blocks wait until all of their samples are filtered."""

@@ -13,7 +13,7 @@ from palpate.contact.ground_truth import Samples, Touches
 from palpate.evaluation.errors import Coverage, ErrorSummary, angles, coverage, distances
 from palpate.evaluation.matching import match_instants, match_touches
 
-__all__ = ["Report", "Touch", "evaluate", "location_errors", "report", "status_shares"]
+__all__ = ["Report", "Touch", "evaluate", "report", "status_shares"]
 
 
 @dataclass(frozen=True)
@@ -78,16 +78,6 @@ def evaluate(contacts: Contacts, truth: Samples | Touches, *, tolerance: float =
         return report(contacts, Samples(truth.start, truth.point), match, due, touches)
     match, due = match_instants(contacts, truth, tolerance)
     return report(contacts, truth, match, due)
-
-
-def location_errors(
-    contacts: Contacts, truth: Samples | Touches, *, tolerance: float = 0.02
-) -> Float[np.ndarray, " n"]:
-    """(n,) [m] from each answered contact to its truth, matched as by `evaluate`; NaN where it has none."""
-    touched = isinstance(truth, Touches)
-    match = match_touches(contacts, truth)[0] if touched else match_instants(contacts, truth, tolerance)[0]
-    errors = distances(contacts.point, _picked(truth.point, match))
-    return np.where(contacts.answered, errors, np.nan)
 
 
 def report(

@@ -20,12 +20,12 @@ from palpate.surfaces.mesh import Mesh
 __all__ = [
     "InstrumentReport",
     "Reference",
-    "alone",
     "judge",
     "map_mesh",
     "medians",
     "perfect",
     "touch_rows",
+    "touches_of",
     "wand_points",
     "wrench_points",
 ]
@@ -221,13 +221,14 @@ def touch_rows(contacts: Contacts) -> list[Int[np.ndarray, " _"]]:
     return [each for each in rows if len(each) >= 3]
 
 
-def alone(contacts: Contacts, touches: list[Int[np.ndarray, " _"]]) -> Bool[np.ndarray, " k"]:
-    """Whether each of some touches, as rows of contacts, had no other one beside it for most of its time."""
-    answered = np.flatnonzero(contacts.answered)
+def touches_of(contacts: Contacts) -> tuple[Contacts, Bool[np.ndarray, " k"]]:
+    """Each touch that lasted three samples or more as one contact, the median of its rows; and whether it was alone."""
+    touches, answered = touch_rows(contacts), np.flatnonzero(contacts.answered)
     _, sample, felt = np.unique(contacts.sample[answered], return_inverse=True, return_counts=True)
     several = np.zeros(len(contacts), dtype=bool)
     several[answered] = felt[sample] > 1
-    return np.array([several[rows].mean() <= BESIDE for rows in touches], dtype=bool)
+    alone = np.array([several[rows].mean() <= BESIDE for rows in touches], dtype=bool)
+    return medians(contacts, touches), alone
 
 
 def medians(contacts: Contacts, touches: list[Int[np.ndarray, " _"]]) -> Contacts:

@@ -13,7 +13,7 @@ from palpate.sensors.recording import Recording
 from palpate.sensors.taxels import TaxelBody
 from palpate.spatial._arrays import frozen
 
-__all__ = ["Frames", "Health", "at_rest", "examine"]
+__all__ = ["Health", "at_rest", "examine"]
 
 SCATTER = 4.0  # times the noise, in a tare
 FEWEST = 8  # frames from which anything can be said of a cell
@@ -24,38 +24,6 @@ AFTER, LEFT = 0.5, 0.03  # s behind a touch, and the share of a reading that may
 OPPOSITE = -0.8  # cosine between the ways to two neighbours
 WRAP = 0.85  # of the range: a step of a cell alone that is no touch
 _QUANTUM = 12**-0.5  # deviation of what is rounded to whole numbers
-
-
-@dataclass(frozen=True, eq=False)
-class Frames:
-    """Frames of one log, or of a piece of it.
-
-    Args:
-        time: (n,) [s], as recorded.
-        cells: (n, rows, columns) raw; a frame of another size, or one that could not be read, is NaN.
-        source: where it came from.
-    """
-
-    time: Float[np.ndarray, " n"]
-    cells: Float[np.ndarray, "n k"]
-    source: str = ""
-
-    def __post_init__(self) -> None:
-        for name in ("time", "cells"):
-            object.__setattr__(self, name, frozen(getattr(self, name)))
-        if len(self.time) != len(self.cells):
-            raise ValueError(f"{len(self.cells)} frames for {len(self.time)} times")
-
-    def __len__(self) -> int:
-        return len(self.time)
-
-    def turned(self) -> Frames:
-        """With the sign of the readings turned: of a sheet whose readings fall under load."""
-        return Frames(self.time, -self.cells, self.source)
-
-    def picked(self, rows: slice | Bool[np.ndarray, " n"]) -> Frames:
-        """The frames that a slice or a mask picks."""
-        return Frames(self.time[rows], self.cells[rows], self.source)
 
 
 @dataclass(frozen=True, eq=False)

@@ -48,7 +48,7 @@ class Downsample:
         rows = _rows(contacts, self.count + sample, self._features)
         force = np.linalg.norm(contacts.force, axis=-1)
         force = np.where(np.isfinite(force), force, -1.0)
-        starts = np.searchsorted(sample, np.arange(sample[-1] + 1))
+        starts: Int[np.ndarray, " m"] = np.flatnonzero(np.diff(sample, prepend=-1))
         self._even.add(rows, -rows[:, _INDEX])  # the first of its bucket
         self._peaks.add(rows, np.maximum.reduceat(force, starts)[sample])
         self.count += int(sample[-1]) + 1

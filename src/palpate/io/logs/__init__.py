@@ -2,7 +2,16 @@
 
 from palpate.io.logs.layout import ArrayChannel, Layout
 from palpate.io.logs.log import Log
-from palpate.io.logs.opening import LogContents, contents, join, missing, open_log, read_poses, read_recording, topic_shapes
+from palpate.io.logs.opening import (
+    LogContents,
+    contents,
+    join,
+    missing,
+    open_log,
+    read_poses,
+    read_recording,
+    topic_shapes,
+)
 
 __all__ = [
     "ArrayChannel",

@@ -83,7 +83,7 @@ def contents(path: str | Path) -> LogContents:
 
 
 def topic_shapes(path: Path) -> dict[str, tuple[int, ...]]:
-    """Of each topic of arrays or images that has messages: how many numbers the first one holds, or rows and columns."""
+    """Of each topic of arrays or images with messages: numbers in the first one, or its rows and columns."""
     kind = _kind(path)
     if kind in ("", ".parquet", *_ARRAYS):
         return {}

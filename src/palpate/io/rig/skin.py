@@ -147,7 +147,7 @@ SKIN = SensorKind(
         "method": "contacts are where cells are pressed: there is no line of action to locate",
         "friction": "cells feel no shear, so there is no friction to bound",
         "torsion": "cells feel no torque about the normal",
-        "contact": "each cell has a threshold of its own: on and off in the rig's [contacts], in deviations of its noise",
+        "contact": "thresholds are those of each cell: on and off in [contacts], in deviations of its noise",
         "crease": "contacts are placed on the map of the sheet, not on a mesh",
         "mesh": "contacts are placed on the map of the sheet, not on a mesh",
     },
