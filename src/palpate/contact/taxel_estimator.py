@@ -131,8 +131,9 @@ class TaxelEstimator:
         self._table = (body.neighbours, body.steps, body.between, max(body.columns, 1))
         self._zero_phase = filter is not None and filter.zero_phase
         self._recursion = None if filter is None else filter.recursion(self._rate())
-        forward = self._recursion is not None and not self._zero_phase
-        self._forward = Forward(self._recursion, self._rate(), count) if forward else None
+        self._forward: Forward | None = None
+        if self._recursion is not None and not self._zero_phase:
+            self._forward = Forward(self._recursion, self._rate(), count)
         self._clock = np.zeros(2)
         self._turn = 0.0 if body.bits is None else body.top + 1.0
         self._memory = np.full((_taxels.MEMORY, count), np.nan)
@@ -417,7 +418,7 @@ class TaxelEstimator:
         raw, count = self.body.readings(recording), len(recording)
         rows, out = np.zeros(count, dtype=np.int64), self.empty(_ROWS)
         pressed = np.zeros((count if forces is not None else 0, len(self.body)))
-        parts, done = [self.empty(0)], 0
+        parts, done, step, used = [self.empty(0)], 0, 0, 0
         while done < count:
             values = self._buffer if filtered is None else tuple(part[done:] for part in filtered)
             step, used = self._run(recording.time[done:], raw[done:], *values, out, rows[done:], pressed[done:])
