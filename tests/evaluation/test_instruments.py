@@ -7,7 +7,15 @@ import pytest
 
 from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import ContactEstimate, Status
-from palpate.evaluation.instruments import judge, map_mesh, perfect, touches_of, wand_points, wrench_points
+from palpate.evaluation.instruments import (
+    judge,
+    map_mesh,
+    perfect,
+    touch_rows,
+    touches_of,
+    wand_points,
+    wrench_points,
+)
 from palpate.simulation.shapes import icosphere
 from palpate.simulation.skin_bench import Rolled
 
@@ -114,9 +122,8 @@ def test_a_touch_is_the_median_of_its_rows_and_knows_whether_it_was_alone() -> N
     sample = np.array([*range(9), *range(3), *range(20, 24), *range(40, 42)])
     point = np.stack([identity * 0.01, np.zeros(18), np.zeros(18)], axis=1)
     point[8] = 1.0
-    touches, alone = touches_of(
-        _contacts(point, np.tile([0.0, 0.0, 1.0], (18, 1)), identity, sample)[np.argsort(sample)]
-    )
+    contacts = _contacts(point, np.tile([0.0, 0.0, 1.0], (18, 1)), identity, sample)[np.argsort(sample)]
+    touches, alone = touches_of(contacts)
     assert sorted(touches.identity.tolist()) == [3, 4, 5]
     by_identity = dict(zip(touches.identity.tolist(), range(3), strict=True))
     assert touches.point[by_identity[3]] == pytest.approx([0.03, 0, 0])
@@ -132,8 +139,8 @@ def test_touches_of_a_sensor_without_identities_are_told_apart_by_time() -> None
     touches, alone = touches_of(contacts)
     np.testing.assert_allclose(touches.point, [[0.0, 0, 0], [0.01, 0, 0]])
     assert alone.all()
-    none, _ = touches_of(contacts[:0])
-    assert len(none) == 0
+    assert [rows.tolist() for rows in touch_rows(contacts)] == [list(range(10)), list(range(10, 20))]
+    assert len(touches_of(contacts[:0])[0]) == 0
 
 
 def test_a_perfect_map_errs_as_a_square_does() -> None:

@@ -22,7 +22,9 @@ __all__ = [
     "Reference",
     "judge",
     "map_mesh",
+    "medians",
     "perfect",
+    "touch_rows",
     "touches_of",
     "wand_points",
     "wrench_points",
@@ -30,6 +32,7 @@ __all__ = [
 
 PITCH = 2e-3  # m: of a wrench, |F . N| / |F|^2; more is no single force
 LIGHTEST = 0.5  # N
+BESIDE = 0.2  # of its samples: a touch that has another one beside it for longer is not alone
 TOUCHING = 1.5e-3  # m: between wand and link, still a touch of theirs
 _MEAN_IN_CELL = 0.3825978  # mean distance of a point of the unit square from its middle
 _MEASURED = ("point", "normal", "force", "torque", "covariance")
@@ -158,7 +161,7 @@ def judge(touches: Contacts, reference: Reference) -> InstrumentReport:
     """Touches against an instrument, one for one.
 
     Args:
-        touches: n of them, as `touches_of` gives them.
+        touches: n of them, one for each touch.
         reference: n of them.
     """
     apart = touches.point - reference.point
@@ -208,21 +211,29 @@ def map_mesh(place: SkinMap) -> Mesh:
     return Mesh.from_arrays(vertices, faces)
 
 
+def touch_rows(contacts: Contacts) -> list[Int[np.ndarray, " _"]]:
+    """The answered rows of each touch that lasted three samples or more."""
+    found, answered = find_touches(contacts, shortest=0.0), contacts.answered
+    rows = [
+        np.flatnonzero(answered & (contacts.identity == identity) & (contacts.time >= start) & (contacts.time <= end))
+        for identity, start, end in zip(found.identity, found.start, found.end, strict=True)
+    ]
+    return [each for each in rows if len(each) >= 3]
+
+
 def touches_of(contacts: Contacts) -> tuple[Contacts, Bool[np.ndarray, " k"]]:
     """Each touch that lasted three samples or more as one contact, the median of its rows; and whether it was alone."""
-    found, answered = find_touches(contacts, shortest=0.0), contacts.answered
+    touches, answered = touch_rows(contacts), np.flatnonzero(contacts.answered)
     _, sample, felt = np.unique(contacts.sample[answered], return_inverse=True, return_counts=True)
     several = np.zeros(len(contacts), dtype=bool)
     several[answered] = felt[sample] > 1
-    groups = [
-        answered & (contacts.identity == identity) & (contacts.time >= start) & (contacts.time <= end)
-        for identity, start, end in zip(found.identity, found.start, found.end, strict=True)
-    ]
-    groups = [group for group in groups if np.count_nonzero(group) >= 3]
-    if not groups:
-        return contacts[:0], np.zeros(0, dtype=bool)
-    alone = np.array([several[group].mean() <= 0.2 for group in groups])
-    return Contacts.joined([_median(contacts[group]) for group in groups]), alone
+    alone = np.array([several[rows].mean() <= BESIDE for rows in touches], dtype=bool)
+    return medians(contacts, touches), alone
+
+
+def medians(contacts: Contacts, touches: list[Int[np.ndarray, " _"]]) -> Contacts:
+    """One contact for each of some touches: the median of its rows."""
+    return Contacts.joined([contacts[:0], *(_median(contacts[rows]) for rows in touches)])
 
 
 def _median(contacts: Contacts) -> Contacts:
