@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 
+import numpy as np
 import pytest
 from numba import njit
 
@@ -42,7 +43,7 @@ def judged(request: pytest.FixtureRequest) -> Iterator[Callable]:
 
 @pytest.mark.parametrize(("number", "expected"), [(0, (5, 15)), (1, (0, 15)), (2, (0, 15)), (3, (5, -5)), (4, (5, 20))])
 def test_the_switch_turns_one_fault_on(judged: Callable, number: int, expected: tuple[int, int]) -> None:
-    out = [0]
+    out = np.zeros(1, dtype=np.int64)
     turn_on(number)
     found = judged(5, out)
     assert (out[0], found) == expected
