@@ -62,6 +62,7 @@ class LoadCellArray:
         sound: (k,) cells or (3 k,) channels to use; None: all.
         zero: what the cells read unloaded; None: as in the calibration.
         names: of the channels, for messages.
+        seconds: [s] at a later start in which nothing is touched.
 
     Raises:
         NotIdentifiable: the sound cells tell no wrench.
@@ -75,6 +76,7 @@ class LoadCellArray:
         sound: Bool[np.ndarray, " some"] | None = None,
         zero: Zero | None = None,
         names: tuple[str, ...] = (),
+        seconds: float = START,
     ) -> None:
         from palpate.sensors import _load_cells  # compiled: loaded when first needed
 
@@ -89,7 +91,7 @@ class LoadCellArray:
         self._limits[~self.sound] = -np.inf, np.inf
         channels, count = len(cells.matrix), len(made.directions)
         self._state = np.zeros(count + 2 * channels)
-        self._seconds, self._placement = START, None
+        self._seconds, self._placement = seconds, None
         self._known, self._doubted = zero is not None, list[str]()
         self.set_zero(Zero(cells.bias) if zero is None else zero)
         self._reading, self._located, self._covariance = np.zeros((1, channels)), np.empty((1, 6)), np.empty((1, 6, 6))
