@@ -20,12 +20,13 @@ from evidence.logs_written import POSE, WRENCH, Session, write_csv, write_mcap, 
 from evidence.row import Row
 from palpate import Recording
 from palpate.cli import main
-from palpate.contact import ContactEstimate, Locator, WrenchEstimator
-from palpate.io.contacts import Contacts, read_contacts
+from palpate.contact import ContactEstimate, Contacts, Locator, WrenchEstimator
+from palpate.io.contacts import read_contacts
 from palpate.io.logs import read_recording
 from palpate.io.rig import load_rig
 from palpate.io.rig.force_torque import rig_payload, rig_sensor
 from palpate.sensors import Butterworth, Kalman
+from palpate.sensors.compensation import Compensation
 from palpate.sensors.filters import Filter
 from palpate.sensors.motion import Motion
 from palpate.sensors.recording import ORIENTATION

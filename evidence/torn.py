@@ -24,8 +24,9 @@ from evidence.long_logs import write_log
 from evidence.row import Row
 from evidence.same import run, written
 from palpate import InputError
-from palpate.io.contacts import Contacts, read_contacts
-from palpate.io.contacts.rows import to_frame
+from palpate.contact import Contacts
+from palpate.contact.table import to_frame
+from palpate.io.contacts import read_contacts
 from palpate.io.logs import open_log
 from palpate.simulation import simulate_session
 

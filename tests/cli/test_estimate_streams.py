@@ -21,8 +21,9 @@ import palpate
 from evidence import logs_written
 from evidence.logs_written import POSE, STAMPED, WRENCH, write_csv, write_mcap
 from palpate.cli import main
+from palpate.contact import Contacts
 from palpate.contact.estimate import Status
-from palpate.io.contacts import Contacts, read_contacts
+from palpate.io.contacts import read_contacts
 from palpate.io.logs import parquet
 from palpate.io.models import load_toml
 from palpate.io.rig.edit import update_offset

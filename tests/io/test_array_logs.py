@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 import polars as pl
 import pytest
-from logs_written import (
+
+from evidence.logs_written import (
     COLUMNS,
     POSE,
     ROS1,
@@ -24,7 +25,6 @@ from logs_written import (
     write_parquet,
     write_ros1,
 )
-
 from palpate.errors import InputError
 from palpate.io.logs import ArrayChannel, Layout, contents, missing, open_log, read_recording
 from palpate.io.logs.decoding import ARRAYS, decode

@@ -7,11 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from palpate.contact.estimate import ContactEstimate, Status
+from palpate.contact import ContactEstimate, Contacts, Status
 from palpate.contact.ground_truth import Samples, Touches
+from palpate.contact.table import COLUMNS
 from palpate.errors import InputError
 from palpate.io.atomic import replacing
-from palpate.io.contacts import COLUMNS, read_contacts, write_contacts
+from palpate.io.contacts import read_contacts, write_contacts
 from palpate.io.ground_truth import read_ground_truth, read_touches
 
 HEADER = (
@@ -47,7 +48,7 @@ def test_the_header_is_the_one_that_was_agreed() -> None:
 
 def test_what_is_written_reads_back_to_the_last_bit(tmp_path: Path) -> None:
     time, estimate = _estimate(2000, seed=1)
-    write_contacts(tmp_path / "contacts.csv", time, estimate)
+    write_contacts(tmp_path / "contacts.csv", Contacts.single(time, estimate))
     back = read_contacts(tmp_path / "contacts.csv")
     assert back.sample.tolist() == list(range(2000))
     assert np.array_equal(back.time, time)
@@ -67,7 +68,7 @@ def test_where_there_is_none_the_field_is_empty_and_status_is_lower_case(tmp_pat
         np.zeros(1, dtype=np.int64),
         np.array([Status.NO_POSE], dtype=np.int8),
     )
-    write_contacts(tmp_path / "contacts.csv", np.array([0.5]), estimate)
+    write_contacts(tmp_path / "contacts.csv", Contacts.single(np.array([0.5]), estimate))
     lines = (tmp_path / "contacts.csv").read_text().splitlines()
     assert lines == [HEADER, "0,0.5,0,no_pose" + "," * 17 + "0"]
 

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from evidence.same import FORMATS, chain_of, differing, estimated, streamed, unlike, written
-from palpate.contact import Status
-from palpate.io.contacts import Contacts
+from palpate.contact import Contacts, Status
 from palpate.io.logs import parquet, read_recording, topic_log
 from palpate.io.rig import load_rig
 from palpate.sensors.filters import Butterworth, Filter, Kalman

@@ -409,12 +409,12 @@ class TaxelEstimator:
         raw, count = self.body.readings(recording), len(recording)
         rows, out = np.zeros(count, dtype=np.int64), self.empty(_ROWS)
         pressed = np.zeros((count if forces is not None else 0, len(self.body)))
-        parts, done, step, used = [self.empty(0)], 0, 0, 0
+        parts, done, ran = [self.empty(0)], 0, (0, 0)
         while done < count:
             values = self._buffer if filtered is None else tuple(part[done:] for part in filtered)
-            step, used = self._run(recording.time[done:], raw[done:], *values, out, rows[done:], pressed[done:])
-            parts.append(out[:used].copy())
-            done += step
+            ran = self._run(recording.time[done:], raw[done:], *values, out, rows[done:], pressed[done:])
+            parts.append(out[: ran[1]].copy())
+            done += ran[0]
         if forces is not None:
             forces(pressed.reshape(count, *self.body.shape))
         return self._contacts(

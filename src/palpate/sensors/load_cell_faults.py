@@ -72,7 +72,7 @@ def find_faults(
     if bad.mean() <= RARE:
         return []
     share = float(bad.mean())
-    whole = kept.reshape(-1, 3).any(axis=1)
+    whole = np.asarray(kept.reshape(-1, 3).any(axis=1))
     cause = _explained(made, usable, bad, fits, names) or _swapped(cells, usable[bad], whole, share)
     if cause is None and int(whole.sum()) == 3:
         cause = _still(cells, usable, whole, share)

@@ -195,7 +195,7 @@ def _build(rig: Rig, head: Recording | None) -> Prepared:
 def _least(surface: Surface, cells: LoadCells, table: RigLoadCells) -> str:
     """From which force on a touch is located well enough."""
     accuracy = table.accuracy or WANTED
-    above = surface.centre + [0.0, 0.0, surface.size]
+    above = surface.centre + np.array([0.0, 0.0, surface.size])
     points, normals, _ = surface.project(above[None])
     least = float(resolution(cells, points, normals).smallest(accuracy)[0])
     return f"from {least:.2g} N a touch on the middle of the surface is located within {1e3 * accuracy:g} mm"
