@@ -28,6 +28,7 @@ def strongest(contacts: Contacts, starts: Int[np.ndarray, " m"]) -> Int[np.ndarr
 def totals(contacts: Contacts, starts: Int[np.ndarray, " m"]) -> Float[np.ndarray, " m"]:
     """(m,) [N] sum of the lengths of a sample's forces; NaN where none is known."""
     force = np.linalg.norm(contacts.force, axis=1)
-    known = np.isfinite(force)
-    total = np.add.reduceat(np.where(known, force, 0.0), starts) if len(starts) else np.zeros(0)
-    return np.where(np.logical_or.reduceat(known, starts), total, np.nan) if len(starts) else total
+    if len(starts) == len(force):
+        return force
+    known = np.logical_or.reduceat(np.isfinite(force), starts)
+    return np.where(known, np.add.reduceat(np.nan_to_num(force, posinf=0.0), starts), np.nan)
