@@ -69,6 +69,10 @@ class TaxelBody:
             if isinstance(value, np.ndarray):
                 value.flags.writeable = False
 
+    def __reduce__(self) -> tuple[type[TaxelBody], tuple[object, ...]]:
+        """Copies are read-only too."""
+        return TaxelBody, tuple(vars(self).values())
+
     def __len__(self) -> int:
         return len(self.positions)
 
@@ -261,7 +265,8 @@ def _paired(
     from scipy.spatial import cKDTree  # here: scipy is slow to import
 
     tree = cKDTree(points)
-    far, which = tree.query(points, k=min(_NEAR, len(points)))
+    nearest = tree.query(points, k=min(_NEAR, len(points)))
+    far, which = np.asarray(nearest[0]), np.asarray(nearest[1])
     if (far[:, 1] == 0).any():
         raise InputError(f"two taxels are at one place: {int(which[far[:, 1] == 0][0, 0])}.", where="taxels")
     facing = np.einsum("kc,kjc->kj", normals, normals[which]) > 0
