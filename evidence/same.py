@@ -20,10 +20,11 @@ from evidence.logs_written import POSE, WRENCH, Session, write_csv, write_mcap, 
 from evidence.row import Row
 from palpate import Recording
 from palpate.cli import main
-from palpate.contact import ContactEstimate, Estimator
+from palpate.contact import ContactEstimate, Locator, WrenchEstimator
 from palpate.io.contacts import Contacts, read_contacts
 from palpate.io.logs import read_recording
-from palpate.io.rig import build, load_rig
+from palpate.io.rig import load_rig
+from palpate.io.rig.force_torque import rig_payload, rig_sensor
 from palpate.sensors import Butterworth, Kalman
 from palpate.sensors.filters import Filter
 from palpate.sensors.motion import Motion
@@ -161,26 +162,24 @@ def _blocks(folder: Path, recording: Recording) -> Iterator[Row]:
         yield Row(NAME, what, "0", got, not any(counts.values()), COMMAND)
 
 
-def chain_of(folder: Path, made: Filter | None) -> Estimator:
-    """Of the folder's rig, with a filter of its own."""
+def chain_of(folder: Path, made: Filter | None, source: str = "none") -> WrenchEstimator:
+    """Of the folder's rig, with a filter of its own and accelerations from `source`."""
     rig = load_rig(folder / "rig.toml")
-    surface, sensor = rig.surface.load(rig.folder), rig.sensor()
-    locator = build(rig, surface=surface, rate=200.0).locator
-    return Estimator(locator, sensor, rig.payload(), rig.surface.pose.pose(), filter=made, rate=200.0)
+    payload, base = rig_payload(rig), rig.estimator()
+    motion = None if payload is None else Motion(source, gravity=payload.gravity, lever=payload.center_of_mass)
+    locator = Locator(base.locator.surface, noise=base.locator.noise, on=base.locator.on, off=base.locator.off)
+    return WrenchEstimator(locator, Compensation(rig_sensor(rig), payload, motion), base.mount, filter=made, rate=200.0)
 
 
-def streamed(chain: Estimator, recording: Recording, size: int, source: str = "none") -> dict[str, np.ndarray]:
-    """The columns of a recording's contacts, given in blocks of a size; accelerations from `source`."""
+def streamed(chain: WrenchEstimator, recording: Recording, size: int) -> dict[str, np.ndarray]:
+    """The columns of a recording's contacts, given in blocks of a size."""
     chain.reset()
     starts = range(0, len(recording), size)
-    blocks = (recording.picked(slice(start, start + size)) for start in starts)
-    if chain.payload is not None:
-        blocks = Motion(source, gravity=chain.payload.gravity, lever=chain.payload.center_of_mass).stream(blocks)
-    answers = chain.stream(blocks)
-    return vars(ContactEstimate.joined([found for _, found in answers]))
+    answers = chain.stream(recording.picked(slice(start, start + size)) for start in starts)
+    return vars(ContactEstimate.joined([found.estimate for found in answers]))
 
 
-def _updated(chain: Estimator, recording: Recording) -> dict[str, np.ndarray]:
+def _updated(chain: WrenchEstimator, recording: Recording) -> dict[str, np.ndarray]:
     chain.reset()
     rotations = rotation_from_quaternion(recording.channels[ORIENTATION])
     samples = zip(recording.time.tolist(), recording.wrenches(), rotations, strict=True)

@@ -25,7 +25,7 @@ from palpate.contact.estimate import Status
 from palpate.contact.taxel_estimator import TaxelEstimator
 from palpate.errors import NotIdentifiable, PalpateError
 from palpate.evaluation.errors import CHI2_95
-from palpate.evaluation.skin import equivalent_forces, judge, map_mesh, touches_of, wand_points
+from palpate.evaluation.instruments import judge, map_mesh, medians, touch_rows, wand_points, wrench_points
 from palpate.sensors.intensity import Curve, Intensity
 from palpate.sensors.recording import CELLS, Recording
 from palpate.sensors.skin import Health, examine
@@ -369,12 +369,11 @@ def protocol(count: int, width: float) -> Judged:
 
 def _judge(session: SkinSession, skin: TaxelEstimator, surface: Mesh, judged: Judged) -> None:
     """One session against its truth, the sensor below and the wand."""
-    points, normals, at = _touched(session.frames, skin)
-    pitch = (SHEET.pitch, SHEET.pitch)
-    judged.truth.append(np.linalg.norm(points - session.point, axis=1))
+    touches, at = _touched(session.frames, skin)
+    judged.truth.append(np.linalg.norm(touches.point - session.point, axis=1))
     wrench = np.stack([np.median(session.wrench[rows], axis=0) for rows in at])
-    reference = equivalent_forces(surface, wrench, alone=np.ones(len(at), dtype=bool))
-    report = judge(points, normals, reference, pitch)
+    reference = wrench_points(surface, wrench, alone=np.ones(len(at), dtype=bool))
+    report = judge(touches, reference)
     judged.sensor.append(report.errors)
     judged.turned.append(report.turned)
     judged.paper.append(report.paper_direction)
@@ -384,7 +383,7 @@ def _judge(session: SkinSession, skin: TaxelEstimator, surface: Mesh, judged: Ju
     turn = rotation_from_quaternion(np.where(lost[:, None], [0, 0, 0, 1.0], pose[:, 3:]))
     tip = Wand().radius * icosphere(16)[0]
     seen = wand_points(surface, tip, turn, np.where(lost[:, None], np.nan, pose[:, :3]))
-    by_wand = judge(points, normals, seen, pitch)
+    by_wand = judge(touches, seen)
     judged.wand.append(by_wand.errors)
     means = [np.nan if s is None else s.mean for s in (report.paper_position, by_wand.paper_position)]
     judged.flat.append(np.array(means))
@@ -426,16 +425,12 @@ def _directions(judged: Judged) -> str:
     return f"{100 * float(np.nanmean(judged.paper)):.2f} %, in space {degrees:.2f} deg; the paper 2.9 %"
 
 
-def _touched(frames: Recording, skin: TaxelEstimator) -> tuple[np.ndarray, np.ndarray, list[np.ndarray]]:
-    """Medians of points and normals of each touch, and the samples it lasted, in order."""
+def _touched(frames: Recording, skin: TaxelEstimator) -> tuple[Contacts, list[np.ndarray]]:
+    """Each touch as the median of its rows, and the samples it lasted, in order."""
     skin.reset()
     found = skin.run(frames)
-    touches = [(rows, found) for _, rows, _ in touches_of(found.identity, found.located, found.sample)]
-    touches.sort(key=lambda each: found.time[each[0][0]])
-    held = [rows[4:-4] for rows, _ in touches]  # without the ramps
-    points = np.stack([np.median(found.estimate.point[rows], axis=0) for rows in held])
-    normals = np.stack([np.median(found.estimate.normal[rows], axis=0) for rows in held])
-    return points, normals / np.linalg.norm(normals, axis=1, keepdims=True), [found.sample[rows] for rows in held]
+    held = [rows[4:-4] for rows in touch_rows(found)]  # without the ramps
+    return medians(found, held), [found.sample[rows] for rows in held]
 
 
 def _middle(poses: np.ndarray) -> np.ndarray:

@@ -141,7 +141,7 @@ def _row(name: str, left: str, right: str) -> str:
 
 def _report(folder: Path, name: str) -> Report:
     found = read_contacts(folder / name)
-    return evaluate(found.time, found.estimate, read_ground_truth(folder / "truth.csv"))
+    return evaluate(found, read_ground_truth(folder / "truth.csv"))
 
 
 if __name__ == "__main__":

@@ -249,12 +249,12 @@ def test_times_too_coarse_for_a_filter_are_refused_with_one_and_noted_without(
 
 
 def test_ctrl_c_before_a_row_leaves_nothing(made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from palpate.contact.estimator import Estimator
+    from palpate.contact import WrenchEstimator
 
     def interrupted(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(Estimator, "run", interrupted)
+    monkeypatch.setattr(WrenchEstimator, "run", interrupted)
     assert _estimate(made / "touches.csv", made, tmp_path) == 130
     assert list(tmp_path.iterdir()) == []
 

@@ -14,19 +14,21 @@ from palpate.cli.report_settings import force_torque, load_cells, taxels, wrench
 from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import ROW, ContactEstimate, Status
 from palpate.contact.events import find_touches
-from palpate.contact.resolution import nominal_cells
 from palpate.contact.ground_truth import Samples, Touches
-from palpate.io.rig import Rig, build
+from palpate.contact.locate import Locator
+from palpate.contact.resolution import nominal_cells
+from palpate.io.rig import Rig
 from palpate.io.rig.surface import RigSurface
-from palpate.io.rig.tables import RigEstimate, RigFilter, RigForceTorque, RigPair, RigThresholds
+from palpate.io.rig.tables import RigEstimate, RigForceTorque, RigPair, RigThresholds
 from palpate.simulation.cell_array import LAYOUTS
+from palpate.spatial.pose import Pose
 from palpate.viewer.downsample import Downsample
 from palpate.viewer.report import Section
 from palpate.viewer.run_report import MEANING, Run, compose
 
 RIG = Rig(
     RigSurface(kind="plane", half_width=0.1),
-    force_torque=RigForceTorque(noise=RigPair(0.02, 0.001), range=RigPair(200.0, 10.0)),
+    sensors={"force_torque": RigForceTorque(noise=RigPair(0.02, 0.001), range=RigPair(200.0, 10.0))},
     estimate=RigEstimate(contact=RigThresholds(0.5, 0.3)),
 )
 N = 1_000
@@ -63,7 +65,7 @@ def test_the_tiles_are_the_run() -> None:
     """By construction: all answered, 42 N at most, 3 mm off, and 95 % of a 1 mm normal within 2.448 mm."""
     truth = Samples(TIME, TRUTH)
     estimate = ContactEstimate.from_rows(_rows())
-    tiles = _tiles(judged(_run(touches=find_touches(TIME, estimate)), truth))
+    tiles = _tiles(judged(_run(touches=find_touches(Contacts.single(TIME, estimate))), truth))
     assert tiles == {
         "samples": "1,000",
         "answered": "100.0 %",
@@ -114,16 +116,15 @@ def test_advice_follows_from_what_is_missing() -> None:
 
 
 def test_settings_are_those_of_the_rig() -> None:
-    rig = replace(RIG, filter=RigFilter(kind="butterworth", cutoff=5.0))
-    estimator = build(rig, rate=100.0)
-    filtered = estimator.filter.describe(100.0)
-    facts = dict(wrench_settings(rig, estimator.locator, estimator.sensor.noise, filtered))
+    noise = np.diag([0.02**2] * 3 + [0.001**2] * 3)
+    locator = Locator(RIG.surface.load(Path()), noise=noise, on=0.5, off=0.3)
+    facts = dict(wrench_settings(RIG, locator, noise, "butterworth, 5 Hz"))
     assert facts["method"] == "soft_finger"
     assert facts["a contact"] == "begins at 0.5 N, ends at 0.3 N"
     assert facts["noise of a reading"].startswith("0.02 N and 0.001 N m")
-    assert "5 Hz" in facts["filter"]
-    assert wrench_method(rig, payload=False).endswith("located on a plane by the soft finger method")
-    models = dict(force_torque(rig, None, estimator.mount).facts)
+    assert facts["filter"] == "butterworth, 5 Hz"
+    assert wrench_method(RIG, payload=False).endswith("located on a plane by the soft finger method")
+    models = dict(force_torque(RIG, None, Pose.identity()).facts)
     assert models["payload"].startswith("none")
     assert models["mounting"] == "(0.00, 0.00, 0.00) mm, not calibrated"
 
@@ -155,7 +156,12 @@ def test_of_two_contacts_at_once_the_one_at_the_truth_is_judged() -> None:
     tiles = _tiles(run)
     assert tiles["location error"] == "0.00 mm"
     assert (tiles["samples"], tiles["contacts at once"], tiles["peak force"]) == ("10", "2", "2 N")
-    assert _section(run, "Features of the contacts").tables[0].rows[-1] == ("area [cm²]", "2", "2", "2")
+    touches = find_touches(_two_at_once())
+    table = _section(replace(run, touches=touches), "Touches").tables[0]
+    assert table.header[:2] == ("touch", "contact")
+    assert table.header[-1] == "area [cm²]"
+    assert [row[1] for row in table.rows] == ["1", "2"]
+    assert [row[-1] for row in table.rows] == ["2", "2"]
 
 
 def test_taxels_show_contacts_on_the_unrolled_sheet_where_there_is_one() -> None:

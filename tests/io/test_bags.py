@@ -69,9 +69,8 @@ def test_units_and_axes_apply_to_every_format(tmp_path: Path, name: str) -> None
 def test_topics_are_listed_with_type_and_count(tmp_path: Path, name: str) -> None:
     FORMATS[name](tmp_path / name, session(7))
     stamped = [(WRENCH, "geometry_msgs/WrenchStamped", 7), (POSE, "geometry_msgs/PoseStamped", 7)]
-    assert sorted((topic.name, topic.kind, topic.count) for topic in contents(tmp_path / name).topics) == sorted(
-        stamped
-    )
+    found = contents(tmp_path / name).topics
+    assert sorted((topic.name, topic.kind, topic.count) for topic in found) == sorted(stamped)
 
 
 def test_a_log_of_columns_has_no_topics(tmp_path: Path) -> None:

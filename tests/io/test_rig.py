@@ -18,6 +18,7 @@ from palpate.io.rig.edit import update_pose
 from palpate.io.rig.new import propose_rig
 from palpate.io.rig.surface import RigSurface
 from palpate.io.rig.tables import RigEstimate, RigPair, RigThresholds
+from palpate.sensors.compensation import Compensation
 from palpate.spatial.pose import Pose
 
 RIG = """\
@@ -70,8 +71,9 @@ def test_the_rig_of_the_issue_builds_an_estimator(tmp_path: Path) -> None:
     assert estimator.locator.surface.size == pytest.approx(0.04 * 3**0.5)
     assert estimator.mount.translation.tolist() == [0, 0, 0.05]
     assert (estimator.locator.on, estimator.locator.off) == (0.5, 0.3)
-    assert estimator.sensor.limits is not None
-    assert estimator.sensor.limits.tolist() == [200] * 3 + [10] * 3
+    assert isinstance(estimator.sensor, Compensation)
+    assert estimator.sensor.sensor.limits is not None
+    assert estimator.sensor.sensor.limits.tolist() == [200] * 3 + [10] * 3
     assert estimator.sensor.noise is not None
     assert np.diag(estimator.sensor.noise) == pytest.approx([0.0004] * 3 + [1e-6] * 3)
 

@@ -103,7 +103,7 @@ def test_messages_of_another_size_keep_their_rows(tmp_path: Path) -> None:
 
 
 def test_a_table_of_another_sheet_is_refused_with_both_sizes(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"12 columns beside the time, but cells of 6 x 22 are 132"):
+    with pytest.raises(InputError, match=r"12 columns beside the time, but 132 cells .6 x 22. are wanted"):
         _read(_csv(tmp_path / "log.csv"), _layout(6, 22))
     np.savez(tmp_path / "log.npz", time=TIME, frames=CELLS)
     with pytest.raises(InputError, match="frames of shape n x 3 x 4, not n x 6 x 22"):

@@ -1,4 +1,4 @@
-"""What is drawn of contacts: ellipses, heat, trails and courses against closed forms; without any server."""
+"""What is drawn of contacts: ellipses, heat, trails and curves against closed forms; without any server."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from viewer.pages import BODY, SPREAD, ellipsoid, session, tangents, two_contacts
 
 from palpate.contact.estimate import Status
 from palpate.errors import InputError
@@ -18,6 +17,7 @@ from palpate.viewer.captions import STATUS_WORDS, caption
 from palpate.viewer.heat import PALETTE, colours, density, refined
 from palpate.viewer.scene import CHI2_95, MAGNIFICATIONS, Scene, ellipse, nice, prepare
 from palpate.viewer.timeline import Timeline, downsampled
+from tests.support.pages import BODY, SPREAD, ellipsoid, session, tangents, two_contacts
 
 
 @pytest.fixture(scope="module")

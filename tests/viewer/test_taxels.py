@@ -6,14 +6,14 @@ import urllib.request
 
 import numpy as np
 import pytest
-from viewer.pages import BODY, ellipsoid, two_contacts
 
 from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import ContactEstimate
 from palpate.simulation.skin_bench import Rolled
 from palpate.viewer.scene import prepare
 from palpate.viewer.server import Page
-from palpate.viewer.taxels import PIXELS, TaxelLayer, patches, unrolled
+from palpate.viewer.taxels import PIXELS, TaxelLayer, cell_mesh, unrolled
+from tests.support.pages import BODY, ellipsoid, two_contacts
 
 SHEET = Rolled()
 PLACE = SHEET.layout()
@@ -41,15 +41,16 @@ def _sheet_contacts() -> tuple[Contacts, np.ndarray]:
     return Contacts(sample, 0.1 * sample, np.array([0, 1, 2]), estimate, features), forces.reshape(2, -1)
 
 
-def _corners(*cells: np.ndarray, shape: tuple[int, int] | None) -> np.ndarray:
-    frames, sides = patches(*cells, shape)
-    square = np.array([(-0.5, -0.5, 0.0), (0.5, -0.5, 0.0), (0.5, 0.5, 0.0), (-0.5, 0.5, 0.0)])
-    return cells[0][:, None] + np.einsum("kij,kcj->kci", frames, square * sides[:, None])
+def _corners(shape: tuple[int, int] | None) -> np.ndarray:
+    """(k, 4, 3) around each cell."""
+    vertices, faces = cell_mesh(*CELLS, shape)
+    assert faces.shape == (2 * len(CELLS[0]), 3)
+    return vertices.reshape(-1, 4, 3)
 
 
 @pytest.mark.parametrize("shape", [SHAPE, None])
 def test_cells_face_outward_have_their_area_and_touch_the_link(shape: tuple[int, int] | None) -> None:
-    corners = _corners(*CELLS, shape=shape)
+    corners = _corners(shape)
     cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 3] - corners[:, 0])
     area = np.linalg.norm(cross, axis=1)
     np.testing.assert_allclose(area, CELLS[2], rtol=1e-9)
@@ -59,7 +60,7 @@ def test_cells_face_outward_have_their_area_and_touch_the_link(shape: tuple[int,
 
 def test_cells_of_a_sheet_lie_side_by_side() -> None:
     """Corners that neighbours share are at one place, up to what a chord of one cell hides: pitch^2/(8 radius)."""
-    corners = _corners(*CELLS, shape=SHAPE).reshape(*SHAPE, 4, 3)
+    corners = _corners(SHAPE).reshape(*SHAPE, 4, 3)
     gaps = np.linalg.norm(corners[1:, :, 0] - corners[:-1, :, 1], axis=-1)
     assert gaps.max() < 0.1 * min(PLACE.pitch)
 

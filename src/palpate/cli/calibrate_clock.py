@@ -16,6 +16,7 @@ from palpate.io.logs import contents, read_poses, read_recording
 from palpate.io.models import provenance
 from palpate.io.rig import load_rig
 from palpate.io.rig.edit import update_offset
+from palpate.io.rig.force_torque import rig_payload
 from palpate.io.units import measured
 
 __all__ = ["calibrate_clock"]
@@ -38,16 +39,16 @@ def calibrate_clock(
         search: seconds to either side of the rig's offset that are looked at.
     """
     setup = load_rig(rig)
-    keep_inputs(output, (log, setup.mesh_path(), setup.payload_path()))  # not the rig: it may be updated
+    keep_inputs(output, (log, *setup.files().values()))  # not the rig: it may be updated
     if setup.force_torque.frame == "base":
         raise InputError(
             "wrenches written in the base frame were turned with poses whose clock is in question.",
             where=str(rig),
             mend="Record them in the sensor's frame.",
         )
-    path = setup.payload_path()
+    path = setup.files().get("payload")
     there = path is not None and path.exists()  # a rig may name it before it is made, which the clock may come before
-    layout, payload = setup.layout(), setup.payload() if there else None
+    layout, payload = setup.layout("force_torque"), rig_payload(setup) if there else None
     before = setup.orientation.offset
     recording = read_recording(log, layout)
     pose_time, quaternions, _ = read_poses(log, layout)

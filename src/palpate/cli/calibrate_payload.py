@@ -57,8 +57,8 @@ def calibrate_payload(
         base_frame: the wrenches are written in the base frame (a rig says it as frame = "base").
     """
     setup = None if rig is None else load_rig(rig)
-    keep_inputs(output, (log, rig, None if setup is None else setup.mesh_path()))
-    layout = Layout() if setup is None else setup.layout()
+    keep_inputs(output, (log, rig, None if setup is None else setup.files().get("mesh")))
+    layout = Layout() if setup is None else setup.layout("force_torque")
     recording = read_recording(log, layout)
     if ORIENTATION not in recording.channels:
         raise InputError(

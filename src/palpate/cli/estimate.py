@@ -48,8 +48,8 @@ def estimate(
 
     Args:
         log: CSV, Parquet, NumPy, MCAP or a ROS bag. Wrenches: columns time,fx,fy,fz,tx,ty,tz and, where orientation
-            matters, qx,qy,qz,qw, or topics with WrenchStamped and PoseStamped. Load cells: their voltages. A taxel sheet:
-            one column a cell, or arrays, or images. Other names and units stand in the rig.
+            matters, qx,qy,qz,qw, or topics with WrenchStamped and PoseStamped. Load cells: their voltages. A taxel
+            sheet: one column a cell, or arrays, or images. Other names and units stand in the rig.
         output: contacts to write: .csv, .parquet or .mcap.
         setup: what is touched, and how contacts are found.
         frame: of the result; base needs the sensor's orientation and position in the log.

@@ -18,7 +18,18 @@ from palpate.io.contacts.events import write_events
 __all__ = ["events"]
 
 _SHOWN = 40
-_HEADER = ("touch", "start [s]", "end [s]", "peak [N]", "x [mm]", "y [mm]", "z [mm]", "sd [mm]", "slid [mm]", "ambiguous")
+_HEADER = (
+    "touch",
+    "start [s]",
+    "end [s]",
+    "peak [N]",
+    "x [mm]",
+    "y [mm]",
+    "z [mm]",
+    "sd [mm]",
+    "slid [mm]",
+    "ambiguous",
+)
 
 
 def events(

@@ -72,9 +72,9 @@ def _check_output(output: Path, file: Path, rig: Path | None) -> None:
 
 def _data(file: Path, rig: Rig | None, sensor: str | None, output: Path | None) -> None:
     """A log, contacts, or a truth."""
-    there = LogContents() if _unfinished(file) else contents(file)
+    there = None if _unfinished(file) else contents(file)
     torn = False
-    if _unfinished(file) or _holds_contacts(there):
+    if there is None or _holds_contacts(there):
         recording = inspect_contacts(file)
     elif {"px", "py", "pz"} <= set(there.names) and set(there.names) & {"time", "start"}:
         _ground_truth(file)

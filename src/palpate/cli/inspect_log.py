@@ -124,7 +124,7 @@ def _say_contents(there: LogContents) -> None:
     if there.topics:
         table(("topic", "type", "messages"), [(t.name, t.kind, f"{t.count:,}") for t in there.topics])
     else:
-        names = there.names
+        names = list(there.names)
         shown = ", ".join(names[:20]) + (", ..." if len(names) > 20 else "")
         lines([("columns", f"{len(names)}: {shown}")])
 
@@ -146,7 +146,7 @@ def _orientation(kept: Recording, there: LogContents) -> str:
         lost = ~np.isfinite(kept.channels[ORIENTATION]).all(axis=1)
         where = "" if POSITION in kept.channels else ", without a position"
         return f"there{where}" + (f", missing in {percent(lost.mean())}" if lost.any() else "")
-    guess = guess_orientation(there.names)
+    guess = guess_orientation(list(there.names))
     return "none" if guess is None else f"perhaps {', '.join(guess)}"
 
 
@@ -195,7 +195,9 @@ def inspect_contacts(file: Path) -> Recording:
         excerpt.add(Recording(strongest.time, {FORCE: strongest.force, PLACE: point}))
     title(f"{file}: contacts")
     total = int(counts.sum())
-    several = f", of {samples:,} samples; {len(identities):,} contacts" if total > samples or len(identities) > 1 else ""
+    several = (
+        f", of {samples:,} samples; {len(identities):,} contacts" if total > samples or len(identities) > 1 else ""
+    )
     lines([("rows", f"{total:,}{several}"), ("time", f"{first:.3f} to {last:.3f}" if first <= last else "none")])
     lines([("features", ", ".join(features))] if features else [])
     lines((kind.label, percent(counts[kind] / total)) for kind in Status if counts[kind])

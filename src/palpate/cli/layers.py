@@ -32,7 +32,7 @@ _LAYERS: dict[str, Callable[[Rig, np.ndarray | None], Layer]] = {"load_cells": _
 
 
 def layers_of(rig: Rig, sensor: str, forces: np.ndarray | None = None) -> tuple[Layer, ...]:
-    """Of a sensor's kind, as far as the files that the rig names are there; `forces` (n, k) [N] of the cells of a skin."""
+    """Of a sensor's kind, if the files that it names are there; `forces` (n, k) [N] are those of the cells of a skin."""
     known = sensor in _LAYERS and sensor in rig.sensors and all(path.exists() for path in _files(rig, sensor))
     return (_LAYERS[sensor](rig, forces),) if known else ()
 

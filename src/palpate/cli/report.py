@@ -8,12 +8,13 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from palpate.cli.evaluate import HEADER, spreads
+from palpate.cli.evaluate import HEADER, summaries
 from palpate.cli.report_advice import coverage_advice, status_advice
 from palpate.contact.ground_truth import Samples, Touches
 from palpate.evaluation.errors import distances
 from palpate.evaluation.evaluate import Report as Evaluation
-from palpate.evaluation.evaluate import evaluate, nearest_in_time
+from palpate.evaluation.evaluate import evaluate
+from palpate.evaluation.matching import match_instants, match_touches
 from palpate.io.atomic import write_text
 from palpate.viewer import plots
 from palpate.viewer.report import Picture, Section, Table, Tile, picture, render
@@ -39,17 +40,13 @@ def judged(run: Run, truth: Samples | Touches | None = None, *, mounted: bool = 
 
     Args:
         run: with the advice of its sensor.
-        truth: what is known of the contacts, in the surface's frame. Of several contacts at once the nearest to it is
-            judged.
+        truth: what is known of the contacts, in the surface's frame.
         mounted: the ellipses hold the uncertainty of where the body sits.
     """
     found, section = None, Section("Against the ground truth")
     if truth is not None:
-        kept = run.kept
-        error = _errors(kept, truth)
-        rows = kept.even & _nearest(error, kept)
-        found = evaluate(kept.contacts.time[rows], kept.contacts.estimate[rows], truth)
-        section = _section(run, truth, found, error)
+        found = evaluate(run.kept.contacts[run.kept.even], truth, tolerance=TOLERANCE)
+        section = _section(run, truth, found)
     said = (*run.advice, *status_advice(run.downsample.statuses), *coverage_advice(found, mounted=mounted))
     return replace(
         run,
@@ -71,12 +68,12 @@ def _tiles(found: Evaluation | None) -> list[Tile]:
     return tiles
 
 
-def _section(run: Run, truth: Samples | Touches, found: Evaluation, error: Float[np.ndarray, " n"]) -> Section:
+def _section(run: Run, truth: Samples | Touches, found: Evaluation) -> Section:
     title = "Against the ground truth"
     if not found.matched:
         return Section(title, text=("No sample matches the ground truth: both must be on one clock.",))
     kept = run.kept
-    drawn = plots.errors(kept.contacts.time, error, kept.radius)
+    drawn = plots.errors(kept.contacts.time, _errors(kept, truth), kept.radius)
     shown = [picture(drawn, "Distance of each located sample from the ground truth.")]
     if isinstance(truth, Touches):
         shown.append(_touch_picture(kept, truth, found))
@@ -88,32 +85,18 @@ def _section(run: Run, truth: Samples | Touches, found: Evaluation, error: Float
             f" The 95 % ellipses hold it in {percent(found.coverage.inside)} of {found.coverage.count:,} samples, and "
             f"the mean square is {found.coverage.mean_square:.2f}, which should be 2."
         )
-    table = Table(("error", *HEADER[1:]), tuple(spreads(found)))
+    table = Table(("error", *HEADER[1:]), tuple(summaries(found)))
     return Section(title, text=(text,), pictures=tuple(shown), tables=(table,) if table.rows else ())
 
 
 def _errors(kept: Kept, truth: Samples | Touches) -> Float[np.ndarray, " n"]:
-    """[m] of each answered row that has a ground truth, else NaN; of several at once, the nearest only."""
-    time, known = kept.contacts.time, np.full((len(kept.contacts), 3), np.nan)
-    if isinstance(truth, Samples):
-        match = nearest_in_time(time, truth.time, TOLERANCE)
-        known[match >= 0] = truth.point[match[match >= 0]]
+    """(n,) [m] of each answered row from its ground truth, NaN where it has none."""
+    if isinstance(truth, Touches):
+        match = match_touches(kept.contacts, truth)[0]
     else:
-        for start, end, point in zip(truth.start, truth.end, truth.point, strict=True):
-            known[(time >= start) & (time <= end)] = point
-    error = distances(kept.point, known)
-    return np.where(_nearest(error, kept), error, np.nan)
-
-
-def _nearest(error: Float[np.ndarray, " n"], kept: Kept) -> np.ndarray:
-    """(n,) one row a sample: that of the least error, the first where none is known."""
-    rows, chosen = np.where(np.isfinite(error), error, np.inf), np.zeros(len(error), dtype=bool)
-    ends = np.append(kept.starts[1:], len(error))
-    if len(kept.starts) == len(error):
-        return ~chosen
-    for start, end in zip(kept.starts.tolist(), ends.tolist(), strict=True):
-        chosen[start + int(rows[start:end].argmin())] = True
-    return chosen
+        match = match_instants(kept.contacts, truth, TOLERANCE)[0]
+    known = np.concatenate([truth.point, np.full((1, 3), np.nan)])  # the last is that of -1
+    return distances(kept.point, known[match])
 
 
 def _touch_picture(kept: Kept, truth: Touches, found: Evaluation) -> Picture:

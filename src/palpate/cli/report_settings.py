@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from palpate.io.models import MODELS
-from palpate.cli.console import measured
 from palpate.contact.contacts import Contacts
 from palpate.contact.locate import Locator
+from palpate.io.models import MODELS
 from palpate.io.rig import Rig
+from palpate.io.units import measured
 from palpate.sensors.force_torque import Payload
 from palpate.sensors.load_cells import LoadCells
 from palpate.spatial.pose import Pose, skew
@@ -73,7 +73,8 @@ def _noise(deviation: np.ndarray) -> str:
 
 def force_torque(rig: Rig, payload: Payload | None, mount: Pose) -> Section:
     """Payload and mounting with their standard deviations, axes and orientation."""
-    facts = [("payload", "none: wrenches are taken as they are")] if payload is None else list(MODELS["payload"].summary(payload))
+    none = [("payload", "none: wrenches are taken as they are")]
+    facts = none if payload is None else list(MODELS["payload"].summary(payload))
     facts += _mounting(mount, None if rig.surface is None else rig.surface.pose_covariance)
     wrench, orientation = rig.force_torque, rig.orientation
     facts.append(("wrench", f"in the {wrench.frame}'s frame, logged axes {', '.join(wrench.axes)}"))

@@ -16,6 +16,7 @@ from palpate.io.pipeline import Pipeline
 from palpate.sensors.compensation import Compensation
 from palpate.sensors.load_cell_array import LoadCellArray
 from palpate.viewer.run_report import Run
+from palpate.viewer.taxels import cell_mesh
 
 __all__ = ["run_of"]
 
@@ -80,16 +81,19 @@ def _of_wrenches(run: Run, pipeline: Pipeline, estimator: WrenchEstimator) -> Ru
 def _of_taxels(run: Run, pipeline: Pipeline, estimator: TaxelEstimator) -> Run:
     """On a body of cells."""
     rig, body, health = pipeline.log.rig, estimator.body, estimator.health
-    drawn = None if rig.surface is None else rig.surface.load(rig.folder).drawn()
+    shape = (body.rows, body.columns) if body.rows else None
+    drawn = cell_mesh(body.positions, body.normals, body.areas, shape)
+    if rig.surface is not None:
+        mesh = rig.surface.load(rig.folder).drawn()
+        drawn = (mesh.vertices, mesh.faces)
     facts = [("cells", f"{len(body)}, of which {int(body.usable.sum())} are used")]
     if health is not None:
         facts.append(("at rest", f"{np.median(health.baseline):.3g}, noise {np.median(health.noise):.2g} (medians)"))
         facts.append(("dead, stuck", f"{int(health.dead.sum())}, {int(health.stuck.sum())}"))
-    shape = (body.rows, body.columns) if body.rows else None
     section = taxels(run.downsample.contacts, tuple(facts), shape, () if health is None else health.notes)
     return replace(
         run,
-        body=None if drawn is None else (drawn.vertices, drawn.faces),
+        body=drawn,
         uncertainties=("the cells' noise", "where in a cell a touch may be"),
         sections=(section,),
     )

@@ -77,9 +77,12 @@ def _estimated(path: Path, setup: Setup, rig: Rig) -> tuple[Scene, list[str]]:
     pipeline = Pipeline.of(log)
     forces, parts, done = list[np.ndarray](), list[Contacts](), 0
     taxels = isinstance(pipeline.estimator, TaxelEstimator)
-    watched = {"forces": lambda cells: forces.append(cells.reshape(len(cells), -1).astype(np.float32))}
+
+    def keep(cells: np.ndarray) -> None:
+        forces.append(cells.reshape(len(cells), -1).astype(np.float32))
+
     with counting():
-        for block, found, _ in pipeline.stream(**(watched if taxels else {})):
+        for block, found, _ in pipeline.stream(**({"forces": keep} if taxels else {})):
             parts.append(found)
             done += len(block)
             progress(done, log.position / max(log.size, 1))

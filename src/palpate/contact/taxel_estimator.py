@@ -15,7 +15,6 @@ from numpy.typing import ArrayLike
 
 from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import ContactEstimate
-from palpate.contact.tare import Tare
 from palpate.errors import InputError
 from palpate.sensors.filters import Filter
 from palpate.sensors.intensity import Curve, Intensity
@@ -23,6 +22,7 @@ from palpate.sensors.recording import CELLS, Recording
 from palpate.sensors.skin import FEWEST, Health, at_rest, examine
 from palpate.sensors.smoothing import BothWays, Forward
 from palpate.sensors.taxels import TaxelBody
+from palpate.sensors.wrench_sensor import Tare
 from palpate.spatial.pose import Pose
 
 __all__ = ["FEATURES", "TaxelEstimator", "TaxelSettings"]
@@ -132,7 +132,7 @@ class TaxelEstimator:
         self._table = (*tables, max(body.columns, 1))
         self._zero_phase = filter is not None and filter.zero_phase
         self._recursion = None if filter is None else filter.recursion(self._rate())
-        self._forward = None
+        self._forward: Forward | None = None
         if self._recursion is not None and not self._zero_phase:
             self._forward = Forward(self._recursion, self._rate(), count)
         self._clock = np.zeros(2)

@@ -93,7 +93,9 @@ class OpenedLog:
     def __enter__(self) -> OpenedLog:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, raised: BaseException | None, at: TracebackType | None) -> None:
+    def __exit__(
+        self, kind: type[BaseException] | None, raised: BaseException | None, at: TracebackType | None
+    ) -> None:
         self._first, self._blocks = [], None
 
     def _timed(self, blocks: Iterator[Recording]) -> Iterator[Recording]:
@@ -130,7 +132,9 @@ def _told(path: Path, rig: Rig) -> SensorKind:
         return fitting[0]
     if fitting:
         names = ", ".join(kind.name for kind in fitting)
-        raise InputError(f"could be of several sensors of the rig: {names}.", where=str(path), mend="Name one: --sensor.")
+        raise InputError(
+            f"could be of several sensors of the rig: {names}.", where=str(path), mend="Name one: --sensor."
+        )
     why = "; ".join(f"{name}: no {', '.join(what[:3])}" for name, what in lacking.items())
     raise InputError(f"has nothing for a sensor of the rig ({why}).", where=str(path))
 
@@ -238,9 +242,7 @@ class Pipeline:
         return list(dict.fromkeys((*self.doubted, *self.estimator.doubts(), *self._seen.doubts(self.estimator))))
 
 
-def estimate(
-    log: str | Path, rig: Rig | str | Path, *, frame: str = "surface", sensor: str | None = None
-) -> Contacts:
+def estimate(log: str | Path, rig: Rig | str | Path, *, frame: str = "surface", sensor: str | None = None) -> Contacts:
     """Every contact in a log: exactly what `palpate estimate` writes.
 
     Args:

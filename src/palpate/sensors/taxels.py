@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -265,8 +266,8 @@ def _paired(
     from scipy.spatial import cKDTree  # here: scipy is slow to import
 
     tree = cKDTree(points)
-    nearest = tree.query(points, k=min(_NEAR, len(points)))
-    far, which = np.asarray(nearest[0]), np.asarray(nearest[1])
+    query: tuple[Any, Any] = tree.query(points, k=min(_NEAR, len(points)))
+    far, which = query
     if (far[:, 1] == 0).any():
         raise InputError(f"two taxels are at one place: {int(which[far[:, 1] == 0][0, 0])}.", where="taxels")
     facing = np.einsum("kc,kjc->kj", normals, normals[which]) > 0

@@ -15,7 +15,7 @@ from palpate.errors import InputError
 
 __all__ = ["FLOAT", "INT8", "Value", "frozen", "require_out", "shaped"]
 
-Shape = tuple[int | EllipsisType | None, ...]  # None: any length; ... in front: any leading axes
+Shape = tuple[int | EllipsisType | None, ...]  # first, None: any length, or ...: any leading axes
 
 FLOAT, INT8 = np.dtype(np.float64), np.dtype(np.int8)
 
@@ -28,7 +28,7 @@ def shaped(values: ArrayLike, shape: Shape, name: str, dtype: np.dtype[Any] = FL
 
     Args:
         values: numbers.
-        shape: wanted; None is any length, ... in front any leading axes.
+        shape: wanted; None in front is any length, ... any leading axes.
         name: of the argument, for the message.
         dtype: float64 or int8.
 
@@ -38,7 +38,7 @@ def shaped(values: ArrayLike, shape: Shape, name: str, dtype: np.dtype[Any] = FL
     array = values
     if type(array) is not np.ndarray or array.dtype != dtype or not array.flags.carray:
         array = _converted(values, shape, name, dtype)
-    if array.shape != shape and not _fits(array.shape, shape):
+    if not _fits(array.shape, shape):
         raise InputError(f"{name} must have shape {_said(shape)}, not {array.shape}.")
     return array
 
@@ -50,7 +50,7 @@ def require_out(out: np.ndarray, shape: Shape) -> None:
         InputError: it is not; nothing is copied, because the caller would not see what is written.
     """
     if type(out) is np.ndarray and out.dtype == FLOAT and out.flags.carray:
-        if out.shape == shape or _fits(out.shape, shape):
+        if _fits(out.shape, shape):
             return
         raise InputError(f"out must have shape {_said(shape)}, not {out.shape}.")
     seen = [f"{name} {getattr(out, name)}" for name in ("dtype", "shape", "strides") if hasattr(out, name)]
@@ -114,12 +114,12 @@ def _converted(values: ArrayLike, shape: Shape, name: str, dtype: np.dtype[Any])
 
 
 def _fits(seen: tuple[int, ...], wanted: Shape) -> bool:
-    if wanted and wanted[0] is ...:
-        wanted = wanted[1:]
-        seen = seen[max(0, len(seen) - len(wanted)) :]
-    return len(seen) == len(wanted) and all(
-        want is None or have == want for have, want in zip(seen, wanted, strict=True)
-    )
+    if seen == wanted or not wanted:
+        return seen == wanted
+    rest = wanted[1:]
+    if wanted[0] is None:
+        return len(seen) == len(wanted) and seen[1:] == rest
+    return wanted[0] is ... and len(seen) >= len(rest) and seen[len(seen) - len(rest) :] == rest
 
 
 def _said(shape: Shape) -> str:

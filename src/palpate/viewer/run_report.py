@@ -85,7 +85,6 @@ def compose(run: Run) -> Report:
         _places(run),
         _statuses(run),
         _touches(run.touches),
-        _features(run.kept),
         *run.sections,
         Section("What to improve", points=run.advice),
         Section("Settings in force", facts=run.settings),
@@ -136,7 +135,7 @@ class Kept:
     def radius(self) -> Float[np.ndarray, " n"]:
         """(n,) [m] long half-axes of the 95 % ellipses."""
         known = np.isfinite(self.covariance).all(axis=(1, 2))
-        largest = np.full(len(known), np.nan)
+        largest = np.full(len(self.contacts), np.nan)
         largest[known] = np.linalg.eigvalsh(self.covariance[known])[:, -1].clip(min=0)
         return np.sqrt(CHI2_95 * largest)
 
@@ -230,38 +229,31 @@ def _statuses(run: Run) -> Section:
 def _touches(found: Events | None) -> Section:
     if found is None or not len(found):
         return Section("Touches")
-    columns = (
-        np.arange(1, len(found) + 1),
-        found.start,
-        found.end - found.start,
-        found.peak_force,
-        *(1e3 * found.point.T),
-        1e3 * found.deviation,
-        1e3 * found.slid,
-    )
-    written = ("{:.0f}", "{:.3f}", "{:.3f}", "{:.3g}", "{:.2f}", "{:.2f}", "{:.2f}", "{:.2f}", "{:.2f}")
+    x, y, z = 1e3 * found.point.T
+    columns = {
+        "touch": ("{:.0f}", np.arange(1, len(found) + 1)),
+        "contact": ("{:.0f}", found.identity),
+        "start [s]": ("{:.3f}", found.start),
+        "lasts [s]": ("{:.3f}", found.end - found.start),
+        "peak [N]": ("{:.3g}", found.peak_force),
+        "x [mm]": ("{:.2f}", x),
+        "y [mm]": ("{:.2f}", y),
+        "z [mm]": ("{:.2f}", z),
+        "+- [mm]": ("{:.2f}", 1e3 * found.deviation),
+        "slid [mm]": ("{:.2f}", 1e3 * found.slid),
+    }
+    if not found.identity.any():  # of a sensor that feels one contact at a time
+        del columns["contact"]
+    for name, values in found.features.items():
+        scale, unit = feature(name)
+        columns[f"{name} [{unit}]" if unit else name] = ("{:.3g}", scale * values)
     rows = [
-        tuple(text.format(value) if np.isfinite(value) else "-" for text, value in zip(written, row, strict=True))
-        for row in np.column_stack(columns)[:SHOWN]
+        tuple(text.format(values[k]) if np.isfinite(values[k]) else "-" for text, values in columns.values())
+        for k in range(min(len(found), SHOWN))
     ]
     more = f"The first {SHOWN} of {len(found):,}." if len(found) > SHOWN else ""
-    header = ("touch", "start [s]", "lasts [s]", "peak [N]", "x [mm]", "y [mm]", "z [mm]", "+- [mm]", "slid [mm]")
     text = "+- is one standard deviation of a sample in the direction in which it is largest."
-    return Section("Touches", text=(text,), tables=(Table(header, tuple(rows), more),))
-
-
-def _features(kept: Kept) -> Section:
-    """What the sensor says of each contact besides where and how hard."""
-    rows: list[tuple[str, ...]] = []
-    for name, values in kept.contacts.features.items():
-        known = values[kept.even & np.isfinite(values)]
-        if len(known):
-            scale, unit = feature(name)
-            figures = (f"{scale * value:.3g}" for value in (known.min(), np.median(known), known.max()))
-            rows.append((f"{name} [{unit}]" if unit else name, *figures))
-    return Section(
-        "Features of the contacts", tables=(Table(("", "least", "median", "most"), tuple(rows)),) if rows else ()
-    )
+    return Section("Touches", text=(text,), tables=(Table(tuple(columns), tuple(rows), more),))
 
 
 def _inputs(provenance: Mapping[str, str]) -> Section:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from jaxtyping import Float, Float32, UInt8
+from jaxtyping import Float, Float32, Int, UInt8
 
 from palpate.spatial.pose import quaternion_from_rotation
 from palpate.viewer.heat import colours, linear
@@ -15,7 +15,7 @@ from palpate.viewer.scene import Scene
 if TYPE_CHECKING:
     from viser import BatchedMeshHandle, GuiApi, GuiCheckboxHandle, GuiImageHandle, ViserServer
 
-__all__ = ["TaxelLayer", "patches", "unrolled"]
+__all__ = ["TaxelLayer", "cell_mesh", "patches", "unrolled"]
 
 PIXELS = 18  # of a cell of the unrolled sheet
 LIFT = 3e-4  # m: cells stand out from the body
@@ -103,8 +103,9 @@ class TaxelLayer:
     def _force(self, index: int) -> Float[np.ndarray, " k"]:
         """[N] of each cell; 0 where the log has no such sample."""
         sample = int(self._scene.contacts.sample[self._scene.starts[index]])
-        known = self._forces is not None and sample < len(self._forces)
-        return self._forces[sample].astype(np.float64) if known else np.zeros(len(self._positions))
+        if self._forces is None or sample >= len(self._forces):
+            return np.zeros(len(self._positions))
+        return self._forces[sample].astype(np.float64)
 
     def _colours(self, force: Float[np.ndarray, " k"]) -> UInt8[np.ndarray, "k 3"]:
         return linear(colours(np.clip(np.nan_to_num(force) / self.most, 0.0, 1.0)))
@@ -131,7 +132,7 @@ def patches(
     side = np.sqrt(areas)
     along = np.eye(3)[np.argmin(np.abs(normals), axis=1)]
     if shape is not None and shape[0] > 1:
-        steps = np.gradient(positions.reshape(*shape, 3), axis=0).reshape(-1, 3)
+        steps = np.asarray(np.gradient(positions.reshape(*shape, 3), axis=0)).reshape(-1, 3)
         length: Float[np.ndarray, " k"] = np.linalg.norm(steps, axis=1)
         usable = length > 0
         side, along = np.where(usable, length, side), np.where(usable[:, None], steps, along)
@@ -139,6 +140,19 @@ def patches(
     across = across / np.linalg.norm(across, axis=1, keepdims=True)
     frames = np.stack([np.cross(across, normals), across, normals], axis=2)
     return frames, np.column_stack([side, areas / side, np.ones(len(side))])
+
+
+def cell_mesh(
+    positions: Float[np.ndarray, "k 3"],
+    normals: Float[np.ndarray, "k 3"],
+    areas: Float[np.ndarray, " k"],
+    shape: tuple[int, int] | None = None,
+) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"]]:
+    """All cells as vertices [m] and faces, two a cell: a body to draw on where there is no other."""
+    frames, sides = patches(positions, normals, areas, shape)
+    corners = positions[:, None] + np.einsum("kij,kcj->kci", frames, _CORNERS * sides[:, None])
+    faces = 4 * np.arange(len(positions))[:, None, None] + _FACES
+    return corners.reshape(-1, 3), faces.reshape(-1, 3).astype(np.int64)
 
 
 def unrolled(
@@ -157,5 +171,6 @@ def unrolled(
     down, across = np.indices(picture.shape[:2])
     for row, column in contacts:
         away = (down / PIXELS - 0.5 - row) ** 2 + (across / PIXELS - 0.5 - column) ** 2
+        picture[away < 0.1] = 255
         picture[away < 0.05] = FORCE
     return picture[::-1].copy()

@@ -2,7 +2,16 @@
 
 from palpate.io.logs.layout import ArrayChannel, Layout
 from palpate.io.logs.log import Log
-from palpate.io.logs.opening import LogContents, contents, join, missing, open_log, read_poses, read_recording
+from palpate.io.logs.opening import (
+    LogContents,
+    contents,
+    join,
+    missing,
+    open_log,
+    read_poses,
+    read_recording,
+    topic_shapes,
+)
 
 __all__ = [
     "ArrayChannel",
@@ -15,4 +24,5 @@ __all__ = [
     "open_log",
     "read_poses",
     "read_recording",
+    "topic_shapes",
 ]

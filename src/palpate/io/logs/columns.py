@@ -170,7 +170,7 @@ def _require_size(array: ArrayChannel, columns: Sequence[str], path: Path) -> No
         return
     has = f"has {len(columns)} columns beside the time" if array.columns is None else f"names {len(columns)} columns"
     raise InputError(
-        f"{has}, but {array.name} of {array.described} are {array.size}.",
+        f"{has}, but {array.size} {array.name} ({array.described}) are wanted.",
         where=str(path) if array.columns is None else array.table,
         mend=_mend(array),
     )

@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float, Int
 
 from palpate.io.logs.messages import Messages, Topic
 
-__all__ = ["ARRAYS", "FIXED", "IMAGE", "Kind", "decode", "has_header", "role", "seconds"]
+__all__ = ["ARRAYS", "FIXED", "IMAGE", "Kind", "decode", "has_header", "role", "seconds", "shape_of"]
 
 
 @dataclass(frozen=True)
@@ -99,6 +99,20 @@ def decode(messages: Messages, topic: Topic, shape: tuple[int, ...] = ()) -> Dec
     else:
         stamps, values = _fixed(cursor, FIXED[topic.kind])
     return stamps, values, cursor.sound
+
+
+def shape_of(messages: Messages, topic: Topic) -> tuple[int, ...] | None:
+    """Of the array, or rows and columns of the image, in the first message that can be read; None where none can."""
+    cursor = _Cursor(messages, topic.encoding)
+    if topic.kind == IMAGE:
+        cursor.stamp()
+        sizes = np.stack([cursor.number(), cursor.number()], axis=1)
+    else:
+        cursor.dimensions()
+        offset = cursor.number()
+        sizes = (cursor.number() - offset)[:, None]
+    known = sizes[cursor.sound & (sizes > 0).all(axis=1)]
+    return tuple(known[0].tolist()) if len(known) else None
 
 
 def seconds(nanoseconds: Int[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from palpate.io.logs.arrays import ArrayLog
 from palpate.io.logs.bag import BagFile, open_folder
 from palpate.io.logs.columns import plan
 from palpate.io.logs.csv import CsvLog
+from palpate.io.logs.decoding import role, shape_of
 from palpate.io.logs.layout import Layout
 from palpate.io.logs.log import Log
 from palpate.io.logs.mcap import McapFile
@@ -24,7 +26,7 @@ from palpate.io.logs.topics import choose
 from palpate.io.tables.lines import open_input, read_some
 from palpate.sensors.recording import ORIENTATION, POSITION, Recording, sealed
 
-__all__ = ["LogContents", "contents", "join", "missing", "open_log", "read_poses", "read_recording"]
+__all__ = ["LogContents", "contents", "join", "missing", "open_log", "read_poses", "read_recording", "topic_shapes"]
 
 _MAGIC = (
     (b"PAR1", ".parquet"),
@@ -63,12 +65,13 @@ class LogContents:
     torn: str = ""
 
 
-def contents(path: Path) -> LogContents:
+def contents(path: str | Path) -> LogContents:
     """What is in a log; it is not read, unless it is an MCAP file without an index.
 
     Raises:
         InputError: the file is not there, or not what its name says.
     """
+    path = Path(path)
     log = open_log(path)
     if isinstance(log, TopicLog):
         topics = log.topics()
@@ -77,6 +80,26 @@ def contents(path: Path) -> LogContents:
         return LogContents(path, log.shapes())
     names = log.names() if isinstance(log, (CsvLog, ParquetLog)) else ()
     return LogContents(path, dict.fromkeys(names, ()))
+
+
+def topic_shapes(path: Path) -> dict[str, tuple[int, ...]]:
+    """Of each topic of arrays or images with messages: numbers in the first one, or its rows and columns."""
+    kind = _kind(path)
+    if kind in ("", ".parquet", *_ARRAYS):
+        return {}
+    source, found = _messages(path, kind), dict[str, tuple[int, ...]]()
+    for topic in source.topics():
+        if topic.count and role(topic.kind) == "array" and (shape := _shape(source, topic)) is not None:
+            found[topic.name] = shape
+    return found
+
+
+def _shape(source: Source, topic: Topic) -> tuple[int, ...] | None:
+    with closing(source.messages([topic.name])) as pieces:
+        for piece in pieces:
+            if (shape := shape_of(piece.of(topic), topic)) is not None:
+                return shape
+    return None
 
 
 def missing(there: LogContents, layout: Layout) -> list[str]:
@@ -91,13 +114,14 @@ def missing(there: LogContents, layout: Layout) -> list[str]:
     return []
 
 
-def open_log(path: Path, layout: Layout | None = None) -> Log:
+def open_log(path: str | Path, layout: Layout | None = None) -> Log:
     """Open a log: CSV or other text, Parquet, NumPy, MCAP, a ROS 1 bag, a ROS 2 bag (its folder, or a .db3 file).
 
     Raises:
         InputError: the file is not there, or not what its name says.
     """
-    layout, kind = layout or Layout(), _kind(path)
+    path, layout = Path(path), layout or Layout()
+    kind = _kind(path)
     if kind == ".parquet":
         return ParquetLog(path, layout)
     if kind in _ARRAYS:
@@ -107,7 +131,7 @@ def open_log(path: Path, layout: Layout | None = None) -> Log:
     return TopicLog(path, layout, _messages(path, kind))
 
 
-def read_recording(path: Path, layout: Layout | None = None) -> Recording:
+def read_recording(path: str | Path, layout: Layout | None = None) -> Recording:
     """Read a whole log: as many samples as it has, in their order; what cannot be read is NaN and noted.
 
     Raises:

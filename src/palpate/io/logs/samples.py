@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -36,7 +37,8 @@ class Samples:
         self._torque = to_si(layout.torque_unit, TORQUE_UNITS, where="units.torque")
         self._frame, self._source, self._arrays = layout.frame, path.name, layout.arrays
         self._times = _Times()
-        self._infinite = self._beyond = self._none = self._far = 0
+        self._beyond = Counter[str]()  # name of a channel -> rows with a number that is a fault
+        self._infinite = self._none = self._far = 0
 
     def block(self, time: Float[np.ndarray, " n"], read: Mapping[str, Float[np.ndarray, "n _"]]) -> Recording:
         """The next samples.
@@ -47,7 +49,7 @@ class Samples:
         """
         time = np.where(np.abs(time) <= LATEST, time, np.nan)
         channels = self._wrench(read[WRENCH]) if WRENCH in read else {}
-        channels |= {name: self._bounded(values) for name, values in read.items() if name not in (WRENCH, CELLS)}
+        channels |= {name: self._bounded(name, values) for name, values in read.items() if name not in (WRENCH, CELLS)}
         if ORIENTATION in channels:
             channels[ORIENTATION] = self._sound(channels[ORIENTATION])
         for array in self._arrays:
@@ -60,10 +62,13 @@ class Samples:
 
     def notes(self) -> tuple[str, ...]:
         """What a reader should know of the blocks so far, one sentence each."""
-        infinite, beyond, none, far = self._infinite, self._beyond, self._none, self._far
+        infinite, none, far = self._infinite, self._none, self._far
+        arrays = [(array.name, self._beyond[array.name]) for array in self._arrays]
+        beyond = self._beyond.total() - sum(count for _, count in arrays)
         said = (
             (infinite, f"{infinite} of {self._times.count} rows have a force or torque that is infinite or beyond 1e9"),
             (beyond, f"{beyond} poses or accelerations are infinite or beyond 1e9 and were set aside"),
+            *((count, f"{count} rows have a {name} that is infinite or beyond 1e9") for name, count in arrays),
             *self._times.oddities(),
             (none, f"{none} quaternions have a length far from 1 and were set aside"),
             (far, f"{far} quaternions are not unit (by more than 1 %) and were normalised"),
@@ -82,10 +87,10 @@ class Samples:
         with np.errstate(over="ignore"):
             return unit * (values.take(self._picked, axis=1) * self._signs)  # by rows: an index would leave columns
 
-    def _bounded(self, values: Float[np.ndarray, "n k"]) -> Float[np.ndarray, "n k"]:
+    def _bounded(self, name: str, values: Float[np.ndarray, "n k"]) -> Float[np.ndarray, "n k"]:
         """NaN where a number is a fault of the file."""
         wrong = np.abs(values) > LARGEST
-        self._beyond += int(np.count_nonzero(wrong.any(axis=1)))
+        self._beyond[name] += int(np.count_nonzero(wrong.any(axis=1)))
         return np.where(wrong, np.nan, values)
 
     def _sound(self, quaternion: Float[np.ndarray, "n 4"]) -> Float[np.ndarray, "n 4"]:

@@ -53,7 +53,7 @@ def voltage_columns(names: Sequence[str]) -> tuple[str, ...] | None:
     for name in names:
         if match := _CELL.match(name):
             heads.setdefault(match["head"].lower(), []).append(name)
-    found = max(heads.values(), key=len, default=[])
+    found = max(heads.values(), key=len, default=list[str]())
     return tuple(found) if 9 <= len(found) <= _MOST and len(found) % 3 == 0 else None
 
 

@@ -76,7 +76,9 @@ def _of_topic(log: Path, contents: LogContents) -> Guess | None:
 def _guess(shape: tuple[int, int], why: str, layout: Layout, where: str, around: tuple[str, str]) -> Guess:
     rows, columns = shape
     text = around[0] + _TEXT.format(rows=rows, columns=columns, bits=8, where=where) + around[1]
-    return Guess(why, layout, text, (f"check the sheet's {rows} rows and {columns} columns, and the bits of a reading",))
+    return Guess(
+        why, layout, text, (f"check the sheet's {rows} rows and {columns} columns, and the bits of a reading",)
+    )
 
 
 def _sheet(shape: tuple[int, ...]) -> tuple[int, int]:

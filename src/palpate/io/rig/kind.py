@@ -30,9 +30,9 @@ class Prepared:
     """
 
     estimator: ContactEstimator
-    said: list[str] = field(default_factory=list)
-    doubted: list[str] = field(default_factory=list)
-    facts: dict[str, object] = field(default_factory=dict)
+    said: list[str] = field(default_factory=list[str])
+    doubted: list[str] = field(default_factory=list[str])
+    facts: dict[str, object] = field(default_factory=dict[str, object])
 
 
 @dataclass(frozen=True)
@@ -81,4 +81,3 @@ class SensorKind:
     refused: Mapping[str, str] = field(default_factory=lambda: {})
     needs_surface: bool = True
     check: Callable[[Rig, Path], None] = lambda rig, path: None
-

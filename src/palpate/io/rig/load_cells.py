@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from palpate.contact.resolution import nominal_cells, smallest_force
+from palpate.contact.resolution import nominal_cells
 from palpate.errors import InputError
 from palpate.io.logs.layout import ArrayChannel, Layout
 from palpate.io.models import read_model
@@ -195,6 +195,8 @@ def _build(rig: Rig, head: Recording | None) -> Prepared:
 
 def _least(made: Prepared, table: RigLoadCells) -> list[str]:
     """From which force on a touch is located well enough."""
+    from palpate.contact.resolution import WANTED, smallest_force
+
     accuracy = table.accuracy or WANTED
     least = smallest_force(made.estimator, accuracy)
     return [f"from {least:.2g} N a touch on the middle of the surface is located within {1e3 * accuracy:g} mm"]

@@ -83,7 +83,7 @@ def propose_rig(log: Path, mesh: Path | None, folder: Path, sensor: str | None =
         raise InputError(
             f"looks like none of {', '.join(kind.called for kind in KINDS.values())}: {_listed(log)}.",
             where=str(log),
-            mend="Name columns time, fx, fy, fz, tx, ty, tz, or write the rig by hand; `palpate inspect` lists what it has.",
+            mend="Name columns time, fx, fy, fz, tx, ty, tz, or write the rig by hand.",
         )
     kind, guess = found
     text = "".join(_parts(log, mesh, folder, kind, guess))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from palpate.contact.taxel_estimator import TaxelEstimator
@@ -126,7 +125,9 @@ def _build(rig: Rig, head: Recording | None) -> Prepared:
     )
     made = Prepared(estimator, said=noted_filter(smooth, rate), facts=dict(vars(rig.contacts)))
     if tare is None:
-        made.said.append("cells at rest are found in the log itself; tare = seconds in [skin] says when nothing touches")
+        made.said.append(
+            "cells at rest are found in the log itself; tare = seconds in [skin] says when nothing touches"
+        )
     return made
 
 
@@ -146,7 +147,7 @@ SKIN = SensorKind(
         "method": "contacts are where cells are pressed: there is no line of action to locate",
         "friction": "cells feel no shear, so there is no friction to bound",
         "torsion": "cells feel no torque about the normal",
-        "contact": "each cell has a threshold of its own: on and off in the rig's [contacts], in deviations of its noise",
+        "contact": "thresholds are those of each cell: on and off in [contacts], in deviations of its noise",
         "crease": "contacts are placed on the map of the sheet, not on a mesh",
         "mesh": "contacts are placed on the map of the sheet, not on a mesh",
     },

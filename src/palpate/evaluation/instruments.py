@@ -1,35 +1,41 @@
-"""Touches of a taxel sheet against a force/torque sensor, a tracked wand, or known points: touch by touch."""
+"""Touches of any sensor against another instrument: a force/torque sensor that carries the body, or a tracked wand."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from palpate.contact.estimate import ContactEstimate, Status
-from palpate.contact.ground_truth import Samples, Touches
+from palpate.contact.contacts import Contacts
+from palpate.contact.estimate import Status
+from palpate.contact.events import find_touches
+from palpate.contact.ground_truth import Samples
 from palpate.contact.locate import Locator
-from palpate.evaluation.errors import Spread, angles, distances
+from palpate.evaluation.errors import ErrorSummary, angles, distances
+from palpate.evaluation.evaluate import Report, report
 from palpate.sensors.skin_map import SkinMap
 from palpate.surfaces.mesh import Mesh
 
 __all__ = [
+    "InstrumentReport",
     "Reference",
-    "SkinReport",
-    "equivalent_forces",
     "judge",
     "map_mesh",
-    "paired",
+    "medians",
     "perfect",
+    "touch_rows",
     "touches_of",
     "wand_points",
+    "wrench_points",
 ]
 
 PITCH = 2e-3  # m: of a wrench, |F . N| / |F|^2; more is no single force
 LIGHTEST = 0.5  # N
+BESIDE = 0.2  # of its samples: a touch that has another one beside it for longer is not alone
 TOUCHING = 1.5e-3  # m: between wand and link, still a touch of theirs
 _MEAN_IN_CELL = 0.3825978  # mean distance of a point of the unit square from its middle
+_MEASURED = ("point", "normal", "force", "torque", "covariance")
 _FINE = 4  # facets of the map's mesh in a cell
 
 
@@ -51,31 +57,28 @@ class Reference:
 
 
 @dataclass(frozen=True, eq=False)
-class SkinReport:
-    """Position and direction of touches against a reference.
+class InstrumentReport:
+    """Position and direction of touches against an instrument.
 
     Attributes:
-        position: distances [m] in space; direction: angles [rad]; None where nothing could be compared.
+        report: location, and normal against the instrument's direction.
+        errors: (n,) [m]; turned: (n,) [rad]; NaN where refused.
+        along: (3,) mean absolute error along x, y and z [m].
         paper_position: as the paper gives it, with the errors along z set to zero; paper_direction: mean absolute
             difference of the unit vectors' x and y [skin map, 4.3].
-        along: (3,) mean absolute error along x, y and z [m].
-        perfect: mean distance [m], and per axis, of a perfect map for touches smaller than a cell.
-        errors: (n,) [m]; turned: (n,) [rad]; NaN where refused.
         reference: what it was compared with.
     """
 
-    position: Spread | None
-    direction: Spread | None
-    paper_position: Spread | None
-    paper_direction: float
-    along: Float[np.ndarray, "3"]
-    perfect: tuple[float, float]
+    report: Report
     errors: Float[np.ndarray, " n"]
     turned: Float[np.ndarray, " n"]
+    along: Float[np.ndarray, "3"]
+    paper_position: ErrorSummary | None
+    paper_direction: float
     reference: Reference
 
 
-def equivalent_forces(surface: Mesh, wrenches: Float[np.ndarray, "n 6"], *, alone: Bool[np.ndarray, " n"]) -> Reference:
+def wrench_points(surface: Mesh, wrenches: Float[np.ndarray, "n 6"], *, alone: Bool[np.ndarray, " n"]) -> Reference:
     """Where the line of the force meets the link, and from where it comes [skin map, (6) to (9)].
 
     E = F x N / |F|^2 is the foot of the line. A wrench with torque along its force is no single force, and is refused:
@@ -154,31 +157,25 @@ def wand_points(
     return Reference(points, nowhere, tuple(said), "wand tracked by motion capture")
 
 
-def judge(
-    point: Float[np.ndarray, "n 3"], normal: Float[np.ndarray, "n 3"], reference: Reference, pitch: tuple[float, float]
-) -> SkinReport:
-    """Touches of the sheet against a reference, one for one.
+def judge(touches: Contacts, reference: Reference) -> InstrumentReport:
+    """Touches against an instrument, one for one.
 
     Args:
-        point: (n, 3) [m] of the touches, as the sheet and its map give them.
-        normal: (n, 3) there.
+        touches: n of them, one for each touch.
         reference: n of them.
-        pitch: of the sheet's cells [m].
     """
-    apart = point - reference.point
-    turned = angles(normal, reference.direction)
-    components: Float[np.ndarray, "n 2"] = np.abs(normal - reference.direction)[:, :2]
+    apart = touches.point - reference.point
+    components: Float[np.ndarray, "n 2"] = np.abs(touches.normal - reference.direction)[:, :2]
     known = np.isfinite(components).all(axis=1)
     compared = np.isfinite(apart).all(axis=1)
-    return SkinReport(
-        position=Spread.of(distances(point, reference.point)),
-        direction=Spread.of(turned),
-        paper_position=Spread.of(np.linalg.norm(apart[:, :2], axis=1)),
-        paper_direction=float(components[known].mean()) if known.any() else float("nan"),
+    truth = Samples(touches.time, reference.point, reference.direction)
+    return InstrumentReport(
+        report=report(touches, truth, np.where(compared, np.arange(len(touches)), -1)),
+        errors=distances(touches.point, reference.point),
+        turned=angles(touches.normal, reference.direction),
         along=np.abs(apart[compared]).mean(axis=0) if compared.any() else np.full(3, np.nan),
-        perfect=perfect(pitch),
-        errors=np.linalg.norm(apart, axis=1),
-        turned=turned,
+        paper_position=ErrorSummary.of(np.linalg.norm(apart[:, :2], axis=1)),
+        paper_direction=float(components[known].mean()) if known.any() else float("nan"),
         reference=reference,
     )
 
@@ -214,55 +211,39 @@ def map_mesh(place: SkinMap) -> Mesh:
     return Mesh.from_arrays(vertices, faces)
 
 
-def touches_of(
-    contact: Int[np.ndarray, " n"], found: Bool[np.ndarray, " n"], sample: Int[np.ndarray, " n"]
-) -> list[tuple[int, Int[np.ndarray, " k"], bool]]:
-    """Identity, rows, and whether it was alone, of each touch that lasted three samples or more."""
-    several = np.bincount(sample[found], minlength=int(sample.max(initial=0)) + 1) > 1
-    touches: list[tuple[int, np.ndarray, bool]] = []
-    for identity in np.unique(contact[found]).tolist():
-        rows = np.flatnonzero(found & (contact == identity))
-        if len(rows) >= 3:
-            touches.append((identity, rows, not bool(several[sample[rows]].mean() > 0.2)))
-    return touches
+def touch_rows(contacts: Contacts) -> list[Int[np.ndarray, " _"]]:
+    """The answered rows of each touch that lasted three samples or more."""
+    found, answered = find_touches(contacts, shortest=0.0), contacts.answered
+    rows = [
+        np.flatnonzero(answered & (contacts.identity == identity) & (contacts.time >= start) & (contacts.time <= end))
+        for identity, start, end in zip(found.identity, found.start, found.end, strict=True)
+    ]
+    return [each for each in rows if len(each) >= 3]
 
 
-def paired(
-    time: Float[np.ndarray, " n"],
-    contact: Int[np.ndarray, " n"],
-    estimate: ContactEstimate,
-    known: Samples | Touches,
-    tolerance: float,
-) -> tuple[Float[np.ndarray, " m"], ContactEstimate, Samples | Touches]:
-    """Several contacts a sample, brought to one for each truth: the nearest at its time, or the nearest identity.
+def touches_of(contacts: Contacts) -> tuple[Contacts, Bool[np.ndarray, " k"]]:
+    """Each touch that lasted three samples or more as one contact, the median of its rows; and whether it was alone."""
+    touches, answered = touch_rows(contacts), np.flatnonzero(contacts.answered)
+    _, sample, felt = np.unique(contacts.sample[answered], return_inverse=True, return_counts=True)
+    several = np.zeros(len(contacts), dtype=bool)
+    several[answered] = felt[sample] > 1
+    alone = np.array([several[rows].mean() <= BESIDE for rows in touches], dtype=bool)
+    return medians(contacts, touches), alone
 
-    Args:
-        time: (n,) [s] of contacts, as a file holds them.
-        contact: (n,) identities.
-        estimate: batch of n.
-        known: instants, of which several may have one time, or touches.
-        tolerance: [s] of instants.
-    """
-    located = np.asarray(np.isfinite(estimate.point).all(axis=1))
-    if isinstance(known, Touches):
-        keep = np.zeros(len(time), dtype=bool)
-        for start, end, point in zip(known.start, known.end, known.point, strict=True):
-            inside = located & (time >= start) & (time <= end)
-            named = np.unique(contact[inside])
-            away = [np.linalg.norm(np.median(estimate.point[inside & (contact == k)], axis=0) - point) for k in named]
-            if len(named):
-                keep |= inside & (contact == named[int(np.argmin(away))])
-        return time[keep], estimate[keep], known
-    rows, which = list[int](), list[int]()
-    order = np.argsort(time, kind="stable")
-    for k, (at, point) in enumerate(zip(known.time, known.point, strict=True)):
-        low, high = np.searchsorted(time[order], [at - tolerance, at + tolerance + 1e-6])
-        near = order[low:high]
-        near = near[np.abs(time[near] - at) <= np.abs(time[near] - at).min(initial=np.inf) + 1e-6]  # of one frame
-        if len(near):
-            apart = np.where(located[near], np.linalg.norm(estimate.point[near] - point, axis=1), np.inf)
-            rows.append(int(near[np.argmin(apart)]))
-            which.append(k)
-    number = np.arange(float(len(which)))
-    rest = (None if values is None else values[which] for values in (known.normal, known.force))
-    return number, estimate[np.array(rows, dtype=np.int64)], Samples(number, known.point[which], *rest)
+
+def medians(contacts: Contacts, touches: list[Int[np.ndarray, " _"]]) -> Contacts:
+    """One contact for each of some touches: the median of its rows."""
+    return Contacts.joined([contacts[:0], *(_median(contacts[rows]) for rows in touches)])
+
+
+def _median(contacts: Contacts) -> Contacts:
+    """One contact in place of those of a touch."""
+    first, estimate = contacts[:1], contacts.estimate
+    values = {name: np.median(getattr(estimate, name), axis=0, keepdims=True) for name in _MEASURED}
+    values["normal"] /= np.linalg.norm(values["normal"])
+    return replace(
+        first,
+        time=np.median(contacts.time, keepdims=True),
+        estimate=replace(first.estimate, **values),
+        features={name: np.median(column, keepdims=True) for name, column in contacts.features.items()},
+    )

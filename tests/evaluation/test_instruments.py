@@ -1,13 +1,21 @@
-"""Touches of a sheet against other instruments: lines of action, a tracked ball, known points."""
+"""Touches against other instruments: lines of action, a tracked ball."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
+from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import ContactEstimate, Status
-from palpate.contact.ground_truth import Samples, Touches
-from palpate.evaluation.skin import equivalent_forces, judge, map_mesh, paired, perfect, wand_points
+from palpate.evaluation.instruments import (
+    judge,
+    map_mesh,
+    perfect,
+    touch_rows,
+    touches_of,
+    wand_points,
+    wrench_points,
+)
 from palpate.simulation.shapes import icosphere
 from palpate.simulation.skin_bench import Rolled
 
@@ -26,7 +34,7 @@ def _lines(count: int = 20) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 def test_a_pure_force_is_traced_back_to_its_point() -> None:
     """To 20 um: facets of a quarter of a cell lie e^2/8R = 22 um inside the cylinder at most."""
     point, normal, wrench = _lines()
-    found = equivalent_forces(MESH, wrench, alone=np.ones(20, dtype=bool))
+    found = wrench_points(MESH, wrench, alone=np.ones(20, dtype=bool))
     assert not any(found.refused)
     assert np.linalg.norm(found.point - point, axis=1).max() < 25e-6
     np.testing.assert_allclose(found.direction, normal, atol=1e-12)
@@ -49,7 +57,7 @@ def test_what_is_no_single_force_is_refused_with_the_reason() -> None:
     wrench[0, 3:] += 0.02 * normal[0]  # torsion: 6.7 mm of pitch
     wrench[1] *= 0.1  # 0.3 N
     wrench[2, 3:] += np.cross([0.0, 0.0, 0.5], wrench[2, :3])  # pushed along the axis, off the sheet
-    found = equivalent_forces(MESH, wrench, alone=np.array([True, True, True, False]))
+    found = wrench_points(MESH, wrench, alone=np.array([True, True, True, False]))
     assert "F . N" in found.refused[0]
     assert "too light" in found.refused[1]
     assert "misses" in found.refused[2]
@@ -71,17 +79,68 @@ def test_a_ball_that_touches_is_found_at_its_point() -> None:
     assert "lost" in lost.refused[0]
 
 
+def _contacts(point: np.ndarray, normal: np.ndarray, identity: np.ndarray, sample: np.ndarray) -> Contacts:
+    """At 100 Hz, with the row of a sheet that each is felt in: its identity."""
+    count = len(point)
+    estimate = ContactEstimate(
+        point.copy(), normal.copy(), -normal, np.zeros(count), np.zeros((count, 3, 3)), np.zeros(count),
+        np.ones(count, np.int64), np.full(count, Status.CONTACT, np.int8),
+    )  # fmt: skip
+    return Contacts(sample, sample / 100, identity, estimate, {"row": identity.astype(np.float64)})
+
+
 def test_the_papers_measures_are_those_of_the_paper() -> None:
     point, normal, wrench = _lines()
-    reference = equivalent_forces(MESH, wrench, alone=np.ones(20, dtype=bool))
-    shifted = judge(point + np.array([0.001, 0.0, 0.004]), normal, reference, (0.01, 0.01))
-    assert shifted.position is not None
+    reference = wrench_points(MESH, wrench, alone=np.ones(20, dtype=bool))
+    shifted = judge(_contacts(point + np.array([0.001, 0.0, 0.004]), normal, np.arange(20), np.arange(20)), reference)
+    assert shifted.report.location is not None
     assert shifted.paper_position is not None
-    assert shifted.position.mean == pytest.approx((0.001**2 + 0.004**2) ** 0.5, abs=3e-5)
+    assert shifted.report.location.mean == pytest.approx((0.001**2 + 0.004**2) ** 0.5, abs=3e-5)
     assert shifted.paper_position.mean == pytest.approx(0.001, abs=3e-5)  # z set to zero
-    turned = judge(point, np.roll(normal, 1, axis=0), reference, (0.01, 0.01))
+    assert shifted.along == pytest.approx([0.001, 0.0, 0.004], abs=3e-5)
+    turned = judge(_contacts(point, np.roll(normal, 1, axis=0), np.arange(20), np.arange(20)), reference)
     exact = np.abs(np.roll(normal, 1, axis=0) - normal)[:, :2].mean()
     assert turned.paper_direction == pytest.approx(exact, rel=1e-9)
+
+
+def test_what_is_refused_is_left_out_and_the_rest_keeps_its_place() -> None:
+    point, normal, wrench = _lines(4)
+    wrench[1] *= 0.1  # too light
+    found = judge(
+        _contacts(point, normal, np.arange(4), np.arange(4)), wrench_points(MESH, wrench, alone=np.ones(4, dtype=bool))
+    )
+    assert found.report.location is not None
+    assert (found.report.samples, found.report.location.count) == (4, 3)
+    assert np.isnan(found.errors).tolist() == [False, True, False, False]
+    assert np.nanmax(found.errors) < 25e-6
+    assert np.nanmax(found.turned) < 1e-9
+
+
+def test_a_touch_is_the_median_of_its_rows_and_knows_whether_it_was_alone() -> None:
+    """Identity 3 for 9 samples, the last of them far off, beside identity 4 for 3; 5 alone; 6 for two samples only."""
+    identity = np.array([3] * 9 + [4] * 3 + [5] * 4 + [6] * 2)
+    sample = np.array([*range(9), *range(3), *range(20, 24), *range(40, 42)])
+    point = np.stack([identity * 0.01, np.zeros(18), np.zeros(18)], axis=1)
+    point[8] = 1.0
+    contacts = _contacts(point, np.tile([0.0, 0.0, 1.0], (18, 1)), identity, sample)[np.argsort(sample)]
+    touches, alone = touches_of(contacts)
+    assert sorted(touches.identity.tolist()) == [3, 4, 5]
+    by_identity = dict(zip(touches.identity.tolist(), range(3), strict=True))
+    assert touches.point[by_identity[3]] == pytest.approx([0.03, 0, 0])
+    assert touches.time[by_identity[5]] == pytest.approx(0.215)
+    assert touches.features["row"][by_identity[4]] == 4.0
+    assert [bool(alone[by_identity[k]]) for k in (3, 4, 5)] == [False, False, True]
+
+
+def test_touches_of_a_sensor_without_identities_are_told_apart_by_time() -> None:
+    sample = np.array([*range(10), *range(100, 110)])
+    point = np.repeat([[0.0, 0, 0], [0.01, 0, 0]], 10, axis=0)
+    contacts = _contacts(point, np.tile([0.0, 0.0, 1.0], (20, 1)), np.zeros(20, np.int64), sample)
+    touches, alone = touches_of(contacts)
+    np.testing.assert_allclose(touches.point, [[0.0, 0, 0], [0.01, 0, 0]])
+    assert alone.all()
+    assert [rows.tolist() for rows in touch_rows(contacts)] == [list(range(10)), list(range(10, 20))]
+    assert len(touches_of(contacts[:0])[0]) == 0
 
 
 def test_a_perfect_map_errs_as_a_square_does() -> None:
@@ -90,18 +149,3 @@ def test_a_perfect_map_errs_as_a_square_does() -> None:
     distance, axis = perfect((0.01, 0.01))
     assert distance == pytest.approx(np.linalg.norm(points, axis=1).mean(), rel=2e-3)
     assert axis == pytest.approx(np.abs(points[:, 0]).mean(), rel=2e-3)
-
-
-def test_each_truth_is_paired_with_the_nearest_contact_at_its_time() -> None:
-    points = np.array([[0.0, 0, 0], [1.0, 0, 0], [0.1, 0, 0], [1.1, 0, 0]])
-    estimate = ContactEstimate(
-        points, points, points, np.zeros(4), np.zeros((4, 3, 3)), np.zeros(4), np.ones(4, np.int64),
-        np.full(4, Status.CONTACT, np.int8),
-    )  # fmt: skip
-    time, contact = np.array([0.0, 0.0, 1.0, 1.0]), np.array([0, 1, 0, 1])
-    known = Samples(np.array([1.0, 1.0, 0.0]), np.array([[1.2, 0, 0], [0.0, 0, 0], [0.9, 0, 0]]))
-    _, found, _ = paired(time, contact, estimate, known, 0.01)
-    assert found.point[:, 0].tolist() == [1.1, 0.1, 1.0]
-    touches = Touches(np.array([0.0]), np.array([1.0]), np.array([[1.0, 0, 0]]), ("a",))
-    _, found, _ = paired(time, contact, estimate, touches, 0.01)
-    assert found.point[:, 0].tolist() == [1.0, 1.1]

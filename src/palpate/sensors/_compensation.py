@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from palpate.contact._slopes import cross_into
+from palpate.sensors._placing import mounting_errors, row, to_surface
 from palpate.surfaces._jit import entry, inner
+from palpate.surfaces._vectors import cross_into
 
-__all__ = ["compensate", "propagate"]
+__all__ = ["compensate", "place"]
 
 _SATURATED, _INVALID, _NO_POSE = 6, 7, 8
 _LARGEST = 1e9  # sensors.recording.LARGEST
@@ -26,12 +27,6 @@ def _finite(values):
         if not abs(value) <= _LARGEST:
             return False
     return True
-
-
-@inner
-def _row(array, i):
-    """Of a channel, or of the one row that stands for all."""
-    return array[i] if len(array) > 1 else array[0]
 
 
 @inner
@@ -54,7 +49,7 @@ def compensate(readings, rotations, accelerations, limits, load, zero, base, wre
     weight, moment = np.empty(3), np.empty(3)
     for i in range(len(readings)):
         reading, wrench = readings[i], wrenches[i]
-        rotation, acceleration = _row(rotations, i), _row(accelerations, i)
+        rotation, acceleration = row(rotations, i), row(accelerations, i)
         statuses[i] = -1
         if not _finite(reading):
             statuses[i] = _INVALID
@@ -83,16 +78,6 @@ def compensate(readings, rotations, accelerations, limits, load, zero, base, wre
 
 
 @inner
-def _to_surface(matrix, wrench, out):
-    """The 6 x 6 matrix of a pose, its block of zeros left out."""
-    for k in range(3):
-        out[k] = matrix[k, 0] * wrench[0] + matrix[k, 1] * wrench[1] + matrix[k, 2] * wrench[2]
-        out[3 + k] = matrix[3 + k, 0] * wrench[0] + matrix[3 + k, 1] * wrench[1] + matrix[3 + k, 2] * wrench[2]
-    for k in range(3, 6):
-        out[k] += matrix[k, 3] * wrench[3] + matrix[k, 4] * wrench[4] + matrix[k, 5] * wrench[5]
-
-
-@inner
 def _payload_errors(turn, weight, center, doubts, matrix, work, errors):
     """What doubts (r, 12) about the payload do to the wrench: their squares sum to J C J^T.
 
@@ -108,24 +93,11 @@ def _payload_errors(turn, weight, center, doubts, matrix, work, errors):
         for k in range(3):
             error[k] += doubt[3 + k]
             error[3 + k] += moment[k] + doubt[9 + k]
-        _to_surface(matrix, error, errors[i])
-
-
-@inner
-def _mounting_errors(wrench, doubts, work, errors):
-    """`pose_noise_on_wrench`, from doubts (q, 6): dF = omega x F, dM = omega x M + rho x F."""
-    moment = work[1]
-    for i in range(len(doubts)):
-        doubt, error = doubts[i], errors[i]
-        cross_into(doubt[:3], wrench[:3], error[:3])
-        cross_into(doubt[:3], wrench[3:], error[3:])
-        cross_into(doubt[3:], wrench[:3], moment)
-        for k in range(3):
-            error[3 + k] += moment[k]
+        to_surface(matrix, error, errors[i])
 
 
 @entry
-def propagate(
+def place(
     wrenches, rotations, accelerations, unsteady, share, load, mean, doubts, mounting, matrix, constant, located, spread
 ):
     """Wrenches (n, 6) to the surface's frame, and their covariances.
@@ -139,8 +111,8 @@ def propagate(
     turn, weight, work = np.empty((3, 3)), np.empty(3), np.empty((2, 6))
     errors = np.empty((len(doubts) + len(mounting), 6))
     for i in range(len(wrenches)):
-        rotation, acceleration = _row(rotations, i), _row(accelerations, i)
-        _to_surface(matrix, wrenches[i], located[i])
+        rotation, acceleration = row(rotations, i), row(accelerations, i)
+        to_surface(matrix, wrenches[i], located[i])
         if len(doubts) > 0:
             _hang(rotation, acceleration, load, weight)
             for k in range(3):
@@ -148,8 +120,8 @@ def propagate(
                 for j in range(3):
                     turn[k, j] = rotation[j, k] - acceleration[k] * load[_SLOPE + j] - mean[k, j]
             _payload_errors(turn, weight, load[_CENTER : _CENTER + 3], doubts, matrix, work, errors)
-        _mounting_errors(located[i], mounting, work, errors[len(doubts) :])
-        kept, jolt = _row(share, i), _row(unsteady, i)[0]
+        mounting_errors(located[i], mounting, work, errors[len(doubts) :])
+        kept, jolt = row(share, i), row(unsteady, i)[0]
         for a in range(6):
             for b in range(a, 6):
                 total = kept * constant[0, a, b] + constant[1, a, b] + jolt * jolt * constant[2, a, b]

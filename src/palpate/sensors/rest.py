@@ -7,24 +7,15 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from palpate.contact.locate import Locator
 from palpate.errors import InputError
 from palpate.sensors.noise import estimate_noise
 
-__all__ = ["Rest", "Tare", "rest"]
+__all__ = ["Rest", "at_rest"]
 
 FEWEST = 10  # samples
 SCATTER = 3.0  # times the noise: a motor that hums is at rest, an arm that moves with its load is not
 DRIFT = 5.0  # standard errors between the halves, and at least
 LEAST_DRIFT = 1.0  # times the noise: sensors warm up
-
-
-@dataclass(frozen=True)
-class Tare:
-    """What was `said` of a tare, and the `doubt` about it; "" where there is none."""
-
-    said: str
-    doubt: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,31 +30,14 @@ class Rest:
     deviation: Float[np.ndarray, "6"]
     samples: int
 
-    def judged(self, located: Float[np.ndarray, "6"], covariance: Float[np.ndarray, "6 6"] | None, on: Locator) -> Tare:
-        """What is taken off, and a doubt if it may be a touch.
-
-        Args:
-            located: (6,) the mean in the surface's frame.
-            covariance: of it, the payload's share included; None where no noise is stated.
-            on: the surface.
-        """
+    @property
+    def said(self) -> str:
+        """What a tare takes off, as a sentence."""
         force, torque = _sizes(self.mean)
-        text = f"tare over {self.samples} samples: {force:.3g} N and {torque:.3g} N m are taken off from now on"
-        spread = self.deviation[:3].max() ** 2 / self.samples if covariance is None else covariance[:3, :3].max()
-        if force <= max(on.on, 5.0 * float(np.sqrt(spread))):
-            return Tare(text, "")
-        found = on.candidates(located)
-        if not found.plausible.any():
-            return Tare(text, "")
-        x, y, z = 1e3 * found.point[0]
-        return Tare(
-            text,
-            f"what the tare takes off is also what a steady touch at ({x:.1f}, {y:.1f}, {z:.1f}) mm of the surface "
-            "would read: make sure that nothing touched it",
-        )
+        return f"tare over {self.samples} samples: {force:.3g} N and {torque:.3g} N m are taken off from now on"
 
 
-def rest(wrenches: Float[np.ndarray, "n 6"], noise: Float[np.ndarray, "6 6"] | None, where: str) -> Rest:
+def at_rest(wrenches: Float[np.ndarray, "n 6"], noise: Float[np.ndarray, "6 6"] | None, where: str) -> Rest:
     """The mean of wrenches that stand still: their scatter is noise, and both halves agree.
 
     Args:
