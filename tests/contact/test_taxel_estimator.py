@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import copy
+import pickle
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -260,6 +263,22 @@ def test_a_tare_states_the_rest_and_one_that_moves_is_refused() -> None:
     with pytest.raises(InputError, match=r"not at rest during the tare: cell \(2, 5\)"):
         skin.tare(_recording(time, moving))
     assert "(3, 7)" in skin.tare(_recording(time, still + 50.0 * (np.arange(132) == 73).reshape(6, 22))).doubt
+
+
+@pytest.mark.parametrize(
+    "copied", [copy.deepcopy, lambda made: pickle.loads(pickle.dumps(made))], ids=["copy", "pickle"]
+)
+def test_a_copy_goes_on_alone(copied: Callable[[TaxelEstimator], TaxelEstimator]) -> None:
+    """With the same rest and identities, and nothing in common: what one meets the other does not."""
+    skin = _skin(RING)
+    loads = press(RING, [Patch(2.3, 7.7, 1.2, 4.0)]).loads
+    before = skin.update(0.0, _read(loads))
+    other = copied(skin)
+    assert not other.body.neighbours.flags.writeable
+    skin.update(0.02, _read(np.roll(loads, 9, axis=1)))
+    after = other.update(0.02, _read(loads))
+    assert after.identity.tolist() == before.identity.tolist()
+    np.testing.assert_array_equal(after.point, before.point)
 
 
 def test_rest_is_found_at_the_head_of_a_log_that_begins_with_a_touch() -> None:

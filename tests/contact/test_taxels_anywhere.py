@@ -1,7 +1,4 @@
-"""A fourth sensor: 200 taxels anywhere on a sphere. Truth is the sphere's: a Gaussian of pressure on its surface.
-
-A taxel feels what lies nearer to it than to others, by 40,000 points of equal area.
-"""
+"""A fourth sensor: 200 taxels anywhere on a sphere, each of which feels what lies nearer to it than to others."""
 
 import numpy as np
 import pytest

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from itertools import chain
 from math import inf
+from types import ModuleType
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -22,7 +23,6 @@ from palpate.sensors.skin import FEWEST, Health, at_rest, examine
 from palpate.sensors.smoothing import BothWays, Forward
 from palpate.sensors.taxels import TaxelBody
 from palpate.sensors.wrench_sensor import Tare
-from palpate.spatial._arrays import frozen
 from palpate.spatial.pose import Pose
 
 __all__ = ["FEATURES", "TaxelEstimator", "TaxelSettings"]
@@ -116,7 +116,7 @@ class TaxelEstimator:
         self.intensity, self.mount = intensity, Pose.identity() if mount is None else mount
         self.features = ("row", "column", *FEATURES) if body.rows else FEATURES
         self.health: Health | None = None
-        self._kernels, self._tared = _taxels, Tare("", "")
+        self._tared = Tare("", "")
         self._width = _taxels.AREA + len(self.features) + 1
         self._looked = health is not None
         curves = intensity or _PLAIN
@@ -125,10 +125,11 @@ class TaxelEstimator:
         limits = np.array([curve.saturation for curve in curves.curves])
         limits = np.where(np.isnan(limits), -np.inf if self._falling else body.top, limits)
         self._curves = curves.tables()
-        grid = frozen(np.zeros((0, 0, 6))) if body.grid is None else body.grid
-        vectors = frozen([body.positions, body.normals, body.tangents])
-        self._place = (vectors, frozen([body.areas, body.spacing]), grid, body.turn)
-        self._table = (body.neighbours, body.steps, body.between, max(body.columns, 1))
+        grid = np.zeros((0, 0, 6)) if body.grid is None else body.grid.copy()
+        vectors = np.stack([body.positions, body.normals, body.tangents])
+        self._place = (vectors, np.stack([body.areas, body.spacing]), grid, body.turn)
+        tables = (body.neighbours.copy(), body.steps.copy(), body.between.copy())
+        self._table = (*tables, max(body.columns, 1))
         self._zero_phase = filter is not None and filter.zero_phase
         self._recursion = None if filter is None else filter.recursion(self._rate())
         self._forward: Forward | None = None
@@ -159,6 +160,12 @@ class TaxelEstimator:
         self._tracks[0][:], self._tracks[1][:] = -1.0, 1
         if self._forward is not None:
             self._forward.reset()
+
+    @property
+    def _kernels(self) -> ModuleType:
+        from palpate.contact import _taxels  # no attribute: a module cannot be pickled
+
+        return _taxels
 
     @property
     def force(self) -> Float[np.ndarray, "*cells"]:
@@ -254,7 +261,7 @@ class TaxelEstimator:
         when, raw, rows = self._single
         when[0] = time
         raw[0] = frame.reshape(-1) if fits else np.nan
-        return self._run(when, raw, *self._buffer, out.reshape(-1, width), rows, self._buffer[0][:0])[1]
+        return self._run(when, raw, self._buffer, out.reshape(-1, width), rows, self._buffer[0][:0])[1]
 
     def run(self, recording: Recording) -> Contacts:
         """The contacts of a block, at least one row a frame.
@@ -344,7 +351,7 @@ class TaxelEstimator:
         buffer, status, _ = self._buffer
         if self._zero_phase:
             self._ready(raw, np.zeros(len(self.body)), buffer, status)
-        self._run(when, raw, *self._buffer, self.empty(1), rows, buffer[:0])
+        self._run(when, raw, self._buffer, self.empty(1), rows, buffer[:0])
         self.reset()
 
     def _know(self, health: Health) -> None:
@@ -403,18 +410,18 @@ class TaxelEstimator:
         recording: Recording,
         first: int,
         forces: Callable[[np.ndarray], None] | None,
-        filtered: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None,
+        filtered: tuple[np.ndarray, ...] | None = None,
     ) -> Contacts:
         """A block through the compiled loop, piece by piece as its rows fit."""
         raw, count = self.body.readings(recording), len(recording)
         rows, out = np.zeros(count, dtype=np.int64), self.empty(_ROWS)
         pressed = np.zeros((count if forces is not None else 0, len(self.body)))
-        parts, done, ran = [self.empty(0)], 0, (0, 0)
+        parts, done = [self.empty(0)], 0
         while done < count:
             values = self._buffer if filtered is None else tuple(part[done:] for part in filtered)
-            ran = self._run(recording.time[done:], raw[done:], *values, out, rows[done:], pressed[done:])
-            parts.append(out[: ran[1]].copy())
-            done += ran[0]
+            step, used = self._run(recording.time[done:], raw[done:], values, out, rows[done:], pressed[done:])
+            parts.append(out[:used].copy())
+            done += step
         if forces is not None:
             forces(pressed.reshape(count, *self.body.shape))
         return self._contacts(
@@ -425,17 +432,14 @@ class TaxelEstimator:
         self,
         time: Float[np.ndarray, " n"],
         raw: Float[np.ndarray, "n k"],
-        values: np.ndarray,
-        status: np.ndarray,
-        left: np.ndarray,
+        values: tuple[np.ndarray, ...],
         out: np.ndarray,
         rows: np.ndarray,
         forces: np.ndarray,
     ) -> tuple[int, int]:
         """The compiled loop, with what stays the same from frame to frame."""
-        return self._kernels.frames(
-            _constant(time), _constant(raw), values, status, left, *self._same, out, rows, forces
-        )
+        loop: Callable[..., tuple[int, int]] = self._kernels.frames
+        return loop(_constant(time), _constant(raw), *values, *self._same, out, rows, forces)
 
     def _prepare(self, block: Recording, both: BothWays) -> tuple[np.ndarray, np.ndarray]:
         """Readings on their way through a filter of zero phase, and which of the frames can be used."""
@@ -484,5 +488,5 @@ _NO_FILTER = (
     0.0,
     np.zeros(2),
     np.zeros((1, 1)),
-    frozen(np.zeros(0)),
+    np.zeros(0),
 )

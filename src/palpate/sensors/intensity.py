@@ -188,6 +188,10 @@ class Intensity:
         if len({curve.falling for curve in self.curves}) > 1:
             raise InputError("some curves fall with force and some rise.", where="intensity")
 
+    def __reduce__(self) -> tuple[type[Intensity], tuple[object, ...]]:
+        """A view of the provenance cannot be pickled, nor copied in depth; its values can."""
+        return Intensity, (self.curves, self.which, self.unit, dict(self.provenance), self.notes)
+
     def numbers(self, shape: tuple[int, ...]) -> Int[np.ndarray, " k"]:
         """The curve of each cell of a sheet of rows x columns, or of so many taxels.
 

@@ -30,7 +30,7 @@ class Forward:
     def __init__(self, recursion: Recursion, rate: float, width: int = 6) -> None:
         from palpate.sensors import _filters  # compiled: loaded when first needed
 
-        self._smooth, self.shares = _filters.smooth, recursion.share
+        self._smooth, self.shares = _filters.smooth, recursion.share.copy()
         self._made = tuple(part.copy() for part in (recursion.sections, recursion.start, recursion.gains))  # writable
         self._gap = max(GAP_PERIODS / rate, LEAST_GAP)
         self._state = np.zeros((max(1, 2 * len(recursion.sections)), width))

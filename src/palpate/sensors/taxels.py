@@ -70,6 +70,10 @@ class TaxelBody:
             if isinstance(value, np.ndarray):
                 value.flags.writeable = False
 
+    def __reduce__(self) -> tuple[type[TaxelBody], tuple[object, ...]]:
+        """Copies are read-only too."""
+        return TaxelBody, tuple(vars(self).values())
+
     def __len__(self) -> int:
         return len(self.positions)
 
