@@ -39,7 +39,7 @@ def test_touches_are_found_and_named(session: tuple[Path, SkinSession]) -> None:
         assert np.linalg.norm(off) < 1.2e-3
         sizes = np.linalg.norm(found.estimate.force[rows], axis=1)
         assert np.median(sizes) == pytest.approx(np.linalg.norm(force), rel=0.1)
-    assert read_model(folder / "intensity.toml", Intensity).numbers(6, 22).max() == 132
+    assert read_model(folder / "intensity.toml", Intensity).numbers((6, 22)).max() == 132
     assert 'sensor = "skin"' in (folder / "contacts.csv.toml").read_text()
 
 
