@@ -12,6 +12,7 @@ from evidence import (
     answered,
     bad_input,
     clock,
+    conformance,
     covariance,
     equations,
     filters,
@@ -32,6 +33,7 @@ from evidence.row import ROOT
 __all__ = ["THEMES", "main"]
 
 THEMES: dict[str, Theme] = {
+    "conformance": conformance.rows,
     "answered": answered.rows,
     "laws": laws.rows,
     "equations": equations.rows,

@@ -107,7 +107,13 @@ def test_the_changelog_knows_this_version() -> None:
     assert f"## [{project['version']}]" in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
 
 
-BESIDE = ("evidence", "experiments", "benchmarks", "tests")  # each may import what stands before it, and the package
+BESIDE = (
+    "mutants",
+    "evidence",
+    "experiments",
+    "benchmarks",
+    "tests",
+)  # each may import what stands before it, and the package
 
 
 def test_what_stands_beside_the_package_imports_in_one_direction() -> None:

@@ -118,6 +118,21 @@ def test_noise_that_does_not_explain_the_residuals_is_not_believed() -> None:
 # --- laws
 
 
+def test_noise_that_hardly_explains_the_residuals_is_widened_until_it_does() -> None:
+    """Half as much variance again as was stated: chance makes 4 % of it, a fit of 200 poses sees it.
+
+    The covariance must be that of the noise there is, within chance; and not below the stated one where there is less.
+    """
+    rotations = poses(200)
+    wrenches = readings(rotations, noise=np.sqrt(1.5))
+    stated, true = (identify_payload(wrenches, rotations, noise=k * NOISE) for k in (1.0, np.sqrt(1.5)))
+    ratio = np.diag(stated.covariance) / np.diag(true.covariance)
+    assert np.allclose(ratio, 1.0, rtol=0, atol=0.15)
+    quiet = readings(rotations, noise=0.5)
+    believed = identify_payload(quiet, rotations, noise=NOISE)
+    assert np.allclose(np.diag(believed.covariance), np.diag(true.covariance) / 1.5, rtol=0.1, atol=0)
+
+
 def test_turning_the_base_turns_the_weight_only() -> None:
     rotations, turn = poses(30), poses(1, seed=9)[0]
     wrenches = readings(rotations, noise=1.0)

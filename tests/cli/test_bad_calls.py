@@ -304,9 +304,7 @@ def test_ctrl_c_while_the_mesh_reader_is_imported_is_not_swallowed() -> None:
     assert not Path("out.csv").exists()
 
 
-def test_ctrl_c_is_heard_after_the_block_and_then_as_before(request: pytest.FixtureRequest) -> None:
-    usual = signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell ignores it in what runs behind it
-    request.addfinalizer(lambda: signal.signal(signal.SIGINT, usual))
+def test_ctrl_c_is_heard_after_the_block_and_then_as_before() -> None:
     before, done = signal.getsignal(signal.SIGINT), []
 
     def block() -> None:

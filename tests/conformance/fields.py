@@ -29,7 +29,7 @@ from tests.support.simulated import POSE
 
 __all__ = ["FIELDS", "Case", "Refused", "judged", "run", "same"]
 
-SCREEN = (70, 240)  # lines and letters of what `inspect` may say: one screen
+SCREEN = (70, 1000)  # lines, and letters of one, that `inspect` may say: a screen, where names of 132 cells wrap
 ANSWERED = 0.9  # of the samples of a touch
 
 
@@ -71,7 +71,7 @@ class Case:
         """Files made and the sensor added to the table, where it is none of Palpate's."""
         folder.mkdir(parents=True, exist_ok=True)
         if sensor.added is not None:
-            sensor.added()
+            importlib.import_module(sensor.added)
         return cls(sensor, sensor.files(folder, run))
 
     def estimate(self, suffix: str = ".csv", *options: str) -> Path:

@@ -22,7 +22,7 @@ def whole(log: Path, rig: Any) -> Recording:
     from palpate.io.logs import join
 
     with palpate.open_log(str(log), rig) as opened:
-        return join(list(opened.blocks()))
+        return join(list(opened))
 
 
 def each_reading(estimator: Any, recording: Recording) -> Iterator[tuple[Any, ...]]:

@@ -1,97 +1,80 @@
-# ruff: noqa: D102 - the protocol is documented in docs/architecture.md
-"""A sensor that Palpate does not know: three single-axis cells under a slippery plate, as a wrench sensor of one file.
+# ruff: noqa: D101, D102 - docs/architecture.md says what each call of a WrenchSensor does
+"""A sensor that Palpate does not know, in one file: three single-axis cells under a slippery plate, a WrenchSensor.
 
-Each cell feels the force along z at its place. Together they tell F_z, M_x and M_y; a slippery plate has no others.
+Each cell feels the force along z at its place; together they tell F_z, M_x and M_y, and a slippery plate has no others.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import make_dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from palpate.errors import InputError
+from palpate.io.logs.layout import ArrayChannel, Layout
+from palpate.io.rig.kind import Guess, SensorKind
+from palpate.io.rig.kinds import KINDS
+from palpate.io.rig.wrench import wrench_estimator
 from palpate.sensors.recording import LARGEST, Recording
-from palpate.spatial.pose import Pose
+from palpate.sensors.wrench_sensor import Placement, Tare
 
-NOISE = 0.005  # N: standard deviation of one cell
-CELLS = np.array([[-0.02, -0.015, 0.0], [0.02, -0.015, 0.0], [0.0, 0.02, 0.0]])  # m
-COLUMNS = ("left", "right", "back")
+NOISE, COLUMNS = 0.005, ("left", "right", "back")  # N: standard deviation of one cell
+CELLS = np.array([[-0.02, -0.015], [0.02, -0.015], [0.0, 0.02]])  # m
 WRENCHES = np.stack([np.zeros(3), np.zeros(3), np.ones(3), CELLS[:, 1], -CELLS[:, 0], np.zeros(3)])  # of 1 N on a cell
-SLIPPERY = np.diag([NOISE, NOISE, 0.0, 0.0, 0.0, 1e-2 * NOISE]) ** 2  # what is not felt is small, as plates go
+FREE = np.diag([NOISE, NOISE, 0.0, 0.0, 0.0, 1e-2 * NOISE]) ** 2  # what is not felt is taken to be as small as noise
 
 
 class Loads(NamedTuple):
-    """What `measure` answers: readings as wrenches in the sensor's frame, and which of them are to be located."""
-
     time: np.ndarray
     wrench: np.ndarray
     status: np.ndarray
 
 
-@dataclass
 class Plate:
-    """The wrench sensor: see docs/architecture.md for the protocol. It has a zero, and forgets nothing else."""
+    """The sensor; its zero is all that it keeps."""
 
-    zero: np.ndarray = field(default_factory=lambda: np.zeros(3))
-    channels = ("plate",)
-    noise = NOISE**2 * WRENCHES @ WRENCHES.T + SLIPPERY
+    zero, channels, noise = np.zeros(3), ("plate",), (NOISE * WRENCHES) @ (NOISE * WRENCHES).T + FREE
 
     def ready(self, blocks: Iterable[Recording]) -> Iterator[Recording]:
-        yield from blocks  # nothing looks ahead
+        return iter(blocks)
 
     def measure(self, recording: Recording) -> Loads:
-        return self._loads(recording.time, recording.channels["plate"])
+        forces = recording.channels.get("plate", np.empty((0, 0)))
+        if forces.shape[1:] != (3,):
+            raise InputError(f"a plate reads 3 loads a sample, not {forces.shape[1:]}.", where=recording.source)
+        bad = ~(np.abs(forces) <= LARGEST).all(axis=1)  # NaN too
+        loads = np.where(bad[:, None], 0.0, forces - self.zero)
+        return Loads(recording.time, np.sum(loads[:, None] * WRENCHES, axis=2), np.where(bad, 7, -1).astype(np.int8))
 
-    def single(self, time: float, reading: Any, rotation: Any = None, acceleration: Any = None) -> Loads:
-        return self._loads(np.array([time], dtype=np.float64), np.array(reading, dtype=np.float64).reshape(1, 3))
+    def single(self, time: float, reading: Any, rotation: Any, acceleration: Any) -> Loads:
+        return self.measure(Recording(np.array([time]), {"plate": np.array(reading, dtype=np.float64)[None]}))
 
-    def place(self, measured: Loads, wrenches: np.ndarray, share: np.ndarray, mounting: Pose) -> tuple[Any, Any]:
-        move = mounting.inverse().wrench_matrix()
-        moved = np.stack([move @ wrench for wrench in wrenches])  # one by one: the same bits in blocks of any size
-        return moved, np.ones((len(wrenches), 1, 1)) * np.reshape(share, (-1, 1, 1)) * (move @ self.noise @ move.T)
+    def place(self, measured: Loads, wrenches: Any, share: Any, placement: Placement) -> tuple[np.ndarray, np.ndarray]:
+        moved = np.sum(placement.matrix * wrenches[:, None], axis=2)
+        noise = placement.matrix @ self.noise @ placement.matrix.T
+        return moved, np.broadcast_to(share, len(moved))[:, None, None] * noise
 
-    def tare(self, recording: Recording) -> Any:
+    def tare(self, recording: Recording) -> Tare:
         self.zero = recording.channels["plate"].mean(axis=0)
-        return tared(f"tare over {len(recording)} samples: {self.zero.round(3)} N are taken off from now on")
-
-    def reset(self) -> None: ...
+        doubt = "more than a zero: something may have pressed" if np.abs(self.zero).max() > 0.5 else ""
+        return Tare(f"{self.zero.round(3)} N are taken off the three cells", doubt)
 
     def notes(self) -> tuple[str, ...]:
         return ()
 
-    doubts = notes
-
-    def _loads(self, time: np.ndarray, forces: np.ndarray) -> Loads:
-        bad = ~(np.abs(forces) <= LARGEST).all(axis=1)  # NaN too
-        wrench = np.sum((np.where(bad[:, None], 0.0, forces) - self.zero)[:, None, :] * WRENCHES, axis=2)
-        return Loads(time, wrench, np.where(bad, 7, -1).astype(np.int8))  # 7: INVALID, -1: to be located
+    doubts = reset = notes
 
 
-# --- what Palpate's table of sensors asks for: the one place to adapt to it ------------------------------------------
-
-
-@dataclass(frozen=True)
-class RigPlate:
-    """[plate] of a rig."""
-
-    columns: tuple[str, str, str] = COLUMNS
-
-
-def tared(said: str) -> Any:
-    from palpate.contact.tare import Tare
-
-    return Tare(said, "")
-
-
-def add() -> None:
-    from palpate.io.rig.kinds import KINDS, Channel, SensorKind
-
-    KINDS["plate"] = SensorKind(
-        name="plate",
-        table=RigPlate,
-        layout=lambda table, rig: (Channel("plate", table.columns, scale=1.0),),
-        build=lambda table, rig, head: Plate(),
-        guess=lambda names: "[plate]\n" if set(COLUMNS) <= set(names) else None,
-    )
+LAYOUT = Layout(wrench=None, arrays=(ArrayChannel("plate", (3,), COLUMNS, table="plate"),))
+KINDS["plate"] = SensorKind(
+    name="plate",
+    called="three cells under a plate",
+    table=make_dataclass("RigPlate", ()),  # it has nothing to say
+    channels=("plate",),
+    layout=lambda rig: LAYOUT,
+    build=lambda rig, head: wrench_estimator(rig, Plate(), head, tare=rig.estimate.tare),
+    guess=lambda log, there, mesh: Guess("three", LAYOUT, "[plate]\n") if set(COLUMNS) <= set(there.names) else None,
+    refused={"payload": "nothing hangs on a plate", "noise": "a plate's noise is known"},
+)

@@ -6,13 +6,15 @@ import functools
 
 import numpy as np
 import pytest
+from laws.bodies import BODIES, PLACE, R, box, on_mesh, pressing
+from scipy.stats import chi2
 
 from palpate.contact import ROW, ContactEstimate, Locator, Status, locate
 from palpate.errors import InputError
 from palpate.simulation.contacts import touch_wrenches
+from palpate.spatial.pose import Pose
 from palpate.spatial.wrench import Wrench
 from palpate.surfaces import Mesh
-from tests.support.bodies import BODIES, PLACE, R, box, on_mesh, pressing
 
 NOISE = np.array([0.02] * 3 + [5e-4] * 3)
 UP = np.array([0.0, 0, 1])
@@ -153,6 +155,18 @@ def test_torsion_beyond_its_bound_is_implausible_and_located() -> None:
     assert 4.5 < answer.residual[0] <= 5.0 + 1e-9
 
 
+@pytest.mark.parametrize("tangent", [0.5, 1.0, 2.0])
+def test_torsion_is_bounded_by_the_force_across_the_surface(tangent: float) -> None:
+    """Not by all of it: tau = h |F|/cos(theta) and |F . n| = |F| cos(theta), so h is bounded by t cos^2(theta)."""
+    locator = Locator(lid(), friction=3.0, torsion=2e-3, noise=NOISE)
+    most = 2e-3 / (1.0 + tangent**2)
+    within, beyond = press(5.0, tangent, 0.99 * most), press(5.0, tangent, 1.01 * most)
+    assert status_of(locator, within, beyond) == [Status.CONTACT, Status.IMPLAUSIBLE]
+    assert locator.candidates(within).plausible[0]
+    assert not locator.candidates(beyond).plausible.any()
+    assert locator.run(beyond).residual > 0
+
+
 def two_ways() -> tuple[Mesh, np.ndarray, np.ndarray, np.ndarray]:
     """A force into the end of the L's lower arm (x = R), out of its top (y = 0), into the wall of the upper (x = 0)."""
     mesh = BODIES["L"].mesh
@@ -195,6 +209,78 @@ def test_a_candidate_within_the_ellipse_is_no_ambiguity() -> None:
     mesh, _, _, wrench = two_ways()
     vague = np.array([0.02] * 3 + [0.5] * 3)  # a decimetre
     assert locate(Wrench.from_vector(wrench), mesh, noise=vague).status == Status.CONTACT
+
+
+def ambiguous_scale(answer: ContactEstimate, other: np.ndarray) -> float:
+    """The factor on all deviations at which another candidate lies on the 95 % ellipse of the one given.
+
+    In the tangent plane its squared distance is off' C^-1 off, chi-square of two degrees of freedom; along the normal,
+    where C is zero, the trace of C stands for the variance.
+    """
+    off = other - answer.point
+    square = off @ np.linalg.pinv(answer.covariance, rcond=1e-9, hermitian=True) @ off
+    square = max(square, (off @ answer.normal) ** 2 / np.trace(answer.covariance))
+    return float(np.sqrt(square / chi2.ppf(0.95, 2)))
+
+
+def assert_ambiguous_beyond(
+    mesh: Mesh, wrench: np.ndarray, noise: np.ndarray, at: np.ndarray, other: np.ndarray
+) -> None:
+    answer = locate(Wrench.from_vector(wrench, noise), mesh, previous=at)
+    assert np.allclose(answer.point, at, rtol=0, atol=1e-9)
+    scale = ambiguous_scale(answer, other)
+    for factor, status in ((0.999, Status.AMBIGUOUS), (1.001, Status.CONTACT)):
+        found = locate(Wrench.from_vector(wrench, noise * (factor * scale) ** 2), mesh, previous=at)
+        assert found.candidates == 2
+        assert found.status == status
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_ambiguous_is_another_candidate_beyond_the_95_percent_ellipse(seed: int) -> None:
+    """To 0.1 % of the deviations, with noises that correlate and a body that lies across all axes."""
+    rng = np.random.default_rng(seed)
+    mesh, first, second, wrench = two_ways()
+    pose = Pose.from_rotation_vector(rng.normal(size=3), 0.02 * rng.normal(size=3))
+    root = rng.normal(size=(6, 6)) * NOISE
+    wrench, (first, second) = pose.wrench_matrix() @ wrench, pose.apply(np.array([first, second]))
+    for at, other in ((first, second), (second, first)):
+        assert_ambiguous_beyond(mesh.transformed(pose), wrench, root.T @ root, at, other)
+
+
+def plates(*heights: float, steep: tuple[float, ...] = ()) -> Mesh:
+    """Square plates over each other, in a drawn order; those at `steep` heights are tilted by 60 degrees."""
+    corners, faces = list[np.ndarray](), list[np.ndarray]()
+    for height in np.random.default_rng(0).permutation([*heights, *steep]):
+        tilt = np.sqrt(3.0) * (height in steep)
+        square = np.array([[-1, -1, -tilt], [1, -1, tilt], [1, 1, tilt], [-1, 1, -tilt]]) * 1e-3 + [0, 0, height]
+        faces.append(np.array([[0, 1, 2], [0, 2, 3]]) + 4 * len(corners))
+        corners.append(square)
+    return Mesh.from_arrays(np.concatenate(corners), np.concatenate(faces))
+
+
+@pytest.mark.parametrize("noise", [NOISE, np.array([0.3, 0.01, 0.02, 1e-4, 2e-3, 1e-3])])
+def test_a_candidate_right_behind_is_ambiguous_too(noise: np.ndarray) -> None:
+    """Straight along the normal no ellipse reaches: the plate behind must not be taken for the same place."""
+    mesh, wrench = plates(0.0, -0.01), np.array([0.0, 0, -5, 0, 0, 0])
+    assert locate(wrench, mesh, noise=0.1 * noise).status == Status.AMBIGUOUS
+    for at, other in ((0.0, -0.01), (-0.01, 0.0)):
+        assert_ambiguous_beyond(mesh, wrench, np.diag(noise**2), np.array([0, 0, at]), np.array([0, 0, other]))
+
+
+def test_candidates_come_plausible_first_and_then_as_the_force_meets_them() -> None:
+    """A force that runs down through seven plates, of which every other is too steep for its friction."""
+    flat, steep = (0.0, -0.02, -0.04, -0.06), (-0.01, -0.03, -0.05)
+    locator = Locator(plates(*flat, steep=steep), friction=1.0)
+    wrench = pressing(np.zeros(3), UP, np.array([0, 0, -5.0]), 0.0)
+    found = locator.candidates(wrench)
+    assert found.plausible.tolist() == [True] * 4 + [False] * 3
+    assert np.allclose(found.point[:, 2], [*flat, *steep], rtol=0, atol=1e-12)
+    assert np.allclose(found.friction, [0.0] * 4 + [np.sqrt(3.0)] * 3, rtol=0, atol=1e-9)
+    upward = locator.candidates(-wrench)
+    assert len(upward.point) == 0  # plates are pressed from above only
+    answer = locator.run(wrench)
+    assert answer.candidates == 4
+    assert np.allclose(answer.point, 0.0, rtol=0, atol=1e-12)  # the one met first
 
 
 def test_forced_statuses_are_kept_and_break_nothing() -> None:
@@ -245,10 +331,79 @@ def test_locate_keeps_leading_axes(shape: tuple[int, ...]) -> None:
     answer = locate(Wrench.from_vector(vector, np.diag(NOISE**2)), lid())
     assert answer.point.shape == (*shape, 3)
     assert answer.covariance.shape == (*shape, 3, 3)
-    assert answer.status.shape == shape
-    assert answer.status.dtype == np.int8
+    if shape:
+        assert answer.status.shape == shape
+        assert answer.status.dtype == np.int8
+    else:
+        assert answer.status is Status.CONTACT
     assert np.allclose(answer.point, TOP, rtol=0, atol=1e-12)
     assert np.all(answer.status == Status.CONTACT)
+
+
+def test_locate_takes_six_numbers_rows_of_them_and_a_wrench() -> None:
+    rows = np.array([press(5.0), press(3.0, 0.2)])
+    expected = locate(Wrench.from_vector(rows), lid(), noise=NOISE)
+    same(locate(rows, lid(), noise=NOISE), expected)
+    same(locate(rows.tolist(), lid(), noise=NOISE), expected)
+    same(locate(rows[None], lid(), noise=NOISE)[0], expected)
+    same(locate(tuple(rows[1]), lid(), noise=NOISE), expected[1])
+
+
+def test_run_answers_one_wrench_as_a_log_of_one() -> None:
+    one, two = Locator(lid(), noise=NOISE), Locator(lid(), noise=NOISE)
+    for wrench in (press(5.0, 0.1), np.zeros(6), press(0.15), press(5.0, 0.7, 1e-3)):
+        single = one.run(wrench, np.diag(NOISE**2), Status.SATURATED if wrench[2] == -0.15 else None)
+        assert single.point.shape == (3,)
+        assert single.covariance.shape == (3, 3)
+        assert isinstance(single.status, Status)
+        assert isinstance(single.answered, bool)
+        same(single, two.run(wrench[None], statuses=[6] if wrench[2] == -0.15 else None)[0])
+
+
+def test_run_takes_any_leading_axes_in_the_order_of_memory() -> None:
+    wrenches = np.nan_to_num(a_log(lid(), 12))
+    flat = Locator(lid(), noise=NOISE).run(wrenches)
+    same(Locator(lid(), noise=NOISE).run(wrenches.reshape(3, 4, 6)), flat.reshaped((3, 4)))
+
+
+def test_a_status_prints_its_name() -> None:
+    assert [str(status) for status in (Status.CONTACT, Status.NO_POSE)] == ["contact", "no_pose"]
+    assert f"{locate(press(5.0), lid()).status}" == "contact"
+    assert f"{Status.OFF_SURFACE:>12}" == " off_surface"
+
+
+def test_an_estimate_says_what_it_is() -> None:
+    single = locate(press(5.0), lid())
+    x, y, z = 1e3 * TOP
+    assert (
+        repr(single)
+        == f"ContactEstimate(contact, point ({x:.3f}, {y:.3f}, {z:.3f}) mm, force (0.000, 0.000, -5.000) N)"
+    )
+    log = Locator(lid()).run(np.array([press(5.0), np.zeros(6), np.zeros(6)]))
+    assert repr(log) == "ContactEstimate((3,): 1 contact, 2 no_contact)"
+    assert repr(log[:0]) == "ContactEstimate((0,): empty)"
+
+
+def test_a_number_picks_one_and_the_loop_gives_each() -> None:
+    log = Locator(lid(), noise=NOISE).run(np.array([press(5.0), np.zeros(6), press(4.0, 0.1)]))
+    assert [one.status for one in log] == [Status.CONTACT, Status.NO_CONTACT, Status.CONTACT]
+    for number, one in enumerate(log):
+        same(one, log[number])
+        same(one, log[np.int64(number - 3)])
+        same(one.reshaped((1,)), log[number : number + 1])
+    same(ContactEstimate.joined([one.reshaped((1,)) for one in log]), log)
+    assert log.reshaped((3, 1))[2].status.tolist() == [Status.CONTACT]
+    with pytest.raises(IndexError):
+        log[3]
+    with pytest.raises(TypeError, match="single"):
+        log[0][0]
+
+
+def test_an_estimate_has_statuses_of_its_own_shape() -> None:
+    fields = vars(Locator(lid()).run(np.zeros((3, 6))))
+    for wrong in (fields["status"][:2], fields["status"].astype(np.int64)):
+        with pytest.raises(InputError, match=r"status must be int8 of shape \(3,\)"):
+            ContactEstimate(**{**fields, "status": wrong})
 
 
 def test_locate_does_not_remember_between_calls_or_samples() -> None:

@@ -11,6 +11,7 @@ from evidence.covariance import CHI2_95, squared_distance
 from palpate.contact import Locator
 from palpate.simulation.contacts import touch_wrenches
 from palpate.simulation.shapes import Ellipsoid
+from palpate.spatial.pose import Pose
 from palpate.surfaces import Mesh
 from tests.support.bodies import PLACE, R, box, pressing
 
@@ -54,6 +55,23 @@ def test_on_a_facet_a_unit_covariance_is_the_slope_squared(method: str) -> None:
         steps, found = slopes(locator, wrench), covariances(locator, wrench)
         expected = np.einsum("ni,nj->nij", steps, steps)
         assert np.abs(found - expected).max(axis=(1, 2)) == pytest.approx(0, abs=1e-5 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("method", ["soft_finger", "wrench_axis"])
+def test_noises_that_correlate_are_carried_with_their_signs(method: str) -> None:
+    """J' S J with J the differences of the point by each component: every cross term of S counts."""
+    rng = np.random.default_rng(4)
+    pose = Pose.from_rotation_vector((0.4, -0.7, 0.3), PLACE)
+    locator = Locator(flat().transformed(pose), method=method, friction=2.0, torsion=0.1)
+    for _ in range(20):
+        point = PLACE + np.append(rng.uniform(-0.5, 0.5, 2) * R, 0.5 * R)
+        force = np.append(rng.uniform(-2, 2, 2), -rng.uniform(2, 8))
+        wrench = pose.wrench_matrix() @ pressing(point, np.array([0, 0, 1.0]), force, 0.1 * R)
+        root = rng.normal(size=(6, 6)) * np.array([0.02] * 3 + [5e-4] * 3)
+        steps = slopes(locator, wrench)
+        expected = steps.T @ root.T @ root @ steps
+        found = locator.run(wrench, root.T @ root, sequential=False).covariance
+        assert np.abs(found - expected).max() < 1e-5 * np.abs(expected).max()
 
 
 @pytest.mark.parametrize("method", ["soft_finger", "wrench_axis"])

@@ -125,3 +125,35 @@ def test_a_missing_file_an_unknown_suffix_and_an_unknown_unit(tmp_path: Path) ->
         Mesh.load(tmp_path / "mesh")
     with pytest.raises(InputError, match=r"unknown unit 'feet'. Use one of m, cm"):
         Mesh.load(write(tmp_path / "box.stl"), unit="feet")
+
+
+def test_the_unit_must_be_said_and_the_error_says_which_there_are(tmp_path: Path) -> None:
+    path = write(tmp_path / "box.stl")
+    with pytest.raises(InputError, match=r"box\.stl: the unit .* is not given .*Use one of m, cm, mm, um, in"):
+        Mesh.load(path)
+    with pytest.raises(InputError, match=r"Trimesh: the unit .* is not given"):
+        Mesh.from_trimesh(trimesh.creation.box())
+
+
+def test_a_path_may_be_a_string(tmp_path: Path) -> None:
+    path = write(tmp_path / "box.stl")
+    assert np.array_equal(Mesh.load(str(path), "mm").vertices, Mesh.load(path, unit="mm").vertices)
+
+
+def test_a_trimesh_is_a_mesh_in_its_unit() -> None:
+    """A box of trimesh's own, and two of them in a scene, turned and moved there."""
+    made = trimesh.creation.box(extents=(20.0, 14.0, 10.0))
+    mesh = Mesh.from_trimesh(made, "mm", crease=0.5)
+    assert np.allclose(mesh.bounds, [[-0.01, -0.007, -0.005], [0.01, 0.007, 0.005]], rtol=0, atol=1e-15)
+    assert mesh.crease == 0.5
+    scene = trimesh.Scene()
+    for shift in (0.0, 50.0):
+        scene.add_geometry(made, transform=trimesh.transformations.translation_matrix([0, 0, shift]))
+    assert np.allclose(Mesh.from_trimesh(scene, "mm").bounds[1], [0.01, 0.007, 0.055], rtol=0, atol=1e-15)
+    assert any("is the unit right" in note for note in Mesh.from_trimesh(made, "m").notes)
+
+
+@pytest.mark.parametrize("wrong", [None, np.zeros((3, 3)), "box.stl"])
+def test_what_is_no_trimesh_is_refused(wrong: object) -> None:
+    with pytest.raises(InputError, match=r"trimesh\.Trimesh"):
+        Mesh.from_trimesh(wrong, "mm")

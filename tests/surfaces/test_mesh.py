@@ -80,14 +80,14 @@ def test_what_is_no_mesh_is_refused_with_a_sentence() -> None:
         (vertices, np.empty((0, 3), dtype=int), "no facets"),
         (vertices, [[0, 1, 99]], "vertex 99"),
         (vertices, [[0, 1, -1]], "vertex"),
-        (vertices[:, :2], faces, r"\(v, 3\)"),
+        (vertices[:, :2], faces, r"\(n, 3\)"),
         (vertices, faces * 1.0, "whole numbers"),
         (vertices, faces[:, :2], r"\(f, 3\)"),
         (vertices, [[0, 0, 1]], "area"),
         (np.full((8, 3), np.nan), faces, "no facets"),
         (np.zeros((8, 3)), faces, "area"),
     ):
-        with pytest.raises(GeometryError, match=word):
+        with pytest.raises(PalpateError, match=word):
             Mesh.from_arrays(points, triangles)
 
 
@@ -184,5 +184,5 @@ def test_a_mesh_that_cannot_be_read_is_said_once(tmp_path: Path, capfd: pytest.C
     path = tmp_path / "bad.stl"
     path.write_bytes(b"solid of text" + bytes(67) + b"\xff\xff\xff\x7f" + bytes(500))
     with pytest.raises(PalpateError, match=r"bad\.stl"):
-        Mesh.load(path)
+        Mesh.load(path, "mm")
     assert not capfd.readouterr().err

@@ -110,7 +110,7 @@ def settings_of(gravity: ArrayLike | None, magnitude: float, noise: ArrayLike | 
 def usable(wrenches: Wrench | ArrayLike, rotations: ArrayLike) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Complete rows, their rotations checked, and which they are (bool, n)."""
     wrenches = shaped(wrenches.vector() if isinstance(wrenches, Wrench) else wrenches, (None, 6), "wrenches")
-    rotations = shaped(rotations, (len(wrenches), 3, 3), "rotations, one for each wrench,")
+    rotations = shaped(rotations, (len(wrenches), 3, 3), "rotations")
     rows = np.column_stack([wrenches, rotations.reshape(-1, 9)])
     finite = np.asarray((np.abs(rows) <= LARGEST).all(axis=1), dtype=bool)
     _check_rotations(rotations, finite)

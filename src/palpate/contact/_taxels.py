@@ -13,16 +13,34 @@ from palpate.contact._track import follow
 from palpate.sensors._filters import smooth
 from palpate.surfaces._jit import entry, inner
 
-__all__ = ["AREA", "BASELINE", "FORCE", "INVALID", "LABEL", "MEMORY", "MOST", "NUMBERS", "WHOLE", "frames", "prepare"]
+__all__ = [
+    "AREA",
+    "BASELINE",
+    "CURVE",
+    "FORCE",
+    "GOOD",
+    "HELD",
+    "LABEL",
+    "LAST",
+    "LIMIT",
+    "MOST",
+    "NOISE",
+    "NUMBERS",
+    "TURNS",
+    "WHOLE",
+    "WRAPPED",
+    "frames",
+    "prepare",
+]
 
 MOST = 64  # contacts of a frame
 PARTS = 16  # of an area
 AREA = 22  # where the numbers behind a row of an estimate begin
 NO_CONTACT, SATURATED, INVALID = 2, 6, 7  # palpate.contact.estimate.Status
-BASELINE, LAST, HELD, MEMORY = 0, 1, 2, 3  # what is kept of a cell: rest, last reading, last that was a number
-TURNS, WRAPPED = 0, 1  # and whole numbers: how often around the range it is, and how often it went over an end
-FORCE, Z, SPREAD, OWN, NUMBERS = 0, 1, 2, 3, 4  # numbers of a cell in a frame
-LABEL, LIVE, CELLS, PARENT, WHOLE = 0, 1, 2, 3, 4  # and whole ones
+# numbers of a cell: what is known of it, what the last frame left (rest, reading, one that was a number), and a frame's
+NOISE, LIMIT, BASELINE, LAST, HELD, FORCE, Z, SPREAD, OWN, AT, NUMBERS = 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 11
+# and whole ones: the same; how often around its range it is, and how often it went over an end
+GOOD, CURVE, TURNS, WRAPPED, LABEL, LIVE, CELLS, PARENT, WHOLE = 0, 1, 2, 3, 4, 5, 6, 7, 8
 _ROUNDS = 8  # of expectation maximisation
 _NARROW = 0.12  # squared cells: no contact is seen narrower than its cell
 _CELL = 1.0 / 12.0  # variance of a place anywhere in a cell
@@ -63,17 +81,17 @@ def _wraps(raw, rest, noise, neighbours, turn, last, turns, wrapped):
 
 
 @inner
-def _take(raw, rest, good, noise, neighbours, turn, memory, whole, value):
+def _take(raw, rest, neighbours, turn, numbers, whole, value):
     """Readings to work on: put right where they wrapped, held where they are no numbers; False: too few are."""
+    last, held, good, turns = numbers[LAST], numbers[HELD], whole[GOOD], whole[TURNS]
     missing, count = 0, 0
     for k in range(len(raw)):
         count += good[k]
-        missing += good[k] and not np.isfinite(raw[k])
+        missing += good[k] != 0 and not np.isfinite(raw[k])
     if 4 * missing > count:
         return False
-    last, turns, held = memory[LAST], whole[TURNS], memory[HELD]
     if turn > 0.0:
-        _wraps(raw, rest, noise, neighbours, turn, last, turns, whole[WRAPPED])
+        _wraps(raw, rest, numbers[NOISE], neighbours, turn, last, turns, whole[WRAPPED])
     for k in range(len(raw)):
         last[k] = raw[k]
         value[k] = raw[k] + turns[k] * turn
@@ -104,7 +122,7 @@ def _fill(z, force, live, neighbours, between):
 def _grow(seed, name, z, off, columns, neighbours, steps, label, at, cells):
     """The cells joined to a seed; returns how many."""
     label[seed], cells[0] = name, seed
-    at[seed, 0], at[seed, 1] = seed // columns, seed % columns
+    at[0, seed], at[1, seed] = seed // columns, seed % columns
     done, count = 0, 1
     while done < count:
         k = cells[done]
@@ -113,7 +131,7 @@ def _grow(seed, name, z, off, columns, neighbours, steps, label, at, cells):
             j = neighbours[k, m]
             if j >= 0 and label[j] == 0 and z[j] > off:
                 label[j] = name
-                at[j, 0], at[j, 1] = at[k, 0] + steps[k, m, 0], at[k, 1] + steps[k, m, 1]
+                at[0, j], at[1, j] = at[0, k] + steps[k, m, 0], at[1, k] + steps[k, m, 1]
                 cells[count] = j
                 count += 1
     return count
@@ -129,7 +147,7 @@ def _rim(name, count, live, neighbours, steps, label, at, cells):
             j = neighbours[k, m]
             if j >= 0 and label[j] == 0 and live[j]:
                 label[j] = -name
-                at[j, 0], at[j, 1] = at[k, 0] + steps[k, m, 0], at[k, 1] + steps[k, m, 1]
+                at[0, j], at[1, j] = at[0, k] + steps[k, m, 0], at[1, k] + steps[k, m, 1]
                 cells[end] = j
                 end += 1
     return end
@@ -138,7 +156,7 @@ def _rim(name, count, live, neighbours, steps, label, at, cells):
 @inner
 def _chart(cells, end, origin, place, at):
     """Where cells lie about one of them, in its tangent plane, as far as the way along an arc between both normals."""
-    positions, normals, _, spacing, tangents = place[:5]
+    positions, normals, tangents, spacing = place[0][0], place[0][1], place[0][2], place[1][1]
     for i in range(end):
         k = cells[i]
         ahead, aside, chord, cosine = 0.0, 0.0, 0.0, 0.0
@@ -155,7 +173,7 @@ def _chart(cells, end, origin, place, at):
         way = np.sqrt(chord) * (half / np.sin(half) if half > 1e-6 else 1.0)
         flat = np.sqrt(ahead * ahead + aside * aside)
         scale = way / flat / spacing[origin] if flat > 0.0 else 0.0
-        at[k, 0], at[k, 1] = ahead * scale, aside * scale
+        at[0, k], at[1, k] = ahead * scale, aside * scale
 
 
 @inner
@@ -203,7 +221,7 @@ def _mixture(cells, count, force, at, parent, parts):
     for i in range(count):
         k = cells[i]
         if parent[k] == k and number < PARTS:
-            parts[number, 0], parts[number, 1] = at[k, 0], at[k, 1]
+            parts[number, 0], parts[number, 1] = at[0, k], at[1, k]
             parts[number, 2], parts[number, 3], parts[number, 4] = 0.5, force[k], k
             number += 1
     sums = np.empty((PARTS, 4))
@@ -213,7 +231,7 @@ def _mixture(cells, count, force, at, parent, parts):
         for i in range(count):
             k = cells[i]
             weight = max(force[k], 0.0)
-            row, column = at[k, 0], at[k, 1]
+            row, column = at[0, k], at[1, k]
             if step == 0:  # begin with the basins
                 for p in range(number):
                     share[p] = 1.0 if parent[k] == int(parts[p, 4]) else 0.0
@@ -295,7 +313,7 @@ def _anywhere(cells, count, own, force, inside, origin, place, here, ways):
     By the sum of w_i/2 ((p_i - c) . n + (p_i - c) . n_i / n . n_i), which on a sphere is right to the fourth order of
     the contact's size; the first part is 0 about the centroid.
     """
-    positions, normals, _, spacing, tangents = place[:5]
+    positions, normals, tangents, spacing = place[0][0], place[0][1], place[0][2], place[1][1]
     here[:] = 0.0
     for i in range(count):
         k = cells[i]
@@ -349,11 +367,11 @@ def _write(here, ways, moments, variances, out, first):
 
 
 @inner
-def _measure(cells, count, end, part, number, parts, raw, value, number_of, at, cell, settings, place, origin, out):
+def _measure(cells, count, end, part, number, parts, raw, value, numbers, sign, place, origin, out):
     """One contact of an area: sums over its share of each cell; the centroid is divided by the sum of the forces."""
-    force, spread, own = number_of[FORCE], number_of[SPREAD], number_of[OWN]
-    _, normals, areas, _, _, grid, ring = place
-    limit, sign = cell[3], settings[4]
+    force, spread, own, limit, at = numbers[FORCE], numbers[SPREAD], numbers[OWN], numbers[LIMIT], numbers[AT:]
+    vectors, sizes, grid, ring = place
+    normals, areas = vectors[1], sizes[0]
     share = np.empty(PARTS)
     share[0] = 1.0
     total, row, column, push, covered, peak, held, full = 0.0, 0.0, 0.0, np.zeros(3), 0.0, 0.0, 0.0, False
@@ -361,14 +379,14 @@ def _measure(cells, count, end, part, number, parts, raw, value, number_of, at, 
     for i in range(end):
         k = cells[i]
         if number > 1:
-            _shares(at[k, 0], at[k, 1], parts, number, share)
+            _shares(at[0, k], at[1, k], parts, number, share)
         own[i] = share[part]
         total += own[i] * force[k]
         for c in range(3):
             push[c] -= own[i] * force[k] * normals[k, c]
         if i < count:
-            row += own[i] * force[k] * at[k, 0]
-            column += own[i] * force[k] * at[k, 1]
+            row += own[i] * force[k] * at[0, k]
+            column += own[i] * force[k] * at[1, k]
             inside += own[i] * force[k]
             covered += own[i] * areas[k]
             held += own[i]
@@ -381,7 +399,7 @@ def _measure(cells, count, end, part, number, parts, raw, value, number_of, at, 
     rr, cc, rc, vr, vc, vrc = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(count):
         k = cells[i]
-        a, b = at[k, 0] - row, at[k, 1] - column
+        a, b = at[0, k] - row, at[1, k] - column
         rr += own[i] * force[k] * a * a
         cc += own[i] * force[k] * b * b
         rc += own[i] * force[k] * a * b
@@ -409,14 +427,14 @@ def _measure(cells, count, end, part, number, parts, raw, value, number_of, at, 
 
 
 @inner
-def _sense(raw, value, scale, cell, curves, sign, baseline, number, whole, neighbours, between):
+def _sense(raw, value, scale, curves, sign, numbers, whole, neighbours, between):
     """How far each cell stands above its rest, in deviations and in newtons."""
-    good, noise, which, _ = cell
     tables, gaps = curves
-    z, force, label, live = number[Z], number[FORCE], whole[LABEL], whole[LIVE]
+    baseline, noise, z, force = numbers[BASELINE], numbers[NOISE], numbers[Z], numbers[FORCE]
+    good, which, label, live = whole[GOOD], whole[CURVE], whole[LABEL], whole[LIVE]
     lacking = False
     for k in range(len(raw)):
-        live[k] = good[k] and np.isfinite(raw[k])
+        live[k] = good[k] != 0 and np.isfinite(raw[k])
         lacking = lacking or not live[k]
         above = sign * (value[k] - baseline[k]) if live[k] else 0.0
         z[k], force[k] = above / (noise[k] * scale), _force(above, tables[which[k]], gaps[which[k]])
@@ -426,14 +444,15 @@ def _sense(raw, value, scale, cell, curves, sign, baseline, number, whole, neigh
 
 
 @inner
-def _contacts(raw, value, scale, drift, place, table, cell, curves, settings, baseline, number, whole, at, out):
+def _contacts(raw, value, scale, drift, place, table, curves, settings, numbers, whole, out):
     """The contacts of a frame in rows of `out`, and how many; the rest of cells that nothing touches follows them."""
     on, off, sure, share, sign = settings[:5]
     neighbours, steps, between, columns = table
-    noise, which, tables, gaps = cell[1], cell[2], curves[0], curves[1]
-    z, force, spread = number[Z], number[FORCE], number[SPREAD]
-    label, live, cells, parent = whole[LABEL], whole[LIVE], whole[CELLS], whole[PARENT]
-    _sense(raw, value, scale, cell, curves, sign, baseline, number, whole, neighbours, between)
+    tables, gaps = curves
+    noise, baseline, z, force, spread = numbers[NOISE], numbers[BASELINE], numbers[Z], numbers[FORCE], numbers[SPREAD]
+    which, label, live, cells, parent = whole[CURVE], whole[LABEL], whole[LIVE], whole[CELLS], whole[PARENT]
+    at = numbers[AT:]
+    _sense(raw, value, scale, curves, sign, numbers, whole, neighbours, between)
     parts = np.empty((PARTS, 5))
     found, name, most = 0, 0, min(MOST, len(out))
     for seed in range(len(raw)):
@@ -450,12 +469,12 @@ def _contacts(raw, value, scale, drift, place, table, cell, curves, settings, ba
             origin = k if force[k] > force[origin] else origin
         _split(cells, count, name, force, spread, neighbours, between, sure, share, label, parent)
         end = _rim(name, count, live, neighbours, steps, label, at, cells)
-        if len(place[5]) == 0:
+        if len(place[2]) == 0:
             _chart(cells, end, origin, place, at)
         parts_found = _mixture(cells, count, force, at, parent, parts)
         for part in range(parts_found):
-            if found < most and _measure(cells, count, end, part, parts_found, parts, raw, value, number, at, cell,
-                                         settings, place, origin, out[found]):  # fmt: skip
+            if found < most and _measure(cells, count, end, part, parts_found, parts, raw, value, numbers, sign,
+                                         place, origin, out[found]):  # fmt: skip
                 found += 1
     for k in range(len(raw)):
         if label[k] == 0 and live[k]:
@@ -464,16 +483,15 @@ def _contacts(raw, value, scale, drift, place, table, cell, curves, settings, ba
 
 
 @entry
-def prepare(raw, rest, cell, neighbours, turn, memory, kept, values, status):
+def prepare(raw, rest, neighbours, turn, numbers, whole, values, status):
     """The first step of frames (n, k) for a filter that looks ahead: `values` (n, k) to filter, and status (n,)."""
     for i in range(len(raw)):
-        good = _take(raw[i], rest, cell[0], cell[1], neighbours, turn, memory, kept, values[i])
-        status[i] = -1 if good else INVALID
+        status[i] = -1 if _take(raw[i], rest, neighbours, turn, numbers, whole, values[i]) else INVALID
 
 
 @entry
-def frames(time, raw, values, status, left, place, table, cell, curves, settings, smoothing, clock, memory, kept,
-           number, whole, at, tracks, following, identity, out, rows, forces):  # fmt: skip
+def frames(time, raw, values, status, left, place, table, curves, settings, smoothing, clock, numbers, whole, tracks,
+           following, out, rows, forces):  # fmt: skip
     """Frames to contacts: rows in `out`, at least one a frame; (how many frames, how many rows).
 
     It stops before a frame for which `out` could be too short, unless that is the first.
@@ -481,23 +499,23 @@ def frames(time, raw, values, status, left, place, table, cell, curves, settings
     time, raw: (n,) [s] and (n, k) readings.
     values, status, left: (n, k), (n,), (n,) of frames that are filtered already, and the share of the variance of their
         noise that is left; (1, k), (1,) to work on and (0,) where not.
-    place: positions, normals, areas, spacing, tangents, grid (0, 0, 6 if none), columns of a ring (0: none).
+    place: (3, k, 3) positions, normals and tangents, (2, k) areas and spacings, grid (0, 0, 6 if none), columns of a
+        ring (0: none).
     table: neighbours, steps, between, columns (1 if no sheet).
-    cell: good, noise, number of the curve, limit (k,).
     curves: (c, t) forces [N], (c,) counts between two.
     settings: on, off, sure, share, sign, drift [s], turn (0: none), share of the noise's variance in the rest, reach,
         speed, patience.
     smoothing: sections, start, gains, gap, clock, state of `sensors._filters.smooth`, and shares by age ((0,) if there
         is no filter).
     clock: (2,) time of the last frame and how many were of no use: changed, as all that follows.
-    memory, kept: (MEMORY, k), (2, k). number, whole, at: (NUMBERS, k), (WHOLE, k), (k, 2) to work on.
-    tracks, following, identity: of `contact._track.follow`.
+    numbers, whole: (NUMBERS, k) and (WHOLE, k) of the cells.
+    tracks, following: of `contact._track.follow`.
     out: (r, w) rows: of an estimate, then features, then identity. rows: (n,) of each frame.
     forces: (n, k) [N] of each cell; (0, k): not wanted.
     """
     drift, turn, resting, reach, speed, patience = settings[5:]
     sections, start, gains, gap, since, state, shares = smoothing
-    age = np.empty(1, dtype=np.int64)
+    age, identity = np.empty(1, dtype=np.int64), np.empty(MOST, dtype=np.int64)
     used = 0
     for i in range(len(time)):
         if i > 0 and len(out) - used < MOST:
@@ -512,41 +530,24 @@ def frames(time, raw, values, status, left, place, table, cell, curves, settings
         if len(left) > 0:
             scale = np.sqrt(left[i] + resting)
         else:
-            good = _take(raw[i], memory[BASELINE], cell[0], cell[1], table[0], turn, memory, kept, value)
-            status[0] = -1 if good else INVALID
+            status[0] = -1 if _take(raw[i], numbers[BASELINE], table[0], turn, numbers, whole, value) else INVALID
             if len(shares) > 0:
                 smooth(time[i : i + 1], status, values, sections, start, gains, gap, since, state, age)
                 scale = np.sqrt(shares[min(max(age[0], 0), len(shares) - 1)] + resting)
-        here = out[used:]
+        here, found = out[used:], 0
         if status[which] < 0:
-            found = _contacts(
-                raw[i],
-                value,
-                scale,
-                follows,
-                place,
-                table,
-                cell,
-                curves,
-                settings,
-                memory[BASELINE],
-                number,
-                whole,
-                at,
-                here,
-            )
+            found = _contacts(raw[i], value, scale, follows, place, table, curves, settings, numbers, whole, here)
             follow(time[i], here[:, :3], found, tracks, following, reach, speed, patience, identity)
             here[:found, -1] = identity[:found]
         else:
-            found = 0
-            number[FORCE] = 0.0
+            numbers[FORCE] = 0.0
             clock[1] += 1.0
         if found == 0:
             here[0] = np.nan
             here[0, 20], here[0, -1] = 0.0, 0.0
             here[0, 21] = NO_CONTACT if status[which] < 0 else INVALID
         if len(forces) > 0:
-            forces[i] = number[FORCE]
+            forces[i] = numbers[FORCE]
         rows[i] = max(found, 1)
         used += rows[i]
     return len(time), used

@@ -124,10 +124,10 @@ class TaxelEstimator:
         which, count = curves.numbers(body.shape), len(body)
         limits = np.array([curve.saturation for curve in curves.curves])
         limits = np.where(np.isnan(limits), -np.inf if self._falling else body.top, limits)
-        self._cell = (np.zeros(count, dtype=np.bool_), np.ones(count), which, limits[which])
         self._curves = curves.tables()
         grid = frozen(np.zeros((0, 0, 6))) if body.grid is None else body.grid
-        self._place = (body.positions, body.normals, body.areas, body.spacing, body.tangents, grid, body.turn)
+        vectors = frozen([body.positions, body.normals, body.tangents])
+        self._place = (vectors, frozen([body.areas, body.spacing]), grid, body.turn)
         self._table = (body.neighbours, body.steps, body.between, max(body.columns, 1))
         self._zero_phase = filter is not None and filter.zero_phase
         self._recursion = None if filter is None else filter.recursion(self._rate())
@@ -136,18 +136,10 @@ class TaxelEstimator:
             self._forward = Forward(self._recursion, self._rate(), count)
         self._clock = np.zeros(2)
         self._turn = 0.0 if body.bits is None else body.top + 1.0
-        self._memory = np.full((_taxels.MEMORY, count), np.nan)
-        self._kept = np.zeros((2, count), dtype=np.int64)
-        self._work = (
-            np.zeros((_taxels.NUMBERS, count)),
-            np.zeros((_taxels.WHOLE, count), dtype=np.int64),
-            np.zeros((count, 2)),
-        )
-        self._tracks = (
-            np.full((_track.TRACKS, _track.TRACK), -1.0),
-            np.ones(1, dtype=np.int64),
-            np.zeros(_track.TRACKS, dtype=np.int64),
-        )
+        self._numbers = np.ones((_taxels.NUMBERS, count))
+        self._whole = np.zeros((_taxels.WHOLE, count), dtype=np.int64)
+        self._numbers[_taxels.LIMIT], self._whole[_taxels.CURVE] = limits[which], which
+        self._tracks = np.full((_track.TRACKS, _track.TRACK), -1.0), np.ones(1, dtype=np.int64)
         self._single = np.zeros(1), np.zeros((1, count)), np.zeros(1, dtype=np.int64)
         self._buffer = np.zeros((1, count)), np.zeros(1, dtype=np.int8), np.zeros(0)
         self._compile(health)
@@ -158,11 +150,11 @@ class TaxelEstimator:
 
     def reset(self) -> None:
         """Forget what frames left: the drift of the rest, readings that wrapped around, the filter, identities."""
-        if self.health is not None:
-            self._memory[:] = np.nan
-            self._memory[self._kernels.BASELINE] = self.health.baseline
-            self._memory[self._kernels.HELD] = self.health.baseline
-        self._kept[:] = 0
+        kernels, health = self._kernels, self.health
+        if health is not None:
+            self._numbers[[kernels.BASELINE, kernels.HELD]] = health.baseline
+        self._numbers[kernels.LAST] = np.nan
+        self._whole[[kernels.TURNS, kernels.WRAPPED]] = 0
         self._clock[:] = np.nan, 0.0
         self._tracks[0][:], self._tracks[1][:] = -1.0, 1
         if self._forward is not None:
@@ -171,17 +163,17 @@ class TaxelEstimator:
     @property
     def force(self) -> Float[np.ndarray, "*cells"]:
         """[N] of each cell in the last frame, below the thresholds too; a view that the next frame overwrites."""
-        return self._work[0][self._kernels.FORCE].reshape(self.body.shape)
+        return self._numbers[self._kernels.FORCE].reshape(self.body.shape)
 
     @property
     def label(self) -> Int[np.ndarray, "*cells"]:
         """Which area each cell belongs to in the last frame, from 1; 0: none, negative: the rim of that area."""
-        return self._work[1][self._kernels.LABEL].reshape(self.body.shape)
+        return self._whole[self._kernels.LABEL].reshape(self.body.shape)
 
     @property
     def wrapped(self) -> Int[np.ndarray, "*cells"]:
         """How often each cell's reading went over an end of its range and came out at the other."""
-        return self._kept[1].reshape(self.body.shape)
+        return self._whole[self._kernels.WRAPPED].reshape(self.body.shape)
 
     def tare(self, recording: Recording) -> Tare:
         """Take the mean reading of each cell in a window as its rest from now on, in place of another; then `reset`.
@@ -321,14 +313,14 @@ class TaxelEstimator:
         if self.health is None:
             return tuple(said)
         said += [*self.health.notes, *([self._tared.said] if self._tared.said else [])]
-        drifted = np.abs(self._memory[self._kernels.BASELINE] - self.health.baseline) / self.health.noise
+        drifted = np.abs(self._numbers[self._kernels.BASELINE] - self.health.baseline) / self.health.noise
         if drifted.max() > self.settings.on:
             cell = self.body.name(int(np.argmax(drifted)))
             moved = f"{drifted.max():.0f} deviations of its noise, most at cell {cell}"
             said.append(f"the rest of cells drifted by up to {moved}; it was followed where nothing touched")
         if self._clock[1]:
             said.append(f"{self._clock[1]:.0f} frames could not be used (another size, or no numbers)")
-        wrapped = [self.body.name(cell) for cell in np.flatnonzero(self._kept[1]).tolist()]
+        wrapped = [self.body.name(cell) for cell in np.flatnonzero(self.wrapped).tolist()]
         if wrapped:
             cells = f"{', '.join(wrapped[:5])}{', ...' if len(wrapped) > 5 else ''}"
             said.append(
@@ -347,7 +339,6 @@ class TaxelEstimator:
         if health is not None:
             self._know(health)
         else:
-            self._memory[:] = 0.0
             self._same = self._fixed()
         when, raw, rows = self._single
         buffer, status, _ = self._buffer
@@ -367,7 +358,7 @@ class TaxelEstimator:
         if not good.any():
             raise InputError("no cell is good: all are masked, dead or stuck.", where="taxels")
         self.health = health
-        self._cell[0][:], self._cell[1][:] = good, health.noise
+        self._whole[self._kernels.GOOD], self._numbers[self._kernels.NOISE] = good, health.noise
         self._same = self._fixed()
         self.reset()
 
@@ -379,8 +370,8 @@ class TaxelEstimator:
         numbers = (set_.on, set_.off, set_.sure, set_.share, sign, set_.drift, self._turn, resting)
         settings = (*numbers, set_.reach, set_.speed, set_.patience)
         smoothing = _NO_FILTER if forward is None else (*forward.parts, forward.shares)
-        known = (self._place, self._table, self._cell, self._curves, settings, smoothing)
-        return (*known, self._clock, self._memory, self._kept, *self._work, *self._tracks)
+        known = (self._place, self._table, self._curves, settings, smoothing)
+        return (*known, self._clock, self._numbers, self._whole, *self._tracks)
 
     def _look(self, head: Recording) -> None:
         """Find what is not known of rest, noise and bad cells in the first frames of a log."""
@@ -455,7 +446,7 @@ class TaxelEstimator:
         return values, status
 
     def _ready(self, raw: np.ndarray, rest: np.ndarray, values: np.ndarray, status: np.ndarray) -> None:
-        known = (self._cell, self._table[0], self._turn, self._memory, self._kept)
+        known = (self._table[0], self._turn, self._numbers, self._whole)
         self._kernels.prepare(_constant(raw), _constant(rest), *known, values, status)
 
     def _contacts(

@@ -133,18 +133,18 @@ class Mesh(Value):
     @functools.cached_property
     def normals(self) -> Float[np.ndarray, "f 3"]:
         """Facet normals, unit, outward."""
-        return facet_normals(self.vertices, self.faces)[0]
+        return frozen(facet_normals(self.vertices, self.faces)[0])
 
     @functools.cached_property
     def areas(self) -> Float[np.ndarray, " f"]:
         """Facet areas [m^2]."""
-        return facet_normals(self.vertices, self.faces)[1]
+        return frozen(facet_normals(self.vertices, self.faces)[1])
 
     @functools.cached_property
     def bounds(self) -> Float[np.ndarray, "2 3"]:
         """Corners of the bounding box of the facets in use [m]."""
         used = self.vertices[self.faces.reshape(-1)]
-        return np.stack([used.min(axis=0), used.max(axis=0)])
+        return frozen([used.min(axis=0), used.max(axis=0)])
 
     @property
     def size(self) -> float:
@@ -227,8 +227,8 @@ def _require_unit(unit: str | None, source: str) -> float:
     """Its length [m]."""
     if unit in UNITS:
         return UNITS[unit]
-    what = "the unit of a mesh's numbers is not given." if unit is None else f"unknown unit {unit!r}."
-    raise InputError(what, where=source, mend=f"Use unit= one of {', '.join(UNITS)}.")
+    what = "the unit of the mesh's numbers is not given (unit=...)." if unit is None else f"unknown unit {unit!r}."
+    raise InputError(what, where=source, mend=f"Use one of {', '.join(UNITS)}.")
 
 
 def plausible_size(size: float) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Protocol, runtime_checkable
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float
@@ -15,7 +15,9 @@ from palpate.viewer.scene3d import Settings
 if TYPE_CHECKING:
     from viser import GuiUplotHandle, ViserServer
 
-__all__ = ["Panel", "Player"]
+    from palpate.viewer.server import Page
+
+__all__ = ["Panel"]
 
 SPEEDS = {"x 0.1": 0.1, "x 0.5": 0.5, "x 1": 1.0, "x 2": 2.0, "x 5": 5.0, "x 20": 20.0}
 WINDOWS = {"all": 0.0, "20 s": 20.0, "5 s": 5.0, "1 s": 1.0}
@@ -24,42 +26,11 @@ TITLE = """<style onload="document.title='Palpate'"></style>"""  # viser names i
 FORCES, PLACES = slice(0, 2), slice(2, 5)  # columns of the curves
 
 
-@runtime_checkable
-class Player(Protocol):
-    """What the panel's buttons move."""
-
-    @property
-    def playing(self) -> bool:
-        """Whether it runs by itself."""
-        ...
-
-    def seek(self, seconds: float) -> None:
-        """Go to a time since the start of the log."""
-        ...
-
-    def play(self, on: bool) -> None:
-        """Run, or stand still."""
-        ...
-
-    def step(self, which: int) -> None:
-        """To the next touch (1) or the previous one (-1)."""
-        ...
-
-    def face(self) -> None:
-        """Look at the side of the strongest contact."""
-        ...
-
-    def refresh(self) -> None:
-        """Draw again: a setting has changed."""
-        ...
-
-
 class Panel:
     """Handles of the panel; `show` writes a moment into them."""
 
-    def __init__(self, server: ViserServer, scene: Scene, player: Player) -> None:
-        self._server, self._scene, self._player = server, scene, player
-        self._gui = server.gui
+    def __init__(self, server: ViserServer, scene: Scene, page: Page) -> None:
+        self._scene, self._page, self._gui = scene, page, server.gui
         self._theme(dark=False)
         self._gui.set_panel_label(f"Palpate \u00b7 {scene.title}" if scene.title else "Palpate")
         self._gui.main_panel.dock_right()
@@ -87,7 +58,7 @@ class Panel:
         self._now.content = caption(moment, self.settings().magnification, lines)
         if self._slider.value != seconds:
             self._slider.value = seconds
-        self._show_playing(self._player.playing)
+        self._show_playing(self._page.playing)
         self._show_plots(moment)
 
     def _show_playing(self, playing: bool) -> None:
@@ -104,15 +75,15 @@ class Panel:
         self._play = self._gui.add_button("Play")
         self._skip = self._gui.add_button_group("touch", ("previous", "next", "turn to it"))
         self._speed = self._gui.add_dropdown("speed", tuple(SPEEDS), initial_value="x 1")
-        self._slider.on_update(lambda event: self._player.seek(self._slider.value) if event.client else None)
-        self._play.on_click(lambda _: self._player.play(not self._player.playing))
+        self._slider.on_update(lambda event: self._page.seek(self._slider.value) if event.client else None)
+        self._play.on_click(lambda _: self._page.play(not self._page.playing))
         self._skip.on_click(lambda _: self._skipped(self._skip.value))
 
     def _skipped(self, where: str) -> None:
         if where == "turn to it":
-            self._player.face()
+            self._page.face()
         else:
-            self._player.step(1 if where == "next" else -1)
+            self._page.step(1 if where == "next" else -1)
 
     def _add_settings(self) -> None:
         with self._gui.add_folder("Show"):
@@ -130,7 +101,7 @@ class Panel:
             )
             self._dark = self._gui.add_checkbox("dark", False)
         for handle in (self._heat, self._trail, self._ellipse, self._window):
-            handle.on_update(lambda event: self._player.refresh())
+            handle.on_update(lambda event: self._page.refresh())
         self._dark.on_update(lambda event: self._theme(self._dark.value))
         if self._scene.body is not None:
             self._gui.add_html(legend(self._scene))

@@ -85,7 +85,6 @@ def compose(run: Run) -> Report:
         _places(run),
         _statuses(run),
         _touches(run.touches),
-        _features(run.kept),
         *run.sections,
         Section("What to improve", points=run.advice),
         Section("Settings in force", facts=run.settings),
@@ -255,20 +254,6 @@ def _touches(found: Events | None) -> Section:
     more = f"The first {SHOWN} of {len(found):,}." if len(found) > SHOWN else ""
     text = "+- is one standard deviation of a sample in the direction in which it is largest."
     return Section("Touches", text=(text,), tables=(Table(tuple(columns), tuple(rows), more),))
-
-
-def _features(kept: Kept) -> Section:
-    """What the sensor says of each contact besides where and how hard."""
-    rows: list[tuple[str, ...]] = []
-    for name, values in kept.contacts.features.items():
-        known = values[kept.even & np.isfinite(values)]
-        if len(known):
-            scale, unit = feature(name)
-            figures = (f"{scale * value:.3g}" for value in (known.min(), np.median(known), known.max()))
-            rows.append((f"{name} [{unit}]" if unit else name, *figures))
-    return Section(
-        "Features of the contacts", tables=(Table(("", "least", "median", "most"), tuple(rows)),) if rows else ()
-    )
 
 
 def _inputs(provenance: Mapping[str, str]) -> Section:

@@ -9,17 +9,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from palpate.contact.resolution import nominal_cells
+from palpate.contact.resolution import nominal_cells, resolution
 from palpate.errors import InputError
 from palpate.io.logs.layout import ArrayChannel, Layout
 from palpate.io.models import read_model
 from palpate.io.rig.guess_load_cells import guess_load_cells
 from palpate.io.rig.kind import Prepared, SensorKind
-from palpate.io.rig.wrench import wrench_estimator
-from palpate.sensors.load_cell_array import LoadCellArray
+from palpate.io.rig.wrench import rig_surface, wrench_estimator
+from palpate.sensors.load_cell_array import START, LoadCellArray
 from palpate.sensors.load_cells import LoadCells, with_changes
 from palpate.sensors.recording import REFERENCE as REFERENCE_CHANNEL
 from palpate.sensors.recording import VOLTAGE, Recording
+from palpate.surfaces import Surface
 
 if TYPE_CHECKING:
     from palpate.io.rig.rig import Rig
@@ -28,7 +29,7 @@ __all__ = ["LOAD_CELLS", "VOLT_UNITS", "RigLoadCells", "load_cells_layout", "rig
 
 VOLT_UNITS = {"V": 1.0, "mV": 1e-3, "uV": 1e-6}
 Three = tuple[float, float, float]
-START = 0.5  # s at a start in which nothing is touched, if nothing else is said
+WANTED = 2e-3  # m: the accuracy that the `load cells` paper asks for
 REFERENCE = ("ref_fx", "ref_fy", "ref_fz", "ref_x", "ref_y", "ref_z")
 
 
@@ -181,25 +182,23 @@ def load_cells_layout(rig: Rig, *, bench: bool = False) -> Layout:
 
 def _build(rig: Rig, head: Recording | None) -> Prepared:
     table, cells = rig_load_cells(rig), rig_cells(rig)
-    array = LoadCellArray(
-        cells, sound=~np.isin(np.arange(cells.cells) + 1, table.without), names=table.names(cells.cells)
-    )
     tare = rig.estimate.tare or START
-    array.seconds = tare
+    sound = ~np.isin(np.arange(cells.cells) + 1, table.without)
+    array = LoadCellArray(cells, sound, names=table.names(cells.cells), seconds=tare)
     made = wrench_estimator(rig, array, head, tare=tare, indentation=cells.indentation, accuracy=table.accuracy)
     made.facts["without"] = table.without
-    made.said += _least(made, table)
+    made.said.append(_least(rig_surface(rig), cells, table))
     made.doubted += [f"cell {cell} is left out, as the rig says" for cell in table.without]
     return made
 
 
-def _least(made: Prepared, table: RigLoadCells) -> list[str]:
+def _least(surface: Surface, cells: LoadCells, table: RigLoadCells) -> str:
     """From which force on a touch is located well enough."""
-    from palpate.contact.resolution import WANTED, smallest_force
-
     accuracy = table.accuracy or WANTED
-    least = smallest_force(made.estimator, accuracy)
-    return [f"from {least:.2g} N a touch on the middle of the surface is located within {1e3 * accuracy:g} mm"]
+    above = surface.centre + [0.0, 0.0, surface.size]
+    points, normals, _ = surface.project(above[None])
+    least = float(resolution(cells, points, normals).smallest(accuracy)[0])
+    return f"from {least:.2g} N a touch on the middle of the surface is located within {1e3 * accuracy:g} mm"
 
 
 _CALIBRATED = "the calibration of the cells says what they are"
