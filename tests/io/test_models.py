@@ -65,14 +65,15 @@ def _load_cells(seed: int) -> LoadCells:
 
 
 def _intensity(seed: int) -> Intensity:
-    """Curves of two kinds, on odd seeds one for each of 2 x 2 cells."""
+    """Curves of two kinds; of seed 1 one for each of 2 x 2 cells, of seed 2 for each of 3 taxels."""
     third = 1 / 3 + np.random.default_rng(seed).uniform()
     strong = np.diag([1e-3, 2e-5, third])
     curves = (
         Curve("two_range", np.array([100.1, -3.3, 11.7]), strong, 18.0, np.inf, joint=0.3, residual=0.1),
         Curve("monotone", np.array([third, 2.0]), np.eye(2) / 7, 2.0, knots=np.array([0.7, 2.0]), hysteresis=0.01),
     )
-    return Intensity(curves, np.array([[0, 1], [1, 1]]) if seed % 2 else None, provenance={"a b.c": "x"}, notes=("n",))
+    which = {1: np.array([[0, 1], [1, 1]]), 2: np.array([0, 1, 1])}.get(seed)
+    return Intensity(curves, which, provenance={"a b.c": "x"}, notes=("n",))
 
 
 def _skin_map(seed: int) -> SkinMap:

@@ -151,7 +151,9 @@ class _Reader:
             if get_origin(option) is tuple and isinstance(value, list):
                 return self._tuple(cast("list[Any]", value), option, key)
             if _is_array(option) and isinstance(value, list):
-                return self._array(cast("list[Any]", value), cast("type[AbstractArray]", option), key)
+                rows, shapes = cast("list[Any]", value), [each for each in _options(hint) if _is_array(each)]
+                fitting = [each for each in shapes if _nested(each) == any(isinstance(row, list) for row in rows)]
+                return self._array(rows, (fitting or shapes)[0], key)
             if option is float and type(value) in (int, float):
                 return self._number(value, key)
             if option is int and type(value) is int:
@@ -227,6 +229,11 @@ def _is_array(option: Any) -> bool:
     return isinstance(option, type) and issubclass(option, AbstractArray)
 
 
+def _nested(hint: Any) -> bool:
+    """An array of two axes."""
+    return len(hint.dim_str.split()) == 2
+
+
 def _leaf(hint: type[AbstractArray]) -> type:
     """Of an array's annotation: bool, int or float."""
     first = str(next(iter(hint.dtypes)))
@@ -249,7 +256,7 @@ def _named(option: Any) -> str:
     if is_dataclass(option):
         return f"a table of {', '.join(field.name for field in fields(option))}"
     if _is_array(option):
-        return "a list of numbers" if len(option.dim_str.split()) == 1 else "a list of lists"
+        return "a list of lists" if _nested(option) else "a list of numbers"
     if get_origin(option) is tuple:
         kinds = get_args(option)
         count = "" if kinds[-1] is Ellipsis else f"{len(kinds)} "

@@ -31,7 +31,7 @@ def _curve(curve: Curve) -> dict[str, Any]:
 
 def _intensity(
     curve: tuple[Curve, ...],
-    which: Int[np.ndarray, "rows columns"] | None = None,
+    which: Int[np.ndarray, "rows columns"] | Int[np.ndarray, " k"] | None = None,
     unit: str = "counts",
     notes: tuple[str, ...] = (),
     provenance: Mapping[str, str] = _NOTHING,
@@ -134,7 +134,7 @@ FORMS: Mapping[type, Form] = {
         }
     ),
     Indentation: Form({"depth": Key("m, at 1 N"), "exponent": Key("of the force"), "covariance": Key("of both")}),
-    Intensity: Form({"which": Key("the curve of each cell, row by row, counted from 0")}, _intensity, _intensity_keys),
+    Intensity: Form({"which": Key("the curve of each cell, counted from 0")}, _intensity, _intensity_keys),
     Curve: Form(
         {
             "kind": Key(),

@@ -57,7 +57,7 @@ def of_intensity(intensity: Intensity) -> Lines:
     """Curves, range and how well they hold."""
     curves, which = intensity.curves, intensity.which
     kinds = ", ".join(dict.fromkeys(curve.kind for curve in curves))
-    sheet = "the same for all cells" if which is None else f"for {which.shape[0]} x {which.shape[1]} cells"
+    sheet = "the same for all cells" if which is None else f"for {' x '.join(map(str, which.shape))} cells"
     top = np.array([curve.saturation for curve in curves])
     lag = np.array([curve.hysteresis for curve in curves])
     unit = intensity.unit
