@@ -28,7 +28,8 @@ from evidence.logs_written import (
 from palpate.errors import InputError
 from palpate.io.logs import ArrayChannel, Layout, contents, missing, open_log, read_recording
 from palpate.io.logs.decoding import ARRAYS, decode
-from palpate.io.logs.messages import Messages, Topic
+from palpate.io.logs.log import Topic
+from palpate.io.logs.messages import Messages
 from palpate.sensors.recording import CELLS, FORCE, ORIENTATION, POSITION, REFERENCE, TORQUE, VOLTAGE
 
 LOG = session(60)

@@ -17,6 +17,7 @@ from jaxtyping import Float
 from palpate.errors import InputError
 from palpate.io.logs.columns import SINGLE, Columns, flattened
 from palpate.io.logs.layout import Layout
+from palpate.io.logs.log import LogContents
 from palpate.io.logs.samples import rows_at_once
 from palpate.io.tables.fields import Fields
 from palpate.io.tables.lines import open_input
@@ -50,12 +51,8 @@ class ArrayLog:
         self.position, self.size = 0, path.stat().st_size
         self._columns: Columns | None = None
 
-    def shapes(self) -> dict[str, tuple[int, ...]]:
-        """Of one sample of each array, () for one number; from the heads of the arrays alone.
-
-        Raises:
-            InputError: it is no such file.
-        """
+    def contents(self) -> LogContents:
+        """See `palpate.io.logs.log.Log`."""
         with self._reading(), open_input(self.path) as file:
             if file.read(len(_MAGIC)) == _MAGIC:
                 file.seek(0)
@@ -64,11 +61,11 @@ class ArrayLog:
                 with ZipFile(file) as archive:
                     names = [name for name in archive.namelist() if name.endswith(".npy")]
                     heads = {name.removesuffix(".npy"): _opened_head(archive, name) for name in names}
-        return {name: _sample(shape) for name, shape in heads.items() if shape}
+        return LogContents(self.path, {name: _sample(shape) for name, shape in heads.items() if shape})
 
     def blocks(self) -> Iterator[Recording]:
         """See `palpate.io.logs.log.Log`."""
-        shapes = self.shapes()
+        shapes = self.contents().names
         if self._layout.rate is None and self._layout.time not in shapes:
             raise InputError(
                 f"has no times ({self._layout.time!r}).",
@@ -76,14 +73,15 @@ class ArrayLog:
                 mend="Give the rate [Hz] of the samples in the rig, or write an .npz with the time as an array.",
             )
         self._columns = columns = Columns(self._layout, self.path, shapes)
-        names = list(dict.fromkeys(array for array, _ in map(flattened(shapes).__getitem__, columns.names)))
+        places = flattened(shapes)
+        names = list(dict.fromkeys(places[column][0] for column in columns.names))
         arrays = self._arrays(names)
         count = len(arrays[names[0]])
         block = rows_at_once(BLOCK, len(columns.names))
         for start in range(0, count, block):
             self.position = self.size * min(start + block, count) // count
             rows = {name: values[start : start + block] for name, values in arrays.items()}
-            yield columns.block(_Piece(rows, flattened(shapes), start).read)
+            yield columns.block(_Piece(rows, places, start).read)
 
     def notes(self) -> tuple[str, ...]:
         """See `palpate.io.logs.log.Log`."""
@@ -131,7 +129,7 @@ def _head(file: Any) -> tuple[int, ...]:
 
 
 def _sample(shape: tuple[int, ...]) -> tuple[int, ...]:
-    """Of one row."""
+    """Of one row, () for one number."""
     return shape[1:] if prod(shape[1:]) != 1 else ()
 
 

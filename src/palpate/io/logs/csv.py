@@ -8,6 +8,7 @@ from pathlib import Path
 
 from palpate.io.logs.columns import Columns
 from palpate.io.logs.layout import Layout
+from palpate.io.logs.log import LogContents
 from palpate.io.tables.fields import Rows
 from palpate.io.tables.lines import open_input
 from palpate.io.tables.table import tables
@@ -29,14 +30,10 @@ class CsvLog:
         self._columns: Columns | None = None
         self.torn = ""
 
-    def names(self) -> tuple[str, ...]:
-        """Of the columns.
-
-        Raises:
-            InputError: it is no table.
-        """
+    def contents(self) -> LogContents:
+        """See `palpate.io.logs.log.Log`."""
         with open_input(self.path) as file:
-            return next(tables(file, self.path, HEAD)).names
+            return LogContents(self.path, dict.fromkeys(next(tables(file, self.path, HEAD)).names, ()))
 
     def blocks(self) -> Iterator[Recording]:
         """See `palpate.io.logs.log.Log`."""

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from palpate.io.logs.messages import Messages, Topic
+from palpate.io.logs.log import Topic
+from palpate.io.logs.messages import Messages
 
 __all__ = ["ARRAYS", "FIXED", "IMAGE", "Kind", "decode", "has_header", "role", "seconds", "shape_of"]
 

@@ -18,8 +18,9 @@ from typing import BinaryIO
 import numpy as np
 from jaxtyping import Int
 
+from palpate.io.logs.log import Topic
 from palpate.io.logs.mcap_chunks import LARGEST, Chunk, channel, inflate, schema, statistics
-from palpate.io.logs.messages import Messages, Topic, merged
+from palpate.io.logs.messages import Messages, merged
 from palpate.io.tables.lines import open_input, read_some
 
 __all__ = ["McapFile"]

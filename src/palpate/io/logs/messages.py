@@ -9,23 +9,9 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Int
 
-from palpate.io.logs.log import Watched
+from palpate.io.logs.log import Topic, Watched
 
-__all__ = ["Messages", "Source", "Topic", "merged"]
-
-
-@dataclass(frozen=True)
-class Topic:
-    """What a channel or connection carries; `encoding` is cdr (ROS 2) or ros1, and `count` its messages, if known."""
-
-    name: str
-    kind: str
-    encoding: str
-    count: int = 0
-
-    def same(self, other: Topic) -> bool:
-        """Whether these only differ in the count."""
-        return (self.name, self.kind, self.encoding) == (other.name, other.kind, other.encoding)
+__all__ = ["Messages", "Source", "merged"]
 
 
 def merged(topics: Iterable[Topic]) -> list[Topic]:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import closing
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,16 +17,16 @@ from palpate.io.logs.columns import plan
 from palpate.io.logs.csv import CsvLog
 from palpate.io.logs.decoding import role, shape_of
 from palpate.io.logs.layout import Layout
-from palpate.io.logs.log import Log
+from palpate.io.logs.log import Log, LogContents, Topic
 from palpate.io.logs.mcap import McapFile
-from palpate.io.logs.messages import Source, Topic
+from palpate.io.logs.messages import Source
 from palpate.io.logs.parquet import ParquetLog
 from palpate.io.logs.topic_log import TopicLog
 from palpate.io.logs.topics import choose
 from palpate.io.tables.lines import open_input, read_some
 from palpate.sensors.recording import ORIENTATION, POSITION, Recording, sealed
 
-__all__ = ["LogContents", "contents", "join", "missing", "open_log", "read_poses", "read_recording", "topic_shapes"]
+__all__ = ["contents", "join", "missing", "open_log", "read_poses", "read_recording", "topic_shapes"]
 
 _MAGIC = (
     (b"PAR1", ".parquet"),
@@ -48,38 +48,13 @@ _KINDS = {
 _ARRAYS = (".npy", ".npz")
 
 
-@dataclass(frozen=True)
-class LogContents:
-    """What a log holds, as far as it says so before it is read.
-
-    Attributes:
-        path: of the log.
-        names: column -> (), array of an .npz -> the shape of one sample; none where the log has topics.
-        topics: of an MCAP file or a bag.
-        torn: the sentence that says where the file was cut, as far as it was met.
-    """
-
-    path: Path
-    names: Mapping[str, tuple[int, ...]]
-    topics: tuple[Topic, ...] = ()
-    torn: str = ""
-
-
 def contents(path: str | Path) -> LogContents:
-    """What is in a log; it is not read, unless it is an MCAP file without an index.
+    """What is in a log, as far as it says so before it is read.
 
     Raises:
         InputError: the file is not there, or not what its name says.
     """
-    path = Path(path)
-    log = open_log(path)
-    if isinstance(log, TopicLog):
-        topics = log.topics()
-        return LogContents(path, {}, tuple(topics), log.torn)
-    if isinstance(log, ArrayLog):
-        return LogContents(path, log.shapes())
-    names = log.names() if isinstance(log, (CsvLog, ParquetLog)) else ()
-    return LogContents(path, dict.fromkeys(names, ()))
+    return open_log(path).contents()
 
 
 def topic_shapes(path: Path) -> dict[str, tuple[int, ...]]:
@@ -108,7 +83,7 @@ def missing(there: LogContents, layout: Layout) -> list[str]:
         if there.names:
             plan(layout, there.names, there.path)
         else:
-            choose(there.topics, layout, there.path, there.torn)
+            choose(there, layout)
     except InputError as problem:
         return [problem.what]
     return []
@@ -120,7 +95,7 @@ def open_log(path: str | Path, layout: Layout | None = None) -> Log:
     Raises:
         InputError: the file is not there, or not what its name says.
     """
-    path, layout = Path(path), layout or Layout()
+    layout, path = layout or Layout(), Path(path)
     kind = _kind(path)
     if kind == ".parquet":
         return ParquetLog(path, layout)
@@ -143,7 +118,7 @@ def read_recording(path: str | Path, layout: Layout | None = None) -> Recording:
 
 
 def read_poses(
-    path: Path, layout: Layout | None = None
+    path: str | Path, layout: Layout | None = None
 ) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, "k 4"], Float[np.ndarray, "k 3"]]:
     """The poses alone: stamps [s] without the layout's offset, quaternions x, y, z, w, positions [m].
 

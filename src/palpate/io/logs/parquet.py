@@ -13,6 +13,7 @@ from jaxtyping import Float
 from palpate.errors import InputError
 from palpate.io.logs.columns import Columns
 from palpate.io.logs.layout import Layout
+from palpate.io.logs.log import LogContents
 from palpate.io.logs.samples import NUMBERS, rows_at_once
 from palpate.io.tables.fields import Fields
 from palpate.io.tables.lines import open_input
@@ -35,15 +36,11 @@ class ParquetLog:
         self.position = 0
         self._columns: Columns | None = None
 
-    def names(self) -> list[str]:
-        """Of the columns.
-
-        Raises:
-            InputError: it is no Parquet file.
-        """
+    def contents(self) -> LogContents:
+        """See `palpate.io.logs.log.Log`."""
         open_input(self.path).close()
         with self._reading():
-            return pl.scan_parquet(self.path, glob=False).collect_schema().names()
+            return LogContents(self.path, dict.fromkeys(pl.scan_parquet(self.path, glob=False).collect_schema(), ()))
 
     def blocks(self) -> Iterator[Recording]:
         """See `palpate.io.logs.log.Log`."""

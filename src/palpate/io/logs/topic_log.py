@@ -12,7 +12,8 @@ from jaxtyping import Float
 from palpate.errors import InputError
 from palpate.io.logs.decoding import decode, has_header, seconds
 from palpate.io.logs.layout import ArrayChannel, Layout
-from palpate.io.logs.messages import Messages, Source, Topic
+from palpate.io.logs.log import LogContents, Topic
+from palpate.io.logs.messages import Messages, Source
 from palpate.io.logs.samples import NUMBERS, Samples, rows_at_once
 from palpate.io.logs.topics import POSE_KINDS, choose, main_channel, sentence
 from palpate.sensors.pose_track import PoseTrack
@@ -70,16 +71,16 @@ class TopicLog:
         times, values = [piece[0] for piece in pieces], [piece[1] for piece in pieces]
         return np.concatenate([np.zeros(0), *times]), np.concatenate([np.zeros((0, 7)), *values])
 
-    def topics(self) -> list[Topic]:
-        """What there is."""
-        return self._source.topics()
+    def contents(self) -> LogContents:
+        """See `palpate.io.logs.log.Log`."""
+        return LogContents(self.path, {}, tuple(self._source.topics()), self.torn)
 
     def notes(self) -> tuple[str, ...]:
         """See `palpate.io.logs.log.Log`."""
         return (*self._source.notes(), *(() if self._join is None else self._join.notes()))
 
     def _chosen(self) -> dict[str, Topic]:
-        return choose(self.topics(), self._layout, self.path, self.torn)
+        return choose(self.contents(), self._layout)
 
 
 class _Stream:

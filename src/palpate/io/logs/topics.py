@@ -9,7 +9,7 @@ from pathlib import Path
 from palpate.errors import InputError
 from palpate.io.logs.decoding import ARRAYS, FIXED, IMAGE, role
 from palpate.io.logs.layout import ArrayChannel, Layout
-from palpate.io.logs.messages import Topic
+from palpate.io.logs.log import LogContents, Topic
 from palpate.io.units import near
 
 __all__ = ["POSE_KINDS", "choose", "main_channel", "sentence"]
@@ -66,7 +66,7 @@ def main_channel(layout: Layout) -> ArrayChannel | None:
     )
 
 
-def choose(topics: Sequence[Topic], layout: Layout, path: Path, torn: str = "") -> dict[str, Topic]:
+def choose(there: LogContents, layout: Layout) -> dict[str, Topic]:
     """What "main" (a wrench, or an array), "pose" and "acceleration" are taken from.
 
     The last two as far as they are there.
@@ -74,7 +74,7 @@ def choose(topics: Sequence[Topic], layout: Layout, path: Path, torn: str = "") 
     Raises:
         InputError: a topic that is named is not there or holds something else, or several could be meant.
     """
-    array = main_channel(layout)
+    array, topics, path = main_channel(layout), there.topics, there.path
     main = _WRENCH if array is None else _wanted(array)
     name = layout.wrench_topic if array is None else array.topic
     rows = _named(topics, main, name, path) or _only(topics, main, path)
@@ -83,7 +83,7 @@ def choose(topics: Sequence[Topic], layout: Layout, path: Path, torn: str = "") 
         raise InputError(
             f"no topic holds {'wrenches' if array is None else array.name}; there is {listed or 'no topic at all'}.",
             where=str(path),
-            mend=sentence(torn) or main.read,
+            mend=sentence(there.torn) or main.read,
         )
     pose = _named(topics, _POSE, layout.orientation_topic, path) or _only(topics, _POSE, path)
     acceleration = _named(topics, _ACCELERATION, layout.acceleration_topic, path)  # an accelerometer may sit anywhere
