@@ -9,10 +9,10 @@ from palpate.calibration.mounting import Mounting, identify_mounting
 from palpate.calibration.payload import identify_payload
 from palpate.calibration.skin_map import map_skin
 from palpate.contact import Candidates, ContactEstimate, Locator, Status, WrenchEstimator, locate
-from palpate.contact.fingertip import Fingertip
 from palpate.contact.several import Skin
 from palpate.errors import GeometryError, InputError, NotIdentifiable, PalpateError
 from palpate.sensors import Butterworth, ForceTorque, Kalman, Payload, Recording
+from palpate.sensors.load_cell_array import LoadCellArray
 from palpate.sensors.load_cells import LoadCells
 from palpate.spatial.pose import Pose
 from palpate.spatial.wrench import Wrench
@@ -24,11 +24,11 @@ __all__ = [
     "Butterworth",
     "Candidates",
     "ContactEstimate",
-    "Fingertip",
     "ForceTorque",
     "GeometryError",
     "InputError",
     "Kalman",
+    "LoadCellArray",
     "LoadCells",
     "Locator",
     "Mesh",
