@@ -15,6 +15,7 @@ from palpate.contact import Candidates, ContactEstimate, Contacts, Locator, Stat
 from palpate.contact.taxel_estimator import TaxelEstimator
 from palpate.errors import GeometryError, InputError, NotIdentifiable, PalpateError
 from palpate.sensors import Butterworth, Compensation, ForceTorque, Kalman, Payload, Recording
+from palpate.sensors.load_cell_array import LoadCellArray
 from palpate.sensors.load_cells import LoadCells
 from palpate.sensors.taxels import TaxelBody
 from palpate.spatial.pose import Pose
@@ -37,6 +38,7 @@ __all__ = [
     "GeometryError",
     "InputError",
     "Kalman",
+    "LoadCellArray",
     "LoadCells",
     "Locator",
     "Mesh",

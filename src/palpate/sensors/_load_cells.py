@@ -110,16 +110,18 @@ def _fits(out, square, e, directions, corrections, metric, bounds, settings, w):
 def _believed(out, square, directions, corrections, metric, bounds, settings, found, fitting):
     """Which explanations fit, into fitting, and their wrenches, into found; how many.
 
-    A cell is left away where one of its channels alone explains it.
+    Whole cells only where no single channel does.
     """
-    count = len(directions)
+    count, total = len(directions), 0
     cells = count // 4
-    for e in range(count):
+    fitting[:cells] = False
+    for e in range(cells, count):
         fitting[e] = _fits(out, square, e, directions, corrections, metric, bounds, settings, found[e])
-    total = 0
-    for e in range(count):
-        if e < cells and (fitting[cells + 3 * e] or fitting[cells + 3 * e + 1] or fitting[cells + 3 * e + 2]):
-            fitting[e] = False
+        total += fitting[e]
+    if total > 0:
+        return total
+    for e in range(cells):
+        fitting[e] = _fits(out, square, e, directions, corrections, metric, bounds, settings, found[e])
         total += fitting[e]
     return total
 

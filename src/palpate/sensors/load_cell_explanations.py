@@ -69,10 +69,10 @@ class Explanations:
             fits[:, e] = square - np.sum(shares**2, axis=1) <= self.bounds[1 + e] * expected
         return agree, fits
 
-    def sparing(self, fits: Bool[np.ndarray, "*batch s"]) -> Bool[np.ndarray, "*batch s"]:
-        """Without the cells of which one channel alone explains as much."""
-        count, kept = self.cells.cells, fits.copy()
-        kept[..., :count] &= ~fits[..., count:].reshape(*fits.shape[:-1], count, 3).any(axis=-1)
+    def simplest(self, fits: Bool[np.ndarray, "*batch s"]) -> Bool[np.ndarray, "*batch s"]:
+        """Without whole cells where a single channel explains it."""
+        kept = fits.copy()
+        kept[..., : self.cells.cells] &= ~fits[..., self.cells.cells :].any(axis=-1, keepdims=True)
         return kept
 
     def wrenches(self, readings: Float[np.ndarray, "n m"], which: int) -> Float[np.ndarray, "n 6"]:

@@ -92,7 +92,7 @@ def _explained(
     share = np.mean(fits[bad], axis=0)
     if share.max() < AGREE:
         return None
-    likely = made.sparing(share >= max(AGREE, share.max() - RARE))
+    likely = made.simplest(share >= max(AGREE, share.max() - RARE))
     candidates = np.flatnonzero(likely).tolist()
     stuck = [e for e in np.flatnonzero(share >= AGREE).tolist() if _repeats(usable[:, made.channels(e)]).all()]
     still = [e for e in stuck if e < made.cells.cells] or stuck  # the whole cell, where all of it stands still

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from palpate.contact.resolution import nominal_cells, resolution
+from palpate.contact.resolution import WANTED, nominal_cells, resolution
 from palpate.errors import InputError
 from palpate.io.logs.layout import ArrayChannel, Layout
 from palpate.io.models import read_model
@@ -29,7 +29,6 @@ __all__ = ["LOAD_CELLS", "VOLT_UNITS", "RigLoadCells", "load_cells_layout", "rig
 
 VOLT_UNITS = {"V": 1.0, "mV": 1e-3, "uV": 1e-6}
 Three = tuple[float, float, float]
-WANTED = 2e-3  # m: the accuracy that the `load cells` paper asks for
 REFERENCE = ("ref_fx", "ref_fy", "ref_fz", "ref_x", "ref_y", "ref_z")
 
 
