@@ -33,7 +33,7 @@ print(contact.status, contact.point)
 LOG = """
 contacts = palpate.estimate("log.csv", "rig.toml")
 table = contacts.to_polars()
-print(len(table), contacts.status[0], contacts[contacts.answered].point.mean(axis=0))
+print(len(table), table["status"][0], contacts[contacts.answered].point.mean(axis=0))
 """
 FINGERTIP = """
 tip = palpate.load_rig("rig.toml").estimator()
