@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from palpate.calibration.load_cells import identify_load_cells
 from palpate.calibration.mounting import Mounting, identify_mounting
 from palpate.calibration.payload import identify_payload
-from palpate.calibration.skin_map import map_skin
+from palpate.calibration.skin_map import Sheet, map_skin
 from palpate.contact import Candidates, ContactEstimate, Contacts, Locator, Status, WrenchEstimator, locate
 from palpate.contact.taxel_estimator import TaxelEstimator
 from palpate.errors import GeometryError, InputError, NotIdentifiable, PalpateError
@@ -48,6 +48,7 @@ __all__ = [
     "Payload",
     "Pose",
     "Recording",
+    "Sheet",
     "Status",
     "Surface",
     "TaxelBody",

@@ -67,6 +67,8 @@ class Setup:
         """
         rig = self._base()
         if self.crease is not None and rig.surface is not None:
+            if rig.surface.kind != "mesh":
+                raise InputError(f"is of a mesh, and the surface is a {rig.surface.kind}.", where="--crease")
             rig = replace(rig, surface=_over(rig.surface, "--crease", crease=self.crease))
         wrenches = any(kind.name == "force_torque" for kind in rig.kinds)  # else `open` refuses what follows
         if wrenches and (self.payload is not None or self.noise is not None):

@@ -24,6 +24,7 @@ from palpate.io.logs import open_log as open_by_layout
 from palpate.io.rig.kind import Prepared, SensorKind
 from palpate.io.rig.rig import Rig, load_rig
 from palpate.sensors.recording import ORIENTATION, POSITION, Recording
+from palpate.spatial.pose import Pose
 
 __all__ = ["FRAMES", "OpenedLog", "Pipeline", "estimate", "open_log", "prepare"]
 
@@ -182,7 +183,7 @@ class Pipeline:
     """A log on its way to contacts, once.
 
     Attributes:
-        log, estimator, frame: what it is made of.
+        log, estimator, frame: what it is made of; mount: T_sensor_surface.
         said, doubted: sentences on what was done before the first sample, and on what may be wrong about it.
         facts: settings in force.
         seconds: spent on preparing and locating; the log knows those of reading.
@@ -190,6 +191,7 @@ class Pipeline:
 
     log: OpenedLog
     estimator: ContactEstimator
+    mount: Pose
     frame: str
     said: list[str]
     doubted: list[str]
@@ -212,7 +214,7 @@ class Pipeline:
         if frame == "base":
             _require_pose(log, head)
         made = prepare(log.rig, log)
-        pipeline = cls(log, made.estimator, frame, made.said, made.doubted, made.facts)
+        pipeline = cls(log, made.estimator, made.mount, frame, made.said, made.doubted, made.facts)
         pipeline.seconds["prepare"] = perf_counter() - begin - (log.seconds - read)
         return pipeline
 
@@ -231,7 +233,7 @@ class Pipeline:
                 return
             block, found = pair
             self._seen.add(block, found)
-            yield block, found, placed(found, block, self.frame, self.estimator.mount)
+            yield block, found, placed(found, block, self.frame, self.mount)
 
     def notes(self) -> list[str]:
         """What was met on the way, so far."""

@@ -29,7 +29,7 @@ def noise_covariance(noise: ArrayLike) -> Float[np.ndarray, "6 6"]:
             f"noise must be six standard deviations from 0 to {LARGEST:g} or a 6 x 6 covariance, force first; "
             f"got {got}."
         )
-    if not np.all(np.isfinite(array)) or not np.allclose(array, array.T, rtol=1e-9, atol=0):
+    if not np.all(np.isfinite(array)) or not np.allclose(array, array.T, rtol=1e-9, atol=1e-12 * np.abs(array).max()):
         raise InputError("noise covariance must be finite and symmetric.")
     if np.linalg.eigvalsh(array).min() < -1e-12 * np.abs(array).max():
         raise InputError("noise covariance has a negative eigenvalue.")

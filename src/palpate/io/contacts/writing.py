@@ -57,7 +57,7 @@ def require_format(path: Path) -> None:
 
 @contextmanager
 def open_contacts(
-    path: Path, *, frame_id: str = "surface", features: tuple[str, ...] = ()
+    path: str | Path, *, frame_id: str = "surface", features: tuple[str, ...] = ()
 ) -> Generator[ContactsWriter]:
     """A file of contacts to write block by block, in memory that does not grow; the suffix says the format.
 
@@ -73,6 +73,7 @@ def open_contacts(
     Raises:
         InputError: another suffix, or it cannot be written.
     """
+    path = Path(path)
     require_format(path)
     with growing(path) as temporary:
         with writing(path):
@@ -88,19 +89,19 @@ def open_contacts(
             sink.finish()
 
 
-def write_contacts(path: Path, contacts: Contacts, *, frame_id: str = "surface") -> None:
+def write_contacts(path: str | Path, contacts: Contacts, *, frame_id: str = "surface") -> None:
     """Write contacts in one go; see `open_contacts`."""
     with open_contacts(path, frame_id=frame_id, features=tuple(contacts.features)) as writer:
         writer.write(contacts)
 
 
-def read_contacts(path: Path) -> Contacts:
+def read_contacts(path: str | Path) -> Contacts:
     """All rows of a file of contacts, finished or not; numbers are those that were written, to the last bit.
 
     Raises:
         InputError: it is none, or a row is not one of contacts.
     """
-    return Contacts.joined(list(contact_blocks(path)))
+    return Contacts.joined(list(contact_blocks(Path(path))))
 
 
 def unfinished(path: Path) -> Path | None:

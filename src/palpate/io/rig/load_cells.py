@@ -184,7 +184,8 @@ def _build(rig: Rig, head: Recording | None) -> Prepared:
     tare = rig.estimate.tare or START
     sound = ~np.isin(np.arange(cells.cells) + 1, table.without)
     array = LoadCellArray(cells, sound, names=table.names(cells.cells), seconds=tare)
-    made = wrench_estimator(rig, array, head, tare=tare, indentation=cells.indentation, accuracy=table.accuracy)
+    soft = {"indentation": cells.indentation, "accuracy": table.accuracy}
+    made = wrench_estimator(rig, array, head, tare=tare, mounted=False, **soft)
     made.facts["without"] = table.without
     made.said.append(_least(rig_surface(rig), cells, table))
     made.doubted += [f"cell {cell} is left out, as the rig says" for cell in table.without]

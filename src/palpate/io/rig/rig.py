@@ -17,6 +17,7 @@ from palpate.io.rig.surface import RigSurface
 from palpate.io.rig.tables import RigAcceleration, RigEstimate, RigFilter, RigForceTorque, RigOrientation, RigTime
 from palpate.io.schema import parse
 from palpate.io.units import TIME_UNITS, near, to_si
+from palpate.spatial.pose import Pose
 
 if TYPE_CHECKING:
     from palpate.io.pipeline import OpenedLog
@@ -86,6 +87,10 @@ class Rig:
                 if (path := getattr(table, key, None)) is not None:
                     named[key] = self.folder / path
         return named
+
+    def mount(self) -> Pose:
+        """T_sensor_surface; the identity where there is no surface."""
+        return Pose.identity() if self.surface is None else self.surface.pose.pose()
 
     def layout(self, sensor: str | None = None) -> Layout:
         """How to read a log of one of its sensors."""

@@ -121,9 +121,9 @@ def _build(rig: Rig, head: Recording | None) -> Prepared:
         settings=rig.contacts,
         filter=smooth.filter(),
         rate=rate,
-        mount=None if rig.surface is None else rig.surface.pose.pose(),
+        mount=rig.mount(),
     )
-    made = Prepared(estimator, said=noted_filter(smooth, rate), facts=dict(vars(rig.contacts)))
+    made = Prepared(estimator, rig.mount(), said=noted_filter(smooth, rate), facts=dict(vars(rig.contacts)))
     if tare is None:
         made.said.append(
             "cells at rest are found in the log itself; tare = seconds in [skin] says when nothing touches"

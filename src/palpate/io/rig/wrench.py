@@ -22,7 +22,7 @@ __all__ = ["first_seconds", "noted_filter", "wrench_estimator"]
 
 
 def wrench_estimator(
-    rig: Rig, sensor: WrenchSensor, head: Recording | None, *, tare: float | None, **options: Any
+    rig: Rig, sensor: WrenchSensor, head: Recording | None, *, tare: float | None, mounted: bool = True, **options: Any
 ) -> Prepared:
     """The estimator of a sensor of wrenches on the rig's surface, tared where the log begins unloaded.
 
@@ -31,6 +31,7 @@ def wrench_estimator(
         sensor: prepared.
         head: the start of the log; None: a live loop, which tares when it will.
         tare: [s] at the start of the log in which nothing is touched; None: no tare.
+        mounted: wrenches are about the sensor's frame; not where they were calibrated about the surface's.
         options: of `Locator`, such as a soft layer.
     """
     surface = rig_surface(rig)
@@ -46,23 +47,24 @@ def wrench_estimator(
         **options,
     )
     table, rate = rig_filter(rig, head)
-    uncertain = None if rig.surface is None else rig.surface.pose_covariance
+    mount = rig.mount()
+    uncertain = None if rig.surface is None or not mounted else rig.surface.pose_covariance
     estimator = WrenchEstimator(
         locator,
         sensor,
-        rig.surface.pose.pose() if rig.surface is not None else None,
+        mount if mounted else None,
         None if uncertain is None else np.asarray(uncertain),
         filter=table.filter(),
         rate=rate,
     )
-    made = Prepared(estimator, said=noted_filter(table, rate), facts=_facts(rig, estimator, table, rate))
+    made = Prepared(estimator, mount, said=noted_filter(table, rate), facts=_facts(rig, estimator, table, rate))
     if head is not None and tare is not None:
         tared = estimator.tare(first_seconds(head, tare))
         made.said.append(tared.said)
         made.doubted += [tared.doubt] if tared.doubt else []
     if contact is None:
         made.said.append(f"a contact begins at {locator.on:.3g} N and ends at {locator.off:.3g} N (from the noise)")
-    if uncertain is None and sensor.noise is not None:
+    if mounted and uncertain is None and sensor.noise is not None:
         made.said.append("where the surface sits is taken as exact in the ellipses (calibrate mounting)")
     return made
 
