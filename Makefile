@@ -14,7 +14,7 @@ READY := .venv/.ready
 UV := .tools/bin/uv
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo browser test check docs bench evidence experiments lock clean
+.PHONY: help setup demo browser test check docs bench evidence experiments mutants lock clean
 
 help: ## this list
 	@sed -n 's/^\([a-z]*\):.*## \(.*\)/make \1\t\2/p' Makefile
@@ -39,7 +39,7 @@ check: $(READY) ## style, types, import directions
 docs: $(READY) ## the pages, into docs/_build
 	$(BIN)/sphinx-build -W --keep-going -q docs docs/_build/html
 
-bench: $(READY) ## timings side by side, into benchmarks/RESULTS.md
+bench: $(READY) ## timings side by side and against their targets, into benchmarks/RESULTS.md and TARGETS.md
 	$(BIN)/python -m benchmarks
 
 evidence: $(READY) ## every claim with its figure, into docs/evidence.md
@@ -48,13 +48,16 @@ evidence: $(READY) ## every claim with its figure, into docs/evidence.md
 experiments: $(READY) ## the papers' experiments beside ours, into experiments/*/README.md
 	for paper in experiments/*/__main__.py; do $(BIN)/python -m experiments.$$(basename $$(dirname $$paper)) || exit 1; done
 
+mutants: $(READY) ## stated faults, turned on one by one: do the tests of their room notice?
+	$(BIN)/python -m mutants
+
 lock: $(UV) ## requirements.lock from pyproject.toml
 	$(UV) pip compile pyproject.toml --all-extras --group dev --group docs --python-version 3.11 --universal \
 		--generate-hashes --no-header --no-annotate --upgrade --quiet --output-file requirements.lock
 
 clean: ## back to a fresh clone
 	rm -rf .venv .tools .cache .pytest_cache .ruff_cache .import_linter_cache .hypothesis docs/_build demo
-	find src tests benchmarks evidence examples experiments -name __pycache__ -exec rm -rf {} +
+	find src tests benchmarks evidence examples experiments mutants -name __pycache__ -exec rm -rf {} +
 
 $(UV):
 	@$(PYTHON) -c 'import sys; sys.exit("Palpate needs Python 3.11 or newer; name one: make setup PYTHON=python3.11" if sys.version_info < (3, 11) else 0)'

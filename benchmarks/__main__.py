@@ -1,6 +1,7 @@
-"""`python -m benchmarks [--small] [--only peers]`: every variant on every mesh, into benchmarks/RESULTS.md.
+"""`python -m benchmarks [--small] [--only NAME]`: every variant on every mesh, into benchmarks/RESULTS.md.
 
-With --small nothing is written; --only peers renews that section, which is the last, and leaves the others.
+What has a target goes into benchmarks/TARGETS.md, section by section. With --small nothing is written; --only renews
+one section and leaves the others.
 """
 
 from __future__ import annotations
@@ -10,9 +11,10 @@ import sys
 import time
 from pathlib import Path
 
-from benchmarks import peers, streams
-from benchmarks.machine import machine
+from benchmarks import equations, peers, processes, speed, start, streams
 from benchmarks.measure import FLAT, Batch, Meshes, Single, batches, singles
+from evidence.machine import machine
+from evidence.report import Theme, measure
 
 PEERS = 1_000  # wrenches of a pitch
 SIZES = (200, 2_000, 20_000, 200_000, 1_000_000)
@@ -23,23 +25,42 @@ NumPy forms and embree see. The full answer is `Locator` on the smooth mesh: cho
 *Three products a facet*: with the closed form put into a barycentric coordinate, what is left is the wrench's moment
 about the facet's edge, so one matrix-vector product over all edges decides. *Closed form* is the derivation's, as
 written. BLAS may use more than one thread. The clock's 0.05 us are in every figure."""
-RESULTS = Path(__file__).parent / "RESULTS.md"
+RESULTS, TARGETS = (Path(__file__).parent / name for name in ("RESULTS.md", "TARGETS.md"))
+THEMES: dict[str, Theme] = {
+    "speed": speed.rows,
+    "equations": equations.rows,
+    "processes": processes.rows,
+    "start": start.rows,
+}
 
 
-def main() -> None:
-    """Measure and write."""
+def main() -> int:
+    """0 when every row that has a target meets it."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
     parser.add_argument("--small", action="store_true", help="meshes up to 20k facets, few queries, nothing written")
-    parser.add_argument("--only", choices=["peers"], help="one section")
+    parser.add_argument("--only", choices=["peers", *THEMES], help="one section")
     options = parser.parse_args()
-    small = options.small
+    targets = None if options.small else TARGETS
+    if options.only in THEMES:
+        return int(not measure({options.only: THEMES[options.only]}, targets))
     if options.only:
-        lines = peers.report(100 if small else PEERS)
-        print("\n".join(lines))
-        if not small:
-            kept = RESULTS.read_text(encoding="utf-8").partition(f"\n{peers.TITLE}")[0]
-            RESULTS.write_text(kept.rstrip("\n") + "\n" + "\n".join(lines), encoding="utf-8")
-        return
+        _peers(options.small)
+        return 0
+    _tables(options.small)
+    return int(not measure(THEMES, targets, whole=True))
+
+
+def _peers(small: bool) -> None:
+    """The last section of RESULTS.md."""
+    lines = peers.report(100 if small else PEERS)
+    print("\n".join(lines))
+    if not small:
+        kept = RESULTS.read_text(encoding="utf-8").partition(f"\n{peers.TITLE}")[0]
+        RESULTS.write_text(kept.rstrip("\n") + "\n" + "\n".join(lines), encoding="utf-8")
+
+
+def _tables(small: bool) -> None:
+    """All of RESULTS.md."""
     begin = time.perf_counter()
     one: dict[int, list[Single]] = {}
     many: dict[int, list[Batch]] = {}
@@ -124,4 +145,4 @@ def _short(value: float) -> str:
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

@@ -15,6 +15,7 @@ from evidence.long_logs import RATE, pieces, write_log
 from palpate.io.contacts import open_contacts
 from palpate.io.logs import open_log
 from palpate.io.logs.layout import Layout
+from palpate.sensors.compensation import Compensation
 from palpate.sensors.recording import FORCE, ORIENTATION, TORQUE
 from palpate.simulation import simulate_session
 from palpate.simulation.session import NOISE, Session
@@ -86,7 +87,7 @@ def _readers(log: Path) -> dict[str, Callable[[], Any]]:
     }
 
 
-def _estimator(session: Session, filtered: palpate.Butterworth | None = None) -> palpate.Estimator:
+def _estimator(session: Session, filtered: palpate.Butterworth | None = None) -> palpate.WrenchEstimator:
     mesh = palpate.Mesh.from_arrays(session.vertices, session.faces)
     load = session.load
     covariance = np.diag(np.repeat([1e-3, 1e-3, 1e-5, 1e-5], 3) ** 2)
@@ -94,7 +95,9 @@ def _estimator(session: Session, filtered: palpate.Butterworth | None = None) ->
     payload = palpate.Payload(weight, load.force_bias, load.center_of_mass, load.torque_bias, covariance)
     sensor = palpate.ForceTorque(NOISE)
     locator = palpate.Locator(mesh, noise=NOISE, on=0.5, off=0.3)
-    return palpate.Estimator(locator, sensor, payload, session.true, np.eye(6) * 1e-8, filtered, RATE)
+    return palpate.WrenchEstimator(
+        locator, Compensation(sensor, payload), session.true, np.eye(6) * 1e-8, filtered, RATE
+    )
 
 
 def _recordings(session: Session, samples: int) -> list[palpate.Recording]:
@@ -108,13 +111,13 @@ def _recordings(session: Session, samples: int) -> list[palpate.Recording]:
 
 
 def _writers(session: Session, folder: Path, samples: int) -> dict[str, Callable[[], Any]]:
-    blocks = list(_estimator(session).stream(_recordings(session, samples)))
+    blocks = list(_estimator(session).pairs(_recordings(session, samples)))
 
     def ours(suffix: str) -> Callable[[], None]:
         def write() -> None:
             with open_contacts(folder / f"contacts{suffix}") as output:
                 for block, found in blocks:
-                    output.write(block.time, found)
+                    output.write(block.time, found.estimate)
 
         return write
 
@@ -143,16 +146,16 @@ def _loops(session: Session, samples: int) -> dict[str, Callable[[], Any]]:
     turns = rotation_from_quaternion(np.concatenate([block.channels[ORIENTATION] for block in blocks]))
     out = plain.locator.empty()
 
-    def live(estimator: palpate.Estimator) -> None:
+    def live(estimator: palpate.WrenchEstimator) -> None:
         for k in range(samples):
-            estimator.update_into(out, k / RATE, rows[k], turns[k])
+            estimator.update_into(k / RATE, rows[k], out, turns[k])
 
     def scipy_filter() -> None:
         from scipy.signal import butter, sosfilt
 
         sosfilt(butter(2, 15.0, fs=RATE, output="sos"), rows, axis=0)
 
-    payload = plain.payload
+    payload = plain.sensor.payload
     return {
         "stream": lambda: list(plain.stream(blocks)),
         "stream, Butterworth": lambda: list(smooth.stream(blocks)),

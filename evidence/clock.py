@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from evidence.row import Row
 from palpate import Payload, Recording
 from palpate.calibration.clock import identify_offset
-from palpate.sensors.motion import with_motion
+from palpate.sensors.motion import Motion
 from palpate.sensors.pose_track import PoseTrack
 from palpate.sensors.recording import ACCELERATION, FORCE, ORIENTATION, POSITION, TORQUE, UNSTEADY
 from palpate.simulation.moving import Swing, moving_wrenches
@@ -158,7 +158,7 @@ def _residual(log: Recording, source: str | None = None) -> tuple[float, float]:
         log = replace(log, channels=kept)
     else:
         options = {"lever": LOAD.center_of_mass, "gravity": PAYLOAD.gravity}
-        (log,) = with_motion(iter([log]), source=source, **options)
+        (log,) = Motion(source, **options).stream(iter([log]))
     rotations = rotation_from_quaternion(log.channels[ORIENTATION])
     force = PAYLOAD.compensate(log.wrenches(), rotations, log.channels.get(ACCELERATION))[0][:, :3]
     unsteady = log.channels.get(UNSTEADY, np.zeros((len(log), 1)))

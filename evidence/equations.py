@@ -1,16 +1,14 @@
-"""Surfaces with an equation: contacts found, a mesh's way to them, and how long it takes beside the older methods."""
+"""Surfaces with an equation: contacts found, and a mesh's way to them."""
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
 import numpy as np
 
 import palpate
 from evidence.bodies import R
 from evidence.row import Row
-from palpate.contact.iterative import locate_iteratively
 from palpate.simulation import touch_wrenches
 from palpate.simulation.shapes import Ellipsoid as Truth
 from palpate.spatial.pose import Pose
@@ -20,17 +18,14 @@ from palpate.surfaces import (
     EllipticCylinder,
     Paraboloid,
     Sphere,
-    _equation,
-    _kernels,
     superquadric,
 )
 from palpate.surfaces.analytic import Analytic
 
-__all__ = ["rows"]
+__all__ = ["orders", "rows"]
 
 COMMAND = "python -m evidence --only equations"
 NAME = "equations"
-BLOCK = 50
 AXES = (R, 0.7 * R, 0.5 * R)
 POSE = Pose.from_rotation_vector((0.7, -0.4, 1.1), (0.004, -0.003, 0.03))
 SURFACES: dict[str, Analytic] = {
@@ -44,12 +39,11 @@ SURFACES: dict[str, Analytic] = {
 
 
 def rows(small: bool) -> Iterator[Row]:
-    """Every surface, the order of convergence of meshes, and times."""
+    """Every surface, and the order of convergence of meshes."""
     count = 500 if small else 20_000
     for name, surface in SURFACES.items():
         yield _found(name, surface, count)
     yield _order(200 if small else 2_000)
-    yield from _times(100 if small else 2_000, judged=not small)
 
 
 def _found(name: str, surface: Analytic, count: int) -> Row:
@@ -76,7 +70,8 @@ def _found(name: str, surface: Analytic, count: int) -> Row:
     )
 
 
-def _order(count: int) -> Row:
+def orders(count: int) -> tuple[np.ndarray, list[float]]:
+    """Orders of convergence in the edge on meshes of 500 to 32,000 facets, and the rms errors [m]."""
     rng = np.random.default_rng(4)
     truth, surface = Truth(AXES), Ellipsoid(AXES)
     points = truth.sample(count, rng)
@@ -85,55 +80,17 @@ def _order(count: int) -> Row:
     for facets in (500, 2_000, 8_000, 32_000):
         answer = palpate.Locator(surface.mesh(facets), torsion=np.inf).run(wrenches, sequential=False)
         errors.append(float(np.sqrt(np.nanmean(np.sum((answer.point - points) ** 2, axis=1)))))
-    orders = np.log2(np.divide(errors[:-1], errors[1:]))  # the edge halves from one to the next
+    return np.log2(np.divide(errors[:-1], errors[1:])), errors  # the edge halves from one to the next
+
+
+def _order(count: int) -> Row:
+    found, errors = orders(count)
     said = ", ".join(f"{1e6 * error:.2f} um" for error in errors)
     return Row(
         NAME,
         "soft finger on meshes of the ellipsoid, 500 to 32,000 facets: order of convergence in the edge",
         "2",
-        f"{', '.join(f'{order:.2f}' for order in orders)} ({said})",
-        bool(np.all(np.abs(orders - 2.0) < 0.25)),
+        f"{', '.join(f'{order:.2f}' for order in found)} ({said})",
+        bool(np.all(np.abs(found - 2.0) < 0.25)),
         COMMAND,
     )
-
-
-def _times(count: int, *, judged: bool) -> Iterator[Row]:
-    """Blocks of queries in turns, so that all of them meet the same machine, and none the other's cold caches."""
-    rng = np.random.default_rng(5)
-    truth, surface = Truth(AXES), Ellipsoid(AXES)
-    points = truth.sample(count, rng)
-    wrenches = touch_wrenches(points, truth.normals(points), rng, pitch=0.3 * R)
-    locator, prepared = palpate.Locator(surface, torsion=np.inf), surface.prepared()
-    unit, row, found = wrenches.copy(), locator.empty(), np.zeros((_kernels.CAPACITY + 1, _kernels.CANDIDATE))
-    unit[:, 3:] /= prepared.scale  # its centre is the origin
-
-    def analytic(i: int) -> None:
-        locate_iteratively(wrenches[i], surface, jacobian="analytic")
-
-    def numeric(i: int) -> None:
-        locate_iteratively(wrenches[i], surface, jacobian="numeric")
-
-    variants: dict[str, Callable[[int], object]] = {
-        "soft_finger into `out`": lambda i: _equation.contacts(unit[i], 1.0, np.inf, *prepared.arguments, found),
-        "full answer, with status, into a row": lambda i: locator(wrenches[i], row),
-        "iterative, analytic Jacobian": analytic,
-        "iterative, numeric Jacobian": numeric,
-    }
-    taken = {name: np.empty(count) for name in variants}
-    for start in range(0, count, BLOCK):
-        for name, call in variants.items():
-            for i in range(start, start + BLOCK):
-                begin = time.perf_counter()
-                call(i)
-                taken[name][i] = time.perf_counter() - begin
-    ours = float(np.median(taken["soft_finger into `out`"]))
-    for name, seconds in taken.items():
-        middle = float(np.median(seconds))
-        said = f"{1e6 * middle:.2f} us (99 %: {1e6 * np.percentile(seconds, 99):.1f}), {middle / ours:.0f} x"
-        target, passed = "", None
-        if name.startswith("soft_finger"):
-            target, passed, said = "<= 2 us", middle <= 2e-6, said.rsplit(",", 1)[0]
-        elif "analytic" in name:
-            target, passed = ">= 100 x soft_finger", middle >= 100 * ours
-        what = f"ellipsoid, {name}: one query from Python, median"
-        yield Row(NAME, what, target, said, passed if judged else None, COMMAND)

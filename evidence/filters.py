@@ -1,6 +1,6 @@
 """Filters: do they do to a sine what they say, and is the covariance that they leave honest?
 
-Sines go through the whole `Estimator.stream`, three at once, one on each axis of the force; truth is the formula and,
+Sines go through `WrenchEstimator.stream`, three at once, one on each axis of the force; truth is the formula and,
 independently of it, scipy.signal (the Kalman gain from scipy's Riccati equation). Coverage is that of 95 % ellipses of
 the last sample of many runs (zero phase: of the middle one), each with its own contact, a start of the filter of its
 own, and noise of 0.02 N and 0.001 N m.
@@ -17,7 +17,7 @@ from evidence.bodies import BODIES, R, mesh_of
 from evidence.covariance import CHI2_95, NOISE, squared_distance
 from evidence.row import Row
 from palpate import ForceTorque, Locator, Pose, Recording
-from palpate.contact import ContactEstimate, Estimator
+from palpate.contact import ContactEstimate, WrenchEstimator
 from palpate.sensors import Butterworth, Kalman
 from palpate.sensors.filters import Filter
 from palpate.sensors.recording import FORCE, TORQUE
@@ -95,9 +95,9 @@ def _measured(made: Filter, frequency: float, seconds: float) -> tuple[float, fl
     time = np.arange(round((seconds + 2 * settled) * RATE)) / RATE
     waves = 2 * np.pi * frequency * np.array([1.0, 1.0 - APART, 1.0 + APART])
     sines = np.sin(time[:, None] * waves)
-    chain = Estimator(Locator(plane((0, 0, 0), (0, 0, 1))), ForceTorque(), filter=made, rate=RATE)
+    chain = WrenchEstimator(Locator(plane((0, 0, 0), (0, 0, 1))), ForceTorque(), filter=made, rate=RATE)
     log = Recording(time, {FORCE: sines, TORQUE: np.zeros_like(sines)})
-    force = ContactEstimate.joined([found for _, found in chain.stream([log])]).force
+    force = ContactEstimate.joined([found.estimate for found in chain.stream([log])]).force
     inner = (time >= settled) & (time < settled + seconds)
     gains, phases = zip(*(_wave(time[inner], force[inner, k], wave) for k, wave in enumerate(waves)), strict=True)
     turned = np.angle(np.exp(1j * (phases[2] - phases[1])))
@@ -155,11 +155,11 @@ def _answers(made: Filter, wrenches: np.ndarray, which: int) -> ContactEstimate:
     readings = np.concatenate([np.zeros((count, 1, 6)), wrenches], axis=1)
     time = 2.0 * np.arange(count)[:, None] + np.r_[-1.0, np.arange(RUN) / RATE]
     mesh = mesh_of(BODIES["ellipsoid 1 : 0.7 : 0.5"], 20_000)
-    chain = Estimator(
+    chain = WrenchEstimator(
         Locator(mesh, noise=NOISE, on=0.5, off=0.3), ForceTorque(NOISE), mount=MOUNT, filter=made, rate=RATE
     )
     flat = readings.reshape(-1, 6)
     log = Recording(time.ravel(), {FORCE: flat[:, :3], TORQUE: flat[:, 3:]})
     blocks = (log.picked(slice(start, start + BLOCK)) for start in range(0, len(log), BLOCK))
-    found = ContactEstimate.joined([answer for _, answer in chain.stream(blocks)])
+    found = ContactEstimate.joined([answer.estimate for answer in chain.stream(blocks)])
     return found[np.arange(count) * (RUN + 1) + 1 + which]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -12,10 +13,29 @@ from evidence.bodies import BODIES, BUMPIER, R, mesh_of, path
 from evidence.row import Row
 from palpate.simulation import Body, contact_wrenches, touch_wrenches
 
-__all__ = ["rows"]
+__all__ = ["Ridges", "Unchanged", "largest_steps", "moved", "ridges", "rows", "shuffled", "unchanged"]
 
 COMMAND = "python -m evidence --only laws"
 NAME = "laws"
+NOISE = np.array([0.02] * 3 + [5e-4] * 3)  # N, N m
+
+
+@dataclass(frozen=True)
+class Unchanged:
+    """How far contacts are from what they were.
+
+    Attributes:
+        gap: of any candidate or answer [m]; lost: wrenches with candidates of another number; sets: candidates held
+            against each other.
+        normal: of any answer; covariance: of any answer, as a share of the largest; status: answers with another.
+    """
+
+    gap: float
+    lost: int
+    sets: int
+    normal: float
+    covariance: float
+    status: int
 
 
 def rows(small: bool) -> Iterator[Row]:
@@ -32,28 +52,16 @@ def _bodies() -> dict[str, tuple[Body, bool]]:
 
 
 def _invariance(count: int) -> Iterator[Row]:
-    for what, change in (("any order of facets and vertices", _shuffled), ("any rigid motion (within 0.5 m)", _moved)):
+    for what, change in (("any order of facets and vertices", shuffled), ("any rigid motion (within 0.5 m)", moved)):
         worst, lost, sets = [], 0, 0
         for name, (body, smooth) in _bodies().items():
             rng = np.random.default_rng(11)
             mesh = mesh_of(body, 2_000, smooth)
             points = body.sample(count, rng)
             wrenches = touch_wrenches(points, body.normals(points), rng, pitch=R)
-            other, turned, back = change(mesh, wrenches, rng)
-            before, after = (palpate.Locator(m, torsion=np.inf) for m in (mesh, other))
-            gaps = []
-            for first, second in zip(wrenches, turned, strict=True):
-                a, b = before.candidates(first), after.candidates(second)
-                gap = _as_sets(a.point, back.apply(b.point))
-                lost += not np.isfinite(gap)
-                gaps.append(gap)
-                sets += len(a.point)
-            answers = [
-                palpate.Locator(m, torsion=np.inf).run(w, sequential=False).point
-                for m, w in ((mesh, wrenches), (other, turned))
-            ]
-            gaps.append(np.abs(answers[0] - back.apply(answers[1])).max())
-            worst.append((name, np.max([g for g in gaps if np.isfinite(g)]) / mesh.size))
+            found = unchanged(mesh, wrenches, *change(mesh, wrenches, rng))
+            worst.append((name, found.gap / mesh.size))
+            lost, sets = lost + found.lost, sets + found.sets
         size = max(gap for _, gap in worst)
         got = f"{size:.1e} of the body at most over {sets:,} candidates of {count * len(worst):,} wrenches"
         got += "; candidates of another number: " + str(lost)
@@ -68,6 +76,33 @@ def _invariance(count: int) -> Iterator[Row]:
         )
 
 
+def unchanged(
+    mesh: palpate.Mesh, wrenches: np.ndarray, other: palpate.Mesh, turned: np.ndarray, back: palpate.Pose
+) -> Unchanged:
+    """Hold the contacts of wrenches on a mesh against those of others on another, which `back` brings back."""
+    before, after = (palpate.Locator(m, torsion=np.inf, noise=NOISE) for m in (mesh, other))
+    gaps, lost, sets = [0.0], 0, 0
+    for first, second in zip(wrenches, turned, strict=True):
+        a, b = before.candidates(first), after.candidates(second)
+        gap = _as_sets(a.point, back.apply(b.point))
+        lost += not np.isfinite(gap)
+        gaps.append(gap)
+        sets += len(a.point)
+    matrix, covariance = back.inverse().wrench_matrix(), np.diag(NOISE**2)
+    one = before.run(wrenches, sequential=False)
+    two = after.run(turned, matrix @ covariance @ matrix.T, sequential=False)
+    gaps.append(float(np.abs(one.point - back.apply(two.point)).max()))
+    spread = np.abs(back.rotation @ two.covariance @ back.rotation.T - one.covariance).max()
+    return Unchanged(
+        float(np.max([gap for gap in gaps if np.isfinite(gap)])),
+        lost,
+        sets,
+        float(np.abs(one.normal - back.rotate(two.normal)).max()),
+        float(spread / np.abs(one.covariance).max()),
+        int(np.count_nonzero(one.status != two.status)),
+    )
+
+
 def _as_sets(a: np.ndarray, b: np.ndarray) -> float:
     """Largest distance from any point of either set to the other; inf where they differ in number."""
     if len(a) != len(b):
@@ -76,7 +111,7 @@ def _as_sets(a: np.ndarray, b: np.ndarray) -> float:
     return float(max(apart.min(axis=0).max(), apart.min(axis=1).max())) if len(a) else 0.0
 
 
-def _shuffled(
+def shuffled(
     mesh: palpate.Mesh, wrenches: np.ndarray, rng: np.random.Generator
 ) -> tuple[palpate.Mesh, np.ndarray, palpate.Pose]:
     """Facets in another order, each begun at another corner, vertices renumbered."""
@@ -89,7 +124,7 @@ def _shuffled(
     return palpate.Mesh.from_arrays(vertices, faces, crease=mesh.crease), wrenches, palpate.Pose.identity()
 
 
-def _moved(
+def moved(
     mesh: palpate.Mesh, wrenches: np.ndarray, rng: np.random.Generator
 ) -> tuple[palpate.Mesh, np.ndarray, palpate.Pose]:
     """Another place and attitude; the normals are made anew there."""
@@ -107,18 +142,37 @@ def _no_jump(count: int) -> Iterator[Row]:
         mesh = mesh_of(body, 20_000)
         ratios = []
         for step in steps:
-            points, wrenches = path(body, count, step, 0.3 * R)
-            locator = palpate.Locator(mesh)
-            locator.reset(points[0])
-            answer = locator.run(wrenches).point
-            moved, ought = (np.linalg.norm(np.diff(p, axis=0), axis=1).max() for p in (answer, points))
-            ratios.append(moved / ought)
+            ratios.append(largest_steps(body, mesh, count, step))
         got = ", ".join(f"{ratio:.2f} at {step * 1e6:g} um" for ratio, step in zip(ratios, steps, strict=True))
         what = f"no jump as the wrench slides, {name}, h/R <= 0.3: largest step of the answer over the finger's"
         yield Row(NAME, what, "<= 2 at any step", got, None if "bumpier" in name else max(ratios) <= 2, COMMAND)
 
 
-def _crease(count: int) -> Iterator[Row]:
+def largest_steps(body: Body, mesh: palpate.Mesh, count: int, step: float, pitch: float = 0.3 * R) -> float:
+    """The answer's largest step over the finger's, which slides in steps of about `step` [m]."""
+    points, wrenches = path(body, count, step, pitch)
+    locator = palpate.Locator(mesh)
+    locator.reset(points[0])
+    answer = locator.run(wrenches).point
+    went, ought = (np.linalg.norm(np.diff(p, axis=0), axis=1).max() for p in (answer, points))
+    return float(went / ought)
+
+
+@dataclass(frozen=True)
+class Ridges:
+    """What was seen at ridges.
+
+    Attributes:
+        jump: (n,) how far the jump's length is from the derivation's [m]; along: the same seen along the force.
+        between: (n,) whether the points between are equally valid edge contacts.
+    """
+
+    jump: np.ndarray
+    along: np.ndarray
+    between: np.ndarray
+
+
+def ridges(count: int) -> Ridges:
     """Ridges of any angle: the same wrench, moved by a nanometre to either side of the edge.
 
     A facet takes what lies within 1e-8 of its size outside it (rounding at shared edges), so less does not tell.
@@ -153,15 +207,22 @@ def _crease(count: int) -> Iterator[Row]:
         jump.append(abs(np.linalg.norm(apart) - exact))
         seen.append(abs(across - abs(h) * np.linalg.norm(shifts[0] - shifts[1])))
         valid.append(_between(made, sides, first, second))
+    return Ridges(np.array(jump), np.array(seen), np.array(valid))
+
+
+def _crease(count: int) -> Iterator[Row]:
+    found = ridges(count)
     size, target = 0.1, "1e-7 of the body"
     exact_text = "|h| |N1 x N2|/((f . N1)(f . N2))"
-    got = f"off by {max(jump):.1e} m at most, {len(jump)} ridges"
-    yield Row(NAME, f"jump across a crease is {exact_text}", target, got, max(jump) <= 1e-7 * size, COMMAND)
-    got = f"off by {max(seen):.1e} m at most"
+    got = f"off by {found.jump.max():.1e} m at most, {len(found.jump)} ridges"
+    yield Row(NAME, f"jump across a crease is {exact_text}", target, got, found.jump.max() <= 1e-7 * size, COMMAND)
+    got = f"off by {found.along.max():.1e} m at most"
     what = "the same seen along the force is |h| |f x N1/(f . N1) - f x N2/(f . N2)|"
-    yield Row(NAME, what, target, got, max(seen) <= 1e-7 * size, COMMAND)
-    got = f"{np.mean(valid):.1%} of the points between, with a normal between N1 and N2"
-    yield Row(NAME, "points between the two are equally valid edge contacts", "all", got, bool(np.all(valid)), COMMAND)
+    yield Row(NAME, what, target, got, found.along.max() <= 1e-7 * size, COMMAND)
+    got = f"{np.mean(found.between):.1%} of the points between, with a normal between N1 and N2"
+    yield Row(
+        NAME, "points between the two are equally valid edge contacts", "all", got, bool(np.all(found.between)), COMMAND
+    )
 
 
 def _ridge(half: float) -> tuple[palpate.Mesh, np.ndarray, np.ndarray]:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
-from palpate.io.contacts.mcap import TOPICS
+from palpate.io.contacts.mcap import topics as declared
 from palpate.io.contacts.mcap_write import MESSAGE, McapWriter, Topic
 from palpate.sensors.recording import ORIENTATION, Recording
 from palpate.simulation.session import Session
@@ -45,7 +45,7 @@ def _rows(recording: Recording) -> np.ndarray:
 
 
 def _write_mcap(path: Path, session: Session, samples: int) -> None:
-    definitions = {topic.kind: topic.definition for topic in TOPICS}
+    definitions = {topic.kind: topic.definition for topic in declared()}
     wrench, pose = "geometry_msgs/msg/WrenchStamped", "geometry_msgs/msg/PoseStamped"
     topics = (
         Topic("/ft_sensor/wrench", wrench, definitions[wrench]),

@@ -18,6 +18,8 @@ import numpy as np
 from evidence.bodies import BODIES, R, mesh_of, path
 from evidence.row import Row
 from palpate import Locator
+from palpate.contact.contacts import Contacts
+from palpate.surfaces import Mesh
 from palpate.viewer.scene import Scene, prepare
 from palpate.viewer.server import Page
 
@@ -48,9 +50,9 @@ PAINTED = "performance.timeOrigin + performance.getEntriesByName('first-contentf
 def rows(small: bool) -> Iterator[Row]:
     """Preparing, scrubbing, and in full the first picture; small is not judged, as it would be timed."""
     count = 20_000 if small else 1_000_000
-    mesh, times, found = _contacts(count)
+    mesh, found = _contacts(count)
     begin = perf_counter()
-    scene = prepare(mesh, times, found, "evidence")
+    scene = prepare(mesh, found, "evidence")
     took = perf_counter() - begin
     with Page(scene, port=0) as page:
         up = perf_counter() - begin - took
@@ -63,13 +65,13 @@ def rows(small: bool) -> Iterator[Row]:
         yield from _first_paint(scene)
 
 
-def _contacts(count: int) -> tuple[Any, ...]:
+def _contacts(count: int) -> tuple[Mesh, Contacts]:
     """A finger that slides over the body, and lets go every second."""
     body, times = BODIES[BODY], np.arange(count) / RATE
     _, wrenches = path(body, count, 1e-5, 0.1 * R)
     mesh = mesh_of(body, 20_000)
     press = np.maximum(0.0, np.sin(np.pi * times))
-    return mesh, times, Locator(mesh, noise=NOISE).run(press[:, None] * wrenches)
+    return mesh, Contacts.single(times, Locator(mesh, noise=NOISE).run(press[:, None] * wrenches))
 
 
 def _scrubbed(page: Page, what: str, seconds: float, least: float | None) -> Row:

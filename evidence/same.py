@@ -16,31 +16,40 @@ import numpy as np
 from mcap.writer import CompressionType
 from rosbags.rosbag2 import StoragePlugin
 
+from evidence.logs_written import POSE, WRENCH, Session, write_csv, write_mcap, write_parquet, write_ros1, write_ros2
 from evidence.row import Row
 from palpate import Recording
 from palpate.cli import main
-from palpate.contact import ContactEstimate, Estimator
-from palpate.io.contacts import Contacts, read_contacts
+from palpate.contact import ContactEstimate, Contacts, Locator, WrenchEstimator
+from palpate.io.contacts import read_contacts
 from palpate.io.logs import read_recording
-from palpate.io.rig import build, load_rig
+from palpate.io.rig import load_rig
+from palpate.io.rig.force_torque import rig_payload, rig_sensor
 from palpate.sensors import Butterworth, Kalman
+from palpate.sensors.compensation import Compensation
 from palpate.sensors.filters import Filter
+from palpate.sensors.motion import Motion
 from palpate.sensors.recording import ORIENTATION
 from palpate.simulation import simulate_session, write_session
 from palpate.simulation.session_files import POSE_TOPIC, WRENCH_TOPIC
 from palpate.spatial.pose import rotation_from_quaternion
-from tests.logs_written import POSE, WRENCH, Session, write_csv, write_mcap, write_parquet, write_ros1, write_ros2
 
-__all__ = ["rows", "run", "written"]
+__all__ = ["FORMATS", "chain_of", "differing", "estimated", "rows", "run", "streamed", "unlike", "written"]
 
 COMMAND = "python -m evidence --only same"
 NAME = "same answers"
+
+
+def _packed(compression: CompressionType) -> Callable[[Path, Session], None]:
+    return lambda path, log: write_mcap(path, log.messages(), compression=compression, chunk_size=50_000)
+
+
 FORMATS: dict[str, Callable[[Path, Session], None]] = {
     "log.csv": write_csv,
     "log.parquet": write_parquet,
-    "none.mcap": lambda path, log: write_mcap(path, log.messages(), chunk_size=50_000),
-    "lz4.mcap": lambda path, log: write_mcap(path, log.messages(), compression=CompressionType.LZ4),
-    "zstd.mcap": lambda path, log: write_mcap(path, log.messages(), compression=CompressionType.ZSTD),
+    "none.mcap": _packed(CompressionType.NONE),
+    "lz4.mcap": _packed(CompressionType.LZ4),
+    "zstd.mcap": _packed(CompressionType.ZSTD),
     "ros1.bag": write_ros1,
     "ros2 bag (SQLite)": lambda path, log: write_ros2(path, log.messages(), StoragePlugin.SQLITE3),
     "ros2 bag (MCAP)": lambda path, log: write_ros2(path, log.messages(), StoragePlugin.MCAP),
@@ -65,8 +74,8 @@ def rows(small: bool) -> Iterator[Row]:
         yield from _blocks(folder, recording.picked(slice(0, 250 if small else None)))
 
 
-def written(folder: Path, touches: int, facets: int) -> Session:
-    """A session's rig, mesh and payload, and its touches, with a pose for every wrench."""
+def written(folder: Path, touches: int, facets: int, unposed: slice = slice(0)) -> Session:
+    """A session's rig, mesh and payload, and its touches, with a pose for every wrench but the unposed."""
     session = simulate_session(touches=touches, facets=facets)
     write_session(session, folder)
     rig = (folder / "rig.toml").read_text().replace(WRENCH_TOPIC, WRENCH).replace(POSE_TOPIC, POSE)
@@ -75,7 +84,9 @@ def written(folder: Path, touches: int, facets: int) -> Session:
     touched = session.touches
     stamp = np.rint(1e9 * touched.time).astype(np.int64) + 1_700_000_000_123_456_789
     position = np.tile([0.4, 0.0, 0.6], (len(touched), 1))
-    return Session(stamp, touched.wrenches(), touched.channels[ORIENTATION], position)
+    quaternion = touched.channels[ORIENTATION].copy()
+    quaternion[unposed] = 0.0
+    return Session(stamp, touched.wrenches(), quaternion, position)
 
 
 def run(*arguments: str) -> tuple[int, str]:
@@ -91,22 +102,24 @@ def _formats(folder: Path, log: Session) -> Iterator[Row]:
     first: Contacts | None = None
     for name, write in FORMATS.items():
         write(folder / name, log)
-        found = _estimated(folder, name, "contacts.parquet")
+        found = estimated(folder, name, "contacts.parquet")
         first = first or found
         same = np.count_nonzero(found.time == log.table[:, 0])
-        got = f"{_differing(first, found)} of {len(_columns(found))} columns differ from those of log.csv"
+        got = f"{differing(first, found)} of {len(_columns(found))} columns differ from those of log.csv"
         got += f"; {same:,} of {len(log.stamp):,} times are the stamps"
-        met = _differing(first, found) == 0 and same == len(log.stamp) == len(found)
+        met = differing(first, found) == 0 and same == len(log.stamp) == len(found)
         yield Row(NAME, f"{name} in, {len(found):,} samples", "0, all", got, met, COMMAND)
     for result in ("contacts.csv", "contacts.mcap"):
-        found = _estimated(folder, "log.csv", result)
-        differ = _differing(first, found)
+        found = estimated(folder, "log.csv", result)
+        differ = differing(first, found)
         got = f"{differ} of {len(_columns(found))} columns differ from those of contacts.parquet"
         yield Row(NAME, f"log.csv in, {result} out and read back", "0", got, differ == 0, COMMAND)
 
 
-def _estimated(folder: Path, log: str, result: str) -> Contacts:
-    code, said = run("estimate", str(folder / log), "--rig", str(folder / "rig.toml"), "-o", str(folder / result))
+def estimated(folder: Path, log: str, result: str, *options: str) -> Contacts:
+    """What the command finds in a log of the folder, written and read back."""
+    words = ("estimate", str(folder / log), "--rig", str(folder / "rig.toml"), "-o", str(folder / result), *options)
+    code, said = run(*words)
     if code:
         raise RuntimeError(said)
     return read_contacts(folder / result)
@@ -119,11 +132,12 @@ def _columns(contacts: Contacts) -> dict[str, np.ndarray]:
     return {"sample": contacts.sample, "time": contacts.time, "contact": contacts.contact, **found}
 
 
-def _differing(one: Contacts | None, other: Contacts) -> int:
-    return -1 if one is None else _unlike(_columns(one), _columns(other))
+def differing(one: Contacts | None, other: Contacts) -> int:
+    """How many columns of contacts have other bits."""
+    return -1 if one is None else unlike(_columns(one), _columns(other))
 
 
-def _unlike(one: dict[str, np.ndarray], other: dict[str, np.ndarray]) -> int:
+def unlike(one: dict[str, np.ndarray], other: dict[str, np.ndarray]) -> int:
     """How many columns have other bits; NaN is NaN whatever it carries."""
     return sum(_bits(one[name]) != _bits(other[name]) for name in one)
 
@@ -138,28 +152,35 @@ def _bits(values: np.ndarray) -> bytes:
 
 def _blocks(folder: Path, recording: Recording) -> Iterator[Row]:
     """Blocks of the same log for each filter, then single samples as a control loop gives them."""
-    rig = load_rig(folder / "rig.toml")
-    surface, sensor = rig.surface.load(rig.folder), rig.sensor()
-    locator = build(rig, surface=surface, rate=200.0).locator
     for name, made in FILTERS.items():
-        chain = Estimator(locator, sensor, rig.payload(), rig.surface.pose.pose(), filter=made, rate=200.0)
-        whole = _streamed(chain, recording, WHOLE)
-        counts = {f"blocks of {size}": _unlike(whole, _streamed(chain, recording, size)) for size in SIZES}
+        chain = chain_of(folder, made)
+        whole = streamed(chain, recording, WHOLE)
+        counts = {f"blocks of {size}": unlike(whole, streamed(chain, recording, size)) for size in SIZES}
         if not chain.filter or not chain.filter.zero_phase:
-            counts["update, sample by sample"] = _unlike(whole, _updated(chain, recording))
+            counts["update, sample by sample"] = unlike(whole, _updated(chain, recording))
         got = ", ".join(f"{what}: {count}" for what, count in counts.items())
         what = f"{name}, {len(recording):,} samples: columns of {len(whole)} that differ from those of one block"
         yield Row(NAME, what, "0", got, not any(counts.values()), COMMAND)
 
 
-def _streamed(chain: Estimator, recording: Recording, size: int) -> dict[str, np.ndarray]:
+def chain_of(folder: Path, made: Filter | None, source: str = "none") -> WrenchEstimator:
+    """Of the folder's rig, with a filter of its own and accelerations from `source`."""
+    rig = load_rig(folder / "rig.toml")
+    payload, base = rig_payload(rig), rig.estimator()
+    motion = None if payload is None else Motion(source, gravity=payload.gravity, lever=payload.center_of_mass)
+    locator = Locator(base.locator.surface, noise=base.locator.noise, on=base.locator.on, off=base.locator.off)
+    return WrenchEstimator(locator, Compensation(rig_sensor(rig), payload, motion), base.mount, filter=made, rate=200.0)
+
+
+def streamed(chain: WrenchEstimator, recording: Recording, size: int) -> dict[str, np.ndarray]:
+    """The columns of a recording's contacts, given in blocks of a size."""
     chain.reset()
     starts = range(0, len(recording), size)
     answers = chain.stream(recording.picked(slice(start, start + size)) for start in starts)
-    return vars(ContactEstimate.joined([found for _, found in answers]))
+    return vars(ContactEstimate.joined([found.estimate for found in answers]))
 
 
-def _updated(chain: Estimator, recording: Recording) -> dict[str, np.ndarray]:
+def _updated(chain: WrenchEstimator, recording: Recording) -> dict[str, np.ndarray]:
     chain.reset()
     rotations = rotation_from_quaternion(recording.channels[ORIENTATION])
     samples = zip(recording.time.tolist(), recording.wrenches(), rotations, strict=True)

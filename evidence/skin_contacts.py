@@ -17,16 +17,19 @@ from time import perf_counter
 
 import numpy as np
 
+from evidence.response import identify_response
 from evidence.row import Row, shared, skipped
 from palpate.calibration.intensity import identify_intensity, identify_resistive
-from palpate.calibration.response import identify_response
+from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import Status
-from palpate.contact.several import Skin, SkinSettings, SkinTouches
+from palpate.contact.taxel_estimator import TaxelEstimator
 from palpate.errors import NotIdentifiable, PalpateError
 from palpate.evaluation.errors import CHI2_95
-from palpate.evaluation.skin import equivalent_forces, judge, map_mesh, touches_of, wand_points
+from palpate.evaluation.instruments import judge, map_mesh, medians, touch_rows, wand_points, wrench_points
 from palpate.sensors.intensity import Curve, Intensity
-from palpate.sensors.skin import Frames, Health, Sheet, examine
+from palpate.sensors.recording import CELLS, Recording
+from palpate.sensors.skin import Health, examine
+from palpate.sensors.taxels import TaxelBody
 from palpate.simulation.shapes import icosphere
 from palpate.simulation.skin_bench import PaperSheet, Patch, Rolled, Wand, paper_sheet, press, read_out
 from palpate.simulation.skin_session import SkinSession, load_cell_presses, simulate_protocol
@@ -65,12 +68,12 @@ def _model() -> tuple[PaperSheet, Intensity, Health]:
     force, counts, cell = load_cell_presses(SHEET, model, rng)
     intensity = identify_intensity(force, counts, cell, shape=(SHEET.rows, SHEET.columns), top=255.0)
     idle = read_out(model, np.zeros((100, SHEET.rows, SHEET.columns)), rng)
-    return model, intensity, examine(idle, Sheet(SHEET.rows, SHEET.columns), seconds=10.0)
+    return model, intensity, examine(idle, TaxelBody.sheet(SHEET.layout()), seconds=10.0)
 
 
-def _skin(settings: SkinSettings | None = None) -> Skin:
+def _skin() -> TaxelEstimator:
     _, intensity, health = _model()
-    return Skin(SHEET.layout(), intensity, Sheet(SHEET.rows, SHEET.columns), health, settings)
+    return TaxelEstimator(TaxelBody.sheet(SHEET.layout()), intensity, health)
 
 
 def _drawn(rng: np.random.Generator, width: float, flat: bool) -> Patch:
@@ -97,9 +100,9 @@ def _single(count: int) -> Iterator[Row]:
             mine: list[float] = []
             for k, each in enumerate(pressed):
                 skin.reset()
-                found = skin.update(0.0, frames.cells[k])
-                wrong += not found.found[0] or len(found) != 1
-                best = int(np.argmax(found.load))
+                found = skin.update(0.0, frames.channels[CELLS][k])
+                wrong += not found.located[0] or len(found) != 1
+                best = int(np.argmax(found.features["load"]))
                 off = found.estimate.point[best] - each.point[0]
                 mine.append(float(np.linalg.norm(off)))
                 size = np.linalg.norm(each.force[0])
@@ -159,8 +162,8 @@ def _told_apart(
     told, errors = 0, list[float]()
     for k, each in enumerate(pressed):
         skin.reset()
-        found = skin.update(0.0, frames.cells[k])
-        if found.found[0] and len(found) == several:
+        found = skin.update(0.0, frames.channels[CELLS][k])
+        if found.located[0] and len(found) == several:
             told += 1
             distance = np.linalg.norm(found.estimate.point[:, None] - each.point[None], axis=-1)
             errors += distance.min(axis=0).tolist()
@@ -222,16 +225,16 @@ def _paths(rng: np.random.Generator, several: int) -> np.ndarray:
             return np.stack([row, column], axis=-1)
 
 
-def _identities(found: SkinTouches, points: list[np.ndarray]) -> tuple[int, int, int]:
+def _identities(found: Contacts, points: list[np.ndarray]) -> tuple[int, int, int]:
     """Samples of true touches that carry the identity that their touch carries mostly; all samples; and those lost."""
     named: list[list[int]] = [[] for _ in range(len(points[0]))]
     missing = 0
     for sample, true in enumerate(points):
-        rows = np.flatnonzero((found.sample == sample) & found.found)
+        rows = np.flatnonzero((found.sample == sample) & found.located)
         for k, point in enumerate(true):
             away = np.linalg.norm(found.estimate.point[rows] - point, axis=1)
             if len(rows) and away.min() < 0.008:
-                named[k].append(int(found.contact[rows[int(np.argmin(away))]]))
+                named[k].append(int(found.identity[rows[int(np.argmin(away))]]))
             else:
                 missing += 1
     kept = sum(int(np.bincount(names).max()) for names in named if names)
@@ -364,14 +367,13 @@ def protocol(count: int, width: float) -> Judged:
     return judged
 
 
-def _judge(session: SkinSession, skin: Skin, surface: Mesh, judged: Judged) -> None:
+def _judge(session: SkinSession, skin: TaxelEstimator, surface: Mesh, judged: Judged) -> None:
     """One session against its truth, the sensor below and the wand."""
-    points, normals, at = _touched(session.frames, skin)
-    pitch = (SHEET.pitch, SHEET.pitch)
-    judged.truth.append(np.linalg.norm(points - session.point, axis=1))
+    touches, at = _touched(session.frames, skin)
+    judged.truth.append(np.linalg.norm(touches.point - session.point, axis=1))
     wrench = np.stack([np.median(session.wrench[rows], axis=0) for rows in at])
-    reference = equivalent_forces(surface, wrench, alone=np.ones(len(at), dtype=bool))
-    report = judge(points, normals, reference, pitch)
+    reference = wrench_points(surface, wrench, alone=np.ones(len(at), dtype=bool))
+    report = judge(touches, reference)
     judged.sensor.append(report.errors)
     judged.turned.append(report.turned)
     judged.paper.append(report.paper_direction)
@@ -381,7 +383,7 @@ def _judge(session: SkinSession, skin: Skin, surface: Mesh, judged: Judged) -> N
     turn = rotation_from_quaternion(np.where(lost[:, None], [0, 0, 0, 1.0], pose[:, 3:]))
     tip = Wand().radius * icosphere(16)[0]
     seen = wand_points(surface, tip, turn, np.where(lost[:, None], np.nan, pose[:, :3]))
-    by_wand = judge(points, normals, seen, pitch)
+    by_wand = judge(touches, seen)
     judged.wand.append(by_wand.errors)
     means = [np.nan if s is None else s.mean for s in (report.paper_position, by_wand.paper_position)]
     judged.flat.append(np.array(means))
@@ -423,16 +425,12 @@ def _directions(judged: Judged) -> str:
     return f"{100 * float(np.nanmean(judged.paper)):.2f} %, in space {degrees:.2f} deg; the paper 2.9 %"
 
 
-def _touched(frames: Frames, skin: Skin) -> tuple[np.ndarray, np.ndarray, list[np.ndarray]]:
-    """Medians of points and normals of each touch, and the samples it lasted, in order."""
+def _touched(frames: Recording, skin: TaxelEstimator) -> tuple[Contacts, list[np.ndarray]]:
+    """Each touch as the median of its rows, and the samples it lasted, in order."""
     skin.reset()
     found = skin.run(frames)
-    touches = [(rows, found) for _, rows, _ in touches_of(found.contact, found.found, found.sample)]
-    touches.sort(key=lambda each: found.time[each[0][0]])
-    held = [rows[4:-4] for rows, _ in touches]  # without the ramps
-    points = np.stack([np.median(found.estimate.point[rows], axis=0) for rows in held])
-    normals = np.stack([np.median(found.estimate.normal[rows], axis=0) for rows in held])
-    return points, normals / np.linalg.norm(normals, axis=1, keepdims=True), [found.sample[rows] for rows in held]
+    held = [rows[4:-4] for rows in touch_rows(found)]  # without the ramps
+    return medians(found, held), [found.sample[rows] for rows in held]
 
 
 def _middle(poses: np.ndarray) -> np.ndarray:
@@ -447,7 +445,8 @@ def _speed(count: int, *, judged: bool) -> Iterator[Row]:
     """One frame in a loop, three touches on it; the plain chain of OpenCV on the same frames."""
     for shape, target in (((6, 22), "<= 100 us"), ((64, 64), ">= 2,000 frames/s")):
         skin, frames = _loaded(shape)
-        ours = _seconds(partial(_step, skin.update_into, frames), count)
+        into = partial(_into, skin, skin.empty(64))
+        ours = _seconds(partial(_step, into, frames), count)
         values = _seconds(partial(_step, skin.update, frames), count)
         rate = 1e6 / ours
         met = ours <= 100.0 if shape[0] == 6 else rate >= 2000
@@ -460,16 +459,21 @@ def _step(update: Callable[[float, np.ndarray], object], frames: np.ndarray, k: 
     update(0.02 * k, frames[k % len(frames)])
 
 
-def _loaded(shape: tuple[int, int]) -> tuple[Skin, np.ndarray]:
+def _into(skin: TaxelEstimator, out: np.ndarray, time: float, frame: np.ndarray) -> int:
+    return skin.update_into(time, frame, out)
+
+
+def _loaded(shape: tuple[int, int]) -> tuple[TaxelEstimator, np.ndarray]:
     rng, sheet = np.random.default_rng(66), Rolled(*shape, radius=np.inf)
     model = paper_sheet(sheet, rng, unequal=0.0)
     places = [(1.5, 3.0), (shape[0] - 2.5, shape[1] / 2), (shape[0] / 2, shape[1] - 4.0)]
     loads = press(sheet, [Patch(*place, 1.0, 6.0) for place in places]).loads
     plain = Curve("polynomial", np.array([10.0]), np.zeros((1, 1)), largest=25.0)
     still = read_out(model, np.zeros((20, *shape)), rng)
-    health = examine(still, Sheet(*shape), seconds=10.0)
+    body = TaxelBody.sheet(sheet.layout())
+    health = examine(still, body, seconds=10.0)
     pressed = read_out(model, np.repeat(loads[None], 64, axis=0), rng)
-    return Skin(sheet.layout(), Intensity((plain,)), Sheet(*shape), health), pressed.cells
+    return TaxelEstimator(body, Intensity((plain,)), health), pressed.channels[CELLS]
 
 
 def _seconds(step: Callable[[int], object], count: int) -> float:
@@ -511,9 +515,10 @@ def _opencv(frames: np.ndarray, count: int) -> str:
 def _bad() -> Iterator[Row]:
     """Each is refused with a sentence, or answered with a status; nothing raises but ours."""
     model, intensity, health = _model()
-    rng, skin, sheet = np.random.default_rng(67), _skin(), Sheet(6, 22)
+    rng, skin = np.random.default_rng(67), _skin()
+    body, other = skin.body, TaxelBody.sheet(Rolled(5, 22).layout())
     idle = read_out(model, np.zeros((40, 6, 22)), rng)
-    lacking, stuck = idle.cells[0].copy(), np.repeat(idle.cells[:1] * 20 % 250, 40, axis=0)
+    lacking, stuck = idle.channels[CELLS][0].copy(), np.repeat(idle.channels[CELLS][:1] * 20 % 250, 40, axis=0)
     lacking[2, 3] = np.nan
     loads = press(SHEET, [Patch(2.0, 5.0, 1.5, 90.0)]).loads
     rising = np.linspace(0, 2.5, 60)[:, None, None] * loads
@@ -525,9 +530,9 @@ def _bad() -> Iterator[Row]:
         "a frame of NaN": skin.update(0.0, np.full((6, 22), np.nan)).estimate.status[0] == Status.INVALID,
         "one cell NaN: answered": skin.update(0.0, lacking).estimate.status[0] == Status.NO_CONTACT,
         "8-bit wrap-around: noticed, saturated": wrapped,
-        "all cells stuck": _refuses(lambda: examine(Frames(idle.time, stuck), sheet)),
-        "too few frames": _refuses(lambda: examine(idle.picked(slice(0, 3)), sheet)),
-        "a map of another size": _refuses(lambda: Skin(Rolled(5, 22).layout(), intensity, sheet, health)),
+        "all cells stuck": _refuses(lambda: examine(Recording(idle.time, {CELLS: stuck}), body)),
+        "too few frames": _refuses(lambda: examine(idle.picked(slice(0, 3)), body)),
+        "a map of another size": _refuses(lambda: TaxelEstimator(other, intensity, health)),
     }
     failed = [name for name, good in said.items() if not good]
     got = f"{len(said) - len(failed)} of {len(said)}: {', '.join(said)}{'; not ' if failed else ''}{', '.join(failed)}"

@@ -18,9 +18,10 @@ from palpate.cli import main as palpate
 from palpate.contact.estimate import Status
 from palpate.evaluation.evaluate import Report, evaluate
 from palpate.io.contacts import read_contacts
-from palpate.io.models import read_payload
+from palpate.io.ground_truth import read_ground_truth
+from palpate.io.models import read_model
 from palpate.io.rig import load_rig
-from palpate.io.truth import read_truth
+from palpate.sensors.force_torque import Payload
 from palpate.simulation.session import Session, simulate_session
 from palpate.simulation.session_files import write_session
 from palpate.simulation.session_mcap import CLOCK_OFFSET, write_session_mcap
@@ -97,7 +98,7 @@ def _offset(folder: Path) -> float:
 
 
 def _payload(session: Session, folder: Path) -> list[str]:
-    load, found = session.load, read_payload(folder / "payload.toml")
+    load, found = session.load, read_model(folder / "payload.toml", Payload)
     spread = np.sqrt(np.diag(found.covariance)).reshape(4, 3).max(axis=1)  # weight, force bias, centre, torque bias
     return [
         _figures("mass [kg]", np.array([load.mass]), np.array([found.mass]), spread[0] / found.magnitude, 4),
@@ -140,7 +141,7 @@ def _row(name: str, left: str, right: str) -> str:
 
 def _report(folder: Path, name: str) -> Report:
     found = read_contacts(folder / name)
-    return evaluate(found.time, found.estimate, read_truth(folder / "truth.csv"))
+    return evaluate(found, read_ground_truth(folder / "truth.csv"))
 
 
 if __name__ == "__main__":

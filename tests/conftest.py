@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import signal
 import sys
 from pathlib import Path
 
@@ -32,6 +33,8 @@ def _checked_modules() -> list[str]:
     return [".".join(file.relative_to(source).with_suffix("").parts) for file in checked]
 
 
+# A shell ignores Ctrl-C in what runs behind it, and so would every program that a test starts and interrupts.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 numpy.typing.ArrayLike = object  # numpy's is a protocol at run time, and no tuple meets it (no __reversed__)
 sys.pycache_prefix = str(ROOT / ".cache" / "pyc")  # the hook makes its own bytecode, of what is imported below it too
 install_import_hook(_checked_modules(), "beartype.beartype")  # here only: production pays nothing for it

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import ast
 import importlib
 import re
 import subprocess
 import sys
 import tomllib
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -47,7 +49,7 @@ def test_every_name_of_the_front_door_opens() -> None:
 
 
 def test_the_front_door_is_small() -> None:
-    assert 10 <= len(palpate.__all__) <= 30  # about twenty: what a user types, and no more
+    assert 10 <= len(palpate.__all__) <= 36  # what a user types, and no more
 
 
 @pytest.mark.parametrize("package", sorted(file.parent for file in (ROOT / "src/palpate").rglob("__init__.py")))
@@ -103,3 +105,33 @@ def test_every_ignored_lint_rule_has_a_reason_beside_it() -> None:
 def test_the_changelog_knows_this_version() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     assert f"## [{project['version']}]" in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+
+
+BESIDE = (
+    "mutants",
+    "evidence",
+    "experiments",
+    "benchmarks",
+    "tests",
+)  # each may import what stands before it, and the package
+
+
+def test_what_stands_beside_the_package_imports_in_one_direction() -> None:
+    """No circles: evidence stands alone, papers and timings use its bodies, and tests use all of them."""
+    wrong = [
+        f"{file.relative_to(ROOT)}:{node.lineno}: imports {name}"
+        for file in _ours()
+        if file.suffix == ".py" and (own := file.relative_to(ROOT).parts[0]) in ("src", "examples", *BESIDE)
+        for node, name in _imports(file)
+        if name in BESIDE and (own not in BESIDE or BESIDE.index(name) > BESIDE.index(own))
+    ]
+    assert wrong == []
+
+
+def _imports(file: Path) -> Iterator[tuple[ast.stmt, str]]:
+    """Each import of a file, and the first part of its name."""
+    for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ImportFrom):
+            yield node, (node.module or "").partition(".")[0]
+        elif isinstance(node, ast.Import):
+            yield from ((node, alias.name.partition(".")[0]) for alias in node.names)

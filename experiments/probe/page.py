@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.machine import machine
+from evidence.machine import machine
 from experiments.probe.assumed import ASSUMED
 from experiments.probe.methods import METHODS
 from experiments.probe.run import CALIBRATED, FORCES, READINGS, TWIST, Results

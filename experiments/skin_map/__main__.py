@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.machine import machine
+from evidence.machine import machine
 from evidence.skin_contacts import protocol
 from evidence.skin_map import HEADING, ORIGIN, SHEET, table, wrist
 from palpate.calibration.skin_map import map_skin

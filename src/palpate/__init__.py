@@ -4,32 +4,41 @@ The front door. Everything that a program needs day to day is here; the rooms be
 docs/architecture.md.
 """
 
+from importlib import import_module
+from typing import TYPE_CHECKING
+
 from palpate.calibration.load_cells import identify_load_cells
 from palpate.calibration.mounting import Mounting, identify_mounting
 from palpate.calibration.payload import identify_payload
 from palpate.calibration.skin_map import map_skin
-from palpate.contact import Candidates, ContactEstimate, Estimator, Locator, Status, locate
-from palpate.contact.fingertip import Fingertip
-from palpate.contact.several import Skin
+from palpate.contact import Candidates, ContactEstimate, Contacts, Locator, Status, WrenchEstimator, locate
+from palpate.contact.taxel_estimator import TaxelEstimator
 from palpate.errors import GeometryError, InputError, NotIdentifiable, PalpateError
-from palpate.sensors import Butterworth, ForceTorque, Kalman, Payload, Recording
+from palpate.sensors import Butterworth, Compensation, ForceTorque, Kalman, Payload, Recording
+from palpate.sensors.load_cell_array import LoadCellArray
 from palpate.sensors.load_cells import LoadCells
+from palpate.sensors.taxels import TaxelBody
 from palpate.spatial.pose import Pose
 from palpate.spatial.wrench import Wrench
 from palpate.surfaces import Mesh, Surface, plane
+
+if TYPE_CHECKING:
+    from palpate.io.pipeline import estimate, open_log
+    from palpate.io.rig import load_rig
 
 __version__ = "0.3.0"
 
 __all__ = [
     "Butterworth",
     "Candidates",
+    "Compensation",
     "ContactEstimate",
-    "Estimator",
-    "Fingertip",
+    "Contacts",
     "ForceTorque",
     "GeometryError",
     "InputError",
     "Kalman",
+    "LoadCellArray",
     "LoadCells",
     "Locator",
     "Mesh",
@@ -39,14 +48,28 @@ __all__ = [
     "Payload",
     "Pose",
     "Recording",
-    "Skin",
     "Status",
     "Surface",
+    "TaxelBody",
+    "TaxelEstimator",
     "Wrench",
+    "WrenchEstimator",
+    "estimate",
     "identify_load_cells",
     "identify_mounting",
     "identify_payload",
+    "load_rig",
     "locate",
     "map_skin",
+    "open_log",
     "plane",
 ]
+
+_FILES = {"estimate": "palpate.io.pipeline", "open_log": "palpate.io.pipeline", "load_rig": "palpate.io.rig"}
+
+
+def __getattr__(name: str) -> object:
+    """What reads files, when it is first asked for: tables are slow to import."""
+    if name in _FILES:
+        return getattr(import_module(_FILES[name]), name)
+    raise AttributeError(f"module 'palpate' has no attribute {name!r}")

@@ -18,7 +18,8 @@ import pytest
 
 from palpate.cli import main
 from palpate.cli.interrupts import uninterrupted
-from palpate.io.models import read_payload
+from palpate.io.models import read_model
+from palpate.sensors.force_torque import Payload
 from palpate.simulation.session import simulate_session
 from palpate.simulation.session_files import write_session
 
@@ -228,7 +229,9 @@ def test_numbers_beyond_any_sensor_are_invalid_samples(value: str) -> None:
         assert main(["calibrate", "payload", "free_motion.csv", "-o", "p.toml"]) == 0
     assert pl.read_csv("out.csv")["status"][5] == "invalid"
     # of each 50 samples one is lost: that moves no average by more than its own noise
-    assert read_payload(Path("p.toml")).mass == pytest.approx(read_payload(Path("payload.toml")).mass, rel=1e-3)
+    assert read_model(Path("p.toml"), Payload).mass == pytest.approx(
+        read_model(Path("payload.toml"), Payload).mass, rel=1e-3
+    )
 
 
 def test_accelerations_beyond_any_robot_are_invalid_samples(here: Path) -> None:
@@ -301,9 +304,7 @@ def test_ctrl_c_while_the_mesh_reader_is_imported_is_not_swallowed() -> None:
     assert not Path("out.csv").exists()
 
 
-def test_ctrl_c_is_heard_after_the_block_and_then_as_before(request: pytest.FixtureRequest) -> None:
-    usual = signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell ignores it in what runs behind it
-    request.addfinalizer(lambda: signal.signal(signal.SIGINT, usual))
+def test_ctrl_c_is_heard_after_the_block_and_then_as_before() -> None:
     before, done = signal.getsignal(signal.SIGINT), []
 
     def block() -> None:

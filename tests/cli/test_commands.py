@@ -13,8 +13,9 @@ import pytest
 
 from palpate.cli import main
 from palpate.io.contacts import read_contacts
-from palpate.io.models import load_toml, read_payload
+from palpate.io.models import load_toml, read_model
 from palpate.io.rig import load_rig
+from palpate.sensors.force_torque import Payload
 from palpate.simulation.session import Session, simulate_session
 from palpate.simulation.session_files import write_session
 
@@ -48,7 +49,7 @@ def _estimate(log: Path, made: Path, tmp_path: Path, *options: str) -> int:
 
 def test_payload_is_what_the_session_carries(session: Session, made: Path) -> None:
     """The biases of 14 poses of 200 samples: noise 0.02 N / sqrt(2800), five times over, and more for the centre."""
-    payload = read_payload(made / "payload.toml")
+    payload = read_model(made / "payload.toml", Payload)
     assert payload.mass == pytest.approx(session.load.mass, abs=1e-3)
     assert payload.force_bias == pytest.approx(session.load.force_bias, abs=5e-3)
     assert payload.center_of_mass == pytest.approx(session.load.center_of_mass, abs=2e-4)
@@ -200,7 +201,7 @@ def test_units_that_do_not_fit_are_warned_of(
 
 def _compensated(made: Path) -> Edit:
     """Readings less what the free sensor reads in about the same pose: enough for a warning about units."""
-    payload = read_payload(made / "payload.toml")
+    payload = read_model(made / "payload.toml", Payload)
     bias = np.concatenate([payload.force_bias, payload.torque_bias])
     names = ("fx", "fy", "fz", "tx", "ty", "tz")
     return lambda table: table.with_columns(
@@ -248,12 +249,12 @@ def test_times_too_coarse_for_a_filter_are_refused_with_one_and_noted_without(
 
 
 def test_ctrl_c_before_a_row_leaves_nothing(made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from palpate.contact.estimator import Estimator
+    from palpate.contact import WrenchEstimator
 
     def interrupted(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(Estimator, "run", interrupted)
+    monkeypatch.setattr(WrenchEstimator, "run", interrupted)
     assert _estimate(made / "touches.csv", made, tmp_path) == 130
     assert list(tmp_path.iterdir()) == []
 
@@ -262,7 +263,7 @@ def test_ctrl_c_before_a_row_leaves_nothing(made: Path, tmp_path: Path, monkeypa
     ("step", "call"),
     [
         ("calibrate_payload.identify_payload", "payload free_motion.csv --rig rig.toml -o out.toml"),
-        ("calibrate_payload.write_payload", "payload free_motion.csv --rig rig.toml -o out.toml"),
+        ("calibrate_payload.write_model", "payload free_motion.csv --rig rig.toml -o out.toml"),
         ("calibrate_mounting.identify_mounting", "mounting touches.csv --rig rig.toml -o rig.toml"),
     ],
 )

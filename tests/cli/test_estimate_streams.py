@@ -12,17 +12,18 @@ from contextlib import suppress
 from dataclasses import fields, replace
 from pathlib import Path
 
-import logs_written
 import numpy as np
 import polars as pl
 import pytest
-from logs_written import POSE, STAMPED, WRENCH, write_csv, write_mcap
 from scipy.spatial.transform import Rotation
 
 import palpate
+from evidence import logs_written
+from evidence.logs_written import POSE, STAMPED, WRENCH, write_csv, write_mcap
 from palpate.cli import main
+from palpate.contact import Contacts
 from palpate.contact.estimate import Status
-from palpate.io.contacts import Contacts, read_contacts
+from palpate.io.contacts import read_contacts
 from palpate.io.logs import parquet
 from palpate.io.models import load_toml
 from palpate.io.rig.edit import update_offset

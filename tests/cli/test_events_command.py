@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import polars as pl
 import pytest
 
 from palpate.cli import main
+from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import ContactEstimate, Status
 from palpate.io.contacts import open_contacts, write_contacts
-from palpate.io.truth import read_touches
+from palpate.io.ground_truth import read_touches
 
 
-def _session(touches: int) -> tuple[np.ndarray, ContactEstimate]:
+def _session(touches: int) -> Contacts:
     """One touch a second, 0.5 s long, at 100 Hz."""
     count = 100 * touches
     status = np.where(np.arange(count) % 100 < 50, Status.CONTACT, Status.NO_CONTACT).astype(np.int8)
@@ -23,15 +26,15 @@ def _session(touches: int) -> tuple[np.ndarray, ContactEstimate]:
     covariance = np.where(there[:, None, None], 0.25e-6 * np.diag([1.0, 1.0, 0.0]), np.nan)
     force = np.where(there, -3.0, 0.0)[:, None] * np.array([0.0, 0.0, 1.0])
     ones = np.ones(count, dtype=np.int64)
-    return np.arange(count) / 100, ContactEstimate(
-        point, normal, force, np.where(there, 0.0, np.nan), covariance, np.zeros(count), ones, status
-    )
+    torque = np.where(there, 0.0, np.nan)
+    estimate = ContactEstimate(point, normal, force, torque, covariance, np.zeros(count), ones, status)
+    return Contacts.single(np.arange(count) / 100, estimate)
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".parquet", ".mcap"])
 def test_touches_are_printed_and_written(tmp_path: Path, capsys: pytest.CaptureFixture[str], suffix: str) -> None:
     contacts, output = tmp_path / f"contacts{suffix}", tmp_path / "touches.csv"
-    write_contacts(contacts, *_session(3))
+    write_contacts(contacts, _session(3))
     assert main(["events", str(contacts), "-o", str(output)]) == 0
     printed = capsys.readouterr().out.splitlines()
     assert printed[0].endswith("3 touches in 300 rows")
@@ -46,27 +49,44 @@ def test_touches_are_printed_and_written(tmp_path: Path, capsys: pytest.CaptureF
 def test_what_was_not_finished_is_read_and_many_touches_are_not_all_printed(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    time, estimate = _session(60)
     with open_contacts(tmp_path / "contacts.mcap") as writer:
-        writer.write(time, estimate, contact=np.zeros(6000, dtype=np.int64))
-        writer.write(time[:50], estimate[:50], contact=np.ones(50, dtype=np.int64))
+        writer.write(_session(60))
         assert main(["events", str(tmp_path / "contacts.mcap.part")]) == 0
     printed = capsys.readouterr().out
     assert "60 touches" in printed
     assert "20 more" in printed
-    assert "50 rows are second contacts" in printed
     assert "ends without its footer" in printed
 
 
+@pytest.mark.parametrize("suffix", [".csv", ".parquet", ".mcap"])
+def test_two_touches_at_once_are_two_with_what_the_sensor_adds(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], suffix: str
+) -> None:
+    one = _session(1)
+    moved = replace(one.estimate, point=one.point + np.array([0.02, 0.0, 0.0]))
+    other = replace(one, identity=np.ones(100, dtype=np.int64), estimate=moved)
+    both = [replace(each, features={"row": np.where(each.answered, k, np.nan)}) for k, each in ((2, one), (5, other))]
+    joined = Contacts.joined(both)
+    write_contacts(tmp_path / f"contacts{suffix}", joined[np.argsort(joined.sample, kind="stable")])
+    assert main(["events", str(tmp_path / f"contacts{suffix}"), "-o", str(tmp_path / "touches.csv")]) == 0
+    assert "2 touches in 200 rows" in capsys.readouterr().out
+    found = pl.read_csv(tmp_path / "touches.csv")
+    assert found["contact"].to_list() == [0, 1]
+    assert found["row"].to_list() == [2.0, 5.0]
+    np.testing.assert_allclose(found["px"], [0.001, 0.021])
+    assert main(["evaluate", str(tmp_path / f"contacts{suffix}"), str(tmp_path / "touches.csv")]) == 0
+    said = [line.split() for line in capsys.readouterr().out.splitlines()]
+    assert [words[1] for words in said if words[:1] in (["1"], ["2"])] == ["0.000", "0.000"]
+
+
 def test_without_touches(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    time, estimate = _session(1)
-    write_contacts(tmp_path / "contacts.csv", time[50:], estimate[50:])
+    write_contacts(tmp_path / "contacts.csv", _session(1)[50:])
     assert main(["events", str(tmp_path / "contacts.csv"), "-o", str(tmp_path / "touches.csv")]) == 0
     assert "0 touches" in capsys.readouterr().out
 
 
 def test_wrong_calls_are_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    write_contacts(tmp_path / "contacts.csv", *_session(1))
+    write_contacts(tmp_path / "contacts.csv", _session(1))
     assert main(["events", str(tmp_path / "contacts.csv"), "-o", str(tmp_path / "contacts.csv")]) == 1
     assert "would overwrite an input" in capsys.readouterr().err
     assert main(["events", str(tmp_path / "contacts.csv"), "--gap", "-1"]) == 1

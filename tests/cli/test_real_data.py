@@ -10,7 +10,8 @@ import pytest
 
 from palpate.cli import main
 from palpate.io.contacts import read_contacts
-from palpate.io.models import read_payload
+from palpate.io.models import read_model
+from palpate.sensors.force_torque import Payload
 
 # The driver swaps y and z of force and torque. Unswapped, pad x = 0.06 + p0 and pad y = 0.142 - p2 on the plane
 # p1 = 0.008 m: the pad's frame is the sensor's, turned by -90 degrees about x.
@@ -84,7 +85,7 @@ def test_the_real_payload_in_the_base_frame(hundred: Path, tmp_path: Path) -> No
     """1.2396 kg and the figures beside it, computed by hand from the same files."""
     call = ["calibrate", "payload", str(hundred), "-o", str(tmp_path / "payload.toml"), "--base-frame"]
     assert main(call) == 0
-    payload = read_payload(tmp_path / "payload.toml")
+    payload = read_model(tmp_path / "payload.toml", Payload)
     assert payload.mass == pytest.approx(1.2396, abs=5e-4)
     assert payload.force_bias == pytest.approx([-3.468, -4.577, -16.719], abs=0.01)
     assert payload.center_of_mass == pytest.approx([-0.0010, -0.0001, 0.0451], abs=5e-4)

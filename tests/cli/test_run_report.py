@@ -8,21 +8,27 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from palpate.cli.report import Run, compose, write_report
-from palpate.cli.report_advice import MEANING, advice
+from palpate.cli.report import judged, write_report
+from palpate.cli.report_advice import status_advice, wrench_advice
+from palpate.cli.report_settings import force_torque, load_cells, taxels, wrench_method, wrench_settings
+from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import ROW, ContactEstimate, Status
 from palpate.contact.events import find_touches
-from palpate.contact.truth import Samples, Touches
-from palpate.io.rig import Rig, build
+from palpate.contact.ground_truth import Samples, Touches
+from palpate.contact.locate import Locator
+from palpate.contact.resolution import nominal_cells
+from palpate.io.rig import Rig
 from palpate.io.rig.surface import RigSurface
-from palpate.io.rig.tables import RigEstimate, RigFilter, RigForceTorque, RigPair, RigThresholds
-from palpate.sensors.force_torque import Payload
+from palpate.io.rig.tables import RigEstimate, RigForceTorque, RigPair, RigThresholds
+from palpate.simulation.cell_array import LAYOUTS
+from palpate.spatial.pose import Pose
+from palpate.viewer.downsample import Downsample
 from palpate.viewer.report import Section
-from palpate.viewer.thinned import Thinned
+from palpate.viewer.run_report import MEANING, Run, compose
 
 RIG = Rig(
     RigSurface(kind="plane", half_width=0.1),
-    force_torque=RigForceTorque(noise=RigPair(0.02, 0.001), range=RigPair(200.0, 10.0)),
+    sensors={"force_torque": RigForceTorque(noise=RigPair(0.02, 0.001), range=RigPair(200.0, 10.0))},
     estimate=RigEstimate(contact=RigThresholds(0.5, 0.3)),
 )
 N = 1_000
@@ -41,20 +47,10 @@ def _rows(status: int = Status.CONTACT) -> np.ndarray:
     return rows
 
 
-def _run(rows: np.ndarray | None = None, rig: Rig = RIG, **more: object) -> Run:
-    thinned = Thinned()
-    thinned.add(TIME, ContactEstimate.from_rows(_rows() if rows is None else rows))
-    return Run("log.csv", "contacts.csv", rig, build(rig, rate=100.0), thinned, **more)
-
-
-def _advice(rig: Rig) -> tuple[str, ...]:
-    """For 1,000 located samples, and ellipses of 2 mm; with a payload where the mounting is calibrated."""
-    counts = np.zeros(len(Status), dtype=np.int64)
-    counts[Status.CONTACT] = N
-    estimator = build(rig, rate=100.0)
-    if rig.surface.pose_covariance is not None:
-        estimator.payload = Payload(np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3))
-    return advice(rig, estimator, counts, None, 2e-3)
+def _run(rows: np.ndarray | None = None, **more: object) -> Run:
+    kept = Downsample()
+    kept.add(Contacts.single(TIME, ContactEstimate.from_rows(_rows() if rows is None else rows)))
+    return Run("log.csv", "contacts.csv", "located on a plane", kept, **more)
 
 
 def _section(run: Run, title: str) -> Section:
@@ -69,7 +65,7 @@ def test_the_tiles_are_the_run() -> None:
     """By construction: all answered, 42 N at most, 3 mm off, and 95 % of a 1 mm normal within 2.448 mm."""
     truth = Samples(TIME, TRUTH)
     estimate = ContactEstimate.from_rows(_rows())
-    tiles = _tiles(_run(truth=truth, touches=find_touches(TIME, estimate)))
+    tiles = _tiles(judged(_run(touches=find_touches(Contacts.single(TIME, estimate))), truth))
     assert tiles == {
         "samples": "1,000",
         "answered": "100.0 %",
@@ -85,13 +81,13 @@ def test_touches_are_compared_with_their_marks() -> None:
     rows = _rows()
     rows[:, ROW.point] = [3e-3, 0.0, 0.0]
     truth = Touches(np.array([1.0, 5.0]), np.array([2.0, 6.0]), np.zeros((2, 3)), ("one", "two"))
-    found = _section(_run(rows, truth=truth), "Against the truth")
+    found = _section(judged(_run(rows), truth), "Against the ground truth")
     assert len(found.pictures) == 2
     assert found.tables[0].rows[0][1:] == ("3.000", "3.000", "3.000", "3.000", "2")
 
 
 def test_a_truth_of_another_time_is_said() -> None:
-    found = _section(_run(truth=Samples(TIME + 1e6, TRUTH)), "Against the truth")
+    found = _section(judged(_run(), Samples(TIME + 1e6, TRUTH)), "Against the ground truth")
     assert "No sample matches" in found.text[0]
 
 
@@ -109,25 +105,77 @@ def test_a_log_of_one_status_makes_a_page_that_explains_it(kind: Status, tmp_pat
 
 
 def test_advice_follows_from_what_is_missing() -> None:
-    said = " ".join(_advice(RIG))
+    said = " ".join(wrench_advice(RIG, payload=False, filtered=False, radius=2e-3))
     assert "Identify the payload" in said
     assert "Calibrate the mounting" in said
-    assert "no filter is in force" in said  # the ellipses are 2.4 mm
+    assert "no filter is in force" in said
     covariance = tuple(tuple(row) for row in (1e-6 * np.eye(6)).tolist())
-    better = replace(
-        RIG,
-        surface=replace(RIG.surface, pose_covariance=covariance),
-        filter=RigFilter(kind="butterworth", cutoff=5.0),
-    )
-    assert _advice(better) == ("Nothing stands out: models are calibrated, and the samples are answered.",)
-    assert "5 Hz" in dict(_section(_run(rig=better), "Settings in force").facts)["filter"]
+    better = replace(RIG, surface=replace(RIG.surface, pose_covariance=covariance))
+    assert wrench_advice(better, payload=True, filtered=True, radius=2e-3) == ()
+    assert judged(_run()).advice == ("Nothing stands out: models are calibrated, and the samples are answered.",)
+
+
+def test_settings_are_those_of_the_rig() -> None:
+    noise = np.diag([0.02**2] * 3 + [0.001**2] * 3)
+    locator = Locator(RIG.surface.load(Path()), noise=noise, on=0.5, off=0.3)
+    facts = dict(wrench_settings(RIG, locator, noise, "butterworth, 5 Hz"))
+    assert facts["method"] == "soft_finger"
+    assert facts["a contact"] == "begins at 0.5 N, ends at 0.3 N"
+    assert facts["noise of a reading"].startswith("0.02 N and 0.001 N m")
+    assert facts["filter"] == "butterworth, 5 Hz"
+    assert wrench_method(RIG, payload=False).endswith("located on a plane by the soft finger method")
+    models = dict(force_torque(RIG, None, Pose.identity()).facts)
+    assert models["payload"].startswith("none")
+    assert models["mounting"] == "(0.00, 0.00, 0.00) mm, not calibrated"
+
+
+def test_load_cells_say_which_are_left_out_and_what_is_wrong() -> None:
+    cells = nominal_cells(LAYOUTS[4], 10.0, 1e-4)
+    found = load_cells(cells, left_out=(3,), said=("zero from the first 2 s",), faults=("cell 3 is dead",))
+    assert dict(found.facts)["left out"] == "cell 3"
+    assert dict(found.facts)["noise"].startswith("0.1 mV")
+    assert found.points[:2] == ("zero from the first 2 s", "cell 3 is dead")
+
+
+def _two_at_once() -> Contacts:
+    """10 samples, each with a contact at the truth and a stronger one 20 mm beside it."""
+    rows = np.zeros((20, ROW.length))
+    rows[1::2, ROW.point] = [0.02, 0.0, 0.0]
+    rows[:, ROW.normal] = [0.0, 0.0, 1.0]
+    rows[:, ROW.force] = np.where(np.arange(20)[:, None] % 2, [0.0, 0.0, -2.0], [0.0, 0.0, -1.0])
+    rows[:, ROW.covariance] = np.diag([1e-6, 1e-6, 0.0]).reshape(-1)
+    sample, identity = np.repeat(np.arange(10), 2), np.tile([1, 2], 10)
+    features = {"row": np.tile([1.0, 2.0], 10), "column": np.tile([3.0, 4.0], 10), "area": np.full(20, 2e-4)}
+    return Contacts(sample, sample / 10, identity, ContactEstimate.from_rows(rows), features)
+
+
+def test_of_two_contacts_at_once_the_one_at_the_truth_is_judged() -> None:
+    kept = Downsample()
+    kept.add(_two_at_once())
+    run = judged(Run("log.csv", "contacts.csv", "", kept), Samples(np.arange(10) / 10, np.zeros((10, 3))))
+    tiles = _tiles(run)
+    assert tiles["location error"] == "0.00 mm"
+    assert (tiles["samples"], tiles["contacts at once"], tiles["peak force"]) == ("10", "2", "2 N")
+    touches = find_touches(_two_at_once())
+    table = _section(replace(run, touches=touches), "Touches").tables[0]
+    assert table.header[:2] == ("touch", "contact")
+    assert table.header[-1] == "area [cm²]"
+    assert [row[1] for row in table.rows] == ["1", "2"]
+    assert [row[-1] for row in table.rows] == ["2", "2"]
+
+
+def test_taxels_show_contacts_on_the_unrolled_sheet_where_there_is_one() -> None:
+    found = taxels(_two_at_once(), (("dead", "cell (0, 1)"),), (6, 22), ("a note",))
+    assert len(found.pictures) == 1
+    assert (found.facts, found.points) == ((("dead", "cell (0, 1)"),), ("a note",))
+    assert taxels(_two_at_once(), ()).pictures == ()
 
 
 @pytest.mark.parametrize("kind", [Status.NO_POSE, Status.SATURATED, Status.INVALID, Status.OFF_SURFACE])
 def test_advice_follows_from_what_went_wrong(kind: Status) -> None:
     counts = np.zeros(len(Status), dtype=np.int64)
     counts[[Status.CONTACT, kind]] = 900, 100
-    said = advice(RIG, build(RIG), counts, None, 0.0)
+    said = status_advice(counts)
     assert any(sentence.startswith("10.0 % of the") and kind.label in sentence for sentence in said)
 
 

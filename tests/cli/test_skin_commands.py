@@ -9,7 +9,8 @@ import pytest
 
 from palpate.cli import main
 from palpate.io.contacts import read_contacts
-from palpate.io.intensity import read_intensity
+from palpate.io.models import read_model
+from palpate.sensors.intensity import Intensity
 from palpate.simulation.skin_session import SkinSession, simulate_protocol, write_skin_session
 
 
@@ -30,16 +31,15 @@ def test_touches_are_found_and_named(session: tuple[Path, SkinSession]) -> None:
     folder, made = session
     found = read_contacts(folder / "contacts.csv")
     assert len(np.unique(found.sample)) == len(made.frames)
-    assert found.cell is not None
-    held = np.isfinite(found.cell[:, 0])
-    assert len(np.unique(found.contact[held])) == 6
+    held = np.isfinite(found.features["row"])
+    assert len(np.unique(found.identity[held])) == 6
     for start, end, point, force in zip(made.start, made.end, made.point, made.force, strict=True):
         rows = held & (found.time >= start) & (found.time <= end)
         off = np.median(found.estimate.point[rows], axis=0) - point
         assert np.linalg.norm(off) < 1.2e-3
         sizes = np.linalg.norm(found.estimate.force[rows], axis=1)
         assert np.median(sizes) == pytest.approx(np.linalg.norm(force), rel=0.1)
-    assert read_intensity(folder / "intensity.toml").numbers(6, 22).max() == 132
+    assert read_model(folder / "intensity.toml", Intensity).numbers((6, 22)).max() == 132
     assert 'sensor = "skin"' in (folder / "contacts.csv.toml").read_text()
 
 
@@ -80,10 +80,9 @@ def test_what_cannot_be_meant_is_refused_with_a_sentence(
     for command, said in (
         (["estimate", "skin_log.csv", "--rig", "other.toml", "-o", "x.csv"], "says 5 x 22"),
         (["estimate", "short.csv", "--rig", "rig.toml", "-o", "x.csv"], "132 cells"),
-        (["estimate", "skin_log.csv", "--rig", "rig.toml", "-o", "x.csv", "--tare", "1"], "this rig has a [skin]"),
         (["evaluate", "contacts.csv", "wrench.csv"], "Add --rig"),
         (["evaluate", "contacts.csv", "wand.csv", "--rig", "rig.toml"], "Add --wand"),
-        (["evaluate", "contacts.csv", "truth.csv", "-o", "r.html"], "for a taxel sheet against a wrench"),
+        (["evaluate", "contacts.csv", "truth.csv", "-o", "r.html"], "against a wrench or a wand"),
         (["calibrate", "intensity", "flat.csv", "-o", "x.toml"], "same force"),
         (["calibrate", "intensity", "wrench.csv", "-o", "x.toml"], "no column 'force'"),
         (["calibrate", "intensity", "load_cell_log.csv", "-o", "x.toml", "--sheet", "6by22"], "no size"),
@@ -102,7 +101,7 @@ def test_a_resistive_taxel_is_calibrated_as_a_divider(tmp_path: Path, capsys: py
     assert main(command) == 1
     assert "--scale" in capsys.readouterr().err
     assert main([*command, "--scale", "1024", "--reference", "10"]) == 0
-    curve = read_intensity(tmp_path / "i.toml").curves[0]
+    curve = read_model(tmp_path / "i.toml", Intensity).curves[0]
     np.testing.assert_allclose(curve.parameters, [20.0, 0.5], rtol=1e-3)
     assert curve.falling
 

@@ -52,7 +52,7 @@ def test_a_log_is_estimated_and_its_contacts_are_shown_as_they_are(made: Path, s
     """The same contacts by three ways; those in the sensor's frame come back by the mount, to rounding."""
     for name in ("touches.csv", "surface.csv", "sensor.csv"):
         assert main(["view", str(made / name), "--rig", str(made / "rig.toml")]) == 0
-    log, surface, sensor = (scene.estimate for scene in shown)
+    log, surface, sensor = (scene.contacts for scene in shown)
     assert np.array_equal(log.point, read_contacts(made / "surface.csv").estimate.point, equal_nan=True)
     assert np.array_equal(log.point, surface.point, equal_nan=True)
     assert sensor.point == pytest.approx(log.point, abs=1e-12, nan_ok=True)

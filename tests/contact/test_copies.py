@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from laws.bodies import R
 
 from palpate.contact import Locator
 from palpate.sensors import ForceTorque, Payload
@@ -22,6 +21,7 @@ from palpate.spatial.wrench import Wrench
 from palpate.surfaces import Cylinder, Ellipsoid, EllipticCylinder, ImplicitSurface, Mesh, Paraboloid, Sphere, plane
 from palpate.surfaces import superquadric as make_superquadric
 from palpate.surfaces.bspline import BSplineSurface, open_knots
+from tests.support.bodies import R
 
 WRENCHES = np.array([[0.5, 0, -5, 1e-3, 0, 0], [0, 0, 0, 0, 0, 0], [0, 0.2, -3, 0, 1e-3, 0]])
 POSE = Pose.from_rotation_vector((0.3, -0.2, 0.1), (0.01, 0.02, 0.03))

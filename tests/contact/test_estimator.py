@@ -6,14 +6,16 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from laws.bodies import BODIES, R, on_mesh
 
-from palpate.contact import ContactEstimate, Estimator, Locator, Status
+from palpate.contact import Locator, Status, WrenchEstimator
+from palpate.contact.contacts import Contacts
 from palpate.errors import InputError
 from palpate.sensors import ForceTorque, Payload, Recording
+from palpate.sensors.compensation import Compensation
 from palpate.sensors.recording import FORCE, ORIENTATION, TORQUE
 from palpate.simulation.contacts import touch_wrenches
 from palpate.spatial.pose import Pose, rotation_from_quaternion
+from tests.support.bodies import BODIES, R, on_mesh
 
 NOISE = np.array([0.02] * 3 + [5e-4] * 3)
 MESH = BODIES["ellipsoid"].mesh
@@ -62,12 +64,12 @@ def session(count: int = 80) -> Session:
     return Session(points, contact, np.concatenate([force, torque], axis=1), quaternions)
 
 
-def estimator(sensor: ForceTorque, **options: object) -> Estimator:
+def estimator(sensor: ForceTorque, payload: Payload | None = PAYLOAD, **options: object) -> WrenchEstimator:
     locator = Locator(MESH, noise=NOISE, friction=2.0, torsion=0.05)
-    return Estimator(locator, sensor, **({"payload": PAYLOAD, "mount": MOUNT} | options))
+    return WrenchEstimator(locator, Compensation(sensor, payload), **({"mount": MOUNT} | options))
 
 
-def assert_found(answer: ContactEstimate, made: Session, which: np.ndarray | None = None) -> None:
+def assert_found(answer: Contacts, made: Session, which: np.ndarray | None = None) -> None:
     """To 1e-9 m: 20 N of payload rounded off 2 N of contact on an arm of 0.1 m is 1e-16 m."""
     which = np.ones(len(made.points), dtype=bool) if which is None else which
     assert answer.answered[which].all()

@@ -1,16 +1,25 @@
-"""Touches are the stretches in which something was answered, whatever the blocks in which it comes."""
+"""Touches are the stretches in which a contact was answered, whatever the blocks in which it comes."""
 
 from __future__ import annotations
 
+import copy
+import pickle
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import ContactEstimate, Status
-from palpate.contact.events import Events, TouchFinder, find_touches
+from palpate.contact.events import Events, TouchFinder
+from palpate.contact.events import find_touches as find
 
 RATE = 1000.0
+
+
+def find_touches(time: np.ndarray, estimate: ContactEstimate, **settings: float) -> Events:
+    """Of a sensor with one contact at a time."""
+    return find(Contacts.single(time, estimate), **settings)
 
 
 def _estimate(status: np.ndarray, point: np.ndarray, force: np.ndarray, sigma: float = 1e-3) -> ContactEstimate:
@@ -50,9 +59,11 @@ def _session() -> tuple[np.ndarray, ContactEstimate]:
 
 
 def _assert_close(found: Events, known: Events) -> None:
-    for name, value in vars(known).items():
+    pairs = [(name, getattr(found, name), value) for name, value in vars(known).items() if name != "features"]
+    pairs += [(name, found.features[name], value) for name, value in known.features.items()]
+    for name, one, other in pairs:
         # sums in another order
-        np.testing.assert_allclose(getattr(found, name), value, rtol=1e-12, atol=1e-15, err_msg=name)
+        np.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-15, err_msg=name)
 
 
 def test_what_the_touches_were() -> None:
@@ -85,7 +96,7 @@ def test_blocks_do_not_matter(block: int) -> None:
         time, estimate = time[250:600], estimate[250:600]
     finder = TouchFinder()
     for start in range(0, len(time), block):
-        finder.add(time[start : start + block], estimate[start : start + block])
+        finder.add(Contacts.single(time[start : start + block], estimate[start : start + block], start))
     _assert_close(finder.touches(), find_touches(time, estimate))
 
 
@@ -142,9 +153,11 @@ def test_without_contact_there_are_no_touches(count: int) -> None:
 
 def test_values_are_frozen() -> None:
     found = find_touches(*_session())
-    for name in vars(found):
+    for name in vars(found).keys() - {"features"}:
         with pytest.raises(ValueError, match="read-only"):
             getattr(found, name)[0] = 0
+    with pytest.raises(ValueError, match="read-only"):
+        find(_two_at_once()).features["row"][0] = 0
 
 
 def test_numbers_that_no_contact_has_are_left_out() -> None:
@@ -159,3 +172,70 @@ def test_numbers_that_no_contact_has_are_left_out() -> None:
     assert found.samples.sum() == known.samples.sum() - 2
     for name in ("point", "peak_force", "covariance"):  # one sample of hundreds cannot move a mean of them far
         assert np.allclose(getattr(found, name), getattr(known, name), rtol=0.05, atol=1e-4)
+
+
+def _two_at_once() -> Contacts:
+    """Two touches at once, of 1 N and 2 N, 0.1 to 0.5 s and 0.2 to 0.6 s, with the row of a sheet that each is felt in.
+
+    The second is felt in row 3, then 5, for as long each; a sample without a contact has a row that says so.
+    """
+    rows: list[tuple[int, int, float, list[float], float]] = []
+    for k in range(1000):
+        first, second = 100 <= k < 500, 200 <= k < 600
+        if first:
+            rows.append((k, 7, 1.0, [0.01, 0.0, 0.0], 1.0))
+        if second:
+            rows.append((k, 9, 2.0, [0.0, 0.02, 0.0], 3.0 if k < 400 else 5.0))
+        if not (first or second):
+            rows.append((k, 0, 0.0, [np.nan] * 3, np.nan))
+    sample, identity, force, point, row = (np.array(column) for column in zip(*rows, strict=True))
+    estimate = _estimate(np.where(force > 0, Status.CONTACT, Status.NO_CONTACT), point, force)
+    return Contacts(sample, sample / RATE, identity, estimate, {"row": row, "never": np.full(len(row), np.nan)})
+
+
+def test_two_touches_at_once_are_two_events() -> None:
+    found = find(_two_at_once())
+    assert found.identity.tolist() == [7, 9]
+    np.testing.assert_allclose(found.start, [0.1, 0.2])
+    np.testing.assert_allclose(found.end, [0.499, 0.599])
+    np.testing.assert_allclose(found.point, [[0.01, 0.0, 0.0], [0.0, 0.02, 0.0]], atol=1e-15)
+    assert found.peak_force.tolist() == [1.0, 2.0]
+    assert found.samples.tolist() == [400, 400]
+    np.testing.assert_allclose(found.slid, 0.0, atol=1e-15)
+
+
+def test_a_feature_is_the_mean_over_the_touch() -> None:
+    features = find(_two_at_once()).features
+    np.testing.assert_allclose(features["row"], [1.0, 4.0])
+    assert np.isnan(features["never"]).all()
+
+
+@pytest.mark.parametrize("block", [1, 17, 400])
+def test_blocks_do_not_matter_for_several_either(block: int) -> None:
+    """Nor that the blocks of the first 0.3 s do not have a feature, which is no number then."""
+    contacts = _two_at_once()
+    known = {**contacts.features, "row": np.where(contacts.time < 0.3, np.nan, contacts.features["row"])}
+    finder = TouchFinder()
+    for early in (True, False):
+        part = contacts[(contacts.time < 0.3) == early]
+        part = replace(part, features={"never": part.features["never"]}) if early else part
+        for start in range(0, len(part), block):
+            finder.add(part[start : start + block])
+    _assert_close(finder.touches(), find(replace(contacts, features=known)))
+
+
+def test_the_touches_of_each_identity_are_those_that_it_has_alone() -> None:
+    contacts = _two_at_once()
+    together = find(contacts)
+    for k, identity in enumerate((7, 9)):
+        alone = find(contacts[contacts.identity == identity])
+        for name in ("start", "end", "point", "covariance", "mean_force", "samples", "slid"):
+            np.testing.assert_array_equal(getattr(alone, name)[0], getattr(together, name)[k])
+
+
+def test_touches_are_pickled_and_copied() -> None:
+    found = find(_two_at_once())
+    for again in (pickle.loads(pickle.dumps(found)), copy.deepcopy(found)):
+        _assert_close(again, found)
+        assert not again.start.flags.writeable
+        assert not again.features["row"].flags.writeable

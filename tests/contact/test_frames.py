@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from laws.bodies import BODIES, R, on_mesh
 
 from palpate.contact import Locator
 from palpate.contact.frames import in_frame
 from palpate.simulation.contacts import touch_wrenches
 from palpate.spatial.pose import Pose
+from tests.support.bodies import BODIES, R, on_mesh
 
 
 def test_moving_the_answer_is_moving_the_question() -> None:

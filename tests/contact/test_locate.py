@@ -6,7 +6,6 @@ import functools
 
 import numpy as np
 import pytest
-from laws.bodies import BODIES, PLACE, R, box, on_mesh, pressing
 from scipy.stats import chi2
 
 from palpate.contact import ROW, ContactEstimate, Locator, Status, locate
@@ -15,6 +14,7 @@ from palpate.simulation.contacts import touch_wrenches
 from palpate.spatial.pose import Pose
 from palpate.spatial.wrench import Wrench
 from palpate.surfaces import Mesh
+from tests.support.bodies import BODIES, PLACE, R, box, on_mesh, pressing
 
 NOISE = np.array([0.02] * 3 + [5e-4] * 3)
 UP = np.array([0.0, 0, 1])

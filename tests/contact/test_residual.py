@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from laws.bodies import BODIES, PLACE, R
 from scipy.optimize import minimize
 
 from palpate.contact import Locator, Status
 from palpate.simulation.contacts import touch_wrenches
 from palpate.simulation.shapes import Ellipsoid
 from palpate.surfaces import Mesh, plane
+from tests.support.bodies import BODIES, PLACE, R
 
 BODY = Ellipsoid((R, 0.7 * R, 0.5 * R))
 NOISE = np.array([0.02] * 3 + [5e-4] * 3)

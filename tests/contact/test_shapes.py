@@ -15,7 +15,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from laws.bodies import BODIES, R
 
 from palpate.calibration import identify_payload
 from palpate.contact import ContactEstimate, Locator, _kernel, locate
@@ -24,6 +23,7 @@ from palpate.simulation.shapes import Ellipsoid
 from palpate.spatial.wrench import Wrench
 from palpate.surfaces import Cylinder, Mesh, _bspline, _bvh, _equation, _nearest, plane, superquadric
 from palpate.surfaces.bspline import BSplineSurface, open_knots
+from tests.support.bodies import BODIES, R
 
 ANY = None
 KERNELS = (

@@ -1,4 +1,4 @@
-"""The Estimator as a stream: the same answers however it is fed, filters as they say, honest ellipses, tare."""
+"""The estimator as a stream: the same answers however it is fed, filters as they say, honest ellipses, tare."""
 
 from __future__ import annotations
 
@@ -7,15 +7,16 @@ from dataclasses import fields
 
 import numpy as np
 import pytest
-from laws.bodies import BODIES
 
-from palpate.contact import ContactEstimate, Estimator, Locator, Status
+from palpate.contact import ContactEstimate, Locator, Status, WrenchEstimator
 from palpate.errors import InputError
 from palpate.sensors import Butterworth, ForceTorque, Kalman, Payload, Recording
+from palpate.sensors.compensation import Compensation
 from palpate.sensors.filters import Filter
 from palpate.sensors.recording import ACCELERATION, FORCE, ORIENTATION, TORQUE, UNSTEADY
 from palpate.spatial.pose import Pose, rotation_from_quaternion, skew
 from palpate.surfaces import plane
+from tests.support.bodies import BODIES
 
 RATE = 200.0
 NOISE = np.array([0.02] * 3 + [5e-4] * 3)
@@ -37,11 +38,11 @@ PARTS = ("weight", "force_bias", "center_of_mass", "torque_bias")
 
 def estimator(
     made: Filter | None = None, sensor: ForceTorque | None = None, payload: Payload | None = PAYLOAD
-) -> Estimator:
+) -> WrenchEstimator:
     """On a body with more than one candidate, so that the last contact counts."""
     sensor = ForceTorque(NOISE, limits=[60.0] * 3 + [5.0] * 3) if sensor is None else sensor
     locator = Locator(BODIES["ellipsoid"].mesh, noise=NOISE, friction=2.0, torsion=0.05, on=1.0, off=0.5)
-    return Estimator(locator, sensor, payload, MOUNT, CALIBRATED, made, RATE)
+    return WrenchEstimator(locator, Compensation(sensor, payload), MOUNT, CALIBRATED, made, RATE)
 
 
 def hard_log(count: int = 500, base: bool = False) -> Recording:
@@ -90,10 +91,10 @@ def assert_same(parts: list[ContactEstimate], whole: ContactEstimate) -> None:
 def streamed(made: Filter | None, recording: Recording, size: int, base: bool) -> list[ContactEstimate]:
     sensor = ForceTorque(NOISE, frame="base") if base else None
     chain, pieces = estimator(made, sensor), list(blocks(recording, size))
-    answers = list(chain.stream(pieces))
+    answers = list(chain.pairs(pieces))
     assert [id(block) for block, _ in answers] == [id(block) for block in pieces]  # in order, row for row
     assert [len(answer.status) for _, answer in answers] == [len(block) for block in pieces]
-    return [answer for _, answer in answers]
+    return [answer.estimate for _, answer in answers]
 
 
 @pytest.mark.parametrize("base", [False, True])
@@ -124,30 +125,30 @@ def test_sample_by_sample_is_the_block_to_the_last_bit(made: Filter | None) -> N
     turn = rotation_from_quaternion(recording.channels[ORIENTATION])
     readings = np.concatenate([channels[FORCE], channels[TORQUE]], axis=1)
     chain = estimator(made)
-    whole = chain.run(recording)
+    whole = chain.run(recording).estimate
     chain.reset()
     samples = list(zip(recording.time, readings, turn, channels[ACCELERATION], strict=True))
-    assert_same([chain.update(*sample) for sample in samples], whole)
+    assert_same([chain.update(*sample).estimate for sample in samples], whole)
     chain.reset()
     rows = Locator.empty(len(recording))
-    for row, sample in zip(rows, samples, strict=True):
-        chain.update_into(row, *sample)
+    for row, (time, reading, rotation, acceleration) in zip(rows, samples, strict=True):
+        assert chain.update_into(time, reading, row, rotation, acceleration) == 1
     assert_same([ContactEstimate.from_rows(rows)], whole)
 
 
 def test_update_takes_what_a_caller_has() -> None:
     """Lists, frozen values, columns of something larger, and no rotation where nothing turns."""
     chain, reading = estimator(payload=None), np.array([0.5, 0.2, -3.0, 0.0, 0.1, 0.0])
-    first = chain.update(0.0, reading)
+    first = chain.update(0.0, reading).estimate
     table = np.repeat(reading[:, None], 3, axis=1)
     frozen = reading.copy()
     frozen.flags.writeable = False
     for form in (reading.tolist(), frozen, table[:, 1]):
         chain.reset()
-        assert_same([chain.update(1.0, form, np.asfortranarray(np.eye(3)))], first)
+        assert_same([chain.update(1.0, form, np.asfortranarray(np.eye(3))).estimate], first)
     with pytest.raises(InputError, match="orientation of the sensor: the payload's weight"):
         estimator().update(0.0, reading)
-    assert estimator().update(0.0, reading, np.full((3, 3), np.nan)).status == Status.NO_POSE
+    assert estimator().update(0.0, reading, np.full((3, 3), np.nan)).status[0] == Status.NO_POSE
 
 
 def test_the_chain_is_the_payloads_own_formula() -> None:
@@ -183,7 +184,7 @@ def test_measured_gain_and_delay_of_a_sine_are_the_formulas(made: Filter, freque
     time = np.arange(2 * count) / RATE
     for wave in (0.99 * frequency, 1.01 * frequency):
         sine = np.sin(2 * np.pi * wave * time)[:, None] * np.array([0.0, 0.0, 1.0])
-        chain = Estimator(Locator(FLAT), ForceTorque(), filter=made, rate=RATE)
+        chain = WrenchEstimator(Locator(FLAT), ForceTorque(), filter=made, rate=RATE)
         force = chain.run(Recording(time, {FORCE: sine, TORQUE: np.zeros_like(sine)})).force[count:, 2]
         basis = np.exp(-2j * np.pi * wave * time[count:])
         design = np.stack([basis.real, -basis.imag], axis=1)  # cos and sin, by least squares
@@ -198,9 +199,9 @@ def test_measured_gain_and_delay_of_a_sine_are_the_formulas(made: Filter, freque
 def test_zero_phase_keeps_a_sine_in_step() -> None:
     made, time = Butterworth(8.0, zero_phase=True), np.arange(3000) / RATE
     sine = np.sin(2 * np.pi * 6.0 * time)[:, None] * np.array([0.0, 0.0, 1.0])
-    chain = Estimator(Locator(FLAT), ForceTorque(), filter=made, rate=RATE)
+    chain = WrenchEstimator(Locator(FLAT), ForceTorque(), filter=made, rate=RATE)
     recording = Recording(time, {FORCE: sine, TORQUE: np.zeros_like(sine)})
-    force = np.concatenate([answer.force for _, answer in chain.stream(blocks(recording, 100))])
+    force = np.concatenate([answer.force for answer in chain.stream(blocks(recording, 100))])
     inner = slice(500, 2500)
     assert np.abs(force[inner, 2] - float(made.gain(6.0, RATE)) * sine[inner, 2]).max() < 1e-6
 
@@ -219,9 +220,9 @@ def test_ellipses_hold_95_per_cent_after_the_filter(made: Filter | None) -> None
     readings = (truth + NOISE * rng.normal(size=truth.shape)).reshape(-1, 6)
     truth = truth.reshape(-1, 6)
     time = np.arange(runs * count) / RATE + np.repeat(np.arange(runs), count)  # a second apart: afresh each time
-    chain = Estimator(Locator(FLAT, noise=NOISE, on=0.1), ForceTorque(NOISE), filter=made, rate=RATE)
+    chain = WrenchEstimator(Locator(FLAT, noise=NOISE, on=0.1), ForceTorque(NOISE), filter=made, rate=RATE)
     recording = Recording(time, {FORCE: readings[:, :3], TORQUE: readings[:, 3:]})
-    ((_, answer),) = chain.stream([recording])
+    (answer,) = chain.stream([recording])
     point = np.stack([-truth[:, 4], truth[:, 3]], axis=1) / truth[:, 2:3]  # where M = p x F on z = 0
     off, spread = answer.point[:, :2] - point, answer.covariance[:, :2, :2]
     held = np.einsum("ni,nij,nj->n", off, np.linalg.inv(spread), off) < 5.991464547107979
@@ -269,7 +270,7 @@ def load(off: np.ndarray, turn: np.ndarray) -> np.ndarray:
 def test_after_a_tare_the_covariance_is_what_dice_over_payloads_say() -> None:
     """The window read with one payload error, a later pose with the same; 3000 draws tell a variance to 3 %: four."""
     rng = np.random.default_rng(4)
-    chain = Estimator(estimator().locator, ForceTorque(NOISE), PAYLOAD)
+    chain = WrenchEstimator(estimator().locator, Compensation(ForceTorque(NOISE), PAYLOAD))
     chain.tare(at_rest(DRIFT, count=40, still=False))
     later = Recording(
         np.zeros(1), {FORCE: np.zeros((1, 3)), TORQUE: np.zeros((1, 3)), ORIENTATION: np.array([[0.6, 0.5, -0.4, 0.2]])}
@@ -319,13 +320,13 @@ def test_a_tare_that_could_be_a_touch_says_so() -> None:
     """A press of 3 N through the middle of the body is one that the surface explains; a twist of 1 N m is not."""
     force = MOUNT.rotation @ np.array([0.0, 0.0, -3.0])
     touch = np.concatenate([force, np.cross(MOUNT.translation, force)])
-    assert "what a steady touch at" in estimator().tare(at_rest(touch)).doubt
+    assert "what a steady touch of 3 N at" in estimator().tare(at_rest(touch)).doubt
     assert not estimator().tare(at_rest(DRIFT + np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0]))).doubt
 
 
 def test_what_cannot_be_is_refused() -> None:
     with pytest.raises(InputError, match="rate"):
-        Estimator(Locator(FLAT), ForceTorque(), filter=Kalman())
+        WrenchEstimator(Locator(FLAT), ForceTorque(), filter=Kalman())
     with pytest.raises(InputError, match="half the rate of 200 Hz"):
         estimator(Butterworth(100.0))
     chain = estimator(FILTERS[3])

@@ -4,7 +4,22 @@ from __future__ import annotations
 
 import numpy as np
 
-from palpate.contact.track import Tracker
+from palpate.contact import _track
+
+
+class Tracker:
+    """The compiled tracker with its memory."""
+
+    def __init__(self, reach: float = 0.012, speed: float = 0.5, patience: float = 0.3) -> None:
+        self.limits = (reach, speed, patience)
+        self.tracks = np.full((_track.TRACKS, _track.TRACK), -1.0)
+        self.following = np.zeros(1, dtype=np.int64)
+
+    def follow(self, time: float, points: np.ndarray) -> np.ndarray:
+        """Identities of the contacts of one frame."""
+        found = np.zeros(64, dtype=np.int64)
+        _track.follow(time, points, len(points), self.tracks, self.following, *self.limits, found)
+        return found[: len(points)]
 
 
 def _place(x: float, y: float = 0.0) -> list[float]:

@@ -6,13 +6,14 @@ import functools
 
 import numpy as np
 import pytest
-from laws.bodies import PLACE, R, box, pressing
 
+from evidence.covariance import CHI2_95, squared_distance
 from palpate.contact import Locator
 from palpate.simulation.contacts import touch_wrenches
 from palpate.simulation.shapes import Ellipsoid
 from palpate.spatial.pose import Pose
 from palpate.surfaces import Mesh
+from tests.support.bodies import PLACE, R, box, pressing
 
 BODY = Ellipsoid((R, 0.7 * R, 0.5 * R))
 UNITS = np.array([np.outer(e, e) for e in np.eye(6)])
@@ -143,7 +144,6 @@ def test_coverage_of_the_95_percent_ellipse_and_the_mean_squared_distance(pitch:
     noisy = wrenches + rng.normal(size=wrenches.shape) * noise
     answer = Locator(ellipsoid(8000), friction=3.0, torsion=0.1, noise=noise).run(noisy, sequential=False)
     assert answer.answered.all()
-    off = answer.point - points - PLACE
-    squared = np.einsum("ni,nij,nj->n", off, np.linalg.pinv(answer.covariance, rcond=1e-9, hermitian=True), off)
-    assert abs(np.mean(squared < 5.991) - 0.95) < 0.015
+    squared = squared_distance(answer, points + PLACE)
+    assert abs(np.mean(squared < CHI2_95) - 0.95) < 0.015
     assert abs(np.minimum(squared, 20).mean() - 2) < 0.14

@@ -8,7 +8,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from logs_written import (
+from mcap.writer import CompressionType
+from rosbags.rosbag2 import StoragePlugin
+
+from evidence.logs_written import (
     POSE,
     WRENCH,
     Session,
@@ -19,11 +22,8 @@ from logs_written import (
     write_ros1,
     write_ros2,
 )
-from mcap.writer import CompressionType
-from rosbags.rosbag2 import StoragePlugin
-
 from palpate.errors import InputError
-from palpate.io.logs import open_log, read_recording, topics
+from palpate.io.logs import contents, open_log, read_recording
 from palpate.io.logs.layout import Layout
 from palpate.sensors.recording import FORCE, ORIENTATION, POSITION, TORQUE
 
@@ -69,12 +69,13 @@ def test_units_and_axes_apply_to_every_format(tmp_path: Path, name: str) -> None
 def test_topics_are_listed_with_type_and_count(tmp_path: Path, name: str) -> None:
     FORMATS[name](tmp_path / name, session(7))
     stamped = [(WRENCH, "geometry_msgs/WrenchStamped", 7), (POSE, "geometry_msgs/PoseStamped", 7)]
-    assert sorted(topics(tmp_path / name)) == sorted(stamped)
+    found = contents(tmp_path / name).topics
+    assert sorted((topic.name, topic.kind, topic.count) for topic in found) == sorted(stamped)
 
 
 def test_a_log_of_columns_has_no_topics(tmp_path: Path) -> None:
     write_csv(tmp_path / "log.csv", session(3))
-    assert topics(tmp_path / "log.csv") == []
+    assert contents(tmp_path / "log.csv").topics == ()
 
 
 def test_a_recorder_that_was_killed_leaves_a_folder_that_is_read(tmp_path: Path) -> None:

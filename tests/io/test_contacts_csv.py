@@ -7,12 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from palpate.contact.estimate import ContactEstimate, Status
-from palpate.contact.truth import Samples, Touches
+from palpate.contact import ContactEstimate, Contacts, Status
+from palpate.contact.ground_truth import Samples, Touches
+from palpate.contact.table import COLUMNS
 from palpate.errors import InputError
 from palpate.io.atomic import replacing
-from palpate.io.contacts import COLUMNS, read_contacts, write_contacts
-from palpate.io.truth import read_touches, read_truth
+from palpate.io.contacts import read_contacts, write_contacts
+from palpate.io.ground_truth import read_ground_truth, read_touches
 
 HEADER = (
     "sample,time,contact,status,px,py,pz,nx,ny,nz,fx,fy,fz,torque,var_xx,var_xy,var_xz,var_yy,var_yz,var_zz,candidates"
@@ -47,7 +48,7 @@ def test_the_header_is_the_one_that_was_agreed() -> None:
 
 def test_what_is_written_reads_back_to_the_last_bit(tmp_path: Path) -> None:
     time, estimate = _estimate(2000, seed=1)
-    write_contacts(tmp_path / "contacts.csv", time, estimate)
+    write_contacts(tmp_path / "contacts.csv", Contacts.single(time, estimate))
     back = read_contacts(tmp_path / "contacts.csv")
     assert back.sample.tolist() == list(range(2000))
     assert np.array_equal(back.time, time)
@@ -67,7 +68,7 @@ def test_where_there_is_none_the_field_is_empty_and_status_is_lower_case(tmp_pat
         np.zeros(1, dtype=np.int64),
         np.array([Status.NO_POSE], dtype=np.int8),
     )
-    write_contacts(tmp_path / "contacts.csv", np.array([0.5]), estimate)
+    write_contacts(tmp_path / "contacts.csv", Contacts.single(np.array([0.5]), estimate))
     lines = (tmp_path / "contacts.csv").read_text().splitlines()
     assert lines == [HEADER, "0,0.5,0,no_pose" + "," * 17 + "0"]
 
@@ -109,12 +110,12 @@ def test_other_files_are_refused(tmp_path: Path, text: str, word: str) -> None:
 def test_truth_at_instants_with_and_without_what_is_optional(tmp_path: Path) -> None:
     path = tmp_path / "truth.csv"
     path.write_text("time,px,py,pz\n0,1,2,3\n")
-    truth = read_truth(path)
+    truth = read_ground_truth(path)
     assert isinstance(truth, Samples)
     assert truth.normal is None
     assert truth.force is None
     path.write_text("time,px,py,pz,nx,ny,nz,fx,fy,fz\n0,1,2,3,0,0,1,4,5,6\n")
-    truth = read_truth(path)
+    truth = read_ground_truth(path)
     assert isinstance(truth, Samples)
     assert truth.point.tolist() == [[1, 2, 3]]
     assert truth.normal is not None
@@ -126,7 +127,7 @@ def test_truth_at_instants_with_and_without_what_is_optional(tmp_path: Path) -> 
 def test_truth_touch_by_touch(tmp_path: Path) -> None:
     path = tmp_path / "truth.csv"
     path.write_text("start,end,px,py,pz,label\n0,1,1,2,3,tip\n2,3,4,5,6,\n")
-    truth = read_truth(path)
+    truth = read_ground_truth(path)
     assert isinstance(truth, Touches)
     assert truth.label == ("tip", "2")
     assert truth.end.tolist() == [1, 3]
@@ -143,7 +144,7 @@ def test_truth_touch_by_touch(tmp_path: Path) -> None:
 def test_a_truth_that_is_none_is_refused(tmp_path: Path, text: str, word: str) -> None:
     (tmp_path / "truth.csv").write_text(text)
     with pytest.raises(InputError, match=word):
-        read_truth(tmp_path / "truth.csv")
+        read_ground_truth(tmp_path / "truth.csv")
 
 
 def test_touches_ask_for_touches(tmp_path: Path) -> None:
@@ -185,4 +186,4 @@ def test_a_row_of_contacts_that_was_spoilt_is_named(tmp_path: Path, row: str, wo
 def test_a_row_of_truth_that_was_spoilt_is_named(tmp_path: Path, text: str, word: str) -> None:
     (tmp_path / "truth.csv").write_text(text)
     with pytest.raises(InputError, match=word):
-        read_truth(tmp_path / "truth.csv")
+        read_ground_truth(tmp_path / "truth.csv")

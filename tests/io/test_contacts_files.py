@@ -12,17 +12,11 @@ import polars as pl
 import pytest
 from scipy.spatial.transform import Rotation
 
-from palpate.contact.estimate import ContactEstimate, Status
+from palpate.contact import ContactEstimate, Contacts, Status
+from palpate.contact.table import COLUMNS
 from palpate.errors import InputError
 from palpate.io.atomic import part
-from palpate.io.contacts import (
-    COLUMNS,
-    Contacts,
-    open_contacts,
-    read_contacts,
-    unfinished,
-    write_contacts,
-)
+from palpate.io.contacts import open_contacts, read_contacts, unfinished, write_contacts
 from palpate.io.contacts.sinks import _Appended
 
 SUFFIXES = (".csv", ".parquet", ".mcap")
@@ -60,7 +54,7 @@ def _write(path: Path, contacts: Contacts, block: int, **options: str) -> None:
     with open_contacts(path, **options) as writer:
         for start in range(0, len(contacts), block):
             rows = contacts[start : start + block]
-            writer.write(rows.time, rows.estimate, sample=rows.sample, contact=rows.contact)
+            writer.write(rows)
 
 
 def _assert_same(found: Contacts, known: Contacts) -> None:
@@ -83,16 +77,16 @@ def test_what_is_written_in_blocks_reads_back_to_the_last_bit(tmp_path: Path, su
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
-def test_samples_are_counted_from_block_to_block_and_one_write_is_the_same(tmp_path: Path, suffix: str) -> None:
-    known = _contacts(30)
+def test_blocks_and_one_write_are_the_same(tmp_path: Path, suffix: str) -> None:
+    known = Contacts.single(_contacts(30).time, _contacts(30).estimate)
     with open_contacts(tmp_path / f"blocks{suffix}") as writer:
         for rows in (known[:0], known[:20], known[20:]):
-            writer.write(rows.time, rows.estimate)
-    write_contacts(tmp_path / f"once{suffix}", known.time, known.estimate)
+            writer.write(rows)
+    write_contacts(tmp_path / f"once{suffix}", known)
     for name in ("blocks", "once"):
         found = read_contacts(tmp_path / f"{name}{suffix}")
         assert found.sample.tolist() == list(range(30))
-        assert not found.contact.any()
+        assert not found.identity.any()
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
@@ -102,7 +96,7 @@ def test_output_is_untouched_until_the_end_and_part_is_readable_before(tmp_path:
     with open_contacts(path) as writer:
         for end in (100, 200, 300):
             rows = known[end - 100 : end]
-            writer.write(rows.time, rows.estimate, sample=rows.sample, contact=rows.contact)
+            writer.write(rows)
             _assert_same(read_contacts(part(path)), known[:end])
             assert path.read_text() == "old"
     _assert_same(read_contacts(path), known)
@@ -126,7 +120,7 @@ def test_a_row_that_was_edited_far_down_changes_nothing_else(tmp_path: Path) -> 
 def _raise_after(path: Path, contacts: Contacts, problem: BaseException) -> None:
     with open_contacts(path) as writer:
         if len(contacts):
-            writer.write(contacts.time, contacts.estimate, sample=contacts.sample, contact=contacts.contact)
+            writer.write(contacts)
         raise problem
 
 
@@ -188,7 +182,7 @@ def test_part_cut_anywhere_gives_every_whole_block_before_the_cut(tmp_path: Path
     with open_contacts(path) as writer:
         for start in range(0, 100, block):
             rows = known[start : start + block]
-            writer.write(rows.time, rows.estimate, sample=rows.sample, contact=rows.contact)
+            writer.write(rows)
             ends.append(part(path).stat().st_size)
         raw = part(path).read_bytes()
     cuts = np.random.default_rng(2).integers(ends[0], ends[-1], 60)
@@ -206,7 +200,7 @@ import sys
 from contextlib import ExitStack
 from pathlib import Path
 import numpy as np
-from palpate.contact.estimate import ContactEstimate
+from palpate.contact import ContactEstimate, Contacts
 from palpate.io.contacts import open_contacts
 n = 200
 three, one = np.arange(3.0 * n).reshape(n, 3) / 7, np.arange(n) / 7
@@ -216,7 +210,7 @@ with ExitStack() as stack:
         for writer in writers:
             estimate = ContactEstimate(three, three, three, one, np.full((n, 3, 3), np.nan), one, np.full(n, k),
                                        np.zeros(n, dtype=np.int8))
-            writer.write(one, estimate)
+            writer.write(Contacts.single(one, estimate, k * n))
         if k == 3:
             print("go", flush=True)
     sys.stdin.read()
@@ -372,7 +366,7 @@ def test_times_that_ros_cannot_say_are_kept_in_our_message(tmp_path: Path, time:
 
     known = _contacts(2)
     path = tmp_path / "contacts.mcap"
-    write_contacts(path, np.array(time), known.estimate)
+    write_contacts(path, Contacts.single(np.array(time), known.estimate))
     assert np.array_equal(read_contacts(path).time, time, equal_nan=True)
     with path.open("rb") as file:
         stamps = [message.log_time for _, _, message in make_reader(file, validate_crcs=True).iter_messages()]
@@ -412,7 +406,7 @@ def test_files_that_are_no_contacts_are_said(tmp_path: Path) -> None:
         read_contacts(tmp_path / "c.mcap")
     known = _contacts(5)
     frame = pl.DataFrame({"time": [1.0]})
-    write_contacts(tmp_path / "e.parquet", known.time, known.estimate)
+    write_contacts(tmp_path / "e.parquet", known)
     frame = pl.read_parquet(tmp_path / "e.parquet").with_columns(status=pl.lit("contct"))
     frame.write_parquet(tmp_path / "e.parquet")
     with pytest.raises(InputError, match="unknown status 'contct'"):

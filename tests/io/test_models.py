@@ -4,16 +4,25 @@ from __future__ import annotations
 
 import os
 import tomllib
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import tomlkit
 
+from palpate.contact.resolution import nominal_cells
 from palpate.errors import InputError
-from palpate.io.models import load_toml, provenance, read_payload, write_payload
-from palpate.io.strict import covariance_matrix
+from palpate.io.models import MODELS, load_toml, provenance, read_model, write_model
+from palpate.io.schema import covariance_matrix
 from palpate.sensors.force_torque import Payload
+from palpate.sensors.intensity import Curve, Intensity
+from palpate.sensors.load_cells import Indentation, LoadCells
+from palpate.sensors.skin_map import SkinMap
+from palpate.simulation.cell_array import LAYOUTS, random_cells
+from palpate.surfaces.bspline import BSplineSurface, open_knots
 
 
 def _payload(seed: int) -> Payload:
@@ -34,16 +43,155 @@ def _payload(seed: int) -> Payload:
     )
 
 
-@pytest.mark.parametrize("seed", range(5))
-def test_a_payload_reads_back_to_the_last_bit(tmp_path: Path, seed: int) -> None:
-    payload = _payload(seed)
-    write_payload(tmp_path / "payload.toml", payload)
-    back = read_payload(tmp_path / "payload.toml")
-    for name in ("weight", "force_bias", "center_of_mass", "torque_bias", "covariance", "residual"):
-        assert np.array_equal(getattr(back, name), getattr(payload, name)), name
-    for name in ("magnitude", "samples", "notes"):
-        assert getattr(back, name) == getattr(payload, name)
-    assert dict(back.provenance) == dict(payload.provenance)
+def _load_cells(seed: int) -> LoadCells:
+    """Four cells, the place of one and the range of a channel not known, on odd seeds with a soft layer."""
+    rng = np.random.default_rng(seed)
+    half = rng.normal(size=(36, 36)) * 1e-4
+    return LoadCells(
+        random_cells(LAYOUTS[4], rng).forward(),
+        1e-4 * (1 + rng.uniform(size=12)),
+        limits=np.concatenate([np.tile([-5.0, 5.0], (11, 1)), [[-np.inf, np.inf]]]),
+        covariance=half @ half.T,
+        positions=np.concatenate([LAYOUTS[4][:3], np.full((1, 3), np.nan)]),
+        indentation=Indentation(3.3e-4, 0.51, np.array([[1e-10, 0.0], [0.0, 1e-4]])) if seed % 2 else None,
+        bias=rng.normal(size=12) / 3,
+        drift=1 / 3,
+        misfit=1e-3 / 7,
+        correlation=5.1,
+        samples=1000,
+        provenance={"log": "bench.csv"},
+        notes=("a note",),
+    )
+
+
+def _intensity(seed: int) -> Intensity:
+    """Curves of two kinds; of seed 1 one for each of 2 x 2 cells, of seed 2 for each of 3 taxels."""
+    third = 1 / 3 + np.random.default_rng(seed).uniform()
+    strong = np.diag([1e-3, 2e-5, third])
+    curves = (
+        Curve("two_range", np.array([100.1, -3.3, 11.7]), strong, 18.0, np.inf, joint=0.3, residual=0.1),
+        Curve("monotone", np.array([third, 2.0]), np.eye(2) / 7, 2.0, knots=np.array([0.7, 2.0]), hysteresis=0.01),
+    )
+    which = {1: np.array([[0, 1], [1, 1]]), 2: np.array([0, 1, 1])}.get(seed)
+    return Intensity(curves, which, provenance={"a b.c": "x"}, notes=("n",))
+
+
+def _skin_map(seed: int) -> SkinMap:
+    """3 x 4 cells; on odd seeds with a spline and all that is known of it."""
+    rng = np.random.default_rng(seed)
+    centres = rng.normal(size=(3, 4, 3))
+    normals = centres / np.linalg.norm(centres, axis=-1, keepdims=True)
+    plain = SkinMap(centres, normals, rng.uniform(size=(3, 4)), (0.01, 0.011))
+    if not seed % 2:
+        return plain
+    control = np.moveaxis(np.stack([*np.mgrid[0:6, 0:6], np.zeros((6, 6))]), 0, -1) / 300
+    spline = BSplineSurface(open_knots(np.arange(4.0)), open_knots(np.arange(4.0)), control)
+    over, uv = rng.uniform(size=(3, 4)) > 0.5, rng.uniform(size=(3, 4, 2))
+    return replace(plain, overlap=over, surface=spline, uv=uv, strain=(0.01, -0.02), distance=(1e-4, 1e-3))
+
+
+MADE = {"payload": _payload, "load_cells": _load_cells, "intensity": _intensity, "skin map": _skin_map}
+
+
+def _assert_same(one: Any, other: Any, name: str = "") -> None:
+    """To the last bit, with the types and the shapes of arrays."""
+    assert type(one) is type(other), name
+    if isinstance(one, np.ndarray):
+        assert (one.dtype, one.shape) == (other.dtype, other.shape), name
+        np.testing.assert_array_equal(one, other, err_msg=name)
+    elif is_dataclass(one):
+        for field in fields(one):
+            _assert_same(getattr(one, field.name), getattr(other, field.name), field.name)
+    elif isinstance(one, tuple):
+        assert len(one) == len(other), name
+        for first, second in zip(one, other, strict=True):
+            _assert_same(first, second, name)
+    elif isinstance(one, Mapping):
+        assert dict(one) == dict(other), name
+    else:
+        assert one == other or (one != one and other != other), name
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("kind", MODELS)
+def test_a_model_reads_back_to_the_last_bit(tmp_path: Path, kind: str, seed: int) -> None:
+    model = MADE[kind](seed)
+    write_model(tmp_path / "model.toml", model)
+    _assert_same(read_model(str(tmp_path / "model.toml")), model)
+    _assert_same(read_model(tmp_path / "model.toml", MODELS[kind].holds), model)
+
+
+@pytest.mark.parametrize("kind", MODELS)
+def test_a_model_of_another_kind_is_refused_with_what_writes_the_right_one(tmp_path: Path, kind: str) -> None:
+    other = next(name for name in MODELS if name != kind)
+    write_model(tmp_path / "model.toml", MADE[other](1))
+    with pytest.raises(InputError, match=f"is not {MODELS[kind].called}.*`{MODELS[kind].command}` writes one"):
+        read_model(tmp_path / "model.toml", MODELS[kind].holds)
+    (tmp_path / "model.toml").write_text('kind = "teapot"')
+    with pytest.raises(InputError, match=r"is no model.*'payload'"):
+        read_model(tmp_path / "model.toml")
+
+
+@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("kind", MODELS)
+def test_a_model_is_summed_up_in_lines(kind: str, seed: int) -> None:
+    lines = dict(MODELS[kind].summary(MADE[kind](seed)))
+    assert len(lines) >= 2
+    assert not [text for text in lines.values() if "nan" in text or "\n" in text]
+
+
+def test_the_summary_of_load_cells_says_what_they_are() -> None:
+    """Cells of 10 N/V that stand alike around the middle share a force along z alike."""
+    lines = dict(MODELS["load_cells"].summary(nominal_cells(LAYOUTS[4], 10.0, 1e-4, 5.0)))
+    assert lines["cells"] == "4, places known"
+    assert lines["range"] == "-5 to 5 V"
+    assert lines["noise"].startswith("0.0001 V")
+    assert ", 10) N/V" in lines["sensitivity"]
+
+
+def test_files_written_before_are_read(tmp_path: Path) -> None:
+    """No place of a cell was an empty row, no range was 1e18 V, a soft layer an inline table."""
+    path, cells = tmp_path / "model.toml", _load_cells(1)
+    write_model(path, cells)
+    text = path.read_text().replace("[nan, nan, nan]", "[]").replace("[-inf, inf]", "[-1e18, 1e18]")
+    head, rest = text.split("[indentation]")
+    path.write_text(
+        head
+        + "indentation = {depth = 0.00033, exponent = 0.51, covariance = [[1e-10, 0.0], [0.0, 0.0001]]}\n"
+        + rest[rest.index("[provenance]") :]
+    )
+    assert "[]" in text
+    assert "1e18" in text
+    _assert_same(read_model(path, LoadCells), cells)
+
+
+@pytest.mark.parametrize(
+    ("kind", "old", "new", "word"),
+    [
+        ("load_cells", "bias = [", "bias = [1.0, ", "bias must be a list of 12 numbers, not 13"),
+        ("load_cells", "correlation = 5.1", "correlation = 0.5", "correlation must not be below 1"),
+        ("load_cells", "depth = 0.00033", "depth = 3", "indentation: an indentation of 3 m"),
+        ("skin map", "rows = 3", "rows = 4", "cells must be 4 x 4 rows of 9 numbers"),
+        ("skin map", "shape = [6, 6]", "shape = [6, 7]", "surface: control must have 6 x 7 points, not 36"),
+        ("skin map", "overlap = [", "overlap = [true, ", "overlap must be 12 times true or false"),
+        ("skin map", "overlap = [", "overlap = [1, ", r"overlap\[0\] must be true or false, not 1"),
+        ("skin map", "columns = 4\n", "", "columns is missing"),
+        ("intensity", "[0, 1],", "[0, 1, 1],", "which must be"),
+        ("intensity", "[0, 1],", "[0, 0.5],", r"which\[0\]\[1\] must be a whole number"),
+        ("intensity", "knots = [0.7, 2.0]", "knots = [nan, 2.0]", r"curve\[1\].knots\[0\] must be a finite number"),
+        ("payload", "weight = [", "weight = [[1.0], ", r"weight\[0\] must be a number, not a list"),
+    ],
+)
+def test_a_value_that_cannot_be_meant_is_named_with_its_place(
+    tmp_path: Path, kind: str, old: str, new: str, word: str
+) -> None:
+    path = tmp_path / "model.toml"
+    write_model(path, MADE[kind](1))
+    assert old in path.read_text()
+    path.write_text(path.read_text().replace(old, new, 1))
+    with pytest.raises(InputError, match=word) as refused:
+        read_model(path)
+    assert str(path) in str(refused.value)
 
 
 @pytest.mark.parametrize(
@@ -57,10 +205,10 @@ def test_a_payload_reads_back_to_the_last_bit(tmp_path: Path, seed: int) -> None
 )
 def test_a_model_that_was_spoilt_is_refused(tmp_path: Path, old: str, new: str, word: str) -> None:
     path = tmp_path / "payload.toml"
-    write_payload(path, _payload(0))
+    write_model(path, _payload(0))
     path.write_text(path.read_text().replace(old, new))
     with pytest.raises(InputError, match=word) as refused:
-        read_payload(path)
+        read_model(path, Payload)
     assert "payload" in str(refused.value)
 
 
@@ -83,7 +231,7 @@ def test_provenance_names_inputs_by_their_content(tmp_path: Path) -> None:
         ("weight", "[0, 0, 1e12]", "payload.toml: weight must be"),
         ("weight", "[[1, 2], [3], 4]", r"weight\[0\] must be a number, not a list"),
         ("magnitude", '"9.8"', "magnitude must be a number, not '9.8'"),
-        ("magnitude", "-9.8", "magnitude must be positive"),
+        ("magnitude", "-9.8", "magnitude of gravity must lie between"),
         ("magnitude", "1e-300", "magnitude of gravity must lie between 1e-09 and 1e"),  # the mass would be 1e300 kg
         ("magnitude", "1" + "0" * 400, "magnitude must be a finite number, not one so large"),
         ("magnitude", "1" + "0" * 5000, "is not TOML"),
@@ -101,7 +249,7 @@ def test_provenance_names_inputs_by_their_content(tmp_path: Path) -> None:
 )
 def test_a_value_of_a_model_that_was_spoilt_is_named(tmp_path: Path, key: str, value: str, word: str) -> None:
     path = tmp_path / "payload.toml"
-    write_payload(path, _payload(0))
+    write_model(path, _payload(0))
     document = tomllib.loads(path.read_text())
     lines = [
         f"{name} = {value if name == key else tomlkit.item(old).as_string()}"
@@ -110,7 +258,7 @@ def test_a_value_of_a_model_that_was_spoilt_is_named(tmp_path: Path, key: str, v
     ]
     path.write_text("\n".join([*lines, *([f"provenance = {value}"] if key == "provenance" else [])]))
     with pytest.raises(InputError, match=word) as refused:
-        read_payload(path)
+        read_model(path, Payload)
     assert str(path) in str(refused.value)
 
 

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 import pytest
-from logs_written import WRENCH, session, write_csv
 
+from evidence.logs_written import WRENCH, session, write_csv
 from evidence.mcap_records import CHANNEL, MESSAGE, SCHEMA, counted, pack, unpack
 from evidence.mutated import KINDS, bench, try_one
 from palpate.errors import InputError

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 import pytest
-from logs_written import session, write_parquet
 
+from evidence.logs_written import session, write_parquet
 from palpate.errors import InputError
 from palpate.io.logs import open_log, read_recording
 from palpate.io.logs.layout import Layout

@@ -13,11 +13,12 @@ import pytest
 from palpate.errors import InputError
 from palpate.io.atomic import write_text
 from palpate.io.logs.guess import guess_orientation, guess_position, guess_time, guess_wrench
-from palpate.io.rig import build, check_rig, load_rig
+from palpate.io.rig import check_rig, load_rig
 from palpate.io.rig.edit import update_pose
 from palpate.io.rig.new import propose_rig
 from palpate.io.rig.surface import RigSurface
 from palpate.io.rig.tables import RigEstimate, RigPair, RigThresholds
+from palpate.sensors.compensation import Compensation
 from palpate.spatial.pose import Pose
 
 RIG = """\
@@ -66,12 +67,13 @@ def _rig(tmp_path: Path, text: str = RIG) -> Path:
 
 def test_the_rig_of_the_issue_builds_an_estimator(tmp_path: Path) -> None:
     rig = load_rig(_rig(tmp_path))
-    estimator = build(rig)
+    estimator = rig.estimator()
     assert estimator.locator.surface.size == pytest.approx(0.04 * 3**0.5)
     assert estimator.mount.translation.tolist() == [0, 0, 0.05]
     assert (estimator.locator.on, estimator.locator.off) == (0.5, 0.3)
-    assert estimator.sensor.limits is not None
-    assert estimator.sensor.limits.tolist() == [200] * 3 + [10] * 3
+    assert isinstance(estimator.sensor, Compensation)
+    assert estimator.sensor.sensor.limits is not None
+    assert estimator.sensor.sensor.limits.tolist() == [200] * 3 + [10] * 3
     assert estimator.sensor.noise is not None
     assert np.diag(estimator.sensor.noise) == pytest.approx([0.0004] * 3 + [1e-6] * 3)
 
@@ -100,7 +102,7 @@ def test_the_rig_of_the_issue_builds_an_estimator(tmp_path: Path) -> None:
         ('mesh = "probe.stl"\n', "", "mesh is missing"),
         ('frame = "sensor"', 'frame = "tool"', "frame must be"),
         ("[estimate]", "[estimate", "not TOML.*line"),
-        ("[surface]", "[surfaces]", r"needs a \[surface\]"),
+        ("[surface]", "[surfaces]", "unknown key 'surfaces'. Did you mean 'surface'"),
         ("soft_finger", "soft_fingers", "soft_finger, wrench_axis"),
         ("probe.stl", "prob.stl", "no such"),
     ],
@@ -109,7 +111,7 @@ def test_what_does_not_fit_is_named(tmp_path: Path, old: str, new: str, word: st
     assert old in RIG
     path = _rig(tmp_path, RIG.replace(old, new, 1))
     with pytest.raises(InputError, match=word):
-        build(load_rig(path))
+        load_rig(path).estimator()
 
 
 def test_a_plane_and_a_region_need_no_more_than_their_keys(tmp_path: Path) -> None:

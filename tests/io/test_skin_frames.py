@@ -10,12 +10,16 @@ import polars as pl
 import pytest
 
 from palpate.errors import InputError
-from palpate.io.logs.frames import FrameLayout, open_frames
+from palpate.io.logs import ArrayChannel, Layout, open_log
+from palpate.sensors.recording import CELLS as CHANNEL
 
-LAYOUT = FrameLayout(3, 4)
 CELLS = np.random.default_rng(1).integers(0, 256, (9, 3, 4)).astype(np.float64)
 KINDS = ("sensor_msgs/msg/Image", *(f"std_msgs/msg/{name}MultiArray" for name in ("UInt8", "UInt16", "Float32")))
 TIME = 100.0 + np.arange(9) / 50.0
+
+
+def _layout(rows: int = 3, columns: int = 4, *, cells: tuple[str, ...] | None = None, **changes: Any) -> Layout:
+    return Layout(wrench=None, arrays=(ArrayChannel(CHANNEL, (rows, columns), cells, table="skin"),), **changes)
 
 
 def _csv(path: Path, cells: np.ndarray = CELLS) -> Path:
@@ -24,10 +28,10 @@ def _csv(path: Path, cells: np.ndarray = CELLS) -> Path:
     return path
 
 
-def _read(path: Path, layout: FrameLayout = LAYOUT) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
-    log = open_frames(path, layout)
+def _read(path: Path, layout: Layout | None = None) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
+    log = open_log(path, layout or _layout())
     blocks = list(log.blocks())
-    return np.concatenate([b.time for b in blocks]), np.concatenate([b.cells for b in blocks]), log.notes()
+    return np.concatenate([b.time for b in blocks]), np.concatenate([b.channels[CHANNEL] for b in blocks]), log.notes()
 
 
 def _mcap(path: Path, kind: str) -> Path:
@@ -75,7 +79,7 @@ def test_numpy_files_are_read(tmp_path: Path, flat: bool) -> None:
     np.testing.assert_array_equal(cells, CELLS)
     np.testing.assert_array_equal(time, TIME)
     np.save(tmp_path / "log.npy", stored)
-    time, cells, notes = _read(tmp_path / "log.npy", FrameLayout(3, 4, rate=50.0))
+    time, cells, notes = _read(tmp_path / "log.npy", _layout(rate=50.0))
     np.testing.assert_array_equal(cells, CELLS)
     assert "50 Hz is taken" in notes[0]
     with pytest.raises(InputError, match="no times"):
@@ -92,18 +96,18 @@ def test_messages_are_read(tmp_path: Path, name: str) -> None:
 
 def test_messages_of_another_size_keep_their_rows(tmp_path: Path) -> None:
     log = _mcap(tmp_path / "log.mcap", "std_msgs/msg/UInt8MultiArray")
-    _, cells, notes = _read(log, FrameLayout(3, 5))
+    _, cells, notes = _read(log, _layout(3, 5))
     assert cells.shape == (9, 3, 5)
     assert np.isnan(cells).all()
-    assert "9 of 9 frames are not 3 x 5" in notes[0]
+    assert "9 of 9 messages of '/skin' are cut short, or do not hold 3 x 5 numbers" in notes[0]
 
 
 def test_a_table_of_another_sheet_is_refused_with_both_sizes(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"12 columns beside the time, but a sheet of 6 x 22 has 132"):
-        _read(_csv(tmp_path / "log.csv"), FrameLayout(6, 22))
+    with pytest.raises(InputError, match=r"12 columns beside the time, but 132 cells .6 x 22. are wanted"):
+        _read(_csv(tmp_path / "log.csv"), _layout(6, 22))
     np.savez(tmp_path / "log.npz", time=TIME, frames=CELLS)
-    with pytest.raises(InputError, match=r"shape \(9, 3, 4\), not n x 6 x 22"):
-        _read(tmp_path / "log.npz", FrameLayout(6, 22))
+    with pytest.raises(InputError, match="frames of shape n x 3 x 4, not n x 6 x 22"):
+        _read(tmp_path / "log.npz", _layout(6, 22))
 
 
 def test_a_row_that_is_cut_or_holds_text_stays_and_is_named(tmp_path: Path) -> None:
@@ -116,16 +120,17 @@ def test_a_row_that_is_cut_or_holds_text_stays_and_is_named(tmp_path: Path) -> N
     assert len(cells) == 9
     assert np.isnan(cells[2]).all()
     assert np.isnan(cells[4]).any()
-    assert len(notes) == 2
+    assert notes[0] == "1 rows do not have 13 fields (first: line 4)"
+    assert any("column 'c0', 'oops" in note for note in notes)
 
 
 def test_columns_may_be_named(tmp_path: Path) -> None:
     path = _csv(tmp_path / "log.csv")
-    named = FrameLayout(1, 3, cells=("c2", "c0", "c11"))
+    named = _layout(1, 3, cells=("c2", "c0", "c11"))
     _, cells, _ = _read(path, named)
     np.testing.assert_array_equal(cells[:, 0], CELLS.reshape(9, 12)[:, [2, 0, 11]])
     with pytest.raises(InputError, match="no column 'c99'"):
-        _read(path, FrameLayout(1, 1 + 1, cells=("c0", "c99")))
+        _read(path, _layout(1, 2, cells=("c0", "c99")))
 
 
 def test_pickles_are_never_opened(tmp_path: Path) -> None:
@@ -136,7 +141,7 @@ def test_pickles_are_never_opened(tmp_path: Path) -> None:
 
 def test_what_is_no_log_of_frames_is_said(tmp_path: Path) -> None:
     (tmp_path / "log.npz").write_bytes(b"nothing of the kind")
-    with pytest.raises(InputError, match=r"does not begin as a .npz"):
+    with pytest.raises(InputError, match="does not begin as an archive of NumPy arrays"):
         _read(tmp_path / "log.npz")
     with pytest.raises(InputError, match="no such file"):
         _read(tmp_path / "none.csv")

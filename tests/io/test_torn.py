@@ -2,71 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
-from logs_written import STAMPED, WRENCH, Session, session, wrench_stamped, write_mcap
 from mcap.reader import make_reader
 from mcap.writer import CompressionType
 
-from palpate.errors import InputError
+from evidence.logs_written import STAMPED, WRENCH, session, wrench_stamped, write_mcap
+from evidence.torn import PACKED, cut, read
 from palpate.io.logs import open_log, read_recording
 
-FORMATS = {
-    "plain": {"use_chunking": False},
-    "chunks": {"chunk_size": 4000},
-    "lz4": {"chunk_size": 4000, "compression": CompressionType.LZ4},
-    "zstd": {"chunk_size": 4000, "compression": CompressionType.ZSTD},
-}
 CUTS = 250  # of each format: 1,000 in all
 
 
-def _read(path: Path) -> tuple[np.ndarray, str]:
-    """Wrenches, and what is said on the cut."""
-    try:
-        log = open_log(path)
-        return np.concatenate([block.wrenches() for block in log.blocks()]), log.torn
-    except InputError as problem:
-        return np.empty((0, 6)), str(problem)
-
-
-def _cuts(path: Path) -> Iterator[tuple[int, np.ndarray, str]]:
-    whole = path.read_bytes()
-    part = path.with_name("part.mcap")
-    for kept in np.random.default_rng(0).choice(len(whole), CUTS, replace=False).tolist():
-        part.write_bytes(whole[:kept])
-        yield kept, *_read(part)
-
-
-def _bounds(path: Path, log: Session, name: str) -> tuple[np.ndarray, np.ndarray]:
-    """(n,) bytes of the file without which a wrench cannot be there, and with which it must be.
-
-    Its own last byte; in a packed chunk the first and the last of the chunk.
-    """
-    whole = path.read_bytes()
-    if name in ("plain", "chunks"):
-        ends = np.array([whole.find(row.tobytes()) + 48 for row in log.wrench])
-        return ends, ends
-    with path.open("rb") as file:
-        summary = make_reader(file).get_summary()
-    assert summary is not None
-    chunks = sorted(summary.chunk_indexes, key=lambda chunk: chunk.message_end_time)
-    of = np.searchsorted([chunk.message_end_time for chunk in chunks], log.stamp)
-    begins = np.array([chunk.chunk_start_offset for chunk in chunks])
-    return begins[of], (begins + [chunk.chunk_length for chunk in chunks])[of]
-
-
-@pytest.mark.parametrize("name", FORMATS)
+@pytest.mark.parametrize("name", PACKED)
 def test_every_whole_message_before_a_cut_is_there(tmp_path: Path, name: str) -> None:
-    log, path = session(60), tmp_path / "log.mcap"
-    write_mcap(path, log.messages(), **FORMATS[name])
-    least, enough = _bounds(path, log, name)
-    for kept, wrenches, said in _cuts(path):
-        assert np.array_equal(wrenches, log.wrench[: len(wrenches)])
-        assert np.count_nonzero(enough <= kept) <= len(wrenches) <= np.count_nonzero(least <= kept)
-        assert "torn at byte" in said or kept < 8  # the first 8 bytes say that it is MCAP
+    cuts = cut(tmp_path, session(60), name, CUTS)
+    assert (cuts.lost, cuts.invented, cuts.silent) == (0, 0, 0)
+    assert sum(cuts.found) > 0
 
 
 @pytest.mark.parametrize("compression", [CompressionType.LZ4, CompressionType.ZSTD])
@@ -79,7 +33,7 @@ def test_a_packed_chunk_that_was_cut_gives_what_can_be_unpacked(tmp_path: Path, 
     counts: list[int] = []
     for share in (0.1, 0.4, 0.7):
         path.write_bytes(whole[: int(share * len(whole))])
-        wrenches, said = _read(path)
+        wrenches, said = read(path)
         assert np.array_equal(wrenches, log.wrench[: len(wrenches)])
         assert "it ends within a chunk" in said
         counts.append(len(wrenches))
@@ -87,17 +41,17 @@ def test_a_packed_chunk_that_was_cut_gives_what_can_be_unpacked(tmp_path: Path, 
     assert counts[1] > 1000
 
 
-@pytest.mark.parametrize("name", FORMATS)
+@pytest.mark.parametrize("name", PACKED)
 def test_changed_bytes_are_no_traceback_and_no_more_rows(tmp_path: Path, name: str) -> None:
     log, path = session(60), tmp_path / "log.mcap"
-    write_mcap(path, log.messages(), **FORMATS[name])
+    write_mcap(path, log.messages(), **PACKED[name])
     whole, rng = bytearray(path.read_bytes()), np.random.default_rng(1)
     for _ in range(60):
         changed = whole.copy()
         for at in rng.integers(len(whole), size=3):
             changed[at] = rng.integers(256)
         path.write_bytes(changed)
-        wrenches, _ = _read(path)
+        wrenches, _ = read(path)
         assert len(wrenches) <= 60
 
 
@@ -119,7 +73,7 @@ def test_a_damaged_first_chunk_costs_its_messages_only(tmp_path: Path) -> None:
     first = summary.chunk_indexes[0]
     raw[first.chunk_start_offset + 60] ^= 0xFF  # behind the head, in what is packed
     path.write_bytes(raw)
-    wrenches, said = _read(path)
+    wrenches, said = read(path)
     assert np.array_equal(wrenches, log.wrench[-len(wrenches) :])
     assert len(wrenches) >= np.count_nonzero(log.stamp > first.message_end_time)
     assert f"torn at byte {first.chunk_start_offset} of" in said

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from laws.bodies import BODIES, PLACE, Surfaced, on_mesh
 
 from palpate.simulation.shapes import Body
 from palpate.surfaces import Mesh, Surface
+from tests.support.bodies import BODIES, PLACE, Surfaced, on_mesh
 
 
 @pytest.fixture(params=BODIES.values(), ids=BODIES.keys())

@@ -68,4 +68,4 @@ def test_deviation_is_the_spread_of_curves_drawn_from_the_covariance() -> None:
 def test_curves_of_a_sheet_of_another_size_are_refused() -> None:
     two = Intensity((CURVES["polynomial"], CURVES["polynomial"]), np.array([[0, 1], [1, 0]]))
     with pytest.raises(InputError, match="2 x 2 cells, not 6 x 22"):
-        two.numbers(6, 22)
+        two.numbers((6, 22))

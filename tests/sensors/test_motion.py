@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 from palpate.errors import InputError
 from palpate.sensors import Payload, motion
 from palpate.sensors._curvature import Settings, part_of, pose_period
-from palpate.sensors.motion import Motion, with_motion
+from palpate.sensors.motion import Motion
 from palpate.sensors.pose_track import PoseTrack
 from palpate.sensors.recording import ACCELERATION, FORCE, ORIENTATION, POSITION, TORQUE, UNSTEADY, Recording
 from palpate.simulation.moving import Course, Swing, moving_wrenches
@@ -64,7 +64,7 @@ def without(recording: Recording, *names: str) -> Recording:
 
 def moved(recording: Recording, source: str, **options: object) -> Recording:
     options = {"lever": LOAD.center_of_mass, "gravity": PAYLOAD.gravity} | options
-    (answer,) = with_motion(iter([recording]), source=source, **options)
+    (answer,) = Motion(source, **options).stream(iter([recording]))
     return answer
 
 
@@ -139,7 +139,7 @@ def test_at_rest_nothing_is_widened(pose_rate: float) -> None:
         (answer,) = arm.stream(iter([recording]))
         assert not answer.channels[UNSTEADY].any()
         assert arm.notes() == ()
-        (answer,) = with_motion(iter([without(recording, POSITION)]), source="none")
+        (answer,) = Motion("none").stream(iter([without(recording, POSITION)]))
         assert not answer.channels[UNSTEADY].any()
 
 
@@ -259,7 +259,7 @@ def test_answers_do_not_depend_on_the_cuts(source: str, at: list[int], fine: int
         patch.setattr(motion, "CHUNK", CUT)
         whole = moved(SMALL, source)
         pieces = list(cut(SMALL, [*at, *range(fine, fine + 50)]))
-        answers = list(with_motion(iter(pieces), source=source, lever=LOAD.center_of_mass, gravity=PAYLOAD.gravity))
+        answers = list(Motion(source, lever=LOAD.center_of_mass, gravity=PAYLOAD.gravity).stream(iter(pieces)))
     assert [len(piece) for piece in answers] == [len(piece) for piece in pieces]
     assert {name for answer in answers for name in answer.channels} == set(whole.channels)
     for name, values in whole.channels.items():
@@ -278,7 +278,7 @@ def test_it_looks_ahead_no_further_than_it_must(monkeypatch: pytest.MonkeyPatch)
             yield piece
 
     given_back = 0
-    for answer in with_motion(endless(), source="none"):
+    for answer in Motion("none").stream(endless()):
         given_back += len(answer)
         assert taken - given_back <= 3 * CUT
     assert given_back == len(SMALL)
@@ -291,7 +291,7 @@ def test_short_logs_come_back(source: str, rows: int) -> None:
     answer = moved(short, source)
     assert len(answer) == rows
     assert np.isfinite(answer.channels[UNSTEADY]).all()
-    assert list(with_motion(iter([]), source=source, gravity=PAYLOAD.gravity)) == []
+    assert list(Motion(source, gravity=PAYLOAD.gravity).stream(iter([]))) == []
 
 
 def test_times_that_repeat_jump_or_are_missing_do_no_harm() -> None:

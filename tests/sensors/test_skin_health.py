@@ -6,9 +6,13 @@ import numpy as np
 import pytest
 
 from palpate.errors import InputError
-from palpate.sensors.skin import Frames, Sheet, examine
+from palpate.sensors.recording import CELLS, Recording
+from palpate.sensors.skin import Health, examine
+from palpate.sensors.taxels import TaxelBody
+from palpate.simulation.skin_bench import Rolled
 
-SHEET = Sheet(6, 8)
+LAYOUT = Rolled(6, 8, radius=np.inf).layout()
+SHEET = TaxelBody.sheet(LAYOUT)
 
 
 def _frames(count: int = 200, *, touched: bool = True) -> tuple[np.ndarray, np.ndarray]:
@@ -22,15 +26,15 @@ def _frames(count: int = 200, *, touched: bool = True) -> tuple[np.ndarray, np.n
     return np.rint(cells), rest
 
 
-def _examined(cells: np.ndarray, sheet: Sheet = SHEET, seconds: float | None = None):
-    return examine(Frames(np.arange(len(cells)) / 50.0, cells), sheet, seconds=seconds)
+def _examined(cells: np.ndarray, body: TaxelBody = SHEET, seconds: float | None = None) -> Health:
+    return examine(Recording(np.arange(len(cells)) / 50.0, {CELLS: cells}), body, seconds=seconds)
 
 
 def test_rest_and_noise_are_found_under_touches() -> None:
     """Rest to 0.5 counts: five deviations of the mean of 100 frames; the noise with rounding is 1.04."""
     cells, rest = _frames()
     health = _examined(cells)
-    assert np.abs(health.baseline - rest).max() < 0.5
+    assert np.abs(health.baseline - rest.ravel()).max() < 0.5
     assert np.all((health.noise > 0.8) & (health.noise < 1.35))
     assert health.good.all()
 
@@ -39,15 +43,15 @@ def test_a_cell_that_is_silent_between_pressed_ones_is_dead() -> None:
     cells, _ = _frames()
     cells[:, 2, 3] = 12.0
     health = _examined(cells)
-    assert np.argwhere(health.dead).tolist() == [[2, 3]]
-    assert any("dead" in note and "(2, 3)" in note for note in health.notes)
+    assert np.flatnonzero(health.dead).tolist() == [19]
+    assert any("dead" in note and "(2, 3)" in note for note in health.doubts)
 
 
 def test_a_cell_at_one_value_far_from_the_others_is_stuck() -> None:
     cells, _ = _frames()
     cells[:, 4, 1] = 255.0
     health = _examined(cells)
-    assert np.argwhere(health.stuck).tolist() == [[4, 1]]
+    assert np.flatnonzero(health.stuck).tolist() == [33]
 
 
 def test_an_idle_sheet_whose_driver_cuts_noise_off_is_not_stuck() -> None:
@@ -87,20 +91,17 @@ def test_frames_of_another_size_are_counted_and_named() -> None:
 def test_a_start_without_touch_is_taken_at_its_word() -> None:
     cells, rest = _frames(touched=False)
     cells[100:] += 40.0  # later all is pressed
-    assert np.abs(_examined(cells, seconds=1.5).baseline - rest).max() < 0.6
+    assert np.abs(_examined(cells, seconds=1.5).baseline - rest.ravel()).max() < 0.6
 
 
 @pytest.mark.parametrize(
-    ("kwargs", "said"),
-    [
-        ({"rows": 0, "columns": 5}, "is none"),
-        ({"rows": 6, "columns": 22, "bits": 40}, "bits"),
-        ({"rows": 6, "columns": 22, "masked": ((6, 0),)}, "counted from 0"),
-    ],
+    ("rows", "given", "said"),
+    [(1, {}, "is none"), (6, {"bits": 40}, "bits"), (6, {"masked": ((6, 0),)}, "counted from 0")],
 )
-def test_sheets_that_cannot_be_are_refused(kwargs: dict[str, object], said: str) -> None:
+def test_sheets_that_cannot_be_are_refused(rows: int, given: dict[str, object], said: str) -> None:
+    place = Rolled(rows, 1 if rows == 1 else 22).layout()
     with pytest.raises(InputError, match=said):
-        Sheet(**kwargs)  # pyright: ignore[reportArgumentType] - wrong on purpose
+        TaxelBody.sheet(place, **given)  # pyright: ignore[reportArgumentType] - wrong on purpose
 
 
 def test_what_is_left_of_a_reading_behind_a_touch_is_reported() -> None:
@@ -109,8 +110,8 @@ def test_what_is_left_of_a_reading_behind_a_touch_is_reported() -> None:
     course = np.where(time < 1, 0.0, np.where(time < 2, 100.0, 15.0 * np.exp(-(time - 2) / 2.0)))
     cells = np.random.default_rng(5).standard_normal((200, 6, 8)) + 12.0
     cells[:, 2:4, 3:5] += course[:, None, None]
-    health = examine(Frames(time, cells), Sheet(6, 8, bits=None), seconds=0.9)
+    health = examine(Recording(time, {CELLS: cells}), TaxelBody.sheet(LAYOUT, bits=None), seconds=0.9)
     assert health.hysteresis == pytest.approx(0.15 * np.exp(-0.25), abs=0.02)
-    assert any("hysteresis" in note for note in health.notes)
+    assert any("hysteresis" in note for note in health.doubts)
     quick, _ = _frames()
-    assert not any("hysteresis" in note for note in _examined(quick).notes)
+    assert not any("hysteresis" in note for note in _examined(quick).doubts)

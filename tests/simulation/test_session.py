@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
-from logs_written import ROS2
 from mcap.reader import make_reader
 
+from evidence.logs_written import ROS2
 from palpate.sensors.recording import ORIENTATION
 from palpate.simulation.session import ASSEMBLY, NOISE, Session, simulate_session
 from palpate.simulation.session_files import POSE_TOPIC, WRENCH_TOPIC, write_session

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from palpate.sensors.recording import CELLS
 from palpate.simulation.skin_bench import Patch, Rolled, Wand, paper_sheet, press, read_out, wand_poses
 from palpate.spatial.pose import rotation_from_quaternion
 
@@ -52,7 +53,7 @@ def test_readings_are_whole_stay_in_range_or_wrap() -> None:
     rng = np.random.default_rng(1)
     model = paper_sheet(SHEET, rng)
     loads = np.full((5, 6, 22), 30.0)
-    kept, wrapped = (read_out(model, loads, rng, wraps=wraps).cells for wraps in (False, True))
+    kept, wrapped = (read_out(model, loads, rng, wraps=wraps).channels[CELLS] for wraps in (False, True))
     assert kept.max() == kept.min() == 255
     assert wrapped.max() < 256
     assert wrapped.mean() < 255

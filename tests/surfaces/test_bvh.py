@@ -6,10 +6,10 @@ import functools
 
 import numpy as np
 import pytest
-from laws.bodies import R, box, cylinder
 
 from palpate.simulation.shapes import BumpySphere, Ellipsoid
 from palpate.surfaces import Mesh, _bvh
+from tests.support.bodies import R, box, cylinder
 
 MESHES = {
     "smooth ellipsoid": lambda: Mesh.from_arrays(*Ellipsoid((R, 0.7 * R, 0.5 * R)).mesh(320)),
@@ -39,6 +39,49 @@ def searched(wrench: np.ndarray, mesh: Mesh, soft: float = 1.0, limit: float = n
     return found[:count, 8:14]
 
 
+def search_reference(wrench: np.ndarray, pitch_used: float, tan_limit: float, corners: np.ndarray) -> np.ndarray:
+    """The twin of `search`, over all patches and with numpy's polynomial roots.
+
+    Returns:
+        (k, 6) rows: patch, b0, b1, b2, tan(theta), height along f.
+    """
+    force, moment = wrench[:3], wrench[3:]
+    size = np.linalg.norm(force)
+    f, axis = force / size, np.cross(force, moment) / size**2
+    pitch = pitch_used * (force @ moment) / size**2
+    e1 = np.linalg.svd(f[None])[2][1]
+    e2 = np.cross(f, e1)
+    rows = []
+    for patch, row in enumerate(corners):
+        points, normals = row[:18].reshape(3, 6)[:, :3], row[:18].reshape(3, 6)[:, 3:]
+        c = normals @ f
+        if np.all(c >= 0):
+            continue
+        across = np.cross(f, normals)
+        u, v = (points - axis) @ e1, (points - axis) @ e2
+        x, y = pitch * across @ e1, pitch * across @ e2
+        d0, d1, d2 = np.cross(u, v), np.cross(u, y) + np.cross(x, v), np.cross(x, y)
+        cubic = [-d0.sum(), c @ d0 - d1.sum(), c @ d1 - d2.sum(), c @ d2]
+        scale = np.abs(cubic).max()
+        if scale == 0:
+            continue
+        for w in np.roots(np.where(np.abs(cubic) < 1e-15 * scale, 0.0, cubic)):
+            if abs(w.imag) > 1e-9 or w.real > -1e-12:
+                continue
+            weights = d2 + w.real * (d1 + w.real * d0)
+            if weights.sum() == 0:
+                continue
+            b = weights / weights.sum()
+            normal = b @ normals
+            cosine = -(f @ normal) / np.linalg.norm(normal)
+            if b.min() < -1e-9 or cosine <= 0 or abs(b @ c - w.real) > 1e-6:
+                continue
+            tangent = np.sqrt(max(0.0, 1 - cosine**2)) / cosine
+            if tangent <= tan_limit:
+                rows.append([patch, *b, tangent, f @ (b @ points)])
+    return np.array(rows).reshape(-1, 6)
+
+
 def placed(rows: np.ndarray, corners: np.ndarray) -> np.ndarray:
     """Position and unit normal of the oracle's rows."""
     both = np.einsum("ni,nik->nk", rows[:, 1:4], corners[rows[:, 0].astype(int), :18].reshape(-1, 3, 6))
@@ -66,7 +109,7 @@ def test_search_finds_what_the_oracle_finds(name: str, pitch: float) -> None:
     corners, limit, seen = mesh.tree().corners, 100.0, 0
     for _ in range(12):
         wrench = random_wrench(rng, pitch)
-        oracle = placed(_bvh.search_reference(wrench, float(pitch > 0), limit, corners), corners)
+        oracle = placed(search_reference(wrench, float(pitch > 0), limit, corners), corners)
         found = searched(wrench, mesh, limit=limit)
         assert unmatched(found, oracle, 1e-6) == 0
         if len(found) < _bvh.CAPACITY:

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
-from laws.bodies import R, box
 
 from palpate.errors import GeometryError, InputError, PalpateError
 from palpate.surfaces import Mesh
+from tests.support.bodies import R, box
 
 
 def write(path: Path, scale: float = 1e3) -> Path:

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from laws.bodies import R, box, cylinder
 
 from palpate.errors import GeometryError, PalpateError
 from palpate.simulation.shapes import Ellipsoid
 from palpate.surfaces import Mesh, plane
+from tests.support.bodies import R, box, cylinder
 
 
 def volume(mesh: Mesh) -> float:

@@ -11,10 +11,10 @@ from time import monotonic, sleep
 
 import numpy as np
 import pytest
-from viewer.pages import ellipsoid, session
 
 from palpate.viewer.scene import Scene, prepare
 from palpate.viewer.server import Page
+from tests.support.pages import ellipsoid, session
 
 CHROMIUM = shutil.which("chromium")
 FLAGS = (
@@ -31,7 +31,7 @@ PATIENCE = 60.0  # s: without a graphics card the first picture may take most of
 
 @pytest.fixture(scope="module")
 def scene() -> Scene:
-    return prepare(ellipsoid(2_000), *session(), title="session")
+    return prepare(ellipsoid(2_000), session(), title="session")
 
 
 @pytest.fixture(scope="module")
@@ -62,7 +62,7 @@ def view(browser: object, page: Page) -> Iterator[object]:
     opened.on("request", lambda request: opened.asked.append(request.url))
     opened.goto(page.address)
     opened.wait_for_selector("canvas")
-    opened.get_by_text("touched", exact=True).wait_for()
+    opened.get_by_text("contact", exact=True).wait_for()
     yield opened
     opened.close()
 
@@ -113,7 +113,7 @@ def test_the_slider_moves_everything(view: object, page: Page) -> None:
     assert view.inner_text("table") != shown
     thumb.press("Home")
     _until(lambda: page.index == 0, "the server does not hear the slider")
-    view.get_by_text("not touched", exact=True).first.wait_for()
+    view.get_by_text("no contact", exact=True).first.wait_for()
 
 
 def test_next_leads_to_the_touch_and_play_runs(view: object, page: Page, scene: Scene) -> None:
@@ -132,7 +132,7 @@ def test_the_camera_turns_to_the_side_that_is_touched(view: object, page: Page, 
     _until(lambda: page.index == 200, "no seeking")
     view.get_by_role("button", name="turn to it").click()
     client = next(iter(page._server.get_clients().values()))
-    normal = scene.at(200).normal
+    normal = scene.at(200).contacts[0].normal
     _until(lambda: client.camera.position @ normal > 0.7 * np.linalg.norm(client.camera.position), "it does not turn")
 
 

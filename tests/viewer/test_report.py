@@ -124,13 +124,13 @@ def test_figures_of_nothing_are_drawn_without_a_warning(name: str) -> None:
     assert "<svg" in inline(EMPTY[name]())
 
 
-def test_a_thinned_line_keeps_every_extreme() -> None:
+def test_a_downsampled_line_keeps_every_extreme() -> None:
     """One sample of 30,000 stands out, up or down: it is in the line that is drawn."""
     for at in (0, 12_345, N - 1):
         for peak in (-50.0, 50.0):
             values = RNG.uniform(-1, 1, N)
             values[at] = peak
-            _, drawn = plots._course(TIME, values)
+            _, drawn = plots._curve(TIME, values)
             assert peak in drawn
             assert len(drawn) <= 2 * (plots.COLUMNS + 1)
 

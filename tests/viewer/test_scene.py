@@ -1,4 +1,4 @@
-"""What is drawn of contacts: ellipses, heat, trails and courses against closed forms; without any server."""
+"""What is drawn of contacts: ellipses, heat, trails and curves against closed forms; without any server."""
 
 from __future__ import annotations
 
@@ -8,20 +8,21 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from viewer.pages import BODY, SPREAD, ellipsoid, session, tangents
 
-from palpate.contact.estimate import ContactEstimate, Status
+from palpate.contact.estimate import Status
+from palpate.errors import InputError
 from palpate.spatial.pose import rotation_from_quaternion
 from palpate.surfaces.plane import plane
-from palpate.viewer.heat import PALETTE, colours, density, skin
-from palpate.viewer.scene import INSIDE, MAGNIFICATIONS, Scene, ellipse, nice, prepare
-from palpate.viewer.timeline import Timeline, thinned
-from palpate.viewer.words import spoken
+from palpate.viewer.captions import STATUS_WORDS, caption
+from palpate.viewer.heat import PALETTE, colours, density, refined
+from palpate.viewer.scene import CHI2_95, MAGNIFICATIONS, Scene, ellipse, nice, prepare
+from palpate.viewer.timeline import Timeline, downsampled
+from tests.support.pages import BODY, SPREAD, ellipsoid, session, tangents, two_contacts
 
 
 @pytest.fixture(scope="module")
 def scene() -> Scene:
-    return prepare(ellipsoid(), *session(), title="session")
+    return prepare(ellipsoid(), session(), title="session")
 
 
 @given(st.integers(0, 2**32 - 1))
@@ -34,14 +35,14 @@ def test_an_ellipse_holds_95_percent_of_its_normal_distribution(seed: int) -> No
     spread = flat @ rng.normal(size=(3, 3)) * 1e-3
     covariance = spread @ spread.T
     axes, rotation = ellipse(covariance, normal)
-    assert 1 - np.exp(-INSIDE / 2) == pytest.approx(0.95, abs=1e-12)
+    assert 1 - np.exp(-CHI2_95 / 2) == pytest.approx(0.95, abs=1e-12)
     assert rotation @ rotation.T == pytest.approx(np.eye(3), abs=1e-12)
     assert np.linalg.det(rotation) == pytest.approx(1.0)
     assert rotation[:, 2] == pytest.approx(normal)
     inverse = np.linalg.pinv(covariance, rcond=1e-9)
     for turn in np.linspace(0, 2 * np.pi, 7):
         rim = rotation @ [axes[0] * np.cos(turn), axes[1] * np.sin(turn), 0.0]
-        assert rim @ inverse @ rim == pytest.approx(INSIDE, rel=1e-4)
+        assert rim @ inverse @ rim == pytest.approx(CHI2_95, rel=1e-4)
 
 
 def test_an_ellipse_without_a_covariance_is_none() -> None:
@@ -52,24 +53,25 @@ def test_an_ellipse_without_a_covariance_is_none() -> None:
 
 
 def test_a_moment_is_the_estimate_of_its_sample(scene: Scene) -> None:
-    time, estimate = session()
+    contacts = session()
     moment = scene.at(200)
-    assert (moment.index, moment.time) == (200, time[200])
+    assert (moment.index, moment.sample, moment.time) == (200, 200, contacts.time[200])
     assert moment.seconds == pytest.approx(2.0)
-    assert moment.status == Status.CONTACT
-    assert np.array_equal(moment.point, estimate.point[200])
-    along, across = tangents(estimate.normal[200:201])
-    turned = rotation_from_quaternion(moment.turn)
-    assert moment.axes == pytest.approx(np.sqrt(INSIDE) * np.array(SPREAD), rel=1e-9)
+    (shown,) = moment.contacts
+    assert shown.status == Status.CONTACT
+    assert np.array_equal(shown.point, contacts.point[200])
+    along, across = tangents(contacts.normal[200:201])
+    turned = rotation_from_quaternion(shown.turn)
+    assert shown.axes == pytest.approx(np.sqrt(CHI2_95) * np.array(SPREAD), rel=1e-9)
     assert abs(turned[:, 0] @ along[0]) == pytest.approx(1.0)
     assert abs(turned[:, 1] @ across[0]) == pytest.approx(1.0)
-    assert not scene.at(0).located
+    assert not scene.at(0).contacts[0].located
 
 
 def test_a_usual_ellipse_can_be_seen(scene: Scene) -> None:
     """Drawn, it is as long as a fiftieth of the body, or the next smaller magnification would do."""
-    long = np.sqrt(INSIDE) * SPREAD[0]
-    least = scene.mesh.size / 50
+    long = np.sqrt(CHI2_95) * SPREAD[0]
+    least = scene.size / 50
     assert scene.magnification * long >= least
     smaller = [times for times in MAGNIFICATIONS if times < scene.magnification]
     assert not smaller or smaller[-1] * long < least
@@ -77,15 +79,14 @@ def test_a_usual_ellipse_can_be_seen(scene: Scene) -> None:
 
 def test_heat_lies_where_it_was_touched_and_amounts_to_the_time_of_touch() -> None:
     """The integral of the density over the surface is the time: 2 s. A vertex stands for a third of its facets."""
-    scene = prepare(ellipsoid(5_000), *session())  # fine: contacts of a coarser mesh would hover above its facets
-    corners = scene.skin.vertices[scene.skin.faces]
+    scene = prepare(ellipsoid(5_000), session())  # fine: contacts of a coarser mesh would hover above its facets
+    corners = scene.body.vertices[scene.body.faces]
     areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2
-    whole = float((scene.heat[scene.skin.faces].mean(axis=1) * areas).sum())
+    whole = float((scene.heat[scene.body.faces].mean(axis=1) * areas).sum())
     assert whole == pytest.approx(2.0, rel=0.05)  # the body is curved, and Gaussians are cut
-    hottest = scene.skin.vertices[np.argmax(scene.heat)]
-    _, estimate = session()
-    assert np.nanmin(np.linalg.norm(estimate.point - hottest, axis=1)) < scene.mesh.size / 50
-    assert (scene.heat[scene.skin.vertices[:, 0] < -0.01] == 0).all()
+    hottest = scene.body.vertices[np.argmax(scene.heat)]
+    assert np.nanmin(np.linalg.norm(session().point - hottest, axis=1)) < scene.size / 50
+    assert (scene.heat[scene.body.vertices[:, 0] < -0.01] == 0).all()
 
 
 def test_heat_does_not_shine_through_a_thin_body() -> None:
@@ -94,14 +95,14 @@ def test_heat_does_not_shine_through_a_thin_body() -> None:
     width = 1e-3
     points, normals, seconds = np.zeros((1, 3)), np.array([[0.0, 0.0, 1.0]]), np.ones(1)
     for sheet, warm in ((top, True), (bottom, False)):
-        body = skin(sheet, points, width)
+        body = refined(sheet, points, width)
         assert (density(body, points, normals, seconds, width).max() > 0) == warm
 
 
 def test_facets_are_cut_near_touches_only_and_stay_on_the_surface() -> None:
     """A coarse facet cannot show a small spot; cutting it changes neither its place nor its normal."""
     sheet = plane([0, 0, 0], [0, 0, 1], 1.0)
-    body = skin(sheet, np.array([[0.5, 0.5, 0.0]]), 0.01)
+    body = refined(sheet, np.array([[0.5, 0.5, 0.0]]), 0.01)
     corners = body.vertices[body.faces]
     area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1).sum() / 2
     assert area == pytest.approx(4.0)
@@ -120,29 +121,29 @@ def test_colours_run_from_the_bare_body_to_the_darkest() -> None:
 
 
 def test_the_trail_is_where_the_contact_was_in_the_last_seconds(scene: Scene) -> None:
-    time, estimate = session()
+    contacts = session()
+    time = contacts.time
     segments, age = scene.trail(250, 0.5)
     rows = (time >= time[250] - 0.5) & (time <= time[250])
-    lift = 2e-3 * scene.mesh.size
-    assert np.array_equal(segments[-1, 1], estimate.point[250] + lift * estimate.normal[250])
+    lift = 2e-3 * scene.size
+    assert np.array_equal(segments[-1, 1], contacts.point[250] + lift * contacts.normal[250])
     assert len(segments) == np.count_nonzero(rows) - 1
     assert (age[0], age[-1]) == (pytest.approx(1.0, abs=0.05), 0.0)
     assert len(scene.trail(10, 5.0)[0]) == 0  # nothing was touched yet
     assert len(scene.trail(399, 2.0)[0]) == 100  # and no line leads over the time in between
 
 
-def test_a_long_trail_is_thinned() -> None:
-    time, estimate = session(5_000, rate=1_000.0)
-    segments, _ = prepare(ellipsoid(), time, estimate).trail(3_500, 2.0)
+def test_a_long_trail_is_downsampled() -> None:
+    segments, _ = prepare(ellipsoid(), session(5_000, rate=1_000.0)).trail(3_500, 2.0)
     assert 100 < len(segments) <= 300
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(1, 500), st.integers(2, 60))
-def test_thinning_keeps_every_peak_and_the_order(seed: int, count: int, most: int) -> None:
+def test_downsampling_keeps_every_peak_and_the_order(seed: int, count: int, most: int) -> None:
     rng = np.random.default_rng(seed)
     clock, values = np.cumsum(rng.random(count)), rng.normal(size=(count, 2))
     values[rng.random(count) < 0.2, 1] = np.nan
-    x, y = thinned(clock, values, most)
+    x, y = downsampled(clock, values, most)
     assert len(x) <= max(most, 2)
     assert (np.diff(x) >= 0).all()
     assert y[:, 0].min() == values[:, 0].min()
@@ -152,14 +153,14 @@ def test_thinning_keeps_every_peak_and_the_order(seed: int, count: int, most: in
         assert np.nanmax(y[:, 1]) == values[known, 1].max()
 
 
-def test_courses_hold_force_and_place(scene: Scene) -> None:
-    time, estimate = session()
-    clock, values = scene.courses()
-    assert clock == pytest.approx(time - time[0])
-    assert values[200, :2] == pytest.approx([np.linalg.norm(estimate.force[200])] * 2)  # pushed along the normal
-    assert values[200, 2:] == pytest.approx(1e3 * estimate.point[200])
+def test_curves_hold_force_and_place(scene: Scene) -> None:
+    contacts = session()
+    clock, values = scene.curves()
+    assert clock == pytest.approx(contacts.time - contacts.time[0])
+    assert values[200, :2] == pytest.approx([np.linalg.norm(contacts.force[200])] * 2)  # pushed along the normal
+    assert values[200, 2:] == pytest.approx(1e3 * contacts.point[200])
     assert np.isnan(values[0, 2:]).all()
-    window, _ = scene.courses(slice(100, 150))
+    window, _ = scene.curves(slice(100, 150))
     assert np.array_equal(window, clock[100:150])
 
 
@@ -191,37 +192,34 @@ def test_touches_are_stepped_through() -> None:
     assert timeline.touches.tolist() == [2, 5, 7]  # their middles
     assert [timeline.touch(k, 1) for k in (0, 1, 4, 7)] == [2, 2, 5, 7]
     assert [timeline.touch(k, -1) for k in (0, 1, 4, 7)] == [0, 1, 2, 5]
-    assert timeline.opening == 2.0
-    assert Timeline.of(np.arange(3.0), np.zeros(3, dtype=bool)).opening == 0.0
 
 
 def test_a_log_without_a_touch_or_a_noise_is_shown_all_the_same() -> None:
-    time, estimate = session()
-    free = ContactEstimate(**{name: value[:50].copy() for name, value in vars(estimate).items()})
-    scene = prepare(ellipsoid(), time[:50], free)
+    contacts = session()
+    scene = prepare(ellipsoid(), contacts[:50])
+    assert scene.opening == 0
     assert not scene.heat.any()
     assert len(scene.trail(49, 5.0)[0]) == 0
-    assert "not touched" in spoken(scene.at(0), 1)
-    unknown = replace(estimate, covariance=np.full((len(time), 3, 3), np.nan))
-    scene = prepare(ellipsoid(), time, unknown)
+    assert "no contact" in caption(scene.at(0), 1)
+    unknown = replace(contacts.estimate, covariance=np.full((len(contacts), 3, 3), np.nan))
+    scene = prepare(ellipsoid(), contacts.with_estimate(unknown))
     assert scene.magnification == 1
-    assert "no noise is known" in spoken(scene.at(200), 1)
+    assert "no noise is known" in caption(scene.at(200), 1)
 
 
-def test_every_status_has_its_words(scene: Scene) -> None:
-    _, estimate = session()
-    status = np.resize(np.arange(len(Status)), len(estimate.status)).astype(np.int8)
-    scene = replace(scene, estimate=replace(estimate, status=status))
-    assert len({scene.at(k).words for k in range(len(Status))}) == len(Status)
+def test_every_status_has_its_words() -> None:
+    assert set(STATUS_WORDS) == set(Status)
+    assert len(set(STATUS_WORDS.values())) == len(Status)
 
 
-def test_a_moment_is_said_in_units_with_its_spread(scene: Scene) -> None:
-    said = spoken(scene.at(200), 5).replace("&nbsp;", " ").replace("&plusmn;", "+-")
-    moment = scene.at(200)
+def test_a_caption_holds_units_and_standard_deviations(scene: Scene) -> None:
+    said = caption(scene.at(200), 5, ["a < b"]).replace("&nbsp;", " ").replace("&plusmn;", "+-")
+    moment = scene.at(200).contacts[0]
     assert f"{np.linalg.norm(moment.force):.2f} N" in said
     assert f"x {1e3 * moment.point[0]:.2f} +- {1e3 * moment.deviation[0]:.2f}" in said
     assert "within 0.98 &times; 0.49 mm, drawn 5 times as large" in said  # sqrt(5.991) times 0.4 and 0.2 mm
     assert "1.0 mN m" in said
+    assert "a &lt; b" in said
 
 
 @given(st.floats(1e-6, 1e6))
@@ -234,6 +232,62 @@ def test_a_nice_step_is_the_next_of_1_2_5(value: float) -> None:
 
 def test_the_body_that_is_drawn_is_the_body() -> None:
     """Vertices lie on the ellipsoid within the depth of a facet; normals are those of the mesh."""
-    scene = prepare(ellipsoid(2_000), *session())
-    assert np.abs(BODY.value(scene.skin.vertices)).max() < 0.02  # facets cut, a fifth as long as the radius
-    assert np.einsum("ij,ij->i", scene.skin.normals, BODY.normals(scene.skin.vertices)).min() > 0.99
+    scene = prepare(ellipsoid(2_000), session())
+    assert np.abs(BODY.value(scene.body.vertices)).max() < 0.02  # facets cut, a fifth as long as the radius
+    assert np.einsum("ij,ij->i", scene.body.normals, BODY.normals(scene.body.vertices)).min() > 0.99
+
+
+def test_a_moment_holds_all_contacts_of_its_sample_the_strongest_first() -> None:
+    contacts = two_contacts()
+    scene = prepare(ellipsoid(), contacts)
+    assert len(scene) == 100
+    assert [len(scene.at(k).contacts) for k in (0, 24, 25, 74, 75, 99)] == [1, 1, 2, 2, 1, 1]
+    assert [shown.identity for shown in scene.at(50).contacts] == [2, 1]
+    assert [shown.features["area"] for shown in scene.at(50).contacts] == [2e-4, 1e-4]
+    assert scene.at(50).sample == 50
+    assert np.linalg.norm(contacts.force[scene.strongest[scene.opening]]) == pytest.approx(2.0)
+    said = caption(scene.at(50), 1)
+    assert "2 contacts" in said
+    assert "3.00 N" in said  # 2 and 1
+    assert "area&nbsp;2&nbsp;cm²" in said
+
+
+def test_plots_of_several_contacts_hold_the_sum_and_the_strongest() -> None:
+    contacts = two_contacts()
+    _, values = prepare(ellipsoid(), contacts).curves()
+    assert values[[10, 50], :2] == pytest.approx(np.array([[1.0, 1.0], [3.0, 2.0]]))
+    assert (values[[10, 50], 2] > 0).tolist() == [True, False]  # x of the strongest
+
+
+def test_a_trail_joins_the_points_of_one_contact_only() -> None:
+    """The two lie at opposite ends of a body of 60 mm: no segment leads from one to the other."""
+    contacts = two_contacts()
+    scene = prepare(ellipsoid(), contacts)
+    segments, age = scene.trail(74, 0.5)
+    assert len(segments) == 2 * 25
+    assert np.linalg.norm(segments[:, 1] - segments[:, 0], axis=1).max() < 1e-3
+    assert (np.diff(age) <= 0).all()
+    assert age[-2:].tolist() == [0.0, 0.0]
+
+
+def test_heat_of_two_contacts_is_the_time_of_both() -> None:
+    """2 s of one and 1 s of the other."""
+    scene = prepare(ellipsoid(5_000), two_contacts())
+    corners = scene.body.vertices[scene.body.faces]
+    areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2
+    share = scene.heat[scene.body.faces].mean(axis=1) * areas
+    right = corners[:, :, 0].mean(axis=1) > 0
+    assert [share[right].sum(), share[~right].sum()] == pytest.approx([2.0, 1.0], rel=0.05)
+
+
+def test_a_body_without_a_mesh_is_as_large_as_its_contacts() -> None:
+    contacts = two_contacts()
+    scene = prepare(None, contacts)
+    assert scene.body is None
+    assert scene.bounds == pytest.approx(np.stack([contacts.point.min(axis=0), contacts.point.max(axis=0)]))
+    assert prepare(None, session()[:10]).size == pytest.approx(0.1 * 3**0.5)  # nothing was touched
+
+
+def test_nothing_to_show_is_said() -> None:
+    with pytest.raises(InputError, match="nothing to show"):
+        prepare(ellipsoid(), session()[:0])

@@ -8,14 +8,16 @@ import numpy as np
 from tyro.conf import arg
 
 from palpate.calibration.clock import ClockOffset, identify_offset
+from palpate.cli.console import lines, note, title
 from palpate.cli.options import Log, Output, RigFile
-from palpate.cli.screen import lines, measured, note, title
 from palpate.errors import InputError
 from palpate.io.atomic import keep_inputs
-from palpate.io.logs import read_poses, read_recording, topics
+from palpate.io.logs import contents, read_poses, read_recording
 from palpate.io.models import provenance
 from palpate.io.rig import load_rig
 from palpate.io.rig.edit import update_offset
+from palpate.io.rig.force_torque import rig_payload
+from palpate.io.units import measured
 
 __all__ = ["calibrate_clock"]
 
@@ -37,16 +39,16 @@ def calibrate_clock(
         search: seconds to either side of the rig's offset that are looked at.
     """
     setup = load_rig(rig)
-    keep_inputs(output, (log, setup.mesh_path(), setup.payload_path()))  # not the rig: it may be updated
+    keep_inputs(output, (log, *setup.files().values()))  # not the rig: it may be updated
     if setup.force_torque.frame == "base":
         raise InputError(
             "wrenches written in the base frame were turned with poses whose clock is in question.",
             where=str(rig),
             mend="Record them in the sensor's frame.",
         )
-    path = setup.payload_path()
+    path = setup.files().get("payload")
     there = path is not None and path.exists()  # a rig may name it before it is made, which the clock may come before
-    layout, payload = setup.layout(), setup.payload() if there else None
+    layout, payload = setup.layout("force_torque"), rig_payload(setup) if there else None
     before = setup.orientation.offset
     recording = read_recording(log, layout)
     pose_time, quaternions, _ = read_poses(log, layout)
@@ -72,7 +74,7 @@ def calibrate_clock(
             ("residual", f"{found.residual:.3g} N, of averages over 10 ms"),
         ]
     )
-    note([*recording.notes, *found.notes, *_findings(found, columns=not topics(log))])
+    note([*recording.notes, *found.notes, *_findings(found, columns=not contents(log).topics)])
 
 
 def _findings(found: ClockOffset, *, columns: bool) -> list[str]:

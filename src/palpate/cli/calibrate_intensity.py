@@ -9,12 +9,11 @@ import numpy as np
 from tyro.conf import arg
 
 from palpate.calibration.intensity import identify_intensity, identify_resistive
+from palpate.cli.console import lines, note, title
 from palpate.cli.options import Log, Output, Scalar
-from palpate.cli.screen import lines, note, title
 from palpate.errors import InputError
 from palpate.io.atomic import keep_inputs
-from palpate.io.intensity import write_intensity
-from palpate.io.models import provenance
+from palpate.io.models import provenance, write_model
 from palpate.io.tables.table import read_table
 from palpate.io.units import FORCE_UNITS, to_si
 from palpate.sensors.intensity import Intensity
@@ -62,7 +61,7 @@ def calibrate_intensity(
         found = identify_intensity(
             force, intensity, cell, shape=_shape(sheet), kind=kind, degree=degree, top=top, provenance=record
         )
-    write_intensity(output, found)
+    write_model(output, found)
     curve = found.curves[0]
     half = np.array([curve.largest / 2])
     title(f"{log} -> {output}")

@@ -5,15 +5,15 @@ from __future__ import annotations
 import numpy as np
 
 from palpate.calibration.load_cells import LoadCellCalibration, identify_load_cells
+from palpate.cli.console import lines, note, title
 from palpate.cli.options import Log, Output, RigFile
-from palpate.cli.screen import lines, note, title
-from palpate.errors import InputError
 from palpate.io.atomic import keep_inputs
-from palpate.io.load_cells import write_load_cells
 from palpate.io.logs import read_recording
-from palpate.io.models import provenance
+from palpate.io.models import provenance, write_model
 from palpate.io.rig import load_rig
-from palpate.sensors.load_cells import REFERENCE, VOLTAGE
+from palpate.io.rig.load_cells import load_cells_layout, rig_load_cells
+from palpate.io.rig.wrench import rig_surface
+from palpate.sensors.recording import REFERENCE, VOLTAGE
 
 __all__ = ["calibrate_load_cells"]
 
@@ -31,11 +31,9 @@ def calibrate_load_cells(log: Log, /, rig: RigFile, output: Output) -> None:
         output: model to write, such as fingertip.toml.
     """
     setup = load_rig(rig)
-    table = setup.load_cells
-    if table is None:
-        raise InputError("has no [load_cells].", where=str(rig), mend="Name the columns of the voltages there.")
-    keep_inputs(output, (log, rig, setup.mesh_path()))
-    recording = read_recording(log, setup.layout(bench=True))
+    table = rig_load_cells(setup)
+    keep_inputs(output, (log, rig, setup.files().get("mesh")))
+    recording = read_recording(log, load_cells_layout(setup, bench=True))
     reference, voltages = recording.channels[REFERENCE], recording.channels[VOLTAGE]
     cells = table.count()
     found = identify_load_cells(
@@ -43,7 +41,7 @@ def calibrate_load_cells(log: Log, /, rig: RigFile, output: Output) -> None:
         voltages,
         reference[:, :3],
         reference[:, 3:],
-        setup.surface.load(setup.folder),
+        rig_surface(setup),
         ball=table.ball / 2.0,
         indentation=table.indentation,
         positions=table.places(),
@@ -52,7 +50,7 @@ def calibrate_load_cells(log: Log, /, rig: RigFile, output: Output) -> None:
         names=table.names(cells),
         provenance=provenance({"log": log, "rig": rig}, {"indentation": table.indentation}),
     )
-    write_load_cells(output, found.cells)
+    write_model(output, found.cells)
     title(f"{log} -> {output}")
     lines(_figures(found))
     note([*recording.notes])

@@ -10,19 +10,22 @@ from tyro.conf import arg
 
 from palpate.calibration.mounting import Mounting, identify_mounting, mean_touches
 from palpate.calibration.presses import find_presses
+from palpate.cli.console import lines, note, title, wait
 from palpate.cli.interrupts import import_mesh_reader
 from palpate.cli.options import FileOption, Log, Output, RigFile
-from palpate.cli.screen import lines, measured, note, title, wait
-from palpate.contact.estimator import Estimator
+from palpate.contact.ground_truth import Touches
 from palpate.contact.locate import Locator
-from palpate.contact.truth import Touches
+from palpate.contact.wrench_estimator import WrenchEstimator
 from palpate.errors import InputError
 from palpate.io.atomic import keep_inputs
+from palpate.io.ground_truth import read_touches
 from palpate.io.logs import read_recording
 from palpate.io.models import provenance
 from palpate.io.rig import Rig, load_rig
 from palpate.io.rig.edit import update_pose
-from palpate.io.truth import read_touches
+from palpate.io.rig.force_torque import rig_payload, rig_sensor
+from palpate.io.units import measured
+from palpate.sensors.compensation import Compensation
 from palpate.sensors.noise import estimate_noise
 from palpate.sensors.recording import Recording
 from palpate.spatial.pose import Pose
@@ -54,10 +57,11 @@ def calibrate_mounting(
         placement: standard deviation [m] of how well marks are hit, along each axis.
     """
     setup = load_rig(rig)
-    keep_inputs(output, (log, marks, setup.mesh_path(), setup.payload_path()))  # not the rig: it may be updated
-    recording = read_recording(log, setup.layout())
-    if setup.mesh_path() is not None:
-        import_mesh_reader()
+    keep_inputs(output, (log, marks, *setup.files().values()))  # not the rig: it may be updated
+    recording = read_recording(log, setup.layout("force_torque"))
+    import_mesh_reader()
+    if setup.surface is None:
+        raise InputError("a rig needs a [surface].", where=str(rig))
     surface = setup.surface.load(setup.folder).drawn()  # an equation as its fine mesh: evidence counts facets
     wait("preparing the surface and compiling kernels (compiling happens once)")
     wrenches, covariances, estimator = _in_sensor(recording, setup, surface)
@@ -82,13 +86,13 @@ def calibrate_mounting(
     kind = "presses somewhere on the surface" if marks is None else f"touches at the points of {marks}"
     lines([("touches", f"{len(mounting.touches)} used of {len(touches)} {kind}"), *_figures(mounting, initial)])
     note([*surface.notes, *recording.notes, *mounting.notes])
-    note(_doubts(mounting, initial, estimator, anywhere=marks is None), kind="warning")
+    note(_doubts(mounting, initial, setup, anywhere=marks is None), kind="warning")
 
 
-def _doubts(mounting: Mounting, initial: Pose, estimator: Estimator, *, anywhere: bool) -> list[str]:
+def _doubts(mounting: Mounting, initial: Pose, rig: Rig, *, anywhere: bool) -> list[str]:
     """Before somebody relies on it."""
     said: list[str] = []
-    if estimator.payload is None:
+    if rig.force_torque.payload is None:
         said.append("the rig names no payload: weight and bias, where they are not taken off, end up in the pose")
     if mounting.residual > POOR:
         said.append(
@@ -105,10 +109,12 @@ def _doubts(mounting: Mounting, initial: Pose, estimator: Estimator, *, anywhere
     return said
 
 
-def _in_sensor(recording: Recording, setup: Rig, surface: Mesh) -> tuple[np.ndarray, np.ndarray | None, Estimator]:
+def _in_sensor(
+    recording: Recording, setup: Rig, surface: Mesh
+) -> tuple[np.ndarray, np.ndarray | None, WrenchEstimator]:
     """Compensated wrenches in the sensor's frame, and what the payload's uncertainty adds to their covariance."""
     noise = None if setup.force_torque.noise is not None else estimate_noise(recording.wrenches())
-    sensor = setup.sensor(noise)
+    sensor = rig_sensor(setup, noise)
     settings = setup.estimate.contact
     locator = Locator(
         surface,
@@ -116,14 +122,16 @@ def _in_sensor(recording: Recording, setup: Rig, surface: Mesh) -> tuple[np.ndar
         on=None if settings is None else settings.on,
         off=None if settings is None else settings.off,
     )
-    estimator = Estimator(locator, sensor, setup.payload())  # its surface frame is the sensor's: no mount
+    estimator = WrenchEstimator(
+        locator, Compensation(sensor, rig_payload(setup))
+    )  # its surface frame is the sensor's: no mount
     wrenches, covariances, statuses = estimator.contact_wrenches(recording)
     usable = np.where((statuses < 0)[:, None], wrenches, np.nan)
     added = None if covariances is None or covariances.ndim == 2 else covariances - sensor.noise
     return usable, added, estimator
 
 
-def _presses(recording: Recording, wrenches: np.ndarray, estimator: Estimator) -> Touches:
+def _presses(recording: Recording, wrenches: np.ndarray, estimator: WrenchEstimator) -> Touches:
     on, off = estimator.locator.on, estimator.locator.off
     start, end = find_presses(recording.time, wrenches, on=on, off=off)
     if not len(start):

@@ -10,19 +10,20 @@ from tyro.conf import FlagCreatePairsOff, arg
 
 from palpate.calibration.payload import identify_payload
 from palpate.calibration.poses import average_poses
+from palpate.cli.console import lines, note, title
 from palpate.cli.options import FileOption, Log, Output
-from palpate.cli.screen import lines, measured, note, title
 from palpate.errors import InputError
 from palpate.io.atomic import keep_inputs
 from palpate.io.logs import read_recording
 from palpate.io.logs.layout import Layout
-from palpate.io.models import provenance, write_payload
+from palpate.io.models import provenance, write_model
+from palpate.io.models.summary import of_payload
 from palpate.io.rig import load_rig
 from palpate.sensors.force_torque import STANDARD_GRAVITY, Payload
 from palpate.sensors.recording import ORIENTATION
 from palpate.spatial.pose import rotation_from_quaternion
 
-__all__ = ["calibrate_payload", "figures"]
+__all__ = ["calibrate_payload"]
 
 _MENDS = {
     "base frame": 'frame = "base" under [force_torque] in the rig, or --base-frame here',
@@ -56,8 +57,8 @@ def calibrate_payload(
         base_frame: the wrenches are written in the base frame (a rig says it as frame = "base").
     """
     setup = None if rig is None else load_rig(rig)
-    keep_inputs(output, (log, rig, None if setup is None else setup.mesh_path()))
-    layout = Layout() if setup is None else setup.layout()
+    keep_inputs(output, (log, rig, None if setup is None else setup.files().get("mesh")))
+    layout = Layout() if setup is None else setup.layout("force_torque")
     recording = read_recording(log, layout)
     if ORIENTATION not in recording.channels:
         raise InputError(
@@ -77,12 +78,12 @@ def calibrate_payload(
         hypothesis="base frame" if base_frame or layout.frame == "base" else "as is",
         provenance=record,
     )
-    write_payload(output, payload)
+    write_model(output, payload)
     title(f"{log} -> {output}")
     averaged = (
         f"{len(counts)} poses at rest of {int(counts.sum()):,} samples" if counts.max() > 1 else "each on its own"
     )
-    lines([("samples", f"{len(recording):,}; used: {averaged}"), *figures(payload)])
+    lines([("samples", f"{len(recording):,}; used: {averaged}"), *of_payload(payload)])
     note([*recording.notes, *payload.notes])
     note(_mends(payload), kind="mend")
 
@@ -103,19 +104,3 @@ def _direction(text: str) -> np.ndarray | None:
     if direction.shape != (3,) or not direction.any():
         raise InputError(f"--gravity {text!r} is no direction.", mend="Write x,y,z, such as 0,0,-1, or free.")
     return direction
-
-
-def figures(payload: Payload) -> list[tuple[str, str]]:
-    """Each with its standard deviation."""
-    spread = np.sqrt(np.diag(payload.covariance))
-    weight = float(np.linalg.norm(payload.weight))
-    along = payload.weight / weight if weight else np.zeros(3)
-    mass_spread = float(np.sqrt(along @ payload.covariance[:3, :3] @ along)) / payload.magnitude
-    return [
-        ("mass", measured([payload.mass], [mass_spread], "kg")),
-        ("gravity", f"({along[0]:.4f}, {along[1]:.4f}, {along[2]:.4f}), its direction in the base"),
-        ("centre of mass", measured(1e3 * payload.center_of_mass, 1e3 * spread[6:9], "mm")),
-        ("force bias", measured(payload.force_bias, spread[3:6], "N")),
-        ("torque bias", measured(payload.torque_bias, spread[9:], "N m")),
-        ("residual", f"{payload.residual[0]:.3g} N, {payload.residual[1]:.3g} N m rms"),
-    ]

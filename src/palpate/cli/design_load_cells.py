@@ -10,13 +10,15 @@ from typing import Annotated
 import numpy as np
 from tyro.conf import Positional, arg
 
+from palpate.cli.console import lines, note, title
 from palpate.cli.design_report import Design, compose, tiles, warnings
 from palpate.cli.options import Output
-from palpate.cli.screen import lines, note, title
 from palpate.contact.resolution import nominal_cells
 from palpate.errors import InputError
 from palpate.io.atomic import keep_inputs, write_text
 from palpate.io.rig import Rig, load_rig
+from palpate.io.rig.load_cells import rig_load_cells
+from palpate.io.rig.wrench import rig_surface
 from palpate.sensors.load_cells import LoadCells
 from palpate.viewer.report import render, require_report
 
@@ -51,8 +53,8 @@ def design_load_cells(
     if not 0 <= friction < inf:
         raise InputError(f"--friction must not be negative, not {friction:g}.")
     setup = load_rig(rig)
-    keep_inputs(output, (rig, setup.mesh_path(), setup.cells_path()))
-    surface, cells = setup.surface.load(setup.folder), setup.nominal_cells()
+    keep_inputs(output, (rig, *setup.files().values()))
+    surface, cells = rig_surface(setup), rig_load_cells(setup).nominal(setup.folder)
     design = Design(rig.name, cells, surface, accuracy, force, friction, tared, tuple(_variants(setup, cells)))
     write_text(output, render(compose(design)))
     title(f"{rig} -> {output}")
@@ -62,8 +64,8 @@ def design_load_cells(
 
 def _variants(rig: Rig, cells: LoadCells) -> Iterator[tuple[str, LoadCells]]:
     """Layouts that have not been built can still be changed."""
-    table, places = rig.load_cells, cells.positions
-    if table is None or table.model is not None or table.sensitivity is None or table.noise is None:
+    table, places = rig_load_cells(rig), cells.positions
+    if table.model is not None or table.sensitivity is None or table.noise is None:
         return
     middle = places.mean(axis=0)
     for name, spread, noise in (

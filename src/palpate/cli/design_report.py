@@ -20,7 +20,7 @@ __all__ = ["Design", "compose", "tiles", "warnings"]
 
 STEEPEST = 0.2  # cosine between normal and view: what is steeper is hardly seen from there
 REACH = np.geomspace(3e-3, 30.0, 81)  # N: forces of the curves
-EVEN = 0.01  # spread below which a map would be one colour
+EVEN = 0.01  # relative difference below which a map would be one colour
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,12 +183,12 @@ def _maps(design: Design) -> Section:
 def _curves(design: Design) -> Section:
     found, seen = design.found, design.seen
     errors = np.stack([found.position(float(force))[seen] for force in REACH])
-    courses = {
+    curves = {
         "best place": errors.min(axis=1),
         "median": np.median(errors, axis=1),
         "worst": errors.max(axis=1),
     }
-    drawn = maps.error_over_force(REACH, courses, design.accuracy)
+    drawn = maps.error_over_force(REACH, curves, design.accuracy)
     words = (
         "The noise moves the place by so much less as the force is larger; what a calibration does not know stays. "
         "Where it is as large as the body, the line says no more than that nothing is known."

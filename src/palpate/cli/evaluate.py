@@ -8,21 +8,20 @@ from typing import Annotated
 import numpy as np
 from tyro.conf import arg
 
-from palpate.cli.evaluate_skin import WAND, WRENCH, evaluate_skin
+from palpate.cli.console import lines, note, percent, table, title
+from palpate.cli.evaluate_instrument import WAND, WRENCH, evaluate_instrument
 from palpate.cli.options import ContactsFile, FileOption, TruthFile
-from palpate.cli.screen import lines, note, percent, table, title
-from palpate.contact.truth import Touches
+from palpate.contact.ground_truth import Touches
 from palpate.errors import InputError
-from palpate.evaluation.errors import Spread
+from palpate.evaluation.errors import ErrorSummary
 from palpate.evaluation.evaluate import Report
 from palpate.evaluation.evaluate import evaluate as compare
-from palpate.evaluation.skin import paired
 from palpate.io.contacts import read_contacts
+from palpate.io.ground_truth import read_ground_truth
 from palpate.io.models import read_provenance
 from palpate.io.tables.table import read_table
-from palpate.io.truth import read_truth
 
-__all__ = ["HEADER", "evaluate", "spreads"]
+__all__ = ["HEADER", "evaluate", "summaries"]
 
 HEADER = ("", "mean", "median", "95 %", "worst", "count")
 
@@ -39,37 +38,34 @@ def evaluate(
 ) -> None:
     """Errors of location, direction and force, coverage of the ellipses, share of each status.
 
-    Contacts of a taxel sheet may also be compared with a force/torque sensor below it, time,fx,fy,fz,tx,ty,tz, or with
-    a wand that cameras track, time,x,y,z,qx,qy,qz,qw in the link's frame; both need the rig with its [skin].
+    Contacts may also be compared with a force/torque sensor that carries the body, time,fx,fy,fz,tx,ty,tz, or with a
+    wand that cameras track, time,x,y,z,qx,qy,qz,qw in the body's frame; both need the rig.
 
     Args:
-        contacts: written by `palpate estimate`.
+        contacts: written by `palpate estimate`, of any sensor.
         truth: time,px,py,pz[,nx,ny,nz][,fx,fy,fz] in the contacts' frame, or touches: start,end,px,py,pz[,label].
         tolerance: seconds; how far the nearest true time may lie.
-        rig: of the taxel sheet.
+        rig: of the body, for a wrench or a wand.
         wand: mesh of the tracked wand.
         wand_unit: of that mesh.
-        output: page to write as well (.html), of a taxel sheet.
+        output: page to write as well (.html), of contacts against a wrench or a wand.
     """
     found = read_contacts(contacts)
-    if found.cell is not None and _is_instrument(truth):
+    if _is_instrument(truth):
         if rig is None:
-            raise InputError("a wrench or a wand is compared on the link, which the rig knows.", mend="Add --rig FILE.")
-        evaluate_skin(contacts, found, truth, rig, wand=wand, unit=wand_unit, tolerance=tolerance, report=output)
+            raise InputError("a wrench or a wand is compared on the body, which the rig knows.", mend="Add --rig FILE.")
+        tool = None if wand is None else (wand, wand_unit)
+        evaluate_instrument((contacts, found), truth, rig, wand=tool, tolerance=tolerance, output=output)
         return
-    if output is not None:
-        raise InputError(
-            "a page is written for a taxel sheet against a wrench or a wand.",
-            where="--output",
-            mend="For other contacts use palpate estimate --report FILE --truth FILE.",
-        )
-    known = read_truth(truth)
-    first = found.contact == 0
-    if found.cell is None:
-        report = compare(found.time[first], found.estimate[first], known, tolerance=tolerance)
-    else:
-        first[:] = True
-        report = compare(*paired(found.time, found.contact, found.estimate, known, tolerance), tolerance=tolerance)
+    for option, given in (("rig", rig), ("wand", wand), ("output", output)):
+        if given is not None:
+            raise InputError(
+                "is for contacts against a wrench or a wand.",
+                where=f"--{option}",
+                mend="A page of other contacts is written by palpate estimate --report FILE --truth FILE.",
+            )
+    known = read_ground_truth(truth)
+    report = compare(found, known, tolerance=tolerance)
     if not report.matched:
         raise InputError(
             f"no sample matches the truth: contacts from {_span(found.time)}, truth from "
@@ -78,14 +74,22 @@ def evaluate(
             mend="Both must be on one clock; --tolerance widens the match.",
         )
     title(f"{contacts} against {truth}")
+    _say(report)
+    note([*_unanswered(report), *_unpaired(report), *found.notes])
+    frame = read_provenance(contacts).get("frame", "surface")
+    if frame != "surface":
+        note([f"the contacts are in the {frame}'s frame: the truth must be, too"], kind="warning")
+
+
+def _say(report: Report) -> None:
     matched = f"{report.samples:,}, of which {report.matched:,} have a truth and {report.answered:,} of these an answer"
-    lines([("samples", matched)])
+    lines([("contacts", matched)])
     lines((label, percent(share)) for label, share in report.statuses.items())
     _touches(report)
-    if rows := spreads(report):
+    if rows := summaries(report):
         table(HEADER, rows)
     else:
-        note(["no sample that has a truth has an answer: there is nothing to average"])
+        note(["no contact that has a truth has an answer: there is nothing to average"])
     seen = report.coverage
     if seen.count:
         lines(
@@ -94,12 +98,16 @@ def evaluate(
                 ("mean square", f"{seen.mean_square:.2f} (should be 2)"),
             ]
         )
-    note([*_unanswered(report), *found.notes])
-    frame = read_provenance(contacts).get("frame", "surface")
-    if frame != "surface":
-        note([f"the contacts are in the {frame}'s frame: the truth must be, too"], kind="warning")
-    if not first.all():
-        note([f"{np.count_nonzero(~first)} rows are second contacts and were not compared"])
+
+
+def _unpaired(report: Report) -> list[str]:
+    """Contacts and truths that are left over where there are several at once."""
+    said: list[str] = []
+    if report.unmatched:
+        said.append(f"{report.unmatched:,} contacts have no truth of their own: others are nearer to it")
+    if report.missed:
+        said.append(f"{report.missed:,} truths have no contact, though others of their time have one")
+    return said
 
 
 def _is_instrument(truth: Path) -> bool:
@@ -108,27 +116,27 @@ def _is_instrument(truth: Path) -> bool:
     return set(WRENCH) <= names or set(WAND) <= names
 
 
-def spreads(report: Report) -> list[tuple[str, ...]]:
+def summaries(report: Report) -> list[tuple[str, ...]]:
     """Rows of what, mean, median, 95 %, worst and count, each with its unit; none where nothing was compared."""
     what = "location of touches [mm]" if report.touches else "location [mm]"
     degrees = 180 / np.pi
     return [
         row
-        for name, spread, scale in (
+        for name, summary, scale in (
             (what, report.location, 1e3),
             ("normal [deg]", report.normal, degrees),
             ("force [N]", report.force, 1.0),
             ("force direction [deg]", report.force_angle, degrees),
         )
-        for row in _spread(name, spread, scale)
+        for row in _summary(name, summary, scale)
     ]
 
 
-def _spread(name: str, spread: Spread | None, scale: float) -> list[tuple[str, ...]]:
-    if spread is None:
+def _summary(name: str, summary: ErrorSummary | None, scale: float) -> list[tuple[str, ...]]:
+    if summary is None:
         return []
-    figures = (spread.mean, spread.median, spread.p95, spread.worst)
-    return [(name, *(f"{scale * figure:.3f}" for figure in figures), f"{spread.count:,}")]
+    figures = (summary.mean, summary.median, summary.p95, summary.worst)
+    return [(name, *(f"{scale * figure:.3f}" for figure in figures), f"{summary.count:,}")]
 
 
 def _touches(report: Report) -> None:

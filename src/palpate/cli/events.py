@@ -7,8 +7,8 @@ from typing import Annotated
 import numpy as np
 from tyro.conf import arg
 
+from palpate.cli.console import lines, note, percent, table, title
 from palpate.cli.options import ContactsFile, FileOption
-from palpate.cli.screen import lines, note, percent, table, title
 from palpate.contact.events import Events, TouchFinder
 from palpate.errors import InputError
 from palpate.io.atomic import keep_inputs
@@ -39,7 +39,7 @@ def events(
     gap: Annotated[float, arg(metavar="X")] = 0.05,
     shortest: Annotated[float, arg(metavar="X")] = 0.02,
 ) -> None:
-    """Touches: start, end, peak force, place.
+    """Touches: start, end, peak force, place; of several contacts at a time each by itself.
 
     Args:
         contacts: written by `palpate estimate`: CSV, Parquet or MCAP.
@@ -51,19 +51,16 @@ def events(
         raise InputError("seconds must not be negative.", where="--gap, --shortest")
     if output is not None:
         keep_inputs(output, [contacts])
-    finder, seconds, rows, notes = TouchFinder(gap=gap, shortest=shortest), 0, 0, dict[str, None]()
+    finder, rows, notes = TouchFinder(gap=gap, shortest=shortest), 0, dict[str, None]()
     for block in contact_blocks(contacts):
-        first = block.contact == 0
-        finder.add(block.time[first], block.estimate[first])
-        rows, seconds = rows + len(block), seconds + int(np.count_nonzero(~first))
+        finder.add(block)
+        rows += len(block)
         notes |= dict.fromkeys(block.notes)
     found = finder.touches()
     title(f"{contacts}: {len(found)} touches in {rows:,} rows")
     _table(found)
     if len(found) and np.isnan(found.deviation).all():
         notes["no standard deviation: no noise was known"] = None
-    if seconds:
-        notes[f"{seconds:,} rows are second contacts and were left out"] = None
     note(notes)
     if output is not None:
         write_events(output, found)
@@ -73,16 +70,18 @@ def events(
 def _table(found: Events) -> None:
     if not len(found):
         return
+    features = tuple(found.features)
     figures = np.column_stack([found.start, found.end, found.peak_force, 1e3 * found.point])
-    spreads = 1e3 * np.column_stack([found.deviation, found.slid])
+    sizes = 1e3 * np.column_stack([found.deviation, found.slid])
     table(
-        _HEADER,
+        (*_HEADER, *features),
         (
             (
                 str(k + 1),
                 *(f"{value:.{digits}f}" for value, digits in zip(figures[k], (3, 3, 2, 2, 2, 2), strict=True)),
-                *(f"{value:.2f}" if np.isfinite(value) else "-" for value in spreads[k]),
+                *(f"{value:.2f}" if np.isfinite(value) else "-" for value in sizes[k]),
                 percent(found.ambiguous[k]),
+                *(f"{found.features[name][k]:.4g}" for name in features),
             )
             for k in range(min(len(found), _SHOWN))
         ),

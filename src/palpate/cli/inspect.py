@@ -9,23 +9,22 @@ from typing import Annotated, Any
 import numpy as np
 from tyro.conf import arg
 
-from palpate.cli.calibrate_payload import figures
+from palpate.cli.console import lines, note, title
 from palpate.cli.inspect_log import inspect_contacts, inspect_log
 from palpate.cli.interrupts import import_mesh_reader
 from palpate.cli.options import FileOption, SomeFile
-from palpate.cli.screen import lines, note, title
 from palpate.cli.spectrum import KINDS, draw_spectrum, located
-from palpate.contact.truth import Touches
+from palpate.contact.ground_truth import Touches
+from palpate.contact.table import COLUMNS
 from palpate.errors import InputError
 from palpate.io.atomic import PART, keep_inputs
-from palpate.io.contacts import COLUMNS, unfinished
-from palpate.io.contacts.mcap import ESTIMATE
-from palpate.io.logs import topics
-from palpate.io.models import load_toml, read_payload
+from palpate.io.contacts import unfinished
+from palpate.io.contacts.mcap import KIND
+from palpate.io.ground_truth import read_ground_truth
+from palpate.io.logs import LogContents, contents
+from palpate.io.models import MODELS, load_toml, read_model
 from palpate.io.rig import Rig, load_rig
-from palpate.io.tables.lines import open_input
-from palpate.io.tables.table import tables
-from palpate.io.truth import read_truth
+from palpate.io.rig.kinds import KINDS as SENSORS
 from palpate.sensors.recording import Recording
 from palpate.surfaces.mesh import UNITS, Mesh
 
@@ -33,13 +32,13 @@ __all__ = ["inspect"]
 
 TORN = 3  # what was asked for is done, but the log was torn
 _MESHES = (".stl", ".obj", ".ply", ".dae")
-_TOPICS = (b"\x89MCAP0\r\n", b"#ROSBAG V", b"SQLite format 3\0")  # how files begin that hold topics
 
 
 def inspect(
     file: SomeFile,
     /,
     rig: FileOption = None,
+    sensor: Annotated[str | None, arg(metavar="NAME", help_behavior_hint="")] = None,
     spectrum: Annotated[Path | None, arg(metavar="FILE", help_behavior_hint="")] = None,
 ) -> None:
     """Say what is in a log, a mesh, a rig, a model, a result or a truth; draw the spectrum of a log or a result.
@@ -48,6 +47,7 @@ def inspect(
         file: a log or contacts (CSV, Parquet, MCAP, bag), STL, OBJ, PLY or DAE, TOML, a truth.
         rig: TOML that says where the log keeps what; with it, spectra are those of the contact: payload taken off, and
             of its place too.
+        sensor: name of the sensor's table in the rig, where there are several that the log could be of.
         spectrum: .html, .svg or .png to draw spectra into; what cut-off of a filter they propose is printed.
     """
     suffix, whole = file.suffix.lower(), unfinished(file)
@@ -60,7 +60,7 @@ def inspect(
             raise InputError("has no spectrum: it is no log and no result.", where=str(file))
         (_toml if suffix == ".toml" else _mesh)(file)
     else:
-        _data(whole or file, None if rig is None else load_rig(rig), spectrum)
+        _data(whole or file, None if rig is None else load_rig(rig), sensor, spectrum)
 
 
 def _check_output(output: Path, file: Path, rig: Path | None) -> None:
@@ -70,64 +70,40 @@ def _check_output(output: Path, file: Path, rig: Path | None) -> None:
     keep_inputs(output, (file, rig))
 
 
-def _data(file: Path, rig: Rig | None, output: Path | None) -> None:
+def _data(file: Path, rig: Rig | None, sensor: str | None, output: Path | None) -> None:
     """A log, contacts, or a truth."""
-    names = _columns(file)
-    if _holds_contacts(file, names):
-        recording, torn = inspect_contacts(file), False
-    elif {"px", "py", "pz"} <= set(names) and set(names) & {"time", "start"}:
-        _truth(file)
-        recording, torn = None, False
+    there = None if _unfinished(file) else contents(file)
+    torn = False
+    if there is None or _holds_contacts(there):
+        recording = inspect_contacts(file)
+    elif {"px", "py", "pz"} <= set(there.names) and set(there.names) & {"time", "start"}:
+        _ground_truth(file)
+        recording = None
     else:
-        recording, torn = inspect_log(file, names, None if rig is None else rig.layout())
+        recording, torn = inspect_log(file, rig, sensor)
         if output is not None and recording is not None and rig is not None:
-            recording = _located(recording, rig)
+            import_mesh_reader()
+            recording = located(recording, rig, sensor)
     if output is not None:
         _draw(recording, output, file)
     if torn:
         raise SystemExit(TORN)
 
 
-def _located(recording: Recording, rig: Rig) -> Recording:
-    if rig.mesh_path() is not None:
-        import_mesh_reader()
-    return located(recording, rig)
+def _unfinished(file: Path) -> bool:
+    """OUTPUT.part, of which a folder is one of Parquet; a folder of any other name is a bag."""
+    return file.suffix == PART
+
+
+def _holds_contacts(there: LogContents) -> bool:
+    ours = KIND.replace("/msg/", "/")
+    return set(COLUMNS) <= set(there.names) or any(topic.kind.replace("/msg/", "/") == ours for topic in there.topics)
 
 
 def _draw(recording: Recording | None, output: Path, file: Path) -> None:
     if recording is None or not len(recording):
         raise InputError("has no spectrum: there are no wrenches over time in it.", where=str(file))
     draw_spectrum(recording, output, file.name)
-
-
-def _columns(file: Path) -> tuple[str, ...]:
-    """Names of the columns; none where a file has topics."""
-    if file.is_dir():
-        return COLUMNS if any(file.glob("*.parquet")) else ()  # an unfinished Parquet file, or a bag
-    with open_input(file) as opened:
-        start = opened.read(16)
-        if start.startswith(b"PAR1"):
-            return _parquet_columns(file)
-        if start.startswith(_TOPICS):
-            return ()
-    with open_input(file) as opened:
-        return next(tables(opened, file, 1 << 16)).names
-
-
-def _parquet_columns(file: Path) -> tuple[str, ...]:
-    import polars as pl
-
-    try:
-        return tuple(pl.read_parquet_schema(file))
-    except (pl.exceptions.PolarsError, OSError) as problem:
-        raise InputError(f"cannot be read as Parquet ({str(problem).splitlines()[0]}).", where=str(file)) from problem
-
-
-def _holds_contacts(file: Path, names: tuple[str, ...]) -> bool:
-    if names:
-        return set(COLUMNS) <= set(names)
-    ours = ESTIMATE.kind.replace("/msg/", "/")
-    return file.suffix == PART or any(kind.replace("/msg/", "/") == ours for _, kind, _ in topics(file))
 
 
 def _mesh(file: Path) -> None:
@@ -153,19 +129,19 @@ def _mesh(file: Path) -> None:
 
 def _toml(file: Path) -> None:
     content = load_toml(file)
-    if content.get("kind") == "payload":
-        payload = read_payload(file)
-        title(f"{file}: a payload model")
-        lines(figures(payload))
-        lines(payload.provenance.items())
-        note(payload.notes)
-    elif "surface" in content or "force_torque" in content:
+    model = MODELS.get(str(content.get("kind")))
+    if model is not None:
+        value: Any = read_model(file)
+        title(f"{file}: {model.called}")
+        lines(model.summary(value))
+        lines(value.provenance.items())
+        note(value.notes)
+    elif set(content) & {"surface", *SENSORS}:
         rig = load_rig(file)
         title(f"{file}: a rig")
+        lines([("sensors", ", ".join(f"{kind.called} [{kind.name}]" for kind in rig.kinds))])
         lines(_settings(rig, ""))
-        for path in (rig.mesh_path(), rig.payload_path()):
-            if path is not None and not path.exists():
-                note([f"{path} is not there yet"], kind="warning")
+        note([f"{path} is not there yet" for path in rig.files().values() if not path.exists()], kind="warning")
     else:
         title(f"{file}: TOML")
         lines((name, value) for name, value in content.items())
@@ -187,7 +163,10 @@ def _settings(values: Any, prefix: str) -> list[tuple[str, object]]:
     hidden = ("folder", "pose_covariance", *_IDLE.get(getattr(values, "kind", ""), ()))
     for field in fields(values):
         value: object = getattr(values, field.name)
-        if is_dataclass(value):
+        if field.name == "sensors":
+            for name, table in values.sensors.items():
+                found += _settings(table, f"{name}.")
+        elif is_dataclass(value):
             found += _settings(value, f"{prefix}{field.name}.")
         elif value is not None and field.name not in hidden:
             found.append((f"{prefix}{field.name}", _listed(value)))
@@ -200,8 +179,8 @@ def _listed(value: object) -> str:
     return text.replace("(", "[").replace(")", "]") if text.startswith("(") else text
 
 
-def _truth(file: Path) -> None:
-    truth = read_truth(file)
+def _ground_truth(file: Path) -> None:
+    truth = read_ground_truth(file)
     touches = isinstance(truth, Touches)
     title(f"{file}: {'touches at known points' if touches else 'the truth at instants'}")
     time = np.concatenate([truth.start, truth.end]) if isinstance(truth, Touches) else truth.time

@@ -2,118 +2,99 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
-from palpate.cli.screen import counting, lines, note, percent, progress, table, title
+from palpate.cli.console import counting, lines, note, percent, progress, table, title
+from palpate.cli.excerpt import Excerpt
 from palpate.cli.spectrum import PLACE
 from palpate.contact.estimate import Status
 from palpate.errors import InputError
 from palpate.io.contacts import contact_blocks, unfinished
-from palpate.io.logs import join, open_log, topics
-from palpate.io.logs.guess import guess_orientation, guess_time, guess_wrench
-from palpate.io.logs.layout import Layout
+from palpate.io.logs import LogContents, contents, open_log
+from palpate.io.logs.guess import guess_orientation
 from palpate.io.models import read_provenance
+from palpate.io.pipeline import open_log as open_rig_log
+from palpate.io.rig import Rig
+from palpate.io.rig.new import guess_sensor
 from palpate.sensors.noise import estimate_noise
-from palpate.sensors.recording import FORCE, ORIENTATION, POSITION, Recording
+from palpate.sensors.recording import FORCE, ORIENTATION, POSITION, TORQUE, Recording
 
 __all__ = ["inspect_contacts", "inspect_log"]
 
-_CHANNELS = ("fx [N]", "fy [N]", "fz [N]", "tx [N m]", "ty [N m]", "tz [N m]")
+_UNITS = {FORCE: "N", TORQUE: "N m", "voltage": "V"}
+_MOST = 40  # rows of a table of channels: where there are more, as in a frame, one row stands for all
 
 
-class Excerpt:
-    """Takes all samples of a log in order, and keeps some long pieces of it: steps and spectra need neighbours.
-
-    Every `stride`-th piece is kept; `stride` doubles when they get too many.
-
-    Args:
-        most: samples to keep.
-        piece: samples of a piece.
-    """
-
-    def __init__(self, most: int = 1 << 18, piece: int = 1 << 13) -> None:
-        self.count, self.stride, self._most, self._piece = 0, 1, most, piece
-        self._kept: list[tuple[int, Recording]] = []  # with the number of the piece that it is of
-
-    def add(self, block: Recording) -> None:
-        """The next samples, in blocks of any size."""
-        start = 0
-        while start < len(block):
-            number, inside = divmod(self.count, self._piece)
-            end = min(len(block), start + self._piece - inside)
-            if number % self.stride == 0:
-                self._keep(number, block.picked(slice(start, end)))
-            self.count += end - start
-            start = end
-
-    def recording(self) -> Recording:
-        """What was kept, with gaps in it."""
-        return join([part for _, part in self._kept])
-
-    def _keep(self, number: int, part: Recording) -> None:
-        self._kept.append((number, part))
-        while sum(len(one) for _, one in self._kept) > self._most and self.stride < 2 * self.count:
-            self.stride *= 2
-            self._kept = [one for one in self._kept if one[0] % self.stride == 0]
-
-
-def inspect_log(file: Path, names: Sequence[str], layout: Layout | None) -> tuple[Recording | None, bool]:
+def inspect_log(file: Path, rig: Rig | None, sensor: str | None = None) -> tuple[Recording | None, bool]:
     """Say what is in a log.
 
     Args:
         file: the log.
-        names: its columns; none where it has topics.
-        layout: where a rig says it; None: guessed from the names.
+        rig: that says where it keeps what; None: guessed from its names.
+        sensor: of the rig.
 
     Returns:
-        What was kept of it (None where no wrench was found in it), and whether it is torn.
+        What was kept of it (None where no sensor was recognised in it), and whether it is torn.
     """
     title(f"{file}: a log")
-    _say_contents(file, names)
-    layout = layout or _guessed(names)
-    if layout is None:
-        note(["no columns look like a time with three forces and three torques"])
-        return None, False
-    log = open_log(file, layout)
-    excerpt, ranges = Excerpt(), _Ranges()
+    there = contents(file)
+    _say_contents(there)
+    if rig is not None:
+        log = open_rig_log(file, rig, sensor)
+        kind, blocks = log.kind, iter(log)
+    else:
+        found = guess_sensor(file, sensor=sensor)
+        if found is None:
+            note(["nothing in it looks like wrenches, voltages of load cells or frames of taxels"])
+            return None, False
+        kind, guess = found
+        log = open_log(file, guess.layout)
+        blocks = log.blocks()
+        lines([("taken for", f"{kind.called}: {guess.why}")])
+    excerpt, ranges = Excerpt(), _Ranges(kind.channels)
     try:
         with counting():
-            for block in log.blocks():
+            for block in blocks:
                 excerpt.add(block)
                 ranges.add(block)
                 progress(ranges.count, log.position / max(log.size, 1))
     except InputError as problem:
-        if names or excerpt.count:
+        if there.names or excerpt.count:
             raise
         note([str(problem)])  # several topics, and which one is meant is for a rig to say
         return None, bool(log.torn)
     kept = excerpt.recording()
-    _say_samples(kept, ranges, names, layout)
+    _say_samples(kept, ranges, there)
     _say_ranges(kept, ranges)
-    _say_share(excerpt)
+    if excerpt.stride > 1:
+        note([f"step, medians and noise are those of one sample in {excerpt.stride} (in long pieces), the rest of all"])
     note(([f"torn: {log.torn}"] if log.torn else []), kind="warning")
     note(log.notes())
     return kept, bool(log.torn)
 
 
 class _Ranges:
-    """Of all samples: how many, from when to when, the least and the most of each channel, how many it lacks."""
+    """Of all samples: how many, from when to when, the least and the most of each number, how many it lacks."""
 
-    def __init__(self) -> None:
+    def __init__(self, channels: tuple[str, ...]) -> None:
+        self.channels = channels
         self.count, self.first, self.last = 0, np.inf, -np.inf
-        self.missing = np.zeros(6, dtype=np.int64)
-        self.least, self.most = np.full(6, np.inf), np.full(6, -np.inf)
+        self.labels: list[str] = []
 
     def add(self, block: Recording) -> None:
         """The next samples."""
-        wrenches, time = block.wrenches(), block.time[np.isfinite(block.time)]
-        self.count += len(wrenches)
-        self.missing += np.count_nonzero(np.isnan(wrenches), axis=0)
-        self.least = np.fmin(self.least, np.fmin.reduce(wrenches, axis=0, initial=np.inf))
-        self.most = np.fmax(self.most, np.fmax.reduce(wrenches, axis=0, initial=-np.inf))
+        values, time = _flat(block, self.channels), block.time[np.isfinite(block.time)]
+        if not self.labels:
+            self.labels = _labels(block, self.channels)
+            width = values.shape[1]
+            self.missing = np.zeros(width, dtype=np.int64)
+            self.least, self.most = np.full(width, np.inf), np.full(width, -np.inf)
+        self.count += len(values)
+        self.missing += np.count_nonzero(np.isnan(values), axis=0)
+        self.least = np.fmin(self.least, np.fmin.reduce(values, axis=0, initial=np.inf))
+        self.most = np.fmax(self.most, np.fmax.reduce(values, axis=0, initial=-np.inf))
         self.first, self.last = min(self.first, time.min(initial=np.inf)), max(self.last, time.max(initial=-np.inf))
 
     def span(self) -> str:
@@ -121,80 +102,104 @@ class _Ranges:
         return f"{self.first:.3f} to {self.last:.3f}" if self.first <= self.last else "none"
 
 
-def _guessed(names: Sequence[str]) -> Layout | None:
-    if not names:
-        return Layout()  # the only topic of its kind
-    wrench, time = guess_wrench(names), guess_time(names)
-    return None if wrench is None or time is None else Layout(time=time, wrench=wrench)
+def _flat(block: Recording, channels: tuple[str, ...]) -> np.ndarray:
+    if channels == (FORCE, TORQUE):
+        return block.wrenches()
+    return np.concatenate([block.channels[name].reshape(len(block), -1) for name in channels], axis=1)
 
 
-def _say_contents(file: Path, names: Sequence[str]) -> None:
-    if names:
+def _labels(block: Recording, channels: tuple[str, ...]) -> list[str]:
+    named: list[str] = []
+    for channel in channels:
+        count, unit = block.channels[channel][:1].size, _UNITS.get(channel)
+        of = f" [{unit}]" if unit else ""
+        if channel in (FORCE, TORQUE):
+            named += [f"{'f' if channel == FORCE else 't'}{axis}{of}" for axis in "xyz"]
+        else:
+            named += [f"{channel} {k + 1}{of}" for k in range(count)]
+    return named
+
+
+def _say_contents(there: LogContents) -> None:
+    if there.topics:
+        table(("topic", "type", "messages"), [(t.name, t.kind, f"{t.count:,}") for t in there.topics])
+    else:
+        names = list(there.names)
         shown = ", ".join(names[:20]) + (", ..." if len(names) > 20 else "")
         lines([("columns", f"{len(names)}: {shown}")])
-    else:
-        table(("topic", "type", "messages"), [(name, kind, f"{count:,}") for name, kind, count in topics(file)])
 
 
-def _say_samples(kept: Recording, ranges: _Ranges, names: Sequence[str], layout: Layout) -> None:
+def _say_samples(kept: Recording, ranges: _Ranges, there: LogContents) -> None:
     rate = kept.rate()
     speed = "" if rate is None else f", a step of {1 / rate:.4g} (rate {rate:.4g})"
-    taken = [("taken as", f"{layout.time}; {', '.join(layout.wrench)}")] if names else []
     lines(
         [
-            ("rows" if names else "samples", f"{ranges.count:,}"),
-            *taken,
+            ("samples" if there.topics else "rows", f"{ranges.count:,}"),
             ("time", f"{ranges.span()}{speed}"),
-            ("orientation", _orientation(kept, names)),
+            ("orientation", _orientation(kept, there)),
         ]
     )
 
 
-def _orientation(kept: Recording, names: Sequence[str]) -> str:
+def _orientation(kept: Recording, there: LogContents) -> str:
     if ORIENTATION in kept.channels:
         lost = ~np.isfinite(kept.channels[ORIENTATION]).all(axis=1)
         where = "" if POSITION in kept.channels else ", without a position"
         return f"there{where}" + (f", missing in {percent(lost.mean())}" if lost.any() else "")
-    guess = guess_orientation(names)
+    guess = guess_orientation(list(there.names))
     return "none" if guess is None else f"perhaps {', '.join(guess)}"
 
 
 def _say_ranges(kept: Recording, ranges: _Ranges) -> None:
-    wrenches = kept.wrenches()
-    noise = estimate_noise(wrenches)
+    values = _flat(kept, ranges.channels)
+    noise = estimate_noise(values)
     rows: list[list[str]] = []
-    for k, name in enumerate(_CHANNELS):
-        known = wrenches[np.isfinite(wrenches[:, k]), k]
+    for k, name in enumerate(ranges.labels):
+        known = values[np.isfinite(values[:, k]), k]
         middle = float(np.median(known)) if len(known) else np.nan
         all_of_them = (ranges.least[k], middle, ranges.most[k]) if ranges.least[k] <= ranges.most[k] else (np.nan,) * 3
         step = "" if noise is None else f"{noise[k]:.3g}"
         rows.append([name, *(f"{value:.4g}" for value in all_of_them), step, f"{ranges.missing[k]}"])
-    table(("as N and N m", "least", "median", "most", "noise", "missing"), rows)
-
-
-def _say_share(excerpt: Excerpt) -> None:
-    if excerpt.stride > 1:
-        note([f"step, medians and noise are those of one sample in {excerpt.stride} (in long pieces), the rest of all"])
+    header = ("", "least", "median", "most", "noise", "missing")
+    if len(rows) <= _MOST:
+        table(header, rows)
+        return
+    middles, shape = np.nanmedian(values, axis=0), " x ".join(map(str, kept.channels[ranges.channels[0]].shape[1:]))
+    usual = "" if noise is None else f"{np.median(noise):.3g}"
+    whole = [f"{shape} {ranges.channels[0]}", f"{ranges.least.min():.4g}", f"{np.median(middles):.4g}"]
+    table(header, [[*whole, f"{ranges.most.max():.4g}", usual, f"{int(ranges.missing.sum())}"]])
+    never = int(np.count_nonzero(ranges.least == ranges.most))
+    note([f"{never} of {len(rows)} {ranges.channels[0]} never change"] if never else [])
 
 
 def inspect_contacts(file: Path) -> Recording:
     """Say what is in a file of contacts, finished or not.
 
     Returns:
-        What was kept of it: FORCE [N], and PLACE [m] of the contact, NaN where not answered.
+        What was kept of it: FORCE [N], and PLACE [m], of the strongest contact of each sample, NaN where not answered.
     """
     excerpt, counts = Excerpt(), np.zeros(len(Status), dtype=np.int64)
-    first, last, notes = np.inf, -np.inf, dict[str, None]()
+    first, last, notes, features = np.inf, -np.inf, dict[str, None](), dict[str, None]()
+    identities, samples, before = set[int](), 0, -1
     for block in contact_blocks(file):
-        estimate, known = block.estimate, block.time[np.isfinite(block.time)]
-        counts += np.bincount(estimate.status, minlength=len(Status))
+        known = block.time[np.isfinite(block.time)]
+        counts += np.bincount(block.status, minlength=len(Status))
         first, last = min(first, known.min(initial=np.inf)), max(last, known.max(initial=-np.inf))
         notes |= dict.fromkeys(block.notes)
-        point = np.where(estimate.answered[:, None], estimate.point, np.nan)
-        excerpt.add(Recording(block.time, {FORCE: estimate.force, PLACE: point}).picked(block.contact == 0))
+        features |= dict.fromkeys(block.features)
+        identities |= set(np.unique(block.identity[block.answered]).tolist())
+        strongest = block[block.strongest()]
+        samples += int(np.count_nonzero(np.diff(strongest.sample, prepend=before)))
+        before = int(strongest.sample[-1]) if len(strongest) else before
+        point = np.where(strongest.answered[:, None], strongest.point, np.nan)
+        excerpt.add(Recording(strongest.time, {FORCE: strongest.force, PLACE: point}))
     title(f"{file}: contacts")
     total = int(counts.sum())
-    lines([("rows", f"{total:,}"), ("time", f"{first:.3f} to {last:.3f}" if first <= last else "none")])
+    several = (
+        f", of {samples:,} samples; {len(identities):,} contacts" if total > samples or len(identities) > 1 else ""
+    )
+    lines([("rows", f"{total:,}{several}"), ("time", f"{first:.3f} to {last:.3f}" if first <= last else "none")])
+    lines([("features", ", ".join(features))] if features else [])
     lines((kind.label, percent(counts[kind] / total)) for kind in Status if counts[kind])
     beside, cut = read_provenance(file), unfinished(file) is not None
     lines([("frame", beside["frame"])] if "frame" in beside else [])

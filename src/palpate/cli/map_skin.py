@@ -7,14 +7,14 @@ from typing import Annotated, Literal
 import numpy as np
 from tyro.conf import FlagCreatePairsOff, arg
 
+from palpate.cli.console import lines, note, title, wait
 from palpate.cli.interrupts import import_mesh_reader
 from palpate.cli.options import MeshFile, Output
-from palpate.cli.screen import lines, note, title, wait
 from palpate.errors import InputError
 from palpate.io.atomic import keep_inputs
 from palpate.io.models import provenance
+from palpate.io.models.summary import of_skin_map
 from palpate.io.skin_map import SUFFIXES, write_skin_map
-from palpate.sensors.skin_map import SkinMap
 
 __all__ = ["map_skin"]
 
@@ -107,27 +107,15 @@ def map_skin(
         )
     write_skin_map(output, skin, name=_stem(output.stem))
     title(f"{mesh} -> {output}")
-    lines(_figures(skin, flat.stretch))
+    lines(of_skin_map(skin))
+    if flat.stretch != (1.0, 1.0):
+        lines([("stretch", f"{flat.stretch[0]:.4f} across rows, {flat.stretch[1]:.4f} along them")])
     note([*link.notes, *skin.notes])
 
 
 def _stem(stem: str) -> str:
     """A name for frames and parts: letters, digits and underscores."""
     return "".join(letter if letter.isalnum() and letter.isascii() else "_" for letter in stem)
-
-
-def _figures(skin: SkinMap, stretch: tuple[float, float]) -> list[tuple[str, str]]:
-    surface = skin.surface
-    found = [("cells", f"{skin.rows} x {skin.columns}, {1e4 * float(skin.areas.sum()):.1f} cm^2")]
-    if surface is not None:
-        found.append(("spline", f"{surface.points} control points, {'closed' if surface.periodic else 'open'}"))
-    if np.isfinite(skin.distance).all():
-        found.append(("distance", f"{1e3 * skin.distance[0]:.3f} mm mean, {1e3 * skin.distance[1]:.3f} mm worst"))
-    if np.isfinite(skin.strain).all():
-        found.append(("strain", f"{100 * skin.strain[0]:.2f} % rms, {100 * skin.strain[1]:.2f} % worst"))
-    if stretch != (1.0, 1.0):
-        found.append(("stretch", f"{stretch[0]:.4f} across rows, {stretch[1]:.4f} along them"))
-    return found
 
 
 def _pair(text: str, name: str) -> tuple[float, float]:

@@ -1,111 +1,139 @@
-"""The sections of a report that say how it was done: settings, models, inputs, time."""
+"""What a report says of how it was done: the settings in force, and a section a sensor."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from pathlib import Path
-from platform import python_version
 
 import numpy as np
+from jaxtyping import Float
 
-from palpate.cli.calibrate_payload import figures
-from palpate.cli.screen import measured, percent
-from palpate.contact.estimator import Estimator
+from palpate.contact.contacts import Contacts
+from palpate.contact.locate import Locator
+from palpate.io.models import MODELS
 from palpate.io.rig import Rig
-from palpate.spatial.pose import skew
+from palpate.io.units import measured
+from palpate.sensors.force_torque import Payload
+from palpate.sensors.load_cells import LoadCells
+from palpate.spatial.pose import Pose, skew
 from palpate.surfaces.mesh import Mesh
-from palpate.viewer.report import Section, Table
+from palpate.viewer.maps import sheet_map
+from palpate.viewer.report import Section, picture
 
-__all__ = ["budget", "inputs", "models", "settings", "surface_name"]
+__all__ = ["force_torque", "load_cells", "surface_name", "taxels", "wrench_method", "wrench_settings"]
+
+Facts = tuple[tuple[str, str], ...]
 
 
 def surface_name(rig: Rig) -> str:
     """What was touched, in a word."""
+    if rig.surface is None:
+        return "the body"
     kind = rig.surface.kind.replace("_", " ")
     return Path(str(rig.surface.mesh)).name if kind == "mesh" else f"{'an' if kind[0] in 'aeiou' else 'a'} {kind}"
 
 
-def settings(rig: Rig, estimator: Estimator, rate: float) -> Section:
-    """What the answers depend on, defaults included; `rate` [Hz] is that of the log."""
-    locator, noise = estimator.locator, estimator.sensor.noise
-    deviation = None if noise is None else np.sqrt(np.diag(noise))
+def wrench_method(rig: Rig, *, payload: bool) -> str:
+    """How wrenches became contacts, as it goes on after "samples were read, "."""
+    method = rig.estimate.method.replace("_", " ")
+    compensated = f"compensated {'with' if payload else 'without'} a payload model"
+    return f"{compensated}, and located on {surface_name(rig)} by the {method} method"
+
+
+def wrench_settings(
+    rig: Rig, locator: Locator, noise: Float[np.ndarray, "6 6"] | None, filtered: str = "none"
+) -> Facts:
+    """What the answers of any sensor of wrenches depend on, defaults included.
+
+    Args:
+        rig: with the options of the command line in it.
+        locator: on the surface.
+        noise: covariance of a reading.
+        filtered: the filter in words.
+    """
+    surface = locator.surface
+    facets = f", {len(surface.faces):,} facets" if isinstance(surface, Mesh) else ""
     facts = [
         ("method", rig.estimate.method),
         ("friction, at most", f"{rig.estimate.friction:g} (tangent of the angle between force and normal)"),
         ("torsion, at most", f"{1e3 * rig.estimate.torsion:g} mm (torque about the normal over normal force)"),
         ("a contact", f"begins at {locator.on:.3g} N, ends at {locator.off:.3g} N"),
-        ("noise of a reading", "not known" if deviation is None else _noise(deviation)),
-        ("filter", _filter(rig, estimator, rate)),
-        ("wrench", f"in the {estimator.sensor.frame}'s frame, logged axes {', '.join(rig.force_torque.axes)}"),
-        ("surface", _surface(rig, estimator)),
+        ("noise of a reading", "not known" if noise is None else _noise(np.sqrt(np.diag(noise)))),
+        ("filter", filtered),
+        ("surface", f"{surface_name(rig)}{facets}, {1e3 * surface.size:.4g} mm across"),
     ]
     if rig.estimate.tare is not None:
         facts.append(("tare", f"over the first {rig.estimate.tare:g} s"))
-    if rig.orientation.topic is not None or rig.orientation.offset:
-        gap = f"gaps of up to {rig.orientation.max_gap:g} s are interpolated"
-        facts.append(("orientation", f"clock offset {1e3 * rig.orientation.offset:g} ms; {gap}"))
-    return Section("Settings in force", facts=tuple(facts))
+    return tuple(facts)
 
 
 def _noise(deviation: np.ndarray) -> str:
     return f"{deviation[:3].max():.3g} N and {deviation[3:].max():.3g} N m (one standard deviation, largest axis)"
 
 
-def _filter(rig: Rig, estimator: Estimator, rate: float) -> str:
-    known, rate = estimator.filter, estimator.rate or rate
-    if known is None:
-        return "none"
-    return known.describe(rate) if np.isfinite(rate) else rig.filter.kind
+def force_torque(rig: Rig, payload: Payload | None, mount: Pose) -> Section:
+    """Payload and mounting with their standard deviations, axes and orientation."""
+    none = [("payload", "none: wrenches are taken as they are")]
+    facts = none if payload is None else list(MODELS["payload"].summary(payload))
+    facts += _mounting(mount, None if rig.surface is None else rig.surface.pose_covariance)
+    wrench, orientation = rig.force_torque, rig.orientation
+    facts.append(("wrench", f"in the {wrench.frame}'s frame, logged axes {', '.join(wrench.axes)}"))
+    if orientation.topic is not None or orientation.offset:
+        gap = f"gaps of up to {orientation.max_gap:g} s are interpolated"
+        facts.append(("orientation", f"clock offset {1e3 * orientation.offset:g} ms; {gap}"))
+    return Section("Payload and mounting", facts=tuple(facts))
 
 
-def _surface(rig: Rig, estimator: Estimator) -> str:
-    surface = estimator.locator.surface
-    facets = f", {len(surface.faces):,} facets" if isinstance(surface, Mesh) else ""
-    return f"{surface_name(rig)}{facets}, {1e3 * surface.size:.4g} mm across"
-
-
-def models(rig: Rig, estimator: Estimator) -> Section:
-    """Payload and mounting, with what is unsure about them."""
-    payload = estimator.payload
-    said = [("payload", "none: wrenches are taken as they are")] if payload is None else list(figures(payload))
-    return Section(
-        "Payload and mounting", facts=tuple((name, str(value)) for name, value in [*said, *_mounting(rig, estimator)])
-    )
-
-
-def _mounting(rig: Rig, estimator: Estimator) -> list[tuple[str, str]]:
-    pose, uncertain = estimator.mount, rig.surface.pose_covariance
+def _mounting(pose: Pose, covariance: Sequence[Sequence[float]] | None) -> list[tuple[str, str]]:
     place, turn = 1e3 * pose.translation, np.degrees(pose.rotation_vector())
-    if uncertain is None:
+    if covariance is None:
         stated = (("mounting", place, "mm"), ("turned by", turn, "deg"))
         return [
             (name, f"({', '.join(f'{v:.2f}' for v in three)}) {unit}, not calibrated") for name, three, unit in stated
         ]
-    covariance = np.asarray(uncertain)
+    known = np.asarray(covariance)
     moves = np.concatenate([-skew(pose.translation), np.eye(3)], axis=1)  # what a small motion does to the origin
-    spread = 1e3 * np.sqrt(np.diag(moves @ covariance @ moves.T).clip(min=0))
-    turned = np.degrees(np.sqrt(np.diag(covariance)[:3].clip(min=0)))
-    return [("mounting", measured(place, spread, "mm")), ("turned by", measured(turn, turned, "deg"))]
+    deviation = 1e3 * np.sqrt(np.diag(moves @ known @ moves.T).clip(min=0))
+    turned = np.degrees(np.sqrt(np.diag(known)[:3].clip(min=0)))
+    return [("mounting", measured(place, deviation, "mm")), ("turned by", measured(turn, turned, "deg"))]
 
 
-def inputs(provenance: Mapping[str, str]) -> Section:
-    """Names and hashes of the files, versions, options."""
-    used = ", ".join(f"{name} {release}" for name, release in (("numpy", np.__version__), ("Python", python_version())))
-    facts = [("versions", f"palpate {provenance.get('palpate', 'unknown')}, {used}")]
-    for name, said in provenance.items():
-        if name != "palpate":
-            facts.append((name.replace("_", " "), said.replace(" sha256:", ", SHA-256 ")))
-    return Section("Inputs and options", facts=tuple(facts))
+def load_cells(cells: LoadCells, *, left_out: Sequence[int], said: Sequence[str], faults: Sequence[str]) -> Section:
+    """Cells that are not used, the zero, what is wrong, and from which force on a contact is located.
+
+    Args:
+        cells: the model.
+        left_out: numbers from 1 of cells that are not used.
+        said: of the zero and the smallest force, a sentence each.
+        faults: that were found, a sentence each.
+    """
+    noise = np.sqrt(np.diag(cells.noise))
+    unused = ", ".join(f"cell {number}" for number in left_out)
+    facts = (
+        ("cells", f"{cells.cells}, calibrated with {cells.samples:,} samples"),
+        ("left out", unused or "none"),
+        ("noise", f"{1e3 * noise.mean():.3g} mV of a reading (one standard deviation, mean of the channels)"),
+        ("drift of the zero", f"{1e3 * cells.drift * noise.mean():.3g} mV (one standard deviation)"),
+        ("soft layer", "none" if cells.indentation is None else f"{1e3 * cells.indentation.depth:.3g} mm deep at 1 N"),
+    )
+    return Section("Load cells", facts=facts, points=(*said, *faults, *cells.notes))
 
 
-def budget(stages: Mapping[str, float], samples: int) -> Section:
-    """Seconds of each stage, and microseconds a sample."""
-    total, count = sum(stages.values()), max(samples, 1)
-    if not total:
-        return Section("Time budget")
-    rows = [
-        (name, f"{spent:.3f}", f"{1e6 * spent / count:.2f}", percent(spent / total))
-        for name, spent in (*stages.items(), ("all", total))
-    ]
-    header = ("stage", "time [s]", "per sample [us]", "share")
-    return Section("Time budget", tables=(Table(header, tuple(rows)),))
+def taxels(contacts: Contacts, facts: Facts, shape: tuple[int, int] | None = None, said: Sequence[str] = ()) -> Section:
+    """Cells at rest and dead, and where on the unrolled sheet contacts were.
+
+    Args:
+        contacts: downsampled; with features row and column where the taxels are a sheet.
+        facts: of the body of cells, such as how many are dead.
+        shape: rows and columns of the sheet.
+        said: of its health, a sentence each.
+    """
+    features, pictures = contacts.features, ()
+    if shape is not None and {"row", "column"} <= set(features):
+        rows = np.flatnonzero(contacts.located & np.isfinite(features["row"]))
+        rows = rows[np.argsort(np.linalg.norm(contacts.force[rows], axis=1), kind="stable")]  # the strongest on top
+        if len(rows):
+            places = np.column_stack([features["row"][rows], features["column"][rows]])
+            drawn = sheet_map(places, np.linalg.norm(contacts.force[rows], axis=1), "force [N]", shape)
+            pictures = (picture(drawn, "Where contacts were on the unrolled sheet, and how hard."),)
+    return Section("Taxels", facts=facts, points=tuple(said), pictures=pictures)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated
 
-from tyro.conf import FlagCreatePairsOff
+from tyro.conf import FlagCreatePairsOff, Positional, arg
 
+from palpate.cli.console import note, title
 from palpate.cli.interrupts import import_mesh_reader
-from palpate.cli.options import Log, MeshFile, Output
-from palpate.cli.screen import note, title
+from palpate.cli.options import Log, Output
 from palpate.errors import InputError
 from palpate.io.atomic import keep_inputs, write_text
 from palpate.io.rig import load_rig
@@ -17,27 +18,32 @@ from palpate.io.rig.new import propose_rig
 __all__ = ["rig_new"]
 
 
-def rig_new(log: Log, mesh: MeshFile, /, output: Output, force: Annotated[bool, FlagCreatePairsOff] = False) -> None:
-    """Guess a rig from a log and a mesh: columns, units, noise.
+def rig_new(
+    log: Log,
+    mesh: Annotated[Positional[Path | None], arg(metavar="MESH")] = None,
+    /,
+    *,
+    output: Output,
+    sensor: Annotated[str | None, arg(metavar="NAME", help_behavior_hint="")] = None,
+    force: Annotated[bool, FlagCreatePairsOff] = False,
+) -> None:
+    """Guess a rig from the log of any sensor, and a mesh: which sensor, columns, units, noise.
 
     Args:
-        log: of wrenches: CSV, Parquet, MCAP or a ROS bag.
-        mesh: STL, OBJ, PLY or DAE.
+        log: CSV, Parquet, NumPy, MCAP or a ROS bag: of wrenches, of voltages of load cells, of frames of a taxel sheet.
+        mesh: STL, OBJ, PLY or DAE of what is touched.
         output: rig.toml to write.
+        sensor: force_torque, load_cells or skin, where the log could be of several.
         force: overwrite a rig that is there already.
     """
     keep_inputs(output, (log, mesh))
     if output.exists() and not force:
         raise InputError("is there already.", where=str(output), mend="Add --force to overwrite it.")
     import_mesh_reader()
-    proposal = propose_rig(log, mesh, output.parent)
+    proposal = propose_rig(log, mesh, output.parent, sensor)
     write_text(output, proposal.text)
     load_rig(output)
-    title(f"{log}, {mesh} -> {output}")
+    title(f"{log}{'' if mesh is None else f', {mesh}'} -> {output}")
+    note([f"taken for {proposal.called}: {proposal.why}"])
     note(proposal.remarks, kind="check")
-    note(
-        [
-            "every line is a guess: read it once, then `palpate calibrate payload`, fill in payload and pose, "
-            "then `palpate calibrate mounting`"
-        ]
-    )
+    note(["every line is a guess: read it once; the comments say which command fills in what is missing"])

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar, cast
 
 from tyro.conf import arg
 
 from palpate.cli.options import FileOption, Pair, Scalar
 from palpate.errors import InputError
+from palpate.io.pipeline import OpenedLog, open_log
 from palpate.io.rig import Rig, load_rig
+from palpate.io.rig.kind import SensorKind
 from palpate.io.rig.surface import RigSurface
 from palpate.io.rig.tables import RigEstimate, RigFilter, RigForceTorque, RigPair, RigThresholds
 
@@ -38,6 +41,7 @@ class Setup:
         filter: none (default), kalman, butterworth, or zero_phase (forward and backward); details in the rig.
         cutoff: of a butterworth or zero_phase filter [Hz] (default 10).
         tare: seconds at the start of the log in which nothing is touched: their mean is taken off.
+        sensor: name of the sensor's table in the rig, where there are several that the log could be of.
     """
 
     rig: FileOption = None
@@ -53,6 +57,7 @@ class Setup:
     filter: Annotated[FILTERS | None, arg(metavar="NAME", help_behavior_hint="")] = None
     cutoff: Scalar = None
     tare: Scalar = None
+    sensor: Annotated[str | None, arg(metavar="NAME", help_behavior_hint="")] = None
 
     def load(self) -> Rig:
         """The rig with everything that was said over it.
@@ -61,18 +66,32 @@ class Setup:
             InputError: nothing says what is touched, or something said is out of bounds.
         """
         rig = self._base()
-        return replace(
-            rig,
-            surface=_over(rig.surface, "--crease", crease=self.crease),
-            force_torque=self._sensor(rig.force_torque),
-            filter=self._filter(rig.filter),
-            estimate=self._estimate(rig.estimate),
-        )
+        if self.crease is not None and rig.surface is not None:
+            rig = replace(rig, surface=_over(rig.surface, "--crease", crease=self.crease))
+        wrenches = any(kind.name == "force_torque" for kind in rig.kinds)  # else `open` refuses what follows
+        if wrenches and (self.payload is not None or self.noise is not None):
+            rig = rig.with_sensor("force_torque", self._sensor(rig.force_torque))
+        return replace(rig, filter=self._filter(rig.filter), estimate=self._estimate(rig.estimate))
+
+    def open(self, log: Path, rig: Rig) -> OpenedLog:
+        """The log, once it is known of which sensor it is; an option that means nothing to that sensor is refused."""
+        if self.sensor is not None or len(rig.kinds) == 1:
+            self._require_meant(rig.kind(self.sensor))  # before the log is looked at
+        opened = open_log(log, rig, self.sensor)
+        self._require_meant(opened.kind)
+        return opened
+
+    def _require_meant(self, kind: SensorKind) -> None:
+        for option, why in kind.refused.items():
+            if getattr(self, option) is not None:
+                raise InputError(f"means nothing to {kind.called}: {why}.", where=f"--{option}")
 
     def _base(self) -> Rig:
         """The rig, its mesh replaced where one is given; or the least rig that a mesh makes."""
         known = None if self.rig is None else load_rig(self.rig)
         if self.mesh is None:
+            if self.unit is not None:
+                raise InputError("is the unit of a mesh, and none is given.", where="--unit", mend="Add --mesh MESH.")
             if known is None:
                 raise InputError("nothing says what is touched.", mend="Give --rig RIG, or --mesh MESH --unit UNIT.")
             return known
@@ -83,7 +102,8 @@ class Setup:
             )
         if known is None:
             return _made("--mesh", lambda: Rig(RigSurface(mesh=str(mesh), unit=unit)))
-        return replace(known, surface=replace(known.surface, kind="mesh", mesh=str(mesh.resolve()), unit=unit))
+        before = known.surface or RigSurface(mesh=str(mesh), unit=unit)
+        return replace(known, surface=replace(before, kind="mesh", mesh=str(mesh.resolve()), unit=unit))
 
     def _sensor(self, stated: RigForceTorque) -> RigForceTorque:
         payload = None if self.payload is None else str(self.payload.resolve())

@@ -7,12 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate.cli.screen import lines, note
+from palpate.cli.console import lines, note
 from palpate.errors import InputError
 from palpate.io.atomic import replacing, write_text
-from palpate.io.rig import Rig, build
+from palpate.io.rig import Rig
 from palpate.io.rig.tables import RigFilter
-from palpate.sensors.noise import estimate_noise
 from palpate.sensors.recording import FORCE, Recording
 from palpate.sensors.spectrum import Cutoff, Spectrum, propose_cutoff, spectrum
 from palpate.viewer import plots
@@ -25,13 +24,13 @@ PLACE = "place"  # (n, 3) m: channel of the point of contact, NaN where there is
 KINDS = (".html", ".svg", ".png")
 
 
-def located(recording: Recording, rig: Rig) -> Recording:
-    """Forces and places of the contacts in a recording, without the rig's filter: its effect is not to be proposed."""
+def located(recording: Recording, rig: Rig, sensor: str | None = None) -> Recording:
+    """Force and place of the strongest contact of each sample, without the rig's filter: its effect is not proposed."""
     bare = replace(rig, filter=RigFilter())
-    noise = None if rig.force_torque.noise is not None else estimate_noise(recording.wrenches())
-    estimate = build(bare, noise=noise).run(recording)
-    point = np.where(estimate.answered[:, None], estimate.point, np.nan)
-    return Recording(recording.time, {FORCE: estimate.force, PLACE: point}, source=recording.source)
+    found = bare.kind(sensor).build(bare, recording).estimator.run(recording)
+    strongest = found[found.strongest()]
+    point = np.where(strongest.answered[:, None], strongest.point, np.nan)
+    return Recording(recording.time, {FORCE: strongest.force, PLACE: point}, source=recording.source)
 
 
 def draw_spectrum(recording: Recording, output: Path, name: str) -> None:

@@ -1,7 +1,18 @@
 """From readings and a surface to contacts."""
 
+from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import ROW, ContactEstimate, Status
-from palpate.contact.estimator import Estimator
 from palpate.contact.locate import METHODS, Candidates, Locator, locate
+from palpate.contact.wrench_estimator import WrenchEstimator
 
-__all__ = ["METHODS", "ROW", "Candidates", "ContactEstimate", "Estimator", "Locator", "Status", "locate"]
+__all__ = [
+    "METHODS",
+    "ROW",
+    "Candidates",
+    "ContactEstimate",
+    "Contacts",
+    "Locator",
+    "Status",
+    "WrenchEstimator",
+    "locate",
+]

@@ -6,9 +6,10 @@ from __future__ import annotations
 import numpy as np
 
 from palpate.contact._settings import FRICTION, SOFT, TORSION
-from palpate.contact._slopes import cross_into, dot, sandwich, sensitivity, tangents, to_metres, to_unit
+from palpate.contact._slopes import sandwich, sensitivity, tangents, to_metres, to_unit
 from palpate.surfaces._jit import inner
 from palpate.surfaces._kernels import CANDIDATE, CAPACITY, search
+from palpate.surfaces._vectors import cross_into, dot
 
 __all__ = ["distance_to_bounds", "distance_to_point"]
 

@@ -6,16 +6,32 @@ from __future__ import annotations
 import numpy as np
 
 from palpate.contact._bounds import distance_to_bounds, distance_to_point
-from palpate.contact._settings import FRICTION, HAS_PREVIOUS, NOISY, OFF, ON, PREVIOUS, SOFT, TORSION, TOUCHING
-from palpate.contact._slopes import cross_into, dot, sandwich, sensitivity, to_metres, to_unit
+from palpate.contact._settings import (
+    ACCURACY,
+    DEPTH,
+    EXPONENT,
+    FRICTION,
+    HAS_PREVIOUS,
+    NOISY,
+    OFF,
+    ON,
+    PREVIOUS,
+    SCALE,
+    SOFT,
+    TORSION,
+    TOUCHING,
+)
+from palpate.contact._slopes import sandwich, sensitivity, softened, to_metres, to_unit
 from palpate.surfaces._jit import entry, inner
-from palpate.surfaces._kernels import CANDIDATE, CAPACITY, nearest_to_axis, search
+from palpate.surfaces._kernels import CANDIDATE, CAPACITY, nearest_to_axis, search, shape_operator
+from palpate.surfaces._vectors import cross_into, dot
 
 __all__ = ["estimate", "estimate_many"]
 
 _GRAZING = 60.0  # tan(theta) beyond which a contact is searched for without a limit
 _CHI2_95 = 5.991464547107979  # two degrees of freedom
 _CONTACT, _AMBIGUOUS, _NO_CONTACT, _TOO_LIGHT, _OFF_SURFACE, _IMPLAUSIBLE, _INVALID = 0, 1, 2, 3, 4, 5, 7
+_SETTLING, _SETTLED = 60, 1e-11  # steps to where a force acts under a soft layer; arm of what is left, of the size
 _RESIDUAL, _CANDIDATES, _STATUS = 19, 20, 21  # estimate._Row, which compiled code cannot read
 
 
@@ -104,6 +120,57 @@ def _gate(wrench, settings, state):
     return _CONTACT if state[TOUCHING] == 1.0 else _TOO_LIGHT
 
 
+@inner
+def _search(wrench, unit, nodes, corners, settings, found):
+    """Candidates of a wrench, which goes into unit in the tree's size; how many."""
+    to_unit(wrench, settings, unit)
+    limit, count = settings[FRICTION], 0
+    while count == 0 and limit < np.inf:  # outside the bounds, wider step by step: a search without a limit is slow
+        count = search(unit, settings[SOFT], limit, nodes, corners, found)
+        limit = 4.0 * max(1.0, limit) if limit < _GRAZING else np.inf
+    if count == 0:
+        count = search(unit, settings[SOFT], np.inf, nodes, corners, found)
+    return count
+
+
+@inner
+def _at_surface(wrench, nodes, corners, settings, near, found):
+    """The wrench that the same force would make at the surface, where under a soft layer it acts d below.
+
+    A force at p - d n has the moment M = (p - d n) x F + tau n, so M' = M + d n x F, d = depth |F . n|^exponent, is
+    that of a contact at p on the bare surface. Both depend on p: iterated, each step corrected by the last two
+    (Anderson 1965). The candidate followed becomes the last contact, in `near`.
+    """
+    out, unit, moved = wrench.copy(), np.empty(6), np.empty(3)
+    now, before, at_before = np.empty(3), np.zeros(3), np.zeros(3)
+    places, torques = np.empty((CAPACITY + 1, 6)), np.empty(CAPACITY + 1)
+    size = np.sqrt(dot(wrench[:3], wrench[:3])) * settings[SCALE]
+    for step in range(_SETTLING):
+        count = _search(out, unit, nodes, corners, settings, found)
+        if count == 0:
+            break
+        best, _ = _choose(out, settings, near, found, count, places, torques)
+        place = places[best]
+        near[HAS_PREVIOUS] = 1.0
+        near[PREVIOUS : PREVIOUS + 3] = place[:3]
+        cross_into(place[3:], wrench[:3], now)
+        depth = settings[DEPTH] * abs(dot(wrench[:3], place[3:])) ** settings[EXPONENT]
+        left, turned, square = 0.0, 0.0, 0.0
+        for k in range(3):
+            now[k] = wrench[3 + k] + depth * now[k]
+            moved[k] = now[k] - out[3 + k]
+            left += moved[k] * moved[k]
+            turned += moved[k] * (moved[k] - before[k])
+            square += (moved[k] - before[k]) ** 2
+        if left <= (_SETTLED * size) ** 2:
+            break
+        share = turned / square if step > 0 and square > 0.0 and abs(turned) < square else 0.0
+        for k in range(3):
+            out[3 + k] = now[k] - share * (now[k] - at_before[k])
+            before[k], at_before[k] = moved[k], now[k]
+    return out
+
+
 @entry
 def estimate(wrench, noise, nodes, corners, settings, state, row):
     """One wrench (6,) with covariance (6, 6) in the surface's frame to one row of `estimate.ROW`."""
@@ -117,27 +184,31 @@ def estimate(wrench, noise, nodes, corners, settings, state, row):
     if status != _CONTACT:
         state[HAS_PREVIOUS] = 0.0
         return
-    unit, found = np.empty(6), np.empty((CAPACITY + 1, CANDIDATE))
-    to_unit(wrench, settings, unit)
-    limit, count = settings[FRICTION], 0
-    while count == 0 and limit < np.inf:  # outside the bounds, wider step by step: a search without a limit is slow
-        count = search(unit, settings[SOFT], limit, nodes, corners, found)
-        limit = 4.0 * max(1.0, limit) if limit < _GRAZING else np.inf
-    if count == 0:
-        count = search(unit, settings[SOFT], np.inf, nodes, corners, found)
+    unit, found, near = np.empty(6), np.empty((CAPACITY + 1, CANDIDATE)), state
+    if settings[DEPTH] > 0.0:
+        near = state.copy()
+        wrench = _at_surface(wrench, nodes, corners, settings, near, found)
+    count = _search(wrench, unit, nodes, corners, settings, found)
     noisy = settings[NOISY] == 1.0
     if count == 0:
         _off_surface(wrench, unit, noise, nodes, corners, settings, noisy, found, row)
         return
     places, torques = np.empty((count, 6)), np.empty(count)
-    best, plausible = _choose(wrench, settings, state, found, count, places, torques)
+    best, plausible = _choose(wrench, settings, near, found, count, places, torques)
     place = places[best]
     row[:6] = place
     row[9] = torques[best]
     t, shape, slopes = np.empty((2, 3)), np.empty((2, 2)), np.empty((2, 6))
     spread = np.zeros((2, 2))
     if noisy and sensitivity(wrench, found[best], place, nodes, corners, settings, t, shape, slopes):
+        if settings[DEPTH] > 0.0:
+            shape_operator(found[best], t, settings[SCALE], nodes, corners, shape)
+            softened(wrench[:3], place[3:], t, shape, settings, slopes)
         spread = sandwich(slopes, noise, slopes)
+        if settings[ACCURACY] > 0.0 and spread[0, 0] + spread[1, 1] > settings[ACCURACY] ** 2:
+            row[:6] = row[9] = np.nan
+            row[_STATUS] = _TOO_LIGHT
+            return
         for i in range(3):
             for j in range(i, 3):
                 total = 0.0

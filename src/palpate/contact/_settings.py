@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 __all__ = [
+    "ACCURACY",
     "CENTRE",
+    "DEPTH",
+    "EXPONENT",
     "FRICTION",
     "HAS_PREVIOUS",
     "NOISY",
@@ -19,6 +22,7 @@ __all__ = [
 
 # settings: what a Locator was made with, as numbers
 CENTRE, SCALE, SOFT, FRICTION, TORSION, ON, OFF, NOISY = 0, 3, 4, 5, 6, 7, 8, 9
+DEPTH, EXPONENT, ACCURACY = 10, 11, 12
 # state: what one sample leaves to the next
 STATE = 5
 TOUCHING, HAS_PREVIOUS, PREVIOUS = 0, 1, 2

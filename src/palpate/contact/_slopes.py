@@ -14,23 +14,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from palpate.contact._settings import CENTRE, SCALE, SOFT
+from palpate.contact._settings import CENTRE, DEPTH, EXPONENT, SCALE, SOFT
 from palpate.surfaces._jit import inner
 from palpate.surfaces._kernels import shape_operator
+from palpate.surfaces._vectors import cross_into, dot
 
-__all__ = ["cross_into", "dot", "sandwich", "sensitivity", "tangents", "to_metres", "to_unit"]
-
-
-@inner
-def dot(a, b):
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-@inner
-def cross_into(a, b, out):
-    out[0] = a[1] * b[2] - a[2] * b[1]
-    out[1] = a[2] * b[0] - a[0] * b[2]
-    out[2] = a[0] * b[1] - a[1] * b[0]
+__all__ = ["sandwich", "sensitivity", "softened", "tangents", "to_metres", "to_unit"]
 
 
 @inner
@@ -96,6 +85,39 @@ def sandwich(left, middle, right):
                 total += half[k] * right[j, k]
             out[i, j] = total
     return out
+
+
+@inner
+def softened(force, n, t, shape, settings, slopes):
+    """Slopes G (2, 6) by the wrench at the surface to those by the wrench W as measured, under a soft layer.
+
+    W' = W + h with h = (0, d n x F), d = depth |F . n|^exponent, of which n moves with the point: dn = S dp. So
+    dp = G (dW + h_W dW + h_p dp) = (1 - G h_p)^-1 G (1 + h_W) dW.
+    """
+    work, arm, turn = np.empty(3), np.empty(3), np.empty(3)
+    pressing = -dot(force, n)
+    depth = settings[DEPTH] * abs(pressing) ** settings[EXPONENT]
+    rate = settings[EXPONENT] * depth / pressing
+    cross_into(n, force, arm)
+    g = np.eye(2)
+    for j in range(2):
+        for k in range(3):
+            turn[k] = shape[0, j] * t[0, k] + shape[1, j] * t[1, k]
+        cross_into(turn, force, work)
+        for a in range(2):
+            for k in range(3):
+                g[a, j] -= slopes[a, 3 + k] * (depth * work[k] - rate * dot(force, turn) * arm[k])
+    for a in range(2):
+        moment = slopes[a, 3:]
+        along = dot(moment, arm)
+        cross_into(moment, n, work)  # m . (n x dF) = (m x n) . dF
+        for k in range(3):
+            slopes[a, k] += depth * work[k] - rate * along * n[k]
+    det = g[0, 0] * g[1, 1] - g[0, 1] * g[1, 0]
+    for k in range(6):
+        first, second = slopes[0, k], slopes[1, k]
+        slopes[0, k] = (g[1, 1] * first - g[0, 1] * second) / det
+        slopes[1, k] = (g[0, 0] * second - g[1, 0] * first) / det
 
 
 @inner

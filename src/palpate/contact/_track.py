@@ -17,7 +17,9 @@ TRACK = 8  # identity (-1: free), position (3), velocity (3), time it was last s
 def follow(time, points, count, tracks, following, reach, speed, patience, identity):
     """Identities of `count` touches at `points`; `tracks` (TRACKS, TRACK) and `following` (1,) are changed.
 
-    Pairs are joined from the nearest on, by where a track would be by now; none further than reach + speed dt.
+    Pairs are joined from the nearest on, by where a track would be by now; none further than reach + speed dt. A touch
+    that is lost is waited for so long as `patience`: two that merge for a moment part under their own names. Distances
+    are those in space, so that the seam of a sheet is no gap.
     """
     for t in range(len(tracks)):
         if tracks[t, 0] >= 0.0 and not abs(time - tracks[t, 7]) <= patience:
@@ -30,7 +32,7 @@ def follow(time, points, count, tracks, following, reach, speed, patience, ident
             if tracks[t, 0] < 0.0 or taken[t]:
                 continue
             dt = time - tracks[t, 7]
-            limit = reach + speed * dt
+            limit = reach + speed * abs(dt)
             for i in range(count):
                 if identity[i] >= 0:
                     continue

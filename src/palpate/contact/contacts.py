@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from importlib import import_module
 from types import MappingProxyType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int, Int8
@@ -13,7 +14,6 @@ from jaxtyping import Bool, Float, Int, Int8
 from palpate.contact.estimate import ContactEstimate
 
 if TYPE_CHECKING:
-    import pandas as pd
     import polars as pl
 
 __all__ = ["Contacts"]
@@ -142,11 +142,22 @@ class Contacts:
     @property
     def located(self) -> Bool[np.ndarray, " n"]:
         """(n,) rows that have a point and a normal, whether or not they are answered."""
-        return np.isfinite(self.estimate.point).all(axis=1) & np.isfinite(self.estimate.normal).all(axis=1)
+        return np.asarray(np.isfinite(np.hstack([self.estimate.point, self.estimate.normal])).all(axis=1))
+
+    def strongest(self) -> Int[np.ndarray, " s"]:
+        """(s,) the row of each sample whose force is largest; its first row where none has a force."""
+        force = np.linalg.norm(self.estimate.force, axis=1)
+        order = np.lexsort((-np.where(np.isfinite(force), force, -1.0), self.sample))
+        _, first = np.unique(self.sample[order], return_index=True)
+        return order[first]
 
     def with_estimate(self, estimate: ContactEstimate) -> Contacts:
         """The same rows with other estimates, such as in another frame."""
         return replace(self, estimate=estimate)
+
+    def noted(self, notes: Sequence[str]) -> Contacts:
+        """The same rows with other notes."""
+        return replace(self, notes=tuple(notes))
 
     def to_polars(self) -> pl.DataFrame:
         """As a table, with the columns that files of contacts have."""
@@ -154,15 +165,13 @@ class Contacts:
 
         return to_frame(self)
 
-    def to_pandas(self) -> pd.DataFrame:
+    def to_pandas(self) -> Any:
         """The same as a pandas table.
 
         Raises:
             ImportError: pandas is not installed.
         """
-        import pandas as pd
-
-        return pd.DataFrame(self.to_polars().to_dict(as_series=False))
+        return import_module("pandas").DataFrame(self.to_polars().to_dict(as_series=False))
 
     def _repr_html_(self) -> str:
         """For notebooks."""

@@ -1,14 +1,34 @@
-"""Estimates in another frame than the surface's."""
+"""Contacts in another frame than the surface's."""
 
 from __future__ import annotations
 
 import numpy as np
 from jaxtyping import Float
 
+from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import ContactEstimate, Status
+from palpate.sensors.recording import ORIENTATION, POSITION, Recording
 from palpate.spatial.pose import Pose
 
-__all__ = ["in_base", "in_frame"]
+__all__ = ["in_base", "in_frame", "placed"]
+
+
+def placed(contacts: Contacts, block: Recording, frame: str, mount: Pose) -> Contacts:
+    """The contacts of a block in the frame "surface", "sensor" or "base".
+
+    Args:
+        contacts: of all samples of `block`, in the surface's frame.
+        block: with orientation and position of the sensor, for the base.
+        frame: of the result.
+        mount: T_sensor_surface.
+    """
+    if frame == "surface" or not len(contacts):
+        return contacts
+    if frame == "sensor":
+        return contacts.with_estimate(in_frame(contacts.estimate, mount))
+    rows = contacts.sample - contacts.sample[0]  # every sample of the block has one or more
+    poses = block.channels[ORIENTATION][rows], block.channels[POSITION][rows]
+    return contacts.with_estimate(in_base(contacts.estimate, *poses, mount))
 
 
 def in_frame(estimate: ContactEstimate, pose: Pose) -> ContactEstimate:

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 from palpate.contact._settings import HAS_PREVIOUS, NOISY, PREVIOUS, SOFT, STATE
 from palpate.contact.estimate import ROW, ContactEstimate
 from palpate.errors import InputError
+from palpate.sensors.load_cells import Indentation
 from palpate.spatial._arrays import FLOAT, INT8, Value, require_out, shaped
 from palpate.spatial.uncertain import noise_covariance
 from palpate.spatial.wrench import Wrench
@@ -60,6 +61,8 @@ class Locator:
             given with the wrenches.
         on, off: force [N] from which there is a contact, and below which there is none any more. None: 10 and 5 times
             the largest standard deviation of force, or 0 without noise (then only zero force is no contact).
+        indentation: of a soft layer on the surface: how deep below it the force acts; None: rigid.
+        accuracy: [m] 3-D standard deviation above which the answer is TOO_LIGHT; None: none.
 
     Raises:
         InputError: an unknown method, or bounds that are not positive, or on < off.
@@ -74,6 +77,8 @@ class Locator:
         noise: ArrayLike | None = None,
         on: float | None = None,
         off: float | None = None,
+        indentation: Indentation | None = None,
+        accuracy: float | None = None,
     ) -> None:
         from palpate.contact import _kernel  # compiled: loaded when first needed
 
@@ -82,14 +87,19 @@ class Locator:
             raise InputError(f"unknown method {method!r}.", mend=f"Use one of {', '.join(METHODS)}.{slow}")
         if not (friction > 0 and torsion >= 0):
             raise InputError(f"friction ({friction}) must be > 0 and torsion ({torsion}) >= 0.")
+        if accuracy is not None and not accuracy > 0:
+            raise InputError(f"accuracy ({accuracy}) must be > 0 m.")
         self.surface, self.method, self.friction, self.torsion = surface, method, float(friction), float(torsion)
         self.noise = None if noise is None else noise_covariance(noise)
+        self.indentation, self.accuracy, self._given = indentation, accuracy, (on, off)
         self.on, self.off = _thresholds(self.noise, on, off)
         prepared = surface.prepared()
         self._arguments = prepared.arguments
         soft, noisy = float(method == "soft_finger"), float(self.noise is not None)
         self._settings = np.array(
             [*prepared.centre, prepared.scale, soft, self.friction, self.torsion, self.on, self.off, noisy]
+            + ([0.0, 1.0] if indentation is None else [indentation.depth, indentation.exponent])
+            + [accuracy or 0.0]
         )
         self._noisy = self._settings.copy()  # with covariances beside the wrenches
         self._noisy[NOISY] = 1.0
@@ -118,6 +128,19 @@ class Locator:
     def empty(*batch: int) -> Float[np.ndarray, "*batch 22"]:
         """Rows to write into; `ContactEstimate.from_rows` names what is in them, `ROW` where."""
         return np.full((*batch, ROW.length), np.nan)
+
+    def with_noise(self, noise: Float[np.ndarray, "6 6"]) -> Locator:
+        """The same on the same surface, with another noise, and thresholds from it where they were not given."""
+        return Locator(
+            self.surface,
+            self.method,
+            self.friction,
+            self.torsion,
+            noise,
+            *self._given,
+            indentation=self.indentation,
+            accuracy=self.accuracy,
+        )
 
     def reset(self, previous: ArrayLike | None = None) -> None:
         """Forget the last contact and the hysteresis, or set the last contact to a point (3,) [m]."""

@@ -12,8 +12,9 @@ from palpate.errors import InputError
 from palpate.sensors.load_cells import LoadCells, single_wrench_map
 from palpate.spatial.pose import skew
 
-__all__ = ["Resolution", "nominal_cells", "position_slope", "resolution"]
+__all__ = ["WANTED", "Resolution", "nominal_cells", "position_slope", "resolution"]
 
+WANTED = 2e-3  # m: the accuracy that the paper asks for
 AZIMUTHS = 12  # of a force with friction, the worst of which counts
 
 

@@ -9,14 +9,14 @@ from jaxtyping import Bool, Float, Int
 
 from palpate.contact.estimate import ContactEstimate
 
-__all__ = ["CHI2_95", "Coverage", "Spread", "angles", "coverage", "distances"]
+__all__ = ["CHI2_95", "Coverage", "ErrorSummary", "angles", "coverage", "distances"]
 
 CHI2_95 = 5.991464547107979  # 95 % point of chi-square with 2 degrees of freedom, -2 log 0.05
 _FLAT = 1e-9  # of the largest variance: below it a direction has none
 
 
 @dataclass(frozen=True)
-class Spread:
+class ErrorSummary:
     """What a person wants to know of many errors, in their unit."""
 
     count: int
@@ -26,7 +26,7 @@ class Spread:
     worst: float
 
     @classmethod
-    def of(cls, errors: Float[np.ndarray, " n"]) -> Spread | None:
+    def of(cls, errors: Float[np.ndarray, " n"]) -> ErrorSummary | None:
         """Of the finite ones; None where there is none."""
         known = errors[np.isfinite(errors)]
         if not len(known):

@@ -1,17 +1,19 @@
-"""Match estimates with the truth by time, and report."""
+"""How far contacts are from the ground truth."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
-from palpate.contact.estimate import ContactEstimate, Status
-from palpate.contact.truth import Samples, Touches
-from palpate.evaluation.errors import Coverage, Spread, angles, coverage, distances
+from palpate.contact.contacts import Contacts
+from palpate.contact.estimate import Status
+from palpate.contact.ground_truth import Samples, Touches
+from palpate.evaluation.errors import Coverage, ErrorSummary, angles, coverage, distances
+from palpate.evaluation.matching import match_instants, match_touches
 
-__all__ = ["Report", "Touch", "evaluate", "nearest_in_time", "status_shares"]
+__all__ = ["Report", "Touch", "evaluate", "report", "status_shares"]
 
 
 @dataclass(frozen=True)
@@ -20,7 +22,7 @@ class Touch:
 
     Attributes:
         label: as in the truth.
-        samples: in the interval; answered: of these.
+        samples: in the interval, without those that only other contacts have; answered: of these.
         error: [m], NaN where none was answered.
         scatter: [m], median distance of the answered samples from their median.
     """
@@ -37,74 +39,84 @@ class Report:
     """What `palpate evaluate` prints.
 
     Attributes:
-        samples: in the file; matched: with a truth; answered: of those matched.
-        statuses: label -> share of the matched samples.
-        location: [m] of the answered samples, or of the touches where the truth is touches.
+        samples: rows of contacts; matched: with a truth; answered: of those matched.
+        statuses: label -> share of the matched rows.
+        location: [m] of the answered rows, or of the touches where the truth is touches.
         normal: [rad] between normals, None where the truth has none; force_angle likewise.
         force: [N] length of the difference, None where the truth has none.
-        coverage: of the answered samples' covariance.
+        coverage: of the answered rows' covariance.
         touches: one for each, where the truth is touches.
+        unmatched: answered contacts at an instant whose truths others are nearer to.
+        missed: truths at an instant at which other truths have a contact, and they none.
     """
 
     samples: int
     matched: int
     answered: int
     statuses: dict[str, float]
-    location: Spread | None
-    normal: Spread | None
-    force: Spread | None
-    force_angle: Spread | None
+    location: ErrorSummary | None
+    normal: ErrorSummary | None
+    force: ErrorSummary | None
+    force_angle: ErrorSummary | None
     coverage: Coverage
     touches: tuple[Touch, ...] = ()
+    unmatched: int = 0
+    missed: int = 0
 
 
-def evaluate(
-    time: Float[np.ndarray, " n"], estimate: ContactEstimate, truth: Samples | Touches, *, tolerance: float = 0.02
-) -> Report:
-    """Compare estimates with what is known.
+def evaluate(contacts: Contacts, truth: Samples | Touches, *, tolerance: float = 0.02) -> Report:
+    """Compare contacts with what is known: at every instant a truth has one contact at most, and a contact one truth.
 
     Args:
-        time: (n,) [s] of the estimates, one contact a sample.
-        estimate: batch of n, in the truth's frame.
-        truth: instants (matched to the nearest within `tolerance` [s]) or touches.
+        contacts: of any sensor, several at a time or not, in the truth's frame.
+        truth: instants (matched to the nearest within `tolerance` [s]; several may have one time) or touches.
         tolerance: [s].
     """
-    match = _touch_of(time, truth) if isinstance(truth, Touches) else nearest_in_time(time, truth.time, tolerance)
-    matched = match >= 0
-    answered = matched & np.asarray(estimate.answered)
+    if isinstance(truth, Touches):
+        match, due, own = match_touches(contacts, truth)
+        touches = tuple(_touch(contacts, truth, k, rows) for k, rows in enumerate(own))
+        return report(contacts, Samples(truth.start, truth.point), match, due, touches)
+    match, due = match_instants(contacts, truth, tolerance)
+    return report(contacts, truth, match, due)
+
+
+def report(
+    contacts: Contacts,
+    truth: Samples,
+    match: Int[np.ndarray, " n"],
+    due: Bool[np.ndarray, " n"] | None = None,
+    touches: tuple[Touch, ...] = (),
+) -> Report:
+    """What there is to say of contacts that are matched.
+
+    Args:
+        contacts: n of them.
+        truth: k of them.
+        match: (n,) number of the truth of each contact, -1 for none.
+        due: (n,) there was a truth at its time; None: where it has one.
+        touches: of which `location` is the summary, if there are any.
+    """
+    answered = (match >= 0) & contacts.answered
     point = _picked(truth.point, match)
-    normal = None if isinstance(truth, Touches) else truth.normal
-    force = None if isinstance(truth, Touches) else truth.force
-    touches = _touches(time, estimate, truth) if isinstance(truth, Touches) else ()
-    errors = distances(estimate.point, point)[answered]
+    normal = None if truth.normal is None else angles(contacts.normal, _picked(truth.normal, match))
+    known = None if truth.force is None else _picked(truth.force, match)
+    force = None if known is None else distances(contacts.force, known)
+    turned = None if known is None else angles(contacts.force, known)
+    errors = distances(contacts.point, point)[answered]
     return Report(
-        samples=len(time),
-        matched=int(np.count_nonzero(matched)),
+        samples=len(contacts),
+        matched=int(np.count_nonzero(match >= 0)),
         answered=int(np.count_nonzero(answered)),
-        statuses=status_shares(estimate.status[matched]),
-        location=Spread.of(np.array([touch.error for touch in touches]) if touches else errors),
-        normal=None if normal is None else Spread.of(angles(estimate.normal, _picked(normal, match))[answered]),
-        force=None if force is None else Spread.of(distances(estimate.force, _picked(force, match))[answered]),
-        force_angle=None if force is None else Spread.of(angles(estimate.force, _picked(force, match))[answered]),
-        coverage=coverage(estimate, point, answered),
+        statuses=status_shares(contacts.status[match >= 0]),
+        location=ErrorSummary.of(np.array([touch.error for touch in touches]) if touches else errors),
+        normal=None if normal is None else ErrorSummary.of(normal[answered]),
+        force=None if force is None else ErrorSummary.of(force[answered]),
+        force_angle=None if turned is None else ErrorSummary.of(turned[answered]),
+        coverage=coverage(contacts.estimate, point, answered),
         touches=touches,
+        unmatched=int(0 if due is None else np.count_nonzero(due & (match < 0) & contacts.answered)),
+        missed=0 if touches else _missed(truth.time, match),
     )
-
-
-def nearest_in_time(
-    time: Float[np.ndarray, " n"], known: Float[np.ndarray, " k"], tolerance: float
-) -> Int[np.ndarray, " n"]:
-    """For each time the index of the nearest known one, -1 where none is within `tolerance`; neither need be sorted."""
-    order = np.argsort(known)
-    order = order[np.isfinite(known[order])]
-    if not len(order):
-        return np.full(len(time), -1)
-    right = np.searchsorted(known[order], time).clip(max=len(order) - 1)
-    either = np.stack([order[(right - 1).clip(min=0)], order[right]])
-    apart: Float[np.ndarray, "2 n"] = np.abs(known[either] - time)
-    best: Int[np.ndarray, " n"] = np.take_along_axis(either, apart.argmin(axis=0)[None], axis=0)[0]
-    # times of day have a resolution of 0.2 us in float64
-    return np.where(np.min(apart, axis=0) <= tolerance + 1e-6, best, -1)
 
 
 def status_shares(status: Int[np.ndarray, " n"]) -> dict[str, float]:
@@ -113,27 +125,21 @@ def status_shares(status: Int[np.ndarray, " n"]) -> dict[str, float]:
     return {Status(code).label: float(count / len(status)) for code, count in enumerate(counts) if count}
 
 
-def _touch_of(time: Float[np.ndarray, " n"], touches: Touches) -> Int[np.ndarray, " n"]:
-    """Which touch each time falls into (the first, should they overlap), -1 for none."""
-    found = np.full(len(time), -1)
-    for k in reversed(range(len(touches))):
-        found[(time >= touches.start[k]) & (time <= touches.end[k])] = k
-    return found
+def _touch(contacts: Contacts, truth: Touches, which: int, rows: Int[np.ndarray, " m"]) -> Touch:
+    points = contacts.point[rows[contacts.answered[rows]]]
+    error = scatter = float("nan")
+    if len(points):
+        middle = np.median(points, axis=0)
+        error = float(np.linalg.norm(middle - truth.point[which]))
+        scatter = float(np.median(np.linalg.norm(points - middle, axis=1)))
+    return Touch(truth.label[which], len(rows), len(points), error, scatter)
 
 
-def _touches(time: Float[np.ndarray, " n"], estimate: ContactEstimate, truth: Touches) -> tuple[Touch, ...]:
-    answered = np.asarray(estimate.answered)
-    reports: list[Touch] = []
-    for k, label in enumerate(truth.label):
-        inside = (time >= truth.start[k]) & (time <= truth.end[k])
-        points = estimate.point[inside & answered]
-        error = scatter = float("nan")
-        if len(points):
-            middle = np.median(points, axis=0)
-            error = float(np.linalg.norm(middle - truth.point[k]))
-            scatter = float(np.median(np.linalg.norm(points - middle, axis=1)))
-        reports.append(Touch(label, int(np.count_nonzero(inside)), len(points), error, scatter))
-    return tuple(reports)
+def _missed(time: Float[np.ndarray, " k"], match: Int[np.ndarray, " n"]) -> int:
+    """Truths without a contact at an instant at which another one has one."""
+    found = np.zeros(len(time), dtype=bool)
+    found[match[match >= 0]] = True
+    return int(np.count_nonzero(~found & np.isin(time, time[found])))
 
 
 def _picked(values: Float[np.ndarray, "k 3"], match: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:

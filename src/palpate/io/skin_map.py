@@ -1,4 +1,4 @@
-"""Maps of a taxel sheet: TOML with the spline, the same to the last bit when read back; and what others read.
+"""Maps of a taxel sheet: the model with its spline, and what others read.
 
 What is written is told by the suffix: .toml, .csv (a row a cell), .txt (iCub's skin) or .urdf (a link with its cells).
 """
@@ -6,92 +6,20 @@ What is written is told by the suffix: .toml, .csv (a row a cell), .txt (iCub's 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
-from math import nan
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import tomlkit
 from jaxtyping import Float
-from tomlkit.items import Table
 
-from palpate.errors import GeometryError, InputError
+from palpate.errors import InputError
 from palpate.io.atomic import write_text
-from palpate.io.models import load_model, toml_array
-from palpate.io.strict import parse
+from palpate.io.models import read_model, write_model
 from palpate.sensors.skin_map import SkinMap
-from palpate.surfaces.bspline import BSplineSurface
 
 __all__ = ["SUFFIXES", "read_skin_map", "write_skin_map"]
 
-_KIND = "skin map"
-Three = tuple[float, float, float]
-Rows = tuple[tuple[float, ...], ...]
 
-
-@dataclass(frozen=True)
-class _Surface:
-    """The spline as its table spells it; control points row by row, v fastest."""
-
-    degree: tuple[int, int]
-    periodic: bool
-    shape: tuple[int, int]
-    knots_u: tuple[float, ...]
-    knots_v: tuple[float, ...]
-    control: tuple[Three, ...]
-
-    def surface(self) -> BSplineSurface:
-        """As a value."""
-        if len(self.control) != self.shape[0] * self.shape[1]:
-            raise ValueError(f"control must have {self.shape[0]} x {self.shape[1]} points, not {len(self.control)}")
-        control = np.array(self.control).reshape(*self.shape, 3)
-        return BSplineSurface(np.array(self.knots_u), np.array(self.knots_v), control, self.degree, self.periodic)
-
-
-@dataclass(frozen=True)
-class _MapFile:
-    """A map as its file spells it; cells row by row, columns fastest."""
-
-    kind: str
-    rows: int
-    columns: int
-    pitch: tuple[float, float]
-    cells: Rows
-    overlap: tuple[bool, ...] = ()
-    strain: tuple[float, float] | None = None
-    distance: tuple[float, float] | None = None
-    surface: _Surface | None = None
-    notes: tuple[str, ...] = ()
-    provenance: Mapping[str, Any] = field(default_factory=lambda: {})
-
-    def __post_init__(self) -> None:
-        count = self.rows * self.columns
-        if min(self.rows, self.columns) < 1 or len(self.cells) != count or {len(row) for row in self.cells} != {9}:
-            raise ValueError(f"cells must be {self.rows} x {self.columns} rows of 9 numbers")
-        if len(self.overlap) not in (0, count):
-            raise ValueError(f"overlap must be {count} times true or false")
-
-    def map(self) -> SkinMap:
-        """As a value."""
-        cells = np.array(self.cells).reshape(self.rows, self.columns, 9)
-        lost = (nan, nan)
-        return SkinMap(
-            centres=cells[..., :3],
-            normals=cells[..., 3:6],
-            areas=cells[..., 6],
-            pitch=self.pitch,
-            overlap=np.array(self.overlap, dtype=bool).reshape(self.rows if self.overlap else 0, -1),
-            surface=None if self.surface is None else self.surface.surface(),
-            uv=np.zeros((0, 0, 2)) if self.surface is None else cells[..., 7:],
-            strain=self.strain or lost,
-            distance=self.distance or lost,
-            provenance={name: str(said) for name, said in self.provenance.items()},
-            notes=self.notes,
-        )
-
-
-def write_skin_map(path: Path, skin: SkinMap, *, name: str = "skin") -> None:
+def write_skin_map(path: str | Path, skin: SkinMap, *, name: str = "skin") -> None:
     """Write a map in the format of its suffix.
 
     Args:
@@ -102,64 +30,28 @@ def write_skin_map(path: Path, skin: SkinMap, *, name: str = "skin") -> None:
     Raises:
         InputError: another suffix, or it cannot be written.
     """
-    writer = _WRITERS.get(path.suffix.lower())
-    if writer is None:
-        raise InputError(f"cannot write a map as {path.suffix!r}.", where=str(path), mend=f"Use {_known()}.")
-    write_text(path, writer(skin, name))
+    path = Path(path)
+    suffix = path.suffix.lower()
+    if suffix not in SUFFIXES:
+        raise InputError(f"cannot write a map as {path.suffix!r}.", where=str(path), mend=f"Use {', '.join(SUFFIXES)}.")
+    if suffix == ".toml":
+        write_model(path, skin)
+    else:
+        write_text(path, _WRITERS[suffix](skin, name))
 
 
-def read_skin_map(path: Path) -> SkinMap:
+def read_skin_map(path: str | Path) -> SkinMap:
     """Read a map from .toml, the same to the last bit, or from .csv.
 
     Raises:
         InputError: not a map, a key misspelt or missing, a value of the wrong kind.
     """
+    path = Path(path)
     if path.suffix.lower() == ".csv":
         from palpate.io.skin_csv import read_map_csv  # here: tables load polars
 
         return read_map_csv(path)
-    table = load_model(path, _KIND, "a skin map", "palpate map skin")
-    stated = parse(table, _MapFile, file=str(path))
-    try:
-        return stated.map()
-    except (GeometryError, ValueError) as problem:
-        raise InputError(f"{problem}.", where=f"{path}: surface") from problem
-
-
-def _toml(skin: SkinMap, name: str) -> str:
-    document = tomlkit.document()
-    document.add(tomlkit.comment(f"Where the cells of {name} sit, in the mesh's frame. Written by `palpate map skin`."))
-    document.add("kind", tomlkit.item(_KIND))
-    document.add("rows", tomlkit.item(skin.rows))
-    document.add("columns", tomlkit.item(skin.columns))
-    document.add("pitch", tomlkit.item(list(skin.pitch)).comment("m, between rows and between columns"))
-    if np.isfinite(skin.strain).all():
-        document.add("strain", tomlkit.item(list(skin.strain)).comment("rms, and the one farthest from 0"))
-    if np.isfinite(skin.distance).all():
-        document.add("distance", tomlkit.item(list(skin.distance)).comment("m, of spline and mesh: mean, worst"))
-    document.add("notes", tomlkit.item(list(skin.notes)))
-    document.add(tomlkit.comment("row by row: x y z [m], nx ny nz outward, area [m^2], u v of the surface"))
-    uv = skin.uv if skin.surface is not None else np.zeros((skin.rows, skin.columns, 2))
-    table = np.concatenate([skin.centres, skin.normals, skin.areas[..., None], uv], axis=-1)
-    document.add("cells", toml_array(table.reshape(-1, 9)))
-    document.add("overlap", tomlkit.item(skin.overlap.reshape(-1).tolist()))
-    if skin.surface is not None:
-        document.add("surface", _surface_table(skin.surface))
-    document.add("provenance", tomlkit.item(dict(skin.provenance)))
-    return tomlkit.dumps(document)
-
-
-def _surface_table(surface: BSplineSurface) -> Table:
-    table = tomlkit.table()
-    table.add("degree", list(surface.degree))
-    table.add(
-        "periodic", tomlkit.item(surface.periodic).comment("in v: the last control points of rows repeat the first")
-    )
-    table.add("shape", list(surface.control.shape[:2]))
-    table.add("knots_u", surface.knots_u.tolist())
-    table.add("knots_v", surface.knots_v.tolist())
-    table.add("control", toml_array(surface.control.reshape(-1, 3)))
-    return table
+    return read_model(path, SkinMap)
 
 
 def _csv(skin: SkinMap, name: str) -> str:
@@ -217,9 +109,5 @@ def _cells(skin: SkinMap) -> Iterator[tuple[tuple[int, int], np.ndarray, np.ndar
             yield (row, column), skin.centres[row, column], skin.normals[row, column]
 
 
-def _known() -> str:
-    return ", ".join(SUFFIXES)
-
-
-_WRITERS: Mapping[str, Callable[[SkinMap, str], str]] = {".toml": _toml, ".csv": _csv, ".txt": _icub, ".urdf": _urdf}
-SUFFIXES = tuple(_WRITERS)
+_WRITERS: Mapping[str, Callable[[SkinMap, str], str]] = {".csv": _csv, ".txt": _icub, ".urdf": _urdf}
+SUFFIXES = (".toml", *_WRITERS)

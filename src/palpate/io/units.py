@@ -5,10 +5,11 @@ from __future__ import annotations
 import difflib
 import re
 from collections.abc import Iterable, Mapping
+from math import floor, isfinite, log10
 
 from palpate.errors import InputError
 
-__all__ = ["FORCE_UNITS", "TIME_UNITS", "TORQUE_UNITS", "near", "to_si"]
+__all__ = ["FORCE_UNITS", "TIME_UNITS", "TORQUE_UNITS", "measured", "near", "to_si"]
 
 _POUND, _KILOPOND, _INCH = 4.4482216152605, 9.80665, 0.0254
 
@@ -56,6 +57,15 @@ def near(name: str, names: Iterable[str]) -> str:
         return f"Did you mean {' or '.join(repr(match) for match in close)}?"
     shown = ", ".join(repr(other) for other in known[:12])
     return f"There is {shown}{', ...' if len(known) > 12 else ''}." if known else ""
+
+
+def measured(values: Iterable[float], spreads: Iterable[float], unit: str) -> str:
+    """Values and their standard deviations, with the digits that the deviations leave standing."""
+    both = list(zip(values, spreads, strict=True))
+    largest = max((spread for _, spread in both), default=0.0)
+    digits = min(8, max(0, 1 - floor(log10(largest)))) if largest > 0 and isfinite(largest) else 4
+    left, right = (", ".join(f"{pair[k]:.{digits}f}" for pair in both) for k in (0, 1))
+    return f"{left} +- {right} {unit}" if len(both) == 1 else f"({left}) +- ({right}) {unit}"
 
 
 def _squeezed(unit: str) -> str:

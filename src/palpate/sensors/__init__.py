@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from palpate.sensors.compensation import Compensation
 from palpate.sensors.filters import Butterworth, Kalman
 from palpate.sensors.force_torque import ForceTorque, Payload
 from palpate.sensors.recording import Recording
 
-__all__ = ["Butterworth", "ForceTorque", "Kalman", "Payload", "Recording"]
+__all__ = ["Butterworth", "Compensation", "ForceTorque", "Kalman", "Payload", "Recording"]

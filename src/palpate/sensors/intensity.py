@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
 from palpate.errors import InputError
 from palpate.spatial._arrays import frozen
@@ -156,18 +156,18 @@ def rising(curve: Curve, parameters: Float[np.ndarray, " p"], force: np.ndarray)
 
 @dataclass(frozen=True, eq=False)
 class Intensity:
-    """The curves of a whole sheet.
+    """The curves of all cells.
 
     Args:
         curves: one for all cells, or several.
-        which: (rows, columns) the number of each cell's curve; None: the first for all.
+        which: (rows, columns), or (k,), the number of each cell's curve; None: the first for all.
         unit: what an intensity is, for messages: "counts".
         provenance: where it came from.
         notes: what a user should know, one sentence each.
     """
 
     curves: tuple[Curve, ...]
-    which: Int[np.ndarray, "rows columns"] | None = None
+    which: Int[np.ndarray, "*cells"] | None = None
     unit: str = "counts"
     provenance: Mapping[str, str] = field(default_factory=lambda: {})
     notes: tuple[str, ...] = ()
@@ -178,9 +178,9 @@ class Intensity:
             raise InputError("there is no curve.", where="intensity")
         if self.which is not None:
             which = np.array(self.which, dtype=np.int64)
-            if which.ndim != 2 or which.min() < 0 or which.max() >= len(self.curves):
+            if which.ndim not in (1, 2) or which.min() < 0 or which.max() >= len(self.curves):
                 raise InputError(
-                    f"`which` must be rows x columns of curve numbers from 0 to {len(self.curves) - 1}.",
+                    f"`which` must be curve numbers, a cell each, from 0 to {len(self.curves) - 1}.",
                     where="intensity",
                 )
             which.flags.writeable = False
@@ -188,27 +188,25 @@ class Intensity:
         if len({curve.falling for curve in self.curves}) > 1:
             raise InputError("some curves fall with force and some rise.", where="intensity")
 
-    def numbers(self, rows: int, columns: int) -> Int[np.ndarray, "rows columns"]:
-        """The curve of each cell of a sheet.
+    def __reduce__(self) -> tuple[type[Intensity], tuple[object, ...]]:
+        """A view of the provenance cannot be pickled, nor copied in depth; its values can."""
+        return Intensity, (self.curves, self.which, self.unit, dict(self.provenance), self.notes)
+
+    def numbers(self, shape: tuple[int, ...]) -> Int[np.ndarray, " k"]:
+        """The curve of each cell of a sheet of rows x columns, or of so many taxels.
 
         Raises:
-            InputError: it was calibrated for a sheet of another size.
+            InputError: it was calibrated for others.
         """
+        count = int(np.prod(shape))
         if self.which is None:
-            return np.zeros((rows, columns), dtype=np.int64)
-        if self.which.shape != (rows, columns):
-            calibrated = f"{self.which.shape[0]} x {self.which.shape[1]}"
-            raise InputError(
-                f"it was calibrated for a sheet of {calibrated} cells, not {rows} x {columns}.", where="intensity"
-            )
-        return self.which.copy()
+            return np.zeros(count, dtype=np.int64)
+        if self.which.shape not in (shape, (count,)):
+            here, there = (" x ".join(map(str, size)) for size in (shape, self.which.shape))
+            raise InputError(f"it was calibrated for {there} cells, not {here}.", where="intensity")
+        return self.which.ravel().copy()
 
     def tables(self) -> tuple[Float[np.ndarray, "c k"], Float[np.ndarray, " c"]]:
         """Forces [N] at evenly spaced counts, one row a curve, and how many counts lie between two."""
         tables = [curve.table() for curve in self.curves]
         return np.stack([forces for _, forces in tables]), np.array([counts[1] for counts, _ in tables])
-
-    def saturated(self, raw: Float[np.ndarray, "*batch rows columns"]) -> Bool[np.ndarray, "*batch rows columns"]:
-        """Where a reading is at the range of its cell."""
-        limits = np.array([curve.saturation for curve in self.curves])[self.numbers(*raw.shape[-2:])]
-        return raw <= limits if self.curves[0].falling else raw >= limits

@@ -1,4 +1,4 @@
-"""Which cell is wrong, and how: from what the others say that it should read."""
+"""Which cell or channel is wrong, and how: from what the others say that it should read."""
 
 from __future__ import annotations
 
@@ -8,12 +8,11 @@ from itertools import combinations
 import numpy as np
 from jaxtyping import Bool, Float
 
-from palpate.errors import NotIdentifiable
+from palpate.sensors.load_cell_explanations import CHANCE, Explanations, explanations
 from palpate.sensors.load_cells import LoadCells
 
 __all__ = ["Fault", "find_faults"]
 
-CHANCE = 1e-6  # that sound cells contradict each other so much in a sample
 RARE = 0.002  # share of samples that may contradict
 AGREE = 0.9  # share of the contradicting samples that a cause must explain
 STILL = 0.02  # of what it should move: a cell that moves less is dead
@@ -21,6 +20,7 @@ CLIPPED = 0.1  # share of samples that repeat the one before exactly
 SAME_GAIN = 0.1  # by which a drifting cell may still answer differently to load
 LAGS = 100  # parts of a log over which a cell's movement is looked at
 PREFIX = 300.0  # a gain so far off is a prefix of the unit
+PROPORTIONAL = 0.01  # of the squares of a channel in another unit that its multiple leaves, at most
 
 
 @dataclass(frozen=True)
@@ -28,48 +28,54 @@ class Fault:
     """What is wrong.
 
     Attributes:
-        cells: numbers from 0; kind: "dead", "saturated", "swapped", "drifting", "unit", "gain" or "several".
+        cells: numbers from 0; kind: "dead", "saturated", "swapped", "drifting", "unit", "gain", "unclear" where each of
+            the cells may be it, or "several".
         share: of the samples in which it shows.
         said: the sentence, with what to do.
+        channels: numbers from 0 of those that are wrong, or may be.
     """
 
     cells: tuple[int, ...]
     kind: str
     share: float
     said: str
+    channels: tuple[int, ...] = ()
 
 
 def find_faults(
     cells: LoadCells,
     readings: Float[np.ndarray, "n m"],
-    sound: Bool[np.ndarray, " k"] | None = None,
+    sound: Bool[np.ndarray, " some"] | None = None,
     names: tuple[str, ...] = (),
 ) -> list[Fault]:
-    """What is wrong with the cells of a log, worst first; nothing where they agree.
+    """What is wrong with the cells of a log; nothing where they agree.
 
-    A wrench explains six of 3 k voltages. Where chi-square of the others is beyond its bound, each cell in turn is left
-    out, then each pair exchanged; what makes the samples agree is the cause, and how the cell's readings differ from
-    what the others foretell is its kind. Three cells have none to spare: only a cell that stands still or is at its
-    range is named then, and an exchanged pair.
+    A wrench explains six of 3 k voltages. Where chi-square of the others is beyond its bound, each channel and each
+    cell in turn is left out, as an estimator does sample by sample (`Explanations`), then each pair of cells is
+    exchanged; what makes the samples agree is the cause, and how its readings differ from what the others predict is
+    its kind. Where several make them agree, all are named. Three cells have none to spare, but perhaps a channel: else
+    only a cell that stands still or is at its range is named then, and an exchanged pair.
 
     Args:
         cells: the model.
         readings: (n, m) [V] less the zero; rows of NaN are left out.
-        sound: (k,) cells to judge; None: all.
+        sound: (k,) cells or (3 k,) channels to judge; None: all.
         names: of the channels, for messages.
     """
-    kept = np.ones(cells.cells, dtype=bool) if sound is None else sound
+    kept = cells.channels(sound)
     usable = readings[np.isfinite(readings).all(axis=1)]
     if not len(usable):
         return []
-    bad = cells.chi_square(usable, kept) > _bound(3 * int(kept.sum()) - 6)
+    made = explanations(cells, kept)
+    agree, fits = made.fits(usable)
+    bad = ~agree
     if bad.mean() <= RARE:
         return []
-    some = usable[bad]
     share = float(bad.mean())
-    cause = _alone(cells, usable, bad, kept, names) or _swapped(cells, some, kept, share)
-    if cause is None and int(kept.sum()) == 3:
-        cause = _still(cells, usable, kept, share)
+    whole = np.asarray(kept.reshape(-1, 3).any(axis=1))
+    cause = _explained(made, usable, bad, fits, names) or _swapped(cells, usable[bad], whole, share)
+    if cause is None and int(whole.sum()) == 3:
+        cause = _still(cells, usable, whole, share)
     return [cause or Fault((), "several", share, _several(share))]
 
 
@@ -79,60 +85,102 @@ def _bound(freedom: int) -> float:
     return float(chi2.isf(CHANCE, freedom)) if freedom > 0 else np.inf
 
 
-def _alone(
-    cells: LoadCells, usable: np.ndarray, bad: np.ndarray, kept: np.ndarray, names: tuple[str, ...]
+def _explained(
+    made: Explanations, usable: np.ndarray, bad: np.ndarray, fits: np.ndarray, names: tuple[str, ...]
 ) -> Fault | None:
-    """The cell without which the others agree."""
-    some = usable[bad]
-    freedom = 3 * (int(kept.sum()) - 1) - 6
-    if freedom < 1:
+    """The channel or cell without which the others agree, or all that may be it."""
+    share = np.mean(fits[bad], axis=0)
+    if share.max() < AGREE:
         return None
-    agree = np.zeros(cells.cells)
-    for cell in np.flatnonzero(kept):
-        others = kept & (np.arange(cells.cells) != cell)
-        try:
-            agree[cell] = np.mean(cells.chi_square(some, others) <= _bound(freedom))
-        except NotIdentifiable:
-            continue
-    if agree.max() < AGREE:
-        return None
-    stuck = [cell for cell in np.flatnonzero(agree >= AGREE) if _repeats(usable[:, 3 * cell : 3 * cell + 3])]
-    cell = int(stuck[0]) if len(stuck) == 1 else int(agree.argmax())  # one channel's fault can look like another's
-    others = kept & (np.arange(cells.cells) != cell)
-    rows = slice(3 * cell, 3 * cell + 3)
-    due = cells.wrenches(usable, others)[0] @ cells.matrix[rows].T
-    return _named(cell, usable[:, rows], due, bad, names[rows] if names else ())
+    likely = made.simplest(share >= max(AGREE, share.max() - RARE))
+    candidates = np.flatnonzero(likely).tolist()
+    stuck = [e for e in np.flatnonzero(share >= AGREE).tolist() if _repeats(usable[:, made.channels(e)]).all()]
+    still = [e for e in stuck if e < made.cells.cells] or stuck  # the whole cell, where all of it stands still
+    odd = [e for e in candidates if _in_other_unit(*_beside(made, usable, e))]
+    for marked in (still, odd):
+        if len(marked) == 1:
+            candidates = marked
+    if len(candidates) > 1:
+        return _unclear(made, candidates, float(bad.mean()))
+    seen, due = _beside(made, usable, candidates[0])
+    return _named(made, candidates[0], seen, due, bad, names)
 
 
-def _named(cell: int, seen: np.ndarray, due: np.ndarray, bad: np.ndarray, names: tuple[str, ...]) -> Fault:
-    """What a cell's readings say of its fault, beside what they should be."""
-    name, share = f"cell {cell + 1}", float(bad.mean())
-    rest = "; the other cells go on without it, with wider covariances"
+def _beside(made: Explanations, usable: np.ndarray, which: int) -> tuple[np.ndarray, np.ndarray]:
+    """What an explanation's channels read, and what the others say that they should."""
+    out = made.channels(which)
+    return usable[:, out], made.wrenches(usable, which) @ made.cells.matrix[out].T
+
+
+def _in_other_unit(seen: np.ndarray, due: np.ndarray) -> bool:
+    """Whether a channel is a large multiple of what it should be, and nothing else."""
+    gains = np.sum(seen * due, axis=0) / np.maximum(np.sum(due**2, axis=0), 1e-300)
+    rest = np.sum((seen - gains * due) ** 2, axis=0) <= PROPORTIONAL * np.sum(seen**2, axis=0)
+    return bool(np.any(rest & _far(gains)))
+
+
+def _far(gains: np.ndarray) -> np.ndarray:
+    return (np.abs(gains) > PREFIX) | (np.abs(gains) < 1 / PREFIX)
+
+
+def _unclear(made: Explanations, candidates: list[int], share: float) -> Fault:
+    """Several that explain the same."""
+    count, cells = made.cells.cells, tuple(made.cell(e) for e in candidates)
+    axes = {"xyz"[(e - count) % 3] if e >= count else "" for e in candidates}
+    if len(axes) == 1:
+        axis, numbers = axes.pop(), ", ".join(str(cell + 1) for cell in cells)
+        which = f"channel {axis} of one of cells {numbers}" if axis else f"one of cells {numbers}"
+    else:
+        which = "one of " + ", ".join(_label(made, e) for e in candidates)
+    said = (
+        f"{which} is wrong: their readings cannot tell which. Contacts are the mean of what is found without each, and "
+        "their covariances hold all of them"
+    )
+    return Fault(cells, "unclear", share, said, _channels(made, candidates))
+
+
+def _channels(made: Explanations, candidates: list[int]) -> tuple[int, ...]:
+    return tuple(int(j) for e in candidates for j in np.flatnonzero(made.channels(e)))
+
+
+def _label(made: Explanations, which: int) -> str:
+    count = made.cells.cells
+    name = f"cell {made.cell(which) + 1}"
+    return name if which < count else f"channel {'xyz'[(which - count) % 3]} of {name}"
+
+
+def _named(
+    made: Explanations, which: int, seen: np.ndarray, due: np.ndarray, bad: np.ndarray, names: tuple[str, ...]
+) -> Fault:
+    """What the readings of a cell or channel say of its fault, beside what they should be."""
+    name, share, channels = _label(made, which), float(bad.mean()), _channels(made, [which])
+
+    def fault(kind: str, said: str) -> Fault:
+        return Fault((made.cell(which),), kind, share, said, channels)
+
+    rest = f"; the other {'cells' if len(channels) > 1 else 'channels'} go on without it, with wider covariances"
     if np.all(_moves(seen) <= STILL * _moves(due).max()) or np.all(seen.std(axis=0) <= STILL * due.std(axis=0).max()):
-        return Fault((cell,), "dead", share, f"{name} is dead: it does not answer to load{rest}")
+        return fault("dead", f"{name} is dead: it does not answer to load{rest}")
     seen, due = seen[bad], due[bad]
     gains = np.sum(seen * due, axis=0) / np.sum(due**2, axis=0)
-    odd = np.flatnonzero((np.abs(gains) > PREFIX) | (np.abs(gains) < 1 / PREFIX))
+    odd = np.flatnonzero(_far(gains))
     if len(odd):
-        which = names[int(odd[0])] if names else f"channel {'xyz'[int(odd[0])]} of {name}"
-        return Fault(
-            (cell,),
-            "unit",
-            share,
-            f"{which} reads {abs(gains[odd[0]]):.3g} times what it should: is it in another unit (mV for V)?",
-        )
-    if _repeats(seen):
-        return Fault((cell,), "saturated", share, f"{name} is saturated: it goes no further than one voltage{rest}")
+        channel = channels[int(odd[0])]
+        label = names[channel] if names else f"channel {'xyz'[channel % 3]} of cell {channel // 3 + 1}"
+        factor = abs(gains[odd[0]])
+        return fault("unit", f"{label} reads {factor:.3g} times what it should: is it in another unit (mV for V)?")
+    if _repeats(seen).any():
+        return fault("saturated", f"{name} is saturated: it goes no further than one voltage{rest}")
     off = seen - due
     if np.all(np.abs(gains - 1.0) < SAME_GAIN) or _steady(off, due):
         volts = float(np.abs(off.mean(axis=0)).max())
-        return Fault((cell,), "drifting", share, f"{name} drifts: it is off by {volts:.2g} V whatever the load{rest}")
-    return Fault((cell,), "gain", share, f"{name} answers differently to load than when it was calibrated{rest}")
+        return fault("drifting", f"{name} drifts: it is off by {volts:.2g} V whatever the load{rest}")
+    return fault("gain", f"{name} answers differently to load than when it was calibrated{rest}")
 
 
-def _repeats(values: np.ndarray) -> bool:
-    """Whether a channel often reads exactly what it read before, as one at its range does."""
-    return bool(np.mean(np.diff(values, axis=0) == 0, axis=0).max(initial=0.0) > CLIPPED)
+def _repeats(values: np.ndarray) -> Bool[np.ndarray, " c"]:
+    """Which channels often read exactly what they read before, as those at their range do."""
+    return np.mean(np.diff(values, axis=0) == 0, axis=0) > CLIPPED if len(values) > 1 else np.zeros(values.shape[1]) > 0
 
 
 def _moves(values: np.ndarray) -> Float[np.ndarray, "3"]:
@@ -173,11 +221,12 @@ def _still(cells: LoadCells, usable: np.ndarray, kept: np.ndarray, share: float)
     size = np.sqrt(np.diag(cells.noise)).reshape(-1, 3)
     moves = (usable.std(axis=0).reshape(-1, 3) / size).max(axis=1)
     for cell in np.flatnonzero(kept):
-        others = [other for other in np.flatnonzero(kept) if other != cell]
+        beside = [other for other in np.flatnonzero(kept) if other != cell]
         column = usable[:, 3 * cell : 3 * cell + 3]
-        if moves[cell] <= STILL * moves[others].max() or moves[cell] < 0.1:
+        if moves[cell] <= STILL * moves[beside].max() or moves[cell] < 0.1:
             return Fault((int(cell),), "dead", share, f"cell {cell + 1} is dead, and of three none can be spared")
-        if _repeats(column) and not _repeats(np.delete(usable, np.s_[3 * cell : 3 * cell + 3], axis=1)):
+        others = np.delete(usable, np.s_[3 * cell : 3 * cell + 3], axis=1)
+        if _repeats(column).any() and not _repeats(others).any():
             said = f"cell {cell + 1} is saturated, and of three none can be spared"
             return Fault((int(cell),), "saturated", share, said)
     return None

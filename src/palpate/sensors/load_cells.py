@@ -12,6 +12,7 @@ from jaxtyping import Bool, Float
 from numpy.typing import ArrayLike
 
 from palpate.errors import InputError, NotIdentifiable
+from palpate.sensors.recording import REFERENCE, VOLTAGE
 from palpate.spatial._arrays import frozen
 from palpate.spatial.pose import skew
 
@@ -27,8 +28,6 @@ __all__ = [
     "wrench_direction",
 ]
 
-VOLTAGE = "voltage"  # channel of a Recording: (n, 3 k) V, cell by cell x, y, z
-REFERENCE = "reference"  # of a bench log: (n, 6) force [N] on the fingertip, and the centre of the ball [m]
 LENGTH = 0.01  # m: a torque of 1 N at this arm weighs as much as 1 N where ranks are judged
 FLATTEST = 1e-3  # of the largest singular value: below it a direction of the wrench is not measured
 IN_LINE = 0.02  # of the layout's extent: cells nearer to one line than this cannot tell the moment about it
@@ -159,24 +158,29 @@ class LoadCells:
         """How many, k."""
         return len(self.matrix) // 3
 
-    def channels(self, sound: Bool[np.ndarray, " k"] | None = None) -> Bool[np.ndarray, " m"]:
-        """(3 k,) those of the sound cells."""
+    def channels(self, sound: Bool[np.ndarray, " some"] | None = None) -> Bool[np.ndarray, " m"]:
+        """(3 k,) those of sound cells (k,), or sound channels (3 k,) as they are; None: all."""
+        if sound is not None and len(sound) == len(self.matrix):
+            return sound
         return np.repeat(np.ones(self.cells, dtype=bool) if sound is None else sound, 3)
 
     def inverse(
-        self, sound: Bool[np.ndarray, " k"] | None = None
+        self, sound: Bool[np.ndarray, " some"] | None = None
     ) -> tuple[Float[np.ndarray, "6 m"], Float[np.ndarray, "6 6"], Float[np.ndarray, "r m"]]:
-        """What turns readings u - b into wrenches, by generalised least squares from the sound cells.
+        """What turns readings u - b into wrenches, by generalised least squares from what is sound.
+
+        Args:
+            sound: (k,) cells or (3 k,) channels to take; None: all.
 
         Returns:
             A (6, 3 k) with w = A (u - b) and zeros for the others; P (6, 6), the covariance of w from the noise of one
-            reading; and Q (r, 3 k), the r = 3 k' - 6 combinations of unit variance that no wrench can make.
+            reading; and Q (r, 3 k), the combinations of unit variance that no wrench can make, six fewer than channels.
 
         Raises:
-            NotIdentifiable: those cells do not determine a wrench.
+            NotIdentifiable: they do not determine a wrench.
         """
         kept = self.channels(sound)
-        self.require_rank(kept[::3])
+        self.require_rank(kept)
         lower = np.linalg.cholesky(self.noise[np.ix_(kept, kept)])
         white = np.linalg.solve(lower, np.eye(len(lower)))
         basis, upper = np.linalg.qr(white @ self.matrix[kept], mode="complete")
@@ -187,16 +191,16 @@ class LoadCells:
         return inverse, solved @ solved.T, rest
 
     def wrenches(
-        self, readings: Float[np.ndarray, "*batch m"], sound: Bool[np.ndarray, " k"] | None = None
+        self, readings: Float[np.ndarray, "*batch m"], sound: Bool[np.ndarray, " some"] | None = None
     ) -> tuple[Float[np.ndarray, "*batch 6"], Float[np.ndarray, "*batch 6 6"]]:
         """Wrenches of readings without bias, and covariances: of a reading's noise and drift, and of the calibration.
 
         Args:
             readings: (*batch, 3 k) [V], u - b.
-            sound: (k,) the cells to take; None: all.
+            sound: (k,) cells or (3 k,) channels to take; None: all.
 
         Raises:
-            NotIdentifiable: those cells do not determine a wrench.
+            NotIdentifiable: they do not determine a wrench.
         """
         inverse, spread, _ = self.inverse(sound)
         found = readings @ inverse.T
@@ -208,7 +212,7 @@ class LoadCells:
         return np.einsum("iajb,...a,...b->...ij", blocks, wrenches, wrenches)
 
     def chi_square(
-        self, readings: Float[np.ndarray, "*batch m"], sound: Bool[np.ndarray, " k"] | None = None
+        self, readings: Float[np.ndarray, "*batch m"], sound: Bool[np.ndarray, " some"] | None = None
     ) -> Float[np.ndarray, "*batch"]:
         """What no wrench explains of readings without bias: chi-square of 3 k - 6 degrees, where the cells are sound.
 
@@ -221,14 +225,16 @@ class LoadCells:
         size = np.sum(np.linalg.solve(lower, explained[..., None])[..., 0] ** 2, axis=-1)
         return left / (1.0 + self.drift**2 + self.misfit**2 * size / len(rest)) if len(rest) else left
 
-    def require_rank(self, sound: Bool[np.ndarray, " k"]) -> None:
-        """Raise a NotIdentifiable where some cells (k,) do not determine a wrench."""
-        scaled = self.matrix[np.repeat(sound, 3)] / np.sqrt(np.diag(self.noise))[np.repeat(sound, 3), None]
+    def require_rank(self, sound: Bool[np.ndarray, " some"]) -> None:
+        """Raise a NotIdentifiable where some cells (k,) or channels (3 k,) do not determine a wrench."""
+        kept = self.channels(sound)
+        scaled = self.matrix[kept] / np.sqrt(np.diag(self.noise))[kept, None]
         scaled = scaled * [1.0, 1.0, 1.0, LENGTH, LENGTH, LENGTH]
-        if np.count_nonzero(sound) < 2:
+        count = np.count_nonzero(kept)
+        if count < 6:
             raise NotIdentifiable(
-                f"{np.count_nonzero(sound)} sound cells cannot tell the six numbers of a wrench; three can.",
-                rank=3 * int(np.count_nonzero(sound)),
+                f"{count // 3} sound cells cannot tell the six numbers of a wrench; three can.",
+                rank=int(count),
                 missing=("wrench",),
             )
         _, values, directions = np.linalg.svd(scaled)

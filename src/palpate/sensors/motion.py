@@ -14,7 +14,7 @@ from palpate.sensors._curvature import Curvature, Settings, curvature, part_of, 
 from palpate.sensors.recording import ACCELERATION, ORIENTATION, POSITION, UNSTEADY, Recording
 from palpate.spatial.pose import rotation_from_quaternion
 
-__all__ = ["Motion", "with_motion"]
+__all__ = ["Motion"]
 
 SOURCES = ("none", "poses", "motion", "imu")
 CHUNK = 8192  # rows worked on at a time, counted from the first of the log: answers know nothing of its blocks
@@ -216,18 +216,6 @@ class Motion:
             rotations = rotation_from_quaternion(channels[ORIENTATION])
             acceleration = acceleration + np.einsum("nji,j->ni", rotations, self.gravity)
         return replace(block, channels={**channels, ACCELERATION: acceleration, UNSTEADY: unsteady})
-
-
-def with_motion(
-    blocks: Iterator[Recording],
-    *,
-    source: str = "none",
-    window: float = 0.2,
-    gravity: Float[np.ndarray, "3"] | None = None,
-    lever: Float[np.ndarray, "3"] | None = None,
-) -> Iterator[Recording]:
-    """The blocks with ACCELERATION and UNSTEADY: `Motion` without its notes."""
-    return Motion(source, window=window, gravity=gravity, lever=lever).stream(blocks)
 
 
 def _widened(seen: Bool[np.ndarray, " n"], half: int) -> Bool[np.ndarray, " n"]:

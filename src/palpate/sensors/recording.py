@@ -3,15 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 import numpy as np
 from jaxtyping import Bool, Float
+from numpy.typing import ArrayLike
 
-from palpate.spatial._arrays import frozen
+from palpate.errors import InputError
 
-__all__ = ["ACCELERATION", "FORCE", "LARGEST", "ORIENTATION", "POSITION", "TORQUE", "UNSTEADY", "Recording"]
+__all__ = [
+    "ACCELERATION",
+    "CELLS",
+    "FORCE",
+    "LARGEST",
+    "ORIENTATION",
+    "POSITION",
+    "REFERENCE",
+    "TORQUE",
+    "UNSTEADY",
+    "VOLTAGE",
+    "Recording",
+    "sealed",
+]
 
 LARGEST = 1e9  # N, N m, m/s^2: what is larger is a fault of the file, and its powers would overflow
 FORCE = "force"  # (n, 3) N
@@ -20,48 +34,83 @@ ORIENTATION = "orientation"  # (n, 4) quaternion x, y, z, w: sensor in base
 POSITION = "position"  # (n, 3) m: of the sensor's origin in the base
 ACCELERATION = "acceleration"  # (n, 3) m/s^2: of the sensor's origin, in the sensor's frame
 UNSTEADY = "unsteady"  # (n, 1) m/s^2: standard deviation, along each axis, of what ACCELERATION leaves out
+VOLTAGE = "voltage"  # (n, 3 k) V: of load cells, cell by cell x, y, z
+CELLS = "cells"  # (n, rows, columns) or (n, k): raw readings of taxels
+REFERENCE = "reference"  # (n, 6) of a bench: force [N] on the fingertip, and the centre of the ball [m]
+
+_SHAPES: Mapping[str, tuple[int, ...]] = {  # of one sample, where it is always the same
+    FORCE: (3,),
+    TORQUE: (3,),
+    ORIENTATION: (4,),
+    POSITION: (3,),
+    ACCELERATION: (3,),
+    UNSTEADY: (1,),
+    REFERENCE: (6,),
+}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Recording:
     """Channels of one log, sample by sample: what a file or a stream becomes inside.
 
+    All arrays are float64, contiguous by rows, and read-only. Those that are given so are taken as they are, others are
+    copied.
+
     Args:
         time: (n,) [s], as recorded: it may repeat, run backwards or be NaN; nothing is sorted or dropped.
-        channels: name -> (n, k) float64, SI. A value that could not be read is NaN. Names used across the house
-            are the constants of this module; a sensor with its own channels names them itself.
+        channels: name -> (n, ...), SI. A value that could not be read is NaN. Names used across the house are the
+            constants of this module; a sensor with its own channels names them itself.
         frame: the frame in which force and torque are written, "sensor" or "base".
         source: where it came from, for messages and provenance.
         notes: what a reader of the results should know (a gap, unsorted times), one sentence each.
+
+    Raises:
+        InputError: a channel has not one row a time, or not the shape that its name stands for.
     """
 
     time: Float[np.ndarray, " n"]
-    channels: Mapping[str, Float[np.ndarray, "n _"]]
+    channels: Mapping[str, Float[np.ndarray, "..."]]
     frame: str = "sensor"
     source: str = ""
-    notes: tuple[str, ...] = field(default=())
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        time = frozen(self.time)
-        channels = {name: frozen(values) for name, values in self.channels.items()}
-        for name, values in channels.items():
-            if values.ndim != 2 or len(values) != len(time):
-                raise ValueError(f"channel {name!r} has shape {values.shape} for {len(time)} times")
+        time = sealed(self.time)
+        channels = {name: sealed(values) for name, values in self.channels.items()}
+        for name, values in {"time": time, **channels}.items():
+            shape = () if values is time else _SHAPES.get(name, values.shape[1:])
+            if values.shape != (time.size, *shape):
+                wanted = " x ".join(map(str, ("n", *shape)))
+                raise InputError(
+                    f"channel {name!r} has the shape {values.shape}; it must be {wanted}, for n = {time.size} times.",
+                    where=self.source,
+                )
         object.__setattr__(self, "time", time)
         object.__setattr__(self, "channels", MappingProxyType(channels))
+
+    def __reduce__(self) -> tuple[type[Recording], tuple[object, ...]]:
+        """A view of channels cannot be pickled, nor copied in depth; their values can."""
+        return Recording, (self.time, dict(self.channels), self.frame, self.source, self.notes)
 
     def __len__(self) -> int:
         return len(self.time)
 
     def wrenches(self) -> Float[np.ndarray, "n 6"]:
-        """Force [N] and torque [N m] side by side; what is infinite or beyond `LARGEST` is NaN."""
+        """Force [N] and torque [N m] side by side; what is infinite or beyond `LARGEST` is NaN.
+
+        Raises:
+            InputError: the recording has none.
+        """
+        if not {FORCE, TORQUE} <= set(self.channels):
+            there = ", ".join(self.channels) or "nothing else than the time"
+            raise InputError(f"has no force and torque; there is {there}.", where=self.source)
         values = np.concatenate([self.channels[FORCE], self.channels[TORQUE]], axis=1)
         return np.where(np.abs(values) <= LARGEST, values, np.nan)
 
     def picked(self, rows: slice | Bool[np.ndarray, " n"]) -> Recording:
         """The samples that a slice or a mask picks."""
-        channels = {name: values[rows] for name, values in self.channels.items()}
-        return replace(self, time=self.time[rows], channels=channels)
+        channels = {name: sealed(values[rows], own=True) for name, values in self.channels.items()}
+        return replace(self, time=sealed(self.time[rows], own=True), channels=channels)
 
     def rate(self) -> float | None:
         """Samples a second, from the steps forward in time that are no gaps; None where there is none."""
@@ -70,3 +119,17 @@ class Recording:
         if not len(steps):
             return None
         return 1.0 / float(np.mean(steps[steps < 1.5 * np.median(steps)]))  # the median alone has the clock's rounding
+
+
+def sealed(values: ArrayLike, *, own: bool = False) -> Float[np.ndarray, "..."]:
+    """A read-only array of float64, contiguous by rows: `values` itself where it is one, else a copy.
+
+    Args:
+        values: numbers.
+        own: nobody else holds `values`, so that it need not be copied for being writable.
+    """
+    array = np.asarray(values)
+    copied = None if own or not array.flags.writeable else True  # None: where it must be
+    array = np.array(array, dtype=np.float64, order="C", copy=copied)
+    array.flags.writeable = False
+    return array

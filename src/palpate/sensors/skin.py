@@ -1,104 +1,29 @@
-"""A sheet of taxels: its frames, and what its cells are worth: at rest, dead, stuck, wrapped around."""
+"""What taxels are worth: at rest, dead, stuck, wrapped around."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator
+from dataclasses import dataclass, field
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from palpate.errors import InputError
+from palpate.sensors.recording import Recording
+from palpate.sensors.taxels import TaxelBody
 from palpate.spatial._arrays import frozen
 
-__all__ = ["Frames", "Health", "Sheet", "examine"]
+__all__ = ["Health", "at_rest", "examine"]
 
+SCATTER = 4.0  # times the noise, in a tare
 FEWEST = 8  # frames from which anything can be said of a cell
 CLOSE = 4.0  # deviations about the resting value that still are rest
 SILENT = 5  # frames in which a cell said nothing between neighbours that were pressed
 PRESSED = 0.25  # of the largest excursion in the log: then a cell is pressed
 AFTER, LEFT = 0.5, 0.03  # s behind a touch, and the share of a reading that may be left then
+OPPOSITE = -0.8  # cosine between the ways to two neighbours
 WRAP = 0.85  # of the range: a step of a cell alone that is no touch
 _QUANTUM = 12**-0.5  # deviation of what is rounded to whole numbers
-
-
-@dataclass(frozen=True)
-class Sheet:
-    """What the sheet is.
-
-    Args:
-        rows, columns: cells.
-        bits: 8 to 16 of a whole-number reading; None: the readings are floats and cannot wrap.
-        masked: (row, column) of cells that are not to be used.
-
-    Raises:
-        InputError: sizes that no sheet has, or a masked cell that is not on it.
-    """
-
-    rows: int
-    columns: int
-    bits: int | None = 8
-    masked: tuple[tuple[int, int], ...] = ()
-
-    def __post_init__(self) -> None:
-        if self.rows < 1 or self.columns < 1 or self.cells < 2:
-            raise InputError(f"a sheet of {self.rows} x {self.columns} cells is none.", where="skin")
-        if self.bits is not None and not 1 <= self.bits <= 16:
-            raise InputError(f"bits must lie between 1 and 16, not {self.bits}.", where="skin")
-        for row, column in self.masked:
-            if not (0 <= row < self.rows and 0 <= column < self.columns):
-                raise InputError(
-                    f"cell ({row}, {column}) is masked, but there are {self.rows} x {self.columns}, counted from 0.",
-                    where="skin",
-                )
-
-    @property
-    def cells(self) -> int:
-        """How many there are."""
-        return self.rows * self.columns
-
-    @property
-    def top(self) -> float:
-        """The largest reading; inf for floats."""
-        return np.inf if self.bits is None else 2.0**self.bits - 1.0
-
-    def mask(self) -> Bool[np.ndarray, "rows columns"]:
-        """True where a cell is used."""
-        used = np.ones((self.rows, self.columns), dtype=bool)
-        for row, column in self.masked:
-            used[row, column] = False
-        return used
-
-
-@dataclass(frozen=True, eq=False)
-class Frames:
-    """Frames of one log, or of a piece of it.
-
-    Args:
-        time: (n,) [s], as recorded.
-        cells: (n, rows, columns) raw; a frame of another size, or one that could not be read, is NaN.
-        source: where it came from.
-    """
-
-    time: Float[np.ndarray, " n"]
-    cells: Float[np.ndarray, "n rows columns"]
-    source: str = ""
-
-    def __post_init__(self) -> None:
-        for name in ("time", "cells"):
-            object.__setattr__(self, name, frozen(getattr(self, name)))
-        if len(self.time) != len(self.cells):
-            raise ValueError(f"{len(self.cells)} frames for {len(self.time)} times")
-
-    def __len__(self) -> int:
-        return len(self.time)
-
-    def turned(self) -> Frames:
-        """With the sign of the readings turned: of a sheet whose readings fall under load."""
-        return Frames(self.time, -self.cells, self.source)
-
-    def picked(self, rows: slice | Bool[np.ndarray, " n"]) -> Frames:
-        """The frames that a slice or a mask picks."""
-        return Frames(self.time[rows], self.cells[rows], self.source)
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,107 +31,131 @@ class Health:
     """What the cells are at rest, and which are no good.
 
     Attributes:
-        baseline: (rows, columns) reading without a touch.
-        noise: (rows, columns) standard deviation of it.
-        dead: (rows, columns) silent between neighbours that were pressed.
-        stuck: (rows, columns) at one value that is not that of the others' rest.
-        notes: one sentence each.
+        baseline: (k,) reading without a touch.
+        noise: (k,) standard deviation of it.
+        dead: (k,) silent between neighbours that were pressed.
+        stuck: (k,) at one value that is not that of the others' rest.
+        frames: from which the rest was taken.
+        notes, doubts: what was met, and what may be wrong, one sentence each.
         hysteresis: what is left of a reading `AFTER` seconds behind a touch, as a share of its height (median over
             releases); NaN where the start of the log holds none.
     """
 
-    baseline: Float[np.ndarray, "rows columns"]
-    noise: Float[np.ndarray, "rows columns"]
-    dead: Bool[np.ndarray, "rows columns"]
-    stuck: Bool[np.ndarray, "rows columns"]
+    baseline: Float[np.ndarray, " k"]
+    noise: Float[np.ndarray, " k"]
+    dead: Bool[np.ndarray, " k"]
+    stuck: Bool[np.ndarray, " k"]
+    frames: int = 1_000
     notes: tuple[str, ...] = field(default=())
+    doubts: tuple[str, ...] = field(default=())
     hysteresis: float = float("nan")
 
-    def turned(self) -> Health:
-        """Of readings with the other sign."""
-        return replace(self, baseline=frozen(-self.baseline))
-
     @property
-    def good(self) -> Bool[np.ndarray, "rows columns"]:
+    def good(self) -> Bool[np.ndarray, " k"]:
         """Cells to be used."""
         return ~(self.dead | self.stuck)
 
 
-def examine(frames: Frames, sheet: Sheet, *, seconds: float | None = None) -> Health:
+def examine(recording: Recording, body: TaxelBody, *, seconds: float | None = None, falling: bool = False) -> Health:
     """Rest, noise and faults of every cell, from the start of a log; it may hold touches.
 
-    A cell rests where its readings crowd at their lower end: within `CLOSE` deviations of it, whatever touches do
-    above (a falling sensor is turned by the caller). With `seconds` the start is known to be untouched.
+    A cell rests where its readings crowd at their end away from load: within `CLOSE` deviations of it, whatever
+    touches do beyond.
 
     Args:
-        frames: at least `FEWEST` of them.
-        sheet: what it is.
+        recording: at least `FEWEST` frames.
+        body: whose.
         seconds: at the start, in which nothing was touched; None: not known.
+        falling: readings fall under load.
 
     Raises:
         InputError: too few frames, or no cell ever moves from a value that is not rest.
     """
-    known = np.isfinite(frames.cells).all(axis=(1, 2))
-    cells = frames.cells[known]
+    raw = body.readings(recording)
+    known = np.isfinite(raw).all(axis=1)
+    cells, time = -raw[known] if falling else raw[known], recording.time[known]
     if len(cells) < FEWEST:
         raise InputError(
-            f"{len(cells)} frames of {sheet.rows} x {sheet.columns} cells could be read of {len(frames)}; "
-            f"at least {FEWEST} are needed to know the sheet at rest.",
-            where=frames.source,
-            mend="Does the rig's [skin] state rows and columns as the log has them?",
+            f"{len(cells)} frames of {body.named()} could be read of {len(raw)}; "
+            f"at least {FEWEST} are needed to know the cells at rest.",
+            where=recording.source,
+            mend="Does the rig state rows and columns as the log has them?",
         )
-    cells, wrapped = _unwrapped(cells, sheet)
+    cells, wrapped = _unwrapped(cells, body)
     rest = cells
     if seconds is not None:
-        time = frames.time[known]
         rest = cells[time <= time[0] + seconds]
         if len(rest) < FEWEST:
-            raise InputError(f"{len(rest)} frames are too few to tare with ({seconds:g} s).", where=frames.source)
-    baseline, noise = _resting(rest, whole=sheet.bits is not None)
+            raise InputError(f"{len(rest)} frames are too few to tare with ({seconds:g} s).", where=recording.source)
+    baseline, noise = _resting(rest, whole=body.bits is not None)
     still = np.ptp(cells, axis=0) == 0
-    stuck = _stuck(baseline, still, sheet)
-    if stuck.all() or (still.all() and np.ptp(baseline) > 0 and sheet.bits is not None):
+    stuck = _stuck(baseline, still, body)
+    if stuck.all() or (still.all() and np.ptp(baseline) > 0 and body.bits is not None):
         raise InputError(
             f"every cell keeps its value in the first {len(cells):,} frames: all cells are stuck.",
-            where=frames.source,
-            mend="Is the sheet connected, and are the columns those of its cells?",
+            where=recording.source,
+            mend="Are the taxels connected, and are the columns those of their readings?",
         )
-    dead = _dead(cells - baseline, noise, still, stuck)
-    good = np.where(stuck | dead, 0.0, cells - baseline)
-    hysteresis = _hysteresis(frames.time[known], good, noise)
-    said = [
-        *_named("dead: silent between cells that are pressed", dead),
-        *_named("stuck at one value", stuck),
-        *_named("wrapped around (readings jump from one end of the range to the other)", wrapped),
-    ]
+    dead = _dead(cells - baseline, noise, still, stuck, body)
+    hysteresis = _hysteresis(time, np.where(stuck | dead, 0.0, cells - baseline), noise)
+    notes = _named("wrapped around (readings jump from one end of the range to the other)", wrapped, body)
     if still.all():
-        said.append(f"no cell moves in the first {len(cells):,} frames")
+        notes.append(f"no cell moves in the first {len(cells):,} frames")
+    doubts = [
+        *_named("dead: silent between cells that are pressed", dead, body),
+        *_named("stuck at one value", stuck, body),
+    ]
     if hysteresis > LEFT:
         share = f"{100 * hysteresis:.0f} % of a reading is left {AFTER:g} s after a touch"
-        said.append(f"{share}: hysteresis, or slow recovery, by which forces are too large for a while")
-    return Health(frozen(baseline), frozen(noise), dead, stuck, tuple(said), hysteresis)
+        doubts.append(f"{share}: hysteresis, or slow recovery, by which forces are too large for a while")
+    baseline = -baseline if falling else baseline
+    return Health(frozen(baseline), frozen(noise), dead, stuck, len(rest), tuple(notes), tuple(doubts), hysteresis)
+
+
+def at_rest(recording: Recording, body: TaxelBody, *, falling: bool = False) -> Health:
+    """Rest and noise of every cell, from a window in which nothing touches: its mean.
+
+    Raises:
+        InputError: too few frames, or cells that do not keep still.
+    """
+    health = examine(recording, body, seconds=np.inf, falling=falling)
+    raw = body.readings(recording)
+    off = raw[np.isfinite(raw).all(axis=1)] - health.baseline
+    if body.bits is not None:
+        off -= (body.top + 1.0) * np.rint(off / (body.top + 1.0))
+    moved = np.maximum(off.std(axis=0), SCATTER * np.abs(off[: len(off) // 2].mean(axis=0)))
+    restless = body.usable & ~health.stuck & (moved > SCATTER * health.noise)
+    if restless.any():
+        cell = int(np.argmax(np.where(restless, moved / health.noise, 0.0)))
+        raise InputError(
+            f"the cells were not at rest during the tare: cell {body.name(cell)} reads up to "
+            f"{np.abs(off[:, cell]).max():.3g} from its rest, and its noise is {health.noise[cell]:.2g}.",
+            where=recording.source,
+            mend="Let nothing touch them meanwhile, or mask a cell that never keeps still.",
+        )
+    return health
 
 
 def _hysteresis(
-    time: Float[np.ndarray, " n"], above: Float[np.ndarray, "n rows columns"], noise: Float[np.ndarray, "rows columns"]
+    time: Float[np.ndarray, " n"], above: Float[np.ndarray, "n k"], noise: Float[np.ndarray, " k"]
 ) -> float:
     """Median over releases of cells whose surroundings were let go too; NaN where there is none."""
-    flat, limit = above.reshape(len(above), -1), 0.25 * float(above.max(initial=0.0))
+    limit = 0.25 * float(above.max(initial=0.0))
     if not limit > 20 * float(np.median(noise)):
         return float("nan")
-    pressed = flat > limit
+    pressed = above > limit
     later = np.searchsorted(time, time + AFTER)  # of sorted times
     found: list[float] = []
     for start, cell in np.argwhere(pressed[:-1] & ~pressed[1:]).tolist():
         end = int(later[start])
-        if end < len(flat) and not pressed[start + 1 : end + 1].any() and abs(time[end] - time[start] - AFTER) < AFTER:
-            found.append(float(flat[end, cell] / flat[max(start - 5, 0) : start + 1, cell].max()))
+        if end < len(above) and not pressed[start + 1 : end + 1].any() and abs(time[end] - time[start] - AFTER) < AFTER:
+            found.append(float(above[end, cell] / above[max(start - 5, 0) : start + 1, cell].max()))
     return float(np.median(found)) if found else float("nan")
 
 
 def _resting(
-    cells: Float[np.ndarray, "n rows columns"], *, whole: bool
-) -> tuple[Float[np.ndarray, "rows columns"], Float[np.ndarray, "rows columns"]]:
+    cells: Float[np.ndarray, "n k"], *, whole: bool
+) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
     """Mean and deviation of the crowd at each cell's lower end."""
     steps = np.abs(np.diff(cells, axis=0))
     low = np.quantile(cells, 0.1, axis=0)
@@ -221,28 +170,28 @@ def _resting(
     return baseline, np.sqrt(np.maximum(variance, least**2))
 
 
-def _stuck(
-    baseline: Float[np.ndarray, "rows columns"], still: Bool[np.ndarray, "rows columns"], sheet: Sheet
-) -> Bool[np.ndarray, "rows columns"]:
+def _stuck(baseline: Float[np.ndarray, " k"], still: Bool[np.ndarray, " k"], body: TaxelBody) -> Bool[np.ndarray, " k"]:
     """Never moves, away from where the others rest."""
     usual = np.median(baseline)
     spread = 1.4826 * np.median(np.abs(baseline - usual))
-    far = max(10 * float(spread), 0.05 * sheet.top if sheet.bits else 0.05 * float(np.ptp(baseline)), 1e-12)
+    far = max(10 * float(spread), 0.05 * body.top if body.bits else 0.05 * float(np.ptp(baseline)), 1e-12)
     return still & (np.abs(baseline - usual) > far)
 
 
 def _dead(
-    above: Float[np.ndarray, "n rows columns"],
-    noise: Float[np.ndarray, "rows columns"],
-    still: Bool[np.ndarray, "rows columns"],
-    stuck: Bool[np.ndarray, "rows columns"],
-) -> Bool[np.ndarray, "rows columns"]:
+    above: Float[np.ndarray, "n k"],
+    noise: Float[np.ndarray, " k"],
+    still: Bool[np.ndarray, " k"],
+    stuck: Bool[np.ndarray, " k"],
+    body: TaxelBody,
+) -> Bool[np.ndarray, " k"]:
     """Cells that say nothing in frames in which both of two opposite neighbours are pressed hard."""
     above = np.where(stuck, 0.0, np.abs(above))
     hard = above > max(PRESSED * float(above.max(initial=0.0)), 10 * float(np.median(noise)))
     between = np.zeros_like(hard)
-    between[:, 1:-1] |= hard[:, :-2] & hard[:, 2:]
-    between[:, :, 1:-1] |= hard[:, :, :-2] & hard[:, :, 2:]
+    for one, other in _opposite(body):
+        both = (one >= 0) & (other >= 0)
+        between[:, both] |= hard[:, one[both]] & hard[:, other[both]]
     silent = above <= CLOSE * np.maximum(noise, np.median(noise))
     said_nothing = (between & silent).sum(axis=0)
     answered = (between & ~silent).sum(axis=0)
@@ -250,27 +199,38 @@ def _dead(
     return ((said_nothing >= SILENT) & (answered == 0) & (never | still)) & ~stuck
 
 
+def _opposite(body: TaxelBody) -> Iterator[tuple[Int[np.ndarray, " k"], Int[np.ndarray, " k"]]]:
+    """Neighbours that touch a cell at opposite sides; -1 where there are none."""
+    beside = np.where(body.between[..., 0] < 0, body.neighbours, -1)
+    for a in range(beside.shape[1]):
+        for b in range(a):
+            one, other = body.steps[:, a], body.steps[:, b]
+            size = np.linalg.norm(one, axis=1) * np.linalg.norm(other, axis=1)
+            apart = (one * other).sum(axis=1) < OPPOSITE * size
+            if (apart & (beside[:, a] >= 0) & (beside[:, b] >= 0)).any():
+                yield np.where(apart, beside[:, a], -1), beside[:, b]
+
+
 def _unwrapped(
-    cells: Float[np.ndarray, "n rows columns"], sheet: Sheet
-) -> tuple[Float[np.ndarray, "n rows columns"], Bool[np.ndarray, "rows columns"]]:
+    cells: Float[np.ndarray, "n k"], body: TaxelBody
+) -> tuple[Float[np.ndarray, "n k"], Bool[np.ndarray, " k"]]:
     """At rest a whole-number reading that falls below 0 comes out at the top: such readings, put where they belong."""
-    if sheet.bits is None or cells.min() < 0:  # floats, or turned: rest is at the top, and falls
-        return cells, np.zeros(cells.shape[1:], dtype=bool)
-    turn = sheet.top + 1.0
-    noise = np.median(np.abs(np.diff(cells, axis=0)), axis=0) if len(cells) > 1 else np.zeros(cells.shape[1:])
+    if body.bits is None or cells.min() < 0:  # floats, or turned: rest is at the top, and falls
+        return cells, np.zeros(len(body), dtype=bool)
+    turn = body.top + 1.0
+    noise = np.median(np.abs(np.diff(cells, axis=0)), axis=0) if len(cells) > 1 else np.zeros(len(body))
     rest = np.quantile(cells, 0.25, axis=0)
     below = (cells > WRAP * turn) & (rest <= 1.0 + 3.0 * noise)  # noise takes no other rest below 0
-    alone = np.zeros_like(below)  # a touch presses neighbours too
-    for axis in (1, 2):
-        for shift in (1, -1):
-            alone |= np.roll(cells, shift, axis=axis) > 0.25 * turn
-    below &= ~alone
+    if below.any():
+        high = cells > 0.25 * turn
+        for beside in body.neighbours.T:  # a touch presses neighbours too
+            below &= ~(high[:, beside] & (beside >= 0))
     return np.where(below, cells - turn, cells), np.asarray(below.any(axis=0))
 
 
-def _named(what: str, which: Bool[np.ndarray, "rows columns"]) -> list[str]:
+def _named(what: str, which: Bool[np.ndarray, " k"], body: TaxelBody) -> list[str]:
     """A sentence that names some cells."""
-    found = [f"({row}, {column})" for row, column in np.argwhere(which).tolist()]
+    found = [body.name(cell) for cell in np.flatnonzero(which).tolist()]
     if not found:
         return []
     cells = f"cell{'s' if len(found) > 1 else ''} {', '.join(found[:6])}{', ...' if len(found) > 6 else ''}"

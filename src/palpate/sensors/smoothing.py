@@ -1,4 +1,4 @@
-"""Running a filter over a stream of wrenches: forward as they come, or forward and backward a little later."""
+"""Running a filter over a stream of wrenches or cells: forward as they come, or forward and backward a little later."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from palpate.sensors.filters import Recursion
 __all__ = ["BothWays", "Forward"]
 
 GAP_PERIODS, LEAST_GAP = 5, 0.05  # samples and s: clocks that stamp on arrival make smaller gaps of their own
-SEGMENT = 4096  # samples that are filtered backward at a time, at least
+SEGMENT = 4096  # wrenches that are filtered backward at a time, at least; of wider samples as many values
 
-Wrenches = Float[np.ndarray, "_ 6"]
+Values = Float[np.ndarray, "_ _"]
 
 
 class Forward:
@@ -24,40 +24,46 @@ class Forward:
     Args:
         recursion: of a filter at a rate.
         rate: [Hz] of the samples.
+        width: values of a sample.
     """
 
-    def __init__(self, recursion: Recursion, rate: float) -> None:
+    def __init__(self, recursion: Recursion, rate: float, width: int = 6) -> None:
         from palpate.sensors import _filters  # compiled: loaded when first needed
 
-        self._smooth, self._share = _filters.smooth, recursion.share
+        self._smooth, self.shares = _filters.smooth, recursion.share.copy()
         self._made = tuple(part.copy() for part in (recursion.sections, recursion.start, recursion.gains))  # writable
         self._gap = max(GAP_PERIODS / rate, LEAST_GAP)
-        self._state = np.zeros((max(1, 2 * len(recursion.sections)), 6))
+        self._state = np.zeros((max(1, 2 * len(recursion.sections)), width))
         self._clock = np.zeros(2)
         self.reset()
+
+    @property
+    def parts(self) -> tuple[object, ...]:
+        """What `_filters.smooth` takes behind its samples, but for the ages."""
+        return (*self._made, self._gap, self._clock, self._state)
 
     def reset(self) -> None:
         """The next sample is the first."""
         self._clock[:] = -1.0, np.nan
 
-    def __call__(self, time: Float[np.ndarray, " n"], status: Int8[np.ndarray, " n"], values: Wrenches) -> np.ndarray:
+    def __call__(self, time: Float[np.ndarray, " n"], status: Int8[np.ndarray, " n"], values: Values) -> np.ndarray:
         """Filter samples whose status is below 0, in place; returns ages (n,), 0 at a start, -1 for the others."""
         age = np.empty(len(values), dtype=np.int64)
-        self._smooth(time, status, values, *self._made, self._gap, self._clock, self._state, age)
+        self._smooth(time, status, values, *self.parts, age)
         return age
 
     def starts(self, time: Float[np.ndarray, " n"], status: Int8[np.ndarray, " n"]) -> np.ndarray:
         """The ages that samples will have."""
         clock, state = self._clock.copy(), self._state.copy()
-        age = self(time, status, np.zeros((len(time), 6)))
+        age = self(time, status, np.zeros((len(time), self._state.shape[1])))
         self._clock[:], self._state[:] = clock, state
         return age
 
     def share(self, age: np.ndarray) -> Float[np.ndarray, " n"]:
         """Of the noise's variance, what is left at an age; means nothing for samples that were passed by."""
-        return self._share[np.minimum(age, len(self._share) - 1)]
+        return self.shares[np.minimum(age, len(self.shares) - 1)]
 
-    def held(self, value: Float[np.ndarray, "6"], count: int) -> Wrenches:
+    def held(self, value: Float[np.ndarray, " _"], count: int) -> Values:
         """What would come out if the last sample stayed; leaves the filter there."""
         values = np.repeat(value[None], count, axis=0)
         self(np.full(count, np.nan), np.full(count, -1, np.int8), values)
@@ -75,26 +81,26 @@ class BothWays:
     edge(m) = (sum of r_j, j >= m)^2 - (sum of r_j^2, j >= m).
 
     Args:
-        recursion, rate: as of `Forward`.
+        recursion, rate, width: as of `Forward`.
     """
 
-    def __init__(self, recursion: Recursion, rate: float) -> None:
+    def __init__(self, recursion: Recursion, rate: float, width: int = 6) -> None:
         from scipy.signal import correlate
 
-        self._forward, self._backward = Forward(recursion, rate), Forward(recursion, rate)
+        self._forward, self._backward = (Forward(recursion, rate, width) for _ in range(2))
         response = recursion.response
         self._settled = len(response)
-        self._segment = max(SEGMENT, self._settled)
+        self._segment = max(SEGMENT * 6 // width, self._settled)
         both = correlate(response, response)[self._settled - 1 :]
         squares = both**2
         self._inside = float(2.0 * squares.sum() - squares[0])
         self._edge = np.append(both[::-1].cumsum()[::-1] ** 2 - squares[::-1].cumsum()[::-1], 0.0)
-        self._last = np.zeros(6)
-        self._parts: list[Wrenches] = []  # of the run, filtered forward
+        self._last = np.zeros(width)
+        self._parts: list[Values] = []  # of the run, filtered forward
         self._emitted = 0  # samples of the run that are done
-        self._done = [np.zeros((0, 7))]  # wrench, and share of the noise
+        self._done = [np.zeros((0, width + 1))]  # values, and share of the noise
 
-    def push(self, time: Float[np.ndarray, " n"], status: Int8[np.ndarray, " n"], values: Wrenches) -> None:
+    def push(self, time: Float[np.ndarray, " n"], status: Int8[np.ndarray, " n"], values: Values) -> None:
         """More samples; only those whose status is below 0 count."""
         good = status < 0
         time, status, values = time[good], status[good], values[good]
@@ -119,13 +125,13 @@ class BothWays:
         """How many samples can be taken."""
         return sum(map(len, self._done))
 
-    def take(self, count: int) -> tuple[Wrenches, Float[np.ndarray, " n"]]:
-        """The next that are done, in order: wrenches (n, 6) and the share of the noise left in them (n,)."""
+    def take(self, count: int) -> tuple[Values, Float[np.ndarray, " n"]]:
+        """The next that are done, in order: values (n, width) and the share of the noise left in them (n,)."""
         done = self._done[0] if len(self._done) == 1 else np.concatenate(self._done)
         self._done = [done[count:]]
-        return done[:count, :6], done[:count, 6]
+        return done[:count, :-1], done[:count, -1]
 
-    def _extend(self, time: np.ndarray, status: np.ndarray, values: Wrenches) -> None:
+    def _extend(self, time: np.ndarray, status: np.ndarray, values: Values) -> None:
         """Samples of one run."""
         if self._forward.starts(time[:1], status[:1])[0] == 0:
             self.finish()
@@ -141,10 +147,10 @@ class BothWays:
                 self._emitted += self._segment
             self._parts = [rows]
 
-    def _add(self, wrenches: Wrenches, share: Float[np.ndarray, " n"]) -> None:
-        self._done.append(np.column_stack([wrenches, share]))
+    def _add(self, values: Values, share: Float[np.ndarray, " n"]) -> None:
+        self._done.append(np.column_stack([values, share]))
 
-    def _reversed(self, rows: Wrenches) -> Wrenches:
+    def _reversed(self, rows: Values) -> Values:
         """Filtered from the last to the first."""
         self._backward.reset()
         turned = rows[::-1].copy()

@@ -13,7 +13,7 @@ from math import inf, pi
 import numpy as np
 from jaxtyping import Float
 
-from palpate.sensors.skin import Frames
+from palpate.sensors.recording import CELLS, Recording
 from palpate.sensors.skin_map import SkinMap
 from palpate.spatial._arrays import frozen
 
@@ -168,12 +168,12 @@ def read_out(
     rate: float = 50.0,
     start: float = 0.0,
     wraps: bool = False,
-) -> Frames:
+) -> Recording:
     """Frames of loads: noise, whole counts, and the end of the range, where readings stay, or wrap around."""
     exact = model.rest + model.gain * model.counts(loads) + model.noise * rng.standard_normal(loads.shape)
     counts = np.rint(exact)
     counts = np.mod(counts, model.top + 1.0) if wraps else np.clip(counts, 0.0, model.top)
-    return Frames(start + np.arange(len(loads)) / rate, counts, "bench")
+    return Recording(start + np.arange(len(loads)) / rate, {CELLS: counts}, source="bench")
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ import numpy as np
 import polars as pl
 from jaxtyping import Float, Int
 
-from palpate.sensors.skin import Frames
+from palpate.sensors.recording import CELLS, Recording
 from palpate.simulation.shapes import icosphere
 from palpate.simulation.skin_bench import PaperSheet, Patch, Rolled, Wand, paper_sheet, press, read_out, wand_poses
 
@@ -30,7 +30,7 @@ class SkinSession:
 
     Attributes:
         sheet, model: of the bench.
-        frames: at 50 Hz; the first second is untouched.
+        frames: cells at 50 Hz; the first second is untouched.
         wrench: (n, 6) [N, N m] of the sensor below, at the frames' times, in the link's frame.
         wand: (n, 7) pose of the wand in the link's frame; NaN where it was lost or away.
         start, end: (k,) [s] of each touch.
@@ -39,7 +39,7 @@ class SkinSession:
 
     sheet: Rolled
     model: PaperSheet
-    frames: Frames
+    frames: Recording
     wrench: Float[np.ndarray, "n 6"]
     wand: Float[np.ndarray, "n 7"]
     start: Float[np.ndarray, " k"]
@@ -135,7 +135,7 @@ def write_skin_session(
     pressed = {"force": force, "intensity": counts, "row": cell[:, 0], "column": cell[:, 1]}
     _table(folder / "load_cell_log.csv", pressed)
     frames = session.frames
-    flat = frames.cells.reshape(len(frames), -1)
+    flat = frames.channels[CELLS].reshape(len(frames), -1)
     _table(folder / "skin_log.csv", {"time": frames.time} | {f"c{k}": flat[:, k] for k in range(flat.shape[1])})
     place = session.sheet.layout()
     index = np.argwhere(np.ones((place.rows, place.columns)))

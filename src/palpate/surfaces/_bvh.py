@@ -25,7 +25,6 @@ __all__ = [
     "axis_view",
     "build",
     "search",
-    "search_reference",
     "start_view",
     "test_children",
 ]
@@ -336,46 +335,3 @@ def search(wrench, soft, tan_limit, nodes, corners, found):
             for s in range(solved):
                 count = _keep(found, count, capacity, patch, out[s], kind, corners, fx, fy, fz, tan_limit)
     return count
-
-
-def search_reference(wrench, pitch_used, tan_limit, corners):
-    """NumPy twin of `search`, over all patches and with numpy's polynomial roots: the oracle of the tests.
-
-    Returns:
-        (k, 6) rows: patch, b0, b1, b2, tan(theta), height along f.
-    """
-    force, moment = wrench[:3], wrench[3:]
-    size = np.linalg.norm(force)
-    f, axis = force / size, np.cross(force, moment) / size**2
-    pitch = pitch_used * (force @ moment) / size**2
-    e1 = np.linalg.svd(f[None])[2][1]
-    e2 = np.cross(f, e1)
-    rows = []
-    for patch, row in enumerate(corners):
-        points, normals = row[:18].reshape(3, 6)[:, :3], row[:18].reshape(3, 6)[:, 3:]
-        c = normals @ f
-        if np.all(c >= 0):
-            continue
-        across = np.cross(f, normals)
-        u, v = (points - axis) @ e1, (points - axis) @ e2
-        x, y = pitch * across @ e1, pitch * across @ e2
-        d0, d1, d2 = np.cross(u, v), np.cross(u, y) + np.cross(x, v), np.cross(x, y)
-        cubic = [-d0.sum(), c @ d0 - d1.sum(), c @ d1 - d2.sum(), c @ d2]
-        scale = np.abs(cubic).max()
-        if scale == 0:
-            continue
-        for w in np.roots(np.where(np.abs(cubic) < 1e-15 * scale, 0.0, cubic)):
-            if abs(w.imag) > 1e-9 or w.real > -1e-12:
-                continue
-            weights = d2 + w.real * (d1 + w.real * d0)
-            if weights.sum() == 0:
-                continue
-            b = weights / weights.sum()
-            normal = b @ normals
-            cosine = -(f @ normal) / np.linalg.norm(normal)
-            if b.min() < -1e-9 or cosine <= 0 or abs(b @ c - w.real) > 1e-6:
-                continue
-            tangent = np.sqrt(max(0.0, 1 - cosine**2)) / cosine
-            if tangent <= tan_limit:
-                rows.append([patch, *b, tangent, f @ (b @ points)])
-    return np.array(rows).reshape(-1, 6)

@@ -9,17 +9,17 @@ from jaxtyping import Float, Int, UInt8
 
 from palpate.surfaces.mesh import Mesh
 
-__all__ = ["Skin", "colours", "density", "skin"]
+__all__ = ["FineMesh", "colours", "density", "linear", "refined"]
 
 REACH = 3.0  # widths, beyond which a touch colours nothing
-FACETS = 60_000  # of the finest skin: more is slow to send and to draw
+FACETS = 60_000  # of the finest mesh: more is slow to send and to draw
 PALETTE = np.array(
     [(203, 209, 216), (250, 214, 120), (247, 160, 58), (224, 84, 45), (160, 28, 60), (92, 12, 70)], dtype=np.float64
 )
 
 
 @dataclass(frozen=True)
-class Skin:
+class FineMesh:
     """A mesh to draw: one normal a vertex, vertices doubled along creases.
 
     Attributes:
@@ -31,7 +31,7 @@ class Skin:
     faces: Int[np.ndarray, "f 3"]
 
 
-def skin(mesh: Mesh, points: Float[np.ndarray, "n 3"], width: float) -> Skin:
+def refined(mesh: Mesh, points: Float[np.ndarray, "n 3"], width: float) -> FineMesh:
     """The mesh with facets near these points cut until their edges are no longer than a width [m]."""
     from scipy.spatial import KDTree
 
@@ -46,11 +46,11 @@ def skin(mesh: Mesh, points: Float[np.ndarray, "n 3"], width: float) -> Skin:
         corners = np.concatenate([corners[~long], _quartered(corners[long])])
     distinct, numbers = np.unique(corners.reshape(-1, 6).round(9), axis=0, return_inverse=True)
     normals = distinct[:, 3:] / np.linalg.norm(distinct[:, 3:], axis=1, keepdims=True)
-    return Skin(distinct[:, :3].copy(), normals, numbers.reshape(-1, 3).astype(np.int64))
+    return FineMesh(distinct[:, :3].copy(), normals, numbers.reshape(-1, 3).astype(np.int64))
 
 
 def density(
-    body: Skin,
+    body: FineMesh,
     points: Float[np.ndarray, "n 3"],
     normals: Float[np.ndarray, "n 3"],
     seconds: Float[np.ndarray, " n"],
@@ -72,6 +72,11 @@ def colours(share: Float[np.ndarray, " v"]) -> UInt8[np.ndarray, "v 3"]:
     """From the colour of the bare body (0) to the darkest (1), in sRGB."""
     stops = np.linspace(0.0, 1.0, len(PALETTE))
     return np.column_stack([np.interp(share, stops, PALETTE[:, k]) for k in range(3)]).round().astype(np.uint8)
+
+
+def linear(colour: UInt8[np.ndarray, "v 3"]) -> UInt8[np.ndarray, "v 3"]:
+    """From sRGB to linear, as vertex colours of a glTF and colours of instances are."""
+    return (255 * (colour / 255.0) ** 2.2).round().astype(np.uint8)
 
 
 def _quartered(corners: Float[np.ndarray, "f 3 6"]) -> Float[np.ndarray, "g 3 6"]:

@@ -1,4 +1,4 @@
-"""Maps of a number over a surface, seen from the side that is touched, and how an error falls with the force."""
+"""Maps of a number over a surface or an unrolled sheet, and how an error falls with the force."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from palpate.viewer.plots import plain
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["error_over_force", "surface_map"]
+__all__ = ["error_over_force", "sheet_map", "surface_map"]
 
 LEVELS = 9  # colours of a map: as many as an eye tells apart
 _NAMES = "xyz"
@@ -67,13 +67,42 @@ def surface_map(
 
 
 @styled()
+def sheet_map(
+    cells: Float[np.ndarray, "n 2"],
+    values: Float[np.ndarray, " n"],
+    label: str,
+    shape: tuple[int, int] | None = None,
+) -> Figure:
+    """Values at places of an unrolled sheet of taxels, rows upward; crosses where the value is not known.
+
+    Args:
+        cells: (n, 2) row and column.
+        values: (n,) NaN where there is none.
+        label: what they are, with the unit.
+        shape: rows and columns of the sheet; None: as far as there are places.
+    """
+    drawn = figure(2.6)
+    axes: Any = drawn.subplots()
+    known = np.isfinite(values) & np.isfinite(cells).all(axis=1)
+    axes.scatter(cells[~known, 1], cells[~known, 0], marker="x", s=16, color=MUTED, linewidths=0.8)
+    if known.any():
+        dots = axes.scatter(
+            cells[known, 1], cells[known, 0], c=values[known], s=26, cmap="viridis_r", vmin=0.0, rasterized=True
+        )
+        drawn.colorbar(dots, ax=axes, label=label, shrink=0.8)
+    rows, columns = shape or (int(np.nanmax(cells[:, 0])) + 2, int(np.nanmax(cells[:, 1])) + 2)
+    axes.set(xlim=(-0.5, columns - 0.5), ylim=(-0.5, rows - 0.5), xlabel="column", ylabel="row", aspect="equal")
+    return drawn
+
+
+@styled()
 def error_over_force(
-    force: Float[np.ndarray, " n"], courses: Mapping[str, Float[np.ndarray, " n"]], wanted: float
+    force: Float[np.ndarray, " n"], curves: Mapping[str, Float[np.ndarray, " n"]], wanted: float
 ) -> Figure:
     """Errors of position [m] by name over the force [N], and the accuracy that is wanted [m]."""
     drawn = figure(2.8)
     axes: Any = drawn.subplots()
-    for colour, (name, error) in zip(AXES, courses.items(), strict=False):
+    for colour, (name, error) in zip(AXES, curves.items(), strict=False):
         axes.plot(force, 1e3 * error, color=colour, label=name)
     axes.axhline(1e3 * wanted, color=INK, linewidth=0.8, linestyle="--")
     axes.annotate("wanted", (force[-1], 1e3 * wanted), ha="right", va="bottom", fontsize=8.5)
@@ -84,7 +113,7 @@ def error_over_force(
     plain(axes.yaxis)
     axes.set_xlabel("force [N]")
     axes.set_ylabel("position error, rms [mm]")
-    axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=len(courses), borderaxespad=0.1)
+    axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=len(curves), borderaxespad=0.1)
     return drawn
 
 

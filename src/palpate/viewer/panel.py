@@ -1,70 +1,43 @@
-"""The page's panel: what is felt, in words and numbers; timeline, settings and plots."""
+"""The page's panel: captions of the moment, what layers add, timeline, plots and settings."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Protocol, runtime_checkable
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float
 
 from palpate.viewer._style import AXES
+from palpate.viewer.captions import caption, legend
 from palpate.viewer.scene import MAGNIFICATIONS, Moment, Scene
-from palpate.viewer.stage import Settings
-from palpate.viewer.words import legend, spoken
+from palpate.viewer.scene3d import Settings
 
 if TYPE_CHECKING:
     from viser import GuiUplotHandle, ViserServer
 
-__all__ = ["Panel", "Player"]
+    from palpate.viewer.server import Page
+
+__all__ = ["Panel"]
 
 SPEEDS = {"x 0.1": 0.1, "x 0.5": 0.5, "x 1": 1.0, "x 2": 2.0, "x 5": 5.0, "x 20": 20.0}
 WINDOWS = {"all": 0.0, "20 s": 20.0, "5 s": 5.0, "1 s": 1.0}
 NOW = "#cc3311"
 TITLE = """<style onload="document.title='Palpate'"></style>"""  # viser names its page after itself
-FORCES, PLACES = slice(0, 2), slice(2, 5)  # columns of the courses
-
-
-@runtime_checkable
-class Player(Protocol):
-    """What the panel's buttons move."""
-
-    @property
-    def playing(self) -> bool:
-        """Whether it runs by itself."""
-        ...
-
-    def seek(self, seconds: float) -> None:
-        """Go to a time since the start of the log."""
-        ...
-
-    def play(self, on: bool) -> None:
-        """Run, or stand still."""
-        ...
-
-    def step(self, which: int) -> None:
-        """To the next touch (1) or the previous one (-1)."""
-        ...
-
-    def face(self) -> None:
-        """Look at the side that is touched."""
-        ...
-
-    def refresh(self) -> None:
-        """Draw again: a setting has changed."""
-        ...
+FORCES, PLACES = slice(0, 2), slice(2, 5)  # columns of the curves
 
 
 class Panel:
     """Handles of the panel; `show` writes a moment into them."""
 
-    def __init__(self, server: ViserServer, scene: Scene, player: Player) -> None:
-        self._server, self._scene, self._player = server, scene, player
-        self._gui = server.gui
+    def __init__(self, server: ViserServer, scene: Scene, page: Page) -> None:
+        self._scene, self._page, self._gui = scene, page, server.gui
         self._theme(dark=False)
         self._gui.set_panel_label(f"Palpate \u00b7 {scene.title}" if scene.title else "Palpate")
         self._gui.main_panel.dock_right()
         self._gui.add_html(TITLE)
         self._now = self._gui.add_html("")
+        for layer in scene.layers:
+            layer.panel(self._gui)
         self._add_timeline()
         self._add_plots()
         self._add_settings()
@@ -80,11 +53,12 @@ class Panel:
         return SPEEDS[self._speed.value]
 
     def show(self, moment: Moment, seconds: float) -> None:
-        """Say a moment, and mark it in the plots."""
-        self._now.content = spoken(moment, self.settings().magnification)
+        """Describe a moment, and mark it in the plots."""
+        lines = [line for layer in self._scene.layers for line in layer.captions(moment.index)]
+        self._now.content = caption(moment, self.settings().magnification, lines)
         if self._slider.value != seconds:
             self._slider.value = seconds
-        self._show_playing(self._player.playing)
+        self._show_playing(self._page.playing)
         self._show_plots(moment)
 
     def _show_playing(self, playing: bool) -> None:
@@ -101,19 +75,21 @@ class Panel:
         self._play = self._gui.add_button("Play")
         self._skip = self._gui.add_button_group("touch", ("previous", "next", "turn to it"))
         self._speed = self._gui.add_dropdown("speed", tuple(SPEEDS), initial_value="x 1")
-        self._slider.on_update(lambda event: self._player.seek(self._slider.value) if event.client else None)
-        self._play.on_click(lambda _: self._player.play(not self._player.playing))
+        self._slider.on_update(lambda event: self._page.seek(self._slider.value) if event.client else None)
+        self._play.on_click(lambda _: self._page.play(not self._page.playing))
         self._skip.on_click(lambda _: self._skipped(self._skip.value))
 
     def _skipped(self, where: str) -> None:
         if where == "turn to it":
-            self._player.face()
+            self._page.face()
         else:
-            self._player.step(1 if where == "next" else -1)
+            self._page.step(1 if where == "next" else -1)
 
     def _add_settings(self) -> None:
         with self._gui.add_folder("Show"):
-            self._heat = self._gui.add_checkbox("heat", True, hint="where the body was touched, how long")
+            self._heat = self._gui.add_checkbox(
+                "heat", True, visible=self._scene.body is not None, hint="where the body was touched, how long"
+            )
             self._trail = self._gui.add_slider("trail [s]", 0.0, 60.0, 0.5, 5.0)
             options = tuple(f"x {times}" for times in MAGNIFICATIONS)
             first = options[MAGNIFICATIONS.index(self._scene.magnification)]
@@ -121,13 +97,14 @@ class Panel:
                 "ellipse",
                 options,
                 initial_value=first,
-                hint="the 95 % ellipse of the point, drawn so many times as large",
+                hint="the 95 % ellipse of a point, drawn so many times as large",
             )
             self._dark = self._gui.add_checkbox("dark", False)
         for handle in (self._heat, self._trail, self._ellipse, self._window):
-            handle.on_update(lambda event: self._player.refresh())
+            handle.on_update(lambda event: self._page.refresh())
         self._dark.on_update(lambda event: self._theme(self._dark.value))
-        self._gui.add_html(legend(self._scene))
+        if self._scene.body is not None:
+            self._gui.add_html(legend(self._scene))
 
     def _theme(self, dark: bool) -> None:
         self._gui.configure_theme(
@@ -136,8 +113,9 @@ class Panel:
 
     def _add_plots(self) -> None:
         self._window = self._gui.add_dropdown("plots", tuple(WINDOWS), initial_value="all")
-        self._whole = self._scene.courses()
-        self._force = self._plot(FORCES, ("pressing", "force"), ("#9aa5b0", "#0072b2"), "N")
+        self._whole = self._scene.curves()
+        forces = ("total", "strongest") if self._scene.several else ("pressing", "force")
+        self._force = self._plot(FORCES, forces, ("#9aa5b0", "#0072b2"), "N")
         self._place = self._plot(PLACES, ("x", "y", "z"), AXES, "mm")
 
     def _plot(self, which: slice, names: tuple[str, ...], inks: tuple[str, ...], unit: str) -> GuiUplotHandle:
@@ -170,7 +148,7 @@ class Panel:
         clock, values = self._whole
         if width := WINDOWS[self._window.value]:
             span = self._scene.timeline.span(moment.seconds - width / 2, moment.seconds + width / 2)
-            clock, values = self._scene.courses(span)
+            clock, values = self._scene.curves(span)
         for plot, which in ((self._force, FORCES), (self._place, PLACES)):
             plot.data = _marked(clock, values[:, which], moment.seconds, _range(self._whole[1][:, which]))
 

@@ -53,10 +53,10 @@ def forces(time: Float[np.ndarray, " n"], force: Float[np.ndarray, "n 3"], statu
     drawn = figure(3.6)
     parts: Any = drawn.subplots(3, 1, sharex=True, height_ratios=(5, 5, 0.55))
     for k, name in enumerate(_NAMES):
-        parts[0].plot(*_course(time, force[:, k]), color=AXES[k], label=f"F{name}")
+        parts[0].plot(*_curve(time, force[:, k]), color=AXES[k], label=f"F{name}")
     parts[0].set_ylabel("force [N]")
     _legend(parts[0], 3)
-    parts[1].plot(*_course(time, np.linalg.norm(force, axis=1)), color=INK)
+    parts[1].plot(*_curve(time, np.linalg.norm(force, axis=1)), color=INK)
     parts[1].set_ylabel("magnitude [N]")
     parts[1].set_ylim(bottom=0)
     parts[1].set_xlim(*_span(time))
@@ -67,21 +67,33 @@ def forces(time: Float[np.ndarray, " n"], force: Float[np.ndarray, "n 3"], statu
 
 @styled()
 def locations(
-    time: Float[np.ndarray, " n"], point: Float[np.ndarray, "n 3"], deviation: Float[np.ndarray, "n 3"]
+    time: Float[np.ndarray, " n"],
+    point: Float[np.ndarray, "n 3"],
+    deviation: Float[np.ndarray, "n 3"],
+    *,
+    several: bool = False,
 ) -> Figure:
-    """x, y and z [m] of the answered samples with their 95 % bands, over time [s]; NaN where not answered."""
+    """x, y and z [m] of the answered samples with their 95 % bands, over time [s]; NaN where not answered.
+
+    Where there may be several contacts at once, they are dots with bars, as a line would lead from one to the other.
+    """
     time, label = _clock(time)
     drawn = figure(4.0)
     parts: Any = drawn.subplots(3, 1, sharex=True)
     for k, (axes, name) in enumerate(zip(parts, _NAMES, strict=True)):
-        place, spread = 1e3 * point[:, k], 1.96e3 * np.nan_to_num(deviation[:, k])
-        bottom, top = _course(time, place - spread), _course(time, place + spread)
-        axes.fill_between(bottom[0], bottom[1], np.interp(bottom[0], *top), color=AXES[k], alpha=0.3, linewidth=0)
-        axes.plot(*_course(time, place), color=AXES[k])
+        place, band = 1e3 * point[:, k], 1.96e3 * np.nan_to_num(deviation[:, k])
+        if several:
+            some = _some(np.isfinite(place), DOTS)
+            axes.vlines(time[some], (place - band)[some], (place + band)[some], color=AXES[k], alpha=0.3)
+            axes.plot(time[some], place[some], ".", color=AXES[k], markersize=2.5)
+        else:
+            bottom, top = _curve(time, place - band), _curve(time, place + band)
+            axes.fill_between(bottom[0], bottom[1], np.interp(bottom[0], *top), color=AXES[k], alpha=0.3, linewidth=0)
+            axes.plot(*_curve(time, place), color=AXES[k])
         axes.set_ylabel(f"{name} [mm]")
         axes.set_xlim(*_span(time))
         if np.isfinite(place).any():  # a band is wide where a touch begins and ends, and would flatten all the rest
-            margin = 3.0 * float(np.median(spread[np.isfinite(place)])) + 1.0
+            margin = 3.0 * float(np.median(band[np.isfinite(place)])) + 1.0
             axes.set_ylim(np.nanmin(place) - margin, np.nanmax(place) + margin)
     drawn.align_ylabels()
     parts[-1].set_xlabel(label)
@@ -162,14 +174,14 @@ def statuses(counts: Int[np.ndarray, " s"]) -> Figure:
 
 @styled()
 def errors(time: Float[np.ndarray, " n"], error: Float[np.ndarray, " n"], radius: Float[np.ndarray, " n"]) -> Figure:
-    """Distance from the truth [m] and the 95 % radius that was predicted [m], over time [s]."""
+    """Distance from the ground truth [m] and the 95 % radius that was predicted [m], over time [s]."""
     time, label = _clock(time)
     drawn = figure(2.6)
     axes: Any = drawn.subplots()
     some = _some(np.isfinite(error), DOTS)
     axes.plot(time[some], 1e3 * error[some], ".", color=AXES[0], markersize=2.5, label="error")
     if np.isfinite(radius).any():
-        axes.plot(*_course(time, 1e3 * radius), color=AXES[2], label="95 % radius predicted", zorder=1)
+        axes.plot(*_curve(time, 1e3 * radius), color=AXES[2], label="95 % radius", zorder=1)
     axes.set_yscale("log")  # at the start and the end of a touch the force is small, and the radius large
     plain(axes.yaxis)
     axes.set_xlabel(label)
@@ -180,11 +192,11 @@ def errors(time: Float[np.ndarray, " n"], error: Float[np.ndarray, " n"], radius
 
 @styled()
 def touch_errors(labels: Sequence[str], error: Float[np.ndarray, " n"], radius: Float[np.ndarray, " n"]) -> Figure:
-    """Each touch: how far its median point is from the truth [m], and the 95 % radius of a sample of it [m]."""
+    """Each touch: how far its median point is from the ground truth [m], and the 95 % radius of a sample of it [m]."""
     drawn = figure(min(0.9 + 0.21 * len(labels), 9.0))
     axes: Any = drawn.subplots()
     rows = np.arange(len(labels))
-    axes.barh(rows, 1e3 * np.nan_to_num(radius), color=AXES[2], alpha=0.3, height=0.75, label="95 % radius predicted")
+    axes.barh(rows, 1e3 * np.nan_to_num(radius), color=AXES[2], alpha=0.3, height=0.75, label="95 % radius")
     axes.plot(1e3 * error, rows, "o", color=AXES[0], markersize=4, label="error")
     every = 1 + len(labels) // 40
     axes.set_yticks(rows[::every], [label if len(label) < 18 else f"{label[:16]}.." for label in labels[::every]])
@@ -217,7 +229,7 @@ def spectra(panels: Sequence[Panel]) -> Figure:
     return drawn
 
 
-def _course(
+def _curve(
     time: Float[np.ndarray, " n"], values: Float[np.ndarray, " n"]
 ) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
     """A line over time with few points that looks the same: the least and the most of each of many columns."""

@@ -2,57 +2,48 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float, Int
 
-from palpate.contact.estimate import ContactEstimate, Status
-from palpate.sensors.load_cells import LoadCells
+from palpate.contact.contacts import Contacts
+from palpate.contact.estimate import Status
+from palpate.errors import InputError
 from palpate.spatial.pose import quaternion_from_rotation
-from palpate.surfaces import Mesh, Surface
-from palpate.viewer.heat import Skin, density, skin
-from palpate.viewer.timeline import Timeline, thinned
+from palpate.surfaces import Surface
+from palpate.viewer.heat import FineMesh, density, refined
+from palpate.viewer.layer import Layer
+from palpate.viewer.samples import sample_starts, strongest, totals
+from palpate.viewer.timeline import Timeline, downsampled
 
-__all__ = ["MAGNIFICATIONS", "Moment", "Scene", "ellipse", "nice", "prepare"]
+__all__ = ["CHI2_95", "MAGNIFICATIONS", "Moment", "Scene", "ShownContact", "ellipse", "nice", "prepare"]
 
-INSIDE = 5.991464547107979  # chi-square of two degrees of freedom at 95 %
+CHI2_95 = 5.991464547107979  # 95 % point of chi-square with two degrees of freedom
 MAGNIFICATIONS = (1, 2, 5, 10, 20, 50, 100)
 PLOTTED = 800  # rows of a plot: two a pixel
-TRAIL = 300  # segments
+TRAIL = 300  # samples of a trail
 _SAMPLED = 2_000  # contacts that a typical value is taken from
-_WORDS = {
-    Status.CONTACT: "touched",
-    Status.AMBIGUOUS: "touched here, or elsewhere",
-    Status.NO_CONTACT: "not touched",
-    Status.TOO_LIGHT: "too light to locate",
-    Status.OFF_SURFACE: "no place explains it",
-    Status.IMPLAUSIBLE: "not plausible",
-    Status.SATURATED: "sensor at its range",
-    Status.INVALID: "no reading",
-    Status.NO_POSE: "orientation missing",
-}
 
 
 @dataclass(frozen=True)
-class Moment:
-    """One sample, as it is drawn and said.
+class ShownContact:
+    """One contact, as it is drawn and described.
 
     Attributes:
-        index: which sample; seconds: since the start; time: as recorded [s].
-        status: of the estimate; words: the same, as one says it.
+        identity: which one; status: of the estimate.
         point, normal: (3,) [m] and unit; NaN where there is none.
         force: (3,) [N] on the body; torque: [N m] about the normal.
-        deviation: (3,) [m] of the point along x, y, z; NaN where no noise is known.
+        deviation: (3,) [m] standard deviations of the point along x, y, z; NaN where no noise is known.
         axes: (2,) half-axes [m] of the 95 % ellipse, the longer first; NaN where there is none.
         turn: (4,) quaternion x, y, z, w of the frame of the long axis, the short axis and the normal.
+        features: what the sensor adds, SI; those that are known.
     """
 
-    index: int
-    seconds: float
-    time: float
+    identity: int
     status: Status
-    words: str
     point: Float[np.ndarray, "3"]
     normal: Float[np.ndarray, "3"]
     force: Float[np.ndarray, "3"]
@@ -60,6 +51,7 @@ class Moment:
     deviation: Float[np.ndarray, "3"]
     axes: Float[np.ndarray, "2"]
     turn: Float[np.ndarray, "4"]
+    features: Mapping[str, float]
 
     @property
     def located(self) -> bool:
@@ -68,106 +60,193 @@ class Moment:
 
 
 @dataclass(frozen=True)
+class Moment:
+    """One sample.
+
+    Attributes:
+        index: of the scene's samples; sample: row of the log; seconds: since the start; time: as recorded [s].
+        contacts: at least one, the strongest first; a sample without a contact has one that says so.
+    """
+
+    index: int
+    sample: int
+    seconds: float
+    time: float
+    contacts: tuple[ShownContact, ...]
+
+
+@dataclass(frozen=True, eq=False)
 class Scene:
-    """A body and its contacts, prepared so that any moment can be drawn at once.
+    """A body and its contacts over n rows and m samples, prepared so that any moment can be drawn at once.
 
     Attributes:
         title: what it is, such as the log's name.
-        mesh: the body; skin: the same, ready to draw.
-        time: (n,) [s] as recorded; timeline: the same from 0 and rising.
-        estimate: batch of n, in the surface's frame.
-        heat: (v,) time of touch per area at the skin's vertices [s/m^2].
+        bounds: (2, 3) [m] corners of the box that is shown.
+        body: ready to draw; None: only what the layers draw of it is known.
+        contacts: in the surface's frame, n rows.
+        starts: (m,) first row of each sample.
+        touched: (n,) rows that are contacts with a place: answered, or at the sensor's range.
+        timeline: of the samples.
+        heat: (v,) time of touch per area at the body's vertices [s/m^2].
         newton: [m] that an arrow is long for each newton.
-        magnification: of the ellipse, so that a usual one can be seen; one of MAGNIFICATIONS.
-        cells: that carry the body, where load cells measure.
+        magnification: of the ellipses, so that a usual one can be seen; one of MAGNIFICATIONS.
+        layers: what sensors add.
     """
 
     title: str
-    mesh: Mesh
-    skin: Skin
-    time: Float[np.ndarray, " n"]
+    bounds: Float[np.ndarray, "2 3"]
+    body: FineMesh | None
+    contacts: Contacts
+    starts: Int[np.ndarray, " m"]
+    touched: Bool[np.ndarray, " n"]
     timeline: Timeline
-    estimate: ContactEstimate
     heat: Float[np.ndarray, " v"]
     newton: float
     magnification: int
-    cells: LoadCells | None = None
+    layers: tuple[Layer, ...] = ()
 
     def __len__(self) -> int:
-        return len(self.time)
+        return len(self.starts)
+
+    @property
+    def size(self) -> float:
+        """Diagonal of what is shown [m]."""
+        return float(np.linalg.norm(self.bounds[1] - self.bounds[0]))
+
+    def placed(self, points: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3"]:
+        """In units of the size about the middle, so that a needle and a torso look alike to a camera."""
+        return (points - self.bounds.mean(axis=0)) / self.size
+
+    @cached_property
+    def strongest(self) -> Int[np.ndarray, " m"]:
+        """(m,) row of each sample's strongest contact."""
+        return strongest(self.contacts, self.starts)
+
+    @cached_property
+    def total(self) -> Float[np.ndarray, " m"]:
+        """(m,) [N] sum of the lengths of each sample's forces."""
+        return totals(self.contacts, self.starts)
+
+    @property
+    def several(self) -> bool:
+        """Some sample has more than one contact."""
+        return len(self.starts) < len(self.contacts)
+
+    @cached_property
+    def opening(self) -> int:
+        """The sample to begin with: that of the strongest contact."""
+        force = np.linalg.norm(self.contacts.force[self.strongest], axis=1)
+        force = np.where(self.touched[self.strongest] & np.isfinite(force), force, -1.0)
+        return int(force.argmax()) if force.max() >= 0 else 0
+
+    def rows(self, index: int) -> slice:
+        """The rows of a sample."""
+        end = self.starts[index + 1] if index + 1 < len(self.starts) else len(self.contacts)
+        return slice(int(self.starts[index]), int(end))
 
     def at(self, index: int) -> Moment:
         """What there is at one sample."""
-        found = self.estimate
-        covariance, normal = found.covariance[index], found.normal[index]
-        axes, rotation = ellipse(covariance, normal)
-        status = Status(int(found.status[index]))
+        rows = self.rows(index)
+        order = np.argsort(-np.linalg.norm(self.contacts.force[rows], axis=1), kind="stable")  # NaN last
+        first = rows.start
         return Moment(
-            index=index,
-            seconds=float(self.timeline.clock[index]),
-            time=float(self.time[index]),
-            status=status,
-            words=_WORDS[status],
-            point=found.point[index],
-            normal=normal,
-            force=found.force[index],
-            torque=float(found.torque[index]),
-            deviation=np.sqrt(np.maximum(np.diag(covariance), 0.0)),
-            axes=axes,
-            turn=quaternion_from_rotation(rotation),
+            index,
+            int(self.contacts.sample[first]),
+            float(self.timeline.clock[index]),
+            float(self.contacts.time[first]),
+            tuple(self._shown(first + k) for k in order.tolist()),
         )
 
-    def trail(self, index: int, seconds: float) -> tuple[Float[np.ndarray, "m 2 3"], Float[np.ndarray, " m"]]:
-        """Where the contact was in the last seconds: segments [m] and their ages (0 now, 1 oldest)."""
+    def _shown(self, row: int) -> ShownContact:
+        found = self.contacts
+        axes, rotation = ellipse(found.covariance[row], found.normal[row])
+        features = {name: float(values[row]) for name, values in found.features.items()}
+        return ShownContact(
+            identity=int(found.identity[row]),
+            status=Status(int(found.status[row])),
+            point=found.point[row],
+            normal=found.normal[row],
+            force=found.force[row],
+            torque=float(found.torque[row]),
+            deviation=np.sqrt(np.maximum(np.diag(found.covariance[row]), 0.0)),
+            axes=axes,
+            turn=quaternion_from_rotation(rotation),
+            features={name: value for name, value in features.items() if np.isfinite(value)},
+        )
+
+    def trail(self, index: int, seconds: float) -> tuple[Float[np.ndarray, "k 2 3"], Float[np.ndarray, " k"]]:
+        """Where each contact was in the last seconds: segments [m] and their ages (0 now, 1 oldest)."""
         now = self.timeline.clock[index]
         first = self.timeline.span(now - seconds, now).start
         stride = max(1, -(-(index - first) // TRAIL))
-        rows = index - stride * np.arange((index - first) // stride + 1, dtype=np.int64)[::-1]
-        known = self.timeline.touched[rows]
-        joined = np.flatnonzero(known[:-1] & known[1:])
-        points = self.estimate.point[rows] + 2e-3 * self.mesh.size * self.estimate.normal[rows]
-        age = (now - self.timeline.clock[rows[joined + 1]]) / max(seconds, 1e-9)
-        return np.stack([points[joined], points[joined + 1]], axis=1), age
+        picked = index - stride * np.arange((index - first) // stride + 1, dtype=np.int64)[::-1]
+        ends = np.append(self.starts, len(self.contacts))
+        count = ends[picked + 1] - ends[picked]
+        turn = np.repeat(np.arange(len(picked)), count)  # which of the picked samples
+        rows = np.arange(len(turn)) + np.repeat(ends[picked] - np.cumsum(count) + count, count)
+        turn, rows = turn[self.touched[rows]], rows[self.touched[rows]]
+        identity = self.contacts.identity[rows]
+        order = np.lexsort((turn, identity))
+        before, after = order[:-1], order[1:]
+        joined = (identity[before] == identity[after]) & (turn[before] + 1 == turn[after])
+        before, after = before[joined], after[joined]
+        latest = np.argsort(turn[after], kind="stable")
+        both = np.stack([rows[before[latest]], rows[after[latest]]], axis=1)
+        points = self.contacts.point[both] + 2e-3 * self.size * self.contacts.normal[both]
+        age = (now - self.timeline.clock[picked[turn[after[latest]]]]) / max(seconds, 1e-9)
+        return points, age
 
-    def courses(self, window: slice | None = None) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, "m 5"]]:
-        """Seconds, and beside them pressing force [N], force [N] and x, y, z [mm], of all samples or of a window."""
-        rows = slice(None) if window is None else window
-        force, normal = self.estimate.force[rows], self.estimate.normal[rows]
-        size, pressing = np.linalg.norm(force, axis=1), -np.einsum("ij,ij->i", force, normal)
-        values = np.column_stack([pressing, size, 1e3 * self.estimate.point[rows]])
-        values[~self.timeline.touched[rows], 2:] = np.nan
-        return thinned(self.timeline.clock[rows], values, PLOTTED)
+    def curves(self, window: slice | None = None) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, "k 5"]]:
+        """Seconds, and beside them two forces [N] and x, y, z [mm] of the strongest contact.
+
+        The second force is that of the strongest contact; the first its part along the normal or, where there may be
+        several contacts, the sum of all.
+
+        Args:
+            window: of samples; None: all.
+        """
+        picked = slice(None) if window is None else window
+        rows, found = self.strongest[picked], self.contacts
+        force = found.force[rows]
+        first = self.total[picked] if self.several else -np.sum(force * found.normal[rows], axis=1)
+        values = np.column_stack([first, np.linalg.norm(force, axis=1), 1e3 * found.point[rows]])
+        values[~self.touched[rows], 2:] = np.nan
+        return downsampled(self.timeline.clock[picked], values, PLOTTED)
 
 
-def prepare(
-    surface: Surface,
-    time: Float[np.ndarray, " n"],
-    estimate: ContactEstimate,
-    title: str = "",
-    cells: LoadCells | None = None,
-) -> Scene:
+def prepare(surface: Surface | None, contacts: Contacts, title: str = "", layers: Sequence[Layer] = ()) -> Scene:
     """A scene from contacts in the surface's frame.
 
     Args:
-        surface: the body; one that is an equation is shown as a mesh.
-        time: (n,) [s] as recorded.
-        estimate: batch of n; at least one.
+        surface: the body; one that is an equation is shown as a mesh. None: the layers show the body.
+        contacts: at least one row.
         title: what to call it.
-        cells: that carry the body, if load cells measured.
+        layers: what sensors add.
+
+    Raises:
+        InputError: there are no rows.
     """
-    answered = estimate.answered & np.isfinite(estimate.point).all(axis=1) & np.isfinite(estimate.normal).all(axis=1)
-    timeline = Timeline.of(time, answered)
-    points = estimate.point[answered]
-    mesh = surface.drawn()
-    width = _width(mesh, points)
-    thin = np.unique((points / width).round(), axis=0) * width
-    body = skin(mesh, thin, width)
-    heat = density(body, points, estimate.normal[answered], timeline.seconds[answered], width)
-    shown = _some(np.flatnonzero(answered))
-    strong = np.nanquantile(np.linalg.norm(estimate.force[shown], axis=1), 0.95) if len(shown) else 1.0
-    newton = 0.35 * mesh.size / max(float(strong), 1e-9)
-    magnified = _magnified(mesh, estimate, shown)
-    return Scene(title, mesh, body, time, timeline, estimate, heat, newton, magnified, cells)
+    if not len(contacts):
+        raise InputError("there is nothing to show: no contacts, not even a sample without one.", where=title)
+    starts = sample_starts(contacts)
+    touched = contacts.located & (contacts.answered | (contacts.status == Status.SATURATED))
+    timeline = Timeline.of(contacts.time[starts], np.logical_or.reduceat(touched, starts))
+    points = contacts.point[touched]
+    mesh = None if surface is None else surface.drawn()
+    bounds = _bounds(points, layers) if mesh is None else mesh.bounds
+    size = float(np.linalg.norm(bounds[1] - bounds[0]))
+    body, heat = None, np.zeros(0)
+    if mesh is not None:
+        width = _width(size, points)
+        body = refined(mesh, np.unique((points / width).round(), axis=0) * width, width)
+        seconds = np.repeat(timeline.seconds, np.diff(starts, append=len(contacts)))
+        heat = density(body, points, contacts.normal[touched], seconds[touched], width)
+    shown = contacts[_some(np.flatnonzero(touched))]
+    strong = np.nanquantile(np.linalg.norm(shown.force, axis=1), 0.95) if len(shown) else 1.0
+    newton = 0.35 * size / max(float(strong), 1e-9)
+    return Scene(
+        title, bounds, body, contacts, starts, touched, timeline, heat, newton, _magnified(size, shown), tuple(layers)
+    )
 
 
 def ellipse(
@@ -190,7 +269,7 @@ def ellipse(
         return np.full(2, np.nan), np.column_stack([tangents, normal])
     values, vectors = np.linalg.eigh(tangents.T @ covariance @ tangents)
     long = tangents @ vectors[:, 1]
-    return np.sqrt(INSIDE * np.maximum(values[::-1], 0.0)), np.column_stack([long, np.cross(normal, long), normal])
+    return np.sqrt(CHI2_95 * np.maximum(values[::-1], 0.0)), np.column_stack([long, np.cross(normal, long), normal])
 
 
 def nice(value: float) -> float:
@@ -199,16 +278,24 @@ def nice(value: float) -> float:
     return float(power * next(step for step in (1.0, 2.0, 5.0, 10.0) if step * power >= value * (1 - 1e-9)))
 
 
-def _width(surface: Mesh, points: Float[np.ndarray, "n 3"]) -> float:
+def _bounds(points: Float[np.ndarray, "n 3"], layers: Sequence[Layer]) -> Float[np.ndarray, "2 3"]:
+    """Of the layers' places and all contacts; a box of 10 cm where that is a point or nothing."""
+    places = np.concatenate([points, *(layer.places for layer in layers)])
+    low, high = (places.min(axis=0), places.max(axis=0)) if len(places) else (np.zeros(3), np.zeros(3))
+    margin = 0.0 if np.linalg.norm(high - low) > 0 else 0.05
+    return np.stack([low - margin, high + margin])
+
+
+def _width(size: float, points: Float[np.ndarray, "n 3"]) -> float:
     """Of the spot that a touch leaves [m]: small beside the body, and beside what was touched of it."""
-    extent = float(np.linalg.norm(np.ptp(points, axis=0))) if len(points) else surface.size
-    return float(np.clip(extent / 40, surface.size / 300, surface.size / 50))
+    extent = float(np.linalg.norm(np.ptp(points, axis=0))) if len(points) else size
+    return float(np.clip(extent / 40, size / 300, size / 50))
 
 
-def _magnified(surface: Mesh, estimate: ContactEstimate, shown: np.ndarray) -> int:
-    axes = np.array([ellipse(estimate.covariance[k], estimate.normal[k])[0][0] for k in shown])
+def _magnified(size: float, shown: Contacts) -> int:
+    axes = np.array([ellipse(shown.covariance[k], shown.normal[k])[0][0] for k in range(len(shown))])
     axes = axes[axes > 0]
-    wanted = surface.size / 50 / float(np.median(axes)) if len(axes) else 1.0
+    wanted = size / 50 / float(np.median(axes)) if len(axes) else 1.0
     return next((times for times in MAGNIFICATIONS if times >= wanted), MAGNIFICATIONS[-1])
 
 

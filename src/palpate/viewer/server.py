@@ -14,12 +14,12 @@ from typing import TYPE_CHECKING
 from palpate.errors import InputError
 from palpate.viewer.panel import Panel
 from palpate.viewer.scene import Scene
-from palpate.viewer.stage import Stage
+from palpate.viewer.scene3d import Scene3D
 
 if TYPE_CHECKING:
     from viser import ViserServer
 
-__all__ = ["Page", "listen", "quiet", "require_viser", "serve"]
+__all__ = ["Page", "require_viser", "serve"]
 
 TICK = 1 / 20  # s between two pictures
 PORTS = 100  # tried, where one is taken
@@ -61,20 +61,20 @@ def require_viser(host: str, port: int) -> None:
 class Page:
     """A scene, served from a thread of its own until `stop`; as a context manager it stops by itself.
 
-    All that changes the picture runs in one more thread, which draws the latest wish and drops those it overtook.
+    All that changes the picture runs in one more thread, which draws the latest request and drops those before it.
     """
 
     def __init__(self, scene: Scene, host: str = "127.0.0.1", port: int = 8080) -> None:
         self.scene = scene
-        self._server = listen(host, port)
+        self._server = _listen(host, port)
         self._wake = threading.Condition()
-        self._seconds = scene.timeline.opening
+        self._seconds = float(scene.timeline.clock[scene.opening])
         self._playing = self._stopping = False
         self._stale = True
         self.index = 0
-        """The sample that is shown."""
+        """The sample that is shown, counted in the scene."""
         with self._server.atomic():
-            self._stage = Stage(self._server, scene)
+            self._scene3d = Scene3D(self._server, scene)
             self._panel = Panel(self._server, scene, self)
         self._show()
         self._painter = threading.Thread(target=self._paint, name="palpate-page", daemon=True)
@@ -89,13 +89,13 @@ class Page:
 
     def seek(self, seconds: float) -> None:
         """Go to a time since the start of the log."""
-        self._wish(seconds=min(max(seconds, 0.0), self.scene.timeline.duration))
+        self._request(seconds=min(max(seconds, 0.0), self.scene.timeline.duration))
 
     def play(self, on: bool) -> None:
         """Run, or stand still; at the end it begins anew."""
         if on and self._seconds >= self.scene.timeline.duration:
             self.seek(0.0)
-        self._wish(playing=on)
+        self._request(playing=on)
 
     @property
     def playing(self) -> bool:
@@ -104,7 +104,7 @@ class Page:
 
     def refresh(self) -> None:
         """Draw again: a setting has changed."""
-        self._wish()
+        self._request()
 
     def step(self, which: int) -> None:
         """To the next touch (1) or the previous one (-1)."""
@@ -112,16 +112,16 @@ class Page:
         self.seek(float(timeline.clock[timeline.touch(timeline.at(self._seconds), which)]))
 
     def face(self) -> None:
-        """Look at the side that is touched."""
-        moment = self.scene.at(self.index)
-        if moment.located:
-            self._stage.face(moment)
+        """Look at the side of the strongest contact."""
+        strongest = self.scene.at(self.index).contacts[0]
+        if strongest.located:
+            self._scene3d.face(strongest)
 
     def stop(self) -> None:
         """Close the page and free its port."""
-        self._wish(stopping=True)
+        self._request(stopping=True)
         self._painter.join(timeout=5.0)
-        with quiet():
+        with _quiet():
             self._server.stop()
 
     def __enter__(self) -> Page:
@@ -132,7 +132,7 @@ class Page:
     ) -> None:
         self.stop()
 
-    def _wish(self, seconds: float | None = None, playing: bool | None = None, stopping: bool = False) -> None:
+    def _request(self, seconds: float | None = None, playing: bool | None = None, stopping: bool = False) -> None:
         with self._wake:
             self._seconds = self._seconds if seconds is None else seconds
             self._playing = self._playing if playing is None else playing
@@ -166,11 +166,11 @@ class Page:
         self.index = self.scene.timeline.at(seconds)
         moment = self.scene.at(self.index)
         with self._server.atomic():
-            self._stage.show(moment, self._panel.settings())
+            self._scene3d.show(moment, self._panel.settings())
             self._panel.show(moment, seconds)
 
 
-def listen(host: str, port: int) -> ViserServer:
+def _listen(host: str, port: int) -> ViserServer:
     """A server on this port, or on the next one that is free."""
     require_viser(host, port)
     from viser import ViserServer
@@ -182,7 +182,7 @@ def listen(host: str, port: int) -> ViserServer:
             """A stranger's page may ask for this by itself: nothing is shared with anybody's servers."""
             return None
 
-    with quiet():
+    with _quiet():
         return Local(host, _free(host, port), label="Palpate", verbose=False)
 
 
@@ -207,7 +207,7 @@ def _free(host: str, port: int) -> int:
 
 
 @contextmanager
-def quiet() -> Generator[None]:
+def _quiet() -> Generator[None]:
     """Viser announces itself on the screen; here the command speaks."""
     import rich
 

@@ -1,4 +1,4 @@
-"""The time of a log as something to scrub along, and courses over it thinned to what a screen can show."""
+"""The time of a log as something to scrub along, and curves over it, downsampled to what a screen can show."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-__all__ = ["Timeline", "thinned"]
+__all__ = ["Timeline", "downsampled"]
 
 GAP, SHORTEST = 0.05, 0.02  # s, as `palpate events` has them
 
@@ -65,11 +65,6 @@ class Timeline:
         long = clock[last] - clock[first] + self.step >= SHORTEST
         return np.searchsorted(self.clock, (clock[first] + clock[last])[long] / 2)
 
-    @property
-    def opening(self) -> float:
-        """Where to begin [s]: amid the first touch, where there is something to see."""
-        return float(self.clock[self.touches[0]]) if len(self.touches) else 0.0
-
     def at(self, seconds: float) -> int:
         """The sample in force at a time: the last that is not later."""
         return max(0, int(np.searchsorted(self.clock, seconds + 1e-9, side="right")) - 1)
@@ -84,7 +79,7 @@ class Timeline:
         return int(self.touches[which]) if 0 <= which < len(self.touches) else index
 
 
-def thinned(
+def downsampled(
     clock: Float[np.ndarray, " n"], values: Float[np.ndarray, "n k"], most: int
 ) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, "m k"]]:
     """At most `most` rows that keep every peak: of each run of samples the least and the largest value.

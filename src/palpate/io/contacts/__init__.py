@@ -1,8 +1,6 @@
 """Files of contacts, written and read block by block, as CSV, Parquet and MCAP."""
 
 from palpate.io.contacts.writing import (
-    COLUMNS,
-    Contacts,
     ContactsWriter,
     contact_blocks,
     open_contacts,
@@ -13,8 +11,6 @@ from palpate.io.contacts.writing import (
 )
 
 __all__ = [
-    "COLUMNS",
-    "Contacts",
     "ContactsWriter",
     "contact_blocks",
     "open_contacts",

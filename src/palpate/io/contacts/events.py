@@ -23,6 +23,8 @@ def write_events(path: Path, events: Events) -> None:
         **{name: getattr(events, name) for name in ("peak_force", "peak_time", "mean_force", "deviation", "slid")},
         "samples": events.samples,
         "ambiguous": events.ambiguous,
+        "contact": events.identity,
+        **events.features,
     }
     with replacing(path) as temporary:
         pl.DataFrame(columns).with_columns(pl.col(pl.Float64).fill_nan(None)).write_csv(temporary)

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 from jaxtyping import Float, Int
 
+from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import ContactEstimate, Status
+from palpate.contact.table import pointless
 from palpate.io.contacts.mcap_write import MESSAGE, Topic
-from palpate.io.contacts.rows import Contacts, pointless
 
-__all__ = ["ESTIMATE", "TOPICS", "Messages", "from_messages"]
+__all__ = ["KIND", "Messages", "from_messages", "named_features", "topics"]
 
 _RULE = "=" * 80
 _STAMPED = f"""{_RULE}
@@ -45,7 +48,7 @@ _CONTACT = f"""# One row of the contacts that `palpate estimate` writes. SI; NaN
 {"".join(f"uint8 {status.name}={int(status)}" + chr(10) for status in Status)}
 std_msgs/Header header
 int64 sample # row of the log, counted from 0
-int64 contact # which of the sample's contacts
+int64 contact # which contact it is: it keeps its number
 int64 candidates # how many points of the surface explain the wrench
 float64 time # s, as in the log: the stamp is rounded to ns, and never negative
 geometry_msgs/Point point
@@ -53,17 +56,9 @@ geometry_msgs/Vector3 normal # outward, of length 1
 geometry_msgs/Vector3 force # on the body
 float64 torque # about the normal
 float64[9] covariance # of the point, m^2, row by row
-float64 row # between the cells of a sheet of taxels, if one felt it
-float64 column
-float64 area # of the cells, m^2
-uint8 status
-{_STAMPED}{_POINT}{_VECTOR}"""
-ESTIMATE = Topic("/palpate/contact/estimate", "palpate_msgs/msg/Contact", _CONTACT)
-TOPICS = (
-    ESTIMATE,
-    Topic("/palpate/contact/point", "geometry_msgs/msg/PoseStamped", _POSE_STAMPED),
-    Topic("/palpate/contact/wrench", "geometry_msgs/msg/WrenchStamped", _WRENCH_STAMPED),
-)
+"""
+_STATUS = "uint8 status\n"
+KIND = "palpate_msgs/msg/Contact"
 _Fields = tuple[tuple[str, str, tuple[int, ...]], ...]
 _CONTACT_FIELDS: _Fields = (
     ("sample", "<i8", ()),
@@ -75,10 +70,7 @@ _CONTACT_FIELDS: _Fields = (
     ("force", "<f8", (3,)),
     ("torque", "<f8", ()),
     ("covariance", "<f8", (3, 3)),
-    ("cell", "<f8", (3,)),
-    ("status", "u1", ()),
 )
-_BEFORE: _Fields = tuple(field for field in _CONTACT_FIELDS if field[0] != "cell")  # as files of 0.2 have it
 _POSE_FIELDS: _Fields = (("position", "<f8", (3,)), ("orientation", "<f8", (4,)))
 _WRENCH_FIELDS: _Fields = (("force", "<f8", (3,)), ("torque", "<f8", (3,)))
 _CDR = 0x100  # the bytes 0, 1, 0, 0: plain, little-endian
@@ -87,21 +79,43 @@ _UPPER = np.triu_indices(3)
 _LATEST = 2**31 * 10**9 - 1  # ns that an int32 of seconds can say
 
 
+def topics(features: tuple[str, ...] = ()) -> tuple[Topic, ...]:
+    """What a file of contacts declares: every row with all its numbers, and what viewers draw."""
+    added = "".join(f"float64 {name} # of the sensor, SI\n" for name in features)
+    return (
+        Topic("/palpate/contact/estimate", KIND, f"{_CONTACT}{added}{_STATUS}{_STAMPED}{_POINT}{_VECTOR}"),
+        Topic("/palpate/contact/point", "geometry_msgs/msg/PoseStamped", _POSE_STAMPED),
+        Topic("/palpate/contact/wrench", "geometry_msgs/msg/WrenchStamped", _WRENCH_STAMPED),
+    )
+
+
+def named_features(definition: str) -> tuple[str, ...]:
+    """The features in a definition of `KIND`: its numbers between covariance and status."""
+    own = definition.split(_RULE, 1)[0].partition("covariance")[2]
+    return tuple(re.findall(r"^float64 (\w+)", own, re.MULTILINE))
+
+
+def _contact_fields(features: tuple[str, ...]) -> _Fields:
+    return (*_CONTACT_FIELDS, *((f"feature {name}", "<f8", ()) for name in features), ("status", "u1", ()))
+
+
 class Messages:
     """Makes the messages of samples; one frame's name makes all messages of a topic equally long.
 
     Args:
         frame_id: name of the frame of the contacts, for viewers.
+        features: that every row has.
     """
 
-    def __init__(self, frame_id: str) -> None:
-        fields = (_CONTACT_FIELDS, _POSE_FIELDS, _WRENCH_FIELDS)
+    def __init__(self, frame_id: str, features: tuple[str, ...] = ()) -> None:
+        self._features = features
+        fields = (_contact_fields(features), _POSE_FIELDS, _WRENCH_FIELDS)
         self._empty = [_empty(channel, frame_id, each) for channel, each in enumerate(fields, 1)]
         self._counts = np.zeros(len(fields), dtype=np.int64)
         self._last = 0
 
     def of(self, contacts: Contacts) -> tuple[np.ndarray, list[np.ndarray]]:
-        """Messages of the three `TOPICS`: their bytes, and a view of them as one structured array a topic.
+        """Messages of the three `topics`: their bytes, and a view of them as one structured array a topic.
 
         Args:
             contacts: n rows; those with a point and a normal are in the second and third topic too.
@@ -115,11 +129,15 @@ class Messages:
             _stamp(rows, stamps[pick], int(first))
         self._counts += [len(pick) for pick in picks]
         everything, pose, wrench = messages
-        for name in ("sample", "contact", "time"):
-            everything[name] = getattr(contacts, name)
+        everything["sample"], everything["contact"], everything["time"] = (
+            contacts.sample,
+            contacts.identity,
+            contacts.time,
+        )
         for name in ("point", "normal", "force", "torque", "covariance", "candidates", "status"):
             everything[name] = getattr(estimate, name)
-        everything["cell"] = np.nan if contacts.cell is None else contacts.cell
+        for name in self._features:
+            everything[f"feature {name}"] = contacts.features.get(name, np.nan)
         everything["covariance"][:, *_UPPER[::-1]] = estimate.covariance[:, *_UPPER]  # the same numbers as in a table
         normal = estimate.normal[placed]
         pose["position"], pose["orientation"] = estimate.point[placed], _z_to(normal)
@@ -138,24 +156,24 @@ class Messages:
         return stamps
 
 
-def from_messages(payloads: np.ndarray) -> Contacts:
-    """Contacts of messages of `ESTIMATE`, of one frame's name.
+def from_messages(payloads: np.ndarray, features: tuple[str, ...] = ()) -> Contacts:
+    """Contacts of messages of `KIND`, of one frame's name.
 
     Args:
         payloads: (n, length) bytes.
+        features: that their definition names.
 
     Raises:
         ValueError: they are not of that type, or a row is not one of contacts.
     """
     length = payloads.shape[1]
     name = int(payloads[0, 12:16].view("<u4")[0]) if length > _NAMED else 0
-    layouts = [_layout(name, fields) for fields in (_CONTACT_FIELDS, _BEFORE) if 0 < name < length]
-    layout = next((layout for layout in layouts if layout.itemsize == length), None)
-    if layout is None:
-        raise ValueError(f"a message of {length} bytes is not of {ESTIMATE.kind}")
+    layout = _layout(name, _contact_fields(features)) if 0 < name < length else None
+    if layout is None or layout.itemsize != length:
+        raise ValueError(f"a message of {length} bytes is not of {KIND}")
     rows = payloads.view(layout)[:, 0]
     if not ((rows["encoding"] == _CDR) & (rows["named"] == name)).all():
-        raise ValueError(f"a message is not of {ESTIMATE.kind}")
+        raise ValueError(f"a message is not of {KIND}")
     status = rows["status"].astype(np.int8)
     if len(odd := np.flatnonzero((status < 0) | (status >= len(Status)))):
         raise ValueError(f"unknown status {status[odd[0]]}")
@@ -163,9 +181,8 @@ def from_messages(payloads: np.ndarray) -> Contacts:
     estimate = ContactEstimate(**values, residual=np.full(len(rows), np.nan), status=status)
     if (row := pointless(estimate)) is not None:
         raise ValueError(f"row {row} of a block is answered, but has no point")
-    names = layout.names or ()
-    cell = rows["cell"].copy() if "cell" in names and not np.isnan(rows["cell"]).all() else None
-    return Contacts(rows["sample"].copy(), rows["time"].copy(), rows["contact"].copy(), estimate, cell=cell)
+    added = {name: rows[f"feature {name}"].copy() for name in features}
+    return Contacts(rows["sample"].copy(), rows["time"].copy(), rows["contact"].copy(), estimate, added)
 
 
 def _layout(name: int, fields: _Fields) -> np.dtype[np.void]:

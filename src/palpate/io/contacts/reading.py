@@ -9,19 +9,20 @@ from typing import cast
 import numpy as np
 import polars as pl
 
+from palpate.contact.contacts import Contacts
+from palpate.contact.table import features_of, from_frame, schema
 from palpate.errors import InputError
 from palpate.io.atomic import PART
-from palpate.io.contacts.csv import csv_blocks
-from palpate.io.contacts.mcap import ESTIMATE, from_messages
+from palpate.io.contacts.csv import csv_blocks, noted, require_columns
+from palpate.io.contacts.mcap import KIND, from_messages, named_features
 from palpate.io.contacts.mcap_write import MAGIC
-from palpate.io.contacts.rows import CELL, SKIN_TYPES, TYPES, Contacts, from_frame, noted, require_columns
 from palpate.io.logs.mcap import McapFile
 from palpate.io.logs.messages import Messages
 
 __all__ = ["contact_blocks"]
 
 _ROWS = 65_536  # of a Parquet file read at a time
-_KIND = ESTIMATE.kind.replace("/msg/", "/")
+_KIND = KIND.replace("/msg/", "/")
 
 
 def contact_blocks(path: Path) -> Iterator[Contacts]:
@@ -71,7 +72,7 @@ def _parquet(path: Path) -> Iterator[Contacts]:
         rows = pl.scan_parquet(path, glob=False)
         names = rows.collect_schema().names()
         require_columns(path, names)
-        types = SKIN_TYPES if set(CELL) <= set(names) else TYPES
+        types = schema(features_of(names))
         rows = rows.select(pl.col(name).cast(kind) for name, kind in types.items())
         count = cast(int, rows.select(pl.len()).collect().item())
         for start in range(0, max(count, 1), _ROWS):
@@ -87,16 +88,14 @@ def _mcap(path: Path) -> Iterator[Contacts]:
         for messages in file.messages():
             for records in _ours(messages):
                 rows += len(records)
-                yield from_messages(records)
+                yield from_messages(records, named_features(file.definitions.get(_KIND, "")))
         note = file.torn
         if not rows and _KIND not in [topic.kind for topic in file.topics()]:
-            raise InputError(
-                f"has no topic of {ESTIMATE.kind}.", where=str(path), mend="`palpate estimate` writes one."
-            )
+            raise InputError(f"has no topic of {KIND}.", where=str(path), mend="`palpate estimate` writes one.")
     except (ValueError, OSError) as problem:
         raise InputError(f"is no file of contacts ({problem}).", where=str(path)) from problem
     if note or not rows:
-        yield noted(from_frame(pl.DataFrame(schema=TYPES)), note)
+        yield noted(from_frame(pl.DataFrame(schema=schema())), note)
 
 
 def _ours(messages: Messages) -> Iterator[np.ndarray]:

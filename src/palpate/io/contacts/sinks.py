@@ -9,11 +9,12 @@ from typing import Protocol, runtime_checkable
 
 import polars as pl
 
+from palpate.contact.contacts import Contacts
+from palpate.contact.table import schema, to_frame
 from palpate.io.atomic import PART, WHOLE
-from palpate.io.contacts.csv import HEADER, SKIN_HEADER, to_csv
-from palpate.io.contacts.mcap import TOPICS, Messages
+from palpate.io.contacts.csv import header, to_csv
+from palpate.io.contacts.mcap import Messages, topics
 from palpate.io.contacts.mcap_write import McapWriter
-from palpate.io.contacts.rows import SKIN_TYPES, TYPES, Contacts, to_frame
 
 __all__ = ["SINKS", "Sink"]
 
@@ -68,8 +69,8 @@ class _Appended:
 
 
 class _Csv:
-    def __init__(self, path: Path, _: str, skin: bool) -> None:
-        self._file = _Appended(path, SKIN_HEADER if skin else HEADER)
+    def __init__(self, path: Path, _: str, features: tuple[str, ...]) -> None:
+        self._file = _Appended(path, header(features))
 
     def append(self, contacts: Contacts) -> None:
         self._file.append(to_csv(contacts))
@@ -82,9 +83,9 @@ class _Csv:
 
 
 class _Mcap:
-    def __init__(self, path: Path, frame_id: str, _: bool) -> None:
-        self._mcap = McapWriter(TOPICS, f"palpate {version('palpate')}")
-        self._messages = Messages(frame_id)
+    def __init__(self, path: Path, frame_id: str, features: tuple[str, ...]) -> None:
+        self._mcap = McapWriter(topics(features), f"palpate {version('palpate')}")
+        self._messages = Messages(frame_id, features)
         self._file = _Appended(path, self._mcap.head())
 
     def append(self, contacts: Contacts) -> None:
@@ -103,9 +104,9 @@ class _Mcap:
 class _Parquet:
     """A folder of small files, each of them whole, joined at the end: a Parquet file has its index where it ends."""
 
-    def __init__(self, path: Path, _: str, skin: bool) -> None:
+    def __init__(self, path: Path, _: str, features: tuple[str, ...]) -> None:
         self._folder = path
-        self._rows = pl.DataFrame(schema=SKIN_TYPES if skin else TYPES)
+        self._rows = pl.DataFrame(schema=schema(features))
         self._files = 0
         path.mkdir()
 

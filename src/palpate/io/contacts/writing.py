@@ -9,19 +9,13 @@ from collections.abc import Generator
 from contextlib import contextmanager
 from pathlib import Path
 
-import numpy as np
-from jaxtyping import Float, Int
-
-from palpate.contact.estimate import ContactEstimate
+from palpate.contact.contacts import Contacts
 from palpate.errors import InputError
 from palpate.io.atomic import PART, growing, part, writing
 from palpate.io.contacts.reading import contact_blocks
-from palpate.io.contacts.rows import COLUMNS, Contacts
 from palpate.io.contacts.sinks import SINKS, Sink
 
 __all__ = [
-    "COLUMNS",
-    "Contacts",
     "ContactsWriter",
     "contact_blocks",
     "open_contacts",
@@ -33,40 +27,20 @@ __all__ = [
 
 
 class ContactsWriter:
-    """Takes estimates block by block; each is in the file when `write` returns."""
+    """Takes contacts block by block; each is in the file when `write` returns."""
 
-    def __init__(self, path: Path, sink: Sink) -> None:
-        self._path, self._sink = path, sink
-        self._samples = 0
+    def __init__(self, path: Path, sink: Sink, features: tuple[str, ...]) -> None:
+        self._path, self._sink, self._features = path, sink, features
         self.rows = 0
 
-    def write(
-        self,
-        time: Float[np.ndarray, " n"],
-        estimate: ContactEstimate,
-        *,
-        sample: Int[np.ndarray, " n"] | None = None,
-        contact: Int[np.ndarray, " n"] | None = None,
-        cell: Float[np.ndarray, "n 3"] | None = None,
-    ) -> None:
-        """Append a block.
-
-        Args:
-            time: (n,) [s] as in the log.
-            estimate: batch of n, in the frame of the file.
-            sample: (n,) rows of the log; None: one row each, going on from the block before.
-            contact: (n,) which of the sample's contacts; None: 0.
-            cell: (n, 3) row, column and area [m^2], in a file that was opened for a skin.
-        """
-        count = len(time)
-        if not count:
-            return
-        sample = np.arange(self._samples, self._samples + count) if sample is None else sample
-        contact = np.zeros(count, dtype=np.int64) if contact is None else contact
-        with writing(self._path):
-            self._sink.append(Contacts(sample, time, contact, estimate, cell=cell))
-        self._samples = int(sample[-1]) + 1
-        self.rows += count
+    def write(self, contacts: Contacts) -> None:
+        """Append a block, in the frame of the file, with the features that it was opened for."""
+        if tuple(contacts.features) != self._features:
+            raise ValueError(f"contacts have features {tuple(contacts.features)}, the file {self._features}")
+        if len(contacts):
+            with writing(self._path):
+                self._sink.append(contacts)
+            self.rows += len(contacts)
 
 
 def require_format(path: Path) -> None:
@@ -82,7 +56,9 @@ def require_format(path: Path) -> None:
 
 
 @contextmanager
-def open_contacts(path: Path, *, frame_id: str = "surface", skin: bool = False) -> Generator[ContactsWriter]:
+def open_contacts(
+    path: Path, *, frame_id: str = "surface", features: tuple[str, ...] = ()
+) -> Generator[ContactsWriter]:
     """A file of contacts to write block by block, in memory that does not grow; the suffix says the format.
 
     OUTPUT.part takes the name of OUTPUT when the block ends well, or by Ctrl-C once there is a row. After any other
@@ -92,7 +68,7 @@ def open_contacts(path: Path, *, frame_id: str = "surface", skin: bool = False) 
     Args:
         path: OUTPUT, ending in .csv, .parquet or .mcap.
         frame_id: name of the contacts' frame, for viewers; only MCAP holds it.
-        skin: the contacts have cells, in columns behind the others.
+        features: names of the columns that the sensor adds, behind the others.
 
     Raises:
         InputError: another suffix, or it cannot be written.
@@ -100,8 +76,8 @@ def open_contacts(path: Path, *, frame_id: str = "surface", skin: bool = False) 
     require_format(path)
     with growing(path) as temporary:
         with writing(path):
-            sink = SINKS[path.suffix.lower()](temporary, frame_id, skin)
-        writer = ContactsWriter(path, sink)
+            sink = SINKS[path.suffix.lower()](temporary, frame_id, features)
+        writer = ContactsWriter(path, sink, features)
         try:
             yield writer
         except BaseException as problem:
@@ -112,17 +88,10 @@ def open_contacts(path: Path, *, frame_id: str = "surface", skin: bool = False) 
             sink.finish()
 
 
-def write_contacts(
-    path: Path,
-    time: Float[np.ndarray, " n"],
-    estimate: ContactEstimate,
-    *,
-    sample: Int[np.ndarray, " n"] | None = None,
-    contact: Int[np.ndarray, " n"] | None = None,
-) -> None:
-    """Write estimates in one go; see `open_contacts` and `ContactsWriter.write`."""
-    with open_contacts(path) as writer:
-        writer.write(time, estimate, sample=sample, contact=contact)
+def write_contacts(path: Path, contacts: Contacts, *, frame_id: str = "surface") -> None:
+    """Write contacts in one go; see `open_contacts`."""
+    with open_contacts(path, frame_id=frame_id, features=tuple(contacts.features)) as writer:
+        writer.write(contacts)
 
 
 def read_contacts(path: Path) -> Contacts:
@@ -131,23 +100,7 @@ def read_contacts(path: Path) -> Contacts:
     Raises:
         InputError: it is none, or a row is not one of contacts.
     """
-    blocks = list(contact_blocks(path))
-    if len(blocks) == 1:
-        return blocks[0]
-    return Contacts(
-        np.concatenate([block.sample for block in blocks]),
-        np.concatenate([block.time for block in blocks]),
-        np.concatenate([block.contact for block in blocks]),
-        ContactEstimate.joined([block.estimate for block in blocks]),
-        tuple(dict.fromkeys(note for block in blocks for note in block.notes)),
-        _cells(blocks),
-    )
-
-
-def _cells(blocks: list[Contacts]) -> Float[np.ndarray, "n 3"] | None:
-    if all(block.cell is None for block in blocks):
-        return None
-    return np.concatenate([np.full((len(block), 3), np.nan) if block.cell is None else block.cell for block in blocks])
+    return Contacts.joined(list(contact_blocks(path)))
 
 
 def unfinished(path: Path) -> Path | None:

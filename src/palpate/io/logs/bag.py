@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 
 from palpate.errors import InputError
+from palpate.io.logs.log import Topic
 from palpate.io.logs.mcap import McapFile
-from palpate.io.logs.messages import Messages, Source, Topic, merged
+from palpate.io.logs.messages import Messages, Source, merged
 from palpate.io.tables.lines import open_input
 
 __all__ = ["BagFile", "open_folder"]

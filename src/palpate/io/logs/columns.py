@@ -1,63 +1,77 @@
-"""A log of columns, CSV or Parquet, in blocks: which columns are what, and how well they could be read."""
+"""A log of columns, whatever its format, in blocks: which columns are what, and how well they could be read."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from itertools import chain
+from math import prod
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
 
 from palpate.errors import InputError
-from palpate.io.logs.layout import ACCELERATION_COLUMNS, ORIENTATION_COLUMNS, POSITION_COLUMNS, Layout
-from palpate.io.logs.samples import Samples
+from palpate.io.logs.layout import (
+    ACCELERATION_COLUMNS,
+    ORIENTATION_COLUMNS,
+    POSITION_COLUMNS,
+    ArrayChannel,
+    Layout,
+)
+from palpate.io.logs.samples import WRENCH, Samples
 from palpate.io.tables.fields import Fields
 from palpate.io.units import TIME_UNITS, near, to_si
-from palpate.sensors.load_cells import REFERENCE, VOLTAGE
-from palpate.sensors.recording import ACCELERATION, ORIENTATION, POSITION, Recording
+from palpate.sensors.recording import ACCELERATION, CELLS, FORCE, ORIENTATION, POSITION, TORQUE, Recording
 
-__all__ = ["Columns"]
+__all__ = ["SINGLE", "Columns", "flattened", "plan"]
 
 Read = Callable[[Sequence[str], Fields], Float[np.ndarray, "n k"]]
+Shapes = Mapping[str, tuple[int, ...]]
+_TIME = "time"
+_POSES = (
+    (ORIENTATION, ORIENTATION_COLUMNS),
+    (POSITION, POSITION_COLUMNS),
+    (ACCELERATION, ACCELERATION_COLUMNS),
+)
+SINGLE = "array"  # what the one array of an .npy is called
+_OTHER_NAMES = {CELLS: "frames"}  # of arrays
 
 
 class Columns:
     """Makes the blocks of a log out of its columns.
 
+    Args:
+        layout: which columns are read.
+        path: of the log.
+        shapes: name -> () of a column, or the shape of one sample of an array, whose columns `flattened` names.
+
     Raises:
         InputError: the layout cannot be meant, or a column that it names is not there.
     """
 
-    def __init__(self, layout: Layout, path: Path, names: Sequence[str]) -> None:
-        self._samples, self._path = Samples(layout, path), path
+    def __init__(self, layout: Layout, path: Path, shapes: Shapes) -> None:
+        self._samples, self._path, self._layout = Samples(layout, path), path, layout
         self._per_second = round(1 / to_si(layout.time_unit, TIME_UNITS, where="time_unit"))
-        self._time, self._wrench = [layout.time], () if layout.voltages else layout.wrench
-        _require_known([layout.time, *self._wrench, *layout.voltages, *layout.reference], names, path)
-        self._others: dict[str, Sequence[str]] = {}
-        for channel, declared, usual in (
-            (ORIENTATION, layout.orientation, ORIENTATION_COLUMNS),
-            (POSITION, layout.position, POSITION_COLUMNS),
-            (ACCELERATION, layout.acceleration, ACCELERATION_COLUMNS),
-            (VOLTAGE, layout.voltages, None),
-            (REFERENCE, layout.reference, None),
-        ):
-            if columns := declared or (usual if usual and set(usual) <= set(names) else ()):
-                _require_known(columns, names, path)
-                self._others[channel] = columns
-        read = ("time", "wrench") if self._wrench else ("time",)
-        self._fields = {columns: Fields() for columns in (*read, *self._others)}
+        self._groups = plan(layout, shapes, path)
+        self._fields = {group: Fields() for group in self._groups}
+        self._count = 0
 
     @property
     def names(self) -> list[str]:
         """Every column that is read."""
-        return list(dict.fromkeys([*self._time, *self._wrench, *(name for of in self._others.values() for name in of)]))
+        return list(dict.fromkeys(chain.from_iterable(self._groups.values())))
 
     def block(self, read: Read) -> Recording:
         """The next samples; `read` gives columns as numbers."""
-        time = read(self._time, self._fields["time"])[:, 0] / self._per_second  # 235 / 1e3 is 0.235, 235 * 1e-3 is not
-        wrench = read(self._wrench, self._fields["wrench"]) if self._wrench else None
-        others = {channel: read(columns, self._fields[channel]) for channel, columns in self._others.items()}
-        return self._samples.block(time, wrench, others)
+        values = {group: read(columns, self._fields[group]) for group, columns in self._groups.items()}
+        if _TIME in values:  # 235 / 1e3 is 0.235, 235 * 1e-3 is not
+            time = values.pop(_TIME)[:, 0] / self._per_second
+        else:
+            count = len(next(iter(values.values())))
+            time = (self._count + np.arange(count)) / (self._layout.rate or 1.0)
+        self._count += len(time)
+        return self._samples.block(time, values)
 
     def finish(self) -> None:
         """Raise an InputError if a column held no number from the first block to the last."""
@@ -66,10 +80,107 @@ class Columns:
 
     def notes(self) -> tuple[str, ...]:
         """What a reader should know of the blocks so far."""
-        return tuple(note for fields in self._fields.values() for note in fields.notes()) + self._samples.notes()
+        said = tuple(note for fields in self._fields.values() for note in fields.notes()) + self._samples.notes()
+        if _TIME not in self._groups:
+            return (f"samples have no times: {self._layout.rate:g} Hz is taken, as the rig says", *said)
+        return said
 
 
-def _require_known(wanted: Sequence[str], names: Sequence[str], path: Path) -> None:
+def plan(layout: Layout, shapes: Shapes, path: Path) -> dict[str, Sequence[str]]:
+    """The columns of the time, of `WRENCH` and of each channel.
+
+    Args:
+        layout: what is read.
+        shapes: of the columns and arrays that there are.
+        path: of the log.
+
+    Raises:
+        InputError: something is not there, or not of the size that is wanted.
+    """
+    layout = _by_arrays(layout, shapes, path)
+    names = flattened(shapes)
+    timed = layout.rate is None or layout.time in names
+    groups: dict[str, Sequence[str]] = {_TIME: (layout.time,)} if timed else {}
+    if layout.wrench is not None:
+        groups[WRENCH] = layout.wrench
+    groups |= {array.name: array.columns for array in layout.arrays if array.columns is not None}
+    _require_known(list(chain.from_iterable(groups.values())), names, path)
+    for channel, usual in _POSES:
+        declared: tuple[str, ...] | None = getattr(layout, channel)
+        if columns := declared or (usual if names.keys() >= set(usual) else ()):
+            _require_known(columns, names, path)
+            groups[channel] = columns
+    for array in layout.arrays:
+        if array.columns is None:
+            used = set(chain.from_iterable(groups.values()))
+            groups[array.name] = [name for name in names if name not in used]
+        _require_size(array, groups[array.name], path)
+    return groups
+
+
+def flattened(shapes: Shapes) -> dict[str, tuple[str, int]]:
+    """Columns in their order -> the array and the place in its sample: an array is the columns `force[0]`, ..."""
+    found: dict[str, tuple[str, int]] = {}
+    for name, shape in shapes.items():
+        found |= {column: (name, k) for k, column in enumerate(_columns(name, shape))}
+    return found
+
+
+def _columns(name: str, shape: tuple[int, ...]) -> tuple[str, ...]:
+    return tuple(f"{name}[{k}]" for k in range(prod(shape))) if shape else (name,)
+
+
+def _by_arrays(layout: Layout, shapes: Shapes, path: Path) -> Layout:
+    """With arrays in place of columns that are not there, where a file holds arrays that are called as channels are."""
+    arrays = {name: shape for name, shape in shapes.items() if shape}
+    if not arrays:
+        return layout
+    made = {name: _columns(name, shape) for name, shape in arrays.items()}
+    changes: dict[str, object] = {}
+    if layout.wrench is not None and not set(layout.wrench) <= shapes.keys():
+        for names in ((FORCE, TORQUE), (WRENCH,), (SINGLE,)):
+            columns = tuple(chain.from_iterable(made.get(name, ()) for name in names))
+            if len(columns) == 6:
+                changes["wrench"] = columns
+    for channel, usual in _POSES:
+        if getattr(layout, channel) is None and len(made.get(channel, ())) == len(usual):
+            changes[channel] = made[channel]
+    changes["arrays"] = tuple(_found(array, shapes, made, path) for array in layout.arrays)
+    return replace(layout, **changes)
+
+
+def _found(array: ArrayChannel, shapes: Shapes, made: Mapping[str, tuple[str, ...]], path: Path) -> ArrayChannel:
+    """With the columns of the array that is called as the channel."""
+    if array.columns is not None and set(array.columns) <= shapes.keys():
+        return array
+    name = next((name for name in (array.name, _OTHER_NAMES.get(array.name), SINGLE) if name in made), None)
+    if name is None:
+        wanted = _OTHER_NAMES.get(array.name, array.name)
+        raise InputError(f"has no array {wanted!r}.", where=str(path), mend=near(wanted, shapes))
+    if shapes[name] not in (array.shape, (array.size,)):
+        there = " x ".join(map(str, shapes[name]))
+        raise InputError(
+            f"holds {name} of shape n x {there}, not n x {array.described}.", where=str(path), mend=_mend(array)
+        )
+    return replace(array, columns=made[name])
+
+
+def _require_size(array: ArrayChannel, columns: Sequence[str], path: Path) -> None:
+    if len(columns) == array.size:
+        return
+    has = f"has {len(columns)} columns beside the time" if array.columns is None else f"names {len(columns)} columns"
+    raise InputError(
+        f"{has}, but {array.size} {array.name} ({array.described}) are wanted.",
+        where=str(path) if array.columns is None else array.table,
+        mend=_mend(array),
+    )
+
+
+def _mend(array: ArrayChannel) -> str:
+    return f"Put their numbers right in the rig's [{array.table}], or name the columns there." if array.table else ""
+
+
+def _require_known(wanted: Sequence[str], names: Mapping[str, object], path: Path) -> None:
     """One sentence for all missing columns, not one error after the other."""
     missing = [name for name in wanted if name not in names]
     if missing:

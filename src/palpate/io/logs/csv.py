@@ -8,6 +8,7 @@ from pathlib import Path
 
 from palpate.io.logs.columns import Columns
 from palpate.io.logs.layout import Layout
+from palpate.io.logs.log import LogContents
 from palpate.io.tables.fields import Rows
 from palpate.io.tables.lines import open_input
 from palpate.io.tables.table import tables
@@ -16,6 +17,7 @@ from palpate.sensors.recording import Recording
 __all__ = ["CsvLog"]
 
 PIECE = 1 << 21  # bytes
+HEAD = 1 << 16  # bytes, in which the header is looked for
 
 
 class CsvLog:
@@ -28,6 +30,11 @@ class CsvLog:
         self._columns: Columns | None = None
         self.torn = ""
 
+    def contents(self) -> LogContents:
+        """See `palpate.io.logs.log.Log`."""
+        with open_input(self.path) as file:
+            return LogContents(self.path, dict.fromkeys(next(tables(file, self.path, HEAD)).names, ()))
+
     def blocks(self) -> Iterator[Recording]:
         """See `palpate.io.logs.log.Log`."""
         self._rows, self._columns, self.torn = Rows(), None, ""
@@ -35,7 +42,7 @@ class CsvLog:
             for table in tables(file, self.path, self._piece):
                 self.position = file.tell() if file.seekable() else 0
                 if self._columns is None:
-                    self._columns = Columns(self._layout, self.path, table.names)
+                    self._columns = Columns(self._layout, self.path, dict.fromkeys(table.names, ()))
                 table.counted(self._rows)
                 if len(table):
                     yield self._columns.block(table.read)

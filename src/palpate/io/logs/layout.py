@@ -1,9 +1,10 @@
-"""Where a log keeps what: columns or topics, units, axes, the frame of the wrench."""
+"""Where a log keeps what: columns, arrays or topics, units, axes, the frame of the wrench."""
 
 from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from math import prod
 
 import numpy as np
 from jaxtyping import Float
@@ -15,6 +16,7 @@ __all__ = [
     "ORIENTATION_COLUMNS",
     "POSITION_COLUMNS",
     "WRENCH_COLUMNS",
+    "ArrayChannel",
     "Layout",
     "axis_matrix",
 ]
@@ -26,12 +28,46 @@ ACCELERATION_COLUMNS = ("ax", "ay", "az")
 
 
 @dataclass(frozen=True)
+class ArrayChannel:
+    """So many numbers a sample: voltages of load cells, readings of taxels, the reference of a bench.
+
+    Args:
+        name: of the channel of the `Recording`.
+        shape: of one sample: (12,), or (6, 22).
+        columns: of a table, the last axis running fastest; None: all that are not named otherwise, in their order. In
+            an .npz an array called `name` takes their place, where it is there.
+        topic: of a log with topics. None: the only one that holds arrays.
+        scale: what one unit of the log is in SI, for all numbers or for each.
+        table: of the rig that says all this, for messages.
+    """
+
+    name: str
+    shape: tuple[int, ...]
+    columns: tuple[str, ...] | None = None
+    topic: str | None = None
+    scale: float | tuple[float, ...] = 1.0
+    table: str = ""
+
+    @property
+    def size(self) -> int:
+        """Numbers a sample."""
+        return prod(self.shape)
+
+    @property
+    def described(self) -> str:
+        """'6 x 22'."""
+        return " x ".join(map(str, self.shape))
+
+
+@dataclass(frozen=True)
 class Layout:
     """Where a log keeps what, and in which units and axes. The defaults need no mapping.
 
     Args:
         time, time_unit: the column of the time, and its unit.
-        wrench: the six columns, force first.
+        wrench: the six columns, force first; None: no wrench is read.
+        arrays: other channels that are read.
+        rate: [Hz] of a file that has no such column. None: it must have it.
         force_unit, torque_unit: see `palpate.io.units`.
         axes: which recorded axis is the sensor's x, y, z; "-x" flips. Applied to force and to torque alike.
         left_handed: declares that `axes` is a reflection: the driver reported a left-handed wrench, or the reaction.
@@ -41,16 +77,15 @@ class Layout:
         acceleration: of the sensor in its own frame [m/s^2]. None: ax, ay, az where the log has them.
         wrench_topic, orientation_topic: of a log with topics. None: the only one of its kind.
         acceleration_topic: of a log with topics. None: no acceleration, as an accelerometer may sit anywhere.
-        offset: [s] added to the stamps of the poses of a topic to put them on the wrenches' clock.
-        voltages: columns of load cells, three a cell, in place of a wrench; volts: what one unit of each is in V.
-        voltage_topic: of arrays of so many numbers, of a log with topics.
-        reference: six columns beside them, force [N] and position [m], of a bench log.
+        offset: [s] added to the stamps of the poses of a topic to put them on the samples' clock.
         max_gap: [s] between poses or accelerations of a topic, beyond which there is none in between.
     """
 
     time: str = "time"
     time_unit: str = "s"
-    wrench: tuple[str, ...] = WRENCH_COLUMNS
+    wrench: tuple[str, ...] | None = WRENCH_COLUMNS
+    arrays: tuple[ArrayChannel, ...] = ()
+    rate: float | None = None
     force_unit: str = "N"
     torque_unit: str = "N m"
     axes: tuple[str, ...] = ("x", "y", "z")
@@ -64,10 +99,6 @@ class Layout:
     acceleration_topic: str | None = None
     offset: float = 0.0
     max_gap: float = 0.25
-    voltages: tuple[str, ...] = ()
-    volts: tuple[float, ...] = ()
-    voltage_topic: str | None = None
-    reference: tuple[str, ...] = ()
 
 
 def axis_matrix(axes: tuple[str, ...], *, left_handed: bool, where: str) -> Float[np.ndarray, "3 3"]:

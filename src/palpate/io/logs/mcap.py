@@ -18,8 +18,9 @@ from typing import BinaryIO
 import numpy as np
 from jaxtyping import Int
 
+from palpate.io.logs.log import Topic
 from palpate.io.logs.mcap_chunks import LARGEST, Chunk, channel, inflate, schema, statistics
-from palpate.io.logs.messages import Messages, Topic, merged
+from palpate.io.logs.messages import Messages, merged
 from palpate.io.tables.lines import open_input, read_some
 
 __all__ = ["McapFile"]
@@ -53,7 +54,8 @@ class McapFile:
 
     def __init__(self, path: Path) -> None:
         self.path, self.size = path, path.stat().st_size
-        self._schemas: dict[int, str] = {}  # these three stand once read: a file may declare behind its messages
+        self.definitions: dict[str, str] = {}  # name of a type -> its fields, as text
+        self._schemas: dict[int, str] = {}  # these stand once read: a file may declare behind its messages
         self._channels: dict[int, tuple[int, str, str]] = {}
         self._topics: dict[int, Topic] = {}
         self._forget()
@@ -160,8 +162,9 @@ class McapFile:
         """A type or a topic; one that is malformed declares nothing."""
         try:
             if kind == _SCHEMA:
-                key, name = schema(content)
+                key, name, definition = schema(content)
                 self._schemas[key] = name
+                self.definitions[name] = definition
                 for channel_key, (of, topic, encoding) in self._channels.items():  # also those that came before it
                     if of == key:
                         self._topics[channel_key] = Topic(topic, name, encoding)

@@ -46,10 +46,12 @@ class Chunk:
         return cls(size, checksum, compression, at + 8, length)
 
 
-def schema(content: memoryview) -> tuple[int, str]:
-    """Number and name of a type: geometry_msgs/msg/Wrench and geometry_msgs/Wrench are the same."""
+def schema(content: memoryview) -> tuple[int, str, str]:
+    """Number, name and definition of a type: geometry_msgs/msg/Wrench and geometry_msgs/Wrench are the same."""
     (key,) = unpack_from("<H", content)
-    return key, _text(content, 2)[0].replace("/msg/", "/")
+    name, at = _text(content, 2)
+    _, at = _text(content, at)  # the encoding
+    return key, name.replace("/msg/", "/"), _text(content, at)[0]
 
 
 def channel(content: memoryview) -> tuple[int, int, str, str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,43 +11,102 @@ import numpy as np
 from jaxtyping import Float
 
 from palpate.errors import InputError
+from palpate.io.logs.arrays import ArrayLog
 from palpate.io.logs.bag import BagFile, open_folder
+from palpate.io.logs.columns import plan
 from palpate.io.logs.csv import CsvLog
+from palpate.io.logs.decoding import role, shape_of
 from palpate.io.logs.layout import Layout
-from palpate.io.logs.log import Log
+from palpate.io.logs.log import Log, LogContents, Topic
 from palpate.io.logs.mcap import McapFile
 from palpate.io.logs.messages import Source
 from palpate.io.logs.parquet import ParquetLog
 from palpate.io.logs.topic_log import TopicLog
+from palpate.io.logs.topics import choose
 from palpate.io.tables.lines import open_input, read_some
-from palpate.sensors.recording import ORIENTATION, POSITION, Recording
+from palpate.sensors.recording import ORIENTATION, POSITION, Recording, sealed
 
-__all__ = ["join", "open_log", "read_poses", "read_recording", "topics"]
+__all__ = ["contents", "join", "missing", "open_log", "read_poses", "read_recording", "topic_shapes"]
 
 _MAGIC = (
     (b"PAR1", ".parquet"),
     (b"\x89MCAP0\r\n", ".mcap"),
     (b"#ROSBAG V", ".bag"),
     (b"SQLite format 3\0", ".db3"),
+    (b"\x93NUMPY", ".npy"),
+    (b"PK\x03\x04", ".npz"),
+    (b"PK\x05\x06", ".npz"),  # without an array
 )
-_KINDS = {".parquet": "a Parquet file", ".mcap": "an MCAP file", ".bag": "a ROS 1 bag", ".db3": "a ROS 2 bag"}
+_KINDS = {
+    ".parquet": "a Parquet file",
+    ".mcap": "an MCAP file",
+    ".bag": "a ROS 1 bag",
+    ".db3": "a ROS 2 bag",
+    ".npy": "a NumPy array",
+    ".npz": "an archive of NumPy arrays",
+}
+_ARRAYS = (".npy", ".npz")
 
 
-def open_log(path: Path, layout: Layout | None = None) -> Log:
-    """Open a log: CSV or other text, Parquet, MCAP, a ROS 1 bag, a ROS 2 bag (its folder, or a .db3 file).
+def contents(path: str | Path) -> LogContents:
+    """What is in a log, as far as it says so before it is read.
 
     Raises:
         InputError: the file is not there, or not what its name says.
     """
-    layout, kind = layout or Layout(), _kind(path)
+    return open_log(path).contents()
+
+
+def topic_shapes(path: Path) -> dict[str, tuple[int, ...]]:
+    """Of each topic of arrays or images with messages: numbers in the first one, or its rows and columns."""
+    kind = _kind(path)
+    if kind in ("", ".parquet", *_ARRAYS):
+        return {}
+    source, found = _messages(path, kind), dict[str, tuple[int, ...]]()
+    for topic in source.topics():
+        if topic.count and role(topic.kind) == "array" and (shape := _shape(source, topic)) is not None:
+            found[topic.name] = shape
+    return found
+
+
+def _shape(source: Source, topic: Topic) -> tuple[int, ...] | None:
+    with closing(source.messages([topic.name])) as pieces:
+        for piece in pieces:
+            if (shape := shape_of(piece.of(topic), topic)) is not None:
+                return shape
+    return None
+
+
+def missing(there: LogContents, layout: Layout) -> list[str]:
+    """Why a log cannot be read with a layout, one sentence each; nothing: it has all that the layout asks for."""
+    try:
+        if there.names:
+            plan(layout, there.names, there.path)
+        else:
+            choose(there, layout)
+    except InputError as problem:
+        return [problem.what]
+    return []
+
+
+def open_log(path: str | Path, layout: Layout | None = None) -> Log:
+    """Open a log: CSV or other text, Parquet, NumPy, MCAP, a ROS 1 bag, a ROS 2 bag (its folder, or a .db3 file).
+
+    Raises:
+        InputError: the file is not there, or not what its name says.
+    """
+    layout, path = layout or Layout(), Path(path)
+    kind = _kind(path)
     if kind == ".parquet":
         return ParquetLog(path, layout)
+    if kind in _ARRAYS:
+        return ArrayLog(path, layout)
     if kind == "":
         return CsvLog(path, layout)
     return TopicLog(path, layout, _messages(path, kind))
 
 
-def read_recording(path: Path, layout: Layout | None = None) -> Recording:
+def read_recording(path: str | Path, layout: Layout | None = None) -> Recording:
     """Read a whole log: as many samples as it has, in their order; what cannot be read is NaN and noted.
 
     Raises:
@@ -58,7 +118,7 @@ def read_recording(path: Path, layout: Layout | None = None) -> Recording:
 
 
 def read_poses(
-    path: Path, layout: Layout | None = None
+    path: str | Path, layout: Layout | None = None
 ) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, "k 4"], Float[np.ndarray, "k 3"]]:
     """The poses alone: stamps [s] without the layout's offset, quaternions x, y, z, w, positions [m].
 
@@ -67,8 +127,6 @@ def read_poses(
     Raises:
         InputError: it is no log, or it has no orientations.
     """
-    from palpate.io.logs.topic_log import TopicLog
-
     log = open_log(path, layout)
     if isinstance(log, TopicLog):
         time, values = log.poses()
@@ -88,20 +146,12 @@ def join(blocks: Sequence[Recording]) -> Recording:
     """Blocks of one log, one after the other, as one recording."""
     if len(blocks) == 1:
         return blocks[0]
-    channels = {name: np.concatenate([block.channels[name] for block in blocks]) for name in blocks[0].channels}
-    return replace(blocks[0], time=np.concatenate([block.time for block in blocks]), channels=channels)
+    channels = {name: _joined([block.channels[name] for block in blocks]) for name in blocks[0].channels}
+    return replace(blocks[0], time=_joined([block.time for block in blocks]), channels=channels)
 
 
-def topics(path: Path) -> list[tuple[str, str, int]]:
-    """Name, type and number of messages of every topic of an MCAP file or a bag; nothing for a log of columns.
-
-    Raises:
-        InputError: the file cannot be read.
-    """
-    kind = _kind(path)
-    if kind in ("", ".parquet"):
-        return []
-    return [(topic.name, topic.kind, topic.count) for topic in _messages(path, kind).topics()]
+def _joined(arrays: Sequence[np.ndarray]) -> np.ndarray:
+    return sealed(np.concatenate(arrays), own=True)
 
 
 def _messages(path: Path, kind: str) -> Source:
@@ -120,7 +170,7 @@ def _kind(path: Path) -> str:
         first = read_some(file, path, 16)
     kind = next((suffix for magic, suffix in _MAGIC if first.startswith(magic)), "")
     suffix = path.suffix.lower()
-    if kind == "" and suffix in _KINDS:
-        what = "is empty" if not first else f"does not begin as {_KINDS[suffix]} does"
-        raise InputError(f"{what}.", where=str(path))
+    if suffix in _KINDS and kind != suffix and not (kind in _ARRAYS and suffix in _ARRAYS):
+        what = f"does not begin as {_KINDS[suffix]} does" if first else "is empty"
+        raise InputError(f"{what}.", where=str(path), mend=f"It is {_KINDS[kind]}: rename it." if kind else "")
     return kind

@@ -13,6 +13,8 @@ from jaxtyping import Float
 from palpate.errors import InputError
 from palpate.io.logs.columns import Columns
 from palpate.io.logs.layout import Layout
+from palpate.io.logs.log import LogContents
+from palpate.io.logs.samples import NUMBERS, rows_at_once
 from palpate.io.tables.fields import Fields
 from palpate.io.tables.lines import open_input
 from palpate.sensors.recording import Recording
@@ -34,15 +36,11 @@ class ParquetLog:
         self.position = 0
         self._columns: Columns | None = None
 
-    def names(self) -> list[str]:
-        """Of the columns.
-
-        Raises:
-            InputError: it is no Parquet file.
-        """
+    def contents(self) -> LogContents:
+        """See `palpate.io.logs.log.Log`."""
         open_input(self.path).close()
         with self._reading():
-            return pl.scan_parquet(self.path, glob=False).collect_schema().names()
+            return LogContents(self.path, dict.fromkeys(pl.scan_parquet(self.path, glob=False).collect_schema(), ()))
 
     def blocks(self) -> Iterator[Recording]:
         """See `palpate.io.logs.log.Log`."""
@@ -64,18 +62,20 @@ class ParquetLog:
     def _blocks(self) -> Iterator[Recording]:
         frame = pl.scan_parquet(self.path, glob=False)
         kinds = frame.collect_schema()
-        self._columns = columns = Columns(self._layout, self.path, kinds.names())
+        self._columns = columns = Columns(self._layout, self.path, dict.fromkeys(kinds.names(), ()))
         for name in columns.names:
             if not (kinds[name].is_numeric() or kinds[name] == pl.Null or isinstance(kinds[name], pl.Datetime)):
                 raise InputError(f"column {name!r} holds no numbers but {kinds[name]}.", where=str(self.path))
         dates = {name for name in columns.names if isinstance(kinds[name], pl.Datetime)}
         wanted = frame.select(_number(name, date=name in dates) for name in columns.names)
         total = int(frame.select(pl.len()).collect().item())
-        for done in range(0, total, self._piece):
-            rows = wanted.slice(done, self._piece).collect()
-            for start in range(0, len(rows), BLOCK):  # what follows needs far more memory than what is read
-                self.position = self.size * min(done + start + BLOCK, total) // total
-                yield columns.block(_Piece(rows.slice(start, BLOCK), done + start).read)
+        width = len(columns.names)
+        piece, block = rows_at_once(self._piece, width, 4 * NUMBERS), rows_at_once(BLOCK, width)
+        for done in range(0, total, piece):
+            rows = wanted.slice(done, piece).collect()
+            for start in range(0, len(rows), block):  # what follows needs far more memory than what is read
+                self.position = self.size * min(done + start + block, total) // total
+                yield columns.block(_Piece(rows.slice(start, block), done + start).read)
         if not total:
             raise InputError("there are columns, but no rows.", where=str(self.path))
 
@@ -97,6 +97,8 @@ class _Piece:
         self._frame, self._before = frame, before
 
     def read(self, names: Sequence[str], fields: Fields) -> Float[np.ndarray, "n k"]:
-        values = np.column_stack([self._frame[name].to_numpy() for name in names])
+        values = np.empty((len(self._frame), len(names)))  # by rows; stacking would leave columns
+        for k, name in enumerate(names):
+            values[:, k] = self._frame[name].to_numpy()
         fields.count(values, lambda row: f"row {self._before + row + 1}")
         return values

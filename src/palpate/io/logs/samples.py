@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -10,10 +11,12 @@ from jaxtyping import Float
 
 from palpate.io.logs.layout import Layout, axis_matrix
 from palpate.io.units import FORCE_UNITS, TORQUE_UNITS, to_si
-from palpate.sensors.load_cells import VOLTAGE
-from palpate.sensors.recording import FORCE, LARGEST, ORIENTATION, TORQUE, Recording
+from palpate.sensors.recording import CELLS, FORCE, LARGEST, ORIENTATION, TORQUE, Recording, sealed
 
-__all__ = ["Samples"]
+__all__ = ["NUMBERS", "WRENCH", "Samples", "rows_at_once"]
+
+WRENCH = "wrench"  # (n, 6) force and torque as recorded
+NUMBERS = 1 << 22  # of a block
 
 GAP = 5.0  # steps of the median length that make a gap
 LATEST = 1e20  # s: beyond any clock, in nanoseconds too
@@ -32,40 +35,40 @@ class Samples:
         self._signs = axes[np.arange(3), self._picked]
         self._force = to_si(layout.force_unit, FORCE_UNITS, where="units.force")
         self._torque = to_si(layout.torque_unit, TORQUE_UNITS, where="units.torque")
-        self._frame, self._source = layout.frame, path.name
-        self._volts = np.array(layout.volts) if layout.volts else np.ones(1)
+        self._frame, self._source, self._arrays = layout.frame, path.name, layout.arrays
         self._times = _Times()
-        self._infinite = self._beyond = self._none = self._far = 0
+        self._beyond = Counter[str]()  # name of a channel -> rows with a number that is a fault
+        self._infinite = self._none = self._far = 0
 
-    def block(
-        self,
-        time: Float[np.ndarray, " n"],
-        wrench: Float[np.ndarray, "n 6"] | None,
-        others: Mapping[str, Float[np.ndarray, "n _"]],
-    ) -> Recording:
+    def block(self, time: Float[np.ndarray, " n"], read: Mapping[str, Float[np.ndarray, "n _"]]) -> Recording:
         """The next samples.
 
         Args:
             time: [s].
-            wrench: as recorded, force first; None where there are voltages instead.
-            others: the channels besides force and torque, in SI.
+            read: as recorded, `WRENCH` or arrays, and the channels besides them; nobody else holds them.
         """
         time = np.where(np.abs(time) <= LATEST, time, np.nan)
-        channels = {} if wrench is None else self._wrench(wrench)
-        channels |= {name: self._bounded(values) for name, values in others.items()}
-        if VOLTAGE in channels:
-            channels[VOLTAGE] = channels[VOLTAGE] * self._volts
+        channels = self._wrench(read[WRENCH]) if WRENCH in read else {}
+        channels |= {name: self._bounded(name, values) for name, values in read.items() if name not in (WRENCH, CELLS)}
         if ORIENTATION in channels:
             channels[ORIENTATION] = self._sound(channels[ORIENTATION])
+        for array in self._arrays:
+            values = read[CELLS] if array.name == CELLS else channels[array.name]  # counts may be larger than `LARGEST`
+            values = values if array.scale == 1.0 else values * np.array(array.scale)
+            channels[array.name] = values.reshape(-1, *array.shape)
         self._times.add(time)
-        return Recording(time, channels, frame=self._frame, source=self._source)
+        channels = {name: sealed(values, own=True) for name, values in channels.items()}
+        return Recording(sealed(time, own=True), channels, frame=self._frame, source=self._source)
 
     def notes(self) -> tuple[str, ...]:
         """What a reader should know of the blocks so far, one sentence each."""
-        infinite, beyond, none, far = self._infinite, self._beyond, self._none, self._far
+        infinite, none, far = self._infinite, self._none, self._far
+        arrays = [(array.name, self._beyond[array.name]) for array in self._arrays]
+        beyond = self._beyond.total() - sum(count for _, count in arrays)
         said = (
             (infinite, f"{infinite} of {self._times.count} rows have a force or torque that is infinite or beyond 1e9"),
             (beyond, f"{beyond} poses or accelerations are infinite or beyond 1e9 and were set aside"),
+            *((count, f"{count} rows have a {name} that is infinite or beyond 1e9") for name, count in arrays),
             *self._times.oddities(),
             (none, f"{none} quaternions have a length far from 1 and were set aside"),
             (far, f"{far} quaternions are not unit (by more than 1 %) and were normalised"),
@@ -82,12 +85,12 @@ class Samples:
     def _turned(self, values: Float[np.ndarray, "n 3"], unit: float) -> Float[np.ndarray, "n 3"]:
         """Picked and flipped, not multiplied out: an infinite component must not spoil the others."""
         with np.errstate(over="ignore"):
-            return unit * (values[:, self._picked] * self._signs)
+            return unit * (values.take(self._picked, axis=1) * self._signs)  # by rows: an index would leave columns
 
-    def _bounded(self, values: Float[np.ndarray, "n k"]) -> Float[np.ndarray, "n k"]:
+    def _bounded(self, name: str, values: Float[np.ndarray, "n k"]) -> Float[np.ndarray, "n k"]:
         """NaN where a number is a fault of the file."""
         wrong = np.abs(values) > LARGEST
-        self._beyond += int(np.count_nonzero(wrong.any(axis=1)))
+        self._beyond[name] += int(np.count_nonzero(wrong.any(axis=1)))
         return np.where(wrong, np.nan, values)
 
     def _sound(self, quaternion: Float[np.ndarray, "n 4"]) -> Float[np.ndarray, "n 4"]:
@@ -97,6 +100,11 @@ class Samples:
         self._none += int(np.count_nonzero(none))
         self._far += int(np.count_nonzero(~none & (np.abs(length - 1.0) > 0.01)))
         return np.where(none[:, None], np.nan, quaternion)
+
+
+def rows_at_once(most: int, width: int, numbers: int = NUMBERS) -> int:
+    """How many rows of so many numbers are read or held at once: `most`, or fewer if they are long."""
+    return max(1, min(most, numbers // max(width, 1)))
 
 
 class _Times:

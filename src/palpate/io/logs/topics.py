@@ -3,42 +3,91 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from palpate.errors import InputError
-from palpate.io.logs.layout import Layout
-from palpate.io.logs.messages import ARRAYS, KINDS, Source, Topic
+from palpate.io.logs.decoding import ARRAYS, FIXED, IMAGE, role
+from palpate.io.logs.layout import ArrayChannel, Layout
+from palpate.io.logs.log import LogContents, Topic
 from palpate.io.units import near
 
-__all__ = ["READ", "choose", "sentence"]
+__all__ = ["POSE_KINDS", "choose", "main_channel", "sentence"]
 
-_READ = {**KINDS, **ARRAYS}
 _ENCODINGS = ("cdr", "ros1")
 _SHOWN = 12  # topics in a sentence
+_DOUBLES = "std_msgs/Float64MultiArray"
 
 
-def choose(source: Source, layout: Layout, path: Path) -> dict[str, Topic]:
-    """What "wrench" (or "voltage", where load cells are read), "pose" and "acceleration" are taken from.
+@dataclass(frozen=True)
+class _Wanted:
+    """A topic that is looked for: for what role, for which array, and the table of the rig that may name it."""
+
+    role: str
+    table: str
+    read: str
+    array: ArrayChannel | None = None
+
+    @property
+    def called(self) -> str:
+        """What messages hold, in a sentence."""
+        return self.role if self.array is None else self.array.name
+
+    def fits(self, topic: Topic) -> bool:
+        """Whether its messages can be read for it; an image is two-dimensional."""
+        flat = self.array is not None and len(self.array.shape) != 2
+        return topic.encoding in _ENCODINGS and role(topic.kind) == self.role and not (flat and topic.kind == IMAGE)
+
+
+def _kinds(of: str) -> str:
+    return ", ".join(name.split("/")[1] for name, kind in FIXED.items() if kind.role == of)
+
+
+POSE_KINDS = f"Poses are read from {_kinds('pose')}; not from the tree of /tf, so record the sensor's pose on a topic."
+_WRENCH = _Wanted("wrench", "force_torque", f"Wrenches are read from {_kinds('wrench')}.")
+_POSE = _Wanted("pose", "orientation", POSE_KINDS)
+_ACCELERATION = _Wanted("acceleration", "acceleration", f"Accelerations are read from {_kinds('acceleration')}.")
+
+
+def main_channel(layout: Layout) -> ArrayChannel | None:
+    """What each row of a log of topics is made of: an array, or None, which is the wrench.
+
+    Raises:
+        InputError: the layout asks for several, whose messages come at times of their own, or for nothing.
+    """
+    asked = [*([None] if layout.wrench is not None else []), *layout.arrays]
+    if len(asked) == 1:
+        return asked[0]
+    names = " and ".join("wrench" if array is None else array.name for array in asked) or "nothing"
+    raise InputError(
+        f"{names} cannot be read from one log of topics.",
+        where="layout",
+        mend="Samples of several topics are not joined: write them as a table, a row a time.",
+    )
+
+
+def choose(there: LogContents, layout: Layout) -> dict[str, Topic]:
+    """What "main" (a wrench, or an array), "pose" and "acceleration" are taken from.
 
     The last two as far as they are there.
 
     Raises:
         InputError: a topic that is named is not there or holds something else, or several could be meant.
     """
-    topics = source.topics()
-    role = "voltage" if layout.voltages else "wrench"
-    name = layout.voltage_topic if layout.voltages else layout.wrench_topic
-    wrench = _named(topics, role, name, path) or _only(topics, role, path)
-    if wrench is None:
+    array, topics, path = main_channel(layout), there.topics, there.path
+    main = _WRENCH if array is None else _wanted(array)
+    name = layout.wrench_topic if array is None else array.topic
+    rows = _named(topics, main, name, path) or _only(topics, main, path)
+    if rows is None:
         listed = ", ".join(f"{t.name} ({t.kind or 'of no type'}, {t.count:,})" for t in topics[:_SHOWN])
         raise InputError(
-            f"no topic holds {_MANY[role]}; {f'there is {listed}' if listed else 'there is no topic at all'}.",
+            f"no topic holds {'wrenches' if array is None else array.name}; there is {listed or 'no topic at all'}.",
             where=str(path),
-            mend=sentence(source.torn) or READ[role],
+            mend=sentence(there.torn) or main.read,
         )
-    pose = _named(topics, "pose", layout.orientation_topic, path) or _only(topics, "pose", path)
-    acceleration = _named(topics, "acceleration", layout.acceleration_topic, path)  # an accelerometer may sit anywhere
-    chosen = {role: wrench, "pose": pose, "acceleration": acceleration}
+    pose = _named(topics, _POSE, layout.orientation_topic, path) or _only(topics, _POSE, path)
+    acceleration = _named(topics, _ACCELERATION, layout.acceleration_topic, path)  # an accelerometer may sit anywhere
+    chosen = {"main": rows, "pose": pose, "acceleration": acceleration}
     return {role: topic for role, topic in chosen.items() if topic is not None}
 
 
@@ -47,48 +96,39 @@ def sentence(torn: str) -> str:
     return torn and f"{torn[0].upper()}{torn[1:]}."
 
 
-def _named(topics: Sequence[Topic], role: str, name: str | None, path: Path) -> Topic | None:
+def _wanted(array: ArrayChannel) -> _Wanted:
+    kinds = ", ".join(name.split("/")[1] for name in ARRAYS)
+    image = ", or an Image of one channel" if len(array.shape) == 2 else ""
+    read = f"It is read from {kinds}{image}, of {array.described} numbers each."
+    return _Wanted("array", array.table, read, array)
+
+
+def _named(topics: Sequence[Topic], wanted: _Wanted, name: str | None, path: Path) -> Topic | None:
     """The topic that the rig names."""
     if name is None:
         return None
     found = [topic for topic in topics if topic.name == name]
     if not found:
         raise InputError(f"there is no topic {name!r}.", where=str(path), mend=near(name, (t.name for t in topics)))
-    fitting = [topic for topic in found if _fits(topic, role)]
+    fitting = [topic for topic in found if wanted.fits(topic)]
     if not fitting:
         raise InputError(
             f"topic {name!r} holds {found[0].kind or 'messages of no type'} ({found[0].encoding or 'no encoding'}).",
             where=str(path),
-            mend=READ[role],
+            mend=wanted.read,
         )
     return fitting[0]
 
 
-def _only(topics: Sequence[Topic], role: str, path: Path) -> Topic | None:
-    """The only topic with messages of a fitting type."""
-    fitting = [topic for topic in topics if _fits(topic, role) and topic.count]
+def _only(topics: Sequence[Topic], wanted: _Wanted, path: Path) -> Topic | None:
+    """The only topic with messages of a fitting type; a list of numbers is one of doubles where there is one."""
+    fitting = [topic for topic in topics if wanted.fits(topic) and topic.count]
+    if wanted.array is not None and len(wanted.array.shape) == 1:
+        fitting = [topic for topic in fitting if topic.kind == _DOUBLES] or fitting
     if len(fitting) > 1:
         raise InputError(
-            f"{len(fitting)} topics hold a {role}: {', '.join(topic.name for topic in fitting)}.",
+            f"{len(fitting)} topics hold a {wanted.called}: {', '.join(topic.name for topic in fitting)}.",
             where=str(path),
-            mend=f"Name one in the rig, as topic in [{_TABLES[role]}].",
+            mend=f"Name one in the rig, as topic in [{wanted.table}].",
         )
     return fitting[0] if fitting else None
-
-
-def _fits(topic: Topic, role: str) -> bool:
-    return topic.kind in _READ and _READ[topic.kind].role == role and topic.encoding in _ENCODINGS
-
-
-def _kinds(role: str) -> str:
-    return ", ".join(name.split("/")[1] for name, kind in _READ.items() if kind.role == role)
-
-
-_MANY = {"wrench": "wrenches", "voltage": "voltages"}
-_TABLES = {"wrench": "force_torque", "pose": "orientation", "acceleration": "acceleration", "voltage": "load_cells"}
-READ = {
-    "wrench": f"Wrenches are read from {_kinds('wrench')}.",
-    "pose": f"Poses are read from {_kinds('pose')}; not from the tree of /tf, so record the sensor's pose on a topic.",
-    "acceleration": f"Accelerations are read from {_kinds('acceleration')}.",
-    "voltage": f"Voltages of load cells are read from {_kinds('voltage')}, three a cell.",
-}

@@ -1,5 +1,5 @@
 """The rig: one TOML that a person writes, what it builds, and how it is guessed and edited."""
 
-from palpate.io.rig.rig import Rig, build, check_rig, load_rig
+from palpate.io.rig.rig import Rig, check_rig, load_rig
 
-__all__ = ["Rig", "build", "check_rig", "load_rig"]
+__all__ = ["Rig", "check_rig", "load_rig"]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import tomllib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, cast
 
@@ -17,6 +17,7 @@ from tomlkit.items import Item, Key, Table, Whitespace
 from palpate.errors import InputError
 from palpate.io.atomic import write_text
 from palpate.io.models import load_toml, printable, toml_array
+from palpate.io.rig.kinds import KINDS
 from palpate.spatial.pose import Pose
 
 __all__ = ["update_offset", "update_pose"]
@@ -78,8 +79,8 @@ def _write(
 ) -> None:
     """By the first edit of the text that reads as what is wanted."""
     if source.resolve().parent != target.resolve().parent:
-        _rebase(wanted.get("surface", {}), "mesh", source, target)
-        _rebase(wanted.get("force_torque", {}), "payload", source, target)
+        for name, key in _paths():
+            _rebase(wanted.get(name, {}), key, source, target)
     before = source.read_text(encoding="utf-8-sig")
     for edit in edits:
         try:
@@ -153,8 +154,16 @@ def _reads_as(text: str, wanted: Mapping[str, Any]) -> bool:
         return False
 
 
+def _paths() -> Iterator[tuple[str, str]]:
+    """Table and key of everything in a rig that names a file."""
+    yield "surface", "mesh"
+    for kind in KINDS.values():
+        for key in kind.paths:
+            yield kind.name, key
+
+
 def _move_paths(document: Any, wanted: Mapping[str, Any]) -> None:
-    for name, key in (("surface", "mesh"), ("force_torque", "payload")):
+    for name, key in _paths():
         table: Any = document.get(name, {})
         if key in table and table[key] != wanted[name][key]:
             _replace(table, key, tomlkit.string(wanted[name][key]), "")

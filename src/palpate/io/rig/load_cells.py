@@ -1,19 +1,31 @@
-"""The rig's table of load cells, as a person writes it."""
+"""Load cells under a body in a rig: their table, how a log of voltages is read, and what is built of it."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from math import inf
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from palpate.contact.resolution import nominal_cells
+from palpate.contact.resolution import WANTED, nominal_cells, resolution
 from palpate.errors import InputError
-from palpate.io.load_cells import read_load_cells
+from palpate.io.logs.layout import ArrayChannel, Layout
+from palpate.io.models import read_model
+from palpate.io.rig.guess_load_cells import guess_load_cells
+from palpate.io.rig.kind import Prepared, SensorKind
+from palpate.io.rig.wrench import rig_surface, wrench_estimator
+from palpate.sensors.load_cell_array import START, LoadCellArray
 from palpate.sensors.load_cells import LoadCells, with_changes
+from palpate.sensors.recording import REFERENCE as REFERENCE_CHANNEL
+from palpate.sensors.recording import VOLTAGE, Recording
+from palpate.surfaces import Surface
 
-__all__ = ["VOLT_UNITS", "RigLoadCells"]
+if TYPE_CHECKING:
+    from palpate.io.rig.rig import Rig
+
+__all__ = ["LOAD_CELLS", "VOLT_UNITS", "RigLoadCells", "load_cells_layout", "rig_cells", "rig_load_cells"]
 
 VOLT_UNITS = {"V": 1.0, "mV": 1e-3, "uV": 1e-6}
 Three = tuple[float, float, float]
@@ -88,24 +100,20 @@ class RigLoadCells:
         """(3 k, 2) [V], if the range is stated."""
         return None if self.range is None else np.tile([-self.range, self.range], (3 * cells, 1))
 
-    def path(self, folder: Path) -> Path | None:
-        """Of the model, if one is named."""
-        return None if self.model is None else folder / self.model
-
     def cells(self, folder: Path) -> LoadCells:
         """The calibrated model, with what the rig states over it.
 
         Raises:
             InputError: no model is named, or it does not fit the rig.
         """
-        path = self.path(folder)
-        if path is None:
+        if self.model is None:
             raise InputError(
                 "the cells are not calibrated.",
                 where="load_cells.model",
                 mend="`palpate calibrate load-cells LOG --rig RIG -o fingertip.toml`, then name that file as model.",
             )
-        model = read_load_cells(path)
+        path = folder / self.model
+        model = read_model(path, LoadCells)
         if self.columns and len(self.columns) != len(model.matrix):
             raise InputError(
                 f"names {len(self.columns)} columns, and {path.name} has {model.cells} cells.",
@@ -141,3 +149,69 @@ class RigLoadCells:
                 mend="positions = [[x, y, z], ...] in m, sensitivity in N/V, noise in V.",
             )
         return nominal_cells(np.array(self.positions), self.sensitivity, self.noise, self.range or inf)
+
+
+def rig_load_cells(rig: Rig) -> RigLoadCells:
+    """The table of a rig.
+
+    Raises:
+        InputError: there is none.
+    """
+    table = rig.sensors.get("load_cells")
+    if table is None:
+        raise InputError("the rig has no load cells.", where="rig", mend="Add a [load_cells].")
+    return table
+
+
+def rig_cells(rig: Rig) -> LoadCells:
+    """The calibrated model that a rig names."""
+    return rig_load_cells(rig).cells(rig.folder)
+
+
+def load_cells_layout(rig: Rig, *, bench: bool = False) -> Layout:
+    """Where a log keeps voltages and poses; of a bench, with the reference beside them."""
+    table = rig_load_cells(rig)
+    count = table.count(None if bench or table.model is None else table.cells(rig.folder))
+    names = table.names(count)
+    arrays = [ArrayChannel(VOLTAGE, (len(names),), names, table.topic, table.volts(count), table="load_cells")]
+    if bench:
+        arrays.append(ArrayChannel(REFERENCE_CHANNEL, (6,), table.reference, table="load_cells"))
+    return Layout(time=rig.time.column, time_unit=rig.time.unit, wrench=None, arrays=tuple(arrays), **rig.poses())
+
+
+def _build(rig: Rig, head: Recording | None) -> Prepared:
+    table, cells = rig_load_cells(rig), rig_cells(rig)
+    tare = rig.estimate.tare or START
+    sound = ~np.isin(np.arange(cells.cells) + 1, table.without)
+    array = LoadCellArray(cells, sound, names=table.names(cells.cells), seconds=tare)
+    made = wrench_estimator(rig, array, head, tare=tare, indentation=cells.indentation, accuracy=table.accuracy)
+    made.facts["without"] = table.without
+    made.said.append(_least(rig_surface(rig), cells, table))
+    made.doubted += [f"cell {cell} is left out, as the rig says" for cell in table.without]
+    return made
+
+
+def _least(surface: Surface, cells: LoadCells, table: RigLoadCells) -> str:
+    """From which force on a touch is located well enough."""
+    accuracy = table.accuracy or WANTED
+    above = surface.centre + np.array([0.0, 0.0, surface.size])
+    points, normals, _ = surface.project(above[None])
+    least = float(resolution(cells, points, normals).smallest(accuracy)[0])
+    return f"from {least:.2g} N a touch on the middle of the surface is located within {1e3 * accuracy:g} mm"
+
+
+_CALIBRATED = "the calibration of the cells says what they are"
+LOAD_CELLS = SensorKind(
+    name="load_cells",
+    called="3-axis load cells under a body",
+    table=RigLoadCells,
+    channels=(VOLTAGE,),
+    layout=load_cells_layout,
+    build=_build,
+    guess=guess_load_cells,
+    paths=("model",),
+    refused={
+        "payload": "the zero of the cells is taken at the start of the log, and nothing else hangs on them",
+        "noise": f"{_CALIBRATED}; noise in V may stand in the rig's [load_cells]",
+    },
+)

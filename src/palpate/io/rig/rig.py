@@ -1,125 +1,132 @@
-"""The rig: one TOML that a person writes, and what it builds."""
+"""The rig: one TOML that a person writes, with a table a sensor, and what it builds."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import numpy as np
-from jaxtyping import Float
-
-from palpate.contact.estimator import Estimator
-from palpate.contact.locate import Locator
+from palpate.contact.estimator import ContactEstimator
+from palpate.contact.taxel_estimator import TaxelSettings
 from palpate.errors import InputError
-from palpate.io.logs.layout import Layout, axis_matrix
-from palpate.io.models import load_toml, read_payload
-from palpate.io.rig.load_cells import RigLoadCells
+from palpate.io.logs.layout import Layout
+from palpate.io.models import load_toml
+from palpate.io.rig.kinds import KINDS, SensorKind
 from palpate.io.rig.surface import RigSurface
 from palpate.io.rig.tables import RigAcceleration, RigEstimate, RigFilter, RigForceTorque, RigOrientation, RigTime
-from palpate.io.strict import parse
-from palpate.io.units import FORCE_UNITS, TIME_UNITS, TORQUE_UNITS, to_si
-from palpate.sensors.force_torque import ForceTorque, Payload
-from palpate.sensors.load_cells import LoadCells
-from palpate.surfaces import Surface
+from palpate.io.schema import parse
+from palpate.io.units import TIME_UNITS, near, to_si
 
-__all__ = ["Rig", "build", "check_rig", "load_rig"]
+if TYPE_CHECKING:
+    from palpate.io.pipeline import OpenedLog
+
+__all__ = ["Rig", "check_rig", "load_rig"]
 
 
 @dataclass(frozen=True)
 class Rig:
-    """The whole file; `folder` is where relative paths start."""
+    """The whole file.
 
-    surface: RigSurface
-    force_torque: RigForceTorque = field(default_factory=RigForceTorque)
-    load_cells: RigLoadCells | None = None
+    Attributes:
+        surface: what is touched; None where a skin alone is the body.
+        sensors: name of a sensor's table -> what it says, as the dataclass of `palpate.io.rig.kinds.KINDS`.
+        time, orientation, acceleration, filter, estimate, contacts: the other tables.
+        folder: where relative paths start.
+    """
+
+    surface: RigSurface | None = None
+    sensors: Mapping[str, Any] = field(default_factory=lambda: {})
     time: RigTime = field(default_factory=RigTime)
     orientation: RigOrientation = field(default_factory=RigOrientation)
     acceleration: RigAcceleration = field(default_factory=RigAcceleration)
     filter: RigFilter = field(default_factory=RigFilter)
     estimate: RigEstimate = field(default_factory=RigEstimate)
+    contacts: TaxelSettings = field(default_factory=TaxelSettings)
     folder: Path = field(default_factory=Path)
 
-    def layout(self, *, bench: bool = False) -> Layout:
-        """How to read a log of this rig; of load cells with their reference, if it is of their bench."""
-        wrench, cells = self.force_torque, self.load_cells
-        count = 0 if cells is None else cells.count(None if bench or cells.model is None else cells.cells(self.folder))
-        return Layout(
-            time=self.time.column,
-            time_unit=self.time.unit,
-            wrench=wrench.columns,
-            force_unit=wrench.units.force,
-            torque_unit=wrench.units.torque,
-            axes=wrench.axes,
-            left_handed=wrench.left_handed,
-            frame=wrench.frame,
-            orientation=self.orientation.columns,
-            position=self.orientation.position,
-            acceleration=self.acceleration.columns,
-            wrench_topic=wrench.topic,
-            orientation_topic=self.orientation.topic,
-            acceleration_topic=self.acceleration.topic,
-            offset=self.orientation.offset,
-            max_gap=self.orientation.max_gap,
-            voltages=() if cells is None else cells.names(count),
-            volts=() if cells is None else cells.volts(count),
-            voltage_topic=None if cells is None else cells.topic,
-            reference=cells.reference if bench and cells is not None else (),
-        )
+    @property
+    def force_torque(self) -> RigForceTorque:
+        """The table of that sensor, its defaults where none is written."""
+        return self.sensors.get("force_torque", RigForceTorque())
 
-    def cells_path(self) -> Path | None:
-        """Of the model of load cells, if one is named."""
-        return None if self.load_cells is None else self.load_cells.path(self.folder)
+    @property
+    def kinds(self) -> tuple[SensorKind, ...]:
+        """The sensors that are stated; a six-axis force/torque sensor where none is."""
+        stated = tuple(kind for name, kind in KINDS.items() if name in self.sensors)
+        return stated or (KINDS["force_torque"],)
 
-    def cells(self) -> LoadCells:
-        """The calibrated load cells.
+    def with_sensor(self, name: str, table: object) -> Rig:
+        """The same rig with another table of a sensor."""
+        return replace(self, sensors={**self.sensors, name: table})
+
+    def kind(self, sensor: str | None = None) -> SensorKind:
+        """The sensor of this name, or the only one.
 
         Raises:
-            InputError: there are none, or they are not calibrated.
+            InputError: the rig has no such sensor, or several and none is named.
         """
-        return self._stated_cells().cells(self.folder)
+        named = {kind.name: kind for kind in self.kinds}
+        if sensor is None and len(named) == 1:
+            return next(iter(named.values()))
+        if sensor is None:
+            raise InputError(f"the rig has several sensors: {', '.join(named)}.", mend="Name one with --sensor.")
+        if sensor not in named:
+            raise InputError(f"the rig has no [{sensor}].", where="--sensor", mend=near(sensor, named))
+        return named[sensor]
 
-    def nominal_cells(self) -> LoadCells:
-        """The calibrated load cells, or what the rig says that they will be.
+    def files(self, kind: SensorKind | None = None) -> dict[str, Path]:
+        """Every file that the rig names, of one sensor or of all: what it is -> where."""
+        named: dict[str, Path] = {}
+        if self.surface is not None and self.surface.mesh is not None:
+            named["mesh"] = self.folder / self.surface.mesh
+        for one in self.kinds if kind is None else (kind,):
+            table = self.sensors.get(one.name)
+            for key in one.paths:
+                if (path := getattr(table, key, None)) is not None:
+                    named[key] = self.folder / path
+        return named
+
+    def layout(self, sensor: str | None = None) -> Layout:
+        """How to read a log of one of its sensors."""
+        return self.kind(sensor).layout(self)
+
+    def poses(self) -> dict[str, Any]:
+        """The part of a log's layout that says where the sensor is and how it moves."""
+        return {
+            "orientation": self.orientation.columns,
+            "position": self.orientation.position,
+            "acceleration": self.acceleration.columns,
+            "orientation_topic": self.orientation.topic,
+            "acceleration_topic": self.acceleration.topic,
+            "offset": self.orientation.offset,
+            "max_gap": self.orientation.max_gap,
+        }
+
+    def estimator(self, log: OpenedLog | None = None, sensor: str | None = None) -> ContactEstimator:
+        """What turns readings into contacts: the same that `palpate estimate` runs.
+
+        Args:
+            log: of `palpate.open_log`; noise, rate, tare and rest are taken from its start where the rig does not state
+                them. None: for a live loop.
+            sensor: name of the sensor's table, where there are several.
 
         Raises:
-            InputError: the rig has none, or says too little of them.
+            InputError: the rig says too little, a file that it names cannot be used, or the log does not begin at rest
+                where it should.
         """
-        return self._stated_cells().nominal(self.folder)
+        from palpate.io.pipeline import prepare  # here: it takes rigs
 
-    def _stated_cells(self) -> RigLoadCells:
-        if self.load_cells is None:
-            raise InputError("the rig has no load cells.", where="rig", mend="Add a [load_cells].")
-        return self.load_cells
-
-    def payload_path(self) -> Path | None:
-        """Of the payload model, if one is named."""
-        return None if self.force_torque.payload is None else self.folder / self.force_torque.payload
-
-    def mesh_path(self) -> Path | None:
-        """Of the mesh, if there is one."""
-        return self.folder / str(self.surface.mesh) if self.surface.kind == "mesh" else None
-
-    def payload(self) -> Payload | None:
-        """Read from its file, if one is named."""
-        path = self.payload_path()
-        return None if path is None else read_payload(path)
-
-    def sensor(self, noise: Float[np.ndarray, "6"] | None = None) -> ForceTorque:
-        """The sensor; `noise` is used where the rig states none."""
-        wrench = self.force_torque
-        stated = noise if wrench.noise is None else wrench.noise.six()
-        return ForceTorque(stated, None if wrench.range is None else wrench.range.six(), wrench.frame)
+        return prepare(self, log, sensor).estimator
 
 
-def load_rig(path: Path) -> Rig:
+def load_rig(path: str | Path) -> Rig:
     """Read a rig; what does not fit is named with the place and the nearest fit.
 
     Raises:
         InputError: not there, not TOML, a key misspelt or missing, a value of another kind or out of bounds.
     """
-    return check_rig(load_toml(path), path)
+    return check_rig(load_toml(Path(path)), Path(path))
 
 
 def check_rig(table: Mapping[str, Any], path: Path) -> Rig:
@@ -128,49 +135,26 @@ def check_rig(table: Mapping[str, Any], path: Path) -> Rig:
     Raises:
         InputError: a key misspelt or missing, a value of another kind or out of bounds.
     """
-    if "folder" in table:
-        raise InputError("unknown key 'folder'.", where=str(path))
-    if "surface" not in table:
-        raise InputError(
-            "a rig needs a [surface].", where=str(path), mend="`palpate rig new` writes one to start from."
-        )
-    rig = replace(parse(table, Rig, file=str(path)), folder=path.parent)
-    wrench = rig.force_torque
-    axis_matrix(wrench.axes, left_handed=wrench.left_handed, where=f"{path}: force_torque.axes")
-    to_si(wrench.units.force, FORCE_UNITS, where=f"{path}: force_torque.units.force")
-    to_si(wrench.units.torque, TORQUE_UNITS, where=f"{path}: force_torque.units.torque")
+    common = {each.name for each in fields(Rig)} - {"sensors", "folder"}
+    for name in table:
+        if name not in common and name not in KINDS:
+            raise InputError(f"unknown key {name!r}.", where=str(path), mend=near(name, [*common, *KINDS]))
+    shared = {name: value for name, value in table.items() if name in common}
+    sensors = dict(_sensors(table, path))
+    rig = replace(parse(shared, Rig, file=str(path)), sensors=sensors, folder=path.parent)
     to_si(rig.time.unit, TIME_UNITS, where=f"{path}: time.unit")
+    for kind in rig.kinds:
+        if rig.surface is None and kind.needs_surface:
+            raise InputError(
+                "a rig needs a [surface].", where=str(path), mend="`palpate rig new` writes one to start from."
+            )
+        kind.check(rig, path)
     return rig
 
 
-def build(
-    rig: Rig, *, surface: Surface | None = None, noise: Float[np.ndarray, "6"] | None = None, rate: float | None = None
-) -> Estimator:
-    """The estimator of a rig.
-
-    Args:
-        rig: what the user wrote.
-        surface: where it was loaded before.
-        noise: (6,) standard deviations [N, N m], used where the rig states none.
-        rate: [Hz] of the log, used where the rig states none; filters by frequency need one.
-    """
-    settings, sensor = rig.estimate, rig.sensor(noise)
-    locator = Locator(
-        rig.surface.load(rig.folder) if surface is None else surface,
-        method=settings.method,
-        friction=settings.friction,
-        torsion=settings.torsion,
-        noise=sensor.noise,
-        on=None if settings.contact is None else settings.contact.on,
-        off=None if settings.contact is None else settings.contact.off,
-    )
-    uncertain = rig.surface.pose_covariance
-    return Estimator(
-        locator,
-        sensor,
-        rig.payload(),
-        rig.surface.pose.pose(),
-        None if uncertain is None else np.asarray(uncertain),
-        filter=rig.filter.filter(),
-        rate=rig.filter.rate or rate,
-    )
+def _sensors(table: Mapping[str, Any], path: Path) -> Iterator[tuple[str, Any]]:
+    for name, kind in KINDS.items():
+        if name in table:
+            if not isinstance(table[name], dict):
+                raise InputError(f"[{name}] must be a table.", where=str(path))
+            yield name, parse(table[name], kind.table, file=str(path), key=name)

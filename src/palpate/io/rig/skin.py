@@ -1,29 +1,30 @@
-"""The rig of a taxel sheet: [skin] in place of a force/torque sensor, and what it builds."""
+"""A sheet of taxels in a rig: its table, how a log of frames is read, and what is built of it."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
-from pathlib import Path
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-import numpy as np
-
-from palpate.contact.several import Skin, SkinSettings
+from palpate.contact.taxel_estimator import TaxelEstimator
 from palpate.errors import InputError
-from palpate.io.intensity import read_intensity
-from palpate.io.logs.frames import FrameLayout
-from palpate.io.models import load_toml
-from palpate.io.rig.surface import RigSurface
-from palpate.io.rig.tables import RigForceTorque, RigTime
+from palpate.io.logs.layout import ArrayChannel, Layout
+from palpate.io.models import read_model
+from palpate.io.rig.guess_skin import guess_skin
+from palpate.io.rig.kind import Prepared, SensorKind
+from palpate.io.rig.wrench import first_seconds, noted_filter, rig_filter
 from palpate.io.skin_map import read_skin_map
-from palpate.io.strict import parse
-from palpate.io.units import TIME_UNITS, to_si
-from palpate.sensors.intensity import Curve, Intensity
-from palpate.sensors.skin import Health, Sheet
+from palpate.sensors.intensity import Intensity
+from palpate.sensors.recording import CELLS, Recording
+from palpate.sensors.skin import examine
 from palpate.sensors.skin_map import SkinMap
+from palpate.sensors.taxels import TaxelBody
 
-__all__ = ["RigSkin", "SkinRig", "build_skin", "is_skin_rig", "load_skin_rig"]
+if TYPE_CHECKING:
+    from palpate.io.rig.rig import Rig
 
-_PLAIN = Curve("polynomial", np.ones(1), np.zeros((1, 1)), largest=1.0)  # a count is taken for a newton
+__all__ = ["SKIN", "RigSkin", "rig_body", "rig_map", "rig_skin"]
+
+HEAD = 2048  # frames of the start of a log from which rest, noise and bad cells are taken
 
 
 @dataclass(frozen=True)
@@ -54,79 +55,101 @@ class RigSkin:
                 raise ValueError(f"{name} must be positive")
 
 
-@dataclass(frozen=True)
-class SkinRig:
-    """The whole file; `folder` is where relative paths start."""
-
-    skin: RigSkin
-    time: RigTime = field(default_factory=RigTime)
-    contacts: SkinSettings = field(default_factory=SkinSettings)
-    surface: RigSurface | None = None
-    force_torque: RigForceTorque = field(default_factory=RigForceTorque)
-    folder: Path = field(default_factory=Path)
-
-    def map_path(self) -> Path:
-        """Of the map."""
-        return self.folder / self.skin.map
-
-    def intensity_path(self) -> Path | None:
-        """Of the curves, if they are named."""
-        return None if self.skin.intensity is None else self.folder / self.skin.intensity
-
-    def place(self) -> SkinMap:
-        """Where the cells sit.
-
-        Raises:
-            InputError: the map cannot be read, or is of another sheet than `rows` and `columns` say.
-        """
-        found, skin = read_skin_map(self.map_path()), self.skin
-        rows, columns = skin.rows or found.rows, skin.columns or found.columns
-        if (rows, columns) != (found.rows, found.columns):
-            raise InputError(
-                f"maps {found.rows} x {found.columns} cells, but the rig's [skin] says {rows} x {columns}.",
-                where=str(self.map_path()),
-                mend="Make the map for this sheet with palpate map skin --sheet.",
-            )
-        return found
-
-    def intensity(self) -> Intensity:
-        """What readings mean; where the rig names nothing, a count is taken for a newton."""
-        path = self.intensity_path()
-        return Intensity((_PLAIN,), unit="newtons") if path is None else read_intensity(path)
-
-    def sheet(self, place: SkinMap) -> Sheet:
-        """Of the map's size."""
-        return Sheet(place.rows, place.columns, self.skin.bits or None, self.skin.masked)
-
-    def layout(self, place: SkinMap) -> FrameLayout:
-        """How to read a log of this rig."""
-        skin = self.skin
-        return FrameLayout(
-            place.rows, place.columns, self.time.column, self.time.unit, skin.cells, skin.topic, skin.rate
-        )
-
-
-def is_skin_rig(path: Path) -> bool:
-    """Whether a rig has a [skin]; what is wrong with it is said by who loads it."""
-    return "skin" in load_toml(path)
-
-
-def load_skin_rig(path: Path) -> SkinRig:
-    """Read a rig with a [skin].
+def rig_skin(rig: Rig) -> RigSkin:
+    """The table of a rig.
 
     Raises:
-        InputError: not there, not TOML, a key misspelt or missing, a value of another kind or out of bounds.
+        InputError: there is none.
     """
-    table = load_toml(path)
-    if "skin" not in table:
-        raise InputError("has no [skin].", where=str(path), mend="A rig of a taxel sheet needs one: map = FILE.")
-    if "folder" in table:
-        raise InputError("unknown key 'folder'.", where=str(path))
-    rig = replace(parse(table, SkinRig, file=str(path)), folder=path.parent)
-    to_si(rig.time.unit, TIME_UNITS, where=f"{path}: time.unit")
-    return rig
+    table = rig.sensors.get("skin")
+    if table is None:
+        raise InputError("the rig has no [skin].", where="rig", mend="A rig of a taxel sheet needs one: map = FILE.")
+    return table
 
 
-def build_skin(rig: SkinRig, place: SkinMap, health: Health) -> Skin:
-    """The chain of a rig, once the sheet at rest is known."""
-    return Skin(place, rig.intensity(), rig.sheet(place), health, rig.contacts)
+def rig_map(rig: Rig) -> SkinMap:
+    """Where the cells sit.
+
+    Raises:
+        InputError: the map cannot be read, or is of another sheet than `rows` and `columns` say.
+    """
+    table = rig_skin(rig)
+    path = rig.folder / table.map
+    found = read_skin_map(path)
+    rows, columns = table.rows or found.rows, table.columns or found.columns
+    if (rows, columns) != (found.rows, found.columns):
+        raise InputError(
+            f"maps {found.rows} x {found.columns} cells, but the rig's [skin] says {rows} x {columns}.",
+            where=str(path),
+            mend="Make the map for this sheet with palpate map skin --sheet.",
+        )
+    return found
+
+
+def _intensity(rig: Rig) -> Intensity | None:
+    """What readings mean; None: a count is taken for a newton."""
+    name = rig_skin(rig).intensity
+    return None if name is None else read_model(rig.folder / name, Intensity)
+
+
+def _layout(rig: Rig) -> Layout:
+    table, place = rig_skin(rig), rig_map(rig)
+    cells = ArrayChannel(CELLS, (place.rows, place.columns), table.cells, table.topic, table="skin")
+    return Layout(
+        time=rig.time.column, time_unit=rig.time.unit, wrench=None, arrays=(cells,), rate=table.rate, **rig.poses()
+    )
+
+
+def rig_body(rig: Rig) -> TaxelBody:
+    """The cells of the sheet on the link."""
+    table = rig_skin(rig)
+    return TaxelBody.sheet(rig_map(rig), bits=table.bits or None, masked=table.masked)
+
+
+def _build(rig: Rig, head: Recording | None) -> Prepared:
+    body, intensity, tare = rig_body(rig), _intensity(rig), rig.estimate.tare or rig_skin(rig).tare
+    health = None
+    if head is not None:
+        first = max(HEAD, 0 if tare is None else len(first_seconds(head, tare)))
+        falling = intensity is not None and intensity.curves[0].falling
+        health = examine(head.picked(slice(0, first)), body, seconds=tare, falling=falling)
+    smooth, rate = rig_filter(rig, head)
+    estimator = TaxelEstimator(
+        body,
+        intensity,
+        health,
+        settings=rig.contacts,
+        filter=smooth.filter(),
+        rate=rate,
+        mount=None if rig.surface is None else rig.surface.pose.pose(),
+    )
+    made = Prepared(estimator, said=noted_filter(smooth, rate), facts=dict(vars(rig.contacts)))
+    if tare is None:
+        made.said.append(
+            "cells at rest are found in the log itself; tare = seconds in [skin] says when nothing touches"
+        )
+    return made
+
+
+_NO_WRENCH = "cells measure no wrench"
+SKIN = SensorKind(
+    name="skin",
+    called="a sheet of taxels",
+    table=RigSkin,
+    channels=(CELLS,),
+    layout=_layout,
+    build=_build,
+    guess=guess_skin,
+    paths=("map", "intensity"),
+    refused={
+        "payload": f"{_NO_WRENCH}, so no payload is in their readings",
+        "noise": f"{_NO_WRENCH}: the noise of each cell is taken from the log",
+        "method": "contacts are where cells are pressed: there is no line of action to locate",
+        "friction": "cells feel no shear, so there is no friction to bound",
+        "torsion": "cells feel no torque about the normal",
+        "contact": "thresholds are those of each cell: on and off in [contacts], in deviations of its noise",
+        "crease": "contacts are placed on the map of the sheet, not on a mesh",
+        "mesh": "contacts are placed on the map of the sheet, not on a mesh",
+    },
+    needs_surface=False,
+)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from palpate.io.rig.tables import Three, require_path
-from palpate.io.strict import covariance_matrix
+from palpate.io.schema import covariance_matrix
 from palpate.spatial.pose import Pose
 from palpate.surfaces import (
     UNITS,

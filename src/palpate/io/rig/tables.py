@@ -8,7 +8,7 @@ from math import inf
 import numpy as np
 from jaxtyping import Float
 
-from palpate.io.strict import INFINITE
+from palpate.io.schema import INFINITE
 from palpate.sensors.filters import Butterworth, Kalman
 
 __all__ = [

@@ -1,0 +1,62 @@
+"""Speed against the targets. It depends on the machine and on what else runs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from benchmarks.measure import FACETS, FLAT, FULL, Batch, Meshes, Single, batches, singles
+from evidence.row import Row
+
+__all__ = ["rows"]
+
+COMMAND = "python -m benchmarks --only speed"
+ONE, MANY = "one query", "batch"
+
+
+def rows(small: bool) -> Iterator[Row]:
+    """20k facets, and 1M for the flat kernel; small takes 2k for both."""
+    sizes = (2_000, 2_000) if small else (20_000, 1_000_000)
+    text = f"{sizes[0] // 1000}k facets"
+    meshes = Meshes(sizes[0])
+    yield from _one(singles(meshes, 100 if small else 2_000, 0.05 if small else 0.5), text)
+    yield from _many(batches(meshes, 1_000 if small else 100_000), text)
+    large = {entry.name: entry for entry in singles(Meshes(sizes[1]), 100 if small else 2_000, 0.05 if small else 0.5)}
+    got = f"{_both(large[FLAT])}; facets only {_both(large[FACETS])}"
+    yield Row(ONE, f"flat kernel into `out`, {sizes[1]:,} facets", "<= 5 us p50", got, large[FLAT].at(50) <= 5, COMMAND)
+
+
+def _one(entries: list[Single], size: str) -> Iterator[Row]:
+    by_name = {entry.name: entry for entry in entries}
+    flat, full = by_name[FLAT], by_name[FULL]
+    target = "<= 2 us p50, <= 5 us p99"
+    got = f"{_both(flat)}; facets only {_both(by_name[FACETS])}"
+    yield Row(ONE, f"flat kernel into `out`, {size}", target, got, flat.at(50) <= 2 and flat.at(99) <= 5, COMMAND)
+    yield Row(ONE, f"full answer, smooth, h/R 0.3, {size}", "<= 10 us p50", _both(full), full.at(50) <= 10, COMMAND)
+    for name, least in (
+        ("NumPy, three products a facet", 100),
+        ("NumPy, closed form", None),
+        ("4 x 4 solves, batched", 1_000),
+        ("embreex, one ray, zero pitch", None),
+    ):
+        if name in by_name:
+            ratio = by_name[name].at(50) / flat.at(50)
+            got = f"{ratio:,.1f} x the flat kernel ({_both(by_name[name])})"
+            met = None if least is None else ratio >= least
+            yield Row(ONE, f"{name}, {size}", "" if least is None else f">= {least:,} x", got, met, COMMAND)
+
+
+def _many(entries: list[Batch], size: str) -> Iterator[Row]:
+    rate = {entry.name: entry.rate * 1e-6 for entry in entries}
+    for name, least in (("flat, h/R 0.05", 0.8), ("full, h/R 0.3", 0.2)):
+        got, target = f"{rate[name]:.2f} million/s", f">= {least} million/s a thread"
+        yield Row(MANY, f"{name}, {size}", target, got, rate[name] >= least, COMMAND)
+    if "embreex, h = 0" in rate:
+        shares = [
+            f"{name} {rate[name] / rate['embreex, h = 0']:.2f}" for name in ("flat, h = 0", "flat, facets only, h = 0")
+        ]
+        got = ", ".join(shares) + f" (embreex {rate['embreex, h = 0']:.2f} million/s)"
+        yield Row(MANY, f"ratio to embreex at zero pitch, {size}", "printed; the aim is 1", got, None, COMMAND)
+
+
+def _both(entry: Single) -> str:
+    return f"p50 {entry.at(50):.2f} us, p99 {entry.at(99):.2f} us"

@@ -1,0 +1,114 @@
+"""Start: how long an import takes, and that nothing compiles inside a loop."""
+
+from __future__ import annotations
+
+import json
+import os
+import pty
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from statistics import median
+from tempfile import TemporaryDirectory
+
+from evidence.row import Row
+from palpate.simulation import simulate_session, write_session
+
+__all__ = ["rows"]
+
+COMMAND = "python -m benchmarks --only start"
+NAME = "start"
+IMPORT = "import time; t = time.perf_counter(); import palpate; print(time.perf_counter() - t)"
+FIRST = """
+import json, time
+import numpy as np, palpate
+from palpate.simulation import Ellipsoid
+
+mesh = palpate.Mesh.from_arrays(*Ellipsoid((0.010, 0.007, 0.005)).mesh(20_000))
+begin = time.perf_counter()
+locator = palpate.Locator(mesh, noise=[0.02] * 3 + [0.001] * 3)
+took = {"ready": time.perf_counter() - begin}
+wrench, out = np.array([0.5, 0.0, -5.0, 0.0, 0.001, 0.001]), locator.empty()
+locked = wrench.copy()
+locked.flags.writeable = False
+column = np.zeros((6, 2))
+column[:, 0] = wrench
+many = np.tile(wrench, (10, 1))
+calls = {
+    "locator(wrench, out)": lambda: locator(wrench, out),
+    "again": lambda: locator(wrench, out),
+    "run": lambda: locator.run(many),
+    "run with covariances": lambda: locator.run(many, np.tile(np.eye(6) * 1e-4, (10, 1, 1))),
+    "candidates": lambda: locator.candidates(wrench),
+    "a read-only wrench": lambda: locator(locked, out),
+    "a column of a log": lambda: locator(column[:, 0], out),
+}
+for name, call in calls.items():
+    begin = time.perf_counter()
+    try:
+        call()
+        took[name] = time.perf_counter() - begin
+    except Exception as refusal:
+        took[name] = f"{type(refusal).__name__}: {refusal}"[:100]
+print(json.dumps(took))
+"""
+
+
+def rows(small: bool) -> Iterator[Row]:
+    """Import, then the first queries of a process; in full also with an empty cache of compiled code."""
+    times = [float(_python(IMPORT)) for _ in range(3 if small else 7)]
+    got = f"{median(times):.2f} s (median of {len(times)} processes; {min(times):.2f} to {max(times):.2f})"
+    yield Row(NAME, "importing palpate", "<= 0.5 s", got, median(times) <= 0.5, COMMAND)
+    yield _first("compiled before (cached)", None)
+    if not small:
+        with TemporaryDirectory() as empty:
+            yield _first("never compiled before (empty cache)", empty)
+            yield _said()
+
+
+def _python(code: str, cache: str | None = None) -> str:
+    surroundings = dict(os.environ) if cache is None else {**os.environ, "NUMBA_CACHE_DIR": cache}
+    return subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, env=surroundings
+    ).stdout
+
+
+def _first(what: str, cache: str | None) -> Row:
+    took = json.loads(_python(FIRST, cache))
+    ready, slow = took.pop("ready"), {}
+    for name, value in took.items():
+        if isinstance(value, float) and value > 0.05:
+            slow[name] = f"{value:.1f} s"
+    first, again = took["locator(wrench, out)"], took["again"]
+    got = f"Locator ready in {ready:.1f} s; first query {1e6 * first:.0f} us, second {1e6 * again:.0f} us"
+    got += "; nothing compiled later" if not slow else f"; compiled inside: {slow}"
+    return Row(NAME, f"{what}: no compilation after Locator()", "no first call > 50 ms", got, not slow, COMMAND)
+
+
+def _said() -> Row:
+    """The word to the user, on a terminal, while `palpate estimate` compiles."""
+    with TemporaryDirectory() as folder:
+        write_session(simulate_session(touches=2, facets=320), Path(folder))
+        main, end = pty.openpty()
+        command = [sys.executable, "-m", "palpate", "estimate", "touches.csv"]
+        command += ["--mesh", "probe.stl", "--unit", "mm", "-o", "contacts.csv"]
+        done = subprocess.Popen(command, cwd=folder, stdout=subprocess.DEVNULL, stderr=end)
+        os.close(end)
+        heard = b""
+        while True:
+            try:
+                piece = os.read(main, 4096)
+            except OSError:  # the other end is closed
+                break
+            if not piece:
+                break
+            heard += piece
+        done.wait()
+        os.close(main)
+    lines = [
+        line.strip() for line in heard.decode(errors="replace").replace("\r", "\n").splitlines() if "compil" in line
+    ]
+    return Row(
+        NAME, "`palpate estimate` on a terminal says that it compiles", "a word", " ".join(lines), bool(lines), COMMAND
+    )

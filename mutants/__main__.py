@@ -1,0 +1,123 @@
+"""`python -m mutants [--only TEXT] [--jobs N] [--list]`: turn the stated faults on one by one and run their tests.
+
+Everything is compiled once; each fault is turned on in a forked process of its own, which runs the tests of the fault's
+room until one fails. A fault that no test notices says which test is missing.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import signal
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+from mutants.build import ROOT, import_with_faults, sources
+from mutants.fault import Fault
+from mutants.faults import FAULTS
+
+LIMIT = 900.0  # s: beyond it a fault has made something endless, which is noticed
+WANTED = 0.95
+
+
+def main() -> int:
+    """0 when enough of the faults are noticed."""
+    parser = argparse.ArgumentParser(prog="python -m mutants", description=__doc__)
+    parser.add_argument("--only", default="", help="faults with this in their file or words, or a number")
+    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="processes at a time")
+    parser.add_argument("--list", action="store_true", help="say what there is and where, and run nothing")
+    options = parser.parse_args()
+    chosen = [k for k, fault in enumerate(FAULTS, start=1) if _meant(k, fault, options.only)]
+    if options.list:
+        sources(FAULTS)  # each stands where it says
+        for k in chosen:
+            print(f"{k:4}  {FAULTS[k - 1].file}: {FAULTS[k - 1].what}")
+        return 0
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    os.chdir(ROOT)
+    import_with_faults(FAULTS)
+    tests = sorted({test for k in chosen for test in FAULTS[k - 1].tests})
+    [(sound, took, output)] = _run([(0, tests)], 1)
+    if sound != 0:
+        print(output, "\nWithout any fault the tests fail; nothing is learnt from them.", file=sys.stderr)
+        return 2
+    print(f"without a fault the tests pass, in {took:.0f} s; {len(chosen)} faults follow", flush=True)
+    found = _run([(k, list(FAULTS[k - 1].tests)) for k in chosen], options.jobs)
+    missed = [k for k, (code, _, _) in zip(chosen, found, strict=True) if code == 0]
+    share = 1.0 - len(missed) / max(1, len(chosen))
+    print(
+        f"\n{len(chosen) - len(missed)} of {len(chosen)} faults noticed, {share:.1%}" + "; not noticed:" * bool(missed)
+    )
+    for k in missed:
+        fault = FAULTS[k - 1]
+        print(f"{k:4}  {fault.file}: {fault.what}: {fault.original}  ->  {fault.faulty}  ({' '.join(fault.tests)})")
+    return int(share < WANTED)
+
+
+def _meant(number: int, fault: Fault, text: str) -> bool:
+    return text == str(number) or (not text.isdigit() and text in f"{fault.file} {fault.what}")
+
+
+def _run(work: Sequence[tuple[int, list[str]]], jobs: int) -> list[tuple[int, float, str]]:
+    """Of each fault and its tests: the exit code of pytest (0: not noticed), seconds, and what was said."""
+    waiting, running = list(enumerate(work)), dict[int, tuple[int, float, Path]]()
+    results: list[tuple[int, float, str]] = [(0, 0.0, "")] * len(work)
+    while waiting or running:
+        while waiting and len(running) < jobs:
+            at, (number, tests) = waiting.pop(0)
+            said = Path(tempfile.mkstemp(prefix="mutant")[1])
+            running[_forked(number, tests, said)] = (at, time.monotonic(), said)
+        time.sleep(0.05)
+        for process, (at, begin, said) in list(running.items()):
+            took = time.monotonic() - begin
+            done, status = os.waitpid(process, os.WNOHANG)
+            if not done and took > LIMIT:
+                os.kill(process, signal.SIGKILL)
+            if done:
+                code = os.waitstatus_to_exitcode(status)
+                results[at] = (code, took, said.read_text(errors="replace"))
+                said.unlink()
+                del running[process]
+                _tell(work[at][0], code, took, results[at][2])
+    return results
+
+
+def _forked(number: int, tests: list[str], said: Path) -> int:
+    """The process that turns a fault on and runs its tests."""
+    if process := os.fork():
+        return process
+    import pytest  # the parent has it already
+
+    from mutants.switch import turn_on
+
+    with said.open("w") as file:
+        os.dup2(file.fileno(), 1)
+        os.dup2(file.fileno(), 2)
+        turn_on(number)
+        quiet = ["-q", "--no-header", "-p", "no:cacheprovider", "-W", "ignore::pytest.PytestAssertRewriteWarning"]
+        code = pytest.main(["-x", *quiet, *tests])  # the warning: plugins were imported before the fork
+        sys.stdout.flush()
+    os._exit(int(code))
+
+
+def _tell(number: int, code: int, took: float, output: str) -> None:
+    if number == 0:
+        return
+    if code in (4, 5):  # a wrong call, no tests
+        print(output, file=sys.stderr)
+        raise SystemExit(f"pytest did not run for fault {number}: {code}")
+    names = [line.split(" ")[1] for line in output.splitlines() if line.startswith(("FAILED ", "ERROR "))]
+    by = names[0] if names else f"it ended with {code}"
+    fault = FAULTS[number - 1]
+    print(
+        f"{number:4}  {'NOT NOTICED' if code == 0 else 'noticed':11}  {took:5.1f} s  {fault.file}: {fault.what}"
+        + ("" if code == 0 else f"  [{by}]"),
+        flush=True,
+    )
+
+
+if __name__ == "__main__":
+    sys.exit(main())

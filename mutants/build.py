@@ -1,0 +1,58 @@
+"""The package, imported once with all of its faults in it, as the tests import it: with shapes and types enforced."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib
+import os
+import sys
+from importlib.machinery import SourceFileLoader
+from pathlib import Path
+
+from mutants.fault import PACKAGE, Fault, written
+
+__all__ = ["import_with_faults", "sources"]
+
+ROOT = PACKAGE.parents[1]
+CACHE = ROOT / ".cache" / "mutants"
+USED = ("hypothesis", "mcap.writer", "rosbags.rosbag2", "scipy.optimize", "scipy.signal", "trimesh")  # by many tests
+
+
+def sources(faults: list[Fault]) -> dict[str, bytes]:
+    """Files with faults in them, by their path."""
+    files: dict[str, list[tuple[int, Fault]]] = {}
+    for number, fault in enumerate(faults, start=1):
+        files.setdefault(fault.file, []).append((number, fault))
+    made = {file: written((PACKAGE / file).read_text(encoding="utf-8"), some) for file, some in files.items()}
+    return {str(PACKAGE / file): text.encode() for file, text in made.items()}
+
+
+def import_with_faults(faults: list[Fault]) -> None:
+    """Import every module of the package, those with faults as `written`; machine code has a cache of its own."""
+    made = sources(faults)
+    digest = hashlib.sha256(b"".join(made[path] for path in sorted(made)))
+    for file in sorted(PACKAGE.rglob("*.py")):
+        digest.update(file.read_bytes())
+    folder = CACHE / digest.hexdigest()[:16]
+    folder.mkdir(parents=True, exist_ok=True)
+    os.environ["NUMBA_CACHE_DIR"] = str(folder / "numba")
+    _read_instead(made)
+    sys.path[:0] = [str(ROOT), str(PACKAGE.parent), str(ROOT / "tests")]
+    importlib.import_module("conftest")  # enforces shapes and types of what is imported from now on
+    sys.pycache_prefix = str(folder / "pyc")
+    for file in sorted(PACKAGE.rglob("*.py")):
+        parts = file.relative_to(PACKAGE.parent).with_suffix("").parts
+        if parts[-1] != "__main__":
+            importlib.import_module(".".join(parts[:-1] if parts[-1] == "__init__" else parts))
+    for name in USED:
+        importlib.import_module(name)
+
+
+def _read_instead(made: dict[str, bytes]) -> None:
+    """Let Python's loader read these in place of the files."""
+    usual = SourceFileLoader.get_data
+
+    def get_data(self: SourceFileLoader, path: str) -> bytes:
+        return made.get(str(Path(path)), b"") or usual(self, path)
+
+    SourceFileLoader.get_data = get_data

@@ -1,0 +1,16 @@
+"""The stated faults, a file a room. A file that moves takes a new path here; a fault that is mended away goes."""
+
+from mutants.fault import Fault
+from mutants.faults import calibration, contact, evaluation, io, sensors, spatial, surfaces
+
+__all__ = ["FAULTS"]
+
+FAULTS: list[Fault] = [
+    *spatial.FAULTS,
+    *surfaces.FAULTS,
+    *sensors.FAULTS,
+    *contact.FAULTS,
+    *calibration.FAULTS,
+    *evaluation.FAULTS,
+    *io.FAULTS,
+]

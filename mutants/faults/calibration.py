@@ -1,0 +1,66 @@
+"""Payload, mounting and clock from logs."""
+
+from mutants.fault import Fault, of
+
+__all__ = ["FAULTS"]
+
+PAYLOAD = "tests/calibration/test_payload.py"
+
+FAULTS: list[Fault] = [
+    *of(
+        "calibration/_payload_fit.py",
+        PAYLOAD,
+        (
+            "the measured force as the torque's regressor",
+            "rotations.swapaxes(-1, -2) @ weight",
+            "wrenches[:, :3] - solution[-3:]",
+            "two_stage",
+        ),
+        ("residuals of a fit for noise", "np.sqrt(count / free)", "np.sqrt(free / free)"),
+        ("covariance not widened by the fit", "inverse @ middle @ inverse.T", "inverse"),
+        ("samples are set aside too early", "CUTOFF * _spread(residuals, floor)", "2.0 * _spread(residuals, floor)"),
+        ("touches are not set aside", "CUTOFF * _spread(residuals, floor)", "1e6 * _spread(residuals, floor)"),
+        ("the torque says something of the weight", "instruments[:, 3:, mask] = 0.0", "pass"),
+        (
+            "gravity's direction is free though given",
+            "solution[0] * direction",
+            "solution[0] * np.array([0.0, 0.0, 1.0])",
+        ),
+    ),
+    *of(
+        "calibration/payload.py",
+        PAYLOAD,
+        ("reflections pass", "np.linalg.det(proper) < 0", "np.linalg.det(proper) < -2"),
+        ("rows beyond any sensor count", "np.abs(rows) <= LARGEST", "np.isfinite(rows)"),
+        ("a far centre is not said", "far <= FAR", "far <= 1e9"),
+    ),
+    *of(
+        "calibration/clock.py",
+        "tests/calibration/test_clock.py",
+        ("the offset's sign", "self.time - offset", "self.time + offset"),
+        (
+            "residuals are taken as independent",
+            "np.sqrt(max(alike, float(np.sum((weights * along) ** 2))))",
+            "np.sqrt(float(np.sum((weights * along) ** 2)))",
+        ),
+        (
+            "touches weigh as much as the rest",
+            "1.0 / (1.0 + np.sum(residual**2, axis=1) / (CAUCHY * scale) ** 2)",
+            "np.ones(len(residual))",
+        ),
+        ("an offset at the edge is an answer", "best in (0, len(grid) - 1)", "best < 0"),
+        ("what hardly turns is an answer", "not deviation < FLAT", "False"),
+        ("averages over gaps", "np.abs(times[:, -1] - times[:, 0]) <= 2 * each * usual", "np.isfinite(times[:, -1])"),
+    ),
+    *of(
+        "calibration/_pose_fit.py",
+        "tests/calibration/test_mounting.py",
+        (
+            "a far touch pulls as hard as any",
+            "np.minimum(1.0, USUAL * scale / np.maximum(distances, 1e-12))",
+            "np.minimum(1.0, USUAL * scale / np.minimum(distances, 1e-12))",
+        ),
+        ("the prior's deviation for its variance", "np.diag(1 / sizes**2)", "np.diag(1 / sizes)"),
+        ("the turn is taken the other way", "pose.rotation @ initial.rotation.T", "initial.rotation @ pose.rotation.T"),
+    ),
+]

@@ -1,0 +1,122 @@
+"""From a wrench to a contact: choice, status, covariance, distance from the bounds; and what comes before it."""
+
+from mutants.fault import Fault, of
+
+__all__ = ["FAULTS"]
+
+FAULTS: list[Fault] = [
+    *of(
+        "contact/_kernel.py",
+        "tests/contact/test_locate.py tests/contact/test_uncertainty.py tests/contact/test_residual.py",
+        ("what is met last comes first", "return gap < 0.0", "return gap > 0.0", "_better"),
+        (
+            "the larger friction angle comes first",
+            "found[i, 4] < found[j, 4]",
+            "found[i, 4] > found[j, 4]",
+            "_better",
+        ),
+        (
+            "the torsion is bound by |F|",
+            "settings[TORSION] * abs(pressing)",
+            "settings[TORSION] * np.sqrt(dot(wrench[:3], wrench[:3]))",
+            "_choose",
+        ),
+        ("the friction is not bound", "found[i, 4] <= settings[FRICTION]", "found[i, 4] >= 0.0", "_choose"),
+        ("the candidate furthest from the last", "gap < nearest", "gap > nearest or best < 0", "_choose"),
+        (
+            "the sign of the cross term in the ellipse",
+            "spread[1, 1] * x * x - 2.0 * spread[0, 1] * x * y",
+            "spread[1, 1] * x * x + 2.0 * spread[0, 1] * x * y",
+        ),
+        ("chi-square of one degree of freedom", "square > _CHI2_95", "square > 3.84"),
+        (
+            "a candidate on the other side is not ambiguous",
+            "z * z > _CHI2_95 * (spread[0, 0] + spread[1, 1])",
+            "z * z < 0.0",
+        ),
+        ("no hysteresis", "force < settings[OFF]", "force < settings[ON]", "_gate"),
+        ("the last contact is forgotten", "state[HAS_PREVIOUS] = 1.0", "pass", "estimate"),
+        ("the last contact is kept after it lifts", "state[HAS_PREVIOUS] = 0.0", "pass", "estimate"),
+        (
+            "covariance without its cross terms",
+            "t[a, i] * spread[a, c] * t[c, j]",
+            "t[a, i] * spread[a, c] * t[c, j] if a == c else 0.0",
+        ),
+        ("samples out of sequence know each other", "state[:] = start", "pass", "estimate_many"),
+        ("one covariance for all samples", "len(noises) > 1", "len(noises) > 1000000", "estimate_many"),
+        ("torsion about the sensor", "dot(wrench[3:], n) - dot(work, n)", "dot(wrench[3:], n)", "_torsion"),
+        ("implausible candidates count", "row[_CANDIDATES] = plausible", "row[_CANDIDATES] = count"),
+    ),
+    *of(
+        "contact/_bounds.py",
+        "tests/contact/test_residual.py",
+        (
+            "the slope of the torsion's bound",
+            "sign * (dboth - tau * dpress) / pressing + settings[TORSION] * dpress",
+            "sign * (dboth - tau * dpress) / pressing - settings[TORSION] * dpress",
+        ),
+        ("the way onto the friction cone", "(normal + mu * slip) / (1.0 + mu * mu)", "normal + 0.0 * mu"),
+        ("torsion bound by what pressed before", "settings[TORSION] * grip", "settings[TORSION] * slip"),
+        (
+            "the moment of a force at the point",
+            "rows[a, k], rows[a, 3 + k] = -work[k], t[a, k]",
+            "rows[a, k], rows[a, 3 + k] = work[k], t[a, k]",
+        ),
+        ("a squared distance", "np.sqrt(max(0.0, total))", "max(0.0, total)", "_metric"),
+        (
+            "the nearest of all steps is not kept",
+            "min(best, distance)",
+            "max(distance, best if best < np.inf else 0.0)",
+        ),
+    ),
+    *of(
+        "contact/_slopes.py",
+        "tests/contact/test_uncertainty.py tests/laws/test_equation_laws.py",
+        (
+            "the sign of the curvature's share",
+            "dot(across[a], work) - soft * tau * shape[a, c]",
+            "dot(across[a], work) + soft * tau * shape[a, c]",
+        ),
+        (
+            "the sign of the pitch's share",
+            "work[k] + pitch * across[a, k]",
+            "work[k] - pitch * across[a, k]",
+        ),
+        ("the torque's noise is left out", "right[a, 3 + k] = -across[a, k]", "right[a, 3 + k] = 0.0"),
+        ("a row of the sandwich", "half[k] * right[j, k]", "half[k] * right[i, k]", "sandwich"),
+    ),
+    *of(
+        "contact/_chain.py",
+        "tests/contact/test_estimator.py tests/contact/test_stream.py",
+        ("inertia pushes the wrong way", "-load[_MASS] * acceleration[k]", "load[_MASS] * acceleration[k]"),
+        ("a reading at its range is not saturated", "abs(wrench[k]) >= limits[k]", "abs(wrench[k]) > limits[k]"),
+        (
+            "the centre's error is left out",
+            "error[3 + k] += moment[k] + doubt[9 + k]",
+            "error[3 + k] += doubt[9 + k]",
+        ),
+        (
+            "the tare's error is left out",
+            "kept * constant[0, a, b] + constant[1, a, b]",
+            "kept * constant[0, a, b]",
+        ),
+        (
+            "the sensor's noise is left out",
+            "kept * constant[0, a, b]",
+            "0.0 * constant[0, a, b]",
+        ),
+        ("the filter's share is left out", "_row(share, i)", "_row(share, i) ** 0.0"),
+        ("a deviation for a variance", "jolt * jolt * constant[2, a, b]", "jolt * constant[2, a, b]"),
+        ("a shift of the mounting makes no torque", "error[3 + k] += moment[k]", "pass", "_mounting_errors"),
+        (
+            "the mass's error under acceleration is left out",
+            "rotation[j, k] - acceleration[k] * load[_SLOPE + j] - mean[k, j]",
+            "rotation[j, k] - mean[k, j]",
+        ),
+        (
+            "what a tare took off is still doubted",
+            "rotation[j, k] - acceleration[k] * load[_SLOPE + j] - mean[k, j]",
+            "rotation[j, k] - acceleration[k] * load[_SLOPE + j]",
+        ),
+    ),
+]

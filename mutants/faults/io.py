@@ -1,0 +1,43 @@
+"""Files in and out."""
+
+from mutants.fault import Fault, of
+
+__all__ = ["FAULTS"]
+
+CONTACTS = "tests/io/test_contacts_csv.py tests/io/test_contacts_files.py"
+
+FAULTS: list[Fault] = [
+    *of(
+        "io/contacts/rows.py",
+        CONTACTS,
+        ("half a covariance is read", "covariance[:, *_UPPER[::-1]] = variances", "covariance[:, *_UPPER[::-1]] = 0.0"),
+        (
+            "an answered row with half a point passes",
+            "np.isfinite(estimate.point).all(axis=1)",
+            "np.isfinite(estimate.point).any(axis=1)",
+        ),
+        ("normal for force", "vectors[:, 6:9].copy()", "vectors[:, 3:6].copy()"),
+    ),
+    *of(
+        "io/contacts/csv.py",
+        CONTACTS,
+        ("a cut line is a row", 'text.rpartition(b"\\n") if torn else (text, b"", b"")', '(text, b"", b"")'),
+        ("samples that are no whole numbers pass", "whole == np.rint(whole)", "np.isfinite(whole)"),
+    ),
+    *of(
+        "io/strict.py",
+        "tests/io/test_models.py tests/io/test_rig.py",
+        (
+            "covariances that are not symmetric pass",
+            "np.abs(matrix_of_one - matrix_of_one.T).max() > _ROUNDING",
+            "False",
+        ),
+        ("negative variances pass", "np.linalg.eigvalsh(matrix_of_one).min() < -_ROUNDING", "False"),
+        ("infinity where a number is asked for", "infinite and value in (inf, -inf)", "value in (inf, -inf)"),
+    ),
+    *of(
+        "io/units.py",
+        "tests/io",
+        ("units with a space are unknown", "_squeezed(unit)", "unit", "to_si"),
+    ),
+]

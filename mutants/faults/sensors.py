@@ -1,0 +1,57 @@
+"""Payload, filters, noise."""
+
+from mutants.fault import Fault, of
+
+__all__ = ["FAULTS"]
+
+FAULTS: list[Fault] = [
+    *of(
+        "sensors/_filters.py",
+        "tests/sensors/test_filters.py",
+        ("a gap does not start the filter afresh", "step < 0.0 or step > gap", "step < 0.0"),
+        ("time that steps back does not", "step < 0.0 or step > gap", "step > gap"),
+        ("the start is not at rest", "start[s, 1] * x[c]", "0.0 * x[c]"),
+        ("the gain is settled from the start", "gains[min(age[i], len(gains) - 1)]", "gains[len(gains) - 1]"),
+        ("a refused sample counts", "age[i] = -1", "age[i] = 0"),
+    ),
+    *of(
+        "sensors/force_torque.py",
+        "tests/sensors/test_force_torque.py",
+        ("inertia pushes the wrong way", "weight - self.mass * accelerations", "weight + self.mass * accelerations"),
+        (
+            "the mass's error does not reach the torque",
+            "skew(self.center_of_mass) @ jacobian_weight",
+            "skew(self.center_of_mass) @ transposed",
+        ),
+        ("the centre's error is left out", "jacobian[..., 3:, 6:9] = -skew(weight)", "pass"),
+        (
+            "a reading at its range is not saturated",
+            "np.abs(wrenches) >= self.limits",
+            "np.abs(wrenches) > self.limits",
+        ),
+        (
+            "the torque is about the wrong point",
+            "np.cross(self.center_of_mass, weight)",
+            "np.cross(weight, self.center_of_mass)",
+        ),
+    ),
+    *of(
+        "sensors/noise.py",
+        "tests/sensors tests/cli/test_inspect_spectrum.py",
+        (
+            "readings that repeat count",
+            "np.isfinite(steps).all(axis=1) & (steps != 0).any(axis=1)",
+            "np.isfinite(steps).all(axis=1)",
+        ),
+        ("a step for a reading", "np.median(np.abs(steps), axis=0) / _MEDIAN_STEP", "np.median(np.abs(steps), axis=0)"),
+    ),
+    *of(
+        "sensors/correlation.py",
+        "tests/sensors",
+        (
+            "correlation counted on one side",
+            "2.0 * np.sum(pairs * reached, axis=0) - 1.0",
+            "np.sum(pairs * reached, axis=0)",
+        ),
+    ),
+]

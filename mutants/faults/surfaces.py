@@ -1,0 +1,77 @@
+"""Trees, patches, equations and normals."""
+
+from mutants.fault import Fault, of
+
+__all__ = ["FAULTS"]
+
+TREE = "tests/surfaces/test_bvh.py tests/laws/test_location_laws.py"
+
+FAULTS: list[Fault] = [
+    *of(
+        "surfaces/_patch.py",
+        TREE,
+        ("contacts outside their patch", "u >= _INSIDE", "u >= -0.02", "solve_patch"),
+        ("contacts outside their facet", "s2 >= _INSIDE", "s2 >= -0.02", "_within"),
+        (
+            "a sign in the square of the pitch",
+            "pitch * pitch * (gj0 * gk1 - gk0 * gj1)",
+            "pitch * pitch * (gj0 * gk1 + gk0 * gj1)",
+        ),
+        ("the shift goes the wrong way", "pitch / facing", "-pitch / facing"),
+        ("the normal at a vertex", "mz - (x * fy - y * fx)", "mz + (x * fy - y * fx)"),
+        ("one root of a cubic only", "count == 3", "count == 1", "_roots"),
+    ),
+    *of(
+        "surfaces/_bvh.py",
+        TREE,
+        ("one contact twice, from two patches", "apart < 1e-14 and turned < 1e-12", "apart < 0.0"),
+        ("boxes are widened by half the reach", "abs(pitch) * tan_limit", "0.5 * abs(pitch) * tan_limit"),
+        (
+            "patches are left out where a corner faces away",
+            "c0 >= 0.0 and c1 >= 0.0 and c2 >= 0.0",
+            "c0 >= 0.0 or c1 >= 0.0 or c2 >= 0.0",
+        ),
+        ("the wrench axis is shifted too", "pitch *= soft", "pass"),
+        ("the limit of the angle is not kept", "tangent > tan_limit", "tangent > 2.0 * tan_limit", "_keep"),
+        ("cones are cut off too early", "cos_limit - cos_t * cos_a - rounding", "cos_limit - cos_t * cos_a + 0.1"),
+    ),
+    *of(
+        "surfaces/_nearest.py",
+        "tests/surfaces tests/laws/test_surface_laws.py tests/contact/test_residual.py",
+        (
+            "height over the facet does not count",
+            "_origin_to_triangle(q, out) + height * height",
+            "_origin_to_triangle(q, out)",
+        ),
+        (
+            "sides of a triangle go on for ever",
+            "min(1.0, max(0.0, -(q[i, 0] * dx + q[i, 1] * dy) / square))",
+            "-(q[i, 0] * dx + q[i, 1] * dy) / square",
+        ),
+        (
+            "the nearest point is looked for on facets that face away",
+            "fx * _sum(row, 3) + fy * _sum(row, 4) + fz * _sum(row, 5) >= 0.0",
+            "fx * _sum(row, 3) + fy * _sum(row, 4) + fz * _sum(row, 5) <= 0.0",
+        ),
+        ("the nearest child hides the others", "gaps[depth] >= best", "gaps[depth] >= 0.5 * best"),
+    ),
+    *of(
+        "surfaces/_normals.py",
+        "tests/surfaces tests/laws/test_surface_laws.py",
+        (
+            "normals at corners are plain means",
+            "normals[:, None, :] * _corner_angles(vertices, faces)[:, :, None]",
+            "np.repeat(normals[:, None, :], 3, axis=1)",
+        ),
+        (
+            "creases of twice the angle are smooth",
+            "np.cos(max(crease, 0.0) + 1e-6)",
+            "np.cos(2.0 * max(crease, 0.0) + 1e-6)",
+        ),
+    ),
+    *of(
+        "surfaces/_band.py",
+        "tests/surfaces tests/calibration/test_skin_map.py",
+        ("what is not positive is solved", "not pivot > 0.0", "pivot == 0.0"),
+    ),
+]

@@ -1,0 +1,218 @@
+"""`palpate evaluate` against another instrument: a force/torque sensor that carries the body, or a tracked wand."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from palpate.cli.console import lines, note, table, title
+from palpate.contact.contacts import Contacts
+from palpate.errors import InputError
+from palpate.evaluation.errors import ErrorSummary
+from palpate.evaluation.instruments import (
+    InstrumentReport,
+    Reference,
+    judge,
+    map_mesh,
+    perfect,
+    touches_of,
+    wand_points,
+    wrench_points,
+)
+from palpate.evaluation.matching import nearest_in_time
+from palpate.io.atomic import keep_inputs, write_text
+from palpate.io.rig import Rig, load_rig
+from palpate.io.rig.skin import rig_map
+from palpate.io.tables.table import Table, read_table
+from palpate.spatial.pose import rotation_from_quaternion
+from palpate.surfaces.mesh import Mesh
+from palpate.viewer.maps import sheet_map
+from palpate.viewer.report import Report, Section, Tile, picture, render, require_report
+from palpate.viewer.report import Table as Cells
+
+__all__ = ["WAND", "WRENCH", "evaluate_instrument"]
+
+WRENCH = ("fx", "fy", "fz", "tx", "ty", "tz")
+WAND = ("x", "y", "z", "qx", "qy", "qz", "qw")
+
+
+def evaluate_instrument(
+    contacts: tuple[Path, Contacts],
+    truth: Path,
+    rig_path: Path,
+    *,
+    wand: tuple[Path, str] | None,
+    tolerance: float,
+    output: Path | None,
+) -> None:
+    """Compare touches, as medians, with what the columns of `truth` say: a wrench, or poses of a wand.
+
+    Args:
+        contacts: the file, and what is in it.
+        truth: table of the instrument.
+        rig_path: of the body.
+        wand: its mesh and the mesh's unit.
+        tolerance: [s] around the time of a touch.
+        output: page to write.
+    """
+    path, found = contacts
+    rig = load_rig(rig_path)
+    if output is not None:
+        keep_inputs(output, (path, truth, rig_path, None if wand is None else wand[0]))
+        require_report()
+    touches, alone = touches_of(found)
+    if not len(touches):
+        raise InputError("no touch lasts three samples or more.", where=str(path))
+    surface, of = _surface(rig)
+    reference = _reference(read_table(truth), (touches, alone), (surface, rig), wand, tolerance)
+    if all(reference.refused):
+        raise InputError(
+            f"none of {len(touches)} touches can be compared; the first: {reference.refused[0]}.", where=str(truth)
+        )
+    judged = judge(touches, reference)
+    pitch = rig_map(rig).pitch if "skin" in rig.sensors else None
+    title(f"{path} against {truth}, {reference.name}")
+    lines(_facts(judged, touches, pitch))
+    table(("", "mean", "median", "95 %", "worst", "count"), _summaries(judged))
+    note([of, *_refusals(judged, touches)])
+    if output is not None:
+        names = f"{path.name} against {truth.name}"
+        write_text(output, render(_page(names, judged, touches, pitch, of)))
+
+
+def _surface(rig: Rig) -> tuple[Mesh, str]:
+    """Of the body: the rig's, or else the map of its sheet."""
+    if rig.surface is None:
+        return map_mesh(rig_map(rig)), "the rig has no [surface]: the sensing layer of the map stands for the body"
+    return rig.surface.load(rig.folder).drawn(), "lines and wand are met with the rig's [surface]"
+
+
+def _reference(
+    known: Table,
+    touches: tuple[Contacts, np.ndarray],
+    body: tuple[Mesh, Rig],
+    wand: tuple[Path, str] | None,
+    tolerance: float,
+) -> Reference:
+    """What the columns of the truth are."""
+    (found, alone), (surface, rig) = touches, body
+    if set(WRENCH) <= set(known.names):
+        values = _at(known, WRENCH, found.time, tolerance)
+        turn = None if rig.surface is None else rig.surface.pose.pose()  # T_sensor_surface
+        wrenches = values if turn is None else values @ turn.inverse().wrench_matrix().T
+        return wrench_points(surface, wrenches, alone=alone)
+    if wand is None:
+        raise InputError(
+            "has poses of a wand, but its shape is not given.",
+            where=str(known.path),
+            mend="Add --wand wand.stl --wand-unit mm.",
+        )
+    poses = _at(known, WAND, found.time, tolerance)
+    lost = np.asarray(np.isnan(poses).any(axis=1))
+    rotation = rotation_from_quaternion(np.where(lost[:, None], [0, 0, 0, 1.0], poses[:, 3:]))
+    vertices = Mesh.load(wand[0], unit=wand[1]).vertices
+    return wand_points(surface, vertices, rotation, np.where(lost[:, None], np.nan, poses[:, :3]))
+
+
+def _at(known: Table, columns: tuple[str, ...], times: np.ndarray, tolerance: float) -> np.ndarray:
+    """Medians of what is within the tolerance of each time; NaN where there is nothing."""
+    values, _ = known.numbers(("time", *columns))
+    if not (nearest_in_time(times, values[:, 0], tolerance) >= 0).any():
+        raise InputError(
+            "no row lies at the time of a touch.",
+            where=str(known.path),
+            mend="Both must be on one clock; --tolerance widens the match.",
+        )
+    found = np.full((len(times), len(columns)), np.nan)
+    for k, time in enumerate(times):
+        near = values[np.abs(values[:, 0] - time) <= tolerance, 1:]
+        near = near[np.isfinite(near).all(axis=1)]
+        if len(near):
+            found[k] = np.median(near, axis=0)
+    return found
+
+
+def _facts(judged: InstrumentReport, touches: Contacts, pitch: tuple[float, float] | None) -> list[tuple[str, str]]:
+    along = ", ".join(f"{1e3 * error:.2f}" for error in judged.along)
+    paper, compared = judged.paper_position, len(touches) - sum(map(bool, judged.reference.refused))
+    said = [
+        ("touches", f"{len(touches)}, of which {compared} are compared"),
+        ("along x, y, z", f"{along} mm on average"),
+    ]
+    if pitch is not None:
+        distance, axis = perfect(pitch)
+        what = f"errs {1e3 * distance:.2f} mm, {1e3 * axis:.2f} mm an axis, where touches are smaller than a cell"
+        said.append(("perfect map", what))
+    if paper is not None:
+        share = judged.paper_direction
+        directions = f"; directions {100 * share:.1f} %" if np.isfinite(share) else ""
+        distance = f"{1e3 * paper.mean:.2f} mm, worst {1e3 * paper.worst:.2f} mm, z set to zero"
+        said.append(("as the paper", distance + directions))
+    return said
+
+
+def _named(judged: InstrumentReport) -> list[tuple[str, str, ErrorSummary, float]]:
+    """Name, unit, figures and scale of what was compared."""
+    rows = (("position", "mm", judged.report.location, 1e3), ("direction", "deg", judged.report.normal, 180 / np.pi))
+    return [(name, unit, summary, scale) for name, unit, summary, scale in rows if summary is not None]
+
+
+def _summaries(judged: InstrumentReport) -> list[tuple[str, ...]]:
+    return [
+        (f"{name} [{unit}]", *(f"{scale * value:.3f}" for value in (s.mean, s.median, s.p95, s.worst)), f"{s.count}")
+        for name, unit, s, scale in _named(judged)
+    ]
+
+
+def _refusals(judged: InstrumentReport, touches: Contacts) -> list[str]:
+    named = zip(touches.identity.tolist(), touches.time.tolist(), judged.reference.refused, strict=True)
+    return [f"touch {identity} at {time:.2f} s is left out: {why}" for identity, time, why in named if why]
+
+
+def _page(
+    names: str, judged: InstrumentReport, touches: Contacts, pitch: tuple[float, float] | None, of: str
+) -> Report:
+    """Figures, every touch, and where on the unrolled sheet the errors are."""
+    tiles = [Tile("touches", f"{len(touches)}", f"{judged.reference.name}"), *_tiles(judged, pitch)]
+    on_sheet = {"row", "column"} <= set(touches.features)
+    places = np.column_stack([touches.features[name] for name in ("row", "column")]) if on_sheet else None
+    rows = tuple(
+        (
+            str(touches.identity[k]),
+            f"{touches.time[k]:.2f}",
+            *(() if places is None else (f"{value:.2f}" for value in places[k])),
+            _shown(1e3 * judged.errors[k]),
+            _shown(float(np.degrees(judged.turned[k]))),
+            judged.reference.refused[k],
+        )
+        for k in range(len(touches))
+    )
+    cells = () if places is None else ("row", "column")
+    header = ("touch", "time [s]", *cells, "position [mm]", "direction [deg]", "left out because")
+    pictures = ()
+    if places is not None:
+        drawn = sheet_map(places, 1e3 * judged.errors, "error [mm]")
+        pictures = (picture(drawn, "Where the touches were on the unrolled sheet, and how far off."),)
+    sections = (Section("Errors", text=(of,), pictures=pictures, tables=(Cells(header, rows),)),)
+    return Report(names, f"{names}: each touch as the median of its samples.", tuple(tiles), sections=sections)
+
+
+def _tiles(judged: InstrumentReport, pitch: tuple[float, float] | None) -> list[Tile]:
+    tiles = [
+        Tile(name, f"{scale * s.mean:.2f} {unit}", f"mean in space; worst {scale * s.worst:.2f} {unit}")
+        for name, unit, s, scale in _named(judged)
+    ]
+    if pitch is not None:
+        tiles.append(Tile("a perfect map", f"{1e3 * perfect(pitch)[0]:.2f} mm", "for touches smaller than a cell"))
+    if judged.paper_position is not None:
+        mean = f"{1e3 * judged.paper_position.mean:.2f} mm"
+        tiles.append(Tile("as the paper measures", mean, "z set to zero; the paper 4.2 mm"))
+    if np.isfinite(judged.paper_direction):
+        share = f"{100 * judged.paper_direction:.1f} %"
+        tiles.append(Tile("as the paper measures", share, "unit vectors, x and y; the paper 2.9 %"))
+    return tiles
+
+
+def _shown(value: float | np.floating) -> str:
+    return f"{value:.2f}" if np.isfinite(value) else "-"

@@ -1,0 +1,279 @@
+"""From readings to contacts by way of the wrench: sensor, tare, filter, mounting, method."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable, Iterator
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Int8
+from numpy.typing import ArrayLike
+
+from palpate.contact.contacts import Contacts
+from palpate.contact.estimate import ContactEstimate
+from palpate.contact.locate import Locator
+from palpate.errors import InputError
+from palpate.sensors.compensation import Compensation
+from palpate.sensors.filters import Filter
+from palpate.sensors.force_torque import ForceTorque
+from palpate.sensors.recording import Recording
+from palpate.sensors.smoothing import BothWays, Forward
+from palpate.sensors.wrench_sensor import Measured, Placement, Tare, WrenchSensor
+from palpate.spatial.pose import Pose
+
+__all__ = ["WrenchEstimator"]
+
+PIECE = 4096  # samples at a time: what lies between two steps stays in the cache
+ALL = np.ones(1)  # of the noise is left
+
+
+class _Waiting(NamedTuple):
+    """A block that a filter of zero phase keeps waiting."""
+
+    block: Recording
+    measured: Measured
+
+    @property
+    def usable(self) -> int:
+        return int(np.count_nonzero(self.measured.status < 0))
+
+
+class WrenchEstimator:
+    """The `ContactEstimator` of every sensor of wrenches, on any surface.
+
+    The filter acts on the wrench in the sensor's frame; its share of the noise goes into the covariance, and what
+    sensor, tare and mounting add, the same in every sample, stays whole. A sample that the sensor gives a status passes
+    the filter by; a gap starts the filter afresh (`sensors.smoothing`).
+
+    Args:
+        locator: on the surface, in the surface's frame. One without noise takes the sensor's, and thresholds from it
+            where none were given.
+        sensor: of wrenches, such as a `Compensation` or a `LoadCellArray`; a `ForceTorque` stands for one that
+            carries no payload.
+        mount: T_sensor_surface.
+        mount_covariance: (6, 6) of its (rotation vector [rad], translation [m]), perturbed on the left.
+        filter: of the wrench; None: none. One of zero phase works in `pairs` and `stream` only.
+        rate: [Hz] of the samples; a filter needs it.
+
+    Raises:
+        InputError: a filter without a rate, or with one that is too low for it.
+    """
+
+    features: tuple[str, ...] = ()
+
+    def __init__(
+        self,
+        locator: Locator,
+        sensor: WrenchSensor | ForceTorque,
+        mount: Pose | None = None,
+        mount_covariance: Float[np.ndarray, "6 6"] | None = None,
+        filter: Filter | None = None,
+        rate: float | None = None,
+    ) -> None:
+        self.sensor: WrenchSensor = Compensation(sensor) if isinstance(sensor, ForceTorque) else sensor
+        self.mount = Pose.identity() if mount is None else mount
+        self._placement = Placement(self.mount, mount_covariance)
+        matrix, noise = self._placement.matrix, self.sensor.noise
+        lacks = locator.noise is None and noise is not None
+        self.locator = locator.with_noise(matrix @ noise @ matrix.T) if lacks else locator
+        self.filter, self.rate = filter, rate
+        self._zero_phase = filter is not None and filter.zero_phase
+        self._recursion = None if filter is None else filter.recursion(_known(rate))
+        self._forward = None if self._recursion is None else Forward(self._recursion, _known(rate))
+        if self._forward is not None:
+            self._forward(np.zeros(1), np.zeros(1, np.int8), np.zeros((1, 6)))  # compiles
+        self.reset()
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Of the sensor."""
+        return self.sensor.channels
+
+    @staticmethod
+    def empty(*batch: int) -> Float[np.ndarray, "*batch 22"]:
+        """Rows to write into; `ContactEstimate.from_rows` names what is in them, `ROW` where."""
+        return Locator.empty(*batch)
+
+    def reset(self) -> None:
+        """Forget what samples left: filter, last contact, hysteresis; not the tare."""
+        self.sensor.reset()
+        self.locator.reset()
+        if self._forward is not None:
+            self._forward.reset()
+        self._samples = 0
+
+    def update(
+        self,
+        time: float,
+        reading: ArrayLike,
+        rotation: ArrayLike | None = None,
+        acceleration: ArrayLike | None = None,
+    ) -> Contacts:
+        """The contact of one sample, in the surface's frame.
+
+        Args:
+            time: [s] on a clock that only a filter reads.
+            reading: as measured: six numbers [N, N m], force first, in the frame that `ForceTorque.frame` names; or
+                voltages.
+            rotation: (3, 3) sensor in base, where payload or frame need it; NaN: not known now.
+            acceleration: (3,) [m/s^2] of the sensor's origin in the sensor's frame; None: at rest.
+
+        Raises:
+            InputError: the reading has another shape; the rotation is needed and there is none; the filter looks ahead.
+        """
+        rows = self.empty(1)
+        self.update_into(time, reading, rows, rotation, acceleration)
+        return Contacts.single(np.array([time], dtype=np.float64), ContactEstimate.from_rows(rows), self._samples - 1)
+
+    def update_into(
+        self,
+        time: float,
+        reading: ArrayLike,
+        out: Float[np.ndarray, "*rows 22"],
+        rotation: ArrayLike | None = None,
+        acceleration: ArrayLike | None = None,
+    ) -> int:
+        """`update` into a row of `empty()`, or the first of some, for a control loop; `ROW` says what stands where."""
+        if self._zero_phase:
+            self._require_forward()
+        rows = out[None] if out.ndim == 1 else out[:1]
+        if rows.shape != (1, 22) or rows.dtype != np.float64:
+            raise InputError(f"out must be a row of empty(), float64 (22,), not {out.dtype} {out.shape}.")
+        self._answer(self.sensor.single(time, reading, rotation, acceleration), rows)
+        self._samples += 1
+        return 1
+
+    def run(self, recording: Recording) -> Contacts:
+        """Contacts of a block, one a sample, in the surface's frame.
+
+        Raises:
+            InputError: a channel is missing, or has another shape; or the filter looks ahead.
+        """
+        self._require_forward()
+        rows = self.empty(len(recording))
+        for start in range(0, len(recording), PIECE):
+            piece = slice(start, start + PIECE)
+            self._answer(self.sensor.measure(recording.picked(piece)), rows[piece])
+        return Contacts.single(recording.time, ContactEstimate.from_rows(rows))
+
+    def pairs(self, blocks: Iterable[Recording]) -> Iterator[tuple[Recording, Contacts]]:
+        """Each block with its contacts, in order, as soon as they are known; a filter of zero phase looks ahead.
+
+        Samples are counted from the first block on. A sensor may cut blocks where its log begins anew.
+
+        Raises:
+            InputError: as `run`, but for that filter.
+        """
+        ready = self.sensor.ready(blocks)
+        located = (
+            self._look_ahead(ready) if self._zero_phase else ((block, self.run(block).estimate) for block in ready)
+        )
+        first = 0
+        for block, estimate in located:
+            yield block, Contacts.single(block.time, estimate, first)
+            first += len(block)
+
+    def stream(self, blocks: Iterable[Recording]) -> Iterator[Contacts]:
+        """The contacts of `pairs` alone."""
+        return (contacts for _, contacts in self.pairs(blocks))
+
+    def tare(self, recording: Recording) -> Tare:
+        """Take the mean of a window off from now on, in place of an earlier tare; then `reset`.
+
+        Args:
+            recording: steady and untouched.
+
+        Returns:
+            how much it is, and a doubt where it could be a touch, each as a sentence.
+
+        Raises:
+            InputError: too few samples, or not steady: what was seen.
+        """
+        taken = self.sensor.tare(recording)
+        self.reset()
+        return Tare(taken.said, taken.doubt or self._touched(taken))
+
+    def contact_wrenches(
+        self, recording: Recording
+    ) -> tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, "n 6 6"] | None, Int8[np.ndarray, " n"]]:
+        """Wrenches in the surface's frame, not filtered, with covariances and statuses (-1: to locate)."""
+        measured = self.sensor.measure(recording)
+        return *self.sensor.place(measured, measured.wrench, ALL, self._placement), measured.status
+
+    def notes(self) -> tuple[str, ...]:
+        """What was met so far: by the sensor, and on the surface."""
+        return (*self.locator.surface.notes, *self.sensor.notes())
+
+    def doubts(self) -> tuple[str, ...]:
+        """Of the sensor."""
+        return self.sensor.doubts()
+
+    def _touched(self, taken: Tare) -> str:
+        """Where a steady touch would be that reads what a tare took off, if the surface can be touched like that."""
+        force = 0.0 if taken.touch is None else float(np.linalg.norm(taken.touch[:3]))
+        if taken.touch is None or force <= max(self.locator.on, taken.least):
+            return ""
+        found = self.locator.candidates(self._placement.matrix @ taken.touch)
+        if not found.plausible.any():
+            return ""
+        x, y, z = 1e3 * found.point[0]
+        return (
+            f"what the tare takes off is also what a steady touch of {force:.2g} N at ({x:.1f}, {y:.1f}, {z:.1f}) mm "
+            "of the surface would read: make sure that nothing touched it"
+        )
+
+    def _answer(self, measured: Measured, rows: Float[np.ndarray, "n 22"]) -> None:
+        """Samples into rows of estimates, by way of the filter."""
+        wrenches, share = measured.wrench, ALL
+        if self._forward is not None:
+            share = self._forward.share(self._forward(measured.time, measured.status, wrenches))
+        self._locate(measured, wrenches, share, rows)
+
+    def _locate(
+        self,
+        measured: Measured,
+        wrenches: Float[np.ndarray, "n 6"],
+        share: Float[np.ndarray, " k"],
+        rows: Float[np.ndarray, "n 22"],
+    ) -> None:
+        located, covariances = self.sensor.place(measured, wrenches, share, self._placement)
+        self.locator.run_into(located, covariances, measured.status, rows)
+
+    def _look_ahead(self, blocks: Iterable[Recording]) -> Iterator[tuple[Recording, ContactEstimate]]:
+        """Blocks wait until all of their samples are filtered."""
+        if self._recursion is None:
+            return
+        both = BothWays(self._recursion, _known(self.rate))
+        waiting: deque[_Waiting] = deque()
+        for block in blocks:
+            measured = self.sensor.measure(block)
+            both.push(measured.time, measured.status, measured.wrench)
+            waiting.append(_Waiting(block, measured))
+            yield from self._served(waiting, both)
+        both.finish()
+        yield from self._served(waiting, both)
+
+    def _served(self, waiting: deque[_Waiting], both: BothWays) -> Iterator[tuple[Recording, ContactEstimate]]:
+        """Those whose samples are all filtered."""
+        while waiting and both.ready >= waiting[0].usable:
+            block, measured = waiting.popleft()
+            wrenches, good = measured.wrench, measured.status < 0
+            share = np.ones(len(good))
+            wrenches[good], share[good] = both.take(int(np.count_nonzero(good)))
+            rows = self.empty(len(block))
+            self._locate(measured, wrenches, share, rows)
+            yield block, ContactEstimate.from_rows(rows)
+
+    def _require_forward(self) -> None:
+        if self._zero_phase:
+            raise InputError(
+                "a filter of zero phase looks ahead, so it cannot answer sample by sample.",
+                mend="Use stream on a log, or a Butterworth filter without zero_phase.",
+            )
+
+
+def _known(rate: float | None) -> float:
+    if rate is None:
+        raise InputError("a filter needs the rate of the samples.", mend="Give rate in Hz.")
+    return rate

@@ -1,0 +1,249 @@
+"""Touches of any sensor against another instrument: a force/torque sensor that carries the body, or a tracked wand."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from palpate.contact.contacts import Contacts
+from palpate.contact.estimate import Status
+from palpate.contact.events import find_touches
+from palpate.contact.ground_truth import Samples
+from palpate.contact.locate import Locator
+from palpate.evaluation.errors import ErrorSummary, angles, distances
+from palpate.evaluation.evaluate import Report, report
+from palpate.sensors.skin_map import SkinMap
+from palpate.surfaces.mesh import Mesh
+
+__all__ = [
+    "InstrumentReport",
+    "Reference",
+    "judge",
+    "map_mesh",
+    "medians",
+    "perfect",
+    "touch_rows",
+    "touches_of",
+    "wand_points",
+    "wrench_points",
+]
+
+PITCH = 2e-3  # m: of a wrench, |F . N| / |F|^2; more is no single force
+LIGHTEST = 0.5  # N
+BESIDE = 0.2  # of its samples: a touch that has another one beside it for longer is not alone
+TOUCHING = 1.5e-3  # m: between wand and link, still a touch of theirs
+_MEAN_IN_CELL = 0.3825978  # mean distance of a point of the unit square from its middle
+_MEASURED = ("point", "normal", "force", "torque", "covariance")
+_FINE = 4  # facets of the map's mesh in a cell
+
+
+@dataclass(frozen=True, eq=False)
+class Reference:
+    """What another instrument says of the touches.
+
+    Attributes:
+        point: (n, 3) [m] in the link's frame; NaN where it says nothing.
+        direction: (n, 3) outward, along which the force came; NaN where it is not known.
+        refused: n sentences, "" where there is an answer.
+        name: of the instrument.
+    """
+
+    point: Float[np.ndarray, "n 3"]
+    direction: Float[np.ndarray, "n 3"]
+    refused: tuple[str, ...]
+    name: str
+
+
+@dataclass(frozen=True, eq=False)
+class InstrumentReport:
+    """Position and direction of touches against an instrument.
+
+    Attributes:
+        report: location, and normal against the instrument's direction.
+        errors: (n,) [m]; turned: (n,) [rad]; NaN where refused.
+        along: (3,) mean absolute error along x, y and z [m].
+        paper_position: as the paper gives it, with the errors along z set to zero; paper_direction: mean absolute
+            difference of the unit vectors' x and y [skin map, 4.3].
+        reference: what it was compared with.
+    """
+
+    report: Report
+    errors: Float[np.ndarray, " n"]
+    turned: Float[np.ndarray, " n"]
+    along: Float[np.ndarray, "3"]
+    paper_position: ErrorSummary | None
+    paper_direction: float
+    reference: Reference
+
+
+def wrench_points(surface: Mesh, wrenches: Float[np.ndarray, "n 6"], *, alone: Bool[np.ndarray, " n"]) -> Reference:
+    """Where the line of the force meets the link, and from where it comes [skin map, (6) to (9)].
+
+    E = F x N / |F|^2 is the foot of the line. A wrench with torque along its force is no single force, and is refused:
+    its line is off by up to |F . N| / |F|^2 times the tangent of the angle to the normal.
+
+    Args:
+        surface: of the link, in its frame, in which the wrenches are written too.
+        wrenches: (n, 6) [N, N m] about the link's origin.
+        alone: (n,) there was one touch; several have one resultant, which lies at neither.
+    """
+    force, torque = wrenches[:, :3], wrenches[:, 3:]
+    size = np.linalg.norm(force, axis=1)
+    pitch = np.sum(force * torque, axis=1) / np.maximum(size, 1e-12) ** 2
+    found = Locator(surface, method="wrench_axis", friction=np.inf, torsion=np.inf).run(wrenches, sequential=False)
+    met = found.status <= Status.AMBIGUOUS
+    said = [_why(bool(alone[k]), float(size[k]), float(pitch[k]), bool(met[k])) for k in range(len(wrenches))]
+    usable = np.array([not text for text in said])
+    return Reference(
+        np.where(usable[:, None], found.point, np.nan),
+        np.where(usable[:, None], -force / np.maximum(size, 1e-12)[:, None], np.nan),
+        tuple(said),
+        "force/torque sensor",
+    )
+
+
+def _why(alone: bool, newtons: float, pitch: float, met: bool) -> str:
+    """What speaks against taking a wrench for one force."""
+    if not np.isfinite(newtons):
+        return "no wrench at its time"
+    if not alone:
+        return "several touches at once have one resultant, which lies at none of them"
+    if newtons < LIGHTEST:
+        return f"{newtons:.2f} N is too light for a line of action (below {LIGHTEST:g} N)"
+    if abs(pitch) > PITCH:
+        return (
+            f"F . N / |F|^2 is {1e3 * pitch:.1f} mm: a torque along the force, which no single force makes "
+            f"(above {1e3 * PITCH:g} mm)"
+        )
+    return "" if met else "the line of the force misses the link"
+
+
+def wand_points(
+    surface: Mesh,
+    wand: Float[np.ndarray, "v 3"],
+    rotation: Float[np.ndarray, "n 3 3"],
+    position: Float[np.ndarray, "n 3"],
+) -> Reference:
+    """Where a tracked wand meets the link: the middle of what lies inside, or the nearest point within `TOUCHING`.
+
+    Args:
+        surface: of the link.
+        wand: (v, 3) points of the wand's surface, in its own frame.
+        rotation: of the wand in the link's frame; NaN where it was lost.
+        position: [m] of its origin there.
+    """
+    points, said = np.full((len(position), 3), np.nan), list[str]()
+    for k in range(len(position)):
+        if not (np.isfinite(position[k]).all() and np.isfinite(rotation[k]).all()):
+            said.append("the cameras lost the wand or the link")
+            continue
+        placed = wand @ rotation[k].T + position[k]
+        near, normals, _ = surface.project(placed)
+        height = np.sum((placed - near) * normals, axis=1)
+        close = np.linalg.norm(placed - near, axis=1) < np.abs(height) * 1.5 + 1e-4  # beside it, not behind it
+        inside = close & (height < 0) & (height > -10 * TOUCHING)
+        lowest = int(np.argmin(np.where(close, np.abs(height), np.inf)))
+        if inside.any():
+            points[k] = np.average(near[inside], axis=0, weights=-height[inside])
+        elif close.any() and height[lowest] <= TOUCHING:
+            band = close & (height <= height[lowest] + 2e-5)
+            points[k] = near[band].mean(axis=0)
+        apart = 1e3 * float(np.linalg.norm(placed - near, axis=1).min())
+        never = f"wand and link do not meet: they are {apart:.3g} mm apart (is the wand's unit right, and its frame?)"
+        said.append("" if np.isfinite(points[k]).all() else never)
+    nowhere = np.full((len(position), 3), np.nan)
+    return Reference(points, nowhere, tuple(said), "wand tracked by motion capture")
+
+
+def judge(touches: Contacts, reference: Reference) -> InstrumentReport:
+    """Touches against an instrument, one for one.
+
+    Args:
+        touches: n of them, one for each touch.
+        reference: n of them.
+    """
+    apart = touches.point - reference.point
+    components: Float[np.ndarray, "n 2"] = np.abs(touches.normal - reference.direction)[:, :2]
+    known = np.isfinite(components).all(axis=1)
+    compared = np.isfinite(apart).all(axis=1)
+    truth = Samples(touches.time, reference.point, reference.direction)
+    return InstrumentReport(
+        report=report(touches, truth, np.where(compared, np.arange(len(touches)), -1)),
+        errors=distances(touches.point, reference.point),
+        turned=angles(touches.normal, reference.direction),
+        along=np.abs(apart[compared]).mean(axis=0) if compared.any() else np.full(3, np.nan),
+        paper_position=ErrorSummary.of(np.linalg.norm(apart[:, :2], axis=1)),
+        paper_direction=float(components[known].mean()) if known.any() else float("nan"),
+        reference=reference,
+    )
+
+
+def perfect(pitch: tuple[float, float]) -> tuple[float, float]:
+    """What a perfect map errs by where a touch is smaller than a cell: mean distance, and mean along each axis [m].
+
+    A point anywhere in a square of side a lies 0.3826 a from its middle on average, and a/4 along each axis.
+    """
+    side = float(np.sqrt(pitch[0] * pitch[1]))
+    return _MEAN_IN_CELL * side, side / 4
+
+
+def map_mesh(place: SkinMap) -> Mesh:
+    """The sensing layer as a mesh, where no mesh of the link is at hand."""
+    rows, columns = place.rows * _FINE, place.columns * _FINE
+    row, column = np.meshgrid(
+        np.linspace(-0.5, place.rows - 0.5, rows + 1),
+        np.linspace(-0.5, place.columns - 0.5, columns + 1),
+        indexing="ij",
+    )
+    points, normals = place.at(row, column)
+    corner: Int[np.ndarray, "r c"] = (np.arange(rows)[:, None] * (columns + 1) + np.arange(columns)[None]).astype(
+        np.int64
+    )
+    a, b, c, d = corner, corner + 1, corner + columns + 1, corner + columns + 2
+    faces = np.concatenate([np.stack(three, axis=-1).reshape(-1, 3) for three in ((a, c, b), (b, c, d))])
+    vertices = points.reshape(-1, 3)
+    first = faces[0]
+    outward = np.cross(vertices[first[1]] - vertices[first[0]], vertices[first[2]] - vertices[first[0]])
+    if outward @ normals.reshape(-1, 3)[first[0]] < 0:
+        faces = faces[:, ::-1]
+    return Mesh.from_arrays(vertices, faces)
+
+
+def touch_rows(contacts: Contacts) -> list[Int[np.ndarray, " _"]]:
+    """The answered rows of each touch that lasted three samples or more."""
+    found, answered = find_touches(contacts, shortest=0.0), contacts.answered
+    rows = [
+        np.flatnonzero(answered & (contacts.identity == identity) & (contacts.time >= start) & (contacts.time <= end))
+        for identity, start, end in zip(found.identity, found.start, found.end, strict=True)
+    ]
+    return [each for each in rows if len(each) >= 3]
+
+
+def touches_of(contacts: Contacts) -> tuple[Contacts, Bool[np.ndarray, " k"]]:
+    """Each touch that lasted three samples or more as one contact, the median of its rows; and whether it was alone."""
+    touches, answered = touch_rows(contacts), np.flatnonzero(contacts.answered)
+    _, sample, felt = np.unique(contacts.sample[answered], return_inverse=True, return_counts=True)
+    several = np.zeros(len(contacts), dtype=bool)
+    several[answered] = felt[sample] > 1
+    alone = np.array([several[rows].mean() <= BESIDE for rows in touches], dtype=bool)
+    return medians(contacts, touches), alone
+
+
+def medians(contacts: Contacts, touches: list[Int[np.ndarray, " _"]]) -> Contacts:
+    """One contact for each of some touches: the median of its rows."""
+    return Contacts.joined([contacts[:0], *(_median(contacts[rows]) for rows in touches)])
+
+
+def _median(contacts: Contacts) -> Contacts:
+    """One contact in place of those of a touch."""
+    first, estimate = contacts[:1], contacts.estimate
+    values = {name: np.median(getattr(estimate, name), axis=0, keepdims=True) for name in _MEASURED}
+    values["normal"] /= np.linalg.norm(values["normal"])
+    return replace(
+        first,
+        time=np.median(contacts.time, keepdims=True),
+        estimate=replace(first.estimate, **values),
+        features={name: np.median(column, keepdims=True) for name, column in contacts.features.items()},
+    )

@@ -1,0 +1,118 @@
+"""Which contact is which truth: by time, then by place, one to one."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from palpate.contact.contacts import Contacts
+from palpate.contact.ground_truth import Samples, Touches
+
+__all__ = ["match_instants", "match_touches", "nearest_in_time"]
+
+_AT_ONCE = 0.5  # of the shorter of two touches: those that overlap by more are two contacts
+_NOWHERE = 1e9  # m: how far a contact that is not answered is from every truth
+
+
+def nearest_in_time(
+    time: Float[np.ndarray, " n"], known: Float[np.ndarray, " k"], tolerance: float
+) -> Int[np.ndarray, " n"]:
+    """For each time the index of the nearest known one, -1 where none is within `tolerance`; neither need be sorted."""
+    order = np.argsort(known)
+    order = order[np.isfinite(known[order])]
+    if not len(order):
+        return np.full(len(time), -1)
+    right = np.searchsorted(known[order], time).clip(max=len(order) - 1)
+    either = np.stack([order[(right - 1).clip(min=0)], order[right]])
+    apart: Float[np.ndarray, "2 n"] = np.abs(known[either] - time)
+    best: Int[np.ndarray, " n"] = np.take_along_axis(either, apart.argmin(axis=0)[None], axis=0)[0]
+    # times of day have a resolution of 0.2 us in float64
+    return np.where(np.min(apart, axis=0) <= tolerance + 1e-6, best, -1)
+
+
+def match_instants(
+    contacts: Contacts, truth: Samples, tolerance: float
+) -> tuple[Int[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
+    """Which truth each contact has, -1 for none, and whether there is one at its time.
+
+    The contacts of one sample have different truths, those that make the sum of distances least.
+
+    Args:
+        contacts: of any sensor.
+        truth: several may have one time.
+        tolerance: [s] of their times.
+    """
+    match = nearest_in_time(contacts.time, truth.time, tolerance)
+    due = match >= 0
+    _, instant, together = np.unique(truth.time, return_inverse=True, return_counts=True)
+    _, sample, felt = np.unique(contacts.sample, return_inverse=True, return_counts=True)
+    several = due & (felt[sample] > 1)
+    several[due] |= together[instant[match[due]]] > 1
+    point = np.where(contacts.answered[:, None], contacts.point, np.nan)
+    rows = np.flatnonzero(several)
+    rows = rows[np.argsort(sample[rows], kind="stable")]
+    order, ends = np.argsort(instant, kind="stable"), np.cumsum(together)
+    for group in np.split(rows, np.flatnonzero(np.diff(sample[rows])) + 1) if len(rows) else ():
+        which = instant[match[group[0]]]
+        there = order[ends[which] - together[which] : ends[which]]
+        match[group] = np.append(there, -1)[_nearest_pairs(point[group], truth.point[there])]
+    return match, due
+
+
+def _nearest_pairs(points: Float[np.ndarray, "n 3"], known: Float[np.ndarray, "k 3"]) -> Int[np.ndarray, " n"]:
+    """Which known point each point has, -1 for none: pairs with the least sum of distances; rows of NaN come last."""
+    from scipy.optimize import linear_sum_assignment  # here: scipy is slow to import
+
+    apart = np.linalg.norm(points[:, None] - known, axis=-1)
+    rows, columns = linear_sum_assignment(np.where(np.isfinite(apart), apart, _NOWHERE))
+    found = np.full(len(points), -1)
+    found[rows] = columns
+    return found
+
+
+def match_touches(
+    contacts: Contacts, truth: Touches
+) -> tuple[Int[np.ndarray, " n"], Bool[np.ndarray, " n"], list[Int[np.ndarray, " _"]]]:
+    """As `match_instants`, and the rows of each touch: of the identity nearest to it, and those without a point.
+
+    Where touches overlap at an end only, a row is of the first of them.
+    """
+    inside = [
+        np.flatnonzero((contacts.time >= start) & (contacts.time <= end))
+        for start, end in zip(truth.start, truth.end, strict=True)
+    ]
+    chosen = _identities(contacts, truth, inside)
+    nowhere = ~np.asarray(np.isfinite(contacts.point).all(axis=1))
+    match, due = np.full(len(contacts), -1), np.zeros(len(contacts), dtype=bool)
+    own: list[Int[np.ndarray, " _"]] = []
+    for rows, identity in zip(inside, chosen, strict=True):
+        due[rows] = True
+        its = nowhere[rows] | np.equal(contacts.identity[rows], identity or 0)
+        own.append(rows[~contacts.answered[rows] if identity is None else its])
+    for felt in (False, True):  # a touch that has an identity comes before one that has none
+        for k in reversed(range(len(truth))):
+            if (chosen[k] is not None) == felt:
+                match[own[k]] = k
+    return match, due, own
+
+
+def _identities(contacts: Contacts, truth: Touches, inside: list[Int[np.ndarray, " _"]]) -> list[int | None]:
+    """Of the contact of each touch: the nearest ones are given first, and never twice to touches at once."""
+    pairs: list[tuple[float, int, int]] = []
+    for k, rows in enumerate(inside):
+        answered = rows[contacts.answered[rows]]
+        for identity in np.unique(contacts.identity[answered]).tolist():
+            middle = np.median(contacts.point[answered[contacts.identity[answered] == identity]], axis=0)
+            pairs.append((float(np.linalg.norm(middle - truth.point[k])), k, identity))
+    chosen: list[int | None] = [None] * len(truth)
+    for _, k, identity in sorted(pairs):
+        taken = [other for other, one in enumerate(chosen) if one == identity]
+        if chosen[k] is None and not any(_at_once(truth, k, other) for other in taken):
+            chosen[k] = identity
+    return chosen
+
+
+def _at_once(truth: Touches, one: int, other: int) -> bool:
+    shared = min(truth.end[one], truth.end[other]) - max(truth.start[one], truth.start[other])
+    shorter = min(truth.end[one] - truth.start[one], truth.end[other] - truth.start[other])
+    return bool(shared > _AT_ONCE * shorter)

@@ -1,0 +1,260 @@
+"""Bytes of ROS become numbers, many messages at once: which types are understood, and where their numbers are."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from palpate.io.logs.log import Topic
+from palpate.io.logs.messages import Messages
+
+__all__ = ["ARRAYS", "FIXED", "IMAGE", "Kind", "decode", "has_header", "role", "seconds", "shape_of"]
+
+
+@dataclass(frozen=True)
+class Kind:
+    """Where the numbers are in a type whose messages all hold as many.
+
+    Args:
+        role: "wrench", "pose" or "acceleration".
+        before, count, after: doubles in front of those wanted, these, and behind them.
+        strings: how many there are in front, that of the header among them; 0 is a type without a header.
+    """
+
+    role: str
+    before: int
+    count: int
+    after: int
+    strings: int = 1
+
+
+FIXED: Mapping[str, Kind] = {
+    "geometry_msgs/WrenchStamped": Kind("wrench", 0, 6, 0),
+    "geometry_msgs/Wrench": Kind("wrench", 0, 6, 0, strings=0),
+    "geometry_msgs/PoseStamped": Kind("pose", 0, 7, 0),
+    "geometry_msgs/Pose": Kind("pose", 0, 7, 0, strings=0),
+    "geometry_msgs/TransformStamped": Kind("pose", 0, 7, 0, strings=2),
+    "geometry_msgs/PoseWithCovarianceStamped": Kind("pose", 0, 7, 36),
+    "nav_msgs/Odometry": Kind("pose", 0, 7, 36 + 6 + 36, strings=2),
+    "geometry_msgs/AccelStamped": Kind("acceleration", 0, 3, 3),
+    "geometry_msgs/Vector3Stamped": Kind("acceleration", 0, 3, 0),
+    "sensor_msgs/Imu": Kind("acceleration", 4 + 9 + 3 + 9, 3, 9),
+}
+ARRAYS: Mapping[str, str] = {  # -> what each number is
+    f"std_msgs/{name}MultiArray": code
+    for name, code in (
+        ("Float64", "f8"),
+        ("Float32", "f4"),
+        ("UInt8", "u1"),
+        ("Int8", "i1"),
+        ("UInt16", "u2"),
+        ("Int16", "i2"),
+        ("UInt32", "u4"),
+        ("Int32", "i4"),
+    )
+}
+IMAGE = "sensor_msgs/Image"
+_DEPTHS: Mapping[bytes, str] = {  # encoding of an image with one channel -> what each pixel is
+    b"mono8": "u1",
+    b"8UC1": "u1",
+    b"8SC1": "i1",
+    b"mono16": "u2",
+    b"16UC1": "u2",
+    b"16SC1": "i2",
+    b"32SC1": "i4",
+    b"32FC1": "f4",
+    b"64FC1": "f8",
+}
+_NAME = 8  # bytes: the longest of these with its end
+_MOST_DIMENSIONS = 16
+
+Decoded = tuple[Int[np.ndarray, " n"], Float[np.ndarray, "n k"], Bool[np.ndarray, " n"]]
+
+
+def role(kind: str) -> str:
+    """What messages of a type are good for: "wrench", "pose", "acceleration" or "array"; "" for nothing here."""
+    return FIXED[kind].role if kind in FIXED else "array" if kind in ARRAYS or kind == IMAGE else ""
+
+
+def has_header(kind: str) -> bool:
+    """Whether messages of a type have a stamp."""
+    return FIXED[kind].strings > 0 if kind in FIXED else kind == IMAGE
+
+
+def decode(messages: Messages, topic: Topic, shape: tuple[int, ...] = ()) -> Decoded:
+    """Stamps [ns] (0 where the type has none), numbers (NaN where they could not be read), and where they could.
+
+    Args:
+        messages: of the topic.
+        topic: of a type that has a role.
+        shape: of an array; a message that holds another number of numbers cannot be read.
+    """
+    cursor = _Cursor(messages, topic.encoding)
+    if topic.kind == IMAGE:
+        stamps, values = _image(cursor, shape)
+    elif topic.kind in ARRAYS:
+        stamps, values = np.zeros(len(cursor.at), dtype=np.int64), _array(cursor, ARRAYS[topic.kind], shape)
+    else:
+        stamps, values = _fixed(cursor, FIXED[topic.kind])
+    return stamps, values, cursor.sound
+
+
+def shape_of(messages: Messages, topic: Topic) -> tuple[int, ...] | None:
+    """Of the array, or rows and columns of the image, in the first message that can be read; None where none can."""
+    cursor = _Cursor(messages, topic.encoding)
+    if topic.kind == IMAGE:
+        cursor.stamp()
+        sizes = np.stack([cursor.number(), cursor.number()], axis=1)
+    else:
+        cursor.dimensions()
+        offset = cursor.number()
+        sizes = (cursor.number() - offset)[:, None]
+    known = sizes[cursor.sound & (sizes > 0).all(axis=1)]
+    return tuple(known[0].tolist()) if len(known) else None
+
+
+def seconds(nanoseconds: Int[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    """The doubles nearest to these times."""
+    whole, rest = np.divmod(nanoseconds, 10**9)
+    exact = np.abs(nanoseconds) < 2**53
+    return np.where(exact, nanoseconds / 1e9, whole + rest / 1e9)
+
+
+class _Cursor:
+    """Reads on through many messages at once, each at its own place.
+
+    In CDR (ROS 2) four bytes come first, of which the second says the order of bytes, and numbers stand at multiples of
+    their size behind them; in ROS 1 nothing is aligned, and the header begins with a number of its own.
+
+    Attributes:
+        at: (n,) byte at which each message is read next.
+        sound: (n,) false from where a message is cut, or is not what it should be; what is read of it means nothing.
+    """
+
+    def __init__(self, messages: Messages, encoding: str) -> None:
+        self.data, self._cdr = messages.data, encoding == "cdr"
+        self.at, self._end = messages.start.copy(), messages.start + messages.length
+        self._origin = self.at.copy()
+        self.sound, self._little = np.ones((2, len(self.at)), dtype=bool)
+        if self._cdr:
+            representation = self.numbers("u1", 4)
+            self._little = representation[:, 1] == 1
+            self.sound &= (representation[:, 0] == 0) & (representation[:, 1] <= 1)
+            self._origin = self.at.copy()
+
+    def numbers(self, code: str, count: int, before: int | np.ndarray = 0, after: int = 0) -> np.ndarray:
+        """(n, count) numbers of one type, passing over some `before` and `after` them."""
+        size = int(code[1])
+        self._align(size)
+        start = self.at + size * before
+        self.at = start + size * (count + after)
+        self.sound &= self.at <= self._end
+        raw = _taken(self.data, start, size * count, self.sound)
+        values = raw.view(f"<{code}")
+        if not self._little.all():
+            values[~self._little] = raw[~self._little].view(f">{code}")
+        return values
+
+    def number(self) -> Int[np.ndarray, " n"]:
+        """A whole number of four bytes."""
+        return self.numbers("u4", 1)[:, 0].astype(np.int64)
+
+    def length(self) -> Int[np.ndarray, " n"]:
+        """Of what stands behind it in bytes; a message that is shorter is not sound."""
+        found = self.number()
+        self.sound &= found <= self._end - self.at
+        return np.where(self.sound, found, 0)
+
+    def text(self) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"]]:
+        """Where a string begins, and its length."""
+        length = self.length()
+        self.at = self.at + length
+        return self.at - length, length
+
+    def stamp(self) -> Int[np.ndarray, " n"]:
+        """Of a header [ns], which is passed over."""
+        if not self._cdr:
+            self.number()
+        part = self.numbers("u4", 2)
+        whole = part[:, 0].view(np.int32) if self._cdr else part[:, 0]
+        self.text()
+        return whole.astype(np.int64) * 10**9 + part[:, 1].astype(np.int64)
+
+    def dimensions(self) -> None:
+        """Passes over a list of labels with a size and a stride each."""
+        left = self.number()
+        self.sound &= left <= _MOST_DIMENSIONS
+        while (more := self.sound & (left > 0)).any():
+            at, sound = self.at, self.sound.copy()
+            self.text()
+            self.numbers("u4", 2)
+            self.at, self.sound = np.where(more, self.at, at), np.where(more, self.sound, sound)
+            left = left - more
+
+    def _align(self, size: int) -> None:
+        if self._cdr:
+            self.at = self.at + (self._origin - self.at) % size
+
+
+def _fixed(cursor: _Cursor, kind: Kind) -> tuple[np.ndarray, np.ndarray]:
+    stamps = cursor.stamp() if kind.strings else np.zeros(len(cursor.at), dtype=np.int64)
+    for _ in range(kind.strings - 1):
+        cursor.text()
+    values = cursor.numbers("f8", kind.count, kind.before, kind.after)
+    values[np.isnan(values)] = np.nan  # of the many that bytes can make, the one that arithmetic does not warn of
+    return stamps, values
+
+
+def _array(cursor: _Cursor, code: str, shape: tuple[int, ...]) -> np.ndarray:
+    """Numbers behind dimensions, which say nothing more, and behind as many others as the offset says."""
+    count = int(np.prod(shape))
+    cursor.dimensions()
+    offset, held = cursor.number(), cursor.number()
+    cursor.sound &= held == offset + count
+    values = cursor.numbers(code, count, np.where(cursor.sound, offset, 0))
+    with np.errstate(invalid="ignore"):  # bytes make NaNs of which arithmetic warns
+        values = values.astype(np.float64, copy=False)
+    values[~cursor.sound] = np.nan
+    if code[0] == "f":
+        values[np.isnan(values)] = np.nan
+    return values
+
+
+def _image(cursor: _Cursor, shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
+    """Pixels of an image of this shape; its rows may be longer than their pixels."""
+    rows, columns = shape
+    stamps = cursor.stamp()
+    cursor.sound &= (cursor.number() == rows) & (cursor.number() == columns)
+    start, length = cursor.text()
+    big, step = cursor.numbers("u1", 1)[:, 0] != 0, cursor.number()
+    cursor.sound &= rows * step <= cursor.length()
+    name = _taken(cursor.data, start, _NAME, cursor.sound)  # there are as many bytes behind it
+    name[np.arange(_NAME) >= length[:, None]] = 0
+    made = np.stack([*np.ascontiguousarray(name).view(np.int64).T, big, step], axis=1)
+    values = np.full((len(start), rows * columns), np.nan)
+    for one in np.unique(made[cursor.sound], axis=0):  # as a rule all are of one make
+        code, mask = _DEPTHS.get(one[:1].tobytes().rstrip(b"\0")), cursor.sound & (made == one).all(axis=1)
+        width = int(one[2])
+        if code is None or width < columns * int(code[1]):
+            cursor.sound &= ~mask
+            continue
+        lines = _taken(cursor.data, cursor.at[mask], rows * width, np.ones(np.count_nonzero(mask), dtype=bool))
+        lines = lines.reshape(-1, rows, width)[:, :, : columns * int(code[1])]
+        pixels = np.ascontiguousarray(lines).view(f"{'>' if one[1] else '<'}{code}")
+        values[mask] = pixels.reshape(-1, rows * columns)
+    return stamps, values
+
+
+def _taken(data: bytes, at: Int[np.ndarray, " n"], width: int, sound: Bool[np.ndarray, " n"]) -> np.ndarray:
+    """(n, width) bytes, of which those that are not sound are 0xff: NaN as doubles."""
+    if not sound.all():
+        found = np.full((len(at), width), 0xFF, dtype=np.uint8)
+        found[sound] = _taken(data, at[sound], width, sound[sound])
+        return found
+    if not len(at):
+        return np.zeros((0, width), dtype=np.uint8)
+    everywhere = np.ndarray(len(data) - width + 1, f"V{width}", data, strides=(1,))  # a view at every byte
+    return everywhere[at].view(np.uint8).reshape(-1, width)

@@ -1,0 +1,178 @@
+"""How models stand in files: comments and bounds of their keys, and what is spelled otherwise than field by field."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import MISSING, fields
+from math import nan
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from palpate.io.schema import Form, Key
+from palpate.sensors.force_torque import Payload
+from palpate.sensors.intensity import Curve, Intensity
+from palpate.sensors.load_cells import Indentation, LoadCells
+from palpate.sensors.skin_map import SkinMap
+from palpate.surfaces.bspline import BSplineSurface
+
+__all__ = ["FORMS"]
+
+_NOTHING: Mapping[str, str] = {}
+
+
+def _curve(curve: Curve) -> dict[str, Any]:
+    """Without what does not concern its kind: a sheet has a curve for each cell."""
+    optional = {each.name for each in fields(curve) if each.default is not MISSING} | {"knots"}
+    stated = {each.name: getattr(curve, each.name) for each in fields(curve)}
+    return {name: value for name, value in stated.items() if name not in optional or np.any(value)}
+
+
+def _intensity(
+    curve: tuple[Curve, ...],
+    which: Int[np.ndarray, "rows columns"] | Int[np.ndarray, " k"] | None = None,
+    unit: str = "counts",
+    notes: tuple[str, ...] = (),
+    provenance: Mapping[str, str] = _NOTHING,
+) -> Intensity:
+    return Intensity(curve, which, unit, provenance, notes)
+
+
+def _intensity_keys(intensity: Intensity) -> dict[str, Any]:
+    keys = {name: getattr(intensity, name) for name in ("unit", "which", "notes", "provenance")}
+    return keys | {"curve": intensity.curves}
+
+
+def _spline(
+    degree: tuple[int, int],
+    periodic: bool,
+    shape: tuple[int, int],
+    knots_u: Float[np.ndarray, " a"],
+    knots_v: Float[np.ndarray, " b"],
+    control: Float[np.ndarray, "n 3"],
+) -> BSplineSurface:
+    if min(shape) < 0 or len(control) != shape[0] * shape[1]:
+        raise ValueError(f"control must have {shape[0]} x {shape[1]} points, not {len(control)}")
+    return BSplineSurface(knots_u, knots_v, control.reshape(*shape, 3), degree, periodic)
+
+
+def _spline_keys(surface: BSplineSurface) -> dict[str, Any]:
+    keys = {each.name: getattr(surface, each.name) for each in fields(surface)}
+    return keys | {"shape": surface.control.shape[:2], "control": surface.control.reshape(-1, 3)}
+
+
+def _skin_map(
+    rows: int,
+    columns: int,
+    pitch: tuple[float, float],
+    cells: Float[np.ndarray, "n 9"],
+    overlap: Bool[np.ndarray, " o"] | None = None,
+    strain: tuple[float, float] = (nan, nan),
+    distance: tuple[float, float] = (nan, nan),
+    surface: BSplineSurface | None = None,
+    notes: tuple[str, ...] = (),
+    provenance: Mapping[str, str] = _NOTHING,
+) -> SkinMap:
+    shape = (rows, columns)
+    if min(shape) < 1 or len(cells) != rows * columns:
+        raise ValueError(f"cells must be {rows} x {columns} rows of 9 numbers")
+    if overlap is not None and len(overlap) not in (0, len(cells)):
+        raise ValueError(f"overlap must be {len(cells)} times true or false")
+    table = cells.reshape(*shape, 9)
+    known: dict[str, Any] = {} if surface is None else {"surface": surface, "uv": table[..., 7:]}
+    if overlap is not None and len(overlap):
+        known["overlap"] = overlap.reshape(shape)
+    return SkinMap(
+        centres=table[..., :3],
+        normals=table[..., 3:6],
+        areas=table[..., 6],
+        pitch=pitch,
+        strain=strain,
+        distance=distance,
+        provenance=provenance,
+        notes=notes,
+        **known,
+    )
+
+
+def _skin_map_keys(skin: SkinMap) -> dict[str, Any]:
+    uv = np.zeros((*skin.areas.shape, 2)) if skin.surface is None else skin.uv
+    table = np.concatenate([skin.centres, skin.normals, skin.areas[..., None], uv], axis=-1)
+    same = ("rows", "columns", "pitch", "strain", "distance", "notes", "surface", "provenance")
+    return {name: getattr(skin, name) for name in same} | {
+        "cells": table.reshape(-1, 9),
+        "overlap": skin.overlap.reshape(-1),
+    }
+
+
+FORMS: Mapping[type, Form] = {
+    Payload: Form(
+        {
+            "weight": Key("N, in the base frame"),
+            "force_bias": Key("N, in the sensor's frame, as all that follows"),
+            "center_of_mass": Key("m"),
+            "torque_bias": Key("N m"),
+            "magnitude": Key("m/s^2, of gravity: mass is |weight| over it"),
+            "residual": Key("N, N m: rms of the fit", least=0.0, required=True),
+            "samples": Key("that were used", least=0.0),
+            "covariance": Key("of weight, force_bias, center_of_mass, torque_bias, in this order", required=True),
+        }
+    ),
+    LoadCells: Form(
+        {
+            "drift": Key("of the zero after it was taken, in standard deviations of a reading", least=0.0),
+            "misfit": Key("share of a reading that no wrench explains", least=0.0),
+            "correlation": Key("samples that tell as much as one independent sample", least=1.0),
+            "samples": Key("of the calibration", least=0.0),
+            "bias": Key("V, of each channel, in the calibration", required=True),
+            "positions": Key("m, of the cells; nan: not known", unknown=True),
+            "limits": Key("V, lowest and highest of each channel; inf: none", infinite=True, required=True),
+            "matrix": Key("C: V/N and V/(N m), channel by channel, force first"),
+            "noise": Key("V^2, covariance of one reading"),
+            "covariance": Key("of E, row by row: 36 x 36", required=True),
+        }
+    ),
+    Indentation: Form({"depth": Key("m, at 1 N"), "exponent": Key("of the force"), "covariance": Key("of both")}),
+    Intensity: Form({"which": Key("the curve of each cell, counted from 0")}, _intensity, _intensity_keys),
+    Curve: Form(
+        {
+            "kind": Key(),
+            "parameters": Key("see docs/skin_contacts.md; N and counts"),
+            "covariance": Key("of the parameters"),
+            "largest": Key("N, up to which it was measured"),
+            "saturation": Key("reading at the end of the range", infinite=True),
+            "falling": Key("the reading falls as the force grows"),
+            "joint": Key("N, where the two ranges meet"),
+            "knots": Key("N"),
+            "residual": Key("counts, rms of the fit"),
+            "hysteresis": Key("between loading and unloading, as a share of the span"),
+        },
+        spell=_curve,
+    ),
+    SkinMap: Form(
+        {
+            "rows": Key(),
+            "columns": Key(),
+            "pitch": Key("m, between rows and between columns"),
+            "strain": Key("rms, and the one farthest from 0"),
+            "distance": Key("m, of spline and mesh: mean, worst"),
+            "notes": Key(),
+            "cells": Key("row by row: x y z [m], nx ny nz outward, area [m^2], u v of the surface"),
+        },
+        _skin_map,
+        _skin_map_keys,
+    ),
+    BSplineSurface: Form(
+        {
+            "degree": Key("in u and in v"),
+            "periodic": Key("in v: the last control points of rows repeat the first"),
+            "shape": Key("of the control points, v fastest"),
+            "knots_u": Key(),
+            "knots_v": Key(),
+            "control": Key("m"),
+        },
+        _spline,
+        _spline_keys,
+    ),
+}

@@ -1,0 +1,150 @@
+"""The kinds of models, and the one reader and the one writer of their files."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields, is_dataclass
+from math import isnan
+from pathlib import Path
+from typing import Any, TypeVar, cast, overload
+
+from palpate.errors import InputError
+from palpate.io.atomic import write_text
+from palpate.io.models import forms, summary
+from palpate.io.models.toml import load_toml, toml_lines
+from palpate.io.schema import Key, parse
+from palpate.sensors.force_torque import Payload
+from palpate.sensors.intensity import Intensity
+from palpate.sensors.load_cells import LoadCells
+from palpate.sensors.skin_map import SkinMap
+
+__all__ = ["MODELS", "Model", "read_model", "write_model"]
+
+Value = TypeVar("Value")
+
+
+@dataclass(frozen=True)
+class Model:
+    """A kind of model.
+
+    Args:
+        holds: the class of its values.
+        called: in a sentence.
+        said: first line of its files.
+        command: what writes one.
+        summary: a value's main figures, each with its name.
+    """
+
+    holds: type[Any]
+    called: str
+    said: str
+    command: str
+    summary: Callable[[Any], list[tuple[str, str]]]
+
+
+MODELS: Mapping[str, Model] = {
+    "payload": Model(
+        Payload,
+        "a payload model",
+        "What hangs on the sensor, and the sensor's zero.",
+        "palpate calibrate payload",
+        summary.of_payload,
+    ),
+    "load_cells": Model(
+        LoadCells,
+        "a model of load cells",
+        "Cells under a rigid frame: u = C (I + E) w + b.",
+        "palpate calibrate load-cells",
+        summary.of_load_cells,
+    ),
+    "intensity": Model(
+        Intensity,
+        "an intensity model",
+        "From readings of taxels to forces.",
+        "palpate calibrate intensity",
+        summary.of_intensity,
+    ),
+    "skin map": Model(
+        SkinMap,
+        "a skin map",
+        "Where the cells of a sheet sit, in the mesh's frame.",
+        "palpate map skin",
+        summary.of_skin_map,
+    ),
+}
+
+
+@overload
+def read_model(path: str | Path) -> Any: ...
+@overload
+def read_model(path: str | Path, holds: type[Value]) -> Value: ...
+def read_model(path: str | Path, holds: type[Any] | None = None) -> Any:
+    """Read a model, the same to the last bit as it was written.
+
+    Args:
+        path: of the file.
+        holds: class that is wanted; None: whichever it is.
+
+    Raises:
+        InputError: no model, or not of that class; a key misspelt or missing, a value of the wrong kind or shape.
+    """
+    table = load_toml(path)
+    kind = table.pop("kind", None)
+    if holds is None:
+        if kind not in MODELS:
+            known = ", ".join(repr(name) for name in MODELS)
+            raise InputError("is no model.", where=str(path), mend=f"A model states its kind: one of {known}.")
+    else:
+        wanted, model = _model(holds)
+        if kind != wanted:
+            mend = f"`{model.command}` writes one (kind = {wanted!r})."
+            raise InputError(f"is not {model.called}.", where=str(path), mend=mend)
+    return parse(table, MODELS[kind].holds, file=str(path), forms=forms.FORMS)
+
+
+def write_model(path: str | Path, value: Any) -> None:
+    """Write a model, with a comment and the unit beside each key.
+
+    Raises:
+        TypeError: the value is no model.
+    """
+    kind, model = _model(cast("type[Any]", type(value)))
+    head = [f"# {model.said} Written by `{model.command}`.", *toml_lines("kind", kind), ""]
+    write_text(Path(path), "\n".join([*head, *_table(value, ""), ""]))
+
+
+def _model(holds: type[Any]) -> tuple[str, Model]:
+    """The kind whose values are of a class."""
+    for kind, model in MODELS.items():
+        if model.holds is holds:
+            return kind, model
+    raise TypeError(f"{holds.__name__} is no model")
+
+
+def _table(value: Any, place: str, *, commented: bool = True) -> list[str]:
+    """The keys of a value, then its tables, whose names begin with `place`."""
+    form = forms.FORMS[type(value)]
+    spelled = form.spell(value) if form.spell else {each.name: getattr(value, each.name) for each in fields(value)}
+    keys = [*form.keys, *(name for name in spelled if name not in form.keys)]
+    lines, tables = list[str](), list[str]()
+    for name in keys:
+        stated = spelled.get(name)
+        if stated is None or _unknown(stated):
+            continue
+        if is_dataclass(stated):
+            tables += ["", f"[{place}{name}]", *_table(stated, f"{place}{name}.")]
+        elif isinstance(stated, Mapping):
+            pairs = cast("Mapping[str, object]", stated).items()
+            tables += ["", f"[{place}{name}]", *(line for pair in pairs for line in toml_lines(*pair))]
+        elif isinstance(stated, tuple) and any(map(is_dataclass, cast("tuple[Any, ...]", stated))):
+            for k, each in enumerate(cast("tuple[Any, ...]", stated)):
+                tables += ["", f"[[{place}{name}]]", *_table(each, f"{place}{name}.", commented=k == 0)]
+        else:
+            lines += toml_lines(name, stated, form.keys.get(name, Key()).comment if commented else "")
+    return lines + tables
+
+
+def _unknown(value: Any) -> bool:
+    """NaN throughout, which is left out."""
+    values = cast("tuple[Any, ...]", value if isinstance(value, tuple) else (value,))
+    return bool(values) and all(isinstance(each, float) and isnan(each) for each in values)

@@ -1,0 +1,282 @@
+"""From a log to contacts, by a rig: what `palpate estimate` does, and Python with it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from itertools import chain
+from pathlib import Path
+from time import perf_counter
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+
+from palpate.contact.contacts import Contacts
+from palpate.contact.estimate import Status
+from palpate.contact.estimator import ContactEstimator
+from palpate.contact.frames import placed
+from palpate.contact.plausibility import lines_of_action, never_at_rest, unexplained
+from palpate.contact.wrench_estimator import WrenchEstimator
+from palpate.errors import InputError
+from palpate.io.logs import Log, contents, join, missing
+from palpate.io.logs import open_log as open_by_layout
+from palpate.io.rig.kind import Prepared, SensorKind
+from palpate.io.rig.rig import Rig, load_rig
+from palpate.sensors.recording import ORIENTATION, POSITION, Recording
+
+__all__ = ["FRAMES", "OpenedLog", "Pipeline", "estimate", "open_log", "prepare"]
+
+FRAMES = ("surface", "sensor", "base")
+HEAD = 20_000  # samples of the start of a log from which noise, rate and rest are taken
+KEPT = 5_000  # samples of the log, evenly spread, that doubts are raised from
+HEAD_VALUES = 3_000_000  # numbers, where a sample has many
+
+
+class OpenedLog:
+    """A log of a rig: blocks of one of its sensors, and its start, which may be looked at before.
+
+    Attributes:
+        kind: the sensor.
+        rig: that says how the log is read.
+        seconds: spent on reading so far.
+    """
+
+    def __init__(self, path: Path, rig: Rig, kind: SensorKind) -> None:
+        self.path, self.rig, self.kind = path, rig, kind
+        self._log: Log = open_by_layout(path, kind.layout(rig))
+        self._blocks: Iterator[Recording] | None = None
+        self._first: list[Recording] = []
+        self.seconds = 0.0
+
+    @property
+    def size(self) -> int:
+        """Bytes to read in all."""
+        return self._log.size
+
+    @property
+    def position(self) -> int:
+        """Bytes read so far."""
+        return self._log.position
+
+    @property
+    def torn(self) -> str:
+        """After the last block, the sentence that says where the file was cut; "" where it is whole."""
+        return self._log.torn
+
+    def notes(self) -> tuple[str, ...]:
+        """What a reader of the results should know of what was read so far."""
+        return self._log.notes()
+
+    def head(self, seconds: float = 0.0) -> Recording:
+        """The start of the log: 20,000 samples or so many seconds, if it is that long; nothing of it is lost."""
+        if self._blocks is None:
+            self._blocks = self._timed(self._log.blocks())
+        count, values = sum(map(len, self._first)), 0
+        while not (count >= HEAD or values >= HEAD_VALUES) or _span(self._first) <= seconds:
+            block = next(self._blocks, None)
+            if block is None:
+                break
+            self._first.append(block)
+            count += len(block)
+            values += sum(channel.size for channel in block.channels.values())
+        if not count:
+            raise InputError("holds no samples.", where=str(self.path))
+        return join(self._first)
+
+    def __iter__(self) -> Iterator[Recording]:
+        """Every sample once, in blocks, from the start."""
+        first, self._first = self._first, []
+        blocks, self._blocks = self._blocks, None
+        yield from chain(first, self._timed(self._log.blocks()) if blocks is None else blocks)
+
+    def __enter__(self) -> OpenedLog:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, raised: BaseException | None, at: TracebackType | None
+    ) -> None:
+        self._first, self._blocks = [], None
+
+    def _timed(self, blocks: Iterator[Recording]) -> Iterator[Recording]:
+        while True:
+            begin = perf_counter()
+            block = next(blocks, None)
+            self.seconds += perf_counter() - begin
+            if block is None:
+                return
+            yield block
+
+
+def open_log(log: str | Path, rig: Rig | str | Path, sensor: str | None = None) -> OpenedLog:
+    """Open a log as a rig says: CSV, Parquet, NumPy, MCAP, a ROS 1 or 2 bag.
+
+    Args:
+        log: the file, or a bag's folder.
+        rig: or its file.
+        sensor: name of the sensor's table in the rig, where there are several that the log could be of.
+
+    Raises:
+        InputError: the log cannot be read, or has nothing for a sensor of the rig.
+    """
+    path, rig = Path(log), rig if isinstance(rig, Rig) else load_rig(rig)
+    return OpenedLog(path, rig, rig.kind(sensor) if sensor or len(rig.kinds) == 1 else _told(path, rig))
+
+
+def _told(path: Path, rig: Rig) -> SensorKind:
+    """Which of several sensors a log is of, by its channels."""
+    there = contents(path)
+    lacking = {kind.name: missing(there, kind.layout(rig)) for kind in rig.kinds}
+    fitting = [kind for kind in rig.kinds if not lacking[kind.name]]
+    if len(fitting) == 1:
+        return fitting[0]
+    if fitting:
+        names = ", ".join(kind.name for kind in fitting)
+        raise InputError(
+            f"could be of several sensors of the rig: {names}.", where=str(path), mend="Name one: --sensor."
+        )
+    why = "; ".join(f"{name}: no {', '.join(what[:3])}" for name, what in lacking.items())
+    raise InputError(f"has nothing for a sensor of the rig ({why}).", where=str(path))
+
+
+def prepare(rig: Rig, log: OpenedLog | None = None, sensor: str | None = None) -> Prepared:
+    """The estimator of a rig, with what is to be known of it; see `Rig.estimator`."""
+    if log is None:
+        return rig.kind(sensor).build(rig, None)
+    return log.kind.build(rig, log.head(rig.estimate.tare or 1.0))
+
+
+class Seen:
+    """Some samples of a log, evenly spread, and how its contacts turned out: what does not fit shows in them."""
+
+    def __init__(self) -> None:
+        self._count, self._stride, self._kept = 0, 1, list[Recording]()
+        self._statuses = np.zeros(len(Status), dtype=np.int64)
+
+    def add(self, block: Recording, found: Contacts) -> None:
+        """The next samples and their contacts."""
+        self._statuses += np.bincount(found.status, minlength=len(Status))
+        self._kept.append(block.picked(slice(-self._count % self._stride, None, self._stride)))
+        self._count += len(block)
+        while sum(map(len, self._kept)) > 2 * KEPT:  # every second one of those kept stays
+            self._kept = [join(self._kept).picked(slice(None, None, 2))]
+            self._stride *= 2
+
+    def doubts(self, estimator: ContactEstimator) -> list[str]:
+        """Units, bias, mounting: what a wrench says of them, and how many samples no contact explains."""
+        said = unexplained(self._statuses)
+        if not self._count or not isinstance(estimator, WrenchEstimator):
+            return said
+        surface, mount = estimator.locator.surface, estimator.mount
+        wrenches, _, _ = estimator.contact_wrenches(join(self._kept))
+        sensed = wrenches @ mount.wrench_matrix().T  # saturated ones too: a wrong unit saturates a sensor
+        judged = (
+            lines_of_action(sensed, mount.apply(surface.centre), surface.size).doubt,
+            never_at_rest(sensed, estimator.locator.on),
+        )
+        return [*(doubt for doubt in judged if doubt), *said]
+
+
+@dataclass
+class Pipeline:
+    """A log on its way to contacts, once.
+
+    Attributes:
+        log, estimator, frame: what it is made of.
+        said, doubted: sentences on what was done before the first sample, and on what may be wrong about it.
+        facts: settings in force.
+        seconds: spent on preparing and locating; the log knows those of reading.
+    """
+
+    log: OpenedLog
+    estimator: ContactEstimator
+    frame: str
+    said: list[str]
+    doubted: list[str]
+    facts: dict[str, object]
+    seconds: dict[str, float] = field(default_factory=lambda: {"prepare": 0.0, "locate": 0.0})
+    _seen: Seen = field(default_factory=Seen)
+
+    @classmethod
+    def of(cls, log: OpenedLog, frame: str = "surface") -> Pipeline:
+        """Prepare everything that the samples of a log go through.
+
+        Raises:
+            InputError: a file of the rig cannot be used, the log does not begin at rest where it should, or the base
+                frame is asked for and the log has no poses.
+        """
+        if frame not in FRAMES:
+            raise InputError(f"there is no frame {frame!r}.", mend=f"Use one of {', '.join(FRAMES)}.")
+        begin, read = perf_counter(), log.seconds
+        head = log.head()
+        if frame == "base":
+            _require_pose(log, head)
+        made = prepare(log.rig, log)
+        pipeline = cls(log, made.estimator, frame, made.said, made.doubted, made.facts)
+        pipeline.seconds["prepare"] = perf_counter() - begin - (log.seconds - read)
+        return pipeline
+
+    def stream(self, **options: Any) -> Iterator[tuple[Recording, Contacts, Contacts]]:
+        """Blocks of the log with their contacts, in the surface's frame and in the one asked for.
+
+        Args:
+            options: that this estimator's `pairs` has beside the blocks, such as `forces` of taxels.
+        """
+        located = self.estimator.pairs(self.log, **options)
+        while True:
+            begin, read = perf_counter(), self.log.seconds
+            pair = next(located, None)
+            self.seconds["locate"] += perf_counter() - begin - (self.log.seconds - read)
+            if pair is None:
+                return
+            block, found = pair
+            self._seen.add(block, found)
+            yield block, found, placed(found, block, self.frame, self.estimator.mount)
+
+    def notes(self) -> list[str]:
+        """What was met on the way, so far."""
+        return list(dict.fromkeys((*self.said, *self.estimator.notes(), *self.log.notes())))
+
+    def doubts(self) -> list[str]:
+        """What may be wrong, by what was seen so far."""
+        return list(dict.fromkeys((*self.doubted, *self.estimator.doubts(), *self._seen.doubts(self.estimator))))
+
+
+def estimate(log: str | Path, rig: Rig | str | Path, *, frame: str = "surface", sensor: str | None = None) -> Contacts:
+    """Every contact in a log: exactly what `palpate estimate` writes.
+
+    Args:
+        log: the file, or a bag's folder.
+        rig: or its file.
+        frame: of the result: "surface", "sensor" or "base".
+        sensor: name of the sensor's table in the rig, where there are several that the log could be of.
+
+    Returns:
+        At least one row a sample; what a reader should know, doubts first, is in `notes`.
+
+    Raises:
+        InputError: the log or a file of the rig cannot be used.
+    """
+    with open_log(log, rig, sensor) as opened:
+        pipeline = Pipeline.of(opened, frame)
+        found = Contacts.joined([contacts for _, _, contacts in pipeline.stream()])
+        torn = [opened.torn] if opened.torn else []
+        return found.noted((*torn, *pipeline.doubts(), *pipeline.notes()))
+
+
+def _require_pose(log: OpenedLog, head: Recording) -> None:
+    for channel in (ORIENTATION, POSITION):
+        if channel not in head.channels:
+            raise InputError(
+                f"the base frame needs the sensor's {channel} in the base, which this log does not have.",
+                where=str(log.path),
+                mend="A table needs columns qx,qy,qz,qw and x,y,z, messages a topic of poses; other names stand in the "
+                "rig's [orientation] (columns, position, topic).",
+            )
+
+
+def _span(blocks: Iterable[Recording]) -> float:
+    """Seconds from the first time to the last."""
+    times = [block.time[np.isfinite(block.time)] for block in blocks]
+    known = [time for time in times if len(time)]
+    return max(time.max() for time in known) - min(time.min() for time in known) if known else -np.inf

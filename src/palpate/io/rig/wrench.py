@@ -1,0 +1,123 @@
+"""What all sensors of wrenches have in common when they are built from a rig: locator, mounting, filter, tare."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from palpate.contact.locate import Locator
+from palpate.contact.wrench_estimator import WrenchEstimator
+from palpate.errors import InputError
+from palpate.io.rig.kind import Prepared
+from palpate.io.rig.tables import RigFilter
+from palpate.sensors.recording import Recording
+from palpate.sensors.wrench_sensor import WrenchSensor
+from palpate.surfaces import Surface
+
+if TYPE_CHECKING:
+    from palpate.io.rig.rig import Rig
+
+__all__ = ["first_seconds", "noted_filter", "wrench_estimator"]
+
+
+def wrench_estimator(
+    rig: Rig, sensor: WrenchSensor, head: Recording | None, *, tare: float | None, **options: Any
+) -> Prepared:
+    """The estimator of a sensor of wrenches on the rig's surface, tared where the log begins unloaded.
+
+    Args:
+        rig: what the user wrote.
+        sensor: prepared.
+        head: the start of the log; None: a live loop, which tares when it will.
+        tare: [s] at the start of the log in which nothing is touched; None: no tare.
+        options: of `Locator`, such as a soft layer.
+    """
+    surface = rig_surface(rig)
+    settings, contact = rig.estimate, rig.estimate.contact
+    locator = Locator(
+        surface,
+        method=settings.method,
+        friction=settings.friction,
+        torsion=settings.torsion,
+        noise=sensor.noise,
+        on=None if contact is None else contact.on,
+        off=None if contact is None else contact.off,
+        **options,
+    )
+    table, rate = rig_filter(rig, head)
+    uncertain = None if rig.surface is None else rig.surface.pose_covariance
+    estimator = WrenchEstimator(
+        locator,
+        sensor,
+        rig.surface.pose.pose() if rig.surface is not None else None,
+        None if uncertain is None else np.asarray(uncertain),
+        filter=table.filter(),
+        rate=rate,
+    )
+    made = Prepared(estimator, said=noted_filter(table, rate), facts=_facts(rig, estimator, table, rate))
+    if head is not None and tare is not None:
+        tared = estimator.tare(first_seconds(head, tare))
+        made.said.append(tared.said)
+        made.doubted += [tared.doubt] if tared.doubt else []
+    if contact is None:
+        made.said.append(f"a contact begins at {locator.on:.3g} N and ends at {locator.off:.3g} N (from the noise)")
+    if uncertain is None and sensor.noise is not None:
+        made.said.append("where the surface sits is taken as exact in the ellipses (calibrate mounting)")
+    return made
+
+
+def rig_surface(rig: Rig) -> Surface:
+    """What is touched, with the kernels that search it loaded."""
+    if rig.surface is None:
+        raise InputError("the rig has no [surface].", where="rig")
+    surface = rig.surface.load(rig.folder)
+    surface.prepared()
+    return surface
+
+
+def rig_filter(rig: Rig, head: Recording | None) -> tuple[RigFilter, float | None]:
+    """The filter and the rate [Hz] of samples; none where there is too little to be filtered."""
+    stated = rig.filter
+    if stated.kind == "none" or stated.rate is not None or head is None:
+        return stated, stated.rate
+    if len(head) < 2:
+        return RigFilter(), None
+    steps = np.diff(head.time)
+    if np.count_nonzero(steps > 0) <= len(steps) / 2:
+        raise InputError(
+            "most times repeat or are missing, so the rate that the filter needs is not known.",
+            where=head.source,
+            mend="Give the rate [Hz] in the rig's [filter], or use --filter none.",
+        )
+    return stated, head.rate()
+
+
+def noted_filter(table: RigFilter, rate: float | None) -> list[str]:
+    """What the filter does at this rate."""
+    made = table.filter()
+    return [] if made is None or rate is None else [made.describe(rate)]
+
+
+def first_seconds(head: Recording, seconds: float) -> Recording:
+    """The start of a log.
+
+    Raises:
+        InputError: it has no times.
+    """
+    known = head.time[np.isfinite(head.time)]
+    if not len(known):
+        raise InputError("has no times, so its first seconds are not known.", where=head.source)
+    return head.picked(head.time <= known[0] + seconds)
+
+
+def _facts(rig: Rig, estimator: WrenchEstimator, table: RigFilter, rate: float | None) -> dict[str, object]:
+    """What was in force, as it stands in OUTPUT.toml."""
+    locator, smooth = estimator.locator, table.filter()
+    return {
+        **vars(rig.estimate),
+        "contact": f"on {locator.on:g} N, off {locator.off:g} N",
+        "crease": None if rig.surface is None else rig.surface.crease,
+        "filter": "none" if smooth is None or rate is None else f"{smooth} at {rate:.6g} Hz",
+        "noise": None if locator.noise is None else np.sqrt(np.diag(locator.noise)).tolist(),
+    }

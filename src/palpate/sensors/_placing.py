@@ -1,0 +1,38 @@
+"""Compiled: a wrench taken to the frame of the surface, and what the mounting's error does to it there."""
+
+# pyright: basic
+from __future__ import annotations
+
+from palpate.surfaces._jit import inner
+from palpate.surfaces._vectors import cross_into
+
+__all__ = ["mounting_errors", "row", "to_surface"]
+
+
+@inner
+def row(array, i):
+    """Of a channel, or of the one row that stands for all."""
+    return array[i] if len(array) > 1 else array[0]
+
+
+@inner
+def to_surface(matrix, wrench, out):
+    """The 6 x 6 matrix of a pose, its block of zeros left out."""
+    for k in range(3):
+        out[k] = matrix[k, 0] * wrench[0] + matrix[k, 1] * wrench[1] + matrix[k, 2] * wrench[2]
+        out[3 + k] = matrix[3 + k, 0] * wrench[0] + matrix[3 + k, 1] * wrench[1] + matrix[3 + k, 2] * wrench[2]
+    for k in range(3, 6):
+        out[k] += matrix[k, 3] * wrench[3] + matrix[k, 4] * wrench[4] + matrix[k, 5] * wrench[5]
+
+
+@inner
+def mounting_errors(wrench, doubts, work, errors):
+    """`pose_noise_on_wrench`, from doubts (q, 6): dF = omega x F, dM = omega x M + rho x F."""
+    moment = work[1]
+    for i in range(len(doubts)):
+        doubt, error = doubts[i], errors[i]
+        cross_into(doubt[:3], wrench[:3], error[:3])
+        cross_into(doubt[:3], wrench[3:], error[3:])
+        cross_into(doubt[3:], wrench[:3], moment)
+        for k in range(3):
+            error[3 + k] += moment[k]

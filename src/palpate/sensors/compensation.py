@@ -1,0 +1,264 @@
+"""A six-axis sensor: what its payload weighs and how it is accelerated is taken off, and widens the covariance."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float, Int8
+from numpy.typing import ArrayLike
+
+from palpate.errors import InputError
+from palpate.sensors.force_torque import ForceTorque, Payload
+from palpate.sensors.motion import Motion
+from palpate.sensors.pose_track import sound_quaternions
+from palpate.sensors.recording import ACCELERATION, FORCE, ORIENTATION, TORQUE, UNSTEADY, Recording
+from palpate.sensors.rest import at_rest
+from palpate.sensors.wrench_sensor import Placement, Tare, square_root
+from palpate.spatial.pose import Pose, rotation_from_quaternion, skew
+
+__all__ = ["Compensation"]
+
+NOTHING = Payload(np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3))
+SURE = 5.0  # times what it is unsure by: a tare of less is no touch
+
+
+class _Readings(NamedTuple):
+    """Samples as the compiled loops take them: contiguous and writable, n rows, or one that stands for all.
+
+    Attributes:
+        time: (n,) [s]; wrench: (n, 6) as measured.
+        rotation: (n or 1, 3, 3) sensor in base; acceleration: (n or 1, 3); unsteady: (n or 1, 1).
+    """
+
+    time: np.ndarray
+    wrench: np.ndarray
+    rotation: np.ndarray
+    acceleration: np.ndarray
+    unsteady: np.ndarray
+
+    def picked(self, rows: Bool[np.ndarray, " n"]) -> _Readings:
+        """Those of a mask."""
+        count = len(self.time)
+        return _Readings(*(part[rows] if len(part) == count else part for part in self))
+
+    def mean(self) -> _Readings:
+        """Their means, as one sample."""
+        return _Readings(*(part.mean(axis=0, keepdims=True) for part in self))
+
+
+class _Compensated(NamedTuple):
+    """As `Measured`, with the readings that the wrenches came from."""
+
+    time: Float[np.ndarray, " n"]
+    wrench: Float[np.ndarray, "n 6"]
+    status: Int8[np.ndarray, " n"]
+    readings: _Readings
+
+
+class Compensation:
+    """The `WrenchSensor` of a force/torque sensor and what hangs on it; see `Payload`.
+
+    A sample that is invalid, saturated or without pose gets its status.
+
+    Args:
+        sensor: noise, range and frame of the wrenches.
+        payload: what hangs on the sensor; None leaves the wrenches as they are.
+        motion: where accelerations come from in a stream; None: from the recordings alone.
+    """
+
+    channels = (FORCE, TORQUE)
+
+    def __init__(self, sensor: ForceTorque, payload: Payload | None = None, motion: Motion | None = None) -> None:
+        from palpate.sensors import _compensation  # compiled: loaded when first needed
+
+        self.sensor, self.payload, self.motion = sensor, payload, motion
+        self._compensate, self._place = _compensation.compensate, _compensation.place
+        load = NOTHING if payload is None else payload
+        self._weighs = bool(load.weight.any() or load.covariance[:3, :3].any())
+        self._turned = sensor.frame == "base"
+        self._limits = np.full(6, np.inf) if sensor.limits is None else sensor.limits.copy()
+        slope = load.gravity / load.magnitude**2 if load.weight.any() else np.zeros(3)
+        self._load = np.concatenate([load.weight, load.center_of_mass, slope, [load.mass]])
+        self._bias = np.concatenate([load.force_bias, load.torque_bias])
+        self._doubts = square_root(load.covariance)
+        self._untare()
+        nothing = _Readings(np.zeros(1), np.zeros((1, 6)), np.eye(3)[None], np.zeros((1, 3)), np.zeros((1, 1)))
+        made = self._compensated(nothing, self._zero)  # compiles, before anything is in a hurry
+        self.place(made, made.wrench, np.ones(1), Placement(Pose.identity()))
+
+    @property
+    def noise(self) -> Float[np.ndarray, "6 6"] | None:
+        """Of the sensor."""
+        return self.sensor.noise
+
+    @property
+    def needs_orientation(self) -> str:
+        """Why, or nothing."""
+        if self._weighs:
+            return "the payload's weight turns with the sensor"
+        return "the wrenches are in the base frame" if self._turned else ""
+
+    def ready(self, blocks: Iterable[Recording]) -> Iterator[Recording]:
+        """With accelerations, where `motion` tells them."""
+        return iter(blocks) if self.motion is None else self.motion.stream(iter(blocks))
+
+    def measure(self, recording: Recording) -> _Compensated:
+        """The contacts' wrenches.
+
+        Raises:
+            InputError: an orientation is needed (payload with weight, wrenches in the base frame) and there is none.
+        """
+        return self._compensated(self._readings(recording), self._zero)
+
+    def single(
+        self, time: float, reading: ArrayLike, rotation: ArrayLike | None, acceleration: ArrayLike | None
+    ) -> _Compensated:
+        """Of six numbers, with the sensor's rotation in the base (3, 3) where it is needed; NaN: not known now."""
+        why = self.needs_orientation
+        if rotation is None and why:
+            raise InputError(f"update needs the orientation of the sensor: {why}.")
+        turn = np.eye(3) if rotation is None or not why else rotation
+        pushed = np.zeros(3) if acceleration is None else acceleration
+        readings = _Readings(
+            np.array([time], dtype=np.float64),
+            _one("reading", reading, (1, 6)),
+            _one("rotation", turn, (1, 3, 3)),
+            _one("acceleration", pushed, (1, 3)),
+            np.zeros((1, 1)),
+        )
+        return self._compensated(readings, self._zero)
+
+    def place(
+        self,
+        measured: _Compensated,
+        wrenches: Float[np.ndarray, "n 6"],
+        share: Float[np.ndarray, " k"],
+        placement: Placement,
+    ) -> tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, "n 6 6"] | None]:
+        """In the surface's frame; what payload, tare and mounting add, the same in every sample, stays whole."""
+        if placement is not self._placement:
+            self._placement, self._constant = placement, self._constants(placement)
+        located, covariances = np.empty_like(wrenches), np.empty((len(wrenches), 6, 6))
+        readings = measured.readings
+        self._place(
+            wrenches,
+            readings.rotation,
+            readings.acceleration,
+            readings.unsteady,
+            share,
+            self._load,
+            self._mean,
+            self._unsure,
+            placement.doubts,
+            placement.matrix,
+            self._constant,
+            located,
+            covariances,
+        )
+        return located, None if self.noise is None else covariances
+
+    def tare(self, recording: Recording) -> Tare:
+        """Take the mean compensated wrench of a window off from now on.
+
+        Its error is in it too: of the payload's, only the difference to what it was there is left, so biases go.
+
+        Raises:
+            InputError: too few samples, or not steady: what was seen.
+        """
+        made = self._compensated(self._readings(recording), self._bias)
+        usable = made.status < 0
+        found = at_rest(made.wrench[usable], self.noise, recording.source)
+        middle = made.readings.picked(usable).mean()
+        self._untare()
+        window = made._replace(readings=middle)
+        _, spread = self.place(window, found.mean[None], np.array([1.0 / found.samples]), Placement(Pose.identity()))
+        largest = found.deviation[:3].max() ** 2 / found.samples if spread is None else spread[0, :3, :3].max()
+        rotation, acceleration = middle.rotation[0], middle.acceleration[0]
+        weight, slope, mass = self._load[:3], self._load[6:9], self._load[9]
+        turn, hanging = rotation.T - np.outer(acceleration, slope), rotation.T @ weight - mass * acceleration
+        self._mean = np.concatenate([turn, hanging[None]])
+        self._zero = self._bias + found.mean
+        self._unsure = self._doubts.copy()
+        self._unsure[:, 3:6] = self._unsure[:, 9:] = 0.0
+        self._samples, self._placement = found.samples, None
+        return Tare(found.said, touch=found.mean, least=SURE * float(np.sqrt(largest)))
+
+    def reset(self) -> None:
+        """Nothing goes from sample to sample."""
+
+    def notes(self) -> tuple[str, ...]:
+        """On the motion."""
+        return () if self.motion is None or self.payload is None else self.motion.notes(self.payload.mass)
+
+    def doubts(self) -> tuple[str, ...]:
+        """None."""
+        return ()
+
+    def _untare(self) -> None:
+        """Take off the payload's biases, and nothing else."""
+        self._zero, self._unsure, self._mean = self._bias.copy(), self._doubts, np.zeros((4, 3))
+        self._samples: int | None = None
+        self._placement: Placement | None = None
+
+    def _constants(self, placement: Placement) -> Float[np.ndarray, "3 6 6"]:
+        """Covariances in the surface's frame: of the noise, of the tare, and of an acceleration of deviation 1."""
+        made, matrix, mass = np.zeros((3, 6, 6)), placement.matrix, float(self._load[9])
+        if self.noise is not None:
+            push = matrix[:, :3] + matrix[:, 3:] @ skew(self._load[3:6])  # of a force at the payload's centre
+            made[0] = matrix @ self.noise @ matrix.T
+            made[2] = mass**2 * push @ push.T
+        if self._samples is not None:
+            made[1] = made[0] / self._samples
+        return made
+
+    def _readings(self, recording: Recording) -> _Readings:
+        """The channels that are needed."""
+        channels = recording.channels
+        acceleration = channels.get(ACCELERATION) if self._weighs else None
+        unsteady = channels.get(UNSTEADY) if self._weighs else None
+        return _Readings(
+            recording.time.copy(),
+            np.concatenate([channels[FORCE], channels[TORQUE]], axis=1),
+            self._rotations(recording),
+            np.zeros((1, 3)) if acceleration is None else acceleration.copy(),
+            np.zeros((1, 1)) if unsteady is None else unsteady.copy(),
+        )
+
+    def _compensated(self, readings: _Readings, zero: Float[np.ndarray, "6"]) -> _Compensated:
+        """The contacts' wrenches in the sensor's frame, and statuses known beforehand (else -1)."""
+        wrenches, statuses = np.empty_like(readings.wrench), np.empty(len(readings.wrench), np.int8)
+        self._compensate(
+            readings.wrench,
+            readings.rotation,
+            readings.acceleration,
+            self._limits,
+            self._load,
+            zero,
+            self._turned,
+            wrenches,
+            statuses,
+        )
+        return _Compensated(readings.time, wrenches, statuses, readings)
+
+    def _rotations(self, recording: Recording) -> Float[np.ndarray, "_ 3 3"]:
+        """Sensor in base, NaN where the quaternion is none; the identity where nothing needs it."""
+        if not self.needs_orientation:
+            return np.eye(3)[None]
+        quaternions = recording.channels.get(ORIENTATION)
+        if quaternions is None:
+            raise InputError(
+                f"the log has no orientation, and {self.needs_orientation}.",
+                where=recording.source,
+                mend="Add columns qx, qy, qz, qw (sensor in base), or name them in [orientation].",
+            )
+        return rotation_from_quaternion(np.where(sound_quaternions(quaternions)[:, None], quaternions, np.nan))
+
+
+def _one(what: str, values: ArrayLike, shape: tuple[int, ...]) -> np.ndarray:
+    """A copy of one sample's values, contiguous and writable, as the loops were compiled for."""
+    array = np.array(values, dtype=np.float64, order="C")
+    if array.shape not in (shape, shape[1:]):
+        raise InputError(f"the {what} of one sample must have shape {shape[1:]}, not {array.shape}.")
+    return array.reshape(shape)

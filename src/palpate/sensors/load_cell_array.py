@@ -1,0 +1,320 @@
+"""Load cells as a sensor of wrenches: which cells and channels to believe, the zero, and what the calibration lacks."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float, Int, Int8
+from numpy.typing import ArrayLike
+
+from palpate.errors import InputError
+from palpate.sensors.load_cell_explanations import explanations
+from palpate.sensors.load_cell_faults import Fault, find_faults
+from palpate.sensors.load_cell_zero import Zero, take_zero
+from palpate.sensors.load_cells import VOLTAGE, LoadCells
+from palpate.sensors.recording import Recording
+from palpate.sensors.wrench_sensor import Placement, Tare
+from palpate.spatial.pose import Pose
+
+__all__ = ["START", "LoadCellArray"]
+
+START = 0.5  # s at a start in which nothing is touched, where no tare said how long
+RESTART = 5.0  # s without a sample: what was switched off in between has another zero
+LANES = 8  # outputs of a product are a multiple of it: the compiler adds so many at a time
+KEPT = 20_000  # readings, evenly spread, that faults are looked for in
+UPPER = np.triu_indices(6)
+
+
+class _Weighed(NamedTuple):
+    """As `Measured`; `which` explanation answered, `extra` covariance where several did, `slow` share of the zero."""
+
+    time: Float[np.ndarray, " n"]
+    wrench: Float[np.ndarray, "n 6"]
+    status: Int8[np.ndarray, " n"]
+    which: Int[np.ndarray, " n"]
+    extra: Float[np.ndarray, "n 6 6"]
+    slow: float
+
+    @classmethod
+    def of(cls, time: Float[np.ndarray, " n"], slow: float) -> _Weighed:
+        """To be filled."""
+        n = len(time)
+        return cls(time, np.empty((n, 6)), np.empty(n, np.int8), np.empty(n, np.int64), np.empty((n, 6, 6)), slow)
+
+
+class LoadCellArray:
+    """The `WrenchSensor` of cells under a rigid frame; see `LoadCells` and `Explanations`.
+
+    A sample is answered from all channels or, where those contradict each other, without the channel or the cell that
+    explains it; where several explanations fit, by the mean of their wrenches with a covariance that covers them; where
+    none does, it is INVALID. A channel at its range is left out, or its cell; more make a sample SATURATED. What one
+    sample leaves to the next is how much each explanation was to blame.
+
+    The zero is that of the calibration until a `tare`. In a stream it is taken again wherever the log begins anew:
+    after a gap of 5 s, or where time runs back. A later start that is not at rest keeps the zero before it, and is
+    doubted.
+
+    Args:
+        cells: the model.
+        sound: (k,) cells or (3 k,) channels to use; None: all.
+        zero: what the cells read unloaded; None: as in the calibration.
+        names: of the channels, for messages.
+        seconds: [s] at a later start in which nothing is touched.
+
+    Raises:
+        NotIdentifiable: the sound cells tell no wrench.
+    """
+
+    channels = (VOLTAGE,)
+
+    def __init__(
+        self,
+        cells: LoadCells,
+        sound: Bool[np.ndarray, " some"] | None = None,
+        zero: Zero | None = None,
+        names: tuple[str, ...] = (),
+        seconds: float = START,
+    ) -> None:
+        from palpate.sensors import _load_cells  # compiled: loaded when first needed
+
+        self.cells, self.names = cells, names
+        self.sound = cells.channels(sound)
+        self._measure, self._place = _load_cells.measure, _load_cells.place
+        made = explanations(cells, self.sound)
+        self._spreads = made.spreads
+        self._mapping = _padded(np.concatenate([made.inverse, made.rest]).T)
+        self._parts = (made.directions, made.corrections, made.metric(), made.spreads, made.bounds)
+        self._limits = cells.limits.copy()
+        self._limits[~self.sound] = -np.inf, np.inf
+        channels, count = len(cells.matrix), len(made.directions)
+        self._state = np.zeros(count + 2 * channels)
+        self._seconds, self._placement = seconds, None
+        self._known, self._doubted = zero is not None, list[str]()
+        self.set_zero(Zero(cells.bias) if zero is None else zero)
+        self._reading, self._located, self._covariance = np.zeros((1, channels)), np.empty((1, 6)), np.empty((1, 6, 6))
+        self._kept, self._held, self._seen, self._stride = list[np.ndarray](), 0, 0, 1
+        self._measured(self._reading, self._one)  # compiles, before anything is in a hurry
+        self.place(self._one, self._one.wrench, np.ones(1), Placement(Pose.identity()))
+        self.reset()
+
+    @property
+    def noise(self) -> Float[np.ndarray, "6 6"]:
+        """Of one reading."""
+        return self._spreads[0]
+
+    def set_zero(self, zero: Zero) -> None:
+        """What the cells read unloaded; its variance goes into every covariance."""
+        self.zero = zero
+        self._zero = zero.voltage.copy()
+        self._slow = float(zero.share + self.cells.drift**2)
+        self._settings = np.array([self.cells.drift, self.cells.misfit, 1.0 + self._slow])
+        self._one = _Weighed.of(np.zeros(1), self._slow)
+
+    def ready(self, blocks: Iterable[Recording]) -> Iterator[Recording]:
+        """The same rows, cut where the log begins anew, with the zero taken there."""
+        waiting, begun, last = list[Recording](), np.nan, np.nan
+        for block in blocks:
+            for part, fresh in _parts(block, last):
+                if fresh:
+                    yield from self._restarted(waiting, begun)
+                    begun = _first(part.time)
+                last = _last(part.time, last)
+                if np.isnan(begun):  # the zero of this start is known
+                    yield part
+                    continue
+                waiting.append(part)
+                if last > begun + self._seconds:
+                    yield from self._restarted(waiting, begun)
+                    begun = np.nan
+        yield from self._restarted(waiting, begun)
+
+    def measure(self, recording: Recording) -> _Weighed:
+        """Wrenches of voltages.
+
+        Raises:
+            InputError: the log has no voltages, or not three a cell.
+        """
+        voltages = self._voltages(recording)
+        made = _Weighed.of(recording.time, self._slow)
+        self._measured(voltages, made)
+        self._keep(voltages)
+        return made
+
+    def single(
+        self,
+        time: float,
+        reading: ArrayLike,
+        rotation: ArrayLike | None = None,
+        acceleration: ArrayLike | None = None,
+    ) -> _Weighed:
+        """Of one sample of voltages (3 k,); valid until the next."""
+        values = np.asarray(reading, dtype=np.float64)
+        if values.shape != self._zero.shape:
+            raise InputError(_SHAPE.format(self.cells.cells, len(self._zero), values.shape))
+        one = self._one
+        one.time[0], self._reading[0] = time, values
+        self._measured(self._reading, one)
+        self._keep(self._reading)
+        return one
+
+    def place(
+        self,
+        measured: _Weighed,
+        wrenches: Float[np.ndarray, "n 6"],
+        share: Float[np.ndarray, " k"],
+        placement: Placement,
+    ) -> tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, "n 6 6"]]:
+        """In the surface's frame; what zero, drift, calibration and mounting add stays whole."""
+        if placement is not self._placement:
+            self._placement = placement
+            self._placed = _placed(self.cells, self._spreads, placement.matrix)
+        live = measured is self._one
+        located = self._located if live else np.empty_like(wrenches)
+        covariances = self._covariance if live else np.empty((len(wrenches), 6, 6))
+        self._place(
+            wrenches,
+            measured.which,
+            measured.extra,
+            share,
+            measured.slow,
+            *self._placed,
+            placement.doubts,
+            placement.matrix,
+            located,
+            covariances,
+        )
+        return located, covariances
+
+    def tare(self, recording: Recording) -> Tare:
+        """Take the zero from a window in which nothing touches, from now on.
+
+        Raises:
+            InputError: the window does not stand still, or is too short.
+        """
+        zero = take_zero(self.cells, self._voltages(recording), recording.source)
+        self._taken(zero)
+        time = recording.time[np.isfinite(recording.time)]
+        self._seconds, self._known = float(np.ptp(time)) if len(time) else START, True
+        return Tare(zero.said, "" if zero.touch is not None else zero.doubt, zero.touch)
+
+    def reset(self) -> None:
+        """Forget what was blamed; not the zero."""
+        channels = len(self._zero)
+        self._state[:] = 0.0
+        self._state[-2 * channels : -channels] = np.nan
+
+    def notes(self) -> tuple[str, ...]:
+        """Nothing that the tare did not say."""
+        return ()
+
+    def doubts(self) -> tuple[str, ...]:
+        """Of the zeros of later starts, and the faults of the cells."""
+        zero = () if self._known else ("no zero of the cells was taken: that of the calibration is used",)
+        return (*zero, *self._doubted, *(fault.said for fault in self.faults()))
+
+    def faults(self) -> list[Fault]:
+        """What is wrong with the cells, judged by some of the readings so far."""
+        kept = np.concatenate(self._kept) if self._kept else np.empty((0, len(self._zero)))
+        return find_faults(self.cells, kept, self.sound, self.names)
+
+    def _measured(self, voltages: Float[np.ndarray, "n m"], out: _Weighed) -> None:
+        self._measure(
+            voltages,
+            self._zero,
+            self._limits,
+            self._mapping,
+            self._parts,
+            self._settings,
+            self._state,
+            out.wrench,
+            out.status,
+            out.which,
+            out.extra,
+        )
+
+    def _voltages(self, recording: Recording) -> Float[np.ndarray, "n m"]:
+        """A copy, contiguous and writable, as the loops were compiled for."""
+        found = recording.channels.get(VOLTAGE)
+        if found is None:
+            raise InputError("the log has no voltages.", where=recording.source, mend="Name them in [load_cells].")
+        if found.shape[1:] != self._zero.shape:
+            raise InputError(_SHAPE.format(self.cells.cells, len(self._zero), found.shape[1:]), where=recording.source)
+        return np.array(found, dtype=np.float64, order="C")
+
+    def _taken(self, zero: Zero) -> None:
+        self.set_zero(zero)
+        self.reset()
+
+    def _restarted(self, waiting: list[Recording], begun: float) -> Iterator[Recording]:
+        """Those that waited for the zero of their start."""
+        if not waiting:
+            return
+        rest = [self._voltages(part)[part.time <= begun + self._seconds] for part in waiting]
+        try:
+            zero = take_zero(self.cells, np.concatenate(rest), waiting[0].source)
+        except InputError as problem:
+            self._doubted.append(
+                f"the start at {begun:.3f} s is not at rest, so the zero before it is kept ({problem.what})"
+            )
+        else:
+            self._taken(zero)
+            self._doubted += [zero.doubt] if zero.doubt else []
+        yield from waiting
+        waiting.clear()
+
+    def _keep(self, voltages: Float[np.ndarray, "n m"]) -> None:
+        first = -self._seen % self._stride
+        self._seen += len(voltages)
+        if first >= len(voltages):
+            return
+        self._kept.append(voltages[first :: self._stride] - self._zero)
+        self._held += len(self._kept[-1])
+        while self._held > 2 * KEPT:  # every second one of those kept stays
+            self._kept = [np.concatenate(self._kept)[::2]]
+            self._held, self._stride = len(self._kept[0]), 2 * self._stride
+
+
+_SHAPE = "{} cells give {} voltages a sample, and these have shape {}."
+
+
+def _padded(matrix: Float[np.ndarray, "n o"]) -> Float[np.ndarray, "n q"]:
+    """With columns of zeros to whole lanes."""
+    rows, width = matrix.shape
+    made = np.zeros((rows, -(-width // LANES) * LANES))
+    made[:, :width] = matrix
+    return made
+
+
+def _placed(
+    cells: LoadCells, spreads: Float[np.ndarray, "t 6 6"], matrix: Float[np.ndarray, "6 6"]
+) -> tuple[Float[np.ndarray, "t 6 6"], Float[np.ndarray, "21 q"]]:
+    """In the surface's frame: covariances of the noise, and that of E w, linear in the upper triangle of w w'."""
+    turned = matrix @ spreads @ matrix.T
+    whole = np.einsum("pi,iajb,qj->paqb", matrix, cells.covariance.reshape(6, 6, 6, 6), matrix)
+    both = whole + whole.transpose(0, 3, 2, 1)  # of w_a w_b and w_b w_a
+    rows, columns = UPPER
+    unsure = both[rows[None], rows[:, None], columns[None], columns[:, None]]  # [of w w', of the covariance]
+    unsure = unsure * np.where(rows == columns, 0.5, 1.0)[:, None]
+    return turned, _padded(unsure)
+
+
+def _parts(block: Recording, last: float) -> Iterator[tuple[Recording, bool]]:
+    """A block cut where the log begins anew, and whether a part does."""
+    steps = np.diff(block.time, prepend=last)
+    fresh = np.flatnonzero((steps > RESTART) | (steps < 0))
+    edges = np.unique(np.concatenate([[0], fresh, [len(block)]]))
+    for begin, end in pairwise(edges.tolist()):
+        yield block.picked(slice(begin, end)), begin in fresh
+
+
+def _first(time: Float[np.ndarray, " n"]) -> float:
+    known = time[np.isfinite(time)]
+    return float(known[0]) if len(known) else -np.inf
+
+
+def _last(time: Float[np.ndarray, " n"], before: float) -> float:
+    known = time[np.isfinite(time)]
+    return float(known[-1]) if len(known) else before

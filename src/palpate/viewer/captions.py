@@ -1,0 +1,123 @@
+"""A moment in words and numbers with their units, as HTML for the page's panel."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from html import escape
+
+import numpy as np
+
+from palpate.contact.estimate import Status
+from palpate.viewer._style import STATUS
+from palpate.viewer.heat import PALETTE
+from palpate.viewer.scene import Moment, Scene, ShownContact
+
+__all__ = ["STATUS_WORDS", "caption", "feature", "legend"]
+
+NONE = "&ndash;"
+STATUS_WORDS = {
+    Status.CONTACT: "contact",
+    Status.AMBIGUOUS: "contact, here or elsewhere",
+    Status.NO_CONTACT: "no contact",
+    Status.TOO_LIGHT: "too light to locate",
+    Status.OFF_SURFACE: "no point explains it",
+    Status.IMPLAUSIBLE: "not plausible",
+    Status.SATURATED: "sensor at its range",
+    Status.INVALID: "no reading",
+    Status.NO_POSE: "orientation missing",
+}
+_SHOWN_IN = {  # features in SI -> how many of which unit
+    "area": (1e4, "cm²"),
+    "pressure": (1e-3, "kPa"),
+    "peak": (1e-3, "kPa"),
+    "load": (1.0, "N"),
+    "angle": (180 / np.pi, "°"),
+    "width": (1e3, "mm"),
+    "depth": (1e3, "mm"),
+}
+
+
+def feature(name: str) -> tuple[float, str]:
+    """By how much a feature is multiplied to be shown, and in which unit; "" where it has none."""
+    return _SHOWN_IN.get(name, (1.0, ""))
+
+
+def caption(moment: Moment, magnification: int, lines: Sequence[str] = ()) -> str:
+    """A moment as a person reads it, in HTML.
+
+    Args:
+        moment: of the scene.
+        magnification: of the ellipses.
+        lines: that the layers add, plain text.
+    """
+    contacts = moment.contacts
+    force = float(np.sum([np.linalg.norm(contact.force) for contact in contacts]))
+    single = len(contacts) == 1
+    words = STATUS_WORDS[contacts[0].status] if single else f"{len(contacts)} contacts"
+    rows = [row for contact in contacts for row in _contact(contact, magnification, single)]
+    rows.append(("time", f"{moment.time:.3f} s, sample {moment.sample:,}"))
+    table = "".join(
+        f'<tr><td style="opacity:.6;padding-right:.8em;white-space:nowrap">{name}</td><td>{value}</td></tr>'
+        for name, value in rows
+    )
+    more = "".join(f"<div>{escape(line)}</div>" for line in lines)
+    return (
+        '<div style="padding:.3em .7em 0;font-size:.8em;line-height:1.45;'
+        'font-variant-numeric:tabular-nums"><div style="display:flex;align-items:center;gap:.7em">'
+        f'<span style="font-size:2.2em;font-weight:600">{_newton(force)}</span><span style="padding:.05em .7em;'
+        f'border-radius:1em;border:2px solid {STATUS[contacts[0].status]}">{words}</span></div>'
+        f"<table>{table}</table>{more}</div>"
+    )
+
+
+def _contact(contact: ShownContact, magnification: int, single: bool) -> Iterator[tuple[str, str]]:
+    """Names and values of one contact; with a headline where there are several."""
+    if not single:
+        size = _newton(float(np.linalg.norm(contact.force)))
+        yield f"<b>contact {contact.identity}</b>", f"<b>{size}</b>, {STATUS_WORDS[contact.status]}"
+    yield "point", _place(contact)
+    yield "95 %", _ellipse(contact, magnification)
+    if single or np.isfinite(contact.torque):
+        yield "torque", f"{1e3 * contact.torque:.1f} mN m about the normal" if np.isfinite(contact.torque) else NONE
+    if contact.features:
+        yield "features", ", ".join(_feature(name, value) for name, value in contact.features.items())
+
+
+def _newton(force: float) -> str:
+    return f"{force:.2f} N" if np.isfinite(force) else NONE
+
+
+def _feature(name: str, value: float) -> str:
+    scale, unit = feature(name)
+    return f"{escape(name)}&nbsp;{scale * value:.3g}" + (f"&nbsp;{unit}" if unit else "")
+
+
+def _place(contact: ShownContact) -> str:
+    if not contact.located:
+        return NONE
+    pairs = zip("xyz", 1e3 * contact.point, 1e3 * contact.deviation, strict=True)
+    return "&ensp;".join(f"{name}&nbsp;{_measured(value, error)}" for name, value, error in pairs) + "&nbsp;mm"
+
+
+def _ellipse(contact: ShownContact, magnification: int) -> str:
+    if not np.isfinite(contact.axes).all():
+        return NONE if not contact.located else "no noise is known"
+    long, short = 1e3 * contact.axes
+    drawn = f", drawn {magnification} times as large" if magnification > 1 else ", drawn to scale"
+    return f"within {long:.2f} &times; {short:.2f} mm{drawn}"
+
+
+def _measured(value: float, deviation: float) -> str:
+    return f"{value:.2f}&nbsp;&plusmn;&nbsp;{deviation:.2f}" if np.isfinite(deviation) else f"{value:.2f}"
+
+
+def legend(scene: Scene) -> str:
+    """What the colours of heat stand for."""
+    stops = ",".join("rgb({:.0f},{:.0f},{:.0f})".format(*colour) for colour in PALETTE)
+    longest = 1e-4 * float(scene.heat.max())  # s/cm^2
+    return (
+        '<div style="padding:.2em .8em .8em;font-size:.8em">'
+        f'<div style="height:.6em;border-radius:.3em;background:linear-gradient(90deg,{stops})"></div>'
+        f'<div style="display:flex;justify-content:space-between"><span>not touched</span><span>{longest:.3g} s/cm²'
+        "</span></div></div>"
+    )

@@ -1,0 +1,90 @@
+"""What load cells add to the page: the cells, coloured by what they carry."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from jaxtyping import Float
+
+from palpate.sensors.load_cells import LoadCells
+from palpate.viewer.heat import colours
+from palpate.viewer.scene import Scene
+
+if TYPE_CHECKING:
+    from viser import BoxHandle, GuiApi, LabelHandle, ViserServer
+
+__all__ = ["LoadCellLayer", "loads"]
+
+PULLED = 0.22  # sizes of the body by which cells are drawn below their places: else it would hide them
+BOX = 0.35  # of the distance between neighbours
+_STRONG = 0.95  # quantile of what counts as usual
+
+
+def loads(
+    cells: LoadCells,
+    point: Float[np.ndarray, "*batch 3"],
+    normal: Float[np.ndarray, "*batch 3"],
+    force: Float[np.ndarray, "*batch 3"],
+    torque: Float[np.ndarray, "*batch"],
+) -> Float[np.ndarray, "*batch k"]:
+    """Lengths of the cells' readings [V] that a contact makes: what the model says, so that a dead cell has one too."""
+    wrench = np.concatenate([force, np.cross(point, force) + torque[..., None] * normal], axis=-1)
+    readings = wrench @ cells.matrix.T
+    return np.linalg.norm(readings.reshape(*readings.shape[:-1], -1, 3), axis=-1)
+
+
+class LoadCellLayer:
+    """A box for each cell whose place is known, pulled away from the body, darker where it carries more."""
+
+    def __init__(self, cells: LoadCells) -> None:
+        self.cells = cells
+        self._drawn: list[tuple[BoxHandle, LabelHandle]] = []
+
+    @property
+    def places(self) -> Float[np.ndarray, "k 3"]:
+        """(k, 3) [m] of the cells, none where they are not known."""
+        return self.cells.positions[np.isfinite(self.cells.positions).all(axis=1)]
+
+    def draw(self, server: ViserServer, scene: Scene) -> None:
+        """Boxes below the body; none where a place is not known."""
+        self._scene = scene
+        self._drawn.clear()
+        if len(self.places) < self.cells.cells:
+            return
+        carried = self._carried(np.flatnonzero(scene.touched))
+        self._most = float(np.quantile(carried.max(axis=1), _STRONG)) if len(carried) else 1.0
+        places = scene.placed(self.places)
+        down = places.mean(axis=0)
+        length = float(np.linalg.norm(down))
+        down = down / length if length > 0 else np.array([0.0, 0.0, -1.0])
+        apart = np.linalg.norm(places[:, None] - places, axis=2) + 10.0 * np.eye(len(places))
+        side = BOX * float(apart.min())
+        for number, place in enumerate(places + PULLED * down, start=1):
+            name = f"/load_cells/{number}"
+            box = server.scene.add_box(name, dimensions=(side, side, 0.6 * side), position=place)
+            self._drawn.append((box, server.scene.add_label(f"{name}/name", "", position=(0.0, 0.0, -side))))
+
+    def panel(self, gui: GuiApi) -> None:
+        """Nothing: the labels stand beside the cells."""
+
+    def show(self, index: int) -> None:
+        """Colour them for a sample."""
+        if not self._drawn:
+            return
+        row = self._scene.strongest[index]
+        carried = self._carried(np.array([row]))[0] if self._scene.contacts.located[row] else np.zeros(self.cells.cells)
+        shades = colours(np.clip(carried / max(self._most, 1e-12), 0.0, 1.0))
+        for number, (box, label) in enumerate(self._drawn):
+            red, green, blue = shades[number].tolist()
+            box.color = (red, green, blue)
+            label.text = f"cell {number + 1}: {1e3 * carried[number]:.0f} mV"
+
+    def captions(self, index: int) -> list[str]:
+        """Nothing."""
+        return []
+
+    def _carried(self, rows: np.ndarray) -> Float[np.ndarray, "n k"]:
+        found = self._scene.contacts
+        torque = np.nan_to_num(found.torque[rows])
+        return loads(self.cells, found.point[rows], found.normal[rows], found.force[rows], torque)

@@ -1,0 +1,250 @@
+"""The table of sensors that every command and every law is tried on: a row here is tested without another line.
+
+A row says how the sensor's files are made (forwards, from known touches), what is a right answer, and which fields of
+the matrix physics refuses. The fourth sensors, `plate` and `ball`, are not Palpate's: they are added to its table.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+
+from palpate.simulation.ball_on_ellipse import FINGERTIP
+from palpate.simulation.bench_files import voltage_columns, write_bench_log
+from palpate.simulation.load_cell_bench import BENCHES
+from palpate.simulation.session import Session, simulate_session
+from palpate.simulation.session_files import write_session
+from palpate.simulation.skin_session import simulate_protocol, write_skin_session
+from palpate.spatial.pose import Pose
+from tests.support.simulated import Truth, base_poses, pressed, write_table
+
+__all__ = ["SENSORS", "Files", "Sensor"]
+
+MOUNT = Pose.from_quaternion([0.0, 0.0, 0.6, 0.8], [0.010, -0.020, 0.060])  # of the surface in the sensor
+POSE = f"pose = {{ xyz = {MOUNT.translation.tolist()}, quaternion_xyzw = [0.0, 0.0, 0.6, 0.8] }}\n"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Files:
+    """What a user of the sensor has on disk, and what is true.
+
+    Attributes:
+        log: to estimate: CSV, with poses of a base that moves. rig: for it.
+        truth: of its touches. rest: [s] at its start in which nothing touches.
+        mount: T_sensor_surface.
+        models: what calibrations wrote. calibrations: the commands that do, each as words behind `calibrate`.
+        mesh: what `rig new` takes beside the log, where the sensor has one.
+    """
+
+    log: Path
+    rig: Path
+    truth: Truth
+    rest: float
+    mount: Pose
+    models: tuple[Path, ...] = ()
+    calibrations: tuple[tuple[str, ...], ...] = ()
+    mesh: Path | None = None
+
+    @property
+    def folder(self) -> Path:
+        """Of all of them."""
+        return self.log.parent
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """A row.
+
+    Attributes:
+        name: of the sensor.
+        table: of the rig that says that it is this one.
+        files: makes them in a folder; `run` is the command line.
+        place: [m] by which the median of a touch may be off, and `force` the share by which its mean force may.
+        refused: field of the matrix -> what a refusal must say (a pattern): the reason, which is physics.
+        ignores: options of `estimate` that mean nothing to it, and must be refused.
+        added: module that puts it into Palpate's table of sensors, for one that is not Palpate's.
+    """
+
+    name: str
+    table: str
+    files: Callable[[Path, Callable[..., str]], Files]
+    place: float
+    force: float
+    refused: Mapping[str, str] = field(default_factory=dict)
+    ignores: tuple[str, ...] = ()
+    added: str | None = None
+
+
+def _six_axis(folder: Path, run: Callable[..., str]) -> Files:
+    """The session's logs, with a position beside the orientation, and its rig as the probe was assembled."""
+    session = simulate_session(3, touches=6, facets=1000)
+    session = replace(session, nominal=session.true)
+    write_session(session, folder)
+    rig = folder / "rig.toml"
+    rig.write_text(re.sub(r"(?s)\[filter\].*?(?=\[estimate\])", "", rig.read_text()))
+    log, free = folder / "touches.csv", str(folder / "free_motion.csv")
+    where = {name: pl.Series(base_poses(session.touches.time)[name]) for name in "xyz"}
+    pl.read_csv(log).with_columns(**where).write_csv(folder / "log.csv")
+    payload = ("payload", free, "--rig", str(rig), "--gravity", "0,0,-1", "-o", str(folder / "payload.toml"))
+    mounted = (
+        "mounting",
+        str(log),
+        "--rig",
+        str(rig),
+        "--marks",
+        f"{folder}/marks.csv",
+        "-o",
+        f"{folder}/mounted.toml",
+    )
+    run("calibrate", *payload)
+    return Files(
+        log=folder / "log.csv",
+        rig=rig,
+        truth=_landed(session),
+        rest=0.3,
+        mount=session.true,
+        models=(folder / "payload.toml",),
+        calibrations=(payload, mounted),
+        mesh=folder / "probe.stl",
+    )
+
+
+def _landed(session: Session) -> Truth:
+    """The force is what was recorded less the load, both as simulated, in the surface's frame."""
+    recording, truth = session.touches, session.truth
+    force = (recording.wrenches() - session.load.wrenches(recording.channels["orientation"]))[:, :3]
+    turned = force @ session.true.rotation
+    held = [(recording.time >= a) & (recording.time < b) for a, b in zip(truth.start, truth.end, strict=True)]
+    return Truth(truth.start, truth.end, truth.point, np.stack([turned[rows].mean(axis=0) for rows in held]))
+
+
+TIP = f"""[surface]
+kind = "elliptic_cylinder"
+a = {FINGERTIP.a}
+b = {FINGERTIP.b}
+half_length = 0.016
+upper = true
+{POSE}
+[estimate]
+tare = 0.8
+
+[load_cells]
+"""
+
+
+def _load_cells(folder: Path, run: Callable[..., str]) -> Files:
+    """Voltages of a fingertip of the bench, which is pressed at six places."""
+    bench, rng = BENCHES["rigid"], np.random.default_rng(5)
+    write_bench_log(bench.run(0, thin=20), folder / "bench.csv")
+    (folder / "plain.toml").write_text(TIP)
+    (folder / "rig.toml").write_text(TIP + 'model = "tip.toml"\n')
+    calibrate = ("load-cells", f"{folder}/bench.csv", "--rig", f"{folder}/plain.toml", "-o", f"{folder}/tip.toml")
+    run("calibrate", *calibrate)
+    x, y = rng.uniform(-9e-3, 9e-3, 6), rng.uniform(-12e-3, 12e-3, 6)
+    time, wrenches, truth = pressed(*FINGERTIP.foot(x, y), rng)
+    volts = bench.cells().voltages(wrenches) + rng.normal(0.0, 0.02, 12)  # a zero of its own
+    volts += bench.channel_noise() * rng.standard_normal(volts.shape)
+    columns = dict(zip(voltage_columns(4), volts.T, strict=True))
+    write_table(folder / "log.csv", {"time": time} | columns | base_poses(time))
+    return Files(
+        log=folder / "log.csv",
+        rig=folder / "rig.toml",
+        truth=truth,
+        rest=0.8,
+        mount=MOUNT,
+        models=(folder / "tip.toml",),
+        calibrations=(calibrate,),
+    )
+
+
+def _skin(folder: Path, run: Callable[..., str]) -> Files:
+    """The bench's sheet round a link, touched four times, and a map that Palpate laid on that link."""
+    import trimesh
+
+    rng = np.random.default_rng(7)
+    made = simulate_protocol(rng, touches=4, width=2.0)
+    write_skin_session(made, folder, rng, presses=20)
+    frames, sheet = pl.read_csv(folder / "skin_log.csv"), made.sheet
+    cells = [name for name in frames.columns if name != "time"]
+    frames.with_columns(**{k: pl.Series(v) for k, v in base_poses(made.frames.time).items()}).write_csv(
+        folder / "log.csv"
+    )
+    link = trimesh.creation.cylinder(1e3 * sheet.radius, 100.0, sections=64)
+    link.export(folder / "link.stl")
+    surface = f'\n[surface]\nmesh = "link.stl"\nunit = "mm"\n{POSE}'
+    (folder / "rig.toml").write_text((folder / "rig.toml").read_text() + f"cells = {cells}\n{surface}")
+    calibrate = ("intensity", f"{folder}/load_cell_log.csv", "--bits", "8", "-o", f"{folder}/intensity.toml")
+    run("calibrate", *calibrate)
+    corner = ("--origin", f"{1e3 * sheet.radius},0,-30", "--heading", "0,1,0")
+    laid = ("--unit", "mm", "--sheet", "6x22", "--cell", "10", *corner)
+    run("map", "skin", f"{folder}/link.stl", *laid, "-o", f"{folder}/laid.toml")
+    return Files(
+        log=folder / "log.csv",
+        rig=folder / "rig.toml",
+        truth=Truth(made.start, made.end, made.point, made.force),
+        rest=0.8,
+        mount=MOUNT,
+        models=(folder / "intensity.toml", folder / "laid.toml"),
+        calibrations=(calibrate,),
+    )
+
+
+def _plate(folder: Path, run: Callable[..., str]) -> Files:
+    """Three cells under a slippery plate: each carries its share of what presses, by the levers."""
+    from tests.conformance import plate  # here: the table before this one has no place for it
+
+    rng = np.random.default_rng(11)
+    points = np.column_stack([rng.uniform(-0.02, 0.02, (5, 2)), np.zeros(5)])
+    time, wrenches, truth = pressed(points, np.tile([0.0, 0.0, 1.0], (5, 1)), rng, tan_theta=0.0)
+    levers = np.stack([np.ones(3), plate.CELLS[:, 1], -plate.CELLS[:, 0]])  # F_z, M_x, M_y of three forces along z
+    loads = (wrenches @ MOUNT.wrench_matrix().T)[:, 2:5] @ np.linalg.inv(levers).T + 0.3  # N: of a zero
+    loads += plate.NOISE * rng.standard_normal(loads.shape)
+    write_table(folder / "log.csv", {"time": time} | dict(zip(plate.COLUMNS, loads.T, strict=True)) | base_poses(time))
+    surface = f'[surface]\nkind = "plane"\nhalf_width = 0.03\n{POSE}'
+    (folder / "rig.toml").write_text(f"{surface}\n[estimate]\ntare = 0.8\n\n[plate]\n")
+    return Files(log=folder / "log.csv", rig=folder / "rig.toml", truth=truth, rest=0.8, mount=MOUNT)
+
+
+def _ball(folder: Path, run: Callable[..., str]) -> Files:
+    """Taxels anywhere on a sphere: a press is a Gaussian over its neighbours, each taxel feels along its normal."""
+    from tests.conformance import ball  # here: as above
+
+    rng = np.random.default_rng(13)
+    normals = ball.directions()
+    aim = np.array([[1.0, 0, 0], [0, 1.0, 0.3], [-0.5, -0.5, 0.7], [0.2, -0.9, -0.4]])
+    aim /= np.linalg.norm(aim, axis=1, keepdims=True)
+    time, wrenches, truth = pressed(ball.RADIUS * aim, aim, rng, tan_theta=0.0)
+    share = np.exp(-np.sum((normals[None] - aim[:, None]) ** 2, axis=2) / (2 * 0.2**2))
+    share /= share.sum(axis=1, keepdims=True)
+    size = np.linalg.norm(truth.force, axis=1)
+    pushed = np.linalg.norm(wrenches[:, :3], axis=1)[:, None] * share[_nearest(wrenches[:, :3], -aim)]
+    loads = pushed + ball.NOISE * rng.standard_normal(pushed.shape)
+    write_table(folder / "log.csv", {"time": time} | dict(zip(ball.COLUMNS, loads.T, strict=True)) | base_poses(time))
+    (folder / "rig.toml").write_text(
+        f'[surface]\nkind = "sphere"\nradius = {ball.RADIUS}\n{POSE}\n[ball]\ntare = 0.8\n'
+    )
+    felt = -size[:, None] * (share @ normals)  # of the taxels, each along its own normal
+    centre = ball.RADIUS * (share @ normals) / np.linalg.norm(share @ normals, axis=1, keepdims=True)
+    truth = replace(truth, point=centre, force=felt)
+    return Files(log=folder / "log.csv", rig=folder / "rig.toml", truth=truth, rest=0.8, mount=MOUNT)
+
+
+def _nearest(forces: np.ndarray, directions: np.ndarray) -> np.ndarray:
+    return np.argmax(forces @ directions.T, axis=1)
+
+
+CELLS = ("--payload", "--noise", "--unit", "--cutoff", "--crease")
+TAXELS = ("--payload", "--noise", "--unit", "--cutoff", "--method", "--friction", "--torsion", "--contact")
+NEWTONS = {"inspect model": "newtons", "calibrate": "newtons"}  # what reads in newtons has nothing to calibrate
+SENSORS = (
+    Sensor("six-axis", "force_torque", _six_axis, 1.0e-3, 0.03, ignores=("--unit", "--cutoff")),
+    Sensor("load cells", "load_cells", _load_cells, 0.2e-3, 0.05, ignores=CELLS),
+    Sensor("skin", "skin", _skin, 1.5e-3, 0.1, ignores=TAXELS),
+    Sensor("plate", "plate", _plate, 0.2e-3, 0.02, NEWTONS, CELLS, "tests.conformance.plate"),
+    Sensor("ball", "ball", _ball, 1.5e-3, 0.05, NEWTONS, TAXELS, "tests.conformance.ball"),
+)

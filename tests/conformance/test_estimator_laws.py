@@ -1,0 +1,264 @@
+"""The laws of an estimator, for every sensor, from Python alone."""
+
+from __future__ import annotations
+
+import copy
+import pickle
+import re
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import polars as pl
+import pytest
+from scipy.spatial.transform import Rotation
+
+import palpate
+from palpate.contact.estimate import ROW
+from palpate.errors import PalpateError
+from palpate.sensors.recording import ORIENTATION, POSITION, UNSTEADY, Recording
+from tests.conformance.fields import Case, run, same
+from tests.conformance.live import BESIDE, each_reading, whole
+from tests.conformance.sensors import SENSORS, Sensor
+
+LENGTH = 400  # samples: the zero and the first touch
+ROWS = 16  # of room for the contacts of one sample
+BAD = {"NaN": np.nan, "infinite": np.inf, "too large": 1e30}
+SENSOR = pytest.mark.parametrize("sensor", SENSORS, ids=lambda sensor: sensor.name)
+
+
+@dataclass(frozen=True)
+class Set:
+    """A sensor's rig, the beginning of its log, and a way to an estimator that has heard nothing yet."""
+
+    case: Case
+    rig: Any
+    recording: Recording
+
+    def estimator(self) -> Any:
+        """Prepared for the log."""
+        with palpate.open_log(str(self.case.files.log), self.rig) as opened:
+            return self.rig.estimator(opened)
+
+    def cut(self, size: int) -> Iterator[Recording]:
+        """The log in blocks of a size."""
+        for start in range(0, len(self.recording), size):
+            yield self.recording.picked(slice(start, start + size))
+
+    def streamed(self, size: int = LENGTH) -> pl.DataFrame:
+        """Its contacts by `stream`."""
+        return pl.concat([found.to_polars() for found in self.estimator().stream(self.cut(size))])
+
+    def prepared(self) -> tuple[Any, Recording]:
+        """An estimator after `stream`, reset (its zero stays), and the samples as it got them ready."""
+        from palpate.io.logs import join
+
+        estimator = self.estimator()
+        ready = [block for block, _ in estimator.pairs(self.cut(LENGTH))]
+        estimator.reset()
+        return estimator, join(ready)
+
+
+@pytest.fixture
+def made(case_of: Callable[[Sensor], Case], sensor: Sensor) -> Set:
+    case = case_of(sensor)
+    rig = palpate.load_rig(str(case.files.rig))
+    return Set(case, rig, whole(case.files.log, rig).picked(slice(0, LENGTH)))
+
+
+@SENSOR
+def test_blocks_of_any_size_are_answered_alike(made: Set) -> None:
+    known = made.streamed()
+    assert known["status"].is_in(["contact", "ambiguous"]).any()
+    for size in (1, 7, 64, 399):
+        same(made.streamed(size), known)
+
+
+@SENSOR
+def test_update_run_and_stream_are_one(made: Set) -> None:
+    """`update` is given no doubt about the acceleration, which looking ahead finds: without it, it is `run`."""
+    estimator, ready = made.prepared()
+    same(estimator.run(ready).to_polars(), made.streamed())
+    known = {name: values for name, values in ready.channels.items() if name != UNSTEADY}
+    live = replace(ready, channels=known)
+    estimator.reset()
+    single = [estimator.update(*reading) for reading in each_reading(estimator, live)]
+    estimator.reset()
+    same(_numbered(single), estimator.run(live).to_polars())
+
+
+@SENSOR
+def test_update_into_writes_the_rows_of_update(made: Set) -> None:
+    estimator, ready = made.prepared()
+    readings = list(each_reading(estimator, ready))
+    known = [estimator.update(*reading) for reading in readings]
+    estimator.reset()
+    out = estimator.empty(ROWS)
+    for (time, reading, *beside), expected in zip(readings, known, strict=True):
+        rows = out[: estimator.update_into(time, reading, out, *beside)]
+        assert np.array_equal(rows[:, ROW.point], expected.point, equal_nan=True)
+        assert np.array_equal(rows[:, ROW.force], expected.force, equal_nan=True)
+        assert np.array_equal(rows[:, ROW.status], expected.status)
+
+
+@SENSOR
+def test_reset_forgets(made: Set) -> None:
+    """After the middle of a touch, the same samples are answered as if they were the first."""
+    estimator, ready = made.prepared()
+    known = estimator.run(ready).to_polars()
+    estimator.reset()
+    estimator.run(ready.picked(slice(0, LENGTH * 2 // 3)))
+    estimator.reset()
+    same(estimator.run(ready).to_polars(), known)
+
+
+@SENSOR
+def test_every_sample_has_a_row_and_keeps_its_time(made: Set) -> None:
+    found = pl.concat([part.to_polars() for part in made.estimator().stream(made.cut(50))])
+    assert found["sample"].is_sorted()
+    assert np.array_equal(found["sample"].unique().to_numpy(), np.arange(len(made.recording)))
+    assert np.array_equal(found["time"].to_numpy(), made.recording.time[found["sample"].to_numpy()])
+
+
+@SENSOR
+@pytest.mark.parametrize("bad", BAD)
+def test_bad_samples_get_a_status_and_spoil_no_other(made: Set, bad: str) -> None:
+    """All readings of every fortieth sample after the start: neither answered nor dropped; the touch is still found."""
+    rows = np.arange(len(made.recording) // 4, len(made.recording), 40)
+    channels = dict(made.recording.channels)
+    for name in channels.keys() - set(BESIDE):
+        values = np.array(channels[name])
+        values[rows] = BAD[bad]
+        channels[name] = values
+    spoiled = Recording(made.recording.time, channels)
+    found = palpate.Contacts.joined(list(made.estimator().stream([spoiled])))
+    hit = np.isin(found.sample, rows)
+    labels = {palpate.Status(code).label for code in found.status[hit].tolist()}
+    assert labels <= {"invalid", "saturated"}
+    assert np.isnan(found.point[hit]).all()
+    before = made.case.files.truth
+    rest = (found.time >= before.start[0]) & (found.time <= before.end[0]) & ~hit
+    off = np.median(found.point[rest & found.answered], axis=0) - before.point[0]
+    assert np.linalg.norm(off) <= made.case.sensor.place
+
+
+@SENSOR
+def test_one_rigid_motion_of_the_base_moves_the_contacts_by_it(made: Set) -> None:
+    """About the vertical, so that a payload weighs the same."""
+    files = made.case.files
+    turn, slide = Rotation.from_rotvec([0.0, 0.0, 2.1]), np.array([0.3, -0.7, 0.2])
+    log = pl.read_csv(files.log)
+    turned = (turn * Rotation.from_quat(log.select("qx", "qy", "qz", "qw").to_numpy())).as_quat()
+    moved = turn.apply(log.select("x", "y", "z").to_numpy()) + slide
+    columns = dict(zip(("qx", "qy", "qz", "qw", "x", "y", "z"), np.c_[turned, moved].T, strict=True))
+    log.with_columns(**{name: pl.Series(values) for name, values in columns.items()}).write_csv(
+        files.folder / "moved.csv"
+    )
+    out = files.folder / "moved_contacts.parquet"
+    run("estimate", str(files.folder / "moved.csv"), "--rig", str(files.rig), "--frame", "base", "-o", str(out))
+    found, known = pl.read_parquet(out), pl.read_parquet(made.case.estimate(".parquet", "--frame", "base"))
+    assert found["status"].equals(known["status"])
+    for names, shift in ((("px", "py", "pz"), slide), (("fx", "fy", "fz"), 0.0), (("nx", "ny", "nz"), 0.0)):
+        there = turn.apply(known.select(names).fill_null(np.nan).to_numpy()) + shift
+        np.testing.assert_allclose(found.select(names).fill_null(np.nan).to_numpy(), there, atol=1e-7)
+
+
+@SENSOR
+def test_frames_of_python_are_those_of_the_command(made: Set) -> None:
+    files = made.case.files
+    for frame in ("sensor", "base"):
+        found = palpate.estimate(str(files.log), made.rig, frame=frame)
+        same(found.to_polars(), pl.read_parquet(made.case.estimate(".parquet", "--frame", frame)))
+
+
+@SENSOR
+@pytest.mark.parametrize("copied", [copy.deepcopy, lambda value: pickle.loads(pickle.dumps(value))])
+def test_copies_share_nothing(made: Set, copied: Callable[[Any], Any]) -> None:
+    """In the middle of a touch, both go on from there, and neither disturbs the other."""
+    estimator, ready = made.prepared()
+    first, second = ready.picked(slice(0, 200)), ready.picked(slice(200, LENGTH))
+    estimator.run(first)
+    twin = copied(estimator)
+    known = estimator.run(second).to_polars()
+    estimator.reset()
+    same(twin.run(second).to_polars(), known)
+
+
+@SENSOR
+@pytest.mark.parametrize("copied", [copy.deepcopy, lambda value: pickle.loads(pickle.dumps(value))])
+def test_values_come_back_as_they_were(made: Set, copied: Callable[[Any], Any]) -> None:
+    found = made.estimator().run(made.recording)
+    same(copied(found).to_polars(), found.to_polars())
+    back = copied(made.recording)
+    for name, values in made.recording.channels.items():
+        assert np.array_equal(back.channels[name], values, equal_nan=True)
+        assert not back.channels[name].flags.writeable
+
+
+@SENSOR
+def test_a_recording_without_what_the_sensor_reads_is_refused(made: Set) -> None:
+    estimator = made.estimator()
+    kept = {name: values for name, values in made.recording.channels.items() if name in (ORIENTATION, POSITION)}
+    with pytest.raises(PalpateError, match=rf"{estimator.channels[0]}|readings|voltages|wrench"):
+        estimator.run(Recording(made.recording.time, kept))
+
+
+@SENSOR
+@pytest.mark.parametrize("change", [-1, 1])
+def test_a_reading_of_another_length_is_refused_before_a_kernel_sees_it(made: Set, change: int) -> None:
+    estimator, ready = made.prepared()
+    time, reading, *beside = next(each_reading(estimator, ready))
+    wrong = np.resize(np.ravel(reading), np.size(reading) + change)
+    said = ""
+    try:
+        found = estimator.update(time, wrong, *beside)
+    except PalpateError as problem:
+        said = str(problem)
+    else:
+        assert [palpate.Status(code).label for code in found.status.tolist()] == ["invalid"]
+    assert not said or re.search(rf"\b{np.size(reading)}\b", said)
+
+
+@SENSOR
+def test_a_tare_where_something_presses_is_doubted_or_refused(made: Set) -> None:
+    estimator, files = made.estimator(), made.case.files
+    recording = whole(files.log, made.rig)
+    quiet = estimator.tare(recording.picked(recording.time <= recording.time[0] + files.rest))
+    assert quiet.said
+    assert not quiet.doubt
+    touched = recording.picked((recording.time > files.truth.start[0]) & (recording.time < files.truth.end[0]))
+    try:
+        doubt = estimator.tare(touched).doubt
+    except PalpateError as problem:  # not steady: a touch trembles
+        doubt = str(problem)
+    assert doubt
+
+
+@SENSOR
+def test_what_an_estimator_says_of_itself(made: Set) -> None:
+    estimator, ready = made.prepared()
+    found = estimator.run(ready)
+    assert set(estimator.channels) <= set(ready.channels)
+    assert tuple(found.features) == tuple(estimator.features)
+    for said in (*estimator.notes(), *estimator.doubts()):
+        assert isinstance(said, str)
+        assert said
+    np.testing.assert_allclose(estimator.mount.translation, made.case.files.mount.translation, atol=1e-12)
+    for name, values in found.features.items():
+        assert np.isfinite(values[found.answered]).all(), name
+
+
+@SENSOR
+def test_a_log_is_the_same_in_every_format(made: Set) -> None:
+    """Contacts of the CSV and of the same table as Parquet, to the last bit."""
+    files = made.case.files
+    pl.read_csv(files.log).write_parquet(files.folder / "log.parquet")
+    found = palpate.estimate(str(files.folder / "log.parquet"), made.rig)
+    same(found.to_polars(), pl.read_parquet(made.case.estimate(".parquet")))
+
+
+def _numbered(single: list[Any]) -> pl.DataFrame:
+    """Contacts of one sample each, counted from 0."""
+    frames = [found.to_polars().with_columns(sample=pl.lit(k, pl.Int64)) for k, found in enumerate(single)]
+    return pl.concat(frames)

@@ -1,0 +1,141 @@
+"""What a user writes from memory runs as written, and so does every snippet of the documentation; paths are text."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+
+import palpate
+from palpate.simulation.session import simulate_session
+from palpate.simulation.session_files import write_session
+from palpate.simulation.session_mcap import write_session_mcap
+from tests.conformance.fields import Case, run
+from tests.conformance.sensors import SENSORS, Sensor
+
+ROOT = Path(__file__).resolve().parents[2]
+BY_NAME = {sensor.name: sensor for sensor in SENSORS}
+PAGES = sorted([ROOT / "README.md", *(ROOT / "docs").glob("*.md")])
+NOT_RUN = re.compile(r"<!-- not run: .+ -->\s*$")
+FENCED = re.compile(r"^```python\n(.*?)^```", re.MULTILINE | re.DOTALL)
+
+WRENCH = """
+mesh = palpate.Mesh.load("probe.stl", unit="mm")
+contact = palpate.locate([-0.5, -3.0, -4.0, 0.0277, 0.0114, -0.0120], mesh)
+print(contact.status, contact.point)
+"""
+LOG = """
+contacts = palpate.estimate("log.csv", "rig.toml")
+table = contacts.to_polars()
+print(len(table), table["status"][0], contacts[contacts.answered].point.mean(axis=0))
+"""
+FINGERTIP = """
+tip = palpate.load_rig("rig.toml").estimator()
+tip.tare(rest)
+for time, volts in zip(times, voltages):
+    contact = tip.update(time, volts)
+    if contact.answered[0]:
+        print(contact.point[0], contact.force[0])
+"""
+SKIN = """
+rig = palpate.load_rig("rig.toml")
+with palpate.open_log("log.csv", rig) as log:
+    for found in rig.estimator(log).stream(log):
+        print(found.identity.max(), found.features["area"][found.answered].mean())
+"""
+MAP = """
+link = palpate.Mesh.load("link.stl", unit="mm")
+sheet = palpate.Sheet(rows=6, columns=22, pitch=(0.01, 0.01))
+laid = palpate.map_skin(link, sheet, origin=(0.0355, 0, -0.03), heading=(0, 1, 0))
+print(laid.centres.shape, laid.at(2.5, 3.0))
+"""
+
+
+def _run(code: str, **names: object) -> str:
+    """What a snippet prints."""
+    out = io.StringIO()
+    with contextlib.redirect_stdout(out):
+        exec(compile(code, "snippet", "exec"), {"palpate": palpate, "np": np, **names})
+    return out.getvalue()
+
+
+@pytest.mark.parametrize(
+    ("name", "code", "printed"),
+    [
+        ("six-axis", WRENCH, r"^contact \[0\.005"),
+        ("six-axis", LOG, r"^2640 no_contact \["),
+        ("skin", SKIN, r"^[1-9]"),
+        ("skin", MAP, r"^\(6, 22, 3\)"),
+    ],
+)
+def test_what_a_user_writes_from_memory(
+    case_of: Callable[[Sensor], Case], monkeypatch: pytest.MonkeyPatch, name: str, code: str, printed: str
+) -> None:
+    monkeypatch.chdir(case_of(BY_NAME[name]).files.folder)
+    assert re.match(printed, _run(code))
+
+
+def test_a_fingertip_from_memory(case_of: Callable[[Sensor], Case], monkeypatch: pytest.MonkeyPatch) -> None:
+    files = case_of(BY_NAME["load cells"]).files
+    monkeypatch.chdir(files.folder)
+    log = pl.read_csv(files.log)
+    times = log["time"].to_numpy()
+    voltages = log.select(pl.col("^u.*$")).to_numpy()
+    rest = palpate.Recording(times[times < files.rest], {"voltage": voltages[times < files.rest]})
+    lines = _run(FINGERTIP, rest=rest, times=times[:300], voltages=voltages[:300]).splitlines()
+    assert len(lines) > 50
+    assert len(set(lines)) == len(lines)
+
+
+def test_paths_may_be_text_everywhere(case_of: Callable[[Sensor], Case]) -> None:
+    """Each function that a user gives a file takes `str` and `Path` alike."""
+    files = case_of(BY_NAME["six-axis"]).files
+    for kind in (str, Path):
+        rig = palpate.load_rig(kind(files.rig))
+        with palpate.open_log(kind(files.log), rig) as opened:
+            assert len(next(iter(opened)))
+        assert palpate.Mesh.load(kind(files.folder / "probe.stl"), unit="mm").faces.size
+    from palpate.io.contacts import open_contacts, read_contacts
+
+    found = palpate.estimate(str(files.log), str(files.rig))
+    with open_contacts(str(files.folder / "text.parquet")) as output:
+        output.write(found)
+    assert len(read_contacts(str(files.folder / "text.parquet"))) == len(found)
+
+
+def test_a_status_prints_its_name() -> None:
+    assert f"{palpate.Status.CONTACT}" == "contact"
+    assert str(palpate.Status.NO_CONTACT) == "no_contact"
+
+
+@pytest.fixture(scope="session")
+def demo(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The files that `make demo` leaves, of a smaller session."""
+    folder = tmp_path_factory.mktemp("demo")
+    session = simulate_session(touches=6, facets=2000)
+    write_session(session, folder)
+    write_session_mcap(session, folder)
+    with contextlib.chdir(folder):
+        run("calibrate", "payload", "free_motion.csv", "--rig", "rig.toml", "-o", "payload.toml")
+        run("estimate", "touches.csv", "--rig", "rig.toml", "-o", "contacts.csv")
+    return folder
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_every_snippet_of_the_documentation_runs(page: Path, demo: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The snippets of a page belong together; one that cannot run says so: <!-- not run: why --> above it."""
+    monkeypatch.chdir(demo)
+    text = page.read_text(encoding="utf-8")
+    names: dict[str, object] = {}
+    for block in FENCED.finditer(text):
+        if NOT_RUN.search(text[: block.start()]):
+            continue
+        line = text.count("\n", 0, block.start()) + 1
+        with contextlib.redirect_stdout(io.StringIO()):
+            exec(compile("\n" * line + block[1], str(page), "exec"), names)

@@ -1,0 +1,122 @@
+"""No option is ignored: it is refused with a sentence that names it, or it changes what comes out."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+
+import polars as pl
+import pytest
+
+from tests.conformance.fields import Case, Refused, run
+from tests.conformance.sensors import SENSORS, Sensor
+
+OPTIONS = {  # of `estimate` and `view` -> values that no rig here states
+    "--payload": ("nope.toml",),
+    "--noise": ("0.5", "0.05"),
+    "--unit": ("mm",),
+    "--crease": ("11",),
+    "--method": ("wrench_axis",),
+    "--friction": ("0.07",),
+    "--torsion": ("1e-5",),
+    "--contact": ("1.9", "1.1"),
+    "--filter": ("kalman",),
+    "--cutoff": ("7",),
+    "--tare": ("0.25",),
+}
+SENSOR = pytest.mark.parametrize("sensor", SENSORS, ids=lambda sensor: sensor.name)
+
+
+@SENSOR
+@pytest.mark.parametrize("option", OPTIONS)
+def test_an_option_is_applied_or_refused(case_of: Callable[[Sensor], Case], sensor: Sensor, option: str) -> None:
+    case = case_of(sensor)
+    plain = case.estimate()
+    said, changed = "", plain
+    try:
+        changed = case.estimate(".csv", option, *OPTIONS[option])
+    except Refused as problem:
+        said = str(problem)
+    if said:
+        assert _named(option, said), said
+    else:
+        assert option not in sensor.ignores, "it means nothing to this sensor, and was not refused"
+        assert changed.read_text() != plain.read_text() or _record(changed) != _record(plain)
+
+
+@SENSOR
+def test_a_payload_that_is_not_there_is_never_overlooked(case_of: Callable[[Sensor], Case], sensor: Sensor) -> None:
+    case = case_of(sensor)
+    for command in (("estimate", "-o", str(case.files.folder / "x.csv")), ("view", "--port", "0")):
+        with pytest.raises(Refused, match=r"payload|nope\.toml"):
+            run(command[0], str(case.files.log), "--rig", str(case.files.rig), "--payload", "nope.toml", *command[1:])
+
+
+@SENSOR
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("--truth", "{truth}"), "--report"),
+        (("--report", "report.txt"), "HTML"),
+        (("--rig", "none.toml"), "no such file"),
+    ],
+)
+def test_a_call_that_cannot_be_meant_is_one_sentence(
+    case_of: Callable[[Sensor], Case], sensor: Sensor, words: tuple[str, ...], said: str
+) -> None:
+    case = case_of(sensor)
+    truth = case.files.folder / "options_truth.csv"
+    case.files.truth.write(truth)
+    rig = () if "--rig" in words else ("--rig", str(case.files.rig))
+    given = [word.format(truth=truth) for word in words]
+    with pytest.raises(Refused, match=said):
+        run("estimate", str(case.files.log), *rig, "-o", str(case.files.folder / "x.csv"), *given)
+
+
+@SENSOR
+def test_a_log_of_another_sensor_is_one_sentence(case_of: Callable[[Sensor], Case], sensor: Sensor) -> None:
+    """Each rig is given a log that has nothing but times and poses."""
+    case = case_of(sensor)
+    other = case.files.folder / "other.csv"
+    pl.read_csv(case.files.log).select("time", "qx", "qy", "qz", "qw", "x", "y", "z").write_csv(other)
+    with pytest.raises(Refused, match=r"column"):
+        run("estimate", str(other), "--rig", str(case.files.rig), "-o", str(case.files.folder / "x.csv"))
+
+
+@SENSOR
+def test_contacts_are_told_from_a_log_in_every_format(case_of: Callable[[Sensor], Case], sensor: Sensor) -> None:
+    case = case_of(sensor)
+    for suffix in (".csv", ".parquet", ".mcap"):
+        assert ": contacts" in run("inspect", str(case.estimate(suffix)))
+
+
+@SENSOR
+def test_what_is_not_what_its_name_says_is_refused(
+    case_of: Callable[[Sensor], Case], sensor: Sensor, tmp_path: Path
+) -> None:
+    case = case_of(sensor)
+    for name in ("log.mcap", "log.parquet"):
+        (tmp_path / name).write_bytes(case.files.log.read_bytes())
+        with pytest.raises(Refused, match="does not begin"):
+            run("inspect", str(tmp_path / name))
+        with pytest.raises(Refused, match="does not begin"):
+            run("estimate", str(tmp_path / name), "--rig", str(case.files.rig), "-o", str(tmp_path / "x.csv"))
+
+
+@SENSOR
+def test_a_new_rig_says_which_sensor_it_is_of(case_of: Callable[[Sensor], Case], sensor: Sensor) -> None:
+    case = case_of(sensor)
+    mesh = [] if case.files.mesh is None else [str(case.files.mesh)]
+    said = run("rig", "new", str(case.files.log), *mesh, "-o", str(case.files.folder / "said.toml"), "--force")
+    assert sensor.table in said or sensor.name in said
+
+
+def _named(option: str, sentence: str) -> bool:
+    """Whether a sentence is about this option."""
+    return option in sentence or option.removeprefix("--") in sentence or "nope.toml" in sentence
+
+
+def _record(contacts: Path) -> dict[str, object]:
+    """What stands beside contacts."""
+    return tomllib.loads(contacts.with_name(f"{contacts.name}.toml").read_text())

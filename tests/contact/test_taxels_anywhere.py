@@ -1,0 +1,80 @@
+"""A fourth sensor: 200 taxels anywhere on a sphere, each of which feels what lies nearer to it than to others."""
+
+import numpy as np
+import pytest
+
+from palpate.contact.taxel_estimator import TaxelEstimator
+from palpate.sensors.skin import Health
+from palpate.sensors.taxels import TaxelBody
+from palpate.spatial.pose import Pose
+
+RADIUS, COUNT, NOISE = 0.03, 200, 1e-3
+SPACING = RADIUS * np.sqrt(4 * np.pi / COUNT)
+
+
+def _fibonacci(count: int) -> np.ndarray:
+    """Unit vectors that bear equal areas."""
+    z, around = 1.0 - (2.0 * np.arange(count) + 1.0) / count, np.pi * (1.0 + 5**0.5) * (np.arange(count) + 0.5)
+    return np.column_stack([np.sqrt(1 - z * z) * np.cos(around), np.sqrt(1 - z * z) * np.sin(around), z])
+
+
+TAXELS, FINE = _fibonacci(COUNT), _fibonacci(40_000)
+NEAREST = np.argmax(FINE @ TAXELS.T, axis=1)
+
+
+def _pressed(middle: np.ndarray, force: float, width: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
+    """Newtons on each taxel, and the force on the body, of a Gaussian `width` spacings wide."""
+    way = RADIUS * np.arccos(np.clip(FINE @ middle, -1.0, 1.0))
+    pressure = np.exp(-0.5 * (way / (width * SPACING)) ** 2)
+    pressure *= force / pressure.sum()
+    return np.bincount(NEAREST, pressure, COUNT), -pressure @ FINE
+
+
+def _estimator(pose: Pose | None = None) -> TaxelEstimator:
+    pose, none = pose or Pose.identity(), np.zeros(COUNT, dtype=bool)
+    body = TaxelBody.anywhere(pose.apply(RADIUS * TAXELS), pose.rotate(TAXELS))
+    return TaxelEstimator(body, None, Health(np.zeros(COUNT), np.full(COUNT, NOISE), none, none))
+
+
+def test_neighbours_are_those_around_and_each_is_the_others() -> None:
+    body = _estimator().body
+    beside = [set(row[row >= 0].tolist()) for row in body.neighbours]
+    assert all(k in beside[j] for k, row in enumerate(beside) for j in row)
+    assert 5 <= min(map(len, beside)) <= max(map(len, beside)) <= 9
+    np.testing.assert_allclose(body.areas, 4 * np.pi * RADIUS**2 / COUNT, rtol=0.25)
+    plate = TaxelBody.anywhere([[0, 0, 0], [0, 0, 0.001]], [[0, 0, 1], [0, 0, -1]])
+    assert (plate.neighbours == -1).all()  # its two sides
+
+
+@pytest.mark.parametrize("width", [0.7, 1.0, 1.6])
+def test_place_and_force_are_those_of_the_pressure(width: float) -> None:
+    rng, estimator = np.random.default_rng(1), _estimator()
+    for middle in _fibonacci(25):
+        loads, force = _pressed(middle, 3.0, width)
+        found = estimator.update(0.0, loads + NOISE * rng.standard_normal(COUNT))
+        assert len(found) == 1
+        assert np.linalg.norm(found.point[0] - RADIUS * middle) < 0.3 * SPACING
+        assert found.normal[0] @ middle > np.cos(0.3 * SPACING / RADIUS)
+        assert np.linalg.norm(found.force[0] - force) < 0.05 * np.linalg.norm(force)
+
+
+def test_two_touches_three_spacings_apart_are_two() -> None:
+    estimator, turn = _estimator(), 3.0 * SPACING / RADIUS
+    for one in _fibonacci(25):
+        side = np.cross(one, [0.3, 0.5, 0.8])
+        other = np.cos(turn) * one + np.sin(turn) * side / np.linalg.norm(side)
+        found = estimator.update(0.0, _pressed(one, 3.0, 0.7)[0] + _pressed(other, 2.0, 0.7)[0])
+        assert len(found) == 2
+        apart = np.linalg.norm(found.point[:, None] - RADIUS * np.array([one, other]), axis=-1)
+        assert apart.min(axis=0).max() < 0.4 * SPACING
+
+
+def test_a_rigid_motion_moves_the_answer() -> None:
+    pose = Pose.from_rotation_vector([0.4, -1.1, 0.7], [0.2, -0.1, 0.4])
+    loads = _pressed(TAXELS[37], 3.0)[0] + _pressed(-TAXELS[90], 2.0)[0]
+    here, there = (_estimator(where).update(0.0, loads) for where in (None, pose))
+    np.testing.assert_allclose(there.point, pose.apply(here.point), atol=1e-12)
+    np.testing.assert_allclose(there.force, pose.rotate(here.force), atol=1e-12)
+    np.testing.assert_allclose(there.covariance, pose.rotation @ here.covariance @ pose.rotation.T, atol=1e-15)
+    for name in here.features:
+        np.testing.assert_allclose(there.features[name], here.features[name], rtol=1e-9, atol=1e-12)

@@ -1,0 +1,79 @@
+"""Small sessions to show, and what a test of the page needs to look at them."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float
+
+from palpate.contact.contacts import Contacts
+from palpate.contact.estimate import ContactEstimate, Status
+from palpate.simulation.shapes import Ellipsoid
+from palpate.surfaces.mesh import Mesh
+
+BODY = Ellipsoid((0.03, 0.02, 0.015))
+SPREAD = (4e-4, 2e-4)  # m: standard deviations along the two tangents of `tangents`
+
+
+def ellipsoid(facets: int = 500) -> Mesh:
+    """A body whose surface is known."""
+    return Mesh.from_arrays(*BODY.mesh(facets))
+
+
+def tangents(normal: Float[np.ndarray, "n 3"]) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"]]:
+    """Two unit vectors across each normal and across each other."""
+    along = np.cross(normal, [0.0, 0.0, 1.0])
+    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    return along, np.cross(normal, along)
+
+
+def session(count: int = 400, rate: float = 100.0) -> Contacts:
+    """A quarter free, half touched at x > 0 and moving, a quarter free."""
+    time = 100.0 + np.arange(count) / rate
+    share = np.linspace(0.0, 1.0, count)
+    touched = (share >= 0.25) & (share < 0.75)
+    turn = 0.3 + 2.0 * (share - 0.5)
+    point = BODY.on_ray(np.stack([np.cos(turn), np.sin(turn), np.full(count, 0.4)], axis=1))
+    normal = BODY.normals(point)
+    along, across = tangents(normal)
+    covariance = sum(
+        (s**2 * np.einsum("ni,nj->nij", axis, axis) for s, axis in zip(SPREAD, (along, across), strict=True)),
+        np.zeros((count, 3, 3)),
+    )
+    force = np.where(touched, 2.0 + 3.0 * share, 0.01)[:, None] * -normal
+    missing = np.where(touched, 1.0, np.nan)
+    estimate = ContactEstimate(
+        point=point * missing[:, None],
+        normal=normal * missing[:, None],
+        force=force,
+        torque=1e-3 * missing,
+        covariance=covariance * missing[:, None, None],
+        residual=np.zeros(count),
+        candidates=touched.astype(np.int64),
+        status=np.where(touched, Status.CONTACT, Status.NO_CONTACT).astype(np.int8),
+    )
+    return Contacts.single(time, estimate)
+
+
+def two_contacts(count: int = 100, rate: float = 50.0) -> Contacts:
+    """One contact at x > 0 all the time; a second at x < 0, twice as strong, in the middle half."""
+    sample, identity = [], []
+    for k in range(count):
+        ones = (1, 2) if count // 4 <= k < 3 * count // 4 else (1,)
+        sample += [k] * len(ones)
+        identity += ones
+    sample, identity = np.array(sample), np.array(identity)
+    turn = 0.4 * (sample / count - 0.5) + np.pi * (identity == 2)
+    point = BODY.on_ray(np.stack([np.cos(turn), np.sin(turn), np.full(len(turn), 0.4)], axis=1))
+    normal = BODY.normals(point)
+    along, across = tangents(normal)
+    estimate = ContactEstimate(
+        point=point,
+        normal=normal,
+        force=-identity[:, None] * normal,
+        torque=np.full(len(turn), np.nan),
+        covariance=SPREAD[0] ** 2 * (np.einsum("ni,nj->nij", along, along) + np.einsum("ni,nj->nij", across, across)),
+        residual=np.zeros(len(turn)),
+        candidates=np.ones(len(turn), dtype=np.int64),
+        status=np.zeros(len(turn), dtype=np.int8),
+    )
+    return Contacts(sample, sample / rate, identity, estimate, {"area": 1e-4 * identity.astype(np.float64)})
