@@ -247,11 +247,11 @@ def test_ambiguous_is_another_candidate_beyond_the_95_percent_ellipse(seed: int)
         assert_ambiguous_beyond(mesh.transformed(pose), wrench, root.T @ root, at, other)
 
 
-def plates(*heights: float, steep: tuple[float, ...] = ()) -> Mesh:
-    """Square plates over each other, in a drawn order; those at `steep` heights are tilted by 60 degrees."""
+def plates(tilts: dict[float, float]) -> Mesh:
+    """Square plates over each other, in a drawn order: height -> tan of the tilt about y."""
     corners, faces = list[np.ndarray](), list[np.ndarray]()
-    for height in np.random.default_rng(0).permutation([*heights, *steep]):
-        tilt = np.sqrt(3.0) * (height in steep)
+    for height in np.random.default_rng(0).permutation(list(tilts)):
+        tilt = tilts[height]
         square = np.array([[-1, -1, -tilt], [1, -1, tilt], [1, 1, tilt], [-1, 1, -tilt]]) * 1e-3 + [0, 0, height]
         faces.append(np.array([[0, 1, 2], [0, 2, 3]]) + 4 * len(corners))
         corners.append(square)
@@ -261,21 +261,21 @@ def plates(*heights: float, steep: tuple[float, ...] = ()) -> Mesh:
 @pytest.mark.parametrize("noise", [NOISE, np.array([0.3, 0.01, 0.02, 1e-4, 2e-3, 1e-3])])
 def test_a_candidate_right_behind_is_ambiguous_too(noise: np.ndarray) -> None:
     """Straight along the normal no ellipse reaches: the plate behind must not be taken for the same place."""
-    mesh, wrench = plates(0.0, -0.01), np.array([0.0, 0, -5, 0, 0, 0])
+    mesh, wrench = plates({0.0: 0.0, -0.01: 0.0}), np.array([0.0, 0, -5, 0, 0, 0])
     assert locate(wrench, mesh, noise=0.1 * noise).status == Status.AMBIGUOUS
     for at, other in ((0.0, -0.01), (-0.01, 0.0)):
         assert_ambiguous_beyond(mesh, wrench, np.diag(noise**2), np.array([0, 0, at]), np.array([0, 0, other]))
 
 
 def test_candidates_come_plausible_first_and_then_as_the_force_meets_them() -> None:
-    """A force that runs down through seven plates, of which every other is too steep for its friction."""
-    flat, steep = (0.0, -0.02, -0.04, -0.06), (-0.01, -0.03, -0.05)
-    locator = Locator(plates(*flat, steep=steep), friction=1.0)
+    """A force that runs down through seven plates of any tilt, of which every other is too steep for its friction."""
+    flat, steep = {0.0: 0.5, -0.02: 0.0, -0.04: 0.9, -0.06: 0.1}, {-0.01: 3.0, -0.03: 2.0, -0.05: 1.5}
+    locator = Locator(plates(flat | steep), friction=1.0)
     wrench = pressing(np.zeros(3), UP, np.array([0, 0, -5.0]), 0.0)
     found = locator.candidates(wrench)
     assert found.plausible.tolist() == [True] * 4 + [False] * 3
     assert np.allclose(found.point[:, 2], [*flat, *steep], rtol=0, atol=1e-12)
-    assert np.allclose(found.friction, [0.0] * 4 + [np.sqrt(3.0)] * 3, rtol=0, atol=1e-9)
+    assert np.allclose(found.friction, [*flat.values(), *steep.values()], rtol=0, atol=1e-9)
     upward = locator.candidates(-wrench)
     assert len(upward.point) == 0  # plates are pressed from above only
     answer = locator.run(wrench)
