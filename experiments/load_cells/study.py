@@ -11,7 +11,11 @@ from jaxtyping import Bool, Float
 from experiments.load_cells.literal import Literal
 from palpate.calibration.load_cells import LoadCellCalibration, identify_load_cells
 from palpate.contact.estimate import ContactEstimate
-from palpate.contact.fingertip import Fingertip
+from palpate.contact.locate import Locator
+from palpate.contact.wrench_estimator import WrenchEstimator
+from palpate.sensors.load_cell_array import LoadCellArray
+from palpate.sensors.load_cells import VOLTAGE
+from palpate.sensors.recording import Recording
 from palpate.simulation.cell_array import LAYOUTS
 from palpate.simulation.load_cell_bench import REST, Bench, BenchRun
 from palpate.surfaces import EllipticCylinder
@@ -80,10 +84,12 @@ class Study:
     def estimate(self, method: str) -> Answer:
         """By a method, with the bias of each start."""
         run = self.second
-        fingertip, found = Fingertip(self.calibration.cells, SURFACE, method), list[ContactEstimate]()
+        cells = self.calibration.cells
+        locator = Locator(SURFACE, method, indentation=cells.indentation)
+        fingertip, found = WrenchEstimator(locator, LoadCellArray(cells)), list[ContactEstimate]()
         for part, rest in _starts(run):
-            fingertip.tare(run.voltages[rest])
-            found.append(fingertip.run(run.voltages[part]))
+            fingertip.tare(Recording(run.time[rest], {VOLTAGE: run.voltages[rest]}))
+            found.append(fingertip.run(Recording(run.time[part], {VOLTAGE: run.voltages[part]})).estimate)
         whole = ContactEstimate.joined(found)
         return Answer(whole.force, whole.point, whole.torque)
 

@@ -130,7 +130,7 @@ class WrenchEstimator:
         self,
         time: float,
         reading: ArrayLike,
-        out: Float[np.ndarray, "*rows 22"],
+        out: Float[np.ndarray, "*rows width"],
         rotation: ArrayLike | None = None,
         acceleration: ArrayLike | None = None,
     ) -> int:

@@ -20,28 +20,26 @@ _STUCK = 5  # samples in which a channel repeats itself exactly
 
 
 @inlined
-def _mapped(readings, n, zero, mapping, out):
+def _mapped(readings, n, channels, mapping, out):
     """Reading n less zero, mapped: six of a wrench, then what no wrench can make."""
     count = mapping.shape[1]
     for i in range(count):
         out[i] = 0.0
     for j in range(readings.shape[1]):
-        value = readings[n, j] - zero[j]
+        value = readings[n, j] - channels[j, 0]
         for i in range(count):
             out[i] += mapping[j, i] * value
 
 
 @inner
-def _saturated(readings, n, limits, bounds):
+def _saturated(readings, n, channels, bounds):
     """The explanation that leaves out what is at its range, -1 where nothing is, -2 where none does."""
-    channels = readings.shape[1]
-    cells = channels // 3
     full, cell = -1, -1
-    for j in range(channels):
-        if readings[n, j] <= limits[j, 0] or readings[n, j] >= limits[j, 1]:
+    for j in range(len(channels)):
+        if readings[n, j] <= channels[j, 1] or readings[n, j] >= channels[j, 2]:
             if full >= 0 and cell != j // 3:
                 return -2
-            full = cells + j if full < 0 else j // 3
+            full = len(channels) // 3 + j if full < 0 else j // 3
             cell = j // 3
     if full >= 0 and bounds[1 + full] < 0.0:
         full = cell
@@ -69,59 +67,59 @@ def _stuck(readings, n, last, repeats):
 
 
 @inner
-def _expected(w, metric, settings):
+def _expected(w, settings):
     """Of the square of what no wrench makes, each: noise, drift, and what the calibration leaves of a load."""
-    expected = 1.0 + settings[0] * settings[0]
-    if settings[1] > 0.0:
+    expected = 1.0 + settings[6, 0] * settings[6, 0]
+    if settings[6, 1] > 0.0:
         square = 0.0
         for i in range(6):
             for j in range(6):
-                square += w[i] * metric[i, j] * w[j]
-        expected += settings[1] * settings[1] * square
+                square += w[i] * settings[i, j] * w[j]
+        expected += settings[6, 1] * settings[6, 1] * square
     return expected
 
 
 @inner
-def _without(out, e, directions, corrections, w):
+def _without(out, e, ways, w):
     """The wrench without what explanation e leaves out, into w; how much of the square it explains."""
     for i in range(6):
         w[i] = out[i]
     explained = 0.0
     for a in range(3):
         share = 0.0
-        for k in range(directions.shape[2]):
-            share += directions[e, a, k] * out[6 + k]
+        for k in range(6, ways.shape[2]):
+            share += ways[e, a, k] * out[k]
         explained += share * share
         for i in range(6):
-            w[i] -= corrections[e, i, a] * share
+            w[i] -= ways[e, a, i] * share
     return explained
 
 
 @inner
-def _fits(out, square, e, directions, corrections, metric, bounds, settings, w):
+def _fits(out, square, e, ways, bounds, settings, w):
     """Whether what is left agrees; the wrench into w."""
     if not bounds[1 + e] > 0.0:
         return False
-    left = square - _without(out, e, directions, corrections, w)
-    return left <= bounds[1 + e] * _expected(w, metric, settings)
+    left = square - _without(out, e, ways, w)
+    return left <= bounds[1 + e] * _expected(w, settings)
 
 
 @inner
-def _believed(out, square, directions, corrections, metric, bounds, settings, found, fitting):
+def _believed(out, square, ways, bounds, settings, found, fitting):
     """Which explanations fit, into fitting, and their wrenches, into found; how many.
 
     Whole cells only where no single channel does.
     """
-    count, total = len(directions), 0
+    count, total = len(ways), 0
     cells = count // 4
     fitting[:cells] = False
     for e in range(cells, count):
-        fitting[e] = _fits(out, square, e, directions, corrections, metric, bounds, settings, found[e])
+        fitting[e] = _fits(out, square, e, ways, bounds, settings, found[e])
         total += fitting[e]
     if total > 0:
         return total
     for e in range(cells):
-        fitting[e] = _fits(out, square, e, directions, corrections, metric, bounds, settings, found[e])
+        fitting[e] = _fits(out, square, e, ways, bounds, settings, found[e])
         total += fitting[e]
     return total
 
@@ -146,81 +144,82 @@ def _mixed(found, fitting, total, spreads, factor, w, extra):
 
 
 @inner
-def _judged(out, square, stuck, agreed, parts, settings, blame, w, extra, found, fitting):
+def _judged(out, square, stuck, agreed, ways, spreads, bounds, settings, blame, w, extra, found, fitting):
     """Which explanation answers, its wrench in w: 0 none is needed, 1 + e, 1 + s several; -2 nothing fits.
 
     Blame grows where one explanation alone fits, and fades; one that has enough of it, or a channel that repeats
     itself, is believed where it fits, whatever else does.
     """
-    directions, corrections, metric, spreads, bounds = parts
-    count, most, suspect = len(directions), 0.0, 0
+    count, most, suspect = len(ways), 0.0, 0
     for e in range(count):
         blame[e] *= _FADES
         if blame[e] > most:
             most, suspect = blame[e], e
     if agreed and most < _ENOUGH:
         return 0
-    sure = most >= _ENOUGH and _fits(out, square, suspect, directions, corrections, metric, bounds, settings, w)
+    sure = most >= _ENOUGH and _fits(out, square, suspect, ways, bounds, settings, w)
     if agreed:
         return 1 + suspect if sure else 0
-    total = _believed(out, square, directions, corrections, metric, bounds, settings, found, fitting)
+    total = _believed(out, square, ways, bounds, settings, found, fitting)
     alone = -1
     if total == 1:
         for e in range(count):
             if fitting[e]:
                 alone = e
-    if stuck >= 0 and _fits(out, square, stuck, directions, corrections, metric, bounds, settings, found[stuck]):
+    if stuck >= 0 and _fits(out, square, stuck, ways, bounds, settings, found[stuck]):
         alone = stuck
     if alone >= 0:
         blame[alone] += 1.0
     if sure:
-        _without(out, suspect, directions, corrections, w)
+        _without(out, suspect, ways, w)
         return 1 + suspect
     if alone >= 0:
-        _without(out, alone, directions, corrections, w)
+        _without(out, alone, ways, w)
         return 1 + alone
     if total == 0:
         return -2
-    _mixed(found, fitting, total, spreads, settings[2], w, extra)
+    _mixed(found, fitting, total, spreads, settings[6, 2], w, extra)
     return 1 + count
 
 
 @entry
-def measure(readings, zero, limits, mapping, parts, settings, state, wrenches, statuses, which, extra):
+def measure(readings, channels, mapping, ways, spreads, bounds, settings, state, wrenches, statuses, which, extra):
     """Voltages (n, m) to wrenches (n, 6), and what is wrong with a sample (-1: nothing).
 
-    zero (m,); limits (m, 2); mapping (m, 6 + r, and zeros), of A and Q; parts, of `Explanations`: directions,
-    corrections, metric, spreads, bounds; settings: drift, misfit, and the variance of a wrench over that of a reading;
-    state (s + 2 m,): blame of each explanation, last voltages, and for how long each has repeated itself. Out come
-    statuses (n,); which (n,), 0 all channels answered, 1 + e all but what an explanation leaves out, 1 + s several
-    explanations, negative none; extra (n, 6, 6), where several fit, what the covariance is more by.
+    channels (m, 3): zero, lowest, highest; mapping (m, 6 + r, and zeros), of A and Q. Of `Explanations`: ways (s, 3,
+    6 + r), corrections and directions; spreads, bounds; settings (7, 6), its metric, then drift, misfit, and the
+    variance of a wrench over that of a reading. state (s + 2 m,): blame of each explanation, last voltages, and for how
+    long each has repeated itself. Out come statuses (n,); which (n,), 0 all channels answered, 1 + e all but what an
+    explanation leaves out, 1 + s several explanations, negative none; extra (n, 6, 6), where several fit, what the
+    covariance is more by.
     """
-    directions, corrections, metric, _, bounds = parts
-    channels, count = readings.shape[1], len(directions)
-    blame, last, repeats = state[:count], state[count : count + channels], state[count + channels :]
+    width, count = readings.shape[1], len(ways)
+    blame, last, repeats = state[:count], state[count : count + width], state[count + width :]
     out, found, fitting = np.empty(mapping.shape[1]), np.empty((count, 6)), np.zeros(count, np.bool_)
     for n in range(len(readings)):
         sound = True
-        for j in range(channels):
+        for j in range(width):
             sound = sound and abs(readings[n, j]) <= _LARGEST
         w, chosen = wrenches[n], -2
         if sound:
             stuck = _stuck(readings, n, last, repeats)
-            full = _saturated(readings, n, limits, bounds)
-            _mapped(readings, n, zero, mapping, out)
+            full = _saturated(readings, n, channels, bounds)
+            _mapped(readings, n, channels, mapping, out)
             for i in range(6):
                 w[i] = out[i]
             if full == -2:
                 chosen = -1
             elif full >= 0:
-                _without(out, full, directions, corrections, w)
+                _without(out, full, ways, w)
                 chosen = 1 + full
             else:
                 square = 0.0
                 for i in range(6, len(out)):
                     square += out[i] * out[i]
-                agreed = square <= bounds[0] * _expected(w, metric, settings)
-                chosen = _judged(out, square, stuck, agreed, parts, settings, blame, w, extra[n], found, fitting)
+                agreed = square <= bounds[0] * _expected(w, settings)
+                chosen = _judged(
+                    out, square, stuck, agreed, ways, spreads, bounds, settings, blame, w, extra[n], found, fitting
+                )
             if chosen == 0:
                 for i in range(6):
                     w[i] = out[i]

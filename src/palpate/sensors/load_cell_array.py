@@ -25,6 +25,7 @@ START = 0.5  # s at a start in which nothing is touched, where no tare said how 
 RESTART = 5.0  # s without a sample: what was switched off in between has another zero
 LANES = 8  # outputs of a product are a multiple of it: the compiler adds so many at a time
 KEPT = 20_000  # readings, evenly spread, that faults are looked for in
+LIVE = 16  # one of so many live readings is kept for them
 UPPER = np.triu_indices(6)
 
 
@@ -80,22 +81,23 @@ class LoadCellArray:
     ) -> None:
         from palpate.sensors import _load_cells  # compiled: loaded when first needed
 
-        self.cells, self.names = cells, names
+        self.cells, self.names, self._shape = cells, names, (len(cells.matrix),)
         self.sound = cells.channels(sound)
         self._measure, self._place = _load_cells.measure, _load_cells.place
         made = explanations(cells, self.sound)
         self._spreads = made.spreads
         self._mapping = _padded(np.concatenate([made.inverse, made.rest]).T)
-        self._parts = (made.directions, made.corrections, made.metric(), made.spreads, made.bounds)
-        self._limits = cells.limits.copy()
-        self._limits[~self.sound] = -np.inf, np.inf
+        self._ways, self._bounds = np.concatenate([made.corrections, made.directions], axis=2), made.bounds
         channels, count = len(cells.matrix), len(made.directions)
+        self._channels = np.column_stack([np.zeros(channels), cells.limits])
+        self._channels[~self.sound, 1:] = -np.inf, np.inf
+        self._settings = np.concatenate([made.metric(), np.zeros((1, 6))])
         self._state = np.zeros(count + 2 * channels)
         self._seconds, self._placement = seconds, None
         self._known, self._doubted = zero is not None, list[str]()
         self.set_zero(Zero(cells.bias) if zero is None else zero)
         self._reading, self._located, self._covariance = np.zeros((1, channels)), np.empty((1, 6)), np.empty((1, 6, 6))
-        self._kept, self._held, self._seen, self._stride = list[np.ndarray](), 0, 0, 1
+        self._kept, self._held, self._seen, self._stride, self._live = list[np.ndarray](), 0, 0, 1, 0
         self._measured(self._reading, self._one)  # compiles, before anything is in a hurry
         self.place(self._one, self._one.wrench, np.ones(1), Placement(Pose.identity()))
         self.reset()
@@ -108,9 +110,9 @@ class LoadCellArray:
     def set_zero(self, zero: Zero) -> None:
         """What the cells read unloaded; its variance goes into every covariance."""
         self.zero = zero
-        self._zero = zero.voltage.copy()
+        self._channels[:, 0] = zero.voltage
         self._slow = float(zero.share + self.cells.drift**2)
-        self._settings = np.array([self.cells.drift, self.cells.misfit, 1.0 + self._slow])
+        self._settings[6, :3] = self.cells.drift, self.cells.misfit, 1.0 + self._slow
         self._one = _Weighed.of(np.zeros(1), self._slow)
 
     def ready(self, blocks: Iterable[Recording]) -> Iterator[Recording]:
@@ -152,12 +154,14 @@ class LoadCellArray:
     ) -> _Weighed:
         """Of one sample of voltages (3 k,); valid until the next."""
         values = np.asarray(reading, dtype=np.float64)
-        if values.shape != self._zero.shape:
-            raise InputError(_SHAPE.format(self.cells.cells, len(self._zero), values.shape))
+        if values.shape != self._shape:
+            raise InputError(_SHAPE.format(self.cells.cells, *self._shape, values.shape))
         one = self._one
         one.time[0], self._reading[0] = time, values
         self._measured(self._reading, one)
-        self._keep(self._reading)
+        self._live += 1
+        if self._live % LIVE == 0:
+            self._keep(self._reading)
         return one
 
     def place(
@@ -202,7 +206,7 @@ class LoadCellArray:
 
     def reset(self) -> None:
         """Forget what was blamed; not the zero."""
-        channels = len(self._zero)
+        (channels,) = self._shape
         self._state[:] = 0.0
         self._state[-2 * channels : -channels] = np.nan
 
@@ -217,16 +221,17 @@ class LoadCellArray:
 
     def faults(self) -> list[Fault]:
         """What is wrong with the cells, judged by some of the readings so far."""
-        kept = np.concatenate(self._kept) if self._kept else np.empty((0, len(self._zero)))
+        kept = np.concatenate(self._kept) if self._kept else np.empty((0, *self._shape))
         return find_faults(self.cells, kept, self.sound, self.names)
 
     def _measured(self, voltages: Float[np.ndarray, "n m"], out: _Weighed) -> None:
         self._measure(
             voltages,
-            self._zero,
-            self._limits,
+            self._channels,
             self._mapping,
-            self._parts,
+            self._ways,
+            self._spreads,
+            self._bounds,
             self._settings,
             self._state,
             out.wrench,
@@ -240,8 +245,8 @@ class LoadCellArray:
         found = recording.channels.get(VOLTAGE)
         if found is None:
             raise InputError("the log has no voltages.", where=recording.source, mend="Name them in [load_cells].")
-        if found.shape[1:] != self._zero.shape:
-            raise InputError(_SHAPE.format(self.cells.cells, len(self._zero), found.shape[1:]), where=recording.source)
+        if found.shape[1:] != self._shape:
+            raise InputError(_SHAPE.format(self.cells.cells, *self._shape, found.shape[1:]), where=recording.source)
         return np.array(found, dtype=np.float64, order="C")
 
     def _taken(self, zero: Zero) -> None:
@@ -270,7 +275,7 @@ class LoadCellArray:
         self._seen += len(voltages)
         if first >= len(voltages):
             return
-        self._kept.append(voltages[first :: self._stride] - self._zero)
+        self._kept.append(voltages[first :: self._stride] - self.zero.voltage)
         self._held += len(self._kept[-1])
         while self._held > 2 * KEPT:  # every second one of those kept stays
             self._kept = [np.concatenate(self._kept)[::2]]

@@ -26,7 +26,7 @@ class Explanations:
     Attributes:
         cells: the model.
         inverse: (6, m) A; rest: (r, m) Q.
-        directions: (s, 3, r) U, rows of zeros where J is smaller; corrections: (s, 6, 3) K.
+        directions: (s, 3, r) U, rows of zeros where J is smaller; corrections: (s, 3, 6) K'.
         spreads: (1 + s, 6, 6) covariance of the wrench from a reading's noise: of all, then of each explanation.
         bounds: (1 + s,) of what may be left of |v|^2; 0 where nothing is left to judge by; -1 where there would be no
             wrench.
@@ -36,7 +36,7 @@ class Explanations:
     inverse: Float[np.ndarray, "6 m"]
     rest: Float[np.ndarray, "r m"]
     directions: Float[np.ndarray, "s 3 r"]
-    corrections: Float[np.ndarray, "s 6 3"]
+    corrections: Float[np.ndarray, "s 3 6"]
     spreads: Float[np.ndarray, "t 6 6"]
     bounds: Float[np.ndarray, " t"]
 
@@ -65,7 +65,7 @@ class Explanations:
         fits = np.zeros((len(readings), len(self.directions)), dtype=bool)
         for e in np.flatnonzero(self.bounds[1:] > 0.0):
             shares = left @ self.directions[e].T
-            expected = self._expected(wrench - shares @ self.corrections[e].T, metric)
+            expected = self._expected(wrench - shares @ self.corrections[e], metric)
             fits[:, e] = square - np.sum(shares**2, axis=1) <= self.bounds[1 + e] * expected
         return agree, fits
 
@@ -78,7 +78,7 @@ class Explanations:
     def wrenches(self, readings: Float[np.ndarray, "n m"], which: int) -> Float[np.ndarray, "n 6"]:
         """Of readings without zero, without what an explanation leaves out."""
         shares = readings @ self.rest.T @ self.directions[which].T
-        return readings @ self.inverse.T - shares @ self.corrections[which].T
+        return readings @ self.inverse.T - shares @ self.corrections[which]
 
     def _expected(self, wrench: Float[np.ndarray, "n 6"], metric: Float[np.ndarray, "6 6"]) -> np.ndarray:
         """Of the square of each v: noise, drift, and what the calibration does not explain of a load."""
@@ -97,7 +97,7 @@ def explanations(cells: LoadCells, sound: Bool[np.ndarray, " some"] | None = Non
     kept = cells.channels(sound)
     inverse, spread, rest = cells.inverse(kept)
     count, freedom = cells.cells + len(kept), len(rest)
-    directions, corrections = np.zeros((count, 3, freedom)), np.zeros((count, 6, 3))
+    directions, corrections = np.zeros((count, 3, freedom)), np.zeros((count, 3, 6))
     spreads, bounds = np.tile(spread, (1 + count, 1, 1)), -np.ones(1 + count)
     bounds[0] = float(chi2.isf(CHANCE, freedom)) if freedom else np.inf
     made = Explanations(cells, inverse, rest, directions, corrections, spreads, bounds)
@@ -112,7 +112,7 @@ def explanations(cells: LoadCells, sound: Bool[np.ndarray, " some"] | None = Non
             continue
         basis, triangle = np.linalg.qr(rest[:, out])
         directions[e, :size] = basis.T
-        corrections[e, :, :size] = np.linalg.solve(triangle.T, inverse[:, out].T).T
-        spreads[1 + e] += corrections[e] @ corrections[e].T
+        corrections[e, :size] = np.linalg.solve(triangle.T, inverse[:, out].T)
+        spreads[1 + e] += corrections[e].T @ corrections[e]
         bounds[1 + e] = float(chi2.isf(CHANCE, freedom - size)) if freedom > size else 0.0
     return made

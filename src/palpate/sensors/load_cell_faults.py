@@ -183,10 +183,10 @@ def _repeats(values: np.ndarray) -> Bool[np.ndarray, " c"]:
     return np.mean(np.diff(values, axis=0) == 0, axis=0) > CLIPPED if len(values) > 1 else np.zeros(values.shape[1]) > 0
 
 
-def _moves(values: np.ndarray) -> Float[np.ndarray, "3"]:
+def _moves(values: np.ndarray) -> Float[np.ndarray, " c"]:
     """How much each channel usually changes meanwhile; jumps between logs do not count."""
     lag = max(1, len(values) // LAGS)
-    return np.median(np.abs(values[lag:] - values[:-lag]), axis=0) if len(values) > lag else np.zeros(3)
+    return np.median(np.abs(values[lag:] - values[:-lag]), axis=0) if len(values) > lag else np.zeros(values.shape[1])
 
 
 def _steady(off: np.ndarray, due: np.ndarray) -> bool:
