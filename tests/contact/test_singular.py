@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from laws.bodies import BODIES, R
 
 from palpate.contact import Locator, Status
 from palpate.surfaces import Cylinder, Surface
+from tests.support.bodies import BODIES, R
 
 PRESSING = (1.0, 1e-2, 1e-6, 1e-12, 1e-15, 0.0, -1e-15, -1e-6, -1.0)  # -F . n/|F|
 FORCES = (1.0, 5.0, 1e-9, 1e-100, 1e9, 1e100)  # N

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from laws.bodies import BODIES
 
 from palpate import Locator, Surface
 from palpate.errors import InputError
 from palpate.sensors.load_cells import Indentation
 from palpate.simulation.contacts import contact_wrenches
 from palpate.surfaces import EllipticCylinder, Sphere
+from tests.support.bodies import BODIES
 
 R = 0.02
 LAW = Indentation(6e-4, 0.5)
