@@ -180,7 +180,9 @@ def _named(
 
 def _repeats(values: np.ndarray) -> Bool[np.ndarray, " c"]:
     """Which channels often read exactly what they read before, as those at their range do."""
-    return np.mean(np.diff(values, axis=0) == 0, axis=0) > CLIPPED if len(values) > 1 else np.zeros(values.shape[1]) > 0
+    if len(values) < 2:
+        return np.zeros(values.shape[1], dtype=bool)
+    return np.asarray(np.mean(np.diff(values, axis=0) == 0, axis=0) > CLIPPED)
 
 
 def _moves(values: np.ndarray) -> Float[np.ndarray, " c"]:
