@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from palpate.cli import main
 from palpate.cli.inspect_log import Excerpt
+from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import ROW, ContactEstimate, Status
 from palpate.io.contacts import open_contacts
 from palpate.sensors.recording import FORCE, TORQUE, Recording
@@ -44,12 +45,12 @@ def _contacts(path: Path, blocks: int = 3) -> None:
             rows = rng.normal(size=(400, ROW.length))
             rows[:, ROW.candidates] = 1
             rows[:, ROW.status] = np.where(np.arange(400) < 100, Status.NO_CONTACT, Status.CONTACT)
-            writer.write(k + np.arange(400) / 400, ContactEstimate.from_rows(rows))
+            writer.write(Contacts.single(k + np.arange(400) / 400, ContactEstimate.from_rows(rows), 400 * k))
 
 
 def _fail_after(output: Path, time: np.ndarray) -> None:
     with open_contacts(output) as writer:
-        writer.write(time, ContactEstimate.from_rows(np.zeros((len(time), ROW.length))))
+        writer.write(Contacts.single(time, ContactEstimate.from_rows(np.zeros((len(time), ROW.length)))))
         raise RuntimeError
 
 
@@ -132,7 +133,7 @@ def test_what_no_guess_fits_is_still_described(tmp_path: Path, capsys: pytest.Ca
     code, said = _inspect(tmp_path / "other.csv", capsys)
     assert code == 0
     assert "alpha, beta" in said
-    assert "no columns look like" in said
+    assert "nothing in it looks like wrenches" in said
 
 
 def test_a_rig_says_where_the_log_keeps_what(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -10,6 +10,7 @@ import pytest
 from scipy.signal import butter, sosfilt
 
 from palpate.cli import main
+from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import ROW, ContactEstimate
 from palpate.io.contacts import write_contacts
 
@@ -63,7 +64,8 @@ def test_with_a_rig_the_place_is_drawn_too(log: Path, tmp_path: Path, capsys: py
 def test_contacts_have_a_spectrum_of_force_and_place(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     rows = np.random.default_rng(1).normal(size=(2_000, ROW.length))
     rows[:, ROW.status] = rows[:, ROW.candidates] = 0
-    write_contacts(tmp_path / "contacts.csv", np.arange(2_000) / RATE, ContactEstimate.from_rows(rows))
+    made = Contacts.single(np.arange(2_000) / RATE, ContactEstimate.from_rows(rows))
+    write_contacts(tmp_path / "contacts.csv", made)
     assert main(["inspect", str(tmp_path / "contacts.csv"), "--spectrum", str(tmp_path / "a.html")]) == 0
     said = capsys.readouterr().out
     assert said.count("the spectrum is white") == 2

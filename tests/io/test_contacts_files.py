@@ -58,7 +58,7 @@ def _write(path: Path, contacts: Contacts, block: int, **options: str) -> None:
 
 
 def _assert_same(found: Contacts, known: Contacts) -> None:
-    for name in ("sample", "time", "contact"):
+    for name in ("sample", "time", "identity"):
         assert np.array_equal(getattr(found, name), getattr(known, name), equal_nan=True), name
     for name in FIELDS:
         assert np.array_equal(getattr(found.estimate, name), getattr(known.estimate, name), equal_nan=True), name

@@ -163,6 +163,8 @@ def _settings(values: Any, prefix: str) -> list[tuple[str, object]]:
     hidden = ("folder", "pose_covariance", *_IDLE.get(getattr(values, "kind", ""), ()))
     for field in fields(values):
         value: object = getattr(values, field.name)
+        if field.name == "contacts" and "skin" not in values.sensors:  # they are of taxels
+            continue
         if field.name == "sensors":
             for name, table in values.sensors.items():
                 found += _settings(table, f"{name}.")
