@@ -305,9 +305,9 @@ def test_mcap_means_to_ros_what_was_estimated(tmp_path: Path) -> None:
     everything = sorted(decoded["palpate_msgs/msg/Contact"], key=lambda message: (message.sample, message.contact))
     assert [message.status for message in everything] == estimate.status.tolist()
     assert everything[0].IMPLAUSIBLE == Status.IMPLAUSIBLE
-    for name in ("sample", "contact", "time"):
+    for name, column in (("sample", known.sample), ("contact", known.identity), ("time", known.time)):
         values = np.array([getattr(message, name) for message in everything])
-        assert np.array_equal(values, getattr(known, name), equal_nan=True)
+        assert np.array_equal(values, column, equal_nan=True)
     for name in ("point", "normal", "force"):
         values = np.array(
             [[getattr(message, name).x, getattr(message, name).y, getattr(message, name).z] for message in everything]

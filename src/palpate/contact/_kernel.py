@@ -36,14 +36,16 @@ _RESIDUAL, _CANDIDATES, _STATUS = 19, 20, 21  # estimate._Row, which compiled co
 
 
 @inner
-def _torsion(wrench, p, n, soft):
-    """Torque about the normal, (M - p x F) . n, and F . n."""
-    pressing = dot(wrench[:3], n)
+def _torsion(w, place, i, soft):
+    """Torque about the normal of place i, (M - p x F) . n, and F . n; numbers, as parts of arrays are slow."""
+    nx, ny, nz = place[i, 3], place[i, 4], place[i, 5]
+    pressing = w[0] * nx + w[1] * ny + w[2] * nz
     if soft == 1.0:
-        return dot(wrench[:3], wrench[3:]) / pressing, pressing
-    work = np.empty(3)
-    cross_into(p, wrench[:3], work)
-    return dot(wrench[3:], n) - dot(work, n), pressing
+        return (w[0] * w[3] + w[1] * w[4] + w[2] * w[5]) / pressing, pressing
+    x = place[i, 1] * w[2] - place[i, 2] * w[1]
+    y = place[i, 2] * w[0] - place[i, 0] * w[2]
+    z = place[i, 0] * w[1] - place[i, 1] * w[0]
+    return w[3] * nx + w[4] * ny + w[5] * nz - (x * nx + y * ny + z * nz), pressing
 
 
 @inner
@@ -65,7 +67,7 @@ def _choose(wrench, settings, state, found, count, places, torques):
     best, plausible, nearest = -1, 0, np.inf
     for i in range(count):
         to_metres(found[i], settings, places[i])
-        torques[i], pressing = _torsion(wrench, places[i, :3], places[i, 3:], settings[SOFT])
+        torques[i], pressing = _torsion(wrench, places, i, settings[SOFT])
         within = found[i, 4] <= settings[FRICTION] and abs(torques[i]) <= settings[TORSION] * abs(pressing)
         found[i, 7] = 1.0 if within else 0.0
         if not within:
@@ -111,7 +113,7 @@ def _gate(wrench, settings, state):
         total += wrench[k]
     if not np.isfinite(total):
         return _INVALID
-    force = np.sqrt(dot(wrench[:3], wrench[:3]))
+    force = np.sqrt(wrench[0] * wrench[0] + wrench[1] * wrench[1] + wrench[2] * wrench[2])
     if force >= settings[ON] and force > 0.0:
         state[TOUCHING] = 1.0
     elif force < settings[OFF] or force == 0.0:

@@ -33,34 +33,36 @@ def tangents(n, out):
 
 
 @inner
-def _slopes(wrench, p, n, t, shape, soft, slopes):
+def _slopes(wrench, place, t, shape, soft, slopes):
     """d(p . t)/dW into slopes (2, 6). False where the wrench does not determine the point.
 
     For the wrench axis (soft = 0) the moment left over is along F instead of n: the same equations, projected across
     F instead of across n, with the pitch in the place of tau S.
     """
-    force, moment = wrench[:3], wrench[3:]
+    # Numbers instead of parts of arrays: each part would count its references, which takes longer than the arithmetic.
+    fx, fy, fz = wrench[0], wrench[1], wrench[2]
+    square = fx * fx + fy * fy + fz * fz
+    along = fx * wrench[3] + fy * wrench[4] + fz * wrench[5]
     across = t
     tau, pitch = 0.0, 0.0
     if soft == 1.0:
-        tau = dot(force, moment) / dot(force, n)
+        tau = along / (fx * place[3] + fy * place[4] + fz * place[5])
     else:
-        unit = force / np.sqrt(dot(force, force))
         across = np.empty((2, 3))
-        tangents(unit, across)
-        pitch = dot(force, moment) / dot(force, force)
-    work, right = np.empty(3), np.empty((2, 6))
-    g = np.empty((2, 2))
+        tangents(wrench[:3] / np.sqrt(square), across)
+        pitch = along / square
+    g, right = np.empty((2, 2)), np.empty((2, 6))
     for a in range(2):
+        ax, ay, az = across[a, 0], across[a, 1], across[a, 2]
         for c in range(2):
-            cross_into(force, t[c], work)
-            g[a, c] = dot(across[a], work) - soft * tau * shape[a, c]
-        cross_into(across[a], p, work)  # t . (p x dF) = (t x p) . dF
-        for k in range(3):
-            right[a, k] = work[k] + pitch * across[a, k]
-            right[a, 3 + k] = -across[a, k]
+            x, y, z = fy * t[c, 2] - fz * t[c, 1], fz * t[c, 0] - fx * t[c, 2], fx * t[c, 1] - fy * t[c, 0]
+            g[a, c] = ax * x + ay * y + az * z - soft * tau * shape[a, c]
+        right[a, 0] = ay * place[2] - az * place[1] + pitch * ax  # t . (p x dF) = (t x p) . dF
+        right[a, 1] = az * place[0] - ax * place[2] + pitch * ay
+        right[a, 2] = ax * place[1] - ay * place[0] + pitch * az
+        right[a, 3], right[a, 4], right[a, 5] = -ax, -ay, -az
     det = g[0, 0] * g[1, 1] - g[0, 1] * g[1, 0]
-    if abs(det) < 1e-14 * dot(force, force):
+    if abs(det) < 1e-14 * square:
         return False
     for k in range(6):
         slopes[0, k] = (g[1, 1] * right[0, k] - g[0, 1] * right[1, k]) / det
@@ -146,4 +148,4 @@ def sensitivity(wrench, candidate, place, nodes, corners, settings, t, shape, sl
         shape_operator(candidate, t, settings[SCALE], nodes, corners, shape)
     else:
         shape[:] = 0.0
-    return _slopes(wrench, place[:3], place[3:], t, shape, settings[SOFT], slopes)
+    return _slopes(wrench, place, t, shape, settings[SOFT], slopes)

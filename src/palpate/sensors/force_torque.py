@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from types import MappingProxyType
 
 import numpy as np
@@ -69,6 +69,11 @@ class Payload(Value):
         if not 1 / LARGEST <= self.magnitude <= LARGEST:  # NaN too
             bounds = f"{1 / LARGEST:g} and {LARGEST:g} m/s^2"
             raise InputError(f"magnitude of gravity must lie between {bounds}, not {self.magnitude}", where="payload")
+
+    def __reduce__(self) -> tuple[type[Payload], tuple[object, ...]]:
+        """Read-only arrays and mappings come back as such."""
+        values = {**vars(self), "provenance": dict(self.provenance)}
+        return Payload, tuple(values[name.name] for name in fields(self))
 
     @property
     def mass(self) -> float:

@@ -153,6 +153,10 @@ class LoadCells:
         require_layout(self.positions)
         self.require_rank(np.ones(rows // 3, dtype=bool))
 
+    def __reduce__(self) -> tuple[Any, tuple[dict[str, Any]]]:
+        """Read-only arrays and mappings come back as such."""
+        return _remade, ({**vars(self), "provenance": dict(self.provenance)},)
+
     @property
     def cells(self) -> int:
         """How many, k."""
@@ -303,7 +307,10 @@ def single_wrench_map(position: Float[np.ndarray, "3"]) -> Float[np.ndarray, "6 
 
 def with_changes(cells: LoadCells, **changes: Any) -> LoadCells:
     """The same cells with other fields."""
-    fields = vars(cells) | changes
+    return _remade(vars(cells) | changes)
+
+
+def _remade(fields: dict[str, Any]) -> LoadCells:
     return LoadCells(fields.pop("matrix"), fields.pop("noise"), **fields)
 
 
