@@ -1,4 +1,4 @@
-"""`python -m mutants [--only TEXT] [--jobs N] [--trust] [--list]`: turn the stated faults on one by one and run their tests.
+"""`python -m mutants [--only TEXT] [--jobs N] [--trust] [--list]`: turn stated faults on, one by one, and run tests.
 
 Everything is compiled once; each fault is turned on in a forked process of its own, which runs the tests of the fault's
 room until one fails. A fault that no test notices says which test is missing.
