@@ -182,13 +182,17 @@ def _repeats(values: np.ndarray) -> Bool[np.ndarray, " c"]:
     """Which channels often read exactly what they read before, as those at their range do."""
     if len(values) < 2:
         return np.zeros(values.shape[1], dtype=bool)
-    return np.asarray(np.mean(np.diff(values, axis=0) == 0, axis=0) > CLIPPED)
+    same: Float[np.ndarray, " c"] = np.mean(np.diff(values, axis=0) == 0, axis=0)
+    return same > CLIPPED
 
 
 def _moves(values: np.ndarray) -> Float[np.ndarray, " c"]:
     """How much each channel usually changes meanwhile; jumps between logs do not count."""
     lag = max(1, len(values) // LAGS)
-    return np.median(np.abs(values[lag:] - values[:-lag]), axis=0) if len(values) > lag else np.zeros(values.shape[1])
+    if len(values) <= lag:
+        return np.zeros(values.shape[1])
+    moved: Float[np.ndarray, " c"] = np.median(np.abs(values[lag:] - values[:-lag]), axis=0)
+    return moved
 
 
 def _steady(off: np.ndarray, due: np.ndarray) -> bool:
