@@ -178,21 +178,19 @@ def _named(
     return fault("gain", f"{name} answers differently to load than when it was calibrated{rest}")
 
 
-def _repeats(values: np.ndarray) -> Bool[np.ndarray, " c"]:
+def _repeats(values: np.ndarray) -> Bool[np.ndarray, " channels"]:
     """Which channels often read exactly what they read before, as those at their range do."""
     if len(values) < 2:
         return np.zeros(values.shape[1], dtype=bool)
-    same: Float[np.ndarray, " c"] = np.mean(np.diff(values, axis=0) == 0, axis=0)
-    return same > CLIPPED
+    return np.asarray(np.mean(np.diff(values, axis=0) == 0, axis=0) > CLIPPED, dtype=bool)
 
 
-def _moves(values: np.ndarray) -> Float[np.ndarray, " c"]:
+def _moves(values: np.ndarray) -> Float[np.ndarray, " channels"]:
     """How much each channel usually changes meanwhile; jumps between logs do not count."""
     lag = max(1, len(values) // LAGS)
     if len(values) <= lag:
         return np.zeros(values.shape[1])
-    moved: Float[np.ndarray, " c"] = np.median(np.abs(values[lag:] - values[:-lag]), axis=0)
-    return moved
+    return np.asarray(np.median(np.abs(values[lag:] - values[:-lag]), axis=0), dtype=np.float64)
 
 
 def _steady(off: np.ndarray, due: np.ndarray) -> bool:
