@@ -178,18 +178,18 @@ def _named(
     return fault("gain", f"{name} answers differently to load than when it was calibrated{rest}")
 
 
-def _repeats(values: np.ndarray) -> Bool[np.ndarray, " channels"]:
+def _repeats(values: np.ndarray) -> Bool[np.ndarray, " c"]:
     """Which channels often read exactly what they read before, as those at their range do."""
     if len(values) < 2:
-        return np.zeros(values.shape[1], dtype=bool)
+        return np.zeros(int(values.shape[1]), dtype=bool)
     return np.asarray(np.mean(np.diff(values, axis=0) == 0, axis=0) > CLIPPED, dtype=bool)
 
 
-def _moves(values: np.ndarray) -> Float[np.ndarray, " channels"]:
+def _moves(values: np.ndarray) -> Float[np.ndarray, " c"]:
     """How much each channel usually changes meanwhile; jumps between logs do not count."""
     lag = max(1, len(values) // LAGS)
     if len(values) <= lag:
-        return np.zeros(values.shape[1])
+        return np.zeros(int(values.shape[1]))
     return np.asarray(np.median(np.abs(values[lag:] - values[:-lag]), axis=0), dtype=np.float64)
 
 
