@@ -8,7 +8,7 @@ from __future__ import annotations
 import contextlib
 import io
 from collections.abc import Callable, Iterator
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -25,6 +25,7 @@ from palpate.io.contacts import read_contacts
 from palpate.io.logs import read_recording
 from palpate.io.rig import load_rig
 from palpate.io.rig.force_torque import rig_payload, rig_sensor
+from palpate.io.rig.tables import RigFilter
 from palpate.sensors import Butterworth, Kalman
 from palpate.sensors.compensation import Compensation
 from palpate.sensors.filters import Filter
@@ -129,7 +130,7 @@ def _columns(contacts: Contacts) -> dict[str, np.ndarray]:
     found = {field.name: getattr(contacts.estimate, field.name) for field in fields(ContactEstimate)}
     del found["residual"]  # files do not hold it
     found["covariance"] = found["covariance"][:, *np.triu_indices(3)]  # and tables only this half
-    return {"sample": contacts.sample, "time": contacts.time, "contact": contacts.contact, **found}
+    return {"sample": contacts.sample, "time": contacts.time, "contact": contacts.identity, **found}
 
 
 def differing(one: Contacts | None, other: Contacts) -> int:
@@ -166,7 +167,7 @@ def _blocks(folder: Path, recording: Recording) -> Iterator[Row]:
 def chain_of(folder: Path, made: Filter | None, source: str = "none") -> WrenchEstimator:
     """Of the folder's rig, with a filter of its own and accelerations from `source`."""
     rig = load_rig(folder / "rig.toml")
-    payload, base = rig_payload(rig), rig.estimator()
+    payload, base = rig_payload(rig), replace(rig, filter=RigFilter()).estimator()
     motion = None if payload is None else Motion(source, gravity=payload.gravity, lever=payload.center_of_mass)
     locator = Locator(base.locator.surface, noise=base.locator.noise, on=base.locator.on, off=base.locator.off)
     return WrenchEstimator(locator, Compensation(rig_sensor(rig), payload, motion), base.mount, filter=made, rate=200.0)

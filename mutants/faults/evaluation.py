@@ -14,11 +14,9 @@ FAULTS: list[Fault] = [
         ("no direction has an angle", "np.where(zero, np.nan, np.arctan2(sine, cosine))", "np.arctan2(sine, cosine)"),
     ),
     *of(
-        "evaluation/evaluate.py",
+        "evaluation/matching.py",
         "tests/evaluation",
         ("matched beyond the tolerance", "tolerance + 1e-6", "2.0 * tolerance"),
         ("only the next known time, never the one before", "(right - 1).clip(min=0)", "right"),
-        ("what was not answered counts", "matched & np.asarray(estimate.answered)", "matched"),
-        ("of two touches at once the second", "reversed(range(len(touches)))", "range(len(touches))"),
     ),
 ]

@@ -67,10 +67,10 @@ def test_each_cell_has_its_gain() -> None:
     cell = np.repeat(np.argwhere(np.ones((3, 4))), 60, axis=0)
     reading = rng.uniform(2, 9, 12).repeat(60) + gain.ravel().repeat(60) * (_pressed(force, 0.0) - 7.0)
     found = identify_intensity(force, reading + 0.5 * rng.standard_normal(720), cell, shape=(3, 5))
-    slopes = np.array([curve.slope(np.array([1.0]))[0] for curve in found.curves])[found.numbers(3, 5)]
+    slopes = np.array([curve.slope(np.array([1.0]))[0] for curve in found.curves])[found.numbers((3, 5)).reshape(3, 5)]
     ratio = slopes[:, :4] / gain
     assert ratio.std() / ratio.mean() < 0.01
-    assert found.numbers(3, 5)[:, 4].tolist() == [0, 0, 0]  # not pressed: the common curve
+    assert found.numbers((3, 5)).reshape(3, 5)[:, 4].tolist() == [0, 0, 0]  # not pressed: the common curve
     assert any("3 of 15 cells" in note for note in found.notes)
 
 

@@ -18,7 +18,7 @@ from palpate.contact.estimate import ContactEstimate
 from palpate.errors import InputError
 from palpate.sensors.filters import Filter
 from palpate.sensors.intensity import Curve, Intensity
-from palpate.sensors.recording import CELLS, Recording
+from palpate.sensors.recording import CELLS, LARGEST, Recording
 from palpate.sensors.skin import FEWEST, Health, at_rest, examine
 from palpate.sensors.smoothing import BothWays, Forward
 from palpate.sensors.taxels import TaxelBody
@@ -261,6 +261,7 @@ class TaxelEstimator:
         when, raw, rows = self._single
         when[0] = time
         raw[0] = frame.reshape(-1) if fits else np.nan
+        raw[np.abs(raw) > LARGEST] = np.nan  # a fault of the sensor
         return self._run(when, raw, self._buffer, out.reshape(-1, width), rows, self._buffer[0][:0])[1]
 
     def run(self, recording: Recording) -> Contacts:

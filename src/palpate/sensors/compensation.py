@@ -216,6 +216,8 @@ class Compensation:
     def _readings(self, recording: Recording) -> _Readings:
         """The channels that are needed."""
         channels = recording.channels
+        if FORCE not in channels or TORQUE not in channels:
+            raise InputError("has no forces and torques.", where=recording.source)
         acceleration = channels.get(ACCELERATION) if self._weighs else None
         unsteady = channels.get(UNSTEADY) if self._weighs else None
         return _Readings(

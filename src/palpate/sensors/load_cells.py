@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from palpate.errors import InputError, NotIdentifiable
 from palpate.sensors.recording import REFERENCE, VOLTAGE
-from palpate.spatial._arrays import frozen
+from palpate.spatial._arrays import Value, frozen
 from palpate.spatial.pose import skew
 
 __all__ = [
@@ -66,7 +66,7 @@ class Indentation:
 
 
 @dataclass(frozen=True, eq=False, init=False)
-class LoadCells:
+class LoadCells(Value):
     """k three-axis cells under a rigid frame read u = C w + b + noise, w the wrench on the frame [load cells, (1)-(8)].
 
     The paper sums the cells' own forces, w = sum (f_i, l_i x f_i) with f_i = S_i (u_i - b_i). Under a rigid frame the

@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
 
 from palpate.errors import InputError
-from palpate.sensors.recording import CELLS, Recording
+from palpate.sensors.recording import CELLS, LARGEST, Recording
 from palpate.sensors.skin_map import SkinMap
 
 __all__ = ["TaxelBody"]
@@ -204,6 +204,8 @@ class TaxelBody:
             size = " x ".join(map(str, cells.shape[1:]))
             raise InputError(f"holds frames of {size} cells; the body has {self.named()}.", where=recording.source)
         rows = np.ascontiguousarray(cells).reshape(len(cells), -1).view()
+        if np.nanmax(np.abs(rows), initial=0.0) > LARGEST:  # a fault of the log
+            rows = np.where(np.abs(rows) <= LARGEST, rows, np.nan)
         rows.flags.writeable = False
         return rows
 
