@@ -117,7 +117,6 @@ def test_a_log_that_begins_touched_is_refused(folder: Path, capsys: pytest.Captu
         ),
         (RIG + 'model = "tip.toml"\nwithout = [5]\n', "cell 5 is none of the 4"),
         (RIG + 'model = "tip.toml"\n[filter]\nkind = "butterworth"\n', "not filtered"),
-        ('[surface]\nkind = "plane"\n[load_cells]\nmodel = "tip.toml"\n', "elliptic cylinder"),
     ],
 )
 def test_bad_rigs_are_sentences(folder: Path, rig: str, said: str, capsys: pytest.CaptureFixture[str]) -> None:

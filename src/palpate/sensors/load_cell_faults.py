@@ -186,7 +186,8 @@ def _repeats(values: np.ndarray) -> Bool[np.ndarray, " c"]:
 def _moves(values: np.ndarray) -> Float[np.ndarray, " c"]:
     """How much each channel usually changes meanwhile; jumps between logs do not count."""
     lag = max(1, len(values) // LAGS)
-    return np.median(np.abs(values[lag:] - values[:-lag]), axis=0) if len(values) > lag else np.zeros(values.shape[1])
+    moved: np.ndarray = np.abs(values[lag:] - values[:-lag])
+    return np.quantile(moved, 0.5, axis=0) if len(moved) else np.zeros(values.shape[1])
 
 
 def _steady(off: np.ndarray, due: np.ndarray) -> bool:
