@@ -186,8 +186,9 @@ def _repeats(values: np.ndarray) -> Bool[np.ndarray, " c"]:
 def _moves(values: np.ndarray) -> Float[np.ndarray, " c"]:
     """How much each channel usually changes meanwhile; jumps between logs do not count."""
     lag = max(1, len(values) // LAGS)
-    moved: np.ndarray = np.abs(values[lag:] - values[:-lag])
-    return np.quantile(moved, 0.5, axis=0) if len(moved) else np.zeros(values.shape[1])
+    if len(values) <= lag:
+        return np.zeros(values.shape[1])
+    return np.asarray(np.median(np.abs(values[lag:] - values[:-lag]), axis=0), dtype=np.float64)
 
 
 def _steady(off: np.ndarray, due: np.ndarray) -> bool:
