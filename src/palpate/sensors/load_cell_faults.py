@@ -183,12 +183,11 @@ def _repeats(values: np.ndarray) -> Bool[np.ndarray, " c"]:
     return np.mean(np.diff(values, axis=0) == 0, axis=0) > CLIPPED if len(values) > 1 else np.zeros(values.shape[1]) > 0
 
 
-def _moves(values: np.ndarray) -> Float[np.ndarray, " c"]:
+def _moves(values: Float[np.ndarray, "n c"]) -> Float[np.ndarray, " c"]:
     """How much each channel usually changes meanwhile; jumps between logs do not count."""
     lag = max(1, len(values) // LAGS)
-    if len(values) <= lag:
-        return np.zeros(values.shape[1])
-    return np.asarray(np.median(np.abs(values[lag:] - values[:-lag]), axis=0), dtype=np.float64)
+    moved = np.abs(values[lag:] - values[:-lag])
+    return np.median(moved, axis=0) if len(moved) else np.zeros(len(values.T))
 
 
 def _steady(off: np.ndarray, due: np.ndarray) -> bool:
