@@ -48,7 +48,7 @@ def build(rig: Rig, head: Recording | None) -> Prepared:
     estimator = TaxelEstimator(
         body, None, health, settings=rig.contacts, filter=smooth.filter(), rate=rate, mount=mount
     )
-    return Prepared(estimator, rig.mount(), said=noted_filter(smooth, rate), facts={"tare": tare})
+    return Prepared(estimator, said=noted_filter(smooth, rate), facts={"tare": tare})
 
 
 LAYOUT = Layout(wrench=None, arrays=(ArrayChannel(CELLS, (COUNT,), COLUMNS, table="ball"),))

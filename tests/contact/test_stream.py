@@ -333,3 +333,9 @@ def test_what_cannot_be_is_refused() -> None:
     for call in (lambda: chain.run(hard_log()), lambda: chain.update(0.0, np.zeros(6), np.eye(3))):
         with pytest.raises(InputError, match="looks ahead"):
             call()
+
+
+@pytest.mark.parametrize("shape", [(5,), (7,), (2, 6), (1, 6)])
+def test_a_reading_of_another_shape_is_refused(shape: tuple[int, ...]) -> None:
+    with pytest.raises(InputError, match=r"the reading of one sample must have shape \(6,\)"):
+        estimator(payload=None).update(0.0, np.zeros(shape))

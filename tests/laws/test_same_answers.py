@@ -74,10 +74,10 @@ def test_zero_phase_is_the_same_through_every_reader(folder: Path) -> None:
 )
 def test_how_the_log_is_cut_does_not_matter(folder: Path, kind: str, source: str) -> None:
     recording = read_recording(folder / "zstd.mcap", load_rig(folder / "rig.toml").layout())
-    chain = chain_of(folder, FILTERS[kind])
-    whole = streamed(chain, recording, 10**6, source)
+    chain = chain_of(folder, FILTERS[kind], source)
+    whole = streamed(chain, recording, 10**6)
     assert np.count_nonzero(whole["status"] == Status.CONTACT) > 100
     for size in (17, 4096):
-        assert unlike(whole, streamed(chain, recording, size, source)) == 0
+        assert unlike(whole, streamed(chain, recording, size)) == 0
     start = recording.picked(slice(0, 700))  # one by one takes a while
-    assert unlike(streamed(chain, start, 700, source), streamed(chain, start, 1, source)) == 0
+    assert unlike(streamed(chain, start, 700), streamed(chain, start, 1)) == 0

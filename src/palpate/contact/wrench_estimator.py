@@ -55,6 +55,8 @@ class WrenchEstimator:
         mount_covariance: (6, 6) of its (rotation vector [rad], translation [m]), perturbed on the left.
         filter: of the wrench; None: none. One of zero phase works in `pairs` and `stream` only.
         rate: [Hz] of the samples; a filter needs it.
+        mounted: wrenches are about the sensor's frame. False: they were calibrated about the surface's, and `mount` only
+            says where results are in other frames.
 
     Raises:
         InputError: a filter without a rate, or with one that is too low for it.
@@ -70,10 +72,11 @@ class WrenchEstimator:
         mount_covariance: Float[np.ndarray, "6 6"] | None = None,
         filter: Filter | None = None,
         rate: float | None = None,
+        mounted: bool = True,
     ) -> None:
         self.sensor: WrenchSensor = Compensation(sensor) if isinstance(sensor, ForceTorque) else sensor
         self.mount = Pose.identity() if mount is None else mount
-        self._placement = Placement(self.mount, mount_covariance)
+        self._placement = Placement(self.mount, mount_covariance) if mounted else Placement(Pose.identity())
         matrix, noise = self._placement.matrix, self.sensor.noise
         lacks = locator.noise is None and noise is not None
         self.locator = locator.with_noise(matrix @ noise @ matrix.T) if lacks else locator

@@ -24,7 +24,6 @@ from palpate.io.logs import open_log as open_by_layout
 from palpate.io.rig.kind import Prepared, SensorKind
 from palpate.io.rig.rig import Rig, load_rig
 from palpate.sensors.recording import ORIENTATION, POSITION, Recording
-from palpate.spatial.pose import Pose
 
 __all__ = ["FRAMES", "OpenedLog", "Pipeline", "estimate", "open_log", "prepare"]
 
@@ -183,7 +182,7 @@ class Pipeline:
     """A log on its way to contacts, once.
 
     Attributes:
-        log, estimator, frame: what it is made of; mount: T_sensor_surface.
+        log, estimator, frame: what it is made of.
         said, doubted: sentences on what was done before the first sample, and on what may be wrong about it.
         facts: settings in force.
         seconds: spent on preparing and locating; the log knows those of reading.
@@ -191,7 +190,6 @@ class Pipeline:
 
     log: OpenedLog
     estimator: ContactEstimator
-    mount: Pose
     frame: str
     said: list[str]
     doubted: list[str]
@@ -214,7 +212,7 @@ class Pipeline:
         if frame == "base":
             _require_pose(log, head)
         made = prepare(log.rig, log)
-        pipeline = cls(log, made.estimator, made.mount, frame, made.said, made.doubted, made.facts)
+        pipeline = cls(log, made.estimator, frame, made.said, made.doubted, made.facts)
         pipeline.seconds["prepare"] = perf_counter() - begin - (log.seconds - read)
         return pipeline
 
@@ -233,7 +231,7 @@ class Pipeline:
                 return
             block, found = pair
             self._seen.add(block, found)
-            yield block, found, placed(found, block, self.frame, self.mount)
+            yield block, found, placed(found, block, self.frame, self.estimator.mount)
 
     def notes(self) -> list[str]:
         """What was met on the way, so far."""

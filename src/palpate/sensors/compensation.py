@@ -84,8 +84,8 @@ class Compensation:
         self._bias = np.concatenate([load.force_bias, load.torque_bias])
         self._doubts = square_root(load.covariance)
         self._untare()
-        nothing = _Readings(np.zeros(1), np.zeros((1, 6)), np.eye(3)[None], np.zeros((1, 3)), np.zeros((1, 1)))
-        made = self._compensated(nothing, self._zero)  # compiles, before anything is in a hurry
+        self._still = _Readings(np.zeros(1), np.zeros((1, 6)), np.eye(3)[None], np.zeros((1, 3)), np.zeros((1, 1)))
+        made = self._compensated(self._still, self._zero)  # compiles, before anything is in a hurry
         self.place(made, made.wrench, np.ones(1), Placement(Pose.identity()))
 
     @property
@@ -119,14 +119,13 @@ class Compensation:
         why = self.needs_orientation
         if rotation is None and why:
             raise InputError(f"update needs the orientation of the sensor: {why}.")
-        turn = np.eye(3) if rotation is None or not why else rotation
-        pushed = np.zeros(3) if acceleration is None else acceleration
+        still = self._still
         readings = _Readings(
             np.array([time], dtype=np.float64),
-            _one("reading", reading, (1, 6)),
-            _one("rotation", turn, (1, 3, 3)),
-            _one("acceleration", pushed, (1, 3)),
-            np.zeros((1, 1)),
+            _one("reading", reading, (6,)),
+            _one("rotation", rotation, (3, 3)) if why else still.rotation,
+            still.acceleration if acceleration is None else _one("acceleration", acceleration, (3,)),
+            still.unsteady,
         )
         return self._compensated(readings, self._zero)
 
@@ -258,9 +257,9 @@ class Compensation:
         return rotation_from_quaternion(np.where(sound_quaternions(quaternions)[:, None], quaternions, np.nan))
 
 
-def _one(what: str, values: ArrayLike, shape: tuple[int, ...]) -> np.ndarray:
+def _one(what: str, values: ArrayLike | None, shape: tuple[int, ...]) -> np.ndarray:
     """A copy of one sample's values, contiguous and writable, as the loops were compiled for."""
     array = np.array(values, dtype=np.float64, order="C")
-    if array.shape not in (shape, shape[1:]):
-        raise InputError(f"the {what} of one sample must have shape {shape[1:]}, not {array.shape}.")
-    return array.reshape(shape)
+    if array.shape != shape:
+        raise InputError(f"the {what} of one sample must have shape {shape}, not {array.shape}.")
+    return array[None]

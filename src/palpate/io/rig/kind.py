@@ -11,7 +11,6 @@ from palpate.contact.estimator import ContactEstimator
 from palpate.io.logs import LogContents
 from palpate.io.logs.layout import Layout
 from palpate.sensors.recording import Recording
-from palpate.spatial.pose import Pose
 
 if TYPE_CHECKING:
     from palpate.io.rig.rig import Rig
@@ -25,14 +24,12 @@ class Prepared:
 
     Attributes:
         estimator: ready for the first sample.
-        mount: T_sensor_surface, for results in other frames.
         said: what was done or assumed, one sentence each.
         doubted: what may be wrong about it.
         facts: settings in force, for the record beside a result and for the report.
     """
 
     estimator: ContactEstimator
-    mount: Pose
     said: list[str] = field(default_factory=list[str])
     doubted: list[str] = field(default_factory=list[str])
     facts: dict[str, object] = field(default_factory=dict[str, object])

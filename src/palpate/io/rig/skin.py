@@ -123,7 +123,7 @@ def _build(rig: Rig, head: Recording | None) -> Prepared:
         rate=rate,
         mount=rig.mount(),
     )
-    made = Prepared(estimator, rig.mount(), said=noted_filter(smooth, rate), facts=dict(vars(rig.contacts)))
+    made = Prepared(estimator, said=noted_filter(smooth, rate), facts=dict(vars(rig.contacts)))
     if tare is None:
         made.said.append(
             "cells at rest are found in the log itself; tare = seconds in [skin] says when nothing touches"

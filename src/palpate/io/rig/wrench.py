@@ -47,17 +47,17 @@ def wrench_estimator(
         **options,
     )
     table, rate = rig_filter(rig, head)
-    mount = rig.mount()
-    uncertain = None if rig.surface is None or not mounted else rig.surface.pose_covariance
+    uncertain = None if rig.surface is None else rig.surface.pose_covariance
     estimator = WrenchEstimator(
         locator,
         sensor,
-        mount if mounted else None,
+        rig.mount(),
         None if uncertain is None else np.asarray(uncertain),
+        mounted=mounted,
         filter=table.filter(),
         rate=rate,
     )
-    made = Prepared(estimator, mount, said=noted_filter(table, rate), facts=_facts(rig, estimator, table, rate))
+    made = Prepared(estimator, said=noted_filter(table, rate), facts=_facts(rig, estimator, table, rate))
     if head is not None and tare is not None:
         tared = estimator.tare(first_seconds(head, tare))
         made.said.append(tared.said)
