@@ -11,7 +11,11 @@ FAULTS: list[Fault] = [
         "surfaces/_patch.py",
         TREE,
         ("contacts outside their patch", "u >= _INSIDE", "u >= -0.02", "solve_patch"),
-        ("contacts outside their facet", "s2 >= _INSIDE", "s2 >= -0.02", "_within"),
+        (
+            "two weights of a facet change places",
+            "out[0, 0], out[0, 1], out[0, 2] = s0, s1, s2",
+            "out[0, 0], out[0, 1], out[0, 2] = s1, s0, s2",
+        ),
         (
             "a sign in the square of the pitch",
             "pitch * pitch * (gj0 * gk1 - gk0 * gj1)",
