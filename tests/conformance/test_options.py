@@ -9,6 +9,7 @@ from pathlib import Path
 import polars as pl
 import pytest
 
+from palpate.io.rig.kinds import KINDS
 from tests.conformance.fields import Case, Refused, run
 from tests.conformance.sensors import SENSORS, Sensor
 
@@ -105,11 +106,11 @@ def test_what_is_not_what_its_name_says_is_refused(
 
 
 @SENSOR
-def test_a_new_rig_says_which_sensor_it_is_of(case_of: Callable[[Sensor], Case], sensor: Sensor) -> None:
+def test_a_new_rig_says_which_sensor_it_is_of_and_why(case_of: Callable[[Sensor], Case], sensor: Sensor) -> None:
     case = case_of(sensor)
     mesh = [] if case.files.mesh is None else [str(case.files.mesh)]
     said = run("rig", "new", str(case.files.log), *mesh, "-o", str(case.files.folder / "said.toml"), "--force")
-    assert sensor.table in said or sensor.name in said
+    assert f"taken for {KINDS[sensor.table].called}: " in said
 
 
 def _named(option: str, sentence: str) -> bool:
