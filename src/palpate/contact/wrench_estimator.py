@@ -55,7 +55,7 @@ class WrenchEstimator:
         mount_covariance: (6, 6) of its (rotation vector [rad], translation [m]), perturbed on the left.
         filter: of the wrench; None: none. One of zero phase works in `pairs` and `stream` only.
         rate: [Hz] of the samples; a filter needs it.
-        mounted: wrenches are about the sensor's frame. False: they were calibrated about the surface's, and `mount` only
+        mounted: wrenches are about the sensor's frame. False: calibrated about the surface's, so that `mount` only
             says where results are in other frames.
 
     Raises:
