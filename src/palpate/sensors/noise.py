@@ -11,7 +11,7 @@ __all__ = ["estimate_noise"]
 _MEDIAN_STEP = 2**0.5 * 0.6744897501960817
 
 
-def estimate_noise(wrenches: Float[np.ndarray, "n 6"]) -> Float[np.ndarray, "6"] | None:
+def estimate_noise(wrenches: Float[np.ndarray, "n k"]) -> Float[np.ndarray, " k"] | None:
     """Standard deviations [N, N m] of one reading, from its steps; None where fewer than ten steps are finite.
 
     The median absolute step over 0.954, which touches that come and go hardly move. It reads the fast part only: where
@@ -19,7 +19,7 @@ def estimate_noise(wrenches: Float[np.ndarray, "n 6"]) -> Float[np.ndarray, "6"]
     out; where the resolution hides the noise (a median of 0), the deviation of the steps is taken instead.
 
     Args:
-        wrenches: (n, 6) [N, N m] as logged.
+        wrenches: (n, 6) [N, N m] as logged, or other readings (n, k).
     """
     steps = np.diff(wrenches, axis=0)
     steps = steps[np.isfinite(steps).all(axis=1) & (steps != 0).any(axis=1)]
