@@ -185,5 +185,4 @@ def _updated(chain: WrenchEstimator, recording: Recording) -> dict[str, np.ndarr
     chain.reset()
     rotations = rotation_from_quaternion(recording.channels[ORIENTATION])
     samples = zip(recording.time.tolist(), recording.wrenches(), rotations, strict=True)
-    answers = [chain.update(*sample) for sample in samples]
-    return {field.name: np.stack([getattr(answer, field.name) for answer in answers]) for field in fields(answers[0])}
+    return vars(ContactEstimate.joined([chain.update(*sample).estimate for sample in samples]))

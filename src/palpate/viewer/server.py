@@ -69,8 +69,7 @@ class Page:
         self._server = _listen(host, port)
         self._wake = threading.Condition()
         self._seconds = float(scene.timeline.clock[scene.opening])
-        self._playing = self._stopping = False
-        self._stale = True
+        self._playing = self._stopping = self._stale = False
         self.index = 0
         """The sample that is shown, counted in the scene."""
         with self._server.atomic():
