@@ -335,19 +335,19 @@ def _smallest(runs: Runs, trials: int) -> Iterator[Row]:
     noise = spread * rng.standard_normal((trials, 12)) * np.sqrt(1.0 + share)
     for x, y in ((0.0, 0.0), (6e-3, 8e-3), (-9e-3, -10e-3)):
         point, normal = RIGID.ellipse.foot(np.array(x), np.array(y))
-        foretold = float(resolution(cells, point[None], normal[None], tare=1.0 / share).smallest(WANTED)[0])
+        predicted = float(resolution(cells, point[None], normal[None], tare=1.0 / share).smallest(WANTED)[0])
 
         def error(force: float, point: np.ndarray = point, normal: np.ndarray = normal) -> float:
             clean = array.forward() @ contact_wrenches(point[None], normal[None], -force * normal[None], np.zeros(1))[0]
             found = fingertip.run(palpate.Recording(time, {VOLTAGE: clean + noise}))
             return _rms(np.linalg.norm(found.point - point, axis=1))
 
-        low, high = 0.3 * foretold, 3.0 * foretold
+        low, high = 0.3 * predicted, 3.0 * predicted
         for _ in range(12):
             middle = np.sqrt(low * high)
             low, high = (middle, high) if error(middle) > WANTED else (low, middle)
-        ratio = foretold / high
-        got = f"{1e3 * foretold:.1f} mN predicted, {1e3 * high:.1f} mN measured: {ratio - 1:+.0%}"
+        ratio = predicted / high
+        got = f"{1e3 * predicted:.1f} mN predicted, {1e3 * high:.1f} mN measured: {ratio - 1:+.0%}"
         what = f"smallest force for 2 mm at x = {1e3 * x:.0f}, y = {1e3 * y:.0f} mm"
         yield Row(NAME, what, "within 15 %", got, abs(ratio - 1) <= 0.15, COMMAND)
 

@@ -28,7 +28,7 @@ from palpate.evaluation.errors import CHI2_95
 from palpate.evaluation.instruments import judge, map_mesh, medians, touch_rows, wand_points, wrench_points
 from palpate.sensors.intensity import Curve, Intensity
 from palpate.sensors.recording import CELLS, Recording
-from palpate.sensors.skin import Health, examine
+from palpate.sensors.taxel_health import Health, examine
 from palpate.sensors.taxels import TaxelBody
 from palpate.simulation.shapes import icosphere
 from palpate.simulation.skin_bench import PaperSheet, Patch, Rolled, Wand, paper_sheet, press, read_out

@@ -1,7 +1,7 @@
 """Every error that Palpate raises on purpose.
 
 PalpateError
-|-- InputError          a file, a row or a field is wrong: what, where, how to mend it
+|-- InputError          a file, a row or a field is wrong: what, where, how to correct it
 |-- GeometryError       a mesh or surface cannot be used as it is
 `-- NotIdentifiable     the data cannot determine what was asked: rank and what is missing
 """
@@ -21,14 +21,14 @@ class InputError(PalpateError):
     Args:
         what: what is wrong, a sentence without the place.
         where: file, row, column or key, as the user knows it.
-        mend: how to mend it.
+        hint: how to correct it.
     """
 
-    def __init__(self, what: str, *, where: str = "", mend: str = "") -> None:
-        self.what, self.where, self.mend = what, where, mend
+    def __init__(self, what: str, *, where: str = "", hint: str = "") -> None:
+        self.what, self.where, self.hint = what, where, hint
         place = f"{where}: " if where else ""
-        hint = f" {mend}" if mend else ""
-        super().__init__(f"{place}{what}{hint}")
+        advice = f" {hint}" if hint else ""
+        super().__init__(f"{place}{what}{advice}")
 
 
 class GeometryError(PalpateError):
@@ -39,7 +39,7 @@ class NotIdentifiable(PalpateError):  # no Error in the name: it is a finding ab
     """The data cannot determine what was asked.
 
     Args:
-        message: the sentence a user needs to mend the data.
+        message: the sentence a user needs to correct the data.
         rank: how many directions the data do determine.
         missing: names of the directions that they do not.
     """

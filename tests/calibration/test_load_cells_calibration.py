@@ -50,7 +50,7 @@ def test_the_true_matrix_lies_within_the_stated_covariance() -> None:
     error = np.linalg.lstsq(found.cells.matrix, RIGID.cells().forward())[0] - np.eye(6)
     square = error.reshape(-1) @ np.linalg.solve(found.cells.covariance, error.reshape(-1))
     assert 10 < square < 85  # chi-square of 36: one in 10,000 beyond either bound
-    assert misses(RIGID, found).max() < 30e-6  # without noise only the calibration errs: foretold to 6 um rms
+    assert misses(RIGID, found).max() < 30e-6  # without noise only the calibration errs: predicted to 6 um rms
     assert found.cells.drift < 0.5
     assert found.cells.misfit < 1e-3
 

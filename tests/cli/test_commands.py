@@ -360,14 +360,14 @@ def test_swapped_axes_are_named_with_the_line_that_mends_them(
     swapped.write_csv(tmp_path / "free.csv")
     main(["calibrate", "payload", str(tmp_path / "free.csv"), "-o", str(tmp_path / "payload.toml")])
     said = capsys.readouterr().out
-    assert 'mend: axes = ["x", "z", "y"] and left_handed = true' in said
+    assert 'hint: axes = ["x", "z", "y"] and left_handed = true' in said
     rig = (
         (made / "rig.toml").read_text().replace('axes = ["x", "y", "z"]', 'axes = ["x", "z", "y"]\nleft_handed = true')
     )
     (tmp_path / "rig.toml").write_text(rig)
     call = ["calibrate", "payload", str(tmp_path / "free.csv"), "-o", str(tmp_path / "payload.toml")]
     assert main([*call, "--rig", str(tmp_path / "rig.toml")]) == 0
-    assert "mend:" not in capsys.readouterr().out
+    assert "hint:" not in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("text", ["down", "0,0", "0,0,0", "a,b,c"])

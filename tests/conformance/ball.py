@@ -17,7 +17,7 @@ from palpate.io.rig.rig import Rig
 from palpate.io.rig.skin import SKIN
 from palpate.io.rig.wrench import noted_filter, rig_filter
 from palpate.sensors.recording import CELLS, Recording
-from palpate.sensors.skin import examine
+from palpate.sensors.taxel_health import examine
 from palpate.sensors.taxels import TaxelBody
 
 COUNT, RADIUS, NOISE = 200, 0.05, 0.003  # taxels, m, N

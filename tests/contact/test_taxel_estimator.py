@@ -17,8 +17,8 @@ from palpate.errors import InputError
 from palpate.sensors.filters import Butterworth, Filter, Kalman
 from palpate.sensors.intensity import Curve, Intensity
 from palpate.sensors.recording import CELLS, Recording
-from palpate.sensors.skin import Health
 from palpate.sensors.skin_map import SkinMap
+from palpate.sensors.taxel_health import Health
 from palpate.sensors.taxels import TaxelBody
 from palpate.simulation.skin_bench import Patch, Rolled, press
 

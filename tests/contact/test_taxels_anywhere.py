@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from palpate.contact.taxel_estimator import TaxelEstimator
-from palpate.sensors.skin import Health
+from palpate.sensors.taxel_health import Health
 from palpate.sensors.taxels import TaxelBody
 from palpate.spatial.pose import Pose
 

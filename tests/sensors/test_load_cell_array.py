@@ -118,7 +118,7 @@ def test_an_explanation_is_the_wrench_without_its_channels(count: int) -> None:
         wrench = made.wrenches(readings, int(e))
         scale = np.sqrt(np.diag(spread))
         assert np.abs((wrench - readings @ inverse.T) / scale).max() < 1e-6
-        assert np.abs((made.spreads[1 + e] - spread) / np.outer(scale, scale)).max() < 1e-8
+        assert np.abs((made.covariances[1 + e] - spread) / np.outer(scale, scale)).max() < 1e-8
         explained = np.sum((readings @ made.rest.T @ made.directions[e].T) ** 2, axis=1)
         np.testing.assert_allclose(left - explained, np.sum((readings @ rest.T) ** 2, axis=1), rtol=1e-6, atol=1e-6)
 
@@ -150,7 +150,7 @@ def test_samples_are_judged_as_numpy_judges_them() -> None:
         np.testing.assert_allclose(measured.wrench[0], each.mean(axis=0), atol=1e-10)
         if which == 17:
             scatter = np.cov(each.T, bias=True)
-            wider = (1 + cells.drift**2) * (made.spreads[1 + fitting].mean(axis=0) - made.spreads[0])
+            wider = (1 + cells.drift**2) * (made.covariances[1 + fitting].mean(axis=0) - made.covariances[0])
             np.testing.assert_allclose(measured.extra[0], scatter + wider, atol=1e-9 * np.abs(scatter).max() + 1e-15)
     assert kinds == {0, 1, 17}
 

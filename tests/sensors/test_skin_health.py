@@ -7,7 +7,7 @@ import pytest
 
 from palpate.errors import InputError
 from palpate.sensors.recording import CELLS, Recording
-from palpate.sensors.skin import Health, examine
+from palpate.sensors.taxel_health import Health, examine
 from palpate.sensors.taxels import TaxelBody
 from palpate.simulation.skin_bench import Rolled
 

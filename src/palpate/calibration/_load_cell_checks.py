@@ -32,7 +32,7 @@ def check_channels(
     if still:
         raise InputError(
             f"{_listed(still)} never changes: the cell is dead, or not connected.",
-            mend="Mend it, or leave the three columns of that cell out of [load_cells] columns.",
+            hint="Mend it, or leave the three columns of that cell out of [load_cells] columns.",
         )
     if limits is not None:
         low, high = np.asarray(limits, dtype=np.float64).T
@@ -41,7 +41,7 @@ def check_channels(
         if full:
             raise InputError(
                 f"{_listed(full)} is at its range in {share.max():.1%} of the samples.",
-                mend="Push less hard, or correct the range in [load_cells].",
+                hint="Push less hard, or correct the range in [load_cells].",
             )
     size = travel + np.sqrt(np.diag(noise))
     ratio = size / np.median(size)
@@ -51,7 +51,7 @@ def check_channels(
         raise InputError(
             f"{_listed([name for name, _ in odd])} moves {part:.3g} times as much as the other channels: "
             "a column in another unit (mV instead of V).",
-            mend="State its unit in [load_cells] units, or write all voltages in V.",
+            hint="State its unit in [load_cells] units, or write all voltages in V.",
         )
 
 

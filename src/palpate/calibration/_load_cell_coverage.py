@@ -14,8 +14,8 @@ from palpate.spatial.pose import skew
 __all__ = ["Coverage", "coverage"]
 
 PARTS = 3  # along x and along y into which the surface that was touched is cut
-FORCE, FRICTION = 1.0, 0.5  # N, and the sideways share of it, for which errors are foretold
-WANTED = 50e-6  # m: a foretold error of the calibration that is too much
+FORCE, FRICTION = 1.0, 0.5  # N, and the sideways share of it, for which errors are predicted
+WANTED = 50e-6  # m: a predicted error of the calibration that is too much
 QUIET = 0.1  # of the normal force: less friction does not show the moment along the force
 
 
@@ -25,7 +25,7 @@ class Coverage:
 
     Attributes:
         place: (9, 3) [m] middles of the parts of the surface; visits: (9,) blocks in each.
-        error: (9, 5) [m] foretold from the calibration alone, straight on and with friction along +-x, +-y.
+        error: (9, 5) [m] predicted from the calibration alone, straight on and with friction along +-x, +-y.
         friction: (2,) rms of the sideways share of the force along the two tangents.
         notes: what is missing, one sentence each.
     """
@@ -65,7 +65,7 @@ def _foretold(data: Touches, cells: LoadCells, k: int) -> Float[np.ndarray, "5"]
         slopes = np.zeros((2, 6))  # of the point by the wrench, for a touch without torque
         turned = tangents @ skew(normal) / (FORCE * (push @ normal))
         slopes[:, :3], slopes[:, 3:] = -turned @ skew(at), turned
-        out.append(float(np.sqrt(np.trace(slopes @ cells.calibration_spread(wrench) @ slopes.T))))
+        out.append(float(np.sqrt(np.trace(slopes @ cells.calibration_covariance(wrench) @ slopes.T))))
     return np.array(out)
 
 

@@ -88,7 +88,7 @@ def rests(
             f"the log does not begin unloaded (the reference force is {begun:.2g} N), so the bias of the cells is "
             "not known.",
             where="ref_fx, ref_fy, ref_fz",
-            mend=f"Record at least {LEAST_REST:g} s before the first touch, with the reference tared.",
+            hint=f"Record at least {LEAST_REST:g} s before the first touch, with the reference tared.",
         )
     return found
 

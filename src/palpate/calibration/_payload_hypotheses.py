@@ -83,7 +83,7 @@ def parts(hypothesis: str) -> tuple[str, ...]:
     unknown = [part for part in found if part not in MEANINGS]
     if unknown:
         known = ", ".join(repr(name) for name in (AS_IS, *MEANINGS))
-        raise InputError(f"no hypothesis is called {unknown[0]!r}", mend=f"Known, joined by ' + ': {known}.")
+        raise InputError(f"no hypothesis is called {unknown[0]!r}", hint=f"Known, joined by ' + ': {known}.")
     return found
 
 

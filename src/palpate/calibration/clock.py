@@ -95,7 +95,7 @@ def identify_offset(
     if best in (0, len(grid) - 1):
         raise InputError(
             f"the best offset, {grid[best]:.3g} s, lies at the edge of the search from {low:g} to {high:g} s.",
-            mend="Search further, or check that both clocks count from the same moment.",
+            hint="Search further, or check that both clocks count from the same moment.",
         )
     near = grid[best - 1 : best + 2]
     problem = _Problem(track, *_usable(track, *_thinned(averages, FINE), near), known)
@@ -245,7 +245,7 @@ def _usable(
     if np.count_nonzero(known) < LEAST:
         raise InputError(
             "hardly any wrench has a pose at every offset of the search.",
-            mend="Check that poses and wrenches overlap in time, search less far, or allow a larger gap.",
+            hint="Check that poses and wrenches overlap in time, search less far, or allow a larger gap.",
         )
     return time[known], force[known]
 

@@ -117,7 +117,7 @@ def choices(
     if kind == "auto":
         return [each for some in known.values() for each in some]
     if kind not in known:
-        raise InputError(f"no kind of curve is called {kind!r}.", mend=f"There is auto, {', '.join(known)}.")
+        raise InputError(f"no kind of curve is called {kind!r}.", hint=f"There is auto, {', '.join(known)}.")
     return known[kind]
 
 

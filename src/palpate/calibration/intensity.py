@@ -208,7 +208,7 @@ def _sound(force: np.ndarray, intensity: np.ndarray) -> tuple[np.ndarray, np.nda
     if known.any() and float(force[known].min()) < -0.05 * float(np.ptp(force[known])):
         raise InputError(
             "some forces are negative: a load cell that pulls, or one that was not tared.",
-            mend="Give forces that grow as the taxel is pressed, zero without load.",
+            hint="Give forces that grow as the taxel is pressed, zero without load.",
         )
     return np.maximum(force[known], 0.0), intensity[known], int(np.count_nonzero(~known))
 

@@ -130,7 +130,7 @@ def identify_load_cells(
     if len(blocks.time) < FEWEST:
         raise InputError(
             f"only {len(blocks.time)} blocks of 10 ms are loaded by {least:g} N or more, and {FEWEST} are needed.",
-            mend="Slide the ball over the whole surface, with 1 N or more.",
+            hint="Slide the ball over the whole surface, with 1 N or more.",
         )
     contact, normal, _ = surface.project(blocks.centres)
     doubts = _off_surface(blocks, contact, normal, ball)
@@ -214,7 +214,7 @@ class _Rows:
         named = names or tuple(f"u{cell + 1}{axis}" for cell in range(u.shape[1] // 3) for axis in "xyz")
         whole: Bool[np.ndarray, " n"] = np.all(np.isfinite(np.column_stack([at, u, f, c, t])), axis=1)
         if not whole.any():
-            raise InputError("no row of the log is complete.", mend="Check the columns and the log's length.")
+            raise InputError("no row of the log is complete.", hint="Check the columns and the log's length.")
         return cls(at[whole], u[whole], f[whole], c[whole], t[whole], named)
 
     @property

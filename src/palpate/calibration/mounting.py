@@ -221,7 +221,7 @@ def _judged(
 def _refusal(
     free: bool, rank: int, blind: Float[np.ndarray, "6 k"], prior: tuple[float, float], notes: Sequence[str]
 ) -> NotIdentifiable:
-    mend = (
+    hint = (
         "Touch more places, where the surface curves in different ways, or touch marked points."
         if free
         else "Touch at least three marks that are not on one line, and push in different directions."
@@ -230,7 +230,7 @@ def _refusal(
     found = f" Besides: {'; '.join(notes[:SAID])}{more}." if notes else ""
     return NotIdentifiable(
         f"the touches say nothing about the mounting that the initial pose and its prior do not say better. "
-        f"{mend}{found}",
+        f"{hint}{found}",
         rank=rank,
         missing=name_motions(blind, *prior),
     )
@@ -244,7 +244,7 @@ def _strays(points: Float[np.ndarray, "n 3"], surface: Mesh, names: Sequence[str
         raise InputError(
             f"{len(absurd)} of {len(names)} marks lie further from the surface than it is large "
             f"({names[absurd[0]]}: {gaps[absurd[0]]:.3g} m).",
-            mend="Are the marks in the surface's frame, in metres, and the unit of the mesh right?",
+            hint="Are the marks in the surface's frame, in metres, and the unit of the mesh right?",
         )
     return [
         f"{name} lies {gap * 1e3:.1f} mm off the surface: are the marks in its frame, and in metres?"

@@ -101,7 +101,7 @@ def settings_of(gravity: ArrayLike | None, magnitude: float, noise: ArrayLike | 
     if direction is not None:
         largest = float(np.abs(direction).max(initial=0.0))
         if direction.shape != (3,) or not np.isfinite(largest) or largest == 0.0:
-            raise InputError(f"gravity must be three numbers, not all zero: {gravity}", mend="Leave it out if unknown.")
+            raise InputError(f"gravity must be three numbers, not all zero: {gravity}", hint="Leave it out if unknown.")
         direction = direction / largest  # first: the square of 1e200 is no number
         direction = direction / np.linalg.norm(direction)
     return Settings(direction, float(magnitude), None if noise is None else noise_covariance(noise), robust)
@@ -116,7 +116,7 @@ def usable(wrenches: Wrench | ArrayLike, rotations: ArrayLike) -> tuple[np.ndarr
     _check_rotations(rotations, finite)
     if not finite.any():
         raise InputError(
-            f"none of the {len(wrenches)} rows is complete.", mend="Check the columns and the log's length."
+            f"none of the {len(wrenches)} rows is complete.", hint="Check the columns and the log's length."
         )
     return wrenches[finite], rotations[finite], finite
 
@@ -151,5 +151,5 @@ def _check_rotations(rotations: np.ndarray, finite: Bool[np.ndarray, " n"]) -> N
         return
     row = int(np.flatnonzero(skewed | mirrored)[0])
     fault = "is not orthonormal" if skewed[row] else "is a reflection (determinant -1)"
-    mend = "Are the quaternions x, y, z, w, and the axes right-handed?"
-    raise InputError(f"the rotation {fault}", where=f"row {row}", mend=mend)
+    hint = "Are the quaternions x, y, z, w, and the axes right-handed?"
+    raise InputError(f"the rotation {fault}", where=f"row {row}", hint=hint)

@@ -44,7 +44,7 @@ def calibrate_clock(
         raise InputError(
             "wrenches written in the base frame were turned with poses whose clock is in question.",
             where=str(rig),
-            mend="Record them in the sensor's frame.",
+            hint="Record them in the sensor's frame.",
         )
     path = setup.files().get("payload")
     there = path is not None and path.exists()  # a rig may name it before it is made, which the clock may come before

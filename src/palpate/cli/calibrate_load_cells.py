@@ -61,15 +61,15 @@ def calibrate_load_cells(log: Log, /, rig: RigFile, output: Output) -> None:
 def _figures(found: LoadCellCalibration) -> list[tuple[str, str]]:
     force, position, moment = found.rms
     cells = found.cells
-    _, spread, _ = cells.inverse()
-    noise, law = 1e3 * np.sqrt(np.diag(spread)[:3]), cells.indentation
+    _, covariance, _ = cells.inverse()
+    noise, law = 1e3 * np.sqrt(np.diag(covariance)[:3]), cells.indentation
     visited = int(np.count_nonzero(found.coverage.visits))
     said = [
         ("cells", f"{cells.cells}, noise of the force ({', '.join(f'{value:.2g}' for value in noise)}) mN"),
         ("samples", f"{cells.samples:,}; {len(found.time):,} blocks of 10 ms loaded"),
         ("reference", f"noise {1e3 * found.reference_noise:.2g} mN"),
-        ("left", f"{1e3 * force:.3g} mN, {1e6 * position:.3g} um, {1e3 * moment:.2g} N mm along the force (rms)"),
-        ("foretold", f"{1e6 * found.coverage.error.max():.2g} um at most from the calibration alone, at 1 N"),
+        ("residual", f"{1e3 * force:.3g} mN, {1e6 * position:.3g} um, {1e3 * moment:.2g} N mm along the force (rms)"),
+        ("predicted error", f"{1e6 * found.coverage.error.max():.2g} um at most from the calibration alone, at 1 N"),
         ("visited", f"{visited} of {len(found.coverage.visits)} parts of the surface"),
         ("zero", f"drifts by {cells.drift:.2g} times the noise of a reading at most"),
     ]

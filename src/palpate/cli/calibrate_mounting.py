@@ -138,7 +138,7 @@ def _presses(recording: Recording, wrenches: np.ndarray, estimator: WrenchEstima
         raise InputError(
             f"no press above {on:.3g} N is found.",
             where=recording.source,
-            mend="Is the payload in the rig? See contact.",
+            hint="Is the payload in the rig? See contact.",
         )
     if not np.all(start <= end):  # NaN too
         raise InputError("times run backwards or are missing within a press.", where=recording.source)
@@ -155,7 +155,7 @@ def _require_overlap(recording: Recording, touches: Touches, source: Path) -> No
         raise InputError(
             f"none of the {len(touches)} touches lies in the log, which is {span}.",
             where=str(source),
-            mend="Both must be on one clock, in seconds.",
+            hint="Both must be on one clock, in seconds.",
         )
 
 

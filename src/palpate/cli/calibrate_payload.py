@@ -25,7 +25,7 @@ from palpate.spatial.pose import rotation_from_quaternion
 
 __all__ = ["calibrate_payload"]
 
-_MENDS = {
+_HINTS = {
     "base frame": 'frame = "base" under [force_torque] in the rig, or --base-frame here',
     "y and z swapped": 'axes = ["x", "z", "y"] and left_handed = true under [force_torque] in the rig',
     "sign reversed": 'axes = ["-x", "-y", "-z"] and left_handed = true under [force_torque] in the rig',
@@ -64,7 +64,7 @@ def calibrate_payload(
         raise InputError(
             "the log has no orientation, without which the weight cannot be told from the bias.",
             where=str(log),
-            mend="A table needs columns qx, qy, qz, qw (sensor in base), messages a topic of poses; other names stand "
+            hint="A table needs columns qx, qy, qz, qw (sensor in base), messages a topic of poses; other names stand "
             "in the rig's [orientation].",
         )
     rotations = rotation_from_quaternion(recording.channels[ORIENTATION])
@@ -85,13 +85,13 @@ def calibrate_payload(
     )
     lines([("samples", f"{len(recording):,}; used: {averaged}"), *of_payload(payload)])
     note([*recording.notes, *payload.notes])
-    note(_mends(payload), kind="mend")
+    note(_hints(payload), kind="hint")
 
 
-def _mends(payload: Payload) -> list[str]:
+def _hints(payload: Payload) -> list[str]:
     """What to write where, for each explanation that the calibration names."""
     named = {name for text in payload.notes for name in re.findall(r"hypothesis='([^']*)'", text)}
-    return [mend for name, mend in _MENDS.items() if any(name in hypothesis for hypothesis in named)]
+    return [hint for name, hint in _HINTS.items() if any(name in hypothesis for hypothesis in named)]
 
 
 def _direction(text: str) -> np.ndarray | None:
@@ -102,5 +102,5 @@ def _direction(text: str) -> np.ndarray | None:
     except ValueError:
         direction = np.zeros(0)
     if direction.shape != (3,) or not direction.any():
-        raise InputError(f"--gravity {text!r} is no direction.", mend="Write x,y,z, such as 0,0,-1, or free.")
+        raise InputError(f"--gravity {text!r} is no direction.", hint="Write x,y,z, such as 0,0,-1, or free.")
     return direction

@@ -92,13 +92,13 @@ def estimate(
 def _ground_truth(truth: Path | None, report: Path | None) -> Samples | Touches | None:
     if report is not None:
         if report.suffix.lower() not in (".html", ".htm"):
-            raise InputError("the report is a page of HTML.", where=str(report), mend="Name it .html.")
+            raise InputError("the report is a page of HTML.", where=str(report), hint="Name it .html.")
         require_report()
     elif truth is not None:
         raise InputError(
             "the truth is for the report, and none is asked for.",
             where="--truth",
-            mend="Add --report FILE, or compare with palpate evaluate.",
+            hint="Add --report FILE, or compare with palpate evaluate.",
         )
     return None if truth is None else read_ground_truth(truth)
 

@@ -53,7 +53,7 @@ def evaluate(
     found = read_contacts(contacts)
     if _is_instrument(truth):
         if rig is None:
-            raise InputError("a wrench or a wand is compared on the body, which the rig knows.", mend="Add --rig FILE.")
+            raise InputError("a wrench or a wand is compared on the body, which the rig knows.", hint="Add --rig FILE.")
         tool = None if wand is None else (wand, wand_unit)
         evaluate_instrument((contacts, found), truth, rig, wand=tool, tolerance=tolerance, output=output)
         return
@@ -62,7 +62,7 @@ def evaluate(
             raise InputError(
                 "is for contacts against a wrench or a wand.",
                 where=f"--{option}",
-                mend="A page of other contacts is written by palpate estimate --report FILE --truth FILE.",
+                hint="A page of other contacts is written by palpate estimate --report FILE --truth FILE.",
             )
     known = read_ground_truth(truth)
     report = compare(found, known, tolerance=tolerance)
@@ -71,7 +71,7 @@ def evaluate(
             f"no sample matches the truth: contacts from {_span(found.time)}, truth from "
             f"{_span(np.concatenate([known.start, known.end]) if isinstance(known, Touches) else known.time)}.",
             where=str(truth),
-            mend="Both must be on one clock; --tolerance widens the match.",
+            hint="Both must be on one clock; --tolerance widens the match.",
         )
     title(f"{contacts} against {truth}")
     _say(report)

@@ -106,7 +106,7 @@ def _reference(
         raise InputError(
             "has poses of a wand, but its shape is not given.",
             where=str(known.path),
-            mend="Add --wand wand.stl --wand-unit mm.",
+            hint="Add --wand wand.stl --wand-unit mm.",
         )
     poses = _at(known, WAND, found.time, tolerance)
     lost = np.asarray(np.isnan(poses).any(axis=1))
@@ -122,7 +122,7 @@ def _at(known: Table, columns: tuple[str, ...], times: np.ndarray, tolerance: fl
         raise InputError(
             "no row lies at the time of a touch.",
             where=str(known.path),
-            mend="Both must be on one clock; --tolerance widens the match.",
+            hint="Both must be on one clock; --tolerance widens the match.",
         )
     found = np.full((len(times), len(columns)), np.nan)
     for k, time in enumerate(times):

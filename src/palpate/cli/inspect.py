@@ -66,7 +66,7 @@ def inspect(
 def _check_output(output: Path, file: Path, rig: Path | None) -> None:
     """Before the work, not after it."""
     if output.suffix.lower() not in KINDS:
-        raise InputError(f"no picture ends in {output.suffix!r}.", where=str(output), mend=f"Use {', '.join(KINDS)}.")
+        raise InputError(f"no picture ends in {output.suffix!r}.", where=str(output), hint=f"Use {', '.join(KINDS)}.")
     keep_inputs(output, (file, rig))
 
 

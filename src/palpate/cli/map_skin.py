@@ -71,7 +71,7 @@ def map_skin(
     keep_inputs(output, (mesh,))
     if output.suffix.lower() not in SUFFIXES:
         raise InputError(
-            f"cannot write a map as {output.suffix!r}.", where=str(output), mend=f"Use {', '.join(SUFFIXES)}."
+            f"cannot write a map as {output.suffix!r}.", where=str(output), hint=f"Use {', '.join(SUFFIXES)}."
         )
     rows, columns = (int(side) for side in _numbers(sheet, "--sheet", 2, "x", whole=True))
     pitch, pulled = (_pair(text, name) for text, name in ((cell.replace("x", ","), "--cell"), (stretch, "--stretch")))

@@ -38,7 +38,7 @@ def rig_new(
     """
     keep_inputs(output, (log, mesh))
     if output.exists() and not force:
-        raise InputError("is there already.", where=str(output), mend="Add --force to overwrite it.")
+        raise InputError("is there already.", where=str(output), hint="Add --force to overwrite it.")
     import_mesh_reader()
     proposal = propose_rig(log, mesh, output.parent, sensor)
     write_text(output, proposal.text)

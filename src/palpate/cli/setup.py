@@ -93,14 +93,14 @@ class Setup:
         known = None if self.rig is None else load_rig(self.rig)
         if self.mesh is None:
             if self.unit is not None:
-                raise InputError("is the unit of a mesh, and none is given.", where="--unit", mend="Add --mesh MESH.")
+                raise InputError("is the unit of a mesh, and none is given.", where="--unit", hint="Add --mesh MESH.")
             if known is None:
-                raise InputError("nothing says what is touched.", mend="Give --rig RIG, or --mesh MESH --unit UNIT.")
+                raise InputError("nothing says what is touched.", hint="Give --rig RIG, or --mesh MESH --unit UNIT.")
             return known
         mesh, unit = self.mesh, self.unit
         if unit is None:
             raise InputError(
-                "a mesh file does not say its unit.", where=str(mesh), mend="Add --unit mm (or m, cm, um, in)."
+                "a mesh file does not say its unit.", where=str(mesh), hint="Add --unit mm (or m, cm, um, in)."
             )
         if known is None:
             return _made("--mesh", lambda: Rig(RigSurface(mesh=str(mesh), unit=unit)))
@@ -119,7 +119,7 @@ class Setup:
             raise InputError(
                 f"the filter is {filtered.kind!r}, which has no cut-off.",
                 where="--cutoff",
-                mend="Add --filter butterworth or --filter zero_phase.",
+                hint="Add --filter butterworth or --filter zero_phase.",
             )
         return _over(filtered, "--cutoff", cutoff=self.cutoff)
 

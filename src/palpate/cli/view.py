@@ -99,7 +99,7 @@ def _shown(contacts: Contacts, path: Path, rig: Rig, sensor: str | None) -> tupl
         raise InputError(
             "these contacts are in the base frame, in which the body moves.",
             where=str(path),
-            mend="Estimate without --frame base, or view the log itself.",
+            hint="Estimate without --frame base, or view the log itself.",
         )
     if frame == "sensor" and rig.surface is not None:
         contacts = contacts.with_estimate(in_frame(contacts.estimate, rig.surface.pose.pose().inverse()))

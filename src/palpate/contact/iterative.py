@@ -174,7 +174,7 @@ def locate_iteratively(
         GeometryError: the mesh about the start is no paraboloid.
     """
     if jacobian not in ("analytic", "numeric"):
-        raise InputError(f"unknown Jacobian {jacobian!r}.", mend="Use analytic or numeric.")
+        raise InputError(f"unknown Jacobian {jacobian!r}.", hint="Use analytic or numeric.")
     force, moment = np.array(wrench[:3], dtype=np.float64), np.array(wrench[3:], dtype=np.float64)
     if not np.all(np.isfinite(wrench)):
         return _nothing(force, Status.INVALID)

@@ -84,7 +84,7 @@ class Locator:
 
         if method not in METHODS:
             slow = " iterative is for `palpate.locate` alone." if method == "iterative" else ""
-            raise InputError(f"unknown method {method!r}.", mend=f"Use one of {', '.join(METHODS)}.{slow}")
+            raise InputError(f"unknown method {method!r}.", hint=f"Use one of {', '.join(METHODS)}.{slow}")
         if not (friction > 0 and torsion >= 0):
             raise InputError(f"friction ({friction}) must be > 0 and torsion ({torsion}) >= 0.")
         if accuracy is not None and not accuracy > 0:

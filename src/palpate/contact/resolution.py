@@ -157,7 +157,7 @@ def _at(
     slope = position_slope(points, normals, force)
     place = slope[:, :3]
     wrench = np.concatenate([force, np.cross(points, force)], axis=1)
-    unsure = cells.calibration_spread(wrench)
+    unsure = cells.calibration_covariance(wrench)
     if not soft:  # the wrench nearest to the measured one without moment along the force
         torsion = np.concatenate([wrench[:, 3:], wrench[:, :3]], axis=1)  # slope of F . M
         moved = torsion @ spread / np.einsum("ni,ij,nj->n", torsion, spread, torsion)[:, None]

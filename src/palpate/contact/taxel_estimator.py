@@ -19,8 +19,8 @@ from palpate.errors import InputError
 from palpate.sensors.filters import Filter
 from palpate.sensors.intensity import Curve, Intensity
 from palpate.sensors.recording import CELLS, LARGEST, Recording
-from palpate.sensors.skin import FEWEST, Health, at_rest, examine
 from palpate.sensors.smoothing import BothWays, Forward
+from palpate.sensors.taxel_health import FEWEST, Health, at_rest, examine
 from palpate.sensors.taxels import TaxelBody
 from palpate.sensors.wrench_sensor import Tare
 from palpate.spatial.pose import Pose
@@ -87,7 +87,7 @@ class TaxelEstimator:
     Args:
         body: where the cells are.
         intensity: what their readings mean; None: a count is taken for a newton.
-        health: from `palpate.sensors.skin.examine`.
+        health: from `palpate.sensors.taxel_health.examine`.
         settings: how contacts are found.
         filter: of each cell's reading; None: none. One of zero phase works in `pairs` and `stream` only.
         rate: [Hz] of the frames; a filter needs it.
@@ -245,7 +245,7 @@ class TaxelEstimator:
         if self.health is None:
             raise InputError(
                 "what the cells read at rest is not known.",
-                mend="Give health=examine(...), or call tare with a recording in which nothing touches.",
+                hint="Give health=examine(...), or call tare with a recording in which nothing touches.",
             )
         width = self._kernels.AREA + len(self.features) + 1
         if (
@@ -464,14 +464,14 @@ class TaxelEstimator:
 
     def _rate(self) -> float:
         if self.rate is None:
-            raise InputError("a filter needs the rate of the frames.", mend="Give rate in Hz.")
+            raise InputError("a filter needs the rate of the frames.", hint="Give rate in Hz.")
         return self.rate
 
     def _require_forward(self) -> None:
         if self._zero_phase:
             raise InputError(
                 "a filter of zero phase looks ahead, so it cannot answer sample by sample.",
-                mend="Use stream on a log, or a Butterworth filter without zero_phase.",
+                hint="Use stream on a log, or a Butterworth filter without zero_phase.",
             )
 
 

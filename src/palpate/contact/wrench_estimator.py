@@ -272,11 +272,11 @@ class WrenchEstimator:
         if self._zero_phase:
             raise InputError(
                 "a filter of zero phase looks ahead, so it cannot answer sample by sample.",
-                mend="Use stream on a log, or a Butterworth filter without zero_phase.",
+                hint="Use stream on a log, or a Butterworth filter without zero_phase.",
             )
 
 
 def _known(rate: float | None) -> float:
     if rate is None:
-        raise InputError("a filter needs the rate of the samples.", mend="Give rate in Hz.")
+        raise InputError("a filter needs the rate of the samples.", hint="Give rate in Hz.")
     return rate

@@ -39,7 +39,7 @@ def keep_inputs(output: Path, inputs: Iterable[Path | None], *, beside: Iterable
             _require_folder(written)
         for path, status in read:
             if target is not None and status is not None and os.path.samestat(target, status):
-                raise InputError(f"would overwrite an input, {path}.", where=str(written), mend="Name another output.")
+                raise InputError(f"would overwrite an input, {path}.", where=str(written), hint="Name another output.")
 
 
 def part(path: Path) -> Path:
@@ -143,7 +143,7 @@ def _clear(temporary: Path) -> None:
         raise InputError(
             f"is in the way: a folder with {strange[0]!r}.",
             where=str(temporary),
-            mend="Remove it, or name another output.",
+            hint="Remove it, or name another output.",
         )
     shutil.rmtree(temporary)
 
@@ -151,7 +151,7 @@ def _clear(temporary: Path) -> None:
 def _refuse_irregular(path: Path, status: os.stat_result | None) -> None:
     if status is not None and not stat.S_ISREG(status.st_mode):
         kind = "a folder" if stat.S_ISDIR(status.st_mode) else "a pipe or a device"
-        raise InputError(f"is {kind}, not a file to write.", where=str(path), mend="Name another output.")
+        raise InputError(f"is {kind}, not a file to write.", where=str(path), hint="Name another output.")
 
 
 def _require_folder(path: Path) -> None:

@@ -32,7 +32,7 @@ def read_ground_truth(path: Path) -> Samples | Touches:
         raise InputError(
             "is no truth: there is no column 'time', nor 'start' and 'end'.",
             where=str(path),
-            mend=near("time", table.names),
+            hint=near("time", table.names),
         )
     columns = {name: table.numbers(names, strict=True)[0] for name, names in _wanted(table).items()}
     _require_finite(table, "an instant needs a point: leave out what has none", columns["point"])

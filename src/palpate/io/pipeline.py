@@ -133,7 +133,7 @@ def _told(path: Path, rig: Rig) -> SensorKind:
     if fitting:
         names = ", ".join(kind.name for kind in fitting)
         raise InputError(
-            f"could be of several sensors of the rig: {names}.", where=str(path), mend="Name one: --sensor."
+            f"could be of several sensors of the rig: {names}.", where=str(path), hint="Name one: --sensor."
         )
     why = "; ".join(f"{name}: no {', '.join(what[:3])}" for name, what in lacking.items())
     raise InputError(f"has nothing for a sensor of the rig ({why}).", where=str(path))
@@ -206,7 +206,7 @@ class Pipeline:
                 frame is asked for and the log has no poses.
         """
         if frame not in FRAMES:
-            raise InputError(f"there is no frame {frame!r}.", mend=f"Use one of {', '.join(FRAMES)}.")
+            raise InputError(f"there is no frame {frame!r}.", hint=f"Use one of {', '.join(FRAMES)}.")
         begin, read = perf_counter(), log.seconds
         head = log.head()
         if frame == "base":
@@ -270,7 +270,7 @@ def _require_pose(log: OpenedLog, head: Recording) -> None:
             raise InputError(
                 f"the base frame needs the sensor's {channel} in the base, which this log does not have.",
                 where=str(log.path),
-                mend="A table needs columns qx,qy,qz,qw and x,y,z, messages a topic of poses; other names stand in the "
+                hint="A table needs columns qx,qy,qz,qw and x,y,z, messages a topic of poses; other names stand in the "
                 "rig's [orientation] (columns, position, topic).",
             )
 

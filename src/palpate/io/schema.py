@@ -91,7 +91,7 @@ def parse(
     hints, parameters = get_type_hints(build), signature(build).parameters
     for name in table:
         if name not in parameters:
-            raise InputError(f"unknown key {name!r}{_in(key)}.", where=file, mend=near(name, parameters))
+            raise InputError(f"unknown key {name!r}{_in(key)}.", where=file, hint=near(name, parameters))
     keys = _stated(model) | dict(form.keys)
     sizes: dict[str, int] = {}
     values: dict[str, Any] = {}
@@ -106,7 +106,7 @@ def parse(
     try:
         return build(**values)
     except InputError as problem:  # it does not know its file
-        raise InputError(problem.what, where=place, mend=problem.mend) from problem
+        raise InputError(problem.what, where=place, hint=problem.hint) from problem
     except (GeometryError, NotIdentifiable, ValueError) as problem:
         raise InputError(f"{str(problem).removesuffix('.')}.", where=place) from problem
 

@@ -33,7 +33,7 @@ def write_skin_map(path: str | Path, skin: SkinMap, *, name: str = "skin") -> No
     path = Path(path)
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
-        raise InputError(f"cannot write a map as {path.suffix!r}.", where=str(path), mend=f"Use {', '.join(SUFFIXES)}.")
+        raise InputError(f"cannot write a map as {path.suffix!r}.", where=str(path), hint=f"Use {', '.join(SUFFIXES)}.")
     if suffix == ".toml":
         write_model(path, skin)
     else:

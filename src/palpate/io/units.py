@@ -45,7 +45,7 @@ def to_si(unit: str, table: Mapping[str, float], *, where: str) -> float:
     try:
         return spelled[_squeezed(unit)]
     except KeyError:
-        raise InputError(f"unknown unit {unit!r}.", where=where, mend=f"Known: {', '.join(table)}.") from None
+        raise InputError(f"unknown unit {unit!r}.", where=where, hint=f"Known: {', '.join(table)}.") from None
 
 
 def near(name: str, names: Iterable[str]) -> str:

@@ -78,53 +78,65 @@ def compensate(readings, rotations, accelerations, limits, load, zero, base, wre
 
 
 @inner
-def _payload_errors(turn, weight, center, doubts, matrix, work, errors):
-    """What doubts (r, 12) about the payload do to the wrench: their squares sum to J C J^T.
+def _payload_errors(turn, weight, center, factor, matrix, work, errors):
+    """J L for each column of a factor (r, 12), L L^T = C, of the payload's covariance: they sum to J C J^T.
 
-    For doubts dw, df, dc, dm the load is off by A dw + df in force and c x (A dw) + dc x u + dm in torque.
+    By a column dw, df, dc, dm the load is off by A dw + df in force and c x (A dw) + dc x u + dm in torque.
     """
     error, moment = work[0], work[1]
-    for i in range(len(doubts)):
-        doubt = doubts[i]
+    for i in range(len(factor)):
+        column = factor[i]
         for k in range(3):
-            error[k] = turn[k, 0] * doubt[0] + turn[k, 1] * doubt[1] + turn[k, 2] * doubt[2]
+            error[k] = turn[k, 0] * column[0] + turn[k, 1] * column[1] + turn[k, 2] * column[2]
         cross_into(center, error, error[3:])
-        cross_into(doubt[6:9], weight, moment)
+        cross_into(column[6:9], weight, moment)
         for k in range(3):
-            error[k] += doubt[3 + k]
-            error[3 + k] += moment[k] + doubt[9 + k]
+            error[k] += column[3 + k]
+            error[3 + k] += moment[k] + column[9 + k]
         to_surface(matrix, error, errors[i])
 
 
 @entry
 def place(
-    wrenches, rotations, accelerations, unsteady, share, load, mean, doubts, mounting, matrix, constant, located, spread
+    wrenches,
+    rotations,
+    accelerations,
+    unsteady,
+    share,
+    load,
+    mean,
+    factor,
+    mounting,
+    matrix,
+    constant,
+    located,
+    covariance,
 ):
     """Wrenches (n, 6) to the surface's frame, and their covariances.
 
     What varies: unsteady (n, 1), deviation of the acceleration, and share (n,) of the noise that a filter left, or one
-    row for all. What does not: mean (4, 3), the A = R^T - a (dm/dw)^T and u that a tare took off; doubts (r, 12)
-    about the payload and mounting (q, 6), whose squares sum to the covariances; matrix (6, 6) from sensor to surface;
+    row for all. What does not: mean (4, 3), the A = R^T - a (dm/dw)^T and u that a tare took off;
+    factor (r, 12) of the payload's covariance, mounting (q, 6) of the mounting's; matrix (6, 6) from sensor to surface;
     constant (3, 6, 6), covariances in the surface's frame of the sensor's noise, of the tare, and of an acceleration of
-    deviation 1. Out come located (n, 6) and spread (n, 6, 6).
+    deviation 1. Out come located (n, 6) and covariance (n, 6, 6).
     """
     turn, weight, work = np.empty((3, 3)), np.empty(3), np.empty((2, 6))
-    errors = np.empty((len(doubts) + len(mounting), 6))
+    errors = np.empty((len(factor) + len(mounting), 6))
     for i in range(len(wrenches)):
         rotation, acceleration = row(rotations, i), row(accelerations, i)
         to_surface(matrix, wrenches[i], located[i])
-        if len(doubts) > 0:
+        if len(factor) > 0:
             _hang(rotation, acceleration, load, weight)
             for k in range(3):
                 weight[k] -= mean[3, k]
                 for j in range(3):
                     turn[k, j] = rotation[j, k] - acceleration[k] * load[_SLOPE + j] - mean[k, j]
-            _payload_errors(turn, weight, load[_CENTER : _CENTER + 3], doubts, matrix, work, errors)
-        mounting_errors(located[i], mounting, work, errors[len(doubts) :])
+            _payload_errors(turn, weight, load[_CENTER : _CENTER + 3], factor, matrix, work, errors)
+        mounting_errors(located[i], mounting, work, errors[len(factor) :])
         kept, jolt = row(share, i), row(unsteady, i)[0]
         for a in range(6):
             for b in range(a, 6):
                 total = kept * constant[0, a, b] + constant[1, a, b] + jolt * jolt * constant[2, a, b]
                 for k in range(len(errors)):
                     total += errors[k, a] * errors[k, b]
-                spread[i, a, b] = spread[i, b, a] = total
+                covariance[i, a, b] = covariance[i, b, a] = total

@@ -125,7 +125,7 @@ def _believed(out, square, ways, bounds, settings, found, fitting):
 
 
 @inner
-def _mixed(found, fitting, total, spreads, factor, w, extra):
+def _mixed(found, fitting, total, covariances, factor, w, extra):
     """The mean of the wrenches that fit; by how much its covariance is more than that of all channels."""
     w[:] = 0.0
     for e in range(len(found)):
@@ -139,12 +139,12 @@ def _mixed(found, fitting, total, spreads, factor, w, extra):
         if fitting[e]:
             for i in range(6):
                 for j in range(6):
-                    more = factor * (spreads[1 + e, i, j] - spreads[0, i, j])
+                    more = factor * (covariances[1 + e, i, j] - covariances[0, i, j])
                     extra[i, j] += (more + (found[e, i] - w[i]) * (found[e, j] - w[j])) / total
 
 
 @inner
-def _judged(out, square, stuck, agreed, ways, spreads, bounds, settings, blame, w, extra, found, fitting):
+def _judged(out, square, stuck, agreed, ways, covariances, bounds, settings, blame, w, extra, found, fitting):
     """Which explanation answers, its wrench in w: 0 none is needed, 1 + e, 1 + s several; -2 nothing fits.
 
     Blame grows where one explanation alone fits, and fades; one that has enough of it, or a channel that repeats
@@ -178,16 +178,16 @@ def _judged(out, square, stuck, agreed, ways, spreads, bounds, settings, blame, 
         return 1 + alone
     if total == 0:
         return -2
-    _mixed(found, fitting, total, spreads, settings[6, 2], w, extra)
+    _mixed(found, fitting, total, covariances, settings[6, 2], w, extra)
     return 1 + count
 
 
 @entry
-def measure(readings, channels, mapping, ways, spreads, bounds, settings, state, wrenches, statuses, which, extra):
+def measure(readings, channels, mapping, ways, covariances, bounds, settings, state, wrenches, statuses, which, extra):
     """Voltages (n, m) to wrenches (n, 6), and what is wrong with a sample (-1: nothing).
 
     channels (m, 3): zero, lowest, highest; mapping (m, 6 + r, and zeros), of A and Q. Of `Explanations`: ways (s, 3,
-    6 + r), corrections and directions; spreads, bounds; settings (7, 6), its metric, then drift, misfit, and the
+    6 + r), corrections and directions; covariances, bounds; settings (7, 6), its metric, then drift, misfit, and the
     variance of a wrench over that of a reading. state (s + 2 m,): blame of each explanation, last voltages, and for how
     long each has repeated itself. Out come statuses (n,); which (n,), 0 all channels answered, 1 + e all but what an
     explanation leaves out, 1 + s several explanations, negative none; extra (n, 6, 6), where several fit, what the
@@ -218,7 +218,7 @@ def measure(readings, channels, mapping, ways, spreads, bounds, settings, state,
                     square += out[i] * out[i]
                 agreed = square <= bounds[0] * _expected(w, settings)
                 chosen = _judged(
-                    out, square, stuck, agreed, ways, spreads, bounds, settings, blame, w, extra[n], found, fitting
+                    out, square, stuck, agreed, ways, covariances, bounds, settings, blame, w, extra[n], found, fitting
                 )
             if chosen == 0:
                 for i in range(6):
@@ -248,8 +248,8 @@ def _unsure(wrench, unsure, squares, out):
 
 
 @inner
-def _turned(matrix, extra, work, spread):
-    """Adds matrix extra matrix' to spread."""
+def _turned(matrix, extra, work, covariance):
+    """Adds matrix extra matrix' to covariance."""
     for i in range(6):
         for k in range(6):
             total = 0.0
@@ -259,18 +259,19 @@ def _turned(matrix, extra, work, spread):
     for i in range(6):
         for j in range(6):
             for k in range(6):
-                spread[i, j] += work[i, k] * matrix[j, k]
+                covariance[i, j] += work[i, k] * matrix[j, k]
 
 
 @entry
-def place(wrenches, which, extra, share, slow, spreads, unsure, mounting, matrix, located, spread):
+def place(wrenches, which, extra, share, slow, covariances, unsure, mounting, matrix, located, covariance):
     """Wrenches (n, 6) to the surface's frame (n, 6), and their covariances (n, 6, 6).
 
     which (n,) and extra (n, 6, 6) of `measure`; share (n,) or (1,) of a reading's noise that a filter left, and slow,
-    of what it does not: zero and drift. In the surface's frame: spreads (1 + s, 6, 6) of a reading's noise, unsure (21,
-    21 and zeros) from w w' to the calibration's covariance, and doubts about the mounting (q, 6); matrix (6, 6).
+    of what it does not: zero and drift. In the surface's frame: covariances (1 + s, 6, 6) of a reading's noise, unsure
+    (21, 21 and zeros) from w w' to the calibration's covariance, mounting (q, 6), a factor of the mounting's; matrix
+    (6, 6).
     """
-    several = len(spreads)
+    several = len(covariances)
     triangle, squares, turn = np.empty(unsure.shape[1]), np.empty(21), np.empty((6, 6))
     work, errors = np.empty((2, 6)), np.empty((len(mounting), 6))
     for n in range(len(wrenches)):
@@ -281,10 +282,10 @@ def place(wrenches, which, extra, share, slow, spreads, unsure, mounting, matrix
         factor, k = row(share, n) + slow, 0
         for i in range(6):
             for j in range(i, 6):
-                total = factor * spreads[chosen, i, j] + triangle[k]
+                total = factor * covariances[chosen, i, j] + triangle[k]
                 for q in range(len(errors)):
                     total += errors[q, i] * errors[q, j]
-                spread[n, i, j] = spread[n, j, i] = total
+                covariance[n, i, j] = covariance[n, j, i] = total
                 k += 1
         if which[n] == several:
-            _turned(matrix, extra[n], turn, spread[n])
+            _turned(matrix, extra[n], turn, covariance[n])

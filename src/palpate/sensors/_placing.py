@@ -26,13 +26,13 @@ def to_surface(matrix, wrench, out):
 
 
 @inner
-def mounting_errors(wrench, doubts, work, errors):
-    """`pose_noise_on_wrench`, from doubts (q, 6): dF = omega x F, dM = omega x M + rho x F."""
+def mounting_errors(wrench, factor, work, errors):
+    """`pose_noise_on_wrench`, from factor (q, 6): dF = omega x F, dM = omega x M + rho x F."""
     moment = work[1]
-    for i in range(len(doubts)):
-        doubt, error = doubts[i], errors[i]
-        cross_into(doubt[:3], wrench[:3], error[:3])
-        cross_into(doubt[:3], wrench[3:], error[3:])
-        cross_into(doubt[3:], wrench[:3], moment)
+    for i in range(len(factor)):
+        column, error = factor[i], errors[i]
+        cross_into(column[:3], wrench[:3], error[:3])
+        cross_into(column[:3], wrench[3:], error[3:])
+        cross_into(column[3:], wrench[:3], moment)
         for k in range(3):
             error[3 + k] += moment[k]

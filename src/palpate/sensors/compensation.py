@@ -150,7 +150,7 @@ class Compensation:
             self._load,
             self._mean,
             self._unsure,
-            placement.doubts,
+            placement.factor,
             placement.matrix,
             self._constant,
             located,
@@ -252,7 +252,7 @@ class Compensation:
             raise InputError(
                 f"the log has no orientation, and {self.needs_orientation}.",
                 where=recording.source,
-                mend="Add columns qx, qy, qz, qw (sensor in base), or name them in [orientation].",
+                hint="Add columns qx, qy, qz, qw (sensor in base), or name them in [orientation].",
             )
         return rotation_from_quaternion(np.where(sound_quaternions(quaternions)[:, None], quaternions, np.nan))
 

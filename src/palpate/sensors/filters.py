@@ -184,12 +184,12 @@ class Butterworth:
         if not share < 0.5:
             raise InputError(
                 f"a cut-off of {self.cutoff:g} Hz is not below half the rate of {rate:.6g} Hz.",
-                mend=f"Choose less than {rate / 2:.4g} Hz, or no filter.",
+                hint=f"Choose less than {rate / 2:.4g} Hz, or no filter.",
             )
         if share < SLOWEST:
             raise InputError(
                 f"a cut-off of {self.cutoff:g} Hz is too low for samples at {rate:.6g} Hz.",
-                mend=f"Choose at least {SLOWEST * rate:.2g} Hz.",
+                hint=f"Choose at least {SLOWEST * rate:.2g} Hz.",
             )
         return share
 
@@ -213,7 +213,7 @@ def _response(
 
 def _known(rate: float) -> float:
     if not 0 < rate < np.inf:  # NaN too
-        raise InputError(f"the rate of the samples must be positive, not {rate} Hz.", mend="Give it in Hz.")
+        raise InputError(f"the rate of the samples must be positive, not {rate} Hz.", hint="Give it in Hz.")
     return rate
 
 

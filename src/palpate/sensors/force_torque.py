@@ -139,7 +139,7 @@ class Payload(Value):
                 raise InputError(
                     f"the payload weighs {newtons:.3g} N, so the orientation of the sensor is needed",
                     where="payload",
-                    mend="Record the orientation, or use a payload without weight (a tare).",
+                    hint="Record the orientation, or use a payload without weight (a tare).",
                 )
             rotations = np.broadcast_to(np.eye(3), (*wrenches.shape[:-1], 3, 3))
         lost = ~np.isfinite(rotations).all(axis=(-2, -1), keepdims=True)
@@ -166,7 +166,7 @@ class ForceTorque(Value):
         set_field(self, "limits", None if limits is None else frozen(limits, tail=(6,), name="limits"))
         set_field(self, "frame", frame)
         if self.limits is not None and not np.all(self.limits > 0):  # NaN too
-            raise InputError("every limit must be positive", where="force_torque", mend="Use inf for no limit.")
+            raise InputError("every limit must be positive", where="force_torque", hint="Use inf for no limit.")
         if frame not in FRAMES:
             raise InputError(f"frame must be 'sensor' or 'base', not {frame!r}", where="force_torque")
 

@@ -75,7 +75,7 @@ R = `reference`, s = `scale`; 2 p1/F is the sensor's two contacts, p2 what stand
             raise InputError(
                 f"the {self.kind} curve does not rise at {place:.3g} N, so an intensity there names no force.",
                 where="intensity",
-                mend="Use a lower degree, kind 'monotone', or more presses around that force.",
+                hint="Use a lower degree, kind 'monotone', or more presses around that force.",
             )
 
     def intensity(self, force: Float[np.ndarray, "*batch"]) -> Float[np.ndarray, "*batch"]:

@@ -85,7 +85,7 @@ class LoadCellArray:
         self.sound = cells.channels(sound)
         self._measure, self._place = _load_cells.measure, _load_cells.place
         made = explanations(cells, self.sound)
-        self._spreads = made.spreads
+        self._covariances = made.covariances
         self._mapping = _padded(np.concatenate([made.inverse, made.rest]).T)
         self._ways, self._bounds = np.concatenate([made.corrections, made.directions], axis=2), made.bounds
         channels, count = len(cells.matrix), len(made.directions)
@@ -105,7 +105,7 @@ class LoadCellArray:
     @property
     def noise(self) -> Float[np.ndarray, "6 6"]:
         """Of one reading."""
-        return self._spreads[0]
+        return self._covariances[0]
 
     def set_zero(self, zero: Zero) -> None:
         """What the cells read unloaded; its variance goes into every covariance."""
@@ -174,7 +174,7 @@ class LoadCellArray:
         """In the surface's frame; what zero, drift, calibration and mounting add stays whole."""
         if placement is not self._placement:
             self._placement = placement
-            self._placed = _placed(self.cells, self._spreads, placement.matrix)
+            self._placed = _placed(self.cells, self._covariances, placement.matrix)
         live = measured is self._one
         located = self._located if live else np.empty_like(wrenches)
         covariances = self._covariance if live else np.empty((len(wrenches), 6, 6))
@@ -185,7 +185,7 @@ class LoadCellArray:
             share,
             measured.slow,
             *self._placed,
-            placement.doubts,
+            placement.factor,
             placement.matrix,
             located,
             covariances,
@@ -230,7 +230,7 @@ class LoadCellArray:
             self._channels,
             self._mapping,
             self._ways,
-            self._spreads,
+            self._covariances,
             self._bounds,
             self._settings,
             self._state,
@@ -244,7 +244,7 @@ class LoadCellArray:
         """A copy, contiguous and writable, as the loops were compiled for."""
         found = recording.channels.get(VOLTAGE)
         if found is None:
-            raise InputError("the log has no voltages.", where=recording.source, mend="Name them in [load_cells].")
+            raise InputError("the log has no voltages.", where=recording.source, hint="Name them in [load_cells].")
         if found.shape[1:] != self._shape:
             raise InputError(_SHAPE.format(self.cells.cells, *self._shape, found.shape[1:]), where=recording.source)
         return np.array(found, dtype=np.float64, order="C")
@@ -294,10 +294,10 @@ def _padded(matrix: Float[np.ndarray, "n o"]) -> Float[np.ndarray, "n q"]:
 
 
 def _placed(
-    cells: LoadCells, spreads: Float[np.ndarray, "t 6 6"], matrix: Float[np.ndarray, "6 6"]
+    cells: LoadCells, covariances: Float[np.ndarray, "t 6 6"], matrix: Float[np.ndarray, "6 6"]
 ) -> tuple[Float[np.ndarray, "t 6 6"], Float[np.ndarray, "21 q"]]:
     """In the surface's frame: covariances of the noise, and that of E w, linear in the upper triangle of w w'."""
-    turned = matrix @ spreads @ matrix.T
+    turned = matrix @ covariances @ matrix.T
     whole = np.einsum("pi,iajb,qj->paqb", matrix, cells.covariance.reshape(6, 6, 6, 6), matrix)
     both = whole + whole.transpose(0, 3, 2, 1)  # of w_a w_b and w_b w_a
     rows, columns = UPPER

@@ -27,7 +27,7 @@ class Explanations:
         cells: the model.
         inverse: (6, m) A; rest: (r, m) Q.
         directions: (s, 3, r) U, rows of zeros where J is smaller; corrections: (s, 3, 6) K'.
-        spreads: (1 + s, 6, 6) covariance of the wrench from a reading's noise: of all, then of each explanation.
+        covariances: (1 + s, 6, 6) covariance of the wrench from a reading's noise: of all, then of each explanation.
         bounds: (1 + s,) of what may be left of |v|^2; 0 where nothing is left to judge by; -1 where there would be no
             wrench.
     """
@@ -37,7 +37,7 @@ class Explanations:
     rest: Float[np.ndarray, "r m"]
     directions: Float[np.ndarray, "s 3 r"]
     corrections: Float[np.ndarray, "s 3 6"]
-    spreads: Float[np.ndarray, "t 6 6"]
+    covariances: Float[np.ndarray, "t 6 6"]
     bounds: Float[np.ndarray, " t"]
 
     def metric(self) -> Float[np.ndarray, "6 6"]:
@@ -95,12 +95,12 @@ def explanations(cells: LoadCells, sound: Bool[np.ndarray, " some"] | None = Non
     from scipy.stats import chi2
 
     kept = cells.channels(sound)
-    inverse, spread, rest = cells.inverse(kept)
+    inverse, covariance, rest = cells.inverse(kept)
     count, freedom = cells.cells + len(kept), len(rest)
     directions, corrections = np.zeros((count, 3, freedom)), np.zeros((count, 3, 6))
-    spreads, bounds = np.tile(spread, (1 + count, 1, 1)), -np.ones(1 + count)
+    covariances, bounds = np.tile(covariance, (1 + count, 1, 1)), -np.ones(1 + count)
     bounds[0] = float(chi2.isf(CHANCE, freedom)) if freedom else np.inf
-    made = Explanations(cells, inverse, rest, directions, corrections, spreads, bounds)
+    made = Explanations(cells, inverse, rest, directions, corrections, covariances, bounds)
     for e in range(count):
         out = made.channels(e) & kept
         size = int(np.count_nonzero(out))
@@ -113,6 +113,6 @@ def explanations(cells: LoadCells, sound: Bool[np.ndarray, " some"] | None = Non
         basis, triangle = np.linalg.qr(rest[:, out])
         directions[e, :size] = basis.T
         corrections[e, :size] = np.linalg.solve(triangle.T, inverse[:, out].T)
-        spreads[1 + e] += corrections[e].T @ corrections[e]
+        covariances[1 + e] += corrections[e].T @ corrections[e]
         bounds[1 + e] = float(chi2.isf(CHANCE, freedom - size)) if freedom > size else 0.0
     return made

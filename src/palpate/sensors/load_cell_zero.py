@@ -57,7 +57,7 @@ def take_zero(cells: LoadCells, voltages: Float[np.ndarray, "n m"], where: str =
         raise InputError(
             f"the zero of the cells needs {FEWEST} samples, and {len(usable)} can be used.",
             where=where,
-            mend="Let the log begin unloaded, for half a second or more.",
+            hint="Let the log begin unloaded, for half a second or more.",
         )
     noise = np.sqrt(np.diag(cells.noise))
     deviation = usable.std(axis=0)
@@ -74,7 +74,7 @@ def take_zero(cells: LoadCells, voltages: Float[np.ndarray, "n m"], where: str =
             f"the cells are not at rest at the start: channel {worst + 1} scatters by {deviation[worst]:.2g} V and "
             f"changes by {change[worst]:.2g} V, and its noise is {noise[worst]:.2g} V.",
             where=where,
-            mend="Let the log begin with nothing touching the fingertip, and set tare to that time [s].",
+            hint="Let the log begin with nothing touching the fingertip, and set tare to that time [s].",
         )
     zero = usable.mean(axis=0)
     said = (

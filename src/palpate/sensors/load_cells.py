@@ -56,7 +56,7 @@ class Indentation:
         if not (0 <= self.depth < 1 and 0 <= self.exponent <= 2):  # NaN too
             raise InputError(
                 f"an indentation of {self.depth:g} m at 1 N and exponent {self.exponent:g} is none.",
-                mend="depth lies between 0 and 1 m, exponent between 0 and 2.",
+                hint="depth lies between 0 and 1 m, exponent between 0 and 2.",
             )
         object.__setattr__(self, "covariance", frozen(self.covariance, tail=(2, 2), name="covariance"))
 
@@ -206,11 +206,11 @@ class LoadCells(Value):
         Raises:
             NotIdentifiable: they do not determine a wrench.
         """
-        inverse, spread, _ = self.inverse(sound)
+        inverse, covariance, _ = self.inverse(sound)
         found = readings @ inverse.T
-        return found, (1.0 + self.drift**2) * spread + self.calibration_spread(found)
+        return found, (1.0 + self.drift**2) * covariance + self.calibration_covariance(found)
 
-    def calibration_spread(self, wrenches: Float[np.ndarray, "*batch 6"]) -> Float[np.ndarray, "*batch 6 6"]:
+    def calibration_covariance(self, wrenches: Float[np.ndarray, "*batch 6"]) -> Float[np.ndarray, "*batch 6 6"]:
         """Covariance of E w: what the calibration is unsure about, the same in every sample of a contact."""
         blocks = self.covariance.reshape(6, 6, 6, 6)
         return np.einsum("iajb,...a,...b->...ij", blocks, wrenches, wrenches)

@@ -61,7 +61,7 @@ class Motion:
         lever: Float[np.ndarray, "3"] | None = None,
     ) -> None:
         if source not in SOURCES:
-            raise InputError(f"no source of acceleration is called {source!r}", mend=f"Known: {', '.join(SOURCES)}.")
+            raise InputError(f"no source of acceleration is called {source!r}", hint=f"Known: {', '.join(SOURCES)}.")
         if source == "imu" and (gravity is None or not np.isfinite(gravity).all()):
             raise InputError("an IMU feels gravity too, and no payload says where that points.", where="acceleration")
         self.source, self.gravity = source, gravity
@@ -130,13 +130,13 @@ class Motion:
             raise InputError(
                 "the log has no acceleration.",
                 where=block.source,
-                mend="Name its columns or topic in the rig's [acceleration], or use from_poses.",
+                hint="Name its columns or topic in the rig's [acceleration], or use from_poses.",
             )
         if self.source == "poses" and not {ORIENTATION, POSITION} <= has:
             raise InputError(
                 "accelerations from poses need positions and orientations.",
                 where=block.source,
-                mend="Add columns x, y, z and qx, qy, qz, qw, or name them or a topic of poses in [orientation].",
+                hint="Add columns x, y, z and qx, qy, qz, qw, or name them or a topic of poses in [orientation].",
             )
         if self.source == "imu" and ORIENTATION not in has:
             raise InputError("an IMU feels gravity too, and the log has no orientation.", where=block.source)

@@ -53,7 +53,7 @@ def at_rest(wrenches: Float[np.ndarray, "n 6"], noise: Float[np.ndarray, "6 6"] 
         raise InputError(
             f"a tare needs at least {FEWEST} samples, and has {len(usable)} that can be used.",
             where=where,
-            mend="Let the log begin unloaded, with an orientation if there is a payload; or tare over a longer time.",
+            hint="Let the log begin unloaded, with an orientation if there is a payload; or tare over a longer time.",
         )
     deviation = usable.std(axis=0)
     known = estimate_noise(usable) if noise is None else np.sqrt(np.diag(noise))
@@ -74,7 +74,7 @@ def _require_less(what: str, seen: np.ndarray, allowed: np.ndarray, sigma: np.nd
         f"the sensor was not at rest during the tare: the wrench {what} {force:.3g} N and {torque:.3g} N m, "
         f"and its noise is {noise:.3g} N and {twist:.3g} N m.",
         where=where,
-        mend="Keep the robot still and untouched meanwhile, leave the tare out, or state the noise if it is larger.",
+        hint="Keep the robot still and untouched meanwhile, leave the tare out, or state the noise if it is larger.",
     )
 
 

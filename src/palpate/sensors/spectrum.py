@@ -160,7 +160,7 @@ def _segment(lengths: Int[np.ndarray, " k"], rate: float, count: int) -> int:
     if not len(lengths):
         raise InputError(
             f"no {SHORTEST} consecutive samples of {count} have values and even steps: a spectrum needs a steady rate.",
-            mend="Stamp samples where they are measured, not where they arrive in bursts; or give a longer log.",
+            hint="Stamp samples where they are measured, not where they arrive in bursts; or give a longer log.",
         )
     ordered = np.sort(lengths)[::-1]
     half = int(ordered[np.searchsorted(np.cumsum(ordered), ordered.sum() / 2)])

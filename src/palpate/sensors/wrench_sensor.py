@@ -64,12 +64,12 @@ class Placement:
 
     Attributes:
         matrix: (6, 6) takes wrenches from the sensor's frame to the surface's.
-        doubts: (q, 6) about the mounting, in the surface's frame; their squares sum to its covariance.
+        factor: (q, 6) of the covariance that the mounting adds, in the surface's frame: factor' factor.
     """
 
     def __init__(self, mount: Pose, covariance: Float[np.ndarray, "6 6"] | None = None) -> None:
         self.matrix: Float[np.ndarray, "6 6"] = mount.inverse().wrench_matrix()
-        self.doubts: Float[np.ndarray, "q 6"] = square_root(
+        self.factor: Float[np.ndarray, "q 6"] = square_root(
             np.zeros((6, 6)) if covariance is None else inverse_pose_covariance(mount, covariance)
         )
 

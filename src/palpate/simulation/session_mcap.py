@@ -40,7 +40,7 @@ def _write(recording: Recording, path: Path) -> None:
         from rosbags.rosbag2 import StoragePlugin, Writer
         from rosbags.typesys import Stores, get_typestore
     except ImportError as problem:
-        raise InputError("writing MCAP needs rosbags.", mend="pip install 'palpate[ros]'") from problem
+        raise InputError("writing MCAP needs rosbags.", hint="pip install 'palpate[ros]'") from problem
     store = get_typestore(Stores.ROS2_HUMBLE)
     messages = sorted([*_wrenches(recording, store.types), *_poses(recording, store.types)], key=lambda each: each[0])
     with tempfile.TemporaryDirectory(dir=path.parent) as scratch:  # rosbags writes a folder with one MCAP in it

@@ -29,7 +29,7 @@ def load_trimesh(path: Path) -> Any:
     kind = path.suffix.lower().lstrip(".")
     if kind not in trimesh.available_formats():
         raise InputError(
-            f"cannot read meshes of type {path.suffix!r}.", where=str(path), mend="Use STL, OBJ, PLY or DAE."
+            f"cannot read meshes of type {path.suffix!r}.", where=str(path), hint="Use STL, OBJ, PLY or DAE."
         )
     logging.getLogger("trimesh").addHandler(_UNHEARD)
     try:

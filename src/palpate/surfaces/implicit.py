@@ -162,7 +162,7 @@ def _compiled(value: Callable[..., Any], gradient: Callable[..., Any], hessian: 
         line = str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
         raise InputError(
             f"the functions of an implicit surface cannot be compiled: {line}.",
-            mend="Write them with plain arithmetic and numpy on p[0], p[1], p[2]; the Hessian as an array (3, 3).",
+            hint="Write them with plain arithmetic and numpy on p[0], p[1], p[2]; the Hessian as an array (3, 3).",
         ) from error
 
 

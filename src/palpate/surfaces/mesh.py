@@ -1,4 +1,4 @@
-"""A triangle mesh as a surface: checked, mended where that is safe, smooth within creases and split across them."""
+"""A triangle mesh as a surface: checked, repaired where that is safe, smooth within creases and split across them."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from numpy.typing import ArrayLike
 
 from palpate.errors import GeometryError, InputError
 from palpate.spatial._arrays import Value, frozen, shaped
-from palpate.surfaces._mend import mend
 from palpate.surfaces._normals import corner_normals, facet_normals
 from palpate.surfaces._patches import build_patches
+from palpate.surfaces._repair import repair
 from palpate.surfaces._tree import Tree, build_tree
 from palpate.surfaces.surface import Prepared
 
@@ -37,7 +37,7 @@ class Mesh(Value):
         vertices: (v, 3) [m]; faces: (f, 3), counter-clockwise seen from outside.
         corner_normals: (f, 3, 3) unit normals at the facets' corners, shared within a crease group.
         crease: [rad]; facets that meet by less are smooth across their edge; 0 is faceted.
-        notes: what was mended and what to doubt, a sentence each.
+        notes: what was repaired and what to doubt, a sentence each.
     """
 
     vertices: Float[np.ndarray, "v 3"]
@@ -76,7 +76,7 @@ class Mesh(Value):
             InputError: vertices of another shape.
             GeometryError: nothing usable is left, or the faces are none of these vertices.
         """
-        points, triangles, notes = mend(vertices, faces)
+        points, triangles, notes = repair(vertices, faces)
         crease = float(crease) if smooth else 0.0
         normals, _ = corner_normals(points, triangles, crease)
         if region is not None:
@@ -228,7 +228,7 @@ def _require_unit(unit: str | None, source: str) -> float:
     if unit in UNITS:
         return UNITS[unit]
     what = "the unit of the mesh's numbers is not given (unit=...)." if unit is None else f"unknown unit {unit!r}."
-    raise InputError(what, where=source, mend=f"Use one of {', '.join(UNITS)}.")
+    raise InputError(what, where=source, hint=f"Use one of {', '.join(UNITS)}.")
 
 
 def plausible_size(size: float) -> bool:

@@ -60,7 +60,7 @@ def styled() -> Generator[None]:
     try:
         import matplotlib
     except ImportError as problem:
-        raise InputError("drawing needs matplotlib.", mend="pip install 'palpate[report]'") from problem
+        raise InputError("drawing needs matplotlib.", hint="pip install 'palpate[report]'") from problem
     with matplotlib.rc_context(_RC):
         yield
 

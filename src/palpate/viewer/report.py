@@ -83,7 +83,7 @@ def require_report() -> None:
         InputError: matplotlib or jinja2 is not installed.
     """
     if missing := [name for name in ("matplotlib", "jinja2") if find_spec(name) is None]:
-        raise InputError(f"a report needs {' and '.join(missing)}.", mend="pip install 'palpate[report]'")
+        raise InputError(f"a report needs {' and '.join(missing)}.", hint="pip install 'palpate[report]'")
 
 
 def picture(drawn: Figure, caption: str) -> Picture:
@@ -101,7 +101,7 @@ def render(report: Report) -> str:
         from jinja2 import Environment, StrictUndefined
         from markupsafe import Markup
     except ImportError as problem:
-        raise InputError("a report needs jinja2.", mend="pip install 'palpate[report]'") from problem
+        raise InputError("a report needs jinja2.", hint="pip install 'palpate[report]'") from problem
     page = files("palpate.viewer").joinpath("report.html").read_text(encoding="utf-8")
     environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
     environment.filters["drawn"] = Markup  # an SVG of our own making; everything else is escaped

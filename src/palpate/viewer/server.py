@@ -54,7 +54,7 @@ def require_viser(host: str, port: int) -> None:
         InputError: viser is not installed, or nothing can listen there.
     """
     if find_spec("viser") is None:
-        raise InputError("the page needs viser.", mend="pip install 'palpate[view]'")
+        raise InputError("the page needs viser.", hint="pip install 'palpate[view]'")
     _free(host, port)
 
 
@@ -201,7 +201,7 @@ def _free(host: str, port: int) -> int:
     raise InputError(
         f"cannot listen there ({reason}).",
         where=f"{host}:{port}",
-        mend="Give a --host of this machine, such as 127.0.0.1, and a --port from 1024 to 65535.",
+        hint="Give a --host of this machine, such as 127.0.0.1, and a --port from 1024 to 65535.",
     )
 
 

@@ -97,6 +97,6 @@ def round_chart(
     point = point + direction * (direction @ (origin - point))
     spoke = across @ (origin - point)
     if not np.linalg.norm(spoke) > 0:
-        raise InputError("the origin lies on the axis.", where="axis", mend="Give the axis of the link.")
+        raise InputError("the origin lies on the axis.", where="axis", hint="Give the axis of the link.")
     spoke /= np.linalg.norm(spoke)
     return Chart(True, point, np.stack([spoke, np.cross(spoke, direction), direction]))

@@ -123,7 +123,7 @@ def placed(
     foot, normal, facet = _foot(mesh, point, sheet)
     along = direction - normal * (direction @ normal)
     if not np.linalg.norm(along) > 1e-2 * np.linalg.norm(direction):
-        raise InputError("points along the normal of the surface.", where="heading", mend="Give one along it.")
+        raise InputError("points along the normal of the surface.", where="heading", hint="Give one along it.")
     return foot, along / np.linalg.norm(along), normal, _body(mesh, facet)
 
 
@@ -239,7 +239,7 @@ def _foot(
         raise InputError(
             f"lies {1e3 * off:.1f} mm off the surface.",
             where="origin",
-            mend=f"The nearest point of the mesh is {_shown(foot[0])} m; is the unit right?",
+            hint=f"The nearest point of the mesh is {_shown(foot[0])} m; is the unit right?",
         )
     return foot[0], normal[0] * _side(mesh, foot[0], normal[0]), int(facet[0])
 
@@ -298,7 +298,7 @@ def _too_large(sheet: Sheet, what: str) -> InputError:
     height, length = sheet.size
     hint = "Move the origin, turn the heading, flip the rows, or check the sheet's size and the mesh's unit."
     size = f"{1e3 * height:.0f} x {1e3 * length:.0f} mm"
-    return InputError(f"a sheet of {size} does not fit here: {what}.", where="sheet", mend=hint)
+    return InputError(f"a sheet of {size} does not fit here: {what}.", where="sheet", hint=hint)
 
 
 def _areas(found: Shell, layout: Layout, sheet: Sheet) -> Float[np.ndarray, "r c"]:

@@ -85,7 +85,7 @@ def require_columns(path: Path, names: list[str] | tuple[str, ...]) -> None:
         raise InputError(
             f"is not a contacts.csv: there is no column {missing[0]!r}.",
             where=str(path),
-            mend="`palpate estimate` writes one.",
+            hint="`palpate estimate` writes one.",
         )
 
 
@@ -125,6 +125,6 @@ def _statuses(table: Table) -> np.ndarray:
         raise InputError(
             f"unknown status {text[at]!r}.",
             where=f"{table.path}, line {table.lines[at]}",
-            mend=near(str(text[at]), LABELS),
+            hint=near(str(text[at]), LABELS),
         )
     return codes.to_numpy().copy()

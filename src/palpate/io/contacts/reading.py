@@ -91,7 +91,7 @@ def _mcap(path: Path) -> Iterator[Contacts]:
                 yield from_messages(records, named_features(file.definitions.get(_KIND, "")))
         note = file.torn
         if not rows and _KIND not in [topic.kind for topic in file.topics()]:
-            raise InputError(f"has no topic of {KIND}.", where=str(path), mend="`palpate estimate` writes one.")
+            raise InputError(f"has no topic of {KIND}.", where=str(path), hint="`palpate estimate` writes one.")
     except (ValueError, OSError) as problem:
         raise InputError(f"is no file of contacts ({problem}).", where=str(path)) from problem
     if note or not rows:

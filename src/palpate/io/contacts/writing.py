@@ -51,7 +51,7 @@ def require_format(path: Path) -> None:
     """
     if path.suffix.lower() not in SINKS:
         raise InputError(
-            f"no format of contacts ends in {path.suffix!r}.", where=str(path), mend=f"Use {', '.join(SINKS)}."
+            f"no format of contacts ends in {path.suffix!r}.", where=str(path), hint=f"Use {', '.join(SINKS)}."
         )
 
 

@@ -70,7 +70,7 @@ class ArrayLog:
             raise InputError(
                 f"has no times ({self._layout.time!r}).",
                 where=str(self.path),
-                mend="Give the rate [Hz] of the samples in the rig, or write an .npz with the time as an array.",
+                hint="Give the rate [Hz] of the samples in the rig, or write an .npz with the time as an array.",
             )
         self._columns = columns = Columns(self._layout, self.path, shapes)
         places = flattened(shapes)

@@ -34,7 +34,7 @@ def open_folder(path: Path) -> Source:
     parts = sorted((file for file in files if file.suffix == ".mcap"), key=_natural)
     if len({re.sub(r"_\d+$", "", part.stem) for part in parts}) > 1:
         listed = ", ".join(part.name for part in parts[:5])
-        raise InputError(f"holds MCAP files that are not one recording: {listed}.", where=str(path), mend="Name one.")
+        raise InputError(f"holds MCAP files that are not one recording: {listed}.", where=str(path), hint="Name one.")
     if parts:
         return _Parts([McapFile(part) for part in parts])
     if path / "metadata.yaml" not in files:
@@ -123,7 +123,7 @@ class BagFile:
             from rosbags.rosbag1 import Reader as Reader1
             from rosbags.rosbag2 import Reader as Reader2
         except ImportError as problem:
-            raise InputError("bags need rosbags.", where=str(self.path), mend="pip install 'palpate[ros]'") from problem
+            raise InputError("bags need rosbags.", where=str(self.path), hint="pip install 'palpate[ros]'") from problem
         try:
             with (Reader1 if self.path.suffix == ".bag" else Reader2)(self.path) as bag:
                 yield bag
@@ -131,7 +131,7 @@ class BagFile:
             raise InputError(
                 f"is a bag that cannot be read ({type(problem).__name__}: {' '.join(str(problem).split())[:200]}).",
                 where=str(self.path),
-                mend="`rosbag reindex` and `ros2 bag reindex` mend a recording that was not ended.",
+                hint="`rosbag reindex` and `ros2 bag reindex` repair a recording that was not ended.",
             ) from problem
 
 

@@ -156,11 +156,11 @@ def _found(array: ArrayChannel, shapes: Shapes, made: Mapping[str, tuple[str, ..
     name = next((name for name in (array.name, _OTHER_NAMES.get(array.name), SINGLE) if name in made), None)
     if name is None:
         wanted = _OTHER_NAMES.get(array.name, array.name)
-        raise InputError(f"has no array {wanted!r}.", where=str(path), mend=near(wanted, shapes))
+        raise InputError(f"has no array {wanted!r}.", where=str(path), hint=near(wanted, shapes))
     if shapes[name] not in (array.shape, (array.size,)):
         there = " x ".join(map(str, shapes[name]))
         raise InputError(
-            f"holds {name} of shape n x {there}, not n x {array.described}.", where=str(path), mend=_mend(array)
+            f"holds {name} of shape n x {there}, not n x {array.described}.", where=str(path), hint=_mend(array)
         )
     return replace(array, columns=made[name])
 
@@ -172,7 +172,7 @@ def _require_size(array: ArrayChannel, columns: Sequence[str], path: Path) -> No
     raise InputError(
         f"{has}, but {array.size} {array.name} ({array.described}) are wanted.",
         where=str(path) if array.columns is None else array.table,
-        mend=_mend(array),
+        hint=_mend(array),
     )
 
 
@@ -187,5 +187,5 @@ def _require_known(wanted: Sequence[str], names: Mapping[str, object], path: Pat
         raise InputError(
             f"there is no column {', '.join(map(repr, missing))}.",
             where=str(path),
-            mend=f"{near(missing[0], names)} Columns are named in a rig; `palpate rig new` guesses them.".strip(),
+            hint=f"{near(missing[0], names)} Columns are named in a rig; `palpate rig new` guesses them.".strip(),
         )

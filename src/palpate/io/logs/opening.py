@@ -136,7 +136,7 @@ def read_poses(
         raise InputError(
             "the log has no orientation.",
             where=str(path),
-            mend="Add columns qx, qy, qz, qw (sensor in base), or name them in the rig's [orientation].",
+            hint="Add columns qx, qy, qz, qw (sensor in base), or name them in the rig's [orientation].",
         )
     unknown = np.full((len(recording), 3), np.nan)
     return recording.time, recording.channels[ORIENTATION], recording.channels.get(POSITION, unknown)
@@ -172,5 +172,5 @@ def _kind(path: Path) -> str:
     suffix = path.suffix.lower()
     if suffix in _KINDS and kind != suffix and not (kind in _ARRAYS and suffix in _ARRAYS):
         what = f"does not begin as {_KINDS[suffix]} does" if first else "is empty"
-        raise InputError(f"{what}.", where=str(path), mend=f"It is {_KINDS[kind]}: rename it." if kind else "")
+        raise InputError(f"{what}.", where=str(path), hint=f"It is {_KINDS[kind]}: rename it." if kind else "")
     return kind

@@ -56,7 +56,7 @@ class ParquetLog:
             raise InputError(
                 f"cannot be read as Parquet ({str(problem).splitlines()[0]}).",
                 where=str(self.path),
-                mend="A Parquet file that was cut cannot be mended: its index is at the end.",
+                hint="A Parquet file that was cut cannot be mended: its index is at the end.",
             ) from problem
 
     def _blocks(self) -> Iterator[Recording]:

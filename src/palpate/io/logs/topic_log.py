@@ -59,13 +59,13 @@ class TopicLog:
         yield from join.finish()
         if not join.rows:
             name = streams["main"].topic.name
-            raise InputError(f"topic {name!r} has no messages.", where=str(self.path), mend=sentence(self.torn))
+            raise InputError(f"topic {name!r} has no messages.", where=str(self.path), hint=sentence(self.torn))
 
     def poses(self) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, "k 7"]]:
         """Stamps [s] as recorded, without the layout's offset, and positions [m] and quaternions of the pose topic."""
         topic = self._chosen().get("pose")
         if topic is None:
-            raise InputError("no topic holds poses.", where=str(self.path), mend=POSE_KINDS)
+            raise InputError("no topic holds poses.", where=str(self.path), hint=POSE_KINDS)
         stream = _Stream(topic, self._source)
         pieces = [stream.read(messages) for messages in self._source.messages([topic.name])]
         times, values = [piece[0] for piece in pieces], [piece[1] for piece in pieces]

@@ -62,7 +62,7 @@ def main_channel(layout: Layout) -> ArrayChannel | None:
     raise InputError(
         f"{names} cannot be read from one log of topics.",
         where="layout",
-        mend="Samples of several topics are not joined: write them as a table, a row a time.",
+        hint="Samples of several topics are not joined: write them as a table, a row a time.",
     )
 
 
@@ -83,7 +83,7 @@ def choose(there: LogContents, layout: Layout) -> dict[str, Topic]:
         raise InputError(
             f"no topic holds {'wrenches' if array is None else array.name}; there is {listed or 'no topic at all'}.",
             where=str(path),
-            mend=sentence(there.torn) or main.read,
+            hint=sentence(there.torn) or main.read,
         )
     pose = _named(topics, _POSE, layout.orientation_topic, path) or _only(topics, _POSE, path)
     acceleration = _named(topics, _ACCELERATION, layout.acceleration_topic, path)  # an accelerometer may sit anywhere
@@ -109,13 +109,13 @@ def _named(topics: Sequence[Topic], wanted: _Wanted, name: str | None, path: Pat
         return None
     found = [topic for topic in topics if topic.name == name]
     if not found:
-        raise InputError(f"there is no topic {name!r}.", where=str(path), mend=near(name, (t.name for t in topics)))
+        raise InputError(f"there is no topic {name!r}.", where=str(path), hint=near(name, (t.name for t in topics)))
     fitting = [topic for topic in found if wanted.fits(topic)]
     if not fitting:
         raise InputError(
             f"topic {name!r} holds {found[0].kind or 'messages of no type'} ({found[0].encoding or 'no encoding'}).",
             where=str(path),
-            mend=wanted.read,
+            hint=wanted.read,
         )
     return fitting[0]
 
@@ -129,6 +129,6 @@ def _only(topics: Sequence[Topic], wanted: _Wanted, path: Path) -> Topic | None:
         raise InputError(
             f"{len(fitting)} topics hold a {wanted.called}: {', '.join(topic.name for topic in fitting)}.",
             where=str(path),
-            mend=f"Name one in the rig, as topic in [{wanted.table}].",
+            hint=f"Name one in the rig, as topic in [{wanted.table}].",
         )
     return fitting[0] if fitting else None

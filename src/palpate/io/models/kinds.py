@@ -93,12 +93,12 @@ def read_model(path: str | Path, holds: type[Any] | None = None) -> Any:
     if holds is None:
         if kind not in MODELS:
             known = ", ".join(repr(name) for name in MODELS)
-            raise InputError("is no model.", where=str(path), mend=f"A model states its kind: one of {known}.")
+            raise InputError("is no model.", where=str(path), hint=f"A model states its kind: one of {known}.")
     else:
         wanted, model = _model(holds)
         if kind != wanted:
-            mend = f"`{model.command}` writes one (kind = {wanted!r})."
-            raise InputError(f"is not {model.called}.", where=str(path), mend=mend)
+            hint = f"`{model.command}` writes one (kind = {wanted!r})."
+            raise InputError(f"is not {model.called}.", where=str(path), hint=hint)
     return parse(table, MODELS[kind].holds, file=str(path), forms=forms.FORMS)
 
 

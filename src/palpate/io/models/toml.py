@@ -30,7 +30,7 @@ def load_toml(path: str | Path) -> dict[str, Any]:
         return tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except FileNotFoundError:
         siblings = [other.name for other in path.parent.glob("*.toml")] if path.parent.is_dir() else []
-        raise InputError("there is no such file.", where=str(path), mend=near(path.name, siblings)) from None
+        raise InputError("there is no such file.", where=str(path), hint=near(path.name, siblings)) from None
     except (OSError, UnicodeDecodeError) as problem:
         raise InputError(f"cannot be read ({problem}).", where=str(path)) from problem
     except (ValueError, RecursionError) as problem:  # tomllib's own, an integer too long, lists in lists in lists

@@ -92,7 +92,7 @@ def _write(
     raise InputError(
         "what was found cannot be written into a rig of this form.",
         where=str(source),
-        mend=f"Write [{table}] as one table.",
+        hint=f"Write [{table}] as one table.",
     )
 
 

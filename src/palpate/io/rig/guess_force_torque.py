@@ -87,7 +87,7 @@ def _columns_of(log: Path, contents: LogContents) -> Guess | None:
         raise InputError(
             f"no columns look like time: {', '.join(names[:12])}.",
             where=str(log),
-            mend="Name them time, fx, fy, fz, tx, ty, tz, or write the rig by hand.",
+            hint="Name them time, fx, fy, fz, tx, ty, tz, or write the rig by hand.",
         )
     layout = Layout(time=time, wrench=wrench)
     layout = replace(layout, time_unit=time_unit(read_recording(log, layout).time))

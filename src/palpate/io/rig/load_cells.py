@@ -110,7 +110,7 @@ class RigLoadCells:
             raise InputError(
                 "the cells are not calibrated.",
                 where="load_cells.model",
-                mend="`palpate calibrate load-cells LOG --rig RIG -o fingertip.toml`, then name that file as model.",
+                hint="`palpate calibrate load-cells LOG --rig RIG -o fingertip.toml`, then name that file as model.",
             )
         path = folder / self.model
         model = read_model(path, LoadCells)
@@ -146,7 +146,7 @@ class RigLoadCells:
             raise InputError(
                 "positions, sensitivity and noise must be stated where there is no model.",
                 where="load_cells",
-                mend="positions = [[x, y, z], ...] in m, sensitivity in N/V, noise in V.",
+                hint="positions = [[x, y, z], ...] in m, sensitivity in N/V, noise in V.",
             )
         return nominal_cells(np.array(self.positions), self.sensitivity, self.noise, self.range or inf)
 
@@ -159,7 +159,7 @@ def rig_load_cells(rig: Rig) -> RigLoadCells:
     """
     table = rig.sensors.get("load_cells")
     if table is None:
-        raise InputError("the rig has no load cells.", where="rig", mend="Add a [load_cells].")
+        raise InputError("the rig has no load cells.", where="rig", hint="Add a [load_cells].")
     return table
 
 

@@ -83,7 +83,7 @@ def propose_rig(log: Path, mesh: Path | None, folder: Path, sensor: str | None =
         raise InputError(
             f"looks like none of {', '.join(kind.called for kind in KINDS.values())}: {_listed(log)}.",
             where=str(log),
-            mend="Name columns time, fx, fy, fz, tx, ty, tz, or write the rig by hand.",
+            hint="Name columns time, fx, fy, fz, tx, ty, tz, or write the rig by hand.",
         )
     kind, guess = found
     text = "".join(_parts(log, mesh, folder, kind, guess))
@@ -123,6 +123,6 @@ def _require_sound(text: str, path: Path) -> None:
         table = tomllib.loads(text)
     except tomllib.TOMLDecodeError as problem:
         raise InputError(
-            f"a name of a column or of the mesh cannot stand in a rig ({problem}).", where=str(path), mend="Rename it."
+            f"a name of a column or of the mesh cannot stand in a rig ({problem}).", where=str(path), hint="Rename it."
         ) from problem
     check_rig(table, path)

@@ -71,9 +71,9 @@ class Rig:
         if sensor is None and len(named) == 1:
             return next(iter(named.values()))
         if sensor is None:
-            raise InputError(f"the rig has several sensors: {', '.join(named)}.", mend="Name one with --sensor.")
+            raise InputError(f"the rig has several sensors: {', '.join(named)}.", hint="Name one with --sensor.")
         if sensor not in named:
-            raise InputError(f"the rig has no [{sensor}].", where="--sensor", mend=near(sensor, named))
+            raise InputError(f"the rig has no [{sensor}].", where="--sensor", hint=near(sensor, named))
         return named[sensor]
 
     def files(self, kind: SensorKind | None = None) -> dict[str, Path]:
@@ -143,7 +143,7 @@ def check_rig(table: Mapping[str, Any], path: Path) -> Rig:
     common = {each.name for each in fields(Rig)} - {"sensors", "folder"}
     for name in table:
         if name not in common and name not in KINDS:
-            raise InputError(f"unknown key {name!r}.", where=str(path), mend=near(name, [*common, *KINDS]))
+            raise InputError(f"unknown key {name!r}.", where=str(path), hint=near(name, [*common, *KINDS]))
     shared = {name: value for name, value in table.items() if name in common}
     sensors = dict(_sensors(table, path))
     rig = replace(parse(shared, Rig, file=str(path)), sensors=sensors, folder=path.parent)
@@ -151,7 +151,7 @@ def check_rig(table: Mapping[str, Any], path: Path) -> Rig:
     for kind in rig.kinds:
         if rig.surface is None and kind.needs_surface:
             raise InputError(
-                "a rig needs a [surface].", where=str(path), mend="`palpate rig new` writes one to start from."
+                "a rig needs a [surface].", where=str(path), hint="`palpate rig new` writes one to start from."
             )
         kind.check(rig, path)
     return rig

@@ -15,8 +15,8 @@ from palpate.io.rig.wrench import first_seconds, noted_filter, rig_filter
 from palpate.io.skin_map import read_skin_map
 from palpate.sensors.intensity import Intensity
 from palpate.sensors.recording import CELLS, Recording
-from palpate.sensors.skin import examine
 from palpate.sensors.skin_map import SkinMap
+from palpate.sensors.taxel_health import examine
 from palpate.sensors.taxels import TaxelBody
 
 if TYPE_CHECKING:
@@ -63,7 +63,7 @@ def rig_skin(rig: Rig) -> RigSkin:
     """
     table = rig.sensors.get("skin")
     if table is None:
-        raise InputError("the rig has no [skin].", where="rig", mend="A rig of a taxel sheet needs one: map = FILE.")
+        raise InputError("the rig has no [skin].", where="rig", hint="A rig of a taxel sheet needs one: map = FILE.")
     return table
 
 
@@ -81,7 +81,7 @@ def rig_map(rig: Rig) -> SkinMap:
         raise InputError(
             f"maps {found.rows} x {found.columns} cells, but the rig's [skin] says {rows} x {columns}.",
             where=str(path),
-            mend="Make the map for this sheet with palpate map skin --sheet.",
+            hint="Make the map for this sheet with palpate map skin --sheet.",
         )
     return found
 

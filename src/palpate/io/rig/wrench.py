@@ -90,7 +90,7 @@ def rig_filter(rig: Rig, head: Recording | None) -> tuple[RigFilter, float | Non
         raise InputError(
             "most times repeat or are missing, so the rate that the filter needs is not known.",
             where=head.source,
-            mend="Give the rate [Hz] in the rig's [filter], or use --filter none.",
+            hint="Give the rate [Hz] in the rig's [filter], or use --filter none.",
         )
     return stated, head.rate()
 

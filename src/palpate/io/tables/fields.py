@@ -88,7 +88,7 @@ class Rows:
             raise InputError(
                 f"no row has the {self._fields} fields of the header; {self._first}.",
                 where=str(path),
-                mend="Is the decimal point a comma?" if self._delimiter == "," else "",
+                hint="Is the decimal point a comma?" if self._delimiter == "," else "",
             )
 
     def notes(self) -> tuple[str, ...]:

@@ -24,7 +24,7 @@ def open_input(path: Path) -> BinaryIO:
         return path.open("rb")
     except FileNotFoundError:
         siblings = [other.name for other in path.parent.glob("*")] if path.parent.is_dir() else []
-        raise InputError("there is no such file.", where=str(path), mend=near(path.name, siblings)) from None
+        raise InputError("there is no such file.", where=str(path), hint=near(path.name, siblings)) from None
     except (OSError, ValueError) as problem:  # the second: a NUL in the name
         raise InputError(f"cannot be read ({problem}).", where=str(path)) from problem
 
@@ -37,9 +37,9 @@ def whole_lines(file: BinaryIO, path: Path, size: int) -> Iterator[bytes]:
     """
     piece = read_some(file, path, size).removeprefix(b"\xef\xbb\xbf")
     if piece.startswith((b"\xff\xfe", b"\xfe\xff")):
-        raise InputError("is UTF-16 text.", where=str(path), mend="Save it as UTF-8.")
+        raise InputError("is UTF-16 text.", where=str(path), hint="Save it as UTF-8.")
     if b"\0" in piece[:4096]:
-        raise InputError("is not a text file.", where=str(path), mend="A log is a CSV file here.")
+        raise InputError("is not a text file.", where=str(path), hint="A log is a CSV file here.")
     returns = b"\n" not in piece  # the line ends of old
     rest = b""
     while piece:
@@ -52,7 +52,7 @@ def whole_lines(file: BinaryIO, path: Path, size: int) -> Iterator[bytes]:
         if end:
             yield whole
         if len(rest) > _LONGEST:
-            raise InputError("has a line of more than 64 MB.", where=str(path), mend="A log is a CSV file here.")
+            raise InputError("has a line of more than 64 MB.", where=str(path), hint="A log is a CSV file here.")
 
 
 def read_some(file: BinaryIO, path: Path, size: int) -> bytes:

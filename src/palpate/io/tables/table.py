@@ -123,7 +123,7 @@ class Table:
             if there[name] > 1:
                 raise InputError(f"column {name!r} is there {there[name]} times.", where=str(self.path))
             if not there[name]:
-                raise InputError(f"there is no column {name!r}.", where=str(self.path), mend=near(name, self.names))
+                raise InputError(f"there is no column {name!r}.", where=str(self.path), hint=near(name, self.names))
 
     def _line(self, row: int) -> str:
         return f"line {self.lines[row]}"
@@ -196,15 +196,15 @@ def _delimiter(header: bytes, path: Path) -> bytes:
     bare = re.sub(rb'"[^"]*"', b"", header)
     delimiter = max(_DELIMITERS, key=bare.count)
     if delimiter not in bare:
-        raise InputError("found one column only.", where=str(path), mend="Separate columns by , or ; or tab.")
+        raise InputError("found one column only.", where=str(path), hint="Separate columns by , or ; or tab.")
     return delimiter
 
 
 def _names(header: bytes, delimiter: str, path: Path, count: int) -> tuple[str, ...]:
     if count > _MOST:
-        raise InputError(f"the first line has {count:,} fields.", where=str(path), mend="It must name the columns.")
+        raise InputError(f"the first line has {count:,} fields.", where=str(path), hint="It must name the columns.")
     parsed = parse(header, delimiter, path, count, range(count), numbers=False)
     names = parsed.select(unquoted(pl.all(), delimiter).fill_null("")).row(0)
     if all(re.fullmatch(r"[-+\d.eE]+|nan|inf", name.lower()) for name in names):
-        raise InputError("the first line holds numbers.", where=str(path), mend="It must name the columns.")
+        raise InputError("the first line holds numbers.", where=str(path), hint="It must name the columns.")
     return names

@@ -1,4 +1,4 @@
-"""What can safely be mended in a mesh as it comes, and what to say about it.
+"""What can safely be repaired in a mesh as it comes, and what to say about it.
 
 Vertices that coincide are merged (STL has no shared ones), facets without area or with a doubled twin are dropped, and
 the winding is made consistent over each body and outward. Nothing is moved, filled or remeshed.
@@ -14,12 +14,12 @@ from palpate.errors import GeometryError
 from palpate.spatial._arrays import shaped
 from palpate.surfaces._normals import facet_normals, half_edge_twins
 
-__all__ = ["mend"]
+__all__ = ["repair"]
 
 _FARTHEST = 1e12  # in any unit: what is beyond is a fault of the file, and its powers would overflow
 
 
-def mend(
+def repair(
     vertices: ArrayLike, faces: ArrayLike
 ) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"], tuple[str, ...]]:
     """Merged, cleaned and oriented arrays, and notes on what was done.

@@ -79,7 +79,7 @@ def examine(recording: Recording, body: TaxelBody, *, seconds: float | None = No
             f"{len(cells)} frames of {body.named()} could be read of {len(raw)}; "
             f"at least {FEWEST} are needed to know the cells at rest.",
             where=recording.source,
-            mend="Does the rig state rows and columns as the log has them?",
+            hint="Does the rig state rows and columns as the log has them?",
         )
     cells, wrapped = _unwrapped(cells, body)
     rest = cells
@@ -94,7 +94,7 @@ def examine(recording: Recording, body: TaxelBody, *, seconds: float | None = No
         raise InputError(
             f"every cell keeps its value in the first {len(cells):,} frames: all cells are stuck.",
             where=recording.source,
-            mend="Are the taxels connected, and are the columns those of their readings?",
+            hint="Are the taxels connected, and are the columns those of their readings?",
         )
     dead = _dead(cells - baseline, noise, still, stuck, body)
     hysteresis = _hysteresis(time, np.where(stuck | dead, 0.0, cells - baseline), noise)
@@ -106,7 +106,7 @@ def examine(recording: Recording, body: TaxelBody, *, seconds: float | None = No
         *_named("stuck at one value", stuck, body),
     ]
     if hysteresis > LEFT:
-        share = f"{100 * hysteresis:.0f} % of a reading is left {AFTER:g} s after a touch"
+        share = f"{100 * hysteresis:.0f} % of a reading remains {AFTER:g} s after a touch"
         doubts.append(f"{share}: hysteresis, or slow recovery, by which forces are too large for a while")
     baseline = -baseline if falling else baseline
     return Health(frozen(baseline), frozen(noise), dead, stuck, len(rest), tuple(notes), tuple(doubts), hysteresis)
@@ -131,7 +131,7 @@ def at_rest(recording: Recording, body: TaxelBody, *, falling: bool = False) -> 
             f"the cells were not at rest during the tare: cell {body.name(cell)} reads up to "
             f"{np.abs(off[:, cell]).max():.3g} from its rest, and its noise is {health.noise[cell]:.2g}.",
             where=recording.source,
-            mend="Let nothing touch them meanwhile, or mask a cell that never keeps still.",
+            hint="Let nothing touch them meanwhile, or mask a cell that never keeps still.",
         )
     return health
 
