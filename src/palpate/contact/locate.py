@@ -142,6 +142,11 @@ class Locator:
             accuracy=self.accuracy,
         )
 
+    def compiled(self, known: bool) -> tuple[np.ndarray, ...]:
+        """For loops that go on from a wrench: noises (0, 6, 6) where its covariance is known, tree, settings, state."""
+        noises = np.empty((0, 6, 6)) if known else self._noise[None]
+        return noises, *self._arguments, self._noisy if known else self._settings, self._state
+
     def reset(self, previous: ArrayLike | None = None) -> None:
         """Forget the last contact and the hysteresis, or set the last contact to a point (3,) [m]."""
         self._state[:] = _state(previous)

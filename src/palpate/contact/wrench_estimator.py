@@ -4,27 +4,30 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable, Iterator
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int8
 from numpy.typing import ArrayLike
 
 from palpate.contact.contacts import Contacts
-from palpate.contact.estimate import ContactEstimate
+from palpate.contact.estimate import ROW, ContactEstimate
 from palpate.contact.locate import Locator
 from palpate.errors import InputError
 from palpate.sensors.compensation import Compensation
 from palpate.sensors.filters import Filter
 from palpate.sensors.force_torque import ForceTorque
+from palpate.sensors.load_cell_array import LoadCellArray
 from palpate.sensors.recording import Recording
 from palpate.sensors.smoothing import BothWays, Forward
 from palpate.sensors.wrench_sensor import Measured, Placement, Tare, WrenchSensor
+from palpate.spatial._arrays import require_out
 from palpate.spatial.pose import Pose
 
 __all__ = ["WrenchEstimator"]
 
 PIECE = 4096  # samples at a time: what lies between two steps stays in the cache
+ROW_SHAPE = (ROW.length,)
 ALL = np.ones(1)  # of the noise is left
 
 
@@ -37,6 +40,30 @@ class _Waiting(NamedTuple):
     @property
     def usable(self) -> int:
         return int(np.count_nonzero(self.measured.status < 0))
+
+
+class _Live:
+    """One sample in one compiled call, of a sensor that such a loop is written for; bits as in blocks."""
+
+    def __init__(self, sensor: Compensation | LoadCellArray, locator: Locator, placement: Placement) -> None:
+        from palpate.contact import _live  # compiled: loaded when first needed
+
+        self._given = sensor, locator, placement
+        self._inputs, self._pack, self._revision = sensor.inputs, _live.packed, -1
+        self._loop = _live.force_torque if isinstance(sensor, Compensation) else _live.load_cells
+        self._compiled = locator.compiled(known=sensor.noise is not None)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _Live, self._given  # the surface prepares its tree anew
+
+    def __call__(
+        self, reading: ArrayLike, rotation: ArrayLike | None, acceleration: ArrayLike | None, row: np.ndarray
+    ) -> None:
+        sensor, _, placement = self._given
+        if self._revision != sensor.revision:
+            self._arguments = *self._pack(sensor.constants(placement)), sensor.state, *self._compiled
+            self._revision = sensor.revision
+        self._loop(self._inputs(reading, rotation, acceleration), *self._arguments, row)
 
 
 class WrenchEstimator:
@@ -86,6 +113,9 @@ class WrenchEstimator:
         self._forward = None if self._recursion is None else Forward(self._recursion, _known(rate))
         if self._forward is not None:
             self._forward(np.zeros(1), np.zeros(1, np.int8), np.zeros((1, 6)))  # compiles
+        self._live: _Live | None = None
+        if filter is None and isinstance(self.sensor, Compensation | LoadCellArray):
+            self._live = _Live(self.sensor, self.locator, self._placement)
         self.reset()
 
     @property
@@ -140,10 +170,12 @@ class WrenchEstimator:
         """`update` into a row of `empty()`, or the first of some, for a control loop; `ROW` says what stands where."""
         if self._zero_phase:
             self._require_forward()
-        rows = out[None] if out.ndim == 1 else out[:1]
-        if rows.shape != (1, 22) or rows.dtype != np.float64:
-            raise InputError(f"out must be a row of empty(), float64 (22,), not {out.dtype} {out.shape}.")
-        self._answer(self.sensor.single(time, reading, rotation, acceleration), rows)
+        row = out if out.ndim == 1 else out[0]
+        require_out(row, ROW_SHAPE)
+        if self._live is None:
+            self._answer(self.sensor.single(time, reading, rotation, acceleration), row[None])
+        else:
+            self._live(reading, rotation, acceleration, row)
         self._samples += 1
         return 1
 

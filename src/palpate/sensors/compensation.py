@@ -83,9 +83,10 @@ class Compensation:
         self._load = np.concatenate([load.weight, load.center_of_mass, slope, [load.mass]])
         self._bias = np.concatenate([load.force_bias, load.torque_bias])
         self._doubts = square_root(load.covariance)
+        self._turns, self.revision = bool(self.needs_orientation), 0
         self._untare()
-        self._still = _Readings(np.zeros(1), np.zeros((1, 6)), np.eye(3)[None], np.zeros((1, 3)), np.zeros((1, 1)))
-        made = self._compensated(self._still, self._zero)  # compiles, before anything is in a hurry
+        self.state, self._inputs = np.empty(0), np.concatenate([np.zeros(6), np.eye(3).ravel(), np.zeros(3)])
+        made = self._compensated(self._read(0.0), self._zero)  # compiles, before anything is in a hurry
         self.place(made, made.wrench, np.ones(1), Placement(Pose.identity()))
 
     @property
@@ -116,18 +117,26 @@ class Compensation:
         self, time: float, reading: ArrayLike, rotation: ArrayLike | None, acceleration: ArrayLike | None
     ) -> _Compensated:
         """Of six numbers, with the sensor's rotation in the base (3, 3) where it is needed; NaN: not known now."""
-        why = self.needs_orientation
-        if rotation is None and why:
-            raise InputError(f"update needs the orientation of the sensor: {why}.")
-        still = self._still
-        readings = _Readings(
-            np.array([time], dtype=np.float64),
-            _one("reading", reading, (6,)),
-            _one("rotation", rotation, (3, 3)) if why else still.rotation,
-            still.acceleration if acceleration is None else _one("acceleration", acceleration, (3,)),
-            still.unsteady,
-        )
-        return self._compensated(readings, self._zero)
+        self.inputs(reading, rotation, acceleration)
+        return self._compensated(self._read(time), self._zero)
+
+    def inputs(
+        self, reading: ArrayLike, rotation: ArrayLike | None, acceleration: ArrayLike | None
+    ) -> Float[np.ndarray, "18"]:
+        """Reading, rotation and acceleration, for a loop that takes one sample; valid until the next."""
+        if self._turns:
+            if rotation is None:
+                raise InputError(f"update needs the orientation of the sensor: {self.needs_orientation}.")
+            self._inputs[6:15].reshape(3, 3)[:] = _of_one("rotation", rotation, (3, 3))
+        self._inputs[:6] = _of_one("reading", reading, (6,))
+        self._inputs[15:] = 0.0 if acceleration is None else _of_one("acceleration", acceleration, (3,))
+        return self._inputs
+
+    def constants(self, placement: Placement) -> tuple[np.ndarray, ...]:
+        """What `compensate` and `place` of the compiled loops take, in their order."""
+        turned, constant = np.array([float(self._turned)]), self._constant_in(placement)
+        made = self._limits, self._load, self._zero, turned, self._mean, self._unsure
+        return *made, placement.factor, placement.matrix, constant
 
     def place(
         self,
@@ -137,8 +146,6 @@ class Compensation:
         placement: Placement,
     ) -> tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, "n 6 6"] | None]:
         """In the surface's frame; what payload, tare and mounting add, the same in every sample, stays whole."""
-        if placement is not self._placement:
-            self._placement, self._constant = placement, self._constants(placement)
         located, covariances = np.empty_like(wrenches), np.empty((len(wrenches), 6, 6))
         readings = measured.readings
         self._place(
@@ -152,7 +159,7 @@ class Compensation:
             self._unsure,
             placement.factor,
             placement.matrix,
-            self._constant,
+            self._constant_in(placement),
             located,
             covariances,
         )
@@ -182,6 +189,7 @@ class Compensation:
         self._unsure = self._doubts.copy()
         self._unsure[:, 3:6] = self._unsure[:, 9:] = 0.0
         self._samples, self._placement = found.samples, None
+        self.revision += 1
         return Tare(found.said, touch=found.mean, least=SURE * float(np.sqrt(largest)))
 
     def reset(self) -> None:
@@ -201,8 +209,10 @@ class Compensation:
         self._samples: int | None = None
         self._placement: Placement | None = None
 
-    def _constants(self, placement: Placement) -> Float[np.ndarray, "3 6 6"]:
+    def _constant_in(self, placement: Placement) -> Float[np.ndarray, "3 6 6"]:
         """Covariances in the surface's frame: of the noise, of the tare, and of an acceleration of deviation 1."""
+        if placement is self._placement:
+            return self._constant
         made, matrix, mass = np.zeros((3, 6, 6)), placement.matrix, float(self._load[9])
         if self.noise is not None:
             push = matrix[:, :3] + matrix[:, 3:] @ skew(self._load[3:6])  # of a force at the payload's centre
@@ -210,7 +220,14 @@ class Compensation:
             made[2] = mass**2 * push @ push.T
         if self._samples is not None:
             made[1] = made[0] / self._samples
+        self._placement, self._constant = placement, made
         return made
+
+    def _read(self, time: float) -> _Readings:
+        """The inputs of one sample."""
+        made = self._inputs.copy()
+        reading, rotation, acceleration = made[None, :6], made[6:15].reshape(1, 3, 3), made[None, 15:]
+        return _Readings(np.array([time], dtype=np.float64), reading, rotation, acceleration, np.zeros((1, 1)))
 
     def _readings(self, recording: Recording) -> _Readings:
         """The channels that are needed."""
@@ -257,9 +274,9 @@ class Compensation:
         return rotation_from_quaternion(np.where(sound_quaternions(quaternions)[:, None], quaternions, np.nan))
 
 
-def _one(what: str, values: ArrayLike | None, shape: tuple[int, ...]) -> np.ndarray:
-    """A copy of one sample's values, contiguous and writable, as the loops were compiled for."""
-    array = np.array(values, dtype=np.float64, order="C")
+def _of_one(what: str, values: ArrayLike, shape: tuple[int, ...]) -> np.ndarray:
+    """One sample's values."""
+    array = np.asarray(values, dtype=np.float64)
     if array.shape != shape:
         raise InputError(f"the {what} of one sample must have shape {shape}, not {array.shape}.")
-    return array[None]
+    return array

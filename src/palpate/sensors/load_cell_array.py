@@ -92,14 +92,14 @@ class LoadCellArray:
         self._channels = np.column_stack([np.zeros(channels), cells.limits])
         self._channels[~self.sound, 1:] = -np.inf, np.inf
         self._settings = np.concatenate([made.metric(), np.zeros((1, 6))])
-        self._state = np.zeros(count + 2 * channels)
-        self._seconds, self._placement = seconds, None
+        self.state, self._inputs = np.zeros(count + 2 * channels), np.zeros(channels)
+        self._seconds, self.revision = seconds, 0
+        self._placement: Placement | None = None
         self._known, self._doubted = zero is not None, list[str]()
         self.set_zero(Zero(cells.bias) if zero is None else zero)
-        self._reading, self._located, self._covariance = np.zeros((1, channels)), np.empty((1, 6)), np.empty((1, 6, 6))
         self._kept, self._held, self._seen, self._stride, self._live = list[np.ndarray](), 0, 0, 1, 0
-        self._measured(self._reading, self._one)  # compiles, before anything is in a hurry
-        self.place(self._one, self._one.wrench, np.ones(1), Placement(Pose.identity()))
+        made = self._weighed(np.zeros(1), np.zeros((1, channels)))  # compiles, before anything is in a hurry
+        self.place(made, made.wrench, np.ones(1), Placement(Pose.identity()))
         self.reset()
 
     @property
@@ -113,7 +113,7 @@ class LoadCellArray:
         self._channels[:, 0] = zero.voltage
         self._slow = float(zero.share + self.cells.drift**2)
         self._settings[6, :3] = self.cells.drift, self.cells.misfit, 1.0 + self._slow
-        self._one = _Weighed.of(np.zeros(1), self._slow)
+        self.revision += 1
 
     def ready(self, blocks: Iterable[Recording]) -> Iterator[Recording]:
         """The same rows, cut where the log begins anew, with the zero taken there."""
@@ -140,10 +140,8 @@ class LoadCellArray:
             InputError: the log has no voltages, or not three a cell.
         """
         voltages = self._voltages(recording)
-        made = _Weighed.of(recording.time, self._slow)
-        self._measured(voltages, made)
         self._keep(voltages)
-        return made
+        return self._weighed(recording.time, voltages)
 
     def single(
         self,
@@ -152,17 +150,28 @@ class LoadCellArray:
         rotation: ArrayLike | None = None,
         acceleration: ArrayLike | None = None,
     ) -> _Weighed:
-        """Of one sample of voltages (3 k,); valid until the next."""
+        """Of one sample of voltages (3 k,)."""
+        voltages = self.inputs(reading, rotation, acceleration)[None]
+        return self._weighed(np.array([time], dtype=np.float64), voltages)
+
+    def inputs(
+        self, reading: ArrayLike, rotation: ArrayLike | None, acceleration: ArrayLike | None
+    ) -> Float[np.ndarray, " m"]:
+        """The voltages, for a loop that takes one sample; valid until the next."""
         values = np.asarray(reading, dtype=np.float64)
         if values.shape != self._shape:
             raise InputError(_SHAPE.format(self.cells.cells, *self._shape, values.shape))
-        one = self._one
-        one.time[0], self._reading[0] = time, values
-        self._measured(self._reading, one)
+        self._inputs[:] = values
         self._live += 1
         if self._live % LIVE == 0:
-            self._keep(self._reading)
-        return one
+            self._keep(self._inputs[None])
+        return self._inputs
+
+    def constants(self, placement: Placement) -> tuple[np.ndarray, ...]:
+        """What `measure` and `place` of the compiled loops take, in their order."""
+        made = self._channels, self._mapping, self._ways, self._covariances, self._bounds, self._settings
+        slow = np.array([self._slow])
+        return *made, slow, *self._seen_from(placement), placement.factor, placement.matrix
 
     def place(
         self,
@@ -172,19 +181,14 @@ class LoadCellArray:
         placement: Placement,
     ) -> tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, "n 6 6"]]:
         """In the surface's frame; what zero, drift, calibration and mounting add stays whole."""
-        if placement is not self._placement:
-            self._placement = placement
-            self._placed = _placed(self.cells, self._covariances, placement.matrix)
-        live = measured is self._one
-        located = self._located if live else np.empty_like(wrenches)
-        covariances = self._covariance if live else np.empty((len(wrenches), 6, 6))
+        located, covariances = np.empty_like(wrenches), np.empty((len(wrenches), 6, 6))
         self._place(
             wrenches,
             measured.which,
             measured.extra,
             share,
             measured.slow,
-            *self._placed,
+            *self._seen_from(placement),
             placement.factor,
             placement.matrix,
             located,
@@ -207,8 +211,8 @@ class LoadCellArray:
     def reset(self) -> None:
         """Forget what was blamed; not the zero."""
         (channels,) = self._shape
-        self._state[:] = 0.0
-        self._state[-2 * channels : -channels] = np.nan
+        self.state[:] = 0.0
+        self.state[-2 * channels : -channels] = np.nan
 
     def notes(self) -> tuple[str, ...]:
         """Nothing that the tare did not say."""
@@ -224,7 +228,15 @@ class LoadCellArray:
         kept = np.concatenate(self._kept) if self._kept else np.empty((0, *self._shape))
         return find_faults(self.cells, kept, self.sound, self.names)
 
-    def _measured(self, voltages: Float[np.ndarray, "n m"], out: _Weighed) -> None:
+    def _seen_from(self, placement: Placement) -> tuple[Float[np.ndarray, "t 6 6"], Float[np.ndarray, "21 q"]]:
+        """`_placed` there, kept for the next time."""
+        if placement is not self._placement:
+            self._placement = placement
+            self._placed = _placed(self.cells, self._covariances, placement.matrix)
+        return self._placed
+
+    def _weighed(self, time: Float[np.ndarray, " n"], voltages: Float[np.ndarray, "n m"]) -> _Weighed:
+        out = _Weighed.of(time, self._slow)
         self._measure(
             voltages,
             self._channels,
@@ -233,12 +245,13 @@ class LoadCellArray:
             self._covariances,
             self._bounds,
             self._settings,
-            self._state,
+            self.state,
             out.wrench,
             out.status,
             out.which,
             out.extra,
         )
+        return out
 
     def _voltages(self, recording: Recording) -> Float[np.ndarray, "n m"]:
         """A copy, contiguous and writable, as the loops were compiled for."""

@@ -1,0 +1,112 @@
+"""Compiled: from one live reading to a row of `estimate.ROW`, in one call, because each call from Python costs 2 us.
+
+The steps are those of the blocks, and so are the bits. What a sensor is made of comes packed, since every array that
+is handed over costs 0.15 us: `memory` holds the arrays that `constants` of the sensor names, one behind the other, and
+`table` (k, 4) where each begins and its shape, with ones in front.
+"""
+
+# pyright: basic
+from __future__ import annotations
+
+import numpy as np
+
+from palpate.contact._kernel import estimate_many
+from palpate.sensors import _compensation, _load_cells
+from palpate.surfaces._jit import entry, inner
+
+__all__ = ["force_torque", "load_cells", "packed"]
+
+
+def packed(arrays):
+    """Arrays of up to three axes as memory and table."""
+    sizes = np.array([array.size for array in arrays])
+    shapes = [(1,) * (3 - array.ndim) + array.shape for array in arrays]
+    starts = np.concatenate([[0], np.cumsum(sizes)[:-1]])
+    return np.concatenate([array.ravel() for array in arrays]), np.column_stack([starts, shapes]).astype(np.int64)
+
+
+@inner
+def _stack(memory, table, k):
+    start, a, b, c = table[k]
+    return memory[start : start + a * b * c].reshape((a, b, c))
+
+
+@inner
+def _matrix(memory, table, k):
+    return _stack(memory, table, k)[0]
+
+
+@inner
+def _vector(memory, table, k):
+    return _stack(memory, table, k)[0, 0]
+
+
+@entry
+def load_cells(inputs, memory, table, memory_of_blame, noises, nodes, corners, settings, state, row):
+    """Inputs are the voltages (m,); noises (0, 6, 6), for the sensor always knows its own."""
+    wrenches, statuses, which = np.empty((1, 6)), np.empty(1, np.int8), np.empty(1, np.int64)
+    extra, located, covariances = np.empty((1, 6, 6)), np.empty((1, 6)), np.empty((1, 6, 6))
+    _load_cells.measure(
+        inputs.reshape((1, len(inputs))),
+        _matrix(memory, table, 0),
+        _matrix(memory, table, 1),
+        _stack(memory, table, 2),
+        _stack(memory, table, 3),
+        _vector(memory, table, 4),
+        _matrix(memory, table, 5),
+        memory_of_blame,
+        wrenches,
+        statuses,
+        which,
+        extra,
+    )
+    _load_cells.place(
+        wrenches,
+        which,
+        extra,
+        np.ones(1),
+        _vector(memory, table, 6)[0],
+        _stack(memory, table, 7),
+        _matrix(memory, table, 8),
+        _matrix(memory, table, 9),
+        _matrix(memory, table, 10),
+        located,
+        covariances,
+    )
+    estimate_many(located, covariances, statuses, nodes, corners, settings, state, True, row.reshape((1, len(row))))
+
+
+@entry
+def force_torque(inputs, memory, table, unused, noises, nodes, corners, settings, state, row):
+    """Inputs (18,): reading, rotation, acceleration; noises (1, 6, 6) for a sensor that knows none, else (0, 6, 6)."""
+    wrenches, statuses, located = np.empty((1, 6)), np.empty(1, np.int8), np.empty((1, 6))
+    rotations, accelerations = inputs[6:15].reshape((1, 3, 3)), inputs[15:].reshape((1, 3))
+    load, covariances = _vector(memory, table, 1), np.empty((1, 6, 6))
+    _compensation.compensate(
+        inputs[:6].reshape((1, 6)),
+        rotations,
+        accelerations,
+        _vector(memory, table, 0),
+        load,
+        _vector(memory, table, 2),
+        _vector(memory, table, 3)[0] == 1.0,
+        wrenches,
+        statuses,
+    )
+    _compensation.place(
+        wrenches,
+        rotations,
+        accelerations,
+        np.zeros((1, 1)),
+        np.ones(1),
+        load,
+        _matrix(memory, table, 4),
+        _matrix(memory, table, 5),
+        _matrix(memory, table, 6),
+        _matrix(memory, table, 7),
+        _stack(memory, table, 8),
+        located,
+        covariances,
+    )
+    each = noises if len(noises) > 0 else covariances
+    estimate_many(located, each, statuses, nodes, corners, settings, state, True, row.reshape((1, len(row))))
