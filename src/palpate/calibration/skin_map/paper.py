@@ -27,14 +27,15 @@ from palpate.surfaces.mesh import Mesh
 __all__ = ["Reading", "paper_map", "paper_surface"]
 
 Reading = Literal["literal", "greville"]
+_PLANES = 10  # of either family, as in the paper
 
 
 def paper_surface(
     chart: Chart,
     triangles: Float[np.ndarray, "f 3 3"],
     span: tuple[float, float],
-    n: int = 10,
-    m: int = 10,
+    n: int = _PLANES,
+    m: int = _PLANES,
     reading: Reading = "literal",
 ) -> BSplineSurface:
     """The surface of Algorithm 1 from n planes across the axis, within `span` [m], and m through it.
@@ -83,8 +84,6 @@ def paper_map(
     origin: ArrayLike,
     heading: ArrayLike,
     planes: Planes | None = None,
-    n: int = 10,
-    m: int = 10,
     reading: Reading = "literal",
     provenance: Mapping[str, str] | None = None,
 ) -> SkinMap:
@@ -99,7 +98,7 @@ def paper_map(
     """
     foot, along, normal, body = placed(mesh, sheet, origin, heading)
     chart, span = full_sections(mesh, body, foot, planes)
-    surface = paper_surface(chart, mesh.vertices[mesh.faces[body]], span, n, m, reading)
+    surface = paper_surface(chart, mesh.vertices[mesh.faces[body]], span, reading=reading)
     along_u, along_v = (np.arange(sheet.rows) + 0.5) / sheet.rows, (np.arange(sheet.columns) + 0.5) / sheet.columns
     forward, up = along @ chart.axes[1] >= 0, np.cross(normal, along) @ chart.axes[2] >= 0
     turned = np.mod(0.5 + (along_v if forward else -along_v), 1.0)  # spokes begin behind the origin
@@ -107,6 +106,7 @@ def paper_map(
     tangents = surface.derivatives(uv)[..., 1:3, :]
     areas = np.linalg.norm(np.cross(tangents[..., 0, :], tangents[..., 1, :]), axis=-1) / (sheet.rows * sheet.columns)
     centres, normals = surface.at(uv)
+    counts = f"n = {_PLANES}, m = {_PLANES}"
     return SkinMap(
         centres + sheet.thickness * normals,
         normals,
@@ -114,6 +114,6 @@ def paper_map(
         sheet.pitch,
         surface=surface,
         uv=uv,
-        notes=(f"the paper's way, {reading}, n = {n}, m = {m}: cells are spread over the whole link, not unrolled",),
+        notes=(f"the paper's way, {reading}, {counts}: cells are spread over the whole link, not unrolled",),
         provenance=dict(provenance or {}),
     )
