@@ -178,7 +178,7 @@ def _lengths(small: bool) -> Iterator[Row]:
         exact, worst = 0.0, 0.0
         for heading in headings:
             start, ahead, points, normals = unrolled(shape, heading)
-            layout = lay(shape, start, ahead, (0.06, 0.01 * points.shape[1]), points.shape[:2])
+            layout = lay(shape, start, ahead, Sheet(*points.shape[:2], (0.01, 0.01)))
             place = shape.derivatives(layout.uv[1::2, 1::2])
             out = np.cross(place[..., 1, :], place[..., 2, :])
             exact = max(exact, 1e3 * float(np.linalg.norm(place[..., 0, :] - points, axis=-1).max()))
@@ -246,7 +246,8 @@ def _strain(link: Mesh | None, small: bool) -> Iterator[Row]:
         cases["the real wrist, 6 x 22"] = (found.surface, begin, HEADING, (6, 22))
     for name, (surface, begin, heading, cells) in cases.items():
         size = 0.01 * cells[0], 0.01 * cells[1]
-        ours = lay(surface, begin, heading, size, cells)
+        sheet = Sheet(*cells, (0.01, 0.01))
+        ours = lay(surface, begin, heading, sheet)
         same = general(surface, begin, heading, size, cells, 2, degree=3)
         got = f"{100 * ours.rms:.3f} % rms, {100 * ours.worst:.2f} % worst in {ours.rounds} rounds; {100 * same:.3f} %"
         what = f"least strain, {name}: rms against a general optimiser's over the same splines"
@@ -257,7 +258,7 @@ def _strain(link: Mesh | None, small: bool) -> Iterator[Row]:
         limit = np.sqrt(
             energies[-1] - (energies[-2] - energies[-1]) / 3.0
         )  # its error falls with the square of the step
-        finer = [lay(surface, begin, heading, size, cells, elements=len_) for len_ in (cells[1] // 2, cells[1], 128)]
+        finer = [lay(surface, begin, heading, sheet, elements=len_) for len_ in (cells[1] // 2, cells[1], 128)]
         got = f"bilinear general {', '.join(f'{100 * np.sqrt(e):.3f}' for e in energies)} -> {100 * limit:.3f} %; "
         got += f"ours with 1/2, 1, 2 elements a cell {', '.join(f'{100 * f.rms:.3f}' for f in finer)} %, "
         got += f"worst {', '.join(f'{100 * f.worst:.1f}' for f in finer)} %"

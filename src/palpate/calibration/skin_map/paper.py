@@ -16,8 +16,9 @@ from jaxtyping import Float
 from numpy.typing import ArrayLike
 
 from palpate.calibration.skin_map.chart import Chart
+from palpate.calibration.skin_map.layout import Sheet
 from palpate.calibration.skin_map.sections import cut
-from palpate.calibration.skin_map.sheet import Sheet, placed
+from palpate.calibration.skin_map.sheet import placed
 from palpate.calibration.skin_map.shell import Planes, full_sections
 from palpate.errors import GeometryError
 from palpate.sensors.skin_map import SkinMap

@@ -3,60 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
-from math import inf, isfinite
+from dataclasses import replace
+from math import inf
 from typing import Any, cast
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
 
-from palpate.calibration.skin_map.layout import Layout, lay
+from palpate.calibration.skin_map.layout import Layout, Sheet, lay
 from palpate.calibration.skin_map.shell import Mode, Planes, Shell, shell
 from palpate.errors import InputError, PalpateError
 from palpate.sensors.skin_map import SkinMap
-from palpate.surfaces.bspline import BSplineSurface
 from palpate.surfaces.mesh import Mesh
 
 __all__ = ["Sheet", "fit_stretch", "map_skin", "mapped", "placed"]
 
 _HELD = 0.10  # strain beyond which no sheet lies by itself
 _ASTRAY = 0.25  # of the cells may seem to lie beside the surface along geodesics: the layout may bring them back
-
-
-@dataclass(frozen=True)
-class Sheet:
-    """A flat sheet of cells before it is laid.
-
-    Attributes:
-        rows: of cells.
-        columns: of cells.
-        pitch: between rows, and between columns [m].
-        thickness: of what lies between the link and the sensing layer [m].
-        flip: rows increase to the right of the heading, seen from outside; else to the left.
-        stretch: by which it is pulled along its columns of cells (across rows), and along its rows; 1 is none.
-    """
-
-    rows: int
-    columns: int
-    pitch: tuple[float, float]
-    thickness: float = 0.0
-    flip: bool = False
-    stretch: tuple[float, float] = (1.0, 1.0)
-
-    def __post_init__(self) -> None:
-        if min(self.rows, self.columns) < 1:
-            raise InputError(f"a sheet of {self.rows} x {self.columns} cells has none.", where="sheet")
-        for name, values in {"cell": self.pitch, "stretch": self.stretch}.items():
-            if not all(isfinite(value) and value > 0 for value in values):
-                raise InputError(f"must be two positive numbers, not {values}.", where=name)
-        if not isfinite(self.thickness):
-            raise InputError(f"must be a number, not {self.thickness}.", where="thickness")
-
-    @property
-    def size(self) -> tuple[float, float]:
-        """Across rows and along them, as laid [m]."""
-        return self.rows * self.pitch[0] * self.stretch[0], self.columns * self.pitch[1] * self.stretch[1]
 
 
 def map_skin(
@@ -143,16 +107,14 @@ def mapped(found: Shell, sheet: Sheet, origin: Float[np.ndarray, "3"], heading: 
         InputError: a whole cell or more is without surface.
     """
     begin = found.surface.nearest(origin[None], found.chart.coordinates(origin[None])[:, :2])[0]
+    domain = found.surface.domain
     try:
-        cells = sheet.rows, sheet.columns
         layout = lay(
             found.surface,
             begin,
             heading,
-            sheet.size,
-            cells,
-            flip=sheet.flip,
-            bounds=_bounds(found.surface),
+            sheet,
+            bounds=(domain[0], (-inf, inf) if found.surface.periodic else domain[1]),
             look=lambda uv: _refuse_bare(found, uv, sheet, allowed=_ASTRAY * sheet.rows * sheet.columns),
         )
     except np.linalg.LinAlgError as problem:
@@ -172,10 +134,6 @@ def mapped(found: Shell, sheet: Sheet, origin: Float[np.ndarray, "3"], heading: 
         distance=found.distance,
         notes=(*found.notes, *_notes(found, layout, overlap)),
     )
-
-
-def _bounds(surface: BSplineSurface) -> tuple[tuple[float, float], tuple[float, float]]:
-    return surface.domain[0], (-inf, inf) if surface.periodic else surface.domain[1]
 
 
 def fit_stretch(
