@@ -97,11 +97,11 @@ def paper_map(
         InputError: the origin is off the surface.
         GeometryError: there are no complete sections about an axis.
     """
-    foot, along, normal, body = placed(mesh, sheet, origin, heading)
-    chart, span = full_sections(mesh, body, foot, planes)
-    surface = paper_surface(chart, mesh.vertices[mesh.faces[body]], span, reading=reading)
+    site = placed(mesh, sheet, origin, heading)
+    chart, span = full_sections(site, planes)
+    surface = paper_surface(chart, site.triangles, span, reading=reading)
     along_u, along_v = (np.arange(sheet.rows) + 0.5) / sheet.rows, (np.arange(sheet.columns) + 0.5) / sheet.columns
-    forward, up = along @ chart.axes[1] >= 0, np.cross(normal, along) @ chart.axes[2] >= 0
+    forward, up = site.heading @ chart.axes[1] >= 0, np.cross(site.normal, site.heading) @ chart.axes[2] >= 0
     turned = np.mod(0.5 + (along_v if forward else -along_v), 1.0)  # spokes begin behind the origin
     uv = np.stack(np.meshgrid(along_u if up != sheet.flip else 1.0 - along_u, turned, indexing="ij"), axis=-1)
     tangents = surface.derivatives(uv)[..., 1:3, :]

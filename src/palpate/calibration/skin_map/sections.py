@@ -8,7 +8,7 @@ from typing import Any, Literal, cast
 import numpy as np
 from jaxtyping import Float, Int
 
-from palpate.calibration.skin_map.chart import Chart
+from palpate.calibration.skin_map.chart import Chart, wrapped
 
 __all__ = ["Sections", "cut"]
 
@@ -94,9 +94,7 @@ def _crossings(
         offset = np.where(backward, _between(b[:, 0], a[:, 0], b, a, v[line])[:, 1], offset)
         return line, segment, offset
     angle = np.arctan2(ends[..., 1], ends[..., 0])
-    turn: Float[np.ndarray, " s"] = (
-        np.mod(angle[:, 1] - angle[:, 0] + np.pi, 2 * np.pi) - np.pi
-    )  # a segment is seen under less than half a turn
+    turn = wrapped(angle[:, 1] - angle[:, 0])  # a segment is seen under less than half a turn
     begin = np.where(turn >= 0, angle[:, 0], angle[:, 0] + turn)
     begin = v[0] + np.mod(begin - v[0], 2 * np.pi)
     tiled = np.concatenate([v, v + 2 * np.pi])

@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
 
 from palpate.calibration.skin_map.layout import Layout, Sheet, lay
-from palpate.calibration.skin_map.shell import Mode, Planes, Shell, shell
+from palpate.calibration.skin_map.shell import Mode, Planes, Shell, Site, shell
 from palpate.errors import InputError, PalpateError
 from palpate.sensors.skin_map import SkinMap
 from palpate.surfaces.mesh import Mesh
@@ -54,30 +54,29 @@ def map_skin(
             surface under it.
         GeometryError: the mesh cannot be cut by two families of planes about the origin.
     """
-    foot, along, normal, body = placed(mesh, sheet, origin, heading)
+    site = placed(mesh, sheet, origin, heading)
     point = np.asarray(origin, dtype=np.float64)
     signed = (-sheet.size[0] if sheet.flip else sheet.size[0]), sheet.size[1]
     notes: tuple[str, ...] = ()
-    if len(body) < len(mesh.faces):
-        notes = (f"{len(mesh.faces) - len(body)} facets of other bodies than the origin's passed over",)
+    if len(site.facets) < len(mesh.faces):
+        notes = (f"{len(mesh.faces) - len(site.facets)} facets of other bodies than the origin's passed over",)
 
-    def on(facets: Int[np.ndarray, " f"]) -> SkinMap:
-        found = shell(mesh, facets, foot, along, normal, signed, mode=mode, planes=planes, control=control)
-        return mapped(found, sheet, point, along)
+    def on(here: Site) -> SkinMap:
+        return mapped(shell(here, signed, mode=mode, planes=planes, control=control), sheet, point, site.heading)
 
     try:
-        result = on(body)
+        result = on(site)
     except PalpateError as refusal:
-        result = None if len(body) == len(mesh.faces) else _else(on, np.arange(len(mesh.faces)))
+        result = (
+            None if len(site.facets) == len(mesh.faces) else _else(on, replace(site, facets=np.arange(len(mesh.faces))))
+        )
         if result is None:
             raise refusal
         notes = ("the outermost of all bodies is taken: the origin's alone does not carry the sheet",)
     return replace(result, notes=(*notes, *result.notes), provenance=dict(provenance or {}))
 
 
-def placed(
-    mesh: Mesh, sheet: Sheet, origin: ArrayLike, heading: ArrayLike
-) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"], Float[np.ndarray, "3"], Int[np.ndarray, " f"]]:
+def placed(mesh: Mesh, sheet: Sheet, origin: ArrayLike, heading: ArrayLike) -> Site:
     """The sheet's corner on the mesh, its heading there, the outward normal, and the facets of the body it lies on.
 
     Raises:
@@ -88,13 +87,13 @@ def placed(
     along = direction - normal * (direction @ normal)
     if not np.linalg.norm(along) > 1e-2 * np.linalg.norm(direction):
         raise InputError("points along the normal of the surface.", where="heading", hint="Give one along it.")
-    return foot, along / np.linalg.norm(along), normal, _body(mesh, facet)
+    return Site(mesh, _body(mesh, facet), foot, along / np.linalg.norm(along), normal)
 
 
-def _else(on: Callable[[Int[np.ndarray, " f"]], SkinMap], facets: Int[np.ndarray, " f"]) -> SkinMap | None:
+def _else(on: Callable[[Site], SkinMap], site: Site) -> SkinMap | None:
     """Patches that share no vertex may be one link all the same, if the sheet then lies well."""
     try:
-        result = on(facets)
+        result = on(site)
     except PalpateError:
         return None
     return result if abs(result.strain[1]) < _HELD else None
