@@ -15,6 +15,7 @@ from functools import cache
 import numpy as np
 
 import palpate
+from evidence import cell_faults
 from evidence.row import Row
 from palpate.calibration.load_cells import CalibrationOptions, LoadCellCalibration, identify_load_cells
 from palpate.contact.resolution import WANTED, resolution
@@ -22,7 +23,6 @@ from palpate.sensors.load_cell_array import LoadCellArray
 from palpate.sensors.load_cell_faults import Fault
 from palpate.sensors.load_cell_zero import Zero, take_zero
 from palpate.sensors.load_cells import VOLTAGE, LoadCells
-from palpate.simulation import cell_faults
 from palpate.simulation.ball_on_ellipse import pressed_wrench
 from palpate.simulation.cell_array import in_line
 from palpate.simulation.contacts import contact_wrenches
