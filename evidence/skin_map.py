@@ -178,7 +178,7 @@ def _lengths(small: bool) -> Iterator[Row]:
         exact, worst = 0.0, 0.0
         for heading in headings:
             start, ahead, points, normals = unrolled(shape, heading)
-            layout = lay(shape, start, ahead, Sheet(*points.shape[:2], (0.01, 0.01)))
+            layout = lay(shape, start, ahead, Sheet(points.shape[0], points.shape[1], (0.01, 0.01)))
             place = shape.derivatives(layout.uv[1::2, 1::2])
             out = np.cross(place[..., 1, :], place[..., 2, :])
             exact = max(exact, 1e3 * float(np.linalg.norm(place[..., 0, :] - points, axis=-1).max()))

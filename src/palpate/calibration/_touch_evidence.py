@@ -93,7 +93,8 @@ class Evidence(ABC):
         noise = lever @ self.covariances @ np.swapaxes(lever, 1, 2)
         place = self.spreads.placement**2 * force @ np.swapaxes(force, 1, 2)
         spin = self.spreads.torsion**2 * square * normals[:, :, None] * normals[:, None, :]
-        return np.linalg.inv(np.linalg.cholesky(noise + place + spin + FLOOR**2 * square * np.eye(3)))
+        whole: np.ndarray = noise + place + spin + FLOOR**2 * square * np.eye(3)
+        return np.linalg.inv(np.linalg.cholesky(whole))
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from tyro.conf import FlagCreatePairsOff, arg
@@ -113,7 +113,7 @@ def map_skin(mesh: MeshFile, /, output: Output, options: Annotated[Options, arg(
     flat, planes, origin, heading = options.laid(link)
     said = {name: None if value == "" else value for name, value in vars(options).items() if name != "known"}
     record = provenance({"mesh": mesh}, said | {"stretch": ",".join(repr(side) for side in flat.stretch)})
-    place = {"origin": origin, "heading": heading, "planes": planes, "provenance": record}
+    place: dict[str, Any] = {"origin": origin, "heading": heading, "planes": planes, "provenance": record}
     if options.method == "paper":
         skin = paper_map(link, flat, **place)
     else:

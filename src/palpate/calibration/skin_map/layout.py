@@ -314,19 +314,15 @@ class _Problem:
         step = np.zeros(len(band))
         local = [part for base in ((self.by, self.dy), (self.bx, self.dx)) for part in _narrow(*base)]
         _strain.normal_equations(*state, *local, *strides, band, step)
-        _hold(band, *anchor, strides[1])
+        _hold(band, anchor, strides[1])
         if not _band.solve_band(band, step):
             raise np.linalg.LinAlgError("the strain does not determine the layout")
         return step.reshape(rows, columns, 2) if rows > columns else np.swapaxes(step.reshape(columns, rows, 2), 0, 1)
 
 
-def _hold(
-    band: Float[np.ndarray, "k n"],
-    share: Float[np.ndarray, " b"],
-    side: Float[np.ndarray, "2"],
-    stride: int,
-) -> None:
+def _hold(band: Float[np.ndarray, "k n"], anchor: _Anchor, stride: int) -> None:
     """Stiff springs: on the sheet's corner, and across the heading on a point of the first edge."""
+    share, side = anchor
     stiff = 1e6 * float(band[:, 0].max())
     band[:2, 0] += stiff
     near = np.flatnonzero(np.abs(share) > 1e-9)

@@ -83,7 +83,16 @@ def placed(mesh: Mesh, sheet: Sheet, origin: ArrayLike, heading: ArrayLike) -> S
         InputError: the origin is off the surface, or the heading along the normal.
     """
     point, direction = _vector(origin, "origin"), _vector(heading, "heading")
-    foot, normal, facet = _foot(mesh, point, sheet)
+    feet, normals, facets = mesh.project(point[None])
+    foot, facet = feet[0], int(facets[0])
+    off = float(np.linalg.norm(foot - point))
+    if off > 0.5 * min(sheet.pitch):
+        raise InputError(
+            f"lies {1e3 * off:.1f} mm off the surface.",
+            where="origin",
+            hint=f"The nearest point of the mesh is {','.join(f'{x:.5f}' for x in foot)} m; is the unit right?",
+        )
+    normal = normals[0] * _side(mesh, foot, normals[0])
     along = direction - normal * (direction @ normal)
     if not np.linalg.norm(along) > 1e-2 * np.linalg.norm(direction):
         raise InputError("points along the normal of the surface.", where="heading", hint="Give one along it.")
@@ -186,21 +195,6 @@ def _vector(values: ArrayLike, name: str) -> Float[np.ndarray, "3"]:
     return vector
 
 
-def _foot(
-    mesh: Mesh, origin: Float[np.ndarray, "3"], sheet: Sheet
-) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"], int]:
-    """The point of the mesh under the origin, the outward normal there, and its facet."""
-    foot, normal, facet = mesh.project(origin[None])
-    off = float(np.linalg.norm(foot[0] - origin))
-    if off > 0.5 * min(sheet.pitch):
-        raise InputError(
-            f"lies {1e3 * off:.1f} mm off the surface.",
-            where="origin",
-            hint=f"The nearest point of the mesh is {_shown(foot[0])} m; is the unit right?",
-        )
-    return foot[0], normal[0] * _side(mesh, foot[0], normal[0]), int(facet[0])
-
-
 def _side(mesh: Mesh, origin: Float[np.ndarray, "3"], normal: Float[np.ndarray, "3"]) -> float:
     """1 where the normal leaves the body, -1 where it enters it: what winding says, unless the line there does not."""
     a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
@@ -221,14 +215,11 @@ def _side(mesh: Mesh, origin: Float[np.ndarray, "3"], normal: Float[np.ndarray, 
 
 def _body(mesh: Mesh, facet: int) -> Int[np.ndarray, " f"]:
     """The facets that hang together with one of them by their vertices."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
+    import trimesh
 
-    start, end = mesh.faces[:, :2].reshape(-1), mesh.faces[:, 1:].reshape(-1)
-    graph = coo_array(
-        (np.ones(len(start), dtype=np.int8), (start, end)), shape=(len(mesh.vertices), len(mesh.vertices))
-    )
-    body = connected_components(graph, directed=False)[1][mesh.faces[:, 0]]
+    edges = mesh.faces[:, [0, 1, 1, 2]].reshape(-1, 2)
+    bodies: np.ndarray = trimesh.graph.connected_component_labels(edges, node_count=len(mesh.vertices))
+    body = bodies[mesh.faces[:, 0]]
     return np.flatnonzero(body == body[facet])
 
 
@@ -307,7 +298,3 @@ def _notes(found: Shell, layout: Layout, overlap: Bool[np.ndarray, "r c"]) -> tu
     if abs(layout.worst) > _HELD:
         notes.append(f"the sheet would have to stretch by {100 * layout.worst:.0f} %: does it lie on this shape?")
     return tuple(notes)
-
-
-def _shown(point: Float[np.ndarray, "3"]) -> str:
-    return ",".join(f"{value:.5f}" for value in point)

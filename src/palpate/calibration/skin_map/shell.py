@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float, Int
 
 from palpate.calibration.skin_map.chart import Chart, flat_chart, round_chart, wrapped
 from palpate.calibration.skin_map.fit import fit
-from palpate.calibration.skin_map.knots import Breaks, breaks_at, clusters, knots_of, refined
+from palpate.calibration.skin_map.knots import Breaks, Fitted, Span, breaks_at, clusters, refined
 from palpate.calibration.skin_map.sections import Sections, cut
 from palpate.errors import GeometryError
 from palpate.surfaces.bspline import BSplineSurface, solve_tangent
@@ -20,11 +20,9 @@ from palpate.surfaces.mesh import Mesh
 __all__ = ["Mode", "Planes", "Shell", "Site", "full_sections", "shell"]
 
 Mode = Literal["facets", "vertices"]
-Span = tuple[float, float]
 Vector = Float[np.ndarray, "3"]
 Points = Float[np.ndarray, "k 3"]
 Places = Float[np.ndarray, " _"]
-Fitted = tuple[BSplineSurface, Float[np.ndarray, " k"]]  # and how far each point lies off it
 _ROWS, _SPOKES = 32, 96  # planes of either family that look at the mesh
 _SEEN = np.cos(np.radians(65.0))  # facets that are steeper to a flat chart's lines are not seen from one side
 _COARSE = 3e-5  # m between a chord and its arc: below it facets and vertices are the same, and arcs are taken
@@ -397,7 +395,7 @@ def _along_facets(
     periodic, span, steps = window.periodic, window.span, window.steps
 
     def fitted(breaks: Breaks) -> Fitted:
-        surface = fit(window.chart, knots_of(breaks, periodic), points, normals, uv, periodic=periodic)
+        surface = fit(window.chart, breaks, points, normals, uv, periodic=periodic)
         return surface, np.einsum("ki,ki->k", points - surface.derivatives(uv)[:, 0], normals)
 
     begin = (4, 21) if periodic else (5, 9)
@@ -421,12 +419,11 @@ def _through_vertices(window: _Window, vertices: Points, normals: Points, apart:
     target = chart.coordinates(vertices)
     breaks, degree = _sampled(target, apart, window)
     uv = target[:, :2].copy()
-    knots = knots_of(breaks, periodic, degree)
-    surface = fit(chart, knots, vertices, normals, uv, periodic=periodic, degree=degree)
+    surface = fit(chart, breaks, vertices, normals, uv, periodic=periodic, degree=degree)
     for _ in range(2):
         found, normals = surface.at(uv)
         uv = uv + chart.between(chart.coordinates(found), target)  # its lines are nearly, not quite, the spline's
-        surface = fit(chart, knots, vertices, normals, uv, periodic=periodic, degree=degree)
+        surface = fit(chart, breaks, vertices, normals, uv, periodic=periodic, degree=degree)
     return surface, np.einsum("ki,ki->k", vertices - surface.at(uv)[0], normals)
 
 
