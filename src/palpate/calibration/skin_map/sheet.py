@@ -57,21 +57,18 @@ def map_skin(
     site = placed(mesh, sheet, origin, heading)
     point = np.asarray(origin, dtype=np.float64)
     signed = (-sheet.size[0] if sheet.flip else sheet.size[0]), sheet.size[1]
-    notes: tuple[str, ...] = ()
-    if len(site.facets) < len(mesh.faces):
-        notes = (f"{len(mesh.faces) - len(site.facets)} facets of other bodies than the origin's passed over",)
+    others = len(mesh.faces) - len(site.facets)
+    notes = (f"{others} facets of other bodies than the origin's passed over",) if others else ()
 
     def on(here: Site) -> SkinMap:
         return mapped(shell(here, signed, mode=mode, planes=planes, control=control), sheet, point, site.heading)
 
     try:
         result = on(site)
-    except PalpateError as refusal:
-        result = (
-            None if len(site.facets) == len(mesh.faces) else _else(on, replace(site, facets=np.arange(len(mesh.faces))))
-        )
+    except PalpateError:
+        result = _else(on, replace(site, facets=np.arange(len(mesh.faces)))) if others else None
         if result is None:
-            raise refusal
+            raise
         notes = ("the outermost of all bodies is taken: the origin's alone does not carry the sheet",)
     return replace(result, notes=(*notes, *result.notes), provenance=dict(provenance or {}))
 
@@ -218,8 +215,8 @@ def _body(mesh: Mesh, facet: int) -> Int[np.ndarray, " f"]:
     import trimesh
 
     edges = mesh.faces[:, [0, 1, 1, 2]].reshape(-1, 2)
-    bodies: np.ndarray = trimesh.graph.connected_component_labels(edges, node_count=len(mesh.vertices))
-    body = bodies[mesh.faces[:, 0]]
+    labels = cast("Any", trimesh.graph).connected_component_labels(edges, node_count=len(mesh.vertices))
+    body: np.ndarray = labels[mesh.faces[:, 0]]
     return np.flatnonzero(body == body[facet])
 
 
