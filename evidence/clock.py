@@ -1,6 +1,6 @@
 """Clock and inertia: poses whose stamps are off, slow poses under quick wrenches, arms that move.
 
-Truth is `palpate.simulation.moving`: orientation, position and acceleration in closed form, forces by Newton and Euler.
+Truth is `evidence.moving`: orientation, position and acceleration in closed form, forces by Newton and Euler.
 A load of 0.5 kg hangs 45 mm off the sensor; noise is 0.02 N, and 0.01 degrees and 0.1 mm for poses.
 """
 
@@ -12,13 +12,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from evidence.moving import Swing, moving_wrenches
 from evidence.row import Row
 from palpate import Payload, Recording
 from palpate.calibration.clock import identify_offset
 from palpate.sensors.motion import Motion
 from palpate.sensors.pose_track import PoseTrack
 from palpate.sensors.recording import ACCELERATION, FORCE, ORIENTATION, POSITION, TORQUE, UNSTEADY
-from palpate.simulation.moving import Swing, moving_wrenches
 from palpate.simulation.session import GRAVITY, Load
 from palpate.spatial.pose import rotation_from_quaternion
 

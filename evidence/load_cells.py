@@ -15,14 +15,14 @@ from functools import cache
 import numpy as np
 
 import palpate
+from evidence import cell_faults
 from evidence.row import Row
-from palpate.calibration.load_cells import LoadCellCalibration, identify_load_cells
+from palpate.calibration.load_cells import CalibrationOptions, LoadCellCalibration, identify_load_cells
 from palpate.contact.resolution import WANTED, resolution
 from palpate.sensors.load_cell_array import LoadCellArray
 from palpate.sensors.load_cell_faults import Fault
 from palpate.sensors.load_cell_zero import Zero, take_zero
 from palpate.sensors.load_cells import VOLTAGE, LoadCells
-from palpate.simulation import cell_faults
 from palpate.simulation.ball_on_ellipse import pressed_wrench
 from palpate.simulation.cell_array import in_line
 from palpate.simulation.contacts import contact_wrenches
@@ -303,7 +303,8 @@ def _starts(count: int) -> Iterator[Row]:
         maps = [np.concatenate([gain, np.cross(place, gain.T).T]) for gain, place in zip(gains, places, strict=True)]
         try:
             found = identify_load_cells(
-                run.time, run.voltages, run.force, run.position, SURFACE, start=np.concatenate(maps, axis=1)
+                *(run.time, run.voltages, run.force, run.position, SURFACE),
+                options=CalibrationOptions(start=np.concatenate(maps, axis=1)),
             )
         except palpate.PalpateError:
             failed += 1
@@ -312,7 +313,7 @@ def _starts(count: int) -> Iterator[Row]:
         fingertip = palpate.WrenchEstimator(palpate.Locator(SURFACE), sensor)
         led += any("not followed" in note for note in found.notes)
         points.append(fingertip.run(palpate.Recording(np.zeros(49), {VOLTAGE: wrenches})).point)
-        costs.append(found.cost)
+        costs.append(found.fit.cost)
     spread = float(np.linalg.norm(np.ptp(points, axis=0), axis=1).max())
     relative = float(np.ptp(costs) / np.min(costs))
     got = f"{1e9 * spread:.3g} nm, cost to {relative:.1e}; {count - failed} of {count} settle, " + (
@@ -489,7 +490,8 @@ def _sentences() -> Iterator[Row]:
         volts = log.voltages if volts is None else volts
         try:
             identify_load_cells(
-                log.time[part], volts[part], log.force[part], log.position[part], SURFACE, positions=places
+                *(log.time[part], volts[part], log.force[part], log.position[part], SURFACE),
+                options=CalibrationOptions(positions=places),
             )
             got, met = "accepted", False
         except palpate.PalpateError as refusal:

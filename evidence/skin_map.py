@@ -15,7 +15,7 @@ from palpate.calibration.skin_map import Sheet, lay, map_skin
 from palpate.calibration.skin_map.paper import paper_surface
 from palpate.calibration.skin_map.sections import cut
 from palpate.calibration.skin_map.sheet import placed
-from palpate.calibration.skin_map.shell import full_sections, shell
+from palpate.calibration.skin_map.shell import Site, full_sections, shell
 from palpate.sensors.skin_map import SkinMap
 from palpate.surfaces import Mesh
 from palpate.surfaces.bspline import BSplineSurface
@@ -65,10 +65,10 @@ def _table_2(link: Mesh, small: bool) -> Iterator[Row]:
 
 def table(link: Mesh, small: bool) -> Iterator[tuple[str, str, np.ndarray, float, tuple[float, float] | None]]:
     """For every way its name, its target, min, mean, max [mm] to and from the mesh, its time [ms] and its limits."""
-    foot, along, normal, body = placed(link, SHEET, ORIGIN, HEADING)
-    chart, span = full_sections(link, body, foot)
-    triangles = link.vertices[link.faces[body]]
-    given = Mesh.from_arrays(link.vertices, link.faces[body], smooth=False)
+    site = placed(link, SHEET, ORIGIN, HEADING)
+    chart, span = full_sections(site)
+    triangles = site.triangles
+    given = Mesh.from_arrays(link.vertices, link.faces[site.facets], smooth=False)
     count = 30 if small else 90
     u, v = np.linspace(*span, count + 1), np.linspace(-np.pi, np.pi, 4 * count, endpoint=False)
     offsets = cut(chart, triangles, u, v).offset
@@ -87,7 +87,7 @@ def table(link: Mesh, small: bool) -> Iterator[tuple[str, str, np.ndarray, float
                 yield name, target, _both_ways(made(), given, outside, small), 1e3 * _best(made, 5), limits
 
     def ours() -> BSplineSurface:
-        return shell(link, body, foot, along, normal, SHEET.size, mode="facets").surface
+        return shell(site, SHEET.size, mode="facets").surface
 
     surface = ours()
     name = f"ours, along facets, {surface.points} control points"
@@ -124,10 +124,10 @@ def _best(made: Callable[[], object], times: int) -> float:
 
 
 def _time(link: Mesh, small: bool) -> Iterator[Row]:
-    foot, along, normal, body = placed(link, SHEET, ORIGIN, HEADING)
+    site = placed(link, SHEET, ORIGIN, HEADING)
     times = 5 if small else 30
     for mode in ("facets", "vertices"):
-        spline = 1e3 * _best(lambda mode=mode: shell(link, body, foot, along, normal, SHEET.size, mode=mode), times)
+        spline = 1e3 * _best(lambda mode=mode: shell(site, SHEET.size, mode=mode), times)
         whole = 1e3 * _best(lambda mode=mode: map_skin(link, SHEET, origin=ORIGIN, heading=HEADING, mode=mode), times)
         got = f"{spline:.1f} ms; {whole:.1f} ms with the layout and all else (best of {times}; the paper 344-766 ms)"
         passed = None if small else spline <= 15 and whole <= 100  # never judged where others may be running
@@ -158,7 +158,7 @@ def _against(mesh: Mesh, mode) -> tuple[np.ndarray, np.ndarray, str]:
     """Distances [mm] and angles [deg] of the spline from the smooth truth, over 60 of its 80 mm."""
     point = wristlike(np.array(-0.03), np.array(0.0))
     sides = np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])
-    found = shell(mesh, np.arange(len(mesh.faces)), point, sides[1], sides[0], (0.06, 0.22), mode=mode)
+    found = shell(Site(mesh, np.arange(len(mesh.faces)), point, sides[1], sides[0]), (0.06, 0.22), mode=mode)
     rng = np.random.default_rng(0)
     z, angle = rng.uniform(-0.03, 0.03, 5000), rng.uniform(-np.pi, np.pi, 5000)
     truth, step = wristlike(z, angle), 1e-6
@@ -178,7 +178,7 @@ def _lengths(small: bool) -> Iterator[Row]:
         exact, worst = 0.0, 0.0
         for heading in headings:
             start, ahead, points, normals = unrolled(shape, heading)
-            layout = lay(shape, start, ahead, (0.06, 0.01 * points.shape[1]), points.shape[:2])
+            layout = lay(shape, start, ahead, Sheet(points.shape[0], points.shape[1], (0.01, 0.01)))
             place = shape.derivatives(layout.uv[1::2, 1::2])
             out = np.cross(place[..., 1, :], place[..., 2, :])
             exact = max(exact, 1e3 * float(np.linalg.norm(place[..., 0, :] - points, axis=-1).max()))
@@ -246,7 +246,8 @@ def _strain(link: Mesh | None, small: bool) -> Iterator[Row]:
         cases["the real wrist, 6 x 22"] = (found.surface, begin, HEADING, (6, 22))
     for name, (surface, begin, heading, cells) in cases.items():
         size = 0.01 * cells[0], 0.01 * cells[1]
-        ours = lay(surface, begin, heading, size, cells)
+        sheet = Sheet(*cells, (0.01, 0.01))
+        ours = lay(surface, begin, heading, sheet)
         same = general(surface, begin, heading, size, cells, 2, degree=3)
         got = f"{100 * ours.rms:.3f} % rms, {100 * ours.worst:.2f} % worst in {ours.rounds} rounds; {100 * same:.3f} %"
         what = f"least strain, {name}: rms against a general optimiser's over the same splines"
@@ -257,7 +258,7 @@ def _strain(link: Mesh | None, small: bool) -> Iterator[Row]:
         limit = np.sqrt(
             energies[-1] - (energies[-2] - energies[-1]) / 3.0
         )  # its error falls with the square of the step
-        finer = [lay(surface, begin, heading, size, cells, elements=len_) for len_ in (cells[1] // 2, cells[1], 128)]
+        finer = [lay(surface, begin, heading, sheet, elements=len_) for len_ in (cells[1] // 2, cells[1], 128)]
         got = f"bilinear general {', '.join(f'{100 * np.sqrt(e):.3f}' for e in energies)} -> {100 * limit:.3f} %; "
         got += f"ours with 1/2, 1, 2 elements a cell {', '.join(f'{100 * f.rms:.3f}' for f in finer)} %, "
         got += f"worst {', '.join(f'{100 * f.worst:.1f}' for f in finer)} %"

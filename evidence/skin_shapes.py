@@ -13,15 +13,57 @@ from scipy.integrate import quad
 from scipy.interpolate import CubicHermiteSpline
 
 from palpate.surfaces import Mesh
+from palpate.surfaces.bspline import solve_tangent
 
-__all__ = ["Cone", "Elliptic", "Sphere", "Torus", "round_mesh", "wristlike"]
+__all__ = ["Cone", "Elliptic", "Exact", "Sphere", "Torus", "march", "round_mesh", "wristlike"]
 
 
 def _stack(*parts: np.ndarray) -> np.ndarray:
     return np.stack(np.broadcast_arrays(*parts), axis=-1)
 
 
-class Cone:
+class Exact:
+    """Derivatives in closed form, and geodesics by a loop over them: the oracle of the compiled one."""
+
+    def derivatives(self, uv: np.ndarray) -> np.ndarray:
+        """Position and its derivatives, as a surface gives them."""
+        raise NotImplementedError
+
+    def geodesics(self, begin: np.ndarray, step: float, steps: int) -> tuple[np.ndarray, np.ndarray]:
+        """As of `BSplineSurface`."""
+        return march(self.derivatives, begin, step, steps)
+
+
+def march(
+    derivatives: Callable[[np.ndarray], np.ndarray], begin: np.ndarray, h: float, steps: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """States (u, v, u', v', J, J') along geodesics and their slopes, by Runge and Kutta's fourth."""
+    states, slopes = [begin], [_slope(derivatives, begin)]
+    for _ in range(steps):
+        y, k1 = states[-1], slopes[-1]
+        k2 = _slope(derivatives, y + 0.5 * h * k1)
+        k3 = _slope(derivatives, y + 0.5 * h * k2)
+        k4 = _slope(derivatives, y + h * k3)
+        states.append(y + h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4))
+        slopes.append(_slope(derivatives, states[-1]))
+    return np.stack(states), np.stack(slopes)
+
+
+def _slope(derivatives: Callable[[np.ndarray], np.ndarray], state: np.ndarray) -> np.ndarray:
+    """A geodesic's acceleration has no part along the surface; J'' = -K J."""
+    found = derivatives(state[:, :2])
+    du, dv = state[:, 2:3], state[:, 3:4]
+    bend = du * du * found[:, 3] + 2.0 * du * dv * found[:, 4] + dv * dv * found[:, 5]
+    turn = -solve_tangent(found[:, 1:3], bend)
+    n = np.cross(found[:, 1], found[:, 2])
+    square = np.einsum("ni,ni->n", n, n)
+    uu, uv, vv = (np.einsum("ni,ni->n", found[:, i], n) for i in (3, 4, 5))
+    curvature = (uu * vv - uv * uv) / (square * square)
+    rest = np.stack([state[:, 5], -curvature * state[:, 4]], axis=1)
+    return np.concatenate([state[:, 2:4], turn, rest], axis=1)
+
+
+class Cone(Exact):
     """A cone (a cylinder where the angle is 0) about z: u along a side from a circle of radius R, v clockwise."""
 
     def __init__(self, radius: float, degrees: float) -> None:
@@ -56,7 +98,7 @@ class Cone:
         return _stack(r * np.cos(angle), r * np.sin(angle), z)
 
 
-class Elliptic:
+class Elliptic(Exact):
     """A cylinder over an ellipse about z: u the height, v the ellipse's own angle, clockwise."""
 
     def __init__(self, a: float, b: float) -> None:
@@ -93,7 +135,7 @@ class Elliptic:
         return _stack(self.a * np.cos(angle), self.b * np.sin(angle), z)
 
 
-class Sphere:
+class Sphere(Exact):
     """About the origin: u northward as a length from the equator, v westward."""
 
     def __init__(self, radius: float) -> None:
@@ -111,7 +153,7 @@ class Sphere:
         return _stack(r * np.cos(angle), r * np.sin(angle), z)
 
 
-class Torus:
+class Torus(Exact):
     """A bent tube: u round the tube as a length from the outermost circle, v westward about z."""
 
     def __init__(self, radius: float, tube: float) -> None:

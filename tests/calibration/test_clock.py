@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from evidence.moving import Swing, moving_wrenches
 from palpate.calibration.clock import ClockOffset, identify_offset
 from palpate.errors import InputError, NotIdentifiable
 from palpate.sensors import Payload
 from palpate.sensors.pose_track import PoseTrack
-from palpate.simulation.moving import Swing, moving_wrenches
 from palpate.simulation.session import GRAVITY, Load
 from palpate.spatial.pose import rotation_from_quaternion
 

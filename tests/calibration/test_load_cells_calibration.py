@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from palpate.calibration._load_cell_fit import Touches, residuals
-from palpate.calibration.load_cells import LoadCellCalibration, identify_load_cells
+from palpate.calibration.load_cells import CalibrationOptions, LoadCellCalibration, identify_load_cells
 from palpate.errors import InputError, NotIdentifiable
 from palpate.simulation.cell_array import in_line
 from palpate.simulation.load_cell_bench import BENCHES, Bench, BenchRun
@@ -17,6 +17,7 @@ from palpate.surfaces import EllipticCylinder
 
 SURFACE = EllipticCylinder(a=14e-3, b=5e-3, half_length=16e-3, upper=True)
 RIGID, SOFT = BENCHES["rigid"], BENCHES["soft layer"]
+USUAL = CalibrationOptions()
 
 
 @cache
@@ -29,9 +30,9 @@ def calibrated(bench: Bench = RIGID, indentation: bool = False) -> LoadCellCalib
     return fitted(log(bench), indentation=indentation)
 
 
-def fitted(run: BenchRun, **options: object) -> LoadCellCalibration:
+def fitted(run: BenchRun, options: CalibrationOptions = USUAL, *, indentation: bool = False) -> LoadCellCalibration:
     arrays = run.time, run.voltages, run.force, run.position
-    return identify_load_cells(*arrays, SURFACE, **options)  # pyright: ignore[reportArgumentType] - any option
+    return identify_load_cells(*arrays, SURFACE, indentation=indentation, options=options)
 
 
 def misses(bench: Bench, found: LoadCellCalibration) -> np.ndarray:
@@ -76,9 +77,9 @@ def test_every_start_ends_at_one_place() -> None:
         gains = rng.uniform(2.0, 30.0, (4, 1, 1)) * (np.eye(3) + 0.2 * rng.standard_normal((4, 3, 3)))
         places = array.position + 1e-3 * rng.standard_normal((4, 3))
         maps = [np.concatenate([gain, np.cross(place, gain.T).T]) for gain, place in zip(gains, places, strict=True)]
-        ends.append(fitted(log(), start=np.concatenate(maps, axis=1)))
+        ends.append(fitted(log(), CalibrationOptions(start=np.concatenate(maps, axis=1))))
     for end in ends:
-        assert end.cost == pytest.approx(calibrated().cost, rel=1e-6)
+        assert end.fit.cost == pytest.approx(calibrated().fit.cost, rel=1e-6)
         np.testing.assert_allclose(end.cells.matrix, calibrated().cells.matrix, rtol=1e-6, atol=1e-9)
 
 
@@ -93,17 +94,19 @@ def test_derivatives_are_those_of_differences(law: np.ndarray) -> None:
     force = -2.0 * normal + 0.5 * rng.normal(size=(count, 3))
     wrench = np.concatenate([force, np.cross(point, force)], axis=1) + 1e-3 * rng.normal(size=(count, 6))
     tangents = np.stack([first, np.cross(normal, first)], axis=1)
-    data = Touches(wrench, force, point, normal, tangents, 1e-3 * rng.normal(size=count))
+    torque, time = 1e-3 * rng.normal(size=count), np.arange(float(count))
+    data = Touches(time, np.zeros(count, dtype=np.int64), wrench, force, point, normal, tangents, torque)
     matrix = np.eye(6) + 0.01 * rng.normal(size=(6, 6))
-    _, by_wrench, by_law = residuals(data, matrix, law)
+    found = np.concatenate([matrix.reshape(-1), law])
+    _, by_wrench, by_law = residuals(data, found)
     for k in range(6):
-        step = np.zeros((6, 6))
-        step[k] = 1e-6  # of every entry of a row: dw_k = 1e-6 sum of the signal
-        change = residuals(data, matrix + step, law)[0] - residuals(data, matrix - step, law)[0]
+        step = np.zeros_like(found)
+        step[6 * k : 6 * k + 6] = 1e-6  # of every entry of a row: dw_k = 1e-6 sum of the signal
+        change = residuals(data, found + step)[0] - residuals(data, found - step)[0]
         due = by_wrench[:, :, k] * (2e-6 * wrench.sum(axis=1))[:, None]
         np.testing.assert_allclose(change, due, rtol=1e-4, atol=1e-11)
     for k, size in enumerate([1e-8, 1e-5][: len(law)]):
-        ends = [residuals(data, matrix, law + sign * size * np.eye(2)[k])[0] for sign in (1, -1)]
+        ends = [residuals(data, found + sign * size * np.eye(len(found))[36 + k])[0] for sign in (1, -1)]
         np.testing.assert_allclose(by_law[:, :, k], (ends[0] - ends[1]) / (2 * size), rtol=1e-4, atol=1e-8)
 
 
@@ -123,7 +126,7 @@ def test_cells_in_line_are_refused() -> None:
     with pytest.raises(NotIdentifiable, match="do not answer to torque about y"):
         fitted(line.run(0, thin=10))
     with pytest.raises(NotIdentifiable, match="in line along y"):
-        fitted(line.run(0, thin=10), positions=in_line(3))
+        fitted(line.run(0, thin=10), CalibrationOptions(positions=in_line(3)))
 
 
 def test_channels_are_named() -> None:
@@ -136,7 +139,7 @@ def test_channels_are_named() -> None:
     with pytest.raises(InputError, match=r"'u3x', 'u3y', 'u3z' moves .* another unit"):
         fitted(replace(run, voltages=unit))
     with pytest.raises(InputError, match="at its range"):
-        fitted(run, limits=np.tile([-0.1, 0.1], (12, 1)))
+        fitted(run, CalibrationOptions(limits=np.tile([-0.1, 0.1], (12, 1))))
 
 
 def test_a_corner_that_was_not_touched_is_named() -> None:

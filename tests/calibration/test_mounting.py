@@ -5,8 +5,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from palpate.calibration._pose_fit import offset
-from palpate.calibration._touch_evidence import KnownPoints, Touched, moved
-from palpate.calibration.mounting import Mounting, identify_mounting, mean_touches
+from palpate.calibration._touch_evidence import KnownPoints, moved
+from palpate.calibration.mounting import Mounting, Spreads, identify_mounting, mean_touches
 from palpate.errors import NotIdentifiable
 from palpate.simulation.contacts import contact_wrenches, directed_forces, touch_wrenches
 from palpate.simulation.shapes import Body, Ellipsoid
@@ -47,7 +47,7 @@ def test_exact_touches_give_the_exact_pose(mesh: Mesh) -> None:
     wrenches = contact_wrenches(
         points, BODY.normals(points), pressed(points, rng)[:, :3], np.zeros(12)
     )  # without torsion nothing is left over
-    found = identify_mounting(sensed(wrenches), mesh, initial=NOMINAL, points=points, placement=1e-6)
+    found = identify_mounting(sensed(wrenches), mesh, initial=NOMINAL, points=points, spreads=Spreads(placement=1e-6))
     # the prior draws by (posterior / prior)^2, about (1e-5 m / 1e-2 m)^2 of a millimetre
     assert np.abs(error(found)).max() < 1e-7
     assert set(found.observable) == AXES
@@ -66,7 +66,7 @@ def test_errors_are_as_large_as_the_covariance_says(mesh: Mesh) -> None:
         torsion = rng.normal(0.0, 2e-3, 10) * np.linalg.norm(wrenches[:, :3], axis=1)
         wrenches = contact_wrenches(points, normal, wrenches[:, :3], torsion)
         found = identify_mounting(
-            sensed(wrenches, rng), mesh, initial=NOMINAL, points=marks, noise=NOISE, placement=0.4e-3
+            sensed(wrenches, rng), mesh, initial=NOMINAL, points=marks, noise=NOISE, spreads=Spreads(placement=0.4e-3)
         )
         squares.append(error(found) @ np.linalg.solve(found.covariance, error(found)))
     # chi-square with 6 degrees of freedom: a mean of 6, known to sqrt(12 / 150) = 0.28; four of these
@@ -76,8 +76,8 @@ def test_errors_are_as_large_as_the_covariance_says(mesh: Mesh) -> None:
 def test_jacobian_is_the_slope_of_the_residual() -> None:
     rng = np.random.default_rng(1)
     points = BODY.sample(5, rng)
-    touched = Touched(sensed(pressed(points, rng)), np.zeros((5, 6, 6)), 1e-3, 2e-3, 0.2)
-    evidence = KnownPoints(touched, points, BODY.normals(points))
+    wrenches, spreads = sensed(pressed(points, rng)), Spreads(placement=1e-3)
+    evidence = KnownPoints(wrenches, np.zeros((5, 6, 6)), spreads, points, BODY.normals(points))
     pose, step = moved(TRUE, np.full(6, 0.01)), 1e-6
     slopes = [
         (evidence.residual(moved(pose, e)) - evidence.residual(moved(pose, -e))) / (2 * step) for e in np.eye(6) * step
@@ -170,7 +170,9 @@ def test_touches_anywhere_place_the_surface_within_the_covariance(mesh: Mesh) ->
     for seed in range(trials):
         rng = np.random.default_rng(seed)
         wrenches = sensed(_free(BODY, 40, 0.05, rng), rng)
-        found = identify_mounting(wrenches, mesh, initial=NOMINAL, noise=NOISE, friction=0.05, torsion=1e-3)
+        found = identify_mounting(
+            wrenches, mesh, initial=NOMINAL, noise=NOISE, spreads=Spreads(friction=0.05, torsion=1e-3)
+        )
         assert found.unobservable == ()
         squares.append(error(found) @ np.linalg.solve(found.covariance, error(found)))
     # a mean of 6, known to sqrt(12 / 12) = 1; three of these
@@ -190,7 +192,9 @@ def test_a_turn_that_changes_nothing_is_named_and_stays(
     rng = np.random.default_rng(7)
     body = Ellipsoid(axes)
     wrenches = sensed(_free(body, 30, 0.1, rng), rng)
-    found = identify_mounting(wrenches, Mesh.from_arrays(*body.mesh(2000)), initial=NOMINAL, noise=NOISE, friction=0.1)
+    found = identify_mounting(
+        wrenches, Mesh.from_arrays(*body.mesh(2000)), initial=NOMINAL, noise=NOISE, spreads=Spreads(friction=0.1)
+    )
     assert found.unobservable == blind
 
 

@@ -11,10 +11,9 @@ import trimesh
 from evidence.skin_general import general
 from evidence.skin_hard import box_link, holed, soup
 from evidence.skin_map import HEADING, ORIGIN, unrolled
-from evidence.skin_shapes import Cone, Elliptic, Sphere, Torus, round_mesh, wristlike
+from evidence.skin_shapes import Cone, Elliptic, Sphere, Torus, march, round_mesh, wristlike
 from palpate.calibration.skin_map import Planes, Sheet, fit_stretch, lay, map_skin
 from palpate.calibration.skin_map.chart import round_chart
-from palpate.calibration.skin_map.layout import _march
 from palpate.calibration.skin_map.paper import paper_map
 from palpate.calibration.skin_map.sections import cut
 from palpate.cli import main
@@ -45,13 +44,12 @@ def found(wrist_like: Mesh) -> SkinMap:
 @pytest.mark.parametrize("heading", [0.0, 35.0, 160.0])
 def test_a_sheet_unrolls_exactly_where_the_surface_is_developable(shape: Cone | Elliptic, heading: float) -> None:
     start, ahead, points, normals = unrolled(shape, heading)
-    size = 0.01 * points.shape[0], 0.01 * points.shape[1]
-    layout = lay(shape, start, ahead, size, (points.shape[0], points.shape[1]))
+    sheet = Sheet(points.shape[0], points.shape[1], (0.01, 0.01))
+    layout = lay(shape, start, ahead, sheet)
     place = shape.derivatives(layout.uv[1::2, 1::2])
     assert np.abs(place[..., 0, :] - points).max() < 1e-7  # Runge-Kutta of 2 mm steps: (2/35)^5 of 35 mm, summed
     assert layout.rms < 1e-6
     mesh = round_mesh(shape.point, 24, np.linspace(-0.15, 0.15, 11))
-    sheet = Sheet(points.shape[0], points.shape[1], (0.01, 0.01))
     cells = map_skin(mesh, sheet, origin=shape.derivatives(start)[0], heading=ahead, mode="vertices")
     assert np.linalg.norm(cells.centres - points, axis=-1).max() < 5e-6  # quintics through 24 vertices
     assert np.linalg.norm(np.cross(cells.normals, normals), axis=-1).max() < np.radians(0.02)
@@ -60,10 +58,10 @@ def test_a_sheet_unrolls_exactly_where_the_surface_is_developable(shape: Cone | 
 
 @pytest.mark.parametrize("shape", [Sphere(0.1), Torus(0.08, 0.06)])
 def test_strain_is_the_least_that_a_general_optimiser_finds(shape: Sphere | Torus) -> None:
-    arguments = (shape, np.array([-0.02, 0.0]), np.array([0.0, -1.0, 0.0]), (0.04, 0.06), (4, 6))
-    ours = lay(*arguments)
-    assert ours.rms == pytest.approx(general(*arguments, per_cell=2, degree=3), rel=0.02)
-    assert lay(*arguments, elements=24).rms == pytest.approx(ours.rms, rel=0.01)  # finer elements change little
+    where, sheet = (shape, np.array([-0.02, 0.0]), np.array([0.0, -1.0, 0.0])), Sheet(4, 6, (0.01, 0.01))
+    ours = lay(*where, sheet)
+    assert ours.rms == pytest.approx(general(*where, (0.04, 0.06), (4, 6), per_cell=2, degree=3), rel=0.02)
+    assert lay(*where, sheet, elements=24).rms == pytest.approx(ours.rms, rel=0.01)  # finer elements change little
 
 
 def test_the_exact_surface_and_the_compiled_geodesics_agree(wrist_like: Mesh, found: SkinMap) -> None:
@@ -71,7 +69,7 @@ def test_the_exact_surface_and_the_compiled_geodesics_agree(wrist_like: Mesh, fo
     assert found.surface is not None
     begin = np.array([[0.01, 0.2, 0.8, 9.0, 1.0, 0.0], [0.02, 3.1, -0.5, 20.0, 1.0, 0.0]])
     states, slopes = found.surface.geodesics(begin, 1e-3, 20)
-    ought, rising = _march(found.surface, begin, 1e-3, 20)
+    ought, rising = march(found.surface.derivatives, begin, 1e-3, 20)
     assert np.allclose(states, ought, rtol=1e-9, atol=1e-12)
     assert np.allclose(slopes, rising, rtol=1e-7, atol=1e-9)
 

@@ -15,13 +15,14 @@ import numpy as np
 import polars as pl
 
 from palpate.simulation.ball_on_ellipse import FINGERTIP
-from palpate.simulation.bench_files import voltage_columns, write_bench_log
 from palpate.simulation.load_cell_bench import BENCHES
 from palpate.simulation.session import Session, simulate_session
 from palpate.simulation.session_files import write_session
-from palpate.simulation.skin_session import simulate_protocol, write_skin_session
+from palpate.simulation.skin_session import simulate_protocol
 from palpate.spatial.pose import Pose
+from tests.support.bench_files import voltage_columns, write_bench_log
 from tests.support.simulated import Truth, base_poses, pressed, write_table
+from tests.support.skin_session_files import write_skin_session
 
 __all__ = ["SENSORS", "Files", "Sensor"]
 

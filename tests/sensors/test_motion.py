@@ -1,6 +1,6 @@
 """What an accelerated payload adds to a reading is taken off, or widens the covariance by as much; at rest neither.
 
-Truth is `palpate.simulation.moving`: positions and angles in closed form, forces by Newton and Euler.
+Truth is `evidence.moving`: positions and angles in closed form, forces by Newton and Euler.
 """
 
 from __future__ import annotations
@@ -15,13 +15,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from evidence.moving import Course, Swing, moving_wrenches
 from palpate.errors import InputError
 from palpate.sensors import Payload, motion
 from palpate.sensors._curvature import Settings, part_of, pose_period
 from palpate.sensors.motion import Motion
 from palpate.sensors.pose_track import PoseTrack
 from palpate.sensors.recording import ACCELERATION, FORCE, ORIENTATION, POSITION, TORQUE, UNSTEADY, Recording
-from palpate.simulation.moving import Course, Swing, moving_wrenches
 from palpate.simulation.session import GRAVITY, Load
 from palpate.spatial.pose import rotation_from_quaternion
 

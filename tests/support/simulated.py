@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
+from evidence.moving import Swing
 from palpate.simulation.contacts import contact_wrenches, directed_forces
-from palpate.simulation.moving import Swing
 
 __all__ = ["POSE", "Truth", "base_poses", "pressed", "write_table"]
 

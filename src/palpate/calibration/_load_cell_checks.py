@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from numpy.typing import ArrayLike
 
 from palpate.calibration._load_cell_log import Rest
 from palpate.errors import InputError, NotIdentifiable
-from palpate.sensors.load_cells import LENGTH, wrench_direction
+from palpate.sensors.load_cells import wrench_direction
 
 __all__ = ["check_channels", "check_directions", "check_response"]
 
@@ -55,40 +55,33 @@ def check_channels(
         )
 
 
-def check_directions(forces: Float[np.ndarray, "n 3"], contact: Float[np.ndarray, "n 3"], reference: float) -> None:
-    """Raise a NotIdentifiable where the wrenches that acted do not span six directions, and name those missing."""
-    wrench = np.concatenate([forces, np.cross(contact, forces) / LENGTH], axis=1)
-    _, values, directions = np.linalg.svd(wrench, full_matrices=False)
-    size = values / np.sqrt(len(wrench))
-    known = size > max(LEAST_PUSH, AS_NOISE * reference)
+def check_directions(wrenches: Float[np.ndarray, "n 6"], reference: float) -> None:
+    """Raise a NotIdentifiable where wrenches, torques over `LENGTH`, do not span six directions; name those missing."""
+    _, values, directions = np.linalg.svd(wrenches, full_matrices=False)
+    _require(
+        values / np.sqrt(len(wrenches)) > max(LEAST_PUSH, AS_NOISE * reference),
+        directions,
+        "the log holds too few directions, for want of {}. "
+        "Slide the ball over the whole surface in directions that cross, so that friction pulls along x and y.",
+    )
+
+
+def check_response(white: Float[np.ndarray, "n m"], wrenches: Float[np.ndarray, "n 6"]) -> None:
+    """Raise a NotIdentifiable where the whitened voltages (n, m) answer nothing to a direction of the wrench."""
+    directions, values, _ = np.linalg.svd(np.linalg.lstsq(wrenches, white)[0])
+    _require(
+        values > LEAST_ANSWER,
+        directions.T,
+        "the voltages do not answer to {}: "
+        "cells in line cannot tell the moment about their line. Place one cell beside it.",
+    )
+
+
+def _require(known: Bool[np.ndarray, "6"], directions: Float[np.ndarray, "6 6"], said: str) -> None:
     if known.all():
         return
     missing = tuple(wrench_direction(row) for row in directions[~known])
-    raise NotIdentifiable(
-        f"the log holds too few directions, for want of {'; '.join(missing)}. "
-        "Slide the ball over the whole surface in directions that cross, so that friction pulls along x and y.",
-        rank=int(known.sum()),
-        missing=missing,
-    )
-
-
-def check_response(
-    white: Float[np.ndarray, "n m"], forces: Float[np.ndarray, "n 3"], contact: Float[np.ndarray, "n 3"]
-) -> None:
-    """Raise a NotIdentifiable where the whitened voltages (n, m) answer nothing to a direction of the wrench."""
-    wrench = np.concatenate([forces, np.cross(contact, forces) / LENGTH], axis=1)
-    answer = np.linalg.lstsq(wrench, white)[0]
-    directions, values, _ = np.linalg.svd(answer)
-    known = values > LEAST_ANSWER
-    if known.all():
-        return
-    missing = tuple(wrench_direction(row) for row in directions.T[~known])
-    raise NotIdentifiable(
-        f"the voltages do not answer to {'; '.join(missing)}: "
-        "cells in line cannot tell the moment about their line. Place one cell beside it.",
-        rank=int(known.sum()),
-        missing=missing,
-    )
+    raise NotIdentifiable(said.format("; ".join(missing)), rank=int(known.sum()), missing=missing)
 
 
 def _listed(names: list[str]) -> str:

@@ -49,9 +49,8 @@ def coverage(data: Touches, cells: LoadCells) -> Coverage:
     pressing = np.einsum("nk,nk->n", data.force, data.normal)
     sideways = np.einsum("nak,nk->na", data.tangents, data.force) / pressing[:, None]
     friction = np.sqrt(np.mean(sideways**2, axis=0))
-    return Coverage(
-        data.contact[nearest], visits.astype(float), error, friction, _notes(middle, visits, error, friction)
-    )
+    notes = _notes(middle, visits, error, friction)
+    return Coverage(data.contact[nearest], visits.astype(float), error, friction, notes)
 
 
 def _foretold(data: Touches, cells: LoadCells, k: int) -> Float[np.ndarray, "5"]:

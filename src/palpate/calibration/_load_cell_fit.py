@@ -18,14 +18,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from palpate.calibration._load_cell_log import Blocks
 from palpate.sensors.correlation import correlation_time
 from palpate.sensors.load_cells import Indentation
 from palpate.spatial.pose import skew
 
-__all__ = ["Fit", "Touches", "Zeros", "fit", "linear_start", "touches"]
+__all__ = ["Fit", "Touches", "fit", "linear_start", "residuals", "touches"]
 
 START = np.array([17e-3] * 3 + [100e-6] * 2 + [1e-4])  # N, m, N m: standard deviations before any residual is seen
 # Of whitening again by what the fit leaves. More would not be better: where whitening and fit settle together, the
@@ -45,9 +45,12 @@ class Touches:
     """What the reference says of each block.
 
     Attributes:
-        signal: (n, 6) y; force: (n, 3) [N]; contact, normal: (n, 3); tangents: (n, 2, 3); torque: (n,) [N m].
+        time: (n,) [s]; run: (n,) which; signal: (n, 6) y; force: (n, 3) [N]; contact, normal: (n, 3) of the surface.
+        tangents: (n, 2, 3); torque: (n,) [N m].
     """
 
+    time: Float[np.ndarray, " n"]
+    run: Int[np.ndarray, " n"]
     signal: Float[np.ndarray, "n 6"]
     force: Float[np.ndarray, "n 3"]
     contact: Float[np.ndarray, "n 3"]
@@ -57,32 +60,19 @@ class Touches:
 
 
 @dataclass(frozen=True, eq=False)
-class Zeros:
-    """What each run's zeros may be off by, the same in all of its blocks.
-
-    Attributes:
-        runs: numbers of the blocks of each run.
-        variance: (9,) of the zero of y, and of the reference force [N^2].
-    """
-
-    runs: tuple[np.ndarray, ...]
-    variance: Float[np.ndarray, "9"]
-
-
-@dataclass(frozen=True, eq=False)
 class Fit:
     """B, the law of indentation if one was fitted, and what is left.
 
     Attributes:
-        matrix: (6, 6) B; law: depth and exponent, or empty.
-        covariance: of (B row by row, law).
-        residuals: (n, 6) [N, m, N m].
+        unknowns: B row by row; of the law depth and exponent, or nothing.
+        covariance: of the unknowns.
+        residuals: (n, 6) estimate less reference: force [N], position along two tangents [m], moment along the force
+            [N m].
         cost: half the sum of whitened squares; correlation: (6,) blocks that tell as much as one independent block.
         followed: which of the starts.
     """
 
-    matrix: Float[np.ndarray, "6 6"]
-    law: Float[np.ndarray, " l"]
+    unknowns: Float[np.ndarray, " p"]
     covariance: Float[np.ndarray, "p p"]
     residuals: Float[np.ndarray, "n 6"]
     cost: float
@@ -90,9 +80,22 @@ class Fit:
     followed: int
 
     @property
+    def inverse(self) -> Float[np.ndarray, "6 6"]:
+        """B^-1."""
+        return np.linalg.inv(_matrix(self.unknowns))
+
+    @property
+    def relative_covariance(self) -> Float[np.ndarray, "36 36"]:
+        """Of E = -dB B^-1: the true matrix is C (I + E)."""
+        turn = np.kron(np.eye(6), self.inverse.T)
+        covariance = turn @ self.covariance[:36, :36] @ turn.T
+        return (covariance + covariance.T) / 2.0
+
+    @property
     def indentation(self) -> Indentation | None:
-        """As a value."""
-        return Indentation(*map(float, self.law), covariance=self.covariance[36:, 36:]) if len(self.law) else None
+        """The law, if one was fitted."""
+        law = map(float, self.unknowns[36:])
+        return Indentation(*law, covariance=self.covariance[36:, 36:]) if len(self.unknowns) > 36 else None
 
 
 def touches(
@@ -105,33 +108,29 @@ def touches(
     across = np.cross(normal, np.where(np.abs(normal[:, 1:2]) < 0.9, [[0.0, 1.0, 0.0]], [[1.0, 0.0, 0.0]]))
     first = across / np.linalg.norm(across, axis=1, keepdims=True)
     both = np.stack([first, np.cross(normal, first)], axis=1)
-    return Touches(signal, blocks.forces, contact, normal, both, blocks.torques)
+    return Touches(blocks.time, blocks.run, signal, blocks.forces, contact, normal, both, blocks.torques)
 
 
-def linear_start(data: Touches, law: Float[np.ndarray, " l"]) -> Float[np.ndarray, "6 6"]:
-    """B by linear least squares: force against the reference, and no moment about where it acts but the reference's.
+def linear_start(data: Touches) -> Float[np.ndarray, "36"]:
+    """B by linear least squares: force against the reference, and no moment about the contact but the reference's.
 
     The moment is weighed as the positions are whose error it would be.
     """
-    at = _acting(data, law, np.abs(_dot(data.force, data.normal)))
     frame = np.concatenate([data.tangents, data.normal[:, None]], axis=1)  # (n, 3, 3) rows t1, t2, n
     size = np.maximum(np.linalg.norm(data.force, axis=1), 1e-3)
-    turned = np.einsum("nab,nbc->nac", frame, skew(at))  # frame . (e x F)
-    rows = np.zeros((len(at), 6, 6))  # on w
+    rows = np.zeros((len(frame), 6, 6))  # on w
     rows[:, :3, :3] = np.eye(3) / START[0]
-    rows[:, 3:, :3] = -turned
+    rows[:, 3:, :3] = -np.einsum("nab,nbc->nac", frame, skew(data.contact))  # frame . (c x F)
     rows[:, 3:, 3:] = frame
     rows[:, 3:5] /= (START[3] * size)[:, None, None]
     rows[:, 5] /= START[5]
-    right = np.concatenate([data.force / START[0], np.zeros((len(at), 2)), data.torque[:, None] / START[5]], axis=1)
-    return _solve_linear(rows, data.signal, right)
+    right = np.concatenate([data.force / START[0], np.zeros((len(rows), 2)), data.torque[:, None] / START[5]], axis=1)
+    normal = _normal(rows, data.signal, np.zeros((len(rows), 6, 0)))
+    return _step(normal, _gradient(rows, data.signal, right))
 
 
-def _solve_linear(
-    rows: Float[np.ndarray, "n 6 6"], signal: Float[np.ndarray, "n 6"], right: Float[np.ndarray, "n 6"]
-) -> Float[np.ndarray, "6 6"]:
-    """The B that makes sum |rows B y - right|^2 least."""
-    return _step(_normal(rows, signal, np.zeros((len(rows), 6, 0))), _gradient(rows, signal, right)).reshape(6, 6)
+def _matrix(unknowns: Float[np.ndarray, " p"]) -> Float[np.ndarray, "6 6"]:
+    return unknowns[:36].reshape(6, 6)
 
 
 def _normal(
@@ -167,58 +166,66 @@ def _step(normal: Float[np.ndarray, "p p"], gradient: Float[np.ndarray, " p"], d
 
 
 def fit(
-    data: Touches, starts: Sequence[Float[np.ndarray, "6 6"]], zeros: Zeros, *, indented: bool, robust: bool
+    data: Touches,
+    starts: Sequence[Float[np.ndarray, "36"]],
+    zeros: Float[np.ndarray, "9"],
+    *,
+    indented: bool,
+    robust: bool,
 ) -> Fit:
-    """The nonlinear least squares from the better of some starts, whitened again by what it leaves."""
+    """The nonlinear least squares from the better of some starts, whitened again by what it leaves.
+
+    Args:
+        data: blocks.
+        starts: of B, row by row.
+        zeros: variance of the zero of y and of the reference force [N^2], each the same in all blocks of a run.
+        indented: fit the law of indentation too.
+        robust: as of `identify_load_cells`.
+    """
     law = LAW_START.copy() if indented else np.zeros(0)
-    whitening = _Whitening(np.diag(1.0 / START))
-    ends = [_solve(data, np.concatenate([start.reshape(-1), law]), whitening, robust=robust) for start in starts]
+    whitener = np.diag(1.0 / START)
+    ends = [_solve(data, np.concatenate([start, law]), whitener, robust=robust) for start in starts]
     followed = int(np.argmin([cost * (1.0 + (k > 0) * SAME) for k, (_, cost) in enumerate(ends)]))
     found, cost = ends[followed]
     for _ in range(ROUNDS):
-        whitening = _Whitening.of(residuals(data, found[:36].reshape(6, 6), found[36:])[0])
-        found, cost = _solve(data, found, whitening, robust=robust)
-    covariance, times = _covariance(data, found, whitening, zeros)
-    left = residuals(data, found[:36].reshape(6, 6), found[36:])[0]
-    return Fit(found[:36].reshape(6, 6), found[36:], covariance, left, cost, times, followed)
+        whitener = _whitener(residuals(data, found)[0])
+        found, cost = _solve(data, found, whitener, robust=robust)
+    covariance, times = _covariance(data, found, whitener, zeros)
+    return Fit(found, covariance, residuals(data, found)[0], cost, times, followed)
 
 
-@dataclass(frozen=True, eq=False)
-class _Whitening:
-    """Inverse of a Cholesky factor of the residuals' covariance."""
-
-    inverse: Float[np.ndarray, "6 6"]
-
-    @classmethod
-    def of(cls, left: Float[np.ndarray, "n 6"]) -> _Whitening:
-        """From residuals, by their spread about 0 with what lies far out cut off."""
-        deviation = np.sqrt(np.median(left**2, axis=0) / 0.4549)  # the median of chi-square of one degree
-        cut_off = np.clip(left, -OUTLYING * deviation, OUTLYING * deviation)
-        covariance = cut_off.T @ cut_off / len(left) / 0.973  # what a normal keeps of its variance within 3
-        return cls(np.linalg.inv(np.linalg.cholesky(covariance + 1e-12 * np.diag(np.diag(covariance)))))
+def _whitener(left: Float[np.ndarray, "n 6"]) -> Float[np.ndarray, "6 6"]:
+    """Inverse of a Cholesky factor of residuals' covariance: by their spread about 0, what lies far out cut off."""
+    deviation = np.sqrt(np.median(left**2, axis=0) / 0.4549)  # the median of chi-square of one degree
+    cut_off = np.clip(left, -OUTLYING * deviation, OUTLYING * deviation)
+    covariance = cut_off.T @ cut_off / len(left) / 0.973  # what a normal keeps of its variance within 3
+    return np.linalg.inv(np.linalg.cholesky(covariance + 1e-12 * np.diag(np.diag(covariance))))
 
 
 def residuals(
-    data: Touches, matrix: Float[np.ndarray, "6 6"], law: Float[np.ndarray, " l"]
+    data: Touches, unknowns: Float[np.ndarray, " p"]
 ) -> tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, "n 6 6"], Float[np.ndarray, "n 6 l"]]:
     """r, and its derivatives by the wrench and by the law."""
-    wrench = data.signal @ matrix.T
-    force, normal = wrench[:, :3], data.normal
+    law, normal = unknowns[36:], data.normal
+    wrench = data.signal @ _matrix(unknowns).T
+    force = wrench[:, :3]
     pressing = np.minimum(_dot(force, normal), -LIGHTEST)
-    at = _acting(data, law, -pressing)
+    at = data.contact - (law[0] * (-pressing) ** law[1])[:, None] * normal if len(law) else data.contact
     about = wrench[:, 3:] - np.cross(at, force)
     size = np.maximum(np.linalg.norm(force, axis=1), LIGHTEST)
     unit = force / size[:, None]
     offset = np.einsum("nak,nk->na", data.tangents, np.cross(normal, about)) / pressing[:, None]
     ratio = pressing / size
     left = np.concatenate([force - data.force, offset, (_dot(unit, about) - data.torque * ratio)[:, None]], axis=1)
-    about_by = np.zeros((len(force), 3, 6))
+    turned = data.tangents @ skew(normal) / pressing[:, None, None]
+    about_by, by_law = np.zeros((len(force), 3, 6)), np.zeros((len(force), 6, len(law)))
     about_by[:, :, :3], about_by[:, :, 3:] = -skew(at), np.eye(3)
-    across = np.cross(normal, force)  # what a depth adds to the moment
     if len(law):
+        across = np.cross(normal, force)  # what a depth adds to the moment
         rate = law[0] * law[1] * (-pressing) ** (law[1] - 1.0)
         about_by[:, :, :3] -= rate[:, None, None] * across[:, :, None] * normal[:, None, :]
-    turned = data.tangents @ skew(normal) / pressing[:, None, None]
+        by_law[:, 3:5, 0] = (turned @ across[..., None])[..., 0] * ((-pressing) ** law[1])[:, None]
+        by_law[:, 3:5, 1] = by_law[:, 3:5, 0] * (law[0] * np.log(-pressing))[:, None]
     by_wrench = np.zeros((len(force), 6, 6))
     by_wrench[:, :3, :3] = np.eye(3)
     by_wrench[:, 3:5] = turned @ about_by
@@ -226,18 +233,15 @@ def residuals(
     by_wrench[:, 5] = (unit[:, None] @ about_by)[:, 0]
     by_wrench[:, 5, :3] += (about - unit * _dot(unit, about)[:, None]) / size[:, None]
     by_wrench[:, 5, :3] -= (data.torque / size)[:, None] * (normal - ratio[:, None] * unit)
-    by_law = np.zeros((len(force), 6, len(law)))
-    if len(law):
-        power = (-pressing) ** law[1]
-        by_law[:, 3:5, 0] = (turned @ across[..., None])[..., 0] * power[:, None]
-        by_law[:, 3:5, 1] = by_law[:, 3:5, 0] * (law[0] * np.log(-pressing))[:, None]
     return left, by_wrench, by_law
 
 
-def _solve(data: Touches, start: np.ndarray, whitening: _Whitening, *, robust: bool) -> tuple[np.ndarray, float]:
+def _solve(
+    data: Touches, start: np.ndarray, whitener: Float[np.ndarray, "6 6"], *, robust: bool
+) -> tuple[np.ndarray, float]:
     """Levenberg and Marquardt on a Huber cost, the law kept within its bounds; unknowns and half the cost."""
     found, damping = start, 1e-9
-    left, slopes, law_slopes = _whitened(data, found, whitening)
+    left, slopes, law_slopes = _whitened(data, found, whitener)
     weight, cost = _huber(left, robust=robust)
     for _ in range(STEPS):
         root = np.sqrt(weight)
@@ -249,7 +253,7 @@ def _solve(data: Touches, start: np.ndarray, whitening: _Whitening, *, robust: b
         while damping < MOST_DAMPING:
             trial = found - _step(normal, gradient, damping)
             trial[36:] = np.clip(trial[36:], *(bound[: len(trial) - 36] for bound in LAW))
-            others = _whitened(data, trial, whitening)
+            others = _whitened(data, trial, whitener)
             others_weight, others_cost = _huber(others[0], robust=robust)
             if others_cost <= cost:
                 break
@@ -263,9 +267,11 @@ def _solve(data: Touches, start: np.ndarray, whitening: _Whitening, *, robust: b
     return found, cost
 
 
-def _whitened(data: Touches, found: np.ndarray, whitening: _Whitening) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    left, by_wrench, by_law = residuals(data, found[:36].reshape(6, 6), found[36:])
-    return left @ whitening.inverse.T, whitening.inverse @ by_wrench, whitening.inverse @ by_law
+def _whitened(
+    data: Touches, found: np.ndarray, whitener: Float[np.ndarray, "6 6"]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    left, by_wrench, by_law = residuals(data, found)
+    return left @ whitener.T, whitener @ by_wrench, whitener @ by_law
 
 
 def _huber(white: Float[np.ndarray, "n 6"], *, robust: bool) -> tuple[Float[np.ndarray, "n 6"], float]:
@@ -277,33 +283,27 @@ def _huber(white: Float[np.ndarray, "n 6"], *, robust: bool) -> tuple[Float[np.n
 
 
 def _covariance(
-    data: Touches, found: np.ndarray, whitening: _Whitening, zeros: Zeros
+    data: Touches, found: np.ndarray, whitener: Float[np.ndarray, "6 6"], zeros: Float[np.ndarray, "9"]
 ) -> tuple[Float[np.ndarray, "p p"], Float[np.ndarray, "6"]]:
     """Of the unknowns: H^-1 (sum tau_c s_c^2 J_c' J_c + what the zeros of each run add) H^-1.
 
     Each whitened component counts as the independent samples that its correlation leaves.
     """
-    left, slopes, law_slopes = _whitened(data, found, whitening)
+    left, slopes, law_slopes = _whitened(data, found, whitener)
     times = correlation_time(left)
     scale = np.sqrt(times * np.mean(left**2, axis=0))[:, None]
     whole = _normal(slopes, data.signal, law_slopes)
     meat = _normal(slopes * scale, data.signal, law_slopes * scale)
-    for rows in zeros.runs:
-        pushed = np.concatenate(
-            [slopes[rows] @ found[:36].reshape(6, 6), whitening.inverse[:, :3][None].repeat(len(rows), 0)], 2
-        )
+    for run in np.unique(data.run):
+        rows = np.flatnonzero(data.run == run)
+        pushed = np.concatenate([slopes[rows] @ _matrix(found), whitener[:, :3][None].repeat(len(rows), 0)], 2)
         joint = np.empty((len(found), 9))
         joint[:36] = np.einsum("nra,nrz,nc->acz", slopes[rows], pushed, data.signal[rows], optimize=True).reshape(36, 9)
         joint[36:] = np.einsum("nrl,nrz->lz", law_slopes[rows], pushed)
-        meat += (joint * zeros.variance) @ joint.T
+        meat += (joint * zeros) @ joint.T
     size = np.sqrt(np.diag(whole))
     bread = np.linalg.inv(whole / np.outer(size, size)) / np.outer(size, size)
     return bread @ meat @ bread, times
-
-
-def _acting(data: Touches, law: Float[np.ndarray, " l"], pressing: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
-    """Where the force acts: the contact, or below it."""
-    return data.contact - (law[0] * pressing ** law[1])[:, None] * data.normal if len(law) else data.contact
 
 
 def _dot(a: np.ndarray, b: np.ndarray) -> Float[np.ndarray, " n"]:

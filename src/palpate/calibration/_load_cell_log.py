@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
 from palpate.errors import InputError
 from palpate.sensors.correlation import correlation_time
 
-__all__ = ["Blocks", "Rest", "blocks_of", "cut", "rest_noise", "rests"]
+__all__ = ["BenchLog", "Blocks", "Rest", "blocks_of", "rest_noise", "rests"]
 
 BLOCK = 0.01  # s: a touch moves 25 um meanwhile at 2.5 mm/s, and readings filtered at 100 Hz tell little more
 SMOOTH = 0.05  # s over which a reference force is averaged before it is called none
@@ -20,7 +23,43 @@ LEAST_REST = 0.2  # s
 LATEST_REST = 1.0  # s into the log
 SETTLING = 0.03  # s at the end of a rest where a touch begins that are left out too
 LEAVES = 4.0  # standard deviations of the smoothed voltages
+FEWEST = 200  # blocks
 GAP = 5.0  # steps of the median length that separate two runs
+
+
+@dataclass(frozen=True, eq=False)
+class BenchLog:
+    """Complete rows of a log.
+
+    Attributes:
+        time: (n,) [s]; voltages: (n, m) [V]; forces: (n, 3) [N]; centres: (n, 3) [m] of the ball.
+        torques: (n,) [N m] about the normal, as the reference says it.
+    """
+
+    time: Float[np.ndarray, " n"]
+    voltages: Float[np.ndarray, "n m"]
+    forces: Float[np.ndarray, "n 3"]
+    centres: Float[np.ndarray, "n 3"]
+    torques: Float[np.ndarray, " n"]
+
+    @cached_property
+    def step(self) -> float:
+        """Median time between two rows [s]."""
+        steps = np.diff(self.time)
+        if not (steps > 0).any():
+            raise InputError("the times of the bench log never go forward.", where="time")
+        return float(np.median(steps[steps > 0]))
+
+    @cached_property
+    def runs(self) -> list[slice]:
+        """Rows of each run: it ends at a gap, or where time runs back."""
+        steps = np.diff(self.time)
+        starts = [0, *(np.flatnonzero((steps > GAP * self.step) | (steps < 0)) + 1).tolist()]
+        return [slice(*ends) for ends in pairwise([*starts, len(self.time)])]
+
+    def rows(self, duration: float) -> int:
+        """How many rows a duration [s] takes, at least one."""
+        return max(1, round(duration / self.step))
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,12 +67,12 @@ class Rest:
     """A stretch in which nothing touches.
 
     Attributes:
-        middle: [s]; rows: first and last + 1.
+        rows: of the log; middle: [s].
         voltage: (m,) [V] mean; force: (3,) [N] mean of the reference.
     """
 
+    rows: slice
     middle: float
-    rows: tuple[int, int]
     voltage: Float[np.ndarray, " m"]
     force: Float[np.ndarray, "3"]
 
@@ -57,33 +96,15 @@ class Blocks:
     size: int
 
 
-def cut(time: Float[np.ndarray, " n"]) -> tuple[float, list[int]]:
-    """The step [s] of a log, and the rows at which a run begins: after a gap, or where time runs back."""
-    steps = np.diff(time)
-    forward = steps[steps > 0]
-    if not len(forward):
-        raise InputError("the times of the bench log never go forward.", where="time")
-    step = float(np.median(forward))
-    return step, [0, *(np.flatnonzero((steps > GAP * step) | (steps < 0)) + 1).tolist()]
-
-
-def rests(
-    time: Float[np.ndarray, " n"], voltages: Float[np.ndarray, "n m"], forces: Float[np.ndarray, "n 3"]
-) -> list[Rest]:
+def rests(log: BenchLog) -> list[Rest]:
     """The unloaded stretches of a log, in order.
 
     Raises:
         InputError: the log does not begin with one.
     """
-    step, starts = cut(time)
-    width = max(1, round(SMOOTH / step))
-    found = list[Rest]()
-    for begin, end in zip(starts, [*starts[1:], len(time)], strict=True):
-        smooth = _smooth(forces[begin:end], width)
-        light = np.linalg.norm(smooth, axis=1) < max(UNLOADED, NOISES * _noise_of(smooth, width))
-        found += _stretches(light, begin, step, time, voltages, forces)
-    if not found or (found[0].rows[0] - starts[0]) * step > LATEST_REST:
-        begun = float(np.linalg.norm(forces[: max(1, round(LEAST_REST / step))].mean(axis=0)))
+    found = [rest for run in log.runs for rest in _rests_of(log, run)]
+    if not found or found[0].rows.start * log.step > LATEST_REST:
+        begun = float(np.linalg.norm(log.forces[: log.rows(LEAST_REST)].mean(axis=0)))
         raise InputError(
             f"the log does not begin unloaded (the reference force is {begun:.2g} N), so the bias of the cells is "
             "not known.",
@@ -93,25 +114,20 @@ def rests(
     return found
 
 
-def _stretches(
-    light: Bool[np.ndarray, " n"],
-    begin: int,
-    step: float,
-    time: np.ndarray,
-    voltages: np.ndarray,
-    forces: np.ndarray,
-) -> list[Rest]:
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], light, [False]]).astype(np.int8)))
-    found = list[Rest]()
-    for first, last in edges.reshape(-1, 2):
-        if (last - first) * step < LEAST_REST:
+def _rests_of(log: BenchLog, run: slice) -> Iterator[Rest]:
+    width = log.rows(SMOOTH)
+    smooth = _smooth(log.forces[run], width)
+    light = np.linalg.norm(smooth, axis=1) < max(UNLOADED, NOISES * _noise_of(smooth, width))
+    edges = run.start + np.flatnonzero(np.diff(np.r_[False, light, False]))
+    for first, last in edges.reshape(-1, 2).tolist():
+        if (last - first) * log.step < LEAST_REST:
             continue
-        rows = _still(voltages[begin + first : begin + last], step)
-        if (rows.stop - rows.start) * step >= LEAST_REST:
-            rows = slice(begin + first + rows.start, begin + first + rows.stop)
-            mean = (voltages[rows].mean(axis=0), forces[rows].mean(axis=0))
-            found.append(Rest(float(time[rows].mean()), (int(rows.start), int(rows.stop)), *mean))
-    return found
+        begin, end = _still(log.voltages[first:last], log)
+        if (end - begin) * log.step >= LEAST_REST:
+            rows = slice(first + begin, first + end)
+            yield Rest(
+                rows, float(log.time[rows].mean()), log.voltages[rows].mean(axis=0), log.forces[rows].mean(axis=0)
+            )
 
 
 def _noise_of(smooth: Float[np.ndarray, "n 3"], width: int) -> float:
@@ -120,9 +136,9 @@ def _noise_of(smooth: Float[np.ndarray, "n 3"], width: int) -> float:
     return float(np.median(np.abs(steps), axis=0).max()) / MEDIAN_STEP if len(steps) else 0.0
 
 
-def _still(voltages: Float[np.ndarray, "n m"], step: float) -> slice:
+def _still(voltages: Float[np.ndarray, "n m"], log: BenchLog) -> tuple[int, int]:
     """The rows around the middle in which no channel leaves what it reads there: a touch begins before it weighs."""
-    width, count = max(1, round(SMOOTH / step)), len(voltages)
+    width, count = log.rows(SMOOTH), len(voltages)
     smooth = _smooth(voltages, width)
     middle = slice(count // 4, max(count // 4 + 2, 3 * count // 4))
     rows = np.arange(count, dtype=np.float64)
@@ -131,10 +147,10 @@ def _still(voltages: Float[np.ndarray, "n m"], step: float) -> slice:
     away = off > LEAVES * np.sqrt(np.mean(off[middle] ** 2, axis=0)) + 1e-12 * np.abs(line[0])
     left = np.flatnonzero(away.any(axis=1))
     before, after = left[left < count // 2], left[left >= count // 2]
-    inset = width // 2 + round(SETTLING / step)
+    inset = width // 2 + round(SETTLING / log.step)
     first = int(before[-1]) + inset if len(before) else 0
     last = int(after[0]) - inset if len(after) else count
-    return slice(first, max(first, last))
+    return first, max(first, last)
 
 
 def _smooth(values: Float[np.ndarray, "n k"], width: int) -> Float[np.ndarray, "n k"]:
@@ -145,66 +161,55 @@ def _smooth(values: Float[np.ndarray, "n k"], width: int) -> Float[np.ndarray, "
     return (sums[high] - sums[low]) / (high - low)[:, None]
 
 
-def rest_noise(
-    found: list[Rest], voltages: Float[np.ndarray, "n m"], forces: Float[np.ndarray, "n 3"]
-) -> tuple[Float[np.ndarray, "m m"], float, float]:
+def rest_noise(log: BenchLog, found: list[Rest]) -> tuple[Float[np.ndarray, "m m"], float, float]:
     """Covariance of a reading's voltages, their correlation time [samples], and the reference's deviation [N]."""
-    left, pushed, weights, times = list[np.ndarray](), list[np.ndarray](), list[int](), list[float]()
+    left = list[np.ndarray]()
     for rest in found:
-        rows = slice(*rest.rows)
-        line = np.polynomial.polynomial.polyfit(np.linspace(-1, 1, rest.rows[1] - rest.rows[0]), voltages[rows], 1)
-        fitted = line[0] + np.linspace(-1, 1, rest.rows[1] - rest.rows[0])[:, None] * line[1]
-        left.append(voltages[rows] - fitted)
-        pushed.append(forces[rows] - rest.force)
-        weights.append(len(left[-1]))
-        times.append(float(correlation_time(left[-1]).mean()))
-    noise = np.cov(np.concatenate(left).T)
-    return noise, float(np.average(times, weights=weights)), float(np.concatenate(pushed).std())
+        voltages = log.voltages[rest.rows]
+        at = np.linspace(-1, 1, len(voltages))
+        line = np.polynomial.polynomial.polyfit(at, voltages, 1)
+        left.append(voltages - (line[0] + at[:, None] * line[1]))
+    pushed = np.concatenate([log.forces[rest.rows] - rest.force for rest in found])
+    times = [float(correlation_time(each).mean()) for each in left]
+    usual = float(np.average(times, weights=[len(each) for each in left]))
+    return np.cov(np.concatenate(left).T), usual, float(pushed.std())
 
 
-def blocks_of(
-    found: list[Rest],
-    time: Float[np.ndarray, " n"],
-    voltages: Float[np.ndarray, "n m"],
-    forces: Float[np.ndarray, "n 3"],
-    centres: Float[np.ndarray, "n 3"],
-    torques: Float[np.ndarray, " n"],
-    least: float,
-) -> Blocks:
-    """Means of blocks in which every sample is loaded by `least` [N] and whole, without what the rests read.
+def blocks_of(log: BenchLog, found: list[Rest], least: float) -> Blocks:
+    """Means of blocks in which every sample is loaded by `least` [N], without what the rests read.
 
     Within a run the zero goes straight from one rest to the next, and is held after the last: what was switched off in
     between has another.
+
+    Raises:
+        InputError: too few blocks.
     """
-    step, starts = cut(time)
-    size = max(1, round(BLOCK / step))
-    zero = _zeros(found, time, starts)
-    m = voltages.shape[1]
-    zero_u, zero_f = zero[:, :m], zero[:, m:]
-    rows = np.column_stack([time, voltages - zero_u, forces - zero_f, centres, torques])
-    usable = np.isfinite(rows).all(axis=1) & (np.linalg.norm(rows[:, -7:-4], axis=1) >= least)
-    pieces, runs = list[np.ndarray](), list[np.ndarray]()
-    for begin, end in zip(starts, [*starts[1:], len(time)], strict=True):
-        count = (end - begin) // size
-        whole = rows[begin : begin + count * size].reshape(count, size, -1)
-        kept = usable[begin : begin + count * size].reshape(count, size).all(axis=1)
-        pieces.append(whole[kept].mean(axis=1))
-        runs.append(np.full(len(pieces[-1]), len(runs)))
-    mean, run = np.concatenate(pieces), np.concatenate(runs)
-    return Blocks(
-        mean[:, 0], run, mean[:, 1 : 1 + m], mean[:, 1 + m : 4 + m], mean[:, 4 + m : 7 + m], mean[:, -1], size
-    )
+    size, m = log.rows(BLOCK), log.voltages.shape[1]
+    rows = np.column_stack([log.time, log.voltages, log.forces, log.centres, log.torques])
+    rows[:, 1 : m + 4] -= _zeros(log, found)
+    loaded = np.linalg.norm(rows[:, m + 1 : m + 4], axis=1) >= least
+    pieces = list[np.ndarray]()
+    for run in log.runs:
+        whole = slice(run.start, run.stop - (run.stop - run.start) % size)
+        kept = loaded[whole].reshape(-1, size).all(axis=1)
+        pieces.append(rows[whole].reshape(-1, size, m + 8)[kept].mean(axis=1))
+    number = np.repeat(np.arange(len(pieces)), [len(piece) for piece in pieces])
+    if len(number) < FEWEST:
+        raise InputError(
+            f"only {len(number)} blocks of 10 ms are loaded by {least:g} N or more, and {FEWEST} are needed.",
+            hint="Slide the ball over the whole surface, with 1 N or more.",
+        )
+    time, voltages, forces, centres, torques = np.split(np.concatenate(pieces), [1, m + 1, m + 4, m + 7], axis=1)
+    return Blocks(time[:, 0], number, voltages, forces, centres, torques[:, 0], size)
 
 
-def _zeros(found: list[Rest], time: Float[np.ndarray, " n"], starts: list[int]) -> Float[np.ndarray, "n k"]:
+def _zeros(log: BenchLog, found: list[Rest]) -> Float[np.ndarray, "n k"]:
     """What voltages and reference read without a load; a run without a rest of its own takes the last before it."""
-    values = np.array([np.concatenate([rest.voltage, rest.force]) for rest in found])
-    first = np.array([rest.rows[0] for rest in found])
-    zero = np.empty((len(time), values.shape[1]))
-    for begin, end in zip(starts, [*starts[1:], len(time)], strict=True):
-        own = np.flatnonzero((first >= begin) & (first < end))
-        own = own if len(own) else np.flatnonzero(first < begin)[-1:]
-        at = [found[k].middle for k in own]
-        for column in range(values.shape[1]):
-            zero[begin:end, column] = np.interp(time[begin:end], at, values[own, column])
+    zero = np.empty((len(log.time), log.voltages.shape[1] + 3))
+    for run in log.runs:
+        before = [rest for rest in found if rest.rows.start < run.stop]
+        own = [rest for rest in before if rest.rows.start >= run.start] or before[-1:]
+        values = np.array([np.concatenate([rest.voltage, rest.force]) for rest in own])
+        for column, each in enumerate(values.T):
+            zero[run, column] = np.interp(log.time[run], [rest.middle for rest in own], each)
     return zero

@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float
 
 from palpate.spatial.pose import skew
 
-__all__ = ["covariance", "force_columns", "kept_samples", "model", "residual_covariance", "two_stage"]
+__all__ = ["covariance", "force_columns", "kept_samples", "model", "residual_covariance", "torque_columns", "two_stage"]
 
 CUTOFF = 5.0  # robust standard deviations beyond which a sample is set aside: 3 in a million good ones
 HUBER = 1.5
@@ -51,10 +51,8 @@ def two_stage(
     columns = force_columns(rotations, direction)
     solution = _weighted(columns, wrenches[:, :3], weights[:, 0])
     weight = solution[:3] if direction is None else solution[0] * direction
-    torque_columns = np.zeros((len(wrenches), 3, 6))
-    torque_columns[:, :, :3] = -skew(rotations.swapaxes(-1, -2) @ weight)
-    torque_columns[:, :, 3:] = np.eye(3)
-    return np.concatenate([weight, solution[-3:], _weighted(torque_columns, wrenches[:, 3:], weights[:, 1])])
+    torque = _weighted(torque_columns(rotations, weight), wrenches[:, 3:], weights[:, 1])
+    return np.concatenate([weight, solution[-3:], torque])
 
 
 def force_columns(rotations: np.ndarray, direction: np.ndarray | None) -> Float[np.ndarray, "n 3 p"]:
@@ -62,6 +60,12 @@ def force_columns(rotations: np.ndarray, direction: np.ndarray | None) -> Float[
     transposed = rotations.swapaxes(-1, -2)
     first = transposed if direction is None else (transposed @ direction)[..., None]
     return np.concatenate([first, np.broadcast_to(np.eye(3), transposed.shape)], axis=-1)
+
+
+def torque_columns(rotations: np.ndarray, weight: np.ndarray) -> Float[np.ndarray, "n 3 6"]:
+    """The regressor of the torque, on (c, m0), for a weight in the base."""
+    levers = -skew(rotations.swapaxes(-1, -2) @ weight)
+    return np.concatenate([levers, np.broadcast_to(np.eye(3), levers.shape)], axis=-1)
 
 
 def _weighted(columns: np.ndarray, target: np.ndarray, weights: np.ndarray) -> np.ndarray:
@@ -79,7 +83,7 @@ def residual_covariance(residuals: Float[np.ndarray, "n 6"], force_unknowns: int
 
 
 def covariance(
-    jacobian: Float[np.ndarray, "n 6 p"], noise: Float[np.ndarray, "6 6"], *, joint: bool, torque_only: slice
+    jacobian: Float[np.ndarray, "n 6 p"], noise: Float[np.ndarray, "6 6"], *, joint: bool
 ) -> tuple[Float[np.ndarray, "p p"], Float[np.ndarray, "p n 6"]]:
     """Covariance of an estimate that solves sum Z_i^T r_i = 0, and the gain that takes residuals to its change.
 
@@ -88,18 +92,15 @@ def covariance(
     weight's error.
 
     Args:
-        jacobian: of every sample, in the parameters that are free.
+        jacobian: of every sample, in the parameters that are free; the last six only the torque determines.
         noise: S, of one sample.
         joint: whitened jointly, or in two stages.
-        torque_only: the parameters that only the torque determines.
     """
     if joint:
         instruments = np.linalg.solve(noise, jacobian)
     else:
         instruments = jacobian.copy()
-        mask = np.ones(jacobian.shape[-1], dtype=bool)
-        mask[torque_only] = False
-        instruments[:, 3:, mask] = 0.0
+        instruments[:, 3:, :-6] = 0.0
     rows, columns = (array.reshape(-1, jacobian.shape[-1]) for array in (instruments, jacobian))
     inverse = np.linalg.inv(rows.T @ columns)
     middle = rows.T @ (noise @ instruments).reshape(rows.shape)

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
-from palpate.calibration._payload_fit import force_columns
+from palpate.calibration._payload_fit import force_columns, torque_columns
 from palpate.errors import NotIdentifiable
-from palpate.spatial.pose import skew
 
 __all__ = ["check_noise", "check_poses"]
 
@@ -37,10 +36,7 @@ def check_poses(
         raise _force_refusal(basis[values <= MIN_SINGULAR], rotations, direction)
     if not weight.any():
         raise _noise_refusal(weight, 0.0, len(rotations), 0)
-    columns = np.zeros((len(rotations), 3, 6))
-    columns[:, :, :3] = -skew(rotations.swapaxes(-1, -2) @ (weight / np.linalg.norm(weight)))
-    columns[:, :, 3:] = np.eye(3)
-    values, basis = _scaled_svd(columns)
+    values, basis = _scaled_svd(torque_columns(rotations, weight / np.linalg.norm(weight)))
     if values[-1] <= MIN_SINGULAR:
         raise _torque_refusal(basis[values <= MIN_SINGULAR][:, :3])
 

@@ -90,36 +90,34 @@ def _check(rotations: np.ndarray, kept: np.ndarray, theta: np.ndarray, settings:
         check_poses(rotations[kept], settings.direction, theta[:3])
     except NotIdentifiable as refused:
         away = "" if kept.all() else f" ({int((~kept).sum())} samples, far from the rest, were set aside.)"
-        said = f"{refused}{away}"
-        raise NotIdentifiable(said, rank=refused.rank, missing=refused.missing) from None
+        raise NotIdentifiable(f"{refused}{away}", rank=refused.rank, missing=refused.missing) from None
 
 
 def _refined(
     theta: np.ndarray, wrenches: np.ndarray, rotations: np.ndarray, spread: np.ndarray, settings: Settings
 ) -> tuple[Float[np.ndarray, "12"], Float[np.ndarray, "p p"], tuple[str, ...]]:
     """Jointly whitened by the stated noise where that explains the residuals, else as it is; and the covariance."""
-    basis = settings.basis()
-    torque_only = slice(basis.shape[1] - 6, None)
+    basis, noise = settings.basis(), settings.noise
     predicted, jacobian = model(theta, rotations)
-    noise = settings.noise
+    stages = covariance(jacobian @ basis, spread, joint=False)[0]
     if noise is None or np.linalg.cond(noise / np.sqrt(np.outer(np.diag(noise), np.diag(noise)))) > 1e12:
-        return theta, covariance(jacobian @ basis, spread, joint=False, torque_only=torque_only)[0], ()
-    excess = _chi_square(wrenches - predicted, noise) / (wrenches.size - basis.shape[1])
+        return theta, stages, ()
+    freedom = wrenches.size - basis.shape[1]
+    excess = _chi_square(wrenches - predicted, noise) / freedom
     if excess > BELIEVED:
         note = (
             f"The residuals are {np.sqrt(excess):.1f} times the stated noise: the model, not the noise, limits this "
             "fit. Force and torque were fitted one after the other, and the covariance is from the residuals."
         )
-        return theta, covariance(jacobian @ basis, spread, joint=False, torque_only=torque_only)[0], (note,)
+        return theta, stages, (note,)
     for _ in range(8):  # bilinear in c and w, and it starts a few standard errors away
-        gain = covariance(jacobian @ basis, noise, joint=True, torque_only=torque_only)[1]
+        gain = covariance(jacobian @ basis, noise, joint=True)[1]
         theta = theta + basis @ np.einsum("pni,ni->p", gain, wrenches - predicted)
         predicted, jacobian = model(theta, rotations)
-    freedom = wrenches.size - basis.shape[1]
     excess = _chi_square(wrenches - predicted, noise) / freedom
     if excess > 1.0 + 3.0 * np.sqrt(2.0 / freedom):  # more than chance makes: widen
         noise = noise * excess
-    return theta, covariance(jacobian @ basis, noise, joint=True, torque_only=torque_only)[0], ()
+    return theta, covariance(jacobian @ basis, noise, joint=True)[0], ()
 
 
 def _chi_square(residuals: np.ndarray, noise: np.ndarray) -> float:

@@ -14,16 +14,14 @@ USUAL = 3.0  # standard deviations of a touch: beyond it its weight falls (Huber
 MEDIAN = 2.366  # of the chi-square with 3 degrees of freedom
 
 
-def fit(
-    evidence: Evidence, initial: Pose, sizes: Float[np.ndarray, "6"]
-) -> tuple[Pose, Float[np.ndarray, " n"], float]:
+def fit(evidence: Evidence, initial: Pose) -> tuple[Pose, Float[np.ndarray, " n"], float]:
     """The most probable pose, each touch's distance from it, and the scale of the distances (at least 1)."""
-    pose, damping = initial, 1e-6
+    pose, damping, sizes = initial, 1e-6, evidence.spreads.sizes
     for _ in range(100):
         whitener = evidence.whitener(pose)
         residual = apply(whitener, evidence.residual(pose))
         distances = np.linalg.norm(residual, axis=1)
-        scale = max(1.0, float(np.sqrt(np.median(distances**2) / MEDIAN)))
+        scale = _scale(distances)
         weights = np.minimum(1.0, USUAL * scale / np.maximum(distances, 1e-12)) / scale**2
         slope = whitener @ evidence.jacobian(pose)
         away = offset(initial, pose) / sizes
@@ -39,7 +37,11 @@ def fit(
         if gain < 1e-10 or (gain < 1e-3 and not better):
             break
     distances = np.linalg.norm(apply(evidence.whitener(pose), evidence.residual(pose)), axis=1)
-    return pose, distances, max(1.0, float(np.sqrt(np.median(distances**2) / MEDIAN)))
+    return pose, distances, _scale(distances)
+
+
+def _scale(distances: Float[np.ndarray, " n"]) -> float:
+    return max(1.0, float(np.sqrt(np.median(distances**2) / MEDIAN)))
 
 
 def offset(initial: Pose, pose: Pose) -> Float[np.ndarray, "6"]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -83,11 +83,10 @@ def identify_offset(
     if not (np.isfinite([low, high]).all() and low < high):
         raise InputError(f"the search must go from a lower to a higher offset, not from {low} to {high}.")
     known = None if payload is None else np.concatenate([payload.weight, payload.force_bias])
-    averages, each = _averages(time, wrenches)
+    whole = _averaged(track, time, wrenches, known, noise)
     grid = np.linspace(low, high, int(np.clip(np.ceil((high - low) / GRID), 20, 2000)) + 1)
-    problem = _Problem(track, *_usable(track, *_thinned(averages, COARSE), grid), known)
-    floor = _floor(wrenches, each) if noise is None else float(np.mean(noise[:3])) / each**0.5
-    costs = np.array([problem.cost(offset, floor) for offset in grid])
+    problem = whole.usable(grid, COARSE)
+    costs = np.array([problem.cost(offset) for offset in grid])
     best = int(np.argmin(costs))
     gain = (np.median(costs) - costs[best]) / 2
     if not gain > SURE:  # NaN too
@@ -97,19 +96,36 @@ def identify_offset(
             f"the best offset, {grid[best]:.3g} s, lies at the edge of the search from {low:g} to {high:g} s.",
             hint="Search further, or check that both clocks count from the same moment.",
         )
-    near = grid[best - 1 : best + 2]
-    problem = _Problem(track, *_usable(track, *_thinned(averages, FINE), near), known)
-    return _refined(problem, float(grid[best]), floor, each)
+    return _refined(whole.usable(grid[best - 1 : best + 2], FINE), float(grid[best]))
 
 
 @dataclass(frozen=True)
 class _Problem:
-    """Averaged forces and the poses that should explain them; `known` weight and bias, or None to fit them."""
+    """Forces, averages of `each` readings and of a noise `floor` [N], and the poses that should explain them.
+
+    `known` are weight and bias; None: they are fitted.
+    """
 
     track: PoseTrack
     time: Float[np.ndarray, " n"]
     force: Float[np.ndarray, "n 3"]
     known: Float[np.ndarray, "6"] | None
+    each: int
+    floor: float
+
+    def usable(self, offsets: Float[np.ndarray, " k"], most: int) -> _Problem:
+        """With those of at most so many averages that have a pose at every offset: all are judged by the same."""
+        every = max(1, -(-len(self.time) // most))
+        time, force = self.time[::every], self.force[::every]
+        known: Bool[np.ndarray, " n"] = np.ones(len(time), dtype=bool)
+        for offset in offsets:
+            known &= np.isfinite(self.track.at(time - offset)[0][:, 0])
+        if np.count_nonzero(known) < LEAST:
+            raise InputError(
+                "hardly any wrench has a pose at every offset of the search.",
+                hint="Check that poses and wrenches overlap in time, search less far, or allow a larger gap.",
+            )
+        return replace(self, time=time[known], force=force[known])
 
     def columns(self, offset: float) -> Float[np.ndarray, "n 3 6"]:
         """What multiplies (w, f0)."""
@@ -117,7 +133,7 @@ class _Problem:
         identity = np.broadcast_to(np.eye(3), rotations.shape)
         return np.concatenate([rotations.swapaxes(-1, -2), identity], axis=-1)
 
-    def fit(self, columns: np.ndarray, floor: float) -> tuple[Float[np.ndarray, "6"], Float[np.ndarray, "n 3"]]:
+    def fit(self, columns: np.ndarray) -> tuple[Float[np.ndarray, "6"], Float[np.ndarray, "n 3"]]:
         """(w, f0) and the residuals, by weights that narrow from the spread of all to that of the good."""
         if self.known is not None:
             return self.known, self.force - columns @ self.known
@@ -126,27 +142,59 @@ class _Problem:
         for _ in range(8):
             solution = _solve(columns, self.force, weights)
             residual = self.force - columns @ solution
-            weights = _weights(residual, _scale(residual, floor))
+            weights = _weights(residual, _scale(residual, self.floor))
         return solution, residual
 
-    def cost(self, offset: float, floor: float) -> float:
+    def cost(self, offset: float) -> float:
         """Twice the negative log-likelihood, but for a constant, with the scale at its least."""
-        residual = self.fit(self.columns(offset), floor)[1]
-        squares = np.sum(residual**2, axis=1)
-        return float(np.sum(np.log(squares + (CAUCHY * floor) ** 2)))
+        squares = np.sum(self.fit(self.columns(offset))[1] ** 2, axis=1)
+        return float(np.sum(np.log(squares + (CAUCHY * self.floor) ** 2)))
+
+    def linearised(self, offset: float, solution: Float[np.ndarray, "6"]) -> tuple[np.ndarray, np.ndarray, float]:
+        """What multiplies (w, f0); how the modelled force changes with the offset [N/s]; the scale of what it leaves.
+
+        The change is a difference over a step, as poses are kinked.
+        """
+        columns, span = self.columns(offset), STEP / 2
+        slope = (self.columns(offset + span) - self.columns(offset - span)) @ solution / (2 * span)
+        return columns, slope, _scale(self.force - columns @ solution, self.floor, touched=self.known is not None)
 
 
-def _refined(problem: _Problem, offset: float, floor: float, each: int) -> ClockOffset:
+def _averaged(
+    track: PoseTrack,
+    time: Float[np.ndarray, " n"],
+    wrenches: Float[np.ndarray, "n 6"],
+    known: Float[np.ndarray, "6"] | None,
+    noise: Float[np.ndarray, "6"] | None,
+) -> _Problem:
+    """Times and forces averaged over `AVERAGE`, whole ones without a gap; their noise from the log's steps if None."""
+    steps = np.diff(time[np.isfinite(time)])
+    steps = steps[steps > 0]
+    if not len(steps):
+        raise InputError("the wrenches have no rising times, so no clock to compare.")
+    usual = float(np.median(steps))
+    each = max(1, int(min(AVERAGE / usual, len(time))))
+    count = len(time) // each
+    times = time[: count * each].reshape(count, each)
+    forces = wrenches[: count * each, :3].reshape(count, each, 3)
+    whole = np.isfinite(forces).all(axis=(1, 2)) & (np.abs(times[:, -1] - times[:, 0]) <= 2 * each * usual)
+    found = estimate_noise(wrenches) if noise is None else noise
+    floor = 0.0 if found is None else float(np.mean(found[:3])) / each**0.5
+    floor = max(floor, 1e-6) if noise is None else floor
+    return _Problem(track, times[whole].mean(axis=1), forces[whole].mean(axis=1), known, each, floor)
+
+
+def _refined(problem: _Problem, offset: float) -> ClockOffset:
     free = problem.known is None
-    solution, residual = problem.fit(problem.columns(offset), floor)
-    columns, slope, spread = _linearised(problem, offset, solution, floor)
+    solution, _ = problem.fit(problem.columns(offset))
+    columns, slope, spread = problem.linearised(offset, solution)
     for _ in range(30):
         jacobian = np.concatenate([slope[..., None], columns], axis=-1) if free else slope[..., None]
         residual = problem.force - columns @ solution
         step = _solve(jacobian, residual, _weights(residual, spread))
         offset += float(np.clip(step[0], -STEP, STEP))
         solution = solution + step[1:] if free else solution
-        columns, slope, spread = _linearised(problem, offset, solution, floor)
+        columns, slope, spread = problem.linearised(offset, solution)
         if abs(step[0]) < 1e-7:
             break
     residual = problem.force - columns @ solution
@@ -156,23 +204,7 @@ def _refined(problem: _Problem, offset: float, floor: float, each: int) -> Clock
         raise _hardly_turns(deviation)
     far = np.count_nonzero(np.linalg.norm(residual, axis=1) > 5.0 * spread) / len(residual)
     said = (f"{far:.0%} of the samples lie far from the fit (touches?) and hardly count.",) if far > 0.02 else ()
-    return ClockOffset(offset, deviation, spread, len(residual) * each, said)
-
-
-def _linearised(
-    problem: _Problem, offset: float, solution: np.ndarray, floor: float
-) -> tuple[Float[np.ndarray, "n 3 6"], Float[np.ndarray, "n 3"], float]:
-    """What multiplies (w, f0), how the modelled force changes with the offset, and the scale of what it leaves."""
-    columns = problem.columns(offset)
-    touched = problem.known is not None
-    spread = _scale(problem.force - columns @ solution, floor, touched=touched)
-    return columns, _slope(problem, offset, solution), spread
-
-
-def _slope(problem: _Problem, offset: float, solution: np.ndarray) -> Float[np.ndarray, "n 3"]:
-    """How the modelled force changes with the offset [N/s]: a difference over a step, as poses are kinked."""
-    span = STEP / 2
-    return (problem.columns(offset + span) - problem.columns(offset - span)) @ solution / (2 * span)
+    return ClockOffset(offset, deviation, spread, len(residual) * problem.each, said)
 
 
 def _deviation(time: np.ndarray, across: np.ndarray, residual: np.ndarray, spread: float) -> float:
@@ -212,48 +244,6 @@ def _scale(residual: Float[np.ndarray, "n 3"], floor: float, *, touched: bool = 
     """
     share, of_normal = (0.25, 0.3186) if touched else (0.5, 0.6745)
     return max(float(np.quantile(np.abs(residual), share)) / of_normal, floor)
-
-
-def _averages(time: np.ndarray, wrenches: np.ndarray) -> tuple[tuple[np.ndarray, np.ndarray], int]:
-    """Times and forces averaged over `AVERAGE`, whole ones without a gap, and how many readings each holds."""
-    steps = np.diff(time[np.isfinite(time)])
-    steps = steps[steps > 0]
-    if not len(steps):
-        raise InputError("the wrenches have no rising times, so no clock to compare.")
-    usual = float(np.median(steps))
-    each = max(1, int(min(AVERAGE / usual, len(time))))
-    count = len(time) // each
-    times = time[: count * each].reshape(count, each)
-    forces = wrenches[: count * each, :3].reshape(count, each, 3)
-    whole = np.isfinite(forces).all(axis=(1, 2)) & (np.abs(times[:, -1] - times[:, 0]) <= 2 * each * usual)
-    return (times[whole].mean(axis=1), forces[whole].mean(axis=1)), each
-
-
-def _thinned(averages: tuple[np.ndarray, np.ndarray], most: int) -> tuple[np.ndarray, np.ndarray]:
-    time, force = averages
-    every = max(1, -(-len(time) // most))
-    return time[::every], force[::every]
-
-
-def _usable(
-    track: PoseTrack, time: np.ndarray, force: np.ndarray, offsets: np.ndarray
-) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, "m 3"]]:
-    """The averages that have a pose at every offset, so that all offsets are judged by the same readings."""
-    known: Bool[np.ndarray, " n"] = np.ones(len(time), dtype=bool)
-    for offset in offsets:
-        known &= np.isfinite(track.at(time - offset)[0][:, 0])
-    if np.count_nonzero(known) < LEAST:
-        raise InputError(
-            "hardly any wrench has a pose at every offset of the search.",
-            hint="Check that poses and wrenches overlap in time, search less far, or allow a larger gap.",
-        )
-    return time[known], force[known]
-
-
-def _floor(wrenches: np.ndarray, each: int) -> float:
-    """Noise [N] of an average, from the log's own steps."""
-    found = estimate_noise(wrenches)
-    return 1e-6 if found is None else max(float(np.mean(found[:3])) / each**0.5, 1e-6)
 
 
 def _hardly_turns(deviation: float = np.inf) -> NotIdentifiable:

@@ -79,18 +79,16 @@ def _increasing(matrix: np.ndarray, signed: np.ndarray) -> np.ndarray:
     return lsq_linear(matrix, signed, bounds=(low, np.inf), tol=1e-12).x
 
 
-class _BestJoint:
-    """The joint of two ranges is where the fit is best."""
-
-    def __call__(self, force: np.ndarray, signed: np.ndarray) -> Curve:
-        joints: Float[np.ndarray, " j"] = np.quantile(force[force > 0], np.linspace(0.02, 0.95, 48))
+def _best_joint(force: np.ndarray, signed: np.ndarray) -> Curve:
+    """Two ranges, joined where the fit is best."""
+    joints: Float[np.ndarray, " j"] = np.quantile(force[force > 0], np.linspace(0.02, 0.95, 48))
+    best = _best(joints, force, signed)
+    for _ in range(2):  # finer, to either side
+        at = int(np.argmin(np.abs(joints - best.joint)))
+        low, high = float(joints[max(at - 1, 0)]), float(joints[min(at + 1, len(joints) - 1)])
+        joints = np.linspace(low, high, 17)
         best = _best(joints, force, signed)
-        for _ in range(2):  # finer, to either side
-            at = int(np.argmin(np.abs(joints - best.joint)))
-            low, high = float(joints[max(at - 1, 0)]), float(joints[min(at + 1, len(joints) - 1)])
-            joints = np.linspace(low, high, 17)
-            best = _best(joints, force, signed)
-        return best
+    return best
 
 
 def _best(joints: np.ndarray, force: np.ndarray, signed: np.ndarray) -> Curve:
@@ -105,13 +103,11 @@ def _best(joints: np.ndarray, force: np.ndarray, signed: np.ndarray) -> Curve:
     return min(fits, key=lambda fit: fit.residual)
 
 
-def choices(
-    kind: str, degree: int | None, force: np.ndarray, signed: np.ndarray
-) -> list[Callable[[np.ndarray, np.ndarray], Curve]]:
+def choices(kind: str, degree: int | None, force: np.ndarray, signed: np.ndarray) -> list[_Make]:
     """What may be tried."""
-    known: dict[str, list[Callable[[np.ndarray, np.ndarray], Curve]]] = {
+    known: dict[str, list[_Make]] = {
         "polynomial": [_polynomial(each) for each in (_DEGREES if degree is None else (degree,))],
-        "two_range": [_BestJoint()],
+        "two_range": [_best_joint],
         "monotone": [_monotone(_knots(force, signed))],
     }
     if kind == "auto":

@@ -88,23 +88,24 @@ def identify_intensity(
         return Intensity((common,), provenance=provenance or {}, notes=tuple(_remarks(common)))
     rows, columns = shape or tuple(int(last) + 1 for last in cell.max(axis=0))
     pressed, number = np.unique(cell, axis=0, return_inverse=True)
-    outside = (pressed < 0).any() or (pressed >= [rows, columns]).any()
-    if outside:
+    if (pressed < 0).any() or (pressed >= [rows, columns]).any():
         raise InputError(f"a press names a cell that is not on the sheet of {rows} x {columns}.", where="intensity")
-    which, zero, gain, error = np.zeros((rows, columns), np.int64), *np.zeros((3, len(pressed)))
-    for step in range(3):
-        zero, gain, error = _gains(common, force, intensity, number.ravel(), len(pressed))
-        known = gain > 0
-        if step < 2:
-            own = known[number.ravel()]
-            mine = number.ravel()[own]
-            alike = (intensity[own] - zero[mine]) / gain[mine]
-            refit = identify_curve(force[own], alike, kind=common.kind, degree=_degree(common), top=np.inf)
-            common = replace(refit, saturation=common.saturation, falling=common.falling)
+    which, number = np.zeros((rows, columns), np.int64), number.ravel()
+    zero, gain, error = _gains(common, force, intensity, number, len(pressed))
+    for _ in range(2):
+        own = (gain > 0)[number]
+        mine = number[own]
+        alike = (intensity[own] - zero[mine]) / gain[mine]
+        terms = len(common.parameters) if common.kind == "polynomial" else None
+        refit = identify_curve(force[own], alike, kind=common.kind, degree=terms, top=np.inf)
+        common = replace(refit, saturation=common.saturation, falling=common.falling)
+        zero, gain, error = _gains(common, force, intensity, number, len(pressed))
     notes, curves = _remarks(common), [common]
     for (row, column), own, spread in zip(pressed.tolist(), gain.tolist(), error.tolist(), strict=True):
         if own > 0:
-            curves.append(_scaled(common, own, spread))
+            values = common.parameters
+            covariance = own**2 * common.covariance + spread**2 * np.outer(values, values)
+            curves.append(replace(common, parameters=own * values, covariance=covariance))
             which[row, column] = len(curves) - 1
     if len(curves) - 1 < which.size:
         notes.append(f"{which.size - len(curves) + 1} of {which.size} cells have no gain of their own: too few presses")
@@ -133,12 +134,6 @@ def _gains(
             zero[k], gain[k] = y[mine].mean() - slope * x[mine].mean(), slope
             error[k] = np.sqrt(float(left @ left) / max(np.count_nonzero(mine) - 2, 1) / square)
     return zero, gain, error
-
-
-def _scaled(common: Curve, gain: float, error: float) -> Curve:
-    values = common.parameters
-    covariance = gain**2 * common.covariance + error**2 * np.outer(values, values)
-    return replace(common, parameters=gain * values, covariance=covariance)
 
 
 def identify_resistive(
@@ -262,7 +257,3 @@ def _remarks(curve: Curve) -> list[str]:
     if np.isfinite(curve.hysteresis):
         said.append(f"loading and unloading differ by up to {100 * curve.hysteresis:.1f} % of the span")
     return said
-
-
-def _degree(curve: Curve) -> int | None:
-    return len(curve.parameters) if curve.kind == "polynomial" else None

@@ -4,36 +4,57 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool
 from numpy.typing import ArrayLike
 
 from palpate.calibration._load_cell_checks import check_channels, check_directions, check_response
 from palpate.calibration._load_cell_coverage import Coverage, coverage
-from palpate.calibration._load_cell_fit import Fit, Zeros, fit, linear_start, touches
-from palpate.calibration._load_cell_log import Blocks, blocks_of, rest_noise, rests
+from palpate.calibration._load_cell_fit import Fit, Touches, fit, linear_start, touches
+from palpate.calibration._load_cell_log import BenchLog, Blocks, blocks_of, rest_noise, rests
 from palpate.errors import InputError
-from palpate.sensors.load_cells import LoadCells, require_layout, with_changes
+from palpate.sensors.load_cells import LENGTH, LoadCells, require_layout, with_changes
+from palpate.surfaces import Surface
 
-__all__ = ["LoadCellCalibration", "Projecting", "identify_load_cells"]
+__all__ = ["CalibrationOptions", "LoadCellCalibration", "identify_load_cells"]
 
 BALL = 2e-3  # m: radius of the paper's ball, of 4 mm diameter
 LEAST = 0.3  # N: lighter touches are left out
 BEYOND = 5.0  # times the reference's noise that they must also be
-FEWEST = 200  # blocks
 NOWHERE = 5.0  # times its radius: a log that cannot be meant
 FARTHEST = 0.2  # of the ball's radius: how far off the surface its centre may say that it touches, before it is said
 
 
-@runtime_checkable
-class Projecting(Protocol):
-    """What the calibration needs of a surface; see `palpate.surfaces.Surface`."""
+@dataclass(frozen=True, eq=False)
+class CalibrationOptions:
+    """What is known beside the log, and how it is fitted.
 
-    def project(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Closest points, outward unit normals there, and facets."""
-        ...
+    Attributes:
+        ball: its radius [m].
+        positions: (k, 3) [m] of the cells as far as known, NaN else: checked, and kept.
+        limits: (3 k, 2) range of each channel [V].
+        noise: (3 k,) or (3 k, 3 k) of one reading; None: as the unloaded stretches show it.
+        least: [N] lighter touches are left out.
+        start: (6, 3 k) a map from voltages to wrenches to start from, beside the linear least squares; where it leads
+            to a worse fit, it is not followed, and that is said.
+        robust: what lies more than three deviations out counts less.
+        names: of the channels, for messages.
+        provenance: kept in the model.
+    """
+
+    ball: float = BALL
+    positions: ArrayLike | None = None
+    limits: ArrayLike | None = None
+    noise: ArrayLike | None = None
+    least: float = LEAST
+    start: ArrayLike | None = None
+    robust: bool = True
+    names: tuple[str, ...] = ()
+    provenance: Mapping[str, str] | None = None
+
+
+_USUAL = CalibrationOptions()
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,32 +63,27 @@ class LoadCellCalibration:
 
     Attributes:
         cells: the model.
-        time: (n,) [s] of each block of the log that was used.
-        contact: (n, 3) [m] and force: (n, 3) [N], of the reference.
-        residuals: (n, 6) estimate less reference: force [N], position along two tangents [m], moment along the force
-            [N m].
-        cost: of the fit, half the sum of whitened squares.
-        correlation: (6,) blocks that tell as much as one independent block.
+        touches: the blocks of the log that were used, with the reference's force and contact.
+        fit: what the model leaves of them.
         reference_noise: [N] of one reading of the reference, unloaded.
         coverage: what the log did not visit.
-        notes: what a user should know, one sentence each.
     """
 
     cells: LoadCells
-    time: Float[np.ndarray, " n"]
-    contact: Float[np.ndarray, "n 3"]
-    force: Float[np.ndarray, "n 3"]
-    residuals: Float[np.ndarray, "n 6"]
-    cost: float
-    correlation: Float[np.ndarray, "6"]
+    touches: Touches
+    fit: Fit
     reference_noise: float
     coverage: Coverage
-    notes: tuple[str, ...]
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What a user should know, one sentence each."""
+        return self.cells.notes
 
     @property
     def rms(self) -> tuple[float, float, float]:
         """Root mean squares of force [N], position [m] and moment along the force [N m], as lengths."""
-        square = np.mean(self.residuals**2, axis=0)
+        square = np.mean(self.fit.residuals**2, axis=0)
         return float(np.sqrt(square[:3].sum())), float(np.sqrt(square[3:5].sum())), float(np.sqrt(square[5]))
 
 
@@ -76,19 +92,11 @@ def identify_load_cells(
     voltages: ArrayLike,
     forces: ArrayLike,
     centres: ArrayLike,
-    surface: Projecting,
+    surface: Surface,
     *,
-    ball: float = BALL,
     torques: ArrayLike | None = None,
     indentation: bool = False,
-    positions: ArrayLike | None = None,
-    limits: ArrayLike | None = None,
-    noise: ArrayLike | None = None,
-    least: float = LEAST,
-    start: ArrayLike | None = None,
-    robust: bool = True,
-    names: tuple[str, ...] = (),
-    provenance: Mapping[str, str] | None = None,
+    options: CalibrationOptions = _USUAL,
 ) -> LoadCellCalibration:
     """C, its covariance and the noise, from voltages beside a reference force and the place of a ball [load cells, D].
 
@@ -102,134 +110,70 @@ def identify_load_cells(
         forces: (n, 3) [N] that the ball puts on the fingertip, in the surface's frame.
         centres: (n, 3) [m] of the ball's centre there; the contact is the point of the surface nearest to it.
         surface: that is touched, undeformed.
-        ball: its radius [m].
         torques: (n,) [N m] about the normal, if the reference knows one; None: none acts.
         indentation: fit the depth below the surface at which the force of the ball acts, as on a soft layer.
-        positions: (k, 3) [m] of the cells as far as known, NaN else: checked, and kept.
-        limits: (3 k, 2) range of each channel [V].
-        noise: (3 k,) or (3 k, 3 k) of one reading; None: as the unloaded stretches show it.
-        least: [N] lighter touches are left out.
-        start: (6, 3 k) a map from voltages to wrenches to start from, beside the linear least squares; where it leads
-            to a worse fit, it is not followed, and that is said.
-        robust: what lies more than three deviations out counts less.
-        names: of the channels, for messages.
-        provenance: kept in the model.
+        options: what else is known.
 
     Raises:
         InputError: shapes; a log that does not begin unloaded; a channel that never moves, or of another unit.
         NotIdentifiable: directions of the wrench that the log does not hold, or that the cells cannot tell.
     """
-    rows = _Rows.of(time, voltages, forces, centres, torques, positions, names)
-    found = rests(rows.time, rows.voltages, rows.forces)
-    seen, correlation, reference = rest_noise(found, rows.voltages, rows.forces)
-    stated = seen if noise is None else np.asarray(noise, dtype=np.float64)
+    log, names = _complete(time, voltages, forces, centres, torques), options.names
+    if options.positions is not None:
+        require_layout(np.asarray(options.positions, dtype=np.float64))
+    found = rests(log)
+    seen, correlation, reference = rest_noise(log, found)
+    stated = seen if options.noise is None else np.asarray(options.noise, dtype=np.float64)
     stated = np.diag(stated**2) if stated.ndim == 1 else stated
-    check_channels(rows.voltages, found, seen, limits, rows.names)
-    least = max(least, BEYOND * reference)
-    blocks = blocks_of(found, *rows.arrays, least)
-    if len(blocks.time) < FEWEST:
-        raise InputError(
-            f"only {len(blocks.time)} blocks of 10 ms are loaded by {least:g} N or more, and {FEWEST} are needed.",
-            hint="Slide the ball over the whole surface, with 1 N or more.",
-        )
+    names = names or tuple(f"u{cell + 1}{axis}" for cell in range(log.voltages.shape[1] // 3) for axis in "xyz")
+    check_channels(log.voltages, found, seen, options.limits, names)
+    blocks = blocks_of(log, found, max(options.least, BEYOND * reference))
     contact, normal, _ = surface.project(blocks.centres)
-    doubts = _off_surface(blocks, contact, normal, ball)
-    check_directions(blocks.forces, contact, reference)
-    lower, basis = _signal(blocks, stated)
+    doubts = _off_surface(blocks, contact, normal, options.ball)
+    wrenches = np.concatenate([blocks.forces, np.cross(contact, blocks.forces) / LENGTH], axis=1)
+    check_directions(wrenches, reference)
+    lower = np.linalg.cholesky(stated)
     white = np.linalg.solve(lower, blocks.voltages.T).T
-    check_response(white, blocks.forces, contact)
-    y = white @ basis
-    data = touches(blocks, y, contact, normal)
-    starts = [] if start is None else [np.asarray(start, dtype=np.float64) @ lower @ basis]
-    starts.append(linear_start(data, np.zeros(0)))
-    resting = float(np.mean([rest.rows[1] - rest.rows[0] for rest in found])) / correlation
-    zeros = Zeros(
-        tuple(np.flatnonzero(blocks.run == run) for run in np.unique(blocks.run)),
-        np.array([1.0] * 6 + [reference**2] * 3) / resting,
-    )
-    answer = fit(data, starts, zeros, indented=indentation, robust=robust)
+    check_response(white, wrenches)
+    basis = np.linalg.eigh(white.T @ white)[1][:, :-7:-1]  # the six strongest directions
+    data = touches(blocks, white @ basis, contact, normal)
+    given = [] if options.start is None else [(np.asarray(options.start, np.float64) @ lower @ basis).reshape(-1)]
+    resting = float(np.mean([rest.rows.stop - rest.rows.start for rest in found])) / correlation
+    zeros = np.array([1.0] * 6 + [reference**2] * 3) / resting
+    answer = fit(data, [*given, linear_start(data)], zeros, indented=indentation, robust=options.robust)
     drift, misfit = _unexplained(white, basis, blocks, correlation)
-    matrix = lower @ basis @ np.linalg.inv(answer.matrix)
     cells = LoadCells(
-        matrix,
+        lower @ basis @ answer.inverse,
         stated,
-        limits=limits,
-        covariance=_relative(answer),
-        positions=positions,
+        limits=options.limits,
+        positions=options.positions,
         indentation=answer.indentation,
         bias=np.mean([rest.voltage for rest in found], axis=0),
-        drift=drift,
-        misfit=misfit,
-        correlation=correlation,
-        samples=len(rows.time),
-        provenance=provenance,
+        samples=len(log.time),
+        provenance=options.provenance,
     )
+    errors = {"covariance": answer.relative_covariance, "drift": drift, "misfit": misfit, "correlation": correlation}
+    cells = with_changes(cells, **errors)
     covered = coverage(data, cells)
     lost = ("The start that was given leads to a worse fit than the linear one, and was not followed.",)
-    notes = (*doubts, *(lost if start is not None and answer.followed == 1 else ()), *covered.notes)
-    return LoadCellCalibration(
-        with_changes(cells, notes=notes),
-        blocks.time,
-        contact,
-        blocks.forces,
-        answer.residuals,
-        answer.cost,
-        answer.correlation,
-        reference,
-        covered,
-        notes,
-    )
+    notes = (*doubts, *(lost if given and answer.followed == 1 else ()), *covered.notes)
+    return LoadCellCalibration(with_changes(cells, notes=notes), data, answer, reference, covered)
 
 
-@dataclass(frozen=True, eq=False)
-class _Rows:
-    """The log as arrays of one length."""
-
-    time: np.ndarray
-    voltages: np.ndarray
-    forces: np.ndarray
-    centres: np.ndarray
-    torques: np.ndarray
-    names: tuple[str, ...]
-
-    @classmethod
-    def of(
-        cls,
-        time: ArrayLike,
-        voltages: ArrayLike,
-        forces: ArrayLike,
-        centres: ArrayLike,
-        torques: ArrayLike | None,
-        positions: ArrayLike | None,
-        names: tuple[str, ...],
-    ) -> _Rows:
-        at, u, f, c = (np.asarray(part, dtype=np.float64) for part in (time, voltages, forces, centres))
-        if u.ndim != 2 or u.shape[1] < 9 or u.shape[1] % 3:
-            raise InputError(f"voltages must be (n, 3 k) of at least three cells, not {u.shape}")
-        if at.shape != (len(u),) or f.shape != (len(u), 3) or c.shape != (len(u), 3):
-            raise InputError(f"time, forces and centres must have a row for each of the {len(u)} voltages")
-        if positions is not None:
-            require_layout(np.asarray(positions, dtype=np.float64))
-        t = np.zeros(len(u)) if torques is None else np.asarray(torques, dtype=np.float64)
-        named = names or tuple(f"u{cell + 1}{axis}" for cell in range(u.shape[1] // 3) for axis in "xyz")
-        whole: Bool[np.ndarray, " n"] = np.all(np.isfinite(np.column_stack([at, u, f, c, t])), axis=1)
-        if not whole.any():
-            raise InputError("no row of the log is complete.", hint="Check the columns and the log's length.")
-        return cls(at[whole], u[whole], f[whole], c[whole], t[whole], named)
-
-    @property
-    def arrays(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        return self.time, self.voltages, self.forces, self.centres, self.torques
-
-
-def _signal(
-    blocks: Blocks, noise: Float[np.ndarray, "m m"]
-) -> tuple[Float[np.ndarray, "m m"], Float[np.ndarray, "m 6"]]:
-    """Cholesky factor of the noise, and the six strongest directions of the whitened voltages."""
-    lower = np.linalg.cholesky(noise)
-    white = np.linalg.solve(lower, blocks.voltages.T)
-    _, vectors = np.linalg.eigh(white @ white.T)
-    return lower, vectors[:, :-7:-1]
+def _complete(
+    time: ArrayLike, voltages: ArrayLike, forces: ArrayLike, centres: ArrayLike, torques: ArrayLike | None
+) -> BenchLog:
+    """The log's complete rows as arrays of one length."""
+    at, u, f, c = (np.asarray(part, dtype=np.float64) for part in (time, voltages, forces, centres))
+    if u.ndim != 2 or u.shape[1] < 9 or u.shape[1] % 3:
+        raise InputError(f"voltages must be (n, 3 k) of at least three cells, not {u.shape}")
+    if at.shape != (len(u),) or f.shape != (len(u), 3) or c.shape != (len(u), 3):
+        raise InputError(f"time, forces and centres must have a row for each of the {len(u)} voltages")
+    t = np.zeros(len(u)) if torques is None else np.asarray(torques, dtype=np.float64)
+    whole: Bool[np.ndarray, " n"] = np.all(np.isfinite(np.column_stack([at, u, f, c, t])), axis=1)
+    if not whole.any():
+        raise InputError("no row of the log is complete.", hint="Check the columns and the log's length.")
+    return BenchLog(at[whole], u[whole], f[whole], c[whole], t[whole])
 
 
 def _unexplained(white: np.ndarray, basis: np.ndarray, blocks: Blocks, correlation: float) -> tuple[float, float]:
@@ -248,13 +192,6 @@ def _unexplained(white: np.ndarray, basis: np.ndarray, blocks: Blocks, correlati
     drifted = across - found[1] * loads[:, 1]
     worst = max(float(drifted[blocks.run == run].mean()) for run in np.unique(blocks.run))
     return float(np.sqrt(max(0.0, worst))), float(np.sqrt(found[1]))
-
-
-def _relative(answer: Fit) -> Float[np.ndarray, "36 36"]:
-    """Covariance of E = -dB B^-1: the true matrix is C (I + E)."""
-    turn = np.kron(np.eye(6), np.linalg.inv(answer.matrix).T)
-    covariance = turn @ answer.covariance[:36, :36] @ turn.T
-    return (covariance + covariance.T) / 2.0
 
 
 def _off_surface(blocks: Blocks, contact: np.ndarray, normal: np.ndarray, ball: float) -> tuple[str, ...]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from math import radians
 from types import MappingProxyType
 
 import numpy as np
@@ -13,17 +12,18 @@ from numpy.typing import ArrayLike
 
 from palpate.calibration._pose_fit import apply, fit, offset
 from palpate.calibration._screws import name_motions
-from palpate.calibration._touch_evidence import Evidence, KnownPoints, SomewhereOnSurface, Touched
+from palpate.calibration._touch_evidence import Evidence, KnownPoints, SomewhereOnSurface, Spreads
 from palpate.errors import InputError, NotIdentifiable
 from palpate.spatial._arrays import frozen
 from palpate.spatial.pose import Pose, skew
 from palpate.spatial.uncertain import noise_covariance
 from palpate.surfaces import Mesh
 
-__all__ = ["Mounting", "identify_mounting", "mean_touches"]
+__all__ = ["Mounting", "Spreads", "identify_mounting", "mean_touches"]
 
 SAID = 3  # notes in a refusal
 WRONG = 5.0  # of a touch: beyond it the touch is left out and named: another mark, or a slip
+_USUAL = Spreads()
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,11 +71,8 @@ def identify_mounting(
     initial: Pose,
     points: Float[np.ndarray, "n 3"] | None = None,
     noise: ArrayLike | None = None,
-    prior: tuple[float, float] = (radians(10), 0.01),
-    placement: float = 0.5e-3,
-    torsion: float = 2e-3,
-    friction: float = 0.2,
     labels: Sequence[str] | None = None,
+    spreads: Spreads = _USUAL,
 ) -> Mounting:
     """The pose of the surface from one compensated wrench a touch.
 
@@ -86,11 +83,11 @@ def identify_mounting(
     three touches whose forces differ in direction and whose points are not on one line determine all.
 
     Without points a touch informs only through the *prior* that forces press more than they drag: the unit force is
-    expected within `friction` of -n, which on a surface of curvature radius r places the touch to about friction * r.
-    An ellipsoid of 60 x 25 x 40 mm is placed to 1.2 mm and 6 degrees by 30 touches at friction 0.2, to 0.4 mm and 1.6
-    degrees by 100 at 0.1 (the covariance says so, but is up to a fifth too small in standard deviations with few
-    touches and much friction). Touches that all drag the same way give a wrong answer without a warning. A body that
-    looks the same when turned or slid keeps the initial pose in that direction.
+    expected within the friction of `Spreads` about -n, which on a surface of curvature radius r places the touch to
+    about friction * r. An ellipsoid of 60 x 25 x 40 mm is placed to 1.2 mm and 6 degrees by 30 touches at friction 0.2,
+    to 0.4 mm and 1.6 degrees by 100 at 0.1 (the covariance says so, but is up to a fifth too small in standard
+    deviations with few touches and much friction). Touches that all drag the same way give a wrong answer without a
+    warning. A body that looks the same when turned or slid keeps the initial pose in that direction.
 
     Args:
         wrenches: (n, 6) in the sensor frame, compensated, one a touch (`mean_touches`); a row with NaN is left out.
@@ -98,19 +95,14 @@ def identify_mounting(
         initial: T_sensor_surface as drawn or measured by hand.
         points: (n, 3) [m] touched, in the surface's frame; None when not known.
         noise: six standard deviations, one covariance (6, 6), or one for each touch (n, 6, 6), of the rows given.
-            None: small beside `placement`. Errors common to all touches (the bias) are not told apart from it.
-        prior: standard deviations [rad, m] of the initial rotation, and position of the surface's origin, by axis.
-        placement: [m] standard deviation of how well a mark is hit (and the mesh known), by axis.
-        torsion: [m] standard deviation of the torque about the normal over |F|.
-        friction: standard deviation of each tangential part of the unit force; used without points only.
+            None: small beside the placement. Errors common to all touches (the bias) are not told apart from it.
         labels: names of the touches, for messages.
+        spreads: of the prior, of placement, torsion and friction.
 
     Raises:
         NotIdentifiable: no direction of the pose is seen better than the prior knows it.
-        InputError: a mark lies further from the surface than the surface is large; a placement that is no length.
+        InputError: a mark lies further from the surface than the surface is large.
     """
-    if not 0 < placement <= 1:  # NaN too
-        raise InputError(f"placement must be above 0 and at most 1 m, not {placement:g}.")
     names = [f"touch {k + 1}" for k in range(len(wrenches))] if labels is None else list(labels)
     known = np.zeros((len(wrenches), 3)) if points is None else points
     used = np.flatnonzero(np.isfinite(np.concatenate([wrenches, known], axis=1)).all(axis=1) & wrenches[:, :3].any(1))
@@ -118,25 +110,24 @@ def identify_mounting(
         f"{names[k]} is left out: it has no point, or no usable sample" for k in np.setdiff1d(range(len(names)), used)
     ]
     covariances = _noise(noise, len(wrenches))
-    sizes = np.repeat(np.asarray(prior, dtype=np.float64), 3)
 
     def evidence(rows: Int[np.ndarray, " k"]) -> Evidence:
-        touched = Touched(wrenches[rows], covariances[rows], placement, torsion, friction)
+        touched = wrenches[rows], covariances[rows], spreads
         if points is None:
-            return SomewhereOnSurface(touched, surface)
-        return KnownPoints(touched, points[rows], surface.project(points[rows])[1])
+            return SomewhereOnSurface(*touched, surface)
+        return KnownPoints(*touched, points[rows], surface.project(points[rows])[1])
 
     if len(used) == 0:
-        raise _refusal(points is None, 0, np.eye(6), prior, notes)
+        raise _refusal(points is None, np.eye(6), spreads, notes)
     if points is not None:
-        notes += _strays(points[used], surface, [names[k] for k in used], placement)
-    pose, distances, scale = fit(evidence(used), initial, sizes)
+        notes += _strays(points[used], surface, [names[k] for k in used], spreads.placement)
+    pose, distances, scale = fit(evidence(used), initial)
     while distances.max() > WRONG * scale and len(used) > 4:
         worst = int(np.argmax(distances))
         notes.append(f"{names[used[worst]]} is left out: it is {distances[worst] / scale:.0f} standard deviations off")
         used = np.delete(used, worst)
-        pose, distances, scale = fit(evidence(used), initial, sizes)
-    return _judged(evidence(used), pose, initial, prior, used, notes, points is None)
+        pose, distances, scale = fit(evidence(used), initial)
+    return _judged(evidence(used), pose, initial, used, notes)
 
 
 def mean_touches(
@@ -169,34 +160,26 @@ def _noise(noise: ArrayLike | None, count: int) -> Float[np.ndarray, "n 6 6"]:
     if noise is None:
         return np.zeros((count, 6, 6))
     array = np.asarray(noise, dtype=np.float64)
-    if array.shape == (count, 6, 6) and array.ndim == 3:
+    if array.shape == (count, 6, 6):
         return array
     return np.broadcast_to(noise_covariance(array), (count, 6, 6))
 
 
-def _judged(
-    evidence: Evidence,
-    pose: Pose,
-    initial: Pose,
-    prior: tuple[float, float],
-    used: Int[np.ndarray, " k"],
-    notes: list[str],
-    free: bool,
-) -> Mounting:
+def _judged(evidence: Evidence, pose: Pose, initial: Pose, used: Int[np.ndarray, " k"], notes: list[str]) -> Mounting:
     """Which directions the touches see better than the prior does, and the covariance of all."""
-    sizes = np.repeat(np.asarray(prior, dtype=np.float64), 3)
+    prior, sizes = evidence.spreads.prior, evidence.spreads.sizes
     whitener = evidence.whitener(pose)
     residual = apply(whitener, evidence.residual(pose))
     slope = (whitener @ evidence.jacobian(pose)).reshape(-1, 6)
     information = slope.T @ slope
     turned = np.kron(np.eye(2), pose.rotation) * sizes  # from the surface's axes, in units of the prior
     seen = turned.T @ information @ turned
-    freedom = max(1.0, evidence.informative * len(used) - float(np.sum(np.linalg.eigvalsh(seen) > 1.0)))
+    freedom = max(1.0, 3 * len(used) - float(np.sum(np.linalg.eigvalsh(seen) > 1.0)))
     ratio = float(np.sum(residual**2)) / freedom
     values, vectors = np.linalg.eigh(seen / max(1.0, ratio))
     blind = vectors[:, values <= 1.0]
     if blind.shape[1] == 6:
-        raise _refusal(free, 0, blind, prior, notes)
+        raise _refusal(isinstance(evidence, SomewhereOnSurface), blind, evidence.spreads, notes)
     if ratio > 4.0:
         notes.append(
             f"the touches disagree {ratio**0.5:.1f} times as much as expected, and the covariance is widened by it"
@@ -218,9 +201,7 @@ def _judged(
     )
 
 
-def _refusal(
-    free: bool, rank: int, blind: Float[np.ndarray, "6 k"], prior: tuple[float, float], notes: Sequence[str]
-) -> NotIdentifiable:
+def _refusal(free: bool, blind: Float[np.ndarray, "6 k"], spreads: Spreads, notes: Sequence[str]) -> NotIdentifiable:
     hint = (
         "Touch more places, where the surface curves in different ways, or touch marked points."
         if free
@@ -231,8 +212,8 @@ def _refusal(
     return NotIdentifiable(
         f"the touches say nothing about the mounting that the initial pose and its prior do not say better. "
         f"{hint}{found}",
-        rank=rank,
-        missing=name_motions(blind, *prior),
+        rank=0,
+        missing=name_motions(blind, *spreads.prior),
     )
 
 

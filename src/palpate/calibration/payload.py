@@ -147,9 +147,8 @@ def _check_rotations(rotations: np.ndarray, finite: Bool[np.ndarray, " n"]) -> N
     proper = np.where(finite[:, None, None], rotations, np.eye(3))
     skewed = np.abs(proper @ proper.swapaxes(1, 2) - np.eye(3)).max(axis=(1, 2)) > 1e-3
     mirrored = np.linalg.det(proper) < 0
-    if not (skewed | mirrored).any():
-        return
-    row = int(np.flatnonzero(skewed | mirrored)[0])
-    fault = "is not orthonormal" if skewed[row] else "is a reflection (determinant -1)"
-    hint = "Are the quaternions x, y, z, w, and the axes right-handed?"
-    raise InputError(f"the rotation {fault}", where=f"row {row}", hint=hint)
+    if (skewed | mirrored).any():
+        row = int(np.argmax(skewed | mirrored))
+        fault = "is not orthonormal" if skewed[row] else "is a reflection (determinant -1)"
+        hint = "Are the quaternions x, y, z, w, and the axes right-handed?"
+        raise InputError(f"the rotation {fault}", where=f"row {row}", hint=hint)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from palpate.calibration.load_cells import LoadCellCalibration, identify_load_cells
+from palpate.calibration.load_cells import CalibrationOptions, LoadCellCalibration, identify_load_cells
 from palpate.cli.console import lines, note, title
 from palpate.cli.options import Log, Output, RigFile
 from palpate.io.atomic import keep_inputs
@@ -42,13 +42,15 @@ def calibrate_load_cells(log: Log, /, rig: RigFile, output: Output) -> None:
         reference[:, :3],
         reference[:, 3:],
         rig_surface(setup),
-        ball=table.ball / 2.0,
         indentation=table.indentation,
-        positions=table.places(),
-        limits=table.limits(cells),
-        noise=None if table.noise is None else np.full(3 * cells, table.noise),
-        names=table.names(cells),
-        provenance=provenance({"log": log, "rig": rig}, {"indentation": table.indentation}),
+        options=CalibrationOptions(
+            ball=table.ball / 2.0,
+            positions=table.places(),
+            limits=table.limits(cells),
+            noise=None if table.noise is None else np.full(3 * cells, table.noise),
+            names=table.names(cells),
+            provenance=provenance({"log": log, "rig": rig}, {"indentation": table.indentation}),
+        ),
     )
     write_model(output, found.cells)
     title(f"{log} -> {output}")
@@ -66,7 +68,7 @@ def _figures(found: LoadCellCalibration) -> list[tuple[str, str]]:
     visited = int(np.count_nonzero(found.coverage.visits))
     said = [
         ("cells", f"{cells.cells}, noise of the force ({', '.join(f'{value:.2g}' for value in noise)}) mN"),
-        ("samples", f"{cells.samples:,}; {len(found.time):,} blocks of 10 ms loaded"),
+        ("samples", f"{cells.samples:,}; {len(found.touches.time):,} blocks of 10 ms loaded"),
         ("reference", f"noise {1e3 * found.reference_noise:.2g} mN"),
         ("residual", f"{1e3 * force:.3g} mN, {1e6 * position:.3g} um, {1e3 * moment:.2g} N mm along the force (rms)"),
         ("predicted error", f"{1e6 * found.coverage.error.max():.2g} um at most from the calibration alone, at 1 N"),

@@ -8,7 +8,7 @@ from typing import Annotated
 import numpy as np
 from tyro.conf import arg
 
-from palpate.calibration.mounting import Mounting, identify_mounting, mean_touches
+from palpate.calibration.mounting import Mounting, Spreads, identify_mounting, mean_touches
 from palpate.calibration.presses import find_presses
 from palpate.cli.console import lines, note, title, wait
 from palpate.cli.interrupts import import_mesh_reader
@@ -77,7 +77,7 @@ def calibrate_mounting(
         initial=initial,
         points=None if marks is None else touches.point,
         noise=spreads,
-        placement=placement,
+        spreads=Spreads(placement=placement),
         labels=touches.label,
     )
     record = provenance({"touches": log, "marks": marks, "rig": rig}, {})

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from tyro.conf import FlagCreatePairsOff, arg
 
+from palpate.calibration.skin_map import Planes, Sheet, fit_stretch
+from palpate.calibration.skin_map import map_skin as isometric
+from palpate.calibration.skin_map.paper import paper_map
 from palpate.cli.console import lines, note, title, wait
 from palpate.cli.interrupts import import_mesh_reader
 from palpate.cli.options import MeshFile, Output
@@ -15,42 +19,23 @@ from palpate.io.atomic import keep_inputs
 from palpate.io.models import provenance
 from palpate.io.models.summary import of_skin_map
 from palpate.io.skin_map import SUFFIXES, write_skin_map
+from palpate.surfaces import UNITS, Mesh
 
 __all__ = ["map_skin"]
 
 Vector = Annotated[str, arg(metavar="X,Y,Z")]
 
 
-def map_skin(
-    mesh: MeshFile,
-    /,
-    unit: Annotated[str, arg(metavar="UNIT")],
-    sheet: Annotated[str, arg(metavar="RxC")],
-    cell: Annotated[str, arg(metavar="MM")],
-    origin: Vector,
-    heading: Vector,
-    output: Output,
-    flip: Annotated[bool, FlagCreatePairsOff] = False,
-    thickness: Annotated[float, arg(metavar="MM")] = 0.0,
-    stretch: Annotated[str, arg(metavar="S[,S]")] = "1",
-    known: Annotated[tuple[str, ...], arg(metavar="R,C,X,Y,Z")] = (),
-    mode: Literal["auto", "facets", "vertices"] = "auto",
-    axis: Annotated[str, arg(metavar="X,Y,Z,DX,DY,DZ")] = "",
-    heights: Annotated[str, arg(metavar="H,H,...")] = "",
-    angles: Annotated[str, arg(metavar="A,A,...")] = "",
-    control: Annotated[int, arg(metavar="N")] = 200,
-    method: Literal["isometric", "paper"] = "isometric",
-) -> None:
-    """Fit a smooth surface to a link's mesh, lay the sheet on it without stretching, and write where its cells are.
+@dataclass(frozen=True)
+class Options:
+    """The sheet, where it lies, and how the surface is fitted.
 
     Args:
-        mesh: of the link: STL, OBJ, PLY or DAE, as its maker ships it.
         unit: of the mesh's numbers, and of --origin, --axis, --heights and --known: m, cm, mm, um or in.
         sheet: rows x columns of cells, such as 6x22.
         cell: size of a cell [mm], or its height along a column and width along a row, such as 10x8.
         origin: outer corner of cell (0, 0), on the mesh.
         heading: direction of increasing column there; its part along the surface counts.
-        output: map to write: .toml, .csv, .txt (iCub) or .urdf.
         flip: rows increase to the right of the heading, seen from outside; else to the left.
         thickness: of what lies between the link and the sensing layer [mm].
         stretch: by which the sheet is pulled, or across its rows and along them.
@@ -62,49 +47,77 @@ def map_skin(
         control: points of the spline at most.
         method: isometric, or the paper's: even planes, and cells at equal parameters over the whole of the link.
     """
-    import_mesh_reader()
-    from palpate.calibration.skin_map import Planes, Sheet, fit_stretch
-    from palpate.calibration.skin_map import map_skin as laid
-    from palpate.calibration.skin_map.paper import paper_map
-    from palpate.surfaces import UNITS, Mesh
 
+    unit: Annotated[str, arg(metavar="UNIT")]
+    sheet: Annotated[str, arg(metavar="RxC")]
+    cell: Annotated[str, arg(metavar="MM")]
+    origin: Vector
+    heading: Vector
+    flip: Annotated[bool, FlagCreatePairsOff] = False
+    thickness: Annotated[float, arg(metavar="MM")] = 0.0
+    stretch: Annotated[str, arg(metavar="S[,S]")] = "1"
+    known: Annotated[tuple[str, ...], arg(metavar="R,C,X,Y,Z")] = ()
+    mode: Literal["auto", "facets", "vertices"] = "auto"
+    axis: Annotated[str, arg(metavar="X,Y,Z,DX,DY,DZ")] = ""
+    heights: Annotated[str, arg(metavar="H,H,...")] = ""
+    angles: Annotated[str, arg(metavar="A,A,...")] = ""
+    control: Annotated[int, arg(metavar="N")] = 200
+    method: Literal["isometric", "paper"] = "isometric"
+
+    def laid(self, link: Mesh) -> tuple[Sheet, Planes, np.ndarray, np.ndarray]:
+        """The sheet, the user's planes, and the sheet's corner [m] and heading; stretched to the cells that are known.
+
+        Raises:
+            InputError: an option that is no numbers.
+        """
+        scale = UNITS[self.unit]
+        rows, columns = (int(side) for side in _numbers(self.sheet, "--sheet", 2, "x", whole=True))
+        pitch, pulled = _pair(self.cell.replace("x", ","), "--cell"), _pair(self.stretch, "--stretch")
+        flat = Sheet(rows, columns, (1e-3 * pitch[0], 1e-3 * pitch[1]), 1e-3 * self.thickness, self.flip, pulled)
+        origin = scale * np.array(_numbers(self.origin, "--origin", 3))
+        heading = np.array(_numbers(self.heading, "--heading", 3))
+        spine = np.array(_numbers(self.axis, "--axis", 6)) if self.axis else None
+        planes = Planes(
+            axis=None if spine is None else (scale * spine[:3], spine[3:]),
+            heights=scale * np.array(_numbers(self.heights, "--heights", None)) if self.heights else None,
+            angles=np.radians(_numbers(self.angles, "--angles", None)) if self.angles else None,
+        )
+        if self.known:
+            points = [_numbers(text, "--known", 5) for text in self.known]
+            where = {(int(point[0]), int(point[1])): scale * np.array(point[2:]) for point in points}
+            flat = fit_stretch(link, flat, where, origin=origin, heading=heading, mode=self.chosen, planes=planes)
+        return flat, planes, origin, heading
+
+    @property
+    def chosen(self) -> Literal["facets", "vertices"] | None:
+        """The mode; None: the mesh chooses."""
+        return None if self.mode == "auto" else self.mode
+
+
+def map_skin(mesh: MeshFile, /, output: Output, options: Annotated[Options, arg(name="")]) -> None:
+    """Fit a smooth surface to a link's mesh, lay the sheet on it without stretching, and write where its cells are.
+
+    Args:
+        mesh: of the link: STL, OBJ, PLY or DAE, as its maker ships it.
+        output: map to write: .toml, .csv, .txt (iCub) or .urdf.
+        options: what is laid where.
+    """
+    import_mesh_reader()
     keep_inputs(output, (mesh,))
     if output.suffix.lower() not in SUFFIXES:
         raise InputError(
             f"cannot write a map as {output.suffix!r}.", where=str(output), hint=f"Use {', '.join(SUFFIXES)}."
         )
-    rows, columns = (int(side) for side in _numbers(sheet, "--sheet", 2, "x", whole=True))
-    pitch, pulled = (_pair(text, name) for text, name in ((cell.replace("x", ","), "--cell"), (stretch, "--stretch")))
-    link = Mesh.load(mesh, unit)
-    scale = UNITS[unit]
-    flat = Sheet(rows, columns, (1e-3 * pitch[0], 1e-3 * pitch[1]), 1e-3 * thickness, flip, pulled)
-    start = scale * np.array(_numbers(origin, "--origin", 3))
-    direction = np.array(_numbers(heading, "--heading", 3))
-    spine = np.array(_numbers(axis, "--axis", 6)) if axis else None
-    planes = Planes(
-        axis=None if spine is None else (scale * spine[:3], spine[3:]),
-        heights=scale * np.array(_numbers(heights, "--heights", None)) if heights else None,
-        angles=np.radians(_numbers(angles, "--angles", None)) if angles else None,
-    )
-    chosen = None if mode == "auto" else mode
+    link = Mesh.load(mesh, options.unit)
     wait("loading the compiled loops (the first time they are compiled, which takes a while) ...")
-    if known:
-        points = [_numbers(text, "--known", 5) for text in known]
-        where = {(int(point[0]), int(point[1])): scale * np.array(point[2:]) for point in points}
-        flat = fit_stretch(link, flat, where, origin=start, heading=direction, mode=chosen, planes=planes)
-    options = {
-        "unit": unit, "sheet": sheet, "cell": cell, "origin": origin, "heading": heading, "flip": flip,
-        "thickness": thickness, "stretch": ",".join(repr(side) for side in flat.stretch), "mode": mode,
-        "axis": axis or None, "heights": heights or None, "angles": angles or None, "control": control,
-        "method": method,
-    }  # fmt: skip
-    record = provenance({"mesh": mesh}, options)
-    if method == "paper":
-        skin = paper_map(link, flat, origin=start, heading=direction, planes=planes, provenance=record)
+    flat, planes, origin, heading = options.laid(link)
+    said = {name: None if value == "" else value for name, value in vars(options).items() if name != "known"}
+    record = provenance({"mesh": mesh}, said | {"stretch": ",".join(repr(side) for side in flat.stretch)})
+    place: dict[str, Any] = {"origin": origin, "heading": heading, "planes": planes, "provenance": record}
+    if options.method == "paper":
+        skin = paper_map(link, flat, **place)
     else:
-        skin = laid(
-            link, flat, origin=start, heading=direction, mode=chosen, planes=planes, control=control, provenance=record
-        )
+        skin = isometric(link, flat, mode=options.chosen, control=options.control, **place)
     write_skin_map(output, skin, name=_stem(output.stem))
     title(f"{mesh} -> {output}")
     lines(of_skin_map(skin))

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from palpate.sensors.recording import ORIENTATION, Recording
 from palpate.simulation.session import NOISE, Session, Touches
@@ -59,12 +59,14 @@ def write_session(session: Session, folder: Path) -> None:
     marks.csv holds where touches were aimed at (what an operator knows); truth.csv where the others really landed (what
     only a simulation knows), so that what is calibrated on the one can be judged on the other.
     """
+    import trimesh
+
     folder.mkdir(parents=True, exist_ok=True)
     _write_rows(folder / "free_motion.csv", LOG, _log(session.free_motion))
     _write_rows(folder / "touches.csv", LOG, _log(session.touches))
     _write_rows(folder / "marks.csv", TOUCH, _touches(session.truth, session.truth.mark, slice(0, None, 2)))
     _write_rows(folder / "truth.csv", TOUCH, _touches(session.truth, session.truth.point, slice(1, None, 2)))
-    _write_stl(folder / "probe.stl", session.vertices * 1e3, session.faces)
+    trimesh.Trimesh(1e3 * session.vertices, session.faces, process=False).export(folder / "probe.stl")
     (folder / "rig.toml").write_text(_rig(session.nominal), encoding="utf-8")
 
 
@@ -96,13 +98,3 @@ def _write_rows(path: Path, header: tuple[str, ...], rows: Iterable[list[str]]) 
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(header)
         writer.writerows(rows)
-
-
-def _write_stl(path: Path, vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]) -> None:
-    """Binary STL, little-endian: 80 bytes of header, a count, then normal, three corners and two spare bytes each."""
-    corners = vertices[faces]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    record = np.zeros(len(faces), dtype=[("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("spare", "<u2")])
-    record["normal"] = normals / np.linalg.norm(normals, axis=1, keepdims=True)
-    record["corners"] = corners
-    path.write_bytes(b"probe, millimetres".ljust(80, b"\0") + np.uint32(len(faces)).tobytes() + record.tobytes())

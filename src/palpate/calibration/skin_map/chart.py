@@ -14,7 +14,7 @@ from jaxtyping import Float
 
 from palpate.errors import InputError
 
-__all__ = ["Chart", "flat_chart", "round_chart"]
+__all__ = ["Chart", "flat_chart", "round_chart", "wrapped"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,6 +51,18 @@ class Chart:
         """u, v and s of points; an angle in [-pi, pi]."""
         u, b, c = np.moveaxis(self.local(points), -1, 0)
         return np.stack([u, np.arctan2(c, b), np.hypot(b, c)] if self.round else [u, b, c], axis=-1)
+
+    def between(self, start: Float[np.ndarray, "..."], end: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
+        """Way in u and v from coordinates to others; round the axis it is the shorter one."""
+        way = end[..., :2] - start[..., :2]
+        if self.round:
+            way[..., 1] = wrapped(way[..., 1])
+        return way
+
+
+def wrapped(angle: Float[np.ndarray, "*batch"]) -> Float[np.ndarray, "*batch"]:
+    """The same angle in [-pi, pi)."""
+    return np.mod(angle + np.pi, 2 * np.pi) - np.pi
 
 
 def flat_chart(

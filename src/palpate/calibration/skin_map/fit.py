@@ -6,24 +6,24 @@ import numpy as np
 from jaxtyping import Float
 
 from palpate.calibration.skin_map.chart import Chart
+from palpate.calibration.skin_map.knots import Breaks
 from palpate.errors import GeometryError
-from palpate.surfaces.bspline import BSplineSurface, greville
+from palpate.surfaces.bspline import BSplineSurface, greville, open_knots, periodic_knots
 
 __all__ = ["fit"]
 
-_STIFFNESS = 1e-6  # of second differences beside the data: it decides where there are none, and nowhere else
+_STIFFNESS = 1e-6  # of second differences of s beside the data's mean: it decides where there are no data
 
 
 def fit(
     chart: Chart,
-    knots: tuple[Float[np.ndarray, " a"], Float[np.ndarray, " b"]],
+    breaks: Breaks,
     points: Float[np.ndarray, "k 3"],
     directions: Float[np.ndarray, "k 3"],
     uv: Float[np.ndarray, "k 2"],
     *,
     periodic: bool,
     degree: tuple[int, int] = (3, 3),
-    stiffness: float = _STIFFNESS,
 ) -> BSplineSurface:
     """The surface with control points A_ij + s_ij D_ij and least sum (d . (Q - r(u, v)))^2 over points Q.
 
@@ -32,21 +32,21 @@ def fit(
 
     Args:
         chart: the lines A + s D.
-        knots: in u and v.
+        breaks: where its pieces meet, in u and v.
         points: (k, 3) of the mesh [m].
         directions: (k, 3) unit normals there.
         uv: (k, 2) their parameters.
         periodic: in v.
         degree: in u and v.
-        stiffness: weight of the squared second differences of s beside the data's mean.
     """
     from palpate.surfaces import _band, _bspline  # compiled: loaded when first needed
 
+    knots = open_knots(breaks[0], degree[0]), (periodic_knots if periodic else open_knots)(breaks[1], degree[1])
     places = greville(knots[0], degree[0]), greville(knots[1], degree[1])
     if periodic:
         places = places[0], places[1][: -degree[1]]
     starts, spokes = (np.ascontiguousarray(part) for part in chart.lines(places[0][:, None], places[1][None, :]))
-    band = _stiffness(places, periodic, degree[0]) * (stiffness * len(points) / starts[..., 0].size)
+    band = _stiffness(places, periodic, degree[0]) * (_STIFFNESS * len(points) / starts[..., 0].size)
     vector = np.zeros(len(band))
     inside = np.clip(uv, [knots[0][degree[0]], -np.inf], [knots[0][-degree[0] - 1], np.inf])
     _bspline.normal_equations(inside, points, directions, *knots, *degree, starts, spokes, band, vector)

@@ -7,27 +7,21 @@ from collections.abc import Callable
 import numpy as np
 from jaxtyping import Float, Int
 
-from palpate.surfaces.bspline import BSplineSurface, open_knots, periodic_knots
+from palpate.surfaces.bspline import BSplineSurface
 
-__all__ = ["Breaks", "breaks_at", "clusters", "knots_of", "refined"]
+__all__ = ["Breaks", "Fitted", "Span", "breaks_at", "clusters", "refined"]
 
 Breaks = tuple[Float[np.ndarray, " _"], Float[np.ndarray, " _"]]
+Distance = Float[np.ndarray, " k"]
+Fitted = tuple[BSplineSurface, Distance]  # and how far each point lies off it
+Span = tuple[float, float]
+UV = Float[np.ndarray, "k 2"]
 _ROUNDS = 2
 
 
-def knots_of(breaks: Breaks, periodic: bool, degree: tuple[int, int] = (3, 3)) -> Breaks:
-    """The knots in u and v whose pieces meet at `breaks`."""
-    return open_knots(breaks[0], degree[0]), (periodic_knots if periodic else open_knots)(breaks[1], degree[1])
-
-
 def refined(
-    fitted: Callable[[Breaks], tuple[BSplineSurface, Float[np.ndarray, " k"]]],
-    breaks: Breaks,
-    uv: Float[np.ndarray, "k 2"],
-    narrowest: tuple[float, float],
-    control: int,
-    enough: float,
-) -> tuple[BSplineSurface, Float[np.ndarray, " k"]]:
+    fitted: Callable[[Breaks], Fitted], breaks: Breaks, uv: UV, narrowest: Span, control: int, enough: float
+) -> Fitted:
     """Halve the spans, of u or of v, that leave most squared distance for the control points they cost.
 
     Args:
@@ -43,26 +37,24 @@ def refined(
         spare = control - surface.points
         if float(np.sqrt(np.mean(distance**2))) < enough:
             break
-        fresh = _halved(breaks, uv, distance, narrowest, surface, -(-spare // rounds))
-        if fresh is None:
+        n = surface.control.shape[0]
+        cost = surface.points // n, n  # a break in u is a row of control points
+        fresh = _halved(breaks, uv, distance, narrowest, cost, -(-spare // rounds))
+        if not any(fresh):
             break
-        breaks = fresh
+        breaks = np.sort(np.concatenate([breaks[0], fresh[0]])), np.sort(np.concatenate([breaks[1], fresh[1]]))
         surface, distance = fitted(breaks)
     return surface, distance
 
 
 def _halved(
-    breaks: Breaks,
-    uv: Float[np.ndarray, "k 2"],
-    distance: Float[np.ndarray, " k"],
-    narrowest: tuple[float, float],
-    surface: BSplineSurface,
-    spare: int,
-) -> Breaks | None:
-    n = surface.control.shape[0]
-    cost = surface.points // n, n  # a break in u is a row of control points
+    breaks: Breaks, uv: UV, distance: Distance, narrowest: Span, cost: tuple[int, int], spare: int
+) -> tuple[list[float], list[float]]:
+    """The middles of the spans of u and of v that are worth it."""
     wanted: list[tuple[float, int, float]] = []
-    spans = [_in_span(at, uv[:, axis]) for axis, at in enumerate(breaks)]
+    spans = [
+        np.clip(np.searchsorted(at, uv[:, axis], side="right") - 1, 0, len(at) - 2) for axis, at in enumerate(breaks)
+    ]
     for axis, at in enumerate(breaks):
         left = _along(spans, uv, distance, axis, len(at) - 1) / cost[axis]
         wide = np.flatnonzero(np.diff(at) > 2.0 * narrowest[axis])
@@ -72,21 +64,11 @@ def _halved(
         if cost[axis] <= spare:
             chosen[axis].append(place)
             spare -= cost[axis]
-    if not any(chosen):
-        return None
-    return np.sort(np.concatenate([breaks[0], chosen[0]])), np.sort(np.concatenate([breaks[1], chosen[1]]))
-
-
-def _in_span(breaks: Float[np.ndarray, " a"], places: Float[np.ndarray, " k"]) -> Int[np.ndarray, " k"]:
-    return np.clip(np.searchsorted(breaks, places, side="right") - 1, 0, len(breaks) - 2)
+    return chosen
 
 
 def _along(
-    spans: list[Int[np.ndarray, " k"]],
-    uv: Float[np.ndarray, "k 2"],
-    distance: Float[np.ndarray, " k"],
-    axis: int,
-    count: int,
+    spans: list[Int[np.ndarray, " k"]], uv: UV, distance: Distance, axis: int, count: int
 ) -> Float[np.ndarray, " a"]:
     """What is left in each span of one axis after the mean across it: what more breaks of the other cannot mend."""
     places, line = np.unique(uv[:, axis], return_inverse=True)

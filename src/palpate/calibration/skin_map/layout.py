@@ -16,15 +16,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from math import inf
+from math import inf, isfinite
 from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
 
-from palpate.surfaces.bspline import BSplineSurface, basis_matrices, greville, open_knots, solve_tangent
+from palpate.errors import InputError
+from palpate.surfaces.bspline import basis_matrices, greville, open_knots, solve_tangent
 
-__all__ = ["Layout", "Parametric", "lay"]
+__all__ = ["Bounds", "Layout", "Parametric", "Sheet", "lay"]
 
 _STEP = 2e-3  # m, of the geodesics' Runge-Kutta
 _MOST_ELEMENTS = 64  # along either side of the sheet: a cell of a fine one is smaller than what it has to follow
@@ -37,6 +38,11 @@ _EVERYWHERE = ((-inf, inf), (-inf, inf))
 _HANGING = 0.01  # weight of what hangs beyond the surface beside what lies on it
 
 
+Bounds = tuple[tuple[float, float], tuple[float, float]]
+Grid = Float[np.ndarray, "a b 2"]  # control points or parameters, on a lattice
+_Anchor = tuple[Float[np.ndarray, " b"], Float[np.ndarray, "2"]]
+
+
 @runtime_checkable
 class Parametric(Protocol):
     """What a sheet can be laid on."""
@@ -44,6 +50,45 @@ class Parametric(Protocol):
     def derivatives(self, uv: Float[np.ndarray, "*batch 2"]) -> Float[np.ndarray, "*batch 6 3"]:
         """Position, r_u, r_v, r_uu, r_uv and r_vv; r_u x r_v points out."""
         ...
+
+    def geodesics(self, begin: Float[np.ndarray, "m 6"], step: float, steps: int) -> tuple[np.ndarray, np.ndarray]:
+        """States and slopes (steps + 1, m, 6) along geodesics, as of `BSplineSurface.geodesics`."""
+        ...
+
+
+@dataclass(frozen=True)
+class Sheet:
+    """A flat sheet of cells before it is laid.
+
+    Attributes:
+        rows: of cells.
+        columns: of cells.
+        pitch: between rows, and between columns [m].
+        thickness: of what lies between the link and the sensing layer [m].
+        flip: rows increase to the right of the heading, seen from outside; else to the left.
+        stretch: by which it is pulled along its columns of cells (across rows), and along its rows; 1 is none.
+    """
+
+    rows: int
+    columns: int
+    pitch: tuple[float, float]
+    thickness: float = 0.0
+    flip: bool = False
+    stretch: tuple[float, float] = (1.0, 1.0)
+
+    def __post_init__(self) -> None:
+        if min(self.rows, self.columns) < 1:
+            raise InputError(f"a sheet of {self.rows} x {self.columns} cells has none.", where="sheet")
+        for name, values in {"cell": self.pitch, "stretch": self.stretch}.items():
+            if not all(isfinite(value) and value > 0 for value in values):
+                raise InputError(f"must be two positive numbers, not {values}.", where=name)
+        if not isfinite(self.thickness):
+            raise InputError(f"must be a number, not {self.thickness}.", where="thickness")
+
+    @property
+    def size(self) -> tuple[float, float]:
+        """Across rows and along them, as laid [m]."""
+        return self.rows * self.pitch[0] * self.stretch[0], self.columns * self.pitch[1] * self.stretch[1]
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +102,7 @@ class Layout:
         rounds: of Gauss-Newton.
     """
 
-    uv: Float[np.ndarray, "a b 2"]
+    uv: Grid
     rms: float
     worst: float
     rounds: int
@@ -67,28 +112,25 @@ def lay(
     surface: Parametric,
     start: Float[np.ndarray, "2"],
     heading: Float[np.ndarray, "3"],
-    size: tuple[float, float],
-    cells: tuple[int, int],
+    sheet: Sheet,
     *,
-    flip: bool = False,
-    bounds: tuple[tuple[float, float], tuple[float, float]] = _EVERYWHERE,
+    bounds: Bounds = _EVERYWHERE,
     elements: int = _MOST_ELEMENTS,
-    look: Callable[[Float[np.ndarray, "_ _ 2"]], None] | None = None,
+    look: Callable[[Grid], None] | None = None,
 ) -> Layout:
-    """Lay a sheet of `size` (height across rows, length along columns) [m] with its corner at `start`.
+    """Lay a sheet with its corner at `start`.
 
     Args:
         surface: what it is laid on.
         start: parameters of the outer corner of cell (0, 0).
         heading: (3,) the direction of increasing column there; its part along the surface counts.
-        size: of the flat sheet [m].
-        cells: rows and columns.
-        flip: rows increase to the right of the heading, seen from outside, and not to the left.
+        sheet: that is laid; its thickness has no say.
         bounds: of u and of v, beyond which there is no surface to follow: there strain hardly counts.
         look: is shown the lattice along geodesics before anything is worked out, and may raise.
         elements: of the displacement's spline, along either side at most.
     """
-    sign = -1.0 if flip else 1.0
+    size, cells = sheet.size, (sheet.rows, sheet.columns)
+    sign = -1.0 if sheet.flip else 1.0
     coarse, fine = (_Grid(size, [max(2, min(per * count, elements)) for count in cells]) for per in (1, _PER))
     lattice = [np.linspace(0.0, length, 2 * count + 1) for length, count in zip(size, cells, strict=True)]
     y, x = (np.unique(np.concatenate(places)) for places in zip(fine.gauss, coarse.nodes, lattice, strict=True))
@@ -129,14 +171,12 @@ class _Grid:
         """Of the control points."""
         return len(self.nodes[0]), len(self.nodes[1])
 
-    def through(self, values: Float[np.ndarray, "a b 2"]) -> Float[np.ndarray, "a b 2"]:
+    def through(self, values: Grid) -> Grid:
         """Control points of the spline with these values at the nodes."""
         left, right = (np.linalg.inv(basis_matrices(k, 3, n)[0]) for k, n in zip(self.knots, self.nodes, strict=True))
         return _spread(left, values, right)
 
-    def at(
-        self, control: Float[np.ndarray, "a b 2"], places: list[Float[np.ndarray, " _"]]
-    ) -> Float[np.ndarray, "n m 2"]:
+    def at(self, control: Grid, places: list[Float[np.ndarray, " _"]]) -> Float[np.ndarray, "n m 2"]:
         """Values of the spline on a lattice."""
         left, right = (basis_matrices(k, 3, p)[0] for k, p in zip(self.knots, places, strict=True))
         return _spread(left, control, right)
@@ -173,18 +213,25 @@ def _fan(
     along /= np.linalg.norm(along @ at[1:3])
     edge = _geodesic(surface, np.concatenate([start, along, [1.0, 0.0]])[None], x)[:, 0]
     found = surface.derivatives(edge[:, :2])
-    forward = np.einsum("nk,nkd->nd", edge[:, 2:4], found[:, 1:3])
-    normal = np.cross(found[:, 1], found[:, 2])
-    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-    across = solve_tangent(found[:, 1:3], sign * np.cross(normal, forward))
+    across = solve_tangent(found[:, 1:3], sign * np.cross(_normals(found), _pushed(edge[:, 2:4], found)))
     begin = np.concatenate([edge[:, :2], across, np.ones((len(x), 1)), np.zeros((len(x), 1))], axis=1)
     fan = _geodesic(surface, begin, y)
     found = surface.derivatives(fan[..., :2])
-    upward = np.einsum("...k,...kd->...d", fan[..., 2:4], found[..., 1:3, :])
-    normal = np.cross(found[..., 1, :], found[..., 2, :])
-    normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
-    sideways = solve_tangent(found[..., 1:3, :], sign * fan[..., 4:5] * np.cross(upward, normal))
+    turned = np.cross(_pushed(fan[..., 2:4], found), _normals(found))
+    sideways = solve_tangent(found[..., 1:3, :], sign * fan[..., 4:5] * turned)
     return np.concatenate([fan[..., :2], sideways, fan[..., 2:4]], axis=-1)
+
+
+def _normals(found: Float[np.ndarray, "*batch 6 3"]) -> Float[np.ndarray, "*batch 3"]:
+    normal = np.cross(found[..., 1, :], found[..., 2, :])
+    return normal / np.linalg.norm(normal, axis=-1, keepdims=True)
+
+
+def _pushed(
+    steps: Float[np.ndarray, "*batch 2"], found: Float[np.ndarray, "*batch 6 3"]
+) -> Float[np.ndarray, "*batch 3"]:
+    """Steps in u and v as vectors in space."""
+    return np.einsum("...k,...kd->...d", steps, found[..., 1:3, :])
 
 
 def _geodesic(
@@ -196,43 +243,12 @@ def _geodesic(
     """
     steps = max(1, int(np.ceil(places[-1] / _STEP)))
     h = places[-1] / steps
-    y, k = (
-        surface.geodesics(begin, h, steps) if isinstance(surface, BSplineSurface) else _march(surface, begin, h, steps)
-    )
+    y, k = surface.geodesics(begin, h, steps)
     number = np.clip((places / h).astype(np.int64), 0, steps - 1)
     t = (places / h - number)[:, None, None]
     k = k * h
     a, b, p, q = y[number], y[number + 1], k[number], k[number + 1]
     return a + t * (p + t * (3 * (b - a) - 2 * p - q + t * (2 * (a - b) + p + q)))
-
-
-def _march(
-    surface: Parametric, begin: Float[np.ndarray, "m 6"], h: float, steps: int
-) -> tuple[Float[np.ndarray, "s m 6"], Float[np.ndarray, "s m 6"]]:
-    """What `BSplineSurface.geodesics` does, for any surface."""
-    states, slopes = [begin], [_slope(surface, begin)]
-    for _ in range(steps):
-        y, k1 = states[-1], slopes[-1]
-        k2 = _slope(surface, y + 0.5 * h * k1)
-        k3 = _slope(surface, y + 0.5 * h * k2)
-        k4 = _slope(surface, y + h * k3)
-        states.append(y + h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4))
-        slopes.append(_slope(surface, states[-1]))
-    return np.stack(states), np.stack(slopes)
-
-
-def _slope(surface: Parametric, state: Float[np.ndarray, "m 6"]) -> Float[np.ndarray, "m 6"]:
-    """A geodesic's acceleration has no part along the surface; J'' = -K J."""
-    found = surface.derivatives(state[:, :2])
-    du, dv = state[:, 2:3], state[:, 3:4]
-    bend = du * du * found[:, 3] + 2.0 * du * dv * found[:, 4] + dv * dv * found[:, 5]
-    turn = -solve_tangent(found[:, 1:3], bend)
-    n = np.cross(found[:, 1], found[:, 2])
-    square = np.einsum("ni,ni->n", n, n)
-    uu, uv, vv = (np.einsum("ni,ni->n", found[:, i], n) for i in (3, 4, 5))
-    curvature = (uu * vv - uv * uv) / (square * square)
-    rest = np.stack([state[:, 5], -curvature * state[:, 4]], axis=1)
-    return np.concatenate([state[:, 2:4], turn, rest], axis=1)
 
 
 class _Problem:
@@ -241,7 +257,7 @@ class _Problem:
     def __init__(
         self,
         surface: Parametric,
-        bounds: tuple[tuple[float, float], tuple[float, float]],
+        bounds: Bounds,
         grid: _Grid,
         fan: Float[np.ndarray, "n m 6"] | None,
     ) -> None:
@@ -249,13 +265,13 @@ class _Problem:
         (self.by, self.dy), (self.bx, self.dx) = grid.bases
         self.fan = np.zeros((len(self.by), len(self.bx), 6)) if fan is None else fan
 
-    def strain(self, control: Float[np.ndarray, "a b 2"]) -> tuple[np.ndarray, ...]:
+    def strain(self, control: Grid) -> tuple[np.ndarray, ...]:
         """E_xx, E_yy and E_xy (n, m, 3); the surface there; how its parameters grow along x and y; weights."""
         uv = self.fan[..., :2] + _spread(self.by, control, self.bx)
         ux = self.fan[..., 2:4] + _spread(self.by, control, self.dx)
         uy = self.fan[..., 4:6] + _spread(self.dy, control, self.bx)
         found = self.surface.derivatives(uv)
-        rx, ry = (np.einsum("...k,...kd->...d", side, found[..., 1:3, :]) for side in (ux, uy))
+        rx, ry = _pushed(ux, found), _pushed(uy, found)
         xx, yy, xy = (0.5 * np.einsum("...d,...d->...", *pair) for pair in ((rx, rx), (ry, ry), (rx, ry)))
         there = np.all((uv >= self.bounds[:, 0]) & (uv <= self.bounds[:, 1]), axis=-1)
         weights = np.where(there, 1.0, _HANGING)
@@ -263,10 +279,10 @@ class _Problem:
 
     def solve(
         self,
-        control: Float[np.ndarray, "a b 2"],
-        anchor: tuple[Float[np.ndarray, " b"], Float[np.ndarray, "2"]],
+        control: Grid,
+        anchor: _Anchor,
         enough: float = 1e-3,
-    ) -> tuple[Float[np.ndarray, "a b 2"], int]:
+    ) -> tuple[Grid, int]:
         """Gauss-Newton, until a step gains less than `enough` of what is left; a step that does not help is halved."""
         state = self.strain(control)
         energy = _energy(state[0], state[3])
@@ -287,9 +303,7 @@ class _Problem:
                 return control, rounds + 1
         return control, _ROUNDS
 
-    def _step(
-        self, state: tuple[np.ndarray, ...], anchor: tuple[Float[np.ndarray, " b"], Float[np.ndarray, "2"]]
-    ) -> Float[np.ndarray, "a b 2"]:
+    def _step(self, state: tuple[np.ndarray, ...], anchor: _Anchor) -> Grid:
         """What makes the linearised strain least: normal equations in a band as wide as the sheet's shorter side."""
         from palpate.calibration.skin_map import _strain  # compiled: loaded when first needed
         from palpate.surfaces import _band
@@ -300,19 +314,15 @@ class _Problem:
         step = np.zeros(len(band))
         local = [part for base in ((self.by, self.dy), (self.bx, self.dx)) for part in _narrow(*base)]
         _strain.normal_equations(*state, *local, *strides, band, step)
-        _hold(band, *anchor, strides[1])
+        _hold(band, anchor, strides[1])
         if not _band.solve_band(band, step):
             raise np.linalg.LinAlgError("the strain does not determine the layout")
         return step.reshape(rows, columns, 2) if rows > columns else np.swapaxes(step.reshape(columns, rows, 2), 0, 1)
 
 
-def _hold(
-    band: Float[np.ndarray, "k n"],
-    share: Float[np.ndarray, " b"],
-    side: Float[np.ndarray, "2"],
-    stride: int,
-) -> None:
+def _hold(band: Float[np.ndarray, "k n"], anchor: _Anchor, stride: int) -> None:
     """Stiff springs: on the sheet's corner, and across the heading on a point of the first edge."""
+    share, side = anchor
     stiff = 1e6 * float(band[:, 0].max())
     band[:2, 0] += stiff
     near = np.flatnonzero(np.abs(share) > 1e-9)
@@ -326,7 +336,7 @@ def _hold(
 
 
 def _spread(
-    left: Float[np.ndarray, "n a"], control: Float[np.ndarray, "a b 2"], right: Float[np.ndarray, "m b"]
+    left: Float[np.ndarray, "n a"], control: Grid, right: Float[np.ndarray, "m b"]
 ) -> Float[np.ndarray, "n m 2"]:
     return np.moveaxis(left @ np.moveaxis(control, -1, 0) @ right.T, 0, -1)
 

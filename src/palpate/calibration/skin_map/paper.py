@@ -16,8 +16,9 @@ from jaxtyping import Float
 from numpy.typing import ArrayLike
 
 from palpate.calibration.skin_map.chart import Chart
+from palpate.calibration.skin_map.layout import Sheet
 from palpate.calibration.skin_map.sections import cut
-from palpate.calibration.skin_map.sheet import Sheet, placed
+from palpate.calibration.skin_map.sheet import placed
 from palpate.calibration.skin_map.shell import Planes, full_sections
 from palpate.errors import GeometryError
 from palpate.sensors.skin_map import SkinMap
@@ -27,14 +28,15 @@ from palpate.surfaces.mesh import Mesh
 __all__ = ["Reading", "paper_map", "paper_surface"]
 
 Reading = Literal["literal", "greville"]
+_PLANES = 10  # of either family, as in the paper
 
 
 def paper_surface(
     chart: Chart,
     triangles: Float[np.ndarray, "f 3 3"],
     span: tuple[float, float],
-    n: int = 10,
-    m: int = 10,
+    n: int = _PLANES,
+    m: int = _PLANES,
     reading: Reading = "literal",
 ) -> BSplineSurface:
     """The surface of Algorithm 1 from n planes across the axis, within `span` [m], and m through it.
@@ -83,8 +85,6 @@ def paper_map(
     origin: ArrayLike,
     heading: ArrayLike,
     planes: Planes | None = None,
-    n: int = 10,
-    m: int = 10,
     reading: Reading = "literal",
     provenance: Mapping[str, str] | None = None,
 ) -> SkinMap:
@@ -97,16 +97,17 @@ def paper_map(
         InputError: the origin is off the surface.
         GeometryError: there are no complete sections about an axis.
     """
-    foot, along, normal, body = placed(mesh, sheet, origin, heading)
-    chart, span = full_sections(mesh, body, foot, planes)
-    surface = paper_surface(chart, mesh.vertices[mesh.faces[body]], span, n, m, reading)
+    site = placed(mesh, sheet, origin, heading)
+    chart, span = full_sections(site, planes)
+    surface = paper_surface(chart, site.triangles, span, reading=reading)
     along_u, along_v = (np.arange(sheet.rows) + 0.5) / sheet.rows, (np.arange(sheet.columns) + 0.5) / sheet.columns
-    forward, up = along @ chart.axes[1] >= 0, np.cross(normal, along) @ chart.axes[2] >= 0
+    forward, up = site.heading @ chart.axes[1] >= 0, np.cross(site.normal, site.heading) @ chart.axes[2] >= 0
     turned = np.mod(0.5 + (along_v if forward else -along_v), 1.0)  # spokes begin behind the origin
     uv = np.stack(np.meshgrid(along_u if up != sheet.flip else 1.0 - along_u, turned, indexing="ij"), axis=-1)
     tangents = surface.derivatives(uv)[..., 1:3, :]
     areas = np.linalg.norm(np.cross(tangents[..., 0, :], tangents[..., 1, :]), axis=-1) / (sheet.rows * sheet.columns)
     centres, normals = surface.at(uv)
+    counts = f"n = {_PLANES}, m = {_PLANES}"
     return SkinMap(
         centres + sheet.thickness * normals,
         normals,
@@ -114,6 +115,6 @@ def paper_map(
         sheet.pitch,
         surface=surface,
         uv=uv,
-        notes=(f"the paper's way, {reading}, n = {n}, m = {m}: cells are spread over the whole link, not unrolled",),
+        notes=(f"the paper's way, {reading}, {counts}: cells are spread over the whole link, not unrolled",),
         provenance=dict(provenance or {}),
     )

@@ -8,9 +8,11 @@ from typing import Any, Literal, cast
 import numpy as np
 from jaxtyping import Float, Int
 
-from palpate.calibration.skin_map.chart import Chart
+from palpate.calibration.skin_map.chart import Chart, wrapped
 
 __all__ = ["Sections", "cut"]
+
+Ends = Float[np.ndarray, "s d"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,10 +32,7 @@ class Sections:
 
 
 def cut(
-    chart: Chart,
-    triangles: Float[np.ndarray, "f 3 3"],
-    u: Float[np.ndarray, " n"],
-    v: Float[np.ndarray, " m"],
+    chart: Chart, triangles: Float[np.ndarray, "f 3 3"], u: Float[np.ndarray, " n"], v: Float[np.ndarray, " m"]
 ) -> Sections:
     """Cut triangles by planes u, their cuts by planes v, and keep the outermost.
 
@@ -57,26 +56,17 @@ def _segments(
     height = local[..., 0]
     first, last = _place(u, height[:, 0], "left"), _place(u, height[:, 2], "right")
     facet, plane = _runs(first, last)
-    z, corner = height[facet], local[facet, :, 1:]
+    low, middle, high = np.moveaxis(local[facet], 1, 0)
     at = u[plane]
-    long = _between(z[:, 0], z[:, 2], corner[:, 0], corner[:, 2], at)
-    below = at < z[:, 1]
-    short = np.where(
-        below[:, None],
-        _between(z[:, 0], z[:, 1], corner[:, 0], corner[:, 1], at),
-        _between(z[:, 1], z[:, 2], corner[:, 1], corner[:, 2], at),
-    )
-    return np.stack([long, short], axis=1), plane, facet
+    below = (at < middle[:, 0])[:, None]
+    short = np.where(below, _between(low, middle, at), _between(middle, high, at))
+    return np.stack([_between(low, high, at), short], axis=1)[..., 1:], plane, facet
 
 
-def _between(
-    low: Float[np.ndarray, " s"],
-    high: Float[np.ndarray, " s"],
-    start: Float[np.ndarray, "s 2"],
-    end: Float[np.ndarray, "s 2"],
-    at: Float[np.ndarray, " s"],
-) -> Float[np.ndarray, "s 2"]:
-    rise = high - low
+def _between(start: Ends, end: Ends, at: Float[np.ndarray, " s"]) -> Ends:
+    """Where the first coordinate is `at`, on the way from start to end; start where it does not rise."""
+    low = start[:, 0]
+    rise = end[:, 0] - low
     share = np.where(rise > 0, at - low, 0.0) / np.where(rise > 0, rise, 1.0)
     return start + share[:, None] * (end - start)
 
@@ -89,14 +79,10 @@ def _crossings(
         begin, end = ends[..., 0].min(axis=1), ends[..., 0].max(axis=1)
         segment, line = _runs(_place(v, begin, "left"), _place(v, end, "right"))
         a, b = ends[segment, 0], ends[segment, 1]
-        offset = _between(a[:, 0], b[:, 0], a, b, v[line])[:, 1]
         backward = b[:, 0] < a[:, 0]
-        offset = np.where(backward, _between(b[:, 0], a[:, 0], b, a, v[line])[:, 1], offset)
-        return line, segment, offset
+        return line, segment, np.where(backward, _between(b, a, v[line])[:, 1], _between(a, b, v[line])[:, 1])
     angle = np.arctan2(ends[..., 1], ends[..., 0])
-    turn: Float[np.ndarray, " s"] = (
-        np.mod(angle[:, 1] - angle[:, 0] + np.pi, 2 * np.pi) - np.pi
-    )  # a segment is seen under less than half a turn
+    turn = wrapped(angle[:, 1] - angle[:, 0])  # a segment is seen under less than half a turn
     begin = np.where(turn >= 0, angle[:, 0], angle[:, 0] + turn)
     begin = v[0] + np.mod(begin - v[0], 2 * np.pi)
     tiled = np.concatenate([v, v + 2 * np.pi])

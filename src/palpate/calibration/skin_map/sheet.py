@@ -3,60 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
-from math import inf, isfinite
+from dataclasses import replace
+from math import inf
 from typing import Any, cast
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
 
-from palpate.calibration.skin_map.layout import Layout, lay
-from palpate.calibration.skin_map.shell import Mode, Planes, Shell, shell
+from palpate.calibration.skin_map.layout import Layout, Sheet, lay
+from palpate.calibration.skin_map.shell import Mode, Planes, Shell, Site, shell
 from palpate.errors import InputError, PalpateError
 from palpate.sensors.skin_map import SkinMap
-from palpate.surfaces.bspline import BSplineSurface
 from palpate.surfaces.mesh import Mesh
 
 __all__ = ["Sheet", "fit_stretch", "map_skin", "mapped", "placed"]
 
 _HELD = 0.10  # strain beyond which no sheet lies by itself
 _ASTRAY = 0.25  # of the cells may seem to lie beside the surface along geodesics: the layout may bring them back
-
-
-@dataclass(frozen=True)
-class Sheet:
-    """A flat sheet of cells before it is laid.
-
-    Attributes:
-        rows: of cells.
-        columns: of cells.
-        pitch: between rows, and between columns [m].
-        thickness: of what lies between the link and the sensing layer [m].
-        flip: rows increase to the right of the heading, seen from outside; else to the left.
-        stretch: by which it is pulled along its columns of cells (across rows), and along its rows; 1 is none.
-    """
-
-    rows: int
-    columns: int
-    pitch: tuple[float, float]
-    thickness: float = 0.0
-    flip: bool = False
-    stretch: tuple[float, float] = (1.0, 1.0)
-
-    def __post_init__(self) -> None:
-        if min(self.rows, self.columns) < 1:
-            raise InputError(f"a sheet of {self.rows} x {self.columns} cells has none.", where="sheet")
-        for name, values in {"cell": self.pitch, "stretch": self.stretch}.items():
-            if not all(isfinite(value) and value > 0 for value in values):
-                raise InputError(f"must be two positive numbers, not {values}.", where=name)
-        if not isfinite(self.thickness):
-            raise InputError(f"must be a number, not {self.thickness}.", where="thickness")
-
-    @property
-    def size(self) -> tuple[float, float]:
-        """Across rows and along them, as laid [m]."""
-        return self.rows * self.pitch[0] * self.stretch[0], self.columns * self.pitch[1] * self.stretch[1]
 
 
 def map_skin(
@@ -90,47 +54,52 @@ def map_skin(
             surface under it.
         GeometryError: the mesh cannot be cut by two families of planes about the origin.
     """
-    foot, along, normal, body = placed(mesh, sheet, origin, heading)
+    site = placed(mesh, sheet, origin, heading)
     point = np.asarray(origin, dtype=np.float64)
     signed = (-sheet.size[0] if sheet.flip else sheet.size[0]), sheet.size[1]
-    notes: tuple[str, ...] = ()
-    if len(body) < len(mesh.faces):
-        notes = (f"{len(mesh.faces) - len(body)} facets of other bodies than the origin's passed over",)
+    others = len(mesh.faces) - len(site.facets)
+    notes = (f"{others} facets of other bodies than the origin's passed over",) if others else ()
 
-    def on(facets: Int[np.ndarray, " f"]) -> SkinMap:
-        found = shell(mesh, facets, foot, along, normal, signed, mode=mode, planes=planes, control=control)
-        return mapped(found, sheet, point, along)
+    def on(here: Site) -> SkinMap:
+        return mapped(shell(here, signed, mode=mode, planes=planes, control=control), sheet, point, site.heading)
 
     try:
-        result = on(body)
-    except PalpateError as refusal:
-        result = None if len(body) == len(mesh.faces) else _else(on, np.arange(len(mesh.faces)))
+        result = on(site)
+    except PalpateError:
+        result = _else(on, replace(site, facets=np.arange(len(mesh.faces)))) if others else None
         if result is None:
-            raise refusal
+            raise
         notes = ("the outermost of all bodies is taken: the origin's alone does not carry the sheet",)
     return replace(result, notes=(*notes, *result.notes), provenance=dict(provenance or {}))
 
 
-def placed(
-    mesh: Mesh, sheet: Sheet, origin: ArrayLike, heading: ArrayLike
-) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"], Float[np.ndarray, "3"], Int[np.ndarray, " f"]]:
+def placed(mesh: Mesh, sheet: Sheet, origin: ArrayLike, heading: ArrayLike) -> Site:
     """The sheet's corner on the mesh, its heading there, the outward normal, and the facets of the body it lies on.
 
     Raises:
         InputError: the origin is off the surface, or the heading along the normal.
     """
     point, direction = _vector(origin, "origin"), _vector(heading, "heading")
-    foot, normal, facet = _foot(mesh, point, sheet)
+    feet, normals, facets = mesh.project(point[None])
+    foot, facet = feet[0], int(facets[0])
+    off = float(np.linalg.norm(foot - point))
+    if off > 0.5 * min(sheet.pitch):
+        raise InputError(
+            f"lies {1e3 * off:.1f} mm off the surface.",
+            where="origin",
+            hint=f"The nearest point of the mesh is {','.join(f'{x:.5f}' for x in foot)} m; is the unit right?",
+        )
+    normal = normals[0] * _side(mesh, foot, normals[0])
     along = direction - normal * (direction @ normal)
     if not np.linalg.norm(along) > 1e-2 * np.linalg.norm(direction):
         raise InputError("points along the normal of the surface.", where="heading", hint="Give one along it.")
-    return foot, along / np.linalg.norm(along), normal, _body(mesh, facet)
+    return Site(mesh, _body(mesh, facet), foot, along / np.linalg.norm(along), normal)
 
 
-def _else(on: Callable[[Int[np.ndarray, " f"]], SkinMap], facets: Int[np.ndarray, " f"]) -> SkinMap | None:
+def _else(on: Callable[[Site], SkinMap], site: Site) -> SkinMap | None:
     """Patches that share no vertex may be one link all the same, if the sheet then lies well."""
     try:
-        result = on(facets)
+        result = on(site)
     except PalpateError:
         return None
     return result if abs(result.strain[1]) < _HELD else None
@@ -143,16 +112,14 @@ def mapped(found: Shell, sheet: Sheet, origin: Float[np.ndarray, "3"], heading: 
         InputError: a whole cell or more is without surface.
     """
     begin = found.surface.nearest(origin[None], found.chart.coordinates(origin[None])[:, :2])[0]
+    domain = found.surface.domain
     try:
-        cells = sheet.rows, sheet.columns
         layout = lay(
             found.surface,
             begin,
             heading,
-            sheet.size,
-            cells,
-            flip=sheet.flip,
-            bounds=_bounds(found.surface),
+            sheet,
+            bounds=(domain[0], (-inf, inf) if found.surface.periodic else domain[1]),
             look=lambda uv: _refuse_bare(found, uv, sheet, allowed=_ASTRAY * sheet.rows * sheet.columns),
         )
     except np.linalg.LinAlgError as problem:
@@ -172,10 +139,6 @@ def mapped(found: Shell, sheet: Sheet, origin: Float[np.ndarray, "3"], heading: 
         distance=found.distance,
         notes=(*found.notes, *_notes(found, layout, overlap)),
     )
-
-
-def _bounds(surface: BSplineSurface) -> tuple[tuple[float, float], tuple[float, float]]:
-    return surface.domain[0], (-inf, inf) if surface.periodic else surface.domain[1]
 
 
 def fit_stretch(
@@ -229,21 +192,6 @@ def _vector(values: ArrayLike, name: str) -> Float[np.ndarray, "3"]:
     return vector
 
 
-def _foot(
-    mesh: Mesh, origin: Float[np.ndarray, "3"], sheet: Sheet
-) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"], int]:
-    """The point of the mesh under the origin, the outward normal there, and its facet."""
-    foot, normal, facet = mesh.project(origin[None])
-    off = float(np.linalg.norm(foot[0] - origin))
-    if off > 0.5 * min(sheet.pitch):
-        raise InputError(
-            f"lies {1e3 * off:.1f} mm off the surface.",
-            where="origin",
-            hint=f"The nearest point of the mesh is {_shown(foot[0])} m; is the unit right?",
-        )
-    return foot[0], normal[0] * _side(mesh, foot[0], normal[0]), int(facet[0])
-
-
 def _side(mesh: Mesh, origin: Float[np.ndarray, "3"], normal: Float[np.ndarray, "3"]) -> float:
     """1 where the normal leaves the body, -1 where it enters it: what winding says, unless the line there does not."""
     a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
@@ -264,14 +212,11 @@ def _side(mesh: Mesh, origin: Float[np.ndarray, "3"], normal: Float[np.ndarray, 
 
 def _body(mesh: Mesh, facet: int) -> Int[np.ndarray, " f"]:
     """The facets that hang together with one of them by their vertices."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
+    import trimesh
 
-    start, end = mesh.faces[:, :2].reshape(-1), mesh.faces[:, 1:].reshape(-1)
-    graph = coo_array(
-        (np.ones(len(start), dtype=np.int8), (start, end)), shape=(len(mesh.vertices), len(mesh.vertices))
-    )
-    body = connected_components(graph, directed=False)[1][mesh.faces[:, 0]]
+    edges = mesh.faces[:, [0, 1, 1, 2]].reshape(-1, 2)
+    labels = cast("Any", trimesh.graph).connected_component_labels(edges, node_count=len(mesh.vertices))
+    body: np.ndarray = labels[mesh.faces[:, 0]]
     return np.flatnonzero(body == body[facet])
 
 
@@ -350,7 +295,3 @@ def _notes(found: Shell, layout: Layout, overlap: Bool[np.ndarray, "r c"]) -> tu
     if abs(layout.worst) > _HELD:
         notes.append(f"the sheet would have to stretch by {100 * layout.worst:.0f} %: does it lie on this shape?")
     return tuple(notes)
-
-
-def _shown(point: Float[np.ndarray, "3"]) -> str:
-    return ",".join(f"{value:.5f}" for value in point)

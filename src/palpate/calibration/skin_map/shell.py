@@ -3,22 +3,26 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any, Literal, cast
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from palpate.calibration.skin_map.chart import Chart, flat_chart, round_chart
+from palpate.calibration.skin_map.chart import Chart, flat_chart, round_chart, wrapped
 from palpate.calibration.skin_map.fit import fit
-from palpate.calibration.skin_map.knots import Breaks, breaks_at, clusters, knots_of, refined
+from palpate.calibration.skin_map.knots import Breaks, Fitted, Span, breaks_at, clusters, refined
 from palpate.calibration.skin_map.sections import Sections, cut
 from palpate.errors import GeometryError
 from palpate.surfaces.bspline import BSplineSurface, solve_tangent
 from palpate.surfaces.mesh import Mesh
 
-__all__ = ["Mode", "Planes", "Shell", "full_sections", "shell"]
+__all__ = ["Mode", "Planes", "Shell", "Site", "full_sections", "shell"]
 
 Mode = Literal["facets", "vertices"]
+Vector = Float[np.ndarray, "3"]
+Points = Float[np.ndarray, "k 3"]
+Places = Float[np.ndarray, " _"]
 _ROWS, _SPOKES = 32, 96  # planes of either family that look at the mesh
 _SEEN = np.cos(np.radians(65.0))  # facets that are steeper to a flat chart's lines are not seen from one side
 _COARSE = 3e-5  # m between a chord and its arc: below it facets and vertices are the same, and arcs are taken
@@ -56,6 +60,35 @@ _ANY = Planes()
 
 
 @dataclass(frozen=True, eq=False)
+class Site:
+    """Where a sheet begins on a mesh.
+
+    Attributes:
+        mesh: [m].
+        facets: those of the body that is looked at.
+        corner: (3,) of the sheet, on the mesh [m].
+        heading: (3,) in the tangent plane there, unit.
+        normal: (3,) outward there, unit.
+    """
+
+    mesh: Mesh
+    facets: Int[np.ndarray, " f"]
+    corner: Vector
+    heading: Vector
+    normal: Vector
+
+    @cached_property
+    def triangles(self) -> Float[np.ndarray, "f 3 3"]:
+        """Corners of the facets [m]."""
+        return self.mesh.vertices[self.mesh.faces[self.facets]]
+
+    @cached_property
+    def normals(self) -> Float[np.ndarray, "f 3"]:
+        """Of the facets, as wound."""
+        return self.mesh.normals[self.facets]
+
+
+@dataclass(frozen=True, eq=False)
 class Shell:
     """A smooth surface, and what of it is really there.
 
@@ -89,25 +122,12 @@ class Shell:
 
 
 def shell(
-    mesh: Mesh,
-    facets: Int[np.ndarray, " f"],
-    origin: Float[np.ndarray, "3"],
-    heading: Float[np.ndarray, "3"],
-    normal: Float[np.ndarray, "3"],
-    size: tuple[float, float],
-    *,
-    mode: Mode | None = None,
-    planes: Planes | None = None,
-    control: int = 200,
+    site: Site, size: Span, *, mode: Mode | None = None, planes: Planes | None = None, control: int = 200
 ) -> Shell:
     """Fit the outside of some facets near a sheet.
 
     Args:
-        mesh: [m].
-        facets: which of its facets to look at.
-        origin: (3,) the sheet's corner, on the mesh [m].
-        heading: (3,) in the tangent plane there, unit.
-        normal: (3,) outward there, unit.
+        site: where the sheet begins.
         size: of the sheet: signed height (negative where flipped) and length [m].
         mode: chosen by the mesh if None.
         planes: of the user's; found by themselves if None.
@@ -116,57 +136,46 @@ def shell(
     Raises:
         GeometryError: no part of the mesh about the origin can be seen along the lines of two families of planes.
     """
-    triangles = mesh.vertices[mesh.faces[facets]]
     planes = planes or _ANY
     found, whole = None, False
     if planes.axis is None and not planes.spaced:
-        found, whole = _one_sided(triangles, mesh.normals[facets], origin, heading, normal, size)
+        found, whole = _one_sided(site, size)
     if found is None or not whole:
         try:
-            return _fitted(mesh, facets, *_round(mesh, facets, origin, planes), mode, control, planes)
+            return _fitted(site, *_round(site, planes), mode, control, planes)
         except GeometryError:
             if found is None:
                 raise
-    return _fitted(mesh, facets, *found, mode, control, planes)
+    return _fitted(site, *found, mode, control, planes)
 
 
-def full_sections(
-    mesh: Mesh, facets: Int[np.ndarray, " f"], origin: Float[np.ndarray, "3"], planes: Planes | None = None
-) -> tuple[Chart, tuple[float, float]]:
+def full_sections(site: Site, planes: Planes | None = None) -> tuple[Chart, Span]:
     """The chart about a link's axis, and the heights between which sections across it are complete [m].
 
     Raises:
         GeometryError: there are none, or no axis about which the link closes.
     """
-    chart, sections = _round(mesh, facets, origin, planes or _ANY)
-    rows, columns, periodic = _block(sections, True)
+    chart, sections = _round(site, planes or _ANY)
+    rows, _, periodic = _block(site, sections, True)
     if not periodic:
         raise GeometryError("the link does not close about an axis")
-    rows = _without_rims(rows, mesh.normals[facets], sections.facet[:, columns])
     return chart, (float(sections.u[rows.start]), float(sections.u[rows.stop - 1]))
 
 
-def _one_sided(
-    triangles: Float[np.ndarray, "f 3 3"],
-    normals: Float[np.ndarray, "f 3"],
-    origin: Float[np.ndarray, "3"],
-    heading: Float[np.ndarray, "3"],
-    normal: Float[np.ndarray, "3"],
-    size: tuple[float, float],
-) -> tuple[tuple[Chart, Sections] | None, bool]:
+def _one_sided(site: Site, size: Span) -> tuple[tuple[Chart, Sections] | None, bool]:
     """Parallel planes, where the sheet's place can be seen from one side: along its mean normal; whether all of it."""
     height, length = size
     margin = 0.15 * min(abs(height), length)
     low, high = min(0.0, -height) - margin, max(0.0, -height) + margin  # u falls where rows rise
-    chart = flat_chart(origin, normal, heading)
-    found, whole = None, False
+    found, whole, normal = None, False, site.normal
     for count in (16, 16, 56):
-        chart = flat_chart(origin, normal, heading)
-        sections = cut(chart, triangles, np.linspace(low, high, count), np.linspace(-margin, length + margin, count))
+        chart = flat_chart(site.corner, normal, site.heading)
+        u, v = np.linspace(low, high, count), np.linspace(-margin, length + margin, count)
+        sections = cut(chart, site.triangles, u, v)
         met = sections.facet[sections.facet >= 0]
         if len(met) < 0.5 * sections.facet.size:
             return None, False
-        facing = normals[met] * np.sign(normals[met] @ normal)[:, None]
+        facing = site.normals[met] * np.sign(site.normals[met] @ normal)[:, None]
         found = (chart, sections) if np.count_nonzero(facing @ normal < _SEEN) < 0.01 * len(met) else None
         normal = facing.mean(axis=0)
         normal = normal / np.linalg.norm(normal)
@@ -175,16 +184,14 @@ def _one_sided(
     return found, whole
 
 
-def _round(
-    mesh: Mesh, facets: Int[np.ndarray, " f"], origin: Float[np.ndarray, "3"], planes: Planes
-) -> tuple[Chart, Sections]:
-    triangles = mesh.vertices[mesh.faces[facets]]
-    chart = round_chart(triangles.mean(axis=1), mesh.normals[facets], mesh.areas[facets], origin, planes.axis)
+def _round(site: Site, planes: Planes) -> tuple[Chart, Sections]:
+    triangles = site.triangles
+    chart = round_chart(triangles.mean(axis=1), site.normals, site.mesh.areas[site.facets], site.corner, planes.axis)
     height = chart.local(triangles)[..., 0]
     low, high = float(height.min()), float(height.max())
     own, _ = _own(planes, chart)
     if own is not None:
-        shift = float(own[0] - np.min(_given(planes.heights)))
+        shift = _shift(planes, chart)
         said = f"between {1e3 * (low - shift):.1f} and {1e3 * (high - shift):.1f} mm along the axis"
         low, high = max(low, float(own[0])), min(high, float(own[-1]))
         if not low < high:
@@ -193,22 +200,29 @@ def _round(
     return chart, cut(chart, triangles, np.linspace(low, high, _ROWS), spokes)
 
 
-def _own(planes: Planes, chart: Chart) -> tuple[Float[np.ndarray, " _"] | None, Float[np.ndarray, " _"] | None]:
+def _shift(planes: Planes, chart: Chart) -> float:
+    """From the user's heights to those of the chart [m]."""
+    return 0.0 if planes.axis is None else float(chart.axes[2] @ (np.asarray(planes.axis[0]) - chart.centre))
+
+
+def _own(planes: Planes, chart: Chart) -> tuple[Places | None, Places | None]:
     """The user's planes as parameters of the chart, in order."""
-    shift = 0.0 if planes.axis is None else float(chart.axes[2] @ (np.asarray(planes.axis[0]) - chart.centre))
-    u = None if planes.heights is None else np.unique(_given(planes.heights)) + shift
-    return u, None if planes.angles is None else np.unique(np.mod(_given(planes.angles) + np.pi, 2 * np.pi) - np.pi)
+    u = None if planes.heights is None else np.unique(_given(planes.heights)) + _shift(planes, chart)
+    return u, None if planes.angles is None else np.unique(wrapped(_given(planes.angles)))
 
 
-def _given(values: Float[np.ndarray, " n"] | None) -> Float[np.ndarray, " n"]:
-    array = np.zeros(0) if values is None else np.asarray(values, dtype=np.float64)
+def _given(values: Places) -> Places:
+    array = np.asarray(values, dtype=np.float64)
     if array.ndim != 1 or len(array) < 2 or not np.isfinite(array).all():
         raise GeometryError("planes of a family must be at least two numbers")
     return array
 
 
-def _block(sections: Sections, round_about: bool) -> tuple[slice, slice, bool]:
-    """Rows in which no spoke has yet to begin or has ended, and the spokes that count; whether these go all round."""
+def _block(site: Site, sections: Sections, round_about: bool) -> tuple[slice, slice, bool]:
+    """Rows in which no spoke has yet to begin or has ended, and the spokes that count; whether these go all round.
+
+    Round a link without the rows that already run over a rim.
+    """
     met = sections.facet >= 0
     any_met = met.any(axis=0)
     if not round_about:  # what is missing is filled in
@@ -230,7 +244,8 @@ def _block(sections: Sections, round_about: bool) -> tuple[slice, slice, bool]:
             "no part of the link about the sheet's origin can be cut by two families of planes: "
             f"{high - low + 1} full sections of {columns.stop - columns.start} spokes"
         )
-    return slice(low, high + 1), columns, periodic
+    rows = _without_rims(slice(low, high + 1), site.normals, sections.facet[:, columns])
+    return rows, columns, periodic
 
 
 def _without_rims(rows: slice, normals: Float[np.ndarray, "f 3"], met: Int[np.ndarray, "n m"]) -> slice:
@@ -251,48 +266,59 @@ def _run(good: Bool[np.ndarray, " m"], through: int) -> tuple[int, int]:
     return (begin, end) if good[through] else (through, through)
 
 
-def _fitted(
-    mesh: Mesh,
-    facets: Int[np.ndarray, " f"],
-    chart: Chart,
-    sections: Sections,
-    mode: Mode | None,
-    control: int,
-    planes: Planes,
-) -> Shell:
-    triangles = mesh.vertices[mesh.faces[facets]]
-    rows, columns, periodic = _block(sections, chart.round)
-    if chart.round:
-        rows = _without_rims(rows, mesh.normals[facets], sections.facet[:, columns])
-    u, v = sections.u[rows], sections.v[columns]
+@dataclass(frozen=True, eq=False)
+class _Window:
+    """The rows and columns of sections that a surface is fitted to.
+
+    Attributes:
+        chart: of the sections; periodic: the columns go all round.
+        u: (n,) and v: (m,) planes; facet: (n, m) that was met, -1 where none.
+    """
+
+    chart: Chart
+    periodic: bool
+    u: Places
+    v: Places
+    facet: Int[np.ndarray, "n m"]
+
+    @property
+    def span(self) -> tuple[Span, Span]:
+        """Lowest and highest u, and v."""
+        end = float(self.v[0]) + 2 * np.pi if self.periodic else float(self.v[-1])
+        return (float(self.u[0]), float(self.u[-1])), (float(self.v[0]), end)
+
+    @property
+    def steps(self) -> Span:
+        """From plane to plane, of u and of v."""
+        return float(self.u[1] - self.u[0]), float(self.v[1] - self.v[0])
+
+
+def _fitted(site: Site, chart: Chart, sections: Sections, mode: Mode | None, control: int, planes: Planes) -> Shell:
+    rows, columns, periodic = _block(site, sections, chart.round)
     met = sections.facet[rows, columns]
+    window = _Window(chart, periodic, sections.u[rows], sections.v[columns], met)
     place = np.nonzero(met >= 0)
-    uv = np.stack([u[place[0]], v[place[1]]], axis=1)
+    uv = np.stack([window.u[place[0]], window.v[place[1]]], axis=1)
     starts, spokes = chart.lines(uv[:, 0], uv[:, 1])
     points = starts + sections.offset[rows, columns][place][:, None] * spokes
-    normals = _outward(mesh.normals[facets][met[place]], spokes)
-    steps = float(u[1] - u[0]), float(v[1] - v[0])
-    span = (float(u[0]), float(u[-1])), (float(v[0]), float(v[0]) + 2 * np.pi if periodic else float(v[-1]))
+    normals = _outward(site.normals[met[place]], spokes)
     chosen, why, sag = _judged(normals, points, met)
     used = np.unique(met[place])
-    extents = _extents(chart, triangles[used])
+    extents = _extents(chart, site.triangles[used])
     apart = float(np.median(extents[:, 0])), float(np.median(extents[:, 1]))
-    own = _own(planes, chart)
     if (mode or chosen) == "vertices" and not planes.spaced and extents[:, 1].max() < _UNEVEN * apart[1]:
-        corners = _corners(mesh, facets[used], chart, span, steps)
-        surface, distance = _through_vertices(chart, periodic, span, *corners, apart)
+        surface, distance = _through_vertices(window, *_corners(site.mesh, site.facets[used], window), apart)
     else:
         enough = _RIPPLE * sag
         if (mode or chosen) == "vertices" or sag < _COARSE:
-            points, normals = _lifted(mesh, facets[met[place]], points, spokes)
+            points, normals = _lifted(site.mesh, site.facets[met[place]], points, spokes)
             enough = _ENOUGH if sag < _COARSE else enough
-        data = points, normals, uv
-        surface, distance = _along_facets(chart, periodic, span, data, steps, control, enough, own)
+        surface, distance = _along_facets(window, (points, normals, uv), control, enough, _own(planes, chart))
     size = float(np.abs(distance).mean()), float(np.abs(distance).max())
     return Shell(surface, chart, sections, mode or chosen, size, (why,) if mode is None else ())
 
 
-def _outward(normals: Float[np.ndarray, "k 3"], spokes: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "k 3"]:
+def _outward(normals: Points, spokes: Points) -> Points:
     """Turned to the lines' side, whatever the winding."""
     return normals * np.where(np.einsum("ki,ki->k", normals, spokes) < 0, -1.0, 1.0)[:, None]
 
@@ -300,15 +326,10 @@ def _outward(normals: Float[np.ndarray, "k 3"], spokes: Float[np.ndarray, "k 3"]
 def _extents(chart: Chart, triangles: Float[np.ndarray, "f 3 3"]) -> Float[np.ndarray, "f 2"]:
     """How far facets reach in u and in v."""
     where = chart.coordinates(triangles)[..., :2]
-    beside = where - where[:, :1]
-    if chart.round:
-        beside[..., 1] = np.mod(beside[..., 1] + np.pi, 2 * np.pi) - np.pi
-    return np.ptp(beside, axis=1)
+    return np.ptp(chart.between(where[:, :1], where), axis=1)
 
 
-def _lifted(
-    mesh: Mesh, met: Int[np.ndarray, " k"], points: Float[np.ndarray, "k 3"], spokes: Float[np.ndarray, "k 3"]
-) -> tuple[Float[np.ndarray, "k 3"], Float[np.ndarray, "k 3"]]:
+def _lifted(mesh: Mesh, met: Int[np.ndarray, " k"], points: Points, spokes: Points) -> tuple[Points, Points]:
     """Points of facets moved half way to the planes across their corners' normals: on a circle, onto its arc.
 
     The mean is weighed by how near each corner is [phong].
@@ -323,16 +344,10 @@ def _lifted(
     return moved, _outward(normals / np.linalg.norm(normals, axis=1, keepdims=True), spokes)
 
 
-def _corners(
-    mesh: Mesh,
-    met: Int[np.ndarray, " f"],
-    chart: Chart,
-    span: tuple[tuple[float, float], tuple[float, float]],
-    steps: tuple[float, float],
-) -> tuple[Float[np.ndarray, "k 3"], Float[np.ndarray, "k 3"]]:
+def _corners(mesh: Mesh, met: Int[np.ndarray, " f"], window: _Window) -> tuple[Points, Points]:
     """The corners of facets that were met, within the span, and their normals by area."""
     number, corner = np.unique(mesh.faces[met], return_inverse=True)
-    points = mesh.vertices[number]
+    points, chart, span = mesh.vertices[number], window.chart, np.array(window.span)
     where = chart.coordinates(points)
     _, spokes = chart.lines(where[:, 0], where[:, 1])
     sums = np.zeros((len(number), 3))
@@ -340,14 +355,12 @@ def _corners(
     middle = chart.coordinates(mesh.vertices[mesh.faces[met]].mean(axis=1))
     weighed = _outward(weighed, chart.lines(middle[:, 0], middle[:, 1])[1])
     np.add.at(sums, corner.reshape(-1), np.repeat(weighed, 3, axis=0))
-    inside = np.all((where[:, :2] >= np.array(span)[:, 0] - steps) & (where[:, :2] <= np.array(span)[:, 1] + steps), 1)
+    inside = np.all((where[:, :2] >= span[:, 0] - window.steps) & (where[:, :2] <= span[:, 1] + window.steps), axis=1)
     normals = sums / np.maximum(np.linalg.norm(sums, axis=1), 1e-300)[:, None]
     return points[inside], _outward(normals, spokes)[inside]
 
 
-def _judged(
-    normals: Float[np.ndarray, "k 3"], points: Float[np.ndarray, "k 3"], met: Int[np.ndarray, "n m"]
-) -> tuple[Mode, str, float]:
+def _judged(normals: Points, points: Points, met: Int[np.ndarray, "n m"]) -> tuple[Mode, str, float]:
     """Facets where they are meant as they are, or finer than matters; vertices where they sample a smooth shape.
 
     Looks from facet to facet along the sections: how far they turn, and how long they are.
@@ -371,20 +384,18 @@ def _judged(
 
 
 def _along_facets(
-    chart: Chart,
-    periodic: bool,
-    span: tuple[tuple[float, float], tuple[float, float]],
-    data: tuple[Float[np.ndarray, "k 3"], Float[np.ndarray, "k 3"], Float[np.ndarray, "k 2"]],
-    steps: tuple[float, float],
+    window: _Window,
+    data: tuple[Points, Points, Float[np.ndarray, "k 2"]],
     control: int,
     enough: float,
-    own: tuple[Float[np.ndarray, " _"] | None, Float[np.ndarray, " _"] | None],
-) -> tuple[BSplineSurface, Float[np.ndarray, " k"]]:
+    own: tuple[Places | None, Places | None],
+) -> Fitted:
     """Along all of the mesh's outside, with knots where it bends, or in the user's own planes."""
     points, normals, uv = data
+    periodic, span, steps = window.periodic, window.span, window.steps
 
-    def fitted(breaks: Breaks) -> tuple[BSplineSurface, Float[np.ndarray, " k"]]:
-        surface = fit(chart, knots_of(breaks, periodic), points, normals, uv, periodic=periodic)
+    def fitted(breaks: Breaks) -> Fitted:
+        surface = fit(window.chart, breaks, points, normals, uv, periodic=periodic)
         return surface, np.einsum("ki,ki->k", points - surface.derivatives(uv)[:, 0], normals)
 
     begin = (4, 21) if periodic else (5, 9)
@@ -395,48 +406,34 @@ def _along_facets(
     return refined(fitted, breaks, uv, (1.5 * steps[0], 1.5 * steps[1]), control, enough)
 
 
-def _clipped(places: Float[np.ndarray, " n"], span: tuple[float, float]) -> Float[np.ndarray, " k"]:
+def _clipped(places: Places, span: Span) -> Float[np.ndarray, " k"]:
     """Breaks at some places and at both ends."""
     least = 1e-6 * (span[1] - span[0])
     inner = places[(places > span[0] + least) & (places < span[1] - least)]
     return np.concatenate([span[:1], inner, span[1:]])
 
 
-def _through_vertices(
-    chart: Chart,
-    periodic: bool,
-    span: tuple[tuple[float, float], tuple[float, float]],
-    vertices: Float[np.ndarray, "k 3"],
-    normals: Float[np.ndarray, "k 3"],
-    apart: tuple[float, float],
-) -> tuple[BSplineSurface, Float[np.ndarray, " k"]]:
+def _through_vertices(window: _Window, vertices: Points, normals: Points, apart: Span) -> Fitted:
     """Through the corners of facets as samples of something smooth, with a control point for each."""
+    chart, periodic = window.chart, window.periodic
     target = chart.coordinates(vertices)
-    breaks, degree = _sampled(target, apart, periodic, span)
+    breaks, degree = _sampled(target, apart, window)
     uv = target[:, :2].copy()
-    knots = knots_of(breaks, periodic, degree)
-    surface = fit(chart, knots, vertices, normals, uv, periodic=periodic, degree=degree)
+    surface = fit(chart, breaks, vertices, normals, uv, periodic=periodic, degree=degree)
     for _ in range(2):
         found, normals = surface.at(uv)
-        off = target[:, :2] - chart.coordinates(found)[:, :2]
-        if chart.round:
-            off[:, 1] = np.mod(off[:, 1] + np.pi, 2 * np.pi) - np.pi
-        uv = uv + off  # lines of the chart are nearly, not quite, lines of the spline
-        surface = fit(chart, knots, vertices, normals, uv, periodic=periodic, degree=degree)
+        uv = uv + chart.between(chart.coordinates(found), target)  # its lines are nearly, not quite, the spline's
+        surface = fit(chart, breaks, vertices, normals, uv, periodic=periodic, degree=degree)
     return surface, np.einsum("ki,ki->k", vertices - surface.at(uv)[0], normals)
 
 
-def _sampled(
-    target: Float[np.ndarray, "k 3"],
-    apart: tuple[float, float],
-    periodic: bool,
-    span: tuple[tuple[float, float], tuple[float, float]],
-) -> tuple[Breaks, tuple[int, int]]:
+def _sampled(target: Points, apart: Span, window: _Window) -> tuple[Breaks, tuple[int, int]]:
     """Breaks at the rings and columns in which vertices stand, or as far apart as they are where they stand in none.
 
     And the degree: not more than rings can carry.
     """
-    (low, high), (begin, end) = (float(target[:, 0].min()), float(target[:, 0].max())), span[1]
+    low, high = float(target[:, 0].min()), float(target[:, 0].max())
+    begin, end = window.span[1]
     rings, columns = clusters(target[:, 0], 0.3 * apart[0]), clusters(target[:, 1], 0.3 * apart[1])
     if len(rings) * 6 > len(target) or len(rings) < 2:  # none: as many pieces as vertices, evenly
         sides = (high - low) / apart[0], (end - begin) / apart[1]
@@ -448,4 +445,7 @@ def _sampled(
     along = breaks_at(rings, degree[0])
     if not 0.7 * each <= len(columns) <= 1.4 * each:  # staggered from ring to ring
         return (along, np.linspace(begin, end, min(_MOST_SPANS[1], round(each)) + 1)), degree
-    return (along, np.append(columns, columns[0] + 2 * np.pi) if periodic else breaks_at(columns, degree[1])), degree
+    return (
+        along,
+        np.append(columns, columns[0] + 2 * np.pi) if window.periodic else breaks_at(columns, degree[1]),
+    ), degree
