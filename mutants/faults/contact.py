@@ -80,8 +80,8 @@ FAULTS: list[Fault] = [
         ("a reading at its range is not saturated", "abs(wrench[k]) >= limits[k]", "abs(wrench[k]) > limits[k]"),
         (
             "the centre's error is left out",
-            "error[3 + k] += moment[k] + doubt[9 + k]",
-            "error[3 + k] += doubt[9 + k]",
+            "error[3 + k] += moment[k] + column[9 + k]",
+            "error[3 + k] += column[9 + k]",
         ),
         (
             "the tare's error is left out",
