@@ -9,7 +9,7 @@ import numpy as np
 from palpate.cli.console import lines, note, table, title
 from palpate.contact.contacts import Contacts
 from palpate.errors import InputError
-from palpate.evaluation.errors import ErrorSummary
+from palpate.evaluation.errors import HEADER, ErrorSummary
 from palpate.evaluation.instruments import (
     InstrumentReport,
     Reference,
@@ -30,6 +30,7 @@ from palpate.surfaces.mesh import Mesh
 from palpate.viewer.maps import sheet_map
 from palpate.viewer.report import Report, Section, Tile, picture, render, require_report
 from palpate.viewer.report import Table as Cells
+from palpate.viewer.samples import sheet_places
 
 __all__ = ["WAND", "WRENCH", "evaluate_instrument"]
 
@@ -74,7 +75,7 @@ def evaluate_instrument(
     pitch = rig_map(rig).pitch if "skin" in rig.sensors else None
     title(f"{path} against {truth}, {reference.name}")
     lines(_facts(judged, touches, pitch))
-    table(("", "mean", "median", "95 %", "worst", "count"), _summaries(judged))
+    table(("", *HEADER), ((f"{name} [{unit}]", *summary.row(scale)) for name, unit, summary, scale in _named(judged)))
     note([of, *_refusals(judged, touches)])
     if output is not None:
         names = f"{path.name} against {truth.name}"
@@ -158,13 +159,6 @@ def _named(judged: InstrumentReport) -> list[tuple[str, str, ErrorSummary, float
     return [(name, unit, summary, scale) for name, unit, summary, scale in rows if summary is not None]
 
 
-def _summaries(judged: InstrumentReport) -> list[tuple[str, ...]]:
-    return [
-        (f"{name} [{unit}]", *(f"{scale * value:.3f}" for value in (s.mean, s.median, s.p95, s.worst)), f"{s.count}")
-        for name, unit, s, scale in _named(judged)
-    ]
-
-
 def _refusals(judged: InstrumentReport, touches: Contacts) -> list[str]:
     named = zip(touches.identity.tolist(), touches.time.tolist(), judged.reference.refused, strict=True)
     return [f"touch {identity} at {time:.2f} s is left out: {why}" for identity, time, why in named if why]
@@ -175,15 +169,14 @@ def _page(
 ) -> Report:
     """Figures, every touch, and where on the unrolled sheet the errors are."""
     tiles = [Tile("touches", f"{len(touches)}", f"{judged.reference.name}"), *_tiles(judged, pitch)]
-    on_sheet = {"row", "column"} <= set(touches.features)
-    places = np.column_stack([touches.features[name] for name in ("row", "column")]) if on_sheet else None
+    places = sheet_places(touches)
     rows = tuple(
         (
             str(touches.identity[k]),
             f"{touches.time[k]:.2f}",
             *(() if places is None else (f"{value:.2f}" for value in places[k])),
-            _shown(1e3 * judged.errors[k]),
-            _shown(float(np.degrees(judged.turned[k]))),
+            _shown(1e3 * judged.report.errors[k]),
+            _shown(float(np.degrees(judged.report.turned[k]))),
             judged.reference.refused[k],
         )
         for k in range(len(touches))
@@ -192,7 +185,7 @@ def _page(
     header = ("touch", "time [s]", *cells, "position [mm]", "direction [deg]", "left out because")
     pictures = ()
     if places is not None:
-        drawn = sheet_map(places, 1e3 * judged.errors, "error [mm]")
+        drawn = sheet_map(places, 1e3 * judged.report.errors, "error [mm]")
         pictures = (picture(drawn, "Where the touches were on the unrolled sheet, and how far off."),)
     sections = (Section("Errors", text=(of,), pictures=pictures, tables=(Cells(header, rows),)),)
     return Report(names, f"{names}: each touch as the median of its samples.", tuple(tiles), sections=sections)

@@ -9,7 +9,8 @@ from typing import Annotated, Any
 import numpy as np
 from tyro.conf import arg
 
-from palpate.cli.console import lines, note, title
+from palpate.cli.console import lines, note, span, title
+from palpate.cli.evaluate import truth_times
 from palpate.cli.inspect_log import inspect_contacts, inspect_log
 from palpate.cli.interrupts import import_mesh_reader
 from palpate.cli.options import FileOption, SomeFile
@@ -183,15 +184,8 @@ def _listed(value: object) -> str:
 
 def _ground_truth(file: Path) -> None:
     truth = read_ground_truth(file)
-    touches = isinstance(truth, Touches)
-    title(f"{file}: {'touches at known points' if touches else 'the truth at instants'}")
-    time = np.concatenate([truth.start, truth.end]) if isinstance(truth, Touches) else truth.time
-    lines([("rows", f"{len(truth.point):,}"), ("time", _span(time))])
-
-
-def _span(time: np.ndarray) -> str:
-    known = time[np.isfinite(time)]
-    return f"{known.min():.3f} to {known.max():.3f}" if len(known) else "none"
+    title(f"{file}: {'touches at known points' if isinstance(truth, Touches) else 'the truth at instants'}")
+    lines([("rows", f"{len(truth.point):,}"), ("time", span(truth_times(truth)))])
 
 
 def _numbers(values: np.ndarray) -> str:

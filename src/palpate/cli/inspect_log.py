@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate.cli.console import counting, lines, note, percent, progress, table, title
+from palpate.cli.console import counting, lines, note, progress, shares, span, table, title
 from palpate.cli.excerpt import Excerpt
 from palpate.cli.spectrum import PLACE
 from palpate.contact.estimate import Status
@@ -20,6 +20,7 @@ from palpate.io.rig import Rig
 from palpate.io.rig.new import guess_sensor
 from palpate.sensors.noise import estimate_noise
 from palpate.sensors.recording import FORCE, ORIENTATION, POSITION, TORQUE, Recording
+from palpate.viewer.report import percent
 
 __all__ = ["inspect_contacts", "inspect_log"]
 
@@ -80,12 +81,12 @@ class _Ranges:
 
     def __init__(self, channels: tuple[str, ...]) -> None:
         self.channels = channels
-        self.count, self.first, self.last = 0, np.inf, -np.inf
+        self.count, self.ends = 0, np.empty(0)
         self.labels: list[str] = []
 
     def add(self, block: Recording) -> None:
         """The next samples."""
-        values, time = _flat(block, self.channels), block.time[np.isfinite(block.time)]
+        values = _flat(block, self.channels)
         if not self.labels:
             self.labels = _labels(block, self.channels)
             width = values.shape[1]
@@ -95,11 +96,7 @@ class _Ranges:
         self.missing += np.count_nonzero(np.isnan(values), axis=0)
         self.least = np.fmin(self.least, np.fmin.reduce(values, axis=0, initial=np.inf))
         self.most = np.fmax(self.most, np.fmax.reduce(values, axis=0, initial=-np.inf))
-        self.first, self.last = min(self.first, time.min(initial=np.inf)), max(self.last, time.max(initial=-np.inf))
-
-    def span(self) -> str:
-        """From when to when."""
-        return f"{self.first:.3f} to {self.last:.3f}" if self.first <= self.last else "none"
+        self.ends = _reached(self.ends, block.time)
 
 
 def _flat(block: Recording, channels: tuple[str, ...]) -> np.ndarray:
@@ -135,7 +132,7 @@ def _say_samples(kept: Recording, ranges: _Ranges, there: LogContents) -> None:
     lines(
         [
             ("samples" if there.topics else "rows", f"{ranges.count:,}"),
-            ("time", f"{ranges.span()}{speed}"),
+            ("time", f"{span(ranges.ends)}{speed}"),
             ("orientation", _orientation(kept, there)),
         ]
     )
@@ -172,6 +169,12 @@ def _say_ranges(kept: Recording, ranges: _Ranges) -> None:
     note([f"{never} of {len(rows)} {ranges.channels[0]} never change"] if never else [])
 
 
+def _reached(ends: np.ndarray, time: np.ndarray) -> np.ndarray:
+    """The first and the last of some times and of more."""
+    known = np.concatenate([ends, time[np.isfinite(time)]])
+    return known[[known.argmin(), known.argmax()]] if len(known) else known
+
+
 def inspect_contacts(file: Path) -> Recording:
     """Say what is in a file of contacts, finished or not.
 
@@ -179,12 +182,11 @@ def inspect_contacts(file: Path) -> Recording:
         What was kept of it: FORCE [N], and PLACE [m], of the strongest contact of each sample, NaN where not answered.
     """
     excerpt, counts = Excerpt(), np.zeros(len(Status), dtype=np.int64)
-    first, last, notes, features = np.inf, -np.inf, dict[str, None](), dict[str, None]()
+    ends, notes, features = np.empty(0), dict[str, None](), dict[str, None]()
     identities, samples, before = set[int](), 0, -1
     for block in contact_blocks(file):
-        known = block.time[np.isfinite(block.time)]
         counts += np.bincount(block.status, minlength=len(Status))
-        first, last = min(first, known.min(initial=np.inf)), max(last, known.max(initial=-np.inf))
+        ends = _reached(ends, block.time)
         notes |= dict.fromkeys(block.notes)
         features |= dict.fromkeys(block.features)
         identities |= set(np.unique(block.identity[block.answered]).tolist())
@@ -198,9 +200,9 @@ def inspect_contacts(file: Path) -> Recording:
     several = (
         f", of {samples:,} samples; {len(identities):,} contacts" if total > samples or len(identities) > 1 else ""
     )
-    lines([("rows", f"{total:,}{several}"), ("time", f"{first:.3f} to {last:.3f}" if first <= last else "none")])
+    lines([("rows", f"{total:,}{several}"), ("time", span(ends))])
     lines([("features", ", ".join(features))] if features else [])
-    lines((kind.label, percent(counts[kind] / total)) for kind in Status if counts[kind])
+    lines(shares(counts))
     beside, cut = read_provenance(file), unfinished(file) is not None
     lines([("frame", beside["frame"])] if "frame" in beside else [])
     ended = beside.get("ended", "whole")

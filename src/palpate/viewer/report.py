@@ -13,7 +13,7 @@ from palpate.viewer._style import inline
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["Picture", "Report", "Section", "Table", "Tile", "picture", "render", "require_report"]
+__all__ = ["Picture", "Report", "Section", "Table", "Tile", "percent", "picture", "render", "require_report"]
 
 
 @dataclass(frozen=True)
@@ -84,6 +84,11 @@ def require_report() -> None:
     """
     if missing := [name for name in ("matplotlib", "jinja2") if find_spec(name) is None]:
         raise InputError(f"a report needs {' and '.join(missing)}.", hint="pip install 'palpate[report]'")
+
+
+def percent(share: float) -> str:
+    """A share, to a tenth of a percent."""
+    return f"{100 * share:.1f} %"
 
 
 def picture(drawn: Figure, caption: str) -> Picture:

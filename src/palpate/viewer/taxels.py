@@ -10,6 +10,7 @@ from jaxtyping import Float, Float32, Int, UInt8
 from palpate.spatial.pose import quaternion_from_rotation
 from palpate.viewer.heat import colours, linear
 from palpate.viewer.marker import FORCE
+from palpate.viewer.samples import sheet_places
 from palpate.viewer.scene import Scene
 
 if TYPE_CHECKING:
@@ -112,11 +113,8 @@ class TaxelLayer:
 
     def _dots(self, index: int) -> Float[np.ndarray, "c 2"]:
         """Row and column of each contact of a sample."""
-        rows, features = self._scene.rows(index), self._scene.contacts.features
-        if not {"row", "column"} <= set(features):
-            return np.zeros((0, 2))
-        places = np.column_stack([features["row"][rows], features["column"][rows]])
-        return places[np.isfinite(places).all(axis=1)]
+        places = sheet_places(self._scene.contacts[self._scene.rows(index)])
+        return np.zeros((0, 2)) if places is None else places[np.isfinite(places).all(axis=1)]
 
 
 def patches(
