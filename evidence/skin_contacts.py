@@ -21,10 +21,9 @@ from evidence.response import identify_response
 from evidence.row import Row, shared, skipped
 from palpate.calibration.intensity import identify_intensity, identify_resistive
 from palpate.contact.contacts import Contacts
-from palpate.contact.estimate import Status
+from palpate.contact.estimate import CHI2_95, Status
 from palpate.contact.taxel_estimator import TaxelEstimator
 from palpate.errors import NotIdentifiable, PalpateError
-from palpate.evaluation.errors import CHI2_95
 from palpate.evaluation.instruments import judge, map_mesh, medians, touch_rows, wand_points, wrench_points
 from palpate.sensors.intensity import Curve, Intensity
 from palpate.sensors.recording import CELLS, Recording

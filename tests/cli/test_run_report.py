@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from palpate.cli.report import judged, write_report
+from palpate.cli.report import judged
 from palpate.cli.report_advice import status_advice, wrench_advice
 from palpate.cli.run_report import force_torque, load_cells, taxels, wrench_settings
 from palpate.contact.contacts import Contacts
@@ -21,8 +21,9 @@ from palpate.io.rig.surface import RigSurface
 from palpate.io.rig.tables import RigEstimate, RigForceTorque, RigPair, RigThresholds
 from palpate.simulation.cell_array import LAYOUTS
 from palpate.spatial.pose import Pose
-from palpate.viewer.report import Section
-from palpate.viewer.run_report import MEANING, Run, compose
+from palpate.viewer.captions import MEANING
+from palpate.viewer.report import Section, render
+from palpate.viewer.run_report import Run, compose
 from palpate.viewer.run_summary import RunSummary
 
 RIG = Rig(
@@ -90,15 +91,14 @@ def test_a_truth_of_another_time_is_said() -> None:
 
 
 @pytest.mark.parametrize("kind", [Status.AMBIGUOUS, Status.TOO_LIGHT, Status.NO_POSE])
-def test_a_log_of_one_status_makes_a_page_that_explains_it(kind: Status, tmp_path: Path) -> None:
+def test_a_log_of_one_status_makes_a_page_that_explains_it(kind: Status) -> None:
     """A log of which every sample ended the same way, as the chain would leave its numbers."""
     rows = _rows(kind)
     if kind not in (Status.CONTACT, Status.AMBIGUOUS):
         rows[:, ROW.point] = rows[:, ROW.covariance] = np.nan
     if kind in (Status.SATURATED, Status.INVALID, Status.NO_POSE):
         rows[:, ROW.force] = np.nan
-    write_report(tmp_path / "report.html", _run(rows))
-    assert f"1,000 samples. {MEANING[kind]}" in (tmp_path / "report.html").read_text()
+    assert f"1,000 samples. {MEANING[kind]}" in render(compose(judged(_run(rows))))
     assert set(MEANING) == set(Status)
 
 
@@ -175,11 +175,10 @@ def test_advice_follows_from_what_went_wrong(kind: Status) -> None:
     assert any(sentence.startswith("10.0 % of the") and kind.label in sentence for sentence in said)
 
 
-def test_the_page_holds_inputs_warnings_and_the_time_budget(tmp_path: Path) -> None:
+def test_the_page_holds_inputs_warnings_and_the_time_budget() -> None:
     made = {"palpate": "0.1.0", "log": "log.csv sha256:abc"}
     run = _run(provenance=made, notes=("a note",), warnings=("careful <b>",), stages={"read": 0.001, "locate": 0.003})
-    write_report(tmp_path / "report.html", run)
-    page = (tmp_path / "report.html").read_text()
+    page = render(compose(judged(run)))
     assert "careful &lt;b&gt;" in page
     assert "log.csv, SHA-256 abc" in page
     assert all(f"<td>{cell}</td>" in page for cell in ("locate", "0.003", "3.00", "75.0 %", "4.00", "100.0 %"))

@@ -13,18 +13,19 @@ from tyro.conf import arg
 from palpate.cli.console import counting, lines, note, progress, shares, title, wait
 from palpate.cli.interrupts import import_mesh_reader, uninterrupted
 from palpate.cli.options import FileOption, Log, Output
-from palpate.cli.report import write_report
+from palpate.cli.report import judged
 from palpate.cli.report_advice import mounting_known
 from palpate.cli.run_report import run_of
 from palpate.cli.setup import Setup
 from palpate.contact.ground_truth import Samples, Touches
 from palpate.errors import InputError
-from palpate.io.atomic import keep_inputs
+from palpate.io.atomic import keep_inputs, write_text
 from palpate.io.contacts import ContactsWriter, open_contacts, require_format
 from palpate.io.ground_truth import read_ground_truth
 from palpate.io.models import provenance, write_provenance
 from palpate.io.pipeline import OpenedLog, Pipeline
-from palpate.viewer.report import require_report
+from palpate.viewer.report import render, require_report
+from palpate.viewer.run_report import compose
 from palpate.viewer.run_summary import RunSummary
 
 __all__ = ["estimate"]
@@ -83,7 +84,7 @@ def estimate(
     if report is not None:
         warnings = (*doubts, *short)
         run = run_of(pipeline, summary, record, output.name, warnings)
-        write_report(report, run, known, mounted=mounting_known(rig))
+        write_text(report, render(compose(judged(run, known, mounted=mounting_known(rig)))))
     note(short, kind="warning")
     if short:
         raise SystemExit(INTERRUPTED if interrupted else TORN)

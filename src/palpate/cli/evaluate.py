@@ -101,12 +101,11 @@ def _say(report: Report) -> None:
 
 def _unpaired(report: Report) -> list[str]:
     """Contacts and truths that are left over where there are several at once."""
-    said: list[str] = []
-    if report.unmatched:
-        said.append(f"{report.unmatched:,} contacts have no truth of their own: others are nearer to it")
-    if report.missed:
-        said.append(f"{report.missed:,} truths have no contact, though others of their time have one")
-    return said
+    counted = (
+        (report.unmatched, "contacts have no truth of their own: others are nearer to it"),
+        (report.missed, "truths have no contact, though others of their time have one"),
+    )
+    return [f"{count:,} {what}" for count, what in counted if count]
 
 
 def _is_instrument(truth: Path) -> bool:

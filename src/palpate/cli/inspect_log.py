@@ -8,7 +8,7 @@ import numpy as np
 
 from palpate.cli.console import counting, lines, note, progress, shares, span, table, title
 from palpate.cli.excerpt import Excerpt
-from palpate.cli.spectrum import PLACE
+from palpate.cli.spectrum import force_and_place
 from palpate.contact.estimate import Status
 from palpate.errors import InputError
 from palpate.io.contacts import contact_blocks, unfinished
@@ -21,6 +21,7 @@ from palpate.io.rig.new import guess_sensor
 from palpate.sensors.noise import estimate_noise
 from palpate.sensors.recording import FORCE, ORIENTATION, POSITION, TORQUE, Recording
 from palpate.viewer.report import percent
+from palpate.viewer.run_report import median
 
 __all__ = ["inspect_contacts", "inspect_log"]
 
@@ -150,21 +151,23 @@ def _orientation(kept: Recording, there: LogContents) -> str:
 def _say_ranges(kept: Recording, ranges: _Ranges) -> None:
     values = _flat(kept, ranges.channels)
     noise = estimate_noise(values)
-    rows: list[list[str]] = []
-    for k, name in enumerate(ranges.labels):
-        known = values[np.isfinite(values[:, k]), k]
-        middle = float(np.median(known)) if len(known) else np.nan
-        all_of_them = (ranges.least[k], middle, ranges.most[k]) if ranges.least[k] <= ranges.most[k] else (np.nan,) * 3
-        step = "" if noise is None else f"{noise[k]:.3g}"
-        rows.append([name, *(f"{value:.4g}" for value in all_of_them), step, f"{ranges.missing[k]}"])
+    middles = [median(column) for column in values.T]
+    figures = np.stack([ranges.least, middles, ranges.most], axis=1)
+    figures[ranges.least > ranges.most] = np.nan
+    steps = [""] * len(middles) if noise is None else [f"{step:.3g}" for step in noise]
+    rows = [
+        [name, *(f"{value:.4g}" for value in three), step, f"{missing}"]
+        for name, three, step, missing in zip(ranges.labels, figures, steps, ranges.missing, strict=True)
+    ]
     header = ("", "least", "median", "most", "noise", "missing")
     if len(rows) <= _MOST:
         table(header, rows)
         return
-    middles, shape = np.nanmedian(values, axis=0), " x ".join(map(str, kept.channels[ranges.channels[0]].shape[1:]))
+    shape = " x ".join(map(str, kept.channels[ranges.channels[0]].shape[1:]))
     usual = "" if noise is None else f"{np.median(noise):.3g}"
-    whole = [f"{shape} {ranges.channels[0]}", f"{ranges.least.min():.4g}", f"{np.median(middles):.4g}"]
-    table(header, [[*whole, f"{ranges.most.max():.4g}", usual, f"{int(ranges.missing.sum())}"]])
+    three = (ranges.least.min(), np.median(middles), ranges.most.max())
+    whole = [f"{shape} {ranges.channels[0]}", *(f"{value:.4g}" for value in three), usual, f"{ranges.missing.sum()}"]
+    table(header, [whole])
     never = int(np.count_nonzero(ranges.least == ranges.most))
     note([f"{never} of {len(rows)} {ranges.channels[0]} never change"] if never else [])
 
@@ -193,8 +196,7 @@ def inspect_contacts(file: Path) -> Recording:
         strongest = block[block.strongest()]
         samples += int(np.count_nonzero(np.diff(strongest.sample, prepend=before)))
         before = int(strongest.sample[-1]) if len(strongest) else before
-        point = np.where(strongest.answered[:, None], strongest.point, np.nan)
-        excerpt.add(Recording(strongest.time, {FORCE: strongest.force, PLACE: point}))
+        excerpt.add(force_and_place(strongest))
     title(f"{file}: contacts")
     total = int(counts.sum())
     several = (

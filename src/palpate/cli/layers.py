@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from pathlib import Path
-
 import numpy as np
 
 from palpate.io.rig import Rig
@@ -17,25 +14,11 @@ from palpate.viewer.taxels import TaxelLayer
 __all__ = ["layers_of"]
 
 
-def _load_cells(rig: Rig, forces: np.ndarray | None) -> Layer:
-    del forces
-    return LoadCellLayer(rig_cells(rig))
-
-
-def _skin(rig: Rig, forces: np.ndarray | None) -> Layer:
-    body = rig_body(rig)
-    shape = (body.rows, body.columns) if body.rows else None
-    return TaxelLayer(body.positions, body.normals, body.areas, shape, forces)
-
-
-_LAYERS: dict[str, Callable[[Rig, np.ndarray | None], Layer]] = {"load_cells": _load_cells, "skin": _skin}
-
-
 def layers_of(rig: Rig, sensor: str, forces: np.ndarray | None = None) -> tuple[Layer, ...]:
     """Of a sensor's kind, if the files that it names are there; `forces` (n, k) [N] are those of a skin's cells."""
-    known = sensor in _LAYERS and sensor in rig.sensors and all(path.exists() for path in _files(rig, sensor))
-    return (_LAYERS[sensor](rig, forces),) if known else ()
-
-
-def _files(rig: Rig, sensor: str) -> list[Path]:
-    return [path for name, path in rig.files(rig.kind(sensor)).items() if name != "mesh"]
+    if sensor not in rig.sensors:
+        return ()
+    there = all(path.exists() for name, path in rig.files(rig.kind(sensor)).items() if name != "mesh")
+    if there and sensor == "load_cells":
+        return (LoadCellLayer(rig_cells(rig)),)
+    return (TaxelLayer(rig_body(rig), forces),) if there and sensor == "skin" else ()

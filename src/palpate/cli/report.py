@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
@@ -13,24 +12,14 @@ from palpate.contact.ground_truth import Samples, Touches
 from palpate.evaluation.errors import HEADER
 from palpate.evaluation.evaluate import Report as Evaluation
 from palpate.evaluation.evaluate import evaluate
-from palpate.io.atomic import write_text
 from palpate.viewer import plots
-from palpate.viewer.report import Picture, Section, Table, Tile, percent, picture, render
-from palpate.viewer.run_report import Kept, Run, compose, tone
+from palpate.viewer.report import Picture, Section, Table, Tile, percent, picture
+from palpate.viewer.run_report import Kept, Run, median, tone
 
-__all__ = ["judged", "write_report"]
+__all__ = ["judged"]
 
 TOLERANCE = 0.02  # s: between a sample and the ground truth's instant
 FINE = "Nothing stands out: models are calibrated, and the samples are answered."
-
-
-def write_report(path: Path, run: Run, truth: Samples | Touches | None = None, *, mounted: bool = False) -> None:
-    """Write the page, whole or not at all; arguments as of `judged`.
-
-    Raises:
-        InputError: it cannot be written, or matplotlib or jinja2 is missing.
-    """
-    write_text(path, render(compose(judged(run, truth, mounted=mounted))))
 
 
 def judged(run: Run, truth: Samples | Touches | None = None, *, mounted: bool = False) -> Run:
@@ -91,13 +80,8 @@ def _section(run: Run, truth: Samples | Touches, found: Evaluation) -> Section:
 def _touch_picture(kept: Kept, truth: Touches, found: Evaluation) -> Picture:
     time = kept.contacts.time
     radius = [
-        _median(kept.radius[(time >= start) & (time <= end)]) for start, end in zip(truth.start, truth.end, strict=True)
+        median(kept.radius[(time >= start) & (time <= end)]) for start, end in zip(truth.start, truth.end, strict=True)
     ]
     error = np.array([touch.error for touch in found.touches])
     drawn = plots.touch_errors([touch.label for touch in found.touches], error, np.array(radius))
     return picture(drawn, "The median point of each touch against the ground truth, and the 95 % radius of a sample.")
-
-
-def _median(values: np.ndarray) -> float:
-    known = values[np.isfinite(values)]
-    return float(np.median(known)) if len(known) else float("nan")

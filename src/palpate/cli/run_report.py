@@ -97,7 +97,7 @@ def _of_taxels(run: Run, rig: Rig, estimator: TaxelEstimator) -> Run:
     """On a body of cells."""
     body, health = estimator.body, estimator.health
     shape = (body.rows, body.columns) if body.rows else None
-    drawn = cell_mesh(body.positions, body.normals, body.areas, shape)
+    drawn = cell_mesh(body)
     if rig.surface is not None:
         mesh = rig.surface.load(rig.folder).drawn()
         drawn = (mesh.vertices, mesh.faces)

@@ -50,11 +50,7 @@ def view(
     scene, notes = _estimated(log, setup, rig) if contacts is None else _shown(contacts, log, rig, setup.sensor)
     title(f"{log}: {len(scene):,} samples")
     note(notes)
-    serve(scene, host, port, up=_say)
-
-
-def _say(address: str) -> None:
-    print(f"  open {address} in a browser; Ctrl-C ends it", flush=True)
+    serve(scene, host, port, up=lambda at: print(f"  open {at} in a browser; Ctrl-C ends it", flush=True))
 
 
 def _written(path: Path) -> Contacts | None:

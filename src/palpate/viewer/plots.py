@@ -11,6 +11,7 @@ from jaxtyping import Bool, Float, Int
 
 from palpate.contact.estimate import Status
 from palpate.viewer._style import AXES, INK, MUTED, STATUS, figure, styled
+from palpate.viewer.samples import thinned
 from palpate.viewer.timeline import downsampled
 
 if TYPE_CHECKING:
@@ -83,7 +84,7 @@ def locations(
     for k, (axes, name) in enumerate(zip(parts, _NAMES, strict=True)):
         place, band = 1e3 * point[:, k], 1.96e3 * np.nan_to_num(deviation[:, k])
         if several:
-            some = _some(np.isfinite(place), DOTS)
+            some = thinned(np.flatnonzero(np.isfinite(place)), DOTS)
             axes.vlines(time[some], (place - band)[some], (place + band)[some], color=AXES[k], alpha=0.3)
             axes.plot(time[some], place[some], ".", color=AXES[k], markersize=2.5)
         else:
@@ -172,7 +173,7 @@ def errors(time: Float[np.ndarray, " n"], error: Float[np.ndarray, " n"], radius
     time, label = _clock(time)
     drawn = figure(2.6)
     axes: Any = drawn.subplots()
-    some = _some(np.isfinite(error), DOTS)
+    some = thinned(np.flatnonzero(np.isfinite(error)), DOTS)
     axes.plot(time[some], 1e3 * error[some], ".", color=AXES[0], markersize=2.5, label="error")
     if np.isfinite(radius).any():
         axes.plot(*_curve(time, 1e3 * radius), color=AXES[2], label="95 % radius", zorder=1)
@@ -242,11 +243,6 @@ def _span(time: Float[np.ndarray, " n"]) -> tuple[float | None, float | None]:
     return (float(known.min()), float(known.max())) if len(known) and np.ptp(known) > 0 else (None, None)
 
 
-def _some(which: Bool[np.ndarray, " n"], most: int) -> Int[np.ndarray, " k"]:
-    rows = np.flatnonzero(which)
-    return rows[:: 1 + len(rows) // most]
-
-
 def _banded(
     frequency: Float[np.ndarray, " k"], density: Float[np.ndarray, "k 3"]
 ) -> tuple[Float[np.ndarray, " b"], Float[np.ndarray, "b 3"]]:
@@ -304,7 +300,7 @@ def _touched(
     """Dots where one sees them and rings where the body is in between, the strongest on top."""
     from matplotlib import colormaps
 
-    some = _some(np.isfinite(point[:, 0]), DOTS)
+    some = thinned(np.flatnonzero(np.isfinite(point[:, 0])), DOTS)
     if not len(some):
         return None
     some = some[np.argsort(force[some])]

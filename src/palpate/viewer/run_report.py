@@ -11,30 +11,18 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from palpate.contact.contacts import Contacts
-from palpate.contact.estimate import Status
-from palpate.contact.events import Events
+from palpate.contact.estimate import CHI2_95, Status
+from palpate.contact.events import Events, largest_deviation
 from palpate.contact.plausibility import UNLOADED
 from palpate.viewer import plots
-from palpate.viewer.captions import feature
+from palpate.viewer.captions import MEANING, feature
 from palpate.viewer.report import Picture, Report, Section, Table, Tile, percent, picture
 from palpate.viewer.run_summary import RunSummary
 from palpate.viewer.samples import sample_starts, strongest
-from palpate.viewer.scene import CHI2_95
 
-__all__ = ["MEANING", "Kept", "Run", "compose", "tone", "touch_table"]
+__all__ = ["Kept", "Run", "compose", "median", "tone", "touch_table"]
 
 SHOWN = 200  # touches in the table
-MEANING = {
-    Status.CONTACT: "Located.",
-    Status.AMBIGUOUS: "Located, but another point explains the reading too and lies outside the 95 % ellipse.",
-    Status.NO_CONTACT: "Nothing touches: the force is below the lower threshold.",
-    Status.TOO_LIGHT: "Something touches, but too lightly to be located.",
-    Status.OFF_SURFACE: "No point of the surface can make this wrench; the nearest is given.",
-    Status.IMPLAUSIBLE: "Located, but with more friction or torsion than is allowed: do not believe the point.",
-    Status.SATURATED: "A channel of the sensor is at its range, so that the force is not known.",
-    Status.INVALID: "A reading is missing, or is no number.",
-    Status.NO_POSE: "The orientation of the sensor, without which its payload cannot be taken off, is missing.",
-}
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,7 +85,7 @@ def compose(run: Run) -> Report:
         f"{run.output}.",
         tiles=(*_tiles(run, len(touches)), *run.tiles),
         warnings=run.warnings,
-        sections=tuple(section for section in sections if _says_something(section)),
+        sections=tuple(section for section in sections if section),
         footer=f"palpate {run.provenance.get('palpate', '')}. Lengths, forces and times in the units that stand beside "
         "them; points and forces in the surface's frame.",
     )
@@ -109,11 +97,6 @@ class Kept:
 
     contacts: Contacts
     even: Bool[np.ndarray, " n"]
-
-    @cached_property
-    def starts(self) -> Int[np.ndarray, " m"]:
-        """(m,) first row of each sample."""
-        return sample_starts(self.contacts)
 
     @cached_property
     def strength(self) -> Float[np.ndarray, " n"]:
@@ -133,20 +116,18 @@ class Kept:
     @cached_property
     def radius(self) -> Float[np.ndarray, " n"]:
         """(n,) [m] long half-axes of the 95 % ellipses."""
-        known = np.isfinite(self.covariance).all(axis=(1, 2))
-        largest = np.full(len(self.contacts), np.nan)
-        largest[known] = np.linalg.eigvalsh(self.covariance[known])[:, -1].clip(min=0)
-        return np.sqrt(CHI2_95 * largest)
+        return np.sqrt(CHI2_95) * largest_deviation(self.covariance)
 
     @property
     def median_radius(self) -> float:
         """[m] of the even ones, NaN where there is none."""
-        known = self.radius[self.even & np.isfinite(self.radius)]
-        return float(np.median(known)) if len(known) else float("nan")
+        return median(self.radius[self.even])
 
 
-def _says_something(section: Section) -> bool:
-    return any((section.text, section.points, section.facts, section.pictures, section.tables))
+def median(values: Float[np.ndarray, " n"]) -> float:
+    """Of the finite ones; NaN where there is none."""
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if len(known) else float("nan")
 
 
 def tone(share: float, good: float, poor: float) -> str:
@@ -180,7 +161,7 @@ def _tiles(run: Run, touches: int) -> list[Tile]:
 
 def _over_time(kept: Kept) -> Section:
     found = kept.contacts
-    picked = strongest(found, kept.starts)
+    picked = strongest(found, sample_starts(found))
     several = len(picked) < len(found)
     drawn = plots.forces(found.time[picked], found.force[picked], found.status[picked])
     colours = "green: located, blue: ambiguous, light grey: no contact, dark grey: too light, others: see Statuses"

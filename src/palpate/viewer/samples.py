@@ -9,7 +9,7 @@ from jaxtyping import Float, Int
 
 from palpate.contact.contacts import Contacts
 
-__all__ = ["sample_starts", "sheet_places", "strongest", "totals"]
+__all__ = ["sample_starts", "sheet_places", "strongest", "thinned", "totals"]
 
 
 def sample_starts(contacts: Contacts) -> Int[np.ndarray, " m"]:
@@ -28,6 +28,11 @@ def sheet_places(contacts: Contacts) -> Float[np.ndarray, "n 2"] | None:
     features = contacts.features
     on_sheet = {"row", "column"} <= set(features)
     return np.column_stack([features["row"], features["column"]]) if on_sheet else None
+
+
+def thinned(rows: Int[np.ndarray, " n"], most: int) -> Int[np.ndarray, " k"]:
+    """At most `most` of some rows, evenly spread."""
+    return rows[:: 1 + len(rows) // most]
 
 
 def totals(contacts: Contacts, starts: Int[np.ndarray, " m"]) -> Float[np.ndarray, " m"]:
