@@ -40,10 +40,8 @@ def table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
     cells = [list(header), *(list(row) for row in rows)]
     widths = [max(len(row[k]) for row in cells) for k in range(len(header))]
     for row in cells:
-        first, *rest = (
-            f"{cell:{'<' if k == 0 else '>'}{width}}" for k, (cell, width) in enumerate(zip(row, widths, strict=True))
-        )
-        print("  " + "  ".join([first, *rest]).rstrip())
+        sided = zip(row, widths, ["<", *">" * len(row[1:])], strict=True)
+        print("  " + "  ".join(f"{cell:{side}{width}}" for cell, width, side in sided).rstrip())
 
 
 def span(times: np.ndarray) -> str:

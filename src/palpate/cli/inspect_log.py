@@ -83,18 +83,13 @@ class _Ranges:
     def __init__(self, channels: tuple[str, ...]) -> None:
         self.channels = channels
         self.count, self.ends = 0, np.empty(0)
-        self.labels: list[str] = []
+        self.missing, self.least, self.most = np.array(0), np.array(np.inf), np.array(-np.inf)
 
     def add(self, block: Recording) -> None:
         """The next samples."""
         values = _flat(block, self.channels)
-        if not self.labels:
-            self.labels = _labels(block, self.channels)
-            width = values.shape[1]
-            self.missing = np.zeros(width, dtype=np.int64)
-            self.least, self.most = np.full(width, np.inf), np.full(width, -np.inf)
         self.count += len(values)
-        self.missing += np.count_nonzero(np.isnan(values), axis=0)
+        self.missing = self.missing + np.count_nonzero(np.isnan(values), axis=0)
         self.least = np.fmin(self.least, np.fmin.reduce(values, axis=0, initial=np.inf))
         self.most = np.fmax(self.most, np.fmax.reduce(values, axis=0, initial=-np.inf))
         self.ends = _reached(self.ends, block.time)
@@ -109,12 +104,9 @@ def _flat(block: Recording, channels: tuple[str, ...]) -> np.ndarray:
 def _labels(block: Recording, channels: tuple[str, ...]) -> list[str]:
     named: list[str] = []
     for channel in channels:
-        count, unit = block.channels[channel][:1].size, _UNITS.get(channel)
-        of = f" [{unit}]" if unit else ""
-        if channel in (FORCE, TORQUE):
-            named += [f"{'f' if channel == FORCE else 't'}{axis}{of}" for axis in "xyz"]
-        else:
-            named += [f"{channel} {k + 1}{of}" for k in range(count)]
+        numbered = [f"{channel} {k + 1}" for k in range(block.channels[channel][:1].size)]
+        names = [f"{channel[0]}{axis}" for axis in "xyz"] if channel in (FORCE, TORQUE) else numbered
+        named += [f"{name} [{_UNITS[channel]}]" if channel in _UNITS else name for name in names]
     return named
 
 
@@ -155,9 +147,10 @@ def _say_ranges(kept: Recording, ranges: _Ranges) -> None:
     figures = np.stack([ranges.least, middles, ranges.most], axis=1)
     figures[ranges.least > ranges.most] = np.nan
     steps = [""] * len(middles) if noise is None else [f"{step:.3g}" for step in noise]
+    names = _labels(kept, ranges.channels)
     rows = [
         [name, *(f"{value:.4g}" for value in three), step, f"{missing}"]
-        for name, three, step, missing in zip(ranges.labels, figures, steps, ranges.missing, strict=True)
+        for name, three, step, missing in zip(names, figures, steps, ranges.missing, strict=True)
     ]
     header = ("", "least", "median", "most", "noise", "missing")
     if len(rows) <= _MOST:
