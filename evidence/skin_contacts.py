@@ -21,10 +21,9 @@ from evidence.response import identify_response
 from evidence.row import Row, shared, skipped
 from palpate.calibration.intensity import identify_intensity, identify_resistive
 from palpate.contact.contacts import Contacts
-from palpate.contact.estimate import Status
+from palpate.contact.estimate import CHI2_95, Status
 from palpate.contact.taxel_estimator import TaxelEstimator
 from palpate.errors import NotIdentifiable, PalpateError
-from palpate.evaluation.errors import CHI2_95
 from palpate.evaluation.instruments import judge, map_mesh, medians, touch_rows, wand_points, wrench_points
 from palpate.sensors.intensity import Curve, Intensity
 from palpate.sensors.recording import CELLS, Recording
@@ -374,8 +373,8 @@ def _judge(session: SkinSession, skin: TaxelEstimator, surface: Mesh, judged: Ju
     wrench = np.stack([np.median(session.wrench[rows], axis=0) for rows in at])
     reference = wrench_points(surface, wrench, alone=np.ones(len(at), dtype=bool))
     report = judge(touches, reference)
-    judged.sensor.append(report.errors)
-    judged.turned.append(report.turned)
+    judged.sensor.append(report.report.errors)
+    judged.turned.append(report.report.turned)
     judged.paper.append(report.paper_direction)
     judged.refused += sum(map(bool, reference.refused))
     pose = np.stack([_middle(session.wand[rows]) for rows in at])
@@ -384,7 +383,7 @@ def _judge(session: SkinSession, skin: TaxelEstimator, surface: Mesh, judged: Ju
     tip = Wand().radius * icosphere(16)[0]
     seen = wand_points(surface, tip, turn, np.where(lost[:, None], np.nan, pose[:, :3]))
     by_wand = judge(touches, seen)
-    judged.wand.append(by_wand.errors)
+    judged.wand.append(by_wand.report.errors)
     means = [np.nan if s is None else s.mean for s in (report.paper_position, by_wand.paper_position)]
     judged.flat.append(np.array(means))
     judged.lost += sum(map(bool, seen.refused))

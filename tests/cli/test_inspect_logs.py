@@ -108,8 +108,8 @@ def test_contacts_are_known_in_every_format(suffix: str, tmp_path: Path, capsys:
     lines = [line.split() for line in said.splitlines()]
     assert lines[0][-1] == "contacts"
     assert ["rows", "1,200"] in lines
-    assert ["contact", "75.0", "%"] in lines
-    assert ["no_contact", "25.0", "%"] in lines
+    assert ["contact", "75.0", "%", "900"] in lines
+    assert ["no_contact", "25.0", "%", "300"] in lines
     assert ["time", "0.000", "to", "2.998"] in lines
 
 

@@ -8,12 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from palpate.cli.report import judged, write_report
+from palpate.cli.report import judged
 from palpate.cli.report_advice import status_advice, wrench_advice
-from palpate.cli.report_settings import force_torque, load_cells, taxels, wrench_method, wrench_settings
+from palpate.cli.run_report import force_torque, load_cells, taxels, wrench_settings
 from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import ROW, ContactEstimate, Status
-from palpate.contact.events import find_touches
 from palpate.contact.ground_truth import Samples, Touches
 from palpate.contact.locate import Locator
 from palpate.contact.resolution import nominal_cells
@@ -22,9 +21,10 @@ from palpate.io.rig.surface import RigSurface
 from palpate.io.rig.tables import RigEstimate, RigForceTorque, RigPair, RigThresholds
 from palpate.simulation.cell_array import LAYOUTS
 from palpate.spatial.pose import Pose
-from palpate.viewer.downsample import Downsample
-from palpate.viewer.report import Section
-from palpate.viewer.run_report import MEANING, Run, compose
+from palpate.viewer.captions import MEANING
+from palpate.viewer.report import Section, render
+from palpate.viewer.run_report import Run, compose
+from palpate.viewer.run_summary import RunSummary
 
 RIG = Rig(
     RigSurface(kind="plane", half_width=0.1),
@@ -48,7 +48,7 @@ def _rows(status: int = Status.CONTACT) -> np.ndarray:
 
 
 def _run(rows: np.ndarray | None = None, **more: object) -> Run:
-    kept = Downsample()
+    kept = RunSummary()
     kept.add(Contacts.single(TIME, ContactEstimate.from_rows(_rows() if rows is None else rows)))
     return Run("log.csv", "contacts.csv", "located on a plane", kept, **more)
 
@@ -64,8 +64,7 @@ def _tiles(run: Run) -> dict[str, str]:
 def test_the_tiles_are_the_run() -> None:
     """By construction: all answered, 42 N at most, 3 mm off, and 95 % of a 1 mm normal within 2.448 mm."""
     truth = Samples(TIME, TRUTH)
-    estimate = ContactEstimate.from_rows(_rows())
-    tiles = _tiles(judged(_run(touches=find_touches(Contacts.single(TIME, estimate))), truth))
+    tiles = _tiles(judged(_run(), truth))
     assert tiles == {
         "samples": "1,000",
         "answered": "100.0 %",
@@ -92,15 +91,14 @@ def test_a_truth_of_another_time_is_said() -> None:
 
 
 @pytest.mark.parametrize("kind", [Status.AMBIGUOUS, Status.TOO_LIGHT, Status.NO_POSE])
-def test_a_log_of_one_status_makes_a_page_that_explains_it(kind: Status, tmp_path: Path) -> None:
+def test_a_log_of_one_status_makes_a_page_that_explains_it(kind: Status) -> None:
     """A log of which every sample ended the same way, as the chain would leave its numbers."""
     rows = _rows(kind)
     if kind not in (Status.CONTACT, Status.AMBIGUOUS):
         rows[:, ROW.point] = rows[:, ROW.covariance] = np.nan
     if kind in (Status.SATURATED, Status.INVALID, Status.NO_POSE):
         rows[:, ROW.force] = np.nan
-    write_report(tmp_path / "report.html", _run(rows))
-    assert f"1,000 samples. {MEANING[kind]}" in (tmp_path / "report.html").read_text()
+    assert f"1,000 samples. {MEANING[kind]}" in render(compose(judged(_run(rows))))
     assert set(MEANING) == set(Status)
 
 
@@ -123,7 +121,6 @@ def test_settings_are_those_of_the_rig() -> None:
     assert facts["a contact"] == "begins at 0.5 N, ends at 0.3 N"
     assert facts["noise of a reading"].startswith("0.02 N and 0.001 N m")
     assert facts["filter"] == "butterworth, 5 Hz"
-    assert wrench_method(RIG, payload=False).endswith("located on a plane by the soft finger method")
     models = dict(force_torque(RIG, None, Pose.identity()).facts)
     assert models["payload"].startswith("none")
     assert models["mounting"] == "(0.00, 0.00, 0.00) mm, not calibrated"
@@ -150,14 +147,13 @@ def _two_at_once() -> Contacts:
 
 
 def test_of_two_contacts_at_once_the_one_at_the_truth_is_judged() -> None:
-    kept = Downsample()
+    kept = RunSummary()
     kept.add(_two_at_once())
     run = judged(Run("log.csv", "contacts.csv", "", kept), Samples(np.arange(10) / 10, np.zeros((10, 3))))
     tiles = _tiles(run)
     assert tiles["location error"] == "0.00 mm"
     assert (tiles["samples"], tiles["contacts at once"], tiles["peak force"]) == ("10", "2", "2 N")
-    touches = find_touches(_two_at_once())
-    table = _section(replace(run, touches=touches), "Touches").tables[0]
+    table = _section(run, "Touches").tables[0]
     assert table.header[:2] == ("touch", "contact")
     assert table.header[-1] == "area [cm²]"
     assert [row[1] for row in table.rows] == ["1", "2"]
@@ -179,11 +175,10 @@ def test_advice_follows_from_what_went_wrong(kind: Status) -> None:
     assert any(sentence.startswith("10.0 % of the") and kind.label in sentence for sentence in said)
 
 
-def test_the_page_holds_inputs_warnings_and_the_time_budget(tmp_path: Path) -> None:
+def test_the_page_holds_inputs_warnings_and_the_time_budget() -> None:
     made = {"palpate": "0.1.0", "log": "log.csv sha256:abc"}
     run = _run(provenance=made, notes=("a note",), warnings=("careful <b>",), stages={"read": 0.001, "locate": 0.003})
-    write_report(tmp_path / "report.html", run)
-    page = (tmp_path / "report.html").read_text()
+    page = render(compose(judged(run)))
     assert "careful &lt;b&gt;" in page
     assert "log.csv, SHA-256 abc" in page
     assert all(f"<td>{cell}</td>" in page for cell in ("locate", "0.003", "3.00", "75.0 %", "4.00", "100.0 %"))

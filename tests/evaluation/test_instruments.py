@@ -111,9 +111,9 @@ def test_what_is_refused_is_left_out_and_the_rest_keeps_its_place() -> None:
     )
     assert found.report.location is not None
     assert (found.report.samples, found.report.location.count) == (4, 3)
-    assert np.isnan(found.errors).tolist() == [False, True, False, False]
-    assert np.nanmax(found.errors) < 25e-6
-    assert np.nanmax(found.turned) < 1e-9
+    assert np.isnan(found.report.errors).tolist() == [False, True, False, False]
+    assert np.nanmax(found.report.errors) < 25e-6
+    assert np.nanmax(found.report.turned) < 1e-9
 
 
 def test_a_touch_is_the_median_of_its_rows_and_knows_whether_it_was_alone() -> None:

@@ -9,6 +9,7 @@ import pytest
 
 from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import ContactEstimate
+from palpate.sensors.taxels import TaxelBody
 from palpate.simulation.skin_bench import Rolled
 from palpate.viewer.scene import prepare
 from palpate.viewer.server import Page
@@ -18,6 +19,7 @@ from tests.support.pages import BODY, ellipsoid, two_contacts
 SHEET = Rolled()
 PLACE = SHEET.layout()
 SHAPE = PLACE.areas.shape
+SHEET_BODY = TaxelBody.sheet(PLACE)
 CELLS = (PLACE.centres.reshape(-1, 3), PLACE.normals.reshape(-1, 3), PLACE.areas.ravel())
 
 
@@ -43,7 +45,7 @@ def _sheet_contacts() -> tuple[Contacts, np.ndarray]:
 
 def _corners(shape: tuple[int, int] | None) -> np.ndarray:
     """(k, 4, 3) around each cell."""
-    vertices, faces = cell_mesh(*CELLS, shape)
+    vertices, faces = cell_mesh(TaxelBody.anywhere(*CELLS) if shape is None else SHEET_BODY)
     assert faces.shape == (2 * len(CELLS[0]), 3)
     return vertices.reshape(-1, 4, 3)
 
@@ -79,7 +81,7 @@ def test_the_unrolled_sheet_is_dark_where_it_is_pressed_and_has_its_last_row_on_
 
 def test_the_page_of_a_sheet_shows_both_contacts_and_the_cells_below_them() -> None:
     contacts, forces = _sheet_contacts()
-    layer = TaxelLayer(*CELLS, SHAPE, forces)
+    layer = TaxelLayer(SHEET_BODY, forces)
     scene = prepare(None, contacts, "sheet", [layer])
     low, high = CELLS[0].min(axis=0), CELLS[0].max(axis=0)
     np.testing.assert_array_equal(scene.bounds, [low, high])
@@ -100,7 +102,7 @@ def test_cells_without_a_grid_are_drawn_on_the_body_and_have_no_sheet() -> None:
     rng = np.random.default_rng(5)
     points = BODY.on_ray(rng.normal(size=(50, 3)))
     contacts = two_contacts()
-    layer = TaxelLayer(points, BODY.normals(points), np.full(50, 1e-5), forces=rng.random((100, 50)))
+    layer = TaxelLayer(TaxelBody.anywhere(points, BODY.normals(points), np.full(50, 1e-5)), rng.random((100, 50)))
     with Page(prepare(ellipsoid(), contacts, "", [layer]), port=0):
         assert layer._sheet is None
         assert layer._cells.batched_colors.shape == (50, 3)
@@ -108,7 +110,7 @@ def test_cells_without_a_grid_are_drawn_on_the_body_and_have_no_sheet() -> None:
 
 def test_contacts_of_a_file_are_shown_without_the_forces_of_cells() -> None:
     contacts, _ = _sheet_contacts()
-    layer = TaxelLayer(*CELLS, SHAPE)
+    layer = TaxelLayer(SHEET_BODY)
     with Page(prepare(None, contacts, "", [layer]), port=0) as page:
         assert layer.captions(page.index) == []
         assert layer._sheet is None

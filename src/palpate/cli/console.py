@@ -6,7 +6,12 @@ import sys
 from collections.abc import Generator, Iterable, Sequence
 from contextlib import contextmanager
 
-__all__ = ["counting", "lines", "note", "percent", "progress", "table", "title", "wait"]
+import numpy as np
+
+from palpate.contact.estimate import Status
+from palpate.viewer.report import percent
+
+__all__ = ["counting", "lines", "note", "progress", "shares", "span", "table", "title", "wait"]
 
 _WIDTH = 16
 
@@ -35,15 +40,20 @@ def table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
     cells = [list(header), *(list(row) for row in rows)]
     widths = [max(len(row[k]) for row in cells) for k in range(len(header))]
     for row in cells:
-        first, *rest = (
-            f"{cell:{'<' if k == 0 else '>'}{width}}" for k, (cell, width) in enumerate(zip(row, widths, strict=True))
-        )
-        print("  " + "  ".join([first, *rest]).rstrip())
+        sided = zip(row, widths, ["<", *">" * len(row[1:])], strict=True)
+        print("  " + "  ".join(f"{cell:{side}{width}}" for cell, width, side in sided).rstrip())
 
 
-def percent(share: float) -> str:
-    """A share, to a tenth of a percent."""
-    return f"{100 * share:.1f} %"
+def span(times: np.ndarray) -> str:
+    """From the first of some times to the last."""
+    known = times[np.isfinite(times)]
+    return f"{known.min():.3f} to {known.max():.3f}" if len(known) else "none"
+
+
+def shares(counts: np.ndarray) -> list[tuple[str, str]]:
+    """Each status that occurs, with its share and its count; `counts` (len(Status),)."""
+    total = counts.sum()
+    return [(kind.label, f"{percent(counts[kind] / total):>7}  {counts[kind]:>9,}") for kind in Status if counts[kind]]
 
 
 def wait(text: str) -> None:

@@ -10,22 +10,23 @@ from typing import Annotated, Literal
 
 from tyro.conf import arg
 
-from palpate.cli.console import counting, lines, note, percent, progress, title, wait
+from palpate.cli.console import counting, lines, note, progress, shares, title, wait
 from palpate.cli.interrupts import import_mesh_reader, uninterrupted
 from palpate.cli.options import FileOption, Log, Output
-from palpate.cli.report import write_report
+from palpate.cli.report import judged
+from palpate.cli.report_advice import mounting_known
 from palpate.cli.run_report import run_of
-from palpate.cli.run_summary import RunSummary
 from palpate.cli.setup import Setup
-from palpate.contact.estimate import Status
 from palpate.contact.ground_truth import Samples, Touches
 from palpate.errors import InputError
-from palpate.io.atomic import keep_inputs
+from palpate.io.atomic import keep_inputs, write_text
 from palpate.io.contacts import ContactsWriter, open_contacts, require_format
 from palpate.io.ground_truth import read_ground_truth
 from palpate.io.models import provenance, write_provenance
 from palpate.io.pipeline import OpenedLog, Pipeline
-from palpate.viewer.report import require_report
+from palpate.viewer.report import render, require_report
+from palpate.viewer.run_report import compose
+from palpate.viewer.run_summary import RunSummary
 
 __all__ = ["estimate"]
 
@@ -82,8 +83,8 @@ def estimate(
     _say(f"{log} -> {output}", pipeline, summary, doubts)
     if report is not None:
         warnings = (*doubts, *short)
-        mounted = rig.surface is not None and rig.surface.pose_covariance is not None
-        write_report(report, run_of(pipeline, summary, record, output.name, warnings), known, mounted=mounted)
+        run = run_of(pipeline, summary, record, output.name, warnings)
+        write_text(report, render(compose(judged(run, known, mounted=mounting_known(rig)))))
     note(short, kind="warning")
     if short:
         raise SystemExit(INTERRUPTED if interrupted else TORN)
@@ -107,12 +108,12 @@ def _interrupted(pipeline: Pipeline, writer: ContactsWriter, summary: RunSummary
     """Every sample of the log, block by block; whether Ctrl-C ended it. Without a row there is nothing to keep."""
     try:
         with counting():
-            for block, found, placed in pipeline.stream():
+            for _, found, placed in pipeline.stream():
                 with uninterrupted():  # a block is written and counted, or neither
                     begin = perf_counter()
                     writer.write(placed)
                     pipeline.seconds["write"] += perf_counter() - begin
-                    summary.add(len(block), found)
+                    summary.add(found)
                 progress(summary.samples, pipeline.log.position / max(pipeline.log.size, 1))
     except KeyboardInterrupt:
         if not writer.rows:
@@ -133,15 +134,10 @@ def _say(heading: str, pipeline: Pipeline, summary: RunSummary, doubts: list[str
     title(heading)
     several = f"; up to {summary.most} contacts at once" if summary.most > 1 else ""
     lines([("samples", f"{summary.samples:,} in, {summary.rows:,} rows out{several}")])
-    lines(_shares(summary))
+    lines(shares(summary.statuses))
     spent = {"read": pipeline.log.seconds, **pipeline.seconds}
     rate = summary.samples / max(sum(spent.values()) - spent["prepare"], 1e-9)
     parts = ", ".join(f"{name} {seconds:.2f} s" for name, seconds in spent.items())
     lines([("time", f"{parts}; {rate:,.0f} samples/s once prepared")])
     note(pipeline.notes())
     note(doubts, kind="warning")
-
-
-def _shares(summary: RunSummary) -> list[tuple[str, str]]:
-    counts = enumerate(summary.counts.tolist())
-    return [(Status(k).label, f"{percent(n / summary.rows):>7}  {n:>9,}") for k, n in counts if n]

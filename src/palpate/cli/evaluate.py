@@ -8,22 +8,21 @@ from typing import Annotated
 import numpy as np
 from tyro.conf import arg
 
-from palpate.cli.console import lines, note, percent, table, title
+from palpate.cli.console import lines, note, shares, span, table, title
 from palpate.cli.evaluate_instrument import WAND, WRENCH, evaluate_instrument
 from palpate.cli.options import ContactsFile, FileOption, TruthFile
-from palpate.contact.ground_truth import Touches
+from palpate.contact.ground_truth import Samples, Touches
 from palpate.errors import InputError
-from palpate.evaluation.errors import ErrorSummary
+from palpate.evaluation.errors import HEADER
 from palpate.evaluation.evaluate import Report
 from palpate.evaluation.evaluate import evaluate as compare
 from palpate.io.contacts import read_contacts
 from palpate.io.ground_truth import read_ground_truth
 from palpate.io.models import read_provenance
 from palpate.io.tables.table import read_table
+from palpate.viewer.report import percent
 
-__all__ = ["HEADER", "evaluate", "summaries"]
-
-HEADER = ("", "mean", "median", "95 %", "worst", "count")
+__all__ = ["evaluate", "summaries", "truth_times"]
 
 
 def evaluate(
@@ -68,8 +67,8 @@ def evaluate(
     report = compare(found, known, tolerance=tolerance)
     if not report.matched:
         raise InputError(
-            f"no sample matches the truth: contacts from {_span(found.time)}, truth from "
-            f"{_span(np.concatenate([known.start, known.end]) if isinstance(known, Touches) else known.time)}.",
+            f"no sample matches the truth; times of the contacts [s]: {span(found.time)}, of the truth: "
+            f"{span(truth_times(known))}.",
             where=str(truth),
             hint="Both must be on one clock; --tolerance widens the match.",
         )
@@ -84,10 +83,10 @@ def evaluate(
 def _say(report: Report) -> None:
     matched = f"{report.samples:,}, of which {report.matched:,} have a truth and {report.answered:,} of these an answer"
     lines([("contacts", matched)])
-    lines((label, percent(share)) for label, share in report.statuses.items())
+    lines(shares(report.statuses))
     _touches(report)
     if rows := summaries(report):
-        table(HEADER, rows)
+        table(("", *HEADER), rows)
     else:
         note(["no contact that has a truth has an answer: there is nothing to average"])
     seen = report.coverage
@@ -102,12 +101,11 @@ def _say(report: Report) -> None:
 
 def _unpaired(report: Report) -> list[str]:
     """Contacts and truths that are left over where there are several at once."""
-    said: list[str] = []
-    if report.unmatched:
-        said.append(f"{report.unmatched:,} contacts have no truth of their own: others are nearer to it")
-    if report.missed:
-        said.append(f"{report.missed:,} truths have no contact, though others of their time have one")
-    return said
+    counted = (
+        (report.unmatched, "contacts have no truth of their own: others are nearer to it"),
+        (report.missed, "truths have no contact, though others of their time have one"),
+    )
+    return [f"{count:,} {what}" for count, what in counted if count]
 
 
 def _is_instrument(truth: Path) -> bool:
@@ -116,27 +114,22 @@ def _is_instrument(truth: Path) -> bool:
     return set(WRENCH) <= names or set(WAND) <= names
 
 
+def truth_times(truth: Samples | Touches) -> np.ndarray:
+    """Of instants, or of both ends of the touches [s]."""
+    return np.concatenate([truth.start, truth.end]) if isinstance(truth, Touches) else truth.time
+
+
 def summaries(report: Report) -> list[tuple[str, ...]]:
     """Rows of what, mean, median, 95 %, worst and count, each with its unit; none where nothing was compared."""
     what = "location of touches [mm]" if report.touches else "location [mm]"
     degrees = 180 / np.pi
-    return [
-        row
-        for name, summary, scale in (
-            (what, report.location, 1e3),
-            ("normal [deg]", report.normal, degrees),
-            ("force [N]", report.force, 1.0),
-            ("force direction [deg]", report.force_angle, degrees),
-        )
-        for row in _summary(name, summary, scale)
-    ]
-
-
-def _summary(name: str, summary: ErrorSummary | None, scale: float) -> list[tuple[str, ...]]:
-    if summary is None:
-        return []
-    figures = (summary.mean, summary.median, summary.p95, summary.worst)
-    return [(name, *(f"{scale * figure:.3f}" for figure in figures), f"{summary.count:,}")]
+    rows = (
+        (what, report.location, 1e3),
+        ("normal [deg]", report.normal, degrees),
+        ("force [N]", report.force, 1.0),
+        ("force direction [deg]", report.force_angle, degrees),
+    )
+    return [(name, *summary.row(scale)) for name, summary, scale in rows if summary is not None]
 
 
 def _touches(report: Report) -> None:
@@ -170,8 +163,3 @@ def _unanswered(report: Report) -> list[str]:
 
 def _listed(labels: list[str]) -> str:
     return ", ".join(labels[:5]) + (", ..." if len(labels) > 5 else "")
-
-
-def _span(time: np.ndarray) -> str:
-    known = time[np.isfinite(time)]
-    return f"{known.min():.3f} to {known.max():.3f} s" if len(known) else "no time at all"

@@ -9,7 +9,7 @@ import numpy as np
 from palpate.cli.console import lines, note, table, title
 from palpate.contact.contacts import Contacts
 from palpate.errors import InputError
-from palpate.evaluation.errors import ErrorSummary
+from palpate.evaluation.errors import HEADER, ErrorSummary
 from palpate.evaluation.instruments import (
     InstrumentReport,
     Reference,
@@ -30,6 +30,7 @@ from palpate.surfaces.mesh import Mesh
 from palpate.viewer.maps import sheet_map
 from palpate.viewer.report import Report, Section, Tile, picture, render, require_report
 from palpate.viewer.report import Table as Cells
+from palpate.viewer.samples import sheet_places
 
 __all__ = ["WAND", "WRENCH", "evaluate_instrument"]
 
@@ -74,7 +75,7 @@ def evaluate_instrument(
     pitch = rig_map(rig).pitch if "skin" in rig.sensors else None
     title(f"{path} against {truth}, {reference.name}")
     lines(_facts(judged, touches, pitch))
-    table(("", "mean", "median", "95 %", "worst", "count"), _summaries(judged))
+    table(("", *HEADER), ((f"{name} [{unit}]", *summary.row(scale)) for name, unit, summary, scale in _named(judged)))
     note([of, *_refusals(judged, touches)])
     if output is not None:
         names = f"{path.name} against {truth.name}"
@@ -135,7 +136,7 @@ def _at(known: Table, columns: tuple[str, ...], times: np.ndarray, tolerance: fl
 
 def _facts(judged: InstrumentReport, touches: Contacts, pitch: tuple[float, float] | None) -> list[tuple[str, str]]:
     along = ", ".join(f"{1e3 * error:.2f}" for error in judged.along)
-    paper, compared = judged.paper_position, len(touches) - sum(map(bool, judged.reference.refused))
+    compared = len(touches) - sum(map(bool, judged.reference.refused))
     said = [
         ("touches", f"{len(touches)}, of which {compared} are compared"),
         ("along x, y, z", f"{along} mm on average"),
@@ -143,12 +144,12 @@ def _facts(judged: InstrumentReport, touches: Contacts, pitch: tuple[float, floa
     if pitch is not None:
         distance, axis = perfect(pitch)
         what = f"errs {1e3 * distance:.2f} mm, {1e3 * axis:.2f} mm an axis, where touches are smaller than a cell"
-        said.append(("perfect map", what))
-    if paper is not None:
+        said.append(("a perfect map", what))
+    if (paper := judged.paper_position) is not None:
         share = judged.paper_direction
-        directions = f"; directions {100 * share:.1f} %" if np.isfinite(share) else ""
-        distance = f"{1e3 * paper.mean:.2f} mm, worst {1e3 * paper.worst:.2f} mm, z set to zero"
-        said.append(("as the paper", distance + directions))
+        directions = f"; directions {100 * share:.1f} %, x and y of unit vectors (the paper: 2.9 %)"
+        distance = f"{1e3 * paper.mean:.2f} mm, worst {1e3 * paper.worst:.2f} mm, z set to zero (the paper: 4.2 mm)"
+        said.append(("as the paper measures", distance + (directions if np.isfinite(share) else "")))
     return said
 
 
@@ -156,13 +157,6 @@ def _named(judged: InstrumentReport) -> list[tuple[str, str, ErrorSummary, float
     """Name, unit, figures and scale of what was compared."""
     rows = (("position", "mm", judged.report.location, 1e3), ("direction", "deg", judged.report.normal, 180 / np.pi))
     return [(name, unit, summary, scale) for name, unit, summary, scale in rows if summary is not None]
-
-
-def _summaries(judged: InstrumentReport) -> list[tuple[str, ...]]:
-    return [
-        (f"{name} [{unit}]", *(f"{scale * value:.3f}" for value in (s.mean, s.median, s.p95, s.worst)), f"{s.count}")
-        for name, unit, s, scale in _named(judged)
-    ]
 
 
 def _refusals(judged: InstrumentReport, touches: Contacts) -> list[str]:
@@ -174,16 +168,18 @@ def _page(
     names: str, judged: InstrumentReport, touches: Contacts, pitch: tuple[float, float] | None, of: str
 ) -> Report:
     """Figures, every touch, and where on the unrolled sheet the errors are."""
-    tiles = [Tile("touches", f"{len(touches)}", f"{judged.reference.name}"), *_tiles(judged, pitch)]
-    on_sheet = {"row", "column"} <= set(touches.features)
-    places = np.column_stack([touches.features[name] for name in ("row", "column")]) if on_sheet else None
+    tiles = tuple(
+        Tile(name, f"{scale * s.mean:.2f} {unit}", f"mean in space; worst {scale * s.worst:.2f} {unit}")
+        for name, unit, s, scale in _named(judged)
+    )
+    places = sheet_places(touches)
     rows = tuple(
         (
             str(touches.identity[k]),
             f"{touches.time[k]:.2f}",
             *(() if places is None else (f"{value:.2f}" for value in places[k])),
-            _shown(1e3 * judged.errors[k]),
-            _shown(float(np.degrees(judged.turned[k]))),
+            _shown(1e3 * judged.report.errors[k]),
+            _shown(float(np.degrees(judged.report.turned[k]))),
             judged.reference.refused[k],
         )
         for k in range(len(touches))
@@ -192,26 +188,11 @@ def _page(
     header = ("touch", "time [s]", *cells, "position [mm]", "direction [deg]", "left out because")
     pictures = ()
     if places is not None:
-        drawn = sheet_map(places, 1e3 * judged.errors, "error [mm]")
+        drawn = sheet_map(places, 1e3 * judged.report.errors, "error [mm]")
         pictures = (picture(drawn, "Where the touches were on the unrolled sheet, and how far off."),)
-    sections = (Section("Errors", text=(of,), pictures=pictures, tables=(Cells(header, rows),)),)
-    return Report(names, f"{names}: each touch as the median of its samples.", tuple(tiles), sections=sections)
-
-
-def _tiles(judged: InstrumentReport, pitch: tuple[float, float] | None) -> list[Tile]:
-    tiles = [
-        Tile(name, f"{scale * s.mean:.2f} {unit}", f"mean in space; worst {scale * s.worst:.2f} {unit}")
-        for name, unit, s, scale in _named(judged)
-    ]
-    if pitch is not None:
-        tiles.append(Tile("a perfect map", f"{1e3 * perfect(pitch)[0]:.2f} mm", "for touches smaller than a cell"))
-    if judged.paper_position is not None:
-        mean = f"{1e3 * judged.paper_position.mean:.2f} mm"
-        tiles.append(Tile("as the paper measures", mean, "z set to zero; the paper 4.2 mm"))
-    if np.isfinite(judged.paper_direction):
-        share = f"{100 * judged.paper_direction:.1f} %"
-        tiles.append(Tile("as the paper measures", share, "unit vectors, x and y; the paper 2.9 %"))
-    return tiles
+    facts = (("against", judged.reference.name), *_facts(judged, touches, pitch))
+    sections = (Section("Errors", text=(of,), pictures=pictures, facts=facts, tables=(Cells(header, rows),)),)
+    return Report(names, f"{names}: each touch as the median of its samples.", tiles, sections=sections)
 
 
 def _shown(value: float | np.floating) -> str:

@@ -7,29 +7,18 @@ from typing import Annotated
 import numpy as np
 from tyro.conf import arg
 
-from palpate.cli.console import lines, note, percent, table, title
+from palpate.cli.console import lines, note, table, title
 from palpate.cli.options import ContactsFile, FileOption
-from palpate.contact.events import Events, TouchFinder
+from palpate.contact.events import TouchFinder
 from palpate.errors import InputError
 from palpate.io.atomic import keep_inputs
 from palpate.io.contacts import contact_blocks
 from palpate.io.contacts.events import write_events
+from palpate.viewer.run_report import touch_table
 
 __all__ = ["events"]
 
 _SHOWN = 40
-_HEADER = (
-    "touch",
-    "start [s]",
-    "end [s]",
-    "peak [N]",
-    "x [mm]",
-    "y [mm]",
-    "z [mm]",
-    "sd [mm]",
-    "slid [mm]",
-    "ambiguous",
-)
 
 
 def events(
@@ -58,33 +47,14 @@ def events(
         notes |= dict.fromkeys(block.notes)
     found = finder.touches()
     title(f"{contacts}: {len(found)} touches in {rows:,} rows")
-    _table(found)
+    if len(found):
+        shown = touch_table(found, _SHOWN)
+        table(shown.header, shown.rows)
+    if len(found) > _SHOWN:
+        note([f"{len(found) - _SHOWN} more: --output writes them all"])
     if len(found) and np.isnan(found.deviation).all():
         notes["no standard deviation: no noise was known"] = None
     note(notes)
     if output is not None:
         write_events(output, found)
         lines([("written to", output)])
-
-
-def _table(found: Events) -> None:
-    if not len(found):
-        return
-    features = tuple(found.features)
-    figures = np.column_stack([found.start, found.end, found.peak_force, 1e3 * found.point])
-    sizes = 1e3 * np.column_stack([found.deviation, found.slid])
-    table(
-        (*_HEADER, *features),
-        (
-            (
-                str(k + 1),
-                *(f"{value:.{digits}f}" for value, digits in zip(figures[k], (3, 3, 2, 2, 2, 2), strict=True)),
-                *(f"{value:.2f}" if np.isfinite(value) else "-" for value in sizes[k]),
-                percent(found.ambiguous[k]),
-                *(f"{found.features[name][k]:.4g}" for name in features),
-            )
-            for k in range(min(len(found), _SHOWN))
-        ),
-    )
-    if len(found) > _SHOWN:
-        note([f"{len(found) - _SHOWN} more: --output writes them all"])

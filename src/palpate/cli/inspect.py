@@ -9,7 +9,8 @@ from typing import Annotated, Any
 import numpy as np
 from tyro.conf import arg
 
-from palpate.cli.console import lines, note, title
+from palpate.cli.console import lines, note, span, title
+from palpate.cli.evaluate import truth_times
 from palpate.cli.inspect_log import inspect_contacts, inspect_log
 from palpate.cli.interrupts import import_mesh_reader
 from palpate.cli.options import FileOption, SomeFile
@@ -25,7 +26,6 @@ from palpate.io.logs import LogContents, contents
 from palpate.io.models import MODELS, load_toml, read_model
 from palpate.io.rig import Rig, load_rig
 from palpate.io.rig.kinds import KINDS as SENSORS
-from palpate.sensors.recording import Recording
 from palpate.surfaces.mesh import UNITS, Mesh
 
 __all__ = ["inspect"]
@@ -53,8 +53,11 @@ def inspect(
     suffix, whole = file.suffix.lower(), unfinished(file)
     if not file.exists() and whole is None:
         raise InputError("there is no such file.", where=str(file))
-    if spectrum is not None:
-        _check_output(spectrum, file, rig)
+    if spectrum is not None:  # before the work, not after it
+        if spectrum.suffix.lower() not in KINDS:
+            ends = f"no picture ends in {spectrum.suffix!r}."
+            raise InputError(ends, where=str(spectrum), hint=f"Use {', '.join(KINDS)}.")
+        keep_inputs(spectrum, (file, rig))
     if suffix in _MESHES or suffix == ".toml":
         if spectrum is not None:
             raise InputError("has no spectrum: it is no log and no result.", where=str(file))
@@ -63,16 +66,9 @@ def inspect(
         _data(whole or file, None if rig is None else load_rig(rig), sensor, spectrum)
 
 
-def _check_output(output: Path, file: Path, rig: Path | None) -> None:
-    """Before the work, not after it."""
-    if output.suffix.lower() not in KINDS:
-        raise InputError(f"no picture ends in {output.suffix!r}.", where=str(output), hint=f"Use {', '.join(KINDS)}.")
-    keep_inputs(output, (file, rig))
-
-
 def _data(file: Path, rig: Rig | None, sensor: str | None, output: Path | None) -> None:
     """A log, contacts, or a truth."""
-    there = None if _unfinished(file) else contents(file)
+    there = None if file.suffix == PART else contents(file)  # a folder of any other name is a bag
     torn = False
     if there is None or _holds_contacts(there):
         recording = inspect_contacts(file)
@@ -85,25 +81,16 @@ def _data(file: Path, rig: Rig | None, sensor: str | None, output: Path | None) 
             import_mesh_reader()
             recording = located(recording, rig, sensor)
     if output is not None:
-        _draw(recording, output, file)
+        if recording is None or not len(recording):
+            raise InputError("has no spectrum: there are no wrenches over time in it.", where=str(file))
+        draw_spectrum(recording, output, file.name)
     if torn:
         raise SystemExit(TORN)
-
-
-def _unfinished(file: Path) -> bool:
-    """OUTPUT.part, of which a folder is one of Parquet; a folder of any other name is a bag."""
-    return file.suffix == PART
 
 
 def _holds_contacts(there: LogContents) -> bool:
     ours = KIND.replace("/msg/", "/")
     return set(COLUMNS) <= set(there.names) or any(topic.kind.replace("/msg/", "/") == ours for topic in there.topics)
-
-
-def _draw(recording: Recording | None, output: Path, file: Path) -> None:
-    if recording is None or not len(recording):
-        raise InputError("has no spectrum: there are no wrenches over time in it.", where=str(file))
-    draw_spectrum(recording, output, file.name)
 
 
 def _mesh(file: Path) -> None:
@@ -183,15 +170,8 @@ def _listed(value: object) -> str:
 
 def _ground_truth(file: Path) -> None:
     truth = read_ground_truth(file)
-    touches = isinstance(truth, Touches)
-    title(f"{file}: {'touches at known points' if touches else 'the truth at instants'}")
-    time = np.concatenate([truth.start, truth.end]) if isinstance(truth, Touches) else truth.time
-    lines([("rows", f"{len(truth.point):,}"), ("time", _span(time))])
-
-
-def _span(time: np.ndarray) -> str:
-    known = time[np.isfinite(time)]
-    return f"{known.min():.3f} to {known.max():.3f}" if len(known) else "none"
+    title(f"{file}: {'touches at known points' if isinstance(truth, Touches) else 'the truth at instants'}")
+    lines([("rows", f"{len(truth.point):,}"), ("time", span(truth_times(truth)))])
 
 
 def _numbers(values: np.ndarray) -> str:

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate.cli.console import counting, lines, note, percent, progress, table, title
+from palpate.cli.console import counting, lines, note, progress, shares, span, table, title
 from palpate.cli.excerpt import Excerpt
-from palpate.cli.spectrum import PLACE
+from palpate.cli.spectrum import force_and_place
 from palpate.contact.estimate import Status
 from palpate.errors import InputError
 from palpate.io.contacts import contact_blocks, unfinished
@@ -20,6 +20,8 @@ from palpate.io.rig import Rig
 from palpate.io.rig.new import guess_sensor
 from palpate.sensors.noise import estimate_noise
 from palpate.sensors.recording import FORCE, ORIENTATION, POSITION, TORQUE, Recording
+from palpate.viewer.report import percent
+from palpate.viewer.run_report import median
 
 __all__ = ["inspect_contacts", "inspect_log"]
 
@@ -80,26 +82,17 @@ class _Ranges:
 
     def __init__(self, channels: tuple[str, ...]) -> None:
         self.channels = channels
-        self.count, self.first, self.last = 0, np.inf, -np.inf
-        self.labels: list[str] = []
+        self.count, self.ends = 0, np.empty(0)
+        self.missing, self.least, self.most = np.array(0), np.array(np.inf), np.array(-np.inf)
 
     def add(self, block: Recording) -> None:
         """The next samples."""
-        values, time = _flat(block, self.channels), block.time[np.isfinite(block.time)]
-        if not self.labels:
-            self.labels = _labels(block, self.channels)
-            width = values.shape[1]
-            self.missing = np.zeros(width, dtype=np.int64)
-            self.least, self.most = np.full(width, np.inf), np.full(width, -np.inf)
+        values = _flat(block, self.channels)
         self.count += len(values)
-        self.missing += np.count_nonzero(np.isnan(values), axis=0)
+        self.missing = self.missing + np.count_nonzero(np.isnan(values), axis=0)
         self.least = np.fmin(self.least, np.fmin.reduce(values, axis=0, initial=np.inf))
         self.most = np.fmax(self.most, np.fmax.reduce(values, axis=0, initial=-np.inf))
-        self.first, self.last = min(self.first, time.min(initial=np.inf)), max(self.last, time.max(initial=-np.inf))
-
-    def span(self) -> str:
-        """From when to when."""
-        return f"{self.first:.3f} to {self.last:.3f}" if self.first <= self.last else "none"
+        self.ends = _reached(self.ends, block.time)
 
 
 def _flat(block: Recording, channels: tuple[str, ...]) -> np.ndarray:
@@ -111,12 +104,9 @@ def _flat(block: Recording, channels: tuple[str, ...]) -> np.ndarray:
 def _labels(block: Recording, channels: tuple[str, ...]) -> list[str]:
     named: list[str] = []
     for channel in channels:
-        count, unit = block.channels[channel][:1].size, _UNITS.get(channel)
-        of = f" [{unit}]" if unit else ""
-        if channel in (FORCE, TORQUE):
-            named += [f"{'f' if channel == FORCE else 't'}{axis}{of}" for axis in "xyz"]
-        else:
-            named += [f"{channel} {k + 1}{of}" for k in range(count)]
+        numbered = [f"{channel} {k + 1}" for k in range(block.channels[channel][:1].size)]
+        names = [f"{channel[0]}{axis}" for axis in "xyz"] if channel in (FORCE, TORQUE) else numbered
+        named += [f"{name} [{_UNITS[channel]}]" if channel in _UNITS else name for name in names]
     return named
 
 
@@ -135,7 +125,7 @@ def _say_samples(kept: Recording, ranges: _Ranges, there: LogContents) -> None:
     lines(
         [
             ("samples" if there.topics else "rows", f"{ranges.count:,}"),
-            ("time", f"{ranges.span()}{speed}"),
+            ("time", f"{span(ranges.ends)}{speed}"),
             ("orientation", _orientation(kept, there)),
         ]
     )
@@ -153,23 +143,32 @@ def _orientation(kept: Recording, there: LogContents) -> str:
 def _say_ranges(kept: Recording, ranges: _Ranges) -> None:
     values = _flat(kept, ranges.channels)
     noise = estimate_noise(values)
-    rows: list[list[str]] = []
-    for k, name in enumerate(ranges.labels):
-        known = values[np.isfinite(values[:, k]), k]
-        middle = float(np.median(known)) if len(known) else np.nan
-        all_of_them = (ranges.least[k], middle, ranges.most[k]) if ranges.least[k] <= ranges.most[k] else (np.nan,) * 3
-        step = "" if noise is None else f"{noise[k]:.3g}"
-        rows.append([name, *(f"{value:.4g}" for value in all_of_them), step, f"{ranges.missing[k]}"])
+    middles = [median(column) for column in values.T]
+    figures = np.stack([ranges.least, middles, ranges.most], axis=1)
+    figures[ranges.least > ranges.most] = np.nan
+    steps = [""] * len(middles) if noise is None else [f"{step:.3g}" for step in noise]
+    names = _labels(kept, ranges.channels)
+    rows = [
+        [name, *(f"{value:.4g}" for value in three), step, f"{missing}"]
+        for name, three, step, missing in zip(names, figures, steps, ranges.missing, strict=True)
+    ]
     header = ("", "least", "median", "most", "noise", "missing")
     if len(rows) <= _MOST:
         table(header, rows)
         return
-    middles, shape = np.nanmedian(values, axis=0), " x ".join(map(str, kept.channels[ranges.channels[0]].shape[1:]))
+    shape = " x ".join(map(str, kept.channels[ranges.channels[0]].shape[1:]))
     usual = "" if noise is None else f"{np.median(noise):.3g}"
-    whole = [f"{shape} {ranges.channels[0]}", f"{ranges.least.min():.4g}", f"{np.median(middles):.4g}"]
-    table(header, [[*whole, f"{ranges.most.max():.4g}", usual, f"{int(ranges.missing.sum())}"]])
+    three = (ranges.least.min(), np.median(middles), ranges.most.max())
+    whole = [f"{shape} {ranges.channels[0]}", *(f"{value:.4g}" for value in three), usual, f"{ranges.missing.sum()}"]
+    table(header, [whole])
     never = int(np.count_nonzero(ranges.least == ranges.most))
     note([f"{never} of {len(rows)} {ranges.channels[0]} never change"] if never else [])
+
+
+def _reached(ends: np.ndarray, time: np.ndarray) -> np.ndarray:
+    """The first and the last of some times and of more."""
+    known = np.concatenate([ends, time[np.isfinite(time)]])
+    return known[[known.argmin(), known.argmax()]] if len(known) else known
 
 
 def inspect_contacts(file: Path) -> Recording:
@@ -179,28 +178,26 @@ def inspect_contacts(file: Path) -> Recording:
         What was kept of it: FORCE [N], and PLACE [m], of the strongest contact of each sample, NaN where not answered.
     """
     excerpt, counts = Excerpt(), np.zeros(len(Status), dtype=np.int64)
-    first, last, notes, features = np.inf, -np.inf, dict[str, None](), dict[str, None]()
+    ends, notes, features = np.empty(0), dict[str, None](), dict[str, None]()
     identities, samples, before = set[int](), 0, -1
     for block in contact_blocks(file):
-        known = block.time[np.isfinite(block.time)]
         counts += np.bincount(block.status, minlength=len(Status))
-        first, last = min(first, known.min(initial=np.inf)), max(last, known.max(initial=-np.inf))
+        ends = _reached(ends, block.time)
         notes |= dict.fromkeys(block.notes)
         features |= dict.fromkeys(block.features)
         identities |= set(np.unique(block.identity[block.answered]).tolist())
         strongest = block[block.strongest()]
         samples += int(np.count_nonzero(np.diff(strongest.sample, prepend=before)))
         before = int(strongest.sample[-1]) if len(strongest) else before
-        point = np.where(strongest.answered[:, None], strongest.point, np.nan)
-        excerpt.add(Recording(strongest.time, {FORCE: strongest.force, PLACE: point}))
+        excerpt.add(force_and_place(strongest))
     title(f"{file}: contacts")
     total = int(counts.sum())
     several = (
         f", of {samples:,} samples; {len(identities):,} contacts" if total > samples or len(identities) > 1 else ""
     )
-    lines([("rows", f"{total:,}{several}"), ("time", f"{first:.3f} to {last:.3f}" if first <= last else "none")])
+    lines([("rows", f"{total:,}{several}"), ("time", span(ends))])
     lines([("features", ", ".join(features))] if features else [])
-    lines((kind.label, percent(counts[kind] / total)) for kind in Status if counts[kind])
+    lines(shares(counts))
     beside, cut = read_provenance(file), unfinished(file) is not None
     lines([("frame", beside["frame"])] if "frame" in beside else [])
     ended = beside.get("ended", "whole")

@@ -3,36 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float
 
-from palpate.cli.evaluate import HEADER, summaries
+from palpate.cli.evaluate import summaries
 from palpate.cli.report_advice import coverage_advice, status_advice
 from palpate.contact.ground_truth import Samples, Touches
-from palpate.evaluation.errors import distances
+from palpate.evaluation.errors import HEADER
 from palpate.evaluation.evaluate import Report as Evaluation
 from palpate.evaluation.evaluate import evaluate
-from palpate.evaluation.matching import match_instants, match_touches
-from palpate.io.atomic import write_text
 from palpate.viewer import plots
-from palpate.viewer.report import Picture, Section, Table, Tile, picture, render
-from palpate.viewer.run_report import Kept, Run, compose, percent, tone
+from palpate.viewer.report import Picture, Section, Table, Tile, percent, picture
+from palpate.viewer.run_report import Kept, Run, median, tone
 
-__all__ = ["judged", "write_report"]
+__all__ = ["judged"]
 
 TOLERANCE = 0.02  # s: between a sample and the ground truth's instant
 FINE = "Nothing stands out: models are calibrated, and the samples are answered."
-
-
-def write_report(path: Path, run: Run, truth: Samples | Touches | None = None, *, mounted: bool = False) -> None:
-    """Write the page, whole or not at all; arguments as of `judged`.
-
-    Raises:
-        InputError: it cannot be written, or matplotlib or jinja2 is missing.
-    """
-    write_text(path, render(compose(judged(run, truth, mounted=mounted))))
 
 
 def judged(run: Run, truth: Samples | Touches | None = None, *, mounted: bool = False) -> Run:
@@ -47,7 +34,7 @@ def judged(run: Run, truth: Samples | Touches | None = None, *, mounted: bool = 
     if truth is not None:
         found = evaluate(run.kept.contacts[run.kept.even], truth, tolerance=TOLERANCE)
         section = _section(run, truth, found)
-    said = (*run.advice, *status_advice(run.downsample.statuses), *coverage_advice(found, mounted=mounted))
+    said = (*run.advice, *status_advice(run.summary.statuses), *coverage_advice(found, mounted=mounted))
     return replace(
         run,
         advice=said or (FINE,),
@@ -73,11 +60,12 @@ def _section(run: Run, truth: Samples | Touches, found: Evaluation) -> Section:
     if not found.matched:
         return Section(title, text=("No sample matches the ground truth: both must be on one clock.",))
     kept = run.kept
-    drawn = plots.errors(kept.contacts.time, _errors(kept, truth), kept.radius)
+    errors = evaluate(kept.contacts, truth, tolerance=TOLERANCE).errors  # of the peaks too, which no figure counts
+    drawn = plots.errors(kept.contacts.time, errors, kept.radius)
     shown = [picture(drawn, "Distance of each located sample from the ground truth.")]
     if isinstance(truth, Touches):
         shown.append(_touch_picture(kept, truth, found))
-    few = f" (one in {run.downsample.stride} of the log)" if run.downsample.stride > 1 else ""
+    few = f" (one in {run.summary.stride} of the log)" if run.summary.stride > 1 else ""
     text = f"{found.matched:,} of {found.samples:,} samples{few} have a ground truth, {found.answered:,} of these an "
     text += "answer."
     if found.coverage.count:
@@ -85,30 +73,15 @@ def _section(run: Run, truth: Samples | Touches, found: Evaluation) -> Section:
             f" The 95 % ellipses hold it in {percent(found.coverage.inside)} of {found.coverage.count:,} samples, and "
             f"the mean square is {found.coverage.mean_square:.2f}, which should be 2."
         )
-    table = Table(("error", *HEADER[1:]), tuple(summaries(found)))
+    table = Table(("error", *HEADER), tuple(summaries(found)))
     return Section(title, text=(text,), pictures=tuple(shown), tables=(table,) if table.rows else ())
-
-
-def _errors(kept: Kept, truth: Samples | Touches) -> Float[np.ndarray, " n"]:
-    """(n,) [m] of each answered row from its ground truth, NaN where it has none."""
-    if isinstance(truth, Touches):
-        match = match_touches(kept.contacts, truth)[0]
-    else:
-        match = match_instants(kept.contacts, truth, TOLERANCE)[0]
-    known = np.concatenate([truth.point, np.full((1, 3), np.nan)])  # the last is that of -1
-    return distances(kept.point, known[match])
 
 
 def _touch_picture(kept: Kept, truth: Touches, found: Evaluation) -> Picture:
     time = kept.contacts.time
     radius = [
-        _median(kept.radius[(time >= start) & (time <= end)]) for start, end in zip(truth.start, truth.end, strict=True)
+        median(kept.radius[(time >= start) & (time <= end)]) for start, end in zip(truth.start, truth.end, strict=True)
     ]
     error = np.array([touch.error for touch in found.touches])
     drawn = plots.touch_errors([touch.label for touch in found.touches], error, np.array(radius))
     return picture(drawn, "The median point of each touch against the ground truth, and the 95 % radius of a sample.")
-
-
-def _median(values: np.ndarray) -> float:
-    known = values[np.isfinite(values)]
-    return float(np.median(known)) if len(known) else float("nan")

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Int
 
-from palpate.cli.console import percent
 from palpate.contact.estimate import Status
 from palpate.contact.plausibility import UNLOADED
 from palpate.evaluation.evaluate import Report
 from palpate.io.rig import Rig
+from palpate.viewer.report import percent
 
-__all__ = ["coverage_advice", "status_advice", "wrench_advice"]
+__all__ = ["coverage_advice", "mounting_known", "status_advice", "wrench_advice"]
 
 _REMEDY = {  # of a status that is common: from which share on, of the loaded samples or of all, and what to do
     Status.AMBIGUOUS: (0.05, "if only a part of the body can be touched, say so as surface.region."),
@@ -23,6 +23,11 @@ _REMEDY = {  # of a status that is common: from which share on, of the loaded sa
 }
 ENOUGH = 50  # samples before their coverage means something
 BLURRED = 1e-3  # m: of a median ellipse that a filter is worth its lag for
+
+
+def mounting_known(rig: Rig) -> bool:
+    """Whether the rig says how well it is known where the surface sits."""
+    return rig.surface is not None and rig.surface.pose_covariance is not None
 
 
 def wrench_advice(rig: Rig, *, payload: bool, filtered: bool, radius: float) -> tuple[str, ...]:
@@ -37,7 +42,7 @@ def wrench_advice(rig: Rig, *, payload: bool, filtered: bool, radius: float) -> 
     said: list[str] = []
     if not payload and rig.estimate.tare is None:
         said.append("Identify the payload (palpate calibrate payload): its weight and the sensor's zero are still in.")
-    if rig.surface is None or rig.surface.pose_covariance is None:
+    if not mounting_known(rig):
         said.append(
             "Calibrate the mounting (palpate calibrate mounting): where the surface sits was taken as exact, and the "
             "ellipses do not hold how far off it may be."

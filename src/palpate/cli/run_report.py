@@ -2,23 +2,38 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
+from jaxtyping import Float
 
-from palpate.cli.report_advice import wrench_advice
-from palpate.cli.report_settings import force_torque, load_cells, taxels, wrench_method, wrench_settings
-from palpate.cli.run_summary import RunSummary
+from palpate.cli.report_advice import mounting_known, wrench_advice
+from palpate.contact.contacts import Contacts
+from palpate.contact.locate import Locator
 from palpate.contact.taxel_estimator import TaxelEstimator
 from palpate.contact.wrench_estimator import WrenchEstimator
+from palpate.io.models import MODELS
 from palpate.io.pipeline import Pipeline
+from palpate.io.rig import Rig
+from palpate.io.units import measured
 from palpate.sensors.compensation import Compensation
+from palpate.sensors.force_torque import Payload
 from palpate.sensors.load_cell_array import LoadCellArray
+from palpate.sensors.load_cells import LoadCells
+from palpate.spatial.pose import Pose, skew
+from palpate.surfaces.mesh import Mesh
+from palpate.viewer.maps import sheet_map
+from palpate.viewer.report import Section, picture
 from palpate.viewer.run_report import Run
+from palpate.viewer.run_summary import RunSummary
+from palpate.viewer.samples import sheet_places
 from palpate.viewer.taxels import cell_mesh
 
-__all__ = ["run_of"]
+__all__ = ["force_torque", "load_cells", "run_of", "taxels", "wrench_settings"]
+
+Facts = tuple[tuple[str, str], ...]
 
 
 def run_of(
@@ -38,31 +53,31 @@ def run_of(
         log.path.name,
         output,
         f"and turned into contacts as those of {log.kind.called}",
-        summary.downsampled,
+        summary,
         settings=tuple((name, str(value)) for name, value in pipeline.facts.items() if value is not None),
         provenance=record,
         stages={"read": log.seconds, **pipeline.seconds},
-        touches=summary.touches(),
         notes=tuple(pipeline.notes()),
         warnings=warnings,
     )
     if isinstance(estimator, WrenchEstimator):
-        return _of_wrenches(run, pipeline, estimator)
-    return _of_taxels(run, pipeline, estimator) if isinstance(estimator, TaxelEstimator) else run
+        return _of_wrenches(run, log.rig, estimator)
+    return _of_taxels(run, log.rig, estimator) if isinstance(estimator, TaxelEstimator) else run
 
 
-def _of_wrenches(run: Run, pipeline: Pipeline, estimator: WrenchEstimator) -> Run:
+def _of_wrenches(run: Run, rig: Rig, estimator: WrenchEstimator) -> Run:
     """Located on a surface, with a section of the sensor."""
-    rig, smooth, sensor = pipeline.log.rig, estimator.filter, estimator.sensor
-    drawn, rate = estimator.locator.surface.drawn(), estimator.rate
+    smooth, sensor, rate = estimator.filter, estimator.sensor, estimator.rate
     filtered = "none" if smooth is None or rate is None else smooth.describe(rate)
     payload = sensor.payload if isinstance(sensor, Compensation) else None
-    mounted = rig.surface is not None and rig.surface.pose_covariance is not None
-    held = [("the payload's", payload is not None), ("the mounting's", mounted)]
+    held = [("the payload's", payload is not None), ("the mounting's", mounting_known(rig))]
     held.append(("the calibration's", isinstance(sensor, LoadCellArray)))
+    compensated = f"compensated {'without' if payload is None else 'with'} a payload model"
+    drawn = estimator.locator.surface.drawn()
     run = replace(
         run,
-        method=wrench_method(rig, payload=payload is not None),
+        method=f"{compensated}, and located on {_surface_name(rig)} by the {rig.estimate.method.replace('_', ' ')} "
+        "method",
         body=(drawn.vertices, drawn.faces),
         settings=wrench_settings(rig, estimator.locator, sensor.noise, filtered),
         uncertainties=("the sensor's noise", *(f"{name} uncertainty" for name, there in held if there)),
@@ -78,11 +93,11 @@ def _of_wrenches(run: Run, pipeline: Pipeline, estimator: WrenchEstimator) -> Ru
     return replace(run, sections=(force_torque(rig, payload, estimator.mount),), advice=advice)
 
 
-def _of_taxels(run: Run, pipeline: Pipeline, estimator: TaxelEstimator) -> Run:
+def _of_taxels(run: Run, rig: Rig, estimator: TaxelEstimator) -> Run:
     """On a body of cells."""
-    rig, body, health = pipeline.log.rig, estimator.body, estimator.health
+    body, health = estimator.body, estimator.health
     shape = (body.rows, body.columns) if body.rows else None
-    drawn = cell_mesh(body.positions, body.normals, body.areas, shape)
+    drawn = cell_mesh(body)
     if rig.surface is not None:
         mesh = rig.surface.load(rig.folder).drawn()
         drawn = (mesh.vertices, mesh.faces)
@@ -90,10 +105,113 @@ def _of_taxels(run: Run, pipeline: Pipeline, estimator: TaxelEstimator) -> Run:
     if health is not None:
         facts.append(("at rest", f"{np.median(health.baseline):.3g}, noise {np.median(health.noise):.2g} (medians)"))
         facts.append(("dead, stuck", f"{int(health.dead.sum())}, {int(health.stuck.sum())}"))
-    section = taxels(run.downsample.contacts, tuple(facts), shape, () if health is None else health.notes)
-    return replace(
-        run,
-        body=drawn,
-        uncertainties=("the cells' noise", "where in a cell a touch may be"),
-        sections=(section,),
+    section = taxels(run.kept.contacts, tuple(facts), shape, () if health is None else health.notes)
+    uncertainties = ("the cells' noise", "where in a cell a touch may be")
+    return replace(run, body=drawn, uncertainties=uncertainties, sections=(section,))
+
+
+def _surface_name(rig: Rig) -> str:
+    """What was touched, in a word."""
+    if rig.surface is None:
+        return "the body"
+    kind = rig.surface.kind.replace("_", " ")
+    return Path(str(rig.surface.mesh)).name if kind == "mesh" else f"{'an' if kind[0] in 'aeiou' else 'a'} {kind}"
+
+
+def wrench_settings(
+    rig: Rig, locator: Locator, noise: Float[np.ndarray, "6 6"] | None, filtered: str = "none"
+) -> Facts:
+    """What the answers of any sensor of wrenches depend on, defaults included.
+
+    Args:
+        rig: with the options of the command line in it.
+        locator: on the surface.
+        noise: covariance of a reading.
+        filtered: the filter in words.
+    """
+    surface = locator.surface
+    facets = f", {len(surface.faces):,} facets" if isinstance(surface, Mesh) else ""
+    facts = [
+        ("method", rig.estimate.method),
+        ("friction, at most", f"{rig.estimate.friction:g} (tangent of the angle between force and normal)"),
+        ("torsion, at most", f"{1e3 * rig.estimate.torsion:g} mm (torque about the normal over normal force)"),
+        ("a contact", f"begins at {locator.on:.3g} N, ends at {locator.off:.3g} N"),
+        ("noise of a reading", "not known" if noise is None else _noise(np.sqrt(np.diag(noise)))),
+        ("filter", filtered),
+        ("surface", f"{_surface_name(rig)}{facets}, {1e3 * surface.size:.4g} mm across"),
+    ]
+    if rig.estimate.tare is not None:
+        facts.append(("tare", f"over the first {rig.estimate.tare:g} s"))
+    return tuple(facts)
+
+
+def _noise(deviation: np.ndarray) -> str:
+    return f"{deviation[:3].max():.3g} N and {deviation[3:].max():.3g} N m (one standard deviation, largest axis)"
+
+
+def force_torque(rig: Rig, payload: Payload | None, mount: Pose) -> Section:
+    """Payload and mounting with their standard deviations, axes and orientation."""
+    none = [("payload", "none: wrenches are taken as they are")]
+    facts = none if payload is None else list(MODELS["payload"].summary(payload))
+    facts += _mounting(mount, None if rig.surface is None else rig.surface.pose_covariance)
+    wrench, orientation = rig.force_torque, rig.orientation
+    facts.append(("wrench", f"in the {wrench.frame}'s frame, logged axes {', '.join(wrench.axes)}"))
+    if orientation.topic is not None or orientation.offset:
+        gap = f"gaps of up to {orientation.max_gap:g} s are interpolated"
+        facts.append(("orientation", f"clock offset {1e3 * orientation.offset:g} ms; {gap}"))
+    return Section("Payload and mounting", facts=tuple(facts))
+
+
+def _mounting(pose: Pose, covariance: Sequence[Sequence[float]] | None) -> list[tuple[str, str]]:
+    place, turn = 1e3 * pose.translation, np.degrees(pose.rotation_vector())
+    if covariance is None:
+        stated = (("mounting", place, "mm"), ("turned by", turn, "deg"))
+        return [
+            (name, f"({', '.join(f'{v:.2f}' for v in three)}) {unit}, not calibrated") for name, three, unit in stated
+        ]
+    known = np.asarray(covariance)
+    moves = np.concatenate([-skew(pose.translation), np.eye(3)], axis=1)  # what a small motion does to the origin
+    deviation = 1e3 * np.sqrt(np.diag(moves @ known @ moves.T).clip(min=0))
+    turned = np.degrees(np.sqrt(np.diag(known)[:3].clip(min=0)))
+    return [("mounting", measured(place, deviation, "mm")), ("turned by", measured(turn, turned, "deg"))]
+
+
+def load_cells(cells: LoadCells, *, left_out: Sequence[int], said: Sequence[str], faults: Sequence[str]) -> Section:
+    """Cells that are not used, the zero, what is wrong, and from which force on a contact is located.
+
+    Args:
+        cells: the model.
+        left_out: numbers from 1 of cells that are not used.
+        said: of the zero and the smallest force, a sentence each.
+        faults: that were found, a sentence each.
+    """
+    noise = np.sqrt(np.diag(cells.noise))
+    unused = ", ".join(f"cell {number}" for number in left_out)
+    facts = (
+        ("cells", f"{cells.cells}, calibrated with {cells.samples:,} samples"),
+        ("left out", unused or "none"),
+        ("noise", f"{1e3 * noise.mean():.3g} mV of a reading (one standard deviation, mean of the channels)"),
+        ("drift of the zero", f"{1e3 * cells.drift * noise.mean():.3g} mV (one standard deviation)"),
+        ("soft layer", "none" if cells.indentation is None else f"{1e3 * cells.indentation.depth:.3g} mm deep at 1 N"),
     )
+    return Section("Load cells", facts=facts, points=(*said, *faults, *cells.notes))
+
+
+def taxels(contacts: Contacts, facts: Facts, shape: tuple[int, int] | None = None, said: Sequence[str] = ()) -> Section:
+    """Cells at rest and dead, and where on the unrolled sheet contacts were.
+
+    Args:
+        contacts: downsampled; with features row and column where the taxels are a sheet.
+        facts: of the body of cells, such as how many are dead.
+        shape: rows and columns of the sheet.
+        said: of its health, a sentence each.
+    """
+    places, pictures = sheet_places(contacts), ()
+    if shape is not None and places is not None:
+        force = np.linalg.norm(contacts.force, axis=1)
+        rows = np.flatnonzero(contacts.located & np.isfinite(places[:, 0]))
+        rows = rows[np.argsort(force[rows], kind="stable")]  # the strongest on top
+        if len(rows):
+            drawn = sheet_map(places[rows], force[rows], "force [N]", shape)
+            pictures = (picture(drawn, "Where contacts were on the unrolled sheet, and how hard."),)
+    return Section("Taxels", facts=facts, points=tuple(said), pictures=pictures)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar, cast
@@ -15,11 +14,12 @@ from palpate.io.pipeline import OpenedLog, open_log
 from palpate.io.rig import Rig, load_rig
 from palpate.io.rig.kind import SensorKind
 from palpate.io.rig.surface import RigSurface
-from palpate.io.rig.tables import RigEstimate, RigFilter, RigForceTorque, RigPair, RigThresholds
+from palpate.io.rig.tables import RigFilter, RigPair, RigThresholds
 
 __all__ = ["Setup"]
 
 Made = TypeVar("Made")
+_PAIRS = {"noise": RigPair, "contact": RigThresholds}  # options of two numbers, as the rig has them
 FILTERS = Literal["none", "kalman", "butterworth", "zero_phase"]
 
 
@@ -69,11 +69,13 @@ class Setup:
         if self.crease is not None and rig.surface is not None:
             if rig.surface.kind != "mesh":
                 raise InputError(f"is of a mesh, and the surface is a {rig.surface.kind}.", where="--crease")
-            rig = replace(rig, surface=_over(rig.surface, "--crease", crease=self.crease))
-        wrenches = any(kind.name == "force_torque" for kind in rig.kinds)  # else `open` refuses what follows
-        if wrenches and (self.payload is not None or self.noise is not None):
-            rig = rig.with_sensor("force_torque", self._sensor(rig.force_torque))
-        return replace(rig, filter=self._filter(rig.filter), estimate=self._estimate(rig.estimate))
+            rig = replace(rig, surface=_over(rig.surface, crease=self.crease))
+        if any(kind.name == "force_torque" for kind in rig.kinds):  # else `open` refuses these two
+            payload = None if self.payload is None else str(self.payload.resolve())
+            sensor = _over(rig.force_torque, payload=payload, noise=self.noise)
+            rig = rig if sensor is rig.force_torque else rig.with_sensor("force_torque", sensor)
+        said = {name: getattr(self, name) for name in ("method", "friction", "torsion", "contact", "tare")}
+        return replace(rig, filter=self._filter(rig.filter), estimate=_over(rig.estimate, **said))
 
     def open(self, log: Path, rig: Rig) -> OpenedLog:
         """The log, once it is known of which sensor it is; an option that means nothing to that sensor is refused."""
@@ -97,54 +99,38 @@ class Setup:
             if known is None:
                 raise InputError("nothing says what is touched.", hint="Give --rig RIG, or --mesh MESH --unit UNIT.")
             return known
-        mesh, unit = self.mesh, self.unit
-        if unit is None:
+        if self.unit is None:
             raise InputError(
-                "a mesh file does not say its unit.", where=str(mesh), hint="Add --unit mm (or m, cm, um, in)."
+                "a mesh file does not say its unit.", where=str(self.mesh), hint="Add --unit mm (or m, cm, um, in)."
             )
+        try:
+            surface = RigSurface(mesh=str(self.mesh), unit=self.unit)
+        except ValueError as problem:
+            raise InputError(f"{problem}.", where="--mesh") from problem
         if known is None:
-            return _made("--mesh", lambda: Rig(RigSurface(mesh=str(mesh), unit=unit)))
-        before = known.surface or RigSurface(mesh=str(mesh), unit=unit)
-        return replace(known, surface=replace(before, kind="mesh", mesh=str(mesh.resolve()), unit=unit))
-
-    def _sensor(self, stated: RigForceTorque) -> RigForceTorque:
-        payload = None if self.payload is None else str(self.payload.resolve())
-        noise = self.noise
-        pair = None if noise is None else _made("--noise", lambda: RigPair(*noise))
-        return _over(_over(stated, "--payload", payload=payload), "--noise", noise=pair)
+            return Rig(surface)
+        stated = known.surface or surface
+        return replace(known, surface=replace(stated, kind="mesh", mesh=str(self.mesh.resolve()), unit=self.unit))
 
     def _filter(self, stated: RigFilter) -> RigFilter:
-        filtered = _over(stated, "--filter", kind=self.filter)
+        filtered = _over(stated, filter=self.filter)
         if self.cutoff is not None and filtered.kind in ("none", "kalman"):
             raise InputError(
                 f"the filter is {filtered.kind!r}, which has no cut-off.",
                 where="--cutoff",
                 hint="Add --filter butterworth or --filter zero_phase.",
             )
-        return _over(filtered, "--cutoff", cutoff=self.cutoff)
-
-    def _estimate(self, stated: RigEstimate) -> RigEstimate:
-        bounds = self.contact
-        thresholds = None if bounds is None else _made("--contact", lambda: RigThresholds(*bounds))
-        for option, key, value in (
-            ("--method", "method", self.method),
-            ("--friction", "friction", self.friction),
-            ("--torsion", "torsion", self.torsion),
-            ("--contact", "contact", thresholds),
-            ("--tare", "tare", self.tare),
-        ):
-            stated = _over(stated, option, **{key: value})
-        return stated
+        return _over(filtered, cutoff=self.cutoff)
 
 
-def _over(table: Made, option: str, **said: object) -> Made:
-    """A table of the rig with what an option sets, checked as the rig's own; None leaves it as it is."""
-    known = {key: value for key, value in said.items() if value is not None}
-    return _made(option, lambda: replace(cast("Any", table), **known)) if known else table
-
-
-def _made(option: str, make: Callable[[], Made]) -> Made:
-    try:
-        return make()
-    except ValueError as problem:
-        raise InputError(f"{problem}.", where=option) from problem
+def _over(table: Made, **said: object) -> Made:
+    """A table of the rig with what options of these names set, checked as the rig's own; None leaves it as it is."""
+    for option, value in said.items():
+        key = "kind" if option == "filter" else option
+        if value is not None:
+            try:
+                made = _PAIRS[option](*cast("tuple[float, float]", value)) if option in _PAIRS else value
+                table = replace(cast("Any", table), **{key: made})
+            except ValueError as problem:
+                raise InputError(f"{problem}.", where=f"--{option}") from problem
+    return table

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from palpate.cli.console import lines, note
+from palpate.contact.contacts import Contacts
 from palpate.errors import InputError
 from palpate.io.atomic import replacing, write_text
 from palpate.io.rig import Rig
@@ -18,7 +19,7 @@ from palpate.viewer import plots
 from palpate.viewer._style import save
 from palpate.viewer.report import Report, Section, Tile, picture, render
 
-__all__ = ["KINDS", "PLACE", "draw_spectrum", "located"]
+__all__ = ["KINDS", "draw_spectrum", "force_and_place", "located"]
 
 PLACE = "place"  # (n, 3) m: channel of the point of contact, NaN where there is none
 KINDS = (".html", ".svg", ".png")
@@ -28,9 +29,13 @@ def located(recording: Recording, rig: Rig, sensor: str | None = None) -> Record
     """Force and place of the strongest contact of each sample, without the rig's filter: its effect is not proposed."""
     bare = replace(rig, filter=RigFilter())
     found = bare.kind(sensor).build(bare, recording).estimator.run(recording)
-    strongest = found[found.strongest()]
-    point = np.where(strongest.answered[:, None], strongest.point, np.nan)
-    return Recording(recording.time, {FORCE: strongest.force, PLACE: point}, source=recording.source)
+    return replace(force_and_place(found[found.strongest()]), source=recording.source)
+
+
+def force_and_place(contacts: Contacts) -> Recording:
+    """FORCE [N], and PLACE [m], NaN where not answered; of contacts one a sample."""
+    point = np.where(contacts.answered[:, None], contacts.point, np.nan)
+    return Recording(contacts.time, {FORCE: contacts.force, PLACE: point})
 
 
 def draw_spectrum(recording: Recording, output: Path, name: str) -> None:

@@ -10,7 +10,6 @@ from tyro.conf import arg
 
 from palpate.cli.console import counting, note, progress, title, wait
 from palpate.cli.interrupts import import_mesh_reader
-from palpate.cli.layers import layers_of
 from palpate.cli.options import Log
 from palpate.cli.setup import Setup
 from palpate.contact.contacts import Contacts
@@ -21,9 +20,14 @@ from palpate.io.contacts import contact_blocks, read_contacts
 from palpate.io.models import read_provenance
 from palpate.io.pipeline import Pipeline
 from palpate.io.rig import Rig
+from palpate.io.rig.load_cells import rig_cells
+from palpate.io.rig.skin import rig_body
 from palpate.surfaces import Surface
+from palpate.viewer.layer import Layer
+from palpate.viewer.load_cells import LoadCellLayer
 from palpate.viewer.scene import Scene, prepare
 from palpate.viewer.server import require_viser, serve
+from palpate.viewer.taxels import TaxelLayer
 
 __all__ = ["view"]
 
@@ -50,11 +54,7 @@ def view(
     scene, notes = _estimated(log, setup, rig) if contacts is None else _shown(contacts, log, rig, setup.sensor)
     title(f"{log}: {len(scene):,} samples")
     note(notes)
-    serve(scene, host, port, up=_say)
-
-
-def _say(address: str) -> None:
-    print(f"  open {address} in a browser; Ctrl-C ends it", flush=True)
+    serve(scene, host, port, up=lambda at: print(f"  open {at} in a browser; Ctrl-C ends it", flush=True))
 
 
 def _written(path: Path) -> Contacts | None:
@@ -68,6 +68,16 @@ def _written(path: Path) -> Contacts | None:
 
 def _body(rig: Rig) -> Surface | None:
     return None if rig.surface is None else rig.surface.load(rig.folder)
+
+
+def _layers(rig: Rig, sensor: str, forces: np.ndarray | None = None) -> tuple[Layer, ...]:
+    """What a sensor adds to the page, if the files that it names are there; `forces` (n, k) [N] are of its cells."""
+    if sensor not in rig.sensors:
+        return ()
+    there = all(path.exists() for name, path in rig.files(rig.kind(sensor)).items() if name != "mesh")
+    if there and sensor == "load_cells":
+        return (LoadCellLayer(rig_cells(rig)),)
+    return (TaxelLayer(rig_body(rig), forces),) if there and sensor == "skin" else ()
 
 
 def _estimated(path: Path, setup: Setup, rig: Rig) -> tuple[Scene, list[str]]:
@@ -86,7 +96,7 @@ def _estimated(path: Path, setup: Setup, rig: Rig) -> tuple[Scene, list[str]]:
             parts.append(found)
             done += len(block)
             progress(done, log.position / max(log.size, 1))
-    layers = layers_of(rig, log.kind.name, np.concatenate(forces) if forces else None)
+    layers = _layers(rig, log.kind.name, np.concatenate(forces) if forces else None)
     scene = prepare(_body(rig), Contacts.joined(parts), path.name, layers)
     return scene, [*([log.torn] if log.torn else []), *pipeline.doubts(), *pipeline.notes()]
 
@@ -104,4 +114,4 @@ def _shown(contacts: Contacts, path: Path, rig: Rig, sensor: str | None) -> tupl
     if frame == "sensor" and rig.surface is not None:
         contacts = contacts.with_estimate(in_frame(contacts.estimate, rig.surface.pose.pose().inverse()))
     kind = sensor or str(beside.get("sensor", rig.kinds[0].name))
-    return prepare(_body(rig), contacts, path.name, layers_of(rig, kind)), list(contacts.notes)
+    return prepare(_body(rig), contacts, path.name, _layers(rig, kind)), list(contacts.notes)

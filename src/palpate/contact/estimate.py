@@ -13,7 +13,9 @@ from jaxtyping import Float, Int
 from palpate.errors import InputError
 from palpate.spatial._arrays import Value
 
-__all__ = ["ROW", "ContactEstimate", "Status"]
+__all__ = ["CHI2_95", "ROW", "ContactEstimate", "Status"]
+
+CHI2_95 = 5.991464547107979  # 95 % point of chi-square with 2 degrees of freedom, -2 log 0.05
 
 
 class Status(IntEnum):

@@ -14,7 +14,7 @@ from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import Status
 from palpate.sensors.recording import LARGEST
 
-__all__ = ["Events", "TouchFinder", "find_touches"]
+__all__ = ["Events", "TouchFinder", "find_touches", "largest_deviation"]
 
 WINDOW = 0.1  # s over which points are averaged before it is asked how far they moved
 LATEST = 1e20  # s: beyond any clock, in nanoseconds too
@@ -73,10 +73,7 @@ class Events:
     @property
     def deviation(self) -> Float[np.ndarray, " k"]:
         """(k,) [m] standard deviation of the point in the direction in which it is largest; NaN where not known."""
-        known = np.isfinite(self.covariance).all(axis=(1, 2))
-        largest = np.full(len(self), np.nan)
-        largest[known] = np.sqrt(np.linalg.eigvalsh(self.covariance[known])[:, -1].clip(min=0))
-        return largest
+        return largest_deviation(self.covariance)
 
 
 def find_touches(contacts: Contacts, *, gap: float = 0.05, shortest: float = 0.02) -> Events:
@@ -90,6 +87,14 @@ def find_touches(contacts: Contacts, *, gap: float = 0.05, shortest: float = 0.0
     finder = TouchFinder(gap=gap, shortest=shortest)
     finder.add(contacts)
     return finder.touches()
+
+
+def largest_deviation(covariance: Float[np.ndarray, "k 3 3"]) -> Float[np.ndarray, " k"]:
+    """(k,) [m] standard deviation in the direction in which it is largest; NaN where not known."""
+    known = np.isfinite(covariance).all(axis=(1, 2))
+    largest = np.full(len(covariance), np.nan)
+    largest[known] = np.sqrt(np.linalg.eigvalsh(covariance[known])[:, -1].clip(min=0))
+    return largest
 
 
 class _Span:

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from palpate.contact.estimate import ContactEstimate
+from palpate.contact.estimate import CHI2_95, ContactEstimate
 
-__all__ = ["CHI2_95", "Coverage", "ErrorSummary", "angles", "coverage", "distances"]
+__all__ = ["HEADER", "Coverage", "ErrorSummary", "angles", "coverage", "distances"]
 
-CHI2_95 = 5.991464547107979  # 95 % point of chi-square with 2 degrees of freedom, -2 log 0.05
+HEADER = ("mean", "median", "95 %", "worst", "count")
 _FLAT = 1e-9  # of the largest variance: below it a direction has none
 
 
@@ -33,6 +33,11 @@ class ErrorSummary:
             return None
         p95 = float(np.percentile(known, 95))
         return cls(len(known), float(known.mean()), float(np.median(known)), p95, float(known.max()))
+
+    def row(self, scale: float) -> tuple[str, ...]:
+        """As text under `HEADER`, times `scale`."""
+        figures = (self.mean, self.median, self.p95, self.worst)
+        return (*(f"{scale * value:.3f}" for value in figures), f"{self.count:,}")
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from palpate.contact.ground_truth import Samples, Touches
 from palpate.evaluation.errors import Coverage, ErrorSummary, angles, coverage, distances
 from palpate.evaluation.matching import match_instants, match_touches
 
-__all__ = ["Report", "Touch", "evaluate", "report", "status_shares"]
+__all__ = ["Report", "Touch", "evaluate", "report"]
 
 
 @dataclass(frozen=True)
@@ -34,17 +34,18 @@ class Touch:
     scatter: float
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Report:
     """What `palpate evaluate` prints.
 
     Attributes:
         samples: rows of contacts; matched: with a truth; answered: of those matched.
-        statuses: label -> share of the matched rows.
+        statuses: (len(Status),) how many of the matched rows have each.
         location: [m] of the answered rows, or of the touches where the truth is touches.
         normal: [rad] between normals, None where the truth has none; force_angle likewise.
         force: [N] length of the difference, None where the truth has none.
         coverage: of the answered rows' covariance.
+        errors: (n,) [m] of each answered row, turned: (n,) [rad] of its normal; NaN where it has no truth.
         touches: one for each, where the truth is touches.
         unmatched: answered contacts at an instant whose truths others are nearer to.
         missed: truths at an instant at which other truths have a contact, and they none.
@@ -53,12 +54,14 @@ class Report:
     samples: int
     matched: int
     answered: int
-    statuses: dict[str, float]
+    statuses: Int[np.ndarray, " s"]
     location: ErrorSummary | None
     normal: ErrorSummary | None
     force: ErrorSummary | None
     force_angle: ErrorSummary | None
     coverage: Coverage
+    errors: Float[np.ndarray, " n"]
+    turned: Float[np.ndarray, " n"]
     touches: tuple[Touch, ...] = ()
     unmatched: int = 0
     missed: int = 0
@@ -97,32 +100,27 @@ def report(
         touches: of which `location` is the summary, if there are any.
     """
     answered = (match >= 0) & contacts.answered
-    point = _picked(truth.point, match)
-    normal = None if truth.normal is None else angles(contacts.normal, _picked(truth.normal, match))
-    known = None if truth.force is None else _picked(truth.force, match)
-    force = None if known is None else distances(contacts.force, known)
-    turned = None if known is None else angles(contacts.force, known)
-    errors = distances(contacts.point, point)[answered]
+    row = np.where(answered, match, -1)
+    point, nothing = _picked(truth.point, row), np.full((len(truth.time), 3), np.nan)
+    normal = _picked(nothing if truth.normal is None else truth.normal, row)
+    force = _picked(nothing if truth.force is None else truth.force, row)
+    errors, turned = distances(contacts.point, point), angles(contacts.normal, normal)
     return Report(
         samples=len(contacts),
         matched=int(np.count_nonzero(match >= 0)),
         answered=int(np.count_nonzero(answered)),
-        statuses=status_shares(contacts.status[match >= 0]),
+        statuses=np.bincount(contacts.status[match >= 0], minlength=len(Status)),
         location=ErrorSummary.of(np.array([touch.error for touch in touches]) if touches else errors),
-        normal=None if normal is None else ErrorSummary.of(normal[answered]),
-        force=None if force is None else ErrorSummary.of(force[answered]),
-        force_angle=None if turned is None else ErrorSummary.of(turned[answered]),
+        normal=ErrorSummary.of(turned),
+        force=ErrorSummary.of(distances(contacts.force, force)),
+        force_angle=ErrorSummary.of(angles(contacts.force, force)),
         coverage=coverage(contacts.estimate, point, answered),
+        errors=errors,
+        turned=turned,
         touches=touches,
         unmatched=int(0 if due is None else np.count_nonzero(due & (match < 0) & contacts.answered)),
         missed=0 if touches else _missed(truth.time, match),
     )
-
-
-def status_shares(status: Int[np.ndarray, " n"]) -> dict[str, float]:
-    """Label -> share, for those that occur, in the order of the codes."""
-    counts = np.bincount(np.asarray(status, dtype=np.int64), minlength=len(Status))
-    return {Status(code).label: float(count / len(status)) for code, count in enumerate(counts) if count}
 
 
 def _touch(contacts: Contacts, truth: Touches, which: int, rows: Int[np.ndarray, " m"]) -> Touch:

@@ -12,7 +12,7 @@ from palpate.contact.estimate import Status
 from palpate.contact.events import find_touches
 from palpate.contact.ground_truth import Samples
 from palpate.contact.locate import Locator
-from palpate.evaluation.errors import ErrorSummary, angles, distances
+from palpate.evaluation.errors import ErrorSummary
 from palpate.evaluation.evaluate import Report, report
 from palpate.sensors.skin_map import SkinMap
 from palpate.surfaces.mesh import Mesh
@@ -62,7 +62,6 @@ class InstrumentReport:
 
     Attributes:
         report: location, and normal against the instrument's direction.
-        errors: (n,) [m]; turned: (n,) [rad]; NaN where refused.
         along: (3,) mean absolute error along x, y and z [m].
         paper_position: as the paper gives it, with the errors along z set to zero; paper_direction: mean absolute
             difference of the unit vectors' x and y [skin map, 4.3].
@@ -70,8 +69,6 @@ class InstrumentReport:
     """
 
     report: Report
-    errors: Float[np.ndarray, " n"]
-    turned: Float[np.ndarray, " n"]
     along: Float[np.ndarray, "3"]
     paper_position: ErrorSummary | None
     paper_direction: float
@@ -171,8 +168,6 @@ def judge(touches: Contacts, reference: Reference) -> InstrumentReport:
     truth = Samples(touches.time, reference.point, reference.direction)
     return InstrumentReport(
         report=report(touches, truth, np.where(compared, np.arange(len(touches)), -1)),
-        errors=distances(touches.point, reference.point),
-        turned=angles(touches.normal, reference.direction),
         along=np.abs(apart[compared]).mean(axis=0) if compared.any() else np.full(3, np.nan),
         paper_position=ErrorSummary.of(np.linalg.norm(apart[:, :2], axis=1)),
         paper_direction=float(components[known].mean()) if known.any() else float("nan"),

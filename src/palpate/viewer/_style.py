@@ -68,9 +68,7 @@ def styled() -> Generator[None]:
 _RC: dict[Any, Any] = {  # matplotlib's own type of the keys has no name
     "svg.fonttype": "none",  # letters stay letters: small, sharp, and to be searched for
     "svg.hashsalt": "palpate",  # the same figure gives the same bytes
-    "font.family": "sans-serif",
     "font.size": 9.0,
-    "axes.labelsize": 9.0,
     "axes.titlesize": 9.0,
     "xtick.labelsize": 8.5,
     "ytick.labelsize": 8.5,
@@ -80,7 +78,6 @@ _RC: dict[Any, Any] = {  # matplotlib's own type of the keys has no name
     "legend.columnspacing": 1.2,
     "text.color": INK,
     "axes.labelcolor": INK,
-    "axes.titlecolor": INK,
     "xtick.color": MUTED,
     "ytick.color": MUTED,
     "axes.edgecolor": MUTED,
@@ -96,7 +93,6 @@ _RC: dict[Any, Any] = {  # matplotlib's own type of the keys has no name
     "xtick.major.size": 3.0,
     "ytick.major.size": 3.0,
     "lines.linewidth": 1.0,
-    "lines.solid_joinstyle": "round",
     "axes.formatter.useoffset": False,
     "axes.unicode_minus": False,
 }

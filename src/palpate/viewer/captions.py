@@ -12,19 +12,19 @@ from palpate.viewer._style import STATUS
 from palpate.viewer.heat import PALETTE
 from palpate.viewer.scene import Moment, Scene, ShownContact
 
-__all__ = ["STATUS_WORDS", "caption", "feature", "legend"]
+__all__ = ["MEANING", "caption", "feature", "legend"]
 
 NONE = "&ndash;"
-STATUS_WORDS = {
-    Status.CONTACT: "contact",
-    Status.AMBIGUOUS: "contact, here or elsewhere",
-    Status.NO_CONTACT: "no contact",
-    Status.TOO_LIGHT: "too light to locate",
-    Status.OFF_SURFACE: "no point explains it",
-    Status.IMPLAUSIBLE: "not plausible",
-    Status.SATURATED: "sensor at its range",
-    Status.INVALID: "no reading",
-    Status.NO_POSE: "orientation missing",
+MEANING = {
+    Status.CONTACT: "Located.",
+    Status.AMBIGUOUS: "Located, but another point explains the reading too and lies outside the 95 % ellipse.",
+    Status.NO_CONTACT: "Nothing touches: the force is below the lower threshold.",
+    Status.TOO_LIGHT: "Something touches, but too lightly to be located.",
+    Status.OFF_SURFACE: "No point of the surface can make this wrench; the nearest is given.",
+    Status.IMPLAUSIBLE: "Located, but with more friction or torsion than is allowed: do not believe the point.",
+    Status.SATURATED: "A channel of the sensor is at its range, so that the force is not known.",
+    Status.INVALID: "A reading is missing, or is no number.",
+    Status.NO_POSE: "The orientation of the sensor, without which its payload cannot be taken off, is missing.",
 }
 _SHOWN_IN = {  # features in SI -> how many of which unit
     "area": (1e4, "cm²"),
@@ -53,7 +53,7 @@ def caption(moment: Moment, magnification: int, lines: Sequence[str] = ()) -> st
     contacts = moment.contacts
     force = float(np.sum([np.linalg.norm(contact.force) for contact in contacts]))
     single = len(contacts) == 1
-    words = STATUS_WORDS[contacts[0].status] if single else f"{len(contacts)} contacts"
+    words, status = _status(contacts[0]) if single else f"{len(contacts)} contacts", contacts[0].status
     rows = [row for contact in contacts for row in _contact(contact, magnification, single)]
     rows.append(("time", f"{moment.time:.3f} s, sample {moment.sample:,}"))
     table = "".join(
@@ -65,7 +65,7 @@ def caption(moment: Moment, magnification: int, lines: Sequence[str] = ()) -> st
         '<div style="padding:.3em .7em 0;font-size:.8em;line-height:1.45;'
         'font-variant-numeric:tabular-nums"><div style="display:flex;align-items:center;gap:.7em">'
         f'<span style="font-size:2.2em;font-weight:600">{_newton(force)}</span><span style="padding:.05em .7em;'
-        f'border-radius:1em;border:2px solid {STATUS[contacts[0].status]}">{words}</span></div>'
+        f'border-radius:1em;border:2px solid {STATUS[status]}" title="{escape(MEANING[status])}">{words}</span></div>'
         f"<table>{table}</table>{more}</div>"
     )
 
@@ -74,13 +74,17 @@ def _contact(contact: ShownContact, magnification: int, single: bool) -> Iterato
     """Names and values of one contact; with a headline where there are several."""
     if not single:
         size = _newton(float(np.linalg.norm(contact.force)))
-        yield f"<b>contact {contact.identity}</b>", f"<b>{size}</b>, {STATUS_WORDS[contact.status]}"
+        yield f"<b>contact {contact.identity}</b>", f"<b>{size}</b>, {_status(contact)}"
     yield "point", _place(contact)
     yield "95 %", _ellipse(contact, magnification)
     if single or np.isfinite(contact.torque):
         yield "torque", f"{1e3 * contact.torque:.1f} mN m about the normal" if np.isfinite(contact.torque) else NONE
     if contact.features:
         yield "features", ", ".join(_feature(name, value) for name, value in contact.features.items())
+
+
+def _status(contact: ShownContact) -> str:
+    return contact.status.label.replace("_", " ")
 
 
 def _newton(force: float) -> str:

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from palpate.viewer._style import AXES, INK, MUTED, figure, styled
-from palpate.viewer.plots import plain
+from palpate.viewer.plots import named, plain
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -49,19 +49,15 @@ def surface_map(
         filled = axes.tricontourf(
             places[:, across], places[:, up], shown, values, levels=_levels(values), cmap="viridis_r"
         )
-        bar: Any = drawn.colorbar(filled, ax=axes)
-        bar.set_label(label)
-        bar.outline.set_visible(False)
+        drawn.colorbar(filled, ax=axes, label=label).outline.set_visible(False)
     dark = "#1b2531"  # and not INK, which the page turns light in the dark: the box stays white
     for number, place in enumerate(np.zeros((0, 3)) if cells is None else 1e3 * cells, start=1):
         if np.isfinite(place).all():
             look: Any = {"boxstyle": "square,pad=0.25", "facecolor": "#ffffffcc", "edgecolor": MUTED, "linewidth": 0.6}
             axes.text(place[across], place[up], str(number), color=dark, ha="center", va="center", bbox=look)
-    axes.set_aspect("equal")
+    axes.set(aspect="equal", xlabel=f"{_NAMES[across]} [mm]", ylabel=f"{_NAMES[up]} [mm]")
     if view[1] < 0:
         axes.invert_xaxis()
-    axes.set_xlabel(f"{_NAMES[across]} [mm]")
-    axes.set_ylabel(f"{_NAMES[up]} [mm]")
     axes.grid(visible=False)
     return drawn
 
@@ -106,14 +102,11 @@ def error_over_force(
         axes.plot(force, 1e3 * error, color=colour, label=name)
     axes.axhline(1e3 * wanted, color=INK, linewidth=0.8, linestyle="--")
     axes.annotate("wanted", (force[-1], 1e3 * wanted), ha="right", va="bottom", fontsize=8.5)
-    axes.set_xscale("log")
-    axes.set_yscale("log")
-    axes.set_xlim(force[0], force[-1])
+    axes.set(xscale="log", yscale="log", xlim=(force[0], force[-1]))
+    axes.set(xlabel="force [N]", ylabel="position error, rms [mm]")
     plain(axes.xaxis)
     plain(axes.yaxis)
-    axes.set_xlabel("force [N]")
-    axes.set_ylabel("position error, rms [mm]")
-    axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=len(curves), borderaxespad=0.1)
+    named(axes, len(curves))
     return drawn
 
 

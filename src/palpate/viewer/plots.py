@@ -11,6 +11,8 @@ from jaxtyping import Bool, Float, Int
 
 from palpate.contact.estimate import Status
 from palpate.viewer._style import AXES, INK, MUTED, STATUS, figure, styled
+from palpate.viewer.samples import thinned
+from palpate.viewer.timeline import downsampled
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -21,6 +23,7 @@ __all__ = [
     "forces",
     "histogram",
     "locations",
+    "named",
     "plain",
     "silhouettes",
     "spectra",
@@ -54,14 +57,12 @@ def forces(time: Float[np.ndarray, " n"], force: Float[np.ndarray, "n 3"], statu
     parts: Any = drawn.subplots(3, 1, sharex=True, height_ratios=(5, 5, 0.55))
     for k, name in enumerate(_NAMES):
         parts[0].plot(*_curve(time, force[:, k]), color=AXES[k], label=f"F{name}")
-    parts[0].set_ylabel("force [N]")
-    _legend(parts[0], 3)
+    parts[0].set(ylabel="force [N]")
+    named(parts[0], 3)
     parts[1].plot(*_curve(time, np.linalg.norm(force, axis=1)), color=INK)
-    parts[1].set_ylabel("magnitude [N]")
-    parts[1].set_ylim(bottom=0)
-    parts[1].set_xlim(*_span(time))
+    parts[1].set(ylabel="magnitude [N]", ylim=(0, None), xlim=_span(time))
     _band(parts[2], time, status)
-    parts[2].set_xlabel(label)
+    parts[2].set(xlabel=label)
     return drawn
 
 
@@ -83,15 +84,14 @@ def locations(
     for k, (axes, name) in enumerate(zip(parts, _NAMES, strict=True)):
         place, band = 1e3 * point[:, k], 1.96e3 * np.nan_to_num(deviation[:, k])
         if several:
-            some = _some(np.isfinite(place), DOTS)
+            some = thinned(np.flatnonzero(np.isfinite(place)), DOTS)
             axes.vlines(time[some], (place - band)[some], (place + band)[some], color=AXES[k], alpha=0.3)
             axes.plot(time[some], place[some], ".", color=AXES[k], markersize=2.5)
         else:
-            bottom, top = _curve(time, place - band), _curve(time, place + band)
-            axes.fill_between(bottom[0], bottom[1], np.interp(bottom[0], *top), color=AXES[k], alpha=0.3, linewidth=0)
+            clock, ends = downsampled(time, np.column_stack([place - band, place + band]), 2 * COLUMNS)
+            axes.fill_between(clock, *ends.T, color=AXES[k], alpha=0.3, linewidth=0)
             axes.plot(*_curve(time, place), color=AXES[k])
-        axes.set_ylabel(f"{name} [mm]")
-        axes.set_xlim(*_span(time))
+        axes.set(ylabel=f"{name} [mm]", xlim=_span(time))
         if np.isfinite(place).any():  # a band is wide where a touch begins and ends, and would flatten all the rest
             margin = 3.0 * float(np.median(band[np.isfinite(place)])) + 1.0
             axes.set_ylim(np.nanmin(place) - margin, np.nanmax(place) + margin)
@@ -120,14 +120,12 @@ def silhouettes(
         _body(axes, vertices, faces, (across, up, depth), toward)
         far = toward * normal[:, depth] < 0
         shown = _touched(axes, 1e3 * point[:, (across, up)], force, far) or shown
-        axes.set_xlabel(f"{_NAMES[across]} [mm]")
-        axes.set_ylabel(f"{_NAMES[up]} [mm]")
+        axes.set(xlabel=f"{_NAMES[across]} [mm]", ylabel=f"{_NAMES[up]} [mm]")
         axes.set_title(f"from {'+' if toward > 0 else '-'}{_NAMES[depth]}", color=MUTED)
     grid[0, 1].axis("off")
     if shown is not None:
-        bar: Any = drawn.colorbar(shown, cax=grid[0, 1].inset_axes((0.05, 0.5, 0.9, 0.1)), orientation="horizontal")
-        bar.set_label("force [N]")
-        bar.outline.set_visible(False)
+        bar: Any = {"cax": grid[0, 1].inset_axes((0.05, 0.5, 0.9, 0.1)), "orientation": "horizontal"}
+        drawn.colorbar(shown, label="force [N]", **bar).outline.set_visible(False)
     return drawn
 
 
@@ -148,8 +146,7 @@ def histogram(values: Float[np.ndarray, " n"], label: str) -> Figure:
             plain(axes.xaxis, (1, 2, 5))
         middle = float(np.median(known))
         _mark(axes, middle, f"median {middle:.3g}")
-    axes.set_xlabel(label)
-    axes.set_ylabel("share [%]")
+    axes.set(xlabel=label, ylabel="share [%]")
     return drawn
 
 
@@ -164,11 +161,9 @@ def statuses(counts: Int[np.ndarray, " s"]) -> Figure:
     for row, share in enumerate(shares):
         axes.annotate(f" {share:.1f} %", (share, row), va="center", fontsize=8.5)
     axes.invert_yaxis()
-    axes.set_xlim(0, 118)
-    axes.set_xticks(range(0, 101, 25))
+    axes.set(xlim=(0, 118), xticks=range(0, 101, 25), xlabel="share of the samples [%]")
     axes.grid(visible=False, axis="y")
     axes.tick_params(axis="y", length=0, labelcolor=INK)
-    axes.set_xlabel("share of the samples [%]")
     return drawn
 
 
@@ -178,15 +173,14 @@ def errors(time: Float[np.ndarray, " n"], error: Float[np.ndarray, " n"], radius
     time, label = _clock(time)
     drawn = figure(2.6)
     axes: Any = drawn.subplots()
-    some = _some(np.isfinite(error), DOTS)
+    some = thinned(np.flatnonzero(np.isfinite(error)), DOTS)
     axes.plot(time[some], 1e3 * error[some], ".", color=AXES[0], markersize=2.5, label="error")
     if np.isfinite(radius).any():
         axes.plot(*_curve(time, 1e3 * radius), color=AXES[2], label="95 % radius", zorder=1)
-    axes.set_yscale("log")  # at the start and the end of a touch the force is small, and the radius large
+    # logarithmic: at the start and the end of a touch the force is small, and the radius large
+    axes.set(yscale="log", xlabel=label, ylabel="location [mm]")
     plain(axes.yaxis)
-    axes.set_xlabel(label)
-    axes.set_ylabel("location [mm]")
-    _legend(axes, 2)
+    named(axes, 2)
     return drawn
 
 
@@ -201,10 +195,9 @@ def touch_errors(labels: Sequence[str], error: Float[np.ndarray, " n"], radius: 
     every = 1 + len(labels) // 40
     axes.set_yticks(rows[::every], [label if len(label) < 18 else f"{label[:16]}.." for label in labels[::every]])
     axes.invert_yaxis()
-    axes.set_xlim(left=0)
+    axes.set(xlim=(0, None), xlabel="location [mm]")
     axes.grid(visible=False, axis="y")
-    axes.set_xlabel("location [mm]")
-    _legend(axes, 2)
+    named(axes, 2)
     return drawn
 
 
@@ -221,26 +214,20 @@ def spectra(panels: Sequence[Panel]) -> Figure:
                 axes.axhline(panel.floor[k] ** 0.5, color=AXES[k], linewidth=0.8, linestyle=(0, (4, 3)))
         if panel.cutoff is not None:
             _mark(axes, panel.cutoff, f"{panel.cutoff:.3g} Hz")
-        axes.set_ylabel(f"{panel.title} [{panel.unit}/√Hz]")
+        axes.set(ylabel=f"{panel.title} [{panel.unit}/√Hz]")
         plain(axes.xaxis)
         plain(axes.yaxis, (1, 3))
-        _legend(axes, 3)
-    below[-1, 0].set_xlabel("frequency [Hz]")
+        named(axes, 3)
+    below[-1, 0].set(xlabel="frequency [Hz]")
     return drawn
 
 
 def _curve(
     time: Float[np.ndarray, " n"], values: Float[np.ndarray, " n"]
 ) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
-    """A line over time with few points that looks the same: the least and the most of each of many columns."""
-    known = time[np.isfinite(time)]
-    if len(time) <= 2 * COLUMNS or known.max(initial=0.0) <= known.min(initial=0.0):
-        return time, values
-    column = np.floor((time - known.min()) / (known.max() - known.min()) * COLUMNS)
-    starts = np.flatnonzero(np.diff(column, prepend=np.nan) != 0)
-    low = np.fmin.reduceat(values, starts)  # NaN only where a whole column has nothing to show
-    high = np.fmax.reduceat(values, starts)
-    return np.repeat(time[starts], 2), np.column_stack([low, high]).reshape(-1)
+    """A line over time with few points that looks the same."""
+    clock, rows = downsampled(time, values[:, None], 2 * COLUMNS)
+    return clock, rows[:, 0]
 
 
 def _clock(time: Float[np.ndarray, " n"]) -> tuple[Float[np.ndarray, " n"], str]:
@@ -254,11 +241,6 @@ def _span(time: Float[np.ndarray, " n"]) -> tuple[float | None, float | None]:
     """First and last of a log, for axes that start and end with it."""
     known = time[np.isfinite(time)]
     return (float(known.min()), float(known.max())) if len(known) and np.ptp(known) > 0 else (None, None)
-
-
-def _some(which: Bool[np.ndarray, " n"], most: int) -> Int[np.ndarray, " k"]:
-    rows = np.flatnonzero(which)
-    return rows[:: 1 + len(rows) // most]
 
 
 def _banded(
@@ -281,22 +263,14 @@ def _band(axes: Any, time: Float[np.ndarray, " n"], status: Int[np.ndarray, " n"
     known = np.isfinite(time)
     if known.any() and np.ptp(time[known]) > 0:
         edges: Float[np.ndarray, " e"] = np.linspace(float(time[known].min()), float(time[known].max()), COLUMNS + 1)
-        bounds: list[Float[np.ndarray, " e"]] = [edges, np.arange(len(Status) + 1) - 0.5]
-        counts, _, _ = np.histogram2d(time[known], status[known].astype(np.float64), bins=bounds)
-        most = np.where(counts.any(axis=1), counts.argmax(axis=1), -1)
-        most = np.ma.masked_less(most, 0)  # a gap in the log stays empty
-        norm = BoundaryNorm(bounds[1], len(Status))
-        axes.imshow(
-            most[None],
-            extent=(edges[0], edges[-1], 0, 1),
-            aspect="auto",
-            cmap=ListedColormap(STATUS),
-            norm=norm,
-            interpolation="nearest",
-        )
+        kinds = np.arange(len(Status) + 1) - 0.5
+        counts, _, _ = np.histogram2d(time[known], status[known].astype(np.float64), bins=[edges, kinds])
+        most = np.ma.masked_where(~counts.any(axis=1), counts.argmax(axis=1))  # a gap in the log stays empty
+        norm = BoundaryNorm(kinds, len(Status))
+        look: Any = {"aspect": "auto", "cmap": ListedColormap(STATUS), "norm": norm, "interpolation": "nearest"}
+        axes.imshow(most[None], extent=(edges[0], edges[-1], 0, 1), **look)
     axes.set_ylabel("status", rotation=0, ha="right", va="center")
-    for side in ("left", "bottom"):
-        axes.spines[side].set_visible(False)
+    axes.spines[["left", "bottom"]].set_visible(False)
 
 
 def _body(axes: Any, vertices: np.ndarray, faces: np.ndarray, order: tuple[int, int, int], toward: float) -> None:
@@ -326,7 +300,7 @@ def _touched(
     """Dots where one sees them and rings where the body is in between, the strongest on top."""
     from matplotlib import colormaps
 
-    some = _some(np.isfinite(point[:, 0]), DOTS)
+    some = thinned(np.flatnonzero(np.isfinite(point[:, 0])), DOTS)
     if not len(some):
         return None
     some = some[np.argsort(force[some])]
@@ -347,16 +321,13 @@ def _mark(axes: Any, at: float, text: str) -> None:
 
 def plain(axis: Any, multiples: tuple[int, ...] = (1,)) -> None:
     """A logarithmic axis with numbers as people write them, not as powers."""
-    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+    from matplotlib.ticker import LogLocator, NullFormatter
 
     axis.set_major_locator(LogLocator(subs=multiples))
-    axis.set_major_formatter(FuncFormatter(_shortest))
+    axis.set_major_formatter("{x:g}")
     axis.set_minor_formatter(NullFormatter())
 
 
-def _shortest(value: float, _: int | None) -> str:
-    return f"{value:g}"
-
-
-def _legend(axes: Any, columns: int) -> None:
+def named(axes: Any, columns: int) -> None:
+    """What the lines are, above them."""
     axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=columns, borderaxespad=0.1)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from importlib.resources import files
 from importlib.util import find_spec
 from typing import TYPE_CHECKING
@@ -13,7 +13,7 @@ from palpate.viewer._style import inline
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["Picture", "Report", "Section", "Table", "Tile", "picture", "render", "require_report"]
+__all__ = ["Picture", "Report", "Section", "Table", "Tile", "percent", "picture", "render", "require_report"]
 
 
 @dataclass(frozen=True)
@@ -63,6 +63,10 @@ class Section:
     facts: tuple[tuple[str, str], ...] = ()
     tables: tuple[Table, ...] = ()
 
+    def __bool__(self) -> bool:
+        """Something stands below the heading."""
+        return any((self.text, self.points, self.pictures, self.facts, self.tables))
+
 
 @dataclass(frozen=True)
 class Report:
@@ -72,7 +76,7 @@ class Report:
     summary: str
     tiles: tuple[Tile, ...] = ()
     warnings: tuple[str, ...] = ()
-    sections: tuple[Section, ...] = field(default=())
+    sections: tuple[Section, ...] = ()
     footer: str = ""
 
 
@@ -86,6 +90,11 @@ def require_report() -> None:
         raise InputError(f"a report needs {' and '.join(missing)}.", hint="pip install 'palpate[report]'")
 
 
+def percent(share: float) -> str:
+    """A share, to a tenth of a percent."""
+    return f"{100 * share:.1f} %"
+
+
 def picture(drawn: Figure, caption: str) -> Picture:
     """A figure as it goes into the page."""
     return Picture(inline(drawn), caption)
@@ -95,13 +104,12 @@ def render(report: Report) -> str:
     """One self-contained page: no script, no address, nothing to fetch.
 
     Raises:
-        InputError: jinja2 is not installed.
+        InputError: matplotlib or jinja2 is not installed.
     """
-    try:
-        from jinja2 import Environment, StrictUndefined
-        from markupsafe import Markup
-    except ImportError as problem:
-        raise InputError("a report needs jinja2.", hint="pip install 'palpate[report]'") from problem
+    require_report()
+    from jinja2 import Environment, StrictUndefined
+    from markupsafe import Markup
+
     page = files("palpate.viewer").joinpath("report.html").read_text(encoding="utf-8")
     environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
     environment.filters["drawn"] = Markup  # an SVG of our own making; everything else is escaped

@@ -11,30 +11,18 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from palpate.contact.contacts import Contacts
-from palpate.contact.estimate import Status
-from palpate.contact.events import Events
+from palpate.contact.estimate import CHI2_95, Status
+from palpate.contact.events import Events, largest_deviation
 from palpate.contact.plausibility import UNLOADED
 from palpate.viewer import plots
-from palpate.viewer.captions import feature
-from palpate.viewer.downsample import Downsample
-from palpate.viewer.report import Picture, Report, Section, Table, Tile, picture
+from palpate.viewer.captions import MEANING, feature
+from palpate.viewer.report import Picture, Report, Section, Table, Tile, percent, picture
+from palpate.viewer.run_summary import RunSummary
 from palpate.viewer.samples import sample_starts, strongest
-from palpate.viewer.scene import CHI2_95
 
-__all__ = ["MEANING", "Kept", "Run", "compose", "percent", "tone"]
+__all__ = ["Kept", "Run", "compose", "median", "tone", "touch_table"]
 
 SHOWN = 200  # touches in the table
-MEANING = {
-    Status.CONTACT: "Located.",
-    Status.AMBIGUOUS: "Located, but another point explains the reading too and lies outside the 95 % ellipse.",
-    Status.NO_CONTACT: "Nothing touches: the force is below the lower threshold.",
-    Status.TOO_LIGHT: "Something touches, but too lightly to be located.",
-    Status.OFF_SURFACE: "No point of the surface can make this wrench; the nearest is given.",
-    Status.IMPLAUSIBLE: "Located, but with more friction or torsion than is allowed: do not believe the point.",
-    Status.SATURATED: "A channel of the sensor is at its range, so that the force is not known.",
-    Status.INVALID: "A reading is missing, or is no number.",
-    Status.NO_POSE: "The orientation of the sensor, without which its payload cannot be taken off, is missing.",
-}
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,13 +32,12 @@ class Run:
     Attributes:
         log, output: names, as a reader knows them.
         method: how it was done, as it goes on after "samples were read from LOG, ".
-        downsample: the contacts, in the surface's frame.
+        summary: of the contacts, in the surface's frame.
         body: vertices [m] and faces, to draw contacts on; None where there is none.
         settings: in force, as names and values.
         uncertainties: what the 95 % ellipses hold.
         provenance: inputs with their hashes, options.
         stages: name -> seconds: of reading, locating, writing.
-        touches: found in the contacts.
         notes, warnings: what was said to the user, the estimator's notes and doubts among them.
         advice: what to improve, a sentence each.
         tiles, sections: what the sensor and a ground truth add.
@@ -59,13 +46,12 @@ class Run:
     log: str
     output: str
     method: str
-    downsample: Downsample
+    summary: RunSummary
     body: tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"]] | None = None
     settings: tuple[tuple[str, str], ...] = ()
     uncertainties: tuple[str, ...] = ("the sensor's noise",)
     provenance: Mapping[str, str] = field(default_factory=lambda: {})
     stages: Mapping[str, float] = field(default_factory=lambda: {})
-    touches: Events | None = None
     notes: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
     advice: tuple[str, ...] = ()
@@ -75,30 +61,31 @@ class Run:
     @cached_property
     def kept(self) -> Kept:
         """The downsampled contacts with what follows from them."""
-        return Kept(self.downsample.contacts, self.downsample.even)
+        return Kept(self.summary.contacts, self.summary.even)
 
 
 def compose(run: Run) -> Report:
     """The page of a run."""
+    touches = run.summary.finder.touches()
     sections = (
         _over_time(run.kept),
         _places(run),
         _statuses(run),
-        _touches(run.touches),
+        _touches(touches),
         *run.sections,
         Section("What to improve", points=run.advice),
         Section("Settings in force", facts=run.settings),
         _inputs(run.provenance),
-        _time_budget(run.stages, run.downsample.count),
+        _time_budget(run.stages, run.summary.samples),
         Section("Notes of the run", points=run.notes),
     )
     return Report(
         title=f"Contacts in {run.log}",
-        summary=f"{run.downsample.count:,} samples were read from {run.log}, {run.method}; contacts went to "
+        summary=f"{run.summary.samples:,} samples were read from {run.log}, {run.method}; contacts went to "
         f"{run.output}.",
-        tiles=(*_tiles(run), *run.tiles),
+        tiles=(*_tiles(run, len(touches)), *run.tiles),
         warnings=run.warnings,
-        sections=tuple(section for section in sections if _says_something(section)),
+        sections=tuple(section for section in sections if section),
         footer=f"palpate {run.provenance.get('palpate', '')}. Lengths, forces and times in the units that stand beside "
         "them; points and forces in the surface's frame.",
     )
@@ -110,11 +97,6 @@ class Kept:
 
     contacts: Contacts
     even: Bool[np.ndarray, " n"]
-
-    @cached_property
-    def starts(self) -> Int[np.ndarray, " m"]:
-        """(m,) first row of each sample."""
-        return sample_starts(self.contacts)
 
     @cached_property
     def strength(self) -> Float[np.ndarray, " n"]:
@@ -134,25 +116,18 @@ class Kept:
     @cached_property
     def radius(self) -> Float[np.ndarray, " n"]:
         """(n,) [m] long half-axes of the 95 % ellipses."""
-        known = np.isfinite(self.covariance).all(axis=(1, 2))
-        largest = np.full(len(self.contacts), np.nan)
-        largest[known] = np.linalg.eigvalsh(self.covariance[known])[:, -1].clip(min=0)
-        return np.sqrt(CHI2_95 * largest)
+        return np.sqrt(CHI2_95) * largest_deviation(self.covariance)
 
     @property
     def median_radius(self) -> float:
         """[m] of the even ones, NaN where there is none."""
-        known = self.radius[self.even & np.isfinite(self.radius)]
-        return float(np.median(known)) if len(known) else float("nan")
+        return median(self.radius[self.even])
 
 
-def _says_something(section: Section) -> bool:
-    return any((section.text, section.points, section.facts, section.pictures, section.tables))
-
-
-def percent(share: float) -> str:
-    """A share, to a tenth of a percent."""
-    return f"{100 * share:.1f} %"
+def median(values: Float[np.ndarray, " n"]) -> float:
+    """Of the finite ones; NaN where there is none."""
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if len(known) else float("nan")
 
 
 def tone(share: float, good: float, poor: float) -> str:
@@ -160,27 +135,25 @@ def tone(share: float, good: float, poor: float) -> str:
     return "good" if share >= good else "poor" if share < poor else ""
 
 
-def _tiles(run: Run) -> list[Tile]:
-    kept, counts = run.kept, run.downsample.statuses
-    answered, total = int(counts[: Status.AMBIGUOUS + 1].sum()), max(int(counts.sum()), 1)
+def _tiles(run: Run, touches: int) -> list[Tile]:
+    kept, summary, counts = run.kept, run.summary, run.summary.statuses
+    answered, total = int(counts[: Status.AMBIGUOUS + 1].sum()), max(summary.rows, 1)
     loaded = total - int(counts[list(UNLOADED)].sum())
     share = answered / loaded if loaded else float("nan")
     time = kept.contacts.time
     known = time[np.isfinite(time)]
     span = float(np.ptp(known)) if len(known) else 0.0
-    rows = "samples" if total <= run.downsample.count else "rows"
+    rows = "samples" if total <= summary.samples else "rows"
     tiles = [
-        Tile("samples", f"{run.downsample.count:,}", f"{span:.4g} s at {run.downsample.rate:.4g} Hz"),
+        Tile("samples", f"{summary.samples:,}", f"{span:.4g} s at {summary.rate:.4g} Hz"),
         Tile("answered", percent(share) if loaded else "-", f"of {loaded:,} loaded {rows}", tone(share, 0.95, 0.7)),
     ]
     if np.isfinite(kept.strength).any():
         peak = int(np.nanargmax(kept.strength))
         tiles.append(Tile("peak force", f"{kept.strength[peak]:.3g} N", f"at {time[peak]:.2f} s"))
     if rows == "rows":
-        most = int(np.diff(kept.starts, append=len(time)).max())
-        tiles.append(Tile("contacts at once", f"{most}", "at most"))
-    if run.touches is not None:
-        tiles.append(Tile("touches", f"{len(run.touches):,}", "found in the contacts"))
+        tiles.append(Tile("contacts at once", f"{summary.most}", "at most"))
+    tiles.append(Tile("touches", f"{touches:,}", "found in the contacts"))
     if np.isfinite(radius := kept.median_radius):
         tiles.append(Tile("95 % radius", f"{1e3 * radius:.2g} mm", "median of the answered"))
     return tiles
@@ -188,7 +161,7 @@ def _tiles(run: Run) -> list[Tile]:
 
 def _over_time(kept: Kept) -> Section:
     found = kept.contacts
-    picked = strongest(found, kept.starts)
+    picked = strongest(found, sample_starts(found))
     several = len(picked) < len(found)
     drawn = plots.forces(found.time[picked], found.force[picked], found.status[picked])
     colours = "green: located, blue: ambiguous, light grey: no contact, dark grey: too light, others: see Statuses"
@@ -219,41 +192,48 @@ def _places(run: Run) -> Section:
 
 
 def _statuses(run: Run) -> Section:
-    counts = run.downsample.statuses
-    rows = "samples" if counts.sum() <= run.downsample.count else "rows (a sample has one for each contact)"
+    counts = run.summary.statuses
+    rows = "samples" if run.summary.rows <= run.summary.samples else "rows (a sample has one for each contact)"
     facts = tuple((kind.label, f"{counts[kind]:,} {rows}. {MEANING[kind]}") for kind in Status if counts[kind])
     shares = picture(plots.statuses(counts), "What became of the samples; answered are contact and ambiguous.")
     return Section("Statuses", pictures=(shares,), facts=facts)
 
 
-def _touches(found: Events | None) -> Section:
-    if found is None or not len(found):
+def _touches(found: Events) -> Section:
+    if not len(found):
         return Section("Touches")
+    text = "sd is one standard deviation of a sample in the direction in which it is largest."
+    return Section("Touches", text=(text,), tables=(touch_table(found, SHOWN),))
+
+
+def touch_table(found: Events, most: int) -> Table:
+    """The first touches, at most `most`: when, how hard, where, and what the sensor adds."""
     x, y, z = 1e3 * found.point.T
     columns = {
         "touch": ("{:.0f}", np.arange(1, len(found) + 1)),
         "contact": ("{:.0f}", found.identity),
         "start [s]": ("{:.3f}", found.start),
+        "end [s]": ("{:.3f}", found.end),
         "lasts [s]": ("{:.3f}", found.end - found.start),
-        "peak [N]": ("{:.3g}", found.peak_force),
+        "peak [N]": ("{:.3f}", found.peak_force),
         "x [mm]": ("{:.2f}", x),
         "y [mm]": ("{:.2f}", y),
         "z [mm]": ("{:.2f}", z),
-        "+- [mm]": ("{:.2f}", 1e3 * found.deviation),
+        "sd [mm]": ("{:.2f}", 1e3 * found.deviation),
         "slid [mm]": ("{:.2f}", 1e3 * found.slid),
+        "ambiguous [%]": ("{:.1f}", 100 * found.ambiguous),
     }
     if not found.identity.any():  # of a sensor that feels one contact at a time
         del columns["contact"]
     for name, values in found.features.items():
         scale, unit = feature(name)
-        columns[f"{name} [{unit}]" if unit else name] = ("{:.3g}", scale * values)
+        columns[f"{name} [{unit}]" if unit else name] = ("{:.4g}", scale * values)
     rows = [
         tuple(text.format(values[k]) if np.isfinite(values[k]) else "-" for text, values in columns.values())
-        for k in range(min(len(found), SHOWN))
+        for k in range(min(len(found), most))
     ]
-    more = f"The first {SHOWN} of {len(found):,}." if len(found) > SHOWN else ""
-    text = "+- is one standard deviation of a sample in the direction in which it is largest."
-    return Section("Touches", text=(text,), tables=(Table(tuple(columns), tuple(rows), more),))
+    more = f"The first {most} of {len(found):,}." if len(found) > most else ""
+    return Table(tuple(columns), tuple(rows), more)
 
 
 def _inputs(provenance: Mapping[str, str]) -> Section:

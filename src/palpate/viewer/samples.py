@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from jaxtyping import Float, Int
 
 from palpate.contact.contacts import Contacts
 
-__all__ = ["sample_starts", "strongest", "totals"]
+__all__ = ["sample_starts", "sheet_places", "strongest", "thinned", "totals"]
 
 
 def sample_starts(contacts: Contacts) -> Int[np.ndarray, " m"]:
@@ -17,12 +19,20 @@ def sample_starts(contacts: Contacts) -> Int[np.ndarray, " m"]:
 
 def strongest(contacts: Contacts, starts: Int[np.ndarray, " m"]) -> Int[np.ndarray, " m"]:
     """(m,) of each sample the row with the largest force; the first where none is known."""
-    if len(starts) == len(contacts):
-        return starts
-    force = np.nan_to_num(np.linalg.norm(contacts.force, axis=1), nan=-1.0)
-    most = np.maximum.reduceat(force, starts)
-    rows = np.flatnonzero(force == np.repeat(most, np.diff(starts, append=len(force))))
-    return rows[np.searchsorted(rows, starts)]
+    counted = np.repeat(np.arange(len(starts)), np.diff(starts, append=len(contacts)))  # a file may not be in order
+    return starts if len(starts) == len(contacts) else replace(contacts, sample=counted).strongest()
+
+
+def sheet_places(contacts: Contacts) -> Float[np.ndarray, "n 2"] | None:
+    """(n, 2) row and column on the unrolled sheet, NaN where there is none; None where the sensor is no sheet."""
+    features = contacts.features
+    on_sheet = {"row", "column"} <= set(features)
+    return np.column_stack([features["row"], features["column"]]) if on_sheet else None
+
+
+def thinned(rows: Int[np.ndarray, " n"], most: int) -> Int[np.ndarray, " k"]:
+    """At most `most` of some rows, evenly spread."""
+    return rows[:: 1 + len(rows) // most]
 
 
 def totals(contacts: Contacts, starts: Int[np.ndarray, " m"]) -> Float[np.ndarray, " m"]:

@@ -10,18 +10,17 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from palpate.contact.contacts import Contacts
-from palpate.contact.estimate import Status
+from palpate.contact.estimate import CHI2_95, Status
 from palpate.errors import InputError
 from palpate.spatial.pose import quaternion_from_rotation
 from palpate.surfaces import Surface
 from palpate.viewer.heat import FineMesh, density, refined
 from palpate.viewer.layer import Layer
-from palpate.viewer.samples import sample_starts, strongest, totals
+from palpate.viewer.samples import sample_starts, strongest, thinned, totals
 from palpate.viewer.timeline import Timeline, downsampled
 
-__all__ = ["CHI2_95", "MAGNIFICATIONS", "Moment", "Scene", "ShownContact", "ellipse", "nice", "prepare"]
+__all__ = ["MAGNIFICATIONS", "Moment", "Scene", "ShownContact", "ellipse", "nice", "prepare"]
 
-CHI2_95 = 5.991464547107979  # 95 % point of chi-square with two degrees of freedom
 MAGNIFICATIONS = (1, 2, 5, 10, 20, 50, 100)
 PLOTTED = 800  # rows of a plot: two a pixel
 TRAIL = 300  # samples of a trail
@@ -136,8 +135,7 @@ class Scene:
     def opening(self) -> int:
         """The sample to begin with: that of the strongest contact."""
         force = np.linalg.norm(self.contacts.force[self.strongest], axis=1)
-        force = np.where(self.touched[self.strongest] & np.isfinite(force), force, -1.0)
-        return int(force.argmax()) if force.max() >= 0 else 0
+        return int(np.where(self.touched[self.strongest] & np.isfinite(force), force, -1.0).argmax())
 
     def rows(self, index: int) -> slice:
         """The rows of a sample."""
@@ -241,7 +239,7 @@ def prepare(surface: Surface | None, contacts: Contacts, title: str = "", layers
         body = refined(mesh, np.unique((points / width).round(), axis=0) * width, width)
         seconds = np.repeat(timeline.seconds, np.diff(starts, append=len(contacts)))
         heat = density(body, points, contacts.normal[touched], seconds[touched], width)
-    shown = contacts[_some(np.flatnonzero(touched))]
+    shown = contacts[thinned(np.flatnonzero(touched), _SAMPLED)]
     strong = np.nanquantile(np.linalg.norm(shown.force, axis=1), 0.95) if len(shown) else 1.0
     newton = 0.35 * size / max(float(strong), 1e-9)
     return Scene(
@@ -297,7 +295,3 @@ def _magnified(size: float, shown: Contacts) -> int:
     axes = axes[axes > 0]
     wanted = size / 50 / float(np.median(axes)) if len(axes) else 1.0
     return next((times for times in MAGNIFICATIONS if times >= wanted), MAGNIFICATIONS[-1])
-
-
-def _some(rows: np.ndarray) -> np.ndarray:
-    return rows[:: 1 + len(rows) // _SAMPLED]

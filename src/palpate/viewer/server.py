@@ -8,7 +8,6 @@ from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from importlib.util import find_spec
 from time import monotonic
-from types import TracebackType
 from typing import TYPE_CHECKING
 
 from palpate.errors import InputError
@@ -69,7 +68,7 @@ class Page:
         self._server = _listen(host, port)
         self._wake = threading.Condition()
         self._seconds = float(scene.timeline.clock[scene.opening])
-        self._playing = self._stopping = self._stale = False
+        self.playing = self._stopping = self._stale = False
         self.index = 0
         """The sample that is shown, counted in the scene."""
         with self._server.atomic():
@@ -96,11 +95,6 @@ class Page:
             self.seek(0.0)
         self._request(playing=on)
 
-    @property
-    def playing(self) -> bool:
-        """Whether it runs by itself."""
-        return self._playing
-
     def refresh(self) -> None:
         """Draw again: a setting has changed."""
         self._request()
@@ -126,15 +120,13 @@ class Page:
     def __enter__(self) -> Page:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, raised: BaseException | None, at: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.stop()
 
     def _request(self, seconds: float | None = None, playing: bool | None = None, stopping: bool = False) -> None:
         with self._wake:
             self._seconds = self._seconds if seconds is None else seconds
-            self._playing = self._playing if playing is None else playing
+            self.playing = self.playing if playing is None else playing
             self._stopping |= stopping
             self._stale = True
             self._wake.notify_all()
@@ -143,12 +135,12 @@ class Page:
         last = monotonic()
         while True:
             with self._wake:
-                self._wake.wait_for(lambda: self._stale or self._playing)
+                self._wake.wait_for(lambda: self._stale or self.playing)
                 if self._stopping:
                     return
                 self._stale = False
                 now = monotonic()
-                if self._playing:
+                if self.playing:
                     self._advance(min(now - last, 2 * TICK))
                 last = now
             self._show()
@@ -158,7 +150,7 @@ class Page:
     def _advance(self, passed: float) -> None:
         duration = self.scene.timeline.duration
         self._seconds = min(self._seconds + self._panel.speed * passed, duration)
-        self._playing = self._seconds < duration
+        self.playing = self._seconds < duration
 
     def _show(self) -> None:
         seconds = self._seconds

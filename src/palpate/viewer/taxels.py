@@ -7,13 +7,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float, Float32, Int, UInt8
 
+from palpate.sensors.taxels import TaxelBody
 from palpate.spatial.pose import quaternion_from_rotation
 from palpate.viewer.heat import colours, linear
 from palpate.viewer.marker import FORCE
+from palpate.viewer.samples import sheet_places
 from palpate.viewer.scene import Scene
 
 if TYPE_CHECKING:
-    from viser import BatchedMeshHandle, GuiApi, GuiCheckboxHandle, GuiImageHandle, ViserServer
+    from viser import BatchedMeshHandle, GuiApi, GuiImageHandle, ViserServer
 
 __all__ = ["TaxelLayer", "cell_mesh", "patches", "unrolled"]
 
@@ -28,45 +30,36 @@ class TaxelLayer:
     """Cells anywhere on a body, each a patch in its tangent plane.
 
     Args:
-        positions, normals: (k, 3) [m] and outward, unit.
-        areas: (k,) [m^2].
-        shape: rows and columns of a sheet whose cells these are, row by row; None: they are not on a grid.
+        body: of the k cells.
         forces: (n, k) [N] of each cell, a row a sample of the log; None: not known, as of a file of contacts.
     """
 
     def __init__(
-        self,
-        positions: Float[np.ndarray, "k 3"],
-        normals: Float[np.ndarray, "k 3"],
-        areas: Float[np.ndarray, " k"],
-        shape: tuple[int, int] | None = None,
-        forces: Float[np.ndarray, "n k"] | Float32[np.ndarray, "n k"] | None = None,
+        self, body: TaxelBody, forces: Float[np.ndarray, "n k"] | Float32[np.ndarray, "n k"] | None = None
     ) -> None:
-        self._positions, self._normals, self._areas, self._shape = positions, normals, areas, shape
-        self._forces = forces
+        self._body, self._forces = body, forces
         strong = 0.0 if forces is None or not len(forces) else float(np.quantile(forces.max(axis=1), 0.99))
         self.most = max(strong, 1e-6)
         """[N] that is drawn darkest."""
         self._sheet: GuiImageHandle | None = None
-        self._seen: GuiCheckboxHandle | None = None
 
     @property
     def places(self) -> Float[np.ndarray, "k 3"]:
         """(k, 3) [m] of the cells."""
-        return self._positions
+        return self._body.positions
 
     def draw(self, server: ViserServer, scene: Scene) -> None:
         """All cells as instances of one square, seen from both sides."""
         self._scene = scene
-        rotations, scales = patches(self._positions, self._normals, self._areas, self._shape)
+        rotations, scales = patches(self._body)
         self._cells: BatchedMeshHandle = server.scene.add_batched_meshes_simple(
             "/taxels",
             _CORNERS,
             _FACES,
             batched_wxyzs=np.roll(quaternion_from_rotation(rotations), 1, axis=1),
-            batched_positions=scene.placed(self._positions + LIFT * self._normals),
+            batched_positions=scene.placed(self._body.positions + LIFT * self._body.normals),
             batched_scales=GAP * scales / scene.size,
-            batched_colors=self._colours(np.zeros(len(self._positions))),
+            batched_colors=self._colours(np.zeros(len(self._body))),
             side="double",
             lod="off",
             cast_shadow=False,
@@ -74,10 +67,10 @@ class TaxelLayer:
 
     def panel(self, gui: GuiApi) -> None:
         """A box that hides the cells, and the sheet unrolled."""
-        self._seen = gui.add_checkbox("cells", True, hint="hide them to see the body below")
-        self._seen.on_update(lambda event: self._show_cells())
-        if self._shape is not None and self._forces is not None:
-            flat = unrolled(np.zeros(self._shape), self.most, np.zeros((0, 2)))
+        seen = gui.add_checkbox("cells", True, hint="hide them to see the body below")
+        seen.on_update(lambda event: setattr(self._cells, "visible", seen.value))
+        if self._body.rows and self._forces is not None:
+            flat = unrolled(np.zeros((self._body.rows, self._body.columns)), self.most, np.zeros((0, 2)))
             self._sheet = gui.add_image(flat, label="sheet, unrolled: the last row on top")
 
     def show(self, index: int) -> None:
@@ -86,8 +79,8 @@ class TaxelLayer:
             return
         force = self._force(index)
         self._cells.batched_colors = self._colours(force)
-        if self._sheet is not None and self._shape is not None:
-            self._sheet.image = unrolled(force.reshape(self._shape), self.most, self._dots(index))
+        if self._sheet is not None:
+            self._sheet.image = unrolled(force.reshape(self._body.rows, -1), self.most, self._dots(index))
 
     def captions(self, index: int) -> list[str]:
         """Sums of the cells."""
@@ -96,15 +89,11 @@ class TaxelLayer:
         force = self._force(index)
         return [f"all cells {force.sum():.2f} N, the strongest {force.max():.2f} N (darkest: {self.most:.2g} N)"]
 
-    def _show_cells(self) -> None:
-        if self._seen is not None:
-            self._cells.visible = self._seen.value
-
     def _force(self, index: int) -> Float[np.ndarray, " k"]:
         """[N] of each cell; 0 where the log has no such sample."""
         sample = int(self._scene.contacts.sample[self._scene.starts[index]])
         if self._forces is None or sample >= len(self._forces):
-            return np.zeros(len(self._positions))
+            return np.zeros(len(self._body))
         return self._forces[sample].astype(np.float64)
 
     def _colours(self, force: Float[np.ndarray, " k"]) -> UInt8[np.ndarray, "k 3"]:
@@ -112,46 +101,33 @@ class TaxelLayer:
 
     def _dots(self, index: int) -> Float[np.ndarray, "c 2"]:
         """Row and column of each contact of a sample."""
-        rows, features = self._scene.rows(index), self._scene.contacts.features
-        if not {"row", "column"} <= set(features):
-            return np.zeros((0, 2))
-        places = np.column_stack([features["row"][rows], features["column"][rows]])
-        return places[np.isfinite(places).all(axis=1)]
+        places = sheet_places(self._scene.contacts[self._scene.rows(index)])
+        return np.zeros((0, 2)) if places is None else places[np.isfinite(places).all(axis=1)]
 
 
-def patches(
-    positions: Float[np.ndarray, "k 3"],
-    normals: Float[np.ndarray, "k 3"],
-    areas: Float[np.ndarray, " k"],
-    shape: tuple[int, int] | None,
-) -> tuple[Float[np.ndarray, "k 3 3"], Float[np.ndarray, "k 3"]]:
+def patches(body: TaxelBody) -> tuple[Float[np.ndarray, "k 3 3"], Float[np.ndarray, "k 3"]]:
     """Frames (third column outward) and sides (length, width, 1) [m] of rectangles that have the cells' areas.
 
     On a sheet the first side lies along its rows and is as long as from row to row; else cells are squares.
     """
-    side = np.sqrt(areas)
+    normals, side = body.normals, np.sqrt(body.areas)
     along = np.eye(3)[np.argmin(np.abs(normals), axis=1)]
-    if shape is not None and shape[0] > 1:
-        steps = np.asarray(np.gradient(positions.reshape(*shape, 3), axis=0)).reshape(-1, 3)
+    if body.rows > 1:
+        steps = np.asarray(np.gradient(body.positions.reshape(body.rows, -1, 3), axis=0)).reshape(-1, 3)
         length: Float[np.ndarray, " k"] = np.linalg.norm(steps, axis=1)
         usable = length > 0
         side, along = np.where(usable, length, side), np.where(usable[:, None], steps, along)
     across = np.cross(normals, along)
     across = across / np.linalg.norm(across, axis=1, keepdims=True)
     frames = np.stack([np.cross(across, normals), across, normals], axis=2)
-    return frames, np.column_stack([side, areas / side, np.ones(len(side))])
+    return frames, np.column_stack([side, body.areas / side, np.ones(len(side))])
 
 
-def cell_mesh(
-    positions: Float[np.ndarray, "k 3"],
-    normals: Float[np.ndarray, "k 3"],
-    areas: Float[np.ndarray, " k"],
-    shape: tuple[int, int] | None = None,
-) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"]]:
+def cell_mesh(body: TaxelBody) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"]]:
     """All cells as vertices [m] and faces, two a cell: a body to draw on where there is no other."""
-    frames, sides = patches(positions, normals, areas, shape)
-    corners = positions[:, None] + np.einsum("kij,kcj->kci", frames, _CORNERS * sides[:, None])
-    faces = 4 * np.arange(len(positions))[:, None, None] + _FACES
+    frames, sides = patches(body)
+    corners = body.positions[:, None] + np.einsum("kij,kcj->kci", frames, _CORNERS * sides[:, None])
+    faces = 4 * np.arange(len(body))[:, None, None] + _FACES
     return corners.reshape(-1, 3), faces.reshape(-1, 3).astype(np.int64)
 
 

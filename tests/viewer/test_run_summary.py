@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import ROW, ContactEstimate, Status
-from palpate.viewer.downsample import Downsample
+from palpate.viewer.run_summary import RunSummary
 
 
 def _estimate(rng: np.random.Generator, count: int) -> ContactEstimate:
@@ -26,7 +26,7 @@ def _same(one: ContactEstimate, other: ContactEstimate) -> bool:
 
 def test_a_short_stream_is_kept_whole_and_to_the_last_bit() -> None:
     estimate = _estimate(np.random.default_rng(1), 500)
-    kept = Downsample(1000)
+    kept = RunSummary(1000)
     kept.add(Contacts.single(np.arange(500.0), estimate))
     assert kept.stride == 1
     assert kept.even.all()
@@ -35,9 +35,9 @@ def test_a_short_stream_is_kept_whole_and_to_the_last_bit() -> None:
 
 
 def test_nothing_added_is_nothing_kept() -> None:
-    kept = Downsample()
+    kept = RunSummary()
     kept.add(Contacts.single(np.empty(0), _estimate(np.random.default_rng(0), 0)))
-    assert len(kept.contacts) == kept.count == 0
+    assert len(kept.contacts) == kept.samples == 0
 
 
 @settings(max_examples=40)
@@ -50,14 +50,14 @@ def test_block_sizes_do_not_matter(sizes: list[int], limit: int, seed: int) -> N
     """Whatever the blocks: the same samples are kept, at most `limit`, evenly, and every count is exact."""
     total = sum(sizes)
     estimate, time = _estimate(np.random.default_rng(seed), total), np.arange(total) / 7
-    whole, pieces = Downsample(limit), Downsample(limit)
+    whole, pieces = RunSummary(limit), RunSummary(limit)
     whole.add(Contacts.single(time, estimate))
     start = 0
     for size in sizes:
         pieces.add(Contacts.single(time[start : start + size], estimate[start : start + size], start))
         start += size
     assert len(pieces.contacts) <= limit
-    assert pieces.count == total
+    assert pieces.samples == total
     assert np.array_equal(pieces.statuses, np.bincount(estimate.status, minlength=len(Status)))
     assert np.array_equal(pieces.contacts.time[pieces.even], time[:: pieces.stride])
     if pieces.stride == whole.stride:  # the moment of doubling may fall into a block
@@ -70,7 +70,7 @@ def test_the_peak_of_force_survives(at: int) -> None:
     rows = np.zeros((100_000, ROW.length))
     rows[:, ROW.force] = np.random.default_rng(2).uniform(0, 1, (100_000, 3))
     rows[at, ROW.force] = 50.0
-    kept = Downsample(100)
+    kept = RunSummary(100)
     time, estimate = np.arange(100_000.0), ContactEstimate.from_rows(rows)
     for start in range(0, len(rows), 3_000):
         block = slice(start, start + 3_000)
@@ -81,17 +81,17 @@ def test_the_peak_of_force_survives(at: int) -> None:
 
 def test_memory_stays_flat() -> None:
     """What is held never exceeds twice the limit and one block, by count of rows."""
-    kept, estimate = Downsample(200), _estimate(np.random.default_rng(3), 1_000)
+    kept, estimate = RunSummary(200), _estimate(np.random.default_rng(3), 1_000)
     for k in range(300):
         kept.add(Contacts.single(np.arange(1_000.0) + 1_000 * k, estimate, 1_000 * k))
         for buckets in (kept._even, kept._peaks):
-            assert sum(map(len, buckets._parts)) <= 2 * buckets.limit + 1_000
+            assert sum(map(len, buckets.parts)) <= 2 * buckets.limit + 1_000
     assert kept.stride >= 300_000 / 200
 
 
 def test_a_limit_below_eight_is_refused() -> None:
     with pytest.raises(ValueError, match="at least 8"):
-        Downsample(7)
+        RunSummary(7)
 
 
 @pytest.mark.parametrize("limit", [8, 40, 1_000])
@@ -103,7 +103,7 @@ def test_a_sample_is_kept_with_all_of_its_contacts_and_features(limit: int) -> N
     identity = np.concatenate([np.arange(count) for count in counts])
     estimate = _estimate(rng, len(sample))
     whole = Contacts(sample, sample / 10, identity, estimate, {"area": rng.random(len(sample))})
-    kept = Downsample(limit)
+    kept = RunSummary(limit)
     for start in range(0, 300, 70):
         kept.add(whole[(sample >= start) & (sample < start + 70)])
     found = kept.contacts
@@ -113,7 +113,7 @@ def test_a_sample_is_kept_with_all_of_its_contacts_and_features(limit: int) -> N
     assert np.array_equal(found.features["area"], whole.features["area"][rows])
     assert _same(found.estimate, estimate[rows])
     assert len(np.unique(found.sample)) <= limit
-    assert (kept.count, kept.statuses.sum()) == (300, len(sample))
+    assert (kept.samples, kept.statuses.sum()) == (300, len(sample))
     assert kept.rate == pytest.approx(10.0)
     force = np.nan_to_num(np.linalg.norm(estimate.force, axis=1))
     assert sample[force.argmax()] in found.sample

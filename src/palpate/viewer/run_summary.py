@@ -1,0 +1,119 @@
+"""What is kept of a run, however long it gets: counts, touches, an even share of the samples and the peaks of force."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from palpate.contact.contacts import Contacts
+from palpate.contact.estimate import ROW, ContactEstimate, Status
+from palpate.contact.events import TouchFinder
+from palpate.viewer.samples import sample_starts
+
+__all__ = ["RunSummary"]
+
+
+class RunSummary:
+    """Takes contacts block by block and keeps at most `limit` samples; counts, touches and the peak are those of all.
+
+    Every `stride`-th sample is kept, and `stride` doubles when there are too many. What lies between may hold a short
+    touch, so the strongest sample of each of a few longer buckets is kept too: plots show all, statistics use `even`.
+    A sample is kept with all of its contacts.
+
+    Args:
+        limit: samples to keep; an eighth of them are peaks.
+
+    Attributes:
+        samples: how many were added.
+        most: contacts that are answered and located, in one sample.
+        statuses: (9,) how many rows of each `Status`.
+        finder: of the touches.
+    """
+
+    def __init__(self, limit: int = 20_000) -> None:
+        if limit < 8:
+            raise ValueError(f"limit must be at least 8, not {limit}")
+        peaks = limit // 8
+        self._even, self._peaks = _Thinned(limit - peaks, _first), _Thinned(peaks, _strongest)
+        self.samples = self.most = 0
+        self.statuses: Int[np.ndarray, "9"] = np.zeros(len(Status), dtype=np.int64)
+        self.finder = TouchFinder()
+
+    def add(self, contacts: Contacts) -> None:
+        """The next samples, each with all of its contacts, in the surface's frame."""
+        self.samples += len(sample_starts(contacts))
+        self.statuses += np.bincount(contacts.status, minlength=len(Status))
+        felt = contacts.sample[contacts.located & contacts.answered]
+        self.most = max(self.most, int(np.unique(felt, return_counts=True)[1].max(initial=0)))
+        self.finder.add(contacts)
+        self._even.add(contacts)
+        self._peaks.add(contacts)
+
+    @property
+    def rows(self) -> int:
+        """Of contacts."""
+        return int(self.statuses.sum())
+
+    @property
+    def stride(self) -> int:
+        """How many samples each of the even ones stands for."""
+        return self._even.size
+
+    @property
+    def contacts(self) -> Contacts:
+        """What is kept, in the order of the stream."""
+        even, peaks = self._even.contacts(), self._peaks.contacts()
+        both = Contacts.joined([even, peaks[~np.isin(peaks.sample, even.sample)]])
+        return both[np.argsort(both.sample, kind="stable")]
+
+    @property
+    def even(self) -> Bool[np.ndarray, " k"]:
+        """(k,) False for rows that were kept for their force alone, which would bias a statistic."""
+        return self.contacts.sample % self.stride == 0
+
+    @property
+    def rate(self) -> float:
+        """Samples a second, all of them; NaN where it is not known."""
+        even = self._even.contacts()
+        time: Float[np.ndarray, " m"] = even.time[sample_starts(even)]
+        steps = np.diff(time[np.isfinite(time)])
+        usual = float(np.median(steps)) if len(steps) else 0.0
+        return self.stride / usual if usual > 0 else float("nan")
+
+
+class _Thinned:
+    """Of each bucket of `size` consecutive samples the one that `pick` takes; buckets double when there are many."""
+
+    def __init__(self, limit: int, pick: Callable[[Contacts, int], Contacts]) -> None:
+        self.limit, self.size, self._pick = limit, 1, pick
+        self.parts = [Contacts.single(np.empty(0), ContactEstimate.from_rows(np.empty((0, ROW.length))))]
+
+    def add(self, contacts: Contacts) -> None:
+        self.parts.append(self._pick(contacts, self.size))
+        if sum(map(_samples, self.parts)) > 2 * self.limit:  # not at each block: joining costs as much as is held
+            self.contacts()
+
+    def contacts(self) -> Contacts:
+        """All that is kept."""
+        kept = self._pick(Contacts.joined(self.parts), self.size)
+        while _samples(kept) > self.limit:
+            self.size *= 2
+            kept = self._pick(kept, self.size)
+        self.parts = [kept]
+        return kept
+
+
+def _samples(contacts: Contacts) -> int:
+    return len(sample_starts(contacts))
+
+
+def _first(contacts: Contacts, size: int) -> Contacts:
+    return contacts[contacts.sample % size == 0]
+
+
+def _strongest(contacts: Contacts, size: int) -> Contacts:
+    rows = replace(contacts, sample=contacts.sample // size).strongest()
+    return contacts[np.isin(contacts.sample, contacts.sample[rows])]
