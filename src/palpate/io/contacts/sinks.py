@@ -86,7 +86,7 @@ class _Mcap:
     def __init__(self, path: Path, frame_id: str, features: tuple[str, ...]) -> None:
         self._mcap = McapWriter(topics(features), f"palpate {version('palpate')}")
         self._messages = Messages(frame_id, features)
-        self._file = _Appended(path, self._mcap.head())
+        self._file = _Appended(path, self._mcap.head)
 
     def append(self, contacts: Contacts) -> None:
         for start in range(0, len(contacts), _CHUNK):
