@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from palpate.io.rig import Rig
-from palpate.io.rig.load_cells import rig_cells
+from palpate.io.rig.load_cells import RigLoadCells
 from palpate.io.rig.skin import rig_body
 from palpate.viewer.layer import Layer
 from palpate.viewer.load_cells import LoadCellLayer
@@ -19,7 +19,7 @@ __all__ = ["layers_of"]
 
 def _load_cells(rig: Rig, forces: np.ndarray | None) -> Layer:
     del forces
-    return LoadCellLayer(rig_cells(rig))
+    return LoadCellLayer(rig.table(RigLoadCells).cells(rig.folder))
 
 
 def _skin(rig: Rig, forces: np.ndarray | None) -> Layer:

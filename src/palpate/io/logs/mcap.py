@@ -24,9 +24,8 @@ from mcap.opcode import Opcode
 from mcap.reader import make_reader
 from mcap.records import Channel, Schema
 
-from palpate.io.logs.log import Topic
+from palpate.io.logs.log import Messages, Source, Topic, merged
 from palpate.io.logs.mcap_chunks import LARGEST, inflate
-from palpate.io.logs.messages import Messages, merged
 from palpate.io.tables.lines import open_input, read_some
 
 __all__ = ["McapFile"]
@@ -52,11 +51,11 @@ class _Stretch:
         return self.others[-1][0] if self.others else 0
 
 
-class McapFile:
-    """One file, a `palpate.io.logs.messages.Source`."""
+class McapFile(Source):
+    """One file."""
 
     def __init__(self, path: Path) -> None:
-        self.path, self.size = path, path.stat().st_size
+        super().__init__(path, path.stat().st_size)
         self.definitions: dict[str, str] = {}  # name of a type -> its fields, as text
         self._schemas: dict[int, str] = {}  # these stand once read: a file may declare behind its messages
         self._channels: dict[int, Channel] = {}

@@ -17,9 +17,8 @@ from palpate.io.logs.columns import plan
 from palpate.io.logs.csv import CsvLog
 from palpate.io.logs.decoding import role, shape_of
 from palpate.io.logs.layout import Layout
-from palpate.io.logs.log import Log, LogContents, Topic
+from palpate.io.logs.log import Log, LogContents, Source, Topic
 from palpate.io.logs.mcap import McapFile
-from palpate.io.logs.messages import Source
 from palpate.io.logs.parquet import ParquetLog
 from palpate.io.logs.topic_log import TopicLog
 from palpate.io.logs.topics import choose
