@@ -143,7 +143,7 @@ def test_ctrl_c_while_parquet_is_joined_loses_nothing(
     def joining(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("palpate.io.contacts.sinks.pl.scan_parquet", joining)
+    monkeypatch.setattr("palpate.io.contacts.writing.pl.scan_parquet", joining)
     output = tmp_path / "contacts.parquet"
     assert estimate(made / "touches.csv", made / "rig.toml", output) == 130
     assert not output.exists()

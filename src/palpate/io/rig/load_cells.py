@@ -18,6 +18,7 @@ from palpate.io.logs.layout import ArrayChannel, Layout
 from palpate.io.models import read_model
 from palpate.io.rig import guess
 from palpate.io.rig.kind import Guess, Prepared, SensorKind
+from palpate.io.rig.tables import Three, require_positive
 from palpate.io.rig.wrench import rig_surface, wrench_estimator
 from palpate.sensors.load_cell_array import START, LoadCellArray
 from palpate.sensors.load_cells import LoadCells, with_changes
@@ -43,7 +44,6 @@ units = "V"                          # of the voltages: V, mV, uV
 
 """
 VOLT_UNITS = {"V": 1.0, "mV": 1e-3, "uV": 1e-6}
-Three = tuple[float, float, float]
 REFERENCE = ("ref_fx", "ref_fy", "ref_fz", "ref_x", "ref_y", "ref_z")
 
 
@@ -87,10 +87,7 @@ class RigLoadCells:
         unknown = [unit for unit in stated if unit not in VOLT_UNITS]
         if unknown:
             raise ValueError(f"unit {unknown[0]!r} is not one of {', '.join(VOLT_UNITS)}")
-        for name in ("noise", "range", "sensitivity", "drift", "accuracy", "ball"):
-            value = getattr(self, name)
-            if value is not None and not 0 < value < inf:
-                raise ValueError(f"{name} must be positive")
+        require_positive(self, "noise", "range", "sensitivity", "drift", "accuracy", "ball")
 
     def names(self, cells: int) -> tuple[str, ...]:
         """Of the columns: u1x, u1y, u1z, u2x, ... where none are named."""

@@ -14,6 +14,7 @@ from palpate.io.logs.layout import ArrayChannel, Layout
 from palpate.io.models import read_model
 from palpate.io.rig import guess
 from palpate.io.rig.kind import Guess, Prepared, SensorKind
+from palpate.io.rig.tables import require_positive
 from palpate.io.rig.wrench import first_seconds, noted_filter, rig_filter
 from palpate.io.skin_map import read_skin_map
 from palpate.sensors.intensity import Intensity
@@ -69,9 +70,7 @@ class RigSkin:
     def __post_init__(self) -> None:
         if not 0 <= self.bits <= 16:
             raise ValueError(f"bits must lie between 1 and 16, or be 0 for floats, not {self.bits}")
-        for name in ("rate", "tare"):
-            if (value := getattr(self, name)) is not None and not value > 0:
-                raise ValueError(f"{name} must be positive")
+        require_positive(self, "rate", "tare")
 
 
 def rig_map(rig: Rig) -> SkinMap:
