@@ -53,7 +53,7 @@ def _write_mcap(path: Path, session: Session, samples: int) -> None:
     )
     writer, sequence = McapWriter(topics, "evidence"), count()
     with path.open("wb") as file:
-        file.write(writer.head())
+        file.write(writer.head)
         for piece in pieces(session, samples):
             for start in range(0, len(piece), BLOCK):
                 rows = piece[start : start + BLOCK]

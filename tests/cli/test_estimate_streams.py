@@ -24,7 +24,6 @@ from palpate.cli import main
 from palpate.contact import Contacts
 from palpate.contact.estimate import Status
 from palpate.io.contacts import read_contacts
-from palpate.io.logs import parquet
 from palpate.io.models import load_toml
 from palpate.io.rig.edit import update_offset
 from palpate.sensors.recording import ORIENTATION
@@ -123,7 +122,7 @@ def test_ctrl_c_leaves_a_whole_file_of_what_was_done(
     pl.read_csv(made / "touches.csv").write_parquet(tmp_path / "log.parquet")
     assert estimate(tmp_path / "log.parquet", made / "rig.toml", tmp_path / f"whole{suffix}") == 0
     capsys.readouterr()
-    monkeypatch.setattr(parquet, "BLOCK", 500)
+    monkeypatch.setattr("palpate.io.logs.columns.BLOCK", 500)
     monkeypatch.setattr("palpate.cli.estimate.progress", _interrupting(2))
     output = tmp_path / f"contacts{suffix}"
     report = ("--report", str(tmp_path / "report.html")) if suffix == ".csv" else ()
@@ -144,7 +143,7 @@ def test_ctrl_c_while_parquet_is_joined_loses_nothing(
     def joining(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("palpate.io.contacts.sinks.pl.scan_parquet", joining)
+    monkeypatch.setattr("palpate.io.contacts.writing.pl.scan_parquet", joining)
     output = tmp_path / "contacts.parquet"
     assert estimate(made / "touches.csv", made / "rig.toml", output) == 130
     assert not output.exists()

@@ -28,8 +28,7 @@ from evidence.logs_written import (
 from palpate.errors import InputError
 from palpate.io.logs import ArrayChannel, Layout, contents, missing, open_log, read_recording
 from palpate.io.logs.decoding import ARRAYS, decode
-from palpate.io.logs.log import Topic
-from palpate.io.logs.messages import Messages
+from palpate.io.logs.log import Messages, Topic
 from palpate.sensors.recording import CELLS, FORCE, ORIENTATION, POSITION, REFERENCE, TORQUE, VOLTAGE
 
 LOG = session(60)
@@ -153,9 +152,8 @@ def test_a_file_without_times_has_those_of_a_rate(tmp_path: Path) -> None:
 
 
 def test_blocks_do_not_change_what_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("palpate.io.logs.arrays.BLOCK", 7)
+    monkeypatch.setattr("palpate.io.logs.columns.BLOCK", 7)
     monkeypatch.setattr("palpate.io.logs.topic_log.BLOCK", 7)
-    monkeypatch.setattr("palpate.io.logs.parquet.BLOCK", 7)
     for name in ("log.npz", "log.mcap", "log.parquet"):
         FORMATS[name](tmp_path / name)
         log = open_log(tmp_path / name, SKIN)

@@ -17,7 +17,7 @@ from palpate.contact.table import COLUMNS
 from palpate.errors import InputError
 from palpate.io.atomic import part
 from palpate.io.contacts import open_contacts, read_contacts, unfinished, write_contacts
-from palpate.io.contacts.sinks import _Appended
+from palpate.io.contacts.writing import _Appended
 
 SUFFIXES = (".csv", ".parquet", ".mcap")
 FIELDS = ("point", "normal", "force", "torque", "covariance", "candidates", "status")
@@ -156,17 +156,17 @@ def test_another_error_leaves_part_if_it_holds_a_row(tmp_path: Path, suffix: str
 def test_an_interrupt_within_a_block_leaves_the_blocks_before(
     tmp_path: Path, suffix: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    path, known, whole = tmp_path / f"contacts{suffix}", _contacts(300), _Appended.append
+    path, known, whole = tmp_path / f"contacts{suffix}", _contacts(300), _Appended.write
 
     def torn(file: _Appended, raw: bytes) -> None:
         if file.size > torn_beyond:
-            monkeypatch.setattr(_Appended, "append", whole)
+            monkeypatch.setattr(_Appended, "write", whole)
             file._file.write(raw[: len(raw) // 2])
             raise KeyboardInterrupt
         whole(file, raw)
 
     torn_beyond = 20_000
-    monkeypatch.setattr(_Appended, "append", torn)
+    monkeypatch.setattr(_Appended, "write", torn)
     with pytest.raises(KeyboardInterrupt):
         _write(path, known, 10)
     found = read_contacts(path)

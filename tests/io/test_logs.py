@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from palpate.errors import InputError
-from palpate.io.logs import join, read_recording
-from palpate.io.logs.csv import CsvLog
+from palpate.io.logs import join, open_log, read_recording
 from palpate.io.logs.layout import Layout, axis_matrix
 from palpate.io.tables.table import read_table
 from palpate.sensors.recording import FORCE, ORIENTATION, TORQUE
@@ -223,7 +222,9 @@ def test_a_file_of_quotes_or_tabs_is_refused_in_a_sentence(tmp_path: Path, conte
 
 @pytest.mark.parametrize("end", ["\n", "\r\n"])
 @pytest.mark.parametrize("piece", [60, 61, 97, 150, 400])
-def test_pieces_do_not_change_what_is_read_or_said(tmp_path: Path, end: str, piece: int) -> None:
+def test_pieces_do_not_change_what_is_read_or_said(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, end: str, piece: int
+) -> None:
     """The step that is usual is taken from the first piece; here it is the same everywhere."""
     rows = [f"{0.01 * k + (k > 20):.2f},1,2,{k},4,5,6,{'' if k % 3 else k}" for k in range(40)]
     rows[5:5] = ["", "  ", '0.055,oops,2,3,4,5,6,"x', "0.056,1,2"]
@@ -231,7 +232,8 @@ def test_pieces_do_not_change_what_is_read_or_said(tmp_path: Path, end: str, pie
     path = _log(tmp_path, "", f"{HEADER},note", *rows, "", end=end)
     whole = read_recording(path)
     assert len(whole.notes) == 8
-    log = CsvLog(path, Layout(), piece)
+    monkeypatch.setattr("palpate.io.logs.csv.PIECE", piece)
+    log = open_log(path)
     blocks = list(log.blocks())
     assert len(blocks) > 2
     joined = join(blocks)
@@ -241,10 +243,13 @@ def test_pieces_do_not_change_what_is_read_or_said(tmp_path: Path, end: str, pie
     assert log.position == log.size
 
 
-def test_a_column_of_text_is_refused_only_if_it_never_holds_a_number(tmp_path: Path) -> None:
+def test_a_column_of_text_is_refused_only_if_it_never_holds_a_number(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """A sensor that starts late writes words for the first minute."""
+    monkeypatch.setattr("palpate.io.logs.csv.PIECE", 100)
     rows = [f"{k},{'starting' if k < 50 else 1},2,3,4,5,6" for k in range(60)]
-    recording = join(list(CsvLog(_log(tmp_path, HEADER, *rows), Layout(), 100).blocks()))
+    recording = read_recording(_log(tmp_path, HEADER, *rows))
     assert np.isnan(recording.wrenches()[:, 0]).tolist() == [True] * 50 + [False] * 10
     with pytest.raises(InputError, match="no number in column 'fx'; line 2 has 'starting'"):
-        list(CsvLog(_log(tmp_path, HEADER, *rows[:50]), Layout(), 100).blocks())
+        read_recording(_log(tmp_path, HEADER, *rows[:50]))

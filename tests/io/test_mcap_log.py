@@ -31,9 +31,8 @@ from palpate.io.logs import open_log, read_recording
 from palpate.io.logs._mcap_walk import walk
 from palpate.io.logs.decoding import FIXED, decode, seconds
 from palpate.io.logs.layout import Layout
-from palpate.io.logs.log import Topic
+from palpate.io.logs.log import Messages, Topic
 from palpate.io.logs.mcap import MAGIC
-from palpate.io.logs.messages import Messages
 from palpate.sensors.recording import ACCELERATION, ORIENTATION, POSITION, Recording
 
 IMU = "/imu"

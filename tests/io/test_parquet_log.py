@@ -12,7 +12,6 @@ from evidence.logs_written import session, write_parquet
 from palpate.errors import InputError
 from palpate.io.logs import open_log, read_recording
 from palpate.io.logs.layout import Layout
-from palpate.io.logs.parquet import ParquetLog
 
 NAMES = ("time", "fx", "fy", "fz", "tx", "ty", "tz")
 
@@ -36,10 +35,11 @@ def test_null_is_nan_and_said(tmp_path: Path) -> None:
     assert recording.notes == ("3 of 3 rows have a field that is missing or not a number (first: row 1)",)
 
 
-def test_blocks_do_not_change_what_is_read(tmp_path: Path) -> None:
+def test_blocks_do_not_change_what_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("palpate.io.logs.parquet.PIECE", 17)
     log = session(1000)
     write_parquet(tmp_path / "log.parquet", log)
-    blocks = list(ParquetLog(tmp_path / "log.parquet", Layout(), piece=17).blocks())
+    blocks = list(open_log(tmp_path / "log.parquet").blocks())
     assert len(blocks) > 10
     assert np.array_equal(np.concatenate([block.wrenches() for block in blocks]), log.wrench)
 

@@ -12,9 +12,9 @@ import pytest
 
 from palpate.errors import InputError
 from palpate.io.atomic import write_text
-from palpate.io.logs.guess import guess_orientation, guess_position, guess_time, guess_wrench
 from palpate.io.rig import check_rig, load_rig
 from palpate.io.rig.edit import update_pose
+from palpate.io.rig.guess import orientation_columns, position_columns, time_column, wrench_columns
 from palpate.io.rig.new import propose_rig
 from palpate.io.rig.surface import RigSurface
 from palpate.io.rig.tables import RigEstimate, RigPair, RigThresholds
@@ -199,11 +199,11 @@ def test_columns_are_guessed_from_their_names(
     header: str, time: str | None, wrench: str | None, orientation: str | None, position: str | None
 ) -> None:
     names = header.split(",")
-    assert guess_time(names) == time
+    assert time_column(names) == time
     for guess, expected in (
-        (guess_wrench(names), wrench),
-        (guess_orientation(names), orientation),
-        (guess_position(names), position),
+        (wrench_columns(names), wrench),
+        (orientation_columns(names), orientation),
+        (position_columns(names), position),
     ):
         assert guess == (None if expected is None else tuple(expected.split(",")))
 

@@ -13,8 +13,8 @@ from palpate.errors import InputError
 from palpate.io.contacts import read_contacts, write_contacts
 from palpate.io.models import read_model, write_model
 from palpate.io.rig import load_rig
-from palpate.io.rig.skin import rig_skin
-from palpate.io.skin_csv import read_map_csv
+from palpate.io.rig.skin import RigSkin
+from palpate.io.skin_map import read_skin_map
 from palpate.sensors.intensity import Curve, Intensity
 
 CURVES = (
@@ -58,20 +58,20 @@ def test_what_is_wrong_with_a_rig_is_said(tmp_path: Path, text: str, said: str) 
     path = tmp_path / "rig.toml"
     path.write_text(text)
     with pytest.raises(InputError, match=said):
-        rig_skin(load_rig(path))
+        load_rig(path).table(RigSkin)
 
 
 def test_a_map_as_rows_of_cells_is_read_whatever_their_order(tmp_path: Path) -> None:
     rows = [f"{r},{c},{0.01 * c},{0.01 * r},0,0,0,1,1e-4" for r in (1, 0) for c in (2, 0, 1)]
     path = tmp_path / "map.csv"
     path.write_text("\n".join(["row,column,x,y,z,nx,ny,nz,area", *rows]))
-    place = read_map_csv(path)
+    place = read_skin_map(path)
     assert (place.rows, place.columns) == (2, 3)
     np.testing.assert_allclose(place.centres[1, 2], [0.02, 0.01, 0.0])
     np.testing.assert_allclose(place.pitch, (0.01, 0.01))
     path.write_text("\n".join(["row,column,x,y,z,nx,ny,nz,area", *rows[1:]]))
     with pytest.raises(InputError, match="has 5 rows, not one for each of 2 x 3"):
-        read_map_csv(path)
+        read_skin_map(path)
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".parquet", ".mcap"])

@@ -11,7 +11,7 @@ from palpate.io.atomic import keep_inputs
 from palpate.io.logs import read_recording
 from palpate.io.models import provenance, write_model
 from palpate.io.rig import load_rig
-from palpate.io.rig.load_cells import load_cells_layout, rig_load_cells
+from palpate.io.rig.load_cells import RigLoadCells, load_cells_layout
 from palpate.io.rig.wrench import rig_surface
 from palpate.sensors.recording import REFERENCE, VOLTAGE
 
@@ -31,7 +31,7 @@ def calibrate_load_cells(log: Log, /, rig: RigFile, output: Output) -> None:
         output: model to write, such as fingertip.toml.
     """
     setup = load_rig(rig)
-    table = rig_load_cells(setup)
+    table = setup.table(RigLoadCells)
     keep_inputs(output, (log, rig, setup.files().get("mesh")))
     recording = read_recording(log, load_cells_layout(setup, bench=True))
     reference, voltages = recording.channels[REFERENCE], recording.channels[VOLTAGE]

@@ -17,7 +17,7 @@ from palpate.contact.resolution import nominal_cells
 from palpate.errors import InputError
 from palpate.io.atomic import keep_inputs, write_text
 from palpate.io.rig import Rig, load_rig
-from palpate.io.rig.load_cells import rig_load_cells
+from palpate.io.rig.load_cells import RigLoadCells
 from palpate.io.rig.wrench import rig_surface
 from palpate.sensors.load_cells import LoadCells
 from palpate.viewer.report import render, require_report
@@ -54,7 +54,7 @@ def design_load_cells(
         raise InputError(f"--friction must not be negative, not {friction:g}.")
     setup = load_rig(rig)
     keep_inputs(output, (rig, *setup.files().values()))
-    surface, cells = rig_surface(setup), rig_load_cells(setup).nominal(setup.folder)
+    surface, cells = rig_surface(setup), setup.table(RigLoadCells).nominal(setup.folder)
     design = Design(rig.name, cells, surface, accuracy, force, friction, tared, tuple(_variants(setup, cells)))
     write_text(output, render(compose(design)))
     title(f"{rig} -> {output}")
@@ -64,7 +64,7 @@ def design_load_cells(
 
 def _variants(rig: Rig, cells: LoadCells) -> Iterator[tuple[str, LoadCells]]:
     """Layouts that have not been built can still be changed."""
-    table, places = rig_load_cells(rig), cells.positions
+    table, places = rig.table(RigLoadCells), cells.positions
     if table.model is not None or table.sensitivity is None or table.noise is None:
         return
     middle = places.mean(axis=0)

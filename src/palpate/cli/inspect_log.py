@@ -13,10 +13,10 @@ from palpate.contact.estimate import Status
 from palpate.errors import InputError
 from palpate.io.contacts import contact_blocks, unfinished
 from palpate.io.logs import LogContents, contents, open_log
-from palpate.io.logs.guess import guess_orientation
 from palpate.io.models import read_provenance
 from palpate.io.pipeline import open_log as open_rig_log
 from palpate.io.rig import Rig
+from palpate.io.rig.guess import orientation_columns
 from palpate.io.rig.new import guess_sensor
 from palpate.sensors.noise import estimate_noise
 from palpate.sensors.recording import FORCE, ORIENTATION, POSITION, TORQUE, Recording
@@ -136,7 +136,7 @@ def _orientation(kept: Recording, there: LogContents) -> str:
         lost = ~np.isfinite(kept.channels[ORIENTATION]).all(axis=1)
         where = "" if POSITION in kept.channels else ", without a position"
         return f"there{where}" + (f", missing in {percent(lost.mean())}" if lost.any() else "")
-    guess = guess_orientation(list(there.names))
+    guess = orientation_columns(list(there.names))
     return "none" if guess is None else f"perhaps {', '.join(guess)}"
 
 

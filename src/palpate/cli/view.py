@@ -20,7 +20,7 @@ from palpate.io.contacts import contact_blocks, read_contacts
 from palpate.io.models import read_provenance
 from palpate.io.pipeline import Pipeline
 from palpate.io.rig import Rig
-from palpate.io.rig.load_cells import rig_cells
+from palpate.io.rig.load_cells import RigLoadCells
 from palpate.io.rig.skin import rig_body
 from palpate.surfaces import Surface
 from palpate.viewer.layer import Layer
@@ -76,7 +76,7 @@ def _layers(rig: Rig, sensor: str, forces: np.ndarray | None = None) -> tuple[La
         return ()
     there = all(path.exists() for name, path in rig.files(rig.kind(sensor)).items() if name != "mesh")
     if there and sensor == "load_cells":
-        return (LoadCellLayer(rig_cells(rig)),)
+        return (LoadCellLayer(rig.table(RigLoadCells).cells(rig.folder)),)
     return (TaxelLayer(rig_body(rig), forces),) if there and sensor == "skin" else ()
 
 

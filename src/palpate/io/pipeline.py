@@ -182,15 +182,15 @@ class Pipeline:
     """A log on its way to contacts, once.
 
     Attributes:
-        log, estimator, frame: what it is made of.
+        log, frame, estimator: what it is made of.
         said, doubted: sentences on what was done before the first sample, and on what may be wrong about it.
         facts: settings in force.
         seconds: spent on preparing and locating; the log knows those of reading.
     """
 
     log: OpenedLog
-    estimator: ContactEstimator
     frame: str
+    estimator: ContactEstimator
     said: list[str]
     doubted: list[str]
     facts: dict[str, object]
@@ -212,7 +212,7 @@ class Pipeline:
         if frame == "base":
             _require_pose(log, head)
         made = prepare(log.rig, log)
-        pipeline = cls(log, made.estimator, frame, made.said, made.doubted, made.facts)
+        pipeline = cls(log, frame, made.estimator, made.said, made.doubted, made.facts)
         pipeline.seconds["prepare"] = perf_counter() - begin - (log.seconds - read)
         return pipeline
 

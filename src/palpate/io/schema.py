@@ -55,7 +55,8 @@ class Form:
 
     Args:
         keys: what is to be said of each, in the order of the file; those without an entry come after them.
-        build: annotated function from the keys of the file to a value; None: the class itself.
+        build: annotated function from the keys of the file to a value; None: the class itself. `**` of it stands for
+            those of `keys` that are fields of the class.
         spell: from a value to the keys of the file; None: its fields.
     """
 
@@ -88,7 +89,11 @@ def parse(
     """
     form = forms.get(model, Form({}))
     build = form.build or model
-    hints, parameters = get_type_hints(build), signature(build).parameters
+    hints, parameters = get_type_hints(build), dict(signature(build).parameters)
+    if "rest" in parameters:
+        own = signature(model).parameters
+        parameters = {name: parameters.get(name) or own[name] for name in (*parameters, *form.keys) if name != "rest"}
+        hints = get_type_hints(model) | hints
     for name in table:
         if name not in parameters:
             raise InputError(f"unknown key {name!r}{_in(key)}.", where=file, hint=near(name, parameters))

@@ -15,9 +15,8 @@ from palpate.errors import InputError
 from palpate.io.atomic import PART
 from palpate.io.contacts.csv import csv_blocks, noted, require_columns
 from palpate.io.contacts.mcap import KIND, from_messages, named_features
-from palpate.io.contacts.mcap_write import MAGIC
-from palpate.io.logs.mcap import McapFile
-from palpate.io.logs.messages import Messages
+from palpate.io.logs.log import Messages
+from palpate.io.logs.mcap import MAGIC, McapFile
 
 __all__ = ["contact_blocks"]
 

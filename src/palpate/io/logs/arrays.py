@@ -4,28 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Generator, Iterator, Sequence
 from contextlib import contextmanager
-from itertools import groupby
 from math import prod
-from pathlib import Path
 from typing import Any
 from zipfile import BadZipFile, ZipFile
 from zlib import error as ZlibError
 
 import numpy as np
-from jaxtyping import Float
 
 from palpate.errors import InputError
-from palpate.io.logs.columns import SINGLE, Columns, flattened
-from palpate.io.logs.layout import Layout
+from palpate.io.logs.columns import SINGLE, ColumnLog, Columns
 from palpate.io.logs.log import LogContents
-from palpate.io.logs.samples import rows_at_once
-from palpate.io.tables.fields import Fields
 from palpate.io.tables.lines import open_input
 from palpate.sensors.recording import Recording
 
 __all__ = ["ArrayLog"]
 
-BLOCK = 1 << 13  # rows
 _MAGIC = b"\x93NUMPY"
 _DAMAGED = (
     OSError,
@@ -41,15 +34,8 @@ _DAMAGED = (
 )
 
 
-class ArrayLog:
-    """As many samples as the arrays have rows."""
-
-    torn = ""  # such a file is whole or none
-
-    def __init__(self, path: Path, layout: Layout) -> None:
-        self.path, self._layout = path, layout
-        self.position, self.size = 0, path.stat().st_size
-        self._columns: Columns | None = None
+class ArrayLog(ColumnLog):
+    """As many samples as the arrays have rows; such a file is whole or none."""
 
     def contents(self) -> LogContents:
         """See `palpate.io.logs.log.Log`."""
@@ -73,19 +59,8 @@ class ArrayLog:
                 hint="Give the rate [Hz] of the samples in the rig, or write an .npz with the time as an array.",
             )
         self._columns = columns = Columns(self._layout, self.path, shapes)
-        places = flattened(shapes)
-        names = list(dict.fromkeys(places[column][0] for column in columns.names))
-        arrays = self._arrays(names)
-        count = len(arrays[names[0]])
-        block = rows_at_once(BLOCK, len(columns.names))
-        for start in range(0, count, block):
-            self.position = self.size * min(start + block, count) // count
-            rows = {name: values[start : start + block] for name, values in arrays.items()}
-            yield columns.block(_Piece(rows, places, start).read)
-
-    def notes(self) -> tuple[str, ...]:
-        """See `palpate.io.logs.log.Log`."""
-        return () if self._columns is None else tuple(dict.fromkeys(self._columns.notes()))
+        arrays = self._arrays(list(dict.fromkeys(columns.places[column][0] for column in columns.names)))
+        yield from self._cut(columns, arrays, 0, len(next(iter(arrays.values()))))
 
     def _arrays(self, names: Sequence[str]) -> dict[str, np.ndarray]:
         """Those that are read, (n, k) each, row for row."""
@@ -131,19 +106,3 @@ def _head(file: Any) -> tuple[int, ...]:
 def _sample(shape: tuple[int, ...]) -> tuple[int, ...]:
     """Of one row, () for one number."""
     return shape[1:] if prod(shape[1:]) != 1 else ()
-
-
-class _Piece:
-    """Some rows of the arrays."""
-
-    def __init__(self, arrays: dict[str, np.ndarray], places: dict[str, tuple[str, int]], before: int) -> None:
-        self._arrays, self._places, self._before = arrays, places, before
-
-    def read(self, names: Sequence[str], fields: Fields) -> Float[np.ndarray, "n k"]:
-        parts: list[np.ndarray] = []
-        for array, group in groupby(map(self._places.__getitem__, names), key=lambda place: place[0]):
-            values, columns = self._arrays[array], [k for _, k in group]
-            parts.append(values if columns == list(range(values.shape[1])) else values.take(columns, axis=1))
-        found = (parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)).astype(np.float64, order="C")
-        fields.count(found, lambda row: f"row {self._before + row + 1}")
-        return found

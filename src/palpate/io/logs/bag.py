@@ -11,9 +11,8 @@ from typing import Any
 import numpy as np
 
 from palpate.errors import InputError
-from palpate.io.logs.log import Topic
+from palpate.io.logs.log import Messages, Source, Topic, merged
 from palpate.io.logs.mcap import McapFile
-from palpate.io.logs.messages import Messages, Source, merged
 from palpate.io.tables.lines import open_input
 
 __all__ = ["BagFile", "open_folder"]
@@ -36,7 +35,7 @@ def open_folder(path: Path) -> Source:
         listed = ", ".join(part.name for part in parts[:5])
         raise InputError(f"holds MCAP files that are not one recording: {listed}.", where=str(path), hint="Name one.")
     if parts:
-        return _Parts([McapFile(part) for part in parts])
+        return _Parts(path, [McapFile(part) for part in parts])
     if path / "metadata.yaml" not in files:
         raise InputError("is a folder without metadata.yaml: no ROS 2 bag.", where=str(path))
     return BagFile(path)
@@ -47,41 +46,40 @@ def _natural(path: Path) -> tuple[str | int, ...]:
     return tuple(int(part) if part.isdigit() else part for part in re.split(r"(\d+)", path.name))
 
 
-class _Parts:
+class _Parts(Source):
     """Files of one recording, one after the other."""
 
-    def __init__(self, parts: list[McapFile]) -> None:
+    def __init__(self, path: Path, parts: list[McapFile]) -> None:
+        super().__init__(path, sum(part.size for part in parts))
         self._parts = parts
-        self.size = sum(part.size for part in parts)
-
-    @property
-    def position(self) -> int:
-        return sum(part.position for part in self._parts)
-
-    @property
-    def torn(self) -> str:
-        return "; ".join(f"{part.path.name}: {part.torn}" for part in self._parts if part.torn)
 
     def topics(self) -> list[Topic]:
-        return merged(topic for part in self._parts for topic in part.topics())
+        found = merged(topic for part in self._parts for topic in part.topics())
+        self._say_torn()
+        return found
 
     def messages(self, names: Collection[str] = ()) -> Generator[Messages]:
+        done = 0
         for part in self._parts:
-            yield from part.messages(names)
+            for messages in part.messages(names):
+                self.position = done + part.position
+                yield messages
+            done += part.size
+        self._say_torn()
+
+    def _say_torn(self) -> None:
+        self.torn = "; ".join(f"{part.path.name}: {part.torn}" for part in self._parts if part.torn)
 
     def notes(self) -> tuple[str, ...]:
         return tuple(f"{part.path.name}: {note}" for part in self._parts for note in part.notes())
 
 
-class BagFile:
-    """A .bag file, a .db3 file or a folder of these, a `palpate.io.logs.messages.Source`."""
-
-    torn = ""  # rosbags reads a bag that is whole, or none
+class BagFile(Source):
+    """A .bag file, a .db3 file or a folder of these; rosbags reads one that is whole, or none."""
 
     def __init__(self, path: Path) -> None:
-        self.path = path
         files = [path] if path.is_file() else [file for file in path.iterdir() if file.is_file()]
-        self.size, self.position = sum(file.stat().st_size for file in files), 0
+        super().__init__(path, sum(file.stat().st_size for file in files))
 
     def topics(self) -> list[Topic]:
         """By what the bag says of itself."""
@@ -109,10 +107,6 @@ class BagFile:
             self.position = self.size
             if batch:
                 yield _joined(batch, topics)
-
-    def notes(self) -> tuple[str, ...]:
-        """Nothing."""
-        return ()
 
     @contextmanager
     def _opened(self) -> Generator[Any]:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from itertools import chain
+from itertools import chain, groupby
 from math import prod
 from pathlib import Path
 
@@ -19,13 +19,15 @@ from palpate.io.logs.layout import (
     ArrayChannel,
     Layout,
 )
-from palpate.io.logs.samples import WRENCH, Samples
+from palpate.io.logs.log import Log
+from palpate.io.logs.samples import WRENCH, Samples, rows_at_once
 from palpate.io.tables.fields import Fields
 from palpate.io.units import TIME_UNITS, near, to_si
 from palpate.sensors.recording import ACCELERATION, CELLS, FORCE, ORIENTATION, POSITION, TORQUE, Recording
 
-__all__ = ["SINGLE", "Columns", "flattened", "plan"]
+__all__ = ["BLOCK", "SINGLE", "ColumnLog", "Columns", "flattened", "plan"]
 
+BLOCK = 1 << 13  # rows handed on at a time
 Read = Callable[[Sequence[str], Fields], Float[np.ndarray, "n k"]]
 Shapes = Mapping[str, tuple[int, ...]]
 _TIME = "time"
@@ -48,12 +50,16 @@ class Columns:
 
     Raises:
         InputError: the layout cannot be meant, or a column that it names is not there.
+
+    Attributes:
+        places: column -> its array, and where in it.
     """
 
     def __init__(self, layout: Layout, path: Path, shapes: Shapes) -> None:
         self._samples, self._path, self._layout = Samples(layout, path), path, layout
         self._per_second = round(1 / to_si(layout.time_unit, TIME_UNITS, where="time_unit"))
         self._groups = plan(layout, shapes, path)
+        self.places = flattened(shapes)
         self._fields = {group: Fields() for group in self._groups}
         self._count = 0
 
@@ -84,6 +90,43 @@ class Columns:
         if _TIME not in self._groups:
             return (f"samples have no times: {self._layout.rate:g} Hz is taken, as the rig says", *said)
         return said
+
+
+class ColumnLog(Log):
+    """A file of columns: as many samples as it has rows, in their order; what cannot be read is NaN and noted."""
+
+    def __init__(self, path: Path, layout: Layout) -> None:
+        super().__init__(path, path.stat().st_size if path.exists() else 0)
+        self._layout = layout
+        self._columns: Columns | None = None
+
+    def notes(self) -> tuple[str, ...]:
+        """See `palpate.io.logs.log.Log`."""
+        return () if self._columns is None else tuple(dict.fromkeys(self._columns.notes()))
+
+    def _cut(self, columns: Columns, arrays: Mapping[str, np.ndarray], before: int, total: int) -> Iterator[Recording]:
+        """The rows of some arrays, (n, k) each, in blocks; so many stand before them in the file, of so many in all."""
+        count, block = len(next(iter(arrays.values()))), rows_at_once(BLOCK, len(columns.names))
+        for start in range(0, count, block):  # what follows needs far more memory than what is read
+            self.position = self.size * (before + min(start + block, count)) // total
+            rows = {name: values[start : start + block] for name, values in arrays.items()}
+            yield columns.block(_Rows(rows, columns.places, before + start).read)
+
+
+class _Rows:
+    """Some rows of arrays, in which `places` says where the columns are."""
+
+    def __init__(self, arrays: Mapping[str, np.ndarray], places: Mapping[str, tuple[str, int]], before: int) -> None:
+        self._arrays, self._places, self._before = arrays, places, before
+
+    def read(self, names: Sequence[str], fields: Fields) -> Float[np.ndarray, "n k"]:
+        parts: list[np.ndarray] = []
+        for array, group in groupby(map(self._places.__getitem__, names), key=lambda place: place[0]):
+            values, columns = self._arrays[array], [k for _, k in group]
+            parts.append(values if columns == list(range(values.shape[1])) else values.take(columns, axis=1))
+        found = (parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)).astype(np.float64, order="C")
+        fields.count(found, lambda row: f"row {self._before + row + 1}")
+        return found
 
 
 def plan(layout: Layout, shapes: Shapes, path: Path) -> dict[str, Sequence[str]]:

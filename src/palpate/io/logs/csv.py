@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from os import SEEK_END
 from pathlib import Path
 
-from palpate.io.logs.columns import Columns
+from palpate.io.logs.columns import ColumnLog, Columns
 from palpate.io.logs.layout import Layout
 from palpate.io.logs.log import LogContents
 from palpate.io.tables.fields import Rows
@@ -20,15 +20,12 @@ PIECE = 1 << 21  # bytes
 HEAD = 1 << 16  # bytes, in which the header is looked for
 
 
-class CsvLog:
-    """As many samples as the file has rows, in their order; what cannot be read is NaN and noted."""
+class CsvLog(ColumnLog):
+    """Comma, semicolon or tab separated text."""
 
-    def __init__(self, path: Path, layout: Layout, piece: int = PIECE) -> None:
-        self.path, self._layout, self._piece = path, layout, piece
-        self.position, self.size = 0, path.stat().st_size if path.exists() else 0
+    def __init__(self, path: Path, layout: Layout) -> None:
+        super().__init__(path, layout)
         self._rows = Rows()
-        self._columns: Columns | None = None
-        self.torn = ""
 
     def contents(self) -> LogContents:
         """See `palpate.io.logs.log.Log`."""
@@ -39,7 +36,7 @@ class CsvLog:
         """See `palpate.io.logs.log.Log`."""
         self._rows, self._columns, self.torn = Rows(), None, ""
         with open_input(self.path) as file:
-            for table in tables(file, self.path, self._piece):
+            for table in tables(file, self.path, PIECE):
                 self.position = file.tell() if file.seekable() else 0
                 if self._columns is None:
                     self._columns = Columns(self._layout, self.path, dict.fromkeys(table.names, ()))
@@ -56,5 +53,4 @@ class CsvLog:
 
     def notes(self) -> tuple[str, ...]:
         """See `palpate.io.logs.log.Log`."""
-        columns = () if self._columns is None else self._columns.notes()
-        return tuple(dict.fromkeys((*self._rows.notes(), *columns)))
+        return tuple(dict.fromkeys((*self._rows.notes(), *super().notes())))

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from palpate.io.logs.log import Topic
-from palpate.io.logs.messages import Messages
+from palpate.io.logs.log import Messages, Topic
 
 __all__ = ["ARRAYS", "FIXED", "IMAGE", "Kind", "decode", "has_header", "role", "seconds", "shape_of"]
 

@@ -1,15 +1,18 @@
-"""An opened log, whatever its format: read in blocks, any number of times."""
+"""An opened log, whatever its format, and the messages of a file of messages: read in blocks, any number of times."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from abc import ABC, abstractmethod
+from collections.abc import Collection, Generator, Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Protocol, runtime_checkable
+
+import numpy as np
+from jaxtyping import Int
 
 from palpate.sensors.recording import Recording
 
-__all__ = ["Log", "LogContents", "Topic", "Watched"]
+__all__ = ["Log", "LogContents", "Messages", "Source", "Topic", "merged"]
 
 
 @dataclass(frozen=True)
@@ -24,6 +27,15 @@ class Topic:
     def same(self, other: Topic) -> bool:
         """Whether these only differ in the count."""
         return (self.name, self.kind, self.encoding) == (other.name, other.kind, other.encoding)
+
+
+def merged(topics: Iterable[Topic]) -> list[Topic]:
+    """One entry for those that only differ in the count."""
+    counts: dict[Topic, int] = {}
+    for topic in topics:
+        key = replace(topic, count=0)
+        counts[key] = counts.get(key, 0) + topic.count
+    return [replace(topic, count=count) for topic, count in counts.items()]
 
 
 @dataclass(frozen=True)
@@ -43,48 +55,76 @@ class LogContents:
     torn: str = ""
 
 
-@runtime_checkable
-class Watched(Protocol):
+@dataclass(frozen=True)
+class Messages:
+    """Some messages, in the order of the file.
+
+    Attributes:
+        data: the bytes in which they are.
+        topic: (n,) a key of `topics`; a message whose key is not there belongs to nothing that was declared.
+        time: (n,) [ns] when they were recorded.
+        start, length: (n,) of the payload in `data`.
+    """
+
+    data: bytes
+    topics: Mapping[int, Topic]
+    topic: Int[np.ndarray, " n"]
+    time: Int[np.ndarray, " n"]
+    start: Int[np.ndarray, " n"]
+    length: Int[np.ndarray, " n"]
+
+    def of(self, topic: Topic) -> Messages:
+        """Those of one topic, as far as they are of its type."""
+        mask = np.isin(self.topic, [key for key, other in self.topics.items() if other.same(topic)])
+        return Messages(self.data, self.topics, self.topic[mask], self.time[mask], self.start[mask], self.length[mask])
+
+
+class _Watched:
     """What is read piece by piece while somebody looks on.
 
     Attributes:
-        size: bytes to read in all; `position`: bytes read so far in the running iteration, for who watches.
+        path: of the file or folder.
+        size: bytes to read in all.
+        position: bytes read so far in the running iteration.
         torn: after an iteration, the sentence that says where the file was cut; "" where it is whole.
     """
 
-    @property
-    def size(self) -> int: ...  # noqa: D102 - said above
-
-    @property
-    def position(self) -> int: ...  # noqa: D102 - said above
-
-    @property
-    def torn(self) -> str: ...  # noqa: D102 - said above
+    def __init__(self, path: Path, size: int) -> None:
+        self.path, self.size = path, size
+        self.position, self.torn = 0, ""
 
     def notes(self) -> tuple[str, ...]:
         """What a reader of the results should know of what was read so far, one sentence each."""
-        ...
+        return ()
 
 
-@runtime_checkable
-class Log(Watched, Protocol):
-    """What every reader gives; `path` is of the file or folder."""
+class Source(_Watched, ABC):
+    """A file of messages."""
 
-    @property
-    def path(self) -> Path: ...  # noqa: D102 - said above
+    @abstractmethod
+    def topics(self) -> list[Topic]:
+        """Everything that it declares, one entry a name and type, with how many messages there are."""
 
+    @abstractmethod
+    def messages(self, names: Collection[str] = ()) -> Generator[Messages]:
+        """From the start, in the order of the file: all, or at least those of the topics that are named."""
+
+
+class Log(_Watched, ABC):
+    """What every reader gives."""
+
+    @abstractmethod
     def contents(self) -> LogContents:
         """What is in it, whatever the layout; only an MCAP file without an index is read for it.
 
         Raises:
             InputError: it cannot be read.
         """
-        ...
 
+    @abstractmethod
     def blocks(self) -> Iterator[Recording]:
         """The samples from the start, in the order of the file, every one once, in pieces as they come.
 
         Raises:
             InputError: what the layout asks for is not there.
         """
-        ...

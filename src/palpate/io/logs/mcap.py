@@ -7,9 +7,10 @@ them; behind them an index, a footer and MAGIC again.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Generator, Iterator
+from collections.abc import Collection, Generator, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from io import BytesIO
 from pathlib import Path
 from struct import error as StructError
 from struct import unpack_from
@@ -17,10 +18,14 @@ from typing import BinaryIO
 
 import numpy as np
 from jaxtyping import Int
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
+from mcap.opcode import Opcode
+from mcap.reader import make_reader
+from mcap.records import Channel, Schema
 
-from palpate.io.logs.log import Topic
-from palpate.io.logs.mcap_chunks import LARGEST, Chunk, channel, inflate, schema, statistics
-from palpate.io.logs.messages import Messages, merged
+from palpate.io.logs.log import Messages, Source, Topic, merged
+from palpate.io.logs.mcap_chunks import LARGEST, inflate
 from palpate.io.tables.lines import open_input, read_some
 
 __all__ = ["McapFile"]
@@ -28,11 +33,8 @@ __all__ = ["McapFile"]
 MAGIC = b"\x89MCAP0\r\n"
 PIECE = 1 << 22  # bytes read at a time; a longer record, if no chunk, is passed over
 _HEAD = 9
-_FOOTER, _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _STATISTICS = 2, 3, 4, 5, 6, 11
-_END = _HEAD + 20 + len(MAGIC)  # bytes of the footer and what follows it
-_LONGEST_INDEX = 1 << 26
 _MOST = 1 << 16  # records of a stretch
-_FOOT = bytes([_FOOTER]) + (20).to_bytes(8, "little")
+_DECLARING: Mapping[int, type[Schema] | type[Channel]] = {Opcode.SCHEMA: Schema, Opcode.CHANNEL: Channel}
 
 
 @dataclass(frozen=True)
@@ -49,14 +51,14 @@ class _Stretch:
         return self.others[-1][0] if self.others else 0
 
 
-class McapFile:
-    """One file, a `palpate.io.logs.messages.Source`."""
+class McapFile(Source):
+    """One file."""
 
     def __init__(self, path: Path) -> None:
-        self.path, self.size = path, path.stat().st_size
+        super().__init__(path, path.stat().st_size)
         self.definitions: dict[str, str] = {}  # name of a type -> its fields, as text
         self._schemas: dict[int, str] = {}  # these stand once read: a file may declare behind its messages
-        self._channels: dict[int, tuple[int, str, str]] = {}
+        self._channels: dict[int, Channel] = {}
         self._topics: dict[int, Topic] = {}
         self._forget()
 
@@ -102,10 +104,10 @@ class McapFile:
             for stretch in _stretches(held):
                 yield from self._use(stretch, held)
                 end = stretch.end
-                if stretch.last == _CHUNK:
+                if stretch.last == Opcode.CHUNK:
                     _, start, length = stretch.others[-1]
                     yield from self._unpack(memoryview(held)[start : start + length], at + start - _HEAD)
-                elif stretch.last == _FOOTER:
+                elif stretch.last == Opcode.FOOTER:
                     if held[end:] + read_some(file, self.path, len(MAGIC)) != MAGIC:
                         self._damaged(at + end, "the footer is not the end")
                     return
@@ -117,10 +119,10 @@ class McapFile:
             if kind == 0 or after <= at + len(held):
                 return self._damaged(at, "what is there is no record")
             if after > self.size:
-                if kind == _CHUNK:
+                if kind == Opcode.CHUNK:
                     yield from self._unpack(memoryview(held + read_some(file, self.path, LARGEST))[_HEAD:], at)
                 return self._damaged(at, "it ends within a record")
-            if length > (LARGEST if kind == _CHUNK else PIECE):
+            if length > (LARGEST if kind == Opcode.CHUNK else PIECE):
                 self._pass_over(kind, held, at)
                 held, at = b"", file.seek(after)
             else:
@@ -129,17 +131,14 @@ class McapFile:
 
     def _pass_over(self, kind: int, head: bytes, at: int) -> None:
         """A record too long to be one of ours."""
-        if kind == _CHUNK:
+        if kind == Opcode.CHUNK:
             self._damaged(at, "a chunk of more than 1 GiB")
-        if kind == _MESSAGE:
+        if kind == Opcode.MESSAGE:
             self._counts[unpack_from("<H", head, _HEAD)[0]] += 1
 
     def _unpack(self, content: memoryview, at: int) -> Iterator[Messages]:
         """The messages of a chunk that begins at byte `at`."""
-        chunk = Chunk.parse(content)
-        if chunk is None:
-            return self._damaged(at, "a chunk without a whole head")
-        data, problem = inflate(chunk, content)
+        data, problem = inflate(content)
         end = 0
         for stretch in _stretches(data):
             yield from self._use(stretch, data)
@@ -151,53 +150,41 @@ class McapFile:
 
     def _use(self, stretch: _Stretch, data: bytes) -> Iterator[Messages]:
         for kind, start, length in stretch.others:
-            self._declare(kind, memoryview(data)[start : start + length])
+            if kind in _DECLARING:
+                with suppress(McapError, StructError, UnicodeDecodeError):  # one that is malformed declares nothing
+                    content = ReadDataStream(BytesIO(data[start : start + length]))
+                    self._declare(_DECLARING[kind].read(content))
         topic, time, start, length = stretch.messages
         if len(topic):
             counts = np.bincount(topic)
             self._counts.update({int(key): int(counts[key]) for key in np.flatnonzero(counts)})
             yield Messages(data, self._topics, topic, time, start, length)
 
-    def _declare(self, kind: int, content: memoryview) -> None:
-        """A type or a topic; one that is malformed declares nothing."""
-        try:
-            if kind == _SCHEMA:
-                key, name, definition = schema(content)
-                self._schemas[key] = name
-                self.definitions[name] = definition
-                for channel_key, (of, topic, encoding) in self._channels.items():  # also those that came before it
-                    if of == key:
-                        self._topics[channel_key] = Topic(topic, name, encoding)
-            elif kind == _CHANNEL:
-                key, of, topic, encoding = channel(content)
-                self._channels[key] = of, topic, encoding
-                self._topics[key] = Topic(topic, self._schemas.get(of, ""), encoding)
-        except StructError:
-            return
+    def _declare(self, record: Schema | Channel) -> None:
+        """A type or a topic: geometry_msgs/msg/Wrench and geometry_msgs/Wrench are the same."""
+        if isinstance(record, Schema):
+            name = record.name.replace("/msg/", "/")
+            self._schemas[record.id] = name
+            self.definitions[name] = record.data.decode(errors="replace")
+            channels = [channel for channel in self._channels.values() if channel.schema_id == record.id]
+        else:
+            self._channels[record.id] = record
+            channels = [record]
+        for channel in channels:  # of a type also those that came before it
+            kind = self._schemas.get(channel.schema_id, "")
+            self._topics[channel.id] = Topic(channel.topic, kind, channel.message_encoding)
 
     def _read_index(self) -> bool:
         """Whether there is one that names every topic, with the number of messages in each."""
         self._forget()
-        with open_input(self.path) as file:
-            end = file.seek(max(0, self.size - _END))
-            foot = read_some(file, self.path, -1)
-            if len(foot) < _END or foot[:_HEAD] != _FOOT or not foot.endswith(MAGIC):
-                return False
-            (start,) = unpack_from("<Q", foot, _HEAD)
-            if not len(MAGIC) <= start < end <= start + _LONGEST_INDEX:
-                return False
-            file.seek(start)
-            data = read_some(file, self.path, end - start)
-        channels = -1
-        for stretch in _stretches(data):
-            for kind, start, length in stretch.others:
-                content = memoryview(data)[start : start + length]
-                self._declare(kind, content)
-                if kind == _STATISTICS:
-                    with suppress(StructError):
-                        channels, counts = statistics(content)
-                        self._counts.update(counts)
-        return channels == len(self._topics)
+        with open_input(self.path) as file, suppress(Exception):  # whatever the library meets in a damaged one
+            summary = make_reader(file).get_summary()
+            if summary is not None and summary.statistics is not None:
+                for record in (*summary.schemas.values(), *summary.channels.values()):
+                    self._declare(record)
+                self._counts.update(summary.statistics.channel_message_counts)
+                return summary.statistics.channel_count == len(self._topics)
+        return False
 
 
 def _stretches(data: bytes) -> Iterator[_Stretch]:

@@ -17,9 +17,8 @@ from palpate.io.logs.columns import plan
 from palpate.io.logs.csv import CsvLog
 from palpate.io.logs.decoding import role, shape_of
 from palpate.io.logs.layout import Layout
-from palpate.io.logs.log import Log, LogContents, Topic
-from palpate.io.logs.mcap import McapFile
-from palpate.io.logs.messages import Source
+from palpate.io.logs.log import Log, LogContents, Source, Topic
+from palpate.io.logs.mcap import MAGIC, McapFile
 from palpate.io.logs.parquet import ParquetLog
 from palpate.io.logs.topic_log import TopicLog
 from palpate.io.logs.topics import choose
@@ -28,22 +27,13 @@ from palpate.sensors.recording import ORIENTATION, POSITION, Recording, sealed
 
 __all__ = ["contents", "join", "missing", "open_log", "read_poses", "read_recording", "topic_shapes"]
 
-_MAGIC = (
-    (b"PAR1", ".parquet"),
-    (b"\x89MCAP0\r\n", ".mcap"),
-    (b"#ROSBAG V", ".bag"),
-    (b"SQLite format 3\0", ".db3"),
-    (b"\x93NUMPY", ".npy"),
-    (b"PK\x03\x04", ".npz"),
-    (b"PK\x05\x06", ".npz"),  # without an array
-)
-_KINDS = {
-    ".parquet": "a Parquet file",
-    ".mcap": "an MCAP file",
-    ".bag": "a ROS 1 bag",
-    ".db3": "a ROS 2 bag",
-    ".npy": "a NumPy array",
-    ".npz": "an archive of NumPy arrays",
+_KINDS: dict[str, tuple[str, tuple[bytes, ...]]] = {  # usual suffix -> what it is, and its first bytes
+    ".parquet": ("a Parquet file", (b"PAR1",)),
+    ".mcap": ("an MCAP file", (MAGIC,)),
+    ".bag": ("a ROS 1 bag", (b"#ROSBAG V",)),
+    ".db3": ("a ROS 2 bag", (b"SQLite format 3\0",)),
+    ".npy": ("a NumPy array", (b"\x93NUMPY",)),
+    ".npz": ("an archive of NumPy arrays", (b"PK\x03\x04", b"PK\x05\x06")),  # the second: without an array
 }
 _ARRAYS = (".npy", ".npz")
 
@@ -168,9 +158,9 @@ def _kind(path: Path) -> str:
         return ""
     with open_input(path) as file:
         first = read_some(file, path, 16)
-    kind = next((suffix for magic, suffix in _MAGIC if first.startswith(magic)), "")
+    kind = next((suffix for suffix, (_, magic) in _KINDS.items() if first.startswith(magic)), "")
     suffix = path.suffix.lower()
     if suffix in _KINDS and kind != suffix and not (kind in _ARRAYS and suffix in _ARRAYS):
-        what = f"does not begin as {_KINDS[suffix]} does" if first else "is empty"
-        raise InputError(f"{what}.", where=str(path), hint=f"It is {_KINDS[kind]}: rename it." if kind else "")
+        what = f"does not begin as {_KINDS[suffix][0]} does" if first else "is empty"
+        raise InputError(f"{what}.", where=str(path), hint=f"It is {_KINDS[kind][0]}: rename it." if kind else "")
     return kind

@@ -12,8 +12,7 @@ from jaxtyping import Float
 from palpate.errors import InputError
 from palpate.io.logs.decoding import decode, has_header, seconds
 from palpate.io.logs.layout import ArrayChannel, Layout
-from palpate.io.logs.log import LogContents, Topic
-from palpate.io.logs.messages import Messages, Source
+from palpate.io.logs.log import Log, LogContents, Messages, Source, Topic
 from palpate.io.logs.samples import NUMBERS, Samples, rows_at_once
 from palpate.io.logs.topics import POSE_KINDS, choose, main_channel, sentence
 from palpate.sensors.pose_track import PoseTrack
@@ -25,27 +24,13 @@ BLOCK = 1 << 13  # rows, of few numbers each
 HELD = 1 << 16  # rows that wait for a pose; a topic that fell silent must not hold the others for ever
 
 
-class TopicLog:
+class TopicLog(Log):
     """One sample a wrench, or an array, in the order of the file; times are the stamps of the headers."""
 
     def __init__(self, path: Path, layout: Layout, source: Source) -> None:
-        self.path, self._layout, self._source = path, layout, source
+        super().__init__(path, source.size)
+        self._layout, self._source = layout, source
         self._join: _Join | None = None
-
-    @property
-    def size(self) -> int:
-        """See `palpate.io.logs.log.Log`."""
-        return self._source.size
-
-    @property
-    def position(self) -> int:
-        """See `palpate.io.logs.log.Log`."""
-        return self._source.position
-
-    @property
-    def torn(self) -> str:
-        """See `palpate.io.logs.log.Log`."""
-        return self._source.torn
 
     def blocks(self) -> Iterator[Recording]:
         """See `palpate.io.logs.log.Log`."""
@@ -55,7 +40,9 @@ class TopicLog:
         }
         self._join = join = _Join(streams, Samples(self._layout, self.path), self._layout)
         for messages in self._source.messages([stream.topic.name for stream in streams.values()]):
+            self.position = self._source.position
             yield from join.take(messages)
+        self.torn = self._source.torn
         yield from join.finish()
         if not join.rows:
             name = streams["main"].topic.name
@@ -73,7 +60,7 @@ class TopicLog:
 
     def contents(self) -> LogContents:
         """See `palpate.io.logs.log.Log`."""
-        return LogContents(self.path, {}, tuple(self._source.topics()), self.torn)
+        return LogContents(self.path, {}, tuple(self._source.topics()), self._source.torn)
 
     def notes(self) -> tuple[str, ...]:
         """See `palpate.io.logs.log.Log`."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import MISSING, fields
-from math import nan
 from typing import Any
 
 import numpy as np
@@ -19,8 +18,6 @@ from palpate.surfaces.bspline import BSplineSurface
 
 __all__ = ["FORMS"]
 
-_NOTHING: Mapping[str, str] = {}
-
 
 def _curve(curve: Curve) -> dict[str, Any]:
     """Without what does not concern its kind: a sheet has a curve for each cell."""
@@ -32,11 +29,9 @@ def _curve(curve: Curve) -> dict[str, Any]:
 def _intensity(
     curve: tuple[Curve, ...],
     which: Int[np.ndarray, "rows columns"] | Int[np.ndarray, " k"] | None = None,
-    unit: str = "counts",
-    notes: tuple[str, ...] = (),
-    provenance: Mapping[str, str] = _NOTHING,
+    **rest: Any,
 ) -> Intensity:
-    return Intensity(curve, which, unit, provenance, notes)
+    return Intensity(curve, which, **rest)
 
 
 def _intensity_keys(intensity: Intensity) -> dict[str, Any]:
@@ -44,17 +39,10 @@ def _intensity_keys(intensity: Intensity) -> dict[str, Any]:
     return keys | {"curve": intensity.curves}
 
 
-def _spline(
-    degree: tuple[int, int],
-    periodic: bool,
-    shape: tuple[int, int],
-    knots_u: Float[np.ndarray, " a"],
-    knots_v: Float[np.ndarray, " b"],
-    control: Float[np.ndarray, "n 3"],
-) -> BSplineSurface:
+def _spline(shape: tuple[int, int], control: Float[np.ndarray, "n 3"], **rest: Any) -> BSplineSurface:
     if min(shape) < 0 or len(control) != shape[0] * shape[1]:
         raise ValueError(f"control must have {shape[0]} x {shape[1]} points, not {len(control)}")
-    return BSplineSurface(knots_u, knots_v, control.reshape(*shape, 3), degree, periodic)
+    return BSplineSurface(control=control.reshape(*shape, 3), **rest)
 
 
 def _spline_keys(surface: BSplineSurface) -> dict[str, Any]:
@@ -65,14 +53,10 @@ def _spline_keys(surface: BSplineSurface) -> dict[str, Any]:
 def _skin_map(
     rows: int,
     columns: int,
-    pitch: tuple[float, float],
     cells: Float[np.ndarray, "n 9"],
     overlap: Bool[np.ndarray, " o"] | None = None,
-    strain: tuple[float, float] = (nan, nan),
-    distance: tuple[float, float] = (nan, nan),
     surface: BSplineSurface | None = None,
-    notes: tuple[str, ...] = (),
-    provenance: Mapping[str, str] = _NOTHING,
+    **rest: Any,
 ) -> SkinMap:
     shape = (rows, columns)
     if min(shape) < 1 or len(cells) != rows * columns:
@@ -80,20 +64,11 @@ def _skin_map(
     if overlap is not None and len(overlap) not in (0, len(cells)):
         raise ValueError(f"overlap must be {len(cells)} times true or false")
     table = cells.reshape(*shape, 9)
-    known: dict[str, Any] = {} if surface is None else {"surface": surface, "uv": table[..., 7:]}
+    if surface is not None:
+        rest |= {"surface": surface, "uv": table[..., 7:]}
     if overlap is not None and len(overlap):
-        known["overlap"] = overlap.reshape(shape)
-    return SkinMap(
-        centres=table[..., :3],
-        normals=table[..., 3:6],
-        areas=table[..., 6],
-        pitch=pitch,
-        strain=strain,
-        distance=distance,
-        provenance=provenance,
-        notes=notes,
-        **known,
-    )
+        rest["overlap"] = overlap.reshape(shape)
+    return SkinMap(table[..., :3], table[..., 3:6], table[..., 6], **rest)
 
 
 def _skin_map_keys(skin: SkinMap) -> dict[str, Any]:
@@ -134,7 +109,11 @@ FORMS: Mapping[type, Form] = {
         }
     ),
     Indentation: Form({"depth": Key("m, at 1 N"), "exponent": Key("of the force"), "covariance": Key("of both")}),
-    Intensity: Form({"which": Key("the curve of each cell, counted from 0")}, _intensity, _intensity_keys),
+    Intensity: Form(
+        {"which": Key("the curve of each cell, counted from 0"), "unit": Key(), "notes": Key(), "provenance": Key()},
+        _intensity,
+        _intensity_keys,
+    ),
     Curve: Form(
         {
             "kind": Key(),
@@ -159,14 +138,17 @@ FORMS: Mapping[type, Form] = {
             "distance": Key("m, of spline and mesh: mean, worst"),
             "notes": Key(),
             "cells": Key("row by row: x y z [m], nx ny nz outward, area [m^2], u v of the surface"),
+            "overlap": Key(),
+            "surface": Key(),
+            "provenance": Key(),
         },
         _skin_map,
         _skin_map_keys,
     ),
     BSplineSurface: Form(
         {
-            "degree": Key("in u and in v"),
-            "periodic": Key("in v: the last control points of rows repeat the first"),
+            "degree": Key("in u and in v", required=True),
+            "periodic": Key("in v: the last control points of rows repeat the first", required=True),
             "shape": Key("of the control points, v fastest"),
             "knots_u": Key(),
             "knots_v": Key(),

@@ -1,17 +1,21 @@
-"""A six-axis force/torque sensor in a rig: its payload, its inertia, its noise, and how a log of it is told."""
+"""A six-axis force/torque sensor in a rig: payload, inertia, noise, how a log of it is read, and how one is told."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float
 
+from palpate.contact.plausibility import lines_of_action
+from palpate.errors import InputError
+from palpate.io.logs import LogContents, read_recording
 from palpate.io.logs.layout import Layout, axis_matrix
 from palpate.io.models import read_model
-from palpate.io.rig.guess_force_torque import guess_force_torque
-from palpate.io.rig.kind import Prepared, SensorKind
+from palpate.io.rig import guess
+from palpate.io.rig.kind import Guess, Prepared, SensorKind
 from palpate.io.rig.tables import RigForceTorque
 from palpate.io.rig.wrench import wrench_estimator
 from palpate.io.units import FORCE_UNITS, TORQUE_UNITS, to_si
@@ -24,15 +28,27 @@ from palpate.sensors.recording import ACCELERATION, FORCE, TORQUE, Recording
 if TYPE_CHECKING:
     from palpate.io.rig.rig import Rig
 
-__all__ = ["FORCE_TORQUE", "force_torque_layout", "rig_payload", "rig_sensor"]
+__all__ = ["FORCE_TORQUE", "rig_payload", "rig_sensor"]
+
+_LEAST_NOISE = 1e-6  # N, N m: a log that never changes does not make a noise of nothing
+_TEXT = """\
+{time}[force_torque]
+{wrench}
+units = {{ force = "N", torque = "{torque_unit}" }}{torque_remark}
+axes = ["x", "y", "z"]               # which logged axis is the sensor's x, y, z; "-x" flips
+# left_handed = true                 # if axes has to mirror: a driver that swaps two axes, or reports the reaction
+frame = "sensor"                     # or "base", which needs an orientation
+noise = {{ force = {force_noise}, torque = {torque_noise} }}   # of one reading: from the log's own steps
+# range = {{ force = 200, torque = 10 }}     # of the sensor: a reading at it is saturated
+# payload = "payload.toml"           # written by: palpate calibrate payload
+
+{orientation}"""
 
 
-def force_torque_layout(rig: Rig) -> Layout:
+def _layout(rig: Rig) -> Layout:
     """Where a log keeps wrenches and poses."""
     wrench = rig.force_torque
     return Layout(
-        time=rig.time.column,
-        time_unit=rig.time.unit,
         wrench=wrench.columns,
         force_unit=wrench.units.force,
         torque_unit=wrench.units.torque,
@@ -40,7 +56,7 @@ def force_torque_layout(rig: Rig) -> Layout:
         left_handed=wrench.left_handed,
         frame=wrench.frame,
         wrench_topic=wrench.topic,
-        **rig.poses(),
+        **rig.common(),
     )
 
 
@@ -102,14 +118,88 @@ def _check(rig: Rig, path: Path) -> None:
     to_si(wrench.units.torque, TORQUE_UNITS, where=f"{path}: force_torque.units.torque")
 
 
+def _guess(log: Path, contents: LogContents, mesh: Path | None) -> Guess | None:
+    """Columns or a topic of forces and torques."""
+    found = _topics_of(contents) if contents.topics else _columns_of(log, contents)
+    if found is None:
+        return None
+    why, layout, fields, remarks = found
+    wrenches = read_recording(log, layout).wrenches()
+    size = None if mesh is None else guess.mesh_size(mesh)[1]
+    torque_unit = "N m" if size is None else _torque_unit(wrenches, size)
+    noise = estimate_noise(wrenches)
+    noise = np.ones(6) if noise is None else noise * np.repeat([1.0, TORQUE_UNITS[torque_unit]], 3)
+    noise = np.maximum(noise, _LEAST_NOISE)
+    fields |= {
+        "torque_unit": torque_unit,
+        "torque_remark": "",
+        "force_noise": f"{float(noise[:3].max()):.2g}",
+        "torque_noise": f"{float(noise[3:].max()):.2g}",
+    }
+    if torque_unit != "N m":
+        fields["torque_remark"] = "   # guessed: as N m they do not fit the body"
+        remarks.append("the torques only fit the body if they are N mm: check units.torque")
+    return Guess(why, layout, _TEXT.format(**fields), tuple(remarks))
+
+
+_Found = tuple[str, Layout, dict[str, str], list[str]]  # why, how to read it, fields of `_TEXT`, remarks
+
+
+def _topics_of(contents: LogContents) -> _Found | None:
+    wrenches, poses = guess.topics_of(contents, "wrench"), guess.topics_of(contents, "pose")
+    if not wrenches:
+        return None
+    remarks = [
+        f"{len(names)} topics hold {what}: {', '.join(names)}; the first is taken"
+        for what, names in (("wrenches", wrenches), ("poses", poses))
+        if len(names) > 1
+    ]
+    layout = Layout(wrench_topic=wrenches[0], orientation_topic=poses[0] if poses else None)
+    why = f"topic {wrenches[0]!r} holds forces and torques"
+    fields = {"time": "", "wrench": f"topic = {guess.quoted(wrenches[0])}", "orientation": guess.pose_table(poses)}
+    return why, layout, fields, remarks
+
+
+def _columns_of(log: Path, contents: LogContents) -> _Found | None:
+    names = list(contents.names)
+    wrench, time = guess.wrench_columns(names), guess.time_column(names)
+    if wrench is None:
+        return None
+    if time is None:
+        raise InputError(
+            f"no columns look like time: {', '.join(names[:12])}.",
+            where=str(log),
+            hint="Name them time, fx, fy, fz, tx, ty, tz, or write the rig by hand.",
+        )
+    layout = Layout(time=time, wrench=wrench)
+    layout = replace(layout, time_unit=guess.time_unit(read_recording(log, layout).time))
+    orientation, remarks = guess.orientation_table(names)
+    fields = {
+        "time": guess.time_table(time, layout.time_unit),
+        "wrench": f"columns = {guess.quoted(wrench)}",
+        "orientation": orientation,
+    }
+    return f"columns {', '.join(wrench)} look like forces and torques", layout, fields, remarks
+
+
+def _torque_unit(wrenches: np.ndarray, size: float) -> str:
+    """N mm if N m puts the lines of action off the body, and N mm does not; the bias is taken off first."""
+    free = wrenches - np.nanmedian(wrenches, axis=0)
+    for unit in ("N m", "N mm"):
+        scaled = free * np.repeat([1.0, TORQUE_UNITS[unit]], 3)
+        if not lines_of_action(scaled, np.zeros(3), 10 * size).doubt:  # the mounting is not known yet
+            return unit
+    return "N m"
+
+
 FORCE_TORQUE = SensorKind(
     name="force_torque",
     called="a six-axis force/torque sensor",
     table=RigForceTorque,
     channels=(FORCE, TORQUE),
-    layout=force_torque_layout,
+    layout=_layout,
     build=_build,
-    guess=guess_force_torque,
+    guess=_guess,
     paths=("payload",),
     check=_check,
 )

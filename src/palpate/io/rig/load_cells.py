@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import inf
 from pathlib import Path
@@ -11,10 +13,12 @@ import numpy as np
 
 from palpate.contact.resolution import WANTED, nominal_cells, resolution
 from palpate.errors import InputError
+from palpate.io.logs import LogContents
 from palpate.io.logs.layout import ArrayChannel, Layout
 from palpate.io.models import read_model
-from palpate.io.rig.guess_load_cells import guess_load_cells
-from palpate.io.rig.kind import Prepared, SensorKind
+from palpate.io.rig import guess
+from palpate.io.rig.kind import Guess, Prepared, SensorKind
+from palpate.io.rig.tables import Three, require_positive
 from palpate.io.rig.wrench import rig_surface, wrench_estimator
 from palpate.sensors.load_cell_array import START, LoadCellArray
 from palpate.sensors.load_cells import LoadCells, with_changes
@@ -25,10 +29,21 @@ from palpate.surfaces import Surface
 if TYPE_CHECKING:
     from palpate.io.rig.rig import Rig
 
-__all__ = ["LOAD_CELLS", "VOLT_UNITS", "RigLoadCells", "load_cells_layout", "rig_cells", "rig_load_cells"]
+__all__ = ["LOAD_CELLS", "VOLT_UNITS", "RigLoadCells", "load_cells_layout"]
 
+_ORDER = "columns must be x, y, z of cell 1, then of cell 2, and so on, as they were calibrated"
+_CELL = re.compile(r"^(?P<head>u|v|ch|cell|volt(?:age)?s?|ai)[\W_]*\d+[\W_]*[xyz]?$", re.IGNORECASE)
+_MOST = 36  # channels: twelve cells; more are a skin
+_TEXT = """\
+[load_cells]
+{where}
+units = "V"                          # of the voltages: V, mV, uV
+# model = "load_cells.toml"          # written by: palpate calibrate load-cells
+# positions = [[0, 0, 0], ...]       # m, of each cell in the surface's frame, as far as they are known
+# range = 5.0                        # V: a reading at it is saturated
+
+"""
 VOLT_UNITS = {"V": 1.0, "mV": 1e-3, "uV": 1e-6}
-Three = tuple[float, float, float]
 REFERENCE = ("ref_fx", "ref_fy", "ref_fz", "ref_x", "ref_y", "ref_z")
 
 
@@ -72,10 +87,7 @@ class RigLoadCells:
         unknown = [unit for unit in stated if unit not in VOLT_UNITS]
         if unknown:
             raise ValueError(f"unit {unknown[0]!r} is not one of {', '.join(VOLT_UNITS)}")
-        for name in ("noise", "range", "sensitivity", "drift", "accuracy", "ball"):
-            value = getattr(self, name)
-            if value is not None and not 0 < value < inf:
-                raise ValueError(f"{name} must be positive")
+        require_positive(self, "noise", "range", "sensitivity", "drift", "accuracy", "ball")
 
     def names(self, cells: int) -> tuple[str, ...]:
         """Of the columns: u1x, u1y, u1z, u2x, ... where none are named."""
@@ -151,36 +163,20 @@ class RigLoadCells:
         return nominal_cells(np.array(self.positions), self.sensitivity, self.noise, self.range or inf)
 
 
-def rig_load_cells(rig: Rig) -> RigLoadCells:
-    """The table of a rig.
-
-    Raises:
-        InputError: there is none.
-    """
-    table = rig.sensors.get("load_cells")
-    if table is None:
-        raise InputError("the rig has no load cells.", where="rig", hint="Add a [load_cells].")
-    return table
-
-
-def rig_cells(rig: Rig) -> LoadCells:
-    """The calibrated model that a rig names."""
-    return rig_load_cells(rig).cells(rig.folder)
-
-
 def load_cells_layout(rig: Rig, *, bench: bool = False) -> Layout:
     """Where a log keeps voltages and poses; of a bench, with the reference beside them."""
-    table = rig_load_cells(rig)
+    table = rig.table(RigLoadCells)
     count = table.count(None if bench or table.model is None else table.cells(rig.folder))
     names = table.names(count)
     arrays = [ArrayChannel(VOLTAGE, (len(names),), names, table.topic, table.volts(count), table="load_cells")]
     if bench:
         arrays.append(ArrayChannel(REFERENCE_CHANNEL, (6,), table.reference, table="load_cells"))
-    return Layout(time=rig.time.column, time_unit=rig.time.unit, wrench=None, arrays=tuple(arrays), **rig.poses())
+    return Layout(wrench=None, arrays=tuple(arrays), **rig.common())
 
 
 def _build(rig: Rig, head: Recording | None) -> Prepared:
-    table, cells = rig_load_cells(rig), rig_cells(rig)
+    table = rig.table(RigLoadCells)
+    cells = table.cells(rig.folder)
     tare = rig.estimate.tare or START
     sound = ~np.isin(np.arange(cells.cells) + 1, table.without)
     array = LoadCellArray(cells, sound, names=table.names(cells.cells), seconds=tare)
@@ -201,6 +197,46 @@ def _least(surface: Surface, cells: LoadCells, table: RigLoadCells) -> str:
     return f"from {least:.2g} N a touch on the middle of the surface is located within {1e3 * accuracy:g} mm"
 
 
+def _guess(log: Path, contents: LogContents, mesh: Path | None) -> Guess | None:
+    """Three columns a cell of three or more, or arrays of so many numbers."""
+    if contents.topics:
+        return _guess_topic(log, contents)
+    there = list(contents.names)
+    names, time = _voltage_columns(there), guess.time_column(there)
+    if names is None or time is None or guess.wrench_columns(there) is not None:
+        return None
+    text = guess.time_table(time, "s") + _TEXT.format(where=f"columns = {guess.quoted(names)}")
+    orientation, remarks = guess.orientation_table(there)
+    why = f"{len(names)} columns {names[0]} to {names[-1]} look like three voltages for each of {len(names) // 3} cells"
+    layout = Layout(time=time, wrench=None, arrays=(ArrayChannel(VOLTAGE, (len(names),), names, table="load_cells"),))
+    return Guess(why, layout, text + orientation, (*remarks, _ORDER))
+
+
+def _guess_topic(log: Path, contents: LogContents) -> Guess | None:
+    found = guess.array_topic(log, lambda shape: len(shape) == 1 and _threes(shape[0]))
+    if found is None:
+        return None
+    topic, (count, *_) = found
+    text = _TEXT.format(where=f"topic = {guess.quoted(topic)}") + guess.pose_table(guess.topics_of(contents, "pose"))
+    why = f"topic {topic!r} holds arrays of {count} numbers, three for each of {count // 3} cells"
+    array = ArrayChannel(VOLTAGE, (count,), None, topic, table="load_cells")
+    return Guess(why, Layout(wrench=None, arrays=(array,)), text, (_ORDER,))
+
+
+def _voltage_columns(names: Sequence[str]) -> tuple[str, ...] | None:
+    """Columns named like voltages of cells, three each of at least three; None where there are none."""
+    heads: dict[str, list[str]] = {}
+    for name in names:
+        if match := _CELL.match(name):
+            heads.setdefault(match["head"].lower(), []).append(name)
+    found = max(heads.values(), key=len, default=list[str]())
+    return tuple(found) if _threes(len(found)) else None
+
+
+def _threes(count: int) -> bool:
+    return 9 <= count <= _MOST and count % 3 == 0
+
+
 _CALIBRATED = "the calibration of the cells says what they are"
 LOAD_CELLS = SensorKind(
     name="load_cells",
@@ -209,7 +245,7 @@ LOAD_CELLS = SensorKind(
     channels=(VOLTAGE,),
     layout=load_cells_layout,
     build=_build,
-    guess=guess_load_cells,
+    guess=_guess,
     paths=("model",),
     refused={
         "payload": "the zero of the cells is taken at the start of the log, and nothing else hangs on them",

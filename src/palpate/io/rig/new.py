@@ -11,10 +11,10 @@ from pathlib import Path
 from palpate.errors import InputError
 from palpate.io.logs import contents
 from palpate.io.models import printable
+from palpate.io.rig.guess import mesh_size, quoted
 from palpate.io.rig.kind import Guess, SensorKind
 from palpate.io.rig.kinds import KINDS
 from palpate.io.rig.rig import check_rig
-from palpate.io.rig.words import mesh_size, quoted
 
 __all__ = ["Proposal", "guess_sensor", "propose_rig"]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from palpate.contact.estimator import ContactEstimator
 from palpate.contact.taxel_estimator import TaxelSettings
@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from palpate.io.pipeline import OpenedLog
 
 __all__ = ["Rig", "check_rig", "load_rig"]
+
+Table = TypeVar("Table")
 
 
 @dataclass(frozen=True)
@@ -56,6 +58,21 @@ class Rig:
         """The sensors that are stated; a six-axis force/torque sensor where none is."""
         stated = tuple(kind for name, kind in KINDS.items() if name in self.sensors)
         return stated or (KINDS["force_torque"],)
+
+    def table(self, model: type[Table]) -> Table:
+        """What the rig says of a sensor.
+
+        Args:
+            model: the dataclass of its table.
+
+        Raises:
+            InputError: it has none.
+        """
+        kind = next(kind for kind in KINDS.values() if kind.table is model)
+        if kind.name not in self.sensors:
+            hint = f"Add a [{kind.name}]: what is to be said of {kind.called}."
+            raise InputError(f"the rig has no [{kind.name}].", where="rig", hint=hint)
+        return self.sensors[kind.name]
 
     def with_sensor(self, name: str, table: object) -> Rig:
         """The same rig with another table of a sensor."""
@@ -96,9 +113,11 @@ class Rig:
         """How to read a log of one of its sensors."""
         return self.kind(sensor).layout(self)
 
-    def poses(self) -> dict[str, Any]:
-        """The part of a log's layout that says where the sensor is and how it moves."""
+    def common(self) -> dict[str, Any]:
+        """The part of a log's layout that every sensor has: the time, and where the sensor is and how it moves."""
         return {
+            "time": self.time.column,
+            "time_unit": self.time.unit,
             "orientation": self.orientation.columns,
             "position": self.orientation.position,
             "acceleration": self.acceleration.columns,

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from palpate.contact.taxel_estimator import TaxelEstimator
 from palpate.errors import InputError
+from palpate.io.logs import LogContents
 from palpate.io.logs.layout import ArrayChannel, Layout
 from palpate.io.models import read_model
-from palpate.io.rig.guess_skin import guess_skin
-from palpate.io.rig.kind import Prepared, SensorKind
+from palpate.io.rig import guess
+from palpate.io.rig.kind import Guess, Prepared, SensorKind
+from palpate.io.rig.tables import require_positive
 from palpate.io.rig.wrench import first_seconds, noted_filter, rig_filter
 from palpate.io.skin_map import read_skin_map
 from palpate.sensors.intensity import Intensity
@@ -22,8 +26,24 @@ from palpate.sensors.taxels import TaxelBody
 if TYPE_CHECKING:
     from palpate.io.rig.rig import Rig
 
-__all__ = ["SKIN", "RigSkin", "rig_body", "rig_map", "rig_skin"]
+__all__ = ["SKIN", "RigSkin", "rig_body", "rig_map"]
 
+RATE = 100.0  # Hz
+FEWEST = 16  # cells: fewer columns of numbers can be anything
+_TEXT = """\
+[skin]
+map = "skin_map.toml"                # written by: palpate map skin MESH --sheet {rows}x{columns} ...
+rows = {rows}
+columns = {columns}
+bits = {bits}                             # of a whole-number reading; 0: readings are floats
+# intensity = "intensity.toml"       # written by: palpate calibrate intensity; without it a count is taken for 1 N
+{where}# tare = 1.0                         # s: the log starts so long untouched
+
+[contacts]
+on = 6.0                             # a touch begins where a cell stands so many deviations of its noise above its rest
+off = 3.0                            # and reaches as far as cells that stand so many above
+
+"""
 HEAD = 2048  # frames of the start of a log from which rest, noise and bad cells are taken
 
 
@@ -50,21 +70,7 @@ class RigSkin:
     def __post_init__(self) -> None:
         if not 0 <= self.bits <= 16:
             raise ValueError(f"bits must lie between 1 and 16, or be 0 for floats, not {self.bits}")
-        for name in ("rate", "tare"):
-            if (value := getattr(self, name)) is not None and not value > 0:
-                raise ValueError(f"{name} must be positive")
-
-
-def rig_skin(rig: Rig) -> RigSkin:
-    """The table of a rig.
-
-    Raises:
-        InputError: there is none.
-    """
-    table = rig.sensors.get("skin")
-    if table is None:
-        raise InputError("the rig has no [skin].", where="rig", hint="A rig of a taxel sheet needs one: map = FILE.")
-    return table
+        require_positive(self, "rate", "tare")
 
 
 def rig_map(rig: Rig) -> SkinMap:
@@ -73,7 +79,7 @@ def rig_map(rig: Rig) -> SkinMap:
     Raises:
         InputError: the map cannot be read, or is of another sheet than `rows` and `columns` say.
     """
-    table = rig_skin(rig)
+    table = rig.table(RigSkin)
     path = rig.folder / table.map
     found = read_skin_map(path)
     rows, columns = table.rows or found.rows, table.columns or found.columns
@@ -88,26 +94,24 @@ def rig_map(rig: Rig) -> SkinMap:
 
 def _intensity(rig: Rig) -> Intensity | None:
     """What readings mean; None: a count is taken for a newton."""
-    name = rig_skin(rig).intensity
+    name = rig.table(RigSkin).intensity
     return None if name is None else read_model(rig.folder / name, Intensity)
 
 
 def _layout(rig: Rig) -> Layout:
-    table, place = rig_skin(rig), rig_map(rig)
+    table, place = rig.table(RigSkin), rig_map(rig)
     cells = ArrayChannel(CELLS, (place.rows, place.columns), table.cells, table.topic, table="skin")
-    return Layout(
-        time=rig.time.column, time_unit=rig.time.unit, wrench=None, arrays=(cells,), rate=table.rate, **rig.poses()
-    )
+    return Layout(wrench=None, arrays=(cells,), rate=table.rate, **rig.common())
 
 
 def rig_body(rig: Rig) -> TaxelBody:
     """The cells of the sheet on the link."""
-    table = rig_skin(rig)
+    table = rig.table(RigSkin)
     return TaxelBody.sheet(rig_map(rig), bits=table.bits or None, masked=table.masked)
 
 
 def _build(rig: Rig, head: Recording | None) -> Prepared:
-    body, intensity, tare = rig_body(rig), _intensity(rig), rig.estimate.tare or rig_skin(rig).tare
+    body, intensity, tare = rig_body(rig), _intensity(rig), rig.estimate.tare or rig.table(RigSkin).tare
     health = None
     if head is not None:
         first = max(HEAD, 0 if tare is None else len(first_seconds(head, tare)))
@@ -131,6 +135,63 @@ def _build(rig: Rig, head: Recording | None) -> Prepared:
     return made
 
 
+def _guess(log: Path, contents: LogContents, mesh: Path | None) -> Guess | None:
+    """Images, arrays of frames, or many columns of numbers beside a time."""
+    if contents.topics:
+        return _of_topic(log, contents)
+    frames = [(name, shape) for name, shape in contents.names.items() if math.prod(shape) >= FEWEST]
+    if frames:
+        name, shape = frames[0]
+        return _of_array(name, _sheet(shape))
+    there = list(contents.names)
+    time = guess.time_column(there)
+    known = {time, *(guess.orientation_columns(there) or ()), *(guess.position_columns(there) or ())}
+    cells = tuple(name for name in there if name not in known)
+    if time is None or len(cells) < FEWEST or guess.wrench_columns(there) is not None:
+        return None
+    shape = _sheet((len(cells),))
+    orientation, _ = guess.orientation_table(there)
+    named = "" if len(known) == 1 else f"cells = {guess.quoted(cells)}\n"
+    layout = Layout(time=time, wrench=None, arrays=(ArrayChannel(CELLS, shape, cells, table="skin"),))
+    why = f"{len(cells)} columns beside the time look like cells"
+    return _guessed(shape, why, layout, named, (guess.time_table(time, "s"), orientation))
+
+
+def _of_array(name: str, shape: tuple[int, int]) -> Guess:
+    array = ArrayChannel(CELLS, shape, table="skin")
+    layout = Layout(wrench=None, arrays=(array,), rate=RATE)
+    where = f"rate = {RATE:g}                        # Hz, of frames without times: it is not known, correct it\n"
+    return _guessed(shape, f"array {name!r} holds frames", layout, where, ("", ""))
+
+
+def _of_topic(log: Path, contents: LogContents) -> Guess | None:
+    found = guess.array_topic(log, lambda shape: math.prod(shape) >= FEWEST)
+    if found is None:
+        return None
+    topic, size = found
+    shape, poses = _sheet(size), guess.topics_of(contents, "pose")
+    layout = Layout(wrench=None, arrays=(ArrayChannel(CELLS, shape, None, topic, table="skin"),))
+    why = f"topic {topic!r} holds {'images' if len(size) == 2 else 'arrays'} of {' x '.join(map(str, size))} numbers"
+    return _guessed(shape, why, layout, f"topic = {guess.quoted(topic)}\n", ("", guess.pose_table(poses)))
+
+
+def _guessed(shape: tuple[int, int], why: str, layout: Layout, where: str, around: tuple[str, str]) -> Guess:
+    rows, columns = shape
+    text = around[0] + _TEXT.format(rows=rows, columns=columns, bits=8, where=where) + around[1]
+    return Guess(
+        why, layout, text, (f"check the sheet's {rows} rows and {columns} columns, and the bits of a reading",)
+    )
+
+
+def _sheet(shape: tuple[int, ...]) -> tuple[int, int]:
+    """Rows and columns; of so many numbers in a row, as near to a square as can be."""
+    if len(shape) == 2:
+        return shape[0], shape[1]
+    count = math.prod(shape)
+    rows = next(k for k in range(int(count**0.5), 0, -1) if count % k == 0)
+    return rows, count // rows
+
+
 _NO_WRENCH = "cells measure no wrench"
 SKIN = SensorKind(
     name="skin",
@@ -139,7 +200,7 @@ SKIN = SensorKind(
     channels=(CELLS,),
     layout=_layout,
     build=_build,
-    guess=guess_skin,
+    guess=_guess,
     paths=("map", "intensity"),
     refused={
         "payload": f"{_NO_WRENCH}, so no payload is in their readings",

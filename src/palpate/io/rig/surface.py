@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from palpate.io.rig.tables import Three, require_path
+from palpate.io.rig.tables import Four, Three, require_path, require_positive
 from palpate.io.schema import covariance_matrix
 from palpate.spatial.pose import Pose
 from palpate.surfaces import (
@@ -28,8 +28,6 @@ from palpate.surfaces import (
 from palpate.surfaces.mesh import plausible_size
 
 __all__ = ["EQUATIONS", "RigPose", "RigRegion", "RigSurface"]
-
-Four = tuple[float, float, float, float]
 
 EQUATIONS: dict[str, tuple[Callable[..., Surface], tuple[str, ...]]] = {
     "sphere": (Sphere, ("radius",)),
@@ -109,8 +107,7 @@ class RigSurface:
         require_path("mesh", self.mesh)
         if not 0 <= self.crease <= 180:
             raise ValueError(f"crease must lie between 0 and 180 degrees, not {self.crease:g}")
-        if not 0 < self.half_width < inf:
-            raise ValueError("half_width must be positive")
+        require_positive(self, "half_width")
         if not 0 < np.linalg.norm(self.normal) < inf:
             raise ValueError("normal must not be zero")
         if self.pose_covariance is not None:

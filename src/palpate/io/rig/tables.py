@@ -22,6 +22,7 @@ __all__ = [
     "RigTime",
     "RigUnits",
     "require_path",
+    "require_positive",
 ]
 
 Three = tuple[float, float, float]
@@ -97,8 +98,7 @@ class RigOrientation:
     max_gap: float = 0.25
 
     def __post_init__(self) -> None:
-        if not self.max_gap > 0:
-            raise ValueError("max_gap must be positive")
+        require_positive(self, "max_gap")
 
 
 @dataclass(frozen=True)
@@ -118,8 +118,7 @@ class RigAcceleration:
     def __post_init__(self) -> None:
         if self.kind not in ("motion", "imu"):
             raise ValueError(f"kind must be 'motion' or 'imu', not {self.kind!r}")
-        if not self.window > 0:
-            raise ValueError("window must be positive")
+        require_positive(self, "window")
         if self.from_poses and (self.columns or self.topic):
             raise ValueError("from_poses and recorded acceleration exclude each other")
 
@@ -143,14 +142,9 @@ class RigFilter:
     def __post_init__(self) -> None:
         if self.kind not in ("none", "kalman", "butterworth", "zero_phase"):
             raise ValueError(f"kind must be 'none', 'kalman', 'butterworth' or 'zero_phase', not {self.kind!r}")
-        if not (self.q > 0 and self.r > 0):
-            raise ValueError("q and r must be positive")
-        if not self.cutoff > 0:
-            raise ValueError("cutoff must be positive")
+        require_positive(self, "q", "r", "cutoff", "rate")
         if not 1 <= self.order <= 8:
             raise ValueError("order must lie between 1 and 8")
-        if self.rate is not None and not self.rate > 0:
-            raise ValueError("rate must be positive")
 
     def filter(self) -> Kalman | Butterworth | None:
         """As a value."""
@@ -188,6 +182,14 @@ class RigEstimate:
             raise ValueError("tare must be a positive time [s]")
         if not (0 < self.friction < inf and self.torsion >= 0):
             raise ValueError("friction must be positive and finite, and torsion not negative")
+
+
+def require_positive(table: object, *names: str) -> None:
+    """ValueError unless each of these fields is positive and finite, or left out."""
+    for name in names:
+        value = getattr(table, name)
+        if value is not None and not 0 < value < inf:
+            raise ValueError(f"{name} must be positive")
 
 
 def require_path(key: str, path: str | None) -> None:

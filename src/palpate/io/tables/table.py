@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -15,7 +16,6 @@ import polars as pl
 from jaxtyping import Bool, Float, Int
 
 from palpate.errors import InputError
-from palpate.io.tables.delimited import parse, says_nan, split, unquoted
 from palpate.io.tables.fields import Fields, Rows
 from palpate.io.tables.lines import open_input, whole_lines
 from palpate.io.units import near
@@ -24,6 +24,7 @@ __all__ = ["Table", "read_table", "tables"]
 
 _DELIMITERS = (b",", b";", b"\t")
 _MOST = 20_000  # columns, of a sheet of 128 x 128 cells: more are rows whose ends were lost
+_INSIDE = b"\x1f"  # stands for a delimiter inside quotes, so that every line parses on its own
 
 
 @dataclass(frozen=True)
@@ -129,7 +130,7 @@ class Table:
         return f"line {self.lines[row]}"
 
     def _find_unread(self, name: str, text: pl.Series, values: Float[np.ndarray, " n"], fields: Fields) -> None:
-        unread = text.is_not_null().to_numpy() & np.isnan(values) & ~says_nan(text)
+        unread = text.is_not_null().to_numpy() & np.isnan(values) & ~_says_nan(text)
         if unread.any():
             at = int(np.argmax(unread))
             fields.unread[name] = self._line(at), text[at]
@@ -137,14 +138,14 @@ class Table:
     def _strings(self, names: Sequence[str]) -> list[pl.Series]:
         parsed = self._parse(names, numbers=False)
         return [
-            column.to_frame("").select(unquoted(pl.all(), self.delimiter).replace("", None)).to_series()
+            column.to_frame("").select(_unquoted(pl.all(), self.delimiter).replace("", None)).to_series()
             for column in parsed
         ]
 
     def _parse(self, names: Sequence[str], *, numbers: bool) -> list[pl.Series]:
         at = {name: k for k, name in enumerate(self.names)}
         indices = [at[name] for name in names]
-        frame = parse(self._text, self.delimiter, self.path, len(self.names), indices, numbers=numbers)
+        frame = _frame(self._text, self.delimiter, self.path, len(self.names), indices, numbers=numbers)
         return [frame[f"c{index}"] for index in indices]
 
     def _cast(self, text: pl.Series) -> Float[np.ndarray, " n"]:
@@ -180,7 +181,7 @@ def tables(file: BinaryIO, path: Path, size: int) -> Iterator[Table]:
         raise InputError("the file is empty.", where=str(path))
     delimiter, names = _delimiter(header, path), ()
     for piece in chain([text], pieces):
-        raw, numbers, fields = split(piece, delimiter)
+        raw, numbers, fields = _split(piece, delimiter)
         numbers += before
         before += piece.count(b"\n") + 1
         if not names:
@@ -203,8 +204,66 @@ def _delimiter(header: bytes, path: Path) -> bytes:
 def _names(header: bytes, delimiter: str, path: Path, count: int) -> tuple[str, ...]:
     if count > _MOST:
         raise InputError(f"the first line has {count:,} fields.", where=str(path), hint="It must name the columns.")
-    parsed = parse(header, delimiter, path, count, range(count), numbers=False)
-    names = parsed.select(unquoted(pl.all(), delimiter).fill_null("")).row(0)
+    parsed = _frame(header, delimiter, path, count, range(count), numbers=False)
+    names = parsed.select(_unquoted(pl.all(), delimiter).fill_null("")).row(0)
     if all(re.fullmatch(r"[-+\d.eE]+|nan|inf", name.lower()) for name in names):
         raise InputError("the first line holds numbers.", where=str(path), hint="It must name the columns.")
     return names
+
+
+def _split(raw: bytes, delimiter: bytes) -> tuple[bytes, Int[np.ndarray, " n"], Int[np.ndarray, " n"]]:
+    """The text without blank lines and with `_INSIDE` for delimiters inside quotes; each line's number and fields.
+
+    A line is a row, whatever its quotes say: where one is not closed, the count of fields is -1.
+    """
+    text = np.frombuffer(raw, dtype=np.uint8)
+    ends = np.append(np.flatnonzero(text == ord("\n")), len(text))
+    starts = np.append(0, ends[:-1] + 1)
+    marks = np.flatnonzero(text == ord(delimiter))
+    unclosed = np.zeros(len(ends), dtype=bool)
+    if b'"' in raw:
+        quotes = np.flatnonzero(text == ord('"'))
+        before = np.searchsorted(quotes, starts)
+        unclosed = np.diff(before, append=len(quotes)) % 2 == 1
+        inside = (np.searchsorted(quotes, marks) - before[np.searchsorted(ends, marks)]) % 2 == 1
+        text = text.copy()
+        text[marks[inside]] = ord(_INSIDE)
+        raw, marks = text.tobytes(), marks[~inside]
+    fields = np.diff(np.searchsorted(marks, ends), prepend=0) + 1
+    blank = [k for k in np.flatnonzero(fields == 1) if not raw[starts[k] : ends[k]].strip()]
+    if blank:
+        drop = set(blank)
+        raw = b"\n".join(line for k, line in enumerate(raw.split(b"\n")) if k not in drop)
+    fields[unclosed] = -1
+    return raw, np.delete(np.arange(1, len(ends) + 1), blank), np.delete(fields, blank)
+
+
+def _unquoted(text: pl.Expr, delimiter: str) -> pl.Expr:
+    """Without quotes and space around it, and with what the quotes protected."""
+    bare = text.str.strip_chars().str.strip_prefix('"').str.strip_suffix('"').str.strip_chars()
+    return bare.str.replace_all('""', '"', literal=True).str.replace_all(_INSIDE.decode(), delimiter, literal=True)
+
+
+def _frame(
+    text: bytes, delimiter: str, path: Path, count: int, columns: Sequence[int], *, numbers: bool
+) -> pl.DataFrame:
+    """Columns c0, c1, ... of text without a header; null where a field is empty or not of this kind."""
+    names = [f"c{k}" for k in range(count)]
+    try:
+        return pl.read_csv(
+            io.BytesIO(delimiter.join(names).encode() + b"\n" + text),  # polars takes the width from the first line
+            separator=delimiter,
+            quote_char=None,
+            schema={name: pl.Float64 if numbers else pl.String for name in names},
+            ignore_errors=True,
+            truncate_ragged_lines=True,
+            encoding="utf8-lossy",
+            columns=[names[k] for k in sorted(set(columns))],
+        )
+    except pl.exceptions.PolarsError as problem:
+        raise InputError(f"is not a table ({str(problem).splitlines()[0]}).", where=str(path)) from problem
+
+
+def _says_nan(text: pl.Series) -> Bool[np.ndarray, " n"]:
+    """Where a field says that there is no number."""
+    return text.str.to_lowercase().is_in(["nan", "-nan", "+nan", "null", "none"]).fill_null(value=False).to_numpy()
