@@ -9,7 +9,7 @@ from palpate.contact._settings import FRICTION, SOFT, TORSION
 from palpate.contact._slopes import sandwich, sensitivity, tangents, to_metres, to_unit
 from palpate.surfaces._jit import inner
 from palpate.surfaces._kernels import CANDIDATE, CAPACITY, search
-from palpate.surfaces._vectors import cross_into, dot
+from palpate.surfaces._vectors import copy_into, cross_into, dot
 
 __all__ = ["distance_to_bounds", "distance_to_point"]
 
@@ -145,7 +145,7 @@ def distance_to_bounds(wrench, noise, nodes, corners, settings, first, place):
             for i in range(1, count):
                 if found[i, 4] < found[chosen, 4]:
                     chosen = i
-            candidate[:] = found[chosen]
+            copy_into(found[chosen], candidate)
             to_metres(candidate, settings, spot)
         if _allowed(current, spot, settings, near):
             distance = _metric(wrench, near, inverse)
@@ -161,7 +161,7 @@ def distance_to_bounds(wrench, noise, nodes, corners, settings, first, place):
         count = 0
         for i in range(2):
             if (i == 0 and use0) or (i == 1 and use1):
-                active[count] = rows[i]
+                copy_into(rows[i], active[count])
                 right[count] = -values[i]
                 for k in range(6):
                     right[count] += rows[i, k] * (current[k] - wrench[k])

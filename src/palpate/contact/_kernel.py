@@ -24,7 +24,7 @@ from palpate.contact._settings import (
 from palpate.contact._slopes import sandwich, sensitivity, softened, to_metres, to_unit
 from palpate.surfaces._jit import entry, inner
 from palpate.surfaces._kernels import CANDIDATE, CAPACITY, nearest_to_axis, search, shape_operator
-from palpate.surfaces._vectors import cross_into, dot
+from palpate.surfaces._vectors import copy_into, cross_into, dot
 
 __all__ = ["estimate", "estimate_many"]
 
@@ -154,7 +154,7 @@ def _at_surface(wrench, nodes, corners, settings, near, found):
         best, _ = _choose(out, settings, near, found, count, places, torques)
         place = places[best]
         near[HAS_PREVIOUS] = 1.0
-        near[PREVIOUS : PREVIOUS + 3] = place[:3]
+        copy_into(place, near[PREVIOUS : PREVIOUS + 3])
         cross_into(place[3:], wrench[:3], now)
         depth = settings[DEPTH] * abs(dot(wrench[:3], place[3:])) ** settings[EXPONENT]
         left, turned, square = 0.0, 0.0, 0.0
@@ -182,7 +182,7 @@ def estimate(wrench, noise, nodes, corners, settings, state, row):
     row[_STATUS] = status
     if status == _INVALID:
         return
-    row[6:9] = wrench[:3]
+    copy_into(wrench, row[6:9])
     if status != _CONTACT:
         state[HAS_PREVIOUS] = 0.0
         return
@@ -198,7 +198,7 @@ def estimate(wrench, noise, nodes, corners, settings, state, row):
     places, torques = np.empty((count, 6)), np.empty(count)
     best, plausible = _choose(wrench, settings, near, found, count, places, torques)
     place = places[best]
-    row[:6] = place
+    copy_into(place, row[:6])
     row[9] = torques[best]
     t, shape, slopes = np.empty((2, 3)), np.empty((2, 2)), np.empty((2, 6))
     spread = np.zeros((2, 2))
@@ -228,7 +228,7 @@ def estimate(wrench, noise, nodes, corners, settings, state, row):
     if plausible > 1 and _ambiguous(found, places, count, best, t, spread, noisy):
         row[_STATUS] = _AMBIGUOUS
     state[HAS_PREVIOUS] = 1.0
-    state[PREVIOUS : PREVIOUS + 3] = place[:3]
+    copy_into(place, state[PREVIOUS : PREVIOUS + 3])
 
 
 @inner
@@ -251,7 +251,7 @@ def estimate_many(wrenches, noises, forced, nodes, corners, settings, state, seq
     start = state.copy()
     for i in range(len(wrenches)):
         if not sequential:
-            state[:] = start
+            copy_into(start, state)
         if forced[i] >= 0:
             rows[i] = np.nan
             rows[i, _CANDIDATES] = 0.0

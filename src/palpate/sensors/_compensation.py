@@ -10,7 +10,7 @@ import numpy as np
 
 from palpate.sensors._placing import mounting_errors, row, to_surface
 from palpate.surfaces._jit import entry, inner
-from palpate.surfaces._vectors import cross_into
+from palpate.surfaces._vectors import copy_into, cross_into
 
 __all__ = ["compensate", "place"]
 
@@ -60,7 +60,7 @@ def compensate(readings, rotations, accelerations, limits, load, zero, base, wre
                 wrench[k] = rotation[0, k] * reading[0] + rotation[1, k] * reading[1] + rotation[2, k] * reading[2]
                 wrench[3 + k] = rotation[0, k] * reading[3] + rotation[1, k] * reading[4] + rotation[2, k] * reading[5]
         else:
-            wrench[:] = reading
+            copy_into(reading, wrench)
         if statuses[i] == -1 or (statuses[i] == _NO_POSE and not base):
             for k in range(6):
                 if abs(wrench[k]) >= limits[k]:

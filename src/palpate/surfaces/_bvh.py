@@ -14,6 +14,7 @@ import numpy as np
 from palpate.surfaces._jit import entry, inlined, inner
 from palpate.surfaces._patch import solve_flat, solve_patch, solve_vertex
 from palpate.surfaces._patches import FLAT, VERTEX
+from palpate.surfaces._vectors import copy_into
 
 __all__ = [
     "CANDIDATE",
@@ -127,13 +128,12 @@ def build(corners, nodes):
         for m in range(count):
             middles[k, m] = corners[m, 0, k] + corners[m, 1, k] + corners[m, 2, k]
     pending = np.empty((STACK, 3), dtype=np.int64)  # low, high, node
-    pending[0] = (0, count, 0)
+    pending[0, 0], pending[0, 1], pending[0, 2] = 0, count, 0
     ends = np.empty(WIDTH + 1, dtype=np.int64)
     depth, used = 1, 1
     while depth > 0:
         depth -= 1
-        low, high, at = pending[depth]
-        node = nodes[at]
+        low, high, node = pending[depth, 0], pending[depth, 1], nodes[pending[depth, 2]]
         ends[0], ends[1] = low, high
         _split(middles, order, ends)
         for child in range(WIDTH):
@@ -147,7 +147,7 @@ def build(corners, nodes):
                 node[10, child], node[11, child] = low, high - low
                 continue
             node[10, child], node[11, child] = used, 0.0
-            pending[depth] = (low, high, used)
+            pending[depth, 0], pending[depth, 1], pending[depth, 2] = low, high, used
             depth += 1
             used += 1
     return order, used
@@ -253,7 +253,7 @@ def _keep(found, count, capacity, patch, b, kind, corners, fx, fy, fz, tan_limit
         if count == capacity and found[i, 4] > tangent and (spot == count or found[i, 4] > found[spot, 4]):
             spot = i
     if spot < capacity:
-        found[spot] = spare
+        copy_into(spare, found[spot])
     return min(max(count, spot + 1), capacity)
 
 

@@ -21,6 +21,7 @@ import numpy as np
 from numba import types
 
 from palpate.surfaces._jit import chosen_for, entry, inlined, inner
+from palpate.surfaces._vectors import copy_into
 
 __all__ = ["contacts", "curvature", "enter", "evaluate", "nearest", "nearest_points", "nearest_to_line"]
 
@@ -235,7 +236,7 @@ def _follow(equation, table, f, begin, end, p, h):
             m[k] = begin[k] + (done + step) * (end[k] - begin[k])
             trial[k] = p[k]
         if _settle(equation, table, f, m, trial, h):
-            p[:] = trial
+            copy_into(trial, p)
             done += step
             if done >= 1.0:
                 return True
@@ -310,7 +311,7 @@ def _axis(wrench, table, soft, f, m, bare, p):
         bare[k] = m[k] - pitch * f[k]
     p[0], p[1], p[2] = f[1] * m[2] - f[2] * m[1], f[2] * m[0] - f[0] * m[2], f[0] * m[1] - f[1] * m[0]
     if soft == 0.0:
-        m[:] = bare
+        copy_into(bare, m)
     return pitch * soft
 
 
@@ -333,7 +334,7 @@ def contacts(wrench, soft, tan_limit, equation, table, found):
             count = _note(equation, table, f, p, h, tan_limit, found, count)
     if count == 0 and pitch != 0.0:
         best = _facing(table, f)
-        p[:] = table[best, :3]
+        copy_into(table[best], p)
         bare[0], bare[1], bare[2] = p[1] * f[2] - p[2] * f[1], p[2] * f[0] - p[0] * f[2], p[0] * f[1] - p[1] * f[0]
         if _follow(equation, table, f, bare, m, p, h):
             count = _note(equation, table, f, p, h, tan_limit, found, count)
@@ -409,7 +410,7 @@ def nearest(equation, table, metric, q, f, p):
             start, least = i, square
     if start < 0:
         return np.inf
-    p[:] = table[start, :3]
+    copy_into(table[start], p)
     for _ in range(60):
         evaluate(equation, table, p, h)
         _pull(metric, p, q, pull)
@@ -451,7 +452,7 @@ def nearest(equation, table, metric, q, f, p):
     square = _pull(metric, p, q, pull)
     evaluate(equation, table, p, h)
     if not square <= least + 1e-12 or abs(h[0]) > 1e-6 * np.sqrt(h[1] * h[1] + h[2] * h[2] + h[3] * h[3]):
-        p[:] = table[start, :3]
+        copy_into(table[start], p)
         return least
     return square
 
