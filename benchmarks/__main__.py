@@ -11,7 +11,7 @@ import sys
 import time
 from pathlib import Path
 
-from benchmarks import equations, peers, processes, speed, start, streams
+from benchmarks import equations, load_cells, peers, processes, speed, start, streams
 from benchmarks.measure import FLAT, Batch, Meshes, Single, batches, singles
 from evidence.machine import machine
 from evidence.report import Theme, measure
@@ -29,6 +29,7 @@ RESULTS, TARGETS = (Path(__file__).parent / name for name in ("RESULTS.md", "TAR
 THEMES: dict[str, Theme] = {
     "speed": speed.rows,
     "equations": equations.rows,
+    "load_cells": load_cells.rows,
     "processes": processes.rows,
     "start": start.rows,
 }

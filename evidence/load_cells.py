@@ -7,7 +7,6 @@ more, forces those against the equally filtered truth. The zero is taken in the 
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cache
@@ -47,7 +46,7 @@ QUIET = replace(RIGID, friction=(0.0, 0.01))
 
 
 def rows(small: bool) -> Iterator[Row]:
-    """Table I, torque, limits, starts, smallest force, speed, faults."""
+    """Table I, torque, limits, starts, smallest force, faults."""
     runs = Runs(10 if small else 1)
     yield from _tables(runs)
     yield from _torque(runs)
@@ -59,8 +58,6 @@ def rows(small: bool) -> Iterator[Row]:
     yield from _channels(runs, small)
     yield from _surfaces(runs)
     yield from _sentences()
-    if not small:
-        yield from _speed()
 
 
 @dataclass(frozen=True, eq=False)
@@ -351,35 +348,6 @@ def _smallest(runs: Runs, trials: int) -> Iterator[Row]:
         got = f"{1e3 * predicted:.1f} mN predicted, {1e3 * high:.1f} mN measured: {ratio - 1:+.0%}"
         what = f"smallest force for 2 mm at x = {1e3 * x:.0f}, y = {1e3 * y:.0f} mm"
         yield Row(NAME, what, "within 15 %", got, abs(ratio - 1) <= 0.15, COMMAND)
-
-
-def _speed() -> Iterator[Row]:
-    run = RIGID.run(0)
-    begin = time.perf_counter()
-    found = identify_load_cells(run.time, run.voltages, run.force, run.position, SURFACE)
-    took = time.perf_counter() - begin
-    yield Row(
-        NAME, f"calibration of eight trajectories, {len(run):,} samples", "5 s", f"{took:.1f} s", took <= 5, COMMAND
-    )
-    fingertip = _fingertip(found.cells)
-    fingertip.tare(_recording(run, _rest(run, run.trajectory == 0)))
-    volts, row = np.ascontiguousarray(run.voltages[3000:11000]), fingertip.empty()
-    block = palpate.Recording(run.time[3000:11000], {VOLTAGE: volts})
-    each, bulk = np.inf, np.inf
-    for _ in range(25):  # of processor time: the machine has other work
-        begin = time.process_time()
-        for k in range(len(volts)):
-            fingertip.update_into(0.001 * k, volts[k], row)
-        each = min(each, (time.process_time() - begin) / len(volts))
-        begin = time.process_time()
-        for _ in range(5):
-            fingertip.run(block)
-        bulk = min(bulk, (time.process_time() - begin) / len(volts) / 5)
-    yield Row(
-        NAME, "voltages to contact, one by one from Python", "8 us", f"{1e6 * each:.2f} us", each <= 8e-6, COMMAND
-    )
-    what = "voltages to contact with covariance, in batch on one core"
-    yield Row(NAME, what, "250,000/s", f"{1 / bulk:,.0f}/s", bulk <= 4e-6, COMMAND)
 
 
 def _faults(runs: Runs, small: bool) -> Iterator[Row]:

@@ -17,7 +17,7 @@ from palpate.surfaces._jit import entry, inner
 __all__ = ["force_torque", "load_cells", "packed"]
 
 
-def packed(arrays):
+def packed(arrays: tuple[np.ndarray, ...]) -> tuple[np.ndarray, np.ndarray]:
     """Arrays of up to three axes as memory and table."""
     sizes = np.array([array.size for array in arrays])
     shapes = [(1,) * (3 - array.ndim) + array.shape for array in arrays]

@@ -49,7 +49,7 @@ class _Live:
         from palpate.contact import _live  # compiled: loaded when first needed
 
         self._given = sensor, locator, placement
-        self._inputs, self._pack, self._revision = sensor.inputs, _live.packed, -1
+        self._hold, self._pack, self._revision = sensor.hold, _live.packed, -1
         self._loop = _live.force_torque if isinstance(sensor, Compensation) else _live.load_cells
         self._compiled = locator.compiled(known=sensor.noise is not None)
 
@@ -59,11 +59,17 @@ class _Live:
     def __call__(
         self, reading: ArrayLike, rotation: ArrayLike | None, acceleration: ArrayLike | None, row: np.ndarray
     ) -> None:
+        self._hold(reading, rotation, acceleration)
+        self.run(row)
+
+    def run(self, row: np.ndarray) -> None:
+        """The contact of the inputs that the sensor holds, into a row."""
         sensor, _, placement = self._given
         if self._revision != sensor.revision:
-            self._arguments = *self._pack(sensor.constants(placement)), sensor.state, *self._compiled
+            packed = self._pack(sensor.constants(placement))
+            self._arguments = sensor.held, *packed, sensor.state, *self._compiled
             self._revision = sensor.revision
-        self._loop(self._inputs(reading, rotation, acceleration), *self._arguments, row)
+        self._loop(*self._arguments, row)
 
 
 class WrenchEstimator:
@@ -84,6 +90,7 @@ class WrenchEstimator:
         rate: [Hz] of the samples; a filter needs it.
         mounted: wrenches are about the sensor's frame. False: calibrated about the surface's, so that `mount` only
             says where results are in other frames.
+        live: compile the loop of single samples now, some seconds once a machine, and not with the first of them.
 
     Raises:
         InputError: a filter without a rate, or with one that is too low for it.
@@ -100,6 +107,7 @@ class WrenchEstimator:
         filter: Filter | None = None,
         rate: float | None = None,
         mounted: bool = True,
+        live: bool = True,
     ) -> None:
         self.sensor: WrenchSensor = Compensation(sensor) if isinstance(sensor, ForceTorque) else sensor
         self.mount = Pose.identity() if mount is None else mount
@@ -116,6 +124,8 @@ class WrenchEstimator:
         self._live: _Live | None = None
         if filter is None and isinstance(self.sensor, Compensation | LoadCellArray):
             self._live = _Live(self.sensor, self.locator, self._placement)
+            if live:
+                self._live.run(self.empty(1)[0])
         self.reset()
 
     @property

@@ -85,7 +85,7 @@ class Compensation:
         self._doubts = square_root(load.covariance)
         self._turns, self.revision = bool(self.needs_orientation), 0
         self._untare()
-        self.state, self._inputs = np.empty(0), np.concatenate([np.zeros(6), np.eye(3).ravel(), np.zeros(3)])
+        self.state, self.held = np.empty(0), np.concatenate([np.zeros(6), np.eye(3).ravel(), np.zeros(3)])
         made = self._compensated(self._read(0.0), self._zero)  # compiles, before anything is in a hurry
         self.place(made, made.wrench, np.ones(1), Placement(Pose.identity()))
 
@@ -117,20 +117,17 @@ class Compensation:
         self, time: float, reading: ArrayLike, rotation: ArrayLike | None, acceleration: ArrayLike | None
     ) -> _Compensated:
         """Of six numbers, with the sensor's rotation in the base (3, 3) where it is needed; NaN: not known now."""
-        self.inputs(reading, rotation, acceleration)
+        self.hold(reading, rotation, acceleration)
         return self._compensated(self._read(time), self._zero)
 
-    def inputs(
-        self, reading: ArrayLike, rotation: ArrayLike | None, acceleration: ArrayLike | None
-    ) -> Float[np.ndarray, "18"]:
-        """Reading, rotation and acceleration, for a loop that takes one sample; valid until the next."""
+    def hold(self, reading: ArrayLike, rotation: ArrayLike | None, acceleration: ArrayLike | None) -> None:
+        """Reading, rotation and acceleration of one sample into `held`."""
         if self._turns:
             if rotation is None:
                 raise InputError(f"update needs the orientation of the sensor: {self.needs_orientation}.")
-            self._inputs[6:15].reshape(3, 3)[:] = _of_one("rotation", rotation, (3, 3))
-        self._inputs[:6] = _of_one("reading", reading, (6,))
-        self._inputs[15:] = 0.0 if acceleration is None else _of_one("acceleration", acceleration, (3,))
-        return self._inputs
+            self.held[6:15].reshape(3, 3)[:] = _of_one("rotation", rotation, (3, 3))
+        self.held[:6] = _of_one("reading", reading, (6,))
+        self.held[15:] = 0.0 if acceleration is None else _of_one("acceleration", acceleration, (3,))
 
     def constants(self, placement: Placement) -> tuple[np.ndarray, ...]:
         """What `compensate` and `place` of the compiled loops take, in their order."""
@@ -225,7 +222,7 @@ class Compensation:
 
     def _read(self, time: float) -> _Readings:
         """The inputs of one sample."""
-        made = self._inputs.copy()
+        made = self.held.copy()
         reading, rotation, acceleration = made[None, :6], made[6:15].reshape(1, 3, 3), made[None, 15:]
         return _Readings(np.array([time], dtype=np.float64), reading, rotation, acceleration, np.zeros((1, 1)))
 

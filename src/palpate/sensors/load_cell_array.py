@@ -92,7 +92,7 @@ class LoadCellArray:
         self._channels = np.column_stack([np.zeros(channels), cells.limits])
         self._channels[~self.sound, 1:] = -np.inf, np.inf
         self._settings = np.concatenate([made.metric(), np.zeros((1, 6))])
-        self.state, self._inputs = np.zeros(count + 2 * channels), np.zeros(channels)
+        self.state, self.held = np.zeros(count + 2 * channels), np.zeros(channels)
         self._seconds, self.revision = seconds, 0
         self._placement: Placement | None = None
         self._known, self._doubted = zero is not None, list[str]()
@@ -151,21 +151,18 @@ class LoadCellArray:
         acceleration: ArrayLike | None = None,
     ) -> _Weighed:
         """Of one sample of voltages (3 k,)."""
-        voltages = self.inputs(reading, rotation, acceleration)[None]
-        return self._weighed(np.array([time], dtype=np.float64), voltages)
+        self.hold(reading, rotation, acceleration)
+        return self._weighed(np.array([time], dtype=np.float64), self.held[None])
 
-    def inputs(
-        self, reading: ArrayLike, rotation: ArrayLike | None, acceleration: ArrayLike | None
-    ) -> Float[np.ndarray, " m"]:
-        """The voltages, for a loop that takes one sample; valid until the next."""
+    def hold(self, reading: ArrayLike, rotation: ArrayLike | None, acceleration: ArrayLike | None) -> None:
+        """The voltages of one sample into `held`."""
         values = np.asarray(reading, dtype=np.float64)
         if values.shape != self._shape:
             raise InputError(_SHAPE.format(self.cells.cells, *self._shape, values.shape))
-        self._inputs[:] = values
+        self.held[:] = values
         self._live += 1
         if self._live % LIVE == 0:
-            self._keep(self._inputs[None])
-        return self._inputs
+            self._keep(self.held[None])
 
     def constants(self, placement: Placement) -> tuple[np.ndarray, ...]:
         """What `measure` and `place` of the compiled loops take, in their order."""

@@ -56,6 +56,7 @@ def wrench_estimator(
         mounted=mounted,
         filter=table.filter(),
         rate=rate,
+        live=head is None,
     )
     made = Prepared(estimator, said=noted_filter(table, rate), facts=_facts(rig, estimator, table, rate))
     if head is not None and tare is not None:
