@@ -10,7 +10,7 @@ import pytest
 
 from evidence.same import FORMATS, chain_of, differing, estimated, streamed, unlike, written
 from palpate.contact import Contacts, Status
-from palpate.io.logs import parquet, read_recording, topic_log
+from palpate.io.logs import columns, read_recording, topic_log
 from palpate.io.rig import load_rig
 from palpate.sensors.filters import Butterworth, Filter, Kalman
 
@@ -35,7 +35,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def _small_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
     """Each reader cuts this short log where it likes."""
     monkeypatch.setattr(topic_log, "BLOCK", 211)
-    monkeypatch.setattr(parquet, "BLOCK", 137)
+    monkeypatch.setattr(columns, "BLOCK", 137)
 
 
 @pytest.fixture(scope="module")

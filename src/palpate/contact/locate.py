@@ -142,7 +142,7 @@ class Locator:
             accuracy=self.accuracy,
         )
 
-    def compiled(self, known: bool) -> tuple[np.ndarray, ...]:
+    def compiled(self, known: bool) -> tuple[Any, ...]:
         """For loops that go on from a wrench: noises (0, 6, 6) where its covariance is known, tree, settings, state."""
         noises = np.empty((0, 6, 6)) if known else self._noise[None]
         return noises, *self._arguments, self._noisy if known else self._settings, self._state
