@@ -50,7 +50,7 @@ def rows(small: bool) -> Iterator[Row]:
     runs = Runs(10 if small else 1)
     yield from _tables(runs)
     yield from _torque(runs)
-    yield from _limits(runs)
+    yield from _limits(runs, small)
     yield from _effects(runs)
     yield from _starts(5 if small else 20)
     yield from _smallest(runs, 2_000 if small else 20_000)
@@ -179,12 +179,13 @@ def _said(runs: Runs, bench: Bench) -> tuple[str, bool]:
     return "; ".join(notes) or "nothing", any("riction" in text for text in notes)
 
 
-def _limits(runs: Runs) -> Iterator[Row]:
+def _limits(runs: Runs, small: bool) -> Iterator[Row]:
     for what, bench, law in (("rigid", RIGID, False), ("soft layer, its law fitted", SOFT, True)):
         run, cells = runs.second(bench), runs.calibrated(bench, law).cells
         for method, torque in (("soft_finger", True), ("wrench_axis", False)):
             answer = _answer(cells, run, method)
-            use = np.flatnonzero(_loaded(run) & answer.found.answered)[:: max(1, (301 if law else 41) // runs.thin)]
+            step = max(1, (301 if law else 41) // runs.thin) * (5 if small else 1)
+            use = np.flatnonzero(_loaded(run) & answer.found.answered)[::step]
             least = np.sqrt(np.mean([_bound(bench, run, int(k), torque) for k in use]))
             off = answer.found.point[use] - run.point[use]
             ratio = _rms(np.linalg.norm(off, axis=1)) / least
