@@ -70,6 +70,11 @@ def test_a_soft_layer_needs_its_law() -> None:
     assert law.exponent == pytest.approx(0.5, abs=0.05)  # a ball on an elastic foundation: force grows as depth squared
 
 
+def test_a_rigid_surface_shows_no_law() -> None:
+    with pytest.raises(NotIdentifiable, match="the law of indentation is not determined"):
+        calibrated(BENCHES["drift"], True)
+
+
 def test_every_start_ends_at_one_place() -> None:
     rng, array = np.random.default_rng(1), RIGID.cells()
     ends = list[LoadCellCalibration]()

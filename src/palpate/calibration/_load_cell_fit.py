@@ -21,6 +21,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from palpate.calibration._load_cell_log import Blocks
+from palpate.errors import NotIdentifiable
 from palpate.sensors.correlation import correlation_time
 from palpate.sensors.load_cells import Indentation
 from palpate.spatial.pose import skew
@@ -159,9 +160,13 @@ def _gradient(
 
 
 def _step(normal: Float[np.ndarray, "p p"], gradient: Float[np.ndarray, " p"], damping: float = 0.0) -> np.ndarray:
-    """Solution of the damped normal equations, in units in which each unknown moves the residuals alike."""
-    size = np.sqrt(np.diag(normal))
-    scaled = normal / np.outer(size, size) + damping * np.eye(len(size))
+    """Solution of the damped normal equations, in units in which each unknown moves the residuals alike.
+
+    An unknown that moves none, as the exponent of no indentation, stays where it is.
+    """
+    idle = np.diag(normal) == 0
+    size = np.where(idle, 1.0, np.sqrt(np.diag(normal)))
+    scaled = normal / np.outer(size, size) + np.diag(damping + idle)
     return np.linalg.solve(scaled, gradient / size) / size
 
 
@@ -302,6 +307,13 @@ def _covariance(
         joint[36:] = np.einsum("nrl,nrz->lz", law_slopes[rows], pushed)
         meat += (joint * zeros) @ joint.T
     size = np.sqrt(np.diag(whole))
+    if not size.all():
+        raise NotIdentifiable(
+            "the log shows no depth below the surface at which the force acts, so the law of indentation is not "
+            "determined. Calibrate without it, as a rigid surface.",
+            rank=int(np.count_nonzero(size)),
+            missing=("indentation",),
+        )
     bread = np.linalg.inv(whole / np.outer(size, size)) / np.outer(size, size)
     return bread @ meat @ bread, times
 

@@ -318,5 +318,6 @@ def _shaped(name: str, values: ArrayLike, shape: tuple[int, ...]) -> Float[np.nd
     array = frozen(values)
     unknown = name in ("positions", "limits")  # NaN and infinity have a meaning there
     if array.shape != shape or not (unknown or np.isfinite(array).all()):
-        raise InputError(f"{name} must be {shape} finite numbers, not {array.shape}", where="load_cells")
+        seen = f"shape {array.shape}" if array.shape != shape else "numbers that are not finite"
+        raise InputError(f"{name} must be {shape} finite numbers, not {seen}", where="load_cells")
     return array
