@@ -56,6 +56,9 @@ def test_a_fault_that_has_no_one_place_is_refused(fault: Fault) -> None:
 
 
 def test_every_stated_fault_stands_where_it_says_and_has_tests() -> None:
-    assert len(sources(FAULTS)) > 10
+    made = sources(FAULTS)
+    assert len(made) > 10
     assert len(FAULTS) >= 100
+    for path, text in made.items():
+        compile(text, path, "exec")
     assert [test for fault in FAULTS for test in fault.tests if not (ROOT / test).exists()] == []
