@@ -50,7 +50,7 @@ FAULTS: list[Fault] = [
         ),
         ("an offset at the edge is an answer", "best in (0, len(grid) - 1)", "best < 0"),
         ("what hardly turns is an answer", "not deviation < FLAT", "False"),
-        ("averages over gaps", "np.abs(times[:, -1] - times[:, 0]) <= 2 * each * usual", "np.isfinite(times[:, -1])"),
+        ("the first time of an average for its mean", "times[whole].mean(axis=1)", "times[whole][:, 0]"),
     ),
     *of(
         "calibration/_pose_fit.py",
@@ -60,7 +60,11 @@ FAULTS: list[Fault] = [
             "np.minimum(1.0, USUAL * scale / np.maximum(distances, 1e-12))",
             "np.minimum(1.0, USUAL * scale / np.minimum(distances, 1e-12))",
         ),
-        ("the prior's deviation for its variance", "np.diag(1 / sizes**2)", "np.diag(1 / sizes)"),
+        (
+            "the scale of distances the wrong way",
+            "np.median(distances**2) / MEDIAN",
+            "np.median(distances**2) * MEDIAN",
+        ),
         ("the turn is taken the other way", "pose.rotation @ initial.rotation.T", "initial.rotation @ pose.rotation.T"),
     ),
 ]

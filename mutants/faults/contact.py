@@ -42,7 +42,12 @@ FAULTS: list[Fault] = [
             "t[a, i] * spread[a, c] * t[c, j]",
             "t[a, i] * spread[a, c] * t[c, j] if a == c else 0.0",
         ),
-        ("samples out of sequence know each other", "copy_into(start, state)", "copy_into(state, state)", "estimate_many"),
+        (
+            "samples out of sequence know each other",
+            "copy_into(start, state)",
+            "copy_into(state, state)",
+            "estimate_many",
+        ),
         ("one covariance for all samples", "len(noises) > 1", "len(noises) > 1000000", "estimate_many"),
         ("implausible candidates count", "row[_CANDIDATES] = plausible", "row[_CANDIDATES] = count"),
     ),

@@ -207,3 +207,11 @@ def test_mean_touches_averages_the_noise_and_not_what_is_common() -> None:
     assert np.allclose(means[0], (2 + 4 + 5) / 3)
     assert np.allclose(spreads[0], np.eye(6) * (9.0 / 3 + 4.0))
     assert np.isnan(means[1]).all()  # nothing was touched then
+
+
+def test_the_offset_between_two_poses_is_the_step_that_was_taken() -> None:
+    turn, shift = np.array([0.2, -0.1, 0.3]), np.array([0.01, 0.02, -0.03])
+    start = Pose.from_rotation_vector((0.4, 0.5, -0.6), (0.1, 0.0, 0.2))
+    turned = Pose.from_rotation_vector(tuple(turn), (0.0, 0.0, 0.0)).rotation @ start.rotation
+    there = Pose(turned, start.translation + shift)
+    np.testing.assert_allclose(offset(start, there), [*turn, *shift], atol=1e-12)

@@ -9,6 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from palpate.calibration import diagnose_payload, identify_payload
+from palpate.calibration._payload_fit import residual_covariance
 from palpate.errors import InputError, NotIdentifiable
 from palpate.sensors import Payload
 from palpate.spatial.pose import rotation_from_quaternion
@@ -403,3 +404,17 @@ def test_rows_beyond_any_sensor_are_ignored_like_infinity() -> None:
     good = identify_payload(np.delete(wrenches, [2], axis=0), np.delete(rotations, [2], axis=0))
     wrenches[2, 4] = 1e200
     np.testing.assert_array_equal(parameters(identify_payload(wrenches, rotations)), parameters(good))
+
+
+def test_the_noise_that_a_fit_leaves_is_corrected_for_its_unknowns() -> None:
+    """Residuals of normal numbers of deviation 1 after a fit of 4 unknowns to 12 forces, and of 6 to 12 torques."""
+    rng, found = np.random.default_rng(5), np.zeros((6, 6))
+    for _ in range(3000):
+        force, torque = (_left_of_a_fit(rng, unknowns) for unknowns in (4, 6))
+        found += residual_covariance(np.concatenate([force, torque], axis=1), 4) / 3000
+    np.testing.assert_allclose([np.trace(found[:3, :3]) / 3, np.trace(found[3:, 3:]) / 3], 1.0, atol=0.02)
+
+
+def _left_of_a_fit(rng: np.random.Generator, unknowns: int) -> np.ndarray:
+    columns, values = rng.normal(size=(12, unknowns)), rng.normal(size=12)
+    return (values - columns @ np.linalg.lstsq(columns, values, rcond=None)[0]).reshape(4, 3)

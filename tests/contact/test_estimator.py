@@ -186,3 +186,20 @@ def test_payload_and_mounting_add_to_the_covariance_what_dice_say() -> None:
     located = locator.run(np.array(points), sequential=False)
     sample = np.cov(located.point[located.answered].T)
     assert np.abs(sample - stated.covariance[0]).max() < 0.1 * np.trace(stated.covariance[0])
+
+
+def test_what_a_tare_is_unsure_of_is_in_every_covariance() -> None:
+    rng = np.random.default_rng(2)
+    window = Recording(np.arange(40) / 100.0, _parts(rng.normal(size=(40, 6)) * NOISE))
+    estimator = WrenchEstimator(Locator(MESH), ForceTorque(NOISE), live=False)
+    _, before, _ = estimator.contact_wrenches(window)
+    estimator.tare(window)
+    _, after, _ = estimator.contact_wrenches(window)
+    assert before is not None
+    assert after is not None
+    np.testing.assert_allclose(before[0], np.diag(NOISE**2), atol=1e-15)
+    np.testing.assert_allclose(after[0], (1 + 1 / 40) * np.diag(NOISE**2), atol=1e-15)
+
+
+def _parts(wrenches: np.ndarray) -> dict[str, np.ndarray]:
+    return {FORCE: wrenches[:, :3].copy(), TORQUE: wrenches[:, 3:].copy()}

@@ -499,3 +499,15 @@ def test_one_facet_is_surface_enough() -> None:
     answer = Locator(mesh, noise=NOISE).run(np.array([pressing(point, UP, down, 0.0) for point in (inside, beside)]))
     assert answer.status.tolist() == [Status.CONTACT, Status.OFF_SURFACE]
     assert np.allclose(answer.point, [inside, [0.55 * R, 0.45 * R, 0]], rtol=0, atol=1e-15)  # the foot on the long side
+
+
+@pytest.mark.parametrize("tilt", [(-0.8, -0.6), (-0.6, -0.8)])
+def test_of_two_facets_at_one_edge_the_one_faced_more_squarely_comes_first(tilt: tuple[float, float]) -> None:
+    """Both contacts of the axis are the same point, so height does not decide."""
+    mesh = Mesh.from_arrays(*box())
+    point, force = np.array([R, 0.2 * R, R / 2]), np.array([tilt[0], 0.0, tilt[1]])
+    row = Locator.empty()
+    Locator(mesh, "wrench_axis", friction=2.0)(np.concatenate([force, np.cross(point, force)]), row)
+    found = ContactEstimate.from_rows(row)
+    np.testing.assert_allclose(found.point, point, atol=1e-9)
+    np.testing.assert_allclose(found.normal, [1, 0, 0] if tilt[0] < tilt[1] else [0, 0, 1], atol=1e-9)

@@ -191,3 +191,13 @@ def test_settings_that_are_none_are_refused() -> None:
         Butterworth(10.0, 9)
     with pytest.raises(InputError, match="rate"):
         Kalman().describe(0.0)
+
+
+def test_a_sample_that_is_none_has_no_age_and_stays_as_it_is() -> None:
+    forward = Forward(Butterworth(8.0).recursion(200.0), 200.0)
+    status = np.array([-1, -1, 7, -1], dtype=np.int8)
+    values = np.ones((4, 6))
+    values[2] = 50.0
+    assert forward(np.arange(4) / 200.0, status, values).tolist() == [0, 1, -1, 2]
+    np.testing.assert_array_equal(values[2], 50.0)
+    np.testing.assert_allclose(values[3], 1.0, atol=1e-12)

@@ -6,9 +6,11 @@ import functools
 
 import numpy as np
 import pytest
+from numba import njit
 
+from palpate.contact import Locator
 from palpate.simulation.shapes import BumpySphere, Ellipsoid
-from palpate.surfaces import Mesh, _bvh
+from palpate.surfaces import Mesh, _bvh, _patch
 from tests.support.bodies import R, box, cylinder
 
 MESHES = {
@@ -143,3 +145,29 @@ def test_a_limit_on_friction_leaves_out_what_is_beyond_and_nothing_else(name: st
             near = cosine > 1 / np.sqrt(1 + limit**2)
             assert len(some) == near.sum()
             assert unmatched(some, everything[near], 1e-9) == 0
+
+
+@njit
+def _roots(k0, k1, k2, k3):  # type: ignore[no-untyped-def]
+    out = np.empty(3)
+    return out[: _patch._roots(k0, k1, k2, k3, 0.0, 1.0, out)]
+
+
+@pytest.mark.parametrize("roots", [(0.2, 0.5, 0.9), (0.1, 0.4, 2.0), (-1.0, 0.3, 3.0), (-1.0, 0.25, 0.75)])
+def test_every_root_of_a_cubic_in_the_interval_is_found(roots: tuple[float, float, float]) -> None:
+    k3, k2, k1, k0 = 3.0 * np.poly(roots)
+    np.testing.assert_allclose(_roots(k0, k1, k2, k3), [root for root in roots if 0.0 < root < 1.0], atol=1e-9)
+
+
+@pytest.mark.parametrize("share", [-0.3, 0.0, 0.2])
+def test_a_contact_on_the_side_that_two_facets_share_is_one(share: float) -> None:
+    """On the diagonal of a face of a box, with and without a shift."""
+    mesh = Mesh.from_arrays(*box())
+    x, y = 2 * R * share, 1.4 * R * share
+    for diagonal in (y, -y):
+        point, force = np.array([x, diagonal, R / 2]), np.array([0.2, 0.1, -1.0])
+        for torque in (0.0, 1e-3):
+            moment = np.cross(point, force) + torque * np.array([0.0, 0.0, 1.0])
+            found = Locator(mesh).candidates(np.concatenate([force, moment]))
+            at_point = np.linalg.norm(found.point - point, axis=1) < 1e-9
+            assert np.count_nonzero(at_point) == 1
