@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from palpate.calibration._pose_fit import offset
+from palpate.calibration._pose_fit import _scale, offset
 from palpate.calibration._touch_evidence import KnownPoints, moved
 from palpate.calibration.mounting import Mounting, Spreads, identify_mounting, mean_touches
 from palpate.errors import NotIdentifiable
@@ -215,3 +215,9 @@ def test_the_offset_between_two_poses_is_the_step_that_was_taken() -> None:
     turned = Pose.from_rotation_vector(tuple(turn), (0.0, 0.0, 0.0)).rotation @ start.rotation
     there = Pose(turned, start.translation + shift)
     np.testing.assert_allclose(offset(start, there), [*turn, *shift], atol=1e-12)
+
+
+def test_the_scale_of_distances_is_their_deviation_where_it_is_more_than_one() -> None:
+    steps = np.random.default_rng(6).normal(size=(20_000, 3))
+    assert _scale(np.linalg.norm(2.0 * steps, axis=1)) == pytest.approx(2.0, rel=0.02)
+    assert _scale(np.linalg.norm(0.5 * steps, axis=1)) == 1.0
