@@ -148,7 +148,7 @@ def test_a_limit_on_friction_leaves_out_what_is_beyond_and_nothing_else(name: st
 
 
 @njit
-def _roots(k0, k1, k2, k3):  # type: ignore[no-untyped-def]
+def _roots(k0, k1, k2, k3):
     out = np.empty(3)
     return out[: _patch._roots(k0, k1, k2, k3, 0.0, 1.0, out)]
 
