@@ -10,6 +10,7 @@ from palpate.contact._settings import (
     ACCURACY,
     DEPTH,
     EXPONENT,
+    FOLLOW,
     FRICTION,
     HAS_PREVIOUS,
     NOISY,
@@ -18,10 +19,10 @@ from palpate.contact._settings import (
     PREVIOUS,
     SCALE,
     SOFT,
-    TORSION,
     TOUCHING,
 )
 from palpate.contact._slopes import sandwich, sensitivity, softened, to_metres, to_unit
+from palpate.contact._touch import better, follow, forget, rival, torsion, within_bounds
 from palpate.surfaces._jit import entry, inner
 from palpate.surfaces._kernels import CANDIDATE, CAPACITY, nearest_to_axis, search, shape_operator
 from palpate.surfaces._vectors import copy_into, cross_into, dot
@@ -36,41 +37,13 @@ _RESIDUAL, _CANDIDATES, _STATUS = 19, 20, 21  # estimate._Row, which compiled co
 
 
 @inner
-def _torsion(w, place, i, soft):
-    """Torque about the normal of place i, (M - p x F) . n, and F . n; numbers, as parts of arrays are slow."""
-    nx, ny, nz = place[i, 3], place[i, 4], place[i, 5]
-    pressing = w[0] * nx + w[1] * ny + w[2] * nz
-    if soft == 1.0:
-        return (w[0] * w[3] + w[1] * w[4] + w[2] * w[5]) / pressing, pressing
-    x = place[i, 1] * w[2] - place[i, 2] * w[1]
-    y = place[i, 2] * w[0] - place[i, 0] * w[2]
-    z = place[i, 0] * w[1] - place[i, 1] * w[0]
-    return w[3] * nx + w[4] * ny + w[5] * nz - (x * nx + y * ny + z * nz), pressing
-
-
-@inner
-def _better(found, i, j):
-    """Is candidate i to be preferred to j: met first along the force from outside, then smaller friction angle?
-
-    Met first comes first because what presses stands on the side that the force comes from. How often that picks the
-    right one on real probes is in docs/evidence.md.
-    """
-    gap = found[i, 5] - found[j, 5]
-    if abs(gap) > 1e-9:
-        return gap < 0.0
-    return found[i, 4] < found[j, 4]
-
-
-@inner
 def _choose(wrench, settings, state, found, count, places, torques):
     """Which candidate is the answer, and how many lie within the bounds; found[:, 7] says which."""
     best, plausible, nearest = -1, 0, np.inf
     for i in range(count):
         to_metres(found[i], settings, places[i])
-        torques[i], pressing = _torsion(wrench, places, i, settings[SOFT])
-        within = found[i, 4] <= settings[FRICTION] and abs(torques[i]) <= settings[TORSION] * abs(pressing)
-        found[i, 7] = 1.0 if within else 0.0
-        if not within:
+        torques[i], pressing = torsion(wrench, places, i, settings[SOFT])
+        if not within_bounds(found, i, torques[i], pressing, settings):
             continue
         plausible += 1
         if state[HAS_PREVIOUS] == 1.0:
@@ -79,21 +52,21 @@ def _choose(wrench, settings, state, found, count, places, torques):
                 gap += (places[i, k] - state[PREVIOUS + k]) ** 2
             if gap < nearest:
                 best, nearest = i, gap
-        elif best < 0 or _better(found, i, best):
+        elif best < 0 or better(found, i, best):
             best = i
     if best < 0:
         for i in range(count):
-            if best < 0 or _better(found, i, best):
+            if best < 0 or better(found, i, best):
                 best = i
     return best, plausible
 
 
 @inner
-def _ambiguous(found, places, count, best, t, spread, noisy):
-    """Does another plausible candidate lie outside the 95 % ellipse of the one chosen?"""
+def _ambiguous(found, places, count, best, t, spread, noisy, state, branches):
+    """Does another plausible candidate, that is not told apart, lie outside the 95 % ellipse of the one chosen?"""
     det = spread[0, 0] * spread[1, 1] - spread[0, 1] * spread[1, 0]
     for i in range(count):
-        if i == best or found[i, 7] == 0.0:
+        if i == best or found[i, 7] == 0.0 or not (not noisy or rival(state, branches[i])):
             continue
         if not noisy or not det > 0.0:
             return True
@@ -185,6 +158,7 @@ def estimate(wrench, noise, nodes, corners, settings, state, row):
     copy_into(wrench, row[6:9])
     if status != _CONTACT:
         state[HAS_PREVIOUS] = 0.0
+        forget(state)
         return
     unit, found, near = np.empty(6), np.empty((CAPACITY + 1, CANDIDATE)), state
     if settings[DEPTH] > 0.0:
@@ -195,8 +169,11 @@ def estimate(wrench, noise, nodes, corners, settings, state, row):
     if count == 0:
         _off_surface(wrench, unit, noise, nodes, corners, settings, noisy, found, row)
         return
-    places, torques = np.empty((count, 6)), np.empty(count)
+    places, torques = np.empty((count + 1, 6)), np.empty(count + 1)
     best, plausible = _choose(wrench, settings, near, found, count, places, torques)
+    branches = np.empty(count + 1, np.int64)
+    if noisy:
+        best = follow(wrench, noise, settings, state, found, places, torques, count, best, branches)
     place = places[best]
     copy_into(place, row[:6])
     row[9] = torques[best]
@@ -219,13 +196,19 @@ def estimate(wrench, noise, nodes, corners, settings, state, row):
                         total += t[a, i] * spread[a, c] * t[c, j]
                 row[10 + 3 * i + j] = row[10 + 3 * j + i] = total  # symmetric to the last bit
     row[_CANDIDATES] = plausible
-    if plausible == 0:
+    if found[best, 7] == 0.0:
         row[_STATUS] = _IMPLAUSIBLE
-        if noisy:
+        if best == count:
+            row[_RESIDUAL] = found[count, 5]
+        elif noisy:
             row[_RESIDUAL] = distance_to_bounds(wrench, noise, nodes, corners, settings, found[best], place)
         return
     row[_RESIDUAL] = 0.0
-    if plausible > 1 and _ambiguous(found, places, count, best, t, spread, noisy):
+    if (
+        plausible > 1
+        and state[FOLLOW] == 0.0
+        and _ambiguous(found, places, count, best, t, spread, noisy, state, branches)
+    ):
         row[_STATUS] = _AMBIGUOUS
     state[HAS_PREVIOUS] = 1.0
     copy_into(place, state[PREVIOUS : PREVIOUS + 3])

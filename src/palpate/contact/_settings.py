@@ -4,15 +4,20 @@ from __future__ import annotations
 
 __all__ = [
     "ACCURACY",
+    "BRANCH",
+    "BRANCHES",
     "CENTRE",
     "DEPTH",
     "EXPONENT",
+    "FOLLOW",
     "FRICTION",
     "HAS_PREVIOUS",
+    "MOST",
     "NOISY",
     "OFF",
     "ON",
     "PREVIOUS",
+    "SAMPLES",
     "SCALE",
     "SOFT",
     "STATE",
@@ -23,6 +28,8 @@ __all__ = [
 # settings: what a Locator was made with, as numbers
 CENTRE, SCALE, SOFT, FRICTION, TORSION, ON, OFF, NOISY = 0, 3, 4, 5, 6, 7, 8, 9
 DEPTH, EXPONENT, ACCURACY = 10, 11, 12
-# state: what one sample leaves to the next
-STATE = 5
-TOUCHING, HAS_PREVIOUS, PREVIOUS = 0, 1, 2
+# state: what one sample leaves to the next. PREVIOUS: the last contact; FOLLOW: nothing but the nearest to it is
+# believed; SAMPLES since the touch began; then the branches (`_touch`), the one that is believed first
+TOUCHING, HAS_PREVIOUS, PREVIOUS, FOLLOW, SAMPLES, BRANCHES = 0, 1, 2, 5, 6, 7
+MOST, BRANCH = 6, 20  # branches, and numbers of each
+STATE = BRANCHES + MOST * BRANCH

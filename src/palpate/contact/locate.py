@@ -262,11 +262,11 @@ def _each(covariances: np.ndarray, batch: tuple[int, ...]) -> Float[np.ndarray, 
     return _writable(whole.reshape(-1, 6, 6))
 
 
-def _state(previous: ArrayLike | None) -> Float[np.ndarray, "5"]:
+def _state(previous: ArrayLike | None) -> Float[np.ndarray, " s"]:
     """No contact so far, or the last one at a point (3,) [m]."""
     state = np.zeros(STATE)
     if previous is not None:
-        state[HAS_PREVIOUS], state[PREVIOUS:] = 1.0, shaped(previous, (3,), "previous")
+        state[HAS_PREVIOUS], state[PREVIOUS : PREVIOUS + 3] = 1.0, shaped(previous, (3,), "previous")
     return state
 
 

@@ -1,0 +1,301 @@
+"""Compiled: which of several candidates a touch is, decided by the samples of the touch and not by its first.
+
+Each candidate is a sample of a *branch*: a place on the surface where this touch may be. While force and torque change,
+a contact stays where it is, or slides; a false branch wanders, since it follows the line of action. So each branch
+remembers its mean place, and in each sample every branch loses r^2 / 2, with r the distance, in standard deviations, of
+the wrench from the nearest that a contact at that place can make, and at most `_WORST`: two branches of a touch that
+slides lose alike. What a branch gains on the one that is believed is summed, D, and its squares, V: without a
+difference D / sqrt(V) is near normal, whatever the samples are. It takes the place of the one believed when
+D > T, and is told apart when D < -T, T = `_LEAST` + `_SURE` sqrt(V).
+"""
+
+# pyright: basic
+from __future__ import annotations
+
+import numpy as np
+
+from palpate.contact._bounds import distance_to_point
+from palpate.contact._settings import BRANCH, BRANCHES, FOLLOW, FRICTION, MOST, SAMPLES, SCALE, SOFT, TORSION
+from palpate.contact._slopes import to_metres
+from palpate.surfaces._jit import inner
+from palpate.surfaces._kernels import CANDIDATE
+from palpate.surfaces._vectors import copy_into, cross_into, dot
+
+__all__ = ["PLAUSIBLE", "better", "follow", "forget", "rival", "torsion", "within_bounds"]
+
+_COUNT, _GAIN, _SQUARES, _MEAN, _LAST = 0, 1, 2, 3, 6  # of a branch; its mean position [m], its last candidate
+_MEMORY = 32.0  # samples of a branch's mean place
+_WORST = 8.0  # loss of a sample at most
+_LEAST, _SURE = 1.0, 3.0
+_LATE, _LATEST = 0.5, 10.0  # handicap a sample of a branch that appears later, and at most
+PLAUSIBLE = 3.0  # standard deviations from the nearest wrench within the bounds: more is implausible
+_REACH = 0.1  # of the tree's size: beyond noise: a candidate further from a branch is another
+_NEAR = 4.0  # standard deviations beyond a bound, or from a place, at which a branch is followed still
+
+
+@inner
+def torsion(w, place, i, soft):
+    """Torque about the normal of place i, (M - p x F) . n, and F . n; numbers, as parts of arrays are slow."""
+    nx, ny, nz = place[i, 3], place[i, 4], place[i, 5]
+    pressing = w[0] * nx + w[1] * ny + w[2] * nz
+    if soft == 1.0:
+        return (w[0] * w[3] + w[1] * w[4] + w[2] * w[5]) / pressing, pressing
+    x = place[i, 1] * w[2] - place[i, 2] * w[1]
+    y = place[i, 2] * w[0] - place[i, 0] * w[2]
+    z = place[i, 0] * w[1] - place[i, 1] * w[0]
+    return w[3] * nx + w[4] * ny + w[5] * nz - (x * nx + y * ny + z * nz), pressing
+
+
+@inner
+def within_bounds(found, i, torque, pressing, settings):
+    """Is candidate i within the bounds of friction and torsion? Also into found[i, 7]."""
+    within = found[i, 4] <= settings[FRICTION] and abs(torque) <= settings[TORSION] * abs(pressing)
+    found[i, 7] = 1.0 if within else 0.0
+    return within
+
+
+@inner
+def better(found, i, j):
+    """Is candidate i to be preferred to j: met first along the force from outside, then smaller friction angle?
+
+    Met first comes first because what presses stands on the side that the force comes from. How often that picks the
+    right one on real probes is in docs/evidence.md.
+    """
+    gap = found[i, 5] - found[j, 5]
+    if abs(gap) > 1e-9:
+        return gap < 0.0
+    return found[i, 4] < found[j, 4]
+
+
+@inner
+def _branch(state, k):
+    return state[BRANCHES + k * BRANCH : BRANCHES + (k + 1) * BRANCH]
+
+
+@inner
+def forget(state):
+    """The touch is over."""
+    state[SAMPLES] = 0.0
+    for k in range(MOST):
+        state[BRANCHES + k * BRANCH] = 0.0
+
+
+@inner
+def _begin(branch, candidate, place, handicap):
+    """A branch at a candidate."""
+    branch[:] = 0.0
+    branch[_GAIN] = -handicap
+    _moved(branch, candidate, place)
+
+
+@inner
+def _moved(branch, candidate, place):
+    """A branch after a sample in which it has a candidate."""
+    branch[_COUNT] = min(_MEMORY, branch[_COUNT] + 1.0)
+    for k in range(3):
+        branch[_MEAN + k] += (place[k] - branch[_MEAN + k]) / branch[_COUNT]
+    copy_into(candidate, branch[_LAST : _LAST + CANDIDATE])
+
+
+@inner
+def _beyond(wrench, noise, place, torque, tangent, settings):
+    """By how many standard deviations, squared, a candidate exceeds the bounds of friction and torsion."""
+    pressing = -dot(wrench[:3], place[3:])
+    if not pressing > 0.0:
+        return np.inf
+    most = max(noise[0, 0], noise[1, 1], noise[2, 2])
+    over = max(0.0, tangent - settings[FRICTION]) * pressing / (1.0 + tangent * tangent)
+    total = over * over / most if most > 0.0 else np.inf if over > 0.0 else 0.0
+    over = abs(torque) - settings[TORSION] * pressing
+    if over > 0.0:
+        row, square = np.empty(6), 0.0
+        cross_into(place[:3], place[3:], row)  # tau = n . (M - p x F)
+        for k in range(3):
+            row[3 + k] = place[3 + k]
+        for i in range(6):
+            for j in range(6):
+                square += row[i] * noise[i, j] * row[j]
+        total += over * over / square if square > 0.0 else np.inf
+    return total
+
+
+@inner
+def _apart(branch, place):
+    total = 0.0
+    for k in range(3):
+        total += (branch[_MEAN + k] - place[k]) ** 2
+    return total
+
+
+@inner
+def _reach(wrench, noise, settings):
+    """How far from a branch its candidate may be [m]: a part of the body's size, and what noise does."""
+    force = noise[0, 0] + noise[1, 1] + noise[2, 2]
+    moment = noise[3, 3] + noise[4, 4] + noise[5, 5] + settings[SCALE] ** 2 * force
+    return settings[SCALE] * _REACH + _NEAR * np.sqrt(moment / dot(wrench[:3], wrench[:3]))
+
+
+@inner
+def _assign(wrench, noise, state, settings, places, near, count, of_branch, of_candidate):
+    """Candidates to branches, the closest pairs first."""
+    reach = _reach(wrench, noise, settings)
+    for _ in range(MOST):
+        least, which, whose = reach * reach, -1, -1
+        for k in range(MOST):
+            branch = _branch(state, k)
+            if branch[_COUNT] == 0.0 or of_branch[k] >= 0:
+                continue
+            for i in range(count):
+                if of_candidate[i] >= 0 or not near[i] < _NEAR**2:
+                    continue
+                apart = _apart(branch, places[i])
+                if apart < least:
+                    least, which, whose = apart, i, k
+        if which < 0:
+            return
+        of_branch[whose], of_candidate[which] = which, whose
+
+
+@inner
+def _misfit(wrench, noise, branch, place):
+    """Squared standard deviations from a wrench to the nearest that a contact where the branch is can make."""
+    copy_into(branch[_MEAN : _MEAN + 3], place)
+    copy_into(branch[_LAST + 11 : _LAST + 14], place[3:])
+    far, count = distance_to_point(wrench, noise, place), branch[_COUNT]
+    return far * far * count / (1.0 + count)
+
+
+@inner
+def _threshold(branch):
+    return _LEAST + _SURE * np.sqrt(branch[_SQUARES])
+
+
+@inner
+def _believe(state, k):
+    """Branch k becomes the first; what the others gained counts against it."""
+    gain, squares = state[BRANCHES + k * BRANCH + _GAIN], state[BRANCHES + k * BRANCH + _SQUARES]
+    for i in range(BRANCH):
+        a, b = BRANCHES + i, BRANCHES + k * BRANCH + i
+        state[a], state[b] = state[b], state[a]
+    for j in range(1, MOST):
+        branch = _branch(state, j)
+        if j == k:
+            branch[_GAIN], branch[_SQUARES] = -gain, squares
+        else:
+            branch[_GAIN] -= gain
+
+
+@inner
+def _born(state, found, places, near, count, of_candidate):
+    """Candidates that no branch has had become branches, while there is room."""
+    handicap = min(_LATEST, _LATE * (state[SAMPLES] - 1.0))
+    for i in range(count):
+        if of_candidate[i] >= 0 or not near[i] < _NEAR**2:
+            continue
+        worst, which = np.inf, -1
+        for k in range(1, MOST):
+            branch = _branch(state, k)
+            gain = -np.inf if branch[_COUNT] == 0.0 else branch[_GAIN]
+            if gain < worst:
+                worst, which = gain, k
+        if worst < -handicap:
+            _begin(_branch(state, which), found[i], places[i], handicap)
+            of_candidate[i] = which
+
+
+@inner
+def _judge(wrench, noise, state, found, places, near, of_branch):
+    """Count a sample's losses, and let the branches move; the misfit of the one that is believed, at its place."""
+    place, first, first_loss = np.empty(6), np.inf, 0.0
+    for k in range(MOST):
+        branch = _branch(state, k)
+        if branch[_COUNT] == 0.0:
+            continue
+        misfit = _misfit(wrench, noise, branch, place)
+        loss, i = _WORST, of_branch[k]
+        if i >= 0:
+            total = 0.5 * (near[i] + misfit)
+            loss = total if total < _WORST else _WORST
+            _moved(branch, found[i], places[i])
+        if k == 0:
+            first, first_loss = misfit, loss
+        else:
+            gain = first_loss - loss
+            branch[_GAIN] += gain
+            branch[_SQUARES] += gain * gain
+    return first
+
+
+@inner
+def _winner(state, of_branch):
+    """The branch that takes the place of the one that is believed; 0 where none does."""
+    top, winner = 0.0, 0
+    for k in range(1, MOST):
+        branch = _branch(state, k)
+        margin = branch[_GAIN] - _threshold(branch)
+        if branch[_COUNT] > 0.0 and of_branch[k] >= 0 and margin > top:
+            top, winner = margin, k
+    return winner
+
+
+@inner
+def _remembered(wrench, noise, state, settings, found, places, torques, count, misfit):
+    """The last candidate of the branch that is believed as one of this sample, in the row after the others.
+
+    Its residual takes the place of its height.
+    """
+    copy_into(_branch(state, 0)[_LAST : _LAST + CANDIDATE], found[count])
+    to_metres(found[count], settings, places[count])
+    torques[count], pressing = torsion(wrench, places, count, settings[SOFT])
+    size = dot(wrench[:3], wrench[:3])
+    found[count, 4] = np.sqrt(max(0.0, size / (pressing * pressing) - 1.0)) if pressing < 0.0 else np.inf
+    if not within_bounds(found, count, torques[count], pressing, settings):
+        misfit += _beyond(wrench, noise, places[count], torques[count], found[count, 4], settings)
+    found[count, 5] = np.sqrt(misfit)
+    found[count, 7] = 1.0 if found[count, 5] <= PLAUSIBLE else 0.0
+
+
+@inner
+def follow(wrench, noise, settings, state, found, places, torques, count, best, of_candidate):
+    """The candidate of the branch that is believed, after this sample; into of_candidate the branch of each, or -1.
+
+    Where that branch has none it is its last one, in row `count`. `best` is the candidate to begin with.
+    """
+    state[SAMPLES] += 1.0
+    first = _branch(state, 0)
+    of_candidate[:] = -1
+    if first[_COUNT] == 0.0:
+        _begin(first, found[best], places[best], 0.0)
+    near, of_branch = np.empty(count), np.full(MOST, -1)
+    for i in range(count):
+        near[i] = 0.0 if found[i, 7] == 1.0 else _beyond(wrench, noise, places[i], torques[i], found[i, 4], settings)
+    _assign(wrench, noise, state, settings, places, near, count, of_branch, of_candidate)
+    alone = count == 1 and of_branch[0] == 0
+    for k in range(1, MOST):
+        alone = alone and state[BRANCHES + k * BRANCH] == 0.0
+    if alone:
+        _moved(first, found[0], places[0])
+        return 0
+    misfit = _judge(wrench, noise, state, found, places, near, of_branch)
+    if state[FOLLOW] == 0.0:
+        _born(state, found, places, near, count, of_candidate)
+        winner = _winner(state, of_branch)
+        if winner > 0:
+            _believe(state, winner)
+            for i in range(count):
+                if of_candidate[i] == winner or of_candidate[i] == 0:
+                    of_candidate[i] = winner - of_candidate[i]
+            return of_branch[winner]
+    if of_branch[0] >= 0:
+        return of_branch[0]
+    _remembered(wrench, noise, state, settings, found, places, torques, count, misfit)
+    return count
+
+
+@inner
+def rival(state, branch):
+    """Can this branch not be told apart from the one that is believed?"""
+    if branch < 0:
+        return False
+    one = _branch(state, branch)
+    return one[_GAIN] > -_threshold(one)
