@@ -9,11 +9,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int8
 from numpy.typing import ArrayLike
 
-from palpate.contact._settings import HAS_PREVIOUS, NOISY, PREVIOUS, SOFT, STATE
-from palpate.contact.estimate import ROW, ContactEstimate
+from palpate.contact._settings import FOLLOW, HAS_PREVIOUS, NOISY, PREVIOUS, SOFT, STATE, TOUCHING
+from palpate.contact.estimate import ROW, ContactEstimate, Status
 from palpate.errors import InputError
 from palpate.sensors.load_cells import Indentation
 from palpate.spatial._arrays import FLOAT, INT8, Value, require_out, shaped
@@ -225,6 +225,43 @@ class Locator:
         if covariances is not None:
             noises, settings = shaped(covariances, (count, 6, 6), "covariances"), self._noisy
         self._many(wrenches, noises, statuses, *self._arguments, settings, self._state, True, out)
+
+    def follow_back(
+        self,
+        wrenches: Float[np.ndarray, "n 6"],
+        covariances: Float[np.ndarray, "n 6 6"] | None,
+        statuses: Int8[np.ndarray, " n"],
+        rows: Float[np.ndarray, "n 22"],
+    ) -> None:
+        """The rows of one touch once more, from its end to its start, near the contact that was believed at the end.
+
+        `AMBIGUOUS` stays only where it was so at the end too; the Locator's own memory is left alone.
+
+        Args:
+            wrenches: (n, 6) of the touch, in the surface's frame.
+            covariances: (n, 6, 6), or None for the Locator's noise.
+            statuses: (n,) int8, a `Status` known beforehand or -1.
+            rows: (n, 22) as `run_into` wrote them; changed.
+        """
+        if self.noise is None and covariances is None:
+            return  # without noise no branch was ever told from another
+        answered = np.flatnonzero(rows[:, ROW.status] <= Status.AMBIGUOUS)
+        if not len(answered):
+            return
+        last = rows[answered[-1]]
+        state = _state(last[ROW.point])
+        state[TOUCHING] = state[FOLLOW] = 1.0
+        noises, settings = self._noise[None], self._settings
+        if covariances is not None:
+            noises, settings = covariances[::-1].copy(), self._noisy
+        open_end = last[ROW.status] == Status.AMBIGUOUS
+        back = self.empty(len(rows))
+        given = wrenches[::-1].copy(), noises, statuses[::-1].copy()
+        self._many(*given, *self._arguments, settings, state, True, back)
+        rows[:] = back[::-1]
+        if open_end:
+            several = (rows[:, ROW.status] == Status.CONTACT) & (rows[:, ROW.candidates] > 1)
+            rows[several, ROW.status] = Status.AMBIGUOUS
 
     def candidates(self, wrench: ArrayLike) -> Candidates:
         """Every contact that one wrench (6,) can have, those within the bounds first, then as met along the force."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable, Iterator
+from itertools import chain
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,6 +14,7 @@ from numpy.typing import ArrayLike
 from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import ROW, ContactEstimate
 from palpate.contact.locate import Locator
+from palpate.contact.whole_touches import Located, whole_touches
 from palpate.errors import InputError
 from palpate.sensors.compensation import Compensation
 from palpate.sensors.filters import Filter
@@ -90,7 +92,8 @@ class WrenchEstimator:
         rate: [Hz] of the samples; a filter needs it.
         mounted: wrenches are about the sensor's frame. False: calibrated about the surface's, so that `mount` only
             says where results are in other frames.
-        live: compile the loop of single samples now, some seconds once a machine, and not with the first of them.
+        live: for samples as they come: the loop of single ones is compiled now, some seconds once a machine. False is
+            for logs: `pairs` and `stream` decide a touch as a whole when it has ended (`whole_touches`).
 
     Raises:
         InputError: a filter without a rate, or with one that is too low for it.
@@ -121,6 +124,7 @@ class WrenchEstimator:
         self._forward = None if self._recursion is None else Forward(self._recursion, _known(rate))
         if self._forward is not None:
             self._forward(np.zeros(1), np.zeros(1, np.int8), np.zeros((1, 6)))  # compiles
+        self._whole = not live
         self._live: _Live | None = None
         if filter is None and isinstance(self.sensor, Compensation | LoadCellArray):
             self._live = _Live(self.sensor, self.locator, self._placement)
@@ -183,7 +187,9 @@ class WrenchEstimator:
         row = out if out.ndim == 1 else out[0]
         require_out(row, ROW_SHAPE)
         if self._live is None:
-            self._answer(self.sensor.single(time, reading, rotation, acceleration), row[None])
+            measured = self.sensor.single(time, reading, rotation, acceleration)
+            located, covariances = self.sensor.place(measured, *self._filtered(measured), self._placement)
+            self.locator.run_into(located, covariances, measured.status, row[None])
         else:
             self._live(reading, rotation, acceleration, row)
         self._samples += 1
@@ -196,28 +202,25 @@ class WrenchEstimator:
             InputError: a channel is missing, or has another shape; or the filter looks ahead.
         """
         self._require_forward()
-        rows = self.empty(len(recording))
-        for start in range(0, len(recording), PIECE):
-            piece = slice(start, start + PIECE)
-            self._answer(self.sensor.measure(recording.picked(piece)), rows[piece])
+        parts = [part.rows for part in self._pieces(recording)]
+        rows = np.concatenate(parts) if parts else self.empty(0)
         return Contacts.single(recording.time, ContactEstimate.from_rows(rows))
 
     def pairs(self, blocks: Iterable[Recording]) -> Iterator[tuple[Recording, Contacts]]:
-        """Each block with its contacts, in order, as soon as they are known; a filter of zero phase looks ahead.
+        """Each block with its contacts, in order, as soon as they are known.
 
-        Samples are counted from the first block on. A sensor may cut blocks where its log begins anew.
+        A filter of zero phase looks ahead, and for logs (`live=False`) blocks wait until the touches in them end.
+        Samples are counted from the first block on; long blocks are cut, and where a log begins anew.
 
         Raises:
             InputError: as `run`, but for that filter.
         """
         ready = self.sensor.ready(blocks)
-        located = (
-            self._look_ahead(ready) if self._zero_phase else ((block, self.run(block).estimate) for block in ready)
-        )
+        located = self._look_ahead(ready) if self._zero_phase else chain.from_iterable(map(self._pieces, ready))
         first = 0
-        for block, estimate in located:
-            yield block, Contacts.single(block.time, estimate, first)
-            first += len(block)
+        for part in whole_touches(located, self.locator) if self._whole else located:
+            yield part.block, Contacts.single(part.block.time, ContactEstimate.from_rows(part.rows), first)
+            first += len(part.rows)
 
     def stream(self, blocks: Iterable[Recording]) -> Iterator[Contacts]:
         """The contacts of `pairs` alone."""
@@ -268,24 +271,29 @@ class WrenchEstimator:
             "of the surface would read: make sure that nothing touched it"
         )
 
-    def _answer(self, measured: Measured, rows: Float[np.ndarray, "n 22"]) -> None:
-        """Samples into rows of estimates, by way of the filter."""
-        wrenches, share = measured.wrench, ALL
-        if self._forward is not None:
-            share = self._forward.share(self._forward(measured.time, measured.status, wrenches))
-        self._locate(measured, wrenches, share, rows)
+    def _pieces(self, recording: Recording) -> Iterator[Located]:
+        """The samples of a block, so many at a time."""
+        for start in range(0, len(recording), PIECE):
+            block = recording.picked(slice(start, start + PIECE))
+            measured = self.sensor.measure(block)
+            yield self._located(block, measured, *self._filtered(measured))
 
-    def _locate(
-        self,
-        measured: Measured,
-        wrenches: Float[np.ndarray, "n 6"],
-        share: Float[np.ndarray, " k"],
-        rows: Float[np.ndarray, "n 22"],
-    ) -> None:
+    def _filtered(self, measured: Measured) -> tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, " k"]]:
+        """Wrenches by way of the filter, and the share of the noise that it leaves."""
+        if self._forward is None:
+            return measured.wrench, ALL
+        wrenches = measured.wrench
+        return wrenches, self._forward.share(self._forward(measured.time, measured.status, wrenches))
+
+    def _located(
+        self, block: Recording, measured: Measured, wrenches: Float[np.ndarray, "n 6"], share: Float[np.ndarray, " k"]
+    ) -> Located:
         located, covariances = self.sensor.place(measured, wrenches, share, self._placement)
+        rows = self.empty(len(wrenches))
         self.locator.run_into(located, covariances, measured.status, rows)
+        return Located(block, located, covariances, measured.status, rows)
 
-    def _look_ahead(self, blocks: Iterable[Recording]) -> Iterator[tuple[Recording, ContactEstimate]]:
+    def _look_ahead(self, blocks: Iterable[Recording]) -> Iterator[Located]:
         """Blocks wait until all of their samples are filtered."""
         if self._recursion is None:
             return
@@ -299,16 +307,14 @@ class WrenchEstimator:
         both.finish()
         yield from self._served(waiting, both)
 
-    def _served(self, waiting: deque[_Waiting], both: BothWays) -> Iterator[tuple[Recording, ContactEstimate]]:
+    def _served(self, waiting: deque[_Waiting], both: BothWays) -> Iterator[Located]:
         """Those whose samples are all filtered."""
         while waiting and both.ready >= waiting[0].usable:
             block, measured = waiting.popleft()
             wrenches, good = measured.wrench, measured.status < 0
             share = np.ones(len(good))
             wrenches[good], share[good] = both.take(int(np.count_nonzero(good)))
-            rows = self.empty(len(block))
-            self._locate(measured, wrenches, share, rows)
-            yield block, ContactEstimate.from_rows(rows)
+            yield self._located(block, measured, wrenches, share)
 
     def _require_forward(self) -> None:
         if self._zero_phase:
