@@ -79,17 +79,35 @@ def _ambiguous(found, places, count, best, t, spread, noisy, state, branches):
 
 
 @inner
-def _gate(wrench, settings, state):
+def _strength(wrench, noise, settings):
+    """What the thresholds are compared with: the force [N], or how many standard deviations it is from none."""
+    x, y, z = wrench[0], wrench[1], wrench[2]
+    if settings[ON] >= 0.0:
+        return np.sqrt(x * x + y * y + z * z)
+    a, b, c = noise[0, 0], noise[1, 1], noise[2, 2]
+    d, e, f = noise[1, 2], noise[0, 2], noise[0, 1]
+    i, j, k = b * c - d * d, d * e - c * f, f * d - b * e  # of the adjugate, as are those below
+    det = a * i + f * j + e * k
+    if not det > 0.0:
+        return np.inf
+    p, q, r = a * c - e * e, e * f - a * d, a * b - f * f
+    return np.sqrt((x * x * i + y * y * p + z * z * r + 2.0 * (x * y * j + x * z * k + y * z * q)) / det)
+
+
+@inner
+def _gate(wrench, noise, settings, state):
     """Status before anything is located, or CONTACT; moves the hysteresis."""
     total = 0.0
     for k in range(6):
         total += wrench[k]
     if not np.isfinite(total):
         return _INVALID
-    force = np.sqrt(wrench[0] * wrench[0] + wrench[1] * wrench[1] + wrench[2] * wrench[2])
-    if force >= settings[ON] and force > 0.0:
+    strength = _strength(wrench, noise, settings)
+    if wrench[0] == 0.0 and wrench[1] == 0.0 and wrench[2] == 0.0:
+        strength = -1.0
+    if strength >= abs(settings[ON]):
         state[TOUCHING] = 1.0
-    elif force < settings[OFF] or force == 0.0:
+    elif strength < abs(settings[OFF]) or strength < 0.0:
         state[TOUCHING] = 0.0
         return _NO_CONTACT
     return _CONTACT if state[TOUCHING] == 1.0 else _TOO_LIGHT
@@ -151,7 +169,7 @@ def estimate(wrench, noise, nodes, corners, settings, state, row):
     """One wrench (6,) with covariance (6, 6) in the surface's frame to one row of `estimate.ROW`."""
     row[:] = np.nan
     row[_CANDIDATES] = 0.0
-    status = _gate(wrench, settings, state)
+    status = _gate(wrench, noise, settings, state)
     row[_STATUS] = status
     if status == _INVALID:
         return

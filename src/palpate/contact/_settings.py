@@ -25,7 +25,7 @@ __all__ = [
     "TOUCHING",
 ]
 
-# settings: what a Locator was made with, as numbers
+# settings: what a Locator was made with, as numbers. ON, OFF: forces [N], or minus standard deviations of the force
 CENTRE, SCALE, SOFT, FRICTION, TORSION, ON, OFF, NOISY = 0, 3, 4, 5, 6, 7, 8, 9
 DEPTH, EXPONENT, ACCURACY = 10, 11, 12
 # state: what one sample leaves to the next. PREVIOUS: the last contact; FOLLOW: nothing but the nearest to it is

@@ -28,6 +28,8 @@ _MEMORY = 32.0  # samples of a branch's mean place
 _WORST = 8.0  # loss of a sample at most
 _LEAST, _SURE = 1.0, 3.0
 _LATE, _LATEST = 0.5, 10.0  # handicap a sample of a branch that appears later, and at most
+_ANOTHER = 5.0  # standard deviations from a place at which it is another touch, where no candidate is near
+_STEADY = 8.0  # samples after which a branch without a candidate is remembered
 PLAUSIBLE = 3.0  # standard deviations from the nearest wrench within the bounds: more is implausible
 _REACH = 0.1  # of the tree's size: beyond noise: a candidate further from a branch is another
 _NEAR = 4.0  # standard deviations beyond a bound, or from a place, at which a branch is followed still
@@ -137,7 +139,7 @@ def _reach(wrench, noise, settings):
 
 @inner
 def _assign(wrench, noise, state, settings, places, near, count, of_branch, of_candidate):
-    """Candidates to branches, the closest pairs first."""
+    """Candidates to branches, the closest pairs first; far beyond the bounds only to the branch that is believed."""
     reach = _reach(wrench, noise, settings)
     for _ in range(MOST):
         least, which, whose = reach * reach, -1, -1
@@ -146,7 +148,7 @@ def _assign(wrench, noise, state, settings, places, near, count, of_branch, of_c
             if branch[_COUNT] == 0.0 or of_branch[k] >= 0:
                 continue
             for i in range(count):
-                if of_candidate[i] >= 0 or not near[i] < _NEAR**2:
+                if of_candidate[i] >= 0 or not (k == 0 or near[i] < _NEAR**2):
                     continue
                 apart = _apart(branch, places[i])
                 if apart < least:
@@ -259,7 +261,8 @@ def _remembered(wrench, noise, state, settings, found, places, torques, count, m
 def follow(wrench, noise, settings, state, found, places, torques, count, best, of_candidate):
     """The candidate of the branch that is believed, after this sample; into of_candidate the branch of each, or -1.
 
-    Where that branch has none it is its last one, in row `count`. `best` is the candidate to begin with.
+    Where that branch has none, though the wrench is near one made there, it is its last one, in row `count`. `best` is
+    the candidate to begin with.
     """
     state[SAMPLES] += 1.0
     first = _branch(state, 0)
@@ -288,6 +291,10 @@ def follow(wrench, noise, settings, state, found, places, torques, count, best, 
             return of_branch[winner]
     if of_branch[0] >= 0:
         return of_branch[0]
+    if first[_COUNT] < _STEADY or not misfit < _ANOTHER**2:  # another touch: a log may hold one sample of each
+        forget(state)
+        _begin(_branch(state, 0), found[best], places[best], 0.0)
+        return best
     _remembered(wrench, noise, state, settings, found, places, torques, count, misfit)
     return count
 

@@ -24,6 +24,7 @@ from palpate.surfaces.surface import Surface
 __all__ = ["METHODS", "Candidates", "Locator", "locate"]
 
 _WRENCH, _ROW = (6,), (ROW.length,)
+ON, OFF = 5.5, 3.0  # standard deviations of the force; noise alone exceeds the first once in a million samples
 METHODS = ("soft_finger", "wrench_axis")  # of a Locator; `locate` knows "iterative" too
 
 
@@ -59,8 +60,9 @@ class Locator:
         torsion: bound on |torque|/|F . n| [m].
         noise: six standard deviations or a 6 x 6 covariance, force first [N, N m]; None: covariances are NaN unless
             given with the wrenches.
-        on, off: force [N] from which there is a contact, and below which there is none any more. None: 10 and 5 times
-            the largest standard deviation of force, or 0 without noise (then only zero force is no contact).
+        on, off: force [N] from which there is a contact, and below which there is none any more. None for both: where
+            the force is 5.5 standard deviations from zero, and 3, by its covariance in that very sample: noise,
+            payload, motion and tare; without noise only zero force is no contact.
         indentation: of a soft layer on the surface: how deep below it the force acts; None: rigid.
         accuracy: [m] 3-D standard deviation above which the answer is TOO_LIGHT; None: none.
 
@@ -96,8 +98,9 @@ class Locator:
         prepared = surface.prepared()
         self._arguments = prepared.arguments
         soft, noisy = float(method == "soft_finger"), float(self.noise is not None)
+        gate = (-ON, -OFF) if on is None and off is None else (self.on, self.off)
         self._settings = np.array(
-            [*prepared.centre, prepared.scale, soft, self.friction, self.torsion, self.on, self.off, noisy]
+            [*prepared.centre, prepared.scale, soft, self.friction, self.torsion, *gate, noisy]
             + ([0.0, 1.0] if indentation is None else [indentation.depth, indentation.exponent])
             + [accuracy or 0.0]
         )
@@ -308,11 +311,11 @@ def _state(previous: ArrayLike | None) -> Float[np.ndarray, " s"]:
 
 
 def _thresholds(noise: Float[np.ndarray, "6 6"] | None, on: float | None, off: float | None) -> tuple[float, float]:
-    """Forces at which a contact begins and ends, from the noise where they are not given."""
+    """Forces at which a contact begins and ends, those that are not given by the noise alone."""
     sigma = 0.0 if noise is None else float(np.sqrt(np.diag(noise)[:3].max()))
     if on is None:
-        on = 10.0 * sigma if off is None else max(10.0 * sigma, off)
-    off = min(0.5 * on, 5.0 * sigma) if off is None else off
+        on = max(ON * sigma, off or 0.0)
+    off = min(OFF / ON * on, OFF * sigma) if off is None else off
     if not 0 <= off <= on:
         raise InputError(f"contact thresholds must be 0 <= off <= on; got on = {on}, off = {off} N.")
     return float(on), float(off)

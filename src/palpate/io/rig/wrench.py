@@ -64,7 +64,10 @@ def wrench_estimator(
         made.said.append(tared.said)
         made.doubted += [tared.doubt] if tared.doubt else []
     if contact is None:
-        made.said.append(f"a contact begins at {locator.on:.3g} N and ends at {locator.off:.3g} N (from the noise)")
+        made.said.append(
+            f"a contact begins at {locator.on:.3g} N and ends at {locator.off:.3g} N, or more where payload, motion, "
+            "tare or mounting are less certain than the noise"
+        )
     if mounted and uncertain is None and sensor.noise is not None:
         made.said.append("where the surface sits is taken as exact in the ellipses (calibrate mounting)")
     return made
