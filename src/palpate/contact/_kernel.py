@@ -12,6 +12,7 @@ from palpate.contact._settings import (
     EXPONENT,
     FRICTION,
     HAS_PREVIOUS,
+    LARGEST,
     NOISY,
     OFF,
     ON,
@@ -108,11 +109,9 @@ def _ambiguous(found, places, count, best, t, spread, noisy):
 @inner
 def _gate(wrench, settings, state):
     """Status before anything is located, or CONTACT; moves the hysteresis."""
-    total = 0.0
     for k in range(6):
-        total += wrench[k]
-    if not np.isfinite(total):
-        return _INVALID
+        if not abs(wrench[k]) <= LARGEST:  # NaN too
+            return _INVALID
     force = np.sqrt(wrench[0] * wrench[0] + wrench[1] * wrench[1] + wrench[2] * wrench[2])
     if force >= settings[ON] and force > 0.0:
         state[TOUCHING] = 1.0
