@@ -101,6 +101,8 @@ def _mesh(file: Path) -> None:
     lines(
         [
             ("facets", f"{len(mesh.faces):,}, of {len(mesh.vertices):,} vertices"),
+            ("bodies", f"{mesh.bodies:,}, {f'{mesh.open_edges:,} open edges' if mesh.open_edges else 'watertight'}"),
+            ("covered", mesh.coverage or "none: every facet can be reached from outside"),
             ("extent", f"{_numbers(extent)} in the file's unit"),
             ("middle", _numbers(mesh.centre)),
             ("mean edge", f"{mesh.edge:.4g}"),
@@ -112,6 +114,8 @@ def _mesh(file: Path) -> None:
         ]
     )
     note(text for text in mesh.notes if " as m" not in text)
+    if mesh.coverage:
+        note(["covered facets give no contacts; `covered = true` in the rig's [surface] lets them"])
 
 
 def _toml(file: Path) -> None:
@@ -136,7 +140,7 @@ def _toml(file: Path) -> None:
 
 _IDLE = {  # keys of a table that mean nothing to what its kind is
     "mesh": ("point", "normal", "half_width"),
-    "plane": ("crease",),
+    "plane": ("crease", "covered"),
     "none": ("q", "r", "cutoff", "order"),
     "kalman": ("cutoff", "order"),
     "butterworth": ("q", "r"),

@@ -13,6 +13,7 @@ from palpate.contact._settings import (
     FOLLOW,
     FRICTION,
     HAS_PREVIOUS,
+    LARGEST,
     NOISY,
     OFF,
     ON,
@@ -97,11 +98,9 @@ def _strength(wrench, noise, settings):
 @inner
 def _gate(wrench, noise, settings, state):
     """Status before anything is located, or CONTACT; moves the hysteresis."""
-    total = 0.0
     for k in range(6):
-        total += wrench[k]
-    if not np.isfinite(total):
-        return _INVALID
+        if not abs(wrench[k]) <= LARGEST:  # NaN too
+            return _INVALID
     strength = _strength(wrench, noise, settings)
     if wrench[0] == 0.0 and wrench[1] == 0.0 and wrench[2] == 0.0:
         strength = -1.0

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int8
 from numpy.typing import ArrayLike
 
-from palpate.contact._settings import FOLLOW, HAS_PREVIOUS, NOISY, PREVIOUS, SOFT, STATE, TOUCHING
+from palpate.contact._settings import FOLLOW, HAS_PREVIOUS, LARGEST, NOISY, PREVIOUS, SOFT, STATE, TOUCHING
 from palpate.contact.estimate import ROW, ContactEstimate, Status
 from palpate.errors import InputError
 from palpate.sensors.load_cells import Indentation
@@ -274,7 +274,7 @@ class Locator:
         centre, scale = self._settings[:3], self._settings[3]
         force, moment = wrench[:3], wrench[3:]
         found = np.zeros((_kernels.CAPACITY + 1, _kernels.CANDIDATE))
-        if not np.all(np.isfinite(wrench)) or not np.any(force):
+        if not np.all(np.abs(wrench) <= LARGEST) or not np.any(force):
             found = found[:0]
         else:
             unit = np.concatenate([force, (moment - np.cross(centre, force)) / scale])

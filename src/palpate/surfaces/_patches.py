@@ -12,7 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from palpate.surfaces._normals import half_edge_twins
 
@@ -32,23 +32,32 @@ class Patches:
 
 
 def build_patches(
-    vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"], corner: Float[np.ndarray, "f 3 3"]
+    vertices: Float[np.ndarray, "v 3"],
+    faces: Int[np.ndarray, "f 3"],
+    corner: Float[np.ndarray, "f 3 3"],
+    covered: Bool[np.ndarray, " f"] | None = None,
 ) -> Patches:
-    """The patches of a mesh with corner normals."""
+    """The patches of a mesh with corner normals; none of covered facets, nor of edges and corners between such."""
+    covered = np.zeros(len(faces), dtype=np.bool_) if covered is None else covered
     facets = np.concatenate([vertices[faces], corner], axis=2)
     spread = np.einsum("fik,fk->fi", corner, corner[:, 0]).min(axis=1)
     parts = [(facets, np.where(spread > 1.0 - _SAME, FLAT, SMOOTH), np.arange(len(faces)))]
     twins = half_edge_twins(faces)
-    parts.append(_edge_strips(facets, twins))
-    parts.append(_vertex_fans(facets, twins))
+    parts.append(_edge_strips(facets, twins, covered))
+    parts.append(_vertex_fans(facets, twins, covered))
     corners, kind, facet = (np.concatenate(part) for part in zip(*parts, strict=True))
+    if covered.any():
+        rest = ~covered[facet]
+        corners, kind, facet = corners[rest], kind[rest], facet[rest]
     return Patches(np.ascontiguousarray(corners), kind.astype(np.int64), facet.astype(np.int64))
 
 
 _Part = tuple[Float[np.ndarray, "m 3 6"], Int[np.ndarray, " m"], Int[np.ndarray, " m"]]
 
 
-def _edge_strips(facets: Float[np.ndarray, "f 3 6"], twins: Int[np.ndarray, " h"]) -> _Part:
+def _edge_strips(
+    facets: Float[np.ndarray, "f 3 6"], twins: Int[np.ndarray, " h"], covered: Bool[np.ndarray, " f"]
+) -> _Part:
     """Two patches a crease edge.
 
     Between flat facets they are skipped: there the strip has no area in any view, because the shift between two normals
@@ -63,11 +72,14 @@ def _edge_strips(facets: Float[np.ndarray, "f 3 6"], twins: Int[np.ndarray, " h"
     split = (_apart(a1, a2) | _apart(b1, b2)) & (_apart(a1, b1) | _apart(a2, b2))
     a1, b1, b2, a2 = a1[split], b1[split], b2[split], a2[split]
     corners = np.concatenate([np.stack([a1, a2, b2], axis=1), np.stack([a1, b2, b1], axis=1)])
-    facet = np.tile(half[split] // 3, 2)
+    left, right = half[split] // 3, other[split] // 3
+    facet = np.tile(np.where(covered[left], right, left), 2)
     return corners, np.full(len(corners), EDGE), facet
 
 
-def _vertex_fans(facets: Float[np.ndarray, "f 3 6"], twins: Int[np.ndarray, " h"]) -> _Part:
+def _vertex_fans(
+    facets: Float[np.ndarray, "f 3 6"], twins: Int[np.ndarray, " h"], covered: Bool[np.ndarray, " f"]
+) -> _Part:
     """At a corner where three or more normals meet, a fan over them in their order around the corner."""
     flat = facets.reshape(-1, 6)
     corner = np.arange(len(flat))
@@ -89,7 +101,8 @@ def _vertex_fans(facets: Float[np.ndarray, "f 3 6"], twins: Int[np.ndarray, " h"
             index = np.array(members)
             fans = _fan(flat[index])
             corners.append(fans.reshape(-1, 3, 6))
-            facet.append(np.repeat(index[:, 0] // 3, len(fans[0])))
+            open_one = np.argmin(covered[index // 3], axis=1)
+            facet.append(np.repeat(index[np.arange(len(index)), open_one] // 3, len(fans[0])))
     both = np.concatenate(corners)
     return both, np.full(len(both), VERTEX), np.concatenate(facet)
 

@@ -14,7 +14,7 @@ from palpate.errors import GeometryError
 from palpate.spatial._arrays import shaped
 from palpate.surfaces._normals import facet_normals, half_edge_twins
 
-__all__ = ["repair"]
+__all__ = ["bodies", "repair"]
 
 _FARTHEST = 1e12  # in any unit: what is beyond is a fault of the file, and its powers would overflow
 
@@ -50,9 +50,24 @@ def repair(
     if turned:
         notes.append(f"{turned} facets turned over so that normals agree and point outward")
     open_edges = int(np.count_nonzero(half_edge_twins(triangles) < 0))
-    if open_edges:
+    if open_edges and not _sheet(points, triangles):
         notes.append(f"the mesh is not closed: {open_edges} edges have no single neighbour")
     return points, triangles, tuple(notes)
+
+
+def bodies(triangles: Int[np.ndarray, "f 3"]) -> int:
+    """How many there are, joined over edges with exactly two facets."""
+    return int(_winding(triangles)[1].max()) + 1
+
+
+def _sheet(points: Float[np.ndarray, "v 3"], triangles: Int[np.ndarray, "f 3"]) -> bool:
+    """Do all facets face one side, as a pad's or a dome's do?
+
+    A force that comes in through the opening of such a mesh presses on none of its facets, so there is nothing to doubt.
+    """
+    normals, areas = facet_normals(points, triangles)
+    out = areas @ normals
+    return bool(np.all(normals @ out > -0.1 * np.linalg.norm(out)) and np.any(out))
 
 
 def _checked(vertices: ArrayLike, faces: ArrayLike) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"]]:
@@ -61,24 +76,47 @@ def _checked(vertices: ArrayLike, faces: ArrayLike) -> tuple[Float[np.ndarray, "
         raise GeometryError("the mesh has no facets")
     if triangles.ndim != 2 or triangles.shape[1] != 3 or not np.issubdtype(triangles.dtype, np.integer):
         raise GeometryError(f"faces must be (f, 3) whole numbers, not {triangles.shape} {triangles.dtype}")
-    if triangles.min() < 0 or triangles.max() >= len(points):
-        raise GeometryError(f"faces name vertex {triangles.max()}; there are {len(points)}, counted from 0")
+    worst = triangles.min() if triangles.min() < 0 else triangles.max()
+    if not 0 <= worst < len(points):
+        raise GeometryError(f"faces name vertex {worst}; there are {len(points)}, counted from 0")
     return points, triangles.astype(np.int64)
 
 
 def _merged(
     points: Float[np.ndarray, "v 3"], triangles: Int[np.ndarray, "f 3"]
 ) -> tuple[Float[np.ndarray, "w 3"], Int[np.ndarray, "f 3"]]:
-    """Vertices within 1e-7 of the size become one: the grid on which STL's float32 rounds is finer than that."""
+    """Vertices that one step of float32 in each coordinate can tell apart, or 1e-7 of the size, become one.
+
+    The step is that of the largest coordinate, as STL writes it in whatever unit; at most 1e-5 of the size, so that a
+    body far from its origin keeps its shape.
+    """
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+    from scipy.spatial import KDTree
+
     needed = np.unique(triangles)
-    used = points[needed]
-    low = used.min(axis=0)
-    step = 1e-7 * max(float(np.linalg.norm(used.max(axis=0) - low)), 1e-300)
-    cells: Int[np.ndarray, "v 3"] = np.rint((used - low) / step).astype(np.int64)
-    _, first, inverse = np.unique(cells, axis=0, return_index=True, return_inverse=True)
+    used, same = _distinct(points[needed])
+    size = float(np.linalg.norm(used.max(axis=0) - used.min(axis=0)))
+    step = np.sqrt(3.0) * float(np.finfo(np.float32).eps) * float(np.abs(used).max())
+    near = KDTree(used).query_pairs(max(1e-7 * size, min(step, 1e-5 * size)), output_type="ndarray")
+    graph = coo_array((np.ones(len(near)), (near[:, 0], near[:, 1])), shape=(len(used), len(used)))
+    count, group = connected_components(graph, directed=False)
+    first = np.full(count, len(used))
+    np.minimum.at(first, group, np.arange(len(used)))
     renamed = np.zeros(len(points), dtype=np.int64)
-    renamed[needed] = inverse.reshape(-1)
+    renamed[needed] = group[same]
     return used[first], renamed[triangles]
+
+
+def _distinct(points: Float[np.ndarray, "v 3"]) -> tuple[Float[np.ndarray, "w 3"], Int[np.ndarray, " v"]]:
+    """Points that differ in any bit, in order, and which of them each is: what a mesh without shared ones has most of."""
+    order = np.lexsort(points.T[::-1])
+    sorted_ = points[order]
+    new = np.ones(len(points), dtype=bool)
+    new[1:] = np.any(sorted_[1:] != sorted_[:-1], axis=1)
+    number = np.empty(len(points), dtype=np.int64)
+    number[order] = np.cumsum(new) - 1
+    return sorted_[new], number
 
 
 def _without_slivers(

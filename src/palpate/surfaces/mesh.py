@@ -4,19 +4,20 @@ from __future__ import annotations
 
 import functools
 from dataclasses import dataclass, field, replace
-from math import radians
+from math import pi, radians
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
 
 from palpate.errors import GeometryError, InputError
 from palpate.spatial._arrays import Value, frozen, shaped
-from palpate.surfaces._normals import corner_normals, facet_normals
+from palpate.surfaces._exposure import exposed
+from palpate.surfaces._normals import corner_normals, facet_normals, half_edge_twins
 from palpate.surfaces._patches import build_patches
-from palpate.surfaces._repair import repair
+from palpate.surfaces._repair import bodies, repair
 from palpate.surfaces._tree import Tree, build_tree
 from palpate.surfaces.surface import Prepared
 
@@ -38,6 +39,7 @@ class Mesh(Value):
         corner_normals: (f, 3, 3) unit normals at the facets' corners, shared within a crease group.
         crease: [rad]; facets that meet by less are smooth across their edge; 0 is faceted.
         notes: what was repaired and what to doubt, a sentence each.
+        touchable: (f,) which facets give contacts; None: those that can be reached from outside (`covered`).
     """
 
     vertices: Float[np.ndarray, "v 3"]
@@ -45,13 +47,16 @@ class Mesh(Value):
     corner_normals: Float[np.ndarray, "f 3 3"]
     crease: float
     notes: tuple[str, ...] = field(default=())
+    touchable: Bool[np.ndarray, " f"] | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "vertices", frozen(self.vertices, tail=(3,), name="vertices"))
         object.__setattr__(self, "corner_normals", frozen(self.corner_normals, tail=(3, 3), name="corner_normals"))
-        faces = np.array(self.faces, order="C")
-        faces.flags.writeable = False
-        object.__setattr__(self, "faces", faces)
+        for name in ("faces", "touchable"):
+            if getattr(self, name) is not None:
+                array = np.array(getattr(self, name), order="C")
+                array.flags.writeable = False
+                object.__setattr__(self, name, array)
 
     @classmethod
     def from_arrays(
@@ -61,6 +66,7 @@ class Mesh(Value):
         smooth: bool = True,
         crease: float = CREASE,
         region: ArrayLike | None = None,
+        covered: bool = False,
     ) -> Mesh:
         """A mesh from vertices [m] and faces.
 
@@ -71,19 +77,26 @@ class Mesh(Value):
             crease: [rad].
             region: facets to keep: their numbers (k,), or a box ((x0, y0, z0), (x1, y1, z1)) [m] that must hold a
                 facet's middle. The normals come from the whole mesh, so a region's rim is as smooth as it was.
+            covered: facets that cannot be reached from outside give contacts too; so do those of a list.
 
         Raises:
-            InputError: vertices of another shape.
+            InputError: vertices of another shape, or a crease that is no angle.
             GeometryError: nothing usable is left, or the faces are none of these vertices.
         """
+        if not 0 <= crease <= pi:  # NaN too
+            raise InputError(f"crease must lie between 0 and pi [rad], not {crease:g}.", hint="Use math.radians(30).")
         points, triangles, notes = repair(vertices, faces)
         crease = float(crease) if smooth else 0.0
+        touchable = np.ones(len(triangles), dtype=np.bool_) if covered or np.ndim(region) == 1 else None
         normals, _ = corner_normals(points, triangles, crease)
         if region is not None:
             kept = _in_region(points, triangles, region)
+            touchable = (exposed(points, triangles) if touchable is None else touchable)[kept]
+            if not touchable.any():
+                raise GeometryError("no facet of the region can be reached from outside; say covered = true to use them")
             triangles, normals = triangles[kept], normals[kept]
             notes = (*notes, f"a region of {len(triangles)} of {len(kept)} facets is used")
-        return cls(points, triangles, normals, crease, notes)
+        return cls(points, triangles, normals, crease, notes, touchable)
 
     @classmethod
     def from_trimesh(cls, mesh: Any, unit: str | None = None, **options: Any) -> Mesh:
@@ -92,7 +105,7 @@ class Mesh(Value):
         Args:
             mesh: of trimesh.
             unit: of its numbers: m, cm, mm, um or in.
-            options: `smooth`, `crease` and `region` as in `from_arrays`; facets are numbered as trimesh does.
+            options: `smooth`, `crease`, `region` and `covered` as in `from_arrays`; facets are numbered as trimesh does.
 
         Raises:
             InputError: no unit, an unknown one, or nothing that has vertices and faces.
@@ -107,7 +120,7 @@ class Mesh(Value):
         Args:
             path: the file.
             unit: of the file's numbers: m, cm, mm, um or in. It must be given, because most files do not say it.
-            options: `smooth`, `crease` and `region` as in `from_arrays`; facets are numbered as in the file.
+            options: `smooth`, `crease`, `region` and `covered` as in `from_arrays`; facets are numbered as in the file.
 
         Raises:
             InputError: no such file, no unit, an unknown one or a file that is not a mesh.
@@ -163,8 +176,35 @@ class Mesh(Value):
         return float(np.linalg.norm(points - np.roll(points, 1, axis=1), axis=2).mean())
 
     @functools.cached_property
+    def bodies(self) -> int:
+        """How many bodies: facets that hang together over their edges."""
+        return bodies(self.faces)
+
+    @functools.cached_property
+    def open_edges(self) -> int:
+        """Edges without a single neighbour; a mesh without any is watertight."""
+        return int(np.count_nonzero(half_edge_twins(self.faces) < 0))
+
+    @functools.cached_property
+    def covered(self) -> Bool[np.ndarray, " f"]:
+        """(f,) facets that give no contacts: without `touchable`, those that cannot be reached from outside.
+
+        They are found when first asked for, by rays and a ball of a fifth of the body's size (`_exposure`).
+        """
+        found = ~(exposed(self.vertices, self.faces) if self.touchable is None else self.touchable)
+        found.flags.writeable = False
+        return found
+
+    @property
+    def coverage(self) -> str:
+        """How many facets are covered, and their share of the area; empty where none is."""
+        count = np.count_nonzero(self.covered)
+        share = self.areas[self.covered].sum() / self.areas.sum()
+        return f"{count:,} of {len(self.faces):,} facets ({share:.0%} of the area)" if count else ""
+
+    @functools.cached_property
     def _tree(self) -> Tree:
-        return build_tree(build_patches(self.vertices, self.faces, self.corner_normals))
+        return build_tree(build_patches(self.vertices, self.faces, self.corner_normals, self.covered))
 
     def tree(self) -> Tree:
         """The prepared search tree; built (and its loops compiled) on the first call."""
@@ -201,7 +241,7 @@ class Mesh(Value):
     def transformed(self, pose: Pose) -> Mesh:
         """The same mesh in another frame; pose is T_target_mesh."""
         vertices, normals = pose.apply(self.vertices), pose.rotate(self.corner_normals)
-        return replace(self, vertices=vertices, corner_normals=normals)
+        return replace(self, vertices=vertices, corner_normals=normals, touchable=~self.covered)
 
 
 def _in_region(vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"], region: ArrayLike) -> np.ndarray:

@@ -71,6 +71,8 @@ class RigRegion:
 class RigSurface:
     """What is touched: `mesh` with its `unit`, or another `kind`, its lengths in metres.
 
+    `covered` = true: facets of the mesh that cannot be reached from outside give contacts too.
+
     plane: a `point`, a `normal` and a `half_width`. sphere: `radius`. ellipsoid: `axes` (three half-lengths).
     cylinder, along y: `radius` and `half_length`. elliptic_cylinder: half-axes `a` along x and `b` along z, and
     `half_length`; `upper` = true for its half with z >= 0. paraboloid: `radii` of curvature at its apex along x and y,
@@ -82,6 +84,7 @@ class RigSurface:
     unit: str | None = None
     crease: float = 30.0
     region: RigRegion = field(default_factory=RigRegion)
+    covered: bool = False
     point: Three = (0.0, 0.0, 0.0)
     normal: Three = (0.0, 0.0, 1.0)
     half_width: float = 1.0
@@ -116,7 +119,7 @@ class RigSurface:
 
     def _require_lengths(self) -> None:
         needed = EQUATIONS[self.kind][1] if self.kind in EQUATIONS else ()
-        for name in ("mesh", *_LENGTHS) if needed else _LENGTHS:
+        for name in ("mesh", "covered", *_LENGTHS) if needed else _LENGTHS:
             if name not in needed and getattr(self, name) not in (None, False):
                 raise ValueError(f"{name} does not belong to kind = {self.kind!r}")
         given: dict[str, Any] = {name: getattr(self, name) for name in needed}
@@ -138,7 +141,8 @@ class RigSurface:
         if self.kind in EQUATIONS:
             return self._equation()
         region = self.region.box if self.region.box is not None else self.region.facets
-        return Mesh.load(folder / str(self.mesh), unit=str(self.unit), crease=radians(self.crease), region=region)
+        options: dict[str, Any] = {"crease": radians(self.crease), "region": region, "covered": self.covered}
+        return Mesh.load(folder / str(self.mesh), unit=str(self.unit), **options)
 
     def _equation(self) -> Surface:
         make, names = EQUATIONS[self.kind]

@@ -13,7 +13,7 @@ from palpate.io.rig.kind import Prepared
 from palpate.io.rig.tables import RigFilter
 from palpate.sensors.recording import Recording
 from palpate.sensors.wrench_sensor import WrenchSensor
-from palpate.surfaces import Surface
+from palpate.surfaces import Mesh, Surface
 
 if TYPE_CHECKING:
     from palpate.io.rig.rig import Rig
@@ -59,6 +59,8 @@ def wrench_estimator(
         live=head is None,
     )
     made = Prepared(estimator, said=noted_filter(table, rate), facts=_facts(rig, estimator, table, rate))
+    if isinstance(surface, Mesh) and surface.coverage and surface.touchable is None:
+        made.said.append(f"{surface.coverage} cannot be reached from outside: no contacts there (inspect MESH)")
     if head is not None and tare is not None:
         tared = estimator.tare(first_seconds(head, tare))
         made.said.append(tared.said)

@@ -1,0 +1,56 @@
+"""Which facets of a mesh can be touched from outside.
+
+Tools are drawn with their inner shells, and as bodies that stand inside each other. A facet is open if from one of the
+samples on it the ray along its normal leaves the body, or comes, before another facet, to where a ball of a fifth of
+the body's size can go that is rolled in from outside (the space around the body, opened by a ball: Serra 1982).
+
+So what has room in front of it stays: the inner walls of a mug and of a gripper. The inside of a tube that is too narrow
+for what touches is covered, though light falls into it, and so is what is seen through a gap or a screw's hole.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from palpate.surfaces._normals import facet_normals
+from palpate.surfaces._patches import Patches
+from palpate.surfaces._tree import build_tree
+
+__all__ = ["exposed"]
+
+_BALL = 0.2  # radius of what touches, in unit size: its diameter is a fifth of the body's
+_STEP = 0.02  # of the grid: a tenth of it
+
+
+def exposed(vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]) -> Bool[np.ndarray, " f"]:
+    """(f,) whether a facet can be touched; all of them where next to none can, as when a mesh is inside out."""
+    from palpate.surfaces import _rays  # compiled: loaded when first needed
+
+    normals, areas = facet_normals(vertices, faces)
+    corners = np.concatenate([vertices[faces], np.repeat(normals[:, None], 3, axis=1)], axis=2)
+    tree = build_tree(Patches(corners, np.zeros(len(faces), np.int64), np.arange(len(faces))))
+    low, swept = _swept(tree.corners)
+    found = np.empty(len(faces), dtype=np.bool_)
+    _rays.open_facets(tree.corners, tree.nodes, low, _STEP, swept, found)
+    result = np.empty_like(found)
+    result[tree.corners[:, -1].astype(np.int64)] = found
+    return result if areas[result].sum() > 0.01 * areas.sum() else np.ones_like(result)
+
+
+def _swept(corners: Float[np.ndarray, "f 20"]) -> tuple[Float[np.ndarray, "3"], Bool[np.ndarray, "a b c"]]:
+    """Where the grid begins, and its cells that a ball from outside can fill, less one at its rim for rounding."""
+    from scipy.ndimage import distance_transform_edt, label
+
+    from palpate.surfaces import _rays
+
+    points, reach = corners[:, :18].reshape(-1, 3, 6)[:, :, :3], _BALL / _STEP
+    room = _BALL + 3.0 * _STEP  # for the ball to pass around the body
+    low = points.min(axis=(0, 1)) - room
+    count = np.ceil((points.max(axis=(0, 1)) + room - low) / _STEP).astype(np.int64)
+    body = np.zeros(tuple(count), dtype=np.bool_)
+    _rays.mark_facets(corners, low, _STEP, body)
+    middles = np.asarray(distance_transform_edt(~body)) >= reach
+    places, _ = label(middles)
+    middles = places == places[0, 0, 0]
+    return low, np.asarray(distance_transform_edt(~middles)) <= reach - 1.0

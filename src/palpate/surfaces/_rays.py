@@ -1,0 +1,163 @@
+"""Compiled: rays against facets in a tree, and from which points of a facet there is a way out.
+
+Lengths are in the tree's unit size: half the diagonal of the body is 1.
+"""
+
+# pyright: basic
+from __future__ import annotations
+
+import numpy as np
+
+from palpate.surfaces._bvh import STACK, WIDTH
+from palpate.surfaces._jit import entry, inlined, inner
+
+__all__ = ["first_hits", "mark_facets", "open_facets"]
+
+_LIFT = 1e-5  # where a ray starts, off its facet: beyond the rounding of float32 files
+_SPACING, _MOST = 0.02, 8  # of samples on a facet (1 % of the body), and how many at most along its longest side
+_SEAM = 1e-9  # by which facets overlap for a ray, so that none slips through an edge
+
+
+@inlined
+def _boxes(node, ox, oy, oz, ix, iy, iz):
+    """Which children's boxes a ray meets, one bit each: the slabs of Kay and Kajiya 1986."""
+    mask, zero = np.int32(0), np.float32(0.0)
+    for i in range(WIDTH):
+        ax, bx = (node[0, i] - node[3, i] - ox) * ix, (node[0, i] + node[3, i] - ox) * ix
+        ay, by = (node[1, i] - node[4, i] - oy) * iy, (node[1, i] + node[4, i] - oy) * iy
+        az, bz = (node[2, i] - node[5, i] - oz) * iz, (node[2, i] + node[5, i] - oz) * iz
+        near = max(max(min(ax, bx), min(ay, by)), min(az, bz))
+        far = min(min(max(ax, bx), max(ay, by)), max(az, bz))
+        mask |= np.int32(1 if (near <= far) & (far >= zero) else 0) << np.int32(i)
+    return mask
+
+
+@inner
+def _met(row, ox, oy, oz, dx, dy, dz):
+    """How far along a ray it meets a facet, or inf (Moller and Trumbore 1997)."""
+    ux, uy, uz = row[6] - row[0], row[7] - row[1], row[8] - row[2]
+    vx, vy, vz = row[12] - row[0], row[13] - row[1], row[14] - row[2]
+    px, py, pz = dy * vz - dz * vy, dz * vx - dx * vz, dx * vy - dy * vx
+    det = ux * px + uy * py + uz * pz
+    if det == 0.0:
+        return np.inf
+    tx, ty, tz = ox - row[0], oy - row[1], oz - row[2]
+    u = (tx * px + ty * py + tz * pz) / det
+    if u < -_SEAM or u > 1.0 + _SEAM:
+        return np.inf
+    qx, qy, qz = ty * uz - tz * uy, tz * ux - tx * uz, tx * uy - ty * ux
+    v = (dx * qx + dy * qy + dz * qz) / det
+    if v < -_SEAM or u + v > 1.0 + _SEAM:
+        return np.inf
+    far = (vx * qx + vy * qy + vz * qz) / det
+    return far if far > 0.0 else np.inf
+
+
+@inner
+def _inverse(x):
+    """1/x of a ray's direction; a huge number where x is 0, so that 0 times it is not NaN."""
+    return np.float32(1.0 / (x if abs(x) > 1e-9 else 1e-9))
+
+
+@inner
+def _first_hit(nodes, corners, o, d, pending):
+    """How far along the ray o + t d the first facet stands; inf where it leaves the body."""
+    ox, oy, oz, dx, dy, dz = o[0], o[1], o[2], d[0], d[1], d[2]
+    fx, fy, fz = np.float32(ox), np.float32(oy), np.float32(oz)
+    ix, iy, iz = _inverse(dx), _inverse(dy), _inverse(dz)
+    pending[0, 0], pending[0, 1] = 0, 0
+    depth, best = 1, np.inf
+    while depth > 0:
+        depth -= 1
+        first, size = pending[depth, 0], pending[depth, 1]
+        if size == 0:
+            mask = _boxes(nodes[first], fx, fy, fz, ix, iy, iz)
+            for i in range(WIDTH):
+                if (mask >> i) & 1 and nodes[first, 11, i] >= 0.0:
+                    pending[depth, 0], pending[depth, 1] = int(nodes[first, 10, i]), int(nodes[first, 11, i])
+                    depth += 1
+            continue
+        for facet in range(first, first + size):
+            best = min(best, _met(corners[facet], ox, oy, oz, dx, dy, dz))
+    return best
+
+
+@entry
+def first_hits(origins, directions, nodes, corners, out):
+    """How far along each ray (n, 3), (n, 3) the first facet stands, into out (n,); inf where there is none."""
+    pending = np.empty((STACK, 2), dtype=np.int64)
+    for i in range(len(origins)):
+        out[i] = _first_hit(nodes, corners, origins[i], directions[i], pending)
+
+
+@inner
+def _sides(row, least):
+    """Into how many parts each side of a facet is cut for samples at most `least` apart."""
+    longest = 0.0
+    for i in range(3):
+        j, square = (i + 1) % 3, 0.0
+        for k in range(3):
+            square += (row[6 * i + k] - row[6 * j + k]) ** 2
+        longest = max(longest, square)
+    return int(np.sqrt(longest) / least) + 1
+
+
+@inner
+def _sample(row, parts, at, out):
+    """Middle number `at` of the parts^2 small triangles into which a facet is cut."""
+    i = int(np.sqrt(at))  # strip from corner 0, of 2 i + 1 triangles
+    j = at - i * i
+    along, across = (j // 2 + (1.0 + j % 2) / 3.0) / parts, (i + (2.0 - j % 2) / 3.0) / parts
+    for k in range(3):
+        out[k] = row[k] + across * (row[6 + k] - row[k]) + along * (row[12 + k] - row[6 + k])
+
+
+@entry
+def mark_facets(corners, low, step, grid):
+    """Set the cells of `grid` (a, b, c), of size `step` from `low` (3,) on, that a facet passes through."""
+    point = np.empty(3)
+    for facet in range(len(corners)):
+        parts = _sides(corners[facet], step)
+        for at in range(parts * parts):
+            _sample(corners[facet], parts, at, point)
+            cell = ((point - low) / step).astype(np.int64)
+            grid[cell[0], cell[1], cell[2]] = True
+
+
+@inner
+def _passes(o, n, far, low, step, swept):
+    """Does the line from o along n come into a swept cell before `far`, the next facet? That lies within the grid."""
+    for at in range(1, int(far / step)):
+        x = int((o[0] + at * step * n[0] - low[0]) / step)
+        y = int((o[1] + at * step * n[1] - low[1]) / step)
+        z = int((o[2] + at * step * n[2] - low[2]) / step)
+        if swept[x, y, z]:
+            return True
+    return False
+
+
+@entry
+def open_facets(corners, nodes, low, step, swept, out):
+    """Which facets there is a way to, into out (f,).
+
+    From one of the samples on it the ray along the normal leaves the body, or comes to a swept cell before a facet.
+
+    Args:
+        corners: (f, 20) as in a tree, the normals those of the facets.
+        nodes: of the tree over them.
+        low: (3,) where the grid begins; step: its cells' size.
+        swept: (a, b, c) cells that what touches can fill.
+        out: (f,) bool.
+    """
+    o, pending = np.empty(3), np.empty((STACK, 2), dtype=np.int64)
+    for facet in range(len(corners)):
+        n, out[facet] = corners[facet, 3:6], False
+        parts = min(_MOST, _sides(corners[facet], _SPACING))
+        for at in range(parts * parts):
+            _sample(corners[facet], parts, at, o)
+            for k in range(3):
+                o[k] += _LIFT * n[k]
+            far = _first_hit(nodes, corners, o, n, pending)
+            if far == np.inf or _passes(o, n, far, low, step, swept):
+                out[facet] = True
+                break
