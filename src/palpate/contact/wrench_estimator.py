@@ -121,6 +121,8 @@ class WrenchEstimator:
         self._forward = None if self._recursion is None else Forward(self._recursion, _known(rate))
         if self._forward is not None:
             self._forward(np.zeros(1), np.zeros(1, np.int8), np.zeros((1, 6)))  # compiles
+        if isinstance(self.sensor, Compensation):
+            self.sensor.smoothed_by(filter, rate, self._settled())
         self._live: _Live | None = None
         if filter is None and isinstance(self.sensor, Compensation | LoadCellArray):
             self._live = _Live(self.sensor, self.locator, self._placement)
@@ -309,6 +311,12 @@ class WrenchEstimator:
             rows = self.empty(len(block))
             self._locate(measured, wrenches, share, rows)
             yield block, ContactEstimate.from_rows(rows)
+
+    def _settled(self) -> float:
+        """Of white noise, what the filter leaves at least."""
+        if self._recursion is None:
+            return 1.0
+        return BothWays(self._recursion, _known(self.rate)).least if self._zero_phase else self._recursion.share.min()
 
     def _require_forward(self) -> None:
         if self._zero_phase:
