@@ -18,7 +18,7 @@ from palpate.contact.locate import Locator
 from palpate.contact.resolution import nominal_cells
 from palpate.io.rig import Rig
 from palpate.io.rig.surface import RigSurface
-from palpate.io.rig.tables import RigEstimate, RigForceTorque, RigPair, RigThresholds
+from palpate.io.rig.tables import RigEstimate, RigForceTorque, RigNoise, RigPair, RigThresholds
 from palpate.simulation.cell_array import LAYOUTS
 from palpate.spatial.pose import Pose
 from palpate.viewer.captions import MEANING
@@ -28,7 +28,7 @@ from palpate.viewer.run_summary import RunSummary
 
 RIG = Rig(
     RigSurface(kind="plane", half_width=0.1),
-    sensors={"force_torque": RigForceTorque(noise=RigPair(0.02, 0.001), range=RigPair(200.0, 10.0))},
+    sensors={"force_torque": RigForceTorque(noise=RigNoise(0.02, 0.001), range=RigPair(200.0, 10.0))},
     estimate=RigEstimate(contact=RigThresholds(0.5, 0.3)),
 )
 N = 1_000

@@ -26,7 +26,6 @@ from palpate.io.rig.edit import update_pose
 from palpate.io.rig.force_torque import rig_payload, rig_sensor
 from palpate.io.units import measured
 from palpate.sensors.compensation import Compensation
-from palpate.sensors.noise import estimate_noise
 from palpate.sensors.recording import Recording
 from palpate.spatial.pose import Pose
 from palpate.surfaces.mesh import Mesh
@@ -113,8 +112,7 @@ def _in_sensor(
     recording: Recording, setup: Rig, surface: Mesh
 ) -> tuple[np.ndarray, np.ndarray | None, WrenchEstimator]:
     """Compensated wrenches in the sensor's frame, and what the payload's uncertainty adds to their covariance."""
-    noise = None if setup.force_torque.noise is not None else estimate_noise(recording.wrenches())
-    sensor = rig_sensor(setup, noise)
+    sensor = rig_sensor(setup, recording)
     settings = setup.estimate.contact
     locator = Locator(
         surface,

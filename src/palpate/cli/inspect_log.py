@@ -16,6 +16,7 @@ from palpate.io.logs import LogContents, contents, open_log
 from palpate.io.models import read_provenance
 from palpate.io.pipeline import open_log as open_rig_log
 from palpate.io.rig import Rig
+from palpate.io.rig.force_torque import doubted_noise
 from palpate.io.rig.guess import orientation_columns
 from palpate.io.rig.new import guess_sensor
 from palpate.sensors.noise import estimate_noise
@@ -70,6 +71,7 @@ def inspect_log(file: Path, rig: Rig | None, sensor: str | None = None) -> tuple
     kept = excerpt.recording()
     _say_samples(kept, ranges, there)
     _say_ranges(kept, ranges)
+    note(doubted_noise(rig, kept) if rig is not None and kind.name == "force_torque" else (), kind="warning")
     if excerpt.stride > 1:
         note([f"step, medians and noise are those of one sample in {excerpt.stride} (in long pieces), the rest of all"])
     note(([f"torn: {log.torn}"] if log.torn else []), kind="warning")

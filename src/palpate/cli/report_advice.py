@@ -48,7 +48,7 @@ def wrench_advice(rig: Rig, *, payload: bool, filtered: bool, radius: float) -> 
             "ellipses do not hold how far off it may be."
         )
     if rig.force_torque.noise is None:
-        said.append("State the noise of the sensor in the rig: it was taken from the steps of the log.")
+        said.append("State the noise of the sensor in the rig: it was taken from the log.")
     if rig.force_torque.range is None:
         said.append("State the range of the sensor in the rig: without it a saturated channel is not noticed.")
     if not filtered and radius > BLURRED:

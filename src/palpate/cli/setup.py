@@ -14,12 +14,12 @@ from palpate.io.pipeline import OpenedLog, open_log
 from palpate.io.rig import Rig, load_rig
 from palpate.io.rig.kind import SensorKind
 from palpate.io.rig.surface import RigSurface
-from palpate.io.rig.tables import RigFilter, RigPair, RigThresholds
+from palpate.io.rig.tables import RigFilter, RigNoise, RigThresholds
 
 __all__ = ["Setup"]
 
 Made = TypeVar("Made")
-_PAIRS = {"noise": RigPair, "contact": RigThresholds}  # options of two numbers, as the rig has them
+_PAIRS = {"noise": RigNoise, "contact": RigThresholds}  # options of two numbers, as the rig has them
 FILTERS = Literal["none", "kalman", "butterworth", "zero_phase"]
 
 

@@ -124,6 +124,8 @@ class WrenchEstimator:
         self._forward = None if self._recursion is None else Forward(self._recursion, _known(rate))
         if self._forward is not None:
             self._forward(np.zeros(1), np.zeros(1, np.int8), np.zeros((1, 6)))  # compiles
+        if isinstance(self.sensor, Compensation):
+            self.sensor.smoothed_by(filter, rate, self._settled())
         self._whole = not live
         self._live: _Live | None = None
         if filter is None and isinstance(self.sensor, Compensation | LoadCellArray):
@@ -315,6 +317,12 @@ class WrenchEstimator:
             share = np.ones(len(good))
             wrenches[good], share[good] = both.take(int(np.count_nonzero(good)))
             yield self._located(block, measured, wrenches, share)
+
+    def _settled(self) -> float:
+        """Of white noise, what the filter leaves at least."""
+        if self._recursion is None:
+            return 1.0
+        return BothWays(self._recursion, _known(self.rate)).least if self._zero_phase else self._recursion.share.min()
 
     def _require_forward(self) -> None:
         if self._zero_phase:

@@ -17,7 +17,8 @@ __all__ = ["compensate", "place"]
 _SATURATED, _INVALID, _NO_POSE = 6, 7, 8
 _LARGEST = 1e9  # sensors.recording.LARGEST
 # load: what hangs on the sensor, as numbers
-_WEIGHT, _CENTER, _SLOPE, _MASS = 0, 3, 6, 9  # slope: of the mass by the weight, (w/|w|)/|g|
+# slope: of the mass by the weight, (w/|w|)/|g|; lever: 1/L^2 of `ForceTorque.gain_error`
+_WEIGHT, _CENTER, _SLOPE, _MASS, _LEVER = 0, 3, 6, 9, 10
 
 
 @inner
@@ -117,8 +118,9 @@ def place(
     What varies: unsteady (n, 1), deviation of the acceleration, and share (n,) of the noise that a filter left, or one
     row for all. What does not: mean (4, 3), the A = R^T - a (dm/dw)^T and u that a tare took off;
     factor (r, 12) of the payload's covariance, mounting (q, 6) of the mounting's; matrix (6, 6) from sensor to surface;
-    constant (3, 6, 6), covariances in the surface's frame of the sensor's noise, of the tare, and of an acceleration of
-    deviation 1. Out come located (n, 6) and covariance (n, 6, 6).
+    constant (4, 6, 6), covariances in the surface's frame of what a filter takes off the noise, of what stays of it and
+    of the tare, of an acceleration of deviation 1, and of the gains for a wrench of size 1. Out come located (n, 6) and
+    covariance (n, 6, 6).
     """
     turn, weight, work = np.empty((3, 3)), np.empty(3), np.empty((2, 6))
     errors = np.empty((len(factor) + len(mounting), 6))
@@ -133,10 +135,13 @@ def place(
                     turn[k, j] = rotation[j, k] - acceleration[k] * load[_SLOPE + j] - mean[k, j]
             _payload_errors(turn, weight, load[_CENTER : _CENTER + 3], factor, matrix, work, errors)
         mounting_errors(located[i], mounting, work, errors[len(factor) :])
-        kept, jolt = row(share, i), row(unsteady, i)[0]
+        kept, jolt, wrench, square = row(share, i), row(unsteady, i)[0], wrenches[i], 0.0
+        for k in range(3):
+            square += wrench[k] * wrench[k] + load[_LEVER] * wrench[3 + k] * wrench[3 + k]
         for a in range(6):
             for b in range(a, 6):
                 total = kept * constant[0, a, b] + constant[1, a, b] + jolt * jolt * constant[2, a, b]
+                total += square * constant[3, a, b]
                 for k in range(len(errors)):
                     total += errors[k, a] * errors[k, b]
                 covariance[i, a, b] = covariance[i, b, a] = total

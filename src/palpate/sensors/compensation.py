@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float, Int8
 from numpy.typing import ArrayLike
 
 from palpate.errors import InputError
+from palpate.sensors.filters import Filter
 from palpate.sensors.force_torque import ForceTorque, Payload
 from palpate.sensors.motion import Motion
 from palpate.sensors.pose_track import sound_quaternions
@@ -80,10 +81,12 @@ class Compensation:
         self._turned = sensor.frame == "base"
         self._limits = np.full(6, np.inf) if sensor.limits is None else sensor.limits.copy()
         slope = load.gravity / load.magnitude**2 if load.weight.any() else np.zeros(3)
-        self._load = np.concatenate([load.weight, load.center_of_mass, slope, [load.mass]])
+        self._load = np.concatenate([load.weight, load.center_of_mass, slope, [load.mass, sensor.lever**-2]])
+        self._gains = np.repeat([1.0, sensor.lever**2], 3)
         self._bias = np.concatenate([load.force_bias, load.torque_bias])
         self._doubts = square_root(load.covariance)
         self._turns, self.revision = bool(self.needs_orientation), 0
+        self._kept = 1.0, np.ones(6)
         self._untare()
         self.state, self.held = np.empty(0), np.concatenate([np.zeros(6), np.eye(3).ravel(), np.zeros(3)])
         made = self._compensated(self._read(0.0), self._zero)  # compiles, before anything is in a hurry
@@ -162,6 +165,21 @@ class Compensation:
         )
         return located, None if self.noise is None else covariances
 
+    def smoothed_by(self, made: Filter | None, rate: float | None, share: float) -> None:
+        """Wrenches come to `place` filtered; where the spectrum of the noise is known, each channel keeps its own part.
+
+        Args:
+            made: the filter, or None.
+            rate: [Hz] of the samples.
+            share: that the filter leaves of white noise at least.
+        """
+        spectrum = self.sensor.spectrum
+        self._kept = 1.0, np.ones(6)
+        if made is not None and rate is not None and spectrum is not None and share < 1.0:
+            self._kept = share, spectrum.kept(made, rate)
+        self._placement = None
+        self.revision += 1
+
     def tare(self, recording: Recording) -> Tare:
         """Take the mean compensated wrench of a window off from now on.
 
@@ -176,7 +194,8 @@ class Compensation:
         middle = made.readings.picked(usable).mean()
         self._untare()
         window = made._replace(readings=middle)
-        _, spread = self.place(window, found.mean[None], np.array([1.0 / found.samples]), Placement(Pose.identity()))
+        share = np.array([self._least_share(found.samples)])
+        _, spread = self.place(window, found.mean[None], share, Placement(Pose.identity()))
         largest = found.deviation[:3].max() ** 2 / found.samples if spread is None else spread[0, :3, :3].max()
         rotation, acceleration = middle.rotation[0], middle.acceleration[0]
         weight, slope, mass = self._load[:3], self._load[6:9], self._load[9]
@@ -200,23 +219,40 @@ class Compensation:
         """None."""
         return ()
 
+    def _least_share(self, count: int) -> float:
+        """Of the noise in the mean of so many samples; no less than a filter may leave, below which A + B is none."""
+        white, _ = self._kept
+        return 1.0 / count if white == 1.0 else max(1.0 / count, white)
+
     def _untare(self) -> None:
         """Take off the payload's biases, and nothing else."""
         self._zero, self._unsure, self._mean = self._bias.copy(), self._doubts, np.zeros((4, 3))
         self._samples: int | None = None
         self._placement: Placement | None = None
 
-    def _constant_in(self, placement: Placement) -> Float[np.ndarray, "3 6 6"]:
-        """Covariances in the surface's frame: of the noise, of the tare, and of an acceleration of deviation 1."""
+    def _constant_in(self, placement: Placement) -> Float[np.ndarray, "4 6 6"]:
+        """Covariances in the surface's frame: of the noise, twofold, of an acceleration of deviation 1, of the gains.
+
+        With w(age) the share of white noise that a filter leaves, w the least of it, and s those of the noise N as it
+        is, w(age) A + B is N at a start, and N s when the filter has settled; B holds what the tare adds too.
+        """
         if placement is self._placement:
             return self._constant
-        made, matrix, mass = np.zeros((3, 6, 6)), placement.matrix, float(self._load[9])
+        made, matrix, mass = np.zeros((4, 6, 6)), placement.matrix, float(self._load[9])
         if self.noise is not None:
             push = matrix[:, :3] + matrix[:, 3:] @ skew(self._load[3:6])  # of a force at the payload's centre
-            made[0] = matrix @ self.noise @ matrix.T
+            white, kept = self._kept
+            shrinks = 1.0 if white == 1.0 else (1.0 - _both(kept)) / (1.0 - white)
+            taken = self.noise * shrinks
+            made[0] = matrix @ taken @ matrix.T
+            stays = self.noise - taken
+            if self._samples is not None:
+                spectrum = self.sensor.spectrum
+                left = np.full(6, 1.0 / self._samples) if spectrum is None else spectrum.of_mean(self._samples)
+                stays = stays + self.noise * _both(left)
+            made[1] = matrix @ stays @ matrix.T
             made[2] = mass**2 * push @ push.T
-        if self._samples is not None:
-            made[1] = made[0] / self._samples
+            made[3] = self.sensor.gain_error**2 * (matrix * self._gains) @ matrix.T
         self._placement, self._constant = placement, made
         return made
 
@@ -269,6 +305,12 @@ class Compensation:
                 hint="Add columns qx, qy, qz, qw (sensor in base), or name them in [orientation].",
             )
         return rotation_from_quaternion(np.where(sound_quaternions(quaternions)[:, None], quaternions, np.nan))
+
+
+def _both(shares: Float[np.ndarray, "6"]) -> Float[np.ndarray, "6 6"]:
+    """What of a covariance is left where a share of each channel's variance is."""
+    root = np.sqrt(shares)
+    return np.outer(root, root)
 
 
 def _of_one(what: str, values: ArrayLike, shape: tuple[int, ...]) -> np.ndarray:

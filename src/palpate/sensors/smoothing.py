@@ -100,6 +100,11 @@ class BothWays:
         self._emitted = 0  # samples of the run that are done
         self._done = [np.zeros((0, width + 1))]  # values, and share of the noise
 
+    @property
+    def least(self) -> float:
+        """Of white noise, the least that is left in any sample of a run."""
+        return self._inside + 2.0 * min(float(self._edge.min()), 0.0)
+
     def push(self, time: Float[np.ndarray, " n"], status: Int8[np.ndarray, " n"], values: Values) -> None:
         """More samples; only those whose status is below 0 count."""
         good = status < 0

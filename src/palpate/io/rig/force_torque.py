@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from jaxtyping import Float
 
 from palpate.contact.plausibility import lines_of_action
 from palpate.errors import InputError
@@ -22,13 +21,13 @@ from palpate.io.units import FORCE_UNITS, TORQUE_UNITS, to_si
 from palpate.sensors.compensation import Compensation
 from palpate.sensors.force_torque import ForceTorque, Payload
 from palpate.sensors.motion import Motion
-from palpate.sensors.noise import estimate_noise
+from palpate.sensors.noise import NoiseSpectrum, estimate_noise, rest_noise, wrong_noise
 from palpate.sensors.recording import ACCELERATION, FORCE, TORQUE, Recording
 
 if TYPE_CHECKING:
     from palpate.io.rig.rig import Rig
 
-__all__ = ["FORCE_TORQUE", "rig_payload", "rig_sensor"]
+__all__ = ["FORCE_TORQUE", "doubted_noise", "rig_payload", "rig_sensor"]
 
 _LEAST_NOISE = 1e-6  # N, N m: a log that never changes does not make a noise of nothing
 _TEXT = """\
@@ -38,7 +37,7 @@ units = {{ force = "N", torque = "{torque_unit}" }}{torque_remark}
 axes = ["x", "y", "z"]               # which logged axis is the sensor's x, y, z; "-x" flips
 # left_handed = true                 # if axes has to mirror: a driver that swaps two axes, or reports the reaction
 frame = "sensor"                     # or "base", which needs an orientation
-noise = {{ force = {force_noise}, torque = {torque_noise} }}   # of one reading: from the log's own steps
+noise = {{ force = {force_noise}, torque = {torque_noise} }}   # of one reading: from the log
 # range = {{ force = 200, torque = 10 }}     # of the sensor: a reading at it is saturated
 # payload = "payload.toml"           # written by: palpate calibrate payload
 
@@ -66,31 +65,52 @@ def rig_payload(rig: Rig) -> Payload | None:
     return None if name is None else read_model(rig.folder / name, Payload)
 
 
-def rig_sensor(rig: Rig, noise: Float[np.ndarray, "6"] | None = None) -> ForceTorque:
-    """The sensor; `noise` is used where the rig states none."""
-    wrench = rig.force_torque
-    stated = noise if wrench.noise is None else wrench.noise.six()
-    return ForceTorque(stated, None if wrench.range is None else wrench.range.six(), wrench.frame)
+def rig_sensor(rig: Rig, recording: Recording | None = None) -> ForceTorque:
+    """The sensor; noise that the rig does not state is that of a recording."""
+    wrench, seen = rig.force_torque, _Seen(recording)
+    deviation, spectrum = seen.deviation, seen.spectrum
+    if wrench.noise is not None:
+        deviation = wrench.noise.six()
+        rate = rig.filter.rate or (None if recording is None else recording.rate())
+        if wrench.noise.corner is not None and rate is not None:
+            spectrum = NoiseSpectrum.of_corner(wrench.noise.corner, rate)
+    limits = None if wrench.range is None else wrench.range.six()
+    return ForceTorque(deviation, limits, wrench.frame, spectrum, wrench.gain_error)
+
+
+def doubted_noise(rig: Rig, recording: Recording) -> list[str]:
+    """Where noise that the rig states is wrong by two or more against a recording."""
+    stated, seen = rig.force_torque.noise, _Seen(recording).deviation
+    doubt = "" if stated is None or seen is None else wrong_noise(stated.six(), seen)
+    return [doubt] if doubt else []
+
+
+class _Seen:
+    """The noise of a recording: where it rests, else in its quiet parts, of an unknown spectrum."""
+
+    def __init__(self, recording: Recording | None) -> None:
+        wrenches = np.zeros((0, 6)) if recording is None else recording.wrenches()
+        rest = rest_noise(wrenches)
+        self.deviation = estimate_noise(wrenches) if rest is None else rest.deviation
+        self.spectrum = None if rest is None else rest.spectrum
 
 
 def _build(rig: Rig, head: Recording | None) -> Prepared:
-    noise = None if head is None or rig.force_torque.noise is not None else estimate_noise(head.wrenches())
-    payload = rig_payload(rig)
-    sensor = Compensation(rig_sensor(rig, noise), payload, _motion(rig, payload, head))
+    payload, stated = rig_payload(rig), rig.force_torque.noise is not None
+    sensor = Compensation(rig_sensor(rig, head), payload, _motion(rig, payload, head))
     made = wrench_estimator(rig, sensor, head, tare=rig.estimate.tare)
-    stated = rig.force_torque.noise is not None
-    made.facts["noise_source"] = "given" if stated else "unknown" if noise is None else "steps of the log"
-    made.said[:0] = [*_noise_said(rig, noise), *_payload_said(rig, payload)]
+    made.facts["noise_source"] = "given" if stated else "unknown" if sensor.noise is None else "rest of the log"
+    made.said[:0] = [*([] if stated else _noise_said(sensor)), *_payload_said(rig, payload)]
+    made.doubted += [] if head is None else doubted_noise(rig, head)
     return made
 
 
-def _noise_said(rig: Rig, noise: Float[np.ndarray, "6"] | None) -> list[str]:
-    if noise is not None:
-        force, torque = noise[:3].max(), noise[3:].max()
-        return [f"noise taken from the log's steps: {force:.3g} N, {torque:.3g} N m (a filtered log looks too quiet)"]
-    if rig.force_torque.noise is None:
+def _noise_said(sensor: Compensation) -> list[str]:
+    if sensor.noise is None:
         return ["the noise is not known, so there are no covariances: state it in the rig, or use a longer log"]
-    return []
+    force, torque = (np.sqrt(np.diag(sensor.noise)[part].max()) for part in (slice(3), slice(3, 6)))
+    where = "in its quiet parts, taken as white" if sensor.sensor.spectrum is None else "where it rests"
+    return [f"noise taken from the log {where}: {force:.3g} N, {torque:.3g} N m"]
 
 
 def _payload_said(rig: Rig, payload: Payload | None) -> list[str]:

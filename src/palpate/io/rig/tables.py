@@ -16,6 +16,7 @@ __all__ = [
     "RigEstimate",
     "RigFilter",
     "RigForceTorque",
+    "RigNoise",
     "RigOrientation",
     "RigPair",
     "RigThresholds",
@@ -56,8 +57,19 @@ class RigPair:
 
 
 @dataclass(frozen=True)
+class RigNoise(RigPair):
+    """Standard deviations of one reading; `corner` [Hz]: below it the noise is as 1/f, None: as the log's is."""
+
+    corner: float | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require_positive(self, "corner")
+
+
+@dataclass(frozen=True)
 class RigForceTorque:
-    """How the wrench stands in the log, and what the sensor is."""
+    """How the wrench stands in the log, and what the sensor is; for `gain_error` see `palpate.ForceTorque`."""
 
     columns: Six = ("fx", "fy", "fz", "tx", "ty", "tz")
     topic: str | None = None
@@ -65,13 +77,16 @@ class RigForceTorque:
     axes: tuple[str, str, str] = ("x", "y", "z")
     left_handed: bool = False
     frame: str = "sensor"
-    noise: RigPair | None = None
+    noise: RigNoise | None = None
     range: RigPair | None = None
+    gain_error: float = 0.0
     payload: str | None = None
 
     def __post_init__(self) -> None:
         if self.frame not in ("sensor", "base"):
             raise ValueError(f"frame must be 'sensor' or 'base', not {self.frame!r}")
+        if not 0 <= self.gain_error < 1:
+            raise ValueError(f"gain_error is a share of the force, at least 0 and below 1, not {self.gain_error:g}")
         require_path("payload", self.payload)
 
 
