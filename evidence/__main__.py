@@ -27,6 +27,7 @@ from evidence import (
     skin_contacts,
     skin_map,
     torn,
+    touches,
 )
 from evidence.report import Theme, measure
 from evidence.row import ROOT
@@ -42,6 +43,7 @@ THEMES: dict[str, Theme] = {
     "payload": payload.rows,
     "pad": pad.rows,
     "probes": probes.rows,
+    "touches": touches.rows,
     "filters": filters.rows,
     "noise": noise.rows,
     "clock": clock.rows,

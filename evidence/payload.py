@@ -11,7 +11,7 @@ import palpate
 from evidence.row import Row, shared, skipped
 from palpate.spatial.pose import rotation_from_quaternion
 
-__all__ = ["rows"]
+__all__ = ["hundred_poses", "rows"]
 
 COMMAND = "python -m evidence --only payload"
 NAME = "payload"
@@ -75,6 +75,15 @@ def _one_axis() -> Iterator[Row]:
         except palpate.NotIdentifiable as refusal:
             got, met = f"refused: {refusal}", not accepted
         yield Row(NAME, what, "accepted" if accepted else "refused, naming it", got, met, COMMAND)
+
+
+def hundred_poses() -> tuple[np.ndarray, np.ndarray] | None:
+    """Wrenches (100, 6) of the real log in the sensor's frame, and rotations; None where the data is absent."""
+    folder = shared()
+    if folder is None:
+        return None
+    wrenches, rotations = _read(folder / "data" / "payload", "_100")
+    return np.einsum("nji,nkj->nki", rotations, wrenches.reshape(-1, 2, 3)).reshape(-1, 6), rotations
 
 
 def _read(folder: Path, name: str) -> tuple[np.ndarray, np.ndarray]:

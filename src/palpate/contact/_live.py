@@ -78,9 +78,9 @@ def load_cells(inputs, memory, table, memory_of_blame, noises, nodes, corners, s
 
 @entry
 def force_torque(inputs, memory, table, unused, noises, nodes, corners, settings, state, row):
-    """Inputs (18,): reading, rotation, acceleration; noises (1, 6, 6) for a sensor that knows none, else (0, 6, 6)."""
+    """Inputs (19,): reading, rotation, acceleration, age; noises (1, 6, 6) where the sensor knows none, or (0, 6, 6)."""
     wrenches, statuses, located = np.empty((1, 6)), np.empty(1, np.int8), np.empty((1, 6))
-    rotations, accelerations = inputs[6:15].reshape((1, 3, 3)), inputs[15:].reshape((1, 3))
+    rotations, accelerations = inputs[6:15].reshape((1, 3, 3)), inputs[15:18].reshape((1, 3))
     load, covariances = _vector(memory, table, 1), np.empty((1, 6, 6))
     _compensation.compensate(
         inputs[:6].reshape((1, 6)),
@@ -98,6 +98,7 @@ def force_torque(inputs, memory, table, unused, noises, nodes, corners, settings
         rotations,
         accelerations,
         np.zeros((1, 1)),
+        inputs[18:].reshape((1, 1)),
         np.ones(1),
         load,
         _matrix(memory, table, 4),

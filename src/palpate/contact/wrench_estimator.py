@@ -59,9 +59,14 @@ class _Live:
         return _Live, self._given  # the surface prepares its tree anew
 
     def __call__(
-        self, reading: ArrayLike, rotation: ArrayLike | None, acceleration: ArrayLike | None, row: np.ndarray
+        self,
+        time: float,
+        reading: ArrayLike,
+        rotation: ArrayLike | None,
+        acceleration: ArrayLike | None,
+        row: np.ndarray,
     ) -> None:
-        self._hold(reading, rotation, acceleration)
+        self._hold(time, reading, rotation, acceleration)
         self.run(row)
 
     def run(self, row: np.ndarray) -> None:
@@ -193,7 +198,7 @@ class WrenchEstimator:
             located, covariances = self.sensor.place(measured, *self._filtered(measured), self._placement)
             self.locator.run_into(located, covariances, measured.status, row[None])
         else:
-            self._live(reading, rotation, acceleration, row)
+            self._live(time, reading, rotation, acceleration, row)
         self._samples += 1
         return 1
 

@@ -103,6 +103,7 @@ def place(
     rotations,
     accelerations,
     unsteady,
+    age,
     share,
     load,
     mean,
@@ -115,12 +116,12 @@ def place(
 ):
     """Wrenches (n, 6) to the surface's frame, and their covariances.
 
-    What varies: unsteady (n, 1), deviation of the acceleration, and share (n,) of the noise that a filter left, or one
-    row for all. What does not: mean (4, 3), the A = R^T - a (dm/dw)^T and u that a tare took off;
+    What varies: unsteady (n, 1), deviation of the acceleration, age (n, 1) [s] of the zero, and share (n,) of the noise
+    that a filter left, or one row for all. What does not: mean (4, 3), the A = R^T - a (dm/dw)^T and u of a tare;
     factor (r, 12) of the payload's covariance, mounting (q, 6) of the mounting's; matrix (6, 6) from sensor to surface;
-    constant (4, 6, 6), covariances in the surface's frame of what a filter takes off the noise, of what stays of it and
-    of the tare, of an acceleration of deviation 1, and of the gains for a wrench of size 1. Out come located (n, 6) and
-    covariance (n, 6, 6).
+    constant (5, 6, 6), covariances in the surface's frame of what a filter takes off the noise, of what stays of it, of
+    the tare and of the payload's misfit, of an acceleration of deviation 1, of the gains for a wrench of size 1, and of
+    a second of drift. Out come located (n, 6) and covariance (n, 6, 6).
     """
     turn, weight, work = np.empty((3, 3)), np.empty(3), np.empty((2, 6))
     errors = np.empty((len(factor) + len(mounting), 6))
@@ -136,12 +137,13 @@ def place(
             _payload_errors(turn, weight, load[_CENTER : _CENTER + 3], factor, matrix, work, errors)
         mounting_errors(located[i], mounting, work, errors[len(factor) :])
         kept, jolt, wrench, square = row(share, i), row(unsteady, i)[0], wrenches[i], 0.0
+        old = row(age, i)[0]
         for k in range(3):
             square += wrench[k] * wrench[k] + load[_LEVER] * wrench[3 + k] * wrench[3 + k]
         for a in range(6):
             for b in range(a, 6):
                 total = kept * constant[0, a, b] + constant[1, a, b] + jolt * jolt * constant[2, a, b]
-                total += square * constant[3, a, b]
+                total += square * constant[3, a, b] + old * constant[4, a, b]
                 for k in range(len(errors)):
                     total += errors[k, a] * errors[k, b]
                 covariance[i, a, b] = covariance[i, b, a] = total

@@ -22,6 +22,7 @@ from palpate.spatial.pose import Pose, rotation_from_quaternion, skew
 __all__ = ["Compensation"]
 
 NOTHING = Payload(np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3))
+EXPLAINED = 2.0  # residual over noise, squared, up to which the noise explains what a payload leaves
 SURE = 5.0  # times what it is unsure by: a tare of less is no touch
 
 
@@ -31,6 +32,7 @@ class _Readings(NamedTuple):
     Attributes:
         time: (n,) [s]; wrench: (n, 6) as measured.
         rotation: (n or 1, 3, 3) sensor in base; acceleration: (n or 1, 3); unsteady: (n or 1, 1).
+        age: (n or 1, 1) [s] since the zero was taken.
     """
 
     time: np.ndarray
@@ -38,6 +40,7 @@ class _Readings(NamedTuple):
     rotation: np.ndarray
     acceleration: np.ndarray
     unsteady: np.ndarray
+    age: np.ndarray
 
     def picked(self, rows: Bool[np.ndarray, " n"]) -> _Readings:
         """Those of a mask."""
@@ -78,7 +81,7 @@ class Compensation:
         self._compensate, self._place = _compensation.compensate, _compensation.place
         load = NOTHING if payload is None else payload
         self._weighs = bool(load.weight.any() or load.covariance[:3, :3].any())
-        self._turned = sensor.frame == "base"
+        self._turned, self._drifts = sensor.frame == "base", bool(sensor.drift.any())
         self._limits = np.full(6, np.inf) if sensor.limits is None else sensor.limits.copy()
         slope = load.gravity / load.magnitude**2 if load.weight.any() else np.zeros(3)
         self._load = np.concatenate([load.weight, load.center_of_mass, slope, [load.mass, sensor.lever**-2]])
@@ -88,7 +91,7 @@ class Compensation:
         self._turns, self.revision = bool(self.needs_orientation), 0
         self._kept = 1.0, np.ones(6)
         self._untare()
-        self.state, self.held = np.empty(0), np.concatenate([np.zeros(6), np.eye(3).ravel(), np.zeros(3)])
+        self.state, self.held = np.empty(0), np.concatenate([np.zeros(6), np.eye(3).ravel(), np.zeros(4)])
         made = self._compensated(self._read(0.0), self._zero)  # compiles, before anything is in a hurry
         self.place(made, made.wrench, np.ones(1), Placement(Pose.identity()))
 
@@ -120,17 +123,19 @@ class Compensation:
         self, time: float, reading: ArrayLike, rotation: ArrayLike | None, acceleration: ArrayLike | None
     ) -> _Compensated:
         """Of six numbers, with the sensor's rotation in the base (3, 3) where it is needed; NaN: not known now."""
-        self.hold(reading, rotation, acceleration)
+        self.hold(time, reading, rotation, acceleration)
         return self._compensated(self._read(time), self._zero)
 
-    def hold(self, reading: ArrayLike, rotation: ArrayLike | None, acceleration: ArrayLike | None) -> None:
-        """Reading, rotation and acceleration of one sample into `held`."""
+    def hold(self, time: float, reading: ArrayLike, rotation: ArrayLike | None, acceleration: ArrayLike | None) -> None:
+        """Reading, rotation, acceleration and age of the zero of one sample into `held`."""
         if self._turns:
             if rotation is None:
                 raise InputError(f"update needs the orientation of the sensor: {self.needs_orientation}.")
             self.held[6:15].reshape(3, 3)[:] = _of_one("rotation", rotation, (3, 3))
         self.held[:6] = _of_one("reading", reading, (6,))
-        self.held[15:] = 0.0 if acceleration is None else _of_one("acceleration", acceleration, (3,))
+        self.held[15:18] = 0.0 if acceleration is None else _of_one("acceleration", acceleration, (3,))
+        if self._drifts:
+            self.held[18] = self._aged(np.array([time], dtype=np.float64))[0, 0]
 
     def constants(self, placement: Placement) -> tuple[np.ndarray, ...]:
         """What `compensate` and `place` of the compiled loops take, in their order."""
@@ -153,6 +158,7 @@ class Compensation:
             readings.rotation,
             readings.acceleration,
             readings.unsteady,
+            readings.age,
             share,
             self._load,
             self._mean,
@@ -205,11 +211,13 @@ class Compensation:
         self._unsure = self._doubts.copy()
         self._unsure[:, 3:6] = self._unsure[:, 9:] = 0.0
         self._samples, self._placement = found.samples, None
+        self._tared = self._since = float(np.nanmax(made.time))
         self.revision += 1
         return Tare(found.said, touch=found.mean, least=SURE * float(np.sqrt(largest)))
 
     def reset(self) -> None:
-        """Nothing goes from sample to sample."""
+        """Forget when the log began."""
+        self._since = self._tared
 
     def notes(self) -> tuple[str, ...]:
         """On the motion."""
@@ -228,17 +236,19 @@ class Compensation:
         """Take off the payload's biases, and nothing else."""
         self._zero, self._unsure, self._mean = self._bias.copy(), self._doubts, np.zeros((4, 3))
         self._samples: int | None = None
+        self._tared = self._since = np.nan  # [s]
         self._placement: Placement | None = None
 
-    def _constant_in(self, placement: Placement) -> Float[np.ndarray, "4 6 6"]:
-        """Covariances in the surface's frame: of the noise, twofold, of an acceleration of deviation 1, of the gains.
+    def _constant_in(self, placement: Placement) -> Float[np.ndarray, "5 6 6"]:
+        """Covariances in the surface's frame, those of `place`.
 
         With w(age) the share of white noise that a filter leaves, w the least of it, and s those of the noise N as it
-        is, w(age) A + B is N at a start, and N s when the filter has settled; B holds what the tare adds too.
+        is, w(age) A + B is N at a start, and N s when the filter has settled; B holds what the tare and the
+        payload's misfit add too.
         """
         if placement is self._placement:
             return self._constant
-        made, matrix, mass = np.zeros((4, 6, 6)), placement.matrix, float(self._load[9])
+        made, matrix, mass = np.zeros((5, 6, 6)), placement.matrix, float(self._load[9])
         if self.noise is not None:
             push = matrix[:, :3] + matrix[:, 3:] @ skew(self._load[3:6])  # of a force at the payload's centre
             white, kept = self._kept
@@ -250,8 +260,9 @@ class Compensation:
                 spectrum = self.sensor.spectrum
                 left = np.full(6, 1.0 / self._samples) if spectrum is None else spectrum.of_mean(self._samples)
                 stays = stays + self.noise * _both(left)
-            made[1] = matrix @ stays @ matrix.T
+            made[1] = matrix @ (stays + self._misfit(self.noise)) @ matrix.T
             made[2] = mass**2 * push @ push.T
+            made[4] = matrix @ np.diag(self.sensor.drift**2) @ matrix.T
             made[3] = self.sensor.gain_error**2 * (matrix * self._gains) @ matrix.T
         self._placement, self._constant = placement, made
         return made
@@ -259,8 +270,23 @@ class Compensation:
     def _read(self, time: float) -> _Readings:
         """The inputs of one sample."""
         made = self.held.copy()
-        reading, rotation, acceleration = made[None, :6], made[6:15].reshape(1, 3, 3), made[None, 15:]
-        return _Readings(np.array([time], dtype=np.float64), reading, rotation, acceleration, np.zeros((1, 1)))
+        reading, rotation, acceleration = made[None, :6], made[6:15].reshape(1, 3, 3), made[None, 15:18]
+        now = np.array([time], dtype=np.float64)
+        return _Readings(now, reading, rotation, acceleration, np.zeros((1, 1)), made[None, 18:])
+
+    def _aged(self, time: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 1"]:
+        """Since the tare, or since the log began; 0 where the time is not known."""
+        known = time[np.isfinite(time)]
+        if np.isnan(self._since) and len(known):
+            self._since = float(known[0])
+        return np.nan_to_num(np.maximum(time - self._since, 0.0))[:, None]
+
+    def _misfit(self, noise: Float[np.ndarray, "6 6"]) -> Float[np.ndarray, "6 6"]:
+        """What the payload's model leaves beyond the noise, in any orientation: gains, cables, a load that moves."""
+        if self.payload is None:
+            return np.zeros((6, 6))
+        seen, stated = self.payload.residual**2, np.diag(noise).reshape(2, 3).mean(axis=1)
+        return np.diag(np.repeat(np.where(seen > EXPLAINED * stated, seen - stated, 0.0), 3))
 
     def _readings(self, recording: Recording) -> _Readings:
         """The channels that are needed."""
@@ -275,6 +301,7 @@ class Compensation:
             self._rotations(recording),
             np.zeros((1, 3)) if acceleration is None else acceleration.copy(),
             np.zeros((1, 1)) if unsteady is None else unsteady.copy(),
+            self._aged(recording.time) if self._drifts else np.zeros((1, 1)),
         )
 
     def _compensated(self, readings: _Readings, zero: Float[np.ndarray, "6"]) -> _Compensated:

@@ -159,9 +159,11 @@ class ForceTorque(Value):
         gain_error: standard deviation of each entry of the sensor's matrix, gain and cross-talk alike, as a share: with
             L the ratio of the ranges of torque and force (of their noises where no range is stated), the channels of
             force err by gain_error sqrt(|F|^2 + |M|^2/L^2), and those of torque by L times that, in every sample.
+        drift: (6,) standard deviation of a random walk of the zero [N/sqrt(s), N m/sqrt(s)], from the tare or the log's
+            start on; None: none.
 
     Raises:
-        InputError: a limit that is not positive, another frame, or a gain_error that is no share.
+        InputError: a limit that is not positive, another frame, a negative drift, or a gain_error that is no share.
     """
 
     noise: Float[np.ndarray, "6 6"] | None
@@ -169,6 +171,7 @@ class ForceTorque(Value):
     frame: str
     spectrum: NoiseSpectrum | None
     gain_error: float
+    drift: Float[np.ndarray, "6"]
 
     def __init__(
         self,
@@ -177,6 +180,7 @@ class ForceTorque(Value):
         frame: str = "sensor",
         spectrum: NoiseSpectrum | None = None,
         gain_error: float = 0.0,
+        drift: ArrayLike | None = None,
     ) -> None:
         set_field = object.__setattr__
         set_field(self, "noise", None if noise is None else frozen(noise_covariance(noise)))
@@ -184,6 +188,9 @@ class ForceTorque(Value):
         set_field(self, "frame", frame)
         set_field(self, "spectrum", spectrum)
         set_field(self, "gain_error", gain_error)
+        set_field(self, "drift", frozen(np.zeros(6) if drift is None else drift, tail=(6,), name="drift"))
+        if not np.all((self.drift >= 0) & (self.drift <= LARGEST)):  # NaN too
+            raise InputError("drift must be six numbers that are not negative", where="force_torque")
         if self.limits is not None and not np.all(self.limits > 0):  # NaN too
             raise InputError("every limit must be positive", where="force_torque", hint="Use inf for no limit.")
         if frame not in FRAMES:

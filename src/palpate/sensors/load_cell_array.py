@@ -151,10 +151,10 @@ class LoadCellArray:
         acceleration: ArrayLike | None = None,
     ) -> _Weighed:
         """Of one sample of voltages (3 k,)."""
-        self.hold(reading, rotation, acceleration)
+        self.hold(time, reading, rotation, acceleration)
         return self._weighed(np.array([time], dtype=np.float64), self.held[None])
 
-    def hold(self, reading: ArrayLike, rotation: ArrayLike | None, acceleration: ArrayLike | None) -> None:
+    def hold(self, time: float, reading: ArrayLike, rotation: ArrayLike | None, acceleration: ArrayLike | None) -> None:
         """The voltages of one sample into `held`."""
         values = np.asarray(reading, dtype=np.float64)
         if values.shape != self._shape:

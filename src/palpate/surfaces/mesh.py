@@ -93,7 +93,9 @@ class Mesh(Value):
             kept = _in_region(points, triangles, region)
             touchable = (exposed(points, triangles) if touchable is None else touchable)[kept]
             if not touchable.any():
-                raise GeometryError("no facet of the region can be reached from outside; say covered = true to use them")
+                raise GeometryError(
+                    "no facet of the region can be reached from outside; say covered = true to use them"
+                )
             triangles, normals = triangles[kept], normals[kept]
             notes = (*notes, f"a region of {len(triangles)} of {len(kept)} facets is used")
         return cls(points, triangles, normals, crease, notes, touchable)

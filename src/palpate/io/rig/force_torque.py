@@ -75,7 +75,8 @@ def rig_sensor(rig: Rig, recording: Recording | None = None) -> ForceTorque:
         if wrench.noise.corner is not None and rate is not None:
             spectrum = NoiseSpectrum.of_corner(wrench.noise.corner, rate)
     limits = None if wrench.range is None else wrench.range.six()
-    return ForceTorque(deviation, limits, wrench.frame, spectrum, wrench.gain_error)
+    drift = None if wrench.drift is None else wrench.drift.six()
+    return ForceTorque(deviation, limits, wrench.frame, spectrum, wrench.gain_error, drift)
 
 
 def doubted_noise(rig: Rig, recording: Recording) -> list[str]:

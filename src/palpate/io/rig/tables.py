@@ -69,7 +69,7 @@ class RigNoise(RigPair):
 
 @dataclass(frozen=True)
 class RigForceTorque:
-    """How the wrench stands in the log, and what the sensor is; for `gain_error` see `palpate.ForceTorque`."""
+    """How the wrench stands in the log, and what the sensor is; see `palpate.ForceTorque`."""
 
     columns: Six = ("fx", "fy", "fz", "tx", "ty", "tz")
     topic: str | None = None
@@ -80,6 +80,7 @@ class RigForceTorque:
     noise: RigNoise | None = None
     range: RigPair | None = None
     gain_error: float = 0.0
+    drift: RigPair | None = None
     payload: str | None = None
 
     def __post_init__(self) -> None:
