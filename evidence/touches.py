@@ -1,8 +1,8 @@
-"""Whole touches: which of several places it is, while force and torque change; where it begins, and that nothing is one.
+"""Whole touches: which of several places it is, while force and torque change; where one begins, and false ones.
 
-Truth: points that a ray from outside reaches (embree), on bodies that have something behind every place. A touch stays at
-its point; its force rises from a random onset, swells, and turns within 0.8 of the friction cone, its torsion within 0.8
-of the bound, all as smooth random walks of 0.15 s.
+Truth: points that a ray from outside reaches (embree), on bodies that have something behind every place. A touch stays
+at its point; its force rises from a random onset, swells, and turns within 0.8 of the friction cone, its torsion within
+0.8 of the bound, all as smooth random walks of 0.15 s.
 """
 
 from __future__ import annotations
@@ -43,10 +43,10 @@ def _bodies() -> dict[str, tuple[palpate.Mesh, float]]:
     """Meshes with the bound of torsion [m]."""
     ring = trimesh.creation.torus(0.03, 0.01, major_sections=96, minor_sections=48)
     return {
-        "torus": (palpate.Mesh.from_trimesh(ring), 5e-3),
-        "mug with a handle": (palpate.Mesh.from_trimesh(_mug()), 5e-3),
+        "torus": (palpate.Mesh.from_trimesh(ring, unit="m"), 5e-3),
+        "mug with a handle": (palpate.Mesh.from_trimesh(_mug(), unit="m"), 5e-3),
         "bumpier sphere, h/R = 1": (mesh_of(BUMPIER, 20_000), R),
-        "U-shaped gripper": (palpate.Mesh.from_trimesh(_gripper()), 5e-3),
+        "U-shaped gripper": (palpate.Mesh.from_trimesh(_gripper(), unit="m"), 5e-3),
     }
 
 
@@ -65,7 +65,7 @@ def _gripper() -> trimesh.Trimesh:
     """Two fingers on a palm."""
     parts = [((0.06, 0.015, 0.02), (0.0, 0.0075, 0.01))]
     parts += [((0.015, 0.05, 0.02), (x, 0.025, 0.01)) for x in (-0.0225, 0.0225)]
-    boxes = []
+    boxes: list[trimesh.Trimesh] = []
     for size, middle in parts:
         boxes.append(trimesh.creation.box(size))
         boxes[-1].apply_translation(middle)
@@ -156,7 +156,7 @@ def _thresholds(count: int) -> Iterator[Row]:
         found = _found(wrenches, poses, palpate.identify_payload(wrenches, rotations), np.arange(100.0))
         got = f"{np.count_nonzero(found.status != palpate.Status.NO_CONTACT)} of 100 poses, "
         got += f"{np.count_nonzero(found.answered)} of them contacts"
-        met = not (found.located.any())
+        met = not found.located.any()
         yield Row(NAME, "the real payload log by its own payload: false contacts", "0", got, met, COMMAND)
     rng = np.random.default_rng(12)
     weight, centre = np.array([0.0, 0.0, -12.0]), np.array([0.0, 0.01, 0.05])
@@ -174,7 +174,7 @@ def _thresholds(count: int) -> Iterator[Row]:
     false = np.count_nonzero(found.located)
     got = f"{false} of {count:,} samples"
     what = "made, moving, payload 1 % off, drift 2 mN/sqrt(s): false contacts"
-    yield Row(NAME, what, "<= 1 in 10,000", got, false <= 1e-4 * count, COMMAND)
+    yield Row(NAME, what, "<= 1 in 10,000", got, bool(false <= 1e-4 * count), COMMAND)
     yield _smallest(rng)
 
 
@@ -182,7 +182,7 @@ def _found(
     wrenches: np.ndarray, poses: np.ndarray, payload: palpate.Payload, time: np.ndarray, drift: np.ndarray | None = None
 ) -> palpate.Contacts:
     """On a ball about the tool."""
-    mesh = palpate.Mesh.from_trimesh(trimesh.creation.icosphere(3, radius=0.05))
+    mesh = palpate.Mesh.from_trimesh(trimesh.creation.icosphere(3, radius=0.05), unit="m")
     sensor = Compensation(palpate.ForceTorque(NOISE, drift=drift), payload)
     channels = {"force": wrenches[:, :3].copy(), "torque": wrenches[:, 3:].copy(), "orientation": poses}
     return WrenchEstimator(palpate.Locator(mesh), sensor, live=False).run(Recording(time, channels))
@@ -190,13 +190,13 @@ def _found(
 
 def _smallest(rng: np.random.Generator) -> Row:
     """The force at which half of the samples are contacts, against what one false alarm in 10,000 allows."""
-    mesh = palpate.Mesh.from_trimesh(trimesh.creation.icosphere(3, radius=0.05))
+    mesh = palpate.Mesh.from_trimesh(trimesh.creation.icosphere(3, radius=0.05), unit="m")
     locator = palpate.Locator(mesh, noise=NOISE)
-    ratios, begun = np.linspace(0.8, 1.6, 33), []
+    ratios, begun = np.linspace(0.8, 1.6, 33), list[float]()
     for ratio in ratios:
         wrench = np.array([0.0, 0.0, -ratio * FALSE_ALARM * NOISE[0], 0.0, 0.0, 0.0])
         tried = locator.run(wrench + NOISE * rng.standard_normal((400, 6)), sequential=False)
-        begun.append(np.mean(tried.status != palpate.Status.TOO_LIGHT))
+        begun.append(float(np.mean(tried.status != palpate.Status.TOO_LIGHT)))
     smallest = float(np.interp(0.5, begun, ratios))
     what = "smallest touch that begins a contact, against one false alarm in 10,000"
     return Row(NAME, what, "<= 1.3", f"{smallest:.2f}", smallest <= 1.3, COMMAND)

@@ -291,7 +291,8 @@ def follow(wrench, noise, settings, state, found, places, torques, count, best, 
             return of_branch[winner]
     if of_branch[0] >= 0:
         return of_branch[0]
-    if first[_COUNT] < _STEADY or not misfit < _ANOTHER**2:  # another touch: a log may hold one sample of each
+    another = first[_COUNT] < _STEADY or not misfit < _ANOTHER**2  # touch: a log may hold one sample of each
+    if another and state[FOLLOW] == 0.0:
         forget(state)
         _begin(_branch(state, 0), found[best], places[best], 0.0)
         return best

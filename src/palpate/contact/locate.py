@@ -23,6 +23,7 @@ from palpate.surfaces.surface import Surface
 
 __all__ = ["METHODS", "Candidates", "Locator", "locate"]
 
+WORSE = 0.05  # of a touch's samples
 _WRENCH, _ROW = (6,), (ROW.length,)
 ON, OFF = 5.5, 3.0  # standard deviations of the force; noise alone exceeds the first once in a million samples
 METHODS = ("soft_finger", "wrench_axis")  # of a Locator; `locate` knows "iterative" too
@@ -238,7 +239,8 @@ class Locator:
     ) -> None:
         """The rows of one touch once more, from its end to its start, near the contact that was believed at the end.
 
-        `AMBIGUOUS` stays only where it was so at the end too; the Locator's own memory is left alone.
+        `AMBIGUOUS` stays only where it was so at the end too. Where that leaves more samples implausible the rows stay:
+        it was more than one touch. The Locator's own memory is left alone.
 
         Args:
             wrenches: (n, 6) of the touch, in the surface's frame.
@@ -251,17 +253,21 @@ class Locator:
         answered = np.flatnonzero(rows[:, ROW.status] <= Status.AMBIGUOUS)
         if not len(answered):
             return
-        last = rows[answered[-1]]
+        count = answered[-1] + 1
+        last = rows[count - 1]
         state = _state(last[ROW.point])
         state[TOUCHING] = state[FOLLOW] = 1.0
         noises, settings = self._noise[None], self._settings
         if covariances is not None:
-            noises, settings = covariances[::-1].copy(), self._noisy
+            noises, settings = covariances[:count][::-1].copy(), self._noisy
         open_end = last[ROW.status] == Status.AMBIGUOUS
-        back = self.empty(len(rows))
-        given = wrenches[::-1].copy(), noises, statuses[::-1].copy()
+        back = self.empty(count)
+        given = wrenches[:count][::-1].copy(), noises, statuses[:count][::-1].copy()
         self._many(*given, *self._arguments, settings, state, True, back)
-        rows[:] = back[::-1]
+        before, after = (np.count_nonzero(made[:, ROW.status] == Status.IMPLAUSIBLE) for made in (rows[:count], back))
+        if after > before + WORSE * count:
+            return
+        rows[:count] = back[::-1]
         if open_end:
             several = (rows[:, ROW.status] == Status.CONTACT) & (rows[:, ROW.candidates] > 1)
             rows[several, ROW.status] = Status.AMBIGUOUS
