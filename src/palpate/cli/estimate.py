@@ -30,7 +30,7 @@ from palpate.viewer.run_summary import RunSummary
 
 __all__ = ["estimate"]
 
-TORN, INTERRUPTED = 3, 130
+TORN, UNBELIEVABLE, INTERRUPTED = 3, 4, 130
 
 
 def estimate(
@@ -45,7 +45,8 @@ def estimate(
     """Find contacts in the log of any sensor, with a rig, or in a log of wrenches with a mesh alone.
 
     Options given here win over the rig. Beside OUTPUT stands OUTPUT.toml: versions, input hashes, options. Ctrl-C
-    leaves the contacts found so far. Exit code 3: done, but the log was cut off.
+    leaves the contacts found so far. Exit code 3: done, but the log was cut off; 4: done, but nothing in it can be
+    believed, for a reason that is said last.
 
     Args:
         log: CSV, Parquet, NumPy, MCAP or a ROS bag. Wrenches: columns time,fx,fy,fz,tx,ty,tz and, where orientation
@@ -79,15 +80,16 @@ def estimate(
     record = provenance(files, options)
     write_provenance(beside, record)
     doubts = pipeline.doubts()
-    short = list(_short(output, opened, summary, interrupted=interrupted))
+    short, nothing = list(_short(output, opened, summary, interrupted=interrupted)), pipeline.unbelievable()
     _say(f"{log} -> {output}", pipeline, summary, doubts)
     if report is not None:
-        warnings = (*doubts, *short)
+        warnings = (*([nothing] if nothing else []), *doubts, *short)
         run = run_of(pipeline, summary, record, output.name, warnings)
         write_text(report, render(compose(judged(run, known, mounted=mounting_known(rig)))))
     note(short, kind="warning")
-    if short:
-        raise SystemExit(INTERRUPTED if interrupted else TORN)
+    note([nothing] if nothing else [], kind="warning")
+    if short or nothing:
+        raise SystemExit(INTERRUPTED if interrupted else TORN if short else UNBELIEVABLE)
 
 
 def _ground_truth(truth: Path | None, report: Path | None) -> Samples | Touches | None:

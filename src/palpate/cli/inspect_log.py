@@ -14,6 +14,7 @@ from palpate.errors import InputError
 from palpate.io.contacts import contact_blocks, unfinished
 from palpate.io.logs import LogContents, contents, open_log
 from palpate.io.models import read_provenance
+from palpate.io.pipeline import HEAD, Pipeline
 from palpate.io.pipeline import open_log as open_rig_log
 from palpate.io.rig import Rig
 from palpate.io.rig.force_torque import doubted_noise
@@ -72,11 +73,24 @@ def inspect_log(file: Path, rig: Rig | None, sensor: str | None = None) -> tuple
     _say_samples(kept, ranges, there)
     _say_ranges(kept, ranges)
     note(doubted_noise(rig, kept) if rig is not None and kind.name == "force_torque" else (), kind="warning")
+    if rig is not None and rig.surface is not None and kind.name != "skin":
+        lines([("bounds", _asked(file, rig, sensor))])
     if excerpt.stride > 1:
         note([f"step, medians and noise are those of one sample in {excerpt.stride} (in long pieces), the rest of all"])
     note(([f"torn: {log.torn}"] if log.torn else []), kind="warning")
     note(log.notes())
     return kept, bool(log.torn)
+
+
+def _asked(file: Path, rig: Rig, sensor: str | None) -> str:
+    """Which bounds of friction and torsion the start of a log asks for."""
+    with open_rig_log(file, rig, sensor) as log:
+        pipeline, done = Pipeline.of(log), 0
+        for block, _, _ in pipeline.stream():
+            done += len(block)
+            if done >= HEAD:
+                break
+        return pipeline.asked() or "nothing touches at its start"
 
 
 class _Ranges:

@@ -78,7 +78,7 @@ def load_cells(inputs, memory, table, memory_of_blame, noises, nodes, corners, s
 
 @entry
 def force_torque(inputs, memory, table, unused, noises, nodes, corners, settings, state, row):
-    """Inputs (19,): reading, rotation, acceleration, age; noises (1, 6, 6) where the sensor knows none, or (0, 6, 6)."""
+    """Inputs (19,): reading, rotation, acceleration, age; noises (1, 6, 6) if the sensor knows none, or (0, 6, 6)."""
     wrenches, statuses, located = np.empty((1, 6)), np.empty(1, np.int8), np.empty((1, 6))
     rotations, accelerations = inputs[6:15].reshape((1, 3, 3)), inputs[15:18].reshape((1, 3))
     load, covariances = _vector(memory, table, 1), np.empty((1, 6, 6))

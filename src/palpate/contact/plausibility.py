@@ -7,12 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
+from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import Status
 
-__all__ = ["LinesOfAction", "lines_of_action", "never_at_rest", "unexplained"]
+__all__ = ["Asked", "LinesOfAction", "lines_of_action", "never_at_rest", "unbelievable", "unexplained"]
 
 UNLOADED = (Status.NO_CONTACT, Status.TOO_LIGHT, Status.INVALID, Status.NO_POSE)
 LOADED = 0.3  # of the 95th percentile of the force: below it noise moves the line as much as contact does
+MANY = 0.1  # of the loaded samples without an explanation: worth a sentence
 NEAR = 0.01  # of the body's size
 
 
@@ -85,21 +87,97 @@ def never_at_rest(wrenches: Float[np.ndarray, "n 6"], on: float) -> str:
     return f"the force is never below {least:.3g} N: if the log has free moments, bias or payload is left in it"
 
 
-def unexplained(counts: Int[np.ndarray, " s"]) -> list[str]:
-    """The sentence to say when a contact within the bounds explains fewer than half of the loaded samples, else none.
+@dataclass(frozen=True)
+class Asked:
+    """Which bounds of friction and torsion the loaded samples ask for.
+
+    Attributes:
+        friction: (k,) tan of the angle between -force and normal; torsion: (k,) |torque|/|F . n| [m].
+        bounds: the friction and the torsion that were allowed.
+    """
+
+    friction: Float[np.ndarray, " k"]
+    torsion: Float[np.ndarray, " k"]
+    bounds: tuple[float, float]
+
+    @classmethod
+    def of(cls, contacts: Contacts, bounds: tuple[float, float]) -> Asked:
+        """By the points, normals and forces of contacts; light ones, which noise turns, are left out."""
+        force, normal = contacts.force, contacts.normal
+        strength = np.linalg.norm(force, axis=1)
+        loaded = contacts.located & (strength > 0)
+        if loaded.any():
+            loaded &= strength >= LOADED * np.percentile(strength[loaded], 95)
+        pressing = np.abs(np.einsum("nk,nk->n", force[loaded], normal[loaded]))
+        with np.errstate(divide="ignore"):
+            friction = np.sqrt(np.maximum((strength[loaded] / pressing) ** 2 - 1.0, 0.0))
+            torsion = np.abs(contacts.torque[loaded]) / pressing
+        return cls(friction, torsion, bounds)
+
+    @property
+    def proposal(self) -> str:
+        """The bounds that would hold 95 % of the samples."""
+        if not len(self.friction):
+            return ""
+        friction, torsion = (float(np.percentile(values, 95)) for values in (self.friction, self.torsion))
+        return f"95 % of the loaded samples stay below friction = {friction:.2g} and torsion = {torsion:.2g} m"
+
+    @property
+    def said(self) -> str:
+        """Which bound is exceeded, how often and by how much, or ""."""
+        parts: list[str] = []
+        for name, values, bound, scale, unit in (
+            ("friction", self.friction, self.bounds[0], 1.0, ""),
+            ("torsion", self.torsion, self.bounds[1], 1e3, " mm"),
+        ):
+            beyond = values > bound
+            if beyond.any():
+                middle = scale * float(np.median(values[beyond]))
+                parts.append(
+                    f"{name} in {beyond.mean():.0%} (median {middle:.3g}{unit}, bound {scale * bound:.3g}{unit})"
+                )
+        return " and ".join(parts)
+
+
+def unexplained(counts: Int[np.ndarray, " s"], asked: Asked | None = None) -> list[str]:
+    """Why many of the loaded samples have no contact within the bounds, and which bounds would do; else nothing.
 
     Args:
         counts: (len(Status),) how many estimates have each `Status`.
+        asked: which bounds they ask for, where that is known.
     """
     loaded = int(counts.sum() - counts[list(UNLOADED)].sum())
     if not loaded:
         return []
     beyond, off = counts[Status.IMPLAUSIBLE] / loaded, counts[Status.OFF_SURFACE] / loaded
-    if beyond + off <= 0.5:
+    if beyond + off <= MANY:
         return []
+    which = f", by {asked.said}; {asked.proposal}" if asked is not None and asked.said else ""
+    said = (
+        f"of the loaded samples {beyond:.0%} are implausible (beyond the bounds of friction or torsion{which}) and "
+        f"{off:.0%} off the surface (no point of it makes such a wrench)"
+    )
+    if beyond + off <= 0.5:
+        return [said]
     return [
-        f"of the loaded samples {beyond:.0%} are implausible (beyond the bounds of friction or torsion) and {off:.0%} "
-        "off the surface (no point of it makes such a wrench): are the units of the torque and of the mesh right, is "
-        "bias or payload left in or in other units, is the surface mounted as its pose says, do the normals of an open "
-        "mesh face out?"
+        f"{said}: are the units of the torque and of the mesh right, is bias or payload left in or in other units, is the "
+        "surface mounted as its pose says, do the normals of an open mesh face out?"
     ]
+
+
+def unbelievable(counts: Int[np.ndarray, " s"], small: int) -> str:
+    """The sentence to end with when not one sample can be believed, else empty.
+
+    Args:
+        counts: (len(Status),) how many estimates have each `Status`.
+        small: of those answered, how many have an ellipse smaller than the body, or none at all.
+    """
+    answered = int(counts[Status.CONTACT] + counts[Status.AMBIGUOUS])
+    loaded = int(counts.sum() - counts[list(UNLOADED)].sum())
+    if not loaded:
+        return "nothing to believe: there is no contact in it"
+    if not answered:
+        return f"nothing to believe: none of the {loaded:,} loaded samples is explained by a contact"
+    if not small:
+        return f"nothing to believe: each of the {answered:,} ellipses is larger than the body"
+    return ""

@@ -11,12 +11,13 @@ from types import TracebackType
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from palpate.contact.contacts import Contacts
-from palpate.contact.estimate import Status
+from palpate.contact.estimate import CHI2_95, Status
 from palpate.contact.estimator import ContactEstimator
 from palpate.contact.frames import placed
-from palpate.contact.plausibility import lines_of_action, never_at_rest, unexplained
+from palpate.contact.plausibility import Asked, lines_of_action, never_at_rest, unbelievable, unexplained
 from palpate.contact.wrench_estimator import WrenchEstimator
 from palpate.errors import InputError
 from palpate.io.logs import Log, contents, join, missing
@@ -25,7 +26,7 @@ from palpate.io.rig.kind import Prepared, SensorKind
 from palpate.io.rig.rig import Rig, load_rig
 from palpate.sensors.recording import ORIENTATION, POSITION, Recording
 
-__all__ = ["FRAMES", "OpenedLog", "Pipeline", "estimate", "open_log", "prepare"]
+__all__ = ["FRAMES", "HEAD", "OpenedLog", "Pipeline", "estimate", "open_log", "prepare"]
 
 FRAMES = ("surface", "sensor", "base")
 HEAD = 20_000  # samples of the start of a log from which noise, rate and rest are taken
@@ -151,20 +152,38 @@ class Seen:
 
     def __init__(self) -> None:
         self._count, self._stride, self._kept = 0, 1, list[Recording]()
-        self._statuses = np.zeros(len(Status), dtype=np.int64)
+        self._statuses, self._small = np.zeros(len(Status), dtype=np.int64), 0
+        self._found = list[Contacts]()
 
-    def add(self, block: Recording, found: Contacts) -> None:
-        """The next samples and their contacts."""
+    def add(self, block: Recording, found: Contacts, size: float) -> None:
+        """The next samples and their contacts, on a body of a size [m]."""
+        spread: Float[np.ndarray, " n"] = np.trace(found.covariance, axis1=1, axis2=2)
+        self._small += int(np.count_nonzero(found.answered & ~(CHI2_95 * spread > size**2)))
         self._statuses += np.bincount(found.status, minlength=len(Status))
-        self._kept.append(block.picked(slice(-self._count % self._stride, None, self._stride)))
+        even = slice(-self._count % self._stride, None, self._stride)
+        self._kept.append(block.picked(even))
+        if len(found) == len(block):  # of several contacts a sample nobody asks for bounds
+            self._found.append(found[even])
         self._count += len(block)
         while sum(map(len, self._kept)) > 2 * KEPT:  # every second one of those kept stays
-            self._kept = [join(self._kept).picked(slice(None, None, 2))]
+            half = slice(None, None, 2)
+            self._kept = [join(self._kept).picked(half)]
+            self._found = [Contacts.joined(self._found)[half]] if self._found else []
             self._stride *= 2
+
+    def asked(self, estimator: ContactEstimator) -> Asked | None:
+        """Which bounds of friction and torsion the samples ask for; None where the sensor has none."""
+        if not self._count or not isinstance(estimator, WrenchEstimator):
+            return None
+        return Asked.of(Contacts.joined(self._found), (estimator.locator.friction, estimator.locator.torsion))
+
+    def unbelievable(self) -> str:
+        """The sentence to end with when not one sample can be believed, else empty."""
+        return unbelievable(self._statuses, self._small)
 
     def doubts(self, estimator: ContactEstimator) -> list[str]:
         """Units, bias, mounting: what a wrench says of them, and how many samples no contact explains."""
-        said = unexplained(self._statuses)
+        said = unexplained(self._statuses, self.asked(estimator))
         if not self._count or not isinstance(estimator, WrenchEstimator):
             return said
         surface, mount = estimator.locator.surface, estimator.mount
@@ -230,8 +249,22 @@ class Pipeline:
             if pair is None:
                 return
             block, found = pair
-            self._seen.add(block, found)
+            self._seen.add(block, found, self._size)
             yield block, found, placed(found, block, self.frame, self.estimator.mount)
+
+    @property
+    def _size(self) -> float:
+        """Of the body [m]; infinite where the sensor's model has no surface apart from its cells."""
+        return self.estimator.locator.surface.size if isinstance(self.estimator, WrenchEstimator) else np.inf
+
+    def asked(self) -> str:
+        """Which bounds of friction and torsion would hold 95 % of the samples so far, or ""."""
+        asked = self._seen.asked(self.estimator)
+        return "" if asked is None else asked.proposal
+
+    def unbelievable(self) -> str:
+        """After the last block: the sentence to end with when not one sample can be believed, or ""."""
+        return self._seen.unbelievable()
 
     def notes(self) -> list[str]:
         """What was met on the way, so far."""
@@ -260,8 +293,8 @@ def estimate(log: str | Path, rig: Rig | str | Path, *, frame: str = "surface", 
     with open_log(log, rig, sensor) as opened:
         pipeline = Pipeline.of(opened, frame)
         found = Contacts.joined([contacts for _, _, contacts in pipeline.stream()])
-        torn = [opened.torn] if opened.torn else []
-        return found.noted((*torn, *pipeline.doubts(), *pipeline.notes()))
+        first = [said for said in (opened.torn, pipeline.unbelievable()) if said]
+        return found.noted((*first, *pipeline.doubts(), *pipeline.notes()))
 
 
 def _require_pose(log: OpenedLog, head: Recording) -> None:
