@@ -73,8 +73,8 @@ def inspect_log(file: Path, rig: Rig | None, sensor: str | None = None) -> tuple
     _say_samples(kept, ranges, there)
     _say_ranges(kept, ranges)
     note(doubted_noise(rig, kept) if rig is not None and kind.name == "force_torque" else (), kind="warning")
-    if rig is not None and rig.surface is not None and kind.name != "skin":
-        lines([("bounds", _asked(file, rig, sensor))])
+    if rig is not None and rig.surface is not None and (asked := _asked(file, rig, sensor)):
+        lines([("bounds", asked)])
     if excerpt.stride > 1:
         note([f"step, medians and noise are those of one sample in {excerpt.stride} (in long pieces), the rest of all"])
     note(([f"torn: {log.torn}"] if log.torn else []), kind="warning")
@@ -83,14 +83,14 @@ def inspect_log(file: Path, rig: Rig | None, sensor: str | None = None) -> tuple
 
 
 def _asked(file: Path, rig: Rig, sensor: str | None) -> str:
-    """Which bounds of friction and torsion the start of a log asks for."""
+    """Which bounds of friction and torsion the start of a log asks for, or ""."""
     with open_rig_log(file, rig, sensor) as log:
         pipeline, done = Pipeline.of(log), 0
         for block, _, _ in pipeline.stream():
             done += len(block)
             if done >= HEAD:
                 break
-        return pipeline.asked() or "nothing touches at its start"
+        return pipeline.asked()
 
 
 class _Ranges:

@@ -160,8 +160,8 @@ def unexplained(counts: Int[np.ndarray, " s"], asked: Asked | None = None) -> li
     if beyond + off <= 0.5:
         return [said]
     return [
-        f"{said}: are the units of the torque and of the mesh right, is bias or payload left in or in other units, is the "
-        "surface mounted as its pose says, do the normals of an open mesh face out?"
+        f"{said}: are the units of the torque and of the mesh right, is bias or payload left in or in other units, is "
+        "the surface mounted as its pose says, do the normals of an open mesh face out?"
     ]
 
 
