@@ -27,4 +27,4 @@ DEPTH, EXPONENT, ACCURACY = 10, 11, 12
 # state: what one sample leaves to the next
 STATE = 5
 TOUCHING, HAS_PREVIOUS, PREVIOUS = 0, 1, 2
-LARGEST = 1e30  # N, N m: what is beyond is no reading, and its powers overflow
+LARGEST = 1e9  # spatial.uncertain.LARGEST: a wrench beyond is invalid, as its powers would overflow
