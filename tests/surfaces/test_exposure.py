@@ -67,11 +67,13 @@ def test_bodies_of_one_shell_are_open_all_over(name: str) -> None:
     assert not BODIES[name].mesh.covered.any()
 
 
-def test_a_shell_inside_another_is_covered_and_gives_no_candidates() -> None:
-    vertices, faces = joined(ball(R), ball(0.8 * R))
+@pytest.mark.parametrize("inner_radius", [0.8 * R, 0.15 * R])  # in the second gap there is room for the ball
+def test_a_shell_inside_another_is_covered_and_gives_no_candidates(inner_radius: float) -> None:
+    vertices, faces = joined(ball(R), ball(inner_radius))
     mesh = Mesh.from_arrays(vertices, faces)
     inner = np.linalg.norm(middles(mesh), axis=1) < 0.9 * R
     assert np.array_equal(mesh.covered, inner)
+    assert mesh.bodies == 2
     wrench = pressing(np.array([0.0, 0.0, R]), np.array([0.0, 0.0, 1.0]), np.array([0.3, 0.2, -5.0]), 1e-4)
     assert len(Locator(mesh).candidates(wrench).point) == 1
     whole = Mesh.from_arrays(vertices, faces, covered=True)
