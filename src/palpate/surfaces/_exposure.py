@@ -1,8 +1,9 @@
 """Which facets of a mesh can be touched from outside.
 
-Tools are drawn with their inner shells, and as bodies that stand inside each other. A facet is open if from one of the
-samples on it the ray along its normal leaves the body, or comes, before another facet, to where a ball of a fifth of
-the body's size can go that is rolled in from outside (the space around the body, opened by a ball [serra]).
+Tools are drawn with their inner shells, and as bodies that stand inside each other. A facet is open if the rays along
+its normal, from two of the samples on it (or the only one), leave the body; or if one of them comes, before another
+facet, to where a ball of a fifth of the body's size can go that is rolled in from outside (the space around the body,
+opened by a ball [serra]).
 
 So what has room in front of it stays: the inner walls of a mug and of a gripper. The inside of a tube that is too
 narrow for what touches is covered, though light falls into it, and so is what is seen through a gap or a screw's hole.

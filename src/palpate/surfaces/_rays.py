@@ -142,7 +142,8 @@ def _passes(o, n, far, low, step, swept):
 def open_facets(corners, nodes, low, step, swept, out):
     """Which facets there is a way to, into out (f,); those that are set already are not asked again.
 
-    From one of the samples on it the ray along the normal leaves the body, or comes to a swept cell before a facet.
+    From two of the samples on it, or the only one, the ray along the normal leaves the body (one may look out through a
+    gap); or from one it comes to a swept cell before a facet.
 
     Args:
         corners: (f, 20) as in a tree, the normals those of the facets.
@@ -158,11 +159,13 @@ def open_facets(corners, nodes, low, step, swept, out):
             continue
         n = corners[facet, 3:6]
         parts = min(_MOST, _sides(corners[facet], _SPACING))
+        ways = 0
         for at in range(parts * parts):
             _sample(corners[facet], parts, at, o)
             for k in range(3):
                 o[k] += _LIFT * n[k]
             far = _first_hit(nodes, corners, o, n, pending)
-            if far == np.inf or _passes(o, n, far, low, step, swept):
+            ways += 1 if far == np.inf else 2 if _passes(o, n, far, low, step, swept) else 0
+            if ways >= min(parts, 2):
                 out[facet] = True
                 break
