@@ -50,7 +50,7 @@ def rows(small: bool) -> Iterator[Row]:
 
 def _judge(probe: str, mesh: palpate.Mesh, kind: str, count: int) -> Iterator[Row]:
     rng = np.random.default_rng(37)
-    outside = _Outside(mesh)
+    outside = Outside(mesh)
     points, normals, facets = _touched(mesh, outside, kind, count, rng)
     wrenches = touch_wrenches(points, normals, rng, pitch=PITCH)
     limit = EXACT if mesh.crease == 0 else NEAR
@@ -76,19 +76,19 @@ def _judge(probe: str, mesh: palpate.Mesh, kind: str, count: int) -> Iterator[Ro
     yield Row(NAME, f"{probe}, {kind}: true point is the first", ">= 90 %", got, first.mean() >= 0.9, COMMAND)
 
 
-class _Outside:
+class Outside:
     """Which points can be touched from outside, in millimetres: at metre scale ray casters miss."""
 
     def __init__(self, mesh: palpate.Mesh) -> None:
         body = trimesh.Trimesh(mesh.vertices * 1e3, mesh.faces, process=False)
-        self._caster = body.ray
+        self.caster = body.ray
 
     def __call__(self, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
-        return ~self._caster.intersects_any((points + OFF * normals) * 1e3, normals)
+        return ~self.caster.intersects_any((points + OFF * normals) * 1e3, normals)
 
 
 def _touched(
-    mesh: palpate.Mesh, outside: _Outside, kind: str, count: int, rng: np.random.Generator
+    mesh: palpate.Mesh, outside: Outside, kind: str, count: int, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Outer points, normals and facets, uniform in the outside's area."""
     share = mesh.areas / mesh.areas.sum()
@@ -159,7 +159,7 @@ def _flat(mesh: palpate.Mesh, points: np.ndarray, facets: np.ndarray) -> np.ndar
 
 def _causes(
     mesh: palpate.Mesh,
-    outside: _Outside,
+    outside: Outside,
     points: np.ndarray,
     found: palpate.ContactEstimate,
     among: np.ndarray,

@@ -74,6 +74,23 @@ FAULTS: list[Fault] = [
         ),
     ),
     *of(
+        "surfaces/_rays.py",
+        "tests/surfaces/test_exposure.py",
+        ("a facet behind the ray stops it", "far if far > 0.0 else np.inf", "abs(far)"),
+        ("only the middle of a facet is asked", "min(_MOST, _sides(corners[facet], _SPACING))", "1"),
+    ),
+    *of(
+        "surfaces/_exposure.py",
+        "tests/surfaces/test_exposure.py",
+        ("the ball goes everywhere", "places == places[0, 0, 0]", "places > 0"),
+        ("a mesh inside out is covered", "areas[result].sum() > 0.01 * areas.sum()", "True"),
+    ),
+    *of(
+        "surfaces/_repair.py",
+        "tests/surfaces/test_mesh.py",
+        ("vertices that differ by rounding stay apart", "np.sqrt(3.0)", "0.1"),
+    ),
+    *of(
         "surfaces/_band.py",
         "tests/surfaces tests/calibration/test_skin_map.py",
         ("what is not positive is solved", "not pivot > 0.0", "pivot == 0.0"),

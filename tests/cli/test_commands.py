@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 from collections.abc import Callable
@@ -10,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 import pytest
+import trimesh
 
 from palpate.cli import main
 from palpate.io.contacts import read_contacts
@@ -327,6 +329,22 @@ def test_inspect_knows_every_kind_of_file(made: Path, tmp_path: Path, capsys: py
         assert word in said.splitlines()[0]
         assert len(said.splitlines()) <= 40  # one screen
     assert main(["inspect", str(tmp_path / "nothing.csv")]) == 1
+
+
+def test_inspect_says_what_of_a_mesh_is_covered(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A box in a box, and an open one: how many bodies, watertight or not, what cannot be touched."""
+    boxes = [trimesh.creation.box((side, side, side)) for side in (20.0, 10.0)]
+    trimesh.util.concatenate(boxes).export(tmp_path / "two.stl")
+    trimesh.Trimesh(boxes[0].vertices, boxes[0].faces[1:]).export(tmp_path / "open.stl")
+    assert main(["inspect", str(tmp_path / "two.stl")]) == 0
+    said = capsys.readouterr().out
+    assert re.search(r"bodies +2, watertight", said)
+    assert re.search(r"covered +12 of 24 facets \(20% of the area\)", said)
+    assert "`covered = true`" in said
+    assert main(["inspect", str(tmp_path / "open.stl")]) == 0
+    said = capsys.readouterr().out
+    assert re.search(r"bodies +1, 3 open edges", said)
+    assert re.search(r"covered +none", said)
 
 
 def test_a_new_rig_serves_at_once_and_is_not_overwritten(

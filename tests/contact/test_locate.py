@@ -67,9 +67,13 @@ def test_nan_and_infinite_channels_are_invalid_and_answered_by_nothing(bad: floa
 
 
 def test_infinities_that_cancel_and_huge_finite_numbers() -> None:
-    wrench = press(5.0)
+    """Beyond 1e9 N or N m nothing is a reading, and at 1e200 its square is no number."""
+    wrench, couple, locator = press(5.0), press(5.0), Locator(lid())
     wrench[0], wrench[1] = np.inf, -np.inf
-    assert status_of(Locator(lid()), wrench, press(1e150)) == [Status.INVALID, Status.CONTACT]
+    couple[5] = -1e200
+    huge = 1e200 * press(1.0)
+    assert status_of(locator, wrench, huge, couple, press(1e8)) == [Status.INVALID] * 3 + [Status.CONTACT]
+    assert len(locator.candidates(huge).point) == 0
 
 
 def test_zero_force_is_no_contact_with_and_without_thresholds() -> None:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 
 from palpate.errors import InputError
 from palpate.io.rig import check_rig
@@ -42,12 +43,20 @@ def test_every_kind_is_built_from_its_lengths(table: dict[str, object], kind: ty
         ({"kind": "sphere", "radius": 0.01, "height": 0.02}, "height does not belong to kind = 'sphere'"),
         ({"kind": "cylinder", "radius": 0.01, "half_length": 0.02, "mesh": "a.stl"}, "mesh does not belong"),
         ({"kind": "mesh", "mesh": "a.stl", "unit": "mm", "radius": 0.01}, "radius does not belong"),
+        ({"kind": "sphere", "radius": 0.01, "covered": True}, "covered does not belong"),
         ({"kind": "ball", "radius": 0.01}, "kind must be one of mesh, plane, sphere"),
     ],
 )
 def test_what_is_missing_or_wrong_is_named(table: dict[str, object], said: str) -> None:
     with pytest.raises(InputError, match=said):
         check_rig({"surface": table}, RIG)
+
+
+def test_what_is_covered_is_used_where_the_rig_says_so(tmp_path: Path) -> None:
+    trimesh.util.concatenate([trimesh.creation.icosphere(2, radius) for radius in (10, 8)]).export(tmp_path / "two.stl")
+    for said, count in (({}, 320), ({"covered": False}, 320), ({"covered": True}, 0)):
+        mesh = check_rig({"surface": {"mesh": "two.stl", "unit": "mm", **said}}, RIG).surface.load(tmp_path)
+        assert mesh.covered.sum() == count
 
 
 def test_lengths_that_are_no_metres_are_doubted() -> None:

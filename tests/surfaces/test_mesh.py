@@ -10,7 +10,7 @@ import pytest
 from palpate.errors import GeometryError, PalpateError
 from palpate.simulation.shapes import Ellipsoid
 from palpate.surfaces import Mesh, plane
-from tests.support.bodies import R, box, cylinder
+from tests.support.bodies import BODIES, R, box, cylinder
 
 
 def volume(mesh: Mesh) -> float:
@@ -25,6 +25,24 @@ def test_vertices_that_coincide_are_merged() -> None:
     mesh = Mesh.from_arrays(soup, np.arange(36).reshape(12, 3))
     assert len(mesh.vertices) == 8
     assert mesh.notes == ()  # closed again
+
+
+@pytest.mark.parametrize("at", [0.0, 0.03, 3.0])
+def test_vertices_one_step_of_float32_apart_are_merged_on_whatever_grid(at: float) -> None:
+    """An exporter rounds each facet's corners on its own: to either neighbour in float32, in each coordinate."""
+    vertices, faces = Ellipsoid((R, 0.7 * R, 0.5 * R)).mesh(2000)
+    rng = np.random.default_rng(3)
+    soup = (1e3 * (vertices + at))[faces].reshape(-1, 3).astype(np.float32)
+    soup = np.where(rng.random(soup.shape) < 0.5, np.nextafter(soup, np.float32(np.inf)), soup)
+    mesh = Mesh.from_arrays(soup.astype(np.float64) * 1e-3, np.arange(len(soup)).reshape(-1, 3))
+    assert len(mesh.vertices) == len(vertices)
+    assert mesh.open_edges == 0
+
+
+def test_features_larger_than_the_rounding_stay() -> None:
+    """A box as thin as a millionth of its length keeps its eight corners."""
+    mesh = Mesh.from_arrays(*box((R, R, 1e-6 * R)))
+    assert len(mesh.vertices) == 8
 
 
 def test_facets_without_area_and_doubles_are_dropped_and_counted() -> None:
@@ -72,6 +90,15 @@ def test_an_open_mesh_says_so() -> None:
     vertices, faces = box()
     mesh = Mesh.from_arrays(vertices, faces[:-1])
     assert any("not closed: 3 edges" in note for note in mesh.notes)
+    assert (mesh.bodies, mesh.open_edges) == (1, 3)
+
+
+def test_a_sheet_that_is_open_is_not_doubted_and_a_tube_is() -> None:
+    """A plane and a dome face one side: what comes in from behind presses on nothing. A tube has an inside."""
+    assert plane((0, 0, 0), (0, 0, 1)).notes == ()
+    assert BODIES["open patch"].mesh.notes == ()
+    vertices, faces = cylinder(around=32)
+    assert any("not closed: 64 edges" in note for note in Mesh.from_arrays(vertices, faces[:64]).notes)
 
 
 def test_what_is_no_mesh_is_refused_with_a_sentence() -> None:
@@ -79,7 +106,7 @@ def test_what_is_no_mesh_is_refused_with_a_sentence() -> None:
     for points, triangles, word in (
         (vertices, np.empty((0, 3), dtype=int), "no facets"),
         (vertices, [[0, 1, 99]], "vertex 99"),
-        (vertices, [[0, 1, -1]], "vertex"),
+        (vertices, [[0, 1, -1]], "faces name vertex -1; there are 8"),
         (vertices[:, :2], faces, r"\(n, 3\)"),
         (vertices, faces * 1.0, "whole numbers"),
         (vertices, faces[:, :2], r"\(f, 3\)"),

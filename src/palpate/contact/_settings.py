@@ -34,4 +34,4 @@ DEPTH, EXPONENT, ACCURACY = 10, 11, 12
 TOUCHING, HAS_PREVIOUS, PREVIOUS, FOLLOW, SAMPLES, BRANCHES = 0, 1, 2, 5, 6, 7
 MOST, BRANCH = 6, 20  # branches, and numbers of each
 STATE = BRANCHES + MOST * BRANCH
-LARGEST = 1e30  # N, N m: what is beyond is no reading, and its powers overflow
+LARGEST = 1e9  # spatial.uncertain.LARGEST: a wrench beyond is invalid, as its powers would overflow

@@ -1,11 +1,12 @@
 """Which facets of a mesh can be touched from outside.
 
-Tools are drawn with their inner shells, and as bodies that stand inside each other. A facet is open if from one of the
-samples on it the ray along its normal leaves the body, or comes, before another facet, to where a ball of a fifth of
-the body's size can go that is rolled in from outside (the space around the body, opened by a ball: Serra 1982).
+Tools are drawn with their inner shells, and as bodies that stand inside each other. A facet is open if the rays along
+its normal, from two of the samples on it (or the only one), leave the body; or if one of them comes, before another
+facet, to where a ball of a fifth of the body's size can go that is rolled in from outside (the space around the body,
+opened by a ball [serra]).
 
-So what has room in front of it stays: the inner walls of a mug and of a gripper. The inside of a tube that is too narrow
-for what touches is covered, though light falls into it, and so is what is seen through a gap or a screw's hole.
+So what has room in front of it stays: the inner walls of a mug and of a gripper. The inside of a tube that is too
+narrow for what touches is covered, though light falls into it, and so is what is seen through a gap or a screw's hole.
 """
 
 from __future__ import annotations
@@ -30,9 +31,11 @@ def exposed(vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]) -
     normals, areas = facet_normals(vertices, faces)
     corners = np.concatenate([vertices[faces], np.repeat(normals[:, None], 3, axis=1)], axis=2)
     tree = build_tree(Patches(corners, np.zeros(len(faces), np.int64), np.arange(len(faces))))
-    low, swept = _swept(tree.corners)
-    found = np.empty(len(faces), dtype=np.bool_)
-    _rays.open_facets(tree.corners, tree.nodes, low, _STEP, swept, found)
+    found = np.zeros(len(faces), dtype=np.bool_)
+    _rays.open_facets(tree.corners, tree.nodes, np.zeros(3), _STEP, np.empty((0, 0, 0), np.bool_), found)
+    if not found.all():  # else there is nothing to ask the ball
+        low, swept = _swept(tree.corners)
+        _rays.open_facets(tree.corners, tree.nodes, low, _STEP, swept, found)
     result = np.empty_like(found)
     result[tree.corners[:, -1].astype(np.int64)] = found
     return result if areas[result].sum() > 0.01 * areas.sum() else np.ones_like(result)

@@ -20,7 +20,7 @@ _SEAM = 1e-9  # by which facets overlap for a ray, so that none slips through an
 
 @inlined
 def _boxes(node, ox, oy, oz, ix, iy, iz):
-    """Which children's boxes a ray meets, one bit each: the slabs of Kay and Kajiya 1986."""
+    """Which children's boxes a ray meets, one bit each, by slabs."""
     mask, zero = np.int32(0), np.float32(0.0)
     for i in range(WIDTH):
         ax, bx = (node[0, i] - node[3, i] - ox) * ix, (node[0, i] + node[3, i] - ox) * ix
@@ -34,7 +34,7 @@ def _boxes(node, ox, oy, oz, ix, iy, iz):
 
 @inner
 def _met(row, ox, oy, oz, dx, dy, dz):
-    """How far along a ray it meets a facet, or inf (Moller and Trumbore 1997)."""
+    """How far along a ray it meets a facet, or inf [moller]."""
     ux, uy, uz = row[6] - row[0], row[7] - row[1], row[8] - row[2]
     vx, vy, vz = row[12] - row[0], row[13] - row[1], row[14] - row[2]
     px, py, pz = dy * vz - dz * vy, dz * vx - dx * vz, dx * vy - dy * vx
@@ -127,6 +127,8 @@ def mark_facets(corners, low, step, grid):
 @inner
 def _passes(o, n, far, low, step, swept):
     """Does the line from o along n come into a swept cell before `far`, the next facet? That lies within the grid."""
+    if swept.size == 0:
+        return False
     for at in range(1, int(far / step)):
         x = int((o[0] + at * step * n[0] - low[0]) / step)
         y = int((o[1] + at * step * n[1] - low[1]) / step)
@@ -138,26 +140,32 @@ def _passes(o, n, far, low, step, swept):
 
 @entry
 def open_facets(corners, nodes, low, step, swept, out):
-    """Which facets there is a way to, into out (f,).
+    """Which facets there is a way to, into out (f,); those that are set already are not asked again.
 
-    From one of the samples on it the ray along the normal leaves the body, or comes to a swept cell before a facet.
+    From two of the samples on it, or the only one, the ray along the normal leaves the body (one may look out through a
+    gap); or from one it comes to a swept cell before a facet.
 
     Args:
         corners: (f, 20) as in a tree, the normals those of the facets.
         nodes: of the tree over them.
-        low: (3,) where the grid begins; step: its cells' size.
-        swept: (a, b, c) cells that what touches can fill.
+        low: (3,) where the grid begins.
+        step: its cells' size.
+        swept: (a, b, c) cells that what touches can fill; none: only the rays that leave the body count.
         out: (f,) bool.
     """
     o, pending = np.empty(3), np.empty((STACK, 2), dtype=np.int64)
     for facet in range(len(corners)):
-        n, out[facet] = corners[facet, 3:6], False
+        if out[facet]:
+            continue
+        n = corners[facet, 3:6]
         parts = min(_MOST, _sides(corners[facet], _SPACING))
+        ways = 0
         for at in range(parts * parts):
             _sample(corners[facet], parts, at, o)
             for k in range(3):
                 o[k] += _LIFT * n[k]
             far = _first_hit(nodes, corners, o, n, pending)
-            if far == np.inf or _passes(o, n, far, low, step, swept):
+            ways += 1 if far == np.inf else 2 if _passes(o, n, far, low, step, swept) else 0
+            if ways >= min(parts, 2):
                 out[facet] = True
                 break

@@ -63,7 +63,7 @@ def bodies(triangles: Int[np.ndarray, "f 3"]) -> int:
 def _sheet(points: Float[np.ndarray, "v 3"], triangles: Int[np.ndarray, "f 3"]) -> bool:
     """Do all facets face one side, as a pad's or a dome's do?
 
-    A force that comes in through the opening of such a mesh presses on none of its facets, so there is nothing to doubt.
+    A force that comes in through the opening of such a mesh presses on none of its facets: there is nothing to doubt.
     """
     normals, areas = facet_normals(points, triangles)
     out = areas @ normals
@@ -87,7 +87,7 @@ def _merged(
 ) -> tuple[Float[np.ndarray, "w 3"], Int[np.ndarray, "f 3"]]:
     """Vertices that one step of float32 in each coordinate can tell apart, or 1e-7 of the size, become one.
 
-    The step is that of the largest coordinate, as STL writes it in whatever unit; at most 1e-5 of the size, so that a
+    The step is that of the largest coordinate, as STL writes it in whatever unit; at most 1e-4 of the size, so that a
     body far from its origin keeps its shape.
     """
     from scipy.sparse import coo_array
@@ -98,7 +98,7 @@ def _merged(
     used, same = _distinct(points[needed])
     size = float(np.linalg.norm(used.max(axis=0) - used.min(axis=0)))
     step = np.sqrt(3.0) * float(np.finfo(np.float32).eps) * float(np.abs(used).max())
-    near = KDTree(used).query_pairs(max(1e-7 * size, min(step, 1e-5 * size)), output_type="ndarray")
+    near = KDTree(used).query_pairs(max(1e-7 * size, min(step, 1e-4 * size)), output_type="ndarray")
     graph = coo_array((np.ones(len(near)), (near[:, 0], near[:, 1])), shape=(len(used), len(used)))
     count, group = connected_components(graph, directed=False)
     first = np.full(count, len(used))
@@ -109,7 +109,7 @@ def _merged(
 
 
 def _distinct(points: Float[np.ndarray, "v 3"]) -> tuple[Float[np.ndarray, "w 3"], Int[np.ndarray, " v"]]:
-    """Points that differ in any bit, in order, and which of them each is: what a mesh without shared ones has most of."""
+    """Points that differ, in order, and which of them each is: a quick start for meshes that share no vertices."""
     order = np.lexsort(points.T[::-1])
     sorted_ = points[order]
     new = np.ones(len(points), dtype=bool)

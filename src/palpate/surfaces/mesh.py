@@ -87,15 +87,14 @@ class Mesh(Value):
             raise InputError(f"crease must lie between 0 and pi [rad], not {crease:g}.", hint="Use math.radians(30).")
         points, triangles, notes = repair(vertices, faces)
         crease = float(crease) if smooth else 0.0
-        touchable = np.ones(len(triangles), dtype=np.bool_) if covered or np.ndim(region) == 1 else None
+        listed = region is not None and np.ndim(region) == 1
+        touchable = np.ones(len(triangles), dtype=np.bool_) if covered or listed else None
         normals, _ = corner_normals(points, triangles, crease)
         if region is not None:
             kept = _in_region(points, triangles, region)
             touchable = (exposed(points, triangles) if touchable is None else touchable)[kept]
             if not touchable.any():
-                raise GeometryError(
-                    "no facet of the region can be reached from outside; say covered = true to use them"
-                )
+                raise GeometryError("no facet of the region can be reached from outside; covered = true uses them")
             triangles, normals = triangles[kept], normals[kept]
             notes = (*notes, f"a region of {len(triangles)} of {len(kept)} facets is used")
         return cls(points, triangles, normals, crease, notes, touchable)
@@ -107,7 +106,7 @@ class Mesh(Value):
         Args:
             mesh: of trimesh.
             unit: of its numbers: m, cm, mm, um or in.
-            options: `smooth`, `crease`, `region` and `covered` as in `from_arrays`; facets are numbered as trimesh does.
+            options: `smooth`, `crease`, `region`, `covered` as in `from_arrays`; facets are numbered as trimesh does.
 
         Raises:
             InputError: no unit, an unknown one, or nothing that has vertices and faces.
