@@ -91,9 +91,12 @@ class WrenchEstimator:
         mounted: wrenches are about the sensor's frame. False: calibrated about the surface's, so that `mount` only
             says where results are in other frames.
         live: compile the loop of single samples now, some seconds once a machine, and not with the first of them.
+        placement: [m] standard deviation, along each tangent, of where touches act beside what their wrenches explain:
+            found by `palpate calibrate mounting`, or stated, as of a body that flattens. It widens the covariance of
+            the point, and changes no status.
 
     Raises:
-        InputError: a filter without a rate, or with one that is too low for it.
+        InputError: a filter without a rate, or with one that is too low for it; or a negative placement.
     """
 
     features: tuple[str, ...] = ()
@@ -108,7 +111,13 @@ class WrenchEstimator:
         rate: float | None = None,
         mounted: bool = True,
         live: bool = True,
+        placement: float = 0.0,
     ) -> None:
+        from palpate.contact._widen import widen  # compiled: loaded when first needed
+
+        if not 0 <= placement < np.inf:  # NaN too
+            raise InputError(f"placement must be a length [m] that is not negative, not {placement:g}.")
+        self.placement, self._widen = float(placement), widen
         self.sensor: WrenchSensor = Compensation(sensor) if isinstance(sensor, ForceTorque) else sensor
         self.mount = Pose.identity() if mount is None else mount
         self._placement = Placement(self.mount, mount_covariance) if mounted else Placement(Pose.identity())
@@ -188,6 +197,7 @@ class WrenchEstimator:
             self._answer(self.sensor.single(time, reading, rotation, acceleration), row[None])
         else:
             self._live(reading, rotation, acceleration, row)
+            self._placed(row[None])
         self._samples += 1
         return 1
 
@@ -286,6 +296,12 @@ class WrenchEstimator:
     ) -> None:
         located, covariances = self.sensor.place(measured, wrenches, share, self._placement)
         self.locator.run_into(located, covariances, measured.status, rows)
+        self._placed(rows)
+
+    def _placed(self, rows: Float[np.ndarray, "n width"]) -> None:
+        """What touches err by beside their wrenches."""
+        if self.placement > 0.0:
+            self._widen(rows, self.placement**2)
 
     def _look_ahead(self, blocks: Iterable[Recording]) -> Iterator[tuple[Recording, ContactEstimate]]:
         """Blocks wait until all of their samples are filtered."""
