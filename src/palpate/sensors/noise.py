@@ -113,7 +113,7 @@ def rest_noise(readings: Float[np.ndarray, "n k"]) -> Noise | None:
 
     The error of a reading of resolution q that hardly moves is the same in every sample; of its variance q^2/12,
     sum over k of q^2/(2 pi^2 k^2) exp(-4 pi^2 k^2 s^2/q^2) stays so under noise of deviation s, and stands at 0 too
-    [widrow].
+    [Widrow 1996].
 
     Args:
         readings: (n, 6) [N, N m] as logged, or other readings (n, k), evenly spaced.
