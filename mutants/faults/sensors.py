@@ -45,7 +45,7 @@ FAULTS: list[Fault] = [
         ),
         ("touches count as noise", "variance <= SPREAD * variance[quiet].mean()", "variance <= np.inf"),
         ("a held press is rest", "resting[k] = False", "resting[k] = True"),
-        ("wander is forgotten", "total - moves * within)[None]", "0.0 * total)[None]"),
+        ("wander is forgotten", "(total - moves * within)[None]", "(0.0 * total)[None]"),
     ),
     *of(
         "sensors/correlation.py",
