@@ -43,7 +43,7 @@ KINDS = {  # corner of the noise as 1/f [Hz], hum of 60 Hz and resolution, in de
 
 def rows(small: bool) -> Iterator[Row]:
     """The deviation, the ellipses, the warning, the gains."""
-    logs = 6 if small else 200
+    logs = 4 if small else 100
     yield _deviations(4 if small else 50)
     for kind in KINDS:
         for made in FILTERS if not small or kind.startswith("1/f below 5 Hz,") else FILTERS[:1]:

@@ -15,6 +15,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 import polars as pl
 
+from evidence.covariance import CHI2_95
 from evidence.row import Row, shared, skipped
 
 __all__ = ["cli", "rows"]
@@ -22,6 +23,7 @@ __all__ = ["cli", "rows"]
 COMMAND = "python -m evidence --only pad"
 NAME = "real pad"
 PRESSED = 1.5  # N
+_FILES = "--rig {0}/rig.toml --marks {0}/marks.csv -o {0}/new.toml"
 RIG = """\
 [surface]
 kind = "plane"
@@ -45,13 +47,14 @@ contact = {{ on = 0.5, off = 0.3 }}
 
 
 def rows(small: bool) -> Iterator[Row]:
-    """The same small and full: three runs of the command."""
+    """The same small and full: some runs of the commands."""
     folder = shared()
     if folder is None:
         yield from skipped(NAME, "the path and the two weights", "", COMMAND)
         return
     with TemporaryDirectory() as scratch:
         yield from _path(folder / "data/pad/trajectory_panda_ft_opti.csv", Path(scratch))
+        yield from _ellipses(folder / "data/pad/trajectory_panda_ft_opti.csv", Path(scratch))
         yield from _weights(folder / "data/pad/data_two_payloads_ft.csv", Path(scratch))
 
 
@@ -98,6 +101,44 @@ def _path(log: Path, scratch: Path) -> Iterator[Row]:
         text = ", ".join(f"{1e3 * value:.2f}" for value in judged) + " mm (judged on the second half, on the first)"
         what = f"{name}, one constant offset fitted on one half, judged on the other"
         yield Row(NAME, what, "<= 3.4 mm", text, max(judged) <= 3.4e-3 if met else None, COMMAND)
+
+
+def _ellipses(log: Path, scratch: Path) -> Iterator[Row]:
+    """The mounting calibrated on one half of the path, its ellipses judged on the other: marks of 0.1 s, and of a row.
+
+    The path's x and y are -z and x of the plane, so that a mark is (x - 0.06, 0.008, 0.142 - y).
+    """
+    truth = pl.read_csv(log)
+    pressed = np.flatnonzero((truth["ft_wrench_force_z"].abs() > PRESSED).to_numpy())
+    x, y = truth.select("opti_x", "opti_y").to_numpy().T
+    points = np.column_stack([x - 0.06, np.full(len(x), 0.008), 0.142 - y])
+    time, half = truth["timestamp"].to_numpy(), len(pressed) // 2
+    for rows, called in ((8, "of 0.1 s each"), (1, "one a row")):
+        held = list[str]()
+        for fit, judge in ((pressed[:half], pressed[half:]), (pressed[half:], pressed[:half])):
+            parts = np.split(fit[: len(fit) // rows * rows], len(fit) // rows)
+            at = np.array([points[part].mean(axis=0) for part in parts]).T
+            ends = {"start": [time[part[0]] for part in parts], "end": [time[part[-1]] for part in parts]}
+            pl.DataFrame({**ends, "px": at[0], "py": at[1], "pz": at[2]}).write_csv(scratch / "marks.csv")
+            (scratch / "rig.toml").write_text(RIG.format(method="soft_finger"))
+            _done("calibrate", "mounting", log, *_FILES.format(scratch).split())
+            _done("estimate", log, "--rig", scratch / "new.toml", "-o", scratch / "contacts.csv")
+            table = pl.read_csv(scratch / "contacts.csv", infer_schema_length=None)[judge]
+            off = table.select("px", "pz").to_numpy() - points[judge][:, [0, 2]]
+            spread = table.select("var_xx", "var_xz", "var_zz").to_numpy()[:, [0, 1, 1, 2]].reshape(-1, 2, 2)
+            square = np.einsum("ni,nij,nj->n", off, np.linalg.inv(spread), off)
+            size = np.sqrt(np.median(np.linalg.eigvalsh(spread).mean(axis=1)))
+            held.append(f"{np.mean(square <= CHI2_95):.1%} at {1e3 * size:.1f} mm")
+        text = ", ".join(held) + " of standard deviation (judged on the second half, on the first)"
+        met = all(float(share.split("%")[0]) >= 85.0 for share in held)
+        what = f"mounting calibrated on one half, marks {called}: truth in the 95 % ellipse on the other"
+        yield Row(NAME, what, ">= 85 %", text, met, COMMAND)
+
+
+def _done(*arguments: str | Path) -> None:
+    done = cli(*arguments)
+    if done.returncode:
+        raise RuntimeError(done.stderr)
 
 
 def _weights(log: Path, scratch: Path) -> Iterator[Row]:

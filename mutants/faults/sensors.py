@@ -40,10 +40,12 @@ FAULTS: list[Fault] = [
         "tests/sensors tests/cli/test_inspect_spectrum.py",
         (
             "readings that repeat count",
-            "np.isfinite(steps).all(axis=1) & (steps != 0).any(axis=1)",
-            "np.isfinite(steps).all(axis=1)",
+            "readings[:: min(max(held, 1), MOST_HELD)]",
+            "readings",
         ),
-        ("a step for a reading", "np.median(np.abs(steps), axis=0) / _MEDIAN_STEP", "np.median(np.abs(steps), axis=0)"),
+        ("touches count as noise", "variance <= SPREAD * variance[quiet].mean()", "variance <= np.inf"),
+        ("a held press is rest", "resting[k] = False", "resting[k] = True"),
+        ("wander is forgotten", "(total - moves * within)[None]", "(0.0 * total)[None]"),
     ),
     *of(
         "sensors/correlation.py",

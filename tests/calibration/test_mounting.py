@@ -7,6 +7,8 @@ from scipy.spatial.transform import Rotation
 from palpate.calibration._pose_fit import _scale, offset
 from palpate.calibration._touch_evidence import KnownPoints, moved
 from palpate.calibration.mounting import Mounting, Spreads, identify_mounting, mean_touches
+from palpate.calibration.touch_error import spread_in_time, touch_error
+from palpate.contact.ground_truth import Touches
 from palpate.errors import NotIdentifiable
 from palpate.simulation.contacts import contact_wrenches, directed_forces, touch_wrenches
 from palpate.simulation.shapes import Body, Ellipsoid
@@ -221,3 +223,37 @@ def test_the_scale_of_distances_is_their_deviation_where_it_is_more_than_one() -
     steps = np.random.default_rng(6).normal(size=(20_000, 3))
     assert _scale(np.linalg.norm(2.0 * steps, axis=1)) == pytest.approx(2.0, rel=0.02)
     assert _scale(np.linalg.norm(0.5 * steps, axis=1)) == 1.0
+
+
+def test_what_touches_err_by_beside_the_noise_is_found(mesh: Mesh) -> None:
+    rng, count, samples, beside = np.random.default_rng(12), 60, 20, 1.5e-3
+    points = BODY.sample(count, rng)
+    normals = BODY.normals(points)
+    aside = np.cross(normals, rng.normal(0.0, beside, (count, 3)))  # of this deviation along each tangent
+    wrenches = np.repeat(sensed(touch_wrenches(points, normals, rng, force=(2.0, 8.0), pitch=1e-3)), samples, axis=0)
+    time = np.arange(count * samples, dtype=np.float64)
+    touches = Touches(time[::samples], time[samples - 1 :: samples], points - aside, tuple(map(str, range(count))))
+    noise = 10.0 * NOISE
+    log = wrenches + rng.normal(size=wrenches.shape) * noise
+
+    def pose_from(rows: np.ndarray) -> Pose:
+        means, spreads = mean_touches(time, log, touches.start, touches.end, noise)
+        marks = touches.point[rows]
+        placed = Spreads(placement=beside)
+        return identify_mounting(
+            means[rows], mesh, initial=NOMINAL, points=marks, noise=spreads[rows], spreads=placed
+        ).pose
+
+    found = touch_error(time, log, touches, normals, np.diag(noise**2), pose_from)
+    # 120 errors tell their deviation to 6 %, and the pose from three quarters of them adds as much
+    assert found.beside == pytest.approx(beside, rel=0.2)
+    # of the torque, and of the force with an arm of 86 mm; evenly spread from 2 to 8 N, 1/F is 1/4 N in the rms
+    assert found.noise == pytest.approx(float(np.hypot(1e-3, 0.02 * 0.086)) / 4.0, rel=0.2)
+    assert found.placement(2e-3) == 0.0
+    assert found.placement(0.0) == found.beside
+
+
+def test_errors_of_neighbours_count_once() -> None:
+    alone = np.random.default_rng(13).normal(size=(200, 2))
+    assert spread_in_time(alone) == 1.0
+    assert spread_in_time(np.repeat(alone, 8, axis=0)) == pytest.approx(8.0, rel=0.4)  # of 200: to 20 %, the larger

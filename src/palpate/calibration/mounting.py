@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from palpate.calibration._pose_fit import apply, fit, offset
 from palpate.calibration._screws import name_motions
 from palpate.calibration._touch_evidence import Evidence, KnownPoints, SomewhereOnSurface, Spreads
+from palpate.calibration.touch_error import spread_in_time
 from palpate.errors import InputError, NotIdentifiable
 from palpate.spatial._arrays import frozen
 from palpate.spatial.pose import Pose, skew
@@ -176,7 +177,9 @@ def _judged(evidence: Evidence, pose: Pose, initial: Pose, used: Int[np.ndarray,
     seen = turned.T @ information @ turned
     freedom = max(1.0, 3 * len(used) - float(np.sum(np.linalg.eigvalsh(seen) > 1.0)))
     ratio = float(np.sum(residual**2)) / freedom
-    values, vectors = np.linalg.eigh(seen / max(1.0, ratio))
+    alike = 1.0 if isinstance(evidence, SomewhereOnSurface) else spread_in_time(residual)
+    widened = max(1.0, ratio) * alike
+    values, vectors = np.linalg.eigh(seen / widened)
     blind = vectors[:, values <= 1.0]
     if blind.shape[1] == 6:
         raise _refusal(isinstance(evidence, SomewhereOnSurface), blind, evidence.spreads, notes)
@@ -184,10 +187,12 @@ def _judged(evidence: Evidence, pose: Pose, initial: Pose, used: Int[np.ndarray,
         notes.append(
             f"the touches disagree {ratio**0.5:.1f} times as much as expected, and the covariance is widened by it"
         )
+    if alike > 1.0:
+        notes.append(f"touches that follow one another err alike: {alike:.1f} tell what one does, in the covariance")
     far = np.abs(offset(initial, pose) / sizes).max()
     if far > 3.0:
         notes.append(f"the pose is {far:.1f} prior standard deviations from the initial one: check its frame and unit")
-    decoupled = np.linalg.inv(information / max(1.0, ratio) + np.diag(1 / sizes**2))
+    decoupled = np.linalg.inv(information / widened + np.diag(1 / sizes**2))
     shift = np.eye(6)
     shift[3:, :3] = skew(pose.translation)  # exp(xi) T moves the origin by rho + omega x t
     return Mounting(

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
 import numpy as np
+from jaxtyping import Int
 from tyro.conf import arg
 
 from palpate.calibration.mounting import Mounting, Spreads, identify_mounting, mean_touches
 from palpate.calibration.presses import find_presses
+from palpate.calibration.touch_error import TouchError, touch_error
 from palpate.cli.console import lines, note, title, wait
 from palpate.cli.interrupts import import_mesh_reader
 from palpate.cli.options import FileOption, Log, Output, RigFile
@@ -32,6 +36,7 @@ from palpate.surfaces.mesh import Mesh
 
 __all__ = ["calibrate_mounting"]
 
+Rows = Int[np.ndarray, " k"]
 POOR = 3.0  # times the expected residual: beyond it the model, not the noise, is what is left
 
 
@@ -70,32 +75,42 @@ def calibrate_mounting(
         recording.time, wrenches, touches.start, touches.end, estimator.sensor.noise, covariances
     )
     initial = setup.surface.pose.pose()
-    mounting = identify_mounting(
-        means,
-        surface,
-        initial=initial,
-        points=None if marks is None else touches.point,
-        noise=spreads,
-        spreads=Spreads(placement=placement),
-        labels=touches.label,
-    )
+
+    def identify(rows: Rows, placed: float) -> Mounting:
+        return identify_mounting(
+            means[rows],
+            surface,
+            initial=initial,
+            points=None if marks is None else touches.point[rows],
+            noise=spreads[rows],
+            spreads=Spreads(placement=placed),
+            labels=np.array(touches.label)[rows].tolist(),
+        )
+
+    judge = partial(_error, recording, wrenches, touches, surface, estimator.sensor.noise)
+    mounting, residual, error = _placed(identify, judge, placement, marks, len(touches))
+    added = None if error is None else error.placement(placement)
     record = provenance({"touches": log, "marks": marks, "rig": rig}, {})
-    update_pose(rig, output, mounting.pose, mounting.covariance, comment=_origin(mounting, record))
+    comment = _origin(mounting, record)
+    update_pose(rig, output, mounting.pose, mounting.covariance, placement=added, comment=comment)
     title(f"{log} -> {output}")
     kind = "presses somewhere on the surface" if marks is None else f"touches at the points of {marks}"
-    lines([("touches", f"{len(mounting.touches)} used of {len(touches)} {kind}"), *_figures(mounting, initial)])
+    lines(
+        [("touches", f"{len(mounting.touches)} used of {len(touches)} {kind}"), *_figures(mounting, initial, residual)]
+    )
+    lines([] if error is None else [("touches err by", _err_by(error, placement))])
     note([*surface.notes, *recording.notes, *mounting.notes])
-    note(_doubts(mounting, initial, setup, anywhere=marks is None), kind="warning")
+    note(_doubts(mounting, initial, setup, residual, anywhere=marks is None), kind="warning")
 
 
-def _doubts(mounting: Mounting, initial: Pose, rig: Rig, *, anywhere: bool) -> list[str]:
+def _doubts(mounting: Mounting, initial: Pose, rig: Rig, residual: float, *, anywhere: bool) -> list[str]:
     """Before somebody relies on it."""
     said: list[str] = []
     if rig.force_torque.payload is None:
         said.append("the rig names no payload: weight and bias, where they are not taken off, end up in the pose")
-    if mounting.residual > POOR:
+    if residual > POOR:
         said.append(
-            f"the touches fit {mounting.residual:.1f} times worse than they should: "
+            f"the touches fit {residual:.1f} times worse than they should: "
             "look at payload, units, marks and the pose to start from before using this"
         )
     moved = float(np.linalg.norm(mounting.pose.translation - initial.translation))
@@ -127,6 +142,54 @@ def _in_sensor(
     usable = np.where((statuses < 0)[:, None], wrenches, np.nan)
     added = None if covariances is None or covariances.ndim == 2 else covariances - sensor.noise
     return usable, added, estimator
+
+
+def _placed(
+    identify: Callable[[Rows, float], Mounting],
+    judge: Callable[[Rows, Callable[[Rows], Pose]], TouchError],
+    placement: float,
+    marks: Path | None,
+    count: int,
+) -> tuple[Mounting, float, TouchError | None]:
+    """The mounting, its residual with marks hit as stated, and what touches at marks err by.
+
+    Where that is more than stated, the mounting is found again with touches weighed by it.
+    """
+    every: Rows = np.arange(count, dtype=np.int64)
+    mounting = identify(every, placement)
+    residual = mounting.residual
+    if marks is None:
+        return mounting, residual, None
+    error = judge(mounting.touches, lambda rows: identify(rows, placement).pose)
+    if error.beside > placement:
+        placed = error.beside
+        mounting = identify(every, placed)
+        error = judge(mounting.touches, lambda rows: identify(rows, placed).pose)
+    return mounting, residual, error
+
+
+def _error(
+    recording: Recording,
+    wrenches: np.ndarray,
+    touches: Touches,
+    surface: Mesh,
+    noise: np.ndarray | None,
+    used: Rows,
+    pose_from: Callable[[Rows], Pose],
+) -> TouchError:
+    """What the touches that were used err by beside the noise."""
+    names = tuple(np.array(touches.label)[used])
+    kept = Touches(touches.start[used], touches.end[used], touches.point[used], names)
+    normals = surface.project(kept.point)[1]
+    return touch_error(recording.time, wrenches, kept, normals, noise, lambda rows: pose_from(used[rows]))
+
+
+def _err_by(error: TouchError, marks: float) -> str:
+    added = error.placement(marks)
+    told = f"{1e3 * error.beside:.2g} mm along each tangent beside their noise of {1e3 * error.noise:.2g} mm"
+    if not added:
+        return f"{told}, no more than the {1e3 * marks:.2g} mm that marks are hit by"
+    return f"{told}; {1e3 * added:.2g} mm of it is not how marks are hit, and is in the covariance (placement)"
 
 
 def _presses(recording: Recording, wrenches: np.ndarray, estimator: WrenchEstimator) -> Touches:
@@ -162,7 +225,7 @@ def _origin(mounting: Mounting, record: dict[str, str]) -> str:
     return f"from {len(mounting.touches)} touches of {name} ({digest[:19]}), palpate {record['palpate']}"
 
 
-def _figures(mounting: Mounting, initial: Pose) -> list[tuple[str, str]]:
+def _figures(mounting: Mounting, initial: Pose, residual: float) -> list[tuple[str, str]]:
     rotation = mounting.pose.rotation_vector()
     turned = np.degrees(np.linalg.norm((initial.inverse() @ mounting.pose).rotation_vector()))
     spread = np.degrees(np.sqrt(np.diag(mounting.covariance)[:3]))
@@ -173,7 +236,7 @@ def _figures(mounting: Mounting, initial: Pose) -> list[tuple[str, str]]:
         ("position", measured(1e3 * mounting.pose.translation, 1e3 * place, "mm")),
         ("rotation vector", measured(np.degrees(rotation), spread, "deg")),
         ("moved by", f"{1e3 * np.linalg.norm(shift):.2f} mm and {turned:.2f} deg"),
-        ("residual", f"{mounting.residual:.2f} of what was expected"),
+        ("residual", f"{residual:.2f} of what was expected of noise and marks"),
         ("determined", "all six directions" if not blind else "; ".join(mounting.observable) or "nothing"),
         *([("not determined", blind)] if blind else []),
     ]

@@ -99,9 +99,12 @@ class WrenchEstimator:
             says where results are in other frames.
         live: for samples as they come: the loop of single ones is compiled now, some seconds once a machine. False is
             for logs: `pairs` and `stream` decide a touch as a whole when it has ended (`whole_touches`).
+        placement: [m] standard deviation, along each tangent, of where touches act beside what their wrenches explain:
+            found by `palpate calibrate mounting`, or stated, as of a body that flattens. It widens the covariance of
+            the point, and changes no status.
 
     Raises:
-        InputError: a filter without a rate, or with one that is too low for it.
+        InputError: a filter without a rate, or with one that is too low for it; or a negative placement.
     """
 
     features: tuple[str, ...] = ()
@@ -116,7 +119,13 @@ class WrenchEstimator:
         rate: float | None = None,
         mounted: bool = True,
         live: bool = True,
+        placement: float = 0.0,
     ) -> None:
+        from palpate.contact._widen import widen  # compiled: loaded when first needed
+
+        if not 0 <= placement < np.inf:  # NaN too
+            raise InputError(f"placement must be a length [m] that is not negative, not {placement:g}.")
+        self.placement, self._widen = float(placement), widen
         self.sensor: WrenchSensor = Compensation(sensor) if isinstance(sensor, ForceTorque) else sensor
         self.mount = Pose.identity() if mount is None else mount
         self._placement = Placement(self.mount, mount_covariance) if mounted else Placement(Pose.identity())
@@ -199,6 +208,7 @@ class WrenchEstimator:
             self.locator.run_into(located, covariances, measured.status, row[None])
         else:
             self._live(time, reading, rotation, acceleration, row)
+        self._placed(row[None])
         self._samples += 1
         return 1
 
@@ -209,7 +219,7 @@ class WrenchEstimator:
             InputError: a channel is missing, or has another shape; or the filter looks ahead.
         """
         self._require_forward()
-        parts = [part.rows for part in self._pieces(recording)]
+        parts = [self._placed(part.rows) for part in self._pieces(recording)]
         rows = np.concatenate(parts) if parts else self.empty(0)
         return Contacts.single(recording.time, ContactEstimate.from_rows(rows))
 
@@ -226,7 +236,7 @@ class WrenchEstimator:
         located = self._look_ahead(ready) if self._zero_phase else chain.from_iterable(map(self._pieces, ready))
         first = 0
         for part in whole_touches(located, self.locator) if self._whole else located:
-            yield part.block, Contacts.single(part.block.time, ContactEstimate.from_rows(part.rows), first)
+            yield part.block, Contacts.single(part.block.time, ContactEstimate.from_rows(self._placed(part.rows)), first)
             first += len(part.rows)
 
     def stream(self, blocks: Iterable[Recording]) -> Iterator[Contacts]:
@@ -299,6 +309,12 @@ class WrenchEstimator:
         rows = self.empty(len(wrenches))
         self.locator.run_into(located, covariances, measured.status, rows)
         return Located(block, located, covariances, measured.status, rows)
+
+    def _placed(self, rows: Float[np.ndarray, "n width"]) -> Float[np.ndarray, "n width"]:
+        """With what touches err by beside their wrenches; after a touch was decided."""
+        if self.placement > 0.0:
+            self._widen(rows, self.placement**2)
+        return rows
 
     def _look_ahead(self, blocks: Iterable[Recording]) -> Iterator[Located]:
         """Blocks wait until all of their samples are filtered."""

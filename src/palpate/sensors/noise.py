@@ -113,7 +113,7 @@ def rest_noise(readings: Float[np.ndarray, "n k"]) -> Noise | None:
 
     The error of a reading of resolution q that hardly moves is the same in every sample; of its variance q^2/12,
     sum over k of q^2/(2 pi^2 k^2) exp(-4 pi^2 k^2 s^2/q^2) stays so under noise of deviation s, and stands at 0 too
-    [widrow].
+    [Widrow 1996].
 
     Args:
         readings: (n, 6) [N, N m] as logged, or other readings (n, k), evenly spaced.
@@ -171,10 +171,10 @@ def _windows(readings: Float[np.ndarray, "n k"]) -> Float[np.ndarray, "w l k"]:
 
 def _straightened(windows: Float[np.ndarray, "w l k"]) -> Float[np.ndarray, "w l k"]:
     """Less the straight line of each."""
-    half = (windows.shape[1] - 1) / 2
-    line = np.linspace(-half, half, windows.shape[1])[:, None]
-    slope: Float[np.ndarray, "w 1 k"] = np.sum(line * windows, axis=1, keepdims=True) / np.sum(line**2)
-    return windows - windows.mean(axis=1, keepdims=True) - slope * line
+    line: Float[np.ndarray, "l 1"] = np.ones((windows.shape[1], 1))
+    line = np.cumsum(line, axis=0) - (len(line) + 1) / 2
+    slope: Float[np.ndarray, "w k"] = np.einsum("lz,wlk->wk", line, windows) / float(np.einsum("lz,lz->", line, line))
+    return windows - windows.mean(axis=1, keepdims=True) - slope[:, None] * line
 
 
 def _judged(
@@ -234,9 +234,9 @@ def _resting(
     among = np.flatnonzero(resting)
     if not len(among):
         return resting, windows.shape[1]
-    some = among[:: max(1, len(among) // 400)]
-    near = [np.count_nonzero(np.abs(level[some] - level[k]).max(axis=1) <= 1.0) for k in some]
-    start = int(np.searchsorted(among, some[int(np.argmax(near))]))
+    some = np.arange(0, len(among), max(1, len(among) // 400))
+    near = [np.count_nonzero(np.abs(level[among[some]] - level[among[k]]).max(axis=1) <= 1.0) for k in some]
+    start = int(some[int(np.argmax(np.array(near)))])
     for order in (among[start:], among[start::-1]):  # a wander is followed, step by step
         last = level[among[start]]
         for k in order:

@@ -22,11 +22,18 @@ from palpate.spatial.pose import Pose
 
 __all__ = ["update_offset", "update_pose"]
 
+_PLACEMENT = "m: what touches err by beside what their wrenches explain"
 _COVARIANCE = "of rotation [rad] and translation [m] in the sensor's frame"
 
 
 def update_pose(
-    source: Path, target: Path, pose: Pose, covariance: Float[np.ndarray, "6 6"], *, comment: str = ""
+    source: Path,
+    target: Path,
+    pose: Pose,
+    covariance: Float[np.ndarray, "6 6"],
+    *,
+    placement: float | None = None,
+    comment: str = "",
 ) -> None:
     """Copy a rig with the surface's pose and its covariance set; comments, order and all else stay.
 
@@ -39,6 +46,7 @@ def update_pose(
         target: the rig to write; it may be the same file.
         pose: T_sensor_surface.
         covariance: (6, 6) of (rotation vector [rad], translation [m]), perturbed on the left.
+        placement: [m] that touches err by beside what their wrenches explain; None leaves it as it is.
         comment: said beside the pose.
 
     Raises:
@@ -49,6 +57,8 @@ def update_pose(
         raise InputError("a rig needs a [surface].", where=str(source))
     wanted["surface"]["pose"] = {"xyz": pose.translation.tolist(), "quaternion_xyzw": pose.quaternion().tolist()}
     wanted["surface"]["pose_covariance"] = np.asarray(covariance).tolist()
+    if placement is not None:
+        wanted["surface"]["placement"] = float(placement)
     _write(source, target, wanted, (_in_place, _surface_anew), comment, "surface")
 
 
@@ -119,6 +129,8 @@ def _in_place(text: str, wanted: Mapping[str, Any], comment: str) -> str | None:
         return None
     _replace(surface, "pose", _inline(wanted["surface"]["pose"]), comment)
     _replace(surface, "pose_covariance", toml_array(wanted["surface"]["pose_covariance"]), _COVARIANCE)
+    if "placement" in wanted["surface"]:
+        _replace(surface, "placement", tomlkit.float_(repr(wanted["surface"]["placement"])), _PLACEMENT)
     _move_paths(document, wanted)
     return tomlkit.dumps(document)
 

@@ -77,6 +77,8 @@ class RigSurface:
     cylinder, along y: `radius` and `half_length`. elliptic_cylinder: half-axes `a` along x and `b` along z, and
     `half_length`; `upper` = true for its half with z >= 0. paraboloid: `radii` of curvature at its apex along x and y,
     and `height`. superquadric: `axes` and `exponents`. See `palpate.surfaces`.
+
+    `placement` [m]: what touches err by beside what their wrenches explain, see `palpate.contact.WrenchEstimator`.
     """
 
     kind: str = "mesh"
@@ -99,6 +101,7 @@ class RigSurface:
     exponents: tuple[float, float] | None = None
     pose: RigPose = field(default_factory=RigPose)
     pose_covariance: tuple[tuple[float, ...], ...] | None = None
+    placement: float = 0.0
 
     def __post_init__(self) -> None:
         if self.kind not in _KINDS:
@@ -113,6 +116,8 @@ class RigSurface:
         require_positive(self, "half_width")
         if not 0 < np.linalg.norm(self.normal) < inf:
             raise ValueError("normal must not be zero")
+        if not 0 <= self.placement <= 1:  # NaN too
+            raise ValueError(f"placement must be a standard deviation [m] from 0 to 1, not {self.placement:g}")
         if self.pose_covariance is not None:
             covariance_matrix(self.pose_covariance, 6, "pose_covariance")
         self._require_lengths()

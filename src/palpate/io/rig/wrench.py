@@ -57,6 +57,7 @@ def wrench_estimator(
         filter=table.filter(),
         rate=rate,
         live=head is None,
+        placement=0.0 if rig.surface is None else rig.surface.placement,
     )
     made = Prepared(estimator, said=noted_filter(table, rate), facts=_facts(rig, estimator, table, rate))
     if isinstance(surface, Mesh) and surface.coverage and surface.touchable is None:

@@ -1,0 +1,104 @@
+"""What touches at known points err by beside the noise of the wrenches: indentation, marks, the sensor itself."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from palpate.contact.ground_truth import Touches
+from palpate.sensors.correlation import correlation_time
+from palpate.spatial.pose import Pose, skew
+
+__all__ = ["TouchError", "spread_in_time", "touch_error"]
+
+FOLDS, MANY = 4, 24  # parts that are judged by the others, where there are so many touches
+SURE = 4.0  # over sqrt(n): a correlation time of n touches that differs from 1 by less is none
+
+
+@dataclass(frozen=True)
+class TouchError:
+    """Standard deviations along one tangent [m] of where a sample seems to act, about its mark.
+
+    Attributes:
+        beside: beside the noise; it is common to the samples of a touch, and no filter takes it off.
+        noise: of a single sample.
+    """
+
+    beside: float
+    noise: float
+
+    def placement(self, marks: float) -> float:
+        """What of it is not how well marks are hit [m]."""
+        return max(self.beside**2 - marks**2, 0.0) ** 0.5
+
+
+def touch_error(
+    time: Float[np.ndarray, " m"],
+    wrenches: Float[np.ndarray, "m 6"],
+    touches: Touches,
+    normals: Float[np.ndarray, "n 3"],
+    noise: Float[np.ndarray, "6 6"] | None,
+    pose_from: Callable[[Int[np.ndarray, " k"]], Pose],
+) -> TouchError:
+    """By the moments of the samples: variance components, of which the noise's is known.
+
+    A wrench that acts d beside the mark p, across its normal n, has r = M - p x F = d x F + tau n, so
+
+        d = n x r / (n . F),    Sigma_d = G Sigma G^T with G = [n]x (-[p]x, 1) / (n . F),
+
+    and each touch gives the mean of |d|^2/2 - tr Sigma_d/2 over its samples, weighted by (n . F)^2; touches count
+    alike. They are judged in the order of time, a quarter at a time, by the pose that the others give: where errors
+    change from place to place, a pose takes up those that it is fitted to. Few touches are judged by the pose of all,
+    which fits them too well by (2 n - 6)/(2 n).
+
+    Args:
+        time: (m,) [s].
+        wrenches: (m, 6) in the sensor's frame, compensated; NaN: left out.
+        touches: (n) at known points in the surface's frame.
+        normals: (n, 3) there.
+        noise: (6, 6) covariance of a sample; None: none.
+        pose_from: T_sensor_surface by the touches of these numbers.
+    """
+    every: Int[np.ndarray, " n"] = np.arange(len(touches), dtype=np.int64)
+    folds = np.array_split(every, FOLDS) if len(touches) >= MANY else [every]
+    squares, noises = list[float](), list[float]()
+    for fold in folds:
+        pose = pose_from(np.setdiff1d(every, fold) if len(folds) > 1 else every)
+        for k in fold:
+            inside = wrenches[(time >= touches.start[k]) & (time <= touches.end[k])]
+            inside = inside[np.isfinite(inside).all(axis=1)]
+            found = _moments(inside, pose.apply(touches.point[k]), pose.rotate(normals[k]), noise)
+            if found is not None:
+                squares.append(found[0])
+                noises.append(found[1])
+    if not squares:
+        return TouchError(0.0, 0.0)
+    free = 1.0 if len(folds) > 1 else 1.0 - min(3.0 / len(squares), 0.75)
+    by_noise = float(np.mean(noises))
+    return TouchError(max(float(np.mean(squares)) / free - by_noise, 0.0) ** 0.5, by_noise**0.5)
+
+
+def _moments(
+    wrenches: Float[np.ndarray, "m 6"],
+    point: Float[np.ndarray, "3"],
+    normal: Float[np.ndarray, "3"],
+    noise: Float[np.ndarray, "6 6"] | None,
+) -> tuple[float, float] | None:
+    """Mean of |d|^2/2 over a touch, and of what the noise makes of it; None where nothing pressed."""
+    weight = float(np.sum(np.square(wrenches[:, :3] @ normal)))
+    if not weight > 0:
+        return None
+    across = np.cross(normal, wrenches[:, 3:] - np.cross(point, wrenches[:, :3]))  # d (n . F)
+    slope = skew(normal) @ np.concatenate([-skew(point), np.eye(3)], axis=1)
+    by_noise = 0.0 if noise is None else float(np.trace(slope @ noise @ slope.T))
+    return float(np.sum(across**2)) / weight / 2.0, by_noise * len(wrenches) / weight / 2.0
+
+
+def spread_in_time(errors: Float[np.ndarray, "n k"]) -> float:
+    """How many touches in a row tell what one does: the correlation time of their errors, 1 where it is not sure."""
+    times = correlation_time(errors)
+    longest = float(times.max())
+    return longest if longest > 1.0 + SURE / len(errors) ** 0.5 else 1.0

@@ -1,0 +1,18 @@
+"""Compiled: what touches err by beside their wrench, into the covariance of the point."""
+
+# pyright: basic
+from __future__ import annotations
+
+from palpate.surfaces._jit import entry
+
+__all__ = ["widen"]
+
+
+@entry
+def widen(rows, variance):
+    """Adds variance (1 - n n^T) [m^2] to the covariances in rows (n, 22) of `estimate.ROW`; NaN stays NaN."""
+    for row in rows:
+        for i in range(3):
+            for j in range(3):
+                across = 1.0 if i == j else 0.0
+                row[10 + 3 * i + j] += variance * (across - row[3 + i] * row[3 + j])
