@@ -197,7 +197,8 @@ class WrenchEstimator:
             self._answer(self.sensor.single(time, reading, rotation, acceleration), row[None])
         else:
             self._live(reading, rotation, acceleration, row)
-            self._placed(row[None])
+            if self.placement > 0.0:
+                self._widen(row[None], self.placement**2)
         self._samples += 1
         return 1
 
@@ -296,10 +297,6 @@ class WrenchEstimator:
     ) -> None:
         located, covariances = self.sensor.place(measured, wrenches, share, self._placement)
         self.locator.run_into(located, covariances, measured.status, rows)
-        self._placed(rows)
-
-    def _placed(self, rows: Float[np.ndarray, "n width"]) -> None:
-        """What touches err by beside their wrenches."""
         if self.placement > 0.0:
             self._widen(rows, self.placement**2)
 
