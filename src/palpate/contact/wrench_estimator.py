@@ -236,7 +236,10 @@ class WrenchEstimator:
         located = self._look_ahead(ready) if self._zero_phase else chain.from_iterable(map(self._pieces, ready))
         first = 0
         for part in whole_touches(located, self.locator) if self._whole else located:
-            yield part.block, Contacts.single(part.block.time, ContactEstimate.from_rows(self._placed(part.rows)), first)
+            yield (
+                part.block,
+                Contacts.single(part.block.time, ContactEstimate.from_rows(self._placed(part.rows)), first),
+            )
             first += len(part.rows)
 
     def stream(self, blocks: Iterable[Recording]) -> Iterator[Contacts]:
