@@ -146,6 +146,7 @@ class WrenchEstimator:
             self._live = _Live(self.sensor, self.locator, self._placement)
             if live:
                 self._live.run(self.empty(1)[0])
+        self._placed(self.empty(1))  # compiles
         self.reset()
 
     @property

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from jaxtyping import Float
 
 from palpate.contact.plausibility import lines_of_action
 from palpate.errors import InputError
@@ -22,7 +23,7 @@ from palpate.sensors.compensation import Compensation
 from palpate.sensors.force_torque import ForceTorque, Payload
 from palpate.sensors.motion import Motion
 from palpate.sensors.noise import NoiseSpectrum, estimate_noise, rest_noise, wrong_noise
-from palpate.sensors.recording import ACCELERATION, FORCE, TORQUE, Recording
+from palpate.sensors.recording import ACCELERATION, FORCE, ORIENTATION, TORQUE, Recording
 
 if TYPE_CHECKING:
     from palpate.io.rig.rig import Rig
@@ -67,7 +68,7 @@ def rig_payload(rig: Rig) -> Payload | None:
 
 def rig_sensor(rig: Rig, recording: Recording | None = None) -> ForceTorque:
     """The sensor; noise that the rig does not state is that of a recording."""
-    wrench, seen = rig.force_torque, _Seen(recording)
+    wrench, seen = rig.force_torque, _Seen(rig, recording)
     deviation, spectrum = seen.deviation, seen.spectrum
     if wrench.noise is not None:
         deviation = wrench.noise.six()
@@ -81,7 +82,7 @@ def rig_sensor(rig: Rig, recording: Recording | None = None) -> ForceTorque:
 
 def doubted_noise(rig: Rig, recording: Recording) -> list[str]:
     """Where noise that the rig states is wrong by two or more against a recording."""
-    stated, seen = rig.force_torque.noise, _Seen(recording).deviation
+    stated, seen = rig.force_torque.noise, _Seen(rig, recording).deviation
     doubt = "" if stated is None or seen is None else wrong_noise(stated.six(), seen)
     return [doubt] if doubt else []
 
@@ -89,11 +90,21 @@ def doubted_noise(rig: Rig, recording: Recording) -> list[str]:
 class _Seen:
     """The noise of a recording: where it rests, else in its quiet parts, of an unknown spectrum."""
 
-    def __init__(self, recording: Recording | None) -> None:
-        wrenches = np.zeros((0, 6)) if recording is None else recording.wrenches()
+    def __init__(self, rig: Rig, recording: Recording | None) -> None:
+        wrenches = np.zeros((0, 6)) if recording is None else _unloaded(rig, recording)
         rest = rest_noise(wrenches)
         self.deviation = estimate_noise(wrenches) if rest is None else rest.deviation
         self.spectrum = None if rest is None else rest.spectrum
+
+
+def _unloaded(rig: Rig, recording: Recording) -> Float[np.ndarray, "n 6"]:
+    """Wrenches without what hangs on the sensor, which moves with the arm and is no noise; NaN is left out."""
+    payload = rig_payload(rig)
+    if payload is None or ORIENTATION not in recording.channels:
+        return recording.wrenches()
+    sensor = Compensation(ForceTorque(frame=rig.force_torque.frame), payload, _motion(rig, payload, recording))
+    made = [sensor.measure(block) for block in sensor.ready([recording])]
+    return np.concatenate([part.wrench[part.status < 0] for part in made])
 
 
 def _build(rig: Rig, head: Recording | None) -> Prepared:
