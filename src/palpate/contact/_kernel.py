@@ -6,6 +6,8 @@ from __future__ import annotations
 import numpy as np
 
 from palpate.contact._bounds import distance_to_bounds, distance_to_point
+from palpate.contact._cones import distance_to_edges
+from palpate.contact._edges import EXPLAINED, at_edge, exact
 from palpate.contact._settings import (
     ACCURACY,
     DEPTH,
@@ -21,7 +23,7 @@ from palpate.contact._settings import (
     TORSION,
     TOUCHING,
 )
-from palpate.contact._slopes import sandwich, sensitivity, softened, to_metres, to_unit
+from palpate.contact._slopes import sandwich, sensitivity, slopes_at, softened, tangents, to_metres, to_unit
 from palpate.surfaces._jit import entry, inner
 from palpate.surfaces._kernels import CANDIDATE, CAPACITY, nearest_to_axis, search, shape_operator
 from palpate.surfaces._vectors import copy_into, cross_into, dot
@@ -192,25 +194,39 @@ def estimate(wrench, noise, nodes, corners, settings, state, row):
         wrench = _at_surface(wrench, nodes, corners, settings, near, found)
     count = _search(wrench, unit, nodes, corners, settings, found)
     noisy = settings[NOISY] == 1.0
-    if count == 0:
-        _off_surface(wrench, unit, noise, nodes, corners, settings, noisy, found, row)
-        return
-    places, torques = np.empty((count, 6)), np.empty(count)
-    best, plausible = _choose(wrench, settings, near, found, count, places, torques)
+    places, torques, best, plausible = np.zeros((count + 1, 6)), np.empty(count + 1), 0, 0
+    if count > 0:
+        best, plausible = _choose(wrench, settings, near, found, count, places, torques)
     place = places[best]
-    copy_into(place, row[:6])
-    row[9] = torques[best]
     t, shape, slopes = np.empty((2, 3)), np.empty((2, 2)), np.empty((2, 6))
     spread = np.zeros((2, 2))
-    if noisy and sensitivity(wrench, found[best], place, nodes, corners, settings, t, shape, slopes):
+    known = noisy and count > 0 and sensitivity(wrench, found[best], place, nodes, corners, settings, t, shape, slopes)
+    if known:
         if settings[DEPTH] > 0.0:
             shape_operator(found[best], t, settings[SCALE], nodes, corners, shape)
             softened(wrench[:3], place[3:], t, shape, settings, slopes)
         spread = sandwich(slopes, noise, slopes)
-        if settings[ACCURACY] > 0.0 and spread[0, 0] + spread[1, 1] > settings[ACCURACY] ** 2:
-            row[:6] = row[9] = np.nan
-            row[_STATUS] = _TOO_LIGHT
-            return
+    moved, away = _beside(wrench, unit, noise, nodes, corners, settings, near, plausible, found[best], place, t, spread)
+    if moved == 1 or moved == 3:
+        known, torques[best] = noisy, _torsion(wrench, places, best, 0.0)[0]
+    elif plausible == 0 and noisy:
+        away = EXPLAINED
+        if count > 0:
+            away = distance_to_bounds(wrench, noise, nodes, corners, settings, found[best], place)
+        away, other = _nearest(wrench, unit, noise, nodes, corners, settings, away, place, t, spread)
+        if other:
+            known, torques[best] = True, _torsion(wrench, places, best, 0.0)[0]
+        elif count == 0:
+            away = np.inf
+    if count == 0 and not away <= EXPLAINED:
+        _off_surface(wrench, unit, noise, nodes, corners, settings, noisy, found, row)
+        return
+    if known and settings[ACCURACY] > 0.0 and spread[0, 0] + spread[1, 1] > settings[ACCURACY] ** 2:
+        row[_STATUS] = _TOO_LIGHT
+        return
+    copy_into(place, row[:6])
+    row[9] = torques[best]
+    if known:
         for i in range(3):
             for j in range(i, 3):
                 total = 0.0
@@ -218,17 +234,50 @@ def estimate(wrench, noise, nodes, corners, settings, state, row):
                     for c in range(2):
                         total += t[a, i] * spread[a, c] * t[c, j]
                 row[10 + 3 * i + j] = row[10 + 3 * j + i] = total  # symmetric to the last bit
-    row[_CANDIDATES] = plausible
-    if plausible == 0:
+    if plausible == 0 and not away <= EXPLAINED:
         row[_STATUS] = _IMPLAUSIBLE
         if noisy:
-            row[_RESIDUAL] = distance_to_bounds(wrench, noise, nodes, corners, settings, found[best], place)
+            row[_RESIDUAL] = away
         return
-    row[_RESIDUAL] = 0.0
-    if plausible > 1 and _ambiguous(found, places, count, best, t, spread, noisy):
+    row[_CANDIDATES] = max(1, plausible)
+    row[_RESIDUAL] = away if plausible == 0 and noisy else 0.0
+    if moved > 1 or (plausible > 1 and _ambiguous(found, places, count, best, t, spread, noisy)):
         row[_STATUS] = _AMBIGUOUS
     state[HAS_PREVIOUS] = 1.0
     copy_into(place, state[PREVIOUS : PREVIOUS + 3])
+
+
+@inner
+def _beside(wrench, unit, noise, nodes, corners, settings, near, plausible, candidate, place, t, spread):
+    """What a sharp edge near the answer makes of it (`at_edge`); without noise, only where no candidate will do."""
+    if settings[SOFT] == 0.0:
+        return 0, np.inf
+    if settings[NOISY] == 0.0:
+        if plausible > 0:
+            return 0, np.inf
+        noise = np.empty((6, 6))
+        exact(wrench, settings, noise)
+    return at_edge(wrench, unit, noise, nodes, corners, settings, near, plausible, candidate[6], place, t, spread)
+
+
+@inner
+def _nearest(wrench, unit, noise, nodes, corners, settings, away, place, t, spread):
+    """The distance from the bounds where edges and corners may be nearer than `away`; do they take over the answer?"""
+    if settings[SOFT] == 0.0:
+        return away, False
+    spot = place.copy()
+    least = distance_to_edges(wrench, unit, noise, nodes, corners, settings, away if away >= 0.0 else np.inf, spot)
+    if not least <= EXPLAINED or least >= away:
+        return least if least < np.inf else np.nan, False
+    shape, slopes = np.zeros((2, 2)), np.empty((2, 6))
+    copy_into(spot, place)
+    tangents(place[3:], t)
+    if not slopes_at(wrench, place, t, shape, 1.0, slopes):
+        return least, False
+    both = sandwich(slopes, noise, slopes)
+    for a in range(2):
+        copy_into(both[a], spread[a])
+    return least, True
 
 
 @inner
