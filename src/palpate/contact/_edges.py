@@ -28,14 +28,15 @@ from palpate.surfaces._edges import SHARP
 from palpate.surfaces._jit import chosen_for, inner
 from palpate.surfaces._kernels import is_mesh
 from palpate.surfaces._nearest import edges_near
+from palpate.surfaces._patches import VERTEX
 from palpate.surfaces._vectors import copy_into, cross_into, dot
 
 __all__ = ["EXPLAINED", "MOST", "at_edge", "edges_of", "exact", "read_edge"]
 
 _NORMALS = 16  # of a fan that are weighed
 _FAR = 4.0  # standard deviations from an edge beyond which it is none
-_INTERIOR = 0.05  # weight of the facet beside an edge: as that of an edge 2.5 standard deviations off
-_VERTEX = 0.05
+_BESIDE = 0.05  # weight of the facet or corner beside an edge: as that of an edge 2.5 standard deviations off
+_EVEN = (1.645 / 1.96) ** 2  # 95 % of what is spread evenly lie within 1.645 deviations, of a normal one within 1.96
 MOST = 64  # edges and corners looked at
 _EXACT = 1e-7  # of force and size: how far off a wrench without noise may be
 EXPLAINED = 3.0  # standard deviations within which a wrench is one that a contact within the bounds makes
@@ -278,11 +279,12 @@ def _decide(wrench, noise, rows, count, corners, settings, state, plausible, kin
     mean, spot = np.empty(3), place.copy()
     for k in range(3):
         mean[k] = sums[1 + k] / total
-    answer, share = 1, 1.0
+    answer, share, across = 1, 1.0, 1.0
     if plausible > 0:
         if _beside(wrench, noise, spot, kind, rows, count, corners, settings):
-            share = sums[16] / (sums[16] + (_VERTEX if kind == 3 else _INTERIOR))
-        elif sums[17] > EXPLAINED:
+            share = sums[16] / (sums[16] + _BESIDE)
+            across = share if kind == VERTEX else 1.0  # a corner has no width
+        elif sums[16] < _BESIDE or sums[17] == np.inf:
             return 0
         elif not _wins(wrench, place, mean, state):
             return 2
@@ -297,15 +299,15 @@ def _decide(wrench, noise, rows, count, corners, settings, state, plausible, kin
         n[k] = share * n[k] / np.sqrt(length) + (1.0 - share) * spot[3 + k]
         for j in range(3):
             gap = (mean[k] - spot[k]) * (mean[j] - spot[j])
-            square[k, j] = share * (sums[7 + 3 * k + j] / total - mean[k] * mean[j]) + share * (1.0 - share) * gap
+            square[k, j] = _EVEN * share * (sums[7 + 3 * k + j] / total - mean[k] * mean[j]) + share * (1.0 - share) * gap
     for k in range(3):
         mean[k] = share * mean[k] + (1.0 - share) * spot[k]
-    _answer(wrench, noise, rows, count, corners, settings, mean, n, square, place, t, spread)
+    _answer(wrench, noise, rows, count, corners, settings, mean, n, square, across, place, t, spread)
     return answer
 
 
 @inner
-def _answer(wrench, noise, rows, count, corners, settings, mean, n, square, place, t, spread):
+def _answer(wrench, noise, rows, count, corners, settings, mean, n, square, across, place, t, spread):
     """Point, normal, tangents and covariance from the mean along the edges, on the nearest of them."""
     line, best, g, w = np.empty(14), np.empty(14), np.empty(6), np.empty(6)
     least, along = np.inf, 0.0
@@ -336,7 +338,7 @@ def _answer(wrench, noise, rows, count, corners, settings, mean, n, square, plac
     reach, ratio = dot(wrench[:3], side), -1.0 / pressing
     if -reach * np.sqrt(1.0 + settings[FRICTION] ** 2) >= force:
         ratio = -max(0.3, dot(side, place[3:])) / reach
-        inward = off / reach if turn == 0.0 else -off / reach
+        inward = across * (off / reach if turn == 0.0 else -off / reach)
         for k in range(3):
             # n x e of the first side, e x n of the second
             place[k] += inward * (-np.cos(turn) * best[10 + k] + np.sin(turn) * best[7 + k]) * (1.0 if turn == 0.0 else -1.0)
