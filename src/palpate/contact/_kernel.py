@@ -206,18 +206,15 @@ def estimate(wrench, noise, nodes, corners, settings, state, row):
             shape_operator(found[best], t, settings[SCALE], nodes, corners, shape)
             softened(wrench[:3], place[3:], t, shape, settings, slopes)
         spread = sandwich(slopes, noise, slopes)
+    candidate = place.copy()
     moved, away = _beside(wrench, unit, noise, nodes, corners, settings, near, plausible, found[best], place, t, spread)
+    if plausible == 0 and noisy:
+        if count > 0:
+            away = _least(away, distance_to_bounds(wrench, noise, nodes, corners, settings, found[best], candidate))
+        away, other = _nearest(wrench, unit, noise, nodes, corners, settings, away, moved, place, t, spread)
+        moved = 1 if other else moved
     if moved == 1 or moved == 3:
         known, torques[best] = noisy, _torsion(wrench, places, best, 0.0)[0]
-    elif plausible == 0 and noisy:
-        away = EXPLAINED
-        if count > 0:
-            away = distance_to_bounds(wrench, noise, nodes, corners, settings, found[best], place)
-        away, other = _nearest(wrench, unit, noise, nodes, corners, settings, away, place, t, spread)
-        if other:
-            known, torques[best] = True, _torsion(wrench, places, best, 0.0)[0]
-        elif count == 0:
-            away = np.inf
     if count == 0 and not away <= EXPLAINED:
         _off_surface(wrench, unit, noise, nodes, corners, settings, noisy, found, row)
         return
@@ -237,7 +234,7 @@ def estimate(wrench, noise, nodes, corners, settings, state, row):
     if plausible == 0 and not away <= EXPLAINED:
         row[_STATUS] = _IMPLAUSIBLE
         if noisy:
-            row[_RESIDUAL] = away
+            row[_RESIDUAL] = away if away < np.inf else np.nan
         return
     row[_CANDIDATES] = max(1, plausible)
     row[_RESIDUAL] = away if plausible == 0 and noisy else 0.0
@@ -261,14 +258,26 @@ def _beside(wrench, unit, noise, nodes, corners, settings, near, plausible, cand
 
 
 @inner
-def _nearest(wrench, unit, noise, nodes, corners, settings, away, place, t, spread):
-    """The distance from the bounds where edges and corners may be nearer than `away`; do they take over the answer?"""
+def _least(one, two):
+    """The lesser; NaN is none."""
+    return two if two < one else one
+
+
+@inner
+def _nearest(wrench, unit, noise, nodes, corners, settings, away, moved, place, t, spread):
+    """The distance from the bounds where edges and corners may be nearer than `away`; do they take over the answer?
+
+    They do where nothing else explains the wrench and they do: point, normal, tangents and covariance are changed then.
+    """
     if settings[SOFT] == 0.0:
         return away, False
     spot = place.copy()
-    least = distance_to_edges(wrench, unit, noise, nodes, corners, settings, away if away >= 0.0 else np.inf, spot)
-    if not least <= EXPLAINED or least >= away:
-        return least if least < np.inf else np.nan, False
+    most = away if away < np.inf else EXPLAINED  # what presses on no facet is looked for near by
+    least = distance_to_edges(wrench, unit, noise, nodes, corners, settings, most, spot)
+    if not least < most:
+        return away, False
+    if moved > 0 or least > EXPLAINED:
+        return least, False
     shape, slopes = np.zeros((2, 2)), np.empty((2, 6))
     copy_into(spot, place)
     tangents(place[3:], t)
