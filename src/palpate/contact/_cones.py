@@ -25,8 +25,8 @@ __all__ = ["distance_to_edges"]
 _ROWS = 5  # three of an edge at most, friction, torsion
 _STEPS, _SWEEPS = 12, 60
 _GOLDEN = 0.3819660112501051
-_TRIED, _NARROWED = 5, 8  # normals of a fan, and how often the best of them is narrowed
-_HALVED = 5  # how often a step over a corner's normals is halved
+_TRIED, _NARROWED = 5, 14  # normals of a fan, and how often the best of them is narrowed
+_HALVED = 9  # how often a step over a corner's normals is halved
 
 
 @inner
@@ -128,16 +128,20 @@ def _to_edge(wrench, noise, row, settings, most, rows, near, n, place):
         if distance < best:
             best, at = distance, i * step
     low, high = max(0.0, at - step), min(line[13], at + step)
+    left, right = low + _GOLDEN * (high - low), high - _GOLDEN * (high - low)
+    one = _at_normal(wrench, noise, line, left, settings, rows, near, n)
+    two = _at_normal(wrench, noise, line, right, settings, rows, near, n)
     for _ in range(_NARROWED):
-        left, right = low + _GOLDEN * (high - low), high - _GOLDEN * (high - low)
-        one = _at_normal(wrench, noise, line, left, settings, rows, near, n)
-        two = _at_normal(wrench, noise, line, right, settings, rows, near, n)
-        if one < two:
-            high = right
-        else:
-            low = left
         if min(one, two) < best:
             best, at = min(one, two), left if one < two else right
+        if one < two:
+            high, right, two = right, left, one
+            left = low + _GOLDEN * (high - low)
+            one = _at_normal(wrench, noise, line, left, settings, rows, near, n)
+        else:
+            low, left, one = left, right, two
+            right = high - _GOLDEN * (high - low)
+            two = _at_normal(wrench, noise, line, right, settings, rows, near, n)
     best = _at_normal(wrench, noise, line, at, settings, rows, near, n)
     pressing, along = dot(near[:3], n), 0.0
     for k in range(6):

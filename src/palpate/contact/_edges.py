@@ -10,8 +10,8 @@ fits is W - S g' (g W)/(g S g'). Across e, with m = M - r x F and u = e x n, it 
     s = u . m/(F . n),   tau = F . m/(F . n).
 
 So a wrench leaves n open, and with it s. Every n is weighed by how well the wrench keeps the bounds there and by
-1/(F . n)^2, the density of (s, tau) in (u . m, F . m); the mean and the spread of s over n are the answer along e. Across e the answer is that of the
-facet which the noise put it on: its error is the noise of g W.
+1/(F . n)^2, the density of (s, tau) in (u . m, F . m); the mean and the spread of s over n are the answer along e.
+Across e the answer is that of the facet which the noise put it on: its error is the noise of g W.
 """
 
 # pyright: basic
@@ -257,9 +257,7 @@ def _of_mesh(wrench, unit, noise, nodes, corners, settings, state, plausible, ki
     if count == 0:
         return 0, np.inf
     sums = np.empty(_SUMS)
-    answer = _decide(
-        wrench, noise, rows, count, corners, settings, state, plausible, kind, place, t, spread, sums
-    )
+    answer = _decide(wrench, noise, rows, count, corners, settings, state, plausible, kind, place, t, spread, sums)
     return answer, sums[17]
 
 
@@ -299,7 +297,8 @@ def _decide(wrench, noise, rows, count, corners, settings, state, plausible, kin
         n[k] = share * n[k] / np.sqrt(length) + (1.0 - share) * spot[3 + k]
         for j in range(3):
             gap = (mean[k] - spot[k]) * (mean[j] - spot[j])
-            square[k, j] = _EVEN * share * (sums[7 + 3 * k + j] / total - mean[k] * mean[j]) + share * (1.0 - share) * gap
+            within = _EVEN * (sums[7 + 3 * k + j] / total - mean[k] * mean[j])
+            square[k, j] = share * within + share * (1.0 - share) * gap
     for k in range(3):
         mean[k] = share * mean[k] + (1.0 - share) * spot[k]
     _answer(wrench, noise, rows, count, corners, settings, mean, n, square, across, place, t, spread)
@@ -338,10 +337,9 @@ def _answer(wrench, noise, rows, count, corners, settings, mean, n, square, acro
     reach, ratio = dot(wrench[:3], side), -1.0 / pressing
     if -reach * np.sqrt(1.0 + settings[FRICTION] ** 2) >= force:
         ratio = -max(0.3, dot(side, place[3:])) / reach
-        inward = across * (off / reach if turn == 0.0 else -off / reach)
+        inward = across * off / reach  # along n x e of the first side; against it of the second
         for k in range(3):
-            # n x e of the first side, e x n of the second
-            place[k] += inward * (-np.cos(turn) * best[10 + k] + np.sin(turn) * best[7 + k]) * (1.0 if turn == 0.0 else -1.0)
+            place[k] += inward * (np.sin(turn) * best[7 + k] - np.cos(turn) * best[10 + k])
     slopes = np.empty((2, 6))
     cross_into(place[:3], t[1], slopes[0, :3])
     for k in range(3):

@@ -54,8 +54,8 @@ def sharp_edges(
     fans, _, beside = vertex_fans(facets, twins)
     solid = np.abs(np.linalg.det(fans[:, :, 3:])) > _SOLID
     solid &= ~np.isin(_keys(fans[:, 0, :3]), _keys(hollow))
-    kinds = np.repeat([SHARP, VERTEX], [len(edges), np.count_nonzero(solid)])
-    return Patches(np.concatenate([edges, fans[solid]]), kinds, np.concatenate([half[kept] // 3, beside[solid]]))
+    kind = np.concatenate([np.full(len(edges), SHARP), np.full(np.count_nonzero(solid), VERTEX)])
+    return Patches(np.concatenate([edges, fans[solid]]), kind, np.concatenate([half[kept] // 3, beside[solid]]))
 
 
 def _next(half_edges: Int[np.ndarray, " h"]) -> Int[np.ndarray, " h"]:

@@ -24,8 +24,8 @@ class Tree:
     Attributes:
         nodes: (n, 14, 8) float32, a column a child, so that one instruction serves several: box centre 0-2 and half
             extents 3-5; axis of the cone of normals 6-8, cos of its half-angle 9, sin^2 12 and sin cos 13; first 10 and
-            how many 11: patches of a leaf, or the number of an inner node and 0; -1 where there is no child. In the last
-            node, 10 of the first child is the root of a second tree, of sharp edges and corners; -1 without one.
+            how many 11: patches of a leaf, or the number of an inner node and 0; -1 where there is no child. In the
+            last node, 10 of the first child is the root of a second tree, of sharp edges and corners, or -1.
         corners: (m, 20): per corner position and unit normal, then kind and facet; patches in the order of the leaves,
             those of the second tree behind.
         centre: (3,) [m]; scale [m].
