@@ -6,6 +6,8 @@ from __future__ import annotations
 import numpy as np
 
 from palpate.contact._bounds import distance_to_bounds, distance_to_point
+from palpate.contact._cones import distance_to_edges
+from palpate.contact._edges import EXPLAINED, at_edge, exact
 from palpate.contact._settings import (
     ACCURACY,
     DEPTH,
@@ -22,7 +24,7 @@ from palpate.contact._settings import (
     SOFT,
     TOUCHING,
 )
-from palpate.contact._slopes import sandwich, sensitivity, softened, to_metres, to_unit
+from palpate.contact._slopes import sandwich, sensitivity, slopes_at, softened, tangents, to_metres, to_unit
 from palpate.contact._touch import better, follow, forget, rival, torsion, within_bounds
 from palpate.surfaces._jit import entry, inner
 from palpate.surfaces._kernels import CANDIDATE, CAPACITY, nearest_to_axis, search, shape_operator
@@ -183,28 +185,44 @@ def estimate(wrench, noise, nodes, corners, settings, state, row):
         wrench = _at_surface(wrench, nodes, corners, settings, near, found)
     count = _search(wrench, unit, nodes, corners, settings, found)
     noisy = settings[NOISY] == 1.0
-    if count == 0:
-        _off_surface(wrench, unit, noise, nodes, corners, settings, noisy, found, row)
-        return
-    places, torques = np.empty((count + 1, 6)), np.empty(count + 1)
-    best, plausible = _choose(wrench, settings, near, found, count, places, torques)
-    branches = np.empty(count + 1, np.int64)
-    if noisy:
-        best = follow(wrench, noise, settings, state, found, places, torques, count, best, branches)
-    place = places[best]
-    copy_into(place, row[:6])
-    row[9] = torques[best]
+    places, torques, branches = np.zeros((count + 1, 6)), np.empty(count + 1), np.empty(count + 1, np.int64)
+    best = plausible = within = 0
+    if count > 0:
+        best, plausible = _choose(wrench, settings, near, found, count, places, torques)
+        if noisy:
+            best = follow(wrench, noise, settings, state, found, places, torques, count, best, branches)
+        within = plausible if found[best, 7] == 1.0 else 0
+    remembered, place = count > 0 and best == count, places[best]
     t, shape, slopes = np.empty((2, 3)), np.empty((2, 2)), np.empty((2, 6))
     spread = np.zeros((2, 2))
-    if noisy and sensitivity(wrench, found[best], place, nodes, corners, settings, t, shape, slopes):
+    known = noisy and count > 0 and sensitivity(wrench, found[best], place, nodes, corners, settings, t, shape, slopes)
+    if known:
         if settings[DEPTH] > 0.0:
             shape_operator(found[best], t, settings[SCALE], nodes, corners, shape)
             softened(wrench[:3], place[3:], t, shape, settings, slopes)
         spread = sandwich(slopes, noise, slopes)
-        if settings[ACCURACY] > 0.0 and spread[0, 0] + spread[1, 1] > settings[ACCURACY] ** 2:
-            row[:6] = row[9] = np.nan
-            row[_STATUS] = _TOO_LIGHT
+    moved, away = 0, found[count, 5]
+    if not remembered:
+        candidate = place.copy()
+        moved, away = _beside(
+            wrench, unit, noise, nodes, corners, settings, near, within, found[best], place, t, spread
+        )
+        if within == 0 and noisy:
+            if count > 0:
+                away = _least(away, distance_to_bounds(wrench, noise, nodes, corners, settings, found[best], candidate))
+            away, other = _nearest(wrench, unit, noise, nodes, corners, settings, away, moved, place, t, spread)
+            moved = 1 if other else moved
+        if moved == 1 or moved == 3:
+            known, torques[best] = noisy, torsion(wrench, places, best, 0.0)[0]
+        if count == 0 and not away <= EXPLAINED:
+            _off_surface(wrench, unit, noise, nodes, corners, settings, noisy, found, row)
             return
+    if known and settings[ACCURACY] > 0.0 and spread[0, 0] + spread[1, 1] > settings[ACCURACY] ** 2:
+        row[_STATUS] = _TOO_LIGHT
+        return
+    copy_into(place, row[:6])
+    row[9] = torques[best]
+    if known:
         for i in range(3):
             for j in range(i, 3):
                 total = 0.0
@@ -212,23 +230,62 @@ def estimate(wrench, noise, nodes, corners, settings, state, row):
                     for c in range(2):
                         total += t[a, i] * spread[a, c] * t[c, j]
                 row[10 + 3 * i + j] = row[10 + 3 * j + i] = total  # symmetric to the last bit
-    row[_CANDIDATES] = plausible
-    if found[best, 7] == 0.0:
+    explained = (within > 0 and not remembered) or away <= EXPLAINED
+    row[_CANDIDATES] = max(1, plausible) if explained else plausible
+    row[_RESIDUAL] = 0.0 if within > 0 and not remembered else away if noisy and away < np.inf else np.nan
+    if not explained:
         row[_STATUS] = _IMPLAUSIBLE
-        if best == count:
-            row[_RESIDUAL] = found[count, 5]
-        elif noisy:
-            row[_RESIDUAL] = distance_to_bounds(wrench, noise, nodes, corners, settings, found[best], place)
         return
-    row[_RESIDUAL] = 0.0
-    if (
-        plausible > 1
-        and state[FOLLOW] == 0.0
-        and _ambiguous(found, places, count, best, t, spread, noisy, state, branches)
-    ):
+    several = plausible > 1 and state[FOLLOW] == 0.0
+    if moved > 1 or (several and _ambiguous(found, places, count, best, t, spread, noisy, state, branches)):
         row[_STATUS] = _AMBIGUOUS
     state[HAS_PREVIOUS] = 1.0
     copy_into(place, state[PREVIOUS : PREVIOUS + 3])
+
+
+@inner
+def _beside(wrench, unit, noise, nodes, corners, settings, near, plausible, candidate, place, t, spread):
+    """What a sharp edge near the answer makes of it (`at_edge`); without noise, only where no candidate will do."""
+    if settings[SOFT] == 0.0:
+        return 0, np.inf
+    if settings[NOISY] == 0.0:
+        if plausible > 0:
+            return 0, np.inf
+        noise = np.empty((6, 6))
+        exact(wrench, settings, noise)
+    return at_edge(wrench, unit, noise, nodes, corners, settings, near, plausible, candidate[6], place, t, spread)
+
+
+@inner
+def _least(one, two):
+    """The lesser; NaN is none."""
+    return two if two < one else one
+
+
+@inner
+def _nearest(wrench, unit, noise, nodes, corners, settings, away, moved, place, t, spread):
+    """The distance from the bounds where edges and corners may be nearer than `away`; do they take over the answer?
+
+    They do where nothing else explains the wrench and they do: point, normal, tangents and covariance are changed then.
+    """
+    if settings[SOFT] == 0.0:
+        return away, False
+    spot = place.copy()
+    most = away if away < np.inf else EXPLAINED  # what presses on no facet is looked for near by
+    least = distance_to_edges(wrench, unit, noise, nodes, corners, settings, most, spot)
+    if not least < most:
+        return away, False
+    if moved > 0 or least > EXPLAINED:
+        return least, False
+    shape, slopes = np.zeros((2, 2)), np.empty((2, 6))
+    copy_into(spot, place)
+    tangents(place[3:], t)
+    if not slopes_at(wrench, place, t, shape, 1.0, slopes):
+        return least, False
+    both = sandwich(slopes, noise, slopes)
+    for a in range(2):
+        copy_into(both[a], spread[a])
+    return least, True
 
 
 @inner

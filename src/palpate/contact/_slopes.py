@@ -19,7 +19,7 @@ from palpate.surfaces._jit import inner
 from palpate.surfaces._kernels import shape_operator
 from palpate.surfaces._vectors import cross_into, dot
 
-__all__ = ["sandwich", "sensitivity", "softened", "tangents", "to_metres", "to_unit"]
+__all__ = ["sandwich", "sensitivity", "slopes_at", "softened", "tangents", "to_metres", "to_unit"]
 
 
 @inner
@@ -33,7 +33,7 @@ def tangents(n, out):
 
 
 @inner
-def _slopes(wrench, place, t, shape, soft, slopes):
+def slopes_at(wrench, place, t, shape, soft, slopes):
     """d(p . t)/dW into slopes (2, 6). False where the wrench does not determine the point.
 
     For the wrench axis (soft = 0) the moment left over is along F instead of n: the same equations, projected across
@@ -148,4 +148,4 @@ def sensitivity(wrench, candidate, place, nodes, corners, settings, t, shape, sl
         shape_operator(candidate, t, settings[SCALE], nodes, corners, shape)
     else:
         shape[:] = 0.0
-    return _slopes(wrench, place, t, shape, settings[SOFT], slopes)
+    return slopes_at(wrench, place, t, shape, settings[SOFT], slopes)

@@ -15,13 +15,14 @@ from __future__ import annotations
 import numpy as np
 
 from palpate.contact._bounds import distance_to_point
+from palpate.contact._edges import EXPLAINED
 from palpate.contact._settings import BRANCH, BRANCHES, FOLLOW, FRICTION, MOST, SAMPLES, SCALE, SOFT, TORSION
 from palpate.contact._slopes import to_metres
 from palpate.surfaces._jit import inner
 from palpate.surfaces._kernels import CANDIDATE
 from palpate.surfaces._vectors import copy_into, cross_into, dot
 
-__all__ = ["PLAUSIBLE", "better", "follow", "forget", "rival", "torsion", "within_bounds"]
+__all__ = ["better", "follow", "forget", "rival", "torsion", "within_bounds"]
 
 _COUNT, _GAIN, _SQUARES, _MEAN, _LAST = 0, 1, 2, 3, 6  # of a branch; its mean position [m], its last candidate
 _MEMORY = 32.0  # samples of a branch's mean place
@@ -30,7 +31,6 @@ _LEAST, _SURE = 1.0, 2.5
 _LATE, _LATEST = 0.5, 10.0  # handicap a sample of a branch that appears later, and at most
 _ANOTHER = 5.0  # standard deviations from a place at which it is another touch, where no candidate is near
 _STEADY = 8.0  # samples after which a branch without a candidate is remembered
-PLAUSIBLE = 3.0  # standard deviations from the nearest wrench within the bounds: more is implausible
 _REACH = 0.1  # of the tree's size: beyond noise: a candidate further from a branch is another
 _NEAR = 4.0  # standard deviations beyond a bound, or from a place, at which a branch is followed still
 
@@ -254,7 +254,7 @@ def _remembered(wrench, noise, state, settings, found, places, torques, count, m
     if not within_bounds(found, count, torques[count], pressing, settings):
         misfit += _beyond(wrench, noise, places[count], torques[count], found[count, 4], settings)
     found[count, 5] = np.sqrt(misfit)
-    found[count, 7] = 1.0 if found[count, 5] <= PLAUSIBLE else 0.0
+    found[count, 7] = 1.0 if found[count, 5] <= EXPLAINED else 0.0
 
 
 @inner

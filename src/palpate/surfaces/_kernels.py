@@ -14,23 +14,23 @@ from palpate.surfaces import _bvh, _equation, _nearest
 from palpate.surfaces._bvh import CANDIDATE, CAPACITY
 from palpate.surfaces._jit import chosen_for, inner
 
-__all__ = ["CANDIDATE", "CAPACITY", "nearest_to_axis", "search", "shape_operator"]
+__all__ = ["CANDIDATE", "CAPACITY", "is_mesh", "nearest_to_axis", "search", "shape_operator"]
 
 
-def _is_mesh(one):
+def is_mesh(one):
     """Nodes are the only array of three axes; of types when compiling, of values in Python."""
     return getattr(one, "ndim", 0) == 3 and not isinstance(one, types.FunctionType)
 
 
 def search(wrench, soft, tan_limit, one, two, found):
     """Every contact of a wrench, as `_bvh.search` says; callable from Python too."""
-    kernel = _bvh.search if _is_mesh(one) else _equation.contacts
+    kernel = _bvh.search if is_mesh(one) else _equation.contacts
     return kernel(wrench, soft, tan_limit, one, two, found)
 
 
 @chosen_for(search)
 def _search(wrench, soft, tan_limit, one, two, found):
-    if _is_mesh(one):
+    if is_mesh(one):
         return lambda wrench, soft, tan_limit, one, two, found: _bvh.search(wrench, soft, tan_limit, one, two, found)
     return lambda wrench, soft, tan_limit, one, two, found: _equation.contacts(wrench, soft, tan_limit, one, two, found)
 
@@ -42,7 +42,7 @@ def nearest_to_axis(wrench, one, two, found):
 
 @chosen_for(nearest_to_axis)
 def _nearest_to_axis(wrench, one, two, found):
-    if _is_mesh(one):
+    if is_mesh(one):
         return lambda wrench, one, two, found: _nearest.nearest_to_axis(wrench, one, two, found)
     return lambda wrench, one, two, found: _equation.nearest_to_line(wrench, one, two, found)
 
@@ -54,7 +54,7 @@ def shape_operator(candidate, t, scale, one, two, out):
 
 @chosen_for(shape_operator)
 def _shape_operator(candidate, t, scale, one, two, out):
-    return _of_patch if _is_mesh(one) else _of_equation
+    return _of_patch if is_mesh(one) else _of_equation
 
 
 def _of_equation(candidate, t, scale, one, two, out):

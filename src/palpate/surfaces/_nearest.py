@@ -1,4 +1,4 @@
-"""Compiled: the point of a surface nearest to a line, and nearest to a point."""
+"""Compiled: the point of a surface nearest to a line, and nearest to a point; the edges near a contact's line."""
 
 # pyright: basic
 from __future__ import annotations
@@ -8,7 +8,7 @@ import numpy as np
 from palpate.surfaces._bvh import KIND, STACK, WIDTH, axis_view, start_view, test_children
 from palpate.surfaces._jit import entry, inner
 
-__all__ = ["nearest_to_axis", "nearest_to_point"]
+__all__ = ["edges_near", "nearest_to_axis", "nearest_to_point"]
 
 
 @inner
@@ -163,3 +163,44 @@ def _gap(node, child, point):
         if beyond > 0.0:
             total += beyond * beyond
     return total
+
+
+@inner
+def edges_near(wrench, tan_limit, wider, nodes, corners, found):
+    """Rows of sharp edges and corners at which this wrench, or one that moves its line by `wider`, can be a contact.
+
+    Args:
+        wrench: (6,) in unit size, as for `search`.
+        tan_limit: largest tan(theta) wanted.
+        wider: in unit size.
+        nodes: of the tree.
+        corners: of the tree.
+        found: (k,) integers to write into; what is beyond k is left out.
+
+    Returns:
+        how many.
+    """
+    root = int(nodes[len(nodes) - 1, 10, 0])
+    if root < 0:
+        return 0
+    f, _, _, point, pitch = axis_view(wrench)
+    view = np.empty(14, dtype=np.float32)
+    start_view(f, point, pitch, tan_limit, view)
+    view[12] = wider
+    pending = np.empty((STACK, 2), dtype=np.int64)
+    pending[0, 0], pending[0, 1] = root, 0
+    depth, count = 1, 0
+    while depth > 0:
+        depth -= 1
+        first, size = pending[depth, 0], pending[depth, 1]
+        if size > 0:
+            for row in range(first, min(first + size, first + len(found) - count)):
+                found[count] = row
+                count += 1
+            continue
+        mask = test_children(nodes[first], view)
+        for i in range(WIDTH):
+            if (mask >> i) & 1 and nodes[first, 11, i] >= 0.0:
+                pending[depth, 0], pending[depth, 1] = int(nodes[first, 10, i]), int(nodes[first, 11, i])
+                depth += 1
+    return count

@@ -16,7 +16,7 @@ from jaxtyping import Bool, Float, Int
 
 from palpate.surfaces._normals import half_edge_twins
 
-__all__ = ["EDGE", "FLAT", "SMOOTH", "VERTEX", "Patches", "build_patches"]
+__all__ = ["EDGE", "FLAT", "SMOOTH", "VERTEX", "Patches", "build_patches", "vertex_fans"]
 
 FLAT, SMOOTH, EDGE, VERTEX = 0, 1, 2, 3  # what a patch is: the kind decides its tangent plane
 _SAME = 1e-12  # 1 - cos of normals that count as one
@@ -44,7 +44,7 @@ def build_patches(
     parts = [(facets, np.where(spread > 1.0 - _SAME, FLAT, SMOOTH), np.arange(len(faces)))]
     twins = half_edge_twins(faces)
     parts.append(_edge_strips(facets, twins, covered))
-    parts.append(_vertex_fans(facets, twins, covered))
+    parts.append(vertex_fans(facets, twins, covered))
     corners, kind, facet = (np.concatenate(part) for part in zip(*parts, strict=True))
     if covered.any():
         rest = ~covered[facet]
@@ -77,7 +77,7 @@ def _edge_strips(
     return corners, np.full(len(corners), EDGE), facet
 
 
-def _vertex_fans(
+def vertex_fans(
     facets: Float[np.ndarray, "f 3 6"], twins: Int[np.ndarray, " h"], covered: Bool[np.ndarray, " f"]
 ) -> _Part:
     """At a corner where three or more normals meet, a fan over them in their order around the corner."""

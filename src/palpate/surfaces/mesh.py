@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 
 from palpate.errors import GeometryError, InputError
 from palpate.spatial._arrays import Value, frozen, shaped
+from palpate.surfaces._edges import sharp_edges
 from palpate.surfaces._exposure import exposed
 from palpate.surfaces._normals import corner_normals, facet_normals, half_edge_twins
 from palpate.surfaces._patches import build_patches
@@ -205,7 +206,8 @@ class Mesh(Value):
 
     @functools.cached_property
     def _tree(self) -> Tree:
-        return build_tree(build_patches(self.vertices, self.faces, self.corner_normals, self.covered))
+        arrays = self.vertices, self.faces, self.corner_normals, self.covered
+        return build_tree(build_patches(*arrays), sharp_edges(*arrays))
 
     def tree(self) -> Tree:
         """The prepared search tree; built (and its loops compiled) on the first call."""

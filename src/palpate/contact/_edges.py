@@ -1,0 +1,357 @@
+"""Compiled: contacts at sharp edges, where the normal n can be any between those of the two facets.
+
+A contact at p = r + s e, 0 <= s <= L, of an edge along e makes M - p x F = tau n with n across e. Along e this says
+
+    g W = e . (M - r x F) = 0,
+
+one equation: a wrench of covariance S lies |g W|/sqrt(g S g') standard deviations from the edge, and the nearest that
+fits is W - S g' (g W)/(g S g'). Across e, with m = M - r x F and u = e x n, it says for each normal
+
+    s = u . m/(F . n),   tau = F . m/(F . n).
+
+So a wrench leaves n open, and with it s. Every n is weighed by how well the wrench keeps the bounds there and by
+1/(F . n)^2, the density of (s, tau) in (u . m, F . m); the mean and the spread of s over n are the answer along e.
+Across e the answer is that of the facet which the noise put it on: its error is the noise of g W.
+"""
+
+# pyright: basic
+from __future__ import annotations
+
+from math import erf
+
+import numpy as np
+
+from palpate.contact._settings import CENTRE, FRICTION, HAS_PREVIOUS, PREVIOUS, SCALE, TORSION
+from palpate.contact._slopes import sandwich
+from palpate.surfaces._bvh import KIND
+from palpate.surfaces._edges import SHARP
+from palpate.surfaces._jit import chosen_for, inner
+from palpate.surfaces._kernels import is_mesh
+from palpate.surfaces._nearest import edges_near
+from palpate.surfaces._patches import VERTEX
+from palpate.surfaces._vectors import copy_into, cross_into, dot
+
+__all__ = ["EXPLAINED", "MOST", "at_edge", "edges_of", "exact", "read_edge"]
+
+_NORMALS = 16  # of a fan that are weighed
+_FAR = 4.0  # standard deviations from an edge beyond which it is none
+_BESIDE = 0.05  # weight of the facet or corner beside an edge: as that of an edge 2.5 standard deviations off
+_EVEN = (1.645 / 1.96) ** 2  # 95 % of what is spread evenly lie within 1.645 deviations, of a normal one within 1.96
+MOST = 64  # edges and corners looked at
+_EXACT = 1e-7  # of force and size: how far off a wrench without noise may be
+EXPLAINED = 3.0  # standard deviations within which a wrench is one that a contact within the bounds makes
+_SUMS = 20  # weight 0, w p 1-3, w n 4-6, w p p' 7-15, likelihood 16, distance 17, heaviest edge 18, its weight 19
+
+
+@inner
+def exact(wrench, settings, noise):
+    """A covariance that stands for rounding, where the noise is not known."""
+    force = _EXACT * np.sqrt(dot(wrench[:3], wrench[:3]))
+    centre = settings[CENTRE : CENTRE + 3]
+    arm = settings[SCALE] + np.sqrt(dot(centre, centre))
+    noise[:] = 0.0
+    for k in range(3):
+        noise[k, k], noise[3 + k, 3 + k] = force * force, force * force * arm * arm
+
+
+@inner
+def edges_of(wrench, unit, noise, nodes, corners, settings, far, rows):
+    """Edges and corners that may lie within `far` standard deviations of a contact of this wrench; how many."""
+    centre, force = settings[CENTRE : CENTRE + 3], np.sqrt(dot(wrench[:3], wrench[:3]))
+    lever = turn = 0.0
+    for k in range(3):
+        lever += noise[k, k]
+        turn += noise[3 + k, 3 + k]
+    off = np.sqrt(dot(centre, centre)) + settings[SCALE]
+    wide = far * (np.sqrt(turn) + off * np.sqrt(lever)) * (1.0 + settings[FRICTION]) / (force * settings[SCALE])
+    return edges_near(unit, settings[FRICTION] + 0.5, wide, nodes, corners, rows)
+
+
+@inner
+def read_edge(row, settings, line):
+    """Start 0-2 [m], direction 3-5, length 6 [m], first normal 7-9, e x it 10-12, angle to the second normal 13."""
+    length = 0.0
+    for k in range(3):
+        line[k] = row[k] * settings[SCALE] + settings[CENTRE + k]
+        line[3 + k] = (row[6 + k] - row[k]) * settings[SCALE]
+        length += line[3 + k] ** 2
+        line[7 + k] = row[3 + k]
+    line[6] = np.sqrt(length)
+    for k in range(3):
+        line[3 + k] /= line[6]
+    cross_into(line[3:6], line[7:10], line[10:13])
+    line[13] = np.arctan2(dot(row[9:12], line[10:13]), dot(row[9:12], line[7:10]))
+
+
+@inner
+def _misfit(wrench, noise, line, g, fitted):
+    """The moment about the edge, its variance, and the nearest wrench without one into fitted (6,)."""
+    cross_into(line[:3], line[3:6], g)  # e . (r x F) = (e x r) . F
+    for k in range(3):
+        g[3 + k] = line[3 + k]
+    off = variance = 0.0
+    for i in range(6):
+        fitted[i] = 0.0
+        for j in range(6):
+            fitted[i] += noise[i, j] * g[j]
+        variance += g[i] * fitted[i]
+        off += g[i] * wrench[i]
+    for i in range(6):
+        fitted[i] = wrench[i] - fitted[i] * off / variance
+    return off, variance
+
+
+@inner
+def _below(z):
+    """The normal distribution's share below z."""
+    return 0.5 * (1.0 + erf(0.7071067811865476 * z))
+
+
+@inner
+def _weigh(wrench, noise, row, number, settings, sums):
+    """Add an edge's normals to the sums."""
+    line, g, w = np.empty(14), np.empty(6), np.empty(6)
+    read_edge(row, settings, line)
+    off, variance = _misfit(wrench, noise, line, g, w)
+    square = off * off / variance
+    if not square < _FAR * _FAR:
+        return
+    e, first, second = line[3:6], line[7:10], line[10:13]
+    m = np.empty(3)
+    cross_into(line[:3], w[:3], m)
+    for k in range(3):
+        m[k] = w[3 + k] - m[k]
+    f1, f2, m1, m2 = dot(first, w[:3]), dot(second, w[:3]), dot(first, m), dot(second, m)
+    size, moment = np.sqrt(dot(w[:3], w[:3])), f1 * m1 + f2 * m2
+    across = np.sqrt(f1 * f1 + f2 * f2)
+    if across < 1e-3 * size:
+        return
+    # noise of the bounds: of a moment across the edge about the middle of what is possible, and of a force
+    a = np.empty((1, 6))
+    at = 0.5 * line[6]
+    for k in range(3):
+        a[0, 3 + k] = (first[k] * f1 + second[k] * f2) / across
+        m[k] = line[k] + at * e[k]
+    cross_into(m, a[0, 3:], a[0, :3])
+    turning = np.sqrt(sandwich(a, noise, a)[0, 0])
+    pushing = np.sqrt((noise[0, 0] + noise[1, 1] + noise[2, 2]) / 3.0)
+    mu, c = settings[FRICTION], settings[TORSION]
+    wide = np.sqrt(1.0 + mu * mu)
+    likely = np.exp(-0.5 * square)
+    step = line[13] / _NORMALS
+    total = 0.0
+    for i in range(_NORMALS):
+        turn = (i + 0.5) * step
+        n1, n2 = np.cos(turn), np.sin(turn)
+        pressing = -(f1 * n1 + f2 * n2)
+        if not pressing > 1e-3 * size:
+            continue
+        s = -(n1 * m2 - n2 * m1) / pressing
+        grip = (wide * pressing - size) / (mu * pushing)
+        hold = (c * pressing * pressing - abs(moment)) / (across * turning)
+        start, end = s * pressing / turning, (line[6] - s) * pressing / turning
+        least = min(min(grip, hold), min(start, end))
+        if least >= 0.0:
+            sums[17] = min(sums[17], np.sqrt(square))
+        if least < -_FAR:
+            continue
+        share = _below(grip) * _below(hold) * (_below(start) + _below(end) - 1.0)
+        sums[16] = max(sums[16], likely * share)
+        weight = likely * share * step * across * across / (pressing * pressing * np.sqrt(variance))
+        total += weight
+        s = min(line[6], max(0.0, s))
+        for k in range(3):
+            sums[1 + k] += weight * (line[k] + s * e[k])
+            sums[4 + k] += weight * (n1 * first[k] + n2 * second[k])
+            for j in range(3):
+                sums[7 + 3 * k + j] += weight * (line[k] + s * e[k]) * (line[j] + s * e[j])
+    sums[0] += total
+    if total > sums[19]:
+        sums[18], sums[19] = number, total
+
+
+@inner
+def _nearest(point, line):
+    """Where along an edge it is nearest to a point, and the squared distance."""
+    along = 0.0
+    for k in range(3):
+        along += (point[k] - line[k]) * line[3 + k]
+    along = min(line[6], max(0.0, along))
+    gap = 0.0
+    for k in range(3):
+        gap += (point[k] - line[k] - along * line[3 + k]) ** 2
+    return along, gap
+
+
+@inner
+def _beside(wrench, noise, place, kind, rows, count, corners, settings):
+    """Is a candidate a contact at one of these edges, but for the noise across it? Where on the edge: into place."""
+    line, g, w = np.empty(14), np.empty(6), np.empty(6)
+    pressing = abs(dot(wrench[:3], place[3:]))
+    best, spot = np.inf, np.empty(3)
+    for i in range(count):
+        if corners[rows[i], KIND] != SHARP:
+            continue
+        read_edge(corners[rows[i]], settings, line)
+        along, gap = _nearest(place, line)
+        off, _ = _misfit(wrench, noise, line, g, w)
+        if gap < best and np.sqrt(gap) * pressing <= 2.0 * abs(off) + 1e-6 * settings[SCALE] * pressing:
+            best = gap
+            for k in range(3):
+                spot[k] = line[k] + along * line[3 + k]
+    if best < np.inf:
+        copy_into(spot, place[:3])
+    return best < np.inf
+
+
+@inner
+def _wins(wrench, place, point, state):
+    """Is the edge at `point` to be preferred to a candidate elsewhere? As among candidates (`_kernel._choose`)."""
+    if state[HAS_PREVIOUS] == 1.0:
+        here = there = 0.0
+        for k in range(3):
+            here += (point[k] - state[PREVIOUS + k]) ** 2
+            there += (place[k] - state[PREVIOUS + k]) ** 2
+        return here < there
+    return dot(wrench[:3], point) < dot(wrench[:3], place)
+
+
+def at_edge(wrench, unit, noise, nodes, corners, settings, state, plausible, kind, place, t, spread):
+    """Change an answer where a sharp edge is near; a surface with an equation has none.
+
+    Args:
+        wrench: (6,).
+        unit: (6,) the same in the tree's size.
+        noise: (6, 6) its covariance.
+        nodes: of the tree.
+        corners: of the tree.
+        settings: of the Locator.
+        state: the last contact decides between edge and candidate.
+        plausible: how many candidates are within the bounds.
+        kind: of the candidate's patch.
+        place: (6,) point and normal of the candidate; changed.
+        t: (2, 3) tangents; changed.
+        spread: (2, 2) covariance in them [m^2]; changed.
+
+    Returns:
+        0: the answer stays; 1: it is the edge's; 2: it stays, 3: it is the edge's, and the other one may be as well.
+        Beside it the distance to the edges within the bounds in standard deviations of the wrench; inf without any.
+    """
+    raise NotImplementedError("compiled code only")
+
+
+@chosen_for(at_edge)
+def _at_edge(wrench, unit, noise, nodes, corners, settings, state, plausible, kind, place, t, spread):
+    return _of_mesh if is_mesh(nodes) else _of_equation
+
+
+def _of_equation(wrench, unit, noise, nodes, corners, settings, state, plausible, kind, place, t, spread):
+    return 0, np.inf
+
+
+def _of_mesh(wrench, unit, noise, nodes, corners, settings, state, plausible, kind, place, t, spread):
+    if nodes[len(nodes) - 1, 10, 0] < 0.0:
+        return 0, np.inf
+    rows = np.empty(MOST, dtype=np.int64)
+    count = edges_of(wrench, unit, noise, nodes, corners, settings, _FAR, rows)
+    if count == 0:
+        return 0, np.inf
+    sums = np.empty(_SUMS)
+    answer = _decide(wrench, noise, rows, count, corners, settings, state, plausible, kind, place, t, spread, sums)
+    return answer, sums[17]
+
+
+@inner
+def _decide(wrench, noise, rows, count, corners, settings, state, plausible, kind, place, t, spread, sums):
+    """What `at_edge` returns first."""
+    sums[:] = 0.0
+    sums[17], sums[18] = np.inf, -1.0
+    for i in range(count):
+        if corners[rows[i], KIND] == SHARP:
+            _weigh(wrench, noise, corners[rows[i]], rows[i], settings, sums)
+    total = sums[0]
+    if not (total > 0.0 and sums[16] > 1e-4):
+        return 0
+    if plausible == 0 and not sums[17] < EXPLAINED:
+        return 0
+    mean, spot = np.empty(3), place.copy()
+    for k in range(3):
+        mean[k] = sums[1 + k] / total
+    answer, share, across = 1, 1.0, 1.0
+    if plausible > 0:
+        if _beside(wrench, noise, spot, kind, rows, count, corners, settings):
+            share = sums[16] / (sums[16] + _BESIDE)
+            across = share if kind == VERTEX else 1.0  # a corner has no width
+        elif sums[16] < _BESIDE or sums[17] == np.inf:
+            return 0
+        elif not _wins(wrench, place, mean, state):
+            return 2
+        else:
+            answer = 3
+    length, n = 0.0, np.empty(3)
+    for k in range(3):
+        n[k] = sums[4 + k] / total
+        length += n[k] ** 2
+    square = np.empty((3, 3))
+    for k in range(3):
+        n[k] = share * n[k] / np.sqrt(length) + (1.0 - share) * spot[3 + k]
+        for j in range(3):
+            gap = (mean[k] - spot[k]) * (mean[j] - spot[j])
+            within = _EVEN * (sums[7 + 3 * k + j] / total - mean[k] * mean[j])
+            square[k, j] = share * within + share * (1.0 - share) * gap
+    for k in range(3):
+        mean[k] = share * mean[k] + (1.0 - share) * spot[k]
+    _answer(wrench, noise, rows, count, corners, settings, mean, n, square, across, place, t, spread)
+    return answer
+
+
+@inner
+def _answer(wrench, noise, rows, count, corners, settings, mean, n, square, across, place, t, spread):
+    """Point, normal, tangents and covariance from the mean along the edges, on the nearest of them."""
+    line, best, g, w = np.empty(14), np.empty(14), np.empty(6), np.empty(6)
+    least, along = np.inf, 0.0
+    for i in range(count):
+        if corners[rows[i], KIND] != SHARP:
+            continue
+        read_edge(corners[rows[i]], settings, line)
+        s, gap = _nearest(mean, line)
+        if gap < least:
+            least, along = gap, s
+            copy_into(line, best)
+    e = best[3:6]
+    tilt, length = dot(n, e), 0.0
+    for k in range(3):
+        n[k] -= tilt * e[k]
+        length += n[k] * n[k]
+    for k in range(3):
+        place[k], place[3 + k] = best[k] + along * e[k], n[k] / np.sqrt(length)
+        t[0, k] = e[k]
+    cross_into(e, place[3:], t[1])
+    off, _ = _misfit(wrench, noise, best, g, w)
+    # The facet on whose side the noise put it, where the wrench presses that one: x = -(g W)(n . n_side)/(F . n_side).
+    turn = best[13] if off > 0.0 else 0.0
+    side = np.empty(3)
+    for k in range(3):
+        side[k] = np.cos(turn) * best[7 + k] + np.sin(turn) * best[10 + k]
+    pressing, force = dot(wrench[:3], place[3:]), np.sqrt(dot(wrench[:3], wrench[:3]))
+    reach, ratio = dot(wrench[:3], side), -1.0 / pressing
+    if -reach * np.sqrt(1.0 + settings[FRICTION] ** 2) >= force:
+        ratio = -max(0.3, dot(side, place[3:])) / reach
+        inward = across * off / reach  # along n x e of the first side; against it of the second
+        for k in range(3):
+            place[k] += inward * (np.sin(turn) * best[7 + k] - np.cos(turn) * best[10 + k])
+    slopes = np.empty((2, 6))
+    cross_into(place[:3], t[1], slopes[0, :3])
+    for k in range(3):
+        slopes[0, k], slopes[0, 3 + k] = slopes[0, k] / pressing, t[1, k] / pressing
+    for k in range(6):
+        slopes[1, k] = ratio * g[k]
+    noisy = sandwich(slopes, noise, slopes)
+    for a in range(2):
+        for c in range(2):
+            total = noisy[a, c]
+            for k in range(3):
+                for j in range(3):
+                    total += t[a, k] * square[k, j] * t[c, j]
+            spread[a, c] = total
+    spread[1, 0] = spread[0, 1]
