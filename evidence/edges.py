@@ -28,7 +28,9 @@ FRICTION, TORSION = 1.0, 5e-3
 _square = 0.5 * R * np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
 _thirds = np.arange(3) * 2 * np.pi / 3
 _turn = np.linspace(0, 2 * np.pi, 64, endpoint=False)
-PRISMS: dict[str, tuple[np.ndarray, float]] = {  # outline, counter-clockwise, star-shaped about the first corner; height
+PRISMS: dict[
+    str, tuple[np.ndarray, float]
+] = {  # outline, counter-clockwise, star-shaped about the first corner; height
     "box": (_square * (2, 1.4), R),
     "wedge of 60 degrees": (1.2 * R * np.c_[np.cos(_thirds), np.sin(_thirds)], 2 * R),
     "cylinder's rim": (0.7 * R * np.c_[np.cos(_turn), np.sin(_turn)], 2 * R),
@@ -51,7 +53,9 @@ def rows(small: bool) -> Iterator[Row]:
         square = squared_distance(found, points)
         held = float(np.mean(square <= CHI2_95))
         error = 1e3 * np.linalg.norm(found.point - points, axis=1)
-        got = f"{lost:.2%}; {held:.2%}; error median {np.nanmedian(error):.2f}, p95 {np.nanpercentile(error, 95):.2f} mm"
+        got = (
+            f"{lost:.2%}; {held:.2%}; error median {np.nanmedian(error):.2f}, p95 {np.nanpercentile(error, 95):.2f} mm"
+        )
         met = lost <= 0.01 + slack and 0.93 - slack <= held <= 0.97 + slack
         what = f"{name}: touches not believed; truth in the 95 % ellipse"
         yield Row(NAME, what, "<= 1 %; 93 to 97 %", f"{got}; {count:,} touches", met, COMMAND)
