@@ -67,8 +67,8 @@ def test_inside_the_bounds_it_is_zero_and_outside_positive() -> None:
     outside = touch_wrenches(points, normals, rng, force=(2.0, 10.0), tan_theta=1.5, pitch=0.3 * R)
     answer = locator.run(outside, sequential=False)
     implausible = answer.status == Status.IMPLAUSIBLE
-    assert np.all(answer.residual[implausible] > 0)
-    assert np.all(answer.residual[answer.answered] == 0)
+    assert np.all(answer.residual[implausible] > 3.0)  # beyond what noise explains
+    assert np.all(answer.residual[answer.answered] <= 3.0)
 
 
 def test_it_scales_with_the_noise() -> None:

@@ -18,12 +18,15 @@ from palpate.surfaces._bvh import KIND
 from palpate.surfaces._edges import SHARP
 from palpate.surfaces._jit import chosen_for, inner
 from palpate.surfaces._kernels import is_mesh
+from palpate.surfaces._patches import VERTEX
 from palpate.surfaces._vectors import copy_into, cross_into, dot
 
 __all__ = ["distance_to_edges"]
 
 _ROWS = 5  # three of an edge at most, friction, torsion
 _STEPS, _SWEEPS = 12, 60
+_SAME = 2e-3  # distances that the search cannot tell apart
+_UNBOUND = 1e3  # of the body's size: a torsion that no contact has, in the place of an infinite bound
 _GOLDEN = 0.3819660112501051
 _TRIED, _NARROWED = 5, 14  # normals of a fan, and how often the best of them is narrowed
 _HALVED = 9  # how often a step over a corner's normals is halved
@@ -42,12 +45,12 @@ def _bounds_at(w, n, settings, rows, values):
     """Friction and torsion at w: their slopes into the last two rows, their values into the last two of `values`."""
     size, wide = np.sqrt(dot(w[:3], w[:3])), np.sqrt(1.0 + settings[FRICTION] ** 2)
     pressing, both = dot(w[:3], n), dot(w[:3], w[3:])
-    sign = 1.0 if both >= 0.0 else -1.0
+    sign, c = 1.0 if both >= 0.0 else -1.0, min(settings[TORSION], _UNBOUND * settings[SCALE])
     values[3] = (size + wide * pressing) / size
-    values[4] = (sign * both - settings[TORSION] * pressing * pressing) / size
+    values[4] = (sign * both - c * pressing * pressing) / size
     for k in range(3):
         rows[3, k], rows[3, 3 + k] = (w[k] / size + wide * n[k]) / size, 0.0
-        rows[4, k] = (sign * w[3 + k] - 2.0 * settings[TORSION] * pressing * n[k]) / size
+        rows[4, k] = (sign * w[3 + k] - 2.0 * c * pressing * n[k]) / size
         rows[4, 3 + k] = sign * w[k] / size
 
 
@@ -212,7 +215,7 @@ def _of_equation(wrench, unit, noise, nodes, corners, settings, most, place):
 
 def _of_mesh(wrench, unit, noise, nodes, corners, settings, most, place):
     rows = np.empty(MOST, dtype=np.int64)
-    count = edges_of(wrench, unit, noise, nodes, corners, settings, most, rows)
+    count = edges_of(wrench, unit, noise, nodes, corners, settings, most, VERTEX, rows)
     work, near, n, spot = np.zeros((_ROWS, 6)), np.empty(6), np.empty(3), np.empty(6)
     for i in range(count):
         row = corners[rows[i]]
@@ -220,7 +223,8 @@ def _of_mesh(wrench, unit, noise, nodes, corners, settings, most, place):
             distance = _to_edge(wrench, noise, row, settings, most, work, near, n, spot)
         else:
             distance = _to_corner(wrench, noise, row, settings, most, work, near, n, spot)
-        if distance < most:
-            most = distance
+        tied = abs(distance - most) <= _SAME and dot(wrench[:3], spot) < dot(wrench[:3], place)
+        if distance < most - _SAME or tied:  # of those as near, the one met first
             copy_into(spot, place)
+        most = min(most, distance)
     return most

@@ -23,7 +23,6 @@ import numpy as np
 
 from palpate.contact._settings import CENTRE, FRICTION, HAS_PREVIOUS, PREVIOUS, SCALE, TORSION
 from palpate.contact._slopes import sandwich
-from palpate.surfaces._bvh import KIND
 from palpate.surfaces._edges import SHARP
 from palpate.surfaces._jit import chosen_for, inner
 from palpate.surfaces._kernels import is_mesh
@@ -55,8 +54,8 @@ def exact(wrench, settings, noise):
 
 
 @inner
-def edges_of(wrench, unit, noise, nodes, corners, settings, far, rows):
-    """Edges and corners that may lie within `far` standard deviations of a contact of this wrench; how many."""
+def edges_of(wrench, unit, noise, nodes, corners, settings, far, least, rows):
+    """Edges (and corners, from kind `least`) that may lie within `far` deviations of a contact of this wrench."""
     centre, force = settings[CENTRE : CENTRE + 3], np.sqrt(dot(wrench[:3], wrench[:3]))
     lever = turn = 0.0
     for k in range(3):
@@ -64,7 +63,7 @@ def edges_of(wrench, unit, noise, nodes, corners, settings, far, rows):
         turn += noise[3 + k, 3 + k]
     off = np.sqrt(dot(centre, centre)) + settings[SCALE]
     wide = far * (np.sqrt(turn) + off * np.sqrt(lever)) * (1.0 + settings[FRICTION]) / (force * settings[SCALE])
-    return edges_near(unit, settings[FRICTION] + 0.5, wide, nodes, corners, rows)
+    return edges_near(unit, settings[FRICTION] + 0.5, wide, least, nodes, corners, rows)
 
 
 @inner
@@ -190,8 +189,6 @@ def _beside(wrench, noise, place, kind, rows, count, corners, settings):
     pressing = abs(dot(wrench[:3], place[3:]))
     best, spot = np.inf, np.empty(3)
     for i in range(count):
-        if corners[rows[i], KIND] != SHARP:
-            continue
         read_edge(corners[rows[i]], settings, line)
         along, gap = _nearest(place, line)
         off, _ = _misfit(wrench, noise, line, g, w)
@@ -253,7 +250,7 @@ def _of_mesh(wrench, unit, noise, nodes, corners, settings, state, plausible, ki
     if nodes[len(nodes) - 1, 10, 0] < 0.0:
         return 0, np.inf
     rows = np.empty(MOST, dtype=np.int64)
-    count = edges_of(wrench, unit, noise, nodes, corners, settings, _FAR, rows)
+    count = edges_of(wrench, unit, noise, nodes, corners, settings, _FAR, SHARP, rows)
     if count == 0:
         return 0, np.inf
     sums = np.empty(_SUMS)
@@ -267,8 +264,7 @@ def _decide(wrench, noise, rows, count, corners, settings, state, plausible, kin
     sums[:] = 0.0
     sums[17], sums[18] = np.inf, -1.0
     for i in range(count):
-        if corners[rows[i], KIND] == SHARP:
-            _weigh(wrench, noise, corners[rows[i]], rows[i], settings, sums)
+        _weigh(wrench, noise, corners[rows[i]], rows[i], settings, sums)
     total = sums[0]
     if not (total > 0.0 and sums[16] > 1e-4):
         return 0
@@ -311,8 +307,6 @@ def _answer(wrench, noise, rows, count, corners, settings, mean, n, square, acro
     line, best, g, w = np.empty(14), np.empty(14), np.empty(6), np.empty(6)
     least, along = np.inf, 0.0
     for i in range(count):
-        if corners[rows[i], KIND] != SHARP:
-            continue
         read_edge(corners[rows[i]], settings, line)
         s, gap = _nearest(mean, line)
         if gap < least:

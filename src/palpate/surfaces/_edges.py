@@ -58,7 +58,9 @@ def sharp_edges(
     hollow = np.concatenate([start[bent & ~kept], end[bent & ~kept]])
     fans, _, beside = vertex_fans(facets, twins, covered)
     solid = np.abs(np.linalg.det(fans[:, :, 3:])) > _SOLID
-    solid &= ~covered[beside] & ~np.isin(_keys(fans[:, 0, :3]), _keys(hollow))
+    at = _keys(fans[:, 0, :3])
+    solid &= ~covered[beside]
+    solid &= ~np.isin(at, _keys(hollow)) & np.isin(at, _keys(np.concatenate([start[kept], end[kept]])))
     kind = np.concatenate([np.full(len(edges), SHARP), np.full(np.count_nonzero(solid), VERTEX)])
     return Patches(np.concatenate([edges, fans[solid]]), kind, np.concatenate([half[kept] // 3, beside[solid]]))
 

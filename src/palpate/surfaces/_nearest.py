@@ -166,13 +166,14 @@ def _gap(node, child, point):
 
 
 @inner
-def edges_near(wrench, tan_limit, wider, nodes, corners, found):
+def edges_near(wrench, tan_limit, wider, least, nodes, corners, found):
     """Rows of sharp edges and corners at which this wrench, or one that moves its line by `wider`, can be a contact.
 
     Args:
         wrench: (6,) in unit size, as for `search`.
         tan_limit: largest tan(theta) wanted.
         wider: in unit size.
+        least: kind from which rows count: SHARP takes edges alone.
         nodes: of the tree.
         corners: of the tree.
         found: (k,) integers to write into; what is beyond k is left out.
@@ -194,9 +195,10 @@ def edges_near(wrench, tan_limit, wider, nodes, corners, found):
         depth -= 1
         first, size = pending[depth, 0], pending[depth, 1]
         if size > 0:
-            for row in range(first, min(first + size, first + len(found) - count)):
-                found[count] = row
-                count += 1
+            for row in range(first, first + size):
+                if corners[row, KIND] >= least and count < len(found):
+                    found[count] = row
+                    count += 1
             continue
         mask = test_children(nodes[first], view)
         for i in range(WIDTH):
