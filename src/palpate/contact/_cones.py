@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from palpate.contact._edges import MOST, edges_of, read_edge
+from palpate.contact._edges import MOST, edges_of, near_previous, read_edge
 from palpate.contact._settings import CENTRE, FRICTION, SCALE, TORSION
 from palpate.contact._slopes import sandwich, tangents
 from palpate.surfaces._bvh import KIND
@@ -28,7 +28,7 @@ _STEPS, _SWEEPS = 12, 60
 _SAME = 2e-3  # distances that the search cannot tell apart
 _UNBOUND = 1e3  # of the body's size: a torsion that no contact has, in the place of an infinite bound
 _GOLDEN = 0.3819660112501051
-_TRIED, _NARROWED = 5, 14  # normals of a fan, and how often the best of them is narrowed
+_TRIED, _NARROWED = 5, 10  # normals of a fan, and how often the best of them is narrowed
 _HALVED = 9  # how often a step over a corner's normals is halved
 
 
@@ -130,6 +130,8 @@ def _to_edge(wrench, noise, row, settings, most, rows, near, n, place):
         distance = _at_normal(wrench, noise, line, i * step, settings, rows, near, n)
         if distance < best:
             best, at = distance, i * step
+    if best > 1.5 * most + 1.0:
+        return np.inf
     low, high = max(0.0, at - step), min(line[13], at + step)
     left, right = low + _GOLDEN * (high - low), high - _GOLDEN * (high - low)
     one = _at_normal(wrench, noise, line, left, settings, rows, near, n)
@@ -199,23 +201,24 @@ def _to_corner(wrench, noise, row, settings, most, rows, near, n, place):
     return best
 
 
-def distance_to_edges(wrench, unit, noise, nodes, corners, settings, most, place):
+def distance_to_edges(wrench, unit, noise, nodes, corners, settings, state, most, place):
     """The least of `most` and the distances to edges and corners; the nearest contact there goes into place (6,)."""
     raise NotImplementedError("compiled code only")
 
 
 @chosen_for(distance_to_edges)
-def _distance_to_edges(wrench, unit, noise, nodes, corners, settings, most, place):
+def _distance_to_edges(wrench, unit, noise, nodes, corners, settings, state, most, place):
     return _of_mesh if is_mesh(nodes) else _of_equation
 
 
-def _of_equation(wrench, unit, noise, nodes, corners, settings, most, place):
+def _of_equation(wrench, unit, noise, nodes, corners, settings, state, most, place):
     return most
 
 
-def _of_mesh(wrench, unit, noise, nodes, corners, settings, most, place):
+def _of_mesh(wrench, unit, noise, nodes, corners, settings, state, most, place):
     rows = np.empty(MOST, dtype=np.int64)
     count = edges_of(wrench, unit, noise, nodes, corners, settings, most, VERTEX, rows)
+    count = near_previous(wrench, noise, corners, settings, state, rows, count)
     work, near, n, spot = np.zeros((_ROWS, 6)), np.empty(6), np.empty(3), np.empty(6)
     for i in range(count):
         row = corners[rows[i]]

@@ -23,6 +23,7 @@ import numpy as np
 
 from palpate.contact._settings import CENTRE, FRICTION, HAS_PREVIOUS, PREVIOUS, SCALE, TORSION
 from palpate.contact._slopes import sandwich
+from palpate.surfaces._bvh import KIND
 from palpate.surfaces._edges import SHARP
 from palpate.surfaces._jit import chosen_for, inner
 from palpate.surfaces._kernels import is_mesh
@@ -30,7 +31,7 @@ from palpate.surfaces._nearest import edges_near
 from palpate.surfaces._patches import VERTEX
 from palpate.surfaces._vectors import copy_into, cross_into, dot
 
-__all__ = ["EXPLAINED", "MOST", "at_edge", "edges_of", "exact", "read_edge"]
+__all__ = ["EXPLAINED", "MOST", "at_edge", "edges_of", "exact", "near_previous", "reach", "read_edge"]
 
 _NORMALS = 16  # of a fan that are weighed
 _FAR = 4.0  # standard deviations from an edge beyond which it is none
@@ -64,6 +65,36 @@ def edges_of(wrench, unit, noise, nodes, corners, settings, far, least, rows):
     off = np.sqrt(dot(centre, centre)) + settings[SCALE]
     wide = far * (np.sqrt(turn) + off * np.sqrt(lever)) * (1.0 + settings[FRICTION]) / (force * settings[SCALE])
     return edges_near(unit, settings[FRICTION] + 0.5, wide, least, nodes, corners, rows)
+
+
+@inner
+def reach(wrench, noise, settings):
+    """How far noise moves a contact [m]: `_FAR` standard deviations."""
+    force = noise[0, 0] + noise[1, 1] + noise[2, 2]
+    moment = noise[3, 3] + noise[4, 4] + noise[5, 5] + settings[SCALE] ** 2 * force
+    return _FAR * np.sqrt(moment / dot(wrench[:3], wrench[:3]))
+
+
+@inner
+def near_previous(wrench, noise, corners, settings, state, rows, count):
+    """Of these edges and corners those where the last contact may have gone; all, where there was none. How many."""
+    if state[HAS_PREVIOUS] == 0.0:
+        return count
+    line, kept = np.empty(14), 0
+    far = reach(wrench, noise, settings) + 2.0 * settings[TORSION] + 0.05 * settings[SCALE]
+    for i in range(count):
+        row = corners[rows[i]]
+        if row[KIND] == SHARP:
+            read_edge(row, settings, line)
+            _, gap = _nearest(state[PREVIOUS : PREVIOUS + 3], line)
+        else:
+            gap = 0.0
+            for k in range(3):
+                gap += (row[k] * settings[SCALE] + settings[CENTRE + k] - state[PREVIOUS + k]) ** 2
+        if gap <= far * far:
+            rows[kept] = rows[i]
+            kept += 1
+    return kept
 
 
 @inner
@@ -251,6 +282,7 @@ def _of_mesh(wrench, unit, noise, nodes, corners, settings, state, plausible, ki
         return 0, np.inf
     rows = np.empty(MOST, dtype=np.int64)
     count = edges_of(wrench, unit, noise, nodes, corners, settings, _FAR, SHARP, rows)
+    count = near_previous(wrench, noise, corners, settings, state, rows, count)
     if count == 0:
         return 0, np.inf
     sums = np.empty(_SUMS)

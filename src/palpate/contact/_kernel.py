@@ -210,8 +210,11 @@ def estimate(wrench, noise, nodes, corners, settings, state, row):
         if within == 0 and noisy:
             if count > 0:
                 away = _least(away, distance_to_bounds(wrench, noise, nodes, corners, settings, found[best], candidate))
-            away, other = _nearest(wrench, unit, noise, nodes, corners, settings, away, moved, place, t, spread)
-            moved = 1 if other else moved
+            if not away <= EXPLAINED:
+                away, other = _nearest(
+                    wrench, unit, noise, nodes, corners, settings, near, away, moved, place, t, spread
+                )
+                moved = 1 if other else moved
         if moved == 1 or moved == 3:
             known, torques[best] = noisy, torsion(wrench, places, best, 0.0)[0]
         if count == 0 and not away <= EXPLAINED:
@@ -263,7 +266,7 @@ def _least(one, two):
 
 
 @inner
-def _nearest(wrench, unit, noise, nodes, corners, settings, away, moved, place, t, spread):
+def _nearest(wrench, unit, noise, nodes, corners, settings, state, away, moved, place, t, spread):
     """The distance from the bounds where edges and corners may be nearer than `away`; do they take over the answer?
 
     They do where nothing else explains the wrench and they do: point, normal, tangents and covariance are changed then.
@@ -272,7 +275,7 @@ def _nearest(wrench, unit, noise, nodes, corners, settings, away, moved, place, 
         return away, False
     spot = place.copy()
     most = away if away < np.inf else EXPLAINED  # what presses on no facet is looked for near by
-    least = distance_to_edges(wrench, unit, noise, nodes, corners, settings, most, spot)
+    least = distance_to_edges(wrench, unit, noise, nodes, corners, settings, state, most, spot)
     if not least < most:
         return away, False
     if moved > 0 or least > EXPLAINED:

@@ -15,7 +15,7 @@ from __future__ import annotations
 import numpy as np
 
 from palpate.contact._bounds import distance_to_point
-from palpate.contact._edges import EXPLAINED
+from palpate.contact._edges import EXPLAINED, reach
 from palpate.contact._settings import BRANCH, BRANCHES, FOLLOW, FRICTION, MOST, SAMPLES, SCALE, SOFT, TORSION
 from palpate.contact._slopes import to_metres
 from palpate.surfaces._jit import inner
@@ -130,19 +130,11 @@ def _apart(branch, place):
 
 
 @inner
-def _reach(wrench, noise, settings):
-    """How far from a branch its candidate may be [m]: a part of the body's size, and what noise does."""
-    force = noise[0, 0] + noise[1, 1] + noise[2, 2]
-    moment = noise[3, 3] + noise[4, 4] + noise[5, 5] + settings[SCALE] ** 2 * force
-    return settings[SCALE] * _REACH + _NEAR * np.sqrt(moment / dot(wrench[:3], wrench[:3]))
-
-
-@inner
 def _assign(wrench, noise, state, settings, places, near, count, of_branch, of_candidate):
     """Candidates to branches, the closest pairs first; far beyond the bounds only to the branch that is believed."""
-    reach = _reach(wrench, noise, settings)
+    far = settings[SCALE] * _REACH + reach(wrench, noise, settings)
     for _ in range(MOST):
-        least, which, whose = reach * reach, -1, -1
+        least, which, whose = far * far, -1, -1
         for k in range(MOST):
             branch = _branch(state, k)
             if branch[_COUNT] == 0.0 or of_branch[k] >= 0:
