@@ -10,7 +10,7 @@ neither. Mean pressures are 10 to 80 kPa, drawn evenly in their logarithm; a fra
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache, partial
 from pathlib import Path
 from time import perf_counter
@@ -32,6 +32,7 @@ from palpate.sensors.taxels import TaxelBody
 from palpate.simulation.shapes import icosphere
 from palpate.simulation.skin_bench import PaperSheet, Patch, Rolled, Wand, paper_sheet, press, read_out
 from palpate.simulation.skin_session import SkinSession, load_cell_presses, simulate_protocol
+from palpate.spatial._arrays import frozen
 from palpate.spatial.pose import rotation_from_quaternion
 from palpate.surfaces.mesh import Mesh
 
@@ -41,12 +42,15 @@ COMMAND = "python -m evidence --only skin_contacts"
 NAME = "skin contacts"
 SHEET = Rolled()
 WIDTHS = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0)  # cells
+NEWTONS = (1.0, 3.0, 10.0, 30.0)
+AGED = 0.02  # by which the gain of each cell is off from its calibration
 GRAVITY = 9.80665
 
 
 def rows(small: bool) -> Iterator[Row]:
     """Bench, identities, real signals, validation, speed, bad input."""
     yield from _single(40 if small else 1_000)
+    yield from _ellipses(3 if small else 40)
     yield from _pairs(60 if small else 1_000)
     yield from _moving(1 if small else 60)
     yield from _taxel_force()
@@ -123,6 +127,45 @@ def _single(count: int) -> Iterator[Row]:
     yield Row(
         NAME, "frames of one patch not found as one touch, the same", "", f"{wrong} of {len(apart):,}", None, COMMAND
     )
+
+
+def _ellipses(count: int) -> Iterator[Row]:
+    """Whether the ellipse holds the middle of one touch, by its width and its force; gains are off by `AGED`.
+
+    A touch that saturates a cell, or is not found as one, is not judged. Of bounded errors, as those of touches of one
+    to two cells, an ellipse for touches of any width holds more than its share.
+    """
+    rng, skin, fresh = np.random.default_rng(68), _skin(), _model()[0]
+    model = replace(fresh, gain=frozen(fresh.gain * (1.0 + AGED * rng.standard_normal(fresh.gain.shape))))
+    pooled: list[bool] = []
+    for width in WIDTHS:
+        said, mine = list[str](), list[bool]()
+        for force in NEWTONS:
+            drawn = [replace(_drawn(rng, width, flat), force=force) for flat in (False, True) for _ in range(count)]
+            held = [each for each in (_holds(skin, model, patch, rng) for patch in drawn) if each is not None]
+            said.append(f"{force:g} N {np.mean(held):.0%} of {len(held)}" if held else f"{force:g} N none found")
+            mine += held
+        pooled += mine
+        what = (
+            f"skin ellipses, touches {width:g} cells wide, of {2 * count} each, gains off by {AGED:.0%}: truth inside"
+        )
+        share = float(np.mean(mine))
+        met = None if count < 40 else 0.93 <= share <= 0.97
+        yield Row(NAME, what, "93-97 %", f"{share:.1%} ({', '.join(said)})", met, COMMAND)
+    share = float(np.mean(pooled))
+    met = 0.90 <= share <= 0.99 if count < 40 else 0.93 <= share <= 0.97
+    yield Row(NAME, "skin ellipses, all of these", "93-97 %", f"{share:.1%} of {len(pooled):,}", met, COMMAND)
+
+
+def _holds(skin: TaxelEstimator, model: PaperSheet, patch: Patch, rng: np.random.Generator) -> bool | None:
+    """Whether the 95 % ellipse holds the middle of a patch; None where it is not found as one, or saturated."""
+    pressed = press(SHEET, [patch])
+    skin.reset()
+    found = skin.update(0.0, read_out(model, pressed.loads[None], rng).channels[CELLS][0])
+    if len(found) != 1 or found.estimate.status[0] != Status.CONTACT:
+        return None
+    off = found.estimate.point[0] - pressed.point[0]
+    return bool(off @ np.linalg.pinv(found.estimate.covariance[0], rcond=1e-6) @ off <= CHI2_95)
 
 
 def _pairs(count: int) -> Iterator[Row]:

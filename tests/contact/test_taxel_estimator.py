@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from palpate.contact.contacts import Contacts
-from palpate.contact.estimate import Status
+from palpate.contact.estimate import CHI2_95, Status
 from palpate.contact.taxel_estimator import TaxelEstimator, TaxelSettings
 from palpate.errors import InputError
 from palpate.sensors.filters import Butterworth, Filter, Kalman
@@ -234,6 +234,27 @@ def test_a_filter_takes_its_share_of_the_noise_and_the_covariance_follows(filter
         touched = found[found.features["load"] > 1.0][100:-50]
         scatter.append(touched.features["column"].std())
     assert scatter[1] < 0.8 * scatter[0]
+
+
+@pytest.mark.parametrize("force, unequal", [(2.0, 0.0), (60.0, 0.05)], ids=["rim below the threshold", "unequal gains"])
+def test_ellipses_hold_the_middle_of_light_wide_touches_and_of_unequal_cells(force: float, unequal: float) -> None:
+    """95 % of 120 touches within three binomial deviations (2 %): the cells' noise alone holds about 70 %."""
+    rng, skin = (
+        np.random.default_rng(18),
+        _skin(noise=0.15 if unequal else 0.3, settings=TaxelSettings(unequal=unequal)),
+    )
+    held = 0
+    for _ in range(120):
+        pressed = press(FLAT, [Patch(rng.uniform(1.5, 3.5), rng.uniform(3.0, 18.0), 2.0, force)])
+        gain = 1.0 + unequal * rng.standard_normal((6, 22))
+        skin.reset()
+        noise = skin.health.noise[0] if skin.health else np.nan
+        reading = REST + 10.0 * gain * pressed.loads + noise * rng.standard_normal((6, 22))
+        found = skin.update(0.0, reading)
+        best = int(np.argmax(found.features["load"]))
+        off = found.estimate.point[best] - pressed.point[0]
+        held += off @ np.linalg.pinv(found.estimate.covariance[best], rcond=1e-6) @ off <= CHI2_95
+    assert 0.89 <= held / 120 <= 1.0
 
 
 def test_a_filter_of_zero_phase_answers_logs_only() -> None:

@@ -38,12 +38,17 @@ PARTS = 16  # of an area
 AREA = 22  # where the numbers behind a row of an estimate begin
 NO_CONTACT, SATURATED, INVALID = 2, 6, 7  # palpate.contact.estimate.Status
 # numbers of a cell: what is known of it, what the last frame left (rest, reading, one that was a number), and a frame's
-NOISE, LIMIT, BASELINE, LAST, HELD, FORCE, Z, SPREAD, OWN, AT, NUMBERS = 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 11
+NOISE, LIMIT, BASELINE, LAST, HELD, FORCE, Z, SPREAD, ERROR, OWN, AT, NUMBERS = 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 12
 # and whole ones: the same; how often around its range it is, and how often it went over an end
 GOOD, CURVE, TURNS, WRAPPED, LABEL, LIVE, CELLS, PARENT, WHOLE = 0, 1, 2, 3, 4, 5, 6, 7, 8
 _ROUNDS = 8  # of expectation maximisation
 _NARROW = 0.12  # squared cells: no contact is seen narrower than its cell
-_CELL = 1.0 / 12.0  # variance of a place anywhere in a cell
+# what the edges of cells make of a centroid, in cells: see `_narrow`; measured on discs without noise
+_SMALLER = 1.0 / 3.0  # mean of (1 - w)^2 over widths of touches narrower than a cell
+_ALIKE = 0.025  # the same of touches one to one and a half cells wide
+_ONE_ROW = 0.02  # squared cells: the second moment below which a touch lies in one row of cells
+_WIDE = 0.0045  # deviation times the second moment, of touches wider than that
+_LEAST_WIDE = 0.2  # squared cells
 _SIDEWAYS = 0.2  # cosine between a cell's normal and the contact's below which it says nothing of the height
 
 
@@ -367,9 +372,41 @@ def _write(here, ways, moments, variances, out, first):
 
 
 @inner
+def _narrow(moment, least):
+    """Variance of a centroid along an axis, because a cell does not tell where in it the force is; squared cells.
+
+    A touch w < 1 wide lies across an edge with a share q of its force: it is (1/2 - q) (1 - w) from where the centroid
+    says, whose square is (1/4 - m) (1 - w)^2 with the second moment m = q (1 - q). Only a touch that lies within one
+    row of cells, along this axis or the other (`least`, the smallest moment), may be of any such width.
+    """
+    inside = max(0.25 - moment, 0.0) * (_ALIKE + _SMALLER * np.exp(-max(least, 0.0) / _ONE_ROW))
+    return inside + (_WIDE / max(moment, _LEAST_WIDE)) ** 2
+
+
+@inner
+def _errors(cells, count, end, scale, curves, settings, value, numbers, whole):
+    """By how much the force of each cell of an area may be off [N]: by its noise, and by that and its gain.
+
+    A cell of the rim is left out of the centroid, but holds anything up to the threshold: (off spread)^2 / 12.
+    """
+    off, sign, unequal = settings[1], settings[4], settings[5]
+    tables, gaps = curves
+    noise, baseline, spread, error = numbers[NOISE], numbers[BASELINE], numbers[SPREAD], numbers[ERROR]
+    which, live = whole[CURVE], whole[LIVE]
+    for i in range(end):
+        k = cells[i]
+        above = max(sign * (value[k] - baseline[k]), 0.0) if live[k] else 0.0
+        curve, gap = tables[which[k]], gaps[which[k]]
+        slope = (_force(above + gap, curve, gap) - _force(above, curve, gap)) / gap
+        spread[k] = noise[k] * scale * slope
+        gain = unequal * above * slope
+        error[k] = np.sqrt(spread[k] ** 2 + gain**2) if i < count else off * spread[k] / np.sqrt(12.0)
+
+
+@inner
 def _measure(cells, count, end, part, number, parts, raw, value, numbers, sign, place, origin, out):
     """One contact of an area: sums over its share of each cell; the centroid is divided by the sum of the forces."""
-    force, spread, own, limit, at = numbers[FORCE], numbers[SPREAD], numbers[OWN], numbers[LIMIT], numbers[AT:]
+    force, error, own, limit, at = numbers[FORCE], numbers[ERROR], numbers[OWN], numbers[LIMIT], numbers[AT:]
     vectors, sizes, grid, ring = place
     normals, areas = vectors[1], sizes[0]
     share = np.empty(PARTS)
@@ -397,20 +434,21 @@ def _measure(cells, count, end, part, number, parts, raw, value, numbers, sign, 
         return False
     row, column = row / inside, column / inside
     rr, cc, rc, vr, vc, vrc = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    for i in range(count):
+    for i in range(end):
         k = cells[i]
         a, b = at[0, k] - row, at[1, k] - column
-        rr += own[i] * force[k] * a * a
-        cc += own[i] * force[k] * b * b
-        rc += own[i] * force[k] * a * b
-        noise = (own[i] * spread[k] / inside) ** 2
-        vr += noise * a * a
-        vc += noise * b * b
-        vrc += noise * a * b
+        if i < count:
+            rr += own[i] * force[k] * a * a
+            cc += own[i] * force[k] * b * b
+            rc += own[i] * force[k] * a * b
+        square = (own[i] * error[k] / inside) ** 2
+        vr += square * a * a
+        vc += square * b * b
+        vrc += square * a * b
     rr, cc, rc = rr / inside, cc / inside, rc / inside
-    # within one cell a touch may be anywhere; over several the cells' edges hardly matter: measured on Hertz's patches
-    vr += _CELL / (1.0 + 12.0 * rr) ** 2
-    vc += _CELL / (1.0 + 12.0 * cc) ** 2
+    least = 0.5 * (rr + cc) - np.sqrt(0.25 * (rr - cc) ** 2 + rc * rc)
+    vr += _narrow(rr, least)
+    vc += _narrow(cc, least)
     here, ways, first = np.empty(6), np.empty((2, 3)), AREA
     if len(grid) > 0:
         column = column % ring if ring > 0 else column
@@ -448,9 +486,8 @@ def _contacts(raw, value, scale, drift, place, table, curves, settings, numbers,
     """The contacts of a frame in rows of `out`, and how many; the rest of cells that nothing touches follows them."""
     on, off, sure, share, sign = settings[:5]
     neighbours, steps, between, columns = table
-    tables, gaps = curves
-    noise, baseline, z, force, spread = numbers[NOISE], numbers[BASELINE], numbers[Z], numbers[FORCE], numbers[SPREAD]
-    which, label, live, cells, parent = whole[CURVE], whole[LABEL], whole[LIVE], whole[CELLS], whole[PARENT]
+    baseline, z, force, spread = numbers[BASELINE], numbers[Z], numbers[FORCE], numbers[SPREAD]
+    label, live, cells, parent = whole[LABEL], whole[LIVE], whole[CELLS], whole[PARENT]
     at = numbers[AT:]
     _sense(raw, value, scale, curves, sign, numbers, whole, neighbours, between)
     parts = np.empty((PARTS, 5))
@@ -463,12 +500,10 @@ def _contacts(raw, value, scale, drift, place, table, curves, settings, numbers,
         origin = seed
         for i in range(count):
             k = cells[i]
-            above = max(sign * (value[k] - baseline[k]), 0.0) if live[k] else 0.0
-            curve, gap = tables[which[k]], gaps[which[k]]
-            spread[k] = noise[k] * scale * (_force(above + gap, curve, gap) - _force(above, curve, gap)) / gap
             origin = k if force[k] > force[origin] else origin
-        _split(cells, count, name, force, spread, neighbours, between, sure, share, label, parent)
         end = _rim(name, count, live, neighbours, steps, label, at, cells)
+        _errors(cells, count, end, scale, curves, settings, value, numbers, whole)
+        _split(cells, count, name, force, spread, neighbours, between, sure, share, label, parent)
         if len(place[2]) == 0:
             _chart(cells, end, origin, place, at)
         parts_found = _mixture(cells, count, force, at, parent, parts)
@@ -503,8 +538,8 @@ def frames(time, raw, values, status, left, place, table, curves, settings, smoo
         ring (0: none).
     table: neighbours, steps, between, columns (1 if no sheet).
     curves: (c, t) forces [N], (c,) counts between two.
-    settings: on, off, sure, share, sign, drift [s], turn (0: none), share of the noise's variance in the rest, reach,
-        speed, patience.
+    settings: on, off, sure, share, sign, unequal, drift [s], turn (0: none), share of the noise's variance in the
+        rest, reach, speed, patience.
     smoothing: sections, start, gains, gap, clock, state of `sensors._filters.smooth`, and shares by age ((0,) if there
         is no filter).
     clock: (2,) time of the last frame and how many were of no use: changed, as all that follows.
@@ -513,7 +548,7 @@ def frames(time, raw, values, status, left, place, table, curves, settings, smoo
     out: (r, w) rows: of an estimate, then features, then identity. rows: (n,) of each frame.
     forces: (n, k) [N] of each cell; (0, k): not wanted.
     """
-    drift, turn, resting, reach, speed, patience = settings[5:]
+    drift, turn, resting, reach, speed, patience = settings[6:]
     sections, start, gains, gap, since, state, shares = smoothing
     age, identity = np.empty(1, dtype=np.int64), np.empty(MOST, dtype=np.int64)
     used = 0

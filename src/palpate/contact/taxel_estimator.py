@@ -42,6 +42,7 @@ class TaxelSettings:
             as cells that stand `off` above: a threshold of each cell's own, that follows its drift.
         sure, share: two peaks are two contacts if the saddle lies deeper than `sure` deviations and than this share of
             the lower peak.
+        unequal: share by which a cell's gain may be off from its curve, beside its noise.
         drift: [s] in which the rest of an untouched cell is followed; inf: it stays.
         reach, speed, patience: of identities: a contact may be `reach` [m] off from one frame to the next, and move at
             `speed` [m/s] beside that; one that is lost is waited for `patience` [s].
@@ -51,6 +52,7 @@ class TaxelSettings:
     off: float = 3.0
     sure: float = 5.0
     share: float = 0.05
+    unequal: float = 0.02
     drift: float = 10.0
     reach: float = 0.012
     speed: float = 0.5
@@ -61,6 +63,8 @@ class TaxelSettings:
             raise ValueError(f"off ({self.off:g}) must lie between 0 and on ({self.on:g})")
         if not (self.drift > 0 and self.sure >= 0 and 0 <= self.share < 1):
             raise ValueError("drift must be positive, sure not negative and share between 0 and 1")
+        if not 0 <= self.unequal < inf:
+            raise ValueError("unequal must not be negative")
         if not (self.reach > 0 and self.speed >= 0 and self.patience >= 0):
             raise ValueError("reach must be positive, speed and patience not negative")
 
@@ -375,7 +379,7 @@ class TaxelEstimator:
         set_, forward = self.settings, self._forward
         resting = 0.0 if self._recursion is None or self.health is None else 1.0 / self.health.frames
         sign = -1.0 if self._falling else 1.0
-        numbers = (set_.on, set_.off, set_.sure, set_.share, sign, set_.drift, self._turn, resting)
+        numbers = (set_.on, set_.off, set_.sure, set_.share, sign, set_.unequal, set_.drift, self._turn, resting)
         settings = (*numbers, set_.reach, set_.speed, set_.patience)
         smoothing = _NO_FILTER if forward is None else (*forward.parts, forward.shares)
         known = (self._place, self._table, self._curves, settings, smoothing)
