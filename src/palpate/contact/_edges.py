@@ -37,6 +37,7 @@ _NORMALS = 16  # of a fan that are weighed
 _FAR = 4.0  # standard deviations from an edge beyond which it is none
 _BESIDE = 0.05  # weight of the facet or corner beside an edge: as that of an edge 2.5 standard deviations off
 _EVEN = (1.645 / 1.96) ** 2  # 95 % of what is spread evenly lie within 1.645 deviations, of a normal one within 1.96
+_VAGUE = 10.0  # of the body's size: noise that tells no edge from another
 MOST = 64  # edges and corners looked at
 _EXACT = 1e-7  # of force and size: how far off a wrench without noise may be
 EXPLAINED = 3.0  # standard deviations within which a wrench is one that a contact within the bounds makes
@@ -64,6 +65,9 @@ def edges_of(wrench, unit, noise, nodes, corners, settings, far, least, rows):
         turn += noise[3 + k, 3 + k]
     off = np.sqrt(dot(centre, centre)) + settings[SCALE]
     wide = far * (np.sqrt(turn) + off * np.sqrt(lever)) * (1.0 + settings[FRICTION]) / (force * settings[SCALE])
+    if least == SHARP and not wide < _VAGUE:
+        return 0
+    wide = min(wide, _VAGUE)
     return edges_near(unit, settings[FRICTION] + 0.5, wide, least, nodes, corners, rows)
 
 
@@ -214,7 +218,7 @@ def _nearest(point, line):
 
 
 @inner
-def _beside(wrench, noise, place, kind, rows, count, corners, settings):
+def _beside(wrench, noise, place, rows, count, corners, settings):
     """Is a candidate a contact at one of these edges, but for the noise across it? Where on the edge: into place."""
     line, g, w = np.empty(14), np.empty(6), np.empty(6)
     pressing = abs(dot(wrench[:3], place[3:]))
@@ -305,11 +309,10 @@ def _decide(wrench, noise, rows, count, corners, settings, state, plausible, kin
     mean, spot = np.empty(3), place.copy()
     for k in range(3):
         mean[k] = sums[1 + k] / total
-    answer, share, across = 1, 1.0, 1.0
+    answer, share = 1, 1.0
     if plausible > 0:
-        if _beside(wrench, noise, spot, kind, rows, count, corners, settings):
+        if _beside(wrench, noise, spot, rows, count, corners, settings):
             share = sums[16] / (sums[16] + _BESIDE)
-            across = share if kind == VERTEX else 1.0  # a corner has no width
         elif sums[16] < _BESIDE or sums[17] == np.inf:
             return 0
         elif not _wins(wrench, place, mean, state):
@@ -329,6 +332,7 @@ def _decide(wrench, noise, rows, count, corners, settings, state, plausible, kin
             square[k, j] = share * within + share * (1.0 - share) * gap
     for k in range(3):
         mean[k] = share * mean[k] + (1.0 - share) * spot[k]
+    across = 0.0 if plausible > 0 and kind == VERTEX else np.inf  # a corner has no width
     _answer(wrench, noise, rows, count, corners, settings, mean, n, square, across, place, t, spread)
     return answer
 
@@ -337,12 +341,15 @@ def _decide(wrench, noise, rows, count, corners, settings, state, plausible, kin
 def _answer(wrench, noise, rows, count, corners, settings, mean, n, square, across, place, t, spread):
     """Point, normal, tangents and covariance from the mean along the edges, on the nearest of them."""
     line, best, g, w = np.empty(14), np.empty(14), np.empty(6), np.empty(6)
-    least, along = np.inf, 0.0
+    least, closest, along, tie = np.inf, np.inf, 0.0, (1e-6 * settings[SCALE]) ** 2
     for i in range(count):
         read_edge(corners[rows[i]], settings, line)
         s, gap = _nearest(mean, line)
-        if gap < least:
-            least, along = gap, s
+        off, variance = _misfit(wrench, noise, line, g, w)
+        if gap < least - tie or (
+            gap < least + tie and off * off / variance < closest
+        ):  # of two at a corner the likelier
+            least, closest, along = gap, off * off / variance, s
             copy_into(line, best)
     e = best[3:6]
     tilt, length = dot(n, e), 0.0
@@ -363,7 +370,7 @@ def _answer(wrench, noise, rows, count, corners, settings, mean, n, square, acro
     reach, ratio = dot(wrench[:3], side), -1.0 / pressing
     if -reach * np.sqrt(1.0 + settings[FRICTION] ** 2) >= force:
         ratio = -max(0.3, dot(side, place[3:])) / reach
-        inward = across * off / reach  # along n x e of the first side; against it of the second
+        inward = min(across, max(-across, off / reach))  # along n x e of the first side; against it of the second
         for k in range(3):
             place[k] += inward * (np.sin(turn) * best[7 + k] - np.cos(turn) * best[10 + k])
     slopes = np.empty((2, 6))

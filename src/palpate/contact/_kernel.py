@@ -201,7 +201,7 @@ def estimate(wrench, noise, nodes, corners, settings, state, row):
             shape_operator(found[best], t, settings[SCALE], nodes, corners, shape)
             softened(wrench[:3], place[3:], t, shape, settings, slopes)
         spread = sandwich(slopes, noise, slopes)
-    moved, away = 0, found[count, 5]
+    moved, away, told = 0, found[count, 5], True  # a force within its own noise tells nothing
     if not remembered:
         candidate = place.copy()
         moved, away = _beside(
@@ -215,9 +215,10 @@ def estimate(wrench, noise, nodes, corners, settings, state, row):
                     wrench, unit, noise, nodes, corners, settings, near, away, moved, place, t, spread
                 )
                 moved = 1 if other else moved
+            told = dot(wrench[:3], wrench[:3]) > EXPLAINED**2 * (noise[0, 0] + noise[1, 1] + noise[2, 2])
         if moved == 1 or moved == 3:
             known, torques[best] = noisy, torsion(wrench, places, best, 0.0)[0]
-        if count == 0 and not away <= EXPLAINED:
+        if count == 0 and not (told and away <= EXPLAINED):
             _off_surface(wrench, unit, noise, nodes, corners, settings, noisy, found, row)
             return
     if known and settings[ACCURACY] > 0.0 and spread[0, 0] + spread[1, 1] > settings[ACCURACY] ** 2:
@@ -226,14 +227,8 @@ def estimate(wrench, noise, nodes, corners, settings, state, row):
     copy_into(place, row[:6])
     row[9] = torques[best]
     if known:
-        for i in range(3):
-            for j in range(i, 3):
-                total = 0.0
-                for a in range(2):
-                    for c in range(2):
-                        total += t[a, i] * spread[a, c] * t[c, j]
-                row[10 + 3 * i + j] = row[10 + 3 * j + i] = total  # symmetric to the last bit
-    explained = (within > 0 and not remembered) or away <= EXPLAINED
+        _carry(t, spread, row[10:19])
+    explained = (within > 0 and not remembered) or (told and away <= EXPLAINED)
     row[_CANDIDATES] = max(1, plausible) if explained else plausible
     row[_RESIDUAL] = 0.0 if within > 0 and not remembered else away if noisy and away < np.inf else np.nan
     if not explained:
@@ -244,6 +239,18 @@ def estimate(wrench, noise, nodes, corners, settings, state, row):
         row[_STATUS] = _AMBIGUOUS
     state[HAS_PREVIOUS] = 1.0
     copy_into(place, state[PREVIOUS : PREVIOUS + 3])
+
+
+@inner
+def _carry(t, spread, out):
+    """A covariance in two tangents to one in space, into out (9,)."""
+    for i in range(3):
+        for j in range(i, 3):
+            total = 0.0
+            for a in range(2):
+                for c in range(2):
+                    total += t[a, i] * spread[a, c] * t[c, j]
+            out[3 * i + j] = out[3 * j + i] = total  # symmetric to the last bit
 
 
 @inner
