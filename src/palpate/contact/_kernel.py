@@ -201,7 +201,7 @@ def estimate(wrench, noise, nodes, corners, settings, state, row):
             shape_operator(found[best], t, settings[SCALE], nodes, corners, shape)
             softened(wrench[:3], place[3:], t, shape, settings, slopes)
         spread = sandwich(slopes, noise, slopes)
-    moved, away, told = 0, found[count, 5], True  # a force within its own noise tells nothing
+    moved, away = 0, found[count, 5]
     if not remembered:
         candidate = place.copy()
         moved, away = _beside(
@@ -215,10 +215,9 @@ def estimate(wrench, noise, nodes, corners, settings, state, row):
                     wrench, unit, noise, nodes, corners, settings, near, away, moved, place, t, spread
                 )
                 moved = 1 if other else moved
-            told = dot(wrench[:3], wrench[:3]) > EXPLAINED**2 * (noise[0, 0] + noise[1, 1] + noise[2, 2])
         if moved == 1 or moved == 3:
             known, torques[best] = noisy, torsion(wrench, places, best, 0.0)[0]
-        if count == 0 and not (told and away <= EXPLAINED):
+        if count == 0 and not away <= EXPLAINED:
             _off_surface(wrench, unit, noise, nodes, corners, settings, noisy, found, row)
             return
     if known and settings[ACCURACY] > 0.0 and spread[0, 0] + spread[1, 1] > settings[ACCURACY] ** 2:
@@ -228,7 +227,7 @@ def estimate(wrench, noise, nodes, corners, settings, state, row):
     row[9] = torques[best]
     if known:
         _carry(t, spread, row[10:19])
-    explained = (within > 0 and not remembered) or (told and away <= EXPLAINED)
+    explained = (within > 0 and not remembered) or away <= EXPLAINED
     row[_CANDIDATES] = max(1, plausible) if explained else plausible
     row[_RESIDUAL] = 0.0 if within > 0 and not remembered else away if noisy and away < np.inf else np.nan
     if not explained:
