@@ -29,6 +29,7 @@ _SAME = 2e-3  # distances that the search cannot tell apart
 _UNBOUND = 1e3  # of the body's size: a torsion that no contact has, in the place of an infinite bound
 _GOLDEN = 0.3819660112501051
 _TRIED, _NARROWED = 5, 10  # normals of a fan, and how often the best of them is narrowed
+_SEARCHED = 16  # edges and corners, the likeliest first
 _HALVED = 9  # how often a step over a corner's normals is halved
 
 
@@ -115,16 +116,54 @@ def _at_normal(wrench, noise, line, turn, settings, rows, near, n):
 
 
 @inner
+def _off_edge(wrench, noise, row, settings):
+    """No contact of an edge is nearer than this: its moment about the edge is zero."""
+    line, g = np.empty(14), np.empty((1, 6))
+    read_edge(row, settings, line)
+    _moment_row(line[3:6], line[:3], g[0])
+    return abs(dot(g[0, :3], wrench[:3]) + dot(g[0, 3:], wrench[3:])) / np.sqrt(sandwich(g, noise, g)[0, 0])
+
+
+@inner
+def _off_corner(wrench, noise, row, settings):
+    """No contact of a corner is nearer than about this.
+
+    The moment there is tau n, |tau| <= c |F|: what of it lies across the mean of the normals is c |F| sin(their angle)
+    at most.
+    """
+    point, mean, moment, g = np.empty(3), np.empty(3), np.empty(3), np.empty((1, 6))
+    length = 0.0
+    for k in range(3):
+        point[k] = row[k] * settings[SCALE] + settings[CENTRE + k]
+        mean[k] = row[3 + k] + row[9 + k] + row[15 + k]
+        length += mean[k] ** 2
+    cross_into(point, wrench[:3], moment)
+    widest = 1.0
+    for k in range(3):
+        mean[k] /= np.sqrt(length)
+        moment[k] = wrench[3 + k] - moment[k]
+    for i in range(3):
+        widest = min(widest, dot(mean, row[3 + 6 * i : 6 + 6 * i]))
+    along, across = dot(moment, mean), 0.0
+    for k in range(3):
+        moment[k] -= along * mean[k]
+        across += moment[k] ** 2
+    across = np.sqrt(across)
+    if not across > 0.0:
+        return 0.0
+    for k in range(3):
+        moment[k] /= across
+    _moment_row(moment, point, g[0])
+    twist = min(settings[TORSION], _UNBOUND * settings[SCALE]) * np.sqrt(dot(wrench[:3], wrench[:3]))
+    twist *= np.sqrt(1.0 - min(1.0, max(0.0, widest)) ** 2)
+    return max(0.0, across - twist) / np.sqrt(sandwich(g, noise, g)[0, 0])
+
+
+@inner
 def _to_edge(wrench, noise, row, settings, most, rows, near, n, place):
     """Distance to the contacts of an edge, and the nearest of them into place (6,), where that is less than `most`."""
     line = np.empty(14)
     read_edge(row, settings, line)
-    _moment_row(line[3:6], line[:3], rows[0])
-    off = 0.0
-    for k in range(6):
-        off += rows[0, k] * wrench[k]
-    if off * off >= most * most * sandwich(rows[:1], noise, rows[:1])[0, 0]:
-        return np.inf
     best, at, step = np.inf, 0.0, line[13] / (_TRIED - 1)
     for i in range(_TRIED):
         distance = _at_normal(wrench, noise, line, i * step, settings, rows, near, n)
@@ -220,7 +259,18 @@ def _of_mesh(wrench, unit, noise, nodes, corners, settings, state, most, place):
     count = edges_of(wrench, unit, noise, nodes, corners, settings, most, VERTEX, rows)
     count = near_previous(wrench, noise, corners, settings, state, rows, count)
     work, near, n, spot = np.zeros((_ROWS, 6)), np.empty(6), np.empty(3), np.empty(6)
+    bounds = np.empty(count)
     for i in range(count):
+        row = corners[rows[i]]
+        if row[KIND] == SHARP:
+            bounds[i] = _off_edge(wrench, noise, row, settings)
+        else:
+            bounds[i] = _off_corner(wrench, noise, row, settings)
+    for _ in range(min(count, _SEARCHED)):
+        i = np.argmin(bounds)
+        if not bounds[i] < most + _SAME:
+            break
+        bounds[i] = np.inf
         row = corners[rows[i]]
         if row[KIND] == SHARP:
             distance = _to_edge(wrench, noise, row, settings, most, work, near, n, spot)

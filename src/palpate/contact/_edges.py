@@ -138,6 +138,8 @@ def _misfit(wrench, noise, line, g, fitted):
 @inner
 def _below(z):
     """The normal distribution's share below z."""
+    if abs(z) > _FAR:
+        return 1.0 if z > 0.0 else 0.0
     return 0.5 * (1.0 + erf(0.7071067811865476 * z))
 
 
@@ -173,32 +175,35 @@ def _weigh(wrench, noise, row, number, settings, sums):
     wide = np.sqrt(1.0 + mu * mu)
     likely = np.exp(-0.5 * square)
     step = line[13] / _NORMALS
-    total = 0.0
-    for i in range(_NORMALS):
-        turn = (i + 0.5) * step
-        n1, n2 = np.cos(turn), np.sin(turn)
+    n1, n2, cosine, sine = np.cos(0.5 * step), np.sin(0.5 * step), np.cos(step), np.sin(step)
+    total = first_s = second_s = along = beside = 0.0
+    for _ in range(_NORMALS):
         pressing = -(f1 * n1 + f2 * n2)
-        if not pressing > 1e-3 * size:
-            continue
-        s = -(n1 * m2 - n2 * m1) / pressing
-        grip = (wide * pressing - size) / (mu * pushing)
-        hold = (c * pressing * pressing - abs(moment)) / (across * turning)
-        start, end = s * pressing / turning, (line[6] - s) * pressing / turning
-        least = min(min(grip, hold), min(start, end))
-        if least >= 0.0:
-            sums[17] = min(sums[17], np.sqrt(square))
-        if least < -_FAR:
-            continue
-        share = _below(grip) * _below(hold) * (_below(start) + _below(end) - 1.0)
-        sums[16] = max(sums[16], likely * share)
-        weight = likely * share * step * across * across / (pressing * pressing * np.sqrt(variance))
-        total += weight
-        s = min(line[6], max(0.0, s))
-        for k in range(3):
-            sums[1 + k] += weight * (line[k] + s * e[k])
-            sums[4 + k] += weight * (n1 * first[k] + n2 * second[k])
-            for j in range(3):
-                sums[7 + 3 * k + j] += weight * (line[k] + s * e[k]) * (line[j] + s * e[j])
+        if pressing > 1e-3 * size:
+            s = -(n1 * m2 - n2 * m1) / pressing
+            grip = (wide * pressing - size) / (mu * pushing)
+            hold = (c * pressing * pressing - abs(moment)) / (across * turning)
+            start, end = s * pressing / turning, (line[6] - s) * pressing / turning
+            least = min(min(grip, hold), min(start, end))
+            if least >= 0.0:
+                sums[17] = min(sums[17], np.sqrt(square))
+            if least >= -_FAR:
+                share = _below(grip) * _below(hold) * (_below(start) + _below(end) - 1.0)
+                sums[16] = max(sums[16], likely * share)
+                weight = likely * share * step * across * across / (pressing * pressing * np.sqrt(variance))
+                s = min(line[6], max(0.0, s))
+                total += weight
+                first_s += weight * s
+                second_s += weight * s * s
+                along += weight * n1
+                beside += weight * n2
+        n1, n2 = n1 * cosine - n2 * sine, n2 * cosine + n1 * sine
+    for k in range(3):
+        sums[1 + k] += total * line[k] + first_s * e[k]
+        sums[4 + k] += along * first[k] + beside * second[k]
+        for j in range(3):
+            both = line[k] * e[j] + e[k] * line[j]
+            sums[7 + 3 * k + j] += total * line[k] * line[j] + first_s * both + second_s * e[k] * e[j]
     sums[0] += total
     if total > sums[19]:
         sums[18], sums[19] = number, total
