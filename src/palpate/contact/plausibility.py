@@ -120,7 +120,8 @@ class Asked:
         if not len(self.friction):
             return ""
         friction, torsion = (float(np.percentile(values, 95)) for values in (self.friction, self.torsion))
-        return f"95 % of the loaded samples stay below friction = {friction:.2g} and torsion = {torsion:.2g} m"
+        said = f"95 % of the loaded samples stay below friction = {friction:.2g} and torsion = {torsion:.2g} m"
+        return f"{said}, {self._patch(torsion)}" if torsion > self.bounds[1] else said
 
     @property
     def said(self) -> str:
@@ -132,11 +133,25 @@ class Asked:
         ):
             beyond = values > bound
             if beyond.any():
-                middle = scale * float(np.median(values[beyond]))
-                parts.append(
-                    f"{name} in {beyond.mean():.0%} (median {middle:.3g}{unit}, bound {scale * bound:.3g}{unit})"
-                )
+                middle = float(np.median(values[beyond]))
+                found = f"median {scale * middle:.3g}{unit}, bound {scale * bound:.3g}{unit}"
+                size = f": {self._patch(middle)}" if name == "torsion" else ""
+                parts.append(f"{name} in {beyond.mean():.0%} ({found}{size})")
         return " and ".join(parts)
+
+    def reach(self, torsion: float) -> float:
+        """How far [m] a patch that makes a torsion [m] reaches at least from its pressure's centre.
+
+        Coulomb friction mu p per area turns about that centre with no more than int mu p r dA <= mu F_n R, whatever the
+        pressure p; R is the farthest place pressed. A ring makes all of it, an even disc 2/3. mu is the bound.
+        """
+        return torsion / self.bounds[0]
+
+    def _patch(self, torsion: float) -> str:
+        return (
+            f"which a patch can make, if it reaches {1e3 * self.reach(torsion):.3g} mm or more from its middle at "
+            f"friction {self.bounds[0]:.2g}"
+        )
 
 
 def unexplained(counts: Int[np.ndarray, " s"], asked: Asked | None = None) -> list[str]:
