@@ -3,7 +3,7 @@
 For a given normal n those wrenches are a cone: some linear equations and inequalities (`_edge_rows`, `_corner_rows`),
 the friction |F| <= -sqrt(1 + mu^2) F . n, and the torsion |F . M| <= c (F . n)^2, as tau = F . M/(F . n). The nearest
 of them in the metric of S is found by linearising the last two and solving for the multipliers one by one (Hildreth
-1957); over the normals of an edge or of a corner it is searched.
+1957). The multipliers say how the distance changes with n, and so where to go among the normals.
 """
 
 # pyright: basic
@@ -27,10 +27,10 @@ _ROWS = 5  # three of an edge at most, friction, torsion
 _STEPS, _SWEEPS = 12, 60
 _SAME = 2e-3  # distances that the search cannot tell apart
 _UNBOUND = 1e3  # of the body's size: a torsion that no contact has, in the place of an infinite bound
-_GOLDEN = 0.3819660112501051
-_TRIED, _NARROWED = 5, 10  # normals of a fan, and how often the best of them is narrowed
 _SEARCHED = 16  # edges and corners, the likeliest first
-_HALVED = 9  # how often a step over a corner's normals is halved
+_TURNS, _SECANTS = 6, 6
+_NEAR_ENOUGH = 0.05  # of a distance: what a better normal could gain
+_SLACK = 1.5  # the gap bounds convex functions; these are nearly so
 
 
 @inner
@@ -56,12 +56,13 @@ def _bounds_at(w, n, settings, rows, values):
 
 
 @inner
-def _nearest_at(wrench, noise, n, rows, linear, equal, settings, near):
-    """Distance to the cone of a normal; the nearest wrench into near (6,).
+def _nearest_at(wrench, noise, n, rows, linear, equal, settings, near, lift):
+    """Distance to the cone of a normal; the nearest wrench into near (6,), the multipliers into lift (5,).
 
     Rows (5, 6): the first `equal` are zero, those up to `linear` not positive; the last two are friction and torsion.
     """
-    values, lift, bound = np.zeros(_ROWS), np.zeros(_ROWS), np.empty(_ROWS)
+    values, bound = np.zeros(_ROWS), np.empty(_ROWS)
+    lift[:] = 0.0
     copy_into(wrench, near)
     distance = np.inf
     for _ in range(_STEPS):
@@ -102,17 +103,57 @@ def _nearest_at(wrench, noise, n, rows, linear, equal, settings, near):
 
 
 @inner
-def _at_normal(wrench, noise, line, turn, settings, rows, near, n):
-    """Distance to the contacts of an edge with one normal of its fan."""
-    u = np.empty(3)
-    for k in range(3):
-        n[k] = np.cos(turn) * line[7 + k] + np.sin(turn) * line[10 + k]
-        u[k] = np.cos(turn) * line[10 + k] - np.sin(turn) * line[7 + k]
+def _at_edge(wrench, noise, line, n, settings, rows, near, lift, slope):
+    """Distance to the contacts of an edge with one normal; by how much its half square changes with n into slope (3,).
+
+    By the multipliers of what depends on the normal: with u = e x n, d(u . m) = (m x e) . dn.
+    """
+    u, m, turn = np.empty(3), np.empty(3), np.empty(3)
+    cross_into(line[3:6], n, u)
     _moment_row(line[3:6], line[:3], rows[0])
     _moment_row(u, line[:3], rows[1])  # (F . n) s
     for k in range(6):
         rows[2, k] = -rows[1, k] + (line[6] * n[k] if k < 3 else 0.0)
-    return _nearest_at(wrench, noise, n, rows, 3, 1, settings, near)
+    distance = _nearest_at(wrench, noise, n, rows, 3, 1, settings, near, lift)
+    _moment_about(line[:3], near, m)
+    cross_into(m, line[3:6], turn)
+    by_force = lift[2] * line[6] + _turning(near, n, settings, lift)
+    for k in range(3):
+        slope[k] = (lift[1] - lift[2]) * turn[k] + by_force * near[k]
+    return distance
+
+
+@inner
+def _at_corner(wrench, noise, point, n, settings, rows, near, lift, slope):
+    """The same of a corner: with tangents t, d(t . m) = -(t . dn)(n . m)."""
+    t, m = np.empty((2, 3)), np.empty(3)
+    tangents(n, t)
+    _moment_row(t[0], point, rows[0])
+    _moment_row(t[1], point, rows[1])
+    distance = _nearest_at(wrench, noise, n, rows, 2, 2, settings, near, lift)
+    _moment_about(point, near, m)
+    along, by_force = dot(n, m), _turning(near, n, settings, lift)
+    for k in range(3):
+        slope[k] = by_force * near[k] - along * (lift[0] * t[0, k] + lift[1] * t[1, k])
+    return distance
+
+
+@inner
+def _moment_about(point, w, out):
+    """M - p x F."""
+    cross_into(point, w[:3], out)
+    for k in range(3):
+        out[k] = w[3 + k] - out[k]
+
+
+@inner
+def _turning(w, n, settings, lift):
+    """Friction and torsion by the normal: the factor of F in the slope."""
+    size, pressing = np.sqrt(dot(w[:3], w[:3])), dot(w[:3], n)
+    if not size > 0.0:
+        return 0.0
+    c = min(settings[TORSION], _UNBOUND * settings[SCALE])
+    return (lift[3] * np.sqrt(1.0 + settings[FRICTION] ** 2) - 2.0 * lift[4] * c * pressing) / size
 
 
 @inner
@@ -125,6 +166,12 @@ def _off_edge(wrench, noise, row, settings):
 
 
 @inner
+def _place_of(row, settings, point):
+    for k in range(3):
+        point[k] = row[k] * settings[SCALE] + settings[CENTRE + k]
+
+
+@inner
 def _off_corner(wrench, noise, row, settings):
     """No contact of a corner is nearer than about this.
 
@@ -133,15 +180,14 @@ def _off_corner(wrench, noise, row, settings):
     """
     point, mean, moment, g = np.empty(3), np.empty(3), np.empty(3), np.empty((1, 6))
     length = 0.0
+    _place_of(row, settings, point)
     for k in range(3):
-        point[k] = row[k] * settings[SCALE] + settings[CENTRE + k]
         mean[k] = row[3 + k] + row[9 + k] + row[15 + k]
         length += mean[k] ** 2
-    cross_into(point, wrench[:3], moment)
+    _moment_about(point, wrench, moment)
     widest = 1.0
     for k in range(3):
         mean[k] /= np.sqrt(length)
-        moment[k] = wrench[3 + k] - moment[k]
     for i in range(3):
         widest = min(widest, dot(mean, row[3 + 6 * i : 6 + 6 * i]))
     along, across = dot(moment, mean), 0.0
@@ -160,83 +206,99 @@ def _off_corner(wrench, noise, row, settings):
 
 
 @inner
-def _to_edge(wrench, noise, row, settings, most, rows, near, n, place):
-    """Distance to the contacts of an edge, and the nearest of them into place (6,), where that is less than `most`."""
-    line = np.empty(14)
-    read_edge(row, settings, line)
-    best, at, step = np.inf, 0.0, line[13] / (_TRIED - 1)
-    for i in range(_TRIED):
-        distance = _at_normal(wrench, noise, line, i * step, settings, rows, near, n)
-        if distance < best:
-            best, at = distance, i * step
-    if best > 1.5 * most + 1.0:
-        return np.inf
-    low, high = max(0.0, at - step), min(line[13], at + step)
-    left, right = low + _GOLDEN * (high - low), high - _GOLDEN * (high - low)
-    one = _at_normal(wrench, noise, line, left, settings, rows, near, n)
-    two = _at_normal(wrench, noise, line, right, settings, rows, near, n)
-    for _ in range(_NARROWED):
-        if min(one, two) < best:
-            best, at = min(one, two), left if one < two else right
-        if one < two:
-            high, right, two = right, left, one
-            left = low + _GOLDEN * (high - low)
-            one = _at_normal(wrench, noise, line, left, settings, rows, near, n)
-        else:
-            low, left, one = left, right, two
-            right = high - _GOLDEN * (high - low)
-            two = _at_normal(wrench, noise, line, right, settings, rows, near, n)
-    best = _at_normal(wrench, noise, line, at, settings, rows, near, n)
-    pressing, along = dot(near[:3], n), 0.0
-    for k in range(6):
-        along += rows[1, k] * near[k]
-    along = min(line[6], max(0.0, along / pressing)) if pressing < 0.0 else 0.0
+def _at(wrench, noise, row, line, n, settings, rows, near, lift, slope):
+    """The distance at one normal, and its slope across that."""
+    if row[KIND] == SHARP:
+        distance = _at_edge(wrench, noise, line, n, settings, rows, near, lift, slope)
+    else:
+        distance = _at_corner(wrench, noise, line[:3], n, settings, rows, near, lift, slope)
+    along = dot(slope, n)
     for k in range(3):
-        place[k], place[3 + k] = line[k] + along * line[3 + k], n[k]
+        slope[k] -= along * n[k]
+    return distance
+
+
+@inner
+def _between(n, row, which, share, out):
+    """A unit normal, some share of the way from n to a normal of the patch."""
+    length = 0.0
+    for k in range(3):
+        out[k] = (1.0 - share) * n[k] + share * row[3 + 6 * which + k]
+        length += out[k] ** 2
+    for k in range(3):
+        out[k] /= np.sqrt(length)
+
+
+@inner
+def _descend(wrench, noise, row, line, settings, most, rows, near, lift, n):
+    """Distance to an edge's or a corner's contacts, and the normal where it is attained; inf beyond `most`.
+
+    From the mean of its normals towards the one that promises most (Frank and Wolfe 1956), along a secant. What is
+    promised, the gap, bounds what can be gained: it ends where that is within `_NEAR_ENOUGH`, or not enough.
+    """
+    corners = 2 if row[KIND] == SHARP else 3
+    slope, best_slope, tried, start = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    _between(row[3:6], row, 1, 0.5, n)
+    if corners == 3:
+        _between(n, row, 2, 1.0 / 3.0, n)
+    best = _at(wrench, noise, row, line, n, settings, rows, near, lift, best_slope)
+    for _ in range(_TURNS):
+        which, gap = 0, 0.0
+        for i in range(corners):
+            promised = 0.0
+            for k in range(3):
+                promised -= best_slope[k] * (row[3 + 6 * i + k] - n[k])
+            if promised > gap:
+                which, gap = i, promised
+        if best * best - 2.0 * gap > (_SLACK * most) ** 2:
+            return np.inf
+        if gap <= _NEAR_ENOUGH * best * best:
+            break
+        low, high, falling, rising, share, moved = 0.0, 1.0, gap, 0.0, 1.0, False
+        copy_into(n, start)
+        for _ in range(_SECANTS):
+            _between(start, row, which, share, tried)
+            distance = _at(wrench, noise, row, line, tried, settings, rows, near, lift, slope)
+            ahead = 0.0
+            for k in range(3):
+                ahead += slope[k] * (row[3 + 6 * which + k] - start[k])
+            if distance < best:
+                best, moved = distance, True
+                copy_into(tried, n)
+                copy_into(slope, best_slope)
+            if ahead > 0.0:
+                high, rising = share, ahead
+            else:
+                low, falling = share, -ahead
+            if high == low or abs(ahead) * (high - low) <= _NEAR_ENOUGH * best * best:
+                break
+            share = low + (high - low) * min(0.9, max(0.1, falling / (falling + rising)))
+        if not moved:
+            break
     return best
 
 
 @inner
-def _at_weights(wrench, noise, row, a, b, point, settings, rows, near, n):
-    """Distance to the contacts of a corner with the normal at weights a, b of its patch; inf outside."""
-    if a < -1e-12 or b < -1e-12 or a + b > 1.0 + 1e-12:
+def _to(wrench, noise, row, settings, most, rows, near, place):
+    """Distance to an edge's or a corner's contacts, and the nearest into place (6,), where that is less than `most`."""
+    line, lift, slope = np.empty(14), np.empty(_ROWS), np.empty(3)
+    if row[KIND] == SHARP:
+        read_edge(row, settings, line)
+    else:
+        _place_of(row, settings, line)
+    n = place[3:]
+    best = _descend(wrench, noise, row, line, settings, most, rows, near, lift, n)
+    if not best < most + _SAME:
         return np.inf
-    t, length = np.empty((2, 3)), 0.0
+    best = _at(wrench, noise, row, line, n, settings, rows, near, lift, slope)
+    along = 0.0
+    if row[KIND] == SHARP:
+        pressing = dot(near[:3], n)
+        for k in range(6):
+            along += rows[1, k] * near[k]
+        along = min(line[6], max(0.0, along / pressing)) if pressing < 0.0 else 0.0
     for k in range(3):
-        n[k] = a * row[3 + k] + b * row[9 + k] + (1.0 - a - b) * row[15 + k]
-        length += n[k] * n[k]
-    for k in range(3):
-        n[k] /= np.sqrt(length)
-    tangents(n, t)
-    _moment_row(t[0], point, rows[0])
-    _moment_row(t[1], point, rows[1])
-    return _nearest_at(wrench, noise, n, rows, 2, 2, settings, near)
-
-
-@inner
-def _to_corner(wrench, noise, row, settings, most, rows, near, n, place):
-    """Distance to the contacts of a corner, and the nearest of them into place (6,), where that is less than `most`."""
-    point = np.empty(3)
-    for k in range(3):
-        point[k] = row[k] * settings[SCALE] + settings[CENTRE + k]
-    best, a, b, step = np.inf, 1.0 / 3.0, 1.0 / 3.0, 1.0 / 3.0
-    best = _at_weights(wrench, noise, row, a, b, point, settings, rows, near, n)
-    for _ in range(_HALVED):
-        moved = True
-        while moved:
-            moved = False
-            from_a, from_b = a, b
-            for i in range(6):
-                da = step if i == 0 or i == 2 else -step if i == 1 or i == 3 else 0.0
-                db = step if i == 3 or i == 4 else -step if i == 2 or i == 5 else 0.0
-                one = _at_weights(wrench, noise, row, from_a + da, from_b + db, point, settings, rows, near, n)
-                if one < best - 1e-3:
-                    best, a, b, moved = one, from_a + da, from_b + db, True
-        step *= 0.5
-    if best < most:
-        best = _at_weights(wrench, noise, row, a, b, point, settings, rows, near, n)
-        copy_into(point, place[:3])
-        copy_into(n, place[3:])
+        place[k] = line[k] + (along * line[3 + k] if along > 0.0 else 0.0)
     return best
 
 
@@ -258,7 +320,7 @@ def _of_mesh(wrench, unit, noise, nodes, corners, settings, state, most, place):
     rows = np.empty(MOST, dtype=np.int64)
     count = edges_of(wrench, unit, noise, nodes, corners, settings, most, VERTEX, rows)
     count = near_previous(wrench, noise, corners, settings, state, rows, count)
-    work, near, n, spot = np.zeros((_ROWS, 6)), np.empty(6), np.empty(3), np.empty(6)
+    work, near, spot = np.zeros((_ROWS, 6)), np.empty(6), np.empty(6)
     bounds = np.empty(count)
     for i in range(count):
         row = corners[rows[i]]
@@ -272,10 +334,7 @@ def _of_mesh(wrench, unit, noise, nodes, corners, settings, state, most, place):
             break
         bounds[i] = np.inf
         row = corners[rows[i]]
-        if row[KIND] == SHARP:
-            distance = _to_edge(wrench, noise, row, settings, most, work, near, n, spot)
-        else:
-            distance = _to_corner(wrench, noise, row, settings, most, work, near, n, spot)
+        distance = _to(wrench, noise, row, settings, most, work, near, spot)
         tied = abs(distance - most) <= _SAME and dot(wrench[:3], spot) < dot(wrench[:3], place)
         if distance < most - _SAME or tied:  # of those as near, the one met first
             copy_into(spot, place)
