@@ -27,10 +27,10 @@ _ROWS = 5  # three of an edge at most, friction, torsion
 _STEPS, _SWEEPS = 12, 60
 _SAME = 2e-3  # distances that the search cannot tell apart
 _UNBOUND = 1e3  # of the body's size: a torsion that no contact has, in the place of an infinite bound
-_SEARCHED = 16  # edges and corners, the likeliest first
+_SEARCHED = 32  # edges and corners, the likeliest first
 _TURNS, _SECANTS = 6, 6
 _NEAR_ENOUGH = 0.05  # of a distance: what a better normal could gain
-_SLACK = 1.5  # the gap bounds convex functions; these are nearly so
+_SLACK = 2.0  # the gap bounds convex functions; these are nearly so
 
 
 @inner
@@ -241,6 +241,12 @@ def _descend(wrench, noise, row, line, settings, most, rows, near, lift, n):
     _between(row[3:6], row, 1, 0.5, n)
     if corners == 3:
         _between(n, row, 2, 1.0 / 3.0, n)
+    pressed = dot(wrench[:3], n)
+    for i in range(corners):  # nothing leads away from a normal that the force pulls at
+        here = dot(wrench[:3], row[3 + 6 * i : 6 + 6 * i])
+        if pressed >= 0.0 and here < pressed:
+            pressed = here
+            copy_into(row[3 + 6 * i : 6 + 6 * i], n)
     best = _at(wrench, noise, row, line, n, settings, rows, near, lift, best_slope)
     for _ in range(_TURNS):
         which, gap = 0, 0.0
