@@ -17,6 +17,7 @@ RARE = 0.002  # share of samples that may contradict
 AGREE = 0.9  # share of the contradicting samples that a cause must explain
 STILL = 0.02  # of what it should move: a cell that moves less is dead
 CLIPPED = 0.1  # share of samples that repeat the one before exactly
+END = 0.9  # of the largest reading: what repeats itself there may be at its range
 SAME_GAIN = 0.1  # by which a drifting cell may still answer differently to load
 LAGS = 100  # parts of a log over which a cell's movement is looked at
 PREFIX = 300.0  # a gain so far off is a prefix of the unit
@@ -28,8 +29,8 @@ class Fault:
     """What is wrong.
 
     Attributes:
-        cells: numbers from 0; kind: "dead", "saturated", "swapped", "drifting", "unit", "gain", "unclear" where each of
-            the cells may be it, or "several".
+        cells: numbers from 0; kind: "dead", "stuck", "saturated", "swapped", "drifting", "unit", "gain", "unclear"
+            where each of the cells may be it, or "several".
         share: of the samples in which it shows.
         said: the sentence, with what to do.
         channels: numbers from 0 of those that are wrong, or may be.
@@ -53,8 +54,9 @@ def find_faults(
     A wrench explains six of 3 k voltages. Where chi-square of the others is beyond its bound, each channel and each
     cell in turn is left out, as an estimator does sample by sample (`Explanations`), then each pair of cells is
     exchanged; what makes the samples agree is the cause, and how its readings differ from what the others predict is
-    its kind. Where several make them agree, all are named. Three cells have none to spare, but perhaps a channel: else
-    only a cell that stands still or is at its range is named then, and an exchanged pair.
+    its kind. A channel that repeats one voltage is saturated where the load lies beyond that, else stuck. Where several
+    make them agree, all are named. Three cells have none to spare, but perhaps a channel: else only a cell that stands
+    still or is at its range is named then, and an exchanged pair.
 
     Args:
         cells: the model.
@@ -161,6 +163,7 @@ def _named(
     rest = f"; the other {'cells' if len(channels) > 1 else 'channels'} go on without it, with wider covariances"
     if np.all(_moves(seen) <= STILL * _moves(due).max()) or np.all(seen.std(axis=0) <= STILL * due.std(axis=0).max()):
         return fault("dead", f"{name} is dead: it does not answer to load{rest}")
+    clipped = _clipped(seen, due, bad)
     seen, due = seen[bad], due[bad]
     gains = np.sum(seen * due, axis=0) / np.sum(due**2, axis=0)
     odd = np.flatnonzero(_far(gains))
@@ -170,7 +173,9 @@ def _named(
         factor = abs(gains[odd[0]])
         return fault("unit", f"{label} reads {factor:.3g} times what it should: is it in another unit (mV for V)?")
     if _repeats(seen).any():
-        return fault("saturated", f"{name} is saturated: it goes no further than one voltage{rest}")
+        if clipped:
+            return fault("saturated", f"{name} is saturated: it goes no further than one voltage{rest}")
+        return fault("stuck", f"{name} is stuck: it stays at one voltage whatever the load{rest}")
     off = seen - due
     if np.all(np.abs(gains - 1.0) < SAME_GAIN) or _steady(off, due):
         volts = float(np.abs(off.mean(axis=0)).max())
@@ -183,6 +188,19 @@ def _repeats(values: np.ndarray) -> Bool[np.ndarray, " c"]:
     if len(values) < 2:
         return np.zeros(int(values.shape[1]), dtype=bool)
     return np.asarray(np.mean(np.diff(values, axis=0) == 0, axis=0) > CLIPPED, dtype=bool)
+
+
+def _clipped(seen: np.ndarray, due: np.ndarray, bad: Bool[np.ndarray, " n"]) -> bool:
+    """Whether readings that repeat themselves are the ends of their channels', with the load beyond them."""
+    held = (np.diff(seen, axis=0, prepend=np.nan) == 0) & bad[:, None]
+    beyond = _at_end(seen) & (np.sign(seen) * (due - seen) >= 0)
+    return bool(np.count_nonzero(held & beyond) > 0.5 * np.count_nonzero(held))
+
+
+def _at_end(values: np.ndarray) -> Bool[np.ndarray, "n c"]:
+    """Which readings are about the furthest of their channel from zero to that side; zeros differ a little."""
+    high, low = (values > 0) & (values >= END * values.max(axis=0)), (values < 0) & (values <= END * values.min(axis=0))
+    return np.asarray(high | low, dtype=bool)
 
 
 def _moves(values: np.ndarray) -> Float[np.ndarray, " c"]:
@@ -231,9 +249,16 @@ def _still(cells: LoadCells, usable: np.ndarray, kept: np.ndarray, share: float)
             return Fault((int(cell),), "dead", share, f"cell {cell + 1} is dead, and of three none can be spared")
         others = np.delete(usable, np.s_[3 * cell : 3 * cell + 3], axis=1)
         if _repeats(column).any() and not _repeats(others).any():
-            said = f"cell {cell + 1} is saturated, and of three none can be spared"
-            return Fault((int(cell),), "saturated", share, said)
+            kind = "saturated" if _leaves(column) else "stuck"
+            return Fault((int(cell),), kind, share, f"cell {cell + 1} is {kind}, and of three none can be spared")
     return None
+
+
+def _leaves(column: np.ndarray) -> bool:
+    """Whether channels repeat themselves at an end of their readings, and come back from it, as at a range's end."""
+    held = np.diff(column, axis=0) == 0
+    stays = held & ~np.logical_and.accumulate(held[::-1], axis=0)[::-1]  # not to the end of the log
+    return bool(np.count_nonzero(stays & _at_end(column)[1:]) > 0.5 * np.count_nonzero(held))
 
 
 def _several(share: float) -> str:
