@@ -58,15 +58,9 @@ def _identified(
     limit = _limit(force, signed, None if top is None else (-top if falling else top))
     below = signed < limit
     _require_spread(force[below], dropped)
+    end, reading = _goes_flat(force[below], signed[below])
+    limit, below = min(limit, reading), below & (force <= end)
     curve, why = chosen(kind, degree, force[below], signed[below])
-    end = _end(curve)
-    rising = below & (force <= end)
-    if end < curve.largest and np.count_nonzero(rising) >= FEWEST:
-        zero = float(np.median(signed[below] - curve.intensity(force[below])))
-        reached = float(curve.intensity(np.array([end]))[0])
-        limit = min(limit, zero + reached - 2.0 * curve.residual)  # of readings there, 98 % are above
-        below = rising
-        curve, why = chosen(kind, degree, force[below], signed[below])
     saturation = float("nan") if np.isinf(limit) else (-limit if falling else limit)
     hysteresis = _hysteresis(curve, force[below], signed[below])
     return replace(curve, saturation=saturation, falling=falling, hysteresis=hysteresis), why
@@ -77,8 +71,24 @@ def tells(curve: Curve, force: Float[np.ndarray, " n"]) -> Bool[np.ndarray, " n"
     return curve.deviation(force, curve.residual) < curve.largest / np.sqrt(12.0)
 
 
+def _goes_flat(force: Float[np.ndarray, " n"], signed: Float[np.ndarray, " n"]) -> tuple[float, float]:
+    """[N] The force from which on a taxel saturates, and a reading that 98 % of those there exceed; inf if it does not.
+
+    A curve straight between knots is fitted, and again to what lies below, whose knots are closer.
+    """
+    end = limit = np.inf
+    for _ in range(4):
+        below = force <= end
+        curve = chosen("monotone", None, force[below], signed[below])[0]
+        last = _end(curve)
+        if not last < curve.largest or np.count_nonzero(force <= last) < FEWEST:
+            break
+        end, limit = last, float(np.quantile(signed[force > last], 0.02))
+    return end, limit
+
+
 def _end(curve: Curve) -> float:
-    """[N] The force from which on no reading tells it and the curve hardly rises: the taxel saturates there."""
+    """[N] The force from which on no reading tells it and the curve hardly rises; else the largest."""
     forces = curve.largest * np.arange(1, 257) / 256.0
     known = np.flatnonzero(tells(curve, forces))
     last = float(forces[known[-1]]) if len(known) else curve.largest

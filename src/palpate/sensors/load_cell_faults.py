@@ -166,7 +166,7 @@ def _named(
     clipped = _clipped(seen, due, bad)
     seen, due = seen[bad], due[bad]
     gains = np.sum(seen * due, axis=0) / np.sum(due**2, axis=0)
-    odd = np.flatnonzero(_far(gains))
+    odd = np.flatnonzero(_far(gains) & ~_repeats(seen, AGREE))
     if len(odd):
         channel = channels[int(odd[0])]
         label = names[channel] if names else f"channel {'xyz'[channel % 3]} of cell {channel // 3 + 1}"
@@ -183,11 +183,11 @@ def _named(
     return fault("gain", f"{name} answers differently to load than when it was calibrated{rest}")
 
 
-def _repeats(values: np.ndarray) -> Bool[np.ndarray, " c"]:
-    """Which channels often read exactly what they read before, as those at their range do."""
+def _repeats(values: np.ndarray, share: float = CLIPPED) -> Bool[np.ndarray, " c"]:
+    """Which channels read exactly what they read before in more than a share of samples, as those at their range do."""
     if len(values) < 2:
         return np.zeros(int(values.shape[1]), dtype=bool)
-    return np.asarray(np.mean(np.diff(values, axis=0) == 0, axis=0) > CLIPPED, dtype=bool)
+    return np.asarray(np.mean(np.diff(values, axis=0) == 0, axis=0) > share, dtype=bool)
 
 
 def _clipped(seen: np.ndarray, due: np.ndarray, bad: Bool[np.ndarray, " n"]) -> bool:
