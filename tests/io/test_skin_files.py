@@ -105,3 +105,11 @@ def test_contacts_of_another_sensor_have_no_cells(tmp_path: Path) -> None:
     write_contacts(tmp_path / "c.csv", Contacts.single(np.arange(2.0), found))
     assert not read_contacts(tmp_path / "c.csv").features
     assert "row" not in (tmp_path / "c.csv").read_text().splitlines()[0].split(",")
+
+
+def test_a_rig_says_how_unequal_cells_are(tmp_path: Path) -> None:
+    (tmp_path / "rig.toml").write_text('[skin]\nmap = "m.csv"\n[contacts]\nunequal = 0.1\n')
+    assert load_rig(tmp_path / "rig.toml").contacts.unequal == 0.1
+    (tmp_path / "rig.toml").write_text('[skin]\nmap = "m.csv"\n[contacts]\nunequal = -0.1\n')
+    with pytest.raises(InputError, match="unequal"):
+        load_rig(tmp_path / "rig.toml")

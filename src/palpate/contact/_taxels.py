@@ -44,11 +44,12 @@ ERROR, USED, OWN, AT, NUMBERS = 8, 9, 10, 11, 13
 GOOD, CURVE, TURNS, WRAPPED, LABEL, LIVE, CELLS, PARENT, WHOLE = 0, 1, 2, 3, 4, 5, 6, 7, 8
 _ROUNDS = 8  # of expectation maximisation
 _NARROW = 0.12  # squared cells: no contact is seen narrower than its cell
-# what the edges of cells make of a centroid, in cells: see `_narrow`; measured on discs without noise
-_SMALLER = 1.0 / 3.0  # mean of (1 - w)^2 over widths of touches narrower than a cell
-_ALIKE = 0.025  # the same of touches one to one and a half cells wide
+# what the edges of cells make of a centroid, in cells: see `_narrow`
+_SMALLER = 1.0 / 3.0  # mean of (1 - w)^2 over all widths w of touches narrower than a cell
+# the others are measured on discs without noise, Hertz's and flat
+_ALIKE = 0.025  # the same of touches one to one and a half cells wide: 0.001 to 0.055
 _ONE_ROW = 0.02  # squared cells: the second moment below which a touch lies in one row of cells
-_WIDE = 0.0045  # deviation times the second moment, of touches wider than that
+_WIDE = 0.0045  # deviation times the second moment, of touches wider than that: 0.0027 (Hertz's) to 0.0062 (flat)
 _LEAST_WIDE = 0.2  # squared cells
 _SIDEWAYS = 0.2  # cosine between a cell's normal and the contact's below which it says nothing of the height
 
