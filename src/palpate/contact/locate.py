@@ -253,7 +253,7 @@ class Locator:
         answered = np.flatnonzero(rows[:, ROW.status] <= Status.AMBIGUOUS)
         if not len(answered):
             return
-        count = answered[-1] + 1
+        count = int(answered[-1]) + 1
         last = rows[count - 1]
         state = _state(last[ROW.point])
         state[TOUCHING] = state[FOLLOW] = 1.0
