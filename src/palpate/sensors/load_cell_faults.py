@@ -17,7 +17,6 @@ RARE = 0.002  # share of samples that may contradict
 AGREE = 0.9  # share of the contradicting samples that a cause must explain
 STILL = 0.02  # of what it should move: a cell that moves less is dead
 CLIPPED = 0.1  # share of samples that repeat the one before exactly
-END = 0.9  # of the largest reading: what repeats itself there may be at its range
 SAME_GAIN = 0.1  # by which a drifting cell may still answer differently to load
 LAGS = 100  # parts of a log over which a cell's movement is looked at
 PREFIX = 300.0  # a gain so far off is a prefix of the unit
@@ -191,16 +190,13 @@ def _repeats(values: np.ndarray, share: float = CLIPPED) -> Bool[np.ndarray, " c
 
 
 def _clipped(seen: np.ndarray, due: np.ndarray, bad: Bool[np.ndarray, " n"]) -> bool:
-    """Whether readings that repeat themselves are the ends of their channels', with the load beyond them."""
+    """Whether the load lies beyond readings that repeat themselves, away from zero, as at the end of a range.
+
+    Where that end is in these readings depends on the zero, which every start takes anew.
+    """
     held = (np.diff(seen, axis=0, prepend=np.nan) == 0) & bad[:, None]
-    beyond = _at_end(seen) & (np.sign(seen) * (due - seen) >= 0)
+    beyond = np.where(seen == 0, True, np.sign(seen) * (due - seen) >= 0)
     return bool(np.count_nonzero(held & beyond) > 0.5 * np.count_nonzero(held))
-
-
-def _at_end(values: np.ndarray) -> Bool[np.ndarray, "n c"]:
-    """Which readings are about the furthest of their channel from zero to that side; zeros differ a little."""
-    high, low = (values > 0) & (values >= END * values.max(axis=0)), (values < 0) & (values <= END * values.min(axis=0))
-    return np.asarray(high | low, dtype=bool)
 
 
 def _moves(values: np.ndarray) -> Float[np.ndarray, " c"]:
@@ -255,10 +251,10 @@ def _still(cells: LoadCells, usable: np.ndarray, kept: np.ndarray, share: float)
 
 
 def _leaves(column: np.ndarray) -> bool:
-    """Whether channels repeat themselves at an end of their readings, and come back from it, as at a range's end."""
+    """Whether channels that repeat themselves mostly come back from it before the log ends, as from a range's end."""
     held = np.diff(column, axis=0) == 0
-    stays = held & ~np.logical_and.accumulate(held[::-1], axis=0)[::-1]  # not to the end of the log
-    return bool(np.count_nonzero(stays & _at_end(column)[1:]) > 0.5 * np.count_nonzero(held))
+    last = np.logical_and.accumulate(held[::-1], axis=0)[::-1]
+    return bool(np.count_nonzero(held & ~last) > 0.5 * np.count_nonzero(held))
 
 
 def _several(share: float) -> str:
