@@ -104,7 +104,7 @@ def test_touches_hardly_move_it(share: float, payload: Payload | None) -> None:
     time, wrenches, *poses = a_log(0.04, load=LIGHT, lasting=20.0)
     found = identify_offset(time, pressed(wrenches, share), *poses, payload=payload)
     assert abs(found.offset - 0.04) < 2e-3
-    assert any("touches" in note for note in found.notes)
+    assert any("something touched, or the arm accelerated" in note for note in found.notes)
 
 
 def test_a_turn_about_one_axis_is_enough() -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from palpate.calibration.intensity import identify_curve, identify_intensity, identify_resistive
+from palpate.calibration.intensity import identify_curve, identify_intensity, identify_resistive, tells
 from palpate.errors import InputError, NotIdentifiable
 
 
@@ -50,6 +50,30 @@ def test_readings_at_the_end_of_the_range_are_left_out_and_named() -> None:
     curve = identify_curve(force, cut, kind="polynomial", degree=2)
     assert curve.saturation == 200.0
     assert curve.parameters[0] == pytest.approx(30.0, rel=0.03)
+
+
+@pytest.mark.parametrize("kind", ["auto", "monotone", "polynomial"])
+def test_a_taxel_that_saturates_below_its_noise_is_measured_to_there(kind: str) -> None:
+    """Flat from 5 N on: the range to within a knot, forces below to 0.15 N, and readings up there are saturated."""
+    force = np.linspace(0.0, 20.0, 600)
+    noise = np.random.default_rng(8).standard_normal(600)
+    curve = identify_curve(force, 7.0 + 40.0 * np.minimum(force, 5.0) + noise, kind=kind)
+    assert curve.largest == pytest.approx(5.0, abs=1.0)
+    assert curve.saturation == pytest.approx(207.0, abs=10.0)
+    assert curve.saturation < 207.0
+    fresh = np.linspace(0.3, 4.7, 20)
+    assert np.abs(curve.force(40.0 * fresh) - fresh).max() < 0.15
+    assert tells(curve, np.array([curve.largest / 2])).all()
+
+
+def test_a_straight_line_says_why_it_is_one() -> None:
+    force = np.linspace(0.0, 8.0, 9)
+    few = identify_intensity(force, 7.0 + 30.0 * force - 0.6 * force**2, kind="polynomial")
+    assert any("degree 1: 9 presses are too few" in note for note in few.notes)
+    many = np.linspace(0.0, 8.0, 200)
+    reading = 7.0 + 30.0 * many + np.random.default_rng(9).standard_normal(200)
+    assert any("presses held out best" in note for note in identify_intensity(many, reading, kind="polynomial").notes)
+    assert not any("line" in note for note in identify_intensity(many, reading, kind="polynomial", degree=1).notes)
 
 
 def test_loading_and_unloading_that_differ_are_reported() -> None:

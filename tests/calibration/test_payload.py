@@ -205,6 +205,8 @@ def test_rows_with_nan_are_ignored_and_said_by_their_own_number() -> None:
     assert "rows 2, 9" in payload.notes[0]
     wrenches[20, :3] += 30.0
     assert any("rows 20)" in note for note in identify_payload(wrenches, rotations).notes)
+    averaged = identify_payload(wrenches, rotations, of="poses").notes
+    assert any("of 28 poses lie far from the fit and were set aside (poses 20)" in note for note in averaged)
 
 
 def test_wrong_input_is_named() -> None:

@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 import pytest
+from numba.core import event
 from scipy.spatial.transform import Rotation
 
 import palpate
@@ -25,6 +26,7 @@ from palpate.contact import Contacts
 from palpate.contact.estimate import Status
 from palpate.io.contacts import read_contacts
 from palpate.io.models import load_toml
+from palpate.io.pipeline import OpenedLog, Pipeline
 from palpate.io.rig.edit import update_offset
 from palpate.sensors.recording import ORIENTATION
 from palpate.simulation.session import NOISE, Session, simulate_session
@@ -475,3 +477,22 @@ def test_a_report_that_is_no_page_is_refused(made: Path, tmp_path: Path, capsys:
 def test_the_version_is_told(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["--version"]) == 0
     assert capsys.readouterr().out == f"palpate {palpate.__version__}\n"
+
+
+def test_compiling_is_no_part_of_locating(made: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is spent is told apart: the parts are no more than the whole."""
+    opened = palpate.open_log(made / "touches.csv", made / "mine.toml")
+    pipeline = Pipeline.of(opened)
+    pairs, compiling = pipeline.estimator.pairs, vars(event)["trigger_event"]
+
+    def late(blocks: OpenedLog) -> Iterator[object]:
+        with compiling("numba:compile"):
+            time.sleep(0.3)
+        yield from pairs(blocks)
+
+    monkeypatch.setattr(pipeline.estimator, "pairs", late)
+    begin, read = time.perf_counter(), opened.seconds
+    assert sum(len(block) for block, _, _ in pipeline.stream()) > 0
+    whole, spent = time.perf_counter() - begin, pipeline.seconds
+    assert spent["compile"] >= 0.29  # clocks differ a little
+    assert spent["locate"] + spent["compile"] + opened.seconds - read <= whole + 0.01

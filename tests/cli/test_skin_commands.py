@@ -117,3 +117,19 @@ def test_a_log_that_ends_within_a_row_is_read_to_there(
     assert code == 3
     assert "torn" in capsys.readouterr().out
     assert len(np.unique(read_contacts(folder / "torn_out.csv").sample)) == len(made.frames)
+
+
+def test_the_deviation_of_a_taxel_that_saturates_is_of_forces_that_it_tells(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    force = np.linspace(0.0, 20.0, 400)
+    reading = 7.0 + 40.0 * np.minimum(force, 5.0) + np.random.default_rng(1).standard_normal(400)
+    rows = [f"{f},{r}" for f, r in zip(force.tolist(), reading.tolist(), strict=True)]
+    (tmp_path / "log.csv").write_text("\n".join(["force,intensity", *rows]))
+    command = ["calibrate", "intensity", f"{tmp_path}/log.csv", "-o", f"{tmp_path}/i.toml", "--kind", "polynomial"]
+    assert main(command) == 0
+    said = capsys.readouterr().out
+    assert "what is there is saturated" in said
+    assert float(said.split("by the fit, ")[1].split(" mN")[0]) < 100.0  # noise over slope is 25 mN
+    assert main(["inspect", f"{tmp_path}/i.toml"]) == 0
+    assert "polynomial of degree" in capsys.readouterr().out

@@ -17,7 +17,7 @@ from palpate.surfaces import Cylinder, Surface
 from tests.support.bodies import BODIES, R
 
 PRESSING = (1.0, 1e-2, 1e-6, 1e-12, 1e-15, 0.0, -1e-15, -1e-6, -1.0)  # -F . n/|F|
-FORCES = (1.0, 5.0, 1e-9, 1e-100, 1e9, 1e100)  # N
+FORCES = (1.0, 5.0, 1e-9, 1e-100, 1e8)  # N
 WEIGHTS = [(1, 0, 0), (0.5, 0.5, 0), (0, 0.25, 0.75), (0.2, 0.3, 0.5)]
 NAMES = ("box", "L", "cylinder", "plane", "open patch", "equation")
 

@@ -236,7 +236,9 @@ def test_a_filter_takes_its_share_of_the_noise_and_the_covariance_follows(filter
     assert scatter[1] < 0.8 * scatter[0]
 
 
-@pytest.mark.parametrize("force, unequal", [(2.0, 0.0), (60.0, 0.05)], ids=["rim below the threshold", "unequal gains"])
+@pytest.mark.parametrize(
+    ("force", "unequal"), [(2.0, 0.0), (60.0, 0.05)], ids=["rim below the threshold", "unequal gains"]
+)
 def test_ellipses_hold_the_middle_of_light_wide_touches_and_of_unequal_cells(force: float, unequal: float) -> None:
     """95 % of 120 touches within three binomial deviations (2 %): the cells' noise alone holds about 70 %."""
     rng, skin = (

@@ -50,6 +50,7 @@ def test_what_is_wrong_with_curves_is_said(tmp_path: Path, change: tuple[str, st
         ("[skin]\nbits = 8\n", "skin.map is missing"),
         ("[skin]\nmap = 'm.csv'\nbits = 40\n", "bits"),
         ("[skin]\nmap = 'm.csv'\n[contacts]\non = 2\noff = 3\n", "off"),
+        ("[skin]\nmap = 'm.csv'\n[contacts]\nunequal = -0.1\n", "unequal"),
         ("[skin]\nmap = 'm.csv'\ncolums = 3\n", "columns"),
         ("[surface]\nkind = 'plane'\n", r"no \[skin\]"),
     ],
@@ -105,3 +106,8 @@ def test_contacts_of_another_sensor_have_no_cells(tmp_path: Path) -> None:
     write_contacts(tmp_path / "c.csv", Contacts.single(np.arange(2.0), found))
     assert not read_contacts(tmp_path / "c.csv").features
     assert "row" not in (tmp_path / "c.csv").read_text().splitlines()[0].split(",")
+
+
+def test_a_rig_says_how_unequal_cells_are(tmp_path: Path) -> None:
+    (tmp_path / "rig.toml").write_text("[skin]\nmap = 'm.csv'\n[contacts]\nunequal = 0.1\n")
+    assert load_rig(tmp_path / "rig.toml").contacts.unequal == 0.1

@@ -140,11 +140,13 @@ def sliding() -> np.ndarray:
 
 
 @pytest.mark.parametrize("cell", range(4))
-@pytest.mark.parametrize("kind", ["dead", "saturated", "drifting", "unit"])
+@pytest.mark.parametrize("kind", ["dead", "stuck", "saturated", "drifting", "unit"])
 def test_each_fault_of_each_cell_is_named(kind: str, cell: int) -> None:
     readings, rows = sliding(), slice(3 * cell, 3 * cell + 3)
     if kind == "dead":
         readings[:, rows] = 0.01
+    elif kind == "stuck":
+        readings[2500:, rows] = 1.2  # beyond all that it read before, and no load is
     elif kind == "saturated":
         limit = 0.7 * np.abs(readings[:, rows]).max()  # what is always at its range stands still, and is dead
         readings[:, rows] = np.clip(readings[:, rows], -limit, limit)
@@ -154,6 +156,16 @@ def test_each_fault_of_each_cell_is_named(kind: str, cell: int) -> None:
         readings[:, 3 * cell + 2] *= 1e3
     found = find_faults(made(), readings)
     assert [(fault.kind, fault.cells) for fault in found] == [(kind, (cell,))]
+
+
+@pytest.mark.parametrize(("since", "until", "kind"), [(2500, 4000, "stuck"), (0, 0, "saturated")])
+def test_of_three_cells_one_at_one_voltage_is_named(since: int, until: int, kind: str) -> None:
+    """To the end of the log, or while the load is beyond it."""
+    readings, cells = sliding()[:, :9], LoadCells(array().forward()[:9], np.full(9, NOISE))
+    limit = 0.6 * np.abs(readings[:, :3]).max()
+    readings[:, :3] = np.clip(readings[:, :3], -limit, limit) if kind == "saturated" else readings[:, :3]
+    readings[since:until, :3] = 1.2
+    assert [(fault.kind, fault.cells) for fault in find_faults(cells, readings)] == [(kind, (0,))]
 
 
 def test_exchanged_cells_are_named_and_sound_ones_are_not() -> None:

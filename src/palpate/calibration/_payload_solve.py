@@ -19,12 +19,16 @@ BELIEVED = 2.0  # chi-square per degree of freedom up to which the stated noise 
 
 @dataclass(frozen=True)
 class Settings:
-    """What the caller chose, checked: gravity's unit direction or None, |g|, noise covariance or None, robust."""
+    """What the caller chose, checked: gravity's unit direction or None, |g|, noise covariance or None, robust.
+
+    `of` is what a row is called in messages.
+    """
 
     direction: Float[np.ndarray, "3"] | None
     magnitude: float
     noise: Float[np.ndarray, "6 6"] | None
     robust: bool
+    of: str = "samples"
 
     def basis(self) -> Float[np.ndarray, "12 p"]:
         """The free directions among the twelve parameters."""
@@ -89,7 +93,7 @@ def _check(rotations: np.ndarray, kept: np.ndarray, theta: np.ndarray, settings:
     try:
         check_poses(rotations[kept], settings.direction, theta[:3])
     except NotIdentifiable as refused:
-        away = "" if kept.all() else f" ({int((~kept).sum())} samples, far from the rest, were set aside.)"
+        away = "" if kept.all() else f" ({int((~kept).sum())} {settings.of}, far from the rest, were set aside.)"
         raise NotIdentifiable(f"{refused}{away}", rank=refused.rank, missing=refused.missing) from None
 
 

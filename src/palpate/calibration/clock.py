@@ -203,7 +203,8 @@ def _refined(problem: _Problem, offset: float) -> ClockOffset:
     if not deviation < FLAT:  # NaN too
         raise _hardly_turns(deviation)
     far = np.count_nonzero(np.linalg.norm(residual, axis=1) > 5.0 * spread) / len(residual)
-    said = (f"{far:.0%} of the samples lie far from the fit (touches?) and hardly count.",) if far > 0.02 else ()
+    cause = "something touched, or the arm accelerated, whose inertia is not modelled"
+    said = (f"{far:.0%} of the samples lie far from the fit ({cause}) and hardly count.",) if far > 0.02 else ()
     return ClockOffset(offset, deviation, spread, len(residual) * problem.each, said)
 
 

@@ -11,7 +11,7 @@ from jaxtyping import Float
 from palpate.errors import InputError, NotIdentifiable
 from palpate.sensors.intensity import Curve
 
-__all__ = ["FEWEST", "choices", "held_out"]
+__all__ = ["FEWEST", "chosen"]
 
 FEWEST = 8  # rows that a curve needs
 _DEGREES = (1, 2, 3, 4, 5)
@@ -103,7 +103,32 @@ def _best(joints: np.ndarray, force: np.ndarray, signed: np.ndarray) -> Curve:
     return min(fits, key=lambda fit: fit.residual)
 
 
-def choices(kind: str, degree: int | None, force: np.ndarray, signed: np.ndarray) -> list[_Make]:
+def chosen(
+    kind: str, degree: int | None, force: Float[np.ndarray, " n"], signed: Float[np.ndarray, " n"]
+) -> tuple[Curve, str]:
+    """The curve that predicts presses held out best, and why it is a straight line where it could be another.
+
+    Args:
+        kind: of `Curve`, or "auto".
+        degree: of a polynomial; None: the best.
+        force: (n,) [N].
+        signed: (n,) readings that grow with it.
+    """
+    choice = _choices(kind, degree, force, signed)
+    errors = [_held_out(make, force, signed) for make in choice] if len(choice) > 1 else [0.0]
+    curve = choice[int(np.argmin(errors))](force, signed)
+    if len(choice) == 1 or curve.kind != "polynomial" or len(curve.parameters) > 1:
+        return curve, ""
+    if np.isinf(errors[0]):
+        reason = f"{len(force)} presses are too few to hold some out, and nothing else could be judged"
+    elif np.isinf(errors[1:]).all():
+        reason = "no other curve rises with force"
+    else:
+        reason = "it predicts presses held out best"
+    return curve, f"the curve is a straight line, a polynomial of degree 1: {reason}"
+
+
+def _choices(kind: str, degree: int | None, force: np.ndarray, signed: np.ndarray) -> list[_Make]:
     """What may be tried."""
     known: dict[str, list[_Make]] = {
         "polynomial": [_polynomial(each) for each in (_DEGREES if degree is None else (degree,))],
@@ -132,7 +157,7 @@ def _knots(force: np.ndarray, signed: np.ndarray) -> np.ndarray:
     return np.unique(np.append(knots[knots > 0], force.max()))
 
 
-def held_out(make: _Make, force: np.ndarray, signed: np.ndarray) -> float:
+def _held_out(make: _Make, force: np.ndarray, signed: np.ndarray) -> float:
     """Mean squared error over blocks of neighbouring forces that the fit has not seen; inf where it cannot be made."""
     order = np.argsort(force, kind="stable")
     fold = np.empty(len(force), dtype=np.int64)

@@ -9,11 +9,13 @@ from itertools import pairwise
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from palpate.calibration.curve_kinds import FEWEST, choices, held_out
+from palpate.calibration.curve_kinds import FEWEST, chosen
 from palpate.errors import InputError, NotIdentifiable
 from palpate.sensors.intensity import Curve, Intensity
 
-__all__ = ["identify_curve", "identify_intensity", "identify_resistive"]
+__all__ = ["identify_curve", "identify_intensity", "identify_resistive", "tells"]
+
+_FLAT = 0.1  # of the slope below it: a curve that rises less to its end saturates
 
 
 def identify_curve(
@@ -27,7 +29,7 @@ def identify_curve(
     """One curve I - I0 = f(F), by least squares in the intensity: the load cell is the better of the two.
 
     The unloaded intensity I0 is fitted along and left out: on a sheet it is each cell's baseline. Rows at the sensor's
-    range say nothing but that, and are left out.
+    range say nothing but that, and are left out; so are those beyond the force at which the curve goes flat.
 
     Args:
         force: (n,) [N], not negative.
@@ -40,6 +42,13 @@ def identify_curve(
         NotIdentifiable: too few rows, or forces that hardly differ.
         InputError: the fit does not rise with force.
     """
+    return _identified(force, intensity, kind, degree, top)[0]
+
+
+def _identified(
+    force: Float[np.ndarray, " n"], intensity: Float[np.ndarray, " n"], kind: str, degree: int | None, top: float | None
+) -> tuple[Curve, str]:
+    """The curve of `identify_curve`, and why it is a straight line, if several kinds or degrees could be."""
     force, intensity, dropped = _sound(force, intensity)
     _require_spread(force, dropped)
     if not np.ptp(intensity) > 0:
@@ -49,13 +58,45 @@ def identify_curve(
     limit = _limit(force, signed, None if top is None else (-top if falling else top))
     below = signed < limit
     _require_spread(force[below], dropped)
-    choice = choices(kind, degree, force[below], signed[below])
-    if len(choice) > 1:
-        choice = [min(choice, key=lambda each: held_out(each, force[below], signed[below]))]
-    curve = choice[0](force[below], signed[below])
+    end, reading = _goes_flat(force[below], signed[below])
+    limit, below = min(limit, reading), below & (force <= end)
+    curve, why = chosen(kind, degree, force[below], signed[below])
     saturation = float("nan") if np.isinf(limit) else (-limit if falling else limit)
     hysteresis = _hysteresis(curve, force[below], signed[below])
-    return replace(curve, saturation=saturation, falling=falling, hysteresis=hysteresis)
+    return replace(curve, saturation=saturation, falling=falling, hysteresis=hysteresis), why
+
+
+def tells(curve: Curve, force: Float[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
+    """Whether one reading at a force [N] says more of it than that it lies within the range, largest / sqrt(12)."""
+    return curve.deviation(force, curve.residual) < curve.largest / np.sqrt(12.0)
+
+
+def _goes_flat(force: Float[np.ndarray, " n"], signed: Float[np.ndarray, " n"]) -> tuple[float, float]:
+    """[N] The force from which on a taxel saturates, and a reading that 98 % of those there exceed; inf if it does not.
+
+    A curve straight between knots is fitted, and again to what lies below, whose knots are closer.
+    """
+    end = limit = np.inf
+    for _ in range(4):
+        below = force <= end
+        curve = chosen("monotone", None, force[below], signed[below])[0]
+        last = _end(curve)
+        if not last < curve.largest or np.count_nonzero(force <= last) < FEWEST:
+            break
+        end, limit = last, float(np.quantile(signed[force > last], 0.02))
+    return end, limit
+
+
+def _end(curve: Curve) -> float:
+    """[N] The force from which on no reading tells it and the curve hardly rises; else the largest."""
+    forces = curve.largest * np.arange(1, 257) / 256.0
+    known = np.flatnonzero(tells(curve, forces))
+    last = float(forces[known[-1]]) if len(known) else curve.largest
+    if not last < curve.largest:
+        return curve.largest
+    low, high = curve.intensity(np.array([last, curve.largest])).tolist()
+    flat = (high - low) / (curve.largest - last) < _FLAT * low / last
+    return last if flat else curve.largest
 
 
 def identify_intensity(
@@ -83,24 +124,25 @@ def identify_intensity(
         top: raw reading at the end of the range.
         provenance: where the log came from.
     """
-    common = identify_curve(force, intensity, kind=kind, degree=degree, top=top)
+    common, why = _identified(force, intensity, kind, degree, top)
     if cell is None:
-        return Intensity((common,), provenance=provenance or {}, notes=tuple(_remarks(common)))
+        return Intensity((common,), provenance=provenance or {}, notes=tuple(_remarks(common, why)))
     rows, columns = shape or tuple(int(last) + 1 for last in cell.max(axis=0))
     pressed, number = np.unique(cell, axis=0, return_inverse=True)
     if (pressed < 0).any() or (pressed >= [rows, columns]).any():
         raise InputError(f"a press names a cell that is not on the sheet of {rows} x {columns}.", where="intensity")
     which, number = np.zeros((rows, columns), np.int64), number.ravel()
+    use = _below(common, intensity)
     zero, gain, error = _gains(common, force, intensity, number, len(pressed))
     for _ in range(2):
-        own = (gain > 0)[number]
+        own = use & (gain > 0)[number]
         mine = number[own]
         alike = (intensity[own] - zero[mine]) / gain[mine]
         terms = len(common.parameters) if common.kind == "polynomial" else None
         refit = identify_curve(force[own], alike, kind=common.kind, degree=terms, top=np.inf)
         common = replace(refit, saturation=common.saturation, falling=common.falling)
         zero, gain, error = _gains(common, force, intensity, number, len(pressed))
-    notes, curves = _remarks(common), [common]
+    notes, curves = _remarks(common, why), [common]
     for (row, column), own, spread in zip(pressed.tolist(), gain.tolist(), error.tolist(), strict=True):
         if own > 0:
             values = common.parameters
@@ -113,13 +155,19 @@ def identify_intensity(
     return Intensity(tuple(curves), which, provenance=provenance or {}, notes=tuple(notes))
 
 
+def _below(common: Curve, intensity: np.ndarray) -> Bool[np.ndarray, " n"]:
+    """Which readings are numbers and below the end of the range."""
+    sign = -1.0 if common.falling else 1.0
+    limit = np.inf if np.isnan(common.saturation) else sign * common.saturation
+    return np.isfinite(intensity) & (sign * intensity < limit)
+
+
 def _gains(
     common: Curve, force: np.ndarray, intensity: np.ndarray, number: Int[np.ndarray, " n"], count: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Reading at rest, gain and its standard deviation of each cell, by a straight line; a gain of 0: not known."""
     sign = -1.0 if common.falling else 1.0
-    limit = np.inf if np.isnan(common.saturation) else sign * common.saturation
-    use = np.isfinite(force) & np.isfinite(intensity) & (sign * intensity < limit)
+    use = np.isfinite(force) & _below(common, intensity)
     x, y = sign * common.intensity(np.maximum(force, 0.0)), intensity
     zero, gain, error = np.zeros(count), np.zeros(count), np.zeros(count)
     for k in range(count):
@@ -179,14 +227,14 @@ def identify_resistive(
     covariance: Float[np.ndarray, "p p"] = variance * np.linalg.pinv(jacobian.T @ jacobian)
     curves: list[Curve] = []
     for k in range(count):
-        mine = layer == k
-        pair = [0, k + 1]
+        mine, pair = layer == k, [0, k + 1]
+        told = mine & (reading > floor)
         curves.append(
             Curve(
                 "resistive",
                 found.x[pair],
                 covariance[np.ix_(pair, pair)],
-                largest=float(pushed[mine].max()),
+                largest=float(pushed[told if told.any() else mine].max()),
                 saturation=floor,
                 falling=True,
                 reference=float(reference[mine][0]),
@@ -248,8 +296,8 @@ def _hysteresis(curve: Curve, force: np.ndarray, signed: np.ndarray) -> float:
     return max(found) / span if found and span > 0 else float("nan")
 
 
-def _remarks(curve: Curve) -> list[str]:
-    said: list[str] = []
+def _remarks(curve: Curve, why: str = "") -> list[str]:
+    said = [why] if why else []
     if curve.falling:
         said.append("the reading falls as the force grows")
     if np.isfinite(curve.saturation):

@@ -32,6 +32,7 @@ def identify_payload(
     noise: ArrayLike | None = None,
     robust: bool = True,
     hypothesis: str = AS_IS,
+    of: str = "samples",
     provenance: Mapping[str, str] | None = None,
 ) -> Payload:
     """Weight, centre and biases from wrenches that nothing but the payload makes [probe, (1)-(2), corrected].
@@ -55,17 +56,18 @@ def identify_payload(
         robust: set samples aside that lie 5 robust standard deviations from the fit, and say which.
         hypothesis: a name that `diagnose_payload` gave, undone before the fit. Later wrenches must be corrected alike
             before `Payload.compensate`.
+        of: what a row is, in messages: "samples", or "poses" where each is a mean.
         provenance: kept in the payload, beside the options used here.
 
     Raises:
         NotIdentifiable: the poses cannot separate the parameters; names which, and the pose to add.
         InputError: shapes, or a row that is not a rotation.
     """
-    settings = settings_of(gravity, magnitude, noise, robust=robust)
+    settings = replace(settings_of(gravity, magnitude, noise, robust=robust), of=of)
     wrenches, rotations, finite = usable(wrenches, rotations)
     solution = solve(*corrected(wrenches, rotations, hypothesis), settings)
     doubtful = doubts(solution, hypothesis, wrenches, rotations, settings)
-    notes = (*left_out(finite, solution.kept), *solution.payload.notes, *doubtful, *_far_centre(solution.payload))
+    notes = (*left_out(finite, solution.kept, of), *solution.payload.notes, *doubtful, *_far_centre(solution.payload))
     options = {
         "gravity": "free" if gravity is None else "given",
         "robust": str(robust).lower(),
@@ -121,14 +123,17 @@ def usable(wrenches: Wrench | ArrayLike, rotations: ArrayLike) -> tuple[np.ndarr
     return wrenches[finite], rotations[finite], finite
 
 
-def left_out(finite: Bool[np.ndarray, " n"], kept: Bool[np.ndarray, " m"]) -> tuple[str, ...]:
+def left_out(finite: Bool[np.ndarray, " n"], kept: Bool[np.ndarray, " m"], of: str) -> tuple[str, ...]:
     """Sentences about the rows that were not used: those not complete, and of the others those not kept."""
+    name = "rows" if of == "samples" else of
     lost, away = np.flatnonzero(~finite), np.flatnonzero(finite)[~kept]
     said: tuple[str, ...] = ()
     if len(lost):
-        said += (f"{len(lost)} of {len(finite)} rows hold NaN or infinity and were ignored ({_listed(lost)}).",)
+        said += (
+            f"{len(lost)} of {len(finite)} {name} hold NaN or infinity and were ignored ({name} {_listed(lost)}).",
+        )
     if len(away):
-        said += (f"{len(away)} of {len(kept)} samples lie far from the fit and were set aside ({_listed(away)}).",)
+        said += (f"{len(away)} of {len(kept)} {of} lie far from the fit and were set aside ({name} {_listed(away)}).",)
     return said
 
 
@@ -140,7 +145,7 @@ def _far_centre(payload: Payload) -> tuple[str, ...]:
 
 
 def _listed(rows: np.ndarray) -> str:
-    return "rows " + ", ".join(str(row) for row in rows[:5]) + (", ..." if len(rows) > 5 else "")
+    return ", ".join(str(row) for row in rows[:5]) + (", ..." if len(rows) > 5 else "")
 
 
 def _check_rotations(rotations: np.ndarray, finite: Bool[np.ndarray, " n"]) -> None:

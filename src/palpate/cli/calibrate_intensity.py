@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 import numpy as np
 from tyro.conf import arg
 
-from palpate.calibration.intensity import identify_intensity, identify_resistive
+from palpate.calibration.intensity import identify_intensity, identify_resistive, tells
 from palpate.cli.console import lines, note, title
 from palpate.cli.options import Log, Output, Scalar
 from palpate.errors import InputError
@@ -16,7 +16,7 @@ from palpate.io.atomic import keep_inputs
 from palpate.io.models import provenance, write_model
 from palpate.io.tables.table import read_table
 from palpate.io.units import FORCE_UNITS, to_si
-from palpate.sensors.intensity import Intensity
+from palpate.sensors.intensity import Curve, Intensity
 
 __all__ = ["calibrate_intensity"]
 
@@ -63,21 +63,25 @@ def calibrate_intensity(
         )
     write_model(output, found)
     curve = found.curves[0]
-    half = np.array([curve.largest / 2])
     title(f"{log} -> {output}")
     lines(
         [
             ("presses", f"{len(force):,} rows{'' if cell is None else f', {len(np.unique(cell, axis=0))} cells'}"),
-            ("curve", f"{curve.kind}, {len(curve.parameters)} parameters, up to {curve.largest:.4g} N"),
+            ("curve", f"{curve.name}, {len(curve.parameters)} parameters, up to {curve.largest:.4g} N"),
             ("residual", f"{curve.residual:.3g} counts rms"),
-            (
-                "deviation",
-                f"{1e3 * float(curve.deviation(half)[0]):.3g} mN by the fit, "
-                f"{1e3 * float(curve.deviation(half, curve.residual)[0]):.3g} mN of one reading, at {half[0]:.3g} N",
-            ),
+            ("deviation", _deviation(curve)),
         ]
     )
     note(found.notes)
+
+
+def _deviation(curve: Curve) -> str:
+    """Of a force in the middle of the range; a figure only where a reading tells it."""
+    half = np.array([curve.largest / 2])
+    if not tells(curve, half)[0]:
+        return f"not known at {half[0]:.3g} N: no reading tells the force there"
+    fit, one = (1e3 * float(curve.deviation(half, noise)[0]) for noise in (0.0, curve.residual))
+    return f"{fit:.3g} mN by the fit, {one:.3g} mN of one reading, at {half[0]:.3g} N"
 
 
 def _divider(

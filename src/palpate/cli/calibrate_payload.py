@@ -69,6 +69,7 @@ def calibrate_payload(
         )
     rotations = rotation_from_quaternion(recording.channels[ORIENTATION])
     wrenches, poses, counts = average_poses(recording.wrenches(), rotations)
+    averaged = bool(counts.max() > 1)
     record = provenance({"log": log, "rig": rig}, {"gravity": gravity})
     payload = identify_payload(
         wrenches,
@@ -76,14 +77,13 @@ def calibrate_payload(
         gravity=_direction(gravity),
         magnitude=magnitude,
         hypothesis="base frame" if base_frame or layout.frame == "base" else "as is",
+        of="poses" if averaged else "samples",
         provenance=record,
     )
     write_model(output, payload)
     title(f"{log} -> {output}")
-    averaged = (
-        f"{len(counts)} poses at rest of {int(counts.sum()):,} samples" if counts.max() > 1 else "each on its own"
-    )
-    lines([("samples", f"{len(recording):,}; used: {averaged}"), *of_payload(payload)])
+    used = f"{len(counts)} poses at rest of {int(counts.sum()):,} samples" if averaged else "each on its own"
+    lines([("samples", f"{len(recording):,}; used: {used}"), *of_payload(payload)])
     note([*recording.notes, *payload.notes])
     note(_hints(payload), kind="hint")
 

@@ -138,8 +138,8 @@ def _say(heading: str, pipeline: Pipeline, summary: RunSummary, doubts: list[str
     lines([("samples", f"{summary.samples:,} in, {summary.rows:,} rows out{several}")])
     lines(shares(summary.statuses))
     spent = {"read": pipeline.log.seconds, **pipeline.seconds}
-    rate = summary.samples / max(sum(spent.values()) - spent["prepare"], 1e-9)
+    rate = summary.samples / max(sum(spent.values()) - spent["prepare"] - spent["compile"], 1e-9)
     parts = ", ".join(f"{name} {seconds:.2f} s" for name, seconds in spent.items())
-    lines([("time", f"{parts}; {rate:,.0f} samples/s once prepared")])
+    lines([("time", f"{parts}; {rate:,.0f} samples/s once prepared and compiled")])
     note(pipeline.notes())
     note(doubts, kind="warning")

@@ -27,7 +27,7 @@ from palpate.surfaces._bvh import KIND
 from palpate.surfaces._edges import SHARP
 from palpate.surfaces._jit import chosen_for, inner
 from palpate.surfaces._kernels import is_mesh
-from palpate.surfaces._nearest import edges_near
+from palpate.surfaces._nearest import edges_near, nearest_to_point
 from palpate.surfaces._patches import VERTEX
 from palpate.surfaces._vectors import copy_into, cross_into, dot
 
@@ -296,7 +296,22 @@ def _of_mesh(wrench, unit, noise, nodes, corners, settings, state, plausible, ki
         return 0, np.inf
     sums = np.empty(_SUMS)
     answer = _decide(wrench, noise, rows, count, corners, settings, state, plausible, kind, place, t, spread, sums)
+    if answer == 1 or answer == 3:
+        _onto(place, nodes, corners, settings)
     return answer, sums[17]
+
+
+@inner
+def _onto(place, nodes, corners, settings):
+    """The nearest point of the surface: noise may put an answer past the far side of a narrow facet."""
+    point, found = np.empty((1, 3)), np.empty((1, 4))
+    for k in range(3):
+        point[0, k] = (place[k] - settings[CENTRE + k]) / settings[SCALE]
+    nearest_to_point(point, nodes, corners, found)
+    row = corners[int(found[0, 0])]
+    for k in range(3):
+        near = found[0, 1] * row[k] + found[0, 2] * row[6 + k] + found[0, 3] * row[12 + k]
+        place[k] = near * settings[SCALE] + settings[CENTRE + k]
 
 
 @inner
@@ -337,7 +352,7 @@ def _decide(wrench, noise, rows, count, corners, settings, state, plausible, kin
             square[k, j] = share * within + share * (1.0 - share) * gap
     for k in range(3):
         mean[k] = share * mean[k] + (1.0 - share) * spot[k]
-    across = 0.0 if plausible > 0 and kind == VERTEX else np.inf  # a corner has no width
+    across = 0.0 if plausible > 0 and kind == VERTEX else settings[SCALE]  # a corner has no width
     _answer(wrench, noise, rows, count, corners, settings, mean, n, square, across, place, t, spread)
     return answer
 

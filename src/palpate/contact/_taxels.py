@@ -38,16 +38,18 @@ PARTS = 16  # of an area
 AREA = 22  # where the numbers behind a row of an estimate begin
 NO_CONTACT, SATURATED, INVALID = 2, 6, 7  # palpate.contact.estimate.Status
 # numbers of a cell: what is known of it, what the last frame left (rest, reading, one that was a number), and a frame's
-NOISE, LIMIT, BASELINE, LAST, HELD, FORCE, Z, SPREAD, ERROR, OWN, AT, NUMBERS = 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 12
+NOISE, LIMIT, BASELINE, LAST, HELD, FORCE, Z, SPREAD = 0, 1, 2, 3, 4, 5, 6, 7
+ERROR, USED, OWN, AT, NUMBERS = 8, 9, 10, 11, 13
 # and whole ones: the same; how often around its range it is, and how often it went over an end
 GOOD, CURVE, TURNS, WRAPPED, LABEL, LIVE, CELLS, PARENT, WHOLE = 0, 1, 2, 3, 4, 5, 6, 7, 8
 _ROUNDS = 8  # of expectation maximisation
 _NARROW = 0.12  # squared cells: no contact is seen narrower than its cell
-# what the edges of cells make of a centroid, in cells: see `_narrow`; measured on discs without noise
-_SMALLER = 1.0 / 3.0  # mean of (1 - w)^2 over widths of touches narrower than a cell
-_ALIKE = 0.025  # the same of touches one to one and a half cells wide
+# what the edges of cells make of a centroid, in cells: see `_narrow`
+_SMALLER = 1.0 / 3.0  # mean of (1 - w)^2 over all widths w of touches narrower than a cell
+# the others are measured on discs without noise, Hertz's and flat
+_ALIKE = 0.025  # the same of touches one to one and a half cells wide: 0.001 to 0.055
 _ONE_ROW = 0.02  # squared cells: the second moment below which a touch lies in one row of cells
-_WIDE = 0.0045  # deviation times the second moment, of touches wider than that
+_WIDE = 0.0045  # deviation times the second moment, of touches wider than that: 0.0027 (Hertz's) to 0.0062 (flat)
 _LEAST_WIDE = 0.2  # squared cells
 _SIDEWAYS = 0.2  # cosine between a cell's normal and the contact's below which it says nothing of the height
 
@@ -385,14 +387,22 @@ def _narrow(moment, least):
 
 @inner
 def _errors(cells, count, end, scale, curves, settings, value, numbers, whole):
-    """By how much the force of each cell of an area may be off [N]: by its noise, and by that and its gain.
+    """What the centroid takes for the force of each cell of an area and its rim, and by how much that may be off [N].
 
-    A cell of the rim is left out of the centroid, but holds anything up to the threshold: (off spread)^2 / 12.
+    By its noise, and by that and its gain. Cells of the rim may hold anything up to the threshold: their readings
+    shrink by 1 - (n - 2) / sum z^2 [James and Stein, 1961], so that of a sharp edge hardly noise is taken, and of a
+    wide and light touch what is below the threshold. What is left out is off by (off spread)^2 / 12.
     """
     off, sign, unequal = settings[1], settings[4], settings[5]
     tables, gaps = curves
     noise, baseline, spread, error = numbers[NOISE], numbers[BASELINE], numbers[SPREAD], numbers[ERROR]
+    force, z, used = numbers[FORCE], numbers[Z], numbers[USED]
     which, live = whole[CURVE], whole[LIVE]
+    squares = 0.0
+    for i in range(count, end):
+        squares += z[cells[i]] ** 2
+    taken = max(1.0 - (end - count - 2) / squares, 0.0) if end - count > 2 and squares > 0.0 else 0.0
+    left = np.sqrt(taken + (1.0 - taken) * off * off / 12.0)
     for i in range(end):
         k = cells[i]
         above = max(sign * (value[k] - baseline[k]), 0.0) if live[k] else 0.0
@@ -400,19 +410,21 @@ def _errors(cells, count, end, scale, curves, settings, value, numbers, whole):
         slope = (_force(above + gap, curve, gap) - _force(above, curve, gap)) / gap
         spread[k] = noise[k] * scale * slope
         gain = unequal * above * slope
-        error[k] = np.sqrt(spread[k] ** 2 + gain**2) if i < count else off * spread[k] / np.sqrt(12.0)
+        used[k] = force[k] if i < count else taken * force[k]
+        error[k] = np.sqrt(spread[k] ** 2 + gain**2) if i < count else left * spread[k]
 
 
 @inner
 def _measure(cells, count, end, part, number, parts, raw, value, numbers, sign, place, origin, out):
     """One contact of an area: sums over its share of each cell; the centroid is divided by the sum of the forces."""
-    force, error, own, limit, at = numbers[FORCE], numbers[ERROR], numbers[OWN], numbers[LIMIT], numbers[AT:]
+    force, error, used = numbers[FORCE], numbers[ERROR], numbers[USED]
+    own, limit, at = numbers[OWN], numbers[LIMIT], numbers[AT:]
     vectors, sizes, grid, ring = place
     normals, areas = vectors[1], sizes[0]
     share = np.empty(PARTS)
     share[0] = 1.0
     total, row, column, push, covered, peak, held, full = 0.0, 0.0, 0.0, np.zeros(3), 0.0, 0.0, 0.0, False
-    inside = 0.0
+    inside, pressed = 0.0, 0.0
     for i in range(end):
         k = cells[i]
         if number > 1:
@@ -421,16 +433,17 @@ def _measure(cells, count, end, part, number, parts, raw, value, numbers, sign, 
         total += own[i] * force[k]
         for c in range(3):
             push[c] -= own[i] * force[k] * normals[k, c]
+        row += own[i] * used[k] * at[0, k]
+        column += own[i] * used[k] * at[1, k]
+        inside += own[i] * used[k]
         if i < count:
-            row += own[i] * force[k] * at[0, k]
-            column += own[i] * force[k] * at[1, k]
-            inside += own[i] * force[k]
+            pressed += own[i] * force[k]
             covered += own[i] * areas[k]
             held += own[i]
             if own[i] > 0.5:
                 peak = max(peak, force[k] / areas[k])
                 full = full or sign * value[k] >= sign * limit[k] or sign * raw[k] >= sign * limit[k]
-    if inside <= 0.0 or total <= 0.0:
+    if inside <= 0.0 or pressed <= 0.0 or total <= 0.0:
         return False
     row, column = row / inside, column / inside
     rr, cc, rc, vr, vc, vrc = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
@@ -445,7 +458,7 @@ def _measure(cells, count, end, part, number, parts, raw, value, numbers, sign, 
         vr += square * a * a
         vc += square * b * b
         vrc += square * a * b
-    rr, cc, rc = rr / inside, cc / inside, rc / inside
+    rr, cc, rc = rr / pressed, cc / pressed, rc / pressed
     least = 0.5 * (rr + cc) - np.sqrt(0.25 * (rr - cc) ** 2 + rc * rc)
     vr += _narrow(rr, least)
     vc += _narrow(cc, least)
@@ -455,11 +468,11 @@ def _measure(cells, count, end, part, number, parts, raw, value, numbers, sign, 
         _on_sheet(grid, row, column, here, ways)
         out[AREA], out[AREA + 1], first = row, column, AREA + 2
     else:
-        _anywhere(cells, count, own, force, inside, origin, place, here, ways)
+        _anywhere(cells, end, own, used, inside, origin, place, here, ways)
     _write(here, ways, np.array([rr, cc, rc]), np.array([vr, vc, vrc]), out, first + 4)
     out[6:9] = push
     out[21] = SATURATED if full else 0.0
-    out[first], out[first + 1], out[first + 2], out[first + 3] = covered, total, peak, inside / covered
+    out[first], out[first + 1], out[first + 2], out[first + 3] = covered, total, peak, pressed / covered
     out[first + 7] = held
     return True
 

@@ -12,7 +12,7 @@ from palpate.contact.estimate import ROW, Status
 from palpate.contact.locate import Locator
 from palpate.sensors.recording import Recording
 
-__all__ = ["LONGEST", "Located", "whole_touches"]
+__all__ = ["LONGEST", "Located", "joined", "whole_touches"]
 
 LONGEST = 200_000  # samples that are kept waiting for the end of a touch
 _APART = 0.05  # of the body's size between samples: the touch may have changed its branch
@@ -32,6 +32,15 @@ class Located(NamedTuple):
     covariance: Float[np.ndarray, "n 6 6"] | None
     status: Int8[np.ndarray, " n"]
     rows: Float[np.ndarray, "n 22"]
+
+
+def joined(block: Recording, pieces: list[Located]) -> Located:
+    """The pieces of a block as one."""
+    wrench, status, rows = (
+        np.concatenate([getattr(piece, name) for piece in pieces]) for name in ("wrench", "status", "rows")
+    )
+    known = [piece.covariance for piece in pieces if piece.covariance is not None]
+    return Located(block, wrench, np.concatenate(known) if known else None, status, rows)
 
 
 def whole_touches(parts: Iterable[Located], locator: Locator) -> Iterator[Located]:
@@ -71,15 +80,11 @@ def _settle(waiting: list[Located], begin: int, end: int, locator: Locator) -> N
             pieces.append(part._replace(**{name: _cut(getattr(part, name), piece) for name in part._fields[1:]}))
     if not pieces:
         return
-    rows = pieces[0].rows if len(pieces) == 1 else np.concatenate([piece.rows for piece in pieces])
-    touches = [span for span in _spans(rows) if _several(rows[span], locator.surface.size)]
-    if not touches:
-        return
-    wrench, status = (np.concatenate([getattr(piece, name) for piece in pieces]) for name in ("wrench", "status"))
-    known = [piece.covariance for piece in pieces if piece.covariance is not None]
-    covariance = np.concatenate(known) if known else None
-    for span in touches:
-        locator.follow_back(wrench[span], None if covariance is None else covariance[span], status[span], rows[span])
+    _, wrench, covariance, status, rows = pieces[0] if len(pieces) == 1 else joined(pieces[0].block, pieces)
+    for span in _spans(rows):
+        if _several(rows[span], locator.surface.size):
+            known = None if covariance is None else covariance[span]
+            locator.follow_back(wrench[span], known, status[span], rows[span])
     if len(pieces) > 1:
         cuts = np.cumsum([len(piece.rows) for piece in pieces])[:-1]
         for piece, settled in zip(pieces, np.split(rows, cuts), strict=True):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable, Iterator
-from itertools import chain
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,7 +13,7 @@ from numpy.typing import ArrayLike
 from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import ROW, ContactEstimate
 from palpate.contact.locate import Locator
-from palpate.contact.whole_touches import Located, whole_touches
+from palpate.contact.whole_touches import Located, joined, whole_touches
 from palpate.errors import InputError
 from palpate.sensors.compensation import Compensation
 from palpate.sensors.filters import Filter
@@ -220,21 +219,20 @@ class WrenchEstimator:
             InputError: a channel is missing, or has another shape; or the filter looks ahead.
         """
         self._require_forward()
-        parts = [self._placed(part.rows) for part in self._pieces(recording)]
-        rows = np.concatenate(parts) if parts else self.empty(0)
+        rows = self._placed(self._block(recording).rows)
         return Contacts.single(recording.time, ContactEstimate.from_rows(rows))
 
     def pairs(self, blocks: Iterable[Recording]) -> Iterator[tuple[Recording, Contacts]]:
         """Each block with its contacts, in order, as soon as they are known.
 
         A filter of zero phase looks ahead, and for logs (`live=False`) blocks wait until the touches in them end.
-        Samples are counted from the first block on; long blocks are cut, and where a log begins anew.
+        Samples are counted from the first block on. A sensor may cut blocks where its log begins anew.
 
         Raises:
             InputError: as `run`, but for that filter.
         """
         ready = self.sensor.ready(blocks)
-        located = self._look_ahead(ready) if self._zero_phase else chain.from_iterable(map(self._pieces, ready))
+        located = self._look_ahead(ready) if self._zero_phase else map(self._block, ready)
         first = 0
         for part in whole_touches(located, self.locator) if self._whole else located:
             yield (
@@ -292,12 +290,14 @@ class WrenchEstimator:
             "of the surface would read: make sure that nothing touched it"
         )
 
-    def _pieces(self, recording: Recording) -> Iterator[Located]:
-        """The samples of a block, so many at a time."""
-        for start in range(0, len(recording), PIECE):
-            block = recording.picked(slice(start, start + PIECE))
-            measured = self.sensor.measure(block)
-            yield self._located(block, measured, *self._filtered(measured))
+    def _block(self, block: Recording) -> Located:
+        """All samples of a block, so many at a time."""
+        pieces: list[Located] = []
+        for start in range(0, max(1, len(block)), PIECE):
+            piece = block.picked(slice(start, start + PIECE))
+            measured = self.sensor.measure(piece)
+            pieces.append(self._located(piece, measured, *self._filtered(measured)))
+        return pieces[0]._replace(block=block) if len(pieces) == 1 else joined(block, pieces)
 
     def _filtered(self, measured: Measured) -> tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, " k"]]:
         """Wrenches by way of the filter, and the share of the noise that it leaves."""

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from itertools import chain
 from pathlib import Path
@@ -204,7 +205,8 @@ class Pipeline:
         log, frame, estimator: what it is made of.
         said, doubted: sentences on what was done before the first sample, and on what may be wrong about it.
         facts: settings in force.
-        seconds: spent on preparing and locating; the log knows those of reading.
+        seconds: spent on preparing, on compiling what was not compiled before, and on locating; the log knows those of
+            reading.
     """
 
     log: OpenedLog
@@ -213,7 +215,7 @@ class Pipeline:
     said: list[str]
     doubted: list[str]
     facts: dict[str, object]
-    seconds: dict[str, float] = field(default_factory=lambda: {"prepare": 0.0, "locate": 0.0})
+    seconds: dict[str, float] = field(default_factory=lambda: {"prepare": 0.0, "compile": 0.0, "locate": 0.0})
     _seen: Seen = field(default_factory=Seen)
 
     @classmethod
@@ -241,16 +243,25 @@ class Pipeline:
         Args:
             options: that this estimator's `pairs` has beside the blocks, such as `forces` of taxels.
         """
+        from numba.core import event  # heavy: loaded when needed, as the kernels are
+
+        timer: Callable[..., AbstractContextManager[object]] = vars(event)["install_timer"]  # it has no types
         located = self.estimator.pairs(self.log, **options)
         while True:
-            begin, read = perf_counter(), self.log.seconds
-            pair = next(located, None)
-            self.seconds["locate"] += perf_counter() - begin - (self.log.seconds - read)
+            begin, read, before = perf_counter(), self.log.seconds, self.seconds["compile"]
+            with timer("numba:compile", self._compiled):
+                pair = next(located, None)
+            elsewhere = self.log.seconds - read + self.seconds["compile"] - before
+            self.seconds["locate"] += perf_counter() - begin - elsewhere
             if pair is None:
                 return
             block, found = pair
             self._seen.add(block, found, self._size)
             yield block, found, placed(found, block, self.frame, self.estimator.mount)
+
+    def _compiled(self, seconds: float) -> None:
+        """While samples are located: their rate would say nothing of the next run."""
+        self.seconds["compile"] += seconds
 
     @property
     def _size(self) -> float:

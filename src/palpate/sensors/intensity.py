@@ -78,6 +78,11 @@ R = `reference`, s = `scale`; 2 p1/F is the sensor's two contacts, p2 what stand
                 hint="Use a lower degree, kind 'monotone', or more presses around that force.",
             )
 
+    @property
+    def name(self) -> str:
+        """Its kind, and the degree of a polynomial."""
+        return f"polynomial of degree {len(self.parameters)}" if self.kind == "polynomial" else self.kind
+
     def intensity(self, force: Float[np.ndarray, "*batch"]) -> Float[np.ndarray, "*batch"]:
         """Counts away from the unloaded reading, positive under load; the first slope goes on below 0."""
         pushed = np.maximum(force, 0.0)

@@ -28,8 +28,8 @@ class Fault:
     """What is wrong.
 
     Attributes:
-        cells: numbers from 0; kind: "dead", "saturated", "swapped", "drifting", "unit", "gain", "unclear" where each of
-            the cells may be it, or "several".
+        cells: numbers from 0; kind: "dead", "stuck", "saturated", "swapped", "drifting", "unit", "gain", "unclear"
+            where each of the cells may be it, or "several".
         share: of the samples in which it shows.
         said: the sentence, with what to do.
         channels: numbers from 0 of those that are wrong, or may be.
@@ -53,8 +53,9 @@ def find_faults(
     A wrench explains six of 3 k voltages. Where chi-square of the others is beyond its bound, each channel and each
     cell in turn is left out, as an estimator does sample by sample (`Explanations`), then each pair of cells is
     exchanged; what makes the samples agree is the cause, and how its readings differ from what the others predict is
-    its kind. Where several make them agree, all are named. Three cells have none to spare, but perhaps a channel: else
-    only a cell that stands still or is at its range is named then, and an exchanged pair.
+    its kind. A channel that repeats one voltage is saturated where the load lies beyond that, else stuck. Where several
+    make them agree, all are named. Three cells have none to spare, but perhaps a channel: else only a cell that stands
+    still or is at its range is named then, and an exchanged pair.
 
     Args:
         cells: the model.
@@ -161,16 +162,19 @@ def _named(
     rest = f"; the other {'cells' if len(channels) > 1 else 'channels'} go on without it, with wider covariances"
     if np.all(_moves(seen) <= STILL * _moves(due).max()) or np.all(seen.std(axis=0) <= STILL * due.std(axis=0).max()):
         return fault("dead", f"{name} is dead: it does not answer to load{rest}")
+    clipped = _clipped(seen, due, bad)
     seen, due = seen[bad], due[bad]
     gains = np.sum(seen * due, axis=0) / np.sum(due**2, axis=0)
-    odd = np.flatnonzero(_far(gains))
+    odd = np.flatnonzero(_far(gains) & ~_repeats(seen, AGREE))
     if len(odd):
         channel = channels[int(odd[0])]
         label = names[channel] if names else f"channel {'xyz'[channel % 3]} of cell {channel // 3 + 1}"
         factor = abs(gains[odd[0]])
         return fault("unit", f"{label} reads {factor:.3g} times what it should: is it in another unit (mV for V)?")
     if _repeats(seen).any():
-        return fault("saturated", f"{name} is saturated: it goes no further than one voltage{rest}")
+        if clipped:
+            return fault("saturated", f"{name} is saturated: it goes no further than one voltage{rest}")
+        return fault("stuck", f"{name} is stuck: it stays at one voltage whatever the load{rest}")
     off = seen - due
     if np.all(np.abs(gains - 1.0) < SAME_GAIN) or _steady(off, due):
         volts = float(np.abs(off.mean(axis=0)).max())
@@ -178,11 +182,21 @@ def _named(
     return fault("gain", f"{name} answers differently to load than when it was calibrated{rest}")
 
 
-def _repeats(values: np.ndarray) -> Bool[np.ndarray, " c"]:
-    """Which channels often read exactly what they read before, as those at their range do."""
+def _repeats(values: np.ndarray, share: float = CLIPPED) -> Bool[np.ndarray, " c"]:
+    """Which channels read exactly what they read before in more than a share of samples, as those at their range do."""
     if len(values) < 2:
         return np.zeros(int(values.shape[1]), dtype=bool)
-    return np.asarray(np.mean(np.diff(values, axis=0) == 0, axis=0) > CLIPPED, dtype=bool)
+    return np.asarray(np.mean(np.diff(values, axis=0) == 0, axis=0) > share, dtype=bool)
+
+
+def _clipped(seen: np.ndarray, due: np.ndarray, bad: Bool[np.ndarray, " n"]) -> bool:
+    """Whether the load lies beyond readings that repeat themselves, away from zero, as at the end of a range.
+
+    Where that end is in these readings depends on the zero, which every start takes anew.
+    """
+    held = (np.diff(seen, axis=0, prepend=np.nan) == 0) & bad[:, None]
+    beyond = np.where(seen == 0, True, np.sign(seen) * (due - seen) >= 0)
+    return bool(np.count_nonzero(held & beyond) > 0.5 * np.count_nonzero(held))
 
 
 def _moves(values: np.ndarray) -> Float[np.ndarray, " c"]:
@@ -231,9 +245,16 @@ def _still(cells: LoadCells, usable: np.ndarray, kept: np.ndarray, share: float)
             return Fault((int(cell),), "dead", share, f"cell {cell + 1} is dead, and of three none can be spared")
         others = np.delete(usable, np.s_[3 * cell : 3 * cell + 3], axis=1)
         if _repeats(column).any() and not _repeats(others).any():
-            said = f"cell {cell + 1} is saturated, and of three none can be spared"
-            return Fault((int(cell),), "saturated", share, said)
+            kind = "saturated" if _leaves(column) else "stuck"
+            return Fault((int(cell),), kind, share, f"cell {cell + 1} is {kind}, and of three none can be spared")
     return None
+
+
+def _leaves(column: np.ndarray) -> bool:
+    """Whether channels that repeat themselves mostly come back from it before the log ends, as from a range's end."""
+    held = np.diff(column, axis=0) == 0
+    last = np.logical_and.accumulate(held[::-1], axis=0)[::-1]
+    return bool(np.count_nonzero(held & ~last) > 0.5 * np.count_nonzero(held))
 
 
 def _several(share: float) -> str:

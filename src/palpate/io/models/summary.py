@@ -56,7 +56,7 @@ def of_load_cells(cells: LoadCells) -> Lines:
 def of_intensity(intensity: Intensity) -> Lines:
     """Curves, range and how well they hold."""
     curves, which = intensity.curves, intensity.which
-    kinds = ", ".join(dict.fromkeys(curve.kind for curve in curves))
+    kinds = ", ".join(dict.fromkeys(curve.name for curve in curves))
     sheet = "the same for all cells" if which is None else f"for {' x '.join(map(str, which.shape))} cells"
     top = np.array([curve.saturation for curve in curves])
     lag = np.array([curve.hysteresis for curve in curves])
