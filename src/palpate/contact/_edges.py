@@ -353,23 +353,21 @@ def _decide(wrench, noise, rows, count, corners, settings, state, plausible, kin
     for k in range(3):
         mean[k] = share * mean[k] + (1.0 - share) * spot[k]
     across = 0.0 if plausible > 0 and kind == VERTEX else settings[SCALE]  # a corner has no width
-    _answer(wrench, noise, rows, count, corners, settings, mean, n, square, across, place, t, spread)
+    heaviest = int(sums[18])
+    _answer(wrench, noise, rows, count, corners, settings, heaviest, mean, n, square, across, place, t, spread)
     return answer
 
 
 @inner
-def _answer(wrench, noise, rows, count, corners, settings, mean, n, square, across, place, t, spread):
+def _answer(wrench, noise, rows, count, corners, settings, heaviest, mean, n, square, across, place, t, spread):
     """Point, normal, tangents and covariance from the mean along the edges, on the nearest of them."""
     line, best, g, w = np.empty(14), np.empty(14), np.empty(6), np.empty(6)
-    least, closest, along, tie = np.inf, np.inf, 0.0, (1e-6 * settings[SCALE]) ** 2
+    least, along, tie = np.inf, 0.0, (1e-6 * settings[SCALE]) ** 2
     for i in range(count):
         read_edge(corners[rows[i]], settings, line)
         s, gap = _nearest(mean, line)
-        off, variance = _misfit(wrench, noise, line, g, w)
-        if gap < least - tie or (
-            gap < least + tie and off * off / variance < closest
-        ):  # of two at a corner the likelier
-            least, closest, along = gap, off * off / variance, s
+        if gap < least - tie or (gap < least + tie and rows[i] == heaviest):  # of those that meet there
+            least, along = gap, s
             copy_into(line, best)
     e = best[3:6]
     tilt, length = dot(n, e), 0.0

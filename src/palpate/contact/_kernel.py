@@ -84,9 +84,15 @@ def _ambiguous(found, places, count, best, t, spread, noisy, state, branches):
 @inner
 def _strength(wrench, noise, settings):
     """What the thresholds are compared with: the force [N], or how many standard deviations it is from none."""
-    x, y, z = wrench[0], wrench[1], wrench[2]
     if settings[ON] >= 0.0:
-        return np.sqrt(x * x + y * y + z * z)
+        return np.sqrt(dot(wrench[:3], wrench[:3]))
+    return _deviations(wrench, noise)
+
+
+@inner
+def _deviations(wrench, noise):
+    """How many standard deviations a force is from none."""
+    x, y, z = wrench[0], wrench[1], wrench[2]
     a, b, c = noise[0, 0], noise[1, 1], noise[2, 2]
     d, e, f = noise[1, 2], noise[0, 2], noise[0, 1]
     i, j, k = b * c - d * d, d * e - c * f, f * d - b * e  # of the adjugate, as are those below
@@ -193,6 +199,9 @@ def estimate(wrench, noise, nodes, corners, settings, state, row):
             best = follow(wrench, noise, settings, state, found, places, torques, count, best, branches)
         within = plausible if found[best, 7] == 1.0 else 0
     remembered, place = count > 0 and best == count, places[best]
+    if noisy and within == 0 and not remembered and _deviations(wrench, noise) < EXPLAINED:
+        row[_STATUS] = _TOO_LIGHT  # noise alone explains the force, and so it would any contact
+        return
     t, shape, slopes = np.empty((2, 3)), np.empty((2, 2)), np.empty((2, 6))
     spread = np.zeros((2, 2))
     known = noisy and count > 0 and sensitivity(wrench, found[best], place, nodes, corners, settings, t, shape, slopes)
