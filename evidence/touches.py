@@ -136,7 +136,8 @@ def _touch(point: np.ndarray, normal: np.ndarray, torsion: float, rng: np.random
     push = rise * (1 + 0.3 * np.sin(2 * np.pi * rng.uniform(1, 4) * time)) + rng.uniform(0.2, 1)
     force = push[:, None] * (lean @ across - normal)
     twist = np.clip(_walk(0.3, 0.0, rng), -0.8, 0.8) * torsion * push
-    clean = palpate.simulation.contact_wrenches(point, normal, force, twist)
+    at, up = np.broadcast_to(point, force.shape), np.broadcast_to(normal, force.shape)
+    clean = palpate.simulation.contact_wrenches(at, up, force, twist)
     return clean + NOISE * rng.standard_normal(clean.shape)
 
 

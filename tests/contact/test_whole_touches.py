@@ -1,0 +1,113 @@
+"""Which place a touch is, decided by its samples: live by those before, on logs by all; and where a touch begins."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from palpate.contact import WrenchEstimator
+from palpate.contact.estimate import Status
+from palpate.contact.locate import Locator
+from palpate.sensors import Recording
+from palpate.sensors.compensation import Compensation
+from palpate.sensors.force_torque import ForceTorque, Payload
+from palpate.sensors.recording import FORCE, TORQUE
+from palpate.simulation import contact_wrenches
+from palpate.spatial.pose import Pose
+from palpate.surfaces.mesh import Mesh
+from palpate.surfaces.plane import plane
+
+NOISE = np.array([0.02] * 3 + [1e-4] * 3)
+UPPER, LOWER = 0.0, -0.01  # m, heights of two plates
+STEADY, COUNT = 60, 200  # samples with one direction of the force, and all
+RATE = 500.0
+UNTOUCHED = (Status.NO_CONTACT, Status.TOO_LIGHT)
+UP = np.array([0.0, 0.0, 1.0])
+
+
+def plates() -> Mesh:
+    """Two squares of 6 mm over each other, both pressed from above."""
+    square = 3e-3 * np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
+    faces = np.array([[0, 1, 2], [0, 2, 3]])
+    lower = square + np.array([0.0, 0.0, LOWER])
+    return Mesh.from_arrays(np.concatenate([square, lower]), np.concatenate([faces, faces + 4]))
+
+
+def touch(height: float, *, turns: bool, seed: int = 0) -> np.ndarray:
+    """Wrenches (COUNT, 6) of 5 N at a plate's middle: straight down, then, where it turns, by 8 degrees."""
+    after = np.maximum(np.arange(COUNT) - STEADY, 0) / RATE
+    lean = 0.14 * np.sin(2 * np.pi * 5.0 * after) * turns
+    force = 5.0 * np.stack([np.sin(lean), 0 * lean, -np.cos(lean)], axis=1)
+    at, up = np.tile([0.0, 0.0, height], (COUNT, 1)), np.tile(UP, (COUNT, 1))
+    clean = contact_wrenches(at, up, force, np.zeros(COUNT))
+    return clean + NOISE * np.random.default_rng(seed).standard_normal((COUNT, 6))
+
+
+def recorded(wrenches: np.ndarray) -> Recording:
+    return Recording(np.arange(len(wrenches)) / RATE, {FORCE: wrenches[:, :3].copy(), TORQUE: wrenches[:, 3:].copy()})
+
+
+@pytest.mark.parametrize("height", [UPPER, LOWER], ids=["met first", "met last"])
+def test_a_false_place_wanders_as_the_force_turns(height: float) -> None:
+    """Its point moves by 1.4 mm, ten standard deviations; the plate met first is given until then."""
+    found = Locator(plates(), noise=NOISE).run(touch(height, turns=True))
+    assert (found.status[5:STEADY] == Status.AMBIGUOUS).mean() > 0.9
+    assert np.allclose(found.point[:STEADY, 2], UPPER)
+    assert (found.status[-50:] == Status.CONTACT).all()
+    assert np.allclose(found.point[-50:, 2], height)
+
+
+def test_what_cannot_be_told_apart_stays_ambiguous() -> None:
+    found = Locator(plates(), noise=NOISE).run(touch(UPPER, turns=False))
+    assert (found.status == Status.AMBIGUOUS).mean() > 0.9
+
+
+@pytest.mark.parametrize("height", [UPPER, LOWER], ids=["met first", "met last"])
+def test_on_a_log_the_end_of_a_touch_decides_its_beginning(height: float) -> None:
+    silence = NOISE * np.random.default_rng(1).standard_normal((20, 6))
+    log = recorded(np.concatenate([touch(height, turns=True), silence, touch(LOWER, turns=True, seed=2), silence]))
+    estimator = WrenchEstimator(Locator(plates(), noise=NOISE), ForceTorque(NOISE), live=False)
+    for size in (1000, 64):
+        estimator.reset()
+        blocks = [log.picked(slice(start, start + size)) for start in range(0, len(log), size)]
+        status, point = (
+            np.concatenate([getattr(part.estimate, name) for part in estimator.stream(blocks)])
+            for name in ("status", "point")
+        )
+        assert len(status) == len(log)
+        for begin, truth in ((0, height), (COUNT + 20, LOWER)):
+            assert (status[begin : begin + COUNT] == Status.CONTACT).all()
+            assert np.allclose(point[begin : begin + COUNT, 2], truth)
+            assert np.isin(status[begin + COUNT : begin + COUNT + 20], UNTOUCHED).all()
+
+
+def test_a_touch_begins_where_its_own_covariance_does_not_explain_the_force() -> None:
+    """5.5 standard deviations along the force, and it ends below 3; here the noise is ten times larger along x."""
+    noise = np.diag([0.2, 0.02, 0.02, 1e-4, 1e-4, 1e-4]) ** 2
+    locator = Locator(plane([0, 0, 0], [-1, -1, -1], 1.0), noise=noise)
+
+    def status(x: float, y: float) -> int:
+        return int(locator.run(np.array([[x, y, 0.0, 0.0, 0.0, 0.0]])).status[0])
+
+    for axis, deviation in ((0, 0.2), (1, 0.02)):
+        for ratio, touched in ((5.4, False), (5.6, True), (3.1, True), (2.9, False), (5.4, False)):
+            force = [0.0, 0.0]
+            force[axis] = ratio * deviation
+            assert (status(*force) not in UNTOUCHED) == touched, (axis, ratio)
+
+
+def test_drift_since_the_tare_and_a_misfit_of_the_payload_raise_the_threshold() -> None:
+    """0.3 N: a contact at once, with 0.02 N of noise; none after 100 s of 0.02 N/sqrt(s), nor with 0.1 N of misfit."""
+    wrench = np.array([0.0, 0.0, -0.3, 0.0, 0.0, 0.0])
+    locator = Locator(plane([0, 0, 0], [0, 0, 1], 1.0), noise=NOISE)
+    late = Recording(np.array([0.0, 100.0]), {FORCE: np.tile(wrench[:3], (2, 1)), TORQUE: np.zeros((2, 3))})
+    drift = np.array([0.02] * 3 + [1e-4] * 3)
+    steady, drifting = (
+        WrenchEstimator(locator, ForceTorque(NOISE, drift=known)).run(late).status for known in (None, drift)
+    )
+    assert not np.isin(steady, UNTOUCHED).any()
+    assert np.isin(drifting, UNTOUCHED).tolist() == [False, True]
+    weightless = Payload(np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3), residual=np.array([0.1, 1e-3]))
+    still = Recording(late.time, late.channels | {"orientation": np.tile([0.0, 0.0, 0.0, 1.0], (2, 1))})
+    found = WrenchEstimator(locator, Compensation(ForceTorque(NOISE), weightless), Pose.identity()).run(still)
+    assert np.isin(found.status, UNTOUCHED).all()
