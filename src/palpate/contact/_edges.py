@@ -10,8 +10,9 @@ fits is W - S g' (g W)/(g S g'). Across e, with m = M - r x F and u = e x n, it 
     s = u . m/(F . n),   tau = F . m/(F . n).
 
 So a wrench leaves n open, and with it s. Every n is weighed by how well the wrench keeps the bounds there and by
-1/(F . n)^2, the density of (s, tau) in (u . m, F . m); the mean and the spread of s over n are the answer along e.
-Across e the answer is that of the facet which the noise put it on: its error is the noise of g W.
+1/(F . n)^2, the density of (s, tau) in (u . m, F . m). Where no facet has a contact within the bounds, the mean and the
+spread of s over n are the answer along e; across e it is that of the facet which the noise put it on: its error is the
+noise of g W. A contact on a facet beside an edge stays where it is, but its ellipse holds the edge's places as well.
 """
 
 # pyright: basic
@@ -28,7 +29,6 @@ from palpate.surfaces._edges import SHARP
 from palpate.surfaces._jit import chosen_for, inner
 from palpate.surfaces._kernels import is_mesh
 from palpate.surfaces._nearest import edges_near, nearest_to_point
-from palpate.surfaces._patches import VERTEX
 from palpate.surfaces._vectors import copy_into, cross_into, dot
 
 __all__ = ["EXPLAINED", "MOST", "at_edge", "edges_of", "exact", "near_previous", "reach", "read_edge"]
@@ -36,7 +36,7 @@ __all__ = ["EXPLAINED", "MOST", "at_edge", "edges_of", "exact", "near_previous",
 _NORMALS = 16  # of a fan that are weighed
 _FAR = 4.0  # standard deviations from an edge beyond which it is none
 _BESIDE = 0.05  # weight of the facet or corner beside an edge: as that of an edge 2.5 standard deviations off
-_EVEN = (1.645 / 1.96) ** 2  # 95 % of what is spread evenly lie within 1.645 deviations, of a normal one within 1.96
+_EVEN = (1.645 / 1.96) ** 2  # 95 % of an even spread lie within 1.645 rms, from its middle or end; of a normal 1.96
 _VAGUE = 10.0  # of the body's size: noise that tells no edge from another
 MOST = 64  # edges and corners looked at
 _EXACT = 1e-7  # of force and size: how far off a wrench without noise may be
@@ -224,21 +224,16 @@ def _nearest(point, line):
 
 @inner
 def _beside(wrench, noise, place, rows, count, corners, settings):
-    """Is a candidate a contact at one of these edges, but for the noise across it? Where on the edge: into place."""
+    """Is a candidate a contact at one of these edges, but for the noise across it?"""
     line, g, w = np.empty(14), np.empty(6), np.empty(6)
     pressing = abs(dot(wrench[:3], place[3:]))
-    best, spot = np.inf, np.empty(3)
     for i in range(count):
         read_edge(corners[rows[i]], settings, line)
-        along, gap = _nearest(place, line)
+        _, gap = _nearest(place, line)
         off, _ = _misfit(wrench, noise, line, g, w)
-        if gap < best and np.sqrt(gap) * pressing <= 2.0 * abs(off) + 1e-6 * settings[SCALE] * pressing:
-            best = gap
-            for k in range(3):
-                spot[k] = line[k] + along * line[3 + k]
-    if best < np.inf:
-        copy_into(spot, place[:3])
-    return best < np.inf
+        if np.sqrt(gap) * pressing <= 2.0 * abs(off) + 1e-6 * settings[SCALE] * pressing:
+            return True
+    return False
 
 
 @inner
@@ -253,7 +248,7 @@ def _wins(wrench, place, point, state):
     return dot(wrench[:3], point) < dot(wrench[:3], place)
 
 
-def at_edge(wrench, unit, noise, nodes, corners, settings, state, plausible, kind, place, t, spread):
+def at_edge(wrench, unit, noise, nodes, corners, settings, state, plausible, place, t, spread):
     """Change an answer where a sharp edge is near; a surface with an equation has none.
 
     Args:
@@ -265,7 +260,6 @@ def at_edge(wrench, unit, noise, nodes, corners, settings, state, plausible, kin
         settings: of the Locator.
         state: the last contact decides between edge and candidate.
         plausible: how many candidates are within the bounds.
-        kind: of the candidate's patch.
         place: (6,) point and normal of the candidate; changed.
         t: (2, 3) tangents; changed.
         spread: (2, 2) covariance in them [m^2]; changed.
@@ -278,15 +272,15 @@ def at_edge(wrench, unit, noise, nodes, corners, settings, state, plausible, kin
 
 
 @chosen_for(at_edge)
-def _at_edge(wrench, unit, noise, nodes, corners, settings, state, plausible, kind, place, t, spread):
+def _at_edge(wrench, unit, noise, nodes, corners, settings, state, plausible, place, t, spread):
     return _of_mesh if is_mesh(nodes) else _of_equation
 
 
-def _of_equation(wrench, unit, noise, nodes, corners, settings, state, plausible, kind, place, t, spread):
+def _of_equation(wrench, unit, noise, nodes, corners, settings, state, plausible, place, t, spread):
     return 0, np.inf
 
 
-def _of_mesh(wrench, unit, noise, nodes, corners, settings, state, plausible, kind, place, t, spread):
+def _of_mesh(wrench, unit, noise, nodes, corners, settings, state, plausible, place, t, spread):
     if nodes[len(nodes) - 1, 10, 0] < 0.0:
         return 0, np.inf
     rows = np.empty(MOST, dtype=np.int64)
@@ -295,7 +289,7 @@ def _of_mesh(wrench, unit, noise, nodes, corners, settings, state, plausible, ki
     if count == 0:
         return 0, np.inf
     sums = np.empty(_SUMS)
-    answer = _decide(wrench, noise, rows, count, corners, settings, state, plausible, kind, place, t, spread, sums)
+    answer = _decide(wrench, noise, rows, count, corners, settings, state, plausible, place, t, spread, sums)
     if answer == 1 or answer == 3:
         _onto(place, nodes, corners, settings)
     return answer, sums[17]
@@ -315,7 +309,7 @@ def _onto(place, nodes, corners, settings):
 
 
 @inner
-def _decide(wrench, noise, rows, count, corners, settings, state, plausible, kind, place, t, spread, sums):
+def _decide(wrench, noise, rows, count, corners, settings, state, plausible, place, t, spread, sums):
     """What `at_edge` returns first."""
     sums[:] = 0.0
     sums[17], sums[18] = np.inf, -1.0
@@ -326,40 +320,55 @@ def _decide(wrench, noise, rows, count, corners, settings, state, plausible, kin
         return 0
     if plausible == 0 and not sums[17] < EXPLAINED:
         return 0
-    mean, spot = np.empty(3), place.copy()
+    mean = np.empty(3)
     for k in range(3):
         mean[k] = sums[1 + k] / total
-    answer, share = 1, 1.0
+    answer = 1
     if plausible > 0:
-        if _beside(wrench, noise, spot, rows, count, corners, settings):
-            share = sums[16] / (sums[16] + _BESIDE)
-        elif sums[16] < _BESIDE or sums[17] == np.inf:
+        if _beside(wrench, noise, place, rows, count, corners, settings):
+            _widen(sums, mean, place, corners[int(sums[18])], settings, t, spread)
             return 0
-        elif not _wins(wrench, place, mean, state):
+        if sums[16] < _BESIDE or sums[17] == np.inf:
+            return 0
+        if not _wins(wrench, place, mean, state):
             return 2
-        else:
-            answer = 3
+        answer = 3
     length, n = 0.0, np.empty(3)
     for k in range(3):
         n[k] = sums[4 + k] / total
         length += n[k] ** 2
     square = np.empty((3, 3))
     for k in range(3):
-        n[k] = share * n[k] / np.sqrt(length) + (1.0 - share) * spot[3 + k]
+        n[k] /= np.sqrt(length)
         for j in range(3):
-            gap = (mean[k] - spot[k]) * (mean[j] - spot[j])
-            within = _EVEN * (sums[7 + 3 * k + j] / total - mean[k] * mean[j])
-            square[k, j] = share * within + share * (1.0 - share) * gap
-    for k in range(3):
-        mean[k] = share * mean[k] + (1.0 - share) * spot[k]
-    across = 0.0 if plausible > 0 and kind == VERTEX else settings[SCALE]  # a corner has no width
+            square[k, j] = _EVEN * (sums[7 + 3 * k + j] / total - mean[k] * mean[j])
     heaviest = int(sums[18])
-    _answer(wrench, noise, rows, count, corners, settings, heaviest, mean, n, square, across, place, t, spread)
+    _answer(wrench, noise, rows, count, corners, settings, heaviest, mean, n, square, place, t, spread)
     return answer
 
 
 @inner
-def _answer(wrench, noise, rows, count, corners, settings, heaviest, mean, n, square, across, place, t, spread):
+def _widen(sums, mean, place, row, settings, t, spread):
+    """A candidate beside an edge stays where it is; its ellipse holds the edge's places too, as likely as they are.
+
+    Along the edge: across it they are apart by the noise of the moment about it, which the ellipse has already.
+    """
+    line, along = np.empty(14), 0.0
+    read_edge(row, settings, line)
+    e = line[3:6]
+    for k in range(3):
+        for j in range(3):
+            square = sums[7 + 3 * k + j] / sums[0] - mean[k] * mean[j]
+            square += (mean[k] - place[k]) * (mean[j] - place[j])
+            along += e[k] * square * e[j]
+    along *= _EVEN * sums[16] / (sums[16] + _BESIDE)
+    for a in range(2):
+        for c in range(2):
+            spread[a, c] += dot(t[a], e) * along * dot(t[c], e)
+
+
+@inner
+def _answer(wrench, noise, rows, count, corners, settings, heaviest, mean, n, square, place, t, spread):
     """Point, normal, tangents and covariance from the mean along the edges, on the nearest of them."""
     line, best, g, w = np.empty(14), np.empty(14), np.empty(6), np.empty(6)
     least, along, tie = np.inf, 0.0, (1e-6 * settings[SCALE]) ** 2
@@ -388,7 +397,9 @@ def _answer(wrench, noise, rows, count, corners, settings, heaviest, mean, n, sq
     reach, ratio = dot(wrench[:3], side), -1.0 / pressing
     if -reach * np.sqrt(1.0 + settings[FRICTION] ** 2) >= force:
         ratio = -max(0.3, dot(side, place[3:])) / reach
-        inward = min(across, max(-across, off / reach))  # along n x e of the first side; against it of the second
+        inward = min(
+            settings[SCALE], max(-settings[SCALE], off / reach)
+        )  # along n x e of the first side; against it of the second
         for k in range(3):
             place[k] += inward * (np.sin(turn) * best[7 + k] - np.cos(turn) * best[10 + k])
     slopes = np.empty((2, 6))

@@ -213,9 +213,7 @@ def estimate(wrench, noise, nodes, corners, settings, state, row):
     moved, away = 0, found[count, 5]
     if not remembered:
         candidate = place.copy()
-        moved, away = _beside(
-            wrench, unit, noise, nodes, corners, settings, near, within, found[best], place, t, spread
-        )
+        moved, away = _beside(wrench, unit, noise, nodes, corners, settings, near, within, place, t, spread)
         if within == 0 and noisy:
             if count > 0:
                 away = _least(away, distance_to_bounds(wrench, noise, nodes, corners, settings, found[best], candidate))
@@ -262,7 +260,7 @@ def _carry(t, spread, out):
 
 
 @inner
-def _beside(wrench, unit, noise, nodes, corners, settings, near, plausible, candidate, place, t, spread):
+def _beside(wrench, unit, noise, nodes, corners, settings, near, plausible, place, t, spread):
     """What a sharp edge near the answer makes of it (`at_edge`); without noise, only where no candidate will do."""
     if settings[SOFT] == 0.0:
         return 0, np.inf
@@ -271,7 +269,7 @@ def _beside(wrench, unit, noise, nodes, corners, settings, near, plausible, cand
             return 0, np.inf
         noise = np.empty((6, 6))
         exact(wrench, settings, noise)
-    return at_edge(wrench, unit, noise, nodes, corners, settings, near, plausible, candidate[6], place, t, spread)
+    return at_edge(wrench, unit, noise, nodes, corners, settings, near, plausible, place, t, spread)
 
 
 @inner
