@@ -86,7 +86,7 @@ def _below(file: int) -> Iterator[None]:
 
 def _unfit(code: int, heard: str, said: str) -> str:
     """What is wrong with an exit code and what was said."""
-    if code not in (0, 1, 3):
+    if code not in (0, 1, 3, 4):
         return f"exit {code}: {said}"
     sentence, _, rest = said.partition("\n")
     if code == 1 and (not sentence.startswith("palpate: ") or (rest and "panicked at crates/polars" not in rest)):

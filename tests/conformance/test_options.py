@@ -19,7 +19,7 @@ OPTIONS = {  # of `estimate` and `view` -> values that no rig here states
     "--unit": ("mm",),
     "--crease": ("11",),
     "--method": ("wrench_axis",),
-    "--friction": ("0.07",),
+    "--friction": ("0.3",),
     "--torsion": ("1e-5",),
     "--contact": ("1.9", "1.1"),
     "--filter": ("kalman",),
