@@ -165,7 +165,7 @@ def _flat(count: int) -> Iterator[Row]:
     got = f"{same:.2%}; {np.mean(beyond):.0%} of {count:,} turn that hard; said: {asked.said or 'nothing'}"
     what = "flat on flat, torsion bound 5 mm: implausible just where the patch turns harder than that; what is said"
     yield Row(NAME, what, ">= 99 %, and a patch", got, same >= 0.99 and "patch" in asked.said, COMMAND)
-    reach = asked.reach(np.abs(wide.torque / wide.force[:, 2]))
+    reach = np.array([asked.reach(float(arm)) for arm in np.abs(wide.torque / wide.force[:, 2])])
     sound = float(np.mean(reach <= seen.reach + seen.depth))  # sideways forces act so far below the surface
     got = f"{sound:.2%}; largest {1e3 * reach.max():.2f} mm of {1e3 * seen.reach[np.argmax(reach)]:.2f}"
     what = "flat on flat: the reach said is no larger than that of the farthest contact"

@@ -16,6 +16,7 @@ UNLOADED = (Status.NO_CONTACT, Status.TOO_LIGHT, Status.INVALID, Status.NO_POSE)
 LOADED = 0.3  # of the 95th percentile of the force: below it noise moves the line as much as contact does
 MANY = 0.1  # of the loaded samples without an explanation: worth a sentence
 NEAR = 0.01  # of the body's size
+STICKIEST = 3.0  # friction beyond which it is none: 72 degrees
 
 
 @dataclass(frozen=True)
@@ -94,14 +95,16 @@ class Asked:
     Attributes:
         friction: (k,) tan of the angle between -force and normal; torsion: (k,) |torque|/|F . n| [m].
         bounds: the friction and the torsion that were allowed.
+        size: of the body [m]: no patch is larger.
     """
 
     friction: Float[np.ndarray, " k"]
     torsion: Float[np.ndarray, " k"]
     bounds: tuple[float, float]
+    size: float = np.inf
 
     @classmethod
-    def of(cls, contacts: Contacts, bounds: tuple[float, float]) -> Asked:
+    def of(cls, contacts: Contacts, bounds: tuple[float, float], size: float = np.inf) -> Asked:
         """By the points, normals and forces of contacts; light ones, which noise turns, are left out."""
         force, normal = contacts.force, contacts.normal
         strength = np.linalg.norm(force, axis=1)
@@ -112,7 +115,7 @@ class Asked:
         with np.errstate(divide="ignore"):
             friction = np.sqrt(np.maximum((strength[loaded] / pressing) ** 2 - 1.0, 0.0))
             torsion = np.abs(contacts.torque[loaded]) / pressing
-        return cls(friction, torsion, bounds)
+        return cls(friction, torsion, bounds, size)
 
     @property
     def proposal(self) -> str:
@@ -120,8 +123,10 @@ class Asked:
         if not len(self.friction):
             return ""
         friction, torsion = (float(np.percentile(values, 95)) for values in (self.friction, self.torsion))
+        if friction > STICKIEST or torsion > self.size:
+            return "no bounds that a contact has would do"
         said = f"95 % of the loaded samples stay below friction = {friction:.2g} and torsion = {torsion:.2g} m"
-        return f"{said}, {self._patch(torsion)}" if torsion > self.bounds[1] else said
+        return said + (self._patch(torsion) if torsion > self.bounds[1] else "")
 
     @property
     def said(self) -> str:
@@ -135,8 +140,8 @@ class Asked:
             if beyond.any():
                 middle = float(np.median(values[beyond]))
                 found = f"median {scale * middle:.3g}{unit}, bound {scale * bound:.3g}{unit}"
-                size = f": {self._patch(middle)}" if name == "torsion" else ""
-                parts.append(f"{name} in {beyond.mean():.0%} ({found}{size})")
+                patch = self._patch(middle) if name == "torsion" else ""
+                parts.append(f"{name} in {beyond.mean():.0%} ({found}{patch})")
         return " and ".join(parts)
 
     def reach(self, torsion: float) -> float:
@@ -148,9 +153,12 @@ class Asked:
         return torsion / self.bounds[0]
 
     def _patch(self, torsion: float) -> str:
+        reach = self.reach(torsion)
+        if reach > self.size / 2:
+            return ""
         return (
-            f"which a patch can make, if it reaches {1e3 * self.reach(torsion):.3g} mm or more from its middle at "
-            f"friction {self.bounds[0]:.2g}"
+            f", which a patch can make, if it reaches {1e3 * reach:.3g} mm or more from its middle at friction "
+            f"{self.bounds[0]:.2g}"
         )
 
 

@@ -176,7 +176,8 @@ class Seen:
         """Which bounds of friction and torsion the samples ask for; None where the sensor has none."""
         if not self._count or not isinstance(estimator, WrenchEstimator):
             return None
-        return Asked.of(Contacts.joined(self._found), (estimator.locator.friction, estimator.locator.torsion))
+        locator = estimator.locator
+        return Asked.of(Contacts.joined(self._found), (locator.friction, locator.torsion), locator.surface.size)
 
     def unbelievable(self) -> str:
         """The sentence to end with when not one sample can be believed, else empty."""
