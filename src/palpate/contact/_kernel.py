@@ -240,7 +240,7 @@ def estimate(wrench, noise, nodes, corners, settings, state, row):
     if not explained:
         row[_STATUS] = _IMPLAUSIBLE
         return
-    several = plausible > 1 and state[FOLLOW] == 0.0
+    several = plausible > (0 if remembered else 1) and state[FOLLOW] == 0.0
     if moved > 1 or (several and _ambiguous(found, places, count, best, t, spread, noisy, state, branches)):
         row[_STATUS] = _AMBIGUOUS
     state[HAS_PREVIOUS] = 1.0

@@ -30,7 +30,6 @@ _WORST = 8.0  # loss of a sample at most
 _LEAST, _SURE = 1.0, 2.5
 _LATE, _LATEST = 0.5, 10.0  # handicap a sample of a branch that appears later, and at most
 _ANOTHER = 5.0  # standard deviations from a place at which it is another touch, where no candidate is near
-_STEADY = 8.0  # samples after which a branch without a candidate is remembered
 _REACH = 0.1  # of the tree's size: beyond noise: a candidate further from a branch is another
 _NEAR = 4.0  # standard deviations beyond a bound, or from a place, at which a branch is followed still
 
@@ -283,8 +282,7 @@ def follow(wrench, noise, settings, state, found, places, torques, count, best, 
             return of_branch[winner]
     if of_branch[0] >= 0:
         return of_branch[0]
-    another = first[_COUNT] < _STEADY or not misfit < _ANOTHER**2  # touch: a log may hold one sample of each
-    if another and state[FOLLOW] == 0.0:
+    if not misfit < _ANOTHER**2 and state[FOLLOW] == 0.0:  # another touch: a log may hold one sample of each
         forget(state)
         _begin(_branch(state, 0), found[best], places[best], 0.0)
         return best
