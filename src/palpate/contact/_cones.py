@@ -28,8 +28,8 @@ _STEPS, _SWEEPS = 12, 60
 _SAME = 2e-3  # distances that the search cannot tell apart
 _UNBOUND = 1e3  # of the body's size: a torsion that no contact has, in the place of an infinite bound
 _SEARCHED = 32  # edges and corners, the likeliest first
-_TURNS, _SECANTS = 6, 6
-_NEAR_ENOUGH = 0.05  # of a distance: what a better normal could gain
+_TURNS, _SECANTS = 8, 8
+_NEAR_ENOUGH = 0.02  # of a distance: what a better normal could gain
 _SLACK = 2.0  # the gap bounds convex functions; these are nearly so
 
 
