@@ -210,18 +210,15 @@ def estimate(wrench, noise, nodes, corners, settings, state, row):
             shape_operator(found[best], t, settings[SCALE], nodes, corners, shape)
             softened(wrench[:3], place[3:], t, shape, settings, slopes)
         spread = sandwich(slopes, noise, slopes)
-    moved, away = 0, found[count, 5]
+    moved, away = 0, found[count, 5] if remembered else np.inf
     if not remembered:
-        candidate = place.copy()
-        moved, away = _beside(wrench, unit, noise, nodes, corners, settings, near, within, place, t, spread)
-        if within == 0 and noisy:
-            if count > 0:
-                away = _least(away, distance_to_bounds(wrench, noise, nodes, corners, settings, found[best], candidate))
-            if not away <= EXPLAINED:
-                away, other = _nearest(
-                    wrench, unit, noise, nodes, corners, settings, near, away, moved, place, t, spread
-                )
-                moved = 1 if other else moved
+        if within == 0 and noisy and count > 0:
+            away = distance_to_bounds(wrench, noise, nodes, corners, settings, found[best], place)
+        moved, beside = _beside(wrench, unit, noise, nodes, corners, settings, near, within, place, t, spread)
+        away = _least(beside, away)
+        if within == 0 and noisy and not away <= EXPLAINED:
+            away, other = _nearest(wrench, unit, noise, nodes, corners, settings, near, away, moved, place, t, spread)
+            moved = 1 if other else moved
         if moved == 1 or moved == 3:
             known, torques[best] = noisy, torsion(wrench, places, best, 0.0)[0]
         if count == 0 and not away <= EXPLAINED:

@@ -129,9 +129,25 @@ def _apart(branch, place):
 
 
 @inner
+def _far(wrench, noise, settings):
+    """How far [m] from a branch a candidate is another."""
+    return settings[SCALE] * _REACH + reach(wrench, noise, settings)
+
+
+@inner
+def _alone(wrench, noise, state, settings, place):
+    """Is there but one branch, and the place of it?"""
+    for k in range(1, MOST):
+        if state[BRANCHES + k * BRANCH] > 0.0:
+            return False
+    far = _far(wrench, noise, settings)
+    return _apart(_branch(state, 0), place) < far * far
+
+
+@inner
 def _assign(wrench, noise, state, settings, places, near, count, of_branch, of_candidate):
     """Candidates to branches, the closest pairs first; far beyond the bounds only to the branch that is believed."""
-    far = settings[SCALE] * _REACH + reach(wrench, noise, settings)
+    far = _far(wrench, noise, settings)
     for _ in range(MOST):
         least, which, whose = far * far, -1, -1
         for k in range(MOST):
@@ -260,16 +276,13 @@ def follow(wrench, noise, settings, state, found, places, torques, count, best, 
     of_candidate[:] = -1
     if first[_COUNT] == 0.0:
         _begin(first, found[best], places[best], 0.0)
+    if count == 1 and found[0, 7] == 1.0 and _alone(wrench, noise, state, settings, places[0]):
+        _moved(first, found[0], places[0])
+        return 0
     near, of_branch = np.empty(count), np.full(MOST, -1)
     for i in range(count):
         near[i] = 0.0 if found[i, 7] == 1.0 else _beyond(wrench, noise, places[i], torques[i], found[i, 4], settings)
     _assign(wrench, noise, state, settings, places, near, count, of_branch, of_candidate)
-    alone = count == 1 and of_branch[0] == 0
-    for k in range(1, MOST):
-        alone = alone and state[BRANCHES + k * BRANCH] == 0.0
-    if alone:
-        _moved(first, found[0], places[0])
-        return 0
     misfit = _judge(wrench, noise, state, found, places, near, of_branch)
     if state[FOLLOW] == 0.0:
         _born(state, found, places, near, count, of_candidate)
