@@ -234,12 +234,28 @@ def test_numbers_beyond_any_sensor_are_invalid_samples(value: str) -> None:
     )
 
 
-def test_accelerations_beyond_any_robot_are_invalid_samples(here: Path) -> None:
+def test_accelerations_beyond_any_robot_are_invalid_samples(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     _edit("touches.csv", ax=pl.lit(1e200), ay=pl.lit(0.0), az=pl.lit(0.0))
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         assert main([*ESTIMATE.split(), "out.csv"]) == 4
+    assert capsys.readouterr().out.splitlines()[-1].endswith("nothing to believe: there is no contact in it")
     assert set(pl.read_csv(here / "out.csv")["status"]) == {"invalid"}
+
+
+def test_bounds_that_are_too_tight_are_named_with_those_that_would_do(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The session's touches lean by up to their friction, and turn within 5 mm."""
+    assert main([*ESTIMATE.split(), "out.csv", "--friction", "0.02"]) in (0, 4)
+    said = capsys.readouterr().out
+    assert "by friction in" in said
+    assert "bound 0.02" in said
+    proposed = float(said.split("stay below friction = ")[1].split()[0])
+    assert main([*ESTIMATE.split(), "out.csv", "--friction", f"{1.2 * proposed:.3g}"]) == 0
+    assert "are implausible" not in capsys.readouterr().out
+    assert main(["inspect", "touches.csv", "--rig", "rig.toml"]) == 0
+    assert "stay below friction" in capsys.readouterr().out
 
 
 def _python(
