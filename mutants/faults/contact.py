@@ -35,7 +35,7 @@ FAULTS: list[Fault] = [
             "estimate_many",
         ),
         ("one covariance for all samples", "len(noises) > 1", "len(noises) > 1000000", "estimate_many"),
-        ("implausible candidates count", "max(1, plausible) if explained else plausible", "count"),
+        ("implausible candidates count", "max(1, plausible) if explained else 0", "count"),
     ),
     *of(
         "contact/_touch.py",

@@ -281,8 +281,6 @@ def _of_equation(wrench, unit, noise, nodes, corners, settings, state, plausible
 
 
 def _of_mesh(wrench, unit, noise, nodes, corners, settings, state, plausible, place, t, spread):
-    if nodes[len(nodes) - 1, 10, 0] < 0.0:
-        return 0, np.inf
     rows = np.empty(MOST, dtype=np.int64)
     count = edges_of(wrench, unit, noise, nodes, corners, settings, _FAR, SHARP, rows)
     count = near_previous(wrench, noise, corners, settings, state, rows, count)

@@ -11,6 +11,7 @@ from palpate.contact._edges import EXPLAINED, at_edge, exact
 from palpate.contact._settings import (
     ACCURACY,
     DEPTH,
+    EDGED,
     EXPONENT,
     FOLLOW,
     FRICTION,
@@ -214,9 +215,11 @@ def estimate(wrench, noise, nodes, corners, settings, state, row):
     if not remembered:
         if within == 0 and noisy and count > 0:
             away = distance_to_bounds(wrench, noise, nodes, corners, settings, found[best], place)
-        moved, beside = _beside(wrench, unit, noise, nodes, corners, settings, near, within, place, t, spread)
-        away = _least(beside, away)
-        if within == 0 and noisy and not away <= EXPLAINED:
+        edged = settings[EDGED] == 1.0
+        if edged and (noisy or within == 0):
+            moved, beside = _beside(wrench, unit, noise, nodes, corners, settings, near, within, place, t, spread)
+            away = _least(beside, away)
+        if edged and within == 0 and noisy and not away <= EXPLAINED:
             away, other = _nearest(wrench, unit, noise, nodes, corners, settings, near, away, moved, place, t, spread)
             moved = 1 if other else moved
         if moved == 1 or moved == 3:
@@ -232,7 +235,7 @@ def estimate(wrench, noise, nodes, corners, settings, state, row):
     if known:
         _carry(t, spread, row[10:19])
     explained = (within > 0 and not remembered) or away <= EXPLAINED
-    row[_CANDIDATES] = max(1, plausible) if explained else plausible
+    row[_CANDIDATES] = max(1, plausible) if explained else 0
     row[_RESIDUAL] = 0.0 if within > 0 and not remembered else away if noisy and away < np.inf else np.nan
     if not explained:
         row[_STATUS] = _IMPLAUSIBLE
@@ -258,12 +261,8 @@ def _carry(t, spread, out):
 
 @inner
 def _beside(wrench, unit, noise, nodes, corners, settings, near, plausible, place, t, spread):
-    """What a sharp edge near the answer makes of it (`at_edge`); without noise, only where no candidate will do."""
-    if settings[SOFT] == 0.0:
-        return 0, np.inf
+    """What a sharp edge near the answer makes of it (`at_edge`)."""
     if settings[NOISY] == 0.0:
-        if plausible > 0:
-            return 0, np.inf
         noise = np.empty((6, 6))
         exact(wrench, settings, noise)
     return at_edge(wrench, unit, noise, nodes, corners, settings, near, plausible, place, t, spread)
@@ -281,8 +280,6 @@ def _nearest(wrench, unit, noise, nodes, corners, settings, state, away, moved, 
 
     They do where nothing else explains the wrench and they do: point, normal, tangents and covariance are changed then.
     """
-    if settings[SOFT] == 0.0:
-        return away, False
     spot = place.copy()
     most = away if away < np.inf else EXPLAINED  # what presses on no facet is looked for near by
     least = distance_to_edges(wrench, unit, noise, nodes, corners, settings, state, most, spot)

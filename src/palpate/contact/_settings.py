@@ -8,6 +8,7 @@ __all__ = [
     "BRANCHES",
     "CENTRE",
     "DEPTH",
+    "EDGED",
     "EXPONENT",
     "FOLLOW",
     "FRICTION",
@@ -28,7 +29,7 @@ __all__ = [
 
 # settings: what a Locator was made with, as numbers. ON, OFF: forces [N], or minus standard deviations of the force
 CENTRE, SCALE, SOFT, FRICTION, TORSION, ON, OFF, NOISY = 0, 3, 4, 5, 6, 7, 8, 9
-DEPTH, EXPONENT, ACCURACY = 10, 11, 12
+DEPTH, EXPONENT, ACCURACY, EDGED = 10, 11, 12, 13  # EDGED: sharp edges are looked at
 # state: what one sample leaves to the next. PREVIOUS: the last contact; FOLLOW: nothing but the nearest to it is
 # believed; SAMPLES since the touch began; then the branches (`_touch`), the one that is believed first
 TOUCHING, HAS_PREVIOUS, PREVIOUS, FOLLOW, SAMPLES, BRANCHES = 0, 1, 2, 5, 6, 7

@@ -103,7 +103,7 @@ class Locator:
         self._settings = np.array(
             [*prepared.centre, prepared.scale, soft, self.friction, self.torsion, *gate, noisy]
             + ([0.0, 1.0] if indentation is None else [indentation.depth, indentation.exponent])
-            + [accuracy or 0.0]
+            + [accuracy or 0.0, soft * prepared.edged]
         )
         self._noisy = self._settings.copy()  # with covariances beside the wrenches
         self._noisy[NOISY] = 1.0

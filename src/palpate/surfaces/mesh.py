@@ -216,7 +216,7 @@ class Mesh(Value):
     def prepared(self) -> Prepared:
         """For the compiled loops: the tree."""
         tree = self._tree
-        return Prepared((tree.nodes, tree.corners), tree.centre, tree.scale)
+        return Prepared((tree.nodes, tree.corners), tree.centre, tree.scale, bool(tree.nodes[-1, 10, 0] >= 0))
 
     def drawn(self) -> Mesh:
         """What a viewer shows of it: itself."""

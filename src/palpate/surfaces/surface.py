@@ -17,11 +17,15 @@ __all__ = ["Prepared", "Surface"]
 
 @dataclass(frozen=True)
 class Prepared:
-    """A surface as compiled loops read it: two arguments (`_kernels`), in unit size (p - centre)/scale, in metres."""
+    """A surface as compiled loops read it: two arguments (`_kernels`), in unit size (p - centre)/scale, in metres.
+
+    `edged`: has it sharp edges?
+    """
 
     arguments: tuple[Any, Float[np.ndarray, "m k"]]
     centre: Float[np.ndarray, "3"]
     scale: float
+    edged: bool = False
 
 
 @runtime_checkable
