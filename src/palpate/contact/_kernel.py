@@ -194,10 +194,14 @@ def estimate(wrench, noise, nodes, corners, settings, state, row):
     noisy = settings[NOISY] == 1.0
     places, torques, branches = np.zeros((count + 1, 6)), np.empty(count + 1), np.empty(count + 1, np.int64)
     best = plausible = within = 0
+    doubtful = False
     if count > 0:
-        best, plausible = _choose(wrench, settings, near, found, count, places, torques)
+        chosen, plausible = _choose(wrench, settings, near, found, count, places, torques)
+        best = chosen
         if noisy:
-            best = follow(wrench, noise, settings, state, found, places, torques, count, best, branches)
+            best = follow(wrench, noise, settings, state, found, places, torques, count, chosen, branches)
+            doubtful = best == count and state[FOLLOW] == 0.0 and found[count, 7] < found[chosen, 7]
+        best = chosen if doubtful else best
         within = plausible if found[best, 7] == 1.0 else 0
     remembered, place = count > 0 and best == count, places[best]
     if noisy and within == 0 and not remembered and _deviations(wrench, noise) < EXPLAINED:
@@ -241,7 +245,7 @@ def estimate(wrench, noise, nodes, corners, settings, state, row):
         row[_STATUS] = _IMPLAUSIBLE
         return
     several = plausible > (0 if remembered else 1) and state[FOLLOW] == 0.0
-    if moved > 1 or (several and _ambiguous(found, places, count, best, t, spread, noisy, state, branches)):
+    if moved > 1 or doubtful or (several and _ambiguous(found, places, count, best, t, spread, noisy, state, branches)):
         row[_STATUS] = _AMBIGUOUS
     state[HAS_PREVIOUS] = 1.0
     copy_into(place, state[PREVIOUS : PREVIOUS + 3])

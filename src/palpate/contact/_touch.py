@@ -29,7 +29,7 @@ _MEMORY = 32.0  # samples of a branch's mean place
 _WORST = 8.0  # loss of a sample at most
 _LEAST, _SURE = 1.0, 2.5
 _LATE, _LATEST = 0.5, 10.0  # handicap a sample of a branch that appears later, and at most
-_ANOTHER = 5.0  # standard deviations from a place at which it is another touch, where no candidate is plausible
+_ANOTHER = 5.0  # standard deviations from a place at which it is another touch, where no candidate is near
 _REACH = 0.1  # of the tree's size: beyond noise: a candidate further from a branch is another
 _NEAR = 4.0  # standard deviations beyond a bound, or from a place, at which a branch is followed still
 
@@ -296,11 +296,11 @@ def follow(wrench, noise, settings, state, found, places, torques, count, best, 
     if of_branch[0] >= 0:
         return of_branch[0]
     _remembered(wrench, noise, state, settings, found, places, torques, count, misfit)
-    most = EXPLAINED if found[best, 7] == 1.0 else _ANOTHER
-    if found[count, 5] <= most or state[FOLLOW] == 1.0:
+    if found[count, 5] < (_ANOTHER if state[FOLLOW] == 0.0 else np.inf):
         return count
-    forget(state)  # another touch: a log may hold one sample of each
-    _begin(_branch(state, 0), found[best], places[best], 0.0)
+    if state[FOLLOW] == 0.0:  # another touch: a log may hold one sample of each
+        forget(state)
+        _begin(_branch(state, 0), found[best], places[best], 0.0)
     return best
 
 
