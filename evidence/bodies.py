@@ -7,7 +7,7 @@ import numpy as np
 import palpate
 from palpate.simulation import Body, BumpySphere, Ellipsoid, Superquadric, contact_wrenches
 
-__all__ = ["BODIES", "BUMPIER", "CONVEX", "SIZES", "R", "curvature", "mesh_of", "path"]
+__all__ = ["BODIES", "BUMPIER", "CONVEX", "SIZES", "R", "curvature", "mesh_of", "path", "prism"]
 
 R = 0.010  # m
 BODIES: dict[str, Body] = {
@@ -66,3 +66,13 @@ def path(body: Body, count: int, step: float, pitch: float, seed: int = 0) -> tu
     pitches = pitch * wander(np.array([0.41]))[:, 0]
     torsion = pitches * size**2 / np.einsum("ij,ij->i", forces, normals)
     return points, contact_wrenches(points, normals, forces, torsion)
+
+
+def prism(outline: np.ndarray, height: float) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices and faces over a polygon, counter-clockwise and star-shaped about its first corner; z in +-height/2."""
+    count = len(outline)
+    vertices = np.concatenate([np.c_[outline, np.full(count, s * height / 2)] for s in (-1, 1)])
+    i, j = np.arange(count), np.roll(np.arange(count), -1)
+    sides = np.concatenate([np.c_[i, j, j + count], np.c_[i, j + count, i + count]])
+    fan = np.c_[np.zeros(count - 2, dtype=int), np.arange(1, count - 1), np.arange(2, count)]
+    return vertices, np.concatenate([sides, fan[:, ::-1], fan + count])

@@ -15,13 +15,13 @@ import numpy as np
 from scipy.optimize import least_squares
 
 import palpate
-from evidence.bodies import R
+from evidence.bodies import R, prism
 from evidence.covariance import CHI2_95, NOISE, squared_distance
 from evidence.row import Row
 from palpate.simulation import contact_wrenches
 from palpate.simulation.contacts import directed_forces
 
-__all__ = ["PRISMS", "edges", "prism", "rows", "touches"]
+__all__ = ["PRISMS", "edges", "rows", "touches"]
 
 COMMAND = "python -m evidence --only edges"
 NAME = "edges"
@@ -76,7 +76,7 @@ def _residuals(name: str, count: int) -> Row:
     off = np.abs([found.residual[i] / _brute_force(name, mesh, wrenches[i]) - 1 for i in beyond])
     got = f"{np.mean(off <= 0.1):.0%}; p95 {np.percentile(off, 95):.1%}, max {off.max():.1%}; {len(beyond)} wrenches"
     what = f"{name}: residual within 10 % of the least over all contacts, by brute force"
-    return Row(NAME, what, ">= 95 %", got, bool(np.mean(off <= 0.1) >= 0.95), COMMAND)
+    return Row(NAME, what, "all", got, bool(off.max() <= 0.1), COMMAND)
 
 
 def _brute_force(name: str, mesh: palpate.Mesh, wrench: np.ndarray) -> float:
@@ -131,16 +131,6 @@ def _corners(name: str) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     for i, corner in enumerate(outline):
         for s in (-1.0, 1.0):
             yield np.append(corner, s * height / 2), np.array([[*side[i - 1], 0], [*side[i], 0], [0, 0, s]])
-
-
-def prism(outline: np.ndarray, height: float) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices and faces over a polygon; z within +-height/2."""
-    count = len(outline)
-    vertices = np.concatenate([np.c_[outline, np.full(count, s * height / 2)] for s in (-1, 1)])
-    i, j = np.arange(count), np.roll(np.arange(count), -1)
-    sides = np.concatenate([np.c_[i, j, j + count], np.c_[i, j + count, i + count]])
-    fan = np.c_[np.zeros(count - 2, dtype=int), np.arange(1, count - 1), np.arange(2, count)]
-    return vertices, np.concatenate([sides, fan[:, ::-1], fan + count])
 
 
 def edges(outline: np.ndarray, height: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

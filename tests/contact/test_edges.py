@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
+from evidence.bodies import prism
 from evidence.covariance import CHI2_95, NOISE, squared_distance
-from evidence.edges import PRISMS, edges, prism, touches
+from evidence.edges import PRISMS, edges, touches
 from palpate.contact import Locator, Status
 from palpate.surfaces import Mesh
 from palpate.surfaces._edges import SHARP, sharp_edges

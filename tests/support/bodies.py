@@ -12,10 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import ConvexHull
 
+from evidence.bodies import prism
 from palpate.simulation.shapes import Body, BumpySphere, Ellipsoid, Superquadric
 from palpate.surfaces import Mesh, plane
 
-__all__ = ["BODIES", "CLOSED", "R", "Surfaced", "box", "cylinder", "extruded", "on_mesh", "pressing"]
+__all__ = ["BODIES", "CLOSED", "R", "Surfaced", "box", "cylinder", "on_mesh", "pressing"]
 
 R = 0.01  # m
 PLACE = np.array([0.004, -0.003, 0.03])  # m, of a body in the sensor's frame
@@ -41,29 +42,19 @@ class Surfaced:
 def box(sides: tuple[float, float, float] = (2 * R, 1.4 * R, R)) -> Arrays:
     """A box about the origin of twelve facets."""
     square = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * 0.5
-    return extruded(square * sides[:2], sides[2])
-
-
-def extruded(outline: np.ndarray, height: float) -> Arrays:
-    """A prism over a polygon, counter-clockwise and star-shaped about its first corner; z within +-height/2."""
-    count = len(outline)
-    vertices = np.concatenate([np.c_[outline, np.full(count, s * height / 2)] for s in (-1, 1)])
-    i, j = np.arange(count), np.roll(np.arange(count), -1)
-    sides = np.concatenate([np.c_[i, j, j + count], np.c_[i, j + count, i + count]])
-    fan = np.c_[np.zeros(count - 2, dtype=int), np.arange(1, count - 1), np.arange(2, count)]
-    return vertices, np.concatenate([sides, fan[:, ::-1], fan + count])
+    return prism(square * sides[:2], sides[2])
 
 
 def cylinder(radius: float = 0.7 * R, height: float = 2 * R, around: int = 32) -> Arrays:
     """A round prism: smooth sides (11 degrees a step), flat lids, sharp rims."""
     turn = np.arange(around) * 2 * np.pi / around
-    return extruded(radius * np.c_[np.cos(turn), np.sin(turn)], height)
+    return prism(radius * np.c_[np.cos(turn), np.sin(turn)], height)
 
 
 def _l_body() -> Arrays:
     """Concave: a force along -x or -y may meet it twice. The first corner is the inner one, which sees all others."""
     outline = np.array([(0, 0), (0, 1), (-1, 1), (-1, -1), (1, -1), (1, 0)]) * R
-    return extruded(outline, R)
+    return prism(outline, R)
 
 
 def _patch() -> Arrays:

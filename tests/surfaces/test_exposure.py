@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 import trimesh
 
+from evidence.bodies import prism
 from palpate import Locator, Pose, Status
 from palpate.errors import GeometryError, InputError
 from palpate.surfaces import Mesh, _rays, plane
 from palpate.surfaces._patches import Patches
 from palpate.surfaces._tree import build_tree
-from tests.support.bodies import BODIES, R, box, extruded, pressing
+from tests.support.bodies import BODIES, R, box, pressing
 
 
 def joined(*parts: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
@@ -141,7 +142,7 @@ def test_a_mesh_in_another_frame_covers_the_same_facets() -> None:
 
 def test_an_edge_between_an_open_and_a_covered_facet_is_open() -> None:
     """The lid of a closed prism, its sides declared covered: the rim's edges, and smooth strips, stay searched."""
-    vertices, faces = extruded(np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * R, R)
+    vertices, faces = prism(np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * R, R)
     whole = Mesh.from_arrays(vertices, faces, covered=True)
     lid = whole.normals[:, 2] > 0.5
     mesh = Mesh(whole.vertices, whole.faces, whole.corner_normals, whole.crease, (), lid)

@@ -1,7 +1,7 @@
 """Compiled: how far a wrench is from those that a contact at a sharp edge or corner within the bounds can make.
 
-For a given normal n those wrenches are a cone: some linear equations and inequalities (`_edge_rows`, `_corner_rows`),
-the friction |F| <= -sqrt(1 + mu^2) F . n, and the torsion |F . M| <= c (F . n)^2, as tau = F . M/(F . n). The nearest
+For a given normal n those wrenches are a cone: some linear equations and inequalities (`_at_edge`, `_at_corner`), the
+friction |F| <= -sqrt(1 + mu^2) F . n, and the torsion |F . M| <= c (F . n)^2, as tau = F . M/(F . n). The nearest
 of them in the metric of S is found by linearising the last two and solving for the multipliers one by one (Hildreth
 1957). The multipliers say how the distance changes with n, and so where to go among the normals.
 """

@@ -395,9 +395,8 @@ def _answer(wrench, noise, rows, count, corners, settings, heaviest, mean, n, sq
     reach, ratio = dot(wrench[:3], side), -1.0 / pressing
     if -reach * np.sqrt(1.0 + settings[FRICTION] ** 2) >= force:
         ratio = -max(0.3, dot(side, place[3:])) / reach
-        inward = min(
-            settings[SCALE], max(-settings[SCALE], off / reach)
-        )  # along n x e of the first side; against it of the second
+        # along n x e of the first side; against it of the second
+        inward = min(settings[SCALE], max(-settings[SCALE], off / reach))
         for k in range(3):
             place[k] += inward * (np.sin(turn) * best[7 + k] - np.cos(turn) * best[10 + k])
     slopes = np.empty((2, 6))
