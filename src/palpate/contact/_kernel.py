@@ -10,6 +10,9 @@ from palpate.contact._cones import distance_to_edges
 from palpate.contact._edges import EXPLAINED, at_edge, exact
 from palpate.contact._settings import (
     ACCURACY,
+    BRANCH,
+    BRANCHES,
+    CONTESTED,
     DEPTH,
     EDGED,
     EXPONENT,
@@ -17,6 +20,7 @@ from palpate.contact._settings import (
     FRICTION,
     HAS_PREVIOUS,
     LARGEST,
+    MOST,
     NOISY,
     OFF,
     ON,
@@ -26,7 +30,7 @@ from palpate.contact._settings import (
     TOUCHING,
 )
 from palpate.contact._slopes import sandwich, sensitivity, slopes_at, softened, tangents, to_metres, to_unit
-from palpate.contact._touch import better, follow, forget, rival, torsion, within_bounds
+from palpate.contact._touch import ANOTHER, better, follow, forget, friction, rival, torsion, within_bounds
 from palpate.surfaces._jit import entry, inner
 from palpate.surfaces._kernels import CANDIDATE, CAPACITY, nearest_to_axis, search, shape_operator
 from palpate.surfaces._vectors import copy_into, cross_into, dot
@@ -67,19 +71,42 @@ def _choose(wrench, settings, state, found, count, places, torques):
 
 @inner
 def _ambiguous(found, places, count, best, t, spread, noisy, state, branches):
-    """Does another plausible candidate, that is not told apart, lie outside the 95 % ellipse of the one chosen?"""
+    """Does another candidate that may be it, and is not told apart, lie outside the 95 % ellipse of the one chosen?"""
     det = spread[0, 0] * spread[1, 1] - spread[0, 1] * spread[1, 0]
     for i in range(count):
-        if i == best or found[i, 7] == 0.0 or not (not noisy or rival(state, branches[i])):
+        if i == best or found[i, 7] == 0.0 or (noisy and not rival(state, branches[i])):
             continue
-        if not noisy or not det > 0.0:
+        if not noisy or _outside(places[i], places[best], t, spread, det, _CHI2_95):
             return True
-        off = places[i, :3] - places[best, :3]
-        x, y, z = dot(off, t[0]), dot(off, t[1]), dot(off, places[best, 3:])
-        square = (spread[1, 1] * x * x - 2.0 * spread[0, 1] * x * y + spread[0, 0] * y * y) / det
-        if square > _CHI2_95 or z * z > _CHI2_95 * (spread[0, 0] + spread[1, 1]):
-            return True
+    if noisy and state[CONTESTED] == 1.0:
+        for k in range(1, MOST):
+            mean = BRANCHES + k * BRANCH + 1
+            if rival(state, k) and _outside(state[mean : mean + 3], places[best], t, spread, det, _CHI2_95):
+                return True
     return False
+
+
+@inner
+def _outside(point, place, t, spread, det, limit):
+    """Is a point more than `limit`, in squared standard deviations, from a place with this covariance?"""
+    if not det > 0.0:
+        return True
+    off = point[:3] - place[:3]
+    x, y, z = dot(off, t[0]), dot(off, t[1]), dot(off, place[3:])
+    square = (spread[1, 1] * x * x - 2.0 * spread[0, 1] * x * y + spread[0, 0] * y * y) / det
+    return square > limit or z * z > limit * (spread[0, 0] + spread[1, 1])
+
+
+@inner
+def _jumped(wrench, noise, state, place, t, spread):
+    """Is this place far from the last one, though a contact there would explain the wrench too?"""
+    if state[HAS_PREVIOUS] == 0.0:
+        return False
+    last = state[PREVIOUS : PREVIOUS + 6]
+    det = spread[0, 0] * spread[1, 1] - spread[0, 1] * spread[1, 0]
+    if not _outside(last, place, t, spread, det, ANOTHER**2) or not dot(wrench[:3], last[3:]) < 0.0:
+        return False
+    return distance_to_point(wrench, noise, last) < ANOTHER
 
 
 @inner
@@ -122,10 +149,10 @@ def _gate(wrench, noise, settings, state):
 
 
 @inner
-def _search(wrench, unit, nodes, corners, settings, found):
-    """Candidates of a wrench, which goes into unit in the tree's size; how many."""
+def _search(wrench, unit, nodes, corners, settings, limit, found):
+    """Candidates of a wrench, which goes into unit in the tree's size; how many. `limit`: friction at most, if any."""
     to_unit(wrench, settings, unit)
-    limit, count = settings[FRICTION], 0
+    count = 0
     while count == 0 and limit < np.inf:  # outside the bounds, wider step by step: a search without a limit is slow
         count = search(unit, settings[SOFT], limit, nodes, corners, found)
         limit = 4.0 * max(1.0, limit) if limit < _GRAZING else np.inf
@@ -147,7 +174,7 @@ def _at_surface(wrench, nodes, corners, settings, near, found):
     places, torques = np.empty((CAPACITY + 1, 6)), np.empty(CAPACITY + 1)
     size = np.sqrt(dot(wrench[:3], wrench[:3])) * settings[SCALE]
     for step in range(_SETTLING):
-        count = _search(out, unit, nodes, corners, settings, found)
+        count = _search(out, unit, nodes, corners, settings, settings[FRICTION], found)
         if count == 0:
             break
         best, _ = _choose(out, settings, near, found, count, places, torques)
@@ -190,8 +217,9 @@ def estimate(wrench, noise, nodes, corners, settings, state, row):
     if settings[DEPTH] > 0.0:
         near = state.copy()
         wrench = _at_surface(wrench, nodes, corners, settings, near, found)
-    count = _search(wrench, unit, nodes, corners, settings, found)
     noisy = settings[NOISY] == 1.0
+    limit = friction(wrench, noise, settings, state) if noisy else settings[FRICTION]
+    count = _search(wrench, unit, nodes, corners, settings, limit, found)
     places, torques, branches = np.zeros((count + 1, 6)), np.empty(count + 1), np.empty(count + 1, np.int64)
     best = plausible = within = 0
     doubtful = False
@@ -200,8 +228,10 @@ def estimate(wrench, noise, nodes, corners, settings, state, row):
         best = chosen
         if noisy:
             best = follow(wrench, noise, settings, state, found, places, torques, count, chosen, branches)
-            doubtful = best == count and state[FOLLOW] == 0.0 and found[count, 7] < found[chosen, 7]
-        best = chosen if doubtful else best
+            if state[FOLLOW] == 1.0:
+                doubtful = best < count and branches[best] != 0
+            elif best == count and found[count, 7] < 1.0 and found[chosen, 7] == 1.0:
+                doubtful, best = True, chosen
         within = plausible if found[best, 7] == 1.0 else 0
     remembered, place = count > 0 and best == count, places[best]
     if noisy and within == 0 and not remembered and _deviations(wrench, noise) < EXPLAINED:
@@ -244,11 +274,12 @@ def estimate(wrench, noise, nodes, corners, settings, state, row):
     if not explained:
         row[_STATUS] = _IMPLAUSIBLE
         return
-    several = plausible > (0 if remembered else 1) and state[FOLLOW] == 0.0
-    if moved > 1 or doubtful or (several and _ambiguous(found, places, count, best, t, spread, noisy, state, branches)):
+    several = count + state[CONTESTED] > 1.0 and state[FOLLOW] == 0.0
+    several = several and _ambiguous(found, places, count, best, t, spread, noisy, state, branches)
+    if moved > 1 or doubtful or several or (known and _jumped(wrench, noise, state, place, t, spread)):
         row[_STATUS] = _AMBIGUOUS
     state[HAS_PREVIOUS] = 1.0
-    copy_into(place, state[PREVIOUS : PREVIOUS + 3])
+    copy_into(place, state[PREVIOUS : PREVIOUS + 6])
 
 
 @inner

@@ -7,6 +7,7 @@ __all__ = [
     "BRANCH",
     "BRANCHES",
     "CENTRE",
+    "CONTESTED",
     "DEPTH",
     "EDGED",
     "EXPONENT",
@@ -30,9 +31,10 @@ __all__ = [
 # settings: what a Locator was made with, as numbers. ON, OFF: forces [N], or minus standard deviations of the force
 CENTRE, SCALE, SOFT, FRICTION, TORSION, ON, OFF, NOISY = 0, 3, 4, 5, 6, 7, 8, 9
 DEPTH, EXPONENT, ACCURACY, EDGED = 10, 11, 12, 13  # EDGED: sharp edges are looked at
-# state: what one sample leaves to the next. PREVIOUS: the last contact; FOLLOW: nothing but the nearest to it is
-# believed; SAMPLES since the touch began; then the branches (`_touch`), the one that is believed first
-TOUCHING, HAS_PREVIOUS, PREVIOUS, FOLLOW, SAMPLES, BRANCHES = 0, 1, 2, 5, 6, 7
+# state: what one sample leaves to the next. PREVIOUS: the last contact, and its normal; FOLLOW: nothing but the nearest
+# to it is believed; SAMPLES since the touch began; CONTESTED: a branch is not told apart from the one that is believed;
+# then the branches (`_touch`), the one that is believed first
+TOUCHING, HAS_PREVIOUS, PREVIOUS, FOLLOW, SAMPLES, CONTESTED, BRANCHES = 0, 1, 2, 8, 9, 10, 11
 MOST, BRANCH = 6, 20  # branches, and numbers of each
 STATE = BRANCHES + MOST * BRANCH
 LARGEST = 1e9  # spatial.uncertain.LARGEST: a wrench beyond is invalid, as its powers would overflow

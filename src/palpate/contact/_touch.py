@@ -16,21 +16,25 @@ import numpy as np
 
 from palpate.contact._bounds import distance_to_point
 from palpate.contact._edges import EXPLAINED, reach
-from palpate.contact._settings import BRANCH, BRANCHES, FOLLOW, FRICTION, MOST, SAMPLES, SCALE, SOFT, TORSION
+from palpate.contact._settings import BRANCH, BRANCHES, CONTESTED, FOLLOW, FRICTION, MOST, SAMPLES, SCALE, SOFT, TORSION
 from palpate.contact._slopes import to_metres
 from palpate.surfaces._jit import inner
 from palpate.surfaces._kernels import CANDIDATE
 from palpate.surfaces._vectors import copy_into, cross_into, dot
 
-__all__ = ["better", "follow", "forget", "rival", "torsion", "within_bounds"]
+__all__ = ["ANOTHER", "better", "follow", "forget", "friction", "rival", "torsion", "within_bounds"]
 
 _COUNT, _GAIN, _SQUARES, _MEAN, _LAST = 0, 1, 2, 3, 6  # of a branch; its mean position [m], its last candidate
 _MEMORY = 32.0  # samples of a branch's mean place
+_EARLY = 8  # samples in which any branch may appear
 _WORST = 8.0  # loss of a sample at most
 _LEAST, _SURE = 1.0, 2.5
 _LATE, _LATEST = 0.5, 10.0  # handicap a sample of a branch that appears later, and at most
-_ANOTHER = 5.0  # standard deviations from a place at which it is another touch, where no candidate is near
+ANOTHER = 5.0  # standard deviations from a place at which it is another touch, where no candidate is near
 _REACH = 0.1  # of the tree's size: beyond noise: a candidate further from a branch is another
+_MAY_BE = 0.5  # of a candidate that noise alone may have put beyond the bounds, where 1 is within them
+_GRAZING = 60.0  # bound of friction without noise at most
+_STEEPEST = np.arctan(_GRAZING)
 _NEAR = 4.0  # standard deviations beyond a bound, or from a place, at which a branch is followed still
 
 
@@ -56,6 +60,20 @@ def within_bounds(found, i, torque, pressing, settings):
 
 
 @inner
+def friction(wrench, noise, settings, state):
+    """The bound on tan(theta) of a search.
+
+    While branches are not told apart it is by so much wider as noise can turn the force: a place that a sample puts
+    beyond the bound may be it.
+    """
+    if state[FOLLOW] == 1.0 or (state[SAMPLES] >= _EARLY and state[CONTESTED] == 0.0):
+        return settings[FRICTION]
+    turned = max(noise[0, 0], noise[1, 1], noise[2, 2]) / dot(wrench[:3], wrench[:3])
+    angle = np.arctan(settings[FRICTION]) + _NEAR * np.sqrt(turned)
+    return np.tan(angle) if angle < _STEEPEST else _GRAZING
+
+
+@inner
 def better(found, i, j):
     """Is candidate i to be preferred to j: met first along the force from outside, then smaller friction angle?
 
@@ -76,7 +94,7 @@ def _branch(state, k):
 @inner
 def forget(state):
     """The touch is over."""
-    state[SAMPLES] = 0.0
+    state[SAMPLES] = state[CONTESTED] = 0.0
     for k in range(MOST):
         state[BRANCHES + k * BRANCH] = 0.0
 
@@ -121,6 +139,18 @@ def _beyond(wrench, noise, place, torque, tangent, settings):
 
 
 @inner
+def _at(wrench, noise, place, settings):
+    """`_beyond` of a contact at a place, (6,) point and normal, with whatever torsion the wrench has there."""
+    one, turned = np.empty((1, 6)), np.empty(1)
+    copy_into(place, one[0])
+    turned[0], pressing = torsion(wrench, one, 0, 0.0)
+    tangent = np.inf
+    if pressing < 0.0:
+        tangent = np.sqrt(max(0.0, dot(wrench[:3], wrench[:3]) / (pressing * pressing) - 1.0))
+    return _beyond(wrench, noise, place, turned[0], tangent, settings)
+
+
+@inner
 def _apart(branch, place):
     total = 0.0
     for k in range(3):
@@ -129,9 +159,10 @@ def _apart(branch, place):
 
 
 @inner
-def _far(wrench, noise, settings):
-    """How far [m] from a branch a candidate is another."""
-    return settings[SCALE] * _REACH + reach(wrench, noise, settings)
+def _far(wrench, noise, settings, state):
+    """How far [m] from a branch a candidate is another; noise moves it, but not where the branch is known."""
+    known = settings[SCALE] * _REACH
+    return known if state[FOLLOW] == 1.0 else known + reach(wrench, noise, settings)
 
 
 @inner
@@ -140,14 +171,14 @@ def _alone(wrench, noise, state, settings, place):
     for k in range(1, MOST):
         if state[BRANCHES + k * BRANCH] > 0.0:
             return False
-    far = _far(wrench, noise, settings)
+    far = _far(wrench, noise, settings, state)
     return _apart(_branch(state, 0), place) < far * far
 
 
 @inner
 def _assign(wrench, noise, state, settings, places, near, count, of_branch, of_candidate):
     """Candidates to branches, the closest pairs first; far beyond the bounds only to the branch that is believed."""
-    far = _far(wrench, noise, settings)
+    far = _far(wrench, noise, settings, state)
     for _ in range(MOST):
         least, which, whose = far * far, -1, -1
         for k in range(MOST):
@@ -213,18 +244,16 @@ def _born(state, found, places, near, count, of_candidate):
 
 
 @inner
-def _judge(wrench, noise, state, found, places, near, of_branch):
+def _judge(wrench, noise, settings, state, found, places, near, of_branch):
     """Count a sample's losses, and let the branches move; the misfit of the one that is believed, at its place."""
     place, first, first_loss = np.empty(6), np.inf, 0.0
     for k in range(MOST):
         branch = _branch(state, k)
         if branch[_COUNT] == 0.0:
             continue
-        misfit = _misfit(wrench, noise, branch, place)
-        loss, i = _WORST, of_branch[k]
+        misfit, i = _misfit(wrench, noise, branch, place), of_branch[k]
+        loss = min(_WORST, 0.5 * (misfit + (near[i] if i >= 0 else _at(wrench, noise, place, settings))))
         if i >= 0:
-            total = 0.5 * (near[i] + misfit)
-            loss = total if total < _WORST else _WORST
             _moved(branch, found[i], places[i])
         if k == 0:
             first, first_loss = misfit, loss
@@ -276,14 +305,28 @@ def follow(wrench, noise, settings, state, found, places, torques, count, best, 
     of_candidate[:] = -1
     if first[_COUNT] == 0.0:
         _begin(first, found[best], places[best], 0.0)
+    state[CONTESTED] = 0.0
     if count == 1 and found[0, 7] == 1.0 and _alone(wrench, noise, state, settings, places[0]):
         _moved(first, found[0], places[0])
+        of_candidate[0] = 0
         return 0
+    which = _followed(wrench, noise, settings, state, found, places, torques, count, best, of_candidate)
+    for k in range(1, MOST):
+        if rival(state, k):
+            state[CONTESTED] = 1.0
+    return which
+
+
+@inner
+def _followed(wrench, noise, settings, state, found, places, torques, count, best, of_candidate):
+    """`follow` where there are several branches, or another candidate than the one that is believed."""
     near, of_branch = np.empty(count), np.full(MOST, -1)
     for i in range(count):
         near[i] = 0.0 if found[i, 7] == 1.0 else _beyond(wrench, noise, places[i], torques[i], found[i, 4], settings)
+        if 0.0 < near[i] < EXPLAINED**2:
+            found[i, 7] = _MAY_BE
     _assign(wrench, noise, state, settings, places, near, count, of_branch, of_candidate)
-    misfit = _judge(wrench, noise, state, found, places, near, of_branch)
+    misfit = _judge(wrench, noise, settings, state, found, places, near, of_branch)
     if state[FOLLOW] == 0.0:
         _born(state, found, places, near, count, of_candidate)
         winner = _winner(state, of_branch)
@@ -296,7 +339,7 @@ def follow(wrench, noise, settings, state, found, places, torques, count, best, 
     if of_branch[0] >= 0:
         return of_branch[0]
     _remembered(wrench, noise, state, settings, found, places, torques, count, misfit)
-    if found[count, 5] < (_ANOTHER if state[FOLLOW] == 0.0 else np.inf):
+    if found[count, 5] < (ANOTHER if state[FOLLOW] == 0.0 else np.inf):
         return count
     if state[FOLLOW] == 0.0:  # another touch: a log may hold one sample of each
         forget(state)
@@ -310,4 +353,4 @@ def rival(state, branch):
     if branch < 0:
         return False
     one = _branch(state, branch)
-    return one[_GAIN] > -_threshold(one)
+    return one[_COUNT] > 0.0 and one[_GAIN] > -_threshold(one)
