@@ -102,8 +102,13 @@ def _jumped(wrench, noise, state, place, t, spread):
     """Is this place far from the last one, though a contact there would explain the wrench too?"""
     if state[HAS_PREVIOUS] == 0.0:
         return False
-    last = state[PREVIOUS : PREVIOUS + 6]
+    gap = 0.0
+    for k in range(3):
+        gap += (place[k] - state[PREVIOUS + k]) ** 2
     det = spread[0, 0] * spread[1, 1] - spread[0, 1] * spread[1, 0]
+    if gap * (spread[0, 0] + spread[1, 1]) <= ANOTHER**2 * det:  # the least variance is more than det / trace
+        return False
+    last = state[PREVIOUS : PREVIOUS + 6]
     if not _outside(last, place, t, spread, det, ANOTHER**2) or not dot(wrench[:3], last[3:]) < 0.0:
         return False
     return distance_to_point(wrench, noise, last) < ANOTHER
