@@ -128,7 +128,7 @@ def _counted(what: str, found: palpate.Contacts, wrong: np.ndarray, live: bool) 
     met = right / count >= least - (0.0 if count >= 500 else 0.05)  # of 40 touches one is 2.5 %
     yield Row(NAME, f"{what}: the branch {when} is right", f">= {least:.0%}", got, met, COMMAND)
     got = f"{jumps} of {count} touches"
-    never = jumps == 0 if count >= 500 else None
+    never = jumps == 0 if count >= 500 else jumps <= 0.05 * count
     yield Row(NAME, f"{what}: a jump to a wrong branch that is said to be sure", "0", got, never, COMMAND)
 
 

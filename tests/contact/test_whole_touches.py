@@ -62,6 +62,19 @@ def test_what_cannot_be_told_apart_stays_ambiguous() -> None:
     assert (found.status == Status.AMBIGUOUS).mean() > 0.9
 
 
+@pytest.mark.parametrize(("beyond", "status"), [(0.01, Status.AMBIGUOUS), (0.4, Status.CONTACT)])
+def test_a_place_that_noise_may_have_put_beyond_the_bound_is_a_rival(beyond: float, status: Status) -> None:
+    """So many newtons, of 0.02 N of noise, over the friction of the upper plate; the lower is tilted towards it."""
+    mesh, turn = plates(), -0.2
+    vertices = mesh.vertices + np.where(mesh.vertices[:, 2:] < 0, turn, 0.0) * mesh.vertices[:, :1] * [0.0, 0.0, 1.0]
+    locator = Locator(Mesh.from_arrays(vertices, mesh.faces), noise=NOISE, friction=0.2)
+    force = np.array([[-5.0 * 0.2 - beyond, 0.0, -5.0]])
+    wrench = contact_wrenches(np.zeros((1, 3)), UP[None], force, np.zeros(1))
+    found = locator.run(wrench)
+    assert found.status[0] == status
+    assert found.point[0, 2] < -5e-3
+
+
 @pytest.mark.parametrize("height", [UPPER, LOWER], ids=["met first", "met last"])
 def test_on_a_log_the_end_of_a_touch_decides_its_beginning(height: float) -> None:
     silence = NOISE * np.random.default_rng(1).standard_normal((20, 6))

@@ -43,15 +43,18 @@ def _run(argv: Sequence[str] | None) -> int:
 
         with uninterrupted():  # imports here, not above: Ctrl-C may fall on them
             from palpate.cli.app import run
+            from palpate.cli.console import spoken
 
-        if list(sys.argv[1:] if argv is None else argv) == ["--version"]:
+        words = list(sys.argv[1:] if argv is None else argv)
+        if words == ["--version"]:
             from palpate import __version__
 
             print(f"palpate {__version__}")
             return 0
         if isinstance(sys.stdout, io.TextIOWrapper):
             sys.stdout.reconfigure(errors="backslashreplace")  # names of files need not fit the terminal's encoding
-        run(argv)
+        with spoken(quiet="--quiet" in words, json="--json" in words):  # of every command, wherever they stand
+            run([word for word in words if word not in ("--quiet", "--json")])
     except PalpateError as problem:
         print(f"palpate: {problem}", file=sys.stderr)
         return FAILED

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
 
 from tyro.extras import SubcommandApp
@@ -24,7 +23,7 @@ from palpate.cli.view import view
 __all__ = ["run"]
 
 
-def run(argv: Sequence[str] | None) -> None:
+def run(argv: Sequence[str]) -> None:
     """Parse and run one command; leaves by `SystemExit` on --help and on a wrong call."""
     app, calibrate, design, maps, rig = (SubcommandApp() for _ in range(5))
     app.command(estimate)
@@ -45,7 +44,9 @@ def run(argv: Sequence[str] | None) -> None:
     app.command(view)
     rig.command(name="new")(rig_new)
     app.command(rig, name="rig", help="Write a rig to start from: new.")
-    app.cli(prog="palpate", description=_DESCRIPTION, args=list(sys.argv[1:] if argv is None else argv))
+    app.cli(prog="palpate", description=_DESCRIPTION, args=list(argv))
 
 
-_DESCRIPTION = "Where, how hard and in which direction a robot is being touched."
+_DESCRIPTION = """Where, how hard and in which direction a robot is being touched.
+
+Every command takes --quiet (nothing but warnings and errors, on stderr) and --json (what it says, as JSON)."""

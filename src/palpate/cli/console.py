@@ -1,59 +1,187 @@
-"""How commands speak: a title, lines of name and value, notes; progress on stderr where a person watches."""
+"""How commands speak: a title, lines of name and value, notes; progress on stderr where a person watches.
+
+The same words are text, or one JSON object (`--json`), or nothing but the warnings (`--quiet`, on stderr).
+"""
 
 from __future__ import annotations
 
+import json
+import re
 import sys
 from collections.abc import Generator, Iterable, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass, field
+from math import isfinite
+from typing import Any
 
 import numpy as np
 
 from palpate.contact.estimate import Status
 from palpate.viewer.report import percent
+from palpate.viewer.timeline import since
 
-__all__ = ["counting", "lines", "note", "progress", "shares", "span", "table", "title", "wait"]
+__all__ = [
+    "Figure",
+    "announce",
+    "counting",
+    "in_full",
+    "lines",
+    "note",
+    "progress",
+    "shares",
+    "span",
+    "spoken",
+    "table",
+    "title",
+    "wait",
+]
 
 _WIDTH = 16
+_NUMBER = re.compile(r"[-+]?\d[\d,]*(\.\d*)?(e[-+]?\d+)?")
+_OTHERS = {"note": "notes", "warning": "warnings", "check": "checks"}
+
+
+@dataclass(frozen=True)
+class Figure:
+    """Words for a person with the number, or numbers, that they stand for."""
+
+    text: str
+    value: object
+
+    def __str__(self) -> str:
+        return self.text
+
+
+@dataclass
+class _Voice:
+    """How is spoken, and in JSON what was said so far."""
+
+    quiet: bool = False
+    json: bool = False
+    said: dict[str, Any] = field(default_factory=lambda: {"title": "", "facts": {}, "tables": []})
+
+
+_VOICES = [_Voice()]  # the last one speaks
+
+
+@contextmanager
+def spoken(*, quiet: bool, json: bool) -> Generator[None]:
+    """What is said meanwhile is text, or one JSON object when it ends by itself or with an exit code of its own."""
+    _VOICES.append(_Voice(quiet=quiet, json=json))
+    try:
+        yield
+    except SystemExit as leaving:
+        if leaving.code not in (0, 1, 2):  # a wrong call
+            _finish()
+        raise
+    else:
+        _finish()
+    finally:
+        _VOICES.pop()
+
+
+def _finish() -> None:
+    voice = _VOICES[-1]
+    if voice.json:
+        print(json.dumps(voice.said, ensure_ascii=False, indent=2))
+
+
+def in_full() -> bool:
+    """Whether a program listens, to which a long table is not too long."""
+    return _VOICES[-1].json
 
 
 def title(text: str) -> None:
     """What this output is about."""
-    print(text)
+    _VOICES[-1].said["title"] = text
+    _print(text)
 
 
 def lines(pairs: Iterable[tuple[str, object]]) -> None:
-    """Name and value, one pair a line."""
+    """Name and value, one pair a line; a `Figure` is its value in JSON."""
     known = list(pairs)
     width = max([_WIDTH, *(len(name) for name, _ in known)])
+    _VOICES[-1].said["facts"] |= {name: _plain(value) for name, value in known}
     for name, value in known:
-        print(f"  {name:<{width}} {value}")
+        _print(f"  {name:<{width}} {value}")
+
+
+def announce(text: str) -> None:
+    """What a person waits for, at once."""
+    _print(f"  {text}")
+    sys.stdout.flush()
 
 
 def note(texts: Iterable[str], kind: str = "note") -> None:
     """Sentences that the reader should not miss."""
+    voice = _VOICES[-1]
     for text in texts:
-        print(f"  {kind}: {text}")
+        voice.said.setdefault(_OTHERS.get(kind, kind), []).append(text)
+        if voice.quiet and kind == "warning":
+            print(f"palpate: warning: {text}", file=sys.stderr)
+        _print(f"  {kind}: {text}")
 
 
 def table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
     """Columns, the first to the left, the others to the right."""
     cells = [list(header), *(list(row) for row in rows)]
     widths = [max(len(row[k]) for row in cells) for k in range(len(header))]
+    keys = [name or "name" for name in header]
+    _VOICES[-1].said["tables"].append([dict(zip(keys, map(_plain, row), strict=True)) for row in cells[1:]])
     for row in cells:
         sided = zip(row, widths, ["<", *">" * len(row[1:])], strict=True)
-        print("  " + "  ".join(f"{cell:{side}{width}}" for cell, width, side in sided).rstrip())
+        _print("  " + "  ".join(f"{cell:{side}{width}}" for cell, width, side in sided).rstrip())
 
 
-def span(times: np.ndarray) -> str:
-    """From the first of some times to the last."""
+def _print(text: str) -> None:
+    voice = _VOICES[-1]
+    if not (voice.quiet or voice.json):
+        print(text)
+
+
+def _plain(value: object) -> object:
+    """As JSON has it: a number where the words are one, null for none."""
+    if isinstance(value, Figure):
+        return _plain(value.value)
+    if isinstance(value, dict | list | tuple | np.ndarray):
+        items: Any = value
+        return {key: _plain(v) for key, v in items.items()} if isinstance(items, dict) else [_plain(v) for v in items]
+    if isinstance(value, str):
+        if _NUMBER.fullmatch(value):
+            bare = value.replace(",", "")
+            return int(bare) if bare.lstrip("+-").isdigit() else float(bare)
+        return None if value in ("-", "nan") else value
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, float):
+        return value if isfinite(value) else None
+    return value if value is None or isinstance(value, bool | int) else str(value)
+
+
+def span(times: np.ndarray) -> Figure:
+    """From the first of some times to the last; seconds since 1970 as a date and the seconds from there."""
     known = times[np.isfinite(times)]
-    return f"{known.min():.3f} to {known.max():.3f}" if len(known) else "none"
+    if not len(known):
+        return Figure("none", None)
+    ends = known.min(), known.max()
+    start, after = since(known)
+    return Figure(f"{ends[0] - start:.3f} to {ends[1] - start:.3f} {after}".rstrip(), ends)
 
 
-def shares(counts: np.ndarray) -> list[tuple[str, str]]:
+def shares(counts: np.ndarray) -> list[tuple[str, Figure]]:
     """Each status that occurs, with its share and its count; `counts` (len(Status),)."""
     total = counts.sum()
-    return [(kind.label, f"{percent(counts[kind] / total):>7}  {counts[kind]:>9,}") for kind in Status if counts[kind]]
+    return [
+        (
+            kind.label,
+            Figure(
+                f"{percent(counts[kind] / total):>7}  {counts[kind]:>9,}",
+                {"share": counts[kind] / total, "count": counts[kind]},
+            ),
+        )
+        for kind in Status
+        if counts[kind]
+    ]
 
 
 def wait(text: str) -> None:

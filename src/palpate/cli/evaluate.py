@@ -8,7 +8,7 @@ from typing import Annotated
 import numpy as np
 from tyro.conf import arg
 
-from palpate.cli.console import lines, note, shares, span, table, title
+from palpate.cli.console import Figure, lines, note, shares, span, table, title
 from palpate.cli.evaluate_instrument import WAND, WRENCH, evaluate_instrument
 from palpate.cli.options import ContactsFile, FileOption, TruthFile
 from palpate.contact.ground_truth import Samples, Touches
@@ -82,7 +82,8 @@ def evaluate(
 
 def _say(report: Report) -> None:
     matched = f"{report.samples:,}, of which {report.matched:,} have a truth and {report.answered:,} of these an answer"
-    lines([("contacts", matched)])
+    counts = {name: getattr(report, name) for name in ("samples", "matched", "answered", "unmatched", "missed")}
+    lines([("contacts", Figure(matched, counts))])
     lines(shares(report.statuses))
     _touches(report)
     if rows := summaries(report):
@@ -93,8 +94,11 @@ def _say(report: Report) -> None:
     if seen.count:
         lines(
             [
-                ("95 % ellipses", f"hold the truth in {percent(seen.inside)} of {seen.count:,} (should be 95)"),
-                ("mean square", f"{seen.mean_square:.2f} (should be 2)"),
+                (
+                    "95 % ellipses",
+                    Figure(f"hold the truth in {percent(seen.inside)} of {seen.count:,} (should be 95)", seen.inside),
+                ),
+                ("mean square", Figure(f"{seen.mean_square:.2f} (should be 2)", seen.mean_square)),
             ]
         )
 

@@ -7,7 +7,7 @@ from typing import Annotated
 import numpy as np
 from tyro.conf import arg
 
-from palpate.cli.console import lines, note, table, title
+from palpate.cli.console import Figure, in_full, lines, note, table, title
 from palpate.cli.options import ContactsFile, FileOption
 from palpate.contact.events import TouchFinder
 from palpate.errors import InputError
@@ -15,6 +15,7 @@ from palpate.io.atomic import keep_inputs
 from palpate.io.contacts import contact_blocks
 from palpate.io.contacts.events import write_events
 from palpate.viewer.run_report import touch_table
+from palpate.viewer.timeline import since
 
 __all__ = ["events"]
 
@@ -47,11 +48,14 @@ def events(
         notes |= dict.fromkeys(block.notes)
     found = finder.touches()
     title(f"{contacts}: {len(found)} touches in {rows:,} rows")
+    start, after = since(found.start)
+    lines([("time [s]", Figure(after, start))] if after else [])
+    shown = len(found) if in_full() else _SHOWN
     if len(found):
-        shown = touch_table(found, _SHOWN)
-        table(shown.header, shown.rows)
-    if len(found) > _SHOWN:
-        note([f"{len(found) - _SHOWN} more: --output writes them all"])
+        made = touch_table(found, shown)
+        table(made.header, made.rows)
+    if len(found) > shown:
+        note([f"{len(found) - shown} more: --output writes them all"])
     if len(found) and np.isnan(found.deviation).all():
         notes["no standard deviation: no noise was known"] = None
     note(notes)

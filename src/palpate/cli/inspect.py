@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import numpy as np
 from tyro.conf import arg
 
-from palpate.cli.console import lines, note, span, title
+from palpate.cli.console import Figure, in_full, lines, note, span, title
 from palpate.cli.evaluate import truth_times
 from palpate.cli.inspect_log import inspect_contacts, inspect_log
 from palpate.cli.interrupts import import_mesh_reader
@@ -100,14 +100,15 @@ def _mesh(file: Path) -> None:
     title(f"{file}: a mesh")
     lines(
         [
-            ("facets", f"{len(mesh.faces):,}, of {len(mesh.vertices):,} vertices"),
-            ("bodies", f"{mesh.bodies:,}, {f'{mesh.open_edges:,} open edges' if mesh.open_edges else 'watertight'}"),
+            ("facets", Figure(f"{len(mesh.faces):,}, of {len(mesh.vertices):,} vertices", len(mesh.faces))),
+            ("bodies", Figure(f"{mesh.bodies:,}, {_closed(mesh)}", mesh.bodies)),
+            *([("open edges", mesh.open_edges)] if in_full() else []),
             ("covered", mesh.coverage or "none: every facet can be reached from outside"),
-            ("extent", f"{_numbers(extent)} in the file's unit"),
-            ("middle", _numbers(mesh.centre)),
+            ("extent", Figure(f"{_numbers(extent)} in the file's unit", extent)),
+            ("middle", Figure(_numbers(mesh.centre), mesh.centre)),
             ("mean edge", f"{mesh.edge:.4g}"),
             *(
-                (f"as {unit}", f"{1e3 * scale * mesh.size:.4g} mm across")
+                (f"as {unit}", Figure(f"{1e3 * scale * mesh.size:.4g} mm across", scale * mesh.size))
                 for unit, scale in UNITS.items()
                 if unit != "um"
             ),
@@ -116,6 +117,10 @@ def _mesh(file: Path) -> None:
     note(text for text in mesh.notes if " as m" not in text)
     if mesh.coverage:
         note(["covered facets give no contacts; `covered = true` in the rig's [surface] lets them"])
+
+
+def _closed(mesh: Mesh) -> str:
+    return f"{mesh.open_edges:,} open edges" if mesh.open_edges else "watertight"
 
 
 def _toml(file: Path) -> None:
@@ -166,10 +171,10 @@ def _settings(values: Any, prefix: str) -> list[tuple[str, object]]:
     return found
 
 
-def _listed(value: object) -> str:
+def _listed(value: object) -> Figure:
     """A tuple as a rig would write it."""
     text = str(value)
-    return text.replace("(", "[").replace(")", "]") if text.startswith("(") else text
+    return Figure(text.replace("(", "[").replace(")", "]") if text.startswith("(") else text, value)
 
 
 def _ground_truth(file: Path) -> None:

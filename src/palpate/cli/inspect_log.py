@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate.cli.console import counting, lines, note, progress, shares, span, table, title
+from palpate.cli.console import Figure, counting, lines, note, progress, shares, span, table, title
 from palpate.cli.excerpt import Excerpt
 from palpate.cli.spectrum import force_and_place
 from palpate.contact.estimate import Status
@@ -136,12 +136,12 @@ def _say_contents(there: LogContents) -> None:
 
 
 def _say_samples(kept: Recording, ranges: _Ranges, there: LogContents) -> None:
-    rate = kept.rate()
+    rate, ends = kept.rate(), span(ranges.ends)
     speed = "" if rate is None else f", a step of {1 / rate:.4g} (rate {rate:.4g})"
     lines(
         [
             ("samples" if there.topics else "rows", f"{ranges.count:,}"),
-            ("time", f"{span(ranges.ends)}{speed}"),
+            ("time", Figure(f"{ends}{speed}", {"from_to": ends.value, "rate": rate})),
             ("orientation", _orientation(kept, there)),
         ]
     )
@@ -211,7 +211,7 @@ def inspect_contacts(file: Path) -> Recording:
     several = (
         f", of {samples:,} samples; {len(identities):,} contacts" if total > samples or len(identities) > 1 else ""
     )
-    lines([("rows", f"{total:,}{several}"), ("time", span(ends))])
+    lines([("rows", Figure(f"{total:,}{several}", total)), ("time", span(ends))])
     lines([("features", ", ".join(features))] if features else [])
     lines(shares(counts))
     beside, cut = read_provenance(file), unfinished(file) is not None

@@ -8,7 +8,7 @@ from typing import Annotated
 import numpy as np
 from tyro.conf import arg
 
-from palpate.cli.console import counting, note, progress, title, wait
+from palpate.cli.console import announce, counting, note, progress, title, wait
 from palpate.cli.interrupts import import_mesh_reader
 from palpate.cli.options import Log
 from palpate.cli.setup import Setup
@@ -54,7 +54,7 @@ def view(
     scene, notes = _estimated(log, setup, rig) if contacts is None else _shown(contacts, log, rig, setup.sensor)
     title(f"{log}: {len(scene):,} samples")
     note(notes)
-    serve(scene, host, port, up=lambda at: print(f"  open {at} in a browser; Ctrl-C ends it", flush=True))
+    serve(scene, host, port, up=lambda at: announce(f"open {at} in a browser; Ctrl-C ends it"))
 
 
 def _written(path: Path) -> Contacts | None:

@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float, Int
 from palpate.contact.estimate import Status
 from palpate.viewer._style import AXES, INK, MUTED, STATUS, figure, styled
 from palpate.viewer.samples import thinned
-from palpate.viewer.timeline import downsampled
+from palpate.viewer.timeline import downsampled, since
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -31,7 +31,6 @@ __all__ = [
     "touch_errors",
 ]
 
-LATE = 1e6  # s: the log does not begin near 0
 COLUMNS = 450  # of a line over time: as many as a phone has pixels
 DOTS = 1_500
 _NAMES = ("x", "y", "z")
@@ -231,10 +230,9 @@ def _curve(
 
 
 def _clock(time: Float[np.ndarray, " n"]) -> tuple[Float[np.ndarray, " n"], str]:
-    """Times for an axis and its label: seconds since 1970 are counted from the start of the log."""
-    known = time[np.isfinite(time)]
-    start = float(np.floor(known.min())) if len(known) and known.min() > LATE else 0.0
-    return time - start, f"time [s] after {start:.0f}" if start else "time [s]"
+    """Times for an axis and its label."""
+    start, after = since(time)
+    return time - start, f"time [s] {after}".strip()
 
 
 def _span(time: Float[np.ndarray, " n"]) -> tuple[float | None, float | None]:

@@ -19,6 +19,7 @@ from palpate.viewer.captions import MEANING, feature
 from palpate.viewer.report import Picture, Report, Section, Table, Tile, percent, picture
 from palpate.viewer.run_summary import RunSummary
 from palpate.viewer.samples import sample_starts, strongest
+from palpate.viewer.timeline import since
 
 __all__ = ["Kept", "Run", "compose", "median", "tone", "touch_table"]
 
@@ -150,7 +151,7 @@ def _tiles(run: Run, touches: int) -> list[Tile]:
     ]
     if np.isfinite(kept.strength).any():
         peak = int(np.nanargmax(kept.strength))
-        tiles.append(Tile("peak force", f"{kept.strength[peak]:.3g} N", f"at {time[peak]:.2f} s"))
+        tiles.append(Tile("peak force", f"{kept.strength[peak]:.3g} N", f"at {time[peak] - since(time)[0]:.2f} s"))
     if rows == "rows":
         tiles.append(Tile("contacts at once", f"{summary.most}", "at most"))
     tiles.append(Tile("touches", f"{touches:,}", "found in the contacts"))
@@ -208,12 +209,12 @@ def _touches(found: Events) -> Section:
 
 def touch_table(found: Events, most: int) -> Table:
     """The first touches, at most `most`: when, how hard, where, and what the sensor adds."""
-    x, y, z = 1e3 * found.point.T
+    (x, y, z), (start, after) = 1e3 * found.point.T, since(found.start)
     columns = {
         "touch": ("{:.0f}", np.arange(1, len(found) + 1)),
         "contact": ("{:.0f}", found.identity),
-        "start [s]": ("{:.3f}", found.start),
-        "end [s]": ("{:.3f}", found.end),
+        "start [s]": ("{:.3f}", found.start - start),
+        "end [s]": ("{:.3f}", found.end - start),
         "lasts [s]": ("{:.3f}", found.end - found.start),
         "peak [N]": ("{:.3f}", found.peak_force),
         "x [mm]": ("{:.2f}", x),
@@ -232,8 +233,9 @@ def touch_table(found: Events, most: int) -> Table:
         tuple(text.format(values[k]) if np.isfinite(values[k]) else "-" for text, values in columns.values())
         for k in range(min(len(found), most))
     ]
-    more = f"The first {most} of {len(found):,}." if len(found) > most else ""
-    return Table(tuple(columns), tuple(rows), more)
+    more = [f"The first {most} of {len(found):,}."] if len(found) > most else []
+    more += [f"Start and end are seconds {after}."] if after else []
+    return Table(tuple(columns), tuple(rows), " ".join(more))
 
 
 def _inputs(provenance: Mapping[str, str]) -> Section:

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-__all__ = ["Timeline", "downsampled"]
+__all__ = ["Timeline", "downsampled", "since"]
 
+LATE = 1e6  # s: a log that begins later does not begin near 0
+_EPOCH = 1e9, 1e10  # s since 1970 that are a log's: 2001 to 2286
 GAP, SHORTEST = 0.05, 0.02  # s, as `palpate events` has them
 
 
@@ -77,6 +80,19 @@ class Timeline:
         """The sample amid the next touch (step 1) or the previous one (-1); the same if there is none."""
         which = np.searchsorted(self.touches, index, side="right" if step > 0 else "left") + (0 if step > 0 else -1)
         return int(self.touches[which]) if 0 <= which < len(self.touches) else index
+
+
+def since(time: Float[np.ndarray, " n"]) -> tuple[float, str]:
+    """The second from which times are counted for a person, and the words for it: 0 and "", or "after" the start.
+
+    Seconds since 1970 are said as a date, in UTC.
+    """
+    start = float(np.floor(np.min(time, initial=np.inf, where=np.isfinite(time))))
+    if not LATE < start < np.inf:
+        return 0.0, ""
+    if not _EPOCH[0] < start < _EPOCH[1]:
+        return start, f"after {start:.0f}"
+    return start, f"after {datetime.fromtimestamp(start, UTC):%Y-%m-%d %H:%M:%S} UTC"
 
 
 def downsampled(

@@ -1,0 +1,105 @@
+"""What a command says: as text, as one JSON object, or nothing but its warnings; seconds since 1970 as a date."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from palpate.cli import main
+from palpate.contact.contacts import Contacts
+from palpate.contact.estimate import ContactEstimate, Status
+from palpate.io.contacts import write_contacts
+
+UNIX = 1.75e9 + 0.25  # s: 2025-06-15 15:06:40 UTC, and a quarter
+
+
+def _contacts(path: Path, start: float = 0.0) -> Path:
+    """Three touches of 0.5 s, one a second, at 100 Hz; 1 mm off the truth of `_truth`."""
+    status = np.where(np.arange(300) % 100 < 50, Status.CONTACT, Status.NO_CONTACT).astype(np.int8)
+    there = status == Status.CONTACT
+    point = np.where(there[:, None], [0.001, -0.002, 0.003], np.nan)
+    normal, force = (np.where(there[:, None], [0.0, 0.0, size], np.nan) for size in (1.0, -3.0))
+    covariance = np.where(there[:, None, None], 0.25e-6 * np.diag([1.0, 1.0, 0.0]), np.nan)
+    torque, ones = np.where(there, 0.0, np.nan), np.ones(300, dtype=np.int64)
+    estimate = ContactEstimate(point, normal, np.nan_to_num(force), torque, covariance, np.zeros(300), ones, status)
+    write_contacts(path, Contacts.single(start + np.arange(300) / 100, estimate))
+    return path
+
+
+def _truth(path: Path) -> Path:
+    rows = "".join(f"{k},{k + 0.49},0.002,-0.002,0.003\n" for k in range(3))
+    path.write_text(f"start,end,px,py,pz\n{rows}")
+    return path
+
+
+def _log(path: Path) -> Path:
+    rng = np.random.default_rng(3)
+    values = np.column_stack([np.arange(200) / 100, rng.normal(size=(200, 6))])
+    np.savetxt(path, values, delimiter=",", header="time,fx,fy,fz,tx,ty,tz", comments="")
+    return path
+
+
+def _said(capsys: pytest.CaptureFixture[str], *words: str) -> Any:
+    assert main([*words, "--json"]) == 0
+    out, err = capsys.readouterr()
+    assert not err
+    return json.loads(out, parse_constant=lambda name: pytest.fail(f"{name} is not JSON"))
+
+
+def test_events_and_evaluate_as_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    contacts, truth = _contacts(tmp_path / "contacts.csv"), _truth(tmp_path / "truth.csv")
+    said = _said(capsys, "events", str(contacts))
+    (touches,) = said["tables"]
+    assert [row["start [s]"] for row in touches] == [0.0, 1.0, 2.0]
+    assert {row["peak [N]"] for row in touches} == {3.0}
+    said = _said(capsys, "evaluate", str(contacts), str(truth))
+    facts, (_, summary) = said["facts"], said["tables"]
+    assert facts["contacts"]["answered"] == 150
+    assert facts["contact"] == {"share": 1.0, "count": 150}
+    assert summary[0]["mean"] == pytest.approx(1.0)
+
+
+def test_inspect_as_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    said = _said(capsys, "inspect", str(_log(tmp_path / "log.csv")))
+    assert said["facts"]["time"]["from_to"] == [0.0, 1.99]
+    assert said["facts"]["time"]["rate"] == pytest.approx(100)
+    (channels,) = said["tables"]
+    assert [row["name"] for row in channels] == ["fx [N]", "fy [N]", "fz [N]", "tx [N m]", "ty [N m]", "tz [N m]"]
+    assert all(row["least"] < row["median"] < row["most"] and row["missing"] == 0 for row in channels)
+    said = _said(capsys, "inspect", str(_contacts(tmp_path / "contacts.mcap")))
+    assert said["facts"]["contact"] == {"share": 0.5, "count": 150}
+
+
+def test_a_wrong_input_says_one_sentence_and_no_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["inspect", str(tmp_path / "none.csv"), "--json"]) == 1
+    out, err = capsys.readouterr()
+    assert not out
+    assert "no such file" in err
+
+
+def test_quiet_says_warnings_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    log, rig = _log(tmp_path / "log.csv"), tmp_path / "rig.toml"
+    assert main(["--quiet", "rig", "new", str(log), "-o", str(rig)]) == 0
+    assert capsys.readouterr() == ("", "")
+    assert rig.exists()
+    rig.write_text(rig.read_text().replace("# payload =", "payload ="))
+    assert main(["inspect", str(rig), "--quiet"]) == 0
+    out, err = capsys.readouterr()
+    assert not out
+    assert "payload.toml is not there yet" in err
+
+
+def test_seconds_since_1970_are_counted_from_a_date(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    contacts = _contacts(tmp_path / "contacts.csv", UNIX)
+    assert main(["inspect", str(contacts)]) == 0
+    assert "0.250 to 3.240 after 2025-06-15 15:06:40 UTC" in capsys.readouterr().out
+    assert main(["events", str(contacts)]) == 0
+    out = capsys.readouterr().out
+    assert "after 2025-06-15 15:06:40 UTC" in out
+    assert " 0.250" in out
+    said = _said(capsys, "events", str(contacts))
+    assert said["facts"]["time [s]"] + said["tables"][0][1]["start [s]"] == pytest.approx(UNIX + 1.0)
