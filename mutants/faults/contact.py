@@ -14,10 +14,14 @@ FAULTS: list[Fault] = [
             "spread[1, 1] * x * x - 2.0 * spread[0, 1] * x * y",
             "spread[1, 1] * x * x + 2.0 * spread[0, 1] * x * y",
         ),
-        ("chi-square of one degree of freedom", "square > _CHI2_95", "square > 3.84"),
+        (
+            "chi-square of one degree of freedom",
+            "_outside(places[i], places[best], t, spread, det, _CHI2_95)",
+            "_outside(places[i], places[best], t, spread, det, 3.84)",
+        ),
         (
             "a candidate on the other side is not ambiguous",
-            "z * z > _CHI2_95 * (spread[0, 0] + spread[1, 1])",
+            "z * z > limit * (spread[0, 0] + spread[1, 1])",
             "z * z < 0.0",
         ),
         ("no hysteresis", "abs(settings[OFF])", "abs(settings[ON])", "_gate"),
@@ -51,6 +55,7 @@ FAULTS: list[Fault] = [
         ("what a branch loses is its gain", "gain = first_loss - loss", "gain = loss - first_loss"),
         ("no branch ever wins", "margin > top", "margin > top + np.inf", "_winner"),
         ("each branch is a rival", "one[_GAIN] > -_threshold(one)", "one[_GAIN] < np.inf", "rival"),
+        ("beyond the bounds is no rival", "found[i, 7] = _MAY_BE", "found[i, 7] = 0.0", "_followed"),
         ("all are told apart", "one[_GAIN] > -_threshold(one)", "one[_GAIN] > np.inf", "rival"),
     ),
     *of(

@@ -12,7 +12,7 @@ from collections.abc import Generator, Iterable, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from math import isfinite
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -139,23 +139,27 @@ def _print(text: str) -> None:
         print(text)
 
 
-def _plain(value: object) -> object:
+def _plain(value: Any) -> Any:
     """As JSON has it: a number where the words are one, null for none."""
     if isinstance(value, Figure):
         return _plain(value.value)
-    if isinstance(value, dict | list | tuple | np.ndarray):
-        items: Any = value
-        return {key: _plain(v) for key, v in items.items()} if isinstance(items, dict) else [_plain(v) for v in items]
+    if isinstance(value, dict):
+        return {str(key): _plain(each) for key, each in cast("dict[Any, Any]", value).items()}
+    if isinstance(value, list | tuple | np.ndarray):
+        return [_plain(each) for each in cast("list[Any]", value)]
     if isinstance(value, str):
-        if _NUMBER.fullmatch(value):
-            bare = value.replace(",", "")
-            return int(bare) if bare.lstrip("+-").isdigit() else float(bare)
-        return None if value in ("-", "nan") else value
-    if isinstance(value, np.generic):
-        value = value.item()
-    if isinstance(value, float):
-        return value if isfinite(value) else None
-    return value if value is None or isinstance(value, bool | int) else str(value)
+        return _number(value)
+    plain: object = cast("Any", value).item() if isinstance(value, np.generic) else value
+    if isinstance(plain, float):
+        return plain if isfinite(plain) else None
+    return plain if plain is None or isinstance(plain, bool | int) else str(plain)
+
+
+def _number(text: str) -> str | float | None:
+    if _NUMBER.fullmatch(text):
+        bare = text.replace(",", "")
+        return int(bare) if bare.lstrip("+-").isdigit() else float(bare)
+    return None if text in ("-", "nan") else text
 
 
 def span(times: np.ndarray) -> Figure:
