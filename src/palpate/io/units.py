@@ -12,6 +12,7 @@ from palpate.errors import InputError
 __all__ = [
     "ACCELERATION_UNITS",
     "FORCE_UNITS",
+    "SAMPLES",
     "TIME_UNITS",
     "TORQUE_UNITS",
     "known_unit",
@@ -44,6 +45,7 @@ TORQUE_UNITS: Mapping[str, float] = {
     "lbf in": _POUND * _INCH,
 }
 TIME_UNITS: Mapping[str, float] = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+SAMPLES = "samples"  # a unit of time: a counter, of which so many make a second as the rate says
 ACCELERATION_UNITS: Mapping[str, float] = {"m/s^2": 1.0, "g": _KILOPOND, "mg": _KILOPOND * 1e-3}
 
 _ALIASES: Mapping[str, tuple[str, ...]] = {  # as the tables spell it -> as others do, in lower case, squeezed

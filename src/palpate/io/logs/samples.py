@@ -10,8 +10,8 @@ import numpy as np
 from jaxtyping import Float
 
 from palpate.io.logs.layout import Layout, axis_matrix
-from palpate.io.units import FORCE_UNITS, TORQUE_UNITS, to_si
-from palpate.sensors.recording import CELLS, FORCE, LARGEST, ORIENTATION, TORQUE, Recording, sealed
+from palpate.io.units import ACCELERATION_UNITS, FORCE_UNITS, TORQUE_UNITS, to_si
+from palpate.sensors.recording import ACCELERATION, CELLS, FORCE, LARGEST, ORIENTATION, TORQUE, Recording, sealed
 
 __all__ = ["NUMBERS", "WRENCH", "Samples", "rows_at_once"]
 
@@ -35,6 +35,7 @@ class Samples:
         self._signs = axes[np.arange(3), self._picked]
         self._force = to_si(layout.force_unit, FORCE_UNITS, where="units.force")
         self._torque = to_si(layout.torque_unit, TORQUE_UNITS, where="units.torque")
+        self._acceleration = to_si(layout.acceleration_unit, ACCELERATION_UNITS, where="acceleration.unit")
         self._frame, self._source, self._arrays = layout.frame, path.name, layout.arrays
         self._times = _Times()
         self._beyond = Counter[str]()  # name of a channel -> rows with a number that is a fault
@@ -52,6 +53,8 @@ class Samples:
         channels |= {name: self._bounded(name, values) for name, values in read.items() if name not in (WRENCH, CELLS)}
         if ORIENTATION in channels:
             channels[ORIENTATION] = self._sound(channels[ORIENTATION])
+        if ACCELERATION in channels and self._acceleration != 1.0:
+            channels[ACCELERATION] = self._acceleration * channels[ACCELERATION]
         for array in self._arrays:
             values = read[CELLS] if array.name == CELLS else channels[array.name]  # counts may be larger than `LARGEST`
             values = values if array.scale == 1.0 else values * np.array(array.scale)

@@ -15,10 +15,12 @@ from palpate.io.logs import LogContents, read_recording
 from palpate.io.logs.layout import Layout, axis_matrix
 from palpate.io.models import read_model
 from palpate.io.rig import guess
+from palpate.io.rig.guess_columns import Found, acceleration_table, columns_guess, counted
 from palpate.io.rig.kind import Guess, Prepared, SensorKind
 from palpate.io.rig.tables import RigForceTorque
 from palpate.io.rig.wrench import wrench_estimator
 from palpate.io.units import FORCE_UNITS, TORQUE_UNITS, to_si
+from palpate.sensors.acceleration import wrong_acceleration
 from palpate.sensors.compensation import Compensation
 from palpate.sensors.force_torque import ForceTorque, Payload
 from palpate.sensors.motion import Motion
@@ -34,15 +36,16 @@ _LEAST_NOISE = 1e-6  # N, N m: a log that never changes does not make a noise of
 _TEXT = """\
 {time}[force_torque]
 {wrench}
-units = {{ force = "N", torque = "{torque_unit}" }}{torque_remark}
+units = {{ force = "{force_unit}", torque = "{torque_unit}" }}{torque_remark}
 axes = ["x", "y", "z"]               # which logged axis is the sensor's x, y, z; "-x" flips
 # left_handed = true                 # if axes has to mirror: a driver that swaps two axes, or reports the reaction
-frame = "sensor"                     # or "base", which needs an orientation
+frame = "{frame}"                     # "sensor", or "base", which needs an orientation
 noise = {{ force = {force_noise}, torque = {torque_noise} }}   # of one reading: from the log
 # range = {{ force = 200, torque = 10 }}     # of the sensor: a reading at it is saturated
 # payload = "payload.toml"           # written by: palpate calibrate payload
 
-{orientation}"""
+{orientation}{acceleration}"""
+_USUAL = {"time": "", "force_unit": "N", "torque_remark": "", "frame": "sensor", "acceleration": ""}
 
 
 def _layout(rig: Rig) -> Layout:
@@ -139,6 +142,10 @@ def _motion(rig: Rig, payload: Payload | None, head: Recording | None) -> Motion
     if payload is None or not payload.weight.any() or head is None:
         return None
     recorded = stated.kind if ACCELERATION in head.channels else "none"
+    if recorded != "none" and not stated.from_poses:
+        wrong = wrong_acceleration(head.channels[ACCELERATION], stated.kind)
+        if wrong:
+            raise InputError(f"{wrong}.", where=f"{head.source}, [acceleration] of the rig")
     source = "poses" if stated.from_poses else recorded
     return Motion(source=source, window=stated.window, gravity=payload.gravity, lever=payload.center_of_mass)
 
@@ -152,32 +159,34 @@ def _check(rig: Rig, path: Path) -> None:
 
 def _guess(log: Path, contents: LogContents, mesh: Path | None) -> Guess | None:
     """Columns or a topic of forces and torques."""
-    found = _topics_of(contents) if contents.topics else _columns_of(log, contents)
+    found = _topics_of(contents) if contents.topics else columns_guess(log, contents)
     if found is None:
         return None
-    why, layout, fields, remarks = found
-    wrenches = read_recording(log, layout).wrenches()
+    recording = read_recording(log, found.layout)
+    wrenches, layout, fields, remarks = recording.wrenches(), found.layout, dict(found.fields), list(found.remarks)
+    if found.time is not None:
+        unit, doubt = found.timed(recording)
+        layout, remarks = replace(layout, time_unit=unit), [*([doubt] if doubt else []), *remarks]
+        fields["time"] = replace(found.time, unit=unit).text()
+        remarks += counted(wrenches, fields)
+    if found.acceleration:
+        fields["acceleration"], doubts = acceleration_table(found.acceleration, contents.stated, recording)
+        remarks += doubts
     size = None if mesh is None else guess.mesh_size(mesh)[1]
-    torque_unit = "N m" if size is None else _torque_unit(wrenches, size)
+    if "torque_unit" not in fields:
+        fields["torque_unit"] = torque_unit = "N m" if size is None else _torque_unit(wrenches, size)
+        wrenches = wrenches * np.repeat([1.0, TORQUE_UNITS[torque_unit]], 3)
+        if torque_unit != "N m":
+            fields["torque_remark"] = "   # guessed: as N m they do not fit the body"
+            remarks.append("the torques only fit the body if they are N mm: check units.torque")
     noise = estimate_noise(wrenches)
-    noise = np.ones(6) if noise is None else noise * np.repeat([1.0, TORQUE_UNITS[torque_unit]], 3)
-    noise = np.maximum(noise, _LEAST_NOISE)
-    fields |= {
-        "torque_unit": torque_unit,
-        "torque_remark": "",
-        "force_noise": f"{float(noise[:3].max()):.2g}",
-        "torque_noise": f"{float(noise[3:].max()):.2g}",
-    }
-    if torque_unit != "N m":
-        fields["torque_remark"] = "   # guessed: as N m they do not fit the body"
-        remarks.append("the torques only fit the body if they are N mm: check units.torque")
-    return Guess(why, layout, _TEXT.format(**fields), tuple(remarks))
+    noise = np.maximum(np.ones(6) if noise is None else noise, _LEAST_NOISE)
+    fields |= {"force_noise": f"{float(noise[:3].max()):.2g}", "torque_noise": f"{float(noise[3:].max()):.2g}"}
+    lacking = "" if found.time is None else found.time.lacking
+    return Guess(found.why, layout, _TEXT.format_map({**_USUAL, **fields}), tuple(remarks), lacking)
 
 
-_Found = tuple[str, Layout, dict[str, str], list[str]]  # why, how to read it, fields of `_TEXT`, remarks
-
-
-def _topics_of(contents: LogContents) -> _Found | None:
+def _topics_of(contents: LogContents) -> Found | None:
     wrenches, poses = guess.topics_of(contents, "wrench"), guess.topics_of(contents, "pose")
     if not wrenches:
         return None
@@ -188,30 +197,8 @@ def _topics_of(contents: LogContents) -> _Found | None:
     ]
     layout = Layout(wrench_topic=wrenches[0], orientation_topic=poses[0] if poses else None)
     why = f"topic {wrenches[0]!r} holds forces and torques"
-    fields = {"time": "", "wrench": f"topic = {guess.quoted(wrenches[0])}", "orientation": guess.pose_table(poses)}
-    return why, layout, fields, remarks
-
-
-def _columns_of(log: Path, contents: LogContents) -> _Found | None:
-    names = list(contents.names)
-    wrench, time = guess.wrench_columns(names), guess.time_column(names)
-    if wrench is None:
-        return None
-    if time is None:
-        raise InputError(
-            f"no columns look like time: {', '.join(names[:12])}.",
-            where=str(log),
-            hint="Name them time, fx, fy, fz, tx, ty, tz, or write the rig by hand.",
-        )
-    layout = Layout(time=time, wrench=wrench)
-    layout = replace(layout, time_unit=guess.time_unit(read_recording(log, layout).time))
-    orientation, remarks = guess.orientation_table(names)
-    fields = {
-        "time": guess.time_table(time, layout.time_unit),
-        "wrench": f"columns = {guess.quoted(wrench)}",
-        "orientation": orientation,
-    }
-    return f"columns {', '.join(wrench)} look like forces and torques", layout, fields, remarks
+    fields = {"wrench": f"topic = {guess.quoted(wrenches[0])}", "orientation": guess.pose_table(poses)}
+    return Found(why, layout, fields, tuple(remarks))
 
 
 def _torque_unit(wrenches: np.ndarray, size: float) -> str:

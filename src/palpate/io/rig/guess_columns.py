@@ -1,0 +1,162 @@
+"""What a table of forces and torques looks like: which columns, in which units and frame, and what is odd about them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from palpate.errors import InputError
+from palpate.io.logs import LogContents
+from palpate.io.logs.layout import Layout
+from palpate.io.rig.guess import orientation_table, quoted
+from palpate.io.rig.guess_time import TimeGuess, guess_time, unit_by_size
+from palpate.io.rig.names import acceleration_columns, made_up, orientation_columns, wrench_frame, wrenches
+from palpate.io.tables.stated import Stated
+from palpate.io.units import ACCELERATION_UNITS, FORCE_UNITS, TORQUE_UNITS, known_unit, to_si
+from palpate.sensors.acceleration import kind_of_acceleration
+from palpate.sensors.recording import ACCELERATION, Recording
+
+__all__ = ["Found", "acceleration_table", "columns_guess", "counted"]
+
+_COUNTS = 50.0  # in whole numbers up to less than this, forces may have been rounded
+
+
+@dataclass(frozen=True)
+class Found:
+    """What looks like a wrench, before its numbers are looked at.
+
+    Attributes:
+        why: what looks like this sensor.
+        layout: how to read it.
+        fields: of a rig's text; "torque_unit" is not among them where nothing states it.
+        remarks: what the reader should check.
+        time: of a table.
+        acceleration: its columns, where there are any.
+    """
+
+    why: str
+    layout: Layout
+    fields: Mapping[str, str]
+    remarks: tuple[str, ...] = ()
+    time: TimeGuess | None = None
+    acceleration: tuple[str, ...] = ()
+
+    def timed(self, recording: Recording) -> tuple[str, str]:
+        """The unit of the time, by its numbers where nothing states it, and what is to be said of it."""
+        if self.time is None or self.time.unit:
+            return ("s" if self.time is None else self.time.unit), ""
+        return unit_by_size(recording.time, self.time.column)
+
+
+def counted(values: Float[np.ndarray, "n 6"], fields: Mapping[str, str]) -> list[str]:
+    """What to say of forces in whole numbers, which a sensor's counts are, where no unit is stated."""
+    known = values[np.isfinite(values)]
+    if fields["force_unit"] != "N" or not len(known) or np.abs(known).max() < _COUNTS or (known % 1.0).any():
+        return []
+    return [
+        f"all numbers of the wrench are whole, up to {np.abs(known).max():,.0f}: if they are counts, write so many to a "
+        'unit in [force_torque], as units = { force = "N/1000000", torque = "N m/1000000" }'
+    ]
+
+
+def columns_guess(log: Path, contents: LogContents) -> Found | None:
+    """By names and by what the table states.
+
+    Raises:
+        InputError: a unit that is not known, or two units of one thing.
+    """
+    names = list(contents.names)
+    found = wrenches(names)
+    if not found:
+        return None
+    wrench, others = found[0], found[1:]
+    time = guess_time(contents, wrench)
+    force = _unit(wrench[:3], "force", FORCE_UNITS, contents)
+    torque = _unit(wrench[3:], "torque", TORQUE_UNITS, contents)
+    frame, whose = wrench_frame(wrench)
+    orientation, remarks = orientation_table(names)
+    fields = {"wrench": f"columns = {quoted(wrench)}", "force_unit": force or "N", "orientation": orientation}
+    fields |= {"frame": frame} | ({"torque_unit": torque} if torque else {})
+    remarks = [*_said(wrench, others, whose, frame, names), *remarks]
+    acceleration = acceleration_columns([name for name in names if name not in wrench]) or ()
+    layout = Layout(
+        time=time.column or "time",
+        time_unit=time.unit or "s",
+        rate=time.rate,
+        wrench=wrench,
+        force_unit=force or "N",
+        torque_unit=torque or "N m",
+        frame=frame,
+        acceleration=acceleration or None,
+        acceleration_unit=contents.stated.unit(acceleration[0]) if _known(acceleration, contents.stated) else "m/s^2",
+    )
+    why = f"columns {', '.join(wrench)} look like forces and torques"
+    return Found(why, layout, fields, (*time.remarks, *remarks), time, acceleration)
+
+
+def _known(acceleration: Sequence[str], stated: Stated) -> bool:
+    return bool(acceleration) and known_unit(stated.unit(acceleration[0]), ACCELERATION_UNITS) is not None
+
+
+def _unit(columns: Sequence[str], kind: str, table: Mapping[str, float], contents: LogContents) -> str:
+    """The unit that the log states for three columns, "" where it states none."""
+    units = {stated: name for name in columns if (stated := contents.stated.unit(name, kind))}
+    if len({_scale(unit, table, name, contents) for unit, name in units.items()}) > 1:
+        both = ", ".join(f"{name!r} in {unit!r}" for unit, name in units.items())
+        raise InputError(f"one {kind} has several units: {both}.", where=str(contents.path), hint="Correct the header.")
+    unit = next(iter(units), "")
+    bare, slash, count = unit.partition("/")
+    return f"{known_unit(bare, table) or bare}{slash}{count}"
+
+
+def _scale(unit: str, table: Mapping[str, float], name: str, contents: LogContents) -> float:
+    try:
+        return to_si(unit, table, where=f"{contents.path}, column {name!r}")
+    except InputError as problem:
+        hint = f"{problem.hint} Of counts write so many to a unit, `N/1000`, in the header or in a rig."
+        raise InputError(problem.what, where=f"{contents.path}, column {name!r}", hint=hint) from None
+
+
+def _said(
+    wrench: Sequence[str], others: Sequence[Sequence[str]], whose: str, frame: str, names: Sequence[str]
+) -> list[str]:
+    said: list[str] = []
+    if made_up(names):
+        said.append("the columns have no names: force and torque are taken in the order x, y, z, x, y, z")
+    if whose:
+        said.append(f"{wrench[0]!r} ... is the wrench {whose}: frame = {frame!r}")
+    if frame == "base" and orientation_columns(names) is None:
+        said.append(
+            'a wrench in the base frame needs the sensor\'s orientation (columns qx, qy, qz, qw), or frame = "sensor"'
+        )
+    if others:
+        more = "; ".join(f"{columns[0]} ... {columns[-1]}" for columns in others)
+        said.append(f"{len(others) + 1} wrenches are there: {wrench[0]} ... {wrench[-1]} is taken, not {more}")
+        said.append("[force_torque] columns chooses another one")
+    return said
+
+
+def acceleration_table(columns: tuple[str, ...], stated: Stated, recording: Recording) -> tuple[str, list[str]]:
+    """[acceleration] of a rig, by what is in the numbers, and what is to be said of it."""
+    known = _known(columns, stated)
+    unit = known_unit(stated.unit(columns[0]), ACCELERATION_UNITS) if known else None
+    values = recording.channels[ACCELERATION]  # in m/s^2 if the unit is known, else as recorded
+    kind, unit, length = kind_of_acceleration(values, unit)
+    means = {
+        "imu": f"gravity is in it: {length:.3g} {unit} at the median",
+        "motion": f"no gravity is in it: {length:.3g} {unit} at the median",
+        "none": f"{length:.3g} at the median is neither gravity nor motion, so it is not used",
+    }
+    lines = [
+        "[acceleration]",
+        f"columns = {quoted(columns)}   # of the sensor, along its axes",
+        f'kind = "{kind}"                       # {means[kind]}; "imu": with gravity, "motion": without, "none"',
+        f'unit = "{unit}"                      # m/s^2, g, mg',
+    ]
+    named = f"{columns[0]!r} ... are taken for " if kind != "none" else f"{columns[0]!r} ... are not used: "
+    what = {"imu": "an IMU's", "motion": "the acceleration of the motion"}.get(kind, "")
+    return "\n".join(["", *lines, ""]), [f"{named}{what}{', ' if what else ''}{means[kind]}: check [acceleration] kind"]
