@@ -1,0 +1,91 @@
+"""The first ten minutes with a table that somebody else wrote: looked at, a rig made of it, estimated, without an editor."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from palpate.cli import main
+from palpate.errors import InputError
+from palpate.io.contacts import read_contacts
+from palpate.io.logs import read_recording
+from palpate.io.rig import load_rig
+from support.exports import EDITED, NOTED, READ, REFUSED, TIME, WRENCH, Export
+
+
+def _written(export: Export, folder: Path) -> Path:
+    path = folder / export.name
+    path.write_bytes(export.data)
+    return path
+
+
+def _rig(export: Export, log: Path, capsys: pytest.CaptureFixture[str]) -> tuple[int, str, Path]:
+    """`rig new`: its exit code, what it said, and the rig, with the line changed that it named."""
+    rig = log.with_suffix(".toml")
+    code = main(["rig", "new", str(log), "-o", str(rig), *export.options])
+    said = capsys.readouterr()
+    if export.edit is not None:
+        old, new = export.edit
+        assert old in rig.read_text()
+        rig.write_text(rig.read_text().replace(old, new))
+    return code, said.out + said.err, rig
+
+
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory: pytest.TempPathFactory) -> np.ndarray:
+    """Status and point of each row of the plain table."""
+    folder = tmp_path_factory.mktemp("plain")
+    log = _written(READ[0], folder)
+    assert main(["rig", "new", str(log), "-o", str(folder / "rig.toml")]) == 0
+    assert main(["estimate", str(log), "--rig", str(folder / "rig.toml"), "-o", str(folder / "contacts.csv")]) == 0
+    return _found(folder / "contacts.csv")
+
+
+def _found(path: Path) -> np.ndarray:
+    contacts = read_contacts(path)
+    return np.column_stack([contacts.estimate.answered, contacts.estimate.point])
+
+
+@pytest.mark.parametrize("export", [*READ, *EDITED], ids=lambda export: export.name)
+def test_an_export_is_read_as_the_plain_table_is(
+    export: Export, plain: np.ndarray, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log = _written(export, tmp_path)
+    assert main(["inspect", str(log)]) == 0
+    assert "taken for" in capsys.readouterr().out
+    code, said, rig = _rig(export, log, capsys)
+    assert code == 0, said
+    assert [word for word in export.says if word not in said] == []
+    recording = read_recording(log, load_rig(rig).layout())
+    assert len(recording) == len(TIME)
+    if export.name != "wrapped.csv":
+        assert np.allclose(recording.time - recording.time[0], TIME, rtol=0, atol=5e-7)  # of a time of day in float64
+    for part, tolerance in zip((slice(3), slice(3, 6)), export.tolerance, strict=True):
+        assert np.abs(recording.wrenches()[:, part] - WRENCH[:, part]).max() <= tolerance
+    contacts = tmp_path / "contacts.csv"
+    assert main(["estimate", str(log), "--rig", str(rig), "-o", str(contacts)]) == 0, capsys.readouterr().err
+    found = _found(contacts)
+    both = (found[:, 0] > 0) & (plain[:, 0] > 0)
+    assert np.count_nonzero(both) >= 55  # of 60 pressed rows
+    scale = max(export.tolerance[0] / 2.0, export.tolerance[1] / 2.0 / 1.0, 1e-9)  # N and N m of 2 N: points in m
+    assert np.abs(found[both, 1:] - plain[both, 1:]).max() <= 3 * scale
+
+
+@pytest.mark.parametrize("export", REFUSED, ids=lambda export: export.name)
+def test_what_cannot_be_told_is_refused_with_the_reason(
+    export: Export, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, said, rig = _rig(export, _written(export, tmp_path), capsys)
+    assert code == 1
+    assert export.refused in said
+    assert not rig.exists()
+
+
+@pytest.mark.parametrize("export", NOTED, ids=lambda export: export.name)
+def test_what_is_lost_is_said(export: Export, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    log = _written(export, tmp_path)
+    assert main(["inspect", str(log)]) == 0
+    said = capsys.readouterr().out
+    assert all(word in said for word in export.says)
