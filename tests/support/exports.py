@@ -26,6 +26,7 @@ def _session() -> tuple[np.ndarray, np.ndarray]:
 
 
 TIME, WRENCH = _session()
+PRESSED = np.any([(np.arange(ROWS) >= first) & (np.arange(ROWS) < last) for first, last, _ in _PUSHES], axis=0)
 PLAIN = ("time", "fx", "fy", "fz", "tx", "ty", "tz")
 FT = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
 FM = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")

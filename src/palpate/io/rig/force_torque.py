@@ -40,12 +40,12 @@ units = {{ force = "{force_unit}", torque = "{torque_unit}" }}{torque_remark}
 axes = ["x", "y", "z"]               # which logged axis is the sensor's x, y, z; "-x" flips
 # left_handed = true                 # if axes has to mirror: a driver that swaps two axes, or reports the reaction
 frame = "{frame}"                     # "sensor", or "base", which needs an orientation
-noise = {{ force = {force_noise}, torque = {torque_noise} }}   # of one reading: from the log
+{unsure}noise = {{ force = {force_noise}, torque = {torque_noise} }}   # of one reading: from the log
 # range = {{ force = 200, torque = 10 }}     # of the sensor: a reading at it is saturated
 # payload = "payload.toml"           # written by: palpate calibrate payload
 
 {orientation}{acceleration}"""
-_USUAL = {"time": "", "force_unit": "N", "torque_remark": "", "frame": "sensor", "acceleration": ""}
+_USUAL = {"time": "", "force_unit": "N", "torque_remark": "", "frame": "sensor", "unsure": "", "acceleration": ""}
 
 
 def _layout(rig: Rig) -> Layout:
@@ -168,7 +168,9 @@ def _guess(log: Path, contents: LogContents, mesh: Path | None) -> Guess | None:
         unit, doubt = found.timed(recording)
         layout, remarks = replace(layout, time_unit=unit), [*([doubt] if doubt else []), *remarks]
         fields["time"] = replace(found.time, unit=unit).text()
-        remarks += counted(wrenches, fields)
+        if whole := counted(wrenches, fields):
+            fields["unsure"] = "# "  # in counts: without it, it is taken from the log by the units that will stand here
+            remarks.append(whole)
     if found.acceleration:
         fields["acceleration"], doubts = acceleration_table(found.acceleration, contents.stated, recording)
         remarks += doubts

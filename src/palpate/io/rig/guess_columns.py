@@ -52,15 +52,15 @@ class Found:
         return unit_by_size(recording.time, self.time.column)
 
 
-def counted(values: Float[np.ndarray, "n 6"], fields: Mapping[str, str]) -> list[str]:
-    """What to say of forces in whole numbers, which a sensor's counts are, where no unit is stated."""
+def counted(values: Float[np.ndarray, "n 6"], fields: Mapping[str, str]) -> str:
+    """What to say of forces in whole numbers, as a sensor's counts are, where no unit is stated; "" of others."""
     known = values[np.isfinite(values)]
     if fields["force_unit"] != "N" or not len(known) or np.abs(known).max() < _COUNTS or (known % 1.0).any():
-        return []
-    return [
+        return ""
+    return (
         f"all numbers of the wrench are whole, up to {np.abs(known).max():,.0f}: if they are counts, write so many to a "
         'unit in [force_torque], as units = { force = "N/1000000", torque = "N m/1000000" }'
-    ]
+    )
 
 
 def columns_guess(log: Path, contents: LogContents) -> Found | None:

@@ -110,6 +110,9 @@ def _plain(lines: list[str], filled: list[int], path: Path) -> Dialect | None:
     count = _bare(head).count(delimiter)
     if not count or _bare(row).count(delimiter) != count or head.startswith(("#", "% ", "//")):
         return None
+    following = [_bare(lines[k]).count(delimiter) == count for k in filled[1:12]]
+    if 2 * sum(following) <= len(following):  # keys and values before a table
+        return None
     names = _fields(head, delimiter, path, filled[0])
     if all(map(_is_number, names)) or not any(map(_is_number, _split(row, delimiter)[:50])):
         return None
@@ -137,7 +140,7 @@ def _found(lines: list[str], path: Path) -> Dialect | None:
     if not rows:
         return None
     width = Counter(count for count, _ in rows.values()).most_common(1)[0][0]
-    start = min(rows)
+    start = min(k for k, (count, _) in rows.items() if count == width)
     above = [k for k in range(start) if lines[k].strip()]
     header, names, units = _names(lines, above, delimiter, width, path)
     if header < 0:
