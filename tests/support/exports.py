@@ -289,6 +289,9 @@ READ = (  # what is read: most without a word, others with what they were taken 
 )  # fmt: skip
 
 EDITED = (  # what is read after the line is changed that `rig new` names
+    Export(*_file("millimetres.csv", "a Nano17 whose torques are N mm, which nothing says",
+        _table(["time", *FM], _cells(_time(), *_wrench(1, 1e3)))), says=("if torques are N mm",),
+        edit=(_PER_COUNT, 'units = { force = "N", torque = "N mm" }')),
     Export(*_file("robotiq_registers.csv", "Robotiq FT 300 over Modbus: hundredths of N, thousandths of N m (manual)",
         _table(["time", *FM], _cells(_time(), *_wrench(100, 1000, 0)))), says=("whole",), tolerance=(6e-3, 6e-4),
         edit=(_PER_COUNT, 'units = { force = "N/100", torque = "N m/1000" }')),

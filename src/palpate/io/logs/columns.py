@@ -94,7 +94,7 @@ class Columns:
         """What a reader should know of the blocks so far."""
         said = tuple(note for fields in self._fields.values() for note in fields.notes()) + self._samples.notes()
         if _TIME not in self._groups:
-            return (f"samples have no times: {self._layout.rate:g} Hz is taken, as the rig says", *said)
+            return (f"samples have no times: {self._layout.rate:g} Hz is taken", *said)
         return said
 
 

@@ -19,6 +19,7 @@ WRENCH = "wrench"  # (n, 6) force and torque as recorded
 NUMBERS = 1 << 22  # of a block
 
 GAP = 5.0  # steps of the median length that make a gap
+LONG_STEP = 0.5  # s: of a log of forces a long one, and in another unit a usual one
 LATEST = 1e20  # s: beyond any clock, in nanoseconds too
 
 
@@ -141,6 +142,10 @@ class _Times:
             (self.missing, f"{self.missing} of {self.count} times are missing"),
             (self.backwards, f"times run backwards {self.backwards} times (kept in the order of the file)"),
             (self.repeated, f"{self.repeated} times repeat the one before"),
+            (
+                LONG_STEP <= self._usual < np.inf and self.count > 50,
+                f"a step is {self._usual:.4g} s: if times are not seconds, say so in the rig's [time] unit",
+            ),
             (
                 self.gaps,
                 f"{self.gaps} gaps longer than {GAP:g} steps of {self._usual:.4g} s "

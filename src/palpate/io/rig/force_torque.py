@@ -15,8 +15,9 @@ from palpate.io.logs import LogContents, read_recording
 from palpate.io.logs.layout import Layout, axis_matrix
 from palpate.io.models import read_model
 from palpate.io.rig import guess
-from palpate.io.rig.guess_columns import Found, acceleration_table, columns_guess, counted
+from palpate.io.rig.guess_columns import Found, columns_guess
 from palpate.io.rig.kind import Guess, Prepared, SensorKind
+from palpate.io.rig.names import made_up
 from palpate.io.rig.tables import RigForceTorque
 from palpate.io.rig.wrench import wrench_estimator
 from palpate.io.units import FORCE_UNITS, TORQUE_UNITS, to_si
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
 
 __all__ = ["FORCE_TORQUE", "doubted_noise", "rig_payload", "rig_sensor"]
 
+_LONG_ARM, _LONGEST_ARM = 0.5, 2.0  # m: of a force about a sensor, doubted and beyond belief
 _LEAST_NOISE = 1e-6  # N, N m: a log that never changes does not make a noise of nothing
 _TEXT = """\
 {time}[force_torque]
@@ -163,29 +165,36 @@ def _guess(log: Path, contents: LogContents, mesh: Path | None) -> Guess | None:
     if found is None:
         return None
     recording = read_recording(log, found.layout)
-    wrenches, layout, fields, remarks = recording.wrenches(), found.layout, dict(found.fields), list(found.remarks)
     if found.time is not None:
-        unit, doubt = found.timed(recording)
-        layout, remarks = replace(layout, time_unit=unit), [*([doubt] if doubt else []), *remarks]
-        fields["time"] = replace(found.time, unit=unit).text()
-        if whole := counted(wrenches, fields):
-            fields["unsure"] = "# "  # in counts: without it, it is taken from the log by the units that will stand here
-            remarks.append(whole)
-    if found.acceleration:
-        fields["acceleration"], doubts = acceleration_table(found.acceleration, contents.stated, recording)
-        remarks += doubts
-    size = None if mesh is None else guess.mesh_size(mesh)[1]
+        if made_up(contents.names) and found.time.column and (np.diff(recording.time) <= 0).mean() > 0.1:
+            return None  # the first of seven columns without names is no time
+        found = found.looked_at(recording, contents.stated)
+    found = _with_torques(found, recording.wrenches(), None if mesh is None else guess.mesh_size(mesh)[1])
+    lacking = "" if found.time is None else found.time.lacking
+    return Guess(found.why, found.layout, _TEXT.format_map({**_USUAL, **found.fields}), found.remarks, lacking)
+
+
+def _with_torques(found: Found, wrenches: np.ndarray, size: float | None) -> Found:
+    """With the unit of the torque, by its numbers where nothing states it, and the noise."""
+    fields, remarks, layout = dict(found.fields), list(found.remarks), found.layout
     if "torque_unit" not in fields:
-        fields["torque_unit"] = torque_unit = "N m" if size is None else _torque_unit(wrenches, size)
+        free = wrenches - np.nanmedian(wrenches, axis=0)
+        fields["torque_unit"] = torque_unit = _torque_unit(free, size)
+        layout = replace(layout, torque_unit=torque_unit)
         wrenches = wrenches * np.repeat([1.0, TORQUE_UNITS[torque_unit]], 3)
         if torque_unit != "N m":
             fields["torque_remark"] = "   # guessed: as N m they do not fit the body"
-            remarks.append("the torques only fit the body if they are N mm: check units.torque")
+            remarks.append("the torques only fit a body if they are N mm: check units.torque")
+        elif size is None and (arm := _arm(free)) > _LONG_ARM:
+            fields["unsure"] = "# "  # the unit that will stand there decides
+            doubt = (
+                f"forces act {arm:.2g} m from the sensor's origin at the median: if torques are N mm, correct it, as"
+            )
+            remarks.append(f'{doubt} units = {{ force = "{fields.get("force_unit", "N")}", torque = "N mm" }}')
     noise = estimate_noise(wrenches)
     noise = np.maximum(np.ones(6) if noise is None else noise, _LEAST_NOISE)
     fields |= {"force_noise": f"{float(noise[:3].max()):.2g}", "torque_noise": f"{float(noise[3:].max()):.2g}"}
-    lacking = "" if found.time is None else found.time.lacking
-    return Guess(found.why, layout, _TEXT.format_map({**_USUAL, **fields}), tuple(remarks), lacking)
+    return replace(found, layout=layout, fields=fields, remarks=tuple(remarks))
 
 
 def _topics_of(contents: LogContents) -> Found | None:
@@ -203,14 +212,25 @@ def _topics_of(contents: LogContents) -> Found | None:
     return Found(why, layout, fields, tuple(remarks))
 
 
-def _torque_unit(wrenches: np.ndarray, size: float) -> str:
-    """N mm if N m puts the lines of action off the body, and N mm does not; the bias is taken off first."""
-    free = wrenches - np.nanmedian(wrenches, axis=0)
+def _torque_unit(free: np.ndarray, size: float | None) -> str:
+    """N mm if N m puts the lines of action off the body, and N mm does not.
+
+    Args:
+        free: wrenches without bias.
+        size: [m] of the body; None: not known, and only torques that no arm makes are told.
+    """
+    if size is None:
+        return "N mm" if _arm(free) > _LONGEST_ARM else "N m"
     for unit in ("N m", "N mm"):
         scaled = free * np.repeat([1.0, TORQUE_UNITS[unit]], 3)
         if not lines_of_action(scaled, np.zeros(3), 10 * size).doubt:  # the mounting is not known yet
             return unit
     return "N m"
+
+
+def _arm(free: np.ndarray) -> float:
+    """Torque over force at the median."""
+    return float(np.nanmedian(np.linalg.norm(free[:, 3:], axis=1) / np.linalg.norm(free[:, :3], axis=1).clip(1e-12)))
 
 
 FORCE_TORQUE = SensorKind(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +20,7 @@ from palpate.io.units import ACCELERATION_UNITS, FORCE_UNITS, TORQUE_UNITS, know
 from palpate.sensors.acceleration import kind_of_acceleration
 from palpate.sensors.recording import ACCELERATION, Recording
 
-__all__ = ["Found", "acceleration_table", "columns_guess", "counted"]
+__all__ = ["Found", "columns_guess"]
 
 _COUNTS = 50.0  # in whole numbers up to less than this, forces may have been rounded
 
@@ -45,14 +45,25 @@ class Found:
     time: TimeGuess | None = None
     acceleration: tuple[str, ...] = ()
 
-    def timed(self, recording: Recording) -> tuple[str, str]:
-        """The unit of the time, by its numbers where nothing states it, and what is to be said of it."""
-        if self.time is None or self.time.unit:
-            return ("s" if self.time is None else self.time.unit), ""
-        return unit_by_size(recording.time, self.time.column)
+    def looked_at(self, recording: Recording, stated: Stated) -> Found:
+        """The same of a table, with what its numbers say: the unit of the time, accelerations, counts."""
+        fields, remarks, layout = dict(self.fields), list(self.remarks), self.layout
+        if self.time is not None:
+            unit, doubt = self.time.unit, ""
+            if not unit:
+                unit, doubt = unit_by_size(recording.time, self.time.column)
+            layout, fields["time"] = replace(layout, time_unit=unit), replace(self.time, unit=unit).text()
+            remarks[:0] = [doubt] if doubt else []
+        if whole := _counted(recording.wrenches(), fields):
+            fields["unsure"] = "# "  # in counts: without it, it is taken from the log by the units that will stand here
+            remarks.append(whole)
+        if self.acceleration:
+            fields["acceleration"], doubt = _acceleration_table(self.acceleration, stated, recording)
+            remarks.append(doubt)
+        return replace(self, layout=layout, fields=fields, remarks=tuple(remarks))
 
 
-def counted(values: Float[np.ndarray, "n 6"], fields: Mapping[str, str]) -> str:
+def _counted(values: Float[np.ndarray, "n 6"], fields: Mapping[str, str]) -> str:
     """What to say of forces in whole numbers, as a sensor's counts are, where no unit is stated; "" of others."""
     known = values[np.isfinite(values)]
     if fields["force_unit"] != "N" or not len(known) or np.abs(known).max() < _COUNTS or (known % 1.0).any():
@@ -92,14 +103,15 @@ def columns_guess(log: Path, contents: LogContents) -> Found | None:
         torque_unit=torque or "N m",
         frame=frame,
         acceleration=acceleration or None,
-        acceleration_unit=contents.stated.unit(acceleration[0]) if _known(acceleration, contents.stated) else "m/s^2",
+        acceleration_unit=_acceleration_unit(acceleration, contents.stated) or "m/s^2",
     )
     why = f"columns {', '.join(wrench)} look like forces and torques"
     return Found(why, layout, fields, (*time.remarks, *remarks), time, acceleration)
 
 
-def _known(acceleration: Sequence[str], stated: Stated) -> bool:
-    return bool(acceleration) and known_unit(stated.unit(acceleration[0]), ACCELERATION_UNITS) is not None
+def _acceleration_unit(columns: Sequence[str], stated: Stated) -> str | None:
+    """That the log states, where it is known."""
+    return known_unit(stated.unit(columns[0]), ACCELERATION_UNITS) if columns else None
 
 
 def _unit(columns: Sequence[str], kind: str, table: Mapping[str, float], contents: LogContents) -> str:
@@ -126,7 +138,7 @@ def _said(
 ) -> list[str]:
     said: list[str] = []
     if made_up(names):
-        said.append("the columns have no names: force and torque are taken in the order x, y, z, x, y, z")
+        said.append("without names force and torque are taken in the order x, y, z, x, y, z")
     if whose:
         said.append(f"{wrench[0]!r} ... is the wrench {whose}: frame = {frame!r}")
     if frame == "base" and orientation_columns(names) is None:
@@ -135,15 +147,14 @@ def _said(
         )
     if others:
         more = "; ".join(f"{columns[0]} ... {columns[-1]}" for columns in others)
-        said.append(f"{len(others) + 1} wrenches are there: {wrench[0]} ... {wrench[-1]} is taken, not {more}")
-        said.append("[force_torque] columns chooses another one")
+        taken = f"{wrench[0]} ... {wrench[-1]} is taken, not {more}"
+        said.append(f"{len(others) + 1} wrenches are there: {taken}; [force_torque] columns chooses another one")
     return said
 
 
-def acceleration_table(columns: tuple[str, ...], stated: Stated, recording: Recording) -> tuple[str, list[str]]:
+def _acceleration_table(columns: tuple[str, ...], stated: Stated, recording: Recording) -> tuple[str, str]:
     """[acceleration] of a rig, by what is in the numbers, and what is to be said of it."""
-    known = _known(columns, stated)
-    unit = known_unit(stated.unit(columns[0]), ACCELERATION_UNITS) if known else None
+    unit = _acceleration_unit(columns, stated)
     values = recording.channels[ACCELERATION]  # in m/s^2 if the unit is known, else as recorded
     kind, unit, length = kind_of_acceleration(values, unit)
     means = {
@@ -159,4 +170,4 @@ def acceleration_table(columns: tuple[str, ...], stated: Stated, recording: Reco
     ]
     named = f"{columns[0]!r} ... are taken for " if kind != "none" else f"{columns[0]!r} ... are not used: "
     what = {"imu": "an IMU's", "motion": "the acceleration of the motion"}.get(kind, "")
-    return "\n".join(["", *lines, ""]), [f"{named}{what}{', ' if what else ''}{means[kind]}: check [acceleration] kind"]
+    return "\n".join(["", *lines, ""]), f"{named}{what}{', ' if what else ''}{means[kind]}: check [acceleration] kind"

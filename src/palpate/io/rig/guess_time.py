@@ -93,7 +93,7 @@ def unit_by_size(time: Float[np.ndarray, " n"], column: str) -> tuple[str, str]:
     if not whole and "s" in likely:
         likely = ["s"]
     if not likely:
-        return "s", ""
+        return "s", f"{column!r} may not be the time: its steps of {step:.4g} would be {rates['s']:.4g} Hz"
     unit = min(likely, key=lambda each: abs(log(rates[each] / _USUAL)))
     if unit == "s" and len(likely) == 1:
         return "s", ""
@@ -107,4 +107,6 @@ def _lacking(names: Sequence[str], counter: str | None) -> str:
         return f"its times stand in two columns ({', '.join(parts)}), and one is wanted"
     if counter is not None:
         return f"{counter!r} counts the samples, and their rate is not known"
-    return f"no columns look like time: {', '.join(names[:12]) or 'there are only six'}"
+    if made_up(names):
+        return "no column is known to be the time"
+    return f"no columns look like time: {', '.join(names[:12])}"

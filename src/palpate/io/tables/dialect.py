@@ -68,6 +68,8 @@ def find_dialect(text: bytes, path: Path) -> Dialect:
     Raises:
         InputError: it is empty, has one column only, or its decimal points cannot be told from thousands.
     """
+    if text.lstrip()[:1] == b"<":
+        raise InputError("is XML or HTML, and no table.", where=str(path))
     lines = _decoded(text[:LOOKED_AT]).split("\n")
     lines = [line.rstrip("\r") for line in (lines if len(text) <= LOOKED_AT else _whole(text, lines))]
     filled = [k for k, line in enumerate(lines) if line.strip()]

@@ -12,7 +12,7 @@ from typing import BinaryIO, NoReturn
 
 import numpy as np
 import polars as pl
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float, Int, UInt8
 
 from palpate.errors import InputError
 from palpate.io.tables.dialect import COMMENTS, LOOKED_AT, SPACES, Dialect, find_dialect, spaces_to_tabs
@@ -24,7 +24,7 @@ from palpate.io.units import near
 __all__ = ["Table", "read_table", "tables"]
 
 _COMMENTS = tuple(mark.encode() for mark in COMMENTS)
-_MARKS = np.array([ord(mark[0]) for mark in COMMENTS], dtype=np.uint8)
+_MARKS = frozenset(mark[0] for mark in _COMMENTS)
 _INSIDE = b"\x1f"  # stands for a delimiter inside quotes, so that every line parses on its own
 
 
@@ -231,13 +231,20 @@ def _split(raw: bytes, delimiter: bytes) -> tuple[bytes, Int[np.ndarray, " n"], 
         raw, marks = text.tobytes(), marks[~inside]
     fields = np.diff(np.searchsorted(marks, ends), prepend=0) + 1
     blank = [k for k in np.flatnonzero(fields == 1) if not raw[starts[k] : ends[k]].strip()]
-    marked = np.flatnonzero(np.isin(text[np.minimum(starts, len(text) - 1)], _MARKS)) if len(text) else ()
-    blank += [k for k in marked if raw[starts[k] : ends[k]].startswith(_COMMENTS)]
+    blank += [k for k in _marked(text, starts) if raw[starts[k] : ends[k]].startswith(_COMMENTS)]
     if blank:
         drop = set(blank)
         raw = b"\n".join(line for k, line in enumerate(raw.split(b"\n")) if k not in drop)
     fields[unclosed] = -1
     return raw, np.delete(np.arange(1, len(ends) + 1), blank), np.delete(fields, blank)
+
+
+def _marked(text: UInt8[np.ndarray, " size"], starts: Int[np.ndarray, " n"]) -> Int[np.ndarray, " k"]:
+    """Lines that may be comments, by their first byte."""
+    if not len(text):
+        return np.zeros(0, dtype=np.int64)
+    first = text.take(starts, mode="clip")
+    return np.flatnonzero(np.logical_or.reduce([first == mark for mark in _MARKS]))
 
 
 def _unquoted(text: pl.Expr, delimiter: str) -> pl.Expr:
