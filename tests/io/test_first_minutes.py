@@ -1,4 +1,4 @@
-"""The first ten minutes with a table that somebody else wrote: looked at, a rig made of it, estimated, without an editor."""
+"""The first ten minutes with a table of somebody else: inspected, a rig made of it, estimated, without an editor."""
 
 from __future__ import annotations
 
@@ -6,12 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from support.exports import EDITED, NOTED, PRESSED, RADIUS, READ, REFUSED, TIME, WRENCH, Export
 
 from palpate.cli import main
 from palpate.io.contacts import read_contacts
 from palpate.io.logs import read_recording
 from palpate.io.rig import load_rig
-from support.exports import EDITED, NOTED, PRESSED, RADIUS, READ, REFUSED, TIME, WRENCH, Export
 
 
 def _written(export: Export, folder: Path) -> Path:

@@ -71,7 +71,9 @@ def _cells(*columns: Sequence[object] | np.ndarray, decimal: str = ".") -> Cells
 
 def _wrench(force: float = 1.0, torque: float = 1.0, digits: int = 12) -> list[np.ndarray]:
     """Six columns, so many of a unit to a newton and a newton-metre."""
-    return [np.round(column * scale, digits) for column, scale in zip(WRENCH.T, [force] * 3 + [torque] * 3, strict=True)]
+    return [
+        np.round(column * scale, digits) for column, scale in zip(WRENCH.T, [force] * 3 + [torque] * 3, strict=True)
+    ]
 
 
 def _table(
@@ -110,7 +112,9 @@ def _ati(force: float = 1e6, torque: float = 1e6, units: str = "Nm", *, cut: boo
     names = ["Status (hex)", "RDT Sequence", "F/T Sequence", *FT, "Time"]
     sequence = [f"{k + 1}" for k in range(ROWS)]
     status, clock = ["0x00000000"] * ROWS, [f"12:34:{56 + k // 100}" for k in range(ROWS)]
-    cells = _cells(status, sequence, [f"{70 * (k + 1)}" for k in range(ROWS)], *_wrench(force, scale * torque, 0), clock)
+    cells = _cells(
+        status, sequence, [f"{70 * (k + 1)}" for k in range(ROWS)], *_wrench(force, scale * torque, 0), clock
+    )
     return _table(names, cells, sep, before[:2] if cut else before)
 
 
@@ -122,7 +126,9 @@ def _franka(*, both: bool) -> str:
     joints = [np.linspace(0, 1, ROWS).round(3)] * 7
     turned = [np.round(0.5 * column, 6) for column in WRENCH.T]
     columns = [*joints, *turned, *_wrench()] if both else [*joints, *_wrench()]
-    return _table(["duration", "success rate", *q, *base, *(own if both else [])], _cells(_time(1e3), ["1"] * ROWS, *columns))
+    return _table(
+        ["duration", "success rate", *q, *base, *(own if both else [])], _cells(_time(1e3), ["1"] * ROWS, *columns)
+    )
 
 
 def _lvm() -> str:
@@ -188,7 +194,10 @@ READ = (  # what is read: most without a word, others with what they were taken 
     Export(*_file("fixed_width.txt", "a Fortran-like logger: columns of spaces, units in the names",
         _table([f"{name:>12}" for name in ("t [s]", *_bracketed("[]"))],
             [[f"{text:>12}" for text in row] for row in _ROWS], " "))),
-    Export(*_file("pandas.csv", "pandas.to_csv with its index", _table(["", *PLAIN], _cells(_SEQUENCE, _time(), *_wrench())))),
+    Export(*_file("pandas.csv", "pandas.to_csv with its index",
+        _table(["", *PLAIN], _cells(_SEQUENCE, _time(), *_wrench())))),
+    Export(*_file("pandas_dates.csv", "pandas.to_csv with its index of dates, which has no name",
+        _table(["", *FT], _cells(_clock("%Y-%m-%d %H:%M:%S"), *_wrench())))),
     Export(*_file("bars.txt", "a database's dump: bars", _table(PLAIN, _ROWS, "|")), says=("separated by bars",)),
     Export(*_file("remarks.csv", "a logger that writes remarks among the rows", _remarked())),
     Export(*_file("trailing.csv", "a logger that ends each row with a comma", _table(PLAIN, _ROWS, tail=","))),
@@ -202,13 +211,15 @@ READ = (  # what is read: most without a word, others with what they were taken 
         _table(["s", *["N"] * 3, *["N m"] * 3], _ROWS, "\t",
             ["File name:\trun.dat", "Sampling rate (Hz):\t100", "\t".join(["abs time (s)", *FM])]))),
     Export(*_file("labview.lvm", "LabVIEW measurement file, tabs", _lvm())),
-    Export(*_file("netft.csv", "ATI Net F/T, the Java demo (manual 9610-05-Ethernet Axia, demo CSV file format)", _ati()),
+    Export(*_file("netft.csv", "ATI Net F/T, the Java demo (manual 9610-05-Ethernet Axia, demo CSV file format)",
+        _ati()),
         says=("100 Hz",)),
     Export(*_file("netft_mm.csv", "ATI Net F/T configured for N mm", _ati(1e6, 1e3, "Nmm"))),
     Export(*_file("schunk_ftn.csv", "SCHUNK FTN, which is ATI's Net F/T, between tabs", _ati(sep="\t"))),
     Export(*_file("netft_python.csv", "a laboratory's logger of a Net F/T: all settings in one line",
         _table(["Time", "TimeStamp", *FT], _cells(_time(), _ZERO, *_wrench(1e6, 1e6, 0)),
-            before=["Force Units: N, Torque Units: Nmm, Counts per Unit Force: 1000000.0, Counts per Unit Torque: 1000"]))),
+            before=[
+                "Force Units: N, Torque Units: Nmm, Counts per Unit Force: 1000000.0, Counts per Unit Torque: 1000"]))),
     Export(*_file("daq_ft.csv", "ATI DAQ F/T .NET demo: no times, raw rate and averaging before the names",
         _table(FT, _BARE, before=["3/4/2025 12:34:56 PM", "Sample Rate: 10000", "Averaging: 100", "Force Units: N",
             "Torque Units: N-m"])), says=("100 Hz",)),
@@ -218,7 +229,8 @@ READ = (  # what is read: most without a word, others with what they were taken 
     Export(*_file("node.csv", "a laboratory's logger of a Net F/T over HTTP",
         _table(["Current Time (ms)", *_bracketed("()")], _cells(_time(1e3), *_wrench())))),
     Export(*_file("bota.csv", "Bota, its serial protocol in a table: status, wrench, time stamp in us, temperature",
-        _table(["status", *FM, "timestamp", "temperature"], _cells(_ZERO, *_wrench(), _time(1e6, 5e6), ["31.5"] * ROWS))),
+        _table(["status", *FM, "timestamp", "temperature"], _cells(_ZERO, *_wrench(), _time(1e6, 5e6),
+            ["31.5"] * ROWS))),
         says=(_NO_UNIT, "taken for us")),
     Export(*_file("echo.csv", "rostopic echo -p of a Bota or ATI node",
         _table(["%time", "field.header.seq", "field.header.stamp", "field.header.frame_id",
@@ -246,11 +258,13 @@ READ = (  # what is read: most without a word, others with what they were taken 
     Export(*_file("microseconds.csv", "a microcontroller: whole microseconds, no unit",
         _table(["t", *PLAIN[1:]], _cells(_time(1e6), *_wrench()))), says=(_NO_UNIT, "taken for us")),
     Export(*_file("unix_ns.csv", "ROS stamps in nanoseconds", _table(["stamp", *PLAIN[1:]], _cells(_NS, *_wrench())))),
-    Export(*_file("iso.csv", "ISO 8601 stamps", _table(["timestamp", *PLAIN[1:]], _cells(_clock("%Y-%m-%dT%H:%M:%S"), *_wrench())))),
+    Export(*_file("iso.csv", "ISO 8601 stamps",
+        _table(["timestamp", *PLAIN[1:]], _cells(_clock("%Y-%m-%dT%H:%M:%S"), *_wrench())))),
     Export(*_file("date_de.csv", "dates as Germans write them",
         _table(["Zeitstempel", *FT], _cells(_clock("%d.%m.%Y %H:%M:%S"), *_wrench()), ";"))),
     Export(*_file("clock.csv", "times of day", _table(["Time", *FT], _cells(_clock(), *_wrench())))),
-    Export(*_file("rate.csv", "no times, the rate is known", _table(_bracketed("()"), _BARE)), ("--rate", "100"), ("100 Hz",)),
+    Export(*_file("rate.csv", "no times, the rate is known",
+        _table(_bracketed("()"), _BARE)), ("--rate", "100"), ("100 Hz",)),
     Export(*_file("counter.csv", "a sample counter, the rate is known",
         _table(["sample", *FT], _cells(_SEQUENCE, *_wrench()))), ("--rate", "100"), ("100 Hz",)),
     Export(*_file("interval.csv", "an oscilloscope's preamble: the interval in it",
@@ -258,7 +272,8 @@ READ = (  # what is read: most without a word, others with what they were taken 
     Export(*_file("two_sensors.csv", "two sensors in one table",
         _table(["time", *(f"ft{k}_{name.lower()}" for k in (1, 2) for name in FT)],
             _cells(_time(), *_wrench(), *_wrench(2.0, 2.0)))), says=("2 wrenches", "ft2_fx", "[force_torque] columns")),
-    Export(*_file("hands.csv", "two hands", _table(["time", *(f"{hand}.{name}" for hand in ("left", "right") for name in _ROS)],
+    Export(*_file("hands.csv", "two hands",
+        _table(["time", *(f"{hand}.{name}" for hand in ("left", "right") for name in _ROS)],
         _cells(_time(), *_wrench(), *_wrench(2.0, 2.0)))), says=("right.force.x",)),
     Export(*_file("kilopond.csv", "an older bridge amplifier: kilopond",
         _table(["Time [s]", *_bracketed("[]", FT, "kp", "kgf cm")],
@@ -270,16 +285,20 @@ READ = (  # what is read: most without a word, others with what they were taken 
     Export(*_file("kraft.csv", "a German test bench: words, DIN units",
         _table(["Zeit in s", *(f"Kraft {axis} in N" for axis in "XYZ"), *(f"Moment {axis} in Nm" for axis in "XYZ")],
             _german(), ";"))),
-    Export(*_file("six.csv", "an array of six in one table", _table(["time", *(f"wrench_{k}" for k in range(6))], _ROWS))),
+    Export(*_file("six.csv", "an array of six in one table",
+        _table(["time", *(f"wrench_{k}" for k in range(6))], _ROWS))),
     Export(*_file("torque_first.csv", "torques before forces",
         _table(["time", *FM[3:], *FM[:3]], _cells(_time(), *_wrench()[3:], *_wrench()[:3])))),
-    Export(*_file("imu.csv", "an IMU's accelerations, named as those of a motion", _accelerated(("ax", "ay", "az"), 9.8)),
+    Export(*_file("imu.csv", "an IMU's accelerations, named as those of a motion",
+        _accelerated(("ax", "ay", "az"), 9.8)),
         says=("an IMU's", "gravity is in it", "[acceleration] kind")),
     Export(*_file("imu_g.csv", "an IMU in g", _accelerated([f"imu_acc_{axis} [g]" for axis in "xyz"], 1.01)),
         says=("an IMU's", "gravity is in it")),
-    Export(*_file("imu_unnamed_g.csv", "an IMU in g that does not say so", _accelerated(("acc_x", "acc_y", "acc_z"), 0.99)),
+    Export(*_file("imu_unnamed_g.csv", "an IMU in g that does not say so",
+        _accelerated(("acc_x", "acc_y", "acc_z"), 0.99)),
         says=("an IMU's", "g at the median")),
-    Export(*_file("motion.csv", "a robot's own accelerations", _accelerated([f"linear_acceleration.{axis}" for axis in "xyz"], 0.1)),
+    Export(*_file("motion.csv", "a robot's own accelerations",
+        _accelerated([f"linear_acceleration.{axis}" for axis in "xyz"], 0.1)),
         says=("of the motion",)),
     Export(*_file("imu_counts.csv", "an accelerometer's counts", _accelerated(("ax", "ay", "az"), 16384)),
         says=("not used", "neither gravity nor motion")),
@@ -314,7 +333,8 @@ REFUSED = (
         refused="unknown unit 'N and lbf'"),
     Export(*_file("minutes.csv", "times in minutes", _table(["Time [min]", *FT], _ROWS)), refused="unknown unit 'min'"),
     Export(*_file("thousands.csv", "thousands parted by commas",
-        _table(FT, [[f"{1e4 * float(text):,.1f}" for text in row] for row in _BARE], ";")), refused="between thousands"),
+        _table(FT, [[f"{1e4 * float(text):,.1f}" for text in row] for row in _BARE], ";")),
+            refused="between thousands"),
     Export(*_file("either.csv", "a comma that may be a decimal point or part thousands",
         _table(PLAIN, [["1,500", "2,250", "3,125", "4,500", "5,250", "6,125", "7,500"]] * ROWS, ";")),
         refused="cannot tell whether the comma"),
@@ -322,8 +342,11 @@ REFUSED = (
         refused="Is the decimal point a comma?"),
     Export(*_file("twice.csv", "one name twice", _table([*PLAIN, "fx"], _cells(_time(), *_wrench(), _ZERO))),
         refused="'fx' is there 2 times"),
-    Export(*_file("counted.csv", "a counter whose rate nobody says", _table(["sample", *FT], _cells(_SEQUENCE, *_wrench()))),
+    Export(*_file("counted.csv", "a counter whose rate nobody says",
+        _table(["sample", *FT], _cells(_SEQUENCE, *_wrench()))),
         refused="--rate HZ"),
+    Export(*_file("pandas_index.csv", "pandas.to_csv with an index and no times",
+        _table(["", *FT], _cells(_SEQUENCE, *_wrench()))), refused="'column_1' counts the samples"),
     Export(*_file("untimed.csv", "no times", _table(FT, _BARE)), refused="--rate HZ"),
     Export(*_file("ros2_stamp.csv", "a ROS 2 stamp in two columns, and no other time",
         _table(["header.stamp.sec", "header.stamp.nanosec", *(f"wrench.{name}" for name in _ROS)],
@@ -339,3 +362,5 @@ REFUSED = (
 NOTED = (  # read, of which rows or fields are lost, which every command says
     Export(*_file("mixed.csv", "two rows of another delimiter", _mixed()), says=("do not have 7 fields",)),
 )
+
+EXPORTS = {export.name: export for export in (*READ, *EDITED, *REFUSED, *NOTED)}

@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
-__all__ = ["kind_of_acceleration", "wrong_acceleration"]
+from palpate.spatial.pose import rotation_from_quaternion
+
+__all__ = ["kind_of_acceleration", "turned_from_gravity", "wrong_acceleration"]
 
 G = 9.80665  # m/s^2
 _NEAR = 0.1  # share by which a length may miss gravity: gains, and some motion
@@ -51,6 +53,20 @@ def wrong_acceleration(values: Float[np.ndarray, "n 3"], kind: str) -> str:
             'correct unit, or write kind = "motion" or "none"'
         )
     return ""
+
+
+def turned_from_gravity(
+    values: Float[np.ndarray, "n 3"], quaternions: Float[np.ndarray, "n 4"], gravity: Float[np.ndarray, "3"]
+) -> float:
+    """Degrees at the median between what an IMU reads and what it would at rest, -R^T g; 0 where nothing is known."""
+    known = np.isfinite(values).all(axis=1) & np.isfinite(quaternions).all(axis=1) & quaternions.any(axis=1)
+    if not known.any():
+        return 0.0
+    rest = -np.einsum("nji,j->ni", rotation_from_quaternion(quaternions[known]), gravity)
+    felt = values[known]
+    lengths = np.linalg.norm(felt, axis=1) * np.linalg.norm(gravity)
+    cosines = np.einsum("ni,ni->n", felt, rest) / np.maximum(lengths, 1e-12)
+    return float(np.degrees(np.arccos(np.clip(np.median(cosines), -1.0, 1.0))))
 
 
 def _length(values: Float[np.ndarray, "n 3"]) -> tuple[float, bool]:

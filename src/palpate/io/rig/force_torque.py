@@ -21,7 +21,7 @@ from palpate.io.rig.names import made_up
 from palpate.io.rig.tables import RigForceTorque
 from palpate.io.rig.wrench import wrench_estimator
 from palpate.io.units import FORCE_UNITS, TORQUE_UNITS, to_si
-from palpate.sensors.acceleration import wrong_acceleration
+from palpate.sensors.acceleration import turned_from_gravity, wrong_acceleration
 from palpate.sensors.compensation import Compensation
 from palpate.sensors.force_torque import ForceTorque, Payload
 from palpate.sensors.motion import Motion
@@ -34,6 +34,7 @@ if TYPE_CHECKING:
 __all__ = ["FORCE_TORQUE", "doubted_noise", "rig_payload", "rig_sensor"]
 
 _LONG_ARM, _LONGEST_ARM = 0.5, 2.0  # m: of a force about a sensor, doubted and beyond belief
+_TURNED = 20.0  # degrees between an IMU and gravity, at the median of a log: more than a mounting by hand
 _LEAST_NOISE = 1e-6  # N, N m: a log that never changes does not make a noise of nothing
 _TEXT = """\
 {time}[force_torque]
@@ -118,8 +119,17 @@ def _build(rig: Rig, head: Recording | None) -> Prepared:
     made = wrench_estimator(rig, sensor, head, tare=rig.estimate.tare)
     made.facts["noise_source"] = "given" if stated else "unknown" if sensor.noise is None else "rest of the log"
     made.said[:0] = [*([] if stated else _noise_said(sensor)), *_payload_said(rig, payload)]
-    made.doubted += [] if head is None else doubted_noise(rig, head)
+    made.doubted += [] if head is None else [*doubted_noise(rig, head), *_turned(payload, sensor, head)]
     return made
+
+
+def _turned(payload: Payload | None, sensor: Compensation, head: Recording) -> list[str]:
+    """Whether an IMU has other axes than the sensor, by where it reads gravity."""
+    if payload is None or sensor.motion is None or sensor.motion.source != "imu" or ORIENTATION not in head.channels:
+        return []
+    turned = turned_from_gravity(head.channels[ACCELERATION], head.channels[ORIENTATION], payload.gravity)
+    doubt = f"the IMU reads gravity {turned:.0f} degrees from where the orientation has it: are its axes the sensor's?"
+    return [doubt] if turned > _TURNED else []
 
 
 def _noise_said(sensor: Compensation) -> list[str]:

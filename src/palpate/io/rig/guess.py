@@ -14,6 +14,7 @@ from palpate.surfaces.mesh import UNITS, Mesh
 
 __all__ = [
     "array_topic",
+    "commented",
     "mesh_size",
     "orientation_table",
     "pose_table",
@@ -40,11 +41,16 @@ def array_topic(log: Path, fits: Callable[[tuple[int, ...]], bool]) -> tuple[str
     return next(((name, shape) for name, shape in topic_shapes(log).items() if fits(shape)), None)
 
 
+def commented(line: str, comment: str) -> str:
+    """A line of a rig with what is said of it, in its column."""
+    return f"{line:<36} # {comment}"
+
+
 def time_table(column: str, unit: str = "s", rate: float | None = None) -> str:
     """[time]; "" as a column: there is none, and the samples come at the rate [Hz]."""
-    lines = [f"column = {quoted(column)}", f'unit = "{unit}"                         # s, ms, us, ns'] if column else []
+    lines = [f"column = {quoted(column)}", commented(f'unit = "{unit}"', "s, ms, us, ns, samples")] if column else []
     if rate is not None:
-        lines.append(f"rate = {rate:.15g}                        # Hz of the samples")
+        lines.append(commented(f"rate = {rate:.15g}", "Hz of the samples"))
     return "\n".join(["[time]", *lines]) + "\n\n"
 
 

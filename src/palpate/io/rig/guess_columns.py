@@ -1,4 +1,4 @@
-"""What a table of forces and torques looks like: which columns, in which units and frame, and what is odd about them."""
+"""What a table of forces and torques looks like: which columns, in which units and frame, and what is odd."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from jaxtyping import Float
 from palpate.errors import InputError
 from palpate.io.logs import LogContents
 from palpate.io.logs.layout import Layout
-from palpate.io.rig.guess import orientation_table, quoted
-from palpate.io.rig.guess_time import TimeGuess, guess_time, unit_by_size
+from palpate.io.rig.guess import commented, orientation_table, quoted
+from palpate.io.rig.guess_time import TimeGuess, guess_time
 from palpate.io.rig.names import acceleration_columns, made_up, orientation_columns, wrench_frame, wrenches
 from palpate.io.tables.stated import Stated
 from palpate.io.units import ACCELERATION_UNITS, FORCE_UNITS, TORQUE_UNITS, known_unit, to_si
@@ -48,19 +48,17 @@ class Found:
     def looked_at(self, recording: Recording, stated: Stated) -> Found:
         """The same of a table, with what its numbers say: the unit of the time, accelerations, counts."""
         fields, remarks, layout = dict(self.fields), list(self.remarks), self.layout
-        if self.time is not None:
-            unit, doubt = self.time.unit, ""
-            if not unit:
-                unit, doubt = unit_by_size(recording.time, self.time.column)
-            layout, fields["time"] = replace(layout, time_unit=unit), replace(self.time, unit=unit).text()
-            remarks[:0] = [doubt] if doubt else []
+        time = None if self.time is None else self.time.judged(recording.time)
+        if time is not None:
+            layout, fields["time"] = replace(layout, time_unit=time.unit), time.text()
+            remarks[:0] = time.remarks
         if whole := _counted(recording.wrenches(), fields):
             fields["unsure"] = "# "  # in counts: without it, it is taken from the log by the units that will stand here
             remarks.append(whole)
         if self.acceleration:
             fields["acceleration"], doubt = _acceleration_table(self.acceleration, stated, recording)
             remarks.append(doubt)
-        return replace(self, layout=layout, fields=fields, remarks=tuple(remarks))
+        return replace(self, layout=layout, fields=fields, remarks=tuple(remarks), time=time)
 
 
 def _counted(values: Float[np.ndarray, "n 6"], fields: Mapping[str, str]) -> str:
@@ -69,8 +67,8 @@ def _counted(values: Float[np.ndarray, "n 6"], fields: Mapping[str, str]) -> str
     if fields["force_unit"] != "N" or not len(known) or np.abs(known).max() < _COUNTS or (known % 1.0).any():
         return ""
     return (
-        f"all numbers of the wrench are whole, up to {np.abs(known).max():,.0f}: if they are counts, write so many to a "
-        'unit in [force_torque], as units = { force = "N/1000000", torque = "N m/1000000" }'
+        f"all numbers of the wrench are whole, up to {np.abs(known).max():,.0f}: if they are counts, write so many "
+        'to a unit in [force_torque], as units = { force = "N/1000000", torque = "N m/1000000" }'
     )
 
 
@@ -106,7 +104,7 @@ def columns_guess(log: Path, contents: LogContents) -> Found | None:
         acceleration_unit=_acceleration_unit(acceleration, contents.stated) or "m/s^2",
     )
     why = f"columns {', '.join(wrench)} look like forces and torques"
-    return Found(why, layout, fields, (*time.remarks, *remarks), time, acceleration)
+    return Found(why, layout, fields, tuple(remarks), time, acceleration)
 
 
 def _acceleration_unit(columns: Sequence[str], stated: Stated) -> str | None:
@@ -142,9 +140,8 @@ def _said(
     if whose:
         said.append(f"{wrench[0]!r} ... is the wrench {whose}: frame = {frame!r}")
     if frame == "base" and orientation_columns(names) is None:
-        said.append(
-            'a wrench in the base frame needs the sensor\'s orientation (columns qx, qy, qz, qw), or frame = "sensor"'
-        )
+        needs = "a wrench in the base frame needs the sensor's orientation (columns qx, qy, qz, qw)"
+        said.append(f'{needs}; frame = "sensor" is right only while the sensor keeps the axes of the base')
     if others:
         more = "; ".join(f"{columns[0]} ... {columns[-1]}" for columns in others)
         taken = f"{wrench[0]} ... {wrench[-1]} is taken, not {more}"
@@ -164,9 +161,9 @@ def _acceleration_table(columns: tuple[str, ...], stated: Stated, recording: Rec
     }
     lines = [
         "[acceleration]",
-        f"columns = {quoted(columns)}   # of the sensor, along its axes",
-        f'kind = "{kind}"                       # {means[kind]}; "imu": with gravity, "motion": without, "none"',
-        f'unit = "{unit}"                      # m/s^2, g, mg',
+        commented(f"columns = {quoted(columns)}", "of the sensor, along its axes"),
+        commented(f'kind = "{kind}"', f'{means[kind]}; or "imu" (with gravity), "motion" (without), "none"'),
+        commented(f'unit = "{unit}"', "m/s^2, g, mg"),
     ]
     named = f"{columns[0]!r} ... are taken for " if kind != "none" else f"{columns[0]!r} ... are not used: "
     what = {"imu": "an IMU's", "motion": "the acceleration of the motion"}.get(kind, "")

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import log
 
 import numpy as np
@@ -40,6 +41,15 @@ class TimeGuess:
     lacking: str = ""
     remarks: tuple[str, ...] = ()
 
+    def judged(self, time: Float[np.ndarray, " n"]) -> TimeGuess:
+        """The same with a unit, by the times as recorded where nothing states it."""
+        if self.unit:
+            return self
+        if re.fullmatch(r"column_\d+", self.column) and (np.diff(time) == 1.0).all():
+            return replace(self, unit=SAMPLES, rate=1.0, lacking=_lacking((), self.column))
+        unit, doubt = unit_by_size(time, self.column)
+        return replace(self, unit=unit, remarks=(*([doubt] if doubt else []), *self.remarks))
+
     def text(self) -> str:
         """[time] of a rig."""
         return time_table(self.column, self.unit, self.rate)
@@ -54,8 +64,8 @@ def guess_time(contents: LogContents, wrench: Sequence[str]) -> TimeGuess:
     names = [name for name in contents.names if name not in wrench]
     stated, counter = contents.stated, counter_column(names)
     column = time_column(names)
-    if column is None and made_up(contents.names) and len(names) % 6 == 1:
-        column = names[0]
+    if column is None and names[:1] == ["column_1"]:
+        column = names[0]  # of a table without names, or an index that has none
     if stated.rate is not None and (counter is not None or column is None):
         remark = f"samples are taken at {stated.rate:.6g} Hz, as the log or --rate says: check [time] rate"
         return TimeGuess(counter or "", SAMPLES if counter else "s", stated.rate, remarks=(remark,))

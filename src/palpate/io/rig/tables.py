@@ -94,7 +94,7 @@ class RigForceTorque:
 
 @dataclass(frozen=True)
 class RigTime:
-    """The column of the time and its unit; `rate` [Hz] where it is a counter ("samples"), or where there is no column."""
+    """The column of the time and its unit; `rate` [Hz] where it is a counter ("samples"), or there is no column."""
 
     column: str = "time"
     unit: str = "s"

@@ -78,6 +78,7 @@ def find_dialect(text: bytes, path: Path) -> Dialect:
         raise InputError(
             f"the first line has {len(found.names):,} fields.", where=str(path), hint="It must name the columns."
         )
+    found = replace(found, names=tuple(name or f"column_{k + 1}" for k, name in enumerate(found.names)))
     if found.delimiter == "," and b'"' not in text[:LOOKED_AT]:
         return found
     return replace(found, decimal=_decimal(lines[found.first :][:_LINES], found.delimiter, found.first, path))

@@ -212,7 +212,7 @@ def tables(file: BinaryIO, path: Path, size: int) -> Iterator[Table]:
 
 
 def _split(raw: bytes, delimiter: bytes) -> tuple[bytes, Int[np.ndarray, " n"], Int[np.ndarray, " n"]]:
-    """The text without blank lines and comments, and with `_INSIDE` for delimiters inside quotes; each line's number and fields.
+    """The text without blank lines and comments, `_INSIDE` for delimiters inside quotes; each line's number and fields.
 
     A line is a row, whatever its quotes say: where one is not closed, the count of fields is -1.
     """
