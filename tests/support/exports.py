@@ -13,14 +13,14 @@ import numpy as np
 
 RATE, ROWS = 100.0, 120  # Hz
 RADIUS = 0.01  # m: of the sphere that `palpate rig new` proposes without a mesh
-_POINTS = np.array([[0.0, 0.6, 0.8], [0.48, 0.6, 0.64]]) * RADIUS
+POINTS = np.array([[0.0, 0.6, 0.8], [0.48, 0.6, 0.64]]) * RADIUS
 _PUSHES = ((30, 60, np.array([0.3, -2.0, -3.0])), (75, 105, np.array([-1.5, -2.5, -2.0])))
 
 
 def _session() -> tuple[np.ndarray, np.ndarray]:
     rng = np.random.default_rng(12)
     wrench = rng.normal(0.0, 1.0, (ROWS, 6)) * ([2e-3] * 3 + [2e-5] * 3)
-    for (first, last, force), point in zip(_PUSHES, _POINTS, strict=True):
+    for (first, last, force), point in zip(_PUSHES, POINTS, strict=True):
         wrench[first:last] += np.concatenate([force, np.cross(point, force)])
     return np.arange(ROWS) / RATE, np.column_stack([np.round(wrench[:, :3], 4), np.round(wrench[:, 3:], 6)])
 

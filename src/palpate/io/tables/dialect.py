@@ -19,8 +19,9 @@ SPACES = " "  # as a delimiter: runs of spaces and tabs
 COMMENTS = ("#", "%", "//")  # begin a line that is no row
 _DELIMITERS = (",", ";", "\t", "|", SPACES)
 _MOST = 20_000  # columns, of a sheet of 128 x 128 cells: more are rows whose ends were lost
-_LINES = 300  # of those, at most
+_LINES = 150  # of those, at most
 _NUMBER = re.compile(r"[-+]?(?:\d[\d.,']*|[.,]\d+)(?:[eE][-+]?\d+)?|[-+]?(?:nan|inf)", re.IGNORECASE)
+_is_number = _NUMBER.fullmatch
 _THOUSANDS = re.compile(r"[-+]?\d{1,3}(?:(?:,\d{3})+\.\d*|(?:\.\d{3})+,\d*|(?:,\d{3}){2,}|(?:'\d{3})+(?:[.,]\d*)?)")
 _EITHER = re.compile(r"[-+]?[1-9]\d{0,2},\d{3}")  # a decimal comma, or a thousand
 _FACT = re.compile(r"([^\W\d][^:=,;\t]*?)\s*[:=]\s*([^,;\t]+)")
@@ -166,7 +167,7 @@ def _rows(lines: Sequence[str], delimiter: str) -> dict[int, tuple[int, float]]:
         if (delimiter != SPACES and delimiter not in line) or line.startswith(COMMENTS):
             continue
         fields = _split(line, delimiter)
-        numbers, filled = sum(map(_is_number, fields)), sum(map(bool, fields))
+        numbers, filled = sum(map(bool, map(_is_number, fields))), sum(map(bool, fields))
         if len(fields) > 1 and numbers > 1 and 2 * numbers >= filled:
             found[k] = len(fields), numbers / filled
     return found
@@ -183,7 +184,7 @@ def _names(
         plain = marked is lines[k]
         if _are_units(fields) and len(fields) == width and not units:
             units[k] = fields
-        elif sum(map(_is_number, fields)) * 2 > len(fields):
+        elif 2 * sum(map(bool, map(_is_number, fields))) > len(fields):
             continue
         elif len(fields) == width or (plain and delimiter != SPACES and abs(len(fields) - width) == 1):
             if marked.count('"') % 2:
@@ -235,10 +236,6 @@ def _fields(line: str, delimiter: str, path: Path, number: int) -> list[str]:
 
 def _bare(line: str) -> str:
     return re.sub(r'"[^"]*"', "", line)
-
-
-def _is_number(text: str) -> bool:
-    return _NUMBER.fullmatch(text) is not None
 
 
 def _facts(lines: Sequence[str]) -> Iterator[tuple[str, str]]:
