@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -10,6 +11,7 @@ from palpate.io.logs import LogContents, topic_shapes
 from palpate.io.logs.decoding import role
 from palpate.io.logs.layout import ORIENTATION_COLUMNS
 from palpate.io.rig.names import orientation_columns, position_columns
+from palpate.io.units import TIME_UNITS, known_unit, split_unit
 from palpate.surfaces.mesh import UNITS, Mesh
 
 __all__ = [
@@ -20,6 +22,7 @@ __all__ = [
     "pose_table",
     "quoted",
     "time_table",
+    "time_unit",
     "topics_of",
 ]
 
@@ -54,6 +57,11 @@ def time_table(column: str, unit: str = "s", rate: float | None = None) -> str:
     return "\n".join(["[time]", *lines]) + "\n\n"
 
 
+def time_unit(column: str) -> str:
+    """That the name of a column of times states; s, where it states none."""
+    return known_unit(split_unit(column)[1], TIME_UNITS) or "s"
+
+
 def pose_table(topics: Sequence[str]) -> str:
     """[orientation] from a topic of poses; a comment where there is none."""
     lines = [
@@ -70,12 +78,15 @@ def orientation_table(names: Sequence[str]) -> tuple[str, list[str]]:
     if quaternion is None:
         return '# [orientation]\n# columns = ["qx", "qy", "qz", "qw"]   # sensor in base: a payload needs it\n', []
     lines = ["[orientation]", f"columns = {quoted(quaternion)}   # sensor in base: x, y, z, w"]
-    if position is not None:
+    remarks: list[str] = []
+    if position is not None and re.search(r"[\[(_ ](?:mm|cm|um|in)[\])]?$", position[0]):
+        remarks.append(f"{position[0]!r} ... are not read: positions must be metres")
+    elif position is not None:
         lines.append(f"position = {quoted(position)}   # sensor in base [m]: only for --frame base")
     if quaternion == ORIENTATION_COLUMNS:
-        return "\n".join(lines) + "\n", []
+        return "\n".join(lines) + "\n", remarks
     remark = f"{quaternion[0]!r} ... may be the sensor's orientation: it stands in the rig as a comment"
-    return "\n".join(f"# {line}" for line in lines) + "\n", [remark]
+    return "\n".join(f"# {line}" for line in lines) + "\n", [remark, *remarks]
 
 
 def mesh_size(path: Path) -> tuple[str, float]:

@@ -156,9 +156,14 @@ def _guess(log: Path, contents: LogContents, mesh: Path | None) -> Guess | None:
     shape = _sheet((len(cells),))
     orientation, _ = guess.orientation_table(there)
     named = "" if len(known) == 1 else f"cells = {guess.quoted(cells)}\n"
-    layout = Layout(time=time, wrench=None, arrays=(ArrayChannel(CELLS, shape, cells, table="skin"),))
+    layout = Layout(
+        time=time,
+        time_unit=guess.time_unit(time),
+        wrench=None,
+        arrays=(ArrayChannel(CELLS, shape, cells, table="skin"),),
+    )
     why = f"{len(cells)} columns beside the time look like cells"
-    return _guessed(shape, why, layout, named, (guess.time_table(time, "s"), orientation))
+    return _guessed(shape, why, layout, named, (guess.time_table(time, guess.time_unit(time)), orientation))
 
 
 def _of_array(name: str, shape: tuple[int, int]) -> Guess:
