@@ -69,10 +69,9 @@ def find_dialect(text: bytes, path: Path) -> Dialect:
     Raises:
         InputError: it is empty, has one column only, or its decimal points cannot be told from thousands.
     """
-    if text.lstrip()[:1] == b"<":
+    if text[:LOOKED_AT].lstrip().startswith(b"<"):
         raise InputError("is XML or HTML, and no table.", where=str(path))
-    lines = _decoded(text[:LOOKED_AT]).split("\n")
-    lines = [line.rstrip("\r") for line in (lines if len(text) <= LOOKED_AT else _whole(text, lines))]
+    lines = [_decoded(line) for line in _whole_lines(text)]
     filled = [k for k, line in enumerate(lines) if line.strip()]
     found = _plain(lines, filled, path) or _found(lines[:_LINES], path) or _header_only(lines, filled, path)
     if len(found.names) > _MOST:
@@ -90,19 +89,20 @@ def spaces_to_tabs(text: bytes) -> bytes:
     return re.sub(rb"(?m)^\t|\t?\r?$", b"", re.sub(rb"[ \t]+", b"\t", text))
 
 
-def _decoded(text: bytes) -> str:
+def _whole_lines(text: bytes) -> list[bytes]:
+    """Those that are looked at: where rows have thousands of fields, three."""
+    lines = text[:LOOKED_AT].split(b"\n")
+    if len(text) <= LOOKED_AT:
+        return lines
+    return lines[:-1] if len(lines) > 3 else text.split(b"\n", 3)[:3]
+
+
+def _decoded(line: bytes) -> str:
+    """A line in UTF-8, or in the code page that Windows had before."""
     try:
-        return text.decode()
-    except UnicodeDecodeError as problem:
-        cut = problem.end >= len(text) - 4 and problem.reason == "unexpected end of data"
-        return text[: problem.start].decode() if cut else text.decode("cp1252", errors="replace")
-
-
-def _whole(text: bytes, lines: list[str]) -> list[str]:
-    """Lines of which the last is whole: of rows with thousands of fields already the first may be long."""
-    if len(lines) > 2:
-        return lines[:-1]
-    return [_decoded(line) for line in text.split(b"\n", 3)[:3]]
+        return line.rstrip(b"\r").decode()
+    except UnicodeDecodeError:
+        return line.rstrip(b"\r").decode("cp1252", errors="replace")
 
 
 def _plain(lines: list[str], filled: list[int], path: Path) -> Dialect | None:
@@ -179,21 +179,21 @@ def _names(
     """The line of the names (-1: none), the names, and the line of the units with them, above the rows."""
     units: dict[int, list[str]] = {}
     for k in reversed(above[-3:]):
-        marked = _MARK.sub("", lines[k], count=1) if lines[k].startswith((*COMMENTS, ";")) else lines[k]
+        remark = lines[k].startswith(COMMENTS) or (lines[k].startswith(";") and delimiter != ";")
+        marked = _MARK.sub("", lines[k], count=1) if remark else lines[k]
         fields = _parted(marked, delimiter, width)
-        plain = marked is lines[k]
         if _are_units(fields) and len(fields) == width and not units:
             units[k] = fields
         elif 2 * sum(map(bool, map(_is_number, fields))) > len(fields):
             continue
-        elif len(fields) == width or (plain and delimiter != SPACES and abs(len(fields) - width) == 1):
+        elif len(fields) == width or (not remark and delimiter != SPACES and abs(len(fields) - width) == 1):
             if marked.count('"') % 2:
                 raise InputError("a quote is not closed in the header.", where=f"{path}, line {k + 1}")
             earlier = above[: above.index(k)]
             if not units and earlier and _are_units(other := _parted(lines[earlier[-1]], delimiter, width)):
                 units[earlier[-1]] = other
             return k, fields, units
-        elif plain and len(fields) > 2 and delimiter != SPACES and not units and ":" not in marked:
+        elif not remark and len(fields) > 2 and delimiter != SPACES and not units and ":" not in marked:
             return k, fields, {}  # names in another number: no row will have as many, which is said
     return -1, [], {}
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -186,13 +187,13 @@ def tables(file: BinaryIO, path: Path, size: int) -> Iterator[Table]:
     """
     pieces, before, ahead = whole_lines(file, path, size), 0, list[bytes]()
     for text in pieces:  # until there is something, and enough of it to tell how it is written
-        if ahead or text.strip(b"\n\r "):
+        if ahead or re.search(rb"[^\n\r ]", text):
             ahead.append(text)
         else:
             before += text.count(b"\n") + 1
         if sum(map(len, ahead)) >= LOOKED_AT:
             break
-    dialect = find_dialect(b"\n".join(ahead), path)
+    dialect = find_dialect(ahead[0] if len(ahead) == 1 else b"\n".join(ahead), path)
     delimiter, skipped = (b"\t" if dialect.delimiter == SPACES else dialect.delimiter.encode()), dialect.first
     for piece in chain(ahead, pieces):
         start = 0
