@@ -42,6 +42,17 @@ FAULTS: list[Fault] = [
     *of(
         "io/units.py",
         "tests/io",
-        ("units with a space are unknown", "_squeezed(unit)", "unit", "to_si"),
+        ("units with a space are unknown", "_squeezed(unit)", "unit", "known_unit"),
+    ),
+    *of(
+        "io/tables/dialect.py",
+        "tests/io",
+        ("thousands are read as they come", "_THOUSANDS.fullmatch(text)", "False"),
+        ("a comma is a decimal point", "doubted and not commas", "False"),
+    ),
+    *of(
+        "io/logs/naming.py",
+        "tests/io",
+        ("a rig may contradict the header", "not same", "False"),
     ),
 ]

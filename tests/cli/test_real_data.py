@@ -105,3 +105,37 @@ def test_the_real_payload_in_the_wrong_frame_is_named(
 def test_real_meshes_are_inspected(shared: Path, capsys: pytest.CaptureFixture[str], name: str) -> None:
     assert main(["inspect", str(shared / "data/probes" / name)]) == 0
     assert "as mm" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("name", "code", "words"),
+    [  # what a person would say of each
+        ("pad/trajectory_panda_ft_opti.csv", 0, ("2 wrenches", "panda_wrench_force_x", "opti_orientation_x")),
+        ("pad/data_two_payloads_ft.csv", 0, ("ft_wrench_force_x", "ft_wrench_torque_z")),
+        ("nano17/cert_FT44297_loadcases.csv", 1, ("--rate HZ",)),
+        ("nano17/roll_400_rows.csv", 1, ("no column is known to be the time",)),
+        ("nano17/calibration_files_FT44297.cal", 1, ("is XML",)),
+        ("payload/recorded_messages_wrench_100.txt", 1, ("no column is known to be the time",)),
+        ("payload/recorded_messages_pose_100.txt", 1, ("looks like none",)),  # seven columns, which are poses
+        ("strip/norm_SW35-RATIO100-P250.csv", 1, ("looks like none", "strip1")),
+        ("taxel_force/none.1614726111.69.txt", 1, ("looks like none", "column_1, column_2")),
+        ("taxel_force/calibration2.txt", 1, ("one column only",)),
+    ],
+)
+def test_real_tables_are_taken_for_what_they_are(
+    shared: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str, code: int, words: tuple[str, ...]
+) -> None:
+    assert main(["rig", "new", str(shared / "data" / name), "-o", str(tmp_path / "rig.toml")]) == code
+    said = "".join(capsys.readouterr())
+    assert [word for word in words if word not in said] == []
+
+
+def test_real_torques_in_newton_millimetres_are_told(
+    shared: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Three Nano17 in a table without names: N and N mm, and the first of the three is taken."""
+    log = shared / "data/nano17/roll_400_rows.csv"
+    assert main(["rig", "new", str(log), "-o", str(tmp_path / "rig.toml"), "--rate", "100"]) == 0
+    said = capsys.readouterr().out
+    assert "3 wrenches are there: column_1 ... column_6 is taken" in said
+    assert 'torque = "N mm"' in (tmp_path / "rig.toml").read_text()

@@ -148,7 +148,7 @@ def test_a_file_without_times_has_those_of_a_rate(tmp_path: Path) -> None:
     for name in ("log.csv", "log.npy"):
         found = read_recording(tmp_path / name, Layout(wrench=None, arrays=(SHEET,), rate=50.0))
         np.testing.assert_array_equal(found.time, np.arange(60) / 50.0)
-        assert "50 Hz is taken, as the rig says" in found.notes[0]
+        assert "50 Hz is taken" in found.notes[0]
 
 
 def test_blocks_do_not_change_what_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

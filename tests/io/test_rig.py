@@ -14,7 +14,7 @@ from palpate.errors import InputError
 from palpate.io.atomic import write_text
 from palpate.io.rig import check_rig, load_rig
 from palpate.io.rig.edit import update_pose
-from palpate.io.rig.guess import orientation_columns, position_columns, time_column, wrench_columns
+from palpate.io.rig.names import orientation_columns, position_columns, time_column, wrench_columns
 from palpate.io.rig.new import propose_rig
 from palpate.io.rig.surface import RigSurface
 from palpate.io.rig.tables import RigEstimate, RigPair, RigThresholds

@@ -18,7 +18,7 @@ from palpate.io.pipeline import HEAD, Pipeline
 from palpate.io.pipeline import open_log as open_rig_log
 from palpate.io.rig import Rig
 from palpate.io.rig.force_torque import doubted_noise
-from palpate.io.rig.guess import orientation_columns
+from palpate.io.rig.names import orientation_columns
 from palpate.io.rig.new import guess_sensor
 from palpate.sensors.noise import estimate_noise
 from palpate.sensors.recording import FORCE, ORIENTATION, POSITION, TORQUE, Recording
@@ -57,6 +57,8 @@ def inspect_log(file: Path, rig: Rig | None, sensor: str | None = None) -> tuple
         log = open_log(file, guess.layout)
         blocks = log.blocks()
         lines([("taken for", f"{kind.called}: {guess.why}")])
+        note(([f"{guess.lacking}: `palpate rig new LOG --rate HZ`"] if guess.lacking else []), kind="check")
+        note(guess.remarks, kind="check")
     excerpt, ranges = Excerpt(), _Ranges(kind.channels)
     try:
         with counting():
@@ -132,7 +134,7 @@ def _say_contents(there: LogContents) -> None:
     else:
         names = list(there.names)
         shown = ", ".join(names[:20]) + (", ..." if len(names) > 20 else "")
-        lines([("columns", f"{len(names)}: {shown}")])
+        lines([("columns", f"{len(names)}: {shown}"), *([("written", there.written)] if there.written else [])])
 
 
 def _say_samples(kept: Recording, ranges: _Ranges, there: LogContents) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import inf
 from pathlib import Path
 from typing import Annotated
 
@@ -9,7 +10,7 @@ from tyro.conf import FlagCreatePairsOff, Positional, arg
 
 from palpate.cli.console import note, title
 from palpate.cli.interrupts import import_mesh_reader
-from palpate.cli.options import Log, Output
+from palpate.cli.options import Log, Output, Scalar
 from palpate.errors import InputError
 from palpate.io.atomic import keep_inputs, write_text
 from palpate.io.rig import load_rig
@@ -25,6 +26,7 @@ def rig_new(
     *,
     output: Output,
     sensor: Annotated[str | None, arg(metavar="NAME", help_behavior_hint="")] = None,
+    rate: Scalar = None,
     force: Annotated[bool, FlagCreatePairsOff] = False,
 ) -> None:
     """Guess a rig from the log of any sensor, and a mesh: which sensor, columns, units, noise.
@@ -34,13 +36,16 @@ def rig_new(
         mesh: STL, OBJ, PLY or DAE of what is touched.
         output: rig.toml to write.
         sensor: force_torque, load_cells or skin, where the log could be of several.
+        rate: of the samples [Hz], where a table has no times, or only a counter.
         force: overwrite a rig that is there already.
     """
     keep_inputs(output, (log, mesh))
     if output.exists() and not force:
         raise InputError("is there already.", where=str(output), hint="Add --force to overwrite it.")
+    if rate is not None and not 0 < rate < inf:
+        raise InputError("must be positive.", where="--rate")
     import_mesh_reader()
-    proposal = propose_rig(log, mesh, output.parent, sensor)
+    proposal = propose_rig(log, mesh, output.parent, sensor, rate)
     write_text(output, proposal.text)
     load_rig(output)
     title(f"{log}{'' if mesh is None else f', {mesh}'} -> {output}")

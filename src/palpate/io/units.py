@@ -5,11 +5,22 @@ from __future__ import annotations
 import difflib
 import re
 from collections.abc import Iterable, Mapping
-from math import floor, isfinite, log10
+from math import floor, inf, isfinite, log10
 
 from palpate.errors import InputError
 
-__all__ = ["FORCE_UNITS", "TIME_UNITS", "TORQUE_UNITS", "measured", "near", "to_si"]
+__all__ = [
+    "ACCELERATION_UNITS",
+    "FORCE_UNITS",
+    "SAMPLES",
+    "TIME_UNITS",
+    "TORQUE_UNITS",
+    "known_unit",
+    "measured",
+    "near",
+    "split_unit",
+    "to_si",
+]
 
 _POUND, _KILOPOND, _INCH = 4.4482216152605, 9.80665, 0.0254
 
@@ -17,6 +28,7 @@ FORCE_UNITS: Mapping[str, float] = {
     "N": 1.0,
     "kN": 1e3,
     "mN": 1e-3,
+    "daN": 10.0,
     "kgf": _KILOPOND,
     "gf": _KILOPOND * 1e-3,
     "lbf": _POUND,
@@ -33,19 +45,83 @@ TORQUE_UNITS: Mapping[str, float] = {
     "lbf in": _POUND * _INCH,
 }
 TIME_UNITS: Mapping[str, float] = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+SAMPLES = "samples"  # a unit of time: a counter, of which so many make a second as the rate says
+ACCELERATION_UNITS: Mapping[str, float] = {"m/s^2": 1.0, "g": _KILOPOND, "mg": _KILOPOND * 1e-3}
+
+_ALIASES: Mapping[str, tuple[str, ...]] = {  # as the tables spell it -> as others do, in lower case, squeezed
+    "N": ("n", "newton", "newtons"),
+    "kgf": ("kg", "kp"),
+    "gf": ("g",),
+    "lbf": ("lb", "lbs"),
+    "N m": ("nm", "newtonmeter", "newtonmeters", "newtonmetre", "newtonmetres"),
+    "N cm": ("ncm",),
+    "N mm": ("nmm",),
+    "kgf m": ("kgm",),
+    "kgf cm": ("kgcm",),
+    "lbf ft": ("lbft", "ftlb", "ftlbf"),
+    "lbf in": ("lbin", "inlb", "inlbf"),
+    "s": ("sec", "secs", "second", "seconds"),
+    "ms": ("msec", "msecs", "millis", "millisecond", "milliseconds"),
+    "us": ("\u00b5s", "\u03bcs", "usec", "usecs", "micros", "microsecond", "microseconds"),  # both signs for micro
+    "ns": ("nsec", "nsecs", "nanos", "nanosecond", "nanoseconds"),
+    "m/s^2": ("m/s\u00b2", "m/s2", "m/s**2", "m/sec^2"),
+}
+_KNOWN_AS = {alias: name for name, aliases in _ALIASES.items() for alias in aliases}
+_TABLES = (TIME_UNITS, FORCE_UNITS, TORQUE_UNITS, ACCELERATION_UNITS)
+_BRACKETED = re.compile(r"\s*(?:\[([^\[\]]*)\]|\(([^()]*)\))")
+_TRAILING = re.compile(r"^(.*?\w)(?:\s*/\s*|\s+in\s+|[_\s]+)([^\s_/]+|m/s\^?2)$")
 
 
 def to_si(unit: str, table: Mapping[str, float], *, where: str) -> float:
-    """What one `unit` is in SI; "N m", "Nm", "N*m" and "N.m" are the same.
+    """What one `unit` is in SI; "N m", "Nm", "N*m" and "N.m" are the same, and "N/1000" is a thousandth of "N".
 
     Raises:
         InputError: the unit is not in the table.
     """
-    spelled = {_squeezed(name): factor for name, factor in table.items()}
+    known, count = known_unit(unit, table), 1.0
+    if known is None and "/" in unit:  # counts of a sensor: so many make one unit
+        bare, _, parts = unit.rpartition("/")
+        known, count = known_unit(bare, table), _positive(parts)
+    if known is None or not count:
+        raise InputError(f"unknown unit {unit!r}.", where=where, hint=f"Known: {', '.join(table)}.")
+    return table[known] / count
+
+
+def known_unit(unit: str, table: Mapping[str, float]) -> str | None:
+    """A unit as the table spells it, None where it is none of these."""
+    spelled = {_squeezed(name): name for name in table}
+    bare = _squeezed(unit)
+    return spelled.get(bare) or spelled.get(_squeezed(_KNOWN_AS.get(bare.lower(), "?")))
+
+
+def split_unit(name: str) -> tuple[str, str]:
+    """What is measured, and the unit that a column's name says, or "": `Fx [N]`, `Fx (N)`, `Fx_N`, `Fx / N`.
+
+    In brackets anything but an index or an axis counts as a unit, elsewhere only what is known and cannot be else.
+    """
+    units = [(match, (match[1] or match[2] or "").strip()) for match in _BRACKETED.finditer(name)]
+    units = [(match, text) for match, text in units if not re.fullmatch(r"\d*|[xyzwXYZW]", text)]
+    for match, text in sorted(units, key=lambda each: not _known(each[1])):
+        if _known(text) or match[1] is not None:  # words in round brackets may say anything
+            return (name[: match.start()] + name[match.end() :]).strip(), text
+    if (match := _TRAILING.fullmatch(name)) and _known(match[2], certain=True):
+        return match[1], match[2]
+    return name, ""
+
+
+def _known(unit: str, *, certain: bool = False) -> bool:
+    """Whether a unit is known; `certain`: as its table spells it, or as a word, for `fx_n` and `fx_g` say no unit."""
+    if certain and len(unit) < 3:
+        return unit != "g" and any(unit in table for table in _TABLES)
+    return any(known_unit(unit, table) for table in _TABLES)
+
+
+def _positive(text: str) -> float:
     try:
-        return spelled[_squeezed(unit)]
-    except KeyError:
-        raise InputError(f"unknown unit {unit!r}.", where=where, hint=f"Known: {', '.join(table)}.") from None
+        value = float(text)
+    except ValueError:
+        return 0.0
+    return value if 0.0 < value < inf else 0.0
 
 
 def near(name: str, names: Iterable[str]) -> str:

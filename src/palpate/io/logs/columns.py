@@ -20,9 +20,11 @@ from palpate.io.logs.layout import (
     Layout,
 )
 from palpate.io.logs.log import Log
+from palpate.io.logs.naming import require_stated, stated_layout
 from palpate.io.logs.samples import WRENCH, Samples, rows_at_once
 from palpate.io.tables.fields import Fields
-from palpate.io.units import TIME_UNITS, near, to_si
+from palpate.io.tables.stated import Stated
+from palpate.io.units import SAMPLES, TIME_UNITS, near, to_si
 from palpate.sensors.recording import ACCELERATION, CELLS, FORCE, ORIENTATION, POSITION, TORQUE, Recording
 
 __all__ = ["BLOCK", "SINGLE", "ColumnLog", "Columns", "flattened", "plan"]
@@ -47,17 +49,21 @@ class Columns:
         layout: which columns are read.
         path: of the log.
         shapes: name -> () of a column, or the shape of one sample of an array, whose columns `flattened` names.
+        stated: units, as the log states them.
 
     Raises:
-        InputError: the layout cannot be meant, or a column that it names is not there.
+        InputError: the layout cannot be meant, a column that it names is not there, or the log states other units.
 
     Attributes:
         places: column -> its array, and where in it.
     """
 
-    def __init__(self, layout: Layout, path: Path, shapes: Shapes) -> None:
+    def __init__(self, layout: Layout, path: Path, shapes: Shapes, stated: Stated | None = None) -> None:
+        stated = Stated.of_names(shapes) if stated is None else stated
+        layout = stated_layout(layout, shapes, stated)
+        require_stated(layout, stated, path)
         self._samples, self._path, self._layout = Samples(layout, path), path, layout
-        self._per_second = round(1 / to_si(layout.time_unit, TIME_UNITS, where="time_unit"))
+        self._per_second = _per_second(layout)
         self._groups = plan(layout, shapes, path)
         self.places = flattened(shapes)
         self._fields = {group: Fields() for group in self._groups}
@@ -88,7 +94,7 @@ class Columns:
         """What a reader should know of the blocks so far."""
         said = tuple(note for fields in self._fields.values() for note in fields.notes()) + self._samples.notes()
         if _TIME not in self._groups:
-            return (f"samples have no times: {self._layout.rate:g} Hz is taken, as the rig says", *said)
+            return (f"samples have no times: {self._layout.rate:g} Hz is taken", *said)
         return said
 
 
@@ -167,6 +173,13 @@ def flattened(shapes: Shapes) -> dict[str, tuple[str, int]]:
     for name, shape in shapes.items():
         found |= {column: (name, k) for k, column in enumerate(_columns(name, shape))}
     return found
+
+
+def _per_second(layout: Layout) -> float:
+    """How much of the time's unit makes a second."""
+    if layout.time_unit == SAMPLES:
+        return layout.rate or 1.0
+    return float(round(1 / to_si(layout.time_unit, TIME_UNITS, where="time_unit")))
 
 
 def _columns(name: str, shape: tuple[int, ...]) -> tuple[str, ...]:

@@ -11,6 +11,7 @@ from palpate.io.logs.layout import Layout
 from palpate.io.logs.log import LogContents
 from palpate.io.tables.fields import Rows
 from palpate.io.tables.lines import open_input
+from palpate.io.tables.stated import Stated
 from palpate.io.tables.table import tables
 from palpate.sensors.recording import Recording
 
@@ -21,7 +22,7 @@ HEAD = 1 << 16  # bytes, in which the header is looked for
 
 
 class CsvLog(ColumnLog):
-    """Comma, semicolon or tab separated text."""
+    """Delimited text, as `palpate.io.tables.dialect` finds it written."""
 
     def __init__(self, path: Path, layout: Layout) -> None:
         super().__init__(path, layout)
@@ -30,7 +31,9 @@ class CsvLog(ColumnLog):
     def contents(self) -> LogContents:
         """See `palpate.io.logs.log.Log`."""
         with open_input(self.path) as file:
-            return LogContents(self.path, dict.fromkeys(next(tables(file, self.path, HEAD)).names, ()))
+            dialect = next(tables(file, self.path, HEAD)).dialect
+        names, stated = dict.fromkeys(dialect.names, ()), Stated.of_dialect(dialect)
+        return LogContents(self.path, names, stated=stated, written=dialect.described())
 
     def blocks(self) -> Iterator[Recording]:
         """See `palpate.io.logs.log.Log`."""
@@ -39,7 +42,9 @@ class CsvLog(ColumnLog):
             for table in tables(file, self.path, PIECE):
                 self.position = file.tell() if file.seekable() else 0
                 if self._columns is None:
-                    self._columns = Columns(self._layout, self.path, dict.fromkeys(table.names, ()))
+                    self._columns = Columns(
+                        self._layout, self.path, dict.fromkeys(table.names, ()), Stated.of_dialect(table.dialect)
+                    )
                 table.counted(self._rows)
                 if len(table):
                     yield self._columns.block(table.read)

@@ -64,7 +64,7 @@ class Layout:
     """Where a log keeps what, and in which units and axes. The defaults need no mapping.
 
     Args:
-        time, time_unit: the column of the time, and its unit.
+        time, time_unit: the column of the time, and its unit; of a counter "samples", with its rate.
         wrench: the six columns, force first; None: no wrench is read.
         arrays: other channels that are read.
         rate: [Hz] of a file that has no such column. None: it must have it.
@@ -74,7 +74,8 @@ class Layout:
         frame: "sensor" or "base", of the recorded wrench.
         orientation: quaternion x, y, z, w of the sensor in the base. None: qx, qy, qz, qw where the log has them.
         position: of the sensor in the base [m]. None: x, y, z where the log has them.
-        acceleration: of the sensor in its own frame [m/s^2]. None: ax, ay, az where the log has them.
+        acceleration: of the sensor in its own frame. None: ax, ay, az where the log has them.
+        acceleration_unit: see `palpate.io.units`.
         wrench_topic, orientation_topic: of a log with topics. None: the only one of its kind.
         acceleration_topic: of a log with topics. None: no acceleration, as an accelerometer may sit anywhere.
         offset: [s] added to the stamps of the poses of a topic to put them on the samples' clock.
@@ -94,6 +95,7 @@ class Layout:
     orientation: tuple[str, ...] | None = None
     position: tuple[str, ...] | None = None
     acceleration: tuple[str, ...] | None = None
+    acceleration_unit: str = "m/s^2"
     wrench_topic: str | None = None
     orientation_topic: str | None = None
     acceleration_topic: str | None = None

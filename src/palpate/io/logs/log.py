@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Generator, Iterable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Int
 
+from palpate.io.tables.stated import Stated
 from palpate.sensors.recording import Recording
 
 __all__ = ["Log", "LogContents", "Messages", "Source", "Topic", "merged"]
@@ -47,12 +48,16 @@ class LogContents:
         names: column -> (), array of a NumPy file -> the shape of one sample; none where the log has topics.
         topics: of an MCAP file or a bag.
         torn: the sentence that says where the file was cut, as far as it was met.
+        stated: units and rate, as far as a table states them.
+        written: how a text is written, in words, where that is not plain.
     """
 
     path: Path
     names: Mapping[str, tuple[int, ...]]
     topics: tuple[Topic, ...] = ()
     torn: str = ""
+    stated: Stated = field(default_factory=Stated)
+    written: str = ""
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ from palpate.io.logs.columns import ColumnLog, Columns
 from palpate.io.logs.log import LogContents
 from palpate.io.logs.samples import NUMBERS, rows_at_once
 from palpate.io.tables.lines import open_input
+from palpate.io.tables.stated import Stated
 from palpate.sensors.recording import Recording
 
 __all__ = ["ParquetLog"]
@@ -27,7 +28,8 @@ class ParquetLog(ColumnLog):
         """See `palpate.io.logs.log.Log`."""
         open_input(self.path).close()
         with self._reading():
-            return LogContents(self.path, dict.fromkeys(pl.scan_parquet(self.path, glob=False).collect_schema(), ()))
+            names = pl.scan_parquet(self.path, glob=False).collect_schema().names()
+            return LogContents(self.path, dict.fromkeys(names, ()), stated=Stated.of_names(names))
 
     def blocks(self) -> Iterator[Recording]:
         """See `palpate.io.logs.log.Log`."""

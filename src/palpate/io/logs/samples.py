@@ -10,8 +10,8 @@ import numpy as np
 from jaxtyping import Float
 
 from palpate.io.logs.layout import Layout, axis_matrix
-from palpate.io.units import FORCE_UNITS, TORQUE_UNITS, to_si
-from palpate.sensors.recording import CELLS, FORCE, LARGEST, ORIENTATION, TORQUE, Recording, sealed
+from palpate.io.units import ACCELERATION_UNITS, FORCE_UNITS, TORQUE_UNITS, to_si
+from palpate.sensors.recording import ACCELERATION, CELLS, FORCE, LARGEST, ORIENTATION, TORQUE, Recording, sealed
 
 __all__ = ["NUMBERS", "WRENCH", "Samples", "rows_at_once"]
 
@@ -19,6 +19,7 @@ WRENCH = "wrench"  # (n, 6) force and torque as recorded
 NUMBERS = 1 << 22  # of a block
 
 GAP = 5.0  # steps of the median length that make a gap
+LONG_STEP = 0.5  # s: of a log of forces a long one, and in another unit a usual one
 LATEST = 1e20  # s: beyond any clock, in nanoseconds too
 
 
@@ -35,6 +36,7 @@ class Samples:
         self._signs = axes[np.arange(3), self._picked]
         self._force = to_si(layout.force_unit, FORCE_UNITS, where="units.force")
         self._torque = to_si(layout.torque_unit, TORQUE_UNITS, where="units.torque")
+        self._acceleration = to_si(layout.acceleration_unit, ACCELERATION_UNITS, where="acceleration.unit")
         self._frame, self._source, self._arrays = layout.frame, path.name, layout.arrays
         self._times = _Times()
         self._beyond = Counter[str]()  # name of a channel -> rows with a number that is a fault
@@ -52,6 +54,8 @@ class Samples:
         channels |= {name: self._bounded(name, values) for name, values in read.items() if name not in (WRENCH, CELLS)}
         if ORIENTATION in channels:
             channels[ORIENTATION] = self._sound(channels[ORIENTATION])
+        if ACCELERATION in channels and self._acceleration != 1.0:
+            channels[ACCELERATION] = self._acceleration * channels[ACCELERATION]
         for array in self._arrays:
             values = read[CELLS] if array.name == CELLS else channels[array.name]  # counts may be larger than `LARGEST`
             values = values if array.scale == 1.0 else values * np.array(array.scale)
@@ -138,6 +142,10 @@ class _Times:
             (self.missing, f"{self.missing} of {self.count} times are missing"),
             (self.backwards, f"times run backwards {self.backwards} times (kept in the order of the file)"),
             (self.repeated, f"{self.repeated} times repeat the one before"),
+            (
+                LONG_STEP <= self._usual < np.inf and self.count > 50,
+                f"a step is {self._usual:.4g} s: if times are not seconds, say so in the rig's [time] unit",
+            ),
             (
                 self.gaps,
                 f"{self.gaps} gaps longer than {GAP:g} steps of {self._usual:.4g} s "

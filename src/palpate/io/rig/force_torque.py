@@ -15,10 +15,13 @@ from palpate.io.logs import LogContents, read_recording
 from palpate.io.logs.layout import Layout, axis_matrix
 from palpate.io.models import read_model
 from palpate.io.rig import guess
+from palpate.io.rig.guess_columns import Found, columns_guess
 from palpate.io.rig.kind import Guess, Prepared, SensorKind
+from palpate.io.rig.names import made_up
 from palpate.io.rig.tables import RigForceTorque
 from palpate.io.rig.wrench import wrench_estimator
 from palpate.io.units import FORCE_UNITS, TORQUE_UNITS, to_si
+from palpate.sensors.acceleration import turned_from_gravity, wrong_acceleration
 from palpate.sensors.compensation import Compensation
 from palpate.sensors.force_torque import ForceTorque, Payload
 from palpate.sensors.motion import Motion
@@ -30,19 +33,22 @@ if TYPE_CHECKING:
 
 __all__ = ["FORCE_TORQUE", "doubted_noise", "rig_payload", "rig_sensor"]
 
+_LONG_ARM, _LONGEST_ARM = 0.5, 2.0  # m: of a force about a sensor, doubted and beyond belief
+_TURNED = 20.0  # degrees between an IMU and gravity, at the median of a log: more than a mounting by hand
 _LEAST_NOISE = 1e-6  # N, N m: a log that never changes does not make a noise of nothing
 _TEXT = """\
 {time}[force_torque]
 {wrench}
-units = {{ force = "N", torque = "{torque_unit}" }}{torque_remark}
+units = {{ force = "{force_unit}", torque = "{torque_unit}" }}{torque_remark}
 axes = ["x", "y", "z"]               # which logged axis is the sensor's x, y, z; "-x" flips
 # left_handed = true                 # if axes has to mirror: a driver that swaps two axes, or reports the reaction
-frame = "sensor"                     # or "base", which needs an orientation
-noise = {{ force = {force_noise}, torque = {torque_noise} }}   # of one reading: from the log
+frame = "{frame}"                     # "sensor", or "base", which needs an orientation
+{unsure}noise = {{ force = {force_noise}, torque = {torque_noise} }}   # of one reading: from the log
 # range = {{ force = 200, torque = 10 }}     # of the sensor: a reading at it is saturated
 # payload = "payload.toml"           # written by: palpate calibrate payload
 
-{orientation}"""
+{orientation}{acceleration}"""
+_USUAL = {"time": "", "force_unit": "N", "torque_remark": "", "frame": "sensor", "unsure": "", "acceleration": ""}
 
 
 def _layout(rig: Rig) -> Layout:
@@ -113,8 +119,17 @@ def _build(rig: Rig, head: Recording | None) -> Prepared:
     made = wrench_estimator(rig, sensor, head, tare=rig.estimate.tare)
     made.facts["noise_source"] = "given" if stated else "unknown" if sensor.noise is None else "rest of the log"
     made.said[:0] = [*([] if stated else _noise_said(sensor)), *_payload_said(rig, payload)]
-    made.doubted += [] if head is None else doubted_noise(rig, head)
+    made.doubted += [] if head is None else [*doubted_noise(rig, head), *_turned(payload, sensor, head)]
     return made
+
+
+def _turned(payload: Payload | None, sensor: Compensation, head: Recording) -> list[str]:
+    """Whether an IMU has other axes than the sensor, by where it reads gravity."""
+    if payload is None or sensor.motion is None or sensor.motion.source != "imu" or ORIENTATION not in head.channels:
+        return []
+    turned = turned_from_gravity(head.channels[ACCELERATION], head.channels[ORIENTATION], payload.gravity)
+    doubt = f"the IMU reads gravity {turned:.0f} degrees from where the orientation has it: are its axes the sensor's?"
+    return [doubt] if turned > _TURNED else []
 
 
 def _noise_said(sensor: Compensation) -> list[str]:
@@ -139,6 +154,10 @@ def _motion(rig: Rig, payload: Payload | None, head: Recording | None) -> Motion
     if payload is None or not payload.weight.any() or head is None:
         return None
     recorded = stated.kind if ACCELERATION in head.channels else "none"
+    if recorded != "none" and not stated.from_poses:
+        wrong = wrong_acceleration(head.channels[ACCELERATION], stated.kind)
+        if wrong:
+            raise InputError(f"{wrong}.", where=f"{head.source}, [acceleration] of the rig")
     source = "poses" if stated.from_poses else recorded
     return Motion(source=source, window=stated.window, gravity=payload.gravity, lever=payload.center_of_mass)
 
@@ -152,32 +171,43 @@ def _check(rig: Rig, path: Path) -> None:
 
 def _guess(log: Path, contents: LogContents, mesh: Path | None) -> Guess | None:
     """Columns or a topic of forces and torques."""
-    found = _topics_of(contents) if contents.topics else _columns_of(log, contents)
+    found = _topics_of(contents) if contents.topics else columns_guess(log, contents)
     if found is None:
         return None
-    why, layout, fields, remarks = found
-    wrenches = read_recording(log, layout).wrenches()
-    size = None if mesh is None else guess.mesh_size(mesh)[1]
-    torque_unit = "N m" if size is None else _torque_unit(wrenches, size)
+    recording = read_recording(log, found.layout)
+    if found.time is not None:
+        if made_up(contents.names) and found.time.column and (np.diff(recording.time) <= 0).mean() > 0.1:
+            return None  # the first of seven columns without names is no time
+        found = found.looked_at(recording, contents.stated)
+    found = _with_torques(found, recording.wrenches(), None if mesh is None else guess.mesh_size(mesh)[1])
+    lacking = "" if found.time is None else found.time.lacking
+    return Guess(found.why, found.layout, _TEXT.format_map({**_USUAL, **found.fields}), found.remarks, lacking)
+
+
+def _with_torques(found: Found, wrenches: np.ndarray, size: float | None) -> Found:
+    """With the unit of the torque, by its numbers where nothing states it, and the noise."""
+    fields, remarks, layout = dict(found.fields), list(found.remarks), found.layout
+    if "torque_unit" not in fields:
+        free = wrenches - np.nanmedian(wrenches, axis=0)
+        fields["torque_unit"] = torque_unit = _torque_unit(free, size)
+        layout = replace(layout, torque_unit=torque_unit)
+        wrenches = wrenches * np.repeat([1.0, TORQUE_UNITS[torque_unit]], 3)
+        if torque_unit != "N m":
+            fields["torque_remark"] = "   # guessed: as N m they do not fit the body"
+            remarks.append("the torques only fit a body if they are N mm: check units.torque")
+        elif size is None and (arm := _arm(free)) > _LONG_ARM:
+            fields["unsure"] = "# "  # the unit that will stand there decides
+            doubt = (
+                f"forces act {arm:.2g} m from the sensor's origin at the median: if torques are N mm, correct it, as"
+            )
+            remarks.append(f'{doubt} units = {{ force = "{fields.get("force_unit", "N")}", torque = "N mm" }}')
     noise = estimate_noise(wrenches)
-    noise = np.ones(6) if noise is None else noise * np.repeat([1.0, TORQUE_UNITS[torque_unit]], 3)
-    noise = np.maximum(noise, _LEAST_NOISE)
-    fields |= {
-        "torque_unit": torque_unit,
-        "torque_remark": "",
-        "force_noise": f"{float(noise[:3].max()):.2g}",
-        "torque_noise": f"{float(noise[3:].max()):.2g}",
-    }
-    if torque_unit != "N m":
-        fields["torque_remark"] = "   # guessed: as N m they do not fit the body"
-        remarks.append("the torques only fit the body if they are N mm: check units.torque")
-    return Guess(why, layout, _TEXT.format(**fields), tuple(remarks))
+    noise = np.maximum(np.ones(6) if noise is None else noise, _LEAST_NOISE)
+    fields |= {"force_noise": f"{float(noise[:3].max()):.2g}", "torque_noise": f"{float(noise[3:].max()):.2g}"}
+    return replace(found, layout=layout, fields=fields, remarks=tuple(remarks))
 
 
-_Found = tuple[str, Layout, dict[str, str], list[str]]  # why, how to read it, fields of `_TEXT`, remarks
-
-
-def _topics_of(contents: LogContents) -> _Found | None:
+def _topics_of(contents: LogContents) -> Found | None:
     wrenches, poses = guess.topics_of(contents, "wrench"), guess.topics_of(contents, "pose")
     if not wrenches:
         return None
@@ -188,40 +218,29 @@ def _topics_of(contents: LogContents) -> _Found | None:
     ]
     layout = Layout(wrench_topic=wrenches[0], orientation_topic=poses[0] if poses else None)
     why = f"topic {wrenches[0]!r} holds forces and torques"
-    fields = {"time": "", "wrench": f"topic = {guess.quoted(wrenches[0])}", "orientation": guess.pose_table(poses)}
-    return why, layout, fields, remarks
+    fields = {"wrench": f"topic = {guess.quoted(wrenches[0])}", "orientation": guess.pose_table(poses)}
+    return Found(why, layout, fields, tuple(remarks))
 
 
-def _columns_of(log: Path, contents: LogContents) -> _Found | None:
-    names = list(contents.names)
-    wrench, time = guess.wrench_columns(names), guess.time_column(names)
-    if wrench is None:
-        return None
-    if time is None:
-        raise InputError(
-            f"no columns look like time: {', '.join(names[:12])}.",
-            where=str(log),
-            hint="Name them time, fx, fy, fz, tx, ty, tz, or write the rig by hand.",
-        )
-    layout = Layout(time=time, wrench=wrench)
-    layout = replace(layout, time_unit=guess.time_unit(read_recording(log, layout).time))
-    orientation, remarks = guess.orientation_table(names)
-    fields = {
-        "time": guess.time_table(time, layout.time_unit),
-        "wrench": f"columns = {guess.quoted(wrench)}",
-        "orientation": orientation,
-    }
-    return f"columns {', '.join(wrench)} look like forces and torques", layout, fields, remarks
+def _torque_unit(free: np.ndarray, size: float | None) -> str:
+    """N mm if N m puts the lines of action off the body, and N mm does not.
 
-
-def _torque_unit(wrenches: np.ndarray, size: float) -> str:
-    """N mm if N m puts the lines of action off the body, and N mm does not; the bias is taken off first."""
-    free = wrenches - np.nanmedian(wrenches, axis=0)
+    Args:
+        free: wrenches without bias.
+        size: [m] of the body; None: not known, and only torques that no arm makes are told.
+    """
+    if size is None:
+        return "N mm" if _arm(free) > _LONGEST_ARM else "N m"
     for unit in ("N m", "N mm"):
         scaled = free * np.repeat([1.0, TORQUE_UNITS[unit]], 3)
         if not lines_of_action(scaled, np.zeros(3), 10 * size).doubt:  # the mounting is not known yet
             return unit
     return "N m"
+
+
+def _arm(free: np.ndarray) -> float:
+    """Torque over force at the median."""
+    return float(np.nanmedian(np.linalg.norm(free[:, 3:], axis=1) / np.linalg.norm(free[:, :3], axis=1).clip(1e-12)))
 
 
 FORCE_TORQUE = SensorKind(

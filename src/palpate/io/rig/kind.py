@@ -44,12 +44,14 @@ class Guess:
         layout: how to read it.
         text: the tables of a rig, as TOML with comments.
         remarks: what the reader should check.
+        lacking: what must be known before a rig can be written, or "".
     """
 
     why: str
     layout: Layout
     text: str
     remarks: tuple[str, ...] = ()
+    lacking: str = ""
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,7 @@ from palpate.io.logs.layout import ArrayChannel, Layout
 from palpate.io.models import read_model
 from palpate.io.rig import guess
 from palpate.io.rig.kind import Guess, Prepared, SensorKind
+from palpate.io.rig.names import time_column, wrench_columns
 from palpate.io.rig.tables import Three, require_positive
 from palpate.io.rig.wrench import rig_surface, wrench_estimator
 from palpate.sensors.load_cell_array import START, LoadCellArray
@@ -202,13 +203,18 @@ def _guess(log: Path, contents: LogContents, mesh: Path | None) -> Guess | None:
     if contents.topics:
         return _guess_topic(log, contents)
     there = list(contents.names)
-    names, time = _voltage_columns(there), guess.time_column(there)
-    if names is None or time is None or guess.wrench_columns(there) is not None:
+    names, time = _voltage_columns(there), time_column(there)
+    if names is None or time is None or wrench_columns(there) is not None:
         return None
-    text = guess.time_table(time, "s") + _TEXT.format(where=f"columns = {guess.quoted(names)}")
+    text = guess.time_table(time, guess.time_unit(time)) + _TEXT.format(where=f"columns = {guess.quoted(names)}")
     orientation, remarks = guess.orientation_table(there)
     why = f"{len(names)} columns {names[0]} to {names[-1]} look like three voltages for each of {len(names) // 3} cells"
-    layout = Layout(time=time, wrench=None, arrays=(ArrayChannel(VOLTAGE, (len(names),), names, table="load_cells"),))
+    layout = Layout(
+        time=time,
+        time_unit=guess.time_unit(time),
+        wrench=None,
+        arrays=(ArrayChannel(VOLTAGE, (len(names),), names, table="load_cells"),),
+    )
     return Guess(why, layout, text + orientation, (*remarks, _ORDER))
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import tomllib
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from palpate.errors import InputError
@@ -59,26 +59,32 @@ class Proposal:
     remarks: tuple[str, ...]
 
 
-def guess_sensor(log: Path, mesh: Path | None = None, sensor: str | None = None) -> tuple[SensorKind, Guess] | None:
-    """The first kind of sensor that a log looks like; None where it looks like none.
+def guess_sensor(
+    log: Path, mesh: Path | None = None, sensor: str | None = None, rate: float | None = None
+) -> tuple[SensorKind, Guess] | None:
+    """The first kind of sensor that a log looks like; None where it looks like none. `rate` [Hz], where it is known.
 
     Raises:
-        InputError: it is no log.
+        InputError: it is no log, or its names contradict each other.
     """
     there = contents(log)
+    if rate is not None:
+        there = replace(there, stated=replace(there.stated, rate=rate))
     for kind in KINDS.values():
         if sensor in (None, kind.name) and (guess := kind.guess(log, there, mesh)) is not None:
             return kind, guess
     return None
 
 
-def propose_rig(log: Path, mesh: Path | None, folder: Path, sensor: str | None = None) -> Proposal:
+def propose_rig(
+    log: Path, mesh: Path | None, folder: Path, sensor: str | None = None, rate: float | None = None
+) -> Proposal:
     """Guess a rig that will stand in `folder`.
 
     Raises:
         InputError: the log cannot be read, or nothing in it looks like a sensor, or the rig would not load.
     """
-    found = guess_sensor(log, mesh, sensor)
+    found = guess_sensor(log, mesh, sensor, rate)
     if found is None:
         raise InputError(
             f"looks like none of {', '.join(kind.called for kind in KINDS.values())}: {_listed(log)}.",
@@ -86,9 +92,14 @@ def propose_rig(log: Path, mesh: Path | None, folder: Path, sensor: str | None =
             hint="Name columns time, fx, fy, fz, tx, ty, tz, or write the rig by hand.",
         )
     kind, guess = found
+    if guess.lacking:
+        raise InputError(
+            f"{guess.lacking}.", where=str(log), hint="Add --rate HZ, of the samples, if they come evenly."
+        )
     text = "".join(_parts(log, mesh, folder, kind, guess))
     _require_sound(text, folder / "rig.toml")
-    remarks = list(guess.remarks)
+    written = contents(log).written
+    remarks = [*([f"the table is {written}"] if written else []), *guess.remarks]
     if mesh is not None and (unit := mesh_size(mesh))[0] != "m":
         remarks.append(f"the mesh is taken to be in {unit[0]}, which makes it {unit[1] * 1e3:.4g} mm across")
     return Proposal(text, kind.called, guess.why, tuple(remarks))

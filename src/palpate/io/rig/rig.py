@@ -16,7 +16,7 @@ from palpate.io.rig.kinds import KINDS, SensorKind
 from palpate.io.rig.surface import RigSurface
 from palpate.io.rig.tables import RigAcceleration, RigEstimate, RigFilter, RigForceTorque, RigOrientation, RigTime
 from palpate.io.schema import parse
-from palpate.io.units import TIME_UNITS, near, to_si
+from palpate.io.units import SAMPLES, TIME_UNITS, near, to_si
 from palpate.spatial.pose import Pose
 
 if TYPE_CHECKING:
@@ -118,9 +118,11 @@ class Rig:
         return {
             "time": self.time.column,
             "time_unit": self.time.unit,
+            "rate": self.time.rate,
             "orientation": self.orientation.columns,
             "position": self.orientation.position,
             "acceleration": self.acceleration.columns,
+            "acceleration_unit": self.acceleration.unit,
             "orientation_topic": self.orientation.topic,
             "acceleration_topic": self.acceleration.topic,
             "offset": self.orientation.offset,
@@ -166,7 +168,7 @@ def check_rig(table: Mapping[str, Any], path: Path) -> Rig:
     shared = {name: value for name, value in table.items() if name in common}
     sensors = dict(_sensors(table, path))
     rig = replace(parse(shared, Rig, file=str(path)), sensors=sensors, folder=path.parent)
-    to_si(rig.time.unit, TIME_UNITS, where=f"{path}: time.unit")
+    to_si(rig.time.unit, {**TIME_UNITS, SAMPLES: 1.0}, where=f"{path}: time.unit")
     for kind in rig.kinds:
         if rig.surface is None and kind.needs_surface:
             raise InputError(

@@ -14,6 +14,7 @@ from palpate.io.logs.layout import ArrayChannel, Layout
 from palpate.io.models import read_model
 from palpate.io.rig import guess
 from palpate.io.rig.kind import Guess, Prepared, SensorKind
+from palpate.io.rig.names import orientation_columns, position_columns, time_column, wrench_columns
 from palpate.io.rig.tables import require_positive
 from palpate.io.rig.wrench import first_seconds, noted_filter, rig_filter
 from palpate.io.skin_map import read_skin_map
@@ -102,7 +103,9 @@ def _intensity(rig: Rig) -> Intensity | None:
 def _layout(rig: Rig) -> Layout:
     table, place = rig.table(RigSkin), rig_map(rig)
     cells = ArrayChannel(CELLS, (place.rows, place.columns), table.cells, table.topic, table="skin")
-    return Layout(wrench=None, arrays=(cells,), rate=table.rate, **rig.common())
+    common = rig.common()
+    common["rate"] = table.rate if table.rate is not None else common["rate"]
+    return Layout(wrench=None, arrays=(cells,), **common)
 
 
 def rig_body(rig: Rig) -> TaxelBody:
@@ -145,17 +148,22 @@ def _guess(log: Path, contents: LogContents, mesh: Path | None) -> Guess | None:
         name, shape = frames[0]
         return _of_array(name, _sheet(shape))
     there = list(contents.names)
-    time = guess.time_column(there)
-    known = {time, *(guess.orientation_columns(there) or ()), *(guess.position_columns(there) or ())}
+    time = time_column(there)
+    known = {time, *(orientation_columns(there) or ()), *(position_columns(there) or ())}
     cells = tuple(name for name in there if name not in known)
-    if time is None or len(cells) < FEWEST or guess.wrench_columns(there) is not None:
+    if time is None or len(cells) < FEWEST or wrench_columns(there) is not None:
         return None
     shape = _sheet((len(cells),))
     orientation, _ = guess.orientation_table(there)
     named = "" if len(known) == 1 else f"cells = {guess.quoted(cells)}\n"
-    layout = Layout(time=time, wrench=None, arrays=(ArrayChannel(CELLS, shape, cells, table="skin"),))
+    layout = Layout(
+        time=time,
+        time_unit=guess.time_unit(time),
+        wrench=None,
+        arrays=(ArrayChannel(CELLS, shape, cells, table="skin"),),
+    )
     why = f"{len(cells)} columns beside the time look like cells"
-    return _guessed(shape, why, layout, named, (guess.time_table(time, "s"), orientation))
+    return _guessed(shape, why, layout, named, (guess.time_table(time, guess.time_unit(time)), orientation))
 
 
 def _of_array(name: str, shape: tuple[int, int]) -> Guess:

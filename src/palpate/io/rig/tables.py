@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from palpate.io.schema import INFINITE
+from palpate.io.units import ACCELERATION_UNITS, SAMPLES, known_unit
 from palpate.sensors.filters import Butterworth, Kalman
 
 __all__ = [
@@ -93,10 +94,16 @@ class RigForceTorque:
 
 @dataclass(frozen=True)
 class RigTime:
-    """The column of the time and its unit."""
+    """The column of the time and its unit; `rate` [Hz] where it is a counter ("samples"), or there is no column."""
 
     column: str = "time"
     unit: str = "s"
+    rate: float | None = None
+
+    def __post_init__(self) -> None:
+        require_positive(self, "rate")
+        if self.unit == SAMPLES and self.rate is None:
+            raise ValueError("a time in samples needs their rate [Hz]")
 
 
 @dataclass(frozen=True)
@@ -119,21 +126,25 @@ class RigOrientation:
 
 @dataclass(frozen=True)
 class RigAcceleration:
-    """The sensor's acceleration in its own frame [m/s^2], as columns or a topic, or from the poses.
+    """The sensor's acceleration in its own frame, as columns or a topic, or from the poses.
 
-    `kind` says what is recorded: "motion" (zero at rest) or "imu" (what an accelerometer reads: 1 g upward at rest).
+    `kind` says what is recorded: "motion" (zero at rest) or "imu" (what an accelerometer reads: 1 g upward at rest);
+    "none": it is not used. `unit` is "m/s^2", "g" or "mg".
     `from_poses` differentiates positions and orientations over `window` [s].
     """
 
     columns: tuple[str, str, str] | None = None
     topic: str | None = None
     kind: str = "motion"
+    unit: str = "m/s^2"
     from_poses: bool = False
     window: float = 0.2
 
     def __post_init__(self) -> None:
-        if self.kind not in ("motion", "imu"):
-            raise ValueError(f"kind must be 'motion' or 'imu', not {self.kind!r}")
+        if self.kind not in ("motion", "imu", "none"):
+            raise ValueError(f"kind must be 'motion', 'imu' or 'none', not {self.kind!r}")
+        if known_unit(self.unit, ACCELERATION_UNITS) is None:
+            raise ValueError(f"unit must be one of {', '.join(ACCELERATION_UNITS)}, not {self.unit!r}")
         require_positive(self, "window")
         if self.from_poses and (self.columns or self.topic):
             raise ValueError("from_poses and recorded acceleration exclude each other")

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import codecs
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import BinaryIO
 
@@ -32,12 +33,14 @@ def open_input(path: Path) -> BinaryIO:
 def whole_lines(file: BinaryIO, path: Path, size: int) -> Iterator[bytes]:
     """The text in pieces of about `size` bytes (-1: all of it) that begin and end with a line, without its end.
 
+    UTF-16 is told by its mark, and becomes UTF-8.
+
     Raises:
-        InputError: it is no text in UTF-8.
+        InputError: it is no text.
     """
     piece = read_some(file, path, size).removeprefix(b"\xef\xbb\xbf")
-    if piece.startswith((b"\xff\xfe", b"\xfe\xff")):
-        raise InputError("is UTF-16 text.", where=str(path), hint="Save it as UTF-8.")
+    recode = _from_utf16() if piece.startswith((b"\xff\xfe", b"\xfe\xff")) else None
+    piece = piece if recode is None else recode(piece)
     if b"\0" in piece[:4096]:
         raise InputError("is not a text file.", where=str(path), hint="A log is a CSV file here.")
     returns = b"\n" not in piece  # the line ends of old
@@ -45,6 +48,7 @@ def whole_lines(file: BinaryIO, path: Path, size: int) -> Iterator[bytes]:
     while piece:
         text = rest + (piece.replace(b"\r", b"\n") if returns else piece)
         piece = read_some(file, path, size)
+        piece = piece if recode is None else recode(piece)
         if not piece:
             yield text.removesuffix(b"\n")
             return
@@ -53,6 +57,12 @@ def whole_lines(file: BinaryIO, path: Path, size: int) -> Iterator[bytes]:
             yield whole
         if len(rest) > _LONGEST:
             raise InputError("has a line of more than 64 MB.", where=str(path), hint="A log is a CSV file here.")
+
+
+def _from_utf16() -> Callable[[bytes], bytes]:
+    """What makes UTF-8 of one piece of a text after the other."""
+    decoder = codecs.getincrementaldecoder("utf-16")("replace")
+    return lambda piece: decoder.decode(piece, final=not piece).encode()
 
 
 def read_some(file: BinaryIO, path: Path, size: int) -> bytes:

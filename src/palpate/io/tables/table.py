@@ -13,17 +13,19 @@ from typing import BinaryIO, NoReturn
 
 import numpy as np
 import polars as pl
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float, Int, UInt8
 
 from palpate.errors import InputError
+from palpate.io.tables.dialect import COMMENTS, LOOKED_AT, SPACES, Dialect, find_dialect, spaces_to_tabs
 from palpate.io.tables.fields import Fields, Rows
 from palpate.io.tables.lines import open_input, whole_lines
+from palpate.io.tables.stamps import seconds
 from palpate.io.units import near
 
 __all__ = ["Table", "read_table", "tables"]
 
-_DELIMITERS = (b",", b";", b"\t")
-_MOST = 20_000  # columns, of a sheet of 128 x 128 cells: more are rows whose ends were lost
+_COMMENTS = tuple(mark.encode() for mark in COMMENTS)
+_MARKS = frozenset(mark[0] for mark in _COMMENTS)
 _INSIDE = b"\x1f"  # stands for a delimiter inside quotes, so that every line parses on its own
 
 
@@ -33,21 +35,29 @@ class Table:
 
     Attributes:
         path: the file.
-        delimiter: one of comma, semicolon, tab.
-        names: the column names, as the header gives them.
+        dialect: how it is written.
         lines: (n,) the line of the file that each row stands on, counted from 1.
         fields: (n,) how many fields each row has; -1 where a quote is not closed.
     """
 
     path: Path
-    delimiter: str
-    names: tuple[str, ...]
+    dialect: Dialect
     lines: Int[np.ndarray, " n"]
     fields: Int[np.ndarray, " n"]
     _text: bytes
 
     def __len__(self) -> int:
         return len(self.lines)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the columns, as the header gives them."""
+        return self.dialect.names
+
+    @property
+    def delimiter(self) -> str:
+        """Of the text as it is held."""
+        return "\t" if self.dialect.delimiter == SPACES else self.dialect.delimiter
 
     @property
     def ragged(self) -> Bool[np.ndarray, " n"]:
@@ -149,13 +159,16 @@ class Table:
         return [frame[f"c{index}"] for index in indices]
 
     def _cast(self, text: pl.Series) -> Float[np.ndarray, " n"]:
-        if self.delimiter != ",":  # then a comma can only be a decimal point
+        if self.dialect.decimal == ",":
             text = text.str.replace(",", ".", literal=True)
-        return text.cast(pl.Float64, strict=False).fill_null(float("nan")).to_numpy().copy()
+        numbers = text.cast(pl.Float64, strict=False)
+        if len(numbers) and numbers.null_count() == len(numbers):  # may be a clock's
+            numbers = seconds(text)
+        return numbers.fill_null(float("nan")).to_numpy().copy()
 
 
 def read_table(path: Path) -> Table:
-    """Read a comma, semicolon or tab separated file whose first line names the columns.
+    """Read a delimited text as `palpate.io.tables.dialect` finds it written.
 
     Raises:
         InputError: the file is not there, not text, empty, or has no header or no row that fits it.
@@ -172,47 +185,35 @@ def tables(file: BinaryIO, path: Path, size: int) -> Iterator[Table]:
     Raises:
         InputError: it is not text, empty, or has no header.
     """
-    pieces, before = whole_lines(file, path, size), 0
-    for text in pieces:
-        if header := text.lstrip(b"\n\r ").split(b"\n", 1)[0]:
+    pieces, before, ahead = whole_lines(file, path, size), 0, list[bytes]()
+    for text in pieces:  # until there is something, and enough of it to tell how it is written
+        if ahead or re.search(rb"[^\n\r ]", text):
+            ahead.append(text)
+        else:
+            before += text.count(b"\n") + 1
+        if sum(map(len, ahead)) >= LOOKED_AT:
             break
-        before += text.count(b"\n") + 1
-    else:
-        raise InputError("the file is empty.", where=str(path))
-    delimiter, names = _delimiter(header, path), ()
-    for piece in chain([text], pieces):
-        raw, numbers, fields = _split(piece, delimiter)
+    dialect = find_dialect(ahead[0] if len(ahead) == 1 else b"\n".join(ahead), path)
+    delimiter, skipped = (b"\t" if dialect.delimiter == SPACES else dialect.delimiter.encode()), dialect.first
+    for piece in chain(ahead, pieces):
+        start = 0
+        while skipped and start <= len(piece):
+            start, skipped = (piece.find(b"\n", start) + 1 or len(piece) + 1), skipped - 1
+            before += 1
+        raw = piece[start:] if start else piece
+        if dialect.delimiter == SPACES:
+            raw = spaces_to_tabs(raw)
+        if start > len(piece):
+            yield Table(path, dialect, np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), b"")
+            continue
+        raw, numbers, fields = _split(raw, delimiter)
         numbers += before
-        before += piece.count(b"\n") + 1
-        if not names:
-            if fields[0] < 0:
-                raise InputError("a quote is not closed in the header.", where=f"{path}, line {numbers[0]}")
-            header, _, raw = raw.partition(b"\n")
-            names = _names(header, delimiter.decode(), path, int(fields[0]))
-            numbers, fields = numbers[1:], fields[1:]
-        yield Table(path, delimiter.decode(), names, numbers, fields, raw)
-
-
-def _delimiter(header: bytes, path: Path) -> bytes:
-    bare = re.sub(rb'"[^"]*"', b"", header)
-    delimiter = max(_DELIMITERS, key=bare.count)
-    if delimiter not in bare:
-        raise InputError("found one column only.", where=str(path), hint="Separate columns by , or ; or tab.")
-    return delimiter
-
-
-def _names(header: bytes, delimiter: str, path: Path, count: int) -> tuple[str, ...]:
-    if count > _MOST:
-        raise InputError(f"the first line has {count:,} fields.", where=str(path), hint="It must name the columns.")
-    parsed = _frame(header, delimiter, path, count, range(count), numbers=False)
-    names = parsed.select(_unquoted(pl.all(), delimiter).fill_null("")).row(0)
-    if all(re.fullmatch(r"[-+\d.eE]+|nan|inf", name.lower()) for name in names):
-        raise InputError("the first line holds numbers.", where=str(path), hint="It must name the columns.")
-    return names
+        before += piece.count(b"\n", start) + 1
+        yield Table(path, dialect, numbers, fields, raw)
 
 
 def _split(raw: bytes, delimiter: bytes) -> tuple[bytes, Int[np.ndarray, " n"], Int[np.ndarray, " n"]]:
-    """The text without blank lines and with `_INSIDE` for delimiters inside quotes; each line's number and fields.
+    """The text without blank lines and comments, `_INSIDE` for delimiters inside quotes; each line's number and fields.
 
     A line is a row, whatever its quotes say: where one is not closed, the count of fields is -1.
     """
@@ -231,11 +232,20 @@ def _split(raw: bytes, delimiter: bytes) -> tuple[bytes, Int[np.ndarray, " n"], 
         raw, marks = text.tobytes(), marks[~inside]
     fields = np.diff(np.searchsorted(marks, ends), prepend=0) + 1
     blank = [k for k in np.flatnonzero(fields == 1) if not raw[starts[k] : ends[k]].strip()]
+    blank += [k for k in _marked(text, starts) if raw[starts[k] : ends[k]].startswith(_COMMENTS)]
     if blank:
         drop = set(blank)
         raw = b"\n".join(line for k, line in enumerate(raw.split(b"\n")) if k not in drop)
     fields[unclosed] = -1
     return raw, np.delete(np.arange(1, len(ends) + 1), blank), np.delete(fields, blank)
+
+
+def _marked(text: UInt8[np.ndarray, " size"], starts: Int[np.ndarray, " n"]) -> Int[np.ndarray, " k"]:
+    """Lines that may be comments, by their first byte."""
+    if not len(text):
+        return np.zeros(0, dtype=np.int64)
+    first = text.take(starts, mode="clip")
+    return np.flatnonzero(np.logical_or.reduce([first == mark for mark in _MARKS]))
 
 
 def _unquoted(text: pl.Expr, delimiter: str) -> pl.Expr:

@@ -1,0 +1,79 @@
+"""Whether recorded accelerations have gravity in them, as an IMU's have, or are those of the motion alone."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float
+
+from palpate.spatial.pose import rotation_from_quaternion
+
+__all__ = ["kind_of_acceleration", "turned_from_gravity", "wrong_acceleration"]
+
+G = 9.80665  # m/s^2
+_NEAR = 0.1  # share by which a length may miss gravity: gains, and some motion
+_QUICK = 0.5 * G  # m/s^2: a motion is slower at the median of a log, and an IMU reads more
+_SCALES = {"m/s^2": 1.0, "g": G, "mg": 1e-3 * G}
+
+
+def kind_of_acceleration(values: Float[np.ndarray, "n 3"], unit: str | None) -> tuple[str, str, float]:
+    """What accelerations are: "imu", "motion" or "none" of both, their unit, and the median of their length in it.
+
+    Args:
+        values: [m/s^2] where the unit is known, else as recorded.
+        unit: as recorded; None: m/s^2, g or mg, whichever makes the length that of gravity.
+    """
+    length, steady = _length(values)
+    if unit is not None:
+        length /= _SCALES[unit]
+    for each in (unit,) if unit is not None else ("m/s^2", "g", "mg"):
+        if abs(length * _SCALES[each] / G - 1.0) < _NEAR and (steady or each == "m/s^2"):
+            return "imu", each, length
+    known = unit or "m/s^2"
+    return ("motion" if length * _SCALES[known] < _QUICK else "none"), known, length
+
+
+def wrong_acceleration(values: Float[np.ndarray, "n 3"], kind: str) -> str:
+    """Why accelerations [m/s^2] are not of this kind, and what would mend the rig; "" where they may be."""
+    length, _ = _length(values)
+    if kind == "motion":
+        found, unit, _ = kind_of_acceleration(values, None)
+        if found == "imu":
+            mend = 'kind = "imu"' if unit == "m/s^2" else f'kind = "imu" and unit = "{unit}"'
+            return f"the accelerations have gravity in them (length {length:.3g} at the median): write {mend}"
+        if found == "none":
+            return (
+                f'accelerations of {length:.3g} m/s^2 at the median are no motion: correct unit, or write kind = "none"'
+            )
+    if kind == "imu" and abs(length / G - 1.0) > 3 * _NEAR:
+        known, unit, _ = kind_of_acceleration(values, None)
+        if known == "imu":
+            return f'the accelerations are in {unit} (length {length:.3g} at the median): write unit = "{unit}"'
+        return (
+            f"an IMU reads 9.81 m/s^2 at rest, and the accelerations have a length of {length:.3g} at the median: "
+            'correct unit, or write kind = "motion" or "none"'
+        )
+    return ""
+
+
+def turned_from_gravity(
+    values: Float[np.ndarray, "n 3"], quaternions: Float[np.ndarray, "n 4"], gravity: Float[np.ndarray, "3"]
+) -> float:
+    """Degrees at the median between what an IMU reads and what it would at rest, -R^T g; 0 where nothing is known."""
+    known = np.isfinite(values).all(axis=1) & np.isfinite(quaternions).all(axis=1) & quaternions.any(axis=1)
+    if not known.any():
+        return 0.0
+    rest = -np.einsum("nji,j->ni", rotation_from_quaternion(quaternions[known]), gravity)
+    felt = values[known]
+    lengths = np.linalg.norm(felt, axis=1) * np.linalg.norm(gravity)
+    cosines = np.einsum("ni,ni->n", felt, rest) / np.maximum(lengths, 1e-12)
+    return float(np.degrees(np.arccos(np.clip(np.median(cosines), -1.0, 1.0))))
+
+
+def _length(values: Float[np.ndarray, "n 3"]) -> tuple[float, bool]:
+    """The median of the length, and whether it is nearly the same all the time, as only gravity's is."""
+    lengths = np.linalg.norm(values, axis=1)
+    lengths = lengths[np.isfinite(lengths)]
+    if not len(lengths):
+        return 0.0, False
+    low, middle, high = np.quantile(lengths, [0.1, 0.5, 0.9])
+    return float(middle), bool(high - low < 0.4 * middle)
