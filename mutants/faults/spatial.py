@@ -40,7 +40,7 @@ FAULTS: list[Fault] = [
     ),
     *of(
         "spatial/interpolate.py",
-        "tests/sensors/test_pose_track.py",
+        "tests/spatial/test_pose_track.py",
         (
             "orientations go the long way round",
             "np.where(np.sum(start * end, axis=-1, keepdims=True) < 0, -end, end)",

@@ -109,7 +109,7 @@ class Setup:
             raise InputError(f"{problem}.", where="--mesh") from problem
         if known is None:
             return Rig(surface)
-        stated = known.surface or surface
+        stated = replace(known.surface or surface, urdf=None, link=None, geometry=None, packages={})
         return replace(known, surface=replace(stated, kind="mesh", mesh=str(self.mesh.resolve()), unit=self.unit))
 
     def _filter(self, stated: RigFilter) -> RigFilter:

@@ -13,11 +13,11 @@ from palpate.errors import InputError
 from palpate.sensors.filters import Filter
 from palpate.sensors.force_torque import ForceTorque, Payload
 from palpate.sensors.motion import Motion
-from palpate.sensors.pose_track import sound_quaternions
 from palpate.sensors.recording import ACCELERATION, FORCE, ORIENTATION, TORQUE, UNSTEADY, Recording
 from palpate.sensors.rest import at_rest
 from palpate.sensors.wrench_sensor import Placement, Tare, square_root
 from palpate.spatial.pose import Pose, rotation_from_quaternion, skew
+from palpate.spatial.pose_track import sound_quaternions
 
 __all__ = ["Compensation"]
 

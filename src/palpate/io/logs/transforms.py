@@ -1,0 +1,251 @@
+"""The tree of /tf and /tf_static: what frames a log has, which of them move, and one of them in another over time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from palpate.errors import InputError
+from palpate.io.logs.cursor import Cursor
+from palpate.io.logs.decoding import seconds
+from palpate.io.logs.log import Messages, Source, Topic
+from palpate.spatial.frames import FramePath, FrameTree
+from palpate.spatial.pose import Pose
+from palpate.spatial.pose_track import PoseTrack, sound_quaternions
+
+__all__ = ["TREES", "Frames", "TreePoses", "read_frames", "transforms", "tree_topics"]
+
+TREES = ("tf2_msgs/TFMessage", "tf/tfMessage")
+_MOVED = 1e-9  # m, and of an entry of a quaternion: what a transform that is published again differs by is rounding
+_STEPS = 1000  # transforms of a message
+
+
+@dataclass(frozen=True)
+class Transforms:
+    """Transforms of some messages, one a row.
+
+    Attributes:
+        parent, child: numbers of names.
+        stamp: [ns] of each header.
+        message: which of the messages it stands in.
+        values: position [m] and quaternion x, y, z, w of the child in the parent.
+    """
+
+    parent: Int[np.ndarray, " m"]
+    child: Int[np.ndarray, " m"]
+    stamp: Int[np.ndarray, " m"]
+    message: Int[np.ndarray, " m"]
+    values: Float[np.ndarray, "m 7"]
+
+    def edges(self) -> Iterator[tuple[int, int, Int[np.ndarray, " k"]]]:
+        """Parent, child, and the rows of each edge, in their order."""
+        key = (self.parent << 32) + self.child
+        order = np.argsort(key, kind="stable")
+        starts = np.flatnonzero(np.diff(key[order], prepend=-1))
+        for rows in np.split(order, starts[1:]) if len(order) else ():
+            yield int(self.parent[rows[0]]), int(self.child[rows[0]]), rows
+
+
+def transforms(messages: Messages, topic: Topic, names: dict[str, int]) -> tuple[Transforms, Bool[np.ndarray, " n"]]:
+    """Every transform of some messages in their order, and which messages could be read to their end.
+
+    Args:
+        messages: of the topic.
+        topic: of a type of `TREES`.
+        names: of frames, without a leading slash, as numbers; new ones are added.
+    """
+    cursor = Cursor(messages, topic.encoding)
+    left = cursor.number()
+    cursor.sound &= left <= _STEPS
+    sound, active = cursor.sound.copy(), np.arange(len(left))
+    pieces = list[Transforms]()
+    while True:  # the k-th transform of all messages that have one
+        on = np.flatnonzero(cursor.sound & (left > 0))
+        cursor, active, left = cursor.picked(on), active[on], left[on] - 1
+        if not len(active):
+            break
+        stamp, start, length = cursor.header()
+        child = cursor.text()
+        values = cursor.numbers("f8", 7)
+        whole = cursor.sound
+        sound[active[~whole]] = False
+        parents, children = cursor.names(start, length, names), cursor.names(*child, names)
+        pieces.append(Transforms(parents[whole], children[whole], stamp[whole], active[whole], values[whole]))
+    return _in_order(pieces), sound
+
+
+def _in_order(pieces: list[Transforms]) -> Transforms:
+    """All of them, message after message."""
+    message = _joined([piece.message for piece in pieces])
+    order = np.argsort(message, kind="stable")
+    values = np.concatenate([np.zeros((0, 7)), *(piece.values for piece in pieces)])[order]
+    values[np.isnan(values)] = np.nan  # of the many that bytes can make, the one that arithmetic does not warn of
+    parent, child, stamp = (
+        _joined([getattr(piece, name) for piece in pieces])[order] for name in ("parent", "child", "stamp")
+    )
+    return Transforms(parent, child, stamp, message[order], values)
+
+
+def _joined(pieces: list[np.ndarray]) -> np.ndarray:
+    return np.concatenate([np.zeros(0, dtype=np.int64), *pieces])
+
+
+@dataclass
+class SeenEdge:
+    """What a log says of one edge.
+
+    Attributes:
+        count: transforms on topics that are not static.
+        first: of these: position and quaternion.
+        moves: whether another differs from it.
+        stamped: whether one of them has a stamp.
+        constant: of /tf_static, the last one; None: it is not there.
+    """
+
+    count: int = 0
+    first: Float[np.ndarray, "7"] | None = None
+    moves: bool = False
+    stamped: bool = False
+    constant: Float[np.ndarray, "7"] | None = None
+
+    def add(self, values: Float[np.ndarray, "k 7"], stamp: Int[np.ndarray, " k"], *, static: bool) -> None:
+        """More of it; what is no transform is left out."""
+        fine = values[sound_quaternions(values[:, 3:]) & np.isfinite(values).all(axis=1)]
+        if static and len(fine):
+            self.constant = fine[-1]
+        if static or not len(values):
+            return
+        self.count += len(values)
+        self.stamped |= bool(stamp.any())
+        if len(fine):
+            first = fine[0] if self.first is None else self.first
+            self.first = first
+            self.moves |= _differs(fine, first)
+
+    @property
+    def holds(self) -> bool:
+        """Whether it is one pose for the whole log: of /tf_static, and /tf does not say otherwise."""
+        return self.constant is not None and not self.contradicted
+
+    @property
+    def contradicted(self) -> bool:
+        """Whether /tf and /tf_static differ."""
+        if self.constant is None or self.first is None:
+            return False
+        return self.moves or _differs(self.constant[None], self.first)
+
+
+def _differs(values: Float[np.ndarray, "k 7"], first: Float[np.ndarray, "7"]) -> bool:
+    """Beyond rounding; q and -q are one rotation."""
+    turn = np.minimum(*(np.abs(values[:, 3:] + sign * first[3:]).max(axis=1, initial=0.0) for sign in (1, -1)))
+    shift = np.abs(values[:, :3] - first[:3]).max(axis=1, initial=0.0)
+    return bool((np.maximum(turn, shift) > _MOVED).any())
+
+
+@dataclass
+class Frames:
+    """Every edge of a log's tree, as one pass over its topics finds them.
+
+    Attributes:
+        edges: (parent, child) -> what was seen.
+        topics: from which.
+    """
+
+    edges: dict[tuple[str, str], SeenEdge] = field(default_factory=dict[tuple[str, str], SeenEdge])
+    topics: tuple[Topic, ...] = ()
+
+    def tree(self, offset: float = 0.0, max_gap: float = 0.25) -> FrameTree:
+        """With a track, still empty, for each edge that may move.
+
+        An edge of /tf that was never seen to move may be published as seldom as it likes.
+        """
+        made = FrameTree()
+        for (parent, child), seen in self.edges.items():
+            if seen.holds and seen.constant is not None:
+                made.add(parent, child, Pose.from_quaternion(seen.constant[3:], seen.constant[:3]))
+            elif seen.first is not None:
+                made.add(parent, child, PoseTrack(offset, max_gap if seen.moves else np.inf))
+        return made
+
+    def moving(self, frames: Sequence[str]) -> list[tuple[str, str]]:
+        """Edges between neighbours of these frames that were seen to move."""
+        pairs = {frozenset(pair) for pair in pairwise(frames)}
+        return [edge for edge, seen in self.edges.items() if seen.moves and frozenset(edge) in pairs]
+
+
+def tree_topics(topics: Sequence[Topic]) -> list[Topic]:
+    """Those of transforms that can be read."""
+    return [topic for topic in topics if topic.kind in TREES and topic.encoding in ("cdr", "ros1")]
+
+
+def _static(topic: Topic) -> bool:
+    return topic.name.endswith("tf_static")
+
+
+def read_frames(source: Source, topics: Sequence[Topic]) -> Frames:
+    """One pass over the topics of transforms, wherever in the file they stand."""
+    found, names = Frames(topics=tuple(topics)), dict[str, int]()
+    for messages in source.messages([topic.name for topic in topics]) if topics else ():
+        for topic in topics:
+            rows, _ = transforms(messages.of(topic), topic, names)
+            called = list(names)
+            for parent, child, which in rows.edges():
+                seen = found.edges.setdefault((called[parent], called[child]), SeenEdge())
+                seen.add(rows.values[which], rows.stamp[which], static=_static(topic))
+    found.edges = {edge: seen for edge, seen in found.edges.items() if seen.first is not None or seen.holds}
+    return found
+
+
+class TreePoses:
+    """One frame in another, fed with messages; what `palpate.io.logs.topic_log` asks of a source of poses."""
+
+    def __init__(self, frames: Frames, base: str, sensor: str, offset: float, max_gap: float, where: str) -> None:
+        self._frames = frames
+        base, sensor = (name.removeprefix("/") for name in (base, sensor))
+        try:
+            self.track: FramePath = frames.tree(offset, max_gap).path(base, sensor)
+        except InputError as problem:
+            raise InputError(problem.what, where=where, hint=problem.hint) from problem
+        self._needed = self._tracks()
+        self.topics = tuple(topic for topic in frames.topics if not _static(topic)) if self._needed else ()
+        self.count = self.unread = 0
+        self._names = dict[str, int]()
+
+    def _tracks(self) -> Mapping[tuple[str, str], PoseTrack]:
+        names = pairwise(self.track.frames)
+        return {
+            ((second, first) if inverted else (first, second)): edge
+            for (first, second), (edge, inverted) in zip(names, self.track.steps, strict=True)
+            if isinstance(edge, PoseTrack)
+        }
+
+    def add(self, messages: Messages) -> None:
+        """More of the log."""
+        for topic in self.topics:
+            own = messages.of(topic)
+            rows, sound = transforms(own, topic, self._names)
+            self.count += len(sound)
+            self.unread += int(np.count_nonzero(~sound))
+            called = list(self._names)
+            for parent, child, which in rows.edges():
+                edge = (called[parent], called[child])
+                if (track := self._needed.get(edge)) is not None:
+                    stamped = self._frames.edges[edge].stamped
+                    time = rows.stamp[which] if stamped else own.time[rows.message[which]]
+                    track.add(seconds(time), rows.values[which, 3:], rows.values[which, :3])
+
+    def notes(self) -> tuple[str, ...]:
+        """How the sensor was found in the base, and what was odd."""
+        said = [f"the sensor's pose is that of {' -> '.join(self.track.frames)} in the tree of /tf"]
+        if not self._needed:
+            said.append("none of these transforms moves: the sensor is taken to stand still")
+        for edge in self._frames.edges:
+            if edge in self._needed and self._frames.edges[edge].contradicted:
+                said.append(f"{edge[0]} -> {edge[1]} is on /tf_static, but moves on /tf, which is taken")
+        if self.unread:
+            said.append(f"{self.unread} of {self.count} messages of transforms are cut short, or are not that")
+        return (*said, *self.track.notes())
