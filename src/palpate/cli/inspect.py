@@ -39,6 +39,7 @@ def inspect(
     /,
     rig: FileOption = None,
     sensor: Annotated[str | None, arg(metavar="NAME", help_behavior_hint="")] = None,
+    topic: Annotated[str | None, arg(metavar="NAME", help_behavior_hint="")] = None,
     spectrum: Annotated[Path | None, arg(metavar="FILE", help_behavior_hint="")] = None,
 ) -> None:
     """Say what is in a log, a mesh, a rig, a model, a result or a truth; draw the spectrum of a log or a result.
@@ -48,6 +49,7 @@ def inspect(
         rig: TOML that says where the log keeps what; with it, spectra are those of the contact: payload taken off, and
             of its place too.
         sensor: name of the sensor's table in the rig, where there are several that the log could be of.
+        topic: of the sensor's readings, where the log has several; without it the wrenches of each are judged.
         spectrum: .html, .svg or .png to draw spectra into; what cut-off of a filter they propose is printed.
     """
     suffix, whole = file.suffix.lower(), unfinished(file)
@@ -63,10 +65,10 @@ def inspect(
             raise InputError("has no spectrum: it is no log and no result.", where=str(file))
         (_toml if suffix == ".toml" else _mesh)(file)
     else:
-        _data(whole or file, None if rig is None else load_rig(rig), sensor, spectrum)
+        _data(whole or file, None if rig is None else load_rig(rig), sensor, topic, spectrum)
 
 
-def _data(file: Path, rig: Rig | None, sensor: str | None, output: Path | None) -> None:
+def _data(file: Path, rig: Rig | None, sensor: str | None, topic: str | None, output: Path | None) -> None:
     """A log, contacts, or a truth."""
     there = None if file.suffix == PART else contents(file)  # a folder of any other name is a bag
     torn = False
@@ -76,7 +78,7 @@ def _data(file: Path, rig: Rig | None, sensor: str | None, output: Path | None) 
         _ground_truth(file)
         recording = None
     else:
-        recording, torn = inspect_log(file, rig, sensor)
+        recording, torn = inspect_log(file, rig, sensor, topic)
         if output is not None and recording is not None and rig is not None:
             import_mesh_reader()
             recording = located(recording, rig, sensor)

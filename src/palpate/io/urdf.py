@@ -107,6 +107,15 @@ class Urdf:
         """The links, as far as fixed joints join them."""
         return FrameTree((joint.parent, joint.child, joint.origin) for joint in self.joints if joint.kind == "fixed")
 
+    def root(self, link: str) -> str:
+        """The topmost link above one.
+
+        Raises:
+            InputError: no such link, a link of two parents, or a loop.
+        """
+        self.require(link)
+        return FrameTree((joint.parent, joint.child, joint.origin) for joint in self.joints).up(link)[-1]
+
     def chain(self, base: str, sensor: str) -> list[Joint]:
         """The joints between two links, those that do not move left out.
 

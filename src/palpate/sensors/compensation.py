@@ -329,7 +329,8 @@ class Compensation:
             raise InputError(
                 f"the log has no orientation, and {self.needs_orientation}.",
                 where=recording.source,
-                hint="Add columns qx, qy, qz, qw (sensor in base), or name them in [orientation].",
+                hint="Add columns qx, qy, qz, qw (sensor in base), or name them, a topic of poses, or two frames of /tf"
+                " (base, sensor) in [orientation].",
             )
         return rotation_from_quaternion(np.where(sound_quaternions(quaternions)[:, None], quaternions, np.nan))
 

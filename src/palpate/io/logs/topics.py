@@ -148,6 +148,6 @@ def _only(topics: Sequence[Topic], wanted: _Wanted, path: Path) -> Topic | None:
         raise InputError(
             f"{len(fitting)} topics hold a {wanted.called}: {', '.join(topic.name for topic in fitting)}.",
             where=str(path),
-            hint=f"Name one in the rig, as topic in [{wanted.table}].",
+            hint=f"Name one in the rig, as topic in [{wanted.table}], or with --topic.",
         )
     return fitting[0] if fitting else None

@@ -17,7 +17,7 @@ from palpate.spatial.frames import FramePath, FrameTree
 from palpate.spatial.pose import Pose
 from palpate.spatial.pose_track import PoseTrack, sound_quaternions
 
-__all__ = ["TREES", "Frames", "TreePoses", "read_frames", "transforms", "tree_topics"]
+__all__ = ["TREES", "Frames", "SeenEdge", "TreePoses", "read_frames", "transforms", "tree_topics"]
 
 TREES = ("tf2_msgs/TFMessage", "tf/tfMessage")
 _MOVED = 1e-9  # m, and of an entry of a quaternion: what a transform that is published again differs by is rounding
@@ -151,12 +151,23 @@ class Frames:
     """Every edge of a log's tree, as one pass over its topics finds them.
 
     Attributes:
-        edges: (parent, child) -> what was seen.
         topics: from which.
+        edges: (parent, child) -> what was seen.
+        names: of frames, as numbers.
     """
 
-    edges: dict[tuple[str, str], SeenEdge] = field(default_factory=dict[tuple[str, str], SeenEdge])
     topics: tuple[Topic, ...] = ()
+    edges: dict[tuple[str, str], SeenEdge] = field(default_factory=dict[tuple[str, str], SeenEdge])
+    names: dict[str, int] = field(default_factory=dict[str, int])
+
+    def add(self, messages: Messages) -> None:
+        """More of the log."""
+        for topic in self.topics:
+            rows, _ = transforms(messages.of(topic), topic, self.names)
+            called = list(self.names)
+            for parent, child, which in rows.edges():
+                seen = self.edges.setdefault((called[parent], called[child]), SeenEdge())
+                seen.add(rows.values[which], rows.stamp[which], static=_static(topic))
 
     def tree(self, offset: float = 0.0, max_gap: float = 0.25) -> FrameTree:
         """With a track, still empty, for each edge that may move.
@@ -188,15 +199,9 @@ def _static(topic: Topic) -> bool:
 
 def read_frames(source: Source, topics: Sequence[Topic]) -> Frames:
     """One pass over the topics of transforms, wherever in the file they stand."""
-    found, names = Frames(topics=tuple(topics)), dict[str, int]()
+    found = Frames(tuple(topics))
     for messages in source.messages([topic.name for topic in topics]) if topics else ():
-        for topic in topics:
-            rows, _ = transforms(messages.of(topic), topic, names)
-            called = list(names)
-            for parent, child, which in rows.edges():
-                seen = found.edges.setdefault((called[parent], called[child]), SeenEdge())
-                seen.add(rows.values[which], rows.stamp[which], static=_static(topic))
-    found.edges = {edge: seen for edge, seen in found.edges.items() if seen.first is not None or seen.holds}
+        found.add(messages)
     return found
 
 

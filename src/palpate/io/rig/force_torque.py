@@ -13,8 +13,12 @@ from palpate.contact.plausibility import lines_of_action
 from palpate.errors import InputError
 from palpate.io.logs import LogContents, read_recording
 from palpate.io.logs.layout import Layout, axis_matrix
+from palpate.io.logs.opening import survey
+from palpate.io.logs.topics import NONE
 from palpate.io.models import read_model
 from palpate.io.rig import guess
+from palpate.io.rig.body import Body
+from palpate.io.rig.guess_pose import guess_pose
 from palpate.io.rig.kind import Guess, Prepared, SensorKind
 from palpate.io.rig.tables import RigForceTorque
 from palpate.io.rig.wrench import wrench_estimator
@@ -150,15 +154,15 @@ def _check(rig: Rig, path: Path) -> None:
     to_si(wrench.units.torque, TORQUE_UNITS, where=f"{path}: force_torque.units.torque")
 
 
-def _guess(log: Path, contents: LogContents, mesh: Path | None) -> Guess | None:
+def _guess(log: Path, contents: LogContents, body: Body | None) -> Guess | None:
     """Columns or a topic of forces and torques."""
-    found = _topics_of(contents) if contents.topics else _columns_of(log, contents)
+    found = _topics_of(log, contents, body) if contents.topics else _columns_of(log, contents)
     if found is None:
         return None
     why, layout, fields, remarks = found
-    wrenches = read_recording(log, layout).wrenches()
-    size = None if mesh is None else guess.mesh_size(mesh)[1]
-    torque_unit = "N m" if size is None else _torque_unit(wrenches, size)
+    bare = replace(layout, frames=None, orientation_topic=NONE)  # poses are not needed here
+    wrenches = read_recording(log, bare).wrenches()
+    torque_unit = "N m" if body is None else _torque_unit(wrenches, body.size)
     noise = estimate_noise(wrenches)
     noise = np.ones(6) if noise is None else noise * np.repeat([1.0, TORQUE_UNITS[torque_unit]], 3)
     noise = np.maximum(noise, _LEAST_NOISE)
@@ -171,25 +175,27 @@ def _guess(log: Path, contents: LogContents, mesh: Path | None) -> Guess | None:
     if torque_unit != "N m":
         fields["torque_remark"] = "   # guessed: as N m they do not fit the body"
         remarks.append("the torques only fit the body if they are N mm: check units.torque")
-    return Guess(why, layout, _TEXT.format(**fields), tuple(remarks))
+    return Guess(why, layout, _TEXT.format(**fields), tuple(remarks), fields.get("frame", ""))
 
 
 _Found = tuple[str, Layout, dict[str, str], list[str]]  # why, how to read it, fields of `_TEXT`, remarks
 
 
-def _topics_of(contents: LogContents) -> _Found | None:
-    wrenches, poses = guess.topics_of(contents, "wrench"), guess.topics_of(contents, "pose")
-    if not wrenches:
+def _topics_of(log: Path, contents: LogContents, body: Body | None) -> _Found | None:
+    wrenches = guess.topics_of(contents, "wrench")
+    seen = survey(log) if wrenches else None
+    if seen is None:
         return None
-    remarks = [
-        f"{len(names)} topics hold {what}: {', '.join(names)}; the first is taken"
-        for what, names in (("wrenches", wrenches), ("poses", poses))
-        if len(names) > 1
-    ]
-    layout = Layout(wrench_topic=wrenches[0], orientation_topic=poses[0] if poses else None)
+    several = f"{len(wrenches)} topics hold wrenches: {', '.join(wrenches)}; the first is taken, --topic takes another"
+    pose = guess_pose(seen, Layout(wrench_topic=wrenches[0]), body)
     why = f"topic {wrenches[0]!r} holds forces and torques"
-    fields = {"time": "", "wrench": f"topic = {guess.quoted(wrenches[0])}", "orientation": guess.pose_table(poses)}
-    return why, layout, fields, remarks
+    fields = {
+        "time": "",
+        "wrench": f"topic = {guess.quoted(wrenches[0])}",
+        "orientation": pose.text,
+        "frame": seen.named.get(wrenches[0], ("", ""))[0],
+    }
+    return why, pose.layout, fields, [*([several] if len(wrenches) > 1 else []), *pose.remarks]
 
 
 def _columns_of(log: Path, contents: LogContents) -> _Found | None:

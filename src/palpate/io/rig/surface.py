@@ -74,8 +74,8 @@ class RigRegion:
 class RigSurface:
     """What is touched: `mesh` with its `unit`, a `link` of a `urdf`, or another `kind`, its lengths in metres.
 
-    Of a link all meshes and primitives are taken, in the link's frame; its `geometry` is "visual" where it has one, else
-    "collision". `packages` says where a package:// of the URDF is, where it is not found.
+    Of a link all meshes and primitives are taken, in the link's frame: its `geometry` is "visual" where it has one,
+    else "collision". `packages` says where a package:// of the URDF is, where it is not found.
 
     `covered` = true: facets of the mesh that cannot be reached from outside give contacts too.
 

@@ -103,8 +103,8 @@ class RigTime:
 class RigOrientation:
     """The sensor in the base: columns (quaternion x, y, z, w; position [m]), a topic of poses, or two frames.
 
-    A `topic` of "none" is none. `base` and `sensor` are frames of /tf, or links of a `urdf` that is moved by the `joints`
-    of a topic of joint states.
+    A `topic` of "none" is none. `base` and `sensor` are frames of /tf, or links of a `urdf` that is moved by the
+    `joints` of a topic of joint states.
 
     `offset` [s] is added to the stamps of the poses to put them on the wrenches' clock; between poses further apart
     than `max_gap` [s] there is no orientation.
