@@ -26,6 +26,7 @@ from palpate.io.logs import LogContents, contents
 from palpate.io.models import MODELS, load_toml, read_model
 from palpate.io.rig import Rig, load_rig
 from palpate.io.rig.kinds import KINDS as SENSORS
+from palpate.io.urdf import Urdf
 from palpate.surfaces.mesh import UNITS, Mesh
 
 __all__ = ["inspect"]
@@ -45,7 +46,7 @@ def inspect(
     """Say what is in a log, a mesh, a rig, a model, a result or a truth; draw the spectrum of a log or a result.
 
     Args:
-        file: a log or contacts (CSV, Parquet, MCAP, bag), STL, OBJ, PLY or DAE, TOML, a truth.
+        file: a log or contacts (CSV, Parquet, MCAP, bag), STL, OBJ, PLY or DAE, a URDF, TOML, a truth.
         rig: TOML that says where the log keeps what; with it, spectra are those of the contact: payload taken off, and
             of its place too.
         sensor: name of the sensor's table in the rig, where there are several that the log could be of.
@@ -60,10 +61,10 @@ def inspect(
             ends = f"no picture ends in {spectrum.suffix!r}."
             raise InputError(ends, where=str(spectrum), hint=f"Use {', '.join(KINDS)}.")
         keep_inputs(spectrum, (file, rig))
-    if suffix in _MESHES or suffix == ".toml":
+    if suffix in (*_MESHES, ".toml", ".urdf", ".xacro"):
         if spectrum is not None:
             raise InputError("has no spectrum: it is no log and no result.", where=str(file))
-        (_toml if suffix == ".toml" else _mesh)(file)
+        (_toml if suffix == ".toml" else _mesh if suffix in _MESHES else _urdf)(file)
     else:
         _data(whole or file, None if rig is None else load_rig(rig), sensor, topic, spectrum)
 
@@ -118,6 +119,18 @@ def _mesh(file: Path) -> None:
     note(text for text in mesh.notes if " as m" not in text)
     if mesh.coverage:
         note(["covered facets give no contacts; `covered = true` in the rig's [surface] lets them"])
+
+
+def _urdf(file: Path) -> None:
+    urdf = Urdf(file)
+    moving = [joint.name for joint in urdf.joints if joint.kind != "fixed" and not joint.mimics]
+    title(f"{file}: a robot")
+    lines(
+        [
+            ("links", f"{len(urdf.links)}, with a geometry: {', '.join(urdf.shaped()) or 'none'}"),
+            ("joints", f"{len(urdf.joints)}, moving: {', '.join(moving) or 'none'}"),
+        ]
+    )
 
 
 def _toml(file: Path) -> None:

@@ -33,7 +33,7 @@ _ROUND, _HALVED = 96, 4  # facets round a cylinder, halvings of an icosahedron: 
 
 @dataclass(frozen=True)
 class Joint:
-    """Parent and child link, T_parent_child where it is at zero, and what it follows: a joint's name, or ""."""
+    """Parent and child link, T_parent_child where it is at zero, and what it follows: a joint, or "", and how."""
 
     name: str
     kind: str
@@ -41,6 +41,7 @@ class Joint:
     child: str
     origin: Pose
     mimics: str
+    follows: tuple[float, float] = (1.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -244,8 +245,15 @@ class Urdf:
         if None in ends or not {*ends} <= {*self._links}:
             raise InputError(f"joint {name!r} does not join two links that are there.", where=str(self.path))
         mimic = joint.find("mimic")
-        followed = "" if mimic is None else mimic.get("joint", "")
-        return Joint(name, kind, str(ends[0]), str(ends[1]), self._origin(joint, f"joint {name!r}"), followed)
+        place = self._origin(joint, of := f"joint {name!r}")
+        if mimic is None:
+            return Joint(name, kind, str(ends[0]), str(ends[1]), place, "")
+        factor, offset = (
+            self._numbers(mimic, key, of, (each,))[0] for key, each in (("multiplier", 1.0), ("offset", 0.0))
+        )
+        return Joint(
+            name, kind, str(ends[0]), str(ends[1]), place, mimic.get("joint", ""), (float(factor), float(offset))
+        )
 
     def _origin(self, element: Any, of: str) -> Pose:
         """Its `origin`: rpy are angles about the fixed axes x, y, z, in this order."""
@@ -264,7 +272,7 @@ class Urdf:
         text = element.get(key)
         if text is None and default is not None:
             return np.array(default)
-        wanted = 1 if key in ("radius", "length") else 3
+        wanted = 1 if key in ("radius", "length", "multiplier", "offset") else 3
         try:
             values = np.array([float(part) for part in str(text).split()])
         except ValueError:
@@ -300,13 +308,20 @@ class Kinematics:
                 )
         self.joints = tuple(dict.fromkeys(joint.mimics or joint.name for joint in chain))
         try:
-            self._model = self._pin.buildModelFromUrdf(str(urdf.path), mimic=True)
+            self._model = self._pin.buildModelFromUrdf(str(urdf.path))
         except Exception as problem:  # whatever its parser meets
             reason = " ".join(str(problem).split())[:160]
             raise InputError(f"pinocchio cannot use it ({reason}).", where=str(urdf.path)) from problem
         self._data = self._model.createData()
         self._frames = [self._model.getFrameId(link, self._pin.FrameType.BODY) for link in (base, sensor)]
-        self._places = [self._model.joints[self._model.getJointId(name)] for name in self.joints]
+        self._moved = [  # where it stands among pinocchio's numbers, what it follows, and how
+            (
+                self._model.joints[self._model.getJointId(joint.name)],
+                self.joints.index(joint.mimics or joint.name),
+                joint,
+            )
+            for joint in chain
+        ]
 
     def poses(self, values: Float[np.ndarray, "n k"]) -> tuple[Float[np.ndarray, "n 4"], Float[np.ndarray, "n 3"]]:
         """Quaternions x, y, z, w and positions [m] of the sensor in the base, at positions of `joints`."""
@@ -315,9 +330,11 @@ class Kinematics:
         where = pin.neutral(model)
         base, sensor = self._frames
         for k, row in enumerate(values):
-            for joint, value in zip(self._places, row, strict=True):
-                turns = joint.nq == 2  # a continuous joint: cosine and sine
-                where[joint.idx_q : joint.idx_q + joint.nq] = (np.cos(value), np.sin(value)) if turns else value
+            for place, source, joint in self._moved:
+                factor, offset = joint.follows
+                value = factor * row[source] + offset
+                turns = place.nq == 2  # a continuous joint: cosine and sine
+                where[place.idx_q : place.idx_q + place.nq] = (np.cos(value), np.sin(value)) if turns else value
             pin.forwardKinematics(model, data, where)
             pose = pin.updateFramePlacement(model, data, base).actInv(pin.updateFramePlacement(model, data, sensor))
             rotation[k], shift[k] = pose.rotation, pose.translation
