@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from palpate.errors import InputError
-from palpate.spatial.pose import Pose, rotation_from_quaternion
+from palpate.spatial.pose import Pose
 from palpate.spatial.pose_track import PoseTrack
 
 __all__ = ["Edge", "FramePath", "FrameTree"]
@@ -120,17 +120,27 @@ class FramePath:
         Each edge is interpolated between its own neighbours in time (see `PoseTrack.at`); then all are composed. NaN
         where one of them has no answer.
         """
-        poses = [
-            _inverted(*_edge_at(edge, time)) if inverted else _edge_at(edge, time) for edge, inverted in self.steps
-        ]
-        if not poses:
-            return np.tile([0.0, 0.0, 0.0, 1.0], (len(time), 1)), np.zeros((len(time), 3))
-        quaternion, position = poses[0]
-        for turn, shift in poses[1:]:
+        from scipy.spatial.transform import Rotation  # here: it takes 0.1 s to import
+
+        if len(self.steps) == 1 and not self.steps[0][1]:
+            return _edge_at(self.steps[0][0], time)
+        poses = [_edge_at(edge, time) for edge, _ in self.steps]
+        known = np.ones(len(time), dtype=bool)
+        for quaternion, _ in poses:
+            known &= np.isfinite(quaternion).all(axis=1)
+        count = np.count_nonzero(known)
+        turn, position = np.tile([0.0, 0.0, 0.0, 1.0], (count, 1)), np.zeros((count, 3))
+        for (quaternion, shift), (_, inverted) in zip(poses, self.steps, strict=True):
+            turned, moved = Rotation.from_quat(quaternion[known]), shift[known]
             with np.errstate(invalid="ignore"):  # an infinite position
-                position = position + _turned(quaternion, shift)
-            quaternion = _product(_unit(quaternion), _unit(turn))
-        return quaternion, position
+                if inverted:
+                    turned = turned.inv()
+                    moved = -turned.apply(moved)
+                position = position + Rotation.from_quat(turn).apply(moved)
+            turn = _product(turn, turned.as_quat())
+        answers = np.full((len(time), 7), np.nan)
+        answers[known, :4], answers[known, 4:] = turn, position
+        return answers[:, :4], answers[:, 4:]
 
     @property
     def stamps(self) -> Float[np.ndarray, " k"]:
@@ -168,21 +178,8 @@ def _edge_at(edge: Edge, time: Float[np.ndarray, " n"]) -> tuple[np.ndarray, np.
     return np.tile(edge.quaternion(), (len(time), 1)), np.tile(edge.translation, (len(time), 1))
 
 
-def _inverted(quaternion: np.ndarray, position: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    back = quaternion * [-1.0, -1.0, -1.0, 1.0]
-    return back, -_turned(back, position)
-
-
-def _turned(quaternion: Float[np.ndarray, "n 4"], vectors: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
-    return np.einsum("nij,nj->ni", rotation_from_quaternion(quaternion), vectors)
-
-
 def _product(left: Float[np.ndarray, "n 4"], right: Float[np.ndarray, "n 4"]) -> Float[np.ndarray, "n 4"]:
-    """Hamilton's product: the rotation `right`, then `left`."""
-    (u, a), (v, b) = ((q[:, :3], q[:, 3:]) for q in (left, right))
-    scalar = a * b - np.sum(u * v, axis=1, keepdims=True)
-    return np.concatenate([a * v + b * u + np.cross(u, v), scalar], axis=1)
-
-
-def _unit(quaternion: Float[np.ndarray, "n 4"]) -> Float[np.ndarray, "n 4"]:
-    return quaternion / np.linalg.norm(quaternion, axis=1, keepdims=True)
+    """Hamilton's product, the rotation `right` before `left`; scipy's takes twenty times as long."""
+    (a, b, c, w), (x, y, z, v) = left.T, right.T
+    parts = (w * x + a * v + b * z - c * y, w * y - a * z + b * v + c * x, w * z + a * y - b * x + c * v)
+    return np.stack([*parts, w * v - a * x - b * y - c * z], axis=1)

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import pairwise
+from itertools import count, pairwise
+from struct import Struct
+from struct import error as StructError
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from palpate.errors import InputError
-from palpate.io.logs.cursor import Cursor
+from palpate.io.logs.cursor import taken
 from palpate.io.logs.decoding import seconds
 from palpate.io.logs.log import Messages, Source, Topic
 from palpate.spatial.frames import FramePath, FrameTree
@@ -21,7 +23,7 @@ __all__ = ["TREES", "Frames", "SeenEdge", "TreePoses", "read_frames", "transform
 
 TREES = ("tf2_msgs/TFMessage", "tf/tfMessage")
 _MOVED = 1e-9  # m, and of an entry of a quaternion: what a transform that is published again differs by is rounding
-_STEPS = 1000  # transforms of a message
+_FORMS = 32  # forms of messages of one length that are looked for among all of them
 
 
 @dataclass(frozen=True)
@@ -51,42 +53,124 @@ class Transforms:
 
 
 def transforms(messages: Messages, topic: Topic, names: dict[str, int]) -> tuple[Transforms, Bool[np.ndarray, " n"]]:
-    """Every transform of some messages in their order, and which messages could be read to their end.
+    """Every transform of some messages in their order, and which messages could be read.
+
+    A publisher names the same frames again and again, so that its messages are alike but for stamps and numbers: the
+    first of them is walked through, and those that are like it are read at once.
 
     Args:
         messages: of the topic.
         topic: of a type of `TREES`.
         names: of frames, without a leading slash, as numbers; new ones are added.
     """
-    cursor = Cursor(messages, topic.encoding)
-    left = cursor.number()
-    cursor.sound &= left <= _STEPS
-    sound, active = cursor.sound.copy(), np.arange(len(left))
-    pieces = list[Transforms]()
-    while True:  # the k-th transform of all messages that have one
-        on = np.flatnonzero(cursor.sound & (left > 0))
-        cursor, active, left = cursor.picked(on), active[on], left[on] - 1
-        if not len(active):
-            break
-        stamp, start, length = cursor.header()
-        child = cursor.text()
-        values = cursor.numbers("f8", 7)
-        whole = cursor.sound
-        sound[active[~whole]] = False
-        parents, children = cursor.names(start, length, names), cursor.names(*child, names)
-        pieces.append(Transforms(parents[whole], children[whole], stamp[whole], active[whole], values[whole]))
+    pieces, sound = list[Transforms](), np.zeros(len(messages.start), dtype=bool)
+    for size in np.unique(messages.length).tolist():
+        left = np.flatnonzero(messages.length == size)
+        for tried in count():
+            if not len(left):
+                break
+            start = messages.start[left]
+            form = _form(messages.data[start[0] : start[0] + size], topic.encoding == "cdr")
+            same = np.zeros(len(left), dtype=bool)
+            same[0] = True
+            if form is not None:
+                if tried < _FORMS:
+                    same = form.fits(messages.data, start, size)
+                sound[left[same]] = True
+                pieces.append(form.read(messages.data, start[same], left[same], names))
+            left = left[~same]
     return _in_order(pieces), sound
 
 
+@dataclass(frozen=True)
+class _Form:
+    """What messages that are alike have in common.
+
+    Attributes:
+        little: their numbers have the least byte first.
+        fixed: bytes that are the same in all of them, from where in the message: counts, names and their lengths.
+        frames: parent and child of each transform.
+        stamps, values: where each transform has them.
+    """
+
+    little: bool
+    fixed: list[tuple[int, bytes]]
+    frames: list[tuple[str, str]]
+    stamps: list[int]
+    values: list[int]
+
+    def fits(self, data: bytes, start: Int[np.ndarray, " n"], size: int) -> Bool[np.ndarray, " n"]:
+        """Which messages of this size are alike."""
+        same = np.ones(len(start), dtype=bool)
+        for at, wanted in self.fixed:
+            if at + len(wanted) > size:
+                return ~same
+            same &= (_bytes(data, start + at, len(wanted)) == np.frombuffer(wanted, dtype=np.uint8)).all(axis=1)
+        return same
+
+    def read(
+        self, data: bytes, start: Int[np.ndarray, " n"], message: Int[np.ndarray, " n"], names: dict[str, int]
+    ) -> Transforms:
+        """All of their transforms."""
+        order = "<" if self.little else ">"
+        each = np.zeros((len(self.frames), 3, len(start)), dtype=np.int64)
+        values = np.zeros((len(self.frames), len(start), 7))
+        for k, (stamp, number, frames) in enumerate(zip(self.stamps, self.values, self.frames, strict=True)):
+            whole, part = _bytes(data, start + stamp, 8).view(f"{order}i4").T.astype(np.int64)
+            each[k, :2] = [[names.setdefault(name, len(names))] for name in frames]
+            each[k, 2] = whole * 10**9 + (part & 0xFFFFFFFF)
+            values[k] = _bytes(data, start + number, 56).view(f"{order}f8")
+        parent, child, stamps = each.transpose(1, 0, 2).reshape(3, -1)
+        values[np.isnan(values)] = np.nan  # of the many that bytes can make, the one that arithmetic does not warn of
+        return Transforms(parent, child, stamps, np.tile(message, len(self.frames)), values.reshape(-1, 7))
+
+
+def _form(raw: bytes, cdr: bool) -> _Form | None:
+    """Of one message; None where it is cut, or is none."""
+    origin = 4 if cdr else 0
+    if cdr and (len(raw) < 4 or raw[0] or raw[1] > 1):
+        return None
+    little = not cdr or raw[1] == 1
+    number = Struct("<I" if little else ">I")
+    fixed, frames, stamps, values = list[tuple[int, bytes]](), list[tuple[str, str]](), list[int](), list[int]()
+    try:
+        left = number.unpack_from(raw, origin)[0]
+        fixed += [(0, raw[:origin]), (origin, raw[origin : origin + 4])]
+        at = origin + 4
+        for _ in range(left):
+            at += (origin - at) % 4 if cdr else 4  # the number of a header of ROS 1
+            stamps.append(at)
+            at += 8
+            texts = list[str]()
+            for _ in ("parent", "child"):
+                begin = at + ((origin - at) % 4 if cdr else 0)
+                at = begin + 4 + number.unpack_from(raw, begin)[0]
+                fixed.append((begin, raw[begin:at]))
+                texts.append(raw[begin + 4 : at].rstrip(b"\0").decode(errors="replace").removeprefix("/"))
+            at += (origin - at) % 8 if cdr else 0
+            frames.append((texts[0], texts[1]))
+            values.append(at)
+            at += 56
+            if at > len(raw):
+                return None
+    except StructError:
+        return None
+    return _Form(little, fixed, frames, stamps, values)
+
+
+def _bytes(data: bytes, at: Int[np.ndarray, " n"], width: int) -> np.ndarray:
+    """(n, width) bytes, all of which are there."""
+    return taken(data, at, width, np.ones(len(at), dtype=bool))
+
+
 def _in_order(pieces: list[Transforms]) -> Transforms:
-    """All of them, message after message."""
+    """All of them, message after message, and in each as they stand."""
     message = _joined([piece.message for piece in pieces])
     order = np.argsort(message, kind="stable")
-    values = np.concatenate([np.zeros((0, 7)), *(piece.values for piece in pieces)])[order]
-    values[np.isnan(values)] = np.nan  # of the many that bytes can make, the one that arithmetic does not warn of
     parent, child, stamp = (
         _joined([getattr(piece, name) for piece in pieces])[order] for name in ("parent", "child", "stamp")
     )
+    values = np.concatenate([np.zeros((0, 7)), *(piece.values for piece in pieces)])[order]
     return Transforms(parent, child, stamp, message[order], values)
 
 
