@@ -128,7 +128,7 @@ class FramePath:
         known = np.ones(len(time), dtype=bool)
         for quaternion, _ in poses:
             known &= np.isfinite(quaternion).all(axis=1)
-        count = np.count_nonzero(known)
+        count = int(np.count_nonzero(known))
         turn, position = np.tile([0.0, 0.0, 0.0, 1.0], (count, 1)), np.zeros((count, 3))
         for (quaternion, shift), (_, inverted) in zip(poses, self.steps, strict=True):
             turned, moved = Rotation.from_quat(quaternion[known]), shift[known]

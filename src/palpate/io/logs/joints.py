@@ -15,7 +15,7 @@ from palpate.io.logs.log import Messages, Topic
 from palpate.io.urdf import Kinematics
 from palpate.spatial.pose_track import PoseTrack
 
-__all__ = ["JOINTS", "JointPoses", "joint_names", "joint_positions", "joint_topic"]
+__all__ = ["JOINTS", "JointPoses", "joint_names", "joint_positions", "joint_stamps", "joint_topic"]
 
 JOINTS = "sensor_msgs/JointState"
 _LAYOUTS = 64  # different lists of names in some messages: more are no robot's
@@ -66,6 +66,12 @@ def joint_positions(messages: Messages, topic: Topic, wanted: Sequence[str]) -> 
     return stamp, values, sound, concerned | (sound if not wanted else False)
 
 
+def joint_stamps(messages: Messages, topic: Topic) -> Int[np.ndarray, " n"]:
+    """Those [ns] of the messages that can be read."""
+    stamp, _, sound, _ = joint_positions(messages.of(topic), topic, ())
+    return stamp[sound]
+
+
 def joint_names(messages: Messages, topic: Topic) -> list[str]:
     """Of the joints in the first message that can be read."""
     cursor = Cursor(messages, topic.encoding)
@@ -95,33 +101,29 @@ def _listed(cursor: Cursor, which: int, count: int, end: int) -> tuple[list[str]
 class JointPoses:
     """One link in another by its joints, fed with messages; what `palpate.io.logs.topic_log` asks of poses."""
 
-    def __init__(self, topic: Topic, kinematics: Kinematics, offset: float, max_gap: float) -> None:
-        self.topics = (topic,)
-        self._kinematics, self.track = kinematics, PoseTrack(offset, max_gap)
-        self._count = self._unread = self._lacking = self._unknown = self._used = 0
+    def __init__(self, topic: Topic, kinematics: Kinematics, track: PoseTrack, *, stamped: bool) -> None:
+        self.topics, self.track = (topic,), track
+        self._kinematics, self._stamped = kinematics, stamped
+        self._count = self._unread = self._lacking = self._used = 0
         self._lacks = dict[str, None]()
-        self._stamped: bool | None = None
 
     def add(self, messages: Messages) -> None:
         """More of the log."""
         topic, joints = self.topics[0], self._kinematics.joints
         own = messages.of(topic)
         stamp, values, sound, concerned = joint_positions(own, topic, joints)
-        if self._stamped is None and sound.any():
-            self._stamped = bool(stamp[sound][:2].any())
         self._count += len(sound)
         self._unread += int(np.count_nonzero(~sound))
         known = np.isfinite(values).all(axis=1)
         absent = concerned & sound & ~known
-        named = np.array([name for name in joints], dtype=object)
-        if absent.any():
-            self._lacks |= dict.fromkeys(named[~np.isfinite(values[absent]).all(axis=0)].tolist())
+        lacks = np.flatnonzero(~np.isfinite(values[absent]).all(axis=0))
+        self._lacks |= dict.fromkeys(joints[k] for k in lacks.tolist())
         self._lacking += int(np.count_nonzero(absent))
         good = np.flatnonzero(sound & concerned & known)
         self._used += len(good)
-        time = seconds(stamp if self._stamped else own.time)[good]
-        quaternion, position = self._kinematics.poses(values[good])
-        self.track.add(time, quaternion, position)
+        if len(good):
+            time = seconds(stamp if self._stamped else own.time)[good]
+            self.track.add(time, *self._kinematics.poses(values[good]))
 
     def notes(self) -> tuple[str, ...]:
         """How the sensor was found in the base, and what was odd."""
@@ -136,7 +138,7 @@ class JointPoses:
             )
         if self._unread:
             said.append(f"{self._unread} of {self._count} messages of {name!r} are cut short, or are not {JOINTS}")
-        if self._stamped is False:
+        if not self._stamped:
             said.append(f"messages of {name!r} have no stamps: the times at which they were recorded are taken")
         return (*said, *self.track.notes())
 

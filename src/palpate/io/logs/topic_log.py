@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing
 from pathlib import Path
 from typing import Protocol, runtime_checkable
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from palpate.errors import InputError
 from palpate.io.logs.decoding import decode, has_header, seconds
-from palpate.io.logs.joints import JointPoses, joint_topic
+from palpate.io.logs.joints import JointPoses, joint_stamps, joint_topic
 from palpate.io.logs.layout import ArrayChannel, Layout
 from palpate.io.logs.log import Log, LogContents, Messages, Source, Topic
 from palpate.io.logs.samples import NUMBERS, Samples, rows_at_once
@@ -127,7 +127,9 @@ class TopicLog(Log):
         topics = self._source.topics()
         if layout.urdf is not None:
             topic = joint_topic(topics, layout.joints_topic, where)
-            return JointPoses(topic, Kinematics(Urdf(layout.urdf), *layout.frames), offset, layout.max_gap)
+            stamped = _has_stamps(self._source, topic, lambda messages: joint_stamps(messages, topic))
+            track = PoseTrack(offset, layout.max_gap)
+            return JointPoses(topic, Kinematics(Urdf(layout.urdf), *layout.frames), track, stamped=stamped)
         if self._frames is None:
             self._frames = read_frames(self._source, tree_topics(topics))
         if not self._frames.edges:
@@ -142,7 +144,7 @@ class _Stream:
         self.topic, self._array = topic, array
         self._shape = () if array is None else array.shape
         self.count = self.unread = 0
-        self._stamped = self._has_stamps(source)
+        self._stamped = has_header(topic.kind) and _has_stamps(source, topic, self._stamps)
 
     def read(self, messages: Messages) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n k"]]:
         """Times [s] and numbers; NaN where a message is cut or of another make."""
@@ -164,18 +166,20 @@ class _Stream:
         )
         return tuple(sentence for there, sentence in said if there)
 
-    def _has_stamps(self, source: Source) -> bool:
-        """Whether one of the first two stamps is not 0: a clock may begin there."""
-        if not has_header(self.topic.kind):
-            return False
-        found = np.empty(0, dtype=np.int64)
-        with closing(source.messages([self.topic.name])) as pieces:
-            for messages in pieces:
-                stamps, _, sound = decode(messages.of(self.topic), self.topic, self._shape)
-                found = np.concatenate([found, stamps[sound]])
-                if len(found) > 1:
-                    break
-        return bool(found[:2].any()) or not len(found)
+    def _stamps(self, messages: Messages) -> Int[np.ndarray, " n"]:
+        stamps, _, sound = decode(messages.of(self.topic), self.topic, self._shape)
+        return stamps[sound]
+
+
+def _has_stamps(source: Source, topic: Topic, read: Callable[[Messages], Int[np.ndarray, " n"]]) -> bool:
+    """Whether one of the first two stamps that can be read is not 0: a clock may begin there."""
+    found = np.empty(0, dtype=np.int64)
+    with closing(source.messages([topic.name])) as pieces:
+        for messages in pieces:
+            found = np.concatenate([found, read(messages)])
+            if len(found) > 1:
+                break
+    return bool(found[:2].any()) or not len(found)
 
 
 class _Tracked:
