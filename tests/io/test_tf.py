@@ -346,8 +346,8 @@ def test_another_topic_may_be_named(robot: Path, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("frame", "edges", "word"),
     [
-        ("base", [("base", "arm"), ("arm", "tool")], "'base' is the root of its tree: if the wrench is written in"),
-        ("", [("base", "tool")], "the wrench's header names no frame of it"),
+        ("base", [("base", "arm"), ("arm", "tool")], "'base' is the root of its tree. If the wrench is written in"),
+        ("", [("base", "tool")], "the wrench's header names no frame"),
         ("tool", [("a", "tool"), ("b", "tool")], "/tf is not used: frame 'tool' has 2 parents"),
         ("tool", [("base", "tool")], "nothing between 'base' and 'tool' moves in /tf"),
     ],

@@ -21,6 +21,10 @@ _OTHERS = re.compile(
     re.IGNORECASE,
 )
 _OFFSET = "offset = 0.0                         # s added to their stamps; written by `palpate calibrate clock`\n"
+_FRAMES = """\
+# base = "base_link"                 # in place of topic: two frames of /tf
+# sensor = "ft_sensor"
+"""
 
 
 @dataclass(frozen=True)
@@ -57,7 +61,8 @@ def guess_pose(survey: Survey, layout: Layout, body: Body | None) -> PoseGuess:
             joints, layout=replace(joints.layout, wrench_topic=layout.wrench_topic), remarks=[*remarks, *joints.remarks]
         )
     made = _topic(survey, layout, frame)
-    return replace(made, remarks=[*remarks, *made.remarks])
+    frames = _FRAMES if survey.frames.edges else ""
+    return replace(made, text=made.text + frames, remarks=[*remarks, *made.remarks])
 
 
 def _tree(survey: Survey, frame: str) -> tuple[tuple[str, str] | None, list[str]]:
@@ -65,22 +70,19 @@ def _tree(survey: Survey, frame: str) -> tuple[tuple[str, str] | None, list[str]
     if not survey.frames.edges:
         return None, []
     tree, wrench = survey.frames.tree(), f"the wrench's frame {frame!r}"
-    name = "sensor in [orientation], with a base,"
     if frame not in tree.frames:
-        why = (
-            f"{wrench} is not in it; {near(frame, tree.frames)}"
-            if frame
-            else "the wrench's header names no frame of it"
-        )
-        return None, [f"/tf is not used: {why} {name} may name it"]
+        why = f"{wrench} is not in it" if frame else "the wrench's header names no frame"
+        return None, [
+            f"/tf is not used: {why}; name the sensor's frame, and a base, in [orientation]. {near(frame, tree.frames)}"
+        ]
     try:
         up = tree.up(frame)
     except InputError as problem:
         return None, [f"/tf is not used: {problem}"]
     if len(up) == 1:
         return None, [
-            f"/tf is not used: {wrench} is the root of its tree: if the wrench is written in the base, set frame = "
-            f'"base", and {name} may name where the sensor is'
+            f"/tf is not used: {wrench} is the root of its tree. If the wrench is written in the base, set frame = "
+            f'"base" in [force_torque], and name the sensor\'s frame and the base in [orientation]'
         ]
     base = up[len(up) - 1]
     others = f"; another base can be {', '.join(up[1:-1])}" if len(up) > 2 else ""
