@@ -332,6 +332,22 @@ def test_guessed_frames_are_those_of_the_wrench_and_of_the_root(robot: Path, tmp
     assert "topics of poses are not used: /camera/object_pose, /vision/marker" in said
 
 
+def test_without_a_tree_joint_states_move_the_urdf(robot: Path, session: Session, tmp_path: Path) -> None:
+    kinds = {name: KINDS[name] for name in (WRENCH, "/joint_states")}
+    start = session.touches.picked(slice(400))
+    kept = [each for each in bag.messages(start) if each[1] in kinds]
+    write_mcap(tmp_path / "log.mcap", sorted(kept, key=lambda each: each[0]), kinds)
+    rig = tmp_path / "rig.toml"
+    urdf = str(robot / "robot.urdf")
+    assert main(["rig", "new", str(tmp_path / "log.mcap"), urdf, "--link", "probe", "-o", str(rig)]) == 0
+    made = load_rig(rig)
+    assert (made.orientation.base, made.orientation.sensor) == ("world", "ft_sensor")
+    assert made.orientation.joints == "/joint_states"
+    found = read_recording(tmp_path / "log.mcap", made.layout()).channels[ORIENTATION][:: bag.EVERY]
+    wanted = rotation_from_quaternion(start.channels[ORIENTATION][:: bag.EVERY])
+    assert np.abs(rotation_from_quaternion(found) - wanted).max() < 1e-12
+
+
 def test_another_topic_may_be_named(robot: Path, tmp_path: Path) -> None:
     made = propose_rig(robot / "touches", None, tmp_path, topic=OTHER)
     assert f'topic = "{OTHER}"' in made.text
