@@ -92,23 +92,6 @@ class Cursor:
             setattr(other, name, getattr(self, name)[which])
         return other
 
-    def names(
-        self, start: Int[np.ndarray, " n"], length: Int[np.ndarray, " n"], known: dict[str, int]
-    ) -> Int[np.ndarray, " n"]:
-        """Strings as numbers of `known`, to which those that are new are added; -1 where a message is not sound."""
-        found = np.full(len(start), -1)
-        for size in np.unique(length[self.sound]).tolist():
-            rows = np.flatnonzero(self.sound & (length == size))
-            if not size:
-                found[rows] = known.setdefault("", len(known))
-                continue
-            raw = taken(self.data, start[rows], size, np.ones(len(rows), dtype=bool)).view(f"S{size}").reshape(-1)
-            same = bool((raw == raw[0]).all())  # as a rule
-            texts, place = (raw[:1], np.zeros(len(raw), dtype=int)) if same else np.unique(raw, return_inverse=True)
-            spelt = [text.decode(errors="replace").removeprefix("/") for text in texts.tolist()]
-            found[rows] = np.array([known.setdefault(text, len(known)) for text in spelt])[place]
-        return found
-
     def dimensions(self) -> None:
         """Passes over a list of labels with a size and a stride each."""
         left = self.number()

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+
+import numpy as np
 
 from palpate.io.logs.cursor import Cursor
 from palpate.io.logs.decoding import FIXED, decode, role
 from palpate.io.logs.joints import JOINTS, joint_names
 from palpate.io.logs.log import Messages, Source, Topic
-from palpate.io.logs.transforms import Frames, SeenEdge, tree_topics
+from palpate.io.logs.transforms import Frames, SeenEdge, frame_name, tree_topics
 
 __all__ = ["Survey", "survey_of"]
 
@@ -69,12 +71,15 @@ def _frames_of(messages: Messages, topic: Topic) -> tuple[str, str]:
     strings = FIXED[topic.kind].strings
     if not strings:
         return "", ""
-    cursor, names = Cursor(messages, topic.encoding), dict[str, int]()
-    _, start, length = cursor.header()
-    ends = [(start, length), *([cursor.text()] if strings > 1 else [])]
-    numbers = [cursor.names(*end, names)[cursor.sound] for end in ends]
-    if not len(numbers[0]):
+    cursor = Cursor(messages, topic.encoding)
+    _, *first = cursor.header()
+    second = cursor.text() if strings > 1 else None
+    whole = np.flatnonzero(cursor.sound)
+    if not len(whole):
         return "", ""
-    called = list(names)
-    first = [called[int(each[0])] for each in numbers]
-    return first[0], first[1] if strings > 1 else ""
+
+    def name(text: Sequence[np.ndarray]) -> str:
+        at, length = (int(each[whole[0]]) for each in text)
+        return frame_name(messages.data[at : at + length])
+
+    return name(first), "" if second is None else name(second)

@@ -19,7 +19,7 @@ from palpate.spatial.frames import FramePath, FrameTree
 from palpate.spatial.pose import Pose
 from palpate.spatial.pose_track import PoseTrack, sound_quaternions
 
-__all__ = ["TREES", "Frames", "SeenEdge", "TreePoses", "read_frames", "transforms", "tree_topics"]
+__all__ = ["TREES", "Frames", "SeenEdge", "TreePoses", "frame_name", "read_frames", "transforms", "tree_topics"]
 
 TREES = ("tf2_msgs/TFMessage", "tf/tfMessage")
 _MOVED = 1e-9  # m, and of an entry of a quaternion: what a transform that is published again differs by is rounding
@@ -146,7 +146,7 @@ def _form(raw: bytes, cdr: bool) -> _Form | None:
                 begin = at + ((origin - at) % 4 if cdr else 0)
                 at = begin + 4 + number.unpack_from(raw, begin)[0]
                 fixed.append((begin, raw[begin:at]))
-                texts.append(raw[begin + 4 : at].rstrip(b"\0").decode(errors="replace").removeprefix("/"))
+                texts.append(frame_name(raw[begin + 4 : at]))
             at += (origin - at) % 8 if cdr else 0
             frames.append((texts[0], texts[1]))
             values.append(at)
@@ -156,6 +156,11 @@ def _form(raw: bytes, cdr: bool) -> _Form | None:
     except StructError:
         return None
     return _Form(little, fixed, frames, stamps, values)
+
+
+def frame_name(text: bytes) -> str:
+    """As tf2 has it: without the slash that ROS 1 may put in front."""
+    return text.rstrip(b"\0").decode(errors="replace").removeprefix("/")
 
 
 def _bytes(data: bytes, at: Int[np.ndarray, " n"], width: int) -> np.ndarray:
