@@ -17,10 +17,10 @@ from evidence.row import Row
 from palpate import Payload, Recording
 from palpate.calibration.clock import identify_offset
 from palpate.sensors.motion import Motion
-from palpate.sensors.pose_track import PoseTrack
 from palpate.sensors.recording import ACCELERATION, FORCE, ORIENTATION, POSITION, TORQUE, UNSTEADY
 from palpate.simulation.session import GRAVITY, Load
 from palpate.spatial.pose import rotation_from_quaternion
+from palpate.spatial.pose_track import PoseTrack
 
 __all__ = ["rows"]
 

@@ -98,7 +98,7 @@ class _Places:
         self._points, self._clean = points, clean
 
     def wrong(self, found: palpate.Contacts) -> np.ndarray:
-        """Where an answer is off by over 3 mm and 5 standard deviations, and nearest to another branch; (touches, samples)."""
+        """(touches, samples): off by over 3 mm and 5 standard deviations, and nearest to another branch."""
         error = np.linalg.norm(found.point - np.repeat(self._points, LENGTH + GAP, axis=0), axis=1)
         sigma = np.sqrt(np.trace(found.covariance, axis1=1, axis2=2))
         off = (error > np.maximum(5 * sigma, 3e-3)).reshape(-1, LENGTH + GAP)

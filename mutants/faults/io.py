@@ -55,4 +55,38 @@ FAULTS: list[Fault] = [
         "tests/io",
         ("a rig may contradict the header", "not same", "False"),
     ),
+    *of(
+        "io/logs/transforms.py",
+        "tests/io/test_tf.py",
+        ("seconds of a stamp count as nanoseconds", "whole * 10**9", "whole"),
+        (
+            "messages of one length are alike",
+            "same &= (_bytes(data, start + at, len(wanted)) == np.frombuffer(wanted, dtype=np.uint8)).all(axis=1)",
+            "pass",
+        ),
+        (
+            "what /tf_static says holds even if /tf moves it",
+            "self.constant is not None and not self.contradicted",
+            "self.constant is not None",
+        ),
+        ("what never moves has gaps", "max_gap if seen.moves else np.inf", "max_gap"),
+    ),
+    *of(
+        "io/logs/joints.py",
+        "tests/io/test_tf.py",
+        ("positions are taken in the order of the message", "found[:, names.index(name)]", "found[:, k]"),
+        ("a joint that is missing does not matter", "sound & concerned & known", "sound & concerned"),
+    ),
+    *of(
+        "io/urdf.py",
+        "tests/io/test_urdf.py",
+        ("a mesh's scale is left out", "points * scale", "points"),
+        ("a mirrored mesh keeps its facets", "faces[:, ::-1] if mirrored else faces", "faces"),
+        (
+            "angles are about axes that turn along",
+            'Rotation.from_euler("xyz", turn)',
+            'Rotation.from_euler("XYZ", turn)',
+        ),
+        ("a joint that follows has no offset", "factor * row[source] + offset", "factor * row[source]"),
+    ),
 ]

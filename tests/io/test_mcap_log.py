@@ -242,7 +242,7 @@ def test_an_acceleration_runs_straight_between_its_readings(tmp_path: Path) -> N
         (Layout(), "2 topics hold a wrench: /ft/wrench, /other.*force_torque"),
         (Layout(wrench_topic="/ft/wrnch"), "no topic '/ft/wrnch'.*Did you mean '/ft/wrench'"),
         (Layout(wrench_topic="/tf"), "'/tf' holds tf2_msgs/TFMessage.*Wrenches are read from WrenchStamped"),
-        (Layout(wrench_topic="/other", orientation_topic="/tf"), "Poses are read from .*not from the tree of /tf"),
+        (Layout(wrench_topic="/other", orientation_topic="/tf"), "Poses are read from .*from the tree of /tf where"),
         (Layout(wrench_topic="/other", orientation_topic="/ft/wrench"), "holds geometry_msgs/WrenchStamped"),
         (Layout(wrench_topic="/empty"), "topic '/empty' has no messages"),
     ],

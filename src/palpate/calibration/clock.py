@@ -10,8 +10,8 @@ from jaxtyping import Bool, Float
 from palpate.errors import InputError, NotIdentifiable
 from palpate.sensors.force_torque import Payload
 from palpate.sensors.noise import estimate_noise
-from palpate.sensors.pose_track import PoseTrack
 from palpate.spatial.pose import rotation_from_quaternion
+from palpate.spatial.pose_track import PoseTrack
 
 __all__ = ["ClockOffset", "identify_offset"]
 

@@ -64,8 +64,8 @@ def calibrate_payload(
         raise InputError(
             "the log has no orientation, without which the weight cannot be told from the bias.",
             where=str(log),
-            hint="A table needs columns qx, qy, qz, qw (sensor in base), messages a topic of poses; other names stand "
-            "in the rig's [orientation].",
+            hint="A table needs columns qx, qy, qz, qw (sensor in base), messages a topic of poses or /tf; the rig's "
+            "[orientation] names them (columns, topic, base and sensor).",
         )
     rotations = rotation_from_quaternion(recording.channels[ORIENTATION])
     wrenches, poses, counts = average_poses(recording.wrenches(), rotations)

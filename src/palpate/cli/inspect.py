@@ -26,6 +26,7 @@ from palpate.io.logs import LogContents, contents
 from palpate.io.models import MODELS, load_toml, read_model
 from palpate.io.rig import Rig, load_rig
 from palpate.io.rig.kinds import KINDS as SENSORS
+from palpate.io.urdf import Urdf
 from palpate.surfaces.mesh import UNITS, Mesh
 
 __all__ = ["inspect"]
@@ -39,15 +40,17 @@ def inspect(
     /,
     rig: FileOption = None,
     sensor: Annotated[str | None, arg(metavar="NAME", help_behavior_hint="")] = None,
+    topic: Annotated[str | None, arg(metavar="NAME", help_behavior_hint="")] = None,
     spectrum: Annotated[Path | None, arg(metavar="FILE", help_behavior_hint="")] = None,
 ) -> None:
     """Say what is in a log, a mesh, a rig, a model, a result or a truth; draw the spectrum of a log or a result.
 
     Args:
-        file: a log or contacts (CSV, Parquet, MCAP, bag), STL, OBJ, PLY or DAE, TOML, a truth.
+        file: a log or contacts (CSV, Parquet, MCAP, bag), STL, OBJ, PLY or DAE, a URDF, TOML, a truth.
         rig: TOML that says where the log keeps what; with it, spectra are those of the contact: payload taken off, and
             of its place too.
         sensor: name of the sensor's table in the rig, where there are several that the log could be of.
+        topic: of the sensor's readings, where the log has several; without it the wrenches of each are judged.
         spectrum: .html, .svg or .png to draw spectra into; what cut-off of a filter they propose is printed.
     """
     suffix, whole = file.suffix.lower(), unfinished(file)
@@ -58,15 +61,15 @@ def inspect(
             ends = f"no picture ends in {spectrum.suffix!r}."
             raise InputError(ends, where=str(spectrum), hint=f"Use {', '.join(KINDS)}.")
         keep_inputs(spectrum, (file, rig))
-    if suffix in _MESHES or suffix == ".toml":
+    if suffix in (*_MESHES, ".toml", ".urdf", ".xacro"):
         if spectrum is not None:
             raise InputError("has no spectrum: it is no log and no result.", where=str(file))
-        (_toml if suffix == ".toml" else _mesh)(file)
+        (_toml if suffix == ".toml" else _mesh if suffix in _MESHES else _urdf)(file)
     else:
-        _data(whole or file, None if rig is None else load_rig(rig), sensor, spectrum)
+        _data(whole or file, None if rig is None else load_rig(rig), sensor, topic, spectrum)
 
 
-def _data(file: Path, rig: Rig | None, sensor: str | None, output: Path | None) -> None:
+def _data(file: Path, rig: Rig | None, sensor: str | None, topic: str | None, output: Path | None) -> None:
     """A log, contacts, or a truth."""
     there = None if file.suffix == PART else contents(file)  # a folder of any other name is a bag
     torn = False
@@ -76,7 +79,7 @@ def _data(file: Path, rig: Rig | None, sensor: str | None, output: Path | None) 
         _ground_truth(file)
         recording = None
     else:
-        recording, torn = inspect_log(file, rig, sensor)
+        recording, torn = inspect_log(file, rig, sensor, topic)
         if output is not None and recording is not None and rig is not None:
             import_mesh_reader()
             recording = located(recording, rig, sensor)
@@ -121,6 +124,18 @@ def _mesh(file: Path) -> None:
 
 def _closed(mesh: Mesh) -> str:
     return f"{mesh.open_edges:,} open edges" if mesh.open_edges else "watertight"
+
+
+def _urdf(file: Path) -> None:
+    urdf = Urdf(file)
+    moving = [joint.name for joint in urdf.joints if joint.kind != "fixed" and not joint.mimics]
+    title(f"{file}: a robot")
+    lines(
+        [
+            ("links", f"{len(urdf.links)}, with a geometry: {', '.join(urdf.shaped()) or 'none'}"),
+            ("joints", f"{len(urdf.joints)}, moving: {', '.join(moving) or 'none'}"),
+        ]
+    )
 
 
 def _toml(file: Path) -> None:

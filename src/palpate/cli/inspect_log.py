@@ -18,6 +18,7 @@ from palpate.io.pipeline import HEAD, Pipeline
 from palpate.io.pipeline import open_log as open_rig_log
 from palpate.io.rig import Rig
 from palpate.io.rig.force_torque import doubted_noise
+from palpate.io.rig.guess import topics_of
 from palpate.io.rig.names import orientation_columns
 from palpate.io.rig.new import guess_sensor
 from palpate.sensors.noise import estimate_noise
@@ -31,34 +32,49 @@ _UNITS = {FORCE: "N", TORQUE: "N m", "voltage": "V"}
 _MOST = 40  # rows of a table of channels: where there are more, as in a frame, one row stands for all
 
 
-def inspect_log(file: Path, rig: Rig | None, sensor: str | None = None) -> tuple[Recording | None, bool]:
-    """Say what is in a log.
+def inspect_log(
+    file: Path, rig: Rig | None, sensor: str | None = None, topic: str | None = None
+) -> tuple[Recording | None, bool]:
+    """Say what is in a log, of each of its wrenches where none is named.
 
     Args:
         file: the log.
         rig: that says where it keeps what; None: guessed from its names.
         sensor: of the rig.
+        topic: of the sensor's readings.
 
     Returns:
-        What was kept of it (None where no sensor was recognised in it), and whether it is torn.
+        What was kept of the first of them (None where no sensor was recognised), and whether the log is torn.
     """
     title(f"{file}: a log")
     there = contents(file)
     _say_contents(there)
+    wrenches = topics_of(there, "wrench") if rig is None and topic is None and sensor in (None, "force_torque") else []
+    first = _inspect_one(file, there, rig, sensor, wrenches[0] if len(wrenches) > 1 else topic)
+    for other in wrenches[1:]:
+        _inspect_one(file, there, rig, sensor, other)
+    return first
+
+
+def _inspect_one(
+    file: Path, there: LogContents, rig: Rig | None, sensor: str | None, topic: str | None
+) -> tuple[Recording | None, bool]:
+    """The readings of one sensor."""
+    remarks: tuple[str, ...] = ()
     if rig is not None:
-        log = open_rig_log(file, rig, sensor)
+        log = open_rig_log(file, rig, sensor, topic)
         kind, blocks = log.kind, iter(log)
     else:
-        found = guess_sensor(file, sensor=sensor)
+        found = guess_sensor(file, sensor=sensor, topic=topic)
         if found is None:
             note(["nothing in it looks like wrenches, voltages of load cells or frames of taxels"])
             return None, False
         kind, guess = found
+        remarks = guess.remarks
         log = open_log(file, guess.layout)
         blocks = log.blocks()
-        lines([("taken for", f"{kind.called}: {guess.why}")])
+        lines([("taken for", f"{kind.called}: {guess.why}"), *([("frame", guess.frame)] if guess.frame else [])])
         note(([f"{guess.lacking}: `palpate rig new LOG --rate HZ`"] if guess.lacking else []), kind="check")
-        note(guess.remarks, kind="check")
     excerpt, ranges = Excerpt(), _Ranges(kind.channels)
     try:
         with counting():
@@ -69,7 +85,7 @@ def inspect_log(file: Path, rig: Rig | None, sensor: str | None = None) -> tuple
     except InputError as problem:
         if there.names or excerpt.count:
             raise
-        note([str(problem)])  # several topics, and which one is meant is for a rig to say
+        note([str(problem)])  # which topic or frame is meant is for a rig to say
         return None, bool(log.torn)
     kept = excerpt.recording()
     _say_samples(kept, ranges, there)
@@ -80,6 +96,7 @@ def inspect_log(file: Path, rig: Rig | None, sensor: str | None = None) -> tuple
     if excerpt.stride > 1:
         note([f"step, medians and noise are those of one sample in {excerpt.stride} (in long pieces), the rest of all"])
     note(([f"torn: {log.torn}"] if log.torn else []), kind="warning")
+    note(remarks, kind="check")
     note(log.notes())
     return kept, bool(log.torn)
 

@@ -114,6 +114,8 @@ def _surface_name(rig: Rig) -> str:
     """What was touched, in a word."""
     if rig.surface is None:
         return "the body"
+    if rig.surface.urdf is not None:
+        return f"{rig.surface.link} of {Path(rig.surface.urdf).name}"
     kind = rig.surface.kind.replace("_", " ")
     return Path(str(rig.surface.mesh)).name if kind == "mesh" else f"{'an' if kind[0] in 'aeiou' else 'a'} {kind}"
 
@@ -156,7 +158,7 @@ def force_torque(rig: Rig, payload: Payload | None, mount: Pose) -> Section:
     facts += _mounting(mount, None if rig.surface is None else rig.surface.pose_covariance)
     wrench, orientation = rig.force_torque, rig.orientation
     facts.append(("wrench", f"in the {wrench.frame}'s frame, logged axes {', '.join(wrench.axes)}"))
-    if orientation.topic is not None or orientation.offset:
+    if orientation.topic is not None or orientation.base is not None or orientation.offset:
         gap = f"gaps of up to {orientation.max_gap:g} s are interpolated"
         facts.append(("orientation", f"clock offset {1e3 * orientation.offset:g} ms; {gap}"))
     return Section("Payload and mounting", facts=tuple(facts))

@@ -42,6 +42,7 @@ class Setup:
         cutoff: of a butterworth or zero_phase filter [Hz] (default 10).
         tare: seconds at the start of the log in which nothing is touched: their mean is taken off.
         sensor: name of the sensor's table in the rig, where there are several that the log could be of.
+        topic: of the sensor's readings, in place of the rig's, where the log has several.
     """
 
     rig: FileOption = None
@@ -58,6 +59,7 @@ class Setup:
     cutoff: Scalar = None
     tare: Scalar = None
     sensor: Annotated[str | None, arg(metavar="NAME", help_behavior_hint="")] = None
+    topic: Annotated[str | None, arg(metavar="NAME", help_behavior_hint="")] = None
 
     def load(self) -> Rig:
         """The rig with everything that was said over it.
@@ -81,7 +83,7 @@ class Setup:
         """The log, once it is known of which sensor it is; an option that means nothing to that sensor is refused."""
         if self.sensor is not None or len(rig.kinds) == 1:
             self._require_meant(rig.kind(self.sensor))  # before the log is looked at
-        opened = open_log(log, rig, self.sensor)
+        opened = open_log(log, rig, self.sensor, self.topic)
         self._require_meant(opened.kind)
         return opened
 
@@ -109,8 +111,9 @@ class Setup:
             raise InputError(f"{problem}.", where="--mesh") from problem
         if known is None:
             return Rig(surface)
-        stated = known.surface or surface
-        return replace(known, surface=replace(stated, kind="mesh", mesh=str(self.mesh.resolve()), unit=self.unit))
+        told = {"kind": "mesh", "mesh": str(self.mesh.resolve()), "unit": self.unit}
+        alone: dict[str, Any] = {"urdf": None, "link": None, "geometry": None, "packages": {}}
+        return replace(known, surface=replace(known.surface or surface, **told, **alone))
 
     def _filter(self, stated: RigFilter) -> RigFilter:
         filtered = _over(stated, filter=self.filter)

@@ -110,19 +110,21 @@ class OpenedLog:
             yield block
 
 
-def open_log(log: str | Path, rig: Rig | str | Path, sensor: str | None = None) -> OpenedLog:
+def open_log(log: str | Path, rig: Rig | str | Path, sensor: str | None = None, topic: str | None = None) -> OpenedLog:
     """Open a log as a rig says: CSV, Parquet, NumPy, MCAP, a ROS 1 or 2 bag.
 
     Args:
         log: the file, or a bag's folder.
         rig: or its file.
         sensor: name of the sensor's table in the rig, where there are several that the log could be of.
+        topic: of the sensor's readings, in place of the one that the rig names.
 
     Raises:
         InputError: the log cannot be read, or has nothing for a sensor of the rig.
     """
     path, rig = Path(log), rig if isinstance(rig, Rig) else load_rig(rig)
-    return OpenedLog(path, rig, rig.kind(sensor) if sensor or len(rig.kinds) == 1 else _told(path, rig))
+    kind = rig.kind(sensor) if sensor or len(rig.kinds) == 1 else _told(path, rig)
+    return OpenedLog(path, rig.with_topic(topic, kind.name), kind)
 
 
 def _told(path: Path, rig: Rig) -> SensorKind:
@@ -287,7 +289,14 @@ class Pipeline:
         return list(dict.fromkeys((*self.doubted, *self.estimator.doubts(), *self._seen.doubts(self.estimator))))
 
 
-def estimate(log: str | Path, rig: Rig | str | Path, *, frame: str = "surface", sensor: str | None = None) -> Contacts:
+def estimate(
+    log: str | Path,
+    rig: Rig | str | Path,
+    *,
+    frame: str = "surface",
+    sensor: str | None = None,
+    topic: str | None = None,
+) -> Contacts:
     """Every contact in a log: exactly what `palpate estimate` writes.
 
     Args:
@@ -295,6 +304,7 @@ def estimate(log: str | Path, rig: Rig | str | Path, *, frame: str = "surface", 
         rig: or its file.
         frame: of the result: "surface", "sensor" or "base".
         sensor: name of the sensor's table in the rig, where there are several that the log could be of.
+        topic: of the sensor's readings, in place of the one that the rig names.
 
     Returns:
         At least one row a sample; what a reader should know, doubts first, is in `notes`.
@@ -302,7 +312,7 @@ def estimate(log: str | Path, rig: Rig | str | Path, *, frame: str = "surface", 
     Raises:
         InputError: the log or a file of the rig cannot be used.
     """
-    with open_log(log, rig, sensor) as opened:
+    with open_log(log, rig, sensor, topic) as opened:
         pipeline = Pipeline.of(opened, frame)
         found = Contacts.joined([contacts for _, _, contacts in pipeline.stream()])
         first = [said for said in (opened.torn, pipeline.unbelievable()) if said]
@@ -315,8 +325,8 @@ def _require_pose(log: OpenedLog, head: Recording) -> None:
             raise InputError(
                 f"the base frame needs the sensor's {channel} in the base, which this log does not have.",
                 where=str(log.path),
-                hint="A table needs columns qx,qy,qz,qw and x,y,z, messages a topic of poses; other names stand in the "
-                "rig's [orientation] (columns, position, topic).",
+                hint="A table needs columns qx,qy,qz,qw and x,y,z, messages a topic of poses or the tree of /tf; other "
+                "names stand in the rig's [orientation] (columns, position, topic, base and sensor).",
             )
 
 

@@ -13,11 +13,11 @@ from palpate.errors import InputError
 from palpate.sensors.filters import Filter
 from palpate.sensors.force_torque import ForceTorque, Payload
 from palpate.sensors.motion import Motion
-from palpate.sensors.pose_track import sound_quaternions
 from palpate.sensors.recording import ACCELERATION, FORCE, ORIENTATION, TORQUE, UNSTEADY, Recording
 from palpate.sensors.rest import at_rest
 from palpate.sensors.wrench_sensor import Placement, Tare, square_root
 from palpate.spatial.pose import Pose, rotation_from_quaternion, skew
+from palpate.spatial.pose_track import sound_quaternions
 
 __all__ = ["Compensation"]
 
@@ -329,7 +329,8 @@ class Compensation:
             raise InputError(
                 f"the log has no orientation, and {self.needs_orientation}.",
                 where=recording.source,
-                hint="Add columns qx, qy, qz, qw (sensor in base), or name them in [orientation].",
+                hint="Add columns qx, qy, qz, qw (sensor in base), or name them, a topic of poses, or two frames of /tf"
+                " (base, sensor) in [orientation].",
             )
         return rotation_from_quaternion(np.where(sound_quaternions(quaternions)[:, None], quaternions, np.nan))
 

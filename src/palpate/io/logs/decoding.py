@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from palpate.io.logs.cursor import Cursor, taken
 from palpate.io.logs.log import Messages, Topic
 
 __all__ = ["ARRAYS", "FIXED", "IMAGE", "Kind", "decode", "has_header", "role", "seconds", "shape_of"]
@@ -68,7 +69,6 @@ _DEPTHS: Mapping[bytes, str] = {  # encoding of an image with one channel -> wha
     b"64FC1": "f8",
 }
 _NAME = 8  # bytes: the longest of these with its end
-_MOST_DIMENSIONS = 16
 
 Decoded = tuple[Int[np.ndarray, " n"], Float[np.ndarray, "n k"], Bool[np.ndarray, " n"]]
 
@@ -91,7 +91,7 @@ def decode(messages: Messages, topic: Topic, shape: tuple[int, ...] = ()) -> Dec
         topic: of a type that has a role.
         shape: of an array; a message that holds another number of numbers cannot be read.
     """
-    cursor = _Cursor(messages, topic.encoding)
+    cursor = Cursor(messages, topic.encoding)
     if topic.kind == IMAGE:
         stamps, values = _image(cursor, shape)
     elif topic.kind in ARRAYS:
@@ -103,7 +103,7 @@ def decode(messages: Messages, topic: Topic, shape: tuple[int, ...] = ()) -> Dec
 
 def shape_of(messages: Messages, topic: Topic) -> tuple[int, ...] | None:
     """Of the array, or rows and columns of the image, in the first message that can be read; None where none can."""
-    cursor = _Cursor(messages, topic.encoding)
+    cursor = Cursor(messages, topic.encoding)
     if topic.kind == IMAGE:
         cursor.stamp()
         sizes = np.stack([cursor.number(), cursor.number()], axis=1)
@@ -122,83 +122,7 @@ def seconds(nanoseconds: Int[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
     return np.where(exact, nanoseconds / 1e9, whole + rest / 1e9)
 
 
-class _Cursor:
-    """Reads on through many messages at once, each at its own place.
-
-    In CDR (ROS 2) four bytes come first, of which the second says the order of bytes, and numbers stand at multiples of
-    their size behind them; in ROS 1 nothing is aligned, and the header begins with a number of its own.
-
-    Attributes:
-        at: (n,) byte at which each message is read next.
-        sound: (n,) false from where a message is cut, or is not what it should be; what is read of it means nothing.
-    """
-
-    def __init__(self, messages: Messages, encoding: str) -> None:
-        self.data, self._cdr = messages.data, encoding == "cdr"
-        self.at, self._end = messages.start.copy(), messages.start + messages.length
-        self._origin = self.at.copy()
-        self.sound, self._little = np.ones((2, len(self.at)), dtype=bool)
-        if self._cdr:
-            representation = self.numbers("u1", 4)
-            self._little = representation[:, 1] == 1
-            self.sound &= (representation[:, 0] == 0) & (representation[:, 1] <= 1)
-            self._origin = self.at.copy()
-
-    def numbers(self, code: str, count: int, before: int | np.ndarray = 0, after: int = 0) -> np.ndarray:
-        """(n, count) numbers of one type, passing over some `before` and `after` them."""
-        size = int(code[1])
-        self._align(size)
-        start = self.at + size * before
-        self.at = start + size * (count + after)
-        self.sound &= self.at <= self._end
-        raw = _taken(self.data, start, size * count, self.sound)
-        values = raw.view(f"<{code}")
-        if not self._little.all():
-            values[~self._little] = raw[~self._little].view(f">{code}")
-        return values
-
-    def number(self) -> Int[np.ndarray, " n"]:
-        """A whole number of four bytes."""
-        return self.numbers("u4", 1)[:, 0].astype(np.int64)
-
-    def length(self) -> Int[np.ndarray, " n"]:
-        """Of what stands behind it in bytes; a message that is shorter is not sound."""
-        found = self.number()
-        self.sound &= found <= self._end - self.at
-        return np.where(self.sound, found, 0)
-
-    def text(self) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"]]:
-        """Where a string begins, and its length."""
-        length = self.length()
-        self.at = self.at + length
-        return self.at - length, length
-
-    def stamp(self) -> Int[np.ndarray, " n"]:
-        """Of a header [ns], which is passed over."""
-        if not self._cdr:
-            self.number()
-        part = self.numbers("u4", 2)
-        whole = part[:, 0].view(np.int32) if self._cdr else part[:, 0]
-        self.text()
-        return whole.astype(np.int64) * 10**9 + part[:, 1].astype(np.int64)
-
-    def dimensions(self) -> None:
-        """Passes over a list of labels with a size and a stride each."""
-        left = self.number()
-        self.sound &= left <= _MOST_DIMENSIONS
-        while (more := self.sound & (left > 0)).any():
-            at, sound = self.at, self.sound.copy()
-            self.text()
-            self.numbers("u4", 2)
-            self.at, self.sound = np.where(more, self.at, at), np.where(more, self.sound, sound)
-            left = left - more
-
-    def _align(self, size: int) -> None:
-        if self._cdr:
-            self.at = self.at + (self._origin - self.at) % size
-
-
-def _fixed(cursor: _Cursor, kind: Kind) -> tuple[np.ndarray, np.ndarray]:
+def _fixed(cursor: Cursor, kind: Kind) -> tuple[np.ndarray, np.ndarray]:
     stamps = cursor.stamp() if kind.strings else np.zeros(len(cursor.at), dtype=np.int64)
     for _ in range(kind.strings - 1):
         cursor.text()
@@ -207,7 +131,7 @@ def _fixed(cursor: _Cursor, kind: Kind) -> tuple[np.ndarray, np.ndarray]:
     return stamps, values
 
 
-def _array(cursor: _Cursor, code: str, shape: tuple[int, ...]) -> np.ndarray:
+def _array(cursor: Cursor, code: str, shape: tuple[int, ...]) -> np.ndarray:
     """Numbers behind dimensions, which say nothing more, and behind as many others as the offset says."""
     count = int(np.prod(shape))
     cursor.dimensions()
@@ -222,7 +146,7 @@ def _array(cursor: _Cursor, code: str, shape: tuple[int, ...]) -> np.ndarray:
     return values
 
 
-def _image(cursor: _Cursor, shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
+def _image(cursor: Cursor, shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
     """Pixels of an image of this shape; its rows may be longer than their pixels."""
     rows, columns = shape
     stamps = cursor.stamp()
@@ -230,7 +154,7 @@ def _image(cursor: _Cursor, shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndar
     start, length = cursor.text()
     big, step = cursor.numbers("u1", 1)[:, 0] != 0, cursor.number()
     cursor.sound &= rows * step <= cursor.length()
-    name = _taken(cursor.data, start, _NAME, cursor.sound)  # there are as many bytes behind it
+    name = taken(cursor.data, start, _NAME, cursor.sound)  # there are as many bytes behind it
     name[np.arange(_NAME) >= length[:, None]] = 0
     made = np.stack([*np.ascontiguousarray(name).view(np.int64).T, big, step], axis=1)
     values = np.full((len(start), rows * columns), np.nan)
@@ -240,20 +164,8 @@ def _image(cursor: _Cursor, shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndar
         if code is None or width < columns * int(code[1]):
             cursor.sound &= ~mask
             continue
-        lines = _taken(cursor.data, cursor.at[mask], rows * width, np.ones(np.count_nonzero(mask), dtype=bool))
+        lines = taken(cursor.data, cursor.at[mask], rows * width, np.ones(np.count_nonzero(mask), dtype=bool))
         lines = lines.reshape(-1, rows, width)[:, :, : columns * int(code[1])]
         pixels = np.ascontiguousarray(lines).view(f"{'>' if one[1] else '<'}{code}")
         values[mask] = pixels.reshape(-1, rows * columns)
     return stamps, values
-
-
-def _taken(data: bytes, at: Int[np.ndarray, " n"], width: int, sound: Bool[np.ndarray, " n"]) -> np.ndarray:
-    """(n, width) bytes, of which those that are not sound are 0xff: NaN as doubles."""
-    if not sound.all():
-        found = np.full((len(at), width), 0xFF, dtype=np.uint8)
-        found[sound] = _taken(data, at[sound], width, sound[sound])
-        return found
-    if not len(at):
-        return np.zeros((0, width), dtype=np.uint8)
-    everywhere = np.ndarray(len(data) - width + 1, f"V{width}", data, strides=(1,))  # a view at every byte
-    return everywhere[at].view(np.uint8).reshape(-1, width)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 from math import prod
+from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
@@ -76,7 +77,11 @@ class Layout:
         position: of the sensor in the base [m]. None: x, y, z where the log has them.
         acceleration: of the sensor in its own frame. None: ax, ay, az where the log has them.
         acceleration_unit: see `palpate.io.units`.
-        wrench_topic, orientation_topic: of a log with topics. None: the only one of its kind.
+        wrench_topic, orientation_topic: of a log with topics. None: the only one of its kind; an orientation_topic of
+            "none" is none.
+        frames: base and sensor, of a log with topics: the pose of one in the other is taken from the tree of /tf.
+        urdf: of which they are links: the pose is taken from joint states instead.
+        joints_topic: of joint states. None: the only one.
         acceleration_topic: of a log with topics. None: no acceleration, as an accelerometer may sit anywhere.
         offset: [s] added to the stamps of the poses of a topic to put them on the samples' clock.
         max_gap: [s] between poses or accelerations of a topic, beyond which there is none in between.
@@ -98,6 +103,9 @@ class Layout:
     acceleration_unit: str = "m/s^2"
     wrench_topic: str | None = None
     orientation_topic: str | None = None
+    frames: tuple[str, str] | None = None
+    urdf: Path | None = None
+    joints_topic: str | None = None
     acceleration_topic: str | None = None
     offset: float = 0.0
     max_gap: float = 0.25

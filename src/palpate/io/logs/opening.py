@@ -20,12 +20,13 @@ from palpate.io.logs.layout import Layout
 from palpate.io.logs.log import Log, LogContents, Source, Topic
 from palpate.io.logs.mcap import MAGIC, McapFile
 from palpate.io.logs.parquet import ParquetLog
+from palpate.io.logs.survey import Survey, survey_of
 from palpate.io.logs.topic_log import TopicLog
 from palpate.io.logs.topics import choose
 from palpate.io.tables.lines import open_input, read_some
 from palpate.sensors.recording import ORIENTATION, POSITION, Recording, sealed
 
-__all__ = ["contents", "join", "missing", "open_log", "read_poses", "read_recording", "topic_shapes"]
+__all__ = ["contents", "join", "missing", "open_log", "read_poses", "read_recording", "survey", "topic_shapes"]
 
 _KINDS: dict[str, tuple[str, tuple[bytes, ...]]] = {  # usual suffix -> what it is, and its first bytes
     ".parquet": ("a Parquet file", (b"PAR1",)),
@@ -57,6 +58,12 @@ def topic_shapes(path: Path) -> dict[str, tuple[int, ...]]:
         if topic.count and role(topic.kind) == "array" and (shape := _shape(source, topic)) is not None:
             found[topic.name] = shape
     return found
+
+
+def survey(path: Path) -> Survey | None:
+    """What messages say of frames, poses and joints; None of a log of columns."""
+    kind = _kind(path)
+    return None if kind in ("", ".parquet", *_ARRAYS) else survey_of(_messages(path, kind))
 
 
 def _shape(source: Source, topic: Topic) -> tuple[int, ...] | None:

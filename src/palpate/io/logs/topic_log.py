@@ -2,26 +2,54 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing
 from pathlib import Path
+from typing import Protocol, runtime_checkable
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from palpate.errors import InputError
 from palpate.io.logs.decoding import decode, has_header, seconds
+from palpate.io.logs.joints import JointPoses, joint_stamps, joint_topic
 from palpate.io.logs.layout import ArrayChannel, Layout
 from palpate.io.logs.log import Log, LogContents, Messages, Source, Topic
 from palpate.io.logs.samples import NUMBERS, Samples, rows_at_once
-from palpate.io.logs.topics import POSE_KINDS, choose, main_channel, sentence
-from palpate.sensors.pose_track import PoseTrack
+from palpate.io.logs.topics import POSE_KINDS, choose, doubtful, main_channel, sentence
+from palpate.io.logs.transforms import Frames, TreePoses, read_frames, tree_topics
+from palpate.io.urdf import Kinematics, Urdf
 from palpate.sensors.recording import ACCELERATION, ORIENTATION, POSITION, Recording
+from palpate.spatial.frames import FramePath
+from palpate.spatial.pose_track import PoseTrack
 
 __all__ = ["TopicLog"]
 
 BLOCK = 1 << 13  # rows, of few numbers each
 HELD = 1 << 16  # rows that wait for a pose; a topic that fell silent must not hold the others for ever
+
+
+@runtime_checkable
+class PoseSource(Protocol):
+    """Where the sensor's poses come from: a topic, the tree of /tf, or joint states."""
+
+    @property
+    def topics(self) -> tuple[Topic, ...]:
+        """Those to be read."""
+        ...
+
+    @property
+    def track(self) -> PoseTrack | FramePath:
+        """What was fed so far, to be asked."""
+        ...
+
+    def add(self, messages: Messages) -> None:
+        """More of the log."""
+        ...
+
+    def notes(self) -> tuple[str, ...]:
+        """What was odd, one sentence each."""
+        ...
 
 
 class TopicLog(Log):
@@ -31,32 +59,48 @@ class TopicLog(Log):
         super().__init__(path, source.size)
         self._layout, self._source = layout, source
         self._join: _Join | None = None
+        self._frames: Frames | None = None
+        self._unsure = list[str]()  # topics of poses, none of which was named
 
     def blocks(self) -> Iterator[Recording]:
         """See `palpate.io.logs.log.Log`."""
-        array, chosen = main_channel(self._layout), self._chosen()
-        streams = {
-            role: _Stream(topic, self._source, array if role == "main" else None) for role, topic in chosen.items()
-        }
-        self._join = join = _Join(streams, Samples(self._layout, self.path), self._layout)
-        for messages in self._source.messages([stream.topic.name for stream in streams.values()]):
+        layout, array, chosen = self._layout, main_channel(self._layout), self._chosen()
+        main, poses = _Stream(chosen["main"], self._source, array), self._poses(chosen, layout.offset)
+        tracks = {} if poses is None else {"pose": poses}
+        if "acceleration" in chosen:
+            stream = _Stream(chosen["acceleration"], self._source)
+            tracks["acceleration"] = _Tracked(stream, PoseTrack(0.0, layout.max_gap), still=True)
+        self._join = join = _Join(main, tracks, Samples(layout, self.path), layout)
+        wanted = {main.topic.name, *(topic.name for track in tracks.values() for topic in track.topics)}
+        for messages in self._source.messages(wanted):
             self.position = self._source.position
             yield from join.take(messages)
         self.torn = self._source.torn
         yield from join.finish()
         if not join.rows:
-            name = streams["main"].topic.name
+            name = main.topic.name
             raise InputError(f"topic {name!r} has no messages.", where=str(self.path), hint=sentence(self.torn))
 
     def poses(self) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, "k 7"]]:
-        """Stamps [s] as recorded, without the layout's offset, and positions [m] and quaternions of the pose topic."""
-        topic = self._chosen().get("pose")
-        if topic is None:
+        """Stamps [s] as recorded, without the layout's offset, and positions [m] and quaternions of the sensor.
+
+        Of the tree of /tf: at the stamps of the transform that comes most often.
+        """
+        poses = self._poses(self._chosen(), 0.0)
+        if poses is None:
             raise InputError("no topic holds poses.", where=str(self.path), hint=POSE_KINDS)
-        stream = _Stream(topic, self._source)
-        pieces = [stream.read(messages) for messages in self._source.messages([topic.name])]
-        times, values = [piece[0] for piece in pieces], [piece[1] for piece in pieces]
-        return np.concatenate([np.zeros(0), *times]), np.concatenate([np.zeros((0, 7)), *values])
+        names = [topic.name for topic in poses.topics]
+        pieces = self._source.messages(names) if names else ()
+        if isinstance(poses, _Tracked):  # every one, whatever its stamp
+            read = [poses.stream.read(messages) for messages in pieces]
+            times, values = [piece[0] for piece in read], [piece[1] for piece in read]
+            return np.concatenate([np.zeros(0), *times]), np.concatenate([np.zeros((0, 7)), *values])
+        for messages in pieces:
+            poses.add(messages)
+        time = poses.track.stamps
+        quaternion, position = poses.track.at(time)
+        known = np.isfinite(quaternion).all(axis=1)
+        return time[known], np.concatenate([position, quaternion], axis=1)[known]
 
     def contents(self) -> LogContents:
         """See `palpate.io.logs.log.Log`."""
@@ -64,10 +108,33 @@ class TopicLog(Log):
 
     def notes(self) -> tuple[str, ...]:
         """See `palpate.io.logs.log.Log`."""
-        return (*self._source.notes(), *(() if self._join is None else self._join.notes()))
+        unsure, joined = self._unsure, () if self._join is None else self._join.notes()
+        several = f"{len(unsure)} topics hold poses, and none is taken: {', '.join(unsure)}; [orientation] may name one"
+        return (*self._source.notes(), *([several] if unsure else []), *joined)
 
     def _chosen(self) -> dict[str, Topic]:
-        return choose(self.contents(), self._layout)
+        there = self.contents()
+        self._unsure = doubtful(there.topics, self._layout)
+        return choose(there, self._layout)
+
+    def _poses(self, chosen: dict[str, Topic], offset: float) -> PoseSource | None:
+        """Where the sensor is, as the layout says."""
+        layout, where = self._layout, str(self.path)
+        if layout.frames is None:
+            if "pose" not in chosen:
+                return None
+            return _Tracked(_Stream(chosen["pose"], self._source), PoseTrack(offset, layout.max_gap))
+        topics = self._source.topics()
+        if layout.urdf is not None:
+            topic = joint_topic(topics, layout.joints_topic, where)
+            stamped = _has_stamps(self._source, topic, lambda messages: joint_stamps(messages, topic))
+            track = PoseTrack(offset, layout.max_gap)
+            return JointPoses(topic, Kinematics(Urdf(layout.urdf), *layout.frames), track, stamped=stamped)
+        if self._frames is None:
+            self._frames = read_frames(self._source, tree_topics(topics))
+        if not self._frames.edges:
+            raise InputError("there is no tree of /tf.", where=where, hint="Name a topic of poses in [orientation].")
+        return TreePoses(self._frames, *layout.frames, offset, layout.max_gap, where)
 
 
 class _Stream:
@@ -77,7 +144,7 @@ class _Stream:
         self.topic, self._array = topic, array
         self._shape = () if array is None else array.shape
         self.count = self.unread = 0
-        self._stamped = self._has_stamps(source)
+        self._stamped = has_header(topic.kind) and _has_stamps(source, topic, self._stamps)
 
     def read(self, messages: Messages) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n k"]]:
         """Times [s] and numbers; NaN where a message is cut or of another make."""
@@ -99,42 +166,59 @@ class _Stream:
         )
         return tuple(sentence for there, sentence in said if there)
 
-    def _has_stamps(self, source: Source) -> bool:
-        """Whether one of the first two stamps is not 0: a clock may begin there."""
-        if not has_header(self.topic.kind):
-            return False
-        found = np.empty(0, dtype=np.int64)
-        with closing(source.messages([self.topic.name])) as pieces:
-            for messages in pieces:
-                stamps, _, sound = decode(messages.of(self.topic), self.topic, self._shape)
-                found = np.concatenate([found, stamps[sound]])
-                if len(found) > 1:
-                    break
-        return bool(found[:2].any()) or not len(found)
+    def _stamps(self, messages: Messages) -> Int[np.ndarray, " n"]:
+        stamps, _, sound = decode(messages.of(self.topic), self.topic, self._shape)
+        return stamps[sound]
+
+
+def _has_stamps(source: Source, topic: Topic, read: Callable[[Messages], Int[np.ndarray, " n"]]) -> bool:
+    """Whether one of the first two stamps that can be read is not 0: a clock may begin there."""
+    found = np.empty(0, dtype=np.int64)
+    with closing(source.messages([topic.name])) as pieces:
+        for messages in pieces:
+            found = np.concatenate([found, read(messages)])
+            if len(found) > 1:
+                break
+    return bool(found[:2].any()) or not len(found)
+
+
+class _Tracked:
+    """The poses, or accelerations, of one topic, and what lies between them."""
+
+    def __init__(self, stream: _Stream, track: PoseTrack, *, still: bool = False) -> None:
+        self.stream, self.track, self._still = stream, track, still
+        self.topics = (stream.topic,)
+
+    def add(self, messages: Messages) -> None:
+        """More of the log."""
+        time, values = self.stream.read(messages)
+        if self._still:  # what runs straight between its readings is a position too
+            self.track.add(time, np.tile([0.0, 0.0, 0.0, 1.0], (len(time), 1)), values)
+        else:
+            self.track.add(time, values[:, 3:], values[:, :3])
+
+    def notes(self) -> tuple[str, ...]:
+        """What was odd."""
+        return (*self.stream.notes(), *self.track.notes())
 
 
 class _Join:
     """Rows that wait until poses and accelerations around their time have come."""
 
-    def __init__(self, streams: dict[str, _Stream], samples: Samples, layout: Layout) -> None:
-        self._streams, self._samples, self._layout = streams, samples, layout
+    def __init__(self, main: _Stream, sources: Mapping[str, PoseSource], samples: Samples, layout: Layout) -> None:
+        self._main, self._sources, self._samples, self._layout = main, sources, samples, layout
         array = main_channel(layout)
         self._name, width = ("wrench", 6) if array is None else (array.name, array.size)
         self._block, self._held = rows_at_once(BLOCK, width), rows_at_once(HELD, width, 8 * NUMBERS)
-        offsets = {"pose": layout.offset, "acceleration": 0.0}
-        self._tracks = {role: PoseTrack(offset, layout.max_gap) for role, offset in offsets.items() if role in streams}
+        self._tracks = {role: source.track for role, source in sources.items()}
         self._time, self._values = list[np.ndarray](), list[np.ndarray]()  # of rows that wait
         self._fresh = self.rows = self._lost = 0
 
     def take(self, messages: Messages) -> Iterator[Recording]:
         """Some more messages, and the rows that can now be answered."""
-        for role, track in self._tracks.items():
-            time, values = self._streams[role].read(messages)
-            if role == "pose":
-                track.add(time, values[:, 3:], values[:, :3])
-            else:  # what runs straight between its readings is a position too
-                track.add(time, np.tile([0.0, 0.0, 0.0, 1.0], (len(time), 1)), values)
-        time, values = self._streams["main"].read(messages)
+        for source in self._sources.values():
+            source.add(messages)
+        time, values = self._main.read(messages)
         self._time.append(time)
         self._values.append(values)
         self._fresh += len(time)
@@ -151,11 +235,11 @@ class _Join:
 
     def notes(self) -> tuple[str, ...]:
         """What was odd, one sentence each."""
-        said = [note for stream in self._streams.values() for note in stream.notes()]
-        if "pose" in self._streams and self._layout.orientation_topic is None:
-            name = self._streams["pose"].topic.name
-            said.insert(0, f"the orientation is taken from {name!r}, the only topic of poses")
-        said += [note for track in self._tracks.values() for note in track.notes()]
+        said = [note for source in self._sources.values() for note in source.notes()]
+        said = [*self._main.notes(), *said]
+        pose = self._sources.get("pose")
+        if isinstance(pose, _Tracked) and self._layout.orientation_topic is None:
+            said.insert(0, f"the orientation is taken from {pose.stream.topic.name!r}, the only topic of poses")
         if self._lost:
             said.append(f"{self._lost} samples have no pose: none of their time had come {self._held} rows later")
         return tuple(dict.fromkeys((*said, *self._samples.notes())))

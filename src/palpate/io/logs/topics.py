@@ -12,7 +12,7 @@ from palpate.io.logs.layout import ArrayChannel, Layout
 from palpate.io.logs.log import LogContents, Topic
 from palpate.io.units import near
 
-__all__ = ["POSE_KINDS", "choose", "main_channel", "sentence"]
+__all__ = ["NONE", "POSE_KINDS", "choose", "doubtful", "main_channel", "sentence"]
 
 _ENCODINGS = ("cdr", "ros1")
 _SHOWN = 12  # topics in a sentence
@@ -43,7 +43,11 @@ def _kinds(of: str) -> str:
     return ", ".join(name.split("/")[1] for name, kind in FIXED.items() if kind.role == of)
 
 
-POSE_KINDS = f"Poses are read from {_kinds('pose')}; not from the tree of /tf, so record the sensor's pose on a topic."
+NONE = "none"
+POSE_KINDS = (
+    f"Poses are read from {_kinds('pose')}; from the tree of /tf where the rig's [orientation] names two frames, base "
+    "and sensor."
+)
 _WRENCH = _Wanted("wrench", "force_torque", f"Wrenches are read from {_kinds('wrench')}.")
 _POSE = _Wanted("pose", "orientation", POSE_KINDS)
 _ACCELERATION = _Wanted("acceleration", "acceleration", f"Accelerations are read from {_kinds('acceleration')}.")
@@ -69,10 +73,10 @@ def main_channel(layout: Layout) -> ArrayChannel | None:
 def choose(there: LogContents, layout: Layout) -> dict[str, Topic]:
     """What "main" (a wrench, or an array), "pose" and "acceleration" are taken from.
 
-    The last two as far as they are there.
+    The last two as far as they are there; none of several topics of poses, as long as none is named (`doubtful`).
 
     Raises:
-        InputError: a topic that is named is not there or holds something else, or several could be meant.
+        InputError: a topic that is named is not there or holds something else, or several of wrenches could be meant.
     """
     array, topics, path = main_channel(layout), there.topics, there.path
     main = _WRENCH if array is None else _wanted(array)
@@ -85,10 +89,25 @@ def choose(there: LogContents, layout: Layout) -> dict[str, Topic]:
             where=str(path),
             hint=sentence(there.torn) or main.read,
         )
-    pose = _named(topics, _POSE, layout.orientation_topic, path) or _only(topics, _POSE, path)
+    pose = _pose(topics, layout, path)
     acceleration = _named(topics, _ACCELERATION, layout.acceleration_topic, path)  # an accelerometer may sit anywhere
     chosen = {"main": rows, "pose": pose, "acceleration": acceleration}
     return {role: topic for role, topic in chosen.items() if topic is not None}
+
+
+def _pose(topics: Sequence[Topic], layout: Layout, path: Path) -> Topic | None:
+    if layout.orientation_topic == NONE or layout.frames is not None:
+        return None
+    named = _named(topics, _POSE, layout.orientation_topic, path)
+    return named if named is not None or doubtful(topics, layout) else _only(topics, _POSE, path)
+
+
+def doubtful(topics: Sequence[Topic], layout: Layout) -> list[str]:
+    """Topics of poses none of which is taken, because there are several and none is named."""
+    if layout.orientation_topic is not None or layout.frames is not None:
+        return []
+    fitting = [topic.name for topic in topics if _POSE.fits(topic) and topic.count]
+    return fitting if len(fitting) > 1 else []
 
 
 def sentence(torn: str) -> str:
@@ -129,6 +148,6 @@ def _only(topics: Sequence[Topic], wanted: _Wanted, path: Path) -> Topic | None:
         raise InputError(
             f"{len(fitting)} topics hold a {wanted.called}: {', '.join(topic.name for topic in fitting)}.",
             where=str(path),
-            hint=f"Name one in the rig, as topic in [{wanted.table}].",
+            hint=f"Name one in the rig, as topic in [{wanted.table}], or with --topic.",
         )
     return fitting[0] if fitting else None

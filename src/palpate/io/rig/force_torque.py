@@ -13,9 +13,13 @@ from palpate.contact.plausibility import lines_of_action
 from palpate.errors import InputError
 from palpate.io.logs import LogContents, read_recording
 from palpate.io.logs.layout import Layout, axis_matrix
+from palpate.io.logs.opening import survey
+from palpate.io.logs.topics import NONE
 from palpate.io.models import read_model
 from palpate.io.rig import guess
+from palpate.io.rig.body import Body
 from palpate.io.rig.guess_columns import Found, columns_guess
+from palpate.io.rig.guess_pose import guess_pose
 from palpate.io.rig.kind import Guess, Prepared, SensorKind
 from palpate.io.rig.names import made_up
 from palpate.io.rig.tables import RigForceTorque
@@ -169,19 +173,21 @@ def _check(rig: Rig, path: Path) -> None:
     to_si(wrench.units.torque, TORQUE_UNITS, where=f"{path}: force_torque.units.torque")
 
 
-def _guess(log: Path, contents: LogContents, mesh: Path | None) -> Guess | None:
+def _guess(log: Path, contents: LogContents, body: Body | None) -> Guess | None:
     """Columns or a topic of forces and torques."""
-    found = _topics_of(contents) if contents.topics else columns_guess(log, contents)
+    found = _topics_of(log, contents, body) if contents.topics else columns_guess(log, contents)
     if found is None:
         return None
-    recording = read_recording(log, found.layout)
+    bare = replace(found.layout, frames=None, orientation_topic=NONE)  # poses are not needed here
+    recording = read_recording(log, bare)
     if found.time is not None:
         if made_up(contents.names) and found.time.column and (np.diff(recording.time) <= 0).mean() > 0.1:
             return None  # the first of seven columns without names is no time
         found = found.looked_at(recording, contents.stated)
-    found = _with_torques(found, recording.wrenches(), None if mesh is None else guess.mesh_size(mesh)[1])
+    found = _with_torques(found, recording.wrenches(), None if body is None else body.size)
     lacking = "" if found.time is None else found.time.lacking
-    return Guess(found.why, found.layout, _TEXT.format_map({**_USUAL, **found.fields}), found.remarks, lacking)
+    text = _TEXT.format_map({**_USUAL, **found.fields})
+    return Guess(found.why, found.layout, text, found.remarks, lacking, found.fields.get("frame", ""))
 
 
 def _with_torques(found: Found, wrenches: np.ndarray, size: float | None) -> Found:
@@ -207,19 +213,20 @@ def _with_torques(found: Found, wrenches: np.ndarray, size: float | None) -> Fou
     return replace(found, layout=layout, fields=fields, remarks=tuple(remarks))
 
 
-def _topics_of(contents: LogContents) -> Found | None:
-    wrenches, poses = guess.topics_of(contents, "wrench"), guess.topics_of(contents, "pose")
-    if not wrenches:
+def _topics_of(log: Path, contents: LogContents, body: Body | None) -> Found | None:
+    wrenches = guess.topics_of(contents, "wrench")
+    seen = survey(log) if wrenches else None
+    if seen is None:
         return None
-    remarks = [
-        f"{len(names)} topics hold {what}: {', '.join(names)}; the first is taken"
-        for what, names in (("wrenches", wrenches), ("poses", poses))
-        if len(names) > 1
-    ]
-    layout = Layout(wrench_topic=wrenches[0], orientation_topic=poses[0] if poses else None)
+    several = f"{len(wrenches)} topics hold wrenches: {', '.join(wrenches)}; the first is taken, --topic takes another"
+    pose = guess_pose(seen, Layout(wrench_topic=wrenches[0]), body)
     why = f"topic {wrenches[0]!r} holds forces and torques"
-    fields = {"wrench": f"topic = {guess.quoted(wrenches[0])}", "orientation": guess.pose_table(poses)}
-    return Found(why, layout, fields, tuple(remarks))
+    fields = {
+        "wrench": f"topic = {guess.quoted(wrenches[0])}",
+        "orientation": pose.text,
+        "frame": seen.named.get(wrenches[0], ("", ""))[0],
+    }
+    return Found(why, pose.layout, fields, (*([several] if len(wrenches) > 1 else []), *pose.remarks))
 
 
 def _torque_unit(free: np.ndarray, size: float | None) -> str:

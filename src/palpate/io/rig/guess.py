@@ -39,9 +39,12 @@ def topics_of(contents: LogContents, wanted: str) -> list[str]:
     return [topic.name for topic in contents.topics if topic.count and role(topic.kind) == wanted]
 
 
-def array_topic(log: Path, fits: Callable[[tuple[int, ...]], bool]) -> tuple[str, tuple[int, ...]] | None:
-    """The first topic of arrays or images that have a fitting shape, and that shape."""
-    return next(((name, shape) for name, shape in topic_shapes(log).items() if fits(shape)), None)
+def array_topic(
+    log: Path, contents: LogContents, fits: Callable[[tuple[int, ...]], bool]
+) -> tuple[str, tuple[int, ...]] | None:
+    """The first topic of arrays or images that have a fitting shape, of those that are considered, and that shape."""
+    there = {topic.name for topic in contents.topics}
+    return next(((name, shape) for name, shape in topic_shapes(log).items() if name in there and fits(shape)), None)
 
 
 def commented(line: str, comment: str) -> str:

@@ -13,6 +13,7 @@ from palpate.io.logs.layout import Layout
 from palpate.sensors.recording import Recording
 
 if TYPE_CHECKING:
+    from palpate.io.rig.body import Body
     from palpate.io.rig.rig import Rig
 
 __all__ = ["Guess", "Prepared", "SensorKind"]
@@ -45,6 +46,7 @@ class Guess:
         text: the tables of a rig, as TOML with comments.
         remarks: what the reader should check.
         lacking: what must be known before a rig can be written, or "".
+        frame: of the sensor, as the log's messages name it; "" where they do not.
     """
 
     why: str
@@ -52,6 +54,7 @@ class Guess:
     text: str
     remarks: tuple[str, ...] = ()
     lacking: str = ""
+    frame: str = ""
 
 
 @dataclass(frozen=True)
@@ -65,7 +68,7 @@ class SensorKind:
         channels: of a Recording that it reads, the main one first.
         layout: where a log of a rig keeps them.
         build: an estimator, from the rig and the start of a log, if there is one.
-        guess: whether a log looks as if this sensor had written it; None: it does not. A mesh, where one is given.
+        guess: whether a log looks as if this sensor had written it; None: it does not. The body, where one is given.
         paths: keys of its table that name files.
         refused: option of the command line -> why it means nothing to this sensor.
         needs_surface: whether it locates on the rig's [surface].
@@ -78,7 +81,7 @@ class SensorKind:
     channels: tuple[str, ...]
     layout: Callable[[Rig], Layout]
     build: Callable[[Rig, Recording | None], Prepared]
-    guess: Callable[[Path, LogContents, Path | None], Guess | None] = lambda log, contents, mesh: None
+    guess: Callable[[Path, LogContents, Body | None], Guess | None] = lambda log, contents, body: None
     paths: tuple[str, ...] = ()
     refused: Mapping[str, str] = field(default_factory=lambda: {})
     needs_surface: bool = True

@@ -17,6 +17,7 @@ from palpate.io.logs import LogContents
 from palpate.io.logs.layout import ArrayChannel, Layout
 from palpate.io.models import read_model
 from palpate.io.rig import guess
+from palpate.io.rig.body import Body
 from palpate.io.rig.kind import Guess, Prepared, SensorKind
 from palpate.io.rig.names import time_column, wrench_columns
 from palpate.io.rig.tables import Three, require_positive
@@ -198,7 +199,7 @@ def _least(surface: Surface, cells: LoadCells, table: RigLoadCells) -> str:
     return f"from {least:.2g} N a touch on the middle of the surface is located within {1e3 * accuracy:g} mm"
 
 
-def _guess(log: Path, contents: LogContents, mesh: Path | None) -> Guess | None:
+def _guess(log: Path, contents: LogContents, body: Body | None) -> Guess | None:
     """Three columns a cell of three or more, or arrays of so many numbers."""
     if contents.topics:
         return _guess_topic(log, contents)
@@ -219,7 +220,7 @@ def _guess(log: Path, contents: LogContents, mesh: Path | None) -> Guess | None:
 
 
 def _guess_topic(log: Path, contents: LogContents) -> Guess | None:
-    found = guess.array_topic(log, lambda shape: len(shape) == 1 and _threes(shape[0]))
+    found = guess.array_topic(log, contents, lambda shape: len(shape) == 1 and _threes(shape[0]))
     if found is None:
         return None
     topic, (count, *_) = found

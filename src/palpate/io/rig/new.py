@@ -2,32 +2,23 @@
 
 from __future__ import annotations
 
-import os
 import tomllib
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from palpate.errors import InputError
-from palpate.io.logs import contents
+from palpate.io.logs import LogContents, contents
+from palpate.io.logs.decoding import role
 from palpate.io.models import printable
-from palpate.io.rig.guess import mesh_size, quoted
+from palpate.io.rig.body import Body
 from palpate.io.rig.kind import Guess, SensorKind
 from palpate.io.rig.kinds import KINDS
 from palpate.io.rig.rig import check_rig
+from palpate.io.units import near
 
 __all__ = ["Proposal", "guess_sensor", "propose_rig"]
 
-_SURFACE = """\
-[surface]
-mesh = {mesh}
-unit = "{unit}"                        # of the mesh file: m, cm, mm, um, in; it makes the surface {size:.4g} mm across
-crease = 30                          # degrees: normals are smooth within it, split across it; 0 is faceted
-# Where the surface sits in the sensor's frame, from a drawing; `palpate calibrate mounting` makes it right.
-pose = {{ xyz = [0, 0, 0], quaternion_xyzw = [0, 0, 0, 1] }}
-# region = {{ box = [[-0.01, -0.01, 0], [0.01, 0.01, 0.02]] }}   # m: if only a part of the mesh can be touched
-
-"""
 _NO_SURFACE = """\
 [surface]                            # no mesh was given: say what is touched, lengths in m
 kind = "sphere"                      # or mesh, plane, cylinder, elliptic_cylinder, ellipsoid, paraboloid, superquadric
@@ -60,31 +51,71 @@ class Proposal:
 
 
 def guess_sensor(
-    log: Path, mesh: Path | None = None, sensor: str | None = None, rate: float | None = None
+    log: Path,
+    body: Body | None = None,
+    *,
+    sensor: str | None = None,
+    topic: str | None = None,
+    rate: float | None = None,
 ) -> tuple[SensorKind, Guess] | None:
-    """The first kind of sensor that a log looks like; None where it looks like none. `rate` [Hz], where it is known.
+    """The first kind of sensor that a log looks like; None where it looks like none.
+
+    Args:
+        log: of any sensor.
+        body: that is touched.
+        sensor: the only kind that is looked for.
+        topic: the only one of its role that is looked at.
+        rate: [Hz] of the samples, where it is known.
 
     Raises:
-        InputError: it is no log, or its names contradict each other.
+        InputError: it is no log, or has no such topic, or its names contradict each other.
     """
-    there = contents(log)
+    there = _only(contents(log), topic)
     if rate is not None:
         there = replace(there, stated=replace(there.stated, rate=rate))
     for kind in KINDS.values():
-        if sensor in (None, kind.name) and (guess := kind.guess(log, there, mesh)) is not None:
+        if sensor in (None, kind.name) and (guess := kind.guess(log, there, body)) is not None:
             return kind, guess
     return None
 
 
+def _only(there: LogContents, name: str | None) -> LogContents:
+    """Without the other topics of the role that a topic has."""
+    if name is None:
+        return there
+    named = next((topic for topic in there.topics if topic.name == name), None)
+    if named is None:
+        hint = near(name, [topic.name for topic in there.topics])
+        raise InputError(f"there is no topic {name!r}.", where=str(there.path), hint=hint)
+    kept = [topic for topic in there.topics if topic.name == name or role(topic.kind) != role(named.kind)]
+    return replace(there, topics=tuple(kept))
+
+
 def propose_rig(
-    log: Path, mesh: Path | None, folder: Path, sensor: str | None = None, rate: float | None = None
+    log: Path,
+    body: Body | Path | None,
+    folder: Path,
+    *,
+    sensor: str | None = None,
+    topic: str | None = None,
+    rate: float | None = None,
 ) -> Proposal:
     """Guess a rig that will stand in `folder`.
+
+    Args:
+        log: of any sensor.
+        body: that is touched; a path is that of a mesh.
+        folder: of the rig.
+        sensor: see `guess_sensor`.
+        topic: the same.
+        rate: the same.
 
     Raises:
         InputError: the log cannot be read, or nothing in it looks like a sensor, or the rig would not load.
     """
-    found = guess_sensor(log, mesh, sensor, rate)
+    body = Body.of(body) if isinstance(body, Path) else body
+    body = None if body is None else replace(body, folder=folder)
+    found = guess_sensor(log, body, sensor=sensor, topic=topic, rate=rate)
     if found is None:
         raise InputError(
             f"looks like none of {', '.join(kind.called for kind in KINDS.values())}: {_listed(log)}.",
@@ -96,12 +127,11 @@ def propose_rig(
         raise InputError(
             f"{guess.lacking}.", where=str(log), hint="Add --rate HZ, of the samples, if they come evenly."
         )
-    text = "".join(_parts(log, mesh, folder, kind, guess))
+    text = "".join(_parts(log, body, kind, guess))
     _require_sound(text, folder / "rig.toml")
     written = contents(log).written
     remarks = [*([f"the table is {written}"] if written else []), *guess.remarks]
-    if mesh is not None and (unit := mesh_size(mesh))[0] != "m":
-        remarks.append(f"the mesh is taken to be in {unit[0]}, which makes it {unit[1] * 1e3:.4g} mm across")
+    remarks += [] if body is None else body.remarks(guess.frame)
     return Proposal(text, kind.called, guess.why, tuple(remarks))
 
 
@@ -112,14 +142,12 @@ def _listed(log: Path) -> str:
     return ", ".join(names[:12]) + (", ..." if len(names) > 12 else "") if names else "it is empty"
 
 
-def _parts(log: Path, mesh: Path | None, folder: Path, kind: SensorKind, guess: Guess) -> Iterator[str]:
-    of = printable(log.name) + ("" if mesh is None else f" and {printable(mesh.name)}")
+def _parts(log: Path, body: Body | None, kind: SensorKind, guess: Guess) -> Iterator[str]:
+    of = printable(log.name) + ("" if body is None else f" and {printable(body.path.name)}")
     yield f"# A Palpate rig, guessed by `palpate rig new` from {of}. Check every line; lengths are metres.\n"
     yield f"# Taken for {kind.called}: {printable(guess.why)}.\n"
-    if mesh is not None:
-        unit, size = mesh_size(mesh)
-        path = Path(os.path.relpath(mesh.resolve(), folder.resolve())).as_posix()
-        yield _SURFACE.format(mesh=quoted(path), unit=unit, size=1e3 * size)
+    if body is not None:
+        yield body.text(guess.frame)
     elif kind.needs_surface:
         yield _NO_SURFACE
     yield guess.text

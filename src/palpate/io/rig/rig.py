@@ -78,6 +78,17 @@ class Rig:
         """The same rig with another table of a sensor."""
         return replace(self, sensors={**self.sensors, name: table})
 
+    def with_topic(self, name: str | None, sensor: str | None = None) -> Rig:
+        """The same rig, the rows of its log taken from another topic.
+
+        Raises:
+            InputError: it has several sensors, and none is named.
+        """
+        if name is None:
+            return self
+        kind = self.kind(sensor)
+        return self.with_sensor(kind.name, replace(self.sensors.get(kind.name, kind.table()), topic=name))
+
     def kind(self, sensor: str | None = None) -> SensorKind:
         """The sensor of this name, or the only one.
 
@@ -96,8 +107,10 @@ class Rig:
     def files(self, kind: SensorKind | None = None) -> dict[str, Path]:
         """Every file that the rig names, of one sensor or of all: what it is -> where."""
         named: dict[str, Path] = {}
-        if self.surface is not None and self.surface.mesh is not None:
-            named["mesh"] = self.folder / self.surface.mesh
+        if self.surface is not None:
+            named |= self.surface.files(self.folder)
+        if self.orientation.urdf is not None:
+            named["kinematics"] = self.folder / self.orientation.urdf
         for one in self.kinds if kind is None else (kind,):
             table = self.sensors.get(one.name)
             for key in one.paths:
@@ -124,6 +137,9 @@ class Rig:
             "acceleration": self.acceleration.columns,
             "acceleration_unit": self.acceleration.unit,
             "orientation_topic": self.orientation.topic,
+            "frames": self.orientation.frames(),
+            "urdf": None if self.orientation.urdf is None else self.folder / self.orientation.urdf,
+            "joints_topic": self.orientation.joints,
             "acceleration_topic": self.acceleration.topic,
             "offset": self.orientation.offset,
             "max_gap": self.orientation.max_gap,

@@ -13,6 +13,7 @@ from palpate.io.logs import LogContents
 from palpate.io.logs.layout import ArrayChannel, Layout
 from palpate.io.models import read_model
 from palpate.io.rig import guess
+from palpate.io.rig.body import Body
 from palpate.io.rig.kind import Guess, Prepared, SensorKind
 from palpate.io.rig.names import orientation_columns, position_columns, time_column, wrench_columns
 from palpate.io.rig.tables import require_positive
@@ -139,7 +140,7 @@ def _build(rig: Rig, head: Recording | None) -> Prepared:
     return made
 
 
-def _guess(log: Path, contents: LogContents, mesh: Path | None) -> Guess | None:
+def _guess(log: Path, contents: LogContents, body: Body | None) -> Guess | None:
     """Images, arrays of frames, or many columns of numbers beside a time."""
     if contents.topics:
         return _of_topic(log, contents)
@@ -174,7 +175,7 @@ def _of_array(name: str, shape: tuple[int, int]) -> Guess:
 
 
 def _of_topic(log: Path, contents: LogContents) -> Guess | None:
-    found = guess.array_topic(log, lambda shape: math.prod(shape) >= FEWEST)
+    found = guess.array_topic(log, contents, lambda shape: math.prod(shape) >= FEWEST)
     if found is None:
         return None
     topic, size = found

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from math import inf, radians
 from pathlib import Path
@@ -10,8 +11,10 @@ from typing import Any
 
 import numpy as np
 
+from palpate.errors import InputError
 from palpate.io.rig.tables import Four, Three, require_path, require_positive
 from palpate.io.schema import covariance_matrix
+from palpate.io.urdf import GEOMETRIES, LinkBody, Urdf
 from palpate.spatial.pose import Pose
 from palpate.surfaces import (
     UNITS,
@@ -69,7 +72,10 @@ class RigRegion:
 
 @dataclass(frozen=True)
 class RigSurface:
-    """What is touched: `mesh` with its `unit`, or another `kind`, its lengths in metres.
+    """What is touched: `mesh` with its `unit`, a `link` of a `urdf`, or another `kind`, its lengths in metres.
+
+    Of a link all meshes and primitives are taken, in the link's frame: its `geometry` is "visual" where it has one,
+    else "collision". `packages` says where a package:// of the URDF is, where it is not found.
 
     `covered` = true: facets of the mesh that cannot be reached from outside give contacts too.
 
@@ -84,6 +90,10 @@ class RigSurface:
     kind: str = "mesh"
     mesh: str | None = None
     unit: str | None = None
+    urdf: str | None = None
+    link: str | None = None
+    geometry: str | None = None
+    packages: Mapping[str, str] = field(default_factory=lambda: {})
     crease: float = 30.0
     region: RigRegion = field(default_factory=RigRegion)
     covered: bool = False
@@ -106,11 +116,16 @@ class RigSurface:
     def __post_init__(self) -> None:
         if self.kind not in _KINDS:
             raise ValueError(f"kind must be one of {', '.join(_KINDS)}, not {self.kind!r}")
-        if self.kind == "mesh" and self.mesh is None:
-            raise ValueError("mesh is missing: the file of the surface")
-        if self.kind == "mesh" and self.unit not in UNITS:
-            raise ValueError(f"unit of the mesh must be one of {', '.join(UNITS)}, not {self.unit!r}")
         require_path("mesh", self.mesh)
+        require_path("urdf", self.urdf)
+        if self.urdf is not None:
+            self._require_link()
+        elif self.link is not None or self.geometry is not None or self.packages:
+            raise ValueError("link, geometry and packages belong to a urdf, which is missing")
+        elif self.kind == "mesh" and self.mesh is None:
+            raise ValueError("mesh is missing: the file of the surface")
+        elif self.kind == "mesh" and self.unit not in UNITS:
+            raise ValueError(f"unit of the mesh must be one of {', '.join(UNITS)}, not {self.unit!r}")
         if not 0 <= self.crease <= 180:
             raise ValueError(f"crease must lie between 0 and 180 degrees, not {self.crease:g}")
         require_positive(self, "half_width")
@@ -121,6 +136,28 @@ class RigSurface:
         if self.pose_covariance is not None:
             covariance_matrix(self.pose_covariance, 6, "pose_covariance")
         self._require_lengths()
+
+    def _require_link(self) -> None:
+        if self.kind != "mesh" or self.mesh is not None or self.unit is not None:
+            raise ValueError("a urdf says what is touched and in which unit (m): mesh, unit and kind do not go with it")
+        if self.link is None:
+            raise ValueError("link is missing: which link of the urdf is touched")
+        if self.geometry is not None and self.geometry not in GEOMETRIES:
+            raise ValueError(f"geometry must be one of {', '.join(GEOMETRIES)}, not {self.geometry!r}")
+
+    def _body(self, folder: Path) -> LinkBody:
+        packages = {name: folder / path for name, path in self.packages.items()}
+        return Urdf(folder / str(self.urdf), packages).body(str(self.link), self.geometry)
+
+    def files(self, folder: Path) -> dict[str, Path]:
+        """What it is read from, as far as that is there: what each is -> where."""
+        if self.urdf is None:
+            return {} if self.mesh is None else {"mesh": folder / self.mesh}
+        found = {"urdf": folder / self.urdf}
+        with suppress(InputError):  # which `load` says
+            for k, file in enumerate(self._body(folder).files):
+                found["mesh" if k == 0 else f"mesh_{k + 1}"] = file
+        return found
 
     def _require_lengths(self) -> None:
         needed = EQUATIONS[self.kind][1] if self.kind in EQUATIONS else ()
@@ -138,7 +175,7 @@ class RigSurface:
         """The surface, in metres; a relative path starts at `folder`.
 
         Raises:
-            InputError: the mesh cannot be read.
+            InputError: the mesh, or the URDF, cannot be read.
             GeometryError: there is nothing usable in it, or no such surface.
         """
         if self.kind == "plane":
@@ -147,6 +184,8 @@ class RigSurface:
             return self._equation()
         region = self.region.box if self.region.box is not None else self.region.facets
         options: dict[str, Any] = {"crease": radians(self.crease), "region": region, "covered": self.covered}
+        if self.urdf is not None:
+            return self._body(folder).mesh(f"link {self.link!r} of {self.urdf}", **options)
         return Mesh.load(folder / str(self.mesh), unit=str(self.unit), **options)
 
     def _equation(self) -> Surface:

@@ -108,7 +108,10 @@ class RigTime:
 
 @dataclass(frozen=True)
 class RigOrientation:
-    """The sensor in the base, as columns (quaternion x, y, z, w; position [m]) or as a topic of poses.
+    """The sensor in the base: columns (quaternion x, y, z, w; position [m]), a topic of poses, or two frames.
+
+    A `topic` of "none" is none. `base` and `sensor` are frames of /tf, or links of a `urdf` that is moved by the
+    `joints` of a topic of joint states.
 
     `offset` [s] is added to the stamps of the poses to put them on the wrenches' clock; between poses further apart
     than `max_gap` [s] there is no orientation.
@@ -117,11 +120,28 @@ class RigOrientation:
     columns: tuple[str, str, str, str] | None = None
     position: tuple[str, str, str] | None = None
     topic: str | None = None
+    base: str | None = None
+    sensor: str | None = None
+    urdf: str | None = None
+    joints: str | None = None
     offset: float = 0.0
     max_gap: float = 0.25
 
     def __post_init__(self) -> None:
         require_positive(self, "max_gap")
+        require_path("urdf", self.urdf)
+        if (self.base is None) != (self.sensor is None):
+            raise ValueError("base and sensor belong together: two frames, one of them in the other")
+        if self.base is not None and self.topic is not None:
+            raise ValueError("topic and frames (base, sensor) exclude each other: the sensor has one pose")
+        if self.urdf is not None and self.base is None:
+            raise ValueError("urdf needs base and sensor: two of its links")
+        if self.joints is not None and self.urdf is None:
+            raise ValueError("joints needs a urdf, which says what they move")
+
+    def frames(self) -> tuple[str, str] | None:
+        """Base and sensor, where they are named."""
+        return None if self.base is None or self.sensor is None else (self.base, self.sensor)
 
 
 @dataclass(frozen=True)

@@ -92,6 +92,11 @@ class PoseTrack:
             answers[between, 4:] = first[:, 5:] + share[:, None] * (second[:, 5:] - first[:, 5:])
         return answers[:, :4], answers[:, 4:]
 
+    @property
+    def stamps(self) -> Float[np.ndarray, " k"]:
+        """[s] of the poses that were kept, on the wrenches' clock."""
+        return self._gathered()[:, 0].copy()
+
     def forget(self, before: float) -> None:
         """Drop what answers at `before` [s, on the wrenches' clock] and later do not need."""
         rows = self._gathered()

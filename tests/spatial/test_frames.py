@@ -1,0 +1,141 @@
+"""Frames of a tree: as pytransform3d composes them, between stamps as scipy turns them, and what is no tree is said."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from pytransform3d.transform_manager import TransformManager
+from pytransform3d.transformations import transform_from
+from scipy.spatial.transform import Rotation, Slerp
+
+from palpate.errors import InputError
+from palpate.spatial.frames import FramePath, FrameTree
+from palpate.spatial.pose import Pose, rotation_from_quaternion
+from palpate.spatial.pose_track import PoseTrack
+
+STAMPS = np.arange(20) / 10
+FRAMES = ("map", "base", "shoulder", "elbow", "tool", "sensor", "camera", "eye")
+PARENTS = (None, "map", "base", "shoulder", "elbow", "tool", "base", "camera")
+MOVING = {"shoulder", "elbow", "tool", "eye"}
+
+
+def _poses(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """Quaternions and positions [m] of an edge at all stamps."""
+    turns = Rotation.from_rotvec(np.cumsum(rng.normal(0, 0.3, (len(STAMPS), 3)), axis=0))
+    return turns.as_quat(), rng.normal(size=(len(STAMPS), 3))
+
+
+def _tree(
+    seed: int, delays: dict[str, float] | None = None
+) -> tuple[FrameTree, dict[str, tuple[np.ndarray, np.ndarray]]]:
+    rng, tree, poses = np.random.default_rng(seed), FrameTree(), dict[str, tuple[np.ndarray, np.ndarray]]()
+    for parent, child in zip(PARENTS, FRAMES, strict=True):
+        if parent is None:
+            continue
+        quaternion, position = poses[child] = _poses(rng)
+        if child in MOVING:
+            track = PoseTrack()
+            track.add(STAMPS + (delays or {}).get(child, 0.0), quaternion, position)
+            tree.add(parent, child, track)
+        else:
+            tree.add(parent, child, Pose.from_quaternion(quaternion[0], position[0]))
+    return tree, poses
+
+
+def _matrices(path: FramePath, time: np.ndarray) -> np.ndarray:
+    quaternion, position = path.at(time)
+    made = np.tile(np.eye(4), (len(time), 1, 1))
+    made[:, :3, :3], made[:, :3, 3] = rotation_from_quaternion(quaternion), position
+    return made
+
+
+@pytest.mark.parametrize("base", ["map", "base", "eye", "sensor"])
+@pytest.mark.parametrize("sensor", ["sensor", "map", "elbow", "eye"])
+def test_one_frame_in_another_is_as_pytransform3d_composes_it(base: str, sensor: str) -> None:
+    """Positions of some metres over seven edges: rounding is 1e-15 of that."""
+    tree, poses = _tree(0)
+    found = _matrices(tree.path(base, sensor), STAMPS)
+    for k in range(len(STAMPS)):
+        manager = TransformManager()
+        for parent, child in zip(PARENTS, FRAMES, strict=True):
+            if parent is not None:
+                quaternion, position = (each[k if child in MOVING else 0] for each in poses[child])
+                made = transform_from(Rotation.from_quat(quaternion).as_matrix(), position)
+                manager.add_transform(child, parent, made)
+        assert np.abs(found[k] - manager.get_transform(sensor, base)).max() < 1e-12
+
+
+def test_each_edge_is_interpolated_between_its_own_stamps() -> None:
+    """Slerp and straight lines by scipy and numpy, each edge on its own clock, then composed as matrices."""
+    delays = {"elbow": 0.03, "tool": -0.04}
+    tree, poses = _tree(1, delays)
+    time = np.random.default_rng(2).uniform(0.1, 1.8, 200)
+    wanted = np.tile(np.eye(4), (len(time), 1, 1))
+    for child in ("shoulder", "elbow", "tool", "sensor"):
+        quaternion, position = poses[child]
+        at, edge = time - delays.get(child, 0.0), np.tile(np.eye(4), (len(time), 1, 1))
+        if child not in MOVING:
+            at = np.zeros(len(time))
+        edge[:, :3, :3] = Slerp(STAMPS, Rotation.from_quat(quaternion))(at).as_matrix()
+        edge[:, :3, 3] = np.stack([np.interp(at, STAMPS, column) for column in position.T], axis=1)
+        wanted = wanted @ edge
+    assert np.abs(_matrices(tree.path("base", "sensor"), time) - wanted).max() < 1e-12
+
+
+def test_there_and_back_is_nothing() -> None:
+    tree, _ = _tree(3)
+    time = np.linspace(0.05, 1.85, 40)
+    there, back = (_matrices(tree.path(*ends), time) for ends in (("eye", "sensor"), ("sensor", "eye")))
+    assert np.abs(there @ back - np.eye(4)).max() < 1e-12
+    assert np.array_equal(_matrices(tree.path("eye", "eye"), time), np.tile(np.eye(4), (40, 1, 1)))
+
+
+def test_without_one_of_its_edges_a_pose_is_not_known() -> None:
+    """A gap in one, before the first and after the last of another; the others go on."""
+    tree, poses = _tree(4)
+    gap = PoseTrack(max_gap=0.15)
+    kept = np.r_[0:5, 7:20]
+    gap.add(STAMPS[kept], poses["elbow"][0][kept], poses["elbow"][1][kept])
+    tree.add("shoulder", "elbow", gap)
+    path = tree.path("base", "sensor")
+    time = np.array([-0.01, 0.0, 0.39, 0.41, 0.69, 0.71, 1.9, 1.91])
+    assert np.isfinite(path.at(time)[0]).all(axis=1).tolist() == [False, True, True, False, False, True, True, False]
+    assert np.isfinite(tree.path("base", "shoulder").at(time)[0]).all(axis=1)[3]
+    assert path.answerable(np.array([0.5, 1.95, 0.2])) == 1
+    path.complete()
+    assert path.answerable(np.array([0.5, 1.95, 0.2])) == 3
+
+
+def test_what_was_left_out_of_an_edge_is_said_with_its_frames() -> None:
+    tree, poses = _tree(5)
+    track = PoseTrack()
+    track.add(STAMPS[[0, 1, 1, 2]], poses["tool"][0][:4] * [[1], [1], [1], [0]], poses["tool"][1][:4])
+    tree.add("elbow", "tool", track)
+    notes = tree.path("map", "sensor").notes()
+    assert len(notes) == 2
+    assert all(note.startswith("between frames elbow and tool: 1 poses ") for note in notes)
+
+
+@pytest.mark.parametrize(
+    ("edges", "word"),
+    [
+        ([("base", "arm"), ("arm", "ft_sensor")], "no frame 'sensor'.*Nearest in name of 3: ft_sensor"),
+        ([("world", "base"), ("tool", "sensor")], "nothing joins frame 'base' .of the tree of 'world'. and 'sensor'"),
+        ([("base", "arm"), ("cart", "arm"), ("arm", "sensor")], "'arm' has 2 parents: base, cart"),
+        ([("base", "x"), ("a", "b"), ("b", "a"), ("b", "sensor")], "loop: b -> a -> b"),
+        ([("base", "x"), ("sensor", "sensor")], "loop: sensor -> sensor"),
+        ([], "no frame 'sensor'.*none at all"),
+    ],
+)
+def test_what_is_no_tree_is_said(edges: list[tuple[str, str]], word: str) -> None:
+    tree = FrameTree((parent, child, Pose.identity()) for parent, child in edges)
+    with pytest.raises(InputError, match=word):
+        tree.path("base", "sensor")
+
+
+def test_what_is_wrong_above_the_base_does_not_matter() -> None:
+    edges = [("a", "b"), ("b", "a"), ("a", "base"), ("other", "base"), ("base", "sensor")]
+    tree = FrameTree((parent, child, Pose.identity()) for parent, child in edges)
+    assert tree.path("base", "sensor").frames == ("base", "sensor")
+    with pytest.raises(InputError, match="2 parents"):
+        tree.up("sensor")

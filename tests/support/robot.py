@@ -1,0 +1,188 @@
+"""A simulated session as a robot records it: /tf, /tf_static, joint states and two wrenches, written by rosbags.
+
+The wrist has three joints, about z, y and x, so that any orientation of the sensor is one of its postures.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import trimesh
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
+from scipy.spatial.transform import Rotation
+
+from palpate.sensors.recording import ORIENTATION, Recording
+from palpate.simulation.session import Session
+
+ROS2 = get_typestore(Stores.ROS2_HUMBLE)
+TYPES: Any = ROS2.types
+WRENCH, OTHER = "/ft_sensor/wrench", "/gripper_ft/wrench"
+KINDS = {
+    WRENCH: "geometry_msgs/msg/WrenchStamped",
+    OTHER: "geometry_msgs/msg/WrenchStamped",
+    "/tf": "tf2_msgs/msg/TFMessage",
+    "/tf_static": "tf2_msgs/msg/TFMessage",
+    "/joint_states": "sensor_msgs/msg/JointState",
+    "/camera/object_pose": "geometry_msgs/msg/PoseStamped",
+    "/vision/marker": "geometry_msgs/msg/PoseStamped",
+}
+FLANGE_SENSOR = Rotation.from_euler("z", 30, degrees=True)  # how the sensor is turned on the flange
+SHIFTS = {
+    "shoulder": (0.0, 0.0, 0.4),
+    "elbow": (0.1, 0.0, 0.3),
+    "flange": (0.2, 0.05, 0.0),
+    "ft_sensor": (0.0, 0.0, 0.05),
+}
+MOVING = (("base_link", "shoulder", "z"), ("shoulder", "elbow", "y"), ("elbow", "flange", "x"))
+TOOL = (0.0, 0.0, 0.085)  # m: of the probe in the sensor, by the drawing
+EVERY = 2  # samples: transforms and joint states come at half the rate
+
+URDF = """<robot name="wrist">
+  <link name="world"/><link name="base_link"/><link name="shoulder"/><link name="elbow"/><link name="flange"/>
+  <link name="ft_sensor"/>
+  <link name="probe">
+    <visual><geometry>
+      <mesh filename="package://probe_description/meshes/probe.stl" scale="0.001 0.001 0.001"/>
+    </geometry></visual>
+  </link>
+  <joint name="ground" type="fixed"><parent link="world"/><child link="base_link"/><origin xyz="1 2 0"/></joint>
+  {joints}
+  <joint name="mount" type="fixed"><parent link="flange"/><child link="ft_sensor"/>
+    <origin xyz="0 0 0.05" rpy="0 0 {turn}"/></joint>
+  <joint name="tool" type="fixed"><parent link="ft_sensor"/><child link="probe"/><origin xyz="0 0 0.085"/></joint>
+</robot>
+"""
+_JOINT = """<joint name="{child}_joint" type="revolute"><parent link="{parent}"/><child link="{child}"/>
+    <origin xyz="{x} {y} {z}"/><axis xyz="{axis}"/><limit lower="-7" upper="7" effort="1" velocity="1"/></joint>"""
+
+
+@dataclass(frozen=True)
+class Posture:
+    """Angles [rad] of the three joints that turn the sensor as a recording says; (n, 3)."""
+
+    angles: np.ndarray
+
+    @classmethod
+    def of(cls, quaternions: np.ndarray) -> Posture:
+        """Of sensor orientations x, y, z, w in the base."""
+        return cls(np.unwrap((Rotation.from_quat(quaternions) * FLANGE_SENSOR.inv()).as_euler("ZYX"), axis=0))
+
+    def positions(self) -> np.ndarray:
+        """(n, 3) [m] of the sensor's origin in the base, written out."""
+        a, b, c = (Rotation.from_euler(axis, angle[:, None]) for axis, angle in zip("zyx", self.angles.T, strict=True))
+        at = np.array(SHIFTS["shoulder"]) + a.apply(SHIFTS["elbow"]) + (a * b).apply(SHIFTS["flange"])
+        return at + (a * b * c).apply(SHIFTS["ft_sensor"])
+
+
+def urdf() -> str:
+    """The wrist with the probe on its sensor."""
+    joints = [
+        _JOINT.format(
+            parent=parent,
+            child=child,
+            axis=" ".join(str(int(letter == axis)) for letter in "xyz"),
+            **dict(zip("xyz", SHIFTS[child], strict=True)),
+        )
+        for parent, child, axis in MOVING
+    ]
+    return URDF.format(joints="\n  ".join(joints), turn=FLANGE_SENSOR.as_euler("xyz")[2])
+
+
+def write_robot(session: Session, folder: Path) -> None:
+    """free_motion and touches as bags, robot.urdf, and its package beside it."""
+    meshes = folder / "probe_description" / "meshes"
+    meshes.mkdir(parents=True)
+    trimesh.Trimesh(1e3 * session.vertices, session.faces, process=False).export(meshes / "probe.stl")
+    (folder / "robot.urdf").write_text(urdf(), encoding="utf-8")
+    for name, log in (("free_motion", session.free_motion), ("touches", session.touches)):
+        write_bag(folder / name, messages(log))
+
+
+def write_bag(path: Path, stamped: Iterator[tuple[int, str, Any]], kinds: dict[str, str] | None = None) -> None:
+    """By rosbags, in the order of the stamps."""
+    kinds = KINDS if kinds is None else kinds
+    with Writer(path, version=9, storage_plugin=StoragePlugin.SQLITE3) as writer:
+        topics = {topic: writer.add_connection(topic, kind, typestore=ROS2) for topic, kind in kinds.items()}
+        for stamp, topic, message in sorted(stamped, key=lambda each: each[0]):
+            writer.write(topics[topic], stamp, ROS2.serialize_cdr(message, kinds[topic]))
+
+
+def messages(log: Recording) -> Iterator[tuple[int, str, Any]]:
+    """Of one log. /tf_static comes once, after the first wrench, with stamps of zero."""
+    stamps = np.rint(log.time * 1e9).astype(np.int64).tolist()
+    for k, row in enumerate(log.wrenches().tolist()):
+        yield stamps[k], WRENCH, wrench(stamps[k], row, "ft_sensor")
+        yield stamps[k], OTHER, wrench(stamps[k], [0.1 * k for _ in range(6)], "gripper_ft")
+    still = [
+        transform(0, "world", "base_link", (1.0, 2.0, 0.0)),
+        transform(0, "/flange", "ft_sensor", SHIFTS["ft_sensor"], FLANGE_SENSOR.as_quat()),
+        transform(0, "ft_sensor", "probe", TOOL),
+        transform(0, "world", "camera", (0.0, 1.0, 1.0)),
+    ]
+    yield stamps[3], "/tf_static", TYPES["tf2_msgs/msg/TFMessage"](still)
+    posture = Posture.of(log.channels[ORIENTATION])
+    for k in range(0, len(stamps), EVERY):
+        yield stamps[k], "/tf", tree(stamps[k], posture.angles[k])
+        yield stamps[k], "/joint_states", joints(stamps[k], posture.angles[k])
+        yield stamps[k], "/camera/object_pose", posed(stamps[k], "camera", k)
+        yield stamps[k], "/vision/marker", posed(stamps[k], "camera", 0)
+
+
+def stamp_of(stamp: int, frame: str) -> Any:
+    """A header."""
+    return TYPES["std_msgs/msg/Header"](TYPES["builtin_interfaces/msg/Time"](*divmod(stamp, 10**9)), frame)
+
+
+def vector(values: Sequence[float]) -> Any:
+    """Of geometry_msgs."""
+    return TYPES["geometry_msgs/msg/Vector3"](*map(float, values))
+
+
+def wrench(stamp: int, row: Sequence[float], frame: str) -> Any:
+    """Force first."""
+    made = TYPES["geometry_msgs/msg/Wrench"](vector(row[:3]), vector(row[3:]))
+    return TYPES["geometry_msgs/msg/WrenchStamped"](stamp_of(stamp, frame), made)
+
+
+def transform(
+    stamp: int, parent: str, child: str, shift: Sequence[float], turn: Sequence[float] | np.ndarray = (0, 0, 0, 1)
+) -> Any:
+    """Of the child in the parent."""
+    turned = TYPES["geometry_msgs/msg/Quaternion"](*map(float, turn))
+    made = TYPES["geometry_msgs/msg/Transform"](vector(shift), turned)
+    return TYPES["geometry_msgs/msg/TransformStamped"](stamp_of(stamp, parent), child, made)
+
+
+def tree(stamp: int, angles: np.ndarray) -> Any:
+    """The three joints as transforms, with one that stands still and is on /tf_static too."""
+    moving = [
+        transform(stamp, parent, child, SHIFTS[child], Rotation.from_euler(axis, angle).as_quat())
+        for (parent, child, axis), angle in zip(MOVING, angles.tolist(), strict=True)
+    ]
+    return TYPES["tf2_msgs/msg/TFMessage"]([*moving, transform(stamp, "ft_sensor", "probe", TOOL)])
+
+
+def joints(stamp: int, angles: np.ndarray) -> Any:
+    """In an order of their own, with a gripper between them."""
+    names = [f"{child}_joint" for _, child, _ in MOVING]
+    order = [2, 0, 1]
+    position = np.array([angles[2], 0.01, angles[0], angles[1]])
+    return TYPES["sensor_msgs/msg/JointState"](
+        stamp_of(stamp, ""),
+        [names[order[0]], "finger", *(names[k] for k in order[1:])],
+        position,
+        np.zeros(4),
+        np.zeros(4),
+    )
+
+
+def posed(stamp: int, frame: str, k: int) -> Any:
+    """Of something that is not the sensor."""
+    turn = TYPES["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0)
+    made = TYPES["geometry_msgs/msg/Pose"](TYPES["geometry_msgs/msg/Point"](1e-3 * k, 0.0, 0.0), turn)
+    return TYPES["geometry_msgs/msg/PoseStamped"](stamp_of(stamp, frame), made)
