@@ -147,11 +147,19 @@ def _labels(block: Recording, channels: tuple[str, ...]) -> list[str]:
 
 def _say_contents(there: LogContents) -> None:
     if there.topics:
-        table(("topic", "type", "messages"), [(t.name, t.kind, f"{t.count:,}") for t in there.topics])
+        table(
+            ("topic", "type", "messages", "rate [Hz]"),
+            [(t.name, t.kind, f"{t.count:,}", _rate(t.count, there.duration)) for t in there.topics],
+        )
     else:
         names = list(there.names)
         shown = ", ".join(names[:20]) + (", ..." if len(names) > 20 else "")
         lines([("columns", f"{len(names)}: {shown}"), *([("written", there.written)] if there.written else [])])
+
+
+def _rate(count: int, duration: float) -> str:
+    """Of a topic, if its messages are spread over the whole log."""
+    return f"{(count - 1) / duration:.4g}" if count > 1 and duration > 0 else "-"
 
 
 def _say_samples(kept: Recording, ranges: _Ranges, there: LogContents) -> None:

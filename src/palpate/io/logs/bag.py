@@ -55,6 +55,7 @@ class _Parts(Source):
 
     def topics(self) -> list[Topic]:
         found = merged(topic for part in self._parts for topic in part.topics())
+        self.duration = sum(part.duration for part in self._parts)
         self._say_torn()
         return found
 
@@ -84,6 +85,7 @@ class BagFile(Source):
     def topics(self) -> list[Topic]:
         """By what the bag says of itself."""
         with self._opened() as bag:
+            self.duration = bag.duration / 1e9
             return _topics(bag)
 
     def messages(self, names: Collection[str] = ()) -> Generator[Messages]:

@@ -47,6 +47,7 @@ class LogContents:
         path: of the log.
         names: column -> (), array of a NumPy file -> the shape of one sample; none where the log has topics.
         topics: of an MCAP file or a bag.
+        duration: [s] of a log with topics, where it says so; 0 where it does not.
         torn: the sentence that says where the file was cut, as far as it was met.
         stated: units and rate, as far as a table states them.
         written: how a text is written, in words, where that is not plain.
@@ -56,6 +57,7 @@ class LogContents:
     names: Mapping[str, tuple[int, ...]]
     topics: tuple[Topic, ...] = ()
     torn: str = ""
+    duration: float = 0.0
     stated: Stated = field(default_factory=Stated)
     written: str = ""
 
@@ -104,7 +106,13 @@ class _Watched:
 
 
 class Source(_Watched, ABC):
-    """A file of messages."""
+    """A file of messages.
+
+    Attributes:
+        duration: [s] from the first message to the last, where the file says so; 0 where it does not.
+    """
+
+    duration: float = 0.0
 
     @abstractmethod
     def topics(self) -> list[Topic]:

@@ -183,6 +183,7 @@ class McapFile(Source):
                 for record in (*summary.schemas.values(), *summary.channels.values()):
                     self._declare(record)
                 self._counts.update(summary.statistics.channel_message_counts)
+                self.duration = (summary.statistics.message_end_time - summary.statistics.message_start_time) / 1e9
                 return summary.statistics.channel_count == len(self._topics)
         return False
 

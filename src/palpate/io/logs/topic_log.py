@@ -104,7 +104,8 @@ class TopicLog(Log):
 
     def contents(self) -> LogContents:
         """See `palpate.io.logs.log.Log`."""
-        return LogContents(self.path, {}, tuple(self._source.topics()), self._source.torn)
+        topics = tuple(self._source.topics())
+        return LogContents(self.path, {}, topics, self._source.torn, self._source.duration)
 
     def notes(self) -> tuple[str, ...]:
         """See `palpate.io.logs.log.Log`."""
