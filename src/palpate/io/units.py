@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import re
 from collections.abc import Iterable, Mapping
+from functools import cache
 from math import floor, inf, isfinite, log10
 
 from palpate.errors import InputError
@@ -89,8 +90,7 @@ def to_si(unit: str, table: Mapping[str, float], *, where: str) -> float:
 
 def known_unit(unit: str, table: Mapping[str, float]) -> str | None:
     """A unit as the table spells it, None where it is none of these."""
-    spelled = {_squeezed(name): name for name in table}
-    bare = _squeezed(unit)
+    spelled, bare = _spelled(tuple(table)), _squeezed(unit)
     return spelled.get(bare) or spelled.get(_squeezed(_KNOWN_AS.get(bare.lower(), "?")))
 
 
@@ -142,6 +142,11 @@ def measured(values: Iterable[float], spreads: Iterable[float], unit: str) -> st
     digits = min(8, max(0, 1 - floor(log10(largest)))) if largest > 0 and isfinite(largest) else 4
     left, right = (", ".join(f"{pair[k]:.{digits}f}" for pair in both) for k in (0, 1))
     return f"{left} +- {right} {unit}" if len(both) == 1 else f"({left}) +- ({right}) {unit}"
+
+
+@cache
+def _spelled(names: tuple[str, ...]) -> dict[str, str]:
+    return {_squeezed(name): name for name in names}
 
 
 def _squeezed(unit: str) -> str:
