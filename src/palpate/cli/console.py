@@ -155,7 +155,7 @@ def _plain(value: Any) -> Any:
     return plain if plain is None or isinstance(plain, bool | int) else str(plain)
 
 
-def _number(text: str) -> str | float | None:
+def _number(text: str) -> str | int | float | None:
     if _NUMBER.fullmatch(text):
         bare = text.replace(",", "")
         return int(bare) if bare.lstrip("+-").isdigit() else float(bare)
