@@ -11,7 +11,9 @@ import pytest
 from rosbags.rosbag1 import Writer as Writer1
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from evidence import robot as bag
 from evidence.logs_written import wrench_stamped, write_mcap
+from evidence.robot import KINDS, OTHER, ROS2, TYPES, WRENCH, Posture, transform, wrench, write_robot
 from palpate.cli import main
 from palpate.errors import InputError
 from palpate.io.contacts import read_contacts
@@ -25,8 +27,6 @@ from palpate.sensors.recording import ORIENTATION, POSITION, Recording
 from palpate.simulation.session import Session, simulate_session
 from palpate.simulation.session_files import write_session
 from palpate.spatial.pose import rotation_from_quaternion
-from tests.support import robot as bag
-from tests.support.robot import KINDS, OTHER, ROS2, TYPES, WRENCH, Posture, transform, wrench, write_robot
 
 ROS1, OLD = get_typestore(Stores.ROS1_NOETIC), "tf/msg/tfMessage"
 ROS1.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", OLD))
