@@ -39,7 +39,7 @@ def plain_answers(folder: Path) -> np.ndarray:
     log = folder / READ[0].name
     log.write_bytes(READ[0].data)
     _said("rig", "new", str(log), "-o", str(folder / "rig.toml"))
-    estimate(log, folder / "contacts.csv", Setup(rig=folder / "rig.toml"))
+    _heard(lambda: estimate(log, folder / "contacts.csv", Setup(rig=folder / "rig.toml")))
     return _answers(folder / "contacts.csv")
 
 
