@@ -18,6 +18,7 @@ from evidence import (
     edges,
     engine,
     equations,
+    files,
     filters,
     laws,
     load_cells,
@@ -60,6 +61,7 @@ THEMES: dict[str, Theme] = {
     "skin_map": skin_map.rows,
     "load_cells": load_cells.rows,
     "bad_input": bad_input.rows,
+    "files": files.rows,
 }
 
 

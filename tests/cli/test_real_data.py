@@ -8,6 +8,7 @@ import numpy as np
 import polars as pl
 import pytest
 
+from evidence.files import REAL
 from palpate.cli import main
 from palpate.io.contacts import read_contacts
 from palpate.io.models import read_model
@@ -107,21 +108,7 @@ def test_real_meshes_are_inspected(shared: Path, capsys: pytest.CaptureFixture[s
     assert "as mm" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize(
-    ("name", "code", "words"),
-    [  # what a person would say of each
-        ("pad/trajectory_panda_ft_opti.csv", 0, ("2 wrenches", "panda_wrench_force_x", "opti_orientation_x")),
-        ("pad/data_two_payloads_ft.csv", 0, ("ft_wrench_force_x", "ft_wrench_torque_z")),
-        ("nano17/cert_FT44297_loadcases.csv", 1, ("--rate HZ",)),
-        ("nano17/roll_400_rows.csv", 1, ("no column is known to be the time",)),
-        ("nano17/calibration_files_FT44297.cal", 1, ("is XML",)),
-        ("payload/recorded_messages_wrench_100.txt", 1, ("no column is known to be the time",)),
-        ("payload/recorded_messages_pose_100.txt", 1, ("looks like none",)),  # seven columns, which are poses
-        ("strip/norm_SW35-RATIO100-P250.csv", 1, ("looks like none", "strip1")),
-        ("taxel_force/none.1614726111.69.txt", 1, ("looks like none", "column_1, column_2")),
-        ("taxel_force/calibration2.txt", 1, ("one column only",)),
-    ],
-)
+@pytest.mark.parametrize(("name", "code", "words"), [(each.name, each.code, each.words) for each in REAL])
 def test_real_tables_are_taken_for_what_they_are(
     shared: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str, code: int, words: tuple[str, ...]
 ) -> None:

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 import pytest
-from support.exports import EXPORTS, PRESSED, TIME, WRENCH
 
+from evidence.exports import EXPORTS, PRESSED, TIME, WRENCH
 from palpate.cli import main
 from palpate.errors import InputError
 from palpate.io.contacts import read_contacts

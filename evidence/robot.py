@@ -5,6 +5,8 @@ The wrist has three joints, about z, y and x, so that any orientation of the sen
 
 from __future__ import annotations
 
+import contextlib
+import io
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,12 +14,15 @@ from typing import Any
 
 import numpy as np
 import trimesh
+from pytransform3d.urdf import UrdfTransformManager
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 from scipy.spatial.transform import Rotation
 
-from palpate.sensors.recording import ORIENTATION, Recording
+from palpate.cli import main
+from palpate.sensors.recording import ORIENTATION, POSITION, Recording
 from palpate.simulation.session import Session
+from palpate.spatial.pose import rotation_from_quaternion
 
 ROS2 = get_typestore(Stores.ROS2_HUMBLE)
 TYPES: Any = ROS2.types
@@ -39,6 +44,7 @@ SHIFTS = {
     "ft_sensor": (0.0, 0.0, 0.05),
 }
 MOVING = (("base_link", "shoulder", "z"), ("shoulder", "elbow", "y"), ("elbow", "flange", "x"))
+GROUND = (1.0, 2.0, 0.0)  # m: of the base in the world
 TOOL = (0.0, 0.0, 0.085)  # m: of the probe in the sensor, by the drawing
 EVERY = 2  # samples: transforms and joint states come at half the rate
 
@@ -103,6 +109,57 @@ def write_robot(session: Session, folder: Path) -> None:
         write_bag(folder / name, messages(log))
 
 
+def apart(recording: Recording, log: Recording) -> float:
+    """[m], and of the elements of the rotation, of the poses at the stamps of /tf from the simulated ones in the world.
+
+    Euler angles and back are a few roundings, positions of 3 m a few 1e-16 of them.
+    """
+    at = slice(0, None, EVERY)
+    turned, true = (rotation_from_quaternion(each.channels[ORIENTATION][at]) for each in (recording, log))
+    wanted = Posture.of(log.channels[ORIENTATION]).positions()[at] + GROUND
+    off = (turned - true, recording.channels[POSITION][at] - wanted)
+    return max(float(np.abs(each).max()) for each in off)
+
+
+def apart_from_library(recording: Recording, log: Recording, path: Path) -> float:
+    """The same of every tenth, from the poses that pytransform3d gives the URDF at those angles of the joints."""
+    manager: Any = UrdfTransformManager()
+    manager.load_urdf(path.read_text(encoding="utf-8"), package_dir="unused")
+    angles = Posture.of(log.channels[ORIENTATION]).angles
+    rotation, worst = rotation_from_quaternion(recording.channels[ORIENTATION]), 0.0
+    for k in range(0, len(angles), 10 * EVERY):
+        for (_, child, _), angle in zip(MOVING, angles[k], strict=True):
+            manager.set_joint(f"{child}_joint", angle)
+        wanted = manager.get_transform("ft_sensor", "world")
+        off = (rotation[k] - wanted[:3, :3], recording.channels[POSITION][k] - wanted[:3, 3])
+        worst = max(worst, *(float(np.abs(each).max()) for each in off))
+    return worst
+
+
+def readme(folder: Path) -> list[str]:
+    """The README's commands on what `write_session` and `write_robot` wrote, and what `evaluate` says, in lines.
+
+    The one line to change by hand is the payload's.
+    """
+    rig, touches, free, marks = (str(folder / name) for name in ("my_rig.toml", "touches", "free_motion", "marks.csv"))
+    _run("rig", "new", touches, str(folder / "robot.urdf"), "--link", "probe", "-o", rig)
+    _run("calibrate", "payload", free, "--rig", rig, "-o", str(folder / "payload.toml"))
+    text = Path(rig).read_text(encoding="utf-8")
+    Path(rig).write_text(text.replace('# payload = "payload.toml"', 'payload = "payload.toml"'), encoding="utf-8")
+    _run("calibrate", "mounting", touches, "--rig", rig, "--marks", marks, "-o", rig)
+    _run("inspect", touches)
+    _run("estimate", touches, "--rig", rig, "-o", str(folder / "contacts.csv"))
+    return _run("evaluate", str(folder / "contacts.csv"), str(folder / "truth.csv")).splitlines()
+
+
+def _run(*arguments: str) -> str:
+    heard = io.StringIO()
+    with contextlib.redirect_stdout(heard), contextlib.redirect_stderr(heard):
+        if main(arguments):
+            raise RuntimeError(heard.getvalue())
+    return heard.getvalue()
+
+
 def write_bag(path: Path, stamped: Iterator[tuple[int, str, Any]], kinds: dict[str, str] | None = None) -> None:
     """By rosbags, in the order of the stamps."""
     kinds = KINDS if kinds is None else kinds
@@ -119,7 +176,7 @@ def messages(log: Recording) -> Iterator[tuple[int, str, Any]]:
         yield stamps[k], WRENCH, wrench(stamps[k], row, "ft_sensor")
         yield stamps[k], OTHER, wrench(stamps[k], [0.1 * k for _ in range(6)], "gripper_ft")
     still = [
-        transform(0, "world", "base_link", (1.0, 2.0, 0.0)),
+        transform(0, "world", "base_link", GROUND),
         transform(0, "/flange", "ft_sensor", SHIFTS["ft_sensor"], FLANGE_SENSOR.as_quat()),
         transform(0, "ft_sensor", "probe", TOOL),
         transform(0, "world", "camera", (0.0, 1.0, 1.0)),
