@@ -187,7 +187,7 @@ def _guess(log: Path, contents: LogContents, body: Body | None) -> Guess | None:
     found = _with_torques(found, recording.wrenches(), None if body is None else body.size)
     lacking = "" if found.time is None else found.time.lacking
     text = _TEXT.format_map({**_USUAL, **found.fields})
-    return Guess(found.why, found.layout, text, found.remarks, lacking, found.fields.get("frame", ""))
+    return Guess(found.why, found.layout, text, found.remarks, lacking, found.fields.get("named", ""))
 
 
 def _with_torques(found: Found, wrenches: np.ndarray, size: float | None) -> Found:
@@ -224,7 +224,7 @@ def _topics_of(log: Path, contents: LogContents, body: Body | None) -> Found | N
     fields = {
         "wrench": f"topic = {guess.quoted(wrenches[0])}",
         "orientation": pose.text,
-        "frame": seen.named.get(wrenches[0], ("", ""))[0],
+        "named": seen.named.get(wrenches[0], ("", ""))[0],
     }
     return Found(why, pose.layout, fields, (*([several] if len(wrenches) > 1 else []), *pose.remarks))
 
