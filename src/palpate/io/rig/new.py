@@ -87,6 +87,12 @@ def _only(there: LogContents, name: str | None) -> LogContents:
     if named is None:
         hint = near(name, [topic.name for topic in there.topics])
         raise InputError(f"there is no topic {name!r}.", where=str(there.path), hint=hint)
+    if role(named.kind) not in ("wrench", "array"):
+        raise InputError(
+            f"topic {name!r} holds {named.kind}, which no sensor's readings are in.",
+            where=str(there.path),
+            hint="Wrenches are geometry_msgs/Wrench or WrenchStamped; voltages and frames are arrays or images.",
+        )
     kept = [topic for topic in there.topics if topic.name == name or role(topic.kind) != role(named.kind)]
     return replace(there, topics=tuple(kept))
 
