@@ -69,8 +69,8 @@ _ALIASES: Mapping[str, tuple[str, ...]] = {  # as the tables spell it -> as othe
 _KNOWN_AS = {alias: name for name, aliases in _ALIASES.items() for alias in aliases}
 _TABLES = (TIME_UNITS, FORCE_UNITS, TORQUE_UNITS, ACCELERATION_UNITS)
 _FOREIGN = frozenset(  # units of no table here, in lower case: what has one is refused, not read as SI
-    "v mv uv volt volts count counts cts lsb bit bits digit digits % percent min mins minute minutes h hr hrs hour hours"
-    " d day days".split()
+    """v mv uv volt volts count counts cts lsb bits digits % percent
+    min mins minute minutes h hr hrs hour hours d day days""".split()  # noqa: SIM905
 )
 _BRACKETED = re.compile(r"\s*(?:\[([^\[\]]*)\]|\(([^()]*)\))")
 _TRAILING = re.compile(r"^(.*?\w)(?:\s*/\s*|\s+in\s+|[_\s]+)([^\s_/]+|m/s\^?2)$")
