@@ -124,6 +124,8 @@ def open_log(log: str | Path, rig: Rig | str | Path, sensor: str | None = None, 
     """
     path, rig = Path(log), rig if isinstance(rig, Rig) else load_rig(rig)
     kind = rig.kind(sensor) if sensor or len(rig.kinds) == 1 else _told(path, rig)
+    if topic is not None and contents(path).names:
+        raise InputError("is a table, and has no topics.", where=str(path), hint="Leave --topic out.")
     return OpenedLog(path, rig.with_topic(topic, kind.name), kind)
 
 

@@ -59,8 +59,8 @@ _ALIASES: Mapping[str, tuple[str, ...]] = {  # as the tables spell it -> as othe
     "N mm": ("nmm",),
     "kgf m": ("kgm",),
     "kgf cm": ("kgcm",),
-    "lbf ft": ("lbft", "ftlb", "ftlbf"),
-    "lbf in": ("lbin", "inlb", "inlbf"),
+    "lbf ft": ("lbft", "ftlb", "ftlbf", "ftlbs", "lbsft"),
+    "lbf in": ("lbin", "inlb", "inlbf", "inlbs", "lbsin"),
     "s": ("sec", "secs", "second", "seconds"),
     "ms": ("msec", "msecs", "millis", "millisecond", "milliseconds"),
     "us": ("\u00b5s", "\u03bcs", "usec", "usecs", "micros", "microsecond", "microseconds"),  # both signs for micro
@@ -69,6 +69,10 @@ _ALIASES: Mapping[str, tuple[str, ...]] = {  # as the tables spell it -> as othe
 }
 _KNOWN_AS = {alias: name for name, aliases in _ALIASES.items() for alias in aliases}
 _TABLES = (TIME_UNITS, FORCE_UNITS, TORQUE_UNITS, ACCELERATION_UNITS)
+_FOREIGN = frozenset(  # units of no table here, in lower case: what has one is refused, not read as SI
+    """v mv uv volt volts count counts cts lsb bits digits % percent
+    min mins minute minutes h hr hrs hour hours d day days""".split()  # noqa: SIM905
+)
 _BRACKETED = re.compile(r"\s*(?:\[([^\[\]]*)\]|\(([^()]*)\))")
 _TRAILING = re.compile(r"^(.*?\w)(?:\s*/\s*|\s+in\s+|[_\s]+)([^\s_/]+|m/s\^?2)$")
 
@@ -102,9 +106,11 @@ def split_unit(name: str) -> tuple[str, str]:
     units = [(match, (match[1] or match[2] or "").strip()) for match in _BRACKETED.finditer(name)]
     units = [(match, text) for match, text in units if not re.fullmatch(r"\d*|[xyzwXYZW]", text)]
     for match, text in sorted(units, key=lambda each: not _known(each[1])):
-        if _known(text) or match[1] is not None:  # words in round brackets may say anything
+        if _known(text) or match[1] is not None or text.lower() in _FOREIGN:  # words in round brackets may say anything
             return (name[: match.start()] + name[match.end() :]).strip(), text
-    if (match := _TRAILING.fullmatch(name)) and _known(match[2], certain=True):
+    if (match := _TRAILING.fullmatch(name)) and (
+        _known(match[2], certain=True) or match[2].lower() in ("volt", "volts", "counts")
+    ):
         return match[1], match[2]
     return name, ""
 

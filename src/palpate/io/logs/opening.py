@@ -37,6 +37,14 @@ _KINDS: dict[str, tuple[str, tuple[bytes, ...]]] = {  # usual suffix -> what it 
     ".npz": ("an archive of NumPy arrays", (b"PK\x03\x04", b"PK\x05\x06")),  # the second: without an array
 }
 _ARRAYS = (".npy", ".npz")
+_FOREIGN: dict[bytes, tuple[str, str]] = {  # first bytes of a file -> what it is, and what to do; Excel's first
+    b"PK\x03\x04": ("is a workbook", "Save its sheet as CSV."),
+    b"\xd0\xcf\x11\xe0": ("is a workbook", "Save its sheet as CSV."),
+    b"\x1f\x8b": ("is compressed", "Unpack it first."),
+    b"MATLAB 5.0 MAT": ("is a MAT file of MATLAB", "Write a table of it as CSV (writetable, writematrix)."),
+    b"\x89HDF": ("is an HDF5 file", "Write a table of it as CSV or Parquet."),
+}
+_WORKBOOKS = (b"[Content_Types]", b"_rels/", b"xl/", b"docProps/", b"mimetype")  # what their archive begins with
 
 
 def contents(path: str | Path) -> LogContents:
@@ -157,6 +165,14 @@ def _messages(path: Path, kind: str) -> Source:
     return open_folder(path) if kind == "folder" else BagFile(path)
 
 
+def _require_ours(first: bytes, path: Path) -> None:
+    """Raise an InputError where the first bytes are of a file that other programs write and we do not read."""
+    for magic, (what, hint) in _FOREIGN.items():
+        archive = magic.startswith(b"PK")
+        if first.startswith(magic) and (not archive or first[30:].startswith(_WORKBOOKS)):
+            raise InputError(f"{what}.", where=str(path), hint=hint)
+
+
 def _kind(path: Path) -> str:
     """The usual suffix of what this is, by its first bytes: "" for text."""
     if path.is_dir():
@@ -164,7 +180,8 @@ def _kind(path: Path) -> str:
     if path.exists() and not path.is_file():  # a pipe gives its first bytes once
         return ""
     with open_input(path) as file:
-        first = read_some(file, path, 16)
+        first = read_some(file, path, 64)
+    _require_ours(first, path)
     kind = next((suffix for suffix, (_, magic) in _KINDS.items() if first.startswith(magic)), "")
     suffix = path.suffix.lower()
     if suffix in _KINDS and kind != suffix and not (kind in _ARRAYS and suffix in _ARRAYS):

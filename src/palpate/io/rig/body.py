@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from palpate.errors import InputError
-from palpate.io.rig.guess import mesh_size, quoted
+from palpate.io.rig.guess import PLAUSIBLE, mesh_size, quoted
 from palpate.io.urdf import Urdf
 from palpate.spatial.pose import Pose
 
@@ -130,6 +130,8 @@ class Body:
                 return []
             return [f"the mesh is taken to be in {self.unit}, which makes it {self.size * 1e3:.4g} mm across"]
         said = [f"the surface is the {self.geometry} geometry of link {self.link!r}, {self.size * 1e3:.4g} mm across"]
+        if not PLAUSIBLE[0] <= self.size <= PLAUSIBLE[1]:
+            said.append("that is no size of a robot's link: is the scale of its mesh right in the URDF (0.001 for mm)?")
         if self.mounting(frame) is not None:
             return [*said, f"where it sits in the sensor ({frame!r}) is taken from the URDF's fixed joints"]
         if not frame:

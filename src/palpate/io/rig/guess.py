@@ -15,6 +15,7 @@ from palpate.io.units import TIME_UNITS, known_unit, split_unit
 from palpate.surfaces.mesh import UNITS, Mesh
 
 __all__ = [
+    "PLAUSIBLE",
     "array_topic",
     "commented",
     "mesh_size",
@@ -26,7 +27,7 @@ __all__ = [
     "topics_of",
 ]
 
-_PLAUSIBLE = (2e-3, 5.0)  # m: from a fingertip to a robot's link
+PLAUSIBLE = (2e-3, 5.0)  # m: from a fingertip to a robot's link
 
 
 def quoted(value: str | Sequence[str]) -> str:
@@ -96,6 +97,6 @@ def mesh_size(path: Path) -> tuple[str, float]:
     """The unit that makes the body as large as a body is, millimetres before others, and its size [m]."""
     raw = Mesh.load(path, unit="m").size
     for unit in ("mm", "m", "cm", "um"):
-        if _PLAUSIBLE[0] <= raw * UNITS[unit] <= (2.0 if unit == "mm" else _PLAUSIBLE[1]):
+        if PLAUSIBLE[0] <= raw * UNITS[unit] <= (2.0 if unit == "mm" else PLAUSIBLE[1]):
             return unit, raw * UNITS[unit]
     return "m", raw

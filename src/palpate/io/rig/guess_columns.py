@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,7 +17,7 @@ from palpate.io.rig.guess import commented, orientation_table, quoted
 from palpate.io.rig.guess_time import TimeGuess, guess_time
 from palpate.io.rig.names import acceleration_columns, made_up, orientation_columns, wrench_frame, wrenches
 from palpate.io.tables.stated import Stated
-from palpate.io.units import ACCELERATION_UNITS, FORCE_UNITS, TORQUE_UNITS, known_unit, to_si
+from palpate.io.units import ACCELERATION_UNITS, FORCE_UNITS, TORQUE_UNITS, known_unit, split_unit, to_si
 from palpate.sensors.acceleration import kind_of_acceleration
 from palpate.sensors.recording import ACCELERATION, Recording
 
@@ -50,7 +51,8 @@ class Found:
         fields, remarks, layout = dict(self.fields), list(self.remarks), self.layout
         time = None if self.time is None else self.time.judged(recording.time)
         if time is not None:
-            layout, fields["time"] = replace(layout, time_unit=time.unit), time.text()
+            layout = replace(layout, time=time.column or "time", time_unit=time.unit, rate=time.rate)
+            fields["time"] = time.text()
             remarks[:0] = time.remarks
         if whole := _counted(recording.wrenches(), fields):
             fields["unsure"] = "# "  # in counts: without it, it is taken from the log by the units that will stand here
@@ -137,6 +139,11 @@ def _said(
     said: list[str] = []
     if made_up(names):
         said.append("without names force and torque are taken in the order x, y, z, x, y, z")
+    for name in wrench:
+        unknown = re.findall(r"\(([^()]*[^()\W\d_xyz][^()]*)\)", split_unit(name)[0])
+        if unknown:
+            said.append(f"{unknown[-1]!r} in {name!r} is not read as a unit: check [force_torque] units")
+            break
     if whose:
         said.append(f"{wrench[0]!r} ... is the wrench {whose}: frame = {frame!r}")
     if frame == "base" and orientation_columns(names) is None:

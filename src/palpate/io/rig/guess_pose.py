@@ -101,15 +101,18 @@ def _joints(survey: Survey, frame: str, body: Body | None) -> PoseGuess | None:
         needed = {joint.mimics or joint.name for joint in body.urdf.chain(root, frame)}
     except InputError:
         return None
-    topic = next((name for name, there in survey.joints.items() if needed and needed <= {*there}), None)
-    if topic is None:
+    topics = [name for name, there in survey.joints.items() if needed and needed <= {*there}]
+    if not topics:
         return None
+    topic = topics[0]
     text = (
         f"[orientation]\nbase = {quoted(root)}\nsensor = {quoted(frame)}   # links of the URDF\n"
         f"urdf = {body.relative(body.path)}\njoints = {quoted(topic)}   # joint states\n{_OFFSET}"
     )
     said = f"the sensor is link {frame!r} of the URDF, the base its root {root!r}, the joints those of {topic!r}"
-    return PoseGuess(Layout(frames=(root, frame), urdf=body.path, joints_topic=topic), text, [said])
+    several = f"{len(topics)} topics move these joints: {', '.join(topics)}; the first is taken (see joints)"
+    remarks = [said, *([several] if len(topics) > 1 else [])]
+    return PoseGuess(Layout(frames=(root, frame), urdf=body.path, joints_topic=topic), text, remarks)
 
 
 def _topic(survey: Survey, layout: Layout, frame: str) -> PoseGuess:

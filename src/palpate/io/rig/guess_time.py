@@ -20,6 +20,7 @@ __all__ = ["TimeGuess", "guess_time", "unit_by_size"]
 
 _EPOCHS = ((1e17, "ns"), (1e14, "us"), (1e11, "ms"))  # times of day above these cannot be seconds
 _RATES = (1.0, 2e4)  # Hz: of a log of forces; 1 kHz in ms would be 1 Hz in s
+_NOT_READ = re.compile(r"(?:[\W_])(mins?|minutes?|h|hrs?|hours?|days?)\W*$", re.IGNORECASE)  # of a column of times
 _USUAL = 300.0  # Hz: what a rate is nearest to, where two units make one
 
 
@@ -33,6 +34,7 @@ class TimeGuess:
         rate: [Hz] where the samples are counted.
         lacking: what must be said before the log can be read in seconds, or "".
         remarks: what the reader should check.
+        stated: [Hz] in the log or by --rate, beside the column.
     """
 
     column: str
@@ -40,9 +42,13 @@ class TimeGuess:
     rate: float | None = None
     lacking: str = ""
     remarks: tuple[str, ...] = ()
+    stated: float | None = None
 
     def judged(self, time: Float[np.ndarray, " n"]) -> TimeGuess:
         """The same with a unit, by the times as recorded where nothing states it."""
+        if len(time) and not np.isfinite(time).any():  # as LabVIEW leaves its X_Value
+            lacking = "" if self.stated else f"there are no times in column {self.column!r}"
+            return replace(self, column="", unit="s", rate=self.stated or 1.0, lacking=lacking, remarks=())
         if self.unit:
             return self
         if re.fullmatch(r"column_\d+", self.column) and (np.diff(time) == 1.0).all():
@@ -71,7 +77,9 @@ def guess_time(contents: LogContents, wrench: Sequence[str]) -> TimeGuess:
         return TimeGuess(counter or "", SAMPLES if counter else "s", stated.rate, remarks=(remark,))
     if column is None:
         return TimeGuess(counter or "", SAMPLES if counter else "s", 1.0, lacking=_lacking(names, counter))
-    unit = stated.unit(column)
+    unit = stated.unit(column) or known_unit(column, TIME_UNITS) or ""  # a column may be called ms
+    if not unit and (match := _NOT_READ.search(column)):
+        unit = match[1]
     known = known_unit(unit, TIME_UNITS)
     if unit and known is None and ":" not in unit:  # hh:mm:ss is a stamp
         raise InputError(
@@ -80,7 +88,7 @@ def guess_time(contents: LogContents, wrench: Sequence[str]) -> TimeGuess:
     remark = (
         f"times are those of {column!r}, not of the {stated.rate:.6g} Hz that are stated too" if stated.rate else ""
     )
-    return TimeGuess(column, known or "", remarks=(remark,) if remark else ())
+    return TimeGuess(column, known or "", remarks=(remark,) if remark else (), stated=stated.rate)
 
 
 def unit_by_size(time: Float[np.ndarray, " n"], column: str) -> tuple[str, str]:
@@ -94,6 +102,10 @@ def unit_by_size(time: Float[np.ndarray, " n"], column: str) -> tuple[str, str]:
         return epoch, ""
     steps = np.diff(known)
     forward = steps[steps > 0]
+    if 3 * len(forward) < len(steps):
+        most = "repeat the one before" if 2 * np.count_nonzero(steps == 0) > len(steps) else "run backwards"
+        doubt = f"{column!r} may not be the time: most of its values {most}"
+        return "s", f"{doubt}; [time] column chooses another one, or leave it out and give rate, in Hz"
     if not len(forward):
         return "s", ""
     step = float(np.median(forward))

@@ -43,6 +43,11 @@ _QUATERNION = (_axes("orientation|rotation|quaternion|quat|rot|q", "[xyzw]"),)
 _POSITION = (_axes("position|translation|pos|p"),)
 _ACCELERATION = (_axes("linear[\\W_]*acceleration|acceleration|accel|acc|beschleunigung|(?<![a-z])a"),)
 _TIME = ("time", "timestamp", "t", "stamp", "time_s", "seconds", "sec", "s", "zeit", "x_value", "duration")
+_TIME += ("elapsed", "millis", "ms", "micros", "us")
+_DERIVED = re.compile(  # what is no measured wrench, where there is another one
+    r"(?:^|[\W_])(?:desired|des|command\w*|cmd|target|set_?point|ref|reference|bias|offset|std|sigma|error|noise)(?=[\W_]|$)",
+    re.IGNORECASE,
+)
 _COUNTER = re.compile(
     r"^(?:.*[\W_])?(?:samples?|seq|sequence|index|idx|counter|count|frame|packet|no|nr|n|#)\.?$", re.I
 )
@@ -59,13 +64,17 @@ def wrenches(names: Sequence[str]) -> list[tuple[str, ...]]:
     found: list[tuple[str, ...]] = []
     if set(WRENCH_COLUMNS) <= set(names):
         found.append(WRENCH_COLUMNS)
-    forces, torques = _groups(names, _FORCE, "xyz"), _groups(names, _TORQUE, "xyz")
-    found += [(*force, *torques[head]) for head, force in forces.items() if head in torques]
+    for tails in (True, False):  # Fx_left, Fx_right; but also Fx 1, Fy 2, and units that are not known
+        forces, torques = _groups(names, _FORCE, "xyz", tails=tails), _groups(names, _TORQUE, "xyz", tails=tails)
+        pairs = [(*force, *torques[head]) for head, force in forces.items() if head in torques]
+        if pairs:
+            found += pairs
+            break
     found += _groups(names, (_SIX,), "012345").values()
     if made_up(names) and len(names) % 6 < 2:
         first = len(names) % 6
         found += [tuple(names[k : k + 6]) for k in range(first, len(names), 6)]
-    return sorted(dict.fromkeys(found), key=lambda columns: wrench_frame(columns)[0] == "base")
+    return sorted(dict.fromkeys(found), key=lambda six: (wrench_frame(six)[0] == "base", bool(_DERIVED.search(six[0]))))
 
 
 def wrench_columns(names: Sequence[str]) -> tuple[str, ...] | None:
@@ -141,14 +150,17 @@ def made_up(names: Iterable[str]) -> bool:
     return all(re.fullmatch(r"column_\d+", name) for name in names)
 
 
-def _groups(names: Iterable[str], patterns: Sequence[re.Pattern[str]], axes: str) -> dict[str, tuple[str, ...]]:
-    """What comes before the word -> its columns in the order of the axes, where all axes are there."""
-    found: dict[str, dict[str, str]] = {}
+def _groups(
+    names: Iterable[str], patterns: Sequence[re.Pattern[str]], axes: str, *, tails: bool = False
+) -> dict[tuple[str, str], tuple[str, ...]]:
+    """What comes before the word, and with `tails` after it -> its columns by axis, where all axes are there."""
+    found: dict[tuple[str, str], dict[str, str]] = {}
     for name in names:
         bare = split_unit(name)[0]
         for pattern in patterns:
             if match := pattern.match(bare):
-                found.setdefault(match["head"].lower(), {}).setdefault(match["axis"].lower(), name)
+                tail = (match.groupdict().get("tail") or "").lower() if tails else ""
+                found.setdefault((match["head"].lower(), tail), {}).setdefault(match["axis"].lower(), name)
                 break
     counted = {head: _from_zero(group) for head, group in found.items()}
     if axes == "xyz":

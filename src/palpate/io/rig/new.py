@@ -71,6 +71,10 @@ def guess_sensor(
         InputError: it is no log, or has no such topic, or its names contradict each other.
     """
     there = _only(contents(log), topic)
+    if rate is not None and there.topics:
+        raise InputError(
+            "is a log of messages, which have stamps.", where=str(log), hint="--rate is for tables without times."
+        )
     if rate is not None:
         there = replace(there, stated=replace(there.stated, rate=rate))
     for kind in KINDS.values():
@@ -83,10 +87,18 @@ def _only(there: LogContents, name: str | None) -> LogContents:
     """Without the other topics of the role that a topic has."""
     if name is None:
         return there
+    if not there.topics:
+        raise InputError("is a table, and has no topics.", where=str(there.path), hint="Leave --topic out.")
     named = next((topic for topic in there.topics if topic.name == name), None)
     if named is None:
         hint = near(name, [topic.name for topic in there.topics])
         raise InputError(f"there is no topic {name!r}.", where=str(there.path), hint=hint)
+    if role(named.kind) not in ("wrench", "array"):
+        raise InputError(
+            f"topic {name!r} holds {named.kind}, which no sensor's readings are in.",
+            where=str(there.path),
+            hint="Wrenches are geometry_msgs/Wrench or WrenchStamped; voltages and frames are arrays or images.",
+        )
     kept = [topic for topic in there.topics if topic.name == name or role(topic.kind) != role(named.kind)]
     return replace(there, topics=tuple(kept))
 

@@ -118,9 +118,19 @@ def _plain(lines: list[str], filled: list[int], path: Path) -> Dialect | None:
     if 2 * sum(following) <= len(following):  # keys and values before a table
         return None
     names = _fields(head, delimiter, path, filled[0])
-    if all(map(_is_number, names)) or not any(map(_is_number, _split(row, delimiter)[:50])):
+    if _is_row(names) or 2 * sum(map(bool, names)) <= len(names):  # no names; or keys and values, a title
+        return None
+    if not any(map(_is_number, _split(row, delimiter)[:50])):
         return None
     return Dialect(delimiter, ".", tuple(names), first=filled[0] + 1, header=filled[0])
+
+
+def _is_row(names: Sequence[str]) -> bool:
+    """Whether what stands where names do is a first row: numbers, among which there may be words."""
+    numbers = [name for name in names if _is_number(name)]
+    return len(numbers) == len(names) or (
+        bool(_is_number(names[0])) and 2 * len(numbers) > len(names) and any("." in number for number in numbers)
+    )
 
 
 def _header_only(lines: list[str], filled: list[int], path: Path) -> Dialect:
@@ -140,16 +150,20 @@ def _found(lines: list[str], path: Path) -> Dialect | None:
     """By the rows of numbers: what parts them best, and the names above the first of them."""
     scores = {delimiter: _rows(lines, delimiter) for delimiter in _DELIMITERS}
     delimiter = max(_DELIMITERS, key=lambda each: sum(score for _, score in scores[each].values()))
-    rows = scores[delimiter]
+    ended = max((k for k, line in enumerate(lines) if line.startswith("***End_of_Header***")), default=-1)  # LabVIEW's
+    rows = {k: row for k, row in scores[delimiter].items() if k > ended}
     if not rows:
         return None
     width = Counter(count for count, _ in rows.values()).most_common(1)[0][0]
     start = min(k for k, (count, _) in rows.items() if count == width)
+    if width > 2 and _split(lines[start], delimiter) == [str(k) for k in range(width)]:
+        lines = [*lines[:start], "", *lines[start + 1 :]]  # pandas numbers columns that have no names
+        start += 1
     above = [k for k in range(start) if lines[k].strip()]
     header, names, units = _names(lines, above, delimiter, width, path)
     if header < 0:
         names = [f"column_{k + 1}" for k in range(width)]
-    elif len(names) == width + 1 and not names[-1]:
+    elif len(names) == width + 1 and names[-1] in ("", "Comment"):  # the second: LabVIEW's, which rows may leave out
         names = names[:-1]
     elif len(names) == width - 1 and all(lines[k].rstrip().endswith(delimiter) for k in rows):
         names = [*names, f"column_{width}"]
