@@ -69,9 +69,8 @@ _ALIASES: Mapping[str, tuple[str, ...]] = {  # as the tables spell it -> as othe
 }
 _KNOWN_AS = {alias: name for name, aliases in _ALIASES.items() for alias in aliases}
 _TABLES = (TIME_UNITS, FORCE_UNITS, TORQUE_UNITS, ACCELERATION_UNITS)
-_FOREIGN = frozenset(  # units of no table here, in lower case: what has one is refused, not read as SI
-    """v mv uv volt volts count counts cts lsb bits digits % percent
-    min mins minute minutes h hr hrs hour hours d day days""".split()  # noqa: SIM905
+_FOREIGN = re.compile(  # units of no table here: what has one is refused, not read as SI
+    r"[mu]?v|volts?|counts?|cts|lsb|bits|digits|%|percent|mins?|minutes?|hr?s?|hours?|d|days?", re.IGNORECASE
 )
 _BRACKETED = re.compile(r"\s*(?:\[([^\[\]]*)\]|\(([^()]*)\))")
 _TRAILING = re.compile(r"^(.*?\w)(?:\s*/\s*|\s+in\s+|[_\s]+)([^\s_/]+|m/s\^?2)$")
@@ -106,7 +105,7 @@ def split_unit(name: str) -> tuple[str, str]:
     units = [(match, (match[1] or match[2] or "").strip()) for match in _BRACKETED.finditer(name)]
     units = [(match, text) for match, text in units if not re.fullmatch(r"\d*|[xyzwXYZW]", text)]
     for match, text in sorted(units, key=lambda each: not _known(each[1])):
-        if _known(text) or match[1] is not None or text.lower() in _FOREIGN:  # words in round brackets may say anything
+        if _known(text) or match[1] is not None or _FOREIGN.fullmatch(text):  # words in round brackets may say anything
             return (name[: match.start()] + name[match.end() :]).strip(), text
     if (match := _TRAILING.fullmatch(name)) and (
         _known(match[2], certain=True) or match[2].lower() in ("volt", "volts", "counts")

@@ -42,8 +42,10 @@ _SIX = re.compile(
 _QUATERNION = (_axes("orientation|rotation|quaternion|quat|rot|q", "[xyzw]"),)
 _POSITION = (_axes("position|translation|pos|p"),)
 _ACCELERATION = (_axes("linear[\\W_]*acceleration|acceleration|accel|acc|beschleunigung|(?<![a-z])a"),)
-_TIME = ("time", "timestamp", "t", "stamp", "time_s", "seconds", "sec", "s", "zeit", "x_value", "duration")
-_TIME += ("elapsed", "millis", "ms", "micros", "us")
+_TIME = (
+    *("time", "timestamp", "t", "stamp", "time_s", "seconds", "sec", "s", "zeit", "x_value", "duration"),
+    *("elapsed", "millis", "ms", "micros", "us"),
+)
 _DERIVED = re.compile(  # what is no measured wrench, where there is another one
     r"(?:^|[\W_])(?:desired|des|command\w*|cmd|target|set_?point|ref|reference|bias|offset|std|sigma|error|noise)(?=[\W_]|$)",
     re.IGNORECASE,
