@@ -39,23 +39,49 @@ class Real:
 
 
 REAL = (
-    Real("pad/trajectory_panda_ft_opti.csv", "ft_ is the sensor's wrench, y and z swapped; panda_ the arm's own; opti_ a tracked finger",
-        0, ("2 wrenches", "panda_wrench_force_x", "opti_orientation_x")),
-    Real("pad/data_two_payloads_ft.csv", "a sensor's wrench under two weights at once", 0,
-        ("ft_wrench_force_x", "ft_wrench_torque_z")),
-    Real("nano17/cert_FT44297_loadcases.csv", "load cases of a certificate and their errors: no log", 1, ("--rate HZ",)),
-    Real("nano17/roll_400_rows.csv", "wrenches of three Nano17 in N and N mm, without names or times", 1,
-        ("no column is known to be the time",)),
+    Real(
+        "pad/trajectory_panda_ft_opti.csv",
+        "ft_ is the sensor's wrench, y and z swapped; panda_ the arm's own; opti_ a tracked finger",
+        0,
+        ("2 wrenches", "panda_wrench_force_x", "opti_orientation_x"),
+    ),
+    Real(
+        "pad/data_two_payloads_ft.csv",
+        "a sensor's wrench under two weights at once",
+        0,
+        ("ft_wrench_force_x", "ft_wrench_torque_z"),
+    ),
+    Real(
+        "nano17/cert_FT44297_loadcases.csv", "load cases of a certificate and their errors: no log", 1, ("--rate HZ",)
+    ),
+    Real(
+        "nano17/roll_400_rows.csv",
+        "wrenches of three Nano17 in N and N mm, without names or times",
+        1,
+        ("no column is known to be the time",),
+    ),
     Real("nano17/calibration_files_FT44297.cal", "ATI's calibration file, no log", 1, ("is XML",)),
-    Real("payload/recorded_messages_wrench_100.txt", "100 wrenches along the axes of the base, without names or times", 1,
-        ("no column is known to be the time",)),
+    Real(
+        "payload/recorded_messages_wrench_100.txt",
+        "100 wrenches along the axes of the base, without names or times",
+        1,
+        ("no column is known to be the time",),
+    ),
     Real("payload/recorded_messages_pose_100.txt", "100 poses without names: no wrench", 1, ("looks like none",)),
-    Real("strip/norm_SW35-RATIO100-P250.csv", "readings of seven strips, and where they were touched: no wrench", 1,
-        ("looks like none", "strip1")),
-    Real("taxel_force/none.1614726111.69.txt", "counts of a load cell, and of taxels, without names: no wrench", 1,
-        ("looks like none", "column_1, column_2")),
+    Real(
+        "strip/norm_SW35-RATIO100-P250.csv",
+        "readings of seven strips, and where they were touched: no wrench",
+        1,
+        ("looks like none", "strip1"),
+    ),
+    Real(
+        "taxel_force/none.1614726111.69.txt",
+        "counts of a load cell, and of taxels, without names: no wrench",
+        1,
+        ("looks like none", "column_1, column_2"),
+    ),
     Real("taxel_force/calibration2.txt", "one column of counts of a load cell: no wrench", 1, ("one column only",)),
-)  # fmt: skip
+)
 
 
 def rows(small: bool) -> Iterator[Row]:
