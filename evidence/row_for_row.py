@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import re
 import sqlite3
 from pathlib import Path
 
@@ -50,9 +51,12 @@ def _samples(log: Path, topic: str | None) -> tuple[int, int]:
         return _of_bag(log)
     if data.startswith(b"PAR1"):
         return (int(pl.scan_parquet(log, glob=False).select(pl.len()).collect().item()),) * 2
+    if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        data = data.decode("utf-16", errors="replace").encode()
     lines = data.removeprefix(b"\xef\xbb\xbf").split(b"\n" if b"\n" in data else b"\r")
-    count = sum(bool(line.strip()) for line in lines) - 1
-    return count, count
+    rows = [line.strip() for line in lines if line.strip() and not line.startswith((b"#", b"%", b"//"))]
+    named = not rows or not re.match(rb"[-+.\d]", rows[0])  # without names the first line is a sample
+    return len(rows) - 1, len(rows) - named
 
 
 def _of_database(file: Path) -> tuple[int, int]:

@@ -85,7 +85,9 @@ def test_a_log_says_the_same_in_every_format(
 def test_topics_are_listed(mcap: Path, session: Session, capsys: pytest.CaptureFixture[str]) -> None:
     _, said = _inspect(mcap, capsys)
     rows = [line.split() for line in said.splitlines()]
-    assert ["/ft_sensor/wrench", "geometry_msgs/WrenchStamped", f"{len(session.touches):,}"] in rows
+    wrench = next(row for row in rows if row[0] == "/ft_sensor/wrench")
+    assert wrench[1:3] == ["geometry_msgs/WrenchStamped", f"{len(session.touches):,}"]
+    assert float(wrench[3]) == pytest.approx(session.touches.rate(), rel=0.01)
     assert any(row[:2] == ["/arm/sensor_pose", "geometry_msgs/PoseStamped"] for row in rows)
 
 

@@ -7,13 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.exports import TIME, WRENCH
 
+from evidence import robot
+from evidence.exports import TIME, WRENCH
 from palpate.cli import main
 from palpate.io.logs import read_recording
 from palpate.io.rig import load_rig
 from palpate.io.rig.names import wrenches
-from tests.support import robot
 
 FT = ["Fx", "Fy", "Fz", "Tx", "Ty", "Tz"]
 STAMPS = np.rint(TIME * 1e9).astype(np.int64).tolist()

@@ -30,7 +30,7 @@ from palpate.contact._settings import (
     TOUCHING,
 )
 from palpate.contact._slopes import sandwich, sensitivity, slopes_at, softened, tangents, to_metres, to_unit
-from palpate.contact._touch import ANOTHER, better, follow, forget, friction, rival, torsion, within_bounds
+from palpate.contact._touch import ANOTHER, MEAN, better, follow, forget, friction, rival, torsion, within_bounds
 from palpate.surfaces._jit import entry, inner
 from palpate.surfaces._kernels import CANDIDATE, CAPACITY, nearest_to_axis, search, shape_operator
 from palpate.surfaces._vectors import copy_into, cross_into, dot
@@ -80,7 +80,7 @@ def _ambiguous(found, places, count, best, t, spread, noisy, state, branches):
             return True
     if noisy and state[CONTESTED] == 1.0:
         for k in range(1, MOST):
-            mean = BRANCHES + k * BRANCH + 1
+            mean = BRANCHES + k * BRANCH + MEAN
             if rival(state, k) and _outside(state[mean : mean + 3], places[best], t, spread, det, _CHI2_95):
                 return True
     return False

@@ -22,9 +22,9 @@ from palpate.surfaces._jit import inner
 from palpate.surfaces._kernels import CANDIDATE
 from palpate.surfaces._vectors import copy_into, cross_into, dot
 
-__all__ = ["ANOTHER", "better", "follow", "forget", "friction", "rival", "torsion", "within_bounds"]
+__all__ = ["ANOTHER", "MEAN", "better", "follow", "forget", "friction", "rival", "torsion", "within_bounds"]
 
-_COUNT, _GAIN, _SQUARES, _MEAN, _LAST = 0, 1, 2, 3, 6  # of a branch; its mean position [m], its last candidate
+_COUNT, _GAIN, _SQUARES, MEAN, _LAST = 0, 1, 2, 3, 6  # of a branch; its mean position [m], its last candidate
 _MEMORY = 32.0  # samples of a branch's mean place
 _EARLY = 8  # samples in which any branch may appear
 _WORST = 8.0  # loss of a sample at most
@@ -112,7 +112,7 @@ def _moved(branch, candidate, place):
     """A branch after a sample in which it has a candidate."""
     branch[_COUNT] = min(_MEMORY, branch[_COUNT] + 1.0)
     for k in range(3):
-        branch[_MEAN + k] += (place[k] - branch[_MEAN + k]) / branch[_COUNT]
+        branch[MEAN + k] += (place[k] - branch[MEAN + k]) / branch[_COUNT]
     copy_into(candidate, branch[_LAST : _LAST + CANDIDATE])
 
 
@@ -154,7 +154,7 @@ def _at(wrench, noise, place, settings):
 def _apart(branch, place):
     total = 0.0
     for k in range(3):
-        total += (branch[_MEAN + k] - place[k]) ** 2
+        total += (branch[MEAN + k] - place[k]) ** 2
     return total
 
 
@@ -199,7 +199,7 @@ def _assign(wrench, noise, state, settings, places, near, count, of_branch, of_c
 @inner
 def _misfit(wrench, noise, branch, place):
     """Squared standard deviations from a wrench to the nearest that a contact where the branch is can make."""
-    copy_into(branch[_MEAN : _MEAN + 3], place)
+    copy_into(branch[MEAN : MEAN + 3], place)
     copy_into(branch[_LAST + 11 : _LAST + 14], place[3:])
     far, count = distance_to_point(wrench, noise, place), branch[_COUNT]
     return far * far * count / (1.0 + count)

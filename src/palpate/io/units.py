@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import re
 from collections.abc import Iterable, Mapping
-from functools import cache
+from functools import cache, lru_cache
 from math import floor, inf, isfinite, log10
 
 from palpate.errors import InputError
@@ -97,6 +97,7 @@ def known_unit(unit: str, table: Mapping[str, float]) -> str | None:
     return spelled.get(bare) or spelled.get(_squeezed(_KNOWN_AS.get(bare.lower(), "?")))
 
 
+@lru_cache(maxsize=1 << 15)  # a log of many columns is asked for each of them several times
 def split_unit(name: str) -> tuple[str, str]:
     """What is measured, and the unit that a column's name says, or "": `Fx [N]`, `Fx (N)`, `Fx_N`, `Fx / N`.
 
