@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from pathlib import Path
 from typing import Any
@@ -418,6 +419,10 @@ def test_inspect_says_what_both_wrenches_are(walked: Path, capsys: pytest.Captur
     assert main(["inspect", str(walked / "touches")]) == 0
     said = capsys.readouterr().out
     assert said.count("taken for") == said.count("fx [N]") == 2
+    assert main(["inspect", str(walked / "touches"), "--json"]) == 0
+    parts = json.loads(capsys.readouterr().out)["parts"]
+    assert [part["title"] for part in parts] == ["/ft_sensor/wrench", OTHER]
+    assert [part["facts"]["frame"] for part in parts] == ["ft_sensor", "gripper_ft"]
     assert main(["inspect", str(walked / "touches"), "--topic", OTHER]) == 0
     assert "frame            gripper_ft" in capsys.readouterr().out
     assert main(["inspect", str(walked / "touches"), "--rig", str(walked / "my_rig.toml")]) == 0

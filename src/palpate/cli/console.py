@@ -27,6 +27,7 @@ __all__ = [
     "in_full",
     "lines",
     "note",
+    "part",
     "progress",
     "shares",
     "span",
@@ -58,7 +59,17 @@ class _Voice:
 
     quiet: bool = False
     json: bool = False
-    said: dict[str, Any] = field(default_factory=lambda: {"title": "", "facts": {}, "tables": []})
+    said: dict[str, Any] = field(default_factory=lambda: _about(""))
+    part: dict[str, Any] | None = None
+
+    @property
+    def here(self) -> dict[str, Any]:
+        """Where what is said next belongs."""
+        return self.said if self.part is None else self.part
+
+
+def _about(text: str) -> dict[str, Any]:
+    return {"title": text, "facts": {}, "tables": []}
 
 
 _VOICES = [_Voice()]  # the last one speaks
@@ -97,11 +108,18 @@ def title(text: str) -> None:
     _print(text)
 
 
+def part(text: str) -> None:
+    """What follows is about one of several; in JSON each is an object of its own in `parts`."""
+    voice = _VOICES[-1]
+    voice.part = _about(text)
+    voice.said.setdefault("parts", []).append(voice.part)
+
+
 def lines(pairs: Iterable[tuple[str, object]]) -> None:
     """Name and value, one pair a line; a `Figure` is its value in JSON."""
     known = list(pairs)
     width = max([_WIDTH, *(len(name) for name, _ in known)])
-    _VOICES[-1].said["facts"] |= {name: _plain(value) for name, value in known}
+    _VOICES[-1].here["facts"] |= {name: _plain(value) for name, value in known}
     for name, value in known:
         _print(f"  {name:<{width}} {value}")
 
@@ -116,7 +134,7 @@ def note(texts: Iterable[str], kind: str = "note") -> None:
     """Sentences that the reader should not miss."""
     voice = _VOICES[-1]
     for text in texts:
-        voice.said.setdefault(_OTHERS.get(kind, kind), []).append(text)
+        voice.here.setdefault(_OTHERS.get(kind, kind), []).append(text)
         if voice.quiet and kind == "warning":
             print(f"palpate: warning: {text}", file=sys.stderr)
         _print(f"  {kind}: {text}")
@@ -127,7 +145,7 @@ def table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
     cells = [list(header), *(list(row) for row in rows)]
     widths = [max(len(row[k]) for row in cells) for k in range(len(header))]
     keys = [name or "name" for name in header]
-    _VOICES[-1].said["tables"].append([dict(zip(keys, map(_plain, row), strict=True)) for row in cells[1:]])
+    _VOICES[-1].here["tables"].append([dict(zip(keys, map(_plain, row), strict=True)) for row in cells[1:]])
     for row in cells:
         sided = zip(row, widths, ["<", *">" * len(row[1:])], strict=True)
         _print("  " + "  ".join(f"{cell:{side}{width}}" for cell, width, side in sided).rstrip())

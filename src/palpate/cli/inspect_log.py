@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate.cli.console import Figure, counting, lines, note, progress, shares, span, table, title
+from palpate.cli.console import Figure, counting, lines, note, part, progress, shares, span, table, title
 from palpate.cli.excerpt import Excerpt
 from palpate.cli.spectrum import force_and_place
 from palpate.contact.estimate import Status
@@ -50,10 +50,13 @@ def inspect_log(
     there = contents(file)
     _say_contents(there)
     wrenches = topics_of(there, "wrench") if rig is None and topic is None and sensor in (None, "force_torque") else []
-    first = _inspect_one(file, there, rig, sensor, wrenches[0] if len(wrenches) > 1 else topic)
-    for other in wrenches[1:]:
-        _inspect_one(file, there, rig, sensor, other)
-    return first
+    if len(wrenches) < 2:
+        return _inspect_one(file, there, rig, sensor, topic)
+    found: list[tuple[Recording | None, bool]] = []
+    for each in wrenches:
+        part(each)
+        found.append(_inspect_one(file, there, rig, sensor, each))
+    return found[0]
 
 
 def _inspect_one(
