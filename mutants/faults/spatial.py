@@ -50,7 +50,7 @@ FAULTS: list[Fault] = [
     ),
     *of(
         "spatial/frames.py",
-        "tests/spatial/test_frames.py",
+        "tests/spatial/test_frame_tree.py",
         ("an edge passed upward is not turned round", "turned = turned.inv()", "pass"),
         (
             "an edge turns what is above it",
