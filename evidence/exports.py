@@ -314,7 +314,7 @@ EDITED = (  # what is read after the line is changed that `rig new` names
     Export(*_file("robotiq_registers.csv", "Robotiq FT 300 over Modbus: hundredths of N, thousandths of N m (manual)",
         _table(["time", *FM], _cells(_time(), *_wrench(100, 1000, 0)))), says=("whole",), tolerance=(6e-3, 6e-4),
         edit=(_PER_COUNT, 'units = { force = "N/100", torque = "N m/1000" }')),
-    Export(*_file("onrobot_udp.csv", "OnRobot HEX over UDP: 10,000 counts a N, 100,000 a N m (manual), no times",
+    Export(*_file("onrobot_udp.csv", "OnRobot HEX over UDP: 10,000 counts a N, 100,000 a N m, no times (unseen)",
         _table(_HEX, _cells(_SEQUENCE, _SEQUENCE, _ZERO, *_wrench(1e4, 1e5, 0)))), ("--rate", "100"), ("whole",),
         edit=(_PER_COUNT, 'units = { force = "N/10000", torque = "N m/100000" }'), tolerance=(1e-4, 1e-5)),
     Export(*_file("netft_cut.csv", "ATI Net F/T without the lines that say what a count is", _ati(cut=True)),
