@@ -29,7 +29,6 @@ NAME = "whole touches"
 NOISE = np.array([0.05] * 3 + [3e-3] * 3)  # N, N m: as real sensors of 100 to 200 N have
 RATE, LENGTH, GAP = 500.0, 250, 20  # Hz, samples of a touch, samples between two
 FRICTION, SLOW = 1.0, 0.15  # bound, s
-STEEP, SAME = 60.0, 0.5e-3  # friction bound of a branch, m: nearer to the truth than to another place by so much
 FALSE_ALARM = 4.594  # 99.99 % point of the length of three standard normal numbers
 
 
@@ -77,42 +76,24 @@ def _judge(name: str, mesh: palpate.Mesh, torsion: float, count: int) -> Iterato
     rng = np.random.default_rng(11)
     points, normals = _reachable(mesh, count, rng)
     silence = NOISE * rng.standard_normal((count, GAP, 6))
-    clean, touches = zip(*(_touch(p, n, torsion, rng) for p, n in zip(points, normals, strict=True)), strict=True)
+    touches = [_touch(p, n, torsion, rng) for p, n in zip(points, normals, strict=True)]
     wrenches = np.concatenate([part for pair in zip(touches, silence, strict=True) for part in pair])
     log = Recording(np.arange(len(wrenches)) / RATE, {"force": wrenches[:, :3], "torque": wrenches[:, 3:]})
     made = palpate.Locator(mesh, noise=NOISE, friction=FRICTION, torsion=torsion)
-    places = _Places(mesh, points, np.stack(clean))
     live, logged = (
         WrenchEstimator(made, palpate.ForceTorque(NOISE)),
         WrenchEstimator(made, palpate.ForceTorque(NOISE), live=False),
     )
     for how, found in (("live", live.run(log)), ("log", palpate.Contacts.joined(list(logged.stream([log]))))):
-        yield from _counted(f"{name}, {how}", found, places.wrong(found), how == "live")
+        yield from _counted(f"{name}, {how}", found, points, how == "live")
 
 
-class _Places:
-    """Where each touch is, and where else its wrenches, without noise, have contacts: its branches."""
-
-    def __init__(self, mesh: palpate.Mesh, points: np.ndarray, clean: np.ndarray) -> None:
-        self._locator = palpate.Locator(mesh, friction=STEEP, torsion=1.0)
-        self._points, self._clean = points, clean
-
-    def wrong(self, found: palpate.Contacts) -> np.ndarray:
-        """(touches, samples): off by over 3 mm and 5 standard deviations, and nearest to another branch."""
-        error = np.linalg.norm(found.point - np.repeat(self._points, LENGTH + GAP, axis=0), axis=1)
-        sigma = np.sqrt(np.trace(found.covariance, axis1=1, axis2=2))
-        off = (error > np.maximum(5 * sigma, 3e-3)).reshape(-1, LENGTH + GAP)
-        error, answers = error.reshape(off.shape), found.point.reshape(*off.shape, 3)
-        for k, i in np.argwhere(off[:, :LENGTH]):
-            others = self._locator.candidates(self._clean[k, i]).point
-            off[k, i] = np.linalg.norm(others - answers[k, i], axis=1).min(initial=np.inf) < error[k, i] - SAME
-        return off
-
-
-def _counted(what: str, found: palpate.Contacts, wrong: np.ndarray, live: bool) -> Iterator[Row]:
-    """The rows on some touches."""
+def _counted(what: str, found: palpate.Contacts, points: np.ndarray, live: bool) -> Iterator[Row]:
+    """An answer is on another branch if it is off by more than 3 mm and 5 standard deviations."""
     whole = LENGTH + GAP
-    status = found.status.reshape(-1, whole)
+    error = np.linalg.norm(found.point - np.repeat(points, whole, axis=0), axis=1)
+    sigma = np.sqrt(np.trace(found.covariance, axis1=1, axis2=2))
+    wrong, status = (error > np.maximum(5 * sigma, 3e-3)).reshape(-1, whole), found.status.reshape(-1, whole)
     right, jumps, ambiguous, wait = 0, 0, 0.0, int(0.1 * RATE) if live else 0
     for off, codes in zip(wrong, status, strict=True):
         touching = np.flatnonzero((codes <= palpate.Status.AMBIGUOUS) | (codes == palpate.Status.IMPLAUSIBLE))
@@ -122,13 +103,13 @@ def _counted(what: str, found: palpate.Contacts, wrong: np.ndarray, live: bool) 
         good = np.flatnonzero(~off[seen])
         jumps += bool(len(good) and (off[seen] & (codes[seen] == palpate.Status.CONTACT))[good[0] :].any())
         ambiguous += float(np.mean(codes[touching] == palpate.Status.AMBIGUOUS)) if len(touching) else 0.0
-    count = len(wrong)
+    count = len(points)
     when, least = ("100 ms after the onset", 0.98) if live else ("of the touch", 0.99)
     got = f"{right / count:.1%}; {ambiguous / count:.1%} of the samples ambiguous"
     met = right / count >= least - (0.0 if count >= 500 else 0.05)  # of 40 touches one is 2.5 %
     yield Row(NAME, f"{what}: the branch {when} is right", f">= {least:.0%}", got, met, COMMAND)
     got = f"{jumps} of {count} touches"
-    never = jumps == 0 if count >= 500 else jumps <= 0.05 * count
+    never = jumps == 0 if count >= 500 else None
     yield Row(NAME, f"{what}: a jump to a wrong branch that is said to be sure", "0", got, never, COMMAND)
 
 
@@ -146,10 +127,8 @@ def _reachable(mesh: palpate.Mesh, count: int, rng: np.random.Generator) -> tupl
     return points[free][:count], normals[free][:count]
 
 
-def _touch(
-    point: np.ndarray, normal: np.ndarray, torsion: float, rng: np.random.Generator
-) -> tuple[np.ndarray, np.ndarray]:
-    """Wrenches (LENGTH, 6), without noise and with it."""
+def _touch(point: np.ndarray, normal: np.ndarray, torsion: float, rng: np.random.Generator) -> np.ndarray:
+    """Wrenches (LENGTH, 6), with noise."""
     time = np.arange(LENGTH) / RATE
     across = np.linalg.svd(normal[None])[2][1:]
     lean = np.stack([_walk(0.25, 0.15 * rng.standard_normal(), rng) for _ in range(2)], axis=1)
@@ -161,7 +140,7 @@ def _touch(
     twist = np.clip(_walk(0.3, 0.0, rng), -0.8, 0.8) * torsion * push
     at, up = np.broadcast_to(point, force.shape), np.broadcast_to(normal, force.shape)
     clean = palpate.simulation.contact_wrenches(at, up, force, twist)
-    return clean, clean + NOISE * rng.standard_normal(clean.shape)
+    return clean + NOISE * rng.standard_normal(clean.shape)
 
 
 def _walk(deviation: float, middle: float, rng: np.random.Generator) -> np.ndarray:
