@@ -1,0 +1,42 @@
+"""What is believed of errors of sensor and robot before a poke is made."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import inf, radians
+
+__all__ = ["Priors"]
+
+
+@dataclass(frozen=True)
+class Priors:
+    """Standard deviations, along each axis, of what is estimated with the taxels; 0: it is not.
+
+    Args:
+        bias_force, bias_torque: [N], [N m] of the wrench in each configuration.
+        frame, frame_angle: [m], [rad] of the link in the sensor's frame, in each configuration.
+        common, common_angle: the same, of all configurations together.
+        cross_talk: share of each force and torque that reads as another one, or as more of itself.
+        lever: [m] by which cross-talk between forces and torques is scaled.
+        start, start_angle: [m], [rad] of each module where a start is given (as in CAD); inf: nothing is known.
+        layer: [m] by which taxels may lie off the surface; 0: they lie on it.
+        spacing: [m] by which distances of neighbours may differ from those of the start; inf: they tell nothing.
+    """
+
+    bias_force: float = 0.3
+    bias_torque: float = 0.03
+    frame: float = 3e-3
+    frame_angle: float = radians(1.0)
+    common: float = 3e-3
+    common_angle: float = radians(1.0)
+    cross_talk: float = 0.02
+    lever: float = 0.1
+    start: float = 3e-3
+    start_angle: float = radians(5.0)
+    layer: float = 0.0
+    spacing: float = inf
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if not value >= 0:
+                raise ValueError(f"{name} must not be negative")

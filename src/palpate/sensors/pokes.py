@@ -1,0 +1,127 @@
+"""Pokes of a skin: one wrench a poke, which taxels answered and how much, and where the link was."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from numpy.typing import ArrayLike
+
+from palpate.errors import InputError
+from palpate.spatial._arrays import Value, frozen
+
+__all__ = ["Pokes"]
+
+
+@dataclass(frozen=True, eq=False)
+class Pokes(Value):
+    """n pokes, m answers of taxels to them; a *configuration* is one arm configuration in which pokes were made.
+
+    Attributes:
+        wrench: (n, 6) of the tool on the body [N, N m] in the sensor's frame about its origin; what the sensor read
+            before the poke is taken off.
+        rotation: (n, 3, 3) and origin: (n, 3) [m] of the link in the sensor's frame (T_sensor_link).
+        configuration: (n,) from 0.
+        starts: (n + 1,) where the answers of each poke begin.
+        taxel: (m,) which answered, within a poke each once.
+        response: (m,) how much above its rest, in any unit, positive.
+        taxels: how many the skin has, those included that never answered.
+        noise: (6, 6) covariance of a wrench.
+        weight: (n,) how far each is to be believed: 1, less where it is doubtful, 0: rejected.
+        time: (n,) [s], NaN where it is not known.
+        threshold: of a response: what is below it is not among the answers.
+        notes: what was found and what to doubt, a sentence each.
+    """
+
+    wrench: Float[np.ndarray, "n 6"]
+    rotation: Float[np.ndarray, "n 3 3"]
+    origin: Float[np.ndarray, "n 3"]
+    configuration: Int[np.ndarray, " n"]
+    starts: Int[np.ndarray, " n1"]
+    taxel: Int[np.ndarray, " m"]
+    response: Float[np.ndarray, " m"]
+    taxels: int
+    noise: Float[np.ndarray, "6 6"]
+    weight: Float[np.ndarray, " n"]
+    time: Float[np.ndarray, " n"]
+    threshold: float = 0.0
+    notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        count = len(self.wrench)
+        shapes = {"wrench": (6,), "rotation": (3, 3), "origin": (3,), "weight": (), "time": ()}
+        for name, tail in shapes.items():
+            array = frozen(getattr(self, name), name=name)
+            if array.shape != (count, *tail):
+                raise InputError(f"{name} of shape {array.shape} does not belong to {count} pokes.", where="pokes")
+            object.__setattr__(self, name, array)
+        for name in ("configuration", "starts", "taxel"):
+            array = np.array(getattr(self, name), dtype=np.int64)
+            array.flags.writeable = False
+            object.__setattr__(self, name, array)
+        for name in ("response", "noise"):
+            object.__setattr__(self, name, frozen(getattr(self, name), name=name))
+        whole = len(self.taxel) == len(self.response) and len(self.starts) == count + 1
+        if not whole or self.starts[0] or self.starts[-1] != len(self.taxel) or len(self.configuration) != count:
+            raise InputError("answers and pokes do not belong together.", where="pokes")
+        if len(self.taxel) and not 0 <= self.taxel.min() <= self.taxel.max() < self.taxels:
+            raise InputError(f"an answer is of none of the {self.taxels} taxels.", where="pokes")
+
+    @classmethod
+    def from_table(
+        cls,
+        wrench: ArrayLike,
+        rotation: ArrayLike,
+        origin: ArrayLike,
+        configuration: ArrayLike,
+        responses: Float[np.ndarray, "n k"],
+        *,
+        noise: ArrayLike,
+        threshold: float = 0.0,
+        **rest: object,
+    ) -> Pokes:
+        """From one row of responses a poke; those above the threshold are its answers.
+
+        Raises:
+            InputError: arrays that do not belong together.
+        """
+        above = responses > threshold
+        poke, taxel = np.nonzero(above)
+        count, taxels = responses.shape
+        starts = np.concatenate([[0], np.cumsum(above.sum(axis=1))])
+        given = {"weight": np.ones(count), "time": np.full(count, np.nan)} | rest
+        named = {"wrench": wrench, "rotation": rotation, "origin": origin, "configuration": configuration}
+        named |= {"starts": starts, "taxel": taxel, "response": responses[poke, taxel], "taxels": taxels}
+        made: dict[str, object] = {name: np.asarray(value) for name, value in named.items() if name != "taxels"}
+        return cls(**made, taxels=taxels, noise=np.asarray(noise), threshold=threshold, **given)  # pyright: ignore[reportArgumentType]
+
+    def __len__(self) -> int:
+        return len(self.wrench)
+
+    @property
+    def configurations(self) -> int:
+        """How many arm configurations there are."""
+        return int(self.configuration.max(initial=-1)) + 1
+
+    @property
+    def poke(self) -> Int[np.ndarray, " m"]:
+        """(m,) the poke of each answer."""
+        return np.repeat(np.arange(len(self)), np.diff(self.starts))
+
+    def counts(self) -> Int[np.ndarray, " k"]:
+        """(k,) how many pokes that are believed each taxel answered to."""
+        return np.bincount(self.taxel[self.weight[self.poke] > 0], minlength=self.taxels)
+
+    def picked(self, rows: Bool[np.ndarray, " n"]) -> Pokes:
+        """Those that a mask picks; configurations keep their numbers."""
+        kept = rows[self.poke]
+        sizes = np.diff(self.starts)[rows]
+        same = ("wrench", "rotation", "origin", "configuration", "weight", "time")
+        return replace(
+            self,
+            **{name: getattr(self, name)[rows] for name in same},
+            starts=np.concatenate([[0], np.cumsum(sizes)]),
+            taxel=self.taxel[kept],
+            response=self.response[kept],
+        )
