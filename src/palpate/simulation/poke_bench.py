@@ -124,12 +124,12 @@ class Arm:
     @cached_property
     def joints(self) -> Float[np.ndarray, "d 2"]:
         """(d, 2) [rad] of the datasets."""
-        return np.radians(np.array(self.table)[:, :2])
+        return np.array([(radians(row[0]), radians(row[1])) for row in self.table])
 
     def shared(self, pokes: int) -> Int[np.ndarray, " n"]:
         """(n,) the dataset of each poke, in turn, as many in each as its minutes allow."""
         until = np.cumsum([row[2] for row in self.table])
-        return np.searchsorted(until, until[-1] * (np.arange(pokes) + 0.5) / pokes).astype(np.int64)
+        return np.asarray(np.searchsorted(until, until[-1] * (np.arange(pokes) + 0.5) / pokes), dtype=np.int64)
 
 
 @dataclass(frozen=True)
