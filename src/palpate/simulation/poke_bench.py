@@ -42,7 +42,7 @@ __all__ = [
     "boussinesq",
 ]
 
-FAR = 11e-3  # m: a poke of 15 N farther away is below a quarter of a count
+FAR = 9e-3  # m from all that presses: 15 N there are less than a quarter of a count
 
 
 @dataclass(frozen=True)
@@ -194,6 +194,7 @@ class PokeSession:
         contacts: (n, 3) [m] true centres of pressure, in the frame of the link.
         directions: (n, 3) unit, of the force on the body, in the frame of the link; force: (n,) [N] its size.
         bench: with the skin and what was drawn.
+        touches: what tip and taxels did, exactly.
     """
 
     pokes: Pokes
@@ -201,6 +202,7 @@ class PokeSession:
     directions: Float[np.ndarray, "n 3"]
     force: Float[np.ndarray, " n"]
     bench: PokeBench
+    touches: Touches
 
 
 @dataclass(frozen=True, eq=False)
@@ -334,7 +336,7 @@ class PokeBench(Value):
             threshold=self.layer.threshold,
         )
         size = np.linalg.norm(touches.force, axis=1)
-        return PokeSession(pokes, touches.contact, touches.force / size[:, None], size, self)
+        return PokeSession(pokes, touches.contact, touches.force / size[:, None], size, self, touches)
 
     def read_out(self, exact: Float[np.ndarray, " m"], rng: np.random.Generator) -> Float[np.ndarray, " m"]:
         """Whole counts above rest, of 8 bits."""
@@ -374,7 +376,7 @@ class PokeBench(Value):
         out = [np.einsum("ni,nij->nj", each, axes) for each in (contact, force, moment)]
         spin = (load * turning[:, None] * (ax**2 + ay**2)).sum(axis=1)
         torque = out[2] + np.cross(points, out[1])
-        return Touches(points + out[0], out[1], torque, spin, *self._answers(points, x, y, load))
+        return Touches(points + out[0], out[1], torque, spin, *self.answers(points, x, y, load))
 
     def pressed(
         self, normal: Float[np.ndarray, " n"], curvature: Float[np.ndarray, " n"], rng: np.random.Generator
@@ -394,16 +396,26 @@ class PokeBench(Value):
         last = np.count_nonzero(deep > order, axis=1) - 1  # the depth at which as many cells bear as are above it
         return x, y, spring * np.maximum(deep[np.arange(count), last][:, None] - gap, 0.0)
 
-    def _answers(
+    def answers(
         self,
         points: Float[np.ndarray, "n 3"],
         x: Float[np.ndarray, "n c"],
         y: Float[np.ndarray, "n c"],
         load: Float[np.ndarray, "n c"],
     ) -> tuple[Int[np.ndarray, " m"], Int[np.ndarray, " m"], Float[np.ndarray, " m"]]:
-        """Pairs of poke and taxel that are near each other, and the exact counts."""
+        """What taxels say of forces near points.
+
+        Args:
+            points: (n, 3) [m] on the surface.
+            x: (n, c) [m] along the first tangent from each point.
+            y: the same along the second.
+            load: [N] there.
+
+        Returns:
+            Pairs of point and taxel that are near each other, and the exact counts.
+        """
         there = np.flatnonzero(self.skin.places.there)
-        poke, entry = nearby(self._tree, points, FAR)
+        poke, entry = nearby(self._tree, points, FAR + float(np.hypot(x, y).max(initial=0.0)))
         taxel = there[entry]
         away = self.skin.offsets(points, poke, taxel)
         square = (x[poke] - away[:, :1]) ** 2 + (y[poke] - away[:, 1:]) ** 2
