@@ -129,7 +129,7 @@ def _journey(
         there = session.bench.arm.joints[number]
         still = rest + period * int(counts[number])
         first = length + len(ease) + rest
-        begin.append(first + period * np.arange(counts[number]))
+        begin.append(first + period * np.arange(int(counts[number])))
         at += [_HOME + ease * (there - _HOME), np.tile(there, (still, 1)), there + ease * (_HOME - there)]
         length = first + period * int(counts[number]) + len(ease)
         configuration.append(np.full(still + 2 * len(ease), number))
