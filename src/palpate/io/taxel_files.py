@@ -188,7 +188,9 @@ def _unit_normals(
         one = unit[known][0]
         deep = float(np.ptp(positions[known] @ one))
         if np.abs(unit[known] - one).max() < 1e-9 and deep > _FLAT:
-            said = f"all normals are ({', '.join(f'{part:g}' for part in one)}), though the taxels lie {1e3 * deep:.3g} "
+            said = (
+                f"all normals are ({', '.join(f'{part:g}' for part in one)}), though the taxels lie {1e3 * deep:.3g} "
+            )
             return np.full_like(unit, np.nan), (f"{said}mm deep along it: they are not used",)
     return unit, ()
 
