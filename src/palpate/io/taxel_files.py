@@ -6,7 +6,7 @@ What is written is told by the suffix: .toml (the model, all that is known), .tx
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -188,10 +188,9 @@ def _unit_normals(
         one = unit[known][0]
         deep = float(np.ptp(positions[known] @ one))
         if np.abs(unit[known] - one).max() < 1e-9 and deep > _FLAT:
-            said = (
-                f"all normals are ({', '.join(f'{part:g}' for part in one)}), though the taxels lie {1e3 * deep:.3g} "
-            )
-            return np.full_like(unit, np.nan), (f"{said}mm deep along it: they are not used",)
+            said = f"all normals are ({', '.join(f'{part + 0.0:g}' for part in one)})"
+            why = f"though the taxels lie {1e3 * deep:.3g} mm deep along it: they are not used"
+            return np.full_like(unit, np.nan), (f"{said}, {why}",)
     return unit, ()
 
 

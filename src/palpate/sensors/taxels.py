@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -15,8 +15,6 @@ from palpate.sensors.recording import CELLS, LARGEST, Recording
 from palpate.sensors.skin_map import SkinMap
 
 __all__ = ["TaxelBody"]
-
-Shaped = TypeVar("Shaped", bound=np.ndarray)
 
 _AROUND = np.array([(a, b) for a in (-1, 0, 1) for b in (-1, 0, 1) if a or b])  # of a cell on a sheet
 _CORNERS, _SIDES = [0, 2, 5, 7], [[1, 3], [1, 4], [6, 3], [6, 4]]  # of _AROUND: corners, and the two sides at each
@@ -222,7 +220,7 @@ class TaxelBody:
         """The whole, as messages name it."""
         return f"{self.rows} x {self.columns} cells" if self.rows else f"{len(self)} taxels"
 
-    def picked(self, frames: Shaped) -> Shaped:
+    def picked(self, frames: np.ndarray) -> np.ndarray:
         """Frames (..., n) without the numbers at which there is no taxel; others as they are."""
         if self.numbers is None or frames.shape[-1:] != (self.frame,):
             return frames
