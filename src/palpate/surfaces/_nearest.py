@@ -8,7 +8,7 @@ import numpy as np
 from palpate.surfaces._bvh import KIND, STACK, WIDTH, axis_view, start_view, test_children
 from palpate.surfaces._jit import entry, inner
 
-__all__ = ["edges_near", "nearest_to_axis", "nearest_to_point"]
+__all__ = ["edges_near", "nearest_to_axis", "nearest_to_point", "point_to_triangle"]
 
 
 @inner
@@ -92,7 +92,7 @@ def _place(corners, patch, b0, b1, b2, out):
 
 
 @inner
-def _point_to_triangle(row, point, out):
+def point_to_triangle(row, point, out):
     """Squared distance from a point to a triangle in space; barycentric coordinates of the nearest point."""
     ax, ay, az = row[0] - point[0], row[1] - point[1], row[2] - point[2]
     ux, uy, uz = row[6] - row[0], row[7] - row[1], row[8] - row[2]
@@ -148,7 +148,7 @@ def nearest_to_point(points, nodes, corners, found):
             for patch in range(first, first + size):
                 if corners[patch, KIND] > 1.0:
                     continue
-                square = _point_to_triangle(corners[patch], point, bary)
+                square = point_to_triangle(corners[patch], point, bary)
                 if square < best:
                     best = square
                     found[n, 0], found[n, 1], found[n, 2], found[n, 3] = patch, bary[0], bary[1], bary[2]

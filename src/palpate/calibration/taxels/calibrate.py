@@ -7,7 +7,11 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Float
 
+from palpate.calibration.taxels import paper
 from palpate.calibration.taxels.priors import Priors
+from palpate.calibration.taxels.solve import Solution, solve
+from palpate.calibration.taxels.units import Units, fitted, single
+from palpate.errors import InputError, NotIdentifiable
 from palpate.sensors.pokes import Pokes
 from palpate.sensors.taxel_modules import ModuleLayout
 from palpate.sensors.taxel_places import TaxelPlaces
@@ -15,7 +19,10 @@ from palpate.surfaces.surface import Surface
 
 __all__ = ["METHODS", "TaxelCalibration", "calibrate_taxels"]
 
-METHODS = ("free", "weighted", "surface", "modules")
+METHODS = ("free", "weighted", "surface", "taxels", "modules")
+FEWEST = 3  # pokes of a module that nothing else is known of
+ENOUGH = 10  # pokes in all
+NAMED = 12  # taxels in a sentence
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,8 +33,10 @@ class TaxelCalibration:
         places: of the taxels, with covariance.
         residual: (n, 3) [N m] of each poke's torque, NaN of those that were not used.
         used: how many pokes were.
-        noise: how many times larger the residuals are than the covariance of the wrenches explains.
-        nuisances: name -> estimate of what was estimated with the taxels, (configurations, 6) or (6, 6).
+        noise: how many times larger the residuals are than their covariance explains.
+        nuisances: name -> what was estimated with the taxels: frames and bias (configurations, 6), common (6,),
+            cross_talk (6, 6); none by the paper's methods.
+        solution: all of it, for planning; None by the paper's methods.
         notes: what was found; doubts: what may be wrong, a sentence each.
     """
 
@@ -36,6 +45,7 @@ class TaxelCalibration:
     used: int
     noise: float
     nuisances: dict[str, np.ndarray] = field(default_factory=lambda: {})
+    solution: Solution | None = None
     notes: tuple[str, ...] = ()
     doubts: tuple[str, ...] = ()
 
@@ -53,14 +63,177 @@ def calibrate_taxels(
 
     Args:
         pokes: of all configurations.
-        method: "free", "weighted", "surface" [taxel poking, (5), K and II-B] or "modules".
-        surface: of the link, in its frame; "surface" needs one.
-        start: where taxels are thought to be (CAD); None: nothing is known.
+        method: "free", "weighted", "surface": the paper's, each taxel for itself, all answers alike (5), weighted (K),
+            or weighted and on the surface (II-B). "taxels": taxel by taxel, but all at once, with the errors of sensor
+            and robot and a model of the taxels' responses. "modules": the same for the modules that carry them.
+        surface: of the link, in its frame: "surface" needs one, "taxels" and "modules" are better with one.
+        start: where taxels are thought to be (CAD), believed as far as the priors say; None: nothing is known.
         layout: of modules; None: that of the start.
-        priors: of what is estimated with them.
+        priors: of the start and of the errors.
 
     Raises:
-        InputError: the method needs what is not given.
+        InputError: an unknown method, or it needs what is not given.
         NotIdentifiable: too few pokes; what cannot be known is named.
     """
-    raise NotImplementedError
+    if method not in METHODS:
+        raise InputError(f"there is no method {method!r}.", where="method", hint=f"Use one of {', '.join(METHODS)}.")
+    for name, given in (("layout", layout), ("start", start)):
+        if given is not None and len(given) != pokes.taxels:
+            raise InputError(
+                f"the {name} has {len(given)} taxels, the pokes are of {pokes.taxels}: it is of another skin.",
+                where=name,
+            )
+    believed = int(np.count_nonzero(pokes.weight > 0))
+    if believed < ENOUGH:
+        raise NotIdentifiable(
+            f"{believed} pokes can be used; {ENOUGH} are the least.", rank=believed, missing=("places of taxels",)
+        )
+    if method in ("taxels", "modules"):
+        return _together(pokes, method == "modules", surface, start, layout, priors or Priors())
+    if method == "surface" and surface is None:
+        raise InputError("this method needs the link's surface.", where="method", hint="Give one, or use 'weighted'.")
+    return _each(pokes, method, surface)
+
+
+def _each(pokes: Pokes, method: str, surface: Surface | None) -> TaxelCalibration:
+    """The paper's methods, of all configurations together."""
+    equations = paper.normal_equations(pokes, weighted=method != "free")
+    points = paper.free(equations) if method != "surface" or surface is None else paper.on_surface(equations, surface)
+    rows = np.isfinite(points).all(axis=1)
+    normals = np.full(points.shape, np.nan)
+    if surface is not None and rows.any():
+        normals[rows] = surface.project(points[rows])[1]
+    force, torque = paper.in_link(pokes)
+    size = np.linalg.norm(force, axis=1)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        gap = (torque[pokes.poke] - np.cross(points[pokes.taxel], force[pokes.poke])) / size[pokes.poke][:, None]
+    share = np.where(np.isfinite(gap).all(axis=1), pokes.weight[pokes.poke], 0.0)
+    square = np.bincount(pokes.taxel, share * np.nan_to_num((gap**2).sum(axis=1)), pokes.taxels)
+    count = np.bincount(pokes.taxel, share, pokes.taxels)
+    variance = square / np.maximum(2.0 * count - 3.0, 1.0)  # two rows an answer tell of a place, and three are taken
+    covariance = np.full((pokes.taxels, 3, 3), np.nan)
+    values, axes = np.linalg.eigh(equations.matrix[rows])
+    inverse = 1.0 / np.maximum(values, 1e-6 * np.maximum(values[:, -1:], 1e-12))
+    covariance[rows] = np.einsum("k,kia,ka,kja->kij", variance[rows], axes, inverse, axes)
+    places = TaxelPlaces(points, normals, covariance, pokes=pokes.counts())
+    doubt = "covariances are of each taxel for itself: errors that all pokes share are not in them"
+    residual = np.full((len(pokes), 3), np.nan)
+    used = int(np.count_nonzero(pokes.weight > 0))
+    return TaxelCalibration(places, residual, used, 1.0, notes=_untouched(places), doubts=(doubt,))
+
+
+def _together(
+    pokes: Pokes,
+    modules: bool,
+    surface: Surface | None,
+    start: TaxelPlaces | None,
+    layout: ModuleLayout | None,
+    priors: Priors,
+) -> TaxelCalibration:
+    """All at once: units from a start or from the paper's way, then with everything that is estimated."""
+    begun = None
+    if modules:
+        layout = layout if layout is not None or start is None else ModuleLayout.of(start)
+        if layout is None or not layout.modules:
+            raise InputError(
+                "modules need a layout.", where="method", hint="Give one, or a start with modules, or use 'taxels'."
+            )
+        begun = None if start is None else fitted(layout, start.positions, surface)
+        units = begun or _found(pokes, layout, surface)
+    else:
+        begun = None if start is None else single(start.positions, surface)
+        units = begun or single(_guessed(pokes, surface)[0], surface)
+    deviations = None if begun is None else units.each(priors.start, priors.start_angle)
+    solution = solve(pokes, units, priors, start=begun, deviations=deviations)
+    places = _placed(pokes, solution)
+    nuisances = {name: getattr(solution.nuisances, name) for name in ("frames", "common", "bias", "cross_talk")}
+    used = solution.weight > 0
+    residual = np.where(used[:, None], solution.residual, np.nan)
+    notes, doubts = _untouched(places), _doubts(pokes, solution)
+    return TaxelCalibration(
+        places, residual, int(used.sum()), solution.noise, nuisances, solution, notes=notes, doubts=doubts
+    )
+
+
+def _guessed(
+    pokes: Pokes, surface: Surface | None
+) -> tuple[Float[np.ndarray, "k 3"], Float[np.ndarray, " k"]]:
+    """Places by the paper's way, and how many answers each is made of."""
+    equations = paper.normal_equations(pokes, weighted=True)
+    points = paper.free(equations) if surface is None else paper.on_surface(equations, surface)
+    return points, equations.weight
+
+
+def _found(pokes: Pokes, layout: ModuleLayout, surface: Surface | None) -> Units:
+    """Modules from nothing: laid where the paper's way puts their taxels."""
+    points, weight = _guessed(pokes, surface)
+    known = np.isfinite(points).all(axis=1) & np.isfinite(layout.places).all(axis=1) & (layout.module >= 0)
+    count = np.bincount(layout.module[known], minlength=layout.modules)
+    lacking = [str(number) for number in np.flatnonzero(count < FEWEST).tolist()]
+    if lacking:
+        raise NotIdentifiable(
+            f"fewer than {FEWEST} taxels answered on modules {', '.join(lacking[:NAMED])}: where they are cannot be "
+            "known. Poke them, or start from CAD.",
+            rank=layout.modules - len(lacking),
+            missing=tuple(f"module {number}" for number in lacking),
+        )
+    return fitted(layout, points, surface, weight)
+
+
+def _placed(pokes: Pokes, solution: Solution) -> TaxelPlaces:
+    units = solution.units
+    points, normals = units.places()
+    if units.surface is None:
+        normals = np.where(np.isfinite(points), normals, np.nan)
+    absolute, relative = spreads(units, solution.covariance)
+    module = np.where(np.isfinite(points).all(axis=1), -1 if units.alone else units.layout.module, -1)
+    return TaxelPlaces(points, normals, absolute, module, pokes.counts(), relative, solution.response.reach)
+
+
+def spreads(
+    units: Units, covariance: Float[np.ndarray, "p p"]
+) -> tuple[Float[np.ndarray, "k 3 3"], Float[np.ndarray, " k"]]:
+    """Covariance [m^2] of each taxel, and its deviation [m] once one rigid motion of all is taken off; NaN of none."""
+    rows, size = units.taxels, units.freedom
+    points, by = units.places()[0][rows], units.jacobian()[rows]
+    unit = units.layout.module[rows]
+    known = covariance[: len(units) * size, : len(units) * size]
+    blocks = known.reshape(len(units), size, len(units), size)[unit, :, unit, :]
+    absolute = np.full((len(units.layout), 3, 3), np.nan)
+    absolute[rows] = np.einsum("kif,kfg,kjg->kij", by, blocks, by)
+    relative = np.full(len(units.layout), np.nan)
+    full = np.zeros((3 * len(rows), len(units) * size))
+    where = unit[:, None] * size + np.arange(size)
+    np.put_along_axis(full.reshape(len(rows), 3, -1), np.repeat(where[:, None], 3, axis=1), by, axis=2)
+    away = points - points.mean(axis=0)
+    turn = np.stack([np.cross(axis, away) for axis in np.eye(3)], axis=2)
+    rigid = np.concatenate([np.tile(np.eye(3), (len(rows), 1, 1)), turn / max(np.abs(away).max(), 1e-9)], axis=2)
+    basis = np.linalg.qr(rigid.reshape(-1, 6))[0]
+    left = full - basis @ (basis.T @ full)
+    relative[rows] = np.sqrt(np.einsum("ai,ij,aj->a", left, known, left).reshape(-1, 3).sum(axis=1).clip(0.0))
+    return absolute, relative
+
+
+def _untouched(places: TaxelPlaces) -> tuple[str, ...]:
+    """Taxels that no poke reached, by name."""
+    rows = np.flatnonzero((places.pokes == 0) & (places.there | (places.module < 0))).tolist()
+    if not rows:
+        return ()
+    listed = ", ".join(map(str, rows[:NAMED])) + (", ..." if len(rows) > NAMED else "")
+    what = "they are placed by their modules" if places.there[rows].any() else "they have no place"
+    return (f"{len(rows)} of {len(places)} taxels never answered, {what}: {listed}",)
+
+
+def _doubts(pokes: Pokes, solution: Solution) -> tuple[str, ...]:
+    said = list[str]()
+    if pokes.configurations < 2:
+        said.append(
+            "there is one arm configuration only: the sensor's bias and the error of the link's frame cannot be told "
+            "from a shift of all taxels; places to each other are as good as before"
+        )
+    if solution.noise > 2.0:
+        said.append(
+            f"torques are {solution.noise:.1f} times farther off than noise explains: check the link's frame, the "
+            "surface and the layout of the modules"
+        )
+    return tuple(said)

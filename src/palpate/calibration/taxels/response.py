@@ -1,0 +1,267 @@
+"""Where a poke was, among the taxels that answered to it: a model of their response, learned from the pokes themselves.
+
+The strongest answers lie nearest. A centroid of the answers shrinks towards the middle of what was touched, most of all
+at the edge of a skin, and beside free cross-talk that reads as a gain of the sensor. The model does not shrink: the log
+of a response over the force falls with the distance from the taxel as
+
+    log(t / F) = level - power log(1 + r^2 / (2 power reach^2))
+
+(bell-shaped for a large power, as the stress under a compliant layer for 2.5), and a taxel near by that did not answer
+tells as much: it is farther than those that did.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from palpate.calibration.taxels.units import Units, frame_about
+from palpate.sensors.pokes import Pokes
+
+__all__ = ["Response", "Seen", "learned", "seen_among"]
+
+NEAR = 12  # taxels about the strongest one that are looked at
+WIDE = 1.6  # half the width of what is searched for the poke, in spacings
+GRID = 9  # points along each side of it, and then of what is left of it
+LEFT = 2.5  # deviations about the mean that are searched again
+UNEVEN = 0.25  # deviation of the log of a poke's level: force and tool are not always alike
+ROUGH = 0.3  # deviation of the log of a response that is as large as the threshold, from rounding and noise
+QUIET = 0.05  # share of an answering taxel's say in where the poke was, for one that was silent
+_ENOUGH = 30  # pokes of which the model is learned
+_ROUNDS = 4
+_LEAST = 0.05  # of the scatter
+
+
+@dataclass(frozen=True)
+class Response:
+    """How taxels answer.
+
+    Attributes:
+        level: log of the response to 1 N at no distance.
+        reach: [m]; power: see above.
+        scatter: deviation of the log of a response from this: gains of taxels, noise, what the model leaves out.
+    """
+
+    level: float
+    reach: float
+    power: float = 2.5
+    scatter: float = 0.2
+
+    def log(self, square: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
+        """Of the response to 1 N at squared distances [m^2]."""
+        return self.level - self.power * np.log1p(square / (2.0 * self.power * self.reach**2))
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """Where pokes were among the taxels about them, for w taxels each.
+
+    Attributes:
+        taxels: (n, w) about the poke, -1: none; shares: (n, w) which add up to 1: the poke's place is the sum of shares
+            times places of taxels, and `beside`.
+        axes: (n, 3, 2) of the tangent plane; beside: (n, 2) [m] what the shares do not reach, in it.
+        covariance: (n, 2, 2) [m^2] in it.
+        found: (n,) whether there was an answer.
+    """
+
+    taxels: Int[np.ndarray, "n w"]
+    shares: Float[np.ndarray, "n w"]
+    axes: Float[np.ndarray, "n 3 2"]
+    beside: Float[np.ndarray, "n 2"]
+    covariance: Float[np.ndarray, "n 2 2"]
+    found: Bool[np.ndarray, " n"]
+
+    def points(self, places: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "n 3"]:
+        """(n, 3) [m]."""
+        there = np.nan_to_num(places)[np.maximum(self.taxels, 0)]
+        return np.einsum("nw,nwc->nc", self.shares, there) + np.einsum("nca,na->nc", self.axes, self.beside)
+
+
+@dataclass(frozen=True, eq=False)
+class _Chart:
+    """Taxels about each poke, in the plane that touches the skin at the strongest answer."""
+
+    taxels: Int[np.ndarray, "n w"]
+    flat: Float[np.ndarray, "n w 2"]
+    axes: Float[np.ndarray, "n 3 2"]
+    log: Float[np.ndarray, "n w"]  # of the answers, over the force; NaN: silent
+    quiet: Float[np.ndarray, " n"]  # the same of the threshold
+    found: Bool[np.ndarray, " n"]
+    spacing: float
+
+    def variance(self, response: Response, rows: slice = slice(None)) -> Float[np.ndarray, "n w"]:
+        """Of the logs of the answers: those that hardly pass the threshold are mostly rounding and noise."""
+        over = np.nan_to_num(self.log[rows] - self.quiet[rows][:, None])
+        return response.scatter**2 + (ROUGH * np.exp(-over)) ** 2
+
+
+def seen_among(pokes: Pokes, units: Units, response: Response) -> Seen:
+    """Mean and covariance of where each poke was, by the answers, for taxels where the units have them."""
+    chart = _chart(pokes, units)
+    mean, covariance = _posterior(chart, response)
+    shares, beside = _shares(chart, mean)
+    return Seen(chart.taxels, shares, chart.axes, beside, covariance, chart.found)
+
+
+def learned(pokes: Pokes, units: Units, response: Response | None = None) -> Response:
+    """The model of these taxels' responses, by turns with where the pokes were."""
+    from scipy.optimize import least_squares  # here: scipy is slow to import
+
+    chart = _chart(pokes, units)
+    told = np.isfinite(chart.log).sum(axis=1) >= 3
+    known = _guess(chart) if response is None else response
+    if told.sum() < _ENOUGH:
+        return known
+    chart = _picked(chart, told)
+    rows = np.isfinite(chart.log)
+    poke = np.nonzero(rows)[0]
+    for _ in range(_ROUNDS):
+        mean, covariance = _posterior(chart, known)
+        square = ((chart.flat - mean[:, None]) ** 2).sum(axis=2) + np.trace(covariance, axis1=1, axis2=2)[:, None]
+        share = known.scatter**2 / chart.variance(known)[rows]
+
+        def gaps(free: np.ndarray, square: np.ndarray = square, share: np.ndarray = share) -> np.ndarray:
+            shape = Response(0.0, float(np.exp(free[0])), float(np.exp(free[1])))
+            gap = chart.log[rows] - shape.log(square[rows])
+            level = np.bincount(poke, share * gap) / np.bincount(poke, share)  # each poke has its own
+            return (gap - level[poke]) * np.sqrt(share)
+
+        start = np.log([known.reach, known.power])
+        found = least_squares(gaps, start, bounds=(np.log([5e-4, 1.0]), np.log([3e-2, 50.0])), loss="soft_l1", f_scale=0.3)
+        reach, power = np.exp(found.x)
+        shape = Response(0.0, float(reach), float(power))
+        level = float(np.median(chart.log[rows] - shape.log(square[rows])))
+        free = max(int(rows.sum()) - 3 * len(chart.log), 1)  # level and place of each poke are taken from its answers
+        spread = 1.4826 * float(np.median(np.abs(gaps(found.x)))) * np.sqrt(rows.sum() / free)
+        known = Response(level, float(reach), float(power), float(np.clip(spread, _LEAST, 1.0)))
+    return known
+
+
+def _guess(chart: _Chart) -> Response:
+    """From how strong the strongest answers are, and how far taxels lie apart."""
+    strongest = np.nanmax(np.where(chart.found[:, None], chart.log, -np.inf), axis=1, initial=-np.inf)[chart.found]
+    if not len(strongest):
+        return Response(0.0, chart.spacing)
+    answering = np.isfinite(chart.log).sum(axis=1)[chart.found]
+    radius = chart.spacing * np.sqrt(0.93 * max(float(answering.mean()), 1.0) / np.pi)
+    fall = max(float(np.median(strongest - chart.quiet[chart.found])), 0.7)
+    reach = radius / np.sqrt(5.0 * np.expm1(fall / 2.5))
+    return Response(float(np.median(strongest)), float(reach))
+
+
+def _picked(chart: _Chart, rows: Bool[np.ndarray, " n"]) -> _Chart:
+    same = ("taxels", "flat", "axes", "log", "quiet", "found")
+    return replace(chart, **{name: getattr(chart, name)[rows] for name in same})
+
+
+def _chart(pokes: Pokes, units: Units) -> _Chart:
+    """The taxels about the strongest answer of each poke, those that are nearest to it and face the same way.
+
+    Of modules only those on the same one: where they lie to each other is known, wherever the module is.
+    """
+    from scipy.spatial import cKDTree
+
+    places, normals = units.places()
+    known = np.flatnonzero(np.isfinite(places).all(axis=1) & np.isfinite(normals).all(axis=1))
+    count, width = len(pokes), min(NEAR, len(known))
+    placed = np.zeros(pokes.taxels, dtype=bool)
+    placed[known] = True
+    strongest = np.full(count, -1)
+    order = np.lexsort((pokes.response, pokes.poke))
+    order = order[placed[pokes.taxel[order]] & (pokes.response[order] > 0)]
+    strongest[pokes.poke[order]] = pokes.taxel[order]  # the last of each poke is its strongest
+    force = np.linalg.norm(pokes.wrench[:, :3], axis=1)
+    found = (strongest >= 0) & (force > 0) & np.isfinite(pokes.wrench).all(axis=1)
+    near = cKDTree(places[known]).query(places[known], k=width)
+    far, which = np.asarray(near[0]).reshape(len(known), -1), known[np.asarray(near[1]).reshape(len(known), -1)]
+    spacing = float(np.median(far[:, 1:3])) if width > 2 else 5e-3
+    row = np.zeros(pokes.taxels, dtype=np.int64)
+    row[known] = np.arange(len(known))
+    about = np.where(found[:, None], which[row[np.maximum(strongest, 0)]], -1)
+    origin = np.maximum(strongest, 0)
+    frames = frame_about(
+        np.where(found[:, None], normals[origin], [0.0, 0.0, 1.0]), np.broadcast_to([1.0, 0.0, 0.0], (count, 3))
+    )
+    away = np.where((about >= 0)[..., None], places[np.maximum(about, 0)] - places[origin][:, None], 0.0)
+    away = np.nan_to_num(away)
+    flat = np.einsum("nwc,nca->nwa", away, frames[:, :, :2])
+    length, long = np.linalg.norm(flat, axis=2), np.linalg.norm(away, axis=2)
+    flat = flat * np.where(length > 0, long / np.maximum(length, 1e-12), 1.0)[..., None]
+    facing = np.einsum("nwc,nc->nw", normals[np.maximum(about, 0)], np.nan_to_num(normals[origin])) > 0
+    module = units.layout.module
+    beside = units.alone | (module[np.maximum(about, 0)] == module[origin][:, None])
+    about = np.where((about >= 0) & facing & beside, about, -1)
+    log = np.full(about.shape, np.nan)
+    answers = _answers(pokes, about)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        log = np.log(answers / force[:, None])
+        quiet = np.log(max(pokes.threshold, float(np.quantile(pokes.response, 0.02)) if len(pokes.response) else 1.0) / force)
+    return _Chart(about, flat, frames[:, :, :2], log, np.nan_to_num(quiet), found, spacing)
+
+
+def _answers(pokes: Pokes, about: Int[np.ndarray, "n w"]) -> Float[np.ndarray, "n w"]:
+    """What each of these taxels answered; NaN: nothing."""
+    key = pokes.poke * pokes.taxels + pokes.taxel
+    order = np.argsort(key)
+    wanted = np.arange(len(about))[:, None] * pokes.taxels + about
+    at = np.minimum(np.searchsorted(key[order], wanted), max(len(key) - 1, 0))
+    if not len(key):
+        return np.full(about.shape, np.nan)
+    there = (key[order][at] == wanted) & (about >= 0)
+    return np.where(there, pokes.response[order][at], np.nan)
+
+
+def _posterior(chart: _Chart, response: Response) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "n 2 2"]]:
+    """Mean and covariance of a poke's place about the strongest answer, all places alike before: on a grid, twice."""
+    side = np.linspace(-1.0, 1.0, GRID)
+    square = np.stack(np.meshgrid(side, side, indexing="ij"), axis=-1).reshape(-1, 2)
+    mean, covariance = np.zeros((len(chart.log), 2)), np.tile(np.eye(2) * chart.spacing**2, (len(chart.log), 1, 1))
+    for start in range(0, len(chart.log), 2048):  # so many at once fit the cache
+        rows = slice(start, start + 2048)
+        half = np.full((len(chart.log[rows]), 2), WIDE * chart.spacing)
+        for _ in range(2):
+            grid = mean[rows][:, None] + half[:, None] * square
+            weight = _likelihood(chart, response, grid, rows)
+            middle = np.einsum("ng,nga->na", weight, grid)
+            away, cell = grid - middle[:, None], 2.0 * half / (GRID - 1)
+            spread = np.einsum("ng,nga,ngb->nab", weight, away, away)
+            mean[rows] = middle
+            covariance[rows] = spread + np.eye(2) * (cell**2 / 12.0)[:, None]
+            half = np.minimum(half, LEFT * np.sqrt(np.einsum("naa->na", spread)) + 0.5 * cell)
+    return mean, covariance
+
+
+def _likelihood(
+    chart: _Chart, response: Response, grid: Float[np.ndarray, "n g 2"], rows: slice
+) -> Float[np.ndarray, "n g"]:
+    """How likely the answers of a poke are, were it at each point of the grid; they add up to 1."""
+    from scipy.special import log_ndtr
+
+    square = ((chart.flat[rows][:, None] - grid[:, :, None]) ** 2).sum(axis=3)
+    log = response.log(square)
+    answered = np.isfinite(chart.log[rows])[:, None]
+    silent = (chart.taxels[rows] >= 0)[:, None] & ~answered
+    share = np.where(answered, 1.0 / chart.variance(response, rows)[:, None], 0.0)
+    gap = np.where(answered, chart.log[rows][:, None] - log, 0.0)
+    total = (share * gap).sum(axis=2)
+    shift = total / (share.sum(axis=2) + 1.0 / UNEVEN**2)  # of this poke's level
+    fit = -0.5 * ((share * gap**2).sum(axis=2) - total * shift)
+    under = (chart.quiet[rows][:, None, None] - log - shift[..., None]) / np.hypot(response.scatter, ROUGH)
+    fit = fit + np.where(silent, log_ndtr(np.clip(under, -30.0, 30.0)), 0.0).sum(axis=2)
+    weight = np.exp(fit - fit.max(axis=1, keepdims=True))
+    return weight / weight.sum(axis=1, keepdims=True)
+
+
+def _shares(chart: _Chart, mean: Float[np.ndarray, "n 2"]) -> tuple[Float[np.ndarray, "n w"], Float[np.ndarray, "n 2"]]:
+    """Shares of taxels, least in the sum of squares over their say, whose places give the mean; and what is left."""
+    answered = np.isfinite(chart.log)
+    say = np.where(answered, 1.0, QUIET) * (chart.taxels >= 0)
+    solid = np.concatenate([np.ones((*say.shape, 1)), chart.flat / chart.spacing], axis=2)
+    wanted = np.concatenate([np.ones((len(mean), 1)), mean / chart.spacing], axis=1)
+    square = np.einsum("nw,nwi,nwj->nij", say, solid, solid) + 1e-9 * np.eye(3)
+    shares = say * np.einsum("nwi,ni->nw", solid, np.linalg.solve(square, wanted[..., None])[..., 0])
+    total = shares.sum(axis=1, keepdims=True)
+    shares = np.where(chart.found[:, None], shares / np.where(np.abs(total) > 1e-6, total, 1.0), 0.0)
+    return shares, np.where(chart.found[:, None], mean - np.einsum("nw,nwa->na", shares, chart.flat), 0.0)

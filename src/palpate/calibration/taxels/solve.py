@@ -1,0 +1,255 @@
+"""Taxels, or the modules that carry them, together with the errors of sensor and robot, from all pokes at once.
+
+The most likely values under the priors, by Gauss-Newton steps whose weights fall for pokes that fit badly; the
+covariance is the inverse of the information at the end.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from palpate.calibration.taxels.nuisances import Nuisances, predicted
+from palpate.calibration.taxels.priors import Priors
+from palpate.calibration.taxels.response import Response, Seen, learned, seen_among
+from palpate.calibration.taxels.units import Units
+from palpate.sensors.pokes import Pokes
+
+__all__ = ["Solution", "information", "observed", "solve"]
+
+TAIL = 5.0  # degrees of freedom of the residuals: pokes that fit badly count less
+_ROUNDS = 4  # in which the contacts are found anew, and more where taxels are alone
+_STEPS = 12  # in each
+_STILL = 1e-5  # m: the steps that end it
+_LONGEST = 1e-2, 0.4  # m, rad: of one step of a unit
+_WELL = 2.366  # median of chi-square with three degrees of freedom
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """What fits best.
+
+    Attributes:
+        units: where they are; nuisances: the errors; response: how taxels answer.
+        covariance: of all unknowns, units one after the other, then `Nuisances.vector`; 0 of what is not estimated.
+        residual: (n, 3) [N m] measured minus predicted; weight: (n,) with which each poke counted, 0: not used.
+        noise: how many times larger the residuals are than their covariance.
+        seen: where the pokes were; twist: [m] deviation of the torque along a force over the force.
+    """
+
+    units: Units
+    nuisances: Nuisances
+    response: Response
+    covariance: Float[np.ndarray, "p p"]
+    residual: Float[np.ndarray, "n 3"]
+    weight: Float[np.ndarray, " n"]
+    noise: float
+    seen: Seen
+    twist: float
+
+
+@dataclass(frozen=True, eq=False)
+class _Linear:
+    """Residuals and how they change, about a state: of the pokes that are used."""
+
+    residual: Float[np.ndarray, "n 3"]
+    spread: Float[np.ndarray, "n 3 3"]
+    unit: Int[np.ndarray, "n w"]  # of each taxel about the poke; -1: none
+    by_unit: Float[np.ndarray, "n w 3 f"]
+    by_nuisance: Float[np.ndarray, "n 3 54"]
+
+
+def solve(
+    pokes: Pokes,
+    units: Units,
+    priors: Priors,
+    *,
+    start: Units | None = None,
+    deviations: Float[np.ndarray, " f"] | None = None,
+    response: Response | None = None,
+    rounds: int = _ROUNDS,
+) -> Solution:
+    """Fit units and nuisances.
+
+    Args:
+        pokes: of all configurations.
+        units: from where it begins.
+        priors: of the nuisances.
+        start: where units are believed to be; None: nothing is known.
+        deviations: (freedom,) [m, rad] by how much they may be off from the start along each unknown.
+        response: where to begin with the model of the taxels' responses; None: it is guessed.
+        rounds: at most.
+    """
+    nuisances = Nuisances.none(max(pokes.configurations, 1))
+    before = _Before(units, start, deviations, Nuisances.deviations(priors, max(pokes.configurations, 1)))
+    response = learned(pokes, units, response)
+    twist, noise, weight = _twist(pokes, nuisances), 1.0, pokes.weight.copy()
+    for turn in range(rounds * (3 if units.alone else 1)):
+        if units.alone and 0 < turn < 4:  # modules know how their taxels lie, single taxels find it out
+            response = learned(pokes, units, response)
+        seen = seen_among(pokes, units, response)
+        begun = units.places()[0]
+        for _ in range(_STEPS):
+            linear = _linear(pokes, units, seen, nuisances, twist)
+            distance = _square(linear.residual, linear.spread)
+            used = seen.found & (pokes.weight > 0) & np.isfinite(distance)
+            noise = max(1.0, float(np.sqrt(np.median(distance[used]) / _WELL))) if used.any() else 1.0
+            weight = np.where(used, pokes.weight * (TAIL + 3.0) / (TAIL + distance / noise**2), 0.0) / noise**2
+            square, right = _normal(linear, weight, len(units), units.freedom, before, pokes)
+            step = before.step(square, right, units, nuisances)
+            size = len(units) * units.freedom
+            by = step[:size].reshape(len(units), -1)
+            share = 1.0 / max(float(np.abs(by / units.each(*_LONGEST)).max(initial=1.0)), 1.0)
+            by = share * by
+            units, nuisances = units.moved(by), nuisances.moved(share * step[size:])
+            if np.abs(by[:, :2]).max(initial=0.0) < _STILL:
+                break
+        if turn and np.nanmax(np.abs(units.places()[0] - begun)) < 20.0 * _STILL:
+            break
+    linear = _linear(pokes, units, seen, nuisances, twist)
+    square, _ = _normal(linear, weight, len(units), units.freedom, before, pokes)
+    covariance = before.covariance(square)
+    return Solution(units, nuisances, response, covariance, linear.residual, weight * noise**2, noise, seen, twist)
+
+
+def information(
+    pokes: Pokes, units: Units, nuisances: Nuisances, seen: Seen, twist: float, weight: Float[np.ndarray, " n"]
+) -> Float[np.ndarray, "p p"]:
+    """That of pokes about all unknowns, without what is believed before: units, then nuisances."""
+    linear = _linear(pokes, units, seen, nuisances, twist)
+    zero = _Before(units, None, None, np.ones(len(nuisances.vector())))
+    return _normal(linear, weight, len(units), units.freedom, zero, pokes)[0]
+
+
+def observed(
+    information: Float[np.ndarray, "p p"],
+    units: Units,
+    priors: Priors,
+    configurations: int,
+    deviations: Float[np.ndarray, " f"] | None = None,
+) -> Float[np.ndarray, "p p"]:
+    """The covariance that information leaves under the priors: the Bayesian Cramer-Rao bound where it is the truth's."""
+    before = _Before(units, None, deviations, Nuisances.deviations(priors, configurations))
+    return before.covariance(information)
+
+
+class _Before:
+    """What is believed before a poke is made: precisions of all unknowns, and where units are believed to be."""
+
+    def __init__(
+        self,
+        units: Units,
+        start: Units | None,
+        deviations: Float[np.ndarray, " f"] | None,
+        nuisances: Float[np.ndarray, " q"],
+    ) -> None:
+        size = np.zeros(units.freedom) if deviations is None else _precision(deviations)
+        self.start = start
+        self.units = np.tile(size, len(units))
+        self.free = np.concatenate([np.ones(len(self.units), dtype=bool), nuisances > 0])
+        self.nuisances = _precision(nuisances)
+
+    def step(
+        self, square: np.ndarray, right: np.ndarray, units: Units, nuisances: Nuisances
+    ) -> Float[np.ndarray, " p"]:
+        """The step to the most likely values."""
+        away = np.zeros(len(self.units)) if self.start is None else units.away(self.start).ravel()
+        gap = np.concatenate([self.units * away, self.nuisances * nuisances.vector()])
+        matrix = self._raised(square)
+        found = np.zeros(len(right))
+        found[self.free] = np.linalg.solve(matrix, (right - gap)[self.free])
+        return found
+
+    def covariance(self, square: np.ndarray) -> Float[np.ndarray, "p p"]:
+        """Of all unknowns."""
+        found = np.zeros_like(square)
+        found[np.ix_(self.free, self.free)] = np.linalg.inv(self._raised(square))
+        return found
+
+    def _raised(self, square: np.ndarray) -> np.ndarray:
+        matrix = square + np.diag(np.concatenate([self.units, self.nuisances]))
+        matrix = matrix[np.ix_(self.free, self.free)]
+        scale = np.diag(matrix).copy()
+        return matrix + np.diag(1e-12 * scale + 1e-9)  # a unit that was never touched, and of which nothing is known
+
+
+def _precision(deviations: Float[np.ndarray, " q"]) -> Float[np.ndarray, " q"]:
+    with np.errstate(divide="ignore"):
+        return np.where(np.isfinite(deviations) & (deviations > 0), 1.0 / deviations**2, 0.0)
+
+
+def _linear(pokes: Pokes, units: Units, seen: Seen, nuisances: Nuisances, twist: float) -> _Linear:
+    places, _ = units.places()
+    points = seen.points(places)
+    said = predicted(pokes, points, nuisances)
+    force = pokes.wrench[:, :3]
+    noise, across = pokes.noise, -said.by_force
+    spread = noise[3:, 3:] + across @ noise[:3, :3] @ np.swapaxes(across, 1, 2)
+    mixed = across @ noise[:3, 3:]
+    spread = spread + mixed + np.swapaxes(mixed, 1, 2)
+    beside = said.by_point @ seen.axes
+    spread = spread + beside @ seen.covariance @ np.swapaxes(beside, 1, 2)
+    spread = spread + twist**2 * np.einsum("ni,nj->nij", force, force)
+    by_place = units.jacobian()
+    about = np.maximum(seen.taxels, 0)
+    by_unit = np.einsum("nij,nw,nwjf->nwif", said.by_point, seen.shares, by_place[about])
+    unit = np.where(seen.shares != 0, units.layout.module[about], -1)
+    if not units.alone:  # all on one module
+        by_unit, unit = by_unit.sum(axis=1, keepdims=True), unit.max(axis=1, keepdims=True)
+    return _Linear(pokes.wrench[:, 3:] - said.torque, spread, unit, by_unit, said.by_nuisance)
+
+
+def _square(residual: Float[np.ndarray, "n 3"], spread: Float[np.ndarray, "n 3 3"]) -> Float[np.ndarray, " n"]:
+    """Squared residuals in units of their covariance; NaN where there is none."""
+    found = np.full(len(residual), np.nan)
+    sound = np.isfinite(residual).all(axis=1) & np.isfinite(spread).all(axis=(1, 2))
+    half = np.linalg.solve(spread[sound], residual[sound][..., None])[..., 0]
+    found[sound] = np.einsum("ni,ni->n", residual[sound], half)
+    return found
+
+
+def _normal(
+    linear: _Linear, weight: Float[np.ndarray, " n"], units: int, freedom: int, before: _Before, pokes: Pokes
+) -> tuple[Float[np.ndarray, "p p"], Float[np.ndarray, " p"]]:
+    """J' W J and J' W r of the pokes that count."""
+    from palpate.calibration.taxels._normal import add_squares  # compiled: loaded when first needed
+
+    rows = np.flatnonzero(weight > 0)
+    size, count = units * freedom, max(pokes.configurations, 1)
+    root = np.linalg.cholesky(np.linalg.inv(linear.spread[rows])) * np.sqrt(weight[rows])[:, None, None]
+    root = np.swapaxes(root, 1, 2)
+    by_unit = np.einsum("nij,nwjf->niwf", root, linear.by_unit[rows]).reshape(len(rows), 3, -1)
+    values = np.concatenate([by_unit, root @ linear.by_nuisance[rows]], axis=2)
+    unit = linear.unit[rows][..., None]
+    where = np.where(unit >= 0, unit * freedom + np.arange(freedom), -1).reshape(len(rows), -1)
+    d = 6 * pokes.configuration[rows][:, None]
+    common, bias, cross = size + 6 * count, size + 6 * count + 6, size + 12 * count + 6  # as `Nuisances.vector` has them
+    own = [size + d + np.arange(6), np.full_like(d, common) + np.arange(6), bias + d + np.arange(6)]
+    own.append(np.full_like(d, cross) + np.arange(36))
+    square, vector = np.zeros((cross + 36, cross + 36)), np.zeros(cross + 36)
+    residual = np.einsum("nij,nj->ni", root, linear.residual[rows])
+    add_squares(values, residual, np.concatenate([where, *own], axis=1), square, vector)
+    return np.triu(square) + np.triu(square, 1).T, vector
+
+
+def _twist(pokes: Pokes, nuisances: Nuisances) -> float:
+    """[m] Torque along the force over the force, beyond what noise makes: friction under a tip that turns.
+
+    F . M is the same whatever the frame, and 0 for a pure force [taxel poking, (3)].
+    """
+    force, torque = pokes.wrench[:, :3], pokes.wrench[:, 3:]
+    size = np.linalg.norm(force, axis=1)
+    sound = (size > 0) & np.isfinite(pokes.wrench).all(axis=1) & (pokes.weight > 0)
+    if not sound.any():
+        return 0.0
+    pitch = np.einsum("ni,ni->n", force, torque)[sound] / size[sound] ** 2
+    own = pitch.copy()
+    for number in range(pokes.configurations):  # bias and cross-talk are alike within a configuration
+        rows = pokes.configuration[sound] == number
+        if rows.any():
+            own[rows] -= np.median(own[rows])
+    spread = 1.4826 * np.median(np.abs(own))
+    along = np.sqrt(np.trace(pokes.noise[3:, 3:]) / 3.0) / np.median(size[sound])
+    return float(np.sqrt(max(spread**2 - along**2, 0.0)))

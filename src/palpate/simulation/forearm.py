@@ -1,0 +1,350 @@
+"""Links that carry taxels: a conical forearm whose sheet unrolls without strain, or any surface with taxels on it.
+
+Truth is geometry: taxels of known flat modules are laid on the unrolled cone, whose coordinates are exact.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from math import atan, ceil, cos, pi, radians, sin, sqrt
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from palpate.errors import InputError
+from palpate.sensors.taxel_modules import LAYOUTS, ModuleLayout
+from palpate.sensors.taxel_places import TaxelPlaces
+from palpate.spatial._arrays import Value, frozen
+from palpate.surfaces.surface import Surface
+
+__all__ = ["Cone", "Forearm", "Skin", "SurfaceSkin", "nearby", "places_near"]
+
+_TRIES = 200  # rounds of drawing places before it is said that there are none
+
+
+@runtime_checkable
+class Skin(Protocol):
+    """What pokes need to know of a link: where its taxels truly are, and its surface about them."""
+
+    @property
+    def places(self) -> TaxelPlaces:
+        """True places and normals of the taxels, in the frame of the link."""
+        ...
+
+    def beside(self, taxel: Int[np.ndarray, " n"], offset: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 3"]:
+        """Points of the surface at flat offsets [m] from taxels."""
+        ...
+
+    def frame(self, points: Float[np.ndarray, "n 3"]) -> tuple[Float[np.ndarray, "n 3 3"], Float[np.ndarray, " n"]]:
+        """Axes (rows: two tangents, outward normal) at points of the surface; curvature [1/m] along the first."""
+        ...
+
+    def offsets(
+        self, points: Float[np.ndarray, "n 3"], poke: Int[np.ndarray, " m"], taxel: Int[np.ndarray, " m"]
+    ) -> Float[np.ndarray, "m 2"]:
+        """Flat offset [m] of a taxel from a point, along the tangents there, for m pairs of both."""
+        ...
+
+
+@dataclass(frozen=True)
+class Cone:
+    """A cone frustum about the link's z, narrower towards +z; it unrolls into a sector of a disc without strain.
+
+    With a = atan(slope) a point at the distance q from the apex and the angle w about z lies, unrolled, at the polar
+    coordinates (q, w sin a). Flat coordinates: s [m] round the link and t [m] along it, from the middle at w = 0;
+    (s, t, outward) is right-handed.
+
+    Args:
+        radius: [m] at the middle.
+        slope: how much the radius shrinks a metre along z.
+        length: [m] along z.
+        middle: [m] of the frustum's middle along z; the origin is the elbow.
+    """
+
+    radius: float = 0.032
+    slope: float = 0.08
+    length: float = 0.16
+    middle: float = 0.105
+
+    def __post_init__(self) -> None:
+        if not (self.slope > 0 and self.length > 0 and self.radius > self.slope * self.length / 2):
+            raise ValueError("a cone needs a positive slope and length, and a radius along all of it")
+
+    @property
+    def _half(self) -> float:
+        return atan(self.slope)
+
+    @property
+    def apex(self) -> float:
+        """[m] from the middle to the apex, along the surface."""
+        return self.radius / sin(self._half)
+
+    def at(
+        self, s: Float[np.ndarray, "*batch"], t: Float[np.ndarray, "*batch"]
+    ) -> tuple[Float[np.ndarray, "*batch 3"], Float[np.ndarray, "*batch 3"]]:
+        """Points [m] and outward normals at flat coordinates."""
+        away = np.hypot(self.apex - t, s)
+        angle = np.arctan2(s, self.apex - t) / sin(self._half)
+        round_about, radius = np.stack([np.cos(angle), np.sin(angle)], axis=-1), away * sin(self._half)
+        z = self.middle + (self.apex - away) * cos(self._half)
+        points = np.concatenate([radius[..., None] * round_about, z[..., None]], axis=-1)
+        up = np.full((*angle.shape, 1), sin(self._half))
+        return points, np.concatenate([cos(self._half) * round_about, up], axis=-1)
+
+    def unrolled(self, points: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 2"]:
+        """Flat coordinates (s, t) [m] of points; of one off the surface, those at its angle and height."""
+        away = self.apex - (points[..., 2] - self.middle) / cos(self._half)
+        turn = np.arctan2(points[..., 1], points[..., 0]) * sin(self._half)
+        return np.stack([away * np.sin(turn), self.apex - away * np.cos(turn)], axis=-1)
+
+    def mesh(self, around: int = 96, along: int = 40) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"]]:
+        """Closed triangles with end caps, facing outward; vertices lie on the cone."""
+        angle = 2 * pi * np.arange(around) / around
+        z = self.length * (np.arange(along + 1) / along - 0.5)
+        ring = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+        radius = self.radius - self.slope * z
+        side = np.concatenate(
+            [radius[:, None, None] * ring, np.broadcast_to(z[:, None, None], (along + 1, around, 1))], axis=-1
+        ).reshape(-1, 3)
+        ends = np.array([[0.0, 0.0, z[0]], [0.0, 0.0, z[-1]]])
+        vertices = np.concatenate([side, ends]) + np.array([0.0, 0.0, self.middle])
+        here = np.arange(around * along).reshape(along, around)
+        right, up = np.roll(here, -1, axis=1), here + around
+        corner = np.roll(up, -1, axis=1)
+        walls = np.stack([here, right, corner, here, corner, up], axis=-1).reshape(-1, 3)
+        bottom = np.stack([np.full(around, len(side)), right[0], here[0]], axis=-1)
+        top = np.stack([np.full(around, len(side) + 1), up[-1], corner[-1]], axis=-1)
+        return vertices, np.concatenate([walls, bottom, top])
+
+
+def _narrow(cone: Cone, long: float) -> float:
+    """[m] once round where a sheet so long ends."""
+    return 2 * pi * (cone.radius - cone.slope * long / 2)
+
+
+def _fitting(long: float, wide: float) -> Cone:
+    """The usual cone, or a larger one on which so large a sheet fits."""
+    usual = Cone()
+    if long <= usual.length and wide <= _narrow(usual, long):
+        return usual
+    slope, length = 0.02, max(usual.length, 1.1 * long)
+    radius = max(usual.radius, 1.1 * wide / (2 * pi) + slope * length / 2)
+    return Cone(radius, slope, length, length * usual.middle / usual.length)
+
+
+@dataclass(frozen=True, eq=False)
+class Forearm(Value):
+    """Modules of one layout on a cone.
+
+    Attributes:
+        cone: the link.
+        shape: (t, 2) [m] of one module's taxels, NaN of a number without one.
+        centres: (modules, 2) [m] true flat middles, angles: (modules,) [rad] by which each is turned on the sheet.
+    """
+
+    cone: Cone
+    shape: Float[np.ndarray, "t 2"]
+    centres: Float[np.ndarray, "m 2"]
+    angles: Float[np.ndarray, " m"]
+
+    def __post_init__(self) -> None:
+        for name in ("shape", "centres", "angles"):
+            object.__setattr__(self, name, frozen(getattr(self, name), name=name))
+
+    @classmethod
+    def of(
+        cls, modules: int = 7, *, layout: str = "ring12", cone: Cone | None = None, rows: int = 2, gap: float = 6.5e-3
+    ) -> Forearm:
+        """Triangles in rows along the link, one up and one down.
+
+        Args:
+            modules: how many.
+            layout: name in LAYOUTS.
+            cone: None: the usual one, or where the rows do not fit on it, one on which they do.
+            rows: side by side round the link.
+            gap: [m] between the taxels of modules that face each other.
+
+        Raises:
+            InputError: an unknown layout, or modules that overlap on the cone that is given.
+        """
+        if layout not in LAYOUTS:
+            raise InputError(f"no layout is called {layout!r}.", where="forearm", hint=f"One of {', '.join(LAYOUTS)}.")
+        shape = LAYOUTS[layout]
+        inner = float(-np.nanmin(shape[:, 1])) + gap / 2
+        side, height = 2 * sqrt(3) * inner, 3 * inner
+        columns = ceil(modules / rows)
+        row, column = np.divmod(np.arange(modules), columns)
+        down = (row + column) % 2
+        s = (row - rows / 2 + (1 + down) / 3) * height
+        t = (column - (columns - 1) / 2) * side / 2
+        long, wide = side * (columns + 1) / 2, rows * height
+        cone = cone or _fitting(long, wide)
+        narrow = _narrow(cone, long)
+        if wide > narrow or long > cone.length:
+            raise InputError(
+                f"{modules} modules in {rows} rows need {long:.3f} m along the link and {wide:.3f} m round it; "
+                f"there are {cone.length:.3f} and {narrow:.3f} m.",
+                where="forearm",
+            )
+        return cls(cone, shape, np.stack([s, t], axis=-1), np.where(down == 1, pi / 2, -pi / 2))
+
+    @property
+    def modules(self) -> int:
+        """How many."""
+        return len(self.angles)
+
+    @property
+    def layout(self) -> ModuleLayout:
+        """Of all its taxels."""
+        return ModuleLayout.repeated(self.shape, self.modules)
+
+    @cached_property
+    def flat(self) -> Float[np.ndarray, "k 2"]:
+        """(k, 2) [m] true flat places of the taxels."""
+        return self._laid(self.centres, self.angles)
+
+    @property
+    def places(self) -> TaxelPlaces:
+        """True places of the taxels."""
+        return self._places
+
+    @cached_property
+    def _places(self) -> TaxelPlaces:
+        return self._on_link(self.flat)
+
+    def _laid(self, centres: Float[np.ndarray, "m 2"], angles: Float[np.ndarray, " m"]) -> Float[np.ndarray, "k 2"]:
+        c, s = np.cos(angles), np.sin(angles)
+        turn = np.stack([np.stack([c, -s], axis=-1), np.stack([s, c], axis=-1)], axis=-2)
+        return (np.einsum("mij,tj->mti", turn, self.shape) + centres[:, None]).reshape(-1, 2)
+
+    def _on_link(self, flat: Float[np.ndarray, "k 2"]) -> TaxelPlaces:
+        points, normals = self.cone.at(flat[:, 0], flat[:, 1])
+        normals = np.where(np.isfinite(points), normals, np.nan)
+        return TaxelPlaces(points, normals, module=self.layout.module)
+
+    def cad(self, rng: np.random.Generator, position: float = 3e-3, angle: float = radians(5.0)) -> TaxelPlaces:
+        """Places as CAD believes them: each module slid on the sheet and turned, by normal errors.
+
+        Args:
+            rng: of the errors.
+            position: [m] standard deviation along each flat axis.
+            angle: [rad] standard deviation.
+        """
+        slid = self.centres + position * rng.standard_normal(self.centres.shape)
+        return self._on_link(self._laid(slid, self.angles + angle * rng.standard_normal(self.modules)))
+
+    def beside(self, taxel: Int[np.ndarray, " n"], offset: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 3"]:
+        """Points of the surface at flat offsets [m] from taxels."""
+        flat = self.flat[taxel] + offset
+        return self.cone.at(flat[:, 0], flat[:, 1])[0]
+
+    def frame(self, points: Float[np.ndarray, "n 3"]) -> tuple[Float[np.ndarray, "n 3 3"], Float[np.ndarray, " n"]]:
+        """Axes at points of the cone: round it, along it towards +z, outward; curvature cos(a) / r along the first."""
+        half, radius = atan(self.cone.slope), np.hypot(points[:, 0], points[:, 1])
+        c, s, zero = points[:, 0] / radius, points[:, 1] / radius, np.zeros(len(points))
+        up, out = np.full(len(points), sin(half)), cos(half)
+        rows = [[-s, c, zero], [-sin(half) * c, -sin(half) * s, zero + out], [out * c, out * s, up]]
+        return np.moveaxis(np.array(rows), -1, 0), out / radius
+
+    def offsets(
+        self, points: Float[np.ndarray, "n 3"], poke: Int[np.ndarray, " m"], taxel: Int[np.ndarray, " m"]
+    ) -> Float[np.ndarray, "m 2"]:
+        """Flat offset [m] of taxels from points: the geodesic, turned into the tangents at the point."""
+        here = self.cone.unrolled(points)
+        away = self.flat[taxel] - here[poke]
+        # round and along at a point are the flat axes turned by its polar angle
+        turn = np.arctan2(here[:, 0], self.cone.apex - here[:, 1])[poke]
+        c, s = np.cos(turn), np.sin(turn)
+        return np.stack([c * away[:, 0] + s * away[:, 1], c * away[:, 1] - s * away[:, 0]], axis=-1)
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceSkin(Value):
+    """Taxels on any surface, taken as flat about each poke.
+
+    Attributes:
+        surface: of the link.
+        places: true places and normals of the taxels, on it.
+        curvature: [1/m] round the link, as a tip feels it.
+    """
+
+    surface: Surface
+    places: TaxelPlaces
+    curvature: float = 0.0
+
+    def beside(self, taxel: Int[np.ndarray, " n"], offset: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 3"]:
+        """Points of the surface nearest to offsets [m] in the tangent planes of taxels."""
+        axes = _tangents(self.places.normals[taxel])
+        return self.surface.project(self.places.positions[taxel] + np.einsum("ni,nij->nj", offset, axes[:, :2]))[0]
+
+    def frame(self, points: Float[np.ndarray, "n 3"]) -> tuple[Float[np.ndarray, "n 3 3"], Float[np.ndarray, " n"]]:
+        """Axes at points: two tangents, the normal of the surface there."""
+        return _tangents(self.surface.project(points)[1]), np.full(len(points), self.curvature)
+
+    def offsets(
+        self, points: Float[np.ndarray, "n 3"], poke: Int[np.ndarray, " m"], taxel: Int[np.ndarray, " m"]
+    ) -> Float[np.ndarray, "m 2"]:
+        """Offset [m] of taxels from points in the tangent plane of the points."""
+        axes, _ = self.frame(points)
+        return np.einsum("mij,mj->mi", axes[poke, :2], self.places.positions[taxel] - points[poke])
+
+
+def _tangents(normals: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3 3"]:
+    """Right-handed axes whose last is the normal; the first lies across the most remote axis of the frame."""
+    least = np.eye(3)[np.argmin(np.abs(normals), axis=1)]
+    first = np.cross(least, normals)
+    first /= np.linalg.norm(first, axis=1, keepdims=True)
+    return np.stack([first, np.cross(normals, first), normals], axis=1)
+
+
+def nearby(tree: Any, points: Float[np.ndarray, "n 3"], reach: float) -> tuple[np.ndarray, np.ndarray]:
+    """Pairs (point, entry of the tree) that are within reach, in the order of the points."""
+    found = tree.query_ball_point(points, reach, return_sorted=True)
+    counts = np.fromiter((len(each) for each in found), dtype=np.int64, count=len(found))
+    entries = np.fromiter((one for each in found for one in each), dtype=np.int64, count=int(counts.sum()))
+    return np.repeat(np.arange(len(points)), counts), entries
+
+
+def places_near(
+    skin: Skin,
+    rng: np.random.Generator,
+    count: int,
+    *,
+    reach: float = 5.9e-3,
+    among: Int[np.ndarray, " j"] | None = None,
+    clear: float = 9e-3,
+) -> Float[np.ndarray, "n 3"]:
+    """Points spread evenly over what is within reach of a taxel.
+
+    Args:
+        skin: whose.
+        rng: of the places.
+        count: how many.
+        reach: [m] of a taxel.
+        among: taxels to stay with; None: all. Points then keep `clear` [m] of every other one, so that none answers.
+        clear: see there.
+
+    Raises:
+        InputError: no place is so.
+    """
+    from scipy.spatial import cKDTree
+
+    there = np.flatnonzero(skin.places.there)
+    allowed = there if among is None else np.intersect1d(among, there)
+    others = np.setdiff1d(there, allowed)
+    tree = cKDTree(skin.places.positions[allowed])
+    kept: list[np.ndarray] = []
+    for _ in range(_TRIES):
+        radius, angle = reach * np.sqrt(rng.random(4 * count)), 2 * pi * rng.random(4 * count)
+        offset = np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=-1)
+        points = skin.beside(allowed[rng.integers(len(allowed), size=4 * count)], offset)
+        within = tree.query_ball_point(points, reach, return_length=True)  # where several reach, draws fall as often
+        taken = rng.random(len(points)) * np.maximum(within, 1) < 1.0
+        if len(others):
+            taken &= cKDTree(skin.places.positions[others]).query(points)[0] > clear
+        kept.append(points[taken])
+        if sum(map(len, kept)) >= count:
+            return np.concatenate(kept)[:count]
+    raise InputError("no place of the skin is near these taxels alone.", where="pokes")
