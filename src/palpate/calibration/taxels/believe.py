@@ -62,11 +62,6 @@ def believed(
     weight = weight * pitched
     if not (weight > 0).any():
         raise InputError(f"no poke is left: {'; '.join(said)}.", where="pokes")
-    if pokes.configurations == 1:
-        said.append(
-            "there is one arm configuration only: a bias of the force or torque cannot be told from taxels that sit "
-            "elsewhere along the arm, nor an error of the link's frame from a slide of the whole skin; poke in others"
-        )
     return replace(pokes, weight=weight, notes=(*pokes.notes, *said))
 
 
@@ -84,7 +79,7 @@ def _pitch_weights(
     noise = np.sqrt(np.einsum("ni,ij,nj->n", slope, pokes.noise, slope))
     if np.count_nonzero(used) < FEWEST:
         return np.ones(len(pokes)), np.zeros(len(pokes), dtype=bool)
-    usual = 1.4826 * float(np.median(pitch[used]))
+    usual = 1.4826 * float(np.median(np.asarray(pitch[used])))
     ratio = pitch / (PITCH * np.hypot(usual, noise) + 1e-12)
     doubted = used & (ratio > 1.0)
     return np.where(doubted, 1.0 / np.maximum(ratio, 1.0) ** 2, 1.0), doubted
