@@ -1,7 +1,7 @@
 """The stated faults, a file a room. A file that moves takes a new path here; a fault that is mended away goes."""
 
 from mutants.fault import Fault
-from mutants.faults import calibration, contact, evaluation, io, sensors, spatial, surfaces
+from mutants.faults import calibration, contact, evaluation, io, sensors, simulation, spatial, surfaces
 
 __all__ = ["FAULTS"]
 
@@ -13,4 +13,5 @@ FAULTS: list[Fault] = [
     *calibration.FAULTS,
     *evaluation.FAULTS,
     *io.FAULTS,
+    *simulation.FAULTS,
 ]

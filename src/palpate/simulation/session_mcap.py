@@ -1,19 +1,13 @@
-"""A simulated session as a robot would record it: wrenches and poses on topics of an MCAP file, with a clock each.
-
-Written by rosbags, message by message, so that what is read later was not written by the code that reads it.
-"""
+"""A simulated session as a robot would record it: wrenches and poses on topics of an MCAP file, with a clock each."""
 
 from __future__ import annotations
 
-import shutil
-import tempfile
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from palpate.errors import InputError
 from palpate.sensors.recording import ORIENTATION, Recording
+from palpate.simulation.bags import Stamped, header, nanoseconds, wrenches, write_bag
 from palpate.simulation.session import Session
 from palpate.simulation.session_files import POSE_TOPIC, WRENCH_TOPIC
 
@@ -36,53 +30,21 @@ def write_session_mcap(session: Session, folder: Path) -> None:
 
 
 def _write(recording: Recording, path: Path) -> None:
-    try:
-        from rosbags.rosbag2 import StoragePlugin, Writer
-        from rosbags.typesys import Stores, get_typestore
-    except ImportError as problem:
-        raise InputError("writing MCAP needs rosbags.", hint="pip install 'palpate[ros]'") from problem
-    store = get_typestore(Stores.ROS2_HUMBLE)
-    messages = sorted([*_wrenches(recording, store.types), *_poses(recording, store.types)], key=lambda each: each[0])
-    with tempfile.TemporaryDirectory(dir=path.parent) as scratch:  # rosbags writes a folder with one MCAP in it
-        bag = Path(scratch) / "bag"
-        with Writer(bag, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
-            topics = {
-                topic: writer.add_connection(topic, kind, typestore=store)
-                for topic, kind in (
-                    (WRENCH_TOPIC, "geometry_msgs/msg/WrenchStamped"),
-                    (POSE_TOPIC, "geometry_msgs/msg/PoseStamped"),
-                )
-            }
-            for stamp, topic, message in messages:
-                writer.write(topics[topic], stamp, store.serialize_cdr(message, topics[topic].msgtype))
-        shutil.move(bag / "bag.mcap", path)
+    def made(types: Any) -> Iterable[Iterable[Stamped]]:
+        return wrenches(types, WRENCH_TOPIC, recording.time, recording.wrenches()), _poses(recording, types)
+
+    write_bag(
+        path,
+        {WRENCH_TOPIC: "geometry_msgs/msg/WrenchStamped", POSE_TOPIC: "geometry_msgs/msg/PoseStamped"},
+        made,
+    )
 
 
-def _wrenches(recording: Recording, types: Any) -> list[tuple[int, str, Any]]:
-    vector, wrench, stamped = (types[f"geometry_msgs/msg/{name}"] for name in ("Vector3", "Wrench", "WrenchStamped"))
-    stamps = _nanoseconds(recording.time)
-    return [
-        (stamp, WRENCH_TOPIC, stamped(_header(types, stamp, "ft_sensor"), wrench(vector(*row[:3]), vector(*row[3:]))))
-        for stamp, row in zip(stamps, recording.wrenches().tolist(), strict=True)
-    ]
-
-
-def _poses(recording: Recording, types: Any) -> list[tuple[int, str, Any]]:
+def _poses(recording: Recording, types: Any) -> Iterator[Stamped]:
     point, turn, pose, stamped = (
         types[f"geometry_msgs/msg/{name}"] for name in ("Point", "Quaternion", "Pose", "PoseStamped")
     )
-    stamps = _nanoseconds(recording.time[::POSE_EVERY] - CLOCK_OFFSET)
-    return [
-        (stamp, POSE_TOPIC, stamped(_header(types, stamp, "base"), pose(point(*POSITION), turn(*row))))
-        for stamp, row in zip(stamps, recording.channels[ORIENTATION][::POSE_EVERY].tolist(), strict=True)
-        if stamp >= 0
-    ]
-
-
-def _header(types: Any, stamp: int, frame: str) -> Any:
-    seconds, nanoseconds = divmod(stamp, 10**9)
-    return types["std_msgs/msg/Header"](types["builtin_interfaces/msg/Time"](seconds, nanoseconds), frame)
-
-
-def _nanoseconds(time: np.ndarray) -> list[int]:
-    return np.rint(time * 1e9).astype(np.int64).tolist()
+    stamps = nanoseconds(recording.time[::POSE_EVERY] - CLOCK_OFFSET)
+    for stamp, row in zip(stamps, recording.channels[ORIENTATION][::POSE_EVERY].tolist(), strict=True):
+        if stamp >= 0:
+            yield stamp, POSE_TOPIC, stamped(header(types, stamp, "base"), pose(point(*POSITION), turn(*row)))

@@ -1,0 +1,65 @@
+"""MCAP files as robots record them, written by rosbags, message by message, so not by the code that reads them."""
+
+from __future__ import annotations
+
+import heapq
+import shutil
+import tempfile
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from palpate.errors import InputError
+
+__all__ = ["Stamped", "header", "nanoseconds", "wrenches", "write_bag"]
+
+Stamped = tuple[int, str, Any]  # ns, topic, message
+
+
+def write_bag(path: Path, kinds: Mapping[str, str], made: Callable[[Any], Iterable[Iterable[Stamped]]]) -> None:
+    """Write one MCAP file.
+
+    Args:
+        path: of the file.
+        kinds: topic -> type, as in "std_msgs/msg/UInt8MultiArray".
+        made: from the types of messages the messages of each topic, in the order of their stamps.
+
+    Raises:
+        InputError: rosbags is not installed.
+    """
+    try:
+        from rosbags.rosbag2 import StoragePlugin, Writer
+        from rosbags.typesys import Stores, get_typestore
+    except ImportError as problem:
+        raise InputError("writing MCAP needs rosbags.", hint="pip install 'palpate[ros]'") from problem
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    with tempfile.TemporaryDirectory(dir=path.parent) as scratch:  # rosbags writes a folder with one MCAP in it
+        bag = Path(scratch) / "bag"
+        with Writer(bag, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+            topics = {topic: writer.add_connection(topic, kind, typestore=store) for topic, kind in kinds.items()}
+            for stamp, topic, message in heapq.merge(*made(store.types), key=lambda each: each[0]):
+                writer.write(topics[topic], stamp, store.serialize_cdr(message, topics[topic].msgtype))
+        shutil.move(bag / "bag.mcap", path)
+
+
+def wrenches(
+    types: Any, topic: str, time: Float[np.ndarray, " n"], rows: Float[np.ndarray, "n 6"]
+) -> Iterator[Stamped]:
+    """WrenchStamped of the force/torque sensor."""
+    vector, wrench, stamped = (types[f"geometry_msgs/msg/{name}"] for name in ("Vector3", "Wrench", "WrenchStamped"))
+    for stamp, row in zip(nanoseconds(time), rows.tolist(), strict=True):
+        yield stamp, topic, stamped(header(types, stamp, "ft_sensor"), wrench(vector(*row[:3]), vector(*row[3:])))
+
+
+def header(types: Any, stamp: int, frame: str) -> Any:
+    """A header of a message."""
+    seconds, rest = divmod(stamp, 10**9)
+    return types["std_msgs/msg/Header"](types["builtin_interfaces/msg/Time"](seconds, rest), frame)
+
+
+def nanoseconds(time: Float[np.ndarray, " n"]) -> list[int]:
+    """Stamps of times [s]."""
+    return np.rint(time * 1e9).astype(np.int64).tolist()
