@@ -202,13 +202,14 @@ def _nuisances(found: TaxelCalibration) -> list[tuple[str, object]]:
     for name, words in (("frames", "of each configuration"), ("common", "of all")):
         if (value := found.nuisances.get(name)) is not None and value.size:
             six = value.reshape(-1, 6)
-            text = f"up to {_most(six[:, 3:], 1e3)} mm, {_most(six[:, :3], 180 / np.pi)} degrees"
+            text = f"up to {_most(six[:, :3], 1e3)} mm, {_most(six[:, 3:], 180 / np.pi)} degrees"
             said.append((f"frame {words}", Figure(text, value)))
     if (value := found.nuisances.get("bias")) is not None and value.size:
         text = f"up to {_most(value[:, :3], 1.0)} N, {_most(value[:, 3:], 1e3)} N mm"
         said.append(("bias", Figure(text, value)))
     if (value := found.nuisances.get("cross_talk")) is not None and value.size:
-        said.append(("cross-talk", Figure(f"up to {100 * float(np.abs(value).max()):.2g} %", value)))
+        same = max(float(np.abs(value[:3, :3]).max()), float(np.abs(value[3:, 3:]).max()))
+        said.append(("cross-talk", Figure(f"up to {100 * same:.2g} % among forces, or among torques", value)))
     return said
 
 

@@ -114,7 +114,7 @@ class _Reader:
             above[kept],
             highest[kept],
             stuck,
-            float(np.median(self._delta)),
+            float(np.quantile(self._delta, 0.5)),
             tuple(self._notes(stuck, fell)),
         )
 

@@ -79,7 +79,7 @@ def _pitch_weights(
     noise = np.sqrt(np.einsum("ni,ij,nj->n", slope, pokes.noise, slope))
     if np.count_nonzero(used) < FEWEST:
         return np.ones(len(pokes)), np.zeros(len(pokes), dtype=bool)
-    usual = 1.4826 * float(np.median(np.asarray(pitch[used])))
+    usual = 1.4826 * float(np.quantile(pitch[used], 0.5))
     ratio = pitch / (PITCH * np.hypot(usual, noise) + 1e-12)
     doubted = used & (ratio > 1.0)
     return np.where(doubted, 1.0 / np.maximum(ratio, 1.0) ** 2, 1.0), doubted
@@ -93,7 +93,8 @@ def _far_apart(pokes: Pokes, start: TaxelPlaces) -> Bool[np.ndarray, " n"]:
     known = points[start.there]
     if len(known) < 2:
         return np.zeros(len(pokes), dtype=bool)
-    usual = float(np.median(cKDTree(known).query(known, k=2)[0][:, 1]))
+    distances: Any = cKDTree(known).query(known, k=2)[0]
+    usual = float(np.median(distances[:, 1]))
 
     def beside(taxels: Int[np.ndarray, " a"]) -> Bool[np.ndarray, "a a"]:
         away = np.linalg.norm(points[taxels][:, None] - points[taxels], axis=2)

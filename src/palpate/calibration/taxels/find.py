@@ -29,6 +29,7 @@ GAP = 0.25  # s without frames that end a poke
 TURNED, SHIFTED = np.radians(0.5), 2e-3  # rad, m: an arm that moves less stays
 NEAREST = 3  # pokes before and behind that a rest may be taken over from
 OUTLYING = 6.0  # deviations of a mean of free motion from the others': something touched
+FEW = 4  # pokes in each stretch in which the arm stays, on average, or poses are what counts
 NULLS = 12  # pairs of free means from which their scatter is taken
 
 
@@ -100,7 +101,7 @@ def find_pokes(wrenches: Iterable[Recording], frames: Iterable[Block], search: P
         why = ", ".join(f"{count} {what}" for what, count in dropped.items() if count)
         raise InputError(f"none of {len(spans)} pokes can be used: {why}.", where="pokes")
     noise = _noise(samples, free, poke_spans)
-    pokes = _cut(answers, poke_spans, rows, noise)
+    pokes = replace(_cut(answers, poke_spans, rows, noise), configuration=_configurations(samples, rows, poke_spans))
     said += [*answers.notes, *_dropped(dropped, len(spans))]
     pokes = replace(pokes, notes=tuple(said), threshold=answers.threshold)
     highest = _highest(answers, poke_spans)
@@ -357,14 +358,11 @@ def _cut(
     mean = np.bincount(where, answers.above[inside], minlength=len(pairs)) / np.maximum(count, 1)
     kept = 2 * count >= frames[pairs // taxels]
     which, taxel = np.divmod(pairs[kept], taxels)
-    configuration = np.zeros(len(rows), dtype=np.int64)
-    for number, group in enumerate(_groups(rows)):
-        configuration[group] = number
     return Pokes(
         rows[:, :6],
         rotation_from_quaternion(rows[:, 6:10] / np.linalg.norm(rows[:, 6:10], axis=1, keepdims=True)),
         rows[:, 10:13],
-        configuration,
+        np.zeros(len(rows), dtype=np.int64),
         np.searchsorted(which, np.arange(len(rows) + 1)),
         taxel,
         mean[kept],
@@ -373,6 +371,22 @@ def _cut(
         np.ones(len(rows)),
         spans.mean(axis=1),
     )
+
+
+def _configurations(
+    samples: _Samples, rows: Float[np.ndarray, "n 16"], spans: Float[np.ndarray, "n 2"]
+) -> Int[np.ndarray, " n"]:
+    """Another one whenever the arm moved, even if it came back; of an arm that moves for each poke, each pose is one."""
+    moved = np.zeros(len(rows), dtype=bool)
+    for k in range(1, len(rows)):
+        between, count = samples.window(spans[k - 1, 1], spans[k, 0])
+        moved[k] = float(_apart(rows[k], rows[k - 1])) > 1.0 or (count > 0 and _spread(between) > 1.0)
+    if np.count_nonzero(moved) + 1 <= max(len(rows) / FEW, 1):
+        return np.cumsum(moved)
+    configuration = np.zeros(len(rows), dtype=np.int64)
+    for number, group in enumerate(_groups(rows)):
+        configuration[group] = number
+    return configuration
 
 
 def _of_poke(answers: Answers, spans: Float[np.ndarray, "n 2"]) -> tuple[Int[np.ndarray, " m"], Int[np.ndarray, " n"]]:

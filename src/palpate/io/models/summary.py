@@ -108,7 +108,7 @@ def of_taxels(places: TaxelPlaces) -> Lines:
         ("normals", "known" if facing == count else f"of {facing:,} known" if facing else "not known"),
     ]
     if places.pokes.any():
-        said.append(("touched", f"{np.count_nonzero(places.pokes[there]):,} of {count:,}, never touched: the others"))
+        said.append(("touched", f"{np.count_nonzero(places.pokes[there]):,} of {count:,}"))
     if known.any():
         said.append(("deviation", _mean_worst(deviation[known])))
     if np.isfinite(places.relative[there]).any():
