@@ -21,6 +21,7 @@ from palpate.sensors.force_torque import Payload
 from palpate.sensors.intensity import Curve, Intensity
 from palpate.sensors.load_cells import Indentation, LoadCells
 from palpate.sensors.skin_map import SkinMap
+from palpate.sensors.taxel_places import TaxelPlaces
 from palpate.simulation.cell_array import LAYOUTS, random_cells
 from palpate.surfaces.bspline import BSplineSurface, open_knots
 
@@ -90,7 +91,29 @@ def _skin_map(seed: int) -> SkinMap:
     return replace(plain, overlap=over, surface=spline, uv=uv, strain=(0.01, -0.02), distance=(1e-4, 1e-3))
 
 
-MADE = {"payload": _payload, "load_cells": _load_cells, "intensity": _intensity, "skin map": _skin_map}
+def _taxels(seed: int) -> TaxelPlaces:
+    """Five numbers, at one of which there is no taxel; on odd seeds with all that is known of them."""
+    rng = np.random.default_rng(seed)
+    positions, half = rng.normal(size=(5, 3)) / 3, rng.normal(size=(5, 3, 3)) * 1e-3
+    normals = positions / np.linalg.norm(positions, axis=1, keepdims=True)
+    positions[2] = normals[2] = np.nan
+    if not seed % 2:
+        return TaxelPlaces(positions, np.full((5, 3), np.nan))
+    covariance = half @ half.transpose(0, 2, 1)
+    covariance = (covariance + covariance.transpose(0, 2, 1)) / 2
+    covariance[2] = np.nan
+    relative, module = rng.uniform(size=5), np.array([0, 0, -1, 1, -1])
+    said = {"provenance": {"pokes": "log.mcap"}, "notes": ("ünïcode",)}
+    return TaxelPlaces(positions, normals, covariance, module, np.arange(5), relative, 0.1 / 3, **said)
+
+
+MADE = {
+    "payload": _payload,
+    "load_cells": _load_cells,
+    "intensity": _intensity,
+    "skin map": _skin_map,
+    "taxels": _taxels,
+}
 
 
 def _assert_same(one: Any, other: Any, name: str = "") -> None:

@@ -11,6 +11,7 @@ from palpate.cli.calibrate_intensity import calibrate_intensity
 from palpate.cli.calibrate_load_cells import calibrate_load_cells
 from palpate.cli.calibrate_mounting import calibrate_mounting
 from palpate.cli.calibrate_payload import calibrate_payload
+from palpate.cli.calibrate_taxels import calibrate_taxels_command
 from palpate.cli.design_load_cells import design_load_cells
 from palpate.cli.estimate import estimate
 from palpate.cli.evaluate import evaluate
@@ -32,7 +33,8 @@ def run(argv: Sequence[str]) -> None:
     calibrate.command(name="load-cells")(calibrate_load_cells)
     calibrate.command(name="payload")(calibrate_payload)
     calibrate.command(name="mounting")(calibrate_mounting)
-    models = "clock, intensity, load-cells, payload, mounting"
+    calibrate.command(name="taxels")(calibrate_taxels_command)
+    models = "clock, intensity, load-cells, payload, mounting, taxels"
     app.command(calibrate, name="calibrate", help=f"Make a model from a log: {models}.")
     design.command(name="load-cells")(design_load_cells)
     app.command(design, name="design", help="What a sensor can resolve before it is built: load-cells.")

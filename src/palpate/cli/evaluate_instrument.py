@@ -23,7 +23,7 @@ from palpate.evaluation.instruments import (
 from palpate.evaluation.matching import nearest_in_time
 from palpate.io.atomic import keep_inputs, write_text
 from palpate.io.rig import Rig, load_rig
-from palpate.io.rig.skin import rig_map
+from palpate.io.rig.skin import RigSkin, rig_map
 from palpate.io.tables.table import Table, read_table
 from palpate.spatial.pose import rotation_from_quaternion
 from palpate.surfaces.mesh import Mesh
@@ -72,7 +72,8 @@ def evaluate_instrument(
             f"none of {len(touches)} touches can be compared; the first: {reference.refused[0]}.", where=str(truth)
         )
     judged = judge(touches, reference)
-    pitch = rig_map(rig).pitch if "skin" in rig.sensors else None
+    sheet = "skin" in rig.sensors and rig.table(RigSkin).map is not None
+    pitch = rig_map(rig).pitch if sheet else None
     title(f"{path} against {truth}, {reference.name}")
     lines(_facts(judged, touches, pitch))
     table(("", *HEADER), ((f"{name} [{unit}]", *summary.row(scale)) for name, unit, summary, scale in _named(judged)))

@@ -24,14 +24,17 @@ from palpate.io.contacts.mcap import KIND
 from palpate.io.ground_truth import read_ground_truth
 from palpate.io.logs import LogContents, contents
 from palpate.io.models import MODELS, load_toml, read_model
+from palpate.io.models.summary import of_taxels
 from palpate.io.rig import Rig, load_rig
 from palpate.io.rig.kinds import KINDS as SENSORS
+from palpate.io.taxel_files import holds_taxels, read_taxel_places
 from palpate.io.urdf import Urdf
 from palpate.surfaces.mesh import UNITS, Mesh
 
 __all__ = ["inspect"]
 
 TORN = 3  # what was asked for is done, but the log was torn
+_TAXELS = (".txt", ".csv", ".urdf")
 _MESHES = (".stl", ".obj", ".ply", ".dae")
 
 
@@ -46,7 +49,8 @@ def inspect(
     """Say what is in a log, a mesh, a rig, a model, a result or a truth; draw the spectrum of a log or a result.
 
     Args:
-        file: a log or contacts (CSV, Parquet, MCAP, bag), STL, OBJ, PLY or DAE, a URDF, TOML, a truth.
+        file: a log or contacts (CSV, Parquet, MCAP, bag), STL, OBJ, PLY or DAE, a URDF, TOML, places of taxels, a
+            truth.
         rig: TOML that says where the log keeps what; with it, spectra are those of the contact: payload taken off, and
             of its place too.
         sensor: name of the sensor's table in the rig, where there are several that the log could be of.
@@ -61,7 +65,9 @@ def inspect(
             ends = f"no picture ends in {spectrum.suffix!r}."
             raise InputError(ends, where=str(spectrum), hint=f"Use {', '.join(KINDS)}.")
         keep_inputs(spectrum, (file, rig))
-    if suffix in (*_MESHES, ".toml", ".urdf", ".xacro"):
+    if spectrum is None and rig is None and whole is None and suffix in _TAXELS and holds_taxels(file):
+        _taxels(file)
+    elif suffix in (*_MESHES, ".toml", ".urdf", ".xacro"):
         if spectrum is not None:
             raise InputError("has no spectrum: it is no log and no result.", where=str(file))
         (_toml if suffix == ".toml" else _mesh if suffix in _MESHES else _urdf)(file)
@@ -124,6 +130,13 @@ def _mesh(file: Path) -> None:
 
 def _closed(mesh: Mesh) -> str:
     return f"{mesh.open_edges:,} open edges" if mesh.open_edges else "watertight"
+
+
+def _taxels(file: Path) -> None:
+    places = read_taxel_places(file)
+    title(f"{file}: places of taxels")
+    lines(of_taxels(places))
+    note(places.notes)
 
 
 def _urdf(file: Path) -> None:

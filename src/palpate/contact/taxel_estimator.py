@@ -260,7 +260,7 @@ class TaxelEstimator:
             or not out.size
         ):
             raise InputError(f"out must be rows of {width} as `empty` makes them, not {out.dtype} {out.shape}.")
-        frame = np.asarray(reading)
+        frame = self.body.picked(np.asarray(reading))
         fits = frame.shape == self.body.shape or frame.shape == (len(self.body),)
         when, raw, rows = self._single
         when[0] = time

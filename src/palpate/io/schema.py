@@ -154,7 +154,9 @@ class _Reader:
                 table, kind = cast("dict[str, Any]", value), cast("type[Any]", option)
                 return parse(table, kind, file=self.file, key=key, forms=self.forms)
             if get_origin(option) is tuple and isinstance(value, list):
-                return self._tuple(cast("list[Any]", value), option, key)
+                items, tuples = cast("list[Any]", value), [each for each in _options(hint) if get_origin(each) is tuple]
+                fitting = [each for each in tuples if _lists(each) == any(isinstance(item, list) for item in items)]
+                return self._tuple(items, (fitting or tuples)[0], key)
             if _is_array(option) and isinstance(value, list):
                 rows, shapes = cast("list[Any]", value), [each for each in _options(hint) if _is_array(each)]
                 fitting = [each for each in shapes if _nested(each) == any(isinstance(row, list) for row in rows)]
@@ -232,6 +234,11 @@ def _stated(model: Any) -> dict[str, Key]:
 
 def _is_array(option: Any) -> bool:
     return isinstance(option, type) and issubclass(option, AbstractArray)
+
+
+def _lists(hint: Any) -> bool:
+    """A tuple of tuples."""
+    return get_origin(get_args(hint)[0]) is tuple
 
 
 def _nested(hint: Any) -> bool:

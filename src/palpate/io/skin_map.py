@@ -16,7 +16,7 @@ from palpate.io.atomic import write_text
 from palpate.io.models import read_model, write_model
 from palpate.sensors.skin_map import SkinMap
 
-__all__ = ["SUFFIXES", "read_skin_map", "write_skin_map"]
+__all__ = ["SUFFIXES", "fixed_frame", "read_skin_map", "write_skin_map"]
 
 _COLUMNS = ("row", "column", "x", "y", "z", "nx", "ny", "nz", "area")
 
@@ -113,17 +113,23 @@ def _urdf(skin: SkinMap, name: str) -> str:
         else np.broadcast_to([1.0, 0.0, 0.0], (*skin.areas.shape, 3))
     )
     for (row, column), point, normal in _cells(skin):
-        cell = f"{name}_{row}_{column}"
-        place = " ".join(f"{number:.9g}" for number in point)
-        angles = " ".join(f"{number:.9g}" for number in _roll_pitch_yaw(normal, along[row, column]))
-        lines += [
-            f'<link name="{cell}"/>',
-            f'<joint name="{cell}_joint" type="fixed">',
-            f'  <parent link="LINK"/><child link="{cell}"/>',
-            f'  <origin xyz="{place}" rpy="{angles}"/>',
-            "</joint>",
-        ]
+        lines += fixed_frame(f"{name}_{row}_{column}", point, normal, along[row, column])
     return "\n".join([*lines, ""])
+
+
+def fixed_frame(
+    name: str, point: Float[np.ndarray, "3"], normal: Float[np.ndarray, "3"], along: Float[np.ndarray, "3"]
+) -> list[str]:
+    """Lines of a URDF: a link without a body, fixed to LINK at a point, z along a normal and x near to a direction."""
+    place = " ".join(f"{number:.9g}" for number in point)
+    angles = " ".join(f"{number:.9g}" for number in _roll_pitch_yaw(normal, along))
+    return [
+        f'<link name="{name}"/>',
+        f'<joint name="{name}_joint" type="fixed">',
+        f'  <parent link="LINK"/><child link="{name}"/>',
+        f'  <origin xyz="{place}" rpy="{angles}"/>',
+        "</joint>",
+    ]
 
 
 def _roll_pitch_yaw(normal: Float[np.ndarray, "3"], along: Float[np.ndarray, "3"]) -> tuple[float, float, float]:

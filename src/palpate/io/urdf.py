@@ -287,6 +287,7 @@ class Kinematics:
 
     Attributes:
         joints: whose positions [rad, m] are needed; those that mimic another are not, but what they follow is.
+        limited: those of them that cannot turn all the way.
 
     Raises:
         InputError: no such link, or pinocchio is not installed.
@@ -307,6 +308,7 @@ class Kinematics:
                     where=str(urdf.path),
                 )
         self.joints = tuple(dict.fromkeys(joint.mimics or joint.name for joint in chain))
+        self.limited = {name for name in self.joints if known[name].kind == "revolute"}
         try:
             self._model = self._pin.buildModelFromUrdf(str(urdf.path))
         except Exception as problem:  # whatever its parser meets

@@ -13,7 +13,7 @@ from palpate.sensors.recording import Recording
 from palpate.sensors.taxels import TaxelBody
 from palpate.spatial._arrays import frozen
 
-__all__ = ["Health", "at_rest", "examine"]
+__all__ = ["Health", "at_rest", "examine", "resting"]
 
 SCATTER = 4.0  # times the noise, in a tare
 FEWEST = 8  # frames from which anything can be said of a cell
@@ -87,7 +87,7 @@ def examine(recording: Recording, body: TaxelBody, *, seconds: float | None = No
         rest = cells[time <= time[0] + seconds]
         if len(rest) < FEWEST:
             raise InputError(f"{len(rest)} frames are too few to tare with ({seconds:g} s).", where=recording.source)
-    baseline, noise = _resting(rest, whole=body.bits is not None)
+    baseline, noise = resting(rest, whole=body.bits is not None)
     still = np.ptp(cells, axis=0) == 0
     stuck = _stuck(baseline, still, body)
     if stuck.all() or (still.all() and np.ptp(baseline) > 0 and body.bits is not None):
@@ -153,9 +153,7 @@ def _hysteresis(
     return float(np.median(found)) if found else float("nan")
 
 
-def _resting(
-    cells: Float[np.ndarray, "n k"], *, whole: bool
-) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
+def resting(cells: Float[np.ndarray, "n k"], *, whole: bool) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
     """Mean and deviation of the crowd at each cell's lower end."""
     steps = np.abs(np.diff(cells, axis=0))
     low = np.quantile(cells, 0.1, axis=0)

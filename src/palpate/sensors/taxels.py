@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -45,6 +45,8 @@ class TaxelBody:
         grid: (rows + 4, columns + 4, 6) of a sheet: positions and normals, with two more cells at each end.
         turn: columns after which a sheet closes to a ring; 0: never.
         notes: what to know, a sentence each.
+        numbers: (k,) which number of a frame each taxel is; None: they are all of them, in their order.
+        frame: how many numbers a frame has then.
     """
 
     positions: Float[np.ndarray, "k 3"]
@@ -62,6 +64,8 @@ class TaxelBody:
     grid: Float[np.ndarray, "r c 6"] | None = None
     turn: int = 0
     notes: tuple[str, ...] = ()
+    numbers: Int[np.ndarray, " k"] | None = None
+    frame: int = 0
 
     def __post_init__(self) -> None:
         if self.bits is not None and not 1 <= self.bits <= 16:
@@ -173,9 +177,33 @@ class TaxelBody:
         between = _between(neighbours, away, points)
         return cls(points, outward, covered, spacing, tangents, neighbours, steps, between, usable, bits)
 
+    @classmethod
+    def placed(
+        cls, positions: ArrayLike, normals: ArrayLike, *, bits: int | None = None, masked: Sequence[int] = ()
+    ) -> TaxelBody:
+        """Taxels `anywhere` of a skin at some of whose numbers there is none: NaN, and left out.
+
+        Args:
+            positions: (n, 3) [m], a row a number of a frame.
+            normals: (n, 3) outward.
+            bits: of a reading.
+            masked: numbers of a frame that are not to be used.
+
+        Raises:
+            InputError: as `anywhere`; or a normal is not known of a taxel that is there.
+        """
+        points, outward = np.asarray(positions, dtype=np.float64), np.asarray(normals, dtype=np.float64)
+        numbers = np.flatnonzero(np.isfinite(points).all(axis=1))
+        for taxel in masked:
+            if not 0 <= taxel < len(points):
+                raise InputError(f"taxel {taxel} is masked, but there are {len(points)}, from 0.", where="taxels")
+        left = np.flatnonzero(np.isin(numbers, masked)).tolist()
+        body = cls.anywhere(points[numbers], outward[numbers], bits=bits, masked=left)
+        return body if len(numbers) == len(points) else replace(body, numbers=numbers, frame=len(points))
+
     @property
     def shape(self) -> tuple[int, ...]:
-        """Of a frame: rows and columns, or how many taxels."""
+        """Of a frame, without numbers that are no taxel: rows and columns, or how many taxels."""
         return (self.rows, self.columns) if self.rows else (len(self),)
 
     @property
@@ -185,11 +213,18 @@ class TaxelBody:
 
     def name(self, cell: int) -> str:
         """As messages name it."""
+        cell = cell if self.numbers is None else int(self.numbers[cell])
         return f"({cell // self.columns}, {cell % self.columns})" if self.rows else str(cell)
 
     def named(self) -> str:
         """The whole, as messages name it."""
         return f"{self.rows} x {self.columns} cells" if self.rows else f"{len(self)} taxels"
+
+    def picked(self, frames: np.ndarray) -> np.ndarray:
+        """Frames (..., n) without the numbers at which there is no taxel; others as they are."""
+        if self.numbers is None or frames.shape[-1:] != (self.frame,):
+            return frames
+        return frames[..., self.numbers]
 
     def readings(self, recording: Recording) -> Float[np.ndarray, "n k"]:
         """A recording's frames, a row each, in the order of memory that compiled loops want; read-only.
@@ -199,7 +234,7 @@ class TaxelBody:
         """
         if CELLS not in recording.channels:
             raise InputError("has no readings of taxels.", where=recording.source)
-        cells = recording.channels[CELLS]
+        cells = self.picked(recording.channels[CELLS])
         if cells.shape[1:] not in (self.shape, (len(self),)):
             size = " x ".join(map(str, cells.shape[1:]))
             raise InputError(f"holds frames of {size} cells; the body has {self.named()}.", where=recording.source)

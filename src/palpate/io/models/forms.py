@@ -14,6 +14,7 @@ from palpate.sensors.force_torque import Payload
 from palpate.sensors.intensity import Curve, Intensity
 from palpate.sensors.load_cells import Indentation, LoadCells
 from palpate.sensors.skin_map import SkinMap
+from palpate.sensors.taxel_places import TaxelPlaces
 from palpate.surfaces.bspline import BSplineSurface
 
 __all__ = ["FORMS"]
@@ -81,6 +82,29 @@ def _skin_map_keys(skin: SkinMap) -> dict[str, Any]:
     }
 
 
+_UPPER = np.triu_indices(3)  # of a covariance: xx xy xz yy yz zz
+
+
+def _taxel_places(taxels: Float[np.ndarray, "k 15"], **rest: Any) -> TaxelPlaces:
+    whole = taxels[:, 6:8]
+    if not (np.isfinite(whole) & (whole == np.round(whole))).all() or (whole < (-1, 0)).any():
+        raise ValueError("the module (-1: none) and the pokes of a taxel must be whole numbers")
+    covariance = np.empty((len(taxels), 3, 3))
+    covariance[:, _UPPER[0], _UPPER[1]] = covariance[:, _UPPER[1], _UPPER[0]] = taxels[:, 9:]
+    known = covariance[np.isfinite(covariance).all(axis=(1, 2))]
+    if len(known) and (np.linalg.eigvalsh(known)[:, 0] < -1e-6 * np.trace(known, axis1=1, axis2=2)).any():
+        raise ValueError("some covariance of a taxel has a negative variance")
+    module, pokes = whole.astype(np.int64).T
+    return TaxelPlaces(taxels[:, :3], taxels[:, 3:6], covariance, module, pokes, taxels[:, 8], **rest)
+
+
+def _taxel_places_keys(places: TaxelPlaces) -> dict[str, Any]:
+    numbers = [places.module, places.pokes, places.relative]
+    table = [places.positions, places.normals, *(each[:, None] for each in numbers)]
+    table = np.concatenate([*table, places.covariance[:, _UPPER[0], _UPPER[1]]], axis=1)
+    return {name: getattr(places, name) for name in ("reach", "notes", "provenance")} | {"taxels": table}
+
+
 FORMS: Mapping[type, Form] = {
     Payload: Form(
         {
@@ -144,6 +168,20 @@ FORMS: Mapping[type, Form] = {
         },
         _skin_map,
         _skin_map_keys,
+    ),
+    TaxelPlaces: Form(
+        {
+            "reach": Key("m, deviation of a response over the distance of the poke", least=0.0),
+            "notes": Key(),
+            "taxels": Key(
+                "a row a taxel: x y z [m], nx ny nz outward, module (-1: none), pokes it answered to, deviation [m] "
+                "once one rigid motion is taken off, covariance xx xy xz yy yz zz [m^2]; nan: not known, no taxel",
+                unknown=True,
+            ),
+            "provenance": Key(),
+        },
+        _taxel_places,
+        _taxel_places_keys,
     ),
     BSplineSurface: Form(
         {

@@ -17,6 +17,7 @@ from palpate.sensors.force_torque import Payload
 from palpate.sensors.intensity import Intensity
 from palpate.sensors.load_cells import LoadCells
 from palpate.sensors.skin_map import SkinMap
+from palpate.sensors.taxel_places import TaxelPlaces
 
 __all__ = ["MODELS", "Model", "read_model", "write_model"]
 
@@ -70,6 +71,13 @@ MODELS: Mapping[str, Model] = {
         "Where the cells of a sheet sit, in the mesh's frame.",
         "palpate map skin",
         summary.of_skin_map,
+    ),
+    "taxels": Model(
+        TaxelPlaces,
+        "places of taxels",
+        "Where each taxel of a skin sits, in the link's frame.",
+        "palpate calibrate taxels",
+        summary.of_taxels,
     ),
 }
 

@@ -10,8 +10,9 @@ from palpate.sensors.force_torque import Payload
 from palpate.sensors.intensity import Intensity
 from palpate.sensors.load_cells import LoadCells
 from palpate.sensors.skin_map import SkinMap
+from palpate.sensors.taxel_places import TaxelPlaces
 
-__all__ = ["of_intensity", "of_load_cells", "of_payload", "of_skin_map"]
+__all__ = ["of_intensity", "of_load_cells", "of_payload", "of_skin_map", "of_taxels"]
 
 Lines = list[tuple[str, str]]
 
@@ -91,6 +92,34 @@ def of_skin_map(skin: SkinMap) -> Lines:
     if skin.overlap.any():
         said.append(("overlap", f"{np.count_nonzero(skin.overlap)} cells lie over or under another one"))
     return said
+
+
+def of_taxels(places: TaxelPlaces) -> Lines:
+    """Taxels, modules, and how well their places are known."""
+    there, deviation = places.there, places.deviations()
+    count, known = np.count_nonzero(there), np.isfinite(deviation) & there
+    absent = f", {len(places) - count} numbers without one" if count < len(places) else ""
+    loose = int(np.count_nonzero(there & (places.module < 0)))
+    beside = f", and {loose} taxels on none" if loose and places.modules else ""
+    facing = np.count_nonzero(np.isfinite(places.normals).all(axis=1) & there)
+    said = [
+        ("taxels", f"{count:,}{absent}"),
+        ("modules", f"{len(np.unique(places.module[there & (places.module >= 0)]))}{beside}"),
+        ("normals", "known" if facing == count else f"of {facing:,} known" if facing else "not known"),
+    ]
+    if places.pokes.any():
+        said.append(("touched", f"{np.count_nonzero(places.pokes[there]):,} of {count:,}"))
+    if known.any():
+        said.append(("deviation", _mean_worst(deviation[known])))
+    if np.isfinite(places.relative[there]).any():
+        said.append(("relative", f"{_mean_worst(places.relative[there])}, once one rigid motion is taken off"))
+    if np.isfinite(places.reach):
+        said.append(("reach", f"{1e3 * places.reach:.2f} mm of a response"))
+    return said
+
+
+def _mean_worst(values: Float[np.ndarray, " n"]) -> str:
+    return f"{1e3 * float(np.nanmean(values)):.2f} mm mean, {1e3 * float(np.nanmax(values)):.2f} mm worst"
 
 
 def _limits(limits: Float[np.ndarray, "m 2"]) -> str:

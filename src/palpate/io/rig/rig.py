@@ -13,6 +13,7 @@ from palpate.errors import InputError
 from palpate.io.logs.layout import Layout
 from palpate.io.models import load_toml
 from palpate.io.rig.kinds import KINDS, SensorKind
+from palpate.io.rig.pokes import RigPokes
 from palpate.io.rig.surface import RigSurface
 from palpate.io.rig.tables import RigAcceleration, RigEstimate, RigFilter, RigForceTorque, RigOrientation, RigTime
 from palpate.io.schema import parse
@@ -35,6 +36,7 @@ class Rig:
         surface: what is touched; None where a skin alone is the body.
         sensors: name of a sensor's table -> what it says, as the dataclass of `palpate.io.rig.kinds.KINDS`.
         time, orientation, acceleration, filter, estimate, contacts: the other tables.
+        pokes: of a skin whose taxels are to be found; None: there are none.
         folder: where relative paths start.
     """
 
@@ -46,6 +48,7 @@ class Rig:
     filter: RigFilter = field(default_factory=RigFilter)
     estimate: RigEstimate = field(default_factory=RigEstimate)
     contacts: TaxelSettings = field(default_factory=TaxelSettings)
+    pokes: RigPokes | None = None
     folder: Path = field(default_factory=Path)
 
     @property
@@ -111,6 +114,8 @@ class Rig:
             named |= self.surface.files(self.folder)
         if self.orientation.urdf is not None:
             named["kinematics"] = self.folder / self.orientation.urdf
+        if self.pokes is not None and kind is None:
+            named |= self.pokes.files(self.folder)
         for one in self.kinds if kind is None else (kind,):
             table = self.sensors.get(one.name)
             for key in one.paths:
@@ -186,7 +191,7 @@ def check_rig(table: Mapping[str, Any], path: Path) -> Rig:
     rig = replace(parse(shared, Rig, file=str(path)), sensors=sensors, folder=path.parent)
     to_si(rig.time.unit, {**TIME_UNITS, SAMPLES: 1.0}, where=f"{path}: time.unit")
     for kind in rig.kinds:
-        if rig.surface is None and kind.needs_surface:
+        if rig.surface is None and kind.needs_surface and rig.pokes is None:
             raise InputError(
                 "a rig needs a [surface].", where=str(path), hint="`palpate rig new` writes one to start from."
             )

@@ -1,11 +1,13 @@
-"""A sheet of taxels in a rig: its table, how a log of frames is read, and what is built of it."""
+"""A skin in a rig, a sheet or taxels anywhere: its table, how a log of frames is read, and what is built of it."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, cast
+
+import numpy as np
 
 from palpate.contact.taxel_estimator import TaxelEstimator
 from palpate.errors import InputError
@@ -16,19 +18,21 @@ from palpate.io.rig import guess
 from palpate.io.rig.body import Body
 from palpate.io.rig.kind import Guess, Prepared, SensorKind
 from palpate.io.rig.names import orientation_columns, position_columns, time_column, wrench_columns
-from palpate.io.rig.tables import require_positive
+from palpate.io.rig.tables import require_path, require_positive
 from palpate.io.rig.wrench import first_seconds, noted_filter, rig_filter
 from palpate.io.skin_map import read_skin_map
+from palpate.io.taxel_files import read_taxel_places
 from palpate.sensors.intensity import Intensity
 from palpate.sensors.recording import CELLS, Recording
 from palpate.sensors.skin_map import SkinMap
 from palpate.sensors.taxel_health import examine
+from palpate.sensors.taxel_places import TaxelPlaces
 from palpate.sensors.taxels import TaxelBody
 
 if TYPE_CHECKING:
     from palpate.io.rig.rig import Rig
 
-__all__ = ["SKIN", "RigSkin", "rig_body", "rig_map"]
+__all__ = ["SKIN", "RigSkin", "rig_body", "rig_map", "rig_taxels"]
 
 RATE = 100.0  # Hz
 FEWEST = 16  # cells: fewer columns of numbers can be anything
@@ -52,14 +56,18 @@ HEAD = 2048  # frames of the start of a log from which rest, noise and bad cells
 
 @dataclass(frozen=True)
 class RigSkin:
-    """The sheet, its map and its curves, and where a log keeps its frames.
+    """The sheet, its map and its curves, or taxels anywhere, and where a log keeps its frames.
 
-    `map` is a file of `palpate map skin`, `intensity` one of `palpate calibrate intensity`; without it intensities are
-    taken for forces. `bits` 0: readings are floats. `cells` names the columns of a table, row-major; `masked` cells
-    [row, column] are not used; `tare` [s]: the log starts untouched for so long.
+    `map` is a file of `palpate map skin`, `taxels` one of `palpate calibrate taxels` or another one of where taxels
+    sit; `count`: of the numbers of a frame, where nothing is known of them yet. `intensity` is a file of `palpate
+    calibrate intensity`; without it intensities are taken for forces. `bits` 0: readings are floats. `cells` names the
+    columns of a table, of a sheet row by row; `masked` cells [row, column], or taxels by their numbers, are not used;
+    `tare` [s]: the log starts untouched for so long.
     """
 
-    map: str
+    map: str | None = None
+    taxels: str | None = None
+    count: int | None = None
     rows: int | None = None
     columns: int | None = None
     bits: int = 8
@@ -67,10 +75,22 @@ class RigSkin:
     cells: tuple[str, ...] | None = None
     topic: str | None = None
     rate: float | None = None
-    masked: tuple[tuple[int, int], ...] = ()
+    masked: tuple[int, ...] | tuple[tuple[int, int], ...] = ()
     tare: float | None = None
 
     def __post_init__(self) -> None:
+        for name in ("map", "taxels"):
+            require_path(name, getattr(self, name))
+        if self.map is not None and (self.taxels is not None or self.count is not None):
+            raise ValueError("map is of a sheet, taxels and count are of taxels anywhere: state one of them")
+        if self.map is None and self.taxels is None and self.count is None:
+            raise ValueError("map is missing: a file of where the cells of a sheet sit; or taxels, a file of taxels")
+        if self.map is None and (self.rows or self.columns):
+            raise ValueError("rows and columns are of a sheet, which needs a map")
+        if self.count is not None and self.count < 1:
+            raise ValueError("count must be positive")
+        if any(isinstance(cell, int) == (self.map is not None) for cell in self.masked):
+            raise ValueError("masked cells are [row, column] of a sheet, and numbers of taxels")
         if not 0 <= self.bits <= 16:
             raise ValueError(f"bits must lie between 1 and 16, or be 0 for floats, not {self.bits}")
         require_positive(self, "rate", "tare")
@@ -83,6 +103,8 @@ def rig_map(rig: Rig) -> SkinMap:
         InputError: the map cannot be read, or is of another sheet than `rows` and `columns` say.
     """
     table = rig.table(RigSkin)
+    if table.map is None:
+        raise InputError("the rig's [skin] is no sheet: it has no map.", where="skin.map")
     path = rig.folder / table.map
     found = read_skin_map(path)
     rows, columns = table.rows or found.rows, table.columns or found.columns
@@ -95,6 +117,37 @@ def rig_map(rig: Rig) -> SkinMap:
     return found
 
 
+def rig_taxels(rig: Rig) -> TaxelPlaces:
+    """Where taxels that are on no sheet sit, each with its normal: its own, or that of the rig's [surface].
+
+    Raises:
+        InputError: the file cannot be read, is of another number of taxels than `count`, or nothing says the normals.
+    """
+    table = rig.table(RigSkin)
+    if table.taxels is None:
+        raise InputError(
+            "the rig's [skin] says how many taxels there are, but not where.",
+            where="skin.taxels",
+            hint="`palpate calibrate taxels` finds that from pokes: name what it writes, taxels = FILE.",
+        )
+    path = rig.folder / table.taxels
+    places = read_taxel_places(path)
+    if table.count not in (None, len(places)):
+        raise InputError(f"is of {len(places)} taxels, but count = {table.count} in [skin].", where=str(path))
+    lacking = places.there & ~np.isfinite(places.normals).all(axis=1)
+    if not lacking.any():
+        return places
+    if rig.surface is None:
+        raise InputError(
+            f"does not say which way {np.count_nonzero(lacking)} of {np.count_nonzero(places.there)} taxels face.",
+            where=str(path),
+            hint="Name the link's mesh in [surface]: its normals are taken then.",
+        )
+    normals = places.normals.copy()
+    normals[lacking] = rig.surface.load(rig.folder).project(places.positions[lacking])[1]
+    return replace(places, normals=normals)
+
+
 def _intensity(rig: Rig) -> Intensity | None:
     """What readings mean; None: a count is taken for a newton."""
     name = rig.table(RigSkin).intensity
@@ -102,17 +155,31 @@ def _intensity(rig: Rig) -> Intensity | None:
 
 
 def _layout(rig: Rig) -> Layout:
-    table, place = rig.table(RigSkin), rig_map(rig)
-    cells = ArrayChannel(CELLS, (place.rows, place.columns), table.cells, table.topic, table="skin")
+    table = rig.table(RigSkin)
+    cells = ArrayChannel(CELLS, _shape(rig, table), table.cells, table.topic, table="skin")
     common = rig.common()
     common["rate"] = table.rate if table.rate is not None else common["rate"]
     return Layout(wrench=None, arrays=(cells,), **common)
 
 
+def _shape(rig: Rig, table: RigSkin) -> tuple[int, ...]:
+    """Of a frame."""
+    if table.map is not None:
+        place = rig_map(rig)
+        return place.rows, place.columns
+    if table.taxels is None:
+        return (int(table.count or 0),)
+    return (len(read_taxel_places(rig.folder / table.taxels)),)
+
+
 def rig_body(rig: Rig) -> TaxelBody:
-    """The cells of the sheet on the link."""
+    """The cells of the sheet, or the taxels, on the link."""
     table = rig.table(RigSkin)
-    return TaxelBody.sheet(rig_map(rig), bits=table.bits or None, masked=table.masked)
+    masked, bits = cast("Any", table.masked), table.bits or None
+    if table.map is not None:
+        return TaxelBody.sheet(rig_map(rig), bits=bits, masked=masked)
+    places = rig_taxels(rig)
+    return TaxelBody.placed(places.positions, places.normals, bits=bits, masked=masked)
 
 
 def _build(rig: Rig, head: Recording | None) -> Prepared:
@@ -205,13 +272,13 @@ def _sheet(shape: tuple[int, ...]) -> tuple[int, int]:
 _NO_WRENCH = "cells measure no wrench"
 SKIN = SensorKind(
     name="skin",
-    called="a sheet of taxels",
+    called="a skin of taxels",
     table=RigSkin,
     channels=(CELLS,),
     layout=_layout,
     build=_build,
     guess=_guess,
-    paths=("map", "intensity"),
+    paths=("map", "taxels", "intensity"),
     refused={
         "payload": f"{_NO_WRENCH}, so no payload is in their readings",
         "noise": f"{_NO_WRENCH}: the noise of each cell is taken from the log",

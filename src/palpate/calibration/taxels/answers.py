@@ -1,0 +1,205 @@
+"""Frames of taxels become answers: which taxel stands how far above its rest, in which frame."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from palpate.errors import InputError
+from palpate.sensors.taxel_health import resting
+
+__all__ = ["Answers", "read_answers"]
+
+HEAD = 2048  # frames from which rest and noise are taken
+FEWEST = 16  # frames of a log
+ABOVE = 6.0  # deviations of noise that an answer stands above rest
+PIECE = 256  # frames in which a rest is taken as one
+SPARSE = 16  # frames of a piece from which its rest is followed
+DRIFT = 10.0  # s in which the rest of a taxel that does not answer is followed
+STUCK = 0.9  # of all frames in which a taxel answers: it is no poke
+NEVER_BACK = 0.2  # of the log, at its end, through which a taxel answers without a pause
+FELL, FALLEN = 0.5, 0.25  # of a threshold below the first rest, and of the log so long: it was pressed when it began
+
+Block = tuple[Float[np.ndarray, " n"], np.ndarray]
+
+
+@dataclass(frozen=True, eq=False)
+class Answers:
+    """m answers in n frames of k taxels.
+
+    Attributes:
+        time: (n,) [s] rising.
+        frame, taxel: (m,) which, frame by frame; above: (m,) how far above its rest.
+        highest: (m,) the reading is at the end of its range.
+        stuck: (k,) answers nearly always or never returns: its answers are left out.
+        threshold: that of a usual taxel.
+        notes: what was met, a sentence each.
+    """
+
+    time: Float[np.ndarray, " n"]
+    frame: Int[np.ndarray, " m"]
+    taxel: Int[np.ndarray, " m"]
+    above: Float[np.ndarray, " m"]
+    highest: Bool[np.ndarray, " m"]
+    stuck: Bool[np.ndarray, " k"]
+    threshold: float
+    notes: tuple[str, ...] = ()
+
+
+def read_answers(
+    frames: Iterable[Block], *, threshold: float | None = None, top: float = np.inf, falling: bool = False
+) -> Answers:
+    """What stands above its rest; the rest of each taxel follows its readings while it does not answer.
+
+    Args:
+        frames: times (n,) [s] and readings (n, k) of any number type, in blocks of one log.
+        threshold: above rest; None: six deviations of each taxel's noise, or of a usual one's if that is more.
+        top: the largest reading.
+        falling: readings fall under load.
+
+    Raises:
+        InputError: too few frames, or one that does not fit the others.
+    """
+    reader = _Reader(threshold, top, falling)
+    for time, values in frames:
+        reader.take(np.asarray(time), values)
+    return reader.finish()
+
+
+class _Reader:
+    """Keeps rest and answers while blocks go by."""
+
+    def __init__(self, threshold: float | None, top: float, falling: bool) -> None:
+        self._given, self._top, self._sign = threshold, top, -1.0 if falling else 1.0
+        self._head = list[tuple[np.ndarray, np.ndarray]]()
+        self._rest = self._first = self._delta = np.zeros(0)
+        self._times, self._parts = list[np.ndarray](), list[tuple[np.ndarray, ...]]()
+        self._count = self._back = self._unread = 0
+        self._latest, self._started = -np.inf, False
+
+    def take(self, time: Float[np.ndarray, " n"], values: np.ndarray) -> None:
+        """More frames."""
+        values = values.reshape(len(time), -1)
+        later = np.maximum.accumulate(np.concatenate([[self._latest], np.nan_to_num(time, nan=-np.inf)]))
+        good = time > later[:-1]
+        if not good.all():
+            self._back += int(np.count_nonzero(~good))
+            time, values = time[good], values[good]
+        if not len(time):
+            return
+        self._latest = float(time[-1])
+        if not self._started:
+            self._head.append((time, values))
+            if sum(len(each) for each, _ in self._head) >= HEAD:
+                self._start()
+        else:
+            self._read(time, values)
+
+    def finish(self) -> Answers:
+        """All of them."""
+        if not self._started:
+            self._start()
+        time = np.concatenate(self._times)
+        frame, taxel, above, highest = (np.concatenate(each) for each in zip(*self._parts, strict=True))
+        stuck = _stuck(frame, taxel, len(time), len(self._rest))
+        kept = ~stuck[taxel]
+        fell = self._first - self._rest > FELL * self._delta
+        return Answers(
+            time,
+            frame[kept],
+            taxel[kept],
+            above[kept],
+            highest[kept],
+            stuck,
+            float(np.quantile(self._delta, 0.5)),
+            tuple(self._notes(stuck, fell)),
+        )
+
+    def _start(self) -> None:
+        """Rest and noise from the first frames, then these frames themselves."""
+        count = sum(len(each) for each, _ in self._head)
+        if count < FEWEST:
+            raise InputError(f"has {count} frames of taxels; at least {FEWEST} are needed.", where="frames")
+        values = np.concatenate([each for _, each in self._head])[:HEAD]
+        whole = values.dtype.kind in "iu" or bool((values == np.rint(values)).all())
+        cells = self._sign * values.astype(np.float64)
+        known = np.isfinite(cells).all(axis=1)
+        if np.count_nonzero(known) < FEWEST:
+            raise InputError("hardly any of the first frames of taxels can be read.", where="frames")
+        self._rest, noise = resting(cells[known], whole=whole)
+        self._first = self._rest.copy()
+        usual = ABOVE * float(np.median(noise))
+        found = np.maximum(ABOVE * noise, usual)
+        self._delta = np.full(len(noise), self._given) if self._given is not None else found
+        self._started, head = True, self._head
+        self._head = []
+        for time, each in head:
+            self._read(time, each)
+
+    def _read(self, time: Float[np.ndarray, " n"], values: np.ndarray) -> None:
+        if values.shape[1] != len(self._rest):
+            what = f"frames of {values.shape[1]} taxels follow frames of {len(self._rest)}."
+            raise InputError(what, where="frames")
+        for start in range(0, len(time), PIECE):
+            piece = slice(start, min(start + PIECE, len(time)))
+            self._piece(time[piece], values[piece])
+
+    def _piece(self, time: Float[np.ndarray, " n"], values: np.ndarray) -> None:
+        """Answers of some frames, against one rest; then the rest follows those that do not answer."""
+        limit = self._rest + self._delta
+        rising, kind = self._sign > 0, values.dtype
+        hit = values > _as(limit, kind) if rising else values < _as(-limit, kind)
+        rows = np.flatnonzero(hit.any(axis=1))
+        row, taxel = np.nonzero(hit[rows])
+        row = rows[row]
+        reading = values[row, taxel].astype(np.float64)
+        highest = reading >= self._top if self._sign > 0 else reading <= 0
+        above = self._sign * reading - self._rest[taxel]
+        self._parts.append((row + self._count, taxel, above, highest & np.isfinite(self._top)))
+        self._times.append(time)
+        self._count += len(time)
+        few = values[:: max(1, len(values) // SPARSE)]
+        quiet = ~hit[:: max(1, len(values) // SPARSE)]
+        off = np.where(quiet, self._sign * few.astype(np.float64) - self._rest, np.nan)
+        self._unread += int(np.count_nonzero(np.isnan(off).all(axis=1) & quiet.any(axis=1)))
+        known = np.isfinite(off)
+        share = 1.0 - np.exp(-(time[-1] - time[0]) / DRIFT)
+        mean = np.where(known, off, 0.0).sum(axis=0) / np.maximum(known.sum(axis=0), 1)
+        self._rest = self._rest + share * mean
+
+    def _notes(self, stuck: Bool[np.ndarray, " k"], fell: Bool[np.ndarray, " k"]) -> list[str]:
+        said = list[str]()
+        if stuck.any():
+            who = _listed(np.flatnonzero(stuck).tolist())
+            said.append(f"taxel {who} answers nearly all the time, or never returns to rest, and is left out")
+        if fell.any() and not stuck.all():
+            who = _listed(np.flatnonzero(fell).tolist())
+            said.append(f"the rest of taxel {who} falls after the log begins: was it touched then?")
+        if self._back:
+            said.append(f"{self._back} frames of taxels are not later than those before them, and are left out")
+        return said
+
+
+def _as(limit: Float[np.ndarray, " k"], kind: np.dtype) -> np.ndarray:
+    """A bound in the type of the readings, so that they need not be converted; between whole numbers it is one."""
+    if kind.kind in "iu":
+        ends = np.iinfo(kind)
+        return np.clip(np.rint(limit), ends.min, ends.max).astype(kind)
+    return limit.astype(kind)
+
+
+def _stuck(
+    frame: Int[np.ndarray, " m"], taxel: Int[np.ndarray, " m"], frames: int, taxels: int
+) -> Bool[np.ndarray, " k"]:
+    """Answers in nearly all frames, or without a pause to the end of the log."""
+    counts = np.bincount(taxel, minlength=taxels)
+    stuck = counts > STUCK * frames
+    tail = frame >= frames - max(int(NEVER_BACK * frames), 1)
+    return stuck | (np.bincount(taxel[tail], minlength=taxels) >= max(int(NEVER_BACK * frames), 1))
+
+
+def _listed(numbers: list[int]) -> str:
+    return ", ".join(map(str, numbers[:8])) + (", ..." if len(numbers) > 8 else "")

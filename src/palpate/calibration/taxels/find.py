@@ -1,0 +1,409 @@
+"""Pokes in a log: stretches in which taxels answer, each with its wrench, its pose and how far it is to be believed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from palpate.calibration.taxels.answers import Answers, Block, read_answers
+from palpate.calibration.taxels.believe import believed
+from palpate.errors import InputError
+from palpate.sensors.correlation import correlation_time
+from palpate.sensors.pokes import Pokes
+from palpate.sensors.recording import ORIENTATION, POSITION, Recording
+from palpate.sensors.taxel_places import TaxelPlaces
+from palpate.spatial.pose import Pose, rotation_from_quaternion
+
+__all__ = ["PokeSearch", "find_pokes"]
+
+HELD = 0.7  # of a poke's own 90th percentile of strength: leaves the ramps out, as in `calibration.presses`
+PAUSE = 0.05  # s: taxels that answer again sooner answer to the same poke
+SHORTEST = 0.05  # s of a poke's steady part
+SETTLE = 0.1  # s around a poke that are neither poke nor free motion: a tool may press before a taxel answers
+FREE = 0.5  # s of free motion beside a poke that say what the sensor reads without it
+LEAST = 5  # samples of a mean
+GAP = 0.25  # s without frames that end a poke
+TURNED, SHIFTED = np.radians(0.5), 2e-3  # rad, m: an arm that moves less stays
+NEAREST = 3  # pokes before and behind that a rest may be taken over from
+OUTLYING = 6.0  # deviations of a mean of free motion from the others': something touched
+FEW = 4  # pokes in each stretch in which the arm stays, on average, or poses are what counts
+NULLS = 12  # pairs of free means from which their scatter is taken
+
+
+@dataclass(frozen=True)
+class PokeSearch:
+    """How pokes are looked for.
+
+    Args:
+        threshold: above rest; None: found from the noise of the taxels.
+        pose: T_sensor_link where the log has none, because it stays.
+        top: largest reading of a taxel.
+        falling: readings fall under load.
+        limits: (6,) of the sensor [N, N m]: beyond them it tells nothing.
+        start: where taxels are thought to be: whether answers hang together is then told by distance.
+    """
+
+    threshold: float | None = None
+    pose: Pose | None = None
+    top: float = np.inf
+    falling: bool = False
+    limits: Float[np.ndarray, "6"] | None = None
+    start: TaxelPlaces | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class _Samples:
+    """Wrenches (n, 6), quaternions (n, 4) and positions (n, 3) of one log, as running sums of the rows that are known.
+
+    Attributes:
+        time: (n,) rising; sums: (n + 1, w) of wrench, quaternion, position and its squares; known: (n + 1,) rows.
+    """
+
+    time: Float[np.ndarray, " n"]
+    sums: Float[np.ndarray, "n1 16"]
+    known: Int[np.ndarray, " n1"]
+    wrench: Float[np.ndarray, "n 6"]
+    shift: Float[np.ndarray, "3"]
+
+    def window(self, start: float, end: float) -> tuple[Float[np.ndarray, "16"], int]:
+        """Means over [start, end], and of how many rows."""
+        first, last = np.searchsorted(self.time, [start, np.nextafter(end, np.inf)])
+        count = int(self.known[last] - self.known[first])
+        return (self.sums[last] - self.sums[first]) / max(count, 1), count
+
+
+def find_pokes(wrenches: Iterable[Recording], frames: Iterable[Block], search: PokeSearch | None = None) -> Pokes:
+    """Pokes of one log, whose wrenches and taxels come at their own times on one clock.
+
+    A poke is a stretch in which some taxel stands above its rest. Its wrench is the mean over its steady part less that
+    of the free motion beside it in the same arm configuration, straight between before and after. The noise is that of
+    such a difference in free motion.
+
+    Args:
+        wrenches: blocks with force and torque in the sensor's frame; orientation and position are the link's in it.
+        frames: blocks of times and readings of the taxels.
+        search: how they are looked for.
+
+    Raises:
+        InputError: nothing answers, no free motion before the first poke, no pose, or no time in common.
+    """
+    search = search or PokeSearch()
+    samples, said = _samples(wrenches, search)
+    answers = read_answers(frames, threshold=search.threshold, top=search.top, falling=search.falling)
+    spans, active = _stretches(answers)
+    _require_sense(samples, answers, active)
+    free = _free(samples, active)
+    rows, poke_spans, dropped = _measured(samples, spans, free)
+    if not len(rows):
+        why = ", ".join(f"{count} {what}" for what, count in dropped.items() if count)
+        raise InputError(f"none of {len(spans)} pokes can be used: {why}.", where="pokes")
+    noise = _noise(samples, free, poke_spans)
+    pokes = replace(_cut(answers, poke_spans, rows, noise), configuration=_configurations(samples, rows, poke_spans))
+    said += [*answers.notes, *_dropped(dropped, len(spans))]
+    pokes = replace(pokes, notes=tuple(said), threshold=answers.threshold)
+    highest = _highest(answers, poke_spans)
+    return believed(pokes, start=search.start, saturated=highest)
+
+
+def _samples(blocks: Iterable[Recording], search: PokeSearch) -> tuple[_Samples, list[str]]:
+    """The whole log of wrenches, without rows that run back in time."""
+    parts = [(block.time, block.wrenches(), *_poses(block, search.pose)) for block in blocks]
+    time, wrench, quaternion, position = (np.concatenate(each) for each in zip(*parts, strict=True))
+    if search.limits is not None:
+        wrench = np.where((np.abs(wrench) >= search.limits).any(axis=1, keepdims=True), np.nan, wrench)
+    later = np.maximum.accumulate(np.concatenate([[-np.inf], np.nan_to_num(time, nan=-np.inf)]))
+    good, said = time > later[:-1], list[str]()
+    if not good.all():
+        back = np.count_nonzero(~good)
+        said.append(f"{back} wrenches are not later than those before them, and are left out: did the clock jump?")
+    time, wrench, quaternion, position = (each[good] for each in (time, wrench, quaternion, position))
+    if not len(time):
+        raise InputError("has no wrench with a time.", where="wrenches")
+    quaternion = _aligned(quaternion)
+    shift = np.nanmean(position, axis=0) if np.isfinite(position).any() else np.zeros(3)
+    position = position - shift
+    table = np.concatenate([wrench, quaternion, position, position**2], axis=1)
+    known = np.isfinite(table).all(axis=1)
+    table[~known] = 0.0
+    sums = np.concatenate([np.zeros((1, table.shape[1])), np.cumsum(table, axis=0)])
+    return _Samples(time, sums, np.concatenate([[0], np.cumsum(known)]), wrench, shift), said
+
+
+def _poses(block: Recording, pose: Pose | None) -> tuple[Float[np.ndarray, "n 4"], Float[np.ndarray, "n 3"]]:
+    """Of the link in the sensor's frame."""
+    if pose is not None:
+        count = len(block)
+        return np.tile(pose.quaternion(), (count, 1)), np.tile(pose.translation, (count, 1))
+    if ORIENTATION not in block.channels or POSITION not in block.channels:
+        raise InputError(
+            "does not say where the link is in the sensor's frame.",
+            where=block.source,
+            hint="Name sensor and link (frames of /tf, or links of a urdf), columns and position, or a pose in the "
+            "rig's [pokes].",
+        )
+    return block.channels[ORIENTATION], block.channels[POSITION]
+
+
+def _aligned(quaternion: Float[np.ndarray, "n 4"]) -> Float[np.ndarray, "n 4"]:
+    """With signs by which each is near to the one before, so that means mean something."""
+    known = np.flatnonzero(np.isfinite(quaternion).all(axis=1))
+    turned = (quaternion[known[1:]] * quaternion[known[:-1]]).sum(axis=1) < 0
+    sign = np.ones(len(quaternion))
+    sign[known[1:]] = np.cumprod(np.where(turned, -1.0, 1.0))
+    return quaternion * sign[:, None]
+
+
+def _stretches(answers: Answers) -> tuple[Float[np.ndarray, "p 2"], Float[np.ndarray, "q 2"]]:
+    """[s] from when to when the steady part of each poke lasts, and each stretch in which a taxel answers at all.
+
+    Raises:
+        InputError: none ever does.
+    """
+    time = answers.time
+    strength = np.bincount(answers.frame, answers.above, minlength=len(time))
+    on = np.flatnonzero(strength > 0)
+    if not len(on):
+        raise InputError(
+            f"no taxel ever answers: none stands more than {answers.threshold:.3g} above its rest.",
+            where="frames",
+            hint="Give a lower threshold in the rig's [pokes], if they were touched at all.",
+        )
+    step = float(np.median(np.diff(time))) if len(time) > 1 else 0.0
+    apart = (np.diff(time[on]) > max(PAUSE, 1.5 * step)) | (np.diff(time[on]) > max(GAP, 5 * step))
+    first, last = on[np.r_[True, apart]], on[np.r_[apart, True]]
+    active = np.column_stack([time[first], time[last]])
+    steady = list[tuple[float, float]]()
+    for start, end in zip(first.tolist(), last.tolist(), strict=True):
+        part = strength[start : end + 1]
+        held = start + np.flatnonzero(part >= HELD * np.percentile(part, 90))
+        if time[held[-1]] - time[held[0]] >= SHORTEST and len(held) >= 2:
+            steady.append((float(time[held[0]]), float(time[held[-1]])))
+    return np.array(steady).reshape(-1, 2), active
+
+
+def _require_sense(samples: _Samples, answers: Answers, active: Float[np.ndarray, "q 2"]) -> None:
+    """Wrenches and taxels of one time, and nothing touched at first."""
+    begin, end = samples.time[0], samples.time[-1]
+    if answers.time[-1] < begin or end < answers.time[0]:
+        raise InputError(
+            f"wrenches ({begin:.3f} to {end:.3f} s) and taxels ({answers.time[0]:.3f} to {answers.time[-1]:.3f} s) "
+            "have no time in common.",
+            where="time",
+        )
+    if not np.count_nonzero(np.diff(samples.known)):
+        raise InputError(
+            "no wrench has a pose of the link in the sensor's frame.",
+            where="pokes",
+            hint="Are all joints of the urdf between sensor and link in the log, or both frames in /tf?",
+        )
+    first = active[0, 0] - max(answers.time[0], begin)
+    if first < SETTLE + PAUSE:
+        raise InputError(
+            f"there is no free motion before the first poke: a taxel answers {max(first, 0.0):.2g} s after the log "
+            "begins, so what the sensor reads untouched is not known.",
+            where="pokes",
+            hint=f"Record at least {SETTLE + FREE:g} s in which nothing touches.",
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class _Free:
+    """Means over free motion: (w,) time [s] of each, its rows, samples, gap between pokes, and start and end [s]."""
+
+    time: Float[np.ndarray, " w"]
+    mean: Float[np.ndarray, "w 16"]
+    count: Int[np.ndarray, " w"]
+    gap: Int[np.ndarray, " w"]
+    ends: Float[np.ndarray, "w 2"]
+
+
+def _free(samples: _Samples, active: Float[np.ndarray, "q 2"]) -> _Free:
+    """At both ends of every gap between stretches in which taxels answer."""
+    starts = np.concatenate([[samples.time[0] - SETTLE], active[:, 1]]) + SETTLE
+    ends = np.concatenate([active[:, 0], [samples.time[-1] + SETTLE]]) - SETTLE
+    found = list[tuple[float, np.ndarray, int, int, tuple[float, float]]]()
+    for gap, (start, end) in enumerate(zip(starts.tolist(), ends.tolist(), strict=True)):
+        whole = end - start <= 2 * FREE
+        for window in [(start, end)] if whole else [(start, start + FREE), (end - FREE, end)]:
+            mean, count = samples.window(*window) if window[1] > window[0] else (np.zeros(16), 0)
+            if count >= LEAST and _spread(mean) <= 1.0:
+                found.append((0.5 * sum(window), mean, count, gap, window))
+    if not found:
+        raise InputError("there is no free motion between pokes in which the arm stays.", where="pokes")
+    time, mean, count, gap, ends = (np.array(each) for each in zip(*found, strict=True))
+    free = _Free(time, mean, count, gap, ends)
+    return _untouched(free)
+
+
+def _untouched(free: _Free) -> _Free:
+    """Without those in which something touched although no taxel answered: they are far from the others around."""
+    force = free.mean[:, :3]
+    kept = np.ones(len(force), dtype=bool)
+    for group in _groups(free.mean):
+        if len(group) < 8:
+            continue
+        off = np.linalg.norm(force[group] - np.median(force[group], axis=0), axis=1)
+        kept[group] = off <= OUTLYING * max(1.4826 * float(np.median(off)), 1e-9)
+    return _Free(*(each[kept] for each in (free.time, free.mean, free.count, free.gap, free.ends)))
+
+
+def _spread(mean: Float[np.ndarray, "16"]) -> float:
+    """How far the link moved meanwhile, rms, in parts of what counts as staying."""
+    turned = np.sqrt(8.0 * max(1.0 - float(np.linalg.norm(mean[6:10])), 0.0))
+    shifted = np.sqrt(max(float((mean[13:16] - mean[10:13] ** 2).sum()), 0.0))
+    return max(turned / TURNED, shifted / SHIFTED)
+
+
+def _apart(one: Float[np.ndarray, "*n 16"], other: Float[np.ndarray, "16"]) -> np.ndarray:
+    """How far poses are from another one, in parts of what counts as staying."""
+    cosine = (
+        np.abs(one[..., 6:10] @ other[6:10]) / np.linalg.norm(one[..., 6:10], axis=-1) / np.linalg.norm(other[6:10])
+    )
+    turned = 2.0 * np.arccos(np.clip(cosine, 0.0, 1.0))
+    shifted = np.linalg.norm(one[..., 10:13] - other[10:13], axis=-1)
+    return np.maximum(turned / TURNED, shifted / SHIFTED)
+
+
+def _groups(means: Float[np.ndarray, "n 16"]) -> list[Int[np.ndarray, " m"]]:
+    """Rows of one arm configuration each, in the order in which configurations first occur."""
+    left, found = np.arange(len(means)), list[np.ndarray]()
+    while len(left):
+        same = _apart(means[left], means[left[0]]) <= 1.0
+        found.append(left[same])
+        left = left[~same]
+    return found
+
+
+def _measured(
+    samples: _Samples, spans: Float[np.ndarray, "p 2"], free: _Free
+) -> tuple[Float[np.ndarray, "n 16"], Float[np.ndarray, "n 2"], dict[str, int]]:
+    """Means of those pokes that can be used, less what the sensor reads without them; their times; why others not."""
+    rows, kept = list[np.ndarray](), list[np.ndarray]()
+    dropped = {"the arm moves": 0, "no wrench or pose": 0, "no free motion in this configuration": 0}
+    step = float(np.median(np.diff(samples.time))) if len(samples.time) > 1 else 0.0
+    for span in spans:
+        mean, count = samples.window(*span)
+        if count < max(LEAST, 0.5 * (span[1] - span[0]) / max(step, 1e-9)):
+            dropped["no wrench or pose"] += 1
+            continue
+        if _spread(mean) > 1.0:
+            dropped["the arm moves"] += 1
+            continue
+        rest = _rest(free, mean, float(span.mean()))
+        if rest is None:
+            dropped["no free motion in this configuration"] += 1
+            continue
+        mean = mean.copy()
+        mean[:6] -= rest
+        mean[10:13] += samples.shift
+        rows.append(mean)
+        kept.append(span)
+    return np.array(rows).reshape(-1, 16), np.array(kept).reshape(-1, 2), dropped
+
+
+def _rest(free: _Free, mean: Float[np.ndarray, "16"], time: float) -> Float[np.ndarray, "6"] | None:
+    """What the sensor reads untouched, straight between the free motion before and behind in the same pose."""
+    at = int(np.searchsorted(free.time, time))
+    low, high = max(0, at - 2 * NEAREST), min(len(free.time), at + 2 * NEAREST)
+    same = low + np.flatnonzero(_apart(free.mean[low:high], mean) <= 1.0)
+    before, after = same[same < at], same[same >= at]
+    if not len(same):
+        return None
+    if not (len(before) and len(after)):
+        return free.mean[before[-1] if len(before) else after[0], :6]
+    one, other = before[-1], after[0]
+    share = (time - free.time[one]) / max(free.time[other] - free.time[one], 1e-9)
+    return (1.0 - share) * free.mean[one, :6] + share * free.mean[other, :6]
+
+
+def _noise(samples: _Samples, free: _Free, spans: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "6 6"]:
+    """Covariance of a poke's wrench: of means over so many samples of free motion, as these are correlated.
+
+    var = S tau (1/n + 1/(2 n_f)), S of one sample and tau its correlation time, n samples of a poke and n_f of each
+    free mean; more where free means of one gap differ by more than S tau says.
+    """
+    ends = np.searchsorted(samples.time, free.ends)
+    longest = np.argsort(np.diff(ends, axis=1)[:, 0])[-64:]
+    pieces = [samples.wrench[slice(*ends[k])] for k in longest.tolist()]
+    pieces = [piece[np.isfinite(piece).all(axis=1)] for piece in pieces]
+    pieces = [piece - piece.mean(axis=0) for piece in pieces if len(piece) >= LEAST]
+    freedom = max(sum(len(piece) - 1 for piece in pieces), 1)
+    single = sum((piece.T @ piece for piece in pieces), np.zeros((6, 6))) / freedom
+    tau = float(np.median([correlation_time(piece).mean() for piece in pieces])) if pieces else 1.0
+    counts = np.diff(np.searchsorted(samples.time, spans), axis=1)
+    usual, beside = float(np.median(np.maximum(counts, 1))), float(np.median(free.count))
+    scale = 1.0
+    pairs = np.flatnonzero(np.diff(free.gap) == 0)
+    if len(pairs) >= NULLS:
+        seen = np.median((free.mean[pairs + 1, :6] - free.mean[pairs, :6]) ** 2, axis=0) / 0.455  # of a chi-square of 1
+        told = 2.0 * np.diag(single) * tau / beside
+        scale = max(1.0, float(np.mean(seen / np.maximum(told, 1e-300))))
+    floor = 1e-12 * np.diag([1.0, 1.0, 1.0, 1e-2, 1e-2, 1e-2])
+    return single * tau * scale * (1.0 / usual + 0.5 / beside) + floor
+
+
+def _cut(
+    answers: Answers, spans: Float[np.ndarray, "n 2"], rows: Float[np.ndarray, "n 16"], noise: Float[np.ndarray, "6 6"]
+) -> Pokes:
+    """Mean responses of the taxels that answer in half of the frames of a poke's steady part at least."""
+    taxels = len(answers.stuck)
+    poke, frames = _of_poke(answers, spans)
+    inside = poke >= 0
+    key = poke[inside] * taxels + answers.taxel[inside]
+    pairs, where = np.unique(key, return_inverse=True)
+    count = np.bincount(where, minlength=len(pairs))
+    mean = np.bincount(where, answers.above[inside], minlength=len(pairs)) / np.maximum(count, 1)
+    kept = 2 * count >= frames[pairs // taxels]
+    which, taxel = np.divmod(pairs[kept], taxels)
+    return Pokes(
+        rows[:, :6],
+        rotation_from_quaternion(rows[:, 6:10] / np.linalg.norm(rows[:, 6:10], axis=1, keepdims=True)),
+        rows[:, 10:13],
+        np.zeros(len(rows), dtype=np.int64),
+        np.searchsorted(which, np.arange(len(rows) + 1)),
+        taxel,
+        mean[kept],
+        taxels,
+        noise,
+        np.ones(len(rows)),
+        spans.mean(axis=1),
+    )
+
+
+def _configurations(
+    samples: _Samples, rows: Float[np.ndarray, "n 16"], spans: Float[np.ndarray, "n 2"]
+) -> Int[np.ndarray, " n"]:
+    """Another one whenever the arm moved, even if it came back; of an arm that moves for each poke, each pose is one."""
+    moved = np.zeros(len(rows), dtype=bool)
+    for k in range(1, len(rows)):
+        between, count = samples.window(spans[k - 1, 1], spans[k, 0])
+        moved[k] = float(_apart(rows[k], rows[k - 1])) > 1.0 or (count > 0 and _spread(between) > 1.0)
+    if np.count_nonzero(moved) + 1 <= max(len(rows) / FEW, 1):
+        return np.cumsum(moved)
+    configuration = np.zeros(len(rows), dtype=np.int64)
+    for number, group in enumerate(_groups(rows)):
+        configuration[group] = number
+    return configuration
+
+
+def _of_poke(answers: Answers, spans: Float[np.ndarray, "n 2"]) -> tuple[Int[np.ndarray, " m"], Int[np.ndarray, " n"]]:
+    """In the steady part of which poke each answer is (-1: of none), and how many frames each has."""
+    ends = np.searchsorted(answers.time, spans)
+    ends[:, 1] = np.searchsorted(answers.time, spans[:, 1], side="right")
+    number = np.full(len(answers.time), -1)
+    for k, (first, last) in enumerate(ends.tolist()):
+        number[first:last] = k
+    return number[answers.frame], np.diff(ends, axis=1)[:, 0]
+
+
+def _highest(answers: Answers, spans: Float[np.ndarray, "n 2"]) -> Bool[np.ndarray, " n"]:
+    """Pokes in which a taxel reads all that it can."""
+    poke, _ = _of_poke(answers, spans)
+    return np.bincount(poke[(poke >= 0) & answers.highest], minlength=len(spans)) > 0
+
+
+def _dropped(dropped: dict[str, int], found: int) -> Sequence[str]:
+    return [f"{count} of {found} pokes are left out: {why}" for why, count in dropped.items() if count]
