@@ -90,7 +90,7 @@ def solve(
     for turn in range(rounds * (3 if units.alone else 1)):
         if units.alone and 0 < turn < 4:  # modules know how their taxels lie, single taxels find it out
             response = learned(pokes, units, response)
-        seen = seen_among(pokes, units, response)
+        seen = seen_among(pokes, units, response, others=turn > 0)
         begun = units.places()[0]
         for _ in range(_STEPS):
             linear = _linear(pokes, units, seen, nuisances, twist)
