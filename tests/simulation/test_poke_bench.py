@@ -213,11 +213,13 @@ def test_pokes_among_some_taxels_touch_no_others() -> None:
 
 
 def test_pokes_at_given_places_are_there() -> None:
-    """The centre of pressure is within a tenth of the tip of its middle."""
+    """The centre of pressure is within a tenth of the tip of its middle; the force is along what is asked for."""
     rng = np.random.default_rng(10)
     bench = PokeBench.drawn(rng)
     points, configuration = bench.skin.places.positions[:9], np.arange(9) % 7
-    session = bench.poke_at(points, bench.directions(points, rng), configuration, rng)
+    directions = bench.directions(points, rng)
+    session = bench.poke_at(points, directions, configuration, rng)
+    np.testing.assert_allclose(session.directions, directions, atol=1e-12)  # spin adds no force
     assert np.linalg.norm(session.contacts - points, axis=1).max() < 0.4e-3
     np.testing.assert_array_equal(session.pokes.configuration, configuration)
     strongest = [session.pokes.taxel[a + np.argmax(session.pokes.response[a:b])] for a, b in

@@ -66,6 +66,9 @@ def test_taxels_answer_while_they_are_poked_and_rest_else(written: Written) -> N
         middle = above[(time >= start) & (time < end)].mean(axis=0)
         rows = session.pokes.poke == poke
         np.testing.assert_allclose(middle[session.pokes.taxel[rows]], session.pokes.response[rows], atol=1.6)
+        rising = above[(time > start - 0.15) & (time < start)].mean(axis=0)
+        strongest = middle.argmax()
+        assert 0.3 < rising[strongest] / middle[strongest] < 0.7  # with the force, which rises evenly
     assert np.abs(above[~poked]).max() <= 2
     assert (above[poked].max(axis=1) > 2).mean() > 0.8
 

@@ -11,8 +11,10 @@ __all__ = ["accumulate"]
 
 
 @entry
-def accumulate(force, torque, starts, taxel, weights, matrix, vector):
-    """Adds k (I - u u') to matrix (k, 6: xx xy xz yy yz zz) and k u x m / |f| to vector (k, 3), u = f / |f|.
+def accumulate(force, torque, starts, taxel, weights, matrix, vector, pressing):
+    """Adds w (I - u u') to matrix (k, 6: xx xy xz yy yz zz), w u x m / |f| to vector and w u to pressing (k, 3).
+
+    u = f / |f|.
 
     Pokes (n, 3) [N], [N m] about the origin in which places are wanted; answers by `starts`, `taxel`, `weights`.
     """
@@ -22,6 +24,7 @@ def accumulate(force, torque, starts, taxel, weights, matrix, vector):
         square = f[0] * f[0] + f[1] * f[1] + f[2] * f[2]
         if not square > 0.0:
             continue
+        size = np.sqrt(square)
         line[0], line[1], line[2] = 1.0 - f[0] * f[0] / square, -f[0] * f[1] / square, -f[0] * f[2] / square
         line[3], line[4], line[5] = 1.0 - f[1] * f[1] / square, -f[1] * f[2] / square, 1.0 - f[2] * f[2] / square
         line[6] = (f[1] * m[2] - f[2] * m[1]) / square
@@ -33,3 +36,4 @@ def accumulate(force, torque, starts, taxel, weights, matrix, vector):
                 matrix[j, c] += w * line[c]
             for c in range(3):
                 vector[j, c] += w * line[6 + c]
+                pressing[j, c] += w * f[c] / size

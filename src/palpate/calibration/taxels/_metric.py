@@ -5,39 +5,41 @@ from __future__ import annotations
 
 import numpy as np
 
-from palpate.surfaces._jit import entry
+from palpate.surfaces._jit import entry, inner
 from palpate.surfaces._nearest import point_to_triangle
 
 __all__ = ["nearest"]
 
 
 @entry
-def nearest(centre, root, least, corners, middles, radii, found):
-    """For each centre (k, 3) the point that minimises |root (p - centre)|, of triangles (f, 3, 3) with their balls.
+def nearest(centre, root, least, pressing, corners, balls, found):
+    """For each centre (k, 3) the point that minimises |root (p - centre)|, of triangles (f, 3, 3) that a force presses.
 
-    `least` is the smallest factor by which a root stretches: a ball that lies further off than the best so far even
-    then is passed over.
+    `least` is the smallest factor by which a root stretches: a triangle whose ball (f, 7: middle, radius, normal) lies
+    further off than the best so far even then is passed over.
     """
-    row, origin, weights, flat = np.zeros(18), np.zeros(3), np.zeros(3), np.empty(3)  # a row as the tree's patches are
+    row, origin, weights = np.zeros(18), np.zeros(3), np.zeros(3)  # a row as the tree's patches are
     for k in range(len(centre)):
-        best = np.inf
-        first = 0
+        best, first = np.inf, -1
         for t in range(len(corners)):  # the nearest by its middle first: the rest are mostly passed over then
             away = 0.0
             for a in range(3):
-                flat[a] = root[k, a, 0] * (middles[t, 0] - centre[k, 0]) + root[k, a, 1] * (middles[t, 1] - centre[k, 1])
-                flat[a] += root[k, a, 2] * (middles[t, 2] - centre[k, 2])
-                away += flat[a] * flat[a]
-            if away < best:
+                flat = 0.0
+                for b in range(3):
+                    flat += root[k, a, b] * (balls[t, b] - centre[k, b])
+                away += flat * flat
+            if away < best and _presses(pressing[k], balls[t]):
                 best, first = away, t
+        if first < 0:
+            continue
         best = np.inf
         for u in range(-1, len(corners)):
             t = first if u < 0 else u
             away = 0.0
             for a in range(3):
-                away += (middles[t, a] - centre[k, a]) ** 2
-            gap = np.sqrt(away) - radii[t]
-            if gap > 0.0 and (gap * least[k]) ** 2 > best:
+                away += (balls[t, a] - centre[k, a]) ** 2
+            gap = np.sqrt(away) - balls[t, 3]
+            if (gap > 0.0 and (gap * least[k]) ** 2 > best) or not _presses(pressing[k], balls[t]):
                 continue
             for c in range(3):
                 for a in range(3):
@@ -52,3 +54,8 @@ def nearest(centre, root, least, corners, middles, radii, found):
                     found[k, a] = (
                         weights[0] * corners[t, 0, a] + weights[1] * corners[t, 1, a] + weights[2] * corners[t, 2, a]
                     )
+
+
+@inner
+def _presses(force, ball):
+    return force[0] * ball[4] + force[1] * ball[5] + force[2] * ball[6] < 0.0

@@ -16,13 +16,17 @@ REACHED = 1e-12  # m
 
 
 def nearest_in_metric(
-    matrix: Float[np.ndarray, "k 3 3"], vector: Float[np.ndarray, "k 3"], surface: Surface
+    matrix: Float[np.ndarray, "k 3 3"],
+    vector: Float[np.ndarray, "k 3"],
+    pressing: Float[np.ndarray, "k 3"],
+    surface: Surface,
 ) -> Float[np.ndarray, "k 3"]:
     """The points of the surface with the least p' A p / 2 - b' p.
 
     Args:
         matrix: (k, 3, 3) A, positive semidefinite.
         vector: (k, 3) b.
+        pressing: (k, 3) mean direction of the forces; facets that they would pull at are none of the surface.
         surface: on a mesh the answer is exact; on another it starts from the mesh that a viewer would draw.
     """
     from palpate.calibration.taxels._metric import nearest
@@ -32,12 +36,14 @@ def nearest_in_metric(
     raised = np.einsum("kia,ka,kja->kij", axes, values, axes)
     centre = np.linalg.solve(raised, vector[..., None])[..., 0]
     drawn = surface.drawn()
-    corners = np.ascontiguousarray(drawn.vertices[drawn.faces[~drawn.covered]])
+    facets = ~drawn.covered
+    corners = np.ascontiguousarray(drawn.vertices[drawn.faces[facets]])
     middles = corners.mean(axis=1)
     radii = np.linalg.norm(corners - middles[:, None], axis=2).max(axis=1)
     root = np.sqrt(values)[:, :, None] * np.swapaxes(axes, 1, 2)  # A = root' root
-    found = np.empty_like(centre)
-    nearest(centre, np.ascontiguousarray(root), np.sqrt(values[:, 0]), corners, middles, radii, found)
+    found = np.full(centre.shape, np.nan)
+    balls = np.column_stack([middles, radii, drawn.normals[facets]])
+    nearest(centre, np.ascontiguousarray(root), np.sqrt(values[:, 0]), pressing, corners, balls, found)
     return found if isinstance(surface, Mesh) else _refined(raised, vector, surface, found)
 
 

@@ -10,7 +10,6 @@ from jaxtyping import Bool, Float, Int
 from palpate.calibration.taxels.metric import nearest_in_metric
 from palpate.sensors.pokes import Pokes
 from palpate.spatial._arrays import Value
-from palpate.spatial.pose import skew
 from palpate.surfaces.surface import Surface
 
 __all__ = ["NormalEquations", "averaged", "free", "in_link", "normal_equations", "on_surface"]
@@ -27,11 +26,13 @@ class NormalEquations(Value):
     Attributes:
         matrix: (k, 3, 3), the sum of the weights times I - u u', u the direction of a force.
         vector: (k, 3) [m].
+        pressing: (k, 3) sum of the weights times u.
         weight: (k,) the sum of the weights; 0: it never answered.
     """
 
     matrix: Float[np.ndarray, "k 3 3"]
     vector: Float[np.ndarray, "k 3"]
+    pressing: Float[np.ndarray, "k 3"]
     weight: Float[np.ndarray, " k"]
 
 
@@ -58,10 +59,11 @@ def normal_equations(pokes: Pokes, *, weighted: bool = False) -> NormalEquations
     if weighted:
         weights = weights * (pokes.response / _strongest(pokes)[pokes.poke]) ** 2
     weights = np.where(np.isfinite(pokes.wrench).all(axis=1)[pokes.poke], weights, 0.0)
-    flat, vector = np.zeros((pokes.taxels, 6)), np.zeros((pokes.taxels, 3))
-    accumulate(np.nan_to_num(force), np.nan_to_num(torque), pokes.starts, pokes.taxel, weights, flat, vector)
+    flat, (vector, pressing) = np.zeros((pokes.taxels, 6)), np.zeros((2, pokes.taxels, 3))
+    known = np.nan_to_num(force), np.nan_to_num(torque), pokes.starts, pokes.taxel, weights
+    accumulate(*known, flat, vector, pressing)
     matrix = flat[:, [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(-1, 3, 3)
-    return NormalEquations(matrix, vector, np.bincount(pokes.taxel, weights, pokes.taxels))
+    return NormalEquations(matrix, vector, pressing, np.bincount(pokes.taxel, weights, pokes.taxels))
 
 
 def _strongest(pokes: Pokes) -> Float[np.ndarray, " n"]:
@@ -86,12 +88,15 @@ def on_surface(equations: NormalEquations, surface: Surface) -> Places:
     """The point of the surface with the least residual [taxel poking, II-B]; NaN of a taxel that never answered.
 
     The residual is (p - p*)' A (p - p*), so that it is the closest point to p* in the metric of A: one query for the
-    whole surface, not a constrained problem a triangle.
+    whole surface, not a constrained problem a triangle. Where forces would pull at the surface, there is no poke: the
+    lines of force meet the far side of a link, too, of which the paper says nothing.
     """
     found = np.full(equations.vector.shape, np.nan)
     answered = np.flatnonzero(equations.weight > 0)
     if len(answered):
-        found[answered] = nearest_in_metric(equations.matrix[answered], equations.vector[answered], surface)
+        found[answered] = nearest_in_metric(
+            equations.matrix[answered], equations.vector[answered], equations.pressing[answered], surface
+        )
     return found
 
 

@@ -6,7 +6,7 @@ covariance is the inverse of the information at the end.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -16,6 +16,7 @@ from palpate.calibration.taxels.priors import Priors
 from palpate.calibration.taxels.response import Response, Seen, learned, seen_among
 from palpate.calibration.taxels.units import Units
 from palpate.sensors.pokes import Pokes
+from palpate.spatial.pose import skew
 
 __all__ = ["Solution", "information", "observed", "solve"]
 
@@ -181,24 +182,43 @@ def _precision(deviations: Float[np.ndarray, " q"]) -> Float[np.ndarray, " q"]:
 
 
 def _linear(pokes: Pokes, units: Units, seen: Seen, nuisances: Nuisances, twist: float) -> _Linear:
-    places, _ = units.places()
-    points = seen.points(places)
+    """Residuals, and their derivatives where force and contact most likely were.
+
+    Derivatives at the measured force and contact would hold the same noise as the residuals: their product does not
+    vanish on average, and pulls gains towards 0, which slides everything (errors in variables).
+    """
+    points = seen.points(units.places()[0])
     said = predicted(pokes, points, nuisances)
-    force = pokes.wrench[:, :3]
-    noise, across = pokes.noise, -said.by_force
-    spread = noise[3:, 3:] + across @ noise[:3, :3] @ np.swapaxes(across, 1, 2)
-    mixed = across @ noise[:3, 3:]
-    spread = spread + mixed + np.swapaxes(mixed, 1, 2)
+    residual = pokes.wrench[:, 3:] - said.torque
+    read = np.concatenate([-said.by_force, np.broadcast_to(np.eye(3), said.by_force.shape)], axis=2)  # noise to residual
     beside = said.by_point @ seen.axes
-    spread = spread + beside @ seen.covariance @ np.swapaxes(beside, 1, 2)
+    force = pokes.wrench[:, :3]
+    spread = read @ pokes.noise @ np.swapaxes(read, 1, 2) + beside @ seen.covariance @ np.swapaxes(beside, 1, 2)
     spread = spread + twist**2 * np.einsum("ni,nj->nij", force, force)
-    by_place = units.jacobian()
+    spread = np.where(np.isfinite(residual).all(axis=1)[:, None, None], spread, np.eye(3))
+    told = np.linalg.solve(spread, residual[..., None])
+    noise = (pokes.noise @ np.swapaxes(read, 1, 2) @ told)[..., 0]
+    off = (seen.covariance @ np.swapaxes(beside, 1, 2) @ told)[..., 0]  # how much further the contact was
+    likely = predicted(replace(pokes, wrench=pokes.wrench - noise), points + np.einsum("nij,nj->ni", seen.axes, off), nuisances)
+    unit, by_unit = _by_unit(units, seen, seen.beside + off, likely.by_point)
+    return _Linear(residual, spread, unit, by_unit, likely.by_nuisance)
+
+
+def _by_unit(
+    units: Units, seen: Seen, beside: Float[np.ndarray, "n 2"], by_point: Float[np.ndarray, "n 3 3"]
+) -> tuple[Int[np.ndarray, "n w"], Float[np.ndarray, "n w 3 f"]]:
+    """Which units a contact hangs on, and the torque's derivative by their unknowns."""
     about = np.maximum(seen.taxels, 0)
-    by_unit = np.einsum("nij,nw,nwjf->nwif", said.by_point, seen.shares, by_place[about])
     unit = np.where(seen.shares != 0, units.layout.module[about], -1)
-    if not units.alone:  # all on one module
-        by_unit, unit = by_unit.sum(axis=1, keepdims=True), unit.max(axis=1, keepdims=True)
-    return _Linear(pokes.wrench[:, 3:] - said.torque, spread, unit, by_unit, said.by_nuisance)
+    by_place = units.jacobian()[about]
+    if units.alone:
+        return unit, np.einsum("nij,nw,nwjf->nwif", by_point, seen.shares, by_place)
+    moved = np.einsum("nw,nwjf->njf", seen.shares, by_place)  # all on one module
+    turned = -skew(np.einsum("nca,na->nc", seen.axes, beside))
+    if units.surface is not None:
+        turned = turned @ np.cross(seen.axes[:, :, 0], seen.axes[:, :, 1])[..., None]
+    moved[..., -turned.shape[2] :] += turned
+    return unit.max(axis=1, keepdims=True), (by_point @ moved)[:, None]
 
 
 def _square(residual: Float[np.ndarray, "n 3"], spread: Float[np.ndarray, "n 3 3"]) -> Float[np.ndarray, " n"]:
