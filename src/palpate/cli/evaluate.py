@@ -10,6 +10,7 @@ from tyro.conf import arg
 
 from palpate.cli.console import Figure, lines, note, shares, span, table, title
 from palpate.cli.evaluate_instrument import WAND, WRENCH, evaluate_instrument
+from palpate.cli.evaluate_taxels import evaluate_taxels, is_taxel_file
 from palpate.cli.options import ContactsFile, FileOption, TruthFile
 from palpate.contact.ground_truth import Samples, Touches
 from palpate.errors import InputError
@@ -38,17 +39,26 @@ def evaluate(
     """Errors of location, direction and force, coverage of the ellipses, share of each status.
 
     Contacts may also be compared with a force/torque sensor that carries the body, time,fx,fy,fz,tx,ty,tz, or with a
-    wand that cameras track, time,x,y,z,qx,qy,qz,qw in the body's frame; both need the rig.
+    wand that cameras track, time,x,y,z,qx,qy,qz,qw in the body's frame; both need the rig. Places of taxels are
+    compared with other places of them.
 
     Args:
-        contacts: written by `palpate estimate`, of any sensor.
-        truth: time,px,py,pz[,nx,ny,nz][,fx,fy,fz] in the contacts' frame, or touches: start,end,px,py,pz[,label].
+        contacts: written by `palpate estimate`, of any sensor; or places of taxels (`palpate calibrate taxels`, iCub's
+            positions, CSV).
+        truth: time,px,py,pz[,nx,ny,nz][,fx,fy,fz] in the contacts' frame, or touches: start,end,px,py,pz[,label];
+            of taxels: any file of where they are.
         tolerance: seconds; how far the nearest true time may lie.
         rig: of the body, for a wrench or a wand.
         wand: mesh of the tracked wand.
         wand_unit: of that mesh.
-        output: page to write as well (.html), of contacts against a wrench or a wand.
+        output: page to write as well (.html), of contacts against a wrench or a wand, or of taxels.
     """
+    if is_taxel_file(contacts):
+        for option, given in (("rig", rig), ("wand", wand)):
+            if given is not None:
+                raise InputError("means nothing to places of taxels.", where=f"--{option}")
+        evaluate_taxels(contacts, truth, output)
+        return
     found = read_contacts(contacts)
     if _is_instrument(truth):
         if rig is None:

@@ -376,7 +376,7 @@ def _cut(
 def _configurations(
     samples: _Samples, rows: Float[np.ndarray, "n 16"], spans: Float[np.ndarray, "n 2"]
 ) -> Int[np.ndarray, " n"]:
-    """Another one whenever the arm moved, even if it came back; of an arm that moves for each poke, each pose is one."""
+    """Another one whenever the arm moved, even if it came back; by poses where it moves for each poke."""
     moved = np.zeros(len(rows), dtype=bool)
     for k in range(1, len(rows)):
         between, count = samples.window(spans[k - 1, 1], spans[k, 0])

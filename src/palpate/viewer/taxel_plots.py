@@ -1,0 +1,75 @@
+"""Maps of a skin's taxels: unrolled about the axis along which they reach furthest."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from jaxtyping import Float
+
+from palpate.viewer._style import AXES, MUTED, figure, styled
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = ["error_map", "moved_map", "unroll"]
+
+
+def unroll(points: Float[np.ndarray, "k 3"], *others: Float[np.ndarray, "k 3"]) -> list[Float[np.ndarray, "k 2"]]:
+    """(k, 2) [m] along and around a cylinder that lies as the points do; other points by the same cylinder.
+
+    Its axis is the one about which the points lie at most the same distance away, among their main axes.
+    """
+    middle = points.mean(axis=0)
+    axes = np.linalg.svd(points - middle, full_matrices=True)[2]
+    fits = [_circle(points - middle, np.roll(axes, -k, axis=0)) for k in range(3)]
+    _, frame, centre, radius = min(fits, key=lambda each: each[0])
+    found = list[np.ndarray]()
+    start = None
+    for each in (points, *others):
+        flat = (each - middle) @ frame.T
+        away = flat[:, 1:] - centre
+        angle = np.arctan2(away[:, 1], away[:, 0])
+        if start is None:
+            start = np.arctan2(np.sin(angle).mean(), np.cos(angle).mean())
+        around = np.angle(np.exp(1j * (angle - start)))
+        found.append(np.column_stack([flat[:, 0], radius * around]))
+    return found
+
+
+def _circle(
+    away: Float[np.ndarray, "k 3"], frame: Float[np.ndarray, "3 3"]
+) -> tuple[float, Float[np.ndarray, "3 3"], Float[np.ndarray, "2"], float]:
+    """Scatter of the distances from the axis that fits best, in squares of x^2 + y^2 = 2 a x + 2 b y + c."""
+    flat = away @ frame[1:].T
+    solved: Any = np.linalg.lstsq(np.column_stack([2 * flat, np.ones(len(flat))]), (flat**2).sum(axis=1), rcond=None)
+    a, b, c = solved[0].tolist()
+    centre = np.array([a, b])
+    radius = float(np.sqrt(max(c + a * a + b * b, 1e-12)))
+    return float(np.std(np.linalg.norm(flat - centre, axis=1))), frame, centre, radius
+
+
+@styled()
+def error_map(points: Float[np.ndarray, "k 3"], error: Float[np.ndarray, " k"]) -> Figure:
+    """How far off [mm] each taxel is, on the unrolled skin."""
+    flat = 1e3 * unroll(points)[0]
+    drawn = figure(3.0)
+    axes: Any = drawn.subplots()
+    dots = axes.scatter(flat[:, 0], flat[:, 1], c=error, s=22, cmap="viridis_r", vmin=0.0, rasterized=len(flat) > 500)
+    drawn.colorbar(dots, ax=axes, label="error [mm]", shrink=0.8)
+    axes.set(xlabel="along [mm]", ylabel="around [mm]", aspect="equal")
+    return drawn
+
+
+@styled()
+def moved_map(estimate: Float[np.ndarray, "k 3"], truth: Float[np.ndarray, "k 3"]) -> Figure:
+    """Where taxels are and where they were found, on the unrolled skin."""
+    there, found = (1e3 * each for each in unroll(truth, estimate))
+    drawn = figure(3.0)
+    axes: Any = drawn.subplots()
+    axes.plot(*np.stack([there, found], axis=1).transpose(2, 1, 0), color=MUTED, linewidth=0.8)
+    axes.scatter(there[:, 0], there[:, 1], s=16, facecolors="none", edgecolors=MUTED, linewidths=0.8, label="true")
+    axes.scatter(found[:, 0], found[:, 1], s=8, color=AXES[2], label="found")
+    axes.set(xlabel="along [mm]", ylabel="around [mm]", aspect="equal")
+    axes.legend(loc="upper right", frameon=False)
+    return drawn
