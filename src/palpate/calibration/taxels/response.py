@@ -28,7 +28,6 @@ GRID = 9  # points along each side of it, and then of what is left of it
 LEFT = 2.5  # deviations about the mean that are searched again
 UNEVEN = 0.25  # deviation of the log of a poke's level: force and tool are not always alike
 ROUGH = 0.3  # deviation of the log of a response that is as large as the threshold, from rounding and noise
-ELSEWHERE = 0.7  # the same of one on another module, which is about a millimetre off
 QUIET = 0.05  # share of an answering taxel's say in where the poke was, for one that was silent
 _ENOUGH = 30  # pokes of which the model is learned
 _ROUNDS = 4
@@ -90,24 +89,17 @@ class _Chart:
     log: Float[np.ndarray, "n w"]  # of the answers, over the force; NaN: silent
     quiet: Float[np.ndarray, " n"]  # the same of the threshold
     found: Bool[np.ndarray, " n"]
-    same: Bool[np.ndarray, "n w"]  # on the unit of the strongest answer, or all taxels are units
     spacing: float
 
     def variance(self, response: Response, rows: slice = slice(None)) -> Float[np.ndarray, "n w"]:
         """Of the logs of the answers: those that hardly pass the threshold are mostly rounding and noise."""
         over = np.nan_to_num(self.log[rows] - self.quiet[rows][:, None])
-        return response.scatter**2 + (ROUGH * np.exp(-over)) ** 2 + np.where(self.same[rows], 0.0, ELSEWHERE**2)
+        return response.scatter**2 + (ROUGH * np.exp(-over)) ** 2
 
 
-def seen_among(pokes: Pokes, units: Units, response: Response, *, others: bool = False) -> Seen:
-    """Mean and covariance of where each poke was, by the answers, for taxels where the units have them.
-
-    Args:
-        pokes, units, response: as they are known so far.
-        others: whether taxels of other modules tell, too: once these lie about where they are. Without them a poke at
-            the side of a module could be anywhere beyond it.
-    """
-    chart = _chart(pokes, units, others=others)
+def seen_among(pokes: Pokes, units: Units, response: Response) -> Seen:
+    """Mean and covariance of where each poke was, by the answers, for taxels where the units have them."""
+    chart = _chart(pokes, units)
     mean, covariance = _posterior(chart, response)
     shares, beside = _shares(chart, mean)
     return Seen(chart.taxels, shares, chart.axes, beside, covariance, chart.found)
@@ -160,14 +152,15 @@ def _guess(chart: _Chart) -> Response:
 
 
 def _picked(chart: _Chart, rows: Bool[np.ndarray, " n"]) -> _Chart:
-    same = ("taxels", "flat", "axes", "log", "quiet", "found", "same")
+    same = ("taxels", "flat", "axes", "log", "quiet", "found")
     return replace(chart, **{name: getattr(chart, name)[rows] for name in same})
 
 
-def _chart(pokes: Pokes, units: Units, *, others: bool = False) -> _Chart:
+def _chart(pokes: Pokes, units: Units) -> _Chart:
     """The taxels about the strongest answer of each poke, those that are nearest to it and face the same way.
 
-    Of modules only those on the same one, unless `others`: where they lie to each other is known, wherever it is.
+    Of modules only those on the same one: where they lie to each other is known, wherever the module is. (Others would
+    tell more of a single poke, but the contacts would hold modules to each other where they are thought to be.)
     """
     from scipy.spatial import cKDTree
 
@@ -200,13 +193,13 @@ def _chart(pokes: Pokes, units: Units, *, others: bool = False) -> _Chart:
     facing = np.einsum("nwc,nc->nw", normals[np.maximum(about, 0)], np.nan_to_num(normals[origin])) > 0
     module = units.layout.module
     same = units.alone | (module[np.maximum(about, 0)] == module[origin][:, None])
-    about = np.where((about >= 0) & facing & (others | same), about, -1)
+    about = np.where((about >= 0) & facing & same, about, -1)
     log = np.full(about.shape, np.nan)
     answers = _answers(pokes, about)
     with np.errstate(divide="ignore", invalid="ignore"):
         log = np.log(answers / force[:, None])
         quiet = np.log(max(pokes.threshold, float(np.quantile(pokes.response, 0.02)) if len(pokes.response) else 1.0) / force)
-    return _Chart(about, flat, frames[:, :, :2], log, np.nan_to_num(quiet), found, same & (about >= 0), spacing)
+    return _Chart(about, flat, frames[:, :, :2], log, np.nan_to_num(quiet), found, spacing)
 
 
 def _answers(pokes: Pokes, about: Int[np.ndarray, "n w"]) -> Float[np.ndarray, "n w"]:
@@ -256,8 +249,7 @@ def _likelihood(
     total = (share * gap).sum(axis=2)
     shift = total / (share.sum(axis=2) + 1.0 / UNEVEN**2)  # of this poke's level
     fit = -0.5 * ((share * gap**2).sum(axis=2) - total * shift)
-    rough = np.sqrt(response.scatter**2 + ROUGH**2 + np.where(chart.same[rows], 0.0, ELSEWHERE**2))
-    under = (chart.quiet[rows][:, None, None] - log - shift[..., None]) / rough[:, None]
+    under = (chart.quiet[rows][:, None, None] - log - shift[..., None]) / np.hypot(response.scatter, ROUGH)
     fit = fit + np.where(silent, log_ndtr(np.clip(under, -30.0, 30.0)), 0.0).sum(axis=2)
     weight = np.exp(fit - fit.max(axis=1, keepdims=True))
     return weight / weight.sum(axis=1, keepdims=True)
@@ -266,7 +258,7 @@ def _likelihood(
 def _shares(chart: _Chart, mean: Float[np.ndarray, "n 2"]) -> tuple[Float[np.ndarray, "n w"], Float[np.ndarray, "n 2"]]:
     """Shares of taxels, least in the sum of squares over their say, whose places give the mean; and what is left."""
     answered = np.isfinite(chart.log)
-    say = np.where(answered, 1.0, QUIET) * chart.same
+    say = np.where(answered, 1.0, QUIET) * (chart.taxels >= 0)
     solid = np.concatenate([np.ones((*say.shape, 1)), chart.flat / chart.spacing], axis=2)
     wanted = np.concatenate([np.ones((len(mean), 1)), mean / chart.spacing], axis=1)
     square = np.einsum("nw,nwi,nwj->nij", say, solid, solid) + 1e-9 * np.eye(3)
