@@ -18,7 +18,7 @@ from palpate.calibration.taxels.units import Units
 from palpate.sensors.pokes import Pokes
 from palpate.spatial.pose import skew
 
-__all__ = ["Solution", "information", "observed", "solve"]
+__all__ = ["Before", "Solution", "information", "observed", "solve"]
 
 TAIL = 5.0  # degrees of freedom of the residuals: pokes that fit badly count less
 _ROUNDS = 4  # in which the contacts are found anew, and more where taxels are alone
@@ -84,7 +84,7 @@ def solve(
         rounds: at most.
     """
     nuisances = Nuisances.none(max(pokes.configurations, 1))
-    before = _Before(units, start, deviations, Nuisances.deviations(priors, max(pokes.configurations, 1)))
+    before = Before(units, start, deviations, Nuisances.deviations(priors, max(pokes.configurations, 1)))
     response = learned(pokes, units, response)
     twist, noise, weight = _twist(pokes), 1.0, pokes.weight.copy()
     for turn in range(rounds * (3 if units.alone else 1)):
@@ -120,7 +120,7 @@ def information(
 ) -> Float[np.ndarray, "p p"]:
     """That of pokes about all unknowns, without what is believed before: units, then nuisances."""
     linear = _linear(pokes, units, seen, nuisances, twist)
-    zero = _Before(units, None, None, np.ones(len(nuisances.vector())))
+    zero = Before(units, None, None, np.ones(len(nuisances.vector())))
     return _normal(linear, weight, len(units), units.freedom, zero, pokes)[0]
 
 
@@ -132,11 +132,11 @@ def observed(
     deviations: Float[np.ndarray, " f"] | None = None,
 ) -> Float[np.ndarray, "p p"]:
     """The covariance that information leaves under the priors: the Bayesian Cramer-Rao bound where it is the truth's."""
-    before = _Before(units, None, deviations, Nuisances.deviations(priors, configurations))
+    before = Before(units, None, deviations, Nuisances.deviations(priors, configurations))
     return before.covariance(information)
 
 
-class _Before:
+class Before:
     """What is believed before a poke is made: precisions of all unknowns, and where units are believed to be."""
 
     def __init__(
@@ -236,7 +236,7 @@ def _square(residual: Float[np.ndarray, "n 3"], spread: Float[np.ndarray, "n 3 3
 
 
 def _normal(
-    linear: _Linear, weight: Float[np.ndarray, " n"], units: int, freedom: int, before: _Before, pokes: Pokes
+    linear: _Linear, weight: Float[np.ndarray, " n"], units: int, freedom: int, before: Before, pokes: Pokes
 ) -> tuple[Float[np.ndarray, "p p"], Float[np.ndarray, " p"]]:
     """J' W J and J' W r of the pokes that count."""
     from palpate.calibration.taxels._normal import add_squares  # compiled: loaded when first needed
