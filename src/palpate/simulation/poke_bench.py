@@ -29,8 +29,10 @@ from palpate.spatial._arrays import Value, frozen
 from palpate.spatial.pose import Pose
 
 __all__ = [
+    "HAND",
     "MIX",
     "NOISE2",
+    "PAPER",
     "PERSET",
     "Arm",
     "Layer",
@@ -70,6 +72,9 @@ class Tip:
     def __post_init__(self) -> None:
         if not (0 < self.light <= self.heavy and tan(self.cone) <= self.friction):
             raise ValueError("forces must be positive, and the cone within friction")
+
+
+HAND = Tip(cone=radians(25.0))  # held by a person: with a narrower cone the free method finds the axis of the link
 
 
 @dataclass(frozen=True)
@@ -163,6 +168,7 @@ class PokeErrors:
 _DEGREE = radians(1.0)
 MIX = PokeErrors(0.15, 0.015, 0.3, 0.03, 3e-3, _DEGREE, 3e-3, _DEGREE, 0.02)
 PERSET = PokeErrors(0.15, 0.015, 0.4, 0.045, 4.5e-3, 2 * _DEGREE, 0.0, 0.0, 0.01)
+PAPER = PokeErrors(0.1, 0.01, 0.3, 0.03, 5e-3, 2 * _DEGREE, 2.5e-3, 0.8 * _DEGREE, 0.008)  # with a tip as in HAND
 NOISE2 = PokeErrors(0.4, 0.035, 0.25, 0.03, 3e-3, 1.2 * _DEGREE, 0.8e-3, 0.0, 0.006)
 
 

@@ -21,7 +21,7 @@ EVERY = 4  # samples: taxels come at 50 Hz
 _GRAVITY = np.array([4.9, -2.9, 7.98])  # m/s^2 in the sensor's frame: the upper arm stands still
 _MASS, _MIDDLE = 0.9, np.array([0.004, -0.003, 0.11])  # kg, m in the link's frame, of forearm and hand
 _HOME = np.radians([60.0, -30.0])  # of the elbow, between configurations
-_CHUNK = 4096  # frames at once
+_CHUNK = 1024  # frames at once
 
 
 @dataclass(frozen=True)

@@ -82,40 +82,40 @@ class Predicted:
         torque: (n, 3) [N m].
         by_point: (n, 3, 3) with the contact in the link's frame.
         by_nuisance: (n, 3, 54) with frame, common, bias of the poke's configuration and cross-talk, in this order.
-        by_force: (n, 3, 3) with the measured force, for the covariance.
+        by_wrench: (n, 3, 6) with the measured wrench, through the force.
     """
 
     torque: Float[np.ndarray, "n 3"]
     by_point: Float[np.ndarray, "n 3 3"]
     by_nuisance: Float[np.ndarray, "n 3 54"]
-    by_force: Float[np.ndarray, "n 3 3"]
+    by_wrench: Float[np.ndarray, "n 3 6"]
 
 
 def predicted(pokes: Pokes, points: Float[np.ndarray, "n 3"], nuisances: Nuisances) -> Predicted:
     """The torque of pokes at points of the link, (n, 3) [m] in its frame."""
-    d, force, torque = pokes.configuration, pokes.wrench[:, :3], pokes.wrench[:, 3:]
-    error = nuisances.frames[d] + nuisances.common
+    d, cross = pokes.configuration, nuisances.cross_talk
+    error, bias = nuisances.frames[d] + nuisances.common, nuisances.bias[d]
     turn = Pose.from_rotation_vector(error[:, 3:], error[:, :3])
     turned = turn.rotate(points)
     place = np.einsum("nij,nj->ni", pokes.rotation, turned + error[:, :3]) + pokes.origin
-    cross = nuisances.cross_talk
-    bias = nuisances.bias[d]
-    true = force - bias[:, :3] - force @ cross[:3, :3].T - torque @ cross[:3, 3:].T  # to first order in small C
-    moment = np.cross(place, true)
-    gain = np.eye(3) + cross[3:, 3:]
-    found = moment @ gain.T + true @ cross[3:, :3].T + bias[:, 3:]
-    by_place = -gain @ skew(true)
+    back = np.linalg.inv(np.eye(6) + cross)
+    true = (pokes.wrench - bias) @ back.T
+    force, gain = true[:, :3], np.eye(3) + cross[3:, 3:]
+    moment = np.cross(place, force)
+    found = moment @ gain.T + force @ cross[3:, :3].T + bias[:, 3:]
     by_force = gain @ skew(place) + cross[3:, :3]
-    by_link = by_place @ pokes.rotation
+    by_link = -gain @ skew(force) @ pokes.rotation
+    by_wrench = by_force @ back[:3]
     rows = np.zeros((len(points), 3, 54))
     rows[..., :3] = rows[..., 6:9] = by_link
     rows[..., 3:6] = rows[..., 9:12] = -by_link @ skew(turned) @ _left_jacobian(error[:, 3:])
-    rows[..., 12:15], rows[..., 15:18] = -by_force, np.eye(3)
-    # entries of the cross-talk row by row: those of forces act through the true force
-    rows[..., 18:36] = np.einsum("nil,nk->nilk", -by_force, np.concatenate([force, torque], axis=1)).reshape(-1, 3, 18)
-    both = np.concatenate([true, moment], axis=1)
-    rows[..., 36:54] = np.einsum("il,nk->nilk", np.eye(3), both).reshape(-1, 3, 18)
-    return Predicted(found, by_link @ turn.rotation, rows, by_force)
+    rows[..., 12:18] = -by_wrench
+    rows[..., 15:18] += np.eye(3)
+    # entries of the cross-talk row by row: all of them act through the true force, those of torques also directly
+    rows[..., 18:54] = np.einsum("nil,nk->nilk", -by_wrench, true).reshape(-1, 3, 36)
+    direct = np.einsum("il,nk->nilk", np.eye(3), np.concatenate([force, moment], axis=1))
+    rows[..., 36:54] += direct.reshape(-1, 3, 18)
+    return Predicted(found, by_link @ turn.rotation, rows, by_wrench)
 
 
 def _left_jacobian(phi: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3 3"]:

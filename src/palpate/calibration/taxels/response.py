@@ -22,7 +22,7 @@ from palpate.sensors.pokes import Pokes
 
 __all__ = ["Response", "Seen", "learned", "seen_among"]
 
-NEAR = 12  # taxels about the strongest one that are looked at
+NEAR = 14  # taxels about the strongest one that are looked at
 WIDE = 1.6  # half the width of what is searched for the poke, in spacings
 GRID = 9  # points along each side of it, and then of what is left of it
 LEFT = 2.5  # deviations about the mean that are searched again
@@ -159,7 +159,8 @@ def _picked(chart: _Chart, rows: Bool[np.ndarray, " n"]) -> _Chart:
 def _chart(pokes: Pokes, units: Units) -> _Chart:
     """The taxels about the strongest answer of each poke, those that are nearest to it and face the same way.
 
-    Of modules only those on the same one: where they lie to each other is known, wherever the module is.
+    Of modules only those on the same one: where they lie to each other is known, wherever the module is. (Others would
+    tell more of a single poke, but the contacts would hold modules to each other where they are thought to be.)
     """
     from scipy.spatial import cKDTree
 
@@ -191,8 +192,8 @@ def _chart(pokes: Pokes, units: Units) -> _Chart:
     flat = flat * np.where(length > 0, long / np.maximum(length, 1e-12), 1.0)[..., None]
     facing = np.einsum("nwc,nc->nw", normals[np.maximum(about, 0)], np.nan_to_num(normals[origin])) > 0
     module = units.layout.module
-    beside = units.alone | (module[np.maximum(about, 0)] == module[origin][:, None])
-    about = np.where((about >= 0) & facing & beside, about, -1)
+    same = units.alone | (module[np.maximum(about, 0)] == module[origin][:, None])
+    about = np.where((about >= 0) & facing & same, about, -1)
     log = np.full(about.shape, np.nan)
     answers = _answers(pokes, about)
     with np.errstate(divide="ignore", invalid="ignore"):

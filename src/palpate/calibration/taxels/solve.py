@@ -86,7 +86,7 @@ def solve(
     nuisances = Nuisances.none(max(pokes.configurations, 1))
     before = _Before(units, start, deviations, Nuisances.deviations(priors, max(pokes.configurations, 1)))
     response = learned(pokes, units, response)
-    twist, noise, weight = _twist(pokes, nuisances), 1.0, pokes.weight.copy()
+    twist, noise, weight = _twist(pokes), 1.0, pokes.weight.copy()
     for turn in range(rounds * (3 if units.alone else 1)):
         if units.alone and 0 < turn < 4:  # modules know how their taxels lie, single taxels find it out
             response = learned(pokes, units, response)
@@ -190,7 +190,7 @@ def _linear(pokes: Pokes, units: Units, seen: Seen, nuisances: Nuisances, twist:
     points = seen.points(units.places()[0])
     said = predicted(pokes, points, nuisances)
     residual = pokes.wrench[:, 3:] - said.torque
-    read = np.concatenate([-said.by_force, np.broadcast_to(np.eye(3), said.by_force.shape)], axis=2)  # noise to residual
+    read = np.eye(6)[3:] - said.by_wrench  # from the noise of a wrench to the residual
     beside = said.by_point @ seen.axes
     force = pokes.wrench[:, :3]
     spread = read @ pokes.noise @ np.swapaxes(read, 1, 2) + beside @ seen.covariance @ np.swapaxes(beside, 1, 2)
@@ -254,7 +254,7 @@ def _normal(
     return np.triu(square) + np.triu(square, 1).T, vector
 
 
-def _twist(pokes: Pokes, nuisances: Nuisances) -> float:
+def _twist(pokes: Pokes) -> float:
     """[m] Torque along the force over the force, beyond what noise makes: friction under a tip that turns.
 
     F . M is the same whatever the frame, and 0 for a pure force [taxel poking, (3)].
@@ -264,12 +264,12 @@ def _twist(pokes: Pokes, nuisances: Nuisances) -> float:
     sound = (size > 0) & np.isfinite(pokes.wrench).all(axis=1) & (pokes.weight > 0)
     if not sound.any():
         return 0.0
-    pitch = np.einsum("ni,ni->n", force, torque)[sound] / size[sound] ** 2
-    own = pitch.copy()
+    force, torque, size = force[sound], torque[sound], size[sound]
+    pitch = np.einsum("ni,ni->n", force, torque) / size**2
     for number in range(pokes.configurations):  # bias and cross-talk are alike within a configuration
         rows = pokes.configuration[sound] == number
-        if rows.any():
-            own[rows] -= np.median(own[rows])
-    spread = 1.4826 * np.median(np.abs(own))
-    along = np.sqrt(np.trace(pokes.noise[3:, 3:]) / 3.0) / np.median(size[sound])
-    return float(np.sqrt(max(spread**2 - along**2, 0.0)))
+        pitch[rows] -= np.median(pitch[rows]) if rows.any() else 0.0
+    swapped = np.concatenate([torque, force], axis=1)
+    noise = np.einsum("ni,ij,nj->n", swapped, pokes.noise, swapped) / size**4
+    spread = 1.4826 * np.median(np.abs(pitch))
+    return float(np.sqrt(max(spread**2 - np.median(noise), 0.0)))
