@@ -100,7 +100,7 @@ class PlacesLayer:
         if not self._known.any():
             return 1
         axis = float(np.sqrt(CHI2_95 * np.median(np.linalg.eigvalsh(self._covariance[self._known])[:, -1])))
-        return next((times for times in MAGNIFICATIONS if times * axis >= size / 80), MAGNIFICATIONS[-1])
+        return next((times for times in MAGNIFICATIONS if times * axis >= size / 60), MAGNIFICATIONS[-1])
 
     def ellipsoids(self, times: int) -> None:
         """Draw them so many times as large; 0: not at all."""
@@ -112,10 +112,11 @@ class PlacesLayer:
 
         ball = trimesh.creation.icosphere(subdivisions=2)
         axes, rotations = ellipsoid_axes(self._covariance[rows])
+        lifted = self._scene.placed((self._points + 2 * LIFT * self.normals)[rows])
         self._server.scene.add_batched_meshes_simple(
             "/ellipsoids", np.asarray(ball.vertices), np.asarray(ball.faces),
-            np.roll(quaternion_from_rotation(rotations), 1, axis=1), self._scene.placed((self._points + 2 * LIFT * self.normals)[rows]),
-            batched_scales=times * axes / self._scene.size, batched_colors=(70, 80, 92), opacity=0.3, lod="off",
+            np.roll(quaternion_from_rotation(rotations), 1, axis=1), lifted,
+            batched_scales=times * axes / self._scene.size, batched_colors=(70, 80, 92), opacity=0.4, lod="off",
             cast_shadow=False,
         )  # fmt: skip
 
@@ -230,7 +231,7 @@ class TaxelPage:
         across = float(np.linalg.norm(np.ptp(layer.places, axis=0))) / scene.size
         middle = scene.placed(layer.places.mean(axis=0))
         camera.look_at = middle
-        camera.position = middle + min(1.8 * across, DISTANCE) * (outward / length + [0.0, 0.0, 0.25])
+        camera.position = middle + min(1.4 * across, DISTANCE) * (outward / length + [0.0, 0.0, 0.25])
 
     def _panel(self, layer: PlacesLayer, title: str, facts: Sequence[tuple[str, str]]) -> None:
         gui = self._server.gui
