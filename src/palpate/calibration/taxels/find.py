@@ -257,7 +257,7 @@ def _spread(mean: Float[np.ndarray, "16"]) -> float:
     return max(turned / TURNED, shifted / SHIFTED)
 
 
-def _apart(one: Float[np.ndarray, "*n 16"], other: Float[np.ndarray, "16"]) -> np.ndarray:
+def _apart(one: Float[np.ndarray, "n 16"], other: Float[np.ndarray, "16"]) -> np.ndarray:
     """How far poses are from another one, in parts of what counts as staying."""
     cosine = (
         np.abs(one[..., 6:10] @ other[6:10]) / np.linalg.norm(one[..., 6:10], axis=-1) / np.linalg.norm(other[6:10])
@@ -330,6 +330,7 @@ def _noise(samples: _Samples, free: _Free, spans: Float[np.ndarray, "n 2"]) -> F
     pieces = [samples.wrench[slice(*ends[k])] for k in longest.tolist()]
     pieces = [piece[np.isfinite(piece).all(axis=1)] for piece in pieces]
     pieces = [piece - piece.mean(axis=0) for piece in pieces if len(piece) >= LEAST]
+    pieces = sorted(pieces, key=lambda piece: float(piece.var(axis=0)[:3].sum()))[: len(pieces) // 2 + 1]  # no motion
     freedom = max(sum(len(piece) - 1 for piece in pieces), 1)
     single = sum((piece.T @ piece for piece in pieces), np.zeros((6, 6))) / freedom
     tau = float(np.median([correlation_time(piece).mean() for piece in pieces])) if pieces else 1.0
@@ -380,7 +381,7 @@ def _configurations(
     moved = np.zeros(len(rows), dtype=bool)
     for k in range(1, len(rows)):
         between, count = samples.window(spans[k - 1, 1], spans[k, 0])
-        moved[k] = float(_apart(rows[k], rows[k - 1])) > 1.0 or (count > 0 and _spread(between) > 1.0)
+        moved[k] = float(_apart(rows[k : k + 1], rows[k - 1])[0]) > 1.0 or (count > 0 and _spread(between) > 1.0)
     if np.count_nonzero(moved) + 1 <= max(len(rows) / FEW, 1):
         return np.cumsum(moved)
     configuration = np.zeros(len(rows), dtype=np.int64)
