@@ -16,15 +16,15 @@ __all__ = ["Answers", "read_answers"]
 HEAD = 2048  # frames from which rest and noise are taken
 FEWEST = 16  # frames of a log
 ABOVE = 6.0  # deviations of noise that an answer stands above rest
-PIECE = 256  # frames in which a rest is taken as one
+PIECE = 64  # frames in which a rest is taken as one
 KEPT, OF_KEPT = 0.9, 0.789  # of steps, and what the deviation of a Gaussian is without the others
 SPARSE = 16  # frames of a piece from which its rest is followed
-DRIFT = 10.0  # s in which the rest of a taxel that does not answer is followed
+DRIFT = 3.0  # s in which the rest of a taxel that does not answer is followed
 STUCK = 0.9  # of all frames in which a taxel answers: it is no poke
 NEVER_BACK = 0.2  # of the log, at its end, through which a taxel answers without a pause
 FELL, FALLEN = 0.5, 0.25  # of a threshold below the first rest, and of the log so long: it was pressed when it began
 
-Block = tuple[Float[np.ndarray, " n"], np.ndarray]
+Block = tuple[Float[np.ndarray, "_"], np.ndarray]
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,7 +110,7 @@ class _Reader:
         stuck = _stuck(frame, taxel, len(time), len(self._rest))
         if 2 * np.count_nonzero(stuck) > len(stuck):
             raise InputError(
-                f"{np.count_nonzero(stuck)} of {len(stuck)} taxels answer nearly all the time, or never return to rest.",
+                f"{np.count_nonzero(stuck)} of {len(stuck)} taxels answer nearly always, or never return to rest.",
                 where="frames",
                 hint="Is the threshold in the rig's [pokes] too low, or do readings fall under load (falling curves)?",
             )
@@ -205,7 +205,8 @@ def _noise(cells: Float[np.ndarray, "n k"], *, whole: bool) -> Float[np.ndarray,
     """Of each taxel by the steps from frame to frame, without the tenth that is largest: touches are in it."""
     steps = np.sort(np.abs(np.diff(cells, axis=0)), axis=0)[: max(1, int(KEPT * (len(cells) - 1)))]
     spread = np.sqrt((steps**2).mean(axis=0) / 2.0) / OF_KEPT
-    return np.maximum(spread, 12**-0.5 if whole else 1e-9 + 1e-3 * float(spread.max()))
+    least = 12**-0.5 if whole else 1e-9 + 1e-3 * float(spread.max())  # of what is rounded steps tell too little
+    return np.hypot(spread, least)
 
 
 def _stuck(

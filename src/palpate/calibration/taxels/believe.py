@@ -19,7 +19,7 @@ LIGHT = 5.0  # deviations of noise that a poke's force is at least
 PITCH = 3.5  # usual pitches of a wrench that are not doubted
 APART = 3.0  # usual distances of neighbours between two areas
 SHARE = 0.2  # of all answers that a second area has at least
-TOGETHER = 0.05  # of the answers of the rarer of two taxels that both give, where they are neighbours
+TOGETHER = 0.2  # of the answers of the rarer of two taxels that both give, where they are neighbours
 SEEN = 4  # pokes that a taxel answers to before it is known what answers with it
 MOST = 6_000  # taxels of whose pairs a table is kept
 FEWEST = 8  # pokes from which a usual pitch is known
@@ -118,11 +118,13 @@ def _never_together(pokes: Pokes) -> Bool[np.ndarray, " n"]:
         rarer = np.minimum(single[taxels][:, None], single)
         others = counts[taxels].copy()
         others[:, taxels] -= 1  # without this poke
-        near = others > np.maximum(TOGETHER * rarer, 0)
-        near[:, taxels] |= single[taxels] < SEEN  # one that hardly answers elsewhere tells nothing
-        near |= (single[taxels] < SEEN)[:, None]
-        reach = near.astype(np.float32)
-        return (reach @ reach.T > 0) | near[:, taxels]
+        near = (others > TOGETHER * rarer).astype(np.float32)
+        near[np.arange(len(taxels)), taxels] = 1.0
+        found = near @ near.T > 0
+        rare = single[taxels] < SEEN  # what hardly answers elsewhere tells nothing: it joins any part, and joins none
+        found[:, rare] = True
+        found[rare] = False
+        return found
 
     return _split(pokes, beside)
 
@@ -138,6 +140,8 @@ def _split(pokes: Pokes, beside: Callable[[np.ndarray], np.ndarray]) -> Bool[np.
         near = beside(taxels)
         part, reached = np.zeros(len(taxels), dtype=bool), np.zeros(len(taxels), dtype=bool)
         part[int(np.argmax(response))] = True
+        if not near[part].any():  # nothing is known of the strongest
+            continue
         while (part != reached).any():
             reached = part
             part = reached | near[reached].any(axis=0)
