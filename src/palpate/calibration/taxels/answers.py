@@ -24,7 +24,7 @@ STUCK = 0.9  # of all frames in which a taxel answers: it is no poke
 NEVER_BACK = 0.2  # of the log, at its end, through which a taxel answers without a pause
 FELL, FALLEN = 0.5, 0.25  # of a threshold below the first rest, and of the log so long: it was pressed when it began
 
-Block = tuple[Float[np.ndarray, "_"], np.ndarray]
+Block = tuple[Float[np.ndarray, "..."], np.ndarray]
 
 
 @dataclass(frozen=True, eq=False)

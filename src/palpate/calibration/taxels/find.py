@@ -28,6 +28,7 @@ LEAST = 5  # samples of a mean
 GAP = 0.25  # s without frames that end a poke
 TURNED, SHIFTED = np.radians(0.5), 2e-3  # rad, m: an arm that moves less stays
 NEAREST = 3  # pokes before and behind that a rest may be taken over from
+AROUND = 4  # means of free motion before and behind that one is compared with
 OUTLYING = 6.0  # deviations of a mean of free motion from the others': something touched
 FEW = 4  # pokes in each stretch in which the arm stays, on average, or poses are what counts
 NULLS = 12  # pairs of free means from which their scatter is taken
@@ -239,14 +240,14 @@ def _free(samples: _Samples, active: Float[np.ndarray, "q 2"]) -> _Free:
 
 
 def _untouched(free: _Free) -> _Free:
-    """Without those in which something touched although no taxel answered: they are far from the others around."""
-    force = free.mean[:, :3]
-    kept = np.ones(len(force), dtype=bool)
-    for group in _groups(free.mean):
-        if len(group) < 8:
-            continue
-        off = np.linalg.norm(force[group] - np.median(force[group], axis=0), axis=1)
-        kept[group] = off <= OUTLYING * max(1.4826 * float(np.median(off)), 1e-9)
+    """Without those in which something touched although no taxel answered: they are far from those around them."""
+    off = np.zeros(len(free.time))
+    for k in range(len(off)):
+        around = slice(max(0, k - AROUND), k + AROUND + 1)
+        same = free.mean[around][_apart(free.mean[around], free.mean[k]) <= 1.0]
+        off[k] = np.linalg.norm(free.mean[k, :3] - np.median(same[:, :3], axis=0))
+    usual = 1.4826 * float(np.median(off[off > 0])) if (off > 0).any() else 0.0
+    kept = off <= max(OUTLYING * usual, 1e-9)
     return _Free(*(each[kept] for each in (free.time, free.mean, free.count, free.gap, free.ends)))
 
 
