@@ -57,7 +57,8 @@ def _matched(pokes: Pokes, log: PokeLog) -> np.ndarray:
 def test_wrenches_and_configurations_are_those_of_the_pokes() -> None:
     """What the sensor reads beside (weight, zero, bias) is gone; of the ramps a part is in, force and torque alike.
 
-    The rest is white noise, 0.05 N and 2 N mm over 40 samples and more: five deviations of the stated noise.
+    The rest is white noise, 0.05 N and 2 N mm over 40 samples and more, less free motion over 60 and more: to five
+    deviations.
     """
     log, session = _log(), _session()
     found = find_pokes([_recording(log)], _frames(log))
@@ -65,13 +66,13 @@ def test_wrenches_and_configurations_are_those_of_the_pokes() -> None:
     assert len(found) >= 0.95 * len(session.pokes)
     np.testing.assert_array_equal(found.configuration, session.pokes.configuration[true])
     wanted = (session.pokes.wrench - session.bench.bias[session.pokes.configuration])[true]
-    deviation = np.sqrt(np.diag(found.noise))
+    assert (np.sqrt(np.diag(found.noise)) > np.repeat([0.1, 0.01], 3)).all()  # touches scatter 0.15 N, 15 N mm
+    deviation = np.repeat([0.05, 0.002], 3) * np.sqrt(1 / 40 + 1 / 60)
     seen, told = found.wrench / deviation, wanted / deviation
     scale = (seen * told).sum(axis=1) / (told**2).sum(axis=1)
     assert (scale > 0.85).all()
     assert (scale < 1.05).all()
     assert (np.abs(seen - scale[:, None] * told) < 5).all()
-    assert (deviation[:3] < 0.02).all()
     pose = session.bench.arm.pose(*session.bench.arm.joints[session.pokes.configuration[true]].T)
     np.testing.assert_allclose(found.rotation, pose.rotation, atol=1e-9)
     np.testing.assert_allclose(found.origin, pose.translation, atol=1e-9)
