@@ -91,7 +91,8 @@ def _of_touch(pokes: Pokes, used: Bool[np.ndarray, " n"]) -> Float[np.ndarray, "
 
     Of t = F . M / |F|, which is 0 for a push without torsion, var t = told by the noise + s^2 (1 + |M|^2 / (|F| L)^2),
     for errors of torque s and of force s / L; the median of t^2 over pokes gives s. Cross-talk makes t a form of second
-    degree in the wrench, over |F|: where pokes are many, what such a form explains is taken off first, but for F_i M_i, of which F . M itself is made.
+    degree in the wrench, over |F|: where pokes are many, what such a form explains is taken off first, but for
+    F_i M_i, of which F . M itself is made.
     """
     force, torque = pokes.wrench[used, :3], pokes.wrench[used, 3:]
     if len(force) < FEWEST:
@@ -104,8 +105,8 @@ def _of_touch(pokes: Pokes, used: Bool[np.ndarray, " n"]) -> Float[np.ndarray, "
     one, other = np.array([pair for pair in zip(*np.triu_indices(6), strict=True) if pair[1] - pair[0] != 3]).T
     if len(force) >= 3 * len(one):
         forms = wrench[:, one] * wrench[:, other] / size
-        fitted: Any = np.linalg.lstsq(forms, along, rcond=1e-9)
-        along = (along - forms @ fitted[0]) * np.sqrt(len(force) / (len(force) - len(one)))
+        left = along - forms @ (np.linalg.pinv(forms, rcond=1e-9) @ along)
+        along = left * np.sqrt(len(force) / (len(force) - len(one)))
     more = (along**2 / 0.455 - told) / (1.0 + (torque**2).sum(axis=1) / (size[:, 0] * LEVER) ** 2)
     square = max(float(np.quantile(more, 0.5)), 0.0)
     return square * np.diag([LEVER**-2] * 3 + [1.0] * 3)
