@@ -29,7 +29,6 @@ from palpate.io.rig.skin import RigSkin
 from palpate.io.taxel_files import SUFFIXES, read_taxel_places, write_taxel_places
 from palpate.sensors.intensity import Intensity
 from palpate.sensors.pokes import Pokes
-from palpate.sensors.recording import CELLS
 from palpate.sensors.taxel_modules import LAYOUTS, ModuleLayout
 from palpate.sensors.taxel_places import TaxelPlaces
 from palpate.surfaces import Surface
@@ -128,10 +127,10 @@ def _pokes(log: Path, rig: Rig, start: TaxelPlaces | None) -> Pokes:
 
     def blocks() -> Iterator[Block]:
         done = 0
-        for block in frames.blocks():
-            done += len(block)
+        for time, values in frames.stored():
+            done += len(time)
             progress(done, frames.position / max(frames.size, 1))
-            yield block.time, block.channels[CELLS]
+            yield time, values
 
     with counting():
         found = find_pokes(pushed, blocks(), search)

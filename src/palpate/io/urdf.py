@@ -339,6 +339,7 @@ class Kinematics:
     def poses(self, values: Float[np.ndarray, "n k"]) -> tuple[Float[np.ndarray, "n 4"], Float[np.ndarray, "n 3"]]:
         """Quaternions x, y, z, w and positions [m] of the sensor in the base, at positions of `joints`."""
         pin, model, data = self._pin, self._model, self._data
+        values, row_of = np.unique(values, axis=0, return_inverse=True)  # an arm that stays, stays in one pose
         rotation, shift = np.empty((len(values), 3, 3)), np.empty((len(values), 3))
         where = pin.neutral(model)
         base, sensor = self._frames
@@ -351,7 +352,7 @@ class Kinematics:
             pin.forwardKinematics(model, data, where)
             pose = pin.updateFramePlacement(model, data, base).actInv(pin.updateFramePlacement(model, data, sensor))
             rotation[k], shift[k] = pose.rotation, pose.translation
-        return quaternion_from_rotation(rotation), shift
+        return quaternion_from_rotation(rotation)[row_of], shift[row_of]
 
 
 def _shapes(link: Any, geometry: str) -> list[Any]:

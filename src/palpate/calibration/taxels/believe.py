@@ -102,10 +102,10 @@ def _of_touch(pokes: Pokes, used: Bool[np.ndarray, " n"]) -> Float[np.ndarray, "
     told = np.einsum("ni,ij,nj->n", slope, pokes.noise, slope)
     along = (force * torque).sum(axis=1) / size[:, 0]
     wrench = np.concatenate([force, torque / LEVER], axis=1)
-    one, other = np.array([pair for pair in zip(*np.triu_indices(6), strict=True) if pair[1] - pair[0] != 3]).T
+    one, other = np.array([[*pair] for pair in zip(*np.triu_indices(6), strict=True) if pair[1] - pair[0] != 3]).T
     if len(force) >= 3 * len(one):
-        forms = wrench[:, one] * wrench[:, other] / size
-        left = along - forms @ (np.linalg.pinv(forms, rcond=1e-9) @ along)
+        forms: Float[np.ndarray, "n f"] = wrench[:, one] * wrench[:, other] / size
+        left: Float[np.ndarray, " n"] = along - forms @ (np.linalg.pinv(forms, rcond=1e-9) @ along)
         along = left * np.sqrt(len(force) / (len(force) - len(one)))
     more = (along**2 / 0.455 - told) / (1.0 + (torque**2).sum(axis=1) / (size[:, 0] * LEVER) ** 2)
     square = max(float(np.quantile(more, 0.5)), 0.0)
