@@ -61,22 +61,35 @@ class Seen:
     Attributes:
         taxels: (n, w) about the poke, -1: none; shares: (n, w) which add up to 1: the poke's place is the sum of shares
             times places of taxels, and `beside`.
-        axes: (n, 3, 2) of the tangent plane; beside: (n, 2) [m] what the shares do not reach, in it.
-        covariance: (n, 2, 2) [m^2] in it.
+        origin: (n,) the taxel that answered most, in whose tangent plane (`tangents`) is
+        beside: (n, 2) [m] what the shares do not reach, and
+        covariance: (n, 2, 2) [m^2] of the poke's place.
         found: (n,) whether there was an answer.
     """
 
     taxels: Int[np.ndarray, "n w"]
     shares: Float[np.ndarray, "n w"]
-    axes: Float[np.ndarray, "n 3 2"]
+    origin: Int[np.ndarray, " n"]
     beside: Float[np.ndarray, "n 2"]
     covariance: Float[np.ndarray, "n 2 2"]
     found: Bool[np.ndarray, " n"]
 
-    def points(self, places: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "n 3"]:
-        """(n, 3) [m]."""
+    def points(self, units: Units) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3 2"]]:
+        """(n, 3) [m] for units where they are, and the axes of the tangent plane of each."""
+        places, normals = units.places()
+        axes = tangents(units, normals, self.origin)
         there = np.nan_to_num(places)[np.maximum(self.taxels, 0)]
-        return np.einsum("nw,nwc->nc", self.shares, there) + np.einsum("nca,na->nc", self.axes, self.beside)
+        return np.einsum("nw,nwc->nc", self.shares, there) + np.einsum("nca,na->nc", axes, self.beside), axes
+
+
+def tangents(
+    units: Units, normals: Float[np.ndarray, "k 3"], taxel: Int[np.ndarray, " n"]
+) -> Float[np.ndarray, "n 3 2"]:
+    """Axes of the tangent plane at taxels; on a module they turn with it, so that what lies in them stays."""
+    unit = np.maximum(units.layout.module[taxel], 0)
+    along = np.broadcast_to([1.0, 0.0, 0.0], (len(taxel), 3)) if units.alone else units.frame[unit, :, 0]
+    known = np.isfinite(normals[taxel]).all(axis=1)[:, None]
+    return frame_about(np.where(known, normals[taxel], [0.0, 0.0, 1.0]), along)[:, :, :2]
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +98,7 @@ class _Chart:
 
     taxels: Int[np.ndarray, "n w"]
     flat: Float[np.ndarray, "n w 2"]
-    axes: Float[np.ndarray, "n 3 2"]
+    origin: Int[np.ndarray, " n"]
     log: Float[np.ndarray, "n w"]  # of the answers, over the force; NaN: silent
     quiet: Float[np.ndarray, " n"]  # the same of the threshold
     found: Bool[np.ndarray, " n"]
@@ -102,7 +115,7 @@ def seen_among(pokes: Pokes, units: Units, response: Response) -> Seen:
     chart = _chart(pokes, units)
     mean, covariance = _posterior(chart, response)
     shares, beside = _shares(chart, mean)
-    return Seen(chart.taxels, shares, chart.axes, beside, covariance, chart.found)
+    return Seen(chart.taxels, shares, chart.origin, beside, covariance, chart.found)
 
 
 def learned(pokes: Pokes, units: Units, response: Response | None = None) -> Response:
@@ -152,7 +165,7 @@ def _guess(chart: _Chart) -> Response:
 
 
 def _picked(chart: _Chart, rows: Bool[np.ndarray, " n"]) -> _Chart:
-    same = ("taxels", "flat", "axes", "log", "quiet", "found")
+    same = ("taxels", "flat", "origin", "log", "quiet", "found")
     return replace(chart, **{name: getattr(chart, name)[rows] for name in same})
 
 
@@ -182,12 +195,10 @@ def _chart(pokes: Pokes, units: Units) -> _Chart:
     row[known] = np.arange(len(known))
     about = np.where(found[:, None], which[row[np.maximum(strongest, 0)]], -1)
     origin = np.maximum(strongest, 0)
-    frames = frame_about(
-        np.where(found[:, None], normals[origin], [0.0, 0.0, 1.0]), np.broadcast_to([1.0, 0.0, 0.0], (count, 3))
-    )
+    axes = tangents(units, normals, origin)
     away = np.where((about >= 0)[..., None], places[np.maximum(about, 0)] - places[origin][:, None], 0.0)
     away = np.nan_to_num(away)
-    flat = np.einsum("nwc,nca->nwa", away, frames[:, :, :2])
+    flat = np.einsum("nwc,nca->nwa", away, axes)
     length, long = np.linalg.norm(flat, axis=2), np.linalg.norm(away, axis=2)
     flat = flat * np.where(length > 0, long / np.maximum(length, 1e-12), 1.0)[..., None]
     facing = np.einsum("nwc,nc->nw", normals[np.maximum(about, 0)], np.nan_to_num(normals[origin])) > 0
@@ -199,7 +210,7 @@ def _chart(pokes: Pokes, units: Units) -> _Chart:
     with np.errstate(divide="ignore", invalid="ignore"):
         log = np.log(answers / force[:, None])
         quiet = np.log(max(pokes.threshold, float(np.quantile(pokes.response, 0.02)) if len(pokes.response) else 1.0) / force)
-    return _Chart(about, flat, frames[:, :, :2], log, np.nan_to_num(quiet), found, spacing)
+    return _Chart(about, flat, origin, log, np.nan_to_num(quiet), found, spacing)
 
 
 def _answers(pokes: Pokes, about: Int[np.ndarray, "n w"]) -> Float[np.ndarray, "n w"]:

@@ -18,7 +18,7 @@ from palpate.calibration.taxels.units import Units
 from palpate.sensors.pokes import Pokes
 from palpate.spatial.pose import skew
 
-__all__ = ["Solution", "information", "observed", "solve"]
+__all__ = ["Before", "Solution", "information", "observed", "solve"]
 
 TAIL = 5.0  # degrees of freedom of the residuals: pokes that fit badly count less
 _ROUNDS = 4  # in which the contacts are found anew, and more where taxels are alone
@@ -84,7 +84,7 @@ def solve(
         rounds: at most.
     """
     nuisances = Nuisances.none(max(pokes.configurations, 1))
-    before = _Before(units, start, deviations, Nuisances.deviations(priors, max(pokes.configurations, 1)))
+    before = Before(units, start, deviations, Nuisances.deviations(priors, max(pokes.configurations, 1)))
     response = learned(pokes, units, response)
     twist, noise, weight = _twist(pokes), 1.0, pokes.weight.copy()
     for turn in range(rounds * (3 if units.alone else 1)):
@@ -120,7 +120,7 @@ def information(
 ) -> Float[np.ndarray, "p p"]:
     """That of pokes about all unknowns, without what is believed before: units, then nuisances."""
     linear = _linear(pokes, units, seen, nuisances, twist)
-    zero = _Before(units, None, None, np.ones(len(nuisances.vector())))
+    zero = Before(units, None, None, np.ones(len(nuisances.vector())))
     return _normal(linear, weight, len(units), units.freedom, zero, pokes)[0]
 
 
@@ -132,11 +132,11 @@ def observed(
     deviations: Float[np.ndarray, " f"] | None = None,
 ) -> Float[np.ndarray, "p p"]:
     """The covariance that information leaves under the priors: the Bayesian Cramer-Rao bound where it is the truth's."""
-    before = _Before(units, None, deviations, Nuisances.deviations(priors, configurations))
+    before = Before(units, None, deviations, Nuisances.deviations(priors, configurations))
     return before.covariance(information)
 
 
-class _Before:
+class Before:
     """What is believed before a poke is made: precisions of all unknowns, and where units are believed to be."""
 
     def __init__(
@@ -187,11 +187,11 @@ def _linear(pokes: Pokes, units: Units, seen: Seen, nuisances: Nuisances, twist:
     Derivatives at the measured force and contact would hold the same noise as the residuals: their product does not
     vanish on average, and pulls gains towards 0, which slides everything (errors in variables).
     """
-    points = seen.points(units.places()[0])
+    points, axes = seen.points(units)
     said = predicted(pokes, points, nuisances)
     residual = pokes.wrench[:, 3:] - said.torque
     read = np.eye(6)[3:] - said.by_wrench  # from the noise of a wrench to the residual
-    beside = said.by_point @ seen.axes
+    beside = said.by_point @ axes
     force = pokes.wrench[:, :3]
     spread = read @ pokes.noise @ np.swapaxes(read, 1, 2) + beside @ seen.covariance @ np.swapaxes(beside, 1, 2)
     spread = spread + twist**2 * np.einsum("ni,nj->nij", force, force)
@@ -199,24 +199,29 @@ def _linear(pokes: Pokes, units: Units, seen: Seen, nuisances: Nuisances, twist:
     told = np.linalg.solve(spread, residual[..., None])
     noise = (pokes.noise @ np.swapaxes(read, 1, 2) @ told)[..., 0]
     off = (seen.covariance @ np.swapaxes(beside, 1, 2) @ told)[..., 0]  # how much further the contact was
-    likely = predicted(replace(pokes, wrench=pokes.wrench - noise), points + np.einsum("nij,nj->ni", seen.axes, off), nuisances)
-    unit, by_unit = _by_unit(units, seen, seen.beside + off, likely.by_point)
+    points = points + np.einsum("nij,nj->ni", axes, off)
+    likely = predicted(replace(pokes, wrench=pokes.wrench - noise), points, nuisances)
+    unit, by_unit = _by_unit(units, seen, (axes, seen.beside + off), likely.by_point)
     return _Linear(residual, spread, unit, by_unit, likely.by_nuisance)
 
 
 def _by_unit(
-    units: Units, seen: Seen, beside: Float[np.ndarray, "n 2"], by_point: Float[np.ndarray, "n 3 3"]
+    units: Units, seen: Seen, beside: tuple[np.ndarray, np.ndarray], by_point: Float[np.ndarray, "n 3 3"]
 ) -> tuple[Int[np.ndarray, "n w"], Float[np.ndarray, "n w 3 f"]]:
-    """Which units a contact hangs on, and the torque's derivative by their unknowns."""
+    """Which units a contact hangs on, and the torque's derivative by their unknowns.
+
+    `beside`: axes of the tangent plane (n, 3, 2) and what lies in it (n, 2) [m], which turns with a module.
+    """
+    axes, flat = beside
     about = np.maximum(seen.taxels, 0)
     unit = np.where(seen.shares != 0, units.layout.module[about], -1)
     by_place = units.jacobian()[about]
     if units.alone:
         return unit, np.einsum("nij,nw,nwjf->nwif", by_point, seen.shares, by_place)
     moved = np.einsum("nw,nwjf->njf", seen.shares, by_place)  # all on one module
-    turned = -skew(np.einsum("nca,na->nc", seen.axes, beside))
+    turned = -skew(np.einsum("nca,na->nc", axes, flat))
     if units.surface is not None:
-        turned = turned @ np.cross(seen.axes[:, :, 0], seen.axes[:, :, 1])[..., None]
+        turned = turned @ np.cross(axes[:, :, 0], axes[:, :, 1])[..., None]
     moved[..., -turned.shape[2] :] += turned
     return unit.max(axis=1, keepdims=True), (by_point @ moved)[:, None]
 
@@ -231,7 +236,7 @@ def _square(residual: Float[np.ndarray, "n 3"], spread: Float[np.ndarray, "n 3 3
 
 
 def _normal(
-    linear: _Linear, weight: Float[np.ndarray, " n"], units: int, freedom: int, before: _Before, pokes: Pokes
+    linear: _Linear, weight: Float[np.ndarray, " n"], units: int, freedom: int, before: Before, pokes: Pokes
 ) -> tuple[Float[np.ndarray, "p p"], Float[np.ndarray, " p"]]:
     """J' W J and J' W r of the pokes that count."""
     from palpate.calibration.taxels._normal import add_squares  # compiled: loaded when first needed
