@@ -24,12 +24,11 @@ from palpate.io.models import provenance, read_model
 from palpate.io.models.summary import of_taxels
 from palpate.io.poke_files import holds_pokes, read_pokes
 from palpate.io.rig import Rig, load_rig
-from palpate.io.rig.pokes import RigPokes, cells_layout, wrench_layout
+from palpate.io.rig.pokes import RigPokes, cells_layout, open_wrenches
 from palpate.io.rig.skin import RigSkin
 from palpate.io.taxel_files import SUFFIXES, read_taxel_places, write_taxel_places
 from palpate.sensors.intensity import Intensity
 from palpate.sensors.pokes import Pokes
-from palpate.sensors.recording import CELLS
 from palpate.sensors.taxel_modules import LAYOUTS, ModuleLayout
 from palpate.sensors.taxel_places import TaxelPlaces
 from palpate.surfaces import Surface
@@ -124,17 +123,17 @@ def _pokes(log: Path, rig: Rig, start: TaxelPlaces | None) -> Pokes:
         limits=None if limits is None else limits.six(),
         start=start,
     )
-    wrenches, frames = open_log(log, wrench_layout(rig)), open_log(log, cells_layout(rig))
+    (wrenches, pushed), frames = open_wrenches(log, rig), open_log(log, cells_layout(rig))
 
     def blocks() -> Iterator[Block]:
         done = 0
-        for block in frames.blocks():
-            done += len(block)
+        for time, values in frames.stored():
+            done += len(time)
             progress(done, frames.position / max(frames.size, 1))
-            yield block.time, block.channels[CELLS]
+            yield time, values
 
     with counting():
-        found = find_pokes(wrenches.blocks(), blocks(), search)
+        found = find_pokes(pushed, blocks(), search)
     torn = [said for said in (wrenches.torn, frames.torn) if said]
     said = dict.fromkeys((*torn, *wrenches.notes(), *frames.notes(), *found.notes))
     return replace(found, notes=tuple(said))

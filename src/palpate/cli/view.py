@@ -8,7 +8,8 @@ from typing import Annotated
 import numpy as np
 from tyro.conf import arg
 
-from palpate.cli.console import announce, counting, note, progress, title, wait
+from palpate.cli.console import announce, counting, lines, note, progress, title, wait
+from palpate.cli.evaluate_taxels import is_taxel_file
 from palpate.cli.interrupts import import_mesh_reader
 from palpate.cli.options import Log
 from palpate.cli.setup import Setup
@@ -18,15 +19,18 @@ from palpate.contact.taxel_estimator import TaxelEstimator
 from palpate.errors import InputError
 from palpate.io.contacts import contact_blocks, read_contacts
 from palpate.io.models import read_provenance
+from palpate.io.models.summary import of_taxels
 from palpate.io.pipeline import Pipeline
 from palpate.io.rig import Rig
 from palpate.io.rig.load_cells import RigLoadCells
 from palpate.io.rig.skin import rig_body
+from palpate.io.taxel_files import read_taxel_places
 from palpate.surfaces import Surface
 from palpate.viewer.layer import Layer
 from palpate.viewer.load_cells import LoadCellLayer
 from palpate.viewer.scene import Scene, prepare
 from palpate.viewer.server import require_viser, serve
+from palpate.viewer.taxel_page import serve_taxels
 from palpate.viewer.taxels import TaxelLayer
 
 __all__ = ["view"]
@@ -42,12 +46,16 @@ def view(
     """Show contacts on the body, with a timeline to scrub and play, in a browser; Ctrl-C ends it.
 
     Args:
-        log: a log of any sensor, which is estimated first, or what `palpate estimate` wrote, which is shown as it is.
+        log: a log of any sensor, which is estimated first, or what `palpate estimate` wrote, which is shown as it is;
+            or places of taxels, such as `palpate calibrate taxels` writes.
         setup: what is touched and how it is located.
         port: to serve at; the next free one if it is taken.
         host: address to serve at; the default can be reached from this machine only.
     """
     require_viser(host, port)  # before the work, not after it
+    if is_taxel_file(log):
+        _view_taxels(log, setup, host, port)
+        return
     rig = setup.load()
     import_mesh_reader()
     contacts = _written(log)
@@ -55,6 +63,27 @@ def view(
     title(f"{log}: {len(scene):,} samples")
     note(notes)
     serve(scene, host, port, up=lambda at: announce(f"open {at} in a browser; Ctrl-C ends it"))
+
+
+def _view_taxels(path: Path, setup: Setup, host: str, port: int) -> None:
+    """Where taxels sit, on the link of the rig, if there is one."""
+    rig = None if setup.rig is None and setup.mesh is None else setup.load()
+    import_mesh_reader()
+    places = read_taxel_places(path)
+    facts = of_taxels(places)
+    title(f"{path}: places of taxels")
+    lines(facts)
+    note(places.notes)
+    surface = None if rig is None else _body(rig)
+    serve_taxels(
+        places,
+        surface,
+        path.name,
+        facts,
+        host=host,
+        port=port,
+        up=lambda at: announce(f"open {at} in a browser; Ctrl-C ends it"),
+    )
 
 
 def _written(path: Path) -> Contacts | None:

@@ -124,7 +124,7 @@ def _held(
 
     On a surface C has two: what d has along the normal is the surface's own error.
     """
-    known = np.isfinite(covariance).all(axis=(1, 2))
+    known = np.asarray(np.isfinite(covariance).all(axis=(1, 2)))
     values, axes = np.linalg.eigh(np.where(known[:, None, None], covariance, np.eye(3)))
     free = values > _FLAT * values[:, -1:]
     known &= values[:, -1] > 0

@@ -21,7 +21,7 @@ from palpate.surfaces.mesh import UNITS
 __all__ = ["holds_pokes", "read_pokes"]
 
 _WHICH = ("configuration", "poke")
-_NOISE = np.diag([0.1, 0.1, 0.1, 5e-3, 5e-3, 5e-3]) ** 2  # N, N m: of a poke, where nothing says it
+_NOISE = np.diag([1e-2, 1e-2, 1e-2, 1e-3, 1e-3, 1e-3]) ** 2  # N, N m: of a mean, where nothing says it
 _TAXEL = re.compile(r"(?:t|taxel_?)(\d+)", re.IGNORECASE)
 
 
@@ -80,7 +80,6 @@ def read_pokes(path: str | Path, *, threshold: float = 0.0, noise: Float[np.ndar
         responses,
         noise=_NOISE if noise is None else noise,
         threshold=threshold,
-        notes=() if noise is not None else ("no noise is stated in the rig: 0.1 N and 5 N mm of a poke are taken",),
         **rest,
     )
 

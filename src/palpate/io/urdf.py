@@ -287,7 +287,6 @@ class Kinematics:
 
     Attributes:
         joints: whose positions [rad, m] are needed; those that mimic another are not, but what they follow is.
-        limited: those of them that cannot turn all the way.
 
     Raises:
         InputError: no such link, or pinocchio is not installed.
@@ -308,7 +307,7 @@ class Kinematics:
                     where=str(urdf.path),
                 )
         self.joints = tuple(dict.fromkeys(joint.mimics or joint.name for joint in chain))
-        self.limited = {name for name in self.joints if known[name].kind == "revolute"}
+        self._limited = [known[name].kind == "revolute" for name in self.joints]
         try:
             self._model = self._pin.buildModelFromUrdf(str(urdf.path))
         except Exception as problem:  # whatever its parser meets
@@ -325,9 +324,22 @@ class Kinematics:
             for joint in chain
         ]
 
+    def require_radians(self, values: Float[np.ndarray, "n k"], where: str) -> None:
+        """InputError where most positions of a joint that cannot turn all the way are more than a turn."""
+        if not len(values):
+            return
+        beyond = np.mean(np.abs(values) > 2 * np.pi, axis=0) > 0.5  # fewer may be faults
+        for k in np.flatnonzero(beyond & np.array(self._limited, dtype=bool)):
+            raise InputError(
+                f"joint {self.joints[k]!r} reads {values[0, k]:.4g}, more than a turn: is it in degrees?",
+                where=where,
+                hint="Positions of joints are in radians.",
+            )
+
     def poses(self, values: Float[np.ndarray, "n k"]) -> tuple[Float[np.ndarray, "n 4"], Float[np.ndarray, "n 3"]]:
         """Quaternions x, y, z, w and positions [m] of the sensor in the base, at positions of `joints`."""
         pin, model, data = self._pin, self._model, self._data
+        values, row_of = np.unique(values, axis=0, return_inverse=True)  # an arm that stays, stays in one pose
         rotation, shift = np.empty((len(values), 3, 3)), np.empty((len(values), 3))
         where = pin.neutral(model)
         base, sensor = self._frames
@@ -340,7 +352,7 @@ class Kinematics:
             pin.forwardKinematics(model, data, where)
             pose = pin.updateFramePlacement(model, data, base).actInv(pin.updateFramePlacement(model, data, sensor))
             rotation[k], shift[k] = pose.rotation, pose.translation
-        return quaternion_from_rotation(rotation), shift
+        return quaternion_from_rotation(rotation)[row_of], shift[row_of]
 
 
 def _shapes(link: Any, geometry: str) -> list[Any]:

@@ -18,7 +18,7 @@ from palpate.viewer.scene3d import Scene3D
 if TYPE_CHECKING:
     from viser import ViserServer
 
-__all__ = ["Page", "require_viser", "serve"]
+__all__ = ["Page", "address", "listen", "quiet", "require_viser", "serve"]
 
 TICK = 1 / 20  # s between two pictures
 PORTS = 100  # tried, where one is taken
@@ -65,7 +65,7 @@ class Page:
 
     def __init__(self, scene: Scene, host: str = "127.0.0.1", port: int = 8080) -> None:
         self.scene = scene
-        self._server = _listen(host, port)
+        self._server = listen(host, port)
         self._wake = threading.Condition()
         self._seconds = float(scene.timeline.clock[scene.opening])
         self.playing = self._stopping = self._stale = False
@@ -81,9 +81,7 @@ class Page:
     @property
     def address(self) -> str:
         """To open in a browser."""
-        host = self._server.get_host()
-        host = {"0.0.0.0": "127.0.0.1", "::": "[::1]"}.get(host, f"[{host}]" if ":" in host else host)
-        return f"http://{host}:{self._server.get_port()}"
+        return address(self._server)
 
     def seek(self, seconds: float) -> None:
         """Go to a time since the start of the log."""
@@ -114,7 +112,7 @@ class Page:
         """Close the page and free its port."""
         self._request(stopping=True)
         self._painter.join(timeout=5.0)
-        with _quiet():
+        with quiet():
             self._server.stop()
 
     def __enter__(self) -> Page:
@@ -161,7 +159,14 @@ class Page:
             self._panel.show(moment, seconds)
 
 
-def _listen(host: str, port: int) -> ViserServer:
+def address(server: ViserServer) -> str:
+    """Of a server's page, to open in a browser."""
+    host = server.get_host()
+    host = {"0.0.0.0": "127.0.0.1", "::": "[::1]"}.get(host, f"[{host}]" if ":" in host else host)
+    return f"http://{host}:{server.get_port()}"
+
+
+def listen(host: str, port: int) -> ViserServer:
     """A server on this port, or on the next one that is free."""
     require_viser(host, port)
     from viser import ViserServer
@@ -173,7 +178,7 @@ def _listen(host: str, port: int) -> ViserServer:
             """A stranger's page may ask for this by itself: nothing is shared with anybody's servers."""
             return None
 
-    with _quiet():
+    with quiet():
         return Local(host, _free(host, port), label="Palpate", verbose=False)
 
 
@@ -198,7 +203,7 @@ def _free(host: str, port: int) -> int:
 
 
 @contextmanager
-def _quiet() -> Generator[None]:
+def quiet() -> Generator[None]:
     """Viser announces itself on the screen; here the command speaks."""
     import rich
 

@@ -42,8 +42,8 @@ def _circle(
 ) -> tuple[float, Float[np.ndarray, "3 3"], Float[np.ndarray, "2"], float]:
     """Scatter of the distances from the axis that fits best, in squares of x^2 + y^2 = 2 a x + 2 b y + c."""
     flat = away @ frame[1:].T
-    solved: Any = np.linalg.lstsq(np.column_stack([2 * flat, np.ones(len(flat))]), (flat**2).sum(axis=1), rcond=None)
-    a, b, c = solved[0].tolist()
+    table = np.column_stack([2 * flat, np.ones(len(flat))])
+    a, b, c = (float(value) for value in np.linalg.pinv(table) @ (flat**2).sum(axis=1))
     centre = np.array([a, b])
     radius = float(np.sqrt(max(c + a * a + b * b, 1e-12)))
     return float(np.std(np.linalg.norm(flat - centre, axis=1))), frame, centre, radius

@@ -16,14 +16,15 @@ __all__ = ["Answers", "read_answers"]
 HEAD = 2048  # frames from which rest and noise are taken
 FEWEST = 16  # frames of a log
 ABOVE = 6.0  # deviations of noise that an answer stands above rest
-PIECE = 256  # frames in which a rest is taken as one
+PIECE = 64  # frames in which a rest is taken as one
+KEPT, OF_KEPT = 0.9, 0.789  # of steps, and what the deviation of a Gaussian is without the others
 SPARSE = 16  # frames of a piece from which its rest is followed
-DRIFT = 10.0  # s in which the rest of a taxel that does not answer is followed
+DRIFT = 3.0  # s in which the rest of a taxel that does not answer is followed
 STUCK = 0.9  # of all frames in which a taxel answers: it is no poke
 NEVER_BACK = 0.2  # of the log, at its end, through which a taxel answers without a pause
 FELL, FALLEN = 0.5, 0.25  # of a threshold below the first rest, and of the log so long: it was pressed when it began
 
-Block = tuple[Float[np.ndarray, " n"], np.ndarray]
+Block = tuple[Float[np.ndarray, "..."], np.ndarray]
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +76,9 @@ class _Reader:
     def __init__(self, threshold: float | None, top: float, falling: bool) -> None:
         self._given, self._top, self._sign = threshold, top, -1.0 if falling else 1.0
         self._head = list[tuple[np.ndarray, np.ndarray]]()
-        self._rest = self._first = self._delta = np.zeros(0)
+        self._rest: Float[np.ndarray, " k"] = np.zeros(0)
+        self._first: Float[np.ndarray, " k"] = np.zeros(0)
+        self._delta: Float[np.ndarray, " k"] = np.zeros(0)
         self._times, self._parts = list[np.ndarray](), list[tuple[np.ndarray, ...]]()
         self._count = self._back = self._unread = 0
         self._latest, self._started = -np.inf, False
@@ -105,6 +108,12 @@ class _Reader:
         time = np.concatenate(self._times)
         frame, taxel, above, highest = (np.concatenate(each) for each in zip(*self._parts, strict=True))
         stuck = _stuck(frame, taxel, len(time), len(self._rest))
+        if 2 * np.count_nonzero(stuck) > len(stuck):
+            raise InputError(
+                f"{np.count_nonzero(stuck)} of {len(stuck)} taxels answer nearly always, or never return to rest.",
+                where="frames",
+                hint="Is the threshold in the rig's [pokes] too low, or do readings fall under load (falling curves)?",
+            )
         kept = ~stuck[taxel]
         fell = self._first - self._rest > FELL * self._delta
         return Answers(
@@ -129,7 +138,8 @@ class _Reader:
         known = np.isfinite(cells).all(axis=1)
         if np.count_nonzero(known) < FEWEST:
             raise InputError("hardly any of the first frames of taxels can be read.", where="frames")
-        self._rest, noise = resting(cells[known], whole=whole)
+        self._rest, _ = resting(cells[known], whole=whole)
+        noise = _noise(cells[known], whole=whole)
         self._first = self._rest.copy()
         usual = ABOVE * float(np.median(noise))
         found = np.maximum(ABOVE * noise, usual)
@@ -151,7 +161,7 @@ class _Reader:
         """Answers of some frames, against one rest; then the rest follows those that do not answer."""
         limit = self._rest + self._delta
         rising, kind = self._sign > 0, values.dtype
-        hit = values > _as(limit, kind) if rising else values < _as(-limit, kind)
+        hit = values > _as(np.floor(limit), kind) if rising else values < _as(np.ceil(-limit), kind)
         rows = np.flatnonzero(hit.any(axis=1))
         row, taxel = np.nonzero(hit[rows])
         row = rows[row]
@@ -184,11 +194,19 @@ class _Reader:
 
 
 def _as(limit: Float[np.ndarray, " k"], kind: np.dtype) -> np.ndarray:
-    """A bound in the type of the readings, so that they need not be converted; between whole numbers it is one."""
+    """A bound in the type of the readings, so that they need not be converted."""
     if kind.kind in "iu":
         ends = np.iinfo(kind)
-        return np.clip(np.rint(limit), ends.min, ends.max).astype(kind)
+        return np.clip(limit, ends.min, ends.max).astype(kind)
     return limit.astype(kind)
+
+
+def _noise(cells: Float[np.ndarray, "n k"], *, whole: bool) -> Float[np.ndarray, " k"]:
+    """Of each taxel by the steps from frame to frame, without the tenth that is largest: touches are in it."""
+    steps = np.sort(np.abs(np.diff(cells, axis=0)), axis=0)[: max(1, int(KEPT * (len(cells) - 1)))]
+    spread = np.sqrt((steps**2).mean(axis=0) / 2.0) / OF_KEPT
+    least = 12**-0.5 if whole else 1e-9 + 1e-3 * float(spread.max())  # of what is rounded steps tell too little
+    return np.hypot(spread, least)
 
 
 def _stuck(

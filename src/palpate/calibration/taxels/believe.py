@@ -19,9 +19,10 @@ LIGHT = 5.0  # deviations of noise that a poke's force is at least
 PITCH = 3.5  # usual pitches of a wrench that are not doubted
 APART = 3.0  # usual distances of neighbours between two areas
 SHARE = 0.2  # of all answers that a second area has at least
-TOGETHER = 0.05  # of the answers of the rarer of two taxels that both give, where they are neighbours
+TOGETHER = 0.2  # of the answers of the rarer of two taxels that both give, where they are neighbours
 SEEN = 4  # pokes that a taxel answers to before it is known what answers with it
 MOST = 6_000  # taxels of whose pairs a table is kept
+LEVER = 0.1  # m, by which errors of force are those of torque
 FEWEST = 8  # pokes from which a usual pitch is known
 
 
@@ -62,7 +63,7 @@ def believed(
     weight = weight * pitched
     if not (weight > 0).any():
         raise InputError(f"no poke is left: {'; '.join(said)}.", where="pokes")
-    return replace(pokes, weight=weight, notes=(*pokes.notes, *said))
+    return replace(pokes, weight=weight, notes=(*pokes.notes, *said), noise=pokes.noise + _of_touch(pokes, weight > 0))
 
 
 def _pitch_weights(
@@ -83,6 +84,32 @@ def _pitch_weights(
     ratio = pitch / (PITCH * np.hypot(usual, noise) + 1e-12)
     doubted = used & (ratio > 1.0)
     return np.where(doubted, 1.0 / np.maximum(ratio, 1.0) ** 2, 1.0), doubted
+
+
+def _of_touch(pokes: Pokes, used: Bool[np.ndarray, " n"]) -> Float[np.ndarray, "6 6"]:
+    """What touches scatter beside the sensor's noise, as of friction: from their torque along the force.
+
+    Of t = F . M / |F|, which is 0 for a push without torsion, var t = told by the noise + s^2 (1 + |M|^2 / (|F| L)^2),
+    for errors of torque s and of force s / L; the median of t^2 over pokes gives s. Cross-talk makes t a form of second
+    degree in the wrench, over |F|: where pokes are many, what such a form explains is taken off first, but for
+    F_i M_i, of which F . M itself is made.
+    """
+    force, torque = pokes.wrench[used, :3], pokes.wrench[used, 3:]
+    if len(force) < FEWEST:
+        return np.zeros((6, 6))
+    size = np.linalg.norm(force, axis=1, keepdims=True)
+    slope = np.concatenate([torque, force], axis=1) / size
+    told = np.einsum("ni,ij,nj->n", slope, pokes.noise, slope)
+    along = (force * torque).sum(axis=1) / size[:, 0]
+    wrench = np.concatenate([force, torque / LEVER], axis=1)
+    one, other = np.array([[*pair] for pair in zip(*np.triu_indices(6), strict=True) if pair[1] - pair[0] != 3]).T
+    if len(force) >= 3 * len(one):
+        forms: Float[np.ndarray, "n f"] = wrench[:, one] * wrench[:, other] / size
+        left: Float[np.ndarray, " n"] = along - forms @ (np.linalg.pinv(forms, rcond=1e-9) @ along)
+        along = left * np.sqrt(len(force) / (len(force) - len(one)))
+    more = (along**2 / 0.455 - told) / (1.0 + (torque**2).sum(axis=1) / (size[:, 0] * LEVER) ** 2)
+    square = max(float(np.quantile(more, 0.5)), 0.0)
+    return square * np.diag([LEVER**-2] * 3 + [1.0] * 3)
 
 
 def _far_apart(pokes: Pokes, start: TaxelPlaces) -> Bool[np.ndarray, " n"]:
@@ -118,11 +145,13 @@ def _never_together(pokes: Pokes) -> Bool[np.ndarray, " n"]:
         rarer = np.minimum(single[taxels][:, None], single)
         others = counts[taxels].copy()
         others[:, taxels] -= 1  # without this poke
-        near = others > np.maximum(TOGETHER * rarer, 0)
-        near[:, taxels] |= single[taxels] < SEEN  # one that hardly answers elsewhere tells nothing
-        near |= (single[taxels] < SEEN)[:, None]
-        reach = near.astype(np.float32)
-        return (reach @ reach.T > 0) | near[:, taxels]
+        near = (others > TOGETHER * rarer).astype(np.float32)
+        near[np.arange(len(taxels)), taxels] = 1.0
+        found = near @ near.T > 0
+        rare = single[taxels] < SEEN  # what hardly answers elsewhere tells nothing: it joins any part, and joins none
+        found[:, rare] = True
+        found[rare] = False
+        return found
 
     return _split(pokes, beside)
 
@@ -138,6 +167,8 @@ def _split(pokes: Pokes, beside: Callable[[np.ndarray], np.ndarray]) -> Bool[np.
         near = beside(taxels)
         part, reached = np.zeros(len(taxels), dtype=bool), np.zeros(len(taxels), dtype=bool)
         part[int(np.argmax(response))] = True
+        if not near[part].any():  # nothing is known of the strongest
+            continue
         while (part != reached).any():
             reached = part
             part = reached | near[reached].any(axis=0)

@@ -28,6 +28,7 @@ LEAST = 5  # samples of a mean
 GAP = 0.25  # s without frames that end a poke
 TURNED, SHIFTED = np.radians(0.5), 2e-3  # rad, m: an arm that moves less stays
 NEAREST = 3  # pokes before and behind that a rest may be taken over from
+AROUND = 4  # means of free motion before and behind that one is compared with
 OUTLYING = 6.0  # deviations of a mean of free motion from the others': something touched
 FEW = 4  # pokes in each stretch in which the arm stays, on average, or poses are what counts
 NULLS = 12  # pairs of free means from which their scatter is taken
@@ -239,14 +240,14 @@ def _free(samples: _Samples, active: Float[np.ndarray, "q 2"]) -> _Free:
 
 
 def _untouched(free: _Free) -> _Free:
-    """Without those in which something touched although no taxel answered: they are far from the others around."""
-    force = free.mean[:, :3]
-    kept = np.ones(len(force), dtype=bool)
-    for group in _groups(free.mean):
-        if len(group) < 8:
-            continue
-        off = np.linalg.norm(force[group] - np.median(force[group], axis=0), axis=1)
-        kept[group] = off <= OUTLYING * max(1.4826 * float(np.median(off)), 1e-9)
+    """Without those in which something touched although no taxel answered: they are far from those around them."""
+    off = np.zeros(len(free.time))
+    for k in range(len(off)):
+        around = slice(max(0, k - AROUND), k + AROUND + 1)
+        same = free.mean[around][_apart(free.mean[around], free.mean[k]) <= 1.0]
+        off[k] = np.linalg.norm(free.mean[k, :3] - np.median(same[:, :3], axis=0))
+    usual = 1.4826 * float(np.median(off[off > 0])) if (off > 0).any() else 0.0
+    kept = off <= max(OUTLYING * usual, 1e-9)
     return _Free(*(each[kept] for each in (free.time, free.mean, free.count, free.gap, free.ends)))
 
 
@@ -257,7 +258,7 @@ def _spread(mean: Float[np.ndarray, "16"]) -> float:
     return max(turned / TURNED, shifted / SHIFTED)
 
 
-def _apart(one: Float[np.ndarray, "*n 16"], other: Float[np.ndarray, "16"]) -> np.ndarray:
+def _apart(one: Float[np.ndarray, "n 16"], other: Float[np.ndarray, "16"]) -> np.ndarray:
     """How far poses are from another one, in parts of what counts as staying."""
     cosine = (
         np.abs(one[..., 6:10] @ other[6:10]) / np.linalg.norm(one[..., 6:10], axis=-1) / np.linalg.norm(other[6:10])
@@ -330,6 +331,7 @@ def _noise(samples: _Samples, free: _Free, spans: Float[np.ndarray, "n 2"]) -> F
     pieces = [samples.wrench[slice(*ends[k])] for k in longest.tolist()]
     pieces = [piece[np.isfinite(piece).all(axis=1)] for piece in pieces]
     pieces = [piece - piece.mean(axis=0) for piece in pieces if len(piece) >= LEAST]
+    pieces = sorted(pieces, key=lambda piece: float(piece.var(axis=0)[:3].sum()))[: len(pieces) // 2 + 1]  # no motion
     freedom = max(sum(len(piece) - 1 for piece in pieces), 1)
     single = sum((piece.T @ piece for piece in pieces), np.zeros((6, 6))) / freedom
     tau = float(np.median([correlation_time(piece).mean() for piece in pieces])) if pieces else 1.0
@@ -380,7 +382,7 @@ def _configurations(
     moved = np.zeros(len(rows), dtype=bool)
     for k in range(1, len(rows)):
         between, count = samples.window(spans[k - 1, 1], spans[k, 0])
-        moved[k] = float(_apart(rows[k], rows[k - 1])) > 1.0 or (count > 0 and _spread(between) > 1.0)
+        moved[k] = float(_apart(rows[k : k + 1], rows[k - 1])[0]) > 1.0 or (count > 0 and _spread(between) > 1.0)
     if np.count_nonzero(moved) + 1 <= max(len(rows) / FEW, 1):
         return np.cumsum(moved)
     configuration = np.zeros(len(rows), dtype=np.int64)

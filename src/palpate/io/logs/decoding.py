@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float, Int
 from palpate.io.logs.cursor import Cursor, taken
 from palpate.io.logs.log import Messages, Topic
 
-__all__ = ["ARRAYS", "FIXED", "IMAGE", "Kind", "decode", "has_header", "role", "seconds", "shape_of"]
+__all__ = ["ARRAYS", "FIXED", "IMAGE", "Kind", "decode", "decode_array", "has_header", "role", "seconds", "shape_of"]
 
 
 @dataclass(frozen=True)
@@ -131,13 +131,24 @@ def _fixed(cursor: Cursor, kind: Kind) -> tuple[np.ndarray, np.ndarray]:
     return stamps, values
 
 
-def _array(cursor: Cursor, code: str, shape: tuple[int, ...]) -> np.ndarray:
+def decode_array(messages: Messages, topic: Topic, shape: tuple[int, ...]) -> tuple[np.ndarray, Bool[np.ndarray, " n"]]:
+    """Numbers of arrays in the type in which they are stored, and which messages could be read."""
+    cursor = Cursor(messages, topic.encoding)
+    return _stored(cursor, ARRAYS[topic.kind], shape), cursor.sound
+
+
+def _stored(cursor: Cursor, code: str, shape: tuple[int, ...]) -> np.ndarray:
     """Numbers behind dimensions, which say nothing more, and behind as many others as the offset says."""
     count = int(np.prod(shape))
     cursor.dimensions()
     offset, held = cursor.number(), cursor.number()
     cursor.sound &= held == offset + count
-    values = cursor.numbers(code, count, np.where(cursor.sound, offset, 0))
+    return cursor.numbers(code, count, np.where(cursor.sound, offset, 0))
+
+
+def _array(cursor: Cursor, code: str, shape: tuple[int, ...]) -> np.ndarray:
+    """As float64; NaN of messages that cannot be read."""
+    values = _stored(cursor, code, shape)
     with np.errstate(invalid="ignore"):  # bytes make NaNs of which arithmetic warns
         values = values.astype(np.float64, copy=False)
     values[~cursor.sound] = np.nan

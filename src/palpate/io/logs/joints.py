@@ -20,7 +20,6 @@ __all__ = ["JOINTS", "JointPoses", "joint_names", "joint_positions", "joint_stam
 JOINTS = "sensor_msgs/JointState"
 _LAYOUTS = 64  # different lists of names in some messages: more are no robot's
 _MOST = 1000  # joints of a message
-_MOST_BEYOND = 0.5  # of some messages: fewer may be faults
 
 Read = tuple[Int[np.ndarray, " n"], Float[np.ndarray, "n k"], Bool[np.ndarray, " n"], Bool[np.ndarray, " n"]]
 
@@ -121,23 +120,11 @@ class JointPoses:
         self._lacks |= dict.fromkeys(joints[k] for k in lacks.tolist())
         self._lacking += int(np.count_nonzero(absent))
         good = np.flatnonzero(sound & concerned & known)
-        self._require_radians(values[good])
+        self._kinematics.require_radians(values[good], topic.name)
         self._used += len(good)
         if len(good):
             time = seconds(stamp if self._stamped else own.time)[good]
             self.track.add(time, *self._kinematics.poses(values[good]))
-
-    def _require_radians(self, values: Float[np.ndarray, "n k"]) -> None:
-        """InputError where most positions of a joint that cannot turn all the way are more than a turn."""
-        beyond = np.mean(np.abs(values) > 2 * np.pi, axis=0) > _MOST_BEYOND if len(values) else np.zeros(0)
-        for k in np.flatnonzero(beyond):
-            name = self._kinematics.joints[k]
-            if name in self._kinematics.limited:
-                raise InputError(
-                    f"joint {name!r} of {self.topics[0].name!r} reads {values[0, k]:.4g}, more than a turn: is it in "
-                    "degrees?",
-                    hint="Joint states are in radians.",
-                )
 
     def notes(self) -> tuple[str, ...]:
         """How the sensor was found in the base, and what was odd."""

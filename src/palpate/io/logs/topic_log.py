@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from palpate.errors import InputError
-from palpate.io.logs.decoding import decode, has_header, seconds
+from palpate.io.logs.decoding import ARRAYS, decode, decode_array, has_header, seconds
 from palpate.io.logs.joints import JointPoses, joint_stamps, joint_topic
 from palpate.io.logs.layout import ArrayChannel, Layout
 from palpate.io.logs.log import Log, LogContents, Messages, Source, Topic
@@ -59,6 +59,7 @@ class TopicLog(Log):
         super().__init__(path, source.size)
         self._layout, self._source = layout, source
         self._join: _Join | None = None
+        self._main: _Stream | None = None
         self._frames: Frames | None = None
         self._unsure = list[str]()  # topics of poses, none of which was named
 
@@ -80,6 +81,18 @@ class TopicLog(Log):
         if not join.rows:
             name = main.topic.name
             raise InputError(f"topic {name!r} has no messages.", where=str(self.path), hint=sentence(self.torn))
+
+    def stored(self) -> Iterator[tuple[Float[np.ndarray, " n"], np.ndarray]]:
+        """See `palpate.io.logs.log.Log`."""
+        array, topic = main_channel(self._layout), self._chosen()["main"]
+        if array is None or topic.kind not in ARRAYS or array.scale != 1.0:
+            yield from super().stored()
+            return
+        main = self._main = _Stream(topic, self._source, array)
+        for messages in self._source.messages([topic.name]):
+            self.position = self._source.position
+            yield main.stored(messages)
+        self.torn = self._source.torn
 
     def poses(self) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, "k 7"]]:
         """Stamps [s] as recorded, without the layout's offset, and positions [m] and quaternions of the sensor.
@@ -110,6 +123,7 @@ class TopicLog(Log):
     def notes(self) -> tuple[str, ...]:
         """See `palpate.io.logs.log.Log`."""
         unsure, joined = self._unsure, () if self._join is None else self._join.notes()
+        joined = (*joined, *(() if self._main is None else self._main.notes()))
         several = f"{len(unsure)} topics hold poses, and none is taken: {', '.join(unsure)}; [orientation] may name one"
         return (*self._source.notes(), *([several] if unsure else []), *joined)
 
@@ -156,6 +170,14 @@ class _Stream:
         if not self._stamped:
             return seconds(messages.time), values
         return np.where(sound, seconds(stamps), np.nan), values
+
+    def stored(self, messages: Messages) -> tuple[Float[np.ndarray, " n"], np.ndarray]:
+        """Times [s] and numbers of an array as they are stored, of those messages that can be read."""
+        messages = messages.of(self.topic)
+        values, sound = decode_array(messages, self.topic, self._shape)
+        self.count += len(sound)
+        self.unread += int(np.count_nonzero(~sound))
+        return seconds(messages.time[sound]), values if sound.all() else values[sound]
 
     def notes(self) -> tuple[str, ...]:
         """What was odd."""

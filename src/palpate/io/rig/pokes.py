@@ -2,23 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from math import radians
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from palpate.errors import InputError
-from palpate.io.logs.layout import Layout
+from palpate.io.logs import Log, contents, open_log
+from palpate.io.logs.layout import ArrayChannel, Layout
 from palpate.io.logs.topics import NONE
 from palpate.io.rig.surface import RigPose
 from palpate.io.rig.tables import require_path, require_positive
 from palpate.io.schema import INFINITE
+from palpate.io.urdf import Kinematics, Urdf
+from palpate.sensors.recording import ORIENTATION, POSITION, Recording
 
 if TYPE_CHECKING:
     from palpate.io.rig.rig import Rig
 
-__all__ = ["RigPokes", "RigPriors", "cells_layout", "wrench_layout"]
+__all__ = ["RigPokes", "RigPriors", "cells_layout", "open_wrenches", "wrench_layout"]
+
+_JOINTS = "joints"
 
 
 @dataclass(frozen=True)
@@ -57,8 +64,9 @@ class RigPokes:
     """The link in the sensor's frame, and what pokes start from.
 
     `sensor` and `link` are frames of /tf, or links of a `urdf` that is moved by the `joints` of a topic of joint
-    states. Else `columns` (quaternion x, y, z, w) and `position` of a table, a `topic` of poses, or a `pose` that stays
-    say where the link is in the sensor's frame. `offset` and `max_gap` [s] are as in [orientation].
+    states, or by columns of their names in a table. Else `columns` (quaternion x, y, z, w) and `position` of a table, a
+    `topic` of poses, or a `pose` that stays say where the link is in the sensor's frame. `offset` and `max_gap` [s] are
+    as in [orientation].
 
     `threshold`: a taxel answers where it stands so far above its rest; found where it is left out. `layout` of the
     modules: a name such as "ring12", or a file of taxels; `start`: a file of where taxels are thought to be (CAD).
@@ -130,6 +138,36 @@ def wrench_layout(rig: Rig) -> Layout:
         offset=table.offset,
         max_gap=table.max_gap,
     )
+
+
+def open_wrenches(path: Path, rig: Rig) -> tuple[Log, Iterator[Recording]]:
+    """A log and its blocks of wrenches, each with the link in the sensor's frame where the log says it.
+
+    Of a table with a `urdf`, the joints between sensor and link are columns of their names [rad].
+
+    Raises:
+        InputError: the log cannot be read, or a joint is missing or in degrees.
+    """
+    layout = wrench_layout(rig)
+    if layout.urdf is None or layout.frames is None or not contents(path).names:
+        log = open_log(path, layout)
+        return log, log.blocks()
+    kinematics = Kinematics(Urdf(layout.urdf), *layout.frames)
+    joints = ArrayChannel(_JOINTS, (len(kinematics.joints),), kinematics.joints, table="pokes")
+    log = open_log(path, replace(layout, frames=None, urdf=None, joints_topic=None, arrays=(joints,)))
+    return log, (_posed(block, kinematics) for block in log.blocks())
+
+
+def _posed(block: Recording, kinematics: Kinematics) -> Recording:
+    """With poses in place of joints."""
+    values = block.channels[_JOINTS]
+    known = np.isfinite(values).all(axis=1)
+    kinematics.require_radians(values[known], block.source)
+    quaternion, position = np.full((len(block), 4), np.nan), np.full((len(block), 3), np.nan)
+    if known.any():
+        quaternion[known], position[known] = kinematics.poses(values[known])
+    kept = {name: each for name, each in block.channels.items() if name != _JOINTS}
+    return replace(block, channels={**kept, ORIENTATION: quaternion, POSITION: position})
 
 
 def cells_layout(rig: Rig) -> Layout:
