@@ -142,8 +142,9 @@ def _together(
         begun = None if start is None else fitted(layout, start.positions, surface)
         units = begun or _found(pokes, layout, surface)
     else:
-        begun = None if start is None else single(start.positions, surface)
-        units = begun or single(_guessed(pokes, surface)[0], surface)
+        points, outward, _ = _guessed(pokes, surface)
+        begun = None if start is None else single(start.positions, surface, _facing(start.normals, outward))
+        units = begun or single(points, surface, outward)
     deviations = None if begun is None else units.each(priors.start, priors.start_angle)
     solution = solve(pokes, units, priors, start=begun, deviations=deviations)
     places = _placed(pokes, solution)
@@ -158,16 +159,22 @@ def _together(
 
 def _guessed(
     pokes: Pokes, surface: Surface | None
-) -> tuple[Float[np.ndarray, "k 3"], Float[np.ndarray, " k"]]:
-    """Places by the paper's way, and how many answers each is made of."""
+) -> tuple[Float[np.ndarray, "k 3"], Float[np.ndarray, "k 3"], Float[np.ndarray, " k"]]:
+    """Places by the paper's way, outward directions against the forces, and how many answers each is made of."""
     equations = paper.normal_equations(pokes, weighted=True)
     points = paper.free(equations) if surface is None else paper.on_surface(equations, surface)
-    return points, equations.weight
+    return points, -equations.pressing, equations.weight
+
+
+def _facing(normals: Float[np.ndarray, "k 3"], outward: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "k 3"]:
+    """Normals where they are known, else outward; where neither is, that of the others."""
+    found = np.where(np.isfinite(normals).all(axis=1, keepdims=True), normals, outward)
+    return np.where(np.abs(found).max(axis=1, keepdims=True) > 0, found, found.sum(axis=0) + [0.0, 0.0, 1e-12])
 
 
 def _found(pokes: Pokes, layout: ModuleLayout, surface: Surface | None) -> Units:
     """Modules from nothing: laid where the paper's way puts their taxels."""
-    points, weight = _guessed(pokes, surface)
+    points, _, weight = _guessed(pokes, surface)
     known = np.isfinite(points).all(axis=1) & np.isfinite(layout.places).all(axis=1) & (layout.module >= 0)
     count = np.bincount(layout.module[known], minlength=layout.modules)
     lacking = [str(number) for number in np.flatnonzero(count < FEWEST).tolist()]
