@@ -33,7 +33,7 @@ from palpate.sensors.taxel_modules import LAYOUTS, ModuleLayout
 from palpate.sensors.taxel_places import TaxelPlaces
 from palpate.surfaces import Surface
 
-__all__ = ["calibrate_taxels_command"]
+__all__ = ["calibrate_taxels_command", "found_pokes"]
 
 METHOD = Literal["modules", "taxels", "surface", "weighted", "free"]
 
@@ -76,7 +76,7 @@ def calibrate_taxels_command(
         import_mesh_reader()
     surface = None if setup.surface is None else setup.surface.load(setup.folder)
     places = None if begun is None else read_taxel_places(begun)
-    pokes = _pokes(log, setup, places)
+    pokes = found_pokes(log, setup, places)
     modules, said = _layout(layout, setup, places, pokes) if method == "modules" else (None, [])
     wait("loading the compiled loops (the first time they are compiled, which takes a while) ...")
     found = calibrate_taxels(
@@ -104,8 +104,12 @@ def _over(table: RigPokes, threshold: float | None) -> RigPokes:
         raise InputError(f"{problem}.", where="--threshold") from problem
 
 
-def _pokes(log: Path, rig: Rig, start: TaxelPlaces | None) -> Pokes:
-    """Out of a table of pokes, or found in a log."""
+def found_pokes(log: Path, rig: Rig, start: TaxelPlaces | None) -> Pokes:
+    """Out of a table of pokes, or found in a log.
+
+    Raises:
+        InputError: the log cannot be read, or nothing in it can be used.
+    """
     table, noise = rig.pokes or RigPokes(), rig.force_torque.noise
     if holds_pokes(list(contents(log).names)):
         covariance = None if noise is None else np.diag(noise.six() ** 2)
