@@ -15,6 +15,7 @@ from palpate.errors import InputError, NotIdentifiable
 from palpate.sensors.pokes import Pokes
 from palpate.sensors.taxel_modules import ModuleLayout
 from palpate.sensors.taxel_places import TaxelPlaces
+from palpate.spatial.pose import quaternion_from_rotation
 from palpate.surfaces.surface import Surface
 
 __all__ = ["METHODS", "TaxelCalibration", "calibrate_taxels"]
@@ -187,7 +188,22 @@ def _placed(pokes: Pokes, solution: Solution) -> TaxelPlaces:
         normals = np.where(np.isfinite(points), normals, np.nan)
     absolute, relative = spreads(units, solution.covariance)
     module = np.where(np.isfinite(points).all(axis=1), -1 if units.alone else units.layout.module, -1)
-    return TaxelPlaces(points, normals, absolute, module, pokes.counts(), relative, solution.response.reach)
+    noise = np.sqrt(np.diag(pokes.noise)) * solution.noise
+    reach = solution.response.reach
+    return TaxelPlaces(points, normals, absolute, module, pokes.counts(), relative, reach, _poses(pokes), noise)
+
+
+def _poses(pokes: Pokes) -> Float[np.ndarray, "d 8"]:
+    """The pose of each configuration, and how many pokes were believed in it."""
+    found = np.zeros((pokes.configurations, 8))
+    for number in range(pokes.configurations):
+        rows = np.flatnonzero((pokes.configuration == number) & (pokes.weight > 0))
+        if len(rows):
+            middle = rows[len(rows) // 2]
+            found[number, :3] = pokes.origin[middle]
+            found[number, 3:7] = quaternion_from_rotation(pokes.rotation[middle])
+            found[number, 7] = len(rows)
+    return found[found[:, 7] > 0]
 
 
 def spreads(

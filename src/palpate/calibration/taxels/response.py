@@ -29,6 +29,7 @@ LEFT = 2.5  # deviations about the mean that are searched again
 UNEVEN = 0.25  # deviation of the log of a poke's level: force and tool are not always alike
 ROUGH = 0.3  # deviation of the log of a response that is as large as the threshold, from rounding and noise
 QUIET = 0.05  # share of an answering taxel's say in where the poke was, for one that was silent
+SHARED = 0.3e-3  # m: what the model leaves out is alike for all pokes about a taxel, and does not average out
 _ENOUGH = 30  # pokes of which the model is learned
 _ROUNDS = 4
 _LEAST = 0.05  # of the scatter
@@ -114,6 +115,8 @@ def seen_among(pokes: Pokes, units: Units, response: Response) -> Seen:
     """Mean and covariance of where each poke was, by the answers, for taxels where the units have them."""
     chart = _chart(pokes, units)
     mean, covariance = _posterior(chart, response)
+    alike = np.bincount(chart.origin[chart.found], minlength=pokes.taxels)[chart.origin]
+    covariance = covariance + SHARED**2 * alike[:, None, None] * np.eye(2)
     shares, beside = _shares(chart, mean)
     return Seen(chart.taxels, shares, chart.origin, beside, covariance, chart.found)
 
