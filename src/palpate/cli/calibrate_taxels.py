@@ -111,11 +111,10 @@ def _place(path: Path, rig: Rig, method: str, layout: str | None, rest: tuple[Pa
     places = read_taxel_places(path)
     modules, said = _layout(layout, rig, places, None)
     found = place_modules(places, modules, surface)
-    moved = 1e3 * np.linalg.norm(found.places.positions - places.positions, axis=1)[found.places.there & places.there]
     record = provenance({"places": path, "rig": rig_file}, {"method": method, "layout": layout})
     write_taxel_places(output, replace(found.places, provenance=record, notes=(*found.places.notes, *found.notes)))
     title(f"{path} -> {output}")
-    lines([*of_taxels(found.places), ("moved", f"{moved.mean():.2f} mm mean, {moved.max():.2f} mm worst")])
+    lines(of_taxels(found.places))
     note([*said, *found.notes])
     note(found.doubts, kind="warning")
 
