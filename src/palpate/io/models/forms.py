@@ -102,7 +102,8 @@ def _taxel_places_keys(places: TaxelPlaces) -> dict[str, Any]:
     numbers = [places.module, places.pokes, places.relative]
     table = [places.positions, places.normals, *(each[:, None] for each in numbers)]
     table = np.concatenate([*table, places.covariance[:, _UPPER[0], _UPPER[1]]], axis=1)
-    return {name: getattr(places, name) for name in ("reach", "noise", "notes", "configurations", "provenance")} | {"taxels": table}
+    same = ("reach", "noise", "notes", "configurations", "provenance")
+    return {name: getattr(places, name) for name in same} | {"taxels": table}
 
 
 FORMS: Mapping[type, Form] = {
