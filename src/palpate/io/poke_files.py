@@ -80,7 +80,8 @@ def read_pokes(path: str | Path, *, threshold: float = 0.0, noise: Float[np.ndar
         responses,
         noise=_NOISE if noise is None else noise,
         threshold=threshold,
-        **rest,
+        weight=rest.get("weight"),
+        time=rest.get("time"),
     )
 
 

@@ -90,7 +90,8 @@ class Pokes(Value):
         """
         above = responses > threshold
         poke, taxel = np.nonzero(above)
-        count, taxels = responses.shape
+        count, taxels = len(responses), responses.shape[1]
+        alike, unknown = np.ones(count), np.full(count, np.nan)
         starts = np.concatenate([[0], np.cumsum(above.sum(axis=1))])
         return cls(
             np.asarray(wrench),
@@ -102,8 +103,8 @@ class Pokes(Value):
             responses[poke, taxel],
             taxels,
             noise=np.asarray(noise),
-            weight=np.ones(count) if weight is None else weight,
-            time=np.full(count, np.nan) if time is None else time,
+            weight=alike if weight is None else weight,
+            time=unknown if time is None else time,
             threshold=threshold,
             notes=notes,
         )

@@ -69,7 +69,7 @@ class TaxelPlaces(Value):
     @property
     def there(self) -> Bool[np.ndarray, " k"]:
         """(k,) at which numbers there is a taxel."""
-        return np.isfinite(self.positions).all(axis=1)
+        return np.asarray(np.isfinite(self.positions).all(axis=1), dtype=bool)
 
     @property
     def modules(self) -> int:

@@ -33,8 +33,8 @@ def nearest_in_metric(
 
     values, axes = np.linalg.eigh(matrix)
     values = np.maximum(values, LEAST * values[:, -1:])
-    raised = np.einsum("kia,ka,kja->kij", axes, values, axes)
-    centre = np.linalg.solve(raised, vector[..., None])[..., 0]
+    raised: Float[np.ndarray, "k 3 3"] = np.einsum("kia,ka,kja->kij", axes, values, axes)
+    centre = np.einsum("kij,kj->ki", np.linalg.inv(raised), vector)
     drawn = surface.drawn()
     facets = ~drawn.covered
     corners = np.ascontiguousarray(drawn.vertices[drawn.faces[facets]])
@@ -60,9 +60,8 @@ def _refined(
         first /= np.linalg.norm(first, axis=1, keepdims=True)
         tangents = np.stack([first, np.cross(normals, first)], axis=2)
         downhill = vector - np.einsum("kij,kj->ki", matrix, points)
-        small = np.einsum("kia,kij,kjb->kab", tangents, matrix, tangents)
-        step = np.linalg.solve(small, np.einsum("kia,ki->ka", tangents, downhill)[..., None])
-        moved = np.einsum("kia,ka->ki", tangents, step[..., 0])
+        small: Float[np.ndarray, "k 2 2"] = np.einsum("kia,kij,kjb->kab", tangents, matrix, tangents)
+        moved = np.einsum("kia,kab,kjb,kj->ki", tangents, np.linalg.inv(small), tangents, downhill)
         points = points + moved
         if np.abs(moved).max(initial=0.0) < REACHED:
             break

@@ -58,7 +58,8 @@ def normal_equations(pokes: Pokes, *, weighted: bool = False) -> NormalEquations
     weights = pokes.weight[pokes.poke]
     if weighted:
         weights = weights * (pokes.response / _strongest(pokes)[pokes.poke]) ** 2
-    weights = np.where(np.isfinite(pokes.wrench).all(axis=1)[pokes.poke], weights, 0.0)
+    sound = np.asarray(np.isfinite(pokes.wrench).all(axis=1), dtype=bool)
+    weights = np.where(sound[pokes.poke], weights, 0.0)
     flat, (vector, pressing) = np.zeros((pokes.taxels, 6)), np.zeros((2, pokes.taxels, 3))
     known = np.nan_to_num(force), np.nan_to_num(torque), pokes.starts, pokes.taxel, weights
     accumulate(*known, flat, vector, pressing)
@@ -113,7 +114,7 @@ def averaged(pokes: Pokes, surface: Surface | None = None, *, weighted: bool = T
         own = normal_equations(pokes.picked(_of(pokes.configuration, number)), weighted=weighted)
         singles.append(free(own) if surface is None else on_surface(own, surface))
     stacked = np.stack(singles)
-    there = np.isfinite(stacked).all(axis=2)
+    there = np.asarray(np.isfinite(stacked).all(axis=2), dtype=bool)
     count = there.sum(axis=0)
     total = np.where(there[..., None], stacked, 0.0).sum(axis=0)
     return np.where(count[:, None] > 0, total / np.maximum(count, 1)[:, None], np.nan), singles

@@ -92,8 +92,8 @@ def place_modules(
         places,
         positions=points,
         normals=np.where(np.isfinite(points), normals, np.nan),
-        covariance=np.zeros((0, 3, 3)),
-        relative=np.zeros(0),
+        covariance=np.full((len(places), 3, 3), np.nan),
+        relative=np.full(len(places), np.nan),
         module=np.where(np.isfinite(points).all(axis=1), layout.module, -1),
     )
     said = f"taxels moved by {1e3 * np.nanmean(away):.2f} mm on average, {1e3 * np.nanmax(away):.2f} mm at most"

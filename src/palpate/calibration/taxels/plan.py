@@ -92,7 +92,7 @@ def candidates(
     rows = units.taxels[lean[units.taxels] >= 0]
     if not len(rows):
         raise InputError("no taxel can be reached.", where="plan")
-    count = poses.translation.shape[0]
+    count = len(poses.translation)
     first = np.cross(normals[rows], np.eye(3)[np.argmin(np.abs(normals[rows]), axis=1)])
     first /= np.linalg.norm(first, axis=1, keepdims=True)
     second = np.cross(normals[rows], first)
@@ -101,7 +101,7 @@ def candidates(
     ways = ways / np.linalg.norm(ways, axis=2, keepdims=True)
     taxel = np.tile(rows, 5 * count)
     direction = np.tile(ways.reshape(-1, 3), (count, 1))
-    configuration = np.repeat(np.arange(count), 5 * len(rows))
+    configuration: Int[np.ndarray, " c"] = np.repeat(np.arange(count), 5 * len(rows))
     return _with_rows(units, poses, noise, nuisances, points[taxel], direction, configuration, taxel, force)
 
 
@@ -216,7 +216,8 @@ def plan_pokes(
     taxels, size = units.taxels, units.freedom
     columns = units.layout.module[taxels][:, None] * size + np.arange(size)
     by = units.jacobian()[taxels]
-    known, rng = covariance.copy(), np.random.default_rng(seed)
+    rng = np.random.default_rng(seed)
+    known: Float[np.ndarray, "p p"] = covariance.copy()
     chosen, worst = list[int](), [0.0]
     for turn in range(min(pokes, MOST) + 1):
         blocks = known[columns[:, :, None], columns[:, None]]
@@ -230,12 +231,14 @@ def plan_pokes(
             own = units.layout.module[options.taxel] == units.layout.module[taxels[j]]
             few = np.unique(np.concatenate([few[own], rng.choice(few, LOOKED, replace=False)]))
         rows = options.rows[few]
-        spread = rows @ known  # (c, 3, p)
-        seen = spread @ np.swapaxes(rows, 1, 2) + np.eye(3)
+        spread: Float[np.ndarray, "c 3 p"] = rows @ known  # (c, 3, p)
+        seen: Float[np.ndarray, "c 3 3"] = spread @ np.swapaxes(rows, 1, 2) + np.eye(3)
         mine = np.einsum("if,caf->cai", by[j], spread[:, :, columns[j]])
-        gain = np.einsum("cai,cab,cbi->c", mine, np.linalg.inv(seen), mine)
+        inverse = np.linalg.inv(seen)
+        gain = np.einsum("cai,cab,cbi->c", mine, inverse, mine)
         best = int(np.argmax(gain))
-        known -= spread[best].T @ np.linalg.solve(seen[best], spread[best])
+        root = np.linalg.cholesky(inverse)[best].T @ spread[best]
+        known = known - root.T @ root
         chosen.append(int(few[best]))
         worst.append(0.0)
     return Plan(np.array(chosen, dtype=np.int64), np.array(worst), bool(worst[-1] <= wanted))

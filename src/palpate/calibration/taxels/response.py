@@ -89,8 +89,8 @@ def tangents(
     """Axes of the tangent plane at taxels; on a module they turn with it, so that what lies in them stays."""
     unit = np.maximum(units.layout.module[taxel], 0)
     along = np.broadcast_to([1.0, 0.0, 0.0], (len(taxel), 3)) if units.alone else units.frame[unit, :, 0]
-    known = np.isfinite(normals[taxel]).all(axis=1)[:, None]
-    return frame_about(np.where(known, normals[taxel], [0.0, 0.0, 1.0]), along)[:, :, :2]
+    known = np.asarray(np.isfinite(normals[taxel]).all(axis=1), dtype=bool)
+    return frame_about(np.where(known[:, None], normals[taxel], [0.0, 0.0, 1.0]), along)[:, :, :2]
 
 
 @dataclass(frozen=True, eq=False)
@@ -284,7 +284,8 @@ def _likelihood(
     shift = total / (share.sum(axis=2) + 1.0 / UNEVEN**2)  # of this poke's level
     fit = -0.5 * ((share * gap**2).sum(axis=2) - total * shift)
     under = (chart.quiet[rows][:, None, None] - log - shift[..., None]) / np.hypot(response.scatter, ROUGH)
-    fit = fit + np.where(silent, log_ndtr(np.clip(under, -30.0, 30.0)), 0.0).sum(axis=2)
+    missed = np.asarray(log_ndtr(np.clip(under, -30.0, 30.0)), dtype=np.float64)
+    fit = fit + np.where(silent, missed, 0.0).sum(axis=2)
     weight = np.exp(fit - fit.max(axis=1, keepdims=True))
     return weight / weight.sum(axis=1, keepdims=True)
 
@@ -295,8 +296,9 @@ def _shares(chart: _Chart, mean: Float[np.ndarray, "n 2"]) -> tuple[Float[np.nda
     say = np.where(answered, 1.0, QUIET) * (chart.taxels >= 0)
     solid = np.concatenate([np.ones((*say.shape, 1)), chart.flat / chart.spacing], axis=2)
     wanted = np.concatenate([np.ones((len(mean), 1)), mean / chart.spacing], axis=1)
-    square = np.einsum("nw,nwi,nwj->nij", say, solid, solid) + 1e-9 * np.eye(3)
-    shares = say * np.einsum("nwi,ni->nw", solid, np.linalg.solve(square, wanted[..., None])[..., 0])
+    square: Float[np.ndarray, "n 3 3"] = np.einsum("nw,nwi,nwj->nij", say, solid, solid) + 1e-9 * np.eye(3)
+    told = np.linalg.solve(square, wanted[..., None])[..., 0]
+    shares = say * np.einsum("nwi,ni->nw", solid, told)
     total = shares.sum(axis=1, keepdims=True)
     shares = np.where(chart.found[:, None], shares / np.where(np.abs(total) > 1e-6, total, 1.0), 0.0)
     return shares, np.where(chart.found[:, None], mean - np.einsum("nw,nwa->na", shares, chart.flat), 0.0)

@@ -200,7 +200,8 @@ def _linear(
     force = pokes.wrench[:, :3]
     spread = read @ pokes.noise @ np.swapaxes(read, 1, 2) + beside @ seen.covariance @ np.swapaxes(beside, 1, 2)
     spread = spread + twist**2 * np.einsum("ni,nj->nij", force, force)
-    spread = np.where(np.isfinite(residual).all(axis=1)[:, None, None], spread, np.eye(3))
+    sound = np.asarray(np.isfinite(residual).all(axis=1), dtype=bool)
+    spread = np.where(sound[:, None, None], spread, np.eye(3))
     told = np.linalg.solve(spread, residual[..., None])
     noise = (pokes.noise @ np.swapaxes(read, 1, 2) @ told)[..., 0]
     off = (seen.covariance @ np.swapaxes(beside, 1, 2) @ told)[..., 0]  # how much further the contact was

@@ -87,7 +87,7 @@ class Units:
             )
         ways = np.einsum("uij,uj->ui", self.frame[:, :, :2], by[:, :2])
         centre, normals, heading = walk(self.surface, self.centre, ways)
-        still = ~np.isfinite(heading).all(axis=1)
+        still = ~np.asarray(np.isfinite(heading).all(axis=1), dtype=bool)
         turned = np.arctan2(by[:, 1], by[:, 0])  # the heading arrives as it left, turned against the way it went
         if not self.alone:
             turned = turned - by[:, 2]
@@ -144,10 +144,9 @@ def frame_about(normals: Vectors, along: Vectors) -> Float[np.ndarray, "k 3 3"]:
     outward = normals / np.linalg.norm(normals, axis=1, keepdims=True)
     first = along - np.einsum("kc,kc->k", along, outward)[:, None] * outward
     length = np.linalg.norm(first, axis=1, keepdims=True)
-    other = np.cross(outward, np.eye(3)[np.argmin(np.abs(outward), axis=1)])
-    first = np.where(
-        length > 1e-9, first / np.maximum(length, 1e-9), other / np.linalg.norm(other, axis=1, keepdims=True)
-    )
+    other: Vectors = np.cross(outward, np.eye(3)[np.argmin(np.abs(outward), axis=1)])
+    other /= np.linalg.norm(other, axis=1, keepdims=True)
+    first = np.where(length > 1e-9, first / np.maximum(length, 1e-9), other)
     return np.stack([first, np.cross(outward, first), outward], axis=2)
 
 
@@ -198,7 +197,8 @@ def _solved(
     np.add.at(square, unit, np.einsum("k,kia,kib->kab", share[rows], matrix[rows], matrix[rows]))
     np.add.at(right, unit, np.einsum("k,kia,ki->ka", share[rows], matrix[rows], gap[rows]))
     scale = np.trace(square, axis1=1, axis2=2)[:, None, None] * 1e-12 + 1e-30
-    return np.linalg.solve(square + scale * np.eye(size), right[..., None])[..., 0]
+    raised: Float[np.ndarray, "u f f"] = square + scale * np.eye(size)
+    return np.linalg.solve(raised, right[..., None])[..., 0]
 
 
 def _start(layout: ModuleLayout, places: Vectors, surface: Surface | None, share: Float[np.ndarray, " k"]) -> Units:

@@ -1,0 +1,277 @@
+"""Taxels from pokes: laws of the equations, and of what comes out on a bench whose truth is geometry."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from palpate.calibration.taxels import Priors, TaxelCalibration, calibrate_taxels, paper
+from palpate.calibration.taxels.metric import nearest_in_metric
+from palpate.calibration.taxels.nuisances import Nuisances, predicted
+from palpate.calibration.taxels.place import common_layout, place_modules
+from palpate.calibration.taxels.plan import candidates, known_after, plan_pokes
+from palpate.calibration.taxels.response import learned, seen_among
+from palpate.calibration.taxels.ties import tied
+from palpate.calibration.taxels.units import fitted, single
+from palpate.errors import InputError, NotIdentifiable
+from palpate.sensors.pokes import Pokes
+from palpate.sensors.taxel_modules import LAYOUTS, ModuleLayout
+from palpate.simulation.forearm import Forearm
+from palpate.simulation.poke_bench import HAND, PAPER, PokeBench, PokeErrors, PokeSession
+from palpate.spatial.pose import Pose
+from palpate.surfaces import Cylinder, Mesh
+
+RNG = np.random.default_rng
+QUIET = PokeErrors(0.02, 0.002, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+def priors_of(errors: PokeErrors) -> Priors:
+    """What the bench draws from."""
+    bias, frame, common = (
+        (errors.bias_force, errors.bias_torque),
+        (errors.frame, errors.frame_angle),
+        (errors.common, errors.common_angle),
+    )
+    return Priors(*bias, *frame, *common, errors.cross_talk, errors.lever)
+
+
+@pytest.fixture(scope="module")
+def skin() -> Forearm:
+    return Forearm.of()
+
+
+@pytest.fixture(scope="module")
+def link(skin: Forearm) -> Mesh:
+    return Mesh.from_arrays(*skin.cone.mesh())
+
+
+@pytest.fixture(scope="module")
+def session(skin: Forearm) -> PokeSession:
+    rng = RNG(11)
+    return PokeBench.drawn(rng, skin=skin, errors=PAPER, tip=HAND).session(rng, 600)
+
+
+@pytest.fixture(scope="module")
+def from_cad(skin: Forearm, link: Mesh, session: PokeSession) -> TaxelCalibration:
+    return calibrate_taxels(session.pokes, surface=link, start=skin.cad(RNG(5)), priors=priors_of(PAPER))
+
+
+def made(seed: int, count: int = 5, configurations: int = 2) -> Pokes:
+    """Wrenches of any kind, one answer each."""
+    rng = RNG(seed)
+    turn = Pose.from_rotation_vector(rng.normal(size=(count, 3)), np.zeros((count, 3))).rotation
+    origin, configuration = 0.1 * rng.normal(size=(count, 3)), np.arange(count) % configurations
+    ones, starts = np.ones(count), np.arange(count + 1)
+    wrench = rng.normal(size=(count, 6))
+    return Pokes(wrench, turn, origin, configuration, starts, 0 * starts[1:], ones, 1, np.eye(6), ones, ones)
+
+
+def test_the_torque_changes_as_differences_say() -> None:
+    pokes, rng, step = made(1), RNG(2), 1e-6
+    points = 0.1 * rng.normal(size=(5, 3))
+    small = [1e-2 * rng.normal(size=shape) for shape in ((2, 6), 6, (2, 6), (6, 6))]
+    errors = Nuisances(*small)
+    found = predicted(pokes, points, errors)
+    for k in range(len(errors.vector())):
+        move = np.zeros(len(errors.vector()))
+        move[k] = step
+        ends = [predicted(pokes, points, errors.moved(sign * move)).torque for sign in (1.0, -1.0)]
+        slope = (ends[0] - ends[1]) / (2 * step)
+        for poke, d in enumerate(pokes.configuration.tolist()):
+            own = [*range(6 * d, 6 * d + 6), *range(12, 18), *range(18 + 6 * d, 24 + 6 * d), *range(30, 66)]
+            wanted = found.by_nuisance[poke, :, own.index(k)] if k in own else np.zeros(3)
+            # rounding of the difference, and the third order in angles of 0.03 rad that is left out
+            np.testing.assert_allclose(slope[poke], wanted, atol=3e-6)
+    wrench = [
+        predicted(replace(pokes, wrench=pokes.wrench + sign * step * np.eye(6)[3]), points, errors).torque
+        for sign in (1.0, -1.0)
+    ]
+    np.testing.assert_allclose((wrench[0] - wrench[1]) / (2 * step), found.by_wrench[:, :, 3], atol=1e-8)
+
+
+def test_lines_of_force_through_a_point_meet_there() -> None:
+    pokes, point = made(3, 12), np.array([0.02, -0.01, 0.05])
+    force = pokes.wrench[:, :3]
+    place = pokes.rotation @ point + pokes.origin
+    pure = replace(pokes, wrench=np.concatenate([force, np.cross(place, force)], axis=1))
+    for weighted in (False, True):
+        np.testing.assert_allclose(paper.free(paper.normal_equations(pure, weighted=weighted))[0], point, atol=1e-12)
+
+
+def test_a_doubtful_poke_counts_less_and_a_rejected_one_not_at_all() -> None:
+    pokes = made(4, 8)
+    weight = np.array([1.0, 0.0] * 4)
+    alone = paper.free(paper.normal_equations(pokes.picked(weight > 0)))
+    np.testing.assert_allclose(paper.free(paper.normal_equations(replace(pokes, weight=weight))), alone, rtol=1e-12)
+
+
+def test_nearest_in_a_metric_is_the_nearest_of_all_points_that_forces_press(link: Mesh) -> None:
+    rng = RNG(6)
+    root = rng.normal(size=(20, 3, 3))
+    matrix = root @ np.swapaxes(root, 1, 2)
+    centre, pressing = 0.04 * rng.normal(size=(20, 3)) + [0, 0, 0.1], rng.normal(size=(20, 3))
+    found = nearest_in_metric(matrix, np.einsum("kij,kj->ki", matrix, centre), pressing, link)
+    share = rng.dirichlet(np.ones(3), size=(len(link.faces), 12))
+    points = np.einsum("fsc,fcx->fsx", share, link.vertices[link.faces])
+    cost = [np.einsum("...i,ij,...j->...", points - c, a, points - c) for c, a in zip(centre, matrix, strict=True)]
+    for k in range(20):
+        pressed = link.normals @ pressing[k] < 0
+        away = found[k] - centre[k]
+        assert away @ matrix[k] @ away <= cost[k][pressed].min() + 1e-15
+        onto, _, facet = link.project(found[k][None])
+        assert np.linalg.norm(onto[0] - found[k]) < 1e-9
+        near = np.linalg.norm(link.vertices[link.faces[pressed]] - found[k], axis=2).min()
+        assert pressed[facet[0]] or near < 6e-3  # on an edge of a pressed facet
+
+
+def test_the_derivative_of_places_is_that_of_moved_units(skin: Forearm, link: Mesh) -> None:
+    for surface in (link, None):
+        for units in (fitted(skin.layout, skin.places.positions, surface), single(skin.places.positions, surface)):
+            move = 1e-5 * RNG(8).normal(size=(len(units), units.freedom))
+            step = np.einsum("kif,kf->ki", units.jacobian(), move[units.layout.module])
+            ends = [units.moved(sign * move).places()[0] for sign in (1.0, -1.0)]
+            # facets of 2 mm: a place's derivative jumps by the angle between them, 0.065 rad
+            np.testing.assert_allclose((ends[0] - ends[1]) / 2, step, atol=3e-6 if surface is not None else 1e-9)
+            np.testing.assert_allclose(units.moved(move).away(units), move, atol=1e-7)
+
+
+def test_a_flat_module_keeps_its_lengths_on_a_developable_link(skin: Forearm, link: Mesh) -> None:
+    units = fitted(skin.layout, skin.places.positions, link)
+    # the mesh's chords lie up to 17 um inside the cone
+    np.testing.assert_allclose(units.places()[0], skin.places.positions, atol=4e-5)
+
+
+def test_the_response_model_says_where_pokes_were_and_how_well(skin: Forearm, link: Mesh) -> None:
+    rng = RNG(9)
+    bench = PokeBench.drawn(rng, skin=skin, errors=QUIET, tip=HAND)
+    session = bench.session(rng, 800)
+    units = fitted(skin.layout, skin.places.positions, link)
+    response = learned(session.pokes, units)
+    assert abs(response.reach - bench.layer.depth / np.sqrt(5.0)) < 0.4e-3  # of (1 + r^2 / h^2)^-5/2, and a tip of 4 mm
+    seen = seen_among(session.pokes, units, response)
+    points, axes = seen.points(units)
+    away = np.einsum("nca,nc->na", axes, points - session.contacts)[seen.found]
+    told = np.einsum("na,na->n", away, np.linalg.solve(seen.covariance[seen.found], away[..., None])[..., 0])
+    assert 0.8 < np.median(told) / 1.386 < 1.6 or np.median(told) < 1.386  # chi-square of two: wide is no fault
+    assert np.abs(np.median(away, axis=0)).max() < 0.1e-3
+
+
+def test_modules_from_cad_beat_the_paper_on_the_same_pokes(
+    skin: Forearm, link: Mesh, session: PokeSession, from_cad: TaxelCalibration
+) -> None:
+    truth = skin.places.positions
+    error = np.linalg.norm(from_cad.places.positions - truth, axis=1)
+    usual = np.linalg.norm(paper.averaged(session.pokes, link)[0] - truth, axis=1)
+    assert error.mean() < 2.5e-3  # 1.3 mm on average over seeds
+    assert np.nanmean(usual) > 1.5 * error.mean()
+    assert from_cad.places.module.tolist() == skin.layout.module.tolist()
+    assert 0.3e-3 < from_cad.places.deviations().mean() < 3e-3
+    assert (from_cad.places.relative < from_cad.places.deviations()).all()
+
+
+def test_modules_from_nothing_lie_well_to_each_other(skin: Forearm, link: Mesh, session: PokeSession) -> None:
+    found = calibrate_taxels(session.pokes, surface=link, layout=skin.layout, priors=priors_of(PAPER)).places
+    centred = found.positions - found.positions.mean(axis=0), skin.places.positions - skin.places.positions.mean(axis=0)
+    left, _, right = np.linalg.svd(centred[0].T @ centred[1])
+    turn = left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right
+    relative = np.linalg.norm(centred[0] @ turn - centred[1], axis=1)
+    assert np.linalg.norm(found.positions - skin.places.positions, axis=1).mean() < 12e-3
+    assert relative.mean() < 1.5e-3
+    assert relative.max() < 4e-3
+
+
+def test_taxels_never_touched_are_named_and_placed_by_their_module(skin: Forearm, link: Mesh) -> None:
+    rng, among = RNG(13), np.flatnonzero(np.arange(84) % 12 < 6)
+    pokes = PokeBench.drawn(rng, skin=skin, errors=PAPER, tip=HAND).session(rng, 400, among=among).pokes
+    found = calibrate_taxels(pokes, surface=link, start=skin.cad(rng), priors=priors_of(PAPER))
+    assert any("42 of 84 taxels never answered, they are placed by their modules" in said for said in found.notes)
+    far = found.places.pokes == 0
+    assert found.places.deviations()[far].mean() > found.places.deviations()[~far].mean()
+    assert np.linalg.norm(found.places.positions - skin.places.positions, axis=1)[far].mean() < 3.5e-3
+
+
+@pytest.mark.parametrize("method", ["free", "weighted", "surface", "taxels"])
+def test_every_method_places_what_was_touched(method: str, skin: Forearm, link: Mesh) -> None:
+    rng = RNG(17)
+    pokes = PokeBench.drawn(rng, skin=skin, errors=QUIET, tip=HAND).session(rng, 300).pokes
+    surface = link if method in ("surface", "taxels") else None
+    found = calibrate_taxels(pokes, method=method, surface=surface, priors=priors_of(PAPER)).places
+    error = np.linalg.norm(found.positions - skin.places.positions, axis=1)[found.pokes > 3]
+    assert np.median(error) < (12e-3 if surface is None else 4e-3)
+
+
+def test_what_cannot_be_is_said(skin: Forearm, link: Mesh, session: PokeSession) -> None:
+    pokes = session.pokes
+    with pytest.raises(InputError, match="no method 'best'"):
+        calibrate_taxels(pokes, method="best")
+    with pytest.raises(InputError, match="needs the link's surface"):
+        calibrate_taxels(pokes, method="surface")
+    with pytest.raises(InputError, match="modules need a layout"):
+        calibrate_taxels(pokes, surface=link)
+    other = ModuleLayout.repeated(LAYOUTS["ring12"], 5)
+    with pytest.raises(InputError, match="layout has 60 taxels, the pokes are of 84: it is of another skin"):
+        calibrate_taxels(pokes, surface=link, layout=other)
+    with pytest.raises(NotIdentifiable, match="0 pokes can be used"):
+        calibrate_taxels(replace(pokes, weight=np.zeros(len(pokes))), surface=link, layout=skin.layout)
+    half = pokes.picked(np.isin(pokes.poke, np.unique(pokes.poke[pokes.taxel < 72]))[pokes.starts[:-1]])
+    few = half.picked(np.bincount(half.poke, half.taxel >= 72, len(half)) == 0)
+    with pytest.raises(NotIdentifiable, match="on modules 6"):
+        calibrate_taxels(few, surface=link, layout=skin.layout)
+    one = pokes.picked(pokes.configuration == 0)
+    said = calibrate_taxels(one, surface=link, start=skin.cad(RNG(1))).doubts
+    assert any("one arm configuration only" in doubt for doubt in said)
+
+
+def test_a_planned_poke_shrinks_the_covariance_as_if_it_had_been_made(skin: Forearm, link: Mesh) -> None:
+    units, poses = fitted(skin.layout, skin.places.positions, link), PokeBench.drawn(RNG(0), skin=skin).arm
+    options = candidates(units, poses.pose(*poses.joints[:3].T), PAPER.noise)
+    deviations, priors = units.each(3e-3, 0.09), priors_of(PAPER)
+    before = known_after(units, options, np.zeros(len(options.taxel)), priors, 3, deviations)
+    plan = plan_pokes(units, before, options, pokes=6)
+    made = np.bincount(plan.chosen, minlength=len(options.taxel)).astype(float)
+    after = known_after(units, options, made, priors, 3, deviations)
+    again = plan_pokes(units, after, options, pokes=0)
+    assert plan.worst[-1] == pytest.approx(again.worst[0], rel=1e-6)
+    assert (np.diff(plan.worst) <= 1e-12).all()
+    assert not plan.reached
+    random = np.bincount(RNG(3).integers(0, len(options.taxel), 6), minlength=len(options.taxel)).astype(float)
+    worse = plan_pokes(units, known_after(units, options, random, priors, 3, deviations), options, pokes=0)
+    assert plan.worst[-1] <= worse.worst[0]
+
+
+def test_modules_are_laid_where_their_taxels_were_thought(skin: Forearm, link: Mesh) -> None:
+    rough = replace(skin.places, positions=skin.places.positions + 1e-3 * RNG(4).normal(size=(84, 3)))
+    laid = place_modules(rough, skin.layout, link).places
+    before, after = (np.linalg.norm(each.positions - skin.places.positions, axis=1) for each in (rough, laid))
+    assert after.mean() < 0.5 * before.mean()  # 36 numbers of a module make three
+    own = place_modules(rough, common_layout(rough, link), link).places
+    assert np.linalg.norm(own.positions - skin.places.positions, axis=1).mean() < 0.7 * before.mean()
+    with pytest.raises(InputError, match="of another skin"):
+        place_modules(rough, ModuleLayout.repeated(LAYOUTS["ring12"], 2), link)
+
+
+def test_known_distances_pull_as_their_squares_fall() -> None:
+    places = 5e-3 * RNG(7).normal(size=(16, 3))
+    priors = Priors(smooth=np.inf, neighbours=5e-3, spacing=5e-4)
+
+    def cost(moved: np.ndarray) -> float:
+        far = np.linalg.norm(moved[:, None] - moved, axis=2)
+        pairs = {tuple(sorted((i, j))) for i in range(16) for j in np.argsort(far[i])[1:3].tolist()}
+        return 0.5 * sum(((far[i, j] - 5e-3) / 5e-4) ** 2 for i, j in pairs)
+
+    _, right = tied(single(places, None), priors)
+    step = 1e-8 * np.eye(48)
+    slope = [(cost(places + d.reshape(16, 3)) - cost(places - d.reshape(16, 3))) / 2e-8 for d in step]
+    np.testing.assert_allclose(right, -np.array(slope), rtol=1e-4, atol=1e-1)
+
+
+def test_what_is_smooth_is_left_alone_and_a_surface_needs_no_ties() -> None:
+    grid = np.stack(np.meshgrid(np.arange(5.0), np.arange(5.0), [0.0]), axis=-1).reshape(-1, 3) * 5e-3
+    assert not np.any(tied(single(grid, None), Priors(smooth=5e-4))[1])
+    raised = grid.copy()
+    raised[12, 2] = 1e-3
+    right = tied(single(raised, None), Priors(smooth=5e-4))[1].reshape(-1, 3)
+    assert right[12, 2] < 0  # is pulled back
+    assert not np.any(tied(single(grid, Cylinder(0.03)), Priors(smooth=5e-4))[0])
