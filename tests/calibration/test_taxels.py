@@ -274,4 +274,4 @@ def test_what_is_smooth_is_left_alone_and_a_surface_needs_no_ties() -> None:
     raised[12, 2] = 1e-3
     right = tied(single(raised, None), Priors(smooth=5e-4))[1].reshape(-1, 3)
     assert right[12, 2] < 0  # is pulled back
-    assert not np.any(tied(single(grid, Cylinder(0.03)), Priors(smooth=5e-4))[0])
+    assert not np.any(tied(single(grid, Cylinder(0.03, 0.1)), Priors(smooth=5e-4))[0])
