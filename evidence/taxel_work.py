@@ -154,42 +154,52 @@ def _speed(small: bool) -> Iterator[Row]:
 
 
 def _icub(small: bool) -> Iterator[Row]:
-    """Taxels estimated from wrenches (`nomesh`), laid as rigid modules on the link; and what their authors made of it."""
-    what = "icub: modules laid on the link"
+    """Taxels estimated from wrenches (`nomesh`), laid as rigid modules on the link; beside them what their authors made.
+
+    The link is registered to the estimates alone; once more, and not judged, to the authors' result.
+    """
     folder = shared()
     if folder is None or not (folder / "data" / "icub").is_dir():
-        yield from skipped(NAME, what, "", COMMAND)
+        yield from skipped(NAME, "icub: modules laid on the link", "", COMMAND)
         return
     data = folder / "data" / "icub"
     link = Mesh.load(data / "icub_r_forearm.dae", "m")
     own, theirs = (read_taxel_places(data / f"right_forearm_{kind}.txt") for kind in ("nomesh", "mesh"))
     patch, settled = (read_taxel_places(data / f"pos_right_forearm_lower_{kind}.txt") for kind in ("nomesh", "mesh"))
-    starts = {"the points themselves": own} | ({} if small else {"the authors' result": theirs})
-    for to, places in starts.items():
-        surface, off = registered(link, places.positions[places.there], 2 if small else COARSE, 10 if small else FINE)
-        got = f"{1e3 * off.mean():.2f} mm mean, {1e3 * off.max():.2f} worst"
-        yield Row(NAME, f"icub: the link registered to {to}: points off it", "", got, None, COMMAND)
-        for name, given, authors, most in (("all 23", own, theirs, 3.6), ("84 patch", patch, settled, 3.2)):
-            yield _laid(f"{name}, link registered to {to}", given, authors, surface, most, judged=not small)
+    rounds = (4, 20) if small else (COARSE, FINE)
+    for name, given, authors, most in (("all 23", own, theirs, 3.6), ("84 patch", patch, settled, 3.2)):
+        for to, places in {"themselves": given, "the authors' result": theirs}.items():
+            if small and places is theirs:
+                continue
+            surface, off = registered(link, places.positions[places.there], *rounds)
+            got = f"{1e3 * off.mean():.2f} mm mean, {1e3 * off.max():.2f} worst"
+            yield Row(NAME, f"icub, {name}: link registered to {to}, points off it", "", got, None, COMMAND)
+            for spacing in (None, SPACING):
+                kept = "as estimated" if spacing is None else f"scaled to {1e3 * spacing:g} mm"
+                layout = common_layout(given, surface, spacing=spacing)
+                laid = place_modules(given, layout, surface).places
+                what = f"icub, {name}: link registered to {to}, layout {kept}"
+                yield _laid(what, (given, laid, authors), surface, most, judged=not small and places is given)
 
 
-def _laid(name: str, given: TaxelPlaces, authors: TaxelPlaces, surface: Mesh, most: float, *, judged: bool) -> Row:
-    layout = common_layout(given, surface, spacing=SPACING)
-    laid = place_modules(given, layout, surface).places
+def _laid(
+    what: str, places: tuple[TaxelPlaces, TaxelPlaces, TaxelPlaces], surface: Mesh, most: float, *, judged: bool
+) -> Row:
+    """Of places as given, as laid, and as the authors have them; `most` [mm] on average they may have moved."""
+    given, laid, authors = places
     rows = given.there & laid.there
     moved = 1e3 * np.linalg.norm(laid.positions - given.positions, axis=1)[rows]
     off = 1e3 * np.linalg.norm(surface.project(laid.positions[rows])[0] - laid.positions[rows], axis=1)
-    both = authors.there & given.there
-    theirs = 1e3 * np.linalg.norm(authors.positions - given.positions, axis=1)[both]
-    spread, before, after = variation(laid), variation(given), variation(authors)
+    theirs = 1e3 * np.linalg.norm(authors.positions - given.positions, axis=1)[authors.there & given.there]
+    spread = variation(laid)
     got = (
         f"{off.mean():.4f} mm from the mesh; moved {moved.mean():.2f} mm, {moved.max():.2f} at most (the authors' "
-        f"{theirs.mean():.2f}, {theirs.max():.2f}); variation {spread:.3f} (before {before:.3f}, the authors' "
-        f"{after:.3f})"
+        f"{theirs.mean():.2f}, {theirs.max():.2f}); variation {spread:.3f} (before {variation(given):.3f}, the "
+        f"authors' {variation(authors):.3f})"
     )
     met = off.mean() <= 0.1 and moved.mean() <= most and spread <= 0.16
     target = f"<= 0.1 mm from the mesh, moved <= {most} mm, variation of neighbours' distances <= 0.16"
-    return Row(NAME, f"icub: modules, {name}", target, got, met if judged else None, COMMAND)
+    return Row(NAME, what, target, got, met if judged else None, COMMAND)
 
 
 def variation(places: TaxelPlaces) -> float:
@@ -203,14 +213,9 @@ def variation(places: TaxelPlaces) -> float:
 
 
 def registered(link: Mesh, points: np.ndarray, coarse: int = COARSE, fine: int = FINE) -> tuple[Mesh, np.ndarray]:
-    """A link moved to points on it, closest point by closest point [Besl and McKay 1992], and how far [m] they are off.
+    """A link moved to (k, 3) points on it, closest point by closest point [Besl and McKay 1992], and how far they are off.
 
-    From 24 orientations about the middles: the best few of them go on.
-
-    Args:
-        link: as its file has it.
-        points: (k, 3) [m].
-        coarse, fine: rounds for all, and for the best.
+    From 24 orientations about the middles, `coarse` rounds of each and `fine` ones of the best few; distances in [m].
     """
     tried = list[tuple[float, Pose]]()
     for turn in Rotation.create_group("O").as_matrix():

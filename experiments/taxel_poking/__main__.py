@@ -1,4 +1,4 @@
-"""`python -m experiments.taxel_poking [--small]`: figures 4 and 5 beside ours, and what each error does, into README.md.
+"""`python -m experiments.taxel_poking [--small]`: figures 4 and 5 beside ours, one error at a time, into README.md.
 
 With --small few sessions of few pokes are made and printed, and nothing is written.
 """

@@ -65,11 +65,11 @@ The paper has a real arm; its recordings are not public. This one is simulated (
 taxels on seven modules of an iCub-like forearm, the paper's seven datasets at its joint angles, {pokes} pokes by a flat
 tip of 4 x 4 mm, shared among the datasets by their minutes. Truth is where the taxels were put.
 
-**The paper's figures are a fit here, not a prediction.** The errors of sensor and robot (`PAPER`) and the cone of forces
-of the tip (`HAND`) were chosen so that the paper's own methods give about what the paper published; the paper states
-neither. They were chosen on twenty other sessions than these; all seeds here, from 200 on, are fresh. One session is
-worth little: means of sessions spread as widely as the brackets say. What is *not* fitted are the methods beyond
-the paper's, on the same pokes.
+**The paper's figures are a fit here, not a prediction.** The errors of sensor and robot (`PAPER`) and the cone of
+forces of the tip (`HAND`) were chosen so that the paper's own methods give about what the paper published; the paper
+states neither. They were chosen on twenty sessions whose seeds were not kept; no errors were chosen on those here,
+from 200 on. One session is worth little: see the ranges in brackets. What is *not* fitted are the methods beyond the
+paper's, on the same pokes.
 
 ## What was asked
 
@@ -80,8 +80,8 @@ Millimetres, but for ratios.
 ## Figure 4: each dataset alone [mm]
 
 Mean over the taxels +- their standard deviation, averaged over the sessions; in brackets the least and largest mean of
-a session. The paper's bars are printed only as a figure: from its text, the ranges. Taxels that a dataset never
-reached are left out of it.
+a session. The paper draws its bars without numbers; its text gives the ranges. Taxels that a dataset never reached are
+left out of it.
 
 {singles}
 
@@ -115,4 +115,13 @@ Taxel by taxel (`taxels`), without modules, of fewer pokes and sessions because 
 Noise of a poke is in all of them; the priors know which errors there are.
 
 {alone}
+
+## What differs, and why
+
+- **Surface.** Ours helps more than the paper's (its 7.2 became 6.6 mm). Here the surface is exactly that on which the
+  taxels lie, and points where a poke would pull are refused; how far the real cover is from its mesh is not told.
+- **Absolute and relative.** What is left of modules is mostly one motion of all of them: of the frames, the common
+  frame and the sensor's gain, a part cannot be told from a slide of the whole skin ("relative" is without it). With
+  noise alone, or with a bias, there is no such part, and modules are several times better than averaging.
+- **Taxel by taxel** is worse than averaging here, from CAD too, and slow: it is reported as it comes.
 """

@@ -43,8 +43,12 @@ def priors_of(errors: PokeErrors) -> Priors:
 
 @dataclass(frozen=True)
 class Found:
-    """Distances [m] from the truth: mean, deviation and largest over the taxels, and the mean and largest that are left
-    once one rigid motion of all taxels is taken off."""
+    """Distances [m] from the truth over the taxels.
+
+    Attributes:
+        mean, deviation, worst: as they are.
+        relative, relative_worst: mean and largest once one rigid motion of all taxels is taken off.
+    """
 
     mean: float
     deviation: float
@@ -96,8 +100,12 @@ class Session:
         return [Found.of(places) for places in singles], [Found.of(places) for places in running]
 
     def together(self, methods: Sequence[str]) -> dict[str, Found]:
-        """All datasets at once: "pooled" normal equations; "modules" and "taxels" with all errors, from nothing or,
-        where "CAD" stands behind, from CAD."""
+        """By all datasets at once.
+
+        Args:
+            methods: "averaged, surface" is the paper's; "pooled" puts the normal equations together; "modules" and
+                "taxels" estimate all errors too, from nothing or, where ", CAD" stands behind, from CAD.
+        """
         pokes = self.made()
         return {name: Found.of(self._places(name, pokes)) for name in methods}
 
