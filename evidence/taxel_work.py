@@ -154,7 +154,7 @@ def _speed(small: bool) -> Iterator[Row]:
 
 
 def _icub(small: bool) -> Iterator[Row]:
-    """Taxels estimated from wrenches (`nomesh`), laid as rigid modules on the link; beside them what their authors made.
+    """Taxels estimated from wrenches (`nomesh`), laid as rigid modules on the link; and what the authors made.
 
     The link is registered to the estimates alone; once more, and not judged, to the authors' result.
     """
@@ -213,7 +213,7 @@ def variation(places: TaxelPlaces) -> float:
 
 
 def registered(link: Mesh, points: np.ndarray, coarse: int = COARSE, fine: int = FINE) -> tuple[Mesh, np.ndarray]:
-    """A link moved to (k, 3) points on it, closest point by closest point [Besl and McKay 1992], and how far they are off.
+    """A link moved to points on it, closest point by closest point [Besl and McKay 1992], and how far they lie off.
 
     From 24 orientations about the middles, `coarse` rounds of each and `fine` ones of the best few; distances in [m].
     """
