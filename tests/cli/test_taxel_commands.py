@@ -115,6 +115,21 @@ def test_the_skin_at_work_finds_touches(folder: Path, capsys: pytest.CaptureFixt
     assert float(found[2]) < 6.0
 
 
+def test_a_plan_of_pokes_makes_the_worst_taxel_better(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Each poke leaves the largest deviation as it was or less; places by CAD say nothing of pokes."""
+    plan = ["plan", "pokes", f"{folder}/rig.toml", "--skin", f"{folder}/skin.toml", "-o", f"{folder}/next.csv"]
+    assert main([*plan, "--wanted", "1e-4", "--pokes", "12"]) == 0
+    assert "12 pokes are not enough" in capsys.readouterr().out
+    rows = np.genfromtxt(folder / "next.csv", delimiter=",", names=True)
+    assert len(rows) == 12
+    assert (np.diff(rows["worst"]) <= 1e-9).all()
+    assert set(rows["configuration"]) <= {0, 1, 2}
+    assert main([*plan, "--wanted", "0.1"]) == 0
+    assert "it is enough" in capsys.readouterr().out
+    assert main(["plan", "pokes", *plan[2:4], f"{folder}/cad.txt", *plan[5:]]) == 1
+    assert "does not say in which configurations" in capsys.readouterr().err
+
+
 def test_a_page_shows_the_places(folder: Path) -> None:
     with TaxelPage(read_taxel_places(folder / "cad.txt"), None, "cad", (("taxels", "84"),), port=0) as page:
         assert page.address.startswith("http://127.0.0.1:")

@@ -18,6 +18,7 @@ from palpate.cli.evaluate import evaluate
 from palpate.cli.events import events
 from palpate.cli.inspect import inspect
 from palpate.cli.map_skin import map_skin
+from palpate.cli.plan_pokes import plan_pokes_command
 from palpate.cli.rig_new import rig_new
 from palpate.cli.view import view
 
@@ -26,7 +27,7 @@ __all__ = ["run"]
 
 def run(argv: Sequence[str]) -> None:
     """Parse and run one command; leaves by `SystemExit` on --help and on a wrong call."""
-    app, calibrate, design, maps, rig = (SubcommandApp() for _ in range(5))
+    app, calibrate, design, maps, plan, rig = (SubcommandApp() for _ in range(6))
     app.command(estimate)
     calibrate.command(name="clock")(calibrate_clock)
     calibrate.command(name="intensity")(calibrate_intensity)
@@ -43,6 +44,8 @@ def run(argv: Sequence[str]) -> None:
     app.command(inspect)
     maps.command(name="skin")(map_skin)
     app.command(maps, name="map", help="Find where the cells of a sensor sit on a robot: skin.")
+    plan.command(name="pokes")(plan_pokes_command)
+    app.command(plan, name="plan", help="What to measure next: pokes.")
     app.command(view)
     rig.command(name="new")(rig_new)
     app.command(rig, name="rig", help="Write a rig to start from: new.")

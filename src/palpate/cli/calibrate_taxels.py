@@ -14,7 +14,9 @@ from palpate.calibration.taxels import Priors, TaxelCalibration, calibrate_taxel
 from palpate.calibration.taxels.answers import Block
 from palpate.calibration.taxels.believe import believed
 from palpate.calibration.taxels.find import PokeSearch, find_pokes
+from palpate.calibration.taxels.place import place_modules
 from palpate.cli.console import Figure, counting, lines, note, progress, title, wait
+from palpate.cli.evaluate_taxels import is_taxel_file
 from palpate.cli.interrupts import import_mesh_reader
 from palpate.cli.options import FileOption, Log, Output, RigFile, Scalar
 from palpate.errors import InputError
@@ -55,7 +57,8 @@ def calibrate_taxels_command(
 
     Args:
         log: of wrenches, taxels and joint states, /tf or poses; or a table with one row a poke: configuration, fx,fy,
-            fz,tx,ty,tz, qx,qy,qz,qw,x,y,z of the link in the sensor's frame, t0,t1,...
+            fz,tx,ty,tz, qx,qy,qz,qw,x,y,z of the link in the sensor's frame, t0,t1,...; or places of taxels that were
+            found elsewhere, which modules are laid on.
         rig: TOML with [skin], [force_torque], [pokes] and, as a rule, [surface].
         output: where they sit: .toml (all that is known), .txt (iCub), .csv or .urdf.
         method: modules: rigid modules of known layout, with the errors of sensor and robot; taxels: the same, each for
@@ -75,6 +78,9 @@ def calibrate_taxels_command(
     if setup.surface is not None:
         import_mesh_reader()
     surface = None if setup.surface is None else setup.surface.load(setup.folder)
+    if is_taxel_file(log):
+        _place(log, setup, method, layout, (output, rig, surface))
+        return
     places = None if begun is None else read_taxel_places(begun)
     pokes = _pokes(log, setup, places)
     modules, said = _layout(layout, setup, places, pokes) if method == "modules" else (None, [])
@@ -95,6 +101,22 @@ def calibrate_taxels_command(
     note([*pokes.notes, *said, *found.notes])
     note([*found.doubts, *_one_configuration(pokes, found)], kind="warning")
     note(_next(setup, output, surface))
+
+
+def _place(path: Path, rig: Rig, method: str, layout: str | None, rest: tuple[Path, Path, Surface | None]) -> None:
+    """Places in place of pokes: modules are laid where their taxels come nearest to them."""
+    output, rig_file, surface = rest
+    if method != "modules":
+        raise InputError("places of taxels can only be made better as those of modules.", where="--method")
+    places = read_taxel_places(path)
+    modules, said = _layout(layout, rig, places, None)
+    found = place_modules(places, modules, surface)
+    record = provenance({"places": path, "rig": rig_file}, {"method": method, "layout": layout})
+    write_taxel_places(output, replace(found.places, provenance=record, notes=(*found.places.notes, *found.notes)))
+    title(f"{path} -> {output}")
+    lines(of_taxels(found.places))
+    note([*said, *found.notes])
+    note(found.doubts, kind="warning")
 
 
 def _over(table: RigPokes, threshold: float | None) -> RigPokes:
@@ -140,7 +162,7 @@ def _pokes(log: Path, rig: Rig, start: TaxelPlaces | None) -> Pokes:
 
 
 def _layout(
-    name: str | None, rig: Rig, start: TaxelPlaces | None, pokes: Pokes
+    name: str | None, rig: Rig, start: TaxelPlaces | None, pokes: Pokes | None
 ) -> tuple[ModuleLayout | None, list[str]]:
     """Of the modules: by name or file; None: that of the start. Without a start those that never answered are left out.
 
@@ -157,13 +179,14 @@ def _layout(
             raise InputError(f"there is no layout {chosen!r}.", where="layout", hint=hint)
         return ModuleLayout.of(read_taxel_places(path)), []
     places = LAYOUTS[chosen]
-    count, left = divmod(pokes.taxels, len(places))
+    taxels = len(start or ()) if pokes is None else pokes.taxels
+    count, left = divmod(taxels, len(places))
     if left:
-        raise InputError(
-            f"{pokes.taxels} taxels are not modules of {len(places)}, as {chosen} has them.", where="layout"
-        )
+        raise InputError(f"{taxels} taxels are not modules of {len(places)}, as {chosen} has them.", where="layout")
     whole = ModuleLayout.repeated(places, count)
-    there = _answered(whole, pokes) if start is None else start.there
+    there = np.ones(taxels, dtype=bool) if start is None else start.there
+    if start is None and pokes is not None:
+        there = _answered(whole, pokes)
     flat, module = np.where(there[:, None], whole.places, np.nan), np.where(there, whole.module, -1)
     known = np.isfinite(flat).all(axis=1)
     kept = np.unique(module[known & (module >= 0)])

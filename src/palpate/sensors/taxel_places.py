@@ -28,6 +28,9 @@ class TaxelPlaces(Value):
         relative: (k,) [m] standard deviation (root of the trace) once one rigid motion of the whole skin is taken off;
             NaN where not known.
         reach: [m] deviation of the response to a poke over its distance from the taxel; NaN where not known.
+        configurations: (d, 8) of the arm in which pokes were made: the link in the sensor's frame, x y z [m] and
+            quaternion x y z w, and how many pokes.
+        noise: (6,) deviations of the wrench of a poke [N, N m]; none where not known.
         provenance: what it was made from.
         notes: what to know of it, a sentence each.
     """
@@ -39,6 +42,8 @@ class TaxelPlaces(Value):
     pokes: Int[np.ndarray, " k"] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     relative: Float[np.ndarray, " k"] = field(default_factory=lambda: np.zeros(0))
     reach: float = nan
+    configurations: Float[np.ndarray, "d 8"] = field(default_factory=lambda: np.zeros((0, 8)))
+    noise: Float[np.ndarray, " six"] = field(default_factory=lambda: np.zeros(0))
     provenance: Mapping[str, str] = field(default_factory=lambda: {})
     notes: tuple[str, ...] = ()
 
@@ -55,6 +60,8 @@ class TaxelPlaces(Value):
             array = np.array(given, dtype=np.int64) if name in ("module", "pokes") else frozen(given)
             array.flags.writeable = False
             object.__setattr__(self, name, array)
+        object.__setattr__(self, "configurations", frozen(self.configurations, tail=(8,), name="configurations"))
+        object.__setattr__(self, "noise", frozen(self.noise, name="noise"))
 
     def __len__(self) -> int:
         return len(self.positions)

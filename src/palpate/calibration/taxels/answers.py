@@ -18,7 +18,7 @@ FEWEST = 16  # frames of a log
 ABOVE = 6.0  # deviations of noise that an answer stands above rest
 PIECE = 64  # frames in which a rest is taken as one
 KEPT, OF_KEPT = 0.9, 0.789  # of steps, and what the deviation of a Gaussian is without the others
-SPARSE = 16  # frames of a piece from which its rest is followed
+SPARSE = 8  # frames of a piece from which its rest is followed
 DRIFT = 3.0  # s in which the rest of a taxel that does not answer is followed
 STUCK = 0.9  # of all frames in which a taxel answers: it is no poke
 NEVER_BACK = 0.2  # of the log, at its end, through which a taxel answers without a pause
@@ -80,7 +80,7 @@ class _Reader:
         self._first: Float[np.ndarray, " k"] = np.zeros(0)
         self._delta: Float[np.ndarray, " k"] = np.zeros(0)
         self._times, self._parts = list[np.ndarray](), list[tuple[np.ndarray, ...]]()
-        self._count = self._back = self._unread = 0
+        self._count = self._back = 0
         self._latest, self._started = -np.inf, False
 
     def take(self, time: Float[np.ndarray, " n"], values: np.ndarray) -> None:
@@ -162,23 +162,20 @@ class _Reader:
         limit = self._rest + self._delta
         rising, kind = self._sign > 0, values.dtype
         hit = values > _as(np.floor(limit), kind) if rising else values < _as(np.ceil(-limit), kind)
-        rows = np.flatnonzero(hit.any(axis=1))
-        row, taxel = np.nonzero(hit[rows])
-        row = rows[row]
+        row, taxel = np.divmod(np.flatnonzero(hit), hit.shape[1])
         reading = values[row, taxel].astype(np.float64)
-        highest = reading >= self._top if self._sign > 0 else reading <= 0
+        highest = reading >= self._top if rising else reading <= 0
         above = self._sign * reading - self._rest[taxel]
         self._parts.append((row + self._count, taxel, above, highest & np.isfinite(self._top)))
         self._times.append(time)
         self._count += len(time)
-        few = values[:: max(1, len(values) // SPARSE)]
-        quiet = ~hit[:: max(1, len(values) // SPARSE)]
-        off = np.where(quiet, self._sign * few.astype(np.float64) - self._rest, np.nan)
-        self._unread += int(np.count_nonzero(np.isnan(off).all(axis=1) & quiet.any(axis=1)))
-        known = np.isfinite(off)
+        sparse = slice(None, None, max(1, len(values) // SPARSE))
+        quiet, few = ~hit[sparse], values[sparse]
+        quiet &= np.isfinite(few) if kind.kind == "f" else True
+        sums = np.where(quiet, few, 0).sum(axis=0, dtype=np.float64)
+        count = quiet.sum(axis=0)
         share = 1.0 - np.exp(-(time[-1] - time[0]) / DRIFT)
-        mean = np.where(known, off, 0.0).sum(axis=0) / np.maximum(known.sum(axis=0), 1)
-        self._rest = self._rest + share * mean
+        self._rest = self._rest + share * (self._sign * sums - count * self._rest) / np.maximum(count, 1)
 
     def _notes(self, stuck: Bool[np.ndarray, " k"], fell: Bool[np.ndarray, " k"]) -> list[str]:
         said = list[str]()

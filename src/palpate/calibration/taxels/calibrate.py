@@ -15,6 +15,7 @@ from palpate.errors import InputError, NotIdentifiable
 from palpate.sensors.pokes import Pokes
 from palpate.sensors.taxel_modules import ModuleLayout
 from palpate.sensors.taxel_places import TaxelPlaces
+from palpate.spatial.pose import quaternion_from_rotation
 from palpate.surfaces.surface import Surface
 
 __all__ = ["METHODS", "TaxelCalibration", "calibrate_taxels"]
@@ -141,8 +142,9 @@ def _together(
         begun = None if start is None else fitted(layout, start.positions, surface)
         units = begun or _found(pokes, layout, surface)
     else:
-        begun = None if start is None else single(start.positions, surface)
-        units = begun or single(_guessed(pokes, surface)[0], surface)
+        points, outward, _ = _guessed(pokes, surface)
+        begun = None if start is None else single(start.positions, surface, _facing(start.normals, outward))
+        units = begun or single(points, surface, outward)
     deviations = None if begun is None else units.each(priors.start, priors.start_angle)
     solution = solve(pokes, units, priors, start=begun, deviations=deviations)
     places = _placed(pokes, solution)
@@ -157,16 +159,22 @@ def _together(
 
 def _guessed(
     pokes: Pokes, surface: Surface | None
-) -> tuple[Float[np.ndarray, "k 3"], Float[np.ndarray, " k"]]:
-    """Places by the paper's way, and how many answers each is made of."""
+) -> tuple[Float[np.ndarray, "k 3"], Float[np.ndarray, "k 3"], Float[np.ndarray, " k"]]:
+    """Places by the paper's way, outward directions against the forces, and how many answers each is made of."""
     equations = paper.normal_equations(pokes, weighted=True)
     points = paper.free(equations) if surface is None else paper.on_surface(equations, surface)
-    return points, equations.weight
+    return points, -equations.pressing, equations.weight
+
+
+def _facing(normals: Float[np.ndarray, "k 3"], outward: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "k 3"]:
+    """Normals where they are known, else outward; where neither is, that of the others."""
+    found = np.where(np.isfinite(normals).all(axis=1, keepdims=True), normals, outward)
+    return np.where(np.abs(found).max(axis=1, keepdims=True) > 0, found, found.sum(axis=0) + [0.0, 0.0, 1e-12])
 
 
 def _found(pokes: Pokes, layout: ModuleLayout, surface: Surface | None) -> Units:
     """Modules from nothing: laid where the paper's way puts their taxels."""
-    points, weight = _guessed(pokes, surface)
+    points, _, weight = _guessed(pokes, surface)
     known = np.isfinite(points).all(axis=1) & np.isfinite(layout.places).all(axis=1) & (layout.module >= 0)
     count = np.bincount(layout.module[known], minlength=layout.modules)
     lacking = [str(number) for number in np.flatnonzero(count < FEWEST).tolist()]
@@ -187,7 +195,22 @@ def _placed(pokes: Pokes, solution: Solution) -> TaxelPlaces:
         normals = np.where(np.isfinite(points), normals, np.nan)
     absolute, relative = spreads(units, solution.covariance)
     module = np.where(np.isfinite(points).all(axis=1), -1 if units.alone else units.layout.module, -1)
-    return TaxelPlaces(points, normals, absolute, module, pokes.counts(), relative, solution.response.reach)
+    noise = np.sqrt(np.diag(pokes.noise)) * solution.noise
+    reach = solution.response.reach
+    return TaxelPlaces(points, normals, absolute, module, pokes.counts(), relative, reach, _poses(pokes), noise)
+
+
+def _poses(pokes: Pokes) -> Float[np.ndarray, "d 8"]:
+    """The pose of each configuration, and how many pokes were believed in it."""
+    found = np.zeros((pokes.configurations, 8))
+    for number in range(pokes.configurations):
+        rows = np.flatnonzero((pokes.configuration == number) & (pokes.weight > 0))
+        if len(rows):
+            middle = rows[len(rows) // 2]
+            found[number, :3] = pokes.origin[middle]
+            found[number, 3:7] = quaternion_from_rotation(pokes.rotation[middle])
+            found[number, 7] = len(rows)
+    return found[found[:, 7] > 0]
 
 
 def spreads(

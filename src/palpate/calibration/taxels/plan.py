@@ -11,12 +11,15 @@ from jaxtyping import Float, Int
 from palpate.calibration.taxels.nuisances import Nuisances, predicted
 from palpate.calibration.taxels.priors import Priors
 from palpate.calibration.taxels.solve import Before
-from palpate.calibration.taxels.units import Units
+from palpate.calibration.taxels.units import Units, fitted, single
 from palpate.errors import InputError
 from palpate.sensors.pokes import Pokes
+from palpate.sensors.taxel_modules import ModuleLayout
+from palpate.sensors.taxel_places import TaxelPlaces
 from palpate.spatial.pose import Pose
+from palpate.surfaces.surface import Surface
 
-__all__ = ["Candidates", "Plan", "candidates", "known_after", "plan_pokes"]
+__all__ = ["Candidates", "Plan", "after_calibration", "candidates", "known_after", "plan_pokes"]
 
 FORCE = 10.0  # N of a planned poke
 TILT = radians(20.0)  # of the directions that are looked at beside the normal
@@ -137,6 +140,42 @@ def _with_rows(
             rows[each, axis, columns] = by[:, axis, start : start + 6]
         rows[:, axis, -36:] = by[:, axis, 18:]
     return Candidates(point, direction, configuration, taxel, rows)
+
+
+def after_calibration(
+    places: TaxelPlaces, surface: Surface | None, priors: Priors, *, start: bool = False
+) -> tuple[Units, Float[np.ndarray, "p p"], Candidates]:
+    """What a calibration left to be known, from its result: units, covariance of all unknowns, and what can be done.
+
+    The pokes themselves are not kept: each counts as one along the normal or leaning, on the taxel that it touched
+    most, in a configuration of the arm by how many pokes were made there.
+
+    Args:
+        places: a result of `calibrate_taxels` by modules or taxel by taxel.
+        surface: as in the calibration.
+        priors: the same.
+        start: whether it began from CAD.
+
+    Raises:
+        InputError: of a result that does not say with which configurations and noise it was made.
+    """
+    if not len(places.configurations) or len(places.noise) != 6:
+        raise InputError(
+            "does not say in which configurations it was made.",
+            where="skin",
+            hint="Plan from a .toml that palpate calibrate taxels wrote with method modules or taxels.",
+        )
+    if places.modules:
+        units = fitted(ModuleLayout.of(places), places.positions, surface)
+    else:
+        units = single(places.positions, surface)
+    rows = places.configurations
+    poses, share = Pose.from_quaternion(rows[:, 3:7], rows[:, :3]), rows[:, 7] / rows[:, 7].sum()
+    options = candidates(units, poses, np.diag(places.noise**2))
+    answers = np.maximum(places.pokes, 0) * rows[:, 7].sum() / max(int(places.pokes.sum()), 1)  # a poke, some answers
+    made = answers[options.taxel] * share[options.configuration] / (len(options.taxel) / len(units.taxels) / len(rows))
+    deviations = units.each(priors.start, priors.start_angle) if start else None
+    return units, known_after(units, options, made, priors, len(rows), deviations), options
 
 
 def known_after(

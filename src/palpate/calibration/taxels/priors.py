@@ -19,8 +19,8 @@ class Priors:
         cross_talk: share of each force and torque that reads as another one, or as more of itself.
         lever: [m] by which cross-talk between forces and torques is scaled.
         start, start_angle: [m], [rad] of each module where a start is given (as in CAD); inf: nothing is known.
-        layer: [m] by which taxels may lie off the surface; 0: they lie on it.
-        spacing: [m] by which distances of neighbours may differ from those of the start; inf: they tell nothing.
+        smooth: [m] of single taxels without a surface: how far each may lie off the mean of its neighbours; inf: any.
+        neighbours, spacing: [m] the distance of such taxels to the next ones, and its deviation; inf: it is not known.
     """
 
     bias_force: float = 0.3
@@ -33,7 +33,8 @@ class Priors:
     lever: float = 0.1
     start: float = 3e-3
     start_angle: float = radians(5.0)
-    layer: float = 0.0
+    smooth: float = 1e-3
+    neighbours: float = 5e-3
     spacing: float = inf
 
     def __post_init__(self) -> None:

@@ -20,7 +20,7 @@ from jaxtyping import Bool, Float, Int
 from palpate.calibration.taxels.units import Units, frame_about
 from palpate.sensors.pokes import Pokes
 
-__all__ = ["Response", "Seen", "learned", "seen_among"]
+__all__ = ["Response", "Seen", "centred", "learned", "seen_among"]
 
 NEAR = 14  # taxels about the strongest one that are looked at
 WIDE = 1.6  # half the width of what is searched for the poke, in spacings
@@ -28,8 +28,8 @@ GRID = 9  # points along each side of it, and then of what is left of it
 LEFT = 2.5  # deviations about the mean that are searched again
 UNEVEN = 0.25  # deviation of the log of a poke's level: force and tool are not always alike
 ROUGH = 0.3  # deviation of the log of a response that is as large as the threshold, from rounding and noise
+CENTRED = 2e-3  # m: how far a poke is from the centroid of its answers
 QUIET = 0.05  # share of an answering taxel's say in where the poke was, for one that was silent
-SHARED = 0.3e-3  # m: what the model leaves out is alike for all pokes about a taxel, and does not average out
 _ENOUGH = 30  # pokes of which the model is learned
 _ROUNDS = 4
 _LEAST = 0.05  # of the scatter
@@ -115,10 +115,25 @@ def seen_among(pokes: Pokes, units: Units, response: Response) -> Seen:
     """Mean and covariance of where each poke was, by the answers, for taxels where the units have them."""
     chart = _chart(pokes, units)
     mean, covariance = _posterior(chart, response)
-    alike = np.bincount(chart.origin[chart.found], minlength=pokes.taxels)[chart.origin]
-    covariance = covariance + SHARED**2 * alike[:, None, None] * np.eye(2)
     shares, beside = _shares(chart, mean)
     return Seen(chart.taxels, shares, chart.origin, beside, covariance, chart.found)
+
+
+def centred(pokes: Pokes, units: Units) -> Seen:
+    """Pokes at the centroids of their answers: what can be said while it is not known where taxels lie to each other."""
+    order = np.lexsort((-pokes.response, pokes.poke))
+    rank = np.arange(len(order)) - pokes.starts[pokes.poke[order]]
+    kept, at = order[rank < NEAR], rank[rank < NEAR]
+    placed = np.isin(pokes.taxel[kept], units.taxels)
+    taxels, shares = np.full((len(pokes), NEAR), -1), np.zeros((len(pokes), NEAR))
+    taxels[pokes.poke[kept], at] = np.where(placed, pokes.taxel[kept], -1)
+    shares[pokes.poke[kept], at] = np.where(placed, pokes.response[kept], 0.0)
+    total = shares.sum(axis=1, keepdims=True)
+    found = (total[:, 0] > 0) & np.isfinite(pokes.wrench).all(axis=1) & (pokes.wrench[:, :3] != 0).any(axis=1)
+    shares = shares / np.where(total > 0, total, 1.0)
+    origin = np.maximum(np.take_along_axis(taxels, shares.argmax(axis=1)[:, None], axis=1)[:, 0], 0)
+    covariance = np.tile(CENTRED**2 * np.eye(2), (len(pokes), 1, 1))
+    return Seen(taxels, shares, origin, np.zeros((len(pokes), 2)), covariance, found)
 
 
 def learned(pokes: Pokes, units: Units, response: Response | None = None) -> Response:

@@ -13,7 +13,8 @@ from jaxtyping import Float, Int
 
 from palpate.calibration.taxels.nuisances import Nuisances, predicted
 from palpate.calibration.taxels.priors import Priors
-from palpate.calibration.taxels.response import Response, Seen, learned, seen_among
+from palpate.calibration.taxels.response import Response, Seen, centred, learned, seen_among, tangents
+from palpate.calibration.taxels.ties import tied
 from palpate.calibration.taxels.units import Units
 from palpate.sensors.pokes import Pokes
 from palpate.spatial.pose import skew
@@ -21,10 +22,11 @@ from palpate.spatial.pose import skew
 __all__ = ["Before", "Solution", "information", "observed", "solve"]
 
 TAIL = 5.0  # degrees of freedom of the residuals: pokes that fit badly count less
-_ROUNDS = 4  # in which the contacts are found anew, and more where taxels are alone
+_ROUNDS = 4  # in which the contacts are found anew
 _STEPS = 12  # in each
 _STILL = 1e-5  # m: the steps that end it
 _LONGEST = 1e-2, 0.4  # m, rad: of one step of a unit
+SHARED = 0.3e-3  # m: what the model of responses leaves out is alike for all pokes about a taxel
 _WELL = 2.366  # median of chi-square with three degrees of freedom
 
 
@@ -60,6 +62,7 @@ class _Linear:
     unit: Int[np.ndarray, "n w"]  # of each taxel about the poke; -1: none
     by_unit: Float[np.ndarray, "n w 3 f"]
     by_nuisance: Float[np.ndarray, "n 3 54"]
+    by_point: Float[np.ndarray, "n 3 3"]
 
 
 def solve(
@@ -85,12 +88,10 @@ def solve(
     """
     nuisances = Nuisances.none(max(pokes.configurations, 1))
     before = Before(units, start, deviations, Nuisances.deviations(priors, max(pokes.configurations, 1)))
-    response = learned(pokes, units, response)
+    response = response if units.alone and response is not None else learned(pokes, units, response)
     twist, noise, weight = _twist(pokes), 1.0, pokes.weight.copy()
-    for turn in range(rounds * (3 if units.alone else 1)):
-        if units.alone and 0 < turn < 4:  # modules know how their taxels lie, single taxels find it out
-            response = learned(pokes, units, response)
-        seen = seen_among(pokes, units, response)
+    for turn in range(rounds):
+        seen = centred(pokes, units) if units.alone else seen_among(pokes, units, response)
         begun = units.places()[0]
         for _ in range(_STEPS):
             linear = _linear(pokes, units, seen, nuisances, twist)
@@ -98,7 +99,8 @@ def solve(
             used = seen.found & (pokes.weight > 0) & np.isfinite(distance)
             noise = max(1.0, float(np.sqrt(np.median(distance[used]) / _WELL))) if used.any() else 1.0
             weight = np.where(used, pokes.weight * (TAIL + 3.0) / (TAIL + distance / noise**2), 0.0) / noise**2
-            square, right = _normal(linear, weight, len(units), units.freedom, before, pokes)
+            square, right = _normal(linear, weight, len(units), units.freedom, pokes)
+            square, right = _with_ties(square, right, units, priors)
             step = before.step(square, right, units, nuisances)
             size = len(units) * units.freedom
             by = step[:size].reshape(len(units), -1)
@@ -110,8 +112,10 @@ def solve(
         if turn and np.nanmax(np.abs(units.places()[0] - begun)) < 20.0 * _STILL:
             break
     linear = _linear(pokes, units, seen, nuisances, twist)
-    square, _ = _normal(linear, weight, len(units), units.freedom, before, pokes)
+    square, right = _normal(linear, weight, len(units), units.freedom, pokes)
+    square, _ = _with_ties(square, right, units, priors)
     covariance = before.covariance(square)
+    covariance = covariance + _shared(pokes, units, seen, linear, weight, covariance)
     return Solution(units, nuisances, response, covariance, linear.residual, weight * noise**2, noise, seen, twist)
 
 
@@ -120,8 +124,7 @@ def information(
 ) -> Float[np.ndarray, "p p"]:
     """That of pokes about all unknowns, without what is believed before: units, then nuisances."""
     linear = _linear(pokes, units, seen, nuisances, twist)
-    zero = Before(units, None, None, np.ones(len(nuisances.vector())))
-    return _normal(linear, weight, len(units), units.freedom, zero, pokes)[0]
+    return _normal(linear, weight, len(units), units.freedom, pokes)[0]
 
 
 def observed(
@@ -202,7 +205,7 @@ def _linear(pokes: Pokes, units: Units, seen: Seen, nuisances: Nuisances, twist:
     points = points + np.einsum("nij,nj->ni", axes, off)
     likely = predicted(replace(pokes, wrench=pokes.wrench - noise), points, nuisances)
     unit, by_unit = _by_unit(units, seen, (axes, seen.beside + off), likely.by_point)
-    return _Linear(residual, spread, unit, by_unit, likely.by_nuisance)
+    return _Linear(residual, spread, unit, by_unit, likely.by_nuisance, likely.by_point)
 
 
 def _by_unit(
@@ -236,15 +239,46 @@ def _square(residual: Float[np.ndarray, "n 3"], spread: Float[np.ndarray, "n 3 3
 
 
 def _normal(
-    linear: _Linear, weight: Float[np.ndarray, " n"], units: int, freedom: int, before: Before, pokes: Pokes
+    linear: _Linear, weight: Float[np.ndarray, " n"], units: int, freedom: int, pokes: Pokes
 ) -> tuple[Float[np.ndarray, "p p"], Float[np.ndarray, " p"]]:
     """J' W J and J' W r of the pokes that count."""
     from palpate.calibration.taxels._normal import add_squares  # compiled: loaded when first needed
 
+    rows, root = _roots(linear, weight)
+    values, columns, size = _lines(linear, rows, root, units, freedom, pokes)
+    square, vector = np.zeros((size, size)), np.zeros(size)
+    residual = np.einsum("nij,nj->ni", root, linear.residual[rows])
+    add_squares(values, residual, columns, square, vector)
+    return np.triu(square) + np.triu(square, 1).T, vector
+
+
+def _with_ties(
+    square: Float[np.ndarray, "p p"], right: Float[np.ndarray, " p"], units: Units, priors: Priors
+) -> tuple[Float[np.ndarray, "p p"], Float[np.ndarray, " p"]]:
+    """With what single taxels are believed to be to each other."""
+    more, along = tied(units, priors)
+    square[: len(more), : len(more)] += more
+    right[: len(along)] += along
+    return square, right
+
+
+def _roots(linear: _Linear, weight: Float[np.ndarray, " n"]) -> tuple[Int[np.ndarray, " r"], Float[np.ndarray, "r 3 3"]]:
+    """Rows that count, and what makes their residuals unit ones."""
     rows = np.flatnonzero(weight > 0)
-    size, count = units * freedom, max(pokes.configurations, 1)
     root = np.linalg.cholesky(np.linalg.inv(linear.spread[rows])) * np.sqrt(weight[rows])[:, None, None]
-    root = np.swapaxes(root, 1, 2)
+    return rows, np.swapaxes(root, 1, 2)
+
+
+def _lines(
+    linear: _Linear,
+    rows: Int[np.ndarray, " r"],
+    root: Float[np.ndarray, "r 3 3"],
+    units: int,
+    freedom: int,
+    pokes: Pokes,
+) -> tuple[Float[np.ndarray, "r 3 l"], Int[np.ndarray, "r l"], int]:
+    """The whitened lines of J, the columns of their entries, -1: none, and how many columns there are."""
+    size, count = units * freedom, max(pokes.configurations, 1)
     by_unit = np.einsum("nij,nwjf->niwf", root, linear.by_unit[rows]).reshape(len(rows), 3, -1)
     values = np.concatenate([by_unit, root @ linear.by_nuisance[rows]], axis=2)
     unit = linear.unit[rows][..., None]
@@ -253,10 +287,30 @@ def _normal(
     common, bias, cross = size + 6 * count, size + 6 * count + 6, size + 12 * count + 6  # as `Nuisances.vector` has them
     own = [size + d + np.arange(6), np.full_like(d, common) + np.arange(6), bias + d + np.arange(6)]
     own.append(np.full_like(d, cross) + np.arange(36))
-    square, vector = np.zeros((cross + 36, cross + 36)), np.zeros(cross + 36)
-    residual = np.einsum("nij,nj->ni", root, linear.residual[rows])
-    add_squares(values, residual, np.concatenate([where, *own], axis=1), square, vector)
-    return np.triu(square) + np.triu(square, 1).T, vector
+    return values, np.concatenate([where, *own], axis=1), cross + 36
+
+
+def _shared(
+    pokes: Pokes,
+    units: Units,
+    seen: Seen,
+    linear: _Linear,
+    weight: Float[np.ndarray, " n"],
+    covariance: Float[np.ndarray, "p p"],
+) -> Float[np.ndarray, "p p"]:
+    """What the covariance lacks, since contacts about one taxel err alike and do not average out."""
+    rows, root = _roots(linear, weight)
+    values, columns, size = _lines(linear, rows, root, len(units), units.freedom, pokes)
+    axes = tangents(units, units.places()[1], seen.origin[rows])
+    beside = root @ linear.by_point[rows] @ axes  # (r, 3, 2)
+    told = np.einsum("ril,ria->rla", values, beside)
+    gathered = np.zeros((size, pokes.taxels, 2))
+    sound = columns >= 0
+    taxel = np.broadcast_to(seen.origin[rows][:, None], columns.shape)
+    np.add.at(gathered, (columns[sound], taxel[sound]), told[sound])
+    used = np.bincount(seen.origin[rows], minlength=pokes.taxels) > 0
+    moved = SHARED * covariance @ gathered[:, used].reshape(size, -1)
+    return moved @ moved.T
 
 
 def _twist(pokes: Pokes) -> float:

@@ -147,13 +147,13 @@ def frame_about(normals: Vectors, along: Vectors) -> Float[np.ndarray, "k 3 3"]:
     return np.stack([first, np.cross(outward, first), outward], axis=2)
 
 
-def single(places: Vectors, surface: Surface | None) -> Units:
-    """Every taxel that has a place as a unit of its own."""
+def single(places: Vectors, surface: Surface | None, outward: Vectors | None = None) -> Units:
+    """Every taxel that has a place as a unit of its own; `outward` (k, 3) says where there is no surface."""
     rows = np.flatnonzero(np.isfinite(places).all(axis=1))
     module = np.full(len(places), -1)
     module[rows] = np.arange(len(rows))
     flat = np.where((module >= 0)[:, None], 0.0, np.full((len(places), 2), np.nan))
-    centre, normals = places[rows], np.tile([0.0, 0.0, 1.0], (len(rows), 1))
+    centre, normals = places[rows], np.tile([0.0, 0.0, 1.0], (len(rows), 1)) if outward is None else outward[rows]
     if surface is not None and len(rows):
         centre, normals, _ = surface.project(centre)
     frame = frame_about(normals, np.tile([1.0, 0.0, 0.0], (len(rows), 1)))

@@ -102,7 +102,8 @@ def _taxel_places_keys(places: TaxelPlaces) -> dict[str, Any]:
     numbers = [places.module, places.pokes, places.relative]
     table = [places.positions, places.normals, *(each[:, None] for each in numbers)]
     table = np.concatenate([*table, places.covariance[:, _UPPER[0], _UPPER[1]]], axis=1)
-    return {name: getattr(places, name) for name in ("reach", "notes", "provenance")} | {"taxels": table}
+    same = ("reach", "noise", "notes", "configurations", "provenance")
+    return {name: getattr(places, name) for name in same} | {"taxels": table}
 
 
 FORMS: Mapping[type, Form] = {
@@ -172,7 +173,9 @@ FORMS: Mapping[type, Form] = {
     TaxelPlaces: Form(
         {
             "reach": Key("m, deviation of a response over the distance of the poke", least=0.0),
+            "noise": Key("N, N m: deviations of the wrench of a poke"),
             "notes": Key(),
+            "configurations": Key("of the arm: link in the sensor's frame, x y z [m], quaternion x y z w; pokes"),
             "taxels": Key(
                 "a row a taxel: x y z [m], nx ny nz outward, module (-1: none), pokes it answered to, deviation [m] "
                 "once one rigid motion is taken off, covariance xx xy xz yy yz zz [m^2]; nan: not known, no taxel",

@@ -45,7 +45,8 @@ class RigPriors:
     lever: float | None = None
     start: float | None = field(default=None, metadata=INFINITE)
     start_angle: float | None = field(default=None, metadata=INFINITE)
-    layer: float | None = None
+    smooth: float | None = field(default=None, metadata=INFINITE)
+    neighbours: float | None = None
     spacing: float | None = field(default=None, metadata=INFINITE)
 
     def __post_init__(self) -> None:
