@@ -123,5 +123,5 @@ Noise of a poke is in all of them; the priors know which errors there are.
 - **Absolute and relative.** What is left of modules is mostly one motion of all of them: of the frames, the common
   frame and the sensor's gain, a part cannot be told from a slide of the whole skin ("relative" is without it). With
   noise alone, or with a bias, there is no such part, and modules are several times better than averaging.
-- **Taxel by taxel** is worse than averaging here, from CAD too, and slow: it is reported as it comes.
+- **Taxel by taxel** there are two unknowns a taxel where modules have three for twelve: it needs more pokes.
 """
