@@ -79,7 +79,9 @@ class Pokes(Value):
         *,
         noise: ArrayLike,
         threshold: float = 0.0,
-        **rest: object,
+        weight: Float[np.ndarray, " n"] | None = None,
+        time: Float[np.ndarray, " n"] | None = None,
+        notes: tuple[str, ...] = (),
     ) -> Pokes:
         """From one row of responses a poke; those above the threshold are its answers.
 
@@ -90,11 +92,21 @@ class Pokes(Value):
         poke, taxel = np.nonzero(above)
         count, taxels = responses.shape
         starts = np.concatenate([[0], np.cumsum(above.sum(axis=1))])
-        given = {"weight": np.ones(count), "time": np.full(count, np.nan)} | rest
-        named = {"wrench": wrench, "rotation": rotation, "origin": origin, "configuration": configuration}
-        named |= {"starts": starts, "taxel": taxel, "response": responses[poke, taxel], "taxels": taxels}
-        made: dict[str, object] = {name: np.asarray(value) for name, value in named.items() if name != "taxels"}
-        return cls(**made, taxels=taxels, noise=np.asarray(noise), threshold=threshold, **given)  # pyright: ignore[reportArgumentType]
+        return cls(
+            np.asarray(wrench),
+            np.asarray(rotation),
+            np.asarray(origin),
+            np.asarray(configuration),
+            starts,
+            taxel,
+            responses[poke, taxel],
+            taxels,
+            noise=np.asarray(noise),
+            weight=np.ones(count) if weight is None else weight,
+            time=np.full(count, np.nan) if time is None else time,
+            threshold=threshold,
+            notes=notes,
+        )
 
     def __len__(self) -> int:
         return len(self.wrench)

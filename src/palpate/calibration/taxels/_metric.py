@@ -1,4 +1,4 @@
-"""Compiled: the closest point of triangles in the metric of a matrix, which is the closest one to stretched triangles."""
+"""Compiled: the closest point of triangles in the metric of a matrix: the closest one once they are stretched."""
 
 # pyright: basic
 from __future__ import annotations

@@ -169,7 +169,9 @@ def _guessed(
 def _facing(normals: Float[np.ndarray, "k 3"], outward: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "k 3"]:
     """Normals where they are known, else outward; where neither is, that of the others."""
     found = np.where(np.isfinite(normals).all(axis=1, keepdims=True), normals, outward)
-    return np.where(np.abs(found).max(axis=1, keepdims=True) > 0, found, found.sum(axis=0) + [0.0, 0.0, 1e-12])
+    return np.where(
+        np.abs(found).max(axis=1, keepdims=True) > 0, found, found.sum(axis=0) + np.array([0.0, 0.0, 1e-12])
+    )
 
 
 def _found(pokes: Pokes, layout: ModuleLayout, surface: Surface | None) -> Units:
@@ -196,7 +198,7 @@ def _placed(pokes: Pokes, solution: Solution) -> TaxelPlaces:
     absolute, relative = spreads(units, solution.covariance)
     module = np.where(np.isfinite(points).all(axis=1), -1 if units.alone else units.layout.module, -1)
     noise = np.sqrt(np.diag(pokes.noise)) * solution.noise
-    reach = solution.response.reach
+    reach = np.nan if solution.response is None else solution.response.reach
     return TaxelPlaces(points, normals, absolute, module, pokes.counts(), relative, reach, _poses(pokes), noise)
 
 
@@ -233,7 +235,7 @@ def spreads(
     rigid = np.concatenate([np.tile(np.eye(3), (len(rows), 1, 1)), turn / max(np.abs(away).max(), 1e-9)], axis=2)
     basis = np.linalg.qr(rigid.reshape(-1, 6))[0]
     left = full - basis @ (basis.T @ full)
-    relative[rows] = np.sqrt(np.einsum("ai,ij,aj->a", left, known, left).reshape(-1, 3).sum(axis=1).clip(0.0))
+    relative[rows] = np.sqrt(((left @ known) * left).sum(axis=1).reshape(-1, 3).sum(axis=1).clip(0.0))
     return absolute, relative
 
 

@@ -1,4 +1,4 @@
-"""The paper's methods: the point nearest to all lines of force, free or on the surface, of one dataset or of several."""
+"""The paper's methods: the point nearest to all lines of force, free or on the surface, of one dataset or several."""
 
 from __future__ import annotations
 

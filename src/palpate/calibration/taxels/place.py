@@ -1,4 +1,4 @@
-"""Places of taxels that are known already, made better: rigid modules laid on the link where their taxels come nearest."""
+"""Places that are known already, made better: rigid modules laid on the link where their taxels come nearest."""
 
 from __future__ import annotations
 

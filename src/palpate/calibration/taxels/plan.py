@@ -72,7 +72,7 @@ def candidates(
     poses: Pose,
     noise: Float[np.ndarray, "6 6"],
     *,
-    reachable: Float[np.ndarray, "k"] | None = None,
+    reachable: Float[np.ndarray, " k"] | None = None,
     nuisances: Nuisances | None = None,
     force: float = FORCE,
 ) -> Candidates:
@@ -82,7 +82,8 @@ def candidates(
         units: where taxels are.
         poses: (d,) T_sensor_link of the configurations.
         noise: covariance of a wrench.
-        reachable: (k,) [rad] how far a poke on a taxel may lean; negative: it cannot be reached. None: all by 20 degrees.
+        reachable: (k,) [rad] how far a poke on a taxel may lean; negative: it cannot be reached. None: by 20
+            degrees, all of them.
         nuisances: as they are known.
         force: [N].
     """

@@ -30,7 +30,7 @@ UNEVEN = 0.25  # deviation of the log of a poke's level: force and tool are not 
 ROUGH = 0.3  # deviation of the log of a response that is as large as the threshold, from rounding and noise
 CENTRED = 2e-3  # m: how far a poke is from the centroid of its answers
 QUIET = 0.05  # share of an answering taxel's say in where the poke was, for one that was silent
-_ENOUGH = 30  # pokes of which the model is learned
+_ENOUGH, _MANY = 30, 2000  # pokes of which the model is learned, at least and about
 _ROUNDS = 4
 _LEAST = 0.05  # of the scatter
 
@@ -120,7 +120,7 @@ def seen_among(pokes: Pokes, units: Units, response: Response) -> Seen:
 
 
 def centred(pokes: Pokes, units: Units) -> Seen:
-    """Pokes at the centroids of their answers: what can be said while it is not known where taxels lie to each other."""
+    """Pokes at the centroids of their answers: all that can be said where taxels may lie anywhere to each other."""
     order = np.lexsort((-pokes.response, pokes.poke))
     rank = np.arange(len(order)) - pokes.starts[pokes.poke[order]]
     kept, at = order[rank < NEAR], rank[rank < NEAR]
@@ -145,6 +145,7 @@ def learned(pokes: Pokes, units: Units, response: Response | None = None) -> Res
     known = _guess(chart) if response is None else response
     if told.sum() < _ENOUGH:
         return known
+    told &= np.cumsum(told) % max(int(told.sum()) // _MANY, 1) == 0
     chart = _picked(chart, told)
     rows = np.isfinite(chart.log)
     poke = np.nonzero(rows)[0]
@@ -160,7 +161,9 @@ def learned(pokes: Pokes, units: Units, response: Response | None = None) -> Res
             return (gap - level[poke]) * np.sqrt(share)
 
         start = np.log([known.reach, known.power])
-        found = least_squares(gaps, start, bounds=(np.log([5e-4, 1.0]), np.log([3e-2, 50.0])), loss="soft_l1", f_scale=0.3)
+        found = least_squares(
+            gaps, start, bounds=(np.log([5e-4, 1.0]), np.log([3e-2, 50.0])), loss="soft_l1", f_scale=0.3
+        )
         reach, power = np.exp(found.x)
         shape = Response(0.0, float(reach), float(power))
         level = float(np.median(chart.log[rows] - shape.log(square[rows])))
@@ -227,7 +230,9 @@ def _chart(pokes: Pokes, units: Units) -> _Chart:
     answers = _answers(pokes, about)
     with np.errstate(divide="ignore", invalid="ignore"):
         log = np.log(answers / force[:, None])
-        quiet = np.log(max(pokes.threshold, float(np.quantile(pokes.response, 0.02)) if len(pokes.response) else 1.0) / force)
+        quiet = np.log(
+            max(pokes.threshold, float(np.quantile(pokes.response, 0.02)) if len(pokes.response) else 1.0) / force
+        )
     return _Chart(about, flat, origin, log, np.nan_to_num(quiet), found, spacing)
 
 

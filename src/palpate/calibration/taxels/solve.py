@@ -22,8 +22,8 @@ from palpate.spatial.pose import skew
 __all__ = ["Before", "Solution", "information", "observed", "solve"]
 
 TAIL = 5.0  # degrees of freedom of the residuals: pokes that fit badly count less
-_ROUNDS = 4  # in which the contacts are found anew
-_STEPS = 12  # in each
+_STEPS = 40
+_FRESH = 5  # steps after which the derivatives of the taxels' places are taken anew
 _STILL = 1e-5  # m: the steps that end it
 _LONGEST = 1e-2, 0.4  # m, rad: of one step of a unit
 SHARED = 0.3e-3  # m: what the model of responses leaves out is alike for all pokes about a taxel
@@ -35,7 +35,8 @@ class Solution:
     """What fits best.
 
     Attributes:
-        units: where they are; nuisances: the errors; response: how taxels answer.
+        units: where they are; nuisances: the errors; response: how taxels answer,
+            None of single ones.
         covariance: of all unknowns, units one after the other, then `Nuisances.vector`; 0 of what is not estimated.
         residual: (n, 3) [N m] measured minus predicted; weight: (n,) with which each poke counted, 0: not used.
         noise: how many times larger the residuals are than their covariance.
@@ -44,7 +45,7 @@ class Solution:
 
     units: Units
     nuisances: Nuisances
-    response: Response
+    response: Response | None
     covariance: Float[np.ndarray, "p p"]
     residual: Float[np.ndarray, "n 3"]
     weight: Float[np.ndarray, " n"]
@@ -72,8 +73,6 @@ def solve(
     *,
     start: Units | None = None,
     deviations: Float[np.ndarray, " f"] | None = None,
-    response: Response | None = None,
-    rounds: int = _ROUNDS,
 ) -> Solution:
     """Fit units and nuisances.
 
@@ -83,48 +82,44 @@ def solve(
         priors: of the nuisances.
         start: where units are believed to be; None: nothing is known.
         deviations: (freedom,) [m, rad] by how much they may be off from the start along each unknown.
-        response: where to begin with the model of the taxels' responses; None: it is guessed.
-        rounds: at most.
     """
     nuisances = Nuisances.none(max(pokes.configurations, 1))
     before = Before(units, start, deviations, Nuisances.deviations(priors, max(pokes.configurations, 1)))
-    response = response if units.alone and response is not None else learned(pokes, units, response)
-    twist, noise, weight = _twist(pokes), 1.0, pokes.weight.copy()
-    for turn in range(rounds):
-        seen = centred(pokes, units) if units.alone else seen_among(pokes, units, response)
-        begun = units.places()[0]
-        for _ in range(_STEPS):
-            linear = _linear(pokes, units, seen, nuisances, twist)
-            distance = _square(linear.residual, linear.spread)
-            used = seen.found & (pokes.weight > 0) & np.isfinite(distance)
-            noise = max(1.0, float(np.sqrt(np.median(distance[used]) / _WELL))) if used.any() else 1.0
-            weight = np.where(used, pokes.weight * (TAIL + 3.0) / (TAIL + distance / noise**2), 0.0) / noise**2
-            square, right = _normal(linear, weight, len(units), units.freedom, pokes)
-            square, right = _with_ties(square, right, units, priors)
-            step = before.step(square, right, units, nuisances)
-            size = len(units) * units.freedom
-            by = step[:size].reshape(len(units), -1)
-            share = 1.0 / max(float(np.abs(by / units.each(*_LONGEST)).max(initial=1.0)), 1.0)
-            by = share * by
-            units, nuisances = units.moved(by), nuisances.moved(share * step[size:])
-            if np.abs(by[:, :2]).max(initial=0.0) < _STILL:
-                break
-        if turn and np.nanmax(np.abs(units.places()[0] - begun)) < 20.0 * _STILL:
+    response = None if units.alone else learned(pokes, units)
+    seen = centred(pokes, units) if response is None else seen_among(pokes, units, response)
+    twist, size, by_place = _twist(pokes), len(units) * units.freedom, units.jacobian()
+    for turn in range(_STEPS):
+        if turn % _FRESH == 0:
+            by_place = units.jacobian()
+        linear = _linear(pokes, units, by_place, seen, nuisances, twist)
+        weight, noise = _weights(pokes, seen, linear)
+        step = before.step(*_all(linear, weight / noise**2, units, pokes, priors), units, nuisances)
+        by = step[:size].reshape(len(units), -1)
+        share = 1.0 / max(float(np.abs(by / units.each(*_LONGEST)).max(initial=1.0)), 1.0)
+        units, nuisances = units.moved(share * by), nuisances.moved(share * step[size:])
+        if share == 1.0 and np.abs(by[:, :2]).max(initial=0.0) < _STILL:
             break
-    linear = _linear(pokes, units, seen, nuisances, twist)
-    square, right = _normal(linear, weight, len(units), units.freedom, pokes)
-    square, _ = _with_ties(square, right, units, priors)
-    covariance = before.covariance(square)
-    covariance = covariance + _shared(pokes, units, seen, linear, weight, covariance)
-    return Solution(units, nuisances, response, covariance, linear.residual, weight * noise**2, noise, seen, twist)
+    linear = _linear(pokes, units, units.jacobian(), seen, nuisances, twist)
+    weight, noise = _weights(pokes, seen, linear)
+    covariance = before.covariance(_all(linear, weight / noise**2, units, pokes, priors)[0])
+    if response is not None:
+        covariance = covariance + _shared(linear, weight / noise**2, pokes, units, seen, covariance)
+    return Solution(units, nuisances, response, covariance, linear.residual, weight, noise, seen, twist)
 
 
-def information(
-    pokes: Pokes, units: Units, nuisances: Nuisances, seen: Seen, twist: float, weight: Float[np.ndarray, " n"]
-) -> Float[np.ndarray, "p p"]:
-    """That of pokes about all unknowns, without what is believed before: units, then nuisances."""
-    linear = _linear(pokes, units, seen, nuisances, twist)
-    return _normal(linear, weight, len(units), units.freedom, pokes)[0]
+def _weights(pokes: Pokes, seen: Seen, linear: _Linear) -> tuple[Float[np.ndarray, " n"], float]:
+    """How far each poke counts, 0: not at all; and how many times larger the residuals are than their covariance."""
+    distance = _square(linear.residual, linear.spread)
+    used = seen.found & (pokes.weight > 0) & np.isfinite(distance)
+    noise = max(1.0, float(np.sqrt(np.median(distance[used]) / _WELL))) if used.any() else 1.0
+    return np.where(used, pokes.weight * (TAIL + 3.0) / (TAIL + np.nan_to_num(distance) / noise**2), 0.0), noise
+
+
+def information(pokes: Pokes, solution: Solution) -> Float[np.ndarray, "p p"]:
+    """That of pokes about all unknowns at a solution, without what is believed before: units, then nuisances."""
+    units = solution.units
+    linear = _linear(pokes, units, units.jacobian(), solution.seen, solution.nuisances, solution.twist)
+    return _normal(linear, solution.weight / solution.noise**2, len(units), units.freedom, pokes)[0]
 
 
 def observed(
@@ -134,7 +129,7 @@ def observed(
     configurations: int,
     deviations: Float[np.ndarray, " f"] | None = None,
 ) -> Float[np.ndarray, "p p"]:
-    """The covariance that information leaves under the priors: the Bayesian Cramer-Rao bound where it is the truth's."""
+    """The covariance that information leaves under the priors: at the truth, the Bayesian Cramer-Rao bound."""
     before = Before(units, None, deviations, Nuisances.deviations(priors, configurations))
     return before.covariance(information)
 
@@ -184,7 +179,14 @@ def _precision(deviations: Float[np.ndarray, " q"]) -> Float[np.ndarray, " q"]:
         return np.where(np.isfinite(deviations) & (deviations > 0), 1.0 / deviations**2, 0.0)
 
 
-def _linear(pokes: Pokes, units: Units, seen: Seen, nuisances: Nuisances, twist: float) -> _Linear:
+def _linear(
+    pokes: Pokes,
+    units: Units,
+    by_place: Float[np.ndarray, "k 3 f"],
+    seen: Seen,
+    nuisances: Nuisances,
+    twist: float,
+) -> _Linear:
     """Residuals, and their derivatives where force and contact most likely were.
 
     Derivatives at the measured force and contact would hold the same noise as the residuals: their product does not
@@ -204,12 +206,16 @@ def _linear(pokes: Pokes, units: Units, seen: Seen, nuisances: Nuisances, twist:
     off = (seen.covariance @ np.swapaxes(beside, 1, 2) @ told)[..., 0]  # how much further the contact was
     points = points + np.einsum("nij,nj->ni", axes, off)
     likely = predicted(replace(pokes, wrench=pokes.wrench - noise), points, nuisances)
-    unit, by_unit = _by_unit(units, seen, (axes, seen.beside + off), likely.by_point)
+    unit, by_unit = _by_unit(units, by_place, seen, (axes, seen.beside + off), likely.by_point)
     return _Linear(residual, spread, unit, by_unit, likely.by_nuisance, likely.by_point)
 
 
 def _by_unit(
-    units: Units, seen: Seen, beside: tuple[np.ndarray, np.ndarray], by_point: Float[np.ndarray, "n 3 3"]
+    units: Units,
+    by_place: Float[np.ndarray, "k 3 f"],
+    seen: Seen,
+    beside: tuple[np.ndarray, np.ndarray],
+    by_point: Float[np.ndarray, "n 3 3"],
 ) -> tuple[Int[np.ndarray, "n w"], Float[np.ndarray, "n w 3 f"]]:
     """Which units a contact hangs on, and the torque's derivative by their unknowns.
 
@@ -218,10 +224,9 @@ def _by_unit(
     axes, flat = beside
     about = np.maximum(seen.taxels, 0)
     unit = np.where(seen.shares != 0, units.layout.module[about], -1)
-    by_place = units.jacobian()[about]
     if units.alone:
-        return unit, np.einsum("nij,nw,nwjf->nwif", by_point, seen.shares, by_place)
-    moved = np.einsum("nw,nwjf->njf", seen.shares, by_place)  # all on one module
+        return unit, np.einsum("nij,nw,nwjf->nwif", by_point, seen.shares, by_place[about])
+    moved = np.einsum("nw,nwjf->njf", seen.shares, by_place[about])  # all on one module
     turned = -skew(np.einsum("nca,na->nc", axes, flat))
     if units.surface is not None:
         turned = turned @ np.cross(axes[:, :, 0], axes[:, :, 1])[..., None]
@@ -252,17 +257,20 @@ def _normal(
     return np.triu(square) + np.triu(square, 1).T, vector
 
 
-def _with_ties(
-    square: Float[np.ndarray, "p p"], right: Float[np.ndarray, " p"], units: Units, priors: Priors
+def _all(
+    linear: _Linear, weight: Float[np.ndarray, " n"], units: Units, pokes: Pokes, priors: Priors
 ) -> tuple[Float[np.ndarray, "p p"], Float[np.ndarray, " p"]]:
-    """With what single taxels are believed to be to each other."""
+    """J' W J and J' W r of the pokes, and of what single taxels are believed to be to each other."""
+    square, right = _normal(linear, weight, len(units), units.freedom, pokes)
     more, along = tied(units, priors)
     square[: len(more), : len(more)] += more
     right[: len(along)] += along
     return square, right
 
 
-def _roots(linear: _Linear, weight: Float[np.ndarray, " n"]) -> tuple[Int[np.ndarray, " r"], Float[np.ndarray, "r 3 3"]]:
+def _roots(
+    linear: _Linear, weight: Float[np.ndarray, " n"]
+) -> tuple[Int[np.ndarray, " r"], Float[np.ndarray, "r 3 3"]]:
     """Rows that count, and what makes their residuals unit ones."""
     rows = np.flatnonzero(weight > 0)
     root = np.linalg.cholesky(np.linalg.inv(linear.spread[rows])) * np.sqrt(weight[rows])[:, None, None]
@@ -284,18 +292,22 @@ def _lines(
     unit = linear.unit[rows][..., None]
     where = np.where(unit >= 0, unit * freedom + np.arange(freedom), -1).reshape(len(rows), -1)
     d = 6 * pokes.configuration[rows][:, None]
-    common, bias, cross = size + 6 * count, size + 6 * count + 6, size + 12 * count + 6  # as `Nuisances.vector` has them
+    common, bias, cross = (
+        size + 6 * count,
+        size + 6 * count + 6,
+        size + 12 * count + 6,
+    )  # as `Nuisances.vector` has them
     own = [size + d + np.arange(6), np.full_like(d, common) + np.arange(6), bias + d + np.arange(6)]
     own.append(np.full_like(d, cross) + np.arange(36))
     return values, np.concatenate([where, *own], axis=1), cross + 36
 
 
 def _shared(
+    linear: _Linear,
+    weight: Float[np.ndarray, " n"],
     pokes: Pokes,
     units: Units,
     seen: Seen,
-    linear: _Linear,
-    weight: Float[np.ndarray, " n"],
     covariance: Float[np.ndarray, "p p"],
 ) -> Float[np.ndarray, "p p"]:
     """What the covariance lacks, since contacts about one taxel err alike and do not average out."""

@@ -60,7 +60,9 @@ def _add_smooth(
 def _add_distances(
     places: Vectors, about: Int[np.ndarray, "u a"], priors: Priors, square: np.ndarray, right: np.ndarray
 ) -> None:
-    pairs = np.unique(np.sort(np.stack([np.repeat(np.arange(len(places)), about.shape[1]), about.ravel()]), axis=0), axis=1)
+    pairs = np.unique(
+        np.sort(np.stack([np.repeat(np.arange(len(places)), about.shape[1]), about.ravel()]), axis=0), axis=1
+    )
     away = places[pairs[0]] - places[pairs[1]]
     length = np.linalg.norm(away, axis=1)
     way = away / np.maximum(length, 1e-6)[:, None]

@@ -82,7 +82,9 @@ class Units:
             centre = self.centre + by[:, :3]
             if self.alone:
                 return replace(self, centre=centre)
-            return replace(self, centre=centre, frame=Pose.from_rotation_vector(by[:, 3:], by[:, :3]).rotation @ self.frame)
+            return replace(
+                self, centre=centre, frame=Pose.from_rotation_vector(by[:, 3:], by[:, :3]).rotation @ self.frame
+            )
         ways = np.einsum("uij,uj->ui", self.frame[:, :, :2], by[:, :2])
         centre, normals, heading = walk(self.surface, self.centre, ways)
         still = ~np.isfinite(heading).all(axis=1)
@@ -143,7 +145,9 @@ def frame_about(normals: Vectors, along: Vectors) -> Float[np.ndarray, "k 3 3"]:
     first = along - np.einsum("kc,kc->k", along, outward)[:, None] * outward
     length = np.linalg.norm(first, axis=1, keepdims=True)
     other = np.cross(outward, np.eye(3)[np.argmin(np.abs(outward), axis=1)])
-    first = np.where(length > 1e-9, first / np.maximum(length, 1e-9), other / np.linalg.norm(other, axis=1, keepdims=True))
+    first = np.where(
+        length > 1e-9, first / np.maximum(length, 1e-9), other / np.linalg.norm(other, axis=1, keepdims=True)
+    )
     return np.stack([first, np.cross(outward, first), outward], axis=2)
 
 
@@ -197,9 +201,7 @@ def _solved(
     return np.linalg.solve(square + scale * np.eye(size), right[..., None])[..., 0]
 
 
-def _start(
-    layout: ModuleLayout, places: Vectors, surface: Surface | None, share: Float[np.ndarray, " k"]
-) -> Units:
+def _start(layout: ModuleLayout, places: Vectors, surface: Surface | None, share: Float[np.ndarray, " k"]) -> Units:
     """Modules by the rotation that fits best, seen from outside."""
     centre, frame = np.zeros((layout.modules, 3)), np.tile(np.eye(3), (layout.modules, 1, 1))
     for number in range(layout.modules):
