@@ -11,7 +11,7 @@ import sys
 import time
 from pathlib import Path
 
-from benchmarks import equations, load_cells, peers, processes, speed, start, streams
+from benchmarks import equations, load_cells, peers, processes, speed, start, streams, taxels
 from benchmarks.measure import FLAT, Batch, Meshes, Single, batches, singles
 from evidence.machine import machine
 from evidence.report import Theme, measure
@@ -32,6 +32,7 @@ THEMES: dict[str, Theme] = {
     "load_cells": load_cells.rows,
     "processes": processes.rows,
     "start": start.rows,
+    "taxels": taxels.rows,
 }
 
 

@@ -30,6 +30,7 @@ from evidence import (
     same,
     skin_contacts,
     skin_map,
+    taxel_work,
     torn,
     touches,
 )
@@ -60,6 +61,7 @@ THEMES: dict[str, Theme] = {
     "skin_contacts": skin_contacts.rows,
     "skin_map": skin_map.rows,
     "load_cells": load_cells.rows,
+    "taxel_work": taxel_work.rows,
     "bad_input": bad_input.rows,
     "files": files.rows,
 }

@@ -1,0 +1,254 @@
+"""Calibrated taxels at work: touches located with them, frames a second, and a real skin's modules laid on its link."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cache
+from time import perf_counter
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from evidence.row import Row, shared, skipped
+from palpate.calibration.taxels import Priors, calibrate_taxels
+from palpate.calibration.taxels.place import common_layout, place_modules
+from palpate.contact.taxel_estimator import TaxelEstimator
+from palpate.io.taxel_files import read_taxel_places
+from palpate.sensors.recording import CELLS, Recording
+from palpate.sensors.taxel_places import TaxelPlaces
+from palpate.sensors.taxels import TaxelBody
+from palpate.simulation.forearm import Forearm
+from palpate.simulation.poke_bench import HAND, PAPER, PokeBench
+from palpate.simulation.skin_touches import SkinTouches, simulate_touches
+from palpate.spatial.pose import Pose
+from palpate.surfaces.mesh import Mesh
+
+__all__ = ["registered", "rows", "variation"]
+
+COMMAND = "python -m evidence --only taxel_work"
+NAME = "taxels at work"
+SEED = 300
+NEAR = 6e-3  # m: farther off than that, a contact is not that touch's
+BESIDE = 2.5e-3  # m: of a taxel's middle
+APART = (12e-3, 15e-3, 18e-3)  # m, middles of two touches; neighbours are 6 mm apart
+SPACING = 5.5e-3  # m, between neighbours, as the paper says it
+COARSE, FINE, KEPT = 10, 150, 3  # rounds of registration, of all starts and of the best
+
+
+def rows(small: bool) -> Iterator[Row]:
+    """Touches of a calibrated skin, speed, the real skin."""
+    yield from _touched(*((1, 300, 40) if small else (6, 1000, 300)))
+    yield from _speed(small)
+    yield from _icub(small)
+
+
+# --- the skin at work
+
+
+@dataclass(frozen=True)
+class _Judged:
+    """Touches, or pairs of them, as they were found.
+
+    Attributes:
+        away: [m] of contacts from the single touches that they are.
+        count: contacts each touch, or pair, was taken for.
+        told: which pairs were told apart; beside: of which both lie beside a taxel.
+    """
+
+    away: np.ndarray
+    count: np.ndarray
+    told: np.ndarray
+    beside: np.ndarray
+
+
+def _touched(sessions: int, pokes: int, touches: int) -> Iterator[Row]:
+    """Sessions of pokes each calibrate a skin from CAD, which is then touched; beside it the skin as it truly is."""
+    places, single = list[float](), {True: list[_Judged](), False: list[_Judged]()}
+    pairs = {apart: {True: list[_Judged](), False: list[_Judged]()} for apart in APART}
+    for seed in range(SEED, SEED + sessions):
+        rng = np.random.default_rng(seed)
+        bench = PokeBench.drawn(rng, skin=_skin(), errors=PAPER, tip=HAND)
+        found = _calibrated(bench, pokes, rng)
+        truth = bench.skin.places
+        places.append(float(np.linalg.norm(found.positions - truth.positions, axis=1).mean()))
+        one = simulate_touches(bench, rng, touches)
+        both = {apart: simulate_touches(bench, rng, touches, apart=apart) for apart in APART}
+        for true, where in ((True, truth), (False, found)):
+            single[true].append(_judged(where, one, 1))
+            for apart, two in both.items():
+                pairs[apart][true].append(_judged(where, two, 2))
+    off = {true: np.concatenate([each.away for each in of]) for true, of in single.items()}
+    ratio = float(np.median(off[False]) / np.median(off[True]))
+    each = [np.median(a.away) / np.median(b.away) for a, b in zip(single[False], single[True], strict=True)]
+    of = f"{sessions} sessions of {pokes:,} pokes, {touches} touches each"
+    got = (
+        f"{ratio:.2f} ({min(each):.2f} to {max(each):.2f} by session; {1e3 * np.median(off[False]):.2f} mm against "
+        f"{1e3 * np.median(off[True]):.2f}; places off by {1e3 * np.mean(places):.2f} mm on average)"
+    )
+    judged = sessions > 1  # one session is worth little
+    what = f"one touch on a skin calibrated from CAD, {of}: median place error over that with the true places"
+    yield Row(NAME, what, "<= 1.5", got, ratio <= 1.5 if judged else None, COMMAND)
+    split = sum(int((one.count > 1).sum()) for one in single[False])
+    got = f"{split} of {sessions * touches}"
+    yield Row(NAME, "the same: one touch told as several", "", got, None, COMMAND)
+    for apart, by in pairs.items():
+        told, true_told = (np.concatenate([one.told for one in by[true]]) for true in (False, True))
+        beside = np.concatenate([one.beside for one in by[False]])
+        got = (
+            f"{told.mean():.1%} ({true_told.mean():.1%} with the true places; {told[beside].mean():.1%} of the "
+            f"{beside.sum()} where both touch within {1e3 * BESIDE:g} mm of a taxel)"
+        )
+        asked = apart == APART[0]
+        met = bool(told.mean() >= 0.95) if asked and judged else None
+        what = f"two touches whose middles are {1e3 * apart:.0f} mm apart, neighbours 6 mm: told apart"
+        yield Row(NAME, what, ">= 95 %" * asked, got, met, COMMAND)
+
+
+@cache
+def _skin() -> Forearm:
+    return Forearm.of()
+
+
+def _calibrated(bench: PokeBench, pokes: int, rng: np.random.Generator) -> TaxelPlaces:
+    skin, e = _skin(), bench.errors
+    priors = Priors(
+        e.bias_force, e.bias_torque, e.frame, e.frame_angle, e.common, e.common_angle, e.cross_talk, e.lever
+    )
+    surface, start = Mesh.from_arrays(*skin.cone.mesh()), skin.cad(rng)
+    made = calibrate_taxels(bench.session(rng, pokes).pokes, surface=surface, start=start, priors=priors)
+    return made.places
+
+
+def _judged(places: TaxelPlaces, touches: SkinTouches, several: int) -> _Judged:
+    """In the middle frame of each touch, or of each pair of them."""
+    estimator = TaxelEstimator(TaxelBody.placed(places.positions, places.normals, bits=8))
+    found = estimator.run(Recording(touches.time, {CELLS: touches.frames}))
+    away, count, told = list[float](), list[int](), list[bool]()
+    for k in range(0, len(touches.start), several):
+        rows = np.flatnonzero((found.sample == (touches.start[k] + touches.end[k]) // 2) & found.located)
+        count.append(len(rows))
+        far = np.linalg.norm(found.estimate.point[rows, None] - touches.point[None, k : k + several], axis=2)
+        if several == 1 and len(rows):
+            away.append(float(far[:, 0].min()))
+        if several == 2:
+            two = len(rows) == 2
+            told.append(two and bool(min(max(far[0, 0], far[1, 1]), max(far[0, 1], far[1, 0])) < NEAR))
+    to_taxels = np.linalg.norm(touches.point[:, None] - _skin().places.positions, axis=2).min(axis=1)
+    beside = (to_taxels < BESIDE).reshape(-1, several).all(axis=1)
+    return _Judged(np.array(away), np.array(count), np.array(told, dtype=bool), beside)
+
+
+# --- real time
+
+
+def _speed(small: bool) -> Iterator[Row]:
+    """Frames in which two touches come and go, one after the other, again and again."""
+    for modules, along, asked in ((7, 2, 10_000), (334, 20, 500)):
+        skin = _skin() if modules == 7 else Forearm.of(modules, rows=along)
+        rng = np.random.default_rng(SEED)
+        bench = PokeBench.drawn(rng, skin=skin)
+        touches = simulate_touches(bench, rng, 10 if small or modules > 7 else 100, apart=APART[1])
+        times = 1 if small else 20
+        block = np.tile(touches.frames[:-1], (times, 1))
+        recording = Recording(np.arange(len(block)) / 50.0, {CELLS: block})
+        body = TaxelBody.placed(skin.places.positions, skin.places.normals, bits=8)
+        took = list[float]()
+        for _ in range(2 if small else 4):  # the first compiles
+            estimator = TaxelEstimator(body)
+            begin = perf_counter()
+            estimator.run(recording)
+            took.append(perf_counter() - begin)
+        rate = len(block) / min(took)
+        met = None if small else rate >= asked  # never judged where others may be running
+        what = f"{len(body):,} taxels anywhere, two touches at once, in blocks: frames a second"
+        yield Row(NAME, what, f">= {asked:,}", f"{rate:,.0f} (best of {len(took)})", met, COMMAND)
+
+
+# --- a real skin
+
+
+def _icub(small: bool) -> Iterator[Row]:
+    """Taxels estimated from wrenches (`nomesh`), laid as rigid modules on the link; and what the authors made.
+
+    The link is registered to the estimates alone; once more, and not judged, to the authors' result.
+    """
+    folder = shared()
+    if folder is None or not (folder / "data" / "icub").is_dir():
+        yield from skipped(NAME, "icub: modules laid on the link", "", COMMAND)
+        return
+    data = folder / "data" / "icub"
+    link = Mesh.load(data / "icub_r_forearm.dae", "m")
+    own, theirs = (read_taxel_places(data / f"right_forearm_{kind}.txt") for kind in ("nomesh", "mesh"))
+    patch, settled = (read_taxel_places(data / f"pos_right_forearm_lower_{kind}.txt") for kind in ("nomesh", "mesh"))
+    rounds = (4, 20) if small else (COARSE, FINE)
+    for name, given, authors, most in (("all 23", own, theirs, 3.6), ("84 patch", patch, settled, 3.2)):
+        for to, places in {"themselves": given, "the authors' result": theirs}.items():
+            if small and places is theirs:
+                continue
+            surface, off = registered(link, places.positions[places.there], *rounds)
+            got = f"{1e3 * off.mean():.2f} mm mean, {1e3 * off.max():.2f} worst"
+            yield Row(NAME, f"icub, {name}: link registered to {to}, points off it", "", got, None, COMMAND)
+            for spacing in (None, SPACING):
+                kept = "as estimated" if spacing is None else f"scaled to {1e3 * spacing:g} mm"
+                layout = common_layout(given, surface, spacing=spacing)
+                laid = place_modules(given, layout, surface).places
+                what = f"icub, {name}: link registered to {to}, layout {kept}"
+                yield _laid(what, (given, laid, authors), surface, most, judged=not small and places is given)
+
+
+def _laid(
+    what: str, places: tuple[TaxelPlaces, TaxelPlaces, TaxelPlaces], surface: Mesh, most: float, *, judged: bool
+) -> Row:
+    """Of places as given, as laid, and as the authors have them; `most` [mm] on average they may have moved."""
+    given, laid, authors = places
+    rows = given.there & laid.there
+    moved = 1e3 * np.linalg.norm(laid.positions - given.positions, axis=1)[rows]
+    off = 1e3 * np.linalg.norm(surface.project(laid.positions[rows])[0] - laid.positions[rows], axis=1)
+    theirs = 1e3 * np.linalg.norm(authors.positions - given.positions, axis=1)[authors.there & given.there]
+    spread = variation(laid)
+    got = (
+        f"{off.mean():.4f} mm from the mesh; moved {moved.mean():.2f} mm, {moved.max():.2f} at most (the authors' "
+        f"{theirs.mean():.2f}, {theirs.max():.2f}); variation {spread:.3f} (before {variation(given):.3f}, the "
+        f"authors' {variation(authors):.3f})"
+    )
+    met = off.mean() <= 0.1 and moved.mean() <= most and spread <= 0.16
+    target = f"<= 0.1 mm from the mesh, moved <= {most} mm, variation of neighbours' distances <= 0.16"
+    return Row(NAME, what, target, got, met if judged else None, COMMAND)
+
+
+def variation(places: TaxelPlaces) -> float:
+    """Of the distances of neighbours in the ring of each module: their standard deviation over their mean."""
+    found = list[np.ndarray]()
+    for number in range(places.modules):
+        ring = places.positions[places.there & (places.module == number)]
+        found.append(np.linalg.norm(ring - np.roll(ring, -1, axis=0), axis=1))
+    distance = np.concatenate(found)
+    return float(distance.std() / distance.mean())
+
+
+def registered(link: Mesh, points: np.ndarray, coarse: int = COARSE, fine: int = FINE) -> tuple[Mesh, np.ndarray]:
+    """A link moved to points on it, closest point by closest point [Besl and McKay 1992], and how far they lie off.
+
+    From 24 orientations about the middles, `coarse` rounds of each and `fine` ones of the best few; distances in [m].
+    """
+    tried = list[tuple[float, Pose]]()
+    for turn in Rotation.create_group("O").as_matrix():
+        pose = Pose(turn, points.mean(axis=0) - turn @ link.vertices.mean(axis=0))
+        tried.append(_closer(link, points, pose, coarse))
+    best = sorted(tried, key=lambda one: one[0])[:KEPT]
+    pose = min((_closer(link, points, one[1], fine) for one in best), key=lambda one: one[0])[1]
+    moved = link.transformed(pose)
+    return moved, np.linalg.norm(moved.project(points)[0] - points, axis=1)
+
+
+def _closer(link: Mesh, points: np.ndarray, pose: Pose, rounds: int) -> tuple[float, Pose]:
+    """So many rounds on: the mean distance [m] before the last, and the pose."""
+    mean = float("inf")
+    for _ in range(rounds):
+        near = link.project(pose.inverse().apply(points))[0]
+        mean = float(np.linalg.norm(pose.apply(near) - points, axis=1).mean())
+        middle, target = near.mean(axis=0), points.mean(axis=0)
+        turn = Rotation.align_vectors(points - target, near - middle)[0].as_matrix()
+        pose = Pose(turn, target - turn @ middle)
+    return mean, pose

@@ -1,0 +1,125 @@
+"""Sessions of simulated pokes, and how far every method is off in each."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+
+from palpate.calibration.taxels import Priors, calibrate_taxels, paper
+from palpate.evaluation.taxels import compare_places
+from palpate.sensors.pokes import Pokes
+from palpate.sensors.taxel_places import TaxelPlaces
+from palpate.simulation.forearm import Forearm
+from palpate.simulation.poke_bench import HAND, PAPER, PokeBench, PokeErrors
+from palpate.surfaces.mesh import Mesh
+
+__all__ = ["ALONE", "FIRST", "SKIN", "SURFACE", "Found", "Session", "alone", "mean_of", "priors_of"]
+
+FIRST = 200  # seed: the errors of PAPER and the tip of HAND were chosen on others
+SKIN = Forearm.of()
+SURFACE = Mesh.from_arrays(*SKIN.cone.mesh())
+ALONE = {
+    "noise only": (),
+    "+ bias": ("bias_force", "bias_torque"),
+    "+ frames": ("frame", "frame_angle"),
+    "+ common": ("common", "common_angle"),
+    "+ cross-talk": ("cross_talk",),
+}
+
+
+def alone(name: str) -> PokeErrors:
+    """Noise as in PAPER and one of its other errors."""
+    noise = {"noise_force", "noise_torque", "lever"}
+    return replace(PAPER, **{field.name: 0.0 for field in fields(PAPER) if field.name not in {*noise, *ALONE[name]}})
+
+
+def priors_of(errors: PokeErrors) -> Priors:
+    """As the errors were drawn; what is without error is not estimated."""
+    shared = ("bias_force", "bias_torque", "frame", "frame_angle", "common", "common_angle", "cross_talk", "lever")
+    return Priors(**{name: getattr(errors, name) for name in shared})
+
+
+@dataclass(frozen=True)
+class Found:
+    """Distances [m] from the truth over the taxels.
+
+    Attributes:
+        mean, deviation, worst: as they are.
+        relative, relative_worst: mean and largest once one rigid motion of all taxels is taken off.
+    """
+
+    mean: float
+    deviation: float
+    worst: float
+    relative: float
+    relative_worst: float
+
+    @classmethod
+    def of(cls, positions: np.ndarray) -> Found:
+        """Of those taxels that have a place."""
+        made = compare_places(TaxelPlaces(positions, np.full(positions.shape, np.nan)), SKIN.places)
+        off, left = made.absolute, made.relative
+        return cls(*map(float, (off.mean(), off.std(), off.max(), left.mean(), left.max())))
+
+
+def mean_of(found: Iterable[Found]) -> float:
+    """[m] over the means of sessions or datasets; NaN of none."""
+    means = [one.mean for one in found]
+    return float(np.mean(means)) if means else float("nan")
+
+
+@dataclass(frozen=True)
+class Session:
+    """One session: a bench, and pokes of it.
+
+    Args:
+        seed: of everything drawn.
+        pokes: how many.
+        errors: of sensor and robot.
+    """
+
+    seed: int
+    pokes: int
+    errors: PokeErrors = PAPER
+
+    def made(self) -> Pokes:
+        """Its pokes, as they are measured."""
+        rng = np.random.default_rng(self.seed)
+        bench = PokeBench.drawn(rng, skin=SKIN, errors=self.errors, tip=HAND)
+        return bench.session(rng, self.pokes).pokes
+
+    def averaged(self, *, surface: bool) -> tuple[list[Found], list[Found]]:
+        """The paper's way: each dataset alone, and the mean over datasets 1 to n."""
+        singles = paper.averaged(self.made(), SURFACE if surface else None)[1]
+        there = np.isfinite(np.stack(singles)).all(axis=2)
+        total = np.cumsum(np.where(there[..., None], np.stack(singles), 0.0), axis=0)
+        count = np.cumsum(there, axis=0)[..., None]
+        running = np.where(count > 0, total / np.maximum(count, 1), np.nan)
+        return [Found.of(places) for places in singles], [Found.of(places) for places in running]
+
+    def together(self, methods: Sequence[str]) -> dict[str, Found]:
+        """By all datasets at once.
+
+        Args:
+            methods: "averaged, surface" is the paper's; "pooled" puts the normal equations together; "modules" and
+                "taxels" estimate all errors too, from nothing or, where ", CAD" stands behind, from CAD.
+        """
+        pokes = self.made()
+        return {name: Found.of(self._places(name, pokes)) for name in methods}
+
+    def _places(self, name: str, pokes: Pokes) -> np.ndarray:
+        if name == "pooled":
+            return paper.on_surface(paper.normal_equations(pokes, weighted=True), SURFACE)
+        if name == "pooled, free":
+            return paper.free(paper.normal_equations(pokes, weighted=True))
+        if name == "averaged, surface":
+            return paper.averaged(pokes, SURFACE)[0]
+        method, _, begun = name.partition(", ")
+        start = SKIN.cad(np.random.default_rng((self.seed, 1))) if begun else None
+        layout = SKIN.layout if method == "modules" and start is None else None
+        found = calibrate_taxels(
+            pokes, method=method, surface=SURFACE, start=start, layout=layout, priors=priors_of(self.errors)
+        )
+        return found.places.positions

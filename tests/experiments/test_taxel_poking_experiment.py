@@ -1,0 +1,71 @@
+"""The reproduction of `taxel poking`: a small run, how errors are counted, and the page that a run writes."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from experiments.taxel_poking.__main__ import AVERAGED, CAD, FOLDER, NOTHING, SMALL, Measured, checks, measured
+from experiments.taxel_poking.page import Check, page
+from experiments.taxel_poking.study import ALONE, SKIN, Found, Session, alone, priors_of
+from palpate.calibration.taxels import paper
+from palpate.simulation.poke_bench import PAPER
+from palpate.spatial.pose import Pose
+
+
+@pytest.fixture(scope="module")
+def small() -> Measured:
+    """Two sessions, one of them with modules."""
+    return measured(SMALL)
+
+
+def test_a_rigid_motion_is_no_relative_error() -> None:
+    motion = Pose.from_rotation_vector(np.array([0.0, 0.0, 0.1]), np.array([1e-3, 0.0, 2e-3]))
+    found = Found.of(motion.apply(SKIN.places.positions))
+    assert found.relative_worst < 1e-12
+    assert found.mean > 1e-3
+    assert found.mean <= found.worst
+
+
+def test_one_error_at_a_time_is_one_error() -> None:
+    assert alone("noise only") == replace(alone("+ bias"), bias_force=0.0, bias_torque=0.0)
+    kept = [name for name in vars(PAPER) if any(getattr(alone(error), name) == getattr(PAPER, name) for error in ALONE)]
+    assert set(kept) == set(vars(PAPER))
+    assert priors_of(PAPER).common_angle == PAPER.common_angle
+    assert priors_of(alone("+ frames")).cross_talk == 0.0
+
+
+def test_the_last_running_mean_is_the_papers_average() -> None:
+    session = Session(7, 400)
+    singles, running = session.averaged(surface=False)
+    whole = Found.of(paper.averaged(session.made())[0])
+    assert len(singles) == len(running) == 7
+    assert running[0] == singles[0]
+    assert running[-1].mean == pytest.approx(whole.mean, rel=1e-9)
+
+
+def test_a_small_run_has_all_methods(small: Measured) -> None:
+    assert set(small.together) == {"pooled, free", "pooled", NOTHING, CAD}
+    assert small.together[NOTHING][0].relative < 1.5e-3  # places to each other, from 300 pokes: 0.5 mm
+    averaged = Session(200, SMALL.pokes).together([AVERAGED])[AVERAGED]
+    assert averaged.mean == pytest.approx(small.running["surface"][0][-1].mean, rel=1e-9)
+    assert len(checks(small)) == 9
+
+
+def test_the_page_says_what_was_met_and_what_was_missed() -> None:
+    fine = Check("modules", "modules_cad", None, None, 1.5e-3, 1e-3)
+    poor = Check("times better", "ratio", None, 2.0, None, float("nan"))
+    assert fine.met
+    assert not poor.met
+    tables = {name: name.upper() for name in ("singles", "running", "together", "alone", "slow")}
+    made = page([fine, poor], tables, 1.0, 2000)
+    assert "| modules |  | 1 | <= 1.5 | met |" in made
+    assert "| times better |  | nan | >= 2 | **missed** |" in made
+    assert all(part in made for part in tables.values())
+
+
+def test_the_page_that_is_kept_shows_both_figures() -> None:
+    kept = (FOLDER / "README.md").read_text(encoding="utf-8")
+    for name in ("figure_4.png", "figure_5.png"):
+        assert (FOLDER / name).exists()
+        assert name in kept
