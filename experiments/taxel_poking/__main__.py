@@ -188,9 +188,15 @@ def _methods(found: Mapping[str, Sequence[Found]]) -> str:
             1e3 * np.mean([one.relative for one in runs]),
             1e3 * max(one.relative_worst for one in runs),
         )
+        rms = 1e3 * np.sqrt(np.mean([one.rms**2 for one in runs]))
+        known = [one.expected**2 for one in runs if one.expected is not None]
+        expected = f"{1e3 * np.sqrt(np.mean(known)):.2f}" if known else ""
         cells = [f"{np.mean(means):.2f}", f"{min(means):.2f}-{max(means):.2f}", f"{worst:.1f}"]
+        cells += [f"{rms:.2f}", expected]
         rows.append([name, *cells, f"{relative:.2f}", f"{left:.1f}", f"{1e3 * first / np.mean(means):.2f}"])
-    return table(("method", "mean", "of sessions", "worst", "relative", "worst", "times better"), rows)
+    return table(
+        ("method", "mean", "of sessions", "worst", "rms", "expected", "relative", "worst", "times better"), rows
+    )
 
 
 if __name__ == "__main__":

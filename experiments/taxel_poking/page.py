@@ -102,7 +102,8 @@ Grey: the paper's final mean, and its deviation.
 *averaged, surface* is the paper's best; *pooled* puts the normal equations of all datasets into one (no claim is made
 for it); *modules* are seven rigid modules on the surface, estimated with bias, frames, common frame and cross-talk
 under priors as wide as the errors that were drawn, from nothing or from CAD that is 3 mm and 5 deg off. *relative* is
-what is left once one rigid motion of all taxels is taken off. "times better": than the first row.
+what is left once one rigid motion of all taxels is taken off. *expected* is the rms that the covariance says: with
+priors as the errors were drawn, the Bayesian Cramer-Rao bound. "times better": than the first row.
 
 {together}
 

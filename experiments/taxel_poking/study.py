@@ -46,7 +46,8 @@ class Found:
     """Distances [m] from the truth over the taxels.
 
     Attributes:
-        mean, deviation, worst: as they are.
+        mean, deviation, worst, rms: as they are.
+        expected: root mean square that the covariance expects; None of methods that give none.
         relative, relative_worst: mean and largest once one rigid motion of all taxels is taken off.
     """
 
@@ -55,13 +56,18 @@ class Found:
     worst: float
     relative: float
     relative_worst: float
+    rms: float
+    expected: float | None = None
 
     @classmethod
-    def of(cls, positions: np.ndarray) -> Found:
+    def of(cls, positions: np.ndarray, covariance: np.ndarray | None = None) -> Found:
         """Of those taxels that have a place."""
         made = compare_places(TaxelPlaces(positions, np.full(positions.shape, np.nan)), SKIN.places)
         off, left = made.absolute, made.relative
-        return cls(*map(float, (off.mean(), off.std(), off.max(), left.mean(), left.max())))
+        rms = np.sqrt(np.mean(off**2))
+        square = None if covariance is None else np.nanmean(np.trace(covariance, axis1=1, axis2=2))
+        expected = None if square is None else float(np.sqrt(square))
+        return cls(*map(float, (off.mean(), off.std(), off.max(), left.mean(), left.max(), rms)), expected=expected)
 
 
 def mean_of(found: Iterable[Found]) -> float:
@@ -107,19 +113,19 @@ class Session:
                 "taxels" estimate all errors too, from nothing or, where ", CAD" stands behind, from CAD.
         """
         pokes = self.made()
-        return {name: Found.of(self._places(name, pokes)) for name in methods}
+        return {name: self._found(name, pokes) for name in methods}
 
-    def _places(self, name: str, pokes: Pokes) -> np.ndarray:
+    def _found(self, name: str, pokes: Pokes) -> Found:
         if name == "pooled":
-            return paper.on_surface(paper.normal_equations(pokes, weighted=True), SURFACE)
+            return Found.of(paper.on_surface(paper.normal_equations(pokes, weighted=True), SURFACE))
         if name == "pooled, free":
-            return paper.free(paper.normal_equations(pokes, weighted=True))
+            return Found.of(paper.free(paper.normal_equations(pokes, weighted=True)))
         if name == "averaged, surface":
-            return paper.averaged(pokes, SURFACE)[0]
+            return Found.of(paper.averaged(pokes, SURFACE)[0])
         method, _, begun = name.partition(", ")
         start = SKIN.cad(np.random.default_rng((self.seed, 1))) if begun else None
         layout = SKIN.layout if method == "modules" and start is None else None
         found = calibrate_taxels(
             pokes, method=method, surface=SURFACE, start=start, layout=layout, priors=priors_of(self.errors)
         )
-        return found.places.positions
+        return Found.of(found.places.positions, found.places.covariance)
