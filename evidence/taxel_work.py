@@ -19,7 +19,7 @@ from palpate.sensors.recording import CELLS, Recording
 from palpate.sensors.taxel_places import TaxelPlaces
 from palpate.sensors.taxels import TaxelBody
 from palpate.simulation.forearm import Forearm
-from palpate.simulation.poke_bench import HAND, PAPER, PokeBench
+from palpate.simulation.poke_bench import HAND, MIX, PokeBench
 from palpate.simulation.skin_touches import SkinTouches, simulate_touches
 from palpate.spatial.pose import Pose
 from palpate.surfaces.mesh import Mesh
@@ -68,7 +68,7 @@ def _touched(sessions: int, pokes: int, touches: int) -> Iterator[Row]:
     pairs = {apart: {True: list[_Judged](), False: list[_Judged]()} for apart in APART}
     for seed in range(SEED, SEED + sessions):
         rng = np.random.default_rng(seed)
-        bench = PokeBench.drawn(rng, skin=_skin(), errors=PAPER, tip=HAND)
+        bench = PokeBench.drawn(rng, skin=_skin(), errors=MIX, tip=HAND)
         found = _calibrated(bench, pokes, rng)
         truth = bench.skin.places
         places.append(float(np.linalg.norm(found.positions - truth.positions, axis=1).mean()))

@@ -12,12 +12,12 @@ from palpate.evaluation.taxels import compare_places
 from palpate.sensors.pokes import Pokes
 from palpate.sensors.taxel_places import TaxelPlaces
 from palpate.simulation.forearm import Forearm
-from palpate.simulation.poke_bench import HAND, PAPER, PokeBench, PokeErrors
+from palpate.simulation.poke_bench import HAND, MIX, PokeBench, PokeErrors
 from palpate.surfaces.mesh import Mesh
 
 __all__ = ["ALONE", "FIRST", "SKIN", "SURFACE", "Found", "Session", "alone", "mean_of", "priors_of"]
 
-FIRST = 200  # seed: the errors of PAPER and the tip of HAND were chosen on others
+FIRST = 200  # seed: the errors of MIX and the tip of HAND were chosen on others
 SKIN = Forearm.of()
 SURFACE = Mesh.from_arrays(*SKIN.cone.mesh())
 ALONE = {
@@ -30,9 +30,9 @@ ALONE = {
 
 
 def alone(name: str) -> PokeErrors:
-    """Noise as in PAPER and one of its other errors."""
+    """Noise as in MIX and one of its other errors."""
     noise = {"noise_force", "noise_torque", "lever"}
-    return replace(PAPER, **{field.name: 0.0 for field in fields(PAPER) if field.name not in {*noise, *ALONE[name]}})
+    return replace(MIX, **{field.name: 0.0 for field in fields(MIX) if field.name not in {*noise, *ALONE[name]}})
 
 
 def priors_of(errors: PokeErrors) -> Priors:
@@ -88,7 +88,7 @@ class Session:
 
     seed: int
     pokes: int
-    errors: PokeErrors = PAPER
+    errors: PokeErrors = MIX
 
     def made(self) -> Pokes:
         """Its pokes, as they are measured."""

@@ -19,7 +19,7 @@ from palpate.errors import InputError, NotIdentifiable
 from palpate.sensors.pokes import Pokes
 from palpate.sensors.taxel_modules import LAYOUTS, ModuleLayout
 from palpate.simulation.forearm import Forearm
-from palpate.simulation.poke_bench import HAND, PAPER, PokeBench, PokeErrors, PokeSession
+from palpate.simulation.poke_bench import HAND, MIX, PokeBench, PokeErrors, PokeSession
 from palpate.spatial.pose import Pose
 from palpate.surfaces import Cylinder, Mesh
 
@@ -50,12 +50,12 @@ def link(skin: Forearm) -> Mesh:
 @pytest.fixture(scope="module")
 def session(skin: Forearm) -> PokeSession:
     rng = RNG(11)
-    return PokeBench.drawn(rng, skin=skin, errors=PAPER, tip=HAND).session(rng, 600)
+    return PokeBench.drawn(rng, skin=skin, errors=MIX, tip=HAND).session(rng, 600)
 
 
 @pytest.fixture(scope="module")
 def from_cad(skin: Forearm, link: Mesh, session: PokeSession) -> TaxelCalibration:
-    return calibrate_taxels(session.pokes, surface=link, start=skin.cad(RNG(5)), priors=priors_of(PAPER))
+    return calibrate_taxels(session.pokes, surface=link, start=skin.cad(RNG(5)), priors=priors_of(MIX))
 
 
 def made(seed: int, count: int = 5, configurations: int = 2) -> Pokes:
@@ -172,7 +172,7 @@ def test_modules_from_cad_beat_the_paper_on_the_same_pokes(
 
 
 def test_modules_from_nothing_lie_well_to_each_other(skin: Forearm, link: Mesh, session: PokeSession) -> None:
-    found = calibrate_taxels(session.pokes, surface=link, layout=skin.layout, priors=priors_of(PAPER)).places
+    found = calibrate_taxels(session.pokes, surface=link, layout=skin.layout, priors=priors_of(MIX)).places
     centred = found.positions - found.positions.mean(axis=0), skin.places.positions - skin.places.positions.mean(axis=0)
     left, _, right = np.linalg.svd(centred[0].T @ centred[1])
     turn = left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right
@@ -184,8 +184,8 @@ def test_modules_from_nothing_lie_well_to_each_other(skin: Forearm, link: Mesh, 
 
 def test_taxels_never_touched_are_named_and_placed_by_their_module(skin: Forearm, link: Mesh) -> None:
     rng, among = RNG(13), np.flatnonzero(np.arange(84) % 12 < 6)
-    pokes = PokeBench.drawn(rng, skin=skin, errors=PAPER, tip=HAND).session(rng, 400, among=among).pokes
-    found = calibrate_taxels(pokes, surface=link, start=skin.cad(rng), priors=priors_of(PAPER))
+    pokes = PokeBench.drawn(rng, skin=skin, errors=MIX, tip=HAND).session(rng, 400, among=among).pokes
+    found = calibrate_taxels(pokes, surface=link, start=skin.cad(rng), priors=priors_of(MIX))
     assert any("42 of 84 taxels never answered, they are placed by their modules" in said for said in found.notes)
     far = found.places.pokes == 0
     assert found.places.deviations()[far].mean() > found.places.deviations()[~far].mean()
@@ -197,7 +197,7 @@ def test_every_method_places_what_was_touched(method: str, skin: Forearm, link: 
     rng = RNG(17)
     pokes = PokeBench.drawn(rng, skin=skin, errors=QUIET, tip=HAND).session(rng, 300).pokes
     surface = link if method in ("surface", "taxels") else None
-    found = calibrate_taxels(pokes, method=method, surface=surface, priors=priors_of(PAPER)).places
+    found = calibrate_taxels(pokes, method=method, surface=surface, priors=priors_of(MIX)).places
     error = np.linalg.norm(found.positions - skin.places.positions, axis=1)[found.pokes > 3]
     assert np.median(error) < (12e-3 if surface is None else 4e-3)
 
@@ -226,8 +226,8 @@ def test_what_cannot_be_is_said(skin: Forearm, link: Mesh, session: PokeSession)
 
 def test_a_planned_poke_shrinks_the_covariance_as_if_it_had_been_made(skin: Forearm, link: Mesh) -> None:
     units, poses = fitted(skin.layout, skin.places.positions, link), PokeBench.drawn(RNG(0), skin=skin).arm
-    options = candidates(units, poses.pose(*poses.joints[:3].T), PAPER.noise)
-    deviations, priors = units.each(3e-3, 0.09), priors_of(PAPER)
+    options = candidates(units, poses.pose(*poses.joints[:3].T), MIX.noise)
+    deviations, priors = units.each(3e-3, 0.09), priors_of(MIX)
     before = known_after(units, options, np.zeros(len(options.taxel)), priors, 3, deviations)
     plan = plan_pokes(units, before, options, pokes=6)
     made = np.bincount(plan.chosen, minlength=len(options.taxel)).astype(float)

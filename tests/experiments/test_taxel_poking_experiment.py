@@ -9,7 +9,7 @@ from experiments.taxel_poking.__main__ import AVERAGED, CAD, FOLDER, NOTHING, SM
 from experiments.taxel_poking.page import Check, page
 from experiments.taxel_poking.study import ALONE, SKIN, Found, Session, alone, priors_of
 from palpate.calibration.taxels import paper
-from palpate.simulation.poke_bench import PAPER
+from palpate.simulation.poke_bench import MIX
 from palpate.spatial.pose import Pose
 
 
@@ -29,9 +29,9 @@ def test_a_rigid_motion_is_no_relative_error() -> None:
 
 def test_one_error_at_a_time_is_one_error() -> None:
     assert alone("noise only") == replace(alone("+ bias"), bias_force=0.0, bias_torque=0.0)
-    kept = [name for name in vars(PAPER) if any(getattr(alone(error), name) == getattr(PAPER, name) for error in ALONE)]
-    assert set(kept) == set(vars(PAPER))
-    assert priors_of(PAPER).common_angle == PAPER.common_angle
+    kept = [name for name in vars(MIX) if any(getattr(alone(error), name) == getattr(MIX, name) for error in ALONE)]
+    assert set(kept) == set(vars(MIX))
+    assert priors_of(MIX).common_angle == MIX.common_angle
     assert priors_of(alone("+ frames")).cross_talk == 0.0
 
 

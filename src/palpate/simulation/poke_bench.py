@@ -32,7 +32,6 @@ __all__ = [
     "HAND",
     "MIX",
     "NOISE2",
-    "PAPER",
     "PERSET",
     "Arm",
     "Layer",
@@ -74,7 +73,7 @@ class Tip:
             raise ValueError("forces must be positive, and the cone within friction")
 
 
-HAND = Tip(cone=radians(25.0))  # held by a person: with a narrower cone the free method finds the axis of the link
+HAND = Tip(cone=radians(30.0), friction=0.6)  # by hand: with a narrow cone the free method finds the axis of the link
 
 
 @dataclass(frozen=True)
@@ -168,7 +167,6 @@ class PokeErrors:
 _DEGREE = radians(1.0)
 MIX = PokeErrors(0.15, 0.015, 0.3, 0.03, 3e-3, _DEGREE, 3e-3, _DEGREE, 0.02)
 PERSET = PokeErrors(0.15, 0.015, 0.4, 0.045, 4.5e-3, 2 * _DEGREE, 0.0, 0.0, 0.01)
-PAPER = PokeErrors(0.1, 0.01, 0.3, 0.03, 5e-3, 2 * _DEGREE, 2.5e-3, 0.8 * _DEGREE, 0.008)  # with a tip as in HAND
 NOISE2 = PokeErrors(0.4, 0.035, 0.25, 0.03, 3e-3, 1.2 * _DEGREE, 0.8e-3, 0.0, 0.006)
 
 

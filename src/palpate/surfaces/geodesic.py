@@ -11,6 +11,8 @@ __all__ = ["walk"]
 
 STEPS = 4  # each errs by (length / 4)^3 / (24 R^2): 0.1 um for 10 mm on a radius of 30 mm
 
+LONGER = 1.3  # of a step, at most
+
 Vectors = Float[np.ndarray, "n 3"]
 
 
@@ -36,7 +38,7 @@ def walk(surface: Surface, starts: Vectors, ways: Vectors, *, steps: int = STEPS
         onto, outward, _ = surface.project(reached)
         chord = np.linalg.norm(onto - points, axis=1, keepdims=True)  # a step in the tangent plane comes out too short
         with np.errstate(invalid="ignore", divide="ignore"):
-            share = np.where(chord > 0, length / steps / chord, 1.0)
+            share = np.clip(np.where(chord > 0, length / steps / chord, 1.0), 1.0, LONGER)  # at a rim no step gets on
         onto, outward, _ = surface.project(points + np.nan_to_num(ahead) * length / steps * share)
         heading = _turned(ahead, normals, outward)
         points, normals = onto, outward

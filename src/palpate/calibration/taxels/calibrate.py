@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -65,8 +65,9 @@ def calibrate_taxels(
     Args:
         pokes: of all configurations.
         method: "free", "weighted", "surface": the paper's, each taxel for itself, all answers alike (5), weighted (K),
-            or weighted and on the surface (II-B). "taxels": taxel by taxel, but all at once, with the errors of sensor
-            and robot and a model of the taxels' responses. "modules": the same for the modules that carry them.
+            or weighted and on the surface (II-B). "taxels": taxel by taxel, but all at once, with the sensor's bias
+            and the errors of frames. "modules": the modules that carry them, with cross-talk and a model of the taxels'
+            responses, too.
         surface: of the link, in its frame: "surface" needs one, "taxels" and "modules" are better with one.
         start: where taxels are thought to be (CAD), believed as far as the priors say; None: nothing is known.
         layout: of modules; None: that of the start.
@@ -145,6 +146,8 @@ def _together(
         points, outward, _ = _guessed(pokes, surface)
         begun = None if start is None else single(start.positions, surface, _facing(start.normals, outward))
         units = begun or single(points, surface, outward)
+    if not modules:  # centroids of answers shrink towards the middle, which would read as a gain of the sensor
+        priors = replace(priors, cross_talk=0.0)
     deviations = None if begun is None else units.each(priors.start, priors.start_angle)
     solution = solve(pokes, units, priors, start=begun, deviations=deviations)
     places = _placed(pokes, solution)
