@@ -68,8 +68,8 @@ tip of 4 x 4 mm, shared among the datasets by their minutes. Truth is where the 
 **The paper's figures are a fit here, not a prediction.** The paper states neither its errors nor how the tip was held.
 The errors of sensor and robot (`MIX`) are those of an earlier prototype; the cone of forces (`HAND`, 30 degrees) and
 the pokes a minute (40) were chosen among about fifteen settings so that the paper's own methods give about what the
-paper published, on other seeds than these, from 200 on. One session is worth little: see the ranges in brackets. What is
-*not* fitted are the methods beyond the paper's, on the same pokes.
+paper published, on other seeds than these, from 200 on. One session is worth little: see the ranges in brackets. What
+is *not* fitted are the methods beyond the paper's, on the same pokes.
 
 ## What was asked
 
