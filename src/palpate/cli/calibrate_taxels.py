@@ -61,8 +61,8 @@ def calibrate_taxels_command(
             found elsewhere, which modules are laid on.
         rig: TOML with [skin], [force_torque], [pokes] and, as a rule, [surface].
         output: where they sit: .toml (all that is known), .txt (iCub), .csv or .urdf.
-        method: modules: rigid modules of known layout, with the errors of sensor and robot; taxels: the same, each for
-            itself; surface, weighted, free: as published, each for itself.
+        method: modules: rigid modules of known layout, with the errors of sensor and robot; taxels: each for itself,
+            with bias and frames; surface, weighted, free: as published, each for itself.
         start: file of where they are thought to be (CAD), in place of the rig's.
         layout: of modules, in place of the rig's: ring12, triangle10, triangle10+2, or a file of taxels.
         threshold: above its rest, at which a taxel answers; found where it is not given.
