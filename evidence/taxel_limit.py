@@ -1,0 +1,143 @@
+"""Modules of taxels from pokes against what any estimator can reach, their ellipsoids, and planned pokes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from evidence.row import Row
+from palpate.calibration.taxels import Priors, calibrate_taxels
+from palpate.calibration.taxels.plan import candidates, known_after, plan_pokes
+from palpate.calibration.taxels.units import Units, fitted, single
+from palpate.simulation.forearm import Forearm
+from palpate.simulation.poke_bench import HAND, MIX, Arm, PokeBench, PokeErrors
+from palpate.surfaces.mesh import Mesh
+
+__all__ = ["rows"]
+
+COMMAND = "python -m evidence --only taxel_limit"
+NAME = "taxels, limits"
+SEED = 500
+HELD = 5.991  # of chi-square with two degrees of freedom: a place on a surface has no more
+
+
+def rows(small: bool) -> Iterator[Row]:
+    """Errors over bounds, ellipsoids, planning."""
+    skin = Forearm.of()
+    link = Mesh.from_arrays(*skin.cone.mesh())
+    for start in (False, True):
+        yield from _limit(skin, link, 1 if small else 60, 400 if small else 1000, start)
+    yield from _planning(skin, link, small)
+
+
+def priors_of(errors: PokeErrors) -> Priors:
+    """Those that the bench draws from."""
+    bias, frame = (errors.bias_force, errors.bias_torque), (errors.frame, errors.frame_angle)
+    return Priors(*bias, *frame, errors.common, errors.common_angle, errors.cross_talk, errors.lever)
+
+
+# --- errors over bounds
+
+
+@dataclass(frozen=True)
+class _Trial:
+    """[m^2] squared errors of the taxels and what their covariance says; the same once a rigid motion is taken off."""
+
+    error: Float[np.ndarray, " k"]
+    said: Float[np.ndarray, " k"]
+    relative: Float[np.ndarray, " k"]
+    said_relative: Float[np.ndarray, " k"]
+    held: Float[np.ndarray, " k"]
+
+
+def _limit(skin: Forearm, link: Mesh, trials: int, pokes: int, start: bool) -> Iterator[Row]:
+    from_where = "from CAD" if start else "from nothing"
+    found = [_trial(skin, link, SEED + seed, pokes, start) for seed in range(trials)]
+    error, said, relative, said_relative, held = (
+        np.concatenate([getattr(one, name) for one in found])
+        for name in ("error", "said", "relative", "said_relative", "held")
+    )
+    ratio = float(np.sqrt(error.mean() / said.mean()))
+    judged = trials >= 50
+    what = f"modules {from_where}, {trials} sessions of {pokes} pokes: rms error over the bound"
+    got = f"{ratio:.2f} ({1e3 * np.sqrt(error.mean()):.2f} mm)"
+    yield Row(NAME, what, "<= 1.2", got, ratio <= 1.2 if judged else None, COMMAND)
+    ratio = float(np.sqrt(relative.mean() / said_relative.mean()))
+    got = f"{ratio:.2f} ({1e3 * np.sqrt(relative.mean()):.2f} mm, worst {1e3 * np.sqrt(relative.max()):.2f} mm)"
+    yield Row(NAME, f"modules {from_where}: the same once one rigid motion is taken off", "", got, None, COMMAND)
+    worst = float(np.sqrt(error.max()))
+    mean = float(np.sqrt(error).mean())
+    met = None if not (judged and start) else mean <= 1.5e-3 and worst <= 4e-3
+    got = f"{1e3 * mean:.2f} / {1e3 * worst:.2f} mm"
+    yield Row(NAME, f"modules {from_where}: mean / worst error", "<= 1.5 / 4 mm" * start, got, met, COMMAND)
+    share = float(held.mean())
+    what = f"modules {from_where}: 95 % ellipsoids hold the truth, taxel by taxel"
+    yield Row(NAME, what, "93-97 %", f"{share:.1%}", 0.93 <= share <= 0.97 if judged else None, COMMAND)
+
+
+def _trial(skin: Forearm, link: Mesh, seed: int, pokes: int, start: bool) -> _Trial:
+    rng = np.random.default_rng(seed)
+    bench = PokeBench.drawn(rng, skin=skin, errors=MIX, tip=HAND)
+    made, truth = bench.session(rng, pokes).pokes, skin.places.positions
+    begun = {"start": skin.cad(rng)} if start else {"layout": skin.layout}
+    places = calibrate_taxels(made, surface=link, priors=priors_of(MIX), **begun).places
+    away = places.positions - truth
+    values, axes = np.linalg.eigh(places.covariance)
+    standing = np.einsum("kia,ki->ka", axes[:, :, 1:], away) ** 2 / values[:, 1:]
+    left = places.positions - places.positions.mean(axis=0)
+    right = truth - truth.mean(axis=0)
+    one, _, other = np.linalg.svd(left.T @ right)
+    turn = one @ np.diag([1.0, 1.0, np.linalg.det(one @ other)]) @ other
+    relative = ((left @ turn - right) ** 2).sum(axis=1)
+    said = np.trace(places.covariance, axis1=1, axis2=2)
+    return _Trial((away**2).sum(axis=1), said, relative, places.relative**2, standing.sum(axis=1) < HELD)
+
+
+# --- planning
+
+
+def _planning(skin: Forearm, link: Mesh, small: bool) -> Iterator[Row]:
+    """Pokes until the worst deviation is 1.15 times that of 1,000 random ones, by the covariance."""
+    places = skin.places.positions
+    kinds: list[tuple[str, Units, bool, float]] = [("modules from CAD", fitted(skin.layout, places, link), True, 0.5)]
+    if not small:
+        kinds += [
+            ("modules from nothing", kinds[0][1], False, 0.5),
+            ("taxel by taxel, from nothing", single(places, link), False, 0.35),
+            ("taxel by taxel, from CAD", single(places, link), True, 0.35),
+        ]
+    for name, units, start, asked in kinds:
+        random, planned, goal = _counted(units, start, 100 if small else 1000)
+        got = f"{planned / random:.2f} ({planned} planned, {random} random; to {1e3 * goal:.2f} mm)"
+        met = None if small else planned <= asked * random
+        yield Row(NAME, f"planned over random pokes, {name}", f"<= {asked:g}", got, met, COMMAND)
+
+
+def _counted(units: Units, start: bool, pokes: int) -> tuple[int, int, float]:
+    """Pokes that are needed at random (mean of some orders) and planned, and the deviation [m] that both reach."""
+    arm, priors = Arm(), priors_of(MIX)
+    options = candidates(units, arm.pose(*arm.joints.T), MIX.noise)
+    deviations = units.each(priors.start, priors.start_angle) if start else None
+
+    def known(made: np.ndarray) -> np.ndarray:
+        count = np.bincount(made, minlength=len(options.taxel)).astype(np.float64)
+        return known_after(units, options, count, priors, len(arm.table), deviations)
+
+    def worst(made: np.ndarray) -> float:
+        return float(plan_pokes(units, known(made), options, pokes=0).worst[0])
+
+    needed, goals = list[int](), list[float]()
+    for seed in range(3):
+        order = np.random.default_rng(seed).integers(0, len(options.taxel), pokes)
+        goals.append(1.15 * worst(order))
+        low, high = 1, pokes
+        while high - low > max(pokes // 200, 1):  # more pokes never know less
+            middle = (low + high) // 2
+            low, high = (low, middle) if worst(order[:middle]) <= goals[-1] else (middle, high)
+        needed.append(high)
+    goal = float(np.mean(goals))
+    plan = plan_pokes(units, known(np.zeros(0, dtype=np.int64)), options, wanted=goal, pokes=pokes)
+    return int(np.mean(needed)), plan.needed, goal
