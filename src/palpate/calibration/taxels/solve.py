@@ -19,7 +19,7 @@ from palpate.calibration.taxels.units import Units
 from palpate.sensors.pokes import Pokes
 from palpate.spatial.pose import skew
 
-__all__ = ["Before", "Solution", "information", "observed", "solve"]
+__all__ = ["Before", "Solution", "solve"]
 
 TAIL = 5.0  # degrees of freedom of the residuals: pokes that fit badly count less
 _STEPS = 40
@@ -35,8 +35,7 @@ class Solution:
     """What fits best.
 
     Attributes:
-        units: where they are; nuisances: the errors; response: how taxels answer,
-            None of single ones.
+        units: where they are; nuisances: the errors; response: how taxels answer, None of single ones.
         covariance: of all unknowns, units one after the other, then `Nuisances.vector`; 0 of what is not estimated.
         residual: (n, 3) [N m] measured minus predicted; weight: (n,) with which each poke counted, 0: not used.
         noise: how many times larger the residuals are than their covariance.
@@ -113,25 +112,6 @@ def _weights(pokes: Pokes, seen: Seen, linear: _Linear) -> tuple[Float[np.ndarra
     used = seen.found & (pokes.weight > 0) & np.isfinite(distance)
     noise = max(1.0, float(np.sqrt(np.median(distance[used]) / _WELL))) if used.any() else 1.0
     return np.where(used, pokes.weight * (TAIL + 3.0) / (TAIL + np.nan_to_num(distance) / noise**2), 0.0), noise
-
-
-def information(pokes: Pokes, solution: Solution) -> Float[np.ndarray, "p p"]:
-    """That of pokes about all unknowns at a solution, without what is believed before: units, then nuisances."""
-    units = solution.units
-    linear = _linear(pokes, units, units.jacobian(), solution.seen, solution.nuisances, solution.twist)
-    return _normal(linear, solution.weight / solution.noise**2, len(units), units.freedom, pokes)[0]
-
-
-def observed(
-    information: Float[np.ndarray, "p p"],
-    units: Units,
-    priors: Priors,
-    configurations: int,
-    deviations: Float[np.ndarray, " f"] | None = None,
-) -> Float[np.ndarray, "p p"]:
-    """The covariance that information leaves under the priors: at the truth, the Bayesian Cramer-Rao bound."""
-    before = Before(units, None, deviations, Nuisances.deviations(priors, configurations))
-    return before.covariance(information)
 
 
 class Before:
