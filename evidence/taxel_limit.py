@@ -82,8 +82,8 @@ def _trial(skin: Forearm, link: Mesh, seed: int, pokes: int, start: bool) -> _Tr
     rng = np.random.default_rng(seed)
     bench = PokeBench.drawn(rng, skin=skin, errors=MIX, tip=HAND)
     made, truth = bench.session(rng, pokes).pokes, skin.places.positions
-    begun = {"start": skin.cad(rng)} if start else {"layout": skin.layout}
-    places = calibrate_taxels(made, surface=link, priors=priors_of(MIX), **begun).places
+    cad = skin.cad(rng) if start else None
+    places = calibrate_taxels(made, surface=link, start=cad, layout=skin.layout, priors=priors_of(MIX)).places
     away = places.positions - truth
     values, axes = np.linalg.eigh(places.covariance)
     standing = np.einsum("kia,ki->ka", axes[:, :, 1:], away) ** 2 / values[:, 1:]

@@ -237,8 +237,8 @@ def plan_pokes(
         inverse = np.linalg.inv(seen)
         gain = np.einsum("cai,cab,cbi->c", mine, inverse, mine)
         best = int(np.argmax(gain))
-        root = np.linalg.cholesky(inverse)[best].T @ spread[best]
-        known = known - root.T @ root
+        known = known - spread[best].T @ (inverse[best] @ spread[best])
+        known = 0.5 * (known + known.T)
         chosen.append(int(few[best]))
         worst.append(0.0)
     return Plan(np.array(chosen, dtype=np.int64), np.array(worst), bool(worst[-1] <= wanted))

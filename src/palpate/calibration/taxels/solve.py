@@ -27,6 +27,7 @@ _FRESH = 5  # steps after which the derivatives of the taxels' places are taken 
 _STILL = 1e-5  # m: the steps that end it
 _LONGEST = 1e-2, 0.4  # m, rad: of one step of a unit
 SHARED = 0.3e-3  # m: what the model of responses leaves out is alike for all pokes about a taxel
+LEAST = 1.0  # 1/m^2, 1/rad^2: nothing is known of a unit, but that it is within a metre
 _WELL = 2.366  # median of chi-square with three degrees of freedom
 
 
@@ -125,6 +126,7 @@ class Before:
         nuisances: Float[np.ndarray, " q"],
     ) -> None:
         size = np.zeros(units.freedom) if deviations is None else _precision(deviations)
+        size = np.maximum(size, LEAST)
         self.start = start
         self.units = np.tile(size, len(units))
         self.free = np.concatenate([np.ones(len(self.units), dtype=bool), nuisances > 0])
@@ -151,7 +153,7 @@ class Before:
         matrix = square + np.diag(np.concatenate([self.units, self.nuisances]))
         matrix = matrix[np.ix_(self.free, self.free)]
         scale = np.diag(matrix).copy()
-        return matrix + np.diag(1e-12 * scale + 1e-9)  # a unit that was never touched, and of which nothing is known
+        return matrix + np.diag(1e-12 * scale)
 
 
 def _precision(deviations: Float[np.ndarray, " q"]) -> Float[np.ndarray, " q"]:
