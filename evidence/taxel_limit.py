@@ -1,4 +1,4 @@
-"""Modules of taxels from pokes against what any estimator can reach, their ellipsoids, and planned pokes."""
+"""Modules of taxels from pokes against their own covariance (the bound, at the estimate), and planned pokes."""
 
 from __future__ import annotations
 
@@ -12,11 +12,12 @@ from evidence.row import Row
 from palpate.calibration.taxels import Priors, calibrate_taxels
 from palpate.calibration.taxels.plan import candidates, known_after, plan_pokes
 from palpate.calibration.taxels.units import Units, fitted, single
+from palpate.evaluation.taxels import compare_places
 from palpate.simulation.forearm import Forearm
 from palpate.simulation.poke_bench import HAND, MIX, Arm, PokeBench, PokeErrors
 from palpate.surfaces.mesh import Mesh
 
-__all__ = ["rows"]
+__all__ = ["priors_of", "rows"]
 
 COMMAND = "python -m evidence --only taxel_limit"
 NAME = "taxels, limits"
@@ -34,9 +35,9 @@ def rows(small: bool) -> Iterator[Row]:
 
 
 def priors_of(errors: PokeErrors) -> Priors:
-    """Those that the bench draws from."""
-    bias, frame = (errors.bias_force, errors.bias_torque), (errors.frame, errors.frame_angle)
-    return Priors(*bias, *frame, errors.common, errors.common_angle, errors.cross_talk, errors.lever)
+    """As the errors were drawn; what is without error is not estimated."""
+    shared = ("bias_force", "bias_torque", "frame", "frame_angle", "common", "common_angle", "cross_talk", "lever")
+    return Priors(**{name: getattr(errors, name) for name in shared})
 
 
 # --- errors over bounds
@@ -62,7 +63,7 @@ def _limit(skin: Forearm, link: Mesh, trials: int, pokes: int, start: bool) -> I
     )
     ratio = float(np.sqrt(error.mean() / said.mean()))
     judged = trials >= 50
-    what = f"modules {from_where}, {trials} sessions of {pokes} pokes: rms error over the bound"
+    what = f"modules {from_where}, {trials} sessions of {pokes} pokes: rms error over what its covariance says"
     got = f"{ratio:.2f} ({1e3 * np.sqrt(error.mean()):.2f} mm)"
     yield Row(NAME, what, "<= 1.2", got, ratio <= 1.2 if judged else None, COMMAND)
     ratio = float(np.sqrt(relative.mean() / said_relative.mean()))
@@ -81,19 +82,16 @@ def _limit(skin: Forearm, link: Mesh, trials: int, pokes: int, start: bool) -> I
 def _trial(skin: Forearm, link: Mesh, seed: int, pokes: int, start: bool) -> _Trial:
     rng = np.random.default_rng(seed)
     bench = PokeBench.drawn(rng, skin=skin, errors=MIX, tip=HAND)
-    made, truth = bench.session(rng, pokes).pokes, skin.places.positions
+    made = bench.session(rng, pokes).pokes
     cad = skin.cad(rng) if start else None
     places = calibrate_taxels(made, surface=link, start=cad, layout=skin.layout, priors=priors_of(MIX)).places
-    away = places.positions - truth
+    away = places.positions - skin.places.positions
     values, axes = np.linalg.eigh(places.covariance)
     standing = np.einsum("kia,ki->ka", axes[:, :, 1:], away) ** 2 / values[:, 1:]
-    left = places.positions - places.positions.mean(axis=0)
-    right = truth - truth.mean(axis=0)
-    one, _, other = np.linalg.svd(left.T @ right)
-    turn = one @ np.diag([1.0, 1.0, np.linalg.det(one @ other)]) @ other
-    relative = ((left @ turn - right) ** 2).sum(axis=1)
-    said = np.trace(places.covariance, axis1=1, axis2=2)
-    return _Trial((away**2).sum(axis=1), said, relative, places.relative**2, standing.sum(axis=1) < HELD)
+    off = compare_places(places, skin.places)
+    return _Trial(
+        off.absolute**2, places.deviations() ** 2, off.relative**2, places.relative**2, standing.sum(axis=1) < HELD
+    )
 
 
 # --- planning

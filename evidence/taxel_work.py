@@ -11,7 +11,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from evidence.row import Row, shared, skipped
-from palpate.calibration.taxels import Priors, calibrate_taxels
+from evidence.taxel_limit import priors_of
+from palpate.calibration.taxels import calibrate_taxels
 from palpate.calibration.taxels.place import common_layout, place_modules
 from palpate.contact.taxel_estimator import TaxelEstimator
 from palpate.io.taxel_files import read_taxel_places
@@ -111,10 +112,7 @@ def _skin() -> Forearm:
 
 
 def _calibrated(bench: PokeBench, pokes: int, rng: np.random.Generator) -> TaxelPlaces:
-    skin, e = _skin(), bench.errors
-    priors = Priors(
-        e.bias_force, e.bias_torque, e.frame, e.frame_angle, e.common, e.common_angle, e.cross_talk, e.lever
-    )
+    skin, priors = _skin(), priors_of(bench.errors)
     surface, start = Mesh.from_arrays(*skin.cone.mesh()), skin.cad(rng)
     made = calibrate_taxels(bench.session(rng, pokes).pokes, surface=surface, start=start, priors=priors)
     return made.places

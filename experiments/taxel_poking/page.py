@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 from evidence.machine import machine
+from experiments.load_cells.page import Check as Figure
 from experiments.load_cells.page import table
 
 __all__ = ["FINAL", "SAID_4", "SAID_5", "SINGLES", "Check", "page", "table"]
@@ -16,21 +16,8 @@ SAID_4 = {"free": "8.1 +- 4.2 to 18.5 +- 8.3", "surface": "5.2 +- 3.1 to 19.3 +-
 SAID_5 = {"free": "7.2 +- 3 after all seven", "surface": "6.6 +- 2.9 after all seven"}
 
 
-@dataclass(frozen=True)
-class Check:
-    """A figure that expected.toml asks for, [m] but for ratios; `paper` is None where the paper has none."""
-
-    what: str
-    figure: str
-    paper: float | None
-    least: float | None
-    most: float | None
-    got: float
-
-    @property
-    def met(self) -> bool:
-        """Within its bounds; NaN is not."""
-        return (self.least is None or self.got >= self.least) and (self.most is None or self.got <= self.most)
+class Check(Figure):
+    """A figure that expected.toml asks for, [m] but for ratios."""
 
     def cells(self) -> list[str]:
         """A row of the table, in millimetres but for ratios."""

@@ -7,7 +7,8 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from palpate.calibration.taxels import Priors, calibrate_taxels, paper
+from evidence.taxel_limit import priors_of
+from palpate.calibration.taxels import calibrate_taxels, paper
 from palpate.evaluation.taxels import compare_places
 from palpate.sensors.pokes import Pokes
 from palpate.sensors.taxel_places import TaxelPlaces
@@ -15,7 +16,7 @@ from palpate.simulation.forearm import Forearm
 from palpate.simulation.poke_bench import HAND, MIX, PokeBench, PokeErrors
 from palpate.surfaces.mesh import Mesh
 
-__all__ = ["ALONE", "FIRST", "SKIN", "SURFACE", "Found", "Session", "alone", "mean_of", "priors_of"]
+__all__ = ["ALONE", "FIRST", "SKIN", "SURFACE", "Found", "Session", "alone", "mean_of"]
 
 FIRST = 200  # seed: the errors of MIX and the tip of HAND were chosen on others
 SKIN = Forearm.of()
@@ -33,12 +34,6 @@ def alone(name: str) -> PokeErrors:
     """Noise as in MIX and one of its other errors."""
     noise = {"noise_force", "noise_torque", "lever"}
     return replace(MIX, **{field.name: 0.0 for field in fields(MIX) if field.name not in {*noise, *ALONE[name]}})
-
-
-def priors_of(errors: PokeErrors) -> Priors:
-    """As the errors were drawn; what is without error is not estimated."""
-    shared = ("bias_force", "bias_torque", "frame", "frame_angle", "common", "common_angle", "cross_talk", "lever")
-    return Priors(**{name: getattr(errors, name) for name in shared})
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from evidence.taxel_limit import priors_of
 from palpate.calibration.taxels import Priors, TaxelCalibration, calibrate_taxels, paper
 from palpate.calibration.taxels.metric import nearest_in_metric
 from palpate.calibration.taxels.nuisances import Nuisances, predicted
@@ -25,16 +26,6 @@ from palpate.surfaces import Cylinder, Mesh
 
 RNG = np.random.default_rng
 QUIET = PokeErrors(0.02, 0.002, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-
-
-def priors_of(errors: PokeErrors) -> Priors:
-    """What the bench draws from."""
-    bias, frame, common = (
-        (errors.bias_force, errors.bias_torque),
-        (errors.frame, errors.frame_angle),
-        (errors.common, errors.common_angle),
-    )
-    return Priors(*bias, *frame, *common, errors.cross_talk, errors.lever)
 
 
 @pytest.fixture(scope="module")
@@ -154,7 +145,7 @@ def test_the_response_model_says_where_pokes_were_and_how_well(skin: Forearm, li
     points, axes = seen.points(units)
     away = np.einsum("nca,nc->na", axes, points - session.contacts)[seen.found]
     told = np.einsum("na,na->n", away, np.linalg.solve(seen.covariance[seen.found], away[..., None])[..., 0])
-    assert 0.8 < np.median(told) / 1.386 < 1.6 or np.median(told) < 1.386  # chi-square of two: wide is no fault
+    assert 0.25 < np.median(told) / 1.386 < 1.6  # of chi-square with two degrees of freedom; the model errs on the wide
     assert np.abs(np.median(away, axis=0)).max() < 0.1e-3
 
 

@@ -5,9 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from evidence.taxel_limit import priors_of
 from experiments.taxel_poking.__main__ import AVERAGED, CAD, FOLDER, NOTHING, SMALL, Measured, checks, measured
 from experiments.taxel_poking.page import Check, page
-from experiments.taxel_poking.study import ALONE, SKIN, Found, Session, alone, priors_of
+from experiments.taxel_poking.study import ALONE, SKIN, Found, Session, alone
 from palpate.calibration.taxels import paper
 from palpate.simulation.poke_bench import MIX
 from palpate.spatial.pose import Pose

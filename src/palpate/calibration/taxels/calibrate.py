@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Float
@@ -37,7 +37,6 @@ class TaxelCalibration:
         noise: how many times larger the residuals are than their covariance explains.
         nuisances: name -> what was estimated with the taxels: frames and bias (configurations, 6), common (6,),
             cross_talk (6, 6); none by the paper's methods.
-        solution: all of it, for planning; None by the paper's methods.
         notes: what was found; doubts: what may be wrong, a sentence each.
     """
 
@@ -46,7 +45,6 @@ class TaxelCalibration:
     used: int
     noise: float
     nuisances: dict[str, np.ndarray] = field(default_factory=lambda: {})
-    solution: Solution | None = None
     notes: tuple[str, ...] = ()
     doubts: tuple[str, ...] = ()
 
@@ -133,7 +131,6 @@ def _together(
     priors: Priors,
 ) -> TaxelCalibration:
     """All at once: units from a start or from the paper's way, then with everything that is estimated."""
-    begun = None
     if modules:
         layout = layout if layout is not None or start is None else ModuleLayout.of(start)
         if layout is None or not layout.modules:
@@ -146,8 +143,7 @@ def _together(
         points, outward, _ = _guessed(pokes, surface)
         begun = None if start is None else single(start.positions, surface, _facing(start.normals, outward))
         units = begun or single(points, surface, outward)
-    if not modules:  # centroids of answers shrink towards the middle, which would read as a gain of the sensor
-        priors = replace(priors, cross_talk=0.0)
+    priors = priors if modules else priors.of_single_taxels()
     deviations = None if begun is None else units.each(priors.start, priors.start_angle)
     solution = solve(pokes, units, priors, start=begun, deviations=deviations)
     places = _placed(pokes, solution)
@@ -155,9 +151,7 @@ def _together(
     used = solution.weight > 0
     residual = np.where(used[:, None], solution.residual, np.nan)
     notes, doubts = _untouched(places), _doubts(pokes, solution)
-    return TaxelCalibration(
-        places, residual, int(used.sum()), solution.noise, nuisances, solution, notes=notes, doubts=doubts
-    )
+    return TaxelCalibration(places, residual, int(used.sum()), solution.noise, nuisances, notes=notes, doubts=doubts)
 
 
 def _guessed(

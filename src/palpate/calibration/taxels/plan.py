@@ -169,7 +169,7 @@ def after_calibration(
     if places.modules:
         units = fitted(ModuleLayout.of(places), places.positions, surface)
     else:
-        units = single(places.positions, surface)
+        units, priors = single(places.positions, surface, places.normals), priors.of_single_taxels()
     rows = places.configurations
     poses, share = Pose.from_quaternion(rows[:, 3:7], rows[:, :3]), rows[:, 7] / rows[:, 7].sum()
     options = candidates(units, poses, np.diag(places.noise**2))

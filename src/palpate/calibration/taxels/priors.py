@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import inf, radians
 
 __all__ = ["Priors"]
@@ -41,3 +41,10 @@ class Priors:
         for name, value in vars(self).items():
             if not value >= 0:
                 raise ValueError(f"{name} must not be negative")
+
+    def of_single_taxels(self) -> Priors:
+        """Without cross-talk: centroids of answers shrink towards their middle, which would read as the sensor's gain.
+
+        Modules have a model of the responses instead.
+        """
+        return replace(self, cross_talk=0.0)

@@ -40,7 +40,6 @@ class Solution:
         covariance: of all unknowns, units one after the other, then `Nuisances.vector`; 0 of what is not estimated.
         residual: (n, 3) [N m] measured minus predicted; weight: (n,) with which each poke counted, 0: not used.
         noise: how many times larger the residuals are than their covariance.
-        seen: where the pokes were; twist: [m] deviation of the torque along a force over the force.
     """
 
     units: Units
@@ -50,8 +49,6 @@ class Solution:
     residual: Float[np.ndarray, "n 3"]
     weight: Float[np.ndarray, " n"]
     noise: float
-    seen: Seen
-    twist: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,7 +101,7 @@ def solve(
     covariance = before.covariance(_all(linear, weight / noise**2, units, pokes, priors)[0])
     if response is not None:
         covariance = covariance + _shared(linear, weight / noise**2, pokes, units, seen, covariance)
-    return Solution(units, nuisances, response, covariance, linear.residual, weight, noise, seen, twist)
+    return Solution(units, nuisances, response, covariance, linear.residual, weight, noise)
 
 
 def _weights(pokes: Pokes, seen: Seen, linear: _Linear) -> tuple[Float[np.ndarray, " n"], float]:
@@ -275,11 +272,8 @@ def _lines(
     unit = linear.unit[rows][..., None]
     where = np.where(unit >= 0, unit * freedom + np.arange(freedom), -1).reshape(len(rows), -1)
     d = 6 * pokes.configuration[rows][:, None]
-    common, bias, cross = (
-        size + 6 * count,
-        size + 6 * count + 6,
-        size + 12 * count + 6,
-    )  # as `Nuisances.vector` has them
+    common = size + 6 * count  # where each begins in `Nuisances.vector`
+    bias, cross = common + 6, common + 6 + 6 * count
     own = [size + d + np.arange(6), np.full_like(d, common) + np.arange(6), bias + d + np.arange(6)]
     own.append(np.full_like(d, cross) + np.arange(36))
     return values, np.concatenate([where, *own], axis=1), cross + 36

@@ -17,7 +17,6 @@ __all__ = ["Units", "fitted", "frame_about", "single"]
 _STEP = np.array([2e-5, 2e-5, 1e-3])  # m, m, rad: of the differences that stand for derivatives
 _ROUNDS = 25  # of the fit of modules to places
 _STILL = 1e-9  # m
-_TURNS = 12  # headings that are tried first
 
 Vectors = Float[np.ndarray, "k 3"]
 
