@@ -1,0 +1,241 @@
+"""The response of a ring's markers, by regression on presses of known angle, depth and force."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from palpate.contact.ring_locator import RingLocator, RingSettings, turned
+from palpate.errors import NotIdentifiable
+from palpate.sensors.ring_response import RingResponse, ring_basis
+
+__all__ = ["RingPresses", "fit_response"]
+
+ORDERS = (20, 3)  # of the angle between marker and contact, and of the contact's own angle
+PARTS = 48  # of a turn, in which misfits are told
+_BLOCK = 256  # presses at once
+_LEAST = 8  # presses that a fit needs
+_UNEQUAL = 0.15  # share by which a skin's response usually differs from angle to angle
+_NEW_UNIT = 0.25  # share by which another unit's response differs once its stiffness is taken off
+
+
+@dataclass(frozen=True, eq=False)
+class RingPresses:
+    """Single contacts of known truth with what the markers did.
+
+    Attributes:
+        angle: (n,) [rad] of the centre of pressure. depth: (n,) [m]. force: (n,) [N] radial, positive inwards.
+        shear: (n,) [N] along rising angles; NaN: not known.
+        displacements: (n, m, 2) [m] outwards and along; NaN: not seen.
+        markers: (m,) [rad] at rest. noise: (m, 2) [m] deviation of a displacement.
+    """
+
+    angle: Float[np.ndarray, " n"]
+    depth: Float[np.ndarray, " n"]
+    force: Float[np.ndarray, " n"]
+    shear: Float[np.ndarray, " n"]
+    displacements: Float[np.ndarray, "n m 2"]
+    markers: Float[np.ndarray, " m"]
+    noise: Float[np.ndarray, "m 2"]
+
+    def __len__(self) -> int:
+        return len(self.angle)
+
+    def picked(self, rows: Bool[np.ndarray, " n"]) -> RingPresses:
+        """Some of them."""
+        names = ("angle", "depth", "force", "shear", "displacements")
+        return replace(self, **{name: getattr(self, name)[rows] for name in names})
+
+
+def fit_response(presses: RingPresses, before: RingResponse | None = None) -> RingResponse:
+    """The response that explains presses, with what it leaves unexplained on presses that were left out.
+
+    A regression on v0, v1, v2 and s with a prior: smooth in the angle from the contact, nearly the same all round the
+    ring. With the response of another unit the prior is that one, times a stiffness of its own all round: tens of
+    presses then do.
+
+    Args:
+        presses: all round, of two widths at least; of shear, too, where it is known.
+        before: of another unit.
+
+    Raises:
+        NotIdentifiable: too few presses, or only on a part of the ring.
+    """
+    _require_presses(presses, before)
+    whole = _fitted(presses, before)
+    return replace(whole, **_left_out(presses, before, whole))
+
+
+def _require_presses(presses: RingPresses, before: RingResponse | None) -> None:
+    if len(presses) < _LEAST:
+        raise NotIdentifiable(f"{len(presses)} presses are too few: the fit needs {_LEAST} at least.")
+    angles = np.sort(np.mod(presses.angle, 2.0 * np.pi))
+    gap = np.degrees(np.diff(angles, append=angles[0] + 2.0 * np.pi).max())
+    if gap > 60.0 + 60.0 * (before is not None):
+        raise NotIdentifiable(
+            f"no press for {gap:.0f} degrees of the ring.", missing=("presses all round the ring, at most 60 degrees apart",)
+        )
+
+
+def _fitted(presses: RingPresses, before: RingResponse | None) -> RingResponse:
+    """Without knowledge of its errors."""
+    ratio = presses.depth / presses.force
+    sheared = bool(np.isfinite(presses.shear).all() and np.ptp(presses.shear / presses.force) > 0.1)
+    if before is None:
+        weight = presses.force**2
+        mean = float(np.average(ratio, weights=weight))
+        width = np.array([mean, max(float(np.sqrt(np.average((ratio - mean) ** 2, weights=weight))), 0.02 * mean)])
+        start = np.zeros((3 + sheared, 2, 2 * ORDERS[0] + 1, 2 * ORDERS[1] + 1))
+    else:
+        start, width, sheared = *_rescaled(presses, before), before.shears
+    coefficients = _regression(presses, start, width, known=before is not None)
+    largest = np.array([presses.depth.max(), presses.force.max()])
+    return RingResponse(coefficients, width, np.zeros((2, PARTS)), np.zeros(2), largest)
+
+
+def _terms(presses: RingPresses, width: np.ndarray, terms: int) -> Float[np.ndarray, "n b"]:
+    """What multiplies v0, v1, v2 and s."""
+    force, z = presses.force, (presses.depth / presses.force - width[0]) / width[1]
+    columns = [force, force * z, force * z * z]
+    if terms == 4:
+        columns.append(np.nan_to_num(presses.shear))
+    return np.stack(columns, axis=1)
+
+
+def _rescaled(presses: RingPresses, before: RingResponse) -> tuple[np.ndarray, np.ndarray]:
+    """Another unit's response, softer or stiffer all round: u = g(phi) u_before, depth / F = g width_before."""
+    ratio = presses.depth / presses.force
+    g = np.ones(len(presses))
+    for _ in range(3):
+        z = np.clip((ratio / g - before.width[0]) / before.width[1], -3.0, 3.0)
+        terms = np.stack([presses.force, presses.force * z, presses.force * z * z], axis=1)
+        if before.shears:
+            terms = np.concatenate([terms, np.nan_to_num(presses.shear)[:, None]], axis=1)
+        guess = _predicted(presses, before.coefficients, terms)
+        seen = np.isfinite(presses.displacements)
+        basis = ring_basis(presses.angle, 2)
+        there, wanted = np.where(seen, guess, 0.0), np.where(seen, presses.displacements, 0.0)
+        normal = np.einsum("na,nb,nmc->ab", basis, basis, there**2) + np.diag([0.0, *([1e-2] * 4)]) * (there**2).sum()
+        gain: np.ndarray = np.linalg.solve(normal, np.asarray(np.einsum("na,nmc,nmc->a", basis, there, wanted)))
+        g = np.maximum(basis @ gain, 0.2)
+    orders = before.orders
+    turned_ = _times(before.coefficients, gain, orders[1])
+    mean = float(np.mean(g))
+    return turned_, before.width * mean
+
+
+def _times(coefficients: np.ndarray, gain: np.ndarray, order: int) -> np.ndarray:
+    """Coefficients of a response times a series in the contact's angle, cut off at the response's own order."""
+    phi = 2.0 * np.pi * np.arange(64) / 64
+    of_phi = ring_basis(phi, order)
+    values = np.einsum("bckm,am->bcka", coefficients, of_phi) * (ring_basis(phi, 2) @ gain)
+    back: np.ndarray = np.asarray(np.linalg.pinv(of_phi))
+    return np.einsum("bcka,ma->bckm", values, back)
+
+
+def _predicted(presses: RingPresses, coefficients: np.ndarray, terms: np.ndarray) -> Float[np.ndarray, "n m 2"]:
+    orders = coefficients.shape[2] // 2, coefficients.shape[3] // 2
+    delta = presses.markers[None, :] - presses.angle[:, None]
+    return np.einsum(
+        "nb,bckm,nik,nm->nic", terms, coefficients, ring_basis(delta, orders[0]), ring_basis(presses.angle, orders[1]),
+        optimize=True,
+    )
+
+
+def _regression(presses: RingPresses, start: np.ndarray, width: np.ndarray, *, known: bool) -> np.ndarray:
+    """Ridge regression towards `start`, with the precision of `_precision`."""
+    terms = _terms(presses, width, len(start))
+    shape = start.shape
+    size = shape[0] * shape[2] * shape[3]
+    normal, right = np.zeros((size, size)), np.zeros((size, 2))
+    noise = float(np.sqrt(np.mean(presses.noise**2)))
+    usual = float(np.sqrt(np.nanmean((presses.displacements / presses.force[:, None, None]) ** 2)))
+    left = presses.displacements - _predicted(presses, start, terms)
+    for first in range(0, len(presses), _BLOCK):
+        rows = slice(first, first + _BLOCK)
+        delta = presses.markers[None, :] - presses.angle[rows, None]
+        of_delta, of_phi = ring_basis(delta, shape[2] // 2), ring_basis(presses.angle[rows], shape[3] // 2)
+        design = np.einsum("nb,nik,nm->nibkm", terms[rows], of_delta, of_phi, optimize=True)
+        weight = 1.0 / np.sqrt(noise**2 + (0.03 * usual * presses.force[rows]) ** 2)
+        seen = np.isfinite(left[rows]).all(axis=2)
+        scaled = np.where(seen, weight[:, None], 0.0)
+        flat = (design * scaled[:, :, None, None, None]).reshape(-1, size)
+        normal += flat.T @ flat
+        right += flat.T @ (np.where(seen[..., None], left[rows], 0.0) * scaled[..., None]).reshape(-1, 2)
+    precision = _precision(shape, usual, known=known)
+    found: np.ndarray = np.linalg.solve(normal + np.diag(precision), right)
+    return start + np.moveaxis(found.reshape(shape[0], shape[2], shape[3], 2), 3, 1)
+
+
+def _precision(shape: tuple[int, ...], usual: float, *, known: bool) -> Float[np.ndarray, " size"]:
+    """Of the prior: of coefficients beside those of the start, whose usual displacement per newton is given [m/N]."""
+    of_term = np.array([1.0, 0.5, 0.25, 1.0])[: shape[0]]
+    k = np.repeat(np.arange(1, shape[2] // 2 + 1), 2)
+    of_delta = np.concatenate([[1.0], 1.0 / (1.0 + (k / 8.0) ** 3)])
+    m = np.repeat(np.arange(1, shape[3] // 2 + 1), 2)
+    of_phi = np.concatenate([[1.0], _UNEQUAL / m])
+    deviation = usual * np.einsum("b,k,m->bkm", of_term, of_delta, of_phi)
+    return 1.0 / np.square(deviation * (_NEW_UNIT if known else 1.0)).reshape(-1)
+
+
+def _left_out(presses: RingPresses, before: RingResponse | None, whole: RingResponse) -> dict[str, np.ndarray]:
+    """Misfit and spread, from two fits to halves of the angles, each judged on the other."""
+    order = np.argsort(np.argsort(np.round(np.mod(presses.angle, 2.0 * np.pi), 6), kind="stable"), kind="stable")
+    folds = np.unique(np.round(np.mod(presses.angle, 2.0 * np.pi), 2), return_inverse=True)[1] % 2
+    if min(np.bincount(folds, minlength=2)) < _LEAST:
+        folds = order % 2
+    misfit, errors = np.zeros((2, PARTS)), list[np.ndarray]()
+    fits = [_fitted(presses.picked(folds != fold), before) for fold in (0, 1)]
+    parts = [presses.picked(folds == fold) for fold in (0, 1)]
+    square, number = np.zeros((2, PARTS)), np.zeros((2, PARTS))
+    for fit, part in zip(fits, parts, strict=True):
+        _add_misfit(fit, part, square, number)
+    misfit = np.sqrt(np.maximum(square, 0.0) / np.maximum(number, 1e-30))
+    for fit, part in zip(fits, parts, strict=True):
+        errors.append(_errors(replace(fit, misfit=misfit), part))
+    return {"misfit": misfit, "spread": _beside(np.concatenate(errors))}
+
+
+def _add_misfit(fit: RingResponse, part: RingPresses, square: np.ndarray, number: np.ndarray) -> None:
+    """Squares of what a fit leaves of presses, per newton, less what noise explains."""
+    left = part.displacements - _predicted(part, fit.coefficients, _terms(part, fit.width, len(fit.coefficients)))
+    delta = np.mod(part.markers[None, :] - part.angle[:, None], 2.0 * np.pi)
+    where = np.minimum((delta / (2.0 * np.pi) * PARTS).astype(np.int64), PARTS - 1)
+    for e in range(2):
+        seen = np.isfinite(left[..., e])
+        over = np.where(seen, left[..., e] ** 2 - part.noise[None, :, e] ** 2, 0.0)
+        square[e] += np.bincount(where[seen], over[seen], PARTS)
+        number[e] += np.bincount(where[seen], np.broadcast_to(part.force[:, None] ** 2, where.shape)[seen], PARTS)
+
+
+def _errors(fit: RingResponse, part: RingPresses) -> Float[np.ndarray, "n 5"]:
+    """Errors of angle and force with their deviations, and the force, of presses that were not fitted."""
+    locator = RingLocator(fit, part.markers, part.noise, RingSettings())
+    rows = list[list[float]]()
+    for k in range(len(part)):
+        locator.reset()
+        found = locator.run(part.displacements[k : k + 1])
+        if found.counts[0] != 1:
+            continue
+        angle, force, _, _, angle_sd, force_sd = found.states[0, 0, :6]
+        off = float(turned(np.asarray(angle - part.angle[k])))
+        rows.append([off, force - part.force[k], angle_sd, force_sd, part.force[k]])
+    return np.array(rows).reshape(-1, 5)
+
+
+def _beside(errors: Float[np.ndarray, "n 5"]) -> Float[np.ndarray, "2"]:
+    """Deviations that, beside the stated ones, make 95 % of the errors lie within 1.96."""
+    found = np.zeros(2)
+    if not len(errors):
+        return found
+    for e, scale in enumerate((np.ones(len(errors)), errors[:, 4])):
+        off, known = np.abs(errors[:, e]), errors[:, 2 + e]
+        lower, upper = 0.0, 1.0
+        for _ in range(40):
+            middle = 0.5 * (lower + upper)
+            inside = np.mean(off <= 1.96 * np.sqrt(known**2 + (middle * scale) ** 2))
+            lower, upper = (lower, middle) if inside >= 0.95 else (middle, upper)
+        found[e] = upper if upper > 1e-9 else 0.0
+    return found

@@ -1,0 +1,380 @@
+"""Compiled: displacements of the markers of a ring become a few radial contacts, each with angle, force, width, shear.
+
+Minimised over the contacts c of a frame, each with (phi, F, z, t), see `sensors.ring_response`:
+
+    sum over i of (u_i - sum over c of F (v0 + z v1 + z^2 v2 + t s)_i(phi))^2 / var_i + sum over c of (z / Z)^2 + (t / T)^2
+
+by Gauss-Newton steps that are shortened until they help. var_i is the pixels' noise and what the response leaves.
+"""
+
+# pyright: basic
+from __future__ import annotations
+
+import numpy as np
+
+from palpate.surfaces._jit import entry, inner
+
+__all__ = ["MOST", "STATE", "frames"]
+
+MOST = 6  # contacts at once
+STATE = 8  # angle, force, width z, shear / force t, deviations of angle, force and depth, evidence
+_UNKNOWNS = 4
+_STEPS = 12  # of Gauss-Newton
+_TRIALS = 24.0  # starts are looked for at so many angles per marker's spacing of 15 degrees, about every degree
+
+
+@inner
+def _shapes(table, slope, phi, z, t, value, by_phi, by_z, shear):
+    """Displacements per newton of one contact, and their derivatives; Hermite between the table's angles."""
+    angles, count, terms = table.shape
+    at = phi / (2.0 * np.pi)
+    at = (at - np.floor(at)) * angles
+    k = int(at)
+    x = at - k
+    k, after = k % angles, (k + 1) % angles
+    h = 2.0 * np.pi / angles
+    a, b = (1.0 + 2.0 * x) * (1.0 - x) ** 2, x * x * (3.0 - 2.0 * x)
+    c, d = x * (1.0 - x) ** 2 * h, x * x * (x - 1.0) * h
+    a1, c1, d1 = 6.0 * x * (x - 1.0) / h, (1.0 - x) * (1.0 - 3.0 * x), x * (3.0 * x - 2.0)
+    for i in range(count):
+        value[i] = by_phi[i] = by_z[i] = shear[i] = 0.0
+        for q in range(terms):
+            y0, y1, s0, s1 = table[k, i, q], table[after, i, q], slope[k, i, q], slope[after, i, q]
+            v = a * y0 + b * y1 + c * s0 + d * s1
+            w = a1 * (y0 - y1) + c1 * s0 + d1 * s1
+            if q == 3:
+                shear[i] = v
+            factor = t if q == 3 else (1.0 if q == 0 else z if q == 1 else z * z)
+            value[i] += factor * v
+            by_phi[i] += factor * w
+            if q == 1:
+                by_z[i] += v
+            elif q == 2:
+                by_z[i] += 2.0 * z * v
+
+
+@inner
+def _variances(state, count, markers, misfit, noise, variance):
+    """Of each displacement: the pixels', and what the response of each contact leaves."""
+    parts = misfit.shape[1]
+    for m in range(len(markers)):
+        for e in range(2):
+            i = 2 * m + e
+            variance[i] = noise[i]
+            for c in range(count):
+                turn = (markers[m] - state[c, 0]) / (2.0 * np.pi)
+                k = int((turn - np.floor(turn)) * parts) % parts
+                variance[i] += (state[c, 1] * misfit[e, k]) ** 2
+
+
+@inner
+def _solved(normal, gradient, size, step):
+    """Solves normal step = gradient in place by Cholesky's factor, which is left in `normal`; False: it has none."""
+    for i in range(size):
+        for j in range(i + 1):
+            total = normal[i, j]
+            for k in range(j):
+                total -= normal[i, k] * normal[j, k]
+            if i == j:
+                if not total > 0.0:
+                    return False
+                normal[i, i] = np.sqrt(total)
+            else:
+                normal[i, j] = total / normal[j, j]
+    for i in range(size):
+        total = gradient[i]
+        for k in range(i):
+            total -= normal[i, k] * step[k]
+        step[i] = total / normal[i, i]
+    for i in range(size - 1, -1, -1):
+        total = step[i]
+        for k in range(i + 1, size):
+            total -= normal[k, i] * step[k]
+        step[i] = total / normal[i, i]
+    return True
+
+
+@inner
+def _cost(displacement, used, variance, state, count, model, residual, jacobian):
+    """The sum that is minimised, with residuals and derivatives where `jacobian` has columns."""
+    table, slope, priors = model
+    size = len(displacement)
+    value, by_phi = np.empty(size), np.empty(size)
+    by_z, shear = np.empty(size), np.empty(size)
+    residual[:] = displacement
+    cost = 0.0
+    for c in range(count):
+        force, z, t = state[c, 1], state[c, 2], state[c, 3]
+        _shapes(table, slope, state[c, 0], z, t, value, by_phi, by_z, shear)
+        for i in range(size):
+            residual[i] -= force * value[i]
+            if jacobian.shape[1]:
+                jacobian[i, 4 * c] = force * by_phi[i]
+                jacobian[i, 4 * c + 1] = value[i]
+                jacobian[i, 4 * c + 2] = force * by_z[i]
+                jacobian[i, 4 * c + 3] = force * shear[i]
+        cost += (z / priors[0]) ** 2 + (t / priors[1]) ** 2
+    for i in range(size):
+        if used[i]:
+            cost += residual[i] ** 2 / variance[i]
+    return cost
+
+
+@inner
+def _refine(displacement, used, markers, state, count, model, misfit, noise, work):
+    """Gauss-Newton from `state`, which is changed; the cost at its end. The normal matrix stays in work[2]."""
+    residual, jacobian, normal, variance = work
+    priors, size = model[2], 4 * count
+    gradient, step = np.empty(size), np.empty(size)
+    factor, trial = np.empty((size, size)), state.copy()
+    no_jacobian = np.empty((len(residual), 0))
+    _variances(state, count, markers, misfit, noise, variance)
+    cost, damping = _cost(displacement, used, variance, state, count, model, residual, jacobian), 1e-4
+    for turn in range(_STEPS):
+        for a in range(size):
+            gradient[a] = 0.0
+            for b in range(a + 1):
+                normal[a, b] = 0.0
+        for i in range(len(residual)):
+            if not used[i]:
+                continue
+            weight = 1.0 / variance[i]
+            for a in range(size):
+                scaled = weight * jacobian[i, a]
+                gradient[a] += scaled * residual[i]
+                for b in range(a + 1):
+                    normal[a, b] += scaled * jacobian[i, b]
+        for c in range(count):
+            for e in range(2):
+                a = 4 * c + 2 + e
+                gradient[a] -= state[c, 2 + e] / priors[e] ** 2
+                normal[a, a] += 1.0 / priors[e] ** 2
+        if turn == _STEPS - 1:
+            break
+        better, moved = False, 0.0
+        for _ in range(6):
+            for a in range(size):
+                for b in range(a + 1):
+                    factor[a, b] = normal[a, b] * (1.0 + damping) if a == b else normal[a, b]
+            if _solved(factor, gradient, size, step):
+                for c in range(count):
+                    trial[c, 0] = state[c, 0] + min(max(step[4 * c], -0.15), 0.15)
+                    trial[c, 1] = max(state[c, 1] + step[4 * c + 1], 1e-3)
+                    for e in range(2, 4):
+                        bound = 3.0 * priors[e - 2]
+                        trial[c, e] = min(max(state[c, e] + step[4 * c + e], -bound), bound)
+                found = _cost(displacement, used, variance, trial, count, model, residual, no_jacobian)
+                if found < cost:
+                    better = True
+                    break
+            damping *= 10.0
+        if not better:
+            _cost(displacement, used, variance, state, count, model, residual, jacobian)
+            break
+        for c in range(count):
+            moved = max(moved, abs(trial[c, 0] - state[c, 0]) / 1e-4, abs(trial[c, 1] - state[c, 1]) / 1e-4)
+            state[c, :4] = trial[c, :4]
+        damping = max(0.1 * damping, 1e-7)
+        _variances(state, count, markers, misfit, noise, variance)
+        cost = _cost(displacement, used, variance, state, count, model, residual, jacobian)
+        if moved < 1.0:
+            break
+    return cost
+
+
+@inner
+def _apart(a, b):
+    """Angle between two directions [rad]."""
+    turn = (a - b) / (2.0 * np.pi)
+    return 2.0 * np.pi * abs(turn - np.round(turn))
+
+
+@inner
+def _candidate(used, state, count, table, work, nearest):
+    """Where one more contact would explain most of the residual: its angle, force and width; force 0: nowhere."""
+    residual, _, _, variance = work
+    best, phi, force, width = 0.0, 0.0, 0.0, 0.0
+    step = max(1, len(table) // 288)
+    for k in range(0, len(table), step):
+        angle, near = 2.0 * np.pi * k / len(table), False
+        for c in range(count):
+            near = near or _apart(angle, state[c, 0]) < nearest
+        if near:
+            continue
+        aa = ab = bb = ra = rb = 0.0
+        for i in range(len(residual)):
+            if used[i]:
+                weight, a, b = 1.0 / variance[i], table[k, i, 0], table[k, i, 1]
+                aa += weight * a * a
+                ab += weight * a * b
+                bb += weight * b * b
+                ra += weight * a * residual[i]
+                rb += weight * b * residual[i]
+        bb += 1e-9 * aa
+        det = aa * bb - ab * ab
+        if not det > 0.0 or ra <= 0.0:
+            continue
+        f, g = (bb * ra - ab * rb) / det, (aa * rb - ab * ra) / det
+        if not (f > 0.0 and abs(g) < 2.0 * f):  # too wide or too narrow for anything: the usual width
+            f, g = ra / aa, 0.0
+        gain = f * ra + g * rb
+        if gain > best:
+            best, phi, force, width = gain, angle, f, g / f
+    return phi, force, width
+
+
+@inner
+def _drop(state, count, which):
+    """Takes one contact out; how many are left."""
+    for c in range(which, count - 1):
+        state[c] = state[c + 1]
+    return count - 1
+
+
+@inner
+def _worst(used, work):
+    """The marker whose displacement is farthest from what the contacts explain, and how far (squared deviations)."""
+    residual, _, _, variance = work
+    worst, far = -1, 0.0
+    for m in range(len(residual) // 2):
+        if used[2 * m]:
+            off = residual[2 * m] ** 2 / variance[2 * m] + residual[2 * m + 1] ** 2 / variance[2 * m + 1]
+            if off > far:
+                worst, far = m, off
+    return worst, far
+
+
+@inner
+def _weak(displacement, used, markers, state, count, model, misfit, noise, work, cost, settings):
+    """The contact that explains least, and how much the cost rises without it."""
+    least, which = np.inf, -1
+    other, spare = np.empty_like(state), (work[0].copy(), work[1].copy(), work[2].copy(), work[3].copy())
+    for c in range(count):
+        other[:] = state
+        left = _drop(other, count, c)
+        rise = _refine(displacement, used, markers, other, left, model, misfit, noise, spare) - cost
+        state[c, 7] = rise
+        if rise < least:
+            least, which = rise, c
+    return which, least
+
+
+@inner
+def _found(displacement, used, markers, state, count, model, misfit, noise, work, settings):
+    """The contacts of a frame, from those of the one before: how many, and the cost."""
+    on, off, nearest, dropped = settings[0] ** 2, settings[1] ** 2, settings[2], settings[3]
+    cost = _refine(displacement, used, markers, state, count, model, misfit, noise, work)
+    trial, halves = state.copy(), state.copy()
+    for _ in range(2 * MOST + int(dropped)):
+        more, after = count, np.inf
+        if count < MOST:
+            phi, force, width = _candidate(used, state, count, model[0], work, nearest)
+            if force > 0.0:
+                trial[:] = state
+                trial[count, 0], trial[count, 1], trial[count, 2], trial[count, 3] = phi, force, width, 0.0
+                more = count + 1
+                after = _refine(displacement, used, markers, trial, more, model, misfit, noise, work)
+            for c in range(count):  # or two that stand so near that one was taken for both
+                halves[:] = state
+                halves[count] = state[c]
+                halves[c, 0], halves[count, 0] = state[c, 0] - 0.6 * nearest, state[c, 0] + 0.6 * nearest
+                halves[c, 1] = halves[count, 1] = 0.5 * state[c, 1]
+                halves[c, 2], halves[count, 2] = model[2][0], model[2][0]
+                split = _refine(displacement, used, markers, halves, count + 1, model, misfit, noise, work)
+                if split < after:
+                    after, more = split, count + 1
+                    trial[:] = halves
+        gain = cost - after
+        near = False
+        for c in range(more):
+            for d in range(c):
+                near = near or _apart(trial[c, 0], trial[d, 0]) < nearest
+        _cost_here = _refine(displacement, used, markers, state, count, model, misfit, noise, work)
+        cost = _cost_here
+        worst, far = _worst(used, work)
+        if dropped > 0 and far > 25.0 and far > 0.8 * gain:  # one marker that is wrong is no contact
+            used[2 * worst] = used[2 * worst + 1] = False
+            dropped -= 1
+            cost = _refine(displacement, used, markers, state, count, model, misfit, noise, work)
+        elif more > count and gain > on and not near:
+            state[:] = trial
+            count = more
+            cost = _refine(displacement, used, markers, state, count, model, misfit, noise, work)
+        else:
+            break
+    while count:
+        which, least = _weak(displacement, used, markers, state, count, model, misfit, noise, work, cost, settings)
+        if least > off:
+            break
+        count = _drop(state, count, which)
+        cost = _refine(displacement, used, markers, state, count, model, misfit, noise, work)
+    return count, cost
+
+
+@inner
+def _deviations(state, count, work, width, spread):
+    """Standard deviations of angle, force and depth of each contact, from the inverse of the normal matrix."""
+    size = 4 * count
+    factor, column, unit = np.empty((size, size)), np.empty(size), np.zeros(size)
+    for c in range(count):
+        covariance = np.zeros((4, 4))
+        for e in range(4):
+            factor[:] = work[2][:size, :size]
+            for a in range(size):
+                factor[a, a] *= 1.0 + 1e-12
+            unit[:] = 0.0
+            unit[4 * c + e] = 1.0
+            if not _solved(factor, unit, size, column):
+                column[:] = np.nan
+            covariance[e] = column[4 * c : 4 * c + 4]
+        force, z = state[c, 1], state[c, 2]
+        deep, more = width[0] + z * width[1], force * width[1]
+        state[c, 4] = np.sqrt(covariance[0, 0] + spread[0] ** 2)
+        state[c, 5] = np.sqrt(covariance[1, 1] + (spread[1] * force) ** 2)
+        depth = deep * deep * covariance[1, 1] + 2.0 * deep * more * covariance[1, 2] + more * more * covariance[2, 2]
+        state[c, 6] = np.sqrt(max(depth, 0.0) + (spread[1] * force * deep) ** 2)
+
+
+@entry
+def frames(displacements, markers, model, misfit, noise, settings, learned, states, counts, left, cost):
+    """Contacts of frames one after the other, each from those of the one before.
+
+    Args:
+        displacements: (n, 2 m) [m] outwards and along rising angles, marker by marker; NaN: not seen.
+        markers: (m,) [rad] at rest.
+        model: table and slope (a, 2 m, b) of `RingResponse.tables`, and (2,) deviations of z and t.
+        misfit: (2, B) [m/N]. noise: (2 m,) [m^2] of the pixels.
+        settings: (4,) on and off in deviations, least angle between contacts [rad], markers that may be left out.
+        learned: width (2,) [m/N] and spread (2,) of a `RingResponse`.
+        states: (n, MOST, STATE) written; counts (n,) of contacts, cost (n,) of each frame, numbers used less unknowns.
+        left: (MOST + 1, STATE) contacts of the frame before, their count in the last row's first place; changed.
+    """
+    size = displacements.shape[1]
+    work = (np.empty(size), np.empty((size, 4 * MOST)), np.empty((4 * MOST, 4 * MOST)), np.empty(size))
+    state, used = np.zeros((MOST, STATE)), np.empty(size, dtype=np.bool_)
+    state[:] = left[:MOST]
+    count = int(left[MOST, 0])
+    for n in range(len(displacements)):
+        seen = 0
+        for i in range(size):
+            used[i] = np.isfinite(displacements[n, i])
+            seen += used[i]
+        if 2 * seen < size:
+            counts[n], cost[n] = -1, np.nan
+            count = 0
+            continue
+        here = np.where(used, displacements[n], 0.0)
+        count, cost[n] = _found(here, used, markers, state, count, model, misfit, noise, work, settings)
+        _deviations(state, count, work, learned[0], learned[1])
+        seen = 0
+        for i in range(size):
+            seen += used[i]
+        free = max(seen - 2 * count, 1)
+        cost[n] = np.sqrt(cost[n] / free)
+        counts[n] = count
+        states[n] = state
+        for c in range(count):
+            turn = states[n, c, 0] / (2.0 * np.pi)
+            states[n, c, 0] = 2.0 * np.pi * (turn - np.floor(turn))
+    left[:MOST] = state
+    left[MOST, 0] = count

@@ -1,0 +1,271 @@
+"""Images of a soft ring's markers become contacts: several at once, each with angle, force, depth, width and shear."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float, Int, UInt8
+from numpy.typing import ArrayLike
+
+from palpate.contact.contacts import Contacts
+from palpate.contact.estimate import ROW, ContactEstimate, Status
+from palpate.contact.ring_locator import RingFound, RingLocator, RingSettings
+from palpate.errors import InputError
+from palpate.sensors.marker_ring import MarkerRing
+from palpate.sensors.markers import MarkerTracker, Seen
+from palpate.sensors.recording import IMAGE, Recording
+from palpate.sensors.wrench_sensor import Tare
+from palpate.spatial.pose import Pose
+
+__all__ = ["FEATURES", "RingEstimator"]
+
+FEATURES = ("angle", "depth", "width", "shear", "angle_sd", "force_sd", "depth_sd", "markers")
+_UNBELIEVABLE = 4.0  # deviations that the displacements are off, on the whole, from what contacts can make
+_HEIGHT = 2e-3  # m: along the barrel's axis contacts are taken for the ring's own height
+_STEADY = 3.0  # times the calibration's jitter: a tare in which markers move more is refused
+
+
+class RingEstimator:
+    """The estimator of a marker ring.
+
+    Each frame is answered with what those before it left: where the markers were, the contacts, their identities. The
+    place is that of the centre of pressure on the outer surface, at the height of the markers; the force is what the
+    environment presses with, inwards and along the ring; the torque is NaN. IMPLAUSIBLE: located, but the markers move
+    as no few contacts can make them. INVALID: a black, frozen or unfitting frame, or fewer than half of the markers.
+
+    Features: `angle` [rad] about the ring's axis; `depth` [m] of the indenter's foremost point; `width` [m], half of the
+    dent's width at half of its depth; `shear` [N] along rising angles, NaN where it was not calibrated; `angle_sd`
+    [rad], `force_sd` [N], `depth_sd` [m] standard deviations; `markers`, how many were seen.
+
+    Args:
+        ring: calibrated.
+        settings: how contacts are found.
+        mount: T_sensor_surface.
+    """
+
+    channels = (IMAGE,)
+    features = FEATURES
+
+    def __init__(
+        self, ring: MarkerRing, settings: RingSettings | None = None, *, mount: Pose | None = None
+    ) -> None:
+        from palpate.contact import _track
+
+        self.ring, self.settings = ring, settings or RingSettings()
+        self.mount = Pose.identity() if mount is None else mount
+        self._tared: Tare | None = None
+        self._tracks = np.full((_track.TRACKS, _track.TRACK), -1.0), np.ones(1, dtype=np.int64)
+        self._bad = dict.fromkeys(Seen, 0)
+        self._know(ring)
+
+    def _know(self, ring: MarkerRing) -> None:
+        self.ring = ring
+        self.locator = RingLocator(ring.response, ring.view.angles, ring.noise(), self.settings)
+        self.tracker = MarkerTracker(ring.colour, ring.view, ring.rest, ring.area)
+        self._widths = _dent_widths(ring)
+        self.reset()
+
+    def empty(self, *batch: int) -> Float[np.ndarray, "*batch width"]:
+        """Rows for `update_into`: `contact.estimate.ROW`, then `features`, then the identity."""
+        return np.zeros((*batch, ROW.length + len(self.features) + 1))
+
+    def reset(self) -> None:
+        """Forget what frames left: places of markers, contacts, identities."""
+        self.locator.reset()
+        self.tracker.reset()
+        self._tracks[0][:], self._tracks[1][:] = -1.0, 1
+        self._bad = dict.fromkeys(Seen, 0)
+
+    def tare(self, recording: Recording) -> Tare:
+        """Take where the markers are in a steady, untouched window for their rest from now on; then `reset`.
+
+        Raises:
+            InputError: no frame shows the markers, or they move.
+        """
+        pixels, _ = self.markers(recording)
+        self.reset()
+        seen = np.isfinite(pixels).all(axis=2).sum(axis=0)
+        if not len(recording) or (seen < max(1, 0.5 * len(recording))).any():
+            lost = ", ".join(str(k) for k in np.flatnonzero(seen < max(1, 0.5 * len(recording)))[:5].tolist())
+            raise InputError(
+                f"markers {lost or 'of no frame'} are not seen while the rest is taken.",
+                where=recording.source,
+                hint="Let all of the ring be in view, untouched, at the start.",
+            )
+        rest, jitter = np.nanmean(pixels, axis=0), float(np.sqrt(np.nanmean(np.nanvar(pixels, axis=0))))
+        if jitter > _STEADY * self.ring.jitter:
+            raise InputError(
+                f"the markers are not steady while the rest is taken: they move by {jitter:.2g} px, "
+                f"{self.ring.jitter:.2g} px in the calibration.",
+                where=recording.source,
+                hint="Tare while nothing touches the ring.",
+            )
+        moved = np.linalg.norm(rest - self.ring.rest, axis=1)
+        off = np.abs(moved - np.median(moved)).max() > 5.0 * self.ring.jitter
+        doubt = f"markers rest up to {moved.max():.1f} px from where they were calibrated, as under a touch" if off else ""
+        self._know(replace(self.ring, rest=rest))
+        said = f"tare over {len(recording)} frames: markers rest {np.median(moved):.2g} px from where they were calibrated"
+        self._tared = Tare(said, doubt)
+        return self._tared
+
+    def markers(self, recording: Recording) -> tuple[Float[np.ndarray, "n m 2"], Int[np.ndarray, " n"]]:
+        """Places [px] of the markers in each frame, NaN where one is not seen, and each frame's `Seen`.
+
+        Raises:
+            InputError: the recording has no images.
+        """
+        if IMAGE not in recording.channels:
+            raise InputError("has no images.", where=recording.source)
+        frames = recording.channels[IMAGE]
+        pixels = np.full((len(frames), len(self.ring), 2), np.nan)
+        states = np.array([self.tracker.track(frame, row) for frame, row in zip(frames, pixels, strict=True)], np.int64)
+        return pixels, states.reshape(len(frames))
+
+    def run(self, recording: Recording) -> Contacts:
+        """The contacts of a block, at least one row a frame."""
+        pixels, states = self.markers(recording)
+        return self._contacts(recording.time, pixels, states, 0)
+
+    def located(self, time: Float[np.ndarray, " n"], displacements: Float[np.ndarray, "n m 2"]) -> Contacts:
+        """The contacts of displacements [m] of the markers, outwards and along, without images."""
+        found = self.locator.run(displacements)
+        seen = np.isfinite(displacements).all(axis=2).sum(axis=1)
+        return self._answer(time, found, seen.astype(np.float64), 0)
+
+    def pairs(self, blocks: Iterable[Recording]) -> Iterator[tuple[Recording, Contacts]]:
+        """Each block with its contacts, in order, as soon as they are known."""
+        first = 0
+        for block in blocks:
+            pixels, states = self.markers(block)
+            yield block, self._contacts(block.time, pixels, states, first)
+            first += len(block)
+
+    def stream(self, blocks: Iterable[Recording]) -> Iterator[Contacts]:
+        """The contacts of `pairs` alone."""
+        return (found for _, found in self.pairs(blocks))
+
+    def update(
+        self, time: float, reading: ArrayLike, rotation: ArrayLike | None = None, acceleration: ArrayLike | None = None
+    ) -> Contacts:
+        """The contacts of one image (height, width, 3), uint8; one row that says so where there is none."""
+        image: UInt8[np.ndarray, "h w 3"] = np.asarray(reading)
+        pixels = np.full((1, len(self.ring), 2), np.nan)
+        state = np.array([self.tracker.track(image, pixels[0])])
+        return self._contacts(np.array([time], dtype=np.float64), pixels, state, 0)
+
+    def update_into(
+        self,
+        time: float,
+        reading: ArrayLike,
+        out: Float[np.ndarray, "*rows width"],
+        rotation: ArrayLike | None = None,
+        acceleration: ArrayLike | None = None,
+    ) -> int:
+        """`update` into rows of `empty`: how many are written, at least 1, as many as fit."""
+        width = self.empty(0).shape[1]
+        if out.dtype != np.float64 or out.shape[-1:] != (width,) or out.ndim > 2 or not out.flags.carray or not out.size:
+            raise InputError(f"out must be rows of {width} as `empty` makes them, not {out.dtype} {out.shape}.")
+        rows = out.reshape(-1, width)
+        image: UInt8[np.ndarray, "h w 3"] = np.asarray(reading)
+        pixels = np.full((1, len(self.ring), 2), np.nan)
+        state = np.array([self.tracker.track(image, pixels[0])])
+        made, _ = self._rows(np.array([time], dtype=np.float64), *self._located(pixels, state))
+        count = min(len(made), len(rows))
+        rows[:count] = made[:count]
+        return count
+
+    def notes(self) -> tuple[str, ...]:
+        """What was met so far, one sentence each."""
+        said = [*self.ring.notes, *([self._tared.said] if self._tared else [])]
+        what = {
+            Seen.LOST: "show fewer than half of the markers",
+            Seen.BLACK: "are black",
+            Seen.FROZEN: "repeat the one before",
+            Seen.WRONG_SIZE: "are of another size than the calibration's",
+        }
+        said += [f"{count} frames {what[why]}" for why, count in self._bad.items() if count and why in what]
+        return tuple(said)
+
+    def doubts(self) -> tuple[str, ...]:
+        """What may be wrong, one sentence each."""
+        return (self._tared.doubt,) if self._tared and self._tared.doubt else ()
+
+    def _located(self, pixels: np.ndarray, states: np.ndarray) -> tuple[RingFound, np.ndarray]:
+        usable = states == Seen.OK
+        for why in states[~usable].tolist():
+            self._bad[Seen(why)] += 1
+        pixels = np.where(usable[:, None, None], pixels, np.nan)
+        return self.locator.run(self.ring.displacements(pixels)), np.isfinite(pixels).all(axis=2).sum(axis=1) * 1.0
+
+    def _contacts(self, time: np.ndarray, pixels: np.ndarray, states: np.ndarray, first: int) -> Contacts:
+        return self._answer(time, *self._located(pixels, states), first)
+
+    def _answer(self, time: np.ndarray, found: RingFound, seen: np.ndarray, first: int) -> Contacts:
+        rows, sample = self._rows(time, found, seen)
+        columns = {name: rows[:, ROW.length + k].copy() for k, name in enumerate(self.features)}
+        estimate = ContactEstimate.from_rows(rows[:, : ROW.length])
+        return Contacts(first + sample, time[sample], rows[:, -1].astype(np.int64), estimate, columns)
+
+    def _rows(self, time: np.ndarray, found: RingFound, seen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """At least one row a frame, and the frame of each."""
+        many = np.maximum(found.counts, 1)
+        sample = np.repeat(np.arange(len(time)), many)
+        which = np.arange(len(sample)) - np.repeat(np.cumsum(many) - many, many)
+        rows = self.empty(len(sample))
+        rows[:, : ROW.length + len(self.features)] = np.nan
+        rows[:, ROW.candidates] = 0.0
+        none = found.counts[sample] < 1
+        rows[:, ROW.status] = np.where(found.counts[sample] < 0, Status.INVALID, Status.NO_CONTACT)
+        rows[:, ROW.length + len(self.features) - 1] = seen[sample]
+        there = ~none
+        self._fill(rows[there], rows, there, found.states[sample[there], which[there]], found.residual[sample[there]])
+        self._identify(time, sample, found.counts, rows)
+        return rows, sample
+
+    def _fill(self, made: np.ndarray, rows: np.ndarray, there: np.ndarray, states: np.ndarray, off: np.ndarray) -> None:
+        angle, force, z, t = states[:, :4].T
+        outward = np.stack([np.cos(angle), np.sin(angle), np.zeros(len(angle))], axis=1)
+        along = np.stack([-np.sin(angle), np.cos(angle), np.zeros(len(angle))], axis=1)
+        shears = self.ring.response.shears
+        shear = force * t if shears else np.zeros(len(angle))
+        sideways = (self.ring.radius * states[:, 4]) ** 2
+        covariance = sideways[:, None, None] * along[:, :, None] * along[:, None, :]
+        covariance[:, 2, 2] += _HEIGHT**2
+        made[:, ROW.point], made[:, ROW.normal] = self.ring.radius * outward, outward
+        made[:, ROW.force] = -force[:, None] * outward + shear[:, None] * along
+        made[:, ROW.covariance] = covariance.reshape(-1, 9)
+        made[:, ROW.residual], made[:, ROW.candidates] = off, 1.0
+        made[:, ROW.status] = np.where(off > _UNBELIEVABLE, Status.IMPLAUSIBLE, Status.CONTACT)
+        width = np.interp(z, *self._widths)
+        columns = (angle, self.locator.depth(states), width, shear if shears else np.nan * shear, *states[:, 4:7].T)
+        made[:, ROW.length : ROW.length + len(columns)] = np.stack(columns, axis=1)
+        rows[there] = made
+
+    def _identify(self, time: np.ndarray, sample: np.ndarray, counts: np.ndarray, rows: np.ndarray) -> None:
+        """Identities into the last column."""
+        from palpate.contact import _track
+
+        set_, first = self.settings, np.searchsorted(sample, np.arange(len(time)))
+        for n in np.flatnonzero(counts > 0).tolist():
+            here, identity = slice(first[n], first[n] + counts[n]), np.zeros(int(counts[n]), dtype=np.int64)
+            points = np.ascontiguousarray(rows[here, ROW.point])
+            known = (int(counts[n]), *self._tracks, set_.reach, set_.speed, set_.patience)
+            _track.follow(float(time[n]), points, *known, identity)
+            rows[here, -1] = identity
+
+
+def _dent_widths(ring: MarkerRing) -> tuple[np.ndarray, np.ndarray]:
+    """Half of a dent's width at half of its depth [m], over the width coordinate z of the response."""
+    z, delta = np.linspace(-3.0, 3.0, 25), np.linspace(0.0, np.pi / 2, 181)
+    mean = ring.response.coefficients[:3, 0, :, 0] @ _even(delta, ring.response.orders[0])
+    inward = -(mean[0] + np.multiply.outer(z, mean[1]) + np.multiply.outer(z * z, mean[2]))
+    half = np.argmax(inward < 0.5 * inward[:, :1], axis=1)
+    return z, ring.radius * delta[half]
+
+
+def _even(delta: np.ndarray, order: int) -> np.ndarray:
+    from palpate.sensors.ring_response import ring_basis
+
+    return ring_basis(delta, order).T

@@ -1,0 +1,130 @@
+"""Displacements of the markers of a soft ring become contacts: how many, where, how hard, how wide, how sheared."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import inf, pi, radians
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from palpate.sensors.ring_response import RingResponse
+
+__all__ = ["RingFound", "RingLocator", "RingSettings"]
+
+_TABLE = 720  # angles of the response's table
+_NO_SHEAR = 1e-6  # deviation of shear / force where shear was not calibrated: none
+
+
+@dataclass(frozen=True)
+class RingSettings:
+    """How contacts are found.
+
+    Args:
+        on, off: a contact begins where it explains so many deviations of the markers' noise more than without it, and
+            ends where it explains fewer than `off`.
+        apart: [deg] nearer to each other no two contacts are told apart.
+        dropped: markers of a frame that may be left out because no contact explains them.
+        friction: usual shear / force, as a deviation.
+        wide: deviations of the calibration's widths that a contact's width usually has.
+        reach, speed, patience: of identities: a contact may be `reach` [m] off from one frame to the next, and move at
+            `speed` [m/s] beside that; one that is lost is waited for `patience` [s].
+    """
+
+    on: float = 7.0
+    off: float = 5.0
+    apart: float = 18.0
+    dropped: int = 4
+    friction: float = 0.3
+    wide: float = 2.0
+    reach: float = 0.008
+    speed: float = 0.5
+    patience: float = 0.2
+
+    def __post_init__(self) -> None:
+        if not 0 < self.off <= self.on < inf:
+            raise ValueError(f"off ({self.off:g}) must lie between 0 and on ({self.on:g})")
+        if not 0 < self.apart < 180:
+            raise ValueError(f"apart must lie between 0 and 180 degrees, not {self.apart:g}")
+        if self.dropped < 0 or not (self.friction > 0 and self.wide > 0):
+            raise ValueError("dropped must not be negative, friction and wide must be positive")
+        if not (self.reach > 0 and self.speed >= 0 and self.patience >= 0):
+            raise ValueError("reach must be positive, speed and patience not negative")
+
+
+@dataclass(frozen=True, eq=False)
+class RingFound:
+    """Contacts of frames, in the form of the compiled loops.
+
+    Attributes:
+        states: (n, most, 8) angle [rad], force [N], width (deviations of the calibration's), shear / force, deviations
+            of angle [rad], force [N] and depth [m], and by how much the frame's chi-square would rise without it.
+        counts: (n,) of contacts; -1: fewer than half of the markers were seen.
+        residual: (n,) root of chi-square over its degrees of freedom.
+    """
+
+    states: Float[np.ndarray, "n most 8"]
+    counts: Int[np.ndarray, " n"]
+    residual: Float[np.ndarray, " n"]
+
+
+class RingLocator:
+    """Contacts from displacements, frame after frame: each starts from those of the frame before.
+
+    Args:
+        response: of the ring.
+        markers: (m,) [rad] angles at rest.
+        noise: (m, 2) [m] deviation of a displacement, outwards and along.
+        settings: how contacts are found.
+    """
+
+    def __init__(
+        self,
+        response: RingResponse,
+        markers: Float[np.ndarray, " m"],
+        noise: Float[np.ndarray, "m 2"],
+        settings: RingSettings | None = None,
+    ) -> None:
+        from palpate.contact import _ring  # compiled: loaded when first needed
+
+        self.response, self.settings = response, settings or RingSettings()
+        self.markers = np.array(markers, dtype=np.float64)
+        shear = self.settings.friction if response.shears else _NO_SHEAR
+        table, slope = response.tables(self.markers, _TABLE)
+        set_ = self.settings
+        self._model = (table, slope, np.array([set_.wide, shear]))
+        self._noise = np.ascontiguousarray(np.square(noise).reshape(-1))
+        self._settings = np.array([set_.on, set_.off, radians(set_.apart), float(set_.dropped)])
+        self._learned = (response.width.copy(), response.spread.copy())
+        self._left = np.zeros((_ring.MOST + 1, _ring.STATE))
+        self.most = _ring.MOST
+
+    def reset(self) -> None:
+        """Forget the contacts of the frame before."""
+        self._left[:] = 0.0
+
+    def run(self, displacements: Float[np.ndarray, "n m 2"]) -> RingFound:
+        """Contacts of frames one after the other.
+
+        Args:
+            displacements: (n, m, 2) [m] outwards and along rising angles; NaN: not seen.
+        """
+        from palpate.contact import _ring
+
+        count = len(displacements)
+        flat = np.ascontiguousarray(displacements.reshape(count, -1))
+        states = np.zeros((count, _ring.MOST, _ring.STATE))
+        counts, cost = np.zeros(count, dtype=np.int64), np.zeros(count)
+        known = (self.markers, self._model, self.response.misfit, self._noise, self._settings, self._learned)
+        _ring.frames(flat, *known, states, counts, self._left, cost)
+        return RingFound(states, counts, cost)
+
+    def depth(self, states: Float[np.ndarray, "*batch 8"]) -> Float[np.ndarray, "*batch"]:
+        """[m] of contacts: force times the depth of a newton."""
+        mean, deviation = self.response.width
+        return states[..., 1] * (mean + deviation * states[..., 2])
+
+
+def turned(angle: Float[np.ndarray, "*batch"]) -> Float[np.ndarray, "*batch"]:
+    """Into -pi ... pi."""
+    return (np.asarray(angle) + pi) % (2.0 * pi) - pi

@@ -1,0 +1,72 @@
+"""The marker ring paper's own way [marker ring, III.C], as a baseline: windows of three, two lines, a cubic."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float
+
+__all__ = ["PaperForce", "paper_contacts"]
+
+_LEAST = 1.0  # px: a middle marker that moved less is no contact
+
+
+def paper_contacts(
+    rest: Float[np.ndarray, "m 2"], now: Float[np.ndarray, "m 2"], least: float = _LEAST
+) -> Float[np.ndarray, "k 2"]:
+    """Angle [rad, as in the image, y up] and largest displacement [px] of each contact, the largest first.
+
+    (1): the centre is the mean of the markers of each frame. A window of three markers is a contact where its middle
+    moved most. The lines through the rest and present places of the middle and of the one of its neighbours that moved
+    more meet in G; the contact's angle is that of G from the centre. Where the lines are parallel, or G lies inside of
+    the ring's centre, the middle's own angle is taken: the paper is silent on it.
+
+    Args:
+        rest: (m, 2) [px] places of the markers at rest, in their order round the ring. now: (m, 2) [px] of a frame.
+        least: [px] below which nothing moved.
+    """
+    flip = np.array([1.0, -1.0])
+    before, after = (rest - rest.mean(axis=0)) * flip, (now - now.mean(axis=0)) * flip
+    moved = np.linalg.norm(after - before, axis=1)
+    left, right = np.roll(moved, 1), np.roll(moved, -1)
+    middles = np.flatnonzero((moved > least) & (moved >= left) & (moved > right))
+    found = [(_angle(before, after, moved, int(k)), moved[k]) for k in middles[np.argsort(-moved[middles])]]
+    return np.array(found, dtype=np.float64).reshape(-1, 2)
+
+
+def _angle(before: np.ndarray, after: np.ndarray, moved: np.ndarray, middle: int) -> float:
+    """Of the point G where the lines of the middle and of its neighbour that moved more meet."""
+    count = len(before)
+    one = max((middle - 1) % count, (middle + 1) % count, key=lambda k: float(moved[k]))
+    lines = np.stack([after[middle] - before[middle], before[one] - after[one]], axis=1)
+    own = float(np.arctan2(before[middle, 1], before[middle, 0]))
+    if abs(np.linalg.det(lines)) < 1e-9 * np.prod(np.linalg.norm(lines, axis=0) + 1e-12):
+        return own
+    along: np.ndarray = np.linalg.solve(lines, before[one] - before[middle])
+    g = before[middle] + along[0] * lines[:, 0]
+    angle = float(np.arctan2(g[1], g[0]))
+    off = abs((angle - own + np.pi) % (2.0 * np.pi) - np.pi)
+    return angle if off < 2.0 * np.pi / count else own
+
+
+class PaperForce:
+    """F = f(displacement, angle) of third order [marker ring, Fig. 3], fitted to presses as the paper does.
+
+    Args:
+        moved: (n,) [px]. angle: (n,) [rad]. force: (n,) [N].
+    """
+
+    def __init__(
+        self, moved: Float[np.ndarray, " n"], angle: Float[np.ndarray, " n"], force: Float[np.ndarray, " n"]
+    ) -> None:
+        self._coefficients: np.ndarray = np.linalg.lstsq(self._design(moved, angle), force, rcond=None)[0]
+
+    def __call__(self, moved: Float[np.ndarray, " n"], angle: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+        """(n,) [N]."""
+        return self._design(moved, angle) @ self._coefficients
+
+    @staticmethod
+    def _design(moved: Float[np.ndarray, " n"], angle: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 10"]:
+        """All products up to third order; the angle in turns, so that both are of one size."""
+        turns = np.mod(angle, 2.0 * np.pi) / (2.0 * np.pi)
+        size = np.asarray(moved) / 10.0
+        return np.stack([size**a * turns**b for a in range(4) for b in range(4 - a)], axis=1)

@@ -1,0 +1,149 @@
+"""A ring of markers that a camera watches, in a rig: its table, how images are read, and what is built of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from palpate.contact.ring_estimator import RingEstimator
+from palpate.contact.ring_locator import RingSettings
+from palpate.errors import InputError
+from palpate.io.logs import LogContents, image_size
+from palpate.io.logs.layout import ImageChannel, Layout
+from palpate.io.models import read_model
+from palpate.io.rig import guess
+from palpate.io.rig.body import Body
+from palpate.io.rig.kind import Guess, Prepared, SensorKind
+from palpate.io.rig.tables import require_path, require_positive
+from palpate.io.rig.wrench import first_seconds
+from palpate.sensors.fisheye import Fisheye
+from palpate.sensors.marker_ring import MarkerRing, RingBody
+from palpate.sensors.recording import IMAGE, Recording
+
+if TYPE_CHECKING:
+    from palpate.io.rig.rig import Rig
+
+__all__ = ["MARKER_RING", "RigMarkerRing", "rig_ring_body"]
+
+_TEXT = """\
+[marker_ring]
+# model = "ring.toml"                # written by: palpate calibrate marker-ring
+radius = 0.055                       # m, of the skin's outer surface at the markers: measure it
+thickness = 0.004                    # m, of the skin
+markers = 24                         # round the ring
+# camera = "camera.toml"             # lens: fx, fy, cx, cy, k1, k2, k3, k4, width, height of a fisheye calibration
+{where}# tare = 1.0                         # s: the log starts so long untouched
+
+"""
+_NO_WRENCH = "a camera measures no wrench"
+
+
+@dataclass(frozen=True)
+class RigMarkerRing:
+    """The ring, its model, and where a log keeps its images.
+
+    `model` is a file of `palpate calibrate marker-ring`. For a calibration: `radius` [m] of the outer surface at the
+    markers, `thickness` [m] of the skin, how many `markers`, the `camera`'s lens as a file, its `height` [m] above the
+    markers. `topic` of a log with topics; `tare` [s]: the log starts untouched for so long; `contacts`: how contacts
+    are found.
+    """
+
+    model: str | None = None
+    radius: float | None = None
+    thickness: float | None = None
+    markers: int | None = None
+    camera: str | None = None
+    height: float = 0.04
+    topic: str | None = None
+    tare: float | None = None
+    contacts: RingSettings = field(default_factory=RingSettings)
+
+    def __post_init__(self) -> None:
+        for name in ("model", "camera"):
+            require_path(name, getattr(self, name))
+        require_positive(self, "radius", "thickness", "height", "tare")
+        if self.markers is not None and self.markers < 6:
+            raise ValueError(f"markers must be 6 at least, not {self.markers}")
+        if self.radius is not None and self.thickness is not None and self.thickness >= self.radius:
+            raise ValueError("thickness must be less than radius")
+
+
+def rig_ring_body(rig: Rig) -> RingBody:
+    """What a rig says of a unit that is to be calibrated.
+
+    Raises:
+        InputError: it says too little, or the camera's file cannot be read.
+    """
+    table = rig.table(RigMarkerRing)
+    if table.radius is None or table.thickness is None or table.markers is None:
+        lacking = [name for name in ("radius", "thickness", "markers") if getattr(table, name) is None]
+        raise InputError(
+            f"does not say {' and '.join(lacking)}.",
+            where="marker_ring",
+            hint="Measure the ring: radius of the outer surface [m], thickness of the skin [m], number of markers.",
+        )
+    camera = None if table.camera is None else read_model(rig.folder / table.camera, Fisheye)
+    return RingBody(table.radius, table.thickness, table.markers, camera, table.height)
+
+
+def _layout(rig: Rig) -> Layout:
+    table = rig.table(RigMarkerRing)
+    return Layout(wrench=None, images=ImageChannel(table.topic, table="marker_ring"), **rig.common())
+
+
+def _build(rig: Rig, head: Recording | None) -> Prepared:
+    table = rig.table(RigMarkerRing)
+    if table.model is None:
+        raise InputError(
+            "the rig's [marker_ring] has no model.",
+            where="marker_ring.model",
+            hint="`palpate calibrate marker-ring` makes one from presses: name what it writes, model = FILE.",
+        )
+    ring = read_model(rig.folder / table.model, MarkerRing)
+    estimator = RingEstimator(ring, table.contacts, mount=rig.mount())
+    made = Prepared(estimator, facts=dict(vars(table.contacts)))
+    tare = rig.estimate.tare or table.tare
+    if tare is not None and head is not None:
+        tared = estimator.tare(first_seconds(head, tare))
+        made.said.append(tared.said)
+        made.doubted += [tared.doubt] if tared.doubt else []
+    return made
+
+
+def _guess(log: Path, contents: LogContents, body: Body | None) -> Guess | None:
+    """A video, a folder of frames, or a topic of colour images."""
+    size = image_size(log)
+    if size is None:
+        return None
+    topics = guess.topics_of(contents, "image")
+    where = f"topic = {guess.quoted(topics[0])}\n" if topics else ""
+    layout = Layout(wrench=None, images=ImageChannel(topics[0] if topics else None, table="marker_ring"))
+    why = f"it holds images of {size[1]} x {size[0]}"
+    remarks = ("measure the ring's radius and thickness, and count its markers",)
+    return Guess(why, layout, _TEXT.format(where=where), remarks)
+
+
+MARKER_RING = SensorKind(
+    name="marker_ring",
+    called="a ring of markers watched by a camera",
+    table=RigMarkerRing,
+    channels=(IMAGE,),
+    layout=_layout,
+    build=_build,
+    guess=_guess,
+    paths=("model", "camera"),
+    refused={
+        "payload": f"{_NO_WRENCH}, so no payload is in its images",
+        "noise": f"{_NO_WRENCH}: the noise of the markers is found in the calibration",
+        "method": "contacts are where the ring is dented: there is no line of action to locate",
+        "friction": "the ring's own contacts.friction says what shear is usual",
+        "torsion": "markers in one ring feel no torque about the normal",
+        "contact": "thresholds are those of the markers: on and off in [marker_ring.contacts], in deviations of noise",
+        "crease": "contacts are placed on the ring, not on a mesh",
+        "mesh": "contacts are placed on the ring, not on a mesh",
+        "filter": "images are not filtered",
+        "cutoff": "images are not filtered",
+    },
+    needs_surface=False,
+)

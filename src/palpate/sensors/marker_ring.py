@@ -1,0 +1,87 @@
+"""A soft ring of markers that a fisheye camera watches: what calibration finds, and what estimates are made with."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Float
+
+from palpate.sensors.fisheye import Fisheye, RingView
+from palpate.sensors.markers import MarkerColour
+from palpate.sensors.ring_response import RingResponse
+from palpate.spatial._arrays import Value, frozen
+
+__all__ = ["MarkerRing", "RingBody"]
+
+
+@dataclass(frozen=True)
+class RingBody:
+    """What is known of a unit before it is calibrated.
+
+    Attributes:
+        radius: [m] of the outer surface at the markers. thickness: [m] of the skin. markers: how many.
+        camera: lens; None: of an equidistant lens, whose focal length is fitted.
+        height: [m] of the camera above the markers, roughly.
+        colour: of the markers; None: found.
+    """
+
+    radius: float
+    thickness: float
+    markers: int
+    camera: Fisheye | None = None
+    height: float = 0.04
+    colour: MarkerColour | None = None
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class MarkerRing(Value):
+    """One unit.
+
+    Attributes:
+        radius: [m] of the skin's outer surface at the markers.
+        view: the camera, its place in the ring, and the angles at which markers rest on the inner surface.
+        colour: how markers are told from the skin.
+        rest: (m, 2) [px] places of the markers at rest. area: (m,) [px] sizes.
+        jitter: [px] deviation of a marker's place along each axis from frame to frame.
+        response: how markers move.
+        notes: what a user should know. provenance: of the calibration.
+    """
+
+    radius: float
+    view: RingView
+    colour: MarkerColour
+    rest: Float[np.ndarray, "m 2"]
+    area: Float[np.ndarray, " m"]
+    jitter: float
+    response: RingResponse
+    notes: tuple[str, ...] = ()
+    provenance: Mapping[str, str] = field(default_factory=lambda: {})
+
+    def __post_init__(self) -> None:
+        count = len(self.view.angles)
+        object.__setattr__(self, "rest", frozen(self.rest, tail=(2,), name="rest"))
+        object.__setattr__(self, "area", frozen(self.area, name="area"))
+        if self.rest.shape != (count, 2) or self.area.shape != (count,):
+            raise ValueError(f"rest and area must be of {count} markers, not {self.rest.shape} and {self.area.shape}")
+        if not (self.radius > self.view.radius > 0 and self.jitter > 0):
+            raise ValueError("radius must be larger than that of the markers, and jitter positive")
+
+    def __len__(self) -> int:
+        return len(self.view.angles)
+
+    def displacements(self, pixels: Float[np.ndarray, "*batch m 2"]) -> Float[np.ndarray, "*batch m 2"]:
+        """[m] of markers at pixels from where they rest, outwards and along rising angles; NaN stays."""
+        moved = self.view.to_plane(pixels) - self.view.to_plane(self.rest)
+        return np.einsum("...mi,mki->...mk", moved, self.axes())
+
+    def axes(self) -> Float[np.ndarray, "m 2 2"]:
+        """Directions outwards and along rising angles at each marker, in the ring's plane."""
+        c, s = np.cos(self.view.angles), np.sin(self.view.angles)
+        return np.stack([np.stack([c, s], axis=-1), np.stack([-s, c], axis=-1)], axis=-2)
+
+    def noise(self) -> Float[np.ndarray, "m 2"]:
+        """[m] deviation of each displacement that `jitter` makes."""
+        along = self.axes() @ self.view.jacobian(self.rest)
+        return self.jitter * np.linalg.norm(along, axis=-1)

@@ -1,0 +1,100 @@
+"""How the markers of a soft ring move when it is touched: learned, periodic in the angle, per newton."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from palpate.spatial._arrays import Value, frozen
+
+__all__ = ["RingResponse", "ring_basis"]
+
+
+def ring_basis(angle: Float[np.ndarray, "*batch"], order: int) -> Float[np.ndarray, "*batch terms"]:
+    """1, cos, sin, cos 2, sin 2, ... of an angle [rad], up to an order: (*batch, 2 order + 1)."""
+    turns = np.multiply.outer(angle, np.arange(1, order + 1))
+    both = np.stack([np.cos(turns), np.sin(turns)], axis=-1).reshape(*np.shape(angle), 2 * order)
+    return np.concatenate([np.ones((*np.shape(angle), 1)), both], axis=-1)
+
+
+def _slope(order: int) -> Float[np.ndarray, "terms terms"]:
+    """What takes coefficients of `ring_basis` to those of the derivative."""
+    matrix = np.zeros((2 * order + 1, 2 * order + 1))
+    for k in range(1, order + 1):
+        matrix[2 * k, 2 * k - 1], matrix[2 * k - 1, 2 * k] = -k, k
+    return matrix
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class RingResponse(Value):
+    """Displacement of a marker at the angle theta by a contact at phi, delta = theta - phi:
+
+        u = F (v0 + z v1 + z^2 v2 + t s),    v, s: functions of delta and phi, periodic in both.
+
+    F is the radial force, z the contact's width: the depth of a newton, (depth / F - mean) / deviation, which is larger
+    for a narrow tip than for a plate, and t = shear / F. In an elastic skin u is linear in the pressure, and the
+    pressure of a contact is F times a shape of one number, so that several contacts add up. phi enters beside delta
+    because no skin is equally thick all round.
+
+    Attributes:
+        coefficients: (b, 2, 2 K + 1, 2 M + 1) [m/N] of v0, v1, v2 and, where shear was calibrated, s; outwards and along
+            rising angles; in `ring_basis` of delta and of phi.
+        width: (2,) [m/N] mean and deviation of depth / F in the calibration.
+        misfit: (2, B) [m/N] rms of what the model leaves, outwards and along, of markers in B equal parts of a turn from
+            the contact on.
+        spread: (2,) [rad], share of the force: deviations of angle and of force that hold on touches left out of the fit,
+            beside what the noise of the pixels explains.
+        largest: (2,) [m], [N] depth and force up to which it was calibrated.
+    """
+
+    coefficients: Float[np.ndarray, "b 2 k m"]
+    width: Float[np.ndarray, "2"]
+    misfit: Float[np.ndarray, "2 parts"]
+    spread: Float[np.ndarray, "2"]
+    largest: Float[np.ndarray, "2"]
+
+    def __post_init__(self) -> None:
+        shape = self.coefficients.shape
+        if shape[0] not in (3, 4) or shape[2] % 2 == 0 or shape[3] % 2 == 0:
+            raise ValueError(f"coefficients must be 3 or 4 x 2 x odd x odd, not {shape}")
+        if not (self.width > 0).all() or not (self.misfit >= 0).all() or not (self.spread >= 0).all():
+            raise ValueError("width must be positive, misfit and spread not negative")
+        for name, tail in {"coefficients": (2, *shape[2:]), "width": (2,), "misfit": (), "spread": (2,), "largest": (2,)}.items():
+            object.__setattr__(self, name, frozen(getattr(self, name), tail=tail, name=name))
+
+    @property
+    def shears(self) -> bool:
+        """Whether shear was calibrated."""
+        return len(self.coefficients) == 4
+
+    @property
+    def orders(self) -> tuple[int, int]:
+        """K and M."""
+        return self.coefficients.shape[2] // 2, self.coefficients.shape[3] // 2
+
+    def at(self, delta: Float[np.ndarray, " n"], phi: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 2 b"]:
+        """v0, v1, v2 and s of markers at delta [rad] from contacts at phi [rad]."""
+        of_delta, of_phi = (ring_basis(angle, order) for angle, order in zip((delta, phi), self.orders, strict=True))
+        return np.einsum("bckm,nk,nm->ncb", self.coefficients, of_delta, of_phi, optimize=True)
+
+    def tables(
+        self, markers: Float[np.ndarray, " m"], count: int
+    ) -> tuple[Float[np.ndarray, "a n b"], Float[np.ndarray, "a n b"]]:
+        """Of markers at angles [rad], for contacts at `count` angles all round: `at` and its derivative by phi.
+
+        Marker by marker, outwards and along: n = 2 m.
+        """
+        phi = 2.0 * np.pi * np.arange(count) / count
+        orders = self.orders
+        of_delta = ring_basis(markers[None, :] - phi[:, None], orders[0])
+        of_phi = ring_basis(phi, orders[1])
+        by_delta = of_delta @ _slope(orders[0])
+        by_phi = of_phi @ _slope(orders[1])
+
+        def at(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+            found = np.einsum("bckm,aik,am->aicb", self.coefficients, one, other, optimize=True)
+            return np.ascontiguousarray(found.reshape(count, 2 * len(markers), -1))
+
+        return at(of_delta, of_phi), at(of_delta, by_phi) - at(by_delta, of_phi)
