@@ -1,0 +1,178 @@
+"""A barrel of silicone that rigid bodies press: where the contact is, what it weighs, and where the markers go.
+
+The barrel of the marker ring [marker ring, III], as mechanics: linear elasticity of a body whose thickness is uneven
+(`barrel_elasticity`), unilateral contact with friction on its outer side (`barrel_contact`). Angles about z, from x.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import lru_cache
+
+import numpy as np
+from jaxtyping import Float
+
+from palpate.simulation.barrel_contact import Band, Indenter, settle
+from palpate.simulation.barrel_elasticity import compliance, solid
+
+__all__ = ["COARSE_ROWS", "Barrel", "BarrelSettings", "Indenter", "Pressed"]
+
+FULL_ROWS = (0.0, 0.004, 0.008, 0.012, 0.016, 0.022, 0.029, 0.037, 0.045)
+COARSE_ROWS = (0.0, 0.006, 0.016, 0.029, 0.045)
+
+
+@dataclass(frozen=True)
+class BarrelSettings:
+    """Shape and material of a barrel.
+
+    Attributes:
+        radius, end_radius: [m] outside, at the equator and at the ends; a parabola between.
+        thickness: [m] of the wall, on average.
+        uneven: relative first harmonic and relative higher harmonics (2 to 5) of the thickness around the ring.
+        modulus: Young's [Pa].
+        poisson: Poisson's ratio.
+        around: bricks around the ring, a multiple of 4.
+        rows: [m] edges of the bricks from the equator to the clamped end.
+        band: [m] height above the equator up to which bodies can touch; one of `rows`.
+        markers: how many, evenly spaced from angle 0.
+        marker_radius: [m] of a marker.
+        outline: points on a marker's outline.
+        seed: of the uneven thickness.
+    """
+
+    radius: float = 0.055
+    end_radius: float = 0.047
+    thickness: float = 0.004
+    uneven: tuple[float, float] = (0.04, 0.02)
+    modulus: float = 0.3e6
+    poisson: float = 0.45
+    around: int = 96
+    rows: tuple[float, ...] = FULL_ROWS
+    band: float = 0.016
+    markers: int = 24
+    marker_radius: float = 0.002
+    outline: int = 12
+    seed: int = 0
+
+    def outer(self, z: Float[np.ndarray, "*n"]) -> Float[np.ndarray, "*n"]:
+        """Outer radius [m] at heights [m]."""
+        return self.radius - (self.radius - self.end_radius) * (z / self.rows[-1]) ** 2
+
+    def thickness_at(self, angle: Float[np.ndarray, "*n"]) -> Float[np.ndarray, "*n"]:
+        """Thickness [m] at angles [rad]."""
+        rng = np.random.default_rng(self.seed)
+        phase = rng.uniform(0.0, 2.0 * np.pi, 5)
+        share = rng.standard_normal(4)
+        share /= np.linalg.norm(share)
+        order = np.arange(2, 6)
+        higher = np.cos(order * (np.asarray(angle)[..., None] - phase[1:])) @ share
+        return self.thickness * (1.0 + self.uneven[0] * np.cos(angle - phase[0]) + self.uneven[1] * higher)
+
+
+@dataclass(frozen=True, eq=False)
+class Pressed:
+    """A loaded barrel.
+
+    Attributes:
+        angle: (k,) [rad] of each body's centre of pressure; NaN where it does not touch.
+        force: (k,) [N] inward at that angle.
+        shear: (k,) [N] along rising angle, on the skin.
+        depth: (k,) [m] of each body's foremost point inside the unloaded surface.
+        markers: (m, 3) [m] centres of the markers.
+        discs: (m, p, 3) [m] their outlines.
+    """
+
+    angle: Float[np.ndarray, " k"]
+    force: Float[np.ndarray, " k"]
+    shear: Float[np.ndarray, " k"]
+    depth: Float[np.ndarray, " k"]
+    markers: Float[np.ndarray, "m 3"]
+    discs: Float[np.ndarray, "m p 3"]
+
+
+@dataclass(frozen=True, eq=False)
+class Barrel:
+    """A barrel ready to be pressed.
+
+    Attributes:
+        settings: of which it was built.
+        band: the outer side near the equator and its compliance.
+        rest: (m, 1 + p, 3) [m] each marker's centre and outline, unloaded.
+        answer: (m (1 + p) 3, f) [m/N] their movements by forces on the band's nodes.
+    """
+
+    settings: BarrelSettings
+    band: Band
+    rest: Float[np.ndarray, "m q 3"]
+    answer: Float[np.ndarray, "r f"] = field(repr=False)
+
+    @staticmethod
+    @lru_cache(maxsize=2)
+    def built(settings: BarrelSettings) -> Barrel:
+        """Mesh, factorise and condense (seconds); the last two barrels are kept in memory."""
+        body = solid(settings)
+        levels = np.unique(np.round(body.place[:, 2], 9))
+        rows = int(np.searchsorted(levels, settings.band + 1e-9))
+        skin = body.node[:, :rows, 2]
+        inner = body.node[:, :3, 0]
+        loaded = (3 * skin.ravel()[:, None] + np.arange(2)).ravel()
+        answered = (3 * inner.ravel()[:, None] + np.arange(3)).ravel()
+        both = compliance(body, np.concatenate([loaded, answered]), loaded)
+        square = both[: len(loaded)]
+        band = Band(settings.outer, body.place[skin][:, :, 2][0], (square + square.T) / 2.0)
+        rest, weights = _marker_points(settings, levels[2])
+        held = both[len(loaded) :].reshape(inner.size, 3, -1)
+        answer = np.einsum("qi,iaf->qaf", weights, held)
+        answer[rest.reshape(-1, 3)[:, 2] < 0.0, 2] *= -1.0  # below the equator: the mirror image
+        answer = answer.reshape(-1, len(loaded))
+        for array in (rest, answer):
+            array.flags.writeable = False
+        return Barrel(settings, band, rest, answer)
+
+    def press(self, bodies: Sequence[Indenter], friction: float = 0.4) -> Pressed:
+        """Press rigid bodies, one beside the other, into the unloaded barrel.
+
+        Args:
+            bodies: first pressed along the radius to their depths, then slid.
+            friction: Coulomb's coefficient; it acts around the ring.
+        """
+        found = settle(self.band, bodies, friction)
+        moved = self.rest + (self.answer @ found.nodal).reshape(self.rest.shape)
+        return Pressed(
+            found.angle,
+            found.force,
+            found.shear,
+            np.array([each.depth for each in bodies], dtype=float),
+            moved[:, 0],
+            moved[:, 1:],
+        )
+
+
+def _marker_points(settings: BarrelSettings, top: float) -> tuple[np.ndarray, np.ndarray]:
+    """Centres and outlines of the markers at rest (m, q, 3), and the weights (m q, nodes) of the inner nodes in them."""
+    around = 2.0 * np.pi * np.arange(settings.outline) / settings.outline
+    turn = 2.0 * np.pi * np.arange(settings.markers) / settings.markers
+    radius = settings.radius - settings.thickness_at(turn)
+    across = np.concatenate([[0.0], np.cos(around)]) * settings.marker_radius
+    theta = turn[:, None] + across / radius[:, None]
+    z = np.broadcast_to(np.concatenate([[0.0], np.sin(around)]) * settings.marker_radius, theta.shape)
+    radius = settings.outer(z) - settings.thickness_at(theta)
+    rest = np.stack([radius * np.cos(theta), radius * np.sin(theta), z], axis=-1)
+    columns, share = _columns(theta.ravel(), 2 * settings.around)
+    height = _quadratic(2.0 * np.abs(z).ravel() / top)
+    weights = np.zeros((theta.size, 2 * settings.around, 3))
+    np.put_along_axis(weights, columns[:, :, None].repeat(3, 2), share[:, :, None] * height[:, None, :], axis=1)
+    return rest, weights.reshape(theta.size, -1)
+
+
+def _quadratic(at: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
+    """Lagrange's quadratics at 0, 1, 2."""
+    return np.stack([(at - 1) * (at - 2) / 2, at * (2 - at), at * (at - 1) / 2], axis=-1)
+
+
+def _columns(angle: Float[np.ndarray, " n"], columns: int) -> tuple[np.ndarray, np.ndarray]:
+    """The three columns of nodes (n, 3) whose brick holds an angle, and their shape functions (n, 3)."""
+    at = np.mod(angle, 2.0 * np.pi) * columns / (2.0 * np.pi)
+    first = (2 * np.floor(at / 2)).astype(int)
+    return (first[:, None] + np.arange(3)) % columns, _quadratic(at - first)

@@ -1,0 +1,304 @@
+"""Rigid bodies on the outer side of a barrel: unilateral contact with Coulomb's friction around the ring.
+
+Points of contact lie four by four in every brick, closer than the nodes, so that the force hardly ripples as a body moves
+from node to node. Each holds the skin off by a pressure k o, o how deep the moved point lies inside the exact body,
+with k stiff against the skin; friction holds it where it first touched, up to mu k o. With N the shape functions and G
+the skin's compliance, the nodal forces f solve f = N' a lambda(X + N G f): a semi-smooth Newton, the contact's state
+being its active set. Friction has a history, so bodies come down, and slide, in a few steps.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy import sparse
+
+from palpate.errors import InputError
+
+__all__ = ["Band", "Indenter", "Settled", "settle"]
+
+STIFFNESS = 2e9  # N/m^3 of the contact: 10 um at 20 kPa
+TANGENTIAL = 1e9  # N/m^3 until it slips
+FINE = 4  # points of contact along a brick's edge
+SPARE = np.radians(4.0)  # around the ring, beyond where body and unloaded skin overlap
+ROUNDS = 60
+CLOSE = 1e-6  # N, of a nodal force
+
+
+@dataclass(frozen=True)
+class Indenter:
+    """A rigid body pressed along the radius.
+
+    Attributes:
+        kind: "plate" (tangent to the ring), "tip" (a sphere) or "cylinder" (its axis along the barrel's).
+        angle: [rad] of its axis.
+        depth: [m] of its foremost point inside the unloaded surface.
+        radius: [m] of a tip or cylinder.
+        slide: [m] it then moves sideways, towards rising angle.
+        width: [m] of a plate, across.
+    """
+
+    kind: Literal["plate", "tip", "cylinder"]
+    angle: float
+    depth: float
+    radius: float = 0.01
+    slide: float = 0.0
+    width: float = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class Band:
+    """The outer side near the equator, of which half is modelled.
+
+    Attributes:
+        outer: outside radius [m] at heights [m].
+        heights: (rows,) [m] of the rows of nodes.
+        compliance: (2 nodes, 2 nodes) [m/N] along x and y, node = column x rows + row; forces on the upper half.
+    """
+
+    outer: Callable[[np.ndarray], np.ndarray]
+    heights: Float[np.ndarray, " rows"]
+    compliance: Float[np.ndarray, "f f"] = field(repr=False)
+
+    def __post_init__(self) -> None:
+        self.compliance.flags.writeable = False
+
+    @property
+    def columns(self) -> int:
+        return len(self.compliance) // (2 * len(self.heights))
+
+
+@dataclass(frozen=True, eq=False)
+class Settled:
+    """Contact in equilibrium: nodal forces of the upper half (f,) [N]; angle, force and shear of each body (k,)."""
+
+    nodal: Float[np.ndarray, " f"]
+    angle: Float[np.ndarray, " k"]
+    force: Float[np.ndarray, " k"]
+    shear: Float[np.ndarray, " k"]
+
+
+@dataclass(frozen=True, eq=False)
+class _Points:
+    """Points of contact (q) of all bodies: whose, where at rest, what area, and their nodes' shape functions."""
+
+    owner: Int[np.ndarray, " q"]
+    place: Float[np.ndarray, "q 2"]
+    z: Float[np.ndarray, " q"]
+    area: Float[np.ndarray, " q"]
+    nodes: Int[np.ndarray, " n"]
+    shape: sparse.csr_matrix
+
+
+@dataclass(frozen=True, eq=False)
+class _Bodies:
+    """Bodies at one instant, a row a point of contact (q): outward axis, front or centre, radius at its height."""
+
+    axis: Float[np.ndarray, "q 2"]
+    centre: Float[np.ndarray, "q 2"]
+    radius: Float[np.ndarray, " q"]
+    flat: Float[np.ndarray, " q"]
+    half: Float[np.ndarray, " q"]
+
+
+@dataclass(frozen=True, eq=False)
+class _State:
+    """Overlap (q,), direction on the skin (q, 2), tangent (q, 2), sideways place (q,), friction (q,) [Pa], stuck (q,)."""
+
+    over: np.ndarray
+    push: np.ndarray
+    along: np.ndarray
+    side: np.ndarray
+    drag: np.ndarray
+    stuck: np.ndarray
+
+
+def _turned(vector: np.ndarray) -> np.ndarray:
+    return np.stack([-vector[..., 1], vector[..., 0]], axis=-1)
+
+
+def _check(bodies: Sequence[Indenter], radius: float) -> None:
+    for at, each in enumerate(bodies):
+        if not 0.0 <= each.depth <= 0.5 * radius:
+            raise InputError(f"depth of body {at} is {each.depth} m; 0 to half the barrel's radius is possible.")
+        if each.kind != "plate" and each.radius <= 0.0:
+            raise InputError(f"radius of body {at} is {each.radius} m; it must be above 0.")
+
+
+def _points(band: Band, bodies: Sequence[Indenter]) -> _Points:
+    """Every point that a body may touch."""
+    rows, columns, radius = len(band.heights), band.columns, float(band.outer(np.zeros(1))[0])
+    step = np.pi * 4.0 / columns / FINE
+    fine = np.arange(columns // 2 * FINE)
+    theta = (fine + 0.5) * step
+    edges = band.heights[::2]
+    z = np.concatenate([a + (b - a) * (np.arange(FINE) + 0.5) / FINE for a, b in zip(edges, edges[1:], strict=False)])
+    slab = np.repeat(np.diff(edges) / FINE, FINE)
+    across, up = _lagrange(FINE), _lagrange(FINE)
+    owner, turn = [], []
+    for at, each in enumerate(bodies):
+        reach = np.arccos(1.0 - each.depth / radius)
+        if each.kind != "plate":
+            reach = min(reach, np.arcsin(min(each.radius / (radius - each.depth), 1.0)))
+        apart = np.abs(np.mod(theta - each.angle + np.pi, 2 * np.pi) - np.pi)
+        near = fine[apart <= reach + abs(each.slide) / radius + SPARE]
+        turn.append(near)
+        owner.append(np.full(len(near), at))
+    turned, owned = np.concatenate(turn), np.concatenate(owner)
+    count, levels = len(turned), len(z)
+    column = (2 * (turned // FINE)[:, None] + np.arange(3)) % columns
+    row = 2 * (np.arange(levels) // FINE)[:, None] + np.arange(3)
+    number = (column[:, None, :, None] * rows + row[None, :, None, :]).reshape(count * levels, 9)
+    value = (across[turned % FINE][:, None, :, None] * up[np.arange(levels) % FINE][None, :, None, :]).reshape(-1, 9)
+    nodes, index = np.unique(number, return_inverse=True)
+    shape = sparse.csr_matrix(
+        (value.ravel(), (np.repeat(np.arange(count * levels), 9), index.ravel())), shape=(count * levels, len(nodes))
+    )
+    r = band.outer(z)
+    place = (r[:, None] * np.stack([np.cos(theta), np.sin(theta)], axis=-1)[turned][:, None]).reshape(-1, 2)
+    area = np.tile(step * r * slab, count)
+    return _Points(np.repeat(owned, levels), place, np.tile(z, count), area, nodes, shape)
+
+
+def _lagrange(fine: int) -> Float[np.ndarray, "fine 3"]:
+    at = 2.0 * (np.arange(fine) + 0.5) / fine
+    return np.stack([(at - 1) * (at - 2) / 2, at * (2 - at), at * (at - 1) / 2], axis=-1)
+
+
+def _placed(bodies: Sequence[Indenter], points: _Points, radius: float, down: float, aside: float) -> _Bodies:
+    """The bodies when a part of their depth and of their slide is done."""
+    axis = np.array([[np.cos(each.angle), np.sin(each.angle)] for each in bodies])
+    size = np.array([0.0 if each.kind == "plate" else each.radius for each in bodies])
+    depth, slide = np.array([each.depth for each in bodies]), np.array([each.slide for each in bodies])
+    centre = (radius - down * depth + size)[:, None] * axis + (aside * slide)[:, None] * _turned(axis)
+    ball = np.array([each.kind == "tip" for each in bodies])[points.owner]
+    own = size[points.owner]
+    at = np.where(ball, np.sqrt(np.maximum(own**2 - points.z**2, 0.0)), own)
+    flat = np.array([each.kind == "plate" for each in bodies])[points.owner]
+    half = np.array([each.width / 2 for each in bodies])[points.owner]
+    return _Bodies(axis[points.owner], centre[points.owner], at, flat, half)
+
+
+def _state(bodies: _Bodies, place: np.ndarray, anchor: np.ndarray, friction: float) -> _State:
+    """Contact at moved points (q, 2), held towards the sideways places `anchor` (q,)."""
+    apart = place - bodies.centre
+    tangent = _turned(bodies.axis)
+    ahead, side = (apart * bodies.axis).sum(axis=1), (apart * tangent).sum(axis=1)
+    distance = np.maximum(np.hypot(ahead, side), 1e-12)
+    push = np.where(bodies.flat[:, None], -bodies.axis, apart / distance[:, None])
+    over = np.where(bodies.flat, ahead, bodies.radius - distance)
+    out = np.where(bodies.flat, np.abs(side) > bodies.half, (ahead > 0.0) | (bodies.radius <= 0.0))
+    over = np.where(out, 0.0, np.maximum(over, 0.0))
+    side = np.where(bodies.flat, side, bodies.radius * np.arctan2(side, -ahead))
+    trial = TANGENTIAL * (anchor - side)
+    limit = friction * STIFFNESS * over
+    drag = np.clip(trial, -limit, limit)
+    return _State(over, push, -_turned(push), side, drag, (np.abs(trial) < limit) & (over > 0.0))
+
+
+def _blocks(points: _Points, state: _State, friction: float) -> tuple[np.ndarray, np.ndarray]:
+    """Forces (q, 2) [N] on the skin, and minus their slopes (q, 2, 2) [N/m] by its movement."""
+    push, along = state.push, state.along
+    force = points.area[:, None] * (STIFFNESS * state.over[:, None] * push + state.drag[:, None] * along)
+    slipping = np.where(state.stuck, 0.0, friction * np.sign(state.drag))[:, None]
+    weight = (points.area * (state.over > 0.0))[:, None, None]
+    slope = STIFFNESS * (push + slipping * along)[:, :, None] * push[:, None, :]
+    slope = slope + TANGENTIAL * state.stuck[:, None, None] * along[:, :, None] * along[:, None, :]
+    return force, weight * slope
+
+
+def settle(band: Band, bodies: Sequence[Indenter], friction: float = 0.4) -> Settled:
+    """Equilibrium of the bodies on the skin after all have come down and then slid.
+
+    Raises:
+        InputError: a depth or radius is impossible, or the bodies crowd the skin so that no equilibrium is found.
+    """
+    radius = float(band.outer(np.zeros(1))[0])
+    _check(bodies, radius)
+    full = np.zeros(len(band.compliance))
+    if not bodies:
+        return Settled(full, *np.full((3, 0), np.nan))
+    points = _points(band, bodies)
+    freedom = (2 * points.nodes[:, None] + np.arange(2)).ravel()
+    soft = band.compliance[np.ix_(freedom, freedom)]
+    nodal = np.zeros(len(freedom))
+    place, anchor = points.place, np.zeros(len(points.place))
+    state = None
+    for down, aside in _schedule(bodies):
+        placed = _placed(bodies, points, radius, down, aside)
+        here = _state(placed, place, anchor, 0.0)
+        if state is None:
+            anchor = here.side
+        else:
+            anchor = np.where(state.over > 0.0, state.side + state.drag / TANGENTIAL, here.side)
+        nodal, place, state = _balanced(points, placed, soft, nodal, anchor, friction)
+    assert state is not None
+    full[freedom] = nodal
+    force = 2.0 * _blocks(points, state, friction)[0]  # both halves
+    return Settled(full, *_summed(points, place, force, 2.0 * points.area * STIFFNESS * state.over, len(bodies)))
+
+
+def _schedule(bodies: Sequence[Indenter]) -> list[tuple[float, float]]:
+    """Shares of depth and slide, a pair a step: no step moves a round body further than half its radius."""
+    steps = max(1 if b.kind == "plate" else int(np.ceil(b.depth / (0.5 * b.radius) - 1e-9)) for b in bodies)
+    steps = max(steps, 2)
+    downs = [((at + 1) / steps, 0.0) for at in range(steps)]
+    if any(b.slide for b in bodies):
+        downs += [(1.0, 0.5), (1.0, 1.0)]
+    return downs
+
+
+def _balanced(
+    points: _Points,
+    bodies: _Bodies,
+    soft: np.ndarray,
+    nodal: np.ndarray,
+    anchor: np.ndarray,
+    friction: float,
+) -> tuple[np.ndarray, np.ndarray, _State]:
+    """Newton's iteration of one step, from the last step's nodal forces."""
+    shape, change = points.shape, np.inf
+    for turn in range(ROUNDS):
+        moved = (soft @ nodal).reshape(-1, 2)
+        place = points.place + shape @ moved
+        state = _state(bodies, place, anchor, friction)
+        force, slope = _blocks(points, state, friction)
+        wrong = (shape.T @ force).ravel() - nodal
+        if np.abs(wrong).max() < CLOSE:
+            return nodal, place, state
+        active = np.flatnonzero(state.over > 0.0)
+        near = shape[active]
+        live = np.unique(np.concatenate([np.unique(near.indices), np.flatnonzero(nodal.reshape(-1, 2).any(axis=1))]))
+        near = near[:, live]
+        grid = np.zeros((len(live), 2, len(live), 2))
+        for a in range(2):
+            for b in range(2):
+                grid[:, a, :, b] = (near.T @ near.multiply(slope[active, a, b][:, None]).tocsr()).toarray()
+        own = (2 * live[:, None] + np.arange(2)).ravel()
+        matrix = grid.reshape(len(own), len(own)) @ soft[np.ix_(own, own)]
+        matrix.flat[:: len(own) + 1] += 1.0
+        change = np.linalg.solve(matrix, wrong[own])
+        nodal = nodal.copy()
+        nodal[own] += change if turn < ROUNDS // 2 else 0.5 * change
+    raise InputError(
+        "no equilibrium of the pressing bodies was found.",
+        hint="less depth, or bodies further apart",
+    )
+
+
+def _summed(
+    points: _Points, place: np.ndarray, force: np.ndarray, pressure: np.ndarray, count: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Angle of the centre of pressure, inward force there and shear, of each body (count,)."""
+    weight = np.bincount(points.owner, pressure, count)
+    touched = weight > 0.0
+    scale = np.where(touched, weight, 1.0)
+    centre = np.stack([np.bincount(points.owner, pressure * place[:, a], count) / scale for a in range(2)], axis=-1)
+    total = np.stack([np.bincount(points.owner, force[:, a], count) for a in range(2)], axis=-1)
+    angle = np.where(touched, np.arctan2(centre[:, 1], centre[:, 0]), np.nan)
+    out = np.nan_to_num(np.stack([np.cos(angle), np.sin(angle)], axis=-1))
+    return angle, -(total * out).sum(axis=1), (total * _turned(out)).sum(axis=1)
