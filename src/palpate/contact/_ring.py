@@ -18,9 +18,9 @@ __all__ = ["MOST", "STATE", "frames"]
 
 MOST = 6  # contacts at once
 STATE = 8  # angle, force, width z, shear / force t, deviations of angle, force and depth, evidence
-_UNKNOWNS = 4
 _STEPS = 12  # of Gauss-Newton
-_TRIALS = 24.0  # starts are looked for at so many angles per marker's spacing of 15 degrees, about every degree
+_TRIALS = 180  # angles at which one more contact is looked for
+_FITS = 12.0  # squared deviations of a marker: where all lie below, no contact is missing
 
 
 @inner
@@ -121,9 +121,14 @@ def _cost(displacement, used, variance, state, count, model, residual, jacobian)
 
 
 @inner
-def _refine(displacement, used, markers, state, count, model, misfit, noise, work):
-    """Gauss-Newton from `state`, which is changed; the cost at its end. The normal matrix stays in work[2]."""
+def _refine(problem, used, state, count, work):
+    """Gauss-Newton from `state`, which is changed; the cost at its end. The normal matrix stays in work[2].
+
+    `problem`: displacements, markers, model, misfit and noise of `frames`. `work`: residuals, their derivatives, the
+    normal matrix, variances.
+    """
     residual, jacobian, normal, variance = work
+    displacement, markers, model, misfit, noise = problem
     priors, size = model[2], 4 * count
     gradient, step = np.empty(size), np.empty(size)
     factor, trial = np.empty((size, size)), state.copy()
@@ -191,10 +196,10 @@ def _apart(a, b):
 
 @inner
 def _candidate(used, state, count, table, work, nearest):
-    """Where one more contact would explain most of the residual: its angle, force and width; force 0: nowhere."""
+    """Where one more contact would explain most of the residual: its angle, force and width, and how much."""
     residual, _, _, variance = work
     best, phi, force, width = 0.0, 0.0, 0.0, 0.0
-    step = max(1, len(table) // 288)
+    step = max(1, len(table) // _TRIALS)
     for k in range(0, len(table), step):
         angle, near = 2.0 * np.pi * k / len(table), False
         for c in range(count):
@@ -220,7 +225,7 @@ def _candidate(used, state, count, table, work, nearest):
         gain = f * ra + g * rb
         if gain > best:
             best, phi, force, width = gain, angle, f, g / f
-    return phi, force, width
+    return phi, force, width, best
 
 
 @inner
@@ -245,14 +250,30 @@ def _worst(used, work):
 
 
 @inner
-def _weak(displacement, used, markers, state, count, model, misfit, noise, work, cost, settings):
-    """The contact that explains least, and how much the cost rises without it."""
+def _explained(used, state, count, which, model, work):
+    """By how much at least the cost would rise if one contact's share of the displacements were not explained."""
+    residual, _, _, variance = work
+    size = len(residual)
+    value, spare = np.empty(size), np.empty(size)
+    _shapes(model[0], model[1], state[which, 0], state[which, 2], state[which, 3], value, spare, spare, spare)
+    total = 0.0
+    for i in range(size):
+        if used[i]:
+            total += (state[which, 1] * value[i]) ** 2 / variance[i]
+    return total
+
+
+@inner
+def _weakest(problem, used, state, count, work, cost, off):
+    """The contact that explains least, and by how much the cost rises without it; one that explains much is not tried."""
     least, which = np.inf, -1
-    other, spare = np.empty_like(state), (work[0].copy(), work[1].copy(), work[2].copy(), work[3].copy())
+    other, spare = np.empty_like(state), (work[0].copy(), work[1], work[2].copy(), work[3].copy())
     for c in range(count):
-        other[:] = state
-        left = _drop(other, count, c)
-        rise = _refine(displacement, used, markers, other, left, model, misfit, noise, spare) - cost
+        rise = _explained(used, state, count, c, problem[2], work)
+        if rise < 25.0 * off:
+            other[:] = state
+            left = _drop(other, count, c)
+            rise = _refine(problem, used, other, left, spare) - cost
         state[c, 7] = rise
         if rise < least:
             least, which = rise, c
@@ -260,54 +281,61 @@ def _weak(displacement, used, markers, state, count, model, misfit, noise, work,
 
 
 @inner
-def _found(displacement, used, markers, state, count, model, misfit, noise, work, settings):
+def _added(problem, used, state, count, work, cost, nearest, on, trial):
+    """One contact more, into `trial`: how many, and the cost; as many as before where none is worth a trial."""
+    more, after = count, cost
+    phi, force, width, gain = _candidate(used, state, count, problem[2][0], work, nearest)
+    if gain > 0.5 * on:
+        trial[:] = state
+        trial[count, 0], trial[count, 1], trial[count, 2], trial[count, 3] = phi, force, width, 0.0
+        more, after = count + 1, _refine(problem, used, trial, count + 1, work)
+    halves = np.empty_like(state)
+    for c in range(count):  # or two that stand so near that one was taken for both
+        halves[:] = state
+        halves[count] = state[c]
+        halves[c, 0], halves[count, 0] = state[c, 0] - 0.6 * nearest, state[c, 0] + 0.6 * nearest
+        halves[c, 1] = halves[count, 1] = 0.5 * state[c, 1]
+        halves[c, 2], halves[count, 2] = problem[2][2][0], problem[2][2][0]
+        split = _refine(problem, used, halves, count + 1, work)
+        if split < after:
+            more, after = count + 1, split
+            trial[:] = halves
+    for c in range(more):
+        for d in range(c):
+            if _apart(trial[c, 0], trial[d, 0]) < nearest:
+                return count, cost
+    return more, after
+
+
+@inner
+def _found(problem, used, state, count, work, settings):
     """The contacts of a frame, from those of the one before: how many, and the cost."""
     on, off, nearest, dropped = settings[0] ** 2, settings[1] ** 2, settings[2], settings[3]
-    cost = _refine(displacement, used, markers, state, count, model, misfit, noise, work)
-    trial, halves = state.copy(), state.copy()
+    cost = _refine(problem, used, state, count, work)
+    trial = np.empty_like(state)
     for _ in range(2 * MOST + int(dropped)):
-        more, after = count, np.inf
-        if count < MOST:
-            phi, force, width = _candidate(used, state, count, model[0], work, nearest)
-            if force > 0.0:
-                trial[:] = state
-                trial[count, 0], trial[count, 1], trial[count, 2], trial[count, 3] = phi, force, width, 0.0
-                more = count + 1
-                after = _refine(displacement, used, markers, trial, more, model, misfit, noise, work)
-            for c in range(count):  # or two that stand so near that one was taken for both
-                halves[:] = state
-                halves[count] = state[c]
-                halves[c, 0], halves[count, 0] = state[c, 0] - 0.6 * nearest, state[c, 0] + 0.6 * nearest
-                halves[c, 1] = halves[count, 1] = 0.5 * state[c, 1]
-                halves[c, 2], halves[count, 2] = model[2][0], model[2][0]
-                split = _refine(displacement, used, markers, halves, count + 1, model, misfit, noise, work)
-                if split < after:
-                    after, more = split, count + 1
-                    trial[:] = halves
-        gain = cost - after
-        near = False
-        for c in range(more):
-            for d in range(c):
-                near = near or _apart(trial[c, 0], trial[d, 0]) < nearest
-        _cost_here = _refine(displacement, used, markers, state, count, model, misfit, noise, work)
-        cost = _cost_here
         worst, far = _worst(used, work)
-        if dropped > 0 and far > 25.0 and far > 0.8 * gain:  # one marker that is wrong is no contact
+        if far < _FITS:
+            break
+        more, after = count, cost
+        if count < MOST:
+            more, after = _added(problem, used, state, count, work, cost, nearest, on, trial)
+        if dropped > 0 and far > 25.0 and far > 0.8 * (cost - after):  # one marker that is wrong is no contact
             used[2 * worst] = used[2 * worst + 1] = False
             dropped -= 1
-            cost = _refine(displacement, used, markers, state, count, model, misfit, noise, work)
-        elif more > count and gain > on and not near:
+        elif more > count and cost - after > on:
             state[:] = trial
             count = more
-            cost = _refine(displacement, used, markers, state, count, model, misfit, noise, work)
         else:
+            cost = _refine(problem, used, state, count, work)
             break
+        cost = _refine(problem, used, state, count, work)
     while count:
-        which, least = _weak(displacement, used, markers, state, count, model, misfit, noise, work, cost, settings)
+        which, least = _weakest(problem, used, state, count, work, cost, off)
         if least > off:
             break
         count = _drop(state, count, which)
-        cost = _refine(displacement, used, markers, state, count, model, misfit, noise, work)
+        cost = _refine(problem, used, state, count, work)
     return count, cost
 
 
@@ -364,7 +392,7 @@ def frames(displacements, markers, model, misfit, noise, settings, learned, stat
             count = 0
             continue
         here = np.where(used, displacements[n], 0.0)
-        count, cost[n] = _found(here, used, markers, state, count, model, misfit, noise, work, settings)
+        count, cost[n] = _found((here, markers, model, misfit, noise), used, state, count, work, settings)
         _deviations(state, count, work, learned[0], learned[1])
         seen = 0
         for i in range(size):
