@@ -1,0 +1,201 @@
+"""The camera of a marker ring: its lens from pictures of a chessboard, its place from the ring itself."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, Int, UInt8
+
+from palpate.errors import InputError, NotIdentifiable
+from palpate.sensors.fisheye import Fisheye, RingView
+from palpate.sensors.markers import opencv
+from palpate.spatial._arrays import Value, frozen
+from palpate.spatial.pose import Pose
+
+__all__ = ["BoardFit", "RingFit", "calibrate_board", "fit_lens", "fit_ring_view"]
+
+HEIGHT = 0.04  # m, of the camera above the ring, where nothing better is known
+_FACING = np.diag([1.0, -1.0, -1.0])  # x_c = x, y_c = -y, z_c = -z
+_FEWEST_BOARDS = 3
+
+
+@dataclass(frozen=True)
+class BoardFit:
+    """A lens, the rms of its residual [px], and how many pictures showed the whole board."""
+
+    camera: Fisheye
+    residual: float
+    pictures: int
+
+
+@dataclass(frozen=True, eq=False, init=False)
+class RingFit(Value):
+    """Where the camera stands, and where the markers rest.
+
+    Attributes:
+        view: with the measured angle of every marker.
+        order: (m,) which of the given pixels is marker i; marker 0 is the one nearest to angle 0.
+        plane: (m, 2) where markers rest as measured [m], in that order: the irregularities of the ring are in it.
+        residual: rms of a marker's distance from an even ring [px].
+        covariance: (6, 6) of the tilts about x and y [rad], the place x, y, z [m] and the start angle [rad]; with
+            `focal_fitted`, z is exchanged for the logarithm of the focal length.
+        focal_fitted: the focal length was fitted and the height held.
+    """
+
+    view: RingView
+    order: Int[np.ndarray, " m"]
+    plane: Float[np.ndarray, "m 2"]
+    residual: float
+    covariance: Float[np.ndarray, "6 6"]
+    focal_fitted: bool
+
+    def __init__(self, view: RingView, order: np.ndarray, plane: np.ndarray, **rest: Any) -> None:
+        order = np.array(order, dtype=np.int64)
+        order.flags.writeable = False
+        rest["covariance"] = frozen(rest["covariance"], tail=(6, 6))
+        for name, value in {"view": view, "order": order, "plane": frozen(plane, tail=(2,)), **rest}.items():
+            object.__setattr__(self, name, value)
+
+
+def calibrate_board(
+    images: Sequence[UInt8[np.ndarray, "h w 3"]], board: tuple[int, int] = (9, 6), square: float = 0.01
+) -> BoardFit:
+    """The lens from pictures of a chessboard.
+
+    Args:
+        images: of one size; those that do not show the whole board are passed over.
+        board: inner corners, columns and rows.
+        square: side of a square [m]; only the place of the board depends on it.
+
+    Raises:
+        InputError: fewer than three pictures show the board; OpenCV is missing.
+    """
+    cv2 = opencv()
+    corners, size = list[np.ndarray](), (0, 0)
+    for image in images:
+        grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY) if image.ndim == 3 else image
+        size = grey.shape[::-1]
+        found, pixels = cv2.findChessboardCornersSB(grey, board, flags=cv2.CALIB_CB_ACCURACY)
+        if found:
+            corners.append(pixels.reshape(-1, 2).astype(np.float64))
+    if len(corners) < _FEWEST_BOARDS:
+        hint = f"At least {_FEWEST_BOARDS} pictures must show all {board[0]} x {board[1]} inner corners."
+        raise InputError(f"{len(corners)} of {len(images)} pictures show the board.", hint=hint)
+    return fit_lens(corners, board, square, size)
+
+
+def fit_lens(
+    corners: Sequence[Float[np.ndarray, "c 2"]], board: tuple[int, int], square: float, size: tuple[int, int]
+) -> BoardFit:
+    """The lens from a chessboard's corners [px], picture by picture, row by row; `size` is the image's width, height.
+
+    Raises:
+        InputError: the corners do not determine a lens; OpenCV is missing.
+    """
+    cv2 = opencv()
+    columns, rows = np.meshgrid(np.arange(board[0]), np.arange(board[1]))
+    grid = square * np.stack([columns, rows, 0 * rows], axis=-1).reshape(-1, 1, 3).astype(np.float64)
+    start = Fisheye.equidistant(*size)
+    matrix = np.array([[start.fx, 0.0, start.cx], [0.0, start.fy, start.cy], [0.0, 0.0, 1.0]])
+    flags = cv2.fisheye.CALIB_RECOMPUTE_EXTRINSIC | cv2.fisheye.CALIB_FIX_SKEW | cv2.fisheye.CALIB_USE_INTRINSIC_GUESS
+    seen = [np.asarray(each, dtype=np.float64).reshape(-1, 1, 2) for each in corners]
+    try:
+        rms, matrix, bent, _, _ = cv2.fisheye.calibrate([grid] * len(seen), seen, size, matrix, np.zeros(4), flags=flags)
+    except cv2.error as problem:
+        hint = "Tilt the board, and bring it to the edges of the picture."
+        raise InputError("the pictures of the board do not determine a lens.", hint=hint) from problem
+    focal = (float(matrix[0, 0]), float(matrix[1, 1]), float(matrix[0, 2]), float(matrix[1, 2]))
+    return BoardFit(Fisheye(*focal, *map(float, bent.ravel()), *size), float(rms), len(seen))
+
+
+def fit_ring_view(
+    rest_pixels: Float[np.ndarray, "m 2"],
+    radius: float,
+    *,
+    camera: Fisheye | None = None,
+    height: float = HEIGHT,
+    size: tuple[int, int] = (640, 480),
+) -> RingFit:
+    """Where the camera stands above a ring of evenly spaced markers, from where they rest in the picture.
+
+    Tilt, offset, height and start angle by least squares of pixels against the even ring; the camera's turn about the
+    axis is left at its nominal value, because the ring's x axis is where the camera's is. What is uneven about the
+    markers stays in the measured rest places. One ring only: markers at other heights are given to a fit of their own.
+
+    One flat ring does not tell the focal length from the height: without a `camera` an equidistant lens with its
+    middle in the picture's middle is taken, `height` is held and the focal length fitted.
+
+    Args:
+        rest_pixels: all markers of the ring, in any order.
+        radius: of the ring of markers [m].
+        camera: the lens, as a board gave it.
+        height: of the camera above the ring [m]: a guess, or held.
+        size: of the picture, where no camera is given.
+
+    Raises:
+        InputError: fewer than six markers, or some that are not finite.
+        NotIdentifiable: the pixels are not those of an even ring about the picture's middle.
+    """
+    pixels = np.asarray(rest_pixels, dtype=np.float64)
+    if pixels.ndim != 2 or len(pixels) < 6 or pixels.shape[1] != 2 or not np.isfinite(pixels).all():
+        raise InputError("rest_pixels must be six or more finite pixels (m, 2).")
+    lens, focal_fitted = camera or Fisheye.equidistant(*size), camera is None
+    even = 2 * np.pi * np.arange(len(pixels)) / len(pixels)
+    order, start = _around(pixels, even)
+    seen = pixels[order]
+
+    def view(x: np.ndarray) -> RingView:
+        tilt = Pose.from_rotation_vector([x[0], x[1], 0.0], np.zeros(3)).rotation
+        focal = np.exp(x[4]) if focal_fitted else 1.0
+        place = [x[2] * height, x[3] * height, height if focal_fitted else height * np.exp(x[4])]
+        bent = replace(lens, fx=lens.fx * focal, fy=lens.fy * focal)
+        return RingView(bent, Pose(_FACING @ tilt, place), radius, even + x[5])
+
+    solution = _solved(view, seen, start)
+    fitted = view(solution.x)
+    places = fitted.to_plane(seen)
+    measured = replace_angles(fitted, np.arctan2(places[:, 1], places[:, 0]))
+    scale = np.diag([1, 1, height, height, 1 if focal_fitted else fitted.pose.translation[2], 1])
+    freedom = max(2 * len(seen) - 6, 1)
+    spread = np.linalg.pinv(solution.jac.T @ solution.jac) * (2 * solution.cost / freedom)
+    residual = float(np.sqrt(2 * solution.cost / len(seen)))
+    found = {"residual": residual, "covariance": scale @ spread @ scale, "focal_fitted": focal_fitted}
+    return RingFit(measured, order, places, **found)
+
+
+def replace_angles(view: RingView, angles: Float[np.ndarray, " m"]) -> RingView:
+    """The same view of markers that rest elsewhere."""
+    return RingView(view.camera, view.pose, view.radius, angles)
+
+
+def _around(pixels: np.ndarray, even: np.ndarray) -> tuple[np.ndarray, float]:
+    """The pixels in order of rising angle, and the angle of the first, which is the one nearest to 0.
+
+    About the middle of the circle through them: their mean, which is right where the ring is whole.
+    """
+    middle = pixels.mean(axis=0)
+    angle = np.arctan2(middle[1] - pixels[:, 1], pixels[:, 0] - middle[0])
+    order = np.argsort(angle)
+    first = int(np.argmin(np.abs(angle[order])))
+    order = np.roll(order, -first)
+    start = np.angle(np.mean(np.exp(1j * (angle[order] - even))))
+    return order, float(start)
+
+
+def _solved(view: Any, seen: np.ndarray, start: float) -> Any:
+    from scipy.optimize import least_squares  # here: it takes a while to import
+
+    def residual(x: np.ndarray) -> np.ndarray:
+        this = view(x)
+        return np.nan_to_num(this.from_plane(this.rest) - seen, nan=1e3).ravel()
+
+    bounds = np.array([0.6, 0.6, 0.8, 0.8, 1.2, np.inf])
+    solution = least_squares(residual, [0, 0, 0, 0, 0, start], bounds=(-bounds, bounds), x_scale=[0.1] * 6)
+    gap = np.linalg.norm(seen - np.roll(seen, 1, axis=0), axis=1)
+    if not np.sqrt(2 * solution.cost / len(seen)) < 0.25 * np.median(gap):
+        missing = ("the camera's place",)
+        raise NotIdentifiable("the markers are no even ring about the middle of the picture", rank=0, missing=missing)
+    return solution

@@ -1,0 +1,235 @@
+"""Compiled: from pixels to the centroids of markers, and from candidates around a ring to its labels.
+
+Every loop runs over one frame in one order: the last bits do not depend on how a video is cut.
+"""
+
+# pyright: basic
+from __future__ import annotations
+
+import numpy as np
+
+from palpate.surfaces._jit import entry, inlined
+
+__all__ = ["blob_sums", "label_path", "measure_windows", "score_image"]
+
+_RED, _GREEN, _BLUE, _BRIGHT = 0, 1, 2, 3  # the last kind is dark
+_OK, _NOTHING, _RIM = 0.0, 1.0, 2.0
+_MANY = 1e18
+
+
+@inlined
+def _score(blue, green, red, kind):
+    """How much a pixel looks like a marker, 0 to 255."""
+    if kind == _RED:
+        return max(0, red - max(green, blue))
+    if kind == _GREEN:
+        return max(0, green - max(red, blue))
+    if kind == _BLUE:
+        return max(0, blue - max(green, red))
+    grey = (29 * blue + 150 * green + 77 * red) >> 8
+    return grey if kind == _BRIGHT else 255 - grey
+
+
+@entry
+def score_image(image, kind, out, histogram):
+    """The score of every pixel (h, w) uint8, and how often each score (256,) int64 occurs."""
+    histogram[:] = 0
+    for y in range(image.shape[0]):
+        for x in range(image.shape[1]):
+            score = _score(np.int64(image[y, x, 0]), np.int64(image[y, x, 1]), np.int64(image[y, x, 2]), kind)
+            out[y, x] = score
+            histogram[score] += 1
+
+
+@entry
+def blob_sums(score, labels, base, peaks, sums):
+    """Of every label: pixels above half of its peak, and their score above it: count, w, wx, wy, wxx, wxy, wyy.
+
+    Args:
+        score: (h, w) uint8.
+        labels: (h, w) int32, 0 is no blob.
+        base: score of what is no marker.
+        peaks: (k,) is filled.
+        sums: (k, 7) is filled.
+    """
+    peaks[:] = 0.0
+    sums[:] = 0.0
+    for y in range(score.shape[0]):
+        for x in range(score.shape[1]):
+            k = labels[y, x]
+            if k > 0 and score[y, x] > peaks[k]:
+                peaks[k] = score[y, x]
+    for y in range(score.shape[0]):
+        for x in range(score.shape[1]):
+            k = labels[y, x]
+            if k > 0:
+                weight = score[y, x] - 0.5 * (base + peaks[k])
+                if weight > 0.0:
+                    sums[k, 0] += 1.0
+                    sums[k, 1] += weight
+                    sums[k, 2] += weight * x
+                    sums[k, 3] += weight * y
+                    sums[k, 4] += weight * x * x
+                    sums[k, 5] += weight * x * y
+                    sums[k, 6] += weight * y * y
+
+
+@inlined
+def _levels(window, height, width, kind):
+    """The peak of a window's score, and the base: 0 of a colour, of grey the mean of the rim's dimmer part."""
+    peak, low = window[0, 0], window[0, 0]
+    for y in range(height):
+        for x in range(width):
+            peak = max(peak, window[y, x])
+            low = min(low, window[y, x])
+    if kind < _BRIGHT:
+        return peak, 0.0
+    total, count = 0, 0
+    for y in range(height):
+        step = 1 if y == 0 or y == height - 1 else max(1, width - 1)
+        for x in range(0, width, step):
+            if 2 * window[y, x] <= peak + low:
+                total += window[y, x]
+                count += 1
+    return peak, (total / count if count else np.float64(low))
+
+
+@inlined
+def _seed(window, height, width, least, row, column):
+    """The pixel above the threshold that is nearest to where the marker is expected; -1: none."""
+    nearest, best = -1, _MANY
+    for y in range(height):
+        for x in range(width):
+            if window[y, x] > least:
+                away = (x - column) * (x - column) + (y - row) * (y - row)
+                if away < best:
+                    nearest, best = y * width + x, away
+    return nearest
+
+
+@entry
+def measure_windows(image, kind, expected, halves, window, stack, out):
+    """Each marker's blob, measured in a square window about where it is expected.
+
+    The threshold is half of the window's peak; the blob is what hangs together (4 neighbours) with the nearest pixel
+    above it. A pixel counts by its score above the threshold.
+
+    Args:
+        image: (h, w, 3) uint8.
+        kind: of the score.
+        expected: (m, 2) [px]; NaN: not looked for.
+        halves: (m,) int64, half the side of each window [px].
+        window: (s, s) int64, scratch of the largest window, s = 2 max(halves) + 1.
+        stack: (s s,) int64, scratch.
+        out: (m, 7) is filled: x, y, pixels, spread (trace of the second moments) [px^2], peak above the base,
+            pixels above the threshold that belong to something else, and 0 (measured), 1 (nothing) or 2 (cut by rim).
+    """
+    for i in range(len(expected)):
+        out[i, :6] = 0.0
+        out[i, 6] = _NOTHING
+        ex, ey = expected[i, 0], expected[i, 1]
+        if not (ex > -0.5 and ey > -0.5 and ex < image.shape[1] - 0.5 and ey < image.shape[0] - 0.5):
+            continue
+        cx, cy, half = int(np.rint(ex)), int(np.rint(ey)), halves[i]
+        x0, y0 = max(0, cx - half), max(0, cy - half)
+        width = min(image.shape[1], cx + half + 1) - x0
+        height = min(image.shape[0], cy + half + 1) - y0
+        for y in range(height):
+            for x in range(width):
+                b, g, r = image[y0 + y, x0 + x, 0], image[y0 + y, x0 + x, 1], image[y0 + y, x0 + x, 2]
+                window[y, x] = _score(np.int64(b), np.int64(g), np.int64(r), kind)
+        peak, base = _levels(window, height, width, kind)
+        least = 0.5 * (peak + base)
+        above = 0
+        for y in range(height):
+            for x in range(width):
+                above += window[y, x] > least
+        seed = _seed(window, height, width, least, ey - y0, ex - x0)
+        if seed < 0:
+            continue
+        count, total, sx, sy, sq, rim = 0, 0.0, 0.0, 0.0, 0.0, False
+        stack[0], top = seed, 1
+        ax, ay = seed % width, seed // width  # moments about the seed: small numbers keep their bits
+        total += window[ay, ax] - least
+        window[ay, ax] = -window[ay, ax] - 1
+        while top > 0:
+            top -= 1
+            place = stack[top]
+            y, x = place // width, place % width
+            count += 1
+            rim |= x == 0 or y == 0 or x == width - 1 or y == height - 1
+            weight = -window[y, x] - 1 - least
+            if count > 1:
+                total += weight
+            dx, dy = x - ax, y - ay
+            sx += weight * dx
+            sy += weight * dy
+            sq += weight * (dx * dx + dy * dy)
+            for turn in range(4):
+                nx = x + (turn == 0) - (turn == 1)
+                ny = y + (turn == 2) - (turn == 3)
+                if 0 <= nx < width and 0 <= ny < height and window[ny, nx] > least:
+                    window[ny, nx] = -window[ny, nx] - 1  # taken, and its score kept
+                    stack[top] = ny * width + nx
+                    top += 1
+        mx, my = sx / total, sy / total
+        out[i, 0], out[i, 1] = x0 + ax + mx, y0 + ay + my
+        out[i, 2], out[i, 3] = count, sq / total - mx * mx - my * my
+        out[i, 4], out[i, 5] = peak - base, above - count
+        out[i, 6] = _RIM if rim else _OK
+
+
+@inlined
+def _rough(a, b, gap, steady, share):
+    """What it costs that two markers `gap` apart are displaced by a and b: small where both are, free where steep."""
+    scale = (steady + share * max(np.hypot(a[0], a[1]), np.hypot(b[0], b[1]))) * np.sqrt(gap)
+    return ((a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2) / (2.0 * scale * scale)
+
+
+@entry
+def label_path(first, moved, own, settings, chosen):
+    """The candidates around a ring that are cheapest together.
+
+    A path runs twice around the ring, from candidate to candidate, and may leave markers out; the middle turn is the
+    answer, so that it matters nowhere where the path begins. [Viterbi 1967]
+
+    Args:
+        first: (m + 1,) int64, candidates first[i] to first[i + 1] are of marker i.
+        moved: (k, 2) their displacement from rest.
+        own: (k,) what each costs by itself.
+        settings: (4,) cost of a marker left out; scale of displacement at rest; its share of the displacement; longest
+            gap over which neighbours tell anything.
+        chosen: (m,) int64 is filled, -1: missing.
+    """
+    m, k = len(first) - 1, len(moved)
+    missing, steady, share, longest = settings[0], settings[1], settings[2], int(settings[3])
+    cost = np.full(2 * k + 1, _MANY)
+    back = np.full(2 * k + 1, -1)
+    marker = np.empty(k, np.int64)
+    for i in range(m):
+        for c in range(first[i], first[i + 1]):
+            marker[c] = i
+    for late in range(2 * k):
+        c, i = late % k, marker[late % k] + m * (late // k)
+        cost[late] = own[c] + missing * i  # the path may begin here
+        for early in range(late):
+            j = marker[early % k] + m * (early // k)
+            gap = i - j
+            if gap < 1:
+                continue
+            price = missing * (gap - 1) + own[c] + cost[early]
+            if gap <= longest:
+                price += _rough(moved[early % k], moved[c], gap, steady, share)
+            if price < cost[late]:
+                cost[late], back[late] = price, early
+    best, last = _MANY, -1
+    for late in range(2 * k):
+        price = cost[late] + missing * (2 * m - 1 - marker[late % k] - m * (late // k))
+        if price < best:
+            best, last = price, late
+    chosen[:] = -1
+    while last >= 0:
+        i = marker[last % k] + m * (last // k)
+        if m // 2 <= i < m // 2 + m:
+            chosen[i % m] = last % k
+        last = back[last]

@@ -1,0 +1,190 @@
+"""A fisheye camera, and how it sees the plane of a ring of markers.
+
+A ray at the angle theta from the optical axis lands at f theta_d from the principal point, with
+theta_d = theta (1 + k1 theta^2 + k2 theta^4 + k3 theta^6 + k4 theta^8) [Kannala and Brandt 2006], as OpenCV's
+`cv2.fisheye` has it. x_c points along the image's rows, y_c down its columns, z_c out of the lens.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Float
+
+from palpate.errors import InputError
+from palpate.spatial._arrays import Value, frozen
+from palpate.spatial.pose import Pose
+
+__all__ = ["Fisheye", "RingView"]
+
+_STEPS = 60  # at most: Newton needs 4, halving an interval of pi to its last bit 53
+
+
+@dataclass(frozen=True)
+class Fisheye:
+    """A fisheye lens and its image.
+
+    Args:
+        fx, fy: pixels per radian at the centre.
+        cx, cy: principal point [px]; (0, 0) is the middle of the first pixel.
+        k1, k2, k3, k4: of theta_d; all zero is an equidistant lens.
+        width, height: of the image [px].
+
+    Raises:
+        InputError: a focal length or a size that is not positive, a number that is not finite.
+    """
+
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    k1: float = 0.0
+    k2: float = 0.0
+    k3: float = 0.0
+    k4: float = 0.0
+    width: int = 640
+    height: int = 480
+
+    def __post_init__(self) -> None:
+        values = {each.name: getattr(self, each.name) for each in fields(self)}
+        bad = [name for name, value in values.items() if not np.isfinite(value)]
+        bad += [name for name in ("fx", "fy", "width", "height") if not values[name] > 0]
+        if bad:
+            raise InputError(f"{bad[0]} = {values[bad[0]]} is no {bad[0]} of a camera.")
+
+    @classmethod
+    def equidistant(cls, width: int = 640, height: int = 480) -> Fisheye:
+        """A lens whose image is as wide as half the world: a start where nothing is known of the camera."""
+        f = max(width, height) / np.pi
+        return cls(f, f, (width - 1) / 2, (height - 1) / 2, width=width, height=height)
+
+    @cached_property
+    def reach(self) -> float:
+        """The largest theta [rad] up to which theta_d rises, at most pi: no ray from beyond it has a pixel."""
+        slope = np.polynomial.Polynomial([1.0, 0.0, 3 * self.k1, 0.0, 5 * self.k2, 0.0, 7 * self.k3, 0.0, 9 * self.k4])
+        roots = slope.roots()
+        turns = roots.real[(np.abs(roots.imag) < 1e-12) & (roots.real > 0)]
+        return float(min(np.pi, *turns)) if len(turns) else float(np.pi)
+
+    def project(self, points: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 2"]:
+        """Pixels of points in the camera's frame [m]; NaN where `reach` is exceeded."""
+        x, y, z = np.moveaxis(np.asarray(points, dtype=np.float64), -1, 0)
+        r = np.asarray(np.hypot(x, y))
+        theta = np.asarray(np.arctan2(r, z))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            scale = np.where(r > 0, self._bent(theta)[0] / r, 1.0 / z)
+        scale = np.where((theta <= self.reach) & ((r > 0) | (z > 0)), scale, np.nan)
+        return np.stack([self.fx * scale * x + self.cx, self.fy * scale * y + self.cy], axis=-1)
+
+    def rays(self, pixels: Float[np.ndarray, "*batch 2"]) -> Float[np.ndarray, "*batch 3"]:
+        """Unit directions in the camera's frame of what is seen at pixels; NaN outside the lens."""
+        return self.rays_with_slope(pixels)[0]
+
+    def rays_with_slope(
+        self, pixels: Float[np.ndarray, "*batch 2"]
+    ) -> tuple[Float[np.ndarray, "*batch 3"], Float[np.ndarray, "*batch 3 2"]]:
+        """Unit directions, and their derivative by the pixel [1/px]."""
+        focal = np.array([self.fx, self.fy])
+        plane = (np.asarray(pixels, dtype=np.float64) - (self.cx, self.cy)) / focal
+        bent = np.asarray(np.linalg.norm(plane, axis=-1))
+        theta = self._angle(bent)
+        slope = 1.0 / self._bent(theta)[1]
+        near = bent < 1e-9  # there sin(theta) / bent is 1 to the last bit
+        unit = np.where(near[..., None], (1.0, 0.0), plane / np.where(near, 1.0, bent)[..., None])
+        ratio = np.where(near, 1.0, np.sin(theta) / np.where(near, 1.0, bent))
+        rays = np.concatenate([ratio[..., None] * plane, np.cos(theta)[..., None]], axis=-1)
+        along = np.concatenate([np.cos(theta)[..., None] * unit, -np.sin(theta)[..., None]], axis=-1)
+        across = np.stack([-unit[..., 1], unit[..., 0]], axis=-1)
+        turned = np.concatenate([across, np.zeros((*across.shape[:-1], 1))], axis=-1)
+        matrix = (slope[..., None] * along)[..., :, None] * unit[..., None, :]
+        matrix += (ratio[..., None] * turned)[..., :, None] * across[..., None, :]
+        return rays, matrix / focal
+
+    def _bent(self, theta: Float[np.ndarray, "*batch"]) -> tuple[Float[np.ndarray, "*batch"], ...]:
+        """theta_d, and its derivative."""
+        t = theta * theta
+        value = np.asarray(theta * (1.0 + t * (self.k1 + t * (self.k2 + t * (self.k3 + t * self.k4)))))
+        slope = 1.0 + t * (3 * self.k1 + t * (5 * self.k2 + t * (7 * self.k3 + t * 9 * self.k4)))
+        return value, np.asarray(slope)
+
+    def _angle(self, bent: Float[np.ndarray, "*batch"]) -> Float[np.ndarray, "*batch"]:
+        """Theta from theta_d: Newton's steps, halving where one leaves the bracket; NaN beyond `reach`."""
+        low, high = np.zeros_like(bent), np.full_like(bent, self.reach)
+        theta = np.asarray(np.minimum(bent, self.reach))
+        for _ in range(_STEPS):
+            value, slope = self._bent(theta)
+            low = np.where(value <= bent, theta, low)
+            high = np.where(value >= bent, theta, high)
+            with np.errstate(divide="ignore", invalid="ignore"):
+                step = theta - (value - bent) / slope
+            step = np.where((step >= low) & (step <= high), step, (low + high) / 2)
+            if np.all(np.abs(step - theta) <= 1e-15 * (1.0 + theta)):
+                break
+            theta = np.asarray(step)
+        return np.where(bent <= self._bent(np.asarray(self.reach))[0], theta, np.nan)
+
+
+@dataclass(frozen=True, eq=False, init=False)
+class RingView(Value):
+    """Where a camera sees a ring of markers, and where they rest.
+
+    The ring's frame: origin in the ring's centre, z along the barrel's axis towards the camera, angles about z from x.
+
+    Args:
+        camera: the lens.
+        pose: T_ring_camera.
+        radius: of the ring of markers [m].
+        angles: (m,) at which they rest [rad].
+
+    Raises:
+        InputError: a radius or angles that are none, a camera in the ring's plane.
+    """
+
+    camera: Fisheye
+    pose: Pose
+    radius: float
+    angles: Float[np.ndarray, " m"]
+
+    def __init__(self, camera: Fisheye, pose: Pose, radius: float, angles: Float[np.ndarray, " m"]) -> None:
+        for name, value in {"camera": camera, "pose": pose, "radius": float(radius), "angles": frozen(angles)}.items():
+            object.__setattr__(self, name, value)
+        if not (np.isfinite(radius) and radius > 0):
+            raise InputError(f"radius = {radius} m is no radius of a ring.")
+        if self.angles.ndim != 1 or len(self.angles) < 3 or not np.isfinite(self.angles).all():
+            raise InputError("angles must be three or more finite numbers [rad], one a marker.")
+        if pose.translation.shape != (3,) or not abs(pose.translation[2]) > 1e-6:
+            raise InputError("the camera must be one, and outside the plane of the ring.")
+
+    @cached_property
+    def rest(self) -> Float[np.ndarray, "m 2"]:
+        """Where markers rest in the ring's plane [m]."""
+        return frozen(self.radius * np.stack([np.cos(self.angles), np.sin(self.angles)], axis=-1))
+
+    @cached_property
+    def _back(self) -> Pose:
+        return self.pose.inverse()
+
+    def to_plane(self, pixels: Float[np.ndarray, "*batch 2"]) -> Float[np.ndarray, "*batch 2"]:
+        """Points [m] of the plane z = 0 that are seen at pixels; NaN where a ray does not meet it."""
+        return self.to_plane_with_slope(pixels)[0]
+
+    def to_plane_with_slope(
+        self, pixels: Float[np.ndarray, "*batch 2"]
+    ) -> tuple[Float[np.ndarray, "*batch 2"], Float[np.ndarray, "*batch 2 2"]]:
+        """Points of the plane [m], and their derivative by the pixel [m/px]."""
+        rays, slope = self.camera.rays_with_slope(pixels)
+        ray, turn = self.pose.rotate(rays), self.pose.rotation @ slope
+        with np.errstate(divide="ignore", invalid="ignore"):
+            length = -self.pose.translation[2] / ray[..., 2]
+            length = np.where(length > 0, length, np.nan)[..., None]
+            ratio = ray[..., :2] / ray[..., 2:]
+        matrix = turn[..., :2, :] - ratio[..., None] * turn[..., 2:, :]
+        return self.pose.translation[:2] + length * ray[..., :2], length[..., None] * matrix
+
+    def from_plane(self, points: Float[np.ndarray, "*batch 2"], height: float = 0.0) -> Float[np.ndarray, "*batch 2"]:
+        """Pixels of points (x, y) [m] at z = `height` [m] of the ring's frame."""
+        points = np.asarray(points, dtype=np.float64)
+        whole = np.concatenate([points, np.full((*points.shape[:-1], 1), height)], axis=-1)
+        return self.camera.project(self._back.apply(whole))

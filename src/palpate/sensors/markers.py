@@ -1,0 +1,382 @@
+"""Pixels to markers: what colour they have, where their blobs are, and following them from frame to frame."""
+
+from __future__ import annotations
+
+import zlib
+from dataclasses import dataclass
+from enum import IntEnum
+from types import ModuleType
+from typing import cast
+
+import numpy as np
+from jaxtyping import Bool, Float, UInt8
+
+from palpate.errors import InputError
+from palpate.sensors.fisheye import RingView
+from palpate.sensors.marker_labels import LabelLimits, label_ring
+from palpate.spatial._arrays import Value, frozen, require_out
+
+__all__ = ["Blobs", "Frame", "MarkerColour", "MarkerTracker", "find_blobs", "find_colour", "opencv"]
+
+Image = UInt8[np.ndarray, "h w 3"]
+
+SCORES = ("red", "green", "blue", "bright", "dark")
+_BASELESS = 3  # scores before this one are 0 where there is no colour
+_LEAST_CONTRAST = 8.0  # of 255: markers that differ less from the skin are none
+_LEAST_AREA = 6.0  # px: a marker is 5 px large or larger
+_DISC = 1 / (2 * np.pi)  # trace of the second moments of a disc over its area
+
+
+def opencv() -> ModuleType:
+    """OpenCV, loaded when first needed.
+
+    Raises:
+        InputError: it is not installed.
+    """
+    try:
+        import cv2
+    except ImportError as problem:
+        raise InputError("images need OpenCV.", hint="pip install 'palpate[camera]'") from problem
+    return cast("ModuleType", cv2)
+
+
+class Frame(IntEnum):
+    """What is the matter with a frame."""
+
+    OK = 0
+    LOST = 1  # fewer than 60 % of the markers are found
+    BLACK = 2
+    FROZEN = 3  # the same as the frames before it, to the last bit
+    WRONG_SIZE = 4
+
+
+@dataclass(frozen=True)
+class MarkerColour:
+    """What tells a marker from the skin.
+
+    Args:
+        score: of a pixel, 0 to 255: "red", "green", "blue" (that channel less the larger of the others), "bright"
+            (grey) or "dark" (255 less grey).
+        threshold: share of the way from the skin's score to the markers' from which on a pixel may be of a marker.
+        coverage: share of the image that markers cover: it says which score is the markers', whatever the light.
+        background: side of the square [px] whose mean is subtracted first, 0: none; for uneven light.
+
+    Raises:
+        InputError: no such score, a share that is none.
+    """
+
+    score: str = "red"
+    threshold: float = 0.5
+    coverage: float = 0.01
+    background: int = 0
+
+    def __post_init__(self) -> None:
+        if self.score not in SCORES:
+            raise InputError(f"{self.score!r} is no score of a pixel.", hint=f"One of {', '.join(SCORES)}.")
+        for name in ("threshold", "coverage"):
+            if not 0 < getattr(self, name) < 1:
+                raise InputError(f"{name} = {getattr(self, name)} must be between 0 and 1.")
+        if self.background < 0:
+            raise InputError(f"background = {self.background} px must not be negative.")
+
+
+@dataclass(frozen=True, eq=False, init=False)
+class Blobs(Value):
+    """What looks like markers.
+
+    Attributes:
+        pixels: (k, 2) centroids x, y, weighted by the score above half of the blob's peak.
+        areas: (k,) pixels above half of the peak.
+        spreads: (k, 2, 2) second moments [px^2].
+        peaks: (k,) score above the skin's.
+        cut: (k,) touches the image's edge.
+    """
+
+    pixels: Float[np.ndarray, "k 2"]
+    areas: Float[np.ndarray, " k"]
+    spreads: Float[np.ndarray, "k 2 2"]
+    peaks: Float[np.ndarray, " k"]
+    cut: Bool[np.ndarray, " k"]
+
+    def __init__(
+        self, pixels: np.ndarray, areas: np.ndarray, spreads: np.ndarray, peaks: np.ndarray, cut: np.ndarray
+    ) -> None:
+        object.__setattr__(self, "pixels", frozen(pixels, tail=(2,)))
+        object.__setattr__(self, "areas", frozen(areas))
+        object.__setattr__(self, "spreads", frozen(spreads, tail=(2, 2)))
+        object.__setattr__(self, "peaks", frozen(peaks))
+        cut = np.array(cut, dtype=bool)
+        cut.flags.writeable = False
+        object.__setattr__(self, "cut", cut)
+
+    def __getitem__(self, which: np.ndarray) -> Blobs:
+        return Blobs(self.pixels[which], self.areas[which], self.spreads[which], self.peaks[which], self.cut[which])
+
+    def __len__(self) -> int:
+        return len(self.areas)
+
+
+def find_blobs(image: Image, colour: MarkerColour, *, least_area: float = _LEAST_AREA) -> Blobs:
+    """All blobs of a frame that have the markers' colour; none where nothing stands out.
+
+    The threshold is relative to this image's own scores: the skin's is their median, the markers' what the brightest
+    half of `coverage` reaches.
+    """
+    score, base, top = _scored(image, colour)
+    if top - base < _LEAST_CONTRAST:
+        return _no_blobs()
+    return _blobs(score, base, base + colour.threshold * (top - base), least_area)
+
+
+def find_colour(image: Image, count: int | None = None, *, background: int = 0) -> MarkerColour:
+    """The colour of the markers of an unloaded frame: the score whose blobs are `count`, or else the most alike.
+
+    Args:
+        image: nothing touches the skin.
+        count: of the markers; None: not known.
+        background: see `MarkerColour`.
+
+    Raises:
+        InputError: no score tells `count` blobs (five, where it is not known) of one kind from the rest.
+    """
+    best, merit, seen = None, -np.inf, 0
+    for score in SCORES:
+        for coverage in 1e-3 * 2.0 ** np.arange(7):
+            colour = MarkerColour(score, 0.5, float(coverage), background)
+            blobs = find_blobs(image, colour)
+            alike = _alike(blobs)
+            kept, n = blobs[alike], int(alike.sum())
+            if n < 5:
+                continue
+            uneven = float(np.std(np.log(kept.areas))) + (len(blobs) - n) / n
+            contrast = float(np.median(kept.peaks)) / 255
+            this = contrast - uneven + (0.1 * np.log(n) if count is None else -10 * abs(n - count) / count)
+            if this > merit:
+                best, merit, seen = (score, float(kept.areas.sum()) / image[..., 0].size), this, n
+    if best is None or (count is not None and seen != count):
+        wanted = "markers" if count is None else f"{count} markers"
+        hint = "State the colour, or give a sharper, evenly lit frame in which nothing touches the skin."
+        raise InputError(f"no colour tells {wanted} from the skin; the best finds {seen}.", hint=hint)
+    return MarkerColour(best[0], 0.5, min(best[1], 0.5), background)
+
+
+def _alike(blobs: Blobs) -> Bool[np.ndarray, " k"]:
+    """Blobs whose area is within a factor of 2.5 of the usual, and that the edge does not cut."""
+    if not len(blobs):
+        return np.zeros(0, dtype=bool)
+    usual = np.median(blobs.areas)
+    return (blobs.areas < 2.5 * usual) & (blobs.areas > usual / 2.5) & ~blobs.cut
+
+
+def _scored(image: Image, colour: MarkerColour) -> tuple[UInt8[np.ndarray, "h w"], float, float]:
+    """The score of every pixel, the skin's and the markers'."""
+    from palpate.sensors._markers import score_image  # here: compiled loops load when first needed
+
+    score, histogram = np.empty(image.shape[:2], np.uint8), np.empty(256, np.int64)
+    score_image(image, SCORES.index(colour.score), score, histogram)
+    if colour.background:
+        cv2 = opencv()
+        score = cv2.subtract(score, cv2.blur(score, (colour.background, colour.background)))
+        histogram = np.bincount(score.ravel(), minlength=256)
+    below = np.cumsum(histogram) / score.size
+    top = float(np.searchsorted(below, 1.0 - 0.5 * colour.coverage))
+    flat = SCORES.index(colour.score) < _BASELESS or colour.background > 0
+    return score, 0.0 if flat else float(np.searchsorted(below, 0.5)), top
+
+
+def _blobs(score: UInt8[np.ndarray, "h w"], base: float, threshold: float, least_area: float) -> Blobs:
+    from palpate.sensors._markers import blob_sums
+
+    cv2 = opencv()
+    mask = cv2.threshold(score, threshold, 255, cv2.THRESH_BINARY)[1]
+    count, labels, boxes, _ = cv2.connectedComponentsWithStats(mask, connectivity=4, ltype=cv2.CV_32S)
+    peaks, sums = np.zeros(count), np.zeros((count, 7))
+    blob_sums(score, labels, base, peaks, sums)
+    kept = np.flatnonzero(sums[:, 0] >= least_area)
+    if not len(kept):
+        return _no_blobs()
+    n, w, sx, sy, sxx, sxy, syy = sums[kept].T
+    x, y = sx / w, sy / w
+    spread = np.stack([sxx / w - x * x, sxy / w - x * y, sxy / w - x * y, syy / w - y * y], axis=-1).reshape(-1, 2, 2)
+    left, up, width, height, _ = boxes[kept].T
+    cut = (left == 0) | (up == 0) | (left + width == score.shape[1]) | (up + height == score.shape[0])
+    return Blobs(np.stack([x, y], axis=-1), n, spread, peaks[kept] - base, cut)
+
+
+def _no_blobs() -> Blobs:
+    return Blobs(np.zeros((0, 2)), np.zeros(0), np.zeros((0, 2, 2)), np.zeros(0), np.zeros(0))
+
+
+class MarkerTracker:
+    """The markers of a ring, frame by frame: windows about where they are expected, else the whole frame.
+
+    A frame is searched whole, and labelled, wherever a window does not show just what it should: a marker lost or of
+    another area or shape, cut by its window's rim, or the same for two windows. What is found depends on the frame and
+    on the frames since `reset`, and on nothing else.
+
+    Args:
+        view: where the camera sees the ring.
+        colour: of the markers.
+        pixels: (m, 2) where they rest, marker by marker.
+        areas: (m,) [px] at rest.
+        spreads: (m,) trace of the second moments at rest [px^2]; None: as of discs.
+        frozen_after: frames in a row that repeat the one before them to the last bit, from which on a camera is frozen.
+        limits: of labels.
+
+    Attributes:
+        frame: what is the matter with the last frame.
+        searched: the last frame was searched whole.
+
+    Raises:
+        InputError: another number of pixels, areas or spreads than of the view's markers.
+    """
+
+    def __init__(
+        self,
+        view: RingView,
+        colour: MarkerColour,
+        pixels: Float[np.ndarray, "m 2"],
+        areas: Float[np.ndarray, " m"],
+        *,
+        spreads: Float[np.ndarray, " m"] | None = None,
+        frozen_after: int = 5,
+        limits: LabelLimits = LabelLimits(),
+    ) -> None:
+        m = len(view.angles)
+        self.view, self.colour, self.limits, self.frozen_after = view, colour, limits, frozen_after
+        self._rest, self._areas = frozen(pixels, tail=(2,)), frozen(areas)
+        self._spreads = self._areas * _DISC if spreads is None else frozen(spreads)
+        if not len(self._rest) == len(self._areas) == len(self._spreads) == m:
+            raise InputError(f"{m} markers need as many pixels, areas and spreads.")
+        self._kind, self._plane = SCORES.index(colour.score), view.to_plane(self._rest)
+        gaps = np.linalg.norm(self._rest[:, None] - self._rest[None], axis=-1) + np.diag(np.full(m, np.inf))
+        self._gap = gaps.min(axis=1)
+        radius = 1.6 * np.sqrt(self._spreads) + 1.5
+        reach = np.clip(0.45 * (self._gap - radius), 4.0, 14.0)
+        self._halves = np.ceil(radius + reach).astype(np.int64)
+        self._alone = self._gap > self._halves + radius  # no neighbour reaches into its window
+        side = 2 * int(self._halves.max()) + 1
+        self._window, self._stack = np.zeros((side, side), np.int64), np.zeros(side * side, np.int64)
+        self._out = np.zeros((m, 7))
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget every frame: the next one is searched whole, and starts a stretch of its own."""
+        m = len(self._areas)
+        self.frame, self.searched = Frame.OK, False
+        self._last, self._step = self._rest.copy(), np.zeros((m, 2))
+        self._seen, self._size = np.zeros(m, dtype=bool), self._areas.copy()
+        self._age = np.full(m, 1000)  # frames since a marker was seen
+        self._fresh, self._sum, self._same, self._since = True, -1, 0, 0
+
+    def track(self, image: Image, out: Float[np.ndarray, "m 2"]) -> Bool[np.ndarray, " m"]:
+        """Pixels of every marker into `out`, NaN where it is not found; whether it is."""
+        require_out(out, (len(self._areas), 2))
+        out[:] = np.nan
+        nothing = np.zeros(len(self._areas), dtype=bool)
+        self.searched = False
+        self.frame = self._health(image)
+        if self.frame in (Frame.WRONG_SIZE, Frame.BLACK):
+            return nothing
+        expected = self._expected()
+        found = self._follow(image, expected)
+        if found is None:
+            self.searched = True
+            found = self._search(image)
+        self._remember(found)
+        out[found] = self._last[found]
+        if self.frame == Frame.OK and np.count_nonzero(found) < 0.6 * len(found):
+            self.frame = Frame.LOST
+        return found
+
+    def _health(self, image: Image) -> Frame:
+        """Told from every 16th row: a live camera's noise never repeats in 30 rows."""
+        camera = self.view.camera
+        if image.dtype != np.uint8 or image.shape != (camera.height, camera.width, 3):
+            return Frame.WRONG_SIZE
+        rows = np.ascontiguousarray(image[8::16])
+        checksum = zlib.crc32(rows)
+        self._same = self._same + 1 if checksum == self._sum else 0
+        self._sum = checksum
+        if not (rows > 2 * _LEAST_CONTRAST).any() or rows.mean() < 2.0:
+            return Frame.BLACK
+        return Frame.FROZEN if self._same >= self.frozen_after else Frame.OK
+
+    def _expected(self) -> Float[np.ndarray, "m 2"]:
+        """One step on; what is missing is expected where its neighbours' displacement puts it."""
+        expected = self._last + np.clip(self._step, -12.0, 12.0)
+        if not self._seen.all() and self._seen.any():
+            there = np.flatnonzero(self._seen)
+            moved = self._last[there] - self._rest[there]
+            for axis in range(2):
+                gone = ~self._seen
+                said = np.interp(np.flatnonzero(gone), there, moved[:, axis], period=len(self._seen))
+                expected[gone, axis] = self._rest[gone, axis] + said
+        return expected
+
+    def _measure(self, image: Image, expected: Float[np.ndarray, "m 2"]) -> Float[np.ndarray, "m 7"]:
+        from palpate.sensors._markers import measure_windows  # here: compiled loops load when first needed
+
+        measure_windows(image, self._kind, expected, self._halves, self._window, self._stack, self._out)
+        return self._out
+
+    def _plausible(self, got: Float[np.ndarray, "m 7"]) -> Bool[np.ndarray, " m"]:
+        """Of the area, shape and contrast that a marker may have."""
+        clear = got[:, 6] == 0.0
+        area = got[:, 2] / self._areas
+        shape = (got[:, 3] / np.maximum(got[:, 2], 1.0)) / (self._spreads / self._areas)
+        usual = np.median(got[self._seen, 4]) if self._seen.any() else 0.0
+        size = self.limits.size
+        fits = clear & (area < size) & (area > 1 / size) & (shape < 1.8) & (got[:, 4] > max(_LEAST_CONTRAST, 0.4 * usual))
+        return np.asarray(fits)
+
+    def _follow(self, image: Image, expected: Float[np.ndarray, "m 2"]) -> Bool[np.ndarray, " m"] | None:
+        """The markers in their windows; None where any of them leaves a doubt."""
+        if self._fresh or (not self._seen.all() and self._since >= 10):
+            return None
+        got = self._measure(image, expected)
+        fits = self._plausible(got)
+        steady = np.abs(np.log(np.maximum(got[:, 2], 1.0) / self._size)) < 0.3
+        alone = ~self._alone | (got[:, 5] < 0.25 * self._areas)
+        if np.any(self._seen & ~(fits & steady & alone)) or np.any(~self._seen & fits):
+            return None
+        place = np.where(self._seen[:, None], got[:, :2], np.nan)
+        if self._meet(place):
+            return None
+        self._take(got, self._seen)
+        return self._seen.copy()
+
+    def _meet(self, place: Float[np.ndarray, "m 2"]) -> bool:
+        """Two markers stand on one blob."""
+        apart = np.hypot(*(place - np.roll(place, 1, axis=0)).T)
+        return bool(np.any(apart < 0.3 * self._gap))
+
+    def _search(self, image: Image) -> Bool[np.ndarray, " m"]:
+        """The markers of the whole frame, by their labels, each measured again in its window."""
+        blobs = find_blobs(image, self.colour)
+        blobs = blobs[~blobs.cut & np.isfinite(self.view.to_plane(blobs.pixels)).all(axis=-1)]
+        known = (self._age < 3)[:, None]
+        expected = np.where(known, self.view.to_plane(self._last + np.clip(self._step, -12.0, 12.0)), np.nan)
+        places = self.view.to_plane(blobs.pixels)
+        labels = label_ring(places, blobs.areas, self._plane, self._areas, expected=expected, limits=self.limits)
+        found = labels >= 0
+        if not found.any():
+            return found
+        wanted = np.where(found[:, None], blobs.pixels[labels], np.nan)
+        got = self._measure(image, wanted)
+        away = np.hypot(*(got[:, :2] - wanted).T)
+        found &= (got[:, 6] == 0.0) & (away < 1.0)
+        self._take(got, found)
+        return found
+
+    def _take(self, got: Float[np.ndarray, "m 7"], found: Bool[np.ndarray, " m"]) -> None:
+        again = found & self._seen
+        self._step = np.where(again[:, None], got[:, :2] - self._last, 0.0)
+        self._last = np.where(found[:, None], got[:, :2], self._last)
+        self._size = np.where(found, got[:, 2], self._size)
+
+    def _remember(self, found: Bool[np.ndarray, " m"]) -> None:
+        self._seen = found.copy()
+        self._age = np.where(found, 0, self._age + 1)
+        self._since = 0 if self.searched else self._since + 1
+        self._fresh = not found.any()
