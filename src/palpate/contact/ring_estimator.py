@@ -14,7 +14,7 @@ from palpate.contact.estimate import ROW, ContactEstimate, Status
 from palpate.contact.ring_locator import RingFound, RingLocator, RingSettings
 from palpate.errors import InputError
 from palpate.sensors.marker_ring import MarkerRing
-from palpate.sensors.markers import MarkerTracker, Seen
+from palpate.sensors.markers import Frame, MarkerTracker
 from palpate.sensors.recording import IMAGE, Recording
 from palpate.sensors.wrench_sensor import Tare
 from palpate.spatial.pose import Pose
@@ -57,13 +57,13 @@ class RingEstimator:
         self.mount = Pose.identity() if mount is None else mount
         self._tared: Tare | None = None
         self._tracks = np.full((_track.TRACKS, _track.TRACK), -1.0), np.ones(1, dtype=np.int64)
-        self._bad = dict.fromkeys(Seen, 0)
+        self._bad = dict.fromkeys(Frame, 0)
         self._know(ring)
 
     def _know(self, ring: MarkerRing) -> None:
         self.ring = ring
         self.locator = RingLocator(ring.response, ring.view.angles, ring.noise(), self.settings)
-        self.tracker = MarkerTracker(ring.colour, ring.view, ring.rest, ring.area)
+        self.tracker = MarkerTracker(ring.view, ring.colour, ring.rest, ring.area)
         self._widths = _dent_widths(ring)
         self.reset()
 
@@ -76,7 +76,7 @@ class RingEstimator:
         self.locator.reset()
         self.tracker.reset()
         self._tracks[0][:], self._tracks[1][:] = -1.0, 1
-        self._bad = dict.fromkeys(Seen, 0)
+        self._bad = dict.fromkeys(Frame, 0)
 
     def tare(self, recording: Recording) -> Tare:
         """Take where the markers are in a steady, untouched window for their rest from now on; then `reset`.
@@ -111,7 +111,7 @@ class RingEstimator:
         return self._tared
 
     def markers(self, recording: Recording) -> tuple[Float[np.ndarray, "n m 2"], Int[np.ndarray, " n"]]:
-        """Places [px] of the markers in each frame, NaN where one is not seen, and each frame's `Seen`.
+        """Places [px] of the markers in each frame, NaN where one is not seen, and each frame's `Frame`.
 
         Raises:
             InputError: the recording has no images.
@@ -119,9 +119,15 @@ class RingEstimator:
         if IMAGE not in recording.channels:
             raise InputError("has no images.", where=recording.source)
         frames = recording.channels[IMAGE]
-        pixels = np.full((len(frames), len(self.ring), 2), np.nan)
-        states = np.array([self.tracker.track(frame, row) for frame, row in zip(frames, pixels, strict=True)], np.int64)
-        return pixels, states.reshape(len(frames))
+        pixels, states = np.full((len(frames), len(self.ring), 2), np.nan), np.zeros(len(frames), dtype=np.int64)
+        for n, frame in enumerate(frames):
+            states[n] = self._track(frame, pixels[n])
+        return pixels, states
+
+    def _track(self, image: UInt8[np.ndarray, "h w 3"], pixels: Float[np.ndarray, "m 2"]) -> int:
+        """Places of one frame's markers into `pixels`, and the frame's `Frame`."""
+        self.tracker.track(image, pixels)
+        return int(self.tracker.frame)
 
     def run(self, recording: Recording) -> Contacts:
         """The contacts of a block, at least one row a frame."""
@@ -152,7 +158,7 @@ class RingEstimator:
         """The contacts of one image (height, width, 3), uint8; one row that says so where there is none."""
         image: UInt8[np.ndarray, "h w 3"] = np.asarray(reading)
         pixels = np.full((1, len(self.ring), 2), np.nan)
-        state = np.array([self.tracker.track(image, pixels[0])])
+        state = np.array([self._track(image, pixels[0])])
         return self._contacts(np.array([time], dtype=np.float64), pixels, state, 0)
 
     def update_into(
@@ -170,7 +176,7 @@ class RingEstimator:
         rows = out.reshape(-1, width)
         image: UInt8[np.ndarray, "h w 3"] = np.asarray(reading)
         pixels = np.full((1, len(self.ring), 2), np.nan)
-        state = np.array([self.tracker.track(image, pixels[0])])
+        state = np.array([self._track(image, pixels[0])])
         made, _ = self._rows(np.array([time], dtype=np.float64), *self._located(pixels, state))
         count = min(len(made), len(rows))
         rows[:count] = made[:count]
@@ -180,10 +186,10 @@ class RingEstimator:
         """What was met so far, one sentence each."""
         said = [*self.ring.notes, *([self._tared.said] if self._tared else [])]
         what = {
-            Seen.LOST: "show fewer than half of the markers",
-            Seen.BLACK: "are black",
-            Seen.FROZEN: "repeat the one before",
-            Seen.WRONG_SIZE: "are of another size than the calibration's",
+            Frame.LOST: "show fewer than half of the markers",
+            Frame.BLACK: "are black",
+            Frame.FROZEN: "repeat the one before",
+            Frame.WRONG_SIZE: "are of another size than the calibration's",
         }
         said += [f"{count} frames {what[why]}" for why, count in self._bad.items() if count and why in what]
         return tuple(said)
@@ -193,9 +199,9 @@ class RingEstimator:
         return (self._tared.doubt,) if self._tared and self._tared.doubt else ()
 
     def _located(self, pixels: np.ndarray, states: np.ndarray) -> tuple[RingFound, np.ndarray]:
-        usable = states == Seen.OK
+        usable = states == Frame.OK
         for why in states[~usable].tolist():
-            self._bad[Seen(why)] += 1
+            self._bad[Frame(why)] += 1
         pixels = np.where(usable[:, None, None], pixels, np.nan)
         return self.locator.run(self.ring.displacements(pixels)), np.isfinite(pixels).all(axis=2).sum(axis=1) * 1.0
 

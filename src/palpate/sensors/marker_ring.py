@@ -74,14 +74,14 @@ class MarkerRing(Value):
     def displacements(self, pixels: Float[np.ndarray, "*batch m 2"]) -> Float[np.ndarray, "*batch m 2"]:
         """[m] of markers at pixels from where they rest, outwards and along rising angles; NaN stays."""
         moved = self.view.to_plane(pixels) - self.view.to_plane(self.rest)
-        return np.einsum("...mi,mki->...mk", moved, self.axes())
+        return np.einsum("...mi,mik->...mk", moved, self.axes())
 
     def axes(self) -> Float[np.ndarray, "m 2 2"]:
-        """Directions outwards and along rising angles at each marker, in the ring's plane."""
+        """Directions outwards and along rising angles at each marker, in the ring's plane: the columns."""
         c, s = np.cos(self.view.angles), np.sin(self.view.angles)
-        return np.stack([np.stack([c, s], axis=-1), np.stack([-s, c], axis=-1)], axis=-2)
+        return np.stack([np.stack([c, s], axis=-1), np.stack([-s, c], axis=-1)], axis=-1)
 
     def noise(self) -> Float[np.ndarray, "m 2"]:
         """[m] deviation of each displacement that `jitter` makes."""
-        along = self.axes() @ self.view.jacobian(self.rest)
+        along = np.swapaxes(self.axes(), -1, -2) @ self.view.to_plane_with_slope(self.rest)[1]
         return self.jitter * np.linalg.norm(along, axis=-1)

@@ -13,7 +13,7 @@ from palpate.calibration.ring_camera import fit_ring_view
 from palpate.errors import InputError, NotIdentifiable
 from palpate.sensors.fisheye import RingView
 from palpate.sensors.marker_ring import MarkerRing, RingBody
-from palpate.sensors.markers import MarkerColour, MarkerTracker, Seen, find_blobs, find_colour
+from palpate.sensors.markers import Frame, MarkerColour, MarkerTracker, find_blobs, find_colour
 from palpate.sensors.recording import IMAGE, Recording
 from palpate.sensors.ring_response import RingResponse
 from palpate.spatial.pose import Pose
@@ -118,17 +118,17 @@ class _Rest:
             )
         still = np.concatenate(self.frames)[: min(count, _LOOKED)]
         self.colour = self.body.colour or find_colour(still[0], self.body.markers)
-        blobs = find_blobs(still[0], self.colour, count=self.body.markers)
-        if len(blobs.pixel) != self.body.markers:
+        blobs = find_blobs(still[0], self.colour)
+        if len(blobs) != self.body.markers:
             raise InputError(
-                f"{len(blobs.pixel)} markers are found in the first frame, and the rig says {self.body.markers}.",
+                f"{len(blobs)} markers are found in the first frame, and the rig says {self.body.markers}.",
                 where="marker_ring.markers",
             )
         inner = self.body.radius - self.body.thickness
-        fitted = fit_ring_view(blobs.pixel, inner, camera=self.body.camera, height=self.body.height)
+        fitted = fit_ring_view(blobs.pixels, inner, camera=self.body.camera, height=self.body.height)
         self.view = fitted.view
-        self.rest, self.area = blobs.pixel[fitted.order], blobs.area[fitted.order]
-        return MarkerTracker(self.colour, self.view, self.rest, self.area)
+        self.rest, self.area = blobs.pixels[fitted.order], blobs.areas[fitted.order]
+        return MarkerTracker(self.view, self.colour, self.rest, self.area)
 
 
 def _leading(free: np.ndarray) -> int:
@@ -138,9 +138,10 @@ def _leading(free: np.ndarray) -> int:
 
 def _tracked(tracker: MarkerTracker, frames: np.ndarray) -> np.ndarray:
     """(n, m, 2) [px]; NaN where a marker or the whole frame is of no use."""
-    pixels = np.full((len(frames), len(tracker.rest), 2), np.nan)
+    pixels = np.full((len(frames), len(tracker.view.angles), 2), np.nan)
     for frame, row in zip(frames, pixels, strict=True):
-        if tracker.track(frame, row) != Seen.OK:
+        tracker.track(frame, row)
+        if tracker.frame != Frame.OK:
             row[:] = np.nan
     return pixels
 
