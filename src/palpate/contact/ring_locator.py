@@ -31,11 +31,11 @@ class RingSettings:
             `speed` [m/s] beside that; one that is lost is waited for `patience` [s].
     """
 
-    on: float = 7.0
-    off: float = 5.0
+    on: float = 5.5
+    off: float = 4.0
     apart: float = 18.0
     dropped: int = 4
-    friction: float = 0.3
+    friction: float = 0.15
     wide: float = 2.0
     reach: float = 0.008
     speed: float = 0.5

@@ -13,7 +13,7 @@ from palpate.sensors.ring_response import RingResponse, ring_basis
 
 __all__ = ["RingPresses", "fit_response"]
 
-ORDERS = (20, 3)  # of the angle between marker and contact, and of the contact's own angle
+ORDERS = (16, 2)  # of the angle between marker and contact, and of the contact's own angle
 PARTS = 48  # of a turn, in which misfits are told
 _BLOCK = 256  # presses at once
 _LEAST = 8  # presses that a fit needs

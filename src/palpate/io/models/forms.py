@@ -10,11 +10,15 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from palpate.io.schema import Form, Key
+from palpate.sensors.fisheye import Fisheye, RingView
 from palpate.sensors.force_torque import Payload
 from palpate.sensors.intensity import Curve, Intensity
 from palpate.sensors.load_cells import Indentation, LoadCells
+from palpate.sensors.marker_ring import MarkerRing
+from palpate.sensors.ring_response import RingResponse
 from palpate.sensors.skin_map import SkinMap
 from palpate.sensors.taxel_places import TaxelPlaces
+from palpate.spatial.pose import Pose
 from palpate.surfaces.bspline import BSplineSurface
 
 __all__ = ["FORMS"]
@@ -106,7 +110,75 @@ def _taxel_places_keys(places: TaxelPlaces) -> dict[str, Any]:
     return {name: getattr(places, name) for name in same} | {"taxels": table}
 
 
+def _marker_ring(
+    radius: float,
+    inner: float,
+    camera: Fisheye,
+    pose: Float[np.ndarray, "3 4"],
+    markers: Float[np.ndarray, "m 4"],
+    **rest: Any,
+) -> MarkerRing:
+    view = RingView(camera, Pose(pose[:, :3], pose[:, 3]), inner, markers[:, 3].copy())
+    return MarkerRing(radius, view, rest=markers[:, :2], area=markers[:, 2], **rest)
+
+
+def _marker_ring_keys(ring: MarkerRing) -> dict[str, Any]:
+    view, same = ring.view, ("radius", "jitter", "notes", "colour", "response", "provenance")
+    pose = np.concatenate([view.pose.rotation, view.pose.translation[:, None]], axis=1)
+    table = np.concatenate([ring.rest, ring.area[:, None], view.angles[:, None]], axis=1)
+    own = {"inner": view.radius, "camera": view.camera, "pose": pose, "markers": table}
+    return {name: getattr(ring, name) for name in same} | own
+
+
+def _ring_response(shape: tuple[int, int, int], coefficients: Float[np.ndarray, "n k"], **rest: Any) -> RingResponse:
+    if min(shape) < 1 or coefficients.shape != (shape[0] * 2 * shape[1], shape[2]):
+        raise ValueError(f"coefficients must be {shape[0]} x 2 x {shape[1]} rows of {shape[2]} numbers")
+    return RingResponse(coefficients.reshape(shape[0], 2, shape[1], shape[2]), **rest)
+
+
+def _ring_response_keys(response: RingResponse) -> dict[str, Any]:
+    b, _, k, m = response.coefficients.shape
+    keys = {each.name: getattr(response, each.name) for each in fields(response)}
+    return keys | {"shape": (b, k, m), "coefficients": response.coefficients.reshape(-1, m)}
+
+
 FORMS: Mapping[type, Form] = {
+    MarkerRing: Form(
+        {
+            "radius": Key("m, of the skin's outer surface at the markers"),
+            "inner": Key("m, of the markers"),
+            "jitter": Key("px, deviation of a marker's place from frame to frame"),
+            "notes": Key(),
+            "pose": Key("of the camera in the ring: rotation, and place [m] in the last column"),
+            "markers": Key("a row a marker at rest: x y [px], area [px], angle [rad]"),
+            "colour": Key(),
+            "camera": Key(),
+            "response": Key(),
+            "provenance": Key(),
+        },
+        _marker_ring,
+        _marker_ring_keys,
+    ),
+    Fisheye: Form(
+        {
+            "fx": Key("px/rad at the centre"),
+            "cx": Key("px, of the principal point"),
+            "k1": Key("of the angle's powers [Kannala-Brandt], as OpenCV's fisheye model has them"),
+            "width": Key("px, of the image"),
+        }
+    ),
+    RingResponse: Form(
+        {
+            "width": Key("m/N, mean and deviation of the depth of a newton"),
+            "misfit": Key("m/N, left unexplained outwards and along, in equal parts of a turn from the contact on"),
+            "spread": Key("rad, share of the force: deviations on touches that were not fitted"),
+            "largest": Key("m, N: up to which it was calibrated"),
+            "shape": Key("of the coefficients: v0 v1 v2 (s), terms of the angle from the contact, of the contact's"),
+            "coefficients": Key("m/N, rows: v0 v1 v2 (s), each outwards, then along"),
+        },
+        _ring_response,
+        _ring_response_keys,
+    ),
     Payload: Form(
         {
             "weight": Key("N, in the base frame"),

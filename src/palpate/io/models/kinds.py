@@ -13,9 +13,11 @@ from palpate.io.atomic import write_text
 from palpate.io.models import forms, summary
 from palpate.io.models.toml import load_toml, toml_lines
 from palpate.io.schema import Key, parse
+from palpate.sensors.fisheye import Fisheye
 from palpate.sensors.force_torque import Payload
 from palpate.sensors.intensity import Intensity
 from palpate.sensors.load_cells import LoadCells
+from palpate.sensors.marker_ring import MarkerRing
 from palpate.sensors.skin_map import SkinMap
 from palpate.sensors.taxel_places import TaxelPlaces
 
@@ -78,6 +80,20 @@ MODELS: Mapping[str, Model] = {
         "Where each taxel of a skin sits, in the link's frame.",
         "palpate calibrate taxels",
         summary.of_taxels,
+    ),
+    "marker ring": Model(
+        MarkerRing,
+        "a model of a marker ring",
+        "A soft ring of markers: the camera, the markers at rest, how they move.",
+        "palpate calibrate marker-ring",
+        summary.of_marker_ring,
+    ),
+    "camera": Model(
+        Fisheye,
+        "a camera's lens",
+        "A fisheye lens, in OpenCV's model.",
+        "palpate calibrate camera",
+        summary.of_camera,
     ),
 }
 

@@ -6,13 +6,15 @@ import numpy as np
 from jaxtyping import Float
 
 from palpate.io.units import measured
+from palpate.sensors.fisheye import Fisheye
 from palpate.sensors.force_torque import Payload
 from palpate.sensors.intensity import Intensity
 from palpate.sensors.load_cells import LoadCells
+from palpate.sensors.marker_ring import MarkerRing
 from palpate.sensors.skin_map import SkinMap
 from palpate.sensors.taxel_places import TaxelPlaces
 
-__all__ = ["of_intensity", "of_load_cells", "of_payload", "of_skin_map", "of_taxels"]
+__all__ = ["of_camera", "of_intensity", "of_load_cells", "of_marker_ring", "of_payload", "of_skin_map", "of_taxels"]
 
 Lines = list[tuple[str, str]]
 
@@ -144,3 +146,27 @@ def _range(values: Float[np.ndarray, " n"]) -> str:
 
 def _listed(values: Float[np.ndarray, " n"]) -> str:
     return ", ".join(f"{value:.3g}" for value in values)
+
+
+def of_marker_ring(ring: MarkerRing) -> Lines:
+    """Ring, camera, noise and how well the response holds."""
+    response, view = ring.response, ring.view
+    outward, along = (1e6 * np.median(ring.noise(), axis=0)).tolist()
+    tilt = np.degrees(np.arccos(np.clip(-view.pose.rotation[2, 2], -1.0, 1.0)))
+    depth, force = response.largest.tolist()
+    angle, share = np.degrees(response.spread[0]), 100.0 * response.spread[1]
+    return [
+        ("ring", f"{len(ring)} {ring.colour.score} markers, radius {1e3 * ring.radius:.1f} mm outside"),
+        ("camera", f"{1e3 * view.pose.translation[2]:.1f} mm above the markers, tilted by {tilt:.1f} deg"),
+        ("noise", f"{ring.jitter:.2g} px: {outward:.0f} um outwards, {along:.0f} um along"),
+        ("calibrated", f"to {1e3 * depth:.3g} mm, {force:.3g} N{'; shear, too' if response.shears else ''}"),
+        ("deviation", f"{angle:.2g} deg and {share:.2g} % of the force beside the noise, on presses left out"),
+    ]
+
+
+def of_camera(camera: Fisheye) -> Lines:
+    """Image and focal length."""
+    return [
+        ("image", f"{camera.width} x {camera.height}"),
+        ("focal length", f"{camera.fx:.5g}, {camera.fy:.5g} px/rad"),
+    ]

@@ -11,12 +11,13 @@ from palpate.contact.ring_locator import RingSettings
 from palpate.errors import InputError
 from palpate.io.logs import LogContents, image_size
 from palpate.io.logs.layout import ImageChannel, Layout
-from palpate.io.models import read_model
+from palpate.io.models import load_toml, read_model
 from palpate.io.rig import guess
 from palpate.io.rig.body import Body
 from palpate.io.rig.kind import Guess, Prepared, SensorKind
 from palpate.io.rig.tables import require_path, require_positive
 from palpate.io.rig.wrench import first_seconds
+from palpate.io.schema import parse
 from palpate.sensors.fisheye import Fisheye
 from palpate.sensors.marker_ring import MarkerRing, RingBody
 from palpate.sensors.recording import IMAGE, Recording
@@ -83,8 +84,14 @@ def rig_ring_body(rig: Rig) -> RingBody:
             where="marker_ring",
             hint="Measure the ring: radius of the outer surface [m], thickness of the skin [m], number of markers.",
         )
-    camera = None if table.camera is None else read_model(rig.folder / table.camera, Fisheye)
+    camera = None if table.camera is None else _camera(rig.folder / table.camera)
     return RingBody(table.radius, table.thickness, table.markers, camera, table.height)
+
+
+def _camera(path: Path) -> Fisheye:
+    """Of `palpate calibrate camera`, or the same keys by another hand, without its kind."""
+    table = load_toml(path)
+    return read_model(path, Fisheye) if "kind" in table else parse(table, Fisheye, file=str(path))
 
 
 def _layout(rig: Rig) -> Layout:
