@@ -33,6 +33,7 @@ FRAMES = ("surface", "sensor", "base")
 HEAD = 20_000  # samples of the start of a log from which noise, rate and rest are taken
 KEPT = 5_000  # samples of the log, evenly spread, that doubts are raised from
 HEAD_VALUES = 3_000_000  # numbers, where a sample has many
+HEAD_FRAMES = 30  # of a camera, whatever the seconds
 
 
 class OpenedLog:
@@ -46,7 +47,9 @@ class OpenedLog:
 
     def __init__(self, path: Path, rig: Rig, kind: SensorKind) -> None:
         self.path, self.rig, self.kind = path, rig, kind
-        self._log: Log = open_by_layout(path, kind.layout(rig))
+        layout = kind.layout(rig)
+        self._log: Log = open_by_layout(path, layout)
+        self._images = layout.images is not None
         self._blocks: Iterator[Recording] | None = None
         self._first: list[Recording] = []
         self.seconds = 0.0
@@ -71,11 +74,14 @@ class OpenedLog:
         return self._log.notes()
 
     def head(self, seconds: float = 0.0) -> Recording:
-        """The start of the log: 20,000 samples or so many seconds, if it is that long; nothing of it is lost."""
+        """The start of the log: 20,000 samples or so many seconds, if it is that long; nothing of it is lost.
+
+        Of images some 30 frames.
+        """
         if self._blocks is None:
             self._blocks = self._timed(self._log.blocks())
         count, values = sum(map(len, self._first)), 0
-        while not (count >= HEAD or values >= HEAD_VALUES) or _span(self._first) <= seconds:
+        while self._short(count, values, seconds):
             block = next(self._blocks, None)
             if block is None:
                 break
@@ -85,6 +91,12 @@ class OpenedLog:
         if not count:
             raise InputError("holds no samples.", where=str(self.path))
         return join(self._first)
+
+    def _short(self, count: int, values: int, seconds: float) -> bool:
+        """Whether what was read is less than is asked for."""
+        if self._images:
+            return count < HEAD_FRAMES
+        return not (count >= HEAD or values >= HEAD_VALUES) or _span(self._first) <= seconds
 
     def __iter__(self) -> Iterator[Recording]:
         """Every sample once, in blocks, from the start."""
@@ -124,8 +136,8 @@ def open_log(log: str | Path, rig: Rig | str | Path, sensor: str | None = None, 
     """
     path, rig = Path(log), rig if isinstance(rig, Rig) else load_rig(rig)
     kind = rig.kind(sensor) if sensor or len(rig.kinds) == 1 else _told(path, rig)
-    if topic is not None and contents(path).names:
-        raise InputError("is a table, and has no topics.", where=str(path), hint="Leave --topic out.")
+    if topic is not None and ((there := contents(path)).names or there.images is not None):
+        raise InputError("has no topics.", where=str(path), hint="Leave --topic out.")
     return OpenedLog(path, rig.with_topic(topic, kind.name), kind)
 
 
@@ -162,16 +174,20 @@ class Seen:
         self._statuses, self._small = np.zeros(len(Status), dtype=np.int64), 0
         self._found = list[Contacts]()
 
-    def add(self, block: Recording, found: Contacts, size: float) -> None:
-        """The next samples and their contacts, on a body of a size [m]."""
+    def add(self, block: Recording, found: Contacts, size: float, *, keep: bool = True) -> None:
+        """The next samples and their contacts, on a body of a size [m]; `keep`: doubts are raised from the samples."""
         spread: Float[np.ndarray, " n"] = np.trace(found.covariance, axis1=1, axis2=2)
         self._small += int(np.count_nonzero(found.answered & ~(CHI2_95 * spread > size**2)))
         self._statuses += np.bincount(found.status, minlength=len(Status))
+        if keep:
+            self._keep(block, found)
+        self._count += len(block)
+
+    def _keep(self, block: Recording, found: Contacts) -> None:
         even = slice(-self._count % self._stride, None, self._stride)
         self._kept.append(block.picked(even))
         if len(found) == len(block):  # of several contacts a sample nobody asks for bounds
             self._found.append(found[even])
-        self._count += len(block)
         while sum(map(len, self._kept)) > 2 * KEPT:  # every second one of those kept stays
             half = slice(None, None, 2)
             self._kept = [join(self._kept).picked(half)]
@@ -263,7 +279,7 @@ class Pipeline:
             if pair is None:
                 return
             block, found = pair
-            self._seen.add(block, found, self._size)
+            self._seen.add(block, found, self._size, keep=isinstance(self.estimator, WrenchEstimator))
             yield block, found, placed(found, block, self.frame, self.estimator.mount)
 
     def _compiled(self, seconds: float) -> None:

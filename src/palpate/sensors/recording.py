@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 import numpy as np
-from jaxtyping import Bool, Float
-from numpy.typing import ArrayLike
+from jaxtyping import Bool, Float, UInt8
+from numpy.typing import ArrayLike, DTypeLike
 
 from palpate.errors import InputError
 
@@ -16,6 +16,7 @@ __all__ = [
     "ACCELERATION",
     "CELLS",
     "FORCE",
+    "IMAGE",
     "LARGEST",
     "ORIENTATION",
     "POSITION",
@@ -37,6 +38,7 @@ UNSTEADY = "unsteady"  # (n, 1) m/s^2: standard deviation, along each axis, of w
 VOLTAGE = "voltage"  # (n, 3 k) V: of load cells, cell by cell x, y, z
 CELLS = "cells"  # (n, rows, columns) or (n, k): raw readings of taxels
 REFERENCE = "reference"  # (n, 6) of a bench: force [N] on the fingertip, and the centre of the ball [m]
+IMAGE = "image"  # (n, height, width, 3) uint8, blue, green, red: all zero where a frame could not be read
 
 _SHAPES: Mapping[str, tuple[int, ...]] = {  # of one sample, where it is always the same
     FORCE: (3,),
@@ -53,8 +55,8 @@ _SHAPES: Mapping[str, tuple[int, ...]] = {  # of one sample, where it is always 
 class Recording:
     """Channels of one log, sample by sample: what a file or a stream becomes inside.
 
-    All arrays are float64, contiguous by rows, and read-only. Those that are given so are taken as they are, others are
-    copied.
+    All arrays are float64 (of `IMAGE` uint8), contiguous by rows, and read-only. Those that are given so are taken as
+    they are, others are copied.
 
     Args:
         time: (n,) [s], as recorded: it may repeat, run backwards or be NaN; nothing is sorted or dropped.
@@ -69,24 +71,28 @@ class Recording:
     """
 
     time: Float[np.ndarray, " n"]
-    channels: Mapping[str, Float[np.ndarray, "..."]]
+    channels: Mapping[str, Float[np.ndarray, "..."] | UInt8[np.ndarray, "..."]]
     frame: str = "sensor"
     source: str = ""
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         time = sealed(self.time)
-        channels = {name: sealed(values) for name, values in self.channels.items()}
+        channels = {name: sealed(values, dtype=_dtype(name, values)) for name, values in self.channels.items()}
         for name, values in {"time": time, **channels}.items():
             shape = () if values is time else _SHAPES.get(name, values.shape[1:])
+            if name == IMAGE and (values.ndim != 4 or values.shape[3] != 3 or values.dtype != np.uint8):
+                self._refuse(name, values, "n x height x width x 3 of uint8")
             if values.shape != (time.size, *shape):
-                wanted = " x ".join(map(str, ("n", *shape)))
-                raise InputError(
-                    f"channel {name!r} has the shape {values.shape}; it must be {wanted}, for n = {time.size} times.",
-                    where=self.source,
-                )
+                self._refuse(name, values, f"{' x '.join(map(str, ('n', *shape)))}, for n = {time.size} times")
         object.__setattr__(self, "time", time)
         object.__setattr__(self, "channels", MappingProxyType(channels))
+
+    def _refuse(self, name: str, values: np.ndarray, wanted: str) -> None:
+        kind = f" of {values.dtype}" if name == IMAGE else ""
+        raise InputError(
+            f"channel {name!r} has the shape {values.shape}{kind}; it must be {wanted}.", where=self.source
+        )
 
     def __reduce__(self) -> tuple[type[Recording], tuple[object, ...]]:
         """A view of channels cannot be pickled, nor copied in depth; their values can."""
@@ -109,7 +115,7 @@ class Recording:
 
     def picked(self, rows: slice | Bool[np.ndarray, " n"]) -> Recording:
         """The samples that a slice or a mask picks."""
-        channels = {name: sealed(values[rows], own=True) for name, values in self.channels.items()}
+        channels = {name: sealed(values[rows], own=True, dtype=values.dtype) for name, values in self.channels.items()}
         return replace(self, time=sealed(self.time[rows], own=True), channels=channels)
 
     def rate(self) -> float | None:
@@ -121,15 +127,23 @@ class Recording:
         return 1.0 / float(np.mean(steps[steps < 1.5 * np.median(steps)]))  # the median alone has the clock's rounding
 
 
-def sealed(values: ArrayLike, *, own: bool = False) -> Float[np.ndarray, "..."]:
-    """A read-only array of float64, contiguous by rows: `values` itself where it is one, else a copy.
+def _dtype(name: str, values: ArrayLike) -> DTypeLike:
+    """Images keep what they are given in, and are refused if that is not uint8."""
+    return np.asarray(values).dtype if name == IMAGE else np.float64
+
+
+def sealed(
+    values: ArrayLike, *, own: bool = False, dtype: DTypeLike = np.float64
+) -> Float[np.ndarray, "..."] | UInt8[np.ndarray, "..."]:
+    """A read-only array, contiguous by rows: `values` itself where it is one, else a copy.
 
     Args:
         values: numbers.
         own: nobody else holds `values`, so that it need not be copied for being writable.
+        dtype: of the array.
     """
     array = np.asarray(values)
     copied = None if own or not array.flags.writeable else True  # None: where it must be
-    array = np.array(array, dtype=np.float64, order="C", copy=copied)
+    array = np.array(array, dtype=dtype, order="C", copy=copied)
     array.flags.writeable = False
     return array

@@ -15,7 +15,7 @@ from palpate.io.logs.log import Messages, Source, Topic, merged
 from palpate.io.logs.mcap import McapFile
 from palpate.io.tables.lines import open_input
 
-__all__ = ["BagFile", "open_folder"]
+__all__ = ["BagFile", "natural", "open_folder"]
 
 _MOST, _BYTES = 1 << 13, 1 << 22  # messages and bytes of a batch
 
@@ -30,7 +30,7 @@ def open_folder(path: Path) -> Source:
         files = [file for file in path.iterdir() if file.is_file()]
     except OSError as problem:
         raise InputError(f"cannot be read ({problem}).", where=str(path)) from problem
-    parts = sorted((file for file in files if file.suffix == ".mcap"), key=_natural)
+    parts = sorted((file for file in files if file.suffix == ".mcap"), key=natural)
     if len({re.sub(r"_\d+$", "", part.stem) for part in parts}) > 1:
         listed = ", ".join(part.name for part in parts[:5])
         raise InputError(f"holds MCAP files that are not one recording: {listed}.", where=str(path), hint="Name one.")
@@ -41,7 +41,7 @@ def open_folder(path: Path) -> Source:
     return BagFile(path)
 
 
-def _natural(path: Path) -> tuple[str | int, ...]:
+def natural(path: Path) -> tuple[str | int, ...]:
     """bag_2 comes before bag_10."""
     return tuple(int(part) if part.isdigit() else part for part in re.split(r"(\d+)", path.name))
 

@@ -39,6 +39,7 @@ _POSES = (
     (ACCELERATION, ACCELERATION_COLUMNS),
 )
 SINGLE = "array"  # what the one array of an .npy is called
+_IMAGES = "They are read from a video, a folder of frames, MCAP or a bag."
 _OTHER_NAMES = {CELLS: "frames"}  # of arrays
 
 
@@ -146,6 +147,8 @@ def plan(layout: Layout, shapes: Shapes, path: Path) -> dict[str, Sequence[str]]
     Raises:
         InputError: something is not there, or not of the size that is wanted.
     """
+    if layout.images is not None:
+        raise InputError("holds no images.", where=str(path), hint=_IMAGES)
     layout = _by_arrays(layout, shapes, path)
     names = flattened(shapes)
     timed = layout.rate is None or layout.time in names

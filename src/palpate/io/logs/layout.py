@@ -18,6 +18,7 @@ __all__ = [
     "POSITION_COLUMNS",
     "WRENCH_COLUMNS",
     "ArrayChannel",
+    "ImageChannel",
     "Layout",
     "axis_matrix",
 ]
@@ -61,6 +62,19 @@ class ArrayChannel:
 
 
 @dataclass(frozen=True)
+class ImageChannel:
+    """Frames of a camera: the channel `IMAGE`.
+
+    Args:
+        topic: of a log with topics. None: the only one that holds images.
+        table: of the rig that says all this, for messages.
+    """
+
+    topic: str | None = None
+    table: str = ""
+
+
+@dataclass(frozen=True)
 class Layout:
     """Where a log keeps what, and in which units and axes. The defaults need no mapping.
 
@@ -68,7 +82,9 @@ class Layout:
         time, time_unit: the column of the time, and its unit; of a counter "samples", with its rate.
         wrench: the six columns, force first; None: no wrench is read.
         arrays: other channels that are read.
-        rate: [Hz] of a file that has no such column. None: it must have it.
+        images: frames of a camera. None: no images are read. They are read alone: `wrench` is None, and no `arrays`.
+        rate: [Hz] of a file that has no such column. None: it must have it. Of a video in place of its own stamps (one
+            that is played slower than it was taken); of a folder of frames without times. None: 30 Hz of the latter.
         force_unit, torque_unit: see `palpate.io.units`.
         axes: which recorded axis is the sensor's x, y, z; "-x" flips. Applied to force and to torque alike.
         left_handed: declares that `axes` is a reflection: the driver reported a left-handed wrench, or the reaction.
@@ -91,6 +107,7 @@ class Layout:
     time_unit: str = "s"
     wrench: tuple[str, ...] | None = WRENCH_COLUMNS
     arrays: tuple[ArrayChannel, ...] = ()
+    images: ImageChannel | None = None
     rate: float | None = None
     force_unit: str = "N"
     torque_unit: str = "N m"

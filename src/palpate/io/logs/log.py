@@ -13,7 +13,7 @@ from jaxtyping import Float, Int
 from palpate.io.tables.stated import Stated
 from palpate.sensors.recording import CELLS, Recording
 
-__all__ = ["Log", "LogContents", "Messages", "Source", "Topic", "merged"]
+__all__ = ["Images", "Log", "LogContents", "Messages", "Source", "Topic", "merged"]
 
 
 @dataclass(frozen=True)
@@ -40,6 +40,23 @@ def merged(topics: Iterable[Topic]) -> list[Topic]:
 
 
 @dataclass(frozen=True)
+class Images:
+    """What a video or a folder of frames says of itself.
+
+    Attributes:
+        size: height, width, channels of the first frame; 0, 0, 0 where it does not say so, or none can be read.
+        count: frames; of a video as many as it announces, 0 where it does not.
+        rate: [Hz]; None of a folder.
+        codec: of a video as its four characters, of a folder the suffixes.
+    """
+
+    size: tuple[int, int, int]
+    count: int
+    rate: float | None
+    codec: str
+
+
+@dataclass(frozen=True)
 class LogContents:
     """What a log holds, as far as it says so before it is read.
 
@@ -51,6 +68,7 @@ class LogContents:
         torn: the sentence that says where the file was cut, as far as it was met.
         stated: units and rate, as far as a table states them.
         written: how a text is written, in words, where that is not plain.
+        images: of a video or a folder of frames; it has no names and no topics.
     """
 
     path: Path
@@ -60,6 +78,7 @@ class LogContents:
     duration: float = 0.0
     stated: Stated = field(default_factory=Stated)
     written: str = ""
+    images: Images | None = None
 
 
 @dataclass(frozen=True)

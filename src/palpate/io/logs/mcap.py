@@ -31,7 +31,8 @@ from palpate.io.tables.lines import open_input, read_some
 __all__ = ["McapFile"]
 
 MAGIC = b"\x89MCAP0\r\n"
-PIECE = 1 << 22  # bytes read at a time; a longer record, if no chunk, is passed over
+PIECE = 1 << 22  # bytes read at a time
+LONGEST: Mapping[int, int] = {Opcode.CHUNK: LARGEST, Opcode.MESSAGE: 1 << 26}  # bytes; others: PIECE; passed over
 _HEAD = 9
 _MOST = 1 << 16  # records of a stretch
 _DECLARING: Mapping[int, type[Schema] | type[Channel]] = {Opcode.SCHEMA: Schema, Opcode.CHANNEL: Channel}
@@ -122,7 +123,7 @@ class McapFile(Source):
                 if kind == Opcode.CHUNK:
                     yield from self._unpack(memoryview(held + read_some(file, self.path, LARGEST))[_HEAD:], at)
                 return self._damaged(at, "it ends within a record")
-            if length > (LARGEST if kind == Opcode.CHUNK else PIECE):
+            if length > LONGEST.get(kind, PIECE):
                 self._pass_over(kind, held, at)
                 held, at = b"", file.seek(after)
             else:

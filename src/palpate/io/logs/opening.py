@@ -16,17 +16,32 @@ from palpate.io.logs.bag import BagFile, open_folder
 from palpate.io.logs.columns import plan
 from palpate.io.logs.csv import CsvLog
 from palpate.io.logs.decoding import role, shape_of
+from palpate.io.logs.frame_folder import FrameFolder, holds_frames
+from palpate.io.logs.image_messages import IMAGES
+from palpate.io.logs.image_topics import ImageTopicLog, first_size
+from palpate.io.logs.images import refuse_others
 from palpate.io.logs.layout import Layout
 from palpate.io.logs.log import Log, LogContents, Source, Topic
 from palpate.io.logs.mcap import MAGIC, McapFile
 from palpate.io.logs.parquet import ParquetLog
 from palpate.io.logs.survey import Survey, survey_of
 from palpate.io.logs.topic_log import TopicLog
-from palpate.io.logs.topics import choose
+from palpate.io.logs.topics import choose, choose_images
+from palpate.io.logs.video import VIDEOS, VideoLog, is_video
 from palpate.io.tables.lines import open_input, read_some
 from palpate.sensors.recording import ORIENTATION, POSITION, Recording, sealed
 
-__all__ = ["contents", "join", "missing", "open_log", "read_poses", "read_recording", "survey", "topic_shapes"]
+__all__ = [
+    "contents",
+    "image_size",
+    "join",
+    "missing",
+    "open_log",
+    "read_poses",
+    "read_recording",
+    "survey",
+    "topic_shapes",
+]
 
 _KINDS: dict[str, tuple[str, tuple[bytes, ...]]] = {  # usual suffix -> what it is, and its first bytes
     ".parquet": ("a Parquet file", (b"PAR1",)),
@@ -35,14 +50,20 @@ _KINDS: dict[str, tuple[str, tuple[bytes, ...]]] = {  # usual suffix -> what it 
     ".db3": ("a ROS 2 bag", (b"SQLite format 3\0",)),
     ".npy": ("a NumPy array", (b"\x93NUMPY",)),
     ".npz": ("an archive of NumPy arrays", (b"PK\x03\x04", b"PK\x05\x06")),  # the second: without an array
+    "video": ("a video", ()),  # see `is_video`
 }
 _ARRAYS = (".npy", ".npz")
+_VIDEO, _FRAMES = "video", "frames"
+_WITHOUT_TOPICS = ("", ".parquet", *_ARRAYS, _VIDEO, _FRAMES)
 _FOREIGN: dict[bytes, tuple[str, str]] = {  # first bytes of a file -> what it is, and what to do; Excel's first
     b"PK\x03\x04": ("is a workbook", "Save its sheet as CSV."),
     b"\xd0\xcf\x11\xe0": ("is a workbook", "Save its sheet as CSV."),
     b"\x1f\x8b": ("is compressed", "Unpack it first."),
     b"MATLAB 5.0 MAT": ("is a MAT file of MATLAB", "Write a table of it as CSV (writetable, writematrix)."),
     b"\x89HDF": ("is an HDF5 file", "Write a table of it as CSV or Parquet."),
+    **{
+        magic: ("is one image", "Name the folder of the frames, or a video.") for magic in (b"\x89PNG", b"\xff\xd8\xff")
+    },
 }
 _WORKBOOKS = (b"[Content_Types]", b"_rels/", b"xl/", b"docProps/", b"mimetype")  # what their archive begins with
 
@@ -59,7 +80,7 @@ def contents(path: str | Path) -> LogContents:
 def topic_shapes(path: Path) -> dict[str, tuple[int, ...]]:
     """Of each topic of arrays or images with messages: numbers in the first one, or its rows and columns."""
     kind = _kind(path)
-    if kind in ("", ".parquet", *_ARRAYS):
+    if kind in _WITHOUT_TOPICS:
         return {}
     source, found = _messages(path, kind), dict[str, tuple[int, ...]]()
     for topic in source.topics():
@@ -68,10 +89,33 @@ def topic_shapes(path: Path) -> dict[str, tuple[int, ...]]:
     return found
 
 
+def image_size(path: str | Path, topic: str | None = None) -> tuple[int, int, int] | None:
+    """Height, width and channels of the first image of a log; None where it holds none that can be read.
+
+    Args:
+        path: of the log.
+        topic: of the images. None: the first that has an image, compressed ones last.
+
+    Raises:
+        InputError: it is no log.
+    """
+    path = Path(path)
+    kind = _kind(path)
+    if kind in (_VIDEO, _FRAMES):
+        said = open_log(path).contents().images
+        return said.size if said is not None and all(said.size) else None
+    if kind in _WITHOUT_TOPICS:
+        return None
+    source = _messages(path, kind)
+    fitting = [each for each in source.topics() if each.kind in IMAGES and each.count and topic in (None, each.name)]
+    fitting.sort(key=lambda each: IMAGES.index(each.kind))
+    return next((size for each in fitting if (size := first_size(source, each)) is not None), None)
+
+
 def survey(path: Path) -> Survey | None:
     """What messages say of frames, poses and joints; None of a log of columns."""
     kind = _kind(path)
-    return None if kind in ("", ".parquet", *_ARRAYS) else survey_of(_messages(path, kind))
+    return None if kind in _WITHOUT_TOPICS else survey_of(_messages(path, kind))
 
 
 def _shape(source: Source, topic: Topic) -> tuple[int, ...] | None:
@@ -85,8 +129,12 @@ def _shape(source: Source, topic: Topic) -> tuple[int, ...] | None:
 def missing(there: LogContents, layout: Layout) -> list[str]:
     """Why a log cannot be read with a layout, one sentence each; nothing: it has all that the layout asks for."""
     try:
-        if there.names:
+        if there.images is not None:
+            refuse_others(layout, there.path, "a folder of frames" if there.path.is_dir() else "a video")
+        elif there.names:
             plan(layout, there.names, there.path)
+        elif layout.images is not None:
+            choose_images(there, layout.images)
         else:
             choose(there, layout)
     except InputError as problem:
@@ -97,11 +145,17 @@ def missing(there: LogContents, layout: Layout) -> list[str]:
 def open_log(path: str | Path, layout: Layout | None = None) -> Log:
     """Open a log: CSV or other text, Parquet, NumPy, MCAP, a ROS 1 bag, a ROS 2 bag (its folder, or a .db3 file).
 
+    Images are read from a video, a folder of frames, MCAP and bags.
+
     Raises:
         InputError: the file is not there, or not what its name says.
     """
     layout, path = layout or Layout(), Path(path)
     kind = _kind(path)
+    if kind in (_VIDEO, _FRAMES):
+        return (VideoLog if kind == _VIDEO else FrameFolder)(path, layout)
+    if layout.images is not None and kind not in _WITHOUT_TOPICS:
+        return ImageTopicLog(path, layout, _messages(path, kind))
     if kind == ".parquet":
         return ParquetLog(path, layout)
     if kind in _ARRAYS:
@@ -156,7 +210,7 @@ def join(blocks: Sequence[Recording]) -> Recording:
 
 
 def _joined(arrays: Sequence[np.ndarray]) -> np.ndarray:
-    return sealed(np.concatenate(arrays), own=True)
+    return sealed(np.concatenate(arrays), own=True, dtype=arrays[0].dtype)
 
 
 def _messages(path: Path, kind: str) -> Source:
@@ -176,14 +230,16 @@ def _require_ours(first: bytes, path: Path) -> None:
 def _kind(path: Path) -> str:
     """The usual suffix of what this is, by its first bytes: "" for text."""
     if path.is_dir():
-        return "folder"
+        return _FRAMES if holds_frames(path) else "folder"
     if path.exists() and not path.is_file():  # a pipe gives its first bytes once
         return ""
     with open_input(path) as file:
         first = read_some(file, path, 64)
     _require_ours(first, path)
     kind = next((suffix for suffix, (_, magic) in _KINDS.items() if first.startswith(magic)), "")
+    kind = _VIDEO if is_video(first) else kind
     suffix = path.suffix.lower()
+    suffix = _VIDEO if suffix in VIDEOS else suffix
     if suffix in _KINDS and kind != suffix and not (kind in _ARRAYS and suffix in _ARRAYS):
         what = f"does not begin as {_KINDS[suffix][0]} does" if first else "is empty"
         raise InputError(f"{what}.", where=str(path), hint=f"It is {_KINDS[kind][0]}: rename it." if kind else "")

@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from palpate.io.logs.layout import Layout, axis_matrix
 from palpate.io.units import ACCELERATION_UNITS, FORCE_UNITS, TORQUE_UNITS, to_si
-from palpate.sensors.recording import ACCELERATION, CELLS, FORCE, LARGEST, ORIENTATION, TORQUE, Recording, sealed
+from palpate.sensors.recording import ACCELERATION, CELLS, FORCE, IMAGE, LARGEST, ORIENTATION, TORQUE, Recording, sealed
 
 __all__ = ["NUMBERS", "WRENCH", "Samples", "rows_at_once"]
 
@@ -42,16 +42,18 @@ class Samples:
         self._beyond = Counter[str]()  # name of a channel -> rows with a number that is a fault
         self._infinite = self._none = self._far = 0
 
-    def block(self, time: Float[np.ndarray, " n"], read: Mapping[str, Float[np.ndarray, "n _"]]) -> Recording:
+    def block(self, time: Float[np.ndarray, " n"], read: Mapping[str, np.ndarray]) -> Recording:
         """The next samples.
 
         Args:
             time: [s].
-            read: as recorded, `WRENCH` or arrays, and the channels besides them; nobody else holds them.
+            read: as recorded, (n, k) each: `WRENCH` or arrays, and the channels besides them; or (n, height, width, 3)
+                `IMAGE`. Nobody else holds them.
         """
         time = np.where(np.abs(time) <= LATEST, time, np.nan)
         channels = self._wrench(read[WRENCH]) if WRENCH in read else {}
-        channels |= {name: self._bounded(name, values) for name, values in read.items() if name not in (WRENCH, CELLS)}
+        bounded = [name for name in read if name not in (WRENCH, CELLS, IMAGE)]
+        channels |= {name: self._bounded(name, read[name]) for name in bounded}
         if ORIENTATION in channels:
             channels[ORIENTATION] = self._sound(channels[ORIENTATION])
         if ACCELERATION in channels and self._acceleration != 1.0:
@@ -62,6 +64,8 @@ class Samples:
             channels[array.name] = values.reshape(-1, *array.shape)
         self._times.add(time)
         channels = {name: sealed(values, own=True) for name, values in channels.items()}
+        if IMAGE in read:
+            channels[IMAGE] = sealed(read[IMAGE], own=True, dtype=np.uint8)
         return Recording(sealed(time, own=True), channels, frame=self._frame, source=self._source)
 
     def notes(self) -> tuple[str, ...]:

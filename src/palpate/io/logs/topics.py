@@ -8,11 +8,12 @@ from pathlib import Path
 
 from palpate.errors import InputError
 from palpate.io.logs.decoding import ARRAYS, FIXED, IMAGE, role
-from palpate.io.logs.layout import ArrayChannel, Layout
+from palpate.io.logs.image_messages import IMAGES
+from palpate.io.logs.layout import ArrayChannel, ImageChannel, Layout
 from palpate.io.logs.log import LogContents, Topic
 from palpate.io.units import near
 
-__all__ = ["NONE", "POSE_KINDS", "choose", "doubtful", "main_channel", "sentence"]
+__all__ = ["NONE", "POSE_KINDS", "choose", "choose_images", "doubtful", "main_channel", "sentence"]
 
 _ENCODINGS = ("cdr", "ros1")
 _SHOWN = 12  # topics in a sentence
@@ -35,6 +36,8 @@ class _Wanted:
 
     def fits(self, topic: Topic) -> bool:
         """Whether its messages can be read for it; an image is two-dimensional."""
+        if self.role == "image":
+            return topic.encoding in _ENCODINGS and topic.kind in IMAGES
         flat = self.array is not None and len(self.array.shape) != 2
         return topic.encoding in _ENCODINGS and role(topic.kind) == self.role and not (flat and topic.kind == IMAGE)
 
@@ -60,9 +63,10 @@ def main_channel(layout: Layout) -> ArrayChannel | None:
         InputError: the layout asks for several, whose messages come at times of their own, or for nothing.
     """
     asked = [*([None] if layout.wrench is not None else []), *layout.arrays]
-    if len(asked) == 1:
+    if len(asked) == 1 and layout.images is None:
         return asked[0]
-    names = " and ".join("wrench" if array is None else array.name for array in asked) or "nothing"
+    said = ["wrench" if array is None else array.name for array in asked] + ["image"] * (layout.images is not None)
+    names = " and ".join(said) or "nothing"
     raise InputError(
         f"{names} cannot be read from one log of topics.",
         where="layout",
@@ -80,19 +84,36 @@ def choose(there: LogContents, layout: Layout) -> dict[str, Topic]:
     """
     array, topics, path = main_channel(layout), there.topics, there.path
     main = _WRENCH if array is None else _wanted(array)
-    name = layout.wrench_topic if array is None else array.topic
-    rows = _named(topics, main, name, path) or _only(topics, main, path)
-    if rows is None:
-        listed = ", ".join(f"{t.name} ({t.kind or 'of no type'}, {t.count:,})" for t in topics[:_SHOWN])
-        raise InputError(
-            f"no topic holds {'wrenches' if array is None else array.name}; there is {listed or 'no topic at all'}.",
-            where=str(path),
-            hint=sentence(there.torn) or main.read,
-        )
+    rows = _required(there, main, layout.wrench_topic if array is None else array.topic)
     pose = _pose(topics, layout, path)
     acceleration = _named(topics, _ACCELERATION, layout.acceleration_topic, path)  # an accelerometer may sit anywhere
     chosen = {"main": rows, "pose": pose, "acceleration": acceleration}
     return {role: topic for role, topic in chosen.items() if topic is not None}
+
+
+def choose_images(there: LogContents, channel: ImageChannel) -> Topic:
+    """The topic of images.
+
+    Raises:
+        InputError: a topic that is named is not there or holds something else, or none or several could be meant.
+    """
+    kinds = ", ".join(name.split("/")[1] for name in IMAGES)
+    return _required(there, _Wanted("image", channel.table, f"Images are read from {kinds}."), channel.topic)
+
+
+def _required(there: LogContents, wanted: _Wanted, name: str | None) -> Topic:
+    """The topic that is named, or the only one of its kind."""
+    topics, path = there.topics, there.path
+    found = _named(topics, wanted, name, path) or _only(topics, wanted, path)
+    if found is None:
+        listed = ", ".join(f"{t.name} ({t.kind or 'of no type'}, {t.count:,})" for t in topics[:_SHOWN])
+        held = wanted.called if wanted.array is not None else f"{wanted.called}{'es' if wanted is _WRENCH else 's'}"
+        raise InputError(
+            f"no topic holds {held}; there is {listed or 'no topic at all'}.",
+            where=str(path),
+            hint=sentence(there.torn) or wanted.read,
+        )
+    return found
 
 
 def _pose(topics: Sequence[Topic], layout: Layout, path: Path) -> Topic | None:
