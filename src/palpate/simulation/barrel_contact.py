@@ -194,12 +194,13 @@ def _state(bodies: _Bodies, place: np.ndarray, anchor: np.ndarray, friction: flo
     """Contact at moved points (q, 2), held towards the sideways places `anchor` (q,)."""
     apart = place - bodies.centre
     tangent = _turned(bodies.axis)
-    ahead, side = (apart * bodies.axis).sum(axis=1), (apart * tangent).sum(axis=1)
-    distance = np.maximum(np.hypot(ahead, side), 1e-12)
+    ahead: Float[np.ndarray, " q"] = np.einsum("qa,qa->q", apart, bodies.axis)
+    side: Float[np.ndarray, " q"] = np.einsum("qa,qa->q", apart, tangent)
+    distance: Float[np.ndarray, " q"] = np.maximum(np.hypot(ahead, side), 1e-12)
     push = np.where(bodies.flat[:, None], -bodies.axis, apart / distance[:, None])
     over: Float[np.ndarray, " q"] = np.where(bodies.flat, ahead, bodies.radius - distance).astype(float)
-    beyond = np.where(bodies.flat, np.abs(side) > bodies.half, (ahead > 0.0) | (bodies.radius <= 0.0))
-    over = np.where(beyond.astype(bool), 0.0, np.maximum(over, 0.0))
+    beyond: Bool[np.ndarray, " q"] = np.where(bodies.flat, np.abs(side) > bodies.half, ahead > 0.0)
+    over = np.where(beyond, 0.0, np.maximum(over, 0.0))
     arc: Float[np.ndarray, " q"] = np.where(bodies.flat, side, bodies.radius * np.arctan2(side, -ahead))
     trial: Float[np.ndarray, " q"] = TANGENTIAL * (anchor - arc)
     limit = friction * STIFFNESS * over
@@ -315,7 +316,7 @@ def _linearised(
     """Freedoms that carry force, and the Jacobian I + N' a K N G of the balance on them."""
     active = np.flatnonzero(state.over > 0.0)
     index, shape = points.index[active], points.shape[active]
-    loaded = nodal.reshape(-1, 2).any(axis=1)
+    loaded: Bool[np.ndarray, " n"] = (nodal != 0.0).reshape(-1, 2).any(axis=1)
     loaded[index.ravel()] = True
     own = np.flatnonzero(np.repeat(loaded, 2))
     place = np.cumsum(np.repeat(loaded, 2)) - 1

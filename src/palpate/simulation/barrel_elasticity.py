@@ -169,7 +169,8 @@ def _inside(factor: Any, size: int, answered: np.ndarray, loaded: np.ndarray) ->
     unit = np.zeros((size, len(loaded)))
     inner = np.flatnonzero(loaded < size)
     unit[loaded[inner], inner] = 1.0
-    moved = np.concatenate([cho_solve(factor, unit, check_finite=False), np.zeros((1, len(loaded)))])
+    moved = np.zeros((size + 1, len(loaded)))
+    moved[:size] = cho_solve(factor, unit, check_finite=False)
     return moved[np.minimum(answered, size)]
 
 
