@@ -13,7 +13,7 @@ from functools import lru_cache
 import numpy as np
 from jaxtyping import Float
 
-from palpate.simulation.barrel_contact import Band, Indenter, settle
+from palpate.simulation.barrel_contact import Band, Indenter, Settled, settle
 from palpate.simulation.barrel_elasticity import compliance, solid
 
 __all__ = ["COARSE_ROWS", "Barrel", "BarrelSettings", "Indenter", "Pressed"]
@@ -137,20 +137,29 @@ class Barrel:
             bodies: first pressed along the radius to their depths, then slid.
             friction: Coulomb's coefficient; it acts around the ring.
         """
-        found = settle(self.band, bodies, friction)
+        return self._seen(bodies, settle(self.band, bodies, friction)[-1], 1.0)
+
+    def follow(
+        self, bodies: Sequence[Indenter], shares: Sequence[tuple[float, float]], friction: float = 0.4
+    ) -> list[Pressed]:
+        """Press bodies step by step, friction keeping its history.
+
+        Args:
+            bodies: as for `press`.
+            shares: of their depths and of their slides that are done at each step.
+            friction: Coulomb's coefficient.
+        """
+        found = settle(self.band, bodies, friction, shares)
+        return [self._seen(bodies, each, down) for each, (down, _) in zip(found, shares, strict=True)]
+
+    def _seen(self, bodies: Sequence[Indenter], found: Settled, down: float) -> Pressed:
         moved = self.rest + (self.answer @ found.nodal).reshape(self.rest.shape)
-        return Pressed(
-            found.angle,
-            found.force,
-            found.shear,
-            np.array([each.depth for each in bodies], dtype=float),
-            moved[:, 0],
-            moved[:, 1:],
-        )
+        depth = down * np.array([each.depth for each in bodies], dtype=float)
+        return Pressed(found.angle, found.force, found.shear, depth, moved[:, 0], moved[:, 1:])
 
 
 def _marker_points(settings: BarrelSettings, top: float) -> tuple[np.ndarray, np.ndarray]:
-    """Centres and outlines of the markers at rest (m, q, 3), and the weights (m q, nodes) of the inner nodes in them."""
+    """Centres and outlines of the markers at rest (m, q, 3), and weights (m q, nodes) of the inner nodes in them."""
     around = 2.0 * np.pi * np.arange(settings.outline) / settings.outline
     turn = 2.0 * np.pi * np.arange(settings.markers) / settings.markers
     radius = settings.radius - settings.thickness_at(turn)

@@ -1,27 +1,31 @@
 """Rigid bodies on the outer side of a barrel: unilateral contact with Coulomb's friction around the ring.
 
-Points of contact lie four by four in every brick, closer than the nodes, so that the force hardly ripples as a body moves
-from node to node. Each holds the skin off by a pressure k o, o how deep the moved point lies inside the exact body,
-with k stiff against the skin; friction holds it where it first touched, up to mu k o. With N the shape functions and G
-the skin's compliance, the nodal forces f solve f = N' a lambda(X + N G f): a semi-smooth Newton, the contact's state
-being its active set. Friction has a history, so bodies come down, and slide, in a few steps.
+Points of contact lie four by four in every brick, closer than the nodes, so that the force hardly ripples as a body
+moves from node to node. Each holds the skin off by a pressure k o, o how deep the moved point lies inside the exact
+body, k what the skin gives more finely than the mesh; friction holds it where it first touched, up to mu k o.
+With N the shape functions and G the skin's compliance, the nodal forces f solve f = N' a lambda(X + N G f): a
+semi-smooth Newton, the contact's state being its active set. Friction has a history, so bodies come down, and slide,
+in a few steps.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from scipy import sparse
 
 from palpate.errors import InputError
 
 __all__ = ["Band", "Indenter", "Settled", "settle"]
 
-STIFFNESS = 1.5e8  # N/m^3 of the contact: the skin as finely as the mesh cannot dent (Hertz: 58 kPa and 0.6 mm under 0.7 N)
+STIFFNESS = (
+    1.5e8  # N/m^3 of the contact: the skin as finely as the mesh cannot dent (Hertz: 58 kPa and 0.6 mm under 0.7 N)
+)
 TANGENTIAL = 0.75e8  # N/m^3 until it slips
 FINE = 4  # points of contact along a brick's edge
 SPARE = np.radians(4.0)  # around the ring, beyond where body and unloaded skin overlap
@@ -31,7 +35,7 @@ CLOSE = 1e-5  # N, of a nodal force
 
 @dataclass(frozen=True)
 class Indenter:
-    """A rigid body pressed along the radius.
+    """A rigid body pressed along the radius, as tall as the band; of a tip the slice at a height acts as a disc.
 
     Attributes:
         kind: "plate" (tangent to the ring), "tip" (a sphere) or "cylinder" (its axis along the barrel's).
@@ -69,6 +73,7 @@ class Band:
 
     @property
     def columns(self) -> int:
+        """Columns of nodes around the ring."""
         return len(self.compliance) // (2 * len(self.heights))
 
 
@@ -84,8 +89,10 @@ class Settled:
 
 @dataclass(frozen=True, eq=False)
 class _Points:
-    """Points of contact (q) of all bodies: whose, where at rest, what area; `nodes` (n) of all, and of each its nine of them with
-    their shape functions."""
+    """Points of contact (q) of all bodies: whose, where at rest, of what area.
+
+    `nodes` (n) are those of all; `index` and `shape` the nine of a point among them, and their shape functions.
+    """
 
     owner: Int[np.ndarray, " q"]
     place: Float[np.ndarray, "q 2"]
@@ -103,13 +110,13 @@ class _Bodies:
     axis: Float[np.ndarray, "q 2"]
     centre: Float[np.ndarray, "q 2"]
     radius: Float[np.ndarray, " q"]
-    flat: Float[np.ndarray, " q"]
+    flat: Bool[np.ndarray, " q"]
     half: Float[np.ndarray, " q"]
 
 
 @dataclass(frozen=True, eq=False)
 class _State:
-    """Overlap (q,), direction on the skin (q, 2), tangent (q, 2), sideways place (q,), friction (q,) [Pa], stuck (q,)."""
+    """Overlap (q,), push and tangent on the skin (q, 2), sideways place (q,), friction (q,) [Pa], stuck (q,)."""
 
     over: np.ndarray
     push: np.ndarray
@@ -138,10 +145,11 @@ def _points(band: Band, bodies: Sequence[Indenter]) -> _Points:
     fine = np.arange(columns // 2 * FINE)
     theta = (fine + 0.5) * step
     edges = band.heights[::2]
-    z = np.concatenate([a + (b - a) * (np.arange(FINE) + 0.5) / FINE for a, b in zip(edges, edges[1:], strict=False)])
+    z = np.concatenate([a + (b - a) * (np.arange(FINE) + 0.5) / FINE for a, b in pairwise(edges)])
     slab = np.repeat(np.diff(edges) / FINE, FINE)
     across, up = _lagrange(FINE), _lagrange(FINE)
-    owner, turn = [], []
+    owner: list[Int[np.ndarray, " a"]] = []
+    turn: list[Int[np.ndarray, " a"]] = []
     for at, each in enumerate(bodies):
         reach = np.arccos(1.0 - each.depth / radius)
         if each.kind != "plate":
@@ -186,17 +194,18 @@ def _state(bodies: _Bodies, place: np.ndarray, anchor: np.ndarray, friction: flo
     """Contact at moved points (q, 2), held towards the sideways places `anchor` (q,)."""
     apart = place - bodies.centre
     tangent = _turned(bodies.axis)
-    ahead, side = (apart * bodies.axis).sum(axis=1), (apart * tangent).sum(axis=1)
-    distance = np.maximum(np.hypot(ahead, side), 1e-12)
+    ahead: Float[np.ndarray, " q"] = np.einsum("qa,qa->q", apart, bodies.axis)
+    side: Float[np.ndarray, " q"] = np.einsum("qa,qa->q", apart, tangent)
+    distance: Float[np.ndarray, " q"] = np.maximum(np.hypot(ahead, side), 1e-12)
     push = np.where(bodies.flat[:, None], -bodies.axis, apart / distance[:, None])
-    over = np.where(bodies.flat, ahead, bodies.radius - distance)
-    out = np.where(bodies.flat, np.abs(side) > bodies.half, (ahead > 0.0) | (bodies.radius <= 0.0))
-    over = np.where(out, 0.0, np.maximum(over, 0.0))
-    side = np.where(bodies.flat, side, bodies.radius * np.arctan2(side, -ahead))
-    trial = TANGENTIAL * (anchor - side)
+    over: Float[np.ndarray, " q"] = np.where(bodies.flat, ahead, bodies.radius - distance).astype(float)
+    beyond: Bool[np.ndarray, " q"] = np.where(bodies.flat, np.abs(side) > bodies.half, ahead > 0.0)
+    over = np.where(beyond, 0.0, np.maximum(over, 0.0))
+    arc: Float[np.ndarray, " q"] = np.where(bodies.flat, side, bodies.radius * np.arctan2(side, -ahead))
+    trial: Float[np.ndarray, " q"] = TANGENTIAL * (anchor - arc)
     limit = friction * STIFFNESS * over
     drag = np.clip(trial, -limit, limit)
-    return _State(over, push, -_turned(push), side, drag, (np.abs(trial) < limit) & (over > 0.0))
+    return _State(over, push, -_turned(push), arc, drag, (np.abs(trial) < limit) & (over > 0.0))
 
 
 def _blocks(points: _Points, state: _State, friction: float) -> tuple[np.ndarray, np.ndarray]:
@@ -210,40 +219,57 @@ def _blocks(points: _Points, state: _State, friction: float) -> tuple[np.ndarray
     return force, weight * slope
 
 
-def settle(band: Band, bodies: Sequence[Indenter], friction: float = 0.4) -> Settled:
-    """Equilibrium of the bodies on the skin after all have come down and then slid.
+def settle(
+    band: Band,
+    bodies: Sequence[Indenter],
+    friction: float = 0.4,
+    shares: Sequence[tuple[float, float]] | None = None,
+) -> list[Settled]:
+    """Equilibria of the bodies on the skin as they come down and then slide.
+
+    Args:
+        band: the skin.
+        bodies: on it.
+        friction: Coulomb's coefficient.
+        shares: of their depths and of their slides done at each step, from an unloaded skin; None: few, to the end.
+
+    Returns:
+        A state of contact a step.
 
     Raises:
         InputError: a depth or radius is impossible, or the bodies crowd the skin so that no equilibrium is found.
     """
     radius = float(band.outer(np.zeros(1))[0])
     _check(bodies, radius)
-    full = np.zeros(len(band.compliance))
+    steps = _schedule(bodies) if shares is None else shares
     if not bodies:
-        return Settled(full, *np.full((3, 0), np.nan))
+        return [Settled(np.zeros(len(band.compliance)), *np.zeros((3, 0)))] * len(steps)
     points = _points(band, bodies)
     freedom = (2 * points.nodes[:, None] + np.arange(2)).ravel()
     soft = band.compliance[np.ix_(freedom, freedom)]
     nodal = np.zeros(len(freedom))
     place, anchor = points.place, np.zeros(len(points.place))
-    state = None
-    for down, aside in _schedule(bodies):
+    state: _State | None = None
+    settled: list[Settled] = []
+    for down, aside in steps:
         placed = _placed(bodies, points, radius, down, aside)
         here = _state(placed, place, anchor, 0.0)
-        if state is None:
-            anchor = here.side
-        else:
+        anchor = here.side
+        if state is not None:
             anchor = np.where(state.over > 0.0, state.side + state.drag / TANGENTIAL, here.side)
         nodal, place, state = _balanced(points, placed, soft, nodal, anchor, friction)
-    assert state is not None
-    full[freedom] = nodal
-    force = 2.0 * _blocks(points, state, friction)[0]  # both halves
-    return Settled(full, *_summed(points, place, force, 2.0 * points.area * STIFFNESS * state.over, len(bodies)))
+        full = np.zeros(len(band.compliance))
+        full[freedom] = nodal
+        force = 2.0 * _blocks(points, state, friction)[0]  # both halves
+        pressure = points.area * state.over
+        settled.append(Settled(full, *_summed(points, place, force, pressure, len(bodies))))
+    return settled
 
 
 def _schedule(bodies: Sequence[Indenter]) -> list[tuple[float, float]]:
     """Shares of depth and slide, a pair a step: no step moves a round body further than half its radius."""
-    steps = max(1 if b.kind == "plate" else int(np.ceil(b.depth / (0.5 * b.radius) - 1e-9)) for b in bodies)
+    steps = max((1 if b.kind == "plate" else int(np.ceil(2.0 * b.depth / b.radius - 1e-9)) for b in bodies), default=1)
+    steps = max(steps, 1)
     downs = [((at + 1) / steps, 0.0) for at in range(steps)]
     if any(b.slide for b in bodies):
         downs += [(1.0, 0.5), (1.0, 1.0)]
@@ -290,7 +316,7 @@ def _linearised(
     """Freedoms that carry force, and the Jacobian I + N' a K N G of the balance on them."""
     active = np.flatnonzero(state.over > 0.0)
     index, shape = points.index[active], points.shape[active]
-    loaded = nodal.reshape(-1, 2).any(axis=1)
+    loaded: Bool[np.ndarray, " n"] = (nodal != 0.0).reshape(-1, 2).any(axis=1)
     loaded[index.ravel()] = True
     own = np.flatnonzero(np.repeat(loaded, 2))
     place = np.cumsum(np.repeat(loaded, 2)) - 1
@@ -298,9 +324,8 @@ def _linearised(
     block = np.einsum("qi,qab,qj->qiajb", shape, slope[active], shape).reshape(len(active), 18, 18)
     rows, columns = np.broadcast_arrays(freedom[:, :, None], freedom[:, None, :])
     stiff = sparse.csr_matrix((block.ravel(), (rows.ravel(), columns.ravel())), shape=(len(own), len(own)))
-    matrix = stiff @ soft[np.ix_(own, own)]
-    matrix.flat[:: len(own) + 1] += 1.0
-    return own, matrix
+    matrix = np.asarray(stiff @ soft[np.ix_(own, own)])
+    return own, matrix + np.eye(len(own))
 
 
 def _summed(

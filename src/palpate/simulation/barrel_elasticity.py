@@ -8,6 +8,7 @@ equator moves along the axis. The far end is clamped.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -21,6 +22,8 @@ if TYPE_CHECKING:
     from palpate.simulation.barrel import BarrelSettings
 
 __all__ = ["Solid", "compliance", "solid", "stiffness_matrix"]
+
+Carried = tuple[np.ndarray, np.ndarray, np.ndarray]  # freedoms, their parts of the borders, which borders
 
 SECTOR = 4  # bricks around the ring that are condensed together: 24 sectors of 96, the fewest operations in all
 
@@ -40,16 +43,15 @@ class Solid:
     stiffness: sparse.csr_matrix
 
 
-def _skfem() -> Any:  # noqa: ANN401 - the library has no types
+def _skfem() -> Any:
     try:
-        import skfem
+        return import_module("skfem")
     except ImportError as problem:
         raise InputError(
             "scikit-fem is not installed, and the barrel's elasticity is computed with it",
             where="marker ring",
             hint="install palpate[simulation]",
         ) from problem
-    return skfem
 
 
 def solid(settings: BarrelSettings) -> Solid:
@@ -69,7 +71,7 @@ def solid(settings: BarrelSettings) -> Solid:
     # the middles of edges lie on chords of the prism: told apart by their angle, and put back on the curves
     column = np.rint(np.arctan2(y, x) / (np.pi / around)).astype(int) % (2 * around)
     layer = np.rint(2.0 * (np.hypot(x, y) - 1.0)).astype(int)
-    levels = np.unique(np.round(z, 9))
+    levels: Float[np.ndarray, " r"] = np.unique(np.round(np.asarray(z), 9))
     row = np.abs(z[:, None] - levels).argmin(axis=1)
     node = np.full((2 * around, len(levels), 3), -1)
     node[column, row, layer] = np.arange(len(x))
@@ -80,7 +82,7 @@ def solid(settings: BarrelSettings) -> Solid:
     return Solid(node, place.T.copy(), stiffness_matrix(mesh, settings.modulus, settings.poisson))
 
 
-def stiffness_matrix(mesh: Any, modulus: float, poisson: float) -> sparse.csr_matrix:  # noqa: ANN401
+def stiffness_matrix(mesh: Any, modulus: float, poisson: float) -> sparse.csr_matrix:
     """Stiffness [N/m] of an isotropic body, by 3 x 3 x 3 points a brick.
 
     K_iajb = integral of lambda g_ia g_jb + mu (g_ib g_ja + delta_ab g_ic g_jc), g the gradients of the shape functions.
@@ -115,9 +117,7 @@ def _supported(body: Solid) -> Int[np.ndarray, " s"]:
     return np.concatenate([end, 3 * body.node[:, 0].ravel() + 2])
 
 
-def compliance(
-    body: Solid, answered: Int[np.ndarray, " a"], loaded: Int[np.ndarray, " l"]
-) -> Float[np.ndarray, "a l"]:
+def compliance(body: Solid, answered: Int[np.ndarray, " a"], loaded: Int[np.ndarray, " l"]) -> Float[np.ndarray, "a l"]:
     """Movements [m] of some freedoms by unit forces on others.
 
     Sectors of the ring are condensed onto the planes between them, so that all the work is in dense blocks: with
@@ -136,17 +136,19 @@ def compliance(
     number = np.full(len(free), -1)
     number[borders] = np.arange(len(borders))
     schur = body.stiffness[borders][:, borders].toarray()
-    answers, loads, local = [], [], []
+    answers: list[Carried] = []
+    loads: list[Carried] = []
+    local: list[np.ndarray] = []
     for at, start in enumerate(starts):
         inside = _freedoms(body.node[start + 1 : start + 2 * SECTOR], free)
         near = np.concatenate([plane[at], plane[(at + 1) % len(plane)]])
         coupling = body.stiffness[inside][:, near].toarray()
         factor = cho_factor(body.stiffness[inside][:, inside].toarray(), check_finite=False)
-        carried = -cho_solve(factor, coupling, check_finite=False)
+        carried: Float[np.ndarray, "i b"] = -cho_solve(factor, coupling, check_finite=False)
         where = number[near]
         schur[np.ix_(where, where)] += coupling.T @ carried
         owned = np.concatenate([inside, plane[at]])
-        spread = np.concatenate([carried, np.eye(len(plane[at]), len(near))])
+        spread: Float[np.ndarray, "o b"] = np.concatenate([np.asarray(carried), np.eye(len(plane[at]), len(near))])
         index = np.full(len(free), -1)
         index[owned] = np.arange(len(owned))
         a, b = np.flatnonzero(index[answered] >= 0), np.flatnonzero(index[loaded] >= 0)
@@ -157,20 +159,28 @@ def compliance(
 
 
 def _freedoms(nodes: Int[np.ndarray, "..."], free: np.ndarray) -> Int[np.ndarray, " f"]:
+    """Freedoms of nodes that are not supported."""
     every = (3 * nodes.ravel()[:, None] + np.arange(3)).ravel()
     return every[free[every]]
 
 
-def _inside(factor: Any, size: int, answered: np.ndarray, loaded: np.ndarray) -> np.ndarray:  # noqa: ANN401
+def _inside(factor: Any, size: int, answered: np.ndarray, loaded: np.ndarray) -> np.ndarray:
     """Movements inside one sector with its borders held."""
     unit = np.zeros((size, len(loaded)))
     inner = np.flatnonzero(loaded < size)
     unit[loaded[inner], inner] = 1.0
-    moved = np.concatenate([cho_solve(factor, unit, check_finite=False), np.zeros((1, len(loaded)))])
+    moved = np.zeros((size + 1, len(loaded)))
+    moved[:size] = cho_solve(factor, unit, check_finite=False)
     return moved[np.minimum(answered, size)]
 
 
-def _spread(schur: np.ndarray, answers: list, loads: list, local: list, shape: tuple[int, int]) -> np.ndarray:
+def _spread(
+    schur: np.ndarray,
+    answers: list[Carried],
+    loads: list[Carried],
+    local: list[np.ndarray],
+    shape: tuple[int, int],
+) -> np.ndarray:
     """Compliance of all freedoms from the borders' and each sector's own."""
     borders = cho_solve(cho_factor(schur, check_finite=False), np.eye(len(schur)), check_finite=False)
     total = np.zeros(shape)
