@@ -103,7 +103,9 @@ def fit_lens(
     flags = cv2.fisheye.CALIB_RECOMPUTE_EXTRINSIC | cv2.fisheye.CALIB_FIX_SKEW | cv2.fisheye.CALIB_USE_INTRINSIC_GUESS
     seen = [np.asarray(each, dtype=np.float64).reshape(-1, 1, 2) for each in corners]
     try:
-        rms, matrix, bent, _, _ = cv2.fisheye.calibrate([grid] * len(seen), seen, size, matrix, np.zeros(4), flags=flags)
+        rms, matrix, bent, _, _ = cv2.fisheye.calibrate(
+            [grid] * len(seen), seen, size, matrix, np.zeros(4), flags=flags
+        )
     except cv2.error as problem:
         hint = "Tilt the board, and bring it to the edges of the picture."
         raise InputError("the pictures of the board do not determine a lens.", hint=hint) from problem

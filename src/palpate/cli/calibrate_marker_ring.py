@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from palpate.calibration.marker_ring.calibrate import RingTruth, calibrate_marker_ring
-from palpate.cli.console import Progress, lines, note, title
+from palpate.cli.console import counting, lines, note, progress, title
 from palpate.cli.options import FileOption, Log, Output, RigFile
 from palpate.errors import InputError
 from palpate.io.atomic import keep_inputs
@@ -41,7 +41,7 @@ def calibrate_marker_ring_command(
         rig: TOML with [marker_ring]: radius, thickness, markers, camera.
         output: model to write, such as ring.toml.
         truth: CSV with a row a frame: angle_deg (anticlockwise as the camera sees the ring), depth_mm, force_n and, if
-            it is known, shear_n along rising angles; empty where nothing touches (default: truth.csv beside the frames).
+            it is known, shear_n along rising angles; empty where nothing touches (default: truth.csv beside them).
         like: model of another unit: tens of presses then do.
     """
     setup = load_rig(rig)
@@ -49,12 +49,14 @@ def calibrate_marker_ring_command(
     keep_inputs(output, (frames, rig, table, like))
     before = None if like is None else read_model(like, MarkerRing).response
     log = open_log(frames, setup.layout("marker_ring"))
-    with Progress(log.size) as bar:
+    with counting():
 
         def watched() -> Iterator[Recording]:
+            done = 0
             for block in log.blocks():
                 yield block
-                bar.at(log.position)
+                done += len(block)
+                progress(done, log.position / max(log.size, 1))
 
         record = provenance({"log": frames, "truth": table, "rig": rig}, {} if like is None else {"like": str(like)})
         ring = calibrate_marker_ring(watched(), _truth(table), rig_ring_body(setup), before, record)

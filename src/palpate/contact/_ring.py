@@ -2,7 +2,8 @@
 
 Minimised over the contacts c of a frame, each with (phi, F, z, t), see `sensors.ring_response`:
 
-    sum over i of (u_i - sum over c of F (v0 + z v1 + z^2 v2 + t s)_i(phi))^2 / var_i + sum over c of (z / Z)^2 + (t / T)^2
+    sum over i of (u_i - sum over c of F (v0 + z v1 + z^2 v2 + t s)_i(phi))^2 / var_i
+    + sum over c of (z / Z)^2 + (t / T)^2
 
 by Gauss-Newton steps that are shortened until they help. var_i is the pixels' noise and what the response leaves.
 """
@@ -265,7 +266,7 @@ def _explained(used, state, count, which, model, work):
 
 @inner
 def _weakest(problem, used, state, count, work, cost, off):
-    """The contact that explains least, and by how much the cost rises without it; one that explains much is not tried."""
+    """The contact that explains least, and how much the cost rises without it; one that explains much is not tried."""
     least, which = np.inf, -1
     other, spare = np.empty_like(state), (work[0].copy(), work[1], work[2].copy(), work[3].copy())
     for c in range(count):
@@ -371,11 +372,14 @@ def frames(displacements, markers, model, misfit, noise, settings, learned, stat
         displacements: (n, 2 m) [m] outwards and along rising angles, marker by marker; NaN: not seen.
         markers: (m,) [rad] at rest.
         model: table and slope (a, 2 m, b) of `RingResponse.tables`, and (2,) deviations of z and t.
-        misfit: (2, B) [m/N]. noise: (2 m,) [m^2] of the pixels.
+        misfit: (2, B) [m/N].
+        noise: (2 m,) [m^2] of the pixels.
         settings: (4,) on and off in deviations, least angle between contacts [rad], markers that may be left out.
         learned: width (2,) [m/N] and spread (2,) of a `RingResponse`.
-        states: (n, MOST, STATE) written; counts (n,) of contacts, cost (n,) of each frame, numbers used less unknowns.
+        states: (n, MOST, STATE), written, as all that follows.
+        counts: (n,) of contacts; -1: fewer than half of the markers are seen.
         left: (MOST + 1, STATE) contacts of the frame before, their count in the last row's first place; changed.
+        cost: (n,) root of what is left of each frame over its degrees of freedom.
     """
     size = displacements.shape[1]
     work = (np.empty(size), np.empty((size, 4 * MOST)), np.empty((4 * MOST, 4 * MOST)), np.empty(size))

@@ -16,6 +16,7 @@ from palpate.errors import InputError
 from palpate.sensors.marker_ring import MarkerRing
 from palpate.sensors.markers import Frame, MarkerTracker
 from palpate.sensors.recording import IMAGE, Recording
+from palpate.sensors.ring_response import ring_basis
 from palpate.sensors.wrench_sensor import Tare
 from palpate.spatial.pose import Pose
 
@@ -35,8 +36,8 @@ class RingEstimator:
     environment presses with, inwards and along the ring; the torque is NaN. IMPLAUSIBLE: located, but the markers move
     as no few contacts can make them. INVALID: a black, frozen or unfitting frame, or fewer than half of the markers.
 
-    Features: `angle` [rad] about the ring's axis; `depth` [m] of the indenter's foremost point; `width` [m], half of the
-    dent's width at half of its depth; `shear` [N] along rising angles, NaN where it was not calibrated; `angle_sd`
+    Features: `angle` [rad] about the ring's axis; `depth` [m] of the indenter's foremost point; `width` [m], half of
+    the dent's width at half of its depth; `shear` [N] along rising angles, NaN where it was not calibrated; `angle_sd`
     [rad], `force_sd` [N], `depth_sd` [m] standard deviations; `markers`, how many were seen.
 
     Args:
@@ -48,9 +49,7 @@ class RingEstimator:
     channels = (IMAGE,)
     features = FEATURES
 
-    def __init__(
-        self, ring: MarkerRing, settings: RingSettings | None = None, *, mount: Pose | None = None
-    ) -> None:
+    def __init__(self, ring: MarkerRing, settings: RingSettings | None = None, *, mount: Pose | None = None) -> None:
         from palpate.contact import _track
 
         self.ring, self.settings = ring, settings or RingSettings()
@@ -86,9 +85,10 @@ class RingEstimator:
         """
         pixels, _ = self.markers(recording)
         self.reset()
-        seen = np.isfinite(pixels).all(axis=2).sum(axis=0)
-        if not len(recording) or (seen < max(1, 0.5 * len(recording))).any():
-            lost = ", ".join(str(k) for k in np.flatnonzero(seen < max(1, 0.5 * len(recording)))[:5].tolist())
+        seen = np.count_nonzero(np.isfinite(pixels[..., 0]), axis=0)
+        gone = np.flatnonzero(seen < max(1, 0.5 * len(recording))).tolist()
+        if not len(recording) or gone:
+            lost = ", ".join(map(str, gone[:5]))
             raise InputError(
                 f"markers {lost or 'of no frame'} are not seen while the rest is taken.",
                 where=recording.source,
@@ -104,9 +104,13 @@ class RingEstimator:
             )
         moved = np.linalg.norm(rest - self.ring.rest, axis=1)
         off = np.abs(moved - np.median(moved)).max() > 5.0 * self.ring.jitter
-        doubt = f"markers rest up to {moved.max():.1f} px from where they were calibrated, as under a touch" if off else ""
+        doubt = (
+            f"markers rest up to {moved.max():.1f} px from where they were calibrated, as under a touch" if off else ""
+        )
         self._know(replace(self.ring, rest=rest))
-        said = f"tare over {len(recording)} frames: markers rest {np.median(moved):.2g} px from where they were calibrated"
+        said = (
+            f"tare over {len(recording)} frames: markers rest {np.median(moved):.2g} px from where they were calibrated"
+        )
         self._tared = Tare(said, doubt)
         return self._tared
 
@@ -171,7 +175,13 @@ class RingEstimator:
     ) -> int:
         """`update` into rows of `empty`: how many are written, at least 1, as many as fit."""
         width = self.empty(0).shape[1]
-        if out.dtype != np.float64 or out.shape[-1:] != (width,) or out.ndim > 2 or not out.flags.carray or not out.size:
+        if (
+            out.dtype != np.float64
+            or out.shape[-1:] != (width,)
+            or out.ndim > 2
+            or not out.flags.carray
+            or not out.size
+        ):
             raise InputError(f"out must be rows of {width} as `empty` makes them, not {out.dtype} {out.shape}.")
         rows = out.reshape(-1, width)
         image: UInt8[np.ndarray, "h w 3"] = np.asarray(reading)
@@ -244,8 +254,14 @@ class RingEstimator:
         made[:, ROW.covariance] = covariance.reshape(-1, 9)
         made[:, ROW.residual], made[:, ROW.candidates] = off, 1.0
         made[:, ROW.status] = np.where(off > _UNBELIEVABLE, Status.IMPLAUSIBLE, Status.CONTACT)
-        width = np.interp(z, *self._widths)
-        columns = (angle, self.locator.depth(states), width, shear if shears else np.nan * shear, *states[:, 4:7].T)
+        width = np.asarray(np.interp(z, *self._widths), dtype=np.float64)
+        columns: tuple[np.ndarray, ...] = (
+            angle,
+            self.locator.depth(states),
+            width,
+            shear if shears else np.full(len(angle), np.nan),
+            *states[:, 4:7].T,
+        )
         made[:, ROW.length : ROW.length + len(columns)] = np.stack(columns, axis=1)
         rows[there] = made
 
@@ -265,13 +281,7 @@ class RingEstimator:
 def _dent_widths(ring: MarkerRing) -> tuple[np.ndarray, np.ndarray]:
     """Half of a dent's width at half of its depth [m], over the width coordinate z of the response."""
     z, delta = np.linspace(-3.0, 3.0, 25), np.linspace(0.0, np.pi / 2, 181)
-    mean = ring.response.coefficients[:3, 0, :, 0] @ _even(delta, ring.response.orders[0])
+    mean = ring.response.coefficients[:3, 0, :, 0] @ ring_basis(delta, ring.response.orders[0]).T
     inward = -(mean[0] + np.multiply.outer(z, mean[1]) + np.multiply.outer(z * z, mean[2]))
     half = np.argmax(inward < 0.5 * inward[:, :1], axis=1)
     return z, ring.radius * delta[half]
-
-
-def _even(delta: np.ndarray, order: int) -> np.ndarray:
-    from palpate.sensors.ring_response import ring_basis
-
-    return ring_basis(delta, order).T

@@ -21,7 +21,8 @@ def paper_contacts(
     the ring's centre, the middle's own angle is taken: the paper is silent on it.
 
     Args:
-        rest: (m, 2) [px] places of the markers at rest, in their order round the ring. now: (m, 2) [px] of a frame.
+        rest: (m, 2) [px] places of the markers at rest, in their order round the ring.
+        now: (m, 2) [px] of a frame.
         least: [px] below which nothing moved.
     """
     flip = np.array([1.0, -1.0])
@@ -41,8 +42,8 @@ def _angle(before: np.ndarray, after: np.ndarray, moved: np.ndarray, middle: int
     own = float(np.arctan2(before[middle, 1], before[middle, 0]))
     if abs(np.linalg.det(lines)) < 1e-9 * np.prod(np.linalg.norm(lines, axis=0) + 1e-12):
         return own
-    along: np.ndarray = np.linalg.solve(lines, before[one] - before[middle])
-    g = before[middle] + along[0] * lines[:, 0]
+    along = np.asarray(np.linalg.solve(lines, before[one] - before[middle]), dtype=np.float64)
+    g: np.ndarray = before[middle] + along[0] * lines[:, 0]
     angle = float(np.arctan2(g[1], g[0]))
     off = abs((angle - own + np.pi) % (2.0 * np.pi) - np.pi)
     return angle if off < 2.0 * np.pi / count else own

@@ -327,7 +327,9 @@ class MarkerTracker:
         shape = (got[:, 3] / np.maximum(got[:, 2], 1.0)) / (self._spreads / self._areas)
         usual = np.median(got[self._seen, 4]) if self._seen.any() else 0.0
         size = self.limits.size
-        fits = clear & (area < size) & (area > 1 / size) & (shape < 1.8) & (got[:, 4] > max(_LEAST_CONTRAST, 0.4 * usual))
+        fits = (
+            clear & (area < size) & (area > 1 / size) & (shape < 1.8) & (got[:, 4] > max(_LEAST_CONTRAST, 0.4 * usual))
+        )
         return np.asarray(fits)
 
     def _follow(self, image: Image, expected: Float[np.ndarray, "m 2"]) -> Bool[np.ndarray, " m"] | None:

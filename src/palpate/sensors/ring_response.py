@@ -29,23 +29,23 @@ def _slope(order: int) -> Float[np.ndarray, "terms terms"]:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class RingResponse(Value):
-    """Displacement of a marker at the angle theta by a contact at phi, delta = theta - phi:
+    """Displacement of a marker at the angle theta by a contact at phi, with delta = theta - phi.
 
         u = F (v0 + z v1 + z^2 v2 + t s),    v, s: functions of delta and phi, periodic in both.
 
-    F is the radial force, z the contact's width: the depth of a newton, (depth / F - mean) / deviation, which is larger
-    for a narrow tip than for a plate, and t = shear / F. In an elastic skin u is linear in the pressure, and the
-    pressure of a contact is F times a shape of one number, so that several contacts add up. phi enters beside delta
-    because no skin is equally thick all round.
+    F is the radial force, z the contact's width: the depth of a newton, (depth / F - mean) / deviation, which is
+    larger for a narrow tip than for a plate, and t = shear / F. In an elastic skin u is linear in the pressure, and
+    the pressure of a contact is F times a shape of one number, so that several contacts add up. phi enters beside
+    delta because no skin is equally thick all round.
 
     Attributes:
-        coefficients: (b, 2, 2 K + 1, 2 M + 1) [m/N] of v0, v1, v2 and, where shear was calibrated, s; outwards and along
-            rising angles; in `ring_basis` of delta and of phi.
+        coefficients: (b, 2, 2 K + 1, 2 M + 1) [m/N] of v0, v1, v2 and, where shear was calibrated, s; outwards and
+            along rising angles; in `ring_basis` of delta and of phi.
         width: (2,) [m/N] mean and deviation of depth / F in the calibration.
-        misfit: (2, B) [m/N] rms of what the model leaves, outwards and along, of markers in B equal parts of a turn from
-            the contact on.
-        spread: (2,) [rad], share of the force: deviations of angle and of force that hold on touches left out of the fit,
-            beside what the noise of the pixels explains.
+        misfit: (2, B) [m/N] rms of what the model leaves, outwards and along, of markers in B equal parts of a turn
+            from the contact on.
+        spread: (2,) [rad], share of the force: deviations of angle and of force that hold on touches left out of the
+            fit, beside what the noise of the pixels explains.
         largest: (2,) [m], [N] depth and force up to which it was calibrated.
     """
 
@@ -61,7 +61,8 @@ class RingResponse(Value):
             raise ValueError(f"coefficients must be 3 or 4 x 2 x odd x odd, not {shape}")
         if not (self.width > 0).all() or not (self.misfit >= 0).all() or not (self.spread >= 0).all():
             raise ValueError("width must be positive, misfit and spread not negative")
-        for name, tail in {"coefficients": (2, *shape[2:]), "width": (2,), "misfit": (), "spread": (2,), "largest": (2,)}.items():
+        tails = {"coefficients": (2, *shape[2:]), "width": (2,), "misfit": (), "spread": (2,), "largest": (2,)}
+        for name, tail in tails.items():
             object.__setattr__(self, name, frozen(getattr(self, name), tail=tail, name=name))
 
     @property

@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float, UInt8
 
 from palpate.calibration.marker_ring.response import RingPresses, fit_response
 from palpate.calibration.ring_camera import fit_ring_view
-from palpate.errors import InputError, NotIdentifiable
+from palpate.errors import InputError
 from palpate.sensors.fisheye import RingView
 from palpate.sensors.marker_ring import MarkerRing, RingBody
 from palpate.sensors.markers import Frame, MarkerColour, MarkerTracker, find_blobs, find_colour
@@ -63,8 +63,7 @@ def calibrate_marker_ring(
         provenance: for the model's file.
 
     Raises:
-        InputError: the markers are not found, or the truth does not fit the frames.
-        NotIdentifiable: the presses say too little.
+        InputError: the markers are not found, the truth does not fit the frames, or the presses say too little.
     """
     looking, kept = _Rest(body), list[np.ndarray]()
     tracker: MarkerTracker | None = None
@@ -154,22 +153,26 @@ def _model(
         raise InputError("no frame shows where the markers rest.")
     still = pixels[: _leading(truth.free)]
     rest, jitter = np.nanmean(still, axis=0), float(np.sqrt(np.nanmean(np.nanvar(still, axis=0))))
-    rows = truth.pressed & (np.isfinite(pixels).all(axis=2).sum(axis=1) >= 0.6 * len(rest))
+    seen = np.count_nonzero(np.isfinite(pixels[..., 0]), axis=1)
+    rows = np.asarray(truth.pressed & (seen >= 0.6 * len(rest)), dtype=bool)
     if not rows.any():
-        raise NotIdentifiable("no frame is pressed with a known angle, depth and force, and shows the markers.")
+        raise InputError("no frame is pressed with a known angle, depth and force, and shows the markers.")
     body = looking.body
     nothing = RingResponse(np.zeros((3, 2, 1, 1)), np.ones(2), np.zeros((2, 1)), np.zeros(2), np.zeros(2))
     plain = MarkerRing(body.radius, view, colour, rest, looking.area, max(jitter, 1e-3), nothing)
     turned = _turned(plain, pixels[rows], truth.angle[rows])
     presses = RingPresses(
-        truth.angle[rows], truth.depth[rows], truth.force[rows], truth.shear[rows],
-        turned.displacements(pixels[rows]), turned.view.angles, turned.noise(),
+        truth.angle[rows],
+        truth.depth[rows],
+        truth.force[rows],
+        truth.shear[rows],
+        turned.displacements(pixels[rows]),
+        turned.view.angles,
+        turned.noise(),
     )
     response = fit_response(presses, before)
     used = f"{np.count_nonzero(rows)} of {np.count_nonzero(truth.pressed)} pressed frames were used"
-    return MarkerRing(
-        body.radius, turned.view, colour, rest, looking.area, plain.jitter, response, (used,), provenance
-    )
+    return MarkerRing(body.radius, turned.view, colour, rest, looking.area, plain.jitter, response, (used,), provenance)
 
 
 def _turned(ring: MarkerRing, pixels: np.ndarray, angle: np.ndarray) -> MarkerRing:

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from palpate.contact.ring_locator import RingLocator, RingSettings, turned
-from palpate.errors import NotIdentifiable
+from palpate.errors import InputError
 from palpate.sensors.ring_response import RingResponse, ring_basis
 
 __all__ = ["RingPresses", "fit_response"]
@@ -61,7 +61,7 @@ def fit_response(presses: RingPresses, before: RingResponse | None = None) -> Ri
         before: of another unit.
 
     Raises:
-        NotIdentifiable: too few presses, or only on a part of the ring.
+        InputError: too few presses, or only on a part of the ring.
     """
     _require_presses(presses, before)
     whole = _fitted(presses, before)
@@ -70,12 +70,12 @@ def fit_response(presses: RingPresses, before: RingResponse | None = None) -> Ri
 
 def _require_presses(presses: RingPresses, before: RingResponse | None) -> None:
     if len(presses) < _LEAST:
-        raise NotIdentifiable(f"{len(presses)} presses are too few: the fit needs {_LEAST} at least.")
+        raise InputError(f"{len(presses)} presses are too few: the fit needs {_LEAST} at least.", where="truth")
     angles = np.sort(np.mod(presses.angle, 2.0 * np.pi))
     gap = np.degrees(np.diff(angles, append=angles[0] + 2.0 * np.pi).max())
     if gap > 60.0 + 60.0 * (before is not None):
-        raise NotIdentifiable(
-            f"no press for {gap:.0f} degrees of the ring.", missing=("presses all round the ring, at most 60 degrees apart",)
+        raise InputError(
+            f"no press stands in {gap:.0f} degrees of the ring.", where="truth", hint="Press all round the ring."
         )
 
 
@@ -107,7 +107,7 @@ def _terms(presses: RingPresses, width: np.ndarray, terms: int) -> Float[np.ndar
 def _rescaled(presses: RingPresses, before: RingResponse) -> tuple[np.ndarray, np.ndarray]:
     """Another unit's response, softer or stiffer all round: u = g(phi) u_before, depth / F = g width_before."""
     ratio = presses.depth / presses.force
-    g = np.ones(len(presses))
+    g, gain = np.ones(len(presses)), np.array([1.0, 0.0, 0.0, 0.0, 0.0])
     for _ in range(3):
         z = np.clip((ratio / g - before.width[0]) / before.width[1], -3.0, 3.0)
         terms = np.stack([presses.force, presses.force * z, presses.force * z * z], axis=1)
@@ -118,7 +118,8 @@ def _rescaled(presses: RingPresses, before: RingResponse) -> tuple[np.ndarray, n
         basis = ring_basis(presses.angle, 2)
         there, wanted = np.where(seen, guess, 0.0), np.where(seen, presses.displacements, 0.0)
         normal = np.einsum("na,nb,nmc->ab", basis, basis, there**2) + np.diag([0.0, *([1e-2] * 4)]) * (there**2).sum()
-        gain: np.ndarray = np.linalg.solve(normal, np.asarray(np.einsum("na,nmc,nmc->a", basis, there, wanted)))
+        right: np.ndarray = np.einsum("na,nmc,nmc->a", basis, there, wanted)
+        gain = np.asarray(np.linalg.solve(normal, right), dtype=np.float64)
         g = np.maximum(basis @ gain, 0.2)
     orders = before.orders
     turned_ = _times(before.coefficients, gain, orders[1])
@@ -139,7 +140,11 @@ def _predicted(presses: RingPresses, coefficients: np.ndarray, terms: np.ndarray
     orders = coefficients.shape[2] // 2, coefficients.shape[3] // 2
     delta = presses.markers[None, :] - presses.angle[:, None]
     return np.einsum(
-        "nb,bckm,nik,nm->nic", terms, coefficients, ring_basis(delta, orders[0]), ring_basis(presses.angle, orders[1]),
+        "nb,bckm,nik,nm->nic",
+        terms,
+        coefficients,
+        ring_basis(delta, orders[0]),
+        ring_basis(presses.angle, orders[1]),
         optimize=True,
     )
 
@@ -159,7 +164,7 @@ def _regression(presses: RingPresses, start: np.ndarray, width: np.ndarray, *, k
         of_delta, of_phi = ring_basis(delta, shape[2] // 2), ring_basis(presses.angle[rows], shape[3] // 2)
         design = np.einsum("nb,nik,nm->nibkm", terms[rows], of_delta, of_phi, optimize=True)
         weight = 1.0 / np.sqrt(noise**2 + (0.03 * usual * presses.force[rows]) ** 2)
-        seen = np.isfinite(left[rows]).all(axis=2)
+        seen = np.asarray(np.isfinite(left[rows]).all(axis=2), dtype=bool)
         scaled = np.where(seen, weight[:, None], 0.0)
         flat = (design * scaled[:, :, None, None, None]).reshape(-1, size)
         normal += flat.T @ flat
