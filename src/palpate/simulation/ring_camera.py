@@ -1,7 +1,7 @@
 """A fisheye camera inside the barrel: red markers on dark skin, as a cheap sensor and JPEG leave them.
 
-Nominally it stands 40 mm above the ring and looks down the axis (x_c = x, y_c = -y, z_c = -z); a unit's own is tilted and
-off by a little. Projection after Kannala and Brandt, as OpenCV's fisheye model has it:
+Nominally it stands 40 mm above the ring and looks down the axis (x_c = x, y_c = -y, z_c = -z); a unit's own is tilted
+and off by a little. Projection after Kannala and Brandt, as OpenCV's fisheye model has it:
 r = f (t + k1 t^3 + k2 t^5 + k3 t^7 + k4 t^9), t the angle from the optical axis.
 """
 
