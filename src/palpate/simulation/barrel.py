@@ -51,7 +51,7 @@ class BarrelSettings:
     rows: tuple[float, ...] = FULL_ROWS
     band: float = 0.016
     markers: int = 24
-    marker_radius: float = 0.002
+    marker_radius: float = 0.0015
     outline: int = 12
     seed: int = 0
 
