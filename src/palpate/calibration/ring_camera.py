@@ -39,6 +39,7 @@ class RingFit(Value):
         view: with the measured angle of every marker.
         order: (m,) which of the given pixels is marker i; marker 0 is the one nearest to angle 0.
         plane: (m, 2) where markers rest as measured [m], in that order: the irregularities of the ring are in it.
+        start: angle at which the even ring begins [rad].
         residual: rms of a marker's distance from an even ring [px].
         covariance: (6, 6) of the tilts about x and y [rad], the place x, y, z [m] and the start angle [rad]; with
             `focal_fitted`, z is exchanged for the logarithm of the focal length.
@@ -48,6 +49,7 @@ class RingFit(Value):
     view: RingView
     order: Int[np.ndarray, " m"]
     plane: Float[np.ndarray, "m 2"]
+    start: float
     residual: float
     covariance: Float[np.ndarray, "6 6"]
     focal_fitted: bool
@@ -78,7 +80,7 @@ def calibrate_board(
     for image in images:
         grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY) if image.ndim == 3 else image
         size = grey.shape[::-1]
-        found, pixels = cv2.findChessboardCornersSB(grey, board, flags=cv2.CALIB_CB_ACCURACY)
+        found, pixels = cv2.findChessboardCornersSB(grey, board)
         if found:
             corners.append(pixels.reshape(-1, 2).astype(np.float64))
     if len(corners) < _FEWEST_BOARDS:
@@ -100,7 +102,8 @@ def fit_lens(
     grid = square * np.stack([columns, rows, 0 * rows], axis=-1).reshape(-1, 1, 3).astype(np.float64)
     start = Fisheye.equidistant(*size)
     matrix = np.array([[start.fx, 0.0, start.cx], [0.0, start.fy, start.cy], [0.0, 0.0, 1.0]])
-    flags = cv2.fisheye.CALIB_RECOMPUTE_EXTRINSIC | cv2.fisheye.CALIB_FIX_SKEW | cv2.fisheye.CALIB_USE_INTRINSIC_GUESS
+    names = cv2 if hasattr(cv2, "CALIB_RECOMPUTE_EXTRINSIC") else cv2.fisheye  # OpenCV 5, 4
+    flags = names.CALIB_RECOMPUTE_EXTRINSIC | names.CALIB_FIX_SKEW | names.CALIB_USE_INTRINSIC_GUESS
     seen = [np.asarray(each, dtype=np.float64).reshape(-1, 1, 2) for each in corners]
     try:
         rms, matrix, bent, _, _ = cv2.fisheye.calibrate(
@@ -154,9 +157,9 @@ def fit_ring_view(
         focal = np.exp(x[4]) if focal_fitted else 1.0
         place = [x[2] * height, x[3] * height, height if focal_fitted else height * np.exp(x[4])]
         bent = replace(lens, fx=lens.fx * focal, fy=lens.fy * focal)
-        return RingView(bent, Pose(_FACING @ tilt, place), radius, even + x[5])
+        return RingView(bent, Pose(_FACING @ tilt, place), radius, even + start + x[5])
 
-    solution = _solved(view, seen, start)
+    solution = _solved(view, seen)
     fitted = view(solution.x)
     places = fitted.to_plane(seen)
     measured = replace_angles(fitted, np.arctan2(places[:, 1], places[:, 0]))
@@ -164,7 +167,7 @@ def fit_ring_view(
     freedom = max(2 * len(seen) - 6, 1)
     spread = np.linalg.pinv(solution.jac.T @ solution.jac) * (2 * solution.cost / freedom)
     residual = float(np.sqrt(2 * solution.cost / len(seen)))
-    found = {"residual": residual, "covariance": scale @ spread @ scale, "focal_fitted": focal_fitted}
+    found = {"start": start + float(solution.x[5]), "residual": residual, "covariance": scale @ spread @ scale, "focal_fitted": focal_fitted}
     return RingFit(measured, order, places, **found)
 
 
@@ -187,7 +190,7 @@ def _around(pixels: np.ndarray, even: np.ndarray) -> tuple[np.ndarray, float]:
     return order, float(start)
 
 
-def _solved(view: Any, seen: np.ndarray, start: float) -> Any:
+def _solved(view: Any, seen: np.ndarray) -> Any:
     from scipy.optimize import least_squares  # here: it takes a while to import
 
     def residual(x: np.ndarray) -> np.ndarray:
@@ -195,7 +198,7 @@ def _solved(view: Any, seen: np.ndarray, start: float) -> Any:
         return np.nan_to_num(this.from_plane(this.rest) - seen, nan=1e3).ravel()
 
     bounds = np.array([0.6, 0.6, 0.8, 0.8, 1.2, np.inf])
-    solution = least_squares(residual, [0, 0, 0, 0, 0, start], bounds=(-bounds, bounds), x_scale=[0.1] * 6)
+    solution = least_squares(residual, np.zeros(6), bounds=(-bounds, bounds), x_scale=[0.1] * 6)
     gap = np.linalg.norm(seen - np.roll(seen, 1, axis=0), axis=1)
     if not np.sqrt(2 * solution.cost / len(seen)) < 0.25 * np.median(gap):
         missing = ("the camera's place",)

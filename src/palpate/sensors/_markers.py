@@ -75,28 +75,39 @@ def blob_sums(score, labels, base, peaks, sums):
 
 
 @inlined
-def _levels(window, height, width, kind):
-    """The peak of a window's score, and the base: 0 of a colour, of grey the mean of the rim's dimmer part."""
-    peak, low = window[0, 0], window[0, 0]
+def _scores(image, kind, x0, y0, height, width, window):
+    """Fills a window's scores; their peak and their lowest."""
+    peak, low = 0, 255
     for y in range(height):
         for x in range(width):
-            peak = max(peak, window[y, x])
-            low = min(low, window[y, x])
+            blue, green, red = image[y0 + y, x0 + x, 0], image[y0 + y, x0 + x, 1], image[y0 + y, x0 + x, 2]
+            score = _score(np.int32(blue), np.int32(green), np.int32(red), kind)
+            window[y, x] = score
+            peak = max(peak, score)
+            low = min(low, score)
+    return peak, low
+
+
+@inlined
+def _base(window, height, width, kind, middle):
+    """The score of what is no marker: 0 of a colour, of grey the mean of the rim's dimmer part."""
     if kind < _BRIGHT:
-        return peak, 0.0
+        return 0.0
     total, count = 0, 0
     for y in range(height):
         step = 1 if y == 0 or y == height - 1 else max(1, width - 1)
         for x in range(0, width, step):
-            if 2 * window[y, x] <= peak + low:
+            if 2 * window[y, x] <= middle:
                 total += window[y, x]
                 count += 1
-    return peak, (total / count if count else np.float64(low))
+    return total / count if count else 0.5 * middle
 
 
 @inlined
 def _seed(window, height, width, least, row, column):
     """The pixel above the threshold that is nearest to where the marker is expected; -1: none."""
+    if window[int(np.rint(row)), int(np.rint(column))] > least:
+        return int(np.rint(row)) * width + int(np.rint(column))
     nearest, best = -1, _MANY
     for y in range(height):
         for x in range(width):
@@ -119,8 +130,8 @@ def measure_windows(image, kind, expected, halves, window, stack, out):
         kind: of the score.
         expected: (m, 2) [px]; NaN: not looked for.
         halves: (m,) int64, half the side of each window [px].
-        window: (s, s) int64, scratch of the largest window, s = 2 max(halves) + 1.
-        stack: (s s,) int64, scratch.
+        window: (s, s) int32, scratch of the largest window, s = 2 max(halves) + 1.
+        stack: (s s,) int32, scratch.
         out: (m, 7) is filled: x, y, pixels, spread (trace of the second moments) [px^2], peak above the base,
             pixels above the threshold that belong to something else, and 0 (measured), 1 (nothing) or 2 (cut by rim).
     """
@@ -134,12 +145,9 @@ def measure_windows(image, kind, expected, halves, window, stack, out):
         x0, y0 = max(0, cx - half), max(0, cy - half)
         width = min(image.shape[1], cx + half + 1) - x0
         height = min(image.shape[0], cy + half + 1) - y0
-        for y in range(height):
-            for x in range(width):
-                b, g, r = image[y0 + y, x0 + x, 0], image[y0 + y, x0 + x, 1], image[y0 + y, x0 + x, 2]
-                window[y, x] = _score(np.int64(b), np.int64(g), np.int64(r), kind)
-        peak, base = _levels(window, height, width, kind)
-        least = 0.5 * (peak + base)
+        peak, low = _scores(image, kind, x0, y0, height, width, window)
+        base = _base(window, height, width, kind, peak + low)
+        least = np.int32(np.floor(0.5 * (peak + base)))  # whole scores are above it as they are above the half
         above = 0
         for y in range(height):
             for x in range(width):
@@ -147,10 +155,11 @@ def measure_windows(image, kind, expected, halves, window, stack, out):
         seed = _seed(window, height, width, least, ey - y0, ex - x0)
         if seed < 0:
             continue
+        half_peak = 0.5 * (peak + base)
         count, total, sx, sy, sq, rim = 0, 0.0, 0.0, 0.0, 0.0, False
         stack[0], top = seed, 1
         ax, ay = seed % width, seed // width  # moments about the seed: small numbers keep their bits
-        total += window[ay, ax] - least
+        total += window[ay, ax] - half_peak
         window[ay, ax] = -window[ay, ax] - 1
         while top > 0:
             top -= 1
@@ -158,7 +167,7 @@ def measure_windows(image, kind, expected, halves, window, stack, out):
             y, x = place // width, place % width
             count += 1
             rim |= x == 0 or y == 0 or x == width - 1 or y == height - 1
-            weight = -window[y, x] - 1 - least
+            weight = -window[y, x] - 1 - half_peak
             if count > 1:
                 total += weight
             dx, dy = x - ax, y - ay

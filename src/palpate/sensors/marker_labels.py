@@ -17,26 +17,31 @@ class LabelLimits:
     Args:
         inward, outward: displacement along the radius [m].
         size: a marker's area is between rest / size and rest * size.
+        area: deviation of the logarithm of an area from the neighbours'.
         missing: what it costs to leave a marker out; displacements and sizes cost half their squared deviations.
-        steady: deviation of a displacement from its neighbours' where nothing is displaced [m].
-        share: the same as a share of the neighbours' displacement.
+        steady: deviation of a displacement along the radius where nothing is displaced [m].
+        share: of the displacement nearby, that a marker's own may be taken to vary by.
+        reach: how wide the skin's response to a touch is, from its middle [rad].
         jump: deviation from where a marker is expected, where that is known [m].
-        doubt: a marker that deviates by more than this from what its neighbours say is left out.
+        doubt: a marker that deviates by more of these deviations from what its neighbours say is left out.
     """
 
     inward: float = 12e-3
     outward: float = 4e-3
     size: float = 1.7
+    area: float = 0.08
     missing: float = 6.0
-    steady: float = 0.5e-3
-    share: float = 0.35
+    steady: float = 0.22e-3
+    share: float = 1.2
+    reach: float = 0.26
     jump: float = 1.5e-3
-    doubt: float = 3.3
+    doubt: float = 3.7
 
 
 _SIZE = 0.2  # deviation of the logarithm of an area
 _LONGEST = 4  # markers: over longer gaps neighbours tell nothing
-_CAP = 8.0  # of the cost of a jump: what moved faster than expected may still be found by its neighbours
+_EVEN = 3e-3  # variance of what is uneven from marker to marker, of the variance of displacements
+_CAP = 16.0  # of the cost of a jump: what moved faster than expected may still be found by its neighbours
 
 
 def label_ring(
@@ -64,18 +69,21 @@ def label_ring(
     """
     from palpate.sensors._markers import label_path  # here: compiled loops load when first needed
 
-    marker, blob, moved = _candidates(blobs, areas, rest, rest_areas, limits)
-    own = 0.5 * (np.log(areas[blob] / rest_areas[marker]) / _SIZE) ** 2
-    if expected is not None and len(blob):
-        off = np.sum((blobs[blob] - expected[marker]) ** 2, axis=-1) / limits.jump**2
-        own += np.minimum(0.5 * np.nan_to_num(off), _CAP)
     labels = np.full(len(rest), -1)
+    marker, blob, moved = _candidates(blobs, areas, rest, rest_areas, limits)
     if not len(blob):
         return labels
+    size = np.log(areas[blob] / rest_areas[marker])
+    usual = np.median(size)
+    extra = np.zeros(len(blob))
+    if expected is not None:
+        off = np.sum((blobs[blob] - expected[marker]) ** 2, axis=-1) / limits.jump**2
+        extra = np.minimum(np.nan_to_num(off), _CAP)
+    own = 0.5 * (((size - usual) / _SIZE) ** 2 + extra)
     first = np.searchsorted(marker, np.arange(len(rest) + 1))
-    settings = np.array([limits.missing, limits.steady, limits.share, _LONGEST])
+    settings = np.array([limits.missing, 2 * limits.steady, 0.35, _LONGEST])
     label_path(first, moved, own, settings, labels)
-    _leave_out(labels, moved, own, limits)
+    _settle(labels, np.column_stack([moved, size]), first, extra, _Neighbours(rest, limits))
     return np.where(labels >= 0, blob[labels], -1)
 
 
@@ -98,27 +106,67 @@ def _candidates(
     return marker, blob, moved
 
 
-def _leave_out(labels: np.ndarray, moved: np.ndarray, own: np.ndarray, limits: LabelLimits) -> None:
-    """Takes out, worst first, what deviates from a cubic through its neighbours (where they are there)."""
-    weights = {-2: -1.0, -1: 4.0, 1: 4.0, 2: -1.0}
-    while True:
-        m = len(labels)
+class _Neighbours:
+    """What a marker's neighbours say about it: a Gaussian process around the ring [Rasmussen and Williams 2006, 5.12].
+
+    The skin's response to a touch is `reach` wide, so that displacements have that correlation; their variance is the
+    square of the displacement nearby.
+    """
+
+    def __init__(self, rest: np.ndarray, limits: LabelLimits) -> None:
+        angle = np.arctan2(rest[:, 1], rest[:, 0])
+        apart = np.abs(np.arctan2(np.sin(angle[:, None] - angle), np.cos(angle[:, None] - angle)))
+        wide = np.exp(-0.5 * (apart / (2.5 * limits.reach)) ** 2)
+        self.prior = np.exp(-0.5 * (apart / limits.reach) ** 2) + 0.15 * wide + _EVEN * np.eye(len(rest))
+        self.nearby = np.exp(-0.5 * (apart / (1.5 * limits.reach)) ** 2) - np.eye(len(rest))
+        self.radius, self.limits = np.linalg.norm(rest, axis=1), limits
+
+    def said(self, known: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Of every marker, without its own value: (m, 3) mean, (m, 3) standard deviation, and who has neighbours.
+
+        Values are the displacement outward and anticlockwise [m] and the logarithm of the area over that at rest.
+        """
+        there = np.flatnonzero(known)
+        inverse = np.linalg.inv(self.prior[np.ix_(there, there)])
+        weight = self.prior[:, there] @ inverse  # of the missing ones
+        variance = np.diag(self.prior) - np.sum(weight * self.prior[:, there], axis=1)
+        mean = weight @ values[there]
+        own = np.diag(inverse)
+        mean[there] = values[there] - inverse @ values[there] / own[:, None]
+        variance[there] = 1.0 / own
+        nearby = self.nearby * known
+        moved = np.linalg.norm(values[:, :2], axis=1)
+        size = np.maximum(np.max(nearby * moved, axis=1, initial=0.0), 0.3 * moved)
+        spread = np.empty_like(mean)
+        spread[:, :2] = self.limits.share * np.sqrt(variance)[:, None] * size[:, None] * (1.0, 0.5)
+        spread[:, :2] = np.hypot(spread[:, :2], (self.limits.steady, 0.6 * self.limits.steady))
+        spread[:, 2] = self.limits.area + size / self.radius
+        total = nearby.sum(axis=1)
+        mean[:, 2] = nearby @ np.where(known, values[:, 2], 0.0) / np.maximum(total, 1e-12)
+        return mean, spread, total > 0.1
+
+
+def _settle(
+    labels: np.ndarray, values: np.ndarray, first: np.ndarray, extra: np.ndarray, judge: _Neighbours
+) -> None:
+    """Takes out, worst first, what contradicts its neighbours; then takes in what agrees with them."""
+    limit = judge.limits.doubt**2
+    while (labels >= 0).any():
         known = labels >= 0
-        place = np.where(known[:, None], moved[labels], 0.0)
-        total, count, size = np.zeros((m, 2)), np.zeros(m), np.zeros(m)
-        sides = np.zeros((m, 2), dtype=bool)
-        for step, weight in weights.items():
-            there = np.roll(known, -step)
-            total += weight * np.where(there[:, None], np.roll(place, -step, axis=0), 0.0)
-            count += weight * there
-            size = np.maximum(size, np.where(there, np.linalg.norm(np.roll(place, -step, axis=0), axis=1), 0.0))
-            sides[:, int(step > 0)] |= there & (abs(step) == 1)
-        judged = known & (count > 0)
-        said = total / np.where(count > 0, count, 1.0)[:, None]
-        deviation = np.linalg.norm(place - said, axis=1) / (limits.steady + limits.share * size)
-        deviation = np.where(sides.all(axis=1), deviation, 0.6 * deviation)  # one side tells less
-        doubt = np.where(judged, np.sqrt(deviation**2 + np.where(known, own[labels], 0.0)), 0.0)
+        here = np.where(known[:, None], values[labels], 0.0)
+        mean, spread, judged = judge.said(known, here)
+        doubt = np.sum(((here - mean) / spread) ** 2, axis=1) + np.where(known, extra[labels], 0.0)
+        doubt = np.where(known & judged, doubt, 0.0)
         worst = int(np.argmax(doubt))
-        if not doubt[worst] > limits.doubt:
-            return
+        if doubt[worst] <= limit:
+            break
         labels[worst] = -1
+    if not (labels >= 0).any():
+        return
+    known = labels >= 0
+    mean, spread, judged = judge.said(known, np.where(known[:, None], values[labels], 0.0))
+    for i in np.flatnonzero(~known & judged):
+        mine = np.arange(first[i], first[i + 1])
+        doubt = np.sum(((values[mine] - mean[i]) / spread[i]) ** 2, axis=1) + extra[mine]
+        if len(mine) and doubt.min() <= 0.5 * limit:
+            labels[i] = mine[np.argmin(doubt)]

@@ -24,6 +24,8 @@ SCORES = ("red", "green", "blue", "bright", "dark")
 _BASELESS = 3  # scores before this one are 0 where there is no colour
 _LEAST_CONTRAST = 8.0  # of 255: markers that differ less from the skin are none
 _LEAST_AREA = 6.0  # px: a marker is 5 px large or larger
+_AWAY = 3  # frames: from then on a missing marker may be anywhere, and must be seen twice
+_AGAIN = 6.0  # px, of a marker that is back, from one frame to the next
 _DISC = 1 / (2 * np.pi)  # trace of the second moments of a disc over its area
 
 
@@ -252,11 +254,11 @@ class MarkerTracker:
         gaps = np.linalg.norm(self._rest[:, None] - self._rest[None], axis=-1) + np.diag(np.full(m, np.inf))
         self._gap = gaps.min(axis=1)
         radius = 1.6 * np.sqrt(self._spreads) + 1.5
-        reach = np.clip(0.45 * (self._gap - radius), 4.0, 14.0)
+        reach = np.clip(0.45 * (self._gap - radius), 4.0, 10.0)
         self._halves = np.ceil(radius + reach).astype(np.int64)
         self._alone = self._gap > self._halves + radius  # no neighbour reaches into its window
         side = 2 * int(self._halves.max()) + 1
-        self._window, self._stack = np.zeros((side, side), np.int64), np.zeros(side * side, np.int64)
+        self._window, self._stack = np.zeros((side, side), np.int32), np.zeros(side * side, np.int32)
         self._out = np.zeros((m, 7))
         self.reset()
 
@@ -266,7 +268,8 @@ class MarkerTracker:
         self.frame, self.searched = Frame.OK, False
         self._last, self._step = self._rest.copy(), np.zeros((m, 2))
         self._seen, self._size = np.zeros(m, dtype=bool), self._areas.copy()
-        self._age = np.full(m, 1000)  # frames since a marker was seen
+        self._age = np.full(m, _AWAY)  # frames since a marker was seen
+        self._claimed = np.full((m, 2), np.nan)
         self._fresh, self._sum, self._same, self._since = True, -1, 0, 0
 
     def track(self, image: Image, out: Float[np.ndarray, "m 2"]) -> Bool[np.ndarray, " m"]:
@@ -357,7 +360,7 @@ class MarkerTracker:
         """The markers of the whole frame, by their labels, each measured again in its window."""
         blobs = find_blobs(image, self.colour)
         blobs = blobs[~blobs.cut & np.isfinite(self.view.to_plane(blobs.pixels)).all(axis=-1)]
-        known = (self._age < 3)[:, None]
+        known = (self._age < _AWAY)[:, None]
         expected = np.where(known, self.view.to_plane(self._last + np.clip(self._step, -12.0, 12.0)), np.nan)
         places = self.view.to_plane(blobs.pixels)
         labels = label_ring(places, blobs.areas, self._plane, self._areas, expected=expected, limits=self.limits)
@@ -368,8 +371,16 @@ class MarkerTracker:
         got = self._measure(image, wanted)
         away = np.hypot(*(got[:, :2] - wanted).T)
         found &= (got[:, 6] == 0.0) & (away < 1.0)
+        found &= self._confirmed(got, found)
         self._take(got, found)
         return found
+
+    def _confirmed(self, got: Float[np.ndarray, "m 7"], found: Bool[np.ndarray, " m"]) -> Bool[np.ndarray, " m"]:
+        """What was missing must stand in the same place twice: a stray blob rarely does."""
+        back = found & (self._age >= _AWAY) & (not self._fresh)
+        near = np.hypot(*(got[:, :2] - self._claimed).T) < _AGAIN
+        self._claimed = np.where(back[:, None], got[:, :2], np.nan)
+        return ~back | near
 
     def _take(self, got: Float[np.ndarray, "m 7"], found: Bool[np.ndarray, " m"]) -> None:
         again = found & self._seen

@@ -1,0 +1,185 @@
+"""Blobs and the tracker on pictures whose markers stand at known places."""
+
+from __future__ import annotations
+
+from collections import deque
+
+import cv2
+import numpy as np
+import pytest
+from support.drawn_markers import drawn, nominal_view
+
+from palpate.errors import InputError
+from palpate.sensors._markers import measure_windows
+from palpate.sensors.markers import SCORES, Frame, MarkerColour, MarkerTracker, find_blobs, find_colour
+
+VIEW = nominal_view()
+REST = VIEW.from_plane(VIEW.rest)
+RED = MarkerColour("red", 0.5, 0.007)
+CLOSE = 0.15  # px: the drawing's own sixteenths, and rounding to 256 levels
+COLOURS = {
+    "red": ((40, 40, 200), (150, 150, 150)),
+    "green": ((60, 180, 50), (120, 125, 130)),
+    "blue": ((200, 60, 50), (30, 30, 30)),
+    "bright": ((220, 230, 225), (25, 20, 20)),
+    "dark": ((20, 20, 20), (150, 160, 150)),
+}
+
+
+def _tracker(**more: int) -> MarkerTracker:
+    blobs = find_blobs(drawn(REST), RED)
+    nearest = np.linalg.norm(blobs.pixels[None] - REST[:, None], axis=-1).argmin(axis=1)
+    return MarkerTracker(VIEW, RED, blobs.pixels[nearest], blobs.areas[nearest], **more)
+
+
+def _run(tracker: MarkerTracker, frames: list[np.ndarray]) -> tuple[np.ndarray, list[bool], list[Frame]]:
+    out, searched, told = np.empty((len(frames), 24, 2)), list[bool](), list[Frame]()
+    for frame, row in zip(frames, out, strict=True):
+        found = tracker.track(frame, row)
+        assert np.array_equal(found, np.isfinite(row).all(axis=1))
+        searched.append(tracker.searched)
+        told.append(tracker.frame)
+    return out, searched, told
+
+
+@pytest.mark.parametrize("score", SCORES)
+def test_the_colour_of_an_unloaded_frame_is_found(score: str) -> None:
+    marker, skin = COLOURS[score]
+    image = drawn(REST, marker=marker, skin=skin, noise=2.0, rng=np.random.default_rng(0))
+    colour = find_colour(image, 24)
+    blobs = find_blobs(image, colour)
+    assert len(blobs) == 24
+    assert np.linalg.norm(blobs.pixels[None] - REST[:, None], axis=-1).min(axis=1).max() <= CLOSE
+    # whichever score tells them apart will do, but only one of colour survives another light
+    assert colour.score == score or marker[0] == marker[1] == marker[2]
+
+
+def test_no_colour_is_said() -> None:
+    with pytest.raises(InputError, match="24 markers"):
+        find_colour(drawn(REST[:20]), 24)
+    with pytest.raises(InputError, match="no score"):
+        MarkerColour("purple")
+    assert len(find_blobs(np.zeros((480, 640, 3), np.uint8), RED)) == 0
+
+
+@pytest.mark.parametrize("radius", [2.5, 5.0, 12.0, 22.0])
+@pytest.mark.parametrize(("brightness", "hue"), [(1.0, 0), (0.5, 0), (2.0, 0), (1.0, 10), (1.0, -10)])
+def test_brightness_and_hue_do_not_move_blobs(radius: float, brightness: float, hue: int) -> None:
+    """Markers of 5 to 44 px. The hue in OpenCV's units of 2 degrees."""
+    few = REST[::2]
+    image = drawn(few, radius, marker=(30, 30, 120), skin=(90, 90, 90), noise=1.5, rng=np.random.default_rng(1))
+    hsv = cv2.cvtColor(image, cv2.COLOR_BGR2HSV)
+    hsv[..., 0] = (hsv[..., 0].astype(int) + hue) % 180
+    image = np.clip(cv2.cvtColor(hsv, cv2.COLOR_HSV2BGR) * brightness, 0, 255).astype(np.uint8)
+    blobs = find_blobs(image, MarkerColour("red", 0.5, 12 * np.pi * radius**2 / (640 * 480)))
+    assert len(blobs) == 12
+    assert np.linalg.norm(blobs.pixels[None] - few[:, None], axis=-1).min(axis=1).max() <= 2 * CLOSE
+
+
+@pytest.mark.parametrize("score", SCORES)
+def test_the_window_s_kernel_is_its_plain_twin(score: str) -> None:
+    marker, skin = COLOURS[score]
+    image = drawn(REST, marker=marker, skin=skin, noise=4.0, rng=np.random.default_rng(2))
+    expected = REST + np.random.default_rng(3).uniform(-6, 6, REST.shape)
+    expected[3] = np.nan
+    expected[4] = (-30.0, 10.0)
+    expected[5] = (2.0, 479.0)
+    halves = np.full(24, 17)
+    out = np.empty((24, 7))
+    measure_windows(
+        image, SCORES.index(score), expected, halves, np.zeros((35, 35), np.int32), np.zeros(35 * 35, np.int32), out
+    )
+    for i in range(24):
+        assert out[i] == pytest.approx(_plain(image, score, expected[i], 17), abs=1e-9)
+
+
+def _plain(image: np.ndarray, score: str, expected: np.ndarray, half: int) -> list[float]:
+    """One window by NumPy and a queue."""
+    if not (np.isfinite(expected).all() and (expected > -0.5).all() and (expected < (639.5, 479.5)).all()):
+        return [0, 0, 0, 0, 0, 0, 1]
+    cx, cy = np.rint(expected).astype(int)
+    x0, y0 = max(0, cx - half), max(0, cy - half)
+    b, g, r = np.moveaxis(image[y0 : cy + half + 1, x0 : cx + half + 1].astype(int), -1, 0)
+    grey = (29 * b + 150 * g + 77 * r) // 256
+    colour = {"red": r - np.maximum(g, b), "green": g - np.maximum(r, b), "blue": b - np.maximum(r, g)}
+    s = np.maximum(colour[score], 0) if score in colour else grey if score == "bright" else 255 - grey
+    rim = np.ones(s.shape, bool)
+    rim[1:-1, 1:-1] = False
+    dim = s[rim & (2 * s <= s.max() + s.min())]
+    base = 0.0 if score in colour else dim.mean()
+    over = s > np.floor((s.max() + base) / 2)
+    ys, xs = np.nonzero(over)
+    if not len(ys):
+        return [0, 0, 0, 0, 0, 0, 1]
+    ex, ey = expected[0] - x0, expected[1] - y0
+    near, nearest = (int(np.rint(ey)), int(np.rint(ex))), np.argmin((xs - ex) ** 2 + (ys - ey) ** 2)
+    queue = deque([near if over[near] else (int(ys[nearest]), int(xs[nearest]))])
+    blob = {queue[0]}
+    while queue:
+        y, x = queue.popleft()
+        for there in ((y + 1, x), (y - 1, x), (y, x + 1), (y, x - 1)):
+            if 0 <= there[0] < s.shape[0] and 0 <= there[1] < s.shape[1] and over[there] and there not in blob:
+                blob.add(there)
+                queue.append(there)
+    y, x = np.array(sorted(blob)).T
+    w = s[y, x] - (s.max() + base) / 2
+    mx, my = np.average(x, weights=w), np.average(y, weights=w)
+    spread = np.average((x - mx) ** 2 + (y - my) ** 2, weights=w)
+    cut = 2.0 * bool(rim[y, x].any())
+    return [x0 + mx, y0 + my, len(y), spread, s.max() - base, over.sum() - len(y), cut]
+
+
+def test_following_markers_that_move() -> None:
+    """After the first frame no search is needed, and pixels are as good as the drawing's own."""
+    rng, tracker = np.random.default_rng(4), _tracker()
+    moved = [REST + (3.0 * np.sin(0.3 * k), 1.5 * k) for k in range(12)]
+    out, searched, told = _run(tracker, [drawn(each, noise=2.0, rng=rng) for each in moved])
+    assert np.abs(out - moved).max() <= 3 * CLOSE
+    assert searched == [True] + 11 * [False]
+    assert set(told) == {Frame.OK}
+
+
+def test_a_jump_and_a_hidden_marker_are_searched_for() -> None:
+    rng, tracker = np.random.default_rng(5), _tracker()
+    jump = REST + (4.0, -3.0)
+    seen = np.arange(24) != 7
+    places = [REST, jump, jump[seen], jump[seen], *5 * [jump]]
+    out, searched, told = _run(tracker, [drawn(each, noise=2.0, rng=rng) for each in places])
+    assert np.abs(out[1] - jump).max() <= 2 * CLOSE
+    assert searched[2]
+    assert np.isnan(out[2:4, 7]).all()
+    assert np.abs(out[2:4, seen] - jump[seen]).max() <= 2 * CLOSE
+    assert np.abs(out[-1] - jump).max() <= 2 * CLOSE
+    assert not searched[-1]
+    assert set(told) == {Frame.OK}
+
+
+def test_what_is_found_depends_on_the_frames_since_reset_only() -> None:
+    rng, tracker = np.random.default_rng(6), _tracker()
+    seen = rng.random((8, 24)) > 0.1
+    frames = [drawn((REST + k)[seen[k]], noise=2.0, rng=rng) for k in range(8)]
+    first = _run(tracker, frames)[0]
+    tracker.reset()
+    assert np.array_equal(_run(tracker, frames)[0], first, equal_nan=True)
+    assert np.array_equal(_run(_tracker(), frames)[0], first, equal_nan=True)
+
+
+def test_frames_that_cannot_be_used_are_told_and_those_after_them_are() -> None:
+    rng, tracker = np.random.default_rng(7), _tracker(frozen_after=2)
+    good = [drawn(REST, noise=2.0, rng=rng) for _ in range(3)]
+    few = drawn(REST[:10], noise=2.0, rng=rng)
+    frames = [good[0], np.zeros_like(good[0]), good[1][:100], good[1], good[1], good[1], few, good[2]]
+    out, _, told = _run(tracker, frames)
+    f = Frame
+    assert told == [f.OK, f.BLACK, f.WRONG_SIZE, f.OK, f.OK, f.FROZEN, f.LOST, f.OK]
+    assert np.isnan(out[[1, 2]]).all()
+    assert np.isfinite(out[5]).all()  # a frozen picture still shows markers
+    assert np.isfinite(out[6, :10]).all()
+    assert np.isnan(out[6, 10:]).all()
+
+
+def test_a_tracker_says_what_does_not_fit() -> None:
+    with pytest.raises(InputError, match="24 markers"):
+        MarkerTracker(VIEW, RED, REST[:20], np.full(20, 80.0))
+    with pytest.raises(InputError, match="out"):
+        _tracker().track(drawn(REST), np.empty((23, 2)))
