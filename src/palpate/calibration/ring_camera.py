@@ -167,7 +167,12 @@ def fit_ring_view(
     freedom = max(2 * len(seen) - 6, 1)
     spread = np.linalg.pinv(solution.jac.T @ solution.jac) * (2 * solution.cost / freedom)
     residual = float(np.sqrt(2 * solution.cost / len(seen)))
-    found = {"start": start + float(solution.x[5]), "residual": residual, "covariance": scale @ spread @ scale, "focal_fitted": focal_fitted}
+    found = {
+        "start": start + float(solution.x[5]),
+        "residual": residual,
+        "covariance": scale @ spread @ scale,
+        "focal_fitted": focal_fitted,
+    }
     return RingFit(measured, order, places, **found)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
@@ -14,7 +15,9 @@ from palpate.cli.interrupts import import_mesh_reader
 from palpate.cli.options import Log
 from palpate.cli.setup import Setup
 from palpate.contact.contacts import Contacts
+from palpate.contact.estimator import ContactEstimator
 from palpate.contact.frames import in_frame
+from palpate.contact.ring_estimator import RingEstimator
 from palpate.contact.taxel_estimator import TaxelEstimator
 from palpate.errors import InputError
 from palpate.io.contacts import contact_blocks, read_contacts
@@ -23,11 +26,13 @@ from palpate.io.models.summary import of_taxels
 from palpate.io.pipeline import Pipeline
 from palpate.io.rig import Rig
 from palpate.io.rig.load_cells import RigLoadCells
+from palpate.io.rig.marker_ring import ring_surface, rig_ring
 from palpate.io.rig.skin import rig_body
 from palpate.io.taxel_files import read_taxel_places
 from palpate.surfaces import Surface
 from palpate.viewer.layer import Layer
 from palpate.viewer.load_cells import LoadCellLayer
+from palpate.viewer.marker_ring import RingLayer, compressed
 from palpate.viewer.scene import Scene, prepare
 from palpate.viewer.server import require_viser, serve
 from palpate.viewer.taxel_page import serve_taxels
@@ -95,18 +100,49 @@ def _written(path: Path) -> Contacts | None:
     return read_contacts(path)
 
 
+@dataclass
+class _Kept:
+    """What layers show of a log beside its contacts: forces [N] of cells, or frames with the places of markers."""
+
+    parts: list[np.ndarray] = field(default_factory=list[np.ndarray])
+    frames: list[bytes] = field(default_factory=list[bytes])
+
+    def options(self, estimator: ContactEstimator) -> dict[str, object]:
+        """Of the estimator's `pairs`, so that it hands them over."""
+        if isinstance(estimator, TaxelEstimator):
+            return {"forces": self._keep_forces}
+        return {"markers": self._keep_markers} if isinstance(estimator, RingEstimator) else {}
+
+    def _keep_forces(self, cells: np.ndarray) -> None:
+        self.parts.append(cells.reshape(len(cells), -1).astype(np.float32))
+
+    def _keep_markers(self, frames: np.ndarray, pixels: np.ndarray) -> None:
+        self.frames += [compressed(frame) for frame in frames]
+        self.parts.append(pixels.astype(np.float32))
+
+    def joined(self) -> np.ndarray | None:
+        """Of all blocks."""
+        return np.concatenate(self.parts) if self.parts else None
+
+
 def _body(rig: Rig) -> Surface | None:
-    return None if rig.surface is None else rig.surface.load(rig.folder)
+    """The rig's surface; of a marker ring that has none a cylinder as large as the ring."""
+    if rig.surface is None:
+        return ring_surface(rig) if "marker_ring" in rig.sensors else None
+    return rig.surface.load(rig.folder)
 
 
-def _layers(rig: Rig, sensor: str, forces: np.ndarray | None = None) -> tuple[Layer, ...]:
-    """What a sensor adds to the page, if the files that it names are there; `forces` (n, k) [N] are of its cells."""
+def _layers(rig: Rig, sensor: str, kept: _Kept | None = None) -> tuple[Layer, ...]:
+    """What a sensor adds to the page, if the files that it names are there."""
+    kept = kept or _Kept()
     if sensor not in rig.sensors:
         return ()
     there = all(path.exists() for name, path in rig.files(rig.kind(sensor)).items() if name != "mesh")
     if there and sensor == "load_cells":
         return (LoadCellLayer(rig.table(RigLoadCells).cells(rig.folder)),)
-    return (TaxelLayer(rig_body(rig), forces),) if there and sensor == "skin" else ()
+    if there and sensor == "marker_ring":
+        return (RingLayer(rig_ring(rig), kept.frames, kept.joined()),)
+    return (TaxelLayer(rig_body(rig), kept.joined()),) if there and sensor == "skin" else ()
 
 
 def _estimated(path: Path, setup: Setup, rig: Rig) -> tuple[Scene, list[str]]:
@@ -114,18 +150,13 @@ def _estimated(path: Path, setup: Setup, rig: Rig) -> tuple[Scene, list[str]]:
     log = setup.open(path, rig)
     wait("preparing the surface and compiling kernels (compiling happens once)")
     pipeline = Pipeline.of(log)
-    forces, parts, done = list[np.ndarray](), list[Contacts](), 0
-    taxels = isinstance(pipeline.estimator, TaxelEstimator)
-
-    def keep(cells: np.ndarray) -> None:
-        forces.append(cells.reshape(len(cells), -1).astype(np.float32))
-
+    kept, parts, done = _Kept(), list[Contacts](), 0
     with counting():
-        for block, found, _ in pipeline.stream(**({"forces": keep} if taxels else {})):
+        for block, found, _ in pipeline.stream(**kept.options(pipeline.estimator)):
             parts.append(found)
             done += len(block)
             progress(done, log.position / max(log.size, 1))
-    layers = _layers(rig, log.kind.name, np.concatenate(forces) if forces else None)
+    layers = _layers(rig, log.kind.name, kept)
     scene = prepare(_body(rig), Contacts.joined(parts), path.name, layers)
     return scene, [*([log.torn] if log.torn else []), *pipeline.doubts(), *pipeline.notes()]
 

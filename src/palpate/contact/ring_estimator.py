@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -144,11 +144,22 @@ class RingEstimator:
         seen = np.isfinite(displacements).all(axis=2).sum(axis=1)
         return self._answer(time, found, seen.astype(np.float64), 0)
 
-    def pairs(self, blocks: Iterable[Recording]) -> Iterator[tuple[Recording, Contacts]]:
-        """Each block with its contacts, in order, as soon as they are known."""
+    def pairs(
+        self,
+        blocks: Iterable[Recording],
+        markers: Callable[[UInt8[np.ndarray, "n h w 3"], Float[np.ndarray, "n m 2"]], None] | None = None,
+    ) -> Iterator[tuple[Recording, Contacts]]:
+        """Each block with its contacts, in order, as soon as they are known.
+
+        Args:
+            blocks: of one log, from its start.
+            markers: is given the frames of each block, and the places [px] of the markers in them.
+        """
         first = 0
         for block in blocks:
             pixels, states = self.markers(block)
+            if markers is not None:
+                markers(block.channels[IMAGE], pixels)
             yield block, self._contacts(block.time, pixels, states, first)
             first += len(block)
 

@@ -146,9 +146,7 @@ class _Neighbours:
         return mean, spread, total > 0.1
 
 
-def _settle(
-    labels: np.ndarray, values: np.ndarray, first: np.ndarray, extra: np.ndarray, judge: _Neighbours
-) -> None:
+def _settle(labels: np.ndarray, values: np.ndarray, first: np.ndarray, extra: np.ndarray, judge: _Neighbours) -> None:
     """Takes out, worst first, what contradicts its neighbours; then takes in what agrees with them."""
     limit = judge.limits.doubt**2
     while (labels >= 0).any():

@@ -25,7 +25,7 @@ from palpate.sensors.recording import IMAGE, Recording
 if TYPE_CHECKING:
     from palpate.io.rig.rig import Rig
 
-__all__ = ["MARKER_RING", "RigMarkerRing", "rig_ring_body"]
+__all__ = ["MARKER_RING", "RigMarkerRing", "rig_ring", "rig_ring_body", "ring_surface"]
 
 _TEXT = """\
 [marker_ring]
@@ -99,7 +99,12 @@ def _layout(rig: Rig) -> Layout:
     return Layout(wrench=None, images=ImageChannel(table.topic, table="marker_ring"), **rig.common())
 
 
-def _build(rig: Rig, head: Recording | None) -> Prepared:
+def rig_ring(rig: Rig) -> MarkerRing:
+    """The calibrated ring.
+
+    Raises:
+        InputError: no model is named, or it cannot be read.
+    """
     table = rig.table(RigMarkerRing)
     if table.model is None:
         raise InputError(
@@ -107,7 +112,17 @@ def _build(rig: Rig, head: Recording | None) -> Prepared:
             where="marker_ring.model",
             hint="`palpate calibrate marker-ring` makes one from presses: name what it writes, model = FILE.",
         )
-    ring = read_model(rig.folder / table.model, MarkerRing)
+    return read_model(rig.folder / table.model, MarkerRing)
+
+
+def ring_surface(rig: Rig) -> Surface:
+    """A cylinder as large as the ring, to draw it on where the rig has no [surface]."""
+    radius = rig_ring(rig).radius
+    return EllipticCylinder(radius, radius, half_length=0.6 * radius)
+
+
+def _build(rig: Rig, head: Recording | None) -> Prepared:
+    table, ring = rig.table(RigMarkerRing), rig_ring(rig)
     estimator = RingEstimator(ring, table.contacts, mount=rig.mount())
     made = Prepared(estimator, facts=dict(vars(table.contacts)))
     tare = rig.estimate.tare or table.tare

@@ -1,0 +1,116 @@
+"""What a marker ring adds to the page: the camera's frame with its markers, and the markers where they stand."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from jaxtyping import Float, Float32, UInt8
+
+from palpate.sensors.marker_ring import MarkerRing
+from palpate.sensors.markers import opencv
+
+if TYPE_CHECKING:
+    from viser import GuiApi, GuiImageHandle, PointCloudHandle, ViserServer
+
+    from palpate.viewer.scene import Scene
+
+__all__ = ["RingLayer", "annotated", "compressed"]
+
+_QUALITY = 80  # of kept frames
+_REST, _NOW, _MOVED = (150, 150, 150), (0, 235, 255), (255, 160, 0)  # blue, green, red
+_MAGNIFIED = 4  # times that displacements are drawn longer than they are
+_COLOUR = (200, 40, 40)
+
+
+def compressed(frame: UInt8[np.ndarray, "h w 3"]) -> bytes:
+    """A frame as JPEG: a log of frames does not fit into memory."""
+    cv2 = opencv()
+    return bytes(cv2.imencode(".jpg", frame, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])[1])
+
+
+def annotated(
+    frame: UInt8[np.ndarray, "h w 3"], rest: Float[np.ndarray, "m 2"], pixels: Float[np.ndarray, "m 2"]
+) -> UInt8[np.ndarray, "h w 3"]:
+    """A frame with each marker's place, and its way from rest drawn four times as long; red first."""
+    cv2 = opencv()
+    picture, fine = frame.copy(), 8.0
+    for before, now in zip(rest, pixels, strict=True):
+        start = tuple((fine * before).round().astype(int).tolist())
+        cv2.circle(picture, start, int(3 * fine), _REST, 1, cv2.LINE_AA, 3)
+        if np.isfinite(now).all():
+            end = tuple((fine * (before + _MAGNIFIED * (now - before))).round().astype(int).tolist())
+            cv2.line(picture, start, end, _MOVED, 2, cv2.LINE_AA, 3)
+            cv2.circle(
+                picture, tuple((fine * now).round().astype(int).tolist()), int(6 * fine), _NOW, 1, cv2.LINE_AA, 3
+            )
+    return picture[..., ::-1].copy()
+
+
+class RingLayer:
+    """The ring's markers in the scene, and the frame in the panel.
+
+    Args:
+        ring: calibrated.
+        frames: of `compressed`, one a sample of the log; empty: not known, as of a file of contacts.
+        pixels: (n, m, 2) [px] of the markers in each; NaN: not seen.
+    """
+
+    def __init__(
+        self, ring: MarkerRing, frames: Sequence[bytes] = (), pixels: Float32[np.ndarray, "n m 2"] | None = None
+    ) -> None:
+        self._ring, self._frames = ring, frames
+        self._pixels = np.zeros((0, len(ring), 2), np.float32) if pixels is None else pixels
+        self._image: GuiImageHandle | None = None
+
+    @property
+    def places(self) -> Float[np.ndarray, "k 3"]:
+        """(m, 3) [m] of the skin's outside at the markers."""
+        angles = self._ring.view.angles
+        return self._ring.radius * np.stack([np.cos(angles), np.sin(angles), np.zeros(len(angles))], axis=1)
+
+    def draw(self, server: ViserServer, scene: Scene) -> None:
+        """Markers as points in the plane of the ring."""
+        self._scene = scene
+        colours = np.tile(np.array(_COLOUR, np.uint8), (len(self._ring), 1))
+        points = self._points(self._ring.rest)
+        self._markers: PointCloudHandle = server.scene.add_point_cloud("/markers", points, colours, point_size=0.02)
+
+    def panel(self, gui: GuiApi) -> None:
+        """The frame."""
+        if self._frames:
+            label = f"camera: markers, and their ways from rest times {_MAGNIFIED}"
+            self._image = gui.add_image(self._picture(0), label=label, format="jpeg")
+
+    def show(self, index: int) -> None:
+        """Move the markers to a sample, and show its frame."""
+        sample = self._sample(index)
+        if sample is None:
+            return
+        self._markers.points = self._points(self._pixels[sample].astype(np.float64))
+        if self._image is not None:
+            self._image.image = self._picture(sample)
+
+    def captions(self, index: int) -> list[str]:
+        """How many markers are seen."""
+        sample = self._sample(index)
+        if sample is None:
+            return []
+        seen = np.count_nonzero(np.isfinite(self._pixels[sample, :, 0]))
+        return [f"{seen} of {len(self._ring)} markers seen"]
+
+    def _sample(self, index: int) -> int | None:
+        """Of the log; None where nothing is known of it."""
+        sample = int(self._scene.contacts.sample[self._scene.starts[index]])
+        return sample if sample < len(self._pixels) else None
+
+    def _points(self, pixels: Float[np.ndarray, "m 2"]) -> Float32[np.ndarray, "m 3"]:
+        """In the scene's units; a marker that is not seen stands where it rests."""
+        plane = self._ring.view.to_plane(np.where(np.isfinite(pixels), pixels, self._ring.rest))
+        return self._scene.placed(np.concatenate([plane, np.zeros((len(plane), 1))], axis=1)).astype(np.float32)
+
+    def _picture(self, sample: int) -> UInt8[np.ndarray, "h w 3"]:
+        cv2 = opencv()
+        frame = cv2.imdecode(np.frombuffer(self._frames[sample], np.uint8), cv2.IMREAD_COLOR)
+        return annotated(frame, self._ring.rest, self._pixels[sample].astype(np.float64))
