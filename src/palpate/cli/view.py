@@ -26,7 +26,7 @@ from palpate.io.models.summary import of_taxels
 from palpate.io.pipeline import Pipeline
 from palpate.io.rig import Rig
 from palpate.io.rig.load_cells import RigLoadCells
-from palpate.io.rig.marker_ring import ring_surface, rig_ring
+from palpate.io.rig.marker_ring import rig_ring, ring_surface
 from palpate.io.rig.skin import rig_body
 from palpate.io.taxel_files import read_taxel_places
 from palpate.surfaces import Surface

@@ -94,7 +94,8 @@ class RingEstimator:
                 where=recording.source,
                 hint="Let all of the ring be in view, untouched, at the start.",
             )
-        rest, jitter = np.nanmean(pixels, axis=0), float(np.sqrt(np.nanmean(np.nanvar(pixels, axis=0))))
+        spread: np.ndarray = np.nanvar(pixels, axis=0)
+        rest, jitter = np.nanmean(pixels, axis=0), float(np.sqrt(np.mean(spread)))
         if jitter > _STEADY * self.ring.jitter:
             raise InputError(
                 f"the markers are not steady while the rest is taken: they move by {jitter:.2g} px, "

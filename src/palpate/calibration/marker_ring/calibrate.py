@@ -152,7 +152,8 @@ def _model(
     if view is None or colour is None:
         raise InputError("no frame shows where the markers rest.")
     still = pixels[: _leading(truth.free)]
-    rest, jitter = np.nanmean(still, axis=0), float(np.sqrt(np.mean(np.nanvar(still, axis=0))))
+    spread: np.ndarray = np.nanvar(still, axis=0)
+    rest, jitter = np.nanmean(still, axis=0), float(np.sqrt(np.mean(spread)))
     seen = np.count_nonzero(np.isfinite(pixels[..., 0]), axis=1)
     rows = np.asarray(truth.pressed & (seen >= 0.6 * len(rest)), dtype=bool)
     if not rows.any():

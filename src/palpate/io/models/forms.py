@@ -15,6 +15,7 @@ from palpate.sensors.force_torque import Payload
 from palpate.sensors.intensity import Curve, Intensity
 from palpate.sensors.load_cells import Indentation, LoadCells
 from palpate.sensors.marker_ring import MarkerRing
+from palpate.sensors.markers import MarkerColour
 from palpate.sensors.ring_response import RingResponse
 from palpate.sensors.skin_map import SkinMap
 from palpate.sensors.taxel_places import TaxelPlaces
@@ -165,6 +166,14 @@ FORMS: Mapping[type, Form] = {
             "cx": Key("px, of the principal point"),
             "k1": Key("of the angle's powers [Kannala-Brandt], as OpenCV's fisheye model has them"),
             "width": Key("px, of the image"),
+        }
+    ),
+    MarkerColour: Form(
+        {
+            "score": Key("of a pixel: red, green, blue, bright, dark"),
+            "threshold": Key("share of the way from the skin's score to the markers'"),
+            "coverage": Key("share of the image that markers cover"),
+            "background": Key("px, side of the square whose mean is subtracted; 0: none"),
         }
     ),
     RingResponse: Form(

@@ -6,6 +6,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from palpate.contact.ring_estimator import RingEstimator
 from palpate.contact.ring_locator import RingSettings
 from palpate.errors import InputError
@@ -21,6 +23,9 @@ from palpate.io.schema import parse
 from palpate.sensors.fisheye import Fisheye
 from palpate.sensors.marker_ring import MarkerRing, RingBody
 from palpate.sensors.recording import IMAGE, Recording
+from palpate.spatial.pose import Pose
+from palpate.surfaces import Surface
+from palpate.surfaces.quadric import Cylinder
 
 if TYPE_CHECKING:
     from palpate.io.rig.rig import Rig
@@ -117,8 +122,8 @@ def rig_ring(rig: Rig) -> MarkerRing:
 
 def ring_surface(rig: Rig) -> Surface:
     """A cylinder as large as the ring, to draw it on where the rig has no [surface]."""
-    radius = rig_ring(rig).radius
-    return EllipticCylinder(radius, radius, half_length=0.6 * radius)
+    radius, upright = rig_ring(rig).radius, np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+    return Cylinder(radius, 0.6 * radius).transformed(Pose(upright, np.zeros(3)))  # its own axis is y
 
 
 def _build(rig: Rig, head: Recording | None) -> Prepared:
