@@ -30,35 +30,39 @@ def test_a_lens_from_corners() -> None:
     seen = [LENS.project(pose.apply(grid)) + rng.normal(0, 0.1, (54, 2)) for pose in _boards(12, rng)]
     fit = fit_lens(seen, (9, 6), square, (640, 480))
     assert 0.1 <= fit.residual <= 0.17  # both coordinates together: 0.14
-    pixels = np.stack(np.meshgrid(np.arange(120, 560, 40.0), np.arange(60, 440, 40.0)), axis=-1)
-    apart = np.arccos(np.clip(np.sum(fit.camera.rays(pixels) * LENS.rays(pixels), axis=-1), -1, 1))
-    assert 204 * apart.max() <= 1.0
-    assert abs(fit.camera.fx - LENS.fx) <= 0.7
+    assert _apart(fit.camera) <= 1.0
+
+
+def _apart(camera: Fisheye) -> float:
+    """Largest angle between the rays of both lenses within 150 px of the middle, in pixels."""
+    x, y = np.meshgrid(np.arange(170.0, 480, 30), np.arange(90.0, 400, 30))
+    pixels = np.stack([x, y], axis=-1)[np.hypot(x - 320, y - 240) < 150]
+    cosine = np.sum(camera.rays(pixels) * LENS.rays(pixels), axis=-1)
+    return float(204 * np.arccos(np.clip(cosine, -1, 1)).max())
 
 
 def test_a_lens_from_drawn_boards() -> None:
     rng = np.random.default_rng(1)
-    pictures = [_drawn_board(pose, 0.012) for pose in _boards(6, rng)]
+    pictures = [_drawn_board(pose, 0.012) for pose in _boards(5, rng)]
     fit = calibrate_board([*pictures, np.zeros((480, 640, 3), np.uint8)], (9, 6), 0.012)
-    assert 3 <= fit.pictures <= 6
+    assert 3 <= fit.pictures <= 5
     assert fit.residual <= 0.25
-    assert abs(fit.camera.fx - LENS.fx) <= 2.0
+    assert _apart(fit.camera) <= 3.0  # a turn of the camera and a shift of its middle look alike
     with pytest.raises(InputError, match="0 of 1 pictures"):
         calibrate_board([np.zeros((480, 640, 3), np.uint8)])
 
 
 def _drawn_board(pose: Pose, square: float) -> np.ndarray:
-    """Every pixel's ray meets the board's plane; four rays a pixel, averaged."""
-    rows, columns = np.mgrid[0:960, 0:1280]
-    rays = LENS.rays(np.stack([columns, rows], axis=-1) / 2 - 0.25)
+    """Every pixel's ray meets the board's plane."""
+    rows, columns = np.mgrid[0:480, 0:640]
+    rays = LENS.rays(np.stack([columns, rows], axis=-1).astype(np.float64))
     back = pose.inverse()
     origin, ray = back.translation, back.rotate(rays)
     place = origin[:2] - origin[2] / ray[..., 2:] * ray[..., :2]
     cell = np.floor(place / square).astype(int)
     inside = ((cell >= -1) & (cell < (9, 6))).all(axis=-1)
-    grey = np.where(inside & (cell.sum(axis=-1) % 2 == 0), 30, 220).astype(np.float64)
-    grey = grey.reshape(480, 2, 640, 2).mean(axis=(1, 3))
-    return cv2.cvtColor(cv2.GaussianBlur(grey.astype(np.uint8), (0, 0), 0.7), cv2.COLOR_GRAY2BGR)
+    grey = np.where(inside & (cell.sum(axis=-1) % 2 == 0), 30, 220).astype(np.uint8)
+    return cv2.cvtColor(cv2.GaussianBlur(grey, (0, 0), 1.0), cv2.COLOR_GRAY2BGR)
 
 
 def _ring(tilt: tuple[float, float], place: tuple[float, float, float], start: float, m: int = 24) -> RingView:

@@ -132,7 +132,7 @@ def _plain(image: np.ndarray, score: str, expected: np.ndarray, half: int) -> li
 def test_following_markers_that_move() -> None:
     """After the first frame no search is needed, and pixels are as good as the drawing's own."""
     rng, tracker = np.random.default_rng(4), _tracker()
-    moved = [REST + (3.0 * np.sin(0.3 * k), 1.5 * k) for k in range(12)]
+    moved = [REST + np.array([3.0 * np.sin(0.3 * k), 1.5 * k]) for k in range(12)]
     out, searched, told = _run(tracker, [drawn(each, noise=2.0, rng=rng) for each in moved])
     assert np.abs(out - moved).max() <= 3 * CLOSE
     assert searched == [True] + 11 * [False]
@@ -141,7 +141,7 @@ def test_following_markers_that_move() -> None:
 
 def test_a_jump_and_a_hidden_marker_are_searched_for() -> None:
     rng, tracker = np.random.default_rng(5), _tracker()
-    jump = REST + (4.0, -3.0)
+    jump = REST + np.array([4.0, -3.0])
     seen = np.arange(24) != 7
     places = [REST, jump, jump[seen], jump[seen], *5 * [jump]]
     out, searched, told = _run(tracker, [drawn(each, noise=2.0, rng=rng) for each in places])

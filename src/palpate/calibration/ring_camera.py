@@ -99,21 +99,21 @@ def fit_lens(
     """
     cv2 = opencv()
     columns, rows = np.meshgrid(np.arange(board[0]), np.arange(board[1]))
-    grid = square * np.stack([columns, rows, 0 * rows], axis=-1).reshape(-1, 1, 3).astype(np.float64)
+    grid = square * np.stack([columns, rows, 0 * rows], axis=-1).reshape(1, -1, 3).astype(np.float64)
     start = Fisheye.equidistant(*size)
     matrix = np.array([[start.fx, 0.0, start.cx], [0.0, start.fy, start.cy], [0.0, 0.0, 1.0]])
     names = cv2 if hasattr(cv2, "CALIB_RECOMPUTE_EXTRINSIC") else cv2.fisheye  # OpenCV 5, 4
     flags = names.CALIB_RECOMPUTE_EXTRINSIC | names.CALIB_FIX_SKEW | names.CALIB_USE_INTRINSIC_GUESS
-    seen = [np.asarray(each, dtype=np.float64).reshape(-1, 1, 2) for each in corners]
+    seen = [np.asarray(each, dtype=np.float64).reshape(1, -1, 2) for each in corners]
     try:
-        rms, matrix, bent, _, _ = cv2.fisheye.calibrate(
-            [grid] * len(seen), seen, size, matrix, np.zeros(4), flags=flags
-        )
+        grids = [grid] * len(seen)
+        rms, matrix, bent, _, _ = cv2.fisheye.calibrate(grids, seen, size, matrix, np.zeros(4), flags=flags)
     except cv2.error as problem:
         hint = "Tilt the board, and bring it to the edges of the picture."
         raise InputError("the pictures of the board do not determine a lens.", hint=hint) from problem
-    focal = (float(matrix[0, 0]), float(matrix[1, 1]), float(matrix[0, 2]), float(matrix[1, 2]))
-    return BoardFit(Fisheye(*focal, *map(float, bent.ravel()), *size), float(rms), len(seen))
+    fx, fy, cx, cy = (float(matrix[at]) for at in ((0, 0), (1, 1), (0, 2), (1, 2)))
+    k1, k2, k3, k4 = (float(bent.ravel()[k]) for k in range(4))
+    return BoardFit(Fisheye(fx, fy, cx, cy, k1, k2, k3, k4, *size), float(rms), len(seen))
 
 
 def fit_ring_view(
@@ -165,15 +165,11 @@ def fit_ring_view(
     measured = replace_angles(fitted, np.arctan2(places[:, 1], places[:, 0]))
     scale = np.diag([1, 1, height, height, 1 if focal_fitted else fitted.pose.translation[2], 1])
     freedom = max(2 * len(seen) - 6, 1)
-    spread = np.linalg.pinv(solution.jac.T @ solution.jac) * (2 * solution.cost / freedom)
+    jacobian: np.ndarray = solution.jac
+    spread = scale @ np.linalg.pinv(jacobian.T @ jacobian) @ scale * (2 * solution.cost / freedom)
     residual = float(np.sqrt(2 * solution.cost / len(seen)))
-    found = {
-        "start": start + float(solution.x[5]),
-        "residual": residual,
-        "covariance": scale @ spread @ scale,
-        "focal_fitted": focal_fitted,
-    }
-    return RingFit(measured, order, places, **found)
+    found = {"residual": residual, "covariance": spread, "focal_fitted": focal_fitted}
+    return RingFit(measured, order, places, start=start + float(solution.x[5]), **found)
 
 
 def replace_angles(view: RingView, angles: Float[np.ndarray, " m"]) -> RingView:
@@ -191,8 +187,8 @@ def _around(pixels: np.ndarray, even: np.ndarray) -> tuple[np.ndarray, float]:
     order = np.argsort(angle)
     first = int(np.argmin(np.abs(angle[order])))
     order = np.roll(order, -first)
-    start = np.angle(np.mean(np.exp(1j * (angle[order] - even))))
-    return order, float(start)
+    gap = angle[order] - even
+    return order, float(np.arctan2(np.sin(gap).mean(), np.cos(gap).mean()))
 
 
 def _solved(view: Any, seen: np.ndarray) -> Any:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-__all__ = ["LabelLimits", "label_ring"]
+__all__ = ["USUAL_LIMITS", "LabelLimits", "label_ring"]
 
 
 @dataclass(frozen=True)
@@ -38,6 +38,7 @@ class LabelLimits:
     doubt: float = 3.7
 
 
+USUAL_LIMITS = LabelLimits()
 _SIZE = 0.2  # deviation of the logarithm of an area
 _LONGEST = 4  # markers: over longer gaps neighbours tell nothing
 _EVEN = 3e-3  # variance of what is uneven from marker to marker, of the variance of displacements
@@ -51,7 +52,7 @@ def label_ring(
     rest_areas: Float[np.ndarray, " m"],
     *,
     expected: Float[np.ndarray, "m 2"] | None = None,
-    limits: LabelLimits = LabelLimits(),
+    limits: LabelLimits = USUAL_LIMITS,
 ) -> Int[np.ndarray, " m"]:
     """The blob of every marker, -1 where it is missing.
 
@@ -164,7 +165,7 @@ def _settle(labels: np.ndarray, values: np.ndarray, first: np.ndarray, extra: np
     known = labels >= 0
     mean, spread, judged = judge.said(known, np.where(known[:, None], values[labels], 0.0))
     for i in np.flatnonzero(~known & judged):
-        mine = np.arange(first[i], first[i + 1])
+        mine = np.arange(int(first[i]), int(first[i + 1]))
         doubt = np.sum(((values[mine] - mean[i]) / spread[i]) ** 2, axis=1) + extra[mine]
         if len(mine) and doubt.min() <= 0.5 * limit:
             labels[i] = mine[np.argmin(doubt)]

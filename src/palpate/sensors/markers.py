@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float, UInt8
 
 from palpate.errors import InputError
 from palpate.sensors.fisheye import RingView
-from palpate.sensors.marker_labels import LabelLimits, label_ring
+from palpate.sensors.marker_labels import USUAL_LIMITS, LabelLimits, label_ring
 from palpate.spatial._arrays import Value, frozen, require_out
 
 __all__ = ["Blobs", "Frame", "MarkerColour", "MarkerTracker", "find_blobs", "find_colour", "opencv"]
@@ -242,7 +242,7 @@ class MarkerTracker:
         *,
         spreads: Float[np.ndarray, " m"] | None = None,
         frozen_after: int = 5,
-        limits: LabelLimits = LabelLimits(),
+        limits: LabelLimits = USUAL_LIMITS,
     ) -> None:
         m = len(view.angles)
         self.view, self.colour, self.limits, self.frozen_after = view, colour, limits, frozen_after
@@ -298,7 +298,7 @@ class MarkerTracker:
         if image.dtype != np.uint8 or image.shape != (camera.height, camera.width, 3):
             return Frame.WRONG_SIZE
         rows = np.ascontiguousarray(image[8::16])
-        checksum = zlib.crc32(rows)
+        checksum = zlib.crc32(rows.data)
         self._same = self._same + 1 if checksum == self._sum else 0
         self._sum = checksum
         if not (rows > 2 * _LEAST_CONTRAST).any() or rows.mean() < 2.0:
