@@ -331,7 +331,7 @@ class MarkerTracker:
         usual = np.median(got[self._seen, 4]) if self._seen.any() else 0.0
         size = self.limits.size
         fits = (
-            clear & (area < size) & (area > 1 / size) & (shape < 1.8) & (got[:, 4] > max(_LEAST_CONTRAST, 0.4 * usual))
+            clear & (area < size) & (area > 1 / size) & (shape < 3.0) & (got[:, 4] > max(_LEAST_CONTRAST, 0.4 * usual))
         )
         return np.asarray(fits)
 
@@ -341,7 +341,7 @@ class MarkerTracker:
             return None
         got = self._measure(image, expected)
         fits = self._plausible(got)
-        steady = np.abs(np.log(np.maximum(got[:, 2], 1.0) / self._size)) < 0.3
+        steady = np.abs(np.log(np.maximum(got[:, 2], 1.0) / self._size)) < 0.8
         alone = ~self._alone | (got[:, 5] < 0.25 * self._areas)
         if np.any(self._seen & ~(fits & steady & alone)) or np.any(~self._seen & fits):
             return None
