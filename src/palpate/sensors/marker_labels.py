@@ -42,7 +42,7 @@ USUAL_LIMITS = LabelLimits()
 _SIZE = 0.3  # deviation of the logarithm of an area
 _LONGEST = 4  # markers: over longer gaps neighbours tell nothing
 _EVEN = 3e-3  # variance of what is uneven from marker to marker, of the variance of displacements
-_CAP = 16.0  # of the cost of a jump: what moved faster than expected may still be found by its neighbours
+_CAP = 8.0  # of the cost of a jump: what moved faster than expected may still be found by its neighbours
 
 
 def label_ring(

@@ -106,13 +106,9 @@ def _terms(presses: RingPresses, width: np.ndarray, terms: int) -> Float[np.ndar
 
 def _rescaled(presses: RingPresses, before: RingResponse) -> tuple[np.ndarray, np.ndarray]:
     """Another unit's response, softer or stiffer all round: u = g(phi) u_before, depth / F = g width_before."""
-    ratio = presses.depth / presses.force
     g, gain = np.ones(len(presses)), np.array([1.0, 0.0, 0.0, 0.0, 0.0])
     for _ in range(3):
-        z = np.clip((ratio / g - before.width[0]) / before.width[1], -3.0, 3.0)
-        terms = np.stack([presses.force, presses.force * z, presses.force * z * z], axis=1)
-        if before.shears:
-            terms = np.concatenate([terms, np.nan_to_num(presses.shear)[:, None]], axis=1)
+        terms = _terms(presses, before.width * np.mean(g), len(before.coefficients))
         guess = _predicted(presses, before.coefficients, terms)
         seen = np.isfinite(presses.displacements)
         basis = ring_basis(presses.angle, 2)
@@ -121,10 +117,7 @@ def _rescaled(presses: RingPresses, before: RingResponse) -> tuple[np.ndarray, n
         right: np.ndarray = np.einsum("na,nmc,nmc->a", basis, there, wanted)
         gain = np.asarray(np.linalg.solve(normal, right), dtype=np.float64)
         g = np.maximum(basis @ gain, 0.2)
-    orders = before.orders
-    turned_ = _times(before.coefficients, gain, orders[1])
-    mean = float(np.mean(g))
-    return turned_, before.width * mean
+    return _times(before.coefficients, gain, before.orders[1]), before.width * float(np.mean(g))
 
 
 def _times(coefficients: np.ndarray, gain: np.ndarray, order: int) -> np.ndarray:
@@ -187,10 +180,8 @@ def _precision(shape: tuple[int, ...], usual: float, *, known: bool) -> Float[np
 
 def _left_out(presses: RingPresses, before: RingResponse | None, whole: RingResponse) -> dict[str, np.ndarray]:
     """Misfit and spread, from two fits to halves of the angles, each judged on the other."""
-    order = np.argsort(np.argsort(np.round(np.mod(presses.angle, 2.0 * np.pi), 6), kind="stable"), kind="stable")
-    folds = np.unique(np.round(np.mod(presses.angle, 2.0 * np.pi), 2), return_inverse=True)[1] % 2
-    if min(np.bincount(folds, minlength=2)) < _LEAST:
-        folds = order % 2
+    _, which = np.unique(np.round(np.mod(presses.angle, 2.0 * np.pi), 2), return_inverse=True)
+    folds = which % 2 if min(np.bincount(which % 2, minlength=2)) >= _LEAST else np.arange(len(presses)) % 2
     misfit, errors = np.zeros((2, PARTS)), list[np.ndarray]()
     fits = [_fitted(presses.picked(folds != fold), before) for fold in (0, 1)]
     parts = [presses.picked(folds == fold) for fold in (0, 1)]
