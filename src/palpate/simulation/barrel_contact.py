@@ -231,19 +231,20 @@ def settle(
         band: the skin.
         bodies: on it.
         friction: Coulomb's coefficient.
-        shares: of their depths and of their slides done at each step, from an unloaded skin; None: few, to the end.
+        shares: of their depths and of their slides done at each asked state, from an unloaded skin; None: all of them.
 
     Returns:
-        A state of contact a step.
+        An equilibrium for each of `shares`.
 
     Raises:
         InputError: a depth or radius is impossible, or the bodies crowd the skin so that no equilibrium is found.
     """
     radius = float(band.outer(np.zeros(1))[0])
     _check(bodies, radius)
-    steps = _schedule(bodies) if shares is None else shares
+    if shares is None:
+        shares = [(1.0, 0.0), (1.0, 0.5), (1.0, 1.0)] if any(each.slide for each in bodies) else [(1.0, 0.0)]
     if not bodies:
-        return [Settled(np.zeros(len(band.compliance)), *np.zeros((3, 0)))] * len(steps)
+        return [Settled(np.zeros(len(band.compliance)), *np.zeros((3, 0)))] * len(shares)
     points = _points(band, bodies)
     freedom = (2 * points.nodes[:, None] + np.arange(2)).ravel()
     soft = band.compliance[np.ix_(freedom, freedom)]
@@ -251,13 +252,15 @@ def settle(
     place, anchor = points.place, np.zeros(len(points.place))
     state: _State | None = None
     settled: list[Settled] = []
-    for down, aside in steps:
+    for down, aside, asked in _finer(bodies, shares):
         placed = _placed(bodies, points, radius, down, aside)
         here = _state(placed, place, anchor, 0.0)
         anchor = here.side
         if state is not None:
             anchor = np.where(state.over > 0.0, state.side + state.drag / TANGENTIAL, here.side)
         nodal, place, state = _balanced(points, placed, soft, nodal, anchor, friction)
+        if not asked:
+            continue
         full = np.zeros(len(band.compliance))
         full[freedom] = nodal
         force = 2.0 * _blocks(points, state, friction)[0]  # both halves
@@ -266,14 +269,18 @@ def settle(
     return settled
 
 
-def _schedule(bodies: Sequence[Indenter]) -> list[tuple[float, float]]:
-    """Shares of depth and slide, a pair a step: no step moves a round body further than half its radius."""
-    steps = max((1 if b.kind == "plate" else int(np.ceil(2.0 * b.depth / b.radius - 1e-9)) for b in bodies), default=1)
-    steps = max(steps, 1)
-    downs = [((at + 1) / steps, 0.0) for at in range(steps)]
-    if any(b.slide for b in bodies):
-        downs += [(1.0, 0.5), (1.0, 1.0)]
-    return downs
+def _finer(bodies: Sequence[Indenter], shares: Sequence[tuple[float, float]]) -> list[tuple[float, float, bool]]:
+    """Steps between the asked ones, so that no round body moves further than half its radius; whether it was asked."""
+    steps: list[tuple[float, float, bool]] = []
+    before = (0.0, 0.0)
+    for down, aside in shares:
+        way = [abs(down - before[0]) * b.depth / (0.5 * b.radius) for b in bodies if b.kind != "plate"]
+        count = max(1, *(int(np.ceil(each - 1e-9)) for each in way)) if way else 1
+        for at in range(1, count + 1):
+            share = at / count
+            steps.append((before[0] + share * (down - before[0]), before[1] + share * (aside - before[1]), at == count))
+        before = (down, aside)
+    return steps
 
 
 def _balanced(
