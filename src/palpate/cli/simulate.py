@@ -82,9 +82,9 @@ def _record(
     else:
         session = ring.calibration_run(unit, ring.Protocol.sized(small=small, angles=count), progress)
         files.write_calibration_run(session, folder, images=form, watch=progress)
-    seconds = len(session.time) / ring.RATE
+    seconds, contacts = len(session.time) / ring.RATE, session.contacts
     return [
         ("frames", f"{len(session.time)} of {unit.camera.width} x {unit.camera.height}, {seconds:.1f} s"),
-        ("touched", f"in {session.touched.mean():.0%} of the frames, by {session.most} at once at most"),
+        ("touched", f"in {(contacts > 0).mean():.0%} of the frames, by {contacts.max()} at once at most"),
         ("force", f"up to {session.strongest:.1f} N"),
     ]

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Float, UInt8
+from jaxtyping import Float, Int, UInt8
 
 from palpate.simulation.barrel import COARSE_ROWS, Barrel, BarrelSettings, Indenter, Pressed
 from palpate.simulation.ring_camera import Look, Photographer, RingCamera
@@ -119,14 +119,9 @@ class RingSession:
     shutter: float = 0.0
 
     @property
-    def touched(self) -> Bool[np.ndarray, " n"]:
-        """Whether anything touches."""
-        return np.isfinite(self.angle).any(axis=1)
-
-    @property
-    def most(self) -> int:
-        """Contacts at once."""
-        return int(np.isfinite(self.angle).sum(axis=1).max())
+    def contacts(self) -> Int[np.ndarray, " n"]:
+        """How many there are in each frame."""
+        return np.isfinite(self.angle).sum(axis=1, dtype=int)
 
     @property
     def strongest(self) -> float:
@@ -209,7 +204,7 @@ def _touched(barrel: Barrel, radius: float, touching: Touching, rng: np.random.G
     angles = rng.uniform(0.0, 2.0 * np.pi) + np.cumsum(gaps)
     depths = rng.uniform(*touching.depth, count)
     moving = rng.uniform() < touching.moving
-    speed = rng.choice([-1.0, 1.0]) * np.exp(rng.uniform(*np.log(SPEED))) / radius if moving else 0.0
+    speed = rng.choice([-1.0, 1.0]) * SPEED[0] * (SPEED[1] / SPEED[0]) ** rng.uniform() / radius if moving else 0.0
     stay = rng.uniform(0.4, 1.0)
     states: list[Pressed] = []
     for time in np.arange(1.0 / RATE, 2 * RAMP + stay, 1.0 / RATE).tolist():
@@ -227,7 +222,8 @@ def _recorded(unit: RingUnit, states: list[Pressed], most: int, shutter: float) 
     truth: Float[np.ndarray, "4 n k"] = np.full((4, len(states), most), np.nan)
     for at, each in enumerate(states):
         here = each.force > 0.0
-        rows = np.stack([np.mod(each.angle, 2.0 * np.pi), each.depth, each.force, each.shear])
+        turn = each.angle % (2.0 * np.pi)
+        rows = np.stack([turn, each.depth, each.force, each.shear])
         truth[:, at, : len(here)] = np.where(here, rows, np.nan)
     return RingSession(
         unit,
