@@ -21,6 +21,7 @@ from palpate.cli.inspect import inspect
 from palpate.cli.map_skin import map_skin
 from palpate.cli.plan_pokes import plan_pokes_command
 from palpate.cli.rig_new import rig_new
+from palpate.cli.simulate import simulate_marker_ring
 from palpate.cli.view import view
 
 __all__ = ["run"]
@@ -28,7 +29,7 @@ __all__ = ["run"]
 
 def run(argv: Sequence[str]) -> None:
     """Parse and run one command; leaves by `SystemExit` on --help and on a wrong call."""
-    app, calibrate, design, maps, plan, rig = (SubcommandApp() for _ in range(6))
+    app, calibrate, design, maps, plan, rig, simulate = (SubcommandApp() for _ in range(7))
     app.command(estimate)
     calibrate.command(name="clock")(calibrate_clock)
     calibrate.command(name="intensity")(calibrate_intensity)
@@ -51,6 +52,8 @@ def run(argv: Sequence[str]) -> None:
     app.command(view)
     rig.command(name="new")(rig_new)
     app.command(rig, name="rig", help="Write a rig to start from: new.")
+    simulate.command(name="marker-ring")(simulate_marker_ring)
+    app.command(simulate, name="simulate", help="Record a sensor that is simulated, with its truth: marker-ring.")
     app.cli(prog="palpate", description=_DESCRIPTION, args=list(argv))
 
 

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from itertools import pairwise
 from typing import Literal
 
 import numpy as np
@@ -89,9 +88,9 @@ class Settled:
 
 @dataclass(frozen=True, eq=False)
 class _Points:
-    """Points of contact (q) of all bodies: whose, where at rest, of what area.
+    """Points of contact (q = 16 b) in every brick (b) that a body may touch: whose, where at rest, of what area.
 
-    `nodes` (n) are those of all; `index` and `shape` the nine of a point among them, and their shape functions.
+    `nodes` (n) are those of all bricks; `index` the nine of each brick's outer side among them.
     """
 
     owner: Int[np.ndarray, " q"]
@@ -99,8 +98,7 @@ class _Points:
     z: Float[np.ndarray, " q"]
     area: Float[np.ndarray, " q"]
     nodes: Int[np.ndarray, " n"]
-    index: Int[np.ndarray, "q 9"]
-    shape: Float[np.ndarray, "q 9"]
+    index: Int[np.ndarray, "b 9"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,41 +137,44 @@ def _check(bodies: Sequence[Indenter], radius: float) -> None:
 
 
 def _points(band: Band, bodies: Sequence[Indenter]) -> _Points:
-    """Every point that a body may touch."""
+    """Every point of the bricks that a body may touch."""
     rows, columns, radius = len(band.heights), band.columns, float(band.outer(np.zeros(1))[0])
-    step = np.pi * 4.0 / columns / FINE
-    fine = np.arange(columns // 2 * FINE)
-    theta = (fine + 0.5) * step
-    edges = band.heights[::2]
-    z = np.concatenate([a + (b - a) * (np.arange(FINE) + 0.5) / FINE for a, b in pairwise(edges)])
-    slab = np.repeat(np.diff(edges) / FINE, FINE)
-    across, up = _lagrange(FINE), _lagrange(FINE)
+    width = 4.0 * np.pi / columns
     owner: list[Int[np.ndarray, " a"]] = []
     turn: list[Int[np.ndarray, " a"]] = []
     for at, each in enumerate(bodies):
         reach = np.arccos(1.0 - each.depth / radius)
         if each.kind != "plate":
             reach = min(reach, np.arcsin(min(each.radius / (radius - each.depth), 1.0)))
-        apart = np.abs(np.mod(theta - each.angle + np.pi, 2 * np.pi) - np.pi)
-        near = fine[apart <= reach + abs(each.slide) / radius + SPARE]
-        turn.append(near)
-        owner.append(np.full(len(near), at))
+        apart = np.abs(np.mod((np.arange(columns // 2) + 0.5) * width - each.angle + np.pi, 2 * np.pi) - np.pi)
+        turn.append(np.flatnonzero(apart <= reach + abs(each.slide) / radius + SPARE + width / 2))
+        owner.append(np.full(len(turn[-1]), at))
     turned, owned = np.concatenate(turn), np.concatenate(owner)
-    count, levels = len(turned), len(z)
-    column = (2 * (turned // FINE)[:, None] + np.arange(3)) % columns
-    row = 2 * (np.arange(levels) // FINE)[:, None] + np.arange(3)
-    number = (column[:, None, :, None] * rows + row[None, :, None, :]).reshape(count * levels, 9)
-    value = (across[turned % FINE][:, None, :, None] * up[np.arange(levels) % FINE][None, :, None, :]).reshape(-1, 9)
+    levels = rows // 2
+    column = (2 * turned[:, None] + np.arange(3)) % columns
+    row = 2 * np.arange(levels)[:, None] + np.arange(3)
+    number = (column[:, None, :, None] * rows + row[None, :, None, :]).reshape(-1, 9)
     nodes, index = np.unique(number, return_inverse=True)
+    part, low, tall = (np.arange(FINE) + 0.5) / FINE, band.heights[:-1:2], np.diff(band.heights[::2])
+    whole = (len(turned), levels, FINE, FINE)  # around the ring, then up, in every brick
+    theta = np.broadcast_to(((turned[:, None] + part) * width)[:, None, :, None], whole).ravel()
+    z = np.broadcast_to((low[:, None] + tall[:, None] * part)[None, :, None], whole).ravel()
+    height = np.broadcast_to((tall / FINE)[None, :, None, None], whole).ravel()
     r = band.outer(z)
-    place = (r[:, None] * np.stack([np.cos(theta), np.sin(theta)], axis=-1)[turned][:, None]).reshape(-1, 2)
-    area = np.tile(step * r * slab, count)
-    return _Points(np.repeat(owned, levels), place, np.tile(z, count), area, nodes, index.reshape(-1, 9), value)
+    place = r[:, None] * np.stack([np.cos(theta), np.sin(theta)], axis=-1)
+    owners = np.repeat(owned, levels * FINE**2)
+    return _Points(owners, place, z, width / FINE * r * height, nodes, index.reshape(-1, 9))
 
 
-def _lagrange(fine: int) -> Float[np.ndarray, "fine 3"]:
-    at = 2.0 * (np.arange(fine) + 0.5) / fine
-    return np.stack([(at - 1) * (at - 2) / 2, at * (2 - at), at * (at - 1) / 2], axis=-1)
+def _shape() -> Float[np.ndarray, "16 9"]:
+    """Shape functions of a brick's nine outer nodes at its points of contact."""
+    at = 2.0 * (np.arange(FINE) + 0.5) / FINE
+    line = np.stack([(at - 1) * (at - 2) / 2, at * (2 - at), at * (at - 1) / 2], axis=-1)
+    return np.einsum("ai,bj->abij", line, line).reshape(FINE**2, 9)
+
+
+SHAPE = _shape()
+PAIRS = (SHAPE[:, :, None] * SHAPE[:, None, :]).reshape(FINE**2, 81)
 
 
 def _placed(bodies: Sequence[Indenter], points: _Points, radius: float, down: float, aside: float) -> _Bodies:
@@ -231,19 +232,20 @@ def settle(
         band: the skin.
         bodies: on it.
         friction: Coulomb's coefficient.
-        shares: of their depths and of their slides done at each step, from an unloaded skin; None: few, to the end.
+        shares: of their depths and of their slides done at each asked state, from an unloaded skin; None: all of them.
 
     Returns:
-        A state of contact a step.
+        An equilibrium for each of `shares`.
 
     Raises:
         InputError: a depth or radius is impossible, or the bodies crowd the skin so that no equilibrium is found.
     """
     radius = float(band.outer(np.zeros(1))[0])
     _check(bodies, radius)
-    steps = _schedule(bodies) if shares is None else shares
+    if shares is None:
+        shares = [(1.0, 0.0), (1.0, 0.5), (1.0, 1.0)] if any(each.slide for each in bodies) else [(1.0, 0.0)]
     if not bodies:
-        return [Settled(np.zeros(len(band.compliance)), *np.zeros((3, 0)))] * len(steps)
+        return [Settled(np.zeros(len(band.compliance)), *np.zeros((3, 0)))] * len(shares)
     points = _points(band, bodies)
     freedom = (2 * points.nodes[:, None] + np.arange(2)).ravel()
     soft = band.compliance[np.ix_(freedom, freedom)]
@@ -251,13 +253,15 @@ def settle(
     place, anchor = points.place, np.zeros(len(points.place))
     state: _State | None = None
     settled: list[Settled] = []
-    for down, aside in steps:
+    for down, aside, asked in _finer(bodies, shares):
         placed = _placed(bodies, points, radius, down, aside)
         here = _state(placed, place, anchor, 0.0)
         anchor = here.side
         if state is not None:
             anchor = np.where(state.over > 0.0, state.side + state.drag / TANGENTIAL, here.side)
         nodal, place, state = _balanced(points, placed, soft, nodal, anchor, friction)
+        if not asked:
+            continue
         full = np.zeros(len(band.compliance))
         full[freedom] = nodal
         force = 2.0 * _blocks(points, state, friction)[0]  # both halves
@@ -266,14 +270,18 @@ def settle(
     return settled
 
 
-def _schedule(bodies: Sequence[Indenter]) -> list[tuple[float, float]]:
-    """Shares of depth and slide, a pair a step: no step moves a round body further than half its radius."""
-    steps = max((1 if b.kind == "plate" else int(np.ceil(2.0 * b.depth / b.radius - 1e-9)) for b in bodies), default=1)
-    steps = max(steps, 1)
-    downs = [((at + 1) / steps, 0.0) for at in range(steps)]
-    if any(b.slide for b in bodies):
-        downs += [(1.0, 0.5), (1.0, 1.0)]
-    return downs
+def _finer(bodies: Sequence[Indenter], shares: Sequence[tuple[float, float]]) -> list[tuple[float, float, bool]]:
+    """Steps between the asked ones, so that no round body moves further than half its radius; whether it was asked."""
+    steps: list[tuple[float, float, bool]] = []
+    before = (0.0, 0.0)
+    for down, aside in shares:
+        way = [abs(down - before[0]) * b.depth / (0.5 * b.radius) for b in bodies if b.kind != "plate"]
+        count = max(1, *(int(np.ceil(each - 1e-9)) for each in way)) if way else 1
+        for at in range(1, count + 1):
+            share = at / count
+            steps.append((before[0] + share * (down - before[0]), before[1] + share * (aside - before[1]), at == count))
+        before = (down, aside)
+    return steps
 
 
 def _balanced(
@@ -287,16 +295,14 @@ def _balanced(
     """Newton's iteration of one step, from the last step's nodal forces."""
     for turn in range(ROUNDS):
         moved = (soft @ nodal).reshape(-1, 2)
-        place = points.place + np.einsum("qi,qia->qa", points.shape, moved[points.index])
+        place = points.place + (SHAPE @ moved[points.index]).reshape(-1, 2)
         state = _state(bodies, place, anchor, friction)
         force, slope = _blocks(points, state, friction)
         wrong = _gathered(points, force) - nodal
         if np.abs(wrong).max() < CLOSE:
             return nodal, place, state
-        own, matrix = _linearised(points, state, slope, nodal, soft)
-        change = np.linalg.solve(matrix, wrong[own])
-        nodal = nodal.copy()
-        nodal[own] += change if turn < ROUNDS // 4 else 0.5 * change
+        better = _newton(points, slope, _gathered(points, force), moved.ravel(), soft)
+        nodal = better if turn < ROUNDS // 4 else 0.5 * (nodal + better)
     raise InputError(
         "no equilibrium of the pressing bodies was found.",
         hint="less depth, or bodies further apart",
@@ -306,26 +312,35 @@ def _balanced(
 def _gathered(points: _Points, force: np.ndarray) -> np.ndarray:
     """Nodal forces (2 n,) of forces at the points (q, 2)."""
     spread, size = points.index.ravel(), len(points.nodes)
-    sums = [np.bincount(spread, (points.shape * force[:, [a]]).ravel(), size) for a in range(2)]
+    sums = [np.bincount(spread, (force[:, a].reshape(-1, FINE**2) @ SHAPE).ravel(), size) for a in range(2)]
     return np.stack(sums, axis=-1).ravel()
 
 
-def _linearised(
-    points: _Points, state: _State, slope: np.ndarray, nodal: np.ndarray, soft: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Freedoms that carry force, and the Jacobian I + N' a K N G of the balance on them."""
-    active = np.flatnonzero(state.over > 0.0)
-    index, shape = points.index[active], points.shape[active]
-    loaded: Bool[np.ndarray, " n"] = (nodal != 0.0).reshape(-1, 2).any(axis=1)
-    loaded[index.ravel()] = True
-    own = np.flatnonzero(np.repeat(loaded, 2))
-    place = np.cumsum(np.repeat(loaded, 2)) - 1
-    freedom = place[2 * index[:, :, None] + np.arange(2)].reshape(len(active), 18)
-    block = np.einsum("qi,qab,qj->qiajb", shape, slope[active], shape).reshape(len(active), 18, 18)
-    rows, columns = np.broadcast_arrays(freedom[:, :, None], freedom[:, None, :])
+def _newton(points: _Points, slope: np.ndarray, force: np.ndarray, moved: np.ndarray, soft: np.ndarray) -> np.ndarray:
+    """Nodal forces (2 n,) of the balance made linear: (I + A G) f = F + A u, A = N' a K N, on the nodes that A reaches.
+
+    Args:
+        points: of contact.
+        slope: (q, 2, 2) [N/m] of each.
+        force: (2 n,) [N] that the contact gives now.
+        moved: (2 n,) [m] of the nodes now.
+        soft: their compliance.
+    """
+    bricks = slope.reshape(-1, FINE**2, 4)
+    active = np.flatnonzero(bricks.any(axis=(1, 2)))
+    index = points.index[active]
+    near = np.zeros(len(points.nodes), dtype=int)
+    near[index.ravel()] = 1
+    own = np.flatnonzero(np.repeat(near, 2))
+    place = np.cumsum(np.repeat(near, 2)) - 1
+    freedom = place[2 * index[:, :, None] + np.arange(2)]  # bricks, 9, 2
+    block = (bricks[active].transpose(0, 2, 1) @ PAIRS).reshape(-1, 2, 2, 9, 9).transpose(0, 3, 1, 4, 2)
+    rows, columns = np.broadcast_arrays(freedom[:, :, :, None, None], freedom[:, None, None])
     stiff = sparse.csr_matrix((block.ravel(), (rows.ravel(), columns.ravel())), shape=(len(own), len(own)))
-    matrix = np.asarray(stiff @ soft[np.ix_(own, own)])
-    return own, matrix + np.eye(len(own))
+    matrix = np.asarray(stiff @ soft[np.ix_(own, own)]) + np.eye(len(own))
+    found = np.zeros(len(force))
+    found[own] = np.linalg.solve(matrix, force[own] + stiff @ moved[own])
+    return found
 
 
 def _summed(

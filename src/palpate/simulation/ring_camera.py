@@ -17,7 +17,7 @@ from jaxtyping import Float, UInt8
 
 from palpate.errors import InputError
 
-__all__ = ["Look", "Photographer", "RingCamera"]
+__all__ = ["Look", "Photographer", "RingCamera", "opencv"]
 
 HEIGHT = 0.040  # m above the ring
 FINE = 8  # a marker's edge is drawn this much finer: its centroid is right to 0.01 px
@@ -27,7 +27,8 @@ GRAIN = 1.6  # px: a cheap camera's own smoothing leaves noise in blotches
 POOL = 512  # px: a sheet of noise larger than a frame by this is drawn once, and every frame cut out elsewhere
 
 
-def _cv2() -> Any:
+def opencv() -> Any:
+    """OpenCV, where it is first needed."""
     try:
         return import_module("cv2")
     except ImportError as problem:
@@ -132,7 +133,7 @@ class Photographer:
 
     def __post_init__(self) -> None:
         size = (self.camera.height + POOL, self.camera.width + POOL, 3)
-        sheet = _cv2().GaussianBlur(self.rng.standard_normal(size, dtype=np.float32), (0, 0), GRAIN)
+        sheet = opencv().GaussianBlur(self.rng.standard_normal(size, dtype=np.float32), (0, 0), GRAIN)
         object.__setattr__(self, "_pool", sheet / sheet.std())
 
     def frame(
@@ -169,7 +170,7 @@ class Photographer:
 
     def _developed(self, cover: Float[np.ndarray, "h w"], time: float) -> UInt8[np.ndarray, "h w 3"]:
         """Colours, light, noise and compression over the share of red in every pixel."""
-        cv2, look = _cv2(), self.look
+        cv2, look = opencv(), self.look
         if look.blur > 0.0:
             cover = cv2.GaussianBlur(cover, (0, 0), look.blur)
         turn = _hue_turn(look.hue)
@@ -195,7 +196,7 @@ class Photographer:
         x, y = 0.8 * np.cos(0.7 * time), 0.8 * np.sin(1.1 * time + 0.5)
         shade = self.look.shadow * np.exp(-((column - x) ** 2 + (row - y) ** 2) / 0.5)
         light = self.look.brightness * (1 - self.look.vignette * far) * (1 - shade)
-        return _cv2().resize(light.astype(np.float32), (width, height), interpolation=_cv2().INTER_LINEAR)
+        return opencv().resize(light.astype(np.float32), (width, height), interpolation=opencv().INTER_LINEAR)
 
 
 def _hue_turn(degrees: float) -> Float[np.ndarray, "3 3"]:
@@ -213,7 +214,7 @@ def _round(blobs: Float[np.ndarray, "b 3"]) -> Float[np.ndarray, "b 16 2"]:
 
 def _paint(cover: Float[np.ndarray, "h w"], outlines: Float[np.ndarray, "m p 2"], share: float) -> None:
     """Add to every pixel the share of its area inside outlines [px]."""
-    cv2 = _cv2()
+    cv2 = opencv()
     height, width = cover.shape
     for outline in outlines:
         low = np.maximum(np.floor(outline.min(axis=0)).astype(int) - 1, 0)
