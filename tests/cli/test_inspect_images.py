@@ -76,15 +76,24 @@ def test_a_black_video_is_doubted_and_a_cut_one_told_by_the_exit_code(
 @pytest.mark.parametrize("name", ["log.mcap", "log.bag"])
 def test_images_of_topics_are_described(tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str) -> None:
     """Colour is no frame of taxels, whatever its size."""
-    for message in (lambda k: raw(frame(k), "bgr8"), lambda k: compressed(frame(k), "png")):
+    frames = [frame(k) for k in range(10)]
+    for messages in ([raw(each, "bgr8") for each in frames], [compressed(each, "png") for each in frames]):
         (tmp_path / name).unlink(missing_ok=True)
-        path = write_images(tmp_path / name, [message(k) for k in range(10)])
+        path = write_images(tmp_path / name, messages)
         for options in ((), ("--topic", "/camera")):
             code, said = _said(path, capsys, *options)
             assert code == 0
             assert (said["facts"]["frames"], said["facts"]["size"]) == (10, [WIDTH, HEIGHT])
             assert said["facts"]["time"]["rate"] == pytest.approx(25.0)
             assert "taken for" not in said["facts"]
+
+
+def test_a_video_has_no_topics_and_no_wrenches(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path, rig = write_video(tmp_path / "log.avi", 5), tmp_path / "rig.toml"
+    rig.write_text('[surface]\nkind = "sphere"\nradius = 0.01\n[force_torque]\n')
+    for options, sentence in ((("--topic", "/x"), "has no topics"), (("--rig", str(rig)), "asked for is a wrench")):
+        assert main(["inspect", str(path), *options]) == 1
+        assert sentence in capsys.readouterr().err
 
 
 def test_what_is_no_video_is_a_sentence(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

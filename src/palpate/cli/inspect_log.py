@@ -15,6 +15,7 @@ from palpate.errors import InputError
 from palpate.io.contacts import contact_blocks, unfinished
 from palpate.io.logs import LogContents, contents, open_log
 from palpate.io.logs.decoding import role
+from palpate.io.logs.image_messages import IMAGES
 from palpate.io.models import read_provenance
 from palpate.io.pipeline import HEAD, Pipeline
 from palpate.io.pipeline import open_log as open_rig_log
@@ -50,6 +51,8 @@ def inspect_log(
     """
     title(f"{file}: a log")
     there = contents(file)
+    if there.images is not None and topic is not None:
+        raise InputError("has no topics.", where=str(file), hint="Leave --topic out.")
     _say_contents(there)
     wrenches = topics_of(there, "wrench") if rig is None and topic is None and sensor in (None, "force_torque") else []
     beside = image_topics(there) if wrenches else []
@@ -74,8 +77,8 @@ def _inspect_one(
         if (layout := kind.layout(log.rig)).images is not None:
             return None, inspect_images(file, there, [layout])
     else:
-        named = topic is not None and any(each.name == topic and not role(each.kind) for each in there.topics)
-        found = None if named else guess_sensor(file, sensor=sensor, topic=topic)
+        unread = {each.name for each in there.topics if each.kind in IMAGES and not role(each.kind)}
+        found = None if topic in unread else guess_sensor(file, sensor=sensor, topic=topic)
         if found is None and (layouts := image_layouts(there, topic)):
             return None, inspect_images(file, there, layouts)
         if found is None:
@@ -97,7 +100,7 @@ def _inspect_one(
                 ranges.add(block)
                 progress(ranges.count, log.position / max(log.size, 1))
     except InputError as problem:
-        if there.names or excerpt.count:
+        if there.names or there.images is not None or excerpt.count:
             raise
         note([str(problem)])  # which topic or frame is meant is for a rig to say
         return None, bool(log.torn)
