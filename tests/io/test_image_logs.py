@@ -152,6 +152,21 @@ def test_a_video_cut_short_is_read_up_to_the_cut(tmp_path: Path, name: str) -> N
     assert numbers(images(recording))[:whole] == list(range(whole))
 
 
+@pytest.mark.parametrize("name", CODECS)
+def test_a_video_with_changed_bytes_is_rows_or_a_sentence(tmp_path: Path, name: str) -> None:
+    content, rng = write_video(tmp_path / name, 20).read_bytes(), np.random.default_rng(0)
+    for _ in range(20):
+        changed = bytearray(content[: rng.integers(16, len(content)) if rng.random() < 0.3 else None])
+        for at in (*rng.integers(len(changed), size=5), *rng.integers(min(600, len(changed)), size=2)):
+            changed[at] = rng.integers(256)
+        (tmp_path / name).write_bytes(changed)
+        try:
+            recording = read_recording(tmp_path / name, LAYOUT)
+        except InputError:
+            continue
+        images(recording)
+
+
 def _damage(change: Callable[[bytes], bytes], name: str = "log.mp4") -> Callable[[Path], Path]:
     def make(folder: Path) -> Path:
         path = write_video(folder / name, 30)

@@ -49,8 +49,8 @@ def inspect(
     """Say what is in a log, a mesh, a rig, a model, a result or a truth; draw the spectrum of a log or a result.
 
     Args:
-        file: a log or contacts (CSV, Parquet, MCAP, bag), STL, OBJ, PLY or DAE, a URDF, TOML, places of taxels, a
-            truth.
+        file: a log or contacts (CSV, Parquet, MCAP, bag), a video, a folder of frames, STL, OBJ, PLY or DAE, a URDF,
+            TOML, places of taxels, a truth.
         rig: TOML that says where the log keeps what; with it, spectra are those of the contact: payload taken off, and
             of its place too.
         sensor: name of the sensor's table in the rig, where there are several that the log could be of.

@@ -8,11 +8,14 @@ import numpy as np
 
 from palpate.cli.console import Figure, counting, lines, note, part, progress, shares, span, table, title
 from palpate.cli.excerpt import Excerpt
+from palpate.cli.inspect_images import image_layouts, image_topics, inspect_images
 from palpate.cli.spectrum import force_and_place
 from palpate.contact.estimate import Status
 from palpate.errors import InputError
 from palpate.io.contacts import contact_blocks, unfinished
 from palpate.io.logs import LogContents, contents, open_log
+from palpate.io.logs.decoding import role
+from palpate.io.logs.image_messages import IMAGES
 from palpate.io.models import read_provenance
 from palpate.io.pipeline import HEAD, Pipeline
 from palpate.io.pipeline import open_log as open_rig_log
@@ -48,8 +51,12 @@ def inspect_log(
     """
     title(f"{file}: a log")
     there = contents(file)
+    if there.images is not None and topic is not None:
+        raise InputError("has no topics.", where=str(file), hint="Leave --topic out.")
     _say_contents(there)
     wrenches = topics_of(there, "wrench") if rig is None and topic is None and sensor in (None, "force_torque") else []
+    beside = image_topics(there) if wrenches else []
+    note([f"there are images on {', '.join(beside)}: --topic NAME says what is in them"] if beside else [])
     if len(wrenches) < 2:
         return _inspect_one(file, there, rig, sensor, topic)
     found: list[tuple[Recording | None, bool]] = []
@@ -67,16 +74,23 @@ def _inspect_one(
     if rig is not None:
         log = open_rig_log(file, rig, sensor, topic)
         kind, blocks = log.kind, iter(log)
+        if (layout := kind.layout(log.rig)).images is not None:
+            return None, inspect_images(file, there, [layout])
     else:
-        found = guess_sensor(file, sensor=sensor, topic=topic)
+        unread = {each.name for each in there.topics if each.kind in IMAGES and not role(each.kind)}
+        found = None if topic in unread else guess_sensor(file, sensor=sensor, topic=topic)
+        if found is None and (layouts := image_layouts(there, topic)):
+            return None, inspect_images(file, there, layouts)
         if found is None:
-            note(["nothing in it looks like wrenches, voltages of load cells or frames of taxels"])
+            note(["nothing in it looks like wrenches, voltages of load cells, frames of taxels or images"])
             return None, False
         kind, guess = found
         remarks = guess.remarks
         log = open_log(file, guess.layout)
         blocks = log.blocks()
         lines([("taken for", f"{kind.called}: {guess.why}"), *([("frame", guess.frame)] if guess.frame else [])])
+        if guess.layout.images is not None:
+            return None, inspect_images(file, there, [guess.layout])
         note(([f"{guess.lacking}: `palpate rig new LOG --rate HZ`"] if guess.lacking else []), kind="check")
     excerpt, ranges = Excerpt(), _Ranges(kind.channels)
     try:
@@ -86,7 +100,7 @@ def _inspect_one(
                 ranges.add(block)
                 progress(ranges.count, log.position / max(log.size, 1))
     except InputError as problem:
-        if there.names or excerpt.count:
+        if there.names or there.images is not None or excerpt.count:
             raise
         note([str(problem)])  # which topic or frame is meant is for a rig to say
         return None, bool(log.torn)
@@ -154,7 +168,7 @@ def _say_contents(there: LogContents) -> None:
             ("topic", "type", "messages", "rate [Hz]"),
             [(t.name, t.kind, f"{t.count:,}", _rate(t.count, there.duration)) for t in there.topics],
         )
-    else:
+    elif there.images is None:
         names = list(there.names)
         shown = ", ".join(names[:20]) + (", ..." if len(names) > 20 else "")
         lines([("columns", f"{len(names)}: {shown}"), *([("written", there.written)] if there.written else [])])

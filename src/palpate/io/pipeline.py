@@ -137,7 +137,8 @@ def open_log(log: str | Path, rig: Rig | str | Path, sensor: str | None = None, 
     path, rig = Path(log), rig if isinstance(rig, Rig) else load_rig(rig)
     kind = rig.kind(sensor) if sensor or len(rig.kinds) == 1 else _told(path, rig)
     if topic is not None and ((there := contents(path)).names or there.images is not None):
-        raise InputError("has no topics.", where=str(path), hint="Leave --topic out.")
+        what = "is a table, and has no topics." if there.names else "has no topics."
+        raise InputError(what, where=str(path), hint="Leave --topic out.")
     return OpenedLog(path, rig.with_topic(topic, kind.name), kind)
 
 

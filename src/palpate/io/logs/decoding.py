@@ -102,11 +102,14 @@ def decode(messages: Messages, topic: Topic, shape: tuple[int, ...] = ()) -> Dec
 
 
 def shape_of(messages: Messages, topic: Topic) -> tuple[int, ...] | None:
-    """Of the array, or rows and columns of the image, in the first message that can be read; None where none can."""
+    """Of the array, or rows and columns of the image of one channel, in the first message that can be read, or None."""
     cursor = Cursor(messages, topic.encoding)
     if topic.kind == IMAGE:
         cursor.stamp()
         sizes = np.stack([cursor.number(), cursor.number()], axis=1)
+        start, length = cursor.text()
+        ends = zip(start.tolist(), (start + length).tolist(), strict=True)
+        cursor.sound &= [messages.data[first:end].rstrip(b"\0") in _DEPTHS for first, end in ends]
     else:
         cursor.dimensions()
         offset = cursor.number()

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -12,9 +13,9 @@ from jaxtyping import Float
 from palpate.errors import InputError
 from palpate.io.logs.bag import natural
 from palpate.io.logs.csv import CsvLog
-from palpate.io.logs.images import Frame, FrameBlocks, decoded, opencv, refuse_others
+from palpate.io.logs.images import Frame, ImageLog, decoded, opencv
 from palpate.io.logs.layout import Layout
-from palpate.io.logs.log import Images, Log, LogContents
+from palpate.io.logs.log import Images, LogContents
 from palpate.io.logs.video import RATE
 from palpate.sensors.recording import Recording
 
@@ -35,7 +36,7 @@ def holds_frames(path: Path) -> bool:
     return not bag and any(name.endswith(FRAMES) for name in names)
 
 
-class FrameFolder(Log):
+class FrameFolder(ImageLog):
     """As many samples as there are images.
 
     Times are the column of `times.csv`, or else of `truth.csv`, in the folder, if it has as many rows; else k / rate.
@@ -44,9 +45,7 @@ class FrameFolder(Log):
     def __init__(self, path: Path, layout: Layout) -> None:
         files = (file for file in path.iterdir() if file.suffix.lower() in FRAMES and not file.name.startswith("."))
         self._files = sorted(files, key=natural)
-        super().__init__(path, sum(file.stat().st_size for file in self._files))
-        self._layout, self._said = layout, list[str]()
-        self._frames = FrameBlocks(layout, path)
+        super().__init__(path, sum(file.stat().st_size for file in self._files), layout)
 
     def contents(self) -> LogContents:
         """See `palpate.io.logs.log.Log`; only the first frames are read."""
@@ -60,16 +59,10 @@ class FrameFolder(Log):
 
     def blocks(self) -> Iterator[Recording]:
         """See `palpate.io.logs.log.Log`."""
-        refuse_others(self._layout, self.path, "a folder of frames")
-        self._frames, self.position, self._said = FrameBlocks(self._layout, self.path), 0, []
-        yield from self._frames.blocks(self._read(self._times()))
+        cv2 = self._begin("a folder of frames")
+        yield from self._frames.blocks(self._read(cv2, self._times()))
 
-    def notes(self) -> tuple[str, ...]:
-        """See `palpate.io.logs.log.Log`."""
-        return (*self._said, *self._frames.notes())
-
-    def _read(self, times: Float[np.ndarray, " n"]) -> Iterator[Frame]:
-        cv2 = opencv(self.path)
+    def _read(self, cv2: Any, times: Float[np.ndarray, " n"]) -> Iterator[Frame]:
         for time, file in zip(times.tolist(), self._files, strict=True):
             raw = _bytes(file)
             self.position += len(raw)

@@ -5,14 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from palpate.io.logs.decoding import seconds
 from palpate.io.logs.image_messages import image_messages
-from palpate.io.logs.images import Frame, FrameBlocks, opencv, refuse_others
+from palpate.io.logs.images import Frame, ImageLog, opencv
 from palpate.io.logs.layout import ImageChannel, Layout
-from palpate.io.logs.log import Log, LogContents, Source, Topic
+from palpate.io.logs.log import LogContents, Source, Topic
 from palpate.io.logs.topics import choose_images
 from palpate.sensors.recording import Recording
 
@@ -21,13 +22,12 @@ __all__ = ["ImageTopicLog", "first_size"]
 _FIRST = 2  # stamps that say whether a topic has any: a clock may begin at 0
 
 
-class ImageTopicLog(Log):
+class ImageTopicLog(ImageLog):
     """Times are the stamps of the headers, or of the recorder where they are all 0."""
 
     def __init__(self, path: Path, layout: Layout, source: Source) -> None:
-        super().__init__(path, source.size)
-        self._layout, self._source, self._unstamped = layout, source, ""
-        self._frames = FrameBlocks(layout, path)
+        super().__init__(path, source.size, layout)
+        self._source = source
 
     def contents(self) -> LogContents:
         """See `palpate.io.logs.log.Log`."""
@@ -36,27 +36,27 @@ class ImageTopicLog(Log):
 
     def blocks(self) -> Iterator[Recording]:
         """See `palpate.io.logs.log.Log`."""
-        refuse_others(self._layout, self.path, "a log of topics that is read for images")
+        cv2 = self._begin("a log of topics that is read for images")
         topic = choose_images(self.contents(), self._layout.images or ImageChannel())
-        self._frames, self.torn = FrameBlocks(self._layout, self.path), ""
-        self._unstamped = "" if _has_stamps(self._source, topic) else topic.name
-        yield from self._frames.blocks(self._read(topic))
+        stamped = _has_stamps(self._source, topic)
+        if not stamped:
+            taken = "the times at which they were recorded are taken"
+            self._said.append(f"messages of {topic.name!r} have no stamps: {taken}")
+        yield from self._frames.blocks(self._read(cv2, topic, stamped=stamped))
 
     def notes(self) -> tuple[str, ...]:
         """See `palpate.io.logs.log.Log`."""
-        name = self._unstamped
-        said = f"messages of {name!r} have no stamps: the times at which they were recorded are taken"
-        return (*self._source.notes(), *([said] if name else []), *self._frames.notes())
+        return (*self._source.notes(), *super().notes())
 
-    def _read(self, topic: Topic) -> Iterator[Frame]:
-        cv2, count = opencv(self.path), 0
+    def _read(self, cv2: Any, topic: Topic, *, stamped: bool) -> Iterator[Frame]:
+        count = 0
         for piece in self._source.messages([topic.name]):
             self.position = self._source.position
             messages = piece.of(topic)
             for recorded, message in zip(seconds(messages.time), image_messages(messages, topic), strict=True):
                 count += 1
                 time = float(recorded)
-                if not self._unstamped:
+                if stamped:
                     time = np.nan if message.stamp is None else float(seconds(np.array([message.stamp]))[0])
                 yield time, message.image(cv2), f"message {count}"
         self.torn = self._source.torn

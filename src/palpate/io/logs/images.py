@@ -13,10 +13,11 @@ from jaxtyping import UInt8
 
 from palpate.errors import InputError
 from palpate.io.logs.layout import Layout
+from palpate.io.logs.log import Log
 from palpate.io.logs.samples import Samples
 from palpate.sensors.recording import IMAGE, Recording
 
-__all__ = ["Frame", "FrameBlocks", "decoded", "opencv", "refuse_others", "to_bgr"]
+__all__ = ["Frame", "FrameBlocks", "ImageLog", "decoded", "opencv", "refuse_others", "to_bgr"]
 
 ROWS = 32  # frames of a block, or fewer if they are large
 BYTES = 1 << 26  # of a block
@@ -127,6 +128,11 @@ class FrameBlocks:
         return image
 
     @property
+    def lost(self) -> int:
+        """Rows of zeros so far, for what is said in `notes`."""
+        return len(self._lost) + len(self._other)
+
+    @property
     def _rows(self) -> int:
         height, width = self._size or (1, 1)
         return max(1, min(ROWS, BYTES // (3 * height * width)))
@@ -140,6 +146,29 @@ class FrameBlocks:
                 if image is not None:
                     row[:] = image
             yield self._samples.block(np.array([time for time, _ in part]), {IMAGE: images})
+
+
+class ImageLog(Log):
+    """What every reader of images gives."""
+
+    def __init__(self, path: Path, size: int, layout: Layout) -> None:
+        super().__init__(path, size)
+        self._layout, self._frames, self._said = layout, FrameBlocks(layout, path), list[str]()
+
+    @property
+    def lost(self) -> int:
+        """Frames so far that could not be decoded, or are of another size than the others."""
+        return self._frames.lost
+
+    def notes(self) -> tuple[str, ...]:
+        """See `palpate.io.logs.log.Log`."""
+        return (*self._said, *self._frames.notes())
+
+    def _begin(self, called: str) -> Any:
+        """Nothing was read yet; OpenCV."""
+        refuse_others(self._layout, self.path, called)
+        self._frames, self._said, self.position, self.torn = FrameBlocks(self._layout, self.path), [], 0, ""
+        return opencv(self.path)
 
 
 def _listed(names: Sequence[str]) -> str:

@@ -78,7 +78,7 @@ def contents(path: str | Path) -> LogContents:
 
 
 def topic_shapes(path: Path) -> dict[str, tuple[int, ...]]:
-    """Of each topic of arrays or images with messages: numbers in the first one, or its rows and columns."""
+    """Of each topic of arrays, or of images of one channel: numbers in the first message, or its rows and columns."""
     kind = _kind(path)
     if kind in _WITHOUT_TOPICS:
         return {}

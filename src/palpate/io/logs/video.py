@@ -12,9 +12,9 @@ import numpy as np
 from jaxtyping import Float
 
 from palpate.errors import InputError
-from palpate.io.logs.images import Frame, FrameBlocks, opencv, refuse_others
+from palpate.io.logs.images import Frame, ImageLog, opencv
 from palpate.io.logs.layout import Layout
-from palpate.io.logs.log import Images, Log, LogContents
+from palpate.io.logs.log import Images, LogContents
 from palpate.io.tables.lines import open_input
 from palpate.sensors.recording import Recording
 
@@ -32,7 +32,7 @@ def is_video(first: bytes) -> bool:
     return riff or first[:4] == b"\x1aE\xdf\xa3" or first[4:8] in _BOXES
 
 
-class VideoLog(Log):
+class VideoLog(ImageLog):
     """Every frame that the file holds is a sample, also one that cannot be decoded.
 
     A first pass reads the file without decoding it: how many frames there are, and their stamps. Times are k / rate by
@@ -40,10 +40,7 @@ class VideoLog(Log):
     """
 
     def __init__(self, path: Path, layout: Layout) -> None:
-        super().__init__(path, path.stat().st_size)
-        self._layout = layout
-        self._frames = FrameBlocks(layout, path)
-        self._rateless = False
+        super().__init__(path, path.stat().st_size, layout)
 
     def contents(self) -> LogContents:
         """See `palpate.io.logs.log.Log`."""
@@ -55,18 +52,11 @@ class VideoLog(Log):
 
     def blocks(self) -> Iterator[Recording]:
         """See `palpate.io.logs.log.Log`."""
-        refuse_others(self._layout, self.path, "a video")
-        cv2 = opencv(self.path)
-        self._frames, self.position, self.torn = FrameBlocks(self._layout, self.path), 0, ""
+        cv2 = self._begin("a video")
         stamps, announced = self._stamps(cv2)
         yield from self._frames.blocks(self._decoded(cv2, stamps))
         if announced:
             self.torn = f"the video is cut short: it announces {announced:,} frames and holds {len(stamps):,}"
-
-    def notes(self) -> tuple[str, ...]:
-        """See `palpate.io.logs.log.Log`."""
-        said = (f"the video says no rate: {RATE:g} Hz is taken",) if self._rateless else ()
-        return (*said, *self._frames.notes())
 
     def _stamps(self, cv2: Any) -> tuple[Float[np.ndarray, " n"], int]:
         """Of all frames [s], in the order in which they are shown, and how many are announced where it is torn."""
@@ -77,7 +67,8 @@ class VideoLog(Log):
                 found.append(video.get(cv2.CAP_PROP_POS_MSEC) / 1e3)
         stamps = np.sort(np.array(found))
         stamps = stamps[stamps >= 0] if (stamps >= 0).any() else stamps  # others are decoded, but not shown
-        self._rateless = rate is None and self._layout.rate is None
+        if rate is None and self._layout.rate is None:
+            self._said.append(f"the video says no rate: {RATE:g} Hz is taken")
         span = float(stamps[-1] - stamps[0]) if len(stamps) else 0.0
         torn = announced > max(len(stamps), span * (rate or RATE) + 2.5)  # Matroska says only how long it lasts
         return stamps, announced if torn else 0

@@ -1,0 +1,147 @@
+"""What is in a log of images: how many, how large, when, how bright, and which of them say nothing."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from palpate.cli.console import Figure, counting, lines, note, part, progress, span
+from palpate.errors import InputError
+from palpate.io.logs import ImageChannel, Layout, LogContents, open_log
+from palpate.io.logs.image_messages import IMAGES
+from palpate.io.logs.images import ImageLog
+from palpate.sensors.recording import IMAGE, Recording
+from palpate.viewer.report import percent
+
+__all__ = ["image_layouts", "image_topics", "inspect_images"]
+
+_DARK = 5.0  # of 255: a mean below it is a black frame, whatever the noise
+
+
+def image_topics(there: LogContents) -> list[str]:
+    """Names of topics with images."""
+    return [topic.name for topic in there.topics if topic.count and topic.kind in IMAGES]
+
+
+def image_layouts(there: LogContents, topic: str | None) -> list[Layout]:
+    """How each series of images in a log is read; of the topic alone where one is named."""
+    alone = Layout(wrench=None, images=ImageChannel())
+    if there.images is not None:
+        return [alone]
+    names = [name for name in image_topics(there) if topic in (None, name)]
+    return [Layout(wrench=None, images=ImageChannel(name)) for name in names]
+
+
+def inspect_images(file: Path, there: LogContents, layouts: list[Layout]) -> bool:
+    """Say what is in each of some series of images.
+
+    Args:
+        file: the log.
+        there: its contents.
+        layouts: how they are read.
+
+    Returns:
+        Whether the log is torn.
+    """
+    torn = False
+    for layout in layouts:
+        if len(layouts) > 1 and layout.images is not None:
+            part(layout.images.topic or "")
+        try:
+            torn |= _inspect_one(file, there, layout)
+        except InputError as problem:
+            if len(layouts) < 2:
+                raise
+            note([problem.what], kind="warning")
+    return torn
+
+
+def _inspect_one(file: Path, there: LogContents, layout: Layout) -> bool:
+    log, frames = open_log(file, layout), _Frames()
+    with counting():
+        for block in log.blocks():
+            frames.add(block)
+            progress(frames.count, log.position / max(log.size, 1))
+    rate, said = frames.rate(), there.images
+    speed = "" if rate is None else f", {rate:.4g} Hz"
+    lost = log.lost if isinstance(log, ImageLog) else 0
+    height, width = frames.size
+    lines(
+        [
+            ("frames", Figure(f"{frames.count:,}", frames.count)),
+            ("size", Figure(f"{width} x {height}", [width, height])),
+            ("time", Figure(f"{span(frames.ends)}{speed}", {"from_to": span(frames.ends).value, "rate": rate})),
+            *([("codec", said.codec)] if said is not None else []),
+            ("brightness", frames.brightness()),
+            ("black", _share(frames.black - lost, frames.count)),
+            ("repeated", _share(frames.repeated, frames.count)),
+            ("not decoded", _share(lost, frames.count)),
+        ]
+    )
+    note(frames.doubts(lost), kind="warning")
+    note(([f"torn: {log.torn}"] if log.torn else []), kind="warning")
+    note(log.notes())
+    return bool(log.torn)
+
+
+class _Frames:
+    """Of all frames: how many, from when to when, how bright, how many are black or the same as the one before."""
+
+    def __init__(self) -> None:
+        self.count = self.black = self.repeated = self._run = self._longest = 0
+        self.size = (0, 0)
+        self._since = self._longest_since = np.nan
+        self._times, self._means = list[np.ndarray](), list[np.ndarray]()
+        self._last: np.ndarray | None = None
+
+    def add(self, block: Recording) -> None:
+        """The next frames."""
+        images = block.channels[IMAGE]
+        self.size = (images.shape[1], images.shape[2])
+        self._times.append(np.array(block.time))
+        self._means.append(images.mean(axis=(1, 2, 3)))
+        self.black += int(np.count_nonzero(self._means[-1] < _DARK))
+        for time, mean, image in zip(block.time.tolist(), self._means[-1].tolist(), images, strict=True):
+            same = self._last is not None and mean >= _DARK and np.array_equal(image, self._last)
+            self.repeated += same
+            self._run, self._since = (self._run + 1, self._since) if same else (0, time)
+            if self._run > self._longest:
+                self._longest, self._longest_since = self._run, self._since
+            self._last = image
+        self.count += len(block)
+
+    @property
+    def ends(self) -> np.ndarray:
+        """The times [s] that are known."""
+        time = np.concatenate(self._times)
+        return time[np.isfinite(time)]
+
+    def rate(self) -> float | None:
+        """[Hz]."""
+        return Recording(np.concatenate(self._times), {}).rate()
+
+    def brightness(self) -> Figure:
+        """The mean of all pixels, and of the darkest and the brightest frame that is not black."""
+        means = np.concatenate(self._means)
+        means = means[means >= _DARK]
+        if not len(means):
+            return Figure("none", None)
+        mean, least, most = float(means.mean()), float(means.min()), float(means.max())
+        return Figure(
+            f"{mean:.1f} of 255, from {least:.1f} to {most:.1f}", {"mean": mean, "least": least, "most": most}
+        )
+
+    def doubts(self, lost: int) -> list[str]:
+        """What may be wrong with them."""
+        found: list[str] = []
+        if self.count - lost and self.black == self.count:
+            found.append("every frame is black: is the lens covered, or the light off?")
+        if self._longest:
+            what = f"the longest stands still for {self._longest + 1} frames from {self._longest_since:.3f} s on"
+            found.append(f"{self.repeated:,} frames are the same as the one before ({what}): was the camera frozen?")
+        return found
+
+
+def _share(count: int, total: int) -> Figure:
+    return Figure(f"{count:,}" + (f" ({percent(count / total)})" if count else ""), count)
