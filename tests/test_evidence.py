@@ -9,7 +9,7 @@ from evidence.__main__ import THEMES
 from evidence.report import pruned, renewed
 from evidence.row import Row
 
-NEED_SHARED = {"pad", "probes"}
+NEED_SHARED = {"marker_images", "pad", "probes"}
 KNOWN = {  # missed, and written so in docs/evidence.md
     "two weights: from the force-weighted mean of the single plateaus",
     "Ultrasonix_L14-5_38, crease 30, PN truth with geometric normals, 26,362 facets: true point among the candidates",

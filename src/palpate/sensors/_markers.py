@@ -10,7 +10,7 @@ import numpy as np
 
 from palpate.surfaces._jit import entry, inlined, inner
 
-__all__ = ["blob_sums", "label_path", "measure_windows", "score_image"]
+__all__ = ["blob_sums", "doubtful", "label_path", "measure_windows", "plausible", "score_image"]
 
 _RED, _GREEN, _BLUE, _BRIGHT = 0, 1, 2, 3  # the last kind is dark
 _OK, _NOTHING, _RIM = 0.0, 1.0, 2.0
@@ -32,46 +32,50 @@ def _score(blue, green, red, kind):
 
 @entry
 def score_image(image, kind, out, histogram):
-    """The score of every pixel (h, w) uint8, and how often each score (256,) int64 occurs."""
+    """The score of every pixel (h, w) uint8, and how often each score (256,) int64 occurs in every other row."""
     histogram[:] = 0
     for y in range(image.shape[0]):
         for x in range(image.shape[1]):
-            score = _score(np.int64(image[y, x, 0]), np.int64(image[y, x, 1]), np.int64(image[y, x, 2]), kind)
-            out[y, x] = score
-            histogram[score] += 1
+            blue, green, red = image[y, x, 0], image[y, x, 1], image[y, x, 2]
+            out[y, x] = _score(np.int32(blue), np.int32(green), np.int32(red), kind)
+        if y % 2 == 0:
+            for x in range(image.shape[1]):
+                histogram[out[y, x]] += 1
 
 
 @entry
-def blob_sums(score, labels, base, peaks, sums):
+def blob_sums(score, labels, boxes, base, peaks, sums):
     """Of every label: pixels above half of its peak, and their score above it: count, w, wx, wy, wxx, wxy, wyy.
 
     Args:
         score: (h, w) uint8.
         labels: (h, w) int32, 0 is no blob.
+        boxes: (k, 5) int32, left, top, width and height of each label.
         base: score of what is no marker.
         peaks: (k,) is filled.
-        sums: (k, 7) is filled.
+        sums: (k, 7) is filled; x and y from the box's corner, so that small numbers keep their bits.
     """
     peaks[:] = 0.0
     sums[:] = 0.0
-    for y in range(score.shape[0]):
-        for x in range(score.shape[1]):
-            k = labels[y, x]
-            if k > 0 and score[y, x] > peaks[k]:
-                peaks[k] = score[y, x]
-    for y in range(score.shape[0]):
-        for x in range(score.shape[1]):
-            k = labels[y, x]
-            if k > 0:
-                weight = score[y, x] - 0.5 * (base + peaks[k])
-                if weight > 0.0:
+    for k in range(1, len(boxes)):
+        left, top, width, height = boxes[k, 0], boxes[k, 1], boxes[k, 2], boxes[k, 3]
+        for y in range(top, top + height):
+            for x in range(left, left + width):
+                if labels[y, x] == k:
+                    peaks[k] = max(peaks[k], score[y, x])
+        least = 0.5 * (base + peaks[k])
+        for y in range(top, top + height):
+            for x in range(left, left + width):
+                weight = score[y, x] - least
+                if labels[y, x] == k and weight > 0.0:
+                    dx, dy = x - left, y - top
                     sums[k, 0] += 1.0
                     sums[k, 1] += weight
-                    sums[k, 2] += weight * x
-                    sums[k, 3] += weight * y
-                    sums[k, 4] += weight * x * x
-                    sums[k, 5] += weight * x * y
-                    sums[k, 6] += weight * y * y
+                    sums[k, 2] += weight * dx
+                    sums[k, 3] += weight * dy
+                    sums[k, 4] += weight * dx * dx
+                    sums[k, 5] += weight * dx * dy
+                    sums[k, 6] += weight * dy * dy
 
 
 @inlined
@@ -240,6 +244,54 @@ def measure_windows(image, kind, expected, halves, window, stack, out):
         out[i, 2], out[i, 3] = count, sq / total - mx * mx - my * my
         out[i, 4], out[i, 5] = peak - base, above - count
         out[i, 6] = _RIM if rim else _OK
+
+
+@entry
+def plausible(got, rest, seen, size, contrast, fits):
+    """Which windows show what may be a marker: whole, and of the area, shape and contrast of one.
+
+    Args:
+        got: (m, 7) of `measure_windows`.
+        rest: (m, 2) area and spread at rest.
+        seen: (m,) bool, in the last frame: their mean contrast is the usual one.
+        size: greatest ratio of areas.
+        contrast: least peak above the base.
+        fits: (m,) bool is filled.
+    """
+    total, count = 0.0, 0
+    for i in range(len(got)):
+        if seen[i]:
+            total += got[i, 4]
+            count += 1
+    least = max(contrast, 0.4 * total / count) if count else contrast
+    for i in range(len(got)):
+        area = got[i, 2] / rest[i, 0]
+        shape = got[i, 3] / rest[i, 1]
+        fits[i] = got[i, 6] == _OK and 1.0 < area * size and area < size and shape < 3.0 * area and got[i, 4] > least
+
+
+@entry
+def doubtful(got, fits, seen, sizes, alone, rest, gaps):
+    """Whether any window leaves a doubt about which marker is where.
+
+    Args:
+        got, fits, seen, rest: as of `plausible`.
+        sizes: (m,) areas in the last frame.
+        alone: (m,) bool, no neighbour at rest reaches into the window.
+        gaps: (m,) to the nearest neighbour at rest [px].
+    """
+    m = len(got)
+    for i in range(m):
+        if fits[i] != seen[i]:
+            return True
+        if not seen[i]:
+            continue
+        if not 0.45 * sizes[i] < got[i, 2] < 2.2 * sizes[i] or (alone[i] and got[i, 5] >= 0.25 * rest[i, 0]):
+            return True
+        j = (i + 1) % m
+        if seen[j] and np.hypot(got[i, 0] - got[j, 0], got[i, 1] - got[j, 1]) < 0.3 * gaps[i]:
+            return True
+    return False
 
 
 @inlined

@@ -23,8 +23,10 @@ Image = UInt8[np.ndarray, "h w 3"]
 SCORES = ("red", "green", "blue", "bright", "dark")
 _BASELESS = 3  # scores before this one are 0 where there is no colour
 _LEAST_CONTRAST = 8.0  # of 255: markers that differ less from the skin are none
+_LIT = 0.002  # share of a frame's bytes: where fewer are lit, it is black but for hot pixels
 _LEAST_AREA = 6.0  # px: a marker is 5 px large or larger
 _AWAY = 3  # frames: from then on a missing marker may be anywhere, and must be seen twice
+_LOOK = 10  # frames: while a marker is missing, the whole frame is searched that often
 _AGAIN = 6.0  # px, of a marker that is back, from one frame to the next
 _DISC = 1 / (2 * np.pi)  # trace of the second moments of a disc over its area
 
@@ -180,7 +182,7 @@ def _scored(image: Image, colour: MarkerColour) -> tuple[UInt8[np.ndarray, "h w"
         cv2 = opencv()
         score = cv2.subtract(score, cv2.blur(score, (colour.background, colour.background)))
         histogram = np.bincount(score.ravel(), minlength=256)
-    below = np.cumsum(histogram) / score.size
+    below = np.cumsum(histogram) / histogram.sum()
     top = float(np.searchsorted(below, 1.0 - 0.5 * colour.coverage))
     flat = SCORES.index(colour.score) < _BASELESS or colour.background > 0
     return score, 0.0 if flat else float(np.searchsorted(below, 0.5)), top
@@ -193,16 +195,16 @@ def _blobs(score: UInt8[np.ndarray, "h w"], base: float, threshold: float, least
     mask = cv2.threshold(score, threshold, 255, cv2.THRESH_BINARY)[1]
     count, labels, boxes, _ = cv2.connectedComponentsWithStats(mask, connectivity=4, ltype=cv2.CV_32S)
     peaks, sums = np.zeros(count), np.zeros((count, 7))
-    blob_sums(score, labels, base, peaks, sums)
+    blob_sums(score, labels, boxes, base, peaks, sums)
     kept = np.flatnonzero(sums[:, 0] >= least_area)
     if not len(kept):
         return _no_blobs()
     n, w, sx, sy, sxx, sxy, syy = sums[kept].T
     x, y = sx / w, sy / w
-    spread = np.stack([sxx / w - x * x, sxy / w - x * y, sxy / w - x * y, syy / w - y * y], axis=-1).reshape(-1, 2, 2)
     left, up, width, height, _ = boxes[kept].T
+    spread = np.stack([sxx / w - x * x, sxy / w - x * y, sxy / w - x * y, syy / w - y * y], axis=-1).reshape(-1, 2, 2)
     cut = (left == 0) | (up == 0) | (left + width == score.shape[1]) | (up + height == score.shape[0])
-    return Blobs(np.stack([x, y], axis=-1), n, spread, peaks[kept] - base, cut)
+    return Blobs(np.stack([x + left, y + up], axis=-1), n, spread, peaks[kept] - base, cut)
 
 
 def _no_blobs() -> Blobs:
@@ -258,6 +260,7 @@ class MarkerTracker:
         self._halves = np.ceil(radius + reach).astype(np.int64)
         self._alone = self._gap > self._halves + radius  # no neighbour reaches into its window
         side = 2 * int(self._halves.max()) + 1
+        self._size_rest, self._fits = np.stack([self._areas, self._spreads], axis=-1), np.zeros(m, dtype=bool)
         self._window, self._stack = np.zeros((side, side), np.int32), np.zeros(side * side, np.int32)
         self._out = np.zeros((m, 7))
         self.reset()
@@ -293,15 +296,15 @@ class MarkerTracker:
         return found
 
     def _health(self, image: Image) -> Frame:
-        """Told from every 16th row: a live camera's noise never repeats in 30 rows."""
+        """Told from every 32nd row: a live camera's noise never repeats in 15 rows."""
         camera = self.view.camera
         if image.dtype != np.uint8 or image.shape != (camera.height, camera.width, 3):
             return Frame.WRONG_SIZE
-        rows = np.ascontiguousarray(image[8::16])
+        rows = np.ascontiguousarray(image[16::32])
         checksum = zlib.crc32(rows.data)
         self._same = self._same + 1 if checksum == self._sum else 0
         self._sum = checksum
-        if not (rows > 2 * _LEAST_CONTRAST).any() or rows.mean() < 2.0:
+        if np.count_nonzero(rows > 2 * _LEAST_CONTRAST) < _LIT * rows.size:
             return Frame.BLACK
         return Frame.FROZEN if self._same >= self.frozen_after else Frame.OK
 
@@ -323,38 +326,18 @@ class MarkerTracker:
         measure_windows(image, self._kind, expected, self._halves, self._window, self._stack, self._out)
         return self._out
 
-    def _plausible(self, got: Float[np.ndarray, "m 7"]) -> Bool[np.ndarray, " m"]:
-        """Of the area, shape and contrast that a marker may have."""
-        clear = got[:, 6] == 0.0
-        area = got[:, 2] / self._areas
-        shape = (got[:, 3] / np.maximum(got[:, 2], 1.0)) / (self._spreads / self._areas)
-        usual = np.median(got[self._seen, 4]) if self._seen.any() else 0.0
-        size = self.limits.size
-        fits = (
-            clear & (area < size) & (area > 1 / size) & (shape < 3.0) & (got[:, 4] > max(_LEAST_CONTRAST, 0.4 * usual))
-        )
-        return np.asarray(fits)
-
     def _follow(self, image: Image, expected: Float[np.ndarray, "m 2"]) -> Bool[np.ndarray, " m"] | None:
         """The markers in their windows; None where any of them leaves a doubt."""
-        if self._fresh or (not self._seen.all() and self._since >= 10):
+        from palpate.sensors._markers import doubtful, plausible
+
+        if self._fresh or (not self._seen.all() and self._since >= _LOOK):
             return None
         got = self._measure(image, expected)
-        fits = self._plausible(got)
-        steady = np.abs(np.log(np.maximum(got[:, 2], 1.0) / self._size)) < 0.8
-        alone = ~self._alone | (got[:, 5] < 0.25 * self._areas)
-        if np.any(self._seen & ~(fits & steady & alone)) or np.any(~self._seen & fits):
-            return None
-        place = np.where(self._seen[:, None], got[:, :2], np.nan)
-        if self._meet(place):
+        plausible(got, self._size_rest, self._seen, self.limits.size, _LEAST_CONTRAST, self._fits)
+        if doubtful(got, self._fits, self._seen, self._size, self._alone, self._size_rest, self._gap):
             return None
         self._take(got, self._seen)
-        return self._seen.copy()
-
-    def _meet(self, place: Float[np.ndarray, "m 2"]) -> bool:
-        """Two markers stand on one blob."""
-        apart = np.hypot(*(place - np.roll(place, 1, axis=0)).T)
-        return bool(np.any(apart < 0.3 * self._gap))
+        return self._seen
 
     def _search(self, image: Image) -> Bool[np.ndarray, " m"]:
         """The markers of the whole frame, by their labels, each measured again in its window."""
