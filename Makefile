@@ -28,7 +28,7 @@ browser: ## chromium, from Debian's packages where there is none: the tests of t
 	@command -v chromium > /dev/null || { apt-get update -qq && apt-get install -qq -y --no-install-recommends chromium; }
 
 test: $(READY) ## the tests; those of the page skip without chromium
-	$(BIN)/pytest -n auto --maxprocesses 4 --dist worksteal
+	OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n auto --maxprocesses 4 --dist worksteal
 
 check: $(READY) ## style, types, import directions
 	$(BIN)/ruff check

@@ -85,9 +85,9 @@ REAL = (
 
 
 def rows(small: bool) -> Iterator[Row]:
-    """Small takes every tenth table, and few postures."""
+    """Small takes few tables and postures: the tests of `io` try them all."""
     with tempfile.TemporaryDirectory() as folder:
-        yield from _tables(Path(folder) / "tables", 10 if small else 1)
+        yield from _tables(Path(folder) / "tables", 40 if small else 1)
         yield from _tree(Path(folder) / "tree", 6 if small else 20)
         yield from _links(Path(folder) / "links", 5 if small else 1000)
         yield from _real(Path(folder) / "real")

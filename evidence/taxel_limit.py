@@ -30,7 +30,7 @@ def rows(small: bool) -> Iterator[Row]:
     skin = Forearm.of()
     link = Mesh.from_arrays(*skin.cone.mesh())
     for start in (False, True):
-        yield from _limit(skin, link, 1 if small else 60, 400 if small else 1000, start)
+        yield from _limit(skin, link, 1 if small else 60, 200 if small else 1000, start)
     yield from _planning(skin, link, small)
 
 
@@ -108,7 +108,7 @@ def _planning(skin: Forearm, link: Mesh, small: bool) -> Iterator[Row]:
             ("taxel by taxel, from CAD", single(places, link), True, 0.35),
         ]
     for name, units, start, asked in kinds:
-        random, planned, goal = _counted(units, start, 100 if small else 1000)
+        random, planned, goal = _counted(units, start, 60 if small else 1000)
         got = f"{planned / random:.2f} ({planned} planned, {random} random; to {1e3 * goal:.2f} mm)"
         met = None if small else planned <= asked * random
         yield Row(NAME, f"planned over random pokes, {name}", f"<= {asked:g}", got, met, COMMAND)

@@ -39,7 +39,7 @@ COARSE, FINE, KEPT = 10, 150, 3  # rounds of registration, of all starts and of 
 
 def rows(small: bool) -> Iterator[Row]:
     """Touches of a calibrated skin, speed, the real skin."""
-    yield from _touched(*((1, 300, 40) if small else (6, 1000, 300)))
+    yield from _touched(*((1, 200, 20) if small else (6, 1000, 300)))
     yield from _speed(small)
     yield from _icub(small)
 
@@ -142,7 +142,7 @@ def _judged(places: TaxelPlaces, touches: SkinTouches, several: int) -> _Judged:
 
 def _speed(small: bool) -> Iterator[Row]:
     """Frames in which two touches come and go, one after the other, again and again."""
-    for modules, along, asked in ((7, 2, 10_000), (334, 20, 500)):
+    for modules, along, asked in ((7, 2, 10_000), (21 if small else 334, 3 if small else 20, 500)):
         skin = _skin() if modules == 7 else Forearm.of(modules, rows=along)
         rng = np.random.default_rng(SEED)
         bench = PokeBench.drawn(rng, skin=skin)
@@ -179,7 +179,7 @@ def _icub(small: bool) -> Iterator[Row]:
     link = Mesh.load(data / "icub_r_forearm.dae", "m")
     own, theirs = (read_taxel_places(data / f"right_forearm_{kind}.txt") for kind in ("nomesh", "mesh"))
     patch, settled = (read_taxel_places(data / f"pos_right_forearm_lower_{kind}.txt") for kind in ("nomesh", "mesh"))
-    rounds = (4, 20) if small else (COARSE, FINE)
+    rounds = (2, 8) if small else (COARSE, FINE)
     for name, given, authors, most in (("all 23", own, theirs, 3.6), ("84 patch", patch, settled, 3.2)):
         for to, places in {"themselves": given, "the authors' result": theirs}.items():
             if small and places is theirs:

@@ -13,6 +13,8 @@ import pytest
 from hypothesis import settings
 from jaxtyping import install_import_hook
 
+from tests.support.checked import check_first_calls, start_counting
+
 ROOT = Path(__file__).resolve().parents[1]
 NO_SHARED_DATA = "no shared data: set PALPATE_SHARED, or put it in ../shared beside the project"
 
@@ -37,10 +39,11 @@ def _checked_modules() -> list[str]:
 signal.signal(signal.SIGINT, signal.default_int_handler)
 numpy.typing.ArrayLike = object  # numpy's is a protocol at run time, and no tuple meets it (no __reversed__)
 sys.pycache_prefix = str(ROOT / ".cache" / "pyc")  # the hook makes its own bytecode, of what is imported below it too
+check_first_calls()
 install_import_hook(_checked_modules(), "beartype.beartype")  # here only: production pays nothing for it
 
 # The default is the same examples on every machine, with no clock; `--hypothesis-profile=explore` looks for new ones.
-settings.register_profile("seeded", derandomize=True, deadline=None)
+settings.register_profile("seeded", derandomize=True, deadline=None, max_examples=50)
 settings.register_profile("explore", deadline=None, max_examples=2000)
 settings.load_profile("seeded")
 
@@ -52,6 +55,11 @@ def shared() -> Path:
     if not (folder / "data").is_dir():
         pytest.skip(NO_SHARED_DATA)
     return folder
+
+
+def pytest_runtest_setup() -> None:
+    """Each test checks shapes anew."""
+    start_counting()
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:

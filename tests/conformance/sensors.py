@@ -15,7 +15,10 @@ import numpy as np
 import polars as pl
 
 from palpate.simulation.ball_on_ellipse import FINGERTIP
+from palpate.simulation.forearm import Forearm
 from palpate.simulation.load_cell_bench import BENCHES
+from palpate.simulation.poke_bench import PokeBench, PokeErrors
+from palpate.simulation.poke_session_files import write_poke_session
 from palpate.simulation.session import Session, simulate_session
 from palpate.simulation.session_files import write_session
 from palpate.simulation.skin_session import simulate_protocol
@@ -195,6 +198,65 @@ def _skin(folder: Path, run: Callable[..., str]) -> Files:
     )
 
 
+POKES = """[surface]
+mesh = "forearm.stl"
+unit = "m"
+
+[force_torque]
+
+[skin]
+count = 24
+
+[pokes]
+layout = "ring12"
+start = "cad.txt"
+
+[pokes.priors] # what an exact arm and sensor err by
+bias_force = 0.0
+bias_torque = 0.0
+frame = 0.0
+frame_angle = 0.0
+common = 0.0
+common_angle = 0.0
+cross_talk = 0.0
+lever = 0.0
+"""
+
+
+def _poked(folder: Path, run: Callable[..., str]) -> Files:
+    """Two modules on a forearm: poked, calibrated, then pressed over four of their taxels, which read newtons."""
+    rng, skin = np.random.default_rng(17), Forearm.of(2)
+    exact = PokeErrors(0.02, 0.002, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    session = PokeBench.drawn(rng, skin=skin, errors=exact).session(rng, 60)
+    write_poke_session(session, skin.cone, skin.cad(rng), folder, rng, touches=1)
+    (folder / "poke_rig.toml").write_text(POKES)
+    calibrate = ("taxels", f"{folder}/pokes.csv", "--rig", f"{folder}/poke_rig.toml", "-o", f"{folder}/skin.toml")
+    run("calibrate", *calibrate)
+    places, where = skin.places, [1, 8, 14, 21]
+    time, wrenches, truth = pressed(places.positions[where], places.normals[where], rng, tan_theta=0.0)
+    away = np.linalg.norm(places.positions - places.positions[where][:, None], axis=2)
+    share = np.exp(-(away**2) / (2 * 4e-3**2))  # m: neighbours are 6 mm apart
+    share /= share.sum(axis=1, keepdims=True)
+    pushed = np.linalg.norm(wrenches[:, :3], axis=1)[:, None] * share[_nearest(wrenches[:, :3], -places.normals[where])]
+    names = [f"t{k}" for k in range(len(places))]
+    loads = pushed + 0.003 * rng.standard_normal(pushed.shape)
+    write_table(folder / "log.csv", {"time": time} | dict(zip(names, loads.T, strict=True)) | base_poses(time))
+    surface = f'[surface]\nmesh = "forearm.stl"\nunit = "m"\n{POSE}'
+    (folder / "rig.toml").write_text(
+        f'{surface}\n[skin]\ntaxels = "skin.toml"\nbits = 0\ncells = {names}\ntare = 0.8\n'
+    )
+    felt = -np.linalg.norm(truth.force, axis=1)[:, None] * (share @ places.normals)  # each along its own normal
+    return Files(
+        log=folder / "log.csv",
+        rig=folder / "rig.toml",
+        truth=replace(truth, point=share @ places.positions, force=felt),
+        rest=0.8,
+        mount=MOUNT,
+        models=(folder / "skin.toml",),
+        calibrations=(calibrate,),
+    )
+
+
 def _plate(folder: Path, run: Callable[..., str]) -> Files:
     """Three cells under a slippery plate: each carries its share of what presses, by the levers."""
     from tests.conformance import plate  # here: the table before this one has no place for it
@@ -246,6 +308,7 @@ SENSORS = (
     Sensor("six-axis", "force_torque", _six_axis, 1.0e-3, 0.03, ignores=("--unit", "--cutoff")),
     Sensor("load cells", "load_cells", _load_cells, 0.2e-3, 0.05, ignores=CELLS),
     Sensor("skin", "skin", _skin, 1.5e-3, 0.1, ignores=TAXELS),
+    Sensor("poked taxels", "skin", _poked, 1.0e-3, 0.03, ignores=TAXELS),
     Sensor("plate", "plate", _plate, 0.2e-3, 0.02, NEWTONS, CELLS, "tests.conformance.plate"),
     Sensor("ball", "ball", _ball, 1.5e-3, 0.05, NEWTONS, TAXELS, "tests.conformance.ball"),
 )

@@ -50,8 +50,8 @@ def test_outside_the_bounds_it_is_the_distance_to_the_nearest_wrench_within() ->
     answer = Locator(mesh, noise=NOISE, friction=FRICTION, torsion=TORSION).run(wrenches, sequential=False)
     outside = np.flatnonzero(answer.status == Status.IMPLAUSIBLE)
     assert len(outside) > 20
-    truth = [nearest_by_minimisation(wrenches[i], points[i], rng) for i in outside[:10]]
-    assert np.allclose(answer.residual[outside[:10]], truth, rtol=0.05, atol=0.2)
+    truth = [nearest_by_minimisation(wrenches[i], points[i], rng) for i in outside[:5]]
+    assert np.allclose(answer.residual[outside[:5]], truth, rtol=0.05, atol=0.2)
 
 
 def test_inside_the_bounds_it_is_zero_and_outside_positive() -> None:
