@@ -87,7 +87,7 @@ def test_the_window_s_kernel_is_its_plain_twin(score: str) -> None:
     halves = np.full(24, 17)
     out = np.empty((24, 7))
     measure_windows(
-        image, SCORES.index(score), expected, halves, np.zeros((35, 35), np.int32), np.zeros(35 * 35, np.int32), out
+        image, MarkerColour(score).weights, expected, halves, np.zeros((35, 35), np.int32), np.zeros(35 * 35, np.int32), out
     )
     for i in range(24):
         assert out[i] == pytest.approx(_plain(image, score, expected[i], 17), abs=1e-9)
@@ -100,14 +100,14 @@ def _plain(image: np.ndarray, score: str, expected: np.ndarray, half: int) -> li
     cx, cy = np.rint(expected).astype(int)
     x0, y0 = max(0, cx - half), max(0, cy - half)
     b, g, r = np.moveaxis(image[y0 : cy + half + 1, x0 : cx + half + 1].astype(int), -1, 0)
-    grey = (29 * b + 150 * g + 77 * r) // 256
-    colour = {"red": r - np.maximum(g, b), "green": g - np.maximum(r, b), "blue": b - np.maximum(r, g)}
-    s = np.maximum(colour[score], 0) if score in colour else grey if score == "bright" else 255 - grey
+    grey = 2 * b + 9 * g + 5 * r
+    sums = {"red": 22 * r - 6 * (r + g + b), "green": 22 * g - 6 * (r + g + b), "blue": 22 * b - 6 * (r + g + b)}
+    s = np.clip((sums | {"bright": grey, "dark": 255 * 16 - grey})[score] // 16, 0, 255)
     rim = np.ones(s.shape, bool)
     rim[1:-1, 1:-1] = False
-    dim = s[rim & (2 * s <= s.max() + s.min())]
-    base = 0.0 if score in colour else dim.mean()
-    over = s > np.floor((s.max() + base) / 2)
+    base = s[rim & (2 * s <= s.max() + s.min())].mean()
+    level = s[2 * s > s.max() + base].mean()
+    over = 2 * s > level + base
     ys, xs = np.nonzero(over)
     if not len(ys):
         return [0, 0, 0, 0, 0, 0, 1]
@@ -122,11 +122,11 @@ def _plain(image: np.ndarray, score: str, expected: np.ndarray, half: int) -> li
                 blob.add(there)
                 queue.append(there)
     y, x = np.array(sorted(blob)).T
-    w = s[y, x] - (s.max() + base) / 2
+    w = np.minimum(s[y, x] - (level + base) / 2, 0.3 * (level - base))
     mx, my = np.average(x, weights=w), np.average(y, weights=w)
     spread = np.average((x - mx) ** 2 + (y - my) ** 2, weights=w)
     cut = 2.0 * bool(rim[y, x].any())
-    return [x0 + mx, y0 + my, len(y), spread, s.max() - base, over.sum() - len(y), cut]
+    return [x0 + mx, y0 + my, len(y), spread, level - base, over.sum() - len(y), cut]
 
 
 def test_following_markers_that_move() -> None:

@@ -12,62 +12,64 @@ from palpate.surfaces._jit import entry, inlined, inner
 
 __all__ = ["blob_sums", "doubtful", "label_path", "measure_windows", "plausible", "score_image"]
 
-_RED, _GREEN, _BLUE, _BRIGHT = 0, 1, 2, 3  # the last kind is dark
 _OK, _NOTHING, _RIM = 0.0, 1.0, 2.0
 _MANY = 1e18
+_CAP = 0.3  # of the contrast: a pixel well inside a marker counts no more for being brighter, which is noise
 
 
 @inlined
-def _score(blue, green, red, kind):
-    """How much a pixel looks like a marker, 0 to 255."""
-    if kind == _RED:
-        return max(0, red - max(green, blue))
-    if kind == _GREEN:
-        return max(0, green - max(red, blue))
-    if kind == _BLUE:
-        return max(0, blue - max(green, red))
-    grey = (29 * blue + 150 * green + 77 * red) >> 8
-    return grey if kind == _BRIGHT else 255 - grey
+def _score(image, y, x, weights):
+    """How much a pixel looks like a marker, 0 to 255: a weighted sum of its channels, in sixteenths."""
+    blue, green, red = np.int32(image[y, x, 0]), np.int32(image[y, x, 1]), np.int32(image[y, x, 2])
+    total = (weights[0] * blue + weights[1] * green + weights[2] * red + weights[3]) >> 4
+    return min(max(total, 0), 255)
 
 
 @entry
-def score_image(image, kind, out, histogram):
+def score_image(image, weights, out, histogram):
     """The score of every pixel (h, w) uint8, and how often each score (256,) int64 occurs in every other row."""
     histogram[:] = 0
     for y in range(image.shape[0]):
         for x in range(image.shape[1]):
-            blue, green, red = image[y, x, 0], image[y, x, 1], image[y, x, 2]
-            out[y, x] = _score(np.int32(blue), np.int32(green), np.int32(red), kind)
+            out[y, x] = _score(image, y, x, weights)
         if y % 2 == 0:
             for x in range(image.shape[1]):
                 histogram[out[y, x]] += 1
 
 
 @entry
-def blob_sums(score, labels, boxes, base, peaks, sums):
-    """Of every label: pixels above half of its peak, and their score above it: count, w, wx, wy, wxx, wxy, wyy.
+def blob_sums(score, labels, boxes, base, levels, sums):
+    """Of every label: pixels above half of its level, and their score above it: count, w, wx, wy, wxx, wxy, wyy.
 
     Args:
         score: (h, w) uint8.
         labels: (h, w) int32, 0 is no blob.
         boxes: (k, 5) int32, left, top, width and height of each label.
         base: score of what is no marker.
-        peaks: (k,) is filled.
+        levels: (k,) is filled: mean score of the pixels above half of the peak.
         sums: (k, 7) is filled; x and y from the box's corner, so that small numbers keep their bits.
     """
-    peaks[:] = 0.0
+    levels[:] = 0.0
     sums[:] = 0.0
     for k in range(1, len(boxes)):
         left, top, width, height = boxes[k, 0], boxes[k, 1], boxes[k, 2], boxes[k, 3]
+        peak, total, count = 0, 0, 0
         for y in range(top, top + height):
             for x in range(left, left + width):
                 if labels[y, x] == k:
-                    peaks[k] = max(peaks[k], score[y, x])
-        least = 0.5 * (base + peaks[k])
+                    peak = max(peak, np.int32(score[y, x]))
+        for y in range(top, top + height):
+            for x in range(left, left + width):
+                if labels[y, x] == k and 2 * np.int32(score[y, x]) > peak + base:
+                    total += np.int32(score[y, x])
+                    count += 1
+        levels[k] = total / max(count, 1)
+        least, most = 0.5 * (base + levels[k]), _CAP * (levels[k] - base)
         for y in range(top, top + height):
             for x in range(left, left + width):
                 weight = score[y, x] - least
                 if labels[y, x] == k and weight > 0.0:
+                    weight = min(weight, most)
                     dx, dy = x - left, y - top
                     sums[k, 0] += 1.0
                     sums[k, 1] += weight
@@ -79,13 +81,12 @@ def blob_sums(score, labels, boxes, base, peaks, sums):
 
 
 @inlined
-def _scores(image, kind, x0, y0, height, width, window):
+def _scores(image, weights, x0, y0, height, width, window):
     """Fills a window's scores; their peak and their lowest."""
     peak, low = 0, 255
     for y in range(height):
         for x in range(width):
-            blue, green, red = image[y0 + y, x0 + x, 0], image[y0 + y, x0 + x, 1], image[y0 + y, x0 + x, 2]
-            score = _score(np.int32(blue), np.int32(green), np.int32(red), kind)
+            score = _score(image, y0 + y, x0 + x, weights)
             window[y, x] = score
             peak = max(peak, score)
             low = min(low, score)
@@ -93,24 +94,20 @@ def _scores(image, kind, x0, y0, height, width, window):
 
 
 @inlined
-def _value(image, kind, x, y):
-    """What a pixel of a marker is weighed by: its own channel alone, which the noise of the others does not reach."""
-    if kind == _RED:
-        return np.float64(image[y, x, 2])
-    if kind == _GREEN:
-        return np.float64(image[y, x, 1])
-    if kind == _BLUE:
-        return np.float64(image[y, x, 0])
-    return np.float64(_score(np.int32(image[y, x, 0]), np.int32(image[y, x, 1]), np.int32(image[y, x, 2]), kind))
+def _value(image, y, x, weights, own):
+    """What a pixel is weighed by: its score, or the markers' own channel, which the others' noise does not reach."""
+    if own >= 0:
+        return np.int32(image[y, x, own])
+    return _score(image, y, x, weights)
 
 
 @inner
-def _centroid(image, kind, mean, least, reach, middle):
-    """The centroid of what stands out around a place, into `middle`: weights rise from 30 to 60 % of the blob's mean.
+def _refined(image, weights, own, base, level, reach, middle):
+    """The centroid of what stands out around `middle`, into it: weights rise from 30 to 60 % of the contrast.
 
-    So the edge counts by how far it is covered, and noise on either side of it does not.
+    So a pixel of the edge counts by how far it is covered, and noise on either side of the edge does not.
     """
-    low, span = least + 0.3 * (mean - least), 0.3 * (mean - least)
+    low, span = base + 0.3 * (level - base), 0.3 * (level - base)
     if not span > 0.0:
         return
     for _ in range(2):
@@ -120,9 +117,8 @@ def _centroid(image, kind, mean, least, reach, middle):
         for y in range(y0, y1 + 1):
             for x in range(x0, x1 + 1):
                 dx, dy = x - middle[0], y - middle[1]
-                # the disc's edge counts by its share, or the sum would jump with the place
-                share = min(max(reach + 0.5 - np.sqrt(dx * dx + dy * dy), 0.0), 1.0)
-                weight = share * min(max((_value(image, kind, x, y) - low) / span, 0.0), 1.0)
+                inside = min(max(reach + 0.5 - np.sqrt(dx * dx + dy * dy), 0.0), 1.0)  # no jump as the disc moves
+                weight = inside * min(max((_value(image, y, x, weights, own) - low) / span, 0.0), 1.0)
                 total += weight
                 sx += weight * dx
                 sy += weight * dy
@@ -133,18 +129,24 @@ def _centroid(image, kind, mean, least, reach, middle):
 
 
 @inlined
-def _base(window, height, width, kind, middle):
-    """The score of what is no marker: 0 of a colour, of grey the mean of the rim's dimmer part."""
-    if kind < _BRIGHT:
-        return 0.0
+def _levels(window, height, width, peak, low):
+    """The score of what is no marker, the mean of the rim's dimmer part, and of markers, of all above the half."""
     total, count = 0, 0
     for y in range(height):
         step = 1 if y == 0 or y == height - 1 else max(1, width - 1)
         for x in range(0, width, step):
-            if 2 * window[y, x] <= middle:
+            if 2 * window[y, x] <= peak + low:
                 total += window[y, x]
                 count += 1
-    return total / count if count else 0.5 * middle
+    base = total / count if count else 0.5 * (peak + low)
+    half = np.int32(np.floor(0.5 * (peak + base)))  # whole scores are above it as they are above the half
+    total, count = 0, 0
+    for y in range(height):
+        for x in range(width):
+            above = window[y, x] > half
+            total += window[y, x] * above
+            count += above
+    return base, (total / count if count else base)
 
 
 @inlined
@@ -163,23 +165,26 @@ def _seed(window, height, width, least, row, column):
 
 
 @entry
-def measure_windows(image, kind, expected, halves, window, stack, out):
+def measure_windows(image, weights, expected, halves, window, stack, out):
     """Each marker's blob, measured in a square window about where it is expected.
 
-    The threshold is half of the window's peak; the blob is what hangs together (4 neighbours) with the nearest pixel
-    above it. A pixel counts by its score above the threshold.
+    The threshold is half of the window's level, the mean of what is above half of its peak; the blob is what hangs
+    together (4 neighbours) with the nearest pixel above it. Its centroid is refined in the markers' own channel.
 
     Args:
         image: (h, w, 3) uint8.
-        kind: of the score.
+        weights: (4,) int32 of the score.
         expected: (m, 2) [px]; NaN: not looked for.
         halves: (m,) int64, half the side of each window [px].
         window: (s, s) int32, scratch of the largest window, s = 2 max(halves) + 1.
         stack: (s s,) int32, scratch.
-        out: (m, 7) is filled: x, y, pixels, spread (trace of the second moments) [px^2], peak above the base,
+        out: (m, 7) is filled: x, y, pixels, spread (trace of the second moments) [px^2], level above the base,
             pixels above the threshold that belong to something else, and 0 (measured), 1 (nothing) or 2 (cut by rim).
     """
-    middle = np.empty(2)
+    own, middle = -1, np.empty(2)
+    for c in range(3):
+        if weights[c] > 0 and weights[(c + 1) % 3] <= 0 and weights[(c + 2) % 3] <= 0:
+            own = c
     for i in range(len(expected)):
         out[i, :6] = 0.0
         out[i, 6] = _NOTHING
@@ -190,9 +195,10 @@ def measure_windows(image, kind, expected, halves, window, stack, out):
         x0, y0 = max(0, cx - half), max(0, cy - half)
         width = min(image.shape[1], cx + half + 1) - x0
         height = min(image.shape[0], cy + half + 1) - y0
-        peak, low = _scores(image, kind, x0, y0, height, width, window)
-        base = _base(window, height, width, kind, peak + low)
-        least = np.int32(np.floor(0.5 * (peak + base)))  # whole scores are above it as they are above the half
+        peak, low = _scores(image, weights, x0, y0, height, width, window)
+        base, level = _levels(window, height, width, peak, low)
+        half, most = 0.5 * (level + base), _CAP * (level - base)
+        least = np.int32(np.floor(half))
         above = 0
         for y in range(height):
             for x in range(width):
@@ -200,11 +206,9 @@ def measure_windows(image, kind, expected, halves, window, stack, out):
         seed = _seed(window, height, width, least, ey - y0, ex - x0)
         if seed < 0:
             continue
-        half_peak = 0.5 * (peak + base)
         count, total, sx, sy, sq, rim = 0, 0.0, 0.0, 0.0, 0.0, False
         stack[0], top = seed, 1
         ax, ay = seed % width, seed // width  # moments about the seed: small numbers keep their bits
-        total += window[ay, ax] - half_peak
         window[ay, ax] = -window[ay, ax] - 1
         while top > 0:
             top -= 1
@@ -212,9 +216,8 @@ def measure_windows(image, kind, expected, halves, window, stack, out):
             y, x = place // width, place % width
             count += 1
             rim |= x == 0 or y == 0 or x == width - 1 or y == height - 1
-            weight = -window[y, x] - 1 - half_peak
-            if count > 1:
-                total += weight
+            weight = min(-window[y, x] - 1 - half, most)
+            total += weight
             dx, dy = x - ax, y - ay
             sx += weight * dx
             sy += weight * dy
@@ -228,21 +231,19 @@ def measure_windows(image, kind, expected, halves, window, stack, out):
                     top += 1
         mx, my = sx / total, sy / total
         middle[0], middle[1] = x0 + ax + mx, y0 + ay + my
-        mean, least_value = 0.0, 0.0
-        outside = 0
+        inside, outside, others = 0.0, 0.0, 0
         for y in range(height):
             for x in range(width):
-                value = _value(image, kind, x0 + x, y0 + y)
                 if window[y, x] < 0:
-                    mean += value
+                    inside += _value(image, y0 + y, x0 + x, weights, own)
                 elif window[y, x] <= least:
-                    least_value += value
-                    outside += 1
-        reach = 1.25 * np.sqrt(count / np.pi) + 2.5
-        _centroid(image, kind, mean / count, least_value / max(outside, 1), reach, middle)
+                    outside += _value(image, y0 + y, x0 + x, weights, own)
+                    others += 1
+        reach = 1.25 * np.sqrt(count / np.pi) + 2.0
+        _refined(image, weights, own, outside / max(others, 1), inside / count, reach, middle)
         out[i, 0], out[i, 1] = middle[0], middle[1]
         out[i, 2], out[i, 3] = count, sq / total - mx * mx - my * my
-        out[i, 4], out[i, 5] = peak - base, above - count
+        out[i, 4], out[i, 5] = level - base, above - count
         out[i, 6] = _RIM if rim else _OK
 
 
@@ -255,7 +256,7 @@ def plausible(got, rest, seen, size, contrast, fits):
         rest: (m, 2) area and spread at rest.
         seen: (m,) bool, in the last frame: their mean contrast is the usual one.
         size: greatest ratio of areas.
-        contrast: least peak above the base.
+        contrast: least level above the base.
         fits: (m,) bool is filled.
     """
     total, count = 0.0, 0

@@ -9,7 +9,7 @@ from types import ModuleType
 from typing import cast
 
 import numpy as np
-from jaxtyping import Bool, Float, UInt8
+from jaxtyping import Bool, Float, Int, UInt8
 
 from palpate.errors import InputError
 from palpate.sensors.fisheye import RingView
@@ -21,7 +21,7 @@ __all__ = ["Blobs", "Frame", "MarkerColour", "MarkerTracker", "find_blobs", "fin
 Image = UInt8[np.ndarray, "h w 3"]
 
 SCORES = ("red", "green", "blue", "bright", "dark")
-_BASELESS = 3  # scores before this one are 0 where there is no colour
+_GREY = (2, 9, 5)  # sixteenths of blue, green, red
 _LEAST_CONTRAST = 8.0  # of 255: markers that differ less from the skin are none
 _LIT = 0.002  # share of a frame's bytes: where fewer are lit, it is black but for hot pixels
 _LEAST_AREA = 6.0  # px: a marker is 5 px large or larger
@@ -59,11 +59,13 @@ class MarkerColour:
     """What tells a marker from the skin.
 
     Args:
-        score: of a pixel, 0 to 255: "red", "green", "blue" (that channel less the larger of the others), "bright"
-            (grey) or "dark" (255 less grey).
+        score: of a pixel, 0 to 255: "red", "green", "blue" (that channel less a share of the others), "bright" (grey) or
+            "dark" (255 less grey).
         threshold: share of the way from the skin's score to the markers' from which on a pixel may be of a marker.
         coverage: share of the image that markers cover: it says which score is the markers', whatever the light.
         background: side of the square [px] whose mean is subtracted first, 0: none; for uneven light.
+        others: share of each of the other channels that is taken off a colour, in sixteenths: 8 leaves nothing of grey,
+            less leaves less noise.
 
     Raises:
         InputError: no such score, a share that is none.
@@ -73,6 +75,7 @@ class MarkerColour:
     threshold: float = 0.5
     coverage: float = 0.01
     background: int = 0
+    others: int = 6
 
     def __post_init__(self) -> None:
         if self.score not in SCORES:
@@ -82,6 +85,19 @@ class MarkerColour:
                 raise InputError(f"{name} = {getattr(self, name)} must be between 0 and 1.")
         if self.background < 0:
             raise InputError(f"background = {self.background} px must not be negative.")
+        if not 0 <= self.others <= 8:
+            raise InputError(f"others = {self.others} must be 0 to 8 sixteenths.")
+
+    @property
+    def weights(self) -> Int[np.ndarray, " 4"]:
+        """Of blue, green, red and 1, in sixteenths: their sum is the score."""
+        if self.score == "bright":
+            return np.array([*_GREY, 0], dtype=np.int32)
+        if self.score == "dark":
+            return np.array([*(-each for each in _GREY), 255 * 16], dtype=np.int32)
+        weights = np.array([-self.others, -self.others, -self.others, 0], dtype=np.int32)
+        weights[("blue", "green", "red").index(self.score)] = 16
+        return weights
 
 
 @dataclass(frozen=True, eq=False, init=False)
@@ -89,10 +105,10 @@ class Blobs(Value):
     """What looks like markers.
 
     Attributes:
-        pixels: (k, 2) centroids x, y, weighted by the score above half of the blob's peak.
-        areas: (k,) pixels above half of the peak.
+        pixels: (k, 2) centroids x, y, weighted by the score above half of the blob's.
+        areas: (k,) pixels above half of the blob's score.
         spreads: (k, 2, 2) second moments [px^2].
-        peaks: (k,) score above the skin's.
+        peaks: (k,) score above the skin's, the mean of what is above half of the largest.
         cut: (k,) touches the image's edge.
     """
 
@@ -177,15 +193,14 @@ def _scored(image: Image, colour: MarkerColour) -> tuple[UInt8[np.ndarray, "h w"
     from palpate.sensors._markers import score_image  # here: compiled loops load when first needed
 
     score, histogram = np.empty(image.shape[:2], np.uint8), np.empty(256, np.int64)
-    score_image(image, SCORES.index(colour.score), score, histogram)
+    score_image(image, colour.weights, score, histogram)
     if colour.background:
         cv2 = opencv()
         score = cv2.subtract(score, cv2.blur(score, (colour.background, colour.background)))
         histogram = np.bincount(score.ravel(), minlength=256)
     below = np.cumsum(histogram) / histogram.sum()
     top = float(np.searchsorted(below, 1.0 - 0.5 * colour.coverage))
-    flat = SCORES.index(colour.score) < _BASELESS or colour.background > 0
-    return score, 0.0 if flat else float(np.searchsorted(below, 0.5)), top
+    return score, float(np.searchsorted(below, 0.5)), top
 
 
 def _blobs(score: UInt8[np.ndarray, "h w"], base: float, threshold: float, least_area: float) -> Blobs:
@@ -194,8 +209,8 @@ def _blobs(score: UInt8[np.ndarray, "h w"], base: float, threshold: float, least
     cv2 = opencv()
     mask = cv2.threshold(score, threshold, 255, cv2.THRESH_BINARY)[1]
     count, labels, boxes, _ = cv2.connectedComponentsWithStats(mask, connectivity=4, ltype=cv2.CV_32S)
-    peaks, sums = np.zeros(count), np.zeros((count, 7))
-    blob_sums(score, labels, boxes, base, peaks, sums)
+    levels, sums = np.zeros(count), np.zeros((count, 7))
+    blob_sums(score, labels, boxes, base, levels, sums)
     kept = np.flatnonzero(sums[:, 0] >= least_area)
     if not len(kept):
         return _no_blobs()
@@ -204,7 +219,7 @@ def _blobs(score: UInt8[np.ndarray, "h w"], base: float, threshold: float, least
     left, up, width, height, _ = boxes[kept].T
     spread = np.stack([sxx / w - x * x, sxy / w - x * y, sxy / w - x * y, syy / w - y * y], axis=-1).reshape(-1, 2, 2)
     cut = (left == 0) | (up == 0) | (left + width == score.shape[1]) | (up + height == score.shape[0])
-    return Blobs(np.stack([x + left, y + up], axis=-1), n, spread, peaks[kept] - base, cut)
+    return Blobs(np.stack([x + left, y + up], axis=-1), n, spread, levels[kept] - base, cut)
 
 
 def _no_blobs() -> Blobs:
@@ -252,7 +267,7 @@ class MarkerTracker:
         self._spreads = self._areas * _DISC if spreads is None else frozen(spreads)
         if not len(self._rest) == len(self._areas) == len(self._spreads) == m:
             raise InputError(f"{m} markers need as many pixels, areas and spreads.")
-        self._kind, self._plane = SCORES.index(colour.score), view.to_plane(self._rest)
+        self._weights, self._plane = colour.weights, view.to_plane(self._rest)
         gaps = np.linalg.norm(self._rest[:, None] - self._rest[None], axis=-1) + np.diag(np.full(m, np.inf))
         self._gap = gaps.min(axis=1)
         radius = 1.6 * np.sqrt(self._spreads) + 1.5
@@ -323,7 +338,7 @@ class MarkerTracker:
     def _measure(self, image: Image, expected: Float[np.ndarray, "m 2"]) -> Float[np.ndarray, "m 7"]:
         from palpate.sensors._markers import measure_windows  # here: compiled loops load when first needed
 
-        measure_windows(image, self._kind, expected, self._halves, self._window, self._stack, self._out)
+        measure_windows(image, self._weights, expected, self._halves, self._window, self._stack, self._out)
         return self._out
 
     def _follow(self, image: Image, expected: Float[np.ndarray, "m 2"]) -> Bool[np.ndarray, " m"] | None:
