@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from support.drawn_markers import nominal_view
+from tests.support.drawn_markers import nominal_view
 
 from palpate.sensors.marker_labels import label_ring
 

@@ -7,10 +7,10 @@ from collections import deque
 import cv2
 import numpy as np
 import pytest
-from support.drawn_markers import drawn, nominal_view
+from tests.support.drawn_markers import drawn, nominal_view
 
 from palpate.errors import InputError
-from palpate.sensors._markers import measure_windows
+from palpate.sensors._markers import measure_windows, score_image
 from palpate.sensors.markers import SCORES, Frame, MarkerColour, MarkerTracker, find_blobs, find_colour
 
 VIEW = nominal_view()
@@ -126,7 +126,35 @@ def _plain(image: np.ndarray, score: str, expected: np.ndarray, half: int) -> li
     mx, my = np.average(x, weights=w), np.average(y, weights=w)
     spread = np.average((x - mx) ** 2 + (y - my) ** 2, weights=w)
     cut = 2.0 * bool(rim[y, x].any())
-    return [x0 + mx, y0 + my, len(y), spread, level - base, over.sum() - len(y), cut]
+    taken = np.zeros(s.shape, bool)
+    taken[y, x] = True
+    own = {"red": r, "green": g, "blue": b}.get(score, s)
+    value = own if own[taken].mean() - own[~over].mean() >= 0.8 * (level - base) else s
+    whole = _value_everywhere(image, score, own is value and own is not s)
+    low, high = value[~over].mean(), value[taken].mean()
+    place = _plain_centroid(whole, low, high, 1.25 * np.sqrt(len(y) / np.pi) + 2.0, np.array([x0 + mx, y0 + my]))
+    return [*place, len(y), spread, level - base, over.sum() - len(y), cut]
+
+
+def _value_everywhere(image: np.ndarray, score: str, own: bool) -> np.ndarray:
+    """The markers' own channel, or the score."""
+    if own:
+        return image[..., "blue green red".split().index(score)].astype(float)
+    out, histogram = np.empty(image.shape[:2], np.uint8), np.empty(256, np.int64)
+    score_image(image, MarkerColour(score).weights, out, histogram)
+    return out.astype(float)
+
+
+def _plain_centroid(value: np.ndarray, low: float, high: float, reach: float, place: np.ndarray) -> np.ndarray:
+    """Weights that rise from 30 to 60 % of the contrast, in a disc; twice."""
+    y, x = np.indices(value.shape)
+    rising = np.clip(((value - low) / (high - low) - 0.3) / 0.3, 0, 1)
+    for _ in range(2):
+        dx, dy = x - place[0], y - place[1]
+        weight = rising * np.clip(reach + 0.5 - np.hypot(dx, dy), 0, 1)
+        weight[(np.abs(dx) > reach) | (np.abs(dy) > reach)] = 0
+        place = place + [np.average(dx, weights=weight), np.average(dy, weights=weight)]
+    return place
 
 
 def test_following_markers_that_move() -> None:

@@ -102,6 +102,21 @@ def _value(image, y, x, weights, own):
 
 
 @inner
+def _contrast(image, weights, own, x0, y0, height, width, window, least):
+    """Mean value of a window's pixels that are of no marker, and of the blob's, which are marked as taken."""
+    inside, outside, count, others = 0.0, 0.0, 0, 0
+    for y in range(height):
+        for x in range(width):
+            if window[y, x] < 0:
+                inside += _value(image, y0 + y, x0 + x, weights, own)
+                count += 1
+            elif window[y, x] <= least:
+                outside += _value(image, y0 + y, x0 + x, weights, own)
+                others += 1
+    return outside / max(others, 1), inside / max(count, 1)
+
+
+@inner
 def _refined(image, weights, own, base, level, reach, middle):
     """The centroid of what stands out around `middle`, into it: weights rise from 30 to 60 % of the contrast.
 
@@ -231,16 +246,12 @@ def measure_windows(image, weights, expected, halves, window, stack, out):
                     top += 1
         mx, my = sx / total, sy / total
         middle[0], middle[1] = x0 + ax + mx, y0 + ay + my
-        inside, outside, others = 0.0, 0.0, 0
-        for y in range(height):
-            for x in range(width):
-                if window[y, x] < 0:
-                    inside += _value(image, y0 + y, x0 + x, weights, own)
-                elif window[y, x] <= least:
-                    outside += _value(image, y0 + y, x0 + x, weights, own)
-                    others += 1
-        reach = 1.25 * np.sqrt(count / np.pi) + 2.0
-        _refined(image, weights, own, outside / max(others, 1), inside / count, reach, middle)
+        reach, which = 1.25 * np.sqrt(count / np.pi) + 2.0, own
+        dim, bright = _contrast(image, weights, own, x0, y0, height, width, window, least)
+        if bright - dim < 0.8 * (level - base):  # on a bright skin the channel alone tells less than the score
+            which = -1
+            dim, bright = _contrast(image, weights, which, x0, y0, height, width, window, least)
+        _refined(image, weights, which, dim, bright, reach, middle)
         out[i, 0], out[i, 1] = middle[0], middle[1]
         out[i, 2], out[i, 3] = count, sq / total - mx * mx - my * my
         out[i, 4], out[i, 5] = level - base, above - count
