@@ -29,9 +29,9 @@ class LabelLimits:
     inward: float = 12e-3
     outward: float = 4e-3
     size: float = 1.7
-    area: float = 0.08
+    area: float = 0.15
     missing: float = 6.0
-    steady: float = 0.22e-3
+    steady: float = 0.3e-3
     share: float = 1.2
     reach: float = 0.26
     jump: float = 1.5e-3
