@@ -283,11 +283,11 @@ def plausible(got, rest, seen, size, contrast, fits):
 
 
 @entry
-def doubtful(got, fits, seen, sizes, alone, rest, gaps):
+def doubtful(got, fits, seen, sizes, size, alone, rest, gaps):
     """Whether any window leaves a doubt about which marker is where.
 
     Args:
-        got, fits, seen, rest: as of `plausible`.
+        got, fits, seen, size, rest: as of `plausible`.
         sizes: (m,) areas in the last frame.
         alone: (m,) bool, no neighbour at rest reaches into the window.
         gaps: (m,) to the nearest neighbour at rest [px].
@@ -298,7 +298,7 @@ def doubtful(got, fits, seen, sizes, alone, rest, gaps):
             return True
         if not seen[i]:
             continue
-        if not 0.45 * sizes[i] < got[i, 2] < 2.2 * sizes[i] or (alone[i] and got[i, 5] >= 0.25 * rest[i, 0]):
+        if not sizes[i] < got[i, 2] * size < sizes[i] * size * size or (alone[i] and got[i, 5] >= 0.25 * rest[i, 0]):
             return True
         j = (i + 1) % m
         if seen[j] and np.hypot(got[i, 0] - got[j, 0], got[i, 1] - got[j, 1]) < 0.3 * gaps[i]:

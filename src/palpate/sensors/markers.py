@@ -348,8 +348,9 @@ class MarkerTracker:
         if self._fresh or (not self._seen.all() and self._since >= _LOOK):
             return None
         got = self._measure(image, expected)
-        plausible(got, self._size_rest, self._seen, self.limits.size, _LEAST_CONTRAST, self._fits)
-        if doubtful(got, self._fits, self._seen, self._size, self._alone, self._size_rest, self._gap):
+        size, rest = self.limits.size, self._size_rest
+        plausible(got, rest, self._seen, size, _LEAST_CONTRAST, self._fits)
+        if doubtful(got, self._fits, self._seen, self._size, size, self._alone, rest, self._gap):
             return None
         self._take(got, self._seen)
         return self._seen
