@@ -7,11 +7,11 @@ from collections import deque
 import cv2
 import numpy as np
 import pytest
-from tests.support.drawn_markers import drawn, nominal_view
 
 from palpate.errors import InputError
 from palpate.sensors._markers import measure_windows, score_image
 from palpate.sensors.markers import SCORES, Frame, MarkerColour, MarkerTracker, find_blobs, find_colour
+from tests.support.drawn_markers import drawn, nominal_view
 
 VIEW = nominal_view()
 REST = VIEW.from_plane(VIEW.rest)
@@ -87,7 +87,13 @@ def test_the_window_s_kernel_is_its_plain_twin(score: str) -> None:
     halves = np.full(24, 17)
     out = np.empty((24, 7))
     measure_windows(
-        image, MarkerColour(score).weights, expected, halves, np.zeros((35, 35), np.int32), np.zeros(35 * 35, np.int32), out
+        image,
+        MarkerColour(score).weights,
+        expected,
+        halves,
+        np.zeros((35, 35), np.int32),
+        np.zeros(35 * 35, np.int32),
+        out,
     )
     for i in range(24):
         assert out[i] == pytest.approx(_plain(image, score, expected[i], 17), abs=1e-9)
@@ -139,7 +145,7 @@ def _plain(image: np.ndarray, score: str, expected: np.ndarray, half: int) -> li
 def _value_everywhere(image: np.ndarray, score: str, own: bool) -> np.ndarray:
     """The markers' own channel, or the score."""
     if own:
-        return image[..., "blue green red".split().index(score)].astype(float)
+        return image[..., ["blue", "green", "red"].index(score)].astype(float)
     out, histogram = np.empty(image.shape[:2], np.uint8), np.empty(256, np.int64)
     score_image(image, MarkerColour(score).weights, out, histogram)
     return out.astype(float)

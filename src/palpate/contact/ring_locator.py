@@ -10,7 +10,7 @@ from jaxtyping import Float, Int
 
 from palpate.sensors.ring_response import RingResponse
 
-__all__ = ["RingFound", "RingLocator", "RingSettings"]
+__all__ = ["RingFound", "RingLocator", "RingSettings", "turned"]
 
 _TABLE = 720  # angles of the response's table
 _NO_SHEAR = 1e-6  # deviation of shear / force where shear was not calibrated: none
@@ -126,5 +126,5 @@ class RingLocator:
 
 
 def turned(angle: Float[np.ndarray, "*batch"]) -> Float[np.ndarray, "*batch"]:
-    """Into -pi ... pi."""
-    return (np.asarray(angle) + pi) % (2.0 * pi) - pi
+    """Angles [rad] into -pi ... pi."""
+    return np.asarray((angle + pi) % (2.0 * pi) - pi)
