@@ -159,7 +159,7 @@ def _plain_centroid(value: np.ndarray, low: float, high: float, reach: float, pl
         dx, dy = x - place[0], y - place[1]
         weight = rising * np.clip(reach + 0.5 - np.hypot(dx, dy), 0, 1)
         weight[(np.abs(dx) > reach) | (np.abs(dy) > reach)] = 0
-        place = place + [np.average(dx, weights=weight), np.average(dy, weights=weight)]
+        place = place + np.array([np.average(dx, weights=weight), np.average(dy, weights=weight)])
     return place
 
 

@@ -287,9 +287,13 @@ def doubtful(got, fits, seen, sizes, size, alone, rest, gaps):
     """Whether any window leaves a doubt about which marker is where.
 
     Args:
-        got, fits, seen, size, rest: as of `plausible`.
+        got: as of `plausible`, as fits, seen, size and rest.
+        fits: (m,) bool.
+        seen: (m,) bool.
         sizes: (m,) areas in the last frame.
+        size: greatest ratio of areas.
         alone: (m,) bool, no neighbour at rest reaches into the window.
+        rest: (m, 2) area and spread at rest.
         gaps: (m,) to the nearest neighbour at rest [px].
     """
     m = len(got)

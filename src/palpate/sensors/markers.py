@@ -59,8 +59,8 @@ class MarkerColour:
     """What tells a marker from the skin.
 
     Args:
-        score: of a pixel, 0 to 255: "red", "green", "blue" (that channel less a share of the others), "bright" (grey) or
-            "dark" (255 less grey).
+        score: of a pixel, 0 to 255: "red", "green", "blue" (that channel less a share of the others), "bright"
+            (grey) or "dark" (255 less grey).
         threshold: share of the way from the skin's score to the markers' from which on a pixel may be of a marker.
         coverage: share of the image that markers cover: it says which score is the markers', whatever the light.
         background: side of the square [px] whose mean is subtracted first, 0: none; for uneven light.
