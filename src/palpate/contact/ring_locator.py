@@ -7,6 +7,7 @@ from math import inf, pi, radians
 
 import numpy as np
 from jaxtyping import Float, Int
+from numpy.typing import ArrayLike
 
 from palpate.sensors.ring_response import RingResponse
 
@@ -125,6 +126,6 @@ class RingLocator:
         return states[..., 1] * (mean + deviation * states[..., 2])
 
 
-def turned(angle: Float[np.ndarray, "*batch"]) -> Float[np.ndarray, "*batch"]:
+def turned(angle: ArrayLike) -> Float[np.ndarray, "*batch"]:
     """Angles [rad] into -pi ... pi."""
-    return np.asarray((angle + pi) % (2.0 * pi) - pi)
+    return np.asarray((np.asarray(angle) + pi) % (2.0 * pi) - pi)
