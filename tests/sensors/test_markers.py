@@ -87,7 +87,13 @@ def test_the_window_s_kernel_is_its_plain_twin(score: str) -> None:
     halves = np.full(24, 17)
     out = np.empty((24, 7))
     measure_windows(
-        image, MarkerColour(score).weights, expected, halves, np.zeros((35, 35), np.int32), np.zeros(35 * 35, np.int32), out
+        image,
+        MarkerColour(score).weights,
+        expected,
+        halves,
+        np.zeros((35, 35), np.int32),
+        np.zeros(35 * 35, np.int32),
+        out,
     )
     for i in range(24):
         assert out[i] == pytest.approx(_plain(image, score, expected[i], 17), abs=1e-9)

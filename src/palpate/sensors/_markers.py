@@ -227,7 +227,11 @@ def doubtful(got, fits, seen, sizes, size, alone, rest, gaps):
     """Whether any window leaves a doubt about which marker is where.
 
     Args:
-        got, fits, seen, size, rest: as of `plausible`.
+        got: as of `plausible`.
+        fits: as of `plausible`.
+        seen: as of `plausible`.
+        size: as of `plausible`.
+        rest: as of `plausible`.
         sizes: (m,) areas in the last frame.
         alone: (m,) bool, no neighbour at rest reaches into the window.
         gaps: (m,) to the nearest neighbour at rest [px].
@@ -238,7 +242,9 @@ def doubtful(got, fits, seen, sizes, size, alone, rest, gaps):
             return True
         if not seen[i]:
             continue
-        if not sizes[i] < got[i, 2] * size < sizes[i] * size * size or (alone[i] and got[i, 5] >= 0.25 * rest[i, 0]):
+        if got[i, 2] * size <= sizes[i] or got[i, 2] >= sizes[i] * size:
+            return True
+        if alone[i] and got[i, 5] >= 0.25 * rest[i, 0]:
             return True
         j = (i + 1) % m
         if seen[j] and np.hypot(got[i, 0] - got[j, 0], got[i, 1] - got[j, 1]) < 0.3 * gaps[i]:
