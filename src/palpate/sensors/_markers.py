@@ -219,7 +219,7 @@ def plausible(got, rest, seen, size, contrast, fits):
     for i in range(len(got)):
         area = got[i, 2] / rest[i, 0]
         shape = got[i, 3] / rest[i, 1]
-        fits[i] = got[i, 6] == _OK and 1.0 < area * size and area < size and shape < 1.8 * area and got[i, 4] > least
+        fits[i] = got[i, 6] == _OK and area * size > 1.0 and area < size and shape < 1.8 * area and got[i, 4] > least
 
 
 @entry

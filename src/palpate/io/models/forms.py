@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from palpate.io.schema import Form, Key
+from palpate.sensors.fisheye import Fisheye
 from palpate.sensors.force_torque import Payload
 from palpate.sensors.intensity import Curve, Intensity
 from palpate.sensors.load_cells import Indentation, LoadCells
@@ -107,6 +108,20 @@ def _taxel_places_keys(places: TaxelPlaces) -> dict[str, Any]:
 
 
 FORMS: Mapping[type, Form] = {
+    Fisheye: Form(
+        {
+            "fx": Key("px/rad"),
+            "fy": Key("px/rad"),
+            "cx": Key("px; 0 is the middle of the first pixel"),
+            "cy": Key("px"),
+            "k1": Key("of theta + k1 theta^3 + k2 theta^5 + k3 theta^7 + k4 theta^9"),
+            "k2": Key(),
+            "k3": Key(),
+            "k4": Key(),
+            "width": Key("px, of the image", least=1.0),
+            "height": Key("px", least=1.0),
+        }
+    ),
     Payload: Form(
         {
             "weight": Key("N, in the base frame"),
