@@ -188,6 +188,27 @@ def test_a_jump_and_a_hidden_marker_are_searched_for() -> None:
     assert set(told) == {Frame.OK}
 
 
+def test_hidden_markers_stay_missing_among_stray_blobs_of_their_colour() -> None:
+    """Four hidden, ten stray blobs of 2 to 10 px elsewhere in every frame: none is taken for a marker."""
+    rng, tracker = np.random.default_rng(8), _tracker()
+    hidden = rng.permutation(24)[:4]
+    seen = np.setdiff1d(np.arange(24), hidden)
+    for k in range(30):
+        places = REST + np.array([2.0 * np.sin(0.2 * k), 0.0])
+        stray, radii = rng.uniform((0, 0), (640, 480), (10, 2)), rng.uniform(2, 10, 10)
+        pixels = np.concatenate([places[seen], stray]) if k else places
+        frame = drawn(pixels, np.concatenate([np.full(20, 5.0), radii]) if k else 5.0, noise=2.0, rng=rng)
+        out = np.empty((24, 2))
+        found = tracker.track(frame, out)
+        if not k:
+            continue
+        apart = np.linalg.norm(stray[None] - places[:, None], axis=-1) - radii
+        clear = seen[apart[seen].min(axis=1) > 8]
+        assert not found[hidden].any()
+        assert found[clear].mean() >= 0.9
+        assert np.nanmax(np.abs(out - places)[clear]) <= 2 * CLOSE
+
+
 def test_what_is_found_depends_on_the_frames_since_reset_only() -> None:
     rng, tracker = np.random.default_rng(6), _tracker()
     seen = rng.random((8, 24)) > 0.1

@@ -302,7 +302,9 @@ def doubtful(got, fits, seen, sizes, size, alone, rest, gaps):
             return True
         if not seen[i]:
             continue
-        if not sizes[i] < got[i, 2] * size < sizes[i] * size * size or (alone[i] and got[i, 5] >= 0.25 * rest[i, 0]):
+        if got[i, 2] * size <= sizes[i] or got[i, 2] >= sizes[i] * size:
+            return True
+        if alone[i] and got[i, 5] >= 0.25 * rest[i, 0]:
             return True
         j = (i + 1) % m
         if seen[j] and np.hypot(got[i, 0] - got[j, 0], got[i, 1] - got[j, 1]) < 0.3 * gaps[i]:
