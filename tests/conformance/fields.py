@@ -105,7 +105,7 @@ class Case:
 
     def poses(self) -> tuple[np.ndarray, np.ndarray]:
         """Of the base, as the log has them: rotations (n, 3, 3) and positions (n, 3)."""
-        table = pl.read_csv(self.files.log, columns=list(POSE)).select(POSE).to_numpy()
+        table = pl.read_csv(self.files.table, columns=list(POSE)).select(POSE).to_numpy()
         return Rotation.from_quat(table[:, :4]).as_matrix(), table[:, 4:]
 
 
@@ -146,7 +146,7 @@ def _field(name: str) -> Callable[[Callable[[Case], None]], Callable[[Case], Non
 
 @_field("inspect log")
 def _inspect_log(case: Case) -> None:
-    rows = f"{len(pl.read_csv(case.files.log)):,}"
+    rows = f"{len(pl.read_csv(case.files.table)):,}"
     for words in ((), ("--rig", str(case.files.rig))):
         assert rows in _screen("inspect", case.files.log, *words), "does not say how many samples there are"
 
@@ -216,6 +216,7 @@ def _frame_sensor(case: Case) -> None:
 
 @_field("--frame base")
 def _frame_base(case: Case) -> None:
+    case.estimate(".csv", "--frame", "base")
     turns, places = case.poses()
     mount, sample = case.files.mount, read_contacts(case.estimate()).sample
     where = turns[sample] @ mount.translation + places[sample]
@@ -296,7 +297,7 @@ def _live(case: Case) -> None:
 def _all_right(case: Case, *options: str) -> None:
     """The contacts of the log, row for row."""
     found = read_contacts(case.estimate(".csv", *options))
-    time = pl.read_csv(case.files.log, columns=["time"])["time"].to_numpy()
+    time = pl.read_csv(case.files.table, columns=["time"])["time"].to_numpy()
     assert np.array_equal(np.unique(found.sample), np.arange(len(time))), "a sample has no row"
     assert np.array_equal(found.time, time[found.sample]), "times are not the log's"
     case.right(found.time, found.estimate)

@@ -10,6 +10,7 @@ import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import polars as pl
@@ -38,11 +39,12 @@ class Files:
     """What a user of the sensor has on disk, and what is true.
 
     Attributes:
-        log: to estimate: CSV, with poses of a base that moves. rig: for it.
+        log: to estimate: CSV, with poses of a base that moves; or a video. rig: for it.
         truth: of its touches. rest: [s] at its start in which nothing touches.
         mount: T_sensor_surface.
         models: what calibrations wrote. calibrations: the commands that do, each as words behind `calibrate`.
         mesh: what `rig new` takes beside the log, where the sensor has one.
+        beside: a table of the times of a log that is none, such as a video.
     """
 
     log: Path
@@ -53,6 +55,12 @@ class Files:
     models: tuple[Path, ...] = ()
     calibrations: tuple[tuple[str, ...], ...] = ()
     mesh: Path | None = None
+    beside: Path | None = None
+
+    @property
+    def table(self) -> Path:
+        """Time and poses of each sample, as CSV: the log itself, where it is a table."""
+        return self.beside or self.log
 
     @property
     def folder(self) -> Path:
@@ -257,6 +265,58 @@ def _poked(folder: Path, run: Callable[..., str]) -> Files:
     )
 
 
+def _marker_ring(folder: Path, run: Callable[..., str]) -> Files:
+    """A video of the coarse simulated barrel, which tips press in turn, and its calibration from another video."""
+    from palpate.simulation.barrel import Barrel, Indenter
+    from palpate.simulation.ring_session import Protocol, RingUnit, calibration_run
+    from palpate.simulation.ring_session_files import write_calibration_run
+
+    unit = RingUnit.drawn(3, coarse=True)
+    session = calibration_run(unit, Protocol(12, (0.003, 0.006, 0.009), hold=1, pause=1))
+    write_calibration_run(session, folder / "run")
+    calibrate = ("marker-ring", f"{folder}/run", "--rig", f"{folder}/run/rig.toml", "-o", f"{folder}/ring.toml")
+    run("calibrate", *calibrate)
+    barrel, step = Barrel.built(unit.barrel), 1.0 / 30.0
+    start, point, force = 1.31 + 0.8 * np.arange(3), list[np.ndarray](), list[np.ndarray]()
+    frames = [(k * step, barrel.rest[:, 1:]) for k in range(36)]
+    for angle in (0.4, 2.5, 4.6):
+        states = barrel.follow([Indenter("tip", angle, 0.006)], [(share, 0.0) for share in (0.25, 0.5, 0.75, 1.0)])
+        outward = np.array([np.cos(states[-1].angle[0]), np.sin(states[-1].angle[0]), 0.0])
+        along = np.array([-outward[1], outward[0], 0.0])
+        point.append(0.055 * outward)
+        force.append(-states[-1].force[0] * outward + states[-1].shear[0] * along)
+        shares = [*states[:3], *([states[3]] * 13), *states[2::-1]]
+        shown = [*(each.discs for each in shares), *([barrel.rest[:, 1:]] * 5)]
+        frames += [((len(frames) + k) * step, discs) for k, discs in enumerate(shown)]
+    _film(folder / "touches.avi", unit, frames)
+    (folder / "rig.toml").write_text(
+        f'{(folder / "run/rig.toml").read_text()}model = "ring.toml"\n'.replace("camera.toml", "run/camera.toml")
+    )
+    write_table(folder / "beside.csv", {"time": np.array([time for time, _ in frames])})
+    return Files(
+        log=folder / "touches.avi",
+        rig=folder / "rig.toml",
+        truth=Truth(start, start + 0.39, np.array(point), np.array(force)),
+        rest=0.8,
+        mount=Pose.identity(),
+        models=(folder / "ring.toml", folder / "run/camera.toml"),
+        calibrations=(calibrate,),
+        beside=folder / "beside.csv",
+    )
+
+
+def _film(path: Path, unit: Any, frames: list[tuple[float, np.ndarray]]) -> None:
+    import cv2
+
+    from palpate.simulation.ring_camera import Photographer
+
+    camera = Photographer(unit.camera, unit.look, np.random.default_rng(17))
+    film = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"MJPG"), 30.0, (640, 480))
+    for time, discs in frames:
+        film.write(camera.frame([discs], time))
+    film.release()
+
+
 def _plate(folder: Path, run: Callable[..., str]) -> Files:
     """Three cells under a slippery plate: each carries its share of what presses, by the levers."""
     from tests.conformance import plate  # here: the table before this one has no place for it
@@ -304,11 +364,18 @@ def _nearest(forces: np.ndarray, directions: np.ndarray) -> np.ndarray:
 CELLS = ("--payload", "--noise", "--unit", "--cutoff", "--crease")
 TAXELS = ("--payload", "--noise", "--unit", "--cutoff", "--method", "--friction", "--torsion", "--contact")
 NEWTONS = {"inspect model": "newtons", "calibrate": "newtons"}  # what reads in newtons has nothing to calibrate
+RING = (*TAXELS, "--crease")
+UNFILTERED = {
+    "--filter butterworth": "not filtered",
+    "--filter zero_phase": "not filtered",
+    "--frame base": "base frame needs",  # nothing says where a camera was while it filmed
+}
 SENSORS = (
     Sensor("six-axis", "force_torque", _six_axis, 1.0e-3, 0.03, ignores=("--unit", "--cutoff")),
     Sensor("load cells", "load_cells", _load_cells, 0.2e-3, 0.05, ignores=CELLS),
     Sensor("skin", "skin", _skin, 1.5e-3, 0.1, ignores=TAXELS),
     Sensor("poked taxels", "skin", _poked, 1.0e-3, 0.03, ignores=TAXELS),
+    Sensor("marker ring", "marker_ring", _marker_ring, 1.0e-3, 0.12, UNFILTERED, RING),
     Sensor("plate", "plate", _plate, 0.2e-3, 0.02, NEWTONS, CELLS, "tests.conformance.plate"),
     Sensor("ball", "ball", _ball, 1.5e-3, 0.05, NEWTONS, TAXELS, "tests.conformance.ball"),
 )

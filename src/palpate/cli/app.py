@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from tyro.extras import SubcommandApp
 
+from palpate.cli.calibrate_camera import calibrate_camera
 from palpate.cli.calibrate_clock import calibrate_clock
 from palpate.cli.calibrate_intensity import calibrate_intensity
 from palpate.cli.calibrate_load_cells import calibrate_load_cells
@@ -31,6 +32,7 @@ def run(argv: Sequence[str]) -> None:
     """Parse and run one command; leaves by `SystemExit` on --help and on a wrong call."""
     app, calibrate, design, maps, plan, rig, simulate = (SubcommandApp() for _ in range(7))
     app.command(estimate)
+    calibrate.command(name="camera")(calibrate_camera)
     calibrate.command(name="clock")(calibrate_clock)
     calibrate.command(name="intensity")(calibrate_intensity)
     calibrate.command(name="load-cells")(calibrate_load_cells)
@@ -38,7 +40,7 @@ def run(argv: Sequence[str]) -> None:
     calibrate.command(name="payload")(calibrate_payload)
     calibrate.command(name="mounting")(calibrate_mounting)
     calibrate.command(name="taxels")(calibrate_taxels_command)
-    models = "clock, intensity, load-cells, marker-ring, payload, mounting, taxels"
+    models = "camera, clock, intensity, load-cells, marker-ring, payload, mounting, taxels"
     app.command(calibrate, name="calibrate", help=f"Make a model from a log: {models}.")
     design.command(name="load-cells")(design_load_cells)
     app.command(design, name="design", help="What a sensor can resolve before it is built: load-cells.")
