@@ -187,7 +187,7 @@ def _settings(values: Any, prefix: str) -> list[tuple[str, object]]:
     hidden = ("folder", "pose_covariance", *_IDLE.get(getattr(values, "kind", ""), ()))
     for field in fields(values):
         value: object = getattr(values, field.name)
-        if field.name == "contacts" and "skin" not in values.sensors:  # they are of taxels
+        if field.name == "contacts" and "skin" not in getattr(values, "sensors", ("skin",)):  # a rig's are of taxels
             continue
         if field.name == "sensors":
             for name, table in values.sensors.items():

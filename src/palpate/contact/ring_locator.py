@@ -113,7 +113,7 @@ class RingLocator:
         from palpate.contact import _ring
 
         count = len(displacements)
-        flat = np.ascontiguousarray(displacements.reshape(count, -1))
+        flat = np.ascontiguousarray(displacements.reshape(count, 2 * len(self.markers)))
         states = np.zeros((count, _ring.MOST, _ring.STATE))
         counts, cost = np.zeros(count, dtype=np.int64), np.zeros(count)
         known = (self.markers, self._model, self.response.misfit, self._noise, self._settings, self._learned)

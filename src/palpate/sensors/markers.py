@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import zlib
 from dataclasses import dataclass, replace
 from enum import IntEnum
@@ -32,11 +33,12 @@ _DISC = 1 / (2 * np.pi)  # trace of the second moments of a disc over its area
 
 
 def opencv() -> ModuleType:
-    """OpenCV, loaded when first needed.
+    """OpenCV, loaded when first needed; its FFmpeg says nothing on the terminal: what it meets is said in sentences.
 
     Raises:
         InputError: it is not installed.
     """
+    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # read when the first video is opened
     try:
         import cv2
     except ImportError as problem:

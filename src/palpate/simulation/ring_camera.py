@@ -9,15 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from importlib import import_module
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from palpate.errors import InputError
+from palpate.sensors.markers import opencv
 
-__all__ = ["Look", "Photographer", "RingCamera", "opencv"]
+__all__ = ["Look", "Photographer", "RingCamera"]
 
 HEIGHT = 0.040  # m above the ring
 FINE = 8  # a marker's edge is drawn this much finer: its centroid is right to 0.01 px
@@ -25,14 +23,6 @@ SKIN, RED = np.array([34.0, 30.0, 32.0]), np.array([40.0, 36.0, 190.0])  # blue,
 READ, SHOT = 4.9, 2.4  # of 255: standard deviation in the dark, and variance per unit of light, at noise 1
 GRAIN = 1.6  # px: a cheap camera's own smoothing leaves noise in blotches
 POOL = 512  # px: a sheet of noise larger than a frame by this is drawn once, and every frame cut out elsewhere
-
-
-def opencv() -> Any:
-    """OpenCV, where it is first needed."""
-    try:
-        return import_module("cv2")
-    except ImportError as problem:
-        raise InputError("drawing frames needs OpenCV.", hint="pip install 'palpate[simulation]'") from problem
 
 
 @dataclass(frozen=True)

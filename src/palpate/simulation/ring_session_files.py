@@ -11,7 +11,8 @@ from typing import Literal
 import numpy as np
 
 from palpate.errors import InputError
-from palpate.simulation.ring_camera import RingCamera, opencv
+from palpate.sensors.markers import opencv
+from palpate.simulation.ring_camera import RingCamera
 from palpate.simulation.ring_session import RATE, RingSession, RingUnit
 
 __all__ = ["write_calibration_run", "write_touching_run"]
@@ -25,6 +26,7 @@ markers = {markers}
 camera = "camera.toml"     # of the lens alone; how it stands in the barrel is found in calibration
 """
 CAMERA = """# Kannala and Brandt's model as OpenCV's fisheye has it, in pixels; as a calibration by a board gives it.
+kind = "camera"
 width = {width}
 height = {height}
 fx = {focal[0]!r}

@@ -13,10 +13,11 @@ from jaxtyping import Float
 from palpate.errors import InputError
 from palpate.io.logs.bag import natural
 from palpate.io.logs.csv import CsvLog
-from palpate.io.logs.images import Frame, ImageLog, decoded, opencv
+from palpate.io.logs.images import Frame, ImageLog, decoded
 from palpate.io.logs.layout import Layout
 from palpate.io.logs.log import Images, LogContents
 from palpate.io.logs.video import RATE
+from palpate.sensors.markers import opencv
 from palpate.sensors.recording import Recording
 
 __all__ = ["FrameFolder", "holds_frames"]
@@ -49,7 +50,7 @@ class FrameFolder(ImageLog):
 
     def contents(self) -> LogContents:
         """See `palpate.io.logs.log.Log`; only the first frames are read."""
-        cv2, size = opencv(self.path), (0, 0, 0)
+        cv2, size = opencv(), (0, 0, 0)
         for file in self._files:
             if (image := decoded(cv2, _bytes(file), as_stored=True)) is not None:
                 size = (*image.shape[:2], image.shape[2] if image.ndim == 3 else 1)

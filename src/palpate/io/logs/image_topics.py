@@ -11,10 +11,11 @@ import numpy as np
 
 from palpate.io.logs.decoding import seconds
 from palpate.io.logs.image_messages import image_messages
-from palpate.io.logs.images import Frame, ImageLog, opencv
+from palpate.io.logs.images import Frame, ImageLog
 from palpate.io.logs.layout import ImageChannel, Layout
 from palpate.io.logs.log import LogContents, Source, Topic
 from palpate.io.logs.topics import choose_images
+from palpate.sensors.markers import opencv
 from palpate.sensors.recording import Recording
 
 __all__ = ["ImageTopicLog", "first_size"]
@@ -64,7 +65,7 @@ class ImageTopicLog(ImageLog):
 
 def first_size(source: Source, topic: Topic) -> tuple[int, int, int] | None:
     """Height, width and channels of the first image that can be read."""
-    cv2 = opencv(source.path)
+    cv2 = opencv()
     with closing(source.messages([topic.name])) as pieces:
         for piece in pieces:
             for message in image_messages(piece.of(topic), topic):

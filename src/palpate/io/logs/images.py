@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterable, Iterator, Sequence
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -15,28 +13,16 @@ from palpate.errors import InputError
 from palpate.io.logs.layout import Layout
 from palpate.io.logs.log import Log
 from palpate.io.logs.samples import Samples
+from palpate.sensors.markers import opencv
 from palpate.sensors.recording import IMAGE, Recording
 
-__all__ = ["Frame", "FrameBlocks", "ImageLog", "decoded", "opencv", "refuse_others", "to_bgr"]
+__all__ = ["Frame", "FrameBlocks", "ImageLog", "decoded", "refuse_others", "to_bgr"]
 
 ROWS = 32  # frames of a block, or fewer if they are large
 BYTES = 1 << 26  # of a block
 _NAMED = 3  # frames that a note names
 
 Frame = tuple[float, np.ndarray | None, str]  # time [s], image (None: it could not be decoded), what a note calls it
-
-
-def opencv(where: Path) -> Any:
-    """OpenCV; its FFmpeg says nothing on the terminal, as what it meets is said in sentences here.
-
-    Raises:
-        InputError: it is not installed.
-    """
-    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # read when the first video is opened
-    try:
-        return import_module("cv2")
-    except ImportError as problem:
-        raise InputError("images need OpenCV.", where=str(where), hint="pip install 'palpate[camera]'") from problem
 
 
 def refuse_others(layout: Layout, path: Path, called: str) -> None:
@@ -168,7 +154,7 @@ class ImageLog(Log):
         """Nothing was read yet; OpenCV."""
         refuse_others(self._layout, self.path, called)
         self._frames, self._said, self.position, self.torn = FrameBlocks(self._layout, self.path), [], 0, ""
-        return opencv(self.path)
+        return opencv()
 
 
 def _listed(names: Sequence[str]) -> str:

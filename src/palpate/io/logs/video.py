@@ -12,10 +12,11 @@ import numpy as np
 from jaxtyping import Float
 
 from palpate.errors import InputError
-from palpate.io.logs.images import Frame, ImageLog, opencv
+from palpate.io.logs.images import Frame, ImageLog
 from palpate.io.logs.layout import Layout
 from palpate.io.logs.log import Images, LogContents
 from palpate.io.tables.lines import open_input
+from palpate.sensors.markers import opencv
 from palpate.sensors.recording import Recording
 
 __all__ = ["RATE", "VIDEOS", "VideoLog", "is_video"]
@@ -44,7 +45,7 @@ class VideoLog(ImageLog):
 
     def contents(self) -> LogContents:
         """See `palpate.io.logs.log.Log`."""
-        cv2 = opencv(self.path)
+        cv2 = opencv()
         with _opened(cv2, self.path, packed=True) as video:
             size = int(video.get(cv2.CAP_PROP_FRAME_HEIGHT)), int(video.get(cv2.CAP_PROP_FRAME_WIDTH))
             count, rate = max(0, int(video.get(cv2.CAP_PROP_FRAME_COUNT))), _rate(cv2, video)
