@@ -12,11 +12,13 @@ from palpate.calibration.mounting import Mounting, identify_mounting
 from palpate.calibration.payload import identify_payload
 from palpate.calibration.skin_map import Sheet, map_skin
 from palpate.contact import Candidates, ContactEstimate, Contacts, Locator, Status, WrenchEstimator, locate
+from palpate.contact.ring_estimator import RingEstimator
 from palpate.contact.taxel_estimator import TaxelEstimator
 from palpate.errors import GeometryError, InputError, NotIdentifiable, PalpateError
 from palpate.sensors import Butterworth, Compensation, ForceTorque, Kalman, Payload, Recording
 from palpate.sensors.load_cell_array import LoadCellArray
 from palpate.sensors.load_cells import LoadCells
+from palpate.sensors.marker_ring import MarkerRing
 from palpate.sensors.taxels import TaxelBody
 from palpate.spatial.pose import Pose
 from palpate.spatial.wrench import Wrench
@@ -41,6 +43,7 @@ __all__ = [
     "LoadCellArray",
     "LoadCells",
     "Locator",
+    "MarkerRing",
     "Mesh",
     "Mounting",
     "NotIdentifiable",
@@ -48,6 +51,7 @@ __all__ = [
     "Payload",
     "Pose",
     "Recording",
+    "RingEstimator",
     "Sheet",
     "Status",
     "Surface",
