@@ -34,6 +34,10 @@ _SHOWN_IN = {  # features in SI -> how many of which unit
     "angle": (180 / np.pi, "°"),
     "width": (1e3, "mm"),
     "depth": (1e3, "mm"),
+    "depth_sd": (1e3, "mm"),
+    "angle_sd": (180.0 / np.pi, "°"),
+    "force_sd": (1.0, "N"),
+    "shear": (1.0, "N"),
 }
 
 
