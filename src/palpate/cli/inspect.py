@@ -158,8 +158,8 @@ def _toml(file: Path) -> None:
         value: Any = read_model(file)
         title(f"{file}: {model.called}")
         lines(model.summary(value))
-        lines(value.provenance.items())
-        note(value.notes)
+        lines(getattr(value, "provenance", {}).items())
+        note(getattr(value, "notes", ()))
     elif set(content) & {"surface", *SENSORS}:
         rig = load_rig(file)
         title(f"{file}: a rig")
