@@ -17,12 +17,17 @@ from palpate.contact.resolution import nominal_cells
 from palpate.errors import InputError
 from palpate.io.models import MODELS, load_toml, provenance, read_model, write_model
 from palpate.io.schema import covariance_matrix
+from palpate.sensors.fisheye import Fisheye, RingView
 from palpate.sensors.force_torque import Payload
 from palpate.sensors.intensity import Curve, Intensity
 from palpate.sensors.load_cells import Indentation, LoadCells
+from palpate.sensors.marker_ring import MarkerRing
+from palpate.sensors.markers import MarkerColour
+from palpate.sensors.ring_response import RingResponse
 from palpate.sensors.skin_map import SkinMap
 from palpate.sensors.taxel_places import TaxelPlaces
 from palpate.simulation.cell_array import LAYOUTS, random_cells
+from palpate.spatial.pose import Pose
 from palpate.surfaces.bspline import BSplineSurface, open_knots
 
 
@@ -107,7 +112,32 @@ def _taxels(seed: int) -> TaxelPlaces:
     return TaxelPlaces(positions, normals, covariance, module, np.arange(5), relative, 0.1 / 3, **said)
 
 
+def _camera(seed: int) -> Fisheye:
+    numbers = np.random.default_rng(seed).uniform(size=8) / 3
+    return Fisheye(200 / 3, 201 / 3, 319.5, 239.5, *numbers[:4].tolist(), width=640, height=481)
+
+
+def _marker_ring(seed: int) -> MarkerRing:
+    """Seven markers; on odd seeds with shear."""
+    rng = np.random.default_rng(seed)
+    pose = Pose.from_rotation_vector(rng.normal(size=3) / 10, [0.0, 1e-3, 0.04])
+    view = RingView(_camera(seed), pose, 0.051, np.sort(rng.uniform(0.0, 6.0, 7)))
+    response = RingResponse(
+        rng.normal(size=(3 + seed % 2, 2, 9, 5)) / 3,
+        rng.uniform(size=2) / 7,
+        rng.uniform(size=(2, 6)),
+        rng.uniform(size=2),
+        np.array([0.01, 5.1]),
+    )
+    colour = MarkerColour("red", 1 / 3, 0.01)
+    rest, area = view.from_plane(view.rest) + rng.normal(size=(7, 2)), rng.uniform(30.0, 40.0, 7)
+    said = {"provenance": {"log": "frames.avi"}, "notes": ("a note",)}
+    return MarkerRing(0.055, view, colour, rest, area, 0.7 / 3, response, **said)
+
+
 MADE = {
+    "marker ring": _marker_ring,
+    "camera": _camera,
     "payload": _payload,
     "load_cells": _load_cells,
     "intensity": _intensity,

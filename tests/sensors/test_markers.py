@@ -132,6 +132,9 @@ def _plain(image: np.ndarray, score: str, expected: np.ndarray, half: int) -> li
     mx, my = np.average(x, weights=w), np.average(y, weights=w)
     spread = np.average((x - mx) ** 2 + (y - my) ** 2, weights=w)
     cut = 2.0 * bool(rim[y, x].any())
+    told = [len(y), spread, level - base, over.sum() - len(y), cut]
+    if 10 * (over.sum() - len(y)) > len(y):
+        return [x0 + mx, y0 + my, *told]
     taken = np.zeros(s.shape, bool)
     taken[y, x] = True
     own = {"red": r, "green": g, "blue": b}.get(score, s)
@@ -139,7 +142,7 @@ def _plain(image: np.ndarray, score: str, expected: np.ndarray, half: int) -> li
     whole = _value_everywhere(image, score, own is value and own is not s)
     low, high = value[~over].mean(), value[taken].mean()
     place = _plain_centroid(whole, low, high, 1.25 * np.sqrt(len(y) / np.pi) + 2.0, np.array([x0 + mx, y0 + my]))
-    return [*place, len(y), spread, level - base, over.sum() - len(y), cut]
+    return [*place, *told]
 
 
 def _value_everywhere(image: np.ndarray, score: str, own: bool) -> np.ndarray:

@@ -246,12 +246,13 @@ def measure_windows(image, weights, expected, halves, window, stack, out):
                     top += 1
         mx, my = sx / total, sy / total
         middle[0], middle[1] = x0 + ax + mx, y0 + ay + my
-        reach, which = 1.25 * np.sqrt(count / np.pi) + 2.0, own
-        dim, bright = _contrast(image, weights, own, x0, y0, height, width, window, least)
-        if bright - dim < 0.8 * (level - base):  # on a bright skin the channel alone tells less than the score
-            which = -1
-            dim, bright = _contrast(image, weights, which, x0, y0, height, width, window, least)
-        _refined(image, weights, which, dim, bright, reach, middle)
+        if 10 * (above - count) <= count:  # nothing else stands out nearby, which the disc would take in
+            reach, which = 1.25 * np.sqrt(count / np.pi) + 2.0, own
+            dim, bright = _contrast(image, weights, own, x0, y0, height, width, window, least)
+            if bright - dim < 0.8 * (level - base):  # on a bright skin the channel alone tells less than the score
+                which = -1
+                dim, bright = _contrast(image, weights, which, x0, y0, height, width, window, least)
+            _refined(image, weights, which, dim, bright, reach, middle)
         out[i, 0], out[i, 1] = middle[0], middle[1]
         out[i, 2], out[i, 3] = count, sq / total - mx * mx - my * my
         out[i, 4], out[i, 5] = level - base, above - count
