@@ -323,6 +323,24 @@ def _added(problem, used, state, count, work, cost, nearest, on, trial):
 
 
 @inner
+def _merged(problem, used, state, count, work, cost, nearest):
+    """Of two contacts that moved nearer together than is told apart the stronger alone: a wide body is no two."""
+    c = 1
+    while c < count:
+        other = -1
+        for d in range(c):
+            if _apart(state[c, 0], state[d, 0]) < nearest:
+                other = d
+        if other < 0:
+            c += 1
+            continue
+        count = _drop(state, count, c if state[c, 1] < state[other, 1] else other)
+        cost = _refine(problem, used, state, count, work)
+        c = 1
+    return count, cost
+
+
+@inner
 def _found(problem, used, state, count, work, settings):
     """The contacts of a frame, from those of the one before: how many, and the cost."""
     on, off, nearest, dropped = settings[0] ** 2, settings[1] ** 2, settings[2], settings[3]
@@ -345,6 +363,7 @@ def _found(problem, used, state, count, work, settings):
             cost = _refine(problem, used, state, count, work)
             break
         cost = _refine(problem, used, state, count, work)
+    count, cost = _merged(problem, used, state, count, work, cost, nearest)
     while count:
         which, least = _weakest(problem, used, state, count, work, cost, off)
         if least > off:
