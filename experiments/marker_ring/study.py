@@ -25,7 +25,10 @@ from palpate.simulation.ring_camera import Look
 from palpate.simulation.ring_session import Protocol, RingSession, RingUnit
 
 __all__ = [
+    "DEEP_FROM",
     "NOISE",
+    "NOISES",
+    "THIRD",
     "TROUBLE",
     "Moving",
     "Numbers",
@@ -40,6 +43,8 @@ __all__ = [
 ]
 
 NOISE = 1.0  # of the camera
+NOISES = (0.5, 1.5)  # at which the plate is judged as well
+DEEP_FROM = 0.0015  # m: between the presses of 1 and of 2 mm
 TIP, THIRD = 0.010, 0.025  # m, of the round tip of the calibration and of the one that judges
 SEVERAL = (0.004, 0.008)  # m: how deep several press at once
 SHUTTER = 0.5  # share of a frame during which it is open
@@ -123,7 +128,8 @@ def several(bench: Bench, made: Calibrated, sizes: Sizes, rng: np.random.Generat
             frames = [camera.frame([state.discs], k / RATE) for k, state in enumerate(states)]
             answers.append(answered(made, frames, states)[-1])
         right = {
-            way: float(np.mean([len(each.of(way)) == len(each.angle) for each in answers])) for way in ("ours", "theirs")
+            way: float(np.mean([len(each.of(way)) == len(each.angle) for each in answers]))
+            for way in ("ours", "theirs")
         }
         made_up.append(Numbers(name, count, right, {way: errors(answers, way) for way in right}))
     return made_up
@@ -239,6 +245,11 @@ class Trouble:
     angle: dict[str, Float[np.ndarray, " n"]]
     answered: dict[str, float]
 
+    def times(self, clean: Trouble, way: str = "ours") -> float:
+        """The angle's error over that of the same touches on clean frames."""
+        own, other = self.angle[way], clean.angle[way]
+        return float(np.abs(own).mean() / np.abs(other[: len(own)]).mean()) if len(own) else float("nan")
+
 
 def troubled(bench: Bench, made: Calibrated, sizes: Sizes, seed: int) -> list[Trouble]:
     """The same touches by the third tip, 3 to 6 mm deep, in every trouble, coming down in 8 frames."""
@@ -253,9 +264,7 @@ def troubled(bench: Bench, made: Calibrated, sizes: Sizes, seed: int) -> list[Tr
     return found
 
 
-def _in_trouble(
-    bench: Bench, made: Calibrated, name: str, look: Look, touches: Sequence[Sequence[Pressed]]
-) -> Trouble:
+def _in_trouble(bench: Bench, made: Calibrated, name: str, look: Look, touches: Sequence[Sequence[Pressed]]) -> Trouble:
     rng, camera = np.random.default_rng(17), bench.photographer(look)
     right, last = {"ours": list[bool](), "theirs": list[bool]()}, list[Answer]()
     rest, seen = bench.unit.camera.project(bench.rest.markers), list[float]()
@@ -267,9 +276,7 @@ def _in_trouble(
         hidden = rng.choice(MARKERS, 4, replace=False).tolist() if "hidden" in name else []
         stay = rng.uniform((0.0, 0.0, 2.0), (bench.unit.camera.width, bench.unit.camera.height, 10.0), (10, 3))
         blobs = stay if "stay" in name else 10 if "flicker" in name else 0
-        frames = [
-            camera.frame([state.discs], k / RATE, hidden=hidden, blobs=blobs) for k, state in enumerate(touch)
-        ]
+        frames = [camera.frame([state.discs], k / RATE, hidden=hidden, blobs=blobs) for k, state in enumerate(touch)]
         ours = list[np.ndarray]()
         last.append(answered(made, frames, touch, ours)[-1])
         for frame, state, found in zip(frames, touch, ours, strict=True):
@@ -310,9 +317,7 @@ def short_session(session: RingSession, touches: int) -> RingSession:
         deep = session.depth[group, 0]
         rows += [int(group[np.argmin(np.abs(deep - (0.004, 0.008)[k % 2]))]), int(rest[-1])]
     names = ("markers", "discs", "angle", "depth", "force", "shear")
-    return replace(
-        session, time=np.arange(len(rows)) / RATE, **{name: getattr(session, name)[rows] for name in names}
-    )
+    return replace(session, time=np.arange(len(rows)) / RATE, **{name: getattr(session, name)[rows] for name in names})
 
 
 def transfer(unit: RingUnit, first: Calibrated, sizes: Sizes, seed: int) -> dict[str, list[Error]]:

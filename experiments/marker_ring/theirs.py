@@ -13,6 +13,7 @@ from palpate.sensors.markers import opencv
 
 __all__ = ["Theirs", "sorted_markers", "spots"]
 
+DEEP = 4.0  # px, of a press from which is learned what moves beside it
 LEAST_AREA = 20  # px: a marker has 30 to 75, grains of noise in the skin up to 10
 
 
@@ -40,8 +41,8 @@ class Theirs:
     """Calibrated on a log's frames as the paper does: markers at rest, and the cubic of the presses.
 
     What the paper leaves open is settled in its favour: the rest is a mean of unloaded frames, numbers begin midway
-    between two markers, the angle's zero is the presses' median, and what moves outwards is no contact (beside
-    every dent the skin bulges by a quarter of it).
+    between two markers, the angle's zero is the presses' median, and no contact is what moves outwards, as the skin
+    does beside every dent, or so much less than the most that single presses show the same.
 
     Args:
         count: of the markers.
@@ -68,9 +69,15 @@ class Theirs:
         self.cut = float(np.arctan2(y, x)) - np.pi / self.count
         numbered = np.stack([self._numbered(found) for found in self._seen])
         self.rest: np.ndarray = np.nanmean(numbered[rest], axis=0)
-        self.zero, self._force = 0.0, None
+        self.zero, self.share, self._force = 0.0, 0.0, None
         rows = np.flatnonzero(pressed).tolist()
         made = [(n, *found[0]) for n in rows if len(found := self._located(numbered[n]))]
+        second = [
+            found[1, 1] / found[0, 1]
+            for n in rows
+            if len(found := self._located(numbered[n])) > 1 and found[0, 1] > DEEP
+        ]
+        self.share = float(np.quantile(second, 0.98)) if second else 0.0
         which = np.array([each[0] for each in made])
         at, moved = np.array([each[1:] for each in made]).T
         self.zero = float(np.median(turned(angle[which] - at)))
@@ -98,4 +105,5 @@ class Theirs:
         found = paper_contacts(self.rest, numbered)
         own = np.arctan2(-before[:, 1], before[:, 0])
         middle = np.abs(turned(found[:, :1] - own)).argmin(axis=1)
-        return found[nearer[middle]]
+        found = found[nearer[middle]]
+        return found[found[:, 1] >= self.share * found[:1, 1]]
