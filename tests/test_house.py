@@ -11,9 +11,13 @@ import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
+from jaxtyping import TypeCheckError
 
 import palpate
+from palpate.spatial.pose import skew
+from tests.support.checked import CALLS, start_counting
 
 ROOT = Path(__file__).resolve().parents[1]
 HEAVY = ("numba", "scipy", "trimesh", "polars", "collada", "tyro", "embreex")
@@ -63,6 +67,18 @@ def test_importing_palpate_stays_light() -> None:
     script = "import sys, palpate; print(*sorted(name.partition('.')[0] for name in sys.modules))"
     loaded = subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True, check=True)
     assert not set(HEAVY) & set(loaded.stdout.split())
+
+
+def test_shapes_are_checked_in_the_first_calls_of_each_test() -> None:
+    wrong = np.zeros(4)
+    for _ in range(CALLS):
+        with pytest.raises(TypeCheckError):
+            skew(wrong)
+    with pytest.raises(ValueError, match="unpack"):  # what NumPy says of it
+        skew(wrong)
+    start_counting()
+    with pytest.raises(TypeCheckError):
+        skew(wrong)
 
 
 def test_requirements_name_packages_and_no_address() -> None:

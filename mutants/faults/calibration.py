@@ -5,6 +5,8 @@ from mutants.fault import Fault, of
 __all__ = ["FAULTS"]
 
 PAYLOAD = "tests/calibration/test_payload.py"
+POKED = "tests/calibration/test_poked_taxels.py"
+FOUND = "tests/calibration/test_find_pokes.py"
 
 FAULTS: list[Fault] = [
     *of(
@@ -66,5 +68,31 @@ FAULTS: list[Fault] = [
             "np.median(distances**2) * MEDIAN",
         ),
         ("the turn is taken the other way", "pose.rotation @ initial.rotation.T", "initial.rotation @ pose.rotation.T"),
+    ),
+    *of(
+        "calibration/taxels/nuisances.py",
+        POKED,
+        ("the shift of a frame the wrong way", "turned + error[:, :3]", "turned - error[:, :3]"),
+        ("a bias is added where it was", "pokes.wrench - bias", "pokes.wrench + bias"),
+    ),
+    *of(
+        "calibration/taxels/paper.py",
+        POKED,
+        ("the link's origin is taken for the sensor's", "torque - np.cross(pokes.origin, force)", "torque"),
+        ("doubtful pokes count in full", "pokes.weight[pokes.poke]", "np.ones(len(pokes.poke))"),
+    ),
+    *of(
+        "calibration/taxels/answers.py",
+        FOUND,
+        ("the rest of a taxel stays as it began", "1.0 - np.exp(-(time[-1] - time[0]) / DRIFT)", "0.0"),
+    ),
+    *of(
+        "calibration/taxels/find.py",
+        FOUND,
+        (
+            "free motion of any pose is taken off",
+            "low + np.flatnonzero(_apart(free.mean[low:high], mean) <= 1.0)",
+            "np.arange(low, high)",
+        ),
     ),
 ]

@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 
 from palpate.errors import InputError
+from palpate.io.models.forms import FORMS
+from palpate.io.schema import parse
 from palpate.sensors.fisheye import Fisheye, RingView
 from palpate.spatial.pose import Pose
 
@@ -107,3 +109,12 @@ def test_a_view_is_frozen_and_says_what_is_wrong() -> None:
         RingView(LENS, Pose.identity(), 0.05, view.angles)
     with pytest.raises(InputError, match="angles"):
         RingView(LENS, view.pose, 0.05, np.zeros(2))
+
+
+def test_a_camera_is_read_from_a_file() -> None:
+    said = {name: getattr(LENS, name) for name in ("fx", "fy", "cx", "cy", "k1", "k2", "k3", "k4", "width", "height")}
+    assert parse(said, Fisheye, file="camera.toml", forms=FORMS) == LENS
+    with pytest.raises(InputError, match="fx"):
+        parse(said | {"fx": -1.0}, Fisheye, file="camera.toml", forms=FORMS)
+    with pytest.raises(InputError, match="focal"):
+        parse(said | {"focal": 3.0}, Fisheye, file="camera.toml", forms=FORMS)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from support.drawn_markers import nominal_view
 
 from palpate.sensors.marker_labels import label_ring
+from tests.support.drawn_markers import nominal_view
 
 M, RADIUS = 24, 0.051
 VIEW = nominal_view(M)

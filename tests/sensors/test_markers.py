@@ -7,11 +7,11 @@ from collections import deque
 import cv2
 import numpy as np
 import pytest
-from support.drawn_markers import drawn, nominal_view
 
 from palpate.errors import InputError
-from palpate.sensors._markers import measure_windows
+from palpate.sensors._markers import measure_windows, score_image
 from palpate.sensors.markers import SCORES, Frame, MarkerColour, MarkerTracker, find_blobs, find_colour
+from tests.support.drawn_markers import drawn, nominal_view
 
 VIEW = nominal_view()
 REST = VIEW.from_plane(VIEW.rest)
@@ -87,7 +87,13 @@ def test_the_window_s_kernel_is_its_plain_twin(score: str) -> None:
     halves = np.full(24, 17)
     out = np.empty((24, 7))
     measure_windows(
-        image, MarkerColour(score).weights, expected, halves, np.zeros((35, 35), np.int32), np.zeros(35 * 35, np.int32), out
+        image,
+        MarkerColour(score).weights,
+        expected,
+        halves,
+        np.zeros((35, 35), np.int32),
+        np.zeros(35 * 35, np.int32),
+        out,
     )
     for i in range(24):
         assert out[i] == pytest.approx(_plain(image, score, expected[i], 17), abs=1e-9)
@@ -126,7 +132,35 @@ def _plain(image: np.ndarray, score: str, expected: np.ndarray, half: int) -> li
     mx, my = np.average(x, weights=w), np.average(y, weights=w)
     spread = np.average((x - mx) ** 2 + (y - my) ** 2, weights=w)
     cut = 2.0 * bool(rim[y, x].any())
-    return [x0 + mx, y0 + my, len(y), spread, level - base, over.sum() - len(y), cut]
+    taken = np.zeros(s.shape, bool)
+    taken[y, x] = True
+    own = {"red": r, "green": g, "blue": b}.get(score, s)
+    value = own if own[taken].mean() - own[~over].mean() >= 0.8 * (level - base) else s
+    whole = _value_everywhere(image, score, own is value and own is not s)
+    low, high = value[~over].mean(), value[taken].mean()
+    place = _plain_centroid(whole, low, high, 1.25 * np.sqrt(len(y) / np.pi) + 2.0, np.array([x0 + mx, y0 + my]))
+    return [*place, len(y), spread, level - base, over.sum() - len(y), cut]
+
+
+def _value_everywhere(image: np.ndarray, score: str, own: bool) -> np.ndarray:
+    """The markers' own channel, or the score."""
+    if own:
+        return image[..., ["blue", "green", "red"].index(score)].astype(float)
+    out, histogram = np.empty(image.shape[:2], np.uint8), np.empty(256, np.int64)
+    score_image(image, MarkerColour(score).weights, out, histogram)
+    return out.astype(float)
+
+
+def _plain_centroid(value: np.ndarray, low: float, high: float, reach: float, place: np.ndarray) -> np.ndarray:
+    """Weights that rise from 30 to 60 % of the contrast, in a disc; twice."""
+    y, x = np.indices(value.shape)
+    rising = np.clip(((value - low) / (high - low) - 0.3) / 0.3, 0, 1)
+    for _ in range(2):
+        dx, dy = x - place[0], y - place[1]
+        weight = rising * np.clip(reach + 0.5 - np.hypot(dx, dy), 0, 1)
+        weight[(np.abs(dx) > reach) | (np.abs(dy) > reach)] = 0
+        place = place + np.array([np.average(dx, weights=weight), np.average(dy, weights=weight)])
+    return place
 
 
 def test_following_markers_that_move() -> None:
@@ -152,6 +186,27 @@ def test_a_jump_and_a_hidden_marker_are_searched_for() -> None:
     assert np.abs(out[-1] - jump).max() <= 2 * CLOSE
     assert not searched[-1]
     assert set(told) == {Frame.OK}
+
+
+def test_hidden_markers_stay_missing_among_stray_blobs_of_their_colour() -> None:
+    """Four hidden, ten stray blobs of 2 to 10 px elsewhere in every frame: none is taken for a marker."""
+    rng, tracker = np.random.default_rng(8), _tracker()
+    hidden = rng.permutation(24)[:4]
+    seen = np.setdiff1d(np.arange(24), hidden)
+    for k in range(30):
+        places = REST + np.array([2.0 * np.sin(0.2 * k), 0.0])
+        stray, radii = rng.uniform((0, 0), (640, 480), (10, 2)), rng.uniform(2, 10, 10)
+        pixels = np.concatenate([places[seen], stray]) if k else places
+        frame = drawn(pixels, np.concatenate([np.full(20, 5.0), radii]) if k else 5.0, noise=2.0, rng=rng)
+        out = np.empty((24, 2))
+        found = tracker.track(frame, out)
+        if not k:
+            continue
+        apart = np.linalg.norm(stray[None] - places[:, None], axis=-1) - radii
+        clear = seen[apart[seen].min(axis=1) > 8]
+        assert not found[hidden].any()
+        assert found[clear].mean() >= 0.9
+        assert np.nanmax(np.abs(out - places)[clear]) <= 2 * CLOSE
 
 
 def test_what_is_found_depends_on_the_frames_since_reset_only() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -168,3 +169,9 @@ def test_a_far_marker_bulges_where_the_near_one_dents(even: Barrel) -> None:
 def test_what_cannot_be_pressed_is_said(barrel: Barrel, bad: Indenter) -> None:
     with pytest.raises(InputError):
         barrel.press([bad])
+
+
+def test_without_scikit_fem_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "skfem", None)
+    with pytest.raises(InputError, match=r"palpate\[simulation\]"):
+        solid(EVEN)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from jaxtyping import Float, UInt8
 
+from palpate.errors import InputError
 from palpate.simulation.ring_camera import Look, Photographer, RingCamera
 
 cv2 = pytest.importorskip("cv2")
@@ -138,3 +140,9 @@ def test_a_seed_draws_the_same_frames() -> None:
         Photographer(RingCamera(), Look(), np.random.default_rng(5)).frame([_discs()], 0.3, blobs=3) for _ in "ab"
     )
     assert np.array_equal(one, two)
+
+
+def test_without_opencv_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "cv2", None)
+    with pytest.raises(InputError, match=r"palpate\[simulation\]"):
+        Photographer(RingCamera(), CLEAN, np.random.default_rng(0))

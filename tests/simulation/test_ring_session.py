@@ -9,7 +9,15 @@ import pytest
 
 from palpate.io.ground_truth import read_ground_truth
 from palpate.simulation.barrel import Barrel, Indenter
-from palpate.simulation.ring_session import Protocol, RingSession, RingUnit, Touching, calibration_run, touching_run
+from palpate.simulation.ring_session import (
+    Faults,
+    Protocol,
+    RingSession,
+    RingUnit,
+    Touching,
+    calibration_run,
+    touching_run,
+)
 from palpate.simulation.ring_session_files import write_calibration_run, write_touching_run
 
 cv2 = pytest.importorskip("cv2")
@@ -54,6 +62,15 @@ def test_touches_stay_apart_and_move(touching: RingSession) -> None:
     if len(both):
         apart = np.abs(np.mod(both[:, 0] - both[:, 1] + np.pi, 2 * np.pi) - np.pi)
         assert apart.min() > np.radians(25.0)
+
+
+def test_faults_are_seen(calibration: RingSession) -> None:
+    faults = Faults(hidden=4, blobs=10, black=(1,), frozen=3)
+    frames = [frame for frame, _ in zip(calibration.frames(faults=faults), range(6), strict=False)]
+    assert frames[1].max() == 0
+    assert not np.array_equal(frames[2], frames[3])
+    assert np.array_equal(frames[3], frames[5])
+    assert not np.array_equal(frames[0], next(iter(calibration.frames())))
 
 
 def test_a_seed_is_a_unit() -> None:

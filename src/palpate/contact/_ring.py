@@ -55,6 +55,14 @@ def _shapes(table, slope, phi, z, t, value, by_phi, by_z, shear):
 
 
 @inner
+def _copy(one, other):
+    """Contacts of one array into another: a loop is compiled faster than an assignment of slices."""
+    for c in range(one.shape[0]):
+        for k in range(one.shape[1]):
+            other[c, k] = one[c, k]
+
+
+@inner
 def _variances(state, count, markers, misfit, noise, variance):
     """Of each displacement: the pixels', and what the response of each contact leaves."""
     parts = misfit.shape[1]
@@ -102,8 +110,9 @@ def _cost(displacement, used, variance, state, count, model, residual, jacobian)
     size = len(displacement)
     value, by_phi = np.empty(size), np.empty(size)
     by_z, shear = np.empty(size), np.empty(size)
-    residual[:] = displacement
     cost = 0.0
+    for i in range(size):
+        residual[i] = displacement[i]
     for c in range(count):
         force, z, t = state[c, 1], state[c, 2], state[c, 3]
         _shapes(table, slope, state[c, 0], z, t, value, by_phi, by_z, shear)
@@ -132,7 +141,8 @@ def _refine(problem, used, state, count, work):
     displacement, markers, model, misfit, noise = problem
     priors, size = model[2], 4 * count
     gradient, step = np.empty(size), np.empty(size)
-    factor, trial = np.empty((size, size)), state.copy()
+    factor, trial = np.empty((size, size)), np.empty((len(state), STATE))
+    _copy(state, trial)
     no_jacobian = np.empty((len(residual), 0))
     _variances(state, count, markers, misfit, noise, variance)
     cost, damping = _cost(displacement, used, variance, state, count, model, residual, jacobian), 1e-4
@@ -179,7 +189,8 @@ def _refine(problem, used, state, count, work):
             break
         for c in range(count):
             moved = max(moved, abs(trial[c, 0] - state[c, 0]) / 1e-4, abs(trial[c, 1] - state[c, 1]) / 1e-4)
-            state[c, :4] = trial[c, :4]
+            for k in range(4):
+                state[c, k] = trial[c, k]
         damping = max(0.1 * damping, 1e-7)
         _variances(state, count, markers, misfit, noise, variance)
         cost = _cost(displacement, used, variance, state, count, model, residual, jacobian)
@@ -233,7 +244,8 @@ def _candidate(used, state, count, table, work, nearest):
 def _drop(state, count, which):
     """Takes one contact out; how many are left."""
     for c in range(which, count - 1):
-        state[c] = state[c + 1]
+        for k in range(STATE):
+            state[c, k] = state[c + 1, k]
     return count - 1
 
 
@@ -268,11 +280,12 @@ def _explained(used, state, count, which, model, work):
 def _weakest(problem, used, state, count, work, cost, off):
     """The contact that explains least, and how much the cost rises without it; one that explains much is not tried."""
     least, which = np.inf, -1
-    other, spare = np.empty_like(state), (work[0].copy(), work[1], work[2].copy(), work[3].copy())
+    other = np.empty((len(state), STATE))
+    spare = (np.empty(len(work[0])), work[1], np.empty((4 * MOST, 4 * MOST)), np.empty(len(work[0])))
     for c in range(count):
         rise = _explained(used, state, count, c, problem[2], work)
         if rise < 25.0 * off:
-            other[:] = state
+            _copy(state, other)
             left = _drop(other, count, c)
             rise = _refine(problem, used, other, left, spare) - cost
         state[c, 7] = rise
@@ -287,20 +300,21 @@ def _added(problem, used, state, count, work, cost, nearest, on, trial):
     more, after = count, cost
     phi, force, width, gain = _candidate(used, state, count, problem[2][0], work, nearest)
     if gain > 0.5 * on:
-        trial[:] = state
+        _copy(state, trial)
         trial[count, 0], trial[count, 1], trial[count, 2], trial[count, 3] = phi, force, width, 0.0
         more, after = count + 1, _refine(problem, used, trial, count + 1, work)
-    halves = np.empty_like(state)
+    halves = np.empty((len(state), STATE))
     for c in range(count):  # or two that stand so near that one was taken for both
-        halves[:] = state
-        halves[count] = state[c]
+        _copy(state, halves)
+        for k in range(STATE):
+            halves[count, k] = state[c, k]
         halves[c, 0], halves[count, 0] = state[c, 0] - 0.6 * nearest, state[c, 0] + 0.6 * nearest
         halves[c, 1] = halves[count, 1] = 0.5 * state[c, 1]
         halves[c, 2], halves[count, 2] = problem[2][2][0], problem[2][2][0]
         split = _refine(problem, used, halves, count + 1, work)
         if split < after:
             more, after = count + 1, split
-            trial[:] = halves
+            _copy(halves, trial)
     for c in range(more):
         for d in range(c):
             if _apart(trial[c, 0], trial[d, 0]) < nearest:
@@ -313,7 +327,7 @@ def _found(problem, used, state, count, work, settings):
     """The contacts of a frame, from those of the one before: how many, and the cost."""
     on, off, nearest, dropped = settings[0] ** 2, settings[1] ** 2, settings[2], settings[3]
     cost = _refine(problem, used, state, count, work)
-    trial = np.empty_like(state)
+    trial = np.empty((len(state), STATE))
     for _ in range(2 * MOST + int(dropped)):
         worst, far = _worst(used, work)
         if far < _FITS:
@@ -325,7 +339,7 @@ def _found(problem, used, state, count, work, settings):
             used[2 * worst] = used[2 * worst + 1] = False
             dropped -= 1
         elif more > count and cost - after > on:
-            state[:] = trial
+            _copy(trial, state)
             count = more
         else:
             cost = _refine(problem, used, state, count, work)
@@ -348,14 +362,13 @@ def _deviations(state, count, work, width, spread):
     for c in range(count):
         covariance = np.zeros((4, 4))
         for e in range(4):
-            factor[:] = work[2][:size, :size]
             for a in range(size):
-                factor[a, a] *= 1.0 + 1e-12
-            unit[:] = 0.0
-            unit[4 * c + e] = 1.0
-            if not _solved(factor, unit, size, column):
-                column[:] = np.nan
-            covariance[e] = column[4 * c : 4 * c + 4]
+                unit[a] = 1.0 if a == 4 * c + e else 0.0
+                for b in range(size):
+                    factor[a, b] = work[2][a, b] * (1.0 + 1e-12 if a == b else 1.0)
+            known = _solved(factor, unit, size, column)
+            for k in range(4):
+                covariance[e, k] = column[4 * c + k] if known else np.nan
         force, z = state[c, 1], state[c, 2]
         deep, more = width[0] + z * width[1], force * width[1]
         state[c, 4] = np.sqrt(covariance[0, 0] + spread[0] ** 2)
@@ -384,8 +397,8 @@ def frames(displacements, markers, model, misfit, noise, settings, learned, stat
     size = displacements.shape[1]
     work = (np.empty(size), np.empty((size, 4 * MOST)), np.empty((4 * MOST, 4 * MOST)), np.empty(size))
     state, used = np.zeros((MOST, STATE)), np.empty(size, dtype=np.bool_)
-    state[:] = left[:MOST]
-    count = int(left[MOST, 0])
+    _copy(left[:MOST], state)
+    count, here = int(left[MOST, 0]), np.empty(size)
     for n in range(len(displacements)):
         seen = 0
         for i in range(size):
@@ -395,7 +408,8 @@ def frames(displacements, markers, model, misfit, noise, settings, learned, stat
             counts[n], cost[n] = -1, np.nan
             count = 0
             continue
-        here = np.where(used, displacements[n], 0.0)
+        for i in range(size):
+            here[i] = displacements[n, i] if used[i] else 0.0
         count, cost[n] = _found((here, markers, model, misfit, noise), used, state, count, work, settings)
         _deviations(state, count, work, learned[0], learned[1])
         seen = 0
@@ -404,9 +418,9 @@ def frames(displacements, markers, model, misfit, noise, settings, learned, stat
         free = max(seen - 2 * count, 1)
         cost[n] = np.sqrt(cost[n] / free)
         counts[n] = count
-        states[n] = state
+        _copy(state, states[n])
         for c in range(count):
             turn = states[n, c, 0] / (2.0 * np.pi)
             states[n, c, 0] = 2.0 * np.pi * (turn - np.floor(turn))
-    left[:MOST] = state
+    _copy(state, left[:MOST])
     left[MOST, 0] = count

@@ -7,10 +7,11 @@ from math import inf, pi, radians
 
 import numpy as np
 from jaxtyping import Float, Int
+from numpy.typing import ArrayLike
 
 from palpate.sensors.ring_response import RingResponse
 
-__all__ = ["RingFound", "RingLocator", "RingSettings"]
+__all__ = ["RingFound", "RingLocator", "RingSettings", "turned"]
 
 _TABLE = 720  # angles of the response's table
 _NO_SHEAR = 1e-6  # deviation of shear / force where shear was not calibrated: none
@@ -125,6 +126,6 @@ class RingLocator:
         return states[..., 1] * (mean + deviation * states[..., 2])
 
 
-def turned(angle: Float[np.ndarray, "*batch"]) -> Float[np.ndarray, "*batch"]:
-    """Into -pi ... pi."""
-    return (np.asarray(angle) + pi) % (2.0 * pi) - pi
+def turned(angle: ArrayLike) -> Float[np.ndarray, "*batch"]:
+    """Angles [rad] into -pi ... pi."""
+    return np.asarray((np.asarray(angle) + pi) % (2.0 * pi) - pi)

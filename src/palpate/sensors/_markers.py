@@ -102,6 +102,21 @@ def _value(image, y, x, weights, own):
 
 
 @inner
+def _contrast(image, weights, own, x0, y0, height, width, window, least):
+    """Mean value of a window's pixels that are of no marker, and of the blob's, which are marked as taken."""
+    inside, outside, count, others = 0.0, 0.0, 0, 0
+    for y in range(height):
+        for x in range(width):
+            if window[y, x] < 0:
+                inside += _value(image, y0 + y, x0 + x, weights, own)
+                count += 1
+            elif window[y, x] <= least:
+                outside += _value(image, y0 + y, x0 + x, weights, own)
+                others += 1
+    return outside / max(others, 1), inside / max(count, 1)
+
+
+@inner
 def _refined(image, weights, own, base, level, reach, middle):
     """The centroid of what stands out around `middle`, into it: weights rise from 30 to 60 % of the contrast.
 
@@ -231,16 +246,12 @@ def measure_windows(image, weights, expected, halves, window, stack, out):
                     top += 1
         mx, my = sx / total, sy / total
         middle[0], middle[1] = x0 + ax + mx, y0 + ay + my
-        inside, outside, others = 0.0, 0.0, 0
-        for y in range(height):
-            for x in range(width):
-                if window[y, x] < 0:
-                    inside += _value(image, y0 + y, x0 + x, weights, own)
-                elif window[y, x] <= least:
-                    outside += _value(image, y0 + y, x0 + x, weights, own)
-                    others += 1
-        reach = 1.25 * np.sqrt(count / np.pi) + 2.0
-        _refined(image, weights, own, outside / max(others, 1), inside / count, reach, middle)
+        reach, which = 1.25 * np.sqrt(count / np.pi) + 2.0, own
+        dim, bright = _contrast(image, weights, own, x0, y0, height, width, window, least)
+        if bright - dim < 0.8 * (level - base):  # on a bright skin the channel alone tells less than the score
+            which = -1
+            dim, bright = _contrast(image, weights, which, x0, y0, height, width, window, least)
+        _refined(image, weights, which, dim, bright, reach, middle)
         out[i, 0], out[i, 1] = middle[0], middle[1]
         out[i, 2], out[i, 3] = count, sq / total - mx * mx - my * my
         out[i, 4], out[i, 5] = level - base, above - count
@@ -268,17 +279,21 @@ def plausible(got, rest, seen, size, contrast, fits):
     for i in range(len(got)):
         area = got[i, 2] / rest[i, 0]
         shape = got[i, 3] / rest[i, 1]
-        fits[i] = got[i, 6] == _OK and 1.0 < area * size and area < size and shape < 3.0 * area and got[i, 4] > least
+        fits[i] = got[i, 6] == _OK and area * size > 1.0 and area < size and shape < 3.0 * area and got[i, 4] > least
 
 
 @entry
-def doubtful(got, fits, seen, sizes, alone, rest, gaps):
+def doubtful(got, fits, seen, sizes, size, alone, rest, gaps):
     """Whether any window leaves a doubt about which marker is where.
 
     Args:
-        got, fits, seen, rest: as of `plausible`.
+        got: as of `plausible`, as fits, seen, size and rest.
+        fits: (m,) bool.
+        seen: (m,) bool.
         sizes: (m,) areas in the last frame.
+        size: greatest ratio of areas.
         alone: (m,) bool, no neighbour at rest reaches into the window.
+        rest: (m, 2) area and spread at rest.
         gaps: (m,) to the nearest neighbour at rest [px].
     """
     m = len(got)
@@ -287,7 +302,9 @@ def doubtful(got, fits, seen, sizes, alone, rest, gaps):
             return True
         if not seen[i]:
             continue
-        if not 0.45 * sizes[i] < got[i, 2] < 2.2 * sizes[i] or (alone[i] and got[i, 5] >= 0.25 * rest[i, 0]):
+        if got[i, 2] * size <= sizes[i] or got[i, 2] >= sizes[i] * size:
+            return True
+        if alone[i] and got[i, 5] >= 0.25 * rest[i, 0]:
             return True
         j = (i + 1) % m
         if seen[j] and np.hypot(got[i, 0] - got[j, 0], got[i, 1] - got[j, 1]) < 0.3 * gaps[i]:

@@ -28,10 +28,10 @@ class LabelLimits:
 
     inward: float = 12e-3
     outward: float = 4e-3
-    size: float = 2.5
-    area: float = 0.2
+    size: float = 1.7
+    area: float = 0.15
     missing: float = 6.0
-    steady: float = 0.35e-3
+    steady: float = 0.3e-3
     share: float = 1.2
     reach: float = 0.26
     jump: float = 1.5e-3
@@ -39,7 +39,7 @@ class LabelLimits:
 
 
 USUAL_LIMITS = LabelLimits()
-_SIZE = 0.3  # deviation of the logarithm of an area
+_SIZE = 0.2  # deviation of the logarithm of an area
 _LONGEST = 4  # markers: over longer gaps neighbours tell nothing
 _EVEN = 3e-3  # variance of what is uneven from marker to marker, of the variance of displacements
 _CAP = 8.0  # of the cost of a jump: what moved faster than expected may still be found by its neighbours

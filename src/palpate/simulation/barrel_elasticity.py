@@ -50,7 +50,7 @@ def _skfem() -> Any:
         raise InputError(
             "scikit-fem is not installed, and the barrel's elasticity is computed with it",
             where="marker ring",
-            hint="install palpate[simulation]",
+            hint="pip install 'palpate[simulation]'",
         ) from problem
 
 

@@ -15,7 +15,7 @@ from jaxtyping import Float, Int, UInt8
 from palpate.simulation.barrel import COARSE_ROWS, Barrel, BarrelSettings, Indenter, Pressed
 from palpate.simulation.ring_camera import Look, Photographer, RingCamera
 
-__all__ = ["Protocol", "RingSession", "RingUnit", "Touching", "calibration_run", "touching_run"]
+__all__ = ["Faults", "Protocol", "RingSession", "RingUnit", "Touching", "calibration_run", "touching_run"]
 
 RATE = 30.0  # Hz
 REST = 1.0  # s without load before anything else
@@ -23,6 +23,7 @@ DRAG = 0.002  # m
 RAMP = 0.2  # s from the first touch to the full depth
 APART = np.radians(30.0)  # between touches at once
 SPEED = (0.01, 0.1)  # m/s
+STILL = 1e-5  # m a frame: less is not smeared
 
 
 @dataclass(frozen=True)
@@ -44,6 +45,23 @@ class RingUnit:
         wall, stiff = 1.0 + 0.03 * rng.standard_normal(), 1.0 + 0.05 * rng.standard_normal()
         settings = replace(settings, thickness=wall * settings.thickness, modulus=stiff * settings.modulus)
         return RingUnit(settings, RingCamera.drawn(rng), look or Look(), seed)
+
+
+@dataclass(frozen=True)
+class Faults:
+    """What goes wrong in frames.
+
+    Attributes:
+        hidden: markers behind something dark, others in every frame.
+        blobs: spurious red ones, elsewhere in every frame.
+        black: numbers of frames without light.
+        frozen: number of the frame that is repeated from then on; None: none.
+    """
+
+    hidden: int = 0
+    blobs: int = 0
+    black: tuple[int, ...] = ()
+    frozen: int | None = None
 
 
 @dataclass(frozen=True)
@@ -128,16 +146,31 @@ class RingSession:
         """The largest force [N] of a contact."""
         return float(np.nan_to_num(self.force).max())
 
-    def frames(self, look: Look | None = None) -> Iterator[UInt8[np.ndarray, "h w 3"]]:
-        """The frames, one after the other; the same every time."""
-        seen = Photographer(self.unit.camera, look or self.unit.look, np.random.default_rng([self.unit.seed, 41]))
-        last = len(self.time) - 1
+    def frames(self, look: Look | None = None, faults: Faults | None = None) -> Iterator[UInt8[np.ndarray, "h w 3"]]:
+        """The frames, one after the other; the same every time.
+
+        Args:
+            look: of the scene; None: the unit's.
+            faults: what goes wrong; None: nothing.
+        """
+        faults = faults or Faults()
+        rng = np.random.default_rng([self.unit.seed, 41])
+        seen = Photographer(self.unit.camera, look or self.unit.look, rng)
+        frame = seen.black()
         for at, time in enumerate(self.time.tolist()):
-            discs = self.discs[at]
-            speed = (self.discs[min(at + 1, last)] - self.discs[max(at - 1, 0)]) / 2.0
-            moved = self.shutter > 0.0 and float(np.abs(speed).max()) > 1e-5
-            parts = (-1 / 3, 0.0, 1 / 3) if moved else (0.0,)
-            yield seen.frame([discs + part * self.shutter * speed for part in parts], time)
+            if at in faults.black:
+                frame = seen.black()
+            elif faults.frozen is None or at <= faults.frozen:
+                hidden = rng.choice(self.markers.shape[1], faults.hidden, replace=False).tolist()
+                frame = seen.frame(self._exposed(at), time, hidden=hidden, blobs=faults.blobs)
+            yield frame
+
+    def _exposed(self, at: int) -> list[Float[np.ndarray, "m p 3"]]:
+        """Outlines at instants while the shutter is open: one where nothing moves."""
+        discs, last = self.discs[at], len(self.time) - 1
+        change = (self.discs[min(at + 1, last)] - self.discs[max(at - 1, 0)]) / 2.0
+        moved = self.shutter > 0.0 and float(np.abs(change).max()) > STILL
+        return [discs + part * self.shutter * change for part in ((-1 / 3, 0.0, 1 / 3) if moved else (0.0,))]
 
 
 def _nothing(_: int, __: float) -> None:

@@ -1,0 +1,88 @@
+"""The response of a ring of markers: its derivatives, what it predicts, and how a new unit borrows it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from palpate.calibration.marker_ring.response import fit_response
+from palpate.contact.ring_locator import RingLocator, turned
+from palpate.errors import InputError
+from palpate.sensors.ring_response import RingResponse, ring_basis
+
+pytest.importorskip("skfem")
+
+from tests.support.ring_presses import MARKERS, calibrated, presses, tip
+
+
+def test_the_basis_is_periodic_and_orthogonal() -> None:
+    turn = 2.0 * np.pi * np.arange(60) / 60
+    basis = ring_basis(turn, 4)
+    np.testing.assert_allclose(basis, ring_basis(turn + 2.0 * np.pi, 4), atol=1e-12)
+    gram = basis.T @ basis / 60
+    np.testing.assert_allclose(gram, np.diag([1.0, *([0.5] * 8)]), atol=1e-12)
+
+
+def test_tables_are_the_response_and_its_derivative() -> None:
+    response, step = calibrated()[0], 1e-6
+    table, slope = response.tables(MARKERS, 36)
+    for k in (0, 5, 17):
+        phi = 2.0 * np.pi * k / 36
+
+        def at(angle: float) -> np.ndarray:
+            return response.at(MARKERS - angle, np.full(24, angle)).reshape(48, -1)
+
+        np.testing.assert_allclose(table[k], at(phi), atol=1e-15)
+        np.testing.assert_allclose(slope[k], (at(phi + step) - at(phi - step)) / (2.0 * step), atol=1e-9)
+
+
+def test_a_press_that_was_left_out_is_predicted() -> None:
+    """Within a tenth of what the markers move by, and what is said of the misfit holds."""
+    response = calibrated()[0]
+    made = presses([tip(at, 0.006) for at in (0.5, 2.2, 4.1)], np.random.default_rng(3))
+    z = (made.depth / made.force - response.width[0]) / response.width[1]
+    for k in range(3):
+        shapes = response.at(MARKERS - made.angle[k], np.full(24, made.angle[k]))
+        terms = np.array([made.force[k], made.force[k] * z[k], made.force[k] * z[k] ** 2, made.shear[k]])
+        left = made.displacements[k] - shapes @ terms
+        assert np.sqrt(np.mean(left**2)) < 0.1 * np.sqrt(np.mean(made.displacements[k] ** 2))
+
+
+def test_another_unit_needs_two_dozen_presses() -> None:
+    """With the first unit's response 24 presses do; the errors stay within 1.5 times those of a full calibration."""
+    before, _ = calibrated()
+    full, made = calibrated(seed=4)
+    some = np.zeros(len(made), dtype=bool)
+    some[np.arange(24) * 6 + 3 * (np.arange(24) % 2) + 1] = True
+    short = fit_response(made.picked(some), before)
+    judged = presses([tip(at, 0.005, 0.025) for at in np.arange(12) / 2.0], np.random.default_rng(5), seed=4)
+    errors = [_angle_error(each, judged) for each in (full, short)]
+    assert errors[1] < 1.5 * max(errors[0], 0.2)
+
+
+def _angle_error(response: RingResponse, judged: object) -> float:
+    """Mean, in degrees."""
+    off = list[float]()
+    for angle, frame in zip(judged.angle, judged.displacements, strict=True):
+        found = RingLocator(response, MARKERS, judged.noise).run(frame[None])
+        assert found.counts[0] == 1
+        off.append(abs(float(turned(found.states[0, 0, 0] - angle))))
+    return float(np.degrees(np.mean(off)))
+
+
+def test_presses_that_say_too_little_are_refused() -> None:
+    _, made = calibrated()
+    with pytest.raises(InputError, match="too few"):
+        fit_response(made.picked(np.arange(len(made)) < 3))
+    with pytest.raises(InputError, match="no press stands"):
+        fit_response(made.picked(made.angle < 3.0))
+
+
+def test_a_response_of_another_shape_is_refused() -> None:
+    response = calibrated()[0]
+    with pytest.raises(ValueError, match="odd"):
+        replace(response, coefficients=np.zeros((3, 2, 4, 3)))
+    with pytest.raises(ValueError, match="width"):
+        replace(response, width=np.array([1.0, 0.0]))
