@@ -1,1 +1,1 @@
-"""`marker ring`: figures 7 and 9 and the limit of several contacts, the paper's way and ours on one simulated barrel."""
+"""The `marker ring` paper: figures 7 and 9 and the limit of several contacts, its way and ours on one barrel."""

@@ -44,15 +44,15 @@ FOLDER = Path(__file__).parent
 SEED = 300  # of the unit; nothing was chosen on it
 FULL = Sizes(
     coarse=False,
-    protocol=Protocol(angles=24),
+    protocol=Protocol(angles=24, hold=1, pause=1),
     angles=20,
     steps=10,
-    pairs=24,
+    pairs=20,
     apart=(20, 25, 30, 40, 50, 60),
-    plates=8,
+    plates=6,
     speeds=(0.01, 0.02, 0.04, 0.07, 0.1),
-    hidden=100,
-    looks=40,
+    hidden=80,
+    looks=24,
     short=24,
 )
 SMALL = replace(
@@ -102,7 +102,9 @@ def measured(sizes: Sizes, seed: int = SEED) -> Measured:
     for noise in NOISES if not sizes.coarse else ():
         look = Look(noise=noise)
         other = calibrated(session, look)
-        answers = study.one_contact(Bench(replace(unit, look=look), seed), other, plate, sizes, rng)
+        answers = study.one_contact(
+            Bench(replace(unit, look=look), seed), other, plate, sizes, np.random.default_rng([seed, 2])
+        )
         noises[noise] = {way: errors(answers, way) for way in ("ours", "theirs")}
     return Measured(
         study.one_contact(bench, made, plate, sizes, rng),
