@@ -72,7 +72,9 @@ def by_depth(plate: Sequence[Answer], third: Sequence[Answer]) -> str:
 
 def of_noise(noises: Mapping[float, Mapping[str, Sequence[Error]]]) -> str:
     """Errors of the plate at other noises of the camera."""
-    return table(("noise", *WAYS), [[f"{at:g}", *[_both(found[way]) for way in WAYS]] for at, found in noises.items()])
+    return table(
+        ("noise", *WAYS), [[f"{at:g}", *[_both(found[way]) for way in WAYS]] for at, found in sorted(noises.items())]
+    )
 
 
 def of_numbers(several: Sequence[Numbers]) -> str:
@@ -172,8 +174,7 @@ at 1 to 2 mm and 1.5 deg beyond, for the plate that it was calibrated with.
 
 {depth}
 
-Other noise of the same camera, calibrated and judged with the plate; 1 is what everything else here has, 0.3 px of
-noise in a plain centroid:
+Other noise of the same camera, calibrated and judged with the plate; 1.1 is what everything else here has:
 
 {noise}
 
@@ -195,7 +196,7 @@ force has moved on by then, whatever the estimator. The paper is content up to 4
 
 ## Trouble in the picture
 
-The third body, 3 to 6 mm deep, in 14 frames from the unloaded skin on. *Hidden*: any 4 of the 24 markers, for all of
+The third body, 3 to 6 mm deep, in 12 frames from the unloaded skin on. *Hidden*: any 4 of the 24 markers, for all of
 a touch; *blobs*: ten red discs of 2 to 10 px radius anywhere, the same in all frames of a touch, or others in each.
 Hue in OpenCV's units of 2 deg. Labels of a frame are right where every marker that is reported lies within 3 px of
 where it is, none that is hidden is reported, and half of them are.
@@ -214,5 +215,24 @@ Its wall, silicone, lens, tilt and offset differ. Judged with the third body, ou
 
 ## What differs, and why
 
-DIFFERS
+- **The baseline does not land on the paper's figures by noise alone.** Its angle comes out near 1.12 deg only through a
+  few presses of 1 mm that fall into a wrong window of three; from 2 mm on it is about 0.5 deg, where the paper speaks of
+  1.5. Its force hardly depends on the noise, and stays at half of the paper's 0.12 N: a force gauge's own error, and
+  silicone that creeps, are not in the simulation. Much more noise is no way out: at 1.4 neither their colour filter
+  finds all markers in every frame, nor does ours find the markers' colour on this unit. So the noise is 1.1, where the
+  angle is nearest to theirs on another barrel.
+- **Their force knows one body.** The cubic of the plate's presses is wrong by newtons under any narrower body: the third
+  body here, and the tips of "several contacts".
+- **A plate at 9 and 10 mm** covers 60 degrees, and ours takes it for two contacts at some angles, less than 18 degrees
+  apart; its strongest half then stands for the plate. That is the whole of the misses of the plate, and of the wide
+  deviation of its errors.
+- **Several contacts.** Ours counts and separates them from 25 degrees on; the angle's error at 25 and 30 degrees is 3 to
+  4 times that of one, because responses do not quite add up (a neighbour's dent turns the skin), and that is not in the
+  intervals: they hold 70 to 90 % there. With four, one frame of twenty has a contact more or less, and weighs on all.
+  Theirs errs by 3 to 16 degrees below 50 degrees, as the paper's 49.54 says.
+- **Moving.** Blur costs nothing: the error of a frame is the same at all speeds, for both. What grows with the speed
+  is what happens between two frames, for both alike; that is the paper's limit of 40 mm/s.
+- **Trouble.** Theirs needs all markers, and a colour as it was. Ours leaves out 3 % of the markers even in clean frames;
+  of its labels one in 960 frames was wrong, where spurious blobs appear elsewhere in each.
+- **Another unit.** With 24 touches the angle comes within the wanted ratio, the force just misses it.
 """

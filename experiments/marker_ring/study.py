@@ -43,7 +43,7 @@ __all__ = [
 ]
 
 NOISE = 1.1  # of the camera
-NOISES = (0.7, 1.4)  # at which the plate is judged as well
+NOISES = (0.7, 1.0)  # at which the plate is judged as well
 DEEP_FROM = 0.0015  # m: between the presses of 1 and of 2 mm
 TIP, THIRD = 0.010, 0.025  # m, of the round tip of the calibration and of the one that judges
 SEVERAL = (0.004, 0.008)  # m: how deep several press at once
