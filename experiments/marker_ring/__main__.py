@@ -58,16 +58,16 @@ FULL = Sizes(
 SMALL = replace(
     FULL,
     coarse=True,
-    protocol=Protocol(12, (0.002, 0.004, 0.006, 0.008, 0.01), hold=1, pause=1),
+    protocol=Protocol(12, (0.002, 0.004, 0.006, 0.008, 0.01), hold=1, pause=1, dragged=0),
     angles=4,
     steps=5,
-    pairs=4,
-    apart=(30, 60),
-    plates=2,
+    pairs=2,
+    apart=(60,),
+    plates=1,
     speeds=(0.04, 0.1),
-    hidden=3,
-    looks=2,
-    short=16,
+    hidden=2,
+    looks=1,
+    short=12,
 )
 
 

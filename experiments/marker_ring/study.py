@@ -328,8 +328,9 @@ def transfer(unit: RingUnit, first: Calibrated, sizes: Sizes, seed: int) -> dict
     ways = {
         "in full": calibrated(session, look),
         "few touches, from the first unit": calibrated(short, look, first.ours.response),
-        "few touches alone": calibrated(short, look),
     }
+    if not sizes.coarse:
+        ways["few touches alone"] = calibrated(short, look)
     body = Indenter("tip", 0.0, 0.01, THIRD)
     return {
         name: errors(one_contact(other, made, body, sizes, np.random.default_rng([seed, 8])), "ours")
