@@ -263,7 +263,7 @@ def _worst(used, work):
 
 
 @inner
-def _explained(used, state, count, which, model, work):
+def _explained(used, state, which, model, work):
     """By how much at least the cost would rise if one contact's share of the displacements were not explained."""
     residual, _, _, variance = work
     size = len(residual)
@@ -283,7 +283,7 @@ def _weakest(problem, used, state, count, work, cost, off):
     other = np.empty((len(state), STATE))
     spare = (np.empty(len(work[0])), work[1], np.empty((4 * MOST, 4 * MOST)), np.empty(len(work[0])))
     for c in range(count):
-        rise = _explained(used, state, count, c, problem[2], work)
+        rise = _explained(used, state, c, problem[2], work)
         if rise < 25.0 * off:
             _copy(state, other)
             left = _drop(other, count, c)

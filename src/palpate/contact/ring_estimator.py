@@ -139,12 +139,6 @@ class RingEstimator:
         pixels, states = self.markers(recording)
         return self._contacts(recording.time, pixels, states, 0)
 
-    def located(self, time: Float[np.ndarray, " n"], displacements: Float[np.ndarray, "n m 2"]) -> Contacts:
-        """The contacts of displacements [m] of the markers, outwards and along, without images."""
-        found = self.locator.run(displacements)
-        seen = np.isfinite(displacements).all(axis=2).sum(axis=1)
-        return self._answer(time, found, seen.astype(np.float64), 0)
-
     def pairs(
         self,
         blocks: Iterable[Recording],

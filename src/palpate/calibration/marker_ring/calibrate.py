@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -13,7 +13,7 @@ from palpate.calibration.ring_camera import fit_ring_view
 from palpate.errors import InputError
 from palpate.sensors.fisheye import RingView
 from palpate.sensors.marker_ring import MarkerRing, RingBody
-from palpate.sensors.markers import Frame, MarkerColour, MarkerTracker, find_blobs, find_colour
+from palpate.sensors.markers import Blobs, Frame, MarkerColour, MarkerTracker, find_blobs, find_colour
 from palpate.sensors.recording import IMAGE, Recording
 from palpate.sensors.ring_response import RingResponse
 from palpate.spatial.pose import Pose
@@ -116,18 +116,44 @@ class _Rest:
                 hint="Let the log begin with a second in which nothing touches the ring.",
             )
         still = np.concatenate(self.frames)[: min(count, _LOOKED)]
-        self.colour = self.body.colour or find_colour(still[0], self.body.markers)
-        blobs = find_blobs(still[0], self.colour)
-        if len(blobs) != self.body.markers:
+        self.colour = self.body.colour or _colour(still, self.body.markers)
+        seen = [find_blobs(frame, self.colour) for frame in still]
+        first = next((blobs for blobs in seen if len(blobs) == self.body.markers), None)
+        if first is None:
             raise InputError(
-                f"{len(blobs)} markers are found in the first frame, and the rig says {self.body.markers}.",
+                f"{len(seen[0])} markers are found in the first frame, and the rig says {self.body.markers}.",
                 where="marker_ring.markers",
             )
+        size = (still.shape[2], still.shape[1])
         inner = self.body.radius - self.body.thickness
-        fitted = fit_ring_view(blobs.pixels, inner, camera=self.body.camera, height=self.body.height)
+        fitted = fit_ring_view(first.pixels, inner, camera=self.body.camera, height=self.body.height, size=size)
         self.view = fitted.view
-        self.rest, self.area = blobs.pixels[fitted.order], blobs.areas[fitted.order]
+        self.rest, self.area = _usual(seen, first.pixels[fitted.order])
         return MarkerTracker(self.view, self.colour, self.rest, self.area)
+
+
+def _colour(still: UInt8[np.ndarray, "n h w 3"], markers: int) -> MarkerColour:
+    """From a frame that tells; one frame of a noisy camera may show a marker too few."""
+    for frame in still[1:10]:
+        try:
+            return find_colour(frame, markers)
+        except InputError:
+            continue
+    return find_colour(still[0], markers)
+
+
+def _usual(seen: Sequence[Blobs], places: Float[np.ndarray, "m 2"]) -> tuple[np.ndarray, np.ndarray]:
+    """(m, 2) places and (m,) areas of markers: medians, as those of one frame are off by a tenth and more."""
+    near = 0.3 * np.linalg.norm(places - np.roll(places, 1, axis=0), axis=1).min()
+    found = np.full((len(seen), len(places), 3), np.nan)
+    for k, blobs in enumerate(seen):
+        away = np.linalg.norm(blobs.pixels[:, None] - places[None], axis=2)
+        if len(blobs):
+            which = away.argmin(axis=0)
+            kept = away.min(axis=0) < near
+            found[k, kept] = np.column_stack([blobs.pixels, blobs.areas])[which[kept]]
+    usual: np.ndarray = np.nanmedian(found, axis=0)
+    return usual[:, :2].copy(), usual[:, 2].copy()
 
 
 def _leading(free: np.ndarray) -> int:

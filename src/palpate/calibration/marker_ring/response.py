@@ -81,15 +81,15 @@ def _require_presses(presses: RingPresses, before: RingResponse | None) -> None:
 
 def _fitted(presses: RingPresses, before: RingResponse | None) -> RingResponse:
     """Without knowledge of its errors."""
-    ratio = presses.depth / presses.force
-    sheared = bool(np.isfinite(presses.shear).all() and np.ptp(presses.shear / presses.force) > 0.1)
     if before is None:
+        ratio = presses.depth / presses.force
+        sheared = bool(np.isfinite(presses.shear).all() and np.ptp(presses.shear / presses.force) > 0.1)
         weight = presses.force**2
         mean = float(np.average(ratio, weights=weight))
         width = np.array([mean, max(float(np.sqrt(np.average((ratio - mean) ** 2, weights=weight))), 0.02 * mean)])
         start = np.zeros((3 + sheared, 2, 2 * ORDERS[0] + 1, 2 * ORDERS[1] + 1))
     else:
-        start, width, sheared = *_rescaled(presses, before), before.shears
+        start, width = _rescaled(presses, before)
     coefficients = _regression(presses, start, width, known=before is not None)
     largest = np.array([presses.depth.max(), presses.force.max()])
     return RingResponse(coefficients, width, np.zeros((2, PARTS)), np.zeros(2), largest)
