@@ -187,11 +187,11 @@ def test_samples_that_something_touched_are_set_aside_and_listed() -> None:
 
 def test_good_samples_are_rarely_set_aside() -> None:
     away = 0
-    for seed in range(120):
+    for seed in range(300):
         rotations = poses(7 + seed % 20, seed)
         wrenches = readings(rotations, noise=1.0, seed=seed)
         away += len(wrenches) - identify_payload(wrenches, rotations, robust=True).samples
-    assert away <= 4  # of 1,980; a few come from the deviations of seven poses
+    assert away <= 10  # of 4,950; a few come from the deviations of seven poses
 
 
 def test_rows_with_nan_are_ignored_and_said_by_their_own_number() -> None:

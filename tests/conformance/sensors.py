@@ -227,7 +227,6 @@ frame_angle = 0.0
 common = 0.0
 common_angle = 0.0
 cross_talk = 0.0
-lever = 0.0
 """
 
 

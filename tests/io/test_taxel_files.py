@@ -175,6 +175,7 @@ def test_what_is_wrong_with_a_rig_of_taxels_is_said(tmp_path: Path, text: str, s
         ("topic = '/pose'\npose = { xyz = [0, 0, 0] }\n", "topic and pose exclude each other"),
         ("threshold = -1\n", "threshold must be positive"),
         ("[pokes.priors]\nbias_torque = -1\n", "bias_torque must not be negative"),
+        ("[pokes.priors]\nlever = 0\n", "lever must be positive"),
         ("priors = { framme = 0.1 }\n", "Did you mean 'frame'"),
     ],
 )

@@ -53,6 +53,7 @@ class RigPriors:
         for name, value in vars(self).items():
             if value is not None and not value >= 0:
                 raise ValueError(f"{name} must not be negative")
+        require_positive(self, "lever")
 
     def stated(self) -> dict[str, float]:
         """Those that are, with angles in radians."""
