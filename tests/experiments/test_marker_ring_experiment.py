@@ -47,7 +47,9 @@ def test_a_few_presses_of_a_coarse_barrel_come_near(small: Measured) -> None:
     got = figures_of(small)
     plate = errors([each for each in small.plate if each.depth[0] < 0.009], "ours")  # deeper it may look like two
     assert degrees(plate) < 1.2
-    assert got["third_angle"] < 1.0
+    assert (
+        got["third_angle"] < 1.6
+    )  # a press of 1 mm, which may be 5 degrees off, weighs ten times what it does in full
     assert max(newtons(plate), got["third_force"]) < 0.15
     assert got["plate_angle_theirs"] < 2.0
     assert got["third_force_theirs"] > 5.0 * got["third_force"]  # their cubic knows the plate's width only

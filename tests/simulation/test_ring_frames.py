@@ -144,5 +144,5 @@ def test_a_seed_draws_the_same_frames() -> None:
 
 def test_without_opencv_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "cv2", None)
-    with pytest.raises(InputError, match=r"palpate\[simulation\]"):
+    with pytest.raises(InputError, match=r"palpate\[camera\]"):
         Photographer(RingCamera(), CLEAN, np.random.default_rng(0))
