@@ -374,8 +374,12 @@ def _found(problem, used, state, count, work, settings):
 
 
 @inner
-def _deviations(state, count, work, width, spread):
-    """Standard deviations of angle, force and depth of each contact, from the inverse of the normal matrix."""
+def _deviations(state, count, work, width, spread, shift):
+    """Standard deviations of angle, force and depth of each contact, from the inverse of the normal matrix.
+
+    A neighbour's dent turns the skin, so that responses do not quite add up: it shifts a contact 30 degrees away by
+    about `shift` [rad], one farther away by less.
+    """
     size = 4 * count
     factor, column, unit = np.empty((size, size)), np.empty(size), np.zeros(size)
     for c in range(count):
@@ -390,7 +394,12 @@ def _deviations(state, count, work, width, spread):
                 covariance[e, k] = column[4 * c + k] if known else np.nan
         force, z = state[c, 1], state[c, 2]
         deep, more = width[0] + z * width[1], force * width[1]
-        state[c, 4] = np.sqrt(covariance[0, 0] + spread[0] ** 2)
+        beside = spread[0] ** 2
+        for d in range(count):
+            gap = _apart(state[c, 0], state[d, 0])
+            if d != c and gap < 0.5 * np.pi:
+                beside += (shift * min(1.0, np.pi / 6.0 / gap)) ** 2
+        state[c, 4] = np.sqrt(covariance[0, 0] + beside)
         state[c, 5] = np.sqrt(covariance[1, 1] + (spread[1] * force) ** 2)
         depth = deep * deep * covariance[1, 1] + 2.0 * deep * more * covariance[1, 2] + more * more * covariance[2, 2]
         state[c, 6] = np.sqrt(max(depth, 0.0) + (spread[1] * force * deep) ** 2)
@@ -406,7 +415,8 @@ def frames(displacements, markers, model, misfit, noise, settings, learned, stat
         model: table and slope (a, 2 m, b) of `RingResponse.tables`, and (2,) deviations of z and t.
         misfit: (2, B) [m/N].
         noise: (2 m,) [m^2] of the pixels.
-        settings: (4,) on and off in deviations, least angle between contacts [rad], markers that may be left out.
+        settings: (5,) on and off in deviations, least angle between contacts [rad], markers that may be left out, and
+            by how much a neighbour shifts a contact [rad].
         learned: width (2,) [m/N] and spread (2,) of a `RingResponse`.
         states: (n, MOST, STATE), written, as all that follows.
         counts: (n,) of contacts; -1: fewer than half of the markers are seen.
@@ -430,7 +440,7 @@ def frames(displacements, markers, model, misfit, noise, settings, learned, stat
         for i in range(size):
             here[i] = displacements[n, i] if used[i] else 0.0
         count, cost[n] = _found((here, markers, model, misfit, noise), used, state, count, work, settings)
-        _deviations(state, count, work, learned[0], learned[1])
+        _deviations(state, count, work, learned[0], learned[1], settings[4])
         seen = 0
         for i in range(size):
             seen += used[i]

@@ -26,6 +26,7 @@ class RingSettings:
             ends where it explains fewer than `off`.
         apart: [deg] nearer to each other no two contacts are told apart.
         dropped: markers of a frame that may be left out because no contact explains them.
+        shift: [deg] by which a neighbour 30 degrees away may shift a contact, as a deviation; one farther away by less.
         friction: usual shear / force, as a deviation.
         wide: deviations of the calibration's widths that a contact's width usually has.
         reach, speed, patience: of identities: a contact may be `reach` [m] off from one frame to the next, and move at
@@ -36,6 +37,7 @@ class RingSettings:
     off: float = 4.0
     apart: float = 18.0
     dropped: int = 4
+    shift: float = 0.7
     friction: float = 0.15
     wide: float = 2.0
     reach: float = 0.008
@@ -47,8 +49,8 @@ class RingSettings:
             raise ValueError(f"off ({self.off:g}) must lie between 0 and on ({self.on:g})")
         if not 0 < self.apart < 180:
             raise ValueError(f"apart must lie between 0 and 180 degrees, not {self.apart:g}")
-        if self.dropped < 0 or not (self.friction > 0 and self.wide > 0):
-            raise ValueError("dropped must not be negative, friction and wide must be positive")
+        if self.dropped < 0 or not (self.friction > 0 and self.wide > 0 and self.shift >= 0):
+            raise ValueError("dropped and shift must not be negative, friction and wide must be positive")
         if not (self.reach > 0 and self.speed >= 0 and self.patience >= 0):
             raise ValueError("reach must be positive, speed and patience not negative")
 
@@ -95,7 +97,7 @@ class RingLocator:
         set_ = self.settings
         self._model = (table, slope, np.array([set_.wide, shear]))
         self._noise = np.ascontiguousarray(np.square(noise).reshape(-1))
-        self._settings = np.array([set_.on, set_.off, radians(set_.apart), float(set_.dropped)])
+        self._settings = np.array([set_.on, set_.off, radians(set_.apart), float(set_.dropped), radians(set_.shift)])
         self._learned = (response.width.copy(), response.spread.copy())
         self._left = np.zeros((_ring.MOST + 1, _ring.STATE))
         self.most = _ring.MOST
