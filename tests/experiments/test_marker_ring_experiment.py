@@ -43,16 +43,15 @@ def test_a_single_contact_is_the_strongest_and_several_are_the_nearest() -> None
 
 
 def test_a_few_presses_of_a_coarse_barrel_come_near(small: Measured) -> None:
-    """Bounds at least twice as wide as what is asked of the full run: means of 20 errors on half as many presses."""
+    """Bounds are wide: of a dozen presses one that is off, at 1 mm or at a plate's 10, weighs ten times as much."""
     got = figures_of(small)
     plate = errors([each for each in small.plate if each.depth[0] < 0.009], "ours")  # deeper it may look like two
     assert degrees(plate) < 1.2
-    assert (
-        got["third_angle"] < 1.6
-    )  # a press of 1 mm, which may be 5 degrees off, weighs ten times what it does in full
-    assert max(newtons(plate), got["third_force"]) < 0.15
+    assert got["third_angle"] < 1.6
+    assert newtons(plate) < 0.15
+    assert got["third_force"] < 0.3
     assert got["plate_angle_theirs"] < 2.0
-    assert got["third_force_theirs"] > 5.0 * got["third_force"]  # their cubic knows the plate's width only
+    assert got["third_force_theirs"] > 3.0 * got["third_force"]  # their cubic knows the plate's width only
     assert got["moving_fast"] < 0.15
     assert got["transfer"] < 3.0
 
