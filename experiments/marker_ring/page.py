@@ -222,16 +222,16 @@ Its wall, silicone, lens, tilt and offset differ. Judged with the third body, ou
   0.8 deg at 1.0 and 1.9 deg at 1.2. At 1.4 ours refuses to calibrate this unit: it does not find 24 markers.
 - **Their force knows one body.** The cubic of the plate's presses is wrong by newtons under a narrower body: the third
   one here, and the tips of "several contacts".
-- **A plate at 9 and 10 mm** covers 60 degrees, and near one angle of this unit ours still takes it for two contacts, more
-  than 18 degrees apart; its stronger half then stands for the plate. That is most of the plate's error beyond 8 mm, and why
-  its intervals of the angle hold 89 %.
-- **Several contacts.** Numbers are right throughout, from 20 degrees on. The angle's error at 25 and 30 degrees is about 3
-  times that of one: a neighbour's dent turns the skin, and responses do not quite add up; the intervals know it by a
+- **A plate at 9 and 10 mm** covers 60 degrees, and near one angle of this unit ours still takes it for two contacts,
+  more than 18 degrees apart; its stronger half then stands for the plate. Most of the plate's error there is that,
+  and why its intervals of the angle hold 89 %.
+- **Several contacts.** Numbers are right throughout, from 20 degrees on. The angle's error at 25 and 30 degrees is some
+  3 times that of one: a neighbour's dent turns the skin, and responses do not quite add up; the intervals know it by a
   constant (`shift`, 0.7 degrees, chosen on another unit) and hold 90 to 98 %. Theirs errs by 3 to 16 degrees below 50
   degrees, as the paper's 49.54 says.
 - **Moving.** Blur costs little: the error of a frame hardly depends on the speed, for both. What grows with the speed
   is what happens between two frames, for both alike, and there is the paper's limit of 40 mm/s.
-- **Trouble.** Theirs needs all markers, and a colour as it was. Ours sees all markers of clean frames. Of its labels those
-  of one frame in 960 were wrong, where the spurious blobs flicker: 99.896 %, a hair below what was asked.
+- **Trouble.** Theirs needs all markers, and a colour as it was. Ours sees all markers of clean frames. Of its labels
+  those of one frame in 960 were wrong, where the spurious blobs flicker: 99.896 %, a hair below what was asked.
 - **Another unit.** With 24 touches the angle comes within the wanted ratio, the force misses it by a twentieth.
 """
