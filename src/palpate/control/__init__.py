@@ -1,0 +1,1 @@
+"""Contacts become motion: admittance, alignment with what is touched, the limits and the states of a loop."""
