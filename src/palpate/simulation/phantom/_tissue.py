@@ -17,7 +17,8 @@ def press(cells, law, probe, phantom, bristles, out):
     Args:
         cells: (n, 7) points, outward normals and areas, in the sensor's frame.
         law: (5,) stiffness [N/m^3], loss [s], friction, tangential stiffness [N/m^3], tangential loss [s].
-        probe, phantom: (6, 3) rotation to the base, origin, its velocity, angular velocity, in base axes.
+        probe: (6, 3) rotation to the base, origin, its velocity, angular velocity, in base axes.
+        phantom: (6, 3) likewise.
         bristles: (n, 3) where each cell is held, in the surface's x and y, and 1 while it touches; changed in place.
         out: (11,) force and moment about the sensor's origin in base axes, normal force, centre of pressure in the
             sensor's frame, greatest depth.

@@ -106,8 +106,7 @@ def _urdf_inertial(mass: float, centre: Triple, inertia: tuple[float, ...]) -> s
 def _urdf_joint(name: str, kind: str, parent: str, child: str, place: tuple[Triple, Triple], inside: str = "") -> str:
     origin = f'<origin xyz="{_words(place[0])}" rpy="{_words(place[1])}"/>'
     return (
-        f'  <joint name="{name}" type="{kind}">{origin}<parent link="{parent}"/><child link="{child}"/>'
-        f"{inside}</joint>"
+        f'  <joint name="{name}" type="{kind}">{origin}<parent link="{parent}"/><child link="{child}"/>{inside}</joint>'
     )
 
 
@@ -129,7 +128,8 @@ def _urdf_lines(probe: Probe, mesh: str) -> Iterator[str]:
     yield _urdf_joint(f"{SENSOR}_joint", "fixed", before, SENSOR, (FLANGE, still))
     yield f'  <link name="{SENSOR}"/>'
     yield _urdf_joint("probe_joint", "fixed", SENSOR, "probe", (still, still))
-    body = _urdf_inertial(probe.mass, probe.centre, (probe.inertia[0], 0.0, 0.0, probe.inertia[1], 0.0, probe.inertia[2]))
+    xx, yy, zz = probe.inertia
+    body = _urdf_inertial(probe.mass, probe.centre, (xx, 0.0, 0.0, yy, 0.0, zz))
     yield f'  <link name="probe">{body}<visual><geometry><mesh filename="{mesh}"/></geometry></visual></link>'
     yield "</robot>"
 

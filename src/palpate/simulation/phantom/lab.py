@@ -51,6 +51,8 @@ class LabSettings:
         sensor_rate, robot_rate: [Hz].
         delay_cycles: between the robot's taking a command and setting out for it.
         lag: of its servo, critically damped with a natural frequency of 2 / lag [s].
+        acceleration: most that the servo's reference reaches [rad/s^2]; the maker's planner keeps to 12.56, which is
+            for whoever commands to do.
         bandwidth: of the computed torque that holds the joints to the servo's reference [rad/s].
         extra_delay: of every command, which nobody told the controller of [s].
         lost: share of the robot's cycles in which no command arrives.
@@ -77,6 +79,7 @@ class LabSettings:
     robot_rate: int = 50
     delay_cycles: int = 1
     lag: float = 0.030
+    acceleration: float = 30.0
     bandwidth: float = 160.0
     extra_delay: float = 0.0
     lost: float = 0.0
@@ -89,7 +92,7 @@ class LabSettings:
         for rate in (self.sensor_rate, self.robot_rate):
             if rate < 1 or 1000 % rate:
                 raise InputError(f"a rate must divide the 1000 Hz of the physics, not {rate} Hz")
-        for name in ("stiffness", "lag", "bandwidth"):
+        for name in ("stiffness", "lag", "acceleration", "bandwidth"):
             if not 0.0 < getattr(self, name) < np.inf:
                 raise InputError(f"{name} must be positive, not {getattr(self, name)}")
         for name in ("loss", "friction", "shear", "force_noise", "torque_noise", "delay_cycles", "extra_delay"):
@@ -201,7 +204,7 @@ class PhantomLab:
         k = settings.stiffness
         self._tissue = np.array([k, settings.loss, settings.friction, settings.shear * k, settings.loss])
         w = settings.bandwidth
-        self._servo_law = np.array([2.0 / settings.lag, w * w, 2.0 * w, _STEP, SPEED])
+        self._servo_law = np.array([2.0 / settings.lag, w * w, 2.0 * w, _STEP, SPEED, settings.acceleration])
         cos, sin = np.cos(settings.heading), np.sin(settings.heading)
         self._rest = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
         self._noise = np.repeat([settings.force_noise, settings.torque_noise, settings.acceleration_noise], 3)
@@ -223,7 +226,7 @@ class PhantomLab:
         """
         data = self.data = self._mujoco.MjData(self.model)
         down = self._rest @ np.diag([1.0, -1.0, -1.0])
-        tip = np.array(self.settings.place) + [0.0, 0.0, gap]
+        tip = np.array(self.settings.place) + np.array([0.0, 0.0, gap])
         joints = self._reached(data, down, tip - down @ self.probe.tip)
         data.qpos[:] = joints
         self._rng = np.random.default_rng(self.settings.seed)
@@ -236,7 +239,7 @@ class PhantomLab:
         self._contact, self._felt = np.zeros(11), np.zeros(6)
         self._probe, self._phantom = np.zeros((6, 3)), np.zeros((6, 3))
         self._twist, self._accelerations, self._effort = np.zeros(6), np.zeros(6), np.zeros(6)
-        self._tick = 0
+        self._joints, self._tick = joints.copy(), 0
         self._advance()
         self._reading = self._read(frozen(np.zeros(6)))
         return joints.copy()
@@ -287,7 +290,7 @@ class PhantomLab:
             centre=frozen(found[7:10] if found[6] > 0.0 else np.full(3, np.nan)),
             depth=float(found[10]),
             tip=frozen(sensor[3] + sensor[:3] @ self.probe.tip),
-            joints=frozen(self._measured),
+            joints=frozen(self._joints),
         )
 
     def free_wrenches(
@@ -312,7 +315,7 @@ class PhantomLab:
             data.qfrc_applied[:] = data.qfrc_bias
             mujoco.mj_forward(self.model, data)
             noise = rng.standard_normal(6) * self._noise[:6] / np.sqrt(samples)
-            wrenches[i] = data.sensordata[:6] + self._bias + noise
+            wrenches[i] = -data.sensordata[:6] + self._bias + noise
             rotations[i] = data.site_xmat[self._site].reshape(3, 3)
         return wrenches, rotations
 
@@ -320,7 +323,7 @@ class PhantomLab:
         """Of the sensor's Jacobian at the present joints, linear rows [m/rad] over angular, largest first."""
         return np.linalg.svd(self._jacobian(self.data), compute_uv=False)
 
-    def _jacobian(self, data: Any) -> Float[np.ndarray, "6 6"]:
+    def _jacobian(self, data: Any) -> np.ndarray:
         jacobian = np.zeros((6, self.model.nv))
         self._mujoco.mj_jacSite(self.model, data, jacobian[:3], jacobian[3:], self._site)
         return jacobian
@@ -334,14 +337,14 @@ class PhantomLab:
         for _ in range(100):
             self._mujoco.mj_kinematics(self.model, data)
             self._mujoco.mj_comPos(self.model, data)
-            seen = data.site_xmat[self._site].reshape(3, 3)
-            turn = 0.5 * np.cross(seen, rotation, axis=0).sum(axis=1)
-            error = np.concatenate([place - data.site_xpos[self._site], turn])
+            seen: np.ndarray = data.site_xmat[self._site].reshape(3, 3)
+            away: np.ndarray = 0.5 * np.cross(seen, rotation, axis=0).sum(axis=1)
+            error = np.concatenate([place - data.site_xpos[self._site], away])
             size = np.abs(error).max()
             if size < 1e-11 and np.all(np.abs(data.qpos) < _LIMITS) and np.trace(seen.T @ rotation) > 2.9:
                 return np.array(data.qpos)
             jacobian = self._jacobian(data)
-            step = jacobian.T @ np.linalg.solve(jacobian @ jacobian.T + 1e-3 * size * np.eye(6), error)
+            step: np.ndarray = jacobian.T @ np.linalg.solve(jacobian @ jacobian.T + 1e-3 * size * np.eye(6), error)
             data.qpos += np.clip(step, -radians(10), radians(10))
         raise InputError(f"the arm cannot stand over {self.settings.place}", where="moving phantom")
 
@@ -350,6 +353,7 @@ class PhantomLab:
         mujoco, model, data, tick = self._mujoco, self.model, self.data, self._tick
         self._place_phantom(tick * _STEP)
         mujoco.mj_step1(model, data)
+        self._joints[:] = data.qpos
         if tick % self._between[1] == 0:
             self._measured, self._measured_time = frozen(data.qpos), tick * _STEP
         self._touch(data)
@@ -371,9 +375,7 @@ class PhantomLab:
 
     def _touch(self, data: Any) -> None:
         """The tissue's force on the probe, applied at the body's centre of mass, as the engine wants it."""
-        self._mujoco.mj_objectVelocity(
-            self.model, data, self._mujoco.mjtObj.mjOBJ_SITE, self._site, self._twist, 0
-        )
+        self._mujoco.mj_objectVelocity(self.model, data, self._mujoco.mjtObj.mjOBJ_SITE, self._site, self._twist, 0)
         probe, found = self._probe, self._contact
         probe[:3] = data.site_xmat[self._site].reshape(3, 3)
         probe[3], probe[4], probe[5] = data.site_xpos[self._site], self._twist[3:], self._twist[:3]
@@ -399,13 +401,14 @@ class PhantomLab:
         return self._late.popleft()
 
     def _read(self, before: np.ndarray) -> Reading:
-        time = (self._tick - 1) * _STEP
+        tick, time = self._tick - 1, (self._tick - 1) * _STEP
         noise = self._noise * self._rng.standard_normal(9)
         begin, length = self.settings.silence
-        fresh = not begin <= time < begin + length
+        fresh = not round(begin / _STEP) <= tick < round((begin + length) / _STEP)
         wrench = before
         if fresh:
-            shown = self.data.sensordata[:6] + noise[:6] + self._bias + self._drift * time
+            # the engine's sensors show what the probe does to the arm
+            shown = -self.data.sensordata[:6] + noise[:6] + self._bias + self._drift * time
             wrench = frozen(np.clip(shown, -self._ranges, self._ranges))
         acceleration = frozen(self.data.sensordata[6:9] + noise[6:])
         return Reading(time, wrench, self._measured, self._measured_time, acceleration, fresh)

@@ -145,13 +145,17 @@ def _loop(shape: Shape, spacing: float) -> tuple[np.ndarray, np.ndarray, np.ndar
     fan = np.linspace(0.0, np.pi / 2, 5)[1:-1]
     sides = [(along[-1] * np.ones_like(across), across), (along[::-1], across[-1] * np.ones_like(along)),
              (along[0] * np.ones_like(across), across[::-1]), (along, across[0] * np.ones_like(along))]  # fmt: skip
-    xs, ys, turns = [], [], []
+    xs: list[np.ndarray] = []
+    ys: list[np.ndarray] = []
+    turns: list[np.ndarray] = []
     for quarter, (x, y) in enumerate(sides):
         xs += [x, np.full_like(fan, x[-1])]
         ys += [y, np.full_like(fan, y[-1])]
         turns += [np.full_like(x, quarter * np.pi / 2), quarter * np.pi / 2 + fan]
-    xs, ys, turns = np.concatenate(xs), np.concatenate(ys), np.concatenate(turns)
-    return np.append(xs, xs[0]), np.append(ys, ys[0]), np.append(turns, 2 * np.pi)
+    xs.append(xs[0][:1])
+    ys.append(ys[0][:1])
+    turns.append(np.array([2 * np.pi]))
+    return np.concatenate(xs), np.concatenate(ys), np.concatenate(turns)
 
 
 def _at(loop: tuple[np.ndarray, ...], place: np.ndarray) -> list[np.ndarray]:
@@ -209,19 +213,19 @@ def _cells(surface: Surface, first: np.ndarray, second: np.ndarray) -> tuple[np.
 
 def _closed(patches: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
     """Vertices and faces of all patches and a flat cap on the last row of the last, welded, outward."""
-    places, triangles, count = [], [], 0
+    places: list[np.ndarray] = []
+    triangles: list[np.ndarray] = []
+    number, count = np.empty((0, 0), dtype=np.int64), 0
     for patch in patches:
         number = count + np.arange(patch[..., 0].size).reshape(patch.shape[:2])
         a, b, c, d = (part.ravel() for part in (number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]))
         triangles += [np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)]
         places.append(patch.reshape(-1, 3))
         count += len(places[-1])
-    top = count - patches[-1][..., 0].size + np.arange(patches[-1].shape[0]) * patches[-1].shape[1] + patches[-1].shape[1] - 1
+    top = number[:, -1]
     places.append(np.array([[0.0, 0.0, TOP]]))
     triangles.append(np.stack([top[:-1], top[1:], np.full(len(top) - 1, count)], axis=1))
-    _, first, welded = np.unique(
-        np.round(np.concatenate(places), 9), axis=0, return_index=True, return_inverse=True
-    )
+    _, first, welded = np.unique(np.round(np.concatenate(places), 9), axis=0, return_index=True, return_inverse=True)
     faces = welded.ravel()[np.concatenate(triangles)]
     kept = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
     return np.concatenate(places)[first], faces[kept]
