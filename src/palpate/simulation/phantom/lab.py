@@ -340,12 +340,13 @@ class PhantomLab:
             seen: np.ndarray = data.site_xmat[self._site].reshape(3, 3)
             away: np.ndarray = 0.5 * np.cross(seen, rotation, axis=0).sum(axis=1)
             error = np.concatenate([place - data.site_xpos[self._site], away])
-            size = np.abs(error).max()
+            size = float(np.abs(error).max())
             if size < 1e-11 and np.all(np.abs(data.qpos) < _LIMITS) and np.trace(seen.T @ rotation) > 2.9:
                 return np.array(data.qpos)
             jacobian = self._jacobian(data)
-            step: np.ndarray = jacobian.T @ np.linalg.solve(jacobian @ jacobian.T + 1e-3 * size * np.eye(6), error)
-            data.qpos += np.clip(step, -radians(10), radians(10))
+            damped: np.ndarray = jacobian @ jacobian.T + 1e-3 * size * np.eye(6)
+            solved: np.ndarray = np.linalg.solve(damped, error)
+            data.qpos += np.clip(jacobian.T @ solved, -radians(10), radians(10))
         raise InputError(f"the arm cannot stand over {self.settings.place}", where="moving phantom")
 
     def _advance(self) -> None:
