@@ -236,7 +236,7 @@ class PhantomLab:
         self._from = self._to = joints
         self._late = deque([joints] * round(self.settings.extra_delay / _STEP))
         self._bristles = np.zeros((len(self._cells), 3))
-        self._contact, self._felt = np.zeros(11), np.zeros(6)
+        self._contact, self._shift = np.zeros(11), np.zeros(3)
         self._probe, self._phantom = np.zeros((6, 3)), np.zeros((6, 3))
         self._twist, self._accelerations, self._effort = np.zeros(6), np.zeros(6), np.zeros(6)
         self._joints, self._tick = joints.copy(), 0
@@ -384,7 +384,8 @@ class PhantomLab:
         applied = data.xfrc_applied[self._body]
         applied[:] = found[:6]
         if found[6] > 0.0:
-            applied[3:] -= np.cross(data.xipos[self._body] - probe[3], found[:3])
+            self._mujoco.mju_cross(self._shift, data.xipos[self._body] - probe[3], found[:3])
+            applied[3:] -= self._shift
 
     def _goal(self, tick: int) -> np.ndarray:
         """The point that the robot's interpolator has reached; its cycle begins just after a multiple of its period."""
