@@ -93,7 +93,8 @@ class Urdf:
         if root.tag != "robot":
             raise InputError(f"is no URDF: it describes a {root.tag!r}, not a robot.", where=str(path))
         self._links = {link.get("name", ""): link for link in root.iterfind("link")}
-        self.joints = tuple(self._joint(joint) for joint in root.iterfind("joint"))
+        self._elements = root.findall("joint")
+        self.joints = tuple(self._joint(joint) for joint in self._elements)
 
     @property
     def links(self) -> tuple[str, ...]:
@@ -123,6 +124,15 @@ class Urdf:
         Raises:
             InputError: no such link, a loop, or a joint that moves otherwise than about or along one axis.
         """
+        found = [joint for joint, _ in self.steps(base, sensor) if joint.kind != "fixed"]
+        return sorted(found, key=self.joints.index)
+
+    def steps(self, base: str, sensor: str) -> list[tuple[Joint, bool]]:
+        """All joints from one link to another, and whether each is passed from its parent to its child.
+
+        Raises:
+            InputError: as `chain`.
+        """
         for link in (base, sensor):
             self.require(link)
         tree = FrameTree((joint.parent, joint.child, joint.origin) for joint in self.joints)
@@ -130,16 +140,40 @@ class Urdf:
             frames = tree.path(base, sensor).frames
         except InputError as problem:
             raise InputError(problem.what, where=str(self.path), hint=problem.hint) from problem
-        pairs = [{*pair} for pair in pairwise(frames)]
-        found = [joint for joint in self.joints if {joint.parent, joint.child} in pairs and joint.kind != "fixed"]
-        for joint in found:
-            if joint.kind not in _MOVING:
+        ends = {(joint.parent, joint.child): joint for joint in self.joints}
+        found = [(ends[a, b], True) if (a, b) in ends else (ends[b, a], False) for a, b in pairwise(frames)]
+        for joint, _ in found:
+            if joint.kind not in (*_MOVING, "fixed"):
                 raise InputError(
                     f"joint {joint.name!r}, between {base!r} and {sensor!r}, is {joint.kind}: no number states it.",
                     where=str(self.path),
                     hint="Name a base behind it.",
                 )
         return found
+
+    def axis(self, joint: Joint) -> Float[np.ndarray, " 3"]:
+        """Of a joint, in its own frame and of any length; x where the file says none."""
+        element = self._element(joint).find("axis")
+        if element is None:
+            return np.array([1.0, 0.0, 0.0])
+        return self._numbers(element, "xyz", f"the axis of joint {joint.name!r}", (1.0, 0.0, 0.0))
+
+    def limits(self, joint: Joint) -> tuple[float, float, float]:
+        """Least and greatest position of a joint, and its greatest speed: 0 where the file says none, as URDF has it.
+
+        The range of a continuous joint is without end.
+
+        Raises:
+            InputError: numbers that cannot be read, or none at all.
+        """
+        element, of = self._element(joint).find("limit"), f"the limit of joint {joint.name!r}"
+        if element is None:
+            raise InputError(f"joint {joint.name!r} has no limit.", where=str(self.path), hint="Add its <limit>.")
+        lower, upper, speed = (float(self._numbers(element, k, of, (0.0,))[0]) for k in ("lower", "upper", "velocity"))
+        return (-np.inf, np.inf, speed) if joint.kind == "continuous" else (lower, upper, speed)
+
+    def _element(self, joint: Joint) -> Any:
+        return self._elements[self.joints.index(joint)]
 
     def require(self, link: str) -> None:
         """InputError where there is no such link."""
@@ -272,7 +306,7 @@ class Urdf:
         text = element.get(key)
         if text is None and default is not None:
             return np.array(default)
-        wanted = 1 if key in ("radius", "length", "multiplier", "offset") else 3
+        wanted = 3 if key in ("xyz", "rpy", "size", "scale") else 1
         try:
             values = np.array([float(part) for part in str(text).split()])
         except ValueError:

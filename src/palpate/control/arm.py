@@ -1,0 +1,153 @@
+"""A serial arm, prepared for a control loop: where its sensor is, how a point of it moves, what the joints allow."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Bool, Float
+from numpy.typing import ArrayLike
+
+from palpate.control import _arm
+from palpate.errors import InputError
+from palpate.spatial._arrays import Value, frozen, require_out, shaped
+from palpate.spatial.pose import Pose
+
+__all__ = ["Arm"]
+
+
+@dataclass(frozen=True, eq=False)
+class Arm(Value):
+    """A chain of n joints from the base to the sensor, T_base_sensor = P_0 M_1(q_1) P_1 ... M_n(q_n) P_n.
+
+    M turns about, or slides along, its joint's axis. Velocities and Jacobians are in base axes, of a point that is
+    fixed in the sensor's frame, linear rows first. `load_arm` of `palpate.io.arm` reads one from a URDF.
+
+    Args:
+        names: of the joints, from the base on.
+        placements: P, a batch of n + 1 poses.
+        axes: (n, 3) of each joint in the frame after P; scaled to length 1.
+        revolute: (n,) whether it turns [rad] or slides [m].
+        lower, upper: (n,) positions that it may have; infinite where it turns for ever.
+        speed: (n,) the most [rad/s, m/s].
+        acceleration: (n,) the most [rad/s^2, m/s^2]; infinite where none is stated.
+
+    Raises:
+        InputError: lengths that differ, an axis without a direction, a range that is empty, a speed that is not
+            positive and finite.
+    """
+
+    names: tuple[str, ...]
+    placements: Pose
+    axes: Float[np.ndarray, "n 3"]
+    revolute: Bool[np.ndarray, " n"]
+    lower: Float[np.ndarray, " n"]
+    upper: Float[np.ndarray, " n"]
+    speed: Float[np.ndarray, " n"]
+    acceleration: Float[np.ndarray, " n"] | None = None
+    _chain: Float[np.ndarray, "m 16"] = field(init=False, repr=False)
+    limits: Float[np.ndarray, "4 n"] = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        n = len(self.names)
+        rows = {"lower": self.lower, "upper": self.upper, "speed": self.speed}
+        rows["acceleration"] = np.full(n, np.inf) if self.acceleration is None else self.acceleration
+        for name, values in rows.items():
+            object.__setattr__(self, name, frozen(shaped(values, (n,), name)))
+        axes = shaped(self.axes, (n, 3), "axes")
+        if not n or self.placements.translation.shape != (n + 1, 3) or np.shape(self.revolute) != (n,):
+            raise InputError(f"an arm of {n} joints needs one or more, and {n + 1} placements.")
+        length = np.linalg.norm(axes, axis=1, keepdims=True)
+        self._require(~((length[:, 0] > 0) & np.isfinite(length[:, 0])), "has no axis")
+        self._require(~(self.lower < self.upper), "has an empty range: its lower limit is not below the upper one")
+        self._require(~((self.speed > 0) & np.isfinite(self.speed)), "has no speed limit: it must be positive")
+        self._require(~(np.asarray(self.acceleration) > 0), "has an acceleration limit that is not positive")
+        turns = np.array(self.revolute, dtype=bool)
+        turns.flags.writeable = False
+        joints = np.zeros((n + 1, 4))
+        joints[:n, :3], joints[:n, 3] = axes / length, turns
+        fixed = self.placements
+        chain = np.hstack([fixed.rotation.reshape(-1, 9), fixed.translation, joints])
+        object.__setattr__(self, "axes", frozen(joints[:n, :3]))
+        object.__setattr__(self, "revolute", turns)
+        # writable, because compiled loops that are given a read-only array are compiled again
+        object.__setattr__(self, "_chain", np.ascontiguousarray(chain))
+        object.__setattr__(
+            self, "limits", np.array([self.lower, self.upper, self.speed, self.acceleration], dtype=np.float64)
+        )
+
+    def _require(self, wrong: Bool[np.ndarray, " n"], what: str) -> None:
+        if wrong.any():
+            raise InputError(f"joint {self.names[int(np.argmax(wrong))]!r} {what}.")
+
+    def __reduce__(self) -> tuple[object, ...]:
+        given = (self.names, self.placements, self.axes, self.revolute, self.lower, self.upper, self.speed)
+        return type(self), (*given, self.acceleration)
+
+    @property
+    def middle(self) -> Float[np.ndarray, " n"]:
+        """(n,) halfway between the limits; 0 where there are none."""
+        bounded = np.isfinite(self.lower) & np.isfinite(self.upper)
+        return np.where(bounded, 0.5 * (np.where(bounded, self.lower, 0.0) + np.where(bounded, self.upper, 0.0)), 0.0)
+
+    def pose_into(
+        self, q: Float[np.ndarray, " n"], rotation: Float[np.ndarray, "3 3"], translation: Float[np.ndarray, " 3"]
+    ) -> None:
+        """T_base_sensor at joint positions q [rad, m]."""
+        require_out(rotation, (3, 3))
+        require_out(translation, (3,))
+        _arm.pose(self._chain, self._joints(q), rotation, translation)
+
+    def jacobian_into(
+        self, q: Float[np.ndarray, " n"], point: Float[np.ndarray, " 3"], out: Float[np.ndarray, "6 n"]
+    ) -> None:
+        """d(velocity, angular velocity)/d(rates): z x (p - o) and z of a joint that turns, z and 0 of one that slides.
+
+        Args:
+            q: (n,) joint positions.
+            point: (3,) in the sensor's frame [m], whose velocity the linear rows are.
+            out: (6, n).
+        """
+        require_out(out, (6, len(self.names)))
+        _arm.jacobian(self._chain, self._joints(q), shaped(point, (3,), "point"), out)
+
+    def motion_into(
+        self,
+        q: Float[np.ndarray, " n"],
+        rate: Float[np.ndarray, " n"],
+        change: Float[np.ndarray, " n"],
+        point: Float[np.ndarray, " 3"],
+        out: Float[np.ndarray, " 12"],
+    ) -> None:
+        """Velocity, angular velocity, acceleration and angular acceleration of a point of the sensor's frame.
+
+        From joint to joint (Luh, Walker and Paul 1980, its outward half), with o the vector to the next origin,
+
+            v += w x o,   a += al x o + w x (w x o),   then of a joint that turns w += z q',  al += w x z q' + z q''
+            and of one that slides v += z q',  a += 2 w x z q' + z q''
+
+        Args:
+            q: (n,) joint positions.
+            rate: (n,) their velocities.
+            change: (n,) their accelerations.
+            point: (3,) in the sensor's frame [m].
+            out: (12,) in base axes [m/s, rad/s, m/s^2, rad/s^2]; gravity is not in it.
+        """
+        require_out(out, (12,))
+        place = shaped(point, (3,), "point")
+        _arm.motion(self._chain, self._joints(q), self._joints(rate), self._joints(change), place, out)
+
+    def pose(self, q: ArrayLike) -> Pose:
+        """T_base_sensor at joint positions q."""
+        rotation, translation = np.empty((3, 3)), np.empty(3)
+        self.pose_into(self._joints(q), rotation, translation)
+        return Pose(rotation, translation)
+
+    def jacobian(self, q: ArrayLike, point: ArrayLike = (0.0, 0.0, 0.0)) -> Float[np.ndarray, "6 n"]:
+        """As `jacobian_into`, in a new array."""
+        out = np.empty((6, len(self.names)))
+        self.jacobian_into(self._joints(q), shaped(point, (3,), "point"), out)
+        return out
+
+    def _joints(self, values: ArrayLike) -> Float[np.ndarray, " n"]:
+        return shaped(values, (len(self.names),), "joints")

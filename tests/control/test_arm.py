@@ -1,0 +1,180 @@
+"""An arm: placed and moved as pinocchio, a product of poses and finite differences say; what is missing is said."""
+
+from __future__ import annotations
+
+import pickle
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from palpate.control.arm import Arm
+from palpate.errors import InputError
+from palpate.io.arm import load_arm
+from palpate.spatial.pose import Pose
+from tests.support.arms import JOINTS, SIX, SLIDING, joint, write_arm
+
+pin: Any = import_module("pinocchio")
+POINT = np.array([0.01, -0.02, 0.15])
+ARMS = [(SIX, "base", "ft"), (SIX, "link2", "link5"), (SIX, "link5", "base"), (SLIDING, "a", "ft"), (SLIDING, "d", "a")]
+
+
+def state(arm: Arm, seed: int) -> list[np.ndarray]:
+    """Positions, rates and their changes."""
+    rng = np.random.default_rng(seed)
+    return [rng.uniform(-1.5, 1.5, len(arm.names)) for _ in range(3)]
+
+
+def product(arm: Arm, q: np.ndarray) -> Pose:
+    """T_base_sensor as the docstring writes it."""
+    whole = Pose(arm.placements.rotation[0], arm.placements.translation[0])
+    for k, value in enumerate(q):
+        moved = Pose.from_rotation_vector(arm.axes[k] * value, np.zeros(3))
+        if not arm.revolute[k]:
+            moved = Pose(np.eye(3), arm.axes[k] * value)
+        whole = whole @ moved @ Pose(arm.placements.rotation[k + 1], arm.placements.translation[k + 1])
+    return whole
+
+
+def pinocchios(path: Path, base: str, sensor: str, q: dict[str, float], rates: list[dict[str, float]]) -> Any:
+    """Pose, Jacobian by joint, and motion of POINT, of a base that stands still."""
+    model = pin.buildModelFromUrdf(str(path))
+    data, numbers = model.createData(), [pin.neutral(model), np.zeros(model.nv), np.zeros(model.nv)]
+    for name, value in q.items():
+        one = model.joints[model.getJointId(name)]
+        numbers[0][one.idx_q : one.idx_q + one.nq] = (np.cos(value), np.sin(value)) if one.nq == 2 else value
+        for row, change in zip(numbers[1:], rates, strict=True):
+            row[one.idx_v] = change[name]
+    frame = model.addFrame(
+        pin.Frame(
+            "point",
+            model.frames[model.getFrameId(sensor)].parentJoint,
+            model.frames[model.getFrameId(sensor)].placement * pin.SE3(np.eye(3), POINT),
+            pin.FrameType.OP_FRAME,
+        )
+    )
+    data = model.createData()
+    pin.forwardKinematics(model, data, *numbers)
+    pin.updateFramePlacements(model, data)
+    turn = data.oMf[model.getFrameId(base)].rotation.T  # of a base that no joint moves
+    axes: Any = np.kron(np.eye(2), turn)
+    aligned = pin.LOCAL_WORLD_ALIGNED
+    pin.computeJointJacobians(model, data, numbers[0])
+    whole: Any = axes @ pin.getFrameJacobian(model, data, frame, aligned)
+    columns: Any = np.array([whole[:, model.joints[model.getJointId(name)].idx_v] for name in q]).T
+    velocity: Any = axes @ pin.getFrameVelocity(model, data, frame, aligned).vector
+    change: Any = axes @ pin.getFrameClassicalAcceleration(model, data, frame, aligned).vector
+    pose = data.oMf[model.getFrameId(base)].actInv(data.oMf[model.getFrameId(sensor)])
+    return pose, columns, np.concatenate([velocity, change])
+
+
+@pytest.mark.parametrize(("text", "base", "sensor"), [ARMS[0], ARMS[3]])
+def test_it_moves_as_pinocchio_says(tmp_path: Path, text: str, base: str, sensor: str) -> None:
+    """Lengths and rates of 1; sums of some hundred products round by 1e-14."""
+    path = write_arm(tmp_path, text)
+    arm = load_arm(path, base, sensor)
+    for seed in range(5):
+        q, rate, change = state(arm, seed)
+        named = [dict(zip(arm.names, values.tolist(), strict=True)) for values in (q, rate, change)]
+        pose, columns, moving = pinocchios(path, base, sensor, named[0], named[1:])
+        ours, out = arm.pose(q), np.empty(12)
+        arm.motion_into(q, rate, change, POINT, out)
+        assert np.abs(ours.rotation - pose.rotation).max() < 1e-12
+        assert np.abs(ours.translation - pose.translation).max() < 1e-12
+        assert np.abs(arm.jacobian(q, POINT) - columns).max() < 1e-12
+        assert np.abs(out - moving).max() < 1e-11
+
+
+@pytest.mark.parametrize(("text", "base", "sensor"), ARMS)
+def test_pose_jacobian_and_motion_agree(tmp_path: Path, text: str, base: str, sensor: str) -> None:
+    """Central differences: h^2 f'''/6 = 4e-10 for the speed and 4e-12/h^2 rounding for the acceleration, h = 2e-5."""
+    arm, h = load_arm(write_arm(tmp_path, text), base, sensor), 2e-5
+    q, rate, change = state(arm, 3)
+    before, now, after = (product(arm, q + t * rate + 0.5 * t * t * change) for t in (-h, 0.0, h))
+    places = [pose.apply(POINT) for pose in (before, now, after)]
+    out = np.empty(12)
+    arm.motion_into(q, rate, change, POINT, out)
+    assert np.abs(arm.pose(q).rotation - now.rotation).max() < 1e-12
+    assert np.abs(arm.pose(q).translation - now.translation).max() < 1e-12
+    turned = Pose(after.rotation @ before.rotation.T, np.zeros(3)).rotation_vector() / (2 * h)
+    assert np.abs(out[:3] - (places[2] - places[0]) / (2 * h)).max() < 1e-7
+    assert np.abs(out[3:6] - turned).max() < 1e-7
+    assert np.abs(out[6:9] - (places[2] - 2 * places[1] + places[0]) / h**2).max() < 1e-5
+    assert np.abs(arm.jacobian(q, POINT) @ rate - out[:6]).max() < 1e-12
+    ends = [arm.jacobian(q + t * rate, POINT) @ (rate + t * change) for t in (-h, h)]
+    assert np.abs((ends[1] - ends[0]) / (2 * h) - out[6:]).max() < 1e-7
+
+
+def test_limits_are_those_of_the_file(tmp_path: Path) -> None:
+    arm = load_arm(str(write_arm(tmp_path, SLIDING)), "a", "ft", ["lift", "spin", "reach", "wrist"])
+    assert arm.lower.tolist() == [-2.5, -np.inf, -2.5, -2.5]
+    assert arm.upper.tolist() == [2.6, np.inf, 2.6, 2.6]
+    assert arm.speed.tolist() == [1.57, 2.0, 1.57, 1.57]
+    assert arm.middle == pytest.approx([0.05, 0.0, 0.05, 0.05])
+    again = pickle.loads(pickle.dumps(arm))
+    assert np.array_equal(again.limits, arm.limits)
+    assert not arm.lower.flags.writeable
+
+
+MISSING = [
+    ({"base": "bse"}, "there is no link 'bse'. Did you mean 'base'"),
+    ({"sensor": "tf"}, "there is no link 'tf'"),
+    ({"joints": ["joint7", *JOINTS[1:]]}, "there is no joint 'joint7' in the chain. Did you mean"),
+    ({"joints": JOINTS[:5]}, "joint 'joint6' moves the sensor too and is not named"),
+    ({"joints": JOINTS[::-1]}, "not in the order of the chain. It is joint1, joint2"),
+    ({"base": "world", "sensor": "base"}, "nothing moves between links"),
+]
+
+
+@pytest.mark.parametrize(("changed", "said"), MISSING)
+def test_what_is_missing_is_said(tmp_path: Path, changed: dict[str, Any], said: str) -> None:
+    with pytest.raises(InputError, match=said.replace(".", r"\.")):
+        load_arm(write_arm(tmp_path), **{"base": "base", "sensor": "ft", **changed})
+
+
+BROKEN = [
+    ('lower="-2.5" upper="2.6" effort="1"', "joint 'joint1' has no speed limit"),
+    ('lower="2.5" upper="-2.6" velocity="1"', "joint 'joint1' has an empty range"),
+    ('velocity="1"', "joint 'joint1' has an empty range"),
+    ('lower="-2.5" upper="wide" velocity="1"', "upper of the limit of joint 'joint1' must be 1 numbers"),
+    ("", "joint 'joint1' has no limit"),
+]
+
+
+@pytest.mark.parametrize(("limit", "said"), BROKEN)
+def test_a_joint_without_a_limit_is_refused(tmp_path: Path, limit: str, said: str) -> None:
+    more = '<origin xyz="0 0 1"/><axis xyz="0 0 1"/>'
+    path = write_arm(
+        tmp_path,
+        '<robot name="r"><link name="a"/><link name="b"/>'
+        + joint("joint1", "revolute", "a", "b", more=more, limit=limit)
+        + "</robot>",
+    )
+    with pytest.raises(InputError, match=said):
+        load_arm(path, "a", "b")
+
+
+def test_other_joints_and_files_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no URDF that can be read"):
+        load_arm(tmp_path / "none.urdf", "a", "b")
+    ends = '<robot name="r"><link name="a"/><link name="b"/><link name="c"/>'
+    leads = joint("j", "revolute", "a", "b")
+    follows = joint("k", "revolute", "b", "c", more='<mimic joint="j"/>')
+    with pytest.raises(InputError, match="joint 'k' follows 'j': it cannot be commanded"):
+        load_arm(write_arm(tmp_path, f"{ends}{leads}{follows}</robot>"), "a", "c")
+    flat = joint("j", "revolute", "a", "b", more='<axis xyz="0 0 0"/>')
+    with pytest.raises(InputError, match="joint 'j' has no axis"):
+        load_arm(write_arm(tmp_path, f"{ends}{flat}</robot>"), "a", "b")
+    floats = joint("j", "floating", "a", "b", limit="")
+    with pytest.raises(InputError, match="is floating: no number states it"):
+        load_arm(write_arm(tmp_path, f"{ends}{floats}</robot>"), "a", "b")
+
+
+def test_arrays_of_another_shape_are_refused(tmp_path: Path) -> None:
+    arm = load_arm(write_arm(tmp_path), "base", "ft")
+    with pytest.raises(InputError, match="joints must have shape"):
+        arm.pose(np.zeros(5))
+    with pytest.raises(InputError, match="7 placements"):
+        Arm(arm.names, Pose.identity(), arm.axes, arm.revolute, arm.lower, arm.upper, arm.speed)
