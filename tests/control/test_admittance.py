@@ -13,7 +13,7 @@ RADIUS = 0.06
 
 
 def test_a_constant_error_ends_in_its_share_of_the_damping() -> None:
-    """v = (1 - (1 - a)^k) error/D with a = dt D/M, the closed form of the recursion, to rounding."""
+    """The recursion's closed form, v = (1 - (1 - a)^k) error/D with a = dt D/M, to rounding."""
     law, speed, dt = Admittance(10.0, 290.0), 0.0, 0.02
     for k in range(1, 200):
         speed = law.step(speed, 2.0, dt)
@@ -35,7 +35,7 @@ def test_a_light_touch_goes_deeper() -> None:
 
 
 def touched(rotation: np.ndarray, normal: np.ndarray) -> np.ndarray:
-    """Where a ball about the sensor's z meets a plane, from the ball's middle in the sensor's axes: below its centre."""
+    """Where a ball on the sensor's z meets a plane, from its centre, in the sensor's axes."""
     return rotation.T @ (-RADIUS * normal)
 
 
@@ -68,5 +68,5 @@ def test_a_step_is_along_z_and_about_x_and_y() -> None:
     selected_step(rotation, 0.5, (0.2, -0.4), 0.02, e)
     assert rotation.T @ e[:3] == pytest.approx([0.0, 0.0, 0.01], abs=1e-15)
     assert rotation.T @ e[3:] == pytest.approx([0.004, -0.008, 0.0], abs=1e-15)
-    with pytest.raises(InputError, match="out must have shape"):
-        selected_step(rotation, 0.5, (0.2, -0.4), 0.02, np.empty(5))
+    with pytest.raises(InputError, match="out must be a writable"):
+        selected_step(rotation, 0.5, (0.2, -0.4), 0.02, np.empty(12)[::2])

@@ -41,12 +41,14 @@ class Servo:
         self.sent = [0.0] * (robot.delay + 2)
 
     def flow(self, state: np.ndarray, target: float) -> np.ndarray:
+        """How position and speed change."""
         if self.robot.order == 1:
             return np.array([(target - state[0]) / self.robot.lag, 0.0])
         w = 2.0 / self.robot.lag
         return np.array([state[1], w * w * (target - state[0]) - 2.0 * w * state[1]])
 
     def cycle(self, command: float) -> None:
+        """Until the next reading."""
         self.sent = [command, *self.sent[:-1]]
         start, end = self.sent[self.robot.delay + 1], self.sent[self.robot.delay]
         if self.robot.lag == 0:
@@ -81,14 +83,14 @@ def test_the_edge_is_where_the_loop_begins_to_grow(robot: DelayedRobot) -> None:
     assert admittance_radius(robot, PAPER, 0.999 * edge) < 1.0 < admittance_radius(robot, PAPER, 1.001 * edge)
     assert growth(robot, PAPER, 0.95 * edge) < 0.9
     assert growth(robot, PAPER, 1.05 * edge) > 1.1
-    least = least_damping(robot, PAPER.mass, edge)
-    assert least == pytest.approx(PAPER.damping, rel=1e-6)  # the same edge, from the other side
+    if robot.delay:  # without, a greater damping is nearer to the edge
+        assert least_damping(robot, PAPER.mass, edge) == pytest.approx(PAPER.damping, rel=1e-6)
 
 
 @pytest.mark.parametrize("mass", [1.0, 10.0])
 @pytest.mark.parametrize("share", [0.1, 0.6, 1.4])
 def test_the_bounds_of_the_remarks_come_out(mass: float, share: float) -> None:
-    """dt D/M + K dt^2/(2 M) < 2 without delay; K dt < D with one cycle of it, whatever M: to the bisection's rounding."""
+    """Without delay dt D/M + K dt^2/(2 M) < 2, with one cycle of it K dt < D whatever M; to rounding."""
     admittance = Admittance(mass, share * mass / DT)
     assert stiffest(DelayedRobot(DT), admittance) == pytest.approx(2.0 * mass / DT**2 * (2.0 - share), rel=1e-9)
     assert stiffest(DelayedRobot(DT, delay=1), admittance) == pytest.approx(admittance.damping / DT, rel=1e-9)
@@ -113,12 +115,12 @@ def test_gains_that_oscillate_are_refused_with_the_bound() -> None:
 
 
 def test_where_no_damping_is_enough_the_mass_is_named() -> None:
-    with pytest.raises(InputError, match=r"Use a mass above 2\.9 kg") as caught:
+    with pytest.raises(InputError, match=r"Use a mass above 2\.9 kg"):
         require_stable(ROBOT, Admittance(1.0, 290.0), 2240.0)
-    with pytest.raises(InputError, match="Use a damping of at least .* with a mass of") as caught:
+    with pytest.raises(InputError, match=r"Use a damping of at least \S+ N s/m with a mass of") as caught:
         require_stable(ROBOT, Admittance(0.1, 5.0), 2240.0)
     words = str(caught.value).split("at least ")[1].split()
-    assert admittance_radius(ROBOT, Admittance(float(words[6]), float(words[0])), 2240.0) < 1.0
+    assert admittance_radius(ROBOT, Admittance(float(words[7]), float(words[0])), 2240.0) < 1.0
 
 
 def watched(robot: DelayedRobot, tracker: Tracker, ratio: float, cycles: int = 400) -> float:
@@ -136,7 +138,7 @@ def watched(robot: DelayedRobot, tracker: Tracker, ratio: float, cycles: int = 4
     return max(seen[-third:]) / max(seen[third:-third])
 
 
-@pytest.mark.parametrize(("ratio", "smoothing"), [(0.3, 0.0), (2.6, 0.0), (1.0, 0.016)])
+@pytest.mark.parametrize(("ratio", "smoothing"), [(2.0, 0.0), (2.6, 0.0), (1.0, 0.068)])
 def test_an_observer_is_stable_below_a_bandwidth(ratio: float, smoothing: float) -> None:
     """Its edge lies where the loop, written out, begins to grow: 10 % inside it decays, 10 % outside it grows."""
     robot = DelayedRobot(DT, delay=1, ramp=True, lag=0.03, order=2, smoothing=smoothing)
@@ -154,23 +156,23 @@ def test_an_observer_is_stable_below_a_bandwidth(ratio: float, smoothing: float)
 
 
 def test_a_gain_that_is_known_leaves_the_filters_poles() -> None:
-    """g = 1: nothing of the robot's own motion comes back, and p is the pole; of order 2 threefold, to 1e-5 of it."""
+    """With g = 1 nothing of the robot's own motion comes back: p is the pole, of order 2 threefold, to 1e-4 of it."""
     for order in (0, 1, 2):
         pole = np.exp(-5.0 * DT)
         assert observer_radius(ROBOT, Tracker(5.0, 0.07, order), 1.0) == pytest.approx(pole, rel=1e-4)
-    assert (
-        observer_radius(DelayedRobot(DT), Tracker(5.0, 0.0, 0), 2.0)
-        < 1.0
-        < observer_radius(ROBOT, Tracker(5.0, 0.0, 0), 2.5)
-    )
+    assert observer_radius(ROBOT, Tracker(60.0, 0.07), 1.5) < 1.0  # a gain half as wrong bears a far faster filter
 
 
 def test_what_cannot_be_is_refused_and_values_travel() -> None:
-    for wrong in ({"dt": 0.0}, {"dt": DT, "delay": -1}, {"dt": DT, "lag": np.nan}, {"dt": DT, "order": 3}):
+    for make in (
+        lambda: DelayedRobot(0.0),
+        lambda: DelayedRobot(DT, delay=-1),
+        lambda: DelayedRobot(DT, lag=np.nan),
+        lambda: DelayedRobot(DT, order=3),
+        lambda: Tracker(0.0),
+    ):
         with pytest.raises(InputError):
-            DelayedRobot(**wrong)
-    with pytest.raises(InputError):
-        Tracker(0.0)
+            make()
     assert admittance_radius(pickle.loads(pickle.dumps(ROBOT)), PAPER, 2240.0) == admittance_radius(
         ROBOT, PAPER, 2240.0
     )

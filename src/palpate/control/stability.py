@@ -111,8 +111,8 @@ class Tracker:
     """An estimator with a memory that fades, and a prediction: what stands in for a steady Kalman filter.
 
     Value, rate (and second derivative) are predicted over a cycle and corrected by gains times what is new. With
-    p = exp(-bandwidth dt) the gains are 1 - p; 1 - p^2, (1 - p)^2; or 1 - p^3, 1.5 (1 - p)^2 (1 + p), (1 - p)^3, so that
-    all its poles lie at p (Morrison 1969). The command is the value `ahead` seconds later.
+    p = exp(-bandwidth dt) they are 1 - p; 1 - p^2, (1 - p)^2; or 1 - p^3, 1.5 (1 - p)^2 (1 + p), (1 - p)^3, so that all
+    its poles lie at p (Morrison 1969). The command is the value `ahead` seconds later.
 
     Args:
         bandwidth: [rad/s].
