@@ -1,0 +1,281 @@
+"""A robot that presses a probe on a surface with a wanted force, at right angles, by force sensing alone."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float
+from numpy.typing import ArrayLike
+
+from palpate.contact import Status, WrenchEstimator
+from palpate.contact.estimate import ROW
+from palpate.control.arm import Arm
+from palpate.control.follow import Follow
+from palpate.control.inverse_kinematics import damped_step, limited
+from palpate.control.law import MotionLaw, Sensed
+from palpate.control.probe_face import ProbeFace
+from palpate.control.servo import Servo, ServoModel
+from palpate.control.supervisor import Limits, State, Supervisor
+from palpate.errors import InputError
+from palpate.sensors.compensation import Compensation
+from palpate.sensors.recording import Recording
+from palpate.sensors.wrench_sensor import Tare
+from palpate.surfaces.mesh import Mesh
+
+__all__ = ["AlignController"]
+
+DAMPING = 0.01  # of (10): a twentieth of what an arm of half a metre moves, where it is not near a singular pose
+LEAST = 1e-4  # s: cycles are told apart to this
+
+
+class AlignController:
+    """Wrench, joints and time in, joint command out, at the sensor's rate.
+
+    Each call corrects what is known of robot and surface; once a period of the robot there is a new command, between
+    them the last one is given again. The steps of a cycle: where the robot is (`ServoModel`), what its motion adds to
+    the wrench, the contact (`WrenchEstimator`), the state (`Supervisor`), the wanted step of the tip (`MotionLaw`),
+    joints within their limits ((10) of `probe`, `limited`).
+
+    Args:
+        arm: from the base to the sensor.
+        estimator: of the contact, live; without a filter for `Follow`, which has its own.
+        force: [N] wanted.
+        face: of the probe, in the surface's frame; None: that of the estimator's mesh which looks along z.
+        servo: how the robot follows commands.
+        limits: see there.
+        law: of motion; None: `Follow`.
+
+    Raises:
+        InputError: the limit on force is not above the wanted force; or the surface is no mesh and no face is given.
+    """
+
+    def __init__(
+        self,
+        arm: Arm,
+        estimator: WrenchEstimator,
+        force: float = 7.0,
+        *,
+        face: ProbeFace | None = None,
+        servo: Servo | None = None,
+        limits: Limits | None = None,
+        law: MotionLaw | None = None,
+    ) -> None:
+        surface = estimator.locator.surface
+        if face is None:
+            if not isinstance(surface, Mesh):
+                raise InputError("the estimator's surface is no mesh: state the probe's face.", where="face")
+            face = ProbeFace.of(surface)
+        self.arm, self.estimator, self.face, self.force = arm, estimator, face, float(force)
+        self.servo = Servo() if servo is None else servo
+        self.limits = Limits() if limits is None else limits
+        self.law: MotionLaw = Follow(face, self.force) if law is None else law
+        self.law.late = self.servo.late
+        self.supervisor = Supervisor(self.limits, self.force)
+        self.model = ServoModel(self.servo, len(arm.names))
+        mount = estimator.mount
+        self._axes = np.ascontiguousarray(mount.rotation @ face.axes)  # of the face, in the sensor's frame
+        self._tip = np.ascontiguousarray(mount.apply(face.place))
+        sensor = estimator.sensor
+        payload = sensor.payload if isinstance(sensor, Compensation) else None
+        self._centre = np.zeros(3) if payload is None else np.array(payload.center_of_mass)
+        self._gravity = np.zeros(3) if payload is None else np.nan_to_num(payload.gravity)
+        self._allocate(len(arm.names))
+        self._tared: float | None = None
+
+    def _allocate(self, count: int) -> None:
+        self._row, self.seen = self.estimator.empty(1)[0], Sensed()
+        self._sensor, self._place = np.eye(3), np.zeros(3)  # pose of the sensor in the base, now
+        self._commanded, self._commanded_place = np.eye(3), np.zeros(3)
+        self._motion, self._jacobian = np.zeros(12), np.zeros((6, count))
+        self._e, self._step, self._last = np.zeros(6), np.zeros(count), np.zeros(count)
+        self._command, self._fed, self._next = np.zeros(count), np.full(count, np.nan), np.zeros(count)
+        self._wrench = np.full(6, np.nan)
+        self._time = self._due = -np.inf
+        self._home = np.zeros(3)
+
+    @property
+    def state(self) -> State:
+        """What it does now."""
+        return self.supervisor.state
+
+    @property
+    def why(self) -> str:
+        """What led to the state."""
+        return self.supervisor.why
+
+    @property
+    def contact(self) -> Float[np.ndarray, " 22"]:
+        """The last estimate, a row of `ROW`; written anew by the next call."""
+        return self._row
+
+    @property
+    def drifted(self) -> float:
+        """[rad] by which drift within its bounds may have turned the probe since the tare.
+
+        A torque of dM, or a sideways force of dF at the tip's distance, moves the contact by dM/force, and that turns
+        the probe by as much over the smaller radius of its face.
+        """
+        force, torque = np.asarray(self.limits.drift)
+        since = 0.0 if self._tared is None else self._time - self._tared
+        lever = float(np.linalg.norm(self._tip))
+        return since * float(torque + force * lever) / self.force / float(self.face.radii.min())
+
+    def tare(self, recording: Recording, time: float) -> Tare:
+        """What the untouched sensor reads is taken off from now on (`WrenchEstimator.tare`); the drift begins anew."""
+        taken = self.estimator.tare(recording)
+        self._tared = time
+        return taken
+
+    def start(self, time: float, joints: ArrayLike) -> None:
+        """Anew from these joints, at rest, from the approach on; the first `update` does it."""
+        self._command[:] = np.asarray(joints, dtype=np.float64)
+        if not np.isfinite(self._command).all():
+            raise InputError("the joints to start from must be finite.", where="joints")
+        self.model.start(time, self._command)
+        self.supervisor.start(time)
+        self.estimator.reset()
+        self._last[:] = 0.0
+        self._time = self._due = time
+        self._fed[:] = self._command
+        self._pose(self.model.joints, self._sensor, self._place)
+        self._home[:] = self._place + self._sensor @ self._tip
+        self._tared = time if self._tared is None else self._tared
+
+    def update(
+        self, time: float, wrench: ArrayLike | None, joints: ArrayLike, acceleration: ArrayLike | None = None
+    ) -> Float[np.ndarray, " n"]:
+        """The joint command to send now.
+
+        Args:
+            time: [s] of the reading, on one monotonic clock; one that does not grow is a repetition, and is left out.
+            wrench: (6,) as the sensor reads it; None, NaN or the same numbers again: no new reading.
+            joints: (n,) [rad] the robot's newest feedback, the same until the next one.
+            acceleration: (3,) [m/s^2] what an accelerometer at the sensor's origin reads, in the sensor's frame; None:
+                from the robot's model.
+
+        Returns:
+            (n,) within the arm's limits, whatever came in. The array is written anew by the next call.
+        """
+        feedback = np.asarray(joints, dtype=np.float64)
+        if self._time == -np.inf:
+            self.start(time, feedback)
+        elif not time > self._time or not np.isfinite(time):
+            return self._command
+        self._time = time
+        self.model.advance(time)
+        if not np.array_equal(feedback, self._fed):
+            self._fed[:] = feedback
+            self.model.correct(time, feedback)
+        self._pose(self.model.joints, self._sensor, self._place)
+        if self._new(wrench):
+            self._sense(time, acceleration)
+        else:
+            self.supervisor.silent(time)
+        if time >= self._due - LEAST:
+            self._due = max(self._due + self.servo.period, time)
+            self._move(time)
+        return self._command
+
+    def _pose(self, joints: np.ndarray, rotation: np.ndarray, translation: np.ndarray) -> None:
+        self.arm.pose_into(joints, rotation, translation)
+
+    def _new(self, wrench: ArrayLike | None) -> bool:
+        """Whether there is a reading that was not there before."""
+        if wrench is None:
+            return False
+        reading = np.asarray(wrench, dtype=np.float64)
+        if reading.shape != (6,) or not np.isfinite(reading).all() or np.array_equal(reading, self._wrench):
+            return False
+        self._wrench[:] = reading
+        return True
+
+    def _sense(self, time: float, acceleration: ArrayLike | None) -> None:
+        """The contact, the state, and what the law learns from it."""
+        moved = self._acceleration(acceleration)
+        self.estimator.update_into(time, self._wrench, self._row, self._sensor, moved)
+        row = self._row
+        status = Status(int(row[ROW.status]))
+        before, force = self.supervisor.state, float(np.sqrt(row[ROW.force] @ row[ROW.force]))
+        self.supervisor.fresh(time, status, force if np.isfinite(force) else 0.0)
+        if status > Status.AMBIGUOUS:
+            return
+        self._fill(time)
+        state = self.supervisor.state
+        if state == State.CONTACT and before != State.CONTACT:
+            self.law.start(self.seen)
+        if state in (State.CONTACT, State.HOLD):
+            self.law.observe(self.seen)
+        if state == State.CONTACT and self.law.ready:
+            self.supervisor.pressed(time)
+
+    def _acceleration(self, felt: ArrayLike | None) -> Float[np.ndarray, " 3"]:
+        """Of the payload's centre, in the sensor's frame, without gravity."""
+        model, centre = self.model, self._centre
+        self.arm.motion_into(model.joints, model.speeds, model.accelerations, centre, self._motion)
+        if felt is None:
+            return self._sensor.T @ self._motion[6:9]
+        turning, speeding = (self._sensor.T @ self._motion[k : k + 3] for k in (3, 9))
+        lever = np.cross(speeding, centre) + np.cross(turning, np.cross(turning, centre))
+        return np.asarray(felt, dtype=np.float64) + self._sensor.T @ self._gravity + lever
+
+    def _fill(self, time: float) -> None:
+        """What the law is given."""
+        seen, row, face = self.seen, self._row, self.face
+        seen.time = time
+        np.matmul(self._sensor, self._axes, out=seen.rotation)
+        seen.tip[:] = self._place + self._sensor @ self._tip
+        seen.place[:] = (row[ROW.point] - face.place) @ face.axes
+        seen.force[:] = row[ROW.force] @ face.axes
+        spread = face.axes.T @ row[ROW.covariance].reshape(3, 3) @ face.axes
+        seen.variance[:] = np.nan_to_num(np.diag(spread)[:2])
+
+    def _move(self, time: float) -> None:
+        """A new command, by the state."""
+        self._e[:] = 0.0
+        self._pose(self._command + self.model.offset, self._commanded, self._commanded_place)
+        axes = self._commanded @ self._axes
+        tip = self._commanded_place + self._commanded @ self._tip
+        self._guard(time, axes, tip)
+        state, period = self.supervisor.state, self.servo.period
+        if state == State.APPROACH:
+            self._e[:3] = self.limits.approach * period * axes[:, 2]
+        elif state == State.CONTACT:
+            self.law.press(self.seen, period, self._e)
+        elif state == State.HOLD:
+            self.law.hold(time, axes, tip, period, self._e)
+        elif self.supervisor.retreating:
+            self._e[:3] = -self.limits.approach * period * axes[:, 2]
+        self._bound(period)
+        self.arm.jacobian_into(self._command + self.model.offset, self._tip, self._jacobian)
+        damped_step(self._jacobian, self._e, DAMPING, self._step)
+        self._next[:] = self._command
+        limited(self.arm, self._command, self._step, self._last, period, self._next)
+        np.subtract(self._next, self._command, out=self._last)
+        self._command[:] = self._next
+        self.model.send(time, self._command)
+
+    def _guard(self, time: float, axes: Float[np.ndarray, "3 3"], tip: Float[np.ndarray, " 3"]) -> None:
+        """Where the loop may not go on."""
+        supervisor, limits = self.supervisor, self.limits
+        moved = float(np.linalg.norm(tip - self._home))
+        if supervisor.state == State.APPROACH:
+            if moved > limits.travel:
+                supervisor.stop(time, f"nothing was touched within {1e3 * limits.travel:.0f} mm", retreat=True)
+            return
+        if supervisor.retreating:
+            supervisor.retreating = moved < limits.travel and time - supervisor.settled < limits.patience
+            return
+        if self.drifted > limits.drift_angle:
+            supervisor.stop(
+                time,
+                f"drift since the tare may have turned the probe by {np.degrees(self.drifted):.1f} deg: retreat, tare",
+                retreat=True,
+            )
+
+    def _bound(self, period: float) -> None:
+        """No faster than tip and probe may move; what is not finite is no motion."""
+        if not np.isfinite(self._e).all():
+            self._e[:] = 0.0
+        for part, most in ((self._e[:3], self.limits.speed), (self._e[3:], self.limits.turn)):
+            size = float(np.sqrt(part @ part))
+            if size > most * period:
+                part *= most * period / size

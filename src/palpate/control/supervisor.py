@@ -1,0 +1,166 @@
+"""Which state a contact loop is in, and why: it holds or retreats where it cannot know, and never guesses."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from palpate.contact import Status
+from palpate.errors import InputError
+from palpate.spatial._arrays import frozen
+
+__all__ = ["Limits", "State", "Supervisor"]
+
+BRIEF = 0.5  # s: after a shorter loss the loop goes on holding, for what it knows of the surface is not yet old
+
+
+class State(StrEnum):
+    """What the loop does now."""
+
+    APPROACH = "approach"  # moves along the probe's axis until something is touched
+    CONTACT = "contact"  # presses until the wanted force is there, and learns how stiff it is
+    HOLD = "hold"  # holds force and angle
+    LOST = "lost"  # holds still: the contact, or the sensor, is gone
+    STOPPED = "stopped"  # for good: retreats first, if it was for force
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What a loop must never pass, and how long it waits.
+
+    Args:
+        force: [N] largest contact force; beyond it the loop retreats and stops.
+        speed: [m/s] of the tip.
+        turn: [rad/s] of the probe.
+        approach: [m/s] towards what is to be touched, and of the retreat.
+        travel: [m] how far to approach before giving up, and how far the tip may be from where it first touched.
+        tilt: [rad] how far the probe may lean from where it first touched.
+        lost: [s] without contact before it counts as lost, and `patience` [s] before a lost one is given up.
+        stale: [s] without a new reading of the sensor before the loop holds still.
+        patience: [s], see `lost`.
+        drift: (force, torque) bounds of the sensor's drift [N/s, N m/s] since its tare. It cannot be seen in contact, so
+            that the angle by which it turns the probe is predicted: beyond `drift_angle` [rad] the loop stops and asks
+            for a tare.
+        drift_angle: [rad], see `drift`.
+
+    Raises:
+        InputError: one that is not positive, or a drift that is negative.
+    """
+
+    force: float = 20.0
+    speed: float = 0.1
+    turn: float = 3.0
+    approach: float = 0.01
+    travel: float = 0.06
+    tilt: float = float(np.radians(35.0))
+    lost: float = 0.15
+    stale: float = 0.1
+    patience: float = 2.0
+    drift: ArrayLike = (0.0, 0.0)
+    drift_angle: float = float(np.radians(3.0))
+
+    def __post_init__(self) -> None:
+        drift = frozen(self.drift, tail=(2,), name="drift")
+        object.__setattr__(self, "drift", drift)
+        for name, value in vars(self).items():
+            if name != "drift" and not 0 < value < np.inf:  # NaN too
+                raise InputError(f"{name} must be positive, not {value}.", where="limits")
+        if not ((drift >= 0) & np.isfinite(drift)).all():
+            raise InputError("drift must be two numbers that are not negative: N/s and N m/s.", where="limits")
+
+
+class Supervisor:
+    """The states of a loop and what leads from one to the next.
+
+    Args:
+        limits: see there.
+        force: [N] the wanted one.
+
+    Raises:
+        InputError: the limit on force is not above the wanted force.
+    """
+
+    def __init__(self, limits: Limits, force: float) -> None:
+        if not limits.force > force:
+            raise InputError(
+                f"the limit on force ({limits.force:g} N) must be above the wanted force ({force:g} N).",
+                where="limits",
+                hint="Leave room for what a moving surface adds: twice the wanted force is usual.",
+            )
+        self.limits, self.force = limits, force
+        self.state, self.why = State.APPROACH, "nothing touched yet"
+        self._before = State.APPROACH
+        self.start(0.0)
+
+    def start(self, time: float) -> None:
+        """Anew, from the approach on."""
+        self._to(State.APPROACH, "nothing touched yet", time)
+        self._seen = self._touched = time
+        self.retreating = False
+
+    def stop(self, time: float, why: str, *, retreat: bool = False) -> None:
+        """For good; `start` begins anew."""
+        if self.state != State.STOPPED:
+            self._to(State.STOPPED, why, time)
+            self.retreating = retreat
+
+    @property
+    def settled(self) -> float:
+        """[s] when the present state began."""
+        return self._since
+
+    def fresh(self, time: float, status: int, force: float) -> None:
+        """A reading came: its `Status`, and the length of the contact's force [N].
+
+        A saturated or invalid reading says nothing, and counts as none.
+        """
+        if status in (Status.SATURATED, Status.INVALID, Status.NO_POSE):
+            why = Status(status).label
+            if status == Status.SATURATED and self.state != State.APPROACH:
+                self.stop(time, "the sensor is saturated", retreat=True)
+            else:
+                self._silent(time, f"the sensor reads {why} values")
+            return
+        self._seen = time
+        if force > self.limits.force:
+            return self.stop(time, f"{force:.3g} N is more than the limit of {self.limits.force:g} N", retreat=True)
+        if status <= Status.AMBIGUOUS:
+            self._touched = time
+            if self.state == State.APPROACH:
+                self._to(State.CONTACT, "touched", time)
+            elif self.state == State.LOST:
+                brief = self._before == State.HOLD and time - self._since < BRIEF
+                self._to(State.HOLD if brief else State.CONTACT, "touched again", time)
+        elif self.state == State.LOST and self._before == State.APPROACH:
+            self._to(State.APPROACH, "the sensor reads again", time)
+        elif self.state in (State.CONTACT, State.HOLD) and time - self._touched > self.limits.lost:
+            self._to(State.LOST, f"no contact for {time - self._touched:.2g} s", time)
+        self._give_up(time)
+        return None
+
+    def silent(self, time: float) -> None:
+        """A moment without a new reading."""
+        self._silent(time, "no new reading of the sensor")
+
+    def pressed(self, time: float) -> None:
+        """The wanted force is there, and what was to be learned is known."""
+        if self.state == State.CONTACT:
+            self._to(State.HOLD, "force and angle are held", time)
+
+    def _silent(self, time: float, why: str) -> None:
+        silence = time - self._seen
+        if silence > self.limits.stale and self.state in (State.APPROACH, State.CONTACT, State.HOLD):
+            self._to(State.LOST, f"{why} for {silence:.2g} s", time)
+        self._give_up(time)
+
+    def _give_up(self, time: float) -> None:
+        if self.state == State.LOST and time - self._since > self.limits.patience:
+            self.stop(time, f"{self.why}, and none since", retreat=True)
+
+    def _to(self, state: State, why: str, time: float) -> None:
+        if state == State.LOST:
+            self._before = self.state
+        self.state, self.why, self._since = state, why, time
