@@ -43,6 +43,9 @@ class AlignController:
         servo: how the robot follows commands.
         limits: see there.
         law: of motion; None: `Follow`.
+        inertia: (3, 3) [kg m^2] of the payload about its centre, in the sensor's frame. None: that of the mesh's hull,
+            filled evenly with the payload's mass. What is wrong in it looks like a contact that moves whenever the
+            robot turns the probe.
 
     Raises:
         InputError: the limit on force is not above the wanted force; or the surface is no mesh and no face is given.
@@ -58,6 +61,7 @@ class AlignController:
         servo: Servo | None = None,
         limits: Limits | None = None,
         law: MotionLaw | None = None,
+        inertia: ArrayLike | None = None,
     ) -> None:
         surface = estimator.locator.surface
         if face is None:
@@ -78,6 +82,8 @@ class AlignController:
         payload = sensor.payload if isinstance(sensor, Compensation) else None
         self._centre = np.zeros(3) if payload is None else np.array(payload.center_of_mass)
         self._gravity = np.zeros(3) if payload is None else np.nan_to_num(payload.gravity)
+        mass = 0.0 if payload is None else payload.mass
+        self._inertia = _filled(surface, mount.rotation, mass) if inertia is None else np.array(inertia, dtype=float)
         self._allocate(len(arm.names))
         self._tared: float | None = None
 
@@ -88,7 +94,7 @@ class AlignController:
         self._motion, self._jacobian = np.zeros(12), np.zeros((6, count))
         self._e, self._step, self._last = np.zeros(6), np.zeros(count), np.zeros(count)
         self._command, self._fed, self._next = np.zeros(count), np.full(count, np.nan), np.zeros(count)
-        self._wrench = np.full(6, np.nan)
+        self._wrench, self._felt = np.full(6, np.nan), np.zeros(6)
         self._time = self._due = -np.inf
         self._home = np.zeros(3)
 
@@ -191,7 +197,7 @@ class AlignController:
     def _sense(self, time: float, acceleration: ArrayLike | None) -> None:
         """The contact, the state, and what the law learns from it."""
         moved = self._acceleration(acceleration)
-        self.estimator.update_into(time, self._wrench, self._row, self._sensor, moved)
+        self.estimator.update_into(time, self._felt, self._row, self._sensor, moved)
         row = self._row
         status = Status(int(row[ROW.status]))
         before, force = self.supervisor.state, float(np.sqrt(row[ROW.force] @ row[ROW.force]))
@@ -208,12 +214,17 @@ class AlignController:
             self.supervisor.pressed(time)
 
     def _acceleration(self, felt: ArrayLike | None) -> Float[np.ndarray, " 3"]:
-        """Of the payload's centre, in the sensor's frame, without gravity."""
+        """Of the payload's centre, in the sensor's frame, without gravity; what turning it takes leaves the wrench.
+
+        With w and al the angular velocity and acceleration, I the inertia: M + I al + w x I w (Euler).
+        """
         model, centre = self.model, self._centre
         self.arm.motion_into(model.joints, model.speeds, model.accelerations, centre, self._motion)
+        moved, turning, speeding = (self._sensor.T @ self._motion[k : k + 3] for k in (6, 3, 9))
+        self._felt[:] = self._wrench
+        self._felt[3:] += self._inertia @ speeding + np.cross(turning, self._inertia @ turning)
         if felt is None:
-            return self._sensor.T @ self._motion[6:9]
-        turning, speeding = (self._sensor.T @ self._motion[k : k + 3] for k in (3, 9))
+            return moved
         lever = np.cross(speeding, centre) + np.cross(turning, np.cross(turning, centre))
         return np.asarray(felt, dtype=np.float64) + self._sensor.T @ self._gravity + lever
 
@@ -279,3 +290,14 @@ class AlignController:
             size = float(np.sqrt(part @ part))
             if size > most * period:
                 part *= most * period / size
+
+
+def _filled(surface: object, rotation: Float[np.ndarray, "3 3"], mass: float) -> Float[np.ndarray, "3 3"]:
+    """Inertia [kg m^2] of a mesh's hull of this mass about its own centre, turned into the sensor's frame."""
+    if mass == 0.0 or not isinstance(surface, Mesh):
+        return np.zeros((3, 3))
+    from trimesh import Trimesh  # here: it takes 0.2 s to import
+
+    hull = Trimesh(surface.vertices, surface.faces, process=False).convex_hull
+    inside: Float[np.ndarray, "3 3"] = np.asarray(hull.moment_inertia) * (mass / float(hull.volume))
+    return np.ascontiguousarray(rotation @ inside @ rotation.T)

@@ -15,6 +15,7 @@ __all__ = ["Follow"]
 ANGLE_FLOOR = float(np.radians(0.8))  # a filter that believes readings to be better turns faster than the loop's delay
 HEIGHT_FLOOR = 60e-6  # m
 SIZES = (0.17, 0.17, 0.01)  # of the motions to expect [rad, rad, m]
+SMOOTHING = 0.04  # s
 SETTLED = 0.1  # of the wanted force
 SETTLING = 0.25  # s that the force is to be there
 PATIENCE = 6.0  # s, after which the stiffness stays as it was stated
@@ -56,7 +57,8 @@ class Follow:
         self._normal, self._point, self._target = np.zeros(3), np.zeros(3), np.eye(3)
         self._sums, self._right = np.zeros((3, 3)), np.zeros(3)
         self._begun = self._time = self._reached = 0.0
-        self._pressing = 0.0
+        self._pressing = self._touch = self.depth = 0.0
+        self._smooth = np.zeros(3)
 
     def start(self, seen: Sensed) -> None:
         """Axes and place of the touch; what was learned of the stiffness stays."""
@@ -66,6 +68,7 @@ class Follow:
         self._reached, self.ready, self._pressing = np.inf, False, 0.0
         self._angles(seen)
         self.bank.start([*self._readings[:2], 0.0])
+        self._touch = float(np.sqrt(seen.force @ seen.force))
 
     def observe(self, seen: Sensed) -> None:
         """The surface by one reading."""
@@ -93,9 +96,12 @@ class Follow:
         out: Float[np.ndarray, " 6"],
     ) -> None:
         """To where the surface will be when the command is met: tip on it, axis against it, no spin."""
-        values, _ = self.bank.predict(time - self._time + self.late)
-        normal = self._outward(values)
-        out[:3] = self._origin + values[2] * self._axes[:, 2] - tip
+        decay = float(np.exp(-period / SMOOTHING)) if SMOOTHING else 0.0
+        values, _ = self.bank.predict(time - self._time + self.late + (period * decay / (1.0 - decay)))
+        self._smooth += (1.0 - decay) * (values - self._smooth)
+        normal = self._outward(self._smooth)
+        upright = float(normal @ self._axes[:, 2])
+        out[:3] = self._origin + (self._smooth[2] - self.depth / upright) * self._axes[:, 2] + self.depth * normal - tip
         _turn(self._axes, normal, self._target)
         _rotation_vector(self._target, rotation, out[3:])
 
@@ -144,6 +150,8 @@ class Follow:
         values, rates = self.bank.predict(0.0)
         height = self._readings[2]
         self.bank.start([values[0], values[1], height], [rates[0], rates[1], 0.0])
+        self._smooth[:] = values[0], values[1], height
+        self.depth = max(0.0, height) / (1.0 - min(0.5, np.sqrt(self._touch / self.force)))
         self.ready = True
 
 

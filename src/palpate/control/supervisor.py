@@ -38,6 +38,7 @@ class Limits:
         approach: [m/s] towards what is to be touched, and of the retreat.
         travel: [m] how far to approach before giving up, and how far the tip may be from where it first touched.
         tilt: [rad] how far the probe may lean from where it first touched.
+        touch: [N] by which the approach knows that it has touched; more than what its own motion is misjudged by.
         lost: [s] without contact before it counts as lost, and `patience` [s] before a lost one is given up.
         stale: [s] without a new reading of the sensor before the loop holds still.
         patience: [s], see `lost`.
@@ -56,6 +57,7 @@ class Limits:
     approach: float = 0.01
     travel: float = 0.06
     tilt: float = float(np.radians(35.0))
+    touch: float = 0.5
     lost: float = 0.15
     stale: float = 0.1
     patience: float = 2.0
@@ -129,7 +131,7 @@ class Supervisor:
             return self.stop(time, f"{force:.3g} N is more than the limit of {self.limits.force:g} N", retreat=True)
         if status <= Status.AMBIGUOUS:
             self._touched = time
-            if self.state == State.APPROACH:
+            if self.state == State.APPROACH and force > self.limits.touch:
                 self._to(State.CONTACT, "touched", time)
             elif self.state == State.LOST:
                 brief = self._before == State.HOLD and time - self._since < BRIEF
