@@ -90,7 +90,9 @@ def press(arm: Arm, servo: Servo) -> AlignController:
     vertices, faces = Superquadric(FACE, (1.0, 1.0)).mesh(20_000)
     mesh = palpate.Mesh.from_arrays(vertices + np.array([0.0, 0.0, TIP - FACE[2]]), faces)
     sensor = Compensation(palpate.ForceTorque(NOISE), PAYLOAD)
-    return AlignController(arm, palpate.WrenchEstimator(palpate.Locator(mesh), sensor), WANTED, servo=servo)
+    return AlignController(
+        arm, palpate.WrenchEstimator(palpate.Locator(mesh), sensor), WANTED, servo=servo, inertia=np.zeros((3, 3))
+    )
 
 
 def _paced(rate: float, servo: Servo, seconds: float) -> tuple[np.ndarray, np.ndarray, float]:
