@@ -11,7 +11,7 @@ import sys
 import time
 from pathlib import Path
 
-from benchmarks import equations, load_cells, marker_ring, peers, processes, speed, start, streams, taxels
+from benchmarks import control, equations, load_cells, marker_ring, peers, processes, speed, start, streams, taxels
 from benchmarks.measure import FLAT, Batch, Meshes, Single, batches, singles
 from evidence.machine import machine
 from evidence.report import Theme, measure
@@ -29,6 +29,7 @@ RESULTS, TARGETS = (Path(__file__).parent / name for name in ("RESULTS.md", "TAR
 THEMES: dict[str, Theme] = {
     "speed": speed.rows,
     "equations": equations.rows,
+    "control": control.rows,
     "load_cells": load_cells.rows,
     "marker_ring": marker_ring.rows,
     "processes": processes.rows,

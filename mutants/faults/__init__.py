@@ -1,7 +1,7 @@
 """The stated faults, a file a room. A file that moves takes a new path here; a fault that is mended away goes."""
 
 from mutants.fault import Fault
-from mutants.faults import calibration, contact, evaluation, io, sensors, simulation, spatial, surfaces
+from mutants.faults import calibration, contact, control, evaluation, io, sensors, simulation, spatial, surfaces
 
 __all__ = ["FAULTS"]
 
@@ -10,6 +10,7 @@ FAULTS: list[Fault] = [
     *surfaces.FAULTS,
     *sensors.FAULTS,
     *contact.FAULTS,
+    *control.FAULTS,
     *calibration.FAULTS,
     *evaluation.FAULTS,
     *io.FAULTS,

@@ -58,14 +58,15 @@ def pinocchios(path: Path, base: str, sensor: str, q: dict[str, float], rates: l
     data = model.createData()
     pin.forwardKinematics(model, data, *numbers)
     pin.updateFramePlacements(model, data)
-    turn = data.oMf[model.getFrameId(base)].rotation.T  # of a base that no joint moves
-    axes: Any = np.kron(np.eye(2), turn)
+    turn: np.ndarray = data.oMf[model.getFrameId(base)].rotation.T  # of a base that no joint moves
+    axes = np.zeros((6, 6))
+    axes[:3, :3] = axes[3:, 3:] = turn
     aligned = pin.LOCAL_WORLD_ALIGNED
     pin.computeJointJacobians(model, data, numbers[0])
-    whole: Any = axes @ pin.getFrameJacobian(model, data, frame, aligned)
-    columns: Any = np.array([whole[:, model.joints[model.getJointId(name)].idx_v] for name in q]).T
-    velocity: Any = axes @ pin.getFrameVelocity(model, data, frame, aligned).vector
-    change: Any = axes @ pin.getFrameClassicalAcceleration(model, data, frame, aligned).vector
+    whole = axes @ pin.getFrameJacobian(model, data, frame, aligned)
+    columns = np.array([whole[:, model.joints[model.getJointId(name)].idx_v] for name in q]).T
+    velocity = axes @ pin.getFrameVelocity(model, data, frame, aligned).vector
+    change = axes @ pin.getFrameClassicalAcceleration(model, data, frame, aligned).vector
     pose = data.oMf[model.getFrameId(base)].actInv(data.oMf[model.getFrameId(sensor)])
     return pose, columns, np.concatenate([velocity, change])
 

@@ -1,0 +1,277 @@
+"""Whether a loop with its delay is stable: the spectral radius of one cycle, and gains refused by it.
+
+A cycle of a linear loop takes its state x to A x. What the state holds (velocity, estimate, commands under way, servo)
+decays if, and only if, every eigenvalue of A lies inside the unit circle.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Float
+
+from palpate.control.admittance import Admittance
+from palpate.errors import InputError
+from palpate.spatial._arrays import Value, frozen
+
+__all__ = [
+    "DelayedRobot",
+    "Tracker",
+    "admittance_radius",
+    "least_damping",
+    "observer_radius",
+    "require_stable",
+    "stiffest",
+]
+
+Rows = Float[np.ndarray, "k n"]
+_UNITS = {"force": ("N s/m", "N/m", "kg"), "orientation": ("m s/rad", "m/rad", "m s^2/rad")}
+_FINE = 60  # halvings of a bracket: to rounding
+
+
+@dataclass(frozen=True, eq=False)
+class DelayedRobot(Value):
+    """What lies between a command and the reading that feels it, in cycles of the controller.
+
+    Args:
+        dt: a cycle [s].
+        delay: cycles that a command waits; with 0 the next reading feels all of it.
+        ramp: whether the robot then goes straight from one command to the next over a cycle, instead of at once.
+        lag: [s] of the servo that follows; 0: none.
+        order: of the servo, 1 or 2; of second order it is critically damped, of natural frequency 2/lag.
+        smoothing: time constant [s] of a first-order low-pass over what is measured; 0: none.
+
+    Raises:
+        InputError: dt that is not positive, a negative delay, lag or smoothing, another order.
+    """
+
+    dt: float
+    delay: int = 0
+    ramp: bool = False
+    lag: float = 0.0
+    order: int = 1
+    smoothing: float = 0.0
+    _servo: Float[np.ndarray, "m k"] = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        finite = all(map(math.isfinite, (self.dt, self.lag, self.smoothing)))
+        if not (finite and self.dt > 0 and self.delay >= 0 and self.lag >= 0 and self.smoothing >= 0):
+            raise InputError("a loop needs dt > 0, and a delay, a lag and a smoothing of 0 or more.")
+        if self.order not in (1, 2):
+            raise InputError(f"a servo is of order 1 or 2 here, not {self.order}.")
+        object.__setattr__(self, "_servo", frozen(self._discrete()))
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return type(self), (self.dt, self.delay, self.ramp, self.lag, self.order, self.smoothing)
+
+    def _discrete(self) -> Float[np.ndarray, "m k"]:
+        """Rows of the servo's next state, from its state and the commands at the cycle's start and end; exact."""
+        if self.lag == 0:
+            return np.zeros((0, 2))
+        from scipy.linalg import expm  # here: it takes 0.1 s to import
+
+        m = self.order
+        flow = np.zeros((m + 2, m + 2))  # of position (and speed), command, and the command's rate
+        if m == 1:
+            flow[0, 0], flow[0, 1] = -1.0 / self.lag, 1.0 / self.lag
+        else:
+            w = 2.0 / self.lag
+            flow[0, 1], flow[1, 0], flow[1, 1], flow[1, 2] = 1.0, -w * w, -2.0 * w, w * w
+        flow[m, m + 1] = 1.0
+        cycle = np.asarray(expm(flow * self.dt))[:m]
+        held, rate = cycle[:, m], cycle[:, m + 1] / self.dt
+        ends = np.stack([held - rate, rate] if self.ramp else [np.zeros(m), held], axis=1)
+        return np.hstack([cycle[:, :m], ends])
+
+    @property
+    def size(self) -> int:
+        """States: the commands under way, the servo, the smoothed reading."""
+        return self.delay + 1 + len(self._servo) + 1
+
+    def read(self, state: Rows) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+        """The position at a reading, and as it is smoothed."""
+        position = state[self.delay + 1] if len(self._servo) else state[self.delay]
+        share = 1.0 if self.smoothing == 0 else -math.expm1(-self.dt / self.smoothing)
+        return position, state[-1] + share * (position - state[-1])
+
+    def move(self, state: Rows, command: Float[np.ndarray, " n"], smoothed: Float[np.ndarray, " n"]) -> Rows:
+        """The state at the next reading. state[0] is the command before this one, state[1] the one before that."""
+        commands = np.vstack([command, state[: self.delay]])
+        parts = [commands]
+        if len(self._servo):
+            parts.append(self._servo @ np.vstack([state[self.delay + 1 : -1], state[self.delay], commands[self.delay]]))
+        return np.vstack([*parts, smoothed])
+
+
+@dataclass(frozen=True)
+class Tracker:
+    """An estimator with a memory that fades, and a prediction: what stands in for a steady Kalman filter.
+
+    Value, rate (and second derivative) are predicted over a cycle and corrected by gains times what is new. With
+    p = exp(-bandwidth dt) they are 1 - p; 1 - p^2, (1 - p)^2; or 1 - p^3, 1.5 (1 - p)^2 (1 + p), (1 - p)^3, so that all
+    its poles lie at p (Morrison 1969). The command is the value `ahead` seconds later.
+
+    Args:
+        bandwidth: [rad/s].
+        ahead: [s].
+        order: 0 a value that stays, 1 a constant rate, 2 a constant acceleration.
+    """
+
+    bandwidth: float
+    ahead: float = 0.0
+    order: int = 1
+
+    def __post_init__(self) -> None:
+        if self.order not in (0, 1, 2) or not (0 < self.bandwidth < math.inf and 0 <= self.ahead < math.inf):
+            raise InputError("a tracker is of order 0, 1 or 2, with a bandwidth above 0 and an ahead of 0 or more.")
+
+    def gains(self, dt: float) -> Float[np.ndarray, " m"]:
+        """Of value, rate and second derivative."""
+        p = math.exp(-self.bandwidth * dt)
+        q = 1.0 - p
+        every = ((q,), (1 - p**2, q**2 / dt), (1 - p**3, 1.5 * q**2 * (1 + p) / dt, q**3 / dt**2))
+        return np.array(every[self.order])
+
+    def ahead_by(self, time: float) -> Float[np.ndarray, "m m"]:
+        """What takes value and derivatives `time` [s] further."""
+        whole = np.array([[1.0, time, 0.5 * time * time], [0.0, 1.0, time], [0.0, 0.0, 1.0]])
+        return whole[: self.order + 1, : self.order + 1]
+
+
+def _radius(size: int, cycle: Callable[[Rows], Rows]) -> float:
+    """Of a linear cycle: its matrix is what it makes of the unit vectors."""
+    return float(np.abs(np.linalg.eigvals(cycle(np.eye(size)))).max())
+
+
+def admittance_radius(robot: DelayedRobot, admittance: Admittance, stiffness: float) -> float:
+    """Spectral radius of (7) against a spring, or of (8) on a round probe.
+
+    One cycle reads y (smoothed: m), and with error = -K m
+
+        v <- v + dt/M (-K m - D v),   command <- command + dt v
+
+    (8) is the same with the contact's gain in place of K: the offset per angle [m/rad], which is the probe's radius
+    where it is round.
+
+    Args:
+        robot: delay and lag.
+        admittance: mass and damping.
+        stiffness: K [N/m], or [m/rad].
+    """
+    dt = robot.dt
+
+    def cycle(state: Rows) -> Rows:
+        _, smoothed = robot.read(state[1:])
+        speed = state[0] + dt / admittance.mass * (-stiffness * smoothed - admittance.damping * state[0])
+        return np.vstack([speed, robot.move(state[1:], state[1] + dt * speed, smoothed)])
+
+    return _radius(1 + robot.size, cycle)
+
+
+def observer_radius(robot: DelayedRobot, tracker: Tracker, ratio: float) -> float:
+    """Spectral radius of a loop that observes the surface and goes there.
+
+    The surface's angle is taken to be z = y - offset / R, with y the probe's own and offset = R_true (y - surface): so
+    z = (1 - g) y + g surface with g = R_true/R, and the robot's own motion comes back by 1 - g. The smoothing of the
+    robot's readings acts on the offset alone, as a filter over the wrench does: y - g m. A command is what the tracker
+    makes of z. For heights, g is the true stiffness over the assumed one.
+
+    Args:
+        robot: delay and lag.
+        tracker: bandwidth and prediction.
+        ratio: g.
+    """
+    predict, gains = tracker.ahead_by(robot.dt), tracker.gains(robot.dt)
+    known, out = len(gains), tracker.ahead_by(tracker.ahead)[0]
+
+    def cycle(state: Rows) -> Rows:
+        position, smoothed = robot.read(state[known:])
+        estimate = predict @ state[:known]
+        estimate = estimate + np.outer(gains, position - ratio * smoothed - estimate[0])
+        return np.vstack([estimate, robot.move(state[known:], out @ estimate, smoothed)])
+
+    return _radius(known + robot.size, cycle)
+
+
+def stiffest(robot: DelayedRobot, admittance: Admittance) -> float:
+    """The stiffness that is just no longer stable [N/m, m/rad]; 0 where none is."""
+    first = 1e-4 * admittance.damping / robot.dt
+    return _edge(first, 1e9 * first, lambda k: admittance_radius(robot, admittance, k) < 1.0)
+
+
+def least_damping(robot: DelayedRobot, mass: float, stiffness: float) -> float:
+    """The damping from which on the loop is stable, at this mass; infinite where none makes it so."""
+    most = 2.0 * mass / robot.dt  # beyond it the admittance alone is unstable
+
+    def unstable(damping: float) -> bool:
+        return admittance_radius(robot, Admittance(mass, damping), stiffness) >= 1.0
+
+    found = _edge(1e-4 * most, most, unstable)
+    return found if found < most else math.inf
+
+
+def _edge(first: float, last: float, holds: Callable[[float], bool]) -> float:
+    """Where from `first` up something ceases to hold, between steps of a tenth; 0 if at once, `last` if nowhere."""
+    if not holds(first):
+        return 0.0
+    low = first
+    while holds(high := min(1.1 * low, last)):
+        if high >= last:
+            return last
+        low = high
+    for _ in range(_FINE):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if holds(middle) else (low, middle)
+    return high
+
+
+def require_stable(robot: DelayedRobot, admittance: Admittance, stiffness: float, what: str = "force") -> None:
+    """Requires that an admittance be stable against the stiffest environment.
+
+    Args:
+        robot: delay and lag.
+        admittance: mass and damping.
+        stiffness: the greatest that is met: [N/m] of a force, [m/rad] of an orientation.
+        what: "force" or "orientation", for the units of the message.
+
+    Raises:
+        InputError: it is not; the sentence holds the bound.
+    """
+    if not (0 < stiffness < math.inf):
+        raise InputError(f"the stiffness of the {what} loop must be positive, not {stiffness}.")
+    if admittance_radius(robot, admittance, stiffness) < 1.0:
+        return
+    of_damping, of_stiffness, of_mass = _UNITS[what]
+    cycles = "1 cycle" if robot.delay == 1 else f"{robot.delay} cycles"
+    said = (
+        f"with a damping of {admittance.damping:g} {of_damping} and a mass of {admittance.mass:g} {of_mass} the {what} "
+        f"loop is unstable against {stiffness:g} {of_stiffness} with {cycles} of delay"
+    )
+    if robot.lag:
+        said += f" and {1e3 * robot.lag:g} ms of lag"
+    raise InputError(f"{said}.", hint=_advice(robot, admittance, stiffness, what))
+
+
+def _advice(robot: DelayedRobot, admittance: Admittance, stiffness: float, what: str) -> str:
+    """What to set instead: a damping, or both where at this mass none is enough."""
+    of_damping, _, of_mass = _UNITS[what]
+    least = least_damping(robot, admittance.mass, stiffness)
+    if admittance.damping < least < math.inf:
+        return f"Use a damping of at least {_up(least)} {of_damping}."
+    most = stiffest(robot, admittance)
+    if most == 0.0:
+        return f"Use a mass above {_up(0.5 * robot.dt * admittance.damping)} {of_mass}: dt D/M must be below 2."
+    scale = stiffness / most  # the radius depends on dt D/M and K dt^2/M alone
+    return (
+        f"Use a damping of at least {_up(scale * admittance.damping)} {of_damping} with a mass of "
+        f"{_up(scale * admittance.mass)} {of_mass}."
+    )
+
+
+def _up(value: float) -> str:
+    """Three digits, rounded up."""
+    unit = 10.0 ** (math.floor(math.log10(value)) - 2)
+    return f"{math.ceil(value / unit - 1e-9) * unit:.3g}"
