@@ -86,7 +86,9 @@ class AlignController:
         self._centre = np.zeros(3) if payload is None else np.array(payload.center_of_mass)
         self._gravity = np.zeros(3) if payload is None else np.nan_to_num(payload.gravity)
         mass = 0.0 if payload is None else payload.mass
+        self._load = mass * (self._centre - self._tip)
         self._inertia = _filled(surface, mount.rotation, mass) if inertia is None else np.array(inertia, dtype=float)
+        self._radius = float(face.radii(self.force).min())
         self._allocate(len(arm.names))
         self._tared: float | None = None
 
@@ -99,7 +101,7 @@ class AlignController:
         self._command, self._fed, self._next = np.zeros(count), np.full(count, np.nan), np.zeros(count)
         self._wrench, self._felt = np.full(6, np.nan), np.zeros(6)
         self._time = self._due = -np.inf
-        self._home, self._moved = np.zeros(3), np.zeros(3)
+        self._home, self._moved, self._spent = np.zeros(3), np.zeros(3), np.zeros(3)
         self._face_axes, self._middle = np.array(self.face.axes), np.array(self.face.place)
 
     @property
@@ -127,7 +129,7 @@ class AlignController:
         force, torque = np.asarray(self.limits.drift)
         since = 0.0 if self._tared is None else self._time - self._tared
         lever = float(np.linalg.norm(self._tip))
-        return since * float(torque + force * lever) / self.force / float(self.face.radii.min())
+        return since * float(torque + force * lever) / self.force / self._radius
 
     def tare(self, recording: Recording, time: float) -> Tare:
         """What the untouched sensor reads is taken off from now on (`WrenchEstimator.tare`); the drift begins anew."""
@@ -221,7 +223,8 @@ class AlignController:
         """Of the payload's centre, in the sensor's frame, without gravity; what turning it takes leaves the wrench."""
         model, centre, moved = self.model, self._centre, self._moved
         self.arm.motion_into(model.joints, model.speeds, model.accelerations, centre, self._motion)
-        self._kernel.felt(self._motion, self._sensor, self._inertia, self._wrench, self._felt, moved)
+        wrenches = (self._wrench, self._felt)
+        self._kernel.felt(self._motion, self._sensor, self._inertia, self._load, *wrenches, moved, self._spent)
         if said is None:
             return moved
         turning, speeding = (self._sensor.T @ self._motion[k : k + 3] for k in (3, 9))
@@ -232,7 +235,7 @@ class AlignController:
         """What the law is given."""
         seen = self.seen
         seen.time = time
-        face = (self._face_axes, self._middle, self._axes, self._tip)
+        face = (self._face_axes, self._middle, self._axes, self._tip, self._spent)
         out = (seen.rotation, seen.tip, seen.place, seen.variance, seen.force)
         self._kernel.sensed(self._row, self._sensor, self._place, *face, *out)
 
