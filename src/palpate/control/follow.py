@@ -144,4 +144,3 @@ class Follow:
         self._smooth[:] = values[0], values[1], height
         self.depth = max(0.0, height) / (1.0 - min(0.5, np.sqrt(self._touch / self.force)))
         self.ready = True
-

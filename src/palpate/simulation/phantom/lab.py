@@ -137,6 +137,7 @@ class Truth:
             atan2(n_y, -n_z) of the normal n in the sensor's frame.
         press: what the tissue pushes along its normal [N].
         force: (3,) all of the tissue's force, friction too, in the base [N].
+        moment: (3,) of it about the sensor's origin, in base axes [N m].
         centre: (3,) of pressure on the probe, in the sensor's frame [m]; NaN without contact.
         depth: of the deepest point of the probe [m].
         tip: (3,) in the base [m].
@@ -151,6 +152,7 @@ class Truth:
     out_of_plane: float
     press: float
     force: Float[np.ndarray, "3"]
+    moment: Float[np.ndarray, "3"]
     centre: Float[np.ndarray, "3"]
     depth: float
     tip: Float[np.ndarray, "3"]
@@ -287,6 +289,7 @@ class PhantomLab:
             out_of_plane=float(np.arctan2(y, -z)),
             press=float(found[6]),
             force=frozen(found[:3]),
+            moment=frozen(found[3:6]),
             centre=frozen(found[7:10] if found[6] > 0.0 else np.full(3, np.nan)),
             depth=float(found[10]),
             tip=frozen(sensor[3] + sensor[:3] @ self.probe.tip),
