@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Generator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from time import monotonic, sleep
@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from palpate.cli.phantom_run import Moment
     from palpate.simulation.phantom.lab import PhantomLab, Truth
     from palpate.simulation.phantom.run_files import PhantomRun
+
+    Show = tuple[int, Callable[[Truth, str], None]]  # every so many periods of the sensor, what to do with a moment
 
 __all__ = ["simulate_phantom"]
 
@@ -100,7 +102,7 @@ def _require_new(output: Path, film: Path | None) -> None:
 
 
 @contextmanager
-def _part(output: Path) -> Iterator[Path]:
+def _part(output: Path) -> Generator[Path]:
     """A folder beside the output that is gone afterwards, after Ctrl-C too: what is finished has been moved out."""
     folder = Path(tempfile.mkdtemp(prefix=f".{output.stem}.", suffix=PART, dir=output.absolute().parent))
     try:
@@ -123,7 +125,9 @@ def _recorded(lab: PhantomLab, seconds: float, film: Path | None, port: int | No
     from palpate.simulation.phantom.run_files import PhantomRun
 
     wait("loading compiled loops")
-    controller, seen, states = controller_for(lab), list["Moment"](), list[str]()
+    controller = controller_for(lab)
+    seen: list[Moment] = []
+    states: list[str] = []
     with ExitStack() as stack:
         shows = [show for show in (_filmed(lab, film, stack), _live(lab, port, stack)) if show is not None]
         for moment in moments(lab, controller, seconds):
@@ -138,17 +142,21 @@ def _recorded(lab: PhantomLab, seconds: float, film: Path | None, port: int | No
     return PhantomRun([each.reading for each in seen], commands, states, [each.truth for each in seen])
 
 
-def _filmed(lab, path, stack):
+def _filmed(lab: PhantomLab, path: Path | None, stack: ExitStack) -> Show | None:
     """How a moment gets into the film, and how often."""
     if path is None:
         return None
     from palpate.simulation.phantom.film import Film
 
     film = stack.enter_context(Film(lab, path))
-    return FRAMED, lambda truth, state: film.add(_words(truth, state.partition(":")[0]))
+
+    def show(truth: Truth, state: str) -> None:
+        film.add(_words(truth, state.partition(":")[0]))
+
+    return FRAMED, show
 
 
-def _live(lab, port, stack):
+def _live(lab: PhantomLab, port: int | None, stack: ExitStack) -> Show | None:
     """How a moment gets onto the page, and how often; it waits where the simulation is ahead of the clock."""
     if port is None:
         return None

@@ -59,6 +59,7 @@ class LiveProbe:
         )  # fmt: skip
         nothing = np.zeros((1, 2, 3), dtype=np.float32)
         self._arrow = space.add_arrows("/force", nothing, (213, 94, 0), shaft_radius=0.02, head_radius=0.05)
+        gui.configure_theme(control_width="large", show_logo=False, show_share_button=False, brand_color=(0, 114, 178))
         gui.set_panel_label("Palpate \u00b7 moving phantom")
         gui.main_panel.dock_right()
         gui.add_html(TITLE)
@@ -73,7 +74,15 @@ class LiveProbe:
         """To open in a browser."""
         return address(self._server)
 
-    def show(self, time: float, probe: Pose, phantom: Pose, push: Float[np.ndarray, "2 3"], angles: tuple[float, float], words: str) -> None:  # fmt: skip
+    def show(
+        self,
+        time: float,
+        probe: Pose,
+        phantom: Pose,
+        push: Float[np.ndarray, "2 3"],
+        angles: tuple[float, float],
+        words: str,
+    ) -> None:
         """Draw a moment.
 
         Args:

@@ -14,6 +14,7 @@ from jaxtyping import Float
 from palpate.simulation.bags import Stamped, header, nanoseconds, wrenches, write_bag
 from palpate.simulation.phantom.elfin3 import JOINTS, SENSOR, urdf
 from palpate.simulation.phantom.lab import PhantomLab, Reading, Truth
+from palpate.simulation.phantom.probes import Probe
 
 __all__ = ["PhantomRun", "files_of", "write_run"]
 
@@ -114,14 +115,27 @@ def write_run(run: PhantomRun, lab: PhantomLab, recording: Path, name: str) -> N
     with files["truth"].open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(TRUTH)
-        writer.writerows(_truth_row(truth) for truth in run.truths if truth.press > 0.0)
+        writer.writerows(_truth_row(truth, probe) for truth in run.truths if truth.press > 0.0)
 
 
-def _truth_row(truth: Truth) -> list[str]:
-    """Where the tissue's force acts on the probe, which way and how hard, in the sensor's frame, and the angles [rad]."""
+def _truth_row(truth: Truth, probe: Probe) -> list[str]:
+    """Where the tissue presses on the probe, which way and how hard, in the sensor's frame; angles [rad], depth [m]."""
     turn = truth.sensor.rotation.T
-    values = [truth.time, *truth.centre, *-(turn @ truth.normal), *(turn @ truth.force)]
+    values = [truth.time, *_on_face(truth, probe), *-(turn @ truth.normal), *(turn @ truth.force)]
     return [f"{value:.6f}" for value in (*values, truth.in_plane, truth.out_of_plane, truth.press, truth.depth)]
+
+
+def _on_face(truth: Truth, probe: Probe) -> Float[np.ndarray, "3"]:
+    """Where the pressure's line of action leaves the probe [m]; the centre itself is the mean of what is pressed.
+
+    On the tangent plane of the cell that is nearest to the line, of those that face the tissue.
+    """
+    way = -(truth.sensor.rotation.T @ truth.normal)
+    away = probe.points - truth.centre
+    facing = probe.normals @ way
+    aside = (away**2).sum(axis=1) - (away @ way) ** 2
+    cell = int(np.where(facing > 0.3, aside, np.inf).argmin())
+    return truth.centre + way * (away[cell] @ probe.normals[cell]) / facing[cell]
 
 
 def _topics(run: PhantomRun, types: Any) -> Iterable[Iterable[Stamped]]:

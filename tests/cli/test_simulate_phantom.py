@@ -1,0 +1,68 @@
+"""`palpate simulate phantom`: a recording that the product reads, with its truth, whole or not there."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from palpate.cli import main
+
+pytest.importorskip("mujoco")
+pytest.importorskip("pinocchio")
+pytest.importorskip("rosbags")
+
+FILES = {f"run{end}" for end in (".mcap", "_rig.toml", "_robot.urdf", "_probe.stl", "_payload.toml", "_truth.csv")}
+
+
+def _simulate(*words: str | Path) -> int:
+    return main(["simulate", "phantom", "--motion", "still", "--seconds", "2", *(str(word) for word in words)])
+
+
+def test_a_run_is_recorded_and_read_back(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Estimated from the recording alone, located where the tissue truly pressed, on the face to 1 mm."""
+    assert _simulate("-o", tmp_path / "run.mcap") == 0
+    assert {path.name for path in tmp_path.iterdir()} == FILES
+    assert "without contact" in capsys.readouterr().out
+    found = tmp_path / "contacts.csv"
+    rig, truth = tmp_path / "run_rig.toml", tmp_path / "run_truth.csv"
+    assert main(["estimate", str(tmp_path / "run.mcap"), "--rig", str(rig), "-o", str(found)]) == 0
+    assert main(["evaluate", str(found), str(truth), "--json"]) == 0
+    assert _simulate("-o", tmp_path / "run.mcap") == 1
+    assert "is already there" in capsys.readouterr().err
+
+
+def test_ctrl_c_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def stop(done: int, share: float) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("palpate.cli.simulate_phantom.progress", stop)
+    assert _simulate("-o", tmp_path / "run.mcap") == 130
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("wrong", "sentence"),
+    [
+        (("--motion", "sideways"), "no motion 'sideways'"),
+        (("--probe", "round"), "no probe 'round'"),
+        (("--period", "0"), "positive number of seconds"),
+        (("--seconds", "0"), "--seconds"),
+        (("--seed", "-1"), "--seed"),
+        (("--film", "film.avi"), "not the name of a video"),
+    ],
+)
+def test_what_cannot_be_simulated_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], wrong: tuple[str, str], sentence: str
+) -> None:
+    assert _simulate("-o", tmp_path / "run.mcap", *wrong) == 1
+    assert sentence in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
+def test_an_output_that_is_none_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert _simulate("-o", tmp_path / "run.csv") == 1
+    assert _simulate("-o", tmp_path / "nowhere" / "run.mcap") == 1
+    said = capsys.readouterr().err
+    assert "not the name of an MCAP file" in said
+    assert "not there" in said
