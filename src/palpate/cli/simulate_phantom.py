@@ -19,6 +19,7 @@ from palpate.io.atomic import PART
 
 if TYPE_CHECKING:
     from palpate.cli.phantom_run import Moment
+    from palpate.control.align import AlignController
     from palpate.simulation.phantom.lab import PhantomLab, Truth
     from palpate.simulation.phantom.run_files import PhantomRun
 
@@ -46,6 +47,7 @@ def simulate_phantom(
     probe: Annotated[str, arg(metavar="NAME")] = "convex",
     seconds: Annotated[float, arg(metavar="S")] = 30.0,
     seed: Count = 0,
+    method: Annotated[str, arg(metavar="NAME")] = "ours",
     film: Film = None,
     view: Flag = False,
     port: Count = 8080,
@@ -61,6 +63,7 @@ def simulate_phantom(
         probe: convex, linear or t-shaped.
         seconds: to simulate.
         seed: of noise and of unplanned motion.
+        method: ours, or paper: its plain admittance with its Kalman filter.
         film: write a video too, drawn without a screen.
         view: serve a page meanwhile to watch it live, in real time.
         port: the first to try for the page.
@@ -69,22 +72,34 @@ def simulate_phantom(
         raise InputError(f"must be more than 0 and at most 3600, not {seconds:g}.", where="--seconds")
     if seed < 0:
         raise InputError("must not be negative.", where="--seed")
+    _require_method(method)
     _require_new(output, film)
     if film is not None:
         from palpate.simulation.phantom.film import choose_renderer
 
         choose_renderer()
     lab = _lab(motion, period, probe, seed)
+    wait("loading compiled loops")
+    from palpate.cli.phantom_run import controller_for
+
     with _part(output) as part, counting():
-        run = _recorded(lab, seconds, None if film is None else part / f"{output.stem}.mp4", port if view else None)
+        video = None if film is None else part / f"{output.stem}.mp4"
+        run = _recorded(lab, controller_for(lab, method), seconds, video, port if view else None)
         _write(run, lab, part / output.name)
-        if film is not None:
-            (part / f"{output.stem}.mp4").replace(film)
+        if film is not None and video is not None:
+            shutil.move(video, film)
         for file in sorted(part.iterdir()):
             file.replace(output.parent / file.name)
-    title(f"{probe} probe on a phantom, {motion} -> {output}")
+    title(f"{probe} probe on a phantom, {motion}, method {method} -> {output}")
     lines(_figures(run, lab))
     note(["truth is on /truth/* and in _truth.csv; neither the controller nor an estimate sees it"])
+
+
+def _require_method(method: str) -> None:
+    from palpate.cli.phantom_run import METHODS
+
+    if method not in METHODS:
+        raise InputError(f"there is no method {method!r}.", where="--method", hint=f"Known: {', '.join(METHODS)}.")
 
 
 def _require_new(output: Path, film: Path | None) -> None:
@@ -119,13 +134,13 @@ def _lab(name: str, period: float | None, probe: str, seed: int) -> PhantomLab:
     return PhantomLab(LabSettings(probe=probe, motion=moving, seed=seed))
 
 
-def _recorded(lab: PhantomLab, seconds: float, film: Path | None, port: int | None) -> PhantomRun:
+def _recorded(
+    lab: PhantomLab, controller: AlignController, seconds: float, film: Path | None, port: int | None
+) -> PhantomRun:
     """The whole run, drawn and shown meanwhile if wanted."""
-    from palpate.cli.phantom_run import controller_for, moments
+    from palpate.cli.phantom_run import moments
     from palpate.simulation.phantom.run_files import PhantomRun
 
-    wait("loading compiled loops")
-    controller = controller_for(lab)
     seen: list[Moment] = []
     states: list[str] = []
     with ExitStack() as stack:
@@ -163,7 +178,7 @@ def _live(lab: PhantomLab, port: int | None, stack: ExitStack) -> Show | None:
     from palpate.viewer.live_probe import LiveProbe
 
     page = stack.enter_context(LiveProbe(lab.probe.vertices, lab.probe.faces, PLATE, port=port))
-    announce(f"open {page.address}, Ctrl-C to stop")
+    announce(f"open {page.address} in a browser; Ctrl-C ends the run and leaves no file")
     start = monotonic()
 
     def show(truth: Truth, state: str) -> None:
