@@ -51,8 +51,8 @@ class LabSettings:
         sensor_rate, robot_rate: [Hz].
         delay_cycles: between the robot's taking a command and setting out for it.
         lag: of its servo, critically damped with a natural frequency of 2 / lag [s].
-        acceleration: most that the servo's reference reaches [rad/s^2]; the maker's planner keeps to 12.56, which is
-            for whoever commands to do.
+        acceleration: most that the servo's reference reaches, about what the torques allow [rad/s^2]; the maker's
+            planner keeps to 12.56, which is for whoever commands to do.
         bandwidth: of the computed torque that holds the joints to the servo's reference [rad/s].
         extra_delay: of every command, which nobody told the controller of [s].
         lost: share of the robot's cycles in which no command arrives.
@@ -79,7 +79,7 @@ class LabSettings:
     robot_rate: int = 50
     delay_cycles: int = 1
     lag: float = 0.030
-    acceleration: float = 30.0
+    acceleration: float = 100.0
     bandwidth: float = 160.0
     extra_delay: float = 0.0
     lost: float = 0.0
