@@ -63,6 +63,9 @@ class AlignController:
         law: MotionLaw | None = None,
         inertia: ArrayLike | None = None,
     ) -> None:
+        from palpate.control import _align as kernel  # compiled: loaded when first needed
+
+        self._kernel = kernel
         surface = estimator.locator.surface
         if face is None:
             if not isinstance(surface, Mesh):
@@ -96,7 +99,8 @@ class AlignController:
         self._command, self._fed, self._next = np.zeros(count), np.full(count, np.nan), np.zeros(count)
         self._wrench, self._felt = np.full(6, np.nan), np.zeros(6)
         self._time = self._due = -np.inf
-        self._home = np.zeros(3)
+        self._home, self._moved = np.zeros(3), np.zeros(3)
+        self._face_axes, self._middle = np.array(self.face.axes), np.array(self.face.place)
 
     @property
     def state(self) -> State:
@@ -213,31 +217,24 @@ class AlignController:
         if state == State.CONTACT and self.law.ready:
             self.supervisor.pressed(time)
 
-    def _acceleration(self, felt: ArrayLike | None) -> Float[np.ndarray, " 3"]:
-        """Of the payload's centre, in the sensor's frame, without gravity; what turning it takes leaves the wrench.
-
-        With w and al the angular velocity and acceleration, I the inertia: M + I al + w x I w (Euler).
-        """
-        model, centre = self.model, self._centre
+    def _acceleration(self, said: ArrayLike | None) -> Float[np.ndarray, " 3"]:
+        """Of the payload's centre, in the sensor's frame, without gravity; what turning it takes leaves the wrench."""
+        model, centre, moved = self.model, self._centre, self._moved
         self.arm.motion_into(model.joints, model.speeds, model.accelerations, centre, self._motion)
-        moved, turning, speeding = (self._sensor.T @ self._motion[k : k + 3] for k in (6, 3, 9))
-        self._felt[:] = self._wrench
-        self._felt[3:] += self._inertia @ speeding + np.cross(turning, self._inertia @ turning)
-        if felt is None:
+        self._kernel.felt(self._motion, self._sensor, self._inertia, self._wrench, self._felt, moved)
+        if said is None:
             return moved
+        turning, speeding = (self._sensor.T @ self._motion[k : k + 3] for k in (3, 9))
         lever = np.cross(speeding, centre) + np.cross(turning, np.cross(turning, centre))
-        return np.asarray(felt, dtype=np.float64) + self._sensor.T @ self._gravity + lever
+        return np.asarray(said, dtype=np.float64) + self._sensor.T @ self._gravity + lever
 
     def _fill(self, time: float) -> None:
         """What the law is given."""
-        seen, row, face = self.seen, self._row, self.face
+        seen = self.seen
         seen.time = time
-        np.matmul(self._sensor, self._axes, out=seen.rotation)
-        seen.tip[:] = self._place + self._sensor @ self._tip
-        seen.place[:] = (row[ROW.point] - face.place) @ face.axes
-        seen.force[:] = row[ROW.force] @ face.axes
-        spread = face.axes.T @ row[ROW.covariance].reshape(3, 3) @ face.axes
-        seen.variance[:] = np.nan_to_num(np.diag(spread)[:2])
+        face = (self._face_axes, self._middle, self._axes, self._tip)
+        out = (seen.rotation, seen.tip, seen.place, seen.variance, seen.force)
+        self._kernel.sensed(self._row, self._sensor, self._place, *face, *out)
 
     def _move(self, time: float) -> None:
         """A new command, by the state."""

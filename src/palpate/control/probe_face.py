@@ -78,21 +78,3 @@ class ProbeFace(Value):
         radii = np.minimum(spread[:2] / np.maximum(turned[:2], EPSILON), ends[:2])
         top = float((corners.reshape(-1, 3) @ z).max())
         return cls(axes @ np.array([middle[0], middle[1], top]), axes, radii)
-
-    def normal(self, offset: Float[np.ndarray, " 2"], out: Float[np.ndarray, " 3"]) -> None:
-        """Outward normal (3,) of the probe, in the face's axes, where it is touched (2,) [m] off the middle."""
-        out[0] = _slope(float(offset[0] / self.radii[0]))
-        out[1] = _slope(float(offset[1] / self.radii[1]))
-        out[2] = 1.0
-        out /= float(np.sqrt(out[0] ** 2 + out[1] ** 2 + 1.0))
-
-    def lowest(self, normal: Float[np.ndarray, " 3"], out: Float[np.ndarray, " 3"]) -> None:
-        """The point (3,) off the middle, in the face's axes, whose outward normal this is: R (n, -n^2/2)."""
-        along, across = float(self.radii[0] * normal[0]), float(self.radii[1] * normal[1])
-        out[0], out[1], out[2] = along, across, -0.5 * (along * normal[0] + across * normal[1])
-
-
-def _slope(sine: float) -> float:
-    """Tangent of an angle by its sine, of up to 60 degrees."""
-    sine = min(0.866, max(-0.866, sine))
-    return sine / (1.0 - sine * sine) ** 0.5

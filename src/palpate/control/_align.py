@@ -1,0 +1,158 @@
+"""Compiled: the small steps of a control cycle, each of which would take NumPy 50 us of calls."""
+
+# pyright: basic
+from __future__ import annotations
+
+import numpy as np
+
+from palpate.surfaces._jit import entry, inner
+
+__all__ = ["felt", "observed", "sensed", "target"]
+
+STEEPEST = 0.866  # sine of the largest angle that a place on the face can mean
+
+
+@inner
+def _turned(matrix, vector, out):
+    """out = matrix vector."""
+    for i in range(3):
+        out[i] = matrix[i, 0] * vector[0] + matrix[i, 1] * vector[1] + matrix[i, 2] * vector[2]
+
+
+@inner
+def _back(matrix, vector, out):
+    """out = matrix^T vector."""
+    for i in range(3):
+        out[i] = matrix[0, i] * vector[0] + matrix[1, i] * vector[1] + matrix[2, i] * vector[2]
+
+
+@inner
+def _cross(a, b, out):
+    out[0] = a[1] * b[2] - a[2] * b[1]
+    out[1] = a[2] * b[0] - a[0] * b[2]
+    out[2] = a[0] * b[1] - a[1] * b[0]
+
+
+@entry
+def felt(motion, sensor, inertia, wrench, out, acceleration):
+    """The wrench (6,) with what turning the payload takes added, M + I al + w x I w, and its centre's acceleration.
+
+    motion (12,) of the payload's centre in the base (`Arm.motion_into`), sensor (3, 3) in the base; acceleration (3,)
+    comes out in the sensor's frame.
+    """
+    turning, speeding, momentum, gyro = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    _back(sensor, motion[3:6], turning)
+    _back(sensor, motion[6:9], acceleration)
+    _back(sensor, motion[9:12], speeding)
+    _turned(inertia, turning, momentum)
+    _cross(turning, momentum, gyro)
+    for i in range(3):
+        out[i] = wrench[i]
+        out[3 + i] = wrench[3 + i] + gyro[i]
+        for j in range(3):
+            out[3 + i] += inertia[i, j] * speeding[j]
+
+
+@entry
+def sensed(row, sensor, place, face, middle, axes, tip, rotation, at, found, variance, force):
+    """What a law is given: axes of the face and its middle in the base; place, variance and force in the face's axes.
+
+    row (22,) of the estimate in the surface's frame, where the face has its axes (3, 3) `face` and its `middle`; `axes`
+    and `tip` are the same in the sensor's frame, whose pose is sensor, place.
+    """
+    for i in range(3):
+        at[i] = place[i]
+        found[i] = force[i] = 0.0
+        for j in range(3):
+            at[i] += sensor[i, j] * tip[j]
+            found[i] += (row[j] - middle[j]) * face[j, i]
+            force[i] += row[6 + j] * face[j, i]
+            rotation[i, j] = 0.0
+            for k in range(3):
+                rotation[i, j] += sensor[i, k] * axes[k, j]
+    for i in range(2):
+        variance[i] = 0.0
+        for j in range(3):
+            for k in range(3):
+                variance[i] += face[j, i] * row[10 + 3 * j + k] * face[k, i]
+        if not variance[i] >= 0.0:
+            variance[i] = 0.0
+
+
+@inner
+def _outward(values, axes, out):
+    """The normal in the base of a surface that leans by two angles in the axes of the first touch, into the tissue."""
+    x, y = np.tan(values[0]), np.tan(values[1])
+    length = np.sqrt(x * x + y * y + 1.0)
+    for i in range(3):
+        out[i] = (axes[i, 0] * x + axes[i, 1] * y + axes[i, 2]) / length
+
+
+@entry
+def observed(place, force, rotation, tip, radii, axes, origin, values, wanted, stiffness, readings):
+    """Angles and height of the surface by one contact, into readings (3,); the force [N] that presses comes out.
+
+    place, force (3,) in the face's axes, which stand as `rotation` with their middle at `tip`; axes, origin: of the
+    first touch; values (3,): what is believed of the surface so far, for the lowest point of the probe.
+    """
+    normal, local, low = np.empty(3), np.empty(3), np.empty(3)
+    for i in range(2):
+        sine = min(STEEPEST, max(-STEEPEST, place[i] / radii[i]))
+        local[i] = sine / np.sqrt(1.0 - sine * sine)
+    local[2] = 1.0
+    _turned(rotation, local, normal)
+    _back(axes, normal, low)
+    readings[0], readings[1] = np.arctan2(low[0], low[2]), np.arctan2(low[1], low[2])
+    _outward(values, axes, normal)
+    _back(rotation, normal, local)
+    pressing = -(local[0] * force[0] + local[1] * force[1] + local[2] * force[2])
+    along, across = radii[0] * local[0], radii[1] * local[1]
+    drop = -0.5 * (along * local[0] + across * local[1])  # the lowest point is R (n, -n^2 / 2) off the middle
+    height = upright = 0.0
+    for i in range(3):
+        low[i] = rotation[i, 0] * along + rotation[i, 1] * across + rotation[i, 2] * drop + tip[i] - origin[i]
+        height += low[i] * normal[i]
+        upright += normal[i] * axes[i, 2]
+    readings[2] = (height - (pressing - wanted) / stiffness) / upright
+    return pressing
+
+
+@entry
+def target(values, axes, origin, depth, rotation, tip, out):
+    """The step (6,) from a pose (rotation, tip) to that which meets the surface, in base axes.
+
+    The axis is to be its normal n, turned there by the least rotation (Rodrigues), so that the probe does not spin. The
+    surface itself, `depth` above where the wanted force is felt, meets the first axis at one point; the tip is to be
+    `depth` below that point along n, so that a surface which turns is not dragged sideways.
+    """
+    n, v, turned = np.empty(3), np.empty(3), np.empty((3, 3))
+    _outward(values, axes, n)
+    upright = n[0] * axes[0, 2] + n[1] * axes[1, 2] + n[2] * axes[2, 2]
+    for i in range(3):
+        out[i] = origin[i] + (values[2] - depth / upright) * axes[i, 2] + depth * n[i] - tip[i]
+    _cross(axes[:, 2], n, v)
+    one, two = np.empty(3), np.empty(3)
+    for j in range(3):
+        _cross(v, axes[:, j], one)
+        _cross(v, one, two)
+        for i in range(3):
+            turned[i, j] = axes[i, j] + one[i] + two[i] / (1.0 + upright)
+    _vector(turned, rotation, out[3:])
+
+
+@inner
+def _vector(to, of, out):
+    """Rotation vector in the base that turns one set of axes into another, less than half a turn away."""
+    out[0] = out[1] = out[2] = 0.0
+    trace = 0.0
+    for j in range(3):
+        out[0] += 0.5 * (of[1, j] * to[2, j] - of[2, j] * to[1, j])
+        out[1] += 0.5 * (of[2, j] * to[0, j] - of[0, j] * to[2, j])
+        out[2] += 0.5 * (of[0, j] * to[1, j] - of[1, j] * to[0, j])
+        for i in range(3):
+            trace += to[i, j] * of[i, j]
+    sine = np.sqrt(out[0] * out[0] + out[1] * out[1] + out[2] * out[2])
+    if sine > 1e-9:
+        size = np.arctan2(sine, 0.5 * (trace - 1.0)) / sine
+        for i in range(3):
+            out[i] *= size

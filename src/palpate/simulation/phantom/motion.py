@@ -1,0 +1,200 @@
+"""How the phantom moves: a height and two angles over time, with their velocities, in closed form.
+
+The phantom's frame has its origin in the middle of the flat surface and its z along the outward normal. At rest x and y
+lie along the probe's long side and across it, so that turning about y is the paper's in-plane motion and turning about
+x its out-of-plane motion. T_rest_phantom(t) = translation (0, 0, h), then R = Ry(a) Rx(b).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import cos, pi, radians, sin
+
+import numpy as np
+from jaxtyping import Float
+
+from palpate.errors import InputError
+
+__all__ = ["MOTIONS", "Breathing", "Motion", "Sine", "Step", "Still", "Sum", "motion", "unplanned"]
+
+Profile = Callable[[float], tuple[float, float]]  # seconds since the motion began -> value and rate
+
+
+@dataclass(frozen=True)
+class Still:
+    """Nothing moves."""
+
+    def __call__(self, time: float) -> tuple[float, float]:
+        """Zero, and zero."""
+        return 0.0, 0.0
+
+
+@dataclass(frozen=True)
+class Sine:
+    """A sin(2 pi t / T), equation (11): it starts with its full velocity.
+
+    Attributes:
+        amplitude: [m] or [rad].
+        period: T [s].
+    """
+
+    amplitude: float
+    period: float
+
+    def __call__(self, time: float) -> tuple[float, float]:
+        """Value and rate at a time [s]."""
+        rate = 2 * pi / self.period
+        return self.amplitude * sin(rate * time), self.amplitude * rate * cos(rate * time)
+
+
+@dataclass(frozen=True)
+class Breathing:
+    """Up in a half cosine over two fifths of the period, down in one over three fifths; velocity without steps.
+
+    Attributes:
+        amplitude: from lowest to highest [m].
+        period: [s].
+    """
+
+    amplitude: float
+    period: float = 4.0
+
+    def __call__(self, time: float) -> tuple[float, float]:
+        """Value and rate at a time [s]."""
+        within, rising = time % self.period, 0.4 * self.period
+        up = within < rising
+        length = rising if up else self.period - rising
+        rate, phase = pi / length, pi * (within if up else within - rising) / length
+        sign = 1.0 if up else -1.0
+        return self.amplitude / 2 * (1.0 - sign * cos(phase)), sign * self.amplitude / 2 * rate * sin(phase)
+
+
+@dataclass(frozen=True)
+class Step:
+    """From zero to a value along 10 s^3 - 15 s^4 + 6 s^5, the path of least jerk.
+
+    Attributes:
+        size: [m] or [rad].
+        at: when it begins, seconds after the motion began.
+        duration: [s].
+    """
+
+    size: float
+    at: float
+    duration: float = 0.1
+
+    def __call__(self, time: float) -> tuple[float, float]:
+        """Value and rate at a time [s]."""
+        s = min(max((time - self.at) / self.duration, 0.0), 1.0)
+        return self.size * s**3 * (10 - 15 * s + 6 * s * s), self.size * 30 * s * s * (1 - s) ** 2 / self.duration
+
+
+@dataclass(frozen=True)
+class Sum:
+    """Several at once."""
+
+    parts: tuple[Profile, ...]
+
+    def __call__(self, time: float) -> tuple[float, float]:
+        """Value and rate at a time [s]."""
+        pairs = [part(time) for part in self.parts]
+        return sum(pair[0] for pair in pairs), sum(pair[1] for pair in pairs)
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Height [m] and the two angles [rad] of the surface; still before it begins.
+
+    Attributes:
+        height: along the base's z.
+        in_plane, out_of_plane: about the surface's y and x.
+        begin: when, on the lab's clock [s].
+    """
+
+    height: Profile = Still()
+    in_plane: Profile = Still()
+    out_of_plane: Profile = Still()
+    begin: float = 2.0
+
+    def offset(self, time: float) -> Float[np.ndarray, "6 3"]:
+        """Where the phantom is and how it moves, from and in its frame at rest, at a time [s].
+
+        Returns:
+            (6, 3): rows 0 to 2 the rotation, then the origin's place [m], its velocity [m/s], angular velocity [rad/s].
+        """
+        since = time - self.begin
+        if since < 0.0:
+            (h, dh), (a, da), (b, db) = (0.0, 0.0), (0.0, 0.0), (0.0, 0.0)
+        else:
+            (h, dh), (a, da), (b, db) = self.height(since), self.in_plane(since), self.out_of_plane(since)
+        ca, sa, cb, sb = cos(a), sin(a), cos(b), sin(b)
+        return np.array(
+            [(ca, sa * sb, sa * cb), (0.0, cb, -sb), (-sa, ca * sb, ca * cb),
+             (0.0, 0.0, h), (0.0, 0.0, dh), (db * ca, da, -db * sa)]
+        )  # fmt: skip
+
+
+def unplanned(
+    seed: int, *, direction: str = "in-plane", amplitude: float | None = None, step_at: float | None = None,
+    begin: float = 2.0,
+) -> Motion:  # fmt: skip
+    """Three sines whose periods (2.5 to 9 s), shares and signs nobody was told, and a step if wanted.
+
+    Args:
+        seed: of the periods and shares.
+        direction: vertical, in-plane or out-of-plane.
+        amplitude: most that the sines reach together [m] or [rad]: 8 mm or 8 deg.
+        step_at: when a step of 10 mm or 10 deg within 0.1 s comes, seconds after the beginning; none if None.
+        begin: when, on the lab's clock [s].
+
+    Raises:
+        InputError: no such direction.
+    """
+    rng = np.random.default_rng(seed)
+    unit = 1e-3 if direction == "vertical" else radians(1.0)
+    total = 8 * unit if amplitude is None else amplitude
+    periods, shares = rng.uniform(2.5, 9.0, 3), rng.dirichlet(np.full(3, 4.0)) * rng.choice([-1.0, 1.0], 3)
+    parts: list[Profile] = [Sine(total * s, p) for s, p in zip(shares.tolist(), periods.tolist(), strict=True)]
+    if step_at is not None:
+        parts.append(Step(10 * unit, step_at))
+    return _along(direction, Sum(tuple(parts)), begin)
+
+
+def _along(direction: str, profile: Profile, begin: float) -> Motion:
+    if direction == "vertical":
+        return Motion(height=profile, begin=begin)
+    if direction == "in-plane":
+        return Motion(in_plane=profile, begin=begin)
+    if direction == "out-of-plane":
+        return Motion(out_of_plane=profile, begin=begin)
+    raise InputError(f"there is no direction {direction!r}", hint="Known: vertical, in-plane, out-of-plane.")
+
+
+MOTIONS = ("still", "vertical", "in-plane", "out-of-plane", "breathing", "unplanned")
+
+
+def motion(name: str, *, period: float | None = None, seed: int = 0, begin: float = 2.0) -> Motion:
+    """A motion by its name, with the paper's amplitudes: 10 mm or 10 deg.
+
+    Args:
+        name: of `MOTIONS`.
+        period: of the sines and of breathing [s]: 10 and 4 if None.
+        seed: of the unplanned motion, which turns in-plane and steps after 10 s.
+        begin: when, on the lab's clock [s].
+
+    Raises:
+        InputError: no such motion, or a period that is not positive.
+    """
+    if period is not None and not 0.0 < period < np.inf:
+        raise InputError(f"a period must be a positive number of seconds, not {period:g}")
+    if name == "still":
+        return Motion(begin=begin)
+    if name == "breathing":
+        return Motion(height=Breathing(0.010, period or 4.0), begin=begin)
+    if name == "unplanned":
+        return unplanned(seed, step_at=10.0, begin=begin)
+    if name not in MOTIONS:
+        raise InputError(f"there is no motion {name!r}", hint=f"Known: {', '.join(MOTIONS)}.")
+    amplitude = 0.010 if name == "vertical" else radians(10.0)
+    return _along(name, Sine(amplitude, period or 10.0), begin)
