@@ -16,7 +16,7 @@ ANGLE_FLOOR = float(np.radians(0.8))  # a filter that believes readings to be be
 HEIGHT_FLOOR = 60e-6  # m
 SIZES = (0.17, 0.17, 0.01)  # of the motions to expect [rad, rad, m]
 SPEED = 0.01  # m/s at most, while it presses
-SMOOTHING = 0.04  # s
+SMOOTHING = np.array([0.06, 0.06, 0.03])  # s, of the commanded angles and height: what the joints' accelerations allow
 SETTLED = 0.1  # of the wanted force
 SETTLING = 0.25  # s that the force is to be there
 PATIENCE = 6.0  # s, after which the stiffness stays as it was stated
@@ -63,7 +63,7 @@ class Follow:
         self._sums, self._right = np.zeros((3, 3)), np.zeros(3)
         self._begun = self._time = self._reached = 0.0
         self._pressing = self._touch = self.depth = 0.0
-        self._smooth = np.zeros(3)
+        self._smooth, self._rate = np.zeros(3), np.zeros(3)
 
     def start(self, seen: Sensed) -> None:
         """Axes and place of the touch; what was learned of the stiffness stays."""
@@ -105,9 +105,14 @@ class Follow:
         out: Float[np.ndarray, " 6"],
     ) -> None:
         """To where the surface will be when the command is met: tip on it, axis against it, no spin."""
-        decay = float(np.exp(-period / SMOOTHING)) if SMOOTHING else 0.0
-        values, _ = self.bank.predict(time - self._time + self.late + (period * decay / (1.0 - decay)))
-        self._smooth += (1.0 - decay) * (values - self._smooth)
+        w = 2.0 / SMOOTHING
+        values, rates = self.bank.predict(time - self._time + self.late + float(SMOOTHING[0]))
+        values[2] -= (SMOOTHING[0] - SMOOTHING[2]) * rates[2]
+        decay = np.exp(-w * period)
+        off = self._smooth - values
+        rate = self._rate + w * off
+        self._smooth[:] = values + (off + rate * period) * decay
+        self._rate[:] = rate * decay - w * (off + rate * period) * decay
         self._target(self._smooth, self._axes, self._origin, self.depth, rotation, tip, out)
 
     def _read(self, seen: Sensed) -> float:
@@ -142,6 +147,7 @@ class Follow:
         height = self._readings[2]
         self.bank.start([values[0], values[1], height], [rates[0], rates[1], 0.0])
         self._smooth[:] = values[0], values[1], height
+        self._rate[:] = 0.0
         self.depth = max(0.0, height) / (1.0 - min(0.5, np.sqrt(self._touch / self.force)))
         self.ready = True
 

@@ -12,6 +12,8 @@ from palpate.errors import InputError
 
 __all__ = ["Servo", "ServoModel"]
 
+REMEMBERED = 64  # moments, to find what feedback is to be compared with
+
 
 @dataclass(frozen=True)
 class Servo:
@@ -64,24 +66,25 @@ class ServoModel:
     """
 
     def __init__(self, servo: Servo, count: int, correction: float = 0.1) -> None:
-        self.servo, self.correction = servo, correction
-        self._y, self._speed, self._pull = np.zeros(count), np.zeros(count), np.zeros(count)
-        self._from, self._to = np.zeros(count), np.zeros(count)
-        self._begun = -np.inf  # when the ramp began
+        from palpate.control import _servo as kernel  # compiled: loaded when first needed
+
+        self.servo, self.correction, self._along = servo, correction, kernel.along
+        self._state, self._line = np.zeros((3, count)), np.zeros((2, count))
+        self.offset, self._joints = np.zeros(count), np.zeros(count)
         self._waiting: deque[tuple[float, np.ndarray]] = deque()
-        self.offset = np.zeros(count)
-        self._past: deque[tuple[float, np.ndarray]] = deque(maxlen=64)
-        self._time = 0.0
-        self._fed = -np.inf
+        self._past, self._times, self._kept = np.zeros((REMEMBERED, count)), np.zeros(REMEMBERED), 0
+        self.start(0.0, np.zeros(count))
+        self.advance(1e-3)  # compiles
+        self.start(0.0, np.zeros(count))
 
     def start(self, time: float, joints: Float[np.ndarray, " n"]) -> None:
         """At rest at these joints, with nothing commanded."""
-        for array in (self._y, self._from, self._to):
-            array[:] = joints
-        self._speed[:] = self._pull[:] = self.offset[:] = 0.0
+        self._state[:], self._line[:], self.offset[:] = 0.0, joints, 0.0
+        self._state[0] = self._joints[:] = joints
         self._begun, self._time, self._fed = -np.inf, time, time
         self._waiting.clear()
-        self._past.clear()
+        self._times[:] = -np.inf
+        self._kept = 0
 
     def send(self, time: float, joints: Float[np.ndarray, " n"]) -> None:
         """A command, given now."""
@@ -92,63 +95,43 @@ class ServoModel:
         while self._waiting and self._waiting[0][0] <= time:
             begins, target = self._waiting.popleft()
             self._follow(begins)
-            self._from[:], self._to[:] = self._reference(begins), target
-            self._begun = begins
+            share = 1.0 if self.servo.ramp == 0.0 else min(1.0, (begins - self._begun) / self.servo.ramp)
+            self._line[0] += share * (self._line[1] - self._line[0])
+            self._line[1], self._begun = target, begins
         self._follow(time)
-        self._past.append((time, self._y.copy()))
+        np.add(self._state[0], self.offset, out=self._joints)
+        self._past[self._kept], self._times[self._kept] = self._state[0], time
+        self._kept = (self._kept + 1) % REMEMBERED
 
     def correct(self, time: float, joints: Float[np.ndarray, " n"]) -> None:
         """By feedback of the joints as they were at this time, at most some cycles ago."""
-        if not self._past or not np.isfinite(joints).all():
+        if not np.isfinite(joints).all():
             return
-        modelled = min(self._past, key=lambda each: abs(each[0] - time))[1]
+        modelled = self._past[int(np.argmin(np.abs(self._times - time)))]
         share = 1.0 - float(np.exp(-max(0.0, time - self._fed) / self.correction))
         self.offset += share * (joints - modelled - self.offset)
         self._fed = max(time, self._fed)
 
     @property
     def joints(self) -> Float[np.ndarray, " n"]:
-        """(n,) where they are now."""
-        return self._y + self.offset
+        """(n,) where they are now; written anew by `advance`, as the next two are."""
+        return self._joints
 
     @property
     def speeds(self) -> Float[np.ndarray, " n"]:
         """(n,) their derivatives."""
-        return self._speed
+        return self._state[1]
 
     @property
     def accelerations(self) -> Float[np.ndarray, " n"]:
         """(n,) theirs."""
-        return self._pull
-
-    def _reference(self, time: float) -> Float[np.ndarray, " n"]:
-        ramp = self.servo.ramp
-        share = 1.0 if ramp == 0.0 else min(1.0, (time - self._begun) / ramp)
-        return self._from + share * (self._to - self._from)
+        return self._state[2]
 
     def _follow(self, time: float) -> None:
         """Over the ramp until it ends, then over what stands still."""
         ends = self._begun + self.servo.ramp
-        if self._time < ends < time:
-            self._along(ends)
-        if self._time < time:
-            self._along(time)
-
-    def _along(self, time: float) -> None:
-        """In closed form while the reference r is one line: q = r - 2 r'/w + (a + b t) exp(-w t)."""
-        step, ramping = time - self._time, self._time < self._begun + self.servo.ramp
-        slope = (self._to - self._from) / self.servo.ramp if ramping else np.zeros_like(self._y)
-        before, after = self._reference(self._time), self._reference(time)
-        self._time = time
-        if self.servo.lag == 0.0:
-            self._y[:], self._speed[:], self._pull[:] = after, slope, 0.0
-            return
-        w = 2.0 / self.servo.lag
-        a = self._y - before + 2.0 / w * slope
-        b = self._speed - slope + w * a
-        decay = float(np.exp(-w * step))
-        free = (a + b * step) * decay
-        moving = b * decay - w * free
-        self._y[:] = after - 2.0 / w * slope + free
-        self._speed[:] = slope + moving
-        self._pull[:] = -w * b * decay - w * moving
+        for until in (ends, time) if self._time < ends < time else (time,):
+            if self._time < until:
+                given = self._begun, self.servo.ramp, self.servo.lag
+                self._along(self._state, self._line, *given, self._time, until)
+                self._time = until

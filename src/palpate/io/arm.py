@@ -16,7 +16,9 @@ from palpate.spatial.pose import Pose
 __all__ = ["load_arm"]
 
 
-def load_arm(urdf: str | Path, base: str, sensor: str, joints: Sequence[str] | None = None) -> Arm:
+def load_arm(
+    urdf: str | Path, base: str, sensor: str, joints: Sequence[str] | None = None, acceleration: float = np.inf
+) -> Arm:
     """The joints between two links, their limits and the fixed transforms between them.
 
     Args:
@@ -24,6 +26,7 @@ def load_arm(urdf: str | Path, base: str, sensor: str, joints: Sequence[str] | N
         base: link that twists and poses are given in.
         sensor: link of the force/torque sensor.
         joints: their names in the order of the joint arrays, which must be that of the chain; None: whichever they are.
+        acceleration: [rad/s^2, m/s^2] the most of every joint, which no URDF states.
 
     Raises:
         InputError: no such file, link or joint, nothing that moves, a joint that follows another, or one without a
@@ -48,7 +51,7 @@ def load_arm(urdf: str | Path, base: str, sensor: str, joints: Sequence[str] | N
     turning = np.array([joint.kind != "prismatic" for joint in moving])
     signs = np.array([1.0 if down else -1.0 for joint, down in steps if joint.kind != "fixed"])
     try:
-        return Arm(names, places, signs[:, None] * axes, turning, *limits.T)
+        return Arm(names, places, signs[:, None] * axes, turning, *limits.T, np.full(len(names), float(acceleration)))
     except InputError as problem:
         raise InputError(problem.what, where=where, hint="Look at the joint's axis and limit.") from problem
 

@@ -1,0 +1,42 @@
+"""Compiled: joints that follow a line, critically damped, in closed form."""
+
+# pyright: basic
+from __future__ import annotations
+
+import numpy as np
+
+from palpate.surfaces._jit import entry
+
+__all__ = ["along"]
+
+
+@entry
+def along(state, line, begun, ramp, lag, start, end):
+    """State (3, n), joints, speeds and accelerations, from `start` to `end` [s], while the reference r is one line.
+
+    line (2, n): r goes from the first to the second within `ramp` from `begun` on, and stays. With w = 2/lag
+
+        q = r - 2 r'/w + (a + b t) exp(-w t),
+
+    a and b by what q and q' are at the start.
+    """
+    moving = start < begun + ramp
+    step = end - start
+    before = (start - begun) / ramp if moving else 1.0
+    after = min(1.0, (end - begun) / ramp) if moving else 1.0
+    w = 2.0 / lag if lag > 0.0 else 0.0
+    decay = np.exp(-w * step)
+    for j in range(state.shape[1]):
+        whole = line[1, j] - line[0, j]
+        slope = whole / ramp if moving else 0.0
+        goal = line[0, j] + after * whole
+        if lag == 0.0:
+            state[0, j], state[1, j], state[2, j] = goal, slope, 0.0
+            continue
+        a = state[0, j] - line[0, j] - before * whole + 2.0 / w * slope
+        b = state[1, j] - slope + w * a
+        free = (a + b * step) * decay
+        change = b * decay - w * free
+        state[0, j] = goal - 2.0 / w * slope + free
+        state[1, j] = slope + change
+        state[2, j] = -w * b * decay - w * change
