@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,23 +12,33 @@ from jaxtyping import Float
 
 from palpate.calibration.payload import identify_payload
 from palpate.contact import Locator, WrenchEstimator
+from palpate.control.admittance import Admittance
 from palpate.control.align import AlignController
 from palpate.control.arm import Arm
-from palpate.control.law import MotionLaw
+from palpate.control.plain import Plain
 from palpate.control.probe_face import ProbeFace
 from palpate.control.servo import Servo
 from palpate.control.supervisor import Limits
 from palpate.io.arm import load_arm
 from palpate.sensors.compensation import Compensation
+from palpate.sensors.filters import Kalman
 from palpate.sensors.force_torque import ForceTorque, Payload
 from palpate.simulation.phantom.elfin3 import urdf
 from palpate.simulation.phantom.lab import LabSettings, PhantomLab, Reading, Truth
 from palpate.simulation.phantom.probes import Probe
 from palpate.surfaces.mesh import Mesh
 
-__all__ = ["Moment", "controller_for", "moments", "phantom_arm", "phantom_estimator"]
+__all__ = ["METHODS", "Moment", "controller_for", "moments", "phantom_arm", "phantom_payload"]
 
 FORCE = 7.0  # N, of the paper
+METHODS = ("ours", "paper")
+PAPER_PUSH = (
+    10.0,
+    290.0,
+)  # kg, N s/m of (7): not in the paper; fitted to its T = 10 s alone (experiments/moving_phantom)
+PAPER_TURN = 2.6  # rad/s of (8): likewise
+LAG = 0.068  # s of the paper's Kalman filter at 200 Hz
+STIFFEST = 2500.0  # N/m of the phantom
 ACCURATE = (0.04, 0.04, 0.04, 1.5e-3, 1.5e-3, 1.5e-3)  # N, N m: what the sensor's maker states
 
 
@@ -55,26 +65,25 @@ def phantom_payload(lab: PhantomLab) -> Payload:
     return identify_payload(wrenches, rotations, noise=np.array(ACCURATE) / 200**0.5)
 
 
-def phantom_estimator(lab: PhantomLab, payload: Payload, **options: object) -> WrenchEstimator:
-    """Contacts on the probe's mesh.
+def controller_for(lab: PhantomLab, method: str = "ours", limits: Limits | None = None) -> AlignController:
+    """The product's controller for a lab that is set up: its own calibration, and nothing of the truth.
 
     Args:
-        lab: whose probe.
-        payload: of it.
-        options: of the estimator.
+        lab: that was just started.
+        method: of `METHODS`: ours, or the paper's with its filters.
+        limits: see there.
     """
     mesh = Mesh.from_arrays(lab.probe.vertices, lab.probe.faces)
-    return WrenchEstimator(Locator(mesh), Compensation(ForceTorque(ACCURATE), payload), **options)  # pyright: ignore
-
-
-def controller_for(lab: PhantomLab, law: Callable[[ProbeFace], MotionLaw] | None = None, limits: Limits | None = None) -> AlignController:
-    """The product's controller for a lab that is set up."""
-    estimator = phantom_estimator(lab, phantom_payload(lab))
-    face = ProbeFace.of(estimator.locator.surface)
-    return AlignController(
-        phantom_arm(lab.probe), estimator, FORCE, face=face, servo=Servo(lag=lab.settings.lag),
-        limits=limits, law=None if law is None else law(face),
-    )
+    sensor, face = Compensation(ForceTorque(ACCURATE), phantom_payload(lab)), ProbeFace.of(mesh)
+    servo, rate = Servo(lag=lab.settings.lag), float(lab.settings.sensor_rate)
+    law, filter = None, None
+    if method == "paper":
+        filter = Kalman()
+        pushing = Admittance(*PAPER_PUSH)
+        law = Plain(face, FORCE, pushing, PAPER_TURN, stiffest=STIFFEST, servo=servo, rate=rate, smoothing=LAG)
+    estimator = WrenchEstimator(Locator(mesh), sensor, filter=filter, rate=rate)
+    arm = phantom_arm(lab.probe)
+    return AlignController(arm, estimator, FORCE, face=face, servo=servo, limits=limits, law=law)
 
 
 def moments(lab: PhantomLab, controller: AlignController, seconds: float) -> Iterator[Moment]:

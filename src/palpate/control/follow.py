@@ -150,4 +150,3 @@ class Follow:
         self._rate[:] = 0.0
         self.depth = max(0.0, height) / (1.0 - min(0.5, np.sqrt(self._touch / self.force)))
         self.ready = True
-
