@@ -29,7 +29,7 @@ FACE, TIP = (
     0.15,
 )  # m: half-axes of an ellipsoid, of radii 60 and 18 mm at its end; how far that is
 STIFFNESS, WANTED, NOISE = 2240.0, 7.0, [0.04] * 3 + [0.0015] * 3
-PAYLOAD = palpate.Payload([0.0, 0.0, -3.4], np.zeros(3), [0.0, 0.0, 0.08], np.zeros(3))
+PAYLOAD = palpate.Payload(np.array([0.0, 0.0, -3.4]), np.zeros(3), np.array([0.0, 0.0, 0.08]), np.zeros(3))
 
 
 def elbow_arm() -> Arm:
