@@ -35,10 +35,10 @@ PAYLOAD = palpate.Payload(np.array([0.0, 0.0, -3.4]), np.zeros(3), np.array([0.0
 def elbow_arm() -> Arm:
     """Six joints that turn about z, y, y, z, y, z, with lengths and speeds of Elfin3; upright at zero."""
     heights = (0.19, 0.03, 0.266, 0.12, 0.12, 0.05, 0.04)
-    axes = [[0, 0, 1], [0, 1, 0], [0, 1, 0], [0, 0, 1], [0, 1, 0], [0, 0, 1]]
+    axes = np.eye(3)[[2, 1, 1, 2, 1, 2]]
     places = palpate.Pose(np.tile(np.eye(3), (7, 1, 1)), [[0.0, 0.0, height] for height in heights])
     names = tuple(f"joint{k}" for k in range(1, 7))
-    return Arm(names, places, np.array(axes), np.full(6, True), *np.outer([-3.0, 3.0, 1.57], np.ones(6)))
+    return Arm(names, places, axes, np.full(6, True), *np.outer([-3.0, 3.0, 1.57], np.ones(6)))
 
 
 def bent() -> np.ndarray:
@@ -53,6 +53,11 @@ class Press:
         arm: see there.
         servo: see there.
         height: [m] of the ellipsoid's end above the spring at the start.
+
+    Attributes:
+        lift: [m] by which the spring is higher than it would be.
+        force: [N] that presses, at the last reading, without noise.
+        angle: [rad] between the probe's axis and the spring's normal then.
     """
 
     def __init__(self, arm: Arm, servo: Servo, height: float = 0.002) -> None:
@@ -60,7 +65,8 @@ class Press:
         self.robot.start(0.0, bent())
         self.period, self._fed, self._next = servo.period, bent(), 0.0
         pose = arm.pose(bent())
-        self._moved = np.zeros(12)
+        self.lift, self._moved = 0.0, np.zeros(12)
+        self.force, self.angle = 0.0, 0.0
         self._under = pose.apply(np.array([0.0, 0.0, TIP])) - [0.0, 0.0, height]
 
     def read(self, now: float) -> tuple[np.ndarray, np.ndarray]:
@@ -69,12 +75,13 @@ class Press:
         if now >= self._next:
             self._fed, self._next = self.robot.joints.copy(), now + self.period
         pose = self.arm.pose(self.robot.joints)
-        lean, lift = 0.1 * np.sin(0.6 * now), 0.002 * np.sin(1.1 * now)
+        lean, lift = 0.1 * np.sin(0.6 * now), self.lift + 0.002 * np.sin(1.1 * now)
         normal = np.array([np.sin(lean), 0.0, np.cos(lean)])
         down = -pose.rotation.T @ normal
         scaled = np.array(FACE) * down
         touch = np.array(FACE) * scaled / np.linalg.norm(scaled) + [0.0, 0.0, TIP - FACE[2]]
         deep = max(0.0, float((self._under + np.array([0.0, 0.0, lift]) - pose.apply(touch)) @ normal))
+        self.force, self.angle = STIFFNESS * deep, float(np.arccos(np.clip(down[2], -1.0, 1.0)))
         robot = self.robot
         self.arm.motion_into(
             robot.joints, robot.speeds, robot.accelerations, np.array(PAYLOAD.center_of_mass), self._moved

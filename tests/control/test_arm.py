@@ -142,8 +142,9 @@ MISSING = [
 
 @pytest.mark.parametrize(("changed", "said"), MISSING)
 def test_what_is_missing_is_said(tmp_path: Path, changed: dict[str, Any], said: str) -> None:
+    given: dict[str, Any] = {"base": "base", "sensor": "ft", **changed}
     with pytest.raises(InputError, match=said.replace(".", r"\.")):
-        load_arm(write_arm(tmp_path), **{"base": "base", "sensor": "ft", **changed})
+        load_arm(write_arm(tmp_path), **given)
 
 
 BROKEN = [
