@@ -24,7 +24,7 @@ from palpate.sensors.compensation import Compensation
 from palpate.sensors.filters import Kalman
 from palpate.sensors.force_torque import ForceTorque, Payload
 from palpate.simulation.phantom.elfin3 import urdf
-from palpate.simulation.phantom.lab import LabSettings, PhantomLab, Reading, Truth
+from palpate.simulation.phantom.lab import PhantomLab, Reading, Truth
 from palpate.simulation.phantom.probes import Probe
 from palpate.surfaces.mesh import Mesh
 
