@@ -14,7 +14,6 @@ from palpate.calibration.skin_map import Sheet, map_skin
 from palpate.contact import Candidates, ContactEstimate, Contacts, Locator, Status, WrenchEstimator, locate
 from palpate.contact.ring_estimator import RingEstimator
 from palpate.contact.taxel_estimator import TaxelEstimator
-from palpate.control.align import AlignController
 from palpate.errors import GeometryError, InputError, NotIdentifiable, PalpateError
 from palpate.sensors import Butterworth, Compensation, ForceTorque, Kalman, Payload, Recording
 from palpate.sensors.load_cell_array import LoadCellArray
@@ -26,6 +25,7 @@ from palpate.spatial.wrench import Wrench
 from palpate.surfaces import Mesh, Surface, plane
 
 if TYPE_CHECKING:
+    from palpate.control.align import AlignController
     from palpate.io.pipeline import estimate, open_log
     from palpate.io.rig import load_rig
 
@@ -72,11 +72,16 @@ __all__ = [
     "plane",
 ]
 
-_FILES = {"estimate": "palpate.io.pipeline", "open_log": "palpate.io.pipeline", "load_rig": "palpate.io.rig"}
+_LATER = {
+    "AlignController": "palpate.control.align",
+    "estimate": "palpate.io.pipeline",
+    "open_log": "palpate.io.pipeline",
+    "load_rig": "palpate.io.rig",
+}
 
 
 def __getattr__(name: str) -> object:
-    """What reads files, when it is first asked for: tables are slow to import."""
-    if name in _FILES:
-        return getattr(import_module(_FILES[name]), name)
+    """What is slow to import, when it is first asked for: tables of files, compiled loops of control."""
+    if name in _LATER:
+        return getattr(import_module(_LATER[name]), name)
     raise AttributeError(f"module 'palpate' has no attribute {name!r}")

@@ -104,10 +104,13 @@ def observed(place, force, rotation, tip, radii, axes, origin, values, wanted, s
     first touch; values (3,): what is believed of the surface so far, for the lowest point of the probe.
     """
     normal, local, low = np.empty(3), np.empty(3), np.empty(3)
-    for i in range(2):
-        sine = min(STEEPEST, max(-STEEPEST, place[i] / radii[i]))
-        local[i] = sine / np.sqrt(1.0 - sine * sine)
-    local[2] = 1.0
+    local[0], local[1] = place[0] / radii[0], place[1] / radii[1]
+    sine = np.sqrt(local[0] * local[0] + local[1] * local[1])
+    if sine > STEEPEST:
+        local[0] *= STEEPEST / sine
+        local[1] *= STEEPEST / sine
+        sine = STEEPEST
+    local[2] = np.sqrt(1.0 - sine * sine)
     _turned(rotation, local, normal)
     _back(axes, normal, low)
     readings[0], readings[1] = np.arctan2(low[0], low[2]), np.arctan2(low[1], low[2])
@@ -127,7 +130,7 @@ def observed(place, force, rotation, tip, radii, axes, origin, values, wanted, s
 
 @entry
 def smoothed(goal, smoothing, period, value, rate):
-    """Values and rates (c,), led to goals (c,) over a period [s]: critically damped, lagging by `smoothing` (c,) [s]."""
+    """Values and rates (c,) over a period [s] to goals (c,), critically damped, `smoothing` (c,) [s] behind."""
     for c in range(len(value)):
         w = 2.0 / smoothing[c]
         decay = np.exp(-w * period)

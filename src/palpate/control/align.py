@@ -174,7 +174,7 @@ class AlignController:
         if self._time == -np.inf:
             self.start(time, feedback)
         elif not time > self._time or not time < self._time + JUMP:
-            if abs(time - self._time) > JUMP:
+            if JUMP < abs(time - self._time) < np.inf:
                 self.supervisor.stop(self._time, f"the clock jumped by {time - self._time:.3g} s")
             return self._command
         self._time = time

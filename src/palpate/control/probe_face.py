@@ -22,6 +22,7 @@ DEPTH = 0.02  # m behind the foremost point: what lies deeper is not pressed
 FRONT = 0.9  # cosine of facets that say where the middle is
 LEAN = float(np.radians(5.0))  # at which R is taken: as large as what is to be followed
 LIGHT = 1e-3  # m of a light touch
+NEAR = 1e-3  # m to the side of a line, of cells that it passes
 CELLS = 24  # along the face
 EPSILON = 1e-9
 
@@ -72,7 +73,6 @@ class ProbeFace(Value):
         Raises:
             GeometryError: nothing of the mesh looks that way, or `along` has no part across the axis.
         """
-
         z = np.asarray(axis, dtype=np.float64) / float(np.linalg.norm(axis))
         x = np.asarray(along, dtype=np.float64) - z * float(np.dot(along, z))
         if not float(np.linalg.norm(x)) > EPSILON:
@@ -120,8 +120,17 @@ class ProbeFace(Value):
             behind, area = self._leaning(k, lean)
             depth = _depth(behind, area, lambda pressed, _: pressed > volume)
             pressure = area * np.maximum(depth - behind, 0.0)
-            found[k] = float(pressure @ self.cells[:, k]) / float(pressure.sum()) / np.sin(lean)
+            found[k] = self._met(k, lean, pressure @ self.cells[:, :3] / float(pressure.sum())) / np.sin(lean)
         return np.array(found)
+
+    def _met(self, k: int, lean: float, centre: Float[np.ndarray, " 3"]) -> float:
+        """Along x or y, where the force through a centre of pressure, which lies inside, leaves the face."""
+        towards = np.array([0.0, 0.0, np.cos(lean)])
+        towards[k] = np.sin(lean)
+        ahead = (self.cells[:, :3] - centre) @ towards
+        aside = np.linalg.norm(self.cells[:, :3] - centre - ahead[:, None] * towards, axis=1)
+        near = aside < max(NEAR, 1.5 * float(aside.min()))
+        return float(centre[k]) + float(ahead[near].max()) * np.sin(lean)
 
     def _leaning(self, k: int, lean: float) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
         """Depths of the cells behind the middle, and areas, as seen along an axis that leans towards x or y."""

@@ -1,0 +1,88 @@
+"""The model of a robot's servo: its differential equation solved by SciPy, the lag of a ramp, feedback."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from palpate.control.servo import Servo, ServoModel
+from palpate.errors import InputError
+
+
+def reference(servo: Servo, sent: list[tuple[float, float]], time: float) -> float:
+    """The line that the joints follow, from the commands: each is reached over the ramp that begins after the delay."""
+    value = 0.0
+    for given, target in sent:
+        share = np.clip((time - given - servo.delay) / servo.ramp, 0.0, 1.0)
+        value += share * (target - value)
+    return float(value)
+
+
+def test_joints_solve_the_servos_equation() -> None:
+    """Against an integrator of order 8 at 1e-10, from one bend of the line to the next; commands at their period."""
+    servo, times = Servo(period=0.02, delay=0.015, ramp=0.02, lag=0.03), np.arange(61) * 0.005
+    sent = [(0.02 * k, float(np.sin(3.0 * k))) for k in range(12)]
+    model, found = ServoModel(servo, 1), []
+    model.start(0.0, np.zeros(1))
+    for time in times:
+        model.advance(float(time))
+        if round(time * 1000) % 20 == 0 and round(time * 50) < len(sent):
+            model.send(float(time), np.array([sent[round(time * 50)][1]]))
+        found.append([model.joints[0], model.speeds[0], model.accelerations[0]])
+    w = 2.0 / servo.lag
+
+    def change(time: float, state: np.ndarray) -> list[float]:
+        return [state[1], w * w * (reference(servo, sent, time) - state[0]) - 2.0 * w * state[1]]
+
+    bends = np.unique(np.concatenate([[0.0], *[[g + 0.015, g + 0.035] for g, _ in sent], [times[-1]]]))
+    state, true = np.zeros(2), {0.0: np.zeros(2)}
+    for start, end in pairwise(bends.tolist()):
+        inside = np.append(times[(times > start) & (times < end)], end)
+        solved = solve_ivp(change, (start, end), state, "DOP853", inside, rtol=1e-10, atol=1e-12)
+        true |= dict(zip(inside.tolist(), solved.y.T, strict=True))
+        state = solved.y[:, -1]
+    for time, (place, speed, pull) in zip(times.tolist(), found, strict=True):
+        near = min(true, key=lambda each: abs(each - time))
+        q, v = true[near]
+        assert place == pytest.approx(q, abs=1e-8)
+        assert speed == pytest.approx(v, abs=1e-6)
+        assert pull == pytest.approx(w * w * (reference(servo, sent, time) - q) - 2.0 * w * v, abs=1e-4)
+
+
+def test_a_ramp_is_met_late_by_what_the_servo_says() -> None:
+    """Commands k T of a ramp are where the joints are `late` afterwards: delay, ramp and lag, to exp(-w t)."""
+    servo, model = Servo(), ServoModel(Servo(), 1)
+    model.start(0.0, np.zeros(1))
+    for k in range(400):
+        model.advance(0.005 * k)
+        if k % 4 == 0:
+            model.send(0.005 * k, np.array([0.005 * k]))
+    assert model.joints[0] == pytest.approx(0.005 * 399 - servo.late, abs=1e-9)
+    assert model.speeds[0] == pytest.approx(1.0, abs=1e-9)
+
+
+def test_without_lag_and_ramp_a_command_is_there_at_once() -> None:
+    model = ServoModel(Servo(period=0.002, delay=0.0, ramp=0.0, lag=0.0), 2)
+    model.start(0.0, np.zeros(2))
+    model.send(0.002, np.array([1.0, -2.0]))
+    model.advance(0.004)
+    assert model.joints.tolist() == [1.0, -2.0]
+
+
+def test_feedback_is_followed_slowly_and_nan_is_left_out() -> None:
+    """A sag of 1 mrad is known to exp(-t/correction)."""
+    model = ServoModel(Servo(), 1, correction=0.1)
+    model.start(0.0, np.zeros(1))
+    for k in range(1, 51):
+        model.advance(0.02 * k)
+        model.correct(0.02 * k, np.array([np.nan if k == 7 else 1e-3]))
+    assert model.joints[0] + 0.0 == pytest.approx(1e-3, rel=1e-3)
+
+
+@pytest.mark.parametrize("wrong", [{"period": 0.0}, {"lag": -1.0}, {"delay": np.nan}, {"ramp": np.inf}])
+def test_times_that_are_none_are_refused(wrong: dict[str, float]) -> None:
+    with pytest.raises(InputError, match=next(iter(wrong))):
+        Servo(**wrong)

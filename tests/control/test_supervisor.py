@@ -1,0 +1,93 @@
+"""What leads from one state of a contact loop to the next, and what is refused."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from palpate.contact import Status
+from palpate.control.supervisor import Limits, State, Supervisor
+from palpate.errors import InputError
+
+
+def held(limits: Limits | None = None) -> Supervisor:
+    """One that holds at 1 s."""
+    supervisor = Supervisor(limits or Limits(), 7.0)
+    supervisor.fresh(0.99, Status.CONTACT, 1.0)
+    supervisor.pressed(1.0)
+    assert supervisor.state == State.HOLD
+    return supervisor
+
+
+def test_a_touch_leads_to_contact_and_the_wanted_force_to_hold() -> None:
+    supervisor = Supervisor(Limits(), 7.0)
+    supervisor.fresh(0.1, Status.NO_CONTACT, 0.0)
+    supervisor.fresh(0.2, Status.CONTACT, 0.3)  # less than what counts as a touch
+    assert (supervisor.state, supervisor.why) == (State.APPROACH, "nothing touched yet")
+    supervisor.fresh(0.3, Status.CONTACT, 0.6)
+    assert supervisor.state == State.CONTACT
+
+
+def test_a_contact_that_is_gone_is_lost_then_given_up() -> None:
+    supervisor = held()
+    for k in range(1, 60):
+        supervisor.fresh(1.0 + 0.005 * k, Status.NO_CONTACT, 0.0)
+    assert supervisor.state == State.LOST
+    assert "no contact" in supervisor.why
+    supervisor.fresh(4.0, Status.NO_CONTACT, 0.0)
+    assert supervisor.state == State.STOPPED
+    assert supervisor.retreating
+
+
+@pytest.mark.parametrize(("again", "state"), [(1.3, State.HOLD), (2.0, State.CONTACT)])
+def test_a_touch_that_comes_back_soon_is_held_on(again: float, state: State) -> None:
+    """Within half a second what was known of the surface still is; later it presses anew."""
+    supervisor = held()
+    supervisor.silent(1.2)
+    assert supervisor.state == State.LOST
+    supervisor.fresh(again, Status.CONTACT, 6.0)
+    assert supervisor.state == state
+
+
+def test_a_sensor_that_comes_back_before_any_touch_goes_on_approaching() -> None:
+    supervisor = Supervisor(Limits(), 7.0)
+    supervisor.silent(0.5)
+    assert supervisor.state == State.LOST
+    supervisor.fresh(0.6, Status.NO_CONTACT, 0.0)
+    assert supervisor.state == State.APPROACH
+
+
+@pytest.mark.parametrize(
+    ("status", "force", "state", "said"),
+    [
+        (Status.CONTACT, 25.0, State.STOPPED, "25 N is more than the limit of 20 N"),
+        (Status.SATURATED, 7.0, State.STOPPED, "saturated"),
+        (Status.INVALID, 0.0, State.HOLD, "held"),
+        (Status.AMBIGUOUS, 7.0, State.HOLD, "held"),
+    ],
+)
+def test_what_a_reading_says_of_itself_counts(status: Status, force: float, state: State, said: str) -> None:
+    supervisor = held()
+    supervisor.fresh(1.005, status, force)
+    assert supervisor.state == state
+    assert said in supervisor.why
+
+
+def test_what_stopped_stays_stopped_until_it_is_started() -> None:
+    supervisor = held()
+    supervisor.stop(1.1, "asked to")
+    supervisor.fresh(1.2, Status.CONTACT, 7.0)
+    supervisor.stop(1.3, "something else")
+    assert (supervisor.state, supervisor.why, supervisor.retreating) == (State.STOPPED, "asked to", False)
+    supervisor.start(2.0)
+    assert supervisor.state == State.APPROACH
+
+
+def test_limits_that_cannot_be_kept_are_refused() -> None:
+    with pytest.raises(InputError, match="above the wanted force"):
+        Supervisor(Limits(force=7.0), 7.0)
+    for wrong in ({"speed": 0.0}, {"tilt": np.nan}, {"lost": -1.0}):
+        with pytest.raises(InputError, match=next(iter(wrong))):
+            Limits(**wrong)
+    with pytest.raises(InputError, match="drift"):
+        Limits(drift=(-1.0, 0.0))
