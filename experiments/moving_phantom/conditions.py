@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -33,7 +32,12 @@ BEGIN = 3.0  # s: ours and the paper's law hold after 1.3 to 2.1
 SOFT = 6.0  # s, the same on tissue that yields more
 METHODS = {"soft finger": "", "iterative": "iterative", "wrench axis": "wrench axis"}
 SPIN = Sine(0.35, 4.0)  # rad, about the normal
-INERTIA = {"servo's model": "", "accelerometer": "accelerometer", "none": "no inertia", "late differences": "late inertia"}
+INERTIA = {
+    "servo's model": "",
+    "accelerometer": "accelerometer",
+    "none": "no inertia",
+    "late differences": "late inertia",
+}
 BIAS = 0.02  # N, sideways
 STEP = 4.0  # s after the unplanned motion began
 DRIFT = 0.5 / 60.0  # N/s, sideways
@@ -79,8 +83,8 @@ def sine(
     lab: dict[str, Any] | None = None, **options: Any,
 ) -> Condition:  # fmt: skip
     """The paper's motion; judged over one period of 5 s and more, over two of less, if not told."""
-    moving = motion(direction, period=period, begin=begin)
-    span = (period if period >= 5 else 2 * period) if judged is None else judged
+    moving = motion(direction, period=float(period), begin=begin)
+    span = float(period if period >= 5 else 2 * period) if judged is None else judged
     settings = LabSettings(motion=moving, seed=seed, **(lab or {}))
     return Condition(name, settings, span, direction=direction, **options)
 

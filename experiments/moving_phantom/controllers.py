@@ -96,7 +96,8 @@ def _wrench_axis(made: AlignController) -> AlignController:
 def _misjudged(made: AlignController) -> AlignController:
     """Weight and centre of the payload 5 % too large; the biases as identified with the right ones."""
     old = made.estimator
-    assert isinstance(old.sensor, Compensation) and old.sensor.payload is not None
+    assert isinstance(old.sensor, Compensation)
+    assert old.sensor.payload is not None
     payload = old.sensor.payload
     wrong = replace(payload, weight=OFF * payload.weight, center_of_mass=OFF * payload.center_of_mass)
     sensor = Compensation(old.sensor.sensor, wrong)

@@ -205,7 +205,9 @@ def _row(lab: PhantomLab, direction: str, controller: AlignController) -> list[f
         across = np.array([np.cos(heading), np.sin(heading), 0.0])
         if direction == "out-of-plane":
             across = np.array([np.sin(heading), -np.cos(heading), 0.0])
-        surface, probe = (float(np.arctan2(each @ across, each[2])) for each in (truth.normal, -truth.sensor.rotation[:, 2]))
+        surface, probe = (
+            float(np.arctan2(each @ across, each[2])) for each in (truth.normal, -truth.sensor.rotation[:, 2])
+        )
     angles = truth.in_plane, truth.out_of_plane, truth.angle
     return [truth.time, *angles, truth.press, float(surface), float(probe), controller.drifted]
 

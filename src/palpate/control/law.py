@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
@@ -28,6 +28,7 @@ class Sensed:
         self.place, self.variance, self.force = np.zeros(3), np.zeros(2), np.zeros(3)
 
 
+@runtime_checkable
 class MotionLaw(Protocol):
     """How a probe that touches is to move. Steps are (6,), translation of the tip [m] then rotation vector [rad], in
     base axes: e of (9) in `probe`."""
