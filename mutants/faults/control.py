@@ -31,7 +31,7 @@ FAULTS: list[Fault] = [
         ("each joint is shortened by itself", "share = min(share, most / abs(step[k]))", "share = most / abs(step[k])"),
         ("a joint brakes too late", "_brakes(up, change)", "up"),
         ("a step that is not finite goes on", "sound = sound and abs(step[k]) < math.inf", "pass"),
-        ("the range is not clipped", "min(goal, limits[_UPPER, k])", "goal"),
+        ("what was faster before may stay so", "min(max(move, -most), most)", "move"),
     ),
     *of(
         "io/arm.py",

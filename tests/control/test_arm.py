@@ -108,6 +108,17 @@ def test_pose_jacobian_and_motion_agree(tmp_path: Path, text: str, base: str, se
     assert np.abs((ends[1] - ends[0]) / (2 * h) - out[6:]).max() < 1e-7
 
 
+@pytest.mark.parametrize(("text", "base", "sensor"), [(SIX, "base", "ft"), (SLIDING, "a", "ft")])
+def test_the_way_back_is_the_inverse(tmp_path: Path, text: str, base: str, sensor: str) -> None:
+    path = write_arm(tmp_path, text)
+    there, back = load_arm(path, base, sensor), load_arm(path, sensor, base)
+    q = state(there, 1)[0]
+    round_trip = there.pose(q) @ back.pose(q[::-1])
+    assert there.names == back.names[::-1]
+    assert np.abs(round_trip.rotation - np.eye(3)).max() < 1e-12
+    assert np.abs(round_trip.translation).max() < 1e-12
+
+
 def test_limits_are_those_of_the_file(tmp_path: Path) -> None:
     arm = load_arm(str(write_arm(tmp_path, SLIDING)), "a", "ft", ["lift", "spin", "reach", "wrist"])
     assert arm.lower.tolist() == [-2.5, -np.inf, -2.5, -2.5]
@@ -131,8 +142,9 @@ MISSING = [
 
 @pytest.mark.parametrize(("changed", "said"), MISSING)
 def test_what_is_missing_is_said(tmp_path: Path, changed: dict[str, Any], said: str) -> None:
+    given: dict[str, Any] = {"base": "base", "sensor": "ft", **changed}
     with pytest.raises(InputError, match=said.replace(".", r"\.")):
-        load_arm(write_arm(tmp_path), **{"base": "base", "sensor": "ft", **changed})
+        load_arm(write_arm(tmp_path), **given)
 
 
 BROKEN = [

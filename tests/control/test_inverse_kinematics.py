@@ -107,6 +107,19 @@ def test_what_keeps_its_acceleration_can_always_be_braked(wanted: list[np.ndarra
     assert np.abs(last).max() < 1e-12  # 100 cycles suffice: speed / (a dt) = 80 at most
 
 
+def test_a_joint_brakes_before_the_end_of_its_range() -> None:
+    """Pushed on for 5 s: it arrives at the end, and keeps its acceleration all the way (1e-9 of rounding)."""
+    arm, dt = made(5.0), 0.02
+    for push, end in ((1.0, arm.upper[:2]), (-1.0, arm.lower[:2])):
+        q, last = np.zeros(N), np.zeros(N)
+        for _ in range(250):
+            out = np.empty(N)
+            limited(arm, q, np.full(N, push), last, dt, out)
+            assert (np.abs(out - q - last) <= 5.0 * dt**2 * (1 + 1e-9) + 1e-15).all()
+            last, q = out - q, out
+        assert q[:2] == pytest.approx(end, abs=1e-12)
+
+
 def test_a_fast_step_keeps_its_direction() -> None:
     arm, out, step = made(), np.empty(N), np.array([0.2, -0.1, 0.004])
     share = limited(arm, np.zeros(N), step, np.zeros(N), 0.02, out)

@@ -23,6 +23,7 @@ from palpate.cli.map_skin import map_skin
 from palpate.cli.plan_pokes import plan_pokes_command
 from palpate.cli.rig_new import rig_new
 from palpate.cli.simulate import simulate_marker_ring
+from palpate.cli.simulate_phantom import simulate_phantom
 from palpate.cli.view import view
 
 __all__ = ["run"]
@@ -55,7 +56,8 @@ def run(argv: Sequence[str]) -> None:
     rig.command(name="new")(rig_new)
     app.command(rig, name="rig", help="Write a rig to start from: new.")
     simulate.command(name="marker-ring")(simulate_marker_ring)
-    app.command(simulate, name="simulate", help="Record a sensor that is simulated, with its truth: marker-ring.")
+    simulate.command(name="phantom")(simulate_phantom)
+    app.command(simulate, name="simulate", help="Record what is simulated, with its truth: marker-ring, phantom.")
     app.cli(prog="palpate", description=_DESCRIPTION, args=list(argv))
 
 

@@ -9,6 +9,7 @@ from palpate.surfaces._jit import entry, inner
 
 __all__ = ["felt", "observed", "sensed", "target"]
 
+MISJUDGED = 0.25  # of what the payload's motion takes
 STEEPEST = 0.866  # sine of the largest angle that a place on the face can mean
 
 
@@ -34,11 +35,12 @@ def _cross(a, b, out):
 
 
 @entry
-def felt(motion, sensor, inertia, wrench, out, acceleration):
+def felt(motion, sensor, inertia, load, wrench, out, acceleration, moved):
     """The wrench (6,) with what turning the payload takes added, M + I al + w x I w, and its centre's acceleration.
 
     motion (12,) of the payload's centre in the base (`Arm.motion_into`), sensor (3, 3) in the base; acceleration (3,)
-    comes out in the sensor's frame.
+    comes out in the sensor's frame. load (3,): mass times the vector from the tip to the payload's centre. moved (3,):
+    the moment about the tip, in the sensor's frame, that all of the payload's motion takes.
     """
     turning, speeding, momentum, gyro = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     _back(sensor, motion[3:6], turning)
@@ -46,19 +48,23 @@ def felt(motion, sensor, inertia, wrench, out, acceleration):
     _back(sensor, motion[9:12], speeding)
     _turned(inertia, turning, momentum)
     _cross(turning, momentum, gyro)
+    _cross(load, acceleration, moved)
     for i in range(3):
-        out[i] = wrench[i]
-        out[3 + i] = wrench[3 + i] + gyro[i]
+        spent = gyro[i]
         for j in range(3):
-            out[3 + i] += inertia[i, j] * speeding[j]
+            spent += inertia[i, j] * speeding[j]
+        out[i] = wrench[i]
+        out[3 + i] = wrench[3 + i] + spent
+        moved[i] += spent
 
 
 @entry
-def sensed(row, sensor, place, face, middle, axes, tip, rotation, at, found, variance, force):
+def sensed(row, sensor, place, face, middle, axes, tip, moved, rotation, at, found, variance, force):
     """What a law is given: axes of the face and its middle in the base; place, variance and force in the face's axes.
 
     row (22,) of the estimate in the surface's frame, where the face has its axes (3, 3) `face` and its `middle`; `axes`
-    and `tip` are the same in the sensor's frame, whose pose is sensor, place.
+    and `tip` are the same in the sensor's frame, whose pose is sensor, place. A share of `moved`, see `felt`, is taken to
+    be misjudged: it adds to the variance of the place what such a moment moves it by.
     """
     for i in range(3):
         at[i] = place[i]
@@ -77,6 +83,8 @@ def sensed(row, sensor, place, face, middle, axes, tip, rotation, at, found, var
                 variance[i] += face[j, i] * row[10 + 3 * j + k] * face[k, i]
         if not variance[i] >= 0.0:
             variance[i] = 0.0
+        moment = MISJUDGED * (moved[0] * axes[0, 1 - i] + moved[1] * axes[1, 1 - i] + moved[2] * axes[2, 1 - i])
+        variance[i] += moment * moment / (force[2] * force[2] + 1e-6)
 
 
 @inner

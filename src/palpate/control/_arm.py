@@ -213,7 +213,9 @@ def _brakes(room, slowing):
         return room
     if not slowing > 0.0:
         return 0.0
-    k = math.floor(0.5 * (math.sqrt(1.0 + 8.0 * room / slowing) - 1.0))
+    k = np.floor(0.5 * (math.sqrt(1.0 + 8.0 * room / slowing) - 1.0))
+    if not k < 1e9:  # faster than anything
+        return room
     return k * slowing + (room - 0.5 * k * (k + 1.0) * slowing) / (k + 1.0)
 
 

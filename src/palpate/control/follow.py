@@ -17,6 +17,7 @@ HEIGHT_FLOOR = 60e-6  # m
 SIZES = (0.17, 0.17, 0.01)  # of the motions to expect [rad, rad, m]
 SPEED = 0.01  # m/s at most, while it presses
 SMOOTHING = np.array([0.06, 0.06, 0.03])  # s, of the commanded angles and height: what the joints' accelerations allow
+SOFTEST = 0.02  # of the stiffest
 SETTLED = 0.1  # of the wanted force
 SETTLING = 0.25  # s that the force is to be there
 PATIENCE = 6.0  # s, after which the stiffness stays as it was stated
@@ -58,7 +59,10 @@ class Follow:
         self.bank = MotionBank(SIZES)
         self._axes, self._origin = np.eye(3), np.zeros(3)
         self._readings, self._variances = np.zeros(3), np.array([0.0, 0.0, HEIGHT_FLOOR**2])
-        self._radii = np.array(face.radii)
+        self._grid = np.geomspace(SOFTEST * self.stiffest, self.stiffest, 10)
+        self._table = np.array([face.radii(self.force, each) for each in self._grid])  # now: it takes 20 ms each
+        self._radii = np.zeros(2)
+        self._know_radii()
         self._observed, self._target = kernel.observed, kernel.target
         self._sums, self._right = np.zeros((3, 3)), np.zeros(3)
         self._begun = self._time = self._reached = 0.0
@@ -117,9 +121,8 @@ class Follow:
 
     def _read(self, seen: Sensed) -> float:
         """Readings of the surface and their variances; the force that presses [N]."""
-        radii = self.face.radii
         for k in (0, 1):
-            self._variances[k] = max(ANGLE_FLOOR**2, float(seen.variance[k] / radii[k] ** 2))
+            self._variances[k] = max(ANGLE_FLOOR**2, float(seen.variance[k] / self._radii[k] ** 2))
         values, _ = self.bank.predict(seen.time - self._time)
         contact = (seen.place, seen.force, seen.rotation, seen.tip)
         frame = (self._radii, self._axes, self._origin)
@@ -143,10 +146,17 @@ class Follow:
             compliance = 0.5 * float(fitted[2]) / self.force
             if compliance > 1.0 / self.stiffest:
                 self.stiffness = 1.0 / compliance
-        values, rates = self.bank.predict(0.0)
-        height = self._readings[2]
-        self.bank.start([values[0], values[1], height], [rates[0], rates[1], 0.0])
-        self._smooth[:] = values[0], values[1], height
+        before = self._radii.copy()
+        self._know_radii()
+        angles = self.bank.predict(0.0)[0][:2] * before / self._radii
+        height = float(self._readings[2])
+        self.bank.start([*angles, height])
+        self._smooth[:2], self._smooth[2] = angles, height
         self._rate[:] = 0.0
         self.depth = max(0.0, height) / (1.0 - min(0.5, np.sqrt(self._touch / self.force)))
         self.ready = True
+
+    def _know_radii(self) -> None:
+        """How far the contact moves for an angle, by the stiffness."""
+        for k in (0, 1):
+            self._radii[k] = np.interp(np.log(self.stiffness), np.log(self._grid), self._table[:, k])

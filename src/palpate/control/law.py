@@ -30,8 +30,10 @@ class Sensed:
 
 @runtime_checkable
 class MotionLaw(Protocol):
-    """How a probe that touches is to move. Steps are (6,), translation of the tip [m] then rotation vector [rad], in
-    base axes: e of (9) in `probe`."""
+    """How a probe that touches is to move.
+
+    Steps are (6,), translation of the tip [m] then rotation vector [rad], in base axes: e of (9) in `probe`.
+    """
 
     late: float
     """[s] from a command to the motion; the loop sets it."""

@@ -58,12 +58,13 @@ class Plain:
             raise InputError(f"the bandwidth of the angle must be positive, not {bandwidth} rad/s.")
         self.face, self.force, self.pushing = face, float(force), pushing
         settles = pushing.mass / pushing.damping
-        self.turning = tuple(Admittance(settles * r / bandwidth, r / bandwidth) for r in face.radii[::-1].tolist())
+        across = face.radii(self.force)[::-1].tolist()  # about x counts the radius along y
+        self.turning = tuple(Admittance(settles * r / bandwidth, r / bandwidth) for r in across)
         servo = Servo() if servo is None else servo
         cycles = round(servo.delay / servo.period)
         robot = DelayedRobot(servo.period, cycles, servo.ramp > 0, servo.lag, 2, smoothing)
         require_stable(robot, pushing, stiffest)
-        for about, radius in zip(self.turning, face.radii[::-1].tolist(), strict=True):
+        for about, radius in zip(self.turning, across, strict=True):
             require_stable(robot, about, radius, "orientation")
         self._low_pass = Forward(Butterworth(LOW_PASS).recursion(rate), rate, 2)
         self._time, self._place = np.zeros(1), np.zeros((1, 2))

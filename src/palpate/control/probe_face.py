@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,7 +15,12 @@ from palpate.surfaces.mesh import Mesh
 
 __all__ = ["ProbeFace"]
 
-SPAN = np.radians(12.0)  # of normals about the face's own that tell how it is curved
+FACING = 0.2  # cosine: facets that lean further away from the axis cannot press
+DEPTH = 0.02  # m behind the foremost point: what lies deeper is not pressed
+FRONT = 0.9  # cosine of facets that say where the middle is
+LEAN = float(np.radians(5.0))  # at which R is taken: as large as what is to be followed
+LIGHT = 1e-3  # m of a light touch
+CELLS = 24  # along the face
 EPSILON = 1e-9
 
 
@@ -22,35 +28,39 @@ EPSILON = 1e-9
 class ProbeFace(Value):
     """The face that a probe is to press with.
 
-    A convex face that rolls on a soft plane is touched where its normal is the plane's. With R its radius in the plane
-    of an axis, an offset u of the contact from the middle means that the plane leans by asin(u/R) about the other: the
-    axes pair crosswise, which (8) of `probe` leaves open. That holds whatever the stiffness, until the patch meets the
-    end of the face. A flat face is touched off its middle too, by a gain that depends on the stiffness: there R is what
-    its edges would give at 12 degrees, and the angle found is too small rather than too large, which converges.
+    A surface that leans against it by a small angle a presses more on one side. On an elastic foundation of k [N/m^3]
+    the place of the contact, the centre of pressure, then moves by
+
+        R a,   R = k I/force = (K/force) <x^2>,
+
+    with I the second moment of the patch that is pressed, K = k A its stiffness [N/m] and <x^2> = I/A. Of a convex face
+    R is its radius, whatever the stiffness, until the patch meets the face's end; of a flat one of half width b it is
+    b^2/(3 depth): stiff tissue moves the contact more. The axes pair crosswise, which (8) of `probe` leaves open: an
+    offset along x is a lean about y.
 
     Args:
         place: (3,) [m] the middle of the face, in the surface's frame: the wanted place of the contact.
         axes: (3, 3) columns x (along the face), y (across) and z (outward normal), in the surface's frame.
-        radii: (2,) [m] along x and y; the place of the contact moves by R sin(angle).
+        cells: (n, 7) of the face and the sides behind it, in its axes about its middle: place [m], normal, area [m^2].
+
+    Raises:
+        GeometryError: there are no cells.
     """
 
     place: Float[np.ndarray, "3"]
     axes: Float[np.ndarray, "3 3"]
-    radii: Float[np.ndarray, "2"]
+    cells: Float[np.ndarray, "n 7"]
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "place", frozen(self.place, tail=(3,), name="place"))
         object.__setattr__(self, "axes", frozen(self.axes, tail=(3, 3), name="axes"))
-        object.__setattr__(self, "radii", frozen(self.radii, tail=(2,), name="radii"))
-        if not (np.isfinite(self.radii) & (self.radii > 0)).all():
-            raise GeometryError(f"radii of a probe's face must be positive, not {self.radii.tolist()} m.")
+        object.__setattr__(self, "cells", frozen(self.cells, tail=(7,), name="cells"))
+        if not len(self.cells):
+            raise GeometryError("a probe's face needs cells.")
 
     @classmethod
     def of(cls, mesh: Mesh, axis: ArrayLike = (0.0, 0.0, 1.0), along: ArrayLike = (1.0, 0.0, 0.0)) -> ProbeFace:
         """The face of a mesh that looks along an axis.
-
-        R is the ratio of the spread of places to that of normals over the facets within 12 degrees of the axis, and at
-        most what the ends of the face allow.
 
         Args:
             mesh: of the probe.
@@ -60,21 +70,69 @@ class ProbeFace(Value):
         Raises:
             GeometryError: nothing of the mesh looks that way, or `along` has no part across the axis.
         """
+        from trimesh.intersections import slice_faces_plane  # here: it takes 0.2 s to import
+        from trimesh.remesh import subdivide_to_size
+
         z = np.asarray(axis, dtype=np.float64) / float(np.linalg.norm(axis))
         x = np.asarray(along, dtype=np.float64) - z * float(np.dot(along, z))
         if not float(np.linalg.norm(x)) > EPSILON:
             raise GeometryError("the direction in which a face is long must not be its normal.")
         x = x / float(np.linalg.norm(x))
         axes = np.column_stack([x, np.cross(z, x), z])
-        facing = np.flatnonzero(mesh.normals @ z > np.cos(SPAN))
+        facing = mesh.faces[mesh.normals @ z > -FACING]
+        top = float((mesh.vertices @ z).max())
+        vertices, facing, _ = slice_faces_plane(mesh.vertices, facing, z, (top - DEPTH) * z)
         if not len(facing):
             raise GeometryError(f"nothing of the mesh looks along {np.round(z, 3).tolist()}: name its axis.")
-        corners = mesh.vertices[mesh.faces[facing]]
-        weights = mesh.areas[facing] / mesh.areas[facing].sum()
-        centres, normals = corners.mean(axis=1) @ axes, mesh.normals[facing] @ axes
-        middle = weights @ centres
-        spread, turned = (np.sqrt(weights @ (each - weights @ each) ** 2) for each in (centres, normals))
-        ends = 0.5 * np.ptp(corners.reshape(-1, 3) @ axes, axis=0) / np.sin(SPAN)
-        radii = np.minimum(spread[:2] / np.maximum(turned[:2], EPSILON), ends[:2])
-        top = float((corners.reshape(-1, 3) @ z).max())
-        return cls(axes @ np.array([middle[0], middle[1], top]), axes, radii)
+        size = float(np.ptp(vertices @ axes[:, :2], axis=0).max()) / CELLS
+        vertices, faces = subdivide_to_size(vertices, facing, max_edge=size, max_iter=12)
+        corners: Float[np.ndarray, "f 3 3"] = np.asarray(vertices)[np.asarray(faces)] @ axes
+        across = 0.5 * np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        areas = np.linalg.norm(across, axis=1)
+        centres, normals = corners.mean(axis=1), across / np.maximum(areas, EPSILON**2)[:, None]
+        front = (normals[:, 2] > FRONT) & (centres[:, 2] > top - DEPTH)
+        weights = across[front, 2] if front.any() else np.ones(len(front))
+        middle = weights @ centres[front if front.any() else slice(None), :2] / weights.sum()
+        origin = np.array([*middle, top])
+        return cls(axes @ origin, axes, np.column_stack([centres - origin, normals, areas]))
+
+    def radii(self, force: float, stiffness: float | None = None) -> Float[np.ndarray, " 2"]:
+        """R along x and along y [m/rad], when the face presses a foundation.
+
+        The depth is where the force, k times the volume that is displaced, and K, k times the area, are in the ratio
+        asked for.
+
+        Args:
+            force: [N].
+            stiffness: K [N/m] at that force; None: of a light touch, where only the curvature counts.
+        """
+        straight = self._leaning(0, 0.0)
+        light = stiffness is None
+        rigid = LIGHT if light else _depth(*straight, lambda volume, patch: volume * stiffness > force * patch)
+        volume = float(straight[1] @ np.maximum(rigid - straight[0], 0.0))
+        lean = float(np.radians(1.0)) if light else LEAN
+        found = [0.0, 0.0]
+        for k in (0, 1):
+            behind, area = self._leaning(k, lean)
+            depth = _depth(behind, area, lambda pressed, _: pressed > volume)
+            pressure = area * np.maximum(depth - behind, 0.0)
+            found[k] = float(pressure @ self.cells[:, k]) / float(pressure.sum()) / np.sin(lean)
+        return np.array(found)
+
+    def _leaning(self, k: int, lean: float) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+        """Depths of the cells behind the middle, and areas, as seen along an axis that leans towards x or y."""
+        towards = np.array([0.0, 0.0, np.cos(lean)])
+        towards[k] = np.sin(lean)
+        return -self.cells[:, :3] @ towards, self.cells[:, 6] * np.maximum(self.cells[:, 3:6] @ towards, 0.0)
+
+
+def _depth(
+    behind: Float[np.ndarray, " n"], area: Float[np.ndarray, " n"], enough: Callable[[float, float], bool]
+) -> float:
+    """How deep cells have to be pressed until the displaced volume [m^3] and the area of the patch [m^2] are enough."""
+    low, high = float(behind.min()), float(behind.min()) + 10.0 * DEPTH
+    for _ in range(60):
+        depth = 0.5 * (low + high)
+        pressed = np.maximum(depth - behind, 0.0)
+        low, high = (low, depth) if enough(float(area @ pressed), float(area @ (pressed > 0))) else (depth, high)
+    return high

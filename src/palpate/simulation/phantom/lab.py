@@ -51,8 +51,8 @@ class LabSettings:
         sensor_rate, robot_rate: [Hz].
         delay_cycles: between the robot's taking a command and setting out for it.
         lag: of its servo, critically damped with a natural frequency of 2 / lag [s].
-        acceleration: most that the servo's reference reaches [rad/s^2]; the maker's planner keeps to 12.56, which is
-            for whoever commands to do.
+        acceleration: most that the servo's reference reaches, about what the torques allow [rad/s^2]; the maker's
+            planner keeps to 12.56, which is for whoever commands to do.
         bandwidth: of the computed torque that holds the joints to the servo's reference [rad/s].
         extra_delay: of every command, which nobody told the controller of [s].
         lost: share of the robot's cycles in which no command arrives.
@@ -79,7 +79,7 @@ class LabSettings:
     robot_rate: int = 50
     delay_cycles: int = 1
     lag: float = 0.030
-    acceleration: float = 30.0
+    acceleration: float = 100.0
     bandwidth: float = 160.0
     extra_delay: float = 0.0
     lost: float = 0.0
@@ -137,6 +137,7 @@ class Truth:
             atan2(n_y, -n_z) of the normal n in the sensor's frame.
         press: what the tissue pushes along its normal [N].
         force: (3,) all of the tissue's force, friction too, in the base [N].
+        moment: (3,) of it about the sensor's origin, in base axes [N m].
         centre: (3,) of pressure on the probe, in the sensor's frame [m]; NaN without contact.
         depth: of the deepest point of the probe [m].
         tip: (3,) in the base [m].
@@ -151,6 +152,7 @@ class Truth:
     out_of_plane: float
     press: float
     force: Float[np.ndarray, "3"]
+    moment: Float[np.ndarray, "3"]
     centre: Float[np.ndarray, "3"]
     depth: float
     tip: Float[np.ndarray, "3"]
@@ -287,6 +289,7 @@ class PhantomLab:
             out_of_plane=float(np.arctan2(y, -z)),
             press=float(found[6]),
             force=frozen(found[:3]),
+            moment=frozen(found[3:6]),
             centre=frozen(found[7:10] if found[6] > 0.0 else np.full(3, np.nan)),
             depth=float(found[10]),
             tip=frozen(sensor[3] + sensor[:3] @ self.probe.tip),
