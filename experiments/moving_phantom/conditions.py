@@ -12,6 +12,7 @@ from palpate.simulation.phantom.motion import Sine, motion, unplanned
 
 __all__ = [
     "BIAS",
+    "BOUNDED",
     "DIRECTIONS",
     "DRIFT",
     "FULL",
@@ -38,6 +39,7 @@ INERTIA = {
     "none": "no inertia",
     "late differences": "late inertia",
 }
+BOUNDED = "servo's model, joints that reach 30 rad/s^2 only"
 BIAS = 0.02  # N, sideways
 STEP = 4.0  # s after the unplanned motion began
 DRIFT = 0.5 / 60.0  # N/s, sideways
@@ -68,12 +70,12 @@ class Sizes:
     periods: tuple[int, ...] = PERIODS
 
 
-FULL = Sizes(20, 2)
+FULL = Sizes(20, 3)
 
 
 def sections(sizes: Sizes) -> list[Condition]:
     """Those that last longest first, so that no process waits for the last."""
-    made = [*_paper(), *_methods(), *_ours(sizes), *_unplanned(sizes), *_hard(sizes), *_probes(), *_others(sizes)]
+    made = [*_paper(sizes), *_methods(), *_ours(sizes), *_unplanned(sizes), *_hard(sizes), *_probes(), *_others(sizes)]
     slow = {"iterative": 3.0}
     return sorted(made, key=lambda each: -each.until * slow.get(each.variant, 1.0))
 
@@ -93,8 +95,13 @@ def _seeds(count: int) -> range:
     return range(SEED, SEED + count)
 
 
-def _paper() -> list[Condition]:
-    made = [sine(f"paper {way} {period}", way, period, method="paper") for way in DIRECTIONS for period in PERIODS]
+def _paper(sizes: Sizes) -> list[Condition]:
+    made = [
+        sine(f"paper {way} {period}", way, period, method="paper", seed=seed)
+        for way in DIRECTIONS
+        for period in PERIODS
+        for seed in _seeds(sizes.few)
+    ]
     return [*made, sine("paper vertical 10", "vertical", 10, method="paper")]
 
 
@@ -162,6 +169,9 @@ def _others(sizes: Sizes) -> list[Condition]:
         for way in DIRECTIONS
         for seed in _seeds(sizes.few)
     ]
+    for way in DIRECTIONS:
+        for seed in _seeds(sizes.few):
+            made.append(sine(f"inertia {BOUNDED} {way}", way, 2, seed=seed, lab={"acceleration": 30.0}))
     for sign in (-1.0, 1.0):
         for way, bias in zip(DIRECTIONS, ((sign * BIAS, 0.0), (0.0, sign * BIAS)), strict=True):
             still = LabSettings(motion=motion("still", begin=BEGIN), seed=SEED)

@@ -57,7 +57,8 @@ class Uncompensated(AlignController):
     """Takes what the probe's own motion does to the sensor for contact."""
 
     def _acceleration(self, said: ArrayLike | None) -> Float[np.ndarray, " 3"]:
-        self._felt[:] = self._wrench
+        super()._acceleration(None)
+        self._felt[:], self._spent[:] = self._wrench, 0.0
         return np.zeros(3)
 
 
@@ -67,15 +68,17 @@ class Late(AlignController):
     _history: Float[np.ndarray, "3 n"] | None = None
 
     def _acceleration(self, said: ArrayLike | None) -> Float[np.ndarray, " 3"]:
+        fed = np.array(self._fed)
         if self._history is None:
-            self._history = np.tile(self._fed, (3, 1))
-        if not np.array_equal(self._history[0], self._fed):
-            self._history = np.vstack([self._fed, self._history[:2]])
+            self._history = np.tile(fed, (3, 1))
+        if not np.array_equal(self._history[0], fed):
+            self._history = np.vstack([fed, self._history[:2]])
         newest, before, first = self._history
         period = self.servo.period
         speeds, accelerations = (newest - before) / period, (newest - 2.0 * before + first) / period**2
         self.arm.motion_into(newest, speeds, accelerations, self._centre, self._motion)
-        self._kernel.felt(self._motion, self._sensor, self._inertia, self._wrench, self._felt, self._moved)
+        wrenches = (self._wrench, self._felt)
+        self._kernel.felt(self._motion, self._sensor, self._inertia, self._load, *wrenches, self._moved, self._spent)
         return self._moved
 
 

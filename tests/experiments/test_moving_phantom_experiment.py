@@ -34,7 +34,7 @@ def made_up(condition: Condition, error: float = 0.5, force: float = 7.2) -> Tra
 
 
 def test_a_short_run_holds_force_and_angle() -> None:
-    """A second and a half of the sine of 5 s: nominal means are below half a degree and 0.1 N off; thrice that is allowed."""
+    """1.5 s of the sine of 5 s: means are below half a degree and forces 0.1 N off; thrice that is allowed."""
     found = traces([sine("short", "in-plane", 5, judged=0.5, begin=2.2)], 0)["short"]
     (trace,) = found.traces
     assert trace.held
