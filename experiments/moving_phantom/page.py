@@ -157,16 +157,16 @@ def _unplanned(found: Mapping[str, Found]) -> str:
     rows = list[list[str]]()
     for way in DIRECTIONS:
         each = found[f"unplanned {way}"]
-        settled = [trace.settled(STEP) for trace in each.traces]
-        soon = sum(after <= 0.5 for after in settled)
-        before = _range(*each.force(SKIPPED, STEP))
-        after = _range(*each.force(STEP))
-        rows.append(
-            [way, f"{len(settled)}", f"{each.lost}", before, after, f"{each.mean:.2f}",
-             f"{np.median(settled):.2f}", f"{max(settled):.2f}", f"{soon}"]
-        )  # fmt: skip
+        forces = [_range(*each.force(*span)) for span in ((SKIPPED, STEP), (STEP,))]
+        cells = list[str]()
+        for over in (0.0, 0.2):
+            settled = [trace.settled(STEP, over) for trace in each.traces]
+            soon = sum(after <= 0.5 for after in settled)
+            cells.append(f"{np.median(settled):.2f} / {max(settled):.2f} / {soon}")
+        rows.append([way, f"{len(each.traces)}", f"{each.lost}", *forces, f"{each.mean:.2f}", *cells])
     heads = ("seeds", "left hold", "force before the step [N]", "from the step on [N]", "mean angle [deg]")
-    return table(("", *heads, "settled, median [s]", "slowest [s]", "within 0.5 s"), rows)
+    settles = "settled: median [s] / slowest [s] / seeds within 0.5 s"
+    return table(("", *heads, settles, "the same of the mean over 0.2 s"), rows)
 
 
 def robust(found: Mapping[str, Found]) -> dict[str, tuple[float, float]]:
@@ -321,7 +321,8 @@ of both signs, per 10 mN, is what is asked for above.
 ## Unplanned motion
 
 Three sines of 2.5 to 9 s, together up to 8 deg, and after 4 s a step of 10 deg within 0.1 s. *Settled*: from when on
-after the step's beginning the angle in the plane stays below 1 deg for half a second.
+after the step's beginning the angle in the plane stays below 1 deg for half a second (inf: not within the second that
+is judged); noise counts, so that the last column gives the same of a mean over 0.2 s.
 
 {unplanned}
 
@@ -346,4 +347,34 @@ As it came in these runs, two at a time on a machine that did other work as well
 
 {cycles}
 
+## What differs, and why
+
+- **The paper's ranking does not appear**, nor with a spin that loads the probe with a torque. The probe stands within a
+  few degrees of the normal; there a torque about it shifts the wrench axis by the pitch times the tangent of a small
+  angle, tenths of a millimetre. The iteration and the soft finger solve the same equations and agree to the second
+  digit. What sets the error is the loop's lag, which the three share. The paper's differences must come from what it
+  does not describe: a real contact patch, its mesh against its paraboloid, or runs that differed.
+- **Deviations of the paper are as large as its means**; those of a sine that lags are half of it, as here. Its robot
+  also did other things than lag.
+- **Force in rotation** stays within 0.1 N here and within 1.5 N there: this phantom turns about its surface's middle,
+  where it is touched; a platform turns about a point of its own, which moves the surface up and down as well.
+- **Vertical, the first second** of the paper's law is left out of the paper's range: it has 9.6 N with the sine's step
+  of velocity.
+- **Unplanned motion.** Nothing is lost. 10 deg within 0.1 s, 190 deg/s at most, come faster than the loop's 70 ms; the
+  curved face then stands aslant, and pressing passes the asked 1.5 N by 0.3. In-plane all but two seeds settle within
+  0.35 s. Out-of-plane the noise alone keeps the angle above 1 deg for a third of the time (10 mN of force noise is 0.8
+  deg), so that half a second below it is luck.
+- **Friction** changes nothing: in these motions the contact sticks from 0.1 on.
+- **Silence.** The loop holds still for the 0.1 s that it knows of the silence, and goes on by itself: that is what is
+  counted as leaving `hold`.
+- **Inertia.** The servo's model is as good as an accelerometer. Second differences of the feedback, two cycles late,
+  are as bad as nothing: in-plane a little better, out-of-plane worse. While the robot had a bound of 30 rad/s^2 of
+  which the model did not know, ours at T = 2 s fell into an oscillation with some seeds and stopped at 20 N: what the
+  model says must be so. The lab's bound is now that of the torques, 100 rad/s^2; the row with 30 shows what is left.
+- **Drift** is predicted with the nominal radius and force: out-of-plane it is a tenth more than predicted, in-plane a
+  third of it, for the larger radius. The stop comes early enough with the noise taken off, without room.
+- **Probes.** The face of the linear probe is flat: its contact moves with the angle by a gain that depends on the
+  stiffness, which ours takes from the first press; with the bandwidth of the convex probe the paper's law is three
+  times slower there. The t-shaped probe's face is so narrow that the patch always meets its ends.
+- **Time of a cycle** is that of a busy machine: `benchmarks/TARGETS.md` has it measured alone.
 """

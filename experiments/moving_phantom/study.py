@@ -119,12 +119,19 @@ class Trace:
         begun = [state for at, state, _ in self.states if at < self.condition.settings.motion.begin]
         return begun[-1] == "hold"
 
-    def settled(self, step: float, within: float = 1.0, stays: float = 0.5) -> float:
-        """[s] after a step, from when on the angle stays within [deg] for a while [s]; infinite if never."""
-        there = self.since >= step
-        good, times = np.abs(self.error[there]) < within, self.since[there] - step
-        wide = round(stays * self.condition.settings.sensor_rate)
-        runs = np.convolve(good, np.ones(wide), mode="valid") > wide - 0.5
+    def settled(self, step: float, over: float = 0.0) -> float:
+        """[s] after a step, from when on the angle stays below 1 deg for half a second; infinite if never.
+
+        Args:
+            step: [s] when it began, since the motion did.
+            over: [s] about a moment, over which the angle is averaged first.
+        """
+        rate = self.condition.settings.sensor_rate
+        wide, long = max(1, round(over * rate)), rate // 2
+        error = np.convolve(self.error, np.full(wide, 1.0 / wide), mode="same")
+        there = (self.since >= step) & (self.since < self.since[-1] - over / 2)
+        times = self.since[there] - step
+        runs = np.convolve(np.abs(error[there]) < 1.0, np.ones(long), mode="valid") > long - 0.5
         return float(times[np.argmax(runs)]) if runs.any() else float("inf")
 
 

@@ -65,6 +65,7 @@ def test_losses_and_settling_are_counted() -> None:
     late = whole.values.copy()
     late[np.abs(whole.since - STEP - 0.1) < 0.2, 1] = np.radians(4.0)
     assert replace(whole, values=late).settled(STEP) == pytest.approx(0.3, abs=0.006)
+    assert replace(whole, values=late).settled(STEP, 0.2) == pytest.approx(0.3, abs=0.11)
     late[:, 1] = np.radians(4.0)
     assert replace(whole, values=late).settled(STEP) == np.inf
 
