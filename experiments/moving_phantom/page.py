@@ -354,27 +354,27 @@ As it came in these runs, two at a time on a machine that did other work as well
   angle, tenths of a millimetre. The iteration and the soft finger solve the same equations and agree to the second
   digit. What sets the error is the loop's lag, which the three share. The paper's differences must come from what it
   does not describe: a real contact patch, its mesh against its paraboloid, or runs that differed.
-- **Deviations of the paper are as large as its means**; those of a sine that lags are half of it, as here. Its robot
-  also did other things than lag.
+- **Deviations of the paper are as large as its means**; those of a sine that lags are half of it, as here: its robot
+  did more than lag.
 - **Force in rotation** stays within 0.1 N here and within 1.5 N there: this phantom turns about its surface's middle,
   where it is touched; a platform turns about a point of its own, which moves the surface up and down as well.
 - **Vertical, the first second** of the paper's law is left out of the paper's range: it has 9.6 N with the sine's step
   of velocity.
 - **Unplanned motion.** Nothing is lost. 10 deg within 0.1 s, 190 deg/s at most, come faster than the loop's 70 ms; the
   curved face then stands aslant, and pressing passes the asked 1.5 N by 0.3. In-plane all but two seeds settle within
-  0.35 s. Out-of-plane the noise alone keeps the angle above 1 deg for a third of the time (10 mN of force noise is 0.8
+  0.35 s. Out-of-plane the noise alone keeps the angle above 1 deg for a third of the time at T = 5 s (10 mN of force noise is 0.8
   deg), so that half a second below it is luck.
 - **Friction** changes nothing: in these motions the contact sticks from 0.1 on.
 - **Silence.** The loop holds still for the 0.1 s that it knows of the silence, and goes on by itself: that is what is
   counted as leaving `hold`.
-- **Inertia.** The servo's model is as good as an accelerometer. Second differences of the feedback, two cycles late,
+- **Inertia.** The servo's model is as good as an accelerometer. Second differences of the feedback, a cycle late and more,
   are as bad as nothing: in-plane a little better, out-of-plane worse. While the robot had a bound of 30 rad/s^2 of
   which the model did not know, ours at T = 2 s fell into an oscillation with some seeds and stopped at 20 N: what the
   model says must be so. The lab's bound is now that of the torques, 100 rad/s^2; the row with 30 shows what is left.
 - **Drift** is predicted with the nominal radius and force: out-of-plane it is a tenth more than predicted, in-plane a
   third of it, for the larger radius. The stop comes early enough with the noise taken off, without room.
 - **Probes.** The face of the linear probe is flat: its contact moves with the angle by a gain that depends on the
-  stiffness, which ours takes from the first press; with the bandwidth of the convex probe the paper's law is three
-  times slower there. The t-shaped probe's face is so narrow that the patch always meets its ends.
+  stiffness, which ours takes from the first press; fitted to the convex probe, the paper's law errs two to four times
+  as much there. The t-shaped probe's face is so narrow that the patch always meets its ends.
 - **Time of a cycle** is that of a busy machine: `benchmarks/TARGETS.md` has it measured alone.
 """
