@@ -14,6 +14,7 @@ from palpate.calibration.skin_map import Sheet, map_skin
 from palpate.contact import Candidates, ContactEstimate, Contacts, Locator, Status, WrenchEstimator, locate
 from palpate.contact.ring_estimator import RingEstimator
 from palpate.contact.taxel_estimator import TaxelEstimator
+from palpate.control.align import AlignController
 from palpate.errors import GeometryError, InputError, NotIdentifiable, PalpateError
 from palpate.sensors import Butterworth, Compensation, ForceTorque, Kalman, Payload, Recording
 from palpate.sensors.load_cell_array import LoadCellArray
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
 __version__ = "0.3.0"
 
 __all__ = [
+    "AlignController",
     "Butterworth",
     "Candidates",
     "Compensation",

@@ -7,7 +7,7 @@ import numpy as np
 
 from palpate.surfaces._jit import entry, inner
 
-__all__ = ["felt", "observed", "sensed", "target"]
+__all__ = ["felt", "observed", "sensed", "smoothed", "target"]
 
 MISJUDGED = 0.25  # of what the payload's motion takes
 STEEPEST = 0.866  # sine of the largest angle that a place on the face can mean
@@ -15,14 +15,14 @@ STEEPEST = 0.866  # sine of the largest angle that a place on the face can mean
 
 @inner
 def _turned(matrix, vector, out):
-    """out = matrix vector."""
+    """Out = matrix vector."""
     for i in range(3):
         out[i] = matrix[i, 0] * vector[0] + matrix[i, 1] * vector[1] + matrix[i, 2] * vector[2]
 
 
 @inner
 def _back(matrix, vector, out):
-    """out = matrix^T vector."""
+    """Out = matrix^T vector."""
     for i in range(3):
         out[i] = matrix[0, i] * vector[0] + matrix[1, i] * vector[1] + matrix[2, i] * vector[2]
 
@@ -63,8 +63,8 @@ def sensed(row, sensor, place, face, middle, axes, tip, moved, rotation, at, fou
     """What a law is given: axes of the face and its middle in the base; place, variance and force in the face's axes.
 
     row (22,) of the estimate in the surface's frame, where the face has its axes (3, 3) `face` and its `middle`; `axes`
-    and `tip` are the same in the sensor's frame, whose pose is sensor, place. A share of `moved`, see `felt`, is taken to
-    be misjudged: it adds to the variance of the place what such a moment moves it by.
+    and `tip` are the same in the sensor's frame, whose pose is sensor, place. A share of `moved`, see `felt`, is taken
+    to be misjudged: it adds to the variance of the place what such a moment moves it by.
     """
     for i in range(3):
         at[i] = place[i]
@@ -123,6 +123,19 @@ def observed(place, force, rotation, tip, radii, axes, origin, values, wanted, s
         upright += normal[i] * axes[i, 2]
     readings[2] = (height - (pressing - wanted) / stiffness) / upright
     return pressing
+
+
+@entry
+def smoothed(goal, smoothing, period, value, rate):
+    """Values and rates (c,), led to goals (c,) over a period [s]: critically damped, lagging by `smoothing` (c,) [s]."""
+    for c in range(len(value)):
+        w = 2.0 / smoothing[c]
+        decay = np.exp(-w * period)
+        off = value[c] - goal[c]
+        slope = rate[c] + w * off
+        moved = (off + slope * period) * decay
+        value[c] = goal[c] + moved
+        rate[c] = slope * decay - w * moved
 
 
 @entry

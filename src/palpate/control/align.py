@@ -26,6 +26,7 @@ from palpate.surfaces.mesh import Mesh
 __all__ = ["AlignController"]
 
 DAMPING = 0.01  # of (10): a twentieth of what an arm of half a metre moves, where it is not near a singular pose
+JUMP = 5.0  # s between two calls that no clock makes
 LEAST = 1e-4  # s: cycles are told apart to this
 
 
@@ -105,6 +106,7 @@ class AlignController:
         self._fed, self._read = list[float](), list[float]()
         self._wrench, self._felt = np.full(6, np.nan), np.zeros(6)
         self._time = self._due = -np.inf
+        self._upright = np.zeros(3)  # the probe's axis where it first touched
         self._home, self._moved, self._spent = np.zeros(3), np.zeros(3), np.zeros(3)
         self._face_axes, self._middle = np.array(self.face.axes), np.array(self.face.place)
 
@@ -171,7 +173,9 @@ class AlignController:
         feedback = np.asarray(joints, dtype=np.float64)
         if self._time == -np.inf:
             self.start(time, feedback)
-        elif not time > self._time or not np.isfinite(time):
+        elif not time > self._time or not time < self._time + JUMP:
+            if abs(time - self._time) > JUMP:
+                self.supervisor.stop(self._time, f"the clock jumped by {time - self._time:.3g} s")
             return self._command
         self._time = time
         self.model.advance(time)
@@ -218,6 +222,7 @@ class AlignController:
         state = self.supervisor.state
         if state == State.CONTACT and before != State.CONTACT:
             self.law.start(self.seen)
+            self._home[:], self._upright[:] = self.seen.tip, self.seen.rotation[:, 2]
         if state in (State.CONTACT, State.HOLD):
             self.law.observe(self.seen)
         if state == State.CONTACT and self.law.ready:
@@ -279,12 +284,17 @@ class AlignController:
         if supervisor.retreating:
             supervisor.retreating = moved < limits.travel and time - supervisor.settled < limits.patience
             return
+        if supervisor.state == State.STOPPED:
+            return
+        why = ""
         if self.drifted > limits.drift_angle:
-            supervisor.stop(
-                time,
-                f"drift since the tare may have turned the probe by {np.degrees(self.drifted):.1f} deg: retreat, tare",
-                retreat=True,
-            )
+            why = f"drift since the tare may have turned the probe by {math.degrees(self.drifted):.1f} deg: tare"
+        elif moved > limits.travel:
+            why = f"the tip is more than {1e3 * limits.travel:.0f} mm from where it first touched"
+        elif float(axes[:, 2] @ self._upright) < math.cos(limits.tilt):
+            why = f"the probe leans by more than {math.degrees(limits.tilt):.0f} deg from where it first touched"
+        if why:
+            supervisor.stop(time, why, retreat=True)
 
     def _bound(self, period: float) -> None:
         """No faster than tip and probe may move; what is not finite is no motion."""

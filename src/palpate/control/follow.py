@@ -26,15 +26,15 @@ PATIENCE = 6.0  # s, after which the stiffness stays as it was stated
 class Follow:
     """Ours: the surface's two angles and its height, each with its speed, are states that readings correct.
 
-    With n the outward normal of the probe where it is touched (`ProbeFace.normal`), turned into the base by the robot's
-    own pose, the surface leans by a = atan2(nx, nz), b = atan2(ny, nz) in the axes that the probe had when it first
-    touched; its height is that of the probe's lowest point, less what the force is off the wanted one over the stiffness
-    K. All three are the surface's, not the probe's: the robot's own motion does not enter them, which is why they can be
-    foreseen over the loop's delay (`MotionBank`) and met there by position.
+    Where a face of R (`ProbeFace`) is touched u off its middle, what it touches leans by asin(u/R). With that normal n
+    turned into the base by the robot's own pose, the surface leans by a = atan2(nx, nz), b = atan2(ny, nz) in the axes
+    that the probe had when it first touched; its height is that of the probe's lowest point, less what the force is off
+    the wanted one over the stiffness K. All three are the surface's, not the probe's: the robot's own motion does not
+    enter them, which is why they can be foreseen over the loop's delay (`MotionBank`) and met there by position.
 
-    K is fitted while the probe first presses, to depth = c + s t + a sqrt(force), whose slope
-    at the wanted force is 1/K: a body that is round presses as sqrt(force) or nearly so. A wrong one converges where it is above half
-    of the true one.
+    K is fitted while the probe first presses, to depth = c + s t + a sqrt(force), whose slope at the wanted force is
+    1/K: a body that is round presses as sqrt(force) or nearly so. A wrong one converges where it is above half of the
+    true one; so do the angles, whose R follows from K.
 
     Args:
         face: that presses.
@@ -63,7 +63,7 @@ class Follow:
         self._table = np.array([face.radii(self.force, each) for each in self._grid])  # now: it takes 20 ms each
         self._radii = np.zeros(2)
         self._know_radii()
-        self._observed, self._target = kernel.observed, kernel.target
+        self._observed, self._smoothed, self._target = kernel.observed, kernel.smoothed, kernel.target
         self._sums, self._right = np.zeros((3, 3)), np.zeros(3)
         self._begun = self._time = self._reached = 0.0
         self._pressing = self._touch = self.depth = 0.0
@@ -109,14 +109,9 @@ class Follow:
         out: Float[np.ndarray, " 6"],
     ) -> None:
         """To where the surface will be when the command is met: tip on it, axis against it, no spin."""
-        w = 2.0 / SMOOTHING
         values, rates = self.bank.predict(time - self._time + self.late + float(SMOOTHING[0]))
         values[2] -= (SMOOTHING[0] - SMOOTHING[2]) * rates[2]
-        decay = np.exp(-w * period)
-        off = self._smooth - values
-        rate = self._rate + w * off
-        self._smooth[:] = values + (off + rate * period) * decay
-        self._rate[:] = rate * decay - w * (off + rate * period) * decay
+        self._smoothed(values, SMOOTHING, period, self._smooth, self._rate)
         self._target(self._smooth, self._axes, self._origin, self.depth, rotation, tip, out)
 
     def _read(self, seen: Sensed) -> float:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from importlib import import_module
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -70,8 +72,6 @@ class ProbeFace(Value):
         Raises:
             GeometryError: nothing of the mesh looks that way, or `along` has no part across the axis.
         """
-        from trimesh.intersections import slice_faces_plane  # here: it takes 0.2 s to import
-        from trimesh.remesh import subdivide_to_size
 
         z = np.asarray(axis, dtype=np.float64) / float(np.linalg.norm(axis))
         x = np.asarray(along, dtype=np.float64) - z * float(np.dot(along, z))
@@ -81,12 +81,15 @@ class ProbeFace(Value):
         axes = np.column_stack([x, np.cross(z, x), z])
         facing = mesh.faces[mesh.normals @ z > -FACING]
         top = float((mesh.vertices @ z).max())
-        vertices, facing, _ = slice_faces_plane(mesh.vertices, facing, z, (top - DEPTH) * z)
+        cut: Any = import_module("trimesh.intersections").slice_faces_plane  # here: it takes 0.2 s to import
+        near: Any = cut(mesh.vertices, facing, z, (top - DEPTH) * z)
+        vertices, facing = np.asarray(near[0]), np.asarray(near[1])
         if not len(facing):
             raise GeometryError(f"nothing of the mesh looks along {np.round(z, 3).tolist()}: name its axis.")
         size = float(np.ptp(vertices @ axes[:, :2], axis=0).max()) / CELLS
-        vertices, faces = subdivide_to_size(vertices, facing, max_edge=size, max_iter=12)
-        corners: Float[np.ndarray, "f 3 3"] = np.asarray(vertices)[np.asarray(faces)] @ axes
+        divide: Any = import_module("trimesh.remesh").subdivide_to_size
+        fine: Any = divide(vertices, facing, max_edge=size, max_iter=12)
+        corners: Float[np.ndarray, "f 3 3"] = np.asarray(fine[0])[np.asarray(fine[1])] @ axes
         across = 0.5 * np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         areas = np.linalg.norm(across, axis=1)
         centres, normals = corners.mean(axis=1), across / np.maximum(areas, EPSILON**2)[:, None]
@@ -108,7 +111,8 @@ class ProbeFace(Value):
         """
         straight = self._leaning(0, 0.0)
         light = stiffness is None
-        rigid = LIGHT if light else _depth(*straight, lambda volume, patch: volume * stiffness > force * patch)
+        ratio = 0.0 if stiffness is None else stiffness / force
+        rigid = LIGHT if light else _depth(*straight, lambda volume, patch: volume * ratio > patch)
         volume = float(straight[1] @ np.maximum(rigid - straight[0], 0.0))
         lean = float(np.radians(1.0)) if light else LEAN
         found = [0.0, 0.0]

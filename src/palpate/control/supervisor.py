@@ -42,9 +42,9 @@ class Limits:
         lost: [s] without contact before it counts as lost, and `patience` [s] before a lost one is given up.
         stale: [s] without a new reading of the sensor before the loop holds still.
         patience: [s], see `lost`.
-        drift: (force, torque) bounds of the sensor's drift [N/s, N m/s] since its tare. It cannot be seen in contact, so
-            that the angle by which it turns the probe is predicted: beyond `drift_angle` [rad] the loop stops and asks
-            for a tare.
+        drift: (force, torque) bounds of the sensor's drift [N/s, N m/s] since its tare. It cannot be seen in contact,
+            so that the angle by which it turns the probe is predicted: beyond `drift_angle` [rad] the loop stops and
+            asks for a tare.
         drift_angle: [rad], see `drift`.
 
     Raises:

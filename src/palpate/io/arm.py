@@ -47,11 +47,11 @@ def load_arm(
                 hint="Name a sensor link before it, or a base behind it.",
             )
     places, axes = _placed(robot, steps)
-    limits = np.array([robot.limits(joint) for joint in moving])
+    limits = np.array([[*robot.limits(joint), acceleration] for joint in moving])
     turning = np.array([joint.kind != "prismatic" for joint in moving])
     signs = np.array([1.0 if down else -1.0 for joint, down in steps if joint.kind != "fixed"])
     try:
-        return Arm(names, places, signs[:, None] * axes, turning, *limits.T, np.full(len(names), float(acceleration)))
+        return Arm(names, places, signs[:, None] * axes, turning, *limits.T)
     except InputError as problem:
         raise InputError(problem.what, where=where, hint="Look at the joint's axis and limit.") from problem
 
