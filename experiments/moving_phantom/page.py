@@ -362,13 +362,13 @@ As it came in these runs, two at a time on a machine that did other work as well
   of velocity.
 - **Unplanned motion.** Nothing is lost. 10 deg within 0.1 s, 190 deg/s at most, come faster than the loop's 70 ms; the
   curved face then stands aslant, and pressing passes the asked 1.5 N by 0.3. In-plane all but two seeds settle within
-  0.35 s. Out-of-plane the noise alone keeps the angle above 1 deg for a third of the time at T = 5 s (10 mN of force noise is 0.8
-  deg), so that half a second below it is luck.
+  0.35 s. Out-of-plane the noise alone keeps the angle above 1 deg for a third of the time at T = 5 s (10 mN of force
+  noise is 0.8 deg), so that half a second below it is luck.
 - **Friction** changes nothing: in these motions the contact sticks from 0.1 on.
 - **Silence.** The loop holds still for the 0.1 s that it knows of the silence, and goes on by itself: that is what is
   counted as leaving `hold`.
-- **Inertia.** The servo's model is as good as an accelerometer. Second differences of the feedback, a cycle late and more,
-  are as bad as nothing: in-plane a little better, out-of-plane worse. While the robot had a bound of 30 rad/s^2 of
+- **Inertia.** The servo's model is as good as an accelerometer. Second differences of the feedback, a cycle late and
+  more, are as bad as nothing: in-plane a little better, out-of-plane worse. While the robot had a bound of 30 rad/s^2 of
   which the model did not know, ours at T = 2 s fell into an oscillation with some seeds and stopped at 20 N: what the
   model says must be so. The lab's bound is now that of the torques, 100 rad/s^2; the row with 30 shows what is left.
 - **Drift** is predicted with the nominal radius and force: out-of-plane it is a tenth more than predicted, in-plane a
