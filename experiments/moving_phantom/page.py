@@ -368,9 +368,10 @@ As it came in these runs, two at a time on a machine that did other work as well
 - **Silence.** The loop holds still for the 0.1 s that it knows of the silence, and goes on by itself: that is what is
   counted as leaving `hold`.
 - **Inertia.** The servo's model is as good as an accelerometer. Second differences of the feedback, a cycle late and
-  more, are as bad as nothing: in-plane a little better, out-of-plane worse. While the robot had a bound of 30 rad/s^2 of
-  which the model did not know, ours at T = 2 s fell into an oscillation with some seeds and stopped at 20 N: what the
-  model says must be so. The lab's bound is now that of the torques, 100 rad/s^2; the row with 30 shows what is left.
+  more, are as bad as nothing: in-plane a little better, out-of-plane worse. While the robot had a bound of 30 rad/s^2
+  of which the model did not know, ours at T = 2 s fell into an oscillation with some seeds and stopped at 20 N: what
+  the model says must be so. The lab's bound is now that of the torques, 100 rad/s^2; the row with 30 shows what is
+  left.
 - **Drift** is predicted with the nominal radius and force: out-of-plane it is a tenth more than predicted, in-plane a
   third of it, for the larger radius. The stop comes early enough with the noise taken off, without room.
 - **Probes.** The face of the linear probe is flat: its contact moves with the angle by a gain that depends on the
