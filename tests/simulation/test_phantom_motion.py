@@ -11,6 +11,7 @@ from palpate.simulation.phantom.motion import MOTIONS, Breathing, Motion, Sine, 
 ALL = [motion(name, seed=3) for name in MOTIONS] + [
     Motion(Breathing(0.01), Sine(0.1, 3.0), Sine(-0.15, 2.0)),
     Motion(in_plane=Step(0.17, 0.5), out_of_plane=Step(-0.1, 0.55)),
+    Motion(in_plane=Sine(0.1, 3.0), out_of_plane=Sine(-0.15, 2.0), spin=Sine(0.3, 2.5)),
 ]
 
 

@@ -2,7 +2,7 @@
 
 The phantom's frame has its origin in the middle of the flat surface and its z along the outward normal. At rest x and y
 lie along the probe's long side and across it, so that turning about y is the paper's in-plane motion and turning about
-x its out-of-plane motion. T_rest_phantom(t) = translation (0, 0, h), then R = Ry(a) Rx(b).
+x its out-of-plane motion. T_rest_phantom(t) = translation (0, 0, h), then R = Ry(a) Rx(b) Rz(c).
 """
 
 from __future__ import annotations
@@ -104,17 +104,19 @@ class Sum:
 
 @dataclass(frozen=True)
 class Motion:
-    """Height [m] and the two angles [rad] of the surface; still before it begins.
+    """Height [m] and the angles [rad] of the surface; still before it begins.
 
     Attributes:
         height: along the base's z.
         in_plane, out_of_plane: about the surface's y and x.
+        spin: about its normal.
         begin: when, on the lab's clock [s].
     """
 
     height: Profile = Still()
     in_plane: Profile = Still()
     out_of_plane: Profile = Still()
+    spin: Profile = Still()
     begin: float = 2.0
 
     def offset(self, time: float) -> Float[np.ndarray, "6 3"]:
@@ -124,14 +126,14 @@ class Motion:
             (6, 3): rows 0 to 2 the rotation, then the origin's place [m], its velocity [m/s], angular velocity [rad/s].
         """
         since = time - self.begin
-        if since < 0.0:
-            (h, dh), (a, da), (b, db) = (0.0, 0.0), (0.0, 0.0), (0.0, 0.0)
-        else:
-            (h, dh), (a, da), (b, db) = self.height(since), self.in_plane(since), self.out_of_plane(since)
-        ca, sa, cb, sb = cos(a), sin(a), cos(b), sin(b)
+        still = Still() if since < 0.0 else None
+        profiles = (self.height, self.in_plane, self.out_of_plane, self.spin)
+        (h, dh), (a, da), (b, db), (c, dc) = ((still or profile)(since) for profile in profiles)
+        ca, sa, cb, sb, cc, sc = cos(a), sin(a), cos(b), sin(b), cos(c), sin(c)
         return np.array(
-            [(ca, sa * sb, sa * cb), (0.0, cb, -sb), (-sa, ca * sb, ca * cb),
-             (0.0, 0.0, h), (0.0, 0.0, dh), (db * ca, da, -db * sa)]
+            [(ca * cc + sa * sb * sc, sa * sb * cc - ca * sc, sa * cb), (cb * sc, cb * cc, -sb),
+             (ca * sb * sc - sa * cc, sa * sc + ca * sb * cc, ca * cb), (0.0, 0.0, h), (0.0, 0.0, dh),
+             (db * ca + dc * sa * cb, da - dc * sb, dc * ca * cb - db * sa)]
         )  # fmt: skip
 
 
