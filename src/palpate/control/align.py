@@ -93,7 +93,7 @@ class AlignController:
         self._inertia = _filled(surface, mount.rotation, mass) if inertia is None else np.array(inertia, dtype=float)
         self._allocate(len(arm.names))
         drift, lever = np.asarray(self.limits.drift), float(np.linalg.norm(self._tip))
-        self._drifts = float(drift[1] + drift[0] * lever) / self.force / float(face.radii(self.force).min())  # rad/s
+        self._drifts = float(drift[1] + drift[0] * lever) / self.force  # m/s that a contact seems to move
         self._tared: float | None = None
 
     def _allocate(self, count: int) -> None:
@@ -130,9 +130,9 @@ class AlignController:
         """[rad] by which drift within its bounds may have turned the probe since the tare.
 
         A torque of dM, or a sideways force of dF at the tip's distance, moves the contact by dM/force, and that turns
-        the probe by as much over the smaller radius of its face.
+        the probe by as much over the smaller of the face's radii, as the law knows them by now.
         """
-        return 0.0 if self._tared is None else (self._time - self._tared) * self._drifts
+        return 0.0 if self._tared is None else (self._time - self._tared) * self._drifts / float(self.law.radii.min())
 
     def tare(self, recording: Recording, time: float) -> Tare:
         """What the untouched sensor reads is taken off from now on (`WrenchEstimator.tare`); the drift begins anew."""

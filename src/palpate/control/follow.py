@@ -61,7 +61,7 @@ class Follow:
         self._readings, self._variances = np.zeros(3), np.array([0.0, 0.0, HEIGHT_FLOOR**2])
         self._grid = np.geomspace(SOFTEST * self.stiffest, self.stiffest, 10)
         self._table = np.array([face.radii(self.force, each) for each in self._grid])  # now: it takes 20 ms each
-        self._radii = np.zeros(2)
+        self.radii = np.zeros(2)
         self._know_radii()
         self._observed, self._smoothed, self._target = kernel.observed, kernel.smoothed, kernel.target
         self._sums, self._right = np.zeros((3, 3)), np.zeros(3)
@@ -109,7 +109,8 @@ class Follow:
         out: Float[np.ndarray, " 6"],
     ) -> None:
         """To where the surface will be when the command is met: tip on it, axis against it, no spin."""
-        values, rates = self.bank.predict(time - self._time + self.late + float(SMOOTHING[0]))
+        behind = float(SMOOTHING[0]) - 0.5 * period  # a command is already led there over the period that it begins
+        values, rates = self.bank.predict(time - self._time + self.late + behind)
         values[2] -= (SMOOTHING[0] - SMOOTHING[2]) * rates[2]
         self._smoothed(values, SMOOTHING, period, self._smooth, self._rate)
         self._target(self._smooth, self._axes, self._origin, self.depth, rotation, tip, out)
@@ -117,10 +118,10 @@ class Follow:
     def _read(self, seen: Sensed) -> float:
         """Readings of the surface and their variances; the force that presses [N]."""
         for k in (0, 1):
-            self._variances[k] = max(ANGLE_FLOOR**2, float(seen.variance[k] / self._radii[k] ** 2))
+            self._variances[k] = max(ANGLE_FLOOR**2, float(seen.variance[k] / self.radii[k] ** 2))
         values, _ = self.bank.predict(seen.time - self._time)
         contact = (seen.place, seen.force, seen.rotation, seen.tip)
-        frame = (self._radii, self._axes, self._origin)
+        frame = (self.radii, self._axes, self._origin)
         return self._observed(*contact, *frame, values, self.force, self.stiffness, self._readings)
 
     def _learn(self, seen: Sensed, pressing: float) -> None:
@@ -141,9 +142,9 @@ class Follow:
             compliance = 0.5 * float(fitted[2]) / self.force
             if compliance > 1.0 / self.stiffest:
                 self.stiffness = 1.0 / compliance
-        before = self._radii.copy()
+        before = self.radii.copy()
         self._know_radii()
-        angles = self.bank.predict(0.0)[0][:2] * before / self._radii
+        angles = self.bank.predict(0.0)[0][:2] * before / self.radii
         height = float(self._readings[2])
         self.bank.start([*angles, height])
         self._smooth[:2], self._smooth[2] = angles, height
@@ -154,4 +155,4 @@ class Follow:
     def _know_radii(self) -> None:
         """How far the contact moves for an angle, by the stiffness."""
         for k in (0, 1):
-            self._radii[k] = np.interp(np.log(self.stiffness), np.log(self._grid), self._table[:, k])
+            self.radii[k] = np.interp(np.log(self.stiffness), np.log(self._grid), self._table[:, k])

@@ -38,6 +38,9 @@ class MotionLaw(Protocol):
     late: float
     """[s] from a command to the motion; the loop sets it."""
 
+    radii: Float[np.ndarray, " 2"]
+    """[m/rad] by how much the contact moves for an angle, along the face and across."""
+
     ready: bool
     """Whether what it needs to know for `hold` is known."""
 

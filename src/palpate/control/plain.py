@@ -58,7 +58,8 @@ class Plain:
             raise InputError(f"the bandwidth of the angle must be positive, not {bandwidth} rad/s.")
         self.face, self.force, self.pushing = face, float(force), pushing
         settles = pushing.mass / pushing.damping
-        across = face.radii(self.force)[::-1].tolist()  # about x counts the radius along y
+        self.radii = face.radii(self.force)
+        across = self.radii[::-1].tolist()  # about x counts the radius along y
         self.turning = tuple(Admittance(settles * r / bandwidth, r / bandwidth) for r in across)
         servo = Servo() if servo is None else servo
         cycles = round(servo.delay / servo.period)
