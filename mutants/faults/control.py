@@ -78,4 +78,42 @@ FAULTS: list[Fault] = [
             "require_stable",
         ),
     ),
+    *of(
+        "control/_align.py",
+        "tests/control/test_follow.py",
+        ("turning the payload has no gyroscopic part", "spent = gyro[i]", "spent = 0.0"),
+        (
+            "too much force is a surface that is further",
+            "(pressing - wanted) / stiffness",
+            "(wanted - pressing) / stiffness",
+        ),
+        ("the lowest point is taken for the tip", "along * local[0] + across * local[1]", "0.0 * along"),
+        ("the tip stays on the first axis", "depth * n[i]", "depth * axes[i, 2]"),
+    ),
+    *of(
+        "control/_motion_bank.py",
+        "tests/control/test_motion_bank.py",
+        ("what was seen long ago counts as much", "np.exp(-dt / memory)", "np.exp(-0.0 * dt / memory)"),
+        ("a filter that foresees ill keeps its own state", "filters[c, i, 9] < LEAST", "filters[c, i, 9] < -1e9"),
+        ("the spread between filters is left out", "filters[i, k] + apart", "filters[i, k] + 0.0 * apart"),
+    ),
+    *of(
+        "control/_servo.py",
+        "tests/control/test_servo_model.py",
+        ("a ramp is met as late as a step", "slope = whole / ramp if moving else 0.0", "slope = 0.0"),
+        ("the free motion is not damped critically", "change = b * decay - w * free", "change = -w * free"),
+    ),
+    *of(
+        "control/probe_face.py",
+        "tests/control/test_probe_face.py",
+        ("a light touch presses as deep as any", "volume * ratio > patch", "volume * ratio > 0.5 * patch"),
+        ("the centre of pressure is where the force leaves", "float(ahead[near].max()) * np.sin(lean)", "0.0"),
+    ),
+    *of(
+        "control/supervisor.py",
+        "tests/control/test_supervisor.py",
+        ("saturation is silence", "status == Status.SATURATED and self.state != State.APPROACH", "False"),
+        ("a lost contact is never given up", "time - self._since > self.limits.patience", "False"),
+        ("what stopped can stop anew", "self.state != State.STOPPED", "True"),
+    ),
 ]
