@@ -8,10 +8,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from benchmarks.control import WANTED, Press, bent, elbow_arm, press
+from palpate.contact import WrenchEstimator
 from palpate.control.align import AlignController
 from palpate.control.servo import Servo
 from palpate.control.supervisor import Limits, State
 from palpate.errors import InputError
+from palpate.sensors.filters import Butterworth
 
 RATE = 200.0
 
@@ -100,6 +102,15 @@ ANY = st.floats(allow_nan=True, allow_infinity=True)
 WRENCH = st.none() | st.lists(ANY | st.floats(-30.0, 30.0), min_size=6, max_size=6)
 JOINTS = st.lists(ANY | st.floats(-3.0, 3.0), min_size=6, max_size=6)
 STEP = st.sampled_from([0.005, 0.005, 0.02, 0.0, -1.0, 0.3, 10.0, np.nan])
+
+
+def test_an_estimator_that_filters_is_refused() -> None:
+    """`Follow` predicts over the delays that it knows of, and a filter's is not among them."""
+    unfiltered = press(elbow_arm(), Servo())
+    locator, sensor = unfiltered.estimator.locator, unfiltered.estimator.sensor
+    filtered = WrenchEstimator(locator, sensor, filter=Butterworth(10.0), rate=RATE)
+    with pytest.raises(InputError, match="without a filter"):
+        AlignController(unfiltered.arm, filtered)
 
 
 class Rough:

@@ -51,7 +51,8 @@ class AlignController:
             robot turns the probe.
 
     Raises:
-        InputError: the limit on force is not above the wanted force; or the surface is no mesh and no face is given.
+        InputError: the limit on force is not above the wanted force; the surface is no mesh and no face is given; or
+            the estimator filters, and `Follow` would be late by what it does not know of.
     """
 
     def __init__(
@@ -70,6 +71,8 @@ class AlignController:
 
         self._kernel = kernel
         surface = estimator.locator.surface
+        if law is None and estimator.filter is not None:
+            raise InputError("the estimator filters, which this law does itself.", hint="Build it without a filter.")
         if face is None:
             if not isinstance(surface, Mesh):
                 raise InputError("the estimator's surface is no mesh: state the probe's face.", where="face")
