@@ -88,7 +88,7 @@ def test_the_edge_is_where_the_loop_begins_to_grow(robot: DelayedRobot) -> None:
 
 
 @pytest.mark.parametrize("mass", [1.0, 10.0])
-@pytest.mark.parametrize("share", [0.1, 0.6, 1.4])
+@pytest.mark.parametrize("share", [0.1, 1.4])
 def test_the_bounds_of_the_remarks_come_out(mass: float, share: float) -> None:
     """Without delay dt D/M + K dt^2/(2 M) < 2, with one cycle of it K dt < D whatever M; to rounding."""
     admittance = Admittance(mass, share * mass / DT)
@@ -138,7 +138,7 @@ def watched(robot: DelayedRobot, tracker: Tracker, ratio: float, cycles: int = 4
     return max(seen[-third:]) / max(seen[third:-third])
 
 
-@pytest.mark.parametrize(("ratio", "smoothing"), [(2.0, 0.0), (2.6, 0.0), (1.0, 0.068)])
+@pytest.mark.parametrize(("ratio", "smoothing"), [(2.6, 0.0), (1.0, 0.068)])
 def test_an_observer_is_stable_below_a_bandwidth(ratio: float, smoothing: float) -> None:
     """Its edge lies where the loop, written out, begins to grow: 10 % inside it decays, 10 % outside it grows."""
     robot = DelayedRobot(DT, delay=1, ramp=True, lag=0.03, order=2, smoothing=smoothing)
