@@ -47,6 +47,15 @@ def test_a_short_run_holds_force_and_angle() -> None:
     )
 
 
+def test_less_noise_does_not_make_the_loop_swing() -> None:
+    """A hundredth of it: a filter that believed its readings would turn faster than the loop's delay and oscillate."""
+    noise = {"force_noise": 4e-4, "torque_noise": 1.5e-5}
+    found = traces([sine("quiet", "out-of-plane", 5, judged=0.5, begin=2.2, lab=noise)], 0)["quiet"]
+    assert found.lost == 0
+    assert found.mean < 0.8  # what noise leaves at most of the usual one is asked to be below 1.1
+    assert found.off() < 0.2
+
+
 def test_the_first_second_is_judged_apart() -> None:
     found = Found([made_up(sine("one", "in-plane", 10)), made_up(sine("one", "in-plane", 10), 0.7, 7.3)])
     assert found.mean == pytest.approx(0.6)

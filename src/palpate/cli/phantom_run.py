@@ -34,8 +34,8 @@ FORCE = 7.0  # N, of the paper
 METHODS = ("ours", "paper")
 PAPER_PUSH = (10.0, 282.0)  # kg, N s/m of (7): not in the paper; fitted to its T = 10 s (experiments/moving_phantom)
 PAPER_TURN = 2.6  # rad/s of (8): likewise, to the mean in-plane angle
-LAG = 0.068  # s of the paper's Kalman filter at 200 Hz
 STIFFEST = 2500.0  # N/m of the phantom
+SAMPLES = 200  # averaged in each free pose
 ACCURATE = (0.04, 0.04, 0.04, 1.5e-3, 1.5e-3, 1.5e-3)  # N, N m: what the sensor's maker states
 
 
@@ -58,8 +58,8 @@ def phantom_arm(probe: Probe) -> Arm:
 
 def phantom_payload(lab: PhantomLab) -> Payload:
     """Of the probe, identified in free poses as one would."""
-    wrenches, rotations = lab.free_wrenches()
-    return identify_payload(wrenches, rotations, noise=np.array(ACCURATE) / 200**0.5)
+    wrenches, rotations = lab.free_wrenches(samples=SAMPLES)
+    return identify_payload(wrenches, rotations, noise=np.array(ACCURATE) / SAMPLES**0.5)
 
 
 def controller_for(lab: PhantomLab, method: str = "ours", limits: Limits | None = None) -> AlignController:
@@ -76,8 +76,8 @@ def controller_for(lab: PhantomLab, method: str = "ours", limits: Limits | None 
     law, filter = None, None
     if method == "paper":
         filter = Kalman()
-        pushing = Admittance(*PAPER_PUSH)
-        law = Plain(face, FORCE, pushing, PAPER_TURN, stiffest=STIFFEST, servo=servo, rate=rate, smoothing=LAG)
+        pushing, lag = Admittance(*PAPER_PUSH), float(filter.delay(0.0, rate))
+        law = Plain(face, FORCE, pushing, PAPER_TURN, stiffest=STIFFEST, servo=servo, rate=rate, smoothing=lag)
     estimator = WrenchEstimator(Locator(mesh), sensor, filter=filter, rate=rate)
     arm = phantom_arm(lab.probe)
     return AlignController(arm, estimator, FORCE, face=face, servo=servo, limits=limits, law=law)

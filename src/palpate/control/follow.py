@@ -54,8 +54,8 @@ class Follow:
                 f"force ({force:g} N) must be positive, and stiffness ({stiffness:g} N/m) between 0 and the "
                 f"stiffest ({stiffest:g} N/m)."
             )
-        self.face, self.force, self.stated, self.stiffest = face, float(force), float(stiffness), float(stiffest)
-        self.stiffness, self.late, self.ready = self.stated, 0.07, False
+        self.face, self.force, self.stiffness, self.stiffest = face, float(force), float(stiffness), float(stiffest)
+        self.late, self.ready = 0.07, False
         self.bank = MotionBank(SIZES)
         self._axes, self._origin = np.eye(3), np.zeros(3)
         self._readings, self._variances = np.zeros(3), np.array([0.0, 0.0, HEIGHT_FLOOR**2])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from jaxtyping import Float
 
@@ -65,9 +67,11 @@ class Plain:
         cycles = round(servo.delay / servo.period)
         robot = DelayedRobot(servo.period, cycles, servo.ramp > 0, servo.lag, 2, smoothing)
         require_stable(robot, pushing, stiffest)
+        low_pass = Butterworth(LOW_PASS)  # of the place alone: the force goes without
+        robot = replace(robot, smoothing=smoothing + float(low_pass.delay(0.0, rate)))
         for about, radius in zip(self.turning, across, strict=True):
             require_stable(robot, about, radius, "orientation")
-        self._low_pass = Forward(Butterworth(LOW_PASS).recursion(rate), rate, 2)
+        self._low_pass = Forward(low_pass.recursion(rate), rate, 2)
         self._time, self._place = np.zeros(1), np.zeros((1, 2))
         self._off, self._turn, self._speed = 0.0, np.zeros(2), 0.0
 
