@@ -14,6 +14,7 @@ from palpate.io.logs.layout import Layout
 from palpate.io.models import load_toml
 from palpate.io.rig.kinds import KINDS, SensorKind
 from palpate.io.rig.pokes import RigPokes
+from palpate.io.rig.source import RigSource
 from palpate.io.rig.surface import RigSurface
 from palpate.io.rig.tables import RigAcceleration, RigEstimate, RigFilter, RigForceTorque, RigOrientation, RigTime
 from palpate.io.schema import parse
@@ -37,6 +38,7 @@ class Rig:
         sensors: name of a sensor's table -> what it says, as the dataclass of `palpate.io.rig.kinds.KINDS`.
         time, orientation, acceleration, filter, estimate, contacts: the other tables.
         pokes: of a skin whose taxels are to be found; None: there are none.
+        source: of live samples; None: the rig is for logs.
         folder: where relative paths start.
     """
 
@@ -49,6 +51,7 @@ class Rig:
     estimate: RigEstimate = field(default_factory=RigEstimate)
     contacts: TaxelSettings = field(default_factory=TaxelSettings)
     pokes: RigPokes | None = None
+    source: RigSource | None = None
     folder: Path = field(default_factory=Path)
 
     @property
@@ -122,6 +125,17 @@ class Rig:
                 if (path := getattr(table, key, None)) is not None:
                     named[key] = self.folder / path
         return named
+
+    def stream(self) -> RigSource:
+        """Where live samples come from.
+
+        Raises:
+            InputError: the rig does not say.
+        """
+        if self.source is None:
+            hint = 'Add a [source] with kind and address; `palpate rig new --source netft` writes one.'
+            raise InputError("the rig has no [source], so there is nothing live.", where="rig", hint=hint)
+        return self.source
 
     def mount(self) -> Pose:
         """T_sensor_surface; the identity where there is no surface."""

@@ -1,0 +1,129 @@
+"""What a source of live samples is, whatever the device: it fills a batch, and says what went wrong on the way."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import DTypeLike
+
+if TYPE_CHECKING:
+    from palpate.io.rig.rig import Rig
+
+__all__ = ["BATCH", "SOURCES", "Batch", "Source", "open_source"]
+
+BATCH = 1024  # samples that a source gives at once, at most
+SILENT = 5.0  # s without a sample, after which a source says so
+
+
+class Batch:
+    """Samples as a source gives them; the arrays are filled again and again.
+
+    Attributes:
+        stamp: (size,) int64 [ns] since 1970: when each arrived, by the kernel where it says so.
+        lost: (size,) int64: samples missing just before it, by the device's counter; 0 where it has none.
+        values: (size, *shape) as a log of the same rig holds them: a wrench force first, in the rig's units and axes.
+        orientation: (size, 4) quaternion x, y, z, w of the sensor in the base, NaN where the source knows none.
+        position: (size, 3) [m].
+        acceleration: (size, 3), in the rig's unit, NaN where the source knows none.
+    """
+
+    def __init__(self, shape: tuple[int, ...], size: int = BATCH, dtype: DTypeLike = np.float64) -> None:
+        self.stamp = np.zeros(size, dtype=np.int64)
+        self.lost = np.zeros(size, dtype=np.int64)
+        self.values = np.zeros((size, *shape), dtype=dtype)
+        self.orientation = np.full((size, 4), np.nan)
+        self.position = np.full((size, 3), np.nan)
+        self.acceleration = np.full((size, 3), np.nan)
+
+    def __len__(self) -> int:
+        return len(self.stamp)
+
+
+@runtime_checkable
+class Source(Protocol):
+    """A device, or what stands for one. Nothing is opened before `open`; a lost connection is mended by `receive`.
+
+    Attributes:
+        shape: of one sample: (6,) of a wrench.
+        dtype: of its numbers: float64; uint8 of images.
+    """
+
+    shape: tuple[int, ...]
+    dtype: DTypeLike
+
+    def open(self) -> None:
+        """Connect.
+
+        Raises:
+            InputError: there is no such device, no permission, or it is another one: a sentence that says how to mend it.
+        """
+        ...
+
+    def receive(self, batch: Batch, timeout: float) -> int:
+        """Every sample that waits, as many as the batch holds; waits for the first as long as `timeout` [s].
+
+        Returns:
+            how many; 0 when none came, or a connection was lost and is not back yet.
+        """
+        ...
+
+    def said(self) -> list[str]:
+        """What happened since this was last asked, one sentence each: connected, a gap, a restart, no samples for 5 s."""
+        ...
+
+    def close(self) -> None:
+        """Leave the device as it was found; may be called twice, and without `open`."""
+        ...
+
+
+def _netft(rig: Rig) -> Source:
+    from palpate.io.live.netft import NetFt
+
+    return NetFt.of(rig)
+
+
+def _serial(rig: Rig) -> Source:
+    from palpate.io.live.serial import SerialPort
+
+    return SerialPort.of(rig)
+
+
+def _ros2(rig: Rig) -> Source:
+    from palpate.io.live.ros2 import RosTopics
+
+    return RosTopics.of(rig)
+
+
+def _camera(rig: Rig) -> Source:
+    from palpate.io.live.camera import Camera
+
+    return Camera.of(rig)
+
+
+def _replay(rig: Rig) -> Source:
+    from palpate.io.live.replay import Replay
+
+    return Replay.of(rig)
+
+
+SOURCES: Mapping[str, Callable[[Rig], Source]] = {
+    "netft": _netft,
+    "serial": _serial,
+    "ros2": _ros2,
+    "camera": _camera,
+    "replay": _replay,
+}
+"""Kind of [source] in a rig -> the source that it says, not opened yet. Add a row, and every command takes it."""
+
+
+def open_source(rig: Rig) -> Source:
+    """The source of a rig, connected.
+
+    Raises:
+        InputError: the rig has no [source], or the device cannot be opened.
+    """
+    source = SOURCES[rig.stream().kind](rig)
+    source.open()
+    return source
