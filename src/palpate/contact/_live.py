@@ -1,4 +1,4 @@
-"""Compiled: from one live reading to a row of `estimate.ROW`, in one call, because each call from Python costs 2 us.
+"""Compiled: from live readings to rows of `estimate.ROW`, in one call, because each call from Python costs 2 us.
 
 The steps are those of the blocks, and so are the bits. What a sensor is made of comes packed, since every array that
 is handed over costs 0.15 us: `memory` holds the arrays that `constants` of the sensor names, one behind the other, and
@@ -42,12 +42,13 @@ def _vector(memory, table, k):
 
 
 @entry
-def load_cells(inputs, memory, table, memory_of_blame, noises, nodes, corners, settings, state, row):
-    """Inputs are the voltages (m,); noises (0, 6, 6), for the sensor always knows its own."""
-    wrenches, statuses, which = np.empty((1, 6)), np.empty(1, np.int8), np.empty(1, np.int64)
-    extra, located, covariances = np.empty((1, 6, 6)), np.empty((1, 6)), np.empty((1, 6, 6))
+def load_cells(inputs, memory, table, memory_of_blame, noises, nodes, corners, settings, state, rows):
+    """Inputs are the voltages (n m,) of n samples; noises (0, 6, 6), for the sensor always knows its own."""
+    n = len(rows)
+    wrenches, statuses, which = np.empty((n, 6)), np.empty(n, np.int8), np.empty(n, np.int64)
+    extra, located, covariances = np.empty((n, 6, 6)), np.empty((n, 6)), np.empty((n, 6, 6))
     _load_cells.measure(
-        inputs.reshape((1, len(inputs))),
+        inputs.reshape((n, len(inputs) // n)),
         _matrix(memory, table, 0),
         _matrix(memory, table, 1),
         _stack(memory, table, 2),
@@ -73,17 +74,21 @@ def load_cells(inputs, memory, table, memory_of_blame, noises, nodes, corners, s
         located,
         covariances,
     )
-    estimate_many(located, covariances, statuses, nodes, corners, settings, state, True, row.reshape((1, len(row))))
+    estimate_many(located, covariances, statuses, nodes, corners, settings, state, True, rows)
 
 
 @entry
-def force_torque(inputs, memory, table, unused, noises, nodes, corners, settings, state, row):
-    """Inputs (19,): reading, rotation, acceleration, age; noises (1, 6, 6) if the sensor knows none, or (0, 6, 6)."""
-    wrenches, statuses, located = np.empty((1, 6)), np.empty(1, np.int8), np.empty((1, 6))
-    rotations, accelerations = inputs[6:15].reshape((1, 3, 3)), inputs[15:18].reshape((1, 3))
-    load, covariances = _vector(memory, table, 1), np.empty((1, 6, 6))
+def force_torque(inputs, memory, table, unused, noises, nodes, corners, settings, state, rows):
+    """Inputs (20 n,) of n samples, as `Compensation.inputs` lays them out.
+
+    Noises (1, 6, 6) if the sensor knows none, or (0, 6, 6).
+    """
+    n = len(rows)
+    wrenches, statuses, located = np.empty((n, 6)), np.empty(n, np.int8), np.empty((n, 6))
+    rotations, accelerations = inputs[6 * n : 15 * n].reshape((n, 3, 3)), inputs[15 * n : 18 * n].reshape((n, 3))
+    load, covariances = _vector(memory, table, 1), np.empty((n, 6, 6))
     _compensation.compensate(
-        inputs[:6].reshape((1, 6)),
+        inputs[: 6 * n].reshape((n, 6)),
         rotations,
         accelerations,
         _vector(memory, table, 0),
@@ -97,8 +102,8 @@ def force_torque(inputs, memory, table, unused, noises, nodes, corners, settings
         wrenches,
         rotations,
         accelerations,
-        np.zeros((1, 1)),
-        inputs[18:].reshape((1, 1)),
+        inputs[18 * n : 19 * n].reshape((n, 1)),
+        inputs[19 * n :].reshape((n, 1)),
         np.ones(1),
         load,
         _matrix(memory, table, 4),
@@ -110,4 +115,4 @@ def force_torque(inputs, memory, table, unused, noises, nodes, corners, settings
         covariances,
     )
     each = noises if len(noises) > 0 else covariances
-    estimate_many(located, each, statuses, nodes, corners, settings, state, True, row.reshape((1, len(row))))
+    estimate_many(located, each, statuses, nodes, corners, settings, state, True, rows)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Bool, Float, Int, Int8
 
-from palpate.contact.estimate import ContactEstimate
+from palpate.contact.estimate import ROW, ContactEstimate
 
 if TYPE_CHECKING:
     import polars as pl
@@ -57,6 +57,20 @@ class Contacts:
         """One contact a sample, the samples counted from `first`."""
         count = len(time)
         return cls(first + np.arange(count), time, np.zeros(count, dtype=np.int64), estimate)
+
+    @classmethod
+    def of_rows(
+        cls,
+        sample: Int[np.ndarray, " n"],
+        time: Float[np.ndarray, " n"],
+        rows: Float[np.ndarray, "n width"],
+        features: Sequence[str],
+    ) -> Contacts:
+        """From rows of a `ContactEstimator`: `ROW`, then its features, then the identity where there are several."""
+        end = ROW.length + len(features)
+        columns = {name: rows[:, ROW.length + k].copy() for k, name in enumerate(features)}
+        identity = rows[:, end].astype(np.int64) if rows.shape[1] > end else np.zeros(len(rows), dtype=np.int64)
+        return cls(sample, time, identity, ContactEstimate.from_rows(rows[:, : ROW.length]), columns)
 
     @classmethod
     def joined(cls, parts: Sequence[Contacts]) -> Contacts:

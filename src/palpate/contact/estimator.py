@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
+from types import MappingProxyType
 from typing import Protocol, runtime_checkable
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from numpy.typing import ArrayLike
 
 from palpate.contact.contacts import Contacts
@@ -14,7 +15,9 @@ from palpate.sensors.recording import Recording
 from palpate.sensors.wrench_sensor import Tare
 from palpate.spatial.pose import Pose
 
-__all__ = ["ContactEstimator"]
+__all__ = ["NOTHING_BESIDE", "ContactEstimator"]
+
+NOTHING_BESIDE: Mapping[str, np.ndarray] = MappingProxyType({})
 
 
 @runtime_checkable
@@ -29,6 +32,11 @@ class ContactEstimator(Protocol):
     @property
     def features(self) -> tuple[str, ...]:
         """Names of the columns that the sensor adds."""
+        ...
+
+    @property
+    def most(self) -> int:
+        """Rows that one sample has at most."""
         ...
 
     @property
@@ -75,6 +83,28 @@ class ContactEstimator(Protocol):
         acceleration: ArrayLike | None = None,
     ) -> int:
         """`update` into rows of `empty`; how many were written."""
+        ...
+
+    def run_into(
+        self,
+        time: Float[np.ndarray, " n"],
+        readings: np.ndarray,
+        out: Float[np.ndarray, "rows width"],
+        counts: Int[np.ndarray, " n"],
+        beside: Mapping[str, np.ndarray] = NOTHING_BESIDE,
+    ) -> int:
+        """`run` of arrays into rows of `empty`, for streams.
+
+        Args:
+            time: [s].
+            readings: (n, ...) as `update` takes each.
+            out: written from its first row on.
+            counts: how many rows each sample has, in order.
+            beside: other channels of a `Recording`, such as `ORIENTATION`, as far as they are known.
+
+        Returns:
+            how many samples were answered: all, or as many as have room in `out`. Give the others again.
+        """
         ...
 
     def notes(self) -> tuple[str, ...]:

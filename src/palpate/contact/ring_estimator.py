@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +10,8 @@ from jaxtyping import Float, Int, UInt8
 from numpy.typing import ArrayLike
 
 from palpate.contact.contacts import Contacts
-from palpate.contact.estimate import ROW, ContactEstimate, Status
+from palpate.contact.estimate import ROW, Status
+from palpate.contact.estimator import NOTHING_BESIDE
 from palpate.contact.ring_locator import RingFound, RingLocator, RingSettings
 from palpate.errors import InputError
 from palpate.sensors.marker_ring import MarkerRing
@@ -65,6 +66,11 @@ class RingEstimator:
         self.tracker = MarkerTracker(ring.view, ring.colour, ring.rest, ring.area)
         self._widths = _dent_widths(ring)
         self.reset()
+
+    @property
+    def most(self) -> int:
+        """Contacts of one frame."""
+        return self.locator.most
 
     def empty(self, *batch: int) -> Float[np.ndarray, "*batch width"]:
         """Rows for `update_into`: `contact.estimate.ROW`, then `features`, then the identity."""
@@ -198,6 +204,23 @@ class RingEstimator:
         rows[:count] = made[:count]
         return count
 
+    def run_into(
+        self,
+        time: Float[np.ndarray, " n"],
+        readings: UInt8[np.ndarray, "n h w 3"],
+        out: Float[np.ndarray, "rows width"],
+        counts: Int[np.ndarray, " n"],
+        beside: Mapping[str, np.ndarray] = NOTHING_BESIDE,
+    ) -> int:
+        """`run` of arrays; see `ContactEstimator`. What is known beside makes no difference."""
+        used = 0
+        for n, (when, image) in enumerate(zip(time.tolist(), readings, strict=True)):
+            if used + self.most > len(out):
+                return n
+            counts[n] = self.update_into(when, image, out[used:])
+            used += int(counts[n])
+        return len(time)
+
     def notes(self) -> tuple[str, ...]:
         """What was met so far, one sentence each."""
         said = [*self.ring.notes, *([self._tared.said] if self._tared else [])]
@@ -226,9 +249,7 @@ class RingEstimator:
 
     def _answer(self, time: np.ndarray, found: RingFound, seen: np.ndarray, first: int) -> Contacts:
         rows, sample = self._rows(time, found, seen)
-        columns = {name: rows[:, ROW.length + k].copy() for k, name in enumerate(self.features)}
-        estimate = ContactEstimate.from_rows(rows[:, : ROW.length])
-        return Contacts(first + sample, time[sample], rows[:, -1].astype(np.int64), estimate, columns)
+        return Contacts.of_rows(first + sample, time[sample], rows, self.features)
 
     def _rows(self, time: np.ndarray, found: RingFound, seen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """At least one row a frame, and the frame of each."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from itertools import chain
 from math import inf
@@ -14,7 +14,7 @@ from jaxtyping import Float, Int
 from numpy.typing import ArrayLike
 
 from palpate.contact.contacts import Contacts
-from palpate.contact.estimate import ContactEstimate
+from palpate.contact.estimator import NOTHING_BESIDE
 from palpate.errors import InputError
 from palpate.sensors.filters import Filter
 from palpate.sensors.intensity import Curve, Intensity
@@ -23,6 +23,7 @@ from palpate.sensors.smoothing import BothWays, Forward
 from palpate.sensors.taxel_health import FEWEST, Health, at_rest, examine
 from palpate.sensors.taxels import TaxelBody
 from palpate.sensors.wrench_sensor import Tare
+from palpate.spatial._arrays import require_out
 from palpate.spatial.pose import Pose
 
 __all__ = ["FEATURES", "TaxelEstimator", "TaxelSettings"]
@@ -149,6 +150,11 @@ class TaxelEstimator:
         self._buffer = np.zeros((1, count)), np.zeros(1, dtype=np.int8), np.zeros(0)
         self._compile(health)
 
+    @property
+    def most(self) -> int:
+        """Contacts of one frame."""
+        return self._kernels.MOST
+
     def empty(self, *batch: int) -> Float[np.ndarray, "*batch w"]:
         """Rows for `update_into`: `contact.estimate.ROW`, then `features`, then the identity."""
         return np.zeros((*batch, self._width))
@@ -246,11 +252,7 @@ class TaxelEstimator:
     ) -> int:
         """`update` into rows of `empty`, for a control loop: how many are written, at least 1, as many as fit."""
         self._require_forward()
-        if self.health is None:
-            raise InputError(
-                "what the cells read at rest is not known.",
-                hint="Give health=examine(...), or call tare with a recording in which nothing touches.",
-            )
+        self._require_rest()
         width = self._kernels.AREA + len(self.features) + 1
         if (
             out.dtype != np.float64
@@ -267,6 +269,21 @@ class TaxelEstimator:
         raw[0] = frame.reshape(-1) if fits else np.nan
         raw[np.abs(raw) > LARGEST] = np.nan  # a fault of the sensor
         return self._run(when, raw, self._buffer, out.reshape(-1, width), rows, self._buffer[0][:0])[1]
+
+    def run_into(
+        self,
+        time: Float[np.ndarray, " n"],
+        readings: np.ndarray,
+        out: Float[np.ndarray, "rows width"],
+        counts: Int[np.ndarray, " n"],
+        beside: Mapping[str, np.ndarray] = NOTHING_BESIDE,
+    ) -> int:
+        """`run` of arrays; see `ContactEstimator`. What is known beside makes no difference."""
+        self._require_forward()
+        self._require_rest()
+        require_out(out, (None, self._width))
+        raw = self.body.readings(Recording(time, {CELLS: readings}, source="the stream"))
+        return self._run(time, raw, self._buffer, out, counts, self._buffer[0][:0])[0]
 
     def run(self, recording: Recording) -> Contacts:
         """The contacts of a block, at least one row a frame.
@@ -461,15 +478,19 @@ class TaxelEstimator:
     def _contacts(
         self, rows: Float[np.ndarray, "n w"], sample: Int[np.ndarray, " n"], time: Float[np.ndarray, " n"]
     ) -> Contacts:
-        start = self._kernels.AREA
-        columns = {name: rows[:, start + k].copy() for k, name in enumerate(self.features)}
-        estimate = ContactEstimate.from_rows(rows[:, :start])
-        return Contacts(sample, time, rows[:, -1].astype(np.int64), estimate, columns)
+        return Contacts.of_rows(sample, time, rows, self.features)
 
     def _rate(self) -> float:
         if self.rate is None:
             raise InputError("a filter needs the rate of the frames.", hint="Give rate in Hz.")
         return self.rate
+
+    def _require_rest(self) -> None:
+        if self.health is None:
+            raise InputError(
+                "what the cells read at rest is not known.",
+                hint="Give health=examine(...), or call tare with a recording in which nothing touches.",
+            )
 
     def _require_forward(self) -> None:
         if self._zero_phase:

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int8
+from jaxtyping import Float, Int, Int8
 from numpy.typing import ArrayLike
 
 from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import ROW, ContactEstimate
+from palpate.contact.estimator import NOTHING_BESIDE
 from palpate.contact.locate import Locator
 from palpate.contact.whole_touches import Located, joined, whole_touches
 from palpate.errors import InputError
@@ -19,7 +20,7 @@ from palpate.sensors.compensation import Compensation
 from palpate.sensors.filters import Filter
 from palpate.sensors.force_torque import ForceTorque
 from palpate.sensors.load_cell_array import LoadCellArray
-from palpate.sensors.recording import Recording
+from palpate.sensors.recording import Recording, apart
 from palpate.sensors.smoothing import BothWays, Forward
 from palpate.sensors.wrench_sensor import Measured, Placement, Tare, WrenchSensor
 from palpate.spatial._arrays import require_out
@@ -28,7 +29,7 @@ from palpate.spatial.pose import Pose
 __all__ = ["WrenchEstimator"]
 
 PIECE = 4096  # samples at a time: what lies between two steps stays in the cache
-ROW_SHAPE = (ROW.length,)
+ROWS_SHAPE = (None, ROW.length)
 ALL = np.ones(1)  # of the noise is left
 
 
@@ -63,19 +64,23 @@ class _Live:
         reading: ArrayLike,
         rotation: ArrayLike | None,
         acceleration: ArrayLike | None,
-        row: np.ndarray,
+        rows: np.ndarray,
     ) -> None:
         self._hold(time, reading, rotation, acceleration)
-        self.run(row)
+        self.run(rows)
 
-    def run(self, row: np.ndarray) -> None:
-        """The contact of the inputs that the sensor holds, into a row."""
+    def block(self, time: np.ndarray, readings: np.ndarray, beside: Mapping[str, np.ndarray], rows: np.ndarray) -> None:
+        """The contacts of some samples."""
+        self.run(rows, self._given[0].inputs(time, readings, beside))
+
+    def run(self, rows: np.ndarray, inputs: np.ndarray | None = None) -> None:
+        """The contacts of inputs that the sensor made, or of the ones that it holds, into rows."""
         sensor, _, placement = self._given
         if self._revision != sensor.revision:
             packed = self._pack(sensor.constants(placement))
-            self._arguments = sensor.held, *packed, sensor.state, *self._compiled
+            self._arguments = *packed, sensor.state, *self._compiled
             self._revision = sensor.revision
-        self._loop(*self._arguments, row)
+        self._loop(sensor.held if inputs is None else inputs, *self._arguments, rows)
 
 
 class WrenchEstimator:
@@ -107,6 +112,7 @@ class WrenchEstimator:
     """
 
     features: tuple[str, ...] = ()
+    most = 1
 
     def __init__(
         self,
@@ -144,7 +150,7 @@ class WrenchEstimator:
         if filter is None and isinstance(self.sensor, Compensation | LoadCellArray):
             self._live = _Live(self.sensor, self.locator, self._placement)
             if live:
-                self._live.run(self.empty(1)[0])
+                self._live.run(self.empty(1))
         self._placed(self.empty(1))  # compiles
         self.reset()
 
@@ -200,17 +206,40 @@ class WrenchEstimator:
         """`update` into a row of `empty()`, or the first of some, for a control loop; `ROW` says what stands where."""
         if self._zero_phase:
             self._require_forward()
-        row = out if out.ndim == 1 else out[0]
-        require_out(row, ROW_SHAPE)
+        rows = out[None] if out.ndim == 1 else out[:1]
+        require_out(rows, ROWS_SHAPE)
         if self._live is None:
             measured = self.sensor.single(time, reading, rotation, acceleration)
             located, covariances = self.sensor.place(measured, *self._filtered(measured), self._placement)
-            self.locator.run_into(located, covariances, measured.status, row[None])
+            self.locator.run_into(located, covariances, measured.status, rows)
         else:
-            self._live(time, reading, rotation, acceleration, row)
-        self._placed(row[None])
+            self._live(time, reading, rotation, acceleration, rows)
+        self._placed(rows)
         self._samples += 1
         return 1
+
+    def run_into(
+        self,
+        time: Float[np.ndarray, " n"],
+        readings: Float[np.ndarray, "n k"],
+        out: Float[np.ndarray, "rows width"],
+        counts: Int[np.ndarray, " n"],
+        beside: Mapping[str, np.ndarray] = NOTHING_BESIDE,
+    ) -> int:
+        """`run` of arrays, one row a sample; see `ContactEstimator`."""
+        self._require_forward()
+        require_out(out, (None, ROW.length))
+        count = min(len(time), len(out))
+        rows, kept = out[:count], {name: values[:count] for name, values in beside.items()}
+        if self._live is None:
+            channels = apart(self.channels, readings[:count])
+            rows[:] = self._block(Recording(time[:count], {**channels, **kept}, source="the stream")).rows
+        else:
+            self._live.block(time[:count], readings[:count], kept, rows)
+        self._placed(rows)
+        counts[:count] = 1
+        self._samples += count
+        return count
 
     def run(self, recording: Recording) -> Contacts:
         """Contacts of a block, one a sample, in the surface's frame.

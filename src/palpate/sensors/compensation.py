@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -91,7 +91,7 @@ class Compensation:
         self._turns, self.revision = bool(self.needs_orientation), 0
         self._kept = 1.0, np.ones(6)
         self._untare()
-        self.state, self.held = np.empty(0), np.concatenate([np.zeros(6), np.eye(3).ravel(), np.zeros(4)])
+        self.state, self.held = np.empty(0), np.concatenate([np.zeros(6), np.eye(3).ravel(), np.zeros(5)])
         made = self._compensated(self._read(0.0), self._zero)  # compiles, before anything is in a hurry
         self.place(made, made.wrench, np.ones(1), Placement(Pose.identity()))
 
@@ -127,7 +127,7 @@ class Compensation:
         return self._compensated(self._read(time), self._zero)
 
     def hold(self, time: float, reading: ArrayLike, rotation: ArrayLike | None, acceleration: ArrayLike | None) -> None:
-        """Reading, rotation, acceleration and age of the zero of one sample into `held`."""
+        """Reading, rotation, acceleration and age of the zero of one sample into `held`; it is taken as steady."""
         if self._turns:
             if rotation is None:
                 raise InputError(f"update needs the orientation of the sensor: {self.needs_orientation}.")
@@ -135,7 +135,38 @@ class Compensation:
         self.held[:6] = _of_one("reading", reading, (6,))
         self.held[15:18] = 0.0 if acceleration is None else _of_one("acceleration", acceleration, (3,))
         if self._drifts:
-            self.held[18] = self._aged(np.array([time], dtype=np.float64))[0, 0]
+            self.held[19] = self._aged(np.array([time], dtype=np.float64))[0, 0]
+
+    def inputs(
+        self, time: Float[np.ndarray, " n"], readings: Float[np.ndarray, "n 6"], beside: Mapping[str, np.ndarray]
+    ) -> Float[np.ndarray, " _"]:
+        """Of n samples what `hold` keeps of one: (20 n,), all of a kind one behind the other.
+
+        Readings (n, 6), rotations (n, 3, 3), accelerations (n, 3), what these leave out (n,), ages of the zero (n,).
+
+        Args:
+            time: [s].
+            readings: as measured.
+            beside: `ORIENTATION`, `ACCELERATION`, `UNSTEADY` of a `Recording`, as far as they are known.
+
+        Raises:
+            InputError: readings of another shape; the orientation is needed, and there is none.
+        """
+        count = len(time)
+        if readings.shape != (count, 6):
+            raise InputError(f"the readings of {count} samples must have shape ({count}, 6), not {readings.shape}.")
+        made = np.zeros(20 * count)
+        made[: 6 * count] = readings.ravel()
+        made[6 * count : 15 * count].reshape(count, 3, 3)[:] = self._rotations(beside, "the stream")
+        if self._weighs:
+            for name, part in (
+                (ACCELERATION, slice(15 * count, 18 * count)),
+                (UNSTEADY, slice(18 * count, 19 * count)),
+            ):
+                made[part] = beside[name].ravel() if name in beside else 0.0
+        if self._drifts:
+            made[19 * count :] = self._aged(time)[:, 0]
+        return made
 
     def constants(self, placement: Placement) -> tuple[np.ndarray, ...]:
         """What `compensate` and `place` of the compiled loops take, in their order."""
@@ -272,7 +303,7 @@ class Compensation:
         made = self.held.copy()
         reading, rotation, acceleration = made[None, :6], made[6:15].reshape(1, 3, 3), made[None, 15:18]
         now = np.array([time], dtype=np.float64)
-        return _Readings(now, reading, rotation, acceleration, np.zeros((1, 1)), made[None, 18:])
+        return _Readings(now, reading, rotation, acceleration, made[None, 18:19], made[None, 19:])
 
     def _aged(self, time: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 1"]:
         """Since the tare, or since the log began; 0 where the time is not known."""
@@ -298,7 +329,7 @@ class Compensation:
         return _Readings(
             recording.time.copy(),
             np.concatenate([channels[FORCE], channels[TORQUE]], axis=1),
-            self._rotations(recording),
+            self._rotations(channels, recording.source),
             np.zeros((1, 3)) if acceleration is None else acceleration.copy(),
             np.zeros((1, 1)) if unsteady is None else unsteady.copy(),
             self._aged(recording.time) if self._drifts else np.zeros((1, 1)),
@@ -320,15 +351,15 @@ class Compensation:
         )
         return _Compensated(readings.time, wrenches, statuses, readings)
 
-    def _rotations(self, recording: Recording) -> Float[np.ndarray, "_ 3 3"]:
+    def _rotations(self, channels: Mapping[str, np.ndarray], source: str) -> Float[np.ndarray, "_ 3 3"]:
         """Sensor in base, NaN where the quaternion is none; the identity where nothing needs it."""
         if not self.needs_orientation:
             return np.eye(3)[None]
-        quaternions = recording.channels.get(ORIENTATION)
+        quaternions = channels.get(ORIENTATION)
         if quaternions is None:
             raise InputError(
                 f"the log has no orientation, and {self.needs_orientation}.",
-                where=recording.source,
+                where=source,
                 hint="Add columns qx, qy, qz, qw (sensor in base), or name them, a topic of poses, or two frames of /tf"
                 " (base, sensor) in [orientation].",
             )

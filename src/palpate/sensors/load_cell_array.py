@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -163,6 +163,21 @@ class LoadCellArray:
         self._live += 1
         if self._live % LIVE == 0:
             self._keep(self.held[None])
+
+    def inputs(
+        self, time: Float[np.ndarray, " n"], readings: Float[np.ndarray, "n m"], beside: Mapping[str, np.ndarray]
+    ) -> Float[np.ndarray, " _"]:
+        """Of n samples what `hold` keeps of one, one behind the other; what there is beside makes no difference.
+
+        Raises:
+            InputError: readings of another shape.
+        """
+        if readings.shape[1:] != self._shape:
+            raise InputError(_SHAPE.format(self.cells.cells, *self._shape, readings.shape[1:]))
+        before, self._live = self._live, self._live + len(readings)
+        if before // LIVE != self._live // LIVE:
+            self._keep(readings[-1:])
+        return np.array(readings, dtype=np.float64).ravel()
 
     def constants(self, placement: Placement) -> tuple[np.ndarray, ...]:
         """What `measure` and `place` of the compiled loops take, in their order."""

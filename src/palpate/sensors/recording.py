@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 
@@ -25,6 +25,7 @@ __all__ = [
     "UNSTEADY",
     "VOLTAGE",
     "Recording",
+    "apart",
     "sealed",
 ]
 
@@ -125,6 +126,14 @@ class Recording:
         if not len(steps):
             return None
         return 1.0 / float(np.mean(steps[steps < 1.5 * np.median(steps)]))  # the median alone has the clock's rounding
+
+
+def apart(names: Sequence[str], readings: np.ndarray) -> dict[str, np.ndarray]:
+    """The channels of readings (n, ...) that stand side by side, such as force and torque in (n, 6)."""
+    if len(names) == 1:
+        return {names[0]: readings}
+    ends = np.cumsum([_SHAPES[name][0] for name in names])
+    return dict(zip(names, np.split(readings, ends[:-1], axis=1), strict=True))
 
 
 def _dtype(name: str, values: ArrayLike) -> DTypeLike:

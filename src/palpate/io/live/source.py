@@ -57,7 +57,7 @@ class Source(Protocol):
         """Connect.
 
         Raises:
-            InputError: there is no such device, no permission, or it is another one: a sentence that says how to mend it.
+            InputError: there is no such device, no permission, or it is another one; how to mend it.
         """
         ...
 
@@ -70,7 +70,7 @@ class Source(Protocol):
         ...
 
     def said(self) -> list[str]:
-        """What happened since this was last asked, one sentence each: connected, a gap, a restart, no samples for 5 s."""
+        """What happened since this was last asked, one sentence each: a gap, a restart, no samples for 5 s."""
         ...
 
     def close(self) -> None:

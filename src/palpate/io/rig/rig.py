@@ -133,7 +133,7 @@ class Rig:
             InputError: the rig does not say.
         """
         if self.source is None:
-            hint = 'Add a [source] with kind and address; `palpate rig new --source netft` writes one.'
+            hint = "Add a [source] with kind and address; `palpate rig new --source netft` writes one."
             raise InputError("the rig has no [source], so there is nothing live.", where="rig", hint=hint)
         return self.source
 
