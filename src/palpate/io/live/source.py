@@ -48,10 +48,12 @@ class Source(Protocol):
     Attributes:
         shape: of one sample: (6,) of a wrench.
         dtype: of its numbers: float64; uint8 of images.
+        poses: whether orientation, position and acceleration are filled too, as far as they are known.
     """
 
     shape: tuple[int, ...]
     dtype: DTypeLike
+    poses: bool
 
     def open(self) -> None:
         """Connect.
