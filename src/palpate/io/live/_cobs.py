@@ -70,30 +70,20 @@ def _unstuff(data, at, stop, out):
 
 
 @inner
-def _write(raw, code, row):
-    """Numbers of one of eight types into a row; the type's size must fit the length of `raw`."""
-    if code == 0:
-        row[:] = raw
-    elif code == 1:
-        row[:] = raw.view(np.int8)
-    elif code == 2:
-        row[:] = raw.view(np.uint16)
-    elif code == 3:
-        row[:] = raw.view(np.int16)
-    elif code == 4:
-        row[:] = raw.view(np.uint32)
-    elif code == 5:
-        row[:] = raw.view(np.int32)
-    elif code == 6:
-        row[:] = raw.view(np.float32)
-    else:
-        row[:] = raw.view(np.float64)
-
-
-@inner
 def _width(code):
     """Bytes of a number."""
     return (1, 1, 2, 2, 4, 4, 4, 8)[code]
+
+
+@inner
+def _value(frame, at, code, word, double, single):
+    """One of the eight types of numbers; `double` and `single` look at the bits of `word`."""
+    bits = _number(frame, at, _width(code))
+    if code < 6:
+        limit = np.int64(1) << (8 * _width(code) - 1)
+        return np.float64(bits - 2 * limit if code % 2 == 1 and bits >= limit else bits)
+    word[0] = bits
+    return double[0] if code == 7 else np.float64(single[0])
 
 
 @inner
@@ -135,6 +125,8 @@ def decode(data, scratch, values, lost, state):
         how many frames, and how many bytes of `data` are done with: what is left is no whole frame yet, unless
         `values` is full.
     """
+    word = np.zeros(1, np.int64)
+    double, single = word.view(np.float64), word.view(np.float32)  # little endian: the lower half
     found, at = 0, 0
     while found < len(values):
         stop = at
@@ -150,7 +142,9 @@ def decode(data, scratch, values, lost, state):
                 state[FOREIGN] += 1
                 state[NUMBERS] = _number(scratch, 2, 2)
             else:
-                _write(scratch[_HEAD : size - _CHECK], scratch[1], values[found])
+                for k in range(values.shape[1]):
+                    at = _HEAD + k * _width(np.int64(scratch[1]))
+                    values[found, k] = _value(scratch, at, np.int64(scratch[1]), word, double, single)
                 lost[found] = _count(_number(scratch, 4, 4), state)
                 found += 1
         state[JOINED] = 1

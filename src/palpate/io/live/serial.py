@@ -128,17 +128,17 @@ class SerialPort:
         end = time.monotonic() + timeout
         if count := self._take(batch):
             return count
-        while (left := end - time.monotonic()) >= 0:
+        while True:  # at least once, for a timeout of 0
+            left = max(end - time.monotonic(), 0.0)
             if self._port is None:
-                self._return(max(left, 0.0))
+                self._return(left)
             elif select.select([self._port.fileno()], [], [], left)[0]:
                 self._read(self._port)
                 if count := self._take(batch):
                     return count
-            self._watch(time.monotonic())
-            if timeout <= 0:
-                break
-        return 0
+            self._watch(now := time.monotonic())
+            if now >= end:
+                return 0
 
     def said(self) -> list[str]:
         """See `Source`; damage at most once a second."""
