@@ -12,7 +12,6 @@ import time
 
 import numpy as np
 from jaxtyping import Int, UInt32, UInt64
-from numpy.typing import NDArray
 
 __all__ = ["Datagrams", "ask_buffer", "packed_address"]
 
@@ -117,7 +116,7 @@ class _Many:
     def __init__(self, owner: Datagrams) -> None:
         size = len(owner.slot)
         self._lengths = _rows(_Header, size)
-        self._headers: NDArray[np.void] = self._lengths["message"]
+        self._headers: np.ndarray = self._lengths["message"]
         self._vectors = _rows(_Vector, size)
         self._controls = _rows(_Control, size)
         self._names = np.zeros((size, _ADDRESS // 8), dtype=np.uint64)
@@ -178,10 +177,9 @@ def ask_buffer(receiver: socket.socket, size: int) -> int:
     return receiver.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
 
 
-def _rows(kind: type[ctypes.Structure], size: int) -> NDArray[np.void]:
+def _rows(kind: type[ctypes.Structure], size: int) -> np.ndarray:
     """That many of a C structure, side by side."""
-    fields: np.dtype[np.void] = np.dtype((np.void, kind))
-    return np.zeros(size, dtype=fields)
+    return np.zeros(size, dtype=np.dtype((np.void, kind)))
 
 
 def _each(rows: np.ndarray) -> UInt64[np.ndarray, " n"]:

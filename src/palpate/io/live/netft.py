@@ -101,21 +101,13 @@ class NetFt:
         if not self._page.streaming:
             hint = "Switch it on there, under Communications."
             raise InputError("does not send samples: RDT is disabled on its page.", where=self._address, hint=hint)
-        receiver = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._socket = receiver
-        granted = ask_buffer(receiver, _BUFFER)
-        self._datagrams = Datagrams(receiver, _SLOTS, BATCH)
-        self._peer = packed_address((self._host, self._port))
-        self._poll = select.poll()
-        self._poll.register(receiver, select.POLLIN)
         self._begin()
-        self._close.append(receiver)
         try:
             self._await_first()
         except BaseException:
             self.close()
             raise
-        self._say_connected(granted)
+        self._say_connected()
 
     def receive(self, batch: Batch, timeout: float) -> int:
         """See `Source.receive`; a device that sends nothing for 0.5 s is asked to start again, every 0.5 s."""
@@ -151,6 +143,13 @@ class NetFt:
         self._close.clear()
 
     def _begin(self) -> None:
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._close = [self._socket]
+        self._granted = ask_buffer(self._socket, _BUFFER)
+        self._datagrams = Datagrams(self._socket, _SLOTS, BATCH)
+        self._peer = packed_address((self._host, self._port))
+        self._poll = select.poll()
+        self._poll.register(self._socket, select.POLLIN)
         now = time.monotonic()
         self._sequence, self._status = Sequence(), status_word(self._page.product)
         self._per_unit: Float[np.ndarray, "6"] = np.repeat([self._page.force, self._page.torque], 3)
@@ -356,8 +355,8 @@ class NetFt:
     def _say(self, what: str) -> None:
         self._said.append(f"{self._address}: {what}")
 
-    def _say_connected(self, granted: int) -> None:
-        page = self._page
+    def _say_connected(self) -> None:
+        page, granted = self._page, self._granted
         pace = f", {page.rate:g} samples/s" if page.rate else ""
         self._say(f"connected to {page.called}{pace}, {page.scale}")
         if page.rate and self._rate and abs(self._rate / page.rate - 1) > 0.01:
