@@ -326,8 +326,9 @@ def test_counters_find_every_gap_and_repetition_in_blocks_of_any_size(
     for block in np.split(order, cuts):
         if len(block):
             room = np.zeros(len(block), dtype=np.int64)
-            chosen = sequence.follow((first + block) % ROUND, (first + block * ratio) % ROUND, block * 1_000_000, room)
-            chosen = np.arange(len(block)) if chosen is None else chosen
+            rdt, ft = (first + block) % ROUND, (first + block * ratio) % ROUND
+            chosen = sequence.follow(rdt.tolist(), ft.tolist(), (block * 1_000_000).tolist(), room)
+            chosen = list(range(len(block))) if chosen is None else chosen
             kept += block[chosen].tolist()
             lost += int(room[: len(chosen)].sum())
     assert kept == list(dict.fromkeys(arrive))

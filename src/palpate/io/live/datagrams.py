@@ -115,19 +115,21 @@ class _Many:
 
     def __init__(self, owner: Datagrams) -> None:
         size = len(owner.slot)
-        self._lengths = _rows(_Header, size)
-        self._headers: np.ndarray = self._lengths["message"]
+        self._headers, self._controls = _rows(_Header, size), _rows(_Control, size)
         self._vectors = _rows(_Vector, size)
-        self._controls = _rows(_Control, size)
+        self._vectors["base"], self._vectors["size"] = _each(owner.slot), owner.slot.dtype.itemsize
         self._names = np.zeros((size, _ADDRESS // 8), dtype=np.uint64)
-        self._vectors["base"] = _each(owner.slot)
-        self._vectors["size"] = owner.slot.dtype.itemsize
-        self._headers["name"], self._headers["name_size"] = _each(self._names), _ADDRESS
-        self._headers["vector"], self._headers["vector_size"] = _each(self._vectors), 1
-        self._headers["control"], self._headers["control_size"] = _each(self._controls), self._controls.itemsize
+        message: np.ndarray = self._headers["message"]
+        message["name"], message["name_size"] = _each(self._names), _ADDRESS
+        message["vector"], message["vector_size"] = _each(self._vectors), 1
+        message["control"], message["control_size"] = _each(self._controls), self._controls.itemsize
+        self._said: np.ndarray = message["control_size"]  # views are made once: making one costs as much as a sample
+        self._seconds: np.ndarray = self._controls["seconds"]
+        self._nanoseconds: np.ndarray = self._controls["nanoseconds"]
+        owner.length, owner.sender = self._headers["length"], self._names[:, 0]
         self._call = ctypes.CDLL(None, use_errno=True).recvmmsg
         self._call.argtypes = [ctypes.c_int, ctypes.c_void_p, ctypes.c_uint, ctypes.c_int, ctypes.c_void_p]
-        self._at = self._lengths.ctypes.data
+        self._at = self._headers.ctypes.data
         receiver = socket.socket(fileno=os.dup(owner.fileno()))
         with receiver:
             receiver.setsockopt(socket.SOL_SOCKET, _TIMESTAMPNS, 1)
@@ -140,18 +142,15 @@ class _Many:
             if number in (errno.EAGAIN, errno.EINTR):
                 return 0
             raise OSError(number, os.strerror(number))
-        headers, controls = self._headers[:count], self._controls[:count]
-        owner.length[:count] = self._lengths["length"][:count]
-        owner.sender[:count] = self._names[:count, 0]
-        np.multiply(controls["seconds"], 1_000_000_000, out=owner.stamp[:count])
-        owner.stamp[:count] += controls["nanoseconds"]
-        said = headers["control_size"]
-        if (unstamped := (said < _Control.drops_size.offset) | (controls["kind"] != _TIMESTAMPNS)).any():
-            owner.stamp[:count][unstamped] = time.time_ns()  # the kernel stamps from a moment after it was asked
-        if said[-1] >= _Control.rest.offset and controls["drops_kind"][-1] == _RXQ_OVFL:
-            before = owner.dropped & 0xFFFFFFFF
-            owner.dropped += (int(controls["drops"][-1]) - before) & 0xFFFFFFFF
-        headers["name_size"], headers["control_size"] = _ADDRESS, self._controls.itemsize
+        stamp, said = owner.stamp[:count], self._said[:count]
+        np.multiply(self._seconds[:count], 1_000_000_000, out=stamp)
+        stamp += self._nanoseconds[:count]
+        sizes: list[int] = said.tolist()
+        if min(sizes) < _Control.drops_size.offset:  # the kernel stamps from a moment after it was asked
+            stamp[said < _Control.drops_size.offset] = time.time_ns()
+        if sizes[-1] >= _Control.rest.offset:
+            owner.dropped += (int(self._controls["drops"][count - 1]) - owner.dropped) & 0xFFFFFFFF
+        said[:] = self._controls.itemsize
         return count
 
 

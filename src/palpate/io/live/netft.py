@@ -147,11 +147,13 @@ class NetFt:
         self._close = [self._socket]
         self._granted = ask_buffer(self._socket, _BUFFER)
         self._datagrams = Datagrams(self._socket, _SLOTS, BATCH)
+        slot = self._datagrams.slot  # views are made once: making one costs as much as a sample
+        self._rdt, self._ft, self._status, self._raw = (slot[name] for name in _SLOTS.names or ())
         self._peer = packed_address((self._host, self._port))
         self._poll = select.poll()
         self._poll.register(self._socket, select.POLLIN)
         now = time.monotonic()
-        self._sequence, self._status = Sequence(), status_word(self._page.product)
+        self._sequence, self._word = Sequence(), status_word(self._page.product)
         self._per_unit: Float[np.ndarray, "6"] = np.repeat([self._page.force, self._page.torque], 3)
         self._last_status, self._status_said = 0, dict[int, float]()
         self._heard = self._tell_at = now
@@ -221,47 +223,47 @@ class NetFt:
 
     def _keep(self, taken: int, batch: Batch) -> int:
         """Put the samples among what was taken into the batch; how many."""
-        datagrams, rows = self._datagrams, self._genuine(taken)
+        rows = self._genuine(taken)
         if rows is not None and not len(rows):
             return 0
-        samples, stamp = datagrams.slot[:taken], datagrams.stamp[:taken]
-        if rows is not None:
-            samples, stamp = samples[rows], stamp[rows]
-        restarts, count = self._sequence.restarts, len(samples)
-        lost = batch.lost[:count]
-        kept = self._sequence.follow(samples["rdt"].astype(np.int64), samples["ft"].astype(np.int64), stamp, lost)
-        now = time.monotonic()
-        if self._away or self._sequence.restarts > restarts or now >= self._retry_at:
-            self._back(now, self._sequence.restarts > restarts, int(lost[0]) if kept is None or len(kept) else 0)
+        pick = slice(taken) if rows is None else rows
+        rdt, restarts = self._rdt[pick].tolist(), self._sequence.restarts
+        stamps: Int[np.ndarray, " n"] = self._datagrams.stamp[pick]
+        kept = self._sequence.follow(rdt, self._ft[pick].tolist(), stamps.tolist(), batch.lost)
+        now, restarted = time.monotonic(), self._sequence.restarts > restarts
+        if self._away or restarted or now >= self._retry_at:
+            self._back(now, restarted, 0 if kept == [] else int(batch.lost[0]))
         self._heard, self._ask_at = now, now + _ASK
         if kept is not None:
-            samples, stamp, count = samples[kept], stamp[kept], len(kept)
-        batch.stamp[:count] = stamp
-        np.divide(samples["counts"], self._per_unit, out=batch.values[:count])
-        status = samples["status"]
-        if count and (self._last_status or status.any()):
-            batch.values[:count][self._bad(status.astype(np.int64), now)] = np.nan
+            stamps, pick = stamps[kept], np.arange(taken)[pick][kept]
+        count = len(stamps)
+        batch.stamp[:count] = stamps
+        values = batch.values[:count]
+        np.divide(self._raw[pick], self._per_unit, out=values)
+        status = self._status[pick]
+        if count and (self._last_status or any(status.tolist())):
+            values[self._bad(status.astype(np.int64), now)] = np.nan
         return count
 
     def _genuine(self, taken: int) -> Int[np.ndarray, " n"] | None:
         """Which of the datagrams are samples of the device; None: all."""
-        wrong = self._datagrams.length[:taken] != SAMPLE.itemsize
-        strange = self._datagrams.sender[:taken] != self._peer
-        if not (wrong.any() or strange.any()):
+        length, sender = self._datagrams.length[:taken], self._datagrams.sender[:taken]
+        if length.tolist().count(SAMPLE.itemsize) == taken == sender.tolist().count(self._peer):
             return None
+        wrong, strange = length != SAMPLE.itemsize, sender != self._peer
         self._foreign += int(strange.sum())
         self._malformed += int((wrong & ~strange).sum())
         return np.flatnonzero(~(wrong | strange))
 
     def _bad(self, status: Int[np.ndarray, " n"], now: float) -> Bool[np.ndarray, " n"]:
         """Where samples are not to be believed; every change of the status is said, each at most once a second."""
-        bad = self._status.bad(status)
+        bad = self._word.bad(status)
         before = np.concatenate([[self._last_status], status[:-1]])
         for new in dict.fromkeys(status[status != before].tolist()):
             if now - self._status_said.get(new, -math.inf) >= _SAID_EACH:
                 self._status_said[new] = now
-                left = "; its samples are left out (NaN) as long" if self._status.bad(np.array([new]))[0] else ""
-                self._say(f"status 0x{new:08x}: {self._status.read(new)}{left}")
+                left = "; its samples are left out (NaN) as long" if self._word.bad(np.array([new]))[0] else ""
+                self._say(f"status 0x{new:08x}: {self._word.read(new)}{left}")
         if len(self._status_said) > _MOST_SAID:  # of a word that means nothing
             self._status_said.clear()
         self._last_status = int(status[-1])
@@ -323,7 +325,7 @@ class NetFt:
             self._say(f"another calibration: {page.called}, {page.scale}; before {before.called}, {before.scale}")
         elif before.called != page.called:
             self._say(f"another device of the same calibration: {page.called}, before {before.called}")
-        self._status = status_word(page.product)
+        self._word = status_word(page.product)
 
     def _counted(self) -> Iterator[str]:
         """What happens often, as far as it was not said yet."""

@@ -40,35 +40,30 @@ class Sequence:
         self._expected = True
 
     def follow(
-        self,
-        rdt: Int[np.ndarray, " n"],
-        ft: Int[np.ndarray, " n"],
-        stamp: Int[np.ndarray, " n"],
-        lost: Int[np.ndarray, " n"],
-    ) -> Int[np.ndarray, " kept"] | None:
-        """One block of samples, in order of arrival.
+        self, rdt: list[int], ft: list[int], stamp: list[int], lost: Int[np.ndarray, " room"]
+    ) -> list[int] | None:
+        """One block of samples, in order of arrival; lists, for most blocks hold one sample.
 
         Args:
             rdt: position of each in what is sent.
             ft: position of each in what is measured.
             stamp: [ns] of arrival.
-            lost: filled: how many are missing before each of those to keep, at its place among these.
+            lost: filled from its start: how many are missing before each of those to keep.
 
         Returns:
             which to keep; None: all.
         """
-        count = len(rdt)
-        last, first, final = self._last, int(rdt[0]), int(rdt[-1])
-        straight = final - first == count - 1 and (count < 3 or bool((rdt[1:] - rdt[:-1] == 1).all()))
-        if straight and (last is None or first == (last[0] + 1) % _ROUND):
-            self._learn(first, int(ft[0]), final, int(ft[-1]))
-            self._last = final, int(ft[-1]), int(stamp[-1])
+        last, first, count = self._last, rdt[0], len(rdt)
+        if (last is None or first == (last[0] + 1) % _ROUND) and rdt == list(range(first, first + count)):
+            before = last or (first, ft[0], 0)
+            self._learn(before[0], before[1], rdt[-1], ft[-1])
+            self._last = rdt[-1], ft[-1], stamp[-1]
             self._expected = False
-            lost[:] = 0
+            lost[:count] = 0
             return None
-        kept = list(self._each(rdt.tolist(), ft.tolist(), stamp.tolist()))
+        kept = list(self._each(rdt, ft, stamp))
         lost[: len(kept)] = [before for _, before in kept]
-        return np.array([k for k, _ in kept], dtype=np.int64)
+        return [k for k, _ in kept]
 
     def _each(self, rdt: list[int], ft: list[int], stamp: list[int]) -> Iterator[tuple[int, int]]:
         """Those to keep: which, and how many are missing before it."""
