@@ -227,12 +227,14 @@ class NetFt:
         if rows is not None and not len(rows):
             return 0
         pick = slice(taken) if rows is None else rows
-        rdt, restarts = self._rdt[pick].tolist(), self._sequence.restarts
+        sequence, rdt = self._sequence, self._rdt[pick].tolist()
+        restarts, unknown = sequence.restarts, sequence.unknown
         stamps: Int[np.ndarray, " n"] = self._datagrams.stamp[pick]
-        kept = self._sequence.follow(rdt, self._ft[pick].tolist(), stamps.tolist(), batch.lost)
-        now, restarted = time.monotonic(), self._sequence.restarts > restarts
+        kept = sequence.follow(rdt, self._ft[pick].tolist(), stamps.tolist(), batch.lost)
+        now, restarted = time.monotonic(), sequence.restarts > restarts
         if self._away or restarted or now >= self._retry_at:
-            self._back(now, restarted, 0 if kept == [] else int(batch.lost[0]))
+            missing = 0 if kept == [] else int(batch.lost[0])
+            self._back(now, restarted, None if sequence.unknown > unknown else missing)
         self._heard, self._ask_at = now, now + _ASK
         if kept is not None:
             stamps, pick = stamps[kept], np.arange(taken)[pick][kept]
@@ -288,10 +290,9 @@ class NetFt:
                 "send: it sends to one at a time"
             )
 
-    def _back(self, now: float, restarted: bool, missing: int) -> None:
+    def _back(self, now: float, restarted: bool, missing: int | None) -> None:
         """Samples come again, or count anew: say so, and read the page again, for the tool may be another."""
-        if restarted and self._sequence.unknown:
-            self._sequence.unknown = 0
+        if missing is None:
             guess = f", about {(now - self._heard) * self._page.rate:.0f}" if self._page.rate and self._away else ""
             count = f"its counters began anew, so that nothing tells how many are missing{guess}"
         else:
@@ -342,17 +343,17 @@ class NetFt:
         new = {name: count - self._told.get(name, 0) for name, count in now.items()}
         self._told = now
         if new["missing"]:
-            yield f"{self._address}: {new['missing']} samples missing in {new['gaps']} gaps"
+            yield f"{self._address}: missing samples: {new['missing']}, gaps: {new['gaps']}"
         if new["dropped"]:
-            yield f"{self._address}: this machine dropped {new['dropped']} datagrams, read too late for its buffer"
+            yield f"{self._address}: dropped by this machine, read too late for its buffer: {new['dropped']} datagrams"
         if new["late"]:
-            yield f"{self._address}: {new['late']} samples came late, counted missing before; they stand as they came"
+            yield f"{self._address}: samples that came late, counted missing before: {new['late']}"
         if new["repeated"]:
-            yield f"{self._address}: {new['repeated']} samples came twice and are given once"
+            yield f"{self._address}: samples that came twice, given once: {new['repeated']}"
         if new["malformed"]:
-            yield f"{self._address}: {new['malformed']} datagrams of another length than a sample's, not read"
+            yield f"{self._address}: datagrams of another length than a sample's, not read: {new['malformed']}"
         if new["foreign"]:
-            yield f"{self._address}: {new['foreign']} datagrams of another sender, not read"
+            yield f"{self._address}: datagrams of another sender, not read: {new['foreign']}"
 
     def _say(self, what: str) -> None:
         self._said.append(f"{self._address}: {what}")
@@ -365,7 +366,7 @@ class NetFt:
             hint = "set it on its page, under Communications"
             self._say(f"sends {page.rate:g} samples/s, the rig asks for {self._rate:g}: {hint}")
         rate = page.rate or self._rate
-        held = f", {2e3 * granted / _BOOKED / rate:.0f} ms of samples" if rate else ""
+        held = f", about {2e3 * granted / _BOOKED / rate:.0f} ms of samples" if rate else ""
         short = f", {_BUFFER >> 10} were asked for: sudo sysctl -w net.core.rmem_max={_BUFFER}"
         self._say(f"receive buffer of {granted >> 10} KiB{held}{short if granted < _BUFFER else ''}")
 
