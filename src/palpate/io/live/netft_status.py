@@ -1,0 +1,91 @@
+"""The status word of ATI's Ethernet sensors: which bits say what, and which leave the values to be believed.
+
+The bits are those of ATI's manuals 9620-05-NET FT (Net F/T) and 9610-05-Ethernet Axia (Axia); the two differ.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Int
+
+__all__ = ["SATURATED", "StatusWord", "status_word"]
+
+_ERROR, _MONITOR = 1 << 31, 1 << 16
+SATURATED = _ERROR | 1 << 17  # of a Net F/T
+
+_BOX: Mapping[int, str] = {
+    1: "HTTP failure",
+    2: "internal temperature",
+    3: "reference voltage or power supply",
+    4: "no data from the transducer's board",
+    5: "analog supply too low",
+    6: "analog supply too high",
+    7: "analog ground out of range",
+    8: "too little excitation of the strain gages",
+    9: "too much excitation of the strain gages",
+    10: "watchdog of the analog board",
+    11: "serial flash",
+    12: "EEPROM",
+    13: "stack",
+    14: "watchdog",
+    16: "a threshold of the device has tripped",
+    17: "transducer saturated, or its A/D converter failed",
+    18: "DeviceNet failure",
+    19: "EtherNet/IP failure",
+    20: "RDT failure",
+    21: "CAN failure",
+    22: "network failure",
+    23: "the configuration does not fit the calibration",
+    24: "settings",
+    25: "halted by its configuration",
+    26: "program memory",
+    27: "serial link",
+    28: "analog board",
+    29: "digital board",
+    30: "processor or memory",
+}
+_AXIA: Mapping[int, str] = {
+    0: "temperature out of range",
+    1: "supply voltage out of range",
+    2: "broken strain gage",
+    3: "busy: its settings are being changed",
+    5: "another error",
+    7: "calibration not accessible",
+    16: "a threshold of the device has tripped",
+    27: "strain gage out of range",
+    28: "simulated error",
+    29: "checksum of the calibration",
+    30: "force or torque out of range",
+}
+
+
+@dataclass(frozen=True)
+class StatusWord:
+    """How a product's status reads.
+
+    Attributes:
+        bits: number of a bit -> what it says.
+        harmless: the bits beside which the values are as good as ever.
+    """
+
+    bits: Mapping[int, str]
+    harmless: int
+
+    def bad(self, status: Int[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
+        """Where the values are not to be believed: any other bit, or an error that no bit explains."""
+        return ((status & ~self.harmless) != 0) | (status == _ERROR)
+
+    def read(self, status: int) -> str:
+        """What a status says, in words."""
+        said = [self.bits.get(bit, f"bit {bit}") for bit in range(31) if status >> bit & 1]
+        return ", ".join(said) or ("an error that it does not name" if status else "well")
+
+
+def status_word(product: str) -> StatusWord:
+    """How the status of a product reads, by the name on its page."""
+    if "axia" in product.lower():
+        return StatusWord(_AXIA, _ERROR | _MONITOR)
+    return StatusWord(_BOX, _ERROR | _MONITOR | 1 << 1 | 1 << 18 | 1 << 19 | 1 << 21)

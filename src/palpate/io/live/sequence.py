@@ -1,0 +1,119 @@
+"""The two counters in each sample of a Net F/T: what is missing, what came late or twice, and where they began anew."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from jaxtyping import Int
+
+__all__ = ["Sequence"]
+
+_ROUND = 1 << 32
+_LATE = 4096  # positions behind the last within which a sample is late or repeated, not the first of another count
+_FASTEST = 20_000.0  # Hz: no such device counts faster, so that a greater jump is no loss
+
+
+class Sequence:
+    """Follows both counters, modulo 2^32, over any number of blocks.
+
+    `rdt` counts what was sent since sending was started, `ft` what was measured since the device was: a step of one is
+    always the same number of steps of the other.
+
+    Attributes:
+        gaps, missing: how often samples were missing, and how many.
+        late: samples that had been counted missing and came after all.
+        repeated: samples that came twice, and are not given twice.
+        restarts: how often `rdt` began anew.
+        unknown: at how many of these `ft` did too, so that nothing tells how many are missing.
+    """
+
+    def __init__(self) -> None:
+        self.gaps = self.missing = self.late = self.repeated = self.restarts = self.unknown = 0
+        self._last: tuple[int, int, int] | None = None  # rdt, ft, stamp of the newest
+        self._ratio = 1  # steps of `ft` in one of `rdt`
+        self._absent: dict[int, None] = {}
+        self._expected = False
+
+    def expect_restart(self) -> None:
+        """The device was asked to start again: where `rdt` falls next, it began anew."""
+        self._expected = True
+
+    def follow(
+        self, rdt: list[int], ft: list[int], stamp: list[int], lost: Int[np.ndarray, " room"]
+    ) -> list[int] | None:
+        """One block of samples, in order of arrival; lists, for most blocks hold one sample.
+
+        Args:
+            rdt: position of each in what is sent.
+            ft: position of each in what is measured.
+            stamp: [ns] of arrival.
+            lost: filled from its start: how many are missing before each of those to keep.
+
+        Returns:
+            which to keep; None: all.
+        """
+        last, first, count = self._last, rdt[0], len(rdt)
+        if (last is None or first == (last[0] + 1) % _ROUND) and rdt == list(range(first, first + count)):
+            before = last or (first, ft[0], 0)
+            self._learn(before[0], before[1], rdt[-1], ft[-1])
+            self._last = rdt[-1], ft[-1], stamp[-1]
+            self._expected = False
+            lost[:count] = 0
+            return None
+        kept = list(self._each(rdt, ft, stamp))
+        lost[: len(kept)] = [before for _, before in kept]
+        return [k for k, _ in kept]
+
+    def _each(self, rdt: list[int], ft: list[int], stamp: list[int]) -> Iterator[tuple[int, int]]:
+        """Those to keep: which, and how many are missing before it."""
+        for k, newest in enumerate(zip(rdt, ft, stamp, strict=True)):
+            before = self._one(*newest)
+            if before is not None:
+                yield k, before
+
+    def _one(self, rdt: int, ft: int, stamp: int) -> int | None:
+        """How many are missing before one; None: it is not new."""
+        if self._last is None:
+            return self._newest(rdt, ft, stamp, 0)
+        step, seconds = _signed(rdt - self._last[0]), (stamp - self._last[2]) * 1e-9
+        if 0 < step <= _LATE + max(seconds, 0.0) * _FASTEST:
+            self._learn(self._last[0], self._last[1], rdt, ft)
+            return self._newest(rdt, ft, stamp, step - 1)
+        if rdt in self._absent:
+            del self._absent[rdt]
+            self.late += 1
+            return 0
+        advance = _signed(ft - self._last[1])
+        if abs(step) <= _LATE and advance <= 0 and not self._expected:
+            self.repeated += 1
+            return None
+        self.restarts += 1
+        self._absent.clear()
+        if 0 < advance <= (_LATE + max(seconds, 0.0) * _FASTEST) * self._ratio:
+            return self._newest(rdt, ft, stamp, advance // self._ratio - 1, numbered=False)
+        self.unknown += 1
+        return self._newest(rdt, ft, stamp, 0)
+
+    def _newest(self, rdt: int, ft: int, stamp: int, before: int, *, numbered: bool = True) -> int:
+        before = max(before, 0)
+        if before:
+            self.gaps += 1
+            self.missing += before
+            if numbered and before <= _LATE:
+                self._absent.update(dict.fromkeys((rdt - back) % _ROUND for back in range(before, 0, -1)))
+                for oldest in list(self._absent)[: max(0, len(self._absent) - _LATE)]:
+                    del self._absent[oldest]
+        self._last, self._expected = (rdt, ft, stamp), False
+        return before
+
+    def _learn(self, rdt: int, ft: int, later_rdt: int, later_ft: int) -> None:
+        """How many steps of `ft` one of `rdt` is."""
+        steps = (later_rdt - rdt) % _ROUND
+        if steps and (advance := _signed(later_ft - ft)) > 0:
+            self._ratio = max(1, round(advance / steps))
+
+
+def _signed(step: int) -> int:
+    """The shorter way round."""
+    return (step + _ROUND // 2) % _ROUND - _ROUND // 2
