@@ -83,11 +83,11 @@ def _device(kind: str, source: Replay, *, port: int, web: int, framing: str, top
     if kind == "netft" and source.shape != (6,):
         raise InputError("holds no wrenches, and a Net F/T gives nothing else.", where=str(source.path))
     if kind == "netft":
-        from palpate.io.live.fake_netft import NetFtDevice
+        from palpate.io.live.netft_device import NetFtDevice
 
         return NetFtDevice(port=port, web=web)
     if kind == "serial":
-        from palpate.io.live.fake_serial import SerialDevice
+        from palpate.io.live.serial_device import SerialDevice
 
         return SerialDevice(framing=framing)
     from palpate.io.live.fake_ros import RosDevice
