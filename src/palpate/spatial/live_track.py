@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from palpate.spatial.interpolate import slerp
 from palpate.spatial.pose_track import SLACK, PoseTrack
@@ -119,8 +119,9 @@ class LiveTrack(PoseTrack):
 
     def _before(self, age: Float[np.ndarray, " k"]) -> np.ndarray:
         """(k,) rows from which the velocity is measured: as long before the newest as the age, or nearly so."""
-        stamps = self._rows[:, 0]
-        found = np.searchsorted(stamps, stamps[-1] - age, side="right") - 1
+        stamps: Float[np.ndarray, " n"] = self._rows[:, 0]
+        wanted: Float[np.ndarray, " k"] = stamps[-1] - age
+        found: Int[np.ndarray, " k"] = np.searchsorted(stamps, wanted, side="right") - 1
         return np.clip(found, 0, len(stamps) - 2)
 
 
@@ -137,9 +138,7 @@ def _motion(rows: Float[np.ndarray, "k 8"]) -> tuple[float, float, float]:
     return acceleration, max(short - acceleration * spacing**4, 0.0) / 6.0, speed
 
 
-def _missed(
-    stamps: Float[np.ndarray, " k"], quaternion: Float[np.ndarray, "k 4"], apart: int
-) -> tuple[float, float]:
+def _missed(stamps: Float[np.ndarray, " k"], quaternion: Float[np.ndarray, "k 4"], apart: int) -> tuple[float, float]:
     """Mean square of the second difference [rad^2] over a lag of so many poses, and of the angular velocity."""
     vector, w = _turn(quaternion[:-apart], quaternion[apart:])
     length = np.linalg.norm(vector, axis=1)

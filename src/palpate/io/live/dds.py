@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from palpate.errors import InputError
-from palpate.io.live.ros_types import Raw, idl_type, ros_type_name
+from palpate.io.live.ros_types import idl_type, ros_type_name
 from palpate.io.logs.log import Messages, Topic
 
 __all__ = ["DEPTH", "LOOPBACK", "Node", "Reader", "Writer", "ros_name"]
@@ -204,9 +204,7 @@ class Reader(_End):
 
     def lost(self) -> int:
         """Messages that were lost on the way or had no room, since this was last asked."""
-        total = (
-            self.entity.get_sample_lost_status().total_count + self.entity.get_sample_rejected_status().total_count
-        )
+        total = self.entity.get_sample_lost_status().total_count + self.entity.get_sample_rejected_status().total_count
         self._lost, before = total, self._lost
         return total - before
 

@@ -180,7 +180,9 @@ class LivePoses:
             self._silent = None
             return
         if np.isfinite(age) and age > 0:
-            self._problem = f"the newest pose is {age:.3g} s older than the samples: the sensor's orientation is not known"
+            self._problem = (
+                f"the newest pose is {age:.3g} s older than the samples: the sensor's orientation is not known"
+            )
         if self._silent is None:
             self._silent = time.monotonic()
 

@@ -220,7 +220,9 @@ class RosTopics:
         return (stamp if self._stamped else sent), values
 
     def _say_unstamped(self) -> None:
-        self._said.append(f"messages of {self.topic.name!r} have no stamps: the times at which they were sent are taken")
+        self._said.append(
+            f"messages of {self.topic.name!r} have no stamps: the times at which they were sent are taken"
+        )
 
     def _listen(self) -> None:
         """Says once that nothing comes."""

@@ -14,7 +14,11 @@ _MULTI_ARRAYS = {
     f"std_msgs/{name}MultiArray": f"std_msgs/MultiArrayLayout layout, {number}[] data"
     for name, number in (
         *((f"Float{bits}", f"float{bits}") for bits in (64, 32)),
-        *((f"{sign}Int{bits}".replace("uInt", "UInt"), f"{sign}int{bits}") for bits in (8, 16, 32) for sign in ("u", "")),
+        *(
+            (f"{sign}Int{bits}".replace("uInt", "UInt"), f"{sign}int{bits}")
+            for bits in (8, 16, 32)
+            for sign in ("u", "")
+        ),
     )
 }
 _STAMPED = "std_msgs/Header header, "
