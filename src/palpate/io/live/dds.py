@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import os
 import socket
-import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
+from contextlib import suppress
 from importlib import import_module
 from itertools import count
 from pathlib import Path
@@ -26,6 +26,7 @@ LOOPBACK = "127.0.0.1"
 _PARTICIPANTS = 32  # on one machine, that find each other without multicast
 _FAST_DDS = "1.15"  # as a vendor of DDS: it describes some types otherwise, which would keep readers and writers apart
 _PORTS = 250  # of a domain, from 7400 on
+_OPEN = "ports of DDS are open to other machines, too: this system does not let them be kept to loopback"
 _BLOCKED = 10_000_000  # ns that a write may wait for slow readers
 _ids = count(0x10000)  # of domains inside this process: each node has one of its own
 
@@ -96,7 +97,7 @@ class Node:
         self._seen = dds.BuiltinDataReader(self._participant, dds.BuiltinTopicDcpsPublication)
         if self.interface:
             return ""
-        return _keep_to_loopback(self.domain, _sockets() - before)
+        return _keep_to_loopback(self.domain, before)
 
     def close(self) -> None:
         """Leave; its readers and writers end with it. May be called twice."""
@@ -271,45 +272,47 @@ def _check_interface(interface: str) -> None:
     )
 
 
-def _sockets() -> set[int]:
-    """File descriptors of this process, as far as the system lists them."""
-    folder = Path("/proc/self/fd")
-    return {int(name) for name in os.listdir(folder)} if folder.is_dir() else set()
+def _sockets() -> dict[str, int]:
+    """Every socket of this process, as far as the system lists them: name -> file descriptor."""
+    folder, found = Path("/proc/self/fd"), dict[str, int]()
+    for name in os.listdir(folder) if folder.is_dir() else ():
+        with suppress(FileNotFoundError):  # that of the folder itself
+            found[os.readlink(folder / name)] = int(name)
+    return {name: handle for name, handle in found.items() if name.startswith("socket:")}
 
 
-def _keep_to_loopback(domain: int, fresh: set[int]) -> str:
+def _keep_to_loopback(domain: int, before: Collection[str]) -> str:
     """Closes the ports of a domain to other interfaces: cyclonedds opens them to all, whatever it is told.
 
     Args:
         domain: whose ports.
-        fresh: file descriptors of this process among which they are.
+        before: sockets of this process that are not meant.
+
+    Returns:
+        a sentence where the system does not allow it, else "".
     """
-    said = "ports of DDS are open to other machines, too: this system does not let them be kept to loopback"
     option = getattr(socket, "SO_BINDTODEVICE", None)
     names = [name for _, name in socket.if_nameindex() if name.startswith("lo")]
-    if option is None or not names or sys.platform != "linux":
-        return said
-    for own in _opened_to_all(domain, fresh):
+    if option is None or not names:
+        return _OPEN
+    for own in _receiving(domain, before):
         with own:
             try:
                 own.setsockopt(socket.SOL_SOCKET, option, names[0].encode())
             except PermissionError:  # Linux before 5.7
-                return said
+                return _OPEN
     return ""
 
 
-def _opened_to_all(domain: int, fresh: set[int]) -> Iterator[socket.socket]:
-    """Second handles of sockets that receive for this domain."""
+def _receiving(domain: int, before: Collection[str]) -> Iterator[socket.socket]:
+    """Second handles of the sockets that receive for a domain."""
     first = 7400 + _PORTS * domain
-    for handle in fresh:
-        try:
-            if not os.readlink(f"/proc/self/fd/{handle}").startswith("socket:"):
-                continue
-            made = socket.socket(fileno=os.dup(handle))
-        except OSError:  # it was that of the folder, or has been closed
+    for name, handle in _sockets().items():
+        if name in before:
             continue
-        name = made.getsockname() if made.family == socket.AF_INET else ()
-        if made.type == socket.SOCK_DGRAM and len(name) == 2 and first <= name[1] < first + _PORTS:
-            yield made
+        own = socket.socket(fileno=os.dup(handle))
+        address = own.getsockname() if own.family == socket.AF_INET else ("", 0)
+        if own.type == socket.SOCK_DGRAM and first <= address[1] < first + _PORTS:
+            yield own
         else:
-            made.close()
+            own.close()

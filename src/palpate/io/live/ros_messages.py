@@ -24,7 +24,7 @@ class Cdr:
         self._data += bytes(-(len(self._data) - len(_HEAD)) % size)
         return self
 
-    def numbers(self, code: str, *values: float) -> Cdr:
+    def numbers(self, code: str, *values: float | int) -> Cdr:
         """All of one type, a letter of `struct`."""
         packed = Struct(f"<{len(values)}{code}")
         self.align(packed.size // max(len(values), 1) or 1)
