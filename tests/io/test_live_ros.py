@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import json
 import os
+import shutil
 import socket
+import subprocess
+import sys
 import time
 from collections.abc import Callable, Iterator
 from itertools import count
 from pathlib import Path
+from subprocess import PIPE
 from threading import Thread
 from typing import Any
 
@@ -33,6 +38,7 @@ from tests.support.ros_kinds import TYPES, drawn, full, members, packed, read
 pytest.importorskip("cyclonedds", reason="ROS 2 is reached through cyclonedds")
 
 _tests = count()
+ROOT = Path(__file__).resolve().parents[2]
 SECOND = 10**9
 
 
@@ -90,10 +96,10 @@ def _gathered(source: RosTopics, wanted: int, batch: Batch | None = None) -> tup
     return np.concatenate(stamps), np.concatenate(values), lost
 
 
-@pytest.mark.parametrize("kind", sorted(DEFINITIONS))
-def test_types_are_those_of_ros(kind: str) -> None:
-    said = [(name, what) for what, name in (member.split(" ") for member in DEFINITIONS[kind].split(", "))]
-    assert said == members(kind)
+def test_types_are_those_of_ros() -> None:
+    for kind, definition in DEFINITIONS.items():
+        said = [(name, what) for what, name in (member.split(" ") for member in definition.split(", "))]
+        assert said == members(kind)
 
 
 def test_every_message_arrives_as_it_was_sent(ends: tuple[Node, Node]) -> None:
@@ -474,3 +480,110 @@ def test_publishing_is_limited_by_the_times_of_the_contacts(domain: int) -> None
     assert publisher.said() == []
     publisher.close()
     node.close()
+
+
+WITHOUT_WHEELS = ("tf2_msgs", "palpate_msgs")
+PACKAGES = ("rclpy", "rmw-fastrtps-cpp", "geometry-msgs", "nav-msgs", "sensor-msgs", "std-msgs", "visualization-msgs")
+LOOPBACK_ONLY = """<?xml version="1.0" encoding="UTF-8" ?>
+<dds xmlns="http://www.eprosima.com"><profiles>
+<transport_descriptors><transport_descriptor><transport_id>lo</transport_id><type>UDPv4</type>
+<interfaceWhiteList><address>127.0.0.1</address></interfaceWhiteList></transport_descriptor></transport_descriptors>
+<participant profile_name="lo" is_default_profile="true"><rtps>
+<userTransports><transport_id>lo</transport_id></userTransports>
+<useBuiltinTransports>false</useBuiltinTransports></rtps></participant>
+</profiles></dds>
+"""
+
+
+@pytest.fixture(scope="session")
+def rclpy() -> Path:
+    """The interpreter of an environment with the real ROS 2 client, made once and kept in .cache."""
+    folder = ROOT / ".cache" / f"rclpy-{sys.version_info.major}.{sys.version_info.minor}"
+    python, done = folder / "bin" / "python", folder / "complete"
+    if done.exists():
+        return python
+    uv = shutil.which("uv", path=os.pathsep.join([str(ROOT / ".tools" / "bin"), os.environ.get("PATH", "")]))
+    if uv is None:
+        pytest.skip("real ROS 2: there is no uv to install rclpy with")
+    for command in (
+        [uv, "venv", "--clear", "--python", sys.executable, str(folder)],
+        [uv, "pip", "install", "--python", str(python), *(f"ros-{name}" for name in PACKAGES)],
+    ):
+        try:
+            made = subprocess.run(command, capture_output=True, text=True, timeout=180, check=False)
+        except subprocess.TimeoutExpired:
+            pytest.skip("real ROS 2: installing rclpy takes too long here")
+        if made.returncode:
+            pytest.skip(f"real ROS 2: rclpy cannot be installed here: {made.stderr.strip().splitlines()[-1]}")
+    done.touch()
+    return python
+
+
+@pytest.fixture
+def echo(rclpy: Path, domain: int, tmp_path: Path) -> Iterator[tuple[subprocess.Popen[str], list[str]]]:
+    """A node of the real ROS 2 that sends every message back, and of which types."""
+    kinds = [kind for kind in sorted(DEFINITIONS) if not kind.startswith(WITHOUT_WHEELS)]
+    profile = tmp_path / "loopback.xml"
+    profile.write_text(LOOPBACK_ONLY)
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"} | {
+        "ROS_DOMAIN_ID": str(domain),
+        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+        "FASTDDS_DEFAULT_PROFILES_FILE": str(profile),
+        "ROS_LOG_DIR": str(tmp_path),
+    }
+    command = [str(rclpy), str(ROOT / "tests" / "support" / "ros_echo.py"), *kinds]
+    with subprocess.Popen(command, stdin=PIPE, stdout=PIPE, stderr=PIPE, text=True, env=environment) as process:
+        yield process, kinds
+        process.kill()
+
+
+def test_every_message_goes_both_ways_with_the_real_ros(
+    echo: tuple[subprocess.Popen[str], list[str]], domain: int
+) -> None:
+    process, kinds = echo
+    assert process.stdin is not None
+    assert process.stdout is not None
+    node, rng, held_kind = Node(domain), np.random.default_rng(8), "std_msgs/Float64MultiArray"
+    node.open()
+    holds = packed(held_kind, drawn(full(held_kind), rng))
+    assert node.writer("/to_ros/held", held_kind, latched=True, depth=1).write(holds)
+    if process.stdout.readline() != "ready\n":
+        process.kill()
+        pytest.fail(process.communicate()[1])
+    names = {kind: kind.replace("/", "_") for kind in kinds}
+    writers = {kind: node.writer(f"/to_ros/{name}", kind) for kind, name in names.items()}
+    readers = {kind: node.reader(f"/from_ros/{name}", kind) for kind, name in names.items()}
+    _until(lambda: all(writers[kind].readers and readers[kind].publishers for kind in kinds), 20.0)
+    for kind in kinds:
+        sent = drawn(full(kind), rng)
+        if kind == "std_msgs/Empty":
+            sent.structure_needs_at_least_one_member = 0  # of which rclpy knows nothing
+        data = packed(kind, sent)
+        found: list[bytes] = []
+        for _ in range(20):  # who has just met may miss the first
+            assert writers[kind].write(data + bytes(-len(data) % 4))
+            if readers[kind].wait(0.5):
+                found = _received(readers[kind])
+                break
+        assert [packed(kind, read(kind, one)) for one in found] == [data], kind
+    for name, data in (("held", packed(held_kind, _three())), ("held_again", holds)):  # each came before it was asked
+        reader = node.reader(f"/from_ros/{name}", held_kind, latched=True)
+        assert [packed(held_kind, read(held_kind, one)) for one in _received(reader)] == [data]
+    assert {address for address, port in _ports(process.pid) if 0 <= port - 7400 - 250 * domain < 250} == {"0100007F"}
+    process.stdin.close()
+    counts = json.loads(process.stdout.read())
+    assert set(counts) == {*kinds, "held"}
+    node.close()
+
+
+def _three() -> Any:
+    layout = TYPES["std_msgs/msg/MultiArrayLayout"]([], 0)
+    return TYPES["std_msgs/msg/Float64MultiArray"](layout, np.array([1.0, 2.0, 3.0]))
+
+
+def _ports(process: int) -> list[tuple[str, int]]:
+    """Address, as the system writes it, and port of each UDP socket of a process."""
+    rows = [line.split() for line in Path("/proc/net/udp").read_text().splitlines()[1:]]
+    table = {f"socket:[{row[9]}]": row[1].split(":") for row in rows}
+    names = [os.readlink(link) for link in Path(f"/proc/{process}/fd").iterdir()]
+    return [(table[name][0], int(table[name][1], 16)) for name in names if name in table]
