@@ -274,6 +274,12 @@ def test_the_only_fitting_topic_is_found_and_others_are_named(domain: int) -> No
     ):
         with pytest.raises(InputError, match=said):
             RosTopics(layout, Node(domain), patience=0.5).open()
+    for topic, said in (("/ft", "'/ft' holds geometry_msgs/WrenchStamped"), ("/no", "nobody publishes '/no'")):
+        node = Node(domain)
+        node.open()
+        with pytest.raises(InputError, match=said):
+            RosPoses(RigOrientation(topic=topic), node, patience=0.5).open()
+        node.close()
     devices.append(RosDevice("/second", domain=domain))
     devices[-1].open()
     with pytest.raises(InputError, match="2 topics hold a wrench: /ft, /second"):
@@ -298,6 +304,12 @@ def test_silence_return_and_jumping_stamps_are_said(domain: int, monkeypatch: py
         _gathered(source, 1, batch)
         jumped = [said for said in source.said() if "jumped" in said]
         assert jumped == ([] if not jump else [f"the stamps of '/ft' jumped by {jump}"])
+    device.close()
+    _until(lambda: source.receive(batch, 0.0) == 0 and any("nobody publishes it now" in said for said in source.said()))
+    device.open()
+    _until(lambda: device.send(np.array([51 * SECOND]), np.ones((1, 6))))
+    assert _gathered(source, 1, batch)[1].tolist() == [[1.0] * 6]
+    assert [said.startswith("messages on '/ft' again, after ") for said in source.said()][:1] == [True]
     source.close()
     device.close()
 

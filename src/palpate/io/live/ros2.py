@@ -90,18 +90,11 @@ class RosTopics:
         """
         if said := self._node.open():
             self._said.append(said)
-        self.topic = self._chosen()
-        if self.topic.count > 1:
-            self._said.append(f"{self.topic.count} nodes publish {self.topic.name!r}: their samples are mixed")
-        depth = min(DEPTH, max(_IMAGES, _MEMORY // (8 * prod(self.shape)))) if self.shape else _IMAGES
-        self._reader = self._node.reader(self.topic.name, self.topic.kind, depth=depth)
-        self._stamped = None if self._layout.images or has_header(self.topic.kind) else False
-        if self._stamped is False:
-            self._say_unstamped()
-        if self._poses is not None:
-            self._poses.open()
-        if self._layout.images is not None:
-            self._first_image(self._reader)
+        try:
+            self._begin()
+        except InputError:
+            self.close()
+            raise
         self._heard = time.monotonic()
 
     def receive(self, batch: Batch, timeout: float) -> int:
@@ -137,6 +130,21 @@ class RosTopics:
             self._poses.close()
         self._reader = None
         self._node.close()
+
+    def _begin(self) -> None:
+        """Find the topic, and listen to it."""
+        self.topic = self._chosen()
+        if self.topic.count > 1:
+            self._said.append(f"{self.topic.count} nodes publish {self.topic.name!r}: their samples are mixed")
+        depth = min(DEPTH, max(_IMAGES, _MEMORY // (8 * prod(self.shape)))) if self.shape else _IMAGES
+        self._reader = self._node.reader(self.topic.name, self.topic.kind, depth=depth)
+        self._stamped = None if self._layout.images or has_header(self.topic.kind) else False
+        if self._stamped is False:
+            self._say_unstamped()
+        if self._poses is not None:
+            self._poses.open()
+        if self._layout.images is not None:
+            self._first_image(self._reader)
 
     def _chosen(self) -> Topic:
         channel = self._layout.images or self._array

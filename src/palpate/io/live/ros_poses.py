@@ -70,11 +70,11 @@ class RosPoses:
                 for name, latched in _TREE
             ]
             return
-        name = ros_name(self._table.topic or "")
-        topic = published(name, self._node.settled(self._patience, [name]), self._node.where)
-        if role(topic.kind) != "pose":
-            raise InputError(f"topic {name!r} holds {topic.kind}.", where=self._node.where, hint=POSE_KINDS)
-        self._readers = [self._node.reader(name, topic.kind)]
+        try:
+            self._readers = [self._named()]
+        except InputError:
+            self.close()
+            raise
 
     def at(self, stamp: Int[np.ndarray, " n"]) -> Posed:
         """At times [ns] of samples, with every message that has come."""
@@ -92,6 +92,13 @@ class RosPoses:
         self._readers = []
         if self._own is not None:
             self._own.close()
+
+    def _named(self) -> Reader:
+        name = ros_name(self._table.topic or "")
+        topic = published(name, self._node.settled(self._patience, [name]), self._node.where)
+        if role(topic.kind) != "pose":
+            raise InputError(f"topic {name!r} holds {topic.kind}.", where=self._node.where, hint=POSE_KINDS)
+        return self._node.reader(name, topic.kind)
 
 
 def wanted(orientation: RigOrientation) -> bool:

@@ -104,7 +104,7 @@ def idl_type(kind: str) -> Any:
     made: Any = make_idl_struct(f"{kind.split('/')[1]}_", dds_type_name(kind), members, dataclassify=False)
     made.__init__ = Raw.__init__
     made.serialize = _serialize
-    made.deserialize = classmethod(_deserialize)
+    made.deserialize = made.deserialize_key = classmethod(_deserialize)  # a key comes when a publisher leaves
     return made
 
 
