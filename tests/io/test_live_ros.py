@@ -33,7 +33,7 @@ from palpate.io.logs.layout import ArrayChannel, ImageChannel, Layout
 from palpate.io.rig.rig import Rig
 from palpate.io.rig.source import RigSource
 from palpate.io.rig.tables import RigForceTorque, RigOrientation
-from tests.support.ros_kinds import TYPES, drawn, full, members, packed, read
+from tests.support.ros_kinds import ROS2, TYPES, drawn, full, members, packed, read
 
 pytest.importorskip("cyclonedds", reason="ROS 2 is reached through cyclonedds")
 
@@ -182,6 +182,35 @@ def test_a_thousand_samples_a_second_arrive_to_the_last_bit(domain: int) -> None
     source.close()
     device.close()
     source.close()
+
+
+def test_wrenches_of_any_make_are_read_alike(domain: int) -> None:
+    node, source = Node(domain), RosTopics(Layout(wrench_topic="/ft"), Node(domain))
+    node.open()
+    kind, rng = "geometry_msgs/WrenchStamped", np.random.default_rng(9)
+    writer = node.writer("/ft", kind)
+    source.open()
+    _until(lambda: writer.readers)
+    sent: list[np.ndarray] = []
+    for frame_id in ["sensor"] * 3 + ["s"] * 2 + ["sensor_"] * 2 + ["tensor"] * 2:  # of one length, of another
+        message = drawn(full(kind), rng)
+        message.header.frame_id = frame_id
+        message.header.stamp = TYPES["builtin_interfaces/msg/Time"](len(sent) + 1, len(sent))
+        if len(sent) in (1, 6):
+            message.wrench.torque.y = np.nan
+        sent.append(np.array(_numbers(message.wrench.force) + _numbers(message.wrench.torque)))
+        big = len(sent) == 3
+        data = bytes(ROS2.serialize_cdr(message, full(kind), little_endian=not big))
+        assert writer.write(data)
+        if len(sent) < 6:  # one by one, then several at once
+            stamps, values, _ = _gathered(source, 1)
+            assert stamps.tolist() == [len(sent) * SECOND + len(sent) - 1]
+            assert np.array_equal(values, sent[-1:], equal_nan=True)
+    stamps, values, lost = _gathered(source, 4)
+    assert np.array_equal(values, sent[5:], equal_nan=True)
+    assert lost == 0
+    source.close()
+    node.close()
 
 
 def test_what_has_no_room_is_counted(domain: int) -> None:

@@ -33,6 +33,8 @@ _OWN = "/palpate/"  # what Palpate publishes itself is never taken for a sensor
 _MEMORY = 2**26  # bytes of messages that wait, at most
 _IMAGES = 16  # that wait, at most
 _JUMP = 2.0  # s
+_WRENCH = "geometry_msgs/WrenchStamped"
+_PLAIN = 0x100  # the bytes 0 and 1: CDR, little-endian
 
 
 class RosTopics:
@@ -65,6 +67,7 @@ class RosTopics:
         self._held: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None  # a first message whose stamp is 0
         self._missed = 0
         self._unread = False
+        self._alike: _Alike | None = None
         self._clock = _Clock()
         self._heard: float | None = None
         self._quiet = False
@@ -188,9 +191,13 @@ class RosTopics:
         """Stamps of headers [ns], times of sending [ns] and numbers, of messages that can be read."""
         if self._layout.images is not None:
             stamps, values, sound = self._images(messages)
+        elif self._alike is not None and (quick := self._alike.read(messages)) is not None:
+            return quick[0], messages.time, quick[1]
         else:
             stamps, values, sound = decode(messages, self.topic, self.shape)
             values = values.reshape(-1, *self.shape)
+            if sound.any() and self.topic.kind == _WRENCH:
+                self._alike = _Alike(messages.data[int(messages.start[sound][0]) :])
         if not sound.all():
             self._missed += int(np.count_nonzero(~sound))
             if not self._unread:
@@ -263,3 +270,36 @@ class _Clock:
             return 0.0
         jump = (stamp - last[0] - (now - last[1])) / 1e9
         return jump if abs(jump) > _JUMP else 0.0
+
+
+class _Alike:
+    """Reads wrenches that differ from one before in stamp and numbers alone: a sensor's frame keeps its name.
+
+    That takes 10 us instead of the 200 of a decoder that expects anything in each message.
+
+    Args:
+        message: begins with one that can be read.
+    """
+
+    def __init__(self, message: bytes) -> None:
+        self._named = int.from_bytes(message[12:16], "little")
+        start = 16 + self._named + -(12 + self._named) % 8
+        self._layout = np.dtype(
+            {
+                "names": ["form", "sec", "nanosec", "named", "values"],
+                "formats": ["<u2", "<i4", "<u4", "<u4", ("<f8", 6)],
+                "offsets": [0, 4, 8, 12, start],
+                "itemsize": start + 48,
+            }
+        )
+
+    def read(self, messages: Messages) -> tuple[np.ndarray, np.ndarray] | None:
+        """Stamps [ns] and values; None where one of them is not like the first."""
+        if not (messages.length == self._layout.itemsize).all():
+            return None
+        rows = np.frombuffer(messages.data, dtype=self._layout)
+        if not ((rows["form"] == _PLAIN) & (rows["named"] == self._named)).all():
+            return None
+        values = rows["values"].copy()
+        values[np.isnan(values)] = np.nan  # of the many that bytes can make, the one that arithmetic does not warn of
+        return rows["sec"].astype(np.int64) * 10**9 + rows["nanosec"], values
