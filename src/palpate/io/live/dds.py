@@ -26,6 +26,7 @@ LOOPBACK = "127.0.0.1"
 _PARTICIPANTS = 32  # on one machine, that find each other without multicast
 _FAST_DDS = "1.15"  # as a vendor of DDS: it describes some types otherwise, which would keep readers and writers apart
 _PORTS = 250  # of a domain, from 7400 on
+_BUFFER = 2**22  # bytes that the kernel is asked to keep for each port: it gives what it may
 _OPEN = "ports of DDS are open to other machines, too: this system does not let them be kept to loopback"
 _BLOCKED = 10_000_000  # ns that a write may wait for slow readers
 _ids = count(0x10000)  # of domains inside this process: each node has one of its own
@@ -249,6 +250,7 @@ def _configuration(domain: int, interface: str) -> str:
 <Discovery><ExternalDomainId>{domain}</ExternalDomainId><ParticipantIndex>auto</ParticipantIndex>
 <MaxAutoParticipantIndex>{_PARTICIPANTS}</MaxAutoParticipantIndex>{peers}</Discovery>
 <Compatibility><IgnoreTypeInformation>{_FAST_DDS}</IgnoreTypeInformation></Compatibility>
+<Internal><SocketReceiveBufferSize max="{_BUFFER}B"/></Internal>
 </Domain></CycloneDDS>"""
 
 
