@@ -164,6 +164,9 @@ def test_what_is_wrong_with_poses_is_said(monkeypatch: pytest.MonkeyPatch) -> No
     assert np.isnan(poses.at(asked).age).all()
     assert poses.said() == ["there are no poses yet: the sensor's orientation is not known"]
     poses = LivePoses(("base", "ft"))
+    fixed = LivePoses(("base", "ft"))
+    fixed.add(_tree("/tf_static", [(0, "base", "ft", np.ones(3), up)]))
+    assert [part.ravel().tolist() for part in fixed.at(asked)] == [up.tolist(), [1.0, 1.0, 1.0], [0.0], [0.0]]
     poses.add(_tree("/tf", [(START, "base", "hand", np.zeros(3), up)]))
     poses.at(asked)
     assert [said.startswith("there is no frame 'ft'. Nearest in name of 2:") for said in poses.said()] == [True]
@@ -187,3 +190,14 @@ def test_poses_without_stamps_are_of_when_they_were_sent() -> None:
     assert found.position.tolist() == [[1.0, 2.0, 3.0]]
     poses.add(_messages(Topic("/pose", kind, "cdr"), [raw[:40]], START + 1))
     assert poses.said() == ["messages of poses are cut short, or of another type; they are left out"]
+
+
+def test_the_rest_of_a_robot_does_not_matter() -> None:
+    up = np.array([0.0, 0.0, 0.0, 1.0])
+    poses = LivePoses(("base", "ft"))
+    for k in range(20):
+        at = START + k * 10**7
+        moved = [("base", "hand"), ("hand", "ft"), ("hand", "finger"), ("base", "wheel")]
+        poses.add(_tree("/tf", [(at, *edge, np.array([k * 0.01, 0.0, 0.0]), up) for edge in moved]))
+        assert poses.at(np.array([at])).position[0].tolist() == pytest.approx([k * 0.02, 0.0, 0.0])
+    assert [len(poses._edges[edge].stamps) for edge in moved] == [20, 20, 1, 1]

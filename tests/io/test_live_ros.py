@@ -315,6 +315,8 @@ def test_the_only_fitting_topic_is_found_and_others_are_named(domain: int) -> No
         RosTopics(Layout(), Node(domain), patience=1.0).open()
     for each in (*devices, publisher):
         each.close()
+    with pytest.raises(InputError, match="'a b' cannot be a topic of ROS"):
+        RosDevice("a b", domain=domain).open()
     with pytest.raises(InputError, match="there is no network interface 'nowhere'"):
         Node(domain, "nowhere").open()
 

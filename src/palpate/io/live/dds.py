@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import socket
 import time
 from collections.abc import Collection, Iterator, Sequence
@@ -166,6 +167,9 @@ class Node:
             time.sleep(0.01)  # announcements come a few times a second
 
     def _topic(self, name: str, kind: str) -> Any:
+        if not re.fullmatch(r"(/[A-Za-z_][A-Za-z0-9_]*)+", ros_name(name)):
+            hint = "Letters, digits and _, in parts that / separates and no digit begins."
+            raise InputError(f"{name!r} cannot be a topic of ROS.", where=self.where, hint=hint)
         return self._dds.Topic(self._participant, f"rt{ros_name(name)}", idl_type(kind))
 
 

@@ -70,6 +70,7 @@ class LivePoses:
         self._edges: dict[tuple[str, str], LiveTrack] = {}
         self._tree = FrameTree()
         self._path = None if frames else FramePath(("base", "sensor"), ((self._track, False),))
+        self._needed = frozenset[str]()
         self._names: dict[str, int] = {}
         self._problem = ""
         self._unread = 0
@@ -82,8 +83,6 @@ class LivePoses:
         if not len(messages.time):
             return
         topic = next(iter(messages.topics.values()))
-        if self._origin is None:
-            self._origin = int(messages.time[0])
         if topic.kind in TREES:
             self._add_transforms(messages, topic)
         else:
@@ -94,11 +93,11 @@ class LivePoses:
 
     def at(self, stamp: Int[np.ndarray, " n"]) -> Posed:
         """At the times [ns] of samples."""
-        if self._origin is None or (path := self._way()) is None:
+        if (path := self._way()) is None:
             nothing = np.full((len(stamp), 9), np.nan)
             self._watch(found=False)
             return Posed(nothing[:, :4], nothing[:, 4:7], nothing[:, 7], nothing[:, 8])
-        asked = seconds(stamp - self._origin)
+        asked = seconds(stamp - (self._origin or 0))
         quaternion, position = path.at(asked)
         age, square = np.zeros((2, len(stamp)))
         for track in _live(path):
@@ -130,6 +129,8 @@ class LivePoses:
         return LiveTrack(offset, max_gap, hold=hold)
 
     def _grow(self, track: LiveTrack, stamps: Int[np.ndarray, " k"], values: Float[np.ndarray, "k 7"]) -> None:
+        if self._origin is None and len(stamps):
+            self._origin = int(stamps[0])
         track.add(seconds(stamps - (self._origin or 0)), values[:, 3:], values[:, :3])
         track.forget(track.newest - self._kept)
 
@@ -146,6 +147,8 @@ class LivePoses:
                 self._edges[edge] = self._new()
                 self._tree.add(*edge, self._edges[edge])
                 self._path = None
+            elif self._path is not None and not self._needed.issuperset(edge):
+                continue  # the rest of a robot, which may be large
             stamps = rows.stamp[which]
             stamps = np.where(stamps == 0, messages.time[rows.message[which]], stamps)
             self._grow(self._edges[edge], stamps, rows.values[which])
@@ -159,12 +162,13 @@ class LivePoses:
 
     def _way(self) -> FramePath | None:
         """From base to sensor, as far as the tree has grown."""
-        if self._path is None and self._frames is not None:
+        if self._path is None and self._frames is not None and self._tree.frames:
             try:
                 self._path = self._tree.path(*self._frames)
             except InputError as problem:
                 self._problem = f"{problem.what} {problem.hint} The sensor's orientation is not known"
                 return None
+            self._needed = frozenset(self._path.frames)  # of a tree: two of them that are joined are neighbours
             way = " -> ".join(self._path.frames)
             if way not in self._told:
                 self._told.add(way)

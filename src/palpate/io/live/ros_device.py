@@ -29,7 +29,7 @@ class RosDevice:
         interface: str = "",
         frame_id: str = "sensor",
     ) -> None:
-        self._topic, self._shape, self._frame_id = ros_name(topic), shape, frame_id
+        self._topic, self._shape, self._frame_id = topic, shape, frame_id
         self._node = Node(domain, interface)
         self._writer: Writer | None = None
 
@@ -48,7 +48,7 @@ class RosDevice:
         lines = ["[source]", 'kind = "ros2"', f"domain = {self._node.domain}"]
         if self._node.interface:
             lines.append(f'interface = "{self._node.interface}"')
-        return "\n".join([*lines, f'# and topic = "{self._topic}" in the table of the sensor', ""])
+        return "\n".join([*lines, f'# and topic = "{ros_name(self._topic)}" in the table of the sensor', ""])
 
     def send(self, stamp: Int[np.ndarray, " n"], values: Float[np.ndarray, "n k"]) -> int:
         """See `palpate.io.live.device.Device`.
