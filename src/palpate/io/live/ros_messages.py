@@ -1,0 +1,94 @@
+"""Messages of ROS 2 as bytes (CDR, little-endian), ready to be sent."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from struct import Struct
+
+import numpy as np
+from jaxtyping import Float, Int
+
+__all__ = ["Cdr", "array_message", "image_message", "stamped"]
+
+_HEAD = b"\0\1\0\0"  # plain, little-endian
+
+
+class Cdr:
+    """Writes one message from front to back; numbers stand at multiples of their size behind the first four bytes."""
+
+    def __init__(self) -> None:
+        self._data = bytearray(_HEAD)
+
+    def align(self, size: int) -> Cdr:
+        """To a multiple of `size`."""
+        self._data += bytes(-(len(self._data) - len(_HEAD)) % size)
+        return self
+
+    def numbers(self, code: str, *values: float | int) -> Cdr:
+        """All of one type, a letter of `struct`."""
+        packed = Struct(f"<{len(values)}{code}")
+        self.align(packed.size // max(len(values), 1) or 1)
+        self._data += packed.pack(*values)
+        return self
+
+    def text(self, text: str) -> Cdr:
+        """A string."""
+        raw = text.encode() + b"\0"
+        self.numbers("I", len(raw))
+        self._data += raw
+        return self
+
+    def header(self, stamp: int, frame_id: str) -> Cdr:
+        """Of a stamp [ns] and the name of a frame."""
+        self.numbers("i", stamp // 10**9).numbers("I", stamp % 10**9)
+        return self.text(frame_id)
+
+    def raw(self, data: bytes) -> Cdr:
+        """Bytes as they are, such as numbers of an array."""
+        self._data += data
+        return self
+
+    def done(self) -> bytes:
+        """The message."""
+        return bytes(self._data)
+
+
+def stamped(frame_id: str, stamp: Int[np.ndarray, " n"], values: Float[np.ndarray, "n k"]) -> list[bytes]:
+    """Messages of a header and k doubles: WrenchStamped (force first), PoseStamped, PoseWithCovarianceStamped.
+
+    Args:
+        frame_id: name of the frame.
+        stamp: [ns] of each.
+        values: in the order of the message.
+    """
+    head = np.frombuffer(Cdr().header(0, frame_id).align(8).done(), dtype=np.uint8)
+    rows = np.empty((len(stamp), len(head) + 8 * values.shape[1]), dtype=np.uint8)
+    rows[:, : len(head)] = head
+    times = np.stack(np.divmod(stamp, 10**9), axis=1).astype("<u4")
+    rows[:, 4:12] = times.view(np.uint8)
+    rows[:, len(head) :] = np.ascontiguousarray(values, dtype="<f8").view(np.uint8)
+    return [row.tobytes() for row in rows]
+
+
+def array_message(values: np.ndarray, names: Sequence[str] = ("rows", "columns")) -> bytes:
+    """A Float64MultiArray of one sample.
+
+    Args:
+        values: of any shape.
+        names: of the axes, where there are two.
+    """
+    message = Cdr().numbers("I", values.ndim)
+    for axis, size in enumerate(values.shape):
+        message.text(names[axis] if values.ndim == len(names) else f"axis {axis}")
+        message.numbers("I", size, int(np.prod(values.shape[axis:])))
+    message.numbers("I", 0, values.size)
+    return message.align(8).raw(np.ascontiguousarray(values, dtype="<f8").tobytes()).done()
+
+
+def image_message(stamp: int, frame_id: str, image: np.ndarray) -> bytes:
+    """An Image: (height, width, 3) uint8 blue, green, red as bgr8; (height, width) uint8 as mono8."""
+    height, width = image.shape[:2]
+    encoding = "bgr8" if image.ndim == 3 else "mono8"
+    message = Cdr().header(stamp, frame_id).numbers("I", height, width).text(encoding).numbers("B", 0)
+    message.numbers("I", image[0].size, image.size)
+    return message.raw(np.ascontiguousarray(image, dtype=np.uint8).tobytes()).done()

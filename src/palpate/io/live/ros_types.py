@@ -1,0 +1,128 @@
+"""Types of ROS 2 as a DDS knows them: their names, and what they are made of."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cache
+from typing import Any
+
+from palpate.errors import InputError
+
+__all__ = ["DEFINITIONS", "Raw", "dds_type_name", "idl_type", "ros_type_name"]
+
+_MULTI_ARRAYS = {
+    f"std_msgs/{name}MultiArray": f"std_msgs/MultiArrayLayout layout, {number}[] data"
+    for name, number in (
+        *((f"Float{bits}", f"float{bits}") for bits in (64, 32)),
+        *(
+            (f"{sign}Int{bits}".replace("uInt", "UInt"), f"{sign}int{bits}")
+            for bits in (8, 16, 32)
+            for sign in ("u", "")
+        ),
+    )
+}
+_STAMPED = "std_msgs/Header header, "
+DEFINITIONS: Mapping[str, str] = {
+    "builtin_interfaces/Time": "int32 sec, uint32 nanosec",
+    "builtin_interfaces/Duration": "int32 sec, uint32 nanosec",
+    "std_msgs/Header": "builtin_interfaces/Time stamp, string frame_id",
+    "std_msgs/Empty": "uint8 structure_needs_at_least_one_member",
+    "std_msgs/ColorRGBA": "float32 r, float32 g, float32 b, float32 a",
+    "std_msgs/MultiArrayDimension": "string label, uint32 size, uint32 stride",
+    "std_msgs/MultiArrayLayout": "std_msgs/MultiArrayDimension[] dim, uint32 data_offset",
+    **_MULTI_ARRAYS,
+    "geometry_msgs/Point": "float64 x, float64 y, float64 z",
+    "geometry_msgs/Vector3": "float64 x, float64 y, float64 z",
+    "geometry_msgs/Quaternion": "float64 x, float64 y, float64 z, float64 w",
+    "geometry_msgs/Wrench": "geometry_msgs/Vector3 force, geometry_msgs/Vector3 torque",
+    "geometry_msgs/WrenchStamped": f"{_STAMPED}geometry_msgs/Wrench wrench",
+    "geometry_msgs/Pose": "geometry_msgs/Point position, geometry_msgs/Quaternion orientation",
+    "geometry_msgs/PoseStamped": f"{_STAMPED}geometry_msgs/Pose pose",
+    "geometry_msgs/PoseWithCovariance": "geometry_msgs/Pose pose, float64[36] covariance",
+    "geometry_msgs/PoseWithCovarianceStamped": f"{_STAMPED}geometry_msgs/PoseWithCovariance pose",
+    "geometry_msgs/Twist": "geometry_msgs/Vector3 linear, geometry_msgs/Vector3 angular",
+    "geometry_msgs/TwistWithCovariance": "geometry_msgs/Twist twist, float64[36] covariance",
+    "geometry_msgs/Transform": "geometry_msgs/Vector3 translation, geometry_msgs/Quaternion rotation",
+    "geometry_msgs/TransformStamped": f"{_STAMPED}string child_frame_id, geometry_msgs/Transform transform",
+    "tf2_msgs/TFMessage": "geometry_msgs/TransformStamped[] transforms",
+    "nav_msgs/Odometry": f"{_STAMPED}string child_frame_id, geometry_msgs/PoseWithCovariance pose, "
+    "geometry_msgs/TwistWithCovariance twist",
+    "sensor_msgs/Image": f"{_STAMPED}uint32 height, uint32 width, string encoding, uint8 is_bigendian, uint32 step, "
+    "uint8[] data",
+    "sensor_msgs/CompressedImage": f"{_STAMPED}string format, uint8[] data",
+    "visualization_msgs/UVCoordinate": "float32 u, float32 v",
+    "visualization_msgs/MeshFile": "string filename, uint8[] data",
+    "visualization_msgs/Marker": f"{_STAMPED}string ns, int32 id, int32 type, int32 action, geometry_msgs/Pose pose, "
+    "geometry_msgs/Vector3 scale, std_msgs/ColorRGBA color, builtin_interfaces/Duration lifetime, bool frame_locked, "
+    "geometry_msgs/Point[] points, std_msgs/ColorRGBA[] colors, string texture_resource, "
+    "sensor_msgs/CompressedImage texture, visualization_msgs/UVCoordinate[] uv_coordinates, string text, "
+    "string mesh_resource, visualization_msgs/MeshFile mesh_file, bool mesh_use_embedded_materials",
+    "visualization_msgs/MarkerArray": "visualization_msgs/Marker[] markers",
+    "palpate_msgs/Contact": f"{_STAMPED}int64 sample, int64 contact, int64 candidates, float64 time, "
+    "geometry_msgs/Point point, geometry_msgs/Vector3 normal, geometry_msgs/Vector3 force, float64 torque, "
+    "float64[9] covariance, uint8 status",
+    "palpate_msgs/ContactArray": f"{_STAMPED}palpate_msgs/Contact[] contacts, string[] features, float64[] values",
+}
+"""Type, without "/msg/" as elsewhere here -> its members as ROS writes them, in their order."""
+
+
+class Raw:
+    """The bytes of one message, as it is handed to cyclonedds and as that hands it on; `info` says when it was sent."""
+
+    def __init__(self, data: bytes) -> None:
+        self.data = data
+        self.sample_info: Any = None
+
+
+def dds_type_name(kind: str) -> str:
+    """'geometry_msgs/Wrench' -> 'geometry_msgs::msg::dds_::Wrench_'."""
+    package, _, name = kind.partition("/")
+    return f"{package}::msg::dds_::{name}_"
+
+
+def ros_type_name(name: str) -> str:
+    """The other way; what is no message of ROS stays as it is."""
+    package, between, last = name.partition("::msg::dds_::")
+    return f"{package}/{last.removesuffix('_')}" if between else name
+
+
+@cache
+def idl_type(kind: str) -> Any:
+    """A class for cyclonedds: what it needs to know of a type, while messages pass through it as bytes.
+
+    cyclonedds checks what it receives against the members, and tells them to others on the network; decoding each
+    message into objects would take 22-88 us, and is left out.
+
+    Raises:
+        InputError: the type is none of `DEFINITIONS`.
+    """
+    from cyclonedds.idl import make_idl_struct
+
+    if kind not in DEFINITIONS:
+        raise InputError(f"messages of {kind} cannot be read or written.", where="ROS 2")
+    members = {name: _member(what) for what, name in (each.split(" ") for each in DEFINITIONS[kind].split(", "))}
+    made: Any = make_idl_struct(f"{kind.split('/')[1]}_", dds_type_name(kind), members, dataclassify=False)
+    made.__init__ = Raw.__init__
+    made.serialize = _serialize
+    made.deserialize = made.deserialize_key = classmethod(_deserialize)  # a key comes when a publisher leaves
+    return made
+
+
+def _serialize(self: Any, **_: object) -> bytes:
+    return self.data
+
+
+def _deserialize(cls: Any, data: bytes, **_: object) -> Any:
+    return cls(data)
+
+
+def _member(what: str) -> Any:
+    from cyclonedds.idl import types
+
+    name, bracket, size = what.partition("[")
+    if bracket:
+        inner = _member(name)
+        return types.sequence[inner] if size == "]" else types.array[inner, int(size[:-1])]
+    if "/" in name:
+        return idl_type(name)
+    return {"string": str, "bool": bool}.get(name) or getattr(types, name)
