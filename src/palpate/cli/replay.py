@@ -90,7 +90,7 @@ def _device(kind: str, source: Replay, *, port: int, web: int, framing: str, top
         from palpate.io.live.serial_device import SerialDevice
 
         return SerialDevice(framing=framing)
-    from palpate.io.live.fake_ros import RosDevice
+    from palpate.io.live.ros_device import RosDevice
 
     return RosDevice(topic, source.shape, domain=domain)
 

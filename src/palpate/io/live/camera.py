@@ -7,6 +7,7 @@ from importlib import import_module
 from typing import Any
 
 import numpy as np
+from numpy.typing import DTypeLike
 
 from palpate.errors import InputError
 from palpate.io.live.source import Batch
@@ -28,7 +29,7 @@ class Camera:
         InputError: OpenCV is not installed, or there is no such camera: its first frame says how large images are.
     """
 
-    dtype = np.uint8
+    dtype: DTypeLike = np.uint8
     poses = False
 
     def __init__(self, address: str, rate: float | None = None) -> None:

@@ -17,6 +17,7 @@ from jaxtyping import Float, Int
 from palpate.contact.estimate import ROW, Status
 from palpate.errors import InputError
 from palpate.io.live.ring import Form, Ring
+from palpate.io.live.ros_poses import RosPoses
 from palpate.io.live.source import BATCH, SOURCES, Batch, Source
 from palpate.io.logs.decoding import seconds
 from palpate.io.logs.samples import Samples
@@ -28,6 +29,7 @@ __all__ = ["Answers", "Live", "open_live"]
 
 NUMBERS = 1 << 22  # of a batch
 JUMP = 50_000_000  # ns between the clock of the day and the one that only runs, which is a jump
+TILT = 9.81 / 3**0.5  # m/s^2 along each axis, for a radian by which the direction of gravity is off
 TARE = 1.0  # s, where the rig does not say
 
 
@@ -103,6 +105,8 @@ class Live:
         self.rig = rig if isinstance(rig, Rig) else load_rig(rig)
         self.kind = self.rig.kind(sensor)
         self.source = SOURCES[self.rig.stream().kind](self.rig) if source is None else source
+        self._poses = None if self.source.poses else RosPoses.of(self.rig)
+        self._posed = self.source.poses or self._poses is not None
         layout = self.kind.layout(self.rig)
         self._samples, self._frame = Samples(layout, Path("the stream")), layout.frame
         self.estimator = self.kind.build(self.rig, None).estimator  # what is slow, before samples come
@@ -130,7 +134,7 @@ class Live:
             most=int(estimator.most),
             frame=frame,
             rig=rig,
-            poses=source.poses,
+            poses=self._posed,
         )
 
     def into(self, ring: Ring) -> None:
@@ -138,6 +142,8 @@ class Live:
         self._ring = ring
 
     def __enter__(self) -> Live:
+        if self._poses is not None:
+            self._poses.open()
         self.source.open()
         return self
 
@@ -145,6 +151,8 @@ class Live:
         self, kind: type[BaseException] | None, raised: BaseException | None, at: TracebackType | None
     ) -> None:
         self.source.close()
+        if self._poses is not None:
+            self._poses.close()
         self._maker.shutdown(wait=False, cancel_futures=True)
 
     def __iter__(self) -> Iterator[tuple[float, Float[np.ndarray, " width"]]]:
@@ -186,8 +194,10 @@ class Live:
     def _taken(self, count: int) -> _Samples:
         """Of the batch, as the estimator wants them; arrays that nobody writes into any more."""
         batch, beside = self._batch, dict[str, np.ndarray]()
-        unsteady = np.zeros(count)
-        if self.source.poses:
+        if self._poses is not None:
+            self._poses.at(batch.stamp[:count]).into(batch)
+        unsteady = TILT * batch.turned[:count]
+        if self._posed:
             beside = {ORIENTATION: batch.orientation[:count].copy(), POSITION: batch.position[:count].copy()}
             beside |= {ACCELERATION: batch.acceleration[:count].copy(), UNSTEADY: unsteady[:, None]}
         if self._ring is not None:
@@ -270,7 +280,7 @@ class Live:
 
     def _watch(self) -> None:
         """What the source says, and whether the clock jumped."""
-        self._said += self.source.said()
+        self._said += [*self.source.said(), *(() if self._poses is None else self._poses.said())]
         clock = _offset()
         if abs(clock - self._clock) > JUMP:
             jump = (clock - self._clock) / 1e9

@@ -64,6 +64,7 @@ class NetFt:
 
     shape: tuple[int, ...] = (6,)
     dtype: DTypeLike = np.float64
+    poses = False
 
     def __init__(self, address: str, port: int = 49152, web: int = 80, rate: float | None = None) -> None:
         self._address, self._port, self._web, self._rate = address, port, web, rate

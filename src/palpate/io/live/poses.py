@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from palpate.errors import InputError
-from palpate.io.live.source import SILENT
+from palpate.io.live.source import SILENT, Batch
 from palpate.io.logs.decoding import decode, seconds
 from palpate.io.logs.log import Messages, Topic
 from palpate.io.logs.transforms import TREES, transforms
@@ -38,6 +38,12 @@ class Posed(NamedTuple):
     position: Float[np.ndarray, "n 3"]
     age: Float[np.ndarray, " n"]
     turned: Float[np.ndarray, " n"]
+
+    def into(self, batch: Batch) -> None:
+        """Beside the first n samples of a batch."""
+        count = len(self.age)
+        batch.orientation[:count], batch.position[:count] = self.quaternion, self.position
+        batch.acceleration[:count], batch.turned[:count] = 0.0, np.nan_to_num(self.turned)
 
 
 class LivePoses:

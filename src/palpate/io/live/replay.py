@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
+from numpy.typing import DTypeLike
 
 from palpate.errors import InputError
 from palpate.io.live.source import Batch
@@ -55,7 +56,8 @@ class Replay:
         if first is None:
             raise InputError("holds no samples.", where=str(path))
         values = values_of(first)
-        self.shape, self.dtype = tuple(values.shape[1:]), np.uint8 if IMAGE in first.channels else np.float64
+        self.shape: tuple[int, ...] = tuple(values.shape[1:])
+        self.dtype: DTypeLike = np.uint8 if IMAGE in first.channels else np.float64
         self.poses = ORIENTATION in first.channels
         self.ended = False
         self._said: list[str] = []

@@ -72,6 +72,11 @@ class RosTopics:
         self._heard: float | None = None
         self._quiet = False
 
+    @property
+    def poses(self) -> bool:
+        """Whether the rig names a topic of poses, or two frames."""
+        return self._poses is not None
+
     @classmethod
     def of(cls, rig: Rig) -> RosTopics:
         """The topic of the rig's sensor, in the domain of its [source]; not opened yet.
@@ -114,10 +119,11 @@ class RosTopics:
             return 0
         self._hear()
         batch.stamp[:count], batch.values[:count], batch.lost[:count] = stamp, values, 0
+        batch.arrived[:count] = time.time_ns()
         batch.lost[0], self._missed = self._missed, 0
         if self._poses is not None:
             self.posed = self._poses.at(stamp)
-            batch.orientation[:count], batch.position[:count] = self.posed.quaternion, self.posed.position
+            self.posed.into(batch)
         if count < len(batch) and (jumped := self._clock.jumped(int(stamp[-1]))):
             self._said.append(f"the stamps of {self.topic.name!r} jumped by {jumped:+.3g} s")
         return count

@@ -79,6 +79,7 @@ class SerialPort:
     """
 
     dtype: DTypeLike = np.float64
+    poses = False
 
     def __init__(self, stated: RigSource, shape: tuple[int, ...]) -> None:
         self.shape = shape

@@ -27,6 +27,7 @@ class Batch:
         lost: (size,) int64: samples missing just before it, by the device's counter; 0 where it has none.
         values: (size, *shape) as a log of the same rig holds them: a wrench force first, in the rig's units and axes.
         orientation: (size, 4) quaternion x, y, z, w of the sensor in the base, NaN where the source knows none.
+        turned: (size,) [rad] rms of the angle by which the orientation may be off because it is old; 0: it is not.
         position: (size, 3) [m].
         acceleration: (size, 3), in the rig's unit, NaN where the source knows none.
     """
@@ -37,6 +38,7 @@ class Batch:
         self.lost = np.zeros(size, dtype=np.int64)
         self.values = np.zeros((size, *shape), dtype=dtype)
         self.orientation = np.full((size, 4), np.nan)
+        self.turned = np.zeros(size)
         self.position = np.full((size, 3), np.nan)
         self.acceleration = np.full((size, 3), np.nan)
 
