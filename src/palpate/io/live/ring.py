@@ -33,7 +33,10 @@ __all__ = ["Form", "Ring"]
 MAGIC, VERSION = b"PALPRING", 1
 HEAD = 1 << 16  # bytes before the slots
 LINE = 64  # bytes of a cache line
-_WORDS = ("version", "slots", "received", "answered", "alive", "recorded", "bytes", "said", "asked", "done", "stop")
+_WORDS = (
+    *("version", "slots", "received", "answered", "alive", "said", "asked", "done", "stop"),
+    *("recorded", "bytes", "noted", "missed", "file", "began"),  # the recorder's
+)
 _JSON, _SAID = 4096, 24576  # where the description and the sentences begin
 SENTENCES, SENTENCE = 128, 320  # kept, and bytes of each
 SIZE = 1 << 26  # bytes of slots, as a rule
@@ -55,6 +58,7 @@ class Form:
         frame: that the contacts are in.
         rig: file that all this was made from.
         poses: whether a pose comes with each sample.
+        topic: that the rig reads a log of these readings from; "": whichever there is.
     """
 
     sensor: str
@@ -66,6 +70,7 @@ class Form:
     frame: str = "surface"
     rig: str = ""
     poses: bool = False
+    topic: str = ""
 
     def slot(self) -> np.dtype[np.void]:
         """Of one sample."""
