@@ -4,11 +4,18 @@
 from __future__ import annotations
 
 import hashlib
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Any, cast
 
 from numba import njit
+from numba.core.compiler_lock import global_compiler_lock
 from numba.extending import overload
+
+try:
+    import fcntl
+except ImportError:  # not on Windows
+    fcntl = None
 
 __all__ = ["STAMP", "chosen_for", "entry", "inlined", "inner"]
 
@@ -31,11 +38,35 @@ def entry(function):
     Division by zero gives inf as in NumPy, and a * b + c may be one instruction; NaN and inf keep their meaning.
     Machine code is kept on disk, so that only the first process ever waits for the compiler. numba forgets it when the
     function's own file changes but not when a file that it calls into does, so the stamp of all kernels takes the place
-    of the file's.
+    of the file's. Processes that start together do not compile the same function each: the others wait for the first.
     """
     dispatcher = cast(Any, njit(cache=True, **_OPTIONS)(function))
     dispatcher._cache._cache_file._source_stamp = STAMP
+    dispatcher.compile = _by_one_process(dispatcher)
     return dispatcher
+
+
+def _by_one_process(dispatcher):
+    """Its `compile`, behind a lock on a file beside the machine code; a process that is killed holds none."""
+    compiles, cache = dispatcher.compile, dispatcher._cache
+    file = Path(cache.cache_path) / f"{cache._impl.filename_base}.lock"
+    held = 0
+
+    def compile(signature):
+        nonlocal held
+        with ExitStack() as stack:
+            stack.enter_context(cast(Any, global_compiler_lock))  # first, or two threads could wait for each other
+            if not held and fcntl is not None:
+                with suppress(OSError):  # a folder that cannot be written keeps no machine code either
+                    cache._impl.locator.ensure_cache_path()
+                    fcntl.flock(stack.enter_context(file.open("w")), fcntl.LOCK_EX)
+            held += 1
+            try:
+                return compiles(signature)
+            finally:
+                held -= 1
+
+    return compile
 
 
 def inner(function):

@@ -15,10 +15,9 @@ import mmap
 import os
 import time
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from math import prod
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -76,8 +75,9 @@ class Form:
         """Of one sample."""
         return np.dtype(
             [
-                ("stamp", "<i8"),  # ns since 1970, when the sample arrived
-                ("ready", "<i8"),  # the same clock, when its contacts were known; 0: they are not
+                ("stamp", "<i8"),  # ns since 1970: its time
+                ("arrived", "<i8"),  # ns since 1970 on this machine's clock
+                ("ready", "<i8"),  # the same, when its contacts were known; 0: they are not
                 ("lost", "<i8"),  # samples that are missing just before it
                 ("rows", "<i8"),  # of `contacts`
                 ("orientation", "<f8", (4,)),
@@ -177,6 +177,8 @@ class Ring:
             slots["ready"], slots["rows"] = 0, 0
             for name in ("stamp", "lost", "values", "orientation", "position", "acceleration"):
                 slots[name] = getattr(batch, name)[part]
+            arrived = batch.arrived[part]
+            slots["arrived"] = np.where(arrived > 0, arrived, batch.stamp[part])
             slots["unsteady"] = unsteady[part]
         self["received"] = first + count
         return first
@@ -244,8 +246,8 @@ class Ring:
 def _described(held: mmap.mmap, path: Path) -> Form:
     length = int.from_bytes(held[_JSON : _JSON + 4], "little")
     try:
-        made: dict[str, Any] = json.loads(held[_JSON + 4 : _JSON + 4 + min(length, _SAID - _JSON - 4)])
-        form = Form(**{**made, "shape": tuple(made["shape"]), "features": tuple(made["features"])})
+        form = Form(**json.loads(held[_JSON + 4 : _JSON + 4 + min(length, _SAID - _JSON - 4)]))
+        form = replace(form, shape=tuple(form.shape), features=tuple(form.features))
         if not (0 < form.width < 4096 and 0 < form.most < 4096 and 0 < prod(form.shape) < 1 << 26):
             raise ValueError("sizes")
     except (ValueError, TypeError, KeyError) as problem:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from palpate.io.logs.layout import Layout, axis_matrix
+from palpate.io.logs.layout import ArrayChannel, Layout, axis_matrix
 from palpate.io.units import ACCELERATION_UNITS, FORCE_UNITS, TORQUE_UNITS, to_si
 from palpate.sensors.recording import ACCELERATION, CELLS, FORCE, IMAGE, LARGEST, ORIENTATION, TORQUE, Recording, sealed
 
@@ -38,6 +38,7 @@ class Samples:
         self._torque = to_si(layout.torque_unit, TORQUE_UNITS, where="units.torque")
         self._acceleration = to_si(layout.acceleration_unit, ACCELERATION_UNITS, where="acceleration.unit")
         self._frame, self._source, self._arrays = layout.frame, path.name, layout.arrays
+        self._images = layout.images is not None
         self._times = _Times()
         self._beyond = Counter[str]()  # name of a channel -> rows with a number that is a fault
         self._infinite = self._none = self._far = 0
@@ -52,21 +53,31 @@ class Samples:
         """
         time = np.where(np.abs(time) <= LATEST, time, np.nan)
         channels = self._wrench(read[WRENCH]) if WRENCH in read else {}
-        bounded = [name for name in read if name not in (WRENCH, CELLS, IMAGE)]
+        apart = (WRENCH, IMAGE, *(array.name for array in self._arrays))
+        bounded = [name for name in read if name not in apart]
         channels |= {name: self._bounded(name, read[name]) for name in bounded}
         if ORIENTATION in channels:
             channels[ORIENTATION] = self._sound(channels[ORIENTATION])
         if ACCELERATION in channels and self._acceleration != 1.0:
             channels[ACCELERATION] = self._acceleration * channels[ACCELERATION]
         for array in self._arrays:
-            values = read[CELLS] if array.name == CELLS else channels[array.name]  # counts may be larger than `LARGEST`
-            values = values if array.scale == 1.0 else values * np.array(array.scale)
-            channels[array.name] = values.reshape(-1, *array.shape)
+            channels[array.name] = self._scaled(array, read[array.name])
         self._times.add(time)
         channels = {name: sealed(values, own=True) for name, values in channels.items()}
         if IMAGE in read:
             channels[IMAGE] = sealed(read[IMAGE], own=True, dtype=np.uint8)
         return Recording(sealed(time, own=True), channels, frame=self._frame, source=self._source)
+
+    def readings(self, values: np.ndarray) -> np.ndarray:
+        """Of a stream: (n, k) as recorded become what a sensor of this layout is updated with, (n, ...) in SI.
+
+        The bits are those of `block`.
+        """
+        if self._images:
+            return values
+        if not self._arrays:
+            return np.hstack([*self._wrench(values).values()])
+        return self._scaled(self._arrays[0], values.reshape(len(values), -1))
 
     def notes(self) -> tuple[str, ...]:
         """What a reader should know of the blocks so far, one sentence each."""
@@ -82,6 +93,12 @@ class Samples:
             (far, f"{far} quaternions are not unit (by more than 1 %) and were normalised"),
         )
         return tuple(sentence for count, sentence in said if count)
+
+    def _scaled(self, array: ArrayChannel, values: Float[np.ndarray, "n k"]) -> Float[np.ndarray, "n ..."]:
+        """An array in SI; counts of taxels may be larger than `LARGEST`."""
+        values = values if array.name == CELLS else self._bounded(array.name, values)
+        values = values if array.scale == 1.0 else values * np.array(array.scale)
+        return values.reshape(-1, *array.shape)
 
     def _wrench(self, wrench: Float[np.ndarray, "n 6"]) -> dict[str, Float[np.ndarray, "n 3"]]:
         """Force and torque along the sensor's axes, in SI."""

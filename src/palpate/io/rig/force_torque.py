@@ -260,4 +260,5 @@ FORCE_TORQUE = SensorKind(
     guess=_guess,
     paths=("payload",),
     check=_check,
+    start=lambda rig: rig.estimate.tare or (1.0 if rig.force_torque.noise is None else 0.0),
 )

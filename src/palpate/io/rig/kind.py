@@ -73,6 +73,7 @@ class SensorKind:
         refused: option of the command line -> why it means nothing to this sensor.
         needs_surface: whether it locates on the rig's [surface].
         check: what else must hold of a rig; raises InputError.
+        start: seconds of a stream that `build` wants to see before the first answer; 0: none.
     """
 
     name: str
@@ -86,3 +87,4 @@ class SensorKind:
     refused: Mapping[str, str] = field(default_factory=lambda: {})
     needs_surface: bool = True
     check: Callable[[Rig, Path], None] = lambda rig, path: None
+    start: Callable[[Rig], float] = lambda rig: rig.estimate.tare or 0.0

@@ -258,4 +258,5 @@ LOAD_CELLS = SensorKind(
         "payload": "the zero of the cells is taken at the start of the log, and nothing else hangs on them",
         "noise": f"{_CALIBRATED}; noise in V may stand in the rig's [load_cells]",
     },
+    start=lambda rig: rig.estimate.tare or START,
 )

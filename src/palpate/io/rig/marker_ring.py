@@ -173,4 +173,5 @@ MARKER_RING = SensorKind(
         "cutoff": "images are not filtered",
     },
     needs_surface=False,
+    start=lambda rig: rig.estimate.tare or rig.table(RigMarkerRing).tare or 0.0,
 )

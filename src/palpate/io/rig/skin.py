@@ -51,6 +51,7 @@ off = 3.0                            # and reaches as far as cells that stand so
 unequal = 0.02                       # share by which a cell's gain may be off from its curve: it widens the ellipses
 
 """
+REST = 5.0  # s of a stream from which the same is taken, where no tare says how long
 HEAD = 2048  # frames of the start of a log from which rest, noise and bad cells are taken
 
 
@@ -290,4 +291,5 @@ SKIN = SensorKind(
         "mesh": "contacts are placed on the map of the sheet, not on a mesh",
     },
     needs_surface=False,
+    start=lambda rig: rig.estimate.tare or rig.table(RigSkin).tare or REST,
 )

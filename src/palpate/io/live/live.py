@@ -1,0 +1,294 @@
+"""A source and the estimator of a rig in one process: samples in, rows of contacts out, and none lost in between."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+from math import prod
+from pathlib import Path
+from types import TracebackType
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from palpate.contact.estimate import ROW, Status
+from palpate.errors import InputError
+from palpate.io.live.ring import Form, Ring
+from palpate.io.live.source import BATCH, SOURCES, Batch, Source
+from palpate.io.logs.decoding import seconds
+from palpate.io.logs.samples import Samples
+from palpate.io.rig.kind import Prepared
+from palpate.io.rig.rig import Rig, load_rig
+from palpate.sensors.recording import ACCELERATION, ORIENTATION, POSITION, UNSTEADY, Recording, apart
+
+__all__ = ["Answers", "Live", "open_live"]
+
+NUMBERS = 1 << 22  # of a batch
+JUMP = 50_000_000  # ns between the clock of the day and the one that only runs, which is a jump
+TARE = 1.0  # s, where the rig does not say
+
+
+@dataclass(frozen=True)
+class Answers:
+    """Samples that were answered, in order.
+
+    Attributes:
+        stamp: (n,) [ns] since 1970.
+        counts: (n,) rows of each.
+        rows: (m, width) as `ContactEstimator.empty` has them.
+    """
+
+    stamp: Int[np.ndarray, " n"]
+    counts: Int[np.ndarray, " n"]
+    rows: Float[np.ndarray, "m width"]
+
+    def __iter__(self) -> Iterator[tuple[float, Float[np.ndarray, " width"]]]:
+        """Time [s] and row of each contact, or of each sample without one."""
+        return zip(np.repeat(seconds(self.stamp), self.counts).tolist(), self.rows, strict=True)
+
+
+class _Samples(NamedTuple):
+    """Samples of a batch, as an estimator takes them."""
+
+    stamp: Int[np.ndarray, " n"]
+    readings: np.ndarray
+    beside: Mapping[str, np.ndarray]
+
+    def recording(self, names: tuple[str, ...], frame: str) -> Recording:
+        """As a value."""
+        return Recording(
+            seconds(self.stamp), {**apart(names, self.readings), **self.beside}, frame=frame, source="the stream"
+        )
+
+
+class _Window:
+    """The next samples, until they last so many seconds."""
+
+    def __init__(self, length: float) -> None:
+        self.length, self.held = length, list[_Samples]()
+
+    def add(self, samples: _Samples) -> bool:
+        """One more batch; whether that is enough."""
+        self.held.append(samples)
+        return self.held[-1].stamp[-1] - self.held[0].stamp[0] >= 1e9 * self.length
+
+    def joined(self) -> _Samples:
+        """All of them."""
+        first = self.held[0]
+        beside = {name: np.concatenate([each.beside[name] for each in self.held]) for name in first.beside}
+        stamp = np.concatenate([each.stamp for each in self.held])
+        return _Samples(stamp, np.concatenate([each.readings for each in self.held]), beside)
+
+
+class Live:
+    """Contacts of a device, as they come; see `open_live`.
+
+    What the rig wants from the start of a stream (a tare, the noise, cells at rest) is taken from its first seconds.
+    The samples of these are answered as soon as that is known, in order and by the same numbers as in a log. A start
+    that cannot be used, because it is not at rest, is said; its samples are INVALID, and the next seconds are taken.
+
+    Args:
+        rig: with a [source], or its file.
+        sensor: name of the sensor's table, where there are several.
+        source: that takes the place of the rig's.
+
+    Raises:
+        InputError: the rig cannot be used.
+    """
+
+    def __init__(self, rig: Rig | str | Path, sensor: str | None = None, source: Source | None = None) -> None:
+        self.rig = rig if isinstance(rig, Rig) else load_rig(rig)
+        self.kind = self.rig.kind(sensor)
+        self.source = SOURCES[self.rig.stream().kind](self.rig) if source is None else source
+        layout = self.kind.layout(self.rig)
+        self._samples, self._frame = Samples(layout, Path("the stream")), layout.frame
+        self.estimator = self.kind.build(self.rig, None).estimator  # what is slow, before samples come
+        size = max(1, min(BATCH, NUMBERS // prod(self.source.shape)))
+        self._batch = Batch(self.source.shape, size, self.source.dtype)
+        self._rows = self.estimator.empty(max(self.estimator.most, min(size * self.estimator.most, 4 * BATCH)))
+        self._counts = np.zeros(size, dtype=np.int64)
+        length = self.kind.start(self.rig)
+        self._start = _Window(length) if length else None
+        self._build: Future[Prepared] | None = None
+        self._maker = ThreadPoolExecutor(1, thread_name_prefix="start")
+        self._tare: _Window | None = None
+        self._ring: Ring | None = None
+        self._said: list[str] = []
+        self._clock = _offset()
+
+    def form(self, frame: str = "surface", rig: str = "") -> Form:
+        """What passes through a ring of this stream."""
+        estimator, source = self.estimator, self.source
+        return Form(
+            sensor=self.kind.name,
+            shape=tuple(source.shape),
+            images=np.dtype(source.dtype) == np.uint8,
+            features=tuple(estimator.features),
+            width=int(estimator.empty(1).shape[1]),
+            most=int(estimator.most),
+            frame=frame,
+            rig=rig,
+            poses=source.poses,
+        )
+
+    def into(self, ring: Ring) -> None:
+        """From now on samples go through a ring as they are received, and their contacts as they are known."""
+        self._ring = ring
+
+    def __enter__(self) -> Live:
+        self.source.open()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, raised: BaseException | None, at: TracebackType | None
+    ) -> None:
+        self.source.close()
+        self._maker.shutdown(wait=False, cancel_futures=True)
+
+    def __iter__(self) -> Iterator[tuple[float, Float[np.ndarray, " width"]]]:
+        """Time [s] and row of each contact, for ever; a sample without a contact has a row that says so."""
+        while True:
+            yield from self.step()
+
+    def said(self) -> list[str]:
+        """What happened since this was last asked, one sentence each."""
+        said, self._said = self._said, []
+        return said
+
+    def tare(self) -> None:
+        """Take a tare over the next second, or as long as the rig says; whether it was taken is `said`."""
+        if self._start is None and self._tare is None:
+            self._tare = _Window(self.rig.estimate.tare or TARE)
+
+    def step(self, timeout: float = 0.1) -> Answers:
+        """The samples that wait, answered; none where no sample comes within so many seconds.
+
+        Raises:
+            InputError: the estimator needs what the source does not give, such as an orientation.
+        """
+        count = self.source.receive(self._batch, timeout)
+        self._watch()
+        if not count and self._build is None:
+            return self._none
+        samples = self._taken(count)
+        if self._start is None:
+            answers = self._answered(samples)
+            self._tared(samples)
+            return answers
+        return self._started(self._start, samples)
+
+    @property
+    def _none(self) -> Answers:
+        return Answers(np.zeros(0, np.int64), np.zeros(0, np.int64), self._rows[:0])
+
+    def _taken(self, count: int) -> _Samples:
+        """Of the batch, as the estimator wants them; arrays that nobody writes into any more."""
+        batch, beside = self._batch, dict[str, np.ndarray]()
+        unsteady = np.zeros(count)
+        if self.source.poses:
+            beside = {ORIENTATION: batch.orientation[:count].copy(), POSITION: batch.position[:count].copy()}
+            beside |= {ACCELERATION: batch.acceleration[:count].copy(), UNSTEADY: unsteady[:, None]}
+        if self._ring is not None and count:
+            self._ring.take_in(batch, count, unsteady)
+        readings = np.array(self._samples.readings(batch.values[:count].copy()))
+        return _Samples(batch.stamp[:count].copy(), readings, beside)
+
+    def _answered(self, samples: _Samples) -> Answers:
+        """Through the estimator, as many at a time as there is room for."""
+        total, done, rows = len(samples.stamp), 0, list[np.ndarray]()
+        counts, times = np.zeros(total, dtype=np.int64), seconds(samples.stamp)
+        while done < total:
+            piece = slice(done, done + len(self._counts))
+            beside = {name: values[piece] for name, values in samples.beside.items()}
+            step = self.estimator.run_into(times[piece], samples.readings[piece], self._rows, self._counts, beside)
+            counts[done : done + step] = self._counts[:step]
+            made = self._rows[: int(self._counts[:step].sum())].copy()
+            rows.append(made)
+            if self._ring is not None:
+                self._ring.answer(made, self._counts[:step])
+            done += step
+        return Answers(samples.stamp, counts, rows[0] if len(rows) == 1 else np.concatenate([self._rows[:0], *rows]))
+
+    def _started(self, start: _Window, samples: _Samples) -> Answers:
+        """The first seconds: samples are kept until what the rig wants of them is known."""
+        enough = bool(len(samples.stamp)) and start.add(samples)
+        if self._build is None:
+            if enough:
+                head = start.joined().recording(self.estimator.channels, self._frame)
+                self._build = self._maker.submit(self.kind.build, self.rig, head)
+            return self._none
+        if not self._build.done():
+            return self._none
+        build, self._build = self._build, None
+        try:
+            made = build.result()
+        except InputError as problem:
+            self._said.append(f"the start cannot be used, and the next seconds are taken: {problem}")
+            self._start = _Window(start.length)
+            return self._refused(start.joined())
+        self._said += [*made.doubted, *made.said]
+        self.estimator, self._start = made.estimator, None
+        return self._answered(start.joined())
+
+    def _refused(self, samples: _Samples) -> Answers:
+        """Samples to which there is no answer."""
+        count = len(samples.stamp)
+        rows, counts = self.estimator.empty(count), np.ones(count, dtype=np.int64)
+        rows[:] = np.nan
+        rows[:, ROW.candidates], rows[:, ROW.status] = 0.0, Status.INVALID
+        if self._ring is not None:
+            for start in range(0, count, BATCH):
+                self._ring.answer(rows[start : start + BATCH], counts[start : start + BATCH])
+        return Answers(samples.stamp, counts, rows)
+
+    def _tared(self, samples: _Samples) -> None:
+        """A tare that was asked for, once its window is full."""
+        if self._tare is None or not len(samples.stamp) or not self._tare.add(samples):
+            return
+        window, self._tare = self._tare.joined(), None
+        try:
+            taken = self.estimator.tare(window.recording(self.estimator.channels, self._frame))
+        except InputError as problem:
+            self._said.append(f"no tare was taken, and the one before stays: {problem}")
+        else:
+            self._said += [taken.said, *([taken.doubt] if taken.doubt else [])]
+
+    def _watch(self) -> None:
+        """What the source says, and whether the clock jumped."""
+        self._said += self.source.said()
+        clock = _offset()
+        if abs(clock - self._clock) > JUMP:
+            jump = (clock - self._clock) / 1e9
+            self._said.append(f"the system's clock jumped by {jump:+.3f} s, and the times of samples with it")
+            self._clock = clock
+
+
+def open_live(rig: Rig | str | Path, sensor: str | None = None) -> Live:
+    """Contacts of the device that a rig's [source] names, in this process: for a controller of your own.
+
+    ```python
+    with palpate.open_live("rig.toml") as live:
+        for time, row in live:
+            point, force = row[ROW.point], row[ROW.force]
+    ```
+
+    Args:
+        rig: with a [source], or its file.
+        sensor: name of the sensor's table, where there are several.
+
+    Returns:
+        to be entered, which connects. `palpate.contact.estimate.ROW` names what stands where in a row; the columns of
+        `estimator.features` follow, and the identity where there are several contacts, which are a row each.
+
+    Raises:
+        InputError: the rig cannot be used; on entering, the device cannot be opened.
+    """
+    return Live(rig, sensor)
+
+
+def _offset() -> int:
+    """[ns] of the day's clock over the one that only runs."""
+    return time.time_ns() - time.monotonic_ns()
