@@ -21,6 +21,7 @@ from palpate.cli.events import events
 from palpate.cli.inspect import inspect
 from palpate.cli.map_skin import map_skin
 from palpate.cli.plan_pokes import plan_pokes_command
+from palpate.cli.recover import recover
 from palpate.cli.rig_new import rig_new
 from palpate.cli.simulate import simulate_marker_ring
 from palpate.cli.simulate_phantom import simulate_phantom
@@ -52,6 +53,7 @@ def run(argv: Sequence[str]) -> None:
     app.command(maps, name="map", help="Find where the cells of a sensor sit on a robot: skin.")
     plan.command(name="pokes")(plan_pokes_command)
     app.command(plan, name="plan", help="What to measure next: pokes.")
+    app.command(recover)
     app.command(view)
     rig.command(name="new")(rig_new)
     app.command(rig, name="rig", help="Write a rig to start from: new.")

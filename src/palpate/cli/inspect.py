@@ -22,6 +22,8 @@ from palpate.io.atomic import PART, keep_inputs
 from palpate.io.contacts import unfinished
 from palpate.io.contacts.mcap import KIND
 from palpate.io.ground_truth import read_ground_truth
+from palpate.io.live.record import RING
+from palpate.io.live.recover import cut_short
 from palpate.io.logs import LogContents, contents
 from palpate.io.models import MODELS, load_toml, read_model
 from palpate.io.models.summary import of_taxels
@@ -58,8 +60,10 @@ def inspect(
         spectrum: .html, .svg or .png to draw spectra into; what cut-off of a filter they propose is printed.
     """
     suffix, whole = file.suffix.lower(), unfinished(file)
-    if not file.exists() and whole is None:
-        raise InputError("there is no such file.", where=str(file))
+    cut = cut_short(file)
+    if (not file.exists() and whole is None) or suffix == RING:
+        raise InputError(cut or "there is no such file.", where=str(file))
+    note([cut] if cut else [], kind="warning")
     if spectrum is not None:  # before the work, not after it
         if spectrum.suffix.lower() not in KINDS:
             ends = f"no picture ends in {spectrum.suffix!r}."

@@ -15,6 +15,7 @@ from palpate.io.contacts.mcap_write import Topic
 
 __all__ = [
     "KIND",
+    "LATEST",
     "POSE_FIELDS",
     "POSE_STAMPED",
     "STAMPED",
@@ -87,7 +88,7 @@ POSE_FIELDS: Fields = (("position", "<f8", (3,)), ("orientation", "<f8", (4,)))
 WRENCH_FIELDS: Fields = (("force", "<f8", (3,)), ("torque", "<f8", (3,)))
 _NAMED = 16  # bytes before the name of the frame
 _UPPER = np.triu_indices(3)
-_LATEST = 2**31 * 10**9 - 1  # ns that an int32 of seconds can say
+LATEST = 2**31 * 10**9 - 1  # ns that an int32 of seconds can say
 
 
 def topics(features: tuple[str, ...] = ()) -> tuple[Topic, ...]:
@@ -156,8 +157,8 @@ class Messages:
     def _stamps(self, time: Float[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
         """(n,) [ns] from 0 to what ROS can say; a time that is missing takes the one before."""
         known = np.flatnonzero(np.isfinite(time))
-        seconds = time[known].clip(0, _LATEST / 1e9)
-        whole = np.floor(seconds).clip(max=_LATEST // 10**9)
+        seconds = time[known].clip(0, LATEST / 1e9)
+        whole = np.floor(seconds).clip(max=LATEST // 10**9)
         nanoseconds = np.rint((seconds - whole) * 1e9).clip(0, 10**9 - 1)
         seen = np.concatenate([[self._last], whole.astype(np.int64) * 10**9 + nanoseconds.astype(np.int64)])
         stamps = seen[np.searchsorted(known, np.arange(len(time)), side="right")]

@@ -21,11 +21,19 @@ from palpate.io.contacts.mcap_write import McapWriter, Topic
 from palpate.io.logs.mcap import MAGIC
 from palpate.io.logs.mcap_chunks import inflate
 
-__all__ = ["Regained", "regained"]
+__all__ = ["Regained", "Sequence", "regained"]
 
 _HEAD = 9  # bytes of a record before its content: a kind and a length
 _SEQUENCE = 11  # bytes of a message before its sequence number
 _ENTRY = 16  # bytes of an index for each message
+
+
+class Sequence(NamedTuple):
+    """Sequence numbers of a channel: the first and the last in the file, and the largest."""
+
+    first: int
+    last: int
+    most: int
 
 
 class Regained(NamedTuple):
@@ -34,12 +42,12 @@ class Regained(NamedTuple):
     Attributes:
         writer: with its chunks; `writer.size` is where what is whole ends.
         topics: that it declares.
-        sequences: channel -> the least and the largest sequence number in it.
+        sequences: of each channel that has messages.
     """
 
     writer: McapWriter
     topics: tuple[Topic, ...]
-    sequences: Mapping[int, tuple[int, int]]
+    sequences: Mapping[int, Sequence]
 
 
 def regained(path: Path) -> Regained | None:
@@ -53,11 +61,11 @@ def regained(path: Path) -> Regained | None:
         if found is None:
             return None
         writer, topics = found
-        sequences: dict[int, tuple[int, int]] = {}
+        sequences: dict[int, Sequence] = {}
         for each in _chunks(file, writer):
             for channel, numbers in each.items():
-                least, most = sequences.get(channel, (int(numbers[0]), 0))
-                sequences[channel] = min(least, int(numbers.min())), max(most, int(numbers.max()))
+                before = sequences.get(channel, Sequence(int(numbers[0]), 0, 0))
+                sequences[channel] = Sequence(before.first, int(numbers[-1]), max(before.most, int(numbers.max())))
     return Regained(writer, topics, sequences)
 
 

@@ -28,13 +28,13 @@ class Written(NamedTuple):
     """A chunk that is in the file, as small as can be: a file may have many.
 
     Attributes:
-        index: what the summary says of it, as a record.
+        entry: what the summary says of it, as a record.
         end: byte at which the next begins.
         span: first and last time of its messages [ns].
         counts: its messages of each channel.
     """
 
-    index: bytes
+    entry: bytes
     end: int
     span: tuple[int, int]
     counts: tuple[int, ...]
@@ -129,7 +129,7 @@ class McapWriter:
             (Opcode.STATISTICS, [self._statistics()]),
         )
         records = [(opcode, _raw(*group)) for opcode, group in groups]
-        records.append((Opcode.CHUNK_INDEX, b"".join(chunk.index for chunk in self.chunks)))
+        records.append((Opcode.CHUNK_INDEX, b"".join(chunk.entry for chunk in self.chunks)))
         summary, offsets = b"", b""
         for opcode, raw in records:
             if raw:

@@ -75,6 +75,7 @@ class Form:
         """Of one sample."""
         return np.dtype(
             [
+                ("number", "<i8"),  # of the sample, from 1: a page of the file that was not written has another
                 ("stamp", "<i8"),  # ns since 1970: its time
                 ("arrived", "<i8"),  # ns since 1970 on this machine's clock
                 ("ready", "<i8"),  # the same, when its contacts were known; 0: they are not
@@ -175,6 +176,7 @@ class Ring:
         for here, part in self._parts(first, count):
             slots = self.slots[here]
             slots["ready"], slots["rows"] = 0, 0
+            slots["number"] = first + 1 + np.arange(part.start, part.stop)
             for name in ("stamp", "lost", "values", "orientation", "position", "acceleration"):
                 slots[name] = getattr(batch, name)[part]
             arrived = batch.arrived[part]

@@ -101,7 +101,9 @@ def choose(there: LogContents, layout: Layout) -> dict[str, Topic]:
     main = _WRENCH if array is None else _wanted(array)
     rows = _required(there, main, layout.wrench_topic if array is None else array.topic)
     pose = _pose(topics, layout, path)
-    acceleration = _recorded(topics, LIVE_ACCELERATION) or _named(topics, _ACCELERATION, layout.acceleration_topic, path)  # an accelerometer may sit anywhere
+    acceleration = _recorded(topics, LIVE_ACCELERATION) or _named(
+        topics, _ACCELERATION, layout.acceleration_topic, path
+    )  # an accelerometer may sit anywhere
     chosen = {"main": rows, "pose": pose, "acceleration": acceleration}
     return {role: topic for role, topic in chosen.items() if topic is not None}
 
