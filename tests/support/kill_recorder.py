@@ -13,7 +13,7 @@ import sys
 import tempfile
 import time
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from pathlib import Path
 
 import numpy as np
@@ -23,31 +23,24 @@ from palpate.contact.estimate import ROW
 from palpate.io.live.record import record, ring_of
 from palpate.io.live.recover import recover
 from palpate.io.live.ring import Form, Ring
+from palpate.io.live.source import Batch
 
-__all__ = ["FORM", "answers", "batch", "kill_again_and_again", "numbers"]
+__all__ = ["BEGIN", "FORM", "RATE", "answers", "batch", "kill_again_and_again", "numbers"]
 
 RATE = 7000  # Hz
+BEGIN = 1_700_000_000_123_456_789  # ns
 FORM = Form("force_torque", (6,), images=False, features=(), width=ROW.length, most=1)
 WRITER, RECORDER, BOTH, ALL = range(4)  # who is killed; ALL: and what is left is put together
 _LIST = struct.Struct("<6d")
 
 
-class _Samples:
-    """As a source's batch: every value follows from the number of the sample."""
-
-    def __init__(self, first: int, count: int) -> None:
-        number = first + np.arange(count)
-        self.stamp = 1_700_000_000_000_000_000 + number * (10**9 // RATE)
-        self.arrived = self.stamp.copy()
-        self.lost = np.zeros(count, dtype=np.int64)
-        self.values = number[:, None] + np.arange(6) / 8.0
-        self.orientation, self.position = np.full((count, 4), np.nan), np.full((count, 3), np.nan)
-        self.acceleration = np.full((count, 3), np.nan)
-
-
-def batch(first: int, count: int) -> _Samples:
-    """Samples from a number on."""
-    return _Samples(first, count)
+def batch(first: int, count: int, shape: tuple[int, ...] = (6,)) -> Batch:
+    """Samples from a number on; every value follows from the number."""
+    made = Batch(shape, count)
+    number = first + np.arange(count)
+    made.stamp[:] = BEGIN + number * (10**9 // RATE)
+    made.values.reshape(count, -1)[:] = number[:, None] + np.arange(np.prod(shape)) / 8.0
+    return made
 
 
 def answers(first: int, count: int) -> np.ndarray:
@@ -84,7 +77,7 @@ def numbers(files: list[Path]) -> tuple[list[int], list[int]]:
                 if channel.topic == "/palpate/live/wrench":
                     values = _LIST.unpack(message.data[-48:])
                     assert [value - values[0] for value in values] == [k / 8.0 for k in range(6)]
-                    assert message.log_time == 1_700_000_000_000_000_000 + int(values[0]) * (10**9 // RATE)
+                    assert message.log_time == BEGIN + int(values[0]) * (10**9 // RATE)
                     found.append(int(values[0]))
                 elif channel.topic == "/palpate/contact/point":
                     contacts.append(int(struct.unpack_from("<d", message.data, len(message.data) - 56)[0]))
@@ -118,10 +111,10 @@ class _Run:
                         os._exit(1)
                 self._started[who] = child
 
-    def kill(self, *which: int) -> None:
-        """By the signal that nothing can catch; all at once."""
+    def kill(self, which: Collection[int]) -> None:
+        """By the signal that nothing can catch; all that run of these at once."""
         self.seen = self.ring["received"]
-        children = [self._started.pop(who) for who in which]
+        children = [self._started.pop(who) for who in which if who in self._started]
         for child in children:
             os.kill(child, signal.SIGKILL)
         for child in children:
@@ -158,9 +151,9 @@ def kill_again_and_again(folder: Path, count: int, *, split: float = 3e6, seed: 
         run.start()
         time.sleep(rng.uniform(0.05, 0.5))
         who = k % 4
-        run.kill(*((WRITER, RECORDER) if who >= BOTH else (who,)))
+        run.kill((WRITER, RECORDER) if who >= BOTH else (who,))
         if who == ALL or k == count - 1:
-            run.kill(*list(run._started))
+            run.kill((WRITER, RECORDER))
             received += run.whole()[0]
             records, run = records + 1, None
     return received, records
@@ -169,4 +162,5 @@ def kill_again_and_again(folder: Path, count: int, *, split: float = 3e6, seed: 
 if __name__ == "__main__":
     with tempfile.TemporaryDirectory() as made:
         samples, times = kill_again_and_again(Path(made), int(sys.argv[1]))
-    print(f"{sys.argv[1]} kills, {times} records put together: all of {samples:,} samples that were received are there")
+    told = f"{times} records put together: all of {samples:,} samples that were received are there"
+    sys.stdout.write(f"{sys.argv[1]} kills, {told}\n")

@@ -119,7 +119,7 @@ def _chunks(file: BinaryIO, writer: McapWriter) -> Iterator[dict[int, Int[np.nda
                 return
         elif kind == Opcode.MESSAGE_INDEX and left:
             channel, count = unpack_from("<HI", held)
-            entries = np.frombuffer(held, "<u8", offset=6).reshape(-1, 2)
+            entries = np.frombuffer(held, "<i8", offset=6).reshape(-1, 2)
             found = _numbers(data, entries[:, 1]) if count == _ENTRY * len(entries) and count else None
             if found is None:
                 return
@@ -138,8 +138,8 @@ def _chunks(file: BinaryIO, writer: McapWriter) -> Iterator[dict[int, Int[np.nda
 def _numbers(data: bytes, starts: Int[np.ndarray, " n"]) -> tuple[Int[np.ndarray, " n"], int] | None:
     """Sequence numbers of messages that are equally long, and bytes of all; None where an index does not fit."""
     raw, first = np.frombuffer(data, np.uint8), int(starts[0])
-    if int(starts.max()) + _SEQUENCE + 4 > len(data):
+    if int(starts.min()) < 0 or int(starts.max()) + _SEQUENCE + 4 > len(data):
         return None
     length = unpack_from("<Q", data, first + 1)[0] + _HEAD
-    places = starts.astype(np.int64)[:, None] + np.arange(_SEQUENCE, _SEQUENCE + 4)
+    places = starts[:, None] + np.arange(_SEQUENCE, _SEQUENCE + 4)
     return raw[places].view("<u4")[:, 0].astype(np.int64), length * len(starts)

@@ -105,8 +105,8 @@ class Recorder:
     """Takes samples from a ring to files, in order; where there is a file that a killed one began, it goes on in it.
 
     The ring's words are kept so that this works from wherever it was killed: "file" is the file that is written, which
-    begins with sample "began"; "recorded" the number of the next sample, "noted" of sentences in files, "missed" the
-    samples that came too fast and are in no file; "bytes" of all files.
+    begins with sample "began", behind "noted" sentences in files before it; "recorded" the number of the next sample,
+    "missed" the samples that came too fast and are in no file, "bytes" those of all files.
 
     Args:
         ring: that only this one records.
@@ -207,7 +207,7 @@ class Recorder:
     def _grown(self) -> None:
         """Say how far it is; begin another file where this one is large enough."""
         ring = self._ring
-        ring["recorded"], ring["noted"] = self.next, self._noted
+        ring["recorded"] = self.next
         if self.file is not None:
             ring["bytes"] = self._before + self.file.size
             if self.file.size >= self._split:
@@ -218,6 +218,7 @@ class Recorder:
         ring = self._ring
         self.next -= file.end()
         ring["recorded"] = ring["began"] = self.next
+        ring["noted"] = self._noted
         ring["file"] += 1  # from here on, who goes on gives the file its name
         self.file = None
         file.place()

@@ -183,7 +183,7 @@ def _fields(form: Form) -> tuple[Fields, Mapping[str, object]]:
         (
             ("height", "<u4", ()),
             ("width", "<u4", ()),
-            *_text("encoding", encoding),
+            *_text("pixels", encoding),
             ("is_bigendian", "u1", ()),
             ("step", "<u4", ()),
             ("size", "<u4", ()),
@@ -191,7 +191,7 @@ def _fields(form: Form) -> tuple[Fields, Mapping[str, object]]:
         ),
     )
     held = {"height": height, "width": width, "step": size // height, "size": size}
-    return fields, {**common, **held, **_said("encoding", encoding)}
+    return fields, {**common, **held, **_said("pixels", encoding)}
 
 
 def _array(shape: tuple[int, ...], size: int) -> tuple[Fields, Mapping[str, object]]:
