@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import os
-import resource
 import subprocess
 import sys
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,7 +16,6 @@ from mcap.exceptions import McapError
 from mcap.reader import NonSeekingReader, make_reader
 
 import palpate
-from palpate.contact.estimate import ROW
 from palpate.errors import InputError
 from palpate.io.atomic import part
 from palpate.io.contacts import read_contacts
@@ -173,6 +172,58 @@ def test_poses_and_accelerations_stand_where_they_were_known_and_nowhere_between
     np.testing.assert_array_equal(found.channels[ACCELERATION], made.acceleration)
 
 
+def _decoded(path: Path) -> dict[str, list[Any]]:
+    """Messages of each topic as rosbags reads them, by the definitions in the file alone."""
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+    store = get_typestore(Stores.EMPTY)
+    found: dict[str, list[Any]] = {}
+    with path.open("rb") as file:
+        for schema, channel, message in make_reader(file, validate_crcs=True).iter_messages():
+            assert schema is not None
+            if schema.name not in store.fielddefs:
+                store.register(get_types_from_msg(schema.data.decode(), schema.name))
+            found.setdefault(channel.topic, []).append(store.deserialize_cdr(message.data, schema.name))
+    return found
+
+
+def test_messages_are_what_their_definitions_say(output: Path) -> None:
+    """As Foxglove reads them: it knows nothing but the file."""
+    pytest.importorskip("rosbags", reason="rosbags reads the messages (pip install 'palpate[ros]')")
+    made = batch(0, 3, (2, 5))
+    made.lost[1] = 4
+    made.orientation[:], made.position[:], made.acceleration[:] = (0.0, 0.0, 0.6, 0.8), (1.0, 2.0, 3.0), (4.0, 5.0, 6.0)
+    ring = _ring(output, replace(FORM, sensor="skin", shape=(2, 5)))
+    ring.say("über all")
+    _feed(ring, 3, made=made)
+    Recorder(ring, output, FOREVER).finish()
+    there = _decoded(output)
+    array = there["/palpate/live/readings"][2]
+    np.testing.assert_array_equal(array.data, made.values[2].ravel())
+    labels = [(each.label, each.size, each.stride) for each in array.layout.dim]
+    assert labels == [("row", 2, 10), ("column", 5, 5)]
+    pose, acceleration = there["/palpate/live/pose"][0], there["/palpate/live/acceleration"][1]
+    assert (pose.pose.position.z, pose.pose.orientation.w, pose.header.frame_id) == (3.0, 0.8, "base")
+    assert (acceleration.vector.x, acceleration.vector.z) == (4.0, 6.0)
+    assert (pose.header.stamp.sec, pose.header.stamp.nanosec) == divmod(BEGIN, 10**9)
+    lost, said = sorted(there["/palpate/live/events"], key=lambda each: each.level, reverse=True)
+    assert (lost.level, lost.msg) == (30, "4 samples are missing before sample 1")
+    assert (said.level, said.msg, said.name, said.line) == (20, "über all", "palpate live", 0)
+    assert [contact.sample for contact in there["/palpate/contact/estimate"]] == [0, 1, 2]
+
+
+def test_images_are_what_their_definition_says(output: Path) -> None:
+    pytest.importorskip("rosbags", reason="rosbags reads the messages (pip install 'palpate[ros]')")
+    made = Batch((3, 7, 3), 2, np.uint8)
+    made.values[:] = np.arange(126, dtype=np.uint8).reshape(2, 3, 7, 3)
+    ring = _ring(output, replace(FORM, sensor="marker_ring", shape=(3, 7, 3), images=True))
+    _feed(ring, 2, made=made)
+    Recorder(ring, output, FOREVER).finish()
+    image = _decoded(output)["/palpate/live/image"][1]
+    assert (image.height, image.width, image.encoding, image.step, image.is_bigendian) == (3, 7, "bgr8", 21, 0)
+    np.testing.assert_array_equal(image.data, made.values[1].ravel())
+
+
 def test_lost_samples_are_said(output: Path) -> None:
     made = batch(0, 100)
     made.lost[40] = 7
@@ -215,11 +266,10 @@ def test_before_its_end_the_file_is_read_by_others_too(output: Path) -> None:
     _recorded(_ring(output), output, [2048, 2048])
     with part(output).open("rb") as file:
         streamed = NonSeekingReader(file, validate_crcs=True).iter_messages(log_time_order=False)
-        count = 0
+        topics = list[str]()
         with pytest.raises(McapError):  # at its end, where no footer is yet
-            for _, channel, _ in streamed:
-                count += channel.topic == "/palpate/live/wrench"
-    assert count == 4096
+            topics.extend(channel.topic for _, channel, _ in streamed)
+    assert topics.count("/palpate/live/wrench") == 4096
 
 
 def test_a_reader_that_was_lapped_says_how_many_are_not_recorded(output: Path) -> None:
@@ -235,6 +285,19 @@ def test_a_reader_that_was_lapped_says_how_many_are_not_recorded(output: Path) -
     assert _events(output)[0].startswith(f"{ring['missed']} samples from sample")
 
 
+def test_readings_are_recorded_even_if_answers_do_not_come(output: Path) -> None:
+    """Before the ring goes over them."""
+    ring = _ring(output)
+    recorder, count = Recorder(ring, output, FOREVER), 0
+    while count < 3 * len(ring.slots):
+        _feed(ring, 500, answered=False)
+        recorder.step()
+        count += 500
+    recorder.finish()
+    np.testing.assert_array_equal(read_recording(output).wrenches()[:, 0], np.arange(count))
+    assert ring["missed"] == 0
+
+
 def test_recover_puts_file_and_ring_together_twice(output: Path) -> None:
     ring = _ring(output)
     _recorded(ring, output, [2048, 700])
@@ -242,7 +305,9 @@ def test_recover_puts_file_and_ring_together_twice(output: Path) -> None:
     ring.close()
     assert "2,048 samples in run.mcap.part, 730 more in run.mcap.ring" in cut_short(output)
     said = recover(output)
-    assert "2,048 samples were recorded, 730 more were in the ring (30 of them without contacts); none is missing" in said
+    assert (
+        "2,048 samples were recorded, 730 more were in the ring (30 of them without contacts); none is missing" in said
+    )
     np.testing.assert_array_equal(read_recording(output).wrenches(), _known(2778)[1])
     assert len(read_contacts(output)) == 2748
     assert numbers([output]) == (list(range(2778)), list(range(2748)))
@@ -286,18 +351,19 @@ def test_recover_is_refused_while_it_is_written(output: Path) -> None:
         recover(output.with_name("other.mcap"))
 
 
-def test_a_part_cut_anywhere_is_made_whole_from_the_ring(output: Path) -> None:
+def test_a_part_cut_anywhere_is_made_whole_from_the_ring(output: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("palpate.io.live.record.CHUNK", 100)
     ring = _ring(output)
     ring.say("begun")
-    _recorded(ring, output, [2048, 2048, 2048])
+    _recorded(ring, output, [100] * 6)
     raw, head = part(output).read_bytes(), ring_of(output).read_bytes()
     cuts = np.random.default_rng(4).integers(0, len(raw), 30)
     for cut in [0, len(raw), *cuts.tolist()]:
         part(output).write_bytes(raw[:cut])
         ring_of(output).write_bytes(head)
         recover(output)
-        np.testing.assert_array_equal(read_recording(output).wrenches(), _known(6144)[1])
-        np.testing.assert_array_equal(read_contacts(output).sample, np.arange(6144))
+        np.testing.assert_array_equal(read_recording(output).wrenches(), _known(600)[1])
+        np.testing.assert_array_equal(read_contacts(output).sample, np.arange(600))
         assert _events(output) == ["begun"]
         output.unlink()
 
@@ -392,5 +458,33 @@ def test_a_record_that_cannot_begin_is_refused(output: Path) -> None:
     with pytest.raises(InputError, match="cut short"):
         require_record(output)
     part(output).write_bytes(bytes(1 << 15))
+    ring = _ring(output)
     with pytest.raises(InputError, match=r"no file of `palpate live`"):
-        _recorded(_ring(output), output, [2048])
+        Recorder(ring, output, FOREVER)
+    with pytest.raises(SystemExit):
+        record(ring.path, output, FOREVER, -1)
+    assert "nothing is recorded any more" in ring.said(0)[0][0][1]
+
+
+def test_inspect_says_what_was_cut_short_and_changes_nothing(output: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    from palpate.cli.inspect import inspect
+    from palpate.cli.recover import recover as command
+
+    ring = _ring(output)
+    recorder = _recorded(ring, output, [1024] * 4, split=2e5)
+    recorder.step()
+    ring.close()
+    before = {file.name: file.read_bytes() for file in output.parent.iterdir()}
+    assert {"run.mcap", "run.mcap.ring"} < set(before)
+    inspect(output)
+    assert "writing was cut short" in (said := "".join(capsys.readouterr()))
+    assert f"palpate recover {output}" in said.replace("\n", " ").replace("  ", " ")
+    with pytest.raises(InputError, match="writing was cut short"):
+        inspect(ring_of(output))
+    assert {file.name: file.read_bytes() for file in output.parent.iterdir()} == before
+    command(output)
+    assert "none is missing" in "".join(capsys.readouterr())
+    inspect(output)
+    said = "".join(capsys.readouterr())
+    assert "cut short" not in said
+    assert "/palpate/live/wrench" in said

@@ -18,7 +18,7 @@ from typing import ParamSpec
 import numpy as np
 
 from palpate.errors import InputError
-from palpate.io.atomic import PART, part
+from palpate.io.atomic import PART, part, writing
 from palpate.io.live.record_file import RecordFile, grown, named, place
 from palpate.io.live.record_messages import RecordMessages, event, record_topics
 from palpate.io.live.ring import Ring
@@ -73,17 +73,21 @@ def record(ring: Path, output: Path, split: float, parent: int) -> None:
         split: bytes after which another file is begun: run.1.mcap, run.2.mcap, ...
         parent: process.
 
-    Raises:
-        InputError: another process records this ring, or OUTPUT.part is of something else.
+    Where nothing can be recorded (another process does it, OUTPUT.part is of something else), that is said in the ring,
+    and the process ends with 1.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's, which says stop
-    with only_one(ring):
-        opened = Ring(ring)
-        recorder, quiet = Recorder(opened, output, split), _Quiet(opened)
-        while not ((opened["stop"] or os.getppid() != parent) and quiet.ended()):
-            recorder.step()
-            time.sleep(POLL)
-        recorder.finish()
+    opened = Ring(ring)
+    try:
+        with only_one(ring), writing(output):
+            recorder, quiet = Recorder(opened, output, split), _Quiet(opened)
+            while not ((opened["stop"] or os.getppid() != parent) and quiet.ended()):
+                recorder.step()
+                time.sleep(POLL)
+            recorder.finish()
+    except InputError as problem:
+        opened.say(f"nothing is recorded any more: {problem}")
+        raise SystemExit(1) from problem
 
 
 @contextmanager
