@@ -118,7 +118,8 @@ class _Run:
         for child in children:
             os.kill(child, signal.SIGKILL)
         for child in children:
-            os.waitpid(child, 0)
+            _, status = os.waitpid(child, 0)
+            assert os.WIFSIGNALED(status), "it had ended by itself"
 
     def whole(self) -> tuple[int, str]:
         """Put together and read, once all are dead: how many samples it had received, and what was said."""

@@ -29,7 +29,7 @@ _ENTRY = 16  # bytes of an index for each message
 
 
 class Sequence(NamedTuple):
-    """Sequence numbers of a channel: the first and the last in the file, and the largest."""
+    """Sequence numbers of a channel: the first and the last, and the largest of those that begin or end a chunk."""
 
     first: int
     last: int
@@ -64,8 +64,8 @@ def regained(path: Path) -> Regained | None:
         sequences: dict[int, Sequence] = {}
         for each in _chunks(file, writer):
             for channel, numbers in each.items():
-                before = sequences.get(channel, Sequence(int(numbers[0]), 0, 0))
-                sequences[channel] = Sequence(before.first, int(numbers[-1]), max(before.most, int(numbers.max())))
+                before = sequences.get(channel, numbers)
+                sequences[channel] = Sequence(before.first, numbers.last, max(before.most, numbers.most))
     return Regained(writer, topics, sequences)
 
 
@@ -105,9 +105,9 @@ def _records(file: BinaryIO) -> Iterator[tuple[int, bytes]]:
         yield kind, file.read(length)
 
 
-def _chunks(file: BinaryIO, writer: McapWriter) -> Iterator[dict[int, Int[np.ndarray, " n"]]]:
+def _chunks(file: BinaryIO, writer: McapWriter) -> Iterator[dict[int, Sequence]]:
     """Sequence numbers of each channel, chunk by chunk; a chunk is appended to the writer's when it is whole."""
-    content, data, counts, places, numbers = b"", b"", dict[int, int](), dict[int, int](), dict[int, np.ndarray]()
+    content, data, counts, places, numbers = b"", b"", dict[int, int](), dict[int, int](), dict[int, Sequence]()
     at = left = 0
     for kind, held in _records(file):
         end = file.tell()
@@ -135,11 +135,11 @@ def _chunks(file: BinaryIO, writer: McapWriter) -> Iterator[dict[int, Int[np.nda
             return
 
 
-def _numbers(data: bytes, starts: Int[np.ndarray, " n"]) -> tuple[Int[np.ndarray, " n"], int] | None:
+def _numbers(data: bytes, starts: Int[np.ndarray, " n"]) -> tuple[Sequence, int] | None:
     """Sequence numbers of messages that are equally long, and bytes of all; None where an index does not fit."""
-    raw, first = np.frombuffer(data, np.uint8), int(starts[0])
-    if int(starts.min()) < 0 or int(starts.max()) + _SEQUENCE + 4 > len(data):
+    ends = int(starts[0]), int(starts[-1])
+    if min(ends) < 0 or max(ends) + _SEQUENCE + 4 > len(data):
         return None
-    length = unpack_from("<Q", data, first + 1)[0] + _HEAD
-    places = starts[:, None] + np.arange(_SEQUENCE, _SEQUENCE + 4)
-    return raw[places].view("<u4")[:, 0].astype(np.int64), length * len(starts)
+    first, last = (unpack_from("<I", data, at + _SEQUENCE)[0] for at in ends)
+    length = unpack_from("<Q", data, ends[0] + 1)[0] + _HEAD
+    return Sequence(first, last, max(first, last)), length * len(starts)

@@ -194,7 +194,7 @@ class Ring:
         now = time.time_ns() if known else 0
         for here, part in self._parts(first, len(counts)):
             slots, many = self.slots[here], counts[part]
-            if self.form.most == 1:
+            if known and self.form.most == 1:
                 slots["contacts"][:, 0] = rows[part]
             else:
                 which = np.repeat(np.arange(len(many)), many)
