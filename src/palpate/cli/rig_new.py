@@ -5,20 +5,25 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import inf
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Annotated
 
 from tyro.conf import FlagCreatePairsOff, Positional, UseAppendAction, arg
 
 from palpate.cli.console import note, title
 from palpate.cli.interrupts import import_mesh_reader
-from palpate.cli.options import Log, Output, Scalar
+from palpate.cli.options import Output, Scalar
 from palpate.errors import InputError
 from palpate.io.atomic import keep_inputs, write_text
+from palpate.io.live.listen import listen, stated_source
 from palpate.io.rig import load_rig
 from palpate.io.rig.body import Body
 from palpate.io.rig.new import propose_rig
+from palpate.io.rig.source import RigSource
 
 __all__ = ["rig_new"]
+
+_BODIES = (".stl", ".obj", ".ply", ".dae", ".urdf")
 
 
 @dataclass(frozen=True)
@@ -35,7 +40,7 @@ class _Robot:
 
 
 def rig_new(
-    log: Log,
+    log: Annotated[Positional[Path | None], arg(metavar="LOG")] = None,
     mesh: Annotated[Positional[Path | None], arg(metavar="MESH")] = None,
     /,
     *,
@@ -43,6 +48,7 @@ def rig_new(
     sensor: Annotated[str | None, arg(metavar="NAME", help_behavior_hint="")] = None,
     rate: Scalar = None,
     topic: Annotated[str | None, arg(metavar="NAME", help_behavior_hint="")] = None,
+    source: Annotated[str | None, arg(metavar="KIND:ADDRESS", help_behavior_hint="")] = None,
     robot: Annotated[_Robot, arg(name="")],
     force: Annotated[bool, FlagCreatePairsOff] = False,
 ) -> None:
@@ -50,14 +56,19 @@ def rig_new(
 
     Args:
         log: CSV, Parquet, NumPy, MCAP or a ROS bag: of wrenches, of voltages of load cells, of frames of a taxel sheet.
+            With --source it may be left out: then three seconds of the device are looked at, untouched.
         mesh: STL, OBJ, PLY or DAE of what is touched, or a robot's URDF.
         output: rig.toml to write.
         sensor: force_torque, load_cells or skin, where the log could be of several.
         rate: of the samples [Hz], where a table has no times, or only a counter.
         topic: of the sensor's readings, where the log has several.
+        source: of live samples: netft:NAME, serial:/dev/ttyUSB0, ros2, camera:0 or replay:LOG; `palpate live` takes it.
         robot: what of the URDF is touched.
         force: overwrite a rig that is there already.
     """
+    live = None if source is None else stated_source(source)
+    if live is not None and mesh is None and log is not None and log.suffix.lower() in _BODIES:
+        log, mesh = None, log
     keep_inputs(output, (log, mesh))
     if output.exists() and not force:
         raise InputError("is there already.", where=str(output), hint="Add --force to overwrite it.")
@@ -65,13 +76,21 @@ def rig_new(
         raise InputError("must be positive.", where="--rate")
     import_mesh_reader()
     body = None if mesh is None else Body.of(mesh, robot.link, _packages(robot.package))
-    proposal = propose_rig(log, body, output.parent, sensor=sensor, topic=topic, rate=rate)
-    write_text(output, proposal.text)
+    with TemporaryDirectory() as scratch:
+        seen = log or listen(_known(live), Path(scratch))
+        proposal = propose_rig(seen, body, output.parent, sensor=sensor, topic=topic, rate=rate)
+    write_text(output, proposal.text + ("" if live is None else live.text()))
     load_rig(output)
-    title(f"{log}{'' if mesh is None else f', {mesh}'} -> {output}")
+    title(f"{', '.join(str(each) for each in (log or source, mesh) if each)} -> {output}")
     note([f"taken for {proposal.called}: {proposal.why}"])
     note(proposal.remarks, kind="check")
     note(["every line is a guess: read it once; the comments say which command fills in what is missing"])
+
+
+def _known(source: RigSource | None) -> RigSource:
+    if source is None:
+        raise InputError("is missing: a log, or a device to listen to.", where="LOG or --source")
+    return source
 
 
 def _packages(said: tuple[str, ...]) -> dict[str, Path]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
 
 from palpate.io.rig.tables import require_positive
@@ -10,6 +11,13 @@ __all__ = ["SOURCE_KINDS", "RigSource"]
 
 SOURCE_KINDS = ("netft", "serial", "ros2", "camera", "replay")
 FRAMINGS = ("cobs", "lines")
+_MORE = {  # what a reader may want to say beside kind and address
+    "netft": "# port = 49152                      # of samples\n# web = 80                          # of its page\n",
+    "serial": '# baud = 115200\n# framing = "cobs"                  # or "lines" of numbers\n',
+    "ros2": '# domain = 0\n# interface = "eth0"                # of the network; without it this machine alone\n',
+    "camera": "# rate = 30                         # Hz\n",
+    "replay": "# speed = 1.0                       # 0: as fast as it goes\n# loop = false\n",
+}
 
 
 @dataclass(frozen=True)
@@ -53,3 +61,9 @@ class RigSource:
         if self.columns is not None and (not self.columns or min(self.columns) < 0):
             raise ValueError("columns are counted from 0")
         require_positive(self, "rate", "baud")
+
+    def text(self) -> str:
+        """As TOML, with a comment on what else may be said."""
+        address = f"address = {json.dumps(self.address)}\n" if self.address else ""
+        head = "\n[source]                             # of `palpate live`\n"
+        return f'{head}kind = "{self.kind}"\n{address}{_MORE[self.kind]}'
