@@ -22,6 +22,7 @@ from palpate.cli.inspect import inspect
 from palpate.cli.live import live
 from palpate.cli.map_skin import map_skin
 from palpate.cli.plan_pokes import plan_pokes_command
+from palpate.cli.recover import recover
 from palpate.cli.replay import replay
 from palpate.cli.rig_new import rig_new
 from palpate.cli.simulate import simulate_marker_ring
@@ -55,6 +56,7 @@ def run(argv: Sequence[str]) -> None:
     app.command(maps, name="map", help="Find where the cells of a sensor sit on a robot: skin.")
     plan.command(name="pokes")(plan_pokes_command)
     app.command(plan, name="plan", help="What to measure next: pokes.")
+    app.command(recover)
     app.command(replay)
     app.command(view)
     rig.command(name="new")(rig_new)

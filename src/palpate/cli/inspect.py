@@ -11,7 +11,7 @@ from tyro.conf import arg
 
 from palpate.cli.console import Figure, in_full, lines, note, span, title
 from palpate.cli.evaluate import truth_times
-from palpate.cli.inspect_log import inspect_contacts, inspect_log
+from palpate.cli.inspect_log import inspect_contacts, inspect_log, say_contents
 from palpate.cli.interrupts import import_mesh_reader
 from palpate.cli.options import FileOption, SomeFile
 from palpate.cli.spectrum import KINDS, draw_spectrum, located
@@ -22,7 +22,10 @@ from palpate.io.atomic import PART, keep_inputs
 from palpate.io.contacts import unfinished
 from palpate.io.contacts.mcap import KIND
 from palpate.io.ground_truth import read_ground_truth
+from palpate.io.live.record import RING
+from palpate.io.live.recover import cut_short
 from palpate.io.logs import LogContents, contents
+from palpate.io.logs.topics import LIVE
 from palpate.io.models import MODELS, load_toml, read_model
 from palpate.io.models.summary import of_taxels
 from palpate.io.rig import Rig, load_rig
@@ -58,8 +61,10 @@ def inspect(
         spectrum: .html, .svg or .png to draw spectra into; what cut-off of a filter they propose is printed.
     """
     suffix, whole = file.suffix.lower(), unfinished(file)
-    if not file.exists() and whole is None:
-        raise InputError("there is no such file.", where=str(file))
+    cut = cut_short(file)
+    if (not file.exists() and whole is None) or suffix == RING:
+        raise InputError(cut or "there is no such file.", where=str(file))
+    note([cut] if cut else [], kind="warning")
     if spectrum is not None:  # before the work, not after it
         if spectrum.suffix.lower() not in KINDS:
             ends = f"no picture ends in {spectrum.suffix!r}."
@@ -79,8 +84,12 @@ def _data(file: Path, rig: Rig | None, sensor: str | None, topic: str | None, ou
     """A log, contacts, or a truth."""
     there = None if file.suffix == PART else contents(file)  # a folder of any other name is a bag
     torn = False
-    if there is None or _holds_contacts(there):
+    live = there is not None and any(each.name.startswith(LIVE) for each in there.topics)
+    asked = live and (rig is not None or sensor is not None or topic is not None)  # for what contacts were made of
+    if there is None or (_holds_contacts(there) and not asked):
         recording = inspect_contacts(file)
+        if there is not None and live:
+            say_contents(there)
     elif {"px", "py", "pz"} <= set(there.names) and set(there.names) & {"time", "start"}:
         _ground_truth(file)
         recording = None

@@ -29,7 +29,7 @@ from palpate.sensors.recording import FORCE, ORIENTATION, POSITION, TORQUE, Reco
 from palpate.viewer.report import percent
 from palpate.viewer.run_report import median
 
-__all__ = ["inspect_contacts", "inspect_log"]
+__all__ = ["inspect_contacts", "inspect_log", "say_contents"]
 
 _UNITS = {FORCE: "N", TORQUE: "N m", "voltage": "V"}
 _MOST = 40  # rows of a table of channels: where there are more, as in a frame, one row stands for all
@@ -53,7 +53,7 @@ def inspect_log(
     there = contents(file)
     if there.images is not None and topic is not None:
         raise InputError("has no topics.", where=str(file), hint="Leave --topic out.")
-    _say_contents(there)
+    say_contents(there)
     wrenches = topics_of(there, "wrench") if rig is None and topic is None and sensor in (None, "force_torque") else []
     beside = image_topics(there) if wrenches else []
     note([f"there are images on {', '.join(beside)}: --topic NAME says what is in them"] if beside else [])
@@ -162,7 +162,8 @@ def _labels(block: Recording, channels: tuple[str, ...]) -> list[str]:
     return named
 
 
-def _say_contents(there: LogContents) -> None:
+def say_contents(there: LogContents) -> None:
+    """Say which topics or columns there are."""
     if there.topics:
         table(
             ("topic", "type", "messages", "rate [Hz]"),

@@ -10,12 +10,26 @@ from jaxtyping import Float, Int
 from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import ContactEstimate, Status
 from palpate.contact.table import pointless
-from palpate.io.contacts.mcap_write import MESSAGE, Topic
+from palpate.io.contacts.mcap_rows import CDR, Fields, Rows, layout, made, stamped
+from palpate.io.contacts.mcap_write import Topic
 
-__all__ = ["KIND", "Messages", "from_messages", "named_features", "topics"]
+__all__ = [
+    "KIND",
+    "LATEST",
+    "POSE_FIELDS",
+    "POSE_STAMPED",
+    "STAMPED",
+    "VECTOR",
+    "WRENCH_FIELDS",
+    "WRENCH_STAMPED",
+    "Messages",
+    "from_messages",
+    "named_features",
+    "topics",
+]
 
 _RULE = "=" * 80
-_STAMPED = f"""{_RULE}
+STAMPED = f"""{_RULE}
 MSG: std_msgs/Header
 builtin_interfaces/Time stamp
 string frame_id
@@ -26,10 +40,10 @@ uint32 nanosec
 """
 _THREE = "float64 x\nfloat64 y\nfloat64 z\n"
 _POINT = f"{_RULE}\nMSG: geometry_msgs/Point\n{_THREE}"
-_VECTOR = f"{_RULE}\nMSG: geometry_msgs/Vector3\n{_THREE}"
-_POSE_STAMPED = f"""std_msgs/Header header
+VECTOR = f"{_RULE}\nMSG: geometry_msgs/Vector3\n{_THREE}"
+POSE_STAMPED = f"""std_msgs/Header header
 geometry_msgs/Pose pose
-{_STAMPED}{_RULE}
+{STAMPED}{_RULE}
 MSG: geometry_msgs/Pose
 geometry_msgs/Point position
 geometry_msgs/Quaternion orientation
@@ -37,13 +51,13 @@ geometry_msgs/Quaternion orientation
 MSG: geometry_msgs/Quaternion
 {_THREE}float64 w
 """
-_WRENCH_STAMPED = f"""std_msgs/Header header
+WRENCH_STAMPED = f"""std_msgs/Header header
 geometry_msgs/Wrench wrench
-{_STAMPED}{_RULE}
+{STAMPED}{_RULE}
 MSG: geometry_msgs/Wrench
 geometry_msgs/Vector3 force
 geometry_msgs/Vector3 torque
-{_VECTOR}"""
+{VECTOR}"""
 _CONTACT = f"""# One row of the contacts that `palpate estimate` writes. SI; NaN where there is nothing to say.
 {"".join(f"uint8 {status.name}={int(status)}" + chr(10) for status in Status)}
 std_msgs/Header header
@@ -59,8 +73,7 @@ float64[9] covariance # of the point, m^2, row by row
 """
 _STATUS = "uint8 status\n"
 KIND = "palpate_msgs/msg/Contact"
-_Fields = tuple[tuple[str, str, tuple[int, ...]], ...]
-_CONTACT_FIELDS: _Fields = (
+_CONTACT_FIELDS: Fields = (
     ("sample", "<i8", ()),
     ("contact", "<i8", ()),
     ("candidates", "<i8", ()),
@@ -71,21 +84,20 @@ _CONTACT_FIELDS: _Fields = (
     ("torque", "<f8", ()),
     ("covariance", "<f8", (3, 3)),
 )
-_POSE_FIELDS: _Fields = (("position", "<f8", (3,)), ("orientation", "<f8", (4,)))
-_WRENCH_FIELDS: _Fields = (("force", "<f8", (3,)), ("torque", "<f8", (3,)))
-_CDR = 0x100  # the bytes 0, 1, 0, 0: plain, little-endian
+POSE_FIELDS: Fields = (("position", "<f8", (3,)), ("orientation", "<f8", (4,)))
+WRENCH_FIELDS: Fields = (("force", "<f8", (3,)), ("torque", "<f8", (3,)))
 _NAMED = 16  # bytes before the name of the frame
 _UPPER = np.triu_indices(3)
-_LATEST = 2**31 * 10**9 - 1  # ns that an int32 of seconds can say
+LATEST = 2**31 * 10**9 - 1  # ns that an int32 of seconds can say
 
 
 def topics(features: tuple[str, ...] = ()) -> tuple[Topic, ...]:
     """What a file of contacts declares: every row with all its numbers, and what viewers draw."""
     added = "".join(f"float64 {name} # of the sensor, SI\n" for name in features)
     return (
-        Topic("/palpate/contact/estimate", KIND, f"{_CONTACT}{added}{_STATUS}{_STAMPED}{_POINT}{_VECTOR}"),
-        Topic("/palpate/contact/point", "geometry_msgs/msg/PoseStamped", _POSE_STAMPED),
-        Topic("/palpate/contact/wrench", "geometry_msgs/msg/WrenchStamped", _WRENCH_STAMPED),
+        Topic("/palpate/contact/estimate", KIND, f"{_CONTACT}{added}{_STATUS}{STAMPED}{_POINT}{VECTOR}"),
+        Topic("/palpate/contact/point", "geometry_msgs/msg/PoseStamped", POSE_STAMPED),
+        Topic("/palpate/contact/wrench", "geometry_msgs/msg/WrenchStamped", WRENCH_STAMPED),
     )
 
 
@@ -95,7 +107,7 @@ def named_features(definition: str) -> tuple[str, ...]:
     return tuple(re.findall(r"^float64 (\w+)", own, re.MULTILINE))
 
 
-def _contact_fields(features: tuple[str, ...]) -> _Fields:
+def _contact_fields(features: tuple[str, ...]) -> Fields:
     return (*_CONTACT_FIELDS, *((f"feature {name}", "<f8", ()) for name in features), ("status", "u1", ()))
 
 
@@ -109,25 +121,23 @@ class Messages:
 
     def __init__(self, frame_id: str, features: tuple[str, ...] = ()) -> None:
         self._features = features
-        fields = (_contact_fields(features), _POSE_FIELDS, _WRENCH_FIELDS)
-        self._empty = [_empty(channel, frame_id, each) for channel, each in enumerate(fields, 1)]
-        self._counts = np.zeros(len(fields), dtype=np.int64)
+        fields = (_contact_fields(features), POSE_FIELDS, WRENCH_FIELDS)
+        self._kinds = [Rows(channel, *stamped(frame_id, each)) for channel, each in enumerate(fields, 1)]
         self._last = 0
 
-    def of(self, contacts: Contacts) -> tuple[np.ndarray, list[np.ndarray]]:
+    def of(
+        self, contacts: Contacts, stamps: Int[np.ndarray, " n"] | None = None
+    ) -> tuple[np.ndarray, list[np.ndarray]]:
         """Messages of the three `topics`: their bytes, and a view of them as one structured array a topic.
 
         Args:
             contacts: n rows; those with a point and a normal are in the second and third topic too.
+            stamps: [ns] of the rows, where they are known better than the times say.
         """
-        stamps = self._stamps(contacts.time)
+        stamps = self._stamps(contacts.time) if stamps is None else stamps
         estimate = contacts.estimate
         placed = np.flatnonzero(np.isfinite(np.hstack([estimate.point, estimate.normal])).all(axis=1))
-        picks = (np.arange(len(contacts)), placed, placed)
-        raw, messages = _allocated(self._empty, [len(pick) for pick in picks])
-        for rows, pick, first in zip(messages, picks, self._counts, strict=True):
-            _stamp(rows, stamps[pick], int(first))
-        self._counts += [len(pick) for pick in picks]
+        raw, messages = made(self._kinds, [stamps, stamps[placed], stamps[placed]])
         everything, pose, wrench = messages
         everything["sample"], everything["contact"], everything["time"] = (
             contacts.sample,
@@ -147,8 +157,8 @@ class Messages:
     def _stamps(self, time: Float[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
         """(n,) [ns] from 0 to what ROS can say; a time that is missing takes the one before."""
         known = np.flatnonzero(np.isfinite(time))
-        seconds = time[known].clip(0, _LATEST / 1e9)
-        whole = np.floor(seconds).clip(max=_LATEST // 10**9)
+        seconds = time[known].clip(0, LATEST / 1e9)
+        whole = np.floor(seconds).clip(max=LATEST // 10**9)
         nanoseconds = np.rint((seconds - whole) * 1e9).clip(0, 10**9 - 1)
         seen = np.concatenate([[self._last], whole.astype(np.int64) * 10**9 + nanoseconds.astype(np.int64)])
         stamps = seen[np.searchsorted(known, np.arange(len(time)), side="right")]
@@ -168,11 +178,11 @@ def from_messages(payloads: np.ndarray, features: tuple[str, ...] = ()) -> Conta
     """
     length = payloads.shape[1]
     name = int(payloads[0, 12:16].view("<u4")[0]) if length > _NAMED else 0
-    layout = _layout(name, _contact_fields(features)) if 0 < name < length else None
-    if layout is None or layout.itemsize != length:
+    kind = layout(stamped("x" * (name - 1), _contact_fields(features))[0]) if 0 < name < length else None
+    if kind is None or kind.itemsize != length:
         raise ValueError(f"a message of {length} bytes is not of {KIND}")
-    rows = payloads.view(layout)[:, 0]
-    if not ((rows["encoding"] == _CDR) & (rows["named"] == name)).all():
+    rows = payloads.view(kind)[:, 0]
+    if not ((rows["encoding"] == CDR) & (rows["named"] == name)).all():
         raise ValueError(f"a message is not of {KIND}")
     status = rows["status"].astype(np.int8)
     if len(odd := np.flatnonzero((status < 0) | (status >= len(Status)))):
@@ -183,39 +193,6 @@ def from_messages(payloads: np.ndarray, features: tuple[str, ...] = ()) -> Conta
         raise ValueError(f"row {row} of a block is answered, but has no point")
     added = {name: rows[f"feature {name}"].copy() for name in features}
     return Contacts(rows["sample"].copy(), rows["time"].copy(), rows["contact"].copy(), estimate, added)
-
-
-def _layout(name: int, fields: _Fields) -> np.dtype[np.void]:
-    """A message whose frame's name has so many bytes with its end; CDR aligns what follows the header to 8."""
-    header = [("encoding", "<u4"), ("sec", "<i4"), ("nanosec", "<u4"), ("named", "<u4"), ("frame", f"S{name}")]
-    return np.dtype([*header, ("gap", f"V{-(12 + name) % 8}"), *fields])
-
-
-def _empty(channel: int, frame_id: str, fields: _Fields) -> np.ndarray:
-    """One record with what all of a topic's have in common."""
-    name = frame_id.encode() + b"\0"
-    record = np.zeros(1, dtype=[*MESSAGE.descr, *_layout(len(name), fields).descr])
-    record["opcode"], record["channel"] = 5, channel
-    record["length"] = record.itemsize - 9
-    record["encoding"] = _CDR
-    record["named"], record["frame"] = len(name), name
-    return record
-
-
-def _allocated(empty: list[np.ndarray], counts: list[int]) -> tuple[np.ndarray, list[np.ndarray]]:
-    """Bytes of so many copies of each record, one after the other, and their parts."""
-    ends = np.cumsum([count * record.itemsize for record, count in zip(empty, counts, strict=True)])
-    raw = np.empty(ends[-1], dtype=np.uint8)
-    pieces = np.split(raw, ends[:-1])
-    for piece, record in zip(pieces, empty, strict=True):
-        piece.reshape(-1, record.itemsize)[:] = record.view(np.uint8)  # field by field takes longer than all the rest
-    return raw, [piece.view(record.dtype) for piece, record in zip(pieces, empty, strict=True)]
-
-
-def _stamp(rows: np.ndarray, stamps: Int[np.ndarray, " n"], first: int) -> None:
-    rows["sequence"] = (first + np.arange(len(stamps))) % 2**32
-    rows["log"] = rows["publish"] = stamps
-    rows["sec"], rows["nanosec"] = np.divmod(stamps, 10**9)
 
 
 def _z_to(normal: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 4"]:

@@ -6,7 +6,6 @@ The records around the messages are those of the `mcap` library, which writes me
 from __future__ import annotations
 
 import zlib
-from collections import Counter
 from collections.abc import Sequence
 from struct import pack
 from typing import NamedTuple, cast
@@ -23,7 +22,22 @@ __all__ = ["MESSAGE", "McapWriter", "Topic"]
 MESSAGE = np.dtype(  # what stands before the bytes of a message
     [("opcode", "u1"), ("length", "<u8"), ("channel", "<u2"), ("sequence", "<u4"), ("log", "<u8"), ("publish", "<u8")]
 )
-Written = tuple[mcap.ChunkIndex, Counter[int]]  # what the index says of a chunk, and its messages of each channel
+
+
+class Written(NamedTuple):
+    """A chunk that is in the file, as small as can be: a file may have many.
+
+    Attributes:
+        entry: what the summary says of it, as a record.
+        end: byte at which the next begins.
+        span: first and last time of its messages [ns].
+        counts: its messages of each channel.
+    """
+
+    entry: bytes
+    end: int
+    span: tuple[int, int]
+    counts: tuple[int, ...]
 
 
 class Topic(NamedTuple):
@@ -55,10 +69,7 @@ class McapWriter:
     @property
     def size(self) -> int:
         """Bytes of the head and of all `chunks`."""
-        if not self.chunks:
-            return len(self.head)
-        last, _ = self.chunks[-1]
-        return last.chunk_start_offset + last.chunk_length + last.message_index_length
+        return self.chunks[-1].end if self.chunks else len(self.head)
 
     def chunk(self, records: np.ndarray, messages: Sequence[np.ndarray]) -> tuple[bytes, Written]:
         """The next chunk, and what to append to `chunks` once it is written.
@@ -70,24 +81,43 @@ class McapWriter:
         present = {int(rows["channel"][0]): rows for rows in messages if len(rows)}
         times = np.concatenate([rows["log"] for rows in present.values()])
         span = {"message_start_time": int(times.min()), "message_end_time": int(times.max())}
-        packed, checksum, size = _compressed(records), zlib.crc32(records.data), len(records)
-        chunk = _raw(mcap.Chunk("lz4", packed, uncompressed_crc=checksum, uncompressed_size=size, **span))
-        raw, places, offset = chunk, dict[int, int](), 0
+        packed, checksum = _compressed(records), zlib.crc32(records.data)
+        made = mcap.Chunk("lz4", packed, uncompressed_crc=checksum, uncompressed_size=len(records), **span)
+        raw = chunk = _raw(made)
+        places, offset = dict[int, int](), 0
         for channel, rows in present.items():
             places[channel] = self.size + len(raw)
             raw += _message_index(channel, rows, offset)
             offset += rows.nbytes
+        counts = {channel: len(rows) for channel, rows in present.items()}
+        return raw, self.written(made, (len(chunk), len(raw)), places, counts)
+
+    def written(
+        self, chunk: mcap.Chunk, lengths: tuple[int, int], places: dict[int, int], counts: dict[int, int]
+    ) -> Written:
+        """What to append to `chunks` for one that stands behind them.
+
+        Args:
+            chunk: the record.
+            lengths: bytes of the record, and with the indices behind it.
+            places: in the file, of the index of each channel.
+            counts: messages of each channel.
+        """
+        length, whole = lengths
         index = mcap.ChunkIndex(
-            chunk_length=len(chunk),
+            chunk_length=length,
             chunk_start_offset=self.size,
-            compression="lz4",
-            compressed_size=len(packed),
-            message_index_length=len(raw) - len(chunk),
+            compression=chunk.compression,
+            compressed_size=len(chunk.data),
+            message_end_time=chunk.message_end_time,
+            message_index_length=whole - length,
             message_index_offsets=places,
-            uncompressed_size=size,
-            **span,
+            message_start_time=chunk.message_start_time,
+            uncompressed_size=chunk.uncompressed_size,
         )
-        return raw, (index, Counter({channel: len(rows) for channel, rows in present.items()}))
+        span = chunk.message_start_time, chunk.message_end_time
+        counted = tuple(counts.get(channel.id, 0) for channel in self._channels)
+        return Written(_raw(index), self.size + whole, span, counted)
 
     def tail(self) -> bytes:
         """What ends the file: its summary, by which readers find their way."""
@@ -97,11 +127,12 @@ class McapWriter:
             (Opcode.SCHEMA, self._schemas),
             (Opcode.CHANNEL, self._channels),
             (Opcode.STATISTICS, [self._statistics()]),
-            (Opcode.CHUNK_INDEX, [index for index, _ in self.chunks]),
         )
+        records = [(opcode, _raw(*group)) for opcode, group in groups]
+        records.append((Opcode.CHUNK_INDEX, b"".join(chunk.entry for chunk in self.chunks)))
         summary, offsets = b"", b""
-        for opcode, group in groups:
-            if raw := _raw(*group):
+        for opcode, raw in records:
+            if raw:
                 offsets += _raw(mcap.SummaryOffset(opcode, start + len(summary), len(raw)))
                 summary += raw
         footer = _raw(mcap.Footer(start, start + len(summary), 0))[:-4]
@@ -109,17 +140,17 @@ class McapWriter:
         return end + ended + pack("<I", zlib.crc32(ended)) + MAGIC
 
     def _statistics(self) -> mcap.Statistics:
-        indices = [index for index, _ in self.chunks]
-        counts = {channel.id: sum(count[channel.id] for _, count in self.chunks) for channel in self._channels}
+        sums = np.sum([chunk.counts for chunk in self.chunks], axis=0) if self.chunks else [0] * len(self._channels)
+        counts = {channel.id: int(count) for channel, count in zip(self._channels, sums, strict=True)}
         span = {
-            "message_start_time": min((index.message_start_time for index in indices), default=0),
-            "message_end_time": max((index.message_end_time for index in indices), default=0),
+            "message_start_time": min((chunk.span[0] for chunk in self.chunks), default=0),
+            "message_end_time": max((chunk.span[1] for chunk in self.chunks), default=0),
         }
         return mcap.Statistics(
             attachment_count=0,
             channel_count=len(self._channels),
             channel_message_counts=counts,
-            chunk_count=len(indices),
+            chunk_count=len(self.chunks),
             message_count=sum(counts.values()),
             metadata_count=0,
             schema_count=len(self._schemas),

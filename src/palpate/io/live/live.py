@@ -124,7 +124,9 @@ class Live:
 
     def form(self, frame: str = "surface", rig: str = "") -> Form:
         """What passes through a ring of this stream."""
-        estimator, source = self.estimator, self.source
+        estimator, source, layout = self.estimator, self.source, self.kind.layout(self.rig)
+        channels = layout.images or next(iter(layout.arrays), None)
+        topic = layout.wrench_topic if channels is None else channels.topic
         return Form(
             sensor=self.kind.name,
             shape=tuple(source.shape),
@@ -135,6 +137,7 @@ class Live:
             frame=frame,
             rig=rig,
             poses=self._posed,
+            topic=topic or "",
         )
 
     def into(self, ring: Ring) -> None:

@@ -33,7 +33,10 @@ __all__ = ["Form", "Ring"]
 MAGIC, VERSION = b"PALPRING", 1
 HEAD = 1 << 16  # bytes before the slots
 LINE = 64  # bytes of a cache line
-_WORDS = ("version", "slots", "received", "answered", "alive", "recorded", "bytes", "said", "asked", "done", "stop")
+_WORDS = (
+    *("version", "slots", "received", "answered", "alive", "said", "asked", "done", "stop"),
+    *("recorded", "bytes", "noted", "missed", "file", "began"),  # the recorder's
+)
 _JSON, _SAID = 4096, 24576  # where the description and the sentences begin
 SENTENCES, SENTENCE = 128, 320  # kept, and bytes of each
 SIZE = 1 << 26  # bytes of slots, as a rule
@@ -55,6 +58,7 @@ class Form:
         frame: that the contacts are in.
         rig: file that all this was made from.
         poses: whether a pose comes with each sample.
+        topic: that the rig reads a log of these readings from; "": whichever there is.
     """
 
     sensor: str
@@ -66,11 +70,13 @@ class Form:
     frame: str = "surface"
     rig: str = ""
     poses: bool = False
+    topic: str = ""
 
     def slot(self) -> np.dtype[np.void]:
         """Of one sample."""
         return np.dtype(
             [
+                ("number", "<i8"),  # of the sample, from 1: a page of the file that was not written has another
                 ("stamp", "<i8"),  # ns since 1970: its time
                 ("arrived", "<i8"),  # ns since 1970 on this machine's clock
                 ("ready", "<i8"),  # the same, when its contacts were known; 0: they are not
@@ -171,6 +177,7 @@ class Ring:
         for here, part in self._parts(first, count):
             slots = self.slots[here]
             slots["ready"], slots["rows"] = 0, 0
+            slots["number"] = first + 1 + np.arange(part.start, part.stop)
             for name in ("stamp", "lost", "values", "orientation", "position", "acceleration"):
                 slots[name] = getattr(batch, name)[part]
             arrived = batch.arrived[part]
@@ -187,7 +194,7 @@ class Ring:
         now = time.time_ns() if known else 0
         for here, part in self._parts(first, len(counts)):
             slots, many = self.slots[here], counts[part]
-            if self.form.most == 1:
+            if known and self.form.most == 1:
                 slots["contacts"][:, 0] = rows[part]
             else:
                 which = np.repeat(np.arange(len(many)), many)

@@ -16,7 +16,7 @@ from palpate.io.logs.joints import JointPoses, joint_stamps, joint_topic
 from palpate.io.logs.layout import ArrayChannel, Layout
 from palpate.io.logs.log import Log, LogContents, Messages, Source, Topic
 from palpate.io.logs.samples import NUMBERS, Samples, rows_at_once
-from palpate.io.logs.topics import POSE_KINDS, choose, doubtful, main_channel, sentence
+from palpate.io.logs.topics import LIVE_ACCELERATION, LIVE_POSE, POSE_KINDS, choose, doubtful, main_channel, sentence
 from palpate.io.logs.transforms import Frames, TreePoses, read_frames, tree_topics
 from palpate.io.urdf import Kinematics, Urdf
 from palpate.sensors.recording import ACCELERATION, ORIENTATION, POSITION, Recording
@@ -70,7 +70,8 @@ class TopicLog(Log):
         tracks = {} if poses is None else {"pose": poses}
         if "acceleration" in chosen:
             stream = _Stream(chosen["acceleration"], self._source)
-            tracks["acceleration"] = _Tracked(stream, PoseTrack(0.0, layout.max_gap), still=True)
+            gap = 0.0 if stream.topic.name == LIVE_ACCELERATION else layout.max_gap
+            tracks["acceleration"] = _Tracked(stream, PoseTrack(0.0, gap), still=True)
         self._join = join = _Join(main, tracks, Samples(layout, self.path), layout)
         wanted = {main.topic.name, *(topic.name for track in tracks.values() for topic in track.topics)}
         for messages in self._source.messages(wanted):
@@ -135,6 +136,8 @@ class TopicLog(Log):
     def _poses(self, chosen: dict[str, Topic], offset: float) -> PoseSource | None:
         """Where the sensor is, as the layout says."""
         layout, where = self._layout, str(self.path)
+        if "pose" in chosen and chosen["pose"].name == LIVE_POSE:  # at the readings' own stamps, and nowhere between
+            return _Tracked(_Stream(chosen["pose"], self._source), PoseTrack(0.0, 0.0))
         if layout.frames is None:
             if "pose" not in chosen:
                 return None

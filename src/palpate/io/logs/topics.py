@@ -13,11 +13,26 @@ from palpate.io.logs.layout import ArrayChannel, ImageChannel, Layout
 from palpate.io.logs.log import LogContents, Topic
 from palpate.io.units import near
 
-__all__ = ["NONE", "POSE_KINDS", "choose", "choose_images", "doubtful", "main_channel", "sentence"]
+__all__ = [
+    "LIVE",
+    "LIVE_ACCELERATION",
+    "LIVE_POSE",
+    "NONE",
+    "POSE_KINDS",
+    "RESULTS",
+    "choose",
+    "choose_images",
+    "doubtful",
+    "main_channel",
+    "sentence",
+]
 
 _ENCODINGS = ("cdr", "ros1")
 _SHOWN = 12  # topics in a sentence
 _DOUBLES = "std_msgs/Float64MultiArray"
+RESULTS = "/palpate/contact/"  # what topics of contacts begin with: they are what was made of readings, and none
+LIVE = "/palpate/live/"  # what topics of a live record begin with
+LIVE_POSE, LIVE_ACCELERATION = f"{LIVE}pose", f"{LIVE}acceleration"  # one of these stands beside each reading
 
 
 @dataclass(frozen=True)
@@ -86,7 +101,9 @@ def choose(there: LogContents, layout: Layout) -> dict[str, Topic]:
     main = _WRENCH if array is None else _wanted(array)
     rows = _required(there, main, layout.wrench_topic if array is None else array.topic)
     pose = _pose(topics, layout, path)
-    acceleration = _named(topics, _ACCELERATION, layout.acceleration_topic, path)  # an accelerometer may sit anywhere
+    acceleration = _recorded(topics, LIVE_ACCELERATION) or _named(
+        topics, _ACCELERATION, layout.acceleration_topic, path
+    )  # an accelerometer may sit anywhere
     chosen = {"main": rows, "pose": pose, "acceleration": acceleration}
     return {role: topic for role, topic in chosen.items() if topic is not None}
 
@@ -117,17 +134,19 @@ def _required(there: LogContents, wanted: _Wanted, name: str | None) -> Topic:
 
 
 def _pose(topics: Sequence[Topic], layout: Layout, path: Path) -> Topic | None:
-    if layout.orientation_topic == NONE or layout.frames is not None:
+    if layout.orientation_topic == NONE:
         return None
+    if (recorded := _recorded(topics, LIVE_POSE)) is not None or layout.frames is not None:
+        return recorded
     named = _named(topics, _POSE, layout.orientation_topic, path)
     return named if named is not None or doubtful(topics, layout) else _only(topics, _POSE, path)
 
 
 def doubtful(topics: Sequence[Topic], layout: Layout) -> list[str]:
     """Topics of poses none of which is taken, because there are several and none is named."""
-    if layout.orientation_topic is not None or layout.frames is not None:
+    if layout.orientation_topic is not None or layout.frames is not None or _recorded(topics, LIVE_POSE):
         return []
-    fitting = [topic.name for topic in topics if _POSE.fits(topic) and topic.count]
+    fitting = [topic.name for topic in topics if _meant(topic, _POSE)]
     return fitting if len(fitting) > 1 else []
 
 
@@ -161,8 +180,12 @@ def _named(topics: Sequence[Topic], wanted: _Wanted, name: str | None, path: Pat
 
 
 def _only(topics: Sequence[Topic], wanted: _Wanted, path: Path) -> Topic | None:
-    """The only topic with messages of a fitting type; a list of numbers is one of doubles where there is one."""
-    fitting = [topic for topic in topics if wanted.fits(topic) and topic.count]
+    """The only topic with messages of a fitting type; a list of numbers is one of doubles where there is one.
+
+    A live record's own comes before others.
+    """
+    fitting = [topic for topic in topics if _meant(topic, wanted)]
+    fitting = [topic for topic in fitting if topic.name.startswith(LIVE)] or fitting
     if wanted.array is not None and len(wanted.array.shape) == 1:
         fitting = [topic for topic in fitting if topic.kind == _DOUBLES] or fitting
     if len(fitting) > 1:
@@ -172,3 +195,13 @@ def _only(topics: Sequence[Topic], wanted: _Wanted, path: Path) -> Topic | None:
             hint=f"Name one in the rig, as topic in [{wanted.table}], or with --topic.",
         )
     return fitting[0] if fitting else None
+
+
+def _meant(topic: Topic, wanted: _Wanted) -> bool:
+    """Whether it may be meant where no topic is named."""
+    return wanted.fits(topic) and topic.count > 0 and not topic.name.startswith(RESULTS)
+
+
+def _recorded(topics: Sequence[Topic], name: str) -> Topic | None:
+    """What a live record holds beside its readings: it comes before what a rig names for other logs."""
+    return next((topic for topic in topics if topic.name == name and topic.count), None)

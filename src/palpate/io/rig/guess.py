@@ -10,6 +10,7 @@ from pathlib import Path
 from palpate.io.logs import LogContents, topic_shapes
 from palpate.io.logs.decoding import role
 from palpate.io.logs.layout import ORIENTATION_COLUMNS
+from palpate.io.logs.topics import RESULTS
 from palpate.io.rig.names import orientation_columns, position_columns
 from palpate.io.units import TIME_UNITS, known_unit, split_unit
 from palpate.surfaces.mesh import UNITS, Mesh
@@ -36,8 +37,9 @@ def quoted(value: str | Sequence[str]) -> str:
 
 
 def topics_of(contents: LogContents, wanted: str) -> list[str]:
-    """Names of topics with messages that hold "wrench", "pose", "acceleration" or "array"."""
-    return [topic.name for topic in contents.topics if topic.count and role(topic.kind) == wanted]
+    """Names of topics with messages that hold "wrench", "pose", "acceleration" or "array"; contacts are none."""
+    there = [topic for topic in contents.topics if topic.count and role(topic.kind) == wanted]
+    return [topic.name for topic in there if not topic.name.startswith(RESULTS)]
 
 
 def array_topic(

@@ -1,0 +1,22 @@
+"""`palpate recover`: what `palpate live` recorded before it was killed, as a whole file."""
+
+from __future__ import annotations
+
+from palpate.cli.console import lines, title
+from palpate.cli.options import SomeFile
+from palpate.io.live.recover import recover as put_together
+
+__all__ = ["recover"]
+
+
+def recover(output: SomeFile, /) -> None:
+    """Put together what `palpate live --record OUTPUT` left when it was killed: OUTPUT.part and OUTPUT.ring.
+
+    Everything that was received is in OUTPUT then; samples that were not answered are readings without contacts.
+
+    Args:
+        output: that was recorded to.
+    """
+    said = put_together(output)
+    title(f"{output}: recovered")
+    lines([("samples", said)])
