@@ -21,7 +21,7 @@ from palpate.errors import InputError
 from palpate.io.atomic import PART, part, writing
 from palpate.io.live.record_file import RecordFile, grown, named, place
 from palpate.io.live.record_messages import RecordMessages, event, record_topics
-from palpate.io.live.ring import Ring
+from palpate.io.live.ring import READERS, Ring
 
 __all__ = ["RING", "Recorder", "only_one", "record", "require_record", "ring_of"]
 
@@ -81,7 +81,7 @@ def record(ring: Path, output: Path, split: float, parent: int) -> None:
     try:
         with only_one(ring), writing(output):
             recorder, quiet = Recorder(opened, output, split), _Quiet(opened)
-            while not ((opened["stop"] or os.getppid() != parent) and quiet.ended()):
+            while opened["stop"] < READERS and not (os.getppid() != parent and quiet.ended()):
                 recorder.step()
                 time.sleep(POLL)
             recorder.finish()

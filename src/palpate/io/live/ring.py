@@ -28,7 +28,7 @@ from palpate.errors import InputError
 from palpate.io.live.source import Batch
 from palpate.io.logs.decoding import seconds
 
-__all__ = ["Form", "Ring"]
+__all__ = ["READERS", "Form", "Ring"]
 
 MAGIC, VERSION = b"PALPRING", 1
 HEAD = 1 << 16  # bytes before the slots
@@ -41,6 +41,7 @@ _JSON, _SAID = 4096, 24576  # where the description and the sentences begin
 SENTENCES, SENTENCE = 128, 320  # kept, and bytes of each
 SIZE = 1 << 26  # bytes of slots, as a rule
 LEAST = 512  # slots
+READERS = 2  # what "stop" says to those who read, once the writer has ended by the 1 that it was told
 MARGIN = 1024  # slots: the largest batch
 
 

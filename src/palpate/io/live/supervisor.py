@@ -9,7 +9,7 @@ from multiprocessing import get_context
 from multiprocessing.process import BaseProcess
 from typing import Any
 
-from palpate.io.live.ring import Ring
+from palpate.io.live.ring import READERS, Ring
 
 __all__ = ["Supervisor", "Worker"]
 
@@ -49,7 +49,7 @@ class Supervisor:
     """Watches workers; what it does is said in the ring.
 
     Args:
-        workers: started in this order, ended in it too: who writes the ring before who reads it.
+        workers: who writes the ring first, which is ended first, then those who read it.
     """
 
     def __init__(self, workers: list[Worker]) -> None:
@@ -70,22 +70,27 @@ class Supervisor:
             ring.say(f"the {worker.name} {why}, and was started again")
 
     def stop(self, ring: Ring | None) -> list[str]:
-        """Let all end in order; which of them had to be killed, one sentence each."""
-        if ring is not None:
-            ring["stop"] = 1
+        """Let all end in order, the writer first; which of them had to be killed, one sentence each."""
         said: list[str] = []
-        end = time.monotonic() + PATIENCE
-        for worker in self.workers:
-            process = worker.process
-            if process is None:
-                continue
-            process.join(max(0.1, end - time.monotonic()) if ring is not None else 0.1)
-            if process.is_alive():
-                process.terminate()
-                process.join(2.0)
-                if ring is not None:
-                    said.append(f"the {worker.name} did not end within {PATIENCE:g} s and was killed")
-            if process.is_alive():
-                process.kill()
-                process.join()
+        for level, workers in ((1, self.workers[:1]), (READERS, self.workers[1:])):
+            if ring is not None:
+                ring["stop"] = level
+            end = time.monotonic() + (PATIENCE if ring is not None else 0.1)
+            said += [each for worker in workers if (each := _ended(worker, end))]
         return said
+
+
+def _ended(worker: Worker, end: float) -> str:
+    """Waits until a process has ended, or ends it; the sentence on that."""
+    process = worker.process
+    if process is None:
+        return ""
+    process.join(max(0.1, end - time.monotonic()))
+    if not process.is_alive():
+        return ""
+    process.terminate()
+    process.join(2.0)
+    if process.is_alive():
+        process.kill()
+        process.join()
+    return f"the {worker.name} did not end by itself and was killed"
