@@ -98,7 +98,7 @@ class JsonLines:
         Args:
             contacts: in order; none: only what had to wait for the rate is sent.
         """
-        for one, last in _each(contacts):
+        for one, last in _each(contacts, every=not self._period):
             state = (*one.status.tolist(), *one.identity.tolist())
             if state != self._state or not self._period:
                 self._send(one)
@@ -134,8 +134,8 @@ class JsonLines:
         self.sent += 1
 
 
-def _each(contacts: Contacts) -> Iterator[tuple[Contacts, bool]]:
-    """Each sample, and whether it is the last; only those where something changes are taken apart."""
+def _each(contacts: Contacts, every: bool) -> Iterator[tuple[Contacts, bool]]:
+    """Each sample, and whether it is the last; unless `every` is wanted, only those where something may change."""
     if not len(contacts):
         return
     starts = np.flatnonzero(np.diff(contacts.sample, prepend=contacts.sample[0] - 1))
@@ -143,7 +143,7 @@ def _each(contacts: Contacts) -> Iterator[tuple[Contacts, bool]]:
     several = len(starts) < len(contacts)
     for k, (start, end) in enumerate(zip(starts.tolist(), ends.tolist(), strict=True)):
         last = k + 1 == len(starts)
-        same = not several and k and contacts.status[start] == contacts.status[start - 1]
+        same = k > 0 and not (several or every) and contacts.status[start] == contacts.status[start - 1]
         if not same or last or contacts.identity[start] != contacts.identity[start - 1]:
             yield contacts[start:end], last
 
