@@ -47,7 +47,7 @@ def entry(function):
 
 
 def _by_one_process(dispatcher):
-    """Its `compile`, behind a lock on a file beside the machine code; the kernel lets go of it if a process is killed."""
+    """Its `compile`, behind a lock on a file beside the machine code; a process that is killed holds none."""
     compiles, cache = dispatcher.compile, dispatcher._cache
     file = Path(cache.cache_path) / f"{cache._impl.filename_base}.lock"
     held = 0

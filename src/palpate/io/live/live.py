@@ -14,7 +14,6 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import ROW, Status
 from palpate.errors import InputError
 from palpate.io.live.ring import Form, Ring
@@ -80,8 +79,8 @@ class _Window:
         """All of them."""
         first = self.held[0]
         beside = {name: np.concatenate([each.beside[name] for each in self.held]) for name in first.beside}
-        stamp, readings = (np.concatenate([each[k] for each in self.held]) for k in (0, 1))
-        return _Samples(stamp, readings, beside)
+        stamp = np.concatenate([each.stamp for each in self.held])
+        return _Samples(stamp, np.concatenate([each.readings for each in self.held]), beside)
 
 
 class Live:
@@ -288,12 +287,6 @@ def open_live(rig: Rig | str | Path, sensor: str | None = None) -> Live:
         InputError: the rig cannot be used; on entering, the device cannot be opened.
     """
     return Live(rig, sensor)
-
-
-def contacts_of(answers: Answers, first: int, features: tuple[str, ...]) -> Contacts:
-    """Answers as contacts, the samples counted from `first`."""
-    which = np.repeat(np.arange(len(answers.counts)), answers.counts)
-    return Contacts.of_rows(first + which, seconds(answers.stamp)[which], answers.rows, features)
 
 
 def _offset() -> int:

@@ -70,8 +70,9 @@ class Form:
         """Of one sample."""
         return np.dtype(
             [
-                ("stamp", "<i8"),  # ns since 1970, when the sample arrived
-                ("ready", "<i8"),  # the same clock, when its contacts were known; 0: they are not
+                ("stamp", "<i8"),  # ns since 1970: its time
+                ("arrived", "<i8"),  # ns since 1970 on this machine's clock
+                ("ready", "<i8"),  # the same, when its contacts were known; 0: they are not
                 ("lost", "<i8"),  # samples that are missing just before it
                 ("rows", "<i8"),  # of `contacts`
                 ("orientation", "<f8", (4,)),
@@ -171,6 +172,8 @@ class Ring:
             slots["ready"], slots["rows"] = 0, 0
             for name in ("stamp", "lost", "values", "orientation", "position", "acceleration"):
                 slots[name] = getattr(batch, name)[part]
+            arrived = batch.arrived[part]
+            slots["arrived"] = np.where(arrived > 0, arrived, batch.stamp[part])
             slots["unsteady"] = unsteady[part]
         self["received"] = first + count
         return first

@@ -21,7 +21,9 @@ class Batch:
     """Samples as a source gives them; the arrays are filled again and again.
 
     Attributes:
-        stamp: (size,) int64 [ns] since 1970: when each arrived, by the kernel where it says so.
+        stamp: (size,) int64 [ns] since 1970: the time of each: when it arrived, by the kernel where that says so, or as
+            its message or log states it.
+        arrived: (size,) int64 [ns] since 1970, where that is another time than `stamp`; 0: it is not.
         lost: (size,) int64: samples missing just before it, by the device's counter; 0 where it has none.
         values: (size, *shape) as a log of the same rig holds them: a wrench force first, in the rig's units and axes.
         orientation: (size, 4) quaternion x, y, z, w of the sensor in the base, NaN where the source knows none.
@@ -31,6 +33,7 @@ class Batch:
 
     def __init__(self, shape: tuple[int, ...], size: int = BATCH, dtype: DTypeLike = np.float64) -> None:
         self.stamp = np.zeros(size, dtype=np.int64)
+        self.arrived = np.zeros(size, dtype=np.int64)
         self.lost = np.zeros(size, dtype=np.int64)
         self.values = np.zeros((size, *shape), dtype=dtype)
         self.orientation = np.full((size, 4), np.nan)

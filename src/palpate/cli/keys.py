@@ -1,0 +1,64 @@
+"""What a person or a program asks of a command that runs: keys of the terminal, signals."""
+
+from __future__ import annotations
+
+import select
+import signal
+import sys
+from collections.abc import Callable, Generator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from types import FrameType
+
+__all__ = ["Came", "pressed", "signals"]
+
+
+@dataclass
+class Came:
+    """Signals so far: `stop` by Ctrl-C or SIGTERM, `tares` by SIGUSR1."""
+
+    stop: bool = False
+    tares: int = 0
+
+
+@contextmanager
+def signals() -> Generator[Came]:
+    """Hears them instead of being ended by them; a command in the background, too, which a shell lets ignore SIGINT."""
+    came = Came()
+
+    def hear(number: int, _: FrameType | None) -> None:
+        if number == signal.SIGUSR1:
+            came.tares += 1
+        else:
+            came.stop = True
+
+    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGUSR1)
+    before = {number: signal.signal(number, hear) for number in numbers}
+    try:
+        yield came
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+@contextmanager
+def pressed() -> Generator[Callable[[float], str]]:
+    """Waits so many seconds for a key, and returns it, or ""; without a terminal it only waits."""
+    if not sys.stdin.isatty():
+        yield _waited
+        return
+    import termios  # not on Windows
+    import tty
+
+    number = sys.stdin.fileno()
+    before = termios.tcgetattr(number)
+    tty.setcbreak(number)
+    try:
+        yield lambda timeout: sys.stdin.read(1) if select.select([number], [], [], timeout)[0] else ""
+    finally:
+        termios.tcsetattr(number, termios.TCSADRAIN, before)
+
+
+def _waited(timeout: float) -> str:
+    select.select([], [], [], timeout)
+    return ""

@@ -1,0 +1,185 @@
+"""`palpate live`: a device goes in, contacts come out: a line, a record, a page, messages."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import sys
+import tempfile
+import time
+from collections.abc import Generator
+from contextlib import ExitStack, contextmanager, suppress
+from multiprocessing import Pipe
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Annotated
+
+from tyro.conf import FlagConversionOff, FlagCreatePairsOff, UseAppendAction, arg
+
+from palpate.cli.console import counting, lines, note, title, wait
+from palpate.cli.keys import pressed, signals
+from palpate.cli.live_line import Figures, summary
+from palpate.cli.live_page import show
+from palpate.cli.options import FileOption, RigFile, Scalar
+from palpate.errors import InputError
+from palpate.io.atomic import keep_inputs
+from palpate.io.live.publish import publish, require_address
+from palpate.io.live.receiver import receive
+from palpate.io.live.record import record as record_ring
+from palpate.io.live.record import require_record, ring_of
+from palpate.io.live.ring import Ring
+from palpate.io.live.supervisor import Supervisor, Worker
+from palpate.io.rig import Rig, load_rig
+
+__all__ = ["live"]
+
+START = 180.0  # s in which the receiver must have its ring: the first time kernels are compiled
+LINE = 0.5  # s between lines for a person who watches
+SELDOM = 10.0  # s between them where nobody does
+MEGA = 1e6
+
+
+def live(
+    *,
+    rig: RigFile,
+    record: FileOption = None,
+    split: float = 1000.0,
+    view: Annotated[bool, FlagCreatePairsOff] = False,
+    port: int = 8080,
+    publish: Annotated[UseAppendAction[tuple[str, ...]], arg(metavar="TO", help_behavior_hint="")] = (),
+    sensor: Annotated[str | None, arg(metavar="NAME", help_behavior_hint="")] = None,
+    seconds: Scalar = None,
+    realtime: Annotated[bool, FlagConversionOff] = True,
+) -> None:
+    """Find contacts in the samples of a device as they come; Ctrl-C ends it.
+
+    A line tells rate, contacts, latency and what was dropped. A tare is taken when the key t is pressed, on SIGUSR1
+    (`kill -USR1` of this process), or on the page. Everything that happens is said with its time, and recorded.
+
+    Args:
+        rig: with a [source]: which device, and where it is (`palpate rig new --source`).
+        record: MCAP to write, readings and contacts: `palpate estimate` and `palpate view` read it, and after a crash
+            `palpate recover`.
+        split: MB after which another file is begun: run.mcap, run.1.mcap, ...
+        view: show it in a browser.
+        port: of that page.
+        publish: contacts to ros2[:DOMAIN], udp:HOST:PORT or unix:PATH (JSON lines); may be given again.
+        sensor: name of the sensor's table, where the rig has several.
+        seconds: to run; without it until Ctrl-C.
+        realtime: ask the system for real-time priority.
+    """
+    stated = load_rig(rig)
+    source = stated.stream()
+    _require(stated, rig, record, publish, split)
+    title(f"{source.kind}{f' at {source.address}' if source.address else ''}, {stated.kind(sensor).called}")
+    wait("preparing the surface and compiling kernels (compiling happens once)")
+    with ExitStack() as stack:
+        path = stack.enter_context(_ring(record))
+        heard, trouble = Pipe(duplex=False)
+        arguments = (rig, path, sensor, os.getpid(), trouble, realtime)
+        receiver = Worker("receiver", receive, arguments)
+        supervisor = Supervisor([receiver])
+        receiver.start()
+        ring = None
+        try:
+            ring = _made(path, receiver, heard)
+            supervisor.workers += _readers(path, rig, record, split, view, port, publish)
+            for worker in supervisor.workers[1:]:
+                worker.start()
+            _watch(supervisor, ring, heard, seconds)
+        finally:
+            said = supervisor.stop(ring)
+        summary(ring)
+        note(said, kind="warning")
+        if record is not None:
+            lines([("record", str(record))])
+
+
+def _require(stated: Rig, rig: Path, record: Path | None, publish: tuple[str, ...], split: float) -> None:
+    """What can be refused before anything is started."""
+    if record is not None:
+        keep_inputs(record, (rig, *stated.files().values()))
+        require_record(record)
+        if not split > 0:
+            raise InputError("must be positive.", where="--split")
+    for each in publish:
+        require_address(each)
+
+
+def _readers(
+    ring: Path, rig: Path, record: Path | None, split: float, view: bool, port: int, publish_to: tuple[str, ...]
+) -> list[Worker]:
+    """The processes that read the ring."""
+    parent = os.getpid()
+    made: list[Worker] = []
+    if record is not None:
+        made.append(Worker("recorder", record_ring, (ring, record, split * MEGA, parent)))
+    if view:
+        made.append(Worker("page", show, (ring, rig, port, parent)))
+    made += [Worker(f"publisher to {to}", publish, (ring, to, rig, parent)) for to in publish_to]
+    return made
+
+
+@contextmanager
+def _ring(record: Path | None) -> Generator[Path]:
+    """Where the ring is: beside the record, from which it vanishes when the record is whole, or in memory."""
+    if record is not None:
+        ring = ring_of(record)
+        if ring.exists():
+            raise InputError(
+                "an earlier run was cut short.",
+                where=str(record),
+                hint=f"`palpate recover {record}` puts it together; then begin a new one.",
+            )
+        yield ring
+        if record.exists():
+            ring.unlink(missing_ok=True)
+        return
+    memory = Path("/dev/shm")
+    folder = Path(tempfile.mkdtemp(prefix="palpate-", dir=memory if os.access(memory, os.W_OK) else None))
+    try:
+        yield folder / "live.ring"
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def _made(path: Path, receiver: Worker, trouble: Connection) -> Ring:
+    """The ring, once the receiver has made it.
+
+    Raises:
+        InputError: the receiver could not: its own sentence.
+    """
+    end = time.monotonic() + START
+    while not path.exists():
+        _heard(trouble)
+        if not receiver.alive:
+            _heard(trouble, 1.0)
+            raise InputError("the receiver ended before it had begun.", where="palpate live")
+        if time.monotonic() > end:
+            raise InputError(f"the receiver is not ready after {START:g} s.", where="palpate live")
+        time.sleep(0.02)
+    return Ring(path)
+
+
+def _heard(trouble: Connection, timeout: float = 0.0) -> None:
+    """Raises what the receiver ended with."""
+    with suppress(EOFError):
+        if trouble.poll(timeout):
+            raise InputError(trouble.recv_bytes().decode(errors="replace"))
+
+
+def _watch(supervisor: Supervisor, ring: Ring, trouble: Connection, seconds: float | None) -> None:
+    """Until Ctrl-C, or for so many seconds: restarts, sentences, a line of figures, tares."""
+    figures, end = Figures(ring), time.monotonic() + (seconds or float("inf"))
+    every, then = LINE if sys.stderr.isatty() else SELDOM, 0.0
+    with counting(), signals() as came, pressed() as key:
+        while not came.stop and time.monotonic() < end:
+            wanted = came.tares + int(key(0.1) == "t")
+            came.tares = 0
+            ring["asked"] += wanted
+            _heard(trouble)
+            supervisor.watch(ring)
+            figures.sentences()
+            if time.monotonic() >= then:
+                figures.line()
+                then = time.monotonic() + every

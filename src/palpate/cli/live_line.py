@@ -1,0 +1,91 @@
+"""What `palpate live` says of a stream while it runs, and when it ends."""
+
+from __future__ import annotations
+
+import sys
+import time
+from datetime import datetime
+
+import numpy as np
+
+from palpate.cli.console import Figure, announce, lines
+from palpate.contact.estimate import ROW, Status
+from palpate.io.live.ring import Ring
+
+__all__ = ["Figures", "summary"]
+
+LOOKED_AT = 1 << 14  # samples from which latencies are taken
+LATE = 60_000_000_000  # ns: between two clocks, and no latency
+
+
+class Figures:
+    """A line of figures since the last one, and the sentences that were said meanwhile.
+
+    Args:
+        ring: of the stream.
+    """
+
+    def __init__(self, ring: Ring) -> None:
+        self._ring, self._said = ring, 0
+        self._count, self._at, self._lost = ring["answered"], time.monotonic(), 0
+
+    def sentences(self) -> None:
+        """Those that are new, each with its time."""
+        said, self._said = self._ring.said(self._said)
+        for stamp, sentence in said:
+            when = datetime.fromtimestamp(stamp / 1e9).strftime("%H:%M:%S")
+            if sys.stderr.isatty():
+                print("\r\x1b[K", end="", file=sys.stderr, flush=True)
+            announce(f"{when} {sentence}")
+
+    def line(self) -> None:
+        """Rate, contacts, latency, drops: in place where a person watches, else one below the other."""
+        ring, now = self._ring, time.monotonic()
+        count = ring["answered"]
+        rate = (count - self._count) / max(now - self._at, 1e-9)
+        slots, first = ring.read(max(self._count, count - LOOKED_AT), LOOKED_AT)
+        self._lost += int(slots["lost"].sum()) + first - max(self._count, count - LOOKED_AT)
+        self._count, self._at = count, now
+        words = [f"{rate:7,.0f} Hz", contacts(slots), latency(slots), f"{self._lost:,} lost"]
+        if recorded := ring["recorded"]:
+            words.append(f"{recorded:,} recorded")
+        text = "  ".join(word for word in words if word)
+        if sys.stderr.isatty():
+            print(f"\r\x1b[Kpalpate: {text}", end="", file=sys.stderr, flush=True)
+        else:
+            announce(text)
+
+
+def contacts(slots: np.ndarray) -> str:
+    """Of the last sample: how many, and how strong; or its status."""
+    if not len(slots):
+        return "no samples"
+    rows = slots["contacts"][-1][: int(slots["rows"][-1])]
+    status = rows[:, ROW.status]
+    touching = rows[(status == Status.CONTACT) | (status == Status.AMBIGUOUS)]
+    if not len(touching):
+        return str(Status(int(status[0])).label).replace("_", " ") if len(rows) else "not answered"
+    force = np.linalg.norm(touching[:, ROW.force], axis=1)
+    x, y, z = 1e3 * touching[int(np.argmax(force)), ROW.point]
+    several = f"{len(touching)} contacts, strongest " if len(touching) > 1 else "contact "
+    return f"{several}{force.max():.2f} N at ({x:.1f}, {y:.1f}, {z:.1f}) mm"
+
+
+def latency(slots: np.ndarray) -> str:
+    """From a sample's arrival to its contacts; "" where the clocks have nothing to do with each other."""
+    waited = (slots["ready"] - slots["arrived"])[slots["ready"] > 0]
+    if not len(waited) or not 0 <= np.median(waited) < LATE:
+        return ""
+    middle, most, worst = (1e-3 * np.percentile(waited, share) for share in (50, 99, 100))
+    return f"latency {middle:,.0f} us (99 %: {most:,.0f}, worst {worst:,.0f})"
+
+
+def summary(ring: Ring) -> None:
+    """Of the whole stream, once it has ended."""
+    received, answered, recorded = ring["received"], ring["answered"], ring["recorded"]
+    lines([("samples", Figure(f"{received:,} received, {answered:,} answered", received))])
+    if recorded:
+        lines([("recorded", Figure(f"{recorded:,} samples, {ring['bytes'] / 1e6:,.1f} MB", recorded))])
+    slots, _ = ring.read(answered - LOOKED_AT, LOOKED_AT)
+    if said := latency(slots):
+        lines([("at the end", said)])

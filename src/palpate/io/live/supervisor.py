@@ -1,0 +1,91 @@
+"""Processes of `palpate live`: started, watched, started again when they died, and ended in order."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from multiprocessing import get_context
+from multiprocessing.process import BaseProcess
+from typing import Any
+
+from palpate.io.live.ring import Ring
+
+__all__ = ["Supervisor", "Worker"]
+
+AGAIN, WITHIN = 5, 30.0  # times that a process may die within so many seconds before it is given up
+PATIENCE = 20.0  # s that a process may take to end
+
+
+@dataclass
+class Worker:
+    """A process.
+
+    Args:
+        name: for sentences.
+        target: what it runs, importable.
+        arguments: of it.
+    """
+
+    name: str
+    target: Callable[..., None]
+    arguments: tuple[Any, ...]
+    process: BaseProcess | None = None
+    died: list[float] = field(default_factory=list[float])
+
+    def start(self) -> None:
+        """As a process of its own that has nothing of this one but the arguments."""
+        made = get_context("spawn").Process(target=self.target, args=self.arguments, name=f"palpate {self.name}")
+        made.start()
+        self.process = made
+
+    @property
+    def alive(self) -> bool:
+        """Whether it runs."""
+        return self.process is not None and self.process.is_alive()
+
+
+class Supervisor:
+    """Watches workers; what it does is said in the ring.
+
+    Args:
+        workers: started in this order, ended in it too: who writes the ring before who reads it.
+    """
+
+    def __init__(self, workers: list[Worker]) -> None:
+        self.workers = workers
+
+    def watch(self, ring: Ring) -> None:
+        """Start again what died; to be called a few times a second."""
+        now = time.monotonic()
+        for worker in [each for each in self.workers if not each.alive]:
+            code = None if worker.process is None else worker.process.exitcode
+            worker.died = [at for at in worker.died if now - at < WITHIN] + [now]
+            why = f"was killed by signal {-code}" if code is not None and code < 0 else f"ended with code {code}"
+            if len(worker.died) > AGAIN:
+                self.workers.remove(worker)
+                ring.say(f"the {worker.name} {why} again and again, and is given up")
+                continue
+            worker.start()
+            ring.say(f"the {worker.name} {why}, and was started again")
+
+    def stop(self, ring: Ring | None) -> list[str]:
+        """Let all end in order; which of them had to be killed, one sentence each."""
+        if ring is not None:
+            ring["stop"] = 1
+        said: list[str] = []
+        end = time.monotonic() + PATIENCE
+        for worker in self.workers:
+            process = worker.process
+            if process is None:
+                continue
+            process.join(max(0.1, end - time.monotonic()) if ring is not None else 0.1)
+            if process.is_alive():
+                process.terminate()
+                process.join(2.0)
+                if ring is not None:
+                    said.append(f"the {worker.name} did not end within {PATIENCE:g} s and was killed")
+            if process.is_alive():
+                process.kill()
+                process.join()
+        return said
