@@ -19,7 +19,7 @@ from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import ContactEstimate, Status
 from palpate.errors import InputError
 from palpate.io.live.json_lines import JsonLines
-from palpate.io.live.publish import Publisher, check_publisher, open_publisher, publish
+from palpate.io.live.publish import Publisher, require_address, open_publisher, publish
 from palpate.io.rig.rig import Rig
 from tests.support.live_rings import answered, sphere_rig, sphere_ring, touches
 
@@ -189,7 +189,7 @@ def test_a_listener_that_does_not_read_is_not_waited_for(opened: Callable[..., J
 )
 def test_a_wrong_address_is_one_sentence_before_anything_starts(to: str, said: str) -> None:
     with pytest.raises(InputError, match=said):
-        check_publisher(to)
+        require_address(to)
 
 
 def test_good_addresses_are_taken(tmp_path: Path) -> None:
@@ -199,8 +199,8 @@ def test_good_addresses_are_taken(tmp_path: Path) -> None:
         assert isinstance(made, Publisher)
         made.close()
         made.close()
-    check_publisher("ros2")
-    check_publisher("ros2:7")
+    require_address("ros2")
+    require_address("ros2:7")
 
 
 def test_a_process_publishes_what_passes_through_the_ring_until_it_is_stopped(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import os
+import signal
 from collections.abc import Callable
 from pathlib import Path
 from time import sleep
@@ -11,10 +11,11 @@ from typing import Protocol, runtime_checkable
 from palpate.contact.contacts import Contacts
 from palpate.errors import InputError
 from palpate.io.live.json_lines import JsonLines, datagram_address
+from palpate.io.live.receiver import orphaned
 from palpate.io.live.ring import Form, Ring
 from palpate.io.rig.rig import Rig, load_rig
 
-__all__ = ["Publisher", "check_publisher", "open_publisher", "publish"]
+__all__ = ["Publisher", "require_address", "open_publisher", "publish"]
 
 ROS = "ros2"
 RATE = 100.0  # Hz
@@ -68,7 +69,7 @@ def _domain(to: str) -> int | None:
     return int(number)
 
 
-def check_publisher(to: str) -> None:
+def require_address(to: str) -> None:
     """Say what is wrong with an address before anything starts.
 
     Args:
@@ -90,7 +91,7 @@ def open_publisher(to: str, form: Form, rig: Rig, rate: float = RATE) -> Publish
     """What publishes to an address.
 
     Args:
-        to: as `check_publisher` takes it.
+        to: as `require_address` takes it.
         form: of what passes through the ring.
         rig: says the network of ROS 2.
         rate: [Hz] at most; 0: every sample.
@@ -98,7 +99,7 @@ def open_publisher(to: str, form: Form, rig: Rig, rate: float = RATE) -> Publish
     Raises:
         InputError: the address is wrong, or ROS 2 cannot be reached.
     """
-    check_publisher(to)
+    require_address(to)
     return _PUBLISHERS[to.partition(":")[0]](to, form, rig, rate)
 
 
@@ -108,11 +109,12 @@ def publish(ring: Path, to: str, rig: Path, parent: int, rate: float = RATE) -> 
     Raises:
         InputError: the address, the ring or the rig cannot be used.
     """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's, which says stop
     read = Ring(ring)
     publisher = open_publisher(to, read.form, load_rig(rig), rate)
     try:
         next_one = read["answered"]
-        while not read["stop"] and os.getppid() == parent:
+        while not read["stop"] and not orphaned(parent):
             slots, first = read.read(next_one, MOST)
             next_one = first + len(slots)
             publisher.publish(read.form.contacts(slots, first))

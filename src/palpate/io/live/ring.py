@@ -15,9 +15,10 @@ import mmap
 import os
 import time
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from math import prod
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -241,8 +242,9 @@ class Ring:
 def _described(held: mmap.mmap, path: Path) -> Form:
     length = int.from_bytes(held[_JSON : _JSON + 4], "little")
     try:
-        form = Form(**json.loads(held[_JSON + 4 : _JSON + 4 + min(length, _SAID - _JSON - 4)]))
-        form = replace(form, shape=tuple(form.shape), features=tuple(form.features))
+        made: dict[str, Any] = json.loads(held[_JSON + 4 : _JSON + 4 + min(length, _SAID - _JSON - 4)])
+        made |= {name: tuple(made[name]) for name in ("shape", "features")}
+        form = Form(**made)
         if not (0 < form.width < 4096 and 0 < form.most < 4096 and 0 < prod(form.shape) < 1 << 26):
             raise ValueError("sizes")
     except (ValueError, TypeError, KeyError) as problem:
