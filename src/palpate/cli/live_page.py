@@ -31,8 +31,8 @@ __all__ = ["show"]
 
 TICK = 1 / 30  # s between two pictures
 IDLE = 0.25  # s between two looks at the ring while nobody watches
-TOLD = 0.1  # s between two figures
-SETTLED = 2.0  # s between two scales of arrows and ellipses
+TOLD = 0.2  # s between two figures
+COUNTED = 0.5  # s between two counts of latencies
 MOST = 1 << 13  # slots that are read at once
 IMAGES = 1 << 24  # bytes of images that are read at once
 LATE = 60.0  # s: between two clocks, and no latency
@@ -77,21 +77,18 @@ def _wait(ring: Ring, parent: int) -> None:
 
 def _serve(page: LivePage, stream: _Stream, parent: int) -> None:
     """Look at the ring, and draw what is new while somebody watches."""
-    told = settled = -np.inf
-    drawn = -1
+    told, drawn = -np.inf, -1
     while not stream.ring["stop"] and not orphaned(parent):
-        begun = time.monotonic()
-        watched = page.watched
+        begun, watched = time.monotonic(), page.watched
         stream.look(watched)
-        if watched and stream.window is not None and stream.next_one != drawn:
-            page.show(stream.window)
+        if watched and stream.newest is not None and stream.next_one != drawn:
+            page.show(stream.newest)
             drawn = stream.next_one
-            if begun - settled > SETTLED:
-                page.rescale()
-                settled = begun
-        if watched and begun - told >= TOLD:
-            page.tell(stream.figures())
+        if begun - told >= TOLD:
+            stream.gather()
             told = begun
+            if watched:
+                page.tell(stream.window, stream.figures())
         time.sleep(max(0.001, (TICK if watched else IDLE) - (time.monotonic() - begun)))
 
 
@@ -112,6 +109,8 @@ class _Stream:
         self._lost = self._skipped = self._sentence = 0
         self._waited = deque[tuple[float, np.ndarray]]()
         self._counts = deque[tuple[float, int]]()
+        self._fresh = list[tuple[np.ndarray, int]]()
+        self._latency: tuple[float, tuple[float, float, float] | None] = -np.inf, None
         self._received, self._at = -1, time.monotonic()
         self._said = deque[tuple[str, str]](maxlen=SENTENCES)
         self._tare = ""
@@ -133,16 +132,33 @@ class _Stream:
         slots, first = self.ring.read(since, self._most)
         self._skipped += first - self.next_one
         self.next_one = first + len(slots)
+        if len(slots):
+            self._fresh.append((slots, first))
+            self._feed(slots, watched)
+
+    @property
+    def newest(self) -> Contacts | None:
+        """Of the last sample that was read, if it has an answer."""
+        if not self._fresh:
+            return None
+        slots, first = self._fresh[-1]
+        found = self.ring.form.contacts(slots[-1:], first + len(slots) - 1)
+        return found if len(found) else None
+
+    def gather(self) -> None:
+        """What was read since the last time goes into the window and the figures."""
+        now = time.monotonic()
         while self._waited and self._waited[0][0] < now - SECONDS:
             self._waited.popleft()
-        if not len(slots):
+        fresh, self._fresh = self._fresh, list[tuple[np.ndarray, int]]()
+        if not fresh:
             return
-        self._lost += int(slots["lost"].sum())
-        self._waited.append((now, (slots["ready"] - slots["arrived"])[slots["ready"] > 0]))
-        new = self.ring.form.contacts(slots, first)
-        if len(new):
-            self.window = recent(self.window, new)
-        self._feed(slots, watched)
+        self._lost += sum(int(slots["lost"].sum()) for slots, _ in fresh)
+        waited = [(slots["ready"] - slots["arrived"])[slots["ready"] > 0] for slots, _ in fresh]
+        self._waited.append((now, np.concatenate(waited)))
+        found = [self.ring.form.contacts(slots, first) for slots, first in fresh]
+        if new := [part for part in found if len(part)]:
+            self.window = recent(self.window, Contacts.joined(new))
 
     def figures(self) -> Figures:
         """Of now."""
@@ -154,7 +170,7 @@ class _Stream:
         (begun, before), (end, count) = self._counts[0], self._counts[-1]
         return Figures(
             rate=(count - before) / (end - begun) if end > begun else 0.0,
-            latency=self._latency(),
+            latency=self._waiting(now),
             lost=self._lost,
             skipped=self._skipped,
             silent=round(now - self._at, 0 if now - self._at > SILENT else 6),
@@ -164,13 +180,13 @@ class _Stream:
             said=tuple(self._said),
         )
 
-    def _latency(self) -> tuple[float, float, float] | None:
-        """None where stamps and this machine's clock have nothing to do with each other."""
-        waited = [part for _, part in self._waited if len(part)]
-        if not waited:
-            return None
-        middle, most, worst = (1e-9 * np.percentile(np.concatenate(waited), (50.0, 99.0, 100.0))).tolist()
-        return (middle, most, worst) if 0.0 <= middle < LATE else None
+    def _waiting(self, now: float) -> tuple[float, float, float] | None:
+        """Latencies, counted now and then; None where stamps have nothing to do with this machine's clock."""
+        if now - self._latency[0] > COUNTED:
+            waited = np.concatenate([np.zeros(0), *(part for _, part in self._waited)])
+            shares = (1e-9 * np.percentile(waited, (50.0, 99.0, 100.0))).tolist() if len(waited) else [-1.0] * 3
+            self._latency = now, (shares[0], shares[1], shares[2]) if 0.0 <= shares[0] < LATE else None
+        return self._latency[1]
 
 
 def _feed(rig: Rig, ring: Ring, layers: tuple[Layer, ...]) -> Feed:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from html import escape
+from time import monotonic
 
 import numpy as np
 
@@ -23,6 +24,8 @@ __all__ = ["SECONDS", "Figures", "LivePage", "recent"]
 
 SECONDS = 10.0  # of a window
 ROWS = 600  # of the curve
+FINE = 4  # parts of what is added to a window at once
+SETTLED = 2.0  # s between two scales of arrows and ellipses
 AUTO = "auto"
 SILENT = 1.0  # s without a sample, after which the page says so
 _RED, _GREY = "#cc3311", "#8a96a1"
@@ -84,7 +87,7 @@ class LivePage:
         port: int = 8080,
     ) -> None:
         self.scene: Scene = prepare(surface, nothing(), title, layers)
-        self._server = listen(host, port)
+        self._server, self._scaled = listen(host, port), -np.inf
         gui = self._server.gui
         with self._server.atomic():
             self._scene3d = Scene3D(self._server, self.scene)
@@ -99,8 +102,8 @@ class LivePage:
             self._add_settings()
             self._sentences = gui.add_html("")
         self._tare.on_click(lambda _: tare())
-        self.show(None)
-        self.tell(Figures())
+        self._scene3d.show(self.scene.at(0), Settings(heat=False, trail=0.0, magnification=1))
+        self.tell(None, Figures())
 
     @property
     def address(self) -> str:
@@ -112,31 +115,34 @@ class LivePage:
         """Somebody looks."""
         return bool(self._server.get_clients())
 
-    def rescale(self) -> None:
-        """Arrows and ellipses as large as suits the last seconds: not with every picture, or they would breathe."""
-        self.scene = self.scene.scaled()
-
-    def show(self, found: Contacts | None) -> None:
-        """Draw the last sample of some, with a trail of those before it.
+    def show(self, found: Contacts) -> None:
+        """Draw contacts, thirty times a second if that is wanted.
 
         Args:
-            found: in the surface's frame, of the last seconds; None, or no rows: nothing is known yet.
+            found: of one sample, in the surface's frame.
         """
-        if found is not None and len(found):
-            self.scene = self.scene.showing(found)
-        scene = self.scene
-        self._scene3d.scene, last = scene, len(scene) - 1
-        moment, settings = scene.at(last), self._settings()
-        lines = [line for layer in scene.layers for line in layer.captions(scene, last)]
+        scene = self.scene.showing(found)
         with self._server.atomic():
-            self._scene3d.show(moment, settings)
-            self._now.content = caption(moment, settings.magnification, lines)
+            self._scene3d.move(scene, scene.at(0), self._magnification)
 
-    def tell(self, figures: Figures) -> None:
-        """Figures, sentences and the curve: a few times a second is enough."""
-        clock, force = self._curve(figures.silent)
+    def tell(self, window: Contacts | None, figures: Figures) -> None:
+        """Words, figures, the curve and the trail, a few times a second: nobody reads faster.
+
+        Args:
+            window: of the last seconds, see `recent`; None: nothing is known yet.
+            figures: of now.
+        """
+        if window is not None:
+            self.scene = self.scene.showing(window)
+            if monotonic() - self._scaled > SETTLED:  # not with every picture, or arrows would breathe
+                self.scene, self._scaled = self.scene.scaled(), monotonic()
+        scene = self._scene3d.scene = self.scene
+        moment = scene.at(len(scene) - 1)
+        lines = [line for layer in scene.layers for line in layer.captions(scene, moment.index)]
         with self._server.atomic():
-            self._force.data = (clock, force)
+            self._scene3d.show_trail(moment, float(self._trail.value))
+            self._now.content = caption(moment, self._magnification, lines)
+            self._force.data = self._curve(figures.silent)
             self._alarm.content = _alarm(figures)
             self._figures.content = _described(figures)
             self._sentences.content = _sentences(figures)
@@ -160,10 +166,10 @@ class LivePage:
         clock, force = downsampled(timeline.clock, self.scene.total[:, None], ROWS)
         return clock - timeline.duration - (silent if silent > SILENT else 0.0), np.nan_to_num(force[:, 0])
 
-    def _settings(self) -> Settings:
+    @property
+    def _magnification(self) -> int:
         chosen = self._ellipse.value
-        magnification = self.scene.magnification if chosen == AUTO else int(chosen.removeprefix("x "))
-        return Settings(heat=False, trail=float(self._trail.value), magnification=magnification)
+        return self.scene.magnification if chosen == AUTO else int(chosen.removeprefix("x "))
 
     def _add_settings(self) -> None:
         gui = self._server.gui
@@ -176,11 +182,15 @@ class LivePage:
 
 
 def recent(window: Contacts | None, new: Contacts) -> Contacts:
-    """A window of the last seconds with a few of some more samples: the last, and those of most and of least force."""
+    """A window of the last seconds and of more samples: of these some of most and of least force, and the last."""
     starts = sample_starts(new)
     force = np.nan_to_num(totals(new, starts))
     wanted = np.zeros(len(starts), dtype=bool)
-    wanted[np.array([force.argmin(), force.argmax(), len(starts) - 1])] = True
+    parts = np.array_split(force, max(1, min(FINE, len(force))))
+    first = np.cumsum([0, *(len(part) for part in parts[:-1])])
+    for begin, part in zip(first.tolist(), parts, strict=True):
+        wanted[[begin + int(part.argmin()), begin + int(part.argmax())]] = True
+    wanted[-1] = True
     some = new[np.repeat(wanted, np.diff(starts, append=len(new)))]
     whole = some if window is None else Contacts.joined([window, some])
     newest = float(whole.time[-1])

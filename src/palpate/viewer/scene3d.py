@@ -55,13 +55,23 @@ class Scene3D:
         """Move everything to a moment."""
         if self.scene.body is not None:
             self._show_body(self.scene.body, settings.heat)
-        self._show_trail(moment, settings.trail)
+        self.show_trail(moment, settings.trail)
+        self.move(self.scene, moment, settings.magnification)
+
+    def move(self, scene: Scene, moment: Moment, magnification: int) -> None:
+        """Move contacts and layers alone.
+
+        Args:
+            scene: that the moment is of; arrows have the scales of `self.scene`.
+            moment: to be shown.
+            magnification: of the ellipses.
+        """
         while len(self._markers) < len(moment.contacts):
             self._markers.append(Marker(self._space, len(self._markers)))
         for marker, contact in zip_longest(self._markers, moment.contacts):
-            marker.show(self.scene, contact, settings.magnification)
+            marker.show(self.scene, contact, magnification)
         for layer in self.scene.layers:
-            layer.show(self.scene, moment.index)
+            layer.show(scene, moment.index)
 
     def face(self, contact: ShownContact) -> None:
         """Turn everybody's camera to a contact."""
@@ -70,7 +80,8 @@ class Scene3D:
                 client.camera.position = _before(contact)
                 client.camera.look_at = np.zeros(3)
 
-    def _show_trail(self, moment: Moment, seconds: float) -> None:
+    def show_trail(self, moment: Moment, seconds: float) -> None:
+        """Where contacts were in the seconds before a moment of `scene`."""
         segments, age = self.scene.trail(moment.index, seconds)
         self._trail.visible = bool(len(segments)) and seconds > 0
         if self._trail.visible:
