@@ -221,7 +221,7 @@ def _described(figures: Figures) -> str:
         ("rate", f"<b>{figures.rate:,.0f} Hz</b>"),
         ("latency", latency),
         ("samples", f"{figures.samples:,}, {drops}"),
-        ("tare", escape(figures.tare) if figures.tare else "none was said"),
+        ("tare", escape(figures.tare) if figures.tare else "none yet"),
     ]
     return (
         '<div style="padding:.3em .7em 0;font-size:.8em;line-height:1.45;font-variant-numeric:tabular-nums">'
