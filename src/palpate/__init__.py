@@ -26,6 +26,7 @@ from palpate.surfaces import Mesh, Surface, plane
 
 if TYPE_CHECKING:
     from palpate.control.align import AlignController
+    from palpate.io.live.live import open_live
     from palpate.io.pipeline import estimate, open_log
     from palpate.io.rig import load_rig
 
@@ -68,6 +69,7 @@ __all__ = [
     "load_rig",
     "locate",
     "map_skin",
+    "open_live",
     "open_log",
     "plane",
 ]
@@ -75,6 +77,7 @@ __all__ = [
 _LATER = {
     "AlignController": "palpate.control.align",
     "estimate": "palpate.io.pipeline",
+    "open_live": "palpate.io.live.live",
     "open_log": "palpate.io.pipeline",
     "load_rig": "palpate.io.rig",
 }

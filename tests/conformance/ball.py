@@ -63,5 +63,6 @@ BALL = replace(
         Guess("t0 to t199", LAYOUT, "[ball]\n") if set(COLUMNS) <= set(there.names) else None
     ),
     paths=(),
+    start=lambda rig: rig.estimate.tare or rig.sensors["ball"].tare or 1.0,
 )
 KINDS.update({"ball": BALL} | {name: KINDS.pop(name) for name in list(KINDS)})  # before [skin], which takes any frame

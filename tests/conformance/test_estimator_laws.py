@@ -106,6 +106,29 @@ def test_update_into_writes_the_rows_of_update(made: Set) -> None:
 
 
 @SENSOR
+@pytest.mark.parametrize("size", [1, 16, 150])
+def test_blocks_of_arrays_give_the_rows_of_run(made: Set, size: int) -> None:
+    estimator, ready = made.prepared()
+    known = estimator.run(ready).to_polars()
+    estimator.reset()
+    names = [name for name in estimator.channels if name not in BESIDE]
+    readings = [ready.channels[name] for name in names]
+    readings = readings[0] if len(readings) == 1 else np.concatenate(readings, axis=1)
+    out, counts, done, parts = estimator.empty(max(size, 2 * estimator.most)), np.zeros(size, np.int64), 0, []
+    while done < len(ready):
+        piece = slice(done, done + size)
+        beside = {name: values[piece] for name, values in ready.channels.items() if name in BESIDE}
+        time = ready.time[piece]
+        step = estimator.run_into(time, readings[piece], out, counts[: len(time)], beside)
+        assert step >= 1
+        which = done + np.repeat(np.arange(step), counts[:step])
+        rows = out[: counts[:step].sum()]
+        parts.append(palpate.Contacts.of_rows(which, ready.time[which], rows, estimator.features).to_polars())
+        done += step
+    same(pl.concat(parts), known)
+
+
+@SENSOR
 def test_reset_forgets(made: Set) -> None:
     """After the middle of a touch, the same samples are answered as if they were the first."""
     estimator, ready = made.prepared()

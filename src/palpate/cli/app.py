@@ -19,8 +19,10 @@ from palpate.cli.estimate import estimate
 from palpate.cli.evaluate import evaluate
 from palpate.cli.events import events
 from palpate.cli.inspect import inspect
+from palpate.cli.live import live
 from palpate.cli.map_skin import map_skin
 from palpate.cli.plan_pokes import plan_pokes_command
+from palpate.cli.replay import replay
 from palpate.cli.rig_new import rig_new
 from palpate.cli.simulate import simulate_marker_ring
 from palpate.cli.simulate_phantom import simulate_phantom
@@ -48,10 +50,12 @@ def run(argv: Sequence[str]) -> None:
     app.command(evaluate)
     app.command(events)
     app.command(inspect)
+    app.command(live)
     maps.command(name="skin")(map_skin)
     app.command(maps, name="map", help="Find where the cells of a sensor sit on a robot: skin.")
     plan.command(name="pokes")(plan_pokes_command)
     app.command(plan, name="plan", help="What to measure next: pokes.")
+    app.command(replay)
     app.command(view)
     rig.command(name="new")(rig_new)
     app.command(rig, name="rig", help="Write a rig to start from: new.")

@@ -73,7 +73,7 @@ class _Window:
     def add(self, samples: _Samples) -> bool:
         """One more batch; whether that is enough."""
         self.held.append(samples)
-        return self.held[-1].stamp[-1] - self.held[0].stamp[0] >= 1e9 * self.length
+        return bool(self.held[-1].stamp[-1] - self.held[0].stamp[0] >= 1e9 * self.length)
 
     def joined(self) -> _Samples:
         """All of them."""
@@ -109,7 +109,6 @@ class Live:
         size = max(1, min(BATCH, NUMBERS // prod(self.source.shape)))
         self._batch = Batch(self.source.shape, size, self.source.dtype)
         self._rows = self.estimator.empty(max(self.estimator.most, min(size * self.estimator.most, 4 * BATCH)))
-        self._counts = np.zeros(size, dtype=np.int64)
         length = self.kind.start(self.rig)
         self._start = _Window(length) if length else None
         self._build: Future[Prepared] | None = None
@@ -171,14 +170,14 @@ class Live:
         """
         count = self.source.receive(self._batch, timeout)
         self._watch()
-        if not count and self._build is None:
+        samples = self._taken(count) if count else None
+        if self._start is not None:
+            return self._started(self._start, samples)
+        if samples is None:
             return self._none
-        samples = self._taken(count)
-        if self._start is None:
-            answers = self._answered(samples)
-            self._tared(samples)
-            return answers
-        return self._started(self._start, samples)
+        answers = self._answered(samples)
+        self._tared(samples)
+        return answers
 
     @property
     def _none(self) -> Answers:
@@ -191,7 +190,7 @@ class Live:
         if self.source.poses:
             beside = {ORIENTATION: batch.orientation[:count].copy(), POSITION: batch.position[:count].copy()}
             beside |= {ACCELERATION: batch.acceleration[:count].copy(), UNSTEADY: unsteady[:, None]}
-        if self._ring is not None and count:
+        if self._ring is not None:
             self._ring.take_in(batch, count, unsteady)
         readings = np.array(self._samples.readings(batch.values[:count].copy()))
         return _Samples(batch.stamp[:count].copy(), readings, beside)
@@ -201,28 +200,41 @@ class Live:
         total, done, rows = len(samples.stamp), 0, list[np.ndarray]()
         counts, times = np.zeros(total, dtype=np.int64), seconds(samples.stamp)
         while done < total:
-            piece = slice(done, done + len(self._counts))
+            piece = slice(done, done + len(self._batch))
             beside = {name: values[piece] for name, values in samples.beside.items()}
-            step = self.estimator.run_into(times[piece], samples.readings[piece], self._rows, self._counts, beside)
-            counts[done : done + step] = self._counts[:step]
-            made = self._rows[: int(self._counts[:step].sum())].copy()
+            many = counts[piece]
+            step = self.estimator.run_into(times[piece], samples.readings[piece], self._rows, many, beside)
+            made = self._rows[: int(many[:step].sum())].copy()
             rows.append(made)
             if self._ring is not None:
-                self._ring.answer(made, self._counts[:step])
+                self._ring.answer(made, many[:step])
             done += step
         return Answers(samples.stamp, counts, rows[0] if len(rows) == 1 else np.concatenate([self._rows[:0], *rows]))
 
-    def _started(self, start: _Window, samples: _Samples) -> Answers:
+    def _started(self, start: _Window, samples: _Samples | None) -> Answers:
         """The first seconds: samples are kept until what the rig wants of them is known."""
-        enough = bool(len(samples.stamp)) and start.add(samples)
+        enough = samples is not None and start.add(samples)
         if self._build is None:
             if enough:
-                head = start.joined().recording(self.estimator.channels, self._frame)
-                self._build = self._maker.submit(self.kind.build, self.rig, head)
+                self._build = self._prepared(start)
             return self._none
-        if not self._build.done():
+        return self._built(start, self._build) if self._build.done() else self._none
+
+    def finish(self) -> Answers:
+        """Samples of a start that still wait, when there are no more to come."""
+        start, build = self._start, self._build
+        if start is None or not start.held:
             return self._none
-        build, self._build = self._build, None
+        return self._built(start, self._prepared(start) if build is None else build)
+
+    def _prepared(self, start: _Window) -> Future[Prepared]:
+        """What the first seconds tell, found while more samples are received."""
+        head = start.joined().recording(self.estimator.channels, self._frame)
+        return self._maker.submit(self.kind.build, self.rig, head)
+
+    def _built(self, start: _Window, build: Future[Prepared]) -> Answers:
+        """The samples of the start."""
+        self._build = None
         try:
             made = build.result()
         except InputError as problem:
@@ -246,7 +258,7 @@ class Live:
 
     def _tared(self, samples: _Samples) -> None:
         """A tare that was asked for, once its window is full."""
-        if self._tare is None or not len(samples.stamp) or not self._tare.add(samples):
+        if self._tare is None or not self._tare.add(samples):
             return
         window, self._tare = self._tare.joined(), None
         try:

@@ -62,6 +62,7 @@ def _loop(live: Live, ring: Ring, parent: int) -> None:
         if ring["asked"] != ring["done"]:
             ring["done"] = ring["asked"]
             live.tare()
+    live.finish()
 
 
 def _opened(path: Path, form: Form) -> Ring:

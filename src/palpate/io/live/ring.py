@@ -14,11 +14,11 @@ import json
 import mmap
 import os
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from math import prod
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -242,9 +242,9 @@ class Ring:
 def _described(held: mmap.mmap, path: Path) -> Form:
     length = int.from_bytes(held[_JSON : _JSON + 4], "little")
     try:
-        made: dict[str, Any] = json.loads(held[_JSON + 4 : _JSON + 4 + min(length, _SAID - _JSON - 4)])
-        made |= {name: tuple(made[name]) for name in ("shape", "features")}
-        form = Form(**made)
+        made: Mapping[str, Any] = json.loads(held[_JSON + 4 : _JSON + 4 + min(length, _SAID - _JSON - 4)])
+        lists = {name: tuple(made[name]) for name in ("shape", "features")}
+        form = Form(**cast("dict[str, Any]", {**made, **lists}))
         if not (0 < form.width < 4096 and 0 < form.most < 4096 and 0 < prod(form.shape) < 1 << 26):
             raise ValueError("sizes")
     except (ValueError, TypeError, KeyError) as problem:

@@ -1,0 +1,108 @@
+"""`palpate replay`: a log played through what stands for a device, to try a set-up without one."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Literal
+
+from tyro.conf import FlagCreatePairsOff, arg
+
+from palpate.cli.console import announce, lines, title
+from palpate.cli.keys import pressed, signals
+from palpate.cli.options import FileOption, Log, Scalar
+from palpate.errors import InputError
+from palpate.io.live.device import Device
+from palpate.io.live.replay import Replay
+from palpate.io.live.source import Batch
+from palpate.io.logs.layout import Layout
+from palpate.io.rig import load_rig
+from palpate.io.rig.new import guess_sensor
+
+__all__ = ["replay"]
+
+BLOCK = 512  # samples sent at once, at most
+
+
+def replay(
+    log: Log,
+    /,
+    *,
+    device: Annotated[Literal["netft", "serial", "ros2"], arg(name="as")],
+    rig: FileOption = None,
+    port: int = 49152,
+    web: int = 8081,
+    framing: Literal["cobs", "lines"] = "cobs",
+    topic: str = "/wrench",
+    domain: int = 0,
+    speed: float = 1.0,
+    seconds: Scalar = None,
+    loop: Annotated[bool, FlagCreatePairsOff] = False,
+) -> None:
+    """Play a log as a device, on this machine alone, until Ctrl-C; it says the [source] of a rig that reaches it.
+
+    Args:
+        log: of any sensor; a rig, where its columns are not plain.
+        device: an ATI Net F/T, a serial port (a pseudo-terminal), or ROS 2.
+        rig: that says how the log is read.
+        port: of the Net F/T's samples.
+        web: of the Net F/T's page.
+        framing: of the serial port: frames with COBS and CRC-32, or lines of numbers.
+        topic: of ROS 2.
+        domain: of ROS 2.
+        speed: 2 is twice as fast as it was recorded.
+        seconds: to play; without it to the end of the log.
+        loop: begin again at the end.
+    """
+    if not speed > 0:
+        raise InputError("must be positive.", where="--speed")
+    source = Replay(log, _layout(log, rig), speed, loop)
+    made = _device(device, source, port=port, web=web, framing=framing, topic=topic, domain=domain)
+    title(f"{log} as {device}")
+    try:
+        for line in made.open().splitlines():
+            announce(line)
+        sent = _played(source, made, seconds)
+    finally:
+        made.close()
+    lines([("sent", f"{sent:,} samples")])
+
+
+def _layout(log: Path, rig: Path | None) -> Layout:
+    """How the log is read: in SI, along the axes that it was recorded in."""
+    if rig is not None:
+        return replace(load_rig(rig).layout(), axes=("x", "y", "z"), left_handed=False)
+    guessed = guess_sensor(log)
+    if guessed is None:
+        raise InputError("looks like no sensor's log.", where=str(log), hint="Add --rig: it says how the log is read.")
+    return guessed[1].layout
+
+
+def _device(kind: str, source: Replay, *, port: int, web: int, framing: str, topic: str, domain: int) -> Device:
+    if kind == "netft" and source.shape != (6,):
+        raise InputError("holds no wrenches, and a Net F/T gives nothing else.", where=str(source.path))
+    if kind == "netft":
+        from palpate.io.live.fake_netft import NetFtDevice
+
+        return NetFtDevice(port=port, web=web)
+    if kind == "serial":
+        from palpate.io.live.fake_serial import SerialDevice
+
+        return SerialDevice(framing=framing)
+    from palpate.io.live.fake_ros import RosDevice
+
+    return RosDevice(topic, source.shape, domain=domain)
+
+
+def _played(source: Replay, device: Device, seconds: float | None) -> int:
+    """Every sample at its time, until the end, or Ctrl-C."""
+    batch, sent = Batch(source.shape, BLOCK, source.dtype), 0
+    end = time.monotonic() + (seconds or float("inf"))
+    source.open()
+    with signals() as came, pressed() as _:
+        while not (came.stop or source.ended) and time.monotonic() < end:
+            count = source.receive(batch, 0.1)
+            if count:
+                sent += device.send(batch.stamp[:count], batch.values[:count].reshape(count, -1))
+    return sent

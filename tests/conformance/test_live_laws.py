@@ -1,0 +1,66 @@
+"""The laws of a stream, for every sensor: a log that is replayed is answered as the log is, live or through a ring."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import palpate
+from palpate.contact.estimate import ROW
+from palpate.io.live.live import Answers, Live
+from palpate.io.live.replay import Replay, bare
+from palpate.io.live.ring import Ring
+from palpate.io.logs import join
+from palpate.io.rig.source import RigSource
+from palpate.sensors.recording import UNSTEADY
+from tests.conformance.fields import Case, same
+from tests.conformance.sensors import SENSORS, Sensor
+
+SENSOR = pytest.mark.parametrize("sensor", SENSORS, ids=lambda sensor: sensor.name)
+
+
+@pytest.fixture
+def live(case_of: Callable[[Sensor], Case], sensor: Sensor) -> Live:
+    """Of the rig of a log, which is replayed as fast as it goes."""
+    case = case_of(sensor)
+    rig = palpate.load_rig(str(case.files.rig))
+    rig = replace(rig, source=RigSource("replay", str(case.files.log), speed=0.0))
+    return Live(rig, source=Replay(case.files.log, bare(rig.layout()), speed=0.0))
+
+
+@SENSOR
+def test_a_replayed_log_is_answered_as_the_log_is(live: Live, tmp_path: Path) -> None:
+    """The bits of `run` by an estimator that was prepared from the same start; times are rounded to ns."""
+    ring = Ring.make(tmp_path / "ring", live.form(), 1 << 27)
+    live.into(ring)
+    found: list[Answers] = []
+    with live:
+        while not live.source.ended:
+            found.append(live.step(0.0))
+        found.append(live.finish())
+    assert not [said for said in live.said() if "cannot be used" in said]
+    with palpate.open_log(live.source.path, live.rig) as opened:
+        recording = join(list(opened))
+    channels = {name: values for name, values in recording.channels.items() if name != UNSTEADY}
+    stamps = np.rint(np.nan_to_num(recording.time) * 1e9).astype(np.int64)
+    assert np.array_equal(np.concatenate([each.stamp for each in found]), stamps)
+    rows = np.concatenate([each.rows for each in found])
+    live.estimator.reset()
+    known = live.estimator.run(replace(recording, channels=channels))
+    assert np.array_equal(np.bincount(known.sample), np.concatenate([each.counts for each in found]))
+    assert np.array_equal(rows[:, ROW.point], known.point, equal_nan=True)
+    assert np.array_equal(rows[:, ROW.force], known.force, equal_nan=True)
+    assert np.array_equal(rows[:, ROW.covariance].reshape(-1, 3, 3), known.covariance, equal_nan=True)
+    assert np.array_equal(rows[:, ROW.status], known.status)
+    assert known.answered.any()
+    slots, first = ring.read(0, len(recording))
+    through = ring.form.contacts(slots, first)
+    same(
+        through.to_polars().drop("time"),
+        known.to_polars().drop("time").slice(int(np.searchsorted(known.sample, first))),
+    )
+    ring.close()
