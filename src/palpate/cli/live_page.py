@@ -27,7 +27,7 @@ from palpate.viewer.live import SECONDS, SILENT, Figures, LivePage, recent
 from palpate.viewer.marker_ring import RingLayer
 from palpate.viewer.taxels import TaxelLayer
 
-__all__ = ["show"]
+__all__ = ["Stream", "feed_of", "show"]
 
 TICK = 1 / 30  # s between two pictures
 IDLE = 0.25  # s between two looks at the ring while nobody watches
@@ -57,7 +57,7 @@ def show(ring: Path, rig: Path, port: int, parent: int) -> None:
     try:
         stated = load_rig(rig)
         layers = layers_of(stated, read.form.sensor, live=read.form.shape)
-        stream = _Stream(read, _feed(stated, read, layers))
+        stream = Stream(read, feed_of(stated, read, layers))
         with LivePage(body_of(stated), layers, rig.stem, stream.tare, port=port) as page:
             taken = "" if port in (0, int(page.address.rpartition(":")[2])) else f" (port {port} is taken)"
             read.say(f"the page is at {page.address}{taken}")
@@ -75,7 +75,7 @@ def _wait(ring: Ring, parent: int) -> None:
         time.sleep(IDLE)
 
 
-def _serve(page: LivePage, stream: _Stream, parent: int) -> None:
+def _serve(page: LivePage, stream: Stream, parent: int) -> None:
     """Look at the ring, and draw what is new while somebody watches."""
     told, drawn = -np.inf, -1
     while not stream.ring["stop"] and not orphaned(parent):
@@ -92,7 +92,7 @@ def _serve(page: LivePage, stream: _Stream, parent: int) -> None:
         time.sleep(max(0.001, (TICK if watched else IDLE) - (time.monotonic() - begun)))
 
 
-class _Stream:
+class Stream:
     """What the page knows of the ring: contacts of the last seconds, and figures.
 
     Args:
@@ -189,7 +189,7 @@ class _Stream:
         return self._latency[1]
 
 
-def _feed(rig: Rig, ring: Ring, layers: tuple[Layer, ...]) -> Feed:
+def feed_of(rig: Rig, ring: Ring, layers: tuple[Layer, ...]) -> Feed:
     """What takes readings to the layer of the sensor, if that shows any."""
     sensor = rig.kind(ring.form.sensor)
     for layer in layers:
