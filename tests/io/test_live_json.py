@@ -19,7 +19,7 @@ from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import ContactEstimate, Status
 from palpate.errors import InputError
 from palpate.io.live.json_lines import JsonLines
-from palpate.io.live.publish import Publisher, require_address, open_publisher, publish
+from palpate.io.live.publish import Publisher, open_publisher, publish, require_address
 from palpate.io.rig.rig import Rig
 from tests.support.live_rings import answered, sphere_rig, sphere_ring, touches
 

@@ -15,7 +15,7 @@ from palpate.io.live.receiver import orphaned
 from palpate.io.live.ring import Form, Ring
 from palpate.io.rig.rig import Rig, load_rig
 
-__all__ = ["Publisher", "require_address", "open_publisher", "publish"]
+__all__ = ["Publisher", "open_publisher", "publish", "require_address"]
 
 ROS = "ros2"
 RATE = 100.0  # Hz
