@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import signal
 from collections.abc import Callable
+from math import inf
 from pathlib import Path
 from time import sleep
 from typing import Protocol, runtime_checkable
@@ -49,7 +50,7 @@ def _ros(to: str, form: Form, rig: Rig, rate: float) -> Publisher:
     if domain is None:
         domain = 0 if source is None else source.domain
     interface = "" if source is None else source.interface
-    return RosPublisher(form.frame, form.features, rate=rate, domain=domain, interface=interface)
+    return RosPublisher(form.frame, form.features, rate=rate or inf, domain=domain, interface=interface)
 
 
 def _json(to: str, form: Form, rig: Rig, rate: float) -> Publisher:
