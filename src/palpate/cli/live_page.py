@@ -31,6 +31,8 @@ __all__ = ["Stream", "feed_of", "show"]
 
 TICK = 1 / 30  # s between two pictures
 IDLE = 0.25  # s between two looks at the ring while nobody watches
+SHARE = 0.1  # of a core, at most
+SMOOTH = 0.05  # of what the last picture took goes into what one takes
 TOLD = 0.2  # s between two figures
 COUNTED = 0.5  # s between two counts of latencies
 MOST = 1 << 13  # slots that are read at once
@@ -76,8 +78,8 @@ def _wait(ring: Ring, parent: int) -> None:
 
 
 def _serve(page: LivePage, stream: Stream, parent: int) -> None:
-    """Look at the ring, and draw what is new while somebody watches."""
-    told, drawn = -np.inf, -1
+    """Look at the ring, and draw what is new while somebody watches; fewer pictures rather than more of a core."""
+    told, drawn, spent, before = -np.inf, -1, 0.0, time.process_time()
     while not stream.ring["stop"] and not orphaned(parent):
         begun, watched = time.monotonic(), page.watched
         stream.look(watched)
@@ -89,7 +91,10 @@ def _serve(page: LivePage, stream: Stream, parent: int) -> None:
             told = begun
             if watched:
                 page.tell(stream.window, stream.figures())
-        time.sleep(max(0.001, (TICK if watched else IDLE) - (time.monotonic() - begun)))
+        used, before = time.process_time() - before, time.process_time()
+        spent += SMOOTH * (used - spent)
+        pause = max(TICK, min(spent / SHARE, IDLE)) if watched else IDLE
+        time.sleep(max(0.001, pause - (time.monotonic() - begun)))
 
 
 class Stream:
