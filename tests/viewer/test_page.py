@@ -2,31 +2,17 @@
 
 from __future__ import annotations
 
-import os
-import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from io import BytesIO
 from pathlib import Path
-from time import monotonic, sleep
 
 import numpy as np
 import pytest
 
 from palpate.viewer.scene import Scene, prepare
 from palpate.viewer.server import Page
+from tests.support.browser import PATIENCE, chromium, until
 from tests.support.pages import ellipsoid, session
-
-CHROMIUM = shutil.which("chromium")
-FLAGS = (
-    "--no-sandbox",
-    "--use-angle=swiftshader",
-    "--enable-unsafe-swiftshader",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-    "--no-first-run",
-)
-PATIENCE = 60.0  # s: without a graphics card the first picture may take most of it
 
 
 @pytest.fixture(scope="module")
@@ -42,16 +28,8 @@ def page(scene: Scene) -> Iterator[Page]:
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[object]:
-    if CHROMIUM is None:
-        if os.environ.get("CI"):
-            pytest.fail("no chromium to open the page in: `make browser` installs Debian's")
-        pytest.skip("no chromium to open the page in: `make browser` installs Debian's")
-    from playwright.sync_api import sync_playwright
-
-    with sync_playwright() as playwright:
-        launched = playwright.chromium.launch(executable_path=CHROMIUM, args=list(FLAGS))
+    with chromium() as launched:
         yield launched
-        launched.close()
 
 
 @pytest.fixture(scope="module")
@@ -65,13 +43,6 @@ def view(browser: object, page: Page) -> Iterator[object]:
     opened.get_by_text("contact", exact=True).wait_for()
     yield opened
     opened.close()
-
-
-def _until(true: Callable[[], object], what: str) -> None:
-    end = monotonic() + PATIENCE
-    while not true():
-        assert monotonic() < end, what
-        sleep(0.1)
 
 
 def _picture(view: object) -> np.ndarray:
@@ -96,7 +67,7 @@ def _shaded(picture: np.ndarray) -> int:
 
 def test_the_page_is_drawn(view: object, tmp_path: Path) -> None:
     """A body of 60 x 40 x 30 mm in 860 x 800 pixels, with the traces of a touch of 2 s."""
-    _until(lambda: _warm(_picture(view)) > 100 and _shaded(_picture(view)) > 20_000, "no warm body is to be seen")
+    until(lambda: _warm(_picture(view)) > 100 and _shaded(_picture(view)) > 20_000, "no warm body is to be seen")
     view.screenshot(path=str(tmp_path / "page.png"))
     assert view.title() == "Palpate"
 
@@ -108,22 +79,22 @@ def test_the_slider_moves_everything(view: object, page: Page) -> None:
     thumb.focus()
     for _ in range(5):
         thumb.press("ArrowRight")
-    _until(lambda: page.index == before + 5, "the server does not hear the slider")
-    _until(lambda: f"sample {before + 5}" in view.inner_text("table"), "the panel does not follow")
+    until(lambda: page.index == before + 5, "the server does not hear the slider")
+    until(lambda: f"sample {before + 5}" in view.inner_text("table"), "the panel does not follow")
     assert view.inner_text("table") != shown
     thumb.press("Home")
-    _until(lambda: page.index == 0, "the server does not hear the slider")
+    until(lambda: page.index == 0, "the server does not hear the slider")
     view.get_by_text("no contact", exact=True).first.wait_for()
 
 
 def test_next_leads_to_the_touch_and_play_runs(view: object, page: Page, scene: Scene) -> None:
     page.seek(0.0)
     view.get_by_role("button", name="next").click()
-    _until(lambda: page.index == scene.timeline.touches[0], "no step to the touch")
+    until(lambda: page.index == scene.timeline.touches[0], "no step to the touch")
     view.get_by_role("button", name="Play").click()
-    _until(lambda: page.index > scene.timeline.touches[0] + 5, "it does not play")
+    until(lambda: page.index > scene.timeline.touches[0] + 5, "it does not play")
     view.get_by_role("button", name="Pause").click()
-    _until(lambda: not page.playing, "it does not pause")
+    until(lambda: not page.playing, "it does not pause")
 
 
 def test_the_camera_turns_to_the_side_that_is_touched(view: object, page: Page, scene: Scene) -> None:
@@ -134,18 +105,18 @@ def test_the_camera_turns_to_the_side_that_is_touched(view: object, page: Page, 
         page.seek(2.0)
         return page.index == 200
 
-    _until(there, "no seeking")
+    until(there, "no seeking")
     view.get_by_role("button", name="turn to it").click()
     client = next(iter(page._server.get_clients().values()))
     normal = scene.at(200).contacts[0].normal
-    _until(lambda: client.camera.position @ normal > 0.7 * np.linalg.norm(client.camera.position), "it does not turn")
+    until(lambda: client.camera.position @ normal > 0.7 * np.linalg.norm(client.camera.position), "it does not turn")
 
 
 def test_heat_can_be_hidden(view: object) -> None:
     view.get_by_role("checkbox").first.uncheck()
-    _until(lambda: _warm(_picture(view)) < 20, "the heat stays")
+    until(lambda: _warm(_picture(view)) < 20, "the heat stays")
     view.get_by_role("checkbox").first.check()
-    _until(lambda: _warm(_picture(view)) > 100, "the heat does not come back")
+    until(lambda: _warm(_picture(view)) > 100, "the heat does not come back")
 
 
 def test_the_page_asks_nobody_else(view: object, page: Page) -> None:

@@ -91,8 +91,8 @@ def test_the_page_of_a_sheet_shows_both_contacts_and_the_cells_below_them() -> N
         shade = layer._cells.batched_colors.astype(int).sum(axis=1)
         order = np.argsort(shade, kind="stable")[:2]
         assert [divmod(int(cell), SHAPE[1]) for cell in order] == [(3, 15), (2, 5)]
-        assert layer.captions(1) == ["all cells 10.00 N, the strongest 6.00 N (darkest: 5.9 N)"]
-        layer.show(0)
+        assert layer.captions(scene, 1) == ["all cells 10.00 N, the strongest 6.00 N (darkest: 5.9 N)"]
+        layer.show(scene, 0)
         assert len(np.unique(layer._cells.batched_colors, axis=0)) == 1
         with urllib.request.urlopen(page.address) as answer:
             assert answer.status == 200
@@ -112,5 +112,5 @@ def test_contacts_of_a_file_are_shown_without_the_forces_of_cells() -> None:
     contacts, _ = _sheet_contacts()
     layer = TaxelLayer(SHEET_BODY)
     with Page(prepare(None, contacts, "", [layer]), port=0) as page:
-        assert layer.captions(page.index) == []
+        assert layer.captions(page.scene, page.index) == []
         assert layer._sheet is None

@@ -2,41 +2,29 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
-import numpy as np
 from tyro.conf import arg
 
 from palpate.cli.console import announce, counting, lines, note, progress, title, wait
 from palpate.cli.evaluate_taxels import is_taxel_file
 from palpate.cli.interrupts import import_mesh_reader
 from palpate.cli.options import Log
+from palpate.cli.page_layers import Kept, body_of, layers_of
 from palpate.cli.setup import Setup
 from palpate.contact.contacts import Contacts
-from palpate.contact.estimator import ContactEstimator
 from palpate.contact.frames import in_frame
-from palpate.contact.ring_estimator import RingEstimator
-from palpate.contact.taxel_estimator import TaxelEstimator
 from palpate.errors import InputError
 from palpate.io.contacts import contact_blocks, read_contacts
 from palpate.io.models import read_provenance
 from palpate.io.models.summary import of_taxels
 from palpate.io.pipeline import Pipeline
 from palpate.io.rig import Rig
-from palpate.io.rig.load_cells import RigLoadCells
-from palpate.io.rig.marker_ring import rig_ring, ring_surface
-from palpate.io.rig.skin import rig_body
 from palpate.io.taxel_files import read_taxel_places
-from palpate.surfaces import Surface
-from palpate.viewer.layer import Layer
-from palpate.viewer.load_cells import LoadCellLayer
-from palpate.viewer.marker_ring import RingLayer, compressed
 from palpate.viewer.scene import Scene, prepare
 from palpate.viewer.server import require_viser, serve
 from palpate.viewer.taxel_page import serve_taxels
-from palpate.viewer.taxels import TaxelLayer
 
 __all__ = ["view"]
 
@@ -79,7 +67,7 @@ def _view_taxels(path: Path, setup: Setup, host: str, port: int) -> None:
     title(f"{path}: places of taxels")
     lines(facts)
     note(places.notes)
-    surface = None if rig is None else _body(rig)
+    surface = None if rig is None else body_of(rig)
     serve_taxels(
         places,
         surface,
@@ -100,64 +88,19 @@ def _written(path: Path) -> Contacts | None:
     return read_contacts(path)
 
 
-@dataclass
-class _Kept:
-    """What layers show of a log beside its contacts: forces [N] of cells, or frames with the places of markers."""
-
-    parts: list[np.ndarray] = field(default_factory=list[np.ndarray])
-    frames: list[bytes] = field(default_factory=list[bytes])
-
-    def options(self, estimator: ContactEstimator) -> dict[str, object]:
-        """Of the estimator's `pairs`, so that it hands them over."""
-        if isinstance(estimator, TaxelEstimator):
-            return {"forces": self._keep_forces}
-        return {"markers": self._keep_markers} if isinstance(estimator, RingEstimator) else {}
-
-    def _keep_forces(self, cells: np.ndarray) -> None:
-        self.parts.append(cells.reshape(len(cells), -1).astype(np.float32))
-
-    def _keep_markers(self, frames: np.ndarray, pixels: np.ndarray) -> None:
-        self.frames += [compressed(frame) for frame in frames]
-        self.parts.append(pixels.astype(np.float32))
-
-    def joined(self) -> np.ndarray | None:
-        """Of all blocks."""
-        return np.concatenate(self.parts) if self.parts else None
-
-
-def _body(rig: Rig) -> Surface | None:
-    """The rig's surface; of a marker ring that has none a cylinder as large as the ring."""
-    if rig.surface is None:
-        return ring_surface(rig) if "marker_ring" in rig.sensors else None
-    return rig.surface.load(rig.folder)
-
-
-def _layers(rig: Rig, sensor: str, kept: _Kept | None = None) -> tuple[Layer, ...]:
-    """What a sensor adds to the page, if the files that it names are there."""
-    kept = kept or _Kept()
-    if sensor not in rig.sensors:
-        return ()
-    there = all(path.exists() for name, path in rig.files(rig.kind(sensor)).items() if name != "mesh")
-    if there and sensor == "load_cells":
-        return (LoadCellLayer(rig.table(RigLoadCells).cells(rig.folder)),)
-    if there and sensor == "marker_ring":
-        return (RingLayer(rig_ring(rig), kept.frames, kept.joined()),)
-    return (TaxelLayer(rig_body(rig), kept.joined()),) if there and sensor == "skin" else ()
-
-
 def _estimated(path: Path, setup: Setup, rig: Rig) -> tuple[Scene, list[str]]:
     """A log on its way through the whole chain, and what is to be known of it."""
     log = setup.open(path, rig)
     wait("preparing the surface and compiling kernels (compiling happens once)")
     pipeline = Pipeline.of(log)
-    kept, parts, done = _Kept(), list[Contacts](), 0
+    kept, parts, done = Kept(), list[Contacts](), 0
     with counting():
         for block, found, _ in pipeline.stream(**kept.options(pipeline.estimator)):
             parts.append(found)
             done += len(block)
             progress(done, log.position / max(log.size, 1))
-    layers = _layers(rig, log.kind.name, kept)
-    scene = prepare(_body(rig), Contacts.joined(parts), path.name, layers)
+    layers = layers_of(rig, log.kind.name, kept)
+    scene = prepare(body_of(rig), Contacts.joined(parts), path.name, layers)
     return scene, [*([log.torn] if log.torn else []), *pipeline.doubts(), *pipeline.notes()]
 
 
@@ -174,4 +117,4 @@ def _shown(contacts: Contacts, path: Path, rig: Rig, sensor: str | None) -> tupl
     if frame == "sensor" and rig.surface is not None:
         contacts = contacts.with_estimate(in_frame(contacts.estimate, rig.surface.pose.pose().inverse()))
     kind = sensor or str(beside.get("sensor", rig.kinds[0].name))
-    return prepare(_body(rig), contacts, path.name, _layers(rig, kind)), list(contacts.notes)
+    return prepare(body_of(rig), contacts, path.name, layers_of(rig, kind)), list(contacts.notes)

@@ -11,6 +11,7 @@ from palpate.contact.estimate import Status
 from palpate.viewer._style import STATUS
 from palpate.viewer.heat import PALETTE
 from palpate.viewer.scene import Moment, Scene, ShownContact
+from palpate.viewer.widgets import table
 
 __all__ = ["MEANING", "caption", "feature", "legend"]
 
@@ -60,17 +61,13 @@ def caption(moment: Moment, magnification: int, lines: Sequence[str] = ()) -> st
     words, status = _status(contacts[0]) if single else f"{len(contacts)} contacts", contacts[0].status
     rows = [row for contact in contacts for row in _contact(contact, magnification, single)]
     rows.append(("time", f"{moment.time:.3f} s, sample {moment.sample:,}"))
-    table = "".join(
-        f'<tr><td style="opacity:.6;padding-right:.8em;white-space:nowrap">{name}</td><td>{value}</td></tr>'
-        for name, value in rows
-    )
     more = "".join(f"<div>{escape(line)}</div>" for line in lines)
     return (
         '<div style="padding:.3em .7em 0;font-size:.8em;line-height:1.45;'
         'font-variant-numeric:tabular-nums"><div style="display:flex;align-items:center;gap:.7em">'
         f'<span style="font-size:2.2em;font-weight:600">{_newton(force)}</span><span style="padding:.05em .7em;'
         f'border-radius:1em;border:2px solid {STATUS[status]}" title="{escape(MEANING[status])}">{words}</span></div>'
-        f"<table>{table}</table>{more}</div>"
+        f"{table(rows)}{more}</div>"
     )
 
 

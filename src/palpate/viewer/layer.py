@@ -32,10 +32,10 @@ class Layer(Protocol):
         """Add controls and pictures below the caption."""
         ...
 
-    def show(self, index: int) -> None:
-        """Move everything to a sample of the scene."""
+    def show(self, scene: Scene, index: int) -> None:
+        """Move everything to a sample of the scene, or of one with other contacts on the same body."""
         ...
 
-    def captions(self, index: int) -> list[str]:
+    def captions(self, scene: Scene, index: int) -> list[str]:
         """Lines of plain text below the contacts."""
         ...

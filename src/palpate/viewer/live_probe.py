@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 from collections import deque
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from palpate.spatial.pose import Pose
-from palpate.viewer.panel import TITLE
 from palpate.viewer.server import address, listen, quiet
-
-if TYPE_CHECKING:
-    from viser import GuiUplotHandle
+from palpate.viewer.widgets import add_curves, dock
 
 __all__ = ["LiveProbe"]
 
@@ -59,14 +55,11 @@ class LiveProbe:
         )  # fmt: skip
         nothing = np.zeros((1, 2, 3), dtype=np.float32)
         self._arrow = space.add_arrows("/force", nothing, (213, 94, 0), shaft_radius=0.02, head_radius=0.05)
-        gui.configure_theme(control_width="large", show_logo=False, show_share_button=False, brand_color=(0, 114, 178))
-        gui.set_panel_label("Palpate \u00b7 moving phantom")
-        gui.main_panel.dock_right()
-        gui.add_html(TITLE)
+        dock(gui, "moving phantom")
         self._words = gui.add_markdown("")
         self._rows: deque[tuple[float, ...]] = deque(maxlen=SHOWN)
-        self._force = self._plot(("force [N]",), ("#0072b2",))
-        self._angle = self._plot(("in-plane [deg]", "out-of-plane [deg]"), ("#d55e00", "#009e73"))
+        self._force = add_curves(gui, ("force [N]",), ("#0072b2",))
+        self._angle = add_curves(gui, ("in-plane [deg]", "out-of-plane [deg]"), ("#d55e00", "#009e73"))
         self._middle: np.ndarray | None = None
 
     @property
@@ -119,18 +112,3 @@ class LiveProbe:
 
     def __exit__(self, *_: object) -> None:
         self.stop()
-
-    def _plot(self, names: tuple[str, ...], inks: tuple[str, ...]) -> GuiUplotHandle:
-        from viser import uplot
-
-        curves: list[Any] = [
-            uplot.Series(label=name, stroke=ink, width=1.25) for name, ink in zip(names, inks, strict=True)
-        ]
-        nothing = tuple(np.zeros(1) for _ in range(1 + len(names)))
-        return self._server.gui.add_uplot(
-            nothing,
-            (uplot.Series(label="time [s]"), *curves),
-            scales={"x": uplot.Scale(time=False)},
-            legend=uplot.Legend(show=True, live=False),
-            height=150,
-        )

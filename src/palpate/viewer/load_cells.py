@@ -40,6 +40,8 @@ class LoadCellLayer:
     def __init__(self, cells: LoadCells) -> None:
         self.cells = cells
         self._drawn: list[tuple[BoxHandle, LabelHandle]] = []
+        self._most: float | None = None  # V of a cell that is drawn darkest
+        self._met = 1e-12
 
     @property
     def places(self) -> Float[np.ndarray, "k 3"]:
@@ -48,12 +50,11 @@ class LoadCellLayer:
 
     def draw(self, server: ViserServer, scene: Scene) -> None:
         """Boxes below the body; none where a place is not known."""
-        self._scene = scene
         self._drawn.clear()
         if len(self.places) < self.cells.cells:
             return
-        carried = self._carried(np.flatnonzero(scene.touched))
-        self._most = float(np.quantile(carried.max(axis=1), _STRONG)) if len(carried) else 1.0
+        carried = self._carried(scene, np.flatnonzero(scene.touched))
+        self._most = float(np.quantile(carried.max(axis=1), _STRONG)) if len(carried) else None
         places = scene.placed(self.places)
         down = places.mean(axis=0)
         length = float(np.linalg.norm(down))
@@ -68,23 +69,25 @@ class LoadCellLayer:
     def panel(self, gui: GuiApi) -> None:
         """Nothing: the labels stand beside the cells."""
 
-    def show(self, index: int) -> None:
+    def show(self, scene: Scene, index: int) -> None:
         """Colour them for a sample."""
         if not self._drawn:
             return
-        row = self._scene.strongest[index]
-        carried = self._carried(np.array([row]))[0] if self._scene.contacts.located[row] else np.zeros(self.cells.cells)
-        shades = colours(np.clip(carried / max(self._most, 1e-12), 0.0, 1.0))
+        row = scene.strongest[index : index + 1]
+        carried = self._carried(scene, row)[0] if scene.contacts[row].located[0] else np.zeros(self.cells.cells)
+        if self._most is None:  # nothing was touched when they were drawn: darkest is the most so far
+            self._met = max(self._met, float(carried.max()))
+        shades = colours(np.clip(carried / (self._met if self._most is None else max(self._most, 1e-12)), 0.0, 1.0))
         for number, (box, label) in enumerate(self._drawn):
             red, green, blue = shades[number].tolist()
             box.color = (red, green, blue)
             label.text = f"cell {number + 1}: {1e3 * carried[number]:.0f} mV"
 
-    def captions(self, index: int) -> list[str]:
+    def captions(self, scene: Scene, index: int) -> list[str]:
         """Nothing."""
         return []
 
-    def _carried(self, rows: np.ndarray) -> Float[np.ndarray, "n k"]:
-        found = self._scene.contacts
+    def _carried(self, scene: Scene, rows: np.ndarray) -> Float[np.ndarray, "n k"]:
+        found = scene.contacts
         torque = np.nan_to_num(found.torque[rows])
         return loads(self.cells, found.point[rows], found.normal[rows], found.force[rows], torque)

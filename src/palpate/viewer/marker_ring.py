@@ -55,12 +55,19 @@ class RingLayer:
         ring: calibrated.
         frames: of `compressed`, one a sample of the log; empty: not known, as of a file of contacts.
         pixels: (n, m, 2) [px] of the markers in each; NaN: not seen.
+        size: (height, width) [px] of frames that are fed as they come; None: none are.
     """
 
     def __init__(
-        self, ring: MarkerRing, frames: Sequence[bytes] = (), pixels: Float32[np.ndarray, "n m 2"] | None = None
+        self,
+        ring: MarkerRing,
+        frames: Sequence[bytes] = (),
+        pixels: Float32[np.ndarray, "n m 2"] | None = None,
+        size: tuple[int, int] | None = None,
     ) -> None:
         self._ring, self._frames = ring, frames
+        blank = None if size is None else np.zeros((*size, 3), dtype=np.uint8)
+        self._fed = None if blank is None else (blank, ring.rest)
         self._pixels = np.zeros((0, len(ring), 2), np.float32) if pixels is None else pixels
         self._image: GuiImageHandle | None = None
 
@@ -79,31 +86,39 @@ class RingLayer:
 
     def panel(self, gui: GuiApi) -> None:
         """The frame."""
-        if self._frames:
+        if self._frames or self._fed is not None:
             label = f"camera: markers, and their ways from rest times {_MAGNIFIED}"
             self._image = gui.add_image(self._picture(0), label=label, format="jpeg")
 
-    def show(self, index: int) -> None:
+    def feed(self, frame: UInt8[np.ndarray, "h w 3"], pixels: Float[np.ndarray, "m 2"]) -> None:
+        """The frame of now, and the markers [px] in it."""
+        self._fed = frame, pixels
+
+    def show(self, scene: Scene, index: int) -> None:
         """Move the markers to a sample, and show its frame."""
-        sample = self._sample(index)
+        sample = self._sample(scene, index)
         if sample is None:
             return
-        self._markers.points = self._points(self._pixels[sample].astype(np.float64))
+        self._markers.points = self._points(self._seen(sample))
         if self._image is not None:
             self._image.image = self._picture(sample)
 
-    def captions(self, index: int) -> list[str]:
+    def captions(self, scene: Scene, index: int) -> list[str]:
         """How many markers are seen."""
-        sample = self._sample(index)
+        sample = self._sample(scene, index)
         if sample is None:
             return []
-        seen = np.count_nonzero(np.isfinite(self._pixels[sample, :, 0]))
+        seen = np.count_nonzero(np.isfinite(self._seen(sample)[:, 0]))
         return [f"{seen} of {len(self._ring)} markers seen"]
 
-    def _sample(self, index: int) -> int | None:
+    def _sample(self, scene: Scene, index: int) -> int | None:
         """Of the log; None where nothing is known of it."""
-        sample = int(self._scene.contacts.sample[self._scene.starts[index]])
-        return sample if sample < len(self._pixels) else None
+        sample = int(scene.contacts.sample[scene.starts[index]])
+        return sample if sample < len(self._pixels) or self._fed is not None else None
+
+    def _seen(self, sample: int) -> Float[np.ndarray, "m 2"]:
+        """[px] of the markers."""
+        return self._pixels[sample].astype(np.float64) if self._fed is None else self._fed[1]
 
     def _points(self, pixels: Float[np.ndarray, "m 2"]) -> Float32[np.ndarray, "m 3"]:
         """In the scene's units; a marker that is not seen stands where it rests."""
@@ -111,6 +126,8 @@ class RingLayer:
         return self._scene.placed(np.concatenate([plane, np.zeros((len(plane), 1))], axis=1)).astype(np.float32)
 
     def _picture(self, sample: int) -> UInt8[np.ndarray, "h w 3"]:
+        if self._fed is not None:
+            return annotated(self._fed[0], self._ring.rest, self._fed[1])
         cv2 = opencv()
         frame = cv2.imdecode(np.frombuffer(self._frames[sample], np.uint8), cv2.IMREAD_COLOR)
-        return annotated(frame, self._ring.rest, self._pixels[sample].astype(np.float64))
+        return annotated(frame, self._ring.rest, self._seen(sample))

@@ -11,6 +11,7 @@ from palpate.viewer._style import AXES
 from palpate.viewer.captions import caption, legend
 from palpate.viewer.scene import MAGNIFICATIONS, Moment, Scene
 from palpate.viewer.scene3d import Settings
+from palpate.viewer.widgets import ELLIPSE, dock, theme
 
 if TYPE_CHECKING:
     from viser import GuiUplotHandle, ViserServer
@@ -22,7 +23,6 @@ __all__ = ["Panel"]
 SPEEDS = {"x 0.1": 0.1, "x 0.5": 0.5, "x 1": 1.0, "x 2": 2.0, "x 5": 5.0, "x 20": 20.0}
 WINDOWS = {"all": 0.0, "20 s": 20.0, "5 s": 5.0, "1 s": 1.0}
 NOW = "#cc3311"
-TITLE = """<style onload="document.title='Palpate'"></style>"""  # viser names its page after itself
 FORCES, PLACES = slice(0, 2), slice(2, 5)  # columns of the curves
 
 
@@ -31,10 +31,7 @@ class Panel:
 
     def __init__(self, server: ViserServer, scene: Scene, page: Page) -> None:
         self._scene, self._page, self._gui = scene, page, server.gui
-        self._theme(dark=False)
-        self._gui.set_panel_label(f"Palpate \u00b7 {scene.title}" if scene.title else "Palpate")
-        self._gui.main_panel.dock_right()
-        self._gui.add_html(TITLE)
+        dock(self._gui, scene.title)
         self._now = self._gui.add_html("")
         for layer in scene.layers:
             layer.panel(self._gui)
@@ -54,7 +51,7 @@ class Panel:
 
     def show(self, moment: Moment, seconds: float) -> None:
         """Describe a moment, and mark it in the plots."""
-        lines = [line for layer in self._scene.layers for line in layer.captions(moment.index)]
+        lines = [line for layer in self._scene.layers for line in layer.captions(self._scene, moment.index)]
         self._now.content = caption(moment, self.settings().magnification, lines)
         if self._slider.value != seconds:
             self._slider.value = seconds
@@ -93,23 +90,13 @@ class Panel:
             self._trail = self._gui.add_slider("trail [s]", 0.0, 60.0, 0.5, 5.0)
             options = tuple(f"x {times}" for times in MAGNIFICATIONS)
             first = options[MAGNIFICATIONS.index(self._scene.magnification)]
-            self._ellipse = self._gui.add_dropdown(
-                "ellipse",
-                options,
-                initial_value=first,
-                hint="the 95 % ellipse of a point, drawn so many times as large",
-            )
+            self._ellipse = self._gui.add_dropdown("ellipse", options, initial_value=first, hint=ELLIPSE)
             self._dark = self._gui.add_checkbox("dark", False)
         for handle in (self._heat, self._trail, self._ellipse, self._window):
             handle.on_update(lambda event: self._page.refresh())
-        self._dark.on_update(lambda event: self._theme(self._dark.value))
+        self._dark.on_update(lambda event: theme(self._gui, self._dark.value))
         if self._scene.body is not None:
             self._gui.add_html(legend(self._scene))
-
-    def _theme(self, dark: bool) -> None:
-        self._gui.configure_theme(
-            control_width="large", dark_mode=dark, show_logo=False, show_share_button=False, brand_color=(0, 114, 178)
-        )
 
     def _add_plots(self) -> None:
         self._window = self._gui.add_dropdown("plots", tuple(WINDOWS), initial_value="all")

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from palpate.contact.contacts import Contacts
-from palpate.contact.estimate import CHI2_95, Status
+from palpate.contact.estimate import CHI2_95, ROW, ContactEstimate, Status
 from palpate.errors import InputError
 from palpate.spatial.pose import quaternion_from_rotation
 from palpate.surfaces import Surface
@@ -19,12 +19,14 @@ from palpate.viewer.layer import Layer
 from palpate.viewer.samples import sample_starts, strongest, thinned, totals
 from palpate.viewer.timeline import Timeline, downsampled
 
-__all__ = ["MAGNIFICATIONS", "Moment", "Scene", "ShownContact", "ellipse", "nice", "prepare"]
+__all__ = ["MAGNIFICATIONS", "Moment", "Scene", "ShownContact", "ellipse", "nice", "nothing", "prepare"]
 
 MAGNIFICATIONS = (1, 2, 5, 10, 20, 50, 100)
 PLOTTED = 800  # rows of a plot: two a pixel
 TRAIL = 300  # samples of a trail
 _SAMPLED = 2_000  # contacts that a typical value is taken from
+_FEW = 50  # while they come
+_STRONG = 0.95  # quantile of what counts as usual
 
 
 @dataclass(frozen=True)
@@ -137,6 +139,24 @@ class Scene:
         force = np.linalg.norm(self.contacts.force[self.strongest], axis=1)
         return int(np.where(self.touched[self.strongest] & np.isfinite(force), force, -1.0).argmax())
 
+    @cached_property
+    def torque(self) -> float:
+        """[N m] that is usual; 0 where none is known."""
+        torque = np.abs(self.contacts.torque[np.isfinite(self.contacts.torque)])
+        return float(np.quantile(torque, _STRONG)) if len(torque) else 0.0
+
+    def showing(self, contacts: Contacts) -> Scene:
+        """The same body, layers and scales with other contacts, at least one row."""
+        starts, touched, timeline = _sampled(contacts)
+        return replace(self, contacts=contacts, starts=starts, touched=touched, timeline=timeline)
+
+    def scaled(self) -> Scene:
+        """Its arrows and ellipses drawn as large as suits its contacts; without any they stay as they are."""
+        shown = self.contacts[thinned(np.flatnonzero(self.touched), _FEW)]
+        if not len(shown):
+            return self
+        return replace(self, newton=_newton(self.size, shown), magnification=_magnified(self.size, shown))
+
     def rows(self, index: int) -> slice:
         """The rows of a sample."""
         end = self.starts[index + 1] if index + 1 < len(self.starts) else len(self.contacts)
@@ -226,9 +246,7 @@ def prepare(surface: Surface | None, contacts: Contacts, title: str = "", layers
     """
     if not len(contacts):
         raise InputError("there is nothing to show: no contacts, not even a sample without one.", where=title)
-    starts = sample_starts(contacts)
-    touched = contacts.located & (contacts.answered | (contacts.status == Status.SATURATED))
-    timeline = Timeline.of(contacts.time[starts], np.logical_or.reduceat(touched, starts))
+    starts, touched, timeline = _sampled(contacts)
     points = contacts.point[touched]
     mesh = None if surface is None else surface.drawn()
     bounds = _bounds(points, layers) if mesh is None else mesh.bounds
@@ -240,11 +258,16 @@ def prepare(surface: Surface | None, contacts: Contacts, title: str = "", layers
         seconds = np.repeat(timeline.seconds, np.diff(starts, append=len(contacts)))
         heat = density(body, points, contacts.normal[touched], seconds[touched], width)
     shown = contacts[thinned(np.flatnonzero(touched), _SAMPLED)]
-    strong = np.nanquantile(np.linalg.norm(shown.force, axis=1), 0.95) if len(shown) else 1.0
-    newton = 0.35 * size / max(float(strong), 1e-9)
-    return Scene(
-        title, bounds, body, contacts, starts, touched, timeline, heat, newton, _magnified(size, shown), tuple(layers)
-    )
+    newton, magnification = _newton(size, shown), _magnified(size, shown)
+    return Scene(title, bounds, body, contacts, starts, touched, timeline, heat, newton, magnification, tuple(layers))
+
+
+def nothing() -> Contacts:
+    """One sample without a contact: a scene that is to be fed has a moment."""
+    row = np.zeros((1, ROW.length))
+    row[:, : ROW.torque], row[:, ROW.covariance] = np.nan, np.nan
+    row[:, ROW.status] = Status.NO_CONTACT
+    return Contacts.single(np.zeros(1), ContactEstimate.from_rows(row))
 
 
 def ellipse(
@@ -274,6 +297,19 @@ def nice(value: float) -> float:
     """The next of 1, 2, 5, 10, ... that is not less."""
     power = 10.0 ** np.floor(np.log10(value))
     return float(power * next(step for step in (1.0, 2.0, 5.0, 10.0) if step * power >= value * (1 - 1e-9)))
+
+
+def _sampled(contacts: Contacts) -> tuple[Int[np.ndarray, " m"], Bool[np.ndarray, " n"], Timeline]:
+    """First row of each sample; rows that are contacts with a place; the time of the samples."""
+    starts = sample_starts(contacts)
+    touched = contacts.located & (contacts.answered | (contacts.status == Status.SATURATED))
+    return starts, touched, Timeline.of(contacts.time[starts], np.logical_or.reduceat(touched, starts))
+
+
+def _newton(size: float, shown: Contacts) -> float:
+    """[m] of an arrow for each newton: a strong one is a third as long as the body."""
+    strong = float(np.nanquantile(np.linalg.norm(shown.force, axis=1), _STRONG)) if len(shown) else 1.0
+    return 0.35 * size / max(strong, 1e-9)
 
 
 def _bounds(points: Float[np.ndarray, "n 3"], layers: Sequence[Layer]) -> Float[np.ndarray, "2 3"]:

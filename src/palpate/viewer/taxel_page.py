@@ -10,15 +10,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from palpate.contact.contacts import Contacts
-from palpate.contact.estimate import ROW, ContactEstimate, Status
 from palpate.sensors.taxel_places import TaxelPlaces
 from palpate.spatial.pose import quaternion_from_rotation
 from palpate.surfaces import Surface
 from palpate.viewer.heat import colours, linear
-from palpate.viewer.scene import MAGNIFICATIONS, Scene, prepare
+from palpate.viewer.scene import MAGNIFICATIONS, Scene, nothing, prepare
 from palpate.viewer.scene3d import DISTANCE, Scene3D, Settings
 from palpate.viewer.server import address, listen, quiet
+from palpate.viewer.widgets import dock, table
 
 if TYPE_CHECKING:
     from viser import GuiApi, ViserServer
@@ -34,7 +33,6 @@ MODULES = np.array(  # Okabe and Ito's colours, and two more: told apart by the 
 )
 LOOSE, NEVER = (150, 158, 166), (20, 24, 30)
 BY = ("module", "deviation", "pokes")
-TITLE = """<style onload="document.title='Palpate'"></style>"""
 _CORNERS = 0.5 * np.array([(-1.0, -1.0, 0.0), (1.0, -1.0, 0.0), (1.0, 1.0, 0.0), (-1.0, 1.0, 0.0)])
 _FACES = np.array([(0, 1, 2), (0, 2, 3)])
 
@@ -140,10 +138,10 @@ class PlacesLayer:
         seen = gui.add_checkbox("taxels", True, hint="hide them to see the body below")
         seen.on_update(lambda _: setattr(self._patches, "visible", seen.value))
 
-    def show(self, index: int) -> None:
+    def show(self, scene: Scene, index: int) -> None:
         """Nothing moves."""
 
-    def captions(self, index: int) -> list[str]:
+    def captions(self, scene: Scene, index: int) -> list[str]:
         """Nothing."""
         return []
 
@@ -199,7 +197,7 @@ class TaxelPage:
         port: int = 8080,
     ) -> None:
         layer = PlacesLayer(places, surface)
-        scene = prepare(surface, _nothing(), title, (layer,))
+        scene = prepare(surface, nothing(), title, (layer,))
         self._server = listen(host, port)
         with self._server.atomic():
             scene3d = Scene3D(self._server, scene)
@@ -235,16 +233,10 @@ class TaxelPage:
 
     def _panel(self, layer: PlacesLayer, title: str, facts: Sequence[tuple[str, str]]) -> None:
         gui = self._server.gui
-        gui.configure_theme(control_width="large", show_logo=False, show_share_button=False, brand_color=(0, 114, 178))
-        gui.set_panel_label(f"Palpate \u00b7 {title}" if title else "Palpate")
-        gui.main_panel.dock_right()
-        gui.add_html(TITLE)
-        rows = "".join(
-            f'<tr><td style="opacity:.6;padding-right:.8em;white-space:nowrap">{escape(name)}</td>'
-            f"<td>{escape(value)}</td></tr>"
-            for name, value in facts
+        dock(gui, title)
+        gui.add_html(
+            f'<div style="margin:.4em 1em">{table([(escape(name), escape(value)) for name, value in facts])}</div>'
         )
-        gui.add_html(f'<table style="margin:.4em 1em">{rows}</table>')
         layer.panel(gui)
 
 
@@ -286,11 +278,3 @@ def _frames(normals: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "k 3 3"]:
     across = np.cross(normals, np.eye(3)[np.argmin(np.abs(normals), axis=1)])
     across /= np.linalg.norm(across, axis=1, keepdims=True)
     return np.stack([np.cross(across, normals), across, normals], axis=2)
-
-
-def _nothing() -> Contacts:
-    """One sample, without a contact: a scene has a moment."""
-    row = np.zeros((1, ROW.length))
-    row[:, :6] = np.nan
-    row[:, ROW.status] = Status.NO_CONTACT
-    return Contacts.single(np.zeros(1), ContactEstimate.from_rows(row))

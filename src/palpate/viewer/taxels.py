@@ -32,12 +32,17 @@ class TaxelLayer:
     Args:
         body: of the k cells.
         forces: (n, k) [N] of each cell, a row a sample of the log; None: not known, as of a file of contacts.
+        live: they are fed as they come.
     """
 
     def __init__(
-        self, body: TaxelBody, forces: Float[np.ndarray, "n k"] | Float32[np.ndarray, "n k"] | None = None
+        self,
+        body: TaxelBody,
+        forces: Float[np.ndarray, "n k"] | Float32[np.ndarray, "n k"] | None = None,
+        live: bool = False,
     ) -> None:
         self._body, self._forces = body, forces
+        self._fed = np.zeros(len(body)) if live else None
         strong = 0.0 if forces is None or not len(forces) else float(np.quantile(forces.max(axis=1), 0.99))
         self.most = max(strong, 1e-6)
         """[N] that is drawn darkest."""
@@ -50,7 +55,6 @@ class TaxelLayer:
 
     def draw(self, server: ViserServer, scene: Scene) -> None:
         """All cells as instances of one square, seen from both sides."""
-        self._scene = scene
         rotations, scales = patches(self._body)
         self._cells: BatchedMeshHandle = server.scene.add_batched_meshes_simple(
             "/taxels",
@@ -69,29 +73,39 @@ class TaxelLayer:
         """A box that hides the cells, and the sheet unrolled."""
         seen = gui.add_checkbox("cells", True, hint="hide them to see the body below")
         seen.on_update(lambda event: setattr(self._cells, "visible", seen.value))
-        if self._body.rows and self._forces is not None:
+        if self._body.rows and self._known:
             flat = unrolled(np.zeros((self._body.rows, self._body.columns)), self.most, np.zeros((0, 2)))
             self._sheet = gui.add_image(flat, label="sheet, unrolled: the last row on top")
 
-    def show(self, index: int) -> None:
+    def feed(self, force: Float[np.ndarray, " k"]) -> None:
+        """What the cells carry now [N]; darkest is the largest force so far."""
+        self._fed, self.most = force, max(self.most, float(np.nan_to_num(force).max(initial=0.0)))
+
+    def show(self, scene: Scene, index: int) -> None:
         """Colour them for a sample."""
-        if self._forces is None:
+        if not self._known:
             return
-        force = self._force(index)
+        force = self._force(scene, index)
         self._cells.batched_colors = self._colours(force)
         if self._sheet is not None:
-            self._sheet.image = unrolled(force.reshape(self._body.rows, -1), self.most, self._dots(index))
+            self._sheet.image = unrolled(force.reshape(self._body.rows, -1), self.most, _dots(scene, index))
 
-    def captions(self, index: int) -> list[str]:
+    def captions(self, scene: Scene, index: int) -> list[str]:
         """Sums of the cells."""
-        if self._forces is None:
+        if not self._known:
             return []
-        force = self._force(index)
+        force = self._force(scene, index)
         return [f"all cells {force.sum():.2f} N, the strongest {force.max():.2f} N (darkest: {self.most:.2g} N)"]
 
-    def _force(self, index: int) -> Float[np.ndarray, " k"]:
+    @property
+    def _known(self) -> bool:
+        return self._forces is not None or self._fed is not None
+
+    def _force(self, scene: Scene, index: int) -> Float[np.ndarray, " k"]:
         """[N] of each cell; 0 where the log has no such sample."""
-        sample = int(self._scene.contacts.sample[self._scene.starts[index]])
+        if self._fed is not None:
+            return self._fed
+        sample = int(scene.contacts.sample[scene.starts[index]])
         if self._forces is None or sample >= len(self._forces):
             return np.zeros(len(self._body))
         return self._forces[sample].astype(np.float64)
@@ -99,10 +113,11 @@ class TaxelLayer:
     def _colours(self, force: Float[np.ndarray, " k"]) -> UInt8[np.ndarray, "k 3"]:
         return linear(colours(np.clip(np.nan_to_num(force) / self.most, 0.0, 1.0)))
 
-    def _dots(self, index: int) -> Float[np.ndarray, "c 2"]:
-        """Row and column of each contact of a sample."""
-        places = sheet_places(self._scene.contacts[self._scene.rows(index)])
-        return np.zeros((0, 2)) if places is None else places[np.isfinite(places).all(axis=1)]
+
+def _dots(scene: Scene, index: int) -> Float[np.ndarray, "c 2"]:
+    """Row and column of each contact of a sample."""
+    places = sheet_places(scene.contacts[scene.rows(index)])
+    return np.zeros((0, 2)) if places is None else places[np.isfinite(places).all(axis=1)]
 
 
 def patches(body: TaxelBody) -> tuple[Float[np.ndarray, "k 3 3"], Float[np.ndarray, "k 3"]]:

@@ -1,0 +1,265 @@
+"""The page of `palpate live --view`: a process that reads the ring and feeds a page in the browser."""
+
+from __future__ import annotations
+
+import signal
+import time
+from collections import deque
+from collections.abc import Callable
+from datetime import datetime
+from pathlib import Path
+
+import numpy as np
+
+from palpate.cli.page_layers import body_of, layers_of
+from palpate.contact.contacts import Contacts
+from palpate.contact.estimate import ROW, Status
+from palpate.contact.ring_estimator import RingEstimator
+from palpate.contact.taxel_estimator import TaxelEstimator
+from palpate.errors import InputError, PalpateError
+from palpate.io.live.receiver import orphaned
+from palpate.io.live.ring import Ring
+from palpate.io.logs.samples import Samples
+from palpate.io.rig import Rig, load_rig
+from palpate.sensors.recording import CELLS, Recording
+from palpate.viewer.layer import Layer
+from palpate.viewer.live import SECONDS, SILENT, Figures, LivePage, recent
+from palpate.viewer.marker_ring import RingLayer
+from palpate.viewer.taxels import TaxelLayer
+
+__all__ = ["Stream", "feed_of", "show"]
+
+TICK = 1 / 30  # s between two pictures
+IDLE = 0.25  # s between two looks at the ring while nobody watches
+SHARE = 0.1  # of a core, at most
+SMOOTH = 0.05  # of what the last picture took goes into what one takes
+TOLD = 0.2  # s between two figures
+COUNTED = 0.5  # s between two counts of latencies
+MOST = 1 << 13  # slots that are read at once
+IMAGES = 1 << 24  # bytes of images that are read at once
+LATE = 60.0  # s: between two clocks, and no latency
+SENTENCES = 12
+RATED = 2.0  # s over which a rate is counted
+REST = 50  # frames from which the page takes the rest of cells
+
+Feed = Callable[[np.ndarray, bool], None]
+
+
+def show(ring: Path, rig: Path, port: int, parent: int) -> None:
+    """Serve the page until the ring says stop, or the parent is gone; a process of its own.
+
+    Args:
+        ring: file of the stream.
+        rig: of the stream.
+        port: the first to try; the next free one is taken and said.
+        parent: process.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's, which says stop
+    read = Ring(ring)
+    try:
+        stated = load_rig(rig)
+        layers = layers_of(stated, read.form.sensor, live=read.form.shape)
+        stream = Stream(read, feed_of(stated, read, layers))
+        with LivePage(body_of(stated), layers, rig.stem, stream.tare, port=port) as page:
+            taken = "" if port in (0, int(page.address.rpartition(":")[2])) else f" (port {port} is taken)"
+            read.say(f"the page is at {page.address}{taken}")
+            _serve(page, stream, parent)
+    except PalpateError as problem:
+        read.say(f"there is no page: {problem}")
+        _wait(read, parent)
+    finally:
+        read.close()
+
+
+def _wait(ring: Ring, parent: int) -> None:
+    """Until the end: started again, it would meet the same trouble."""
+    while not ring["stop"] and not orphaned(parent):
+        time.sleep(IDLE)
+
+
+def _serve(page: LivePage, stream: Stream, parent: int) -> None:
+    """Look at the ring, and draw what is new while somebody watches; fewer pictures rather than more of a core."""
+    told, drawn, spent, before = -np.inf, -1, 0.0, time.process_time()
+    while not stream.ring["stop"] and not orphaned(parent):
+        begun, watched = time.monotonic(), page.watched
+        stream.look(watched)
+        if watched and stream.newest is not None and stream.next_one != drawn:
+            page.show(stream.newest)
+            drawn = stream.next_one
+        if begun - told >= TOLD:
+            stream.gather()
+            told = begun
+            if watched:
+                page.tell(stream.window, stream.figures())
+        used, before = time.process_time() - before, time.process_time()
+        spent += SMOOTH * (used - spent)
+        pause = max(TICK, min(spent / SHARE, IDLE)) if watched else IDLE
+        time.sleep(max(0.001, pause - (time.monotonic() - begun)))
+
+
+class Stream:
+    """What the page knows of the ring: contacts of the last seconds, and figures.
+
+    Args:
+        ring: of the stream.
+        feed: takes slots for the sensor's layer, and whether somebody watches.
+    """
+
+    def __init__(self, ring: Ring, feed: Feed) -> None:
+        self.ring, self._feed = ring, feed
+        self.next_one = ring["answered"]
+        self.window: Contacts | None = None
+        size = ring.form.slot().itemsize
+        self._most = max(1, min(MOST, IMAGES // size))
+        self._lost = self._skipped = self._sentence = 0
+        self._waited = deque[tuple[float, np.ndarray]]()
+        self._counts = deque[tuple[float, int]]()
+        self._fresh = list[tuple[np.ndarray, int]]()
+        self._latency: tuple[float, tuple[float, float, float] | None] = -np.inf, None
+        self._received, self._at = -1, time.monotonic()
+        self._said = deque[tuple[str, str]](maxlen=SENTENCES)
+        self._tare = ""
+
+    def tare(self) -> None:
+        """Ask the receiver for one."""
+        self.ring["asked"] += 1
+
+    def look(self, watched: bool) -> None:
+        """Read what is new."""
+        now = time.monotonic()
+        received, answered = self.ring["received"], self.ring["answered"]
+        if received != self._received:
+            self._received, self._at = received, now
+        self._counts.append((now, received))
+        while self._counts[0][0] < now - RATED:
+            self._counts.popleft()
+        since = max(self.next_one, answered - self._most)
+        slots, first = self.ring.read(since, self._most)
+        self._skipped += first - self.next_one
+        self.next_one = first + len(slots)
+        if len(slots):
+            self._fresh.append((slots, first))
+            self._feed(slots, watched)
+
+    @property
+    def newest(self) -> Contacts | None:
+        """Of the last sample that was read, if it has an answer."""
+        if not self._fresh:
+            return None
+        slots, first = self._fresh[-1]
+        found = self.ring.form.contacts(slots[-1:], first + len(slots) - 1)
+        return found if len(found) else None
+
+    def gather(self) -> None:
+        """What was read since the last time goes into the window and the figures."""
+        now = time.monotonic()
+        while self._waited and self._waited[0][0] < now - SECONDS:
+            self._waited.popleft()
+        fresh, self._fresh = self._fresh, list[tuple[np.ndarray, int]]()
+        if not fresh:
+            return
+        self._lost += sum(int(slots["lost"].sum()) for slots, _ in fresh)
+        waited = [(slots["ready"] - slots["arrived"])[slots["ready"] > 0] for slots, _ in fresh]
+        self._waited.append((now, np.concatenate(waited)))
+        found = [self.ring.form.contacts(slots, first) for slots, first in fresh]
+        if new := [part for part in found if len(part)]:
+            self.window = recent(self.window, Contacts.joined(new))
+
+    def figures(self) -> Figures:
+        """Of now."""
+        ring, now = self.ring, time.monotonic()
+        said, self._sentence = ring.said(self._sentence)
+        for stamp, sentence in said:
+            self._said.append((datetime.fromtimestamp(stamp / 1e9).strftime("%H:%M:%S"), sentence))
+            self._tare = sentence if "tare" in sentence else self._tare
+        (begun, before), (end, count) = self._counts[0], self._counts[-1]
+        return Figures(
+            rate=(count - before) / (end - begun) if end > begun else 0.0,
+            latency=self._waiting(now),
+            lost=self._lost,
+            skipped=self._skipped,
+            silent=round(now - self._at, 0 if now - self._at > SILENT else 6),
+            samples=ring["received"],
+            taring=ring["asked"] > ring["done"],
+            tare=self._tare,
+            said=tuple(self._said),
+        )
+
+    def _waiting(self, now: float) -> tuple[float, float, float] | None:
+        """Latencies, counted now and then; None where stamps have nothing to do with this machine's clock."""
+        if now - self._latency[0] > COUNTED:
+            waited = np.concatenate([np.zeros(0), *(part for _, part in self._waited)])
+            shares = (1e-9 * np.percentile(waited, (50.0, 99.0, 100.0))).tolist() if len(waited) else [-1.0] * 3
+            self._latency = now, (shares[0], shares[1], shares[2]) if 0.0 <= shares[0] < LATE else None
+        return self._latency[1]
+
+
+def feed_of(rig: Rig, ring: Ring, layers: tuple[Layer, ...]) -> Feed:
+    """What takes readings to the layer of the sensor, if that shows any."""
+    sensor = rig.kind(ring.form.sensor)
+    for layer in layers:
+        if isinstance(layer, TaxelLayer):
+            return _Cells(ring, rig, layer)
+        if isinstance(layer, RingLayer):
+            estimator = sensor.build(rig, None).estimator
+            if isinstance(estimator, RingEstimator):
+                return _Frames(estimator, layer)
+    return lambda slots, watched: None
+
+
+class _Cells:
+    """Forces of cells, by an estimator of the page's own: the ring has contacts, and no forces of cells.
+
+    It takes the rest from frames in which nothing touches, again after each tare.
+    """
+
+    def __init__(self, ring: Ring, rig: Rig, layer: TaxelLayer) -> None:
+        kind = rig.kind(ring.form.sensor)
+        made = kind.build(rig, None).estimator
+        if not isinstance(made, TaxelEstimator):
+            raise InputError("is no skin.", where=ring.form.sensor)
+        self._ring, self._layer = ring, layer
+        self._estimator = TaxelEstimator(made.body, made.intensity, made.health, settings=made.settings)
+        self._samples = Samples(kind.layout(rig), Path("the stream"))
+        self._rows = self._estimator.empty(self._estimator.most)
+        self._done, self._free = ring["done"], list[np.ndarray]()
+        self._rested = made.health is not None
+
+    def __call__(self, slots: np.ndarray, watched: bool) -> None:
+        if self._ring["done"] != self._done:
+            self._done, self._rested = self._ring["done"], False
+            self._free.clear()
+        readings = np.array(self._samples.readings(slots["values"].copy()))
+        if not self._rested:
+            self._rest(readings, slots)
+        elif watched:
+            self._estimator.update_into(1e-9 * float(slots["stamp"][-1]), readings[-1], self._rows)
+            self._layer.feed(self._estimator.force.reshape(-1).copy())
+
+    def _rest(self, readings: np.ndarray, slots: np.ndarray) -> None:
+        free = (slots["ready"] > 0) & (slots["contacts"][:, 0, ROW.status] == Status.NO_CONTACT)
+        self._free = [*self._free, *readings[free]][-REST:]
+        if len(self._free) < REST:
+            return
+        frames, self._free = np.stack(self._free), list[np.ndarray]()
+        try:
+            self._estimator.tare(Recording(np.arange(float(REST)), {CELLS: frames}, source="the stream"))
+        except InputError:  # not steady: the next ones are tried; the receiver says what is the matter
+            return
+        self._rested = True
+
+
+class _Frames:
+    """The last frame of a camera, and the markers in it."""
+
+    def __init__(self, estimator: RingEstimator, layer: RingLayer) -> None:
+        self._estimator, self._layer, self._at = estimator, layer, -np.inf
+
+    def __call__(self, slots: np.ndarray, watched: bool) -> None:
+        now = time.monotonic()
+        if not watched or now - self._at < TOLD:
+            return
+        self._at, frame = now, slots["values"][-1]
+        pixels = np.full((len(self._estimator.ring), 2), np.nan)
+        self._estimator.tracker.track(frame, pixels)
+        self._layer.feed(frame, pixels)

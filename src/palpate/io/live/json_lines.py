@@ -1,0 +1,182 @@
+"""Contacts as JSON over UDP or a UNIX socket, for anything that can read a line: a datagram a sample."""
+
+from __future__ import annotations
+
+import json
+import os
+import socket
+from collections.abc import Callable, Iterator
+from time import monotonic
+from typing import Any
+
+import numpy as np
+
+from palpate.contact.contacts import Contacts
+from palpate.contact.estimate import Status
+from palpate.errors import InputError
+
+__all__ = ["JsonLines", "datagram_address"]
+
+UDP, UNIX = "udp", "unix"
+LONGEST = 107  # bytes of a UNIX socket's path
+AGAIN = 10.0  # s between two sentences on what was dropped
+
+Address = str | tuple[str, int] | tuple[str, int, int, int]
+
+
+def datagram_address(to: str) -> tuple[socket.AddressFamily, Address]:
+    """Where datagrams go.
+
+    Args:
+        to: "udp:HOST:PORT" or "unix:PATH".
+
+    Raises:
+        InputError: it is neither, there is no such host or port, or the path is too long or in no folder.
+    """
+    kind, _, rest = to.partition(":")
+    if kind == UNIX:
+        return _unix(rest, to)
+    host, _, port = rest.rpartition(":")
+    if kind != UDP or not host or not port.isdecimal() or not 0 < int(port) < 2**16:
+        raise InputError("is no address for datagrams.", where=to, hint="Write udp:HOST:PORT or unix:PATH.")
+    try:
+        family, _, _, _, address = socket.getaddrinfo(host.strip("[]"), int(port), type=socket.SOCK_DGRAM)[0]
+    except (OSError, UnicodeError) as problem:
+        reason = problem.strerror if isinstance(problem, OSError) else "no name of a host"
+        raise InputError(f"names a host that is not known ({reason}).", where=to) from problem
+    return family, address  # pyright: ignore[reportReturnType] - of these two families an address has host and port
+
+
+def _unix(path: str, to: str) -> tuple[socket.AddressFamily, Address]:
+    if not path or len(os.fsencode(path)) > LONGEST or "\0" in path:
+        raise InputError(f"needs a path of 1 to {LONGEST} bytes.", where=to, hint="Write unix:PATH.")
+    if not os.path.isdir(os.path.dirname(path) or "."):
+        raise InputError("lies in a folder that is not there.", where=to, hint="Make the folder first.")
+    return socket.AF_UNIX, path
+
+
+class JsonLines:
+    """One JSON object a datagram, which ends with a newline; a number that is none is null.
+
+    ```json
+    {"sample": 1200, "time": 1700000001.2, "status": "contact", "contacts": [{"identity": 0, "status": "contact",
+     "point": [m], "normal": [], "force": [N], "torque": N m, "covariance": [9, m^2, row by row], "residual": , ...}]}
+    ```
+
+    `contacts` are those that have a place, the strongest first, each with the sensor's features in SI; `status` is that
+    of the strongest, or says why there is none. Nothing waits: what the network or a slow listener cannot take is
+    dropped and counted; where nobody listens nothing happens.
+
+    Args:
+        to: "udp:HOST:PORT" or "unix:PATH", a datagram socket that the listener makes.
+        rate: [Hz] at most; the newest sample goes out, and whatever changes the status or who is in contact goes at
+            once. 0: every sample.
+        clock: [s], for the rate.
+
+    Attributes:
+        sent: lines that somebody could take.
+        dropped: lines for which there was no room, or that were too long for a datagram.
+
+    Raises:
+        InputError: there is no such address.
+    """
+
+    def __init__(self, to: str, rate: float = 100.0, clock: Callable[[], float] = monotonic) -> None:
+        family, self._address = datagram_address(to)
+        self.to, self.sent, self.dropped = to, 0, 0
+        self._socket = socket.socket(family, socket.SOCK_DGRAM)
+        self._socket.setblocking(False)
+        self._period, self._clock = 1.0 / rate if rate else 0.0, clock
+        self._due = self._say_at = -np.inf
+        self._said_of = 0
+        self._state: tuple[object, ...] | None = None
+        self._waiting: Contacts | None = None
+
+    def publish(self, contacts: Contacts) -> None:
+        """Send what is due of the next samples.
+
+        Args:
+            contacts: in order; none: only what had to wait for the rate is sent.
+        """
+        for one, last in _each(contacts, every=not self._period):
+            state = (*one.status.tolist(), *one.identity.tolist())
+            if state != self._state or not self._period:
+                self._send(one)
+                self._state, self._waiting = state, None
+            elif last:
+                self._waiting = one
+        if self._waiting is not None and self._clock() >= self._due:
+            self._send(self._waiting)
+            self._waiting = None
+
+    def said(self) -> list[str]:
+        """What happened since this was last asked: lines that were dropped, every ten seconds at most."""
+        now = self._clock()
+        if self.dropped == self._said_of or now < self._say_at:
+            return []
+        more, self._said_of, self._say_at = self.dropped - self._said_of, self.dropped, now + AGAIN
+        return [f"{self.to}: {more} lines were dropped, because they did not fit in; {self.sent} were sent"]
+
+    def close(self) -> None:
+        """May be called twice."""
+        self._socket.close()
+
+    def _send(self, contacts: Contacts) -> None:
+        self._due = self._clock() + self._period
+        line = json.dumps(_object(contacts), allow_nan=False, separators=(",", ":")).encode() + b"\n"
+        try:
+            self._socket.sendto(line, self._address)
+        except (ConnectionRefusedError, FileNotFoundError):  # nobody listens
+            return
+        except OSError:  # no room, too long, no way there: the line is lost, and `said` counts it
+            self.dropped += 1
+            return
+        self.sent += 1
+
+
+def _each(contacts: Contacts, every: bool) -> Iterator[tuple[Contacts, bool]]:
+    """Each sample, and whether it is the last; unless `every` is wanted, only those where something may change."""
+    if not len(contacts):
+        return
+    starts = np.flatnonzero(np.diff(contacts.sample, prepend=contacts.sample[0] - 1))
+    ends = np.append(starts[1:], len(contacts))
+    several = len(starts) < len(contacts)
+    for k, (start, end) in enumerate(zip(starts.tolist(), ends.tolist(), strict=True)):
+        last = k + 1 == len(starts)
+        same = k > 0 and not (several or every) and contacts.status[start] == contacts.status[start - 1]
+        if not same or last or contacts.identity[start] != contacts.identity[start - 1]:
+            yield contacts[start:end], last
+
+
+def _object(contacts: Contacts) -> dict[str, Any]:
+    """One sample."""
+    order = np.argsort(-np.nan_to_num(np.linalg.norm(contacts.force, axis=1), nan=-1.0), kind="stable")
+    found = contacts[order]
+    return {
+        "sample": int(found.sample[0]),
+        "time": _number(found.time[0]),
+        "status": Status(int(found.status[0])).label,
+        "contacts": [_contact(found, row) for row in np.flatnonzero(found.located).tolist()],
+    }
+
+
+def _contact(found: Contacts, row: int) -> dict[str, Any]:
+    return {
+        "identity": int(found.identity[row]),
+        "status": Status(int(found.status[row])).label,
+        "point": _numbers(found.point[row]),
+        "normal": _numbers(found.normal[row]),
+        "force": _numbers(found.force[row]),
+        "torque": _number(found.torque[row]),
+        "covariance": _numbers(found.covariance[row].ravel()),
+        "residual": _number(found.residual[row]),
+        **{name: _number(values[row]) for name, values in found.features.items()},
+    }
+
+
+def _number(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
+
+
+def _numbers(values: np.ndarray) -> list[float | None]:
+    return [_number(value) for value in values.tolist()]

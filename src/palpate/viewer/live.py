@@ -1,0 +1,243 @@
+"""Contacts while they happen, as a page: the body with the contacts of now, force over ten seconds, figures."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from html import escape
+from time import monotonic
+
+import numpy as np
+
+from palpate.contact.contacts import Contacts
+from palpate.surfaces import Surface
+from palpate.viewer.captions import caption
+from palpate.viewer.layer import Layer
+from palpate.viewer.samples import sample_starts, totals
+from palpate.viewer.scene import MAGNIFICATIONS, Scene, nothing, prepare
+from palpate.viewer.scene3d import Scene3D, Settings
+from palpate.viewer.server import address, listen, quiet
+from palpate.viewer.timeline import downsampled
+from palpate.viewer.widgets import ELLIPSE, add_curves, dock, table, theme
+
+__all__ = ["SECONDS", "Figures", "LivePage", "recent"]
+
+SECONDS = 10.0  # of a window
+ROWS = 600  # of the curve
+FINE = 4  # parts of what is added to a window at once
+SETTLED = 2.0  # s between two scales of arrows and ellipses
+AUTO = "auto"
+SILENT = 1.0  # s without a sample, after which the page says so
+_RED, _GREY = "#cc3311", "#8a96a1"
+
+
+@dataclass(frozen=True)
+class Figures:
+    """What a page says of a stream.
+
+    Attributes:
+        rate: [Hz] of the last seconds.
+        latency: [s] from a sample's arrival to its contacts: median, 99 %, largest of the last ten seconds; None where
+            nothing is known.
+        lost: samples that the device sent and that never came.
+        skipped: samples that this page was too slow to see; they are recorded all the same.
+        silent: [s] since the last sample.
+        samples: received so far.
+        taring: a tare was asked for and is not taken yet.
+        tare: the last sentence on a tare; "" where none was said.
+        said: times of day and the last sentences, the newest last.
+    """
+
+    rate: float = 0.0
+    latency: tuple[float, float, float] | None = None
+    lost: int = 0
+    skipped: int = 0
+    silent: float = 0.0
+    samples: int = 0
+    taring: bool = False
+    tare: str = ""
+    said: tuple[tuple[str, str], ...] = ()
+
+
+class LivePage:
+    """A page that is fed; served from a thread of its own until `stop`, and by itself as a context manager.
+
+    Nothing is computed or sent for a value that is the same as before; what a browser does not fetch is replaced by
+    what comes after it, so that one that stalls costs no memory.
+
+    Args:
+        surface: the body; None: the layers show it.
+        layers: what the sensor adds.
+        title: what to call it.
+        tare: called when a person asks for one.
+        host: address to listen at; only this machine can reach the default.
+        port: the first to try; 0 for any.
+
+    Raises:
+        InputError: viser is not installed, or nothing can listen there.
+    """
+
+    def __init__(
+        self,
+        surface: Surface | None,
+        layers: Sequence[Layer],
+        title: str,
+        tare: Callable[[], None],
+        host: str = "127.0.0.1",
+        port: int = 8080,
+    ) -> None:
+        self.scene: Scene = prepare(surface, nothing(), title, layers)
+        self._server, self._scaled = listen(host, port), -np.inf
+        gui = self._server.gui
+        with self._server.atomic():
+            self._scene3d = Scene3D(self._server, self.scene)
+            dock(gui, title)
+            self._alarm = gui.add_html("")
+            self._now = gui.add_html("")
+            for layer in layers:
+                layer.panel(gui)
+            self._force = add_curves(gui, ("force [N]",), ("#0072b2",), (-SECONDS, 0.0))
+            self._figures = gui.add_html("")
+            self._tare = gui.add_button("Tare", hint="take what the sensor reads now for nothing touching it")
+            self._add_settings()
+            self._sentences = gui.add_html("")
+        self._tare.on_click(lambda _: tare())
+        self._scene3d.show(self.scene.at(0), Settings(heat=False, trail=0.0, magnification=1))
+        self.tell(None, Figures())
+
+    @property
+    def address(self) -> str:
+        """To open in a browser."""
+        return address(self._server)
+
+    @property
+    def watched(self) -> bool:
+        """Somebody looks."""
+        return bool(self._server.get_clients())
+
+    def show(self, found: Contacts) -> None:
+        """Draw contacts, thirty times a second if that is wanted.
+
+        Args:
+            found: of one sample, in the surface's frame.
+        """
+        scene = self.scene.showing(found)
+        with self._server.atomic():
+            self._scene3d.move(scene, scene.at(0), self._magnification)
+
+    def tell(self, window: Contacts | None, figures: Figures) -> None:
+        """Words, figures, the curve and the trail, a few times a second: nobody reads faster.
+
+        Args:
+            window: of the last seconds, see `recent`; None: nothing is known yet.
+            figures: of now.
+        """
+        if window is not None:
+            self.scene = self.scene.showing(window)
+            if monotonic() - self._scaled > SETTLED:  # not with every picture, or arrows would breathe
+                self.scene, self._scaled = self.scene.scaled(), monotonic()
+        scene = self._scene3d.scene = self.scene
+        moment = scene.at(len(scene) - 1)
+        lines = [line for layer in scene.layers for line in layer.captions(scene, moment.index)]
+        with self._server.atomic():
+            self._scene3d.show_trail(moment, float(self._trail.value))
+            self._now.content = caption(moment, self._magnification, lines)
+            self._force.data = self._curve(figures.silent)
+            self._alarm.content = _alarm(figures)
+            self._figures.content = _described(figures)
+            self._sentences.content = _sentences(figures)
+            self._tare.label = "Taring" if figures.taring else "Tare"
+            self._tare.disabled = figures.taring
+
+    def stop(self) -> None:
+        """Close the page and free its port."""
+        with quiet():
+            self._server.stop()
+
+    def __enter__(self) -> LivePage:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.stop()
+
+    def _curve(self, silent: float) -> tuple[np.ndarray, np.ndarray]:
+        """Seconds before now, and the force; the curve knows no NaN."""
+        timeline = self.scene.timeline
+        clock, force = downsampled(timeline.clock, self.scene.total[:, None], ROWS)
+        return clock - timeline.duration - (silent if silent > SILENT else 0.0), np.nan_to_num(force[:, 0])
+
+    @property
+    def _magnification(self) -> int:
+        chosen = self._ellipse.value
+        return self.scene.magnification if chosen == AUTO else int(chosen.removeprefix("x "))
+
+    def _add_settings(self) -> None:
+        gui = self._server.gui
+        with gui.add_folder("Show", expand_by_default=False):
+            self._trail = gui.add_slider("trail [s]", 0.0, SECONDS, 0.5, 2.0)
+            options = (AUTO, *(f"x {times}" for times in MAGNIFICATIONS))
+            self._ellipse = gui.add_dropdown("ellipse", options, initial_value=AUTO, hint=ELLIPSE)
+            dark = gui.add_checkbox("dark", False)
+        dark.on_update(lambda _: theme(gui, dark.value))
+
+
+def recent(window: Contacts | None, new: Contacts) -> Contacts:
+    """A window of the last seconds and of more samples: of these some of most and of least force, and the last."""
+    starts = sample_starts(new)
+    force = np.nan_to_num(totals(new, starts))
+    wanted = np.zeros(len(starts), dtype=bool)
+    parts = np.array_split(force, max(1, min(FINE, len(force))))
+    first = np.cumsum([0, *(len(part) for part in parts[:-1])])
+    for begin, part in zip(first.tolist(), parts, strict=True):
+        wanted[[begin + int(part.argmin()), begin + int(part.argmax())]] = True
+    wanted[-1] = True
+    some = new[np.repeat(wanted, np.diff(starts, append=len(new)))]
+    whole = some if window is None else Contacts.joined([window, some])
+    newest = float(whole.time[-1])
+    return whole[(whole.time > newest - SECONDS) & (whole.time <= newest)]  # a clock that was set back begins anew
+
+
+def _alarm(figures: Figures) -> str:
+    """What must not be overlooked: nothing comes."""
+    if figures.silent <= SILENT and figures.samples:
+        return ""
+    for_long = f"no samples for {figures.silent:.0f} s"
+    text = f"{for_long}: what is shown is old" if figures.samples else f"{for_long}: none came yet"
+    return (
+        f'<div role="alert" style="margin:.5em .7em 0;padding:.35em .7em;border-radius:.4em;color:#fff;'
+        f'background:{_RED};font-weight:600">{text}</div>'
+    )
+
+
+def _described(figures: Figures) -> str:
+    latency = "&ndash;"
+    if figures.latency is not None:
+        middle, most, worst = (f"{1e6 * value:,.0f}" for value in figures.latency)
+        latency = f"median {middle}, 99&nbsp;% {most}, worst {worst} &micro;s"
+    drops = f"{figures.lost:,} lost" + (f", {figures.skipped:,} not shown" if figures.skipped else "")
+    if figures.lost:
+        drops = f'<span style="color:{_RED};font-weight:600">{drops}</span>'
+    rows = [
+        ("rate", f"<b>{figures.rate:,.0f} Hz</b>"),
+        ("latency", latency),
+        ("samples", f"{figures.samples:,}, {drops}"),
+        ("tare", escape(figures.tare) if figures.tare else "none yet"),
+    ]
+    return (
+        '<div style="padding:.3em .7em 0;font-size:.8em;line-height:1.45;font-variant-numeric:tabular-nums">'
+        f"{table(rows)}</div>"
+    )
+
+
+def _sentences(figures: Figures) -> str:
+    """The newest first."""
+    if not figures.said:
+        return ""
+    lines = "".join(
+        f'<div><span style="color:{_GREY}">{when}</span> {escape(sentence)}</div>'
+        for when, sentence in reversed(figures.said)
+    )
+    return (
+        '<div style="padding:.2em .7em .6em;font-size:.75em;line-height:1.4;overflow-wrap:anywhere;'
+        f'font-variant-numeric:tabular-nums">{lines}</div>'
+    )

@@ -1,0 +1,67 @@
+"""What the panels of all pages are made of: their look, curves over time, tables of figures."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from viser import GuiApi, GuiUplotHandle
+
+__all__ = ["ELLIPSE", "add_curves", "dock", "table", "theme"]
+
+ELLIPSE = "the 95 % ellipse of a point, drawn so many times as large"
+_TITLE = """<style onload="document.title='Palpate'"></style>"""  # viser names its page after itself
+
+
+def theme(gui: GuiApi, dark: bool) -> None:
+    """Light, or dark."""
+    gui.configure_theme(
+        control_width="large", dark_mode=dark, show_logo=False, show_share_button=False, brand_color=(0, 114, 178)
+    )
+
+
+def dock(gui: GuiApi, title: str) -> None:
+    """A panel at the right, named after what is shown."""
+    theme(gui, dark=False)
+    gui.set_panel_label(f"Palpate \u00b7 {title}" if title else "Palpate")
+    gui.main_panel.dock_right()
+    gui.add_html(_TITLE)
+
+
+def table(rows: Sequence[tuple[str, str]]) -> str:
+    """Names and what stands beside them, as HTML."""
+    made = "".join(
+        f'<tr><td style="opacity:.6;padding-right:.8em;white-space:nowrap;vertical-align:top">{name}</td>'
+        f"<td>{value}</td></tr>"
+        for name, value in rows
+    )
+    return f"<table>{made}</table>"
+
+
+def add_curves(
+    gui: GuiApi, names: Sequence[str], inks: Sequence[str], span: tuple[float, float] | None = None
+) -> GuiUplotHandle:
+    """Lines over time [s], whose `data` is to be set: times, and the values of each.
+
+    Args:
+        gui: to add them to.
+        names: of the lines, with their units.
+        inks: their colours.
+        span: [s] that is shown; None: whatever there is.
+    """
+    from viser import uplot
+
+    curves: list[Any] = [
+        uplot.Series(label=name, stroke=ink, width=1.25) for name, ink in zip(names, inks, strict=True)
+    ]
+    across = uplot.Scale(time=False) if span is None else uplot.Scale(time=False, range=span)
+    return gui.add_uplot(
+        tuple(np.zeros(1) for _ in range(1 + len(names))),
+        (uplot.Series(label="time [s]"), *curves),
+        scales={"x": across},
+        legend=uplot.Legend(show=True, live=False),
+        height=150,
+    )
