@@ -88,9 +88,8 @@ def live(
                 worker.start()
             _watch(supervisor, ring, heard, seconds)
         finally:
-            said = supervisor.stop(ring)
+            note(supervisor.stop(ring), kind="warning")
         summary(ring)
-        note(said, kind="warning")
         if record is not None:
             lines([("record", str(record))])
 

@@ -109,6 +109,10 @@ class JsonLines:
             self._send(self._waiting)
             self._waiting = None
 
+    def tare_asked(self) -> bool:
+        """Nobody can: datagrams go one way."""
+        return False
+
     def said(self) -> list[str]:
         """What happened since this was last asked: lines that were dropped, every ten seconds at most."""
         now = self._clock()

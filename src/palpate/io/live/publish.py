@@ -29,8 +29,12 @@ _HINT = "Write ros2, ros2:DOMAIN, udp:HOST:PORT or unix:PATH."
 class Publisher(Protocol):
     """Takes contacts as they come; whoever listens gets some of them, and nothing waits for him."""
 
-    def publish(self, contacts: Contacts) -> None:
+    def publish(self, contacts: Contacts) -> object:
         """The next samples, in order; none: what had to wait for the rate may go out now."""
+        ...
+
+    def tare_asked(self) -> bool:
+        """Whether somebody has asked for a tare since this was last asked."""
         ...
 
     def said(self) -> list[str]:
@@ -50,7 +54,9 @@ def _ros(to: str, form: Form, rig: Rig, rate: float) -> Publisher:
     if domain is None:
         domain = 0 if source is None else source.domain
     interface = "" if source is None else source.interface
-    return RosPublisher(form.frame, form.features, rate=rate or inf, domain=domain, interface=interface)
+    made = RosPublisher(form.frame, form.features, rate=rate or inf, domain=domain, interface=interface)
+    made.open()
+    return made
 
 
 def _json(to: str, form: Form, rig: Rig, rate: float) -> Publisher:
@@ -107,18 +113,22 @@ def open_publisher(to: str, form: Form, rig: Rig, rate: float = RATE) -> Publish
 def publish(ring: Path, to: str, rig: Path, parent: int, rate: float = RATE) -> None:
     """A process that publishes what passes through a ring, from now on, until it is stopped or its parent is gone.
 
-    Raises:
-        InputError: the address, the ring or the rig cannot be used.
+    What is wrong with the address is said in the ring, and the process ends with 1.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's, which says stop
     read = Ring(ring)
-    publisher = open_publisher(to, read.form, load_rig(rig), rate)
+    try:
+        publisher = open_publisher(to, read.form, load_rig(rig), rate)
+    except InputError as problem:
+        read.say(f"nothing is published to {to}: {problem}")
+        raise SystemExit(1) from problem
     try:
         next_one = read["answered"]
         while not read["stop"] and not orphaned(parent):
             slots, first = read.read(next_one, MOST)
             next_one = first + len(slots)
             publisher.publish(read.form.contacts(slots, first))
+            read["asked"] += int(publisher.tare_asked())
             for sentence in publisher.said():
                 read.say(sentence)
             if len(slots) < MOST:

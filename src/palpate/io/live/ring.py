@@ -10,6 +10,7 @@ a description as JSON; the last sentences on what happened. Behind it stand the 
 
 from __future__ import annotations
 
+import fcntl
 import json
 import mmap
 import os
@@ -206,11 +207,13 @@ class Ring:
         self["answered"] = first + len(counts)
 
     def say(self, sentence: str) -> None:
-        """Keep a sentence with the time, for all who read the ring; one process says them."""
-        count = self["said"]
+        """Keep a sentence with the time, for all who read the ring; any process may, one at a time."""
         text = sentence.encode()[: SENTENCE - 1].decode(errors="ignore").encode()
-        self._sentences[count % SENTENCES] = (time.time_ns(), text)
-        self["said"] = count + 1
+        with self.path.open("r+b") as file:
+            fcntl.lockf(file, fcntl.LOCK_EX, 1, _SAID)  # let go of when the file is closed, or the process killed
+            count = self["said"]
+            self._sentences[count % SENTENCES] = (time.time_ns(), text)
+            self["said"] = count + 1
 
     def said(self, since: int) -> tuple[list[tuple[int, str]], int]:
         """Stamps [ns] and sentences from a number on, as far as they are kept, and the number to go on from."""

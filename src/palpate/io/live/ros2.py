@@ -59,6 +59,7 @@ class RosTopics:
         self._array = None if layout.images is not None else main_channel(layout)
         self.shape: tuple[int, ...] = () if layout.images else (6,) if self._array is None else self._array.shape
         self.dtype: DTypeLike = np.uint8 if layout.images else np.float64
+        self.poses = poses is not None
         self.topic = Topic("", "", "cdr")
         self.posed: Posed | None = None
         self._reader: Reader | None = None
@@ -71,11 +72,6 @@ class RosTopics:
         self._clock = _Clock()
         self._heard: float | None = None
         self._quiet = False
-
-    @property
-    def poses(self) -> bool:
-        """Whether the rig names a topic of poses, or two frames."""
-        return self._poses is not None
 
     @classmethod
     def of(cls, rig: Rig) -> RosTopics:
