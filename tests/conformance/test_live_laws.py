@@ -42,7 +42,7 @@ def test_a_replayed_log_is_answered_as_the_log_is(live: Live, tmp_path: Path) ->
         while not live.source.ended:
             found.append(live.step(0.0))
         found.append(live.finish())
-    assert not [said for said in live.said() if "cannot be used" in said]
+    assert not [said for said in live.said() if "invalid until" in said]
     with palpate.open_log(live.source.path, live.rig) as opened:
         recording = join(list(opened))
     channels = {name: values for name, values in recording.channels.items() if name != UNSTEADY}

@@ -89,7 +89,8 @@ def live(
             _watch(supervisor, ring, heard, seconds)
         finally:
             note(supervisor.stop(ring), kind="warning")
-        summary(ring)
+        if ring is not None:
+            summary(ring)
         if record is not None:
             lines([("record", str(record))])
 

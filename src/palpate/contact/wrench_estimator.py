@@ -236,7 +236,8 @@ class WrenchEstimator:
             rows[:] = self._block(Recording(time[:count], {**channels, **kept}, source="the stream")).rows
         else:
             self._live.block(time[:count], readings[:count], kept, rows)
-        self._placed(rows)
+        if self.placement:
+            self._placed(rows)
         counts[:count] = 1
         self._samples += count
         return count

@@ -23,6 +23,7 @@ __all__ = ["Compensation"]
 
 NOTHING = Payload(np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3))
 EXPLAINED = 2.0  # residual over noise, squared, up to which the noise explains what a payload leaves
+UPRIGHT = np.eye(3)[None]
 SURE = 5.0  # times what it is unsure by: a tare of less is no touch
 
 
@@ -354,7 +355,7 @@ class Compensation:
     def _rotations(self, channels: Mapping[str, np.ndarray], source: str) -> Float[np.ndarray, "_ 3 3"]:
         """Sensor in base, NaN where the quaternion is none; the identity where nothing needs it."""
         if not self.needs_orientation:
-            return np.eye(3)[None]
+            return UPRIGHT
         quaternions = channels.get(ORIENTATION)
         if quaternions is None:
             raise InputError(

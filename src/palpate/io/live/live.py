@@ -30,6 +30,7 @@ __all__ = ["Answers", "Live", "open_live"]
 NUMBERS = 1 << 22  # of a batch
 JUMP = 50_000_000  # ns between the clock of the day and the one that only runs, which is a jump
 TILT = 9.81 / 3**0.5  # m/s^2 along each axis, for a radian by which the direction of gravity is off
+AGAIN = 10.0  # s between sentences on starts that cannot be used
 TARE = 1.0  # s, where the rig does not say
 
 
@@ -120,7 +121,7 @@ class Live:
         self._tare: _Window | None = None
         self._ring: Ring | None = None
         self._said: list[str] = []
-        self._clock = _offset()
+        self._clock, self._quiet = _offset(), 0.0
 
     def form(self, frame: str = "surface", rig: str = "") -> Form:
         """What passes through a ring of this stream."""
@@ -199,30 +200,29 @@ class Live:
         batch, beside = self._batch, dict[str, np.ndarray]()
         if self._poses is not None:
             self._poses.at(batch.stamp[:count]).into(batch)
-        unsteady = TILT * batch.turned[:count]
+        unsteady = TILT * batch.turned[:count] if self._posed else batch.turned
         if self._posed:
             beside = {ORIENTATION: batch.orientation[:count].copy(), POSITION: batch.position[:count].copy()}
             beside |= {ACCELERATION: batch.acceleration[:count].copy(), UNSTEADY: unsteady[:, None]}
         if self._ring is not None:
             self._ring.take_in(batch, count, unsteady)
-        readings = np.array(self._samples.readings(batch.values[:count].copy()))
-        return _Samples(batch.stamp[:count].copy(), readings, beside)
+        return _Samples(batch.stamp[:count].copy(), self._samples.readings(batch.values[:count]), beside)
 
     def _answered(self, samples: _Samples) -> Answers:
         """Through the estimator, as many at a time as there is room for."""
-        total, done, rows = len(samples.stamp), 0, list[np.ndarray]()
+        total, done, parts = len(samples.stamp), 0, list[np.ndarray]()
         counts, times = np.zeros(total, dtype=np.int64), seconds(samples.stamp)
         while done < total:
             piece = slice(done, done + len(self._batch))
-            beside = {name: values[piece] for name, values in samples.beside.items()}
+            beside = {name: values[piece] for name, values in samples.beside.items()} if samples.beside else {}
             many = counts[piece]
             step = self.estimator.run_into(times[piece], samples.readings[piece], self._rows, many, beside)
-            made = self._rows[: int(many[:step].sum())].copy()
-            rows.append(made)
+            rows = self._rows[: int(many[:step].sum())]
             if self._ring is not None:
-                self._ring.answer(made, many[:step])
+                self._ring.answer(rows, many[:step])
+            parts.append(rows.copy())
             done += step
-        return Answers(samples.stamp, counts, rows[0] if len(rows) == 1 else np.concatenate([self._rows[:0], *rows]))
+        return Answers(samples.stamp, counts, parts[0] if len(parts) == 1 else np.concatenate(parts))
 
     def _started(self, start: _Window, samples: _Samples | None) -> Answers:
         """The first seconds: samples are kept until what the rig wants of them is known."""
@@ -251,7 +251,9 @@ class Live:
         try:
             made = build.result()
         except InputError as problem:
-            self._said.append(f"the start cannot be used, and the next seconds are taken: {problem}")
+            if time.monotonic() > self._quiet:
+                self._said.append(f"contacts are invalid until the start can be used: {problem}")
+                self._quiet = time.monotonic() + AGAIN
             self._start = _Window(start.length)
             return self._refused(start.joined())
         self._said += [*made.doubted, *made.said]

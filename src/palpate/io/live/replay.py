@@ -95,7 +95,7 @@ class Replay:
         if count:
             part = slice(start, start + count)
             batch.stamp[:count] = np.rint(np.nan_to_num(piece.time[part]) * 1e9).astype(np.int64)
-            batch.arrived[:count], batch.lost[:count] = time.time_ns(), 0
+            batch.arrived, batch.lost[:count] = np.full(count, time.time_ns()), 0
             batch.values[:count] = values_of(piece)[part]
             for name, into in ((ORIENTATION, batch.orientation), (POSITION, batch.position)):
                 into[:count] = piece.channels[name][part] if name in piece.channels else np.nan

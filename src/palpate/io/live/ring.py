@@ -38,6 +38,7 @@ _WORDS = (
     *("version", "slots", "received", "answered", "alive", "said", "asked", "done", "stop"),
     *("recorded", "bytes", "noted", "missed", "file", "began"),  # the recorder's
 )
+_PLACE = {word: place for place, word in enumerate(_WORDS)}
 _JSON, _SAID = 4096, 24576  # where the description and the sentences begin
 SENTENCES, SENTENCE = 128, 320  # kept, and bytes of each
 SIZE = 1 << 26  # bytes of slots, as a rule
@@ -130,6 +131,7 @@ class Ring:
         if count < LEAST or HEAD + count * slot.itemsize > size:
             raise InputError("is cut off: it is shorter than its head says.", where=str(path))
         self.slots = np.frombuffer(self._map, slot, count, HEAD)
+        self._fields = {name: self.slots[name] for name in slot.names or ()}
         self._sentences = np.frombuffer(self._map, [("stamp", "<i8"), ("text", f"S{SENTENCE}")], SENTENCES, _SAID)
 
     @classmethod
@@ -159,14 +161,14 @@ class Ring:
 
     def __getitem__(self, word: str) -> int:
         """A number that processes share."""
-        return int(self._words[_WORDS.index(word), 0])
+        return int(self._words[_PLACE[word], 0])
 
     def __setitem__(self, word: str, value: int) -> None:
-        self._words[_WORDS.index(word), 0] = value
+        self._words[_PLACE[word], 0] = value
 
     def close(self) -> None:
         """Let go of the file, which stays."""
-        del self._words, self.slots, self._sentences
+        del self._words, self.slots, self._fields, self._sentences
         self._map.close()
 
     def take_in(self, batch: Batch, count: int, unsteady: Float[np.ndarray, " n"]) -> int:
@@ -175,16 +177,17 @@ class Ring:
         Returns:
             the number of the first.
         """
-        first = self["received"]
+        first, fields = self["received"], self._fields
+        given = {"stamp": batch.stamp, "lost": batch.lost, "values": batch.values}
+        given["arrived"] = batch.stamp if batch.arrived is None else batch.arrived
+        if self.form.poses:
+            given |= {name: getattr(batch, name) for name in ("orientation", "position", "acceleration")}
+            given["unsteady"] = unsteady
         for here, part in self._parts(first, count):
-            slots = self.slots[here]
-            slots["ready"], slots["rows"] = 0, 0
-            slots["number"] = first + 1 + np.arange(part.start, part.stop)
-            for name in ("stamp", "lost", "values", "orientation", "position", "acceleration"):
-                slots[name] = getattr(batch, name)[part]
-            arrived = batch.arrived[part]
-            slots["arrived"] = np.where(arrived > 0, arrived, batch.stamp[part])
-            slots["unsteady"] = unsteady[part]
+            fields["ready"][here] = fields["rows"][here] = 0
+            fields["number"][here] = np.arange(first + 1 + part.start, first + 1 + part.stop)
+            for name, values in given.items():
+                fields[name][here] = values[part]
         self["received"] = first + count
         return first
 
@@ -195,15 +198,15 @@ class Ring:
         first, done = self["answered"], 0
         now = time.time_ns() if known else 0
         for here, part in self._parts(first, len(counts)):
-            slots, many = self.slots[here], counts[part]
+            fields, many = self._fields, counts[part]
             if known and self.form.most == 1:
-                slots["contacts"][:, 0] = rows[part]
+                fields["contacts"][here, 0] = rows[part]
             else:
                 which = np.repeat(np.arange(len(many)), many)
                 place = np.arange(len(which)) - np.repeat(np.cumsum(many) - many, many)
-                slots["contacts"][which, place] = rows[done : done + len(which)]
+                fields["contacts"][here][which, place] = rows[done : done + len(which)]
                 done += len(which)
-            slots["rows"], slots["ready"] = many, now
+            fields["rows"][here], fields["ready"][here] = many, now
         self["answered"] = first + len(counts)
 
     def say(self, sentence: str) -> None:

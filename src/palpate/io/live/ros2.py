@@ -115,7 +115,7 @@ class RosTopics:
             return 0
         self._hear()
         batch.stamp[:count], batch.values[:count], batch.lost[:count] = stamp, values, 0
-        batch.arrived[:count] = time.time_ns()
+        batch.arrived = np.full(count, time.time_ns())
         batch.lost[0], self._missed = self._missed, 0
         if self._poses is not None:
             self.posed = self._poses.at(stamp)

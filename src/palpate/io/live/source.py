@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 import numpy as np
+from jaxtyping import Int
 from numpy.typing import DTypeLike
 
 if TYPE_CHECKING:
@@ -23,7 +24,7 @@ class Batch:
     Attributes:
         stamp: (size,) int64 [ns] since 1970: the time of each: when it arrived, by the kernel where that says so, or as
             its message or log states it.
-        arrived: (size,) int64 [ns] since 1970, where that is another time than `stamp`; 0: it is not.
+        arrived: (size,) int64 [ns] since 1970, where that is another time than `stamp`; None: it is not.
         lost: (size,) int64: samples missing just before it, by the device's counter; 0 where it has none.
         values: (size, *shape) as a log of the same rig holds them: a wrench force first, in the rig's units and axes.
         orientation: (size, 4) quaternion x, y, z, w of the sensor in the base, NaN where the source knows none.
@@ -34,7 +35,7 @@ class Batch:
 
     def __init__(self, shape: tuple[int, ...], size: int = BATCH, dtype: DTypeLike = np.float64) -> None:
         self.stamp = np.zeros(size, dtype=np.int64)
-        self.arrived = np.zeros(size, dtype=np.int64)
+        self.arrived: Int[np.ndarray, " size"] | None = None
         self.lost = np.zeros(size, dtype=np.int64)
         self.values = np.zeros((size, *shape), dtype=dtype)
         self.orientation = np.full((size, 4), np.nan)

@@ -120,9 +120,11 @@ def shape_of(messages: Messages, topic: Topic) -> tuple[int, ...] | None:
 
 def seconds(nanoseconds: Int[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
     """The doubles nearest to these times."""
-    whole, rest = np.divmod(nanoseconds, 10**9)
-    exact = np.abs(nanoseconds) < 2**53
-    return np.where(exact, nanoseconds / 1e9, whole + rest / 1e9)
+    whole = nanoseconds // 10**9
+    split = whole + (nanoseconds - whole * 10**9) / 1e9
+    if len(nanoseconds) and nanoseconds.min() >= 2**53:  # as all are since 1970
+        return split
+    return np.where(np.abs(nanoseconds) < 2**53, nanoseconds / 1e9, split)
 
 
 def _fixed(cursor: Cursor, kind: Kind) -> tuple[np.ndarray, np.ndarray]:

@@ -32,10 +32,11 @@ class Samples:
 
     def __init__(self, layout: Layout, path: Path) -> None:
         axes = axis_matrix(layout.axes, left_handed=layout.left_handed, where="axes")
-        self._picked = np.argmax(np.abs(axes), axis=1)
-        self._signs = axes[np.arange(3), self._picked]
-        self._force = to_si(layout.force_unit, FORCE_UNITS, where="units.force")
-        self._torque = to_si(layout.torque_unit, TORQUE_UNITS, where="units.torque")
+        picked = np.argmax(np.abs(axes), axis=1)
+        signs = axes[np.arange(3), picked]
+        force = to_si(layout.force_unit, FORCE_UNITS, where="units.force")
+        torque = to_si(layout.torque_unit, TORQUE_UNITS, where="units.torque")
+        self._picked, self._factors = np.append(picked, 3 + picked), np.append(force * signs, torque * signs)
         self._acceleration = to_si(layout.acceleration_unit, ACCELERATION_UNITS, where="acceleration.unit")
         self._frame, self._source, self._arrays = layout.frame, path.name, layout.arrays
         self._images = layout.images is not None
@@ -52,7 +53,10 @@ class Samples:
                 `IMAGE`. Nobody else holds them.
         """
         time = np.where(np.abs(time) <= LATEST, time, np.nan)
-        channels = self._wrench(read[WRENCH]) if WRENCH in read else {}
+        channels: dict[str, np.ndarray] = {}
+        if WRENCH in read:
+            wrenches = self._wrenches(read[WRENCH])
+            channels = {FORCE: wrenches[:, :3].copy(), TORQUE: wrenches[:, 3:].copy()}
         apart = (WRENCH, IMAGE, *(array.name for array in self._arrays))
         bounded = [name for name in read if name not in apart]
         channels |= {name: self._bounded(name, read[name]) for name in bounded}
@@ -73,11 +77,10 @@ class Samples:
 
         The bits are those of `block`.
         """
-        if self._images:
-            return values
-        if not self._arrays:
-            return np.hstack([*self._wrench(values).values()])
-        return self._scaled(self._arrays[0], values.reshape(len(values), -1))
+        if not (self._images or self._arrays):
+            return values.take(self._picked, axis=1) * self._factors  # what is infinite, its status says
+        values = values.copy()  # a source fills its batch again
+        return values if self._images else self._scaled(self._arrays[0], values.reshape(len(values), -1))
 
     def notes(self) -> tuple[str, ...]:
         """What a reader should know of the blocks so far, one sentence each."""
@@ -100,17 +103,16 @@ class Samples:
         values = values if array.scale == 1.0 else values * np.array(array.scale)
         return values.reshape(-1, *array.shape)
 
-    def _wrench(self, wrench: Float[np.ndarray, "n 6"]) -> dict[str, Float[np.ndarray, "n 3"]]:
-        """Force and torque along the sensor's axes, in SI."""
-        force, torque = self._turned(wrench[:, :3], self._force), self._turned(wrench[:, 3:], self._torque)
-        both = np.hstack([force, torque])
-        self._infinite += int(np.count_nonzero((np.abs(both) > LARGEST).any(axis=1)))
-        return {FORCE: force, TORQUE: torque}
+    def _wrenches(self, wrench: Float[np.ndarray, "n 6"]) -> Float[np.ndarray, "n 6"]:
+        """Force and torque along the sensor's axes, in SI.
 
-    def _turned(self, values: Float[np.ndarray, "n 3"], unit: float) -> Float[np.ndarray, "n 3"]:
-        """Picked and flipped, not multiplied out: an infinite component must not spoil the others."""
+        Picked and flipped, not multiplied out: an infinite component must not spoil the others.
+        """
         with np.errstate(over="ignore"):
-            return unit * (values.take(self._picked, axis=1) * self._signs)  # by rows: an index would leave columns
+            made = wrench.take(self._picked, axis=1) * self._factors  # by rows: an index would leave columns
+        if not np.abs(made).max(initial=0.0) <= LARGEST:  # NaN too
+            self._infinite += int(np.count_nonzero((np.abs(made) > LARGEST).any(axis=1)))
+        return made
 
     def _bounded(self, name: str, values: Float[np.ndarray, "n k"]) -> Float[np.ndarray, "n k"]:
         """NaN where a number is a fault of the file."""
