@@ -51,7 +51,7 @@ def live(
     seconds: Scalar = None,
     realtime: Annotated[bool, FlagConversionOff] = True,
 ) -> None:
-    """Find contacts in the samples of a device as they come; Ctrl-C ends it.
+    """Find contacts in the samples of a device as they come; Ctrl-C ends it, and the end of a log that is replayed.
 
     A line tells rate, contacts, latency and what was dropped. A tare is taken when the key t is pressed, on SIGUSR1
     (`kill -USR1` of this process), or on the page. Everything that happens is said with its time, and recorded.
@@ -65,7 +65,7 @@ def live(
         port: of that page.
         publish: contacts to ros2[:DOMAIN], udp:HOST:PORT or unix:PATH (JSON lines); may be given again.
         sensor: name of the sensor's table, where the rig has several.
-        seconds: to run; without it until Ctrl-C.
+        seconds: to run; without it until Ctrl-C, or the end of a log that is replayed without a page.
         realtime: ask the system for real-time priority.
     """
     stated = load_rig(rig)
@@ -76,7 +76,7 @@ def live(
     with ExitStack() as stack:
         path = stack.enter_context(_ring(record))
         heard, trouble = Pipe(duplex=False)
-        arguments = (rig, path, sensor, os.getpid(), trouble, realtime)
+        arguments = (rig, path, sensor, os.getpid(), trouble, realtime, record is not None)
         receiver = Worker("receiver", receive, arguments)
         supervisor = Supervisor([receiver])
         receiver.start()
@@ -86,7 +86,7 @@ def live(
             supervisor.workers += _readers(path, rig, record, split, view, port, publish)
             for worker in supervisor.workers[1:]:
                 worker.start()
-            _watch(supervisor, ring, heard, seconds)
+            _watch(supervisor, ring, heard, seconds, stays=view)
         finally:
             note(supervisor.stop(ring), kind="warning")
         if ring is not None:
@@ -168,12 +168,15 @@ def _heard(trouble: Connection, timeout: float = 0.0) -> None:
             raise InputError(trouble.recv_bytes().decode(errors="replace"))
 
 
-def _watch(supervisor: Supervisor, ring: Ring, trouble: Connection, seconds: float | None) -> None:
-    """Until Ctrl-C, or for so many seconds: restarts, sentences, a line of figures, tares."""
+def _watch(supervisor: Supervisor, ring: Ring, trouble: Connection, seconds: float | None, stays: bool) -> None:
+    """Until Ctrl-C, or for so many seconds: restarts, sentences, a line of figures, tares.
+
+    A log that is at its end ends it too, unless it `stays` for somebody who looks at it.
+    """
     figures, end = Figures(ring), time.monotonic() + (seconds or float("inf"))
     every, then = LINE if sys.stderr.isatty() else SELDOM, 0.0
     with counting(), signals() as came, pressed() as key:
-        while not came.stop and time.monotonic() < end:
+        while not came.stop and time.monotonic() < end and (stays or not ring["ended"]):
             wanted = came.tares + int(key(0.1) == "t")
             came.tares = 0
             ring["asked"] += wanted
@@ -183,3 +186,4 @@ def _watch(supervisor: Supervisor, ring: Ring, trouble: Connection, seconds: flo
             if time.monotonic() >= then:
                 figures.line()
                 then = time.monotonic() + every
+        figures.sentences()

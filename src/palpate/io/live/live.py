@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import wait as wait_for
 from dataclasses import dataclass
 from math import prod
 from pathlib import Path
@@ -16,6 +17,7 @@ from jaxtyping import Float, Int
 
 from palpate.contact.estimate import ROW, Status
 from palpate.errors import InputError
+from palpate.io.live.replay import Replay
 from palpate.io.live.ring import Form, Ring
 from palpate.io.live.ros_poses import RosPoses
 from palpate.io.live.source import BATCH, SOURCES, Batch, Source
@@ -30,6 +32,7 @@ __all__ = ["Answers", "Live", "open_live"]
 NUMBERS = 1 << 22  # of a batch
 JUMP = 50_000_000  # ns between the clock of the day and the one that only runs, which is a jump
 TILT = 9.81 / 3**0.5  # m/s^2 along each axis, for a radian by which the direction of gravity is off
+PAUSE = 0.005  # s
 AGAIN = 10.0  # s between sentences on starts that cannot be used
 TARE = 1.0  # s, where the rig does not say
 
@@ -145,6 +148,16 @@ class Live:
         """From now on samples go through a ring as they are received, and their contacts as they are known."""
         self._ring = ring
 
+    @property
+    def patient(self) -> bool:
+        """Whether samples wait until they are asked for, as those of a log do that is replayed as fast as it goes."""
+        return isinstance(self.source, Replay) and self.source.patient
+
+    @property
+    def ended(self) -> bool:
+        """Whether no more samples come: a log is at its end, which a device never is."""
+        return isinstance(self.source, Replay) and self.source.ended
+
     def __enter__(self) -> Live:
         if self._poses is not None:
             self._poses.open()
@@ -180,7 +193,7 @@ class Live:
         Raises:
             InputError: the estimator needs what the source does not give, such as an orientation.
         """
-        count = self.source.receive(self._batch, timeout)
+        count = 0 if self._held_back(timeout) else self.source.receive(self._batch, timeout)
         self._watch()
         samples = self._taken(count) if count else None
         if self._start is not None:
@@ -190,6 +203,16 @@ class Live:
         answers = self._answered(samples)
         self._tared(samples)
         return answers
+
+    def _held_back(self, timeout: float) -> bool:
+        """Whether samples wait, having been asked to: the recorder is half a ring behind, and would lose some."""
+        ring = self._ring
+        if ring is None or not (self.patient and ring["recording"]):
+            return False
+        behind = ring["received"] - ring["recorded"] > len(ring.slots) // 2
+        if behind:
+            time.sleep(min(PAUSE, timeout))
+        return behind
 
     @property
     def _none(self) -> Answers:
@@ -230,7 +253,9 @@ class Live:
         if self._build is None:
             if enough:
                 self._build = self._prepared(start)
-            return self._none
+            if self._build is None or not self.patient:
+                return self._none
+            wait_for([self._build])  # or half a log were received meanwhile
         return self._built(start, self._build) if self._build.done() else self._none
 
     def finish(self) -> Answers:

@@ -23,7 +23,9 @@ IMAGES = 1 << 28  # bytes of a ring of images
 _LOCK_NOW_AND_LATER = 3  # MCL_CURRENT | MCL_FUTURE
 
 
-def receive(rig: Path, ring: Path, sensor: str | None, parent: int, trouble: Connection, realtime: bool) -> None:
+def receive(
+    rig: Path, ring: Path, sensor: str | None, parent: int, trouble: Connection, realtime: bool, recorded: bool
+) -> None:
     """Until the ring says stop, or the parent is gone; a process of its own.
 
     Args:
@@ -32,14 +34,15 @@ def receive(rig: Path, ring: Path, sensor: str | None, parent: int, trouble: Con
         sensor: name of the sensor's table, where there are several.
         parent: process.
         trouble: is sent the sentence (UTF-8) that ends this, if the rig or the device cannot be used.
-        realtime: ask for real-time priority.
+        realtime: ask for real-time priority, unless samples wait.
+        recorded: somebody records the ring, and samples that can wait do so.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's, which says stop
     try:
         live = Live(rig, sensor)
-        opened = _opened(ring, live.form(rig=str(rig)))
+        opened = _opened(ring, live.form(rig=str(rig)), recorded)
         live.into(opened)
-        if realtime:
+        if realtime and not live.patient:
             opened.say(_hurried())
         with live:
             _steady()
@@ -56,16 +59,23 @@ def orphaned(parent: int) -> bool:
 def _loop(live: Live, ring: Ring, parent: int) -> None:
     while not ring["stop"] and not orphaned(parent):
         live.step()
-        ring["alive"] = time.time_ns()
-        for sentence in live.said():
-            ring.say(sentence)
+        if live.ended:
+            live.finish()
+        _say(live, ring)
+        ring["alive"], ring["ended"] = time.time_ns(), int(live.ended)
         if ring["asked"] != ring["done"]:
             ring["done"] = ring["asked"]
             live.tare()
     live.finish()
+    _say(live, ring)
 
 
-def _opened(path: Path, form: Form) -> Ring:
+def _say(live: Live, ring: Ring) -> None:
+    for sentence in live.said():
+        ring.say(sentence)
+
+
+def _opened(path: Path, form: Form, recorded: bool) -> Ring:
     """The ring that is there, or a new one, which appears whole."""
     if path.exists():
         ring = Ring(path)
@@ -77,7 +87,9 @@ def _opened(path: Path, form: Form) -> Ring:
                 ring.answer(np.zeros((0, form.width)), np.zeros(1, dtype=np.int64), known=False)
         return ring
     beside = path.with_name(f"{path.name}.new")
-    Ring.make(beside, form, IMAGES if form.images else SIZE).close()
+    made = Ring.make(beside, form, IMAGES if form.images else SIZE)
+    made["recording"] = int(recorded)
+    made.close()
     beside.replace(path)
     return Ring(path)
 

@@ -86,6 +86,7 @@ def record(ring: Path, output: Path, split: float, parent: int) -> None:
                 time.sleep(POLL)
             recorder.finish()
     except InputError as problem:
+        opened["recording"] = 0
         opened.say(f"nothing is recorded any more: {problem}")
         raise SystemExit(1) from problem
 
@@ -211,6 +212,8 @@ class Recorder:
     def _grown(self) -> None:
         """Say how far it is; begin another file where this one is large enough."""
         ring = self._ring
+        if self.full:
+            return
         ring["recorded"] = self.next
         if self.file is not None:
             ring["bytes"] = self._before + self.file.size
@@ -239,7 +242,7 @@ class Recorder:
         return True
 
     def _give_up(self, problem: OSError) -> None:
-        self.full, file = True, self.file
+        self.full, self._ring["recording"], file = True, 0, self.file
         where = named(self._output, self._ring["file"]).name
         if file is not None:
             try:

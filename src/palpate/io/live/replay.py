@@ -48,6 +48,10 @@ class Replay:
         layout: of the log; `bare`: its numbers come as they are recorded.
         speed: 1: as recorded; 0: as fast as samples are taken.
         loop: begin again at the end.
+
+    Attributes:
+        ended: whether the log is at its end, and no more samples come.
+        patient: whether its samples wait until they are asked for, which those of a device, or at a speed, do not.
     """
 
     def __init__(self, path: Path, layout: Layout, speed: float = 1.0, loop: bool = False) -> None:
@@ -59,10 +63,10 @@ class Replay:
         self.shape: tuple[int, ...] = tuple(values.shape[1:])
         self.dtype: DTypeLike = np.uint8 if IMAGE in first.channels else np.float64
         self.poses = ORIENTATION in first.channels
-        self.ended = False
+        self.ended, self.patient = False, not speed
         self._said: list[str] = []
         self._rest = self._samples()
-        self._held: tuple[Recording, int] | None = None
+        self._held: tuple[Recording, np.ndarray, int] | None = None
         self._begun = 0.0
 
     @classmethod
@@ -88,20 +92,20 @@ class Replay:
                 self.ended = True
                 time.sleep(timeout)
                 return 0
-            self._held = piece, 0
-        piece, start = self._held
+            self._held = piece, values_of(piece), 0
+        piece, values, start = self._held
         most = min(len(batch), len(piece) - start)
         count = self._due(piece.time[start : start + most], timeout)
         if count:
             part = slice(start, start + count)
             batch.stamp[:count] = np.rint(np.nan_to_num(piece.time[part]) * 1e9).astype(np.int64)
             batch.arrived, batch.lost[:count] = np.full(count, time.time_ns()), 0
-            batch.values[:count] = values_of(piece)[part]
+            batch.values[:count] = values[part]
             for name, into in ((ORIENTATION, batch.orientation), (POSITION, batch.position)):
                 into[:count] = piece.channels[name][part] if name in piece.channels else np.nan
             into = batch.acceleration
             into[:count] = piece.channels[ACCELERATION][part] if ACCELERATION in piece.channels else 0.0
-            self._held = None if start + count == len(piece) else (piece, start + count)
+            self._held = None if start + count == len(piece) else (piece, values, start + count)
         return count
 
     def said(self) -> list[str]:

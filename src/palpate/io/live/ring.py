@@ -37,6 +37,7 @@ LINE = 64  # bytes of a cache line
 _WORDS = (
     *("version", "slots", "received", "answered", "alive", "said", "asked", "done", "stop"),
     *("recorded", "bytes", "noted", "missed", "file", "began"),  # the recorder's
+    *("recording", "ended"),  # whether samples that can wait do so for the recorder; whether no more come
 )
 _PLACE = {word: place for place, word in enumerate(_WORDS)}
 _JSON, _SAID = 4096, 24576  # where the description and the sentences begin
