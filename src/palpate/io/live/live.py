@@ -226,7 +226,7 @@ class Live:
         unsteady = TILT * batch.turned[:count] if self._posed else batch.turned
         if self._posed:
             beside = {ORIENTATION: batch.orientation[:count].copy(), POSITION: batch.position[:count].copy()}
-            beside |= {ACCELERATION: batch.acceleration[:count].copy(), UNSTEADY: unsteady[:, None]}
+            beside |= {ACCELERATION: np.nan_to_num(batch.acceleration[:count]), UNSTEADY: unsteady[:, None]}
         if self._ring is not None:
             self._ring.take_in(batch, count, unsteady)
         return _Samples(batch.stamp[:count].copy(), self._samples.readings(batch.values[:count]), beside)

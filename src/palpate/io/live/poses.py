@@ -43,7 +43,7 @@ class Posed(NamedTuple):
         """Beside the first n samples of a batch."""
         count = len(self.age)
         batch.orientation[:count], batch.position[:count] = self.quaternion, self.position
-        batch.acceleration[:count], batch.turned[:count] = 0.0, np.nan_to_num(self.turned)
+        batch.acceleration[:count], batch.turned[:count] = np.nan, np.nan_to_num(self.turned)
 
 
 class LivePoses:

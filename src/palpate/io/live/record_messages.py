@@ -74,13 +74,12 @@ def record_topics(form: Form) -> tuple[Topic, ...]:
         readings = Topic(form.topic or f"{LIVE}wrench", "geometry_msgs/msg/WrenchStamped", WRENCH_STAMPED)
     else:
         readings = Topic(form.topic or f"{LIVE}readings", "std_msgs/msg/Float64MultiArray", _ARRAY)
-    return (
-        *topics(form.features),
-        readings,
-        Topic(f"{LIVE}events", "rcl_interfaces/msg/Log", f"{_LOG}{_TIME}"),
+    poses = (
         Topic(LIVE_POSE, "geometry_msgs/msg/PoseStamped", POSE_STAMPED),
         Topic(LIVE_ACCELERATION, "geometry_msgs/msg/Vector3Stamped", _VECTOR_STAMPED),
     )
+    events = Topic(f"{LIVE}events", "rcl_interfaces/msg/Log", f"{_LOG}{_TIME}")
+    return (*topics(form.features), readings, events, *(poses if form.poses else ()))
 
 
 class RecordMessages:
@@ -109,8 +108,8 @@ class RecordMessages:
         contacts = self._form.contacts(slots, first)
         times = slots["stamp"].clip(0, LATEST)
         answers, views = self._contacts.of(contacts, times[contacts.sample - first])
-        posed = np.isfinite(slots["orientation"]).all(axis=1)
-        moved = np.isfinite(slots["acceleration"]).all(axis=1)
+        posed = np.isfinite(slots["orientation"]).all(axis=1) & self._form.poses
+        moved = np.isfinite(slots["acceleration"]).all(axis=1) & self._form.poses
         stamps = [times[which] for which in (slice(None), posed, moved)]
         raw, (readings, pose, acceleration) = made([self._readings, self._pose, self._acceleration], stamps)
         readings["sequence"] = (first + np.arange(len(slots))) % 2**32

@@ -101,10 +101,9 @@ class Replay:
             batch.stamp[:count] = np.rint(np.nan_to_num(piece.time[part]) * 1e9).astype(np.int64)
             batch.arrived, batch.lost[:count] = np.full(count, time.time_ns()), 0
             batch.values[:count] = values[part]
-            for name, into in ((ORIENTATION, batch.orientation), (POSITION, batch.position)):
+            beside = {ORIENTATION: batch.orientation, POSITION: batch.position, ACCELERATION: batch.acceleration}
+            for name, into in beside.items():
                 into[:count] = piece.channels[name][part] if name in piece.channels else np.nan
-            into = batch.acceleration
-            into[:count] = piece.channels[ACCELERATION][part] if ACCELERATION in piece.channels else 0.0
             self._held = None if start + count == len(piece) else (piece, values, start + count)
         return count
 
