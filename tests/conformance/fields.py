@@ -244,10 +244,7 @@ def _report(case: Case) -> None:
 
 @_field("evaluate")
 def _evaluate(case: Case) -> None:
-    said = run("evaluate", case.estimate(), _truth(case))
-    line = re.search(r"location of touches \[mm\]\s+([\d.]+)", said)
-    assert line is not None, "no errors of touches"
-    assert float(line[1]) <= 1e3 * case.sensor.place, f"{line[1]} mm off"
+    _near(case, case.estimate())
 
 
 @_field("events")
@@ -294,6 +291,19 @@ def _live(case: Case) -> None:
     case.right(found.time, found.estimate)
 
 
+@_field("live")
+def _recorded(case: Case) -> None:
+    from tests.conformance.live import recorded
+
+    record = recorded(case.files.log, case.files.rig)
+    found = read_contacts(record)
+    known = np.rint(1e9 * pl.read_csv(case.files.table, columns=["time"])["time"].to_numpy())
+    assert np.array_equal(np.unique(found.sample), np.arange(len(known))), "a sample has no row"
+    assert np.array_equal(np.rint(1e9 * found.time), known[found.sample]), "times are not the log's"
+    case.right(found.time, found.estimate)
+    _near(case, record)
+
+
 def _all_right(case: Case, *options: str) -> None:
     """The contacts of the log, row for row."""
     found = read_contacts(case.estimate(".csv", *options))
@@ -318,6 +328,14 @@ def _moved(case: Case, frame: str, turns: np.ndarray, places: np.ndarray) -> Non
     turns = np.broadcast_to(turns, (len(known.status), 3, 3))
     np.testing.assert_allclose(found.point, np.einsum("nij,nj->ni", turns, known.point) + places, atol=1e-9)
     np.testing.assert_allclose(found.force, np.einsum("nij,nj->ni", turns, known.force), atol=1e-6)
+
+
+def _near(case: Case, contacts: Path) -> None:
+    """`evaluate` finds them where the touches were."""
+    said = run("evaluate", contacts, _truth(case))
+    line = re.search(r"location of touches \[mm\]\s+([\d.]+)", said)
+    assert line is not None, "no errors of touches"
+    assert float(line[1]) <= 1e3 * case.sensor.place, f"{line[1]} mm off"
 
 
 def _truth(case: Case) -> Path:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +13,9 @@ import palpate
 from palpate.sensors.recording import ACCELERATION, ORIENTATION, POSITION, UNSTEADY, Recording
 from palpate.spatial.pose import rotation_from_quaternion
 
-__all__ = ["each_reading", "whole"]
+__all__ = ["each_reading", "recorded", "whole"]
 
+SPLIT = 1e9  # bytes
 BESIDE = (ORIENTATION, POSITION, ACCELERATION, UNSTEADY)  # channels that are no reading of the sensor
 
 
@@ -34,3 +36,34 @@ def each_reading(estimator: Any, recording: Recording) -> Iterator[tuple[Any, ..
     rotations = [None] * len(recording) if turns is None else rotation_from_quaternion(turns)
     pushes = recording.channels.get(ACCELERATION, [None] * len(recording))
     yield from zip(recording.time.tolist(), readings, rotations, pushes, strict=True)
+
+
+def recorded(log: Path, rig: Path) -> Path:
+    """What `palpate live --record` makes of a log that its rig replays as fast as it goes.
+
+    By what its receiver and its recorder run, in turns in this process: they would take seconds to start, and know
+    nothing of a sensor that is none of Palpate's.
+    """
+    from palpate.io.live.live import Live
+    from palpate.io.live.receiver import IMAGES
+    from palpate.io.live.record import Recorder, require_record
+    from palpate.io.live.ring import SIZE, Ring
+    from palpate.io.rig.source import RigSource
+
+    output = log.parent / "live.mcap"
+    require_record(output)
+    live = Live(replace(palpate.load_rig(str(rig)), source=RigSource("replay", str(log.resolve()), speed=0.0)))
+    form = live.form(rig=str(rig))
+    ring = Ring.make(log.parent / "live.ring", form, IMAGES if form.images else SIZE)
+    ring["recording"] = 1
+    live.into(ring)
+    recorder = Recorder(ring, output, SPLIT)
+    with live:
+        while not live.ended:
+            live.step(0.0)
+            recorder.step()
+        live.finish()
+    recorder.finish()
+    ring.close()
+    ring.path.unlink()
+    return output
