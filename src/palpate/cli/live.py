@@ -20,13 +20,14 @@ from palpate.cli.console import counting, lines, note, title, wait
 from palpate.cli.keys import pressed, signals
 from palpate.cli.live_line import Figures, summary
 from palpate.cli.live_page import show
-from palpate.cli.options import FileOption, RigFile, Scalar
+from palpate.cli.options import FileOption, RigFile, Scalar, require_port, require_positive
 from palpate.errors import InputError
 from palpate.io.atomic import keep_inputs
 from palpate.io.live.publish import publish, require_address
 from palpate.io.live.receiver import receive
 from palpate.io.live.record import record as record_ring
 from palpate.io.live.record import require_record, ring_of
+from palpate.io.live.record_file import grown
 from palpate.io.live.ring import Ring
 from palpate.io.live.supervisor import Supervisor, Worker
 from palpate.io.rig import Rig, load_rig
@@ -70,6 +71,8 @@ def live(
     """
     stated = load_rig(rig)
     source = stated.stream()
+    require_positive(seconds, "--seconds")
+    require_port(port, "--port")
     _require(stated, rig, record, publish, split)
     title(f"{source.kind}{f' at {source.address}' if source.address else ''}, {stated.kind(sensor).called}")
     wait("preparing the surface and compiling kernels (compiling happens once)")
@@ -96,12 +99,11 @@ def live(
 
 
 def _require(stated: Rig, rig: Path, record: Path | None, publish: tuple[str, ...], split: float) -> None:
-    """What can be refused before anything is started."""
+    """What can be refused of the files and addresses before anything is started."""
     if record is not None:
         keep_inputs(record, (rig, *stated.files().values()))
         require_record(record)
-        if not split > 0:
-            raise InputError("must be positive.", where="--split")
+        require_positive(split, "--split")
     for each in publish:
         require_address(each)
 
@@ -131,9 +133,11 @@ def _ring(record: Path | None) -> Generator[Path]:
                 where=str(record),
                 hint=f"`palpate recover {record}` puts it together; then begin a new one.",
             )
-        yield ring
-        if record.exists():
-            ring.unlink(missing_ok=True)
+        try:
+            yield ring
+        finally:
+            if ring.exists() and _whole(record, ring):
+                ring.unlink()
         return
     memory = Path("/dev/shm")
     folder = Path(tempfile.mkdtemp(prefix="palpate-", dir=memory if os.access(memory, os.W_OK) else None))
@@ -141,6 +145,17 @@ def _ring(record: Path | None) -> Generator[Path]:
         yield folder / "live.ring"
     finally:
         shutil.rmtree(folder, ignore_errors=True)
+
+
+def _whole(record: Path, path: Path) -> bool:
+    """Whether everything of a ring is in its record, whatever ended the run; where not, says how to mend it."""
+    ring = Ring(path)
+    received, recorded = ring["received"], ring["recorded"]
+    ring.close()
+    if recorded >= received and not grown(record):
+        return True
+    note([f"not everything is in {record.name}; `palpate recover {record}` puts it together"], kind="warning")
+    return False
 
 
 def _made(path: Path, receiver: Worker, trouble: Connection) -> Ring:
