@@ -17,7 +17,7 @@ from typing import Annotated
 from tyro.conf import FlagConversionOff, FlagCreatePairsOff, UseAppendAction, arg
 
 from palpate.cli.console import counting, lines, note, title, wait
-from palpate.cli.keys import pressed, signals
+from palpate.cli.keys import Came, pressed, signals
 from palpate.cli.live_line import Figures, summary
 from palpate.cli.live_page import show
 from palpate.cli.options import FileOption, RigFile, Scalar, require_port, require_positive
@@ -77,6 +77,7 @@ def live(
     title(f"{source.kind}{f' at {source.address}' if source.address else ''}, {stated.kind(sensor).called}")
     wait("preparing the surface and compiling kernels (compiling happens once)")
     with ExitStack() as stack:
+        came = stack.enter_context(signals())  # from here on: a tare may be asked for before anything runs
         path = stack.enter_context(_ring(record))
         heard, trouble = Pipe(duplex=False)
         arguments = (rig, path, sensor, os.getpid(), trouble, realtime)
@@ -85,11 +86,11 @@ def live(
         receiver.start()
         ring = None
         try:
-            ring = _made(path, receiver, heard)
+            ring = _made(path, receiver, heard, came)
             supervisor.workers += _readers(path, rig, record, split, view, port, publish)
             for worker in supervisor.workers[1:]:
                 worker.start()
-            _watch(supervisor, ring, heard, seconds)
+            _watch(supervisor, ring, heard, came, seconds)
         finally:
             note(supervisor.stop(ring), kind="warning")
         if ring is not None:
@@ -158,15 +159,18 @@ def _whole(record: Path, path: Path) -> bool:
     return False
 
 
-def _made(path: Path, receiver: Worker, trouble: Connection) -> Ring:
+def _made(path: Path, receiver: Worker, trouble: Connection, came: Came) -> Ring:
     """The ring, once the receiver has made it.
 
     Raises:
         InputError: the receiver could not: its own sentence.
+        KeyboardInterrupt: an end was asked for.
     """
     end = time.monotonic() + START
     while not path.exists():
         _heard(trouble)
+        if came.stop:
+            raise KeyboardInterrupt
         if not receiver.alive:
             _heard(trouble, 1.0)
             raise InputError("the receiver ended before it had begun.", where="palpate live")
@@ -183,15 +187,16 @@ def _heard(trouble: Connection, timeout: float = 0.0) -> None:
             raise InputError(trouble.recv_bytes().decode(errors="replace"))
 
 
-def _watch(supervisor: Supervisor, ring: Ring, trouble: Connection, seconds: float | None) -> None:
+def _watch(supervisor: Supervisor, ring: Ring, trouble: Connection, came: Came, seconds: float | None) -> None:
     """Until Ctrl-C, or for so many seconds: restarts, sentences, a line of figures, tares."""
     figures, end = Figures(ring), time.monotonic() + (seconds or float("inf"))
     every, then = LINE if sys.stderr.isatty() else SELDOM, 0.0
-    with counting(), signals() as came, pressed() as key:
+    with counting(), pressed() as key:
         while not came.stop and time.monotonic() < end:
             wanted = came.tares + int(key(0.1) == "t")
             came.tares = 0
-            ring["asked"] += wanted
+            if wanted:  # others write this word, too: only then
+                ring["asked"] += wanted
             _heard(trouble)
             supervisor.watch(ring)
             figures.sentences()
