@@ -191,10 +191,12 @@ def _watch(supervisor: Supervisor, ring: Ring, trouble: Connection, came: Came, 
     """Until Ctrl-C, or for so many seconds: restarts, sentences, a line of figures, tares."""
     figures, end = Figures(ring), time.monotonic() + (seconds or float("inf"))
     every, then = LINE if sys.stderr.isatty() else SELDOM, 0.0
+    keys = done = 0
     with counting(), pressed() as key:
         while not came.stop and time.monotonic() < end:
-            wanted = came.tares + int(key(0.1) == "t")
-            came.tares = 0
+            keys += int(key(0.1) == "t")
+            wanted = came.tares + keys - done  # counted, not reset: a signal may fall between any two steps
+            done += wanted
             if wanted:  # others write this word, too: only then
                 ring["asked"] += wanted
             _heard(trouble)
