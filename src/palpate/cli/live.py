@@ -17,16 +17,17 @@ from typing import Annotated
 from tyro.conf import FlagConversionOff, FlagCreatePairsOff, UseAppendAction, arg
 
 from palpate.cli.console import counting, lines, note, title, wait
-from palpate.cli.keys import pressed, signals
+from palpate.cli.keys import Came, pressed, signals
 from palpate.cli.live_line import Figures, summary
 from palpate.cli.live_page import show
-from palpate.cli.options import FileOption, RigFile, Scalar
+from palpate.cli.options import FileOption, RigFile, Scalar, require_port, require_positive
 from palpate.errors import InputError
 from palpate.io.atomic import keep_inputs
 from palpate.io.live.publish import publish, require_address
 from palpate.io.live.receiver import receive
 from palpate.io.live.record import record as record_ring
 from palpate.io.live.record import require_record, ring_of
+from palpate.io.live.record_file import grown
 from palpate.io.live.ring import Ring
 from palpate.io.live.supervisor import Supervisor, Worker
 from palpate.io.rig import Rig, load_rig
@@ -70,10 +71,13 @@ def live(
     """
     stated = load_rig(rig)
     source = stated.stream()
+    require_positive(seconds, "--seconds")
+    require_port(port, "--port")
     _require(stated, rig, record, publish, split)
     title(f"{source.kind}{f' at {source.address}' if source.address else ''}, {stated.kind(sensor).called}")
     wait("preparing the surface and compiling kernels (compiling happens once)")
     with ExitStack() as stack:
+        came = stack.enter_context(signals())  # from here on: a tare may be asked for before anything runs
         path = stack.enter_context(_ring(record))
         heard, trouble = Pipe(duplex=False)
         arguments = (rig, path, sensor, os.getpid(), trouble, realtime, record is not None)
@@ -82,11 +86,11 @@ def live(
         receiver.start()
         ring = None
         try:
-            ring = _made(path, receiver, heard)
+            ring = _made(path, receiver, heard, came)
             supervisor.workers += _readers(path, rig, record, split, view, port, publish)
             for worker in supervisor.workers[1:]:
                 worker.start()
-            _watch(supervisor, ring, heard, seconds, stays=view)
+            _watch(supervisor, ring, heard, came, seconds, stays=view)
         finally:
             note(supervisor.stop(ring), kind="warning")
         if ring is not None:
@@ -96,12 +100,11 @@ def live(
 
 
 def _require(stated: Rig, rig: Path, record: Path | None, publish: tuple[str, ...], split: float) -> None:
-    """What can be refused before anything is started."""
+    """What can be refused of the files and addresses before anything is started."""
     if record is not None:
         keep_inputs(record, (rig, *stated.files().values()))
         require_record(record)
-        if not split > 0:
-            raise InputError("must be positive.", where="--split")
+        require_positive(split, "--split")
     for each in publish:
         require_address(each)
 
@@ -131,9 +134,11 @@ def _ring(record: Path | None) -> Generator[Path]:
                 where=str(record),
                 hint=f"`palpate recover {record}` puts it together; then begin a new one.",
             )
-        yield ring
-        if record.exists():
-            ring.unlink(missing_ok=True)
+        try:
+            yield ring
+        finally:
+            if ring.exists() and _whole(record, ring):
+                ring.unlink()
         return
     memory = Path("/dev/shm")
     folder = Path(tempfile.mkdtemp(prefix="palpate-", dir=memory if os.access(memory, os.W_OK) else None))
@@ -143,15 +148,29 @@ def _ring(record: Path | None) -> Generator[Path]:
         shutil.rmtree(folder, ignore_errors=True)
 
 
-def _made(path: Path, receiver: Worker, trouble: Connection) -> Ring:
+def _whole(record: Path, path: Path) -> bool:
+    """Whether everything of a ring is in its record, whatever ended the run; where not, says how to mend it."""
+    ring = Ring(path)
+    received, recorded = ring["received"], ring["recorded"]
+    ring.close()
+    if recorded >= received and not grown(record):
+        return True
+    note([f"not everything is in {record.name}; `palpate recover {record}` puts it together"], kind="warning")
+    return False
+
+
+def _made(path: Path, receiver: Worker, trouble: Connection, came: Came) -> Ring:
     """The ring, once the receiver has made it.
 
     Raises:
         InputError: the receiver could not: its own sentence.
+        KeyboardInterrupt: an end was asked for.
     """
     end = time.monotonic() + START
     while not path.exists():
         _heard(trouble)
+        if came.stop:
+            raise KeyboardInterrupt
         if not receiver.alive:
             _heard(trouble, 1.0)
             raise InputError("the receiver ended before it had begun.", where="palpate live")
@@ -168,18 +187,23 @@ def _heard(trouble: Connection, timeout: float = 0.0) -> None:
             raise InputError(trouble.recv_bytes().decode(errors="replace"))
 
 
-def _watch(supervisor: Supervisor, ring: Ring, trouble: Connection, seconds: float | None, stays: bool) -> None:
+def _watch(
+    supervisor: Supervisor, ring: Ring, trouble: Connection, came: Came, seconds: float | None, *, stays: bool
+) -> None:
     """Until Ctrl-C, or for so many seconds: restarts, sentences, a line of figures, tares.
 
     A log that is at its end ends it too, unless it `stays` for somebody who looks at it.
     """
     figures, end = Figures(ring), time.monotonic() + (seconds or float("inf"))
     every, then = LINE if sys.stderr.isatty() else SELDOM, 0.0
-    with counting(), signals() as came, pressed() as key:
+    keys = done = 0
+    with counting(), pressed() as key:
         while not came.stop and time.monotonic() < end and (stays or not ring["ended"]):
-            wanted = came.tares + int(key(0.1) == "t")
-            came.tares = 0
-            ring["asked"] += wanted
+            keys += int(key(0.1) == "t")
+            wanted = came.tares + keys - done  # counted, not reset: a signal may fall between any two steps
+            done += wanted
+            if wanted:  # others write this word, too: only then
+                ring["asked"] += wanted
             _heard(trouble)
             supervisor.watch(ring)
             figures.sentences()

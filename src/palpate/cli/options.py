@@ -7,6 +7,8 @@ from typing import Annotated
 
 from tyro.conf import Positional, arg
 
+from palpate.errors import InputError
+
 __all__ = [
     "ContactsFile",
     "FileOption",
@@ -18,6 +20,8 @@ __all__ = [
     "Scalar",
     "SomeFile",
     "TruthFile",
+    "require_port",
+    "require_positive",
 ]
 
 Log = Annotated[Positional[Path], arg(metavar="LOG")]
@@ -30,3 +34,23 @@ RigFile = Annotated[Path, arg(metavar="FILE")]
 FileOption = Annotated[Path | None, arg(metavar="FILE", help_behavior_hint="")]
 Scalar = Annotated[float | None, arg(metavar="X", help_behavior_hint="")]
 Pair = Annotated[tuple[float, float] | None, arg(metavar="X X", help_behavior_hint="")]
+
+
+def require_positive(value: float | None, option: str) -> None:
+    """Refuse what is not more than nothing, NaN too.
+
+    Raises:
+        InputError: it is not positive.
+    """
+    if value is not None and not value > 0:
+        raise InputError("must be positive.", where=option)
+
+
+def require_port(value: int, option: str) -> None:
+    """Refuse what is no port; 0 is any that is free.
+
+    Raises:
+        InputError: it is none.
+    """
+    if not 0 <= value < 2**16:
+        raise InputError("a port lies between 1 and 65535; 0 is any that is free.", where=option)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from palpate.cli.console import lines, title
 from palpate.cli.options import SomeFile
+from palpate.errors import InputError
 from palpate.io.live.recover import recover as put_together
 
 __all__ = ["recover"]
@@ -17,6 +18,8 @@ def recover(output: SomeFile, /) -> None:
     Args:
         output: that was recorded to.
     """
+    if output.suffix.lower() != ".mcap":
+        raise InputError("no record of `palpate live` ends like this.", where=str(output), hint="Name the .mcap.")
     said = put_together(output)
     title(f"{output}: recovered")
     lines([("samples", said)])

@@ -11,7 +11,7 @@ from tyro.conf import FlagCreatePairsOff, arg
 
 from palpate.cli.console import announce, lines, title
 from palpate.cli.keys import pressed, signals
-from palpate.cli.options import FileOption, Log, Scalar
+from palpate.cli.options import FileOption, Log, Scalar, require_port, require_positive
 from palpate.errors import InputError
 from palpate.io.live.device import Device
 from palpate.io.live.replay import Replay
@@ -55,8 +55,12 @@ def replay(
         seconds: to play; without it to the end of the log.
         loop: begin again at the end.
     """
-    if not speed > 0:
-        raise InputError("must be positive.", where="--speed")
+    require_positive(speed, "--speed")
+    require_positive(seconds, "--seconds")
+    require_port(port, "--port")
+    require_port(web, "--web")
+    if not 0 <= domain <= 232:
+        raise InputError("lies between 0 and 232.", where="--domain")
     source = Replay(log, _layout(log, rig), speed, loop)
     made = _device(device, source, port=port, web=web, framing=framing, topic=topic, domain=domain)
     title(f"{log} as {device}")

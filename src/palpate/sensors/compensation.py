@@ -359,7 +359,7 @@ class Compensation:
         quaternions = channels.get(ORIENTATION)
         if quaternions is None:
             raise InputError(
-                f"the log has no orientation, and {self.needs_orientation}.",
+                f"there is no orientation, and {self.needs_orientation}.",
                 where=source,
                 hint="Add columns qx, qy, qz, qw (sensor in base), or name them, a topic of poses, or two frames of /tf"
                 " (base, sensor) in [orientation].",

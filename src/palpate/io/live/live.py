@@ -6,7 +6,7 @@ import time
 from collections.abc import Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from concurrent.futures import wait as wait_for
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import prod
 from pathlib import Path
 from types import TracebackType
@@ -25,6 +25,7 @@ from palpate.io.logs.decoding import seconds
 from palpate.io.logs.samples import Samples
 from palpate.io.rig.kind import Prepared
 from palpate.io.rig.rig import Rig, load_rig
+from palpate.io.rig.tables import RigFilter
 from palpate.sensors.recording import ACCELERATION, ORIENTATION, POSITION, UNSTEADY, Recording, apart
 
 __all__ = ["Answers", "Live", "open_live"]
@@ -113,10 +114,11 @@ class Live:
         self._posed = self.source.poses or self._poses is not None
         layout = self.kind.layout(self.rig)
         self._samples, self._frame = Samples(layout, Path("the stream")), layout.frame
-        self.estimator = self.kind.build(self.rig, None).estimator  # what is slow, before samples come
+        self.estimator = self.kind.build(_unseen(self.rig), None).estimator  # what is slow, before samples come
         size = max(1, min(BATCH, NUMBERS // prod(self.source.shape)))
         self._batch = Batch(self.source.shape, size, self.source.dtype)
         self._rows = self.estimator.empty(max(self.estimator.most, min(size * self.estimator.most, 4 * BATCH)))
+        self._require_enough()
         length = self.kind.start(self.rig)
         self._start = _Window(length) if length else None
         self._build: Future[Prepared] | None = None
@@ -218,6 +220,21 @@ class Live:
     def _none(self) -> Answers:
         return Answers(np.zeros(0, np.int64), np.zeros(0, np.int64), self._rows[:0])
 
+    def _require_enough(self) -> None:
+        """That the estimator can answer what the source gives, asked before the device is.
+
+        Raises:
+            InputError: it needs an orientation, and nothing gives one.
+        """
+        if not self._posed:
+            nothing = self._samples.readings(np.zeros((1, *self.source.shape), self.source.dtype))
+            try:
+                self.estimator.run_into(np.zeros(1), nothing, self._rows, np.zeros(1, dtype=np.int64))
+            except InputError as problem:
+                hint = "Say in [orientation] which topic of ROS 2 has poses, or leave the payload out."
+                raise InputError(problem.what, where=f"[source] {self.rig.stream().kind}", hint=hint) from problem
+            self.estimator.reset()
+
     def _taken(self, count: int) -> _Samples:
         """Of the batch, as the estimator wants them; arrays that nobody writes into any more."""
         batch, beside = self._batch, dict[str, np.ndarray]()
@@ -267,8 +284,11 @@ class Live:
 
     def _prepared(self, start: _Window) -> Future[Prepared]:
         """What the first seconds tell, found while more samples are received."""
-        head = start.joined().recording(self.estimator.channels, self._frame)
-        return self._maker.submit(self.kind.build, self.rig, head)
+        seen = start.joined()
+        rig, span = self.rig, 1e-9 * float(seen.stamp[-1] - seen.stamp[0])
+        if rig.filter.rate is None and span > 0:  # stamps on arrival come in bursts: the steps between them say little
+            rig = replace(rig, filter=replace(rig.filter, rate=(len(seen.stamp) - 1) / span))
+        return self._maker.submit(self.kind.build, rig, seen.recording(self.estimator.channels, self._frame))
 
     def _built(self, start: _Window, build: Future[Prepared]) -> Answers:
         """The samples of the start."""
@@ -339,6 +359,18 @@ def open_live(rig: Rig | str | Path, sensor: str | None = None) -> Live:
         InputError: the rig cannot be used; on entering, the device cannot be opened.
     """
     return Live(rig, sensor)
+
+
+def _unseen(rig: Rig) -> Rig:
+    """The rig without what needs samples: a filter of which the rate is not known yet.
+
+    Raises:
+        InputError: the filter looks ahead.
+    """
+    if rig.filter.kind == "zero_phase":
+        hint = 'Use kind = "butterworth" or "kalman".'
+        raise InputError("zero_phase looks ahead, and a stream cannot.", where="[filter] of the rig", hint=hint)
+    return rig if rig.filter.rate is not None else replace(rig, filter=RigFilter())
 
 
 def _offset() -> int:

@@ -40,11 +40,11 @@ def receive(
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's, which says stop
     try:
         live = Live(rig, sensor)
-        opened = _opened(ring, live.form(rig=str(rig)), recorded)
-        live.into(opened)
-        if realtime and not live.patient:
-            opened.say(_hurried())
-        with live:
+        with live:  # before the ring is there: without a device nothing is begun
+            opened = _opened(ring, live.form(rig=str(rig)), recorded)
+            live.into(opened)
+            if realtime and not live.patient:
+                opened.say(_hurried())
             _steady()
             _loop(live, opened, parent)
     except PalpateError as problem:

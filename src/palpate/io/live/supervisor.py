@@ -70,14 +70,17 @@ class Supervisor:
             ring.say(f"the {worker.name} {why}, and was started again")
 
     def stop(self, ring: Ring | None) -> list[str]:
-        """Let all end in order, the writer first; which of them had to be killed, one sentence each."""
+        """Let all end in order, the writer first; which of them had to be killed, one sentence each.
+
+        Without a ring nothing was begun, and there is nothing to wait for, or to be said.
+        """
         said: list[str] = []
         for level, workers in ((1, self.workers[:1]), (READERS, self.workers[1:])):
             if ring is not None:
                 ring["stop"] = level
             end = time.monotonic() + (PATIENCE if ring is not None else 0.1)
             said += [each for worker in workers if (each := _ended(worker, end))]
-        return said
+        return said if ring is not None else []
 
 
 def _ended(worker: Worker, end: float) -> str:

@@ -20,7 +20,7 @@ from palpate.io.rig import guess
 from palpate.io.rig.body import Body
 from palpate.io.rig.guess_columns import Found, columns_guess
 from palpate.io.rig.guess_pose import guess_pose
-from palpate.io.rig.kind import Guess, Prepared, SensorKind
+from palpate.io.rig.kind import FIRST, Guess, Prepared, SensorKind, seen_first
 from palpate.io.rig.names import made_up
 from palpate.io.rig.tables import RigForceTorque
 from palpate.io.rig.wrench import wrench_estimator
@@ -260,5 +260,5 @@ FORCE_TORQUE = SensorKind(
     guess=_guess,
     paths=("payload",),
     check=_check,
-    start=lambda rig: rig.estimate.tare or (1.0 if rig.force_torque.noise is None else 0.0),
+    start=lambda rig: seen_first(rig) or (FIRST if rig.force_torque.noise is None else 0.0),
 )

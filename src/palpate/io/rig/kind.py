@@ -16,7 +16,9 @@ if TYPE_CHECKING:
     from palpate.io.rig.body import Body
     from palpate.io.rig.rig import Rig
 
-__all__ = ["Guess", "Prepared", "SensorKind"]
+__all__ = ["FIRST", "Guess", "Prepared", "SensorKind", "seen_first"]
+
+FIRST = 1.0  # s of a stream from which is taken what the rig does not state, where no tare says how long
 
 
 @dataclass
@@ -57,6 +59,12 @@ class Guess:
     frame: str = ""
 
 
+def seen_first(rig: Rig) -> float:
+    """Seconds of a stream for its tare, or for the rate of samples that a filter needs and the rig does not state."""
+    measured = rig.filter.kind != "none" and rig.filter.rate is None
+    return rig.estimate.tare or (FIRST if measured else 0.0)
+
+
 @dataclass(frozen=True)
 class SensorKind:
     """One sensor.
@@ -87,4 +95,4 @@ class SensorKind:
     refused: Mapping[str, str] = field(default_factory=lambda: {})
     needs_surface: bool = True
     check: Callable[[Rig, Path], None] = lambda rig, path: None
-    start: Callable[[Rig], float] = lambda rig: rig.estimate.tare or 0.0
+    start: Callable[[Rig], float] = seen_first
