@@ -1,4 +1,4 @@
-"""Compiled: samples and contacts into the slots of a ring, and stamps in seconds; in NumPy each field costs a call.
+"""Compiled: what is done with every sample, each in one call, because each call of NumPy costs 1 us and more.
 
 Slots (k, words) are int64, and their numbers seen as float64 are the same memory; which word holds what is `Form.slot`,
 with the contacts in the middle and the values at the end. Nothing here says that a slot is whole: that is a store of its
@@ -12,7 +12,7 @@ import numpy as np
 
 from palpate.surfaces._jit import entry
 
-__all__ = ["answer", "seconds", "take_in"]
+__all__ = ["answer", "seconds", "stamped", "take_in"]
 
 _NUMBER, _STAMP, _ARRIVED, _READY, _LOST, _ROWS = range(6)
 _ORIENTATION, _POSITION, _ACCELERATION, _UNSTEADY, _CONTACTS = 6, 10, 13, 16, 17
@@ -64,3 +64,18 @@ def seconds(stamp):
         else:
             times[k] = whole + (stamp[k] - whole * _BILLION) / 1e9
     return times
+
+
+@entry
+def stamped(count, seconds, nanoseconds, least, now, stamp, said, size):
+    """Stamps [ns] of so many datagrams that were received, `now` where the kernel did not say them.
+
+    `said` is how many bytes the kernel said beside each: from `least` on, a stamp. It is set to `size` again, which is
+    how many it may say, and what it was of the last datagram is returned (0: there is none).
+    """
+    last = np.int64(0)
+    for k in range(count):
+        last = np.int64(said[k])
+        stamp[k] = seconds[k] * _BILLION + nanoseconds[k] if last >= least else now
+        said[k] = size
+    return last

@@ -205,10 +205,10 @@ class Live:
         batch, beside = self._batch, dict[str, np.ndarray]()
         if self._poses is not None:
             self._poses.at(batch.stamp[:count]).into(batch)
-        unsteady = TILT * batch.turned[:count] if self._posed else batch.turned
+        unsteady = TILT * batch.turned if self._posed else batch.turned
         if self._posed:
             beside = {ORIENTATION: batch.orientation[:count].copy(), POSITION: batch.position[:count].copy()}
-            beside |= {ACCELERATION: batch.acceleration[:count].copy(), UNSTEADY: unsteady[:, None]}
+            beside |= {ACCELERATION: batch.acceleration[:count].copy(), UNSTEADY: unsteady[:count, None]}
         if self._ring is not None:
             self._ring.take_in(batch, count, unsteady)
         stamp = batch.stamp[:count].copy()
