@@ -131,7 +131,7 @@ def _load() -> str:
 
 
 def _latency(folder: Path, seconds: float, *, realtime: bool) -> tuple[np.ndarray, np.ndarray, int]:
-    """From send to contact [us] of each sample behind the start, the times of the sends [ns], and how many were lost."""
+    """From send to contact [us] of each sample after the start, when these were sent [ns], and how many were lost."""
     record = folder / f"{'realtime' if realtime else 'usual'}.mcap"
     with _device(folder, seconds) as (heard, _):
         words = ["live", "--rig", folder / "rig.toml", "--record", record, "--view", "--port", "0"]
@@ -163,7 +163,7 @@ def _latencies(folder: Path, seconds: float, *, judged: bool) -> Iterator[Row]:
 
 
 def _peer(folder: Path, seconds: float) -> Row:
-    """pynetft's samples: no contacts, and no process but its own."""
+    """Samples of pynetft: no contacts, and no process but its own."""
     what = "send to sample at 7 kHz, pynetft"
     try:
         import pynetft
@@ -176,10 +176,12 @@ def _peer(folder: Path, seconds: float) -> Row:
             for each in client.samples(timeout=0.5):
                 seen.append((each.rdt_sequence - 1, time.time_ns()))
         sent: np.ndarray = heard.recv()
-    got = np.array([each for each in seen if SETTLE * RATE < each[0] < len(sent)])
+    got = np.array([each for each in seen if SETTLE * RATE < each[0] < len(sent)]).reshape(-1, 2)
+    if not len(got):
+        return Row(NAME, what, "", "no samples", None, COMMAND)
     took, missing = (got[:, 1] - sent[got[:, 0]]) * 1e-3, int(np.ptp(got[:, 0])) + 1 - len(got)
     middle, late, later, worst = np.percentile(took, [50, 99, 99.9, 100])
-    figures = f"p50 {middle:.0f}, p99 {late:.0f}, p99.9 {later:.0f}, worst {worst:.0f} us; {missing:,} lost of {len(sent):,}"
+    figures = f"p50 {middle:.0f}, p99 {late:.0f}, p99.9 {later:.0f}, worst {worst:.0f} us; {missing:,} lost"
     return Row(NAME, what, "", f"{figures}; {_evenly(sent)}", None, COMMAND)
 
 

@@ -1,4 +1,4 @@
-"""The compiled loops of a stream against NumPy: every word of every slot, across the ring's end too, to the last bit."""
+"""The compiled loops of a stream against NumPy: each word of each slot, across the ring's end too, to the last bit."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
 """Compiled: what is done with every sample, each in one call, because each call of NumPy costs 1 us and more.
 
 Slots (k, words) are int64, and their numbers seen as float64 are the same memory; which word holds what is `Form.slot`,
-with the contacts in the middle and the values at the end. Nothing here says that a slot is whole: that is a store of its
-own, after the call, since within one call the compiler may order stores as it likes.
+with the contacts in the middle and the values at the end. Nothing here says that a slot is whole: that is a store of
+its own, after the call, since within one call the compiler may order stores as it likes.
 """
 
 # pyright: basic

@@ -63,9 +63,7 @@ class _Samples(NamedTuple):
 
     def recording(self, names: tuple[str, ...], frame: str) -> Recording:
         """As a value."""
-        return Recording(
-            self.time, {**apart(names, self.readings), **self.beside}, frame=frame, source="the stream"
-        )
+        return Recording(self.time, {**apart(names, self.readings), **self.beside}, frame=frame, source="the stream")
 
 
 class _Window:
