@@ -11,7 +11,19 @@ import sys
 import time
 from pathlib import Path
 
-from benchmarks import control, equations, load_cells, marker_ring, peers, processes, speed, start, streams, taxels
+from benchmarks import (
+    control,
+    equations,
+    live,
+    load_cells,
+    marker_ring,
+    peers,
+    processes,
+    speed,
+    start,
+    streams,
+    taxels,
+)
 from benchmarks.measure import FLAT, Batch, Meshes, Single, batches, singles
 from evidence.machine import machine
 from evidence.report import Theme, measure
@@ -30,6 +42,7 @@ THEMES: dict[str, Theme] = {
     "speed": speed.rows,
     "equations": equations.rows,
     "control": control.rows,
+    "live": live.rows,
     "load_cells": load_cells.rows,
     "marker_ring": marker_ring.rows,
     "processes": processes.rows,

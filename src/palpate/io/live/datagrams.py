@@ -114,6 +114,8 @@ class _Many:
     """recvmmsg of Linux: every datagram that waits, by one call."""
 
     def __init__(self, owner: Datagrams) -> None:
+        from palpate.io.live import _stream  # compiled: loaded when first needed
+
         size = len(owner.slot)
         self._headers, self._controls = _rows(_Header, size), _rows(_Control, size)
         self._vectors = _rows(_Vector, size)
@@ -130,6 +132,8 @@ class _Many:
         self._call = ctypes.CDLL(None, use_errno=True).recvmmsg
         self._call.argtypes = [ctypes.c_int, ctypes.c_void_p, ctypes.c_uint, ctypes.c_int, ctypes.c_void_p]
         self._at = self._headers.ctypes.data
+        self._stamps = _stream.stamped
+        self._stamped(owner, 0)  # compiles
         receiver = socket.socket(fileno=os.dup(owner.fileno()))
         with receiver:
             receiver.setsockopt(socket.SOL_SOCKET, _TIMESTAMPNS, 1)
@@ -142,16 +146,15 @@ class _Many:
             if number in (errno.EAGAIN, errno.EINTR):
                 return 0
             raise OSError(number, os.strerror(number))
-        stamp, said = owner.stamp[:count], self._said[:count]
-        np.multiply(self._seconds[:count], 1_000_000_000, out=stamp)
-        stamp += self._nanoseconds[:count]
-        sizes: list[int] = said.tolist()
-        if min(sizes) < _Control.drops_size.offset:  # the kernel stamps from a moment after it was asked
-            stamp[said < _Control.drops_size.offset] = time.time_ns()
-        if sizes[-1] >= _Control.rest.offset:
+        if self._stamped(owner, count) >= _Control.rest.offset:
             owner.dropped += (int(self._controls["drops"][count - 1]) - owner.dropped) & 0xFFFFFFFF
-        said[:] = self._controls.itemsize
         return count
+
+    def _stamped(self, owner: Datagrams, count: int) -> int:
+        """Fills the stamps; how many bytes the kernel said beside the last datagram."""
+        least, size = _Control.drops_size.offset, self._controls.itemsize
+        now = time.time_ns()  # for the kernel stamps from a moment after it was asked
+        return self._stamps(count, self._seconds, self._nanoseconds, least, now, owner.stamp, self._said, size)
 
 
 def packed_address(address: tuple[str, int]) -> int:

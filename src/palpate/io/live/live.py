@@ -61,14 +61,13 @@ class _Samples(NamedTuple):
     """Samples of a batch, as an estimator takes them."""
 
     stamp: Int[np.ndarray, " n"]
+    time: Float[np.ndarray, " n"]
     readings: np.ndarray
     beside: Mapping[str, np.ndarray]
 
     def recording(self, names: tuple[str, ...], frame: str) -> Recording:
         """As a value."""
-        return Recording(
-            seconds(self.stamp), {**apart(names, self.readings), **self.beside}, frame=frame, source="the stream"
-        )
+        return Recording(self.time, {**apart(names, self.readings), **self.beside}, frame=frame, source="the stream")
 
 
 class _Window:
@@ -87,7 +86,7 @@ class _Window:
         first = self.held[0]
         beside = {name: np.concatenate([each.beside[name] for each in self.held]) for name in first.beside}
         stamp = np.concatenate([each.stamp for each in self.held])
-        return _Samples(stamp, np.concatenate([each.readings for each in self.held]), beside)
+        return _Samples(stamp, seconds(stamp), np.concatenate([each.readings for each in self.held]), beside)
 
 
 class Live:
@@ -107,6 +106,8 @@ class Live:
     """
 
     def __init__(self, rig: Rig | str | Path, sensor: str | None = None, source: Source | None = None) -> None:
+        from palpate.io.live import _stream  # compiled: loaded when first needed
+
         self.rig = rig if isinstance(rig, Rig) else load_rig(rig)
         self.kind = self.rig.kind(sensor)
         self.source = SOURCES[self.rig.stream().kind](self.rig) if source is None else source
@@ -125,6 +126,8 @@ class Live:
         self._maker = ThreadPoolExecutor(1, thread_name_prefix="start")
         self._tare: _Window | None = None
         self._ring: Ring | None = None
+        self._seconds = _stream.seconds
+        self._seconds(self._batch.stamp)  # compiles
         self._said: list[str] = []
         self._clock, self._quiet = _offset(), 0.0
 
@@ -148,6 +151,8 @@ class Live:
 
     def into(self, ring: Ring) -> None:
         """From now on samples go through a ring as they are received, and their contacts as they are known."""
+        ring.take_in(self._batch, 0, self._batch.turned)  # of nothing: compiles, before samples come
+        ring.answer(self._rows[:0], np.zeros(0, dtype=np.int64))
         self._ring = ring
 
     @property
@@ -240,24 +245,25 @@ class Live:
         batch, beside = self._batch, dict[str, np.ndarray]()
         if self._poses is not None:
             self._poses.at(batch.stamp[:count]).into(batch)
-        unsteady = TILT * batch.turned[:count] if self._posed else batch.turned
+        unsteady = TILT * batch.turned if self._posed else batch.turned
         if self._posed:
             beside = {ORIENTATION: batch.orientation[:count].copy(), POSITION: batch.position[:count].copy()}
-            beside |= {ACCELERATION: np.nan_to_num(batch.acceleration[:count]), UNSTEADY: unsteady[:, None]}
+            beside |= {ACCELERATION: np.nan_to_num(batch.acceleration[:count]), UNSTEADY: unsteady[:count, None]}
         if self._ring is not None:
             self._ring.take_in(batch, count, unsteady)
-        return _Samples(batch.stamp[:count].copy(), self._samples.readings(batch.values[:count]), beside)
+        stamp = batch.stamp[:count].copy()
+        return _Samples(stamp, self._seconds(stamp), self._samples.readings(batch.values[:count]), beside)
 
     def _answered(self, samples: _Samples) -> Answers:
         """Through the estimator, as many at a time as there is room for."""
         total, done, parts = len(samples.stamp), 0, list[np.ndarray]()
-        counts, times = np.zeros(total, dtype=np.int64), seconds(samples.stamp)
+        counts = np.zeros(total, dtype=np.int64)
         while done < total:
             piece = slice(done, done + len(self._batch))
             beside = {name: values[piece] for name, values in samples.beside.items()} if samples.beside else {}
             many = counts[piece]
-            step = self.estimator.run_into(times[piece], samples.readings[piece], self._rows, many, beside)
-            rows = self._rows[: int(many[:step].sum())]
+            step = self.estimator.run_into(samples.time[piece], samples.readings[piece], self._rows, many, beside)
+            rows = self._rows[: sum(many[:step].tolist())]  # quicker than NumPy's, for most batches hold one sample
             if self._ring is not None:
                 self._ring.answer(rows, many[:step])
             parts.append(rows.copy())

@@ -17,8 +17,10 @@ import os
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
+from functools import cached_property
 from math import prod
 from pathlib import Path
+from types import ModuleType
 from typing import Any, cast
 
 import numpy as np
@@ -46,6 +48,7 @@ SIZE = 1 << 26  # bytes of slots, as a rule
 LEAST = 512  # slots
 READERS = 2  # what "stop" says to those who read, once the writer has ended by the 1 that it was told
 MARGIN = 1024  # slots: the largest batch
+_NONE = np.zeros((0, 0))
 
 
 @dataclass(frozen=True)
@@ -132,7 +135,7 @@ class Ring:
         if count < LEAST or HEAD + count * slot.itemsize > size:
             raise InputError("is cut off: it is shorter than its head says.", where=str(path))
         self.slots = np.frombuffer(self._map, slot, count, HEAD)
-        self._fields = {name: self.slots[name] for name in slot.names or ()}
+        self._memory = np.frombuffer(self._map, "<i8", count * (slot.itemsize // 8), HEAD).reshape(count, -1)
         self._sentences = np.frombuffer(self._map, [("stamp", "<i8"), ("text", f"S{SENTENCE}")], SENTENCES, _SAID)
 
     @classmethod
@@ -169,8 +172,15 @@ class Ring:
 
     def close(self) -> None:
         """Let go of the file, which stays."""
-        del self._words, self.slots, self._fields, self._sentences
+        del self._words, self.slots, self._memory, self._sentences
         self._map.close()
+
+    @cached_property
+    def _loops(self) -> ModuleType:
+        """Compiled: of the writer alone, so that readers need not load them."""
+        from palpate.io.live import _stream
+
+        return _stream
 
     def take_in(self, batch: Batch, count: int, unsteady: Float[np.ndarray, " n"]) -> int:
         """The writer's: so many samples of a batch are received.
@@ -178,17 +188,25 @@ class Ring:
         Returns:
             the number of the first.
         """
-        first, fields = self["received"], self._fields
-        given = {"stamp": batch.stamp, "lost": batch.lost, "values": batch.values}
-        given["arrived"] = batch.stamp if batch.arrived is None else batch.arrived
-        if self.form.poses:
-            given |= {name: getattr(batch, name) for name in ("orientation", "position", "acceleration")}
-            given["unsteady"] = unsteady
-        for here, part in self._parts(first, count):
-            fields["ready"][here] = fields["rows"][here] = 0
-            fields["number"][here] = np.arange(first + 1 + part.start, first + 1 + part.stop)
-            for name, values in given.items():
-                fields[name][here] = values[part]
+        first, form, arrived = self["received"], self.form, batch.stamp if batch.arrived is None else batch.arrived
+        values = batch.values.reshape(len(batch), -1)
+        self._loops.take_in(
+            self._memory,
+            first,
+            count,
+            batch.stamp,
+            arrived,
+            batch.lost,
+            _NONE if form.images else values,
+            form.poses,
+            batch.orientation,
+            batch.position,
+            batch.acceleration,
+            unsteady,
+        )
+        if form.images:
+            for here, part in self._parts(first, count):
+                self.slots["values"][here] = batch.values[part]
         self["received"] = first + count
         return first
 
@@ -196,18 +214,8 @@ class Ring:
         self, rows: Float[np.ndarray, "rows width"], counts: Int[np.ndarray, " n"], *, known: bool = True
     ) -> None:
         """The writer's: contacts of the next samples, `counts` rows each; not `known`: there is no answer to them."""
-        first, done = self["answered"], 0
-        now = time.time_ns() if known else 0
-        for here, part in self._parts(first, len(counts)):
-            fields, many = self._fields, counts[part]
-            if known and self.form.most == 1:
-                fields["contacts"][here, 0] = rows[part]
-            else:
-                which = np.repeat(np.arange(len(many)), many)
-                place = np.arange(len(which)) - np.repeat(np.cumsum(many) - many, many)
-                fields["contacts"][here][which, place] = rows[done : done + len(which)]
-                done += len(which)
-            fields["rows"][here], fields["ready"][here] = many, now
+        first = self["answered"]
+        self._loops.answer(self._memory, first, rows, counts, time.time_ns() if known else 0)
         self["answered"] = first + len(counts)
 
     def say(self, sentence: str) -> None:

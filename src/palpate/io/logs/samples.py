@@ -37,6 +37,7 @@ class Samples:
         force = to_si(layout.force_unit, FORCE_UNITS, where="units.force")
         torque = to_si(layout.torque_unit, TORQUE_UNITS, where="units.torque")
         self._picked, self._factors = np.append(picked, 3 + picked), np.append(force * signs, torque * signs)
+        self._as_it_is = bool(np.array_equal(self._picked, np.arange(6)) and (self._factors == 1.0).all())
         self._acceleration = to_si(layout.acceleration_unit, ACCELERATION_UNITS, where="acceleration.unit")
         self._frame, self._source, self._arrays = layout.frame, path.name, layout.arrays
         self._images = layout.images is not None
@@ -77,10 +78,10 @@ class Samples:
 
         The bits are those of `block`.
         """
-        if not (self._images or self._arrays):
+        if not (self._images or self._arrays or self._as_it_is):
             return values.take(self._picked, axis=1) * self._factors  # what is infinite, its status says
         values = values.copy()  # a source fills its batch again
-        return values if self._images else self._scaled(self._arrays[0], values.reshape(len(values), -1))
+        return values if not self._arrays else self._scaled(self._arrays[0], values.reshape(len(values), -1))
 
     def notes(self) -> tuple[str, ...]:
         """What a reader should know of the blocks so far, one sentence each."""
