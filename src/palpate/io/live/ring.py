@@ -214,6 +214,8 @@ class Ring:
         self, rows: Float[np.ndarray, "rows width"], counts: Int[np.ndarray, " n"], *, known: bool = True
     ) -> None:
         """The writer's: contacts of the next samples, `counts` rows each; not `known`: there is no answer to them."""
+        if self.form.most > 1 and counts.max(initial=0) > self.form.most:
+            raise ValueError(f"a sample has {counts.max()} rows, and there is room for {self.form.most}")
         first = self["answered"]
         self._loops.answer(self._memory, first, rows, counts, time.time_ns() if known else 0)
         self["answered"] = first + len(counts)
