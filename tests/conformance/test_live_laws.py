@@ -16,11 +16,33 @@ from palpate.io.live.replay import Replay, bare
 from palpate.io.live.ring import Ring
 from palpate.io.logs import join
 from palpate.io.rig.source import RigSource
+from palpate.io.rig.tables import RigOrientation
 from palpate.sensors.recording import UNSTEADY
 from tests.conformance.fields import Case, same
 from tests.conformance.sensors import SENSORS, Sensor
 
 SENSOR = pytest.mark.parametrize("sensor", SENSORS, ids=lambda sensor: sensor.name)
+
+
+@SENSOR
+def test_a_source_without_poses_is_answered_or_refused_before_it_is_opened(
+    case_of: Callable[[Sensor], Case], sensor: Sensor
+) -> None:
+    case = case_of(sensor)
+    rig = palpate.load_rig(str(case.files.rig))
+    source = Replay(case.files.log, bare(rig.layout()), speed=0.0)
+    source.poses = False
+    nowhere = RigOrientation(topic="none")  # or it would listen to ROS 2
+    rig = replace(rig, source=RigSource("replay", str(case.files.log), speed=0.0), orientation=nowhere)
+    if sensor.table == "force_torque":
+        with pytest.raises(palpate.InputError, match="payload's weight turns"):
+            Live(rig, source=source)
+        return
+    with Live(rig, source=source) as live:
+        rows = [row for _, row in live]
+    status = np.array([row[ROW.status] for row in rows])
+    assert len(rows) >= 100
+    assert np.isin(status, [palpate.Status.CONTACT, palpate.Status.AMBIGUOUS]).any()
 
 
 @pytest.fixture

@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from palpate.contact.estimate import ROW, Status
+from palpate.contact.wrench_estimator import WrenchEstimator
 from palpate.errors import InputError
 from palpate.io.live.replay import Replay
 from palpate.io.live.ring import Form, Ring
@@ -180,9 +181,10 @@ class Live:
         self._maker.shutdown(wait=False, cancel_futures=True)
 
     def __iter__(self) -> Iterator[tuple[float, Float[np.ndarray, " width"]]]:
-        """Time [s] and row of each contact, for ever; a sample without a contact has a row that says so."""
-        while True:
+        """Time [s] and row of each contact, until a replayed log ends; a sample without one has a row that says so."""
+        while not self.ended:
             yield from self.step()
+        yield from self.finish()
 
     def said(self) -> list[str]:
         """What happened since this was last asked, one sentence each."""
@@ -226,12 +228,12 @@ class Live:
         return Answers(np.zeros(0, np.int64), np.zeros(0, np.int64), self._rows[:0])
 
     def _require_enough(self) -> None:
-        """That the estimator can answer what the source gives, asked before the device is.
+        """That wrenches can be answered as the source gives them, asked before the device is.
 
         Raises:
             InputError: it needs an orientation, and nothing gives one.
         """
-        if not self._posed:
+        if isinstance(self.estimator, WrenchEstimator) and not self._posed:
             nothing = self._samples.readings(np.zeros((1, *self.source.shape), self.source.dtype))
             try:
                 self.estimator.run_into(np.zeros(1), nothing, self._rows, np.zeros(1, dtype=np.int64))
