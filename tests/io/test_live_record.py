@@ -22,7 +22,7 @@ from palpate.io.contacts import read_contacts
 from palpate.io.contacts.mcap_regain import regained
 from palpate.io.live.record import Recorder, only_one, record, require_record, ring_of
 from palpate.io.live.recover import cut_short, recover
-from palpate.io.live.ring import Form, Ring
+from palpate.io.live.ring import READERS, Form, Ring
 from palpate.io.live.source import Batch
 from palpate.io.logs import Layout, read_recording
 from palpate.io.rig import load_rig
@@ -420,7 +420,7 @@ def test_a_full_disk_ends_the_record_and_keeps_what_was_written(output: Path) ->
 def test_the_process_ends_when_the_ring_says_stop_or_the_parent_is_gone(output: Path) -> None:
     ring = _ring(output)
     _feed(ring, 500)
-    ring["stop"] = 1
+    ring["stop"] = READERS
     record(ring.path, output, FOREVER, os.getppid())
     assert numbers([output])[0] == list(range(500))
     other = output.with_name("other.mcap")
