@@ -29,7 +29,7 @@ from palpate.spatial.pose import Pose
 __all__ = ["WrenchEstimator"]
 
 PIECE = 4096  # samples at a time: what lies between two steps stays in the cache
-ROWS_SHAPE = (None, ROW.length)
+ROW_SHAPE = (ROW.length,)
 ALL = np.ones(1)  # of the noise is left
 
 
@@ -206,8 +206,9 @@ class WrenchEstimator:
         """`update` into a row of `empty()`, or the first of some, for a control loop; `ROW` says what stands where."""
         if self._zero_phase:
             self._require_forward()
-        rows = out[None] if out.ndim == 1 else out[:1]
-        require_out(rows, ROWS_SHAPE)
+        row = out if out.ndim == 1 else out[0]
+        require_out(row, ROW_SHAPE)
+        rows = row[None]
         if self._live is None:
             measured = self.sensor.single(time, reading, rotation, acceleration)
             located, covariances = self.sensor.place(measured, *self._filtered(measured), self._placement)
