@@ -18,7 +18,7 @@ from palpate.io.contacts import read_contacts
 from palpate.io.live.netft_device import NetFtDevice
 from palpate.io.live.recover import cut_short
 
-LONG = 60.0  # s: what takes longer hangs
+LONG = 240.0  # s: what takes longer hangs; kernels may be compiled meanwhile, on a busy machine
 RIG = """\
 [surface]
 kind = "sphere"

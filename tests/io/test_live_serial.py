@@ -23,7 +23,7 @@ from palpate.io.live.cobs import TYPES, CobsFrames, encoded
 from palpate.io.live.device import Device
 from palpate.io.live.lines import LineFrames, numbers, printed
 from palpate.io.live.serial_device import SerialDevice
-from palpate.io.live.source import Batch, Source, open_source
+from palpate.io.live.source import Batch, Source, source_of
 from palpate.io.rig.rig import check_rig
 from palpate.io.rig.source import RigSource
 
@@ -569,7 +569,7 @@ def test_a_port_that_cannot_be_opened_is_explained(tmp_path: Path, monkeypatch: 
     source = _port(lines)
     source.open()
     with pytest.raises(InputError, match="is used by another program"):
-        open_source(check_rig(tomllib.loads(lines + "[surface]\nkind='sphere'\nradius=0.1"), tmp_path))
+        source_of(check_rig(tomllib.loads(lines + "[surface]\nkind='sphere'\nradius=0.1"), tmp_path)).open()
     source.close()
     with pytest.raises(InputError, match="does not know 99999999999 baud"):
         _port(lines, baud=99999999999).open()

@@ -10,12 +10,11 @@ import numpy as np
 
 from palpate.cli.console import Figure, announce, lines
 from palpate.contact.estimate import ROW, Status
-from palpate.io.live.ring import Ring
+from palpate.io.live.ring import Ring, latencies
 
 __all__ = ["Figures", "summary"]
 
 LOOKED_AT = 1 << 14  # samples from which latencies are taken
-LATE = 60_000_000_000  # ns: between two clocks, and no latency
 
 
 class Figures:
@@ -73,10 +72,10 @@ def contacts(slots: np.ndarray) -> str:
 
 def latency(slots: np.ndarray) -> str:
     """From a sample's arrival to its contacts; "" where the clocks have nothing to do with each other."""
-    waited = (slots["ready"] - slots["arrived"])[slots["ready"] > 0]
-    if not len(waited) or not 0 <= np.median(waited) < LATE:
+    waited = latencies(slots)
+    if not len(waited):
         return ""
-    middle, most, worst = (1e-3 * np.percentile(waited, share) for share in (50, 99, 100))
+    middle, most, worst = (1e6 * np.percentile(waited, share) for share in (50, 99, 100))
     return f"latency {middle:,.0f} us (99 %: {most:,.0f}, worst {worst:,.0f})"
 
 

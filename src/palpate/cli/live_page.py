@@ -18,7 +18,7 @@ from palpate.contact.ring_estimator import RingEstimator
 from palpate.contact.taxel_estimator import TaxelEstimator
 from palpate.errors import InputError, PalpateError
 from palpate.io.live.receiver import orphaned
-from palpate.io.live.ring import Ring
+from palpate.io.live.ring import Ring, latencies
 from palpate.io.logs.samples import Samples
 from palpate.io.rig import Rig, load_rig
 from palpate.sensors.recording import CELLS, Recording
@@ -37,7 +37,6 @@ TOLD = 0.2  # s between two figures
 COUNTED = 0.5  # s between two counts of latencies
 MOST = 1 << 13  # slots that are read at once
 IMAGES = 1 << 24  # bytes of images that are read at once
-LATE = 60.0  # s: between two clocks, and no latency
 SENTENCES = 12
 RATED = 2.0  # s over which a rate is counted
 REST = 50  # frames from which the page takes the rest of cells
@@ -159,8 +158,7 @@ class Stream:
         if not fresh:
             return
         self._lost += sum(int(slots["lost"].sum()) for slots, _ in fresh)
-        waited = [(slots["ready"] - slots["arrived"])[slots["ready"] > 0] for slots, _ in fresh]
-        self._waited.append((now, np.concatenate(waited)))
+        self._waited.append((now, np.concatenate([latencies(slots) for slots, _ in fresh])))
         found = [self.ring.form.contacts(slots, first) for slots, first in fresh]
         if new := [part for part in found if len(part)]:
             self.window = recent(self.window, Contacts.joined(new))
@@ -189,8 +187,8 @@ class Stream:
         """Latencies, counted now and then; None where stamps have nothing to do with this machine's clock."""
         if now - self._latency[0] > COUNTED:
             waited = np.concatenate([np.zeros(0), *(part for _, part in self._waited)])
-            shares = (1e-9 * np.percentile(waited, (50.0, 99.0, 100.0))).tolist() if len(waited) else [-1.0] * 3
-            self._latency = now, (shares[0], shares[1], shares[2]) if 0.0 <= shares[0] < LATE else None
+            middle, most, worst = np.percentile(waited, (50.0, 99.0, 100.0)).tolist() if len(waited) else [0.0] * 3
+            self._latency = now, (middle, most, worst) if len(waited) else None
         return self._latency[1]
 
 

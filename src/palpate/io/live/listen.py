@@ -9,7 +9,7 @@ import numpy as np
 import polars as pl
 
 from palpate.errors import InputError
-from palpate.io.live.source import SOURCES, Batch
+from palpate.io.live.source import Batch, source_of
 from palpate.io.logs.layout import WRENCH_COLUMNS
 from palpate.io.rig.rig import Rig
 from palpate.io.rig.source import RigSource
@@ -36,7 +36,7 @@ def listen(source: RigSource, folder: Path, seconds: float = SECONDS) -> Path:
     Raises:
         InputError: it cannot be opened, gives something else, or nothing.
     """
-    device = SOURCES[source.kind](Rig(source=source, folder=Path.cwd()))
+    device = source_of(Rig(source=source, folder=Path.cwd()))
     if device.shape != (6,):
         raise InputError("gives no wrenches.", where="--source", hint="Give a log of it instead, from which to guess.")
     batch, times, values = Batch(device.shape), list[np.ndarray](), list[np.ndarray]()

@@ -21,7 +21,7 @@ from palpate.errors import InputError
 from palpate.io.live.replay import Replay
 from palpate.io.live.ring import Form, Ring
 from palpate.io.live.ros_poses import RosPoses
-from palpate.io.live.source import BATCH, SOURCES, Batch, Source
+from palpate.io.live.source import BATCH, Batch, Source, source_of
 from palpate.io.logs.decoding import seconds
 from palpate.io.logs.samples import Samples
 from palpate.io.rig.kind import Prepared
@@ -111,7 +111,7 @@ class Live:
 
         self.rig = rig if isinstance(rig, Rig) else load_rig(rig)
         self.kind = self.rig.kind(sensor)
-        self.source = SOURCES[self.rig.stream().kind](self.rig) if source is None else source
+        self.source = source_of(self.rig) if source is None else source
         self._poses = None if self.source.poses else RosPoses.of(self.rig)
         self._posed = self.source.poses or self._poses is not None
         layout = self.kind.layout(self.rig)

@@ -67,7 +67,7 @@ class Replay:
         self._said: list[str] = []
         self._rest = self._samples()
         self._held: tuple[Recording, np.ndarray, int] | None = None
-        self._begun = 0.0
+        self._begun = self._first = 0.0
 
     @classmethod
     def of(cls, rig: Rig) -> Replay:

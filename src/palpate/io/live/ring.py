@@ -1,11 +1,12 @@
 """The ring: a mapped file that samples and their contacts pass through, from one writer to any number of readers.
 
 The writer never waits for a reader: a reader that is too slow is lapped, and notices. A sample is in the file as soon
-as it was received (`RECEIVED`), its contacts a moment later (`ANSWERED`), and the file outlives every process, so that
+as it was received ("received"), its contacts a moment later ("answered"), and the file outlives every process, so that
 what was received is there after any `kill -9`; `palpate.io.live.record` reads it back.
 
-The head takes 64 KiB: numbers that processes share, each of them in a cache line of its own and written by one process;
-a description as JSON; the last sentences on what happened. Behind it stand the slots, all of one structured type.
+The head takes 64 KiB: numbers that processes share, each of them in a cache line of its own and, but for "asked" (for
+tares) and "recording", written by one process; a description as JSON; the last sentences on what happened. Behind it
+stand the slots, all of one structured type.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ from palpate.errors import InputError
 from palpate.io.live.source import Batch
 from palpate.io.logs.decoding import seconds
 
-__all__ = ["READERS", "Form", "Ring"]
+__all__ = ["READERS", "Form", "Ring", "latencies"]
 
 MAGIC, VERSION = b"PALPRING", 1
 HEAD = 1 << 16  # bytes before the slots
@@ -48,6 +49,7 @@ SIZE = 1 << 26  # bytes of slots, as a rule
 LEAST = 512  # slots
 READERS = 2  # what "stop" says to those who read, once the writer has ended by the 1 that it was told
 MARGIN = 1024  # slots: the largest batch
+LATE = 60.0  # s: between two clocks, and no latency
 _NONE = np.zeros((0, 0))
 
 
@@ -106,6 +108,12 @@ class Form:
         place = np.arange(len(which)) - np.repeat(np.cumsum(counts) - counts, counts)
         times = seconds(slots["stamp"])
         return Contacts.of_rows(first + which, times[which], slots["contacts"][which, place], self.features)
+
+
+def latencies(slots: np.ndarray) -> Float[np.ndarray, " k"]:
+    """[s] from the arrival to the contacts of each slot that is answered; none where two clocks are compared."""
+    waited = 1e-9 * (slots["ready"] - slots["arrived"])[slots["ready"] > 0]
+    return waited if len(waited) and 0.0 <= np.median(waited) < LATE else waited[:0]
 
 
 class Ring:

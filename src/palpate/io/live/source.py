@@ -12,7 +12,7 @@ from numpy.typing import DTypeLike
 if TYPE_CHECKING:
     from palpate.io.rig.rig import Rig
 
-__all__ = ["BATCH", "SOURCES", "Batch", "Source", "open_source"]
+__all__ = ["BATCH", "SOURCES", "Batch", "Source", "source_of"]
 
 BATCH = 1024  # samples that a source gives at once, at most
 SILENT = 5.0  # s without a sample, after which a source says so
@@ -126,12 +126,10 @@ SOURCES: Mapping[str, Callable[[Rig], Source]] = {
 """Kind of [source] in a rig -> the source that it says, not opened yet. Add a row, and every command takes it."""
 
 
-def open_source(rig: Rig) -> Source:
-    """The source of a rig, connected.
+def source_of(rig: Rig) -> Source:
+    """What the [source] of a rig says, not opened yet.
 
     Raises:
-        InputError: the rig has no [source], or the device cannot be opened.
+        InputError: the rig has no [source], or what it says cannot be.
     """
-    source = SOURCES[rig.stream().kind](rig)
-    source.open()
-    return source
+    return SOURCES[rig.stream().kind](rig)

@@ -9,6 +9,7 @@ from multiprocessing import get_context
 from multiprocessing.process import BaseProcess
 from typing import Any
 
+from palpate.errors import InputError
 from palpate.io.live.ring import READERS, Ring
 
 __all__ = ["Supervisor", "Worker"]
@@ -31,6 +32,7 @@ class Worker:
     target: Callable[..., None]
     arguments: tuple[Any, ...]
     process: BaseProcess | None = None
+    given_up: bool = False
     died: list[float] = field(default_factory=list[float])
 
     def start(self) -> None:
@@ -56,15 +58,22 @@ class Supervisor:
         self.workers = workers
 
     def watch(self, ring: Ring) -> None:
-        """Start again what died; to be called a few times a second."""
+        """Start again what died; to be called a few times a second.
+
+        Raises:
+            InputError: the writer died again and again; without it nothing comes any more.
+        """
         now = time.monotonic()
-        for worker in [each for each in self.workers if not each.alive]:
+        for worker in [each for each in self.workers if not (each.alive or each.given_up)]:
             code = None if worker.process is None else worker.process.exitcode
             worker.died = [at for at in worker.died if now - at < WITHIN] + [now]
             why = f"was killed by signal {-code}" if code is not None and code < 0 else f"ended with code {code}"
             if len(worker.died) > AGAIN:
-                self.workers.remove(worker)
-                ring.say(f"the {worker.name} {why} again and again, and is given up")
+                worker.given_up = True
+                said = f"the {worker.name} {why} again and again, and is given up"
+                ring.say(said)
+                if worker is self.workers[0]:
+                    raise InputError(f"{said}.", where="palpate live")
                 continue
             worker.start()
             ring.say(f"the {worker.name} {why}, and was started again")
