@@ -147,6 +147,12 @@ def test_who_comes_late_hears_what_holds(ends: tuple[Node, Node]) -> None:
     assert _received(gone) == [message[:4] + bytes(len(message) - 4)]  # only what came after it
 
 
+def _meet(device: RosDevice, source: RosTopics, publishers: int = 1) -> None:
+    """Both ends know of each other: what is sent before the reader knows its writer is dropped, and never counted."""
+    _until(lambda: device._writer is not None and device._writer.readers)
+    _until(lambda: source._reader is not None and source._reader.publishers == publishers)
+
+
 def _opened(
     domain: int, shape: tuple[int, ...] = (6,), topic: str = "/ft", layout: Layout | None = None
 ) -> tuple[RosDevice, RosTopics]:
@@ -155,7 +161,7 @@ def _opened(
     source = RosTopics(Layout(wrench_topic=topic) if layout is None else layout, Node(domain))
     source.open()
     nothing = np.zeros((0, int(np.prod(shape))))
-    _until(lambda: device._writer is not None and device._writer.readers)
+    _meet(device, source)
     assert device.send(np.zeros(0, dtype=int), nothing) == 0
     return device, source
 
@@ -190,7 +196,7 @@ def test_wrenches_of_any_make_are_read_alike(domain: int) -> None:
     kind, rng = "geometry_msgs/WrenchStamped", np.random.default_rng(9)
     writer = node.writer("/ft", kind)
     source.open()
-    _until(lambda: writer.readers)
+    _join(writer, source._reader)
     sent: list[np.ndarray] = []
     for frame_id in ["sensor"] * 3 + ["s"] * 2 + ["sensor_"] * 2 + ["tensor"] * 2:  # of one length, of another
         message = drawn(full(kind), rng)
@@ -244,7 +250,7 @@ def test_arrays_and_images_come_in_their_shape(domain: int) -> None:
     assert "have no stamps: the times at which they were sent" in " ".join(source.said())
     other = RosDevice("/skin", (5,), domain)
     other.open()
-    _until(lambda: other._writer is not None and other._writer.readers)
+    _meet(other, source, publishers=2)
     assert other.send(np.zeros(1, dtype=int), np.zeros((1, 5))) == 1
     assert device.send(np.arange(1), sent[:1]) == 1
     _, values, lost = _gathered(source, 1)
@@ -366,7 +372,7 @@ def test_a_rig_says_what_is_heard(domain: int) -> None:
     assert static.write(_tree(now, ("tool", "ft", [0.0, 0.0, 0.1], [0.0, 0.0, 0.0, 1.0])))
     for k in range(4):
         assert moving.write(_tree(now + k * 10**7, ("base", "tool", [0.1 * k, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0])))
-    _until(lambda: device._writer is not None and device._writer.readers)
+    _meet(device, source)
     time.sleep(0.2)
     device.send(np.array([now + 15 * 10**6, now + 5 * 10**7, now + SECOND]), np.zeros((3, 6)))
     batch = Batch((6,))
