@@ -14,6 +14,7 @@ from palpate.errors import InputError
 
 __all__ = [
     "ACCELERATION",
+    "AVERAGED",
     "CELLS",
     "FORCE",
     "IMAGE",
@@ -36,6 +37,7 @@ ORIENTATION = "orientation"  # (n, 4) quaternion x, y, z, w: sensor in base
 POSITION = "position"  # (n, 3) m: of the sensor's origin in the base
 ACCELERATION = "acceleration"  # (n, 3) m/s^2: of the sensor's origin, in the sensor's frame
 UNSTEADY = "unsteady"  # (n, 1) m/s^2: standard deviation, along each axis, of what ACCELERATION leaves out
+AVERAGED = "averaged"  # (n, 1) readings of the wrench of which FORCE and TORQUE are the mean; 0: interpolated
 VOLTAGE = "voltage"  # (n, 3 k) V: of load cells, cell by cell x, y, z
 CELLS = "cells"  # (n, rows, columns) or (n, k): raw readings of taxels
 REFERENCE = "reference"  # (n, 6) of a bench: force [N] on the fingertip, and the centre of the ball [m]
@@ -48,6 +50,7 @@ _SHAPES: Mapping[str, tuple[int, ...]] = {  # of one sample, where it is always 
     POSITION: (3,),
     ACCELERATION: (3,),
     UNSTEADY: (1,),
+    AVERAGED: (1,),
     REFERENCE: (6,),
 }
 
@@ -129,10 +132,15 @@ class Recording:
 
 
 def apart(names: Sequence[str], readings: np.ndarray) -> dict[str, np.ndarray]:
-    """The channels of readings (n, ...) that stand side by side, such as force and torque in (n, 6)."""
+    """The channels of readings (n, ...) that stand side by side, such as force and torque in (n, 6).
+
+    One whose width its name does not say, such as cells, is what the others leave.
+    """
     if len(names) == 1:
         return {names[0]: readings}
-    ends = np.cumsum([_SHAPES[name][0] for name in names])
+    widths = [_SHAPES[name][0] if name in _SHAPES else 0 for name in names]
+    widths = [width or readings.shape[1] - sum(widths) for width in widths]
+    ends = np.cumsum(widths)
     return dict(zip(names, np.split(readings, ends[:-1], axis=1), strict=True))
 
 

@@ -16,7 +16,7 @@ from palpate.io.live.source import Batch
 from palpate.io.logs import open_log
 from palpate.io.logs.layout import Layout
 from palpate.io.rig.rig import Rig
-from palpate.sensors.recording import ACCELERATION, FORCE, IMAGE, ORIENTATION, POSITION, TORQUE, Recording
+from palpate.sensors.recording import ACCELERATION, AVERAGED, FORCE, IMAGE, ORIENTATION, POSITION, TORQUE, Recording
 
 __all__ = ["Replay", "bare", "values_of"]
 
@@ -29,12 +29,17 @@ def bare(layout: Layout) -> Layout:
 
 
 def values_of(recording: Recording) -> np.ndarray:
-    """Its readings (n, ...): wrenches force first, or the one array or image that it has."""
+    """Its readings (n, ...): wrenches force first; the one array or image that it has; or the array, the wrench beside
+    it and of how many readings that is the mean.
+    """
     channels = recording.channels
-    if FORCE in channels:
-        return np.concatenate([channels[FORCE], channels[TORQUE]], axis=1)
-    beside = (ORIENTATION, POSITION, ACCELERATION)
-    return next(values for name, values in channels.items() if name not in beside)
+    beside = (FORCE, TORQUE, ORIENTATION, POSITION, ACCELERATION, AVERAGED)
+    rest = [values for name, values in channels.items() if name not in beside]
+    if FORCE not in channels:
+        return rest[0]
+    count = len(recording)
+    parts = [*(values.reshape(count, -1) for values in rest[:1]), channels[FORCE], channels[TORQUE]]
+    return np.concatenate([*parts, channels[AVERAGED]] if AVERAGED in channels else parts, axis=1)
 
 
 class Replay:

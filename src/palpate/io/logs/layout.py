@@ -81,7 +81,8 @@ class Layout:
     Args:
         time, time_unit: the column of the time, and its unit; of a counter "samples", with its rate.
         wrench: the six columns, force first; None: no wrench is read.
-        arrays: other channels that are read.
+        arrays: other channels that are read. In a log of topics one at most; a wrench beside it is the mean about each
+            of its rows.
         images: frames of a camera. None: no images are read. They are read alone: `wrench` is None, and no `arrays`.
         rate: [Hz] of a file that has no such column. None: it must have it. Of a video in place of its own stamps (one
             that is played slower than it was taken); of a folder of frames without times. None: 30 Hz of the latter.
@@ -89,6 +90,7 @@ class Layout:
         axes: which recorded axis is the sensor's x, y, z; "-x" flips. Applied to force and to torque alike.
         left_handed: declares that `axes` is a reflection: the driver reported a left-handed wrench, or the reaction.
         frame: "sensor" or "base", of the recorded wrench.
+        wrench_range: of each channel as recorded, in SI; a reading at it is saturated, and no mean hides that.
         orientation: quaternion x, y, z, w of the sensor in the base. None: qx, qy, qz, qw where the log has them.
         position: of the sensor in the base [m]. None: x, y, z where the log has them.
         acceleration: of the sensor in its own frame. None: ax, ay, az where the log has them.
@@ -114,6 +116,7 @@ class Layout:
     axes: tuple[str, ...] = ("x", "y", "z")
     left_handed: bool = False
     frame: str = "sensor"
+    wrench_range: tuple[float, ...] | None = None
     orientation: tuple[str, ...] | None = None
     position: tuple[str, ...] | None = None
     acceleration: tuple[str, ...] | None = None

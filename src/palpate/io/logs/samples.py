@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +11,18 @@ from jaxtyping import Float
 
 from palpate.io.logs.layout import ArrayChannel, Layout, axis_matrix
 from palpate.io.units import ACCELERATION_UNITS, FORCE_UNITS, TORQUE_UNITS, to_si
-from palpate.sensors.recording import ACCELERATION, CELLS, FORCE, IMAGE, LARGEST, ORIENTATION, TORQUE, Recording, sealed
+from palpate.sensors.recording import (
+    ACCELERATION,
+    AVERAGED,
+    CELLS,
+    FORCE,
+    IMAGE,
+    LARGEST,
+    ORIENTATION,
+    TORQUE,
+    Recording,
+    sealed,
+)
 
 __all__ = ["NUMBERS", "WRENCH", "Samples", "rows_at_once"]
 
@@ -40,7 +51,7 @@ class Samples:
         self._as_it_is = bool(np.array_equal(self._picked, np.arange(6)) and (self._factors == 1.0).all())
         self._acceleration = to_si(layout.acceleration_unit, ACCELERATION_UNITS, where="acceleration.unit")
         self._frame, self._source, self._arrays = layout.frame, path.name, layout.arrays
-        self._images = layout.images is not None
+        self._images, self._both = layout.images is not None, bool(layout.arrays) and layout.wrench is not None
         self._times = _Times()
         self._beyond = Counter[str]()  # name of a channel -> rows with a number that is a fault
         self._infinite = self._none = self._far = 0
@@ -58,6 +69,8 @@ class Samples:
         if WRENCH in read:
             wrenches = self._wrenches(read[WRENCH])
             channels = {FORCE: wrenches[:, :3].copy(), TORQUE: wrenches[:, 3:].copy()}
+            if self._both and AVERAGED not in read:
+                channels[AVERAGED] = np.ones((len(time), 1))
         apart = (WRENCH, IMAGE, *(array.name for array in self._arrays))
         bounded = [name for name in read if name not in apart]
         channels |= {name: self._bounded(name, read[name]) for name in bounded}
@@ -76,12 +89,23 @@ class Samples:
     def readings(self, values: np.ndarray) -> np.ndarray:
         """Of a stream: (n, k) as recorded become what a sensor of this layout is updated with, (n, ...) in SI.
 
-        The bits are those of `block`.
+        The bits are those of `block`. Of an array with a wrench beside it, (n, k + 7), the wrench stands behind it, and
+        of how many readings it is the mean.
         """
+        if self._both:
+            array = self._scaled(self._arrays[0], values[:, :-7].copy()).reshape(len(values), -1)
+            wrench = values[:, -7:-1].take(self._picked, axis=1) * self._factors
+            return np.concatenate([array, wrench, values[:, -1:]], axis=1)
         if not (self._images or self._arrays or self._as_it_is):
             return values.take(self._picked, axis=1) * self._factors  # what is infinite, its status says
         values = values.copy()  # a source fills its batch again
         return values if not self._arrays else self._scaled(self._arrays[0], values.reshape(len(values), -1))
+
+    def recorded(self, limits: Sequence[float]) -> Float[np.ndarray, "6"]:
+        """Limits of a wrench [N, N m], along the sensor's axes, as the log's columns have them."""
+        made = np.empty(6)
+        made[self._picked] = np.abs(np.asarray(limits) / self._factors)
+        return made
 
     def notes(self) -> tuple[str, ...]:
         """What a reader should know of the blocks so far, one sentence each."""

@@ -1,4 +1,4 @@
-"""A log of topics: wrenches or arrays row by row, each with the pose and acceleration of other topics at its time."""
+"""A log of topics: wrenches or arrays row by row, each with what other topics say of its time."""
 
 from __future__ import annotations
 
@@ -15,11 +15,12 @@ from palpate.io.logs.decoding import ARRAYS, decode, decode_array, has_header, s
 from palpate.io.logs.joints import JointPoses, joint_stamps, joint_topic
 from palpate.io.logs.layout import ArrayChannel, Layout
 from palpate.io.logs.log import Log, LogContents, Messages, Source, Topic
-from palpate.io.logs.samples import NUMBERS, Samples, rows_at_once
+from palpate.io.logs.samples import NUMBERS, WRENCH, Samples, rows_at_once
 from palpate.io.logs.topics import LIVE_ACCELERATION, LIVE_POSE, POSE_KINDS, choose, doubtful, main_channel, sentence
 from palpate.io.logs.transforms import Frames, TreePoses, read_frames, tree_topics
+from palpate.io.logs.wrench_means import WrenchMeans
 from palpate.io.urdf import Kinematics, Urdf
-from palpate.sensors.recording import ACCELERATION, ORIENTATION, POSITION, Recording
+from palpate.sensors.recording import ACCELERATION, AVERAGED, ORIENTATION, POSITION, Recording
 from palpate.spatial.frames import FramePath
 from palpate.spatial.pose_track import PoseTrack
 
@@ -72,8 +73,10 @@ class TopicLog(Log):
             stream = _Stream(chosen["acceleration"], self._source)
             gap = 0.0 if stream.topic.name == LIVE_ACCELERATION else layout.max_gap
             tracks["acceleration"] = _Tracked(stream, PoseTrack(0.0, gap), still=True)
-        self._join = join = _Join(main, tracks, Samples(layout, self.path), layout)
+        wrenches = _Beside(_Stream(chosen["wrench"], self._source), layout) if "wrench" in chosen else None
+        self._join = join = _Join(main, tracks, Samples(layout, self.path), layout, wrenches)
         wanted = {main.topic.name, *(topic.name for track in tracks.values() for topic in track.topics)}
+        wanted |= set() if wrenches is None else {wrenches.stream.topic.name}
         for messages in self._source.messages(wanted):
             self.position = self._source.position
             yield from join.take(messages)
@@ -228,11 +231,35 @@ class _Tracked:
         return (*self.stream.notes(), *self.track.notes())
 
 
-class _Join:
-    """Rows that wait until poses and accelerations around their time have come."""
+class _Beside:
+    """The wrenches of one topic, beside the rows of another."""
 
-    def __init__(self, main: _Stream, sources: Mapping[str, PoseSource], samples: Samples, layout: Layout) -> None:
+    def __init__(self, stream: _Stream, layout: Layout) -> None:
+        limits = None if layout.wrench_range is None else Samples(layout, Path()).recorded(layout.wrench_range)
+        self.stream, self.track = stream, WrenchMeans(0.0, layout.max_gap, limits)
+
+    def add(self, messages: Messages) -> None:
+        """More of the log."""
+        self.track.add(*self.stream.read(messages))
+
+    def notes(self) -> tuple[str, ...]:
+        """What was odd."""
+        return (*self.stream.notes(), *self.track.notes())
+
+
+class _Join:
+    """Rows that wait until poses, accelerations and wrenches around their time have come."""
+
+    def __init__(
+        self,
+        main: _Stream,
+        sources: Mapping[str, PoseSource],
+        samples: Samples,
+        layout: Layout,
+        wrenches: _Beside | None = None,
+    ) -> None:
         self._main, self._sources, self._samples, self._layout = main, sources, samples, layout
+        self._wrenches = wrenches
         array = main_channel(layout)
         self._name, width = ("wrench", 6) if array is None else (array.name, array.size)
         self._block, self._held = rows_at_once(BLOCK, width), rows_at_once(HELD, width, 8 * NUMBERS)
@@ -242,7 +269,7 @@ class _Join:
 
     def take(self, messages: Messages) -> Iterator[Recording]:
         """Some more messages, and the rows that can now be answered."""
-        for source in self._sources.values():
+        for source in (*self._sources.values(), *self._beside):
             source.add(messages)
         time, values = self._main.read(messages)
         self._time.append(time)
@@ -254,14 +281,14 @@ class _Join:
 
     def finish(self) -> Iterator[Recording]:
         """The rows that are left, once there are no more messages."""
-        for track in self._tracks.values():
+        for track in self._all:
             track.complete()
         if self._time:
             yield from self._release(complete=True)
 
     def notes(self) -> tuple[str, ...]:
         """What was odd, one sentence each."""
-        said = [note for source in self._sources.values() for note in source.notes()]
+        said = [note for source in (*self._sources.values(), *self._beside) for note in source.notes()]
         said = [*self._main.notes(), *said]
         pose = self._sources.get("pose")
         if isinstance(pose, _Tracked) and self._layout.orientation_topic is None:
@@ -270,9 +297,17 @@ class _Join:
             said.append(f"{self._lost} samples have no pose: none of their time had come {self._held} rows later")
         return tuple(dict.fromkeys((*said, *self._samples.notes())))
 
+    @property
+    def _beside(self) -> tuple[_Beside, ...]:
+        return () if self._wrenches is None else (self._wrenches,)
+
+    @property
+    def _all(self) -> tuple[PoseTrack | FramePath | WrenchMeans, ...]:
+        return (*self._tracks.values(), *(beside.track for beside in self._beside))
+
     def _release(self, *, complete: bool) -> Iterator[Recording]:
         time, values = _joined(self._time), _joined(self._values)
-        ready = min((track.answerable(time) for track in self._tracks.values()), default=len(time))
+        ready = min((track.answerable(time) for track in self._all), default=len(time))
         if not complete and len(time) - ready > self._held:
             self._lost += len(time) - self._held - ready
             ready = len(time) - self._held
@@ -283,7 +318,7 @@ class _Join:
             self.rows += len(time[piece])
             yield self._samples.block(time[piece], {self._name: values[piece], **self._others(time[piece])})
         oldest = float(np.min(time, initial=np.inf, where=np.isfinite(time)))
-        for track in self._tracks.values() if np.isfinite(oldest) else ():
+        for track in self._all if np.isfinite(oldest) else ():
             track.forget(oldest)
 
     def _others(self, time: Float[np.ndarray, " n"]) -> dict[str, Float[np.ndarray, "n _"]]:
@@ -291,6 +326,8 @@ class _Join:
         for role, track in self._tracks.items():
             quaternion, position = track.at(time)
             found |= {ORIENTATION: quaternion, POSITION: position} if role == "pose" else {ACCELERATION: position}
+        for beside in self._beside:
+            found[WRENCH], found[AVERAGED] = beside.track.means(time)
         return found
 
 

@@ -72,14 +72,14 @@ _ACCELERATION = _Wanted("acceleration", "acceleration", f"Accelerations are read
 
 
 def main_channel(layout: Layout) -> ArrayChannel | None:
-    """What each row of a log of topics is made of: an array, or None, which is the wrench.
+    """What each row of a log of topics is made of: an array, beside which wrenches may stand; or None, the wrench.
 
     Raises:
-        InputError: the layout asks for several, whose messages come at times of their own, or for nothing.
+        InputError: the layout asks for several arrays, whose messages come at times of their own, or for nothing.
     """
     asked = [*([None] if layout.wrench is not None else []), *layout.arrays]
-    if len(asked) == 1 and layout.images is None:
-        return asked[0]
+    if layout.images is None and asked and len(layout.arrays) <= 1:
+        return asked[-1]
     said = ["wrench" if array is None else array.name for array in asked] + ["image"] * (layout.images is not None)
     names = " and ".join(said) or "nothing"
     raise InputError(
@@ -90,7 +90,7 @@ def main_channel(layout: Layout) -> ArrayChannel | None:
 
 
 def choose(there: LogContents, layout: Layout) -> dict[str, Topic]:
-    """What "main" (a wrench, or an array), "pose" and "acceleration" are taken from.
+    """What "main" (a wrench, or an array), "wrench" beside an array, "pose" and "acceleration" are taken from.
 
     The last two as far as they are there; none of several topics of poses, as long as none is named (`doubtful`).
 
@@ -104,7 +104,8 @@ def choose(there: LogContents, layout: Layout) -> dict[str, Topic]:
     acceleration = _recorded(topics, LIVE_ACCELERATION) or _named(
         topics, _ACCELERATION, layout.acceleration_topic, path
     )  # an accelerometer may sit anywhere
-    chosen = {"main": rows, "pose": pose, "acceleration": acceleration}
+    beside = _required(there, _WRENCH, layout.wrench_topic) if array is not None and layout.wrench is not None else None
+    chosen = {"main": rows, "wrench": beside, "pose": pose, "acceleration": acceleration}
     return {role: topic for role, topic in chosen.items() if topic is not None}
 
 

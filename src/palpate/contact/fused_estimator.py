@@ -1,0 +1,423 @@
+"""A skin says where contacts are, a force/torque sensor what they sum up to: each contact with its force in 3-D."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Mapping
+
+import numpy as np
+from jaxtyping import Float, Int, Int8
+from numpy.typing import ArrayLike
+
+from palpate.contact.contacts import Contacts
+from palpate.contact.estimate import ROW, Status
+from palpate.contact.estimator import NOTHING_BESIDE
+from palpate.contact.fused import Fused, FusedLocator
+from palpate.contact.taxel_estimator import TaxelEstimator
+from palpate.errors import InputError
+from palpate.sensors.compensation import Compensation
+from palpate.sensors.filters import Filter
+from palpate.sensors.recording import AVERAGED, CELLS, FORCE, TORQUE, Recording, apart
+from palpate.sensors.smoothing import BothWays, Forward
+from palpate.sensors.wrench_sensor import Measured, Placement, Tare, WrenchSensor
+from palpate.spatial._arrays import require_out
+from palpate.spatial.pose import Pose
+
+__all__ = ["FEATURES", "FusedEstimator"]
+
+FEATURES = (
+    "share",
+    "bound",
+    "unexplained",
+    "belief",
+    "force_xx",
+    "force_xy",
+    "force_xz",
+    "force_yy",
+    "force_yz",
+    "force_zz",
+)
+SHARE, BOUND, UNEXPLAINED, BELIEF, SPREAD = range(5)  # where they stand behind the skin's
+_UPPER = np.triu_indices(3)
+PERSISTS = 0.05  # s that something must be unexplained before it is a contact: a touch that begins is felt first
+AGREES = 0.5  # of the frames with a contact may be unexplained before that is a doubt
+ENOUGH = 50  # frames with a contact, for doubts
+
+
+class FusedEstimator:
+    """The `ContactEstimator` of a skin and a force/torque sensor on one link.
+
+    Each frame of the skin gives places, normals and normal forces, the wrench at that time what they sum up to
+    (`FusedLocator`). A frame without a wrench keeps the skin's forces, with `share` 1. What the skin cannot explain
+    for 50 ms is one more contact, of identity 0, at the place that is believed most.
+
+    Features, behind those of the skin: `share`, the posterior over the prior deviation of a contact's force: 1 where
+    the wrench says nothing of it; `bound`, 1 where its friction cone binds; `unexplained`, the probability of a wrench
+    as far from what the skin feels as this one, where the skin feels all; `belief` in the place of a contact that the
+    skin does not feel, NaN of others; `force_xx` ... `force_zz` [N^2], the covariance of the force.
+
+    Args:
+        taxels: of the skin; its filter smooths the wrenches too.
+        sensor: of wrenches.
+        fused: on the surface, in the surface's frame, which is the skin's too.
+        mount: T_sensor_surface.
+        mount_covariance: (6, 6) of its (rotation vector [rad], translation [m]), perturbed on the left.
+    """
+
+    channels = (CELLS, FORCE, TORQUE, AVERAGED)
+
+    def __init__(
+        self,
+        taxels: TaxelEstimator,
+        sensor: WrenchSensor,
+        fused: FusedLocator,
+        mount: Pose | None = None,
+        mount_covariance: Float[np.ndarray, "6 6"] | None = None,
+    ) -> None:
+        if sensor.noise is None:
+            raise InputError(
+                "fusing a skin with wrenches needs the noise of the wrenches.",
+                where="force_torque.noise",
+                hint="State it in the rig, or use a log that begins untouched.",
+            )
+        self.taxels, self.sensor, self.fused = taxels, sensor, fused
+        self.mount = Pose.identity() if mount is None else mount
+        self.features = (*taxels.features, *FEATURES)
+        self._placement = Placement(self.mount, mount_covariance)
+        self._filter, self._forward = taxels.filter, None
+        recursion = None if self._filter is None else self._filter.recursion(_known(taxels.rate))
+        if recursion is not None and self._filter is not None:
+            self._smoothed(self._filter, recursion.share.min())
+        if recursion is not None and not self._zero_phase:
+            self._forward = Forward(recursion, _known(taxels.rate))
+        self._one = np.zeros(1), np.zeros((1, len(taxels.body))), np.zeros(1, dtype=np.int64)
+        self._rows = taxels.empty(taxels.most)
+        self.reset()
+
+    @property
+    def most(self) -> int:
+        """Contacts of one frame: those that the skin feels, and one that it does not."""
+        return self.taxels.most + 1
+
+    @property
+    def _zero_phase(self) -> bool:
+        return self._filter is not None and self._filter.zero_phase
+
+    def empty(self, *batch: int) -> Float[np.ndarray, "*batch w"]:
+        """Rows for `update_into`: `contact.estimate.ROW`, then `features`, then the identity."""
+        return np.zeros((*batch, ROW.length + len(self.features) + 1))
+
+    def reset(self) -> None:
+        """Forget what frames left; not the tares."""
+        self.taxels.reset()
+        self.sensor.reset()
+        if self._forward is not None:
+            self._forward.reset()
+        self._since = np.nan  # [s] when the wrench began to be unexplained
+        self._frames = self._missing = self._touched = self._unexplained = self._opposed = 0
+
+    def tare(self, recording: Recording) -> Tare:
+        """Take what both read at rest off from now on.
+
+        Raises:
+            InputError: too few frames, or not steady: what was seen.
+        """
+        wrench = self.sensor.tare(recording)
+        cells = self.taxels.tare(recording)
+        self.reset()
+        doubt = "; ".join(each.doubt for each in (wrench, cells) if each.doubt)
+        return Tare(f"{wrench.said}; {cells.said}", doubt)
+
+    def run(self, recording: Recording) -> Contacts:
+        """The contacts of a block, at least one row a frame.
+
+        Raises:
+            InputError: a channel is missing or of another size, or the filter looks ahead.
+        """
+        self._require_forward()
+        return self._joined(self.taxels.run(recording), *self._wrenches(recording))
+
+    def pairs(
+        self, blocks: Iterable[Recording], forces: Callable[[np.ndarray], None] | None = None
+    ) -> Iterator[tuple[Recording, Contacts]]:
+        """Each block with its contacts, in order, as soon as they are known; see `TaxelEstimator.pairs`."""
+        first, waiting = 0, deque[_Wrenches]()
+        fed = _Fed(self, waiting)
+        for block, found in self.taxels.pairs(fed.blocks(self.sensor.ready(blocks)), forces):
+            yield block, self._joined(found, *fed.taken(), first)
+            first += len(block)
+
+    def stream(self, blocks: Iterable[Recording]) -> Iterator[Contacts]:
+        """The contacts of `pairs` alone."""
+        return (found for _, found in self.pairs(blocks))
+
+    def update(
+        self, time: float, reading: ArrayLike, rotation: ArrayLike | None = None, acceleration: ArrayLike | None = None
+    ) -> Contacts:
+        """The contacts of one frame.
+
+        Args:
+            time: [s] on the clock of the frames.
+            reading: (k + 7,): the cells row by row, force [N] and torque [N m] as measured, NaN where there is none,
+                and of how many readings they are the mean (1; 0: interpolated).
+            rotation: (3, 3) sensor in base, where the payload needs it.
+            acceleration: (3,) [m/s^2] of the sensor's origin in its own frame; None: at rest.
+
+        Raises:
+            InputError: the reading has another shape, the rest is not known, or the filter looks ahead.
+        """
+        rows = self.empty(self.most)
+        rows = rows[: self.update_into(time, reading, rows, rotation, acceleration)]
+        count = len(rows)
+        return Contacts.of_rows(np.zeros(count, np.int64), np.full(count, time, np.float64), rows, self.features)
+
+    def update_into(
+        self,
+        time: float,
+        reading: ArrayLike,
+        out: Float[np.ndarray, "*rows w"],
+        rotation: ArrayLike | None = None,
+        acceleration: ArrayLike | None = None,
+    ) -> int:
+        """`update` into rows of `empty`: how many are written, at least 1, as many as fit."""
+        self._require_forward()
+        values = np.asarray(reading, dtype=np.float64).reshape(-1)
+        rows = out.reshape(-1, out.shape[-1])
+        require_out(rows, (None, ROW.length + len(self.features) + 1))
+        cells, wrench, averaged = values[:-7], values[-7:-1], values[-1:]
+        count = self.taxels.update_into(time, cells, self._rows)
+        measured = self.sensor.single(time, wrench, rotation, acceleration)
+        placed = self._placed(measured, averaged)
+        return self._frame(time, self._rows[:count], *(part[0] for part in placed), rows)
+
+    def run_into(
+        self,
+        time: Float[np.ndarray, " n"],
+        readings: Float[np.ndarray, "n k"],
+        out: Float[np.ndarray, "rows width"],
+        counts: Int[np.ndarray, " n"],
+        beside: Mapping[str, np.ndarray] = NOTHING_BESIDE,
+    ) -> int:
+        """`run` of arrays; see `ContactEstimator` and, for what a reading is, `update`."""
+        self._require_forward()
+        require_out(out, (None, ROW.length + len(self.features) + 1))
+        done = used = 0
+        while done < len(time) and len(out) - used >= self.most:
+            one = slice(done, done + 1)
+            channels = apart(self.channels, readings[one])
+            kept = {name: values[one] for name, values in beside.items()}
+            block = Recording(time[one], {**channels, **kept}, source="the stream")
+            when, _, count = self._one
+            when[0] = time[done]
+            self.taxels.run_into(when, channels[CELLS], self._rows, count)
+            located, covariance, status = self._wrenches(block)
+            counts[done] = self._frame(
+                float(time[done]), self._rows[: int(count[0])], located[0], covariance[0], status[0], out[used:]
+            )
+            used += int(counts[done])
+            done += 1
+        return done
+
+    def notes(self) -> tuple[str, ...]:
+        """What was met so far, one sentence each."""
+        said = [*self.fused.notes, *self.taxels.notes(), *self.sensor.notes()]
+        if self._missing:
+            said.append(
+                f"{self._missing} of {self._frames} frames have no wrench: their forces are the skin's alone (share 1)"
+            )
+        return tuple(said)
+
+    def doubts(self) -> tuple[str, ...]:
+        """What may be wrong: the skin and the wrench that do not belong together."""
+        said = [*self.taxels.doubts(), *self.sensor.doubts()]
+        if self._touched >= ENOUGH and self._opposed > AGREES * self._touched:
+            said.append(
+                f"the wrench points against what the skin feels in {self._opposed} of {self._touched} frames with a "
+                "contact: is it the reaction (axes, left_handed), or of the other end of the link?"
+            )
+        elif self._touched >= ENOUGH and self._unexplained > AGREES * self._touched:
+            said.append(
+                f"in {self._unexplained} of {self._touched} frames with a contact the wrench is not that of what the "
+                "skin feels: are skin map, surface.pose, clocks and units of one link?"
+            )
+        return tuple(said)
+
+    def _wrenches(
+        self, recording: Recording
+    ) -> tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, "n 6 6"], Int8[np.ndarray, " n"]]:
+        """In the surface's frame, with covariances; NaN where there is none."""
+        return self._placed(self.sensor.measure(recording), recording.channels[AVERAGED][:, 0])
+
+    def _placed(
+        self, measured: Measured, averaged: Float[np.ndarray, " n"], smoothed: tuple[np.ndarray, np.ndarray] | None = None
+    ) -> tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, "n 6 6"], Int8[np.ndarray, " n"]]:
+        wrenches, share = measured.wrench, 1.0 / np.maximum(np.nan_to_num(averaged, nan=1.0), 1.0)
+        if smoothed is not None:
+            wrenches, share = smoothed[0], share * smoothed[1]
+        elif self._forward is not None:
+            share = share * self._forward.share(self._forward(measured.time, measured.status, wrenches))
+        located, covariances = self.sensor.place(measured, wrenches, share, self._placement)
+        if covariances is None:
+            raise InputError("fusing needs the noise of the wrenches.", where="force_torque.noise")
+        return located, covariances, measured.status
+
+    def _joined(
+        self,
+        found: Contacts,
+        located: Float[np.ndarray, "n 6"],
+        covariances: Float[np.ndarray, "n 6 6"],
+        status: Int8[np.ndarray, " n"],
+        first: int = 0,
+    ) -> Contacts:
+        """Contacts of the skin with the wrenches of their frames."""
+        rows, parts, counts = found.rows(), list[np.ndarray](), np.zeros(len(located), dtype=np.int64)
+        edges = np.searchsorted(found.sample - first, np.arange(len(located) + 1))
+        out = self.empty(self.most)
+        for k in range(len(located)):
+            of = slice(int(edges[k]), int(edges[k + 1]))
+            counts[k] = self._frame(float(found.time[of.start]), rows[of], located[k], covariances[k], status[k], out)
+            parts.append(out[: counts[k]].copy())
+        made = np.concatenate([self.empty(0), *parts])
+        sample = first + np.repeat(np.arange(len(located)), counts)
+        time = np.repeat(found.time[edges[:-1]], counts) if len(found) else found.time
+        return Contacts.of_rows(sample, time, made, self.features)
+
+    def _frame(
+        self,
+        time: float,
+        skin: Float[np.ndarray, "n v"],
+        wrench: Float[np.ndarray, "6"],
+        covariance: Float[np.ndarray, "6 6"],
+        status: int,
+        out: Float[np.ndarray, "m w"],
+    ) -> int:
+        """One frame: rows of the skin, then one of what it does not feel; how many are written."""
+        count, after = len(skin), ROW.length + len(self.taxels.features)
+        skin = skin[: len(out)]
+        out[: len(skin), :after], out[: len(skin), -1] = skin[:, :-1], skin[:, -1]
+        out[: len(skin), after:-1] = np.nan
+        touching = np.flatnonzero(np.isfinite(skin[:, ROW.point]).all(axis=1))
+        usable = status < 0 and bool(np.isfinite(wrench).all())
+        felt = skin[touching[0] if len(touching) else 0, ROW.status] != Status.INVALID
+        self._frames += 1
+        self._missing += not usable
+        if not felt or not (usable or len(touching)):
+            self._since = np.nan
+            return len(skin)
+        fused = self._fuse(skin[touching], wrench if usable else np.full(6, np.nan), covariance)
+        _write(fused, touching, out, after)
+        if len(touching) and usable:
+            self._judge(skin[touching, ROW.force], wrench, bool(fused.alarm))
+        if not usable or not self._persists(time, bool(fused.alarm)) or count >= len(out):
+            return len(skin)
+        return self._unseen(fused, touching, out, len(skin), after)
+
+    def _fuse(
+        self, rows: Float[np.ndarray, "n v"], wrench: Float[np.ndarray, "6"], covariance: Float[np.ndarray, "6 6"]
+    ) -> Fused:
+        normals, forces = rows[:, ROW.normal], rows[:, ROW.force]
+        normal = np.maximum(-np.sum(normals * forces, axis=1), 0.0)
+        deviations = np.where(rows[:, ROW.status] == Status.SATURATED, np.maximum(normal, 1.0), 0.0)
+        spreads = np.nan_to_num(rows[:, ROW.covariance].reshape(-1, 3, 3))
+        return self.fused.fuse(rows[:, ROW.point], normals, normal, deviations, spreads, wrench[None], covariance[None])
+
+    def _persists(self, time: float, alarm: bool) -> bool:
+        """Whether what is unexplained lasts."""
+        if not alarm:
+            self._since = np.nan
+            return False
+        if np.isnan(self._since):
+            self._since = time
+        return time - self._since >= PERSISTS
+
+    def _unseen(self, fused: Fused, touching: np.ndarray, out: np.ndarray, row: int, after: int) -> int:
+        """The contact that the skin does not feel, in the place of a row that says that there is none."""
+        places = self.fused.unseen(fused)
+        if not len(places.belief):
+            return row
+        at = row if len(touching) else 0
+        mine = out[at]
+        mine[:] = np.nan
+        inside = places.region
+        several = int(np.count_nonzero(inside))
+        share = places.belief[inside] / max(float(places.belief[inside].sum()), 1e-300)
+        away = places.points[inside] - places.points[0]
+        mine[ROW.point], mine[ROW.normal], mine[ROW.force] = places.points[0], places.normals[0], places.forces[0]
+        mine[ROW.covariance] = (np.einsum("k,ki,kj->ij", share, away, away)).ravel()
+        mine[ROW.residual], mine[ROW.candidates] = 0.0, several
+        mine[ROW.status] = Status.CONTACT if several == 1 else Status.AMBIGUOUS
+        mine[after + UNEXPLAINED], mine[after + BELIEF] = fused.p[0], places.belief[0]
+        mine[-1] = 0.0
+        return at + 1
+
+    def _judge(self, forces: Float[np.ndarray, "n 3"], wrench: Float[np.ndarray, "6"], alarm: bool) -> None:
+        """Whether skin and wrench say the same, for doubts."""
+        self._touched += 1
+        self._unexplained += alarm
+        self._opposed += alarm and bool(forces.sum(axis=0) @ wrench[:3] < 0)
+
+    def _smoothed(self, filter: Filter, least: float) -> None:
+        if isinstance(self.sensor, Compensation):
+            self.sensor.smoothed_by(filter, self.taxels.rate, least)
+
+    def _require_forward(self) -> None:
+        if self._zero_phase:
+            raise InputError(
+                "a filter of zero phase looks ahead, so it cannot answer sample by sample.",
+                hint="Use stream on a log, or a Butterworth filter without zero_phase.",
+            )
+
+
+_Wrenches = tuple[Measured, Float[np.ndarray, " n"]]
+
+
+class _Fed:
+    """Wrenches of the blocks that the skin is given, in their order; a filter of zero phase looks ahead in both."""
+
+    def __init__(self, estimator: FusedEstimator, waiting: deque[_Wrenches]) -> None:
+        self._estimator, self._waiting = estimator, waiting
+        taxels = estimator.taxels
+        both = taxels.filter is not None and taxels.filter.zero_phase
+        recursion = taxels.filter.recursion(_known(taxels.rate)) if both and taxels.filter is not None else None
+        self._both = None if recursion is None else BothWays(recursion, _known(taxels.rate))
+
+    def blocks(self, blocks: Iterable[Recording]) -> Iterator[Recording]:
+        """The same, once their wrenches are measured."""
+        for block in blocks:
+            measured = self._estimator.sensor.measure(block)
+            if self._both is not None:
+                self._both.push(measured.time, measured.status, measured.wrench)
+            self._waiting.append((measured, block.channels[AVERAGED][:, 0]))
+            yield block
+        if self._both is not None:
+            self._both.finish()
+
+    def taken(self) -> tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, "n 6 6"], Int8[np.ndarray, " n"]]:
+        """Of the next block, as `FusedEstimator` takes them."""
+        measured, averaged = self._waiting.popleft()
+        return self._estimator._placed(measured, averaged, self._smooth(measured))
+
+    def _smooth(self, measured: Measured) -> tuple[np.ndarray, np.ndarray] | None:
+        if self._both is None:
+            return None
+        wrenches, good = measured.wrench.copy(), measured.status < 0
+        share = np.ones(len(good))
+        wrenches[good], share[good] = self._both.take(int(np.count_nonzero(good)))
+        return wrenches, share
+
+
+def _write(fused: Fused, touching: Int[np.ndarray, " n"], out: np.ndarray, after: int) -> None:
+    """What is known of the forces of contacts that the skin feels."""
+    count = len(touching)
+    blocks = fused.covariance.reshape(count, 3, count, 3)
+    each = blocks[np.arange(count), :, np.arange(count)] if count else np.zeros((0, 3, 3))
+    out[touching, ROW.force] = fused.force
+    out[touching, after + SHARE], out[touching, after + BOUND] = fused.share, fused.bound
+    out[touching, after + UNEXPLAINED] = fused.p[0]
+    out[touching, after + SPREAD : after + SPREAD + 6] = each[:, *_UPPER]
+
+
+def _known(rate: float | None) -> float:
+    if rate is None:
+        raise InputError("a filter needs the rate of the frames.", hint="Give rate in Hz.")
+    return rate

@@ -1,0 +1,128 @@
+"""Wrenches of one topic at the times of the rows of another: their mean about each row."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float
+
+__all__ = ["WrenchMeans"]
+
+SLACK = 1e-6  # s: seconds since 1970 are only good to a quarter of this
+
+
+class WrenchMeans:
+    """Recorded wrenches, added in pieces as they come; asked in order at the times of rows, such as frames of a skin.
+
+    The answer at a row is the mean of the readings within half a step of the rows to either side of it, so that all
+    readings are used once and the mean stands at the row's own time; where there is none, as of a sensor slower than
+    the rows, it lies on the line between its neighbours. Nothing depends on how rows or wrenches are cut into pieces.
+
+    Args:
+        offset: [s] added to the wrenches' stamps to put them on the rows' clock.
+        max_gap: [s] between neighbours, or to the only one, beyond which there is no answer; and the longest step.
+        limits: (6,) as recorded, at which a reading is saturated: a mean of several with one in it is that reading.
+    """
+
+    def __init__(
+        self, offset: float = 0.0, max_gap: float = 0.25, limits: Float[np.ndarray, "6"] | None = None
+    ) -> None:
+        self.offset, self.max_gap = offset, max_gap
+        self.late = self.unanswered = self.rows = 0
+        self._limits = np.full(6, np.inf) if limits is None else limits
+        self._kept, self._fresh = np.zeros((0, 7)), list[np.ndarray]()
+        self._newest, self._complete = -np.inf, False
+        self._last = np.nan  # the row before
+        self._step = 0.0  # between rows, the last that was no gap
+
+    def add(self, time: Float[np.ndarray, " n"], wrenches: Float[np.ndarray, "n 6"]) -> None:
+        """More readings; one that is no newer than one before, or without a stamp or a number, is left out."""
+        stamped = np.column_stack([time + self.offset, wrenches])
+        stamped = stamped[np.isfinite(stamped).all(axis=1)]
+        reached = np.maximum.accumulate(np.append(self._newest, stamped[:, 0]))
+        newer = stamped[:, 0] > reached[:-1]
+        self.late += int(np.count_nonzero(~newer))
+        self._newest = float(reached[-1])
+        self._fresh.append(stamped[newer])
+
+    def complete(self) -> None:
+        """No more readings will come."""
+        self._complete = True
+
+    def answerable(self, time: Float[np.ndarray, " n"]) -> int:
+        """How many of the next rows get an answer that readings to come will not change."""
+        waits = np.flatnonzero(time + self._halves(time)[0] > self._newest)
+        return len(time) if self._complete or not len(waits) else int(waits[0])
+
+    def means(self, time: Float[np.ndarray, " n"]) -> tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, "n 1"]]:
+        """Of the next rows: wrenches as recorded, NaN where there is none, and of how many readings each is the mean.
+
+        0 readings: it was interpolated, or there is none.
+        """
+        halves, self._step = self._halves(time)
+        known = time[np.isfinite(time)]
+        self._last = float(known[-1]) if len(known) else self._last
+        kept = self._gathered()
+        stamps, values = kept[:, 0], kept[:, 1:]
+        first = np.searchsorted(stamps, time - halves, side="right")
+        end = np.searchsorted(stamps, time + halves, side="right")
+        counts = np.where(np.isfinite(time), end - first, 0)
+        made = self._between(time, stamps, values)
+        for k in np.flatnonzero(counts).tolist():
+            made[k] = self._mean(values[first[k] : end[k]])
+        self.rows += len(time)
+        self.unanswered += int(np.count_nonzero(np.isnan(made[:, 0])))
+        return made, counts[:, None].astype(np.float64)
+
+    def forget(self, before: float) -> None:
+        """Drop what rows at `before` [s] and later do not need."""
+        kept = self._gathered()
+        first = int(np.searchsorted(kept[:, 0], before - self.max_gap - SLACK)) - 1
+        if first > 0:
+            self._kept = kept[first:].copy()
+
+    def notes(self) -> tuple[str, ...]:
+        """What was left out, one sentence each."""
+        said = (
+            (self.late, f"{self.late} wrenches are no newer than one before them and were left out"),
+            (self.unanswered, f"{self.unanswered} of {self.rows} rows have no wrench within {self.max_gap:g} s"),
+        )
+        return tuple(sentence for count, sentence in said if count)
+
+    def _halves(self, time: Float[np.ndarray, " n"]) -> tuple[Float[np.ndarray, " n"], float]:
+        """Half of the step to each row, that before it where it is a gap; and the last step."""
+        halves, step, last = np.zeros(len(time)), self._step, self._last
+        for k, now in enumerate(time.tolist()):
+            passed = now - last
+            if 0 < passed <= self.max_gap + SLACK:
+                step = passed
+            if now == now:  # no NaN
+                last = now
+            halves[k] = step / 2
+        return halves, step
+
+    def _mean(self, readings: Float[np.ndarray, "k 6"]) -> Float[np.ndarray, "6"]:
+        saturated = np.flatnonzero((np.abs(readings) >= self._limits).any(axis=1))
+        return readings[saturated[0]] if len(saturated) else readings.mean(axis=0)
+
+    def _between(
+        self, time: Float[np.ndarray, " n"], stamps: Float[np.ndarray, " k"], values: Float[np.ndarray, "k 6"]
+    ) -> Float[np.ndarray, "n 6"]:
+        """On the line between the neighbours of each row."""
+        made = np.full((len(time), 6), np.nan)
+        if not len(stamps):
+            return made
+        after = np.clip(np.searchsorted(stamps, time, side="left"), 1, max(len(stamps) - 1, 1))
+        if len(stamps) == 1:
+            return made
+        gap = stamps[after] - stamps[after - 1]
+        share = (time - stamps[after - 1]) / gap
+        near = (share >= 0) & (share <= 1) & (gap <= self.max_gap + SLACK)
+        line = values[after - 1] + share[:, None] * (values[after] - values[after - 1])
+        made[near] = line[near]
+        return made
+
+    def _gathered(self) -> Float[np.ndarray, "k 7"]:
+        if self._fresh:
+            self._kept = np.concatenate([self._kept, *self._fresh])
+            self._fresh = []
+        return self._kept
