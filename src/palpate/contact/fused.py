@@ -1,0 +1,258 @@
+"""Several contacts at once: a skin says where and how hard each presses, a force/torque sensor what all push together.
+
+A skin measures normal forces, a few per cent off, and no tangential ones; one wrench has six numbers for all contacts.
+Together they give each contact's whole force, because friction bounds what a tangential force can be.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import inf
+
+import numpy as np
+from jaxtyping import Bool, Float
+from numpy.typing import ArrayLike
+
+from palpate.contact.fused_cones import within_cones
+from palpate.errors import InputError
+from palpate.spatial._arrays import Value, shaped
+from palpate.surfaces.surface import Surface
+
+__all__ = ["Fused", "FusedLocator", "FusionSettings"]
+
+
+@dataclass(frozen=True)
+class FusionSettings:
+    """What is known before the wrench is looked at, and when to give an alarm.
+
+    Args:
+        friction: bound of a contact's tangential over its normal force.
+        tangential: deviation of each of the two components of the tangential force, as a share of the normal force. A
+            force that is uniform in a disc has half the disc's radius: 0.25 stands for tangential forces of up to half
+            of the normal force.
+        gain: deviation of the skin's normal force, as a share of it, each contact's its own.
+        floor: [N] deviation that is added to it.
+        alarm: share of false alarms that is accepted.
+    """
+
+    friction: float = 0.6
+    tangential: float = 0.25
+    gain: float = 0.10
+    floor: float = 0.0
+    alarm: float = 0.01
+
+    def __post_init__(self) -> None:
+        if not 0 < self.friction < inf:
+            raise ValueError(f"friction must be positive, not {self.friction:g}")
+        if not 0 <= self.tangential <= self.friction:
+            raise ValueError(f"tangential ({self.tangential:g}) must lie between 0 and friction ({self.friction:g})")
+        if not (0 <= self.gain < 1 and 0 <= self.floor < inf):
+            raise ValueError("gain must lie between 0 and 1, and floor must not be negative")
+        if not 0 < self.alarm < 0.5:
+            raise ValueError(f"alarm must lie between 0 and 0.5, not {self.alarm:g}")
+
+
+@dataclass(frozen=True, eq=False)
+class Fused(Value):
+    """Forces of contacts, and how well the wrenches fit to them.
+
+    Attributes:
+        force: (n, 3) [N] on the body, within the cones of friction.
+        covariance: (3n, 3n) [N^2] of the forces, contact by contact; not narrowed by cones.
+        share: (n,) deviation of the tangential force over that before the wrench was looked at: 1 where nothing was
+            learnt.
+        slack: (n,) [N] friction times the normal less the tangential force.
+        bound: (n,) whether the cone of friction binds.
+        expected: (k, 6) wrenches that the skin alone lets expect.
+        surprise: (k,) squared distance of the wrench from it, in deviations (Mahalanobis); NaN without a wrench.
+        p: (k,) share of touches without an unseen contact whose wrench is as far off; NaN without a wrench.
+        alarm: whether something pushes that the skin does not see.
+        notes: a sentence each.
+    """
+
+    force: Float[np.ndarray, "n 3"]
+    covariance: Float[np.ndarray, "m m"]
+    share: Float[np.ndarray, " n"]
+    slack: Float[np.ndarray, " n"]
+    bound: Bool[np.ndarray, " n"]
+    expected: Float[np.ndarray, "k 6"]
+    surprise: Float[np.ndarray, " k"]
+    p: Float[np.ndarray, " k"]
+    alarm: bool
+    notes: tuple[str, ...] = ()
+
+
+class FusedLocator:
+    """Forces of several contacts of a body, from its skin and its force/torque sensors.
+
+    All is written in the surface's frame, wrenches about its origin.
+
+    Args:
+        surface: of the body; where unseen contacts are looked for.
+        settings: what is known beforehand.
+        seed: of the places at which unseen contacts are looked for, and of the false alarms that are drawn.
+    """
+
+    def __init__(self, surface: Surface, settings: FusionSettings | None = None, seed: int = 0) -> None:
+        self.surface, self.settings, self.seed = surface, settings or FusionSettings(), seed
+        set_ = self.settings
+        self._settings = np.array([set_.tangential, set_.gain, set_.floor, set_.friction])
+        self._work = dict[tuple[int, int], tuple[np.ndarray, ...]]()
+        self._carries = dict[int, np.ndarray]()
+        self._innovation = np.empty((6, 6))
+        self._totals = np.empty((1, 10))
+
+    def fuse(
+        self,
+        points: ArrayLike,
+        normals: ArrayLike,
+        forces: ArrayLike,
+        deviations: ArrayLike,
+        spreads: ArrayLike,
+        wrenches: ArrayLike,
+        covariances: ArrayLike,
+        carries: ArrayLike | None = None,
+    ) -> Fused:
+        """Forces of n contacts felt by k sensors.
+
+        Args:
+            points: (n, 3) [m] where the skin is touched.
+            normals: (n, 3) outward normals there.
+            forces: (n,) [N] normal forces that the skin says, >= 0.
+            deviations: (n,) [N] of them, beside the settings' gain and floor.
+            spreads: (n, 3, 3) [m^2] covariances of the points.
+            wrenches: (k, 6) [N, N m]; one with NaN tells nothing.
+            covariances: (k, 6, 6) of their noise.
+            carries: (k, n) whether a sensor feels a contact; without it each feels all.
+
+        Raises:
+            InputError: shapes that do not fit, forces that are negative or not finite, normals without a length.
+        """
+        contacts = self.rows(points, normals, forces, deviations, spreads)
+        wrenches = shaped(wrenches, (None, 6), "wrenches")
+        sensors = len(wrenches)
+        covariances = shaped(covariances, (None, 6, 6), "covariances")
+        felt = np.ones((sensors, len(contacts)), dtype=np.bool_) if carries is None else np.array(carries, np.bool_)
+        if covariances.shape != (sensors, 6, 6) or felt.shape != (sensors, len(contacts)):
+            raise InputError(
+                f"{len(contacts)} contacts and {sensors} wrenches need covariances ({sensors}, 6, 6) and carries "
+                f"({sensors}, {len(contacts)}), not {covariances.shape} and {felt.shape}"
+            )
+        return self._fused(contacts, wrenches, covariances, felt)
+
+    def fuse_into(
+        self,
+        contacts: Float[np.ndarray, "n 17"],
+        wrench: Float[np.ndarray, "6"],
+        covariance: Float[np.ndarray, "6 6"],
+        out: Float[np.ndarray, "n 5"],
+        out_covariance: Float[np.ndarray, "m m"],
+        out_total: Float[np.ndarray, "10"],
+    ) -> int:
+        """The closed form for one wrench that feels all contacts; nothing is allocated once n was seen.
+
+        Args:
+            contacts: (n, 17) rows as `rows` makes them.
+            wrench: (6,) [N, N m]; NaN tells nothing.
+            covariance: (6, 6) of its noise.
+            out: (n, 5) force [N], share, slack [N].
+            out_covariance: (3n, 3n) of the forces.
+            out_total: (10,) expected wrench, surprise, its degrees of freedom and variance, p.
+
+        Returns:
+            How many contacts violate their cone: `fuse` would move them into it.
+        """
+        from palpate.contact import _fused
+
+        count, sensors = len(contacts), 1 if np.isfinite(wrench).all() else 0
+        work, carries = self._room(count, sensors)
+        if not sensors:
+            out_total[:] = np.nan
+        return int(
+            _fused.fuse(
+                contacts,
+                wrench.reshape(1, 6)[:sensors],
+                covariance.reshape(1, 6, 6)[:sensors],
+                carries,
+                self._settings,
+                work,
+                out,
+                out_covariance,
+                out_total.reshape(1, 10)[:sensors],
+                self._innovation,
+            )
+        )
+
+    @staticmethod
+    def rows(
+        points: ArrayLike, normals: ArrayLike, forces: ArrayLike, deviations: ArrayLike, spreads: ArrayLike
+    ) -> Float[np.ndarray, "n 17"]:
+        """Contacts in the form of the compiled loops: point, unit normal, force, deviation, spread row by row.
+
+        Raises:
+            InputError: as for `fuse`.
+        """
+        points, normals = shaped(points, (None, 3), "points"), shaped(normals, (None, 3), "normals")
+        forces, deviations = shaped(forces, (None,), "forces"), shaped(deviations, (None,), "deviations")
+        spreads = shaped(spreads, (None, 3, 3), "spreads")
+        counts = {len(each) for each in (points, normals, forces, deviations, spreads)}
+        if len(counts) > 1:
+            raise InputError(f"points, normals, forces, deviations and spreads are of {sorted(counts)} contacts")
+        length = np.linalg.norm(normals, axis=1, keepdims=True)
+        contacts = np.empty((len(points), 17))
+        with np.errstate(invalid="ignore", divide="ignore"):
+            contacts[:, 3:6] = normals / length
+        contacts[:, :3], contacts[:, 6], contacts[:, 7] = points, forces, deviations
+        contacts[:, 8:] = spreads.reshape(-1, 9)
+        if not np.isfinite(contacts).all():
+            raise InputError("contacts must be finite, and normals have a length")
+        if (forces < 0).any() or (deviations < 0).any():
+            raise InputError("normal forces and their deviations must not be negative", hint="A force presses: > 0.")
+        return contacts
+
+    def _room(self, count: int, sensors: int) -> tuple[tuple[np.ndarray, ...], np.ndarray]:
+        """Arrays that the loops work in, kept for the next call of as many contacts and sensors."""
+        if (count, sensors) not in self._work:
+            n, k = 3 * count, 6 * sensors
+            shapes = ((count, 3, 3), (n,), (n,), (n, n), (6, n), (k, k), (k,), (3, n), (k, n))
+            self._work[count, sensors] = tuple(np.zeros(shape) for shape in shapes)
+            self._carries[64 * count + sensors] = np.ones((sensors, count), dtype=np.bool_)
+        return self._work[count, sensors], self._carries[64 * count + sensors]
+
+    def _fused(
+        self,
+        contacts: Float[np.ndarray, "n 17"],
+        wrenches: Float[np.ndarray, "k 6"],
+        covariances: Float[np.ndarray, "k 6 6"],
+        carries: Bool[np.ndarray, "k n"],
+    ) -> Fused:
+        from palpate.contact import _fused
+
+        heard = np.isfinite(wrenches).all(axis=1) & np.isfinite(covariances).all(axis=(1, 2))
+        count, sensors = len(contacts), int(heard.sum())
+        work, _ = self._room(count, sensors)
+        out, covariance = np.zeros((count, 5)), np.zeros((3 * count, 3 * count))
+        totals, innovation = np.full((sensors, 10), np.nan), np.empty((6 * sensors, 6 * sensors))
+        given = (contacts, wrenches[heard], covariances[heard], np.ascontiguousarray(carries[heard]))
+        broken = _fused.fuse(*given, self._settings, work, out, covariance, totals, innovation)
+        force, notes = out[:, :3], tuple[str, ...]()
+        if broken:
+            force, notes = within_cones(force, covariance, contacts[:, 3:6], self.settings.friction)
+        normal = -np.einsum("ni,ni->n", force, contacts[:, 3:6])
+        across = np.linalg.norm(force + normal[:, None] * contacts[:, 3:6], axis=1)
+        slack = self.settings.friction * normal - across
+        all_totals = np.full((len(wrenches), 10), np.nan)
+        all_totals[heard] = totals
+        p = all_totals[:, 9]
+        return Fused(
+            force,
+            covariance,
+            out[:, 3],
+            slack,
+            slack <= 1e-6 * (1.0 + np.abs(normal)),
+            all_totals[:, :6],
+            all_totals[:, 6],
+            p,
+            bool((p[heard] * sensors < self.settings.alarm).any()),
+            notes,
+        )
