@@ -21,6 +21,7 @@ from palpate.io.live.receiver import orphaned
 from palpate.io.live.ring import Ring, latencies
 from palpate.io.logs.samples import Samples
 from palpate.io.rig import Rig, load_rig
+from palpate.io.rig.kinds import KINDS
 from palpate.sensors.recording import CELLS, Recording
 from palpate.viewer.layer import Layer
 from palpate.viewer.live import SECONDS, SILENT, Figures, LivePage, recent
@@ -213,12 +214,12 @@ class _Cells:
 
     def __init__(self, ring: Ring, rig: Rig, layer: TaxelLayer) -> None:
         kind = rig.kind(ring.form.sensor)
-        made = kind.build(rig, None).estimator
+        made = (KINDS["skin"] if "skin" in kind.parts else kind).build(rig, None).estimator
         if not isinstance(made, TaxelEstimator):
             raise InputError("is no skin.", where=ring.form.sensor)
         self._ring, self._layer = ring, layer
         self._estimator = TaxelEstimator(made.body, made.intensity, made.health, settings=made.settings)
-        self._samples = Samples(kind.layout(rig), Path("the stream"))
+        self._samples, self._cells = Samples(kind.layout(rig), Path("the stream")), len(made.body)
         self._rows = self._estimator.empty(self._estimator.most)
         self._done, self._free = ring["done"], list[np.ndarray]()
         self._rested = made.health is not None
@@ -228,6 +229,7 @@ class _Cells:
             self._done, self._rested = self._ring["done"], False
             self._free.clear()
         readings = np.array(self._samples.readings(slots["values"].copy()))
+        readings = readings.reshape(len(readings), -1)[:, : self._cells]  # a wrench may stand behind them
         if not self._rested:
             self._rest(readings, slots)
         elif watched:

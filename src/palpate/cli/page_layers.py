@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from palpate.contact.estimator import ContactEstimator
+from palpate.contact.fused_estimator import FusedEstimator
 from palpate.contact.ring_estimator import RingEstimator
 from palpate.contact.taxel_estimator import TaxelEstimator
 from palpate.io.rig import Rig
@@ -31,7 +32,7 @@ class Kept:
 
     def options(self, estimator: ContactEstimator) -> dict[str, object]:
         """Of the estimator's `pairs`, so that it hands them over."""
-        if isinstance(estimator, TaxelEstimator):
+        if isinstance(estimator, TaxelEstimator | FusedEstimator):
             return {"forces": self._keep_forces}
         return {"markers": self._keep_markers} if isinstance(estimator, RingEstimator) else {}
 
@@ -66,11 +67,13 @@ def layers_of(
         live: shape of a reading of the stream that is shown; None: no stream is.
     """
     kept = kept or Kept()
-    if sensor not in rig.sensors:
+    if sensor not in {kind.name for kind in rig.kinds} or not rig.sensors:
         return ()
     there = all(path.exists() for name, path in rig.files(rig.kind(sensor)).items() if name != "mesh")
     if there and sensor == "load_cells":
         return (LoadCellLayer(rig.table(RigLoadCells).cells(rig.folder)),)
     if there and sensor == "marker_ring":
         return (RingLayer(rig_ring(rig), kept.frames, kept.joined(), None if live is None else (live[0], live[1])),)
-    return (TaxelLayer(rig_body(rig), kept.joined(), live is not None),) if there and sensor == "skin" else ()
+    return (
+        (TaxelLayer(rig_body(rig), kept.joined(), live is not None),) if there and sensor in ("skin", "fusion") else ()
+    )

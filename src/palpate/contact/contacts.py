@@ -72,6 +72,15 @@ class Contacts:
         identity = rows[:, end].astype(np.int64) if rows.shape[1] > end else np.zeros(len(rows), dtype=np.int64)
         return cls(sample, time, identity, ContactEstimate.from_rows(rows[:, : ROW.length]), columns)
 
+    def rows(self) -> Float[np.ndarray, "n width"]:
+        """The inverse of `of_rows`, with the identity."""
+        estimate = self.estimate
+        numbers = (estimate.torque[:, None], estimate.covariance.reshape(-1, 9), estimate.residual[:, None])
+        whole = np.column_stack([estimate.candidates, estimate.status])
+        features = [values[:, None] for values in self.features.values()]
+        vectors = (estimate.point, estimate.normal, estimate.force)
+        return np.hstack([*vectors, *numbers, whole, *features, self.identity[:, None]])
+
     @classmethod
     def joined(cls, parts: Sequence[Contacts]) -> Contacts:
         """One after the other; a feature that some do not have is NaN there."""

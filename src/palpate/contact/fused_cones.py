@@ -10,7 +10,9 @@ from jaxtyping import Float
 
 __all__ = ["within_cones"]
 
-_WITHOUT = "contacts outside their cones of friction are left there: clarabel is not installed (pip install 'palpate[fusion]')"
+_WITHOUT = (
+    "contacts outside their cones of friction are left there: clarabel is not installed (pip install 'palpate[fusion]')"
+)
 
 
 def within_cones(

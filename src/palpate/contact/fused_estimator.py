@@ -113,6 +113,7 @@ class FusedEstimator:
         self.sensor.reset()
         if self._forward is not None:
             self._forward.reset()
+        self._noted = dict[str, None]()
         self._since = np.nan  # [s] when the wrench began to be unexplained
         self._frames = self._missing = self._touched = self._unexplained = self._opposed = 0
 
@@ -220,7 +221,7 @@ class FusedEstimator:
 
     def notes(self) -> tuple[str, ...]:
         """What was met so far, one sentence each."""
-        said = [*self.fused.notes, *self.taxels.notes(), *self.sensor.notes()]
+        said = [*self._noted, *self.taxels.notes(), *self.sensor.notes()]
         if self._missing:
             said.append(
                 f"{self._missing} of {self._frames} frames have no wrench: their forces are the skin's alone (share 1)"
@@ -249,7 +250,10 @@ class FusedEstimator:
         return self._placed(self.sensor.measure(recording), recording.channels[AVERAGED][:, 0])
 
     def _placed(
-        self, measured: Measured, averaged: Float[np.ndarray, " n"], smoothed: tuple[np.ndarray, np.ndarray] | None = None
+        self,
+        measured: Measured,
+        averaged: Float[np.ndarray, " n"],
+        smoothed: tuple[np.ndarray, np.ndarray] | None = None,
     ) -> tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, "n 6 6"], Int8[np.ndarray, " n"]]:
         wrenches, share = measured.wrench, 1.0 / np.maximum(np.nan_to_num(averaged, nan=1.0), 1.0)
         if smoothed is not None:
@@ -305,6 +309,7 @@ class FusedEstimator:
             self._since = np.nan
             return len(skin)
         fused = self._fuse(skin[touching], wrench if usable else np.full(6, np.nan), covariance)
+        self._noted |= dict.fromkeys(fused.notes)
         _write(fused, touching, out, after)
         if len(touching) and usable:
             self._judge(skin[touching, ROW.force], wrench, bool(fused.alarm))

@@ -135,22 +135,23 @@ def open_log(log: str | Path, rig: Rig | str | Path, sensor: str | None = None, 
         InputError: the log cannot be read, or has nothing for a sensor of the rig.
     """
     path, rig = Path(log), rig if isinstance(rig, Rig) else load_rig(rig)
-    kind = rig.kind(sensor) if sensor or len(rig.kinds) == 1 else _told(path, rig)
+    kind = rig.kind(sensor) if sensor or len(rig.kinds) == 1 else _told(path, rig, topic)
     if topic is not None and ((there := contents(path)).names or there.images is not None):
         what = "is a table, and has no topics." if there.names else "has no topics."
         raise InputError(what, where=str(path), hint="Leave --topic out.")
     return OpenedLog(path, rig.with_topic(topic, kind.name), kind)
 
 
-def _told(path: Path, rig: Rig) -> SensorKind:
-    """Which of several sensors a log is of, by its channels."""
+def _told(path: Path, rig: Rig, topic: str | None) -> SensorKind:
+    """Which of several sensors a log is of, by its channels; all together where it has those of all."""
     there = contents(path)
     lacking = {kind.name: missing(there, kind.layout(rig)) for kind in rig.kinds}
     fitting = [kind for kind in rig.kinds if not lacking[kind.name]]
     if rig.pokes is not None and len(fitting) > 1:  # then wrenches are there to find the taxels by
         fitting = [kind for kind in fitting if kind.name == "skin"] or fitting
-    if len(fitting) == 1:
-        return fitting[0]
+    together = [kind for kind in fitting if kind.parts and topic is None]
+    if together or len(fitting) == 1:
+        return (together or fitting)[0]
     if fitting:
         names = ", ".join(kind.name for kind in fitting)
         raise InputError(

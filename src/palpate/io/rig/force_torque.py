@@ -35,7 +35,7 @@ from palpate.sensors.recording import ACCELERATION, FORCE, ORIENTATION, TORQUE, 
 if TYPE_CHECKING:
     from palpate.io.rig.rig import Rig
 
-__all__ = ["FORCE_TORQUE", "doubted_noise", "rig_payload", "rig_sensor"]
+__all__ = ["FORCE_TORQUE", "doubted_noise", "rig_compensation", "rig_payload", "rig_sensor"]
 
 _LONG_ARM, _LONGEST_ARM = 0.5, 2.0  # m: of a force about a sensor, doubted and beyond belief
 _TURNED = 20.0  # degrees between an IMU and gravity, at the median of a log: more than a mounting by hand
@@ -117,9 +117,16 @@ def _unloaded(rig: Rig, recording: Recording) -> Float[np.ndarray, "n 6"]:
     return np.concatenate([part.wrench[part.status < 0] for part in made])
 
 
+def rig_compensation(rig: Rig, head: Recording | None = None) -> Compensation:
+    """The sensor with what hangs on it; what the rig does not state is taken from the start of a log."""
+    payload = rig_payload(rig)
+    return Compensation(rig_sensor(rig, head), payload, _motion(rig, payload, head))
+
+
 def _build(rig: Rig, head: Recording | None) -> Prepared:
-    payload, stated = rig_payload(rig), rig.force_torque.noise is not None
-    sensor = Compensation(rig_sensor(rig, head), payload, _motion(rig, payload, head))
+    stated = rig.force_torque.noise is not None
+    sensor = rig_compensation(rig, head)
+    payload = sensor.payload
     made = wrench_estimator(rig, sensor, head, tare=rig.estimate.tare)
     made.facts["noise_source"] = "given" if stated else "unknown" if sensor.noise is None else "rest of the log"
     made.said[:0] = [*([] if stated else _noise_said(sensor)), *_payload_said(rig, payload)]

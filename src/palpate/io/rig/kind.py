@@ -81,6 +81,7 @@ class SensorKind:
         refused: option of the command line -> why it means nothing to this sensor.
         needs_surface: whether it locates on the rig's [surface].
         check: what else must hold of a rig; raises InputError.
+        parts: names of the sensors that it is made of, whose tables it reads; a rig with all of them is of this kind.
         start: seconds of a stream that `build` wants to see before the first answer; 0: none.
     """
 
@@ -95,4 +96,5 @@ class SensorKind:
     refused: Mapping[str, str] = field(default_factory=lambda: {})
     needs_surface: bool = True
     check: Callable[[Rig, Path], None] = lambda rig, path: None
+    parts: tuple[str, ...] = ()
     start: Callable[[Rig], float] = seen_first

@@ -61,9 +61,13 @@ class Rig:
 
     @property
     def kinds(self) -> tuple[SensorKind, ...]:
-        """The sensors that are stated; a six-axis force/torque sensor where none is."""
-        stated = tuple(kind for name, kind in KINDS.items() if name in self.sensors)
+        """The sensors that are stated, and what they are together; a six-axis force/torque sensor where none is."""
+        stated = tuple(kind for kind in KINDS.values() if self._has(kind))
         return stated or (KINDS["force_torque"],)
+
+    def _has(self, kind: SensorKind) -> bool:
+        """Of sensors that are there to find each other by pokes, nothing together."""
+        return set(kind.parts) <= set(self.sensors) and self.pokes is None if kind.parts else kind.name in self.sensors
 
     def table(self, model: type[Table]) -> Table:
         """What the rig says of a sensor.
@@ -93,6 +97,11 @@ class Rig:
         if name is None:
             return self
         kind = self.kind(sensor)
+        if kind.parts:
+            tables = " and ".join(f"[{part}]" for part in kind.parts)
+            raise InputError(
+                f"is of one sensor, and this is {kind.called}.", where="--topic", hint=f"Name topics in {tables}."
+            )
         return self.with_sensor(kind.name, replace(self.sensors.get(kind.name, kind.table()), topic=name))
 
     def kind(self, sensor: str | None = None) -> SensorKind:
@@ -102,8 +111,9 @@ class Rig:
             InputError: the rig has no such sensor, or several and none is named.
         """
         named = {kind.name: kind for kind in self.kinds}
-        if sensor is None and len(named) == 1:
-            return next(iter(named.values()))
+        together = [kind for kind in named.values() if kind.parts]
+        if sensor is None and (together or len(named) == 1):
+            return (together or list(named.values()))[0]
         if sensor is None:
             raise InputError(f"the rig has several sensors: {', '.join(named)}.", hint="Name one with --sensor.")
         if sensor not in named:
@@ -119,7 +129,8 @@ class Rig:
             named["kinematics"] = self.folder / self.orientation.urdf
         if self.pokes is not None and kind is None:
             named |= self.pokes.files(self.folder)
-        for one in self.kinds if kind is None else (kind,):
+        wanted = self.kinds if kind is None else (kind, *(KINDS[part] for part in kind.parts))
+        for one in wanted:
             table = self.sensors.get(one.name)
             for key in one.paths:
                 if (path := getattr(table, key, None)) is not None:

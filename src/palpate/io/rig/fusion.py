@@ -1,0 +1,102 @@
+"""A skin and a force/torque sensor on one link, in a rig: both of their tables, and what is known of friction."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from palpate.contact.fused import FusedLocator, FusionSettings
+from palpate.contact.fused_estimator import FusedEstimator
+from palpate.contact.taxel_estimator import TaxelEstimator
+from palpate.errors import InputError
+from palpate.io.logs.layout import Layout
+from palpate.io.rig.force_torque import FORCE_TORQUE, rig_compensation
+from palpate.io.rig.kind import Prepared, SensorKind
+from palpate.io.rig.skin import SKIN
+from palpate.io.rig.wrench import first_seconds, rig_surface
+from palpate.sensors.recording import AVERAGED, CELLS, FORCE, TORQUE, Recording
+
+if TYPE_CHECKING:
+    from palpate.io.rig.rig import Rig
+
+__all__ = ["FUSION", "RigFusion"]
+
+
+@dataclass(frozen=True)
+class RigFusion:
+    """What is known of contacts before the wrench is looked at: see `palpate.contact.fused.FusionSettings`.
+
+    The bound of friction is that of [estimate].
+    """
+
+    tangential: float = 0.25
+    gain: float = 0.10
+    floor: float = 0.0
+    alarm: float = 0.01
+
+    def __post_init__(self) -> None:
+        FusionSettings(max(1.0, self.tangential), **vars(self))
+
+    def settings(self, friction: float) -> FusionSettings:
+        """With the bound of friction, in which the tangential forces that are expected must lie."""
+        return FusionSettings(friction, **{**vars(self), "tangential": min(self.tangential, friction)})
+
+
+def _layout(rig: Rig) -> Layout:
+    """Frames of the skin, each with the mean of the wrenches about it."""
+    skin, wrench = SKIN.layout(rig), FORCE_TORQUE.layout(rig)
+    stated = rig.force_torque.range
+    return replace(wrench, arrays=skin.arrays, rate=skin.rate, wrench_range=None if stated is None else stated.six())
+
+
+def _build(rig: Rig, head: Recording | None) -> Prepared:
+    felt = SKIN.build(rig, head)
+    if not isinstance(felt.estimator, TaxelEstimator):
+        raise InputError("is no skin of taxels.", where="skin")
+    sensor = rig_compensation(rig, _single(head))
+    settings = (rig.sensors.get("fusion") or RigFusion()).settings(rig.estimate.friction)
+    uncertain = None if rig.surface is None else rig.surface.pose_covariance
+    estimator = FusedEstimator(
+        felt.estimator,
+        sensor,
+        FusedLocator(rig_surface(rig), settings),
+        rig.mount(),
+        None if uncertain is None else np.asarray(uncertain),
+    )
+    made = Prepared(estimator, felt.said, felt.doubted, {**felt.facts, **vars(settings)})
+    if head is not None and rig.estimate.tare is not None:
+        tared = sensor.tare(first_seconds(head, rig.estimate.tare))
+        made.said.append(tared.said)
+        made.doubted += [tared.doubt] if tared.doubt else []
+    elif rig.estimate.tare is None:
+        made.said.append("wrenches are taken as they are, so they must be tared: [estimate] tare = seconds")
+    return made
+
+
+def _single(head: Recording | None) -> Recording | None:
+    """As if each wrench were one reading: the noise that is taken from a log is that of one."""
+    if head is None:
+        return None
+    wrenches, count = head.wrenches(), np.maximum(head.channels[AVERAGED], 1.0)
+    middle = np.nanmedian(wrenches, axis=0) if np.isfinite(wrenches).any() else np.zeros(6)
+    spread = middle + (wrenches - middle) * np.sqrt(count)
+    return replace(head, channels={**head.channels, FORCE: spread[:, :3], TORQUE: spread[:, 3:]})
+
+
+FUSION = SensorKind(
+    name="fusion",
+    called="a skin and a six-axis force/torque sensor on one link",
+    table=RigFusion,
+    channels=(CELLS, FORCE, TORQUE, AVERAGED),
+    layout=_layout,
+    build=_build,
+    parts=("skin", "force_torque"),
+    refused={
+        "method": "the skin says where contacts are",
+        "torsion": "contacts are taken as forces without a torque of their own",
+        "contact": "thresholds are those of each cell: on and off in [contacts], in deviations of its noise",
+    },
+    start=SKIN.start,
+)
