@@ -142,10 +142,9 @@ class FusedEstimator:
         self, blocks: Iterable[Recording], forces: Callable[[np.ndarray], None] | None = None
     ) -> Iterator[tuple[Recording, Contacts]]:
         """Each block with its contacts, in order, as soon as they are known; see `TaxelEstimator.pairs`."""
-        first, waiting = 0, deque[_Wrenches]()
-        fed = _Fed(self, waiting)
-        for block, found in self.taxels.pairs(fed.blocks(self.sensor.ready(blocks)), forces):
-            yield block, self._joined(found, *fed.taken(), first)
+        first, beside = 0, _Beside(self.sensor, self._filter, self.taxels.rate)
+        for block, found in self.taxels.pairs(beside.measured(self.sensor.ready(blocks)), forces):
+            yield block, self._joined(found, *self._placed(*beside.taken()), first)
             first += len(block)
 
     def stream(self, blocks: Iterable[Recording]) -> Iterator[Contacts]:
@@ -253,7 +252,7 @@ class FusedEstimator:
         self,
         measured: Measured,
         averaged: Float[np.ndarray, " n"],
-        smoothed: tuple[np.ndarray, np.ndarray] | None = None,
+        smoothed: _Smoothed | None = None,
     ) -> tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, "n 6 6"], Int8[np.ndarray, " n"]]:
         wrenches, share = measured.wrench, 1.0 / np.maximum(np.nan_to_num(averaged, nan=1.0), 1.0)
         if smoothed is not None:
@@ -373,23 +372,22 @@ class FusedEstimator:
             )
 
 
-_Wrenches = tuple[Measured, Float[np.ndarray, " n"]]
+_Smoothed = tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, " n"]]  # wrenches, and what is left of their noise
 
 
-class _Fed:
+class _Beside:
     """Wrenches of the blocks that the skin is given, in their order; a filter of zero phase looks ahead in both."""
 
-    def __init__(self, estimator: FusedEstimator, waiting: deque[_Wrenches]) -> None:
-        self._estimator, self._waiting = estimator, waiting
-        taxels = estimator.taxels
-        both = taxels.filter is not None and taxels.filter.zero_phase
-        recursion = taxels.filter.recursion(_known(taxels.rate)) if both and taxels.filter is not None else None
-        self._both = None if recursion is None else BothWays(recursion, _known(taxels.rate))
+    def __init__(self, sensor: WrenchSensor, filter: Filter | None, rate: float | None) -> None:
+        self._sensor, self._waiting = sensor, deque[tuple[Measured, np.ndarray]]()
+        self._both: BothWays | None = None
+        if filter is not None and filter.zero_phase:
+            self._both = BothWays(filter.recursion(_known(rate)), _known(rate))
 
-    def blocks(self, blocks: Iterable[Recording]) -> Iterator[Recording]:
+    def measured(self, blocks: Iterable[Recording]) -> Iterator[Recording]:
         """The same, once their wrenches are measured."""
         for block in blocks:
-            measured = self._estimator.sensor.measure(block)
+            measured = self._sensor.measure(block)
             if self._both is not None:
                 self._both.push(measured.time, measured.status, measured.wrench)
             self._waiting.append((measured, block.channels[AVERAGED][:, 0]))
@@ -397,18 +395,15 @@ class _Fed:
         if self._both is not None:
             self._both.finish()
 
-    def taken(self) -> tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, "n 6 6"], Int8[np.ndarray, " n"]]:
-        """Of the next block, as `FusedEstimator` takes them."""
+    def taken(self) -> tuple[Measured, Float[np.ndarray, " n"], _Smoothed | None]:
+        """Of the next block: what was measured, the mean of how many readings each is, and smoothed wrenches."""
         measured, averaged = self._waiting.popleft()
-        return self._estimator._placed(measured, averaged, self._smooth(measured))
-
-    def _smooth(self, measured: Measured) -> tuple[np.ndarray, np.ndarray] | None:
         if self._both is None:
-            return None
+            return measured, averaged, None
         wrenches, good = measured.wrench.copy(), measured.status < 0
         share = np.ones(len(good))
         wrenches[good], share[good] = self._both.take(int(np.count_nonzero(good)))
-        return wrenches, share
+        return measured, averaged, (wrenches, share)
 
 
 def _write(fused: Fused, touching: Int[np.ndarray, " n"], out: np.ndarray, after: int) -> None:

@@ -112,6 +112,7 @@ class Live:
         self.rig = rig if isinstance(rig, Rig) else load_rig(rig)
         self.kind = self.rig.kind(sensor)
         self.source = source_of(self.rig) if source is None else source
+        self._require_all()
         self._poses = None if self.source.poses else RosPoses.of(self.rig)
         self._posed = self.source.poses or self._poses is not None
         layout = self.kind.layout(self.rig)
@@ -226,6 +227,20 @@ class Live:
     @property
     def _none(self) -> Answers:
         return Answers(np.zeros(0, np.int64), np.zeros(0, np.int64), self._rows[:0])
+
+    def _require_all(self) -> None:
+        """That a sensor made of several gets the readings of all, which so far a log alone gives.
+
+        Raises:
+            InputError: the source is of one.
+        """
+        if self.kind.parts and not isinstance(self.source, Replay):
+            names = " or ".join(f"--sensor {part}" for part in self.kind.parts)
+            raise InputError(
+                f"the [source] gives the readings of one sensor, and this is {self.kind.called}.",
+                where=f"[source] {self.rig.stream().kind}",
+                hint=f"Name one ({names}); both at once are read from a log that is replayed.",
+            )
 
     def _require_enough(self) -> None:
         """That wrenches can be answered as the source gives them, asked before the device is.

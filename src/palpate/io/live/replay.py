@@ -29,8 +29,9 @@ def bare(layout: Layout) -> Layout:
 
 
 def values_of(recording: Recording) -> np.ndarray:
-    """Its readings (n, ...): wrenches force first; the one array or image that it has; or the array, the wrench beside
-    it and of how many readings that is the mean.
+    """Its readings (n, ...): wrenches force first; or the one array or image that it has.
+
+    An array with a wrench beside it comes flat, then the wrench, and of how many readings that is the mean.
     """
     channels = recording.channels
     beside = (FORCE, TORQUE, ORIENTATION, POSITION, ACCELERATION, AVERAGED)
