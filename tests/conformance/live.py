@@ -27,11 +27,16 @@ def whole(log: Path, rig: Any) -> Recording:
         return join(list(opened))
 
 
+def readings_of(estimator: Any, recording: Recording) -> np.ndarray:
+    """What `update` takes of each sample, a row each: a sensor's one channel, or all of them side by side."""
+    columns = [recording.channels[name] for name in estimator.channels if name not in BESIDE]
+    flat = [values.reshape(len(values), -1) for values in columns]
+    return columns[0] if len(columns) == 1 else np.concatenate(flat, axis=1)
+
+
 def each_reading(estimator: Any, recording: Recording) -> Iterator[tuple[Any, ...]]:
     """Time, reading, rotation and acceleration of each sample, as `update` takes them."""
-    names = [name for name in estimator.channels if name not in BESIDE]
-    columns = [recording.channels[name] for name in names]
-    readings = columns[0] if len(columns) == 1 else np.concatenate(columns, axis=1)
+    readings = readings_of(estimator, recording)
     turns = recording.channels.get(ORIENTATION)
     rotations = [None] * len(recording) if turns is None else rotation_from_quaternion(turns)
     pushes = recording.channels.get(ACCELERATION, [None] * len(recording))

@@ -16,13 +16,14 @@ import numpy as np
 import polars as pl
 
 from palpate.simulation.ball_on_ellipse import FINGERTIP
+from palpate.simulation.contacts import contact_wrenches
 from palpate.simulation.forearm import Forearm
 from palpate.simulation.load_cell_bench import BENCHES
 from palpate.simulation.poke_bench import PokeBench, PokeErrors
 from palpate.simulation.poke_session_files import write_poke_session
 from palpate.simulation.session import Session, simulate_session
 from palpate.simulation.session_files import write_session
-from palpate.simulation.skin_session import simulate_protocol
+from palpate.simulation.skin_session import SkinSession, simulate_protocol
 from palpate.spatial.pose import Pose
 from tests.support.bench_files import voltage_columns, write_bench_log
 from tests.support.simulated import Truth, base_poses, pressed, write_table
@@ -174,8 +175,30 @@ def _load_cells(folder: Path, run: Callable[..., str]) -> Files:
     )
 
 
+def _fused(folder: Path, run: Callable[..., str]) -> Files:
+    """The skin's session, on a sensor that feels the same touches, each of which drags along the sheet too."""
+    files, made = _session(folder, run)
+    rng, frames, ramp = np.random.default_rng(8), pl.read_csv(files.log), 0.1
+    across = np.cross(made.normal, rng.standard_normal(made.normal.shape))
+    across *= 0.3 * np.linalg.norm(made.force, axis=1, keepdims=True) / np.linalg.norm(across, axis=1, keepdims=True)
+    time = made.frames.time[:, None]
+    share = np.clip(1.0 - np.maximum(made.start - time, time - made.end) / ramp, 0.0, 1.0)
+    dragged = share @ contact_wrenches(made.point, made.normal, across, np.zeros(len(across)))
+    sensed = (made.wrench + dragged) @ MOUNT.wrench_matrix().T
+    names = ("fx", "fy", "fz", "tx", "ty", "tz")
+    frames.with_columns(**{k: pl.Series(v) for k, v in zip(names, sensed.T, strict=True)}).write_csv(files.log)
+    tables = "[force_torque]\nnoise = { force = 0.06, torque = 0.004 }\n\n[estimate]\ntare = 0.8\n\n[skin]\n"
+    files.rig.write_text(files.rig.read_text().replace("[skin]\n", tables))
+    return replace(files, truth=replace(files.truth, force=files.truth.force + across))
+
+
 def _skin(folder: Path, run: Callable[..., str]) -> Files:
     """The bench's sheet round a link, touched four times, and a map that Palpate laid on that link."""
+    return _session(folder, run)[0]
+
+
+def _session(folder: Path, run: Callable[..., str]) -> tuple[Files, SkinSession]:
+    """What is written of it, and what was made."""
     import trimesh
 
     rng = np.random.default_rng(7)
@@ -195,7 +218,7 @@ def _skin(folder: Path, run: Callable[..., str]) -> Files:
     corner = ("--origin", f"{1e3 * sheet.radius},0,-30", "--heading", "0,1,0")
     laid = ("--unit", "mm", "--sheet", "6x22", "--cell", "10", *corner)
     run("map", "skin", f"{folder}/link.stl", *laid, "-o", f"{folder}/laid.toml")
-    return Files(
+    files = Files(
         log=folder / "log.csv",
         rig=folder / "rig.toml",
         truth=Truth(made.start, made.end, made.point, made.force),
@@ -204,6 +227,7 @@ def _skin(folder: Path, run: Callable[..., str]) -> Files:
         models=(folder / "intensity.toml", folder / "laid.toml"),
         calibrations=(calibrate,),
     )
+    return files, made
 
 
 POKES = """[surface]
@@ -364,6 +388,7 @@ CELLS = ("--payload", "--noise", "--unit", "--cutoff", "--crease")
 TAXELS = ("--payload", "--noise", "--unit", "--cutoff", "--method", "--friction", "--torsion", "--contact")
 NEWTONS = {"inspect model": "newtons", "calibrate": "newtons"}  # what reads in newtons has nothing to calibrate
 RING = (*TAXELS, "--crease")
+FUSED = ("--cutoff", "--method", "--torsion", "--contact")
 UNFILTERED = {
     "--filter butterworth": "not filtered",
     "--filter zero_phase": "not filtered",
@@ -373,6 +398,9 @@ SENSORS = (
     Sensor("six-axis", "force_torque", _six_axis, 1.0e-3, 0.03, ignores=("--unit", "--cutoff")),
     Sensor("load cells", "load_cells", _load_cells, 0.2e-3, 0.05, ignores=CELLS),
     Sensor("skin", "skin", _skin, 1.5e-3, 0.1, ignores=TAXELS),
+    Sensor(
+        "skin and wrench", "fusion", _fused, 1.5e-3, 0.1, ignores=("--cutoff", "--method", "--torsion", "--contact")
+    ),
     Sensor("poked taxels", "skin", _poked, 1.0e-3, 0.03, ignores=TAXELS),
     Sensor("marker ring", "marker_ring", _marker_ring, 1.0e-3, 0.2, UNFILTERED, RING),
     Sensor("plate", "plate", _plate, 0.2e-3, 0.02, NEWTONS, CELLS, "tests.conformance.plate"),

@@ -19,7 +19,7 @@ from palpate.contact.estimate import ROW
 from palpate.errors import PalpateError
 from palpate.sensors.recording import ORIENTATION, POSITION, UNSTEADY, Recording
 from tests.conformance.fields import Case, run, same
-from tests.conformance.live import BESIDE, each_reading, whole
+from tests.conformance.live import BESIDE, each_reading, readings_of, whole
 from tests.conformance.sensors import SENSORS, Sensor
 
 LENGTH = 400  # samples: the zero and the first touch
@@ -111,9 +111,7 @@ def test_blocks_of_arrays_give_the_rows_of_run(made: Set, size: int) -> None:
     estimator, ready = made.prepared()
     known = estimator.run(ready).to_polars()
     estimator.reset()
-    names = [name for name in estimator.channels if name not in BESIDE]
-    readings = [ready.channels[name] for name in names]
-    readings = readings[0] if len(readings) == 1 else np.concatenate(readings, axis=1)
+    readings = readings_of(estimator, ready)
     out, counts, done, parts = estimator.empty(max(size, 2 * estimator.most)), np.zeros(size, np.int64), 0, []
     while done < len(ready):
         piece = slice(done, done + size)

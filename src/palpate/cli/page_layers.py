@@ -74,6 +74,5 @@ def layers_of(
         return (LoadCellLayer(rig.table(RigLoadCells).cells(rig.folder)),)
     if there and sensor == "marker_ring":
         return (RingLayer(rig_ring(rig), kept.frames, kept.joined(), None if live is None else (live[0], live[1])),)
-    return (
-        (TaxelLayer(rig_body(rig), kept.joined(), live is not None),) if there and sensor in ("skin", "fusion") else ()
-    )
+    felt = there and sensor in ("skin", "fusion")
+    return (TaxelLayer(rig_body(rig), kept.joined(), live is not None),) if felt else ()

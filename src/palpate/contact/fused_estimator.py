@@ -53,8 +53,8 @@ class FusedEstimator:
 
     Features, behind those of the skin: `share`, the posterior over the prior deviation of a contact's force: 1 where
     the wrench says nothing of it; `bound`, 1 where its friction cone binds; `unexplained`, the probability of a wrench
-    as far from what the skin feels as this one, where the skin feels all; `belief` in the place of a contact that the
-    skin does not feel, NaN of others; `force_xx` ... `force_zz` [N^2], the covariance of the force.
+    as far from what the skin feels as this one, where the skin feels all; `belief` in the place of a contact, 1 where
+    the skin feels it; `force_xx` ... `force_zz` [N^2], the covariance of the force.
 
     Args:
         taxels: of the skin; its filter smooths the wrenches too.
@@ -187,8 +187,8 @@ class FusedEstimator:
         cells, wrench, averaged = values[:-7], values[-7:-1], values[-1:]
         count = self.taxels.update_into(time, cells, self._rows)
         measured = self.sensor.single(time, wrench, rotation, acceleration)
-        placed = self._placed(measured, averaged)
-        return self._frame(time, self._rows[:count], *(part[0] for part in placed), rows)
+        located, covariance, status = self._placed(measured, averaged)
+        return self._frame(time, self._rows[:count], located[0], covariance[0], int(status[0]), rows)
 
     def run_into(
         self,
@@ -212,7 +212,7 @@ class FusedEstimator:
             self.taxels.run_into(when, channels[CELLS], self._rows, count)
             located, covariance, status = self._wrenches(block)
             counts[done] = self._frame(
-                float(time[done]), self._rows[: int(count[0])], located[0], covariance[0], status[0], out[used:]
+                float(time[done]), self._rows[: int(count[0])], located[0], covariance[0], int(status[0]), out[used:]
             )
             used += int(counts[done])
             done += 1
@@ -278,7 +278,9 @@ class FusedEstimator:
         out = self.empty(self.most)
         for k in range(len(located)):
             of = slice(int(edges[k]), int(edges[k + 1]))
-            counts[k] = self._frame(float(found.time[of.start]), rows[of], located[k], covariances[k], status[k], out)
+            counts[k] = self._frame(
+                float(found.time[of.start]), rows[of], located[k], covariances[k], int(status[k]), out
+            )
             parts.append(out[: counts[k]].copy())
         made = np.concatenate([self.empty(0), *parts])
         sample = first + np.repeat(np.arange(len(located)), counts)
@@ -413,7 +415,7 @@ def _write(fused: Fused, touching: Int[np.ndarray, " n"], out: np.ndarray, after
     each = blocks[np.arange(count), :, np.arange(count)] if count else np.zeros((0, 3, 3))
     out[touching, ROW.force] = fused.force
     out[touching, after + SHARE], out[touching, after + BOUND] = fused.share, fused.bound
-    out[touching, after + UNEXPLAINED] = fused.p[0]
+    out[touching, after + UNEXPLAINED], out[touching, after + BELIEF] = fused.p[0], 1.0
     out[touching, after + SPREAD : after + SPREAD + 6] = each[:, *_UPPER]
 
 
