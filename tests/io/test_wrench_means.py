@@ -46,7 +46,7 @@ def test_nothing_depends_on_how_rows_and_wrenches_are_cut() -> None:
 
 def test_a_slow_sensor_is_read_on_the_line_between_and_never_across_a_gap() -> None:
     slow = np.array([0.0, 0.1, 0.2, 0.9])
-    made, counts = _all(WrenchMeans(), slow, np.repeat(slow[:, None], 6, axis=1), np.array([0.05, 0.15, 0.5, 0.95]))
+    made, counts = _all(WrenchMeans(), slow, np.repeat(slow[:, None], 6, axis=1), np.array([0.05, 0.15, 0.5, 0.97]))
     assert np.allclose(made[:2, 0], [0.05, 0.15])
     assert np.isnan(made[2:]).all()
     assert not counts[2:].any()

@@ -24,6 +24,7 @@ from palpate.io.live.ros_poses import RosPoses
 from palpate.io.live.source import BATCH, Batch, Source, source_of
 from palpate.io.logs.decoding import seconds
 from palpate.io.logs.samples import Samples
+from palpate.io.logs.topics import LIVE_BOTH
 from palpate.io.rig.kind import Prepared
 from palpate.io.rig.rig import Rig, load_rig
 from palpate.io.rig.tables import RigFilter
@@ -111,8 +112,7 @@ class Live:
 
         self.rig = rig if isinstance(rig, Rig) else load_rig(rig)
         self.kind = self.rig.kind(sensor)
-        self.source = source_of(self.rig) if source is None else source
-        self._require_all()
+        self.source = source_of(self.rig, self.kind) if source is None else source
         self._poses = None if self.source.poses else RosPoses.of(self.rig)
         self._posed = self.source.poses or self._poses is not None
         layout = self.kind.layout(self.rig)
@@ -137,7 +137,7 @@ class Live:
         """What passes through a ring of this stream."""
         estimator, source, layout = self.estimator, self.source, self.kind.layout(self.rig)
         channels = layout.images or next(iter(layout.arrays), None)
-        topic = layout.wrench_topic if channels is None else channels.topic
+        topic = layout.wrench_topic if channels is None else LIVE_BOTH if self.kind.parts else channels.topic
         return Form(
             sensor=self.kind.name,
             shape=tuple(source.shape),
@@ -227,20 +227,6 @@ class Live:
     @property
     def _none(self) -> Answers:
         return Answers(np.zeros(0, np.int64), np.zeros(0, np.int64), self._rows[:0])
-
-    def _require_all(self) -> None:
-        """That a sensor made of several gets the readings of all, which so far a log alone gives.
-
-        Raises:
-            InputError: the source is of one.
-        """
-        if self.kind.parts and not isinstance(self.source, Replay):
-            names = " or ".join(f"--sensor {part}" for part in self.kind.parts)
-            raise InputError(
-                f"the [source] gives the readings of one sensor, and this is {self.kind.called}.",
-                where=f"[source] {self.rig.stream().kind}",
-                hint=f"Name one ({names}); both at once are read from a log that is replayed.",
-            )
 
     def _require_enough(self) -> None:
         """That wrenches can be answered as the source gives them, asked before the device is.

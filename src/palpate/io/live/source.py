@@ -10,6 +10,7 @@ from jaxtyping import Int
 from numpy.typing import DTypeLike
 
 if TYPE_CHECKING:
+    from palpate.io.rig.kind import SensorKind
     from palpate.io.rig.rig import Rig
 
 __all__ = ["BATCH", "SOURCES", "Batch", "Source", "source_of"]
@@ -126,10 +127,18 @@ SOURCES: Mapping[str, Callable[[Rig], Source]] = {
 """Kind of [source] in a rig -> the source that it says, not opened yet. Add a row, and every command takes it."""
 
 
-def source_of(rig: Rig) -> Source:
+def source_of(rig: Rig, kind: SensorKind | None = None) -> Source:
     """What the [source] of a rig says, not opened yet.
+
+    Args:
+        rig: with a [source].
+        kind: of its sensors; one that is made of two gets the samples of both.
 
     Raises:
         InputError: the rig has no [source], or what it says cannot be.
     """
+    if kind is not None and kind.parts and rig.stream().kind != "replay":
+        from palpate.io.live.pair import Pair
+
+        return Pair.of(rig, kind)
     return SOURCES[rig.stream().kind](rig)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 from typing import Protocol, runtime_checkable
 
@@ -27,6 +28,7 @@ from palpate.spatial.pose_track import PoseTrack
 __all__ = ["TopicLog"]
 
 BLOCK = 1 << 13  # rows, of few numbers each
+BESIDE = 7  # numbers behind an array in a live record: the wrench, and of how many readings it is the mean
 HELD = 1 << 16  # rows that wait for a pose; a topic that fell silent must not hold the others for ever
 
 
@@ -67,7 +69,10 @@ class TopicLog(Log):
     def blocks(self) -> Iterator[Recording]:
         """See `palpate.io.logs.log.Log`."""
         layout, array, chosen = self._layout, main_channel(self._layout), self._chosen()
-        main, poses = _Stream(chosen["main"], self._source, array), self._poses(chosen, layout.offset)
+        if "both" in chosen and array is not None:
+            array = replace(array, shape=(array.size + BESIDE,))
+        main = _Stream(chosen.get("both") or chosen["main"], self._source, array)
+        poses = self._poses(chosen, layout.offset)
         tracks = {} if poses is None else {"pose": poses}
         if "acceleration" in chosen:
             stream = _Stream(chosen["acceleration"], self._source)
@@ -261,7 +266,8 @@ class _Join:
         self._main, self._sources, self._samples, self._layout = main, sources, samples, layout
         self._wrenches = wrenches
         array = main_channel(layout)
-        self._name, width = ("wrench", 6) if array is None else (array.name, array.size)
+        self._name, self._width = ("wrench", 6) if array is None else (array.name, array.size)
+        width = self._width
         self._block, self._held = rows_at_once(BLOCK, width), rows_at_once(HELD, width, 8 * NUMBERS)
         self._tracks = {role: source.track for role, source in sources.items()}
         self._time, self._values = list[np.ndarray](), list[np.ndarray]()  # of rows that wait
@@ -316,10 +322,17 @@ class _Join:
         for start in range(0, ready, self._block):
             piece = slice(start, min(start + self._block, ready))
             self.rows += len(time[piece])
-            yield self._samples.block(time[piece], {self._name: values[piece], **self._others(time[piece])})
+            yield self._samples.block(time[piece], {**self._rows(values[piece]), **self._others(time[piece])})
         oldest = float(np.min(time, initial=np.inf, where=np.isfinite(time)))
         for track in self._all if np.isfinite(oldest) else ():
             track.forget(oldest)
+
+    def _rows(self, values: Float[np.ndarray, "n k"]) -> dict[str, np.ndarray]:
+        """The readings themselves; of a live record with a wrench and its readings behind an array."""
+        if values.shape[1] != self._width + BESIDE:
+            return {self._name: values}
+        ends = (self._width, self._width + 6)
+        return dict(zip((self._name, WRENCH, AVERAGED), np.split(values, ends, axis=1), strict=True))
 
     def _others(self, time: Float[np.ndarray, " n"]) -> dict[str, Float[np.ndarray, "n _"]]:
         found: dict[str, np.ndarray] = {}

@@ -16,6 +16,7 @@ from palpate.io.units import near
 __all__ = [
     "LIVE",
     "LIVE_ACCELERATION",
+    "LIVE_BOTH",
     "LIVE_POSE",
     "NONE",
     "POSE_KINDS",
@@ -32,6 +33,7 @@ _SHOWN = 12  # topics in a sentence
 _DOUBLES = "std_msgs/Float64MultiArray"
 RESULTS = "/palpate/contact/"  # what topics of contacts begin with: they are what was made of readings, and none
 LIVE = "/palpate/live/"  # what topics of a live record begin with
+LIVE_BOTH = f"{LIVE}cells_and_wrench"  # a row a frame: its numbers, the wrench, of how many readings that is the mean
 LIVE_POSE, LIVE_ACCELERATION = f"{LIVE}pose", f"{LIVE}acceleration"  # one of these stands beside each reading
 
 
@@ -92,12 +94,17 @@ def main_channel(layout: Layout) -> ArrayChannel | None:
 def choose(there: LogContents, layout: Layout) -> dict[str, Topic]:
     """What "main" (a wrench, or an array), "wrench" beside an array, "pose" and "acceleration" are taken from.
 
+    "both": an array with the wrench beside it in one message, as a live record has them.
+
     The last two as far as they are there; none of several topics of poses, as long as none is named (`doubtful`).
 
     Raises:
         InputError: a topic that is named is not there or holds something else, or several of wrenches could be meant.
     """
     array, topics, path = main_channel(layout), there.topics, there.path
+    if array is not None and layout.wrench is not None and (both := _recorded(topics, LIVE_BOTH)) is not None:
+        pose, pushed = _recorded(topics, LIVE_POSE), _recorded(topics, LIVE_ACCELERATION)
+        return {"both": both} | ({"pose": pose} if pose else {}) | ({"acceleration": pushed} if pushed else {})
     main = _WRENCH if array is None else _wanted(array)
     rows = _required(there, main, layout.wrench_topic if array is None else array.topic)
     pose = _pose(topics, layout, path)

@@ -30,6 +30,8 @@ class RigSource:
     Net F/T: `port` of its samples (RDT), `web` of its page. Serial: `baud`, and `framing`: "cobs" (frames with COBS and
     CRC-32) or "lines" of numbers; `columns`: which of the numbers of a line, from 0. ROS 2: `domain`, and `interface`
     of the network. Replay: `speed` (0: as fast as it goes), `loop`.
+    `wrench`: of a rig with a skin and a force/torque sensor, where wrenches come from, [source.wrench]; frames come
+    from the [source] itself. None: wrenches come from there too.
     """
 
     kind: str
@@ -44,6 +46,7 @@ class RigSource:
     interface: str = ""
     speed: float = 1.0
     loop: bool = False
+    wrench: RigSource | None = None
 
     def __post_init__(self) -> None:
         if self.kind not in SOURCE_KINDS:
@@ -60,6 +63,8 @@ class RigSource:
             raise ValueError("speed must not be negative; 0 is as fast as it goes")
         if self.columns is not None and (not self.columns or min(self.columns) < 0):
             raise ValueError("columns are counted from 0")
+        if self.wrench is not None and "replay" in (self.kind, self.wrench.kind):
+            raise ValueError("a log that is replayed has wrenches and frames of its own: leave [source.wrench] out")
         require_positive(self, "rate", "baud")
 
     def text(self) -> str:
