@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import shutil
 import tempfile
+from collections.abc import Generator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
 
@@ -13,7 +15,7 @@ from palpate.cli.console import counting, lines, note, progress, title, wait
 from palpate.errors import InputError
 from palpate.io.atomic import PART
 
-__all__ = ["simulate_marker_ring"]
+__all__ = ["require_new", "simulate_marker_ring", "whole"]
 
 Flag = Annotated[bool, FlagCreatePairsOff]
 Folder = Annotated[Path, arg(aliases=["-o"], metavar="FOLDER")]
@@ -38,31 +40,42 @@ def simulate_marker_ring(
         count: angles around the ring, or touches; otherwise 36 and 24 angles, 12 and 4 touches.
         images: write a folder of images instead of a video.
     """
-    _require_new(output)
+    require_new(output)
     if seed < 0 or (count is not None and count < 1):
         raise InputError("seed must not be negative, and count positive.", where="--seed, --count")
-    part = Path(tempfile.mkdtemp(prefix=f".{output.name}.", suffix=PART, dir=output.absolute().parent))
-    try:
-        with counting():
-            figures = _record(part, seed, touches, small, count, images)
-        part.chmod(0o755)
-        if output.exists():
-            output.rmdir()
-        part.rename(output)
-    finally:  # after Ctrl-C too: nothing half made is left
-        shutil.rmtree(part, ignore_errors=True)
+    with whole(output) as part, counting():
+        figures = _record(part, seed, touches, small, count, images)
     title(f"marker ring, unit {seed} -> {output}")
     lines(figures)
     note(["truth.csv is of the centre of pressure, by linear elasticity; estimates never see it"])
 
 
-def _require_new(folder: Path) -> None:
+def require_new(folder: Path) -> None:
+    """Requires a folder that can be made.
+
+    Raises:
+        InputError: it is a file, holds something, or would be in a folder that is not there.
+    """
     if folder.exists() and not folder.is_dir():
         raise InputError("is a file, not a folder.", where=str(folder), hint="Name another folder.")
     if folder.is_dir() and any(folder.iterdir()):
         raise InputError("is not empty.", where=str(folder), hint="Name a new folder.")
     if not folder.absolute().parent.is_dir():
         raise InputError("is to be made in a folder that is not there.", where=str(folder))
+
+
+@contextmanager
+def whole(output: Path) -> Generator[Path]:
+    """A folder beside the output that becomes it at the end; after Ctrl-C or an error nothing half made is left."""
+    part = Path(tempfile.mkdtemp(prefix=f".{output.name}.", suffix=PART, dir=output.absolute().parent))
+    try:
+        yield part
+        part.chmod(0o755)
+        if output.exists():
+            output.rmdir()
+        part.rename(output)
+    finally:
+        shutil.rmtree(part, ignore_errors=True)
 
 
 def _record(

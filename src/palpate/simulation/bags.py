@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, UInt8
 
 from palpate.errors import InputError
 
-__all__ = ["Stamped", "header", "nanoseconds", "wrenches", "write_bag"]
+__all__ = ["Stamped", "header", "nanoseconds", "poses", "readings", "wrenches", "write_bag"]
 
 Stamped = tuple[int, str, Any]  # ns, topic, message
 
@@ -52,6 +52,41 @@ def wrenches(
     vector, wrench, stamped = (types[f"geometry_msgs/msg/{name}"] for name in ("Vector3", "Wrench", "WrenchStamped"))
     for stamp, row in zip(nanoseconds(time), rows.tolist(), strict=True):
         yield stamp, topic, stamped(header(types, stamp, "ft_sensor"), wrench(vector(*row[:3]), vector(*row[3:])))
+
+
+def poses(
+    types: Any,
+    topic: str,
+    time: Float[np.ndarray, " n"],
+    quaternions: Float[np.ndarray, "n 4"],
+    position: tuple[float, float, float],
+) -> Iterator[Stamped]:
+    """PoseStamped in the base of what turns about a point; stamps before 0 are left out."""
+    point, turn, pose, stamped = (
+        types[f"geometry_msgs/msg/{name}"] for name in ("Point", "Quaternion", "Pose", "PoseStamped")
+    )
+    for stamp, row in zip(nanoseconds(time), quaternions.tolist(), strict=True):
+        if stamp >= 0:
+            yield stamp, topic, stamped(header(types, stamp, "base"), pose(point(*position), turn(*row)))
+
+
+def readings(
+    types: Any,
+    topic: str,
+    time: Float[np.ndarray, " n"],
+    frames: UInt8[np.ndarray, "n ..."],
+    labels: tuple[str, ...],
+) -> Iterator[Stamped]:
+    """UInt8MultiArray of the cells of a skin, a label for each axis of a frame; stamps before 0 are left out."""
+    array, layout, size = (
+        types[f"std_msgs/msg/{name}"] for name in ("UInt8MultiArray", "MultiArrayLayout", "MultiArrayDimension")
+    )
+    shape = frames.shape[1:]
+    strides = np.cumprod(shape[::-1])[::-1].tolist()
+    about = layout([size(*each) for each in zip(labels, shape, strides, strict=True)], 0)
+    for stamp, row in zip(nanoseconds(time), frames, strict=True):
+        if stamp >= 0:
+            yield stamp, topic, array(about, row.ravel())
 
 
 def header(types: Any, stamp: int, frame: str) -> Any:

@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import Float
 
 from palpate.sensors.taxel_places import TaxelPlaces
-from palpate.simulation.bags import Stamped, header, nanoseconds, wrenches, write_bag
+from palpate.simulation.bags import Stamped, header, nanoseconds, readings, wrenches, write_bag
 from palpate.simulation.forearm import Cone
 from palpate.simulation.poke_bench import PokeSession
 from palpate.simulation.poke_log import EVERY, PokeLog, Timing, simulate_poke_log
@@ -106,7 +106,7 @@ def write_poke_log(log: PokeLog, path: Path) -> None:
         return (
             wrenches(types, WRENCH_TOPIC, log.time, log.wrench),
             _joints(types, log.time[::2], log.joints[::2]),
-            _frames(types, log.time[::EVERY], log.taxels),
+            readings(types, TAXEL_TOPIC, log.time[::EVERY], log.taxels, ("taxel",)),
         )
 
     kinds = {WRENCH_TOPIC: "geometry_msgs/msg/WrenchStamped", JOINT_TOPIC: "sensor_msgs/msg/JointState"}
@@ -123,7 +123,7 @@ def write_touches(touches: SkinTouches, folder: Path, name: str) -> None:
     write_bag(
         folder / f"{name}.mcap",
         {TAXEL_TOPIC: "std_msgs/msg/UInt8MultiArray"},
-        lambda types: (_frames(types, touches.time, counts),),
+        lambda types: (readings(types, TAXEL_TOPIC, touches.time, counts, ("taxel",)),),
     )
     taxels = tuple(f"t{k}" for k in range(touches.frames.shape[1]))
     _write_rows(folder / f"{name}.csv", ("time", *taxels), np.column_stack([touches.time, touches.frames]))
@@ -159,15 +159,6 @@ def _joints(types: Any, time: Float[np.ndarray, " n"], joints: Float[np.ndarray,
     kind, none = types["sensor_msgs/msg/JointState"], np.zeros(0)
     for stamp, row in zip(nanoseconds(time), joints, strict=True):
         yield stamp, JOINT_TOPIC, kind(header(types, stamp, ""), list(JOINTS), row, none, none)
-
-
-def _frames(types: Any, time: Float[np.ndarray, " n"], taxels: UInt8[np.ndarray, "n k"]) -> Iterator[Stamped]:
-    array, layout, size = (
-        types[f"std_msgs/msg/{name}"] for name in ("UInt8MultiArray", "MultiArrayLayout", "MultiArrayDimension")
-    )
-    shape = layout([size("taxel", taxels.shape[1], taxels.shape[1])], 0)
-    for stamp, row in zip(nanoseconds(time), taxels, strict=True):
-        yield stamp, TAXEL_TOPIC, array(shape, row)
 
 
 def _write_rows(path: Path, names: tuple[str, ...], rows: Float[np.ndarray, "n k"]) -> None:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 from palpate.sensors.recording import ORIENTATION, Recording
-from palpate.simulation.bags import Stamped, header, nanoseconds, wrenches, write_bag
+from palpate.simulation.bags import Stamped, poses, wrenches, write_bag
 from palpate.simulation.session import Session
 from palpate.simulation.session_files import POSE_TOPIC, WRENCH_TOPIC
 
@@ -31,20 +31,14 @@ def write_session_mcap(session: Session, folder: Path) -> None:
 
 def _write(recording: Recording, path: Path) -> None:
     def made(types: Any) -> Iterable[Iterable[Stamped]]:
-        return wrenches(types, WRENCH_TOPIC, recording.time, recording.wrenches()), _poses(recording, types)
+        time, quaternions = recording.time[::POSE_EVERY] - CLOCK_OFFSET, recording.channels[ORIENTATION][::POSE_EVERY]
+        return (
+            wrenches(types, WRENCH_TOPIC, recording.time, recording.wrenches()),
+            poses(types, POSE_TOPIC, time, quaternions, POSITION),
+        )
 
     write_bag(
         path,
         {WRENCH_TOPIC: "geometry_msgs/msg/WrenchStamped", POSE_TOPIC: "geometry_msgs/msg/PoseStamped"},
         made,
     )
-
-
-def _poses(recording: Recording, types: Any) -> Iterator[Stamped]:
-    point, turn, pose, stamped = (
-        types[f"geometry_msgs/msg/{name}"] for name in ("Point", "Quaternion", "Pose", "PoseStamped")
-    )
-    stamps = nanoseconds(recording.time[::POSE_EVERY] - CLOCK_OFFSET)
-    for stamp, row in zip(stamps, recording.channels[ORIENTATION][::POSE_EVERY].tolist(), strict=True):
-        if stamp >= 0:
-            yield stamp, POSE_TOPIC, stamped(header(types, stamp, "base"), pose(point(*POSITION), turn(*row)))

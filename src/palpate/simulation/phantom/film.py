@@ -13,7 +13,8 @@ import numpy as np
 
 from palpate.errors import InputError
 from palpate.sensors.markers import opencv
-from palpate.simulation.phantom.lab import PhantomLab, engine
+from palpate.simulation.engine import engine
+from palpate.simulation.phantom.lab import PhantomLab
 
 __all__ = ["RATE", "Film", "choose_renderer"]
 
@@ -63,7 +64,7 @@ class Film:
     """
 
     def __init__(self, lab: PhantomLab, path: Path) -> None:
-        self._cv2, self._lab, mujoco = opencv(), lab, engine()
+        self._cv2, self._lab, mujoco = opencv(), lab, engine("moving phantom")
         try:
             self._renderer: Any = mujoco.Renderer(lab.model, SIZE[1], SIZE[0])
         except Exception as problem:  # whatever the platform's GL raises

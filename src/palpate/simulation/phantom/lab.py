@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass, field
-from importlib import import_module
 from math import radians
 from typing import Any
 
@@ -16,6 +15,7 @@ import numpy as np
 from jaxtyping import Float
 
 from palpate.errors import InputError
+from palpate.simulation.engine import engine
 from palpate.simulation.phantom.elfin3 import LINKS, READY, SENSOR, SPEED, mjcf
 from palpate.simulation.phantom.motion import Motion
 from palpate.simulation.phantom.probes import Probe, probe
@@ -164,22 +164,6 @@ class Truth:
         return float(np.arccos(np.clip(-self.sensor.rotation[:, 2] @ self.normal, -1.0, 1.0)))
 
 
-def engine() -> Any:
-    """MuJoCo.
-
-    Raises:
-        InputError: it is not installed.
-    """
-    try:
-        return import_module("mujoco")
-    except ImportError as problem:
-        raise InputError(
-            "MuJoCo is not installed, and the moving phantom runs on it",
-            where="moving phantom",
-            hint="pip install 'palpate[simulation]'",
-        ) from problem
-
-
 class PhantomLab:
     """The arm, the probe and the phantom.
 
@@ -196,7 +180,7 @@ class PhantomLab:
 
         self.settings = settings = settings or LabSettings()
         self.probe: Probe = probe(settings.probe)
-        self._mujoco = engine()
+        self._mujoco = engine("moving phantom")
         text = mjcf(self.probe, timestep=_STEP, accelerometer=settings.accelerometer, phantom=(0.10, 0.07, 0.03))
         self.model = self._mujoco.MjModel.from_xml_string(text)
         self._press, self._follow = press, follow
