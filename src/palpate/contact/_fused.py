@@ -22,11 +22,11 @@ import numpy as np
 
 from palpate.surfaces._jit import entry, inner
 
-__all__ = ["NORMAL", "OUT", "ROW", "fuse"]
+__all__ = ["drawn", "explained", "fuse", "split"]
 
 ROW = 17  # of a contact: point, outward normal, normal force, its deviation, covariance of the place row by row
-NORMAL = 3  # where the normal begins in it
 OUT = 5  # of a contact: force, deviation of the tangential force now over before, slack of the cone
+_STRIDE = 1009  # rows of the table of draws from one contact to the next
 
 
 @inner
@@ -42,35 +42,70 @@ def _frame(normal, frame):
 
 
 @inner
-def _added_moment(spread, second, weight, out):
-    """Adds weight (spread xx second), each (3, 3) and symmetric, to `out`."""
-    ta = spread[0, 0] + spread[1, 1] + spread[2, 2]
+def _place_moment(contact, second, out):
+    """Covariance of the moment by which a contact's place errs: spread xx second."""
+    ta = contact[8] + contact[12] + contact[16]
     tb = second[0, 0] + second[1, 1] + second[2, 2]
     tab = 0.0
     for i in range(3):
         for j in range(3):
-            tab += spread[i, j] * second[i, j]
+            tab += contact[8 + 3 * i + j] * second[i, j]
     for i in range(3):
         for j in range(3):
-            total = -ta * second[i, j] - tb * spread[i, j]
+            total = -ta * second[i, j] - 0.5 * tb * (contact[8 + 3 * i + j] + contact[8 + 3 * j + i])
             for k in range(3):
-                total += spread[i, k] * second[k, j] + second[i, k] * spread[k, j]
+                total += 0.5 * (contact[8 + 3 * i + k] + contact[8 + 3 * k + i]) * second[k, j]
+                total += 0.5 * second[i, k] * (contact[8 + 3 * k + j] + contact[8 + 3 * j + k])
             if i == j:
                 total += ta * tb - tab
-            out[i, j] += weight * total
+            out[i, j] = total
 
 
 @inner
-def _prior(contacts, settings, frames, mean, root):
-    """Frames, means and deviations of each contact's (normal, tangential, tangential) force."""
-    tangential, gain, floor = settings[0], settings[1], settings[2]
+def _first(contacts, settings, frames, mean, variance, second):
+    """Frames, means, variances of the normal force and E f f^T, from the skin alone."""
     for i in range(len(contacts)):
         _frame(contacts[i, 3:6], frames[i])
-        force, own = contacts[i, 6], contacts[i, 7]
-        variance = own * own + gain * gain * force * force + floor * floor
+        force = contacts[i, 6]
         mean[3 * i], mean[3 * i + 1], mean[3 * i + 2] = force, 0.0, 0.0
-        root[3 * i] = np.sqrt(variance)
-        root[3 * i + 1] = root[3 * i + 2] = tangential * np.sqrt(force * force + variance)
+        variance[i] = contacts[i, 7] ** 2 + (settings[1] * force) ** 2 + settings[2] ** 2
+        across = settings[0] ** 2 * (force * force + variance[i])
+        for r in range(3):
+            for q in range(3):
+                second[i, r, q] = (force * force + variance[i] - across) * frames[i, 0, r] * frames[i, 0, q]
+            second[i, r, r] += across
+
+
+@inner
+def _prior(contacts, settings, level, variance, root):
+    """Deviations of each contact's (normal, tangential, tangential) force, whose usual normal force is `level`."""
+    for i in range(len(contacts)):
+        square = contacts[i, 7] ** 2 + (settings[1] * level[i]) ** 2 + settings[2] ** 2
+        root[3 * i] = np.sqrt(square)
+        root[3 * i + 1] = root[3 * i + 2] = settings[0] * np.sqrt(level[i] ** 2 + variance[i])
+
+
+@inner
+def _again(contacts, frames, mean, square, level, variance, second):
+    """`_first` from forces after the wrenches; a contact that is nearly lost keeps a share of what its skin says."""
+    count = len(contacts)
+    world = np.empty((3, 3))
+    for i in range(count):
+        for r in range(3):
+            for q in range(r + 1):
+                total = mean[3 * i + r] * mean[3 * i + q]
+                for c in range(3 * count):
+                    total += square[3 * i + r, c] * square[3 * i + q, c]
+                world[r, q] = world[q, r] = total
+        variance[i] = world[0, 0] - mean[3 * i] ** 2
+        level[i] = max(mean[3 * i], 0.2 * contacts[i, 6])
+        for r in range(3):
+            for q in range(3):
+                total = 0.0
+                for a in range(3):
+                    for b in range(3):
+                        total += frames[i, a, r] * world[a, b] * frames[i, b, q]
+                second[i, r, q] = total
 
 
 @inner
@@ -87,25 +122,19 @@ def _felt(contacts, frames, rows):
 
 
 @inner
-def _noise(contacts, frames, mean, root, covariances, carries, noise):
+def _noise(contacts, second, covariances, carries, noise):
     """(6k, 6k) covariance of the wrenches' noise, with what the places err by."""
     count, sensors = len(contacts), len(covariances)
-    noise[:, :] = 0.0
+    for a in range(6 * sensors):
+        for b in range(6 * sensors):
+            noise[a, b] = 0.0
     for k in range(sensors):
         for r in range(6):
             for q in range(6):
                 noise[6 * k + r, 6 * k + q] = 0.5 * (covariances[k, r, q] + covariances[k, q, r])
-    second, moment, spread = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
+    moment = np.empty((3, 3))
     for i in range(count):
-        for r in range(3):
-            for q in range(3):
-                spread[r, q] = 0.5 * (contacts[i, 8 + 3 * r + q] + contacts[i, 8 + 3 * q + r])
-                second[r, q] = 0.0
-                for e in range(3):
-                    of_two = root[3 * i + e] ** 2 + mean[3 * i + e] ** 2
-                    second[r, q] += of_two * frames[i, e, r] * frames[i, e, q]
-        moment[:, :] = 0.0
-        _added_moment(spread, second, 1.0, moment)
+        _place_moment(contacts[i], second[i], moment)
         for k in range(sensors):
             for m in range(sensors):
                 if carries[k, i] and carries[m, i]:
@@ -170,33 +199,31 @@ def _update(square, mean, row, left, variance, work):
 
 
 @inner
-def _posterior(rows, carries, noise, left, mean, square, vectors, whitened):
+def _posterior(rows, carries, noise, left, mean, before, square, vectors, whitened):
     """All measurements one after the other. `noise` becomes L D L^T; `left` is measured minus expected, changed."""
     sensors, count = carries.shape
-    size, before, row = 3 * count, vectors[0], vectors[1]
+    size = 3 * count
     _split(noise, 1e-13)
-    for e in range(size):
-        before[e] = mean[e]
     for j in range(6 * sensors):
         k, r = j // 6, j % 6
+        row = whitened[j]
         for e in range(size):
-            whitened[j, e] = rows[r, e] if carries[k, e // 3] else 0.0
+            row[e] = rows[r, e] if carries[k, e // 3] else 0.0
         for m in range(j):
             if noise[j, m] != 0.0:
                 left[j] -= noise[j, m] * left[m]
                 for e in range(size):
-                    whitened[j, e] -= noise[j, m] * whitened[m, e]
+                    row[e] -= noise[j, m] * whitened[m, e]
         residual = left[j]
         for e in range(size):
-            row[e] = whitened[j, e]
             residual -= row[e] * (mean[e] - before[e])
-        _update(square, mean, row, residual, noise[j, j], vectors[2])
+        _update(square, mean, row, residual, noise[j, j], vectors[0])
 
 
 @inner
-def _results(contacts, frames, mean, root, square, friction, out, covariance):
-    """Forces, shares and slacks; the covariance in the surface's frame."""
-    count = len(contacts)
+def _results(frames, mean, root, square, friction, out, covariance):
+    """Forces, shares and slacks; the covariance in the surface's frame. How many contacts violate their cone."""
+    count, broken = len(out), 0
     for i in range(count):
         now = before = 0.0
         for e in range(3):
@@ -207,8 +234,10 @@ def _results(contacts, frames, mean, root, square, friction, out, covariance):
             before += root[3 * i + e] ** 2
             for c in range(3 * count):
                 now += square[3 * i + e, c] ** 2
-        out[i, 3] = np.sqrt(now / before) if before > 0.0 else 1.0
+        out[i, 3] = min(np.sqrt(now / before), 1.0) if before > 0.0 else 1.0
         out[i, 4] = friction * mean[3 * i] - np.hypot(mean[3 * i + 1], mean[3 * i + 2])
+        if out[i, 4] < 0.0 or mean[3 * i] < 0.0:
+            broken += 1
         for c in range(3 * count):  # the root, turned into the surface's frame
             a, b, d = square[3 * i, c], square[3 * i + 1, c], square[3 * i + 2, c]
             for e in range(3):
@@ -219,57 +248,52 @@ def _results(contacts, frames, mean, root, square, friction, out, covariance):
             for c in range(3 * count):
                 total += square[r, c] * square[q, c]
             covariance[r, q] = covariance[q, r] = total
+    return broken
 
 
 @inner
-def _chance(surprise, dof, variance):
-    """Share of a gamma distribution of this mean and variance above `surprise` ([wilson-hilferty])."""
-    spread = variance / (9.0 * dof * dof)
-    if not spread > 0.0:
-        return 1.0
-    return 0.5 * math.erfc(((surprise / dof) ** (1.0 / 3.0) - (1.0 - spread)) / np.sqrt(2.0 * spread))
-
-
-@inner
-def _surprise(innovation, rows, root, carries, left, k, factor, column, found):
-    """How far sensor k's wrench lies from what was expected, in `found`: squared, degrees of freedom, its variance.
-
-    The variance of a chi-square is 2 dof; that of a source that is uniform in a disc lacks tr G^2 + 2/3 det G, with G
-    (2, 2) what its components are worth in deviations.
-    """
+def _whiten(factor, column):
+    """column becomes D^-1/2 L^-1 column; 0 where D is."""
     for r in range(6):
-        for q in range(6):
-            factor[r, q] = innovation[6 * k + r, 6 * k + q]
-    _split(factor, 1e-13)
+        for q in range(r):
+            column[r] -= factor[r, q] * column[q]
+    for r in range(6):
+        column[r] = column[r] / np.sqrt(factor[r, r]) if factor[r, r] > 0.0 else 0.0
+
+
+@inner
+def _surprise(rows, root, carries, factor, column, found):
+    """How far a sensor's wrench lies from what was expected: squared, degrees of freedom, its variance, share.
+
+    `factor`: L D L^T of the wrench's covariance; column[0]: whitened. The variance of a chi-square is 2 dof; that of a
+    source that is uniform in a disc lacks tr G^2 + 2/3 det G, with G (2, 2) what its components are worth in deviations.
+    """
     total, dof = 0.0, 0
     for r in range(6):
-        column[0, r] = left[6 * k + r]
-        for q in range(r):
-            column[0, r] -= factor[r, q] * column[0, q]
-        if factor[r, r] > 0.0:
-            total += column[0, r] ** 2 / factor[r, r]
-            dof += 1
+        total += column[0, r] ** 2
+        dof += factor[r, r] > 0.0
     variance = 2.0 * dof
-    for i in range(carries.shape[1]):
-        if not carries[k, i]:
-            continue
-        aa = ab = bb = 0.0
-        for r in range(6):
+    for i in range(len(carries)):
+        if carries[i]:
+            aa = ab = bb = 0.0
             for e in range(1, 3):
-                column[e, r] = rows[r, 3 * i + e] * root[3 * i + e]
-                for q in range(r):
-                    column[e, r] -= factor[r, q] * column[e, q]
-            if factor[r, r] > 0.0:
-                aa += column[1, r] ** 2 / factor[r, r]
-                ab += column[1, r] * column[2, r] / factor[r, r]
-                bb += column[2, r] ** 2 / factor[r, r]
-        variance -= aa * aa + bb * bb + 2.0 * ab * ab + 2.0 / 3.0 * (aa * bb - ab * ab)
+                for r in range(6):
+                    column[e, r] = rows[r, 3 * i + e] * root[3 * i + e]
+                _whiten(factor, column[e])
+            for r in range(6):
+                aa += column[1, r] ** 2
+                ab += column[1, r] * column[2, r]
+                bb += column[2, r] ** 2
+            variance -= aa * aa + bb * bb + 2.0 * ab * ab + 2.0 / 3.0 * (aa * bb - ab * ab)
     found[0], found[1], found[2] = total, dof, variance
-    found[3] = _chance(total, dof, variance) if dof > 0 else np.nan
+    found[3] = np.nan
+    if dof > 0 and variance > 0.0:  # Wilson and Hilferty's approximation of a gamma distribution's tail
+        spread = variance / (9.0 * dof * dof)
+        found[3] = 0.5 * math.erfc(((total / dof) ** (1.0 / 3.0) - (1.0 - spread)) / np.sqrt(2.0 * spread))
 
 
 @entry
-def fuse(contacts, wrenches, covariances, carries, settings, work, out, covariance, totals, innovation):
+def fuse(contacts, wrenches, covariances, carries, settings, work, out, covariance, totals, factors):
     """The forces of contacts (n, 17) felt by sensors (k, 6).
 
     Args:
@@ -277,40 +301,207 @@ def fuse(contacts, wrenches, covariances, carries, settings, work, out, covarian
         wrenches: (k, 6), finite.
         covariances: (k, 6, 6) of their noise.
         carries: (k, n) whether a sensor feels a contact.
-        settings: (4,) tangential deviation, gain, floor, friction.
-        work: frames (n, 3, 3), mean (3n,), root (3n,), square (3n, 3n), felt (6, 3n), noise (6k, 6k), left (6k,), then
-            (3, 3n) and (6k, 3n).
+        settings: (5,) tangential deviation, gain, floor, friction, how often the prior is written anew.
+        work: frames and E f f^T (2, n, 3, 3), level and variance of normal forces (2, n), mean, mean before and
+            deviations, two more (5, 3n), square (3n, 3n), felt (6, 3n), noise and innovation (2, 6k, 6k), wrenches less
+            expected (2, 6k), (6k, 3n).
         out: (n, 5) rows, see `OUT`.
         covariance: (3n, 3n) of the forces.
-        totals: (k, 10) the wrenches that the skin alone lets expect; how far they are off: squared, degrees of
-            freedom, its variance, share of such distances that are as large.
-        innovation: (6k, 6k) covariance of the wrenches about them.
+        totals: (k, 16) the wrenches that the skin alone lets expect; how far they are off: squared, degrees of
+            freedom, its variance, share of such distances that are as large, roughly; that, whitened by `factors`.
+        factors: (k, 6, 6) L D L^T of the wrenches' covariance about them.
 
     Returns:
         How many contacts violate their cone.
     """
-    frames, mean, root, square, rows, noise, left, vectors, whitened = work
+    both, scales, vectors, square, rows, noises, lefts, whitened = work
+    frames, second, level, variance = both[0], both[1], scales[0], scales[1]
+    mean, before, root = vectors[0], vectors[1], vectors[2]
+    noise, innovation, given, left = noises[0], noises[1], lefts[0], lefts[1]
     count, sensors = len(contacts), len(wrenches)
-    _prior(contacts, settings, frames, mean, root)
+    _first(contacts, settings, frames, mean, variance, second)
     _felt(contacts, frames, rows)
-    _noise(contacts, frames, mean, root, covariances, carries, noise)
-    _innovation(noise, rows, root, carries, innovation)
-    factor, column = np.empty((6, 6)), np.empty((3, 6))
-    for k in range(sensors):
-        for r in range(6):
-            totals[k, r] = 0.0
-            for i in range(count):
-                if carries[k, i]:
-                    totals[k, r] += rows[r, 3 * i] * mean[3 * i]
-            left[6 * k + r] = wrenches[k, r] - totals[k, r]
-        _surprise(innovation, rows, root, carries, left, k, factor, column, totals[k, 6:])
-    for a in range(3 * count):
-        for b in range(3 * count):
-            square[a, b] = root[a] if a == b else 0.0
-    _posterior(rows, carries, noise, left, mean, square, vectors, whitened)
-    _results(contacts, frames, mean, root, square, settings[3], out, covariance)
-    broken = 0
+    column = np.empty((3, 6))
     for i in range(count):
-        if out[i, 4] < 0.0 or mean[3 * i] < 0.0:
-            broken += 1
-    return broken
+        level[i] = contacts[i, 6]
+    for a in range(3 * count):
+        before[a] = mean[a]
+    turns = int(settings[4])
+    for turn in range(turns + 1):
+        _prior(contacts, settings, level, variance, root)
+        _noise(contacts, second, covariances, carries, noise)
+        if turn == 0:
+            _innovation(noise, rows, root, carries, innovation)
+            for k in range(sensors):
+                for r in range(6):
+                    totals[k, r] = 0.0
+                    for i in range(count):
+                        if carries[k, i]:
+                            totals[k, r] += rows[r, 3 * i] * mean[3 * i]
+                    given[6 * k + r] = column[0, r] = wrenches[k, r] - totals[k, r]
+                    for q in range(6):
+                        factors[k, r, q] = innovation[6 * k + r, 6 * k + q]
+                _split(factors[k], 1e-13)
+                _whiten(factors[k], column[0])
+                for r in range(6):
+                    totals[k, 10 + r] = column[0, r]
+                _surprise(rows, root, carries[k], factors[k], column, totals[k, 6:10])
+        for a in range(3 * count):
+            mean[a] = before[a]
+            for b in range(3 * count):
+                square[a, b] = root[a] if a == b else 0.0
+        for a in range(6 * sensors):
+            left[a] = given[a]
+        _posterior(rows, carries, noise, left, mean, before, square, vectors[3:], whitened)
+        if turn < turns:
+            _again(contacts, frames, mean, square, level, variance, second)
+    return _results(frames, mean, root, square, settings[3], out, covariance)
+
+
+@entry
+def drawn(contacts, carries, covariance, expected, factor, settings, table, out):
+    """Surprises of a sensor's wrench where no contact is unseen, drawn from the model.
+
+    Args:
+        contacts: (n, 17) rows, see `ROW`.
+        carries: (n,) whether the sensor feels a contact.
+        covariance: (6, 6) L D L^T of the sensor's noise, as `split` leaves it.
+        expected: (6,) wrench that the skin alone lets expect.
+        factor: (6, 6) as `fuse` left it.
+        settings: as for `fuse`.
+        table: (m, 13) normal numbers for the skin's gain, its own error, place (3); a point in the unit disc (2);
+            normal numbers for the wrench's noise (6). Contact i takes row j + `_STRIDE` i of it in draw j.
+        out: (m,) surprises.
+    """
+    count, size = len(contacts), len(table)
+    frames, spreads, own = np.empty((count, 3, 3)), np.empty((count, 3, 3)), np.empty(count)
+    for i in range(count):
+        _frame(contacts[i, 3:6], frames[i])
+        own[i] = np.sqrt(contacts[i, 7] ** 2 + settings[2] ** 2)
+        for r in range(3):
+            for q in range(3):
+                spreads[i, r, q] = 0.5 * (contacts[i, 8 + 3 * r + q] + contacts[i, 8 + 3 * q + r])
+        _split(spreads[i], 1e-13)
+    column, force, place, scaled = np.empty(6), np.empty(3), np.empty(3), np.empty(6)
+    for j in range(size):
+        for r in range(6):
+            scaled[r] = np.sqrt(covariance[r, r]) * table[j, 7 + r]
+        for r in range(6):
+            column[r] = scaled[r] - expected[r]
+            for q in range(r):
+                column[r] += covariance[r, q] * scaled[q]
+        for i in range(count):
+            if not carries[i]:
+                continue
+            draw = table[(j + _STRIDE * (i + 1)) % size]
+            gain = max(1.0 + settings[1] * draw[0], 0.2)
+            normal = max(contacts[i, 6] / gain + own[i] * draw[1], 0.0)
+            for e in range(3):
+                scaled[e] = np.sqrt(spreads[i, e, e]) * draw[2 + e]
+                across = 2.0 * settings[0] * normal * (draw[5] * frames[i, 1, e] + draw[6] * frames[i, 2, e])
+                force[e] = normal * frames[i, 0, e] + across
+            for e in range(3):
+                place[e] = contacts[i, e] + scaled[e]
+                for q in range(e):
+                    place[e] += spreads[i, e, q] * scaled[q]
+                column[e] += force[e]
+            column[3] += place[1] * force[2] - place[2] * force[1]
+            column[4] += place[2] * force[0] - place[0] * force[2]
+            column[5] += place[0] * force[1] - place[1] * force[0]
+        _whiten(factor, column)
+        out[j] = 0.0
+        for r in range(6):
+            out[j] += column[r] ** 2
+
+
+@entry
+def split(matrix):
+    """L D L^T of a covariance, in place."""
+    _split(matrix, 1e-13)
+
+
+@entry
+def explained(places, whitened, factor, tangential, magnitudes, out):
+    """How well one more contact explains a wrench, place by place.
+
+    Its normal force is one of `magnitudes` m, give or take a quarter; a place errs by its own spacing. With y the
+    whitened wrench and G what (normal, tangential, tangential, place, place) of deviation 1 do to it, the evidence is
+    that of y ~ N(m g, I + G G^T).
+
+    Args:
+        places: (c, 8) points [m], outward normals, log of the share of the area, deviation [m] of the place.
+        whitened: (6,) wrench less what is expected, as `fuse` left it.
+        factor: (6, 6) as `fuse` left it.
+        tangential: deviation of a tangential component over the normal force.
+        magnitudes: (m,) [N], equally likely.
+        out: (c, 4) log evidence with the share of the area, and the force [N] there.
+    """
+    frame, columns, scaled = np.empty((3, 3)), np.empty((5, 6)), np.empty((5, 6))
+    gram, right, best = np.empty((5, 5)), np.empty(5), np.empty(3)
+    for c in range(len(places)):
+        _frame(places[c, 3:6], frame)
+        for e in range(5):
+            tangent = frame[e] if e < 3 else frame[e - 2]
+            for r in range(3):
+                columns[e, r] = tangent[r] if e < 3 else 0.0
+            if e < 3:
+                _cross(places[c, :3], tangent, columns[e, 3:])
+            else:
+                _cross(tangent, frame[0], columns[e, 3:])
+            _whiten(factor, columns[e])
+        total, top = 0.0, -np.inf
+        best[0] = best[1] = best[2] = 0.0
+        for m in magnitudes:
+            weight = _evidence(columns, whitened, m, tangential, places[c, 7], scaled, gram, right)
+            if weight > top:
+                for e in range(3):
+                    best[e] *= np.exp(top - weight)
+                total, top = total * np.exp(top - weight), weight
+            part = np.exp(weight - top)
+            total += part
+            best[0] += part * (m + 0.25 * m * right[0])
+            best[1] += part * tangential * m * right[1]
+            best[2] += part * tangential * m * right[2]
+        out[c, 0] = top + np.log(total) - np.log(len(magnitudes)) + places[c, 6]
+        for e in range(3):
+            out[c, 1 + e] = 0.0
+            for q in range(3):
+                out[c, 1 + e] += best[q] / total * frame[q, e]
+
+
+@inner
+def _cross(a, b, out):
+    out[0] = a[1] * b[2] - a[2] * b[1]
+    out[1] = a[2] * b[0] - a[0] * b[2]
+    out[2] = a[0] * b[1] - a[1] * b[0]
+
+
+@inner
+def _evidence(columns, whitened, m, tangential, spacing, scaled, gram, right):
+    """Log of N(y; m g, I + G G^T) but for a constant; `right` becomes the components, in deviations."""
+    result = 0.0
+    for r in range(6):
+        residual = whitened[r] - m * columns[0, r]
+        result -= 0.5 * residual * residual
+        scaled[0, r] = 0.25 * m * columns[0, r]
+        scaled[1, r], scaled[2, r] = tangential * m * columns[1, r], tangential * m * columns[2, r]
+        scaled[3, r], scaled[4, r] = spacing * m * columns[3, r], spacing * m * columns[4, r]
+    for a in range(5):
+        right[a] = 0.0
+        for r in range(6):
+            right[a] += scaled[a, r] * (whitened[r] - m * columns[0, r])
+        for b in range(a + 1):
+            gram[a, b] = 1.0 if a == b else 0.0
+            for r in range(6):
+                gram[a, b] += scaled[a, r] * scaled[b, r]
+    _split(gram, 0.0)
+    for a in range(5):
+        for b in range(a):
+            right[a] -= gram[a, b] * right[b]
+    for a in range(5):
+        result += 0.5 * right[a] ** 2 / gram[a, a] - 0.5 * np.log(gram[a, a])
+        right[a] /= gram[a, a]
+    for a in range(4, -1, -1):
+        for b in range(a + 1, 5):
+            right[a] -= gram[b, a] * right[b]
+    return result

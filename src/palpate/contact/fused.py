@@ -33,6 +33,8 @@ class FusionSettings:
         gain: deviation of the skin's normal force, as a share of it, each contact's its own.
         floor: [N] deviation that is added to it.
         alarm: share of false alarms that is accepted.
+        turns: times that the prior and the effect of misplaced contacts, which are proportional to the forces, are
+            written anew from the forces found.
     """
 
     friction: float = 0.6
@@ -40,6 +42,7 @@ class FusionSettings:
     gain: float = 0.10
     floor: float = 0.0
     alarm: float = 0.01
+    turns: int = 2
 
     def __post_init__(self) -> None:
         if not 0 < self.friction < inf:
@@ -48,6 +51,8 @@ class FusionSettings:
             raise ValueError(f"tangential ({self.tangential:g}) must lie between 0 and friction ({self.friction:g})")
         if not (0 <= self.gain < 1 and 0 <= self.floor < inf):
             raise ValueError("gain must lie between 0 and 1, and floor must not be negative")
+        if self.turns < 0:
+            raise ValueError(f"turns must not be negative, not {self.turns}")
         if not 0 < self.alarm < 0.5:
             raise ValueError(f"alarm must lie between 0 and 0.5, not {self.alarm:g}")
 
@@ -96,11 +101,10 @@ class FusedLocator:
     def __init__(self, surface: Surface, settings: FusionSettings | None = None, seed: int = 0) -> None:
         self.surface, self.settings, self.seed = surface, settings or FusionSettings(), seed
         set_ = self.settings
-        self._settings = np.array([set_.tangential, set_.gain, set_.floor, set_.friction])
+        self._settings = np.array([set_.tangential, set_.gain, set_.floor, set_.friction, set_.turns])
         self._work = dict[tuple[int, int], tuple[np.ndarray, ...]]()
-        self._carries = dict[int, np.ndarray]()
-        self._innovation = np.empty((6, 6))
-        self._totals = np.empty((1, 10))
+        self._all = dict[int, np.ndarray]()
+        self._factors = np.empty((1, 6, 6))
 
     def fuse(
         self,
@@ -147,7 +151,7 @@ class FusedLocator:
         covariance: Float[np.ndarray, "6 6"],
         out: Float[np.ndarray, "n 5"],
         out_covariance: Float[np.ndarray, "m m"],
-        out_total: Float[np.ndarray, "10"],
+        out_total: Float[np.ndarray, "16"],
     ) -> int:
         """The closed form for one wrench that feels all contacts; nothing is allocated once n was seen.
 
@@ -157,7 +161,8 @@ class FusedLocator:
             covariance: (6, 6) of its noise.
             out: (n, 5) force [N], share, slack [N].
             out_covariance: (3n, 3n) of the forces.
-            out_total: (10,) expected wrench, surprise, its degrees of freedom and variance, p.
+            out_total: (16,) expected wrench, surprise, its degrees of freedom and variance, p but roughly, and the wrench less
+                what was expected, whitened.
 
         Returns:
             How many contacts violate their cone: `fuse` would move them into it.
@@ -178,8 +183,8 @@ class FusedLocator:
                 work,
                 out,
                 out_covariance,
-                out_total.reshape(1, 10)[:sensors],
-                self._innovation,
+                out_total.reshape(1, 16)[:sensors],
+                self._factors[:sensors],
             )
         )
 
@@ -214,10 +219,11 @@ class FusedLocator:
         """Arrays that the loops work in, kept for the next call of as many contacts and sensors."""
         if (count, sensors) not in self._work:
             n, k = 3 * count, 6 * sensors
-            shapes = ((count, 3, 3), (n,), (n,), (n, n), (6, n), (k, k), (k,), (3, n), (k, n))
+            shapes = ((2, count, 3, 3), (2, count), (5, n), (n, n), (6, n), (2, k, k), (2, k), (k, n))
             self._work[count, sensors] = tuple(np.zeros(shape) for shape in shapes)
-            self._carries[64 * count + sensors] = np.ones((sensors, count), dtype=np.bool_)
-        return self._work[count, sensors], self._carries[64 * count + sensors]
+        if count not in self._all:
+            self._all[count] = np.ones((1, count), dtype=np.bool_)
+        return self._work[count, sensors], self._all[count][:sensors]
 
     def _fused(
         self,
@@ -232,16 +238,16 @@ class FusedLocator:
         count, sensors = len(contacts), int(heard.sum())
         work, _ = self._room(count, sensors)
         out, covariance = np.zeros((count, 5)), np.zeros((3 * count, 3 * count))
-        totals, innovation = np.full((sensors, 10), np.nan), np.empty((6 * sensors, 6 * sensors))
+        totals, factors = np.full((sensors, 16), np.nan), np.empty((sensors, 6, 6))
         given = (contacts, wrenches[heard], covariances[heard], np.ascontiguousarray(carries[heard]))
-        broken = _fused.fuse(*given, self._settings, work, out, covariance, totals, innovation)
+        broken = _fused.fuse(*given, self._settings, work, out, covariance, totals, factors)
         force, notes = out[:, :3], tuple[str, ...]()
         if broken:
             force, notes = within_cones(force, covariance, contacts[:, 3:6], self.settings.friction)
         normal = -np.einsum("ni,ni->n", force, contacts[:, 3:6])
         across = np.linalg.norm(force + normal[:, None] * contacts[:, 3:6], axis=1)
         slack = self.settings.friction * normal - across
-        all_totals = np.full((len(wrenches), 10), np.nan)
+        all_totals = np.full((len(wrenches), 16), np.nan)
         all_totals[heard] = totals
         p = all_totals[:, 9]
         return Fused(
