@@ -314,7 +314,12 @@ class FusedEstimator:
         _write(fused, touching, out, after)
         if len(touching) and usable:
             self._judge(skin[touching, ROW.force], wrench, bool(fused.alarm))
-        if not usable or not self._persists(time, bool(fused.alarm)) or count >= len(out):
+        if (
+            not usable
+            or not self._persists(time, bool(fused.alarm))
+            or count >= len(out)
+            or not hasattr(self.fused, "unseen")
+        ):
             return len(skin)
         return self._unseen(fused, touching, out, len(skin), after)
 

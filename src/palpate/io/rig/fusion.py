@@ -14,7 +14,7 @@ from palpate.errors import InputError
 from palpate.io.logs.layout import Layout
 from palpate.io.rig.force_torque import FORCE_TORQUE, rig_compensation
 from palpate.io.rig.kind import Prepared, SensorKind
-from palpate.io.rig.skin import SKIN
+from palpate.io.rig.skin import SKIN, RigSkin
 from palpate.io.rig.wrench import first_seconds, rig_surface
 from palpate.sensors.recording import AVERAGED, CELLS, FORCE, TORQUE, Recording
 
@@ -66,11 +66,12 @@ def _build(rig: Rig, head: Recording | None) -> Prepared:
         None if uncertain is None else np.asarray(uncertain),
     )
     made = Prepared(estimator, felt.said, felt.doubted, {**felt.facts, **vars(settings)})
-    if head is not None and rig.estimate.tare is not None:
-        tared = sensor.tare(first_seconds(head, rig.estimate.tare))
+    tare = rig.estimate.tare or rig.table(RigSkin).tare
+    if head is not None and tare is not None:
+        tared = sensor.tare(first_seconds(head, tare))
         made.said.append(tared.said)
         made.doubted += [tared.doubt] if tared.doubt else []
-    elif rig.estimate.tare is None:
+    elif tare is None:
         made.said.append("wrenches are taken as they are, so they must be tared: [estimate] tare = seconds")
     return made
 

@@ -1,0 +1,164 @@
+"""A skin and a force/torque sensor on one link, touched in a physics engine; and what goes wrong between the two."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from palpate.contact.contacts import Contacts
+from palpate.contact.estimate import Status
+from palpate.contact.fused_estimator import FusedEstimator
+from palpate.errors import InputError
+from palpate.io.logs import join
+from palpate.io.pipeline import open_log, prepare
+from palpate.io.rig import Rig, load_rig
+from palpate.sensors.recording import AVERAGED, CELLS, FORCE, TORQUE, Recording
+from palpate.simulation.skin_bench import Rolled
+from palpate.simulation.touched.files import write_forearm
+from palpate.simulation.touched.run import ForearmRun, simulate_forearm
+from palpate.simulation.touched.settings import ForearmSettings
+from palpate.spatial.pose import Pose
+
+pytest.importorskip("mujoco")
+pytest.importorskip("rosbags")
+
+CALM = ForearmSettings(
+    sheet=Rolled(rows=8), touches=2, seconds=8.0, quiet=1.5, unseen=0.0, drags=0.0, lean=0.8, moving=False
+)
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[ForearmRun, Path]:
+    made, folder = simulate_forearm(np.random.default_rng(5), CALM), tmp_path_factory.mktemp("forearm")
+    write_forearm(made, folder)
+    return made, folder
+
+
+@pytest.fixture(scope="module")
+def log(run: tuple[ForearmRun, Path]) -> tuple[Rig, Recording]:
+    rig = load_rig(run[1] / "both.toml")
+    with open_log(run[1] / "both.mcap", rig) as opened:
+        assert opened.kind.name == "fusion"
+        return rig, join(list(opened))
+
+
+def _estimator(rig: Rig, recording: Recording) -> FusedEstimator:
+    with open_log(rig.folder / "both.mcap", rig) as opened:
+        made = prepare(rig, opened).estimator
+    assert isinstance(made, FusedEstimator)
+    return made
+
+
+def _errors(run: ForearmRun, found: Contacts) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Of the force at each true contact that the skin feels, its covariance, and the row that is nearest."""
+    errors, covariances, rows = [], [], []
+    for frame in np.unique(run.truth.frame[run.truth.seen]).tolist():
+        here = np.flatnonzero((found.sample == frame) & found.answered)
+        for k in range(*run.truth.at(frame).indices(len(run.truth.frame))):
+            if run.truth.seen[k] and len(here):
+                away = np.linalg.norm(found.point[here] - run.truth.point[k], axis=1)
+                if away.min() < 0.01:
+                    rows.append(here[away.argmin()])
+                    errors.append(found.force[rows[-1]] - run.truth.force[k])
+    names = ("force_xx", "force_xy", "force_xz", "force_xy", "force_yy", "force_yz", "force_xz", "force_yz", "force_zz")
+    for row in rows:
+        covariances.append(np.array([found.features[name][row] for name in names]).reshape(3, 3))
+    return np.array(errors), np.array(covariances), np.array(rows)
+
+
+def test_each_contact_has_its_force_in_3d(run: tuple[ForearmRun, Path], log: tuple[Rig, Recording]) -> None:
+    """And the covariance is as large as the errors."""
+    rig, recording = log
+    estimator = _estimator(rig, recording)
+    errors, covariances, rows = _errors(run[0], found := estimator.run(recording))
+    size = np.linalg.norm(errors, axis=1)
+    assert len(size) > 300
+    assert np.median(size) < 0.6
+    inside = np.einsum("ni,nij,nj->n", errors, np.linalg.inv(covariances), errors) < 7.81  # chi-square, 3 degrees
+    assert inside.mean() > 0.8  # errors of one touch go together, and there are few
+    assert (found.features["share"][rows] < 1.0).all()
+
+
+@pytest.mark.parametrize("lost", ["NaN", "beyond"])
+def test_a_frame_without_a_wrench_keeps_what_the_skin_says(log: tuple[Rig, Recording], lost: str) -> None:
+    rig, recording = log
+    estimator = _estimator(rig, recording)
+    skin = _estimator(rig, recording).taxels.run(recording)
+    gone = (recording.time > recording.time[0] + 3.0) & (recording.time < recording.time[0] + 5.0)
+    force = np.where(gone[:, None], np.nan if lost == "NaN" else 1e12, recording.channels[FORCE])
+    found = estimator.run(replace(recording, channels={**recording.channels, FORCE: force}))
+    within = gone[found.sample] & found.answered
+    assert within.any()
+    assert (found.features["share"][within] == 1.0).all()
+    assert np.isnan(found.features["unexplained"][within]).all()
+    assert np.allclose(found.force[within], skin.force[gone[skin.sample] & skin.answered])
+    assert any("have no wrench" in said for said in estimator.notes())
+
+
+def test_a_frame_that_cannot_be_read_is_invalid(log: tuple[Rig, Recording]) -> None:
+    rig, recording = log
+    cells = recording.channels[CELLS].copy()
+    cells[400:450] = np.nan
+    found = _estimator(rig, recording).run(replace(recording, channels={**recording.channels, CELLS: cells}))
+    assert (found.status[(found.sample >= 400) & (found.sample < 450)] == Status.INVALID).all()
+    assert np.array_equal(np.unique(found.sample), np.arange(len(recording)))
+
+
+def _reaction(estimator: FusedEstimator, channels: dict[str, np.ndarray]) -> FusedEstimator:
+    channels[FORCE], channels[TORQUE] = -channels[FORCE], -channels[TORQUE]
+    return estimator
+
+
+def _other_link(estimator: FusedEstimator, channels: dict[str, np.ndarray]) -> FusedEstimator:
+    """The cells in another order: the map is that of another sheet."""
+    channels[CELLS] = channels[CELLS][:, ::-1, ::-1]
+    return estimator
+
+
+def _other_end(estimator: FusedEstimator, channels: dict[str, np.ndarray]) -> FusedEstimator:
+    """The sensor is thought to sit at the far end, 0.24 m away."""
+    mount = Pose.from_quaternion(estimator.mount.quaternion(), -estimator.mount.translation)
+    return FusedEstimator(estimator.taxels, estimator.sensor, estimator.fused, mount)
+
+
+def _late(estimator: FusedEstimator, channels: dict[str, np.ndarray]) -> FusedEstimator:
+    """The wrench of two seconds ago."""
+    for name in (FORCE, TORQUE):
+        channels[name] = np.roll(channels[name], 200, axis=0)
+    return estimator
+
+
+@pytest.mark.parametrize("wrong", [_reaction, _other_link, _other_end, _late])
+def test_what_does_not_belong_together_is_doubted(
+    log: tuple[Rig, Recording], wrong: Callable[[FusedEstimator, dict[str, np.ndarray]], FusedEstimator]
+) -> None:
+    rig, recording = log
+    right = _estimator(rig, recording)
+    assert right.run(recording) is not None
+    assert not [said for said in right.doubts() if "the wrench" in said]
+    channels = {name: values.copy() for name, values in recording.channels.items()}
+    estimator = wrong(_estimator(rig, recording), channels)
+    estimator.run(replace(recording, channels=channels))
+    assert [said for said in estimator.doubts() if "the wrench" in said]
+
+
+def test_noise_must_be_known(log: tuple[Rig, Recording]) -> None:
+    from palpate.sensors.compensation import Compensation
+    from palpate.sensors.force_torque import ForceTorque
+
+    made = _estimator(*log)
+    with pytest.raises(InputError, match="needs the noise of the wrenches"):
+        FusedEstimator(made.taxels, Compensation(ForceTorque()), made.fused)
+
+
+def test_means_have_less_noise(log: tuple[Rig, Recording]) -> None:
+    """The log has ten wrenches a frame, and as many times less variance."""
+    rig, recording = log
+    assert np.median(recording.channels[AVERAGED]) == 10
+    one = replace(recording, channels={**recording.channels, AVERAGED: np.ones((len(recording), 1))})
+    each = [_estimator(rig, recording).run(part).features["force_xx"] for part in (recording, one)]
+    assert np.nanmean(each[0]) < np.nanmean(each[1])

@@ -1,0 +1,93 @@
+"""Two devices as one source: frames wait for the wrenches about them, and go without where none come."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from palpate.io.live.pair import Pair
+from palpate.io.live.source import Batch, Source
+from palpate.io.logs.wrench_means import WrenchMeans
+
+MS = 10**6
+
+
+class Given:
+    """A device that gives what it is told to."""
+
+    dtype = np.float64
+    poses = False
+
+    def __init__(self, shape: tuple[int, ...]) -> None:
+        self.shape, self.waiting = shape, list[tuple[int, np.ndarray]]()
+
+    def give(self, stamps: np.ndarray, values: np.ndarray) -> None:
+        """More samples that wait."""
+        self.waiting += list(zip(stamps.tolist(), values, strict=True))
+
+    def open(self) -> None:
+        """Nothing."""
+
+    def receive(self, batch: Batch, timeout: float) -> int:
+        """All that wait."""
+        count = min(len(batch), len(self.waiting))
+        for k, (stamp, values) in enumerate(self.waiting[:count]):
+            batch.stamp[k], batch.values[k], batch.lost[k] = stamp, values, 0
+        self.waiting = self.waiting[count:]
+        return count
+
+    def said(self) -> list[str]:
+        """Nothing."""
+        return []
+
+    def close(self) -> None:
+        """Nothing."""
+
+
+@pytest.fixture
+def devices() -> tuple[Given, Given, Pair]:
+    frames, wrenches = Given((2, 3)), Given((6,))
+    pair = Pair(frames, wrenches, WrenchMeans())
+    assert isinstance(pair, Source)
+    pair.open()
+    return frames, wrenches, pair
+
+
+def test_frames_have_the_mean_of_the_wrenches_about_them(devices: tuple[Given, Given, Pair]) -> None:
+    frames, wrenches, pair = devices
+    batch, rng = Batch(pair.shape), np.random.default_rng(1)
+    stamps, cells = 10 * MS * np.arange(1, 6), rng.normal(size=(5, 2, 3))
+    fast = MS * np.arange(0, 60) + MS // 2
+    pushed = np.outer(fast / 1e9, np.ones(6))
+    frames.give(stamps[:3], cells[:3])
+    wrenches.give(fast[:30], pushed[:30])
+    assert pair.receive(batch, 0.0) == 2  # the third waits for what comes after it
+    assert np.array_equal(batch.stamp[:2], stamps[:2])
+    assert np.array_equal(batch.values[:2, :6], cells[:2].reshape(2, 6))
+    assert np.allclose(batch.values[1, 6:12], 0.020)
+    assert batch.values[1, 12] == 10
+    frames.give(stamps[3:], cells[3:])
+    wrenches.give(fast[30:], pushed[30:])
+    assert pair.receive(batch, 0.0) == 3
+    assert np.allclose(batch.values[:3, 6], [0.03, 0.04, 0.05])
+    pair.close()
+
+
+def test_a_frame_does_not_wait_for_ever(devices: tuple[Given, Given, Pair]) -> None:
+    frames, _, pair = devices
+    batch = Batch(pair.shape)
+    frames.give(np.array([10 * MS]), np.ones((1, 2, 3)))
+    found = sum(pair.receive(batch, 0.2) for _ in range(3))
+    assert found == 1
+    assert np.isnan(batch.values[0, 6:12]).all()
+    assert batch.values[0, 12] == 0
+
+
+def test_wrenches_of_another_clock_are_said(devices: tuple[Given, Given, Pair]) -> None:
+    frames, wrenches, pair = devices
+    batch = Batch(pair.shape)
+    pair._heard -= 10.0  # as if that long had passed
+    wrenches.give(MS * np.arange(100) + 10**18, np.ones((100, 6)))
+    frames.give(10 * MS * np.arange(1, 6), np.ones((5, 2, 3)))
+    assert sum(pair.receive(batch, 0.2) for _ in range(3)) == 5
+    assert "stamped by one clock" in " ".join(pair.said())
