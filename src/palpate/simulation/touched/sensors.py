@@ -135,5 +135,5 @@ def skin_frames(
     rng: np.random.Generator,
 ) -> Recording:
     """The skin's log of counts, on its own clock."""
-    made = read_out(model, pressed, rng, rate=settings.skin_rate, start=settings.clock_offset)
+    made = read_out(model, pressed, rng, rate=float(settings.skin_rate), start=settings.clock_offset)
     return Recording(made.time, {CELLS: made.channels[CELLS]}, source="touched forearm")
