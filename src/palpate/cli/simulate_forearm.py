@@ -75,7 +75,7 @@ def simulate_forearm_command(
     note(_next(output))
 
 
-def _require(**bounds: tuple[float, float, float]) -> None:
+def _require(**bounds: tuple[int | float, int | float, int | float]) -> None:
     """Requires options between their bounds: least, given, most."""
     for name, (least, given, most) in bounds.items():
         if not least <= given <= most:

@@ -139,7 +139,7 @@ def _hands(
     for slot in range(settings.touches):
         own = sorted((each for each in touches if each.slot == slot), key=lambda each: each.start)
         begin = [max(int(np.ceil((touch.start - COMING) * STEP_RATE)), 0) for touch in own]
-        for touch, first, last in zip(own, begin, [*begin[1:], len(time)], strict=True):
+        for touch, first, last in zip(own, begin, [*begin, len(time)][1:], strict=True):
             place = settings.mount.apply(course(touch, settings, time[first:last]))
             wanted[first:last, 3 * slot : 3 * slot + 3] = place
             if first < len(time):
