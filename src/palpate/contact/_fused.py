@@ -360,7 +360,7 @@ def fuse(contacts, wrenches, covariances, carries, settings, work, out, covarian
 
 @entry
 def drawn(contacts, carries, covariance, expected, factor, settings, table, out):
-    """Surprises of a sensor's wrench where no contact is unseen, drawn from the model.
+    """Wrenches of a sensor where no contact is unseen, drawn from the model.
 
     Args:
         contacts: (n, 17) rows, see `ROW`.
@@ -371,7 +371,7 @@ def drawn(contacts, carries, covariance, expected, factor, settings, table, out)
         settings: as for `fuse`.
         table: (m, 13) normal numbers for the skin's gain, its own error, place (3); a point in the unit disc (2);
             normal numbers for the wrench's noise (6). Contact i takes row j + `_STRIDE` i of it in draw j.
-        out: (m,) surprises.
+        out: (m, 6) wrenches less what is expected, whitened.
     """
     count, size = len(contacts), len(table)
     frames, spreads, own = np.empty((count, 3, 3)), np.empty((count, 3, 3)), np.empty(count)
@@ -409,9 +409,8 @@ def drawn(contacts, carries, covariance, expected, factor, settings, table, out)
             column[4] += place[2] * force[0] - place[0] * force[2]
             column[5] += place[0] * force[1] - place[1] * force[0]
         _whiten(factor, column)
-        out[j] = 0.0
         for r in range(6):
-            out[j] += column[r] ** 2
+            out[j, r] = column[r]
 
 
 @entry

@@ -7,18 +7,23 @@ Together they give each contact's whole force, because friction bounds what a ta
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from math import inf
 
 import numpy as np
 from jaxtyping import Bool, Float
 from numpy.typing import ArrayLike
 
+from palpate.contact.fused_alarm import Draws
 from palpate.contact.fused_cones import within_cones
+from palpate.contact.fused_unseen import PUSHES, Unseen, candidates, ranked
 from palpate.errors import InputError
 from palpate.spatial._arrays import Value, shaped
 from palpate.surfaces.surface import Surface
 
-__all__ = ["Fused", "FusedLocator", "FusionSettings"]
+__all__ = ["Fused", "FusedLocator", "FusionSettings", "Unseen"]
+
+_BINDS = 1e-6  # slack over 1 N plus the normal force below which a cone binds
 
 
 @dataclass(frozen=True)
@@ -58,6 +63,27 @@ class FusionSettings:
 
 
 @dataclass(frozen=True, eq=False)
+class Given(Value):
+    """What forces were made of; only sensors whose wrench is finite.
+
+    Attributes:
+        contacts: (n, 17) rows as `FusedLocator.rows` makes them.
+        wrenches, covariances: (k, 6), (k, 6, 6).
+        carries: (k, n) whether a sensor feels a contact.
+        whitened, factors: (k, 6), (k, 6, 6) wrench less what is expected, whitened by L D L^T of its covariance.
+        p: (k,) as in `Fused`.
+    """
+
+    contacts: Float[np.ndarray, "n 17"]
+    wrenches: Float[np.ndarray, "k 6"]
+    covariances: Float[np.ndarray, "k 6 6"]
+    carries: Bool[np.ndarray, "k n"]
+    whitened: Float[np.ndarray, "k 6"]
+    factors: Float[np.ndarray, "k 6 6"]
+    p: Float[np.ndarray, " k"]
+
+
+@dataclass(frozen=True, eq=False)
 class Fused(Value):
     """Forces of contacts, and how well the wrenches fit to them.
 
@@ -72,6 +98,7 @@ class Fused(Value):
         surprise: (k,) squared distance of the wrench from it, in deviations (Mahalanobis); NaN without a wrench.
         p: (k,) share of touches without an unseen contact whose wrench is as far off; NaN without a wrench.
         alarm: whether something pushes that the skin does not see.
+        given: what it was made of.
         notes: a sentence each.
     """
 
@@ -84,6 +111,7 @@ class Fused(Value):
     surprise: Float[np.ndarray, " k"]
     p: Float[np.ndarray, " k"]
     alarm: bool
+    given: Given
     notes: tuple[str, ...] = ()
 
 
@@ -105,6 +133,7 @@ class FusedLocator:
         self._work = dict[tuple[int, int], tuple[np.ndarray, ...]]()
         self._all = dict[int, np.ndarray]()
         self._factors = np.empty((1, 6, 6))
+        self._draws = Draws(seed)
 
     def fuse(
         self,
@@ -239,7 +268,7 @@ class FusedLocator:
         work, _ = self._room(count, sensors)
         out, covariance = np.zeros((count, 5)), np.zeros((3 * count, 3 * count))
         totals, factors = np.full((sensors, 16), np.nan), np.empty((sensors, 6, 6))
-        given = (contacts, wrenches[heard], covariances[heard], np.ascontiguousarray(carries[heard]))
+        given = (contacts, wrenches[heard], covariances[heard], carries[heard])
         broken = _fused.fuse(*given, self._settings, work, out, covariance, totals, factors)
         force, notes = out[:, :3], tuple[str, ...]()
         if broken:
@@ -247,18 +276,64 @@ class FusedLocator:
         normal = -np.einsum("ni,ni->n", force, contacts[:, 3:6])
         across = np.linalg.norm(force + normal[:, None] * contacts[:, 3:6], axis=1)
         slack = self.settings.friction * normal - across
-        all_totals = np.full((len(wrenches), 16), np.nan)
-        all_totals[heard] = totals
-        p = all_totals[:, 9]
+        p = np.array([self._draws.share(contacts, given[3][k], given[2][k], totals[k], factors[k], self._settings)
+                      for k in range(sensors)], dtype=np.float64)  # fmt: skip
+        told = np.full((len(wrenches), 8), np.nan)
+        told[heard, :7], told[heard, 7] = totals[:, :7], p
         return Fused(
             force,
             covariance,
-            out[:, 3],
+            out[:, 3].copy(),
             slack,
-            slack <= 1e-6 * (1.0 + np.abs(normal)),
-            all_totals[:, :6],
-            all_totals[:, 6],
-            p,
-            bool((p[heard] * sensors < self.settings.alarm).any()),
+            slack <= _BINDS * (1.0 + np.abs(normal)),
+            told[:, :6].copy(),
+            told[:, 6].copy(),
+            told[:, 7].copy(),
+            bool((p * sensors < self.settings.alarm).any()),
+            Given(*given, totals[:, 10:].copy(), factors, p),
             notes,
         )
+
+    def unseen(self, fused: Fused) -> Unseen:
+        """Where one contact more may be that explains the wrench; of several sensors, that of the least p.
+
+        Args:
+            fused: as `fuse` gave it.
+
+        Raises:
+            InputError: it was made without a wrench.
+        """
+        from palpate.contact import _fused
+
+        given = fused.given
+        if not len(given.wrenches):
+            raise InputError("no wrench is finite, and without one nothing is known of unseen contacts")
+        k = int(np.argmin(given.p))
+        out = np.zeros((len(self._places), 4))
+        tangential = self.settings.tangential
+        _fused.explained(self._places, given.whitened[k], given.factors[k], tangential, PUSHES, out)
+        return ranked(self._places, out)
+
+    def beside(self, fused: Fused, unseen: Unseen, place: int = 0) -> Fused:
+        """Forces of the contacts seen and of one unseen, all estimated anew together; the unseen one is the last.
+
+        Args:
+            fused: as `fuse` gave it.
+            unseen: as `unseen` gave it.
+            place: number of the place in it.
+        """
+        given = fused.given
+        new = np.zeros((1, 17))
+        new[0, :3], new[0, 3:6] = unseen.points[place], unseen.normals[place]
+        new[0, 6], new[0, 7] = PUSHES.mean(), PUSHES.std()
+        width = float(np.median(self._places[:, 7]))
+        across = np.eye(3) - np.outer(new[0, 3:6], new[0, 3:6])
+        new[0, 8:] = (width**2 * across).reshape(9)
+        carries = np.concatenate([given.carries, np.ones((len(given.wrenches), 1), np.bool_)], axis=1)
+        contacts = np.concatenate([given.contacts, new])
+        return self._fused(contacts, given.wrenches.copy(), given.covariances.copy(), carries)
+
+    @cached_property
+    def _places(self) -> Float[np.ndarray, "c 8"]:
+        """Where unseen contacts are looked for."""
+        return candidates(self.surface, self.seed)

@@ -1,0 +1,130 @@
+"""Where a contact may be that the skin does not see: places of a body, ranked by how well one there explains a wrench."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import log
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from palpate.spatial._arrays import Value
+from palpate.surfaces.surface import Surface
+
+__all__ = ["PUSHES", "Unseen", "candidates", "ranked"]
+
+PUSHES = np.geomspace(0.5, 20.0, 11)  # [N] normal forces of an unseen contact, equally likely; a quarter of each beside
+_PLACES = 1200
+_FINER = 8  # points of the surface behind each place
+_HELD = 0.95
+
+
+@dataclass(frozen=True, eq=False)
+class Unseen(Value):
+    """Places of one contact more, the likeliest first.
+
+    Attributes:
+        points: (c, 3) [m] on the surface.
+        normals: (c, 3) outward.
+        forces: (c, 3) [N] of the contact if it is there.
+        belief: (c,) probability of each place, given that there is one contact more.
+        region: (c,) whether a place belongs to the fewest that hold 95 %.
+        cluster: (c,) which patch of neighbours a place of the region belongs to, 0 the likeliest; -1 outside.
+    """
+
+    points: Float[np.ndarray, "c 3"]
+    normals: Float[np.ndarray, "c 3"]
+    forces: Float[np.ndarray, "c 3"]
+    belief: Float[np.ndarray, " c"]
+    region: Bool[np.ndarray, " c"]
+    cluster: Int[np.ndarray, " c"]
+
+    @property
+    def best(self) -> Int[np.ndarray, " r"]:
+        """(r,) the likeliest place of each cluster, the likeliest cluster first."""
+        return np.array([np.argmax(self.cluster == k) for k in range(int(self.cluster.max(initial=-1)) + 1)], np.int64)
+
+    @property
+    def share(self) -> Float[np.ndarray, " r"]:
+        """(r,) probability of each cluster."""
+        return np.array([self.belief[self.cluster == k].sum() for k in range(int(self.cluster.max(initial=-1)) + 1)])
+
+
+def candidates(surface: Surface, seed: int, count: int = _PLACES) -> Float[np.ndarray, "c 8"]:
+    """Places spread evenly over what can be touched of a surface.
+
+    Args:
+        surface: of the body.
+        seed: of the points.
+        count: of places.
+
+    Returns:
+        (c, 8) points [m], outward normals, log of the share of the area that each stands for, and the deviation [m] of
+        that area in each direction.
+    """
+    rng, mesh = np.random.default_rng([seed, 2]), surface.drawn()
+    facets = np.flatnonzero(~mesh.covered)
+    areas = mesh.areas[facets]
+    steps = (np.arange(count * _FINER) + rng.uniform(size=count * _FINER)) / (count * _FINER)
+    chosen = facets[np.minimum(np.searchsorted(np.cumsum(areas) / areas.sum(), steps), len(facets) - 1)]
+    root, along = np.sqrt(rng.uniform(size=len(chosen))), rng.uniform(size=len(chosen))
+    weights = np.stack([1.0 - root, root * (1.0 - along), root * along], axis=1)
+    fine = np.einsum("nk,nki->ni", weights, mesh.vertices[mesh.faces[chosen]])
+    kept, nearest = _spread(fine, count)
+    points, normals, _ = surface.project(fine[kept])
+    shares = np.bincount(nearest, minlength=len(kept)) / len(fine)
+    width = np.sqrt(shares * areas.sum() / 12.0)
+    found = np.concatenate([points, normals, np.log(shares)[:, None], width[:, None]], axis=1)
+    return np.ascontiguousarray(found[np.isfinite(found).all(axis=1)])
+
+
+def _spread(fine: Float[np.ndarray, "m 3"], count: int) -> tuple[Int[np.ndarray, " c"], Int[np.ndarray, " m"]]:
+    """Points as far from each other as can be, one after the other, and which of them is nearest to each point."""
+    kept, nearest = np.zeros(count, np.int64), np.zeros(len(fine), np.int64)
+    apart = np.full(len(fine), np.inf)
+    for k in range(count):
+        kept[k] = 0 if k == 0 else int(np.argmax(apart))
+        to = np.einsum("ni,ni->n", fine - fine[kept[k]], fine - fine[kept[k]])
+        closer = to < apart
+        nearest[closer], apart[closer] = k, to[closer]
+    return kept, nearest
+
+
+def ranked(places: Float[np.ndarray, "c 8"], explained: Float[np.ndarray, "c 4"]) -> Unseen:
+    """Places in the order of belief, with the smallest set that holds 95 %.
+
+    Args:
+        places: as `candidates` gives them.
+        explained: (c, 4) log evidence with the share of the area, and force [N] there.
+    """
+    evidence = explained[:, 0]
+    top = evidence.max()
+    belief = np.exp(evidence - top - log(np.exp(evidence - top).sum()))
+    order = np.argsort(-evidence, kind="stable")
+    places, belief = places[order], belief[order]
+    region = np.cumsum(belief) - belief < _HELD
+    return Unseen(
+        places[:, :3].copy(),
+        places[:, 3:6].copy(),
+        explained[order, 1:].copy(),
+        belief,
+        region,
+        _clusters(places[:, :3], places[:, 7], region),
+    )
+
+
+def _clusters(
+    points: Float[np.ndarray, "c 3"], width: Float[np.ndarray, " c"], region: Bool[np.ndarray, " c"]
+) -> Int[np.ndarray, " c"]:
+    """Patches of neighbouring places of the region, numbered by their likeliest place; -1 outside."""
+    from scipy.sparse.csgraph import connected_components
+    from scipy.spatial import cKDTree
+
+    inside = np.flatnonzero(region)
+    near = 2.0 * np.sqrt(12.0) * float(np.median(width))  # two steps from place to place
+    graph = cKDTree(points[inside]).sparse_distance_matrix(cKDTree(points[inside]), near)
+    _, label = connected_components(graph.tocsr(), directed=False)
+    _, first, which = np.unique(label, return_index=True, return_inverse=True)
+    found = np.full(len(points), -1, np.int64)
+    found[inside] = np.argsort(np.argsort(first))[which]
+    return found
