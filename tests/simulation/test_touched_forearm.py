@@ -162,7 +162,9 @@ def test_presses_are_settled_where_they_are_held() -> None:
 
 def test_drift_moves_the_zero_and_the_weight_and_nothing_else() -> None:
     drift = Drift([0.01] * 3 + [1e-4] * 3, weight=0.5)
-    made = [simulate_forearm(np.random.default_rng(9), replace(SHORT, seconds=2.0, drift=each)) for each in (drift, None)]
+    made = [
+        simulate_forearm(np.random.default_rng(9), replace(SHORT, seconds=2.0, drift=each)) for each in (drift, None)
+    ]
     assert made[0].mass != made[0].settings.mass
     assert made[1].mass == made[1].settings.mass
     assert np.ptp(made[0].zero, axis=0).min() > 0.0
@@ -200,7 +202,9 @@ def test_the_mesh_is_the_closed_cylinder() -> None:
 
     mesh = trimesh.Trimesh(*link_mesh(SHORT), process=False)
     assert mesh.is_watertight
-    assert mesh.volume == pytest.approx(np.pi * SHORT.sheet.radius**2 * 2 * SHORT.half_length, rel=1e-3)  # and not inside out
+    assert mesh.volume == pytest.approx(
+        np.pi * SHORT.sheet.radius**2 * 2 * SHORT.half_length, rel=1e-3
+    )  # and not inside out
     assert np.ptp(mesh.vertices[:, 2]) == pytest.approx(2 * SHORT.half_length)
 
 

@@ -54,7 +54,7 @@ class FusedEstimator:
     Features, behind those of the skin: `share`, the posterior over the prior deviation of a contact's force: 1 where
     the wrench says nothing of it; `bound`, 1 where its friction cone binds; `unexplained`, the probability of a wrench
     as far from what the skin feels as this one, where the skin feels all; `belief` in the place of a contact, 1 where
-    the skin feels it; `force_xx` ... `force_zz` [N^2], the covariance of the force.
+    the skin feels it, else of all places about it; `force_xx` ... `force_zz` [N^2], the covariance of the force.
 
     Args:
         taxels: of the skin; its filter smooths the wrenches too.
@@ -312,14 +312,11 @@ class FusedEstimator:
         fused = self._fuse(skin[touching], wrench if usable else np.full(6, np.nan), covariance)
         self._noted |= dict.fromkeys(fused.notes)
         _write(fused, touching, out, after)
+        if not usable:
+            out[touching, ROW.force] = skin[touching, ROW.force]
         if len(touching) and usable:
             self._judge(skin[touching, ROW.force], wrench, bool(fused.alarm))
-        if (
-            not usable
-            or not self._persists(time, bool(fused.alarm))
-            or count >= len(out)
-            or not hasattr(self.fused, "unseen")
-        ):
+        if not usable or not self._persists(time, bool(fused.alarm)) or count >= len(out):
             return len(skin)
         return self._unseen(fused, touching, out, len(skin), after)
 
@@ -347,18 +344,17 @@ class FusedEstimator:
         if not len(places.belief):
             return row
         at = row if len(touching) else 0
-        mine = out[at]
+        mine, inside, several = out[at], places.cluster == 0, len(places.best)
         mine[:] = np.nan
-        inside = places.region
-        several = int(np.count_nonzero(inside))
-        share = places.belief[inside] / max(float(places.belief[inside].sum()), 1e-300)
+        share = places.belief[inside] / places.belief[inside].sum()
         away = places.points[inside] - places.points[0]
-        mine[ROW.point], mine[ROW.normal], mine[ROW.force] = places.points[0], places.normals[0], places.forces[0]
-        mine[ROW.covariance] = (np.einsum("k,ki,kj->ij", share, away, away)).ravel()
+        mine[ROW.point], mine[ROW.normal] = places.points[0], places.normals[0]
+        mine[ROW.covariance] = np.einsum("k,ki,kj->ij", share, away, away).ravel()
         mine[ROW.residual], mine[ROW.candidates] = 0.0, several
         mine[ROW.status] = Status.CONTACT if several == 1 else Status.AMBIGUOUS
-        mine[after + UNEXPLAINED], mine[after + BELIEF] = fused.p[0], places.belief[0]
-        mine[-1] = 0.0
+        _write(self.fused.beside(fused, places), np.append(touching, at), out, after)
+        out[touching, after + UNEXPLAINED] = mine[after + UNEXPLAINED] = fused.p[0]
+        mine[after + BELIEF], mine[-1] = places.share[0], 0.0
         return at + 1
 
     def _judge(self, forces: Float[np.ndarray, "n 3"], wrench: Float[np.ndarray, "6"], alarm: bool) -> None:
