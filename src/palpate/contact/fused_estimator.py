@@ -13,6 +13,7 @@ from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import ROW, Status
 from palpate.contact.estimator import NOTHING_BESIDE
 from palpate.contact.fused import Fused, FusedLocator
+from palpate.contact.fused_unseen import Unseen
 from palpate.contact.taxel_estimator import TaxelEstimator
 from palpate.errors import InputError
 from palpate.sensors.compensation import Compensation
@@ -39,6 +40,7 @@ FEATURES = (
 )
 SHARE, BOUND, UNEXPLAINED, BELIEF, SPREAD = range(5)  # where they stand behind the skin's
 _UPPER = np.triu_indices(3)
+LOOKS = 0.1  # s after which the place of what the skin does not feel is looked for again: that takes milliseconds
 PERSISTS = 0.05  # s that something must be unexplained before it is a contact: a touch that begins is felt first
 AGREES = 0.5  # of the frames with a contact may be unexplained before that is a doubt
 ENOUGH = 50  # frames with a contact, for doubts
@@ -114,7 +116,8 @@ class FusedEstimator:
         if self._forward is not None:
             self._forward.reset()
         self._noted = dict[str, None]()
-        self._since = np.nan  # [s] when the wrench began to be unexplained
+        self._since = self._looked = np.nan  # [s] when the wrench began to be unexplained, and its place was looked for
+        self._places: Unseen | None = None
         self._frames = self._missing = self._touched = self._unexplained = self._opposed = 0
 
     def tare(self, recording: Recording) -> Tare:
@@ -318,7 +321,7 @@ class FusedEstimator:
             self._judge(skin[touching, ROW.force], wrench, bool(fused.alarm))
         if not usable or not self._persists(time, bool(fused.alarm)) or count >= len(out):
             return len(skin)
-        return self._unseen(fused, touching, out, len(skin), after)
+        return self._unseen(time, fused, touching, out, len(skin), after)
 
     def _fuse(
         self, rows: Float[np.ndarray, "n v"], wrench: Float[np.ndarray, "6"], covariance: Float[np.ndarray, "6 6"]
@@ -332,15 +335,19 @@ class FusedEstimator:
     def _persists(self, time: float, alarm: bool) -> bool:
         """Whether what is unexplained lasts."""
         if not alarm:
-            self._since = np.nan
+            self._since, self._places = np.nan, None
             return False
         if np.isnan(self._since):
             self._since = time
         return time - self._since >= PERSISTS
 
-    def _unseen(self, fused: Fused, touching: np.ndarray, out: np.ndarray, row: int, after: int) -> int:
+    def _unseen(
+        self, time: float, fused: Fused, touching: Int[np.ndarray, " n"], out: np.ndarray, row: int, after: int
+    ) -> int:
         """The contact that the skin does not feel, in the place of a row that says that there is none."""
-        places = self.fused.unseen(fused)
+        if self._places is None or not time - self._looked < LOOKS:
+            self._places, self._looked = self.fused.unseen(fused), time
+        places = self._places
         if not len(places.belief):
             return row
         at = row if len(touching) else 0
