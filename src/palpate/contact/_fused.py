@@ -22,7 +22,7 @@ import numpy as np
 
 from palpate.surfaces._jit import entry, inner
 
-__all__ = ["drawn", "explained", "fuse", "split"]
+__all__ = ["drawn", "explained", "fuse", "fuse_one", "room", "split"]
 
 ROW = 17  # of a contact: point, outward normal, normal force, its deviation, covariance of the place row by row
 OUT = 5  # of a contact: force, deviation of the tangential force now over before, slack of the cone
@@ -182,8 +182,10 @@ def _update(square, mean, row, left, variance, work):
     total = variance
     for c in range(size):
         work[c] = 0.0
-        for r in range(size):
+    for r in range(size):
+        for c in range(size):
             work[c] += square[r, c] * row[r]
+    for c in range(size):
         total += work[c] * work[c]
     if not total > 0.0:
         return
@@ -199,7 +201,7 @@ def _update(square, mean, row, left, variance, work):
 
 
 @inner
-def _posterior(rows, carries, noise, left, mean, before, square, vectors, whitened):
+def _posterior(rows, carries, noise, left, mean, before, square, product, whitened):
     """All measurements one after the other. `noise` becomes L D L^T; `left` is measured minus expected, changed."""
     sensors, count = carries.shape
     size = 3 * count
@@ -217,7 +219,7 @@ def _posterior(rows, carries, noise, left, mean, before, square, vectors, whiten
         residual = left[j]
         for e in range(size):
             residual -= row[e] * (mean[e] - before[e])
-        _update(square, mean, row, residual, noise[j, j], vectors[0])
+        _update(square, mean, row, residual, noise[j, j], product)
 
 
 @inner
@@ -292,6 +294,40 @@ def _surprise(rows, root, carries, factor, column, found):
         found[3] = 0.5 * math.erfc(((total / dof) ** (1.0 / 3.0) - (1.0 - spread)) / np.sqrt(2.0 * spread))
 
 
+@inner
+def _taken(work, begin, size):
+    """The next numbers of `work`, and where they end."""
+    return work[begin : begin + size], begin + size
+
+
+@entry
+def fuse_one(contacts, wrench, covariance, settings, work, out, out_covariance, total):
+    """`fuse` for one sensor that feels all contacts: (6,), (6, 6), (16,) for (1, 6), (1, 6, 6), (1, 16).
+
+    A wrench that is not finite tells nothing, and leaves NaN in `total`. `work` is as long as `room` says, its first 36
+    numbers are what `fuse` leaves in `factors`. Fewer arrays, because a call takes 0.15 us for each.
+    """
+    heard = 1
+    for r in range(6):
+        heard = heard if np.isfinite(wrench[r]) else 0
+        for q in range(6):
+            heard = heard if np.isfinite(covariance[r, q]) else 0
+    if not heard:
+        for r in range(16):
+            total[r] = np.nan
+    carries = np.ones((heard, len(contacts)), np.bool_)
+    wrenches, covariances = wrench.reshape((1, 6))[:heard], covariance.reshape((1, 6, 6))[:heard]
+    totals, factors = total.reshape((1, 16))[:heard], work[:36].reshape((1, 6, 6))[:heard]
+    given = (contacts, wrenches, covariances, carries, settings)
+    return _fuse(given, work[36:], out, out_covariance, totals, factors)
+
+
+def room(count, sensors):
+    """Numbers that `fuse` works in; `fuse_one` 36 more."""
+    n, k = 3 * count, 6 * sensors
+    return 20 * count + 5 * n + n * n + 6 * n + 2 * k * k + 2 * k + k * n
+
+
 @entry
 def fuse(contacts, wrenches, covariances, carries, settings, work, out, covariance, totals, factors):
     """The forces of contacts (n, 17) felt by sensors (k, 6).
@@ -302,9 +338,7 @@ def fuse(contacts, wrenches, covariances, carries, settings, work, out, covarian
         covariances: (k, 6, 6) of their noise.
         carries: (k, n) whether a sensor feels a contact.
         settings: (5,) tangential deviation, gain, floor, friction, how often the prior is written anew.
-        work: frames and E f f^T (2, n, 3, 3), level and variance of normal forces (2, n), mean, mean before and
-            deviations, two more (5, 3n), square (3n, 3n), felt (6, 3n), noise and innovation (2, 6k, 6k), wrenches less
-            expected (2, 6k), (6k, 3n).
+        work: as many numbers as `room` says.
         out: (n, 5) rows, see `OUT`.
         covariance: (3n, 3n) of the forces.
         totals: (k, 16) the wrenches that the skin alone lets expect; how far they are off: squared, degrees of
@@ -314,11 +348,36 @@ def fuse(contacts, wrenches, covariances, carries, settings, work, out, covarian
     Returns:
         How many contacts violate their cone.
     """
-    both, scales, vectors, square, rows, noises, lefts, whitened = work
-    frames, second, level, variance = both[0], both[1], scales[0], scales[1]
-    mean, before, root = vectors[0], vectors[1], vectors[2]
-    noise, innovation, given, left = noises[0], noises[1], lefts[0], lefts[1]
+    return _fuse((contacts, wrenches, covariances, carries, settings), work, out, covariance, totals, factors)
+
+
+@inner
+def _fuse(given, work, out, covariance, totals, factors):
+    contacts, wrenches, covariances, carries, settings = given
     count, sensors = len(contacts), len(wrenches)
+    size, height = 3 * count, 6 * sensors
+    flat, at = _taken(work, 0, 9 * count)
+    frames = flat.reshape((count, 3, 3))
+    flat, at = _taken(work, at, 9 * count)
+    second = flat.reshape((count, 3, 3))
+    level, at = _taken(work, at, count)
+    variance, at = _taken(work, at, count)
+    mean, at = _taken(work, at, size)
+    before, at = _taken(work, at, size)
+    root, at = _taken(work, at, size)
+    product, at = _taken(work, at, size)
+    flat, at = _taken(work, at, size * size)
+    square = flat.reshape((size, size))
+    flat, at = _taken(work, at, 6 * size)
+    rows = flat.reshape((6, size))
+    flat, at = _taken(work, at, height * height)
+    noise = flat.reshape((height, height))
+    flat, at = _taken(work, at, height * height)
+    innovation = flat.reshape((height, height))
+    off, at = _taken(work, at, height)
+    left, at = _taken(work, at, height)
+    flat, at = _taken(work, at, height * size)
+    whitened = flat.reshape((height, size))
     _first(contacts, settings, frames, mean, variance, second)
     _felt(contacts, frames, rows)
     column = np.empty((3, 6))
@@ -338,7 +397,7 @@ def fuse(contacts, wrenches, covariances, carries, settings, work, out, covarian
                     for i in range(count):
                         if carries[k, i]:
                             totals[k, r] += rows[r, 3 * i] * mean[3 * i]
-                    given[6 * k + r] = column[0, r] = wrenches[k, r] - totals[k, r]
+                    off[6 * k + r] = column[0, r] = wrenches[k, r] - totals[k, r]
                     for q in range(6):
                         factors[k, r, q] = innovation[6 * k + r, 6 * k + q]
                 _split(factors[k], 1e-13)
@@ -351,8 +410,8 @@ def fuse(contacts, wrenches, covariances, carries, settings, work, out, covarian
             for b in range(3 * count):
                 square[a, b] = root[a] if a == b else 0.0
         for a in range(6 * sensors):
-            left[a] = given[a]
-        _posterior(rows, carries, noise, left, mean, before, square, vectors[3:], whitened)
+            left[a] = off[a]
+        _posterior(rows, carries, noise, left, mean, before, square, product, whitened)
         if turn < turns:
             _again(contacts, frames, mean, square, level, variance, second)
     return _results(frames, mean, root, square, settings[3], out, covariance)

@@ -130,9 +130,7 @@ class FusedLocator:
         self.surface, self.settings, self.seed = surface, settings or FusionSettings(), seed
         set_ = self.settings
         self._settings = np.array([set_.tangential, set_.gain, set_.floor, set_.friction, set_.turns])
-        self._work = dict[tuple[int, int], tuple[np.ndarray, ...]]()
-        self._all = dict[int, np.ndarray]()
-        self._factors = np.empty((1, 6, 6))
+        self._work = dict[int, np.ndarray]()
         self._draws = Draws(seed)
 
     def fuse(
@@ -198,24 +196,8 @@ class FusedLocator:
         """
         from palpate.contact import _fused
 
-        count, sensors = len(contacts), 1 if np.isfinite(wrench).all() else 0
-        work, carries = self._room(count, sensors)
-        if not sensors:
-            out_total[:] = np.nan
-        return int(
-            _fused.fuse(
-                contacts,
-                wrench.reshape(1, 6)[:sensors],
-                covariance.reshape(1, 6, 6)[:sensors],
-                carries,
-                self._settings,
-                work,
-                out,
-                out_covariance,
-                out_total.reshape(1, 16)[:sensors],
-                self._factors[:sensors],
-            )
-        )
+        settings, work = self._settings, self._room(len(contacts))
+        return int(_fused.fuse_one(contacts, wrench, covariance, settings, work, out, out_covariance, out_total))
 
     @staticmethod
     def rows(
@@ -244,15 +226,13 @@ class FusedLocator:
             raise InputError("normal forces and their deviations must not be negative", hint="A force presses: > 0.")
         return contacts
 
-    def _room(self, count: int, sensors: int) -> tuple[tuple[np.ndarray, ...], np.ndarray]:
-        """Arrays that the loops work in, kept for the next call of as many contacts and sensors."""
-        if (count, sensors) not in self._work:
-            n, k = 3 * count, 6 * sensors
-            shapes = ((2, count, 3, 3), (2, count), (5, n), (n, n), (6, n), (2, k, k), (2, k), (k, n))
-            self._work[count, sensors] = tuple(np.zeros(shape) for shape in shapes)
-        if count not in self._all:
-            self._all[count] = np.ones((1, count), dtype=np.bool_)
-        return self._work[count, sensors], self._all[count][:sensors]
+    def _room(self, count: int) -> Float[np.ndarray, " s"]:
+        """What the loops work in, kept for the next call of as many contacts."""
+        from palpate.contact import _fused
+
+        if count not in self._work:
+            self._work[count] = np.zeros(36 + _fused.room(count, 1))
+        return self._work[count]
 
     def _fused(
         self,
@@ -265,7 +245,7 @@ class FusedLocator:
 
         heard = np.isfinite(wrenches).all(axis=1) & np.isfinite(covariances).all(axis=(1, 2))
         count, sensors = len(contacts), int(heard.sum())
-        work, _ = self._room(count, sensors)
+        work = np.zeros(_fused.room(count, sensors))
         out, covariance = np.zeros((count, 5)), np.zeros((3 * count, 3 * count))
         totals, factors = np.full((sensors, 16), np.nan), np.empty((sensors, 6, 6))
         given = (contacts, wrenches[heard], covariances[heard], carries[heard])
