@@ -64,7 +64,7 @@ def rows(small: bool) -> Iterator[Row]:
         what = f"{name}: touches not believed; truth in the 95 % ellipse"
         yield Row(NAME, what, "<= 1 %; 93 to 97 %", f"{got}; {count:,} touches", met, COMMAND)
     for name in ("box", "wedge of 60 degrees"):
-        yield _residuals(name, 3 if small else 30)
+        yield _residuals(name, 1 if small else 30)
 
 
 def _residuals(name: str, count: int) -> Row:

@@ -43,12 +43,12 @@ KINDS = {  # corner of the noise as 1/f [Hz], hum of 60 Hz and resolution, in de
 
 def rows(small: bool) -> Iterator[Row]:
     """The deviation, the ellipses, the warning, the gains."""
-    logs = 4 if small else 100
-    yield _deviations(4 if small else 50)
+    logs = 2 if small else 100
+    yield _deviations(2 if small else 50)
     for kind in KINDS:
         for made in FILTERS if not small or kind.startswith("1/f below 5 Hz,") else FILTERS[:1]:
             yield _coverage(kind, made, logs)
-    yield _warned(4 if small else 50)
+    yield _warned(2 if small else 50)
     for stated in (0.01, 0.0):
         yield _gains(stated, logs)
 

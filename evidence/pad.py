@@ -6,9 +6,11 @@ top is the plane y = 8 mm of the sensor; the path's truth is in the pad's frame,
 
 from __future__ import annotations
 
-import subprocess
-import sys
+import io
+import traceback
 from collections.abc import Iterator
+from contextlib import redirect_stderr, redirect_stdout
+from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -17,6 +19,7 @@ import polars as pl
 
 from evidence.covariance import CHI2_95
 from evidence.row import Row, shared, skipped
+from palpate.cli import main
 
 __all__ = ["cli", "rows"]
 
@@ -58,11 +61,25 @@ def rows(small: bool) -> Iterator[Row]:
         yield from _weights(folder / "data/pad/data_two_payloads_ft.csv", Path(scratch))
 
 
-def cli(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
-    """Run `palpate` as a user does."""
-    return subprocess.run(
-        [sys.executable, "-m", "palpate", *map(str, arguments)], capture_output=True, text=True, check=False
-    )
+@dataclass(frozen=True)
+class Done:
+    """A command that has ended: its exit code, and what it said."""
+
+    returncode: int
+    stdout: str
+    stderr: str
+
+
+def cli(*arguments: str | Path) -> Done:
+    """Run `palpate` with a user's words, in this process; what it lets through is a traceback, as a user sees it."""
+    out, err = io.StringIO(), io.StringIO()
+    with redirect_stdout(out), redirect_stderr(err):
+        try:
+            code = main([*map(str, arguments)])
+        except Exception:
+            traceback.print_exc()
+            code = 1
+    return Done(code, out.getvalue(), err.getvalue())
 
 
 def _estimated(log: Path, scratch: Path, method: str) -> pl.DataFrame:

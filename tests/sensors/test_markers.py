@@ -80,6 +80,7 @@ def test_brightness_and_hue_do_not_move_blobs(radius: float, brightness: float, 
 def test_the_window_s_kernel_is_its_plain_twin(score: str) -> None:
     marker, skin = COLOURS[score]
     image = drawn(REST, marker=marker, skin=skin, noise=4.0, rng=np.random.default_rng(2))
+    image.flags.writeable = False  # as the tracker hands it over, or the loop is compiled once more
     expected = REST + np.random.default_rng(3).uniform(-6, 6, REST.shape)
     expected[3] = np.nan
     expected[4] = (-30.0, 10.0)

@@ -126,6 +126,8 @@ def test_the_page_asks_nobody_else(view: object, page: Page) -> None:
 
 
 def test_a_touch_on_a_phone_is_readable(browser: object, page: Page) -> None:
+    for context in browser.contexts:  # what the tests above looked at: it is drawn on and on, without a graphics card
+        context.close()
     opened = browser.new_page(viewport={"width": 390, "height": 844}, has_touch=True)
     opened.set_default_timeout(1e3 * PATIENCE)
     opened.goto(page.address)

@@ -200,6 +200,13 @@ def _quietest(image: Image, colour: MarkerColour, count: int) -> MarkerColour:
     return best
 
 
+def _read(image: Image) -> Image:
+    """The same pixels, that cannot be written: loops are compiled once, whether the caller's can be or not."""
+    view = image.view()
+    view.flags.writeable = False
+    return view
+
+
 def _alike(blobs: Blobs) -> Bool[np.ndarray, " k"]:
     """Blobs whose area is within a factor of 2.5 of the usual, and that the edge does not cut."""
     if not len(blobs):
@@ -213,7 +220,7 @@ def _scored(image: Image, colour: MarkerColour) -> tuple[UInt8[np.ndarray, "h w"
     from palpate.sensors._markers import score_image  # here: compiled loops load when first needed
 
     score, histogram = np.empty(image.shape[:2], np.uint8), np.empty(256, np.int64)
-    score_image(image, colour.weights, score, histogram)
+    score_image(_read(image), colour.weights, score, histogram)
     if colour.background:
         cv2 = opencv()
         score = cv2.subtract(score, cv2.blur(score, (colour.background, colour.background)))
@@ -358,7 +365,7 @@ class MarkerTracker:
     def _measure(self, image: Image, expected: Float[np.ndarray, "m 2"]) -> Float[np.ndarray, "m 7"]:
         from palpate.sensors._markers import measure_windows  # here: compiled loops load when first needed
 
-        measure_windows(image, self._weights, expected, self._halves, self._window, self._stack, self._out)
+        measure_windows(_read(image), self._weights, expected, self._halves, self._window, self._stack, self._out)
         return self._out
 
     def _follow(self, image: Image, expected: Float[np.ndarray, "m 2"]) -> Bool[np.ndarray, " m"] | None:

@@ -8,7 +8,7 @@ from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Any, cast
 
-from numba import njit
+from numba import njit, types
 from numba.core.compiler_lock import global_compiler_lock
 from numba.extending import overload
 
@@ -43,6 +43,17 @@ def entry(function):
     dispatcher = cast(Any, njit(cache=True, **_OPTIONS)(function))
     dispatcher._cache._cache_file._source_stamp = STAMP
     dispatcher.compile = _by_one_process(dispatcher)
+    return _once_for_constants(dispatcher)
+
+
+def _once_for_constants(dispatcher):
+    """Calls from compiled code with a constant are calls with its type: numba would compile anew for each constant."""
+    template = dispatcher.get_call_template
+
+    def get_call_template(args, kws):
+        return template(tuple(map(types.unliteral, args)), {name: types.unliteral(kind) for name, kind in kws.items()})
+
+    dispatcher.get_call_template = get_call_template
     return dispatcher
 
 
@@ -71,7 +82,8 @@ def _by_one_process(dispatcher):
 
 def inner(function):
     """Decorates a function that only compiled code calls: no wrapper for Python, which halves the compiler's work."""
-    return cast(Any, njit)(no_cpython_wrapper=True, no_cfunc_wrapper=True, **_OPTIONS)(function)
+    made = cast(Any, njit)(no_cpython_wrapper=True, no_cfunc_wrapper=True, **_OPTIONS)(function)
+    return _once_for_constants(made)
 
 
 def inlined(function):
