@@ -11,7 +11,7 @@ from palpate.errors import InputError
 from palpate.sensors.filters import Filter
 from palpate.spatial._arrays import Value, frozen
 
-__all__ = ["Noise", "NoiseSpectrum", "estimate_noise", "rest_noise", "wrong_noise"]
+__all__ = ["Noise", "NoiseSpectrum", "estimate_noise", "resolution_of", "rest_noise", "wrong_noise"]
 
 WINDOW = 32  # samples in which a log is steady or is not
 FEWEST = 10  # samples that tell anything
@@ -100,7 +100,7 @@ def estimate_noise(readings: Float[np.ndarray, "n k"]) -> Float[np.ndarray, " k"
     if len(usable) < FEWEST:
         return None
     _, variance, quiet = _judged(usable)
-    return _deviation(variance, quiet, _resolution(usable))
+    return _deviation(variance, quiet, resolution_of(usable))
 
 
 def rest_noise(readings: Float[np.ndarray, "n k"]) -> Noise | None:
@@ -121,7 +121,7 @@ def rest_noise(readings: Float[np.ndarray, "n k"]) -> Noise | None:
     usable = readings[np.isfinite(readings).all(axis=1)]
     if len(usable) < 2 * WINDOW:
         return None
-    resolution = _resolution(usable)
+    resolution = resolution_of(usable)
     resting, window = _resting(usable, resolution)
     segments = _segments(usable, resting, window)
     if segments is None:
@@ -183,7 +183,7 @@ def _judged(
     """Windows, their variances, and where they hold noise alone: in all channels, or where none does, in each."""
     windows = _windows(readings)
     variance = np.sum(_straightened(windows) ** 2, axis=1) / (windows.shape[1] - 2)
-    least = np.maximum(_resolution(readings) ** 2 / 12.0, 1e-30)
+    least = np.maximum(resolution_of(readings) ** 2 / 12.0, 1e-30)
     quiet = np.stack([_quiet(column) for column in (variance + least).T], axis=1)
     whole = np.all(quiet, axis=1, keepdims=True)
     return windows, variance, np.repeat(whole, quiet.shape[1], axis=1) if whole.mean() >= QUIET else quiet
@@ -207,7 +207,7 @@ def _deviation(
     return np.sqrt(np.maximum(mean, resolution**2 / 12.0))
 
 
-def _resolution(readings: Float[np.ndarray, "n k"]) -> Float[np.ndarray, " k"]:
+def resolution_of(readings: Float[np.ndarray, "n k"]) -> Float[np.ndarray, " k"]:
     """The step of which all differences are multiples; 0 where there is none."""
     return np.array([_step(np.unique(column)) for column in readings.T])
 
