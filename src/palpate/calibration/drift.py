@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float
 
-from palpate.calibration.drift_search import GAP, Search
-from palpate.calibration.drift_windows import windows_of
+from palpate.calibration.drift_search import Search
+from palpate.calibration.drift_windows import GAP, windows_of
 from palpate.errors import InputError
 from palpate.sensors.drift import Drift
 from palpate.sensors.noise import resolution_of

@@ -10,6 +10,7 @@ from scipy.optimize import minimize_scalar
 from scipy.stats import chi2
 
 from palpate.calibration.drift_windows import (
+    GAP,
     Windows,
     described,
     first_guess,
@@ -20,9 +21,8 @@ from palpate.calibration.drift_windows import (
 from palpate.calibration.walk import Steps, WalkFit, fit_walk, innovations, likelihood_of, steps_of
 from palpate.errors import InputError
 
-__all__ = ["GAP", "Search"]
+__all__ = ["Search"]
 
-GAP = 10.0  # s without a sample, after which the zero may be anywhere
 LONGEST_TOUCH, MOST_TOUCHED = 20.0, 0.2  # s; of the log
 SURE = 0.99  # that there is a warm-up
 LONGEST_WINDOW, FEWEST = 1.0, 100  # s; windows of a log in which noise is not white over shorter ones
@@ -99,18 +99,19 @@ class Search:
         """With a warm-up where its likelihood asks for it."""
         steps = steps_of(self.windows.middle, self.windows.mean, self.windows.length, GAP)
         self._steps = steps
-        without, steady = self._given(None), self._given(np.inf)
+        without = self._given(None)
+        steady = self._given(np.inf, without)
         settling, best = self._settled(steady)
         channels = self.windows.mean.shape[1]
         gain = 2.0 * (best.likelihood - without.likelihood)
         self.warm = bool(gain > float(chi2.ppf(SURE, channels + 1)))
         self.settling = settling if self.warm else np.inf
-        self.found = fit_walk(self._with(self.settling), self._groups)
+        self.found = fit_walk(self._with(self.settling), self._groups, start=best if self.warm else steady)
         self.rate, self.rate_deviation = self.found.course[-1], np.sqrt(self.found.covariance[:, -1, -1])
 
-    def _given(self, settling: float | None) -> WalkFit:
+    def _given(self, settling: float | None, start: WalkFit | None = None) -> WalkFit:
         """The fit with a warm-up of this time, or with none (None), alike channels taken together."""
-        return fit_walk(self._with(settling), self._groups, together=np.inf)
+        return fit_walk(self._with(settling), self._groups, together=np.inf, start=start)
 
     def _with(self, settling: float | None) -> Steps:
         return self._steps.with_shape(*self._changes(settling).T)
@@ -140,7 +141,7 @@ class Search:
             low, high = np.log(tried[max(0, k - 1)]), np.log(tried[min(len(tried) - 1, k + 1)])
             loss = minimize_scalar(self._loss, args=(fit,), bounds=(low, high), method="bounded")
             found = float(np.exp(loss.x))
-            fit = self._given(found)
+            fit = self._given(found, fit)
         if fit.likelihood < steady.likelihood or found > 2.5 * self.span:
             return np.inf, steady
         return found, fit

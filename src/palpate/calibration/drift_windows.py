@@ -11,8 +11,9 @@ from jaxtyping import Bool, Float
 from palpate.errors import InputError
 from palpate.spatial._arrays import Value
 
-__all__ = ["Windows", "described", "first_guess", "require_free", "stretches", "untouched", "windows_of"]
+__all__ = ["GAP", "Windows", "described", "first_guess", "require_free", "stretches", "untouched", "windows_of"]
 
+GAP = 10.0  # s without a sample, after which the zero may be anywhere
 LEAST = 4  # samples of a window
 FULL = 0.5  # of the usual number of samples, or a window is left out
 MOST = 6000  # windows: more say nothing that longer ones do not
@@ -174,12 +175,15 @@ def _gated(
     walk: Float[np.ndarray, " m"],
     noise: Float[np.ndarray, " m"],
 ) -> Bool[np.ndarray, " w"]:
-    """Forward in time, from the first window on, which is believed."""
+    """Forward in time, from the first window on, which is believed, as is the first after a gap."""
     zero, variance, last = mean[0].copy(), noise.copy(), float(time[0])
     free = np.ones(len(time), dtype=np.bool_)
     for k in range(1, len(time)):
-        variance = variance + walk * (time[k] - last)
-        last = float(time[k])
+        passed, last = time[k] - last, float(time[k])
+        if passed > GAP:
+            zero, variance = mean[k], noise
+            continue
+        variance = variance + walk * passed
         change, total = mean[k] - zero, variance + noise
         if np.any(change * change > SURE**2 * total):
             free[k] = False

@@ -20,7 +20,8 @@ LOWEST = -16.0  # log of the least variance of a walk, over that of the noise in
 _factored: Callable[..., tuple[np.ndarray, np.ndarray, int]] = vars(lapack)["dpttrf"]  # they have no types
 _solve: Callable[..., tuple[np.ndarray, int]] = vars(lapack)["dpttrs"]
 _TINY = 1e-300
-_SHIFT = 0.02  # of logarithms, for second differences
+_SHIFT, _SLOPE = 0.02, 1e-4  # of logarithms, for second differences and for slopes
+_FAR = 1e30  # where there is no likelihood
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +78,9 @@ def steps_of(
     return Steps(np.diff(mean, axis=0)[kept], apart[kept], np.diff(kept) == 1, np.zeros((len(kept), 0)), window)
 
 
-def fit_walk(steps: Steps, groups: Sequence[Sequence[int]], together: float = 14.0) -> WalkFit:
+def fit_walk(
+    steps: Steps, groups: Sequence[Sequence[int]], together: float = 14.0, start: WalkFit | None = None
+) -> WalkFit:
     """Walk and noise of most (restricted) likelihood, one walk for a group of channels unless they clearly differ.
 
     The mean over a window of length w of a Wiener process with noise of variance R: steps between windows whose
@@ -88,21 +91,24 @@ def fit_walk(steps: Steps, groups: Sequence[Sequence[int]], together: float = 14
         steps: of m channels.
         groups: of channels that are alike, such as the three forces.
         together: twice the log-likelihood that walks of their own must gain (of 3 channels, 14 is 0.1 %); inf: groups
-            stay as they are.
+            stay as they are, and nothing is said of how sure the walk is.
+        start: where to begin; None: at a guess.
     """
-    channels = steps.change.shape[1]
-    walk, spread, noise = np.empty(channels), np.empty(channels), np.empty(channels)
-    seen = np.zeros(channels, dtype=np.bool_)
+    channels, last = steps.change.shape[1], np.isinf(together)
+    walk, spread, noise = np.empty(channels), np.full(channels, np.nan), np.empty(channels)
+    seen = np.ones(channels, dtype=np.bool_)
     for group in groups:
-        chosen = [_Group(steps, list(group))]
-        if np.isfinite(together) and len(group) > 1:
-            each = [_Group(steps, [channel]) for channel in group]
+        chosen = [_Group(steps, list(group), start)]
+        if not last and len(group) > 1:
+            each = [_Group(steps, [channel], start) for channel in group]
             differ = 2.0 * (sum(alone.value for alone in each) - chosen[0].value) > together
             chosen = each if differ else chosen
         for part in chosen:
             found = part.picked
-            walk[found], relative, seen[found] = part.judged()
-            spread[found], noise[found] = walk[found] * relative, part.noise
+            walk[found], noise[found] = part.walk, part.noise
+            if not last:
+                walk[found], relative, seen[found] = part.judged()
+                spread[found] = walk[found] * relative
     course, covariance, likelihood = _courses(steps, walk**2, noise**2)
     return WalkFit(walk, spread, noise, course, covariance, likelihood, seen)
 
@@ -152,6 +158,12 @@ class _Solved:
             total -= float(np.linalg.slogdet(self.covariance)[1])
         return -0.5 * total
 
+    def best(self) -> float:
+        """The restricted likelihood if both variances are multiplied by the factor that is best for it."""
+        count = len(self.pivots) - len(self.course)
+        factor = self._square / count
+        return self.likelihood(restricted=True) + 0.5 * (self._square - count - count * np.log(factor))
+
     def innovations(self) -> Float[np.ndarray, " k"]:
         """White and of variance 1 if the model holds."""
         bands = np.stack([np.ones(len(self.pivots)), np.append(self.factors, 0.0)])
@@ -161,32 +173,46 @@ class _Solved:
 class _Group:
     """One walk for some channels, noise of their own."""
 
-    def __init__(self, steps: Steps, picked: list[int]) -> None:
+    def __init__(self, steps: Steps, picked: list[int], start: WalkFit | None) -> None:
         self._steps, self.picked = steps, picked
-        start = [_first_guess(steps, channel) for channel in picked]
-        self._lowest = LOWEST + float(np.mean([noise for _, noise in start]))
-        first = np.array([np.mean([walk for walk, _ in start]), *(noise for _, noise in start)])
-        limits = [(self._lowest, None), *((noise - 12.0, noise + 12.0) for _, noise in start)]
-        found = minimize(self._loss, first, method="L-BFGS-B", bounds=limits)
+        guess = np.array([_first_guess(steps, channel) for channel in picked])
+        self._lowest = LOWEST + float(np.mean(guess[:, 1]))
+        first = np.append(np.mean(guess[:, 0]), guess[:, 1])
+        if start is not None:
+            first = 2.0 * np.log(np.append(np.mean(start.walk[picked]), start.noise[picked]))
+        limits = [(self._lowest, None), *((noise - 12.0, noise + 12.0) for noise in guess[:, 1].tolist())]
+        found = minimize(self._sloped, first, jac=True, method="L-BFGS-B", bounds=limits)
         self._best = np.array(list(found.x))
         self.value, self.noise = -float(found.fun), np.exp(self._best[1:] / 2.0)
+        self.walk = float(np.exp(self._best[0] / 2.0))
 
     def judged(self) -> tuple[float, float, bool]:
         """The walk, its deviation over itself, and whether it is seen: else it is the most that it may be."""
-        best = self._best
-        none = minimize(lambda noise: self._loss(np.append(self._lowest, noise)), best[1:], method="L-BFGS-B")
-        seen = bool(2.0 * (self.value + float(none.fun)) > SEEN)
-        walk = best[0] if seen else self._most(best)
-        return float(np.exp(walk / 2.0)), self._deviation(best), seen
+        none = sum(_Solved(self._steps, channel, np.exp(LOWEST), 1.0).best() for channel in self.picked)
+        seen = bool(2.0 * (self.value - none) > SEEN)
+        walk = self._best[0] if seen else self._most(self._best)
+        return float(np.exp(walk / 2.0)), self._deviation(self._best), seen
 
     def _loss(self, logarithms: Float[np.ndarray, " _"]) -> float:
         """Of the variances: of the walk, then of each channel's noise."""
+        return float(sum(self._each(logarithms)))
+
+    def _sloped(self, logarithms: Float[np.ndarray, " v"]) -> tuple[float, Float[np.ndarray, " v"]]:
+        """The loss and its slope; noise of one channel touches only that channel's part."""
+        here = self._each(logarithms)
+        walked = self._each(logarithms + _SLOPE * np.eye(len(logarithms))[0])
+        noisier = self._each(logarithms + _SLOPE * (np.arange(len(logarithms)) > 0))
+        slope = np.append(np.sum(walked - here), noisier - here) / _SLOPE
+        return float(np.sum(here)), slope
+
+    def _each(self, logarithms: Float[np.ndarray, " v"]) -> Float[np.ndarray, " k"]:
         walk, *noise = np.exp(logarithms).tolist()
-        total = sum(
-            _Solved(self._steps, channel, walk, noise[k]).likelihood(restricted=True)
-            for k, channel in enumerate(self.picked)
+        return np.array(
+            [
+                min(-_Solved(self._steps, channel, walk, noise[k]).likelihood(restricted=True), _FAR)
+                for k, channel in enumerate(self.picked)
+            ]
         )
-        return -total if np.isfinite(total) else 1e300
 
     def _deviation(self, best: Float[np.ndarray, " v"]) -> float:
         """Of the walk over the walk, from how the likelihood bends."""
