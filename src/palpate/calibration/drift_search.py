@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float
 from scipy.optimize import minimize_scalar
-from scipy.stats import chi2
+from scipy.special import gammaincinv
 
 from palpate.calibration.drift_windows import (
     GAP,
@@ -104,7 +104,7 @@ class Search:
         settling, best = self._settled(steady)
         channels = self.windows.mean.shape[1]
         gain = 2.0 * (best.likelihood - without.likelihood)
-        self.warm = bool(gain > float(chi2.ppf(SURE, channels + 1)))
+        self.warm = bool(gain > _chi_square(SURE, channels + 1))
         self.settling = settling if self.warm else np.inf
         self.found = fit_walk(self._with(self.settling), self._groups, start=best if self.warm else steady)
         self.rate, self.rate_deviation = self.found.course[-1], np.sqrt(self.found.covariance[:, -1, -1])
@@ -197,3 +197,8 @@ def _noise_said(
         return []
     said = "means are noisier than the stated noise explains, as of a motor's hum or of coloured noise"
     return [f"{said}: {', '.join(wrong)}"]
+
+
+def _chi_square(share: float, freedom: int) -> float:
+    """Below which this share of such numbers lies."""
+    return 2.0 * float(gammaincinv(freedom / 2.0, share))

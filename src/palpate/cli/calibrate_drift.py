@@ -54,13 +54,13 @@ def calibrate_drift(
     setup = load_rig(rig)
     keep_inputs(output, (log, *setup.files().values()))  # not the rig: it may be updated
     kind, recording, notes = _read(log, setup)
+    _require_one(setup, kind, rig)
     temperature = recording.channels[TEMPERATURE][:, 0] if TEMPERATURE in recording.channels else None
     if kind == "force_torque":
         found, said = _of_wrenches(setup, recording, temperature, window), _Wrench()
         payload = rig_payload(setup)
     else:
         found, said, payload = *_of_cells(setup, recording, temperature, window), None
-    _require_one(setup, kind, rig)
     stated = setup.drift
     weight = stated.weight if stated is not None and stated.weight else _unsure_weight(payload)
     table = drift_table(found.drift, weight, None if stated is None else stated.temperature)

@@ -88,7 +88,9 @@ class Compensation:
         self._turned, self._drifts = sensor.frame == "base", bool(sensor.drift.any())
         self._limits = np.full(6, np.inf) if sensor.limits is None else sensor.limits.copy()
         slope = load.gravity / load.magnitude**2 if load.weight.any() else np.zeros(3)
-        self._load: Float[np.ndarray, "11"] = np.concatenate([load.weight, load.center_of_mass, slope, [load.mass, sensor.lever**-2]])
+        self._load: Float[np.ndarray, "11"] = np.concatenate(
+            [load.weight, load.center_of_mass, slope, [load.mass, sensor.lever**-2]]
+        )
         self._gains = np.repeat([1.0, sensor.lever**2], 3)
         self._bias = np.concatenate([load.force_bias, load.torque_bias])
         self._doubts = square_root(load.covariance)

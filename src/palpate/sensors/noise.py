@@ -103,7 +103,7 @@ def estimate_noise(readings: Float[np.ndarray, "n k"]) -> Float[np.ndarray, " k"
     return _deviation(variance, quiet, resolution_of(usable))
 
 
-def rest_noise(readings: Float[np.ndarray, "n k"]) -> Noise | None:
+def rest_noise(readings: Float[np.ndarray, "n k"], *, wander: bool = True) -> Noise | None:
     """Deviation and spectrum of the noise where a log rests at one level; None where it hardly does.
 
     Rest is where every channel is quiet (`estimate_noise`) and within 5 deviations of the level before, starting from
@@ -117,6 +117,8 @@ def rest_noise(readings: Float[np.ndarray, "n k"]) -> Noise | None:
 
     Args:
         readings: (n, 6) [N, N m] as logged, or other readings (n, k), evenly spaced.
+        wander: whether a zero that wanders counts too, which it does not where it is followed: each segment is then
+            taken less its straight line, and its mean does not matter.
     """
     usable = readings[np.isfinite(readings).all(axis=1)]
     if len(usable) < 2 * WINDOW:
@@ -129,10 +131,11 @@ def rest_noise(readings: Float[np.ndarray, "n k"]) -> Noise | None:
     length = segments.shape[1]
     taper = np.hanning(length)
     middle = segments.mean(axis=1, keepdims=True)
-    waves = np.fft.rfft((segments - middle) * taper[:, None], axis=1)[:, 1:]
+    left = segments - middle if wander else _straightened(segments)
+    waves = np.fft.rfft(left * taper[:, None], axis=1)[:, 1:]
     density = 2.0 * np.mean(np.abs(waves) ** 2, axis=0) / (length * np.sum(taper**2))
     density[-1] /= 2.0  # at half the rate two sides are one
-    within, between = density.sum(axis=0), _wander(middle[:, 0], density)
+    within, between = density.sum(axis=0), _wander(middle[:, 0], density) if wander else density[0] / 2.0
     stays = _stuck(within, resolution)
     total = np.maximum(within + between, resolution**2 / 12.0)
     moves = np.where(within > 0, np.maximum(total - between - stays, 0.0) / np.where(within > 0, within, 1.0), 0.0)

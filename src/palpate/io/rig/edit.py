@@ -12,7 +12,7 @@ import numpy as np
 import tomlkit
 from jaxtyping import Float
 from tomlkit.exceptions import TOMLKitError
-from tomlkit.items import Item, Key, Table, Whitespace
+from tomlkit.items import InlineTable, Item, Key, Table, Whitespace
 
 from palpate.errors import InputError
 from palpate.io.atomic import write_text
@@ -100,7 +100,7 @@ def update_drift(source: Path, target: Path, drift: Mapping[str, Any], comments:
     kept = {key: value for key, value in wanted["drift"].items() if key not in _FOUND}
     wanted["drift"] = {**kept, **drift}
 
-    def in_place(text: str, wanted: Mapping[str, Any], comment: str) -> str:
+    def in_place(text: str, wanted: Mapping[str, Any], comment: str) -> str | None:
         return _drift_in_place(text, wanted, {key: printable(said) for key, said in comments.items()})
 
     _write(source, target, wanted, (in_place, _drift_anew), "", "drift")
@@ -146,11 +146,13 @@ def _offset_in_place(text: str, wanted: Mapping[str, Any], comment: str) -> str:
     return tomlkit.dumps(document)
 
 
-def _drift_in_place(text: str, wanted: Mapping[str, Any], comments: Mapping[str, str]) -> str:
+def _drift_in_place(text: str, wanted: Mapping[str, Any], comments: Mapping[str, str]) -> str | None:
     document: Any = tomlkit.parse(text)
     if "drift" not in document:
         document["drift"] = tomlkit.table()
     table, stated = document["drift"], wanted["drift"]
+    if not isinstance(table, Table | InlineTable):  # dotted keys among others
+        return None
     for key in [key for key in table if key not in stated]:
         table.remove(key)
     for key, value in stated.items():

@@ -116,7 +116,7 @@ class _Seen:
 
     def __init__(self, rig: Rig, recording: Recording | None) -> None:
         wrenches = np.zeros((0, 6)) if recording is None else _unloaded(rig, recording)
-        rest = rest_noise(wrenches)
+        rest = rest_noise(wrenches, wander=rig.drift is None)
         self.deviation = estimate_noise(wrenches) if rest is None else rest.deviation
         self.spectrum = None if rest is None else rest.spectrum
 

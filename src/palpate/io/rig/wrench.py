@@ -67,7 +67,7 @@ def wrench_estimator(
         rate=rate,
         live=head is None,
         placement=0.0 if rig.surface is None else rig.surface.placement,
-        **({} if drift is None else {"drift": drift}),
+        drift=drift,
     )
     made = Prepared(estimator, said=noted_filter(table, rate), facts=_facts(rig, estimator, table, rate))
     if isinstance(surface, Mesh) and surface.coverage and surface.touchable is None:
@@ -132,11 +132,13 @@ def first_seconds(head: Recording, seconds: float) -> Recording:
 
 def _facts(rig: Rig, estimator: WrenchEstimator, table: RigFilter, rate: float | None) -> dict[str, object]:
     """What was in force, as it stands in OUTPUT.toml."""
+    drift = estimator.drift
     locator, smooth = estimator.locator, table.filter()
     return {
         **vars(rig.estimate),
         "contact": f"on {locator.on:g} N, off {locator.off:g} N",
         "crease": None if rig.surface is None else rig.surface.crease,
         "filter": "none" if smooth is None or rate is None else f"{smooth} at {rate:.6g} Hz",
+        "drift": None if drift is None else f"walk {np.array2string(drift.walk, precision=3)} a root second",
         "noise": None if locator.noise is None else np.sqrt(np.diag(locator.noise)).tolist(),
     }
