@@ -15,6 +15,7 @@ from palpate.simulation.shapes import Superquadric
 from palpate.viewer import plots
 from palpate.viewer._style import inline
 from palpate.viewer.report import Report, Section, Table, Tile, picture, render
+from palpate.viewer.zero_plot import zeros
 
 RNG = np.random.default_rng(0)
 N = 30_000
@@ -33,6 +34,8 @@ FIGURES: dict[str, Callable[[], Any]] = {
     "spectra": lambda: plots.spectra(
         [plots.Panel(np.arange(1.0, 500.0), RNG.uniform(1, 2, (499, 3)), "force", "N", np.array([1, 0, 1.0]), 9.0)]
     ),
+    "zeros": lambda: zeros(TIME, RNG.normal(size=(N, 6)), np.ones((N, 6)), STATUS > 2),
+    "zeros of voltages": lambda: zeros(TIME, RNG.normal(size=(N, 12)), np.ones((N, 12)), STATUS > 2),
 }
 EMPTY: dict[str, Callable[[], Any]] = {
     "forces": lambda: plots.forces(np.full(3, np.nan), np.full((3, 3), np.nan), np.full(3, 7)),
@@ -44,6 +47,8 @@ EMPTY: dict[str, Callable[[], Any]] = {
     "histogram": lambda: plots.histogram(np.full(3, np.nan), "radius [mm]"),
     "statuses": lambda: plots.statuses(np.zeros(len(Status), dtype=np.int64)),
     "errors": lambda: plots.errors(TIME[:1], np.full(1, 1e-3), np.full(1, np.nan)),
+    "zeros": lambda: zeros(TIME[:0], HOLES[:0].repeat(2, axis=1), HOLES[:0].repeat(2, axis=1), np.zeros(0, np.bool_)),
+    "one zero": lambda: zeros(TIME[:1], np.full((1, 9), np.nan), np.full((1, 9), np.nan), np.ones(1, np.bool_)),
 }
 
 

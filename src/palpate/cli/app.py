@@ -8,6 +8,7 @@ from tyro.extras import SubcommandApp
 
 from palpate.cli.calibrate_camera import calibrate_camera
 from palpate.cli.calibrate_clock import calibrate_clock
+from palpate.cli.calibrate_drift import calibrate_drift
 from palpate.cli.calibrate_intensity import calibrate_intensity
 from palpate.cli.calibrate_load_cells import calibrate_load_cells
 from palpate.cli.calibrate_marker_ring import calibrate_marker_ring_command
@@ -39,13 +40,14 @@ def run(argv: Sequence[str]) -> None:
     app.command(estimate)
     calibrate.command(name="camera")(calibrate_camera)
     calibrate.command(name="clock")(calibrate_clock)
+    calibrate.command(name="drift")(calibrate_drift)
     calibrate.command(name="intensity")(calibrate_intensity)
     calibrate.command(name="load-cells")(calibrate_load_cells)
     calibrate.command(name="marker-ring")(calibrate_marker_ring_command)
     calibrate.command(name="payload")(calibrate_payload)
     calibrate.command(name="mounting")(calibrate_mounting)
     calibrate.command(name="taxels")(calibrate_taxels_command)
-    models = "camera, clock, intensity, load-cells, marker-ring, payload, mounting, taxels"
+    models = "camera, clock, drift, intensity, load-cells, marker-ring, payload, mounting, taxels"
     app.command(calibrate, name="calibrate", help=f"Make a model from a log: {models}.")
     design.command(name="load-cells")(design_load_cells)
     app.command(design, name="design", help="What a sensor can resolve before it is built: load-cells.")

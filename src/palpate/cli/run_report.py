@@ -22,14 +22,16 @@ from palpate.sensors.compensation import Compensation
 from palpate.sensors.force_torque import Payload
 from palpate.sensors.load_cell_array import LoadCellArray
 from palpate.sensors.load_cells import LoadCells
+from palpate.sensors.zero_filter import ZeroStatus
 from palpate.spatial.pose import Pose, skew
 from palpate.surfaces.mesh import Mesh
 from palpate.viewer.maps import sheet_map
-from palpate.viewer.report import Section, picture
+from palpate.viewer.report import Section, percent, picture
 from palpate.viewer.run_report import Run
 from palpate.viewer.run_summary import RunSummary
 from palpate.viewer.samples import sheet_places
 from palpate.viewer.taxels import cell_mesh
+from palpate.viewer.zero_plot import zeros
 
 __all__ = ["force_torque", "load_cells", "run_of", "taxels", "wrench_settings"]
 
@@ -82,15 +84,42 @@ def _of_wrenches(run: Run, rig: Rig, estimator: WrenchEstimator) -> Run:
         settings=wrench_settings(rig, estimator.locator, sensor.noise, filtered),
         uncertainties=("the sensor's noise", *(f"{name} uncertainty" for name, there in held if there)),
     )
+    zero = zero_section(estimator)
     if isinstance(sensor, LoadCellArray):
         left_out = (1 + np.flatnonzero(~sensor.sound)).tolist()
         section = load_cells(sensor.cells, left_out=left_out, said=sensor.notes(), faults=sensor.doubts())
-        return replace(run, sections=(section,))
+        return replace(run, sections=(section, *zero))
     if not isinstance(sensor, Compensation):
-        return run
+        return replace(run, sections=zero)
     radius = run.kept.median_radius
     advice = wrench_advice(rig, payload=payload is not None, filtered=smooth is not None, radius=radius)
-    return replace(run, sections=(force_torque(rig, payload, estimator.mount),), advice=advice)
+    return replace(run, sections=(force_torque(rig, payload, estimator.mount), *zero), advice=advice)
+
+
+def zero_section(estimator: WrenchEstimator) -> tuple[Section, ...]:
+    """How the zero went, where it was followed; nothing where it was not."""
+    history = estimator.zero_history()
+    if history is None or not len(history.time):
+        return ()
+    held = history.status != ZeroStatus.FREE
+    drawn = zeros(history.time, history.zero, history.deviation, held)
+    caption = (
+        "How far the zero has gone since the start, with 95 % bands. Below, green: followed, as nothing touched; grey: "
+        "held, as something touched or may have, while the band grows."
+    )
+    facts = (
+        ("held", f"{percent(float(np.mean(held)))} of the time"),
+        ("unsure", f"at most by {_spread(history.deviation)} (one standard deviation of one channel)"),
+    )
+    return (Section("Zero", pictures=(picture(drawn, caption),), facts=facts),)
+
+
+def _spread(deviation: Float[np.ndarray, "n m"]) -> str:
+    """The largest, of forces and torques or of voltages."""
+    most = np.max(deviation, axis=0)
+    if len(most) != 6:
+        return f"{1e3 * float(most.max()):.2g} mV"
+    return f"{float(most[:3].max()):.2g} N and {1e3 * float(most[3:].max()):.2g} N mm"
 
 
 def _of_taxels(run: Run, rig: Rig, estimator: TaxelEstimator) -> Run:

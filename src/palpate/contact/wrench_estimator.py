@@ -15,14 +15,18 @@ from palpate.contact.estimate import ROW, ContactEstimate
 from palpate.contact.estimator import NOTHING_BESIDE
 from palpate.contact.locate import Locator
 from palpate.contact.whole_touches import Located, joined, whole_touches
+from palpate.contact.zero_follower import ZeroFollower
+from palpate.contact.zero_gate import ContactShape
 from palpate.errors import InputError
 from palpate.sensors.compensation import Compensation
+from palpate.sensors.drift import Drift
 from palpate.sensors.filters import Filter
 from palpate.sensors.force_torque import ForceTorque
 from palpate.sensors.load_cell_array import LoadCellArray
 from palpate.sensors.recording import Recording, apart
 from palpate.sensors.smoothing import BothWays, Forward
 from palpate.sensors.wrench_sensor import Measured, Placement, Tare, WrenchSensor
+from palpate.sensors.zero_filter import FollowedSensor, ZeroHistory, ZeroState
 from palpate.spatial._arrays import require_out
 from palpate.spatial.pose import Pose
 
@@ -33,10 +37,24 @@ ROW_SHAPE = (ROW.length,)
 ALL = np.ones(1)  # of the noise is left
 
 
-class _Waiting(NamedTuple):
-    """A block that a filter of zero phase keeps waiting."""
+class _Piece(NamedTuple):
+    """Samples of one window of the zero, or a whole block where none is followed.
 
-    block: Recording
+    Attributes:
+        samples: they.
+        zero: of them, where it is followed.
+        block: that they end; None: it goes on.
+    """
+
+    samples: Recording
+    zero: ZeroState | None
+    block: Recording | None
+
+
+class _Waiting(NamedTuple):
+    """A piece that a filter of zero phase keeps waiting."""
+
+    piece: _Piece
     measured: Measured
 
     @property
@@ -69,9 +87,13 @@ class _Live:
         self._hold(time, reading, rotation, acceleration)
         self.run(rows)
 
-    def block(self, time: np.ndarray, readings: np.ndarray, beside: Mapping[str, np.ndarray], rows: np.ndarray) -> None:
-        """The contacts of some samples."""
-        self.run(rows, self._given[0].inputs(time, readings, beside))
+    def block(
+        self, time: np.ndarray, readings: np.ndarray, beside: Mapping[str, np.ndarray], rows: np.ndarray
+    ) -> np.ndarray:
+        """The contacts of some samples; what the sensor made of them."""
+        inputs = self._given[0].inputs(time, readings, beside)
+        self.run(rows, inputs)
+        return inputs
 
     def run(self, rows: np.ndarray, inputs: np.ndarray | None = None) -> None:
         """The contacts of inputs that the sensor made, or of the ones that it holds, into rows."""
@@ -106,9 +128,13 @@ class WrenchEstimator:
         placement: [m] standard deviation, along each tangent, of where touches act beside what their wrenches explain:
             found by `palpate calibrate mounting`, or stated, as of a body that flattens. It widens the covariance of
             the point, and changes no status.
+        drift: how the sensor's zero wanders: it is followed while nothing touches (`ZeroGate`), and what is not known
+            of it widens the covariance, so that a contact begins where the force is more than that. For logs
+            (`live=False`) the zero is smoothed by what comes after a touch, for which blocks wait 10 minutes at most.
 
     Raises:
-        InputError: a filter without a rate, or with one that is too low for it; or a negative placement.
+        InputError: a filter without a rate, or with one that is too low for it; or a negative placement; a drift of
+            other channels than the sensor's, or of a sensor whose noise is not known.
     """
 
     features: tuple[str, ...] = ()
@@ -125,6 +151,7 @@ class WrenchEstimator:
         mounted: bool = True,
         live: bool = True,
         placement: float = 0.0,
+        drift: Drift | None = None,
     ) -> None:
         from palpate.contact._widen import widen  # compiled: loaded when first needed
 
@@ -145,7 +172,11 @@ class WrenchEstimator:
             self._forward(np.zeros(1), np.zeros(1, np.int8), np.zeros((1, 6)))  # compiles
         if isinstance(self.sensor, Compensation):
             self.sensor.smoothed_by(filter, rate, self._settled())
-        self._whole = not live
+        elif isinstance(self.sensor, LoadCellArray):
+            self.sensor.settled = self._settled()
+        self._whole, self.drift = not live, drift
+        self._shape = None if drift is None else ContactShape(self.locator, self._placement, self.placement)
+        self._follower = self._told = self._follows()
         self._live: _Live | None = None
         if filter is None and isinstance(self.sensor, Compensation | LoadCellArray):
             self._live = _Live(self.sensor, self.locator, self._placement)
@@ -170,6 +201,8 @@ class WrenchEstimator:
         self.locator.reset()
         if self._forward is not None:
             self._forward.reset()
+        if self._follower is not None:
+            self._follower.reset()
         self._samples = 0
 
     def update(
@@ -208,13 +241,15 @@ class WrenchEstimator:
             self._require_forward()
         row = out if out.ndim == 1 else out[0]
         require_out(row, ROW_SHAPE)
-        rows = row[None]
+        rows, follower = row[None], self._forwards(time)
         if self._live is None:
             measured = self.sensor.single(time, reading, rotation, acceleration)
             located, covariances = self.sensor.place(measured, *self._filtered(measured), self._placement)
             self.locator.run_into(located, covariances, measured.status, rows)
         else:
             self._live(time, reading, rotation, acceleration, rows)
+        if follower is not None:
+            follower.add(time, follower.sensor.kept_of(follower.sensor.held, 1))
         self._placed(rows)
         self._samples += 1
         return 1
@@ -236,7 +271,7 @@ class WrenchEstimator:
             channels = apart(self.channels, readings[:count])
             rows[:] = self._block(Recording(time[:count], {**channels, **kept}, source="the stream")).rows
         else:
-            self._live.block(time[:count], readings[:count], kept, rows)
+            self._run_live(self._live, time[:count], readings[:count], kept, rows)
         if self.placement:
             self._placed(rows)
         counts[:count] = 1
@@ -262,8 +297,15 @@ class WrenchEstimator:
         Raises:
             InputError: as `run`, but for that filter.
         """
-        ready = self.sensor.ready(blocks)
-        located = self._look_ahead(ready) if self._zero_phase else map(self._block, ready)
+        ready, looks_ahead = self.sensor.ready(blocks), self._zero_phase
+        if self.drift is not None and (self._whole or looks_ahead):
+            pieces = self._smoothed(ready)
+            parts = self._look_ahead(pieces) if looks_ahead else map(self._piece, pieces)
+            located = self._rejoined(parts)
+        elif looks_ahead:
+            located = (part for part, _ in self._look_ahead(_Piece(block, None, block) for block in ready))
+        else:
+            located = map(self._block, ready)
         first = 0
         for part in whole_touches(located, self.locator) if self._whole else located:
             yield (
@@ -301,11 +343,16 @@ class WrenchEstimator:
 
     def notes(self) -> tuple[str, ...]:
         """What was met so far: by the sensor, and on the surface."""
-        return (*self.locator.surface.notes, *self.sensor.notes())
+        followed = () if self._told is None else self._told.notes()
+        return (*self.locator.surface.notes, *self.sensor.notes(), *followed)
 
     def doubts(self) -> tuple[str, ...]:
-        """Of the sensor."""
-        return self.sensor.doubts()
+        """Of the sensor, and of its zero where it is followed."""
+        return (*self.sensor.doubts(), *(() if self._told is None else self._told.doubts()))
+
+    def zero_history(self) -> ZeroHistory | None:
+        """How the zero went, in live samples or in the log that was streamed last; None where it is not followed."""
+        return None if self._told is None else self._told.history()
 
     def _touched(self, taken: Tare) -> str:
         """Where a steady touch would be that reads what a tare took off, if the surface can be touched like that."""
@@ -324,11 +371,101 @@ class WrenchEstimator:
     def _block(self, block: Recording) -> Located:
         """All samples of a block, so many at a time."""
         pieces: list[Located] = []
-        for start in range(0, max(1, len(block)), PIECE):
-            piece = block.picked(slice(start, start + PIECE))
+        for cut in self._cuts(block.time):
+            piece = block.picked(cut)
+            follower = self._forwards(float(piece.time[0])) if len(piece) else None
             measured = self.sensor.measure(piece)
+            if follower is not None:
+                follower.add(piece.time, follower.sensor.kept(piece))
             pieces.append(self._located(piece, measured, *self._filtered(measured)))
         return pieces[0]._replace(block=block) if len(pieces) == 1 else joined(block, pieces)
+
+    def _cuts(self, time: Float[np.ndarray, " n"]) -> list[slice]:
+        """Of a block: where the zero may change, or where there are too many samples."""
+        if self._follower is not None:
+            return list(self._follower.pieces(time)) or [slice(0, 0)]
+        return [slice(start, start + PIECE) for start in range(0, max(1, len(time)), PIECE)]
+
+    def _forwards(self, time: float) -> ZeroFollower | None:
+        """What follows the zero of samples as they come, told that those of this time come next."""
+        if self._follower is not None:
+            self._follower.enter(time)
+            self._told = self._follower
+        return self._follower
+
+    def _run_live(
+        self, live: _Live, time: np.ndarray, readings: np.ndarray, beside: Mapping[str, np.ndarray], rows: np.ndarray
+    ) -> None:
+        """A block by the compiled loop, in pieces where the zero is followed."""
+        if self._follower is None:
+            live.block(time, readings, beside, rows)
+            return
+        for cut in self._follower.pieces(time):
+            follower = self._forwards(float(time[cut.start]))
+            inputs = live.block(time[cut], readings[cut], {name: part[cut] for name, part in beside.items()}, rows[cut])
+            if follower is not None:
+                follower.add(time[cut], follower.sensor.kept_of(inputs, cut.stop - cut.start))
+
+    def _follows(self, smooth: bool = False) -> ZeroFollower | None:
+        """What follows the zero from its tare on."""
+        if self.drift is None or self._shape is None:
+            return None
+        if not isinstance(self.sensor, FollowedSensor):
+            raise InputError("the zero of this sensor cannot be followed.", where="drift")
+        return ZeroFollower(self.sensor, self.drift, self._shape, smooth=smooth)
+
+    def _smoothed(self, blocks: Iterable[Recording]) -> Iterator[_Piece]:
+        """The pieces of blocks with the zero that was found from both sides."""
+        follower = self._follows(smooth=True)
+        if follower is None:
+            return
+        self._told = follower
+        waiting: deque[tuple[int, _Piece]] = deque()
+        zeros: deque[ZeroState] = deque()
+        done = 0  # windows whose zeros have been taken
+        for block in blocks:
+            cuts = list(follower.pieces(block.time)) or [slice(0, 0)]
+            for cut in cuts:
+                piece = block.picked(cut)
+                if len(piece):
+                    follower.enter(float(piece.time[0]))
+                    follower.add(piece.time, follower.sensor.kept(piece))
+                waiting.append((follower.count, _Piece(piece, None, block if cut is cuts[-1] else None)))
+            zeros.extend(follower.settled())
+            while waiting and waiting[0][0] < done + len(zeros):
+                number, piece = waiting.popleft()
+                while done < number:
+                    zeros.popleft()
+                    done += 1
+                yield piece._replace(zero=zeros[0])
+        follower.finish()
+        zeros.extend(follower.settled())
+        last = zeros[0] if zeros else None
+        for number, piece in waiting:
+            while done < number and zeros:
+                last = zeros.popleft()
+                done += 1
+            yield piece._replace(zero=zeros[0] if zeros else last)
+
+    def _piece(self, piece: _Piece) -> tuple[Located, Recording | None]:
+        """Located with its own zero, and the block that it ends."""
+        self._follow(piece.zero)
+        measured = self.sensor.measure(piece.samples)
+        return self._located(piece.samples, measured, *self._filtered(measured)), piece.block
+
+    def _follow(self, zero: ZeroState | None) -> None:
+        if zero is not None and isinstance(self.sensor, FollowedSensor):
+            self.sensor.follow(zero)
+
+    @staticmethod
+    def _rejoined(parts: Iterable[tuple[Located, Recording | None]]) -> Iterator[Located]:
+        """Blocks again."""
+        pieces: list[Located] = []
+        for part, block in parts:
+            pieces.append(part)
+            if block is not None:
+                yield joined(block, pieces)
+                pieces = []
 
     def _filtered(self, measured: Measured) -> tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, " k"]]:
         """Wrenches by way of the filter, and the share of the noise that it leaves."""
@@ -351,28 +488,30 @@ class WrenchEstimator:
             self._widen(rows, self.placement**2)
         return rows
 
-    def _look_ahead(self, blocks: Iterable[Recording]) -> Iterator[Located]:
-        """Blocks wait until all of their samples are filtered."""
+    def _look_ahead(self, pieces: Iterable[_Piece]) -> Iterator[tuple[Located, Recording | None]]:
+        """Pieces wait until all of their samples are filtered."""
         if self._recursion is None:
             return
         both = BothWays(self._recursion, _known(self.rate))
         waiting: deque[_Waiting] = deque()
-        for block in blocks:
-            measured = self.sensor.measure(block)
+        for piece in pieces:
+            self._follow(piece.zero)
+            measured = self.sensor.measure(piece.samples)
             both.push(measured.time, measured.status, measured.wrench)
-            waiting.append(_Waiting(block, measured))
+            waiting.append(_Waiting(piece, measured))
             yield from self._served(waiting, both)
         both.finish()
         yield from self._served(waiting, both)
 
-    def _served(self, waiting: deque[_Waiting], both: BothWays) -> Iterator[Located]:
+    def _served(self, waiting: deque[_Waiting], both: BothWays) -> Iterator[tuple[Located, Recording | None]]:
         """Those whose samples are all filtered."""
         while waiting and both.ready >= waiting[0].usable:
-            block, measured = waiting.popleft()
+            piece, measured = waiting.popleft()
             wrenches, good = measured.wrench, measured.status < 0
             share = np.ones(len(good))
             wrenches[good], share[good] = both.take(int(np.count_nonzero(good)))
-            yield self._located(block, measured, wrenches, share)
+            self._follow(piece.zero)
+            yield self._located(piece.samples, measured, wrenches, share), piece.block
 
     def _settled(self) -> float:
         """Of white noise, what the filter leaves at least."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -16,6 +17,7 @@ from palpate.sensors.motion import Motion
 from palpate.sensors.recording import ACCELERATION, FORCE, ORIENTATION, TORQUE, UNSTEADY, Recording
 from palpate.sensors.rest import at_rest
 from palpate.sensors.wrench_sensor import Placement, Tare, square_root
+from palpate.sensors.zero_filter import Free, ZeroState
 from palpate.spatial.pose import Pose, rotation_from_quaternion, skew
 from palpate.spatial.pose_track import sound_quaternions
 
@@ -24,6 +26,7 @@ __all__ = ["Compensation"]
 NOTHING = Payload(np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3))
 EXPLAINED = 2.0  # residual over noise, squared, up to which the noise explains what a payload leaves
 UPRIGHT = np.eye(3)[None]
+SATURATED = 6  # of contact.Status, which stands above
 SURE = 5.0  # times what it is unsure by: a tare of less is no touch
 
 
@@ -85,12 +88,15 @@ class Compensation:
         self._turned, self._drifts = sensor.frame == "base", bool(sensor.drift.any())
         self._limits = np.full(6, np.inf) if sensor.limits is None else sensor.limits.copy()
         slope = load.gravity / load.magnitude**2 if load.weight.any() else np.zeros(3)
-        self._load = np.concatenate([load.weight, load.center_of_mass, slope, [load.mass, sensor.lever**-2]])
+        self._load: Float[np.ndarray, "11"] = np.concatenate(
+            [load.weight, load.center_of_mass, slope, [load.mass, sensor.lever**-2]]
+        )
         self._gains = np.repeat([1.0, sensor.lever**2], 3)
         self._bias = np.concatenate([load.force_bias, load.torque_bias])
         self._doubts = square_root(load.covariance)
         self._turns, self.revision = bool(self.needs_orientation), 0
-        self._kept = 1.0, np.ones(6)
+        self._kept, self._left = (1.0, np.ones(6)), dict[int, Float[np.ndarray, "6 6"]]()
+        self._stated, self.zeros_taken = self._load.copy(), 0
         self._untare()
         self.state, self.held = np.empty(0), np.concatenate([np.zeros(6), np.eye(3).ravel(), np.zeros(5)])
         made = self._compensated(self._read(0.0), self._zero)  # compiles, before anything is in a hurry
@@ -226,7 +232,7 @@ class Compensation:
         Raises:
             InputError: too few samples, or not steady: what was seen.
         """
-        made = self._compensated(self._readings(recording), self._bias)
+        made = self._compensated(self._readings(recording), self._bias, self._stated)
         usable = made.status < 0
         found = at_rest(made.wrench[usable], self.noise, recording.source)
         middle = made.readings.picked(usable).mean()
@@ -240,16 +246,117 @@ class Compensation:
         turn, hanging = rotation.T - np.outer(acceleration, slope), rotation.T @ weight - mass * acceleration
         self._mean = np.concatenate([turn, hanging[None]])
         self._zero = self._bias + found.mean
-        self._unsure = self._doubts.copy()
-        self._unsure[:, 3:6] = self._unsure[:, 9:] = 0.0
+        self._unsure = self._unknown()
+        self._own = self._zero, self._unsure
         self._samples, self._placement = found.samples, None
         self._tared = self._since = float(np.nanmax(made.time))
+        self.zeros_taken += 1
         self.revision += 1
         return Tare(found.said, touch=found.mean, least=SURE * float(np.sqrt(largest)))
 
     def reset(self) -> None:
         """Forget when the log began."""
         self._since = self._tared
+
+    @property
+    def coefficients(self) -> int:
+        """One, the weight, where there is any."""
+        return int(bool(self._stated[:3].any()))
+
+    def kept(self, recording: Recording) -> Float[np.ndarray, "n 19"]:
+        """Readings, rotations, accelerations and what these leave out, side by side."""
+        channels = recording.channels
+        if FORCE not in channels or TORQUE not in channels:
+            raise InputError("has no forces and torques.", where=recording.source)
+        readings = np.concatenate([channels[FORCE], channels[TORQUE]], axis=1)
+        return self.kept_of(self.inputs(recording.time, readings, channels), len(recording))
+
+    def kept_of(self, inputs: Float[np.ndarray, " _"], count: int) -> Float[np.ndarray, "n 19"]:
+        """The same of live inputs."""
+        if count == 1:
+            return inputs[None, :19].copy()
+        widths = np.cumsum([0, 6, 9, 3, 1]) * count
+        parts = [inputs[begin:end].reshape(count, -1) for begin, end in pairwise(widths.tolist())]
+        return np.concatenate(parts, axis=1)
+
+    def free(self, kept: Float[np.ndarray, "n 19"]) -> Free:
+        """Readings less the stated payload; by how much they differ for a newton more of its weight."""
+        readings = _kept(kept)
+        made = self._compensated(readings, np.zeros(6), self._stated)
+        usable = made.status < 0
+        made.wrench[~usable] = np.nan
+        regressor = np.zeros((len(kept), 6, self.coefficients))
+        if self.coefficients:
+            slope = self._stated[6:9]  # (w/|w|)/|g|
+            direction = self._stated[:3] / np.linalg.norm(self._stated[:3])
+            hangs = np.einsum("nji,j->ni", readings.rotation, direction)
+            hangs = hangs - readings.acceleration * np.linalg.norm(slope)
+            regressor[:, :3, 0], regressor[:, 3:, 0] = hangs, np.cross(self._stated[3:6], hangs)
+        return Free(made.wrench, regressor, bool(np.any(made.status == SATURATED)))
+
+    def window_noise(
+        self, kept: Float[np.ndarray, "n 19"], usable: Bool[np.ndarray, " n"]
+    ) -> tuple[Float[np.ndarray, "6 6"], Float[np.ndarray, "6 6"]]:
+        """The noise's, and what the payload leaves in this pose against that of the tare, and the acceleration."""
+        if self.noise is None:
+            raise InputError("what follows a zero needs the noise of the sensor.", hint="State [force_torque] noise.")
+        count, spectrum = int(np.count_nonzero(usable)), self.sensor.spectrum
+        if count not in self._left:
+            left = np.full(6, 1.0 / count) if spectrum is None else spectrum.of_mean(count)
+            self._left[count] = self.noise * _both(left)
+        constant, whole = np.zeros((5, 6, 6)), Placement(Pose.identity())
+        push = np.concatenate([np.eye(3), skew(self._load[3:6])])
+        constant[1], constant[2] = self._misfit(self.noise), self._load[9] ** 2 * push @ push.T
+        middle = _kept(kept).picked(usable).mean()
+        located, spread = np.empty((1, 6)), np.empty((1, 6, 6))
+        parts = middle.rotation, middle.acceleration, middle.unsteady, middle.age, np.zeros(1), self._stated
+        rest = self._mean, self._unknown(), whole.factor, whole.matrix, constant, located, spread
+        self._place(np.zeros((1, 6)), *parts, *rest)
+        return self._left[count], spread[0]
+
+    def as_wrench(
+        self, change: Float[np.ndarray, "n 6"], covariance: Float[np.ndarray, "6 6"]
+    ) -> tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, "6 6"]]:
+        """Itself; the gains' error is that of the last."""
+        square = float(change[-1] ** 2 @ np.repeat([1.0, self._load[10]], 3)) if len(change) else 0.0
+        return change, covariance + self.sensor.gain_error**2 * square * np.diag(self._gains)
+
+    def start(self) -> tuple[float, ZeroState]:
+        """Of the tare; without one, of the payload's biases."""
+        if self.noise is None:
+            raise InputError("what follows a zero needs the noise of the sensor.", hint="State [force_torque] noise.")
+        spread = np.zeros((6, 6))
+        if self._samples is not None:
+            spectrum = self.sensor.spectrum
+            left = np.full(6, 1.0 / self._samples) if spectrum is None else spectrum.of_mean(self._samples)
+            spread = self.noise * _both(left)
+        elif self.payload is not None:
+            biases = np.r_[3:6, 9:12]
+            spread = self.payload.covariance[np.ix_(biases, biases)].copy()
+        return self._tared, ZeroState(self._own[0].copy(), np.zeros(0), spread)
+
+    def follow(self, state: ZeroState | None) -> None:
+        """This zero, this much more weight, and what is unsure about both; None: those of the tare again."""
+        if (state is None) != (self._followed is None):
+            self._placement = None
+        self._followed, self.revision = state, self.revision + 1
+        (self._zero, self._unsure), self._load = self._own, self._stated
+        if state is None:
+            return
+        self._zero, turn = state.zero.copy(), np.eye(len(state.covariance))
+        weighs, direction = float(np.linalg.norm(self._stated[:3])), np.zeros(3)
+        if len(state.coefficient):
+            direction = self._stated[:3] / weighs
+            self._load = self._stated.copy()
+            self._load[[0, 1, 2, 9]] *= 1.0 + float(state.coefficient[0]) / weighs
+            hung = self._mean[:3] @ direction  # the loops count from the tare's pose on
+            turn[:6, 6] = np.concatenate([hung, np.cross(self._stated[3:6], hung)])
+        root = square_root(turn @ state.covariance @ turn.T)
+        more = np.zeros((len(root), 12))
+        more[:, 3:6], more[:, 9:] = root[:, :3], root[:, 3:6]
+        if len(state.coefficient):
+            more[:, :3] = root[:, 6:] * direction
+        self._unsure = np.concatenate([self._unknown(), more])
 
     def notes(self) -> tuple[str, ...]:
         """On the motion."""
@@ -259,6 +366,12 @@ class Compensation:
         """None."""
         return ()
 
+    def _unknown(self) -> Float[np.ndarray, "r 12"]:
+        """Of the payload's covariance, what is no zero."""
+        left = self._doubts.copy()
+        left[:, 3:6] = left[:, 9:] = 0.0
+        return left
+
     def _least_share(self, count: int) -> float:
         """Of the noise in the mean of so many samples; no less than a filter may leave, below which A + B is none."""
         white, _ = self._kept
@@ -267,6 +380,8 @@ class Compensation:
     def _untare(self) -> None:
         """Take off the payload's biases, and nothing else."""
         self._zero, self._unsure, self._mean = self._bias.copy(), self._doubts, np.zeros((4, 3))
+        self._own, self._load = (self._zero, self._unsure), self._stated
+        self._followed: ZeroState | None = None
         self._samples: int | None = None
         self._tared = self._since = np.nan  # [s]
         self._placement: Placement | None = None
@@ -288,13 +403,14 @@ class Compensation:
             taken = self.noise * shrinks
             made[0] = matrix @ taken @ matrix.T
             stays = self.noise - taken
-            if self._samples is not None:
+            if self._samples is not None and self._followed is None:
                 spectrum = self.sensor.spectrum
                 left = np.full(6, 1.0 / self._samples) if spectrum is None else spectrum.of_mean(self._samples)
                 stays = stays + self.noise * _both(left)
             made[1] = matrix @ (stays + self._misfit(self.noise)) @ matrix.T
             made[2] = mass**2 * push @ push.T
-            made[4] = matrix @ np.diag(self.sensor.drift**2) @ matrix.T
+            if self._followed is None:
+                made[4] = matrix @ np.diag(self.sensor.drift**2) @ matrix.T
             made[3] = self.sensor.gain_error**2 * (matrix * self._gains) @ matrix.T
         self._placement, self._constant = placement, made
         return made
@@ -336,7 +452,9 @@ class Compensation:
             self._aged(recording.time) if self._drifts else np.zeros((1, 1)),
         )
 
-    def _compensated(self, readings: _Readings, zero: Float[np.ndarray, "6"]) -> _Compensated:
+    def _compensated(
+        self, readings: _Readings, zero: Float[np.ndarray, "6"], load: Float[np.ndarray, "11"] | None = None
+    ) -> _Compensated:
         """The contacts' wrenches in the sensor's frame, and statuses known beforehand (else -1)."""
         wrenches, statuses = np.empty_like(readings.wrench), np.empty(len(readings.wrench), np.int8)
         self._compensate(
@@ -344,7 +462,7 @@ class Compensation:
             readings.rotation,
             readings.acceleration,
             self._limits,
-            self._load,
+            self._load if load is None else load,
             zero,
             self._turned,
             wrenches,
@@ -365,6 +483,15 @@ class Compensation:
                 " (base, sensor) in [orientation].",
             )
         return rotation_from_quaternion(np.where(sound_quaternions(quaternions)[:, None], quaternions, np.nan))
+
+
+def _kept(kept: Float[np.ndarray, "n 19"]) -> _Readings:
+    """Rows of `Compensation.kept` apart again, as the compiled loops take them."""
+    count = len(kept)
+    reading, rotation, acceleration, unsteady = np.split(kept, [6, 15, 18], axis=1)
+    parts = [np.ascontiguousarray(part) for part in (reading, rotation, acceleration, unsteady)]
+    turned = parts[1].reshape(count, 3, 3)
+    return _Readings(np.zeros(count), parts[0], turned, parts[2], parts[3], np.zeros((count, 1)))
 
 
 def _both(shares: Float[np.ndarray, "6"]) -> Float[np.ndarray, "6 6"]:

@@ -15,8 +15,9 @@ from palpate.sensors.load_cell_explanations import explanations
 from palpate.sensors.load_cell_faults import Fault, find_faults
 from palpate.sensors.load_cell_zero import Zero, take_zero
 from palpate.sensors.load_cells import VOLTAGE, LoadCells
-from palpate.sensors.recording import Recording
+from palpate.sensors.recording import LARGEST, Recording
 from palpate.sensors.wrench_sensor import Placement, Tare
+from palpate.sensors.zero_filter import Free, ZeroState
 from palpate.spatial.pose import Pose
 
 __all__ = ["START", "LoadCellArray"]
@@ -85,7 +86,8 @@ class LoadCellArray:
         self.sound = cells.channels(sound)
         self._measure, self._place = _load_cells.measure, _load_cells.place
         made = explanations(cells, self.sound)
-        self._covariances = made.covariances
+        self._covariances = self._noises = made.covariances
+        self._inverse, self._rest, self._corrections = made.inverse, made.rest, (made.corrections, made.directions)
         self._mapping = _padded(np.concatenate([made.inverse, made.rest]).T)
         self._ways, self._bounds = np.concatenate([made.corrections, made.directions], axis=2), made.bounds
         channels, count = len(cells.matrix), len(made.directions)
@@ -93,8 +95,9 @@ class LoadCellArray:
         self._channels[~self.sound, 1:] = -np.inf, np.inf
         self._settings = np.concatenate([made.metric(), np.zeros((1, 6))])
         self.state, self.held = np.zeros(count + 2 * channels), np.zeros(channels)
-        self._seconds, self.revision = seconds, 0
+        self._seconds, self.revision, self.zeros_taken, self.settled = seconds, 0, 0, 1.0
         self._placement: Placement | None = None
+        self._seen_at: Placement | None = None
         self._known, self._doubted = zero is not None, list[str]()
         self.set_zero(Zero(cells.bias) if zero is None else zero)
         self._kept, self._held, self._seen, self._stride, self._live = list[np.ndarray](), 0, 0, 1, 0
@@ -105,15 +108,13 @@ class LoadCellArray:
     @property
     def noise(self) -> Float[np.ndarray, "6 6"]:
         """Of one reading."""
-        return self._covariances[0]
+        return self._noises[0]
 
     def set_zero(self, zero: Zero) -> None:
         """What the cells read unloaded; its variance goes into every covariance."""
         self.zero = zero
-        self._channels[:, 0] = zero.voltage
-        self._slow = float(zero.share + self.cells.drift**2)
-        self._settings[6, :3] = self.cells.drift, self.cells.misfit, 1.0 + self._slow
-        self.revision += 1
+        self.zeros_taken += 1
+        self.follow(None)
 
     def ready(self, blocks: Iterable[Recording]) -> Iterator[Recording]:
         """The same rows, cut where the log begins anew, with the zero taken there."""
@@ -220,6 +221,63 @@ class LoadCellArray:
         self._seconds, self._known = float(np.ptp(time)) if len(time) else START, True
         return Tare(zero.said, "" if zero.touch is not None else zero.doubt, zero.touch)
 
+    coefficients = 0
+
+    def kept(self, recording: Recording) -> Float[np.ndarray, "n m"]:
+        """The voltages."""
+        return self._voltages(recording)
+
+    def kept_of(self, inputs: Float[np.ndarray, " _"], count: int) -> Float[np.ndarray, "n m"]:
+        """The same of live inputs."""
+        return inputs.reshape(count, -1).copy()
+
+    def free(self, kept: Float[np.ndarray, "n m"]) -> Free:
+        """The voltages, NaN in samples with a sound channel at its range or beyond sense."""
+        sound: Bool[np.ndarray, "n m"] = np.abs(kept) <= LARGEST
+        beyond: Bool[np.ndarray, "n m"] = (kept <= self._channels[:, 1]) | (kept >= self._channels[:, 2])
+        full = beyond & np.isfinite(self._channels[:, 1]) & sound
+        usable: Bool[np.ndarray, " n"] = sound[:, self.sound].all(axis=1) & ~full.any(axis=1)
+        values = np.where(usable[:, None], np.where(sound, kept, self.zero.voltage), np.nan)
+        return Free(values, np.zeros((*kept.shape, 0)), bool(full.any()))
+
+    def window_noise(
+        self, kept: Float[np.ndarray, "n m"], usable: Bool[np.ndarray, " n"]
+    ) -> tuple[Float[np.ndarray, "m m"], Float[np.ndarray, "m m"]]:
+        """The noise's, as many samples as tell something of their own."""
+        count = max(1.0, float(np.count_nonzero(usable)) / self.cells.correlation)
+        return self.cells.noise / count, np.zeros_like(self.cells.noise)
+
+    def as_wrench(
+        self, change: Float[np.ndarray, "n m"], covariance: Float[np.ndarray, "m m"]
+    ) -> tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, "6 6"]]:
+        """By all sound channels; what the calibration is unsure of is that of the last."""
+        wrenches = change @ self._inverse.T
+        spread = self._inverse @ covariance @ self._inverse.T
+        return wrenches, spread + self.cells.calibration_covariance(wrenches[-1]) if len(wrenches) else spread
+
+    def start(self) -> tuple[float, ZeroState]:
+        """Of the zero that was taken last, whenever that was."""
+        spread = self.cells.noise * (self.zero.share + self.cells.drift**2)
+        return np.nan, ZeroState(np.array(self.zero.voltage), np.zeros(0), spread)
+
+    def follow(self, state: ZeroState | None) -> None:
+        """This zero and its covariance, whichever channels answer; None: the one that was taken.
+
+        A filter leaves a share of the noise, and all of the zero's error. The loops scale both by the share, so what
+        is handed to them is divided by the share of a filter that has settled: before, it counts for more.
+        """
+        voltage = self.zero.voltage if state is None else state.zero
+        spread = np.zeros_like(self.cells.noise) if state is None else state.covariance
+        slow = self.zero.share + self.cells.drift**2 if state is None else 0.0
+        self._channels[:, 0], self._slow = voltage, float(slow)
+        ways = self._inverse - np.einsum("sai,sak->sik", *self._corrections) @ self._rest
+        ways = np.concatenate([self._inverse[None], ways])
+        self._covariances = np.ascontiguousarray(self._noises + ways @ spread @ ways.swapaxes(1, 2) / self.settled)
+        rest = float(np.trace(self._rest @ spread @ self._rest.T)) / max(1, len(self._rest))
+        wanders = float(np.sqrt(self.cells.drift**2 + rest))
+        self._settings[6, :3] = wanders, self.cells.misfit, 1.0 + self._slow
+        self._placement, self.revision = None, self.revision + 1
+
     def reset(self) -> None:
         """Forget what was blamed; not the zero."""
         (channels,) = self._shape
@@ -241,11 +299,14 @@ class LoadCellArray:
         return find_faults(self.cells, kept, self.sound, self.names)
 
     def _seen_from(self, placement: Placement) -> tuple[Float[np.ndarray, "t 6 6"], Float[np.ndarray, "21 q"]]:
-        """`_placed` there, kept for the next time."""
+        """Covariances of the noise there, and that of E w, kept for the next time."""
+        if placement is not self._seen_at:
+            self._seen_at, self._unsure = placement, _unsure(self.cells, placement.matrix)
+            self._placement = None
         if placement is not self._placement:
             self._placement = placement
-            self._placed = _placed(self.cells, self._covariances, placement.matrix)
-        return self._placed
+            self._turned = placement.matrix @ self._covariances @ placement.matrix.T
+        return self._turned, self._unsure
 
     def _weighed(self, time: Float[np.ndarray, " n"], voltages: Float[np.ndarray, "n m"]) -> _Weighed:
         out = _Weighed.of(time, self._slow)
@@ -300,7 +361,7 @@ class LoadCellArray:
         self._seen += len(voltages)
         if first >= len(voltages):
             return
-        self._kept.append(voltages[first :: self._stride] - self.zero.voltage)
+        self._kept.append(voltages[first :: self._stride] - self._channels[:, 0])
         self._held += len(self._kept[-1])
         while self._held > 2 * KEPT:  # every second one of those kept stays
             self._kept = [np.concatenate(self._kept)[::2]]
@@ -318,17 +379,13 @@ def _padded(matrix: Float[np.ndarray, "n o"]) -> Float[np.ndarray, "n q"]:
     return made
 
 
-def _placed(
-    cells: LoadCells, covariances: Float[np.ndarray, "t 6 6"], matrix: Float[np.ndarray, "6 6"]
-) -> tuple[Float[np.ndarray, "t 6 6"], Float[np.ndarray, "21 q"]]:
-    """In the surface's frame: covariances of the noise, and that of E w, linear in the upper triangle of w w'."""
-    turned = matrix @ covariances @ matrix.T
+def _unsure(cells: LoadCells, matrix: Float[np.ndarray, "6 6"]) -> Float[np.ndarray, "21 q"]:
+    """In the surface's frame the covariance of E w, linear in the upper triangle of w w'."""
     whole = np.einsum("pi,iajb,qj->paqb", matrix, cells.covariance.reshape(6, 6, 6, 6), matrix)
     both = whole + whole.transpose(0, 3, 2, 1)  # of w_a w_b and w_b w_a
     rows, columns = UPPER
     unsure = both[rows[None], rows[:, None], columns[None], columns[:, None]]  # [of w w', of the covariance]
-    unsure = unsure * np.where(rows == columns, 0.5, 1.0)[:, None]
-    return turned, _padded(unsure)
+    return _padded(unsure * np.where(rows == columns, 0.5, 1.0)[:, None])
 
 
 def _parts(block: Recording, last: float) -> Iterator[tuple[Recording, bool]]:

@@ -11,7 +11,7 @@ from palpate.errors import InputError
 from palpate.sensors.filters import Filter
 from palpate.spatial._arrays import Value, frozen
 
-__all__ = ["Noise", "NoiseSpectrum", "estimate_noise", "rest_noise", "wrong_noise"]
+__all__ = ["Noise", "NoiseSpectrum", "estimate_noise", "resolution_of", "rest_noise", "wrong_noise"]
 
 WINDOW = 32  # samples in which a log is steady or is not
 FEWEST = 10  # samples that tell anything
@@ -100,10 +100,10 @@ def estimate_noise(readings: Float[np.ndarray, "n k"]) -> Float[np.ndarray, " k"
     if len(usable) < FEWEST:
         return None
     _, variance, quiet = _judged(usable)
-    return _deviation(variance, quiet, _resolution(usable))
+    return _deviation(variance, quiet, resolution_of(usable))
 
 
-def rest_noise(readings: Float[np.ndarray, "n k"]) -> Noise | None:
+def rest_noise(readings: Float[np.ndarray, "n k"], *, wander: bool = True) -> Noise | None:
     """Deviation and spectrum of the noise where a log rests at one level; None where it hardly does.
 
     Rest is where every channel is quiet (`estimate_noise`) and within 5 deviations of the level before, starting from
@@ -117,11 +117,13 @@ def rest_noise(readings: Float[np.ndarray, "n k"]) -> Noise | None:
 
     Args:
         readings: (n, 6) [N, N m] as logged, or other readings (n, k), evenly spaced.
+        wander: whether a zero that wanders counts too, which it does not where it is followed: each segment is then
+            taken less its straight line, and its mean does not matter.
     """
     usable = readings[np.isfinite(readings).all(axis=1)]
     if len(usable) < 2 * WINDOW:
         return None
-    resolution = _resolution(usable)
+    resolution = resolution_of(usable)
     resting, window = _resting(usable, resolution)
     segments = _segments(usable, resting, window)
     if segments is None:
@@ -129,10 +131,11 @@ def rest_noise(readings: Float[np.ndarray, "n k"]) -> Noise | None:
     length = segments.shape[1]
     taper = np.hanning(length)
     middle = segments.mean(axis=1, keepdims=True)
-    waves = np.fft.rfft((segments - middle) * taper[:, None], axis=1)[:, 1:]
+    left = segments - middle if wander else _straightened(segments)
+    waves = np.fft.rfft(left * taper[:, None], axis=1)[:, 1:]
     density = 2.0 * np.mean(np.abs(waves) ** 2, axis=0) / (length * np.sum(taper**2))
     density[-1] /= 2.0  # at half the rate two sides are one
-    within, between = density.sum(axis=0), _wander(middle[:, 0], density)
+    within, between = density.sum(axis=0), _wander(middle[:, 0], density) if wander else density[0] / 2.0
     stays = _stuck(within, resolution)
     total = np.maximum(within + between, resolution**2 / 12.0)
     moves = np.where(within > 0, np.maximum(total - between - stays, 0.0) / np.where(within > 0, within, 1.0), 0.0)
@@ -183,7 +186,7 @@ def _judged(
     """Windows, their variances, and where they hold noise alone: in all channels, or where none does, in each."""
     windows = _windows(readings)
     variance = np.sum(_straightened(windows) ** 2, axis=1) / (windows.shape[1] - 2)
-    least = np.maximum(_resolution(readings) ** 2 / 12.0, 1e-30)
+    least = np.maximum(resolution_of(readings) ** 2 / 12.0, 1e-30)
     quiet = np.stack([_quiet(column) for column in (variance + least).T], axis=1)
     whole = np.all(quiet, axis=1, keepdims=True)
     return windows, variance, np.repeat(whole, quiet.shape[1], axis=1) if whole.mean() >= QUIET else quiet
@@ -207,7 +210,7 @@ def _deviation(
     return np.sqrt(np.maximum(mean, resolution**2 / 12.0))
 
 
-def _resolution(readings: Float[np.ndarray, "n k"]) -> Float[np.ndarray, " k"]:
+def resolution_of(readings: Float[np.ndarray, "n k"]) -> Float[np.ndarray, " k"]:
     """The step of which all differences are multiples; 0 where there is none."""
     return np.array([_step(np.unique(column)) for column in readings.T])
 

@@ -22,6 +22,7 @@ __all__ = [
     "ORIENTATION",
     "POSITION",
     "REFERENCE",
+    "TEMPERATURE",
     "TORQUE",
     "UNSTEADY",
     "VOLTAGE",
@@ -38,6 +39,7 @@ POSITION = "position"  # (n, 3) m: of the sensor's origin in the base
 ACCELERATION = "acceleration"  # (n, 3) m/s^2: of the sensor's origin, in the sensor's frame
 UNSTEADY = "unsteady"  # (n, 1) m/s^2: standard deviation, along each axis, of what ACCELERATION leaves out
 AVERAGED = "averaged"  # (n, 1) readings of the wrench of which FORCE and TORQUE are the mean; 0: interpolated
+TEMPERATURE = "temperature"  # (n, 1) K or degrees C: of the sensor, of which only changes matter
 VOLTAGE = "voltage"  # (n, 3 k) V: of load cells, cell by cell x, y, z
 CELLS = "cells"  # (n, rows, columns) or (n, k): raw readings of taxels
 REFERENCE = "reference"  # (n, 6) of a bench: force [N] on the fingertip, and the centre of the ball [m]
@@ -51,6 +53,7 @@ _SHAPES: Mapping[str, tuple[int, ...]] = {  # of one sample, where it is always 
     ACCELERATION: (3,),
     UNSTEADY: (1,),
     AVERAGED: (1,),
+    TEMPERATURE: (1,),
     REFERENCE: (6,),
 }
 

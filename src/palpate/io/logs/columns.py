@@ -25,7 +25,16 @@ from palpate.io.logs.samples import WRENCH, Samples, rows_at_once
 from palpate.io.tables.fields import Fields
 from palpate.io.tables.stated import Stated
 from palpate.io.units import SAMPLES, TIME_UNITS, near, to_si
-from palpate.sensors.recording import ACCELERATION, CELLS, FORCE, ORIENTATION, POSITION, TORQUE, Recording
+from palpate.sensors.recording import (
+    ACCELERATION,
+    CELLS,
+    FORCE,
+    ORIENTATION,
+    POSITION,
+    TEMPERATURE,
+    TORQUE,
+    Recording,
+)
 
 __all__ = ["BLOCK", "SINGLE", "ColumnLog", "Columns", "flattened", "plan"]
 
@@ -162,6 +171,9 @@ def plan(layout: Layout, shapes: Shapes, path: Path) -> dict[str, Sequence[str]]
         if columns := declared or (usual if names.keys() >= set(usual) else ()):
             _require_known(columns, names, path)
             groups[channel] = columns
+    if layout.temperature is not None:
+        _require_known((layout.temperature,), names, path)
+        groups[TEMPERATURE] = (layout.temperature,)
     for array in layout.arrays:
         if array.columns is None:
             used = set(chain.from_iterable(groups.values()))

@@ -19,7 +19,7 @@ class Kind:
     """Where the numbers are in a type whose messages all hold as many.
 
     Args:
-        role: "wrench", "pose" or "acceleration".
+        role: "wrench", "pose", "acceleration" or "temperature".
         before, count, after: doubles in front of those wanted, these, and behind them.
         strings: how many there are in front, that of the header among them; 0 is a type without a header.
     """
@@ -42,6 +42,8 @@ FIXED: Mapping[str, Kind] = {
     "geometry_msgs/AccelStamped": Kind("acceleration", 0, 3, 3),
     "geometry_msgs/Vector3Stamped": Kind("acceleration", 0, 3, 0),
     "sensor_msgs/Imu": Kind("acceleration", 4 + 9 + 3 + 9, 3, 9),
+    "sensor_msgs/Temperature": Kind("temperature", 0, 1, 1),
+    "std_msgs/Float64": Kind("temperature", 0, 1, 0, strings=0),
 }
 ARRAYS: Mapping[str, str] = {  # -> what each number is
     f"std_msgs/{name}MultiArray": code
@@ -74,7 +76,7 @@ Decoded = tuple[Int[np.ndarray, " n"], Float[np.ndarray, "n k"], Bool[np.ndarray
 
 
 def role(kind: str) -> str:
-    """What messages of a type are good for: "wrench", "pose", "acceleration" or "array"; "" for nothing here."""
+    """What messages of a type are good for: "wrench", "pose", "acceleration", "temperature" or "array"; or ""."""
     return FIXED[kind].role if kind in FIXED else "array" if kind in ARRAYS or kind == IMAGE else ""
 
 

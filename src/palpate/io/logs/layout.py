@@ -102,6 +102,7 @@ class Layout:
         joints_topic: of joint states. None: the only one.
         acceleration_topic: of a log with topics. None: no acceleration, as an accelerometer may sit anywhere.
         offset: [s] added to the stamps of the poses of a topic to put them on the samples' clock.
+        temperature: column, or topic of a log with topics: [K or degrees C]. None: it is not read.
         max_gap: [s] between poses or accelerations of a topic, beyond which there is none in between.
     """
 
@@ -127,6 +128,7 @@ class Layout:
     urdf: Path | None = None
     joints_topic: str | None = None
     acceleration_topic: str | None = None
+    temperature: str | None = None
     offset: float = 0.0
     max_gap: float = 0.25
 

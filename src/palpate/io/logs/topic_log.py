@@ -21,7 +21,7 @@ from palpate.io.logs.topics import LIVE_ACCELERATION, LIVE_POSE, POSE_KINDS, cho
 from palpate.io.logs.transforms import Frames, TreePoses, read_frames, tree_topics
 from palpate.io.logs.wrench_means import WrenchMeans
 from palpate.io.urdf import Kinematics, Urdf
-from palpate.sensors.recording import ACCELERATION, AVERAGED, ORIENTATION, POSITION, Recording
+from palpate.sensors.recording import ACCELERATION, AVERAGED, ORIENTATION, POSITION, TEMPERATURE, Recording
 from palpate.spatial.frames import FramePath
 from palpate.spatial.pose_track import PoseTrack
 
@@ -29,6 +29,7 @@ __all__ = ["TopicLog"]
 
 BLOCK = 1 << 13  # rows, of few numbers each
 BESIDE = 7  # numbers behind an array in a live record: the wrench, and of how many readings it is the mean
+TEMPERATURE_GAP = 60.0  # s: it changes slowly
 HELD = 1 << 16  # rows that wait for a pose; a topic that fell silent must not hold the others for ever
 
 
@@ -78,6 +79,9 @@ class TopicLog(Log):
             stream = _Stream(chosen["acceleration"], self._source)
             gap = 0.0 if stream.topic.name == LIVE_ACCELERATION else layout.max_gap
             tracks["acceleration"] = _Tracked(stream, PoseTrack(0.0, gap), still=True)
+        if "temperature" in chosen:
+            slow = PoseTrack(0.0, TEMPERATURE_GAP)
+            tracks["temperature"] = _Tracked(_Stream(chosen["temperature"], self._source), slow, still=True)
         wrenches = _Beside(_Stream(chosen["wrench"], self._source), layout) if "wrench" in chosen else None
         self._join = join = _Join(main, tracks, Samples(layout, self.path), layout, wrenches)
         wanted = {main.topic.name, *(topic.name for track in tracks.values() for topic in track.topics)}
@@ -217,7 +221,7 @@ def _has_stamps(source: Source, topic: Topic, read: Callable[[Messages], Int[np.
 
 
 class _Tracked:
-    """The poses, or accelerations, of one topic, and what lies between them."""
+    """The poses, accelerations or temperatures of one topic, and what lies between them."""
 
     def __init__(self, stream: _Stream, track: PoseTrack, *, still: bool = False) -> None:
         self.stream, self.track, self._still = stream, track, still
@@ -227,7 +231,8 @@ class _Tracked:
         """More of the log."""
         time, values = self.stream.read(messages)
         if self._still:  # what runs straight between its readings is a position too
-            self.track.add(time, np.tile([0.0, 0.0, 0.0, 1.0], (len(time), 1)), values)
+            three = np.broadcast_to(values, (len(time), 3))
+            self.track.add(time, np.tile([0.0, 0.0, 0.0, 1.0], (len(time), 1)), three)
         else:
             self.track.add(time, values[:, 3:], values[:, :3])
 
@@ -338,7 +343,10 @@ class _Join:
         found: dict[str, np.ndarray] = {}
         for role, track in self._tracks.items():
             quaternion, position = track.at(time)
-            found |= {ORIENTATION: quaternion, POSITION: position} if role == "pose" else {ACCELERATION: position}
+            if role == "pose":
+                found |= {ORIENTATION: quaternion, POSITION: position}
+            else:
+                found |= {ACCELERATION: position} if role == "acceleration" else {TEMPERATURE: position[:, :1].copy()}
         for beside in self._beside:
             found[WRENCH], found[AVERAGED] = beside.track.means(time)
         return found

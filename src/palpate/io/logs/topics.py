@@ -70,6 +70,7 @@ POSE_KINDS = (
 )
 _WRENCH = _Wanted("wrench", "force_torque", f"Wrenches are read from {_kinds('wrench')}.")
 _POSE = _Wanted("pose", "orientation", POSE_KINDS)
+_TEMPERATURE = _Wanted("temperature", "drift", f"Temperatures are read from {_kinds('temperature')}.")
 _ACCELERATION = _Wanted("acceleration", "acceleration", f"Accelerations are read from {_kinds('acceleration')}.")
 
 
@@ -92,11 +93,11 @@ def main_channel(layout: Layout) -> ArrayChannel | None:
 
 
 def choose(there: LogContents, layout: Layout) -> dict[str, Topic]:
-    """What "main" (a wrench, or an array), "wrench" beside an array, "pose" and "acceleration" are taken from.
+    """What "main" (wrench or array), "wrench" beside an array, "pose", "acceleration", "temperature" are taken from.
 
     "both": an array with the wrench beside it in one message, as a live record has them.
 
-    The last two as far as they are there; none of several topics of poses, as long as none is named (`doubtful`).
+    The last three as far as they are there; none of several topics of poses, as long as none is named (`doubtful`).
 
     Raises:
         InputError: a topic that is named is not there or holds something else, or several of wrenches could be meant.
@@ -111,8 +112,9 @@ def choose(there: LogContents, layout: Layout) -> dict[str, Topic]:
     acceleration = _recorded(topics, LIVE_ACCELERATION) or _named(
         topics, _ACCELERATION, layout.acceleration_topic, path
     )  # an accelerometer may sit anywhere
+    temperature = _named(topics, _TEMPERATURE, layout.temperature, path)
     beside = _required(there, _WRENCH, layout.wrench_topic) if array is not None and layout.wrench is not None else None
-    chosen = {"main": rows, "wrench": beside, "pose": pose, "acceleration": acceleration}
+    chosen = {"main": rows, "wrench": beside, "pose": pose, "acceleration": acceleration, "temperature": temperature}
     return {role: topic for role, topic in chosen.items() if topic is not None}
 
 

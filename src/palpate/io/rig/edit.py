@@ -12,7 +12,7 @@ import numpy as np
 import tomlkit
 from jaxtyping import Float
 from tomlkit.exceptions import TOMLKitError
-from tomlkit.items import Item, Key, Table, Whitespace
+from tomlkit.items import InlineTable, Item, Key, Table, Whitespace
 
 from palpate.errors import InputError
 from palpate.io.atomic import write_text
@@ -20,9 +20,10 @@ from palpate.io.models import load_toml, printable, toml_array
 from palpate.io.rig.kinds import KINDS
 from palpate.spatial.pose import Pose
 
-__all__ = ["update_offset", "update_pose"]
+__all__ = ["update_drift", "update_offset", "update_pose"]
 
 _PLACEMENT = "m: what touches err by beside what their wrenches explain"
+_FOUND = {"walk", "warm_up", "settle", "thermal", "thermal_deviation"}  # by a fit: what it leaves out is gone
 _COVARIANCE = "of rotation [rad] and translation [m] in the sensor's frame"
 
 
@@ -81,6 +82,30 @@ def update_offset(source: Path, target: Path, offset: float, *, comment: str = "
     _write(source, target, wanted, (_offset_in_place,), comment, "orientation")
 
 
+def update_drift(source: Path, target: Path, drift: Mapping[str, Any], comments: Mapping[str, str]) -> None:
+    """Copy a rig with its [drift] set; comments, order and all else stay, as in `update_pose`.
+
+    Args:
+        source: the rig to read.
+        target: the rig to write; it may be the same file.
+        drift: keys of the table and their values; those that the rig has besides stay, but for what a fit finds.
+        comments: of keys, said beside them.
+
+    Raises:
+        InputError: `source` cannot be read, or `target` cannot be written.
+    """
+    wanted = load_toml(source)
+    if not isinstance(wanted.setdefault("drift", {}), dict):
+        raise InputError("[drift] must be a table.", where=str(source))
+    kept = {key: value for key, value in wanted["drift"].items() if key not in _FOUND}
+    wanted["drift"] = {**kept, **drift}
+
+    def in_place(text: str, wanted: Mapping[str, Any], comment: str) -> str | None:
+        return _drift_in_place(text, wanted, {key: printable(said) for key, said in comments.items()})
+
+    _write(source, target, wanted, (in_place, _drift_anew), "", "drift")
+
+
 _Edit = Callable[[str, Mapping[str, Any], str], str | None]
 
 
@@ -119,6 +144,41 @@ def _offset_in_place(text: str, wanted: Mapping[str, Any], comment: str) -> str:
     )
     _move_paths(document, wanted)
     return tomlkit.dumps(document)
+
+
+def _drift_in_place(text: str, wanted: Mapping[str, Any], comments: Mapping[str, str]) -> str | None:
+    document: Any = tomlkit.parse(text)
+    if "drift" not in document:
+        document["drift"] = tomlkit.table()
+    table, stated = document["drift"], wanted["drift"]
+    if not isinstance(table, Table | InlineTable):  # dotted keys among others
+        return None
+    for key in [key for key in table if key not in stated]:
+        table.remove(key)
+    for key, value in stated.items():
+        if key not in table or table[key] != value:
+            _replace(table, key, _item(value), comments.get(key, "") if isinstance(table, Table) else "")
+    _move_paths(document, wanted)
+    return tomlkit.dumps(document)
+
+
+def _drift_anew(text: str, wanted: Mapping[str, Any], comment: str) -> str:
+    """The text with the [drift] at its end: for dotted keys."""
+    document: Any = tomlkit.parse(text)
+    document.remove("drift")
+    _move_paths(document, wanted)
+    table = tomlkit.table()
+    for key, value in wanted["drift"].items():
+        table.add(key, _item(value))
+    fresh = tomlkit.document()
+    fresh.add("drift", table)
+    return f"{tomlkit.dumps(document).strip()}\n\n{tomlkit.dumps(fresh)}".lstrip()
+
+
+def _item(value: object) -> Item:
+    if isinstance(value, dict):
+        return _inline(cast("dict[str, Any]", value))
+    return tomlkit.float_(repr(value)) if isinstance(value, float) else tomlkit.item(value)
 
 
 def _in_place(text: str, wanted: Mapping[str, Any], comment: str) -> str | None:

@@ -18,6 +18,7 @@ from palpate.io.logs.topics import NONE
 from palpate.io.models import read_model
 from palpate.io.rig import guess
 from palpate.io.rig.body import Body
+from palpate.io.rig.drift import rig_drift
 from palpate.io.rig.guess_columns import Found, columns_guess
 from palpate.io.rig.guess_pose import guess_pose
 from palpate.io.rig.kind import FIRST, Guess, Prepared, SensorKind, seen_first
@@ -35,7 +36,7 @@ from palpate.sensors.recording import ACCELERATION, FORCE, ORIENTATION, TORQUE, 
 if TYPE_CHECKING:
     from palpate.io.rig.rig import Rig
 
-__all__ = ["FORCE_TORQUE", "doubted_noise", "rig_compensation", "rig_payload", "rig_sensor"]
+__all__ = ["FORCE_TORQUE", "doubted_noise", "free_wrenches", "rig_compensation", "rig_payload", "rig_sensor"]
 
 _LONG_ARM, _LONGEST_ARM = 0.5, 2.0  # m: of a force about a sensor, doubted and beyond belief
 _TURNED = 20.0  # degrees between an IMU and gravity, at the median of a log: more than a mounting by hand
@@ -90,6 +91,19 @@ def rig_sensor(rig: Rig, recording: Recording | None = None) -> ForceTorque:
     return ForceTorque(deviation, limits, wrench.frame, spectrum, wrench.gain_error, drift)
 
 
+def free_wrenches(rig: Rig, recording: Recording) -> Float[np.ndarray, "n 6"]:
+    """What is left when payload and inertia are taken off, of an untouched log; NaN where a sample cannot be used.
+
+    Raises:
+        InputError: the payload's weight is to be taken off, and there is no orientation.
+    """
+    payload, wrench = rig_payload(rig), rig.force_torque
+    limits = None if wrench.range is None else wrench.range.six()
+    sensor = Compensation(ForceTorque(limits=limits, frame=wrench.frame), payload, _motion(rig, payload, recording))
+    made = [sensor.measure(block) for block in sensor.ready([recording])]
+    return np.concatenate([np.where((part.status < 0)[:, None], part.wrench, np.nan) for part in made])
+
+
 def doubted_noise(rig: Rig, recording: Recording) -> list[str]:
     """Where noise that the rig states is wrong by two or more against a recording."""
     stated, seen = rig.force_torque.noise, _Seen(rig, recording).deviation
@@ -102,7 +116,7 @@ class _Seen:
 
     def __init__(self, rig: Rig, recording: Recording | None) -> None:
         wrenches = np.zeros((0, 6)) if recording is None else _unloaded(rig, recording)
-        rest = rest_noise(wrenches)
+        rest = rest_noise(wrenches, wander=rig.drift is None)
         self.deviation = estimate_noise(wrenches) if rest is None else rest.deviation
         self.spectrum = None if rest is None else rest.spectrum
 
@@ -127,7 +141,7 @@ def _build(rig: Rig, head: Recording | None) -> Prepared:
     stated = rig.force_torque.noise is not None
     sensor = rig_compensation(rig, head)
     payload = sensor.payload
-    made = wrench_estimator(rig, sensor, head, tare=rig.estimate.tare)
+    made = wrench_estimator(rig, sensor, head, tare=rig.estimate.tare, drift=rig_drift(rig, 6))
     made.facts["noise_source"] = "given" if stated else "unknown" if sensor.noise is None else "rest of the log"
     made.said[:0] = [*([] if stated else _noise_said(sensor)), *_payload_said(rig, payload)]
     made.doubted += [] if head is None else [*doubted_noise(rig, head), *_turned(payload, sensor, head)]

@@ -18,6 +18,7 @@ from palpate.io.logs.layout import ArrayChannel, Layout
 from palpate.io.models import read_model
 from palpate.io.rig import guess
 from palpate.io.rig.body import Body
+from palpate.io.rig.drift import rig_drift
 from palpate.io.rig.kind import Guess, Prepared, SensorKind
 from palpate.io.rig.names import time_column, wrench_columns
 from palpate.io.rig.tables import Three, require_positive
@@ -183,7 +184,8 @@ def _build(rig: Rig, head: Recording | None) -> Prepared:
     sound = ~np.isin(np.arange(cells.cells) + 1, table.without)
     array = LoadCellArray(cells, sound, names=table.names(cells.cells), seconds=tare)
     soft = {"indentation": cells.indentation, "accuracy": table.accuracy}
-    made = wrench_estimator(rig, array, head, tare=tare, mounted=False, **soft)
+    drift = rig_drift(rig, len(cells.matrix))
+    made = wrench_estimator(rig, array, head, tare=tare, mounted=False, drift=drift, **soft)
     made.facts["without"] = table.without
     made.said.append(_least(rig_surface(rig), cells, table))
     made.doubted += [f"cell {cell} is left out, as the rig says" for cell in table.without]

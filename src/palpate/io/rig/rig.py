@@ -12,6 +12,7 @@ from palpate.contact.taxel_estimator import TaxelSettings
 from palpate.errors import InputError
 from palpate.io.logs.layout import Layout
 from palpate.io.models import load_toml
+from palpate.io.rig.drift import RigDrift, check_drift
 from palpate.io.rig.kinds import KINDS, SensorKind
 from palpate.io.rig.pokes import RigPokes
 from palpate.io.rig.source import RigSource
@@ -37,6 +38,7 @@ class Rig:
         surface: what is touched; None where a skin alone is the body.
         sensors: name of a sensor's table -> what it says, as the dataclass of `palpate.io.rig.kinds.KINDS`.
         time, orientation, acceleration, filter, estimate, contacts: the other tables.
+        drift: how the zero of a sensor of wrenches wanders; None: it is not followed.
         pokes: of a skin whose taxels are to be found; None: there are none.
         source: of live samples; None: the rig is for logs.
         folder: where relative paths start.
@@ -50,6 +52,7 @@ class Rig:
     filter: RigFilter = field(default_factory=RigFilter)
     estimate: RigEstimate = field(default_factory=RigEstimate)
     contacts: TaxelSettings = field(default_factory=TaxelSettings)
+    drift: RigDrift | None = None
     pokes: RigPokes | None = None
     source: RigSource | None = None
     folder: Path = field(default_factory=Path)
@@ -171,6 +174,7 @@ class Rig:
             "urdf": None if self.orientation.urdf is None else self.folder / self.orientation.urdf,
             "joints_topic": self.orientation.joints,
             "acceleration_topic": self.acceleration.topic,
+            "temperature": None if self.drift is None else self.drift.temperature,
             "offset": self.orientation.offset,
             "max_gap": self.orientation.max_gap,
         }
@@ -221,6 +225,7 @@ def check_rig(table: Mapping[str, Any], path: Path) -> Rig:
                 "a rig needs a [surface].", where=str(path), hint="`palpate rig new` writes one to start from."
             )
         kind.check(rig, path)
+    check_drift(rig, path)
     return rig
 
 

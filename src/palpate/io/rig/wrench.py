@@ -11,6 +11,7 @@ from palpate.contact.wrench_estimator import WrenchEstimator
 from palpate.errors import InputError
 from palpate.io.rig.kind import Prepared
 from palpate.io.rig.tables import RigFilter
+from palpate.sensors.drift import Drift
 from palpate.sensors.recording import Recording
 from palpate.sensors.wrench_sensor import WrenchSensor
 from palpate.surfaces import Mesh, Surface
@@ -22,7 +23,14 @@ __all__ = ["first_seconds", "noted_filter", "wrench_estimator"]
 
 
 def wrench_estimator(
-    rig: Rig, sensor: WrenchSensor, head: Recording | None, *, tare: float | None, mounted: bool = True, **options: Any
+    rig: Rig,
+    sensor: WrenchSensor,
+    head: Recording | None,
+    *,
+    tare: float | None,
+    mounted: bool = True,
+    drift: Drift | None = None,
+    **options: Any,
 ) -> Prepared:
     """The estimator of a sensor of wrenches on the rig's surface, tared where the log begins unloaded.
 
@@ -32,6 +40,7 @@ def wrench_estimator(
         head: the start of the log; None: a live loop, which tares when it will.
         tare: [s] at the start of the log in which nothing is touched; None: no tare.
         mounted: wrenches are about the sensor's frame; not where they were calibrated about the surface's.
+        drift: of the sensor's zero, which is followed while nothing is touched; None: it is not.
         options: of `Locator`, such as a soft layer.
     """
     surface = rig_surface(rig)
@@ -58,6 +67,7 @@ def wrench_estimator(
         rate=rate,
         live=head is None,
         placement=0.0 if rig.surface is None else rig.surface.placement,
+        drift=drift,
     )
     made = Prepared(estimator, said=noted_filter(table, rate), facts=_facts(rig, estimator, table, rate))
     if isinstance(surface, Mesh) and surface.coverage and surface.touchable is None:
@@ -122,11 +132,13 @@ def first_seconds(head: Recording, seconds: float) -> Recording:
 
 def _facts(rig: Rig, estimator: WrenchEstimator, table: RigFilter, rate: float | None) -> dict[str, object]:
     """What was in force, as it stands in OUTPUT.toml."""
+    drift = estimator.drift
     locator, smooth = estimator.locator, table.filter()
     return {
         **vars(rig.estimate),
         "contact": f"on {locator.on:g} N, off {locator.off:g} N",
         "crease": None if rig.surface is None else rig.surface.crease,
         "filter": "none" if smooth is None or rate is None else f"{smooth} at {rate:.6g} Hz",
+        "drift": None if drift is None else f"walk {np.array2string(drift.walk, precision=3)} a root second",
         "noise": None if locator.noise is None else np.sqrt(np.diag(locator.noise)).tolist(),
     }

@@ -1,0 +1,213 @@
+"""How the zero of a sensor wanders, from a log in which nothing touches it: walk, warm-up, temperature."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from palpate.calibration.drift_search import Search
+from palpate.calibration.drift_windows import GAP, windows_of
+from palpate.errors import InputError
+from palpate.sensors.drift import Drift
+from palpate.sensors.noise import resolution_of
+from palpate.spatial._arrays import Value
+
+__all__ = ["DriftFit", "identify_drift"]
+
+SHORTEST = 60.0  # s of a log
+USUAL = 240.0  # s: a shorter log is used, and it is said how little it tells
+LEAST_KELVIN = 0.1  # K: less change of temperature tells nothing
+
+
+@dataclass(frozen=True, eq=False)
+class DriftFit(Value):
+    """What a log says of a zero.
+
+    Attributes:
+        drift: to be handed to an estimator.
+        walk_deviation: (m,) of `drift.walk`; warm_up_deviation: (m,) of `rate`, whose thermal counterpart is
+            `drift.thermal_deviation`.
+        rate: (m,) [unit/s] of the warm-up as this log begins.
+        warm: whether there is a warm-up beyond doubt. Where not, `drift.warm_up` is what the log does not exclude.
+        seen: (m,) whether the walk can be told from none. Where not, `drift.walk` is the most that it may be (95 %).
+        noise: (m,) deviation of the mean over a window; window: [s].
+        samples: that were used; seconds: from the first to the last; left_out: share of it.
+        notes: a sentence each.
+    """
+
+    drift: Drift
+    walk_deviation: Float[np.ndarray, " m"]
+    warm_up_deviation: Float[np.ndarray, " m"]
+    rate: Float[np.ndarray, " m"]
+    warm: bool
+    seen: Bool[np.ndarray, " m"]
+    noise: Float[np.ndarray, " m"]
+    window: float
+    samples: int
+    seconds: float
+    left_out: float
+    notes: tuple[str, ...] = ()
+
+    def unsure(self, seconds: float) -> Float[np.ndarray, " m"]:
+        """(m,) deviation of the zero after so many seconds [s] in which it cannot be seen, behind a long free time.
+
+        Its variance, of a filter at rest: walk sqrt(window) noise when the touch begins, then walk^2 t, and the rate,
+        of which the filter knows what this log tells.
+        """
+        walk = self.drift.walk
+        start = walk * np.sqrt(self.window) * self.noise
+        return np.sqrt(start + walk**2 * seconds + (self.warm_up_deviation * seconds) ** 2)
+
+    def spread(self, sound: Bool[np.ndarray, " k"]) -> DriftFit:
+        """The same of more channels, of which these were looked at; of the others, what is usual of these."""
+
+        def filled(values: np.ndarray) -> np.ndarray:
+            made = np.full(len(sound), np.sqrt(np.mean(np.square(values)))).astype(values.dtype)
+            made[sound] = values
+            return made
+
+        drift = self.drift
+        wider = Drift(
+            filled(drift.walk),
+            filled(drift.warm_up),
+            drift.settling,
+            drift.weight,
+            filled(drift.thermal),
+            filled(drift.thermal_deviation),
+        )
+        names = ("walk_deviation", "warm_up_deviation", "rate", "seen", "noise")
+        return replace(self, drift=wider, **{name: filled(getattr(self, name)) for name in names})
+
+
+def identify_drift(
+    time: Float[np.ndarray, " n"],
+    values: Float[np.ndarray, "n m"],
+    noise: Float[np.ndarray, "..."] | None = None,
+    temperature: Float[np.ndarray, " n"] | None = None,
+    *,
+    groups: Sequence[Sequence[int]] | None = None,
+    names: Sequence[str] = (),
+    window: float = 0.1,
+) -> DriftFit:
+    """Most likely walk, warm-up and thermal coefficient of a zero.
+
+    The likelihood is that of a Kalman filter without knowledge of the zero at the start, in closed form (`fit_walk`);
+    the noise of a window's mean is fitted, not taken from that of a reading, as noise may be coloured; where what is
+    left is not white, windows become longer. Warm-up r s (1 - exp(-t/s)) and temperature are found by generalised least
+    squares; the warm-up is believed where the ratio of likelihoods is beyond chance by chi-square.
+
+    Args:
+        time: (n,) [s].
+        values: (n, m) what is left of the readings when the payload is taken off, or voltages; NaN where there is none.
+        noise: (m,) deviations or (m, m) covariance of one reading, to be compared; None: not stated.
+        temperature: (n,) [K or degrees C]; None or NaN: not known.
+        groups: of channels that are alike, such as the forces; None: three and three of six, else all.
+        names: of the channels, for messages.
+        window: [s] over which readings are averaged.
+
+    Raises:
+        InputError: the log is too short, touched, moved, a channel never changes, or times run backwards.
+    """
+    channels = values.shape[1]
+    alike = ([0, 1, 2], [3, 4, 5]) if groups is None and channels == 6 else groups or [list(range(channels))]
+    names = tuple(names) or tuple(f"channel {k + 1}" for k in range(channels))
+    used, notes = _usable(time, values)
+    when, what = time[used], values[used]
+    notes += _require_changing(what, names)
+    kelvin, said = _temperature(temperature, used)
+    notes += said
+    windows = windows_of(when, what, kelvin, window)
+    least = resolution_of(what) ** 2 / 12.0
+    found = Search(windows, [list(group) for group in alike], least).run()
+    notes += found.notes(noise, float(np.median(np.diff(when))), names)
+    return _made(found, alike, len(what), notes)
+
+
+def _usable(
+    time: Float[np.ndarray, " n"], values: Float[np.ndarray, "n m"]
+) -> tuple[Bool[np.ndarray, " n"], list[str]]:
+    """Rows with a time and all values."""
+    known = np.isfinite(time) & np.isfinite(values).all(axis=1)
+    when, notes = time[known], list[str]()
+    if len(when) < 2 or not (span := float(when[-1] - when[0])) >= SHORTEST:
+        lasts = f"{max(0.0, float(when[-1] - when[0])):.3g} s" if len(when) > 1 else "no time"
+        raise InputError(
+            f"the log lasts {lasts} where it can be used; how a zero wanders needs {SHORTEST:g} s at least.",
+            hint="Record the sensor at rest and untouched for five minutes.",
+        )
+    steps = np.diff(when)
+    if np.any(steps < 0):
+        raise InputError("times run backwards: the log begins anew, or its rows are out of order.")
+    if (missing := len(time) - len(when)) > 0:
+        notes.append(f"{missing:,} of {len(time):,} samples have no value or no time and were left out")
+    gaps = steps[steps > GAP]
+    if len(gaps):
+        notes.append(f"{len(gaps)} gaps of up to {gaps.max():.4g} s: what the zero did meanwhile was left out")
+    if span - float(gaps.sum()) < SHORTEST:
+        raise InputError(f"without its gaps the log lasts {span - gaps.sum():.3g} s; {SHORTEST:g} s are needed.")
+    if span < USUAL:
+        notes.append(f"the log lasts {span:.0f} s: five minutes or more tell the walk better")
+    return known, notes
+
+
+def _require_changing(values: Float[np.ndarray, "n m"], names: Sequence[str]) -> list[str]:
+    """Refuses a channel that is none, and says where readings are too coarse."""
+    same = np.ptp(values, axis=0) == 0.0
+    if same.any():
+        stuck = ", ".join(name for name, one in zip(names, same, strict=True) if one)
+        raise InputError(
+            f"{stuck} never changes: not connected, or a driver that holds small readings at zero.",
+            hint="How a zero wanders is hidden behind it; switch its dead band or its tare off.",
+        )
+    step, spread = resolution_of(values), np.median(np.abs(np.diff(values, axis=0)), axis=0)
+    coarse = [name for name, one, size in zip(names, step, spread, strict=True) if one > 0.0 and size == 0.0]
+    if not coarse:
+        return []
+    return [f"readings of {', '.join(coarse)} are so coarse that they mostly repeat: a walk below a step is not seen"]
+
+
+def _temperature(
+    temperature: Float[np.ndarray, " n"] | None, used: Bool[np.ndarray, " n"]
+) -> tuple[Float[np.ndarray, " k"] | None, list[str]]:
+    """Of the rows that are used, where it says something."""
+    if temperature is None:
+        return None, []
+    known = temperature[used]
+    finite = known[np.isfinite(known)]
+    if not len(finite):
+        return None, ["the log's temperature has no values"]
+    if (change := float(np.ptp(finite))) < LEAST_KELVIN:
+        return None, [f"the temperature changes by {change:.2g} K only: what it does to the zero is not known"]
+    return known, []
+
+
+def _made(found: Search, groups: Sequence[Sequence[int]], samples: int, notes: Sequence[str]) -> DriftFit:
+    """As it is handed on."""
+    best, kelvin = found.found, bool(len(found.windows.temperature))
+    warm_up = np.sqrt(found.rate**2 + found.rate_deviation**2)
+    for group in groups:
+        warm_up[list(group)] = np.sqrt(np.mean(warm_up[list(group)] ** 2))
+    drift = Drift(
+        best.walk,
+        warm_up,
+        found.settling,
+        thermal=best.course[0] if kelvin else None,
+        thermal_deviation=np.sqrt(best.covariance[:, 0, 0]) if kelvin else None,
+    )
+    return DriftFit(
+        drift,
+        best.deviation,
+        found.rate_deviation,
+        found.rate,
+        found.warm,
+        best.seen,
+        best.noise,
+        found.windows.length,
+        samples,
+        found.span,
+        found.share,
+        tuple(notes),
+    )

@@ -1,0 +1,204 @@
+"""What of a log is a zero that wanders: what was touched, how long windows must be, and whether there is a warm-up."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float
+from scipy.optimize import minimize_scalar
+from scipy.special import gammaincinv
+
+from palpate.calibration.drift_windows import (
+    GAP,
+    Windows,
+    described,
+    first_guess,
+    require_free,
+    stretches,
+    untouched,
+)
+from palpate.calibration.walk import Steps, WalkFit, fit_walk, innovations, likelihood_of, steps_of
+from palpate.errors import InputError
+
+__all__ = ["Search"]
+
+LONGEST_TOUCH, MOST_TOUCHED = 20.0, 0.2  # s; of the log
+SURE = 0.99  # that there is a warm-up
+LONGEST_WINDOW, FEWEST = 1.0, 100  # s; windows of a log in which noise is not white over shorter ones
+LAGS, COLOURED, MOVING = 5, 0.1, 0.35  # correlation of what is left from window to window
+WRONG = 3.0  # times the noise that is stated
+ROUNDS = 4  # of leaving out what is touched
+SETTLINGS = 9  # that are tried
+
+
+class Search:
+    """What is touched, the length of windows, whether there is a warm-up: each depends on the others.
+
+    Args:
+        windows: means of the log.
+        groups: of channels that are alike.
+        least: (m,) variance of a mean, below which its reading's resolution does not let it.
+
+    Attributes:
+        found: walk and noise of most likelihood.
+        rate: (m,) of the warm-up at the start; rate_deviation: (m,) of it; settling: [s].
+        warm: whether there is one beyond doubt.
+        touched: stretches that were left out [s]; share: of the log.
+    """
+
+    def __init__(self, windows: Windows, groups: list[list[int]], least: Float[np.ndarray, " m"]) -> None:
+        self.windows, self._groups, self._least = windows, groups, least
+        self.span = float(windows.middle[-1] - windows.middle[0]) + windows.length
+        self.settling, self.warm, self.correlation, self.touched = np.inf, False, 0.0, list[tuple[float, float]]()
+
+    def run(self) -> Search:
+        """Search; what was found is in the attributes.
+
+        Raises:
+            InputError: the log is not that of a zero at rest.
+        """
+        self._leave_touches_out()
+        self.correlation = self._correlation()
+        self.first_window = self.windows.length
+        while (
+            self.correlation > COLOURED
+            and 2.0 * self.windows.length <= LONGEST_WINDOW + 1e-9
+            and len(self.windows.middle) >= 2 * FEWEST
+        ):
+            self.windows = self.windows.doubled()
+            self._fit()
+            self.correlation = self._correlation()
+        if self.correlation > MOVING:
+            raise InputError(
+                "the readings do not change as a zero that wanders does, but swing: the arm moves, or something "
+                "touches the sensor.",
+                hint="Record the sensor at rest and untouched; if the arm moves, name the payload in the rig.",
+            )
+        return self
+
+    def _leave_touches_out(self) -> None:
+        """Guess, leave out, fit, and again with what was found, until the same is left out."""
+        everything = self.windows
+        walk, noise = first_guess(everything)
+        noise = np.maximum(noise, self._least)
+        free, course = untouched(everything, walk, noise), None
+        for _ in range(ROUNDS):
+            require_free(everything, free, LONGEST_TOUCH, MOST_TOUCHED)
+            self.windows = everything.picked(free)
+            self._fit()
+            course = self._courses(everything, self.settling) @ self.found.course
+            noise = np.maximum(self.found.noise**2, self._least)
+            now = untouched(everything, self.found.walk**2, noise, course)
+            if np.array_equal(now, free):
+                break
+            free = now
+        self.touched, self.share = stretches(everything, ~free), 1.0 - float(np.mean(free))
+
+    def _fit(self) -> None:
+        """With a warm-up where its likelihood asks for it."""
+        steps = steps_of(self.windows.middle, self.windows.mean, self.windows.length, GAP)
+        self._steps = steps
+        without = self._given(None)
+        steady = self._given(np.inf, without)
+        settling, best = self._settled(steady)
+        channels = self.windows.mean.shape[1]
+        gain = 2.0 * (best.likelihood - without.likelihood)
+        self.warm = bool(gain > _chi_square(SURE, channels + 1))
+        self.settling = settling if self.warm else np.inf
+        self.found = fit_walk(self._with(self.settling), self._groups, start=best if self.warm else steady)
+        self.rate, self.rate_deviation = self.found.course[-1], np.sqrt(self.found.covariance[:, -1, -1])
+
+    def _given(self, settling: float | None, start: WalkFit | None = None) -> WalkFit:
+        """The fit with a warm-up of this time, or with none (None), alike channels taken together."""
+        return fit_walk(self._with(settling), self._groups, together=np.inf, start=start)
+
+    def _with(self, settling: float | None) -> Steps:
+        return self._steps.with_shape(*self._changes(settling).T)
+
+    def _changes(self, settling: float | None) -> Float[np.ndarray, "k p"]:
+        """By how much each course changes from step to step."""
+        courses = self._courses(self.windows, settling)
+        kept = np.diff(self.windows.middle) <= GAP
+        return np.diff(courses, axis=0)[kept]
+
+    def _courses(self, windows: Windows, settling: float | None) -> Float[np.ndarray, "w p"]:
+        """What the zero may follow: the temperature, then a warm-up of rate 1 at the start."""
+        made: list[np.ndarray] = [windows.temperature] if len(windows.temperature) else []
+        if settling is not None:
+            when = windows.middle
+            made.append(when if np.isinf(settling) else -settling * np.expm1(-when / settling))
+        return np.column_stack(made) if made else np.zeros((len(windows.middle), 0))
+
+    def _settled(self, steady: WalkFit) -> tuple[float, WalkFit]:
+        """The most likely time: for walk and noise as found with a steady rate, then with them found anew."""
+        fit = steady
+        tried: Float[np.ndarray, " t"] = np.geomspace(self.span / 30.0, 3.0 * self.span, SETTLINGS)
+        found = 0.0
+        for _ in range(2):
+            values = [self._likelihood(float(each), fit) for each in tried]
+            k = int(np.argmax(values))
+            low, high = np.log(tried[max(0, k - 1)]), np.log(tried[min(len(tried) - 1, k + 1)])
+            loss = minimize_scalar(self._loss, args=(fit,), bounds=(low, high), method="bounded")
+            found = float(np.exp(loss.x))
+            fit = self._given(found, fit)
+        if fit.likelihood < steady.likelihood or found > 2.5 * self.span:
+            return np.inf, steady
+        return found, fit
+
+    def _loss(self, logarithm: float, fit: WalkFit) -> float:
+        return -self._likelihood(float(np.exp(logarithm)), fit)
+
+    def _likelihood(self, settling: float, fit: WalkFit) -> float:
+        """With walk and noise as they are."""
+        return likelihood_of(self._with(settling), fit)
+
+    def _correlation(self) -> float:
+        """The largest, over some lags, of what is left: in the mean of a group's channels."""
+        left = innovations(self._with(self.settling), self.found)
+        each = [np.mean(left[lag:] * left[:-lag], axis=0) for lag in range(1, LAGS + 1)]
+        return max(float(np.abs(np.mean(one[group]))) for one in each for group in self._groups)
+
+    def notes(self, noise: Float[np.ndarray, "..."] | None, step: float, names: Sequence[str]) -> list[str]:
+        """What a reader should know; `step` [s] from reading to reading, whose stated noise is compared."""
+        said: list[str] = []
+        if self.touched:
+            said.append(f"{self.share:.1%} of the log was left out as touched or disturbed: {described(self.touched)}")
+        if self.windows.length > 1.5 * self.first_window:
+            said.append(
+                f"the noise is not white over {self.first_window:.2g} s: "
+                f"means over {self.windows.length:.2g} s were taken"
+            )
+        if self.correlation > COLOURED:
+            said.append("even so it is not white: the walk may be off by more than is said")
+        if noise is not None:
+            said += _noise_said(np.asarray(noise), self.found.noise, self.windows.length / step, names)
+        unseen = [name for name, seen in zip(names, self.found.seen, strict=True) if not seen]
+        if unseen:
+            said.append(f"no walk is seen in {', '.join(unseen)}: what is written is the most that it may be (95 %)")
+        if not self.warm:
+            said.append(
+                "no warm-up is seen: what is written is the steady rate that this log leaves possible. A log that "
+                "begins when the sensor is switched on tells what it does then"
+            )
+        elif self.settling > 1.5 * self.span:
+            said.append("the warm-up lasts longer than the log: how long is hardly known")
+        return said
+
+
+def _noise_said(
+    stated: Float[np.ndarray, "..."], seen: Float[np.ndarray, " m"], count: float, names: Sequence[str]
+) -> list[str]:
+    """Where windows are far noisier than white noise of the stated size would make them."""
+    deviation = np.sqrt(np.diag(stated)) if stated.ndim == 2 else stated
+    ratio = seen * np.sqrt(count) / deviation
+    wrong = [f"{name} ({times:.2g} times)" for name, times in zip(names, ratio, strict=True) if times > WRONG]
+    if not wrong:
+        return []
+    said = "means are noisier than the stated noise explains, as of a motor's hum or of coloured noise"
+    return [f"{said}: {', '.join(wrong)}"]
+
+
+def _chi_square(share: float, freedom: int) -> float:
+    """Below which this share of such numbers lies."""
+    return 2.0 * float(gammaincinv(freedom / 2.0, share))

@@ -1,0 +1,209 @@
+"""A log as means of short windows, and which of them something touched: what `identify_drift` looks at."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from palpate.errors import InputError
+from palpate.spatial._arrays import Value
+
+__all__ = ["GAP", "Windows", "described", "first_guess", "require_free", "stretches", "untouched", "windows_of"]
+
+GAP = 10.0  # s without a sample, after which the zero may be anywhere
+LEAST = 4  # samples of a window
+FULL = 0.5  # of the usual number of samples, or a window is left out
+MOST = 6000  # windows: more say nothing that longer ones do not
+SURE = 6.0  # deviations from what is expected: one of 10^9 by chance
+LAGS = (2.0, 5.0, 10.0)  # s over which the walk is first guessed
+
+
+@dataclass(frozen=True, eq=False)
+class Windows(Value):
+    """Means.
+
+    Attributes:
+        middle: (w,) [s] mean time of the samples, from the first sample on.
+        mean: (w, m) of the channels.
+        temperature: (w,), or empty.
+        length: [s] of a window.
+    """
+
+    middle: Float[np.ndarray, " w"]
+    mean: Float[np.ndarray, "w m"]
+    temperature: Float[np.ndarray, " t"]
+    length: float
+
+    def picked(self, rows: Bool[np.ndarray, " w"]) -> Windows:
+        """Those of a mask."""
+        temperature = self.temperature[rows] if len(self.temperature) else self.temperature
+        return Windows(self.middle[rows], self.mean[rows], temperature, self.length)
+
+    def doubled(self) -> Windows:
+        """Two and two together."""
+        index = np.floor(self.middle / (2.0 * self.length)).astype(np.int64)
+        _, first, count = np.unique(index, return_index=True, return_counts=True)
+
+        def halved(values: np.ndarray) -> np.ndarray:
+            return np.add.reduceat(values, first, axis=0) / count.reshape(-1, *[1] * (values.ndim - 1))
+
+        temperature = halved(self.temperature)[count == 2] if len(self.temperature) else self.temperature
+        two = count == 2
+        return Windows(halved(self.middle)[two], halved(self.mean)[two], temperature, 2.0 * self.length)
+
+
+def windows_of(
+    time: Float[np.ndarray, " n"],
+    values: Float[np.ndarray, "n m"],
+    temperature: Float[np.ndarray, " n"] | None,
+    length: float,
+) -> Windows:
+    """Means over windows of `length` [s], or longer ones: of four samples or more, and no more than 6000.
+
+    Args:
+        time: (n,) [s], rising.
+        values: (n, m) finite.
+        temperature: (n,); what is missing is taken from its neighbours in time.
+        length: [s].
+    """
+    span = float(time[-1] - time[0])
+    step = float(np.median(np.diff(time)))
+    length = max(length, LEAST * step, span / MOST)
+    index = np.floor((time - time[0]) / length + 1e-6).astype(np.int64)
+    _, first, count = np.unique(index, return_index=True, return_counts=True)
+    full = count >= max(1.0, FULL * length / step)
+
+    def averaged(column: np.ndarray) -> np.ndarray:
+        return (np.add.reduceat(column, first, axis=0).T / count).T[full]
+
+    kelvin = np.zeros(0)
+    if temperature is not None:
+        known = np.isfinite(temperature)
+        kelvin = averaged(np.interp(time, time[known], temperature[known]))
+    level = values.mean(axis=0)  # so that the sum of many loses no digits
+    return Windows(averaged(time - time[0]), averaged(values - level), kelvin, length)
+
+
+def first_guess(windows: Windows) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, " m"]]:
+    """Variances of the walk [unit^2/s] and of a window's mean, which a few touches hardly change: by medians."""
+    mean, length = windows.mean, windows.length
+    noise = np.maximum(_square(mean[1:] - mean[:-1]) / 2.0, 1e-300)
+    each: list[np.ndarray] = []
+    for lag in LAGS:
+        k = max(1, round(lag / length))
+        each.append((_square(mean[k:] - mean[:-k]) - 2.0 * noise) / (k * length))
+    walk = np.maximum(np.median(each, axis=0), 1e-6 * noise / length)
+    return walk, noise
+
+
+def untouched(
+    windows: Windows,
+    walk: Float[np.ndarray, " m"],
+    noise: Float[np.ndarray, " m"],
+    course: Float[np.ndarray, "w m"] | None = None,
+) -> Bool[np.ndarray, " w"]:
+    """Which windows read what a zero that walks and nothing else would read, six deviations to either side.
+
+    A Kalman filter of each channel follows the zero; a window that one channel does not expect is left out and does
+    not move it, nor do its neighbours. So a touch is left out until it ends. One that begins slowly is seen when it
+    ends, by the filter that runs backwards: of both, the one that leaves less out is believed.
+
+    Args:
+        windows: means.
+        walk: (m,) variance [unit^2/s].
+        noise: (m,) variance of a mean.
+        course: (w, m) what is known of how the zero moves.
+    """
+    mean = windows.mean if course is None else windows.mean - course
+    forward = _gated(windows.middle, mean, walk, noise)
+    backward = _gated(-windows.middle[::-1], mean[::-1], walk, noise)[::-1]
+    free = forward if forward.sum() >= backward.sum() else backward
+    padded = np.concatenate([[True], free, [True]])
+    return free & padded[:-2] & padded[2:]
+
+
+def require_free(windows: Windows, free: Bool[np.ndarray, " w"], longest: float, share: float) -> None:
+    """Refuses a log that was touched too much to speak of its zero.
+
+    Args:
+        windows: all of them.
+        free: of them.
+        longest: [s] that one may last.
+        share: of the log.
+
+    Raises:
+        InputError: it is longer, or more.
+    """
+    touched = 1.0 - float(np.mean(free))
+    start, end = _longest(~free)
+    if start < end:
+        first, last = float(windows.middle[start]), float(windows.middle[end - 1])
+        if last - first > longest:
+            raise InputError(
+                f"from {first:.1f} to {last:.1f} s of the log its readings are not where they were before: a touch, "
+                "a payload that changed, or a zero that jumped.",
+                hint="Record the sensor at rest and untouched; a log of five minutes tells most.",
+            )
+    if touched > share:
+        raise InputError(
+            f"in {touched:.0%} of the log the readings change as under touches or motion, not as a zero wanders.",
+            hint="Record the sensor at rest and untouched; if the arm moves, name the payload in the rig.",
+        )
+
+
+def _longest(mask: Bool[np.ndarray, " w"]) -> tuple[int, int]:
+    """First and end of the longest stretch."""
+    edges = np.diff(np.concatenate([[0], mask.astype(np.int8), [0]]))
+    starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
+    if not len(starts):
+        return 0, 0
+    k = int(np.argmax(ends - starts))
+    return int(starts[k]), int(ends[k])
+
+
+def _square(change: Float[np.ndarray, "k m"]) -> Float[np.ndarray, " m"]:
+    """Variance about zero, of the middle half."""
+    return (np.median(np.abs(change), axis=0) / 0.6745) ** 2
+
+
+def _gated(
+    time: Float[np.ndarray, " w"],
+    mean: Float[np.ndarray, "w m"],
+    walk: Float[np.ndarray, " m"],
+    noise: Float[np.ndarray, " m"],
+) -> Bool[np.ndarray, " w"]:
+    """Forward in time, from the first window on, which is believed, as is the first after a gap."""
+    zero, variance, last = mean[0].copy(), noise.copy(), float(time[0])
+    free = np.ones(len(time), dtype=np.bool_)
+    for k in range(1, len(time)):
+        passed, last = time[k] - last, float(time[k])
+        if passed > GAP:
+            zero, variance = mean[k], noise
+            continue
+        variance = variance + walk * passed
+        change, total = mean[k] - zero, variance + noise
+        if np.any(change * change > SURE**2 * total):
+            free[k] = False
+            continue
+        gain = variance / total
+        zero = zero + gain * change
+        variance = (1.0 - gain) * variance
+    return free
+
+
+def described(runs: Sequence[tuple[float, float]], most: int = 3) -> str:
+    """Stretches of time in words: '3.1 to 4.0 s, 7.2 to 7.9 s and 4 more'."""
+    said = [f"{start:.1f} to {end:.1f} s" for start, end in runs[:most]]
+    more = f" and {len(runs) - most} more" if len(runs) > most else ""
+    return ", ".join(said) + more
+
+
+def stretches(windows: Windows, mask: Bool[np.ndarray, " w"]) -> list[tuple[float, float]]:
+    """Beginning and end [s] of each stretch of a mask."""
+    edges = np.diff(np.concatenate([[0], mask.astype(np.int8), [0]]))
+    starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
+    middle, half = windows.middle, windows.length / 2.0
+    return [(float(middle[a] - half), float(middle[b] + half)) for a, b in zip(starts, ends - 1, strict=True)]

@@ -1,0 +1,228 @@
+"""`palpate calibrate drift`: how the zero of a sensor wanders, from a log in which nothing touches it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from jaxtyping import Float
+from tyro.conf import arg
+
+from palpate.calibration.drift import DriftFit, identify_drift
+from palpate.cli.console import Figure, lines, note, title
+from palpate.cli.options import Log, Output, RigFile, require_positive
+from palpate.errors import InputError
+from palpate.io.atomic import keep_inputs
+from palpate.io.logs import join
+from palpate.io.models import provenance
+from palpate.io.pipeline import open_log
+from palpate.io.rig import Rig, load_rig
+from palpate.io.rig.drift import MINUTE, drift_table
+from palpate.io.rig.edit import update_drift
+from palpate.io.rig.force_torque import free_wrenches, rig_payload
+from palpate.io.rig.load_cells import RigLoadCells
+from palpate.sensors.force_torque import Payload
+from palpate.sensors.recording import ORIENTATION, TEMPERATURE, VOLTAGE, Recording
+from palpate.spatial.pose import rotation_from_quaternion
+
+__all__ = ["calibrate_drift"]
+
+CHI_95 = 2.795  # of three components: the length that 95 % stay below, in deviations of one
+LONGEST_CONTACT = 60.0  # s, of which it is said how unsure the force becomes
+TURNED = 2.0  # degrees that a sensor without a payload may turn: 0.35 N of 1 kg
+AXES = ("fx", "fy", "fz", "tx", "ty", "tz")
+
+
+def calibrate_drift(
+    log: Log, /, rig: RigFile, output: Output, window: Annotated[float, arg(metavar="X")] = 0.1
+) -> None:
+    """Find how the zero of a force/torque sensor or of load cells wanders, and write it into the rig.
+
+    Leave the sensor untouched for five minutes, best from when it is switched on. With a payload in the rig the arm
+    may move. With [drift] in the rig, `estimate` and `live` follow the zero wherever nothing is touched. Comments in
+    the rig stay.
+
+    Args:
+        log: of the untouched sensor, in any format that `estimate` reads.
+        rig: TOML of the set-up.
+        output: rig to write; it may be the same file.
+        window: seconds over which readings are averaged at first.
+    """
+    require_positive(window, "--window")
+    setup = load_rig(rig)
+    keep_inputs(output, (log, *setup.files().values()))  # not the rig: it may be updated
+    kind, recording, notes = _read(log, setup)
+    _require_one(setup, kind, rig)
+    temperature = recording.channels[TEMPERATURE][:, 0] if TEMPERATURE in recording.channels else None
+    if kind == "force_torque":
+        found, said = _of_wrenches(setup, recording, temperature, window), _Wrench()
+        payload = rig_payload(setup)
+    else:
+        found, said, payload = *_of_cells(setup, recording, temperature, window), None
+    stated = setup.drift
+    weight = stated.weight if stated is not None and stated.weight else _unsure_weight(payload)
+    table = drift_table(found.drift, weight, None if stated is None else stated.temperature)
+    origin = provenance({"log": log}, {})["log"].partition(" ")
+    comments = {**said.comments, "walk": f"{said.comments['walk']}, from {origin[0]} ({origin[2][:19]})"}
+    update_drift(rig, output, table, comments)
+    title(f"{log} -> {output}")
+    lines(_figures(found, said, weight))
+    note([*notes, *found.notes])
+    if kind == "force_torque" and payload is None:
+        note(["no payload is named: what is found holds if the sensor did not turn"])
+
+
+def _read(log: Path, setup: Rig) -> tuple[str, Recording, tuple[str, ...]]:
+    """The sensor that the log is of, all of the log, and what is to be said of it."""
+    with open_log(log, setup) as opened:
+        kind = opened.kind.name
+        if kind not in ("force_torque", "load_cells"):
+            raise InputError(
+                f"[{kind}] has no zero that is followed: [drift] is of a force/torque sensor or of load cells.",
+                where=str(log),
+                hint="A skin follows its zero by itself: drift in [contacts]." if kind == "skin" else "",
+            )
+        blocks = list(opened)
+        if not sum(map(len, blocks)):
+            raise InputError("holds no samples.", where=str(log))
+        return kind, join(blocks), opened.notes()
+
+
+def _require_one(setup: Rig, kind: str, rig: Path) -> None:
+    """Before a second statement of the drift is written beside an older one."""
+    if getattr(setup.sensors.get(kind), "drift", None) is not None:
+        raise InputError(
+            f"[{kind}] states a drift too, and only one of both can hold.",
+            where=str(rig),
+            hint=f"Remove drift from [{kind}], then run this again.",
+        )
+
+
+def _of_wrenches(
+    setup: Rig, recording: Recording, temperature: Float[np.ndarray, " n"] | None, window: float
+) -> DriftFit:
+    """Of what is left when the payload is taken off."""
+    if rig_payload(setup) is None and (turned := _turned(recording)) > TURNED:
+        raise InputError(
+            f"the sensor turns by {turned:.0f} degrees, and the rig names no payload whose weight could be taken off.",
+            where=recording.source,
+            hint="Run `palpate calibrate payload` and name its file in the rig, or record the sensor at rest.",
+        )
+    noise = setup.force_torque.noise
+    return identify_drift(
+        recording.time,
+        free_wrenches(setup, recording),
+        None if noise is None else noise.six(),
+        temperature,
+        names=AXES,
+        window=window,
+    )
+
+
+def _turned(recording: Recording) -> float:
+    """Degrees between the orientations that are furthest from the first."""
+    if ORIENTATION not in recording.channels:
+        return 0.0
+    quaternions = recording.channels[ORIENTATION]
+    known = quaternions[np.isfinite(quaternions).all(axis=1)]
+    if not len(known):
+        return 0.0
+    rotations = rotation_from_quaternion(known)
+    cosine = (np.einsum("nij,ij->n", rotations, rotations[0]) - 1.0) / 2.0
+    return float(np.degrees(np.arccos(np.clip(cosine.min(), -1.0, 1.0))))
+
+
+def _of_cells(
+    setup: Rig, recording: Recording, temperature: Float[np.ndarray, " n"] | None, window: float
+) -> tuple[DriftFit, _Cells]:
+    """Of the voltages of the cells that are used; one that is left out drifts as the others do."""
+    table = setup.table(RigLoadCells)
+    cells = table.cells(setup.folder)
+    sound = cells.channels(~np.isin(np.arange(cells.cells) + 1, table.without))
+    voltages = recording.channels[VOLTAGE]
+    beyond = (voltages <= cells.limits[:, 0]) | (voltages >= cells.limits[:, 1])
+    picked = np.where(beyond, np.nan, voltages)[:, sound]
+    names = [name for name, used in zip(table.names(cells.cells), sound, strict=True) if used]
+    noise = np.sqrt(np.diag(cells.noise))[sound]
+    found = identify_drift(recording.time, picked, noise, temperature, names=names, window=window)
+    return found.spread(sound), _Cells(cells.inverse(sound)[0])
+
+
+def _unsure_weight(payload: Payload | None) -> float:
+    """[N] deviation of the weight, by its calibration."""
+    if payload is None:
+        return 0.0
+    return float(np.sqrt(max(0.0, np.linalg.eigvalsh(payload.covariance[:3, :3]).max())))
+
+
+class _Wrench:
+    """How a drift of forces and torques is said."""
+
+    comments: Mapping[str, str] = {
+        "walk": "N/sqrt(s), N m/sqrt(s)",
+        "warm_up": "N/min, N m/min at the start",
+        "settle": "s",
+        "weight": "N: by which the payload's may be off",
+        "thermal": "N/K, N m/K",
+        "thermal_deviation": "of it",
+    }
+    parts = (("force", slice(0, 3), 1e3, "mN", 1.0, "N"), ("torque", slice(3, 6), 1e3, "N mm", 1e3, "N mm"))
+
+    def unsure(self, deviation: Float[np.ndarray, "6"]) -> str:
+        """Force and torque, 95 %."""
+        force, torque = (CHI_95 * float(np.sqrt(np.mean(deviation[part] ** 2))) for _, part, *_ in self.parts)
+        return f"force by {force:.2g} N, torque by {torque:.2g} N m"
+
+
+class _Cells:
+    """How a drift of voltages is said; `inverse` (6, m) makes wrenches of them."""
+
+    comments: Mapping[str, str] = {
+        "walk": "V/sqrt(s)",
+        "warm_up": "V/min at the start",
+        "settle": "s",
+        "thermal": "V/K",
+        "thermal_deviation": "of it",
+    }
+    parts = (("voltage", slice(None), 1e6, "uV", 1e3, "mV"),)
+
+    def __init__(self, inverse: Float[np.ndarray, "6 m"]) -> None:
+        self._inverse = inverse
+
+    def unsure(self, deviation: Float[np.ndarray, " m"]) -> str:
+        """The force, 95 %."""
+        spread = np.sum((self._inverse[:3] * deviation) ** 2) / 3.0
+        return f"force by {CHI_95 * float(np.sqrt(spread)):.2g} N"
+
+
+def _figures(found: DriftFit, said: _Wrench | _Cells, weight: float) -> list[tuple[str, object]]:
+    """Names and values."""
+    drift, walks, rates = found.drift, list[str](), list[str]()
+    kelvin, noises = list[str](), list[str]()
+    for name, part, small, tiny, large, unit in said.parts:
+        walk, spread = small * _rms(drift.walk[part]), small * _rms(found.walk_deviation[part])
+        least = "" if found.seen[part].all() else "at most "
+        walks.append(f"{name} {least}{walk:.3g} +- {spread:.2g} {tiny}")
+        rates.append(f"{name} {large * MINUTE * _rms(drift.warm_up[part]):.2g} {unit}/min")
+        slope = f"{large * _rms(drift.thermal[part]):.2g} +- {large * _rms(drift.thermal_deviation[part]):.1g}"
+        kelvin.append(f"{name} {slope} {unit}/K")
+        noises.append(f"{name} {small * _rms(found.noise[part]):.3g} {tiny}")
+    settles = "at a steady rate" if np.isinf(drift.settling) else f"falling to a third in {drift.settling:.0f} s"
+    warm = f"{', '.join(rates)} at the start, {settles}" if found.warm else f"none seen: at most {', '.join(rates)}"
+    left = f"; {found.left_out:.1%} left out" if found.left_out else ""
+    unsure = said.unsure(found.unsure(LONGEST_CONTACT))
+    return [
+        ("samples", f"{found.samples:,} over {found.seconds:.0f} s{left}"),
+        ("walk", Figure(f"{', '.join(walks)} in one second, growing as the root of time", drift.walk.tolist())),
+        ("warm-up", Figure(warm, (MINUTE * drift.warm_up).tolist())),
+        *([("temperature", ", ".join(kelvin))] if drift.thermal.any() else []),
+        *([("weight", f"of the payload: +- {weight:.2g} N, by its calibration or the rig")] if weight else []),
+        ("noise", f"{', '.join(noises)} of a mean over {found.window:.2g} s"),
+        ("in contact", f"after {LONGEST_CONTACT:.0f} s unsure (95 %): {unsure}"),
+    ]
+
+
+def _rms(values: Float[np.ndarray, " k"]) -> float:
+    return float(np.sqrt(np.mean(values**2)))

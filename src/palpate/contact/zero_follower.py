@@ -1,0 +1,251 @@
+"""The zero of a sensor of wrenches, followed while nothing touches: windows, gate, filter, and what it says of them."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator
+from itertools import pairwise
+from math import floor, isfinite
+
+import numpy as np
+from jaxtyping import Float
+
+from palpate.contact.zero_gate import ContactShape, Decided, ZeroGate
+from palpate.contact.zero_record import ZeroRecord
+from palpate.errors import InputError
+from palpate.sensors.drift import Drift
+from palpate.sensors.zero_filter import (
+    FollowedSensor,
+    Free,
+    Node,
+    Window,
+    ZeroFilter,
+    ZeroHistory,
+    ZeroState,
+    ZeroStatus,
+    smoothed,
+)
+
+__all__ = ["WINDOW", "ZeroFollower"]
+
+WINDOW = 0.1  # s: short beside a touch, long enough for some samples
+AHEAD = 100  # free windows after one that are waited for on logs: more hardly change it
+LONGEST = 6000  # windows that wait: ten minutes
+
+
+class ZeroFollower:
+    """Follows the zero of one sensor, window by window on a grid of the clock, whatever the blocks are cut like.
+
+    Before the samples of a window are measured, `enter` says so, which ends the window before; then `add` keeps what
+    was read in it:
+
+        for piece in follower.pieces(time):
+            follower.enter(float(time[piece][0]))   # the sensor's zero is now that of this window
+            ...                                     # measure, place, locate
+            follower.add(time[piece], sensor.kept(...))
+
+    Args:
+        sensor: of wrenches.
+        drift: how its zero wanders.
+        shape: of contacts of the body.
+        alone: nothing ever touches at two places at once (`ZeroGate`).
+        smooth: for logs: windows are kept until they can be smoothed (`settled`), and the sensor is left alone.
+
+    Attributes:
+        count: windows that have ended; the next is of this number.
+
+    Raises:
+        InputError: a drift of other channels than the sensor's; a sensor whose noise is not known.
+    """
+
+    def __init__(
+        self, sensor: FollowedSensor, drift: Drift, shape: ContactShape, alone: bool = False, smooth: bool = False
+    ) -> None:
+        _, begin = sensor.start()
+        if len(begin.zero) != len(drift.walk):
+            raise InputError(
+                f"the drift is of {len(drift.walk)} channels, and the sensor has {len(begin.zero)}.", where="drift"
+            )
+        weighs = sensor.coefficients if drift.weight > 0 else 0
+        self.sensor, self.drift, self.smooth = sensor, drift, smooth
+        self.filter = ZeroFilter(drift, np.full(weighs, drift.weight))
+        self.gate = ZeroGate(self.filter, sensor, shape, alone)
+        self._record = ZeroRecord(sensor, WINDOW)
+        self.count = 0
+        self.reset()
+
+    def reset(self) -> None:
+        """Begin anew from the zero that the sensor has of its own."""
+        self.gate.reset()
+        self._window: int | None = None
+        self._parts, self._times = list[np.ndarray](), list[np.ndarray]()
+        self._touched: bool | None = None
+        self._waiting = dict[int, Window]()
+        self._nodes, self._ready = deque[Node](), deque[ZeroState]()
+        self._used = 0
+        self._statuses = deque[tuple[float, ZeroStatus]]()
+        self.filter.time = self._tared = np.nan
+        self._taken = self.sensor.zeros_taken
+        self.sensor.follow(None)
+
+    @staticmethod
+    def pieces(time: Float[np.ndarray, " n"]) -> Iterator[slice]:
+        """Slices of a block, each of one window; times that are not known belong to the one before."""
+        if not len(time):
+            return
+        windows = np.floor(time / WINDOW)
+        known = np.isfinite(windows)
+        last = np.maximum.accumulate(np.where(known, np.arange(len(time)), 0))
+        windows = windows[last]
+        changes = np.flatnonzero((windows[1:] != windows[:-1]) & np.isfinite(windows[1:])) + 1
+        for begin, end in pairwise([0, *changes.tolist(), len(time)]):
+            yield slice(begin, end)
+
+    def enter(self, time: float) -> bool:
+        """The next samples are of this time [s]: is it another window? Then the one before ends."""
+        if self.sensor.zeros_taken != self._taken:
+            self.restart()
+        window = self._window if not isfinite(time) else floor(time / WINDOW)
+        if window == self._window or window is None:
+            return False
+        self.close()
+        self._window = window
+        middle = (window + 0.5) * WINDOW
+        if np.isnan(self.filter.time):
+            self._tared, state = self.sensor.start()
+            begun = time if np.isnan(self._tared) else min(self._tared, time)
+            self.filter.start(begun, state.zero, state.covariance)
+        if not self.smooth:
+            self.sensor.follow(self.filter.at(middle))
+        return True
+
+    def add(
+        self, time: float | Float[np.ndarray, " n"], kept: Float[np.ndarray, "n k"], touched: bool | None = None
+    ) -> None:
+        """Samples of the window that was entered.
+
+        Args:
+            time: [s], of each, or of one.
+            kept: what `FollowedSensor.kept` makes of them.
+            touched: what a skin over all of the body says: something touches, or nothing does; None: there is none.
+        """
+        self._times.append(np.array([time]) if isinstance(time, float) else np.array(time, dtype=np.float64))
+        self._parts.append(kept)
+        if touched is not None:
+            self._touched = touched or bool(self._touched)
+
+    def close(self) -> None:
+        """The window that was entered has ended."""
+        if self._window is None or not self._parts:
+            return
+        time, kept = np.concatenate(self._times), np.concatenate(self._parts)
+        touched, number = self._touched, self.count
+        self._times, self._parts, self._touched = [], [], None
+        self.count += 1
+        free = self.sensor.free(kept)
+        usable = np.isfinite(free.value).all(axis=1) & np.isfinite(free.regressor).all(axis=(1, 2)) & np.isfinite(time)
+        middle = (self._window + 0.5) * WINDOW
+        if not usable.any():
+            self._waiting[number] = Window(middle, *self._nothing())
+            lost = Decided([*self.gate.finish(), number], [], None, held=True, changed=False)
+            self._settle(lost, middle, ZeroStatus.LOST)
+            return
+        noise, stays = self.sensor.window_noise(kept, usable)
+        regressor = free.regressor[usable].mean(axis=0)[:, : self.filter.known - self.filter.channels]
+        window = Window(float(time[usable].mean()), free.value[usable].mean(axis=0), regressor, noise, stays)
+        self._waiting[number] = window
+        if window.time <= self._tared:  # the tare has it already
+            self._settle(Decided([number], [], None, held=False, changed=False), middle, ZeroStatus.FREE)
+            return
+        strength = self._strength(window, free, usable, noise * np.count_nonzero(usable))
+        decided = self.gate.judge(number, window, strength, free.full, touched)
+        status = ZeroStatus.CHANGED if decided.changed else ZeroStatus.HELD if decided.held else ZeroStatus.FREE
+        self._settle(decided, middle, status)
+
+    def restart(self) -> None:
+        """Another zero was taken: what was followed so far ends."""
+        self.close()
+        self._finish()
+        ready = self._ready
+        self.reset()
+        self._ready = ready
+
+    def finish(self) -> None:
+        """The log has ended: all windows are settled."""
+        self.close()
+        self._finish()
+
+    def settled(self) -> Iterator[ZeroState]:
+        """Smoothed zeros, one a window in which there were samples, as far as they are known."""
+        while self._ready:
+            yield self._ready.popleft()
+
+    def history(self) -> ZeroHistory:
+        """Some of the windows so far."""
+        return self._record.value()
+
+    def notes(self) -> tuple[str, ...]:
+        """How far the zero was followed, and how long it was held."""
+        return self._record.notes(self.gate.jumps)
+
+    def doubts(self) -> tuple[str, ...]:
+        """Changes that were not followed, and a zero that is hardly ever free."""
+        return self._record.doubts(self.gate.jumps)
+
+    def _finish(self) -> None:
+        self._pass(self.gate.finish())
+        if self.smooth:
+            self._smooth(len(self._nodes))
+
+    def _nothing(self) -> tuple[np.ndarray, ...]:
+        m, q = self.filter.channels, self.filter.known - self.filter.channels
+        return np.zeros(m), np.zeros((m, q)), np.eye(m), np.zeros((m, m))
+
+    def _strength(self, window: Window, free: Free, usable: np.ndarray, noise: Float[np.ndarray, "m m"]) -> float:
+        """The largest force of a sample, in deviations."""
+        expected, spread = self.filter.expected(window.time, window.regressor)
+        wrenches, _ = self.sensor.as_wrench(free.value[usable] - expected, noise)
+        _, covariance = self.sensor.as_wrench(np.zeros((0, len(expected))), noise + spread + window.stays)
+        forces = wrenches[:, :3]
+        square = np.einsum("ni,ni->n", forces, np.linalg.solve(covariance[:3, :3], forces.T).T)
+        return float(np.sqrt(square.max()))
+
+    def _settle(self, decided: Decided, time: float, status: ZeroStatus) -> None:
+        """Windows that are decided go into the filter, or past it; one then has a status."""
+        self._statuses.append((time, status))
+        self._pass(decided.unused)
+        if decided.jump is not None:
+            self.filter.widen(np.outer(decided.jump, decided.jump))
+        for number in decided.used:
+            self._keep(self.filter.update(self._waiting.pop(number), number))
+        if not self.smooth:
+            self._record.add(time, self.filter.at(time), status)
+            self._statuses.clear()
+
+    def _pass(self, numbers: list[int]) -> None:
+        for number in numbers:
+            self._keep(self.filter.advance(self._waiting.pop(number).time, number))
+
+    def _keep(self, node: Node) -> None:
+        """For the smoother; as soon as enough is free after some, they are smoothed."""
+        if not self.smooth:
+            return
+        self._nodes.append(node)
+        self._used += node.gained is not None
+        if self._used >= 2 * AHEAD:
+            left, count = AHEAD, len(self._nodes)
+            while left:
+                count -= 1
+                left -= self._nodes[count].gained is not None
+            self._smooth(count)
+        elif len(self._nodes) > LONGEST:
+            self._smooth(len(self._nodes))
+
+    def _smooth(self, count: int) -> None:
+        """The first so many."""
+        found = [self.filter.known_of(*one) for one in smoothed(list(self._nodes), count)][::-1]
+        self._ready.extend(found)
+        for state in found:
+            time, status = self._statuses.popleft()
+            self._record.add(time, state, status)
+            self._used -= self._nodes.popleft().gained is not None

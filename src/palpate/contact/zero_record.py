@@ -1,0 +1,107 @@
+"""How a zero that was followed went, in bounded memory, and what is to be said of it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from palpate.contact.zero_gate import Jump
+from palpate.sensors.zero_filter import FollowedSensor, ZeroHistory, ZeroState, ZeroStatus
+
+__all__ = ["ZeroRecord"]
+
+KEPT = 20_000  # windows, evenly spread
+MOSTLY = 0.5  # of the time: held for longer is worth a doubt, in a log of
+LEAST = 300  # windows
+SAID = 3  # jumps that are named
+
+
+class ZeroRecord:
+    """Windows as they come, every so manieth of them kept.
+
+    Args:
+        sensor: tells what a change of the zero is as a wrench.
+        seconds: [s] of a window.
+    """
+
+    def __init__(self, sensor: FollowedSensor, seconds: float) -> None:
+        self._sensor, self._seconds = sensor, seconds
+        self._rows, self._stride, self._seen = list[tuple[float, ZeroState, ZeroStatus]](), 1, 0
+        self._counts = np.zeros(len(ZeroStatus), dtype=np.int64)
+        self._last: ZeroState | None = None
+        self._first: ZeroState | None = None
+
+    def add(self, time: float, state: ZeroState, status: ZeroStatus) -> None:
+        """The next window."""
+        self._counts[status] += 1
+        self._first, self._last = self._first or state, state
+        if self._seen % self._stride == 0:
+            self._rows.append((time, state, status))
+        self._seen += 1
+        if len(self._rows) > 2 * KEPT:
+            self._rows, self._stride = self._rows[::2], 2 * self._stride
+
+    def value(self) -> ZeroHistory:
+        """What was kept."""
+        zeros = [state.zero for _, state, _ in self._rows]
+        channels = len(zeros[0]) if zeros else len(self._sensor.start()[1].zero)
+        deviations = [np.sqrt(np.diag(state.covariance)[:channels]) for _, state, _ in self._rows]
+        coefficients = [state.coefficient for _, state, _ in self._rows]
+        count = len(self._rows)
+        return ZeroHistory(
+            np.array([time for time, _, _ in self._rows], dtype=np.float64),
+            np.array(zeros, dtype=np.float64).reshape(count, channels),
+            np.array(deviations, dtype=np.float64).reshape(count, channels),
+            np.array(coefficients, dtype=np.float64).reshape(count, -1 if count else 0),
+            np.array([status for _, _, status in self._rows], dtype=np.int8),
+        )
+
+    def notes(self, jumps: list[Jump]) -> tuple[str, ...]:
+        """How far, and how much of the time it was held."""
+        if self._first is None or self._last is None:
+            return ()
+        wrench, _ = self._sensor.as_wrench(
+            (self._last.zero - self._first.zero)[None],
+            self._last.covariance[: len(self._last.zero)][:, : len(self._last.zero)],
+        )
+        force, torque = (float(np.linalg.norm(part)) for part in (wrench[0, :3], wrench[0, 3:]))
+        said = [
+            f"the zero was followed by {force:.2g} N and {1e3 * torque:.2g} mN m over "
+            f"{self._seconds * self._seen:.0f} s, {self._held():.0%} of which it was held, as something touched"
+        ]
+        if len(self._last.coefficient):
+            sure = float(np.sqrt(self._last.covariance[-1, -1]))
+            more = float(self._last.coefficient[0])
+            said.append(f"the payload weighs {more:+.2g} N more than was stated, known to {sure:.1g} N")
+        followed = [jump for jump in jumps if jump.followed]
+        if followed:
+            said.append(f"the zero jumped {_times(len(followed))}, and was followed: {_named(followed)}")
+        return tuple(said)
+
+    def doubts(self, jumps: list[Jump]) -> tuple[str, ...]:
+        """Jumps that may be touches, and a zero that is hardly free."""
+        left = [jump for jump in jumps if not jump.followed]
+        said = list[str]()
+        if left:
+            said.append(
+                f"{_times(len(left))} something changed that no single contact of the body explains, too fast to be "
+                f"told from two touches at once, so the zero did not follow: {_named(left)}; tare anew if nothing "
+                "touched"
+            )
+        if self._seen >= LEAST and self._held() > MOSTLY:
+            said.append(
+                f"the zero was held {self._held():.0%} of the time: where it mostly was free, drift, noise or payload "
+                "are stated too small"
+            )
+        return tuple(said)
+
+    def _held(self) -> float:
+        return float(1.0 - self._counts[ZeroStatus.FREE] / max(1, self._seen))
+
+
+def _times(count: int) -> str:
+    return "once" if count == 1 else f"{count} times"
+
+
+def _named(jumps: list[Jump]) -> str:
+    first = ", ".join(f"{jump.force:.2g} N at {jump.time:.1f} s" for jump in jumps[:SAID])
+    return first + (", ..." if len(jumps) > SAID else "")

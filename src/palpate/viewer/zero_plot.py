@@ -1,0 +1,94 @@
+"""The figure of a zero that was followed: arrays in, a matplotlib figure out."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from palpate.viewer._style import AXES, MUTED, figure, styled
+from palpate.viewer.plots import COLUMNS, named
+from palpate.viewer.timeline import downsampled, since
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = ["zeros"]
+
+_FREE, _HELD = "#009e73", "#9aa5b0"
+_SURE = 1.96  # deviations: 95 %
+MOST, FEWEST = 1_400, 60  # points of all lines, and of one
+
+
+@styled()
+def zeros(
+    time: Float[np.ndarray, " n"],
+    zero: Float[np.ndarray, "n m"],
+    deviation: Float[np.ndarray, "n m"],
+    held: Bool[np.ndarray, " n"],
+) -> Figure:
+    """How far the zero of each channel has gone since the start, with its 95 % band, and where it was held.
+
+    Args:
+        time: (n,) [s].
+        zero: (n, m): of six channels the first three in N and the others in N m, else V.
+        deviation: (n, m).
+        held: (n,) whether something touched, or may have, so that the zero was not followed.
+    """
+    start, after = since(time)
+    parts, most = _parts(zero.shape[1]), max(MOST // max(zero.shape[1], 1), FEWEST)
+    drawn = figure(1.9 * len(parts) + 0.8)
+    below: Any = drawn.subplots(len(parts) + 1, 1, sharex=True, height_ratios=[5.0] * len(parts) + [0.55])
+    for axes, (channels, names, scale, label) in zip(below, parts, strict=False):
+        for k, channel in enumerate(channels):
+            gone = scale * (zero[:, channel] - _first(zero[:, channel]))
+            band = _SURE * scale * deviation[:, channel]
+            clock, rows = downsampled(time - start, np.column_stack([gone, gone - band, gone + band]), most)
+            axes.fill_between(clock, rows[:, 1], rows[:, 2], color=AXES[k % 3], alpha=0.2, linewidth=0)
+            axes.plot(clock, rows[:, 0], color=AXES[k % 3], label=names[k] if names else None)
+        axes.set(ylabel=label)
+        if names:
+            named(axes, 3)
+    _gate(below[-1], time - start, held)
+    below[-1].set(xlabel=f"time [s] {after}".strip())
+    drawn.align_ylabels()
+    return drawn
+
+
+def _parts(channels: int) -> list[tuple[range, tuple[str, ...], float, str]]:
+    """Channels, their names, the factor of the unit, and the label, of each panel."""
+    if channels != 6:
+        return [(range(channels), (), 1e3, "voltage [mV]")]
+    return [
+        (range(3), ("x", "y", "z"), 1.0, "zero of the force [N]"),
+        (range(3, 6), ("x", "y", "z"), 1e3, "of the torque [N mm]"),
+    ]
+
+
+def _first(values: Float[np.ndarray, " n"]) -> float:
+    known = values[np.isfinite(values)]
+    return float(known[0]) if len(known) else 0.0
+
+
+def _gate(axes: Any, clock: Float[np.ndarray, " n"], held: Bool[np.ndarray, " n"]) -> None:
+    """A strip: where the zero was followed, and where it was held."""
+    axes.set_yticks([])
+    axes.grid(visible=False)
+    axes.spines[["left", "bottom"]].set_visible(False)
+    axes.set_ylabel("gate", rotation=0, ha="right", va="center", color=MUTED)
+    known = np.flatnonzero(np.isfinite(clock))
+    if len(known) < 2 or not np.ptp(clock[known]) > 0:
+        return
+    edges: Float[np.ndarray, " e"] = np.linspace(clock[known].min(), clock[known].max(), COLUMNS + 1)
+    counts, _ = np.histogram(clock[known], edges)
+    touched, _ = np.histogram(clock[known][held[known]], edges)
+    for there, colour in ((counts > 0, _FREE), (2 * touched > counts, _HELD)):
+        rows = np.ma.masked_where(~there, np.ones(COLUMNS))
+        axes.imshow(rows[None], extent=(edges[0], edges[-1], 0, 1), aspect="auto", cmap=_plain(colour), vmin=0, vmax=1)
+
+
+def _plain(colour: str) -> Any:
+    from matplotlib.colors import ListedColormap
+
+    return ListedColormap([colour])

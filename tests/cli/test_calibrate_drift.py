@@ -1,0 +1,196 @@
+"""`palpate calibrate drift`: from the log of an untouched sensor to the rig, and what it says of other logs."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from palpate.cli import main
+from palpate.contact.resolution import nominal_cells
+from palpate.io.models import write_model
+from palpate.io.rig import load_rig
+from palpate.io.rig.drift import rig_drift
+from palpate.sensors import Payload
+from palpate.sensors.drift import Drift
+from palpate.simulation.bags import Stamped, header, nanoseconds, wrenches, write_bag
+from palpate.simulation.drift import simulate_drift
+
+RATE, SECONDS = 50.0, 100.0  # Hz, s
+WALK = np.array([4e-3] * 3 + [2e-4] * 3)
+NOISE = np.array([0.02] * 3 + [1e-3] * 3)
+KELVIN = np.array([0.1] * 3 + [0.005] * 3)
+TIME = np.arange(round(SECONDS * RATE)) / RATE
+CELSIUS = 30.0 - 5.0 * np.exp(-TIME / 20.0) + np.sin(TIME / 3.0)
+RIG = """# my rig
+[surface]
+kind = "plane"  # a table
+
+[force_torque]
+noise = { force = 0.02, torque = 0.001 }  # by hand
+"""
+
+
+@cache
+def a_zero(*, warm: bool = False) -> np.ndarray:
+    """Readings [N, N m] of an untouched sensor, with what the temperature does."""
+    rng = np.random.default_rng(2)
+    zero = simulate_drift(TIME, Drift(WALK, thermal=KELVIN), rng, CELSIUS if warm else None)
+    return zero + rng.normal(size=zero.shape) * NOISE
+
+
+def drift(folder: Path, log: str, rig: str = RIG, *options: str) -> tuple[int, Path]:
+    (folder / "rig.toml").write_text(rig)
+    words = ["calibrate", "drift", str(folder / log), "--rig", str(folder / "rig.toml"), "--window", "0.4"]
+    return main([*words, "-o", str(folder / "out.toml"), *options]), folder / "out.toml"
+
+
+def columns(path: Path, names: str, *values: np.ndarray) -> None:
+    np.savetxt(path, np.column_stack([TIME, *values]), delimiter=",", header=f"time,{names}", comments="", fmt="%.7g")
+
+
+def found_in(rig: Path, channels: int = 6) -> Drift:
+    found = rig_drift(load_rig(rig), channels)
+    assert found is not None
+    return found
+
+
+def test_from_columns_it_is_written_beside_what_a_person_wrote(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    columns(tmp_path / "free.csv", "fx,fy,fz,tx,ty,tz", a_zero())
+    code, out = drift(tmp_path, "free.csv")
+    assert code == 0
+    np.testing.assert_allclose(found_in(out).walk, WALK, rtol=0.35)  # three deviations of 100 s
+    text = out.read_text()
+    assert all(line in text.splitlines() for line in RIG.splitlines())
+    assert "N/sqrt(s), N m/sqrt(s), from free.csv (sha256:" in text
+    said = capsys.readouterr().out
+    for words in ("walk  ", "mN, torque", "warm-up", "after 60 s unsure (95 %): force by 0.", "no payload is named"):
+        assert words in said
+
+
+def test_as_json_it_has_numbers(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    columns(tmp_path / "free.csv", "fx,fy,fz,tx,ty,tz", a_zero())
+    assert drift(tmp_path, "free.csv", RIG, "--json")[0] == 0
+    walk = json.loads(capsys.readouterr().out)["facts"]["walk"]
+    np.testing.assert_allclose(walk, WALK, rtol=0.35)
+
+
+def test_from_topics_with_a_temperature(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Of 2 Hz, between whose readings the samples are."""
+
+    def made(types: Any) -> Iterable[Iterable[Stamped]]:
+        stamped = types["sensor_msgs/msg/Temperature"]
+        stamps = zip(nanoseconds(TIME[::25]), CELSIUS[::25].tolist(), strict=True)
+        warmth = ((stamp, "/warm", stamped(header(types, stamp, "ft"), value, 0.0)) for stamp, value in stamps)
+        return wrenches(types, "/ft", TIME, a_zero(warm=True)), warmth
+
+    kinds = {"/ft": "geometry_msgs/msg/WrenchStamped", "/warm": "sensor_msgs/msg/Temperature"}
+    write_bag(tmp_path / "free.mcap", kinds, made)
+    rig = RIG + '\n[drift]\nwalk = { force = 1, torque = 1 }  # a guess\ntemperature = "/warm"\n'
+    code, out = drift(tmp_path, "free.mcap", rig)
+    assert code == 0
+    found = found_in(out)
+    assert np.all(np.abs(found.thermal - KELVIN) < 4.0 * found.thermal_deviation)
+    assert found.thermal_deviation[0] < 0.02
+    np.testing.assert_allclose(found.walk, WALK, rtol=0.4)
+    assert "a guess" not in out.read_text()
+    assert "temperature      force" in capsys.readouterr().out
+
+
+def test_with_a_payload_the_arm_may_move(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Without it, that it moves is said."""
+    payload = Payload(*np.array([[0.0, 0.0, -10.0], [1.0, 2.0, 3.0], [0.0, 0.0, 0.05], [0.1, 0.2, 0.3]]))
+    turned = Rotation.from_rotvec(np.column_stack([0.5 * np.sin(TIME / 5.0), 0.3 * np.cos(TIME / 7.0), 0.0 * TIME]))
+    weight = turned.inv().apply([0.0, 0.0, -10.0])
+    hanging = np.column_stack([weight + [1, 2, 3], np.cross([0.0, 0.0, 0.05], weight) + [0.1, 0.2, 0.3]])
+    columns(tmp_path / "free.csv", "fx,fy,fz,tx,ty,tz,qx,qy,qz,qw", a_zero() + hanging, turned.as_quat())
+    write_model(tmp_path / "payload.toml", payload)
+    code, out = drift(
+        tmp_path, "free.csv", RIG + 'payload = "payload.toml"\n[drift]\nwalk={force=1,torque=1}\nweight=0.05'
+    )
+    assert code == 0
+    np.testing.assert_allclose(found_in(out).walk, WALK, rtol=0.35)
+    assert found_in(out).weight == 0.05  # as stated
+    assert drift(tmp_path, "free.csv")[0] == 1
+    assert "turns by" in capsys.readouterr().err
+
+
+def test_of_load_cells_it_is_of_voltages(tmp_path: Path) -> None:
+    """One channel dead, and left out by the rig."""
+    places = 0.01 * np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0.0]])
+    cells = nominal_cells(places, 20.0, 2e-5, 5.0)
+    write_model(tmp_path / "cells.toml", cells)
+    volts = 1.0 + 1e-3 * np.tile(a_zero()[:, :3], 4)
+    volts[:, 3:6] = 0.0
+    columns(tmp_path / "free.csv", ",".join(f"u{cell}{axis}" for cell in (1, 2, 3, 4) for axis in "xyz"), volts)
+    rig = '[surface]\nkind = "plane"\n[load_cells]\nmodel = "cells.toml"\nwithout = [2]\n'
+    code, out = drift(tmp_path, "free.csv", rig)
+    assert code == 0
+    np.testing.assert_allclose(found_in(out, 12).walk, 4e-6, rtol=0.35)
+
+
+def spoil(values: np.ndarray, kind: str) -> np.ndarray:
+    made = values.copy()
+    if kind == "short":
+        return made[:1000]
+    if kind == "dead":
+        made[:, 2] = 0.0
+    if kind == "jump":
+        made[2500:] += 1.0
+    if kind == "swing":
+        made += np.sin(TIME)[:, None]
+    return made
+
+
+@pytest.mark.parametrize(
+    ("kind", "said"),
+    [
+        ("short", "needs 60 s at least"),
+        ("dead", "fz never changes"),
+        ("jump", "zero that jumped"),
+        ("swing", "the arm"),
+    ],
+)
+def test_what_is_no_free_log_is_refused_and_nothing_is_written(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], kind: str, said: str
+) -> None:
+    rows = spoil(a_zero(), kind)
+    table = np.column_stack([TIME[: len(rows)], rows])
+    np.savetxt(tmp_path / "log.csv", table, delimiter=",", header="time,fx,fy,fz,tx,ty,tz", comments="")
+    code, out = drift(tmp_path, "log.csv")
+    assert code == 1
+    assert said in capsys.readouterr().err
+    assert not out.exists()
+
+
+@pytest.mark.parametrize(
+    ("rig", "options", "said"),
+    [
+        (RIG + "drift = { force = 0.002, torque = 0.0001 }\n", (), "[force_torque] states a drift too"),
+        (RIG, ("--window", "0"), "--window"),
+        (RIG + '[drift]\nwalk = { force = 1, torque = 1 }\ntemperature = "celsius"\n', (), "no column 'celsius'"),
+        ('[surface]\nkind = "plane"\n[skin]\ncount = 6\n[time]\nrate = 50\n', (), "[skin]"),
+    ],
+)
+def test_calls_that_cannot_be_meant(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], rig: str, options: tuple[str, ...], said: str
+) -> None:
+    columns(tmp_path / "free.csv", "fx,fy,fz,tx,ty,tz", a_zero())
+    assert drift(tmp_path, "free.csv", rig, *options)[0] in (1, 2)
+    assert said in capsys.readouterr().err
+
+
+def test_the_log_is_never_overwritten(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    columns(tmp_path / "free.csv", "fx,fy,fz,tx,ty,tz", a_zero())
+    (tmp_path / "rig.toml").write_text(RIG)
+    words = ["calibrate", "drift", str(tmp_path / "free.csv"), "--rig", str(tmp_path / "rig.toml")]
+    assert main([*words, "-o", str(tmp_path / "free.csv")]) == 1
+    assert "free.csv" in capsys.readouterr().err
