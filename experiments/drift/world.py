@@ -8,7 +8,6 @@ import numpy as np
 
 from palpate.sensors.drift import Drift
 from palpate.simulation.shapes import Superquadric
-from palpate.simulation.drift import simulate_drift
 
 __all__ = ["BODY", "NOISE", "PLACE", "RATE", "Touch", "drift_of", "readings"]
 

@@ -163,7 +163,7 @@ def _alarms(sizes: Sizes, seeds: Sequence[int], checks: list[Check]) -> list[str
                 checks.append(Check(what, f">= {100 * least:.0f} %", f"{100 * got:.1f} %", got >= least))
     for name, shares in false.items():
         got = f"{100 * min(shares):.2f} to {100 * max(shares):.2f} %"
-        inside = 0.005 <= min(shares) and max(shares) <= 0.02
+        inside = min(shares) >= 0.005 and max(shares) <= 0.02
         checks.append(Check(f"false alarms beside 0 to {len(shares) - 1}, {name}", "0.5-2 %", got, inside))
     return lines
 

@@ -1,4 +1,4 @@
-"""The touched forearm: statics and friction hold in its truth, its sensors read what the truth says, its files are read."""
+"""The touched forearm: statics and friction hold in its truth, its sensors read what is true, its files are read."""
 
 from __future__ import annotations
 
@@ -94,7 +94,7 @@ def test_the_sensor_shows_weight_where_nothing_touches() -> None:
 
 
 def test_a_free_log_obeys_newton() -> None:
-    """In the base, the sensor pushes with -F, so m c'' = m g - (-F): by second differences of the path of the centre."""
+    """In the base, the sensor pushes with -F, so m c'' = m g - F: by second differences of the path of the centre."""
     settings = replace(SHORT, wrench_rate=1000, **SILENT)
     log = simulate_free(np.random.default_rng(1), settings, 8.0, settings.mass)
     rotations, _ = motion(settings, 8000, np.random.default_rng(1))  # the first that is drawn
@@ -122,7 +122,7 @@ def test_cells_read_the_normal_forces_as_the_bench_presses_them() -> None:
     normal, _ = _pushes(run)
     at = int(normal.argmax())
     truth, sheet = run.truth, settings.sheet
-    radius = run.touches[truth.touch[at]].radius
+    radius = run.touches[int(truth.touch[at])].radius
     disc = np.cbrt(0.75 * normal[at] / settings.modulus / (1 / radius + 0.5 / sheet.radius))
     column = np.arctan2(truth.point[at, 1], truth.point[at, 0]) * sheet.radius / sheet.pitch
     row = truth.point[at, 2] / sheet.pitch + 0.5 * (sheet.rows - 1)
@@ -153,7 +153,7 @@ def test_presses_are_settled_where_they_are_held() -> None:
     assert len(run.held) == 4
     for frame in run.held.tolist():
         rows, before = run.truth.at(frame), run.truth.at(frame - 5)
-        assert sorted(run.touches[k].slot for k in run.truth.touch[rows]) == [0, 1, 2, 3]
+        assert sorted(run.touches[k].slot for k in run.truth.touch[rows].tolist()) == [0, 1, 2, 3]
         assert run.truth.speed[rows].max() < 5e-3
         np.testing.assert_allclose(normal[rows], normal[before], rtol=0.02)
         gaps = run.truth.point[rows][:, None] - run.truth.point[rows][None] + np.eye(4)[..., None]
@@ -162,11 +162,12 @@ def test_presses_are_settled_where_they_are_held() -> None:
 
 def test_drift_moves_the_zero_and_the_weight_and_nothing_else() -> None:
     drift = Drift([0.01] * 3 + [1e-4] * 3, weight=0.5)
-    made = [
-        simulate_forearm(np.random.default_rng(9), replace(SHORT, seconds=2.0, drift=each)) for each in (drift, None)
-    ]
+    settings = [replace(SHORT, seconds=4.0, drift=each) for each in (drift, None)]
+    made = [simulate_forearm(np.random.default_rng(9), each) for each in settings]
     assert made[0].mass != made[0].settings.mass
     assert made[1].mass == made[1].settings.mass
+    assert len(made[0].truth.time) > 0
+    np.testing.assert_array_equal(made[0].truth.force, made[1].truth.force)
     assert np.ptp(made[0].zero, axis=0).min() > 0.0
     np.testing.assert_array_equal(made[1].zero, np.broadcast_to(SHORT.bias, made[1].zero.shape))
 
@@ -202,9 +203,8 @@ def test_the_mesh_is_the_closed_cylinder() -> None:
 
     mesh = trimesh.Trimesh(*link_mesh(SHORT), process=False)
     assert mesh.is_watertight
-    assert mesh.volume == pytest.approx(
-        np.pi * SHORT.sheet.radius**2 * 2 * SHORT.half_length, rel=1e-3
-    )  # and not inside out
+    volume = np.pi * SHORT.sheet.radius**2 * 2 * SHORT.half_length
+    assert mesh.volume == pytest.approx(volume, rel=1e-3)  # and not inside out
     assert np.ptp(mesh.vertices[:, 2]) == pytest.approx(2 * SHORT.half_length)
 
 

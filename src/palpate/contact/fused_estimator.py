@@ -14,13 +14,18 @@ from palpate.contact.estimate import ROW, Status
 from palpate.contact.estimator import NOTHING_BESIDE
 from palpate.contact.fused import Fused, FusedLocator
 from palpate.contact.fused_unseen import Unseen
+from palpate.contact.locate import Locator
 from palpate.contact.taxel_estimator import TaxelEstimator
+from palpate.contact.zero_follower import ZeroFollower
+from palpate.contact.zero_gate import ContactShape
 from palpate.errors import InputError
 from palpate.sensors.compensation import Compensation
+from palpate.sensors.drift import Drift
 from palpate.sensors.filters import Filter
 from palpate.sensors.recording import AVERAGED, CELLS, FORCE, TORQUE, Recording, apart
 from palpate.sensors.smoothing import BothWays, Forward
 from palpate.sensors.wrench_sensor import Measured, Placement, Tare, WrenchSensor
+from palpate.sensors.zero_filter import FollowedSensor, ZeroHistory
 from palpate.spatial._arrays import require_out
 from palpate.spatial.pose import Pose
 
@@ -64,6 +69,8 @@ class FusedEstimator:
         fused: on the surface, in the surface's frame, which is the skin's too.
         mount: T_sensor_surface.
         mount_covariance: (6, 6) of its (rotation vector [rad], translation [m]), perturbed on the left.
+        drift: how the sensor's zero wanders: it is followed while neither skin nor wrench tells of a contact.
+        covered: the body is touched nowhere but on the skin, so that where this feels nothing, nothing touches.
     """
 
     channels = (CELLS, FORCE, TORQUE, AVERAGED)
@@ -75,8 +82,11 @@ class FusedEstimator:
         fused: FusedLocator,
         mount: Pose | None = None,
         mount_covariance: Float[np.ndarray, "6 6"] | None = None,
+        drift: Drift | None = None,
+        covered: bool = False,
     ) -> None:
-        if sensor.noise is None:
+        noise = sensor.noise
+        if noise is None:
             raise InputError(
                 "fusing a skin with wrenches needs the noise of the wrenches.",
                 where="force_torque.noise",
@@ -92,6 +102,8 @@ class FusedEstimator:
             self._smoothed(self._filter, recursion.share.min())
         if recursion is not None and not self._zero_phase:
             self._forward = Forward(recursion, _known(taxels.rate))
+        self._covered = covered
+        self._follower = None if drift is None else self._follows(drift, noise)
         self._one = np.zeros(1), np.zeros((1, len(taxels.body))), np.zeros(1, dtype=np.int64)
         self._rows = taxels.empty(taxels.most)
         self.reset()
@@ -115,6 +127,8 @@ class FusedEstimator:
         self.sensor.reset()
         if self._forward is not None:
             self._forward.reset()
+        if self._follower is not None:
+            self._follower.reset()
         self._noted = dict[str, None]()
         self._since = self._looked = np.nan  # [s] when the wrench began to be unexplained, and its place was looked for
         self._places: Unseen | None = None
@@ -139,7 +153,7 @@ class FusedEstimator:
             InputError: a channel is missing or of another size, or the filter looks ahead.
         """
         self._require_forward()
-        return self._joined(self.taxels.run(recording), *self._wrenches(recording))
+        return self._joined(self.taxels.run(recording), recording)
 
     def pairs(
         self, blocks: Iterable[Recording], forces: Callable[[np.ndarray], None] | None = None
@@ -147,7 +161,7 @@ class FusedEstimator:
         """Each block with its contacts, in order, as soon as they are known; see `TaxelEstimator.pairs`."""
         first, beside = 0, _Beside(self.sensor, self._filter, self.taxels.rate)
         for block, found in self.taxels.pairs(beside.measured(self.sensor.ready(blocks)), forces):
-            yield block, self._joined(found, *self._placed(*beside.taken()), first)
+            yield block, self._joined(found, block, first, beside.taken())
             first += len(block)
 
     def stream(self, blocks: Iterable[Recording]) -> Iterator[Contacts]:
@@ -189,8 +203,12 @@ class FusedEstimator:
         require_out(rows, (None, ROW.length + len(self.features) + 1))
         cells, wrench, averaged = values[:-7], values[-7:-1], values[-1:]
         count = self.taxels.update_into(time, cells, self._rows)
+        follower = self._entered(time)
         measured = self.sensor.single(time, wrench, rotation, acceleration)
         located, covariance, status = self._placed(measured, averaged)
+        if follower is not None:
+            kept = follower.sensor.kept_of(follower.sensor.held, 1)
+            follower.add(time, kept, self._told(self._rows[:count]))
         return self._frame(time, self._rows[:count], located[0], covariance[0], int(status[0]), rows)
 
     def run_into(
@@ -213,7 +231,10 @@ class FusedEstimator:
             when, _, count = self._one
             when[0] = time[done]
             self.taxels.run_into(when, channels[CELLS], self._rows, count)
+            follower = self._entered(float(time[done]))
             located, covariance, status = self._wrenches(block)
+            if follower is not None:
+                follower.add(block.time, follower.sensor.kept(block), self._told(self._rows[: int(count[0])]))
             counts[done] = self._frame(
                 float(time[done]), self._rows[: int(count[0])], located[0], covariance[0], int(status[0]), out[used:]
             )
@@ -224,6 +245,7 @@ class FusedEstimator:
     def notes(self) -> tuple[str, ...]:
         """What was met so far, one sentence each."""
         said = [*self._noted, *self.taxels.notes(), *self.sensor.notes()]
+        said += [] if self._follower is None else self._follower.notes()
         if self._missing:
             said.append(
                 f"{self._missing} of {self._frames} frames have no wrench: their forces are the skin's alone (share 1)"
@@ -233,6 +255,7 @@ class FusedEstimator:
     def doubts(self) -> tuple[str, ...]:
         """What may be wrong: the skin and the wrench that do not belong together."""
         said = [*self.taxels.doubts(), *self.sensor.doubts()]
+        said += [] if self._follower is None else self._follower.doubts()
         if self._touched >= ENOUGH and self._opposed > AGREES * self._touched:
             said.append(
                 f"the wrench points against what the skin feels in {self._opposed} of {self._touched} frames with a "
@@ -244,6 +267,36 @@ class FusedEstimator:
                 "skin feels: are skin map, surface.pose, clocks and units of one link?"
             )
         return tuple(said)
+
+    def zero_history(self) -> ZeroHistory | None:
+        """How the zero of the wrenches went; None where it is not followed."""
+        return None if self._follower is None else self._follower.history()
+
+    def _follows(self, drift: Drift, noise: Float[np.ndarray, "6 6"]) -> ZeroFollower:
+        """What follows the zero of the wrenches, from its tare on."""
+        if not isinstance(self.sensor, FollowedSensor):
+            raise InputError("the zero of this sensor cannot be followed.", where="drift")
+        if self._zero_phase:
+            raise InputError(
+                "the zero beside a skin is followed as samples come, and a filter of zero phase looks ahead.",
+                where="drift",
+                hint="Use a Butterworth filter without zero_phase, or none.",
+            )
+        matrix = self._placement.matrix
+        locator = Locator(self.fused.surface, friction=self.fused.settings.friction, noise=matrix @ noise @ matrix.T)
+        return ZeroFollower(self.sensor, drift, ContactShape(locator, self._placement))
+
+    def _entered(self, time: float) -> ZeroFollower | None:
+        """What follows the zero, told that samples of this time come next."""
+        if self._follower is not None:
+            self._follower.enter(time)
+        return self._follower
+
+    def _told(self, skin: Float[np.ndarray, "n v"]) -> bool | None:
+        """What the skin says of whether something touches."""
+        if np.isfinite(skin[:, ROW.point]).all(axis=1).any():
+            return True
+        return False if self._covered else None
 
     def _wrenches(
         self, recording: Recording
@@ -267,28 +320,25 @@ class FusedEstimator:
             raise InputError("fusing needs the noise of the wrenches.", where="force_torque.noise")
         return located, covariances, measured.status
 
-    def _joined(
-        self,
-        found: Contacts,
-        located: Float[np.ndarray, "n 6"],
-        covariances: Float[np.ndarray, "n 6 6"],
-        status: Int8[np.ndarray, " n"],
-        first: int = 0,
-    ) -> Contacts:
-        """Contacts of the skin with the wrenches of their frames."""
-        rows, parts, counts = found.rows(), list[np.ndarray](), np.zeros(len(located), dtype=np.int64)
-        edges = np.searchsorted(found.sample - first, np.arange(len(located) + 1))
+    def _joined(self, found: Contacts, block: Recording, first: int = 0, smoothed: _Taken | None = None) -> Contacts:
+        """Contacts of the skin with the wrenches of their frames, in pieces where the zero is followed."""
+        skin, parts, counts = found.rows(), list[np.ndarray](), np.zeros(len(block), dtype=np.int64)
+        edges = np.searchsorted(found.sample - first, np.arange(len(block) + 1)).tolist()
         out = self.empty(self.most)
-        for k in range(len(located)):
-            of = slice(int(edges[k]), int(edges[k + 1]))
-            counts[k] = self._frame(
-                float(found.time[of.start]), rows[of], located[k], covariances[k], int(status[k]), out
-            )
-            parts.append(out[: counts[k]].copy())
+        for cut in [slice(0, len(block))] if self._follower is None else self._follower.pieces(block.time):
+            piece = block.picked(cut)
+            follower = self._entered(float(piece.time[0])) if len(piece) else None
+            located = self._wrenches(piece) if smoothed is None or follower is not None else self._placed(*smoothed)
+            if follower is not None:
+                felt = self._told(skin[edges[cut.start] : edges[cut.stop]])
+                follower.add(piece.time, follower.sensor.kept(piece), felt)
+            for k, (wrench, covariance, status) in enumerate(zip(*located, strict=True), cut.start):
+                rows = skin[edges[k] : edges[k + 1]]
+                counts[k] = self._frame(float(block.time[k]), rows, wrench, covariance, int(status), out)
+                parts.append(out[: counts[k]].copy())
         made = np.concatenate([self.empty(0), *parts])
-        sample = first + np.repeat(np.arange(len(located)), counts)
-        time = np.repeat(found.time[edges[:-1]], counts) if len(found) else found.time
-        return Contacts.of_rows(sample, time, made, self.features)
+        sample = first + np.repeat(np.arange(len(block)), counts)
+        return Contacts.of_rows(sample, np.repeat(block.time, counts), made, self.features)
 
     def _frame(
         self,
@@ -383,6 +433,7 @@ class FusedEstimator:
 
 
 _Smoothed = tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, " n"]]  # wrenches, and what is left of their noise
+_Taken = tuple[Measured, Float[np.ndarray, " n"], _Smoothed | None]  # the second: means of how many readings
 
 
 class _Beside:
@@ -405,8 +456,8 @@ class _Beside:
         if self._both is not None:
             self._both.finish()
 
-    def taken(self) -> tuple[Measured, Float[np.ndarray, " n"], _Smoothed | None]:
-        """Of the next block: what was measured, the mean of how many readings each is, and smoothed wrenches."""
+    def taken(self) -> _Taken:
+        """Of the next block."""
         measured, averaged = self._waiting.popleft()
         if self._both is None:
             return measured, averaged, None

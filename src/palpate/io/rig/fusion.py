@@ -12,6 +12,7 @@ from palpate.contact.fused_estimator import FusedEstimator
 from palpate.contact.taxel_estimator import TaxelEstimator
 from palpate.errors import InputError
 from palpate.io.logs.layout import Layout
+from palpate.io.rig.drift import rig_drift
 from palpate.io.rig.force_torque import FORCE_TORQUE, rig_compensation
 from palpate.io.rig.kind import Prepared, SensorKind
 from palpate.io.rig.skin import SKIN, RigSkin
@@ -28,20 +29,21 @@ __all__ = ["FUSION", "RigFusion"]
 class RigFusion:
     """What is known of contacts before the wrench is looked at: see `palpate.contact.fused.FusionSettings`.
 
-    The bound of friction is that of [estimate].
+    The bound of friction is that of [estimate]. `covered`: the body is touched nowhere but on the skin.
     """
 
     tangential: float = 0.25
     gain: float = 0.10
     floor: float = 0.0
     alarm: float = 0.01
+    covered: bool = False
 
     def __post_init__(self) -> None:
-        FusionSettings(max(1.0, self.tangential), **vars(self))
+        self.settings(max(1.0, self.tangential))
 
     def settings(self, friction: float) -> FusionSettings:
         """With the bound of friction, in which the tangential forces that are expected must lie."""
-        return FusionSettings(friction, **{**vars(self), "tangential": min(self.tangential, friction)})
+        return FusionSettings(friction, min(self.tangential, friction), self.gain, self.floor, self.alarm)
 
 
 def _layout(rig: Rig) -> Layout:
@@ -56,7 +58,8 @@ def _build(rig: Rig, head: Recording | None) -> Prepared:
     if not isinstance(felt.estimator, TaxelEstimator):
         raise InputError("is no skin of taxels.", where="skin")
     sensor = rig_compensation(rig, _single(head))
-    settings = (rig.sensors.get("fusion") or RigFusion()).settings(rig.estimate.friction)
+    known = rig.sensors.get("fusion") or RigFusion()
+    settings = known.settings(rig.estimate.friction)
     uncertain = None if rig.surface is None else rig.surface.pose_covariance
     estimator = FusedEstimator(
         felt.estimator,
@@ -64,6 +67,8 @@ def _build(rig: Rig, head: Recording | None) -> Prepared:
         FusedLocator(rig_surface(rig), settings),
         rig.mount(),
         None if uncertain is None else np.asarray(uncertain),
+        rig_drift(rig, 6),
+        known.covered,
     )
     made = Prepared(estimator, felt.said, felt.doubted, {**felt.facts, **vars(settings)})
     tare = rig.estimate.tare or rig.table(RigSkin).tare
