@@ -4,6 +4,7 @@ PYTHON ?= python3
 export TMPDIR := $(CURDIR)/.cache/tmp
 export UV_CACHE_DIR := $(CURDIR)/.cache/uv
 export UV_PYTHON_DOWNLOADS := never
+unexport PYTHONDONTWRITEBYTECODE # set, every worker and command of the tests compiles all modules anew
 export MPLCONFIGDIR := $(CURDIR)/.cache/matplotlib
 # The type checker stays with the locked version instead of asking for a newer one.
 export PYRIGHT_PYTHON_IGNORE_WARNINGS := 1
