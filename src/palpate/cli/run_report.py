@@ -11,6 +11,7 @@ from jaxtyping import Float
 
 from palpate.cli.report_advice import mounting_known, wrench_advice
 from palpate.contact.contacts import Contacts
+from palpate.contact.fused_estimator import FusedEstimator
 from palpate.contact.locate import Locator
 from palpate.contact.taxel_estimator import TaxelEstimator
 from palpate.contact.wrench_estimator import WrenchEstimator
@@ -64,6 +65,8 @@ def run_of(
     )
     if isinstance(estimator, WrenchEstimator):
         return _of_wrenches(run, log.rig, estimator)
+    if isinstance(estimator, FusedEstimator):
+        return _of_both(run, log.rig, estimator)
     return _of_taxels(run, log.rig, estimator) if isinstance(estimator, TaxelEstimator) else run
 
 
@@ -96,7 +99,7 @@ def _of_wrenches(run: Run, rig: Rig, estimator: WrenchEstimator) -> Run:
     return replace(run, sections=(force_torque(rig, payload, estimator.mount), *zero), advice=advice)
 
 
-def zero_section(estimator: WrenchEstimator) -> tuple[Section, ...]:
+def zero_section(estimator: WrenchEstimator | FusedEstimator) -> tuple[Section, ...]:
     """How the zero went, where it was followed; nothing where it was not."""
     history = estimator.zero_history()
     if history is None or not len(history.time):
@@ -137,6 +140,17 @@ def _of_taxels(run: Run, rig: Rig, estimator: TaxelEstimator) -> Run:
     section = taxels(run.kept.contacts, tuple(facts), shape, () if health is None else health.notes)
     uncertainties = ("the cells' noise", "where in a cell a touch may be")
     return replace(run, body=drawn, uncertainties=uncertainties, sections=(section,))
+
+
+def _of_both(run: Run, rig: Rig, estimator: FusedEstimator) -> Run:
+    """Felt by a skin, with forces that a force/torque sensor sums up."""
+    run = _of_taxels(run, rig, estimator.taxels)
+    return replace(
+        run,
+        method="Places are the skin's, forces those that explain skin and wrench within friction",
+        uncertainties=(*run.uncertainties, "the wrench's noise", "what the skin's forces are off by"),
+        sections=(*run.sections, *zero_section(estimator)),
+    )
 
 
 def _surface_name(rig: Rig) -> str:

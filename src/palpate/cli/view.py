@@ -104,6 +104,12 @@ def _estimated(path: Path, setup: Setup, rig: Rig) -> tuple[Scene, list[str]]:
     return scene, [*([log.torn] if log.torn else []), *pipeline.doubts(), *pipeline.notes()]
 
 
+def _main(rig: Rig) -> str:
+    """The sensor of contacts that do not say of which they are."""
+    together = [kind.name for kind in rig.kinds if kind.parts]
+    return (together or [rig.kinds[0].name])[0]
+
+
 def _shown(contacts: Contacts, path: Path, rig: Rig, sensor: str | None) -> tuple[Scene, list[str]]:
     """Contacts as they were written, in the frame that the body is drawn in."""
     beside = read_provenance(path)  # which frame, and of which sensor they are
@@ -116,5 +122,5 @@ def _shown(contacts: Contacts, path: Path, rig: Rig, sensor: str | None) -> tupl
         )
     if frame == "sensor" and rig.surface is not None:
         contacts = contacts.with_estimate(in_frame(contacts.estimate, rig.surface.pose.pose().inverse()))
-    kind = sensor or str(beside.get("sensor", rig.kinds[0].name))
+    kind = sensor or str(beside.get("sensor", _main(rig)))
     return prepare(body_of(rig), contacts, path.name, layers_of(rig, kind)), list(contacts.notes)
