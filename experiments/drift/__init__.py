@@ -1,0 +1,1 @@
+"""How the zero of a sensor wanders: found from a free log, and followed."""
