@@ -22,7 +22,7 @@ FRICTION, TORSION = 0.6, 2e-3  # of touches; the estimator allows 1.0 and 5 mm
 
 @dataclass(frozen=True)
 class Touch:
-    """One that rises in `onset` to `force` [N], stays, and goes as it came; `begin` and `end` [s] where it is nothing."""
+    """One that rises in `onset` to `force` [N], stays, and goes as it came, or in `release`; from `begin` to `end` [s]."""
 
     begin: float
     end: float
@@ -71,8 +71,6 @@ def _place(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
             return point[0] + PLACE, BODY.normals(point)[0]
 
 
-def readings(
-    time: np.ndarray, zero: np.ndarray, touches: list[Touch], rng: np.random.Generator
-) -> np.ndarray:
+def readings(time: np.ndarray, zero: np.ndarray, touches: list[Touch], rng: np.random.Generator) -> np.ndarray:
     """(n, 6) as the sensor reads them."""
     return zero + wrenches(time, touches, rng) + NOISE * rng.standard_normal((len(time), 6))
