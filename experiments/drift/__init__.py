@@ -1,1 +1,1 @@
-"""How the zero of a sensor wanders: found from a free log, and followed."""
+"""A zero that wanders: what is followed, what is not eaten, and what nobody can tell."""

@@ -16,6 +16,7 @@ from palpate.sensors.drift import Drift
 from palpate.sensors.force_torque import ForceTorque, Payload
 from palpate.sensors.recording import FORCE, ORIENTATION, TORQUE, Recording
 from palpate.sensors.wrench_sensor import Placement
+from palpate.sensors.zero_filter import ZeroState
 from palpate.spatial.pose import Pose
 from palpate.surfaces import Mesh
 
@@ -64,7 +65,7 @@ def follow(
     sensor = Compensation(ForceTorque(NOISE), payload)
     sensor.tare(log.picked(slice(0, TARE)))
     follower = ZeroFollower(sensor, drift, shape(), alone=alone, smooth=smooth)
-    times, states = [], []
+    times, states = list[float](), list[ZeroState]()
     for cut in follower.pieces(time):
         follower.enter(float(time[cut.start]))
         middle = float(time[cut].mean())
@@ -76,8 +77,8 @@ def follow(
     follower.finish()
     if smooth:
         states = list(follower.settled())
-    parts = (np.array([state[k] for state in states]) for k in range(3))
-    return Followed(np.array(times), *parts, follower.history().status, follower.gate.jumps)
+    zero, coefficient, covariance = (np.array([state[k] for state in states]) for k in range(3))
+    return Followed(np.array(times), zero, coefficient, covariance, follower.history().status, follower.gate.jumps)
 
 
 def one_tare(time: np.ndarray, readings: np.ndarray, at: np.ndarray) -> np.ndarray:

@@ -28,7 +28,9 @@ class Line(NamedTuple):
     figures: dict[str, float]
 
     def __str__(self) -> str:
-        return f"{self.what}: " + ", ".join(f"{name} {value:.3g}" for name, value in self.figures.items())
+        return (
+            self.what + ": " * bool(self.figures) + ", ".join(f"{k} {value:.3g}" for k, value in self.figures.items())
+        )
 
 
 def _session(walk: float, warm_up: float, contacts: int, rng: np.random.Generator) -> tuple[np.ndarray, ...]:
@@ -64,7 +66,8 @@ def long_contacts(walk: float, warm_up: float, sessions: int, contacts: int = 4,
         for name, each in zeros.items():
             errors[name] += np.linalg.norm((each - truth)[:, :3], axis=1).tolist()
         off = (found.zero[at] - truth)[:, :3]
-        square = np.einsum("ni,ni->n", off, np.linalg.solve(found.covariance[at][:, :3, :3], off[..., None])[..., 0])
+        whitened: np.ndarray = np.linalg.solve(found.covariance[at][:, :3, :3], off[..., None])[..., 0]
+        square: np.ndarray = np.sum(off * whitened, axis=1)
         inside += (square <= CHI2_95).tolist()
     figures = {name: float(np.percentile(each, 95)) for name, each in errors.items()}
     name = f"60 s at 10 N, walk {1e3 * walk:.2g} mN/sqrt(s), warm-up {60 * warm_up:.2g} N/min, {len(inside)} contacts"
@@ -91,10 +94,10 @@ def smoothing(walk: float, warm_up: float, sessions: int, contacts: int = 4, see
                     k = int(np.searchsorted(found.time, begin + CONTACT / 2))
                     square = off[k] @ np.linalg.solve(found.covariance[k, :3, :3], off[k])
                     inside, count = inside + float(square <= CHI2_95), count + 1
-    figures = {}
+    figures = dict[str, float]()
     for name, total in sums.items():
-        forward, both = np.sqrt(total / (sessions * contacts))
-        figures |= {f"{name}, forward": float(forward), f"{name}, both": float(both), f"{name}, ratio": both / forward}
+        forward, both = (float(value) for value in np.sqrt(total / (sessions * contacts)))
+        figures |= {f"{name}, forward": forward, f"{name}, both": both, f"{name}, ratio": both / forward}
     what = f"smoothed, walk {1e3 * walk:.2g} mN/sqrt(s), warm-up {60 * warm_up:.2g} N/min, {count} contacts"
     return Line(what, {**figures, "inside 95 %, middle": inside / count})
 

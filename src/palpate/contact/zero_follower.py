@@ -70,7 +70,7 @@ class ZeroFollower:
         self.sensor, self.drift, self.smooth = sensor, drift, smooth
         self.filter = ZeroFilter(drift, np.full(weighs, drift.weight))
         self.gate = ZeroGate(self.filter, sensor, shape, alone)
-        self._record = ZeroRecord(sensor, WINDOW)
+        self._record = ZeroRecord(sensor)
         self.count = 0
         self.reset()
 

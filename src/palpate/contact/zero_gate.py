@@ -97,7 +97,7 @@ class Decided(NamedTuple):
 class _Kept(NamedTuple):
     """A window with its difference from what was expected, and what a skin said."""
 
-    index: int
+    number: int
     window: Window
     off: Float[np.ndarray, " m"]
     spread: Float[np.ndarray, "m m"]
@@ -145,18 +145,18 @@ class ZeroGate:
         """Windows that are not decided."""
         return len(self._pending) + len(self._odd)
 
-    def judge(self, index: int, window: Window, strength: float, full: bool, touched: bool | None = None) -> Decided:
+    def judge(self, number: int, window: Window, strength: float, full: bool, touched: bool | None = None) -> Decided:
         """The next window.
 
         Args:
-            index: of it.
+            number: of it.
             window: its mean.
             strength: the largest force of its samples, in standard deviations.
             full: whether a channel was at its range.
             touched: what a skin says, if there is one.
         """
         expected, spread = self.filter.expected(window.time, window.regressor)
-        one = _Kept(index, window, window.value - expected, spread, touched)
+        one = _Kept(number, window, window.value - expected, spread, touched)
         self._recent.append(one)
         while self._recent[0].window.time < window.time - MEMORY:
             self._recent.popleft()
@@ -165,7 +165,7 @@ class ZeroGate:
 
     def finish(self) -> list[int]:
         """What still waits, given up."""
-        left = [one.index for one in (*self._odd, *self._pending)]
+        left = [one.number for one in (*self._odd, *self._pending)]
         self._pending.clear()
         self._odd.clear()
         return left
@@ -201,25 +201,25 @@ class ZeroGate:
 
     def _release(self, one: _Kept) -> Decided:
         """A free window: it waits; those that waited long enough are used."""
-        unused = [each.index for each in self._odd]
+        unused = [each.number for each in self._odd]
         self._odd.clear()
         time = one.window.time
         if self._before is not None:
             self._ended, self._before, self._fast, self._told = time, None, False, False
         if time < self._ended + AFTER:
-            return Decided([*unused, one.index], [], None, held=False, changed=False)
+            return Decided([*unused, one.number], [], None, held=False, changed=False)
         self._pending.append(one)
         return Decided(unused, self._due(time), None, held=False, changed=False)
 
     def _due(self, time: float) -> list[int]:
         used = list[int]()
         while self._pending and self._pending[0].window.time <= time - DELAY:
-            used.append(self._pending.popleft().index)
+            used.append(self._pending.popleft().number)
         return used
 
     def _hold(self, one: _Kept) -> Decided:
         """A touch, or a jump of the zero."""
-        unused = [each.index for each in self._pending]
+        unused = [each.number for each in self._pending]
         self._pending.clear()
         if self._before is None:
             self._before = one.spread
@@ -228,11 +228,11 @@ class ZeroGate:
         changed, jump = self._jumped(one)
         if jump is None:
             while self._odd[0].window.time < one.window.time - PERSISTS - DELAY:
-                unused.append(self._odd.popleft().index)
+                unused.append(self._odd.popleft().number)
             return Decided(unused, [], None, held=True, changed=changed)
         steady = [self._agree(each, jump) for each in self._odd]
         begin = len(steady) - steady[::-1].index(False) if False in steady else 0
-        unused += [self._odd.popleft().index for _ in range(begin)]
+        unused += [self._odd.popleft().number for _ in range(begin)]
         self._pending, self._odd = self._odd, deque[_Kept]()
         self._before, self._fast, self._told = None, False, False
         self._recent = deque(each._replace(off=each.off - jump) for each in self._recent)
