@@ -1,4 +1,4 @@
-"""What the study of drift assumes: a probe 150 mm from a force/torque sensor, and what touches it, by plain geometry."""
+"""What the study assumes: a probe 150 mm from a force/torque sensor, and what touches it, by plain geometry."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from palpate.sensors.drift import Drift
 from palpate.simulation.shapes import Superquadric
 
-__all__ = ["BODY", "NOISE", "PLACE", "RATE", "Touch", "drift_of", "readings"]
+__all__ = ["BODY", "NOISE", "PLACE", "RATE", "Touch", "drift_of", "readings", "wrenches"]
 
 RATE = 200.0  # Hz
 NOISE = np.array([0.04] * 3 + [1.5e-3] * 3)  # N, N m
@@ -21,7 +21,7 @@ FRICTION, TORSION = 0.6, 2e-3  # of touches; the estimator allows 1.0 and 5 mm
 
 @dataclass(frozen=True)
 class Touch:
-    """One that rises in `onset` to `force` [N], stays, and goes as it came; `begin` and `end` [s] where it is nothing."""
+    """From `begin` to `end` [s]: it rises in `onset` to `force` [N], stays, and goes as it came, or in `release`."""
 
     begin: float
     end: float

@@ -110,7 +110,7 @@ def test_with_a_payload_the_arm_may_move(tmp_path: Path, capsys: pytest.CaptureF
     payload = Payload(*np.array([[0.0, 0.0, -10.0], [1.0, 2.0, 3.0], [0.0, 0.0, 0.05], [0.1, 0.2, 0.3]]))
     turned = Rotation.from_rotvec(np.column_stack([0.5 * np.sin(TIME / 5.0), 0.3 * np.cos(TIME / 7.0), 0.0 * TIME]))
     weight = turned.inv().apply([0.0, 0.0, -10.0])
-    hanging = np.column_stack([weight + [1, 2, 3], np.cross([0.0, 0.0, 0.05], weight) + [0.1, 0.2, 0.3]])
+    hanging = np.column_stack([weight, np.cross([0.0, 0.0, 0.05], weight)]) + np.array([1.0, 2.0, 3.0, 0.1, 0.2, 0.3])
     columns(tmp_path / "free.csv", "fx,fy,fz,tx,ty,tz,qx,qy,qz,qw", a_zero() + hanging, turned.as_quat())
     write_model(tmp_path / "payload.toml", payload)
     code, out = drift(

@@ -1,4 +1,4 @@
-"""[drift] of a rig: what it says becomes a Drift, what it cannot mean is a sentence, and writing it keeps every word."""
+"""[drift] of a rig: what it says becomes a Drift, what it cannot mean is a sentence, and writing keeps every word."""
 
 from __future__ import annotations
 
@@ -32,7 +32,8 @@ def a_rig(folder: Path, text: str) -> Path:
 def test_it_becomes_a_drift_of_six_channels_in_si(tmp_path: Path) -> None:
     text = WALK + (
         "warm_up = { force = 0.6, torque = 0.012 }\nsettle = 300\nweight = 0.05\n"
-        'thermal = { force = -0.02, torque = 0.001 }\nthermal_deviation = { force = 0.01, torque = 0 }\ntemperature = "T"\n'
+        "thermal = { force = -0.02, torque = 0.001 }\nthermal_deviation = { force = 0.01, torque = 0 }\n"
+        'temperature = "T"\n'
     )
     rig = load_rig(a_rig(tmp_path, WRENCH + text))
     drift = rig_drift(rig, 6)

@@ -103,3 +103,14 @@ def test_a_gain_error_is_a_share() -> None:
         ForceTorque(gain_error=-0.1)
     assert ForceTorque([0.02] * 3 + [0.001] * 3).lever == pytest.approx(0.05)
     assert ForceTorque(limits=[200.0] * 3 + [4.0] * 3).lever == pytest.approx(0.02)
+
+
+def test_a_zero_that_wanders_is_noise_unless_it_is_followed() -> None:
+    """A ramp of 50 deviations over the log, 5 of them in a segment of 2000 readings."""
+    readings = np.random.default_rng(8).normal(size=(20_000, 6)) * DEVIATIONS
+    readings += np.linspace(0.0, 50.0, 20_000)[:, None] * DEVIATIONS
+    whole, without = rest_noise(readings), rest_noise(readings, wander=False)
+    assert whole is not None
+    assert without is not None
+    assert np.all(whole.deviation > 5.0 * DEVIATIONS)
+    np.testing.assert_allclose(without.deviation, DEVIATIONS, rtol=0.1)

@@ -189,7 +189,8 @@ def _made(found: Search, groups: Sequence[Sequence[int]], samples: int, notes: S
     best, kelvin = found.found, bool(len(found.windows.temperature))
     warm_up = np.sqrt(found.rate**2 + found.rate_deviation**2)
     for group in groups:
-        warm_up[list(group)] = np.sqrt(np.mean(warm_up[list(group)] ** 2))
+        together: Float[np.ndarray, " k"] = warm_up[list(group)]
+        warm_up[list(group)] = np.sqrt(np.mean(together**2))
     drift = Drift(
         best.walk,
         warm_up,

@@ -156,8 +156,8 @@ class Search:
     def _correlation(self) -> float:
         """The largest, over some lags, of what is left: in the mean of a group's channels."""
         left = innovations(self._with(self.settling), self.found)
-        each = [np.mean(left[lag:] * left[:-lag], axis=0) for lag in range(1, LAGS + 1)]
-        return max(float(np.abs(np.mean(one[group]))) for one in each for group in self._groups)
+        each: list[Float[np.ndarray, " m"]] = [np.mean(left[lag:] * left[:-lag], axis=0) for lag in range(1, LAGS + 1)]
+        return max(abs(float(one[group].mean())) for one in each for group in self._groups)
 
     def notes(self, noise: Float[np.ndarray, "..."] | None, step: float, names: Sequence[str]) -> list[str]:
         """What a reader should know; `step` [s] from reading to reading, whose stated noise is compared."""

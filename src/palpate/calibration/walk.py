@@ -241,7 +241,7 @@ class _Group:
 def _first_guess(steps: Steps, channel: int) -> tuple[float, float]:
     """Logarithms of both variances, from the first two moments of the steps."""
     change = steps.change[:, channel]
-    square = float(np.mean((change - change.mean()) ** 2))
+    square = float(np.var(change))
     pairs = np.flatnonzero(steps.joined)
     beside = float(np.mean(change[pairs] * change[pairs + 1])) if len(pairs) else 0.0
     noise = max(-beside, 0.05 * square, _TINY)

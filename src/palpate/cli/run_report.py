@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from palpate.cli.report_advice import mounting_known, wrench_advice
 from palpate.contact.contacts import Contacts
@@ -104,7 +104,7 @@ def zero_section(estimator: WrenchEstimator | FusedEstimator) -> tuple[Section, 
     history = estimator.zero_history()
     if history is None or not len(history.time):
         return ()
-    held = history.status != ZeroStatus.FREE
+    held: Bool[np.ndarray, " n"] = history.status != ZeroStatus.FREE
     drawn = zeros(history.time, history.zero, history.deviation, held)
     caption = (
         "How far the zero has gone since the start, with 95 % bands. Below, green: followed, as nothing touched; grey: "

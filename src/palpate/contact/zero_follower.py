@@ -70,7 +70,7 @@ class ZeroFollower:
         self.sensor, self.drift, self.smooth = sensor, drift, smooth
         self.filter = ZeroFilter(drift, np.full(weighs, drift.weight))
         self.gate = ZeroGate(self.filter, sensor, shape, alone)
-        self._record = ZeroRecord(sensor, WINDOW)
+        self._record = ZeroRecord(sensor)
         self.count = 0
         self.reset()
 
@@ -114,7 +114,9 @@ class ZeroFollower:
         if np.isnan(self.filter.time):
             self._tared, state = self.sensor.start()
             begun = time if np.isnan(self._tared) else min(self._tared, time)
-            self.filter.start(begun, state.zero, state.covariance)
+            during = 0.0 if np.isnan(self._tared) else self._tared - begun  # s: of a log, all of the tare is ahead
+            wandered = self.drift.walk**2 * during + (self.drift.warm_up * during) ** 2
+            self.filter.start(begun, state.zero, state.covariance + np.diag(wandered))
         if not self.smooth:
             self.sensor.follow(self.filter.at(middle))
         return True

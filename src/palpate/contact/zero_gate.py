@@ -19,7 +19,7 @@ __all__ = ["DELAY", "ContactShape", "Decided", "Jump", "Seen", "ZeroGate"]
 DELAY = 1.0  # s a window waits: a touch that grows by 20 mN/s is noticed within it, at 40 mN of noise and 200 Hz
 AFTER = 0.5  # s after a touch that are left out: the end of a release that is as slow
 PERSISTS = 2.0  # s for which a change must stay as it is to be taken for a jump of the zero
-SPAN = 3.0  # s over which its speed is told
+SPAN, SLOWLY = 3.0, 6.0  # s over which it is told to have been fast, and to have been slow
 MEMORY = 12.0  # s in which a touch that has ended must be seen to end: the slowest release
 SINGLE, LAGGED, RETURNED = 1e-4, 1e-3, 0.05  # chance that a free window, or the mean of those that wait, is held, or
 # is not seen to be free again
@@ -49,7 +49,7 @@ class ContactShape:
         given = locator.surface, locator.method, locator.friction, locator.torsion
         self._locator = Locator(*given, noise=np.ones(6), indentation=locator.indentation)
         self._placement, self._slack = placement, slack
-        self.lever = locator.surface.size / 4.0
+        self.lever = locator.surface.size / 2.0  # of couples, beside forces
 
     def __call__(self, wrench: Float[np.ndarray, "6"], covariance: Float[np.ndarray, "6 6"]) -> Seen:
         """Of a wrench in the sensor's frame."""
@@ -97,7 +97,7 @@ class Decided(NamedTuple):
 class _Kept(NamedTuple):
     """A window with its difference from what was expected, and what a skin said."""
 
-    index: int
+    number: int
     window: Window
     off: Float[np.ndarray, " m"]
     spread: Float[np.ndarray, "m m"]
@@ -145,18 +145,18 @@ class ZeroGate:
         """Windows that are not decided."""
         return len(self._pending) + len(self._odd)
 
-    def judge(self, index: int, window: Window, strength: float, full: bool, touched: bool | None = None) -> Decided:
+    def judge(self, number: int, window: Window, strength: float, full: bool, touched: bool | None = None) -> Decided:
         """The next window.
 
         Args:
-            index: of it.
+            number: of it.
             window: its mean.
             strength: the largest force of its samples, in standard deviations.
             full: whether a channel was at its range.
             touched: what a skin says, if there is one.
         """
         expected, spread = self.filter.expected(window.time, window.regressor)
-        one = _Kept(index, window, window.value - expected, spread, touched)
+        one = _Kept(number, window, window.value - expected, spread, touched)
         self._recent.append(one)
         while self._recent[0].window.time < window.time - MEMORY:
             self._recent.popleft()
@@ -165,7 +165,7 @@ class ZeroGate:
 
     def finish(self) -> list[int]:
         """What still waits, given up."""
-        left = [one.index for one in (*self._odd, *self._pending)]
+        left = [one.number for one in (*self._odd, *self._pending)]
         self._pending.clear()
         self._odd.clear()
         return left
@@ -180,14 +180,14 @@ class ZeroGate:
             return False
         waiting = [*self._pending, one]
         count = len(waiting)
-        mean = np.mean([each.off for each in waiting], axis=0)
+        mean = np.array([each.off for each in waiting]).sum(axis=0) / count
         middle = waiting[count // 2]
         if _square(mean, middle.spread + one.window.noise / count + one.window.stays) > self._lagged:
             return False
         others = [each.off for each in self._pending]
         if len(others) < 3:
             return True
-        apart = one.off - np.mean(others, axis=0)
+        apart = one.off - np.array(others).sum(axis=0) / len(others)
         wandered = np.diag(self.filter.drift.walk**2 * (one.window.time - self._pending[0].window.time))
         return _square(apart, noise * (1.0 + 1.0 / len(others)) + wandered) <= self._single
 
@@ -201,40 +201,41 @@ class ZeroGate:
 
     def _release(self, one: _Kept) -> Decided:
         """A free window: it waits; those that waited long enough are used."""
-        unused = [each.index for each in self._odd]
+        unused = [each.number for each in self._odd]
         self._odd.clear()
         time = one.window.time
         if self._before is not None:
             self._ended, self._before, self._fast, self._told = time, None, False, False
         if time < self._ended + AFTER:
-            return Decided([*unused, one.index], [], None, held=False, changed=False)
+            return Decided([*unused, one.number], [], None, held=False, changed=False)
         self._pending.append(one)
         return Decided(unused, self._due(time), None, held=False, changed=False)
 
     def _due(self, time: float) -> list[int]:
         used = list[int]()
         while self._pending and self._pending[0].window.time <= time - DELAY:
-            used.append(self._pending.popleft().index)
+            used.append(self._pending.popleft().number)
         return used
 
     def _hold(self, one: _Kept) -> Decided:
         """A touch, or a jump of the zero."""
-        unused = [each.index for each in self._pending]
+        unused = [each.number for each in self._pending]
         self._pending.clear()
         if self._before is None:
             self._before = one.spread
         self._odd.append(one)
-        self._fast = self._fast or self._speed(one)[0] > 1.0
+        self._fast = self._fast or self._speed(one, SPAN)[0] > 1.0
         changed, jump = self._jumped(one)
         if jump is None:
             while self._odd[0].window.time < one.window.time - PERSISTS - DELAY:
-                unused.append(self._odd.popleft().index)
+                unused.append(self._odd.popleft().number)
             return Decided(unused, [], None, held=True, changed=changed)
         steady = [self._agree(each, jump) for each in self._odd]
         begin = len(steady) - steady[::-1].index(False) if False in steady else 0
-        unused += [self._odd.popleft().index for _ in range(begin)]
+        unused += [self._odd.popleft().number for _ in range(begin)]
         self._pending, self._odd = self._odd, deque[_Kept]()
         self._before, self._fast, self._told = None, False, False
+        self._recent = deque(each._replace(off=each.off - jump) for each in self._recent)
         return Decided(unused, self._due(one.window.time), jump, held=False, changed=True)
 
     def _agree(self, one: _Kept, level: Float[np.ndarray, " m"]) -> bool:
@@ -244,7 +245,7 @@ class ZeroGate:
     def _jumped(self, one: _Kept) -> tuple[bool, Float[np.ndarray, " m"] | None]:
         """Whether no contact explains the change, and by how much the zero jumped, if it did."""
         time = one.window.time
-        if self._odd[0].window.time > time - PERSISTS + 1e-6:
+        if self._odd[0].window.time > time - PERSISTS + 1e-6 or any(each.touched for each in self._odd):
             return False, None
         last = [each for each in self._odd if each.window.time > time - 1.0]
         level = np.mean([each.off for each in last], axis=0)
@@ -267,24 +268,25 @@ class ZeroGate:
 
     def _slow(self, one: _Kept) -> bool:
         """Is it known to have come slowly?"""
-        _, most, span = self._speed(one)
-        return span >= 0.9 * SPAN and most <= 1.0
+        _, most, span = self._speed(one, SLOWLY)
+        return span >= 0.9 * SLOWLY and most <= 1.0
 
-    def _speed(self, one: _Kept) -> tuple[float, float, float]:
-        """How fast it changed over the last `SPAN`, in `SLOW`, at least and at most; and for how long [s]."""
-        part = [each for each in self._recent if each.window.time > one.window.time - SPAN]
+    def _speed(self, one: _Kept, seconds: float) -> tuple[float, float, float]:
+        """How fast it changed over the last seconds, in `SLOW`, at least and at most; and over how many it is known."""
+        part = [each for each in self._recent if each.window.time > one.window.time - seconds]
         times = np.array([each.window.time for each in part])
-        if np.ptp(times) < SPAN / 2.0:
+        if np.ptp(times) < seconds / 2.0:
             return 0.0, np.inf, 0.0
         centred = times - times.mean()
         slope = centred @ np.array([each.off for each in part]) / (centred @ centred)
-        wrench, covariance = self.sensor.as_wrench(slope[None], one.window.noise / (centred @ centred))
+        walked = np.diag(1.2 * self.filter.drift.walk**2 / np.ptp(times))  # of a line through a walk
+        wrench, covariance = self.sensor.as_wrench(slope[None], one.window.noise / (centred @ centred) + walked)
         limit = SLOW * np.array([1.0, self.shape.lever])
         size = np.array([np.linalg.norm(wrench[0, :3]), np.linalg.norm(wrench[0, 3:])])
         sure = np.sqrt(np.array([np.trace(covariance[:3, :3]), np.trace(covariance[3:, 3:])]) / 3.0)
         return (
             float(np.max((size - 3.0 * sure) / limit)),
-            float(np.max((size + 2.0 * sure) / limit)),
+            float(np.max((size + sure) / limit)),
             float(np.ptp(times)),
         )
 

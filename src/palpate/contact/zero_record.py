@@ -10,8 +10,8 @@ from palpate.sensors.zero_filter import FollowedSensor, ZeroHistory, ZeroState, 
 __all__ = ["ZeroRecord"]
 
 KEPT = 20_000  # windows, evenly spread
-MOSTLY = 0.5  # of the time: held for longer is worth a doubt, in a log of
-LEAST = 300  # windows
+MOSTLY = 0.9  # of the time: held for longer is worth a doubt, in a log of
+LEAST = 3000  # windows
 SAID = 3  # jumps that are named
 
 
@@ -20,11 +20,10 @@ class ZeroRecord:
 
     Args:
         sensor: tells what a change of the zero is as a wrench.
-        seconds: [s] of a window.
     """
 
-    def __init__(self, sensor: FollowedSensor, seconds: float) -> None:
-        self._sensor, self._seconds = sensor, seconds
+    def __init__(self, sensor: FollowedSensor) -> None:
+        self._sensor, self._span = sensor, list[float]()
         self._rows, self._stride, self._seen = list[tuple[float, ZeroState, ZeroStatus]](), 1, 0
         self._counts = np.zeros(len(ZeroStatus), dtype=np.int64)
         self._last: ZeroState | None = None
@@ -33,6 +32,7 @@ class ZeroRecord:
     def add(self, time: float, state: ZeroState, status: ZeroStatus) -> None:
         """The next window."""
         self._counts[status] += 1
+        self._span = [*self._span[:1], time]
         self._first, self._last = self._first or state, state
         if self._seen % self._stride == 0:
             self._rows.append((time, state, status))
@@ -59,14 +59,13 @@ class ZeroRecord:
         """How far, and how much of the time it was held."""
         if self._first is None or self._last is None:
             return ()
-        wrench, _ = self._sensor.as_wrench(
-            (self._last.zero - self._first.zero)[None],
-            self._last.covariance[: len(self._last.zero)][:, : len(self._last.zero)],
-        )
+        channels = len(self._last.zero)
+        moved = (self._last.zero - self._first.zero)[None]
+        wrench, _ = self._sensor.as_wrench(moved, self._last.covariance[:channels, :channels])
         force, torque = (float(np.linalg.norm(part)) for part in (wrench[0, :3], wrench[0, 3:]))
         said = [
             f"the zero was followed by {force:.2g} N and {1e3 * torque:.2g} mN m over "
-            f"{self._seconds * self._seen:.0f} s, {self._held():.0%} of which it was held, as something touched"
+            f"{self._span[-1] - self._span[0]:.0f} s, {self._held():.0%} of which it was held, as something touched"
         ]
         if len(self._last.coefficient):
             sure = float(np.sqrt(self._last.covariance[-1, -1]))

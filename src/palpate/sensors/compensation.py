@@ -26,6 +26,7 @@ __all__ = ["Compensation"]
 NOTHING = Payload(np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3))
 EXPLAINED = 2.0  # residual over noise, squared, up to which the noise explains what a payload leaves
 UPRIGHT = np.eye(3)[None]
+ITSELF = Placement(Pose.identity())
 SATURATED = 6  # of contact.Status, which stands above
 SURE = 5.0  # times what it is unsure by: a tare of less is no touch
 
@@ -100,7 +101,7 @@ class Compensation:
         self._untare()
         self.state, self.held = np.empty(0), np.concatenate([np.zeros(6), np.eye(3).ravel(), np.zeros(5)])
         made = self._compensated(self._read(0.0), self._zero)  # compiles, before anything is in a hurry
-        self.place(made, made.wrench, np.ones(1), Placement(Pose.identity()))
+        self.place(made, made.wrench, np.ones(1), ITSELF)
 
     @property
     def noise(self) -> Float[np.ndarray, "6 6"] | None:
@@ -304,7 +305,9 @@ class Compensation:
         if count not in self._left:
             left = np.full(6, 1.0 / count) if spectrum is None else spectrum.of_mean(count)
             self._left[count] = self.noise * _both(left)
-        constant, whole = np.zeros((5, 6, 6)), Placement(Pose.identity())
+        if self.payload is None:
+            return self._left[count], np.zeros((6, 6))
+        constant, whole = np.zeros((5, 6, 6)), ITSELF
         push = np.concatenate([np.eye(3), skew(self._load[3:6])])
         constant[1], constant[2] = self._misfit(self.noise), self._load[9] ** 2 * push @ push.T
         middle = _kept(kept).picked(usable).mean()

@@ -236,7 +236,7 @@ class LoadCellArray:
         sound: Bool[np.ndarray, "n m"] = np.abs(kept) <= LARGEST
         beyond: Bool[np.ndarray, "n m"] = (kept <= self._channels[:, 1]) | (kept >= self._channels[:, 2])
         full = beyond & np.isfinite(self._channels[:, 1]) & sound
-        usable: Bool[np.ndarray, " n"] = sound[:, self.sound].all(axis=1) & ~full.any(axis=1)
+        usable: Bool[np.ndarray, " n"] = np.all(sound[:, self.sound] & ~full[:, self.sound], axis=1)
         values = np.where(usable[:, None], np.where(sound, kept, self.zero.voltage), np.nan)
         return Free(values, np.zeros((*kept.shape, 0)), bool(full.any()))
 

@@ -162,12 +162,15 @@ class ZeroFilter:
         self._rates = bool(drift.warm_up.any())
         size = self.known + self.channels * self._rates
         self.time, self.state, self.covariance = np.nan, np.zeros(size), np.zeros((size, size))
+        self._each, self._walks = np.arange(self.channels), drift.walk**2
+        nothing = self.state, self.covariance, np.eye(size)
+        self._asked: tuple[float, np.ndarray, tuple[np.ndarray, np.ndarray, np.ndarray]] = np.nan, nothing[1], nothing
 
     def start(self, time: float, zero: Float[np.ndarray, " m"], covariance: Float[np.ndarray, "m m"]) -> None:
         """From a zero of a tare, which tells neither coefficients nor rates."""
         m = self.channels
         self.time = time
-        self.state[:], self.covariance[:] = 0.0, 0.0
+        self.state, self.covariance = np.zeros_like(self.state), np.zeros_like(self.covariance)
         self.state[:m], self.covariance[:m, :m] = zero, covariance
         rates = self.drift.warm_up if self._rates else np.empty(0)
         spread = np.concatenate([np.zeros(m), self._deviation, rates])
@@ -193,6 +196,9 @@ class ZeroFilter:
         """What a window then would read, and the covariance of that."""
         state, covariance = self.ahead(time)
         seen = self._seen(regressor)
+        if not regressor.shape[1]:
+            m = self.channels
+            return state[:m], covariance[:m, :m]
         return seen @ state, seen @ covariance @ seen.T
 
     def advance(self, time: float, number: int = 0) -> Node:
@@ -221,18 +227,23 @@ class ZeroFilter:
         self.covariance[:m, :m] += covariance
 
     def _predicted(self, time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """State, covariance and F."""
-        m, k = self.channels, self.known
+        """State, covariance and F; the last one is remembered, as it is asked for more than once."""
+        if self._asked[0] == time and self._asked[1] is self.covariance:
+            return self._asked[2]
+        k = self.known
         passed, turn = max(time - self.time, 0.0), np.eye(len(self.state))
+        covariance, state = self.covariance, self.state
         if self._rates:
-            settling = self.drift.settling
-            left = np.exp(-passed / settling)
-            each = np.arange(m)
+            settling, each = self.drift.settling, self._each
             turn[each, k + each] = passed if np.isinf(settling) else -settling * np.expm1(-passed / settling)
-            turn[k + each, k + each] = left
-        covariance = turn @ self.covariance @ turn.T
-        covariance[:m, :m] += np.diag(self.drift.walk**2 * passed)
-        return turn @ self.state, (covariance + covariance.T) / 2.0, turn
+            turn[k + each, k + each] = np.exp(-passed / settling)
+            state, covariance = turn @ state, turn @ covariance @ turn.T
+            covariance = (covariance + covariance.T) / 2.0
+        else:
+            covariance = covariance.copy()
+        covariance[self._each, self._each] += self._walks * passed
+        self._asked = time, self.covariance, (state, covariance, turn)
+        return self._asked[2]
 
     def _seen(self, regressor: Float[np.ndarray, "m q"]) -> Float[np.ndarray, "m n"]:
         """H = (I, h, 0)."""

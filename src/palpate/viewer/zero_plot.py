@@ -80,7 +80,8 @@ def _gate(axes: Any, clock: Float[np.ndarray, " n"], held: Bool[np.ndarray, " n"
     known = np.flatnonzero(np.isfinite(clock))
     if len(known) < 2 or not np.ptp(clock[known]) > 0:
         return
-    edges: Float[np.ndarray, " e"] = np.linspace(clock[known].min(), clock[known].max(), COLUMNS + 1)
+    ends = float(clock[known].min()), float(clock[known].max())
+    edges: Float[np.ndarray, " e"] = np.linspace(*ends, COLUMNS + 1)
     counts, _ = np.histogram(clock[known], edges)
     touched, _ = np.histogram(clock[known][held[known]], edges)
     for there, colour in ((counts > 0, _FREE), (2 * touched > counts, _HELD)):

@@ -1,0 +1,64 @@
+"""Real recordings: a zero is followed, and no touch is eaten."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+
+from experiments.drift.study import Line
+from experiments.drift.world import drift_of
+from palpate.contact import Locator, WrenchEstimator
+from palpate.sensors.compensation import Compensation
+from palpate.sensors.force_torque import ForceTorque
+from palpate.sensors.noise import rest_noise
+from palpate.sensors.recording import FORCE, TORQUE, Recording
+from palpate.sensors.zero_filter import ZeroStatus
+from palpate.surfaces import plane
+
+__all__ = ["pad"]
+
+PRESSED = 1.5  # N
+
+
+def pad(folder: Path, log: str, walk: float) -> Iterator[Line]:
+    """A pad on an ATI Gamma: contacts with and without following [mm, N]. y and z were swapped by the driver."""
+    table = pl.read_csv(folder / log)
+    names = [f"ft_wrench_{part}_{axis}" for part in ("force", "torque") for axis in "xzy"]
+    if names[0] not in table.columns:
+        names = [name.replace("ft_wrench_", "") for name in names]
+    seen = table.select(names).to_numpy().astype(float)
+    time = table["timestamp"].to_numpy().astype(float) - float(table["timestamp"][0])
+    recording = Recording(time, {FORCE: seen[:, :3], TORQUE: seen[:, 3:]})
+    noise = rest_noise(seen)
+    if noise is None:
+        return
+    force = {}
+    for name, drift in (("tare alone", None), ("followed", drift_of(walk))):
+        surface = plane((0.0, 0.008, 0.0), (0.0, 1.0, 0.0), half_width=0.2)
+        sensor = Compensation(ForceTorque(noise.deviation, spectrum=noise.spectrum))
+        made = WrenchEstimator(Locator(surface, on=0.5, off=0.3), sensor, live=False, drift=drift)
+        parts = list(made.stream(recording.picked(slice(k, k + 500)) for k in range(0, len(recording), 500)))
+        point, force[name] = (
+            np.concatenate([getattr(part.estimate, field) for part in parts]) for field in ("point", "force")
+        )
+        status = np.concatenate([part.estimate.status for part in parts])
+        pressed = np.linalg.norm(seen[:, :3], axis=1) > PRESSED
+        figures = {"seconds": float(time[-1]), "answered": float(np.mean(status[pressed] <= 1))}
+        if "opti_x" in table.columns:
+            x, y = table.select("opti_x", "opti_y").to_numpy().T
+            off = point - np.column_stack([x - 0.06, np.full(len(x), 0.008), 0.142 - y])
+            figures["mean error mm"] = float(1e3 * np.nanmean(np.linalg.norm(off[pressed], axis=1)))
+        history = made.zero_history()
+        if history is not None:
+            figures["free"] = float(np.mean(history.status == ZeroStatus.FREE))
+            moved = np.linalg.norm((history.zero - history.zero[0])[:, :3], axis=1)
+            figures["zero moved N, most"] = float(moved.max())
+            figures["its deviation N, most"] = float(history.deviation[:, :3].max())
+            both = np.linalg.norm(force["followed"] - force["tare alone"], axis=1)
+            figures["force differs N, most"] = float(np.nanmax(both))
+        yield Line(f"{log}, {name}, walk {1e3 * walk:g} mN/sqrt(s)", figures)
+        for said in (*made.notes(), *made.doubts()):
+            yield Line(f"  {said}", {})
