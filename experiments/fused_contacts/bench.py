@@ -124,9 +124,7 @@ class Touch:
         return *(each[:count] for each in skin), self.wrench[None], self.covariance[None]
 
 
-def touch(
-    body: Body, count: int, rng: np.random.Generator, now: Conditions, unseen: float | None = None
-) -> Touch:
+def touch(body: Body, count: int, rng: np.random.Generator, now: Conditions, unseen: float | None = None) -> Touch:
     """`count` contacts, and one more of `unseen` newtons that is the last."""
     total = count + (unseen is not None)
     places, normals = body.draw(total, rng)
@@ -145,9 +143,7 @@ def touch(
     moved = np.einsum("nij,nj->ni", flat, now.place * rng.standard_normal((total, 3)))
     felt = np.maximum(pressing * (1.0 + now.gain * rng.standard_normal(total)), 0.0)
     wrench = clean + deviations * rng.standard_normal(6)
-    return Touch(
-        places, normals, forces, places + moved, felt, now.place**2 * flat, wrench, np.diag(deviations**2)
-    )
+    return Touch(places, normals, forces, places + moved, felt, now.place**2 * flat, wrench, np.diag(deviations**2))
 
 
 def _closest(points: np.ndarray) -> float:

@@ -93,7 +93,9 @@ def _forces(sizes: Sizes, seeds: Sequence[int], checks: list[Check]) -> list[str
 def _joined(parts: list[Forces]) -> Forces:
     first = parts[0]
     held, bound = (float(np.mean([getattr(part, name) for part in parts])) for name in ("held", "bound"))
-    ways = [np.concatenate([getattr(part, name) for part in parts]) for name in ("ours", "skin", "shortest", "idyntree")]
+    ways = [
+        np.concatenate([getattr(part, name) for part in parts]) for name in ("ours", "skin", "shortest", "idyntree")
+    ]
     return Forces(first.count, *ways, held, bound)
 
 
@@ -122,7 +124,10 @@ def _force_checks(found: Forces) -> list[Check]:
             max(ratio.values()) <= 0.25,
         ),
         Check(
-            f"{count} contacts: 95 % ellipsoids hold", "93-97 %", f"{100 * found.held:.1f} %", 0.93 <= found.held <= 0.97
+            f"{count} contacts: 95 % ellipsoids hold",
+            "93-97 %",
+            f"{100 * found.held:.1f} %",
+            0.93 <= found.held <= 0.97,
         ),
     ]
 

@@ -132,9 +132,7 @@ def places(kind: str, count: int, force: float, now: Conditions, sizes: Sizes, s
             seen.append(off[:-1])
             unseen.append(float(off[-1]))
     held, area, off = (np.array(each) for each in zip(*rows, strict=True))
-    return Places(
-        count, force, float(held.mean()), float(area.mean()), off, np.concatenate(seen), np.array(unseen)
-    )
+    return Places(count, force, float(held.mean()), float(area.mean()), off, np.concatenate(seen), np.array(unseen))
 
 
 def harder(now: Conditions, **other: float) -> Conditions:

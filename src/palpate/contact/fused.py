@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from palpate.contact.fused_alarm import Draws
 from palpate.contact.fused_cones import within_cones
-from palpate.contact.fused_unseen import PUSHES, Unseen, candidates, ranked
+from palpate.contact.fused_unseen import PUSHES, Unseen, candidates, locked, ranked
 from palpate.errors import InputError
 from palpate.spatial._arrays import Value, shaped
 from palpate.surfaces.surface import Surface
@@ -82,6 +82,9 @@ class Given(Value):
     factors: Float[np.ndarray, "k 6 6"]
     p: Float[np.ndarray, " k"]
 
+    def __post_init__(self) -> None:
+        locked(self)
+
 
 @dataclass(frozen=True, eq=False)
 class Fused(Value):
@@ -113,6 +116,9 @@ class Fused(Value):
     alarm: bool
     given: Given
     notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        locked(self)
 
 
 class FusedLocator:
@@ -291,7 +297,7 @@ class FusedLocator:
         k = int(np.argmin(given.p))
         out = np.zeros((len(self._places), 4))
         tangential = self.settings.tangential
-        _fused.explained(self._places, given.whitened[k], given.factors[k], tangential, PUSHES, out)
+        _fused.explained(self._places, given.whitened[k].copy(), given.factors[k].copy(), tangential, PUSHES, out)
         return ranked(self._places, out)
 
     def beside(self, fused: Fused, unseen: Unseen, place: int = 0) -> Fused:

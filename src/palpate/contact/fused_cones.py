@@ -10,7 +10,10 @@ from jaxtyping import Float
 
 __all__ = ["within_cones"]
 
-_WITHOUT = "contacts outside their cones of friction are left there: clarabel is not installed (pip install 'palpate[fusion]')"
+_WITHOUT = (
+    "contacts outside their cones of friction are left there: clarabel is not installed (pip install 'palpate[fusion]')"
+)
+_NONE = "no forces within the cones of friction were found: those of the closed form are given"
 
 
 def within_cones(
@@ -47,6 +50,8 @@ def within_cones(
     matrix = np.einsum("nij,njk->nik", turn, root.reshape(count, 3, -1)).reshape(3 * count, -1)
     given = np.einsum("nij,nj->ni", turn, force).reshape(-1)
     size = matrix.shape[1]
+    if not size:
+        return force, (_NONE,)
     settings = clarabel.DefaultSettings()
     settings.verbose = False
     problem = clarabel.DefaultSolver(
@@ -59,7 +64,7 @@ def within_cones(
     )
     found = problem.solve()
     if str(found.status) not in ("Solved", "AlmostSolved"):
-        return force, ("no forces within the cones of friction were found: those of the closed form are given",)
+        return force, (_NONE,)
     return force + (root @ np.asarray(found.x)).reshape(-1, 3), ()
 
 
