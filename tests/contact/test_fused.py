@@ -35,6 +35,7 @@ class Case:
     carries: np.ndarray
 
     def fused(self, set_: FusionSettings = FREE) -> Fused:
+        """What comes of it."""
         return FusedLocator(SURFACE, set_).fuse(*vars(self).values())
 
 
@@ -71,9 +72,9 @@ def skew(p: np.ndarray) -> np.ndarray:
 
 
 def twin(made: Case, set_: FusionSettings) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Forces, covariance, expected wrenches and their last covariance by dense conditioning: the plain twin of the compiled loops.
+    """Forces, covariance, expected wrenches and their last covariance by dense conditioning.
 
-    The moment of a misplaced contact is summed over the components of its covariance instead of by a closed form.
+    The plain twin of the compiled loops. The moment of a misplaced contact is summed over the components of its covariance instead of by a closed form.
     """
     count, sensors = len(made.points), len(made.wrenches)
     outward = made.normals
@@ -275,9 +276,9 @@ def test_forces_within_cones_are_the_best_there() -> None:
             assert across <= 0.3 * pressing + 1e-6  # the solver's own tolerance is 1e-8 of forces of 10 N
         assert (found.slack > -1e-6).all()
         moved += bool(found.bound.any())
-        inverse = np.linalg.inv(free.covariance)
+        inverse, middle = np.linalg.inv(free.covariance), free.force.reshape(-1)
 
-        def cost(flat: np.ndarray, centre: np.ndarray = free.force.reshape(-1), of: np.ndarray = inverse) -> float:
+        def cost(flat: np.ndarray, centre: np.ndarray = middle, of: np.ndarray = inverse) -> float:
             return float((flat - centre) @ of @ (flat - centre))
 
         def slack(flat: np.ndarray, normals: np.ndarray = made.normals) -> np.ndarray:

@@ -255,7 +255,7 @@ def _results(frames, mean, root, square, friction, out, covariance):
 
 @inner
 def _whiten(factor, column):
-    """column becomes D^-1/2 L^-1 column; 0 where D is."""
+    """Column becomes D^-1/2 L^-1 column; 0 where D is."""
     for r in range(6):
         for q in range(r):
             column[r] -= factor[r, q] * column[q]

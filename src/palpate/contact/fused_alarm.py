@@ -51,10 +51,10 @@ class Draws:
         _fused.split(noise)
         _fused.drawn(contacts, carries, noise, total[:6], factor, settings, self._table, self._out)
         rest = int(_COUNT * _TAIL)
-        apart = np.einsum("ni,ni->n", self._out, self._out)
-        far = np.partition(apart, _COUNT - rest)[_COUNT - rest :]
-        begin = float(far.min())
+        apart: Float[np.ndarray, " m"] = np.einsum("ni,ni->n", self._out, self._out)
+        far: Float[np.ndarray, " t"] = np.sort(apart)[_COUNT - rest :]
+        begin = float(far[0])
         if total[6] <= begin:
-            return float(np.mean(apart >= total[6]))
+            return int(np.count_nonzero(apart >= total[6])) / _COUNT
         mean = float(far.mean()) - begin
         return _TAIL * float(np.exp(-(total[6] - begin) / mean)) if mean > 0.0 else 0.0

@@ -1,4 +1,4 @@
-"""Where a contact may be that the skin does not see: places of a body, ranked by how well one there explains a wrench."""
+"""Where a contact may be that the skin does not see: places of a body, ranked by how well they explain a wrench."""
 
 from __future__ import annotations
 
