@@ -56,9 +56,9 @@ def _head(sizes: Sizes, seeds: Sequence[int]) -> list[str]:
         "",
         "Contacts at least 25 mm apart, uniform on the skin, 2 to 12 N along the normal; tangential forces uniform in",
         "a disc of 0.5 of that (the estimator assumes this, and a bound of 0.6). The skin's forces are 10 % off and",
-        "its places 2 mm: as the root mean square of the distance, 1.4 mm along each tangent. Rows that say *2 mm along",
-        "each* read it the harder way. The wrench has 0.04 N and 1.5 mN m of noise. The forearm is a cone of 32 to",
-        "40 mm radius and 160 to 220 mm length, the box a link with flat sides; nothing was fitted on either.",
+        "its places 2 mm: as the root mean square of the distance, 1.4 mm along each tangent. Rows that say *2 mm",
+        "along each* read it the harder way. The wrench has 0.04 N and 1.5 mN m of noise. The forearm is a cone of",
+        "32 to 40 mm radius and 160 to 220 mm length, the box a link with flat sides; nothing was fitted on either.",
         "",
     ]
 

@@ -137,7 +137,7 @@ class FusedLocator:
         set_ = self.settings
         self._settings = np.array([set_.tangential, set_.gain, set_.floor, set_.friction, set_.turns])
         self._work = dict[int, np.ndarray]()
-        self._draws = Draws(seed)
+        self._draws = Draws(seed, set_.alarm)
 
     def fuse(
         self,
@@ -194,8 +194,8 @@ class FusedLocator:
             covariance: (6, 6) of its noise.
             out: (n, 5) force [N], share, slack [N].
             out_covariance: (3n, 3n) of the forces.
-            out_total: (16,) expected wrench, surprise, its degrees of freedom and variance, p but roughly, and the wrench less
-                what was expected, whitened.
+            out_total: (16,) expected wrench, surprise, its degrees of freedom and variance, p but roughly, and the
+                wrench less what was expected, whitened.
 
         Returns:
             How many contacts violate their cone: `fuse` would move them into it.

@@ -6,7 +6,7 @@ from importlib import import_module
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 __all__ = ["within_cones"]
 
@@ -40,8 +40,6 @@ def within_cones(
         clarabel: Any = import_module("clarabel")
     except ImportError:
         return force, (_WITHOUT,)
-    from scipy.sparse import csc_array
-
     count = len(force)
     values, vectors = np.linalg.eigh(covariance)
     kept = values > 1e-14 * max(values[-1], 0.0)
@@ -55,9 +53,9 @@ def within_cones(
     settings = clarabel.DefaultSettings()
     settings.verbose = False
     problem = clarabel.DefaultSolver(
-        csc_array(np.eye(size)),
+        _columns(np.ones((1, size)), np.arange(size), 1, size),
         np.zeros(size),
-        csc_array(-matrix),
+        _columns(-matrix, np.tile(np.arange(3 * count), size), 3 * count, 3 * count),
         given,
         [clarabel.SecondOrderConeT(3)] * count,
         settings,
@@ -66,6 +64,13 @@ def within_cones(
     if str(found.status) not in ("Solved", "AlmostSolved"):
         return force, (_NONE,)
     return force + (root @ np.asarray(found.x)).reshape(-1, 3), ()
+
+
+def _columns(values: Float[np.ndarray, "r c"], rows: Int[np.ndarray, " m"], each: int, height: int) -> Any:
+    """A matrix as clarabel takes it, `each` numbers a column: handed over as it is, which is quicker than found out."""
+    sparse: Any = import_module("scipy.sparse")
+    width = values.shape[1]
+    return sparse.csc_array((values.T.ravel(), rows, each * np.arange(width + 1)), shape=(height, width))
 
 
 def _cone(normal: Float[np.ndarray, "3"], friction: float) -> Float[np.ndarray, "3 3"]:
