@@ -74,7 +74,7 @@ def skew(p: np.ndarray) -> np.ndarray:
 def twin(made: Case, set_: FusionSettings) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Forces, covariance, expected wrenches and their last covariance by dense conditioning.
 
-    The plain twin of the compiled loops. The moment of a misplaced contact is summed over the axes of its force's second
+    The plain twin of the compiled loops. A misplaced contact's moment is summed over the axes of its force's second
     moment instead of by a closed form.
     """
     count, sensors = len(made.points), len(made.wrenches)
