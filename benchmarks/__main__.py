@@ -14,6 +14,7 @@ from pathlib import Path
 from benchmarks import (
     control,
     equations,
+    fused,
     live,
     load_cells,
     marker_ring,
@@ -41,6 +42,7 @@ RESULTS, TARGETS = (Path(__file__).parent / name for name in ("RESULTS.md", "TAR
 THEMES: dict[str, Theme] = {
     "speed": speed.rows,
     "equations": equations.rows,
+    "fused": fused.rows,
     "control": control.rows,
     "live": live.rows,
     "load_cells": load_cells.rows,

@@ -1,8 +1,8 @@
 """What is usual: a wrench shared between known places without a word about friction.
 
 `minimum_norm` is the least-squares answer of least length. `iDynTree` is the library itself: a link on a sensor, pure
-forces at known points, `estimateExtWrenchesAndJointTorques`. Where forces are not determined it solves by a pivoted QR, so
-that as many components as it can leave out are zero: not the minimum norm, and farther from the truth.
+forces at known points, `estimateExtWrenchesAndJointTorques`. Where forces are not determined its answer has components
+that are exactly zero, as a pivoted QR leaves them: it is not the minimum norm.
 """
 
 from __future__ import annotations
@@ -16,7 +16,10 @@ import numpy as np
 
 __all__ = ["IDynTree", "minimum_norm"]
 
-_LINK = '<link name="{}"><inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link>'
+_LINK = (
+    '<link name="{}"><inertial><mass value="1"/>'
+    '<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link>'
+)
 _ROBOT = (
     '<robot name="r">'
     + _LINK.format("base")

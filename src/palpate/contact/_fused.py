@@ -268,7 +268,7 @@ def _surprise(rows, root, carries, factor, column, found):
     """How far a sensor's wrench lies from what was expected: squared, degrees of freedom, its variance, share.
 
     `factor`: L D L^T of the wrench's covariance; column[0]: whitened. The variance of a chi-square is 2 dof; that of a
-    source that is uniform in a disc lacks tr G^2 + 2/3 det G, with G (2, 2) what its components are worth in deviations.
+    source that is uniform in a disc lacks tr G^2 + 2/3 det G, with G (2, 2) what its components are worth, whitened.
     """
     total, dof = 0.0, 0
     for r in range(6):

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from palpate.contact.fused_alarm import Draws
 from palpate.contact.fused_cones import within_cones
-from palpate.contact.fused_unseen import PUSHES, Unseen, candidates, ranked
+from palpate.contact.fused_unseen import PUSHES, Unseen, candidates, locked, ranked
 from palpate.errors import InputError
 from palpate.spatial._arrays import Value, shaped
 from palpate.surfaces.surface import Surface
@@ -82,6 +82,9 @@ class Given(Value):
     factors: Float[np.ndarray, "k 6 6"]
     p: Float[np.ndarray, " k"]
 
+    def __post_init__(self) -> None:
+        locked(self)
+
 
 @dataclass(frozen=True, eq=False)
 class Fused(Value):
@@ -114,6 +117,9 @@ class Fused(Value):
     given: Given
     notes: tuple[str, ...] = ()
 
+    def __post_init__(self) -> None:
+        locked(self)
+
 
 class FusedLocator:
     """Forces of several contacts of a body, from its skin and its force/torque sensors.
@@ -131,7 +137,7 @@ class FusedLocator:
         set_ = self.settings
         self._settings = np.array([set_.tangential, set_.gain, set_.floor, set_.friction, set_.turns])
         self._work = dict[int, np.ndarray]()
-        self._draws = Draws(seed)
+        self._draws = Draws(seed, set_.alarm)
 
     def fuse(
         self,
@@ -188,8 +194,8 @@ class FusedLocator:
             covariance: (6, 6) of its noise.
             out: (n, 5) force [N], share, slack [N].
             out_covariance: (3n, 3n) of the forces.
-            out_total: (16,) expected wrench, surprise, its degrees of freedom and variance, p but roughly, and the wrench less
-                what was expected, whitened.
+            out_total: (16,) expected wrench, surprise, its degrees of freedom and variance, p but roughly, and the
+                wrench less what was expected, whitened.
 
         Returns:
             How many contacts violate their cone: `fuse` would move them into it.
@@ -291,7 +297,7 @@ class FusedLocator:
         k = int(np.argmin(given.p))
         out = np.zeros((len(self._places), 4))
         tangential = self.settings.tangential
-        _fused.explained(self._places, given.whitened[k], given.factors[k], tangential, PUSHES, out)
+        _fused.explained(self._places, given.whitened[k].copy(), given.factors[k].copy(), tangential, PUSHES, out)
         return ranked(self._places, out)
 
     def beside(self, fused: Fused, unseen: Unseen, place: int = 0) -> Fused:

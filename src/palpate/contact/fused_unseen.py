@@ -1,4 +1,4 @@
-"""Where a contact may be that the skin does not see: places of a body, ranked by how well one there explains a wrench."""
+"""Where a contact may be that the skin does not see: places of a body, ranked by how well they explain a wrench."""
 
 from __future__ import annotations
 
@@ -11,12 +11,19 @@ from jaxtyping import Bool, Float, Int
 from palpate.spatial._arrays import Value
 from palpate.surfaces.surface import Surface
 
-__all__ = ["PUSHES", "Unseen", "candidates", "ranked"]
+__all__ = ["PUSHES", "Unseen", "candidates", "locked", "ranked"]
 
 PUSHES = np.geomspace(0.5, 20.0, 11)  # [N] normal forces of an unseen contact, equally likely; a quarter of each beside
 _PLACES = 1200
 _FINER = 8  # points of the surface behind each place
 _HELD = 0.95
+
+
+def locked(value: Value) -> None:
+    """Nobody can change its arrays from now on, which nobody else holds."""
+    for each in vars(value).values():
+        if isinstance(each, np.ndarray):
+            each.flags.writeable = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,6 +45,9 @@ class Unseen(Value):
     belief: Float[np.ndarray, " c"]
     region: Bool[np.ndarray, " c"]
     cluster: Int[np.ndarray, " c"]
+
+    def __post_init__(self) -> None:
+        locked(self)
 
     @property
     def best(self) -> Int[np.ndarray, " r"]:

@@ -1,0 +1,69 @@
+"""Forces of three contacts from a skin and one wrench: the closed form into arrays, and with cones that bind."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from importlib.util import find_spec
+from time import perf_counter
+
+import numpy as np
+
+from evidence.row import Row
+from palpate.contact.fused import FusedLocator, FusionSettings
+from palpate.surfaces import Cylinder
+
+__all__ = ["drawn", "rows"]
+
+COMMAND = "python -m benchmarks --only fused"
+NAME = "fused"
+CLOSED, CONES = 10.0, 500.0  # us
+
+
+def drawn(count: int, friction: float, rng: np.random.Generator) -> tuple[np.ndarray, ...]:
+    """What `fuse` takes: contacts round a cylinder along y, all of them dragged by `friction`, and their wrench."""
+    angle = rng.uniform(-np.pi, np.pi, count)
+    normals = np.stack([np.cos(angle), 0.0 * angle, np.sin(angle)], axis=1)
+    points = 0.04 * normals + np.linspace(0.02, 0.18, count)[:, None] * [0.0, 1.0, 0.0]
+    pressing = rng.uniform(2.0, 12.0, count)
+    forces = pressing[:, None] * (friction * np.array([0.0, 1.0, 0.0]) - normals)
+    wrench = np.concatenate([forces.sum(axis=0), np.cross(points, forces).sum(axis=0)])
+    flat = np.eye(3) - normals[:, :, None] * normals[:, None, :]
+    noise = np.diag(np.repeat([0.04, 0.0015], 3) ** 2)
+    return points, normals, pressing, np.zeros(count), 2e-6 * flat, wrench[None], noise[None]
+
+
+def rows(small: bool) -> Iterator[Row]:
+    """Medians of single calls."""
+    calls, rng = (50 if small else 20_000), np.random.default_rng(0)
+    locator = FusedLocator(Cylinder(0.04, 0.2))
+    *skin, wrenches, covariances = drawn(3, 0.3, rng)
+    given = (locator.rows(*skin), wrenches[0].copy(), covariances[0].copy())
+    into = (np.empty((3, 5)), np.empty((9, 9)), np.empty(16))
+    took = _timed(lambda: locator.fuse_into(*given, *into), calls)
+    what = "forces of 3 contacts and one wrench, closed form with covariance, into arrays"
+    yield Row(NAME, what, f"<= {CLOSED:g} us p50", _said(took), None if small else took[0] <= CLOSED, COMMAND)
+    tight = FusedLocator(Cylinder(0.04, 0.2), FusionSettings(friction=0.3))
+    touches = [drawn(3, 0.45, rng) for _ in range(50)]
+    bound = [each for each in touches if tight.fuse(*each).bound.any()]
+    what = "the same as values, where a cone binds (clarabel)"
+    if find_spec("clarabel") is None or not bound:
+        yield Row(NAME, what, f"<= {CONES:g} us p50", "skipped: no clarabel", None, COMMAND)
+        return
+    turn = iter(bound * (1 + calls // len(bound)))
+    took = _timed(lambda: tight.fuse(*next(turn)), min(calls, 1_000))
+    yield Row(NAME, what, f"<= {CONES:g} us p50", _said(took), None if small else took[0] <= CONES, COMMAND)
+
+
+def _timed(call: Callable[[], object], calls: int) -> tuple[float, float]:
+    """Median and 99 % of a call [us]; the first, which may compile, apart."""
+    call()
+    took = np.empty(calls)
+    for i in range(calls):
+        begin = perf_counter()
+        call()
+        took[i] = perf_counter() - begin
+    return float(1e6 * np.median(took)), float(1e6 * np.percentile(took, 99))
+
+
+def _said(took: tuple[float, float]) -> str:
+    return f"p50 {took[0]:.1f} us, p99 {took[1]:.1f} us"
