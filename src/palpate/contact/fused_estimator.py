@@ -47,7 +47,7 @@ SHARE, BOUND, UNEXPLAINED, BELIEF, SPREAD = range(5)  # where they stand behind 
 _UPPER = np.triu_indices(3)
 LOOKS = 0.1  # s after which the place of what the skin does not feel is looked for again: that takes milliseconds
 PERSISTS = 0.05  # s that something must be unexplained before it is a contact: a touch that begins is felt first
-AGREES = 0.5  # of the frames with a contact may be unexplained before that is a doubt
+AGREES = 0.8  # of the frames with a contact may be unexplained before that is a doubt
 ENOUGH = 50  # frames with a contact, for doubts
 
 
