@@ -61,7 +61,7 @@ class ZeroFollower:
     def __init__(
         self, sensor: FollowedSensor, drift: Drift, shape: ContactShape, alone: bool = False, smooth: bool = False
     ) -> None:
-        _, begin = sensor.start()
+        _, begin, _ = sensor.start()
         if len(begin.zero) != len(drift.walk):
             raise InputError(
                 f"the drift is of {len(drift.walk)} channels, and the sensor has {len(begin.zero)}.", where="drift"
@@ -112,9 +112,10 @@ class ZeroFollower:
         self._window = window
         middle = (window + 0.5) * WINDOW
         if np.isnan(self.filter.time):
-            self._tared, state = self.sensor.start()
+            self._tared, state, regressor = self.sensor.start()
             begun = time if np.isnan(self._tared) else min(self._tared, time)
-            self.filter.start(begun, state.zero, state.covariance)
+            coefficients = self.filter.known - self.filter.channels
+            self.filter.start(begun, state.zero, state.covariance, regressor[:, :coefficients])
         if not self.smooth:
             self.sensor.follow(self.filter.at(middle))
         return True
