@@ -109,7 +109,7 @@ def test_from_both_sides_of_a_gap_a_walk_is_a_bridge() -> None:
 
 
 def test_a_tare_tells_the_sum_of_zero_and_payload_in_its_pose() -> None:
-    """The same as a window at the start, before which nothing was known of the zero; the payload alone stays unknown."""
+    """The same as a window at the start, before which nothing was known of the zero; the payload stays unknown."""
     drift, h = Drift([1e-3] * 3, weight=0.1), np.array([[0.0], [0.6], [0.8]])
     made, other = (ZeroFilter(drift, np.array([0.1])) for _ in range(2))
     made.start(0.0, ZERO, KNOWN, h)
