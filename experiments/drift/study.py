@@ -18,6 +18,7 @@ __all__ = ["FLOOR", "Line", "jumps", "long_contacts", "payload", "smoothing", "t
 FLOOR = 21.65  # sqrt(60 * 7.815): times the walk, 95 % of the zeros are nearer than that after 60 s
 FREE, CONTACT = 300.0, 60.0  # s
 CHI2_95 = 7.815  # three degrees
+AT = 15.0  # s, of a jump
 MINUTE = 1.0 / 60.0  # N/s, of a warm-up of 1 N/min
 
 
@@ -154,17 +155,17 @@ def jumps(
     left, followed, said = list[float](), 0, 0
     for number in range(trials):
         rng = np.random.default_rng([seed, number])
-        time = np.arange(0.0, 60.0 + seconds, 1.0 / RATE)
+        time = np.arange(0.0, 2 * AT + seconds, 1.0 / RATE)
         way = rng.standard_normal(6)
         way[:3] /= np.linalg.norm(way[:3])
         way[3:] *= 0.0375 / np.linalg.norm(way[3:])
         zero = simulate_drift(time, drift_of(walk), rng)
-        zero = zero + size * np.clip((time - 30.0) / max(seconds, 1e-9), 0.0, 1.0)[:, None] * way
+        zero = zero + size * np.clip((time - AT) / max(seconds, 1e-9), 0.0, 1.0)[:, None] * way
         seen = readings(time, zero, [], rng)
         told = np.zeros(len(time), bool) if skin else None
         found = follow(time, seen, drift_of(walk), touched=told, alone=alone)
         off = np.linalg.norm(_off(found, time, zero), axis=1)
-        left.append(float(off[np.searchsorted(found.time, 30.0 + seconds + 5.0)]))
+        left.append(float(off[np.searchsorted(found.time, AT + seconds + 5.0)]))
         followed += left[-1] < 0.1 * size + 0.03
         said += any(not jump.followed for jump in found.jumps)
     how = "a skin feels nothing" if skin else "one touch at a time" if alone else "no skin"

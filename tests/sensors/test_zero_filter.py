@@ -108,6 +108,20 @@ def test_from_both_sides_of_a_gap_a_walk_is_a_bridge() -> None:
     assert [len(state) for state, _ in smoothed(nodes, 5)] == [1] * 5
 
 
+def test_a_tare_tells_the_sum_of_zero_and_payload_in_its_pose() -> None:
+    """The same as a window at the start, before which nothing was known of the zero; the payload stays unknown."""
+    drift, h = Drift([1e-3] * 3, weight=0.1), np.array([[0.0], [0.6], [0.8]])
+    made, other = (ZeroFilter(drift, np.array([0.1])) for _ in range(2))
+    made.start(0.0, ZERO, KNOWN, h)
+    other.start(0.0, np.zeros(3), 1e6 * np.eye(3))
+    other.update(Window(0.0, ZERO, h, KNOWN, np.zeros((3, 3))))
+    np.testing.assert_allclose(made.state, other.state, atol=1e-8)
+    np.testing.assert_allclose(made.covariance, other.covariance, atol=1e-7)
+    seen, covariance = made.expected(0.0, h)
+    np.testing.assert_allclose(seen, ZERO)
+    np.testing.assert_allclose(covariance, KNOWN, atol=1e-15)
+
+
 def test_regressors_must_fit() -> None:
     made = ZeroFilter(Drift([1.0]), np.zeros(0))
     made.start(0.0, np.zeros(1), np.eye(1))

@@ -61,7 +61,7 @@ class ZeroFollower:
     def __init__(
         self, sensor: FollowedSensor, drift: Drift, shape: ContactShape, alone: bool = False, smooth: bool = False
     ) -> None:
-        _, begin = sensor.start()
+        _, begin, _ = sensor.start()
         if len(begin.zero) != len(drift.walk):
             raise InputError(
                 f"the drift is of {len(drift.walk)} channels, and the sensor has {len(begin.zero)}.", where="drift"
@@ -112,11 +112,13 @@ class ZeroFollower:
         self._window = window
         middle = (window + 0.5) * WINDOW
         if np.isnan(self.filter.time):
-            self._tared, state = self.sensor.start()
+            self._tared, state, regressor = self.sensor.start()
             begun = time if np.isnan(self._tared) else min(self._tared, time)
             during = 0.0 if np.isnan(self._tared) else self._tared - begun  # s: of a log, all of the tare is ahead
             wandered = self.drift.walk**2 * during + (self.drift.warm_up * during) ** 2
-            self.filter.start(begun, state.zero, state.covariance + np.diag(wandered))
+            coefficients = self.filter.known - self.filter.channels
+            spread = state.covariance + np.diag(wandered)
+            self.filter.start(begun, state.zero, spread, regressor[:, :coefficients])
         if not self.smooth:
             self.sensor.follow(self.filter.at(middle))
         return True

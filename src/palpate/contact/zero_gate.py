@@ -42,13 +42,13 @@ class ContactShape:
     Args:
         locator: on the surface, with the bounds of friction and torsion.
         placement: of the surface on the sensor.
-        slack: [m] by which places are off, besides.
+        slack: [m] by which places are off, at least half a millimetre.
     """
 
-    def __init__(self, locator: Locator, placement: Placement, slack: float = SLACK) -> None:
+    def __init__(self, locator: Locator, placement: Placement, slack: float = 0.0) -> None:
         given = locator.surface, locator.method, locator.friction, locator.torsion
         self._locator = Locator(*given, noise=np.ones(6), indentation=locator.indentation)
-        self._placement, self._slack = placement, slack
+        self._placement, self._slack = placement, max(slack, SLACK)
         self.lever = locator.surface.size / 2.0  # of couples, beside forces
 
     def __call__(self, wrench: Float[np.ndarray, "6"], covariance: Float[np.ndarray, "6 6"]) -> Seen:

@@ -324,7 +324,7 @@ class Compensation:
         square = float(change[-1] ** 2 @ np.repeat([1.0, self._load[10]], 3)) if len(change) else 0.0
         return change, covariance + self.sensor.gain_error**2 * square * np.diag(self._gains)
 
-    def start(self) -> tuple[float, ZeroState]:
+    def start(self) -> tuple[float, ZeroState, Float[np.ndarray, "6 q"]]:
         """Of the tare; without one, of the payload's biases."""
         if self.noise is None:
             raise InputError("what follows a zero needs the noise of the sensor.", hint="State [force_torque] noise.")
@@ -336,7 +336,8 @@ class Compensation:
         elif self.payload is not None:
             biases = np.r_[3:6, 9:12]
             spread = self.payload.covariance[np.ix_(biases, biases)].copy()
-        return self._tared, ZeroState(self._own[0].copy(), np.zeros(0), spread)
+        regressor = self._hung(self._mean[:3])[:, None] if self.coefficients else np.zeros((6, 0))
+        return self._tared, ZeroState(self._own[0].copy(), np.zeros(0), spread), regressor
 
     def follow(self, state: ZeroState | None) -> None:
         """This zero, this much more weight, and what is unsure about both; None: those of the tare again."""
@@ -352,8 +353,7 @@ class Compensation:
             direction = self._stated[:3] / weighs
             self._load = self._stated.copy()
             self._load[[0, 1, 2, 9]] *= 1.0 + float(state.coefficient[0]) / weighs
-            hung = self._mean[:3] @ direction  # the loops count from the tare's pose on
-            turn[:6, 6] = np.concatenate([hung, np.cross(self._stated[3:6], hung)])
+            turn[:6, 6] = self._hung(self._mean[:3])  # the loops count from the tare's pose on
         root = square_root(turn @ state.covariance @ turn.T)
         more = np.zeros((len(root), 12))
         more[:, 3:6], more[:, 9:] = root[:, :3], root[:, 3:6]
@@ -368,6 +368,11 @@ class Compensation:
     def doubts(self) -> tuple[str, ...]:
         """None."""
         return ()
+
+    def _hung(self, turn: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "6"]:
+        """A newton more of the payload, by R^T."""
+        force = turn @ self._stated[:3] / np.linalg.norm(self._stated[:3])
+        return np.concatenate([force, np.cross(self._stated[3:6], force)])
 
     def _unknown(self) -> Float[np.ndarray, "r 12"]:
         """Of the payload's covariance, what is no zero."""

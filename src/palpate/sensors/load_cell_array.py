@@ -255,10 +255,10 @@ class LoadCellArray:
         spread = self._inverse @ covariance @ self._inverse.T
         return wrenches, spread + self.cells.calibration_covariance(wrenches[-1]) if len(wrenches) else spread
 
-    def start(self) -> tuple[float, ZeroState]:
+    def start(self) -> tuple[float, ZeroState, Float[np.ndarray, "m q"]]:
         """Of the zero that was taken last, whenever that was."""
         spread = self.cells.noise * (self.zero.share + self.cells.drift**2)
-        return np.nan, ZeroState(np.array(self.zero.voltage), np.zeros(0), spread)
+        return np.nan, ZeroState(np.array(self.zero.voltage), np.zeros(0), spread), np.zeros((len(spread), 0))
 
     def follow(self, state: ZeroState | None) -> None:
         """This zero and its covariance, whichever channels answer; None: the one that was taken.

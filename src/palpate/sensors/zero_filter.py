@@ -102,8 +102,8 @@ class FollowedSensor(Protocol):
         """Changes of the channels as wrenches in the sensor's frame, and the covariance of the last."""
         ...
 
-    def start(self) -> tuple[float, ZeroState]:
-        """When its own zero was taken [s] (NaN: not known), and how well it is known, without any coefficient."""
+    def start(self) -> tuple[float, ZeroState, Float[np.ndarray, "m q"]]:
+        """When its own zero was taken [s] (NaN: not known), how well it is known, and the regressors of then."""
         ...
 
     def follow(self, state: ZeroState | None) -> None:
@@ -166,15 +166,26 @@ class ZeroFilter:
         nothing = self.state, self.covariance, np.eye(size)
         self._asked: tuple[float, np.ndarray, tuple[np.ndarray, np.ndarray, np.ndarray]] = np.nan, nothing[1], nothing
 
-    def start(self, time: float, zero: Float[np.ndarray, " m"], covariance: Float[np.ndarray, "m m"]) -> None:
-        """From a zero of a tare, which tells neither coefficients nor rates."""
-        m = self.channels
+    def start(
+        self,
+        time: float,
+        zero: Float[np.ndarray, " m"],
+        covariance: Float[np.ndarray, "m m"],
+        regressor: Float[np.ndarray, "m q"] | None = None,
+    ) -> None:
+        """From the zero of a tare, b + h c with the h of its pose, which tells neither c nor rates."""
+        m, k = self.channels, self.known
         self.time = time
         self.state, self.covariance = np.zeros_like(self.state), np.zeros_like(self.covariance)
         self.state[:m], self.covariance[:m, :m] = zero, covariance
         rates = self.drift.warm_up if self._rates else np.empty(0)
         spread = np.concatenate([np.zeros(m), self._deviation, rates])
         self.covariance[np.diag_indices(len(spread))] += spread**2
+        if regressor is not None:
+            both = regressor * self._deviation**2
+            self.covariance[:m, :m] += both @ regressor.T
+            self.covariance[:m, m:k] = -both
+            self.covariance[m:k, :m] = -both.T
 
     def ahead(self, time: float) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n n"]]:
         """State and covariance then; where time runs back, as they stand."""
