@@ -115,7 +115,7 @@ def _next(output: Path) -> list[str]:
     return [
         "truth.csv is of the engine's contacts; estimates never see it. Next:",
         f"palpate inspect {log} --rig {rig}",
-        f"palpate estimate {log} --rig {rig} --sensor skin -o skin.csv",
-        f"palpate estimate {log} --rig {rig} --sensor force_torque -o wrench.csv",
-        f"palpate evaluate skin.csv {output / 'truth.csv'}",
+        f"palpate estimate {log} --rig {rig} -o contacts.csv",
+        f"palpate evaluate contacts.csv {output / 'truth.csv'}",
+        f"palpate view {log} --rig {rig}",
     ]

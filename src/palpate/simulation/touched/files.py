@@ -106,9 +106,9 @@ truth.csv       a row a contact and frame of the skin, on the clock of the wrenc
                 lies on cells), seen (1: most of it does), speed [m/s] of what touches, along the surface
 
   palpate inspect both.mcap --rig both.toml
-  palpate estimate both.mcap --rig both.toml --sensor skin -o skin.csv
-  palpate estimate both.mcap --rig both.toml --sensor force_torque -o wrench.csv
-  palpate evaluate skin.csv truth.csv
+  palpate estimate both.mcap --rig both.toml -o contacts.csv
+  palpate evaluate contacts.csv truth.csv
+  palpate view both.mcap --rig both.toml
 """
 
 
