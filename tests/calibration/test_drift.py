@@ -282,3 +282,14 @@ def test_readings_that_mostly_repeat_are_said(free: tuple[np.ndarray, np.ndarray
     time, values = free
     fit = identify(time, np.column_stack([values[:, :2], np.round(values[:, 2] / 0.3) * 0.3]), names=("a", "b", "c"))
     assert any("readings of c are so coarse" in note for note in fit.notes)
+
+
+def test_a_payload_that_weighs_something_else_is_no_walk() -> None:
+    """The sensor turns slowly about two axes; the weight that is taken off is 0.2 N too small."""
+    time, values = a_log(3, seconds=180.0)
+    a, b = 0.5 * np.sin(time / 3.0), 0.4 * np.sin(time / 5.0)
+    down = np.column_stack([np.sin(a), np.cos(a) * np.sin(b), np.cos(a) * np.cos(b)])
+    found = identify(time, values + 0.2 * down, None, None, down)
+    assert found.drift.walk.mean() == pytest.approx(WALK, rel=0.15)
+    with pytest.raises(InputError, match="the arm moves"):
+        identify(time, values + 0.2 * down)

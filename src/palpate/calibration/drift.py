@@ -19,6 +19,7 @@ __all__ = ["DriftFit", "identify_drift"]
 
 SHORTEST = 60.0  # s of a log
 USUAL = 240.0  # s: a shorter log is used, and it is said how little it tells
+LEAST_TILT = 0.02  # rad, rms: a weight off by 0.1 N is 2 mN off then
 LEAST_KELVIN = 0.1  # K: less change of temperature tells nothing
 
 
@@ -87,6 +88,7 @@ def identify_drift(
     values: Float[np.ndarray, "n m"],
     noise: Float[np.ndarray, "..."] | None = None,
     temperature: Float[np.ndarray, " n"] | None = None,
+    down: Float[np.ndarray, "n 3"] | None = None,
     *,
     groups: Sequence[Sequence[int]] | None = None,
     names: Sequence[str] = (),
@@ -96,14 +98,17 @@ def identify_drift(
 
     The likelihood is that of a Kalman filter without knowledge of the zero at the start, in closed form (`fit_walk`);
     the noise of a window's mean is fitted, not taken from that of a reading, as noise may be coloured; where what is
-    left is not white, windows become longer. Warm-up r s (1 - exp(-t/s)) and temperature are found by generalised least
-    squares; the warm-up is believed where the ratio of likelihoods is beyond chance by chi-square.
+    left is not white, windows become longer. Warm-up r s (1 - exp(-t/s)), temperature and what turns with gravity are
+    found by generalised least squares; the warm-up is believed where the ratio of likelihoods is beyond chance by
+    chi-square.
 
     Args:
         time: (n,) [s].
         values: (n, m) what is left of the readings when the payload is taken off, or voltages; NaN where there is none.
         noise: (m,) deviations or (m, m) covariance of one reading, to be compared; None: not stated.
         temperature: (n,) [K or degrees C]; None or NaN: not known.
+        down: (n, 3) direction of gravity in the sensor's frame: what the payload is off by turns with it, and is no
+            walk. None or NaN: not known, or the sensor keeps still.
         groups: of channels that are alike, such as the forces; None: three and three of six, else all.
         names: of the channels, for messages.
         window: [s] over which readings are averaged.
@@ -119,11 +124,13 @@ def identify_drift(
     notes += _require_changing(what, names)
     kelvin, said = _temperature(temperature, used)
     notes += said
-    windows = windows_of(when, what, kelvin, window)
+    others = _tilts(down, used)
+    courses = others if kelvin is None else np.column_stack([kelvin, others])
+    windows = windows_of(when, what, courses, window)
     least = resolution_of(what) ** 2 / 12.0
     found = Search(windows, [list(group) for group in alike], least).run()
     notes += found.notes(noise, float(np.median(np.diff(when))), names)
-    return _made(found, alike, len(what), notes)
+    return _made(found, alike, len(what), notes, kelvin=kelvin is not None)
 
 
 def _usable(
@@ -184,9 +191,25 @@ def _temperature(
     return known, []
 
 
-def _made(found: Search, groups: Sequence[Sequence[int]], samples: int, notes: Sequence[str]) -> DriftFit:
+def _tilts(down: Float[np.ndarray, "n 3"] | None, used: Bool[np.ndarray, " n"]) -> Float[np.ndarray, "k q"]:
+    """Along the axes about which the sensor turns by more than a degree or so, of the rows that are used."""
+    nothing = np.zeros((int(np.count_nonzero(used)), 0))
+    if down is None:
+        return nothing
+    turned = down[used]
+    known = np.isfinite(turned).all(axis=1)
+    if not known.any():
+        return nothing
+    turned = turned - turned[known].mean(axis=0)
+    spread, axes = np.linalg.eigh(turned[known].T @ turned[known] / np.count_nonzero(known))
+    return turned @ axes[:, spread > LEAST_TILT**2]
+
+
+def _made(
+    found: Search, groups: Sequence[Sequence[int]], samples: int, notes: Sequence[str], *, kelvin: bool
+) -> DriftFit:
     """As it is handed on."""
-    best, kelvin = found.found, bool(len(found.windows.temperature))
+    best = found.found
     warm_up = np.sqrt(found.rate**2 + found.rate_deviation**2)
     for group in groups:
         together: Float[np.ndarray, " k"] = warm_up[list(group)]

@@ -123,12 +123,12 @@ class Search:
         return np.diff(courses, axis=0)[kept]
 
     def _courses(self, windows: Windows, settling: float | None) -> Float[np.ndarray, "w p"]:
-        """What the zero may follow: the temperature, then a warm-up of rate 1 at the start."""
-        made: list[np.ndarray] = [windows.temperature] if len(windows.temperature) else []
-        if settling is not None:
-            when = windows.middle
-            made.append(when if np.isinf(settling) else -settling * np.expm1(-when / settling))
-        return np.column_stack(made) if made else np.zeros((len(windows.middle), 0))
+        """What the zero may follow: what the windows know of, then a warm-up of rate 1 at the start."""
+        if settling is None:
+            return windows.courses
+        when = windows.middle
+        warm = when if np.isinf(settling) else -settling * np.expm1(-when / settling)
+        return np.column_stack([windows.courses, warm])
 
     def _settled(self, steady: WalkFit) -> tuple[float, WalkFit]:
         """The most likely time: for walk and noise as found with a steady rate, then with them found anew."""

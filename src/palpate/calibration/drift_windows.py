@@ -28,19 +28,18 @@ class Windows(Value):
     Attributes:
         middle: (w,) [s] mean time of the samples, from the first sample on.
         mean: (w, m) of the channels.
-        temperature: (w,), or empty.
+        courses: (w, q) of what the zero may follow: a temperature, the direction of gravity.
         length: [s] of a window.
     """
 
     middle: Float[np.ndarray, " w"]
     mean: Float[np.ndarray, "w m"]
-    temperature: Float[np.ndarray, " t"]
+    courses: Float[np.ndarray, "w q"]
     length: float
 
     def picked(self, rows: Bool[np.ndarray, " w"]) -> Windows:
         """Those of a mask."""
-        temperature = self.temperature[rows] if len(self.temperature) else self.temperature
-        return Windows(self.middle[rows], self.mean[rows], temperature, self.length)
+        return Windows(self.middle[rows], self.mean[rows], self.courses[rows], self.length)
 
     def doubled(self) -> Windows:
         """Two and two together."""
@@ -50,15 +49,15 @@ class Windows(Value):
         def halved(values: np.ndarray) -> np.ndarray:
             return np.add.reduceat(values, first, axis=0) / count.reshape(-1, *[1] * (values.ndim - 1))
 
-        temperature = halved(self.temperature)[count == 2] if len(self.temperature) else self.temperature
         two = count == 2
-        return Windows(halved(self.middle)[two], halved(self.mean)[two], temperature, 2.0 * self.length)
+        courses = halved(self.courses)[two]
+        return Windows(halved(self.middle)[two], halved(self.mean)[two], courses, 2.0 * self.length)
 
 
 def windows_of(
     time: Float[np.ndarray, " n"],
     values: Float[np.ndarray, "n m"],
-    temperature: Float[np.ndarray, " n"] | None,
+    courses: Float[np.ndarray, "n q"],
     length: float,
 ) -> Windows:
     """Means over windows of `length` [s], or longer ones: of four samples or more, and no more than 6000.
@@ -66,7 +65,7 @@ def windows_of(
     Args:
         time: (n,) [s], rising.
         values: (n, m) finite.
-        temperature: (n,); what is missing is taken from its neighbours in time.
+        courses: (n, q); what is missing is taken from its neighbours in time.
         length: [s].
     """
     span = float(time[-1] - time[0])
@@ -79,12 +78,12 @@ def windows_of(
     def averaged(column: np.ndarray) -> np.ndarray:
         return (np.add.reduceat(column, first, axis=0).T / count).T[full]
 
-    kelvin = np.zeros(0)
-    if temperature is not None:
-        known = np.isfinite(temperature)
-        kelvin = averaged(np.interp(time, time[known], temperature[known]))
+    whole: list[np.ndarray] = [
+        np.interp(time, time[known := np.isfinite(course)], course[known]) for course in courses.T
+    ]
+    beside = averaged(np.column_stack(whole)) if whole else np.zeros((int(np.count_nonzero(full)), 0))
     level = values.mean(axis=0)  # so that the sum of many loses no digits
-    return Windows(averaged(time - time[0]), averaged(values - level), kelvin, length)
+    return Windows(averaged(time - time[0]), averaged(values - level), beside, length)
 
 
 def first_guess(windows: Windows) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, " m"]]:

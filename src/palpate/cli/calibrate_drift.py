@@ -116,9 +116,21 @@ def _of_wrenches(
         free_wrenches(setup, recording),
         None if noise is None else noise.six(),
         temperature,
+        _down(recording),
         names=AXES,
         window=window,
     )
+
+
+def _down(recording: Recording) -> Float[np.ndarray, "n 3"] | None:
+    """Direction of gravity in the sensor's frame, NaN where it is not known; None: nowhere."""
+    if ORIENTATION not in recording.channels:
+        return None
+    quaternions = recording.channels[ORIENTATION]
+    known = np.isfinite(quaternions).all(axis=1)
+    made: Float[np.ndarray, "n 3"] = np.full((len(quaternions), 3), np.nan)
+    made[known] = -rotation_from_quaternion(quaternions[known])[:, 2]
+    return made
 
 
 def _turned(recording: Recording) -> float:
