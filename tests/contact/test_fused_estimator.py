@@ -15,7 +15,7 @@ from palpate.contact.fused_estimator import FusedEstimator
 from palpate.errors import InputError
 from palpate.io.logs import join
 from palpate.io.pipeline import open_log, prepare
-from palpate.io.rig import Rig, load_rig
+from palpate.io.rig import load_rig
 from palpate.sensors.recording import AVERAGED, CELLS, FORCE, TORQUE, Recording
 from palpate.simulation.skin_bench import Rolled
 from palpate.simulation.touched.files import write_forearm
@@ -39,18 +39,32 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[ForearmRun, Path]:
 
 
 @pytest.fixture(scope="module")
-def log(run: tuple[ForearmRun, Path]) -> tuple[Rig, Recording]:
+def prepared(run: tuple[ForearmRun, Path]) -> tuple[FusedEstimator, Recording]:
+    """Once: what follows begins with `reset`, and nothing tares again."""
     rig = load_rig(run[1] / "both.toml")
     with open_log(run[1] / "both.mcap", rig) as opened:
         assert opened.kind.name == "fusion"
-        return rig, join(list(opened))
-
-
-def _estimator(rig: Rig, recording: Recording) -> FusedEstimator:
-    with open_log(rig.folder / "both.mcap", rig) as opened:
-        made = prepare(rig, opened).estimator
+        made, recording = prepare(rig, opened).estimator, join(list(opened))
     assert isinstance(made, FusedEstimator)
-    return made
+    return made, recording
+
+
+@pytest.fixture(scope="module")
+def right(prepared: tuple[FusedEstimator, Recording]) -> tuple[Contacts, tuple[str, ...]]:
+    """Contacts of the whole log, and what is doubted of it."""
+    estimator, recording = prepared
+    return estimator.run(recording), estimator.doubts()
+
+
+@pytest.fixture
+def estimator(prepared: tuple[FusedEstimator, Recording]) -> FusedEstimator:
+    prepared[0].reset()
+    return prepared[0]
+
+
+@pytest.fixture(scope="module")
+def log(prepared: tuple[FusedEstimator, Recording]) -> Recording:
+    return prepared[1]
 
 
 def _errors(run: ForearmRun, found: Contacts) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -70,11 +84,11 @@ def _errors(run: ForearmRun, found: Contacts) -> tuple[np.ndarray, np.ndarray, n
     return np.array(errors), np.array(covariances), np.array(rows)
 
 
-def test_each_contact_has_its_force_in_3d(run: tuple[ForearmRun, Path], log: tuple[Rig, Recording]) -> None:
+def test_each_contact_has_its_force_in_3d(
+    run: tuple[ForearmRun, Path], right: tuple[Contacts, tuple[str, ...]]
+) -> None:
     """And the covariance is as large as the errors."""
-    rig, recording = log
-    estimator = _estimator(rig, recording)
-    errors, covariances, rows = _errors(run[0], found := estimator.run(recording))
+    errors, covariances, rows = _errors(run[0], found := right[0])
     size = np.linalg.norm(errors, axis=1)
     assert len(size) > 300
     assert np.median(size) < 0.6
@@ -84,11 +98,13 @@ def test_each_contact_has_its_force_in_3d(run: tuple[ForearmRun, Path], log: tup
 
 
 @pytest.mark.parametrize("lost", ["NaN", "beyond"])
-def test_a_frame_without_a_wrench_keeps_what_the_skin_says(log: tuple[Rig, Recording], lost: str) -> None:
-    rig, recording = log
-    estimator = _estimator(rig, recording)
-    skin = _estimator(rig, recording).taxels.run(recording)
-    gone = (recording.time > recording.time[0] + 3.0) & (recording.time < recording.time[0] + 5.0)
+def test_a_frame_without_a_wrench_keeps_what_the_skin_says(
+    estimator: FusedEstimator, log: Recording, lost: str
+) -> None:
+    recording = log.picked(slice(250, 450))
+    skin = estimator.taxels.run(recording)
+    estimator.reset()
+    gone = (np.arange(200) > 50) & (np.arange(200) < 150)
     force = np.where(gone[:, None], np.nan if lost == "NaN" else 1e12, recording.channels[FORCE])
     found = estimator.run(replace(recording, channels={**recording.channels, FORCE: force}))
     within = gone[found.sample] & found.answered
@@ -99,12 +115,12 @@ def test_a_frame_without_a_wrench_keeps_what_the_skin_says(log: tuple[Rig, Recor
     assert any("have no wrench" in said for said in estimator.notes())
 
 
-def test_a_frame_that_cannot_be_read_is_invalid(log: tuple[Rig, Recording]) -> None:
-    rig, recording = log
+def test_a_frame_that_cannot_be_read_is_invalid(estimator: FusedEstimator, log: Recording) -> None:
+    recording = log.picked(slice(360, 480))
     cells = recording.channels[CELLS].copy()
-    cells[400:450] = np.nan
-    found = _estimator(rig, recording).run(replace(recording, channels={**recording.channels, CELLS: cells}))
-    assert (found.status[(found.sample >= 400) & (found.sample < 450)] == Status.INVALID).all()
+    cells[40:90] = np.nan
+    found = estimator.run(replace(recording, channels={**recording.channels, CELLS: cells}))
+    assert (found.status[(found.sample >= 40) & (found.sample < 90)] == Status.INVALID).all()
     assert np.array_equal(np.unique(found.sample), np.arange(len(recording)))
 
 
@@ -126,39 +142,42 @@ def _other_end(estimator: FusedEstimator, channels: dict[str, np.ndarray]) -> Fu
 
 
 def _late(estimator: FusedEstimator, channels: dict[str, np.ndarray]) -> FusedEstimator:
-    """The wrench of two seconds ago."""
+    """The wrench of two seconds ago: the frames are every fourth."""
     for name in (FORCE, TORQUE):
-        channels[name] = np.roll(channels[name], 200, axis=0)
+        channels[name] = np.roll(channels[name], 50, axis=0)
     return estimator
 
 
 @pytest.mark.parametrize("wrong", [_reaction, _other_link, _other_end, _late])
 def test_what_does_not_belong_together_is_doubted(
-    log: tuple[Rig, Recording], wrong: Callable[[FusedEstimator, dict[str, np.ndarray]], FusedEstimator]
+    estimator: FusedEstimator,
+    log: Recording,
+    wrong: Callable[[FusedEstimator, dict[str, np.ndarray]], FusedEstimator],
 ) -> None:
-    rig, recording = log
-    right = _estimator(rig, recording)
-    assert right.run(recording) is not None
-    assert not [said for said in right.doubts() if "the wrench" in said]
-    channels = {name: values.copy() for name, values in recording.channels.items()}
-    estimator = wrong(_estimator(rig, recording), channels)
-    estimator.run(replace(recording, channels=channels))
-    assert [said for said in estimator.doubts() if "the wrench" in said]
+    part = log.picked(slice(0, None, 4))
+    channels = {name: values.copy() for name, values in part.channels.items()}
+    spoilt = wrong(estimator, channels)
+    spoilt.run(replace(part, channels=channels))
+    assert [said for said in spoilt.doubts() if "the wrench" in said]
 
 
-def test_noise_must_be_known(log: tuple[Rig, Recording]) -> None:
+def test_what_belongs_together_is_not_doubted(right: tuple[Contacts, tuple[str, ...]]) -> None:
+    assert not [said for said in right[1] if "the wrench" in said]
+
+
+def test_noise_must_be_known(estimator: FusedEstimator) -> None:
     from palpate.sensors.compensation import Compensation
     from palpate.sensors.force_torque import ForceTorque
 
-    made = _estimator(*log)
     with pytest.raises(InputError, match="needs the noise of the wrenches"):
-        FusedEstimator(made.taxels, Compensation(ForceTorque()), made.fused)
+        FusedEstimator(estimator.taxels, Compensation(ForceTorque()), estimator.fused)
 
 
-def test_means_have_less_noise(log: tuple[Rig, Recording]) -> None:
+def test_means_have_less_noise(estimator: FusedEstimator, log: Recording) -> None:
     """The log has ten wrenches a frame, and as many times less variance."""
-    rig, recording = log
-    assert np.median(recording.channels[AVERAGED]) == 10
-    one = replace(recording, channels={**recording.channels, AVERAGED: np.ones((len(recording), 1))})
-    each = [_estimator(rig, recording).run(part).features["force_xx"] for part in (recording, one)]
-    assert np.nanmean(each[0]) < np.nanmean(each[1])
+    assert np.median(log.channels[AVERAGED]) == 10
+    part = log.picked(slice(300, 500))
+    one = replace(part, channels={**part.channels, AVERAGED: np.ones((len(part), 1))})
+    means = estimator.run(part).features["force_xx"]
+    estimator.reset()
+    assert np.nanmean(means) < np.nanmean(estimator.run(one).features["force_xx"])
