@@ -63,11 +63,9 @@ class ZeroRecord:
         moved = (self._last.zero - self._first.zero)[None]
         wrench, _ = self._sensor.as_wrench(moved, self._last.covariance[:channels, :channels])
         force, torque = (float(np.linalg.norm(part)) for part in (wrench[0, :3], wrench[0, 3:]))
-        followed = f"was followed by {force:.2g} N and {1e3 * torque:.2g} mN m" if moved.any() else "was never followed"
-        said = [
-            f"the zero {followed} over {self._span[-1] - self._span[0]:.0f} s, {self._held():.0%} of which it was held, "
-            "as something touched"
-        ]
+        went = f"was followed by {force:.2g} N and {1e3 * torque:.2g} mN m" if moved.any() else "was never followed"
+        lasted = self._span[-1] - self._span[0]
+        said = [f"the zero {went} over {lasted:.0f} s, {self._held():.0%} of which it was held, as something touched"]
         if len(self._last.coefficient):
             sure = float(np.sqrt(self._last.covariance[-1, -1]))
             more = float(self._last.coefficient[0])
