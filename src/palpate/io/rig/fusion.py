@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,11 +12,13 @@ from palpate.contact.fused import FusedLocator, FusionSettings
 from palpate.contact.fused_estimator import FusedEstimator
 from palpate.contact.taxel_estimator import TaxelEstimator
 from palpate.errors import InputError
+from palpate.io.logs import LogContents
 from palpate.io.logs.layout import Layout
+from palpate.io.rig.body import Body
 from palpate.io.rig.drift import rig_drift
 from palpate.io.rig.force_torque import FORCE_TORQUE, rig_compensation
-from palpate.io.rig.kind import Prepared, SensorKind
-from palpate.io.rig.skin import SKIN, RigSkin
+from palpate.io.rig.kind import Guess, Prepared, SensorKind
+from palpate.io.rig.skin import SKIN, RigSkin, guess_beside
 from palpate.io.rig.wrench import first_seconds, rig_surface
 from palpate.sensors.recording import AVERAGED, CELLS, FORCE, TORQUE, Recording
 
@@ -70,7 +73,7 @@ def _build(rig: Rig, head: Recording | None) -> Prepared:
         rig_drift(rig, 6),
         known.covered,
     )
-    made = Prepared(estimator, felt.said, felt.doubted, {**felt.facts, **vars(settings)})
+    made = Prepared(estimator, felt.said, felt.doubted, {**felt.facts, **vars(settings), **_surface_facts(rig)})
     tare = rig.estimate.tare or rig.table(RigSkin).tare
     if head is not None and tare is not None:
         tared = sensor.tare(first_seconds(head, tare))
@@ -79,6 +82,10 @@ def _build(rig: Rig, head: Recording | None) -> Prepared:
     elif tare is None:
         made.said.append("wrenches are taken as they are, so they must be tared: [estimate] tare = seconds")
     return made
+
+
+def _surface_facts(rig: Rig) -> dict[str, object]:
+    return {} if rig.surface is None else {"crease": rig.surface.crease}
 
 
 def _single(head: Recording | None) -> Recording | None:
@@ -91,6 +98,16 @@ def _single(head: Recording | None) -> Recording | None:
     return replace(head, channels={**head.channels, FORCE: spread[:, :3], TORQUE: spread[:, 3:]})
 
 
+def _guess(log: Path, contents: LogContents, body: Body | None) -> Guess | None:
+    """Wrenches, and frames beside them."""
+    felt = guess_beside(log, contents)
+    found = None if felt is None else FORCE_TORQUE.guess(log, contents, body)
+    if felt is None or found is None:
+        return None
+    why, remarks = f"{found.why}, and {felt.why}", (*found.remarks, *felt.remarks)
+    return replace(found, why=why, text=f"{found.text}\n{felt.text}", remarks=remarks)
+
+
 FUSION = SensorKind(
     name="fusion",
     called="a skin and a six-axis force/torque sensor on one link",
@@ -98,6 +115,7 @@ FUSION = SensorKind(
     channels=(CELLS, FORCE, TORQUE, AVERAGED),
     layout=_layout,
     build=_build,
+    guess=_guess,
     parts=("skin", "force_torque"),
     refused={
         "method": "the skin says where contacts are",

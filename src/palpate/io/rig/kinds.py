@@ -11,5 +11,5 @@ from palpate.io.rig.skin import SKIN
 
 __all__ = ["KINDS"]
 
-KINDS: dict[str, SensorKind] = {kind.name: kind for kind in (FORCE_TORQUE, LOAD_CELLS, MARKER_RING, SKIN, FUSION)}
+KINDS: dict[str, SensorKind] = {kind.name: kind for kind in (FUSION, FORCE_TORQUE, LOAD_CELLS, MARKER_RING, SKIN)}
 """Name of its table in a rig -> the sensor, in the order in which they are tried on a log."""

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import re
+from collections import Counter
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
@@ -32,7 +34,7 @@ from palpate.sensors.taxels import TaxelBody
 if TYPE_CHECKING:
     from palpate.io.rig.rig import Rig
 
-__all__ = ["SKIN", "RigSkin", "rig_body", "rig_map", "rig_taxels"]
+__all__ = ["SKIN", "RigSkin", "guess_beside", "rig_body", "rig_map", "rig_taxels"]
 
 RATE = 100.0  # Hz
 FEWEST = 16  # cells: fewer columns of numbers can be anything
@@ -235,6 +237,24 @@ def _guess(log: Path, contents: LogContents, body: Body | None) -> Guess | None:
     return _guessed(shape, why, layout, named, (guess.time_table(time, guess.time_unit(time)), orientation))
 
 
+def guess_beside(log: Path, contents: LogContents) -> Guess | None:
+    """Frames in a log that has wrenches too: an array topic, or columns that are numbered alike."""
+    if contents.topics:
+        arrays = tuple(topic for topic in contents.topics if topic.kind.endswith("MultiArray"))
+        return _of_topic(log, replace(contents, topics=arrays)) if arrays else None
+    there = list(contents.names)
+    known = {time_column(there), *(wrench_columns(there) or ())}
+    known |= {*(orientation_columns(there) or ()), *(position_columns(there) or ())}
+    kinds = Counter(_NUMBERS.sub("#", name) for name in there if name not in known)
+    alike, count = kinds.most_common(1)[0] if kinds else ("", 0)
+    if count < FEWEST or "#" not in alike:
+        return None
+    cells = tuple(name for name in there if name not in known and _NUMBERS.sub("#", name) == alike)
+    layout = Layout(wrench=None, arrays=(ArrayChannel(CELLS, _sheet((count,)), cells, table="skin"),))
+    why = f"{count} columns that are numbered alike look like cells"
+    return _guessed(_sheet((count,)), why, layout, f"cells = {guess.quoted(cells)}\n", ("", ""))
+
+
 def _of_array(name: str, shape: tuple[int, int]) -> Guess:
     array = ArrayChannel(CELLS, shape, table="skin")
     layout = Layout(wrench=None, arrays=(array,), rate=RATE)
@@ -270,6 +290,7 @@ def _sheet(shape: tuple[int, ...]) -> tuple[int, int]:
     return rows, count // rows
 
 
+_NUMBERS = re.compile(r"\d+")
 _NO_WRENCH = "cells measure no wrench"
 SKIN = SensorKind(
     name="skin",
