@@ -69,14 +69,14 @@ def log(prepared: tuple[FusedEstimator, Recording]) -> Recording:
 
 def _errors(run: ForearmRun, found: Contacts) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Of the force at each true contact that the skin feels, its covariance, and the row that is nearest."""
-    errors, covariances, rows = [], [], []
+    errors, covariances, rows = list[np.ndarray](), list[np.ndarray](), list[int]()
     for frame in np.unique(run.truth.frame[run.truth.seen]).tolist():
         here = np.flatnonzero((found.sample == frame) & found.answered)
         for k in range(*run.truth.at(frame).indices(len(run.truth.frame))):
             if run.truth.seen[k] and len(here):
                 away = np.linalg.norm(found.point[here] - run.truth.point[k], axis=1)
                 if away.min() < 0.01:
-                    rows.append(here[away.argmin()])
+                    rows.append(int(here[away.argmin()]))
                     errors.append(found.force[rows[-1]] - run.truth.force[k])
     names = ("force_xx", "force_xy", "force_xz", "force_xy", "force_yy", "force_yz", "force_xz", "force_yz", "force_zz")
     for row in rows:

@@ -107,7 +107,8 @@ def test_samples_blocks_and_arrays_have_the_same_bits(filter: Butterworth | None
     history = one.zero_history()
     assert history is not None
     made, into = _estimator(filter=filter), _estimator(filter=filter)
-    np.testing.assert_array_equal(np.concatenate([_flat(made.run(each)) for each in _blocks(log, 7, 1, 90, 3)]), expected)
+    cut = [_flat(made.run(each)) for each in _blocks(log, 7, 1, 90, 3)]
+    np.testing.assert_array_equal(np.concatenate(cut), expected)
     rows = into.empty(len(log))
     for first in range(0, len(log), 300):
         part = log.picked(slice(first, first + 300))
