@@ -398,9 +398,7 @@ SENSORS = (
     Sensor("six-axis", "force_torque", _six_axis, 1.0e-3, 0.03, ignores=("--unit", "--cutoff")),
     Sensor("load cells", "load_cells", _load_cells, 0.2e-3, 0.05, ignores=CELLS),
     Sensor("skin", "skin", _skin, 1.5e-3, 0.1, ignores=TAXELS),
-    Sensor(
-        "skin and wrench", "fusion", _fused, 1.5e-3, 0.1, ignores=("--cutoff", "--method", "--torsion", "--contact")
-    ),
+    Sensor("skin and wrench", "fusion", _fused, 1.5e-3, 0.1, ignores=FUSED),
     Sensor("poked taxels", "skin", _poked, 1.0e-3, 0.03, ignores=TAXELS),
     Sensor("marker ring", "marker_ring", _marker_ring, 1.0e-3, 0.2, UNFILTERED, RING),
     Sensor("plate", "plate", _plate, 0.2e-3, 0.02, NEWTONS, CELLS, "tests.conformance.plate"),
