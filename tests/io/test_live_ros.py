@@ -383,6 +383,9 @@ def test_a_rig_says_what_is_heard(domain: int) -> None:
     static, moving = (node.writer(name, "tf2_msgs/TFMessage", latched=name != "tf") for name in ("tf", "tf_static"))
     moving, static = static, moving
     _until(lambda: static.readers and moving.readers)
+    assert source._poses is not None
+    heard = source._poses._readers
+    _until(lambda: all(reader.publishers for reader in heard))
     now = time.time_ns()
     assert static.write(_tree(now, ("tool", "ft", [0.0, 0.0, 0.1], [0.0, 0.0, 0.0, 1.0])))
     for k in range(4):
@@ -391,6 +394,7 @@ def test_a_rig_says_what_is_heard(domain: int) -> None:
     time.sleep(0.2)
     device.send(np.array([now + 15 * 10**6, now + 5 * 10**7, now + SECOND]), np.zeros((3, 6)))
     batch = Batch((6,))
+    time.sleep(0.5)  # all are there then, and come as one batch
     stamps, _, _ = _gathered(source, 3, batch)
     assert len(stamps) == 3
     assert np.allclose(batch.orientation[:2], [1.0, 0.0, 0.0, 0.0])

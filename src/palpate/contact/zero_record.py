@@ -12,6 +12,7 @@ __all__ = ["ZeroRecord"]
 KEPT = 20_000  # windows, evenly spread
 MOSTLY = 0.9  # of the time: held for longer is worth a doubt, in a log of
 LEAST = 3000  # windows
+LEARNT = 0.8  # of what was not known of the payload's weight is left: it was learnt
 SAID = 3  # jumps that are named
 
 
@@ -69,7 +70,7 @@ class ZeroRecord:
         if len(self._last.coefficient):
             sure = float(np.sqrt(self._last.covariance[-1, -1]))
             more = float(self._last.coefficient[0])
-            if abs(more) > sure:
+            if sure < LEARNT * float(np.sqrt(self._first.covariance[-1, -1])):
                 said.append(f"the payload weighs {more:+.2g} N more than was stated, known to {sure:.1g} N")
         followed = [jump for jump in jumps if jump.followed]
         if followed:

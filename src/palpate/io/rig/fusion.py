@@ -28,6 +28,16 @@ if TYPE_CHECKING:
 __all__ = ["FUSION", "RigFusion"]
 
 
+_TEXT = """\
+[fusion]                             # of the skin and the sensor; friction is that of [estimate]
+tangential = 0.25                    # deviation of tangential forces that is expected, as a share of the normal force
+gain = 0.1                           # share by which the skin's forces may be off
+alarm = 0.01                         # share of touches that may be thought to have an unseen contact, and have none
+# covered = true                     # nothing touches the link but its skin
+
+"""
+
+
 @dataclass(frozen=True)
 class RigFusion:
     """What is known of contacts before the wrench is looked at: see `palpate.contact.fused.FusionSettings`.
@@ -105,7 +115,8 @@ def _guess(log: Path, contents: LogContents, body: Body | None) -> Guess | None:
     if felt is None or found is None:
         return None
     why, remarks = f"{found.why}, and {felt.why}", (*found.remarks, *felt.remarks)
-    return replace(found, why=why, text=f"{found.text}\n{felt.text}", remarks=remarks)
+    text = f"{found.text}\n{felt.text}\n{_TEXT}"
+    return replace(found, why=why, text=text, remarks=remarks, layout=replace(found.layout, arrays=felt.layout.arrays))
 
 
 FUSION = SensorKind(
