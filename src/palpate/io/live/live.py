@@ -153,6 +153,8 @@ class Live:
 
     def into(self, ring: Ring) -> None:
         """From now on samples go through a ring as they are received, and their contacts as they are known."""
+        if (most := max(1, ring.safe // 2)) < len(self._batch):  # or one batch would lap its readers
+            self._batch = Batch(self.source.shape, most, self.source.dtype)
         ring.take_in(self._batch, 0, self._batch.turned)  # of nothing: compiles, before samples come
         ring.answer(self._rows[:0], np.zeros(0, dtype=np.int64))
         self._ring = ring
@@ -215,11 +217,12 @@ class Live:
         return answers
 
     def _held_back(self, timeout: float) -> bool:
-        """Whether samples wait, having been asked to: the recorder is half a ring behind, and would lose some."""
+        """Whether samples wait, having been asked to: of one batch more the recorder would lose some."""
         ring = self._ring
         if ring is None or not (self.patient and ring["recording"]):
             return False
-        behind = ring["received"] - ring["recorded"] > len(ring.slots) // 2
+        unrecorded = ring["received"] - ring["recorded"]
+        behind = unrecorded > 0 and unrecorded + len(self._batch) > ring.safe
         if behind:
             time.sleep(min(PAUSE, timeout))
         return behind

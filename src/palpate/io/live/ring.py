@@ -261,7 +261,12 @@ class Ring:
 
     def _oldest(self) -> int:
         """The number of the first slot that the writer will not touch with its next batch."""
-        return max(0, self["received"] + min(MARGIN, len(self.slots) // 2) - len(self.slots))
+        return max(0, self["received"] - self.safe)
+
+    @property
+    def safe(self) -> int:
+        """How many of the last samples readers can be sure of."""
+        return len(self.slots) - min(MARGIN, len(self.slots) // 2)
 
     def _parts(self, first: int, count: int) -> Sequence[tuple[slice, slice]]:
         """Where so many slots from a number on stand, and which of the samples each part holds."""
