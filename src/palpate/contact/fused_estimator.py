@@ -23,7 +23,7 @@ from palpate.sensors.compensation import Compensation
 from palpate.sensors.drift import Drift
 from palpate.sensors.filters import Filter
 from palpate.sensors.recording import AVERAGED, CELLS, FORCE, TORQUE, Recording, apart
-from palpate.sensors.smoothing import BothWays, Forward
+from palpate.sensors.smoothing import BothWays, Forward, known_rate, require_forward
 from palpate.sensors.wrench_sensor import Measured, Placement, Tare, WrenchSensor
 from palpate.sensors.zero_filter import FollowedSensor, ZeroHistory
 from palpate.spatial._arrays import require_out
@@ -97,14 +97,14 @@ class FusedEstimator:
         self.features = (*taxels.features, *FEATURES)
         self._placement = Placement(self.mount, mount_covariance)
         self._filter, self._forward = taxels.filter, None
-        recursion = None if self._filter is None else self._filter.recursion(_known(taxels.rate))
-        if recursion is not None and self._filter is not None:
-            self._smoothed(self._filter, recursion.share.min())
+        recursion = None if self._filter is None else self._filter.recursion(known_rate(taxels.rate, "frames"))
+        if recursion is not None and isinstance(sensor, Compensation):
+            both = BothWays(recursion, known_rate(taxels.rate, "frames")).least if self._zero_phase else None
+            sensor.smoothed_by(self._filter, taxels.rate, recursion.share.min() if both is None else both)
         if recursion is not None and not self._zero_phase:
-            self._forward = Forward(recursion, _known(taxels.rate))
+            self._forward = Forward(recursion, known_rate(taxels.rate, "frames"))
         self._covered = covered
         self._follower = None if drift is None else self._follows(drift, noise)
-        self._one = np.zeros(1), np.zeros((1, len(taxels.body))), np.zeros(1, dtype=np.int64)
         self._rows = taxels.empty(taxels.most)
         self.reset()
 
@@ -152,16 +152,17 @@ class FusedEstimator:
         Raises:
             InputError: a channel is missing or of another size, or the filter looks ahead.
         """
-        self._require_forward()
+        require_forward(self._filter)
         return self._joined(self.taxels.run(recording), recording)
 
     def pairs(
         self, blocks: Iterable[Recording], forces: Callable[[np.ndarray], None] | None = None
     ) -> Iterator[tuple[Recording, Contacts]]:
         """Each block with its contacts, in order, as soon as they are known; see `TaxelEstimator.pairs`."""
-        first, beside = 0, _Beside(self.sensor, self._filter, self.taxels.rate)
-        for block, found in self.taxels.pairs(beside.measured(self.sensor.ready(blocks)), forces):
-            yield block, self._joined(found, block, first, beside.taken())
+        first, ready = 0, self.sensor.ready(blocks)
+        beside = _Beside(self.sensor, self._filter, self.taxels.rate) if self._filter and self._zero_phase else None
+        for block, found in self.taxels.pairs(ready if beside is None else beside.measured(ready), forces):
+            yield block, self._joined(found, block, first, None if beside is None else beside.taken())
             first += len(block)
 
     def stream(self, blocks: Iterable[Recording]) -> Iterator[Contacts]:
@@ -197,7 +198,7 @@ class FusedEstimator:
         acceleration: ArrayLike | None = None,
     ) -> int:
         """`update` into rows of `empty`: how many are written, at least 1, as many as fit."""
-        self._require_forward()
+        require_forward(self._filter)
         values = np.asarray(reading, dtype=np.float64).reshape(-1)
         rows = out.reshape(-1, out.shape[-1])
         require_out(rows, (None, ROW.length + len(self.features) + 1))
@@ -220,7 +221,7 @@ class FusedEstimator:
         beside: Mapping[str, np.ndarray] = NOTHING_BESIDE,
     ) -> int:
         """`run` of arrays; see `ContactEstimator` and, for what a reading is, `update`."""
-        self._require_forward()
+        require_forward(self._filter)
         require_out(out, (None, ROW.length + len(self.features) + 1))
         done = used = 0
         while done < len(time) and len(out) - used >= self.most:
@@ -228,16 +229,13 @@ class FusedEstimator:
             channels = apart(self.channels, readings[one])
             kept = {name: values[one] for name, values in beside.items()}
             block = Recording(time[one], {**channels, **kept}, source="the stream")
-            when, _, count = self._one
-            when[0] = time[done]
-            self.taxels.run_into(when, channels[CELLS], self._rows, count)
+            self.taxels.run_into(block.time, channels[CELLS], self._rows, counts[one])
+            skin = self._rows[: int(counts[done])]
             follower = self._entered(float(time[done]))
             located, covariance, status = self._wrenches(block)
             if follower is not None:
-                follower.add(block.time, follower.sensor.kept(block), self._told(self._rows[: int(count[0])]))
-            counts[done] = self._frame(
-                float(time[done]), self._rows[: int(count[0])], located[0], covariance[0], int(status[0]), out[used:]
-            )
+                follower.add(block.time, follower.sensor.kept(block), self._told(skin))
+            counts[done] = self._frame(float(time[done]), skin, located[0], covariance[0], int(status[0]), out[used:])
             used += int(counts[done])
             done += 1
         return done
@@ -328,7 +326,7 @@ class FusedEstimator:
         for cut in [slice(0, len(block))] if self._follower is None else self._follower.pieces(block.time):
             piece = block.picked(cut)
             follower = self._entered(float(piece.time[0])) if len(piece) else None
-            located = self._wrenches(piece) if smoothed is None or follower is not None else self._placed(*smoothed)
+            located = self._wrenches(piece) if smoothed is None else self._placed(*smoothed)
             if follower is not None:
                 felt = self._told(skin[edges[cut.start] : edges[cut.stop]])
                 follower.add(piece.time, follower.sensor.kept(piece), felt)
@@ -420,47 +418,30 @@ class FusedEstimator:
         self._unexplained += alarm
         self._opposed += alarm and bool(forces.sum(axis=0) @ wrench[:3] < 0)
 
-    def _smoothed(self, filter: Filter, least: float) -> None:
-        if isinstance(self.sensor, Compensation):
-            self.sensor.smoothed_by(filter, self.taxels.rate, least)
-
-    def _require_forward(self) -> None:
-        if self._zero_phase:
-            raise InputError(
-                "a filter of zero phase looks ahead, so it cannot answer sample by sample.",
-                hint="Use stream on a log, or a Butterworth filter without zero_phase.",
-            )
-
 
 _Smoothed = tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, " n"]]  # wrenches, and what is left of their noise
-_Taken = tuple[Measured, Float[np.ndarray, " n"], _Smoothed | None]  # the second: means of how many readings
+_Taken = tuple[Measured, Float[np.ndarray, " n"], _Smoothed]  # the second: means of how many readings
 
 
 class _Beside:
-    """Wrenches of the blocks that the skin is given, in their order; a filter of zero phase looks ahead in both."""
+    """Wrenches of the blocks that the skin is given, in their order, where a filter of zero phase looks ahead."""
 
-    def __init__(self, sensor: WrenchSensor, filter: Filter | None, rate: float | None) -> None:
+    def __init__(self, sensor: WrenchSensor, filter: Filter, rate: float | None) -> None:
         self._sensor, self._waiting = sensor, deque[tuple[Measured, np.ndarray]]()
-        self._both: BothWays | None = None
-        if filter is not None and filter.zero_phase:
-            self._both = BothWays(filter.recursion(_known(rate)), _known(rate))
+        self._both = BothWays(filter.recursion(known_rate(rate, "frames")), known_rate(rate, "frames"))
 
     def measured(self, blocks: Iterable[Recording]) -> Iterator[Recording]:
         """The same, once their wrenches are measured."""
         for block in blocks:
             measured = self._sensor.measure(block)
-            if self._both is not None:
-                self._both.push(measured.time, measured.status, measured.wrench)
+            self._both.push(measured.time, measured.status, measured.wrench)
             self._waiting.append((measured, block.channels[AVERAGED][:, 0]))
             yield block
-        if self._both is not None:
-            self._both.finish()
+        self._both.finish()
 
     def taken(self) -> _Taken:
         """Of the next block."""
         measured, averaged = self._waiting.popleft()
-        if self._both is None:
-            return measured, averaged, None
         wrenches, good = measured.wrench.copy(), measured.status < 0
         share = np.ones(len(good))
         wrenches[good], share[good] = self._both.take(int(np.count_nonzero(good)))
@@ -476,9 +457,3 @@ def _write(fused: Fused, touching: Int[np.ndarray, " n"], out: np.ndarray, after
     out[touching, after + SHARE], out[touching, after + BOUND] = fused.share, fused.bound
     out[touching, after + UNEXPLAINED], out[touching, after + BELIEF] = fused.p[0], 1.0
     out[touching, after + SPREAD : after + SPREAD + 6] = each[:, *_UPPER]
-
-
-def _known(rate: float | None) -> float:
-    if rate is None:
-        raise InputError("a filter needs the rate of the frames.", hint="Give rate in Hz.")
-    return rate

@@ -19,7 +19,7 @@ from palpate.errors import InputError
 from palpate.sensors.filters import Filter
 from palpate.sensors.intensity import Curve, Intensity
 from palpate.sensors.recording import CELLS, LARGEST, Recording
-from palpate.sensors.smoothing import BothWays, Forward
+from palpate.sensors.smoothing import BothWays, Forward, known_rate, require_forward
 from palpate.sensors.taxel_health import FEWEST, Health, at_rest, examine
 from palpate.sensors.taxels import TaxelBody
 from palpate.sensors.wrench_sensor import Tare
@@ -136,10 +136,10 @@ class TaxelEstimator:
         tables = (body.neighbours.copy(), body.steps.copy(), body.between.copy())
         self._table = (*tables, max(body.columns, 1))
         self._zero_phase = filter is not None and filter.zero_phase
-        self._recursion = None if filter is None else filter.recursion(self._rate())
+        self._recursion = None if filter is None else filter.recursion(known_rate(self.rate, "frames"))
         self._forward: Forward | None = None
         if self._recursion is not None and not self._zero_phase:
-            self._forward = Forward(self._recursion, self._rate(), count)
+            self._forward = Forward(self._recursion, known_rate(self.rate, "frames"), count)
         self._clock = np.zeros(2)
         self._turn = 0.0 if body.bits is None else body.top + 1.0
         self._numbers = np.ones((_taxels.NUMBERS, count))
@@ -251,7 +251,7 @@ class TaxelEstimator:
         acceleration: ArrayLike | None = None,
     ) -> int:
         """`update` into rows of `empty`, for a control loop: how many are written, at least 1, as many as fit."""
-        self._require_forward()
+        require_forward(self.filter)
         self._require_rest()
         width = self._kernels.AREA + len(self.features) + 1
         if (
@@ -279,7 +279,7 @@ class TaxelEstimator:
         beside: Mapping[str, np.ndarray] = NOTHING_BESIDE,
     ) -> int:
         """`run` of arrays; see `ContactEstimator`. What is known beside makes no difference."""
-        self._require_forward()
+        require_forward(self.filter)
         self._require_rest()
         require_out(out, (None, self._width))
         raw = self.body.readings(Recording(time, {CELLS: readings}, source="the stream"))
@@ -291,7 +291,7 @@ class TaxelEstimator:
         Raises:
             InputError: frames of another size; the rest is not known and cannot be found; or the filter looks ahead.
         """
-        self._require_forward()
+        require_forward(self.filter)
         if len(recording):
             self._look(recording)
         return self._answer(recording, 0, None)
@@ -312,7 +312,7 @@ class TaxelEstimator:
         """
         first, both = 0, None
         if self._zero_phase and self._recursion is not None:
-            both = BothWays(self._recursion, self._rate(), len(self.body))
+            both = BothWays(self._recursion, known_rate(self.rate, "frames"), len(self.body))
         waiting: deque[tuple[Recording, np.ndarray, np.ndarray]] = deque()
         for block in chain(self._examined(iter(blocks)), [None]):
             if both is not None:
@@ -480,23 +480,11 @@ class TaxelEstimator:
     ) -> Contacts:
         return Contacts.of_rows(sample, time, rows, self.features)
 
-    def _rate(self) -> float:
-        if self.rate is None:
-            raise InputError("a filter needs the rate of the frames.", hint="Give rate in Hz.")
-        return self.rate
-
     def _require_rest(self) -> None:
         if self.health is None:
             raise InputError(
                 "what the cells read at rest is not known.",
                 hint="Give health=examine(...), or call tare with a recording in which nothing touches.",
-            )
-
-    def _require_forward(self) -> None:
-        if self._zero_phase:
-            raise InputError(
-                "a filter of zero phase looks ahead, so it cannot answer sample by sample.",
-                hint="Use stream on a log, or a Butterworth filter without zero_phase.",
             )
 
 

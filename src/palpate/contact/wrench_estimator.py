@@ -24,7 +24,7 @@ from palpate.sensors.filters import Filter
 from palpate.sensors.force_torque import ForceTorque
 from palpate.sensors.load_cell_array import LoadCellArray
 from palpate.sensors.recording import Recording, apart
-from palpate.sensors.smoothing import BothWays, Forward
+from palpate.sensors.smoothing import BothWays, Forward, known_rate, require_forward
 from palpate.sensors.wrench_sensor import Measured, Placement, Tare, WrenchSensor
 from palpate.sensors.zero_filter import FollowedSensor, ZeroHistory, ZeroState
 from palpate.spatial._arrays import require_out
@@ -166,8 +166,8 @@ class WrenchEstimator:
         self.locator = locator.with_noise(matrix @ noise @ matrix.T) if lacks else locator
         self.filter, self.rate = filter, rate
         self._zero_phase = filter is not None and filter.zero_phase
-        self._recursion = None if filter is None else filter.recursion(_known(rate))
-        self._forward = None if self._recursion is None else Forward(self._recursion, _known(rate))
+        self._recursion = None if filter is None else filter.recursion(known_rate(rate, "samples"))
+        self._forward = None if self._recursion is None else Forward(self._recursion, known_rate(rate, "samples"))
         if self._forward is not None:
             self._forward(np.zeros(1), np.zeros(1, np.int8), np.zeros((1, 6)))  # compiles
         if isinstance(self.sensor, Compensation):
@@ -238,7 +238,7 @@ class WrenchEstimator:
     ) -> int:
         """`update` into a row of `empty()`, or the first of some, for a control loop; `ROW` says what stands where."""
         if self._zero_phase:
-            self._require_forward()
+            require_forward(self.filter)
         row = out if out.ndim == 1 else out[0]
         require_out(row, ROW_SHAPE)
         rows, follower = row[None], self._forwards(time)
@@ -263,7 +263,7 @@ class WrenchEstimator:
         beside: Mapping[str, np.ndarray] = NOTHING_BESIDE,
     ) -> int:
         """`run` of arrays, one row a sample; see `ContactEstimator`."""
-        self._require_forward()
+        require_forward(self.filter)
         require_out(out, (None, ROW.length))
         count = min(len(time), len(out))
         rows, kept = out[:count], {name: values[:count] for name, values in beside.items()}
@@ -284,7 +284,7 @@ class WrenchEstimator:
         Raises:
             InputError: a channel is missing, or has another shape; or the filter looks ahead.
         """
-        self._require_forward()
+        require_forward(self.filter)
         rows = self._placed(self._block(recording).rows)
         return Contacts.single(recording.time, ContactEstimate.from_rows(rows))
 
@@ -492,7 +492,7 @@ class WrenchEstimator:
         """Pieces wait until all of their samples are filtered."""
         if self._recursion is None:
             return
-        both = BothWays(self._recursion, _known(self.rate))
+        both = BothWays(self._recursion, known_rate(self.rate, "samples"))
         waiting: deque[_Waiting] = deque()
         for piece in pieces:
             self._follow(piece.zero)
@@ -517,17 +517,8 @@ class WrenchEstimator:
         """Of white noise, what the filter leaves at least."""
         if self._recursion is None:
             return 1.0
-        return BothWays(self._recursion, _known(self.rate)).least if self._zero_phase else self._recursion.share.min()
-
-    def _require_forward(self) -> None:
-        if self._zero_phase:
-            raise InputError(
-                "a filter of zero phase looks ahead, so it cannot answer sample by sample.",
-                hint="Use stream on a log, or a Butterworth filter without zero_phase.",
-            )
-
-
-def _known(rate: float | None) -> float:
-    if rate is None:
-        raise InputError("a filter needs the rate of the samples.", hint="Give rate in Hz.")
-    return rate
+        return (
+            BothWays(self._recursion, known_rate(self.rate, "samples")).least
+            if self._zero_phase
+            else self._recursion.share.min()
+        )

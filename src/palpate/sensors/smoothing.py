@@ -5,14 +5,35 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float, Int8
 
-from palpate.sensors.filters import Recursion
+from palpate.errors import InputError
+from palpate.sensors.filters import Filter, Recursion
 
-__all__ = ["BothWays", "Forward"]
+__all__ = ["BothWays", "Forward", "known_rate", "require_forward"]
 
 GAP_PERIODS, LEAST_GAP = 5, 0.05  # samples and s: clocks that stamp on arrival make smaller gaps of their own
 SEGMENT = 4096  # wrenches that are filtered backward at a time, at least; of wider samples as many values
 
 Values = Float[np.ndarray, "_ _"]
+
+
+def known_rate(rate: float | None, of: str) -> float:
+    """[Hz] of samples that a filter is to smooth; `of`: what they are called.
+
+    Raises:
+        InputError: None is given.
+    """
+    if rate is None:
+        raise InputError(f"a filter needs the rate of the {of}.", hint="Give rate in Hz.")
+    return rate
+
+
+def require_forward(filter: Filter | None) -> None:
+    """Raise an InputError where a filter cannot answer sample by sample."""
+    if filter is not None and filter.zero_phase:
+        raise InputError(
+            "a filter of zero phase looks ahead, so it cannot answer sample by sample.",
+            hint="Use stream on a log, or a Butterworth filter without zero_phase.",
+        )
 
 
 class Forward:
