@@ -56,6 +56,7 @@ class TouchNavigatorSettings:
     soften: float = 0.2
     felt: float = 0.25
     ahead: float = radians(70.0)
+    glancing: float = radians(40.0)
     settle: float = 0.6
     test: float = 1.2
     moved: float = 0.004
@@ -203,6 +204,10 @@ class TouchNavigator:
         strongest = max(f for _, f in ahead)
         if not set_.push and strongest > 0.5:
             return self._fast(time, here, ahead, "it pushes nothing")
+        if strongest > 0.5 and min(abs(a) for a, _ in ahead) > set_.glancing:
+            self._fast(time, here, ahead, "")
+            self._planned = min(self._planned, time - 0.3)
+            return None
         known = min(
             self.map.nearest(here[0] + set_.radius * cos(here[2] + a), here[1] + set_.radius * sin(here[2] + a))
             for a, _ in ahead
