@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 
 from palpate.calibration.marker_ring.calibrate import RingTruth, calibrate_marker_ring
+from palpate.contact.estimate import ROW, Status
 from palpate.contact.ring_estimator import RingEstimator
 from palpate.sensors.fisheye import Fisheye
 from palpate.sensors.marker_ring import MarkerRing, RingBody
@@ -16,9 +18,11 @@ from palpate.simulation.arena.camera import SwiftCamera
 from palpate.simulation.arena.skin import RingSkin, disc_points
 from palpate.simulation.ring_session import Protocol, RingSession, RingUnit, calibration_run
 
-__all__ = ["PROTOCOL", "MarkerSense", "arena_ring"]
+__all__ = ["PROTOCOL", "RingSense", "RingWear", "arena_ring"]
 
 PROTOCOL = Protocol.sized(small=True)
+Touches = Float[np.ndarray, "k 2"]
+
 BLOCK = 32  # frames in memory at once
 
 
@@ -47,40 +51,72 @@ def _frames(session: RingSession) -> Iterator[Recording]:
         yield Recording(session.time[block], {IMAGE: frames})
 
 
-class MarkerSense:
-    """What a ring feels without an image: its markers are where the camera would see them, but for noise.
+@dataclass(frozen=True, eq=False)
+class RingWear:
+    """What the robots of an arena wear: all the same made unit, calibrated, and its skin by tables."""
+
+    unit: RingUnit
+    ring: MarkerRing
+    skin: RingSkin
+
+    @staticmethod
+    def made(seed: int = 0, ring: MarkerRing | None = None) -> RingWear:
+        """A unit of the coarse barrel (seconds), calibrated here where no calibration is given."""
+        unit = RingUnit.drawn(seed, coarse=True)
+        return RingWear(unit, ring or arena_ring(unit), RingSkin.built(unit))
+
+
+class RingSense:
+    """What one robot feels: true touches deform its skin, a frame or the markers' places go through the estimator.
+
+    Without images the markers are where the camera would see them, but for the noise of a centroid in the calibration.
 
     Args:
-        ring: calibrated.
-        skin: of the same unit.
-        camera: of the same unit.
-        rng: of noise.
-        noise: [px] deviation of a centroid along each axis; None: as in the calibration's images.
+        wear: of the robot.
+        seed: of noise.
+        images: False: no frames.
+        torn: a third of the markers is gone, on the right of the front.
+
+    Attributes:
+        frame: the newest; black where there is none.
     """
 
-    def __init__(
-        self,
-        ring: MarkerRing,
-        skin: RingSkin,
-        camera: SwiftCamera,
-        rng: np.random.Generator,
-        noise: float | None = None,
-    ) -> None:
-        self.estimator, self.camera, self.rng = RingEstimator(ring), camera, rng
-        self.noise = ring.jitter if noise is None else noise
-        self._offset = ring.rest - camera.places(skin.rest)  # a centroid of an image is a little off the outline's
+    def __init__(self, wear: RingWear, seed: Sequence[int], *, images: bool, torn: bool = False) -> None:
+        self._wear, self._images, self._rng = wear, images, np.random.default_rng(seed)
+        self.camera = SwiftCamera(wear.unit.camera, wear.unit.look, self._rng)
+        self.estimator = RingEstimator(wear.ring)
+        count = wear.unit.barrel.markers
+        self._gone = list(range(count - count // 3, count)) if torn else []
+        self._rows = self.estimator.empty(self.estimator.most)
+        self._offset = wear.ring.rest - self.camera.places(wear.skin.rest)  # of a centroid from the outline's
+        self.frame = self.camera.black()
 
-    def update_into(
-        self, time: float, points: Float[np.ndarray, "m 3 3"] | None, out: Float[np.ndarray, "rows width"]
-    ) -> int:
-        """Rows of `estimator.empty`, as from an image: how many.
+    def feel(self, time: float, truth: Float[np.ndarray, "k 5"], *, dark: bool = False) -> Touches | None:
+        """Angle [rad] and force [N] of each touch felt; None where the skin says nothing.
 
         Args:
             time: [s].
-            points: of `RingSkin.markers`; None: nothing is seen.
-            out: is written.
+            truth: angle, force, shear, depth and kind of what really touches.
+            dark: the camera sees nothing.
         """
-        if points is None:
-            return self.estimator.update_markers_into(time, np.full_like(self._offset, np.nan), out)
-        noise = self.noise * self.rng.standard_normal(self._offset.shape)
-        return self.estimator.update_markers_into(time, self.camera.places(points) + self._offset + noise, out)
+        count = self._through_images(time, truth, dark) if self._images else self._by_markers(time, truth, dark)
+        rows = self._rows[:count]
+        status = rows[0, ROW.status]
+        if status == Status.INVALID:
+            return None
+        if status == Status.NO_CONTACT:
+            return np.zeros((0, 2))
+        angle = rows[:, ROW.length]  # the first feature
+        return np.stack([angle, np.hypot(rows[:, ROW.force.start], rows[:, ROW.force.start + 1])], axis=1)
+
+    def _through_images(self, time: float, truth: Float[np.ndarray, "k 5"], dark: bool) -> int:
+        self.frame = self.camera.black() if dark else self.camera.frame(self._wear.skin.markers(truth), self._gone)
+        return self.estimator.update_into(time, self.frame, self._rows)
+
+    def _by_markers(self, time: float, truth: Float[np.ndarray, "k 5"], dark: bool) -> int:
+        if dark:
+            return self.estimator.update_markers_into(time, np.full_like(self._offset, np.nan), self._rows)
+        places = self.camera.places(self._wear.skin.markers(truth)) + self._offset
+        places += self._wear.ring.jitter * self._rng.standard_normal(places.shape)
+        places[self._gone] = np.nan
+        return self.estimator.update_markers_into(time, places, self._rows)
