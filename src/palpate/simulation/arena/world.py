@@ -17,6 +17,7 @@ from palpate.spatial._arrays import frozen
 __all__ = ["ArenaWorld"]
 
 _CORNER = 0.002  # m from a box's edge within which it is the corner that touches
+_NONE = frozen(np.empty((0, 5)))
 
 
 class ArenaWorld:
@@ -112,8 +113,8 @@ class ArenaWorld:
 
         Returns:
             (k, 5) angle of the place on the skin in the robot's frame [rad], from -pi to pi; force that presses inward
-            there [N]; force along the skin towards a rising angle, on the robot [N]; depth [m]; and what touches:
-            0 a flat side, 1 the corner of a box, 2 another robot's skin.
+            there [N]; force along the skin towards a rising angle, on the robot [N]; how deep the skin is pressed in [m],
+            of two skins each by half; and what touches: 0 a flat side, 1 the corner of a box, 2 another robot's skin.
         """
         if self._found is None:
             self._found = self._all_touches()
@@ -127,18 +128,20 @@ class ArenaWorld:
         rows: list[list[tuple[float, ...]]] = [[] for _ in range(self.layout.robots)]
         turn = data.xmat[self._bodies]
         headings = np.arctan2(turn[:, 3], turn[:, 0]).tolist()
-        for i in np.flatnonzero((robots >= 0).any(axis=1) & (address >= 0)).tolist():
+        for i in np.flatnonzero((robots.max(axis=1) >= 0) & (address >= 0)).tolist():
             normal, *along = data.efc_force[address[i] : address[i] + 3].tolist()
             if normal <= 0.0:
                 continue
             x, y, _, *sides = contact.frame[i].tolist()  # the normal, and the force, go from the first to the second
             shear = sum(f * (a * y - b * x) for f, a, b in zip(along, sides[::3], sides[1::3], strict=True))
-            for robot, other, geom, sign in zip(robots[i], robots[i, ::-1], geoms[i, ::-1], (1.0, -1.0), strict=True):
+            depth = -float(contact.dist[i])
+            (first, second), (one, two) = robots[i].tolist(), geoms[i].tolist()
+            for robot, other, geom, sign in ((first, second, two, 1.0), (second, first, one, -1.0)):
                 if robot >= 0:
                     angle = remainder(atan2(sign * y, sign * x) - headings[robot], tau)
                     kind = 2.0 if other >= 0 else self._kind(geom, robot)
-                    rows[robot].append((angle, normal, shear, -float(contact.dist[i]), kind))
-        return [frozen(np.array(sorted(row)).reshape(-1, 5)) for row in rows]
+                    rows[robot].append((angle, normal, shear, depth if other < 0 else 0.5 * depth, kind))
+        return [frozen(np.array(sorted(row)).reshape(-1, 5)) if row else _NONE for row in rows]
 
     def _kind(self, geom: int, robot: int) -> float:
         """1 where a box is nearest to the robot's middle with a corner, else 0."""
