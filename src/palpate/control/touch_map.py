@@ -37,8 +37,8 @@ class TouchMapSettings:
     """
 
     cell: float = 0.02
-    weight: float = 40.0
-    fade: float = 400.0
+    weight: float = 8.0
+    fade: float = 200.0
     merge: float = 0.012
     clearance: float = 0.025
     near: float = 0.02

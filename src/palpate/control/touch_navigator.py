@@ -77,7 +77,7 @@ class TouchNavigatorSettings:
     slow: float = 0.6
     turn: float = 1.0
     still: tuple[float, float] = (0.06, 15.0)
-    patience: float = 300.0
+    patience: float = 400.0
     push: bool = True
     remember: bool = True
     map: TouchMapSettings = field(default_factory=TouchMapSettings)
@@ -165,15 +165,17 @@ class TouchNavigator:
 
     def _decided(self, time: float, here: Pose, felt: Felt) -> tuple[float, float]:
         """Forward speed and turn rate; the state and why."""
-        if time < self._until:
+        behind = any(cos(angle) < -0.5 for angle, _ in felt)
+        if time < self._until and not behind:
             return self._leave
+        self._until = -inf
         self.state, self.why = "move to goal", "a touch is passed" if felt else "nothing is in the way"
         if self._blocked:
             self.why = "no way is free: it tries what it touched longest ago"
         ahead = [(angle, force) for angle, force in felt if abs(angle) <= self.settings.ahead]
         if ahead:
             stands = self._pressed(time, here, ahead)
-            if stands is not None:
+            if stands is not None and not behind:  # between two it turns on the spot
                 return self._retreat(time, "back off", stands, self.settings.back)
         else:
             self._test.none(time)
