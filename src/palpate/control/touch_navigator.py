@@ -13,7 +13,7 @@ Beyond the state machine of the paper [marker ring, V], which forgets a touch as
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from math import atan2, cos, degrees, hypot, inf, isfinite, radians, sin
+from math import atan2, cos, degrees, hypot, inf, isfinite, pi, radians, sin
 
 import numpy as np
 from jaxtyping import Float
@@ -40,6 +40,7 @@ class TouchNavigatorSettings:
         force: [N] that no contact should be pressed with.
         stiffness: [N/m] of the skin.
         soften: [s] in which the force that is left is used up, at the least.
+        flank, relief, off: what presses on a flank with more than `flank` [N] is left at `relief` [rad/N], up to `off`.
         felt: [N]: less is no touch.
         firm: [N]: less is not remembered.
         ahead: [rad] from the heading within which a contact is in the way.
@@ -63,6 +64,9 @@ class TouchNavigatorSettings:
     force: float = 2.6
     stiffness: float = 500.0
     soften: float = 0.2
+    flank: float = 1.0
+    relief: float = radians(12.0)
+    off: float = radians(20.0)
     felt: float = 0.25
     firm: float = 0.5
     ahead: float = radians(70.0)
@@ -145,7 +149,7 @@ class TouchNavigator:
             return self._say("stopped", fault)
         self._remember(time, here, felt)
         forward, turn = self._decided(time, here, felt)
-        return self._say(self.state, self.why, self._soft(forward, felt), turn)
+        return self._say(self.state, self.why, self._soft(forward, felt), self._aside(turn, felt))
 
     def _say(self, state: str, why: str, forward: float = 0.0, turn: float = 0.0) -> tuple[float, float]:
         self.state, self.why = state, why
@@ -290,6 +294,22 @@ class TouchNavigator:
             bound = (set_.force - force) / (set_.stiffness * set_.soften * share)
             high, low = (min(high, bound), low) if share > 0.0 else (high, max(low, bound))
         return 0.5 * (low + high) if low > high else max(low, min(high, forward))
+
+    def _aside(self, turn: float, felt: Felt) -> float:
+        """The turn rate [rad/s] that takes the heading off what presses on a flank, the more the harder it does.
+
+        Tracks cannot step aside: a flank is relieved only by driving on at an angle to what it touches.
+        """
+        set_, high, low = self.settings, inf, -inf
+        for angle, force in felt:
+            off = pi / 2 + min(set_.off, set_.relief * (force - set_.flank)) - abs(angle)
+            if force < set_.flank or off < 0.0 or abs(angle) < set_.glancing:
+                continue
+            if angle > 0.0:
+                high = min(high, -3.0 * off)
+            else:
+                low = max(low, 3.0 * off)
+        return 0.5 * (low + high) if low > high else max(low, min(high, turn))
 
 
 def _at(here: Pose, angle: float, radius: float) -> tuple[float, float]:
