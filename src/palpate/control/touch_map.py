@@ -37,8 +37,8 @@ class TouchMapSettings:
     """
 
     cell: float = 0.02
-    weight: float = 8.0
-    fade: float = 200.0
+    weight: float = 10.0
+    fade: float = 250.0
     merge: float = 0.012
     clearance: float = 0.025
     near: float = 0.02
@@ -61,7 +61,7 @@ class TouchMap:
 
     def reset(self) -> None:
         """Forget everything."""
-        self._places = np.zeros((MOST, 4))  # x, y, time of the last touch, how often it was touched
+        self._places = np.zeros((MOST, 4))  # x, y, time of the last touch, belief of all touches
         self._count = 0
 
     def __len__(self) -> int:
@@ -72,20 +72,20 @@ class TouchMap:
         """Where [m], and when last [s]."""
         return self._places[: self._count, :3].copy()
 
-    def touch(self, time: float, x: float, y: float) -> None:
-        """Remember that something stands at a point [m]."""
+    def touch(self, time: float, x: float, y: float, belief: float = 1.0) -> None:
+        """Remember that something stands at a point [m], and how surely it stands there."""
         places, count = self._places, self._count
         if count:
             off = np.hypot(places[:count, 0] - x, places[:count, 1] - y)
             near = int(off.argmin())
             if off[near] < self.settings.merge:
-                places[near, 3] += time > places[near, 2] + self.settings.again
+                places[near, 3] += belief * (time > places[near, 2] + self.settings.again)
                 places[near, 2] = time
                 return
         if count == MOST:
-            places[int(places[:, 2].argmin())] = x, y, time, 1.0
+            places[int(places[:, 2].argmin())] = x, y, time, belief
             return
-        places[count] = x, y, time, 1.0
+        places[count] = x, y, time, belief
         self._count = count + 1
 
     def clear(self, x: float, y: float, within: float) -> None:

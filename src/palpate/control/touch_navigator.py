@@ -49,6 +49,7 @@ class TouchNavigatorSettings:
         known: [m]: what is nearer to a remembered place is not pushed again.
         beside, wall: [m] to both sides of a touch where its surface is taken to go on: of one touch, and of one in line
             with others.
+        passed, pushed: belief in what was only passed, and in what did not move when pushed, beside 1 of other touches.
         back: [s] for which it backs away from what stands fast.
         slow: share of the top speed at which it does.
         turn: [rad/s] fastest.
@@ -77,11 +78,13 @@ class TouchNavigatorSettings:
     known: float = 0.045
     beside: float = 0.025
     wall: float = 0.06
+    passed: float = 0.6
+    pushed: float = 2.0
     back: float = 0.65
     slow: float = 0.6
     turn: float = 1.0
     still: tuple[float, float] = (0.06, 15.0)
-    patience: float = 400.0
+    patience: float = 600.0
     push: bool = True
     remember: bool = True
     map: TouchMapSettings = field(default_factory=TouchMapSettings)
@@ -210,16 +213,16 @@ class TouchNavigator:
         self.map.clear(here[0], here[1], set_.radius - 0.014)
         for angle, force in felt:
             if abs(angle) > set_.ahead and force > set_.firm:
-                self._mark(time, here, here[2] + angle, force, 0.0)
+                self._mark(time, here, here[2] + angle, force, 0.0, set_.passed)
         self._changed = self._changed or len(self.map) != before
 
-    def _mark(self, time: float, here: Pose, way: float, force: float, beside: float) -> None:
+    def _mark(self, time: float, here: Pose, way: float, force: float, beside: float, belief: float = 1.0) -> None:
         """Remember a touch of a surface that goes on to both sides of it [m]."""
         out = self.settings.radius - force / self.settings.stiffness
         for aside in np.linspace(-beside, beside, 5 if beside > 0.03 else 3).tolist() if beside else (0.0,):
             x = here[0] + out * cos(way) - aside * sin(way)
             y = here[1] + out * sin(way) + aside * cos(way)
-            self.map.touch(time, x, y)
+            self.map.touch(time, x, y, belief)
         self._changed = True
 
     def _pressed(self, time: float, here: Pose, ahead: Felt) -> str | None:
@@ -228,7 +231,7 @@ class TouchNavigator:
         strongest = max(force for _, force in ahead)
         way = here[2] + atan2(sum(f * sin(a) for a, f in ahead), sum(f * cos(a) for a, f in ahead))
         if strongest > set_.firm and min(abs(angle) for angle, _ in ahead) > set_.glancing:
-            self._stands(time, here, ahead)
+            self._stands(time, here, ahead, set_.passed)
             return None  # it is passed as it is touched
         if not set_.push and strongest > set_.firm:
             return self._stands(time, here, ahead) or "it pushes nothing"
@@ -236,10 +239,10 @@ class TouchNavigator:
         if known < set_.known and strongest > set_.firm and self._test.push is not Push.MOVES:
             return self._stands(time, here, ahead) or "it was here before"
         if self._test.touch(time, here[:2], (cos(way), sin(way))) is Push.STANDS:
-            return self._stands(time, here, ahead) or Push.STANDS.value
+            return self._stands(time, here, ahead, set_.pushed) or Push.STANDS.value
         return None
 
-    def _stands(self, time: float, here: Pose, ahead: Felt) -> None:
+    def _stands(self, time: float, here: Pose, ahead: Felt, belief: float = 1.0) -> None:
         """What is ahead stands fast: remember it, on a wall if it is in line with what is known."""
         self._test.end()
         if not self.settings.remember:
@@ -247,7 +250,7 @@ class TouchNavigator:
         for angle, force in ahead:
             way = here[2] + angle
             in_line = self.map.in_line(*_at(here, angle, self.settings.radius), way)
-            self._mark(time, here, way, force, self.settings.wall if in_line else self.settings.beside)
+            self._mark(time, here, way, force, self.settings.wall if in_line else self.settings.beside, belief)
 
     # motion
 
