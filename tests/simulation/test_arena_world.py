@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from math import cos, hypot, pi, sin
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -232,7 +233,8 @@ def test_a_run_is_the_same_to_the_last_bit() -> None:
     assert not np.array_equal(one[0], other[0])  # its tracks are uneven in another way
 
 
-def test_it_says_what_is_wrong(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_it_says_what_is_wrong(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.chdir(tmp_path)  # where the engine writes its log
     world = _world()
     assert world.blocks.shape == (0, 3)
     assert world.touches(0).shape == (0, 5)
