@@ -28,7 +28,7 @@ def _inside(block: Block, points: np.ndarray) -> np.ndarray:
     corners = block.corners()
     sides = np.roll(corners, -1, axis=0) - corners
     off = points[..., None, :] - corners
-    return (sides[:, 0] * off[..., 1] - sides[:, 1] * off[..., 0] >= 0.0).all(axis=-1)
+    return np.asarray((sides[:, 0] * off[..., 1] - sides[:, 1] * off[..., 0] >= 0.0).all(axis=-1))
 
 
 def _areas(layout: Layout, cell: float, radius: float) -> np.ndarray:
