@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from typing import Any
 
 from palpate.cli.arena_run import ArenaSettings, Fault
 from palpate.simulation.arena import layouts
@@ -35,7 +36,12 @@ ABLATIONS = {  # name -> what differs from ours
     "no memory": {"method": "no-memory"},
     "odometry alone": {"pose": "odometry"},
 }
-FAULTS = {"blind": "a blind camera", "torn": "a torn skin", "stuck-wheel": "a stuck wheel", "wrong-goal": "a wrong goal"}
+FAULTS = {
+    "blind": "a blind camera",
+    "torn": "a torn skin",
+    "stuck-wheel": "a stuck wheel",
+    "wrong-goal": "a wrong goal",
+}
 TRAPS = {"u": "a U-shaped trap", "corridor": "a corridor one and a half robots wide"}
 COUNTS = (1, 4, 16, 50)  # robots
 
@@ -94,7 +100,8 @@ class Sizes:
 
     def at_most(self, seeds: int) -> Sizes:
         """Fewer of all."""
-        return Sizes(*(min(seeds, each) for each in (self.many, self.few, self.fixed, self.again)), self.counts)
+        many, few, fixed, again = (min(seeds, each) for each in (self.many, self.few, self.fixed, self.again))
+        return Sizes(many, few, fixed, again, self.counts)
 
 
 FULL = Sizes(100, 40, 10, 4)
@@ -122,10 +129,10 @@ def conditions(sizes: Sizes = FULL) -> list[Condition]:
     return [each for name in names for each in made if each.name == name]
 
 
-def seeded(count: int, name: str, arena: str, **options: str | int | bool) -> list[Condition]:
+def seeded(count: int, name: str, arena: str, **options: Any) -> list[Condition]:
     """With as many seeds as are asked for."""
     first = Condition(name, arena, JUDGED)
-    return [replace(first, seed=seed, **options) for seed in range(JUDGED, JUDGED + count)]  # pyright: ignore
+    return [replace(first, seed=seed, **options) for seed in range(JUDGED, JUDGED + count)]
 
 
 def _figure_11(sizes: Sizes) -> Iterable[Condition]:

@@ -14,7 +14,7 @@ from dataclasses import asdict, dataclass, field
 from functools import cache
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # matrices are small: threads cost more than they save
 
@@ -84,7 +84,9 @@ class Outcome:
 
 
 def _tuples(value: Any) -> Any:
-    return tuple(_tuples(each) for each in value) if isinstance(value, list) else value
+    if not isinstance(value, list):
+        return value
+    return tuple(_tuples(each) for each in cast("list[Any]", value))
 
 
 @dataclass
@@ -117,12 +119,12 @@ def run(condition: Condition) -> Outcome:
     """An arena, its robots, and the loop to its end."""
     made = ArenaRun(arena_settings(condition), *_worn())
     watch = _Watch(condition.traced)
-    begin = time.process_time()
+    begin = 0.0
     for moment in made:
         watch.see(moment)
+        begin = begin or time.process_time()  # from the first moment on: it loads what is compiled
     took, result = time.process_time() - begin, made.result()
-    first, last = watch.boxes
-    moved = np.hypot(*(last - first)[:, :2].T).max(initial=0.0)
+    moved = np.hypot(*(watch.boxes[1] - watch.boxes[0])[:, :2].T).max(initial=0.0)
     ways = np.round(np.array(watch.ways), 4).reshape(-1, condition.robots, 3) if watch.ways else np.empty((0, 0, 3))
     return Outcome(
         condition,
@@ -146,7 +148,7 @@ def run(condition: Condition) -> Outcome:
 @cache
 def _worn() -> tuple[Any, Any]:
     """The skin that every robot wears, and its calibration; once a process."""
-    return import_module("palpate.cli.arena_ring").worn()
+    return getattr(import_module("palpate.cli.arena_ring"), "worn", lambda: (None, None))()
 
 
 @cache
@@ -163,9 +165,13 @@ def _bare(source: str) -> str:
     tree = ast.parse(source)
     for node in ast.walk(tree):
         body = getattr(node, "body", None)
-        if isinstance(body, list) and body and isinstance(body[0], ast.Expr) and isinstance(body[0].value, ast.Constant):
-            del body[0]
+        if isinstance(body, list):
+            body[:] = [each for each in cast("list[object]", body) if not _is_words(each)]
     return ast.dump(tree)
+
+
+def _is_words(node: object) -> bool:
+    return isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
 
 
 class Found:
@@ -210,7 +216,7 @@ class Found:
 
     def force(self, share: float = 0.99) -> float:
         """[N] that the strongest contact of a robot does not pass in a share of the time in which it is touched."""
-        counts: np.ndarray = np.sum([each.forces for each in self.outcomes], axis=0) if self.outcomes else np.zeros(1)
+        counts: np.ndarray = np.array([each.forces for each in self.outcomes]).reshape(-1, BINS).sum(axis=0)
         if not counts.sum():
             return float("nan")
         return BIN * float(np.searchsorted(np.cumsum(counts), share * counts.sum()) + 1)
@@ -259,6 +265,7 @@ def found(wanted: Sequence[Condition], kept: Path, *, workers: int = 0, any_code
     done = {each.condition.key: each for each in _read(kept) if any_code or each.stamp == stamp()}
     todo = list({each.key: each for each in wanted if each.key not in done}.values())
     begin = time.monotonic()
+    kept.parent.mkdir(parents=True, exist_ok=True)
     for count, outcome in enumerate(_runs(todo, workers), 1):
         with kept.open("a", encoding="utf-8") as file:
             file.write(outcome.line() + "\n")
@@ -287,6 +294,8 @@ def _runs(todo: Sequence[Condition], workers: int) -> Iterable[Outcome]:
     try:
         joblib = import_module("joblib")
     except ImportError as problem:
-        raise InputError("runs in several processes need joblib.", hint="pip install 'palpate[simulation]'") from problem
+        raise InputError(
+            "runs in several processes need joblib.", hint="pip install 'palpate[simulation]', or take --workers 0"
+        ) from problem
     parallel = joblib.Parallel(n_jobs=workers, return_as="generator_unordered", pre_dispatch="2*n_jobs", batch_size=1)
     return parallel(joblib.delayed(run)(each) for each in todo)
