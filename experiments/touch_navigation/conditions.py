@@ -7,8 +7,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from palpate.cli.arena_run import ArenaSettings, Fault
-from palpate.simulation.arena import layouts
+from palpate.simulation.arena.fixed_layouts import paper_layout, trap_layout
 from palpate.simulation.arena.layout import Layout
+from palpate.simulation.arena.random_layouts import random_layout
 
 __all__ = [
     "ABLATIONS",
@@ -54,7 +55,7 @@ class Condition:
         name: in tables; runs that differ in the seed only share it.
         arena: "figure 11"; "trap u" and the like; or a density of random ones.
         seed: of the arena, where it is drawn, and of all noise.
-        robots: how many.
+        robots: how many, in an arena that is drawn.
         method, sensing, touch, pose: of `ArenaSettings`.
         fault: of the first robot, "": none.
         again: runs that differ in it only must be the same.
@@ -116,10 +117,10 @@ def arena_settings(condition: Condition) -> ArenaSettings:
 
 def _layout(condition: Condition) -> Layout:
     if condition.arena == "figure 11":
-        return layouts.paper_layout()
+        return paper_layout()
     if condition.arena.startswith("trap "):
-        return layouts.trap_layout(condition.arena.removeprefix("trap "))
-    return layouts.random_layout(condition.seed, condition.robots, condition.arena)
+        return trap_layout(condition.arena.removeprefix("trap "))
+    return random_layout(condition.seed, condition.robots, condition.arena)
 
 
 def conditions(sizes: Sizes = FULL) -> list[Condition]:

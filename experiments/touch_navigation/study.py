@@ -6,6 +6,7 @@ import ast
 import hashlib
 import json
 import os
+import pickle
 import sys
 import time
 from collections import defaultdict
@@ -23,6 +24,7 @@ from jaxtyping import Float
 
 import palpate
 from experiments.touch_navigation.conditions import Condition, arena_settings
+from palpate.cli.arena_ring import RingWear
 from palpate.cli.arena_run import FELT, ArenaRun, Moment
 from palpate.errors import InputError
 
@@ -30,6 +32,7 @@ __all__ = ["BIN", "Found", "Outcome", "found", "run", "stamp"]
 
 BIN = 0.05  # N of the histogram of forces
 BINS = 400
+SKINS = Path(__file__).parents[2] / ".cache"
 KEPT = 15  # frames from one kept pose of a traced run to the next
 CODE = ("control", "simulation/arena", "cli/arena_run.py", "cli/arena_ring.py")  # what a run depends on most
 
@@ -117,7 +120,7 @@ class _Watch:
 
 def run(condition: Condition) -> Outcome:
     """An arena, its robots, and the loop to its end."""
-    made = ArenaRun(arena_settings(condition), *_worn())
+    made = ArenaRun(arena_settings(condition), _worn())
     watch = _Watch(condition.traced)
     begin = 0.0
     for moment in made:
@@ -125,7 +128,7 @@ def run(condition: Condition) -> Outcome:
         begin = begin or time.process_time()  # from the first moment on: it loads what is compiled
     took, result = time.process_time() - begin, made.result()
     moved = np.hypot(*(watch.boxes[1] - watch.boxes[0])[:, :2].T).max(initial=0.0)
-    ways = np.round(np.array(watch.ways), 4).reshape(-1, condition.robots, 3) if watch.ways else np.empty((0, 0, 3))
+    ways = np.round(np.array(watch.ways), 4) if watch.ways else np.empty((0, 0, 3))
     return Outcome(
         condition,
         stamp(),
@@ -146,9 +149,15 @@ def run(condition: Condition) -> Outcome:
 
 
 @cache
-def _worn() -> tuple[Any, Any]:
-    """The skin that every robot wears, and its calibration; once a process."""
-    return getattr(import_module("palpate.cli.arena_ring"), "worn", lambda: (None, None))()
+def _worn() -> RingWear:
+    """The skin that every robot wears, calibrated once for all processes: it takes most of a minute."""
+    path = SKINS / f"touch_navigation_skin_{stamp()}.pickle"
+    if not path.exists():
+        path.parent.mkdir(parents=True, exist_ok=True)
+        made = path.with_suffix(f".{os.getpid()}")
+        made.write_bytes(pickle.dumps(RingWear.made()))
+        made.replace(path)
+    return pickle.loads(path.read_bytes())
 
 
 @cache
@@ -216,7 +225,9 @@ class Found:
 
     def force(self, share: float = 0.99) -> float:
         """[N] that the strongest contact of a robot does not pass in a share of the time in which it is touched."""
-        counts: np.ndarray = np.array([each.forces for each in self.outcomes]).reshape(-1, BINS).sum(axis=0)
+        counts: np.ndarray = np.zeros(BINS)
+        for each in self.outcomes:
+            counts += np.array(each.forces)
         if not counts.sum():
             return float("nan")
         return BIN * float(np.searchsorted(np.cumsum(counts), share * counts.sum()) + 1)
