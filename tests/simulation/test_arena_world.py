@@ -107,19 +107,22 @@ def test_a_push_short_of_friction_does_not_move_a_block() -> None:
     np.testing.assert_allclose(world.blocks[0], start, atol=2e-4)
 
 
-def test_a_block_that_turns_is_slowed_by_friction_of_its_whole_base() -> None:
-    """M = mu m g times the mean distance of the base's points from the middle, I = m (a^2 + b^2)/3: 3 %."""
+def test_a_block_is_turned_by_more_than_its_base_holds() -> None:
+    """Friction times weight times the mean distance of the base's points from its middle: 4 % less creeps, 4 % more turns it."""
     a, b = half = 0.10, 0.05
-    world = _world(_box(1.0, half=half))
-    _run(world, STILL, 0.3)  # until it stands
-    world.data.qvel[-2] = 2.0  # of its hinge; the last is its foot's
-    turns = [world.blocks[0, 2]]
-    for _ in range(6):
-        world.step(STILL)
-        turns.append(world.blocks[0, 2])
     x, y = np.meshgrid((np.arange(200) + 0.5) / 200 * a, (np.arange(200) + 0.5) / 200 * b)
-    slowing = 0.4 * GRAVITY * np.hypot(x, y).mean() * 3 / (a * a + b * b)
-    assert np.diff(turns, 2).mean() / FRAME**2 == pytest.approx(-slowing, rel=0.03)
+    holds = 1.0 * np.hypot(x, y).mean()
+    turned: list[float] = []
+    for moment in (0.96 * holds, 1.04 * holds):
+        world = _world(_box(1.0, half=half))
+        _run(world, STILL, 0.2)  # until it stands
+        world.data.xfrc_applied[world.model.body("block0").id, 5] = moment
+        _run(world, STILL, 0.5)
+        turned.append(world.blocks[0, 2])
+    assert 0.0 <= turned[0] < 0.01
+    assert turned[1] == pytest.approx(
+        0.5 * 0.04 * 0.4 * GRAVITY * np.hypot(x, y).mean() * 3 / (a * a + b * b) / 4, rel=0.2
+    )
 
 
 def test_blocks_are_hard_to_each_other_and_to_walls() -> None:
@@ -141,7 +144,11 @@ def test_a_free_robot_goes_as_its_tracks_do(wheels: tuple[float, float]) -> None
     lost = v * v / (2 * EVEN.grip * GRAVITY)
     late = 0.5 * EVEN.mass * EVEN.radius**2 * w * w / (EVEN.track * GRIP)
     end = 0.3 + 2.0 * w
-    way = (2 * v * cos(0.3), 2 * v * sin(0.3)) if w == 0.0 else (v / w * (sin(end) - sin(0.3)), v / w * (cos(0.3) - cos(end)))
+    way = (
+        (2 * v * cos(0.3), 2 * v * sin(0.3))
+        if w == 0.0
+        else (v / w * (sin(end) - sin(0.3)), v / w * (cos(0.3) - cos(end)))
+    )
     x, y, heading = world.poses[0]
     assert hypot(x - 1.0 - way[0], y - 1.0 - way[1]) < lost + v * late * 2 + 1e-5
     assert abs((heading - end + pi) % (2 * pi) - pi) < late + 1e-3
@@ -221,7 +228,7 @@ def test_it_says_what_is_wrong(monkeypatch: pytest.MonkeyPatch) -> None:
         RobotSettings(stiffness=0.0)
     with pytest.raises(InputError, match="uneven must be a share"):
         RobotSettings(uneven=-0.1)
-    world.data.qvel[3] = np.inf
+    world.data.qvel[3] = 1e12
     with pytest.raises(RuntimeError, match="gave up"):
         world.step(STILL)
 

@@ -61,7 +61,7 @@ class ArenaSettings:
     sensing: Literal["images", "skin"] = "skin"
     touch: Literal["all", "one", "binary"] = "all"
     pose: Literal["tracker", "odometry"] = "tracker"
-    seconds: float = 400.0
+    seconds: float = 600.0
     faults: tuple[Fault, ...] = ()
 
 

@@ -113,8 +113,8 @@ class ArenaWorld:
 
         Returns:
             (k, 5) angle of the place on the skin in the robot's frame [rad], from -pi to pi; force that presses inward
-            there [N]; force along the skin towards a rising angle, on the robot [N]; how deep the skin is pressed in [m],
-            of two skins each by half; and what touches: 0 a flat side, 1 the corner of a box, 2 another robot's skin.
+            there [N]; force along the skin towards a rising angle, on the robot [N]; how deep the skin is pressed in
+            [m], of two skins each by half; what touches: 0 a flat side, 1 the corner of a box, 2 another robot's skin.
         """
         if self._found is None:
             self._found = self._all_touches()
