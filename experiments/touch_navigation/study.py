@@ -1,0 +1,312 @@
+"""Runs of the closed loop, each kept on disk as soon as it is done, and what is counted of those of one name."""
+
+from __future__ import annotations
+
+import ast
+import hashlib
+import json
+import os
+import pickle
+import sys
+import time
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import asdict, dataclass, field
+from functools import cache
+from importlib import import_module
+from pathlib import Path
+from typing import Any, cast
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # matrices are small: threads cost more than they save
+
+import numpy as np
+from jaxtyping import Float
+
+import palpate
+from experiments.touch_navigation.conditions import Condition, arena_settings
+from palpate.cli.arena_ring import RingWear
+from palpate.cli.arena_run import FELT, ArenaRun, Moment
+from palpate.errors import InputError
+
+__all__ = ["BIN", "Found", "Outcome", "found", "run", "stamp"]
+
+BIN = 0.05  # N of the histogram of forces
+BINS = 400
+SKINS = Path(__file__).parents[2] / ".cache"
+KEPT = 15  # frames from one kept pose of a traced run to the next
+CODE = ("control", "simulation/arena", "cli/arena_run.py", "cli/arena_ring.py")  # what a run depends on most
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What came of a run; a value a robot where not said otherwise.
+
+    Attributes:
+        condition: that was run.
+        stamp: of the code that ran it.
+        arrived: [s], NaN: it did not.
+        path: [m]. greatest: [N] that ever pressed on it. pushes, deadlocks: how often. states: with why, at the end.
+        forces: of the whole run: how many moments of a robot the strongest of its contacts was in each bin of `BIN`.
+        blocks: [m] the farthest that a box was moved.
+        seconds: simulated. took: of the processor [s].
+        digest: of all poses, to the last bit.
+        ways: of a traced run: (k, 3) poses for each robot, flat; `boxes`, the movable ones first and last.
+    """
+
+    condition: Condition
+    stamp: str
+    arrived: tuple[float, ...]
+    path: tuple[float, ...]
+    greatest: tuple[float, ...]
+    pushes: tuple[int, ...]
+    deadlocks: tuple[int, ...]
+    states: tuple[str, ...]
+    forces: tuple[int, ...]
+    blocks: float
+    seconds: float
+    took: float
+    digest: str
+    ways: tuple[tuple[float, ...], ...] = ()
+    boxes: tuple[tuple[float, ...], ...] = ()
+
+    def line(self) -> str:
+        """As JSON, in one line."""
+        return json.dumps(asdict(self))
+
+    @classmethod
+    def of_line(cls, line: str) -> Outcome:
+        """The inverse."""
+        read = json.loads(line)
+        read["condition"] = Condition(**read["condition"])
+        return cls(**{name: _tuples(value) for name, value in read.items()})
+
+    @property
+    def there(self) -> Float[np.ndarray, " n"]:
+        """1 for a robot that arrived."""
+        return np.isfinite(self.arrived).astype(float)
+
+
+def _tuples(value: Any) -> Any:
+    if not isinstance(value, list):
+        return value
+    return tuple(_tuples(each) for each in cast("list[Any]", value))
+
+
+@dataclass
+class _Watch:
+    """What is added up over a run beside what `ArenaResult` says."""
+
+    traced: bool
+    forces: np.ndarray = field(default_factory=lambda: np.zeros(BINS, dtype=np.int64))
+    ways: list[np.ndarray] = field(default_factory=list[np.ndarray])
+    boxes: list[np.ndarray] = field(default_factory=list[np.ndarray])
+    frames: int = 0
+
+    def __post_init__(self) -> None:
+        self.digest = hashlib.sha256()
+
+    def see(self, moment: Moment) -> None:
+        self.digest.update(moment.poses.tobytes())
+        for truth in moment.truths:
+            if len(truth) and (strongest := float(truth[:, 1].max())) > FELT:
+                self.forces[min(int(strongest / BIN), BINS - 1)] += 1
+        if not self.boxes:
+            self.boxes = [moment.blocks.copy(), moment.blocks]
+        self.boxes[1] = moment.blocks
+        if self.traced and self.frames % KEPT == 0:
+            self.ways.append(moment.poses.copy())
+        self.frames += 1
+
+
+def run(condition: Condition) -> Outcome:
+    """An arena, its robots, and the loop to its end."""
+    made = ArenaRun(arena_settings(condition), _worn())
+    watch = _Watch(condition.traced)
+    begin = 0.0
+    for moment in made:
+        watch.see(moment)
+        begin = begin or time.process_time()  # from the first moment on: it loads what is compiled
+    took, result = time.process_time() - begin, made.result()
+    moved = np.hypot(*(watch.boxes[1] - watch.boxes[0])[:, :2].T).max(initial=0.0)
+    ways = np.round(np.array(watch.ways), 4) if watch.ways else np.empty((0, 0, 3))
+    return Outcome(
+        condition,
+        stamp(),
+        result.arrived,
+        result.path,
+        result.greatest,
+        result.pushes,
+        result.deadlocks,
+        result.state,
+        tuple(watch.forces.tolist()),
+        float(moved),
+        result.seconds,
+        took,
+        watch.digest.hexdigest(),
+        tuple(tuple(ways[:, k].ravel().tolist()) for k in range(ways.shape[1])),
+        tuple(tuple(each.ravel().tolist()) for each in watch.boxes) if condition.traced else (),
+    )
+
+
+@cache
+def _worn() -> RingWear:
+    """The skin that every robot wears, calibrated once for all processes: it takes most of a minute."""
+    path = SKINS / f"touch_navigation_skin_{stamp()}.pickle"
+    if not path.exists():
+        path.parent.mkdir(parents=True, exist_ok=True)
+        made = path.with_suffix(f".{os.getpid()}")
+        made.write_bytes(pickle.dumps(RingWear.made()))
+        made.replace(path)
+    return pickle.loads(path.read_bytes())
+
+
+@cache
+def stamp() -> str:
+    """Of the code that a run depends on most, without comments and docstrings: two runs of one stamp can be mixed."""
+    root, seen = Path(palpate.__file__).parent, hashlib.sha256()
+    for part in CODE:
+        for file in sorted((root / part).glob("*.py")) if (root / part).is_dir() else [root / part]:
+            seen.update(_bare(file.read_text(encoding="utf-8")).encode())
+    return seen.hexdigest()[:12]
+
+
+def _bare(source: str) -> str:
+    tree = ast.parse(source)
+    for node in ast.walk(tree):
+        body = getattr(node, "body", None)
+        if isinstance(body, list):
+            body[:] = [each for each in cast("list[object]", body) if not _is_words(each)]
+    return ast.dump(tree)
+
+
+def _is_words(node: object) -> bool:
+    return isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
+
+
+class Found:
+    """Outcomes of one name: the same but for the seed."""
+
+    def __init__(self, outcomes: Sequence[Outcome]) -> None:
+        self.outcomes = sorted(outcomes, key=lambda each: each.condition.seed)
+
+    def __len__(self) -> int:
+        return len(self.outcomes)
+
+    def of(self, other: Found) -> Found:
+        """Those with seeds that the other has too."""
+        seeds = {each.condition.seed for each in other.outcomes}
+        return Found([each for each in self.outcomes if each.condition.seed in seeds])
+
+    @property
+    def robots(self) -> float:
+        """[%] that arrived."""
+        return _percent(np.concatenate([each.there for each in self.outcomes]) if self.outcomes else np.empty(0))
+
+    @property
+    def healthy(self) -> float:
+        """[%] that arrived, of all but the first robot of each run."""
+        return _percent(np.concatenate([each.there[1:] for each in self.outcomes]) if self.outcomes else np.empty(0))
+
+    @property
+    def whole(self) -> float:
+        """[%] of runs in which all arrived."""
+        return _percent(np.array([each.there.all() for each in self.outcomes]))
+
+    @property
+    def times(self) -> Float[np.ndarray, " n"]:
+        """[s] at which each robot arrived, of those that did, rising."""
+        times = np.concatenate([each.arrived for each in self.outcomes]) if self.outcomes else np.empty(0)
+        return np.sort(times[np.isfinite(times)])
+
+    @property
+    def median(self) -> float:
+        """[s] of those that arrived."""
+        return float(np.median(self.times)) if len(self.times) else float("nan")
+
+    def force(self, share: float = 0.99) -> float:
+        """[N] that the strongest contact of a robot does not pass in a share of the time in which it is touched."""
+        counts: np.ndarray = np.zeros(BINS)
+        for each in self.outcomes:
+            counts += np.array(each.forces)
+        if not counts.sum():
+            return float("nan")
+        return BIN * float(np.searchsorted(np.cumsum(counts), share * counts.sum()) + 1)
+
+    @property
+    def greatest(self) -> float:
+        """[N] of all."""
+        return max((max(each.greatest) for each in self.outcomes), default=float("nan"))
+
+    @property
+    def path(self) -> float:
+        """[m] of a robot that arrived, median."""
+        ways = [way for each in self.outcomes for way, there in zip(each.path, each.there, strict=True) if there]
+        return float(np.median(ways)) if ways else float("nan")
+
+    @property
+    def pushes(self) -> float:
+        """A run, mean."""
+        return float(np.mean([sum(each.pushes) for each in self.outcomes])) if self.outcomes else float("nan")
+
+    @property
+    def deadlocks(self) -> float:
+        """A run, mean."""
+        return float(np.mean([sum(each.deadlocks) for each in self.outcomes])) if self.outcomes else float("nan")
+
+    @property
+    def speed(self) -> float:
+        """Simulated seconds in one of a core."""
+        took = sum(each.took for each in self.outcomes)
+        return sum(each.seconds for each in self.outcomes) / took if took else float("nan")
+
+
+def _percent(there: np.ndarray) -> float:
+    return 100.0 * float(np.mean(there)) if len(there) else float("nan")
+
+
+def found(wanted: Sequence[Condition], kept: Path, *, workers: int = 0, any_code: bool = False) -> dict[str, Found]:
+    """All of them by their names: those that were run before from disk, and the others now.
+
+    Args:
+        wanted: conditions, in the order in which they are run.
+        kept: file of one line a run, to which each is added as soon as it is done: whoever is stopped goes on there.
+        workers: processes, by joblib; 0: in this one.
+        any_code: runs of other code count as well.
+    """
+    done = {each.condition.key: each for each in _read(kept) if any_code or each.stamp == stamp()}
+    todo = list({each.key: each for each in wanted if each.key not in done}.values())
+    begin = time.monotonic()
+    kept.parent.mkdir(parents=True, exist_ok=True)
+    for count, outcome in enumerate(_runs(todo, workers), 1):
+        with kept.open("a", encoding="utf-8") as file:
+            file.write(outcome.line() + "\n")
+        done[outcome.condition.key] = outcome
+        passed = time.monotonic() - begin
+        print(f"\r{count} of {len(todo)} runs, {passed:.0f} s  ", end="", file=sys.stderr, flush=True)
+    by_name = defaultdict[str, list[Outcome]](list)
+    for each in wanted:
+        by_name[each.name].append(done[each.key])
+    return {name: Found(outcomes) for name, outcomes in by_name.items()}
+
+
+def _read(kept: Path) -> Iterator[Outcome]:
+    """What was run before; a last line that was cut off is none."""
+    lines = kept.read_text(encoding="utf-8").splitlines() if kept.exists() else []
+    for line in lines:
+        try:
+            yield Outcome.of_line(line)
+        except (ValueError, TypeError, KeyError):
+            print(f"{kept}: a line that is no run is left out", file=sys.stderr)
+
+
+def _runs(todo: Sequence[Condition], workers: int) -> Iterable[Outcome]:
+    if not workers or not todo:
+        return map(run, todo)
+    try:
+        joblib = import_module("joblib")
+    except ImportError as problem:
+        raise InputError(
+            "runs in several processes need joblib.", hint="pip install 'palpate[simulation]', or take --workers 0"
+        ) from problem
+    parallel = joblib.Parallel(n_jobs=workers, return_as="generator_unordered", pre_dispatch="2*n_jobs", batch_size=1)
+    return parallel(joblib.delayed(run)(each) for each in todo)
