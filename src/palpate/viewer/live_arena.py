@@ -177,7 +177,7 @@ class _Robot:
             space.add_arrows(
                 f"/force_{robot + 1}/{at}",
                 nothing,
-                _deep(FORCE),
+                PUSH,
                 shaft_radius=0.008,
                 head_radius=0.022,
                 head_length=0.035,
