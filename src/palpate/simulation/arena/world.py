@@ -1,0 +1,149 @@
+"""Robots in an arena on a physics engine: what their tracks are told goes in, poses and true touches come out."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float
+
+from palpate.errors import InputError
+from palpate.simulation.arena.layout import Layout
+from palpate.simulation.arena.model import SUBSTEPS, mjcf, soften
+from palpate.simulation.arena.settings import FRAME, RobotSettings
+from palpate.simulation.engine import engine
+from palpate.spatial._arrays import frozen
+
+__all__ = ["ArenaWorld"]
+
+_CORNER = 0.002  # m from a box's edge within which it is the corner that touches
+
+
+class ArenaWorld:
+    """Robots and blocks that move, on MuJoCo. The same layout, settings, seed and commands give the same bits.
+
+    Args:
+        layout: the arena.
+        robot: what each robot is.
+        seed: of the tracks' unevenness.
+
+    Raises:
+        InputError: MuJoCo is not installed.
+    """
+
+    def __init__(self, layout: Layout, robot: RobotSettings | None = None, seed: int = 0) -> None:
+        self.layout, self.robot = layout, robot or RobotSettings()
+        self._mujoco = engine("arena")
+        self.model = self._mujoco.MjModel.from_xml_string(mjcf(layout, self.robot))
+        soften(self.model, layout, self.robot)
+        self.data = self._mujoco.MjData(self.model)
+        n, m = layout.robots, len(layout.movable)
+        self._bodies = self.model.geom_bodyid.copy()
+        self._robot_of = np.full(self.model.nbody, -1)
+        self._robot_of[[self.model.body(f"robot{k}").id for k in range(n)]] = np.arange(n)
+        rng = np.random.default_rng([seed, 181])
+        self._gain = 1.0 + self.robot.uneven * rng.standard_normal((n, 2))
+        self._ctrl: np.ndarray = self.data.ctrl.reshape(n, 3)  # left, right, sideways (0)
+        self._own = self.data.qpos[: 3 * n].reshape(n, 3)
+        self._blocks = self.data.qpos[3 * n :].reshape(m, 4)
+        self._own[:] = layout.starts
+        self._blocks[:] = np.reshape([(block.x, block.y, 0.0, block.turn) for block in layout.movable], (m, 4))
+        self._frames = 0
+        self._mujoco.mj_forward(self.model, self.data)
+        self._found: list[Float[np.ndarray, "k 5"]] | None = None
+
+    @property
+    def time(self) -> float:
+        """[s] since the start."""
+        return self._frames * FRAME
+
+    @property
+    def poses(self) -> Float[np.ndarray, "n 3"]:
+        """x, y [m] and heading [rad], from -pi to pi, of each robot."""
+        return _wrapped(self._own.copy())
+
+    @property
+    def velocities(self) -> Float[np.ndarray, "n 3"]:
+        """Of each robot in the arena's frame [m/s], [rad/s]."""
+        return self.data.qvel[: 3 * self.layout.robots].reshape(-1, 3).copy()
+
+    @property
+    def blocks(self) -> Float[np.ndarray, "m 3"]:
+        """x, y [m] and turn [rad], from -pi to pi, of the movable blocks, in the order of `layout.movable`."""
+        return _wrapped(self._blocks[:, [0, 1, 3]])
+
+    def step(self, wheels: Float[np.ndarray, "n 2"]) -> None:
+        """Lets one frame of 1/30 s pass.
+
+        Args:
+            wheels: speed of each robot's left and right track [m/s], held for the frame.
+
+        Raises:
+            InputError: not two finite speeds a robot.
+            RuntimeError: the engine warned, and what it computes cannot be trusted.
+        """
+        if wheels.shape != self._gain.shape or not np.isfinite(wheels).all():
+            raise InputError(f"wheels must be two finite speeds for each of {len(self._gain)} robots, not {wheels}")
+        np.multiply(self._gain, wheels, out=self._ctrl[:, :2])
+        self._mujoco.mj_step(self.model, self.data, SUBSTEPS)
+        self._frames, self._found = self._frames + 1, None
+        if abs(self.data.time - self.time) > 0.5 * FRAME or self.data.warning.number.any():
+            raise RuntimeError("the physics engine gave up: a state that is not finite, or too fast")
+
+    def touches(self, robot: int) -> Float[np.ndarray, "k 5"]:
+        """What truly touches a robot's skin now, by rising angle.
+
+        Args:
+            robot: its number, from 0.
+
+        Returns:
+            (k, 5) angle of the place on the skin in the robot's frame [rad], from -pi to pi; force that presses inward
+            there [N]; force along the skin towards a rising angle, on the robot [N]; depth [m]; and what touches:
+            0 a flat side, 1 the corner of a box, 2 another robot's skin.
+        """
+        if self._found is None:
+            self._found = self._all_touches()
+        return self._found[robot]
+
+    def _all_touches(self) -> list[Float[np.ndarray, "k 5"]]:
+        contact = self.data.contact
+        pairs = self._robot_of[self._bodies[contact.geom]]
+        seen = np.flatnonzero((pairs >= 0).any(axis=1) & (contact.efc_address >= 0))
+        rows: list[list[tuple[float, ...]]] = [[] for _ in range(self.layout.robots)]
+        wrench = np.zeros(6)
+        for i in seen.tolist():
+            self._mujoco.mj_contactForce(self.model, self.data, i, wrench)
+            if wrench[0] <= 0.0:
+                continue
+            axes = contact.frame[i].reshape(3, 3)
+            for side, sign in ((0, -1.0), (1, 1.0)):  # the frame's x, and the force, go from the first to the second
+                k = int(pairs[i, side])
+                if k < 0:
+                    continue
+                inward = sign * axes[0]  # of the force on this robot
+                force = sign * (wrench[:3] @ axes)
+                shear = force[0] * inward[1] - force[1] * inward[0]  # along z x outward
+                angle = np.arctan2(-inward[1], -inward[0]) - self._heading(k)
+                kind = 2 if pairs[i, 1 - side] >= 0 else self._kind(int(contact.geom[i, 1 - side]), k, inward)
+                rows[k].append((float(_around(angle)), float(wrench[0]), float(shear), -float(contact.dist[i]), kind))
+        return [frozen(np.array(sorted(row)).reshape(-1, 5)) for row in rows]
+
+    def _heading(self, robot: int) -> float:
+        """At the time of the contacts: the engine's substep before the newest pose."""
+        turn = self.data.xmat[self.model.body(f"robot{robot}").id]
+        return float(np.arctan2(turn[3], turn[0]))
+
+    def _kind(self, geom: int, robot: int, inward: np.ndarray) -> int:
+        """Whether the place of a box that is nearest to the robot's middle lies at a corner."""
+        own = self.data.geom_xmat[geom].reshape(3, 3)[:2, :2]
+        place = (self.data.xpos[self.model.body(f"robot{robot}").id] - self.data.geom_xpos[geom])[:2] @ own
+        half = self.model.geom_size[geom, :2]
+        return int((np.abs(place) > half - _CORNER).all())
+
+
+def _around(angle: np.ndarray | float) -> np.ndarray:
+    """From -pi to pi."""
+    return np.asarray(angle - 2 * np.pi * np.round(np.asarray(angle) / (2 * np.pi)))
+
+
+def _wrapped(poses: np.ndarray) -> np.ndarray:
+    poses[:, 2] = _around(poses[:, 2])
+    return poses
