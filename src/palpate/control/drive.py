@@ -1,0 +1,54 @@
+"""Two tracks side by side: what they do to a robot, and what they must do for a wanted motion."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from palpate.errors import InputError
+
+__all__ = ["DifferentialDrive"]
+
+
+@dataclass(frozen=True)
+class DifferentialDrive:
+    """A robot that steers by the difference of its two tracks, without slip.
+
+    Forward [m/s] is along the robot's heading, turn [rad/s] counter-clockwise; `left` and `right` are the speeds of
+    the tracks [m/s], positive forward: forward = (left + right)/2, turn = (right - left)/track.
+
+    Args:
+        track: [m] between the middles of the tracks.
+        top: [m/s], the fastest a track goes, either way.
+
+    Raises:
+        InputError: one that is not positive.
+    """
+
+    track: float = 0.085
+    top: float = 0.05
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if not 0 < value < np.inf:  # NaN too
+                raise InputError(f"{name} must be positive, not {value}.", where="drive")
+
+    def wheels(self, forward: float, turn: float) -> tuple[float, float]:
+        """Speeds of the left and the right track [m/s] for a motion.
+
+        Where one would pass `top` both are scaled down together: the robot is slower on the same curve. Numbers that
+        are not finite stop it.
+        """
+        half = 0.5 * self.track * turn
+        left, right = forward - half, forward + half
+        fastest = max(abs(left), abs(right))
+        if not fastest < np.inf:
+            return 0.0, 0.0
+        if fastest > self.top:
+            left, right = left * (self.top / fastest), right * (self.top / fastest)
+        return left, right
+
+    def twist(self, left: float, right: float) -> tuple[float, float]:
+        """The motion that two tracks make: forward [m/s] and turn [rad/s]."""
+        return 0.5 * (left + right), (right - left) / self.track

@@ -1,0 +1,130 @@
+"""What a robot has touched, where, and how sure it still is of it: a small map, and the cheapest way through it.
+
+The memory that the paper's state machine [marker ring, V] has not. Places are points; belief in each fades with time,
+because what was touched may have been a robot, or may have been pushed since, and is taken back where the robot's own
+body has passed. A place is never forbidden, only costly, so that there is always a way.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import exp, hypot, inf
+
+import numpy as np
+from jaxtyping import Float
+
+__all__ = ["TouchMap", "TouchMapSettings"]
+
+MOST = 1024  # places: beyond, the oldest are forgotten
+CORNERS = 256  # of a way
+
+
+@dataclass(frozen=True)
+class TouchMapSettings:
+    """How places are remembered.
+
+    Attributes:
+        cell: [m] of the map that ways are found in.
+        weight: how many times its length a way costs through a place that was touched just now.
+        fade: [s] in which belief in a place falls to 1/e.
+        merge: [m]: nearer touches are one place.
+        clearance: [m] beyond the body, within which a way costs a little more.
+        near: that cost, as a share of `weight`, where the body just touches.
+        margin: [m] that a way may lead around everything known.
+        slack: [m] that a soft body may be pressed in.
+    """
+
+    cell: float = 0.02
+    weight: float = 40.0
+    fade: float = 90.0
+    merge: float = 0.012
+    clearance: float = 0.025
+    near: float = 0.02
+    margin: float = 0.5
+    slack: float = 0.004
+
+
+class TouchMap:
+    """Places touched by a round body.
+
+    Args:
+        radius: [m] of the body.
+        settings: how places are remembered.
+    """
+
+    def __init__(self, radius: float, settings: TouchMapSettings | None = None) -> None:
+        self.radius, self.settings = radius, settings or TouchMapSettings()
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything."""
+        self._places = np.zeros((MOST, 3))  # x, y, time of the last touch
+        self._count = 0
+
+    def __len__(self) -> int:
+        return self._count
+
+    @property
+    def places(self) -> Float[np.ndarray, "n 3"]:
+        """Where [m], and when last [s]."""
+        return self._places[: self._count].copy()
+
+    def touch(self, time: float, x: float, y: float) -> None:
+        """Remember that something stands at a point [m]."""
+        places, count = self._places, self._count
+        if count:
+            off = np.hypot(places[:count, 0] - x, places[:count, 1] - y)
+            near = int(off.argmin())
+            if off[near] < self.settings.merge:
+                places[near, 2] = time
+                return
+        if count == MOST:
+            places[int(places[:, 2].argmin())] = x, y, time
+            return
+        places[count] = x, y, time
+        self._count = count + 1
+
+    def clear(self, x: float, y: float, within: float) -> None:
+        """Forget the places that lie within a distance [m] of a point: the body stands there."""
+        count = self._count
+        if not count:
+            return
+        kept = np.hypot(self._places[:count, 0] - x, self._places[:count, 1] - y) >= within
+        self._count = int(kept.sum())
+        if self._count < count:
+            self._places[: self._count] = self._places[:count][kept]
+
+    def nearest(self, x: float, y: float) -> float:
+        """Distance [m] of the nearest place; inf where there is none."""
+        if not self._count:
+            return inf
+        return float(np.hypot(self._places[: self._count, 0] - x, self._places[: self._count, 1] - y).min())
+
+    def belief(self, age: float) -> float:
+        """How sure a place is that was touched so long ago [s]."""
+        return exp(-age / self.settings.fade)
+
+    def way(
+        self, time: float, start: tuple[float, float], goal: tuple[float, float]
+    ) -> tuple[Float[np.ndarray, "n 2"], float]:
+        """The cheapest way: its corners after the start [m], the goal last, and its cost [m]; its length where free."""
+        from palpate.control._touch_map import fill, find_way  # compiled: loaded when first needed
+
+        set_, places = self.settings, self._places[: self._count]
+        known = np.concatenate([places[:, :2], [start, goal]])
+        low, high = known.min(axis=0) - set_.margin, known.max(axis=0) + set_.margin
+        columns, rows = (np.ceil((high - low) / set_.cell).astype(int) + 1).tolist()
+        cost = np.empty((rows, columns))
+        marks = places.copy()
+        marks[:, 2] = set_.weight * np.exp((places[:, 2] - time) / set_.fade)
+        hard = self.radius - set_.slack
+        fill(marks, low, set_.cell, hard, hard + set_.clearance, set_.near, cost)
+        at, to = (((np.array(each) - low) / set_.cell).astype(np.int64)[::-1].copy() for each in (start, goal))
+        corners = np.empty((CORNERS, 2))
+        count, price = find_way(cost, at, to, corners)
+        if not count:
+            return np.array([goal]), hypot(goal[0] - start[0], goal[1] - start[1])
+        way = low + (corners[:count, ::-1] + 0.5) * set_.cell
+        if count < CORNERS:
+            way[-1] = goal
+        return way, price * set_.cell
