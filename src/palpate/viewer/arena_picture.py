@@ -50,6 +50,7 @@ class ArenaPicture:
         picture = self._empty.copy()
         self._draw_trails(picture)
         self._draw_blocks(picture, scene.blocks)
+        self._cover(picture)
         for robot in range(self.arena.robots):
             self._draw_robot(picture, scene, robot)
         for robot, felt in enumerate(scene.touches):
@@ -96,6 +97,15 @@ class ArenaPicture:
             if movable:  # a light cross tells it from a wall where colours are not told apart
                 self._ink.line(picture, corners[[0, 2]], mixed(STATUS[5], 0.2), 1)
                 self._ink.line(picture, corners[[1, 3]], mixed(STATUS[5], 0.2), 1)
+
+    def _cover(self, picture: np.ndarray) -> None:
+        """What of the blocks stands beyond the walls is not there."""
+        corners = self._placed(np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]) * self.arena.size)
+        inside = np.zeros(picture.shape[:2], dtype=np.uint8)
+        self._ink.area(inside, corners, (1, 1, 1))
+        outside = inside == 0
+        picture[outside] = self._empty[outside]
+        self._ink.loop(picture, corners, DARK, 4)
 
     def _draw_robot(self, picture: np.ndarray, scene: Scene, robot: int) -> None:
         """A disc with its skin as a rim, a nose that shows where it heads, and its number."""
