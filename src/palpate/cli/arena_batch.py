@@ -52,11 +52,15 @@ def run_batch(asked: Asked, seeds: Sequence[int], output: Path, jobs: int | None
         announce(f"{len(known)} of {len(seeds)} seeds are in {kept} already; the others follow")
     wanted = [seed for seed in seeds if seed not in done]
     jobs = (cpu_count() or 1) if jobs is None else jobs
-    with writing(kept), kept.open("a", encoding="utf-8") as file, counting():
-        for result in _results(asked, wanted, jobs, backend):
-            _keep(file, result)
-            done[result.seed] = result
-            step(_so_far([done[seed] for seed in seeds if seed in done], len(seeds)))
+    try:
+        with writing(kept), kept.open("a", encoding="utf-8") as file, counting():
+            for result in _results(asked, wanted, jobs, backend):
+                _keep(file, result)
+                done[result.seed] = result
+                step(_so_far([done[seed] for seed in seeds if seed in done], len(seeds)))
+    except KeyboardInterrupt:
+        announce(f"{sum(seed in done for seed in seeds)} of {len(seeds)} seeds are in {kept}: the same command goes on")
+        raise
     _report(asked, [done[seed] for seed in seeds], output)
 
 

@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float, UInt8
 
 from palpate.viewer._style import AXES, INK, STATUS
 
-__all__ = ["Arena", "Scene", "Trails", "colour", "mixed", "newtons"]
+__all__ = ["DARK", "FORCE", "Arena", "Scene", "Trails", "colour", "mixed", "newtons"]
 
 STEP = 0.01  # m between two points of a trail
 _COLOURS = (AXES[2], AXES[1], STATUS[6], STATUS[1], STATUS[7], STATUS[5])  # vermilion is kept for forces
@@ -39,6 +39,20 @@ class Arena:
     def robots(self) -> int:
         """How many."""
         return len(self.goals)
+
+    def outline(self, block: int, place: Float[np.ndarray, "3"]) -> Float[np.ndarray, "k 2"]:
+        """Corners of a block within the walls, counter-clockwise [m]; none where nothing of it is within.
+
+        Args:
+            block: which.
+            place: its x, y and turn.
+        """
+        x, y, turn = place.tolist()
+        turned = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+        corners = _SQUARE * self.half[block] @ turned.T + [x, y]
+        for axis, size in enumerate(self.size):
+            corners = _cut(_cut(corners, axis, 1.0, 0.0), axis, -1.0, -size)
+        return corners
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,5 +127,18 @@ def newtons(touches: Float[np.ndarray, "_ 2"] | None) -> str:
     return " + ".join(f"{force:.1f}" for force in touches[:3, 1]) + (" + .." if len(touches) > 3 else "") + " N"
 
 
+def _cut(corners: Float[np.ndarray, "k 2"], axis: int, sign: float, least: float) -> Float[np.ndarray, "m 2"]:
+    """What of a convex outline has sign * coordinate >= least (Sutherland and Hodgman's step)."""
+    kept = list[np.ndarray]()
+    for one, two in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+        a, b = sign * one[axis] - least, sign * two[axis] - least
+        if a >= 0.0:
+            kept.append(one)
+        if a * b < 0.0:
+            kept.append(one + a / (a - b) * (two - one))
+    return np.array(kept).reshape(-1, 2)
+
+
+_SQUARE = np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]])
 DARK = mixed(INK, 0.0)
 FORCE = mixed(AXES[0], 0.0)

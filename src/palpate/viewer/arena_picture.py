@@ -50,7 +50,6 @@ class ArenaPicture:
         picture = self._empty.copy()
         self._draw_trails(picture)
         self._draw_blocks(picture, scene.blocks)
-        self._cover(picture)
         for robot in range(self.arena.robots):
             self._draw_robot(picture, scene, robot)
         for robot, felt in enumerate(scene.touches):
@@ -88,24 +87,15 @@ class ArenaPicture:
                 self._ink.line(picture, self._placed(self._trails.of(robot)), mixed(colour(robot), 0.45), 2)
 
     def _draw_blocks(self, picture: np.ndarray, blocks: Float[np.ndarray, "m 3"]) -> None:
-        signs = np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]])
-        for (x, y, turn), half, movable in zip(blocks.tolist(), self.arena.half, self.arena.movable, strict=True):
-            turned = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
-            corners = self._placed(signs * half @ turned.T + [x, y])
+        for block, place in enumerate(blocks):
+            corners, movable = self._placed(self.arena.outline(block, place)), bool(self.arena.movable[block])
+            if len(corners) < 3:
+                continue
             self._ink.area(picture, corners, _PUSHED if movable else _FIXED)
             self._ink.loop(picture, corners, mixed(STATUS[5] if movable else MUTED, 0.0), 2 if movable else 1)
-            if movable:  # a light cross tells it from a wall where colours are not told apart
+            if movable and len(corners) == 4:  # a light cross tells it from a wall where colours are not told apart
                 self._ink.line(picture, corners[[0, 2]], mixed(STATUS[5], 0.2), 1)
                 self._ink.line(picture, corners[[1, 3]], mixed(STATUS[5], 0.2), 1)
-
-    def _cover(self, picture: np.ndarray) -> None:
-        """What of the blocks stands beyond the walls is not there."""
-        corners = self._placed(np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]) * self.arena.size)
-        inside = np.zeros(picture.shape[:2], dtype=np.uint8)
-        self._ink.area(inside, corners, (1, 1, 1))
-        outside = inside == 0
-        picture[outside] = self._empty[outside]
-        self._ink.loop(picture, corners, DARK, 4)
 
     def _draw_robot(self, picture: np.ndarray, scene: Scene, robot: int) -> None:
         """A disc with its skin as a rim, a nose that shows where it heads, and its number."""

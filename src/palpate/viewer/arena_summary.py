@@ -70,7 +70,7 @@ def figures(runs: Sequence[Judged]) -> list[tuple[str, str, float]]:
     force = np.array([run.force for run in runs])
     return [
         ("all arrive", f"{percent(whole)} of {len(runs)} runs", whole),
-        ("robots arrive", f"{percent(there)} of {total}", there),
+        ("robots arrive", f"{percent(there)} of {total} robots", there),
         ("median time", f"{_number(median(times))} s, of those that arrive", median(times)),
         ("last robot", f"{_number(last)} s, median of the runs in which all arrive", last),
         ("force", f"{_number(median(force), 2)} N at 99 % of a run's contact time, median of the runs", median(force)),

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 __all__ = ["LiveArena"]
 
-TICK = 1 / 15  # s of the clock between two pictures
+TICK, SLOW = 1 / 15, 1 / 4  # s of the clock between two pictures, and between two states of the panel and the trails
 PATIENCE = 0.05  # s between two looks at the panel while it waits
 TALL, WALL, BLOCK = 0.06, 0.05, 0.09  # m: how high a robot, the walls and blocks are drawn
 THICK = 0.02  # m of a wall
@@ -46,8 +46,9 @@ class LiveArena:
 
     def __init__(self, arena: Arena, host: str = "127.0.0.1", port: int = 8080) -> None:
         self.arena, self._server = arena, listen(host, port)
-        self._trails, self._sent = Trails(arena.robots), [0] * arena.robots
-        self._drawn, self._due, self._last = -np.inf, monotonic(), 0.0
+        self._trails = Trails(arena.robots)
+        self._drawn = self._told = -np.inf
+        self._due, self._last = monotonic(), 0.0
         self._paused = False
         with self._server.atomic():
             self._place_camera()
@@ -88,16 +89,29 @@ class LiveArena:
         self._trails.add(scene.poses)
         if not now and monotonic() - self._drawn < TICK:
             return
+        if self._drawn < 0.0:
+            _add_fixed(self._server.scene, self.arena, scene.blocks)
         self._drawn = monotonic()
+        slow = now or self._drawn - self._told >= SLOW
         with self._server.atomic():
             for handle, (x, y, turn) in zip(self._blocks, scene.blocks.tolist(), strict=True):
-                handle.position, handle.wxyz = (x, y, BLOCK / 2), _about_z(turn)
+                if handle is not None:
+                    handle.position, handle.wxyz = (x, y, BLOCK / 2), _about_z(turn)
             for drawn in self._robots:
-                drawn.show(scene, self._trails)
-            self._words.content = _words(scene)
-            if self._views is not None:
-                some = scene if self.arena.robots <= SEEN else _first(scene, SEEN)
-                self._views.image = _rgb(senses(some, self.arena.radius, 120))
+                drawn.show(scene)
+            if slow:
+                self._tell(scene)
+
+    def _tell(self, scene: Scene) -> None:
+        """What changes slowly, or is slow to draw."""
+        self._told = monotonic()
+        for drawn in self._robots:
+            drawn.tell(scene, self._trails)
+        self._words.content = _words(scene)
+        some = scene if self.arena.robots <= SEEN else _first(scene, SEEN)
+        view = _rgb(senses(some, self.arena.radius, 120))
+        if not np.array_equal(view, self._view):
+            self._views.image = self._view = view
 
     def wait(self, time: float) -> None:
         """Return when the page is to show a time [s] of the run: no sooner than it is due, and not while it pauses.
@@ -143,10 +157,9 @@ class LiveArena:
         self._speed = gui.add_slider(
             "speed", 0.5, FASTEST, 0.5, 1.0, hint="times real time, where the computer can keep up with it"
         )
-        self._views: Any = None
         with gui.add_folder("What they feel"):
-            nothing = np.full((4, 4, 3), 255, dtype=np.uint8)
-            self._views = gui.add_image(nothing, format="jpeg", jpeg_quality=80)
+            self._view = np.full((4, 4, 3), 255, dtype=np.uint8)
+            self._views = gui.add_image(self._view, format="jpeg", jpeg_quality=80)
         with gui.add_folder("Show", expand_by_default=False):
             dark = gui.add_checkbox("dark", False)
         dark.on_update(lambda _: theme(gui, dark.value))
@@ -188,10 +201,14 @@ class _Robot:
         for arrow in self._arrows:
             arrow.visible = False
 
-    def show(self, scene: Scene, trails: Trails) -> None:
+    def show(self, scene: Scene) -> None:
         """Move it to a moment."""
         x, y, heading = scene.poses[self._robot].tolist()
         self._frame.position, self._frame.wxyz = (x, y, 0.0), _about_z(heading)
+        self._push(scene)
+
+    def tell(self, scene: Scene, trails: Trails) -> None:
+        """Its state, and its way so far."""
         words = f"{self._robot + 1} {scene.states[self._robot]}"
         if self._label.text != words:
             self._label.text = words
@@ -199,7 +216,6 @@ class _Robot:
             self._shown, way = length, trails.of(self._robot)
             way = np.column_stack([way, np.full(length, 0.003)]).astype(np.float32)
             self._trail.points, self._trail.visible = np.stack([way[:-1], way[1:]], axis=1), True
-        self._push(scene)
 
     def _push(self, scene: Scene) -> None:
         pose, felt = scene.poses[self._robot], scene.touches[self._robot]
@@ -244,18 +260,34 @@ def _add_field(space: SceneApi, arena: Arena) -> None:
 
 
 def _add_block(space: SceneApi, arena: Arena, at: int) -> Any:
-    """A fixed block is grey, one that can be pushed amber."""
+    """One that can be pushed, amber; None of a fixed one, which is drawn once its place is known."""
+    if not arena.movable[at]:
+        return None
     wide, deep = (2.0 * arena.half[at]).tolist()
-    shade = _deep(mixed(STATUS[5 if arena.movable[at] else 3], 0.0))
-    return space.add_box(f"/block_{at + 1}", shade, (wide, deep, BLOCK), cast_shadow=False)
+    return space.add_box(f"/block_{at + 1}", _deep(mixed(STATUS[5], 0.0)), (wide, deep, BLOCK), cast_shadow=False)
+
+
+def _add_fixed(space: SceneApi, arena: Arena, blocks: Float[np.ndarray, "m 3"]) -> None:
+    """Blocks that stay where they are, as far as they stand within the walls."""
+    for at in np.flatnonzero(~arena.movable).tolist():
+        corners = arena.outline(at, blocks[at])
+        if len(corners) > 2:
+            body, faces = _prism(corners, BLOCK)
+            shade = _deep(mixed(STATUS[3], 0.0))
+            space.add_mesh_simple(f"/block_{at + 1}", body, faces, color=shade, flat_shading=True, cast_shadow=False)
 
 
 def _disc(radius: float, high: float, sides: int = 40) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"]]:
-    """A cylinder that stands on the floor, without its lower end: vertices and faces."""
+    """A cylinder that stands on the floor."""
     angle = np.linspace(0.0, 2.0 * np.pi, sides, endpoint=False)
-    low = np.stack([radius * np.cos(angle), radius * np.sin(angle), np.zeros(sides)], axis=1)
-    up = np.array([0.0, 0.0, high])
-    vertices = np.concatenate([low, low + up, up[None]])
+    return _prism(radius * np.stack([np.cos(angle), np.sin(angle)], axis=1), high)
+
+
+def _prism(corners: Float[np.ndarray, "k 2"], high: float) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"]]:
+    """What stands on a convex outline, counter-clockwise, without its lower end: vertices and faces."""
+    sides = len(corners)
+    low = np.column_stack([corners, np.zeros(sides)])
+    vertices = np.concatenate([low, low + [0.0, 0.0, high], [[*corners.mean(axis=0), high]]])  # noqa: RUF005 - a sum
     at = np.arange(sides)
     after, top = (at + 1) % sides, np.full(sides, 2 * sides)
     wall = [np.stack([at, after, after + sides], axis=1), np.stack([at, after + sides, at + sides], axis=1)]
