@@ -26,6 +26,8 @@ from palpate.surfaces import Mesh, Surface, plane
 
 if TYPE_CHECKING:
     from palpate.control.align import AlignController
+    from palpate.control.drive import DifferentialDrive
+    from palpate.control.paper_navigator import PaperNavigator
     from palpate.io.live.live import open_live
     from palpate.io.pipeline import estimate, open_log
     from palpate.io.rig import load_rig
@@ -39,6 +41,7 @@ __all__ = [
     "Compensation",
     "ContactEstimate",
     "Contacts",
+    "DifferentialDrive",
     "ForceTorque",
     "GeometryError",
     "InputError",
@@ -51,6 +54,7 @@ __all__ = [
     "Mounting",
     "NotIdentifiable",
     "PalpateError",
+    "PaperNavigator",
     "Payload",
     "Pose",
     "Recording",
@@ -76,6 +80,8 @@ __all__ = [
 
 _LATER = {
     "AlignController": "palpate.control.align",
+    "DifferentialDrive": "palpate.control.drive",
+    "PaperNavigator": "palpate.control.paper_navigator",
     "estimate": "palpate.io.pipeline",
     "open_live": "palpate.io.live.live",
     "open_log": "palpate.io.pipeline",

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Sequence
 from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
+from numpy.typing import ArrayLike
 
 from palpate.contact import Contacts, Status
 from palpate.control.drive import DifferentialDrive
+from palpate.errors import InputError
 
-__all__ = ["Navigator", "Speedometer", "Steering", "heading_error", "planar_touches", "turned"]
+__all__ = ["Navigator", "Speedometer", "Steering", "heading_error", "planar_touches", "require_goal"]
 
 _SILENT = (Status.SATURATED, Status.INVALID, Status.NO_POSE)  # nothing is known of what touches
 _PAUSE = 0.2  # s between two updates beyond which the integral does not count the time
@@ -85,10 +86,16 @@ def heading_error(wanted: float, heading: float) -> float:
     return math.remainder(wanted - heading, math.tau)
 
 
-def turned(vector: Sequence[float], angle: float) -> tuple[float, float]:
-    """(x, y) turned by `angle` [rad] counter-clockwise."""
-    c, s = math.cos(angle), math.sin(angle)
-    return c * vector[0] - s * vector[1], s * vector[0] + c * vector[1]
+def require_goal(goal: ArrayLike) -> tuple[float, float]:
+    """The goal (x, y) [m].
+
+    Raises:
+        InputError: it is not two finite numbers.
+    """
+    numbers = np.asarray(goal, dtype=np.float64)
+    if numbers.shape != (2,) or not np.isfinite(numbers).all():
+        raise InputError(f"the goal must be two finite numbers, x and y [m], not {numbers.tolist()}.", where="goal")
+    return float(numbers[0]), float(numbers[1])
 
 
 class Steering:

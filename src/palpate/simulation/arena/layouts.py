@@ -29,7 +29,7 @@ def random_layout(seed: int, robots: int = 4, density: str = "paper") -> Layout:
     Args:
         seed: of the draws, 0 or more.
         robots: how many; the field grows beyond four so that there is as much room for each.
-        density: of the blocks: sparse, paper (10 fixed ones, 2 inner walls and 6 movable ones for four robots) or dense.
+        density: of blocks: sparse, paper (10 fixed, 2 inner walls and 6 movable ones for four robots) or dense.
 
     Raises:
         InputError: a density that there is none of, no robot, or no arena that can be solved was drawn.

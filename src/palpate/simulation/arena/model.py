@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from math import degrees, hypot, log
+from math import hypot, log
 from typing import Any
 
 from palpate.simulation.arena.layout import GRAVITY, Block, Layout
@@ -12,10 +12,10 @@ from palpate.simulation.arena.settings import FRAME, RobotSettings
 __all__ = ["SUBSTEPS", "mjcf", "soften"]
 
 SUBSTEPS = 16  # of the physics, a frame
-_HEIGHT, _THICK = 0.12, 0.05  # m of boxes and walls
+_HEIGHT = 0.12  # m of boxes
 _GIVE = 0.15  # MuJoCo's d of the skin: a contact has inertia d / (1 - d) of the bodies', which a skin has not
 _SKIN = 'contype="1" conaffinity="1"'  # robots; what they touch says conaffinity 1
-_FOOT = '''type="sphere" size="0.01" mass="0" contype="4" conaffinity="0" condim="4" priority="1" 
+_FOOT = '''type="sphere" size="0.01" mass="0" contype="4" conaffinity="0" condim="4" priority="1"
     solref="0.02 1" solimp="0.8 0.8 0.001 0.5 2"'''
 
 
@@ -31,7 +31,7 @@ def mjcf(layout: Layout, robot: RobotSettings) -> str:
 <mujoco model="arena">
   <compiler angle="radian"/>
   <option timestep="{FRAME / SUBSTEPS!r}" integrator="implicitfast" cone="elliptic" impratio="100" solver="Newton"
-    tolerance="1e-9" iterations="30" gravity="0 0 {-GRAVITY!r}"/>
+    tolerance="1e-9" iterations="30" gravity="0 0 {-GRAVITY!r}"><flag sleep="enable" midphase="disable"/></option>
   <default>
     <geom type="box" friction="{robot.friction!r} 0 0" condim="3" solimp="{_words((_GIVE, _GIVE, 1e-3, 0.5, 2.0))}"/>
     <default class="hard"><geom solref="0.006 1" solimp="0.95 0.95 0.001 0.5 2" friction="0.3 0 0"/></default>
@@ -39,7 +39,7 @@ def mjcf(layout: Layout, robot: RobotSettings) -> str:
   </default>
   <worldbody>
     <geom type="plane" size="0 0 1" contype="0" conaffinity="4"/>
-    {"".join(_wall(block) for block in (*_border(layout.size), *fixed))}
+    {_border(layout.size)}{"".join(_wall(block) for block in fixed)}
     {"".join(_robot(k, robot) for k in range(layout.robots))}
     {"".join(_movable(k, block) for k, block in movable)}
   </worldbody>
@@ -72,13 +72,14 @@ def _wall(block: Block) -> str:
     return f'<geom {place} size="{_words((a, b, _HEIGHT / 2))}" contype="0" conaffinity="3"/>'
 
 
-def _border(size: tuple[float, float]) -> Iterable[Block]:
-    """The four walls around the field."""
-    (width, height), t = size, _THICK / 2
-    for x in (-t, width + t):
-        yield Block(x, height / 2, 0.0, (t, height / 2 + _THICK))
-    for y in (-t, height + t):
-        yield Block(width / 2, y, 0.0, (width / 2 + _THICK, t))
+def _border(size: tuple[float, float]) -> str:
+    """The four walls around the field, as half spaces: every box lies near those, and boxes take longer to try."""
+    width, height = size
+    sides = ((0.0, 0.0, "1 0 0"), (width, 0.0, "-1 0 0"), (0.0, 0.0, "0 1 0"), (0.0, height, "0 -1 0"))
+    return "".join(
+        f'<geom type="plane" size="0 0 1" pos="{_words((x, y, 0.0))}" zaxis="{into}" contype="0" conaffinity="3"/>'
+        for x, y, into in sides
+    )
 
 
 def _robot(k: int, robot: RobotSettings) -> str:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from math import atan2, remainder, tau
+
 import numpy as np
 from jaxtyping import Float
 
@@ -36,9 +38,10 @@ class ArenaWorld:
         soften(self.model, layout, self.robot)
         self.data = self._mujoco.MjData(self.model)
         n, m = layout.robots, len(layout.movable)
-        self._bodies = self.model.geom_bodyid.copy()
-        self._robot_of = np.full(self.model.nbody, -1)
-        self._robot_of[[self.model.body(f"robot{k}").id for k in range(n)]] = np.arange(n)
+        self._bodies = [self.model.body(f"robot{k}").id for k in range(n)]
+        self._robot_of = np.full(self.model.ngeom, -1)
+        self._robot_of[[self.model.geom(f"skin{k}").id for k in range(n)]] = np.arange(n)
+        self._plane = self.model.geom_type == int(self._mujoco.mjtGeom.mjGEOM_PLANE)
         rng = np.random.default_rng([seed, 181])
         self._gain = 1.0 + self.robot.uneven * rng.standard_normal((n, 2))
         self._ctrl: np.ndarray = self.data.ctrl.reshape(n, 3)  # left, right, sideways (0)
@@ -104,46 +107,36 @@ class ArenaWorld:
         return self._found[robot]
 
     def _all_touches(self) -> list[Float[np.ndarray, "k 5"]]:
-        contact = self.data.contact
-        pairs = self._robot_of[self._bodies[contact.geom]]
-        seen = np.flatnonzero((pairs >= 0).any(axis=1) & (contact.efc_address >= 0))
+        """Of each robot. Contacts are of the last substep, and so are the places they are held against."""
+        data, contact = self.data, self.data.contact
+        geoms, address = contact.geom, contact.efc_address
+        robots = self._robot_of[geoms]
         rows: list[list[tuple[float, ...]]] = [[] for _ in range(self.layout.robots)]
-        wrench = np.zeros(6)
-        for i in seen.tolist():
-            self._mujoco.mj_contactForce(self.model, self.data, i, wrench)
-            if wrench[0] <= 0.0:
+        turn = data.xmat[self._bodies]
+        headings = np.arctan2(turn[:, 3], turn[:, 0]).tolist()
+        for i in np.flatnonzero((robots >= 0).any(axis=1) & (address >= 0)).tolist():
+            normal, *along = data.efc_force[address[i] : address[i] + 3].tolist()
+            if normal <= 0.0:
                 continue
-            axes = contact.frame[i].reshape(3, 3)
-            for side, sign in ((0, -1.0), (1, 1.0)):  # the frame's x, and the force, go from the first to the second
-                k = int(pairs[i, side])
-                if k < 0:
-                    continue
-                inward = sign * axes[0]  # of the force on this robot
-                force = sign * (wrench[:3] @ axes)
-                shear = force[0] * inward[1] - force[1] * inward[0]  # along z x outward
-                angle = np.arctan2(-inward[1], -inward[0]) - self._heading(k)
-                kind = 2 if pairs[i, 1 - side] >= 0 else self._kind(int(contact.geom[i, 1 - side]), k, inward)
-                rows[k].append((float(_around(angle)), float(wrench[0]), float(shear), -float(contact.dist[i]), kind))
+            x, y, _, *sides = contact.frame[i].tolist()  # the normal, and the force, go from the first to the second
+            shear = sum(f * (a * y - b * x) for f, a, b in zip(along, sides[::3], sides[1::3], strict=True))
+            for robot, other, geom, sign in zip(robots[i], robots[i, ::-1], geoms[i, ::-1], (1.0, -1.0), strict=True):
+                if robot >= 0:
+                    angle = remainder(atan2(sign * y, sign * x) - headings[robot], tau)
+                    kind = 2.0 if other >= 0 else self._kind(geom, robot)
+                    rows[robot].append((angle, normal, shear, -float(contact.dist[i]), kind))
         return [frozen(np.array(sorted(row)).reshape(-1, 5)) for row in rows]
 
-    def _heading(self, robot: int) -> float:
-        """At the time of the contacts: the engine's substep before the newest pose."""
-        turn = self.data.xmat[self.model.body(f"robot{robot}").id]
-        return float(np.arctan2(turn[3], turn[0]))
-
-    def _kind(self, geom: int, robot: int, inward: np.ndarray) -> int:
-        """Whether the place of a box that is nearest to the robot's middle lies at a corner."""
-        own = self.data.geom_xmat[geom].reshape(3, 3)[:2, :2]
-        place = (self.data.xpos[self.model.body(f"robot{robot}").id] - self.data.geom_xpos[geom])[:2] @ own
-        half = self.model.geom_size[geom, :2]
-        return int((np.abs(place) > half - _CORNER).all())
+    def _kind(self, geom: int, robot: int) -> float:
+        """1 where a box is nearest to the robot's middle with a corner, else 0."""
+        if self._plane[geom]:
+            return 0.0
+        away = self.data.xpos[self._bodies[robot]] - self.data.geom_xpos[geom]
+        own = away @ self.data.geom_xmat[geom].reshape(3, 3)
+        return float((np.abs(own[:2]) > self.model.geom_size[geom, :2] - _CORNER).all())
 
 
-def _around(angle: np.ndarray | float) -> np.ndarray:
-    """From -pi to pi."""
-    return np.asarray(angle - 2 * np.pi * np.round(np.asarray(angle) / (2 * np.pi)))
-
-
-def _wrapped(poses: np.ndarray) -> np.ndarray:
-    poses[:, 2] = _around(poses[:, 2])
+def _wrapped(poses: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
+    """With angles from -pi to pi."""
+    poses[:, 2] -= tau * np.round(poses[:, 2] / tau)
     return poses

@@ -1,0 +1,332 @@
+"""The paper's state machine on scripted touches and poses, by closed forms."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+
+from palpate.control.drive import DifferentialDrive
+from palpate.control.navigation import Navigator, heading_error
+from palpate.control.paper_navigator import Condition, PaperNavigator, PaperSettings, PaperState, table_1
+from palpate.errors import InputError
+
+FRAME = 1.0 / 30.0
+GOAL = (2.0, 0.0)
+NONE: list[tuple[float, float]] = []
+SOFT, HARD = 1.0, 3.0  # N, below F_max and not below
+Touched = Callable[[float], list[tuple[float, float]] | None]
+
+
+@dataclass
+class Course:
+    """A robot without a world: its drive moves it, unless it is held; touches are scripted over time."""
+
+    navigator: PaperNavigator
+    pose: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    time: float = 0.0
+    states: list[str] = field(default_factory=list[str])
+    wheels: list[tuple[float, float]] = field(default_factory=list[tuple[float, float]])
+    poses: list[np.ndarray] = field(default_factory=list[np.ndarray])
+
+    def go(self, seconds: float, touched: Touched | list[tuple[float, float]], *, held: bool = False) -> Course:
+        """`touched` by the time since the course began."""
+        for _ in range(round(seconds / FRAME)):
+            felt = touched(self.time) if callable(touched) else touched
+            rows = None if felt is None else np.array(felt, dtype=float).reshape(-1, 2)
+            wheels = self.navigator.update(self.time, rows, self.pose)
+            self.states.append(self.navigator.state)
+            self.wheels.append(wheels)
+            self.poses.append(self.pose)
+            forward, turn = self.navigator.drive.twist(*wheels)
+            heading = self.pose[2] + 0.5 * turn * FRAME
+            moved = np.array([forward * math.cos(heading), forward * math.sin(heading), turn]) * FRAME
+            self.pose = self.pose + moved * (0.0 if held else 1.0)
+            self.time += FRAME
+        return self
+
+    def lasted(self, state: PaperState) -> float:
+        """[s] in a state, over all."""
+        return self.states.count(state) * FRAME
+
+
+def course(settings: PaperSettings | None = None, goal: tuple[float, float] = GOAL, **options: float) -> Course:
+    return Course(PaperNavigator(goal, settings=settings, seed=int(options.get("seed", 0))))
+
+
+# --- table I ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("touched", [math.nan, 0.0, 0.49, 0.5, 3.0])
+@pytest.mark.parametrize("strongest", [0.0, 2.99, 3.0, 8.0])
+def test_table_1(touched: float, strongest: float) -> None:
+    """Each condition as it is printed; where the table has two hold, the force is stronger."""
+    set_ = PaperSettings()
+    for speed in (0.0, 0.0049, 0.0051, 0.05, math.nan):
+        moves, decided = not speed < set_.still, touched >= set_.t_t
+        holds = {
+            Condition.FREE: math.isnan(touched),
+            Condition.PUSH: strongest < set_.f_max and decided and moves,
+            Condition.AVOID: touched >= 0.0 and (strongest >= set_.f_max or (decided and not moves)),
+            Condition.NO: touched < set_.t_t and strongest < set_.f_max,
+        }
+        found, why = table_1(set_, touched, strongest, speed)
+        assert [name for name, true in holds.items() if true] == [found]
+        assert why
+
+
+def test_without_touches_it_goes_to_the_goal_and_stays_there() -> None:
+    way = course().go(45.0, NONE)
+    assert way.navigator.arrived
+    assert set(way.states) == {PaperState.GOAL, PaperState.ARRIVED}
+    assert way.states.index(PaperState.ARRIVED) * FRAME == pytest.approx(1.9 / 0.05, abs=2 * FRAME)
+    assert way.navigator.update(way.time, np.array([[0.0, 9.0]]), np.array([5.0, 5.0, 0.0])) == (0.0, 0.0)
+    assert way.navigator.arrived
+
+
+def test_a_strong_touch_is_avoided_at_once() -> None:
+    way = course().go(1.0, NONE).go(FRAME, [(0.0, HARD)])
+    assert way.navigator.state == PaperState.BACK
+    assert way.navigator.condition == Condition.AVOID
+    assert "3 N" in way.navigator.why
+
+
+def test_a_touch_that_holds_it_is_avoided_after_its_time() -> None:
+    way = course().go(1.0, NONE).go(1.2, [(0.0, SOFT)], held=True)
+    assert way.states.index(PaperState.BACK) * FRAME == pytest.approx(1.0 + 0.5, abs=1.01 * FRAME)
+    assert "does not move" in way.navigator.why
+
+
+def test_what_moves_is_pushed() -> None:
+    way = course().go(1.0, NONE).go(0.4, [(0.0, SOFT)])
+    assert way.navigator.condition == Condition.NO
+    way.go(5.0, [(0.0, SOFT)])
+    assert set(way.states) == {PaperState.GOAL}
+    assert way.navigator.condition == Condition.PUSH
+
+
+def test_noise_of_the_tracker_does_not_move_a_robot_that_is_held() -> None:
+    rng, frames = np.random.default_rng(0), round(0.5 / FRAME)
+    for _ in range(20):
+        navigator, states = PaperNavigator(GOAL), list[str]()
+        for k in range(frames + 1):
+            pose = np.array([0.5, 0.5, 0.0]) + 0.5e-3 * rng.standard_normal(3)
+            navigator.update(k * FRAME, np.array([[0.0, SOFT]]), pose)
+            states.append(navigator.state)
+        assert states == [PaperState.GOAL] * frames + [PaperState.BACK]
+
+
+def test_the_timer_is_reset_when_nothing_touches() -> None:
+    """0.4 s of touch and a frame without, again and again: never t_t."""
+    way = course().go(1.0, NONE, held=True)
+    for _ in range(8):
+        way.go(0.4, [(0.0, SOFT)], held=True).go(FRAME, NONE, held=True)
+    assert set(way.states) == {PaperState.GOAL}
+
+
+def test_states_last_as_long_as_table_ii_says() -> None:
+    """II for t_r; III for the turn of 90 deg at the drive's pace and t_a: 1.19 s at full speed and the rest slower."""
+    way = course().go(1.0, NONE).go(FRAME, [(0.0, HARD)]).go(6.0, NONE)
+    assert way.lasted(PaperState.BACK) == pytest.approx(1.0, abs=1.01 * FRAME)
+    along = way.lasted(PaperState.ALONG)
+    assert 1.0 + math.radians(80.0) / (2.0 * 0.05 / 0.085) < along < 1.0 + 2.0
+    assert way.states[-1] == PaperState.GOAL
+
+
+def test_the_turn_within_t_a() -> None:
+    way = course(PaperSettings(turning="within")).go(1.0, NONE).go(FRAME, [(0.0, HARD)]).go(6.0, NONE)
+    assert way.lasted(PaperState.ALONG) == pytest.approx(1.0, abs=1.01 * FRAME)
+
+
+def test_a_turn_that_does_not_end_is_given_up() -> None:
+    set_ = PaperSettings(turn_limit=2.0)
+    way = course(set_).go(1.0, NONE).go(FRAME, [(0.0, HARD)]).go(10.0, NONE, held=True)
+    assert way.lasted(PaperState.ALONG) == pytest.approx(3.0, abs=2.01 * FRAME)
+
+
+# --- V_B and V_A -----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("heading", [0.0, 2.5, -1.0])
+@pytest.mark.parametrize("angle", [0.0, 0.7, -2.0, math.pi])
+def test_a_touch_presses_the_robot_away_from_it(heading: float, angle: float) -> None:
+    way = course(PaperSettings(retreat="turned"))
+    way.pose = np.array([0.0, 0.0, heading])
+    way.go(FRAME, [(angle, HARD)])
+    back, _ = way.navigator.vectors
+    assert heading_error(back, heading + angle + math.pi) == pytest.approx(0.0, abs=1e-12)
+    way.go(1.0 + FRAME, NONE)
+    back, along = way.navigator.vectors
+    assert heading_error(along, back + math.pi / 2.0) == pytest.approx(0.0, abs=1e-12)
+
+
+def test_stronger_touches_count_for_more() -> None:
+    """3 N ahead and 4 N from the left: pushed back and to the right, atan2(-4, -3)."""
+    way = course().go(FRAME, [(0.0, 3.0), (math.pi / 2.0, 4.0)])
+    assert way.navigator.vectors[0] == pytest.approx(math.atan2(-4.0, -3.0))
+
+
+def test_forces_that_cancel_lead_straight_back() -> None:
+    way = course().go(FRAME, [(math.pi / 2.0, 4.0), (-math.pi / 2.0, 4.0)])
+    assert abs(heading_error(way.navigator.vectors[0], math.pi)) < 1e-12
+    assert way.wheels[-1] == (-0.05, -0.05)
+
+
+@pytest.mark.parametrize("angle", [0.0, 1.2, 2.0, math.pi, -2.5])
+def test_along_its_axis_it_goes_away_from_the_touch_and_does_not_turn(angle: float) -> None:
+    way = course().go(FRAME, [(angle, HARD)])
+    speed = math.copysign(0.05, -math.cos(angle))
+    assert way.wheels[-1] == (speed, speed)
+
+
+@pytest.mark.parametrize("angle", [0.5, -0.9, 2.4])
+def test_turning_as_it_goes_it_moves_along_v_b_in_the_end(angle: float) -> None:
+    way = course(PaperSettings(backward="turn", t_r=3.0)).go(FRAME, [(angle, HARD)]).go(2.9, NONE)
+    assert way.states[-1] == PaperState.BACK
+    moved = way.poses[-1][:2] - way.poses[-2][:2]
+    assert abs(heading_error(math.atan2(moved[1], moved[0]), angle + math.pi)) < 0.05
+
+
+@pytest.mark.parametrize(("side", "turn"), [(1.0, 1), (-1.0, -1)])
+def test_the_retreat_towards_the_goal(side: float, turn: int) -> None:
+    """Touched ahead while it looks along x: along is the side on which the goal is."""
+    way = course(goal=(1.0, side))
+    way.go(FRAME, [(0.0, HARD)]).go(1.1, NONE)
+    assert way.navigator.state == PaperState.ALONG
+    assert heading_error(way.navigator.vectors[1], turn * math.pi / 2.0) == pytest.approx(0.0, abs=1e-12)
+
+
+def test_the_retreat_by_chance_is_seeded_and_goes_both_ways() -> None:
+    def sides(seed: int) -> list[float]:
+        way, found = course(PaperSettings(retreat="random"), seed=seed), list[float]()
+        for _ in range(12):
+            way.go(FRAME, [(0.0, HARD)]).go(1.1, NONE, held=True)
+            found.append(round(heading_error(way.navigator.vectors[1], way.navigator.vectors[0]), 9))
+            way.go(6.0, NONE, held=True)
+        return found
+
+    assert sides(1) == sides(1)
+    assert sides(1) != sides(2)
+    assert set(sides(1)) == {round(math.pi / 2, 9), -round(math.pi / 2, 9)}
+
+
+@pytest.mark.parametrize(("meanwhile", "state"), [("avoided", PaperState.BACK), ("ignored", PaperState.ALONG)])
+def test_strong_touches_while_it_moves_along(meanwhile: str, state: PaperState) -> None:
+    way = course(PaperSettings(meanwhile=meanwhile))
+    way.go(FRAME, [(0.0, HARD)]).go(1.1, NONE).go(FRAME, [(1.0, SOFT)])
+    assert way.navigator.state == PaperState.ALONG
+    way.go(FRAME, [(1.0, HARD)])
+    assert way.navigator.state == state
+
+
+def test_touches_while_it_moves_backward_change_nothing() -> None:
+    way = course().go(FRAME, [(0.0, HARD)])
+    before = way.navigator.vectors[0]
+    way.go(0.5, [(0.0, 5.0), (2.0, 4.0)])
+    assert way.navigator.vectors[0] == before
+    assert way.lasted(PaperState.BACK) == pytest.approx(0.5 + FRAME)
+
+
+@pytest.mark.parametrize(("timer", "waits"), [("state", 0.5), ("touch", 0.0)])
+def test_since_when_the_timer_counts(timer: str, waits: float) -> None:
+    """A soft touch that outlasts II and III, on a robot that is held."""
+    way = course(PaperSettings(timer=timer, turning="within"))
+    way.go(4.0, [(0.0, SOFT)], held=True)
+    states = way.states[way.states.index(PaperState.ALONG) :]
+    assert states.count(PaperState.GOAL) * FRAME == pytest.approx(waits, abs=1.01 * FRAME)
+
+
+# --- what holds for every navigator ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("blind", [True, False])
+def test_without_skin_or_pose_it_stops_and_says_so(blind: bool) -> None:
+    way = course().go(1.0, NONE)
+    pose = way.pose.copy()
+    if blind:
+        way.go(1.0, lambda _: None)
+    else:
+        way.pose = np.full(3, np.nan)
+        way.go(1.0, NONE, held=True)
+    assert way.navigator.state == PaperState.STOPPED
+    assert set(way.wheels[31:]) == {(0.0, 0.0)}
+    assert way.navigator.why == ("the skin says nothing" if blind else "the pose is not known")
+    way.pose = pose
+    assert way.go(1.0, NONE).navigator.state == PaperState.GOAL
+
+
+def script(time: float) -> list[tuple[float, float]]:
+    """Touches of every kind."""
+    if 1.0 <= time < 2.0 or 8.0 <= time < 8.3:
+        return [(0.3, SOFT), (-1.0, 0.4)]
+    return [(2.5 - time, HARD)] if 4.0 <= time < 4.1 or 12.0 <= time < 12.2 else NONE
+
+
+def run(goal: np.ndarray, pose: np.ndarray, begin: float = 0.0) -> Course:
+    way = Course(PaperNavigator(goal, settings=PaperSettings(retreat="random", t_t=0.6), seed=3), pose, begin)
+    return way.go(20.0, lambda time: script(time - begin))
+
+
+def test_nothing_depends_on_where_the_frame_lies_or_when_the_clock_began() -> None:
+    turn, shift = 1.1, np.array([0.7, -0.4])
+    rotation = np.array([[math.cos(turn), -math.sin(turn)], [math.sin(turn), math.cos(turn)]])
+    goal, start = np.array([0.6, 0.5]), np.array([0.1, -0.2, 0.3])
+    moved_start = np.append(rotation @ start[:2] + shift, start[2] + turn - 2.0 * math.tau)
+    one, other = run(goal, start), run(rotation @ goal + shift, moved_start, 64.0)  # 64: the same steps in binary
+    assert len(set(one.states)) == 3
+    assert one.states == other.states
+    np.testing.assert_allclose(one.wheels, other.wheels, atol=1e-9)
+    back = (np.array(other.poses)[:, :2] - shift) @ rotation
+    np.testing.assert_allclose(back, np.array(one.poses)[:, :2], atol=1e-9)
+
+
+def test_reset_is_a_new_navigator() -> None:
+    way = run(np.array([0.6, 0.5]), np.zeros(3))
+    way.navigator.reset()
+    assert (way.navigator.state, way.navigator.arrived) == (PaperState.GOAL, False)
+    again = Course(way.navigator).go(20.0, script)
+    assert (again.states, again.wheels) == (way.states, way.wheels)
+
+
+def test_a_time_that_does_not_grow_changes_nothing() -> None:
+    navigator = PaperNavigator(GOAL)
+    first = navigator.update(1.0, np.zeros((0, 2)), np.zeros(3))
+    assert navigator.update(1.0, np.array([[0.0, 9.0]]), np.zeros(3)) == first
+    assert navigator.state == PaperState.GOAL
+
+
+def test_it_is_a_navigator_within_its_drive() -> None:
+    drive = DifferentialDrive(track=0.1, top=0.03)
+    navigator = PaperNavigator(GOAL, drive=drive)
+    assert isinstance(navigator, Navigator)
+    way = Course(navigator, np.array([0.0, 0.0, 2.0])).go(15.0, script)
+    assert max(abs(speed) for pair in way.wheels for speed in pair) <= drive.top * (1.0 + 1e-12)
+
+
+def test_weights_are_shares_of_the_top_speed() -> None:
+    way = course(PaperSettings(alpha=0.8, beta=0.6, gamma=0.4)).go(1.0, NONE)
+    assert way.wheels[-1] == pytest.approx((0.04, 0.04))
+    way.go(FRAME, [(0.0, HARD)])
+    assert way.wheels[-1] == pytest.approx((-0.03, -0.03))
+    way.go(4.0, NONE)
+    along = [sum(pair) / 2 for pair, state in zip(way.wheels, way.states, strict=True) if state == PaperState.ALONG]
+    assert max(along) == pytest.approx(0.02, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ({"f_max": 0.0}, "f_max must be positive"),
+        ({"t_t": math.nan}, "t_t must be positive"),
+        ({"retreat": "left"}, "one of goal, turned, random"),
+        ({"backward": "sideways"}, "one of axis, turn"),
+        ({"gamma": 1.5}, "at most 1"),
+        ({"t_t": 0.3}, "the window is 0.5 s"),
+    ],
+)
+def test_settings_that_cannot_be(wrong: dict[str, object], said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        PaperSettings(**wrong)  # pyright: ignore[reportArgumentType] - that is what is tried
