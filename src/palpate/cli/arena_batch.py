@@ -10,7 +10,7 @@ from importlib import import_module
 from math import isfinite, nan
 from os import cpu_count
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TextIO
+from typing import TYPE_CHECKING, Any, TextIO, cast
 
 from palpate.cli.arena_run import ArenaResult
 from palpate.cli.arena_setup import Asked, command
@@ -105,12 +105,11 @@ def read_results(path: Path) -> tuple[dict[str, object], dict[int, ArenaResult]]
 
 def _result(row: dict[str, Any]) -> ArenaResult:
     """Of one line; null is NaN, and a list a tuple."""
-    values = {each.name: row[each.name] for each in fields(ArenaResult)}
-    plain = {
-        name: tuple(nan if each is None else each for each in value) if isinstance(value, list) else value
-        for name, value in values.items()
-    }
-    return ArenaResult(**plain)
+    values: dict[str, Any] = {each.name: row[each.name] for each in fields(ArenaResult)}
+    for name, value in values.items():
+        if isinstance(value, list):
+            values[name] = tuple(nan if each is None else each for each in cast("list[Any]", value))
+    return ArenaResult(**values)
 
 
 def _keep(file: TextIO, result: ArenaResult) -> None:
@@ -122,7 +121,7 @@ def _keep(file: TextIO, result: ArenaResult) -> None:
 
 def _listed(value: object) -> object:
     if isinstance(value, tuple):
-        return [_listed(each) for each in value]  # pyright: ignore[reportUnknownVariableType] - of numbers or words
+        return [_listed(each) for each in cast("tuple[object, ...]", value)]
     return None if isinstance(value, float) and not isfinite(value) else value
 
 

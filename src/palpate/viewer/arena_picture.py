@@ -168,7 +168,7 @@ def senses(scene: Scene, radius: float, height: int, columns: int = 2) -> UInt8[
     ink = _Ink(opencv())
     views = [_view(ink, scene, robot, radius, height) for robot in range(len(scene.poses))]
     for robot, view in enumerate(views):
-        ink.disc(view, np.array([14.0, 14.0]), 10, colour(robot))
+        ink.disc(view, np.array([14.0, 14.0]), 10.0, colour(robot))
         ink.middle(view, str(robot + 1), np.array([14.0, 14.0]), 0.42, (255, 255, 255))
     high, wide = views[0].shape[:2]
     rows = ceil(len(views) / columns)
@@ -197,7 +197,7 @@ def _view(ink: _Ink, scene: Scene, robot: int, radius: float, height: int) -> UI
     for angle, force in felt.tolist():
         out = np.array([-np.sin(angle), -np.cos(angle)])  # ahead is up, and to the left of it is left
         tip = middle + ring * out
-        ink.arrow(view, np.stack([tip + min(force / 5.0, 1.0) * 0.22 * height * out, tip]), FORCE)
+        ink.arrow(view, np.stack([tip + max(0.09, 0.22 * min(force / 5.0, 1.0)) * height * out, tip]), FORCE)
     return view
 
 

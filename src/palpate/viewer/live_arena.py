@@ -286,8 +286,8 @@ def _disc(radius: float, high: float, sides: int = 40) -> tuple[Float[np.ndarray
 def _prism(corners: Float[np.ndarray, "k 2"], high: float) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"]]:
     """What stands on a convex outline, counter-clockwise, without its lower end: vertices and faces."""
     sides = len(corners)
-    low = np.column_stack([corners, np.zeros(sides)])
-    vertices = np.concatenate([low, low + [0.0, 0.0, high], [[*corners.mean(axis=0), high]]])  # noqa: RUF005 - a sum
+    low, upper = (np.column_stack([corners, np.full(sides, level)]) for level in (0.0, high))
+    vertices = np.concatenate([low, upper, upper.mean(axis=0, keepdims=True)])
     at = np.arange(sides)
     after, top = (at + 1) % sides, np.full(sides, 2 * sides)
     wall = [np.stack([at, after, after + sides], axis=1), np.stack([at, after + sides, at + sides], axis=1)]
