@@ -1,28 +1,122 @@
-"""TEMPORARY stand-in of helper h2's room: what a robot's skin says, from the engine with the sensor's errors."""
+"""The skins of robots in the arena: a unit calibrated in memory, and what it feels by images or by markers alone."""
 
 from __future__ import annotations
-from typing import Protocol
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
 import numpy as np
+from jaxtyping import Float
 
-__all__ = ["RingSense", "Sense"]
+from palpate.calibration.marker_ring.calibrate import RingTruth, calibrate_marker_ring
+from palpate.contact.estimate import ROW, Status
+from palpate.contact.ring_estimator import RingEstimator
+from palpate.sensors.fisheye import Fisheye
+from palpate.sensors.marker_ring import MarkerRing, RingBody
+from palpate.sensors.recording import IMAGE, Recording
+from palpate.simulation.arena.camera import SwiftCamera
+from palpate.simulation.arena.skin import RingSkin, disc_points
+from palpate.simulation.ring_session import Protocol, RingSession, RingUnit, calibration_run
 
-class Sense(Protocol):
-    frame: np.ndarray
-    def feel(self, time, truth, dark=False): ...
+__all__ = ["PROTOCOL", "RingSense", "RingWear", "arena_ring"]
+
+PROTOCOL = Protocol.sized(small=True)
+Touches = Float[np.ndarray, "k 2"]
+
+BLOCK = 32  # frames in memory at once
+
+
+def arena_ring(unit: RingUnit, protocol: Protocol = PROTOCOL) -> MarkerRing:
+    """A unit of the arena, calibrated on quick frames of its own camera.
+
+    Args:
+        unit: that is calibrated.
+        protocol: which presses.
+    """
+    session, barrel, camera = calibration_run(unit, protocol), unit.barrel, unit.camera
+    truth = RingTruth(*(getattr(session, name)[:, 0] for name in ("angle", "depth", "force", "shear")))
+    lens = Fisheye(*camera.focal, *camera.middle, *camera.distortion, width=camera.width, height=camera.height)
+    body = RingBody(barrel.radius, barrel.thickness, barrel.markers, lens)
+    return calibrate_marker_ring(_frames(session), truth, body)
+
+
+def _frames(session: RingSession) -> Iterator[Recording]:
+    """The frames of a session as the arena's camera sees them."""
+    unit = session.unit
+    camera = SwiftCamera(unit.camera, unit.look, np.random.default_rng([unit.seed, 42]))
+    points = disc_points(unit.barrel, np.concatenate([session.markers[:, :, None], session.discs], axis=2))
+    for first in range(0, len(points), BLOCK):
+        block = slice(first, first + BLOCK)
+        frames = np.stack([camera.frame(each).copy() for each in points[block]])
+        yield Recording(session.time[block], {IMAGE: frames})
+
+
+@dataclass(frozen=True, eq=False)
+class RingWear:
+    """What the robots of an arena wear: all the same made unit, calibrated, and its skin by tables."""
+
+    unit: RingUnit
+    ring: MarkerRing
+    skin: RingSkin
+
+    @staticmethod
+    def made(seed: int = 0, ring: MarkerRing | None = None) -> RingWear:
+        """A unit of the coarse barrel (seconds), calibrated here where no calibration is given."""
+        unit = RingUnit.drawn(seed, coarse=True)
+        return RingWear(unit, ring or arena_ring(unit), RingSkin.built(unit))
+
 
 class RingSense:
-    def __init__(self, unit, ring, seed, images=False, torn=False):
-        self._rng = np.random.default_rng(seed); self.torn = torn
-        self.frame = np.zeros((480, 640, 3), np.uint8)
-    def feel(self, time, truth, dark=False):
-        if dark: return None
-        rows = sorted(([a, f] for a, f, *_ in truth.tolist() if f > 0.05), key=lambda r: -r[1])
-        kept = []
-        for a, f in rows:
-            for k in kept:
-                if abs((a - k[0] + np.pi) % (2*np.pi) - np.pi) < np.radians(25):
-                    w = k[1] + f; k[0] += f/w*((a-k[0]+np.pi)%(2*np.pi)-np.pi); k[1] = w; break
-            else: kept.append([a, f])
-        out = np.array(kept).reshape(-1, 2)
-        out = out + self._rng.standard_normal(out.shape)*[np.radians(1), 0.1]
-        return out[out[:, 1] > 0.2]
+    """What one robot feels: true touches deform its skin, a frame or the markers' places go through the estimator.
+
+    Without images the markers are where the camera would see them, but for the noise of a centroid in the calibration.
+
+    Args:
+        wear: of the robot.
+        seed: of noise.
+        images: False: no frames.
+        torn: a third of the markers is gone, on the right of the front.
+
+    Attributes:
+        frame: the newest; black where there is none.
+    """
+
+    def __init__(self, wear: RingWear, seed: Sequence[int], *, images: bool, torn: bool = False) -> None:
+        self._wear, self._images, self._rng = wear, images, np.random.default_rng(seed)
+        self.camera = SwiftCamera(wear.unit.camera, wear.unit.look, self._rng)
+        self.estimator = RingEstimator(wear.ring)
+        count = wear.unit.barrel.markers
+        self._gone = list(range(count - count // 3, count)) if torn else []
+        self._rows = self.estimator.empty(self.estimator.most)
+        self._offset = wear.ring.rest - self.camera.places(wear.skin.rest)  # of a centroid from the outline's
+        self.frame = self.camera.black()
+
+    def feel(self, time: float, truth: Float[np.ndarray, "k 5"], *, dark: bool = False) -> Touches | None:
+        """Angle [rad] and force [N] of each touch felt; None where the skin says nothing.
+
+        Args:
+            time: [s].
+            truth: angle, force, shear, depth and kind of what really touches.
+            dark: the camera sees nothing.
+        """
+        count = self._through_images(time, truth, dark) if self._images else self._by_markers(time, truth, dark)
+        rows = self._rows[:count]
+        status = rows[0, ROW.status]
+        if status == Status.INVALID:
+            return None
+        if status == Status.NO_CONTACT:
+            return np.zeros((0, 2))
+        angle = rows[:, ROW.length]  # the first feature
+        return np.stack([angle, np.hypot(rows[:, ROW.force.start], rows[:, ROW.force.start + 1])], axis=1)
+
+    def _through_images(self, time: float, truth: Float[np.ndarray, "k 5"], dark: bool) -> int:
+        self.frame = self.camera.black() if dark else self.camera.frame(self._wear.skin.markers(truth), self._gone)
+        return self.estimator.update_into(time, self.frame, self._rows)
+
+    def _by_markers(self, time: float, truth: Float[np.ndarray, "k 5"], dark: bool) -> int:
+        if dark:
+            return self.estimator.update_markers_into(time, np.full_like(self._offset, np.nan), self._rows)
+        places = self.camera.places(self._wear.skin.markers(truth)) + self._offset
+        places += self._wear.ring.jitter * self._rng.standard_normal(places.shape)
+        places[self._gone] = np.nan
+        return self.estimator.update_markers_into(time, places, self._rows)

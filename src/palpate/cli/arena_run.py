@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from math import cos, inf, nan, pi, sin
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
-from palpate.cli.arena_ring import RingSense, Sense
+from palpate.cli.arena_ring import RingSense, RingWear
 from palpate.control.drive import DifferentialDrive
 from palpate.control.navigation import Navigator
 from palpate.control.paper_navigator import PaperNavigator, PaperSettings
@@ -20,10 +20,6 @@ from palpate.simulation.arena.layout import Layout
 from palpate.simulation.arena.planner import require_solvable
 from palpate.simulation.arena.settings import RobotSettings
 from palpate.simulation.arena.world import ArenaWorld
-
-if TYPE_CHECKING:
-    from palpate.sensors.marker_ring import MarkerRing
-    from palpate.simulation.ring_session import RingUnit
 
 __all__ = ["FAULTS", "METHODS", "RATE", "ArenaResult", "ArenaRun", "ArenaSettings", "Fault", "Moment"]
 
@@ -77,7 +73,7 @@ class Moment:
         time: [s].
         poses: (n, 3) true x, y [m] and heading [rad].
         tracked: (n, 3) what the navigators are told.
-        blocks: (m, 3) of the layout's blocks, true.
+        blocks: (m, 3) of the blocks that move, true.
         touches: angle [rad] and force [N] of what each robot feels; None: its skin says nothing.
         truths: (k, 5) angle, force, shear, depth, kind of what really presses on it.
         wheels: (n, 2) track speeds asked for [m/s].
@@ -131,16 +127,14 @@ class ArenaRun:
 
     Args:
         settings: of the run.
-        unit, ring: the skin that every robot wears, and its calibration.
+        wear: the skin of every robot, and its calibration.
         robot: of what the robots are made.
 
     Raises:
         InputError: an unknown method or fault, or an arena that cannot be solved.
     """
 
-    def __init__(
-        self, settings: ArenaSettings, unit: RingUnit, ring: MarkerRing, robot: RobotSettings | None = None
-    ) -> None:
+    def __init__(self, settings: ArenaSettings, wear: RingWear, robot: RobotSettings | None = None) -> None:
         self.settings, self.robot = settings, robot or RobotSettings()
         layout, count = settings.layout, len(settings.layout.starts)
         for fault in settings.faults:
@@ -152,7 +146,7 @@ class ArenaRun:
         self.world = ArenaWorld(layout, self.robot, settings.seed)
         self.drive = DifferentialDrive(self.robot.track)
         self.navigators = [self._navigator(k) for k in range(count)]
-        self.senses = [self._sense(k, unit, ring) for k in range(count)]
+        self.senses = [self._sense(k, wear) for k in range(count)]
         self.places = [_Place(settings.pose, layout.starts[k], self.drive, [settings.seed, 3, k]) for k in range(count)]
         self._sums = _Sums(count)
 
@@ -172,11 +166,9 @@ class ArenaRun:
         ours = TouchNavigatorSettings(push=method != "no-push", remember=method != "no-memory")
         return TouchNavigator(goal, drive=drive, settings=ours, seed=seed)
 
-    def _sense(self, robot: int, unit: RingUnit, ring: MarkerRing) -> Sense:
-        torn = self._fault(robot, "torn")
-        return RingSense(
-            unit, ring, [self.settings.seed, 2, robot], images=self.settings.sensing == "images", torn=bool(torn)
-        )
+    def _sense(self, robot: int, wear: RingWear) -> RingSense:
+        images, torn = self.settings.sensing == "images", self._fault(robot, "torn") is not None
+        return RingSense(wear, [self.settings.seed, 2, robot], images=images, torn=torn)
 
     def __iter__(self) -> Iterator[Moment]:
         world, settings = self.world, self.settings
@@ -204,7 +196,7 @@ class ArenaRun:
         frames = [each.frame for each in self.senses] if self.settings.sensing == "images" else None
         arrived = np.array([each.arrived for each in self.navigators])
         moment = Moment(
-            time, poses, tracked, world.blocks.copy(), touches, truths, wheels, states, whys, frames, arrived
+            time, poses, tracked, world.blocks, touches, truths, wheels, states, whys, frames, arrived
         )
         self._sums.add(moment, self.settings.layout.goals)
         return moment

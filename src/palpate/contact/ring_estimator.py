@@ -186,20 +186,41 @@ class RingEstimator:
         acceleration: ArrayLike | None = None,
     ) -> int:
         """`update` into rows of `empty`: how many are written, at least 1, as many as fit."""
-        width = self.empty(0).shape[1]
-        if (
-            out.dtype != np.float64
-            or out.shape[-1:] != (width,)
-            or out.ndim > 2
-            or not out.flags.carray
-            or not out.size
-        ):
-            raise InputError(f"out must be rows of {width} as `empty` makes them, not {out.dtype} {out.shape}.")
-        rows = out.reshape(-1, width)
+        rows = self._into(out)
         image: UInt8[np.ndarray, "h w 3"] = np.asarray(reading)
         pixels = np.full((1, len(self.ring), 2), np.nan)
-        state = np.array([self._track(image, pixels[0])])
-        made, _ = self._rows(np.array([time], dtype=np.float64), *self._located(pixels, state))
+        return self._write(time, pixels, self._track(image, pixels[0]), rows)
+
+    def update_markers_into(
+        self, time: float, pixels: Float[np.ndarray, "m 2"], out: Float[np.ndarray, "*rows width"]
+    ) -> int:
+        """`update_into` for whoever knows where the markers are, by another tracker or by a simulation.
+
+        Args:
+            time: [s] of the frame.
+            pixels: of every marker, NaN where it is not seen.
+            out: rows of `empty`.
+        """
+        return self._write(time, np.asarray(pixels, dtype=np.float64)[None], int(Frame.OK), self._into(out))
+
+    def _into(self, out: np.ndarray) -> Float[np.ndarray, "rows width"]:
+        """Rows that can be written.
+
+        Raises:
+            InputError: they cannot.
+        """
+        width = ROW.length + len(self.features) + 1
+        if out.dtype != np.float64 or out.shape[-1:] != (width,) or out.ndim > 2:
+            fits = False
+        else:
+            fits = out.flags.carray and out.size > 0
+        if not fits:
+            raise InputError(f"out must be rows of {width} as `empty` makes them, not {out.dtype} {out.shape}.")
+        return out.reshape(-1, width)
+
+    def _write(self, time: float, pixels: np.ndarray, state: int, rows: np.ndarray) -> int:
+        """One frame's contacts into rows: how many."""
+        made, _ = self._rows(np.array([time], dtype=np.float64), *self._located(pixels, np.array([state])))
         count = min(len(made), len(rows))
         rows[:count] = made[:count]
         return count

@@ -8,7 +8,7 @@ body has passed. A place is never forbidden, only costly, so that there is alway
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import exp, hypot, inf
+from math import cos, exp, hypot, inf, sin
 
 import numpy as np
 from jaxtyping import Float
@@ -36,12 +36,13 @@ class TouchMapSettings:
 
     cell: float = 0.02
     weight: float = 40.0
-    fade: float = 90.0
+    fade: float = 400.0
     merge: float = 0.012
     clearance: float = 0.025
     near: float = 0.02
     margin: float = 0.5
-    slack: float = 0.004
+    again: float = 2.0
+    slack: float = 0.003
 
 
 class TouchMap:
@@ -58,7 +59,7 @@ class TouchMap:
 
     def reset(self) -> None:
         """Forget everything."""
-        self._places = np.zeros((MOST, 3))  # x, y, time of the last touch
+        self._places = np.zeros((MOST, 4))  # x, y, time of the last touch, how often it was touched
         self._count = 0
 
     def __len__(self) -> int:
@@ -67,7 +68,7 @@ class TouchMap:
     @property
     def places(self) -> Float[np.ndarray, "n 3"]:
         """Where [m], and when last [s]."""
-        return self._places[: self._count].copy()
+        return self._places[: self._count, :3].copy()
 
     def touch(self, time: float, x: float, y: float) -> None:
         """Remember that something stands at a point [m]."""
@@ -76,12 +77,13 @@ class TouchMap:
             off = np.hypot(places[:count, 0] - x, places[:count, 1] - y)
             near = int(off.argmin())
             if off[near] < self.settings.merge:
+                places[near, 3] += time > places[near, 2] + self.settings.again
                 places[near, 2] = time
                 return
         if count == MOST:
-            places[int(places[:, 2].argmin())] = x, y, time
+            places[int(places[:, 2].argmin())] = x, y, time, 1.0
             return
-        places[count] = x, y, time
+        places[count] = x, y, time, 1.0
         self._count = count + 1
 
     def clear(self, x: float, y: float, within: float) -> None:
@@ -100,6 +102,13 @@ class TouchMap:
             return inf
         return float(np.hypot(self._places[: self._count, 0] - x, self._places[: self._count, 1] - y).min())
 
+    def along(self, x: float, y: float, normal: float) -> bool:
+        """Whether a wall goes through a point: two places or more near it lie on its tangent."""
+        places = self._places[: self._count, :2] - (x, y)
+        off = places @ np.array([cos(normal), sin(normal)])
+        aside = places @ np.array([-sin(normal), cos(normal)])
+        return int(((np.abs(off) < 0.012) & (np.abs(aside) < 0.12)).sum()) >= 3
+
     def belief(self, age: float) -> float:
         """How sure a place is that was touched so long ago [s]."""
         return exp(-age / self.settings.fade)
@@ -115,8 +124,8 @@ class TouchMap:
         low, high = known.min(axis=0) - set_.margin, known.max(axis=0) + set_.margin
         columns, rows = (np.ceil((high - low) / set_.cell).astype(int) + 1).tolist()
         cost = np.empty((rows, columns))
-        marks = places.copy()
-        marks[:, 2] = set_.weight * np.exp((places[:, 2] - time) / set_.fade)
+        marks = places[:, :3].copy()
+        marks[:, 2] = set_.weight * places[:, 3] * np.exp((places[:, 2] - time) / set_.fade)
         hard = self.radius - set_.slack
         fill(marks, low, set_.cell, hard, hard + set_.clearance, set_.near, cost)
         at, to = (((np.array(each) - low) / set_.cell).astype(np.int64)[::-1].copy() for each in (start, goal))

@@ -56,11 +56,13 @@ class TouchNavigatorSettings:
     soften: float = 0.2
     felt: float = 0.25
     ahead: float = radians(70.0)
+    glancing: float = radians(40.0)
     settle: float = 0.6
     test: float = 1.2
     moved: float = 0.004
     known: float = 0.045
     beside: float = 0.025
+    far: float = 0.06
     back: float = 0.012
     push: bool = True
     remember: bool = True
@@ -114,7 +116,7 @@ class TouchNavigator:
         self._planned, self._changed, self._price = -inf, True, inf
         self._press: _Press | None = None
         self._until, self._turn, self._leave = -inf, 0.0, (0.0, 0.0)
-        self._best, self._best_at = inf, -inf
+        self._stood = inf, inf, 0.0
         self._blind_since: float | None = None
         self._sent = 0.0, 0.0
 
@@ -154,12 +156,13 @@ class TouchNavigator:
         self.map.clear(x, y, set_.radius - 0.014)
         for angle, force in felt:
             if abs(angle) > set_.ahead and force > 0.5:
-                self._mark(time, here, heading + angle, 0.0)
+                self._mark(time, here, heading + angle, force, 0.0)
         self._changed = self._changed or len(self.map) != before
 
-    def _mark(self, time: float, here: Pose, way: float, beside: float) -> None:
-        radius = self.settings.radius
-        for aside in (0.0, beside, -beside) if beside else (0.0,):
+    def _mark(self, time: float, here: Pose, way: float, force: float, beside: float) -> None:
+        radius = self.settings.radius - force / self.settings.stiffness
+        sides = (0.0, beside, -beside, 0.5 * beside, -0.5 * beside) if beside > 0.03 else (0.0, beside, -beside)
+        for aside in sides if beside else (0.0,):
             x = here[0] + radius * cos(way) - aside * sin(way)
             y = here[1] + radius * sin(way) + aside * cos(way)
             self.map.touch(time, x, y)
@@ -173,9 +176,9 @@ class TouchNavigator:
         if fast is not None:
             return self._retreat(time, here, fast, felt)
         if self._stalled(time, felt):
-            self._mark(time, here, here[2], self.settings.beside)
+            self._mark(time, here, here[2], self.settings.force, self.settings.beside)
             return self._retreat(time, here, "something holds it that the skin does not feel", felt)
-        if self._lost(time):
+        if self._stuck(time, here):
             return self._escape(time, here, felt)
         forward, turn = self._follow(time, here)
         forward = self._soft(forward, felt)
@@ -201,6 +204,10 @@ class TouchNavigator:
         strongest = max(f for _, f in ahead)
         if not set_.push and strongest > 0.5:
             return self._fast(time, here, ahead, "it pushes nothing")
+        if strongest > 0.5 and min(abs(a) for a, _ in ahead) > set_.glancing:
+            self._fast(time, here, ahead, "")
+            self._planned = min(self._planned, time - 0.3)
+            return None
         known = min(
             self.map.nearest(here[0] + set_.radius * cos(here[2] + a), here[1] + set_.radius * sin(here[2] + a))
             for a, _ in ahead
@@ -221,8 +228,10 @@ class TouchNavigator:
     def _fast(self, time: float, here: Pose, ahead: list[tuple[float, float]], why: str) -> str:
         self._press = None
         if self.settings.remember:
-            for angle, _ in ahead:
-                self._mark(time, here, here[2] + angle, self.settings.beside)
+            for angle, force in ahead:
+                way = here[2] + angle
+                known = self.map.along(here[0] + self.settings.radius * cos(way), here[1] + self.settings.radius * sin(way), way)
+                self._mark(time, here, way, force, self.settings.far if known else self.settings.beside)
         return why
 
     def _retreat(self, time: float, here: Pose, why: str, felt: list[tuple[float, float]]) -> tuple[float, float]:
@@ -249,18 +258,18 @@ class TouchNavigator:
         driven = sum(each[4] for each in list(past)[-40:]) * (time - first[0]) / 40
         return driven > 0.02 and hypot(past[-1][1] - first[1], past[-1][2] - first[2]) < 0.25 * driven
 
-    def _lost(self, time: float) -> bool:
-        """No nearer to the goal for long, though not pressing on anything that moves."""
-        if self._price < self._best - 0.03:
-            self._best, self._best_at = self._price, time
-        return time - self._best_at > 30.0 and self._best_at > -inf
+    def _stuck(self, time: float, here: Pose) -> bool:
+        """It has hardly moved for long."""
+        if hypot(here[0] - self._stood[0], here[1] - self._stood[1]) > 0.06:
+            self._stood = here[0], here[1], time
+        return time - self._stood[2] > 15.0
 
     def _escape(self, time: float, here: Pose, felt: list[tuple[float, float]]) -> tuple[float, float]:
-        self._best, self._best_at = inf, time
+        self._stood = here[0], here[1], time
         side = 1.0 if self._rng.random() < 0.5 else -1.0
         self._until = time + float(self._rng.uniform(1.0, 3.0))
         self._leave = -0.6 * self.drive.top, side * 0.4
-        self._say("escape", "no nearer to the goal for 30 s", 0.0, 0.0)
+        self._say("escape", "it has hardly moved for 15 s", 0.0, 0.0)
         return self._leaving(time, here, felt)
 
     # motion

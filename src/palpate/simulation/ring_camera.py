@@ -63,10 +63,7 @@ class RingCamera:
 
     def project(self, points: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "*n 2"]:
         """Pixels (column, row; the middle of the first pixel is 0, 0) of points in the ring's frame."""
-        a, b = self.tilt
-        about_x = np.array([[1, 0, 0], [0, np.cos(a), -np.sin(a)], [0, np.sin(a), np.cos(a)]])
-        about_y = np.array([[np.cos(b), 0, np.sin(b)], [0, 1, 0], [-np.sin(b), 0, np.cos(b)]])
-        seen = (points - [0.0, 0.0, HEIGHT] - np.asarray(self.offset)) * [1.0, -1.0, -1.0] @ (about_y @ about_x).T
+        seen = (points - [0.0, 0.0, HEIGHT] - np.asarray(self.offset)) * [1.0, -1.0, -1.0] @ self.turn().T
         off = np.hypot(seen[..., 0], seen[..., 1])
         angle = np.arctan2(off, seen[..., 2])
         k1, k2, k3, k4 = self.distortion
@@ -74,6 +71,13 @@ class RingCamera:
         bent = angle * (1 + square * (k1 + square * (k2 + square * (k3 + square * k4))))
         scale = bent / np.maximum(off, 1e-12)
         return seen[..., :2] * scale[..., None] * self.focal + self.middle
+
+    def turn(self) -> Float[np.ndarray, "3 3"]:
+        """From the nominal camera's axes to this one's."""
+        a, b = self.tilt
+        about_x = np.array([[1, 0, 0], [0, np.cos(a), -np.sin(a)], [0, np.sin(a), np.cos(a)]])
+        about_y = np.array([[np.cos(b), 0, np.sin(b)], [0, 1, 0], [-np.sin(b), 0, np.cos(b)]])
+        return about_y @ about_x
 
 
 def _unit(rng: np.random.Generator, size: int) -> Float[np.ndarray, " d"]:
@@ -104,6 +108,11 @@ class Look:
     hue: float = 0.0
     balance: tuple[float, float, float] = (1.0, 1.0, 1.0)
     quality: int | None = 85
+
+    def colours(self) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
+        """Of the skin and of the markers: blue, green, red of 255."""
+        gain, turn = np.asarray(self.balance), _hue_turn(self.hue)
+        return gain * (turn @ SKIN), gain * (turn @ RED)
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,6 +162,14 @@ class Photographer:
         """A frame without light."""
         return np.zeros((self.camera.height, self.camera.width, 3), dtype=np.uint8)
 
+    def background(self, time: float) -> UInt8[np.ndarray, "h w 3"]:
+        """A frame of skin alone."""
+        return self._developed(np.zeros((self.camera.height, self.camera.width), dtype=np.float32), time)
+
+    def grain(self, size: int) -> Float[np.ndarray, "s s 3"]:
+        """A piece of the sheet of noise, of standard deviation 1."""
+        return np.ascontiguousarray(self._pool[:size, :size])
+
     def _blobs(self, blobs: int | Float[np.ndarray, "b 3"]) -> Float[np.ndarray, "b 3"]:
         if not isinstance(blobs, int):
             return blobs
@@ -163,10 +180,8 @@ class Photographer:
         cv2, look = opencv(), self.look
         if look.blur > 0.0:
             cover = cv2.GaussianBlur(cover, (0, 0), look.blur)
-        turn = _hue_turn(look.hue)
-        gain = np.asarray(look.balance)
-        skin, red = gain * (turn @ SKIN), gain * (turn @ RED)
-        light = self._light(time)
+        skin, red = look.colours()
+        light = self.light(time)
         image = cv2.merge([light * (np.float32(red[c] - skin[c]) * cover + np.float32(skin[c])) for c in range(3)])
         if look.noise > 0.0:
             row, column = self.rng.integers(POOL, size=2).tolist()
@@ -178,7 +193,7 @@ class Photographer:
             return frame
         return cv2.imdecode(cv2.imencode(".jpg", frame, [cv2.IMWRITE_JPEG_QUALITY, look.quality])[1], cv2.IMREAD_COLOR)
 
-    def _light(self, time: float) -> Float[np.ndarray, "h w"]:
+    def light(self, time: float) -> Float[np.ndarray, "h w"]:
         """Light at every pixel: less in the corners and in the wandering shadow."""
         width, height = self.camera.width, self.camera.height
         column, row = np.meshgrid(np.linspace(-1, 1, 41) * width / height, np.linspace(-1, 1, 31))
