@@ -6,11 +6,12 @@ from dataclasses import dataclass
 from functools import lru_cache
 from hashlib import sha256
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from palpate.errors import InputError
 
 if TYPE_CHECKING:
+    from palpate.cli.arena_ring import RingWear
     from palpate.cli.arena_run import ArenaRun
     from palpate.sensors.marker_ring import MarkerRing
     from palpate.simulation.arena.layout import Layout
@@ -21,6 +22,7 @@ LAYOUTS = ("random", "paper", "u", "corridor")
 ROBOTS = 4
 MOST = 200  # robots
 USUAL = "paper"  # density
+UNIT = 0  # of the simulated ring that is worn
 
 
 @dataclass(frozen=True)
@@ -104,7 +106,7 @@ class Asked:
             seconds=self.seconds,
             faults=faults,
         )
-        return ArenaRun(settings, *worn(self.rig))
+        return ArenaRun(settings, worn(self.rig))
 
     def key(self) -> dict[str, object]:
         """All that a result depends on beside its seed: of two runs with the same key a seed's result is the same."""
@@ -151,7 +153,9 @@ def _ring(rig: str | Path) -> MarkerRing:
     return rig_ring(loaded)
 
 
-@lru_cache(maxsize=2)
-def worn(rig: str | None) -> tuple[Any, Any]:
-    """The simulated ring of every robot, and its calibration."""
-    return None, (None if rig is None else _ring(rig))
+@lru_cache(maxsize=1)
+def worn(rig: str | None) -> RingWear:
+    """What every robot wears: the simulated ring, calibrated here or by the rig's model; made once a process."""
+    from palpate.cli.arena_ring import RingWear
+
+    return RingWear.made(UNIT, None if rig is None else _ring(rig))

@@ -163,7 +163,7 @@ def _write_ring(asked: Asked, recording: Path) -> None:
     from palpate.simulation.arena.run_files import files_of, write_rig
 
     write_rig(recording)
-    write_model(files_of(recording, 1, True)["ring"], worn(asked.rig)[1])
+    write_model(files_of(recording, 1, True)["ring"], worn(asked.rig).ring)
 
 
 def _filmed(run: ArenaRun, path: Path | None, stack: ExitStack) -> list[Show]:

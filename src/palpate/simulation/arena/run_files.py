@@ -19,7 +19,7 @@ from palpate.simulation.bags import header, open_bag
 
 __all__ = ["Frame", "RunRecorder", "files_of", "write_arena", "write_rig"]
 
-QUALITY = 90  # of JPEG
+QUALITY = 85  # of JPEG
 BLOCKS = "/truth/blocks"
 STILL = 5e-4, 3e-3  # m, rad: a block that has moved less is not said again
 KINDS = ("flat", "edge", "robot")  # of what touches
