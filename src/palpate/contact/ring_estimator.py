@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
+from math import nan
 
 import numpy as np
 from jaxtyping import Float, Int, UInt8
@@ -24,6 +25,7 @@ from palpate.spatial.pose import Pose
 __all__ = ["FEATURES", "RingEstimator"]
 
 FEATURES = ("angle", "depth", "width", "shear", "angle_sd", "force_sd", "depth_sd", "markers")
+_SEEN = ROW.length + len(FEATURES) - 1  # the column of how many markers were seen
 _UNBELIEVABLE = 4.0  # deviations that the displacements are off, on the whole, from what contacts can make
 _HEIGHT = 2e-3  # m: along the barrel's axis contacts are taken for the ring's own height
 _STEADY = 3.0  # times the calibration's jitter: a tare in which markers move more is refused
@@ -51,11 +53,14 @@ class RingEstimator:
     features = FEATURES
 
     def __init__(self, ring: MarkerRing, settings: RingSettings | None = None, *, mount: Pose | None = None) -> None:
-        from palpate.contact import _track
+        from palpate.contact import _ring, _track  # compiled: loaded when first needed
 
         self.ring, self.settings = ring, settings or RingSettings()
         self.mount = Pose.identity() if mount is None else mount
         self._tared: Tare | None = None
+        self._scratch, self._nothing = self.empty(_ring.MOST), self.empty()
+        self._nothing[:_SEEN] = np.nan
+        self._nothing[ROW.candidates] = 0.0
         self._tracks = np.full((_track.TRACKS, _track.TRACK), -1.0), np.ones(1, dtype=np.int64)
         self._bad = dict.fromkeys(Frame, 0)
         self._know(ring)
@@ -220,10 +225,11 @@ class RingEstimator:
 
     def _write(self, time: float, pixels: np.ndarray, state: int, rows: np.ndarray) -> int:
         """One frame's contacts into rows: how many."""
-        made, _ = self._rows(np.array([time], dtype=np.float64), *self._located(pixels, np.array([state])))
-        count = min(len(made), len(rows))
-        rows[:count] = made[:count]
-        return count
+        found, seen = self._located(pixels, np.array([state]))
+        count = self._frame(float(time), found, 0, float(seen[0]), self._scratch)
+        fits = min(count, len(rows))
+        rows[:fits] = self._scratch[:fits]
+        return fits
 
     def run_into(
         self,
@@ -260,9 +266,10 @@ class RingEstimator:
 
     def _located(self, pixels: np.ndarray, states: np.ndarray) -> tuple[RingFound, np.ndarray]:
         usable = states == Frame.OK
-        for why in states[~usable].tolist():
-            self._bad[Frame(why)] += 1
-        pixels = np.where(usable[:, None, None], pixels, np.nan)
+        if not usable.all():
+            for why in states[~usable].tolist():
+                self._bad[Frame(why)] += 1
+            pixels = np.where(usable[:, None, None], pixels, np.nan)
         return self.locator.run(self.ring.displacements(pixels)), np.isfinite(pixels).all(axis=2).sum(axis=1) * 1.0
 
     def _contacts(self, time: np.ndarray, pixels: np.ndarray, states: np.ndarray, first: int) -> Contacts:
@@ -275,55 +282,52 @@ class RingEstimator:
     def _rows(self, time: np.ndarray, found: RingFound, seen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """At least one row a frame, and the frame of each."""
         many = np.maximum(found.counts, 1)
-        sample = np.repeat(np.arange(len(time)), many)
-        which = np.arange(len(sample)) - np.repeat(np.cumsum(many) - many, many)
-        rows = self.empty(len(sample))
-        rows[:, : ROW.length + len(self.features)] = np.nan
-        rows[:, ROW.candidates] = 0.0
-        none = found.counts[sample] < 1
-        rows[:, ROW.status] = np.where(found.counts[sample] < 0, Status.INVALID, Status.NO_CONTACT)
-        rows[:, ROW.length + len(self.features) - 1] = seen[sample]
-        there = ~none
-        self._fill(rows[there], rows, there, found.states[sample[there], which[there]], found.residual[sample[there]])
-        self._identify(time, sample, found.counts, rows)
-        return rows, sample
+        rows = self.empty(int(many.sum()))
+        first = 0
+        for n, when in enumerate(time.tolist()):
+            first += self._frame(when, found, n, float(seen[n]), rows[first:])
+        return rows, np.repeat(np.arange(len(time)), many)
 
-    def _fill(self, made: np.ndarray, rows: np.ndarray, there: np.ndarray, states: np.ndarray, off: np.ndarray) -> None:
-        angle, force, z, t = states[:, :4].T
-        outward = np.stack([np.cos(angle), np.sin(angle), np.zeros(len(angle))], axis=1)
-        along = np.stack([-np.sin(angle), np.cos(angle), np.zeros(len(angle))], axis=1)
-        shears = self.ring.response.shears
-        shear = force * t if shears else np.zeros(len(angle))
-        sideways = (self.ring.radius * states[:, 4]) ** 2
-        covariance = sideways[:, None, None] * along[:, :, None] * along[:, None, :]
-        covariance[:, 2, 2] += _HEIGHT**2
-        made[:, ROW.point], made[:, ROW.normal] = self.ring.radius * outward, outward
-        made[:, ROW.force] = -force[:, None] * outward + shear[:, None] * along
-        made[:, ROW.covariance] = covariance.reshape(-1, 9)
-        made[:, ROW.residual], made[:, ROW.candidates] = off, 1.0
-        made[:, ROW.status] = np.where(off > _UNBELIEVABLE, Status.IMPLAUSIBLE, Status.CONTACT)
-        width = np.asarray(np.interp(z, *self._widths), dtype=np.float64)
-        columns: tuple[np.ndarray, ...] = (
-            angle,
-            self.locator.depth(states),
-            width,
-            shear if shears else np.full(len(angle), np.nan),
-            *states[:, 4:7].T,
-        )
-        made[:, ROW.length : ROW.length + len(columns)] = np.stack(columns, axis=1)
-        rows[there] = made
+    def _frame(self, time: float, found: RingFound, n: int, seen: float, rows: np.ndarray) -> int:
+        """The rows of one frame, at least one: how many."""
+        count = int(found.counts[n])
+        if count < 1:
+            rows[0] = self._nothing
+            rows[0, ROW.status] = Status.INVALID if count < 0 else Status.NO_CONTACT
+            rows[0, _SEEN] = seen
+            return 1
+        states, off = found.states[n, :count], float(found.residual[n])
+        angle, z = states[:, 0], states[:, 2]
+        columns = (states, np.cos(angle), np.sin(angle), self.locator.depth(states), np.interp(z, *self._widths))
+        for row, *column in zip(rows, *(each.tolist() for each in columns), strict=False):
+            row[:] = self._row(*column, off, seen)
+        self._identify(time, rows[:count])
+        return count
 
-    def _identify(self, time: np.ndarray, sample: np.ndarray, counts: np.ndarray, rows: np.ndarray) -> None:
+    def _row(
+        self, state: list[float], c: float, s: float, depth: float, width: float, off: float, seen: float
+    ) -> list[float]:
+        """One contact, without its identity: plain numbers, as arrays of one to six cost more than what is computed."""
+        angle, force, _, t, angle_sd, force_sd, depth_sd, _ = state
+        radius, shears = self.ring.radius, self.ring.response.shears
+        shear, off_side = force * t if shears else 0.0, radius * angle_sd
+        out, along, sideways = (c, s, 0.0), (-s, c, 0.0), off_side * off_side
+        covariance = [sideways * a * b for a in along for b in along]
+        covariance[8] += _HEIGHT**2
+        status = Status.IMPLAUSIBLE if off > _UNBELIEVABLE else Status.CONTACT
+        said = [angle, depth, width, shear if shears else nan, angle_sd, force_sd, depth_sd, seen]
+        push = [-force * a + shear * b for a, b in zip(out, along, strict=True)]
+        place = [radius * a for a in out]
+        return [*place, *out, *push, nan, *covariance, off, 1.0, status, *said, 0.0]  # in the order of ROW, features
+
+    def _identify(self, time: float, rows: np.ndarray) -> None:
         """Identities into the last column."""
         from palpate.contact import _track
 
-        set_, first = self.settings, np.searchsorted(sample, np.arange(len(time)))
-        for n in np.flatnonzero(counts > 0).tolist():
-            here, identity = slice(first[n], first[n] + counts[n]), np.zeros(int(counts[n]), dtype=np.int64)
-            points = np.ascontiguousarray(rows[here, ROW.point])
-            known = (int(counts[n]), *self._tracks, set_.reach, set_.speed, set_.patience)
-            _track.follow(float(time[n]), points, *known, identity)
-            rows[here, -1] = identity
+        set_, count = self.settings, len(rows)
+        identity, points = np.zeros(count, dtype=np.int64), np.ascontiguousarray(rows[:, ROW.point])
+        _track.follow(time, points, count, *self._tracks, set_.reach, set_.speed, set_.patience, identity)
+        rows[:, -1] = identity
 
 
 def _dent_widths(ring: MarkerRing) -> tuple[np.ndarray, np.ndarray]:

@@ -8,7 +8,7 @@ body has passed. A place is never forbidden, only costly, so that there is alway
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import cos, exp, hypot, inf, sin
+from math import cos, hypot, inf, sin
 
 import numpy as np
 from jaxtyping import Float
@@ -17,6 +17,7 @@ __all__ = ["TouchMap", "TouchMapSettings"]
 
 MOST = 1024  # places: beyond, the oldest are forgotten
 CORNERS = 256  # of a way
+LINE = 3  # places that make a wall
 
 
 @dataclass(frozen=True)
@@ -28,6 +29,7 @@ class TouchMapSettings:
         weight: how many times its length a way costs through a place that was touched just now.
         fade: [s] in which belief in a place falls to 1/e.
         merge: [m]: nearer touches are one place.
+        again: [s] after which one more touch of a place is another: each adds `weight`.
         clearance: [m] beyond the body, within which a way costs a little more.
         near: that cost, as a share of `weight`, where the body just touches.
         margin: [m] that a way may lead around everything known.
@@ -35,8 +37,8 @@ class TouchMapSettings:
     """
 
     cell: float = 0.02
-    weight: float = 40.0
-    fade: float = 400.0
+    weight: float = 8.0
+    fade: float = 200.0
     merge: float = 0.012
     clearance: float = 0.025
     near: float = 0.02
@@ -102,16 +104,12 @@ class TouchMap:
             return inf
         return float(np.hypot(self._places[: self._count, 0] - x, self._places[: self._count, 1] - y).min())
 
-    def along(self, x: float, y: float, normal: float) -> bool:
-        """Whether a wall goes through a point: two places or more near it lie on its tangent."""
+    def in_line(self, x: float, y: float, normal: float) -> bool:
+        """Whether a wall may go through a point with a normal [rad]: `LINE` places near it lie on its tangent."""
         places = self._places[: self._count, :2] - (x, y)
-        off = places @ np.array([cos(normal), sin(normal)])
-        aside = places @ np.array([-sin(normal), cos(normal)])
-        return int(((np.abs(off) < 0.012) & (np.abs(aside) < 0.12)).sum()) >= 3
-
-    def belief(self, age: float) -> float:
-        """How sure a place is that was touched so long ago [s]."""
-        return exp(-age / self.settings.fade)
+        off = np.abs(places @ np.array([cos(normal), sin(normal)]))
+        aside = np.abs(places @ np.array([-sin(normal), cos(normal)]))
+        return int(((off < self.settings.merge) & (aside < 2.0 * self.radius)).sum()) >= LINE
 
     def way(
         self, time: float, start: tuple[float, float], goal: tuple[float, float]

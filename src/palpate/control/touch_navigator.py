@@ -2,29 +2,32 @@
 
 Beyond the state machine of the paper [marker ring, V], which forgets a touch as soon as it has backed away from it:
 
-* what does not move is remembered (`TouchMap`), and a way is found round all of it again and again; a wall is followed
-  because each touch of it makes the way along it the cheaper one;
+* what stands fast is remembered (`TouchMap`) and a way is found round all of it, again and again; walls are followed,
+  because each touch makes the way along them the cheaper one, and pockets are left for the same reason;
 * motion into a contact is slowed in proportion to what is left of the force allowed, so that a touch stays soft;
-* what is ahead is pushed, and what has not moved after a while stands fast;
-* what stops the robot and is not felt is remembered as well; a track that does not follow is noticed.
+* what is ahead is pushed, and stands fast if it has not moved after a while (`PushTest`);
+* what pushes back is given way to;
+* what holds the robot unfelt is remembered as well, and a track that does not follow is noticed (`TrackWatch`).
 """
 
 from __future__ import annotations
 
-from collections import deque
 from dataclasses import dataclass, field
-from math import atan2, ceil, cos, hypot, inf, isfinite, pi, radians, sin
-from typing import Literal
+from math import atan2, cos, degrees, hypot, inf, isfinite, radians, sin
 
 import numpy as np
 from jaxtyping import Float
 
 from palpate.control.drive import DifferentialDrive
+from palpate.control.navigation import heading_error
+from palpate.control.push_test import Push, PushTest
 from palpate.control.touch_map import TouchMap, TouchMapSettings
+from palpate.control.track_watch import TrackWatch
 
 __all__ = ["TouchNavigator", "TouchNavigatorSettings"]
 
 Pose = tuple[float, float, float]
+Felt = list[tuple[float, float]]  # angle [rad], force [N]
 
 
 @dataclass(frozen=True)
@@ -36,14 +39,20 @@ class TouchNavigatorSettings:
         reach: [m] from the goal at which it has arrived.
         force: [N] that no contact should be pressed with.
         stiffness: [N/m] of the skin.
-        soften: [s] in which the force left is used up, at most.
+        soften: [s] in which the force that is left is used up, at the least.
         felt: [N]: less is no touch.
+        firm: [N]: less is not remembered.
         ahead: [rad] from the heading within which a contact is in the way.
-        settle, test, moved: what is pushed at has `settle` [s] until the force is there, then `test` [s] to move by
-            `moved` [m].
+        glancing: [rad] from the heading beyond which it is passed rather than pushed.
+        settle, test, moved: of `PushTest`.
         known: [m]: what is nearer to a remembered place is not pushed again.
-        beside: [m] to both sides of a touch where its surface is taken to go on.
-        back: [m] by which it leaves what does not move.
+        beside, wall: [m] to both sides of a touch where its surface is taken to go on: of one touch, and of one in line
+            with others.
+        back: [s] for which it backs away from what stands fast.
+        slow: share of the top speed at which it does.
+        turn: [rad/s] fastest.
+        still: [m], [s]: who has moved less in so long is stuck.
+        patience: [s] after which it stops, if it has come no nearer to its goal.
         push: False: nothing is pushed on purpose.
         remember: False: no memory.
         map: how places are remembered.
@@ -55,6 +64,7 @@ class TouchNavigatorSettings:
     stiffness: float = 500.0
     soften: float = 0.2
     felt: float = 0.25
+    firm: float = 0.5
     ahead: float = radians(70.0)
     glancing: float = radians(40.0)
     settle: float = 0.6
@@ -62,32 +72,24 @@ class TouchNavigatorSettings:
     moved: float = 0.004
     known: float = 0.045
     beside: float = 0.025
-    far: float = 0.06
-    back: float = 0.012
+    wall: float = 0.06
+    back: float = 0.65
+    slow: float = 0.6
+    turn: float = 1.0
+    still: tuple[float, float] = (0.06, 15.0)
+    patience: float = 400.0
     push: bool = True
     remember: bool = True
     map: TouchMapSettings = field(default_factory=TouchMapSettings)
 
 
-@dataclass
-class _Press:
-    """A contact ahead that is pushed at: since when, where the robot was, which way it presses (world)."""
-
-    since: float
-    seen: float
-    way: tuple[float, float]
-    mark: tuple[float, float] | None = None
-    marked: float = 0.0
-    moves: bool = False
-
-
 class TouchNavigator:
-    """From touches and pose to the speeds of both tracks, at the caller's rate (30 Hz in mind).
+    """From touches and pose to the speeds of both tracks, at the caller's rate (30 Hz in mind); see `Navigator`.
 
-    States: "move to goal", "push", "back off", "escape", "blind", "stopped", "arrived"; `why` says more.
+    States: "move to goal", "push", "back off", "give way", "escape", "blind", "no pose", "stopped", "arrived".
 
     Args:
-        goal: (2,) [m].
+        goal: (2,) [m], in the frame of the poses.
         drive: of the robot.
         settings: how it moves.
         seed: of its own draws, which part robots that stand in each other's way.
@@ -103,208 +105,193 @@ class TouchNavigator:
     ) -> None:
         self.goal = float(goal[0]), float(goal[1])
         self.drive, self.settings, self.seed = drive or DifferentialDrive(), settings or TouchNavigatorSettings(), seed
-        self.map = TouchMap(self.settings.radius, self.settings.map)
+        self.map, self._watch = TouchMap(self.settings.radius, self.settings.map), TrackWatch(self.drive)
+        self._test = PushTest(self.settings.settle, self.settings.test, self.settings.moved)
         self.reset()
 
     def reset(self) -> None:
-        """Forget everything."""
+        """Anew: nothing touched yet, the goal not reached."""
         self.state, self.why, self.arrived = "move to goal", "nothing is in the way", False
         self.map.reset()
+        self._watch.reset()
+        self._test.end()
         self._rng = np.random.default_rng([self.seed, 18])
-        self._past: deque[tuple[float, float, float, float, float]] = deque(maxlen=64)
         self._way: list[tuple[float, float]] = []
-        self._planned, self._changed, self._price = -inf, True, inf
-        self._press: _Press | None = None
-        self._until, self._turn, self._leave = -inf, 0.0, (0.0, 0.0)
+        self._planned, self._changed, self._blocked = -inf, True, False
+        self._until, self._leave = -inf, (0.0, 0.0)
         self._stood = inf, inf, 0.0
-        self._blind_since: float | None = None
+        self._nearest = inf, 0.0
         self._sent = 0.0, 0.0
 
     def update(
         self, time: float, touches: Float[np.ndarray, "k 2"] | None, pose: Float[np.ndarray, "3"]
     ) -> tuple[float, float]:
-        """Speeds of the left and the right track [m/s].
-
-        Args:
-            time: [s].
-            touches: angle [rad] from the heading and force [N] of each contact; None: the skin says nothing.
-            pose: x, y [m] and heading [rad].
-        """
-        x, y, heading = pose.tolist()
-        here = x, y, heading
-        if self.arrived or hypot(self.goal[0] - x, self.goal[1] - y) < self.settings.reach:
+        """Speeds of the left and the right track [m/s]; see `Navigator.update`."""
+        x, y, heading = (float(value) for value in pose)
+        far = hypot(self.goal[0] - x, self.goal[1] - y)
+        if self.arrived or far < self.settings.reach:
             self.arrived = True
-            return self._say("arrived", "within reach of the goal", 0.0, 0.0)
-        felt = [] if touches is None else [(a, f) for a, f in touches.tolist() if f >= self.settings.felt]
-        self._past.append((time, x, y, heading, self._sent[0]))
-        self._notice(time, here, felt)
-        speeds = self._decide(time, here, felt)
-        return speeds
+            return self._say("arrived", "within reach of the goal")
+        if self.state == "stopped":
+            return self._say(self.state, self.why)
+        if not isfinite(x + y + heading):
+            return self._say("no pose", "the pose is not finite")
+        if touches is None:
+            return self._say("blind", "the skin says nothing")
+        here = x, y, heading
+        felt = [(angle, force) for angle, force in touches.tolist() if force >= self.settings.felt]
+        fault = self._fault(time, here, far, touched=bool(felt))
+        if fault is not None:
+            return self._say("stopped", fault)
+        self._remember(time, here, felt)
+        forward, turn = self._decided(time, here, felt)
+        return self._say(self.state, self.why, self._soft(forward, felt), turn)
 
-    def _say(self, state: str, why: str, forward: float, turn: float) -> tuple[float, float]:
-        self.state, self.why, self._sent = state, why, (forward, turn)
-        return self.drive.wheels(forward, turn)
+    def _say(self, state: str, why: str, forward: float = 0.0, turn: float = 0.0) -> tuple[float, float]:
+        self.state, self.why = state, why
+        self._sent = self.drive.wheels(forward, turn)
+        return self._sent
 
-    def _notice(self, time: float, here: Pose, felt: list[tuple[float, float]]) -> None:
-        """Places beside the robot are remembered, places under it forgotten."""
+    def _fault(self, time: float, here: Pose, far: float, *, touched: bool) -> str | None:
+        """Why it cannot go on, if it cannot."""
+        side = self._watch.update(time, here, self._sent, touched=touched)
+        if side is not None:
+            return f"the {side} track does not follow"
+        if far < self._nearest[0] - 0.05:
+            self._nearest = far, time
+        if time - self._nearest[1] > self.settings.patience:
+            return f"no nearer to the goal for {self.settings.patience:g} s"
+        return None
+
+    def _decided(self, time: float, here: Pose, felt: Felt) -> tuple[float, float]:
+        """Forward speed and turn rate; the state and why."""
+        behind = any(cos(angle) < -0.5 for angle, _ in felt)
+        if time < self._until and not behind:
+            return self._leave
+        self._until = -inf
+        self.state, self.why = "move to goal", "a touch is passed" if felt else "nothing is in the way"
+        if self._blocked:
+            self.why = "no way is free: it tries what it touched longest ago"
+        ahead = [(angle, force) for angle, force in felt if abs(angle) <= self.settings.ahead]
+        if ahead:
+            stands = self._pressed(time, here, ahead)
+            if stands is not None and not behind:  # between two it turns on the spot
+                return self._retreat(time, "back off", stands, self.settings.back)
+        else:
+            self._test.none(time)
+        if self._test.push is Push.BACK:
+            self._test.end()
+            return self._retreat(time, "give way", Push.BACK.value, float(self._rng.uniform(1.0, 3.0)))
+        if self._watch.held:
+            self._mark(time, here, here[2], self.settings.force, self.settings.beside)
+            why = "something holds it that the skin does not feel"
+            return self._retreat(time, "back off", why, self.settings.back)
+        if self._stuck(time, here):
+            side = 0.4 if self._rng.random() < 0.5 else -0.4
+            why = f"it has hardly moved for {self.settings.still[1]:g} s"
+            return self._retreat(time, "escape", why, float(self._rng.uniform(1.0, 3.0)), side)
+        if self._test.push is not None:
+            self.state, self.why = "push", self._test.push.value
+        return self._followed(time, here)
+
+    # what is touched
+
+    def _remember(self, time: float, here: Pose, felt: Felt) -> None:
+        """What touches beside the way is remembered as it is; what lay where the robot stands is gone."""
         set_ = self.settings
         if not set_.remember:
             self.map.reset()
             return
-        x, y, heading = here
         before = len(self.map)
-        self.map.clear(x, y, set_.radius - 0.014)
+        self.map.clear(here[0], here[1], set_.radius - 0.014)
         for angle, force in felt:
-            if abs(angle) > set_.ahead and force > 0.5:
-                self._mark(time, here, heading + angle, force, 0.0)
+            if abs(angle) > set_.ahead and force > set_.firm:
+                self._mark(time, here, here[2] + angle, force, 0.0)
         self._changed = self._changed or len(self.map) != before
 
     def _mark(self, time: float, here: Pose, way: float, force: float, beside: float) -> None:
-        radius = self.settings.radius - force / self.settings.stiffness
-        sides = (0.0, beside, -beside, 0.5 * beside, -0.5 * beside) if beside > 0.03 else (0.0, beside, -beside)
-        for aside in sides if beside else (0.0,):
-            x = here[0] + radius * cos(way) - aside * sin(way)
-            y = here[1] + radius * sin(way) + aside * cos(way)
+        """Remember a touch of a surface that goes on to both sides of it [m]."""
+        out = self.settings.radius - force / self.settings.stiffness
+        for aside in np.linspace(-beside, beside, 5 if beside > 0.03 else 3).tolist() if beside else (0.0,):
+            x = here[0] + out * cos(way) - aside * sin(way)
+            y = here[1] + out * sin(way) + aside * cos(way)
             self.map.touch(time, x, y)
         self._changed = True
 
-    def _decide(self, time: float, here: Pose, felt: list[tuple[float, float]]) -> tuple[float, float]:
-        if time < self._until:
-            return self._leaving(time, here, felt)
-        ahead = [(a, f) for a, f in felt if abs(a) <= self.settings.ahead]
-        fast = self._pressing(time, here, ahead)
-        if fast is not None:
-            return self._retreat(time, here, fast, felt)
-        if self._stalled(time, felt):
-            self._mark(time, here, here[2], self.settings.force, self.settings.beside)
-            return self._retreat(time, here, "something holds it that the skin does not feel", felt)
-        if self._stuck(time, here):
-            return self._escape(time, here, felt)
-        forward, turn = self._follow(time, here)
-        forward = self._soft(forward, felt)
-        if self._press is not None:
-            why = "what is ahead moves" if self._press.moves else "seeing whether what is ahead moves"
-            return self._say("push", why, forward, turn)
-        return self._say("move to goal", "a touch is passed" if felt else "nothing is in the way", forward, turn)
-
-    # what is ahead
-
-    def _pressing(self, time: float, here: Pose, ahead: list[tuple[float, float]]) -> str | None:
-        """Follow a press on what is ahead; why it is given up, or None. What stands fast is remembered."""
-        set_, press = self.settings, self._press
-        if not ahead:
-            if press is not None and time - press.seen > 0.2:
-                self._press = None
-            return None
-        angle = atan2(sum(f * sin(a) for a, f in ahead), sum(f * cos(a) for a, f in ahead))
-        way = here[2] + angle
-        if press is None or cos(way) * press.way[0] + sin(way) * press.way[1] < cos(radians(30.0)):
-            press = self._press = _Press(time, time, (cos(way), sin(way)))
-        press.seen = time
-        strongest = max(f for _, f in ahead)
-        if not set_.push and strongest > 0.5:
-            return self._fast(time, here, ahead, "it pushes nothing")
-        if strongest > 0.5 and min(abs(a) for a, _ in ahead) > set_.glancing:
-            self._fast(time, here, ahead, "")
-            self._planned = min(self._planned, time - 0.3)
-            return None
-        known = min(
-            self.map.nearest(here[0] + set_.radius * cos(here[2] + a), here[1] + set_.radius * sin(here[2] + a))
-            for a, _ in ahead
-        )
-        if known < set_.known and strongest > 0.8 and not press.moves:
-            return self._fast(time, here, ahead, "it was here before")
-        if time - press.since < set_.settle:
-            return None
-        if press.mark is None:
-            press.mark, press.marked = here[:2], time
-        gone = (here[0] - press.mark[0]) * press.way[0] + (here[1] - press.mark[1]) * press.way[1]
-        if gone >= set_.moved:
-            press.mark, press.marked, press.moves = here[:2], time, True
-        elif time - press.marked >= set_.test:
-            return self._fast(time, here, ahead, "what is ahead does not move")
+    def _pressed(self, time: float, here: Pose, ahead: Felt) -> str | None:
+        """Why what is ahead is taken to stand fast, if it is; it is remembered then."""
+        set_ = self.settings
+        strongest = max(force for _, force in ahead)
+        way = here[2] + atan2(sum(f * sin(a) for a, f in ahead), sum(f * cos(a) for a, f in ahead))
+        if strongest > set_.firm and min(abs(angle) for angle, _ in ahead) > set_.glancing:
+            self._stands(time, here, ahead)
+            return None  # it is passed as it is touched
+        if not set_.push and strongest > set_.firm:
+            return self._stands(time, here, ahead) or "it pushes nothing"
+        known = min(self.map.nearest(*_at(here, angle, set_.radius)) for angle, _ in ahead)
+        if known < set_.known and strongest > set_.firm and self._test.push is not Push.MOVES:
+            return self._stands(time, here, ahead) or "it was here before"
+        if self._test.touch(time, here[:2], (cos(way), sin(way))) is Push.STANDS:
+            return self._stands(time, here, ahead) or Push.STANDS.value
         return None
 
-    def _fast(self, time: float, here: Pose, ahead: list[tuple[float, float]], why: str) -> str:
-        self._press = None
-        if self.settings.remember:
-            for angle, force in ahead:
-                way = here[2] + angle
-                known = self.map.along(here[0] + self.settings.radius * cos(way), here[1] + self.settings.radius * sin(way), way)
-                self._mark(time, here, way, force, self.settings.far if known else self.settings.beside)
-        return why
-
-    def _retreat(self, time: float, here: Pose, why: str, felt: list[tuple[float, float]]) -> tuple[float, float]:
-        self._until = time + 1.2 * self.settings.back / self.drive.top + 0.35
-        self._leave, self._turn = (-0.6 * self.drive.top, 0.0), 0.0
-        self._press = None
-        self._say("back off", why, 0.0, 0.0)
-        return self._leaving(time, here, felt)
-
-    def _leaving(self, time: float, here: Pose, felt: list[tuple[float, float]]) -> tuple[float, float]:
-        forward, turn = self._leave
-        if self.state == "back off" and not any(abs(a) <= self.settings.ahead for a, _ in felt):
-            pass
-        return self._say(self.state, self.why, self._soft(forward, felt), turn)
-
-    # stuck
-
-    def _stalled(self, time: float, felt: list[tuple[float, float]]) -> bool:
-        """Driven forward for a while, not moved, and nothing felt."""
-        past = self._past
-        if felt or len(past) < 40:
-            return False
-        first = past[-40]
-        driven = sum(each[4] for each in list(past)[-40:]) * (time - first[0]) / 40
-        return driven > 0.02 and hypot(past[-1][1] - first[1], past[-1][2] - first[2]) < 0.25 * driven
-
-    def _stuck(self, time: float, here: Pose) -> bool:
-        """It has hardly moved for long."""
-        if hypot(here[0] - self._stood[0], here[1] - self._stood[1]) > 0.06:
-            self._stood = here[0], here[1], time
-        return time - self._stood[2] > 15.0
-
-    def _escape(self, time: float, here: Pose, felt: list[tuple[float, float]]) -> tuple[float, float]:
-        self._stood = here[0], here[1], time
-        side = 1.0 if self._rng.random() < 0.5 else -1.0
-        self._until = time + float(self._rng.uniform(1.0, 3.0))
-        self._leave = -0.6 * self.drive.top, side * 0.4
-        self._say("escape", "it has hardly moved for 15 s", 0.0, 0.0)
-        return self._leaving(time, here, felt)
+    def _stands(self, time: float, here: Pose, ahead: Felt) -> None:
+        """What is ahead stands fast: remember it, on a wall if it is in line with what is known."""
+        self._test.end()
+        if not self.settings.remember:
+            return
+        for angle, force in ahead:
+            way = here[2] + angle
+            in_line = self.map.in_line(*_at(here, angle, self.settings.radius), way)
+            self._mark(time, here, way, force, self.settings.wall if in_line else self.settings.beside)
 
     # motion
 
-    def _follow(self, time: float, here: Pose) -> tuple[float, float]:
-        """Forward speed and turn rate towards the way."""
-        if self._changed and time - self._planned > 0.3 or time - self._planned > 2.0:
-            way, self._price = self.map.way(time, here[:2], self.goal)
-            self._way = [(float(x), float(y)) for x, y in way]
-            self._planned, self._changed = time, False
+    def _retreat(self, time: float, state: str, why: str, seconds: float, turn: float = 0.0) -> tuple[float, float]:
+        self.state, self.why, self._until = state, why, time + seconds
+        self._leave = -self.settings.slow * self.drive.top, turn
+        self._test.end()
+        return self._leave
+
+    def _stuck(self, time: float, here: Pose) -> bool:
+        within, seconds = self.settings.still
+        if hypot(here[0] - self._stood[0], here[1] - self._stood[1]) > within or time - self._stood[2] > seconds + 5.0:
+            self._stood = here[0], here[1], time
+        return time - self._stood[2] > seconds
+
+    def _followed(self, time: float, here: Pose) -> tuple[float, float]:
+        """Forward speed and turn rate along the cheapest way, which is found anew where something changed."""
+        if time - self._planned > (0.3 if self._changed else 2.0):
+            way, cost = self.map.way(time, here[:2], self.goal)
+            corners = [(here[0], here[1]), *((float(x), float(y)) for x, y in way)]
+            length = sum(hypot(b[0] - a[0], b[1] - a[1]) for a, b in zip(corners, corners[1:], strict=False))
+            self._way, self._planned, self._changed = corners[1:], time, False
+            self._blocked = cost > 1.2 * length + 0.05 * self.settings.map.weight
         while len(self._way) > 1 and hypot(self._way[0][0] - here[0], self._way[0][1] - here[1]) < 0.02:
             self._way.pop(0)
         to = self._way[0] if self._way else self.goal
-        off = wrapped(atan2(to[1] - here[1], to[0] - here[0]) - here[2])
-        top = self.drive.top
-        turn = max(-1.0, min(1.0, 3.0 * off))
+        off = heading_error(atan2(to[1] - here[1], to[0] - here[0]), here[2])
+        turn = max(-self.settings.turn, min(self.settings.turn, 3.0 * off))
         if abs(off) > radians(40.0):
             return 0.0, turn
-        return top * cos(off) * (1.0 - abs(off) / radians(60.0)), turn
+        return self.drive.top * cos(off) * (1.0 - abs(degrees(off)) / 60.0), turn
 
-    def _soft(self, forward: float, felt: list[tuple[float, float]]) -> float:
-        """The forward speed at which no contact is pressed harder than allowed."""
-        set_ = self.settings
-        high, low = inf, -inf
+    def _soft(self, forward: float, felt: Felt) -> float:
+        """The forward speed [m/s] at which no contact is pressed harder than allowed.
+
+        A contact at angle a is pressed in by v cos(a), so that its force F grows by k v cos(a): v is bounded such that
+        what is left, F_max - F, lasts for `soften`. Beyond F_max the bound turns round.
+        """
+        set_, high, low = self.settings, inf, -inf
         for angle, force in felt:
             share = cos(angle)
-            if abs(share) < 0.15:
+            if abs(share) < 0.15:  # beside it: neither way helps
                 continue
             bound = (set_.force - force) / (set_.stiffness * set_.soften * share)
-            high, low = (min(high, bound), low) if share > 0 else (high, max(low, bound))
-        if low > high:
-            return 0.5 * (low + high)
-        return max(low, min(high, forward))
+            high, low = (min(high, bound), low) if share > 0.0 else (high, max(low, bound))
+        return 0.5 * (low + high) if low > high else max(low, min(high, forward))
 
 
-def wrapped(angle: float) -> float:
-    """An angle [rad] within -pi ... pi."""
-    return angle - 2.0 * pi * ceil((angle - pi) / (2.0 * pi))
+def _at(here: Pose, angle: float, radius: float) -> tuple[float, float]:
+    """Where a touch is [m]."""
+    return here[0] + radius * cos(here[2] + angle), here[1] + radius * sin(here[2] + angle)

@@ -80,27 +80,46 @@ class Fisheye:
 
     def rays(self, pixels: Float[np.ndarray, "*batch 2"]) -> Float[np.ndarray, "*batch 3"]:
         """Unit directions in the camera's frame of what is seen at pixels; NaN outside the lens."""
-        return self.rays_with_slope(pixels)[0]
+        return self._seen(pixels)[0]
 
     def rays_with_slope(
         self, pixels: Float[np.ndarray, "*batch 2"]
     ) -> tuple[Float[np.ndarray, "*batch 3"], Float[np.ndarray, "*batch 3 2"]]:
         """Unit directions, and their derivative by the pixel [1/px]."""
-        focal = np.array([self.fx, self.fy])
-        plane = (np.asarray(pixels, dtype=np.float64) - (self.cx, self.cy)) / focal
-        bent = np.asarray(np.linalg.norm(plane, axis=-1))
-        theta = self._angle(bent)
+        rays, plane, bent, theta, ratio = self._seen(pixels)
         slope = 1.0 / self._bent(theta)[1]
-        near = bent < 1e-9  # there sin(theta) / bent is 1 to the last bit
+        near = bent < 1e-9
         unit = np.where(near[..., None], (1.0, 0.0), plane / np.where(near, 1.0, bent)[..., None])
-        ratio = np.where(near, 1.0, np.sin(theta) / np.where(near, 1.0, bent))
-        rays = np.concatenate([ratio[..., None] * plane, np.cos(theta)[..., None]], axis=-1)
         along = np.concatenate([np.cos(theta)[..., None] * unit, -np.sin(theta)[..., None]], axis=-1)
         across = np.stack([-unit[..., 1], unit[..., 0]], axis=-1)
         turned = np.concatenate([across, np.zeros((*across.shape[:-1], 1))], axis=-1)
         matrix = (slope[..., None] * along)[..., :, None] * unit[..., None, :]
         matrix += (ratio[..., None] * turned)[..., :, None] * across[..., None, :]
-        return rays, matrix / focal
+        return rays, matrix / self._focal
+
+    def _seen(self, pixels: Float[np.ndarray, "*batch 2"]) -> tuple[Float[np.ndarray, "*batch 3"], ...]:
+        """Rays, pixels over the focal lengths, their radius theta_d, theta, and sin(theta) over that radius."""
+        plane = (np.asarray(pixels, dtype=np.float64) - self._middle) / self._focal
+        bent = np.asarray(np.sqrt(plane[..., 0] * plane[..., 0] + plane[..., 1] * plane[..., 1]))
+        theta = self._angle(bent)
+        near = bent < 1e-9  # there sin(theta) / bent is 1 to the last bit
+        ratio = np.where(near, 1.0, np.sin(theta) / np.where(near, 1.0, bent))
+        rays = np.empty((*theta.shape, 3))
+        rays[..., :2], rays[..., 2] = ratio[..., None] * plane, np.cos(theta)
+        return rays, plane, bent, theta, ratio
+
+    @cached_property
+    def _focal(self) -> Float[np.ndarray, "2"]:
+        return np.array([self.fx, self.fy])
+
+    @cached_property
+    def _middle(self) -> Float[np.ndarray, "2"]:
+        return np.array([self.cx, self.cy])
+
+    @cached_property
+    def _widest(self) -> float:
+        """The largest theta_d."""
+        return float(self._bent(np.asarray(self.reach))[0])
 
     def _bent(self, theta: Float[np.ndarray, "*batch"]) -> tuple[Float[np.ndarray, "*batch"], ...]:
         """theta_d, and its derivative."""
@@ -111,19 +130,12 @@ class Fisheye:
 
     def _angle(self, bent: Float[np.ndarray, "*batch"]) -> Float[np.ndarray, "*batch"]:
         """Theta from theta_d: Newton's steps, halving where one leaves the bracket; NaN beyond `reach`."""
-        low, high = np.zeros_like(bent), np.full_like(bent, self.reach)
-        theta = np.asarray(np.minimum(bent, self.reach))
-        for _ in range(_STEPS):
-            value, slope = self._bent(theta)
-            low = np.where(value <= bent, theta, low)
-            high = np.where(value >= bent, theta, high)
-            with np.errstate(divide="ignore", invalid="ignore"):
-                step = theta - (value - bent) / slope
-            step = np.where((step >= low) & (step <= high), step, (low + high) / 2)
-            if np.all(np.abs(step - theta) <= 1e-15 * (1.0 + theta)):
-                break
-            theta = np.asarray(step)
-        return np.where(bent <= self._bent(np.asarray(self.reach))[0], theta, np.nan)
+        from palpate.sensors._fisheye import angles  # compiled: loaded when first needed
+
+        flat = np.ascontiguousarray(bent).reshape(-1)
+        theta, low, high = np.empty((3, len(flat)))
+        angles(flat, np.array([self.k1, self.k2, self.k3, self.k4]), self.reach, _STEPS, theta, low, high)
+        return np.where(bent <= self._widest, theta.reshape(bent.shape), np.nan)
 
 
 @dataclass(frozen=True, eq=False, init=False)
@@ -168,7 +180,14 @@ class RingView(Value):
 
     def to_plane(self, pixels: Float[np.ndarray, "*batch 2"]) -> Float[np.ndarray, "*batch 2"]:
         """Points [m] of the plane z = 0 that are seen at pixels; NaN where a ray does not meet it."""
-        return self.to_plane_with_slope(pixels)[0]
+        ray = self.pose.rotate(self.camera.rays(pixels))
+        return self.pose.translation[:2] + self._length(ray) * ray[..., :2]
+
+    def _length(self, ray: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 1"]:
+        """How far along a ray the plane is; NaN where it is behind."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            length = -self.pose.translation[2] / ray[..., 2]
+            return np.where(length > 0, length, np.nan)[..., None]
 
     def to_plane_with_slope(
         self, pixels: Float[np.ndarray, "*batch 2"]
@@ -177,10 +196,9 @@ class RingView(Value):
         rays, slope = self.camera.rays_with_slope(pixels)
         ray, turn = self.pose.rotate(rays), self.pose.rotation @ slope
         with np.errstate(divide="ignore", invalid="ignore"):
-            length = -self.pose.translation[2] / ray[..., 2]
-            length = np.where(length > 0, length, np.nan)[..., None]
             ratio = ray[..., :2] / ray[..., 2:]
         matrix = turn[..., :2, :] - ratio[..., None] * turn[..., 2:, :]
+        length = self._length(ray)
         return self.pose.translation[:2] + length * ray[..., :2], length[..., None] * matrix
 
     def from_plane(self, points: Float[np.ndarray, "*batch 2"], height: float = 0.0) -> Float[np.ndarray, "*batch 2"]:

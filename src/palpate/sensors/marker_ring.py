@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float
@@ -73,8 +74,16 @@ class MarkerRing(Value):
 
     def displacements(self, pixels: Float[np.ndarray, "*batch m 2"]) -> Float[np.ndarray, "*batch m 2"]:
         """[m] of markers at pixels from where they rest, outwards and along rising angles; NaN stays."""
-        moved = self.view.to_plane(pixels) - self.view.to_plane(self.rest)
-        return np.einsum("...mi,mik->...mk", moved, self.axes())
+        return np.einsum("...mi,mik->...mk", self.view.to_plane(pixels) - self._resting, self._axes)
+
+    @cached_property
+    def _resting(self) -> Float[np.ndarray, "m 2"]:
+        """Where the markers rest in the ring's plane [m]."""
+        return self.view.to_plane(self.rest)
+
+    @cached_property
+    def _axes(self) -> Float[np.ndarray, "m 2 2"]:
+        return self.axes()
 
     def axes(self) -> Float[np.ndarray, "m 2 2"]:
         """Directions outwards and along rising angles at each marker, in the ring's plane: the columns."""

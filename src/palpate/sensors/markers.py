@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import zlib
 from dataclasses import dataclass, replace
 from enum import IntEnum
 from types import ModuleType
@@ -315,7 +314,7 @@ class MarkerTracker:
         self._seen, self._size = np.zeros(m, dtype=bool), self._areas.copy()
         self._age = np.full(m, _AWAY)  # frames since a marker was seen
         self._claimed = np.full((m, 2), np.nan)
-        self._fresh, self._sum, self._same, self._since = True, -1, 0, 0
+        self._fresh, self._sample, self._same, self._since = True, b"", 0, 0
 
     def track(self, image: Image, out: Float[np.ndarray, "m 2"]) -> Bool[np.ndarray, " m"]:
         """Pixels of every marker into `out`, NaN where it is not found; whether it is."""
@@ -343,16 +342,16 @@ class MarkerTracker:
         if image.dtype != np.uint8 or image.shape != (camera.height, camera.width, 3):
             return Frame.WRONG_SIZE
         rows = np.ascontiguousarray(image[16::32])
-        checksum = zlib.crc32(rows.data)
-        self._same = self._same + 1 if checksum == self._sum else 0
-        self._sum = checksum
+        seen = rows.tobytes()
+        self._same = self._same + 1 if seen == self._sample else 0
+        self._sample = seen
         if np.count_nonzero(rows > 2 * _LEAST_CONTRAST) < _LIT * rows.size:
             return Frame.BLACK
         return Frame.FROZEN if self._same >= self.frozen_after else Frame.OK
 
     def _expected(self) -> Float[np.ndarray, "m 2"]:
         """One step on; what is missing is expected where its neighbours' displacement puts it."""
-        expected = self._last + np.clip(self._step, -12.0, 12.0)
+        expected = self._ahead()
         if not self._seen.all() and self._seen.any():
             there = np.flatnonzero(self._seen)
             moved = self._last[there] - self._rest[there]
@@ -361,6 +360,10 @@ class MarkerTracker:
                 said = np.interp(np.flatnonzero(gone), there, moved[:, axis], period=len(self._seen))
                 expected[gone, axis] = self._rest[gone, axis] + said
         return expected
+
+    def _ahead(self) -> Float[np.ndarray, "m 2"]:
+        """Where the markers are if they go on as they went."""
+        return self._last + np.minimum(np.maximum(self._step, -12.0), 12.0)
 
     def _measure(self, image: Image, expected: Float[np.ndarray, "m 2"]) -> Float[np.ndarray, "m 7"]:
         from palpate.sensors._markers import measure_windows  # here: compiled loops load when first needed
@@ -387,7 +390,7 @@ class MarkerTracker:
         blobs = find_blobs(image, self.colour)
         blobs = blobs[~blobs.cut & np.isfinite(self.view.to_plane(blobs.pixels)).all(axis=-1)]
         known = (self._age < _AWAY)[:, None]
-        expected = np.where(known, self.view.to_plane(self._last + np.clip(self._step, -12.0, 12.0)), np.nan)
+        expected = np.where(known, self.view.to_plane(self._ahead()), np.nan)
         places = self.view.to_plane(blobs.pixels)
         labels = label_ring(places, blobs.areas, self._plane, self._areas, expected=expected, limits=self.limits)
         found = labels >= 0

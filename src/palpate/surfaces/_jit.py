@@ -17,7 +17,7 @@ try:
 except ImportError:  # not on Windows
     fcntl = None
 
-__all__ = ["STAMP", "chosen_for", "entry", "inlined", "inner"]
+__all__ = ["STAMP", "chosen_for", "entry", "exact", "inlined", "inner"]
 
 
 def _stamp() -> str:
@@ -40,7 +40,17 @@ def entry(function):
     function's own file changes but not when a file that it calls into does, so the stamp of all kernels takes the place
     of the file's. Processes that start together do not compile the same function each: the others wait for the first.
     """
-    dispatcher = cast(Any, njit(cache=True, **_OPTIONS)(function))
+    return _kept(njit(cache=True, **_OPTIONS)(function))
+
+
+def exact(function):
+    """As `entry`, but a * b + c is two instructions: for what must give NumPy's bits."""
+    return _kept(njit(cache=True, error_model="numpy")(function))
+
+
+def _kept(made):
+    """Its machine code goes by the stamp of all kernels, and one process compiles it."""
+    dispatcher = cast(Any, made)
     dispatcher._cache._cache_file._source_stamp = STAMP
     dispatcher.compile = _by_one_process(dispatcher)
     return _once_for_constants(dispatcher)

@@ -2,10 +2,23 @@
 
 from __future__ import annotations
 
+from palpate.simulation.arena.fixed_layouts import TRAPS, paper_layout, trap_layout
 from palpate.simulation.arena.layout import Block, Layout
-from palpate.simulation.arena.layouts import DENSITIES, random_layout
 from palpate.simulation.arena.planner import require_solvable
+from palpate.simulation.arena.random_layouts import DENSITIES, random_layout
 from palpate.simulation.arena.settings import FRAME, RobotSettings
 from palpate.simulation.arena.world import ArenaWorld
 
-__all__ = ["DENSITIES", "FRAME", "ArenaWorld", "Block", "Layout", "RobotSettings", "random_layout", "require_solvable"]
+__all__ = [
+    "DENSITIES",
+    "FRAME",
+    "TRAPS",
+    "ArenaWorld",
+    "Block",
+    "Layout",
+    "RobotSettings",
+    "paper_layout",
+    "random_layout",
+    "require_solvable",
+    "trap_layout",
+]

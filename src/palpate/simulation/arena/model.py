@@ -12,11 +12,11 @@ from palpate.simulation.arena.settings import FRAME, RobotSettings
 __all__ = ["SUBSTEPS", "mjcf", "soften"]
 
 SUBSTEPS = 16  # of the physics, a frame
-_HEIGHT = 0.12  # m of boxes
+_HEIGHT = 4.0  # of boxes, in radii of a robot
 _GIVE = 0.15  # MuJoCo's d of the skin: a contact has inertia d / (1 - d) of the bodies', which a skin has not
 _SKIN = 'contype="1" conaffinity="1"'  # robots; what they touch says conaffinity 1
 _FOOT = '''type="sphere" size="0.01" mass="0" contype="4" conaffinity="0" condim="4" priority="1"
-    solref="0.02 1" solimp="0.8 0.8 0.001 0.5 2"'''
+    solref="0.02 1" solimp="0.7 0.7 0.001 0.5 2"'''
 
 
 def mjcf(layout: Layout, robot: RobotSettings) -> str:
@@ -25,25 +25,26 @@ def mjcf(layout: Layout, robot: RobotSettings) -> str:
     Each body has its joints at the origin and without turn, so that qpos are poses in the arena's frame: a body's own
     turn would turn its slides too.
     """
-    fixed = (block for block in layout.blocks if block.mass is None)
-    movable = enumerate(layout.movable)
+    fixed, high = (block for block in layout.blocks if block.mass is None), _HEIGHT * robot.radius
     return f"""
 <mujoco model="arena">
   <compiler angle="radian"/>
-  <option timestep="{FRAME / SUBSTEPS!r}" integrator="implicitfast" cone="elliptic" impratio="100" solver="Newton"
+  <option timestep="{FRAME / SUBSTEPS!r}" cone="elliptic" impratio="100" solver="Newton"
     tolerance="1e-9" iterations="30" gravity="0 0 {-GRAVITY!r}"><flag sleep="enable" midphase="disable"/></option>
   <default>
+    <joint solreffriction="0.005 1" solimpfriction="0.999 0.999 0.001 0.5 2"/>
     <geom type="box" friction="{robot.friction!r} 0 0" condim="3" solimp="{_words((_GIVE, _GIVE, 1e-3, 0.5, 2.0))}"/>
-    <default class="hard"><geom solref="0.006 1" solimp="0.95 0.95 0.001 0.5 2" friction="0.3 0 0"/></default>
+    <default class="hard">
+      <geom priority="1" solref="0.006 1" solimp="0.95 0.95 0.001 0.5 2" friction="0.3 0 0"/>
+    </default>
     <default class="foot"><geom {_FOOT}/></default>
   </default>
   <worldbody>
     <geom type="plane" size="0 0 1" contype="0" conaffinity="4"/>
-    {_border(layout.size)}{"".join(_wall(block) for block in fixed)}
+    {_border(layout.size)}{"".join(_wall(block, high) for block in fixed)}
     {"".join(_robot(k, robot) for k in range(layout.robots))}
-    {"".join(_movable(k, block) for k, block in movable)}
+    {"".join(_movable(k, block, high) for k, block in enumerate(layout.movable))}
   </worldbody>
-  <actuator>{"".join(_tracks(k, robot) for k in range(layout.robots))}</actuator>
 </mujoco>"""
 
 
@@ -66,10 +67,10 @@ def soften(model: Any, layout: Layout, robot: RobotSettings) -> None:
         give(f"block{k}", own + float(model.body_invweight0[model.body(f"block{k}").id, 0]))
 
 
-def _wall(block: Block) -> str:
+def _wall(block: Block, high: float) -> str:
     a, b = block.half
-    place = f'pos="{_words((block.x, block.y, _HEIGHT / 2))}" euler="0 0 {block.turn!r}"'
-    return f'<geom {place} size="{_words((a, b, _HEIGHT / 2))}" contype="0" conaffinity="3"/>'
+    place = f'pos="{_words((block.x, block.y, high / 2))}" euler="0 0 {block.turn!r}"'
+    return f'<geom {place} size="{_words((a, b, high / 2))}" contype="0" conaffinity="3"/>'
 
 
 def _border(size: tuple[float, float]) -> str:
@@ -83,50 +84,53 @@ def _border(size: tuple[float, float]) -> str:
 
 
 def _robot(k: int, robot: RobotSettings) -> str:
-    half = 0.5 * robot.track
+    """The skin on a carrier that goes exactly as the tracks are told, so heavy that nothing stops it.
+
+    Between them is Coulomb's friction, along, across and about: it is the tracks' grip.
+    """
+    grip = robot.grip * robot.mass * GRAVITY
+    turning = _words([0.5 * robot.mass * robot.radius**2] * 3)
     return f"""
-    <body name="robot{k}" pos="0 0 {robot.radius!r}">
-      {_joints(f"robot{k}", "xy")}
-      <inertial pos="0 0 0" mass="{robot.mass!r}" diaginertia="{_words([0.5 * robot.mass * robot.radius**2] * 3)}"/>
-      <geom name="skin{k}" type="sphere" size="{robot.radius!r}" {_SKIN}/>
-      <site name="left{k}" pos="0 {half!r} 0"/><site name="right{k}" pos="0 {-half!r} 0"/><site name="middle{k}"/>
+    <body pos="0 0 {robot.radius!r}" sleep="never">
+      {_joints("xy")}
+      <inertial pos="0 0 0" mass="1e4" diaginertia="1e3 1e3 1e3"/>
+      <body name="robot{k}">
+        {_joints("xy", grip, 0.5 * robot.track * grip)}
+        <inertial pos="0 0 0" mass="{robot.mass!r}" diaginertia="{turning}"/>
+        <geom name="skin{k}" type="sphere" size="{robot.radius!r}" {_SKIN}/>
+      </body>
     </body>"""
 
 
-def _movable(k: int, block: Block) -> str:
-    """A box that robots touch, and other blocks harder; its weight stands on a foot in the middle.
+def _movable(k: int, block: Block, high: float) -> str:
+    """A shell that robots touch, and other blocks harder; what weighs stands on a foot that alone moves up and down.
 
-    The foot gives: what slides on MuJoCo's cone of friction is lifted a little, and would hop on a hard one. As it is,
-    a box that robots push takes friction weight to 1 %, and one pushed with 9/10 of that creeps by 0.07 mm/s.
+    The foot gives: what slides on MuJoCo's cone of friction is lifted a little, and would hop on a hard one. The shell
+    stays at its height, so that friction of a skin bears none of the weight.
     """
     assert block.mass is not None
     a, b = block.half
-    size = f'size="{_words((a, b, _HEIGHT / 2))}"'
-    twist = block.friction * _mean_distance(a, b)
+    size = f'size="{_words((a, b, high / 2))}"'
+    turning = block.mass * (a * a + b * b) / 3
     return f"""
-    <body name="block{k}" pos="0 0 {_HEIGHT / 2}">
-      {_joints(f"block{k}", "xyz")}
-      <geom name="block{k}" {size} mass="{block.mass!r}" contype="0" conaffinity="1"/>
-      <geom {size} mass="0" contype="2" conaffinity="2" class="hard"/>
-      <geom class="foot" pos="0 0 {0.01 - _HEIGHT / 2}" friction="{block.friction!r} {twist!r} 0"/>
+    <body name="block{k}" pos="0 0 {high / 2}">
+      {_joints("xy")}
+      <inertial pos="0 0 0" mass="1e-5" diaginertia="1e-8 1e-8 1e-8"/>
+      <geom name="block{k}" {size} contype="0" conaffinity="1"/>
+      <geom {size} contype="2" conaffinity="2" class="hard"/>
+      <body pos="0 0 {-high / 2}">
+        <joint type="slide" axis="0 0 1"/>
+        <inertial pos="0 0 0" mass="{block.mass!r}" diaginertia="{_words([turning] * 3)}"/>
+        <geom class="foot" pos="0 0 0.01" friction="{block.friction!r} {block.friction * _mean_distance(a, b)!r} 0"/>
+      </body>
     </body>"""
 
 
-def _joints(name: str, slides: str) -> str:
+def _joints(slides: str, force: float = 0.0, moment: float = 0.0) -> str:
+    """Slides, then a hinge about z, with friction."""
     axes = {"x": "1 0 0", "y": "0 1 0", "z": "0 0 1"}
-    rows = [f'<joint type="slide" axis="{axes[a]}"/>' for a in slides]
-    return "".join(rows) + f'<joint name="{name}" type="hinge" axis="0 0 1"/>'
-
-
-def _tracks(k: int, robot: RobotSettings) -> str:
-    """A track pulls itself to its speed with what grip it has; sideways it holds with as much."""
-    grip = robot.grip * robot.mass * GRAVITY
-    servo = f'gainprm="{robot.servo!r}" biastype="affine" biasprm="0 0 {-robot.servo!r}"'
-
-    def pull(site: str, gear: str, most: float) -> str:
-        return f'<general site="{site}{k}" gear="{gear} 0 0 0" {servo} forcerange="{-most!r} {most!r}"/>'
-
-    return pull("left", "1 0 0", grip / 2) + pull("right", "1 0 0", grip / 2) + pull("middle", "0 1 0", grip)
+    rows = [f'<joint type="slide" axis="{axes[name]}" frictionloss="{force!r}"/>' for name in slides]
+    return "".join(rows) + f'<joint type="hinge" axis="0 0 1" frictionloss="{moment!r}"/>'
 
 
 def _mean_distance(a: float, b: float) -> float:

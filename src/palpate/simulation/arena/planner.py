@@ -36,12 +36,11 @@ def require_solvable(layout: Layout, radius: float, *, pushing: bool = False) ->
     area, _ = ndimage.label(_free(layout.size, solid, radius), np.ones((3, 3)))
     for k, (start, goal) in enumerate(zip(*places, strict=True)):
         if not _near(area, start) & _near(area, goal):
+            widen = "Take a block away or widen a passage."
             raise InputError(
                 f"robot {k} has no way from {_said(start)} to {_said(goal)} for a disc of radius {radius:.3f} m",
                 where=_where(layout),
-                hint="Take a block away or widen a passage."
-                if not solid or pushing
-                else "Movable blocks count as solid.",
+                hint=widen if len(solid) < len(layout.blocks) else f"{widen} Movable blocks count as solid.",
             )
 
 

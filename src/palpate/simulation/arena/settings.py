@@ -20,11 +20,11 @@ class RobotSettings:
         radius: of the skin [m].
         mass: [kg].
         track: between the middles of the tracks [m].
-        grip: Coulomb's friction of the tracks on the floor; all tracks together hold up to grip mass 9.81 N.
+        grip: Coulomb's friction of the tracks on the floor: they hold against up to grip mass 9.81 N along, as much
+            across, and that force at half the track about. Within it a robot goes exactly as its tracks do.
         stiffness: of the skin [N/m]: a force of 5 N presses it in by 10 mm; two skins together have half of it.
         loss: [s] of the skin: it bears stiffness (depth + loss d/dt depth).
         friction: Coulomb's, of the skin on everything.
-        servo: force of a track per speed that it lacks [N s/m], up to its grip.
         uneven: standard deviation of the share by which each track is faster than asked, drawn once a track.
     """
 
@@ -35,12 +35,11 @@ class RobotSettings:
     stiffness: float = 500.0
     loss: float = 0.02
     friction: float = 0.5
-    servo: float = 300.0
     uneven: float = 0.01
 
     def __post_init__(self) -> None:
         """Refuses what no robot can be built of."""
-        for name in ("radius", "mass", "track", "grip", "stiffness", "loss", "friction", "servo"):
+        for name in ("radius", "mass", "track", "grip", "stiffness", "loss", "friction"):
             if not 0.0 < getattr(self, name) < inf:
                 raise InputError(f"{name} must be positive, not {getattr(self, name)}", where="robot")
         if not 0.0 <= self.uneven < 0.5:

@@ -17,6 +17,7 @@ from palpate.spatial._arrays import frozen
 __all__ = ["ArenaWorld"]
 
 _CORNER = 0.002  # m from a box's edge within which it is the corner that touches
+_NONE = frozen(np.empty((0, 5)))
 
 
 class ArenaWorld:
@@ -44,11 +45,11 @@ class ArenaWorld:
         self._plane = self.model.geom_type == int(self._mujoco.mjtGeom.mjGEOM_PLANE)
         rng = np.random.default_rng([seed, 181])
         self._gain = 1.0 + self.robot.uneven * rng.standard_normal((n, 2))
-        self._ctrl: np.ndarray = self.data.ctrl.reshape(n, 3)  # left, right, sideways (0)
-        self._own = self.data.qpos[: 3 * n].reshape(n, 3)
-        self._blocks = self.data.qpos[3 * n :].reshape(m, 4)
-        self._own[:] = layout.starts
-        self._blocks[:] = np.reshape([(block.x, block.y, 0.0, block.turn) for block in layout.movable], (m, 4))
+        self._own = self.data.qpos[: 6 * n].reshape(n, 2, 3)  # the carrier in the arena, the robot on the carrier
+        self._speed = self.data.qvel[: 6 * n].reshape(n, 2, 3)
+        self._blocks = self.data.qpos[6 * n :].reshape(m, 4)
+        self._own[:, 0] = layout.starts
+        self._blocks[:] = np.reshape([(block.x, block.y, block.turn, 0.0) for block in layout.movable], (m, 4))
         self._frames = 0
         self._mujoco.mj_forward(self.model, self.data)
         self._found: list[Float[np.ndarray, "k 5"]] | None = None
@@ -61,17 +62,20 @@ class ArenaWorld:
     @property
     def poses(self) -> Float[np.ndarray, "n 3"]:
         """x, y [m] and heading [rad], from -pi to pi, of each robot."""
-        return _wrapped(self._own.copy())
+        carrier, on = self._own[:, 0], self._own[:, 1]
+        return _wrapped(carrier + _turned(on, carrier[:, 2]))
 
     @property
     def velocities(self) -> Float[np.ndarray, "n 3"]:
         """Of each robot in the arena's frame [m/s], [rad/s]."""
-        return self.data.qvel[: 3 * self.layout.robots].reshape(-1, 3).copy()
+        carrier, turn = self._speed[:, 0], self._own[:, 0, 2]
+        swept = carrier[:, 2:] * _turned(self._own[:, 1] * (1.0, 1.0, 0.0), turn + 0.5 * np.pi)
+        return carrier + _turned(self._speed[:, 1], turn) + swept
 
     @property
     def blocks(self) -> Float[np.ndarray, "m 3"]:
         """x, y [m] and turn [rad], from -pi to pi, of the movable blocks, in the order of `layout.movable`."""
-        return _wrapped(self._blocks[:, [0, 1, 3]])
+        return _wrapped(self._blocks[:, :3].copy())
 
     def step(self, wheels: Float[np.ndarray, "n 2"]) -> None:
         """Lets one frame of 1/30 s pass.
@@ -85,11 +89,21 @@ class ArenaWorld:
         """
         if wheels.shape != self._gain.shape or not np.isfinite(wheels).all():
             raise InputError(f"wheels must be two finite speeds for each of {len(self._gain)} robots, not {wheels}")
-        np.multiply(self._gain, wheels, out=self._ctrl[:, :2])
+        self._drive(self._gain * wheels)
         self._mujoco.mj_step(self.model, self.data, SUBSTEPS)
         self._frames, self._found = self._frames + 1, None
         if abs(self.data.time - self.time) > 0.5 * FRAME or self.data.warning.number.any():
             raise RuntimeError("the physics engine gave up: a state that is not finite, or too fast")
+
+    def _drive(self, wheels: Float[np.ndarray, "n 2"]) -> None:
+        """Puts each carrier under its robot and sets it going; the robot keeps its place and its velocity."""
+        velocity, self._own[:, 0] = self.velocities, self.poses
+        self._own[:, 1] = 0.0
+        carrier, heading = self._speed[:, 0], self._own[:, 0, 2]
+        carrier[:, 2] = (wheels[:, 1] - wheels[:, 0]) / self.robot.track
+        middle = heading + 0.5 * FRAME * carrier[:, 2]  # of the frame: the arc's chord
+        carrier[:, :2] = wheels.mean(axis=1)[:, None] * np.stack([np.cos(middle), np.sin(middle)], axis=1)
+        self._speed[:, 1] = _turned(velocity - carrier, -heading)
 
     def touches(self, robot: int) -> Float[np.ndarray, "k 5"]:
         """What truly touches a robot's skin now, by rising angle.
@@ -99,8 +113,8 @@ class ArenaWorld:
 
         Returns:
             (k, 5) angle of the place on the skin in the robot's frame [rad], from -pi to pi; force that presses inward
-            there [N]; force along the skin towards a rising angle, on the robot [N]; depth [m]; and what touches:
-            0 a flat side, 1 the corner of a box, 2 another robot's skin.
+            there [N]; force along the skin towards a rising angle, on the robot [N]; how deep the skin is pressed in
+            [m], of two skins each by half; what touches: 0 a flat side, 1 the corner of a box, 2 another robot's skin.
         """
         if self._found is None:
             self._found = self._all_touches()
@@ -114,18 +128,20 @@ class ArenaWorld:
         rows: list[list[tuple[float, ...]]] = [[] for _ in range(self.layout.robots)]
         turn = data.xmat[self._bodies]
         headings = np.arctan2(turn[:, 3], turn[:, 0]).tolist()
-        for i in np.flatnonzero((robots >= 0).any(axis=1) & (address >= 0)).tolist():
+        for i in np.flatnonzero((robots.max(axis=1) >= 0) & (address >= 0)).tolist():
             normal, *along = data.efc_force[address[i] : address[i] + 3].tolist()
             if normal <= 0.0:
                 continue
             x, y, _, *sides = contact.frame[i].tolist()  # the normal, and the force, go from the first to the second
             shear = sum(f * (a * y - b * x) for f, a, b in zip(along, sides[::3], sides[1::3], strict=True))
-            for robot, other, geom, sign in zip(robots[i], robots[i, ::-1], geoms[i, ::-1], (1.0, -1.0), strict=True):
+            depth = -float(contact.dist[i])
+            (first, second), (one, two) = robots[i].tolist(), geoms[i].tolist()
+            for robot, other, geom, sign in ((first, second, two, 1.0), (second, first, one, -1.0)):
                 if robot >= 0:
                     angle = remainder(atan2(sign * y, sign * x) - headings[robot], tau)
                     kind = 2.0 if other >= 0 else self._kind(geom, robot)
-                    rows[robot].append((angle, normal, shear, -float(contact.dist[i]), kind))
-        return [frozen(np.array(sorted(row)).reshape(-1, 5)) for row in rows]
+                    rows[robot].append((angle, normal, shear, depth if other < 0 else 0.5 * depth, kind))
+        return [frozen(np.array(sorted(row)).reshape(-1, 5)) if row else _NONE for row in rows]
 
     def _kind(self, geom: int, robot: int) -> float:
         """1 where a box is nearest to the robot's middle with a corner, else 0."""
@@ -140,3 +156,10 @@ def _wrapped(poses: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
     """With angles from -pi to pi."""
     poses[:, 2] -= tau * np.round(poses[:, 2] / tau)
     return poses
+
+
+def _turned(vectors: Float[np.ndarray, "n 3"], angle: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
+    """About z; what is third of each stays."""
+    cos, sin = np.cos(angle), np.sin(angle)
+    x, y, z = vectors.T
+    return np.stack([cos * x - sin * y, sin * x + cos * y, z], axis=1)
