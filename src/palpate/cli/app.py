@@ -27,6 +27,7 @@ from palpate.cli.recover import recover
 from palpate.cli.replay import replay
 from palpate.cli.rig_new import rig_new
 from palpate.cli.simulate import simulate_marker_ring
+from palpate.cli.simulate_arena import simulate_arena
 from palpate.cli.simulate_forearm import simulate_forearm_command
 from palpate.cli.simulate_phantom import simulate_phantom
 from palpate.cli.view import view
@@ -64,10 +65,11 @@ def run(argv: Sequence[str]) -> None:
     app.command(view)
     rig.command(name="new")(rig_new)
     app.command(rig, name="rig", help="Write a rig to start from: new.")
+    simulate.command(name="arena")(simulate_arena)
     simulate.command(name="forearm")(simulate_forearm_command)
     simulate.command(name="marker-ring")(simulate_marker_ring)
     simulate.command(name="phantom")(simulate_phantom)
-    simulated = "forearm, marker-ring, phantom"
+    simulated = "arena, forearm, marker-ring, phantom"
     app.command(simulate, name="simulate", help=f"Record what is simulated, with its truth: {simulated}.")
     app.cli(prog="palpate", description=_DESCRIPTION, args=list(argv))
 

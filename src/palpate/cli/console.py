@@ -32,6 +32,7 @@ __all__ = [
     "shares",
     "span",
     "spoken",
+    "step",
     "table",
     "title",
     "wait",
@@ -219,8 +220,13 @@ def progress(done: int, share: float) -> None:
         done: samples so far.
         share: of the file that was read.
     """
+    step(f"{done:,} samples, {share:4.0%} of the log")
+
+
+def step(text: str) -> None:
+    """One line that is written over again and again, for a person."""
     if sys.stderr.isatty():
-        print(f"\rpalpate: {done:,} samples, {share:4.0%} of the log", end="", file=sys.stderr, flush=True)
+        print(f"\rpalpate: {text}", end="\x1b[K", file=sys.stderr, flush=True)
 
 
 @contextmanager

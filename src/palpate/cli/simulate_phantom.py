@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     Show = tuple[int, Callable[[Truth, str], None]]  # every so many periods of the sensor, what to do with a moment
 
-__all__ = ["simulate_phantom"]
+__all__ = ["folder_beside", "simulate_phantom"]
 
 Flag = Annotated[bool, FlagCreatePairsOff]
 Out = Annotated[Path, arg(aliases=["-o"], metavar="RUN.mcap")]
@@ -82,7 +82,7 @@ def simulate_phantom(
     wait("loading compiled loops")
     from palpate.cli.phantom_run import controller_for
 
-    with _part(output) as part, counting():
+    with folder_beside(output) as part, counting():
         video = None if film is None else part / f"{output.stem}.mp4"
         run = _recorded(lab, controller_for(lab, method), seconds, video, port if view else None)
         _write(run, lab, part / output.name)
@@ -117,7 +117,7 @@ def _require_new(output: Path, film: Path | None) -> None:
 
 
 @contextmanager
-def _part(output: Path) -> Generator[Path]:
+def folder_beside(output: Path) -> Generator[Path]:
     """A folder beside the output that is gone afterwards, after Ctrl-C too: what is finished has been moved out."""
     folder = Path(tempfile.mkdtemp(prefix=f".{output.stem}.", suffix=PART, dir=output.absolute().parent))
     try:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import heapq
 import shutil
 import tempfile
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -14,18 +15,42 @@ from jaxtyping import Float, UInt8
 
 from palpate.errors import InputError
 
-__all__ = ["Stamped", "header", "nanoseconds", "poses", "readings", "wrenches", "write_bag"]
+__all__ = ["Bag", "Stamped", "header", "nanoseconds", "open_bag", "poses", "readings", "wrenches", "write_bag"]
 
 Stamped = tuple[int, str, Any]  # ns, topic, message
 
 
-def write_bag(path: Path, kinds: Mapping[str, str], made: Callable[[Any], Iterable[Iterable[Stamped]]]) -> None:
-    """Write one MCAP file.
+class Bag:
+    """An MCAP file that grows by a message at a time; made by `open_bag`.
+
+    Attributes:
+        types: of messages, by their names.
+    """
+
+    def __init__(self, writer: Any, store: Any, kinds: Mapping[str, str]) -> None:
+        self.types = store.types
+        self._writer, self._store = writer, store
+        self._topics = {topic: writer.add_connection(topic, kind, typestore=store) for topic, kind in kinds.items()}
+
+    def write(self, stamp: int, topic: str, message: Any) -> None:
+        """The next message.
+
+        Args:
+            stamp: [ns], never earlier than that of the message before.
+            topic: one of those that were named.
+            message: of that topic's type.
+        """
+        at = self._topics[topic]
+        self._writer.write(at, stamp, self._store.serialize_cdr(message, at.msgtype))
+
+
+@contextmanager
+def open_bag(path: Path, kinds: Mapping[str, str]) -> Generator[Bag]:
+    """One MCAP file that is there when the block ends well.
 
     Args:
         path: of the file.
         kinds: topic -> type, as in "std_msgs/msg/UInt8MultiArray".
-        made: from the types of messages the messages of each topic, in the order of their stamps.
 
     Raises:
         InputError: rosbags is not installed.
@@ -39,10 +64,24 @@ def write_bag(path: Path, kinds: Mapping[str, str], made: Callable[[Any], Iterab
     with tempfile.TemporaryDirectory(dir=path.parent) as scratch:  # rosbags writes a folder with one MCAP in it
         bag = Path(scratch) / "bag"
         with Writer(bag, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
-            topics = {topic: writer.add_connection(topic, kind, typestore=store) for topic, kind in kinds.items()}
-            for stamp, topic, message in heapq.merge(*made(store.types), key=lambda each: each[0]):
-                writer.write(topics[topic], stamp, store.serialize_cdr(message, topics[topic].msgtype))
+            yield Bag(writer, store, kinds)
         shutil.move(bag / "bag.mcap", path)
+
+
+def write_bag(path: Path, kinds: Mapping[str, str], made: Callable[[Any], Iterable[Iterable[Stamped]]]) -> None:
+    """Write one MCAP file.
+
+    Args:
+        path: of the file.
+        kinds: topic -> type, as in "std_msgs/msg/UInt8MultiArray".
+        made: from the types of messages the messages of each topic, in the order of their stamps.
+
+    Raises:
+        InputError: rosbags is not installed.
+    """
+    with open_bag(path, kinds) as bag:
+        for stamp, topic, message in heapq.merge(*made(bag.types), key=lambda each: each[0]):
+            bag.write(stamp, topic, message)
 
 
 def wrenches(

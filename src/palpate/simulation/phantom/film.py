@@ -1,4 +1,4 @@
-"""A film of the lab, drawn without a screen by the physics engine's renderer and written by OpenCV."""
+"""A film of the lab, drawn without a screen by the physics engine's renderer."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from palpate.errors import InputError
 from palpate.sensors.markers import opencv
 from palpate.simulation.engine import engine
 from palpate.simulation.phantom.lab import PhantomLab
+from palpate.simulation.video import Video
 
 __all__ = ["RATE", "Film", "choose_renderer"]
 
@@ -73,10 +74,11 @@ class Film:
         x, y, z = lab.settings.place
         self._camera.lookat[:] = (0.75 * x, y, z + 0.10)
         self._camera.distance, self._camera.azimuth, self._camera.elevation = 0.95, 120.0, -12.0
-        self._writer = self._cv2.VideoWriter(str(path), self._cv2.VideoWriter.fourcc(*"mp4v"), RATE, SIZE)
-        if not self._writer.isOpened():
+        try:
+            self._video = Video(path, SIZE, RATE)
+        except InputError:
             self._renderer.close()
-            raise InputError("OpenCV cannot write a video here.", where=str(path))
+            raise
 
     def add(self, words: str) -> None:
         """The lab as it is now, with a line of text."""
@@ -84,7 +86,7 @@ class Film:
         picture = np.ascontiguousarray(self._renderer.render()[:, :, ::-1])
         cv2 = self._cv2
         cv2.putText(picture, words, (20, 40), cv2.FONT_HERSHEY_SIMPLEX, 0.7, (48, 37, 27), 2, cv2.LINE_AA)
-        self._writer.write(picture)
+        self._video.add(picture)
 
     def __enter__(self) -> Film:
         return self
@@ -92,5 +94,5 @@ class Film:
     def __exit__(
         self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._writer.release()
+        self._video.close()
         self._renderer.close()

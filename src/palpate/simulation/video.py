@@ -1,0 +1,50 @@
+"""Pictures, one after the other, into a video; written by OpenCV."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+from jaxtyping import UInt8
+
+from palpate.errors import InputError
+from palpate.sensors.markers import opencv
+
+__all__ = ["Video"]
+
+
+class Video:
+    """A video that grows by a picture at a time; a context manager.
+
+    Args:
+        path: of the video (.mp4).
+        size: (width, height) of every picture [px].
+        rate: pictures a second.
+
+    Raises:
+        InputError: OpenCV is not installed, or no video can be written.
+    """
+
+    def __init__(self, path: Path, size: tuple[int, int], rate: float) -> None:
+        cv2 = opencv()
+        self._writer: Any = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), rate, size)
+        if not self._writer.isOpened():
+            raise InputError("OpenCV cannot write a video here.", where=str(path))
+
+    def add(self, picture: UInt8[np.ndarray, "h w 3"]) -> None:
+        """The next picture: blue, green, red."""
+        self._writer.write(picture)
+
+    def close(self) -> None:
+        """Write what is left."""
+        self._writer.release()
+
+    def __enter__(self) -> Video:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()

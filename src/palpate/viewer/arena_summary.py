@@ -1,0 +1,184 @@
+"""Many runs in the arena as a page: how many arrive, when, how hard they pressed, and how to see those that do not."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from jaxtyping import Float
+
+from palpate.viewer._style import AXES, INK, figure, styled
+from palpate.viewer.report import Report, Section, Table, Tile, percent, picture
+from palpate.viewer.run_report import median
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = ["Judged", "arrivals", "compose", "figures"]
+
+SHOWN = 200  # runs in the table of all
+GOOD, POOR = 0.95, 0.7  # shares of the robots
+
+
+@dataclass(frozen=True)
+class Judged:
+    """One run.
+
+    Attributes:
+        seed: of it.
+        arrived: of each robot the time [s] at which it arrived; NaN: it did not.
+        path: of each robot [m].
+        force: [N] that no contact passes in 99 % of the contact time.
+        greatest: [N] that ever pressed.
+        pushes, deadlocks: how often, of all robots together.
+        states: of each robot at the end.
+        command: to see it.
+    """
+
+    seed: int
+    arrived: tuple[float, ...]
+    path: tuple[float, ...]
+    force: float
+    greatest: float
+    pushes: int
+    deadlocks: int
+    states: tuple[str, ...]
+    command: str
+
+    @property
+    def count(self) -> int:
+        """How many robots arrived."""
+        return int(np.isfinite(self.arrived).sum())
+
+    @property
+    def whole(self) -> bool:
+        """All robots arrived."""
+        return self.count == len(self.arrived)
+
+
+def figures(runs: Sequence[Judged]) -> list[tuple[str, str, float]]:
+    """What many runs come to: name, words and number of each figure.
+
+    Args:
+        runs: one at least.
+    """
+    times, total = _times(runs), sum(len(run.arrived) for run in runs)
+    whole, there = float(np.mean([run.whole for run in runs])), len(times) / total
+    last = median(np.array([max(run.arrived) if run.whole else np.nan for run in runs]))
+    force = np.array([run.force for run in runs])
+    return [
+        ("all arrive", f"{percent(whole)} of {len(runs)} runs", whole),
+        ("robots arrive", f"{percent(there)} of {total} robots", there),
+        ("median time", f"{_number(median(times))} s, of those that arrive", median(times)),
+        ("last robot", f"{_number(last)} s, median of the runs in which all arrive", last),
+        ("force", f"{_number(median(force), 2)} N at 99 % of a run's contact time, median of the runs", median(force)),
+        ("force, worst run", f"{_number(float(force.max()), 2)} N likewise", float(force.max())),
+        ("greatest force", f"{_number(max(run.greatest for run in runs), 2)} N", max(run.greatest for run in runs)),
+        ("pushes", f"{sum(run.pushes for run in runs)}", sum(run.pushes for run in runs)),
+        ("deadlocks", f"{sum(run.deadlocks for run in runs)}", sum(run.deadlocks for run in runs)),
+    ]
+
+
+def compose(runs: Sequence[Judged], settings: tuple[tuple[str, str], ...]) -> Report:
+    """The page.
+
+    Args:
+        runs: one at least.
+        settings: that all of them had, as names and values.
+    """
+    found = {name: (text, value) for name, text, value in figures(runs)}
+    seeds = f"seed {runs[0].seed}" if len(runs) == 1 else f"seeds {runs[0].seed} to {runs[-1].seed}"
+    facts = tuple((name, text) for name, (text, _) in found.items())
+    sections = (
+        Section("In figures", facts=facts),
+        _over_time(runs),
+        _failures(runs),
+        Section("All runs", tables=(_table(runs),)),
+        Section("Settings", facts=settings),
+    )
+    return Report(
+        title="Robots that find their way by touch",
+        summary=f"{len(runs)} runs in the simulated arena, {seeds}, {len(runs[0].arrived)} robots each.",
+        tiles=_tiles(found),
+        sections=tuple(section for section in sections if section),
+        footer="Times are of the simulated clock. Forces are what the physics engine says, not what robots felt.",
+    )
+
+
+def _tiles(found: dict[str, tuple[str, float]]) -> tuple[Tile, ...]:
+    whole, there = found["all arrive"][1], found["robots arrive"][1]
+    return (
+        Tile("robots arrive", percent(there), found["robots arrive"][0].partition(" % ")[2], _tone(there)),
+        Tile("all arrive", percent(whole), found["all arrive"][0].partition(" % ")[2], _tone(whole)),
+        Tile("median time", f"{_number(found['median time'][1])} s", "of those that arrive"),
+        Tile("force", f"{_number(found['force'][1], 2)} N", "at 99 % of the contact time"),
+        Tile("pushes", found["pushes"][0]),
+        Tile("deadlocks", found["deadlocks"][0]),
+    )
+
+
+def _tone(share: float) -> str:
+    return "good" if share >= GOOD else "poor" if share < POOR else ""
+
+
+def _times(runs: Sequence[Judged]) -> Float[np.ndarray, " n"]:
+    """[s] of all robots that arrived."""
+    times = np.array([time for run in runs for time in run.arrived], dtype=np.float64)
+    return times[np.isfinite(times)]
+
+
+def _number(value: float, digits: int = 0) -> str:
+    return f"{value:.{digits}f}" if np.isfinite(value) else "-"
+
+
+def _over_time(runs: Sequence[Judged]) -> Section:
+    times = _times(runs)
+    if not len(times):
+        return Section("When they arrive", text=("No robot arrived.",))
+    drawn = arrivals(times)
+    return Section("When they arrive", pictures=(picture(drawn, "Robots that arrived, by the time they took."),))
+
+
+@styled()
+def arrivals(times: Float[np.ndarray, " n"]) -> Figure:
+    """How many robots arrived when [s]."""
+    drawn = figure(2.6)
+    axes: Any = drawn.subplots()
+    step = 10.0 if times.max() <= 400.0 else 50.0
+    axes.hist(times, np.arange(0.0, times.max() + 2 * step, step), color=AXES[2], alpha=0.8)
+    middle = float(np.median(times))
+    axes.axvline(middle, color=INK, linewidth=1.0)
+    axes.annotate(f" median {middle:.0f} s", (middle, 1.0), xycoords=("data", "axes fraction"), va="top", fontsize=8.5)
+    axes.set(xlabel="time until it arrives [s]", ylabel="robots", xlim=(0, None))
+    axes.yaxis.get_major_locator().set_params(integer=True)
+    return drawn
+
+
+def _failures(runs: Sequence[Judged]) -> Section:
+    """Each robot that did not arrive, what it said last, and how to see it."""
+    rows = [
+        (f"{run.seed}", f"{robot + 1}", state, run.command)
+        for run in runs
+        for robot, (time, state) in enumerate(zip(run.arrived, run.states, strict=True))
+        if not np.isfinite(time)
+    ]
+    if not rows:
+        return Section("Robots that do not arrive", text=("None.",))
+    more = f"The first {SHOWN} of {len(rows)}." if len(rows) > SHOWN else ""
+    table = Table(("seed", "robot", "in the end", "to see it"), tuple(rows[:SHOWN]), more)
+    return Section("Robots that do not arrive", tables=(table,))
+
+
+def _table(runs: Sequence[Judged]) -> Table:
+    header = ("seed", "arrive", "last [s]", "way [m]", "force 99 % [N]", "greatest [N]", "pushes", "deadlocks")
+    rows = tuple(
+        (
+            f"{run.seed}", f"{run.count} of {len(run.arrived)}", _number(max(run.arrived) if run.whole else np.nan, 1),
+            f"{sum(run.path):.2f}", f"{run.force:.2f}", f"{run.greatest:.2f}", f"{run.pushes}", f"{run.deadlocks}",
+        )
+        for run in runs[:SHOWN]
+    )  # fmt: skip
+    more = [f"The first {SHOWN} of {len(runs):,}."] if len(runs) > SHOWN else []
+    return Table(header, rows, " ".join(more))
