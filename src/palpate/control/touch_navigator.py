@@ -41,6 +41,7 @@ class TouchNavigatorSettings:
         stiffness: [N/m] of the skin.
         soften: [s] in which the force that is left is used up, at the least.
         flank, relief, off: what presses on a flank with more than `flank` [N] is left at `relief` [rad/N], up to `off`.
+        squeeze: share of `force` on both flanks from which it does not go on between them.
         felt: [N]: less is no touch.
         firm: [N]: less is not remembered.
         ahead: [rad] from the heading within which a contact is in the way.
@@ -68,6 +69,7 @@ class TouchNavigatorSettings:
     flank: float = 1.0
     relief: float = radians(12.0)
     off: float = radians(20.0)
+    squeeze: float = 0.75
     felt: float = 0.25
     firm: float = 0.5
     ahead: float = radians(70.0)
@@ -179,6 +181,10 @@ class TouchNavigator:
         self.state, self.why = "move to goal", "a touch is passed" if felt else "nothing is in the way"
         if self._blocked:
             self.why = "no way is free: it tries what it touched longest ago"
+        flanks = self._squeezed(felt)
+        if flanks and not behind:
+            self._stands(time, here, flanks, self.settings.pushed)
+            return self._retreat(time, "back off", "it is too narrow here", 2.0 * self.settings.back)
         ahead = [(angle, force) for angle, force in felt if abs(angle) <= self.settings.ahead]
         if ahead:
             stands = self._pressed(time, here, ahead)
@@ -224,6 +230,12 @@ class TouchNavigator:
             y = here[1] + out * sin(way) + aside * cos(way)
             self.map.touch(time, x, y, belief)
         self._changed = True
+
+    def _squeezed(self, felt: Felt) -> Felt:
+        """What presses on both flanks at once, if the weaker of them does hard: a gap that only gets narrower."""
+        flanks = [(angle, force) for angle, force in felt if abs(cos(angle)) < cos(self.settings.glancing)]
+        hard = [max((force for angle, force in flanks if angle * side > 0.0), default=0.0) for side in (1.0, -1.0)]
+        return flanks if min(hard) > self.settings.squeeze * self.settings.force else []
 
     def _pressed(self, time: float, here: Pose, ahead: Felt) -> str | None:
         """Why what is ahead is taken to stand fast, if it is; it is remembered then."""
