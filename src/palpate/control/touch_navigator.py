@@ -13,7 +13,7 @@ Beyond the state machine of the paper [marker ring, V], which forgets a touch as
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from math import atan2, cos, degrees, hypot, inf, isfinite, pi, radians, sin
+from math import atan2, cos, degrees, hypot, inf, isfinite, pi, radians, remainder, sin, tau
 
 import numpy as np
 from jaxtyping import Float
@@ -148,7 +148,7 @@ class TouchNavigator:
         if touches is None:
             return self._say("blind", "the skin says nothing")
         here = x, y, heading
-        felt = [(angle, force) for angle, force in touches.tolist() if force >= self.settings.felt]
+        felt = [(remainder(a, tau), force) for a, force in touches.tolist() if force >= self.settings.felt]
         fault = self._fault(time, here, far, touched=bool(felt))
         if fault is not None:
             return self._say("stopped", fault)
