@@ -20,9 +20,9 @@ from palpate.simulation.ring_session import Protocol, RingSession, RingUnit, cal
 
 __all__ = ["PROTOCOL", "RingSense", "RingWear", "arena_ring"]
 
-PROTOCOL = Protocol.sized(small=True)
+DEPTHS = (0.002, 0.005, 0.008, 0.012)  # m: up to 7.6 N of a wall, 3.6 N of an edge
+PROTOCOL = Protocol(16, DEPTHS, tip=0.004, hold=1, pause=1, kinds=("plate", "cylinder"))  # what robots meet
 Touches = Float[np.ndarray, "k 2"]
-
 BLOCK = 32  # frames in memory at once
 
 

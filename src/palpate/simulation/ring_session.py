@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float, Int, UInt8
@@ -71,10 +72,11 @@ class Protocol:
     Attributes:
         angles: how many around the ring, for each body.
         depths: [m] at each, from the shallowest.
-        tip: [m] radius of the narrow body.
+        tip: [m] radius of the narrow bodies.
         hold: frames at each depth.
         pause: frames without load between touches.
         dragged: every so many touches end with a drag of 2 mm to either side; 0: none.
+        kinds: of the bodies, in turns; see `Indenter`.
     """
 
     angles: int = 36
@@ -83,6 +85,7 @@ class Protocol:
     hold: int = 2
     pause: int = 2
     dragged: int = 4
+    kinds: tuple[Literal["plate", "tip", "cylinder"], ...] = ("plate", "tip")
 
     @staticmethod
     def sized(*, small: bool = False, angles: int | None = None) -> Protocol:
@@ -180,7 +183,7 @@ def _nothing(_: int, __: float) -> None:
 def calibration_run(
     unit: RingUnit, protocol: Protocol | None = None, watch: Callable[[int, float], None] = _nothing
 ) -> RingSession:
-    """One second of rest, then plate and tip at every angle, each from the shallowest depth to the deepest.
+    """One second of rest, then each kind of body at every angle, from the shallowest depth to the deepest.
 
     Args:
         unit: that is calibrated.
@@ -191,13 +194,15 @@ def calibration_run(
     barrel = Barrel.built(unit.barrel)
     rest = barrel.press([])
     states = [rest] * round(REST * RATE)
-    count = 2 * protocol.angles
+    kinds = len(protocol.kinds)
+    count = kinds * protocol.angles
     for at in range(count):
-        kind, turn = ("plate", "tip")[at % 2], 2.0 * np.pi * (at // 2 + 0.5 * (at % 2)) / protocol.angles
-        drag = bool(protocol.dragged) and (at // 2) % protocol.dragged == at % 2
+        place, which = divmod(at, kinds)
+        kind, turn = protocol.kinds[which], 2.0 * np.pi * (place + which / kinds) / protocol.angles
+        drag = bool(protocol.dragged) and place % protocol.dragged == which
         # a dragged touch ends at one depth or another, so that shear is seen at all of them
-        depths = protocol.depths[: 1 + at // 2 % len(protocol.depths)] if drag else protocol.depths
-        body = Indenter("plate" if kind == "plate" else "tip", turn, depths[-1], protocol.tip, DRAG if drag else 0.0)
+        depths = protocol.depths[: 1 + place % len(protocol.depths)] if drag else protocol.depths
+        body = Indenter(kind, turn, depths[-1], protocol.tip, DRAG if drag else 0.0)
         shares = [(depth / depths[-1], 0.0) for depth in depths]
         if drag:
             shares += [(1.0, aside) for aside in (0.5, 1.0, 0.0, -1.0)]

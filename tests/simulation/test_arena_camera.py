@@ -1,0 +1,87 @@
+"""The quick camera shows what the slow one does."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from jaxtyping import Float, UInt8
+
+from palpate.simulation.arena.camera import BACKGROUNDS, SwiftCamera
+from palpate.simulation.arena.skin import disc_points
+from palpate.simulation.barrel import Barrel, Indenter, Pressed
+from palpate.simulation.ring_camera import READ, SHOT, Look, Photographer, RingCamera
+from palpate.simulation.ring_session import RingUnit
+
+UNIT = RingUnit.drawn(3, coarse=True)
+QUIET = replace(Look(), noise=0.0, quality=None)
+
+
+@pytest.fixture(scope="module")
+def states() -> list[Pressed]:
+    barrel = Barrel.built(UNIT.barrel)
+    return [barrel.press([]), barrel.press([Indenter("tip", 2.1, 0.006)])]
+
+
+def points(state: Pressed) -> Float[np.ndarray, "m 3 3"]:
+    return disc_points(UNIT.barrel, np.concatenate([state.markers[:, None], state.discs], axis=1))
+
+
+def centroids(
+    frame: UInt8[np.ndarray, "h w 3"], skin: UInt8[np.ndarray, "h w 3"], near: Float[np.ndarray, "m 2"]
+) -> Float[np.ndarray, "m 2"]:
+    """Of what is redder than the skin, 12 px about each place."""
+    rows, columns = np.mgrid[: frame.shape[0], : frame.shape[1]]
+    more = frame[..., 2].astype(float) - skin[..., 2]
+    found = [more * (np.hypot(columns - x, rows - y) < 12.0) for x, y in near]
+    return np.array([[(each * axis).sum() / each.sum() for axis in (columns, rows)] for each in found])
+
+
+@pytest.mark.parametrize("which", [0, 1])
+def test_frames_are_those_of_the_photographer(states: list[Pressed], which: int) -> None:
+    slow = Photographer(UNIT.camera, QUIET, np.random.default_rng(0))
+    swift = SwiftCamera(UNIT.camera, QUIET, np.random.default_rng(0))
+    state = states[which]
+    one, other, skin = slow.frame([state.discs], 0.0), swift.frame(points(state)), slow.background(0.0)
+    assert np.abs(one.astype(int) - other).max() <= 6  # an edge is 60 of 255 a pixel: a tenth of one
+    near = swift.places(points(state))
+    off = centroids(one, skin, near) - centroids(other, skin, near)
+    assert np.abs(off.mean(axis=0)).max() < 0.01
+    assert np.sqrt((off**2).mean()) < 0.02  # whole levels of 255, and polygons whose rims are whole eighths of a pixel
+
+
+def test_a_place_is_the_centroid_of_the_outline(states: list[Pressed]) -> None:
+    swift = SwiftCamera(UNIT.camera, QUIET, np.random.default_rng(0))
+    for state in states:
+        x, y = np.moveaxis(UNIT.camera.project(state.discs), -1, 0)
+        after_x, after_y = np.roll(x, -1, axis=1), np.roll(y, -1, axis=1)
+        part = x * after_y - after_x * y
+        sums = [(part * (a + b)).sum(axis=1) / (3.0 * part.sum(axis=1)) for a, b in ((x, after_x), (y, after_y))]
+        assert np.abs(np.stack(sums, axis=-1) - swift.places(points(state))).max() < 0.02
+
+
+def test_noise_is_the_sensors_own_and_never_stands_still(states: list[Pressed]) -> None:
+    swift = SwiftCamera(UNIT.camera, replace(Look(), vignette=0.0, shadow=0.0), np.random.default_rng(0))
+    place = np.rint(swift.places(points(states[0]))).astype(int)
+    frames = [swift.frame(points(states[0])).copy() for _ in range(40)]
+    red = np.array([[frame[y, x, 2] for x, y in place] for frame in frames], dtype=float)
+    assert red.std() == pytest.approx(np.sqrt(SHOT * 190.0 + READ**2), rel=0.1)  # 960 numbers: 3 % and blotches
+    for one, other in pairwise(frames):
+        assert not np.array_equal(one[16::32], other[16::32])
+
+
+def test_hidden_markers_and_those_that_moved_leave_nothing_behind(states: list[Pressed]) -> None:
+    swift = SwiftCamera(UNIT.camera, QUIET, np.random.default_rng(0))
+    skin = Photographer(UNIT.camera, QUIET, np.random.default_rng(0)).background(0.0)
+    for _ in range(BACKGROUNDS):
+        swift.frame(points(states[0]))
+    assert np.array_equal(swift.frame(points(states[1]), hidden=range(24)), skin)
+    assert not swift.black().any()
+    aside = points(states[0]) + np.array([0.3, 0.0, 0.0])  # out of the picture: no window leaves the frame
+    assert swift.frame(aside).shape == (UNIT.camera.height, UNIT.camera.width, 3)
+
+
+def test_another_camera_sees_other_places(states: list[Pressed]) -> None:
+    nominal = SwiftCamera(RingCamera(), QUIET, np.random.default_rng(0))
+    middle = points(states[0])[:, 0]
+    assert np.abs(nominal.places(points(states[0])) - RingCamera().project(middle)).max() < 0.1
