@@ -225,12 +225,13 @@ class Found:
 
     def force(self, share: float = 0.99) -> float:
         """[N] that the strongest contact of a robot does not pass in a share of the time in which it is touched."""
-        counts: np.ndarray = np.zeros(BINS)
+        counts = np.zeros(BINS)
         for each in self.outcomes:
-            counts += np.array(each.forces)
+            counts = counts + np.array(each.forces)
         if not counts.sum():
             return float("nan")
-        return BIN * float(np.searchsorted(np.cumsum(counts), share * counts.sum()) + 1)
+        within: np.ndarray = np.cumsum(counts) >= share * counts.sum()
+        return BIN * (1 + int(within.argmax()))
 
     @property
     def greatest(self) -> float:
