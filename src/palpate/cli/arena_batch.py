@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Generator, Iterable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import asdict, fields
+from functools import partial
 from importlib import import_module
 from math import isfinite, nan
 from os import cpu_count
@@ -54,7 +55,7 @@ def run_batch(asked: Asked, seeds: Sequence[int], output: Path, jobs: int | None
     jobs = (cpu_count() or 1) if jobs is None else jobs
     try:
         with writing(kept), kept.open("a", encoding="utf-8") as file, counting():
-            for result in _results(asked, wanted, jobs, backend):
+            for result in _results(partial(_one, asked), wanted, jobs, backend):
                 _keep(file, result)
                 done[result.seed] = result
                 step(_so_far([done[seed] for seed in seeds if seed in done], len(seeds)))
@@ -150,13 +151,13 @@ def _one(asked: Asked, seed: int) -> ArenaResult:
     return asked.run(seed).play()
 
 
-def _results(asked: Asked, seeds: Sequence[int], jobs: int, backend: str) -> Iterator[ArenaResult]:
+def _results(one: Callable[[int], ArenaResult], seeds: Sequence[int], jobs: int, backend: str) -> Iterator[ArenaResult]:
     """Of each seed, in the order in which they are done."""
     if jobs == 1 and backend == "loky":
-        yield from (_one(asked, seed) for seed in seeds)
+        yield from map(one, seeds)
         return
     joblib = _joblib(backend)
-    work = [joblib.delayed(_one)(asked, seed) for seed in seeds]
+    work = [joblib.delayed(one)(seed) for seed in seeds]
     with _cluster(joblib, backend, jobs):
         if backend == "ray":  # its backend answers when all are done: some at a time, so that little is lost
             for at in range(0, len(work), jobs):

@@ -195,9 +195,7 @@ class ArenaRun:
         whys = tuple(each.why for each in self.navigators)
         frames = [each.frame for each in self.senses] if self.settings.sensing == "images" else None
         arrived = np.array([each.arrived for each in self.navigators])
-        moment = Moment(
-            time, poses, tracked, world.blocks, touches, truths, wheels, states, whys, frames, arrived
-        )
+        moment = Moment(time, poses, tracked, world.blocks, touches, truths, wheels, states, whys, frames, arrived)
         self._sums.add(moment, self.settings.layout.goals)
         return moment
 

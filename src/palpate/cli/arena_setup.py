@@ -56,7 +56,7 @@ class Asked:
             InputError: a name that is not known, a number that cannot be, options that exclude each other.
         """
         from palpate.cli.arena_run import FAULTS, METHODS
-        from palpate.simulation.arena.layouts import DENSITIES
+        from palpate.simulation.arena import DENSITIES
 
         _require_known(self.layout, LAYOUTS, "layout")
         _require_known(self.method, METHODS, "method")
@@ -83,11 +83,11 @@ class Asked:
 
     def arena(self, seed: int) -> Layout:
         """The arena of a seed."""
-        from palpate.simulation.arena import layouts
+        from palpate.simulation.arena import paper_layout, random_layout, trap_layout
 
         if self.layout == "random":
-            return layouts.random_layout(seed, self.robots or ROBOTS, self.density or USUAL)
-        return layouts.paper_layout() if self.layout == "paper" else layouts.trap_layout(self.layout)
+            return random_layout(seed, self.robots or ROBOTS, self.density or USUAL)
+        return paper_layout() if self.layout == "paper" else trap_layout(self.layout)
 
     def run(self, seed: int) -> ArenaRun:
         """The run of a seed, from its start.

@@ -27,7 +27,7 @@ class Video:
         InputError: OpenCV is not installed, or no video can be written.
     """
 
-    def __init__(self, path: Path, size: tuple[int, int], rate: float) -> None:
+    def __init__(self, path: Path, size: tuple[int, int], rate: int) -> None:
         cv2 = opencv()
         self._writer: Any = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), rate, size)
         if not self._writer.isOpened():
