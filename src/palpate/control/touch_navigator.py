@@ -13,6 +13,7 @@ Beyond the state machine of the paper [marker ring, V], which forgets a touch as
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from itertools import pairwise
 from math import atan2, cos, degrees, hypot, inf, isfinite, pi, radians, remainder, sin, tau
 
 import numpy as np
@@ -241,18 +242,23 @@ class TouchNavigator:
         """Why what is ahead is taken to stand fast, if it is; it is remembered then."""
         set_ = self.settings
         strongest = max(force for _, force in ahead)
-        way = here[2] + atan2(sum(f * sin(a) for a, f in ahead), sum(f * cos(a) for a, f in ahead))
-        if strongest > set_.firm and min(abs(angle) for angle, _ in ahead) > set_.glancing:
+        firm = strongest > set_.firm
+        if firm and min(abs(angle) for angle, _ in ahead) > set_.glancing:
             self._stands(time, here, ahead, set_.passed)
             return None  # it is passed as it is touched
-        if not set_.push and strongest > set_.firm:
-            return self._stands(time, here, ahead) or "it pushes nothing"
         known = min(self.map.nearest(*_at(here, angle, set_.radius)) for angle, _ in ahead)
-        if known < set_.known and strongest > set_.firm and self._test.push is not Push.MOVES:
-            return self._stands(time, here, ahead) or "it was here before"
-        if self._test.touch(time, here[:2], (cos(way), sin(way))) is Push.STANDS:
-            return self._stands(time, here, ahead, set_.pushed) or Push.STANDS.value
-        return None
+        way = here[2] + atan2(sum(f * sin(a) for a, f in ahead), sum(f * cos(a) for a, f in ahead))
+        belief = 1.0
+        if not set_.push:
+            why = "it pushes nothing" if firm else None
+        elif firm and known < set_.known and self._test.push is not Push.MOVES:
+            why = "it was here before"
+        else:
+            stands = self._test.touch(time, here[:2], (cos(way), sin(way))) is Push.STANDS
+            why, belief = (Push.STANDS.value if stands else None), set_.pushed
+        if why is not None:
+            self._stands(time, here, ahead, belief)
+        return why
 
     def _stands(self, time: float, here: Pose, ahead: Felt, belief: float = 1.0) -> None:
         """What is ahead stands fast: remember it, on a wall if it is in line with what is known."""
@@ -283,7 +289,7 @@ class TouchNavigator:
         if time - self._planned > (0.3 if self._changed else 2.0):
             way, cost = self.map.way(time, here[:2], self.goal)
             corners = [(here[0], here[1]), *((float(x), float(y)) for x, y in way)]
-            length = sum(hypot(b[0] - a[0], b[1] - a[1]) for a, b in zip(corners, corners[1:], strict=False))
+            length = sum(hypot(b[0] - a[0], b[1] - a[1]) for a, b in pairwise(corners))
             self._way, self._planned, self._changed = corners[1:], time, False
             self._blocked = cost > 1.2 * length + 0.05 * self.settings.map.weight
         while len(self._way) > 1 and hypot(self._way[0][0] - here[0], self._way[0][1] - here[1]) < 0.02:
