@@ -17,9 +17,7 @@ def _cheapest(cost: np.ndarray, start: tuple[int, int]) -> np.ndarray:
     for dr, dc in ((0, 1), (1, 0), (1, 1), (1, -1)):
         a = number[: rows - dr, max(0, -dc) : columns - max(0, dc)]
         b = number[dr:, max(0, dc) : columns + min(0, dc)]
-        graph[a.ravel(), b.ravel()] = (
-            np.hypot(dr, dc) * 0.5 * (cost[np.divmod(a, columns)] + cost[np.divmod(b, columns)]).ravel()
-        )
+        graph[a.ravel(), b.ravel()] = np.hypot(dr, dc) * 0.5 * (cost[np.divmod(a, columns)] + cost[np.divmod(b, columns)]).ravel()
     return dijkstra(graph.tocsr(), directed=False, indices=number[start])
 
 

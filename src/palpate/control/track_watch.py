@@ -78,9 +78,7 @@ class TrackWatch:
         middle = heading + 0.5 * turned
         forward = (pose[0] - x) * cos(middle) + (pose[1] - y) * sin(middle)
         made = forward - 0.5 * self.drive.track * turned, forward + 0.5 * self.drive.track * turned
-        shares = [
-            way / asked if abs(asked) > self.least else None for way, asked in zip(made, self._asked, strict=True)
-        ]
+        shares = [way / asked if abs(asked) > self.least else None for way, asked in zip(made, self._asked, strict=True)]
         slow = [share is not None and share < self.follows for share in shares]
         self.held = all(slow) and hypot(pose[0] - x, pose[1] - y) < self.least
         for side in (0, 1):
