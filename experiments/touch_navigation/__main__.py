@@ -19,8 +19,9 @@ import numpy as np
 from experiments.touch_navigation.conditions import BASELINES, FAULTS, FULL, Condition, conditions
 from experiments.touch_navigation.figures import arrivals, ways
 from experiments.touch_navigation.page import Check, differing, page, parts
-from experiments.touch_navigation.study import Found, Outcome
+from experiments.touch_navigation.study import Found, Outcome, frames_a_second
 from experiments.touch_navigation.study import found as find
+from palpate.cli.arena_run import RATE
 from palpate.errors import PalpateError
 
 __all__ = ["checks", "figures_of", "main", "write"]
@@ -31,8 +32,8 @@ PUSHED = 0.05  # m
 _NONE = Found([])
 
 
-def figures_of(found: Mapping[str, Found]) -> dict[str, float]:
-    """What expected.toml may ask of a run; NaN for what was not run."""
+def figures_of(found: Mapping[str, Found], sensed: float = float("nan")) -> dict[str, float]:
+    """What expected.toml may ask of a run; NaN for what was not run. `sensed`: of `frames_a_second`."""
     eleven, ours, images = (found.get(name, _NONE) for name in ("figure 11 ours", "ours", "images"))
     times = np.array([each.arrived for each in eleven.outcomes]) if len(eleven) else np.full((1, 1), np.nan)
     moved = [100.0 * (each.blocks >= PUSHED) for each in eleven.outcomes]
@@ -50,14 +51,15 @@ def figures_of(found: Mapping[str, Found]) -> dict[str, float]:
         "dense": found.get("dense", _NONE).robots,
         "images": abs(images.robots - ours.of(images).robots),
         "images_speed": images.speed,
+        "cameras": sensed / RATE,
         "again": differing(found),
         "fault": max((abs(each.healthy - ours.of(each).healthy) for each in faults), default=float("nan")),
     }
 
 
-def checks(found: Mapping[str, Found]) -> list[Check]:
+def checks(found: Mapping[str, Found], sensed: float = float("nan")) -> list[Check]:
     """All that expected.toml asks for, measured."""
-    got = figures_of(found)
+    got = figures_of(found, sensed)
     asked = tomllib.loads((FOLDER / "expected.toml").read_text(encoding="utf-8"))
     return [
         Check(want["what"], want.get("paper"), want.get("at_least"), want.get("at_most"), got[figure])
@@ -65,7 +67,7 @@ def checks(found: Mapping[str, Found]) -> list[Check]:
     ]
 
 
-def write(found: Mapping[str, Found], folder: Path = FOLDER) -> None:
+def write(found: Mapping[str, Found], made: Sequence[Check], folder: Path = FOLDER) -> None:
     """The page and its figures."""
     shown = {
         "ours": _median_run(found.get("figure 11 ours", _NONE)),
@@ -75,7 +77,7 @@ def write(found: Mapping[str, Found], folder: Path = FOLDER) -> None:
     named = {"ours": found.get("ours", _NONE)}
     named |= {f"the paper's, {retreat}": found.get(method, _NONE) for method, retreat in BASELINES.items()}
     arrivals({name: runs for name, runs in named.items() if len(runs)}, folder / "arrivals.png")
-    (folder / "README.md").write_text(page(checks(found), parts(found), found), encoding="utf-8")
+    (folder / "README.md").write_text(page(made, parts(found), found), encoding="utf-8")
 
 
 def _median_run(runs: Found) -> Outcome | None:
@@ -108,13 +110,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"touch navigation: {problem}", file=sys.stderr)
         return 1
     print(file=sys.stderr)
-    made = checks(found)
+    made = checks(found, frames_a_second())
     for check in made:
         print(" | ".join(check.cells()))
     if asked.dry:
         print("\n\n".join(parts(found).values()))
     else:
-        write(found)
+        write(found, made)
     return 0 if all(check.met for check in made) else 1
 
 

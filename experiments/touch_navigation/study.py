@@ -23,12 +23,14 @@ import numpy as np
 from jaxtyping import Float
 
 import palpate
-from experiments.touch_navigation.conditions import Condition, arena_settings
+from experiments.touch_navigation.conditions import JUDGED, Condition, arena_settings
 from palpate.cli.arena_ring import RingWear
 from palpate.cli.arena_run import FELT, ArenaRun, Moment
+from palpate.contact.ring_estimator import RingEstimator
 from palpate.errors import InputError
+from palpate.simulation.arena.camera import SwiftCamera
 
-__all__ = ["BIN", "Found", "Outcome", "found", "run", "stamp"]
+__all__ = ["BIN", "Found", "Outcome", "found", "frames_a_second", "run", "stamp"]
 
 BIN = 0.05  # N of the histogram of forces
 BINS = 400
@@ -158,6 +160,21 @@ def _worn() -> RingWear:
         made.write_bytes(pickle.dumps(RingWear.made()))
         made.replace(path)
     return pickle.loads(path.read_bytes())
+
+
+def frames_a_second(count: int = 200) -> float:
+    """Frames that the detector and the estimator answer in a second of a core, two touches wandering round the ring."""
+    wear = _worn()
+    camera = SwiftCamera(wear.unit.camera, wear.unit.look, np.random.default_rng(JUDGED))
+    estimator = RingEstimator(wear.ring)
+    rows, took = estimator.empty(estimator.most), 0.0
+    for k in range(count):
+        truth = np.array([[0.02 * k, 1.5, 0.2, 0.003, 0.0], [0.02 * k + 2.5, 1.0, 0.0, 0.002, 0.0]])
+        frame = camera.frame(wear.skin.markers(truth))
+        begin = time.process_time()
+        estimator.update_into(k / 30.0, frame, rows)
+        took += (time.process_time() - begin) * (k >= count // 4)  # what is compiled is loaded by then
+    return (count - count // 4) / took
 
 
 @cache

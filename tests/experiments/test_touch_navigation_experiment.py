@@ -157,7 +157,7 @@ def test_the_page_says_what_was_met_and_what_was_not_run(tmp_path: Path) -> None
     assert got["again"] == differing(whole) == 1.0
     assert np.isnan(got["dense"])
     assert set(got) == {*got} & set(figures_of({}))
-    write(whole, tmp_path)
+    write(whole, checks(whole), tmp_path)
     text = (tmp_path / "README.md").read_text()
     assert (tmp_path / "figure_11.png").stat().st_size > 10_000
     assert text.count("**missed**") == sum(not check.met for check in checks(whole))
