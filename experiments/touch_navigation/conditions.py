@@ -27,7 +27,7 @@ __all__ = [
 ]
 
 BUILT = range(1000)  # seeds that were looked at while building
-JUDGED = 10_000  # the first of those that are judged: nothing was chosen on them
+JUDGED = 20_000  # the first of those that are judged: nothing was chosen on them
 LIMIT = 600.0  # s of a run
 BASELINES = {"paper": "to the goal's side", "paper-turned": "always 90 deg", "paper-random": "either way, by chance"}
 ABLATIONS = {  # name -> what differs from ours
