@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from palpate.control.align import AlignController
     from palpate.control.drive import DifferentialDrive
     from palpate.control.paper_navigator import PaperNavigator
+    from palpate.control.touch_navigator import TouchNavigator
     from palpate.io.live.live import open_live
     from palpate.io.pipeline import estimate, open_log
     from palpate.io.rig import load_rig
@@ -64,6 +65,7 @@ __all__ = [
     "Surface",
     "TaxelBody",
     "TaxelEstimator",
+    "TouchNavigator",
     "Wrench",
     "WrenchEstimator",
     "estimate",
@@ -82,6 +84,7 @@ _LATER = {
     "AlignController": "palpate.control.align",
     "DifferentialDrive": "palpate.control.drive",
     "PaperNavigator": "palpate.control.paper_navigator",
+    "TouchNavigator": "palpate.control.touch_navigator",
     "estimate": "palpate.io.pipeline",
     "open_live": "palpate.io.live.live",
     "open_log": "palpate.io.pipeline",

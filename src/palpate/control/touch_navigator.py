@@ -12,6 +12,7 @@ Beyond the state machine of the paper [marker ring, V], which forgets a touch as
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from math import atan2, cos, degrees, hypot, inf, isfinite, pi, radians, remainder, sin, tau
@@ -20,7 +21,7 @@ import numpy as np
 from jaxtyping import Float
 
 from palpate.control.drive import DifferentialDrive
-from palpate.control.navigation import heading_error
+from palpate.control.navigation import heading_error, require_goal
 from palpate.control.push_test import Push, PushTest
 from palpate.control.touch_map import TouchMap, TouchMapSettings
 from palpate.control.track_watch import TrackWatch
@@ -103,17 +104,20 @@ class TouchNavigator:
         drive: of the robot.
         settings: how it moves.
         seed: of its own draws, which part robots that stand in each other's way.
+
+    Raises:
+        InputError: a goal that is not two finite numbers.
     """
 
     def __init__(
         self,
-        goal: Float[np.ndarray, "2"],
+        goal: Sequence[float] | Float[np.ndarray, "2"],
         *,
         drive: DifferentialDrive | None = None,
         settings: TouchNavigatorSettings | None = None,
         seed: int = 0,
     ) -> None:
-        self.goal = float(goal[0]), float(goal[1])
+        self.goal = require_goal(goal)
         self.drive, self.settings, self.seed = drive or DifferentialDrive(), settings or TouchNavigatorSettings(), seed
         self.map, self._watch = TouchMap(self.settings.radius, self.settings.map), TrackWatch(self.drive)
         self._test = PushTest(self.settings.settle, self.settings.test, self.settings.moved)

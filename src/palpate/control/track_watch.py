@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections import deque
-from math import cos, hypot, sin
+from math import cos, sin
 
 from palpate.control.drive import DifferentialDrive
 from palpate.control.navigation import heading_error
@@ -14,12 +13,18 @@ __all__ = ["TrackWatch"]
 class TrackWatch:
     """Compares poses with what was asked for, over windows in which nothing is felt.
 
+    Of each track the gain is found by which it follows: the least squares of what it made on what it was asked,
+    sum(made asked) / sum(asked^2), frame by frame, so that a robot that wavers tells as much as one that drives on.
+
     Args:
         drive: of the robot.
         window: [s].
-        least: [m] that a track must have been asked for in a window.
-        follows: share of it below which a track does not follow.
+        least: [m/s] that a track must have been asked for, root mean square.
+        follows: gain below which a track does not follow.
         times: windows in a row before a track is called stuck.
+
+    Attributes:
+        held: in the window that has just ended neither track followed.
     """
 
     def __init__(
@@ -27,7 +32,7 @@ class TrackWatch:
         drive: DifferentialDrive,
         *,
         window: float = 1.5,
-        least: float = 0.025,
+        least: float = 0.015,
         follows: float = 0.3,
         times: int = 3,
     ) -> None:
@@ -36,16 +41,19 @@ class TrackWatch:
 
     def reset(self) -> None:
         """Forget everything."""
-        self._past: deque[tuple[float, float, float, float]] = deque()
-        self._asked = [0.0, 0.0]
-        self._time: float | None = None
+        self._last: tuple[float, float, float, float] | None = None
         self._stuck = [0, 0]
-        self.held = False
+        self._begin(0.0)
+
+    def _begin(self, time: float) -> None:
+        """A new window."""
+        self.held, self._since, self._frames = False, time, 0
+        self._both, self._asked = [0.0, 0.0], [0.0, 0.0]
 
     def update(
         self, time: float, pose: tuple[float, float, float], wheels: tuple[float, float], *, touched: bool
     ) -> str | None:
-        """Which track does not follow, "left" or "right", if one does not; `held` says that neither does, now.
+        """Which track does not follow, "left" or "right", if one does not.
 
         Args:
             time: [s].
@@ -53,39 +61,39 @@ class TrackWatch:
             wheels: track speeds [m/s] asked for since the last call.
             touched: something is felt, so that no conclusion can be drawn.
         """
+        last, self._last = self._last, (time, *pose)
         self.held = False
-        if touched or self._time is None or not 0.0 < time - self._time < 0.5:
-            self._past.clear()
+        if touched or last is None or not 0.0 < time - last[0] < 0.5:
+            self._begin(time)
         else:
-            step = time - self._time
-            self._asked = [sum_ + step * speed for sum_, speed in zip(self._asked, wheels, strict=True)]
-        self._time = time
-        if not self._past:
-            self._asked = [0.0, 0.0]
-        self._past.append((time, *pose))
-        if time - self._past[0][0] >= self.window:
-            self._judge(pose)
-            self._past.clear()
-            self._past.append((time, *pose))
-            self._asked = [0.0, 0.0]
-        sides = [name for name, count in zip(("left", "right"), self._stuck, strict=True) if count >= self.times]
-        return sides[0] if sides else None
+            step = time - last[0]
+            for side, made in enumerate(self._made(last, pose)):
+                self._both[side] += made * wheels[side] * step
+                self._asked[side] += (wheels[side] * step) ** 2
+            self._frames += 1
+            if time - self._since >= self.window:
+                held = self._judge(time - self._since)
+                self._begin(time)
+                self.held = held
+        return next((name for name, k in zip(("left", "right"), self._stuck, strict=True) if k >= self.times), None)
 
-    def _judge(self, pose: tuple[float, float, float]) -> None:
-        """The window that ends now."""
-        _, x, y, heading = self._past[0]
+    def _made(self, last: tuple[float, float, float, float], pose: tuple[float, float, float]) -> tuple[float, float]:
+        """How far [m] the left and the right track went."""
+        _, x, y, heading = last
         turned = heading_error(pose[2], heading)
         middle = heading + 0.5 * turned
         forward = (pose[0] - x) * cos(middle) + (pose[1] - y) * sin(middle)
-        made = forward - 0.5 * self.drive.track * turned, forward + 0.5 * self.drive.track * turned
-        shares = [
-            way / asked if abs(asked) > self.least else None for way, asked in zip(made, self._asked, strict=True)
-        ]
-        slow = [share is not None and share < self.follows for share in shares]
-        self.held = all(slow) and hypot(pose[0] - x, pose[1] - y) < self.least
+        return forward - 0.5 * self.drive.track * turned, forward + 0.5 * self.drive.track * turned
+
+    def _judge(self, seconds: float) -> bool:
+        """Whether neither track followed in the window that ends now; who did not alone is counted."""
+        enough = (self.least * seconds) ** 2 / self._frames  # sum of squares at `least`, frame by frame
+        gains = [both / asked if asked > enough else None for both, asked in zip(self._both, self._asked, strict=True)]
+        slow = [gain is not None and gain < self.follows for gain in gains]
         for side in (0, 1):
-            other = shares[1 - side]
+            other = gains[1 - side]
             if slow[side] and other is not None and other > 2.0 * self.follows:
                 self._stuck[side] += 1
-            elif shares[side] is not None:
+            elif gains[side] is not None:
                 self._stuck[side] = 0
+        return all(slow)
