@@ -298,16 +298,22 @@ class RingEstimator:
             return 1
         states, off = found.states[n, :count], float(found.residual[n])
         angle, z = states[:, 0], states[:, 2]
-        columns = (states, np.cos(angle), np.sin(angle), self.locator.depth(states), np.interp(z, *self._widths))
-        for row, *column in zip(rows, *(each.tolist() for each in columns), strict=False):
-            row[:] = self._row(*column, off, seen)
+        columns = (np.cos(angle), np.sin(angle), self.locator.depth(states), np.interp(z, *self._widths))
+        for row, state, more in zip(rows, states.tolist(), np.stack(columns, axis=1).tolist(), strict=False):
+            row[:] = self._row(state, more, off, seen)
         self._identify(time, rows[:count])
         return count
 
-    def _row(
-        self, state: list[float], c: float, s: float, depth: float, width: float, off: float, seen: float
-    ) -> list[float]:
-        """One contact, without its identity: plain numbers, as arrays of one to six cost more than what is computed."""
+    def _row(self, state: list[float], more: list[float], off: float, seen: float) -> list[float]:
+        """One contact, without its identity: plain numbers, as arrays of one to six cost more than what is computed.
+
+        Args:
+            state: of `RingFound`.
+            more: cosine and sine of the angle, depth [m], width [m].
+            off: what is left of the frame, in deviations.
+            seen: markers.
+        """
+        c, s, depth, width = more
         angle, force, _, t, angle_sd, force_sd, depth_sd, _ = state
         radius, shears = self.ring.radius, self.ring.response.shears
         shear, off_side = force * t if shears else 0.0, radius * angle_sd
