@@ -37,7 +37,7 @@ USER = '''
 
 
     def place(mesh: palpate.Mesh) -> str:
-        found: palpate.ContactEstimate = palpate.Locator(mesh, noise=[0.02] * 3 + [1e-3] * 3)(np.zeros(6))
+        found: palpate.ContactEstimate = palpate.locate([0.0, 0.0, -1.0, 0.0, 0.0, 0.0], mesh)
         return f"{found.point[0]:.3f} {found.status}"
 '''
 
