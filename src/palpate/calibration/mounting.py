@@ -17,6 +17,7 @@ from palpate.calibration.touch_error import spread_in_time
 from palpate.errors import InputError, NotIdentifiable
 from palpate.spatial._arrays import frozen
 from palpate.spatial.pose import Pose, skew
+from palpate.spatial.shown import one_line
 from palpate.spatial.uncertain import noise_covariance
 from palpate.surfaces import Mesh
 
@@ -63,6 +64,9 @@ class Mounting:
         """Of where the surface's origin is [m^2], sensor's axes: exp(xi) T moves it by rho + omega x t."""
         moves = np.concatenate([-skew(self.pose.translation), np.eye(3)], axis=1)
         return moves @ self.covariance @ moves.T
+
+    def __repr__(self) -> str:
+        return one_line(self)
 
 
 def identify_mounting(

@@ -58,8 +58,11 @@ def _run(argv: Sequence[str] | None) -> int:
     except PalpateError as problem:
         print(f"palpate: {problem}", file=sys.stderr)
         return FAILED
-    except SystemExit as leaving:  # the parser's: 0 after --help
-        return leaving.code if isinstance(leaving.code, int) else USAGE
+    except SystemExit as leaving:  # the parser's: 0 or None after what was asked for, a sentence on what is misspelt
+        if isinstance(leaving.code, str):
+            print(f"palpate: {leaving.code}", file=sys.stderr)
+            return USAGE
+        return leaving.code or 0
     return 0
 
 

@@ -26,6 +26,7 @@ __all__ = [
     "counting",
     "in_full",
     "lines",
+    "muted",
     "note",
     "part",
     "progress",
@@ -83,7 +84,7 @@ def spoken(*, quiet: bool, json: bool) -> Generator[None]:
     try:
         yield
     except SystemExit as leaving:
-        if leaving.code not in (0, 1, 2):  # a wrong call
+        if leaving.code not in (0, 1, 2) and not isinstance(leaving.code, str):  # a wrong call
             _finish()
         raise
     else:
@@ -129,6 +130,17 @@ def announce(text: str) -> None:
     """What a person waits for, at once."""
     _print(f"  {text}")
     sys.stdout.flush()
+
+
+def step(text: str) -> None:
+    """What a command of several steps does next, at once; for persons."""
+    _print(text)
+    sys.stdout.flush()
+
+
+def muted() -> tuple[str, ...]:
+    """The option that keeps a command which this one runs from speaking where a person does not read along."""
+    return ("--quiet",) if _VOICES[-1].quiet or _VOICES[-1].json else ()
 
 
 def note(texts: Iterable[str], kind: str = "note") -> None:

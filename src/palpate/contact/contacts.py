@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Bool, Float, Int, Int8
 
-from palpate.contact.estimate import ROW, ContactEstimate
+from palpate.contact.estimate import ROW, ContactEstimate, Status
 
 if TYPE_CHECKING:
     import polars as pl
@@ -197,8 +197,21 @@ class Contacts:
         return import_module("pandas").DataFrame(self.to_polars().to_dict(as_series=False))
 
     def _repr_html_(self) -> str:
-        """For notebooks."""
-        return self.to_polars()._repr_html_()  # pyright: ignore[reportPrivateUsage] - what notebooks call
+        """For notebooks: how many of what, and the touches; every row is in `to_polars`."""
+        from palpate.contact.notebook import table_of  # here: it reads contacts
+
+        return table_of(self)
+
+    def __repr__(self) -> str:
+        if not len(self):
+            return "Contacts(no rows)"
+        counts = np.bincount(self.status, minlength=len(Status))
+        seen = ", ".join(f"{count:,} {Status(code)}" for code, count in enumerate(counts) if count)
+        samples = len(np.unique(self.sample))
+        several = "" if samples == len(self) else f" of {samples:,} samples"
+        known = self.time[np.isfinite(self.time)]
+        span = f", {known.min():.3f} to {known.max():.3f} s" if len(known) else ""
+        return f"Contacts({len(self):,} rows{several}{span}: {seen})"
 
 
 def _read_only(values: np.ndarray) -> np.ndarray:

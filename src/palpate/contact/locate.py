@@ -17,6 +17,7 @@ from palpate.contact.estimate import ROW, ContactEstimate, Status
 from palpate.errors import InputError
 from palpate.sensors.load_cells import Indentation
 from palpate.spatial._arrays import FLOAT, INT8, Value, require_out, shaped
+from palpate.spatial.shown import vector
 from palpate.spatial.uncertain import noise_covariance
 from palpate.spatial.wrench import Wrench
 from palpate.surfaces.surface import Surface
@@ -48,6 +49,12 @@ class Candidates(Value):
     def __post_init__(self) -> None:
         for value in vars(self).values():
             value.flags.writeable = False
+
+    def __repr__(self) -> str:
+        places = ", ".join(vector(1e3 * point, 1) for point in self.point[:3])
+        more = f" and {len(self.point) - 3} more" if len(self.point) > 3 else ""
+        plausible = f"{np.count_nonzero(self.plausible)} of {len(self.point)} plausible"
+        return f"Candidates({plausible}{': ' if places else ''}{places}{more}{' mm' if places else ''})"
 
 
 class Locator:
@@ -290,6 +297,11 @@ class Locator:
         plausible = (found[:, 4] <= self.friction) & (np.abs(torque) <= self.torsion * np.abs(normal @ force))
         order = np.lexsort((found[:, 4], found[:, 5], ~plausible))
         return Candidates(point[order], normal[order], torque[order], found[order, 4], plausible[order])
+
+    def __repr__(self) -> str:
+        bounds = f"friction {self.friction:g}, torsion {1e3 * self.torsion:g} mm"
+        noise = "no noise" if self.noise is None else f"noise {vector(np.sqrt(np.diag(self.noise)), 4)}"
+        return f"Locator({self.surface!r}, {self.method}, {bounds}, {noise})"
 
 
 def _writable(array: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:

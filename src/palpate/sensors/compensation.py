@@ -492,6 +492,9 @@ class Compensation:
             )
         return rotation_from_quaternion(np.where(sound_quaternions(quaternions)[:, None], quaternions, np.nan))
 
+    def __repr__(self) -> str:
+        return f"Compensation({self.sensor!r}, {self.payload!r})"
+
 
 def _kept(kept: Float[np.ndarray, "n 19"]) -> _Readings:
     """Rows of `Compensation.kept` apart again, as the compiled loops take them."""

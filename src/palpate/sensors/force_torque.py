@@ -15,6 +15,7 @@ from palpate.sensors.noise import NoiseSpectrum
 from palpate.sensors.recording import LARGEST
 from palpate.spatial._arrays import Value, frozen
 from palpate.spatial.pose import skew
+from palpate.spatial.shown import one_line, vector
 from palpate.spatial.uncertain import noise_covariance
 
 __all__ = ["STANDARD_GRAVITY", "ForceTorque", "Payload"]
@@ -75,6 +76,11 @@ class Payload(Value):
         """Read-only arrays and mappings come back as such."""
         values = {**vars(self), "provenance": dict(self.provenance)}
         return Payload, tuple(values[name.name] for name in fields(self))
+
+    def __repr__(self) -> str:
+        held = f"{self.mass:.4g} kg at {vector(1e3 * self.center_of_mass, 1)} mm" if self.weight.any() else "no weight"
+        bias = f"bias {vector(self.force_bias)} N, {vector(self.torque_bias, 4)} N m"
+        return f"Payload({held}, {bias}{f', from {self.samples:,} samples' if self.samples else ''})"
 
     @property
     def mass(self) -> float:
@@ -211,6 +217,9 @@ class ForceTorque(Value):
         if self.limits is None:
             return np.zeros(wrenches.shape[:-1], dtype=bool)
         return np.any(np.abs(wrenches) >= self.limits, axis=-1)
+
+    def __repr__(self) -> str:
+        return one_line(self)
 
 
 def _finite(name: str, values: ArrayLike, shape: tuple[int, ...], largest: float = LARGEST) -> Float[np.ndarray, "..."]:

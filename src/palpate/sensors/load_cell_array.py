@@ -367,6 +367,9 @@ class LoadCellArray:
             self._kept = [np.concatenate(self._kept)[::2]]
             self._held, self._stride = len(self._kept[0]), 2 * self._stride
 
+    def __repr__(self) -> str:
+        return f"LoadCellArray({self.cells!r}, {np.count_nonzero(self.sound)} of {len(self.sound)} channels sound)"
+
 
 _SHAPE = "{} cells give {} voltages a sample, and these have shape {}."
 

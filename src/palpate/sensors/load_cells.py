@@ -15,6 +15,7 @@ from palpate.errors import InputError, NotIdentifiable
 from palpate.sensors.recording import REFERENCE, VOLTAGE
 from palpate.spatial._arrays import Value, frozen
 from palpate.spatial.pose import skew
+from palpate.spatial.shown import one_line
 
 __all__ = [
     "REFERENCE",
@@ -252,6 +253,9 @@ class LoadCells(Value):
             rank=int(known.sum()),
             missing=missing,
         )
+
+    def __repr__(self) -> str:
+        return one_line(self)
 
 
 def require_layout(positions: Float[np.ndarray, "k 3"]) -> None:

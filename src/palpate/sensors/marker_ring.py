@@ -13,6 +13,7 @@ from palpate.sensors.fisheye import Fisheye, RingView
 from palpate.sensors.markers import MarkerColour
 from palpate.sensors.ring_response import RingResponse
 from palpate.spatial._arrays import Value, frozen
+from palpate.spatial.shown import one_line
 
 __all__ = ["MarkerRing", "RingBody"]
 
@@ -94,3 +95,6 @@ class MarkerRing(Value):
         """[m] deviation of each displacement that `jitter` makes."""
         along = np.swapaxes(self.axes(), -1, -2) @ self.view.to_plane_with_slope(self.rest)[1]
         return self.jitter * np.linalg.norm(along, axis=-1)
+
+    def __repr__(self) -> str:
+        return one_line(self)

@@ -133,6 +133,12 @@ class Recording:
             return None
         return 1.0 / float(np.mean(steps[steps < 1.5 * np.median(steps)]))  # the median alone has the clock's rounding
 
+    def __repr__(self) -> str:
+        known = self.time[np.isfinite(self.time)]
+        span = f", {known.min():.3f} to {known.max():.3f} s" if len(known) else ""
+        source = f", from {self.source!r}" if self.source else ""
+        return f"Recording({len(self):,} samples{span}: {', '.join(self.channels) or 'no channels'}{source})"
+
 
 def apart(names: Sequence[str], readings: np.ndarray) -> dict[str, np.ndarray]:
     """The channels of readings (n, ...) that stand side by side, such as force and torque in (n, 6).

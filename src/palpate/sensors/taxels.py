@@ -244,6 +244,11 @@ class TaxelBody:
         rows.flags.writeable = False
         return rows
 
+    def __repr__(self) -> str:
+        size = " x ".join(f"{1e3 * side:.4g}" for side in np.ptp(self.positions, axis=0)) if len(self) else "0 x 0 x 0"
+        layout = f"{self.rows} x {self.columns}, " if self.rows else ""
+        return f"TaxelBody({layout}{len(self):,} taxels, {np.count_nonzero(self.usable):,} usable, {size} mm)"
+
 
 def _columns_used(place: SkinMap) -> int:
     """Columns before those that lie over others: where a sheet overlaps itself a press is felt in both layers."""

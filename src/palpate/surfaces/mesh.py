@@ -59,6 +59,11 @@ class Mesh(Value):
                 array.flags.writeable = False
                 object.__setattr__(self, name, array)
 
+    def __repr__(self) -> str:
+        size = np.ptp(self.vertices, axis=0) if len(self.vertices) else np.zeros(3)
+        measures = " x ".join(f"{1e3 * side:.4g}" for side in size)
+        return f"Mesh({len(self.vertices):,} vertices, {len(self.faces):,} facets, {measures} mm)"
+
     @classmethod
     def from_arrays(
         cls,

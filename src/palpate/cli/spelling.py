@@ -1,0 +1,58 @@
+"""What a person may have meant by a command or an option that there is none of."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from difflib import SequenceMatcher
+
+__all__ = ["command_of", "unknown_command", "unknown_option"]
+
+_ALIKE = 0.6  # share of letters that are the same; below it a suggestion confuses more than it helps
+
+
+def command_of(words: Sequence[str], groups: Mapping[str, Sequence[str]]) -> tuple[str, ...]:
+    """The words of a call that name its command, known ones only; `groups` has the commands below each first word."""
+    if not words or words[0] not in groups:
+        return ()
+    below = len(words) > 1 and words[1] in groups[words[0]]
+    return tuple(words[: 1 + below])
+
+
+def unknown_command(words: Sequence[str], groups: Mapping[str, Sequence[str]]) -> str | None:
+    """A sentence where a call names a command that there is none of; None where it names one, or none at all."""
+    known = command_of(words, groups)
+    rest = words[len(known) :]
+    if not rest or rest[0].startswith("-") or (known and not groups[known[0]]) or len(known) > 1:
+        return None
+    said = " ".join([*known, rest[0]])
+    if known:
+        meant = {name: f"{known[0]} {name}" for name in groups[known[0]]}
+    else:  # of a group's commands the last word is enough: `palpate clock`
+        leaves = {name: f"{group} {name}" for group, names in groups.items() for name in names}
+        meant = leaves | {f"{group}-{name}": f"{group} {name}" for group, names in groups.items() for name in names}
+        meant |= {name: name for name in groups}
+    near = _nearest(rest[0], meant)
+    listed = " ".join(["palpate", *known, "--help"])
+    hint = f"`{listed}` lists them." if near is None else f"did you mean `palpate {meant[near]}`?"
+    return f"there is no command `{said}`; {hint}"
+
+
+def unknown_option(words: Sequence[str], command: Sequence[str], options: Iterable[str]) -> str | None:
+    """A sentence on the first option of a call that its command has none of; None where it has them all."""
+    known = set(options)
+    name = " ".join(["palpate", *command])
+    for word in words:
+        option = word.partition("=")[0].replace("_", "-")
+        if re.fullmatch(r"--[a-z][\w-]*", option) and option not in known:
+            near = _nearest(option, known)
+            hint = f"`{name} --help` lists them." if near is None else f"did you mean {near}?"
+            return f"`{name}` has no option {word.partition('=')[0]}; {hint}"
+    return None
+
+
+def _nearest(word: str, known: Iterable[str]) -> str | None:
+    """The most similar of them, of several the first in the alphabet; None where nothing is alike."""
+    ranked = [(SequenceMatcher(None, word.lower(), name).ratio(), name) for name in sorted(known)]
+    share, name = max(ranked, default=(0.0, ""), key=lambda each: each[0])
+    return name if share >= _ALIKE else None

@@ -1,0 +1,56 @@
+"""Values as a person meets them first: on one line, with the numbers that fit on it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence, Sized
+from dataclasses import fields, is_dataclass
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+__all__ = ["one_line", "vector"]
+
+_NUMBERS = 6  # of an array that are printed; of a larger one, its shape
+_LONGEST = 40  # characters of a string
+
+
+def vector(values: ArrayLike, digits: int = 3) -> str:
+    """Numbers (n,) in brackets, with as many digits behind the point."""
+    return "(" + ", ".join(f"{value:.{digits}f}" for value in np.asarray(values, dtype=np.float64)) + ")"
+
+
+def one_line(value: object) -> str:
+    """A frozen value by its name and fields: small arrays in full, of larger ones the shape; nothing that is empty."""
+    if not is_dataclass(value) or isinstance(value, type):
+        raise TypeError(f"{type(value).__name__} has no fields to print")
+    shown = ((each.name, getattr(value, each.name)) for each in fields(value) if not each.name.startswith("_"))
+    said = (f"{name}={_short(content)}" for name, content in shown if not _empty(content))
+    return f"{type(value).__name__}({', '.join(said)})"
+
+
+def _empty(content: object) -> bool:
+    return content is None or (isinstance(content, Sized) and len(content) == 0)
+
+
+def _short(content: Any) -> str:
+    if isinstance(content, np.ndarray):
+        return _array(cast("np.ndarray[Any, Any]", content))
+    if isinstance(content, float | np.floating):
+        return f"{content:g}"
+    if isinstance(content, Mapping):
+        return "{" + ", ".join(str(key) for key in cast("Mapping[Any, Any]", content)) + "}"
+    if isinstance(content, str):
+        return repr(content if len(content) <= _LONGEST else f"{content[: _LONGEST - 3]}...")
+    said = repr(content)
+    if len(said) <= _LONGEST:
+        return said
+    if isinstance(content, Sequence):
+        return f"<{len(cast('Sequence[Any]', content))}>"
+    return f"{type(content).__name__}(...)"
+
+
+def _array(values: np.ndarray) -> str:
+    if values.size > _NUMBERS or values.dtype.kind not in "fiub":
+        return f"<{' x '.join(map(str, values.shape))}>"
+    return "[" + ", ".join(f"{value:g}" for value in values.ravel()) + "]"

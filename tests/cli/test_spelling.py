@@ -1,0 +1,70 @@
+"""What is misspelt is said in one sentence that names what was meant, and the exit code is that of a wrong call."""
+
+from __future__ import annotations
+
+import pytest
+
+from palpate.cli import main
+from palpate.cli.spelling import command_of, unknown_command, unknown_option
+
+GROUPS = {"estimate": (), "events": (), "calibrate": ("clock", "load-cells"), "rig": ("new",)}
+
+
+@pytest.mark.parametrize(
+    ("call", "meant"),
+    [
+        ("estimat log.csv", "`palpate estimate`"),
+        ("Events", "`palpate events`"),
+        ("clock", "`palpate calibrate clock`"),
+        ("calibrate-clock", "`palpate calibrate clock`"),
+        ("calibrate cloc", "`palpate calibrate clock`"),
+        ("calibrate load_cells", "`palpate calibrate load-cells`"),
+        ("calibrate xyzzy", "`palpate calibrate --help`"),
+        ("xyzzy", "`palpate --help`"),
+    ],
+)
+def test_a_misspelt_command_names_what_was_meant(call: str, meant: str) -> None:
+    said = unknown_command(call.split(), GROUPS)
+    assert said is not None
+    assert meant in said
+
+
+@pytest.mark.parametrize("call", ["", "--help", "estimate estimat", "calibrate", "calibrate --help", "rig new nwe"])
+def test_what_names_a_command_or_none_is_not_corrected(call: str) -> None:
+    assert unknown_command(call.split(), GROUPS) is None
+
+
+def test_options_are_those_of_the_command() -> None:
+    words = ["calibrate", "clock", "log.csv", "--rgi=r.toml", "-o", "x", "--offset", "-1"]
+    command = command_of(words, GROUPS)
+    assert command == ("calibrate", "clock")
+    assert "did you mean --rig?" in str(unknown_option(words, command, ("--rig", "--offset")))
+    assert unknown_option(words, command, ("--rgi", "--offset")) is None
+    assert unknown_option(["--load_cells"], command, ("--load-cells",)) is None
+
+
+@pytest.mark.parametrize(
+    ("call", "meant"),
+    [
+        ("estimat", "`palpate estimate`"),
+        ("estimate log.csv -o x.csv --riig rig.toml", "--rig?"),
+        ("estimate --jsn", "--json?"),
+        ("--verson", "--version?"),
+    ],
+)
+def test_a_misspelt_call_is_one_sentence(call: str, meant: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(call.split()) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.count("\n") == 1
+    assert meant in err
+
+
+def test_what_is_not_misspelt_is_said_by_the_parser(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["estimate", "--frame"]) == 2
+    assert "Missing value" in capsys.readouterr().err
+
+
+def test_completion_is_printed_and_no_wrong_call(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--tyro-print-completion", "bash"]) == 0
+    assert "calibrate" in capsys.readouterr().out

@@ -1,0 +1,175 @@
+"""Wheel and sdist as a stranger gets them: built, looked into, and used in bare environments; `make package`.
+
+No part of the tests: it installs from the registry, and compiles every kernel anew for each Python (minutes each).
+Run: `python -m tests.package [contents] [alone] [all] [lowest] [types] [--python 3.12]...`; all of them without a word.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import shutil
+import subprocess
+import sys
+import tarfile
+import textwrap
+import zipfile
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+WORK = ROOT / ".cache" / "package"
+PYTHONS = ("3.11", "3.12", "3.13")
+STEPS = ("contents", "alone", "all", "lowest", "types")
+WHEEL_HAS = ("palpate/py.typed", "palpate/viewer/report.html", "palpate/__main__.py", "palpate/cli/demo.py")
+SDIST_HAS = ("README.md", "LICENSE", "pyproject.toml", "CHANGELOG.md", "CITATION.cff", "src/palpate/py.typed")
+NOBODYS = ("__pycache__", ".pyc", ".nbi", ".nbc", ".venv", ".cache/", ".tools/", "demo/touches", ".DS_Store")
+USER = '''
+    """What a stranger types: every name below has a type that a strict checker knows."""
+
+    import numpy as np
+
+    import palpate
+
+
+    def lightest(log: str, rig: str) -> float:
+        contacts: palpate.Contacts = palpate.estimate(log, rig)
+        return float(np.linalg.norm(contacts.estimate.force, axis=1).min())
+
+
+    def place(mesh: palpate.Mesh) -> str:
+        found: palpate.ContactEstimate = palpate.locate([0.0, 0.0, -1.0, 0.0, 0.0, 0.0], mesh)
+        return f"{found.point[0]:.3f} {found.status}"
+'''
+
+
+def main() -> None:
+    """The steps asked for, one after the other; the first that fails ends it."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("steps", nargs="*", metavar="STEP", help=", ".join(STEPS))
+    parser.add_argument("--python", action="append", metavar="VERSION", help="one of several; every one that uv finds")
+    said = parser.parse_args()
+    steps = said.steps or STEPS
+    if unknown := set(steps) - set(STEPS):
+        parser.error(f"no such step: {', '.join(sorted(unknown))}")
+    wheel = _build()
+    if "contents" in steps:
+        _contents(wheel)
+    for version in said.python or PYTHONS:
+        interpreter = _interpreter(version)
+        if interpreter is None:
+            _say(f"{version}: uv finds no interpreter here: not tried")
+            continue
+        if "alone" in steps:
+            _alone(wheel, version, interpreter)
+        if "all" in steps:
+            _whole(wheel, version, interpreter, "highest")
+        if (
+            "lowest" in steps and version == PYTHONS[0]
+        ):  # bounds hold for the oldest Python; newer ones need newer wheels
+            _whole(wheel, version, interpreter, "lowest-direct")
+        if "types" in steps:
+            _types(wheel, version, interpreter)
+
+
+def _build() -> Path:
+    """The wheel; the sdist is beside it."""
+    shutil.rmtree(WORK, ignore_errors=True)
+    WORK.mkdir(parents=True)
+    _run(sys.executable, "-m", "hatchling", "build", "--directory", str(WORK), within=ROOT)
+    return next(WORK.glob("*.whl"))
+
+
+def _contents(wheel: Path) -> None:
+    sdist = next(WORK.glob("*.tar.gz"))
+    with zipfile.ZipFile(wheel) as archive, tarfile.open(sdist) as packed:
+        inside = archive.namelist()
+        source = [name.partition("/")[2] for name in packed.getnames()]
+        about = archive.read(next(name for name in inside if name.endswith("METADATA"))).decode()
+    _require([name for name in WHEEL_HAS if name not in inside], "the wheel lacks")
+    _require([name for name in SDIST_HAS if name not in source], "the sdist lacks")
+    _require([name for name in [*inside, *source] if any(part in name for part in NOBODYS)], "nobody's business")
+    outside = [name for name in inside if not name.startswith("palpate")]
+    _require(outside, "the wheel writes outside of its package")
+    _require([] if "Provides-Extra: all" in about else ["all"], "no extra")
+    sizes = ", ".join(f"{file.name} {file.stat().st_size / 1e3:,.0f} kB" for file in (wheel, sdist))
+    _say(f"contents: {sizes}; {len(inside)} and {len(source)} files, nothing that should not be there")
+
+
+def _alone(wheel: Path, version: str, interpreter: str) -> None:
+    """Without an extra the commands are there, and the demo says in a sentence what it lacks."""
+    bin_ = _environment(f"alone-{version}", interpreter, str(wheel))
+    _say(f"{version}, alone: {_run(str(bin_ / 'palpate'), '--version').stdout.strip()}")
+    refused = _run(str(bin_ / "palpate"), "demo", "--no-view", "-o", "alone_demo", wanted=1).stderr.strip()
+    _require(
+        [] if "palpate[all]" in refused and "\n" not in refused else [refused], "the demo does not say what it lacks"
+    )
+    _say(f"{version}, alone: {refused}")
+
+
+def _whole(wheel: Path, version: str, interpreter: str, resolution: str) -> None:
+    """With everything, at the newest or the oldest versions that are allowed, the demo runs to its end."""
+    name = f"{resolution.partition('-')[0]}-{version}"
+    bin_ = _environment(name, interpreter, f"{wheel}[all]", "--resolution", resolution)
+    said = _run(str(bin_ / "palpate"), "demo", "--no-view", "-o", f"demo-{name}").stdout
+    figures = [line.strip() for line in said.splitlines() if "touch off by" in line]
+    _require([] if (WORK / f"demo-{name}" / "report.html").is_file() else ["report.html"], "the demo did not write")
+    _say(f"{version}, all, {resolution}: demo ends; {'; '.join(' '.join(line.split()) for line in figures)}")
+
+
+def _types(wheel: Path, version: str, interpreter: str) -> None:
+    """A stranger's project: mypy and pyright, both strict, see the types of what is installed."""
+    bin_ = _environment(f"types-{version}", interpreter, str(wheel), "mypy")
+    folder = WORK / f"project-{version}"
+    folder.mkdir()
+    (folder / "mine.py").write_text(textwrap.dedent(USER).lstrip(), encoding="utf-8")
+    (folder / "pyrightconfig.json").write_text(
+        '{"typeCheckingMode": "strict", "include": ["mine.py"]}', encoding="utf-8"
+    )
+    python = str(bin_ / "python")
+    strict = _run(python, "-m", "mypy", "--strict", "mine.py", within=folder).stdout.strip()
+    pyright = _run(sys.executable, "-m", "pyright", "--pythonpath", python, within=folder).stdout.strip()
+    _say(f"{version}, types: mypy --strict: {strict}; pyright strict: {pyright.splitlines()[-1]}")
+
+
+def _interpreter(version: str) -> str | None:
+    found = subprocess.run([_uv(), "python", "find", version], env=_clean(), capture_output=True, text=True)
+    return found.stdout.strip() if found.returncode == 0 else None
+
+
+def _environment(name: str, interpreter: str, *wanted: str) -> Path:
+    """The folder of programs of a new environment that holds nothing but what is wanted."""
+    place = WORK / name
+    _run(_uv(), "venv", "--quiet", "--python", interpreter, str(place))
+    _run(_uv(), "pip", "install", "--quiet", "--python", str(place / "bin" / "python"), *wanted)
+    return place / "bin"
+
+
+def _uv() -> str:
+    ours = ROOT / ".tools" / "bin" / "uv"
+    return str(ours) if ours.exists() else shutil.which("uv") or "uv"
+
+
+def _clean() -> dict[str, str]:
+    """The surroundings without what would let the work tree, or an environment that is active, shine through."""
+    return {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "VIRTUAL_ENV")}
+
+
+def _run(*words: str, within: Path = WORK, wanted: int = 0) -> subprocess.CompletedProcess[str]:
+    done = subprocess.run(words, cwd=within, env=_clean(), capture_output=True, text=True)
+    if done.returncode != wanted:
+        sys.exit(f"{' '.join(words)}: exit code {done.returncode}\n{done.stdout[-3000:]}{done.stderr[-3000:]}")
+    return done
+
+
+def _say(text: str) -> None:
+    sys.stdout.write(f"{text}\n")
+    sys.stdout.flush()
+
+
+def _require(wrong: list[str], what: str) -> None:
+    if wrong:
+        sys.exit(f"{what}: {', '.join(wrong)}")
+
+
+if __name__ == "__main__":
+    main()
