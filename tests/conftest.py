@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import re
 import signal
@@ -35,6 +36,8 @@ def _checked_modules() -> list[str]:
     return [".".join(file.relative_to(source).with_suffix("").parts) for file in checked]
 
 
+gc.disable()  # until the tests are collected: what is imported stays
+
 # A shell ignores Ctrl-C in what runs behind it, and so would every program that a test starts and interrupts.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 numpy.typing.ArrayLike = object  # numpy's is a protocol at run time, and no tuple meets it (no __reversed__)
@@ -55,6 +58,12 @@ def shared() -> Path:
     if not (folder / "data").is_dir():
         pytest.skip(NO_SHARED_DATA)
     return folder
+
+
+def pytest_collection_finish() -> None:
+    """What was imported and collected is never garbage, and need not be looked through again."""
+    gc.enable()
+    gc.freeze()
 
 
 def pytest_runtest_setup() -> None:
