@@ -8,16 +8,38 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable
-from types import FunctionType
+from types import FunctionType, ModuleType
 from typing import Any
+from unittest import mock
 
 import jaxtyping
 import jaxtyping._decorator as decorator
+import jaxtyping._import_hook as hook
 
-__all__ = ["check_first_calls", "start_counting"]
+__all__ = ["cache_apart", "check_first_calls", "start_counting"]
 
 CALLS = 20  # of a function in a test
 _test = [0]  # how many have begun
+
+
+def cache_apart() -> None:
+    """Only a checked module has bytecode of its own.
+
+    While jaxtyping's loader runs a module, what that imports is cached under the name of the checked ones too: a fresh
+    clone would compile NumPy and all the others once more.
+    """
+    loader: Any = hook._JaxtypingLoader
+    loaded = loader.get_code
+
+    def get_code(self: Any, fullname: str) -> Any:
+        cached = functools.partial(hook._optimized_cache_from_source, self._typechecker.get_hash())
+        with mock.patch("importlib._bootstrap_external.cache_from_source", cached):
+            return loaded(self, fullname)
+
+    def exec_module(self: Any, module: ModuleType) -> None:
+        exec(self.get_code(module.__name__), vars(module))
+
+    loader.get_code, loader.exec_module = get_code, exec_module
 
 
 def start_counting() -> None:
