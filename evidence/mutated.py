@@ -159,11 +159,11 @@ def _spoilt(file: Path, ways: str, random: Random) -> Path:
 
 
 def rows(small: bool) -> Iterator[Row]:
-    """One for each kind; 10,000 cases in all, or four of each kind."""
+    """One for each kind; 10,000 cases in all; small takes one, the tests try six."""
     if small:
         with bench():
             for name in KINDS:
-                yield _row(name, [try_one(name, number) for number in range(4)])
+                yield _row(name, [try_one(name, number) for number in range(1)])
         return
     pieces = [
         (name, range(kind.count)[first : first + PIECE])

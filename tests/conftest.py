@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import re
 import signal
-import sys
 from pathlib import Path
 
 import numpy.typing
@@ -13,7 +13,7 @@ import pytest
 from hypothesis import settings
 from jaxtyping import install_import_hook
 
-from tests.support.checked import check_first_calls, start_counting
+from tests.support.checked import cache_apart, check_first_calls, start_counting
 
 ROOT = Path(__file__).resolve().parents[1]
 NO_SHARED_DATA = "no shared data: set PALPATE_SHARED, or put it in ../shared beside the project"
@@ -35,10 +35,12 @@ def _checked_modules() -> list[str]:
     return [".".join(file.relative_to(source).with_suffix("").parts) for file in checked]
 
 
+gc.disable()  # until the tests are collected: what is imported stays
+
 # A shell ignores Ctrl-C in what runs behind it, and so would every program that a test starts and interrupts.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 numpy.typing.ArrayLike = object  # numpy's is a protocol at run time, and no tuple meets it (no __reversed__)
-sys.pycache_prefix = str(ROOT / ".cache" / "pyc")  # the hook makes its own bytecode, of what is imported below it too
+cache_apart()
 check_first_calls()
 install_import_hook(_checked_modules(), "beartype.beartype")  # here only: production pays nothing for it
 
@@ -55,6 +57,12 @@ def shared() -> Path:
     if not (folder / "data").is_dir():
         pytest.skip(NO_SHARED_DATA)
     return folder
+
+
+def pytest_collection_finish() -> None:
+    """What was imported and collected is never garbage, and need not be looked through again."""
+    gc.enable()
+    gc.freeze()
 
 
 def pytest_runtest_setup() -> None:

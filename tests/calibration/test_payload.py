@@ -85,20 +85,20 @@ CASES = {
 
 @pytest.mark.parametrize("case", CASES)
 def test_covariance_holds(case: str) -> None:
-    """The mean of 120 squared distances of 12 (10) degrees of freedom scatters by sqrt(2 k / 120): 4 % of k.
+    """The mean of 60 squared distances of 12 (10) degrees of freedom scatters by sqrt(2 k / 60): 5.3 % (5.8 %) of k.
 
     Estimated from 40 poses' residuals, the covariance's own error adds about (k + 1) / (3 x 40) = 11 %; with the noise
     known it adds nothing. Both within two and a half deviations, of dice that are always the same.
     """
     settings, unknowns = CASES[case]
     squared = []
-    for seed in range(120):
+    for seed in range(60):
         rotations = poses(40, seed)
         payload = identify_payload(readings(rotations, noise=1.0, seed=1000 + seed), rotations, **settings)
         error = parameters(payload) - TRUTH
         squared.append(error @ np.linalg.pinv(payload.covariance, rcond=1e-12, hermitian=True) @ error)
     mean, excess = np.mean(squared) / unknowns, 0.0 if "noise" in settings else 0.11
-    assert 1.0 - 0.1 < mean < 1.0 + excess + 0.1
+    assert 1.0 - 0.14 < mean < 1.0 + excess + 0.14
 
 
 def test_known_noise_sharpens_the_weight_through_the_torque() -> None:
@@ -187,11 +187,11 @@ def test_samples_that_something_touched_are_set_aside_and_listed() -> None:
 
 def test_good_samples_are_rarely_set_aside() -> None:
     away = 0
-    for seed in range(300):
+    for seed in range(100):
         rotations = poses(7 + seed % 20, seed)
         wrenches = readings(rotations, noise=1.0, seed=seed)
         away += len(wrenches) - identify_payload(wrenches, rotations, robust=True).samples
-    assert away <= 10  # of 4,950; a few come from the deviations of seven poses
+    assert away <= 4  # of 1,650; a few come from the deviations of seven poses
 
 
 def test_rows_with_nan_are_ignored_and_said_by_their_own_number() -> None:

@@ -113,13 +113,13 @@ def test_wrenches_that_were_turned_with_the_poses_are_refused(
         "[orientation]\nmax_gap = 0.5\n[time]\nunit = 's'\n",
         "orientation.max_gap = 0.5\n",
         "orientation = { max_gap = 0.5 }\n",
-        "[orientation]\noffset = 1.5 # old\n",
+        "[orientation]\noffset = 0.15 # old\n",
     ],
 )
 def test_the_offset_finds_its_place_in_any_form_of_rig(session: Session, table: str, tmp_path: Path) -> None:
     surface = '[surface]\nkind = "plane"\n'
     rig = surface + table if table.startswith("[") else table + surface
-    code, out = clock(in_columns(session, 0, tmp_path / "log.csv"), rig, tmp_path, "--search", "2")
+    code, out = clock(in_columns(session, 0, tmp_path / "log.csv"), rig, tmp_path, "--search", "0.2")
     assert code == 0
     assert abs(load_rig(out).orientation.offset) < 1e-3
     assert load_rig(out).orientation.max_gap == (0.5 if "max_gap" in table else 0.25)

@@ -113,7 +113,7 @@ def test_normal_is_the_gradient_of_the_distance(row: Equation) -> None:
 def test_a_wrench_made_at_a_point_is_located_there(name: str, pitch: float) -> None:
     """The one contact of a convex body, at any pitch; elsewhere one of the candidates, for what a finger can twist."""
     row = EQUATIONS[name]
-    points, normals, wrenches = touches(row, pitch, 300, 6)
+    points, normals, wrenches = touches(row, pitch, 100, 6)
     locator = Locator(row.surface, friction=1.0, torsion=1.0)
     for point, normal, wrench in zip(points, normals, wrenches, strict=True):
         found = locator.candidates(wrench)

@@ -53,34 +53,34 @@ def search_reference(wrench: np.ndarray, pitch_used: float, tan_limit: float, co
     pitch = pitch_used * (force @ moment) / size**2
     e1 = np.linalg.svd(f[None])[2][1]
     e2 = np.cross(f, e1)
+    points, normals = np.split(corners[:, :18].reshape(-1, 3, 6), 2, axis=2)  # (patches, corners, 3)
+    c = normals @ f
+    across = np.cross(f, normals)
+    u, v = (points - axis) @ e1, (points - axis) @ e2
+    x, y = pitch * across @ e1, pitch * across @ e2
+    d0, d1, d2 = np.cross(u, v), np.cross(u, y) + np.cross(x, v), np.cross(x, y)
+    dot = functools.partial(np.einsum, "nk,nk->n")
+    cubics = np.stack([-d0.sum(1), dot(c, d0) - d1.sum(1), dot(c, d1) - d2.sum(1), dot(c, d2)], axis=1)
     rows = []
-    for patch, row in enumerate(corners):
-        points, normals = row[:18].reshape(3, 6)[:, :3], row[:18].reshape(3, 6)[:, 3:]
-        c = normals @ f
-        if np.all(c >= 0):
-            continue
-        across = np.cross(f, normals)
-        u, v = (points - axis) @ e1, (points - axis) @ e2
-        x, y = pitch * across @ e1, pitch * across @ e2
-        d0, d1, d2 = np.cross(u, v), np.cross(u, y) + np.cross(x, v), np.cross(x, y)
-        cubic = [-d0.sum(), c @ d0 - d1.sum(), c @ d1 - d2.sum(), c @ d2]
+    for patch in np.flatnonzero((c < 0).any(axis=1)):
+        cubic = cubics[patch]
         scale = np.abs(cubic).max()
         if scale == 0:
             continue
         for w in np.roots(np.where(np.abs(cubic) < 1e-15 * scale, 0.0, cubic)):
             if abs(w.imag) > 1e-9 or w.real > -1e-12:
                 continue
-            weights = d2 + w.real * (d1 + w.real * d0)
+            weights = d2[patch] + w.real * (d1[patch] + w.real * d0[patch])
             if weights.sum() == 0:
                 continue
             b = weights / weights.sum()
-            normal = b @ normals
+            normal = b @ normals[patch]
             cosine = -(f @ normal) / np.linalg.norm(normal)
-            if b.min() < -1e-9 or cosine <= 0 or abs(b @ c - w.real) > 1e-6:
+            if b.min() < -1e-9 or cosine <= 0 or abs(b @ c[patch] - w.real) > 1e-6:
                 continue
             tangent = np.sqrt(max(0.0, 1 - cosine**2)) / cosine
             if tangent <= tan_limit:
-                rows.append([patch, *b, tangent, f @ (b @ points)])
+                rows.append([patch, *b, tangent, f @ (b @ points[patch])])
     return np.array(rows).reshape(-1, 6)
 
 
