@@ -1,10 +1,11 @@
-"""Our navigator in a world of discs and lines whose forces are closed forms: force = stiffness x depth, nothing else."""
+"""Our navigator among lines that press on it by a closed form: force = stiffness x depth, and nothing else."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import pytest
@@ -20,7 +21,7 @@ FRAME, RADIUS, STIFFNESS = 1.0 / 30.0, 0.055, 500.0
 
 @dataclass
 class Wall:
-    """A line from a to b [m] that a disc of `RADIUS` presses against; `yields`: it moves on rather than bear more [N]."""
+    """A line from a to b [m] that a disc of `RADIUS` presses against; it moves rather than bear above `yields` [N]."""
 
     a: tuple[float, float]
     b: tuple[float, float]
@@ -57,6 +58,7 @@ class Course:
     poses: list[np.ndarray] = field(default_factory=list[np.ndarray])
 
     def go(self, seconds: float) -> Course:
+        """Until it has arrived, or so long."""
         for _ in range(round(seconds / FRAME)):
             felt = [touch for wall in self.walls if (touch := wall.touch(self.pose)) is not None]
             self.greatest = max(self.greatest, *(force for _, force in felt), 0.0)
@@ -74,11 +76,12 @@ class Course:
 
     @property
     def path(self) -> float:
+        """[m] driven."""
         return float(np.hypot(*np.diff(np.array(self.poses)[:, :2], axis=0).T).sum())
 
 
-def course(*walls: Wall, goal: tuple[float, float] = (1.0, 0.0), **settings: float | bool) -> Course:
-    return Course(TouchNavigator(goal, settings=TouchNavigatorSettings(**settings)), walls)  # type: ignore[arg-type]
+def course(*walls: Wall, goal: tuple[float, float] = (1.0, 0.0), **settings: Any) -> Course:
+    return Course(TouchNavigator(goal, settings=TouchNavigatorSettings(**settings)), walls)
 
 
 def test_a_free_way_is_driven_straight_and_ends_within_reach() -> None:
@@ -135,10 +138,13 @@ def test_turned_and_shifted_it_does_the_same() -> None:
     for k in range(60):
         felt = np.array([[rng.uniform(-3.0, 3.0), rng.uniform(0.3, 2.0)]]) if k % 3 else np.zeros((0, 2))
         moved = np.array([*(matrix @ pose[:2] + shift), pose[2] + turn + 2 * math.pi])
-        one, two = here.update(k * FRAME, felt, pose), there.update(k * FRAME, felt + [2 * math.pi, 0.0], moved)
+        one, two = (
+            here.update(k * FRAME, felt, pose),
+            there.update(k * FRAME, felt + np.array([2 * math.pi, 0.0]), moved),
+        )
         if k < 6:  # later the cells of the map, which do not turn, make small differences
             assert one == pytest.approx(two, abs=1e-9)
-        pose = pose + [0.001, 0.0, 0.002]
+        pose = pose + np.array([0.001, 0.0, 0.002])
 
 
 def test_faults_are_told() -> None:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, TextIO, cast
 
 from palpate.cli.arena_run import ArenaResult
 from palpate.cli.arena_setup import Asked, command
-from palpate.cli.console import Figure, announce, counting, lines, note, step, title
+from palpate.cli.console import Figure, announce, counting, lines, note, overwrite, title
 from palpate.errors import InputError
 from palpate.io.atomic import keep_inputs, write_text, writing
 from palpate.viewer.arena_summary import Judged, compose, figures
@@ -58,7 +58,7 @@ def run_batch(asked: Asked, seeds: Sequence[int], output: Path, jobs: int | None
             for result in _results(partial(_one, asked), wanted, jobs, backend):
                 _keep(file, result)
                 done[result.seed] = result
-                step(_so_far([done[seed] for seed in seeds if seed in done], len(seeds)))
+                overwrite(_so_far([done[seed] for seed in seeds if seed in done], len(seeds)))
     except KeyboardInterrupt:
         announce(f"{sum(seed in done for seed in seeds)} of {len(seeds)} seeds are in {kept}: the same command goes on")
         raise

@@ -28,6 +28,7 @@ __all__ = [
     "lines",
     "muted",
     "note",
+    "overwrite",
     "part",
     "progress",
     "shares",
@@ -232,10 +233,10 @@ def progress(done: int, share: float) -> None:
         done: samples so far.
         share: of the file that was read.
     """
-    step(f"{done:,} samples, {share:4.0%} of the log")
+    overwrite(f"{done:,} samples, {share:4.0%} of the log")
 
 
-def step(text: str) -> None:
+def overwrite(text: str) -> None:
     """One line that is written over again and again, for a person."""
     if sys.stderr.isatty():
         print(f"\rpalpate: {text}", end="\x1b[K", file=sys.stderr, flush=True)
