@@ -97,11 +97,7 @@ class Fisheye:
         matrix += (ratio[..., None] * turned)[..., :, None] * across[..., None, :]
         return rays, matrix / self._focal
 
-<<<<<<< HEAD
     def _seen(self, pixels: Float[np.ndarray, "*batch 2"]) -> tuple[np.ndarray, ...]:
-=======
-    def _seen(self, pixels: np.ndarray) -> tuple[np.ndarray, ...]:
->>>>>>> h2
         """Rays, pixels over the focal lengths, their radius theta_d, theta, and sin(theta) over that radius."""
         plane = (np.asarray(pixels, dtype=np.float64) - self._middle) / self._focal
         bent = np.asarray(np.sqrt(plane[..., 0] * plane[..., 0] + plane[..., 1] * plane[..., 1]))
