@@ -68,6 +68,7 @@ def figures(runs: Sequence[Judged]) -> list[tuple[str, str, float]]:
     whole, there = float(np.mean([run.whole for run in runs])), len(times) / total
     last = median(np.array([max(run.arrived) if run.whole else np.nan for run in runs]))
     force = np.array([run.force for run in runs])
+    pushes, deadlocks = sum(run.pushes for run in runs), sum(run.deadlocks for run in runs)
     return [
         ("all arrive", f"{percent(whole)} of {len(runs)} runs", whole),
         ("robots arrive", f"{percent(there)} of {total} robots", there),
@@ -76,8 +77,8 @@ def figures(runs: Sequence[Judged]) -> list[tuple[str, str, float]]:
         ("force", f"{_number(median(force), 2)} N at 99 % of a run's contact time, median of the runs", median(force)),
         ("force, worst run", f"{_number(float(force.max()), 2)} N likewise", float(force.max())),
         ("greatest force", f"{_number(max(run.greatest for run in runs), 2)} N", max(run.greatest for run in runs)),
-        ("pushes", f"{sum(run.pushes for run in runs)}", sum(run.pushes for run in runs)),
-        ("deadlocks", f"{sum(run.deadlocks for run in runs)}", sum(run.deadlocks for run in runs)),
+        ("pushes", f"{pushes}", float(pushes)),
+        ("deadlocks", f"{deadlocks}", float(deadlocks)),
     ]
 
 
