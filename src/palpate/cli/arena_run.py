@@ -14,6 +14,7 @@ from palpate.cli.arena_ring import RingSense, RingWear
 from palpate.control.drive import DifferentialDrive
 from palpate.control.navigation import Navigator
 from palpate.control.paper_navigator import PaperNavigator, PaperSettings
+from palpate.control.push_test import Push
 from palpate.control.touch_navigator import TouchNavigator, TouchNavigatorSettings
 from palpate.errors import InputError
 from palpate.simulation.arena.layout import Layout
@@ -105,7 +106,7 @@ class ArenaResult:
         path: [m] driven.
         greatest: [N] that ever pressed on it.
         force: [N] that no contact passes in 99 % of the time in which something touches; of the whole run.
-        pushes: how often something was pushed away on purpose.
+        pushes: how often something was pushed away on purpose, by ours: the paper's robots do not know whether they do.
         deadlocks: how often it stood nearly still for half a minute on its way.
         state: in which it ended, and why.
         seconds: that the run took.
@@ -277,7 +278,7 @@ class _Sums:
             pressed = truth[truth[:, 1] > FELT, 1]
             self._forces += pressed.tolist()
             self.greatest[k] = max(self.greatest[k], pressed.max(initial=0.0))
-            pushing = moment.states[k] == "push" and "moves" in moment.whys[k] and "whether" not in moment.whys[k]
+            pushing = moment.whys[k] == Push.MOVES.value
             self.pushes[k] += pushing and not self._pushed[k]
             self._pushed[k] = pushing
         moved = np.hypot(*(poses[:, :2] - self._rest[:, :2]).T) > STILL[0]

@@ -45,7 +45,7 @@ class Asked:
     layout: str = "random"
     method: str = "ours"
     images: bool = False
-    seconds: float = 400.0
+    seconds: float = 600.0
     fault: str | None = None
     rig: str | None = None
 

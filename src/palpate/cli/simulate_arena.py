@@ -47,7 +47,7 @@ def simulate_arena(
     layout: Name = "random",
     method: Name = "ours",
     images: Flag = False,
-    seconds: Annotated[float, arg(metavar="S")] = 400.0,
+    seconds: Annotated[float, arg(metavar="S")] = 600.0,
     rig: FileOption = None,
     fault: Maybe = None,
     film: Film = None,
