@@ -19,6 +19,7 @@ __all__ = [
     "FAULTS",
     "FULL",
     "JUDGED",
+    "LIMIT",
     "TRAPS",
     "Condition",
     "Sizes",

@@ -9,7 +9,7 @@ import numpy as np
 
 from evidence.machine import machine
 from experiments.load_cells.page import table
-from experiments.touch_navigation.conditions import ABLATIONS, BASELINES, BUILT, COUNTS, FAULTS, JUDGED, TRAPS
+from experiments.touch_navigation.conditions import ABLATIONS, BASELINES, BUILT, COUNTS, FAULTS, JUDGED, LIMIT, TRAPS
 from experiments.touch_navigation.study import Found
 
 __all__ = ["FIGURE_11", "Check", "differing", "page", "parts"]
@@ -198,7 +198,7 @@ def page(checks: Sequence[Check], tables: Mapping[str, str], found: Mapping[str,
     if len(stamps) > 1:
         said.append(f"the runs are of {len(stamps)} versions of the code (`--any-code`)")
     lines = "\n".join(f"- {line}" for line in said)
-    return _PAGE.format(asked=asked, machine=lines, judged=JUDGED, built=BUILT.stop - 1, **tables)
+    return _PAGE.format(asked=asked, machine=lines, judged=JUDGED, built=BUILT.stop - 1, limit=LIMIT, **tables)
 
 
 _PAGE = """# Robots that find their way by touch: figures 11 and 12 of `marker ring`
@@ -212,7 +212,7 @@ optical tracker. Here they stand in a physics engine (`palpate.simulation.arena`
 500 N/m with friction, boxes that slide; the engine's contacts deform the simulated skin, whose markers are seen with
 the detector's noise (fast mode) or through its camera's frames and the real detector (images). Position is a
 tracker's, for the direction of the goal and the speed. Every random arena can be crossed by a disc of the robot's
-size (a planner that sees the map says so). A run ends when all have arrived, or after 400 s.
+size (a planner that sees the map says so). A run ends when all have arrived, or after {limit:.0f} s.
 
 **The paper's** is `palpate.PaperNavigator`: figure 10, tables I and II. What the paper leaves open is a named reading
 of `PaperSettings`; the one that matters, which way V_A turns after a retreat, is shown in three readings. **Ours** is

@@ -8,12 +8,16 @@ from math import nan
 from pathlib import Path
 from types import ModuleType
 
+import numpy as np
 import pytest
 
 from palpate.cli import arena_batch, main
 from palpate.cli.arena_batch import read_results
+from palpate.cli.arena_file import read_arena
 from palpate.cli.arena_run import ArenaResult
 from palpate.cli.arena_setup import Asked, command
+from palpate.simulation.arena import Block, Layout, random_layout
+from palpate.simulation.arena.run_files import write_arena
 
 pytest.importorskip("mujoco")
 pytest.importorskip("skfem")
@@ -222,3 +226,28 @@ def test_the_command_that_shows_a_run_says_what_is_unusual() -> None:
     assert command(Asked(), 4) == "palpate simulate arena -o run.mcap --seed 4 --view"
     asked = Asked(robots=2, method="paper", images=True)
     assert command(asked, 4) == "palpate simulate arena -o run.mcap --robots 2 --method paper --images --seed 4 --view"
+
+
+def test_an_arena_of_ones_own_is_read_or_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    layout = random_layout(5, 2)
+    file = tmp_path / "mine.toml"
+    write_arena(file, layout, {"seed": 5, "method": "ours", "sensing": "skin", "seconds": 1.0})
+    again = read_arena(file)
+    assert again.blocks == layout.blocks
+    assert (again.starts == layout.starts).all()
+    assert (again.goals == layout.goals).all()
+    wall = Block(1.5, 1.0, 0.0, (0.05, 0.999))
+    wrong = {
+        "robot 1 has no way": Layout((3.0, 2.0), (wall,), np.array([[0.3, 1.0, 0.0]]), np.array([[2.7, 1.0]])),
+        "the goal of robot 1": Layout((3.0, 2.0), (), np.array([[0.3, 1.0, 0.0]]), np.array([[2.99, 1.0]])),
+        "robots 1 and 2": Layout(
+            (3.0, 2.0), (), np.array([[0.3, 1.0, 0.0], [0.35, 1.0, 0.0]]), np.array([[2.7, 1.0], [2.7, 0.5]])
+        ),
+    }
+    for said, arena in wrong.items():
+        write_arena(file, arena, {})
+        assert main(["simulate", "arena", "--layout", str(file), "-o", str(tmp_path / "run.mcap")]) == 1
+        assert said in capsys.readouterr().err, said
+    file.write_text(file.read_text().replace("goals", "gaols"))
+    assert main(["simulate", "arena", "--layout", str(file), "-o", str(tmp_path / "run.mcap")]) == 1
+    assert "Did you mean 'goals'" in capsys.readouterr().err

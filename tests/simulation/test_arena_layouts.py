@@ -123,7 +123,7 @@ def test_the_plug_of_the_papers_arena_shortens_the_way() -> None:
     layout = paper_layout()
     shut = Block(2.0, 1.7375, 0.0, (0.01, 0.14))
     closed = replace(layout, blocks=(*layout.blocks, shut))
-    with pytest.raises(InputError, match="robot 0 has no way") as caught:
+    with pytest.raises(InputError, match="robot 1 has no way") as caught:
         require_solvable(closed, RADIUS)
     assert "Movable blocks count as solid" in caught.value.hint
     require_solvable(closed, RADIUS, pushing=True)
@@ -146,13 +146,13 @@ def test_refusals_name_the_robot_and_what_is_wrong() -> None:
     two = ((0.3, 0.3, 0.0), (0.3, 0.7, 0.0)), ((1.7, 0.3), (1.7, 0.7))
     box = Block(0.3, 0.5, 0.3, (0.05, 0.1), 0.2)
     cases = {
-        "the start of robot 0 at .* is in a wall": _open(starts=((0.06, 0.5, 0.0),)),
-        "the goal of robot 0 at .* is in a wall": _open(goals=((1.5, 1.1),)),
-        "the start of robot 0 at .* is in block 0 at": _open(box),
-        "the goal of robot 1 at .* is in block 0 at": _open(replace(box, x=1.7, y=0.6), starts=two[0], goals=two[1]),
-        "the starts of robots 0 and 1 are 80 mm apart": _open(starts=((0.3, 0.3, 0), (0.38, 0.3, 0)), goals=two[1]),
-        "the goals of robots 0 and 1 are 100 mm apart": _open(starts=two[0], goals=((1.7, 0.3), (1.7, 0.4))),
-        "robot 0 has no way from": _open(*_across(0.4, 0.5)),
+        "the start of robot 1 at .* is in a wall": _open(starts=((0.06, 0.5, 0.0),)),
+        "the goal of robot 1 at .* is in a wall": _open(goals=((1.5, 1.1),)),
+        "the start of robot 1 at .* is in block 1 at": _open(box),
+        "the goal of robot 2 at .* is in block 1 at": _open(replace(box, x=1.7, y=0.6), starts=two[0], goals=two[1]),
+        "the starts of robots 1 and 2 are 80 mm apart": _open(starts=((0.3, 0.3, 0), (0.38, 0.3, 0)), goals=two[1]),
+        "the goals of robots 1 and 2 are 100 mm apart": _open(starts=two[0], goals=((1.7, 0.3), (1.7, 0.4))),
+        "robot 1 has no way from": _open(*_across(0.4, 0.5)),
     }
     for message, layout in cases.items():
         with pytest.raises(InputError, match=message) as caught:

@@ -32,7 +32,7 @@ class Asked:
     Attributes:
         robots: how many; None: as many as the layout has.
         density: of random arenas; None: the usual one.
-        layout: one of `LAYOUTS`.
+        layout: one of `LAYOUTS`, or a file (.toml) of an arena.
         method: of the closed loop.
         images: whether the loop closes through images.
         seconds: after which a run ends.
@@ -56,9 +56,12 @@ class Asked:
             InputError: a name that is not known, a number that cannot be, options that exclude each other.
         """
         from palpate.cli.arena_run import FAULTS, METHODS
-        from palpate.simulation.arena import DENSITIES
+        from palpate.simulation.arena import DENSITIES, RobotSettings, require_solvable
 
-        _require_known(self.layout, LAYOUTS, "layout")
+        if self.own:
+            require_solvable(self.arena(0), RobotSettings().radius)  # before a ring is calibrated
+        else:
+            _require_known(self.layout, (*LAYOUTS, "FILE.toml"), "layout")
         _require_known(self.method, METHODS, "method")
         if self.fault is not None:
             _require_known(self.fault, FAULTS, "fault")
@@ -73,6 +76,11 @@ class Asked:
         if self.rig is not None:
             _ring(self.rig)
 
+    @property
+    def own(self) -> bool:
+        """The arena is a file's."""
+        return self.layout.endswith(".toml")
+
     def _check_fixed(self) -> None:
         """An arena that is not drawn has its own robots and blocks."""
         if self.density is not None:
@@ -83,8 +91,11 @@ class Asked:
 
     def arena(self, seed: int) -> Layout:
         """The arena of a seed."""
+        from palpate.cli.arena_file import read_arena
         from palpate.simulation.arena import paper_layout, random_layout, trap_layout
 
+        if self.own:
+            return read_arena(self.layout)
         if self.layout == "random":
             return random_layout(seed, self.robots or ROBOTS, self.density or USUAL)
         return paper_layout() if self.layout == "paper" else trap_layout(self.layout)
@@ -114,6 +125,8 @@ class Asked:
 
         ring = "" if self.rig is None else sha256(Path(self.rig).read_bytes()).hexdigest()
         key: dict[str, object] = {"palpate": __version__, **vars(self), "rig": ring}
+        if self.own:
+            key["layout"] = sha256(Path(self.layout).read_bytes()).hexdigest()
         if self.layout == "random":
             key |= {"robots": self.robots or ROBOTS, "density": self.density or USUAL}
         return key

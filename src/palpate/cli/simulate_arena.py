@@ -66,7 +66,7 @@ def simulate_arena(
         seed: of the arena, of every noise and of what is drawn on the way; with --seeds the first of them.
         density: of a random arena's blocks: sparse, paper or dense; otherwise paper.
         layout: random, paper (as in its figure 11), u (a trap between start and goal), corridor (one and a half
-            robots wide).
+            robots wide), or a file of your own (.toml), as _arena.toml beside a recording.
         method: ours, no-push, no-memory, or paper, paper-turned, paper-random: the paper's states, which retreat
             towards the goal, to the side or at random.
         images: close the loop through images of the skin's camera; otherwise through the places of its markers.

@@ -38,7 +38,7 @@ def require_solvable(layout: Layout, radius: float, *, pushing: bool = False) ->
         if not _near(area, start) & _near(area, goal):
             widen = "Take a block away or widen a passage."
             raise InputError(
-                f"robot {k} has no way from {_said(start)} to {_said(goal)} for a disc of radius {radius:.3f} m",
+                f"robot {k + 1} has no way from {_said(start)} to {_said(goal)} for a disc of radius {radius:.3f} m.",
                 where=_where(layout),
                 hint=widen if len(solid) < len(layout.blocks) else f"{widen} Movable blocks count as solid.",
             )
@@ -48,19 +48,21 @@ def _require_clear(layout: Layout, points: Float[np.ndarray, "n 2"], radius: flo
     hint = f"Keep every {word} {radius:.3f} m away from walls and blocks."
     for k, point in enumerate(points):
         if float(np.minimum(point, np.subtract(layout.size, point)).min()) < radius:
-            raise InputError(f"the {word} of robot {k} at {_said(point)} is in a wall", where=_where(layout), hint=hint)
+            raise InputError(
+                f"the {word} of robot {k + 1} at {_said(point)} is in a wall.", where=_where(layout), hint=hint
+            )
     for i, block in enumerate(layout.blocks):
         for k in np.flatnonzero(block.distance(points) < radius).tolist():
-            at = f"the {word} of robot {k} at {_said(points[k])}"
-            what = f"block {i} at ({block.x:.3f}, {block.y:.3f})"
-            raise InputError(f"{at} is in {what}", where=_where(layout), hint=hint)
+            at = f"the {word} of robot {k + 1} at {_said(points[k])}"
+            what = f"block {i + 1} at ({block.x:.3f}, {block.y:.3f})"
+            raise InputError(f"{at} is in {what}.", where=_where(layout), hint=hint)
 
 
 def _require_apart(layout: Layout, points: Float[np.ndarray, "n 2"], radius: float, word: str) -> None:
     apart = np.linalg.norm(points[:, None] - points, axis=2) + 2 * radius * np.tri(len(points))
     for i, k in np.argwhere(apart < 2 * radius).tolist():
         raise InputError(
-            f"the {word}s of robots {i} and {k} are {apart[i, k] * 1e3:.0f} mm apart, and the robots in each other",
+            f"the {word}s of robots {i + 1} and {k + 1} are {apart[i, k] * 1e3:.0f} mm apart: the robots in each other.",
             where=_where(layout),
             hint=f"Keep them {2e3 * radius:.0f} mm apart.",
         )
