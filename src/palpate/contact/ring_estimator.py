@@ -320,7 +320,7 @@ class RingEstimator:
         out, along, sideways = (c, s, 0.0), (-s, c, 0.0), off_side * off_side
         covariance = [sideways * a * b for a in along for b in along]
         covariance[8] += _HEIGHT**2
-        status = Status.IMPLAUSIBLE if off > _UNBELIEVABLE else Status.CONTACT
+        status = float(Status.IMPLAUSIBLE if off > _UNBELIEVABLE else Status.CONTACT)
         said = [angle, depth, width, shear if shears else nan, angle_sd, force_sd, depth_sd, seen]
         push = [-force * a + shear * b for a, b in zip(out, along, strict=True)]
         place = [radius * a for a in out]
