@@ -1,6 +1,7 @@
-"""The picture on the README's first screen: what `palpate demo` found, drawn from its files alone.
+"""The pictures of the documentation, by the project's own commands.
 
-Run: `make pictures`, after `make demo`; or `python docs/pictures/make.py FOLDER`, of another demo's folder.
+The README's first: what `palpate demo` found, drawn from its files alone. Of touch navigation: the last picture of the
+film of a run. Run: `make pictures`, after `make demo`; or `python docs/pictures/make.py FOLDER`, of another demo's.
 """
 
 from __future__ import annotations
@@ -8,8 +9,10 @@ from __future__ import annotations
 import sys
 from io import BytesIO
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
+import cv2
 import numpy as np
 from matplotlib.colors import LightSource
 from matplotlib.figure import Figure
@@ -17,6 +20,7 @@ from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 from PIL import Image
 
 import palpate
+from palpate.cli import main as palpate_command
 from palpate.contact.events import Events, find_touches
 from palpate.io.contacts import read_contacts
 
@@ -38,7 +42,22 @@ def main(folder: Path) -> None:
     _forces(right.subplots(), contacts, touches)
     plain = BytesIO()
     drawn.savefig(plain, format="png")
-    Image.open(plain).convert("RGB").quantize(COLOURS).save(HERE / "demo.png", optimize=True)
+    _save(Image.open(plain), "demo.png")
+
+
+def arena() -> None:
+    """Four robots on their way, from the film of a run."""
+    with TemporaryDirectory() as folder:
+        film = f"{folder}/run.mp4"
+        words = ["--seed", "7", "--seconds", "80", "--output", f"{folder}/run.mcap", "--film", film]
+        palpate_command(["simulate", "arena", *words])
+        video = cv2.VideoCapture(film)
+        video.set(cv2.CAP_PROP_POS_FRAMES, video.get(cv2.CAP_PROP_FRAME_COUNT) - 1)
+        _save(Image.fromarray(video.read()[1][:, :, ::-1]), "arena.png")
+
+
+def _save(picture: Image.Image, name: str) -> None:
+    picture.convert("RGB").quantize(COLOURS).save(HERE / name, optimize=True)
 
 
 def _body(axes: Any, mesh: palpate.Mesh, contacts: palpate.Contacts, touches: Events) -> None:
@@ -80,3 +99,4 @@ def _forces(axes: Any, contacts: palpate.Contacts, touches: Events) -> None:
 
 if __name__ == "__main__":
     main(Path(sys.argv[1]) if len(sys.argv) > 1 else HERE.parents[1] / "demo")
+    arena()
