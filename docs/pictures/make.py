@@ -26,7 +26,7 @@ from palpate.io.contacts import read_contacts
 
 HERE = Path(__file__).resolve().parent
 MM = 1e3
-COLOURS = 64  # enough for two blues and grey, and a third of the size
+COLOURS, MORE = 64, 256  # enough for two blues and grey, and for the colours of robots; a third of the size
 ARROW = 2.5  # mm for a newton
 SKIN, DEEP, LIGHT = "#c9d4e3", "#1b4f9c", LightSource(azdeg=300, altdeg=50)
 
@@ -53,11 +53,11 @@ def arena() -> None:
         palpate_command(["simulate", "arena", *words])
         video = cv2.VideoCapture(film)
         video.set(cv2.CAP_PROP_POS_FRAMES, video.get(cv2.CAP_PROP_FRAME_COUNT) - 1)
-        _save(Image.fromarray(video.read()[1][:, :, ::-1]), "arena.png")
+        _save(Image.fromarray(video.read()[1][:, :, ::-1]), "arena.png", MORE)
 
 
-def _save(picture: Image.Image, name: str) -> None:
-    picture.convert("RGB").quantize(COLOURS).save(HERE / name, optimize=True)
+def _save(picture: Image.Image, name: str, colours: int = COLOURS) -> None:
+    picture.convert("RGB").quantize(colours, Image.Quantize.FASTOCTREE).save(HERE / name, optimize=True)
 
 
 def _body(axes: Any, mesh: palpate.Mesh, contacts: palpate.Contacts, touches: Events) -> None:
