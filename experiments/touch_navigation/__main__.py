@@ -2,7 +2,7 @@
 
 Each run is kept in `.cache/touch_navigation.jsonl` as soon as it is done: whoever stops goes on there the next time,
 until the code of navigation, arena or loop changes. README.md and its figures are written at the end, of what has been
-run. All of it takes some two and a half hours of a core; --seeds 5 a few minutes.
+run. All of it takes some eight hours of a core; --seeds 5 half an hour.
 """
 
 from __future__ import annotations
@@ -99,10 +99,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--workers", type=int, default=2, help="processes, by joblib; 0: this one")
     parser.add_argument("--runs", type=Path, default=KEPT, help="where runs are kept")
     parser.add_argument("--any-code", action="store_true", help="take runs of other versions of the code, too")
+    parser.add_argument("--kept", action="store_true", help="run nothing: the page of what was run before")
     parser.add_argument("--dry", action="store_true", help="print what is found, and write nothing")
     asked = parser.parse_args(arguments)
     try:
-        found = find(_wanted(asked.seeds, asked.only), asked.runs, workers=asked.workers, any_code=asked.any_code)
+        wanted, code = _wanted(asked.seeds, asked.only), asked.any_code
+        found = find(wanted, asked.runs, workers=asked.workers, any_code=code, only_kept=asked.kept)
     except KeyboardInterrupt:
         print("\nstopped; what was run is kept", file=sys.stderr)
         return 130

@@ -282,7 +282,9 @@ def _percent(there: np.ndarray) -> float:
     return 100.0 * float(np.mean(there)) if len(there) else float("nan")
 
 
-def found(wanted: Sequence[Condition], kept: Path, *, workers: int = 0, any_code: bool = False) -> dict[str, Found]:
+def found(
+    wanted: Sequence[Condition], kept: Path, *, workers: int = 0, any_code: bool = False, only_kept: bool = False
+) -> dict[str, Found]:
     """All of them by their names: those that were run before from disk, and the others now.
 
     Args:
@@ -290,8 +292,11 @@ def found(wanted: Sequence[Condition], kept: Path, *, workers: int = 0, any_code
         kept: file of one line a run, to which each is added as soon as it is done: whoever is stopped goes on there.
         workers: processes, by joblib; 0: in this one.
         any_code: runs of other code count as well.
+        only_kept: nothing is run now.
     """
     done = {each.condition.key: each for each in _read(kept) if any_code or each.stamp == stamp()}
+    if only_kept:
+        wanted = [each for each in wanted if each.key in done]
     todo = list({each.key: each for each in wanted if each.key not in done}.values())
     begin = time.monotonic()
     kept.parent.mkdir(parents=True, exist_ok=True)
