@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from experiments.touch_navigation.conditions import arena_settings
+from experiments.touch_navigation.conditions import LIMIT, arena_settings
 from experiments.touch_navigation.study import Found, Outcome
 from palpate.simulation.arena.layout import Block, Layout
 from palpate.viewer._style import AXES, INK, MUTED, RULE, figure, save, styled
@@ -17,7 +17,6 @@ from palpate.viewer._style import AXES, INK, MUTED, RULE, figure, save, styled
 __all__ = ["arrivals", "ways"]
 
 COLOURS = (*AXES, "#cc79a7")
-LIMIT = 400.0  # s
 
 
 def ways(panels: Mapping[str, Outcome], path: Path) -> None:
@@ -27,6 +26,8 @@ def ways(panels: Mapping[str, Outcome], path: Path) -> None:
         panels: title -> a traced run.
         path: of the png.
     """
+    if not panels:  # it was not run
+        return
     with styled():
         drawn = figure(3.2 * len(panels))
         axes: Any = np.atleast_1d(drawn.subplots(len(panels), 1, sharex=True))
