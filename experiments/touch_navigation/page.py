@@ -275,6 +275,5 @@ The first robot has one, from 10 s on or from the start; the others know nothing
   round a box that is wider than that, nor out of a corner, and it comes back to the same place. One run in one arena,
   as the paper has, is no rate.
 - **Its retreat.** "V_A is defined by rotating V_B by 90 deg" leaves open which way: three readings, side by side.
-- **Its force** passes F_max by what a robot of 50 mm/s presses on in the frames until it stops.
 - **Times** of the paper are those of its own arena, speeds and boxes, of which it gives none.
 """
