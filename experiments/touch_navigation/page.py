@@ -37,7 +37,8 @@ class Check:
         """A row of the table."""
         bounds = ((">=", self.least), ("<=", self.most))
         asked = ", ".join(f"{sign} {value:g}" for sign, value in bounds if value is not None)
-        verdict = "" if not asked else "met" if self.met else "**missed**"
+        missed = "not run" if np.isnan(self.got) else "**missed**"
+        verdict = "" if not asked else "met" if self.met else missed
         return [self.what, "" if self.paper is None else f"{self.paper:g}", f"{self.got:.3g}", asked, verdict]
 
 

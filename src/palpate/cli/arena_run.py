@@ -19,12 +19,12 @@ from palpate.control.touch_navigator import TouchNavigator, TouchNavigatorSettin
 from palpate.errors import InputError
 from palpate.simulation.arena.layout import Layout
 from palpate.simulation.arena.planner import require_solvable
-from palpate.simulation.arena.settings import RobotSettings
+from palpate.simulation.arena.settings import FRAME, RobotSettings
 from palpate.simulation.arena.world import ArenaWorld
 
 __all__ = ["FAULTS", "METHODS", "RATE", "ArenaResult", "ArenaRun", "ArenaSettings", "Fault", "Moment"]
 
-RATE = 30.0  # frames a second
+RATE = 1.0 / FRAME  # frames a second
 METHODS = ("ours", "paper", "paper-turned", "paper-random", "no-push", "no-memory")
 FAULTS = ("blind", "torn", "stuck-wheel", "wrong-goal")
 FELT = 0.2  # N: less is not counted as contact in a result
@@ -33,7 +33,7 @@ STILL = 0.05, 30.0  # m, s: who moves less for so long is in a deadlock
 
 @dataclass(frozen=True)
 class Fault:
-    """What is wrong with one robot: `kind`, one of `FAULTS`, from `since` [s] on."""
+    """What is wrong with one robot: `kind`, one of `FAULTS`; blind and stuck-wheel from `since` [s] on."""
 
     kind: str
     robot: int = 0
@@ -147,7 +147,8 @@ class ArenaRun:
         self.world = ArenaWorld(layout, self.robot, settings.seed)
         self.drive = DifferentialDrive(self.robot.track)
         self.navigators = [self._navigator(k) for k in range(count)]
-        self.senses = [self._sense(k, wear) for k in range(count)]
+        images, torn = settings.sensing == "images", [self._fault(k, "torn") is not None for k in range(count)]
+        self.senses = [RingSense(wear, [settings.seed, 2, k], images=images, torn=torn[k]) for k in range(count)]
         self.places = [_Place(settings.pose, layout.starts[k], self.drive, [settings.seed, 3, k]) for k in range(count)]
         self._sums = _Sums(count)
 
@@ -166,10 +167,6 @@ class ArenaRun:
             return PaperNavigator(goal, drive=drive, settings=PaperSettings(retreat=retreat), seed=seed)
         ours = TouchNavigatorSettings(push=method != "no-push", remember=method != "no-memory")
         return TouchNavigator(goal, drive=drive, settings=ours, seed=seed)
-
-    def _sense(self, robot: int, wear: RingWear) -> RingSense:
-        images, torn = self.settings.sensing == "images", self._fault(robot, "torn") is not None
-        return RingSense(wear, [self.settings.seed, 2, robot], images=images, torn=torn)
 
     def __iter__(self) -> Iterator[Moment]:
         world, settings = self.world, self.settings
@@ -191,7 +188,7 @@ class ArenaRun:
             touches.append(_told(felt, self.settings.touch))
             tracked[k] = place.told(poses[k])
             wheels[k] = navigator.update(time, touches[k], tracked[k])
-            place.driven(wheels[k], 1.0 / RATE)
+            place.driven(wheels[k], FRAME)
         states = tuple(each.state for each in self.navigators)
         whys = tuple(each.why for each in self.navigators)
         frames = [each.frame for each in self.senses] if self.settings.sensing == "images" else None
@@ -243,7 +240,7 @@ class _Place:
             return pose + self._rng.standard_normal(3) * [5e-4, 5e-4, np.radians(0.2)]
         turned = (pose[2] - self._heading + pi) % (2.0 * pi) - pi  # a gyroscope counts it
         self._heading = float(pose[2])
-        self._counted[2] += turned + self._bias / RATE
+        self._counted[2] += turned + self._bias * FRAME
         return self._counted.copy()
 
     def driven(self, wheels: Float[np.ndarray, "2"], seconds: float) -> None:

@@ -15,7 +15,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
-from math import atan2, cos, degrees, hypot, inf, isfinite, pi, radians, remainder, sin, tau
+from math import atan2, cos, degrees, hypot, inf, isfinite, pi, radians, sin
 
 import numpy as np
 from jaxtyping import Float
@@ -29,6 +29,7 @@ from palpate.control.track_watch import TrackWatch
 __all__ = ["TouchNavigator", "TouchNavigatorSettings"]
 
 Pose = tuple[float, float, float]
+UNDER = 0.014  # m inside the skin, deeper than it is ever pressed in: what was touched there is gone
 Felt = list[tuple[float, float]]  # angle [rad], force [N]
 
 
@@ -153,7 +154,7 @@ class TouchNavigator:
         if touches is None:
             return self._say("blind", "the skin says nothing")
         here = x, y, heading
-        felt = [(remainder(a, tau), force) for a, force in touches.tolist() if force >= self.settings.felt]
+        felt = [(heading_error(a, 0.0), force) for a, force in touches.tolist() if force >= self.settings.felt]
         fault = self._fault(time, here, far, touched=bool(felt))
         if fault is not None:
             return self._say("stopped", fault)
@@ -221,7 +222,7 @@ class TouchNavigator:
             self.map.reset()
             return
         before = len(self.map)
-        self.map.clear(here[0], here[1], set_.radius - 0.014)
+        self.map.clear(here[0], here[1], set_.radius - UNDER)
         for angle, force in felt:
             if abs(angle) > set_.ahead and force > set_.firm:
                 self._mark(time, here, here[2] + angle, force, 0.0, set_.passed)
