@@ -390,7 +390,7 @@ def test_what_cannot_be_written_or_compared_is_said_before_the_work(
     word: str,
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("palpate.cli.estimate.Pipeline.of", lambda *_: pytest.fail("the work has begun"))
+    monkeypatch.setattr("palpate.cli.estimate_log.Pipeline.of", lambda *_: pytest.fail("the work has begun"))
     (tmp_path / "truth.csv").write_bytes((made / "truth.csv").read_bytes())
     (tmp_path / "report.html").write_text("of yesterday")
     before = {file.name: file.read_bytes() for file in tmp_path.iterdir()}

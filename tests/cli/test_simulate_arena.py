@@ -11,7 +11,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from palpate.cli import arena_batch, main
+from palpate.cli import arena_batch, main, parallel
 from palpate.cli.arena_batch import read_results
 from palpate.cli.arena_file import read_arena
 from palpate.cli.arena_run import ArenaResult
@@ -140,7 +140,7 @@ def test_many_runs_in_parallel_need_joblib(
     def missing(name: str) -> ModuleType:
         raise ImportError(name)
 
-    monkeypatch.setattr(arena_batch, "import_module", missing)
+    monkeypatch.setattr(parallel, "import_module", missing)
     assert _simulate("-o", tmp_path / "sum.html", "--seeds", "2", "--jobs", "2") == 1
     assert "need joblib" in capsys.readouterr().err
 
@@ -152,7 +152,7 @@ def _odd(seed: int) -> ArenaResult:
 def test_several_processes_give_what_one_gives() -> None:
     """To the last bit, whoever is done first."""
     pytest.importorskip("joblib")
-    one, two = (list(arena_batch._results(_odd, range(6), jobs, "loky")) for jobs in (1, 2))
+    one, two = (list(parallel.each_done(_odd, range(6), jobs, "processes", "--jobs")) for jobs in (1, 2))
     assert str(one) == str(sorted(two, key=lambda each: each.seed))  # NaN equals itself in words
 
 

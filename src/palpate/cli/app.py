@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 
 from tyro.extras import SubcommandApp
 
+from palpate.cli.batch import batch
 from palpate.cli.calibrate_camera import calibrate_camera
 from palpate.cli.calibrate_clock import calibrate_clock
 from palpate.cli.calibrate_drift import calibrate_drift
@@ -54,6 +55,7 @@ class _Group:
 
 COMMANDS: dict[str, Command | _Group] = {
     "estimate": estimate,
+    "batch": batch,
     "calibrate": _Group(
         "Make a model from a log",
         {

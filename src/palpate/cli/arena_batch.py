@@ -2,32 +2,26 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
-from contextlib import closing, contextmanager
-from dataclasses import asdict, fields
+from collections.abc import Iterable, Sequence
+from contextlib import closing
+from dataclasses import asdict
 from functools import partial
-from importlib import import_module
-from math import isfinite, nan
-from os import cpu_count
+from math import isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TextIO, cast
 
 from palpate.cli.arena_run import ArenaResult
 from palpate.cli.arena_setup import Asked, command
-from palpate.cli.console import Figure, announce, counting, lines, note, overwrite, title
+from palpate.cli.console import Figure, announce, lines, note, overwrite, title
+from palpate.cli.parallel import begin_results, from_row, read_rows, require_backend, run_kept
 from palpate.errors import InputError
-from palpate.io.atomic import keep_inputs, write_text, writing
+from palpate.io.atomic import keep_inputs, write_text
 from palpate.viewer.arena_summary import Judged, compose, figures
 from palpate.viewer.report import render, require_report
 
-if TYPE_CHECKING:
-    from types import ModuleType
+__all__ = ["read_results", "run_batch"]
 
-__all__ = ["BACKENDS", "read_results", "run_batch"]
-
-BACKENDS = ("loky", "dask", "ray")
 MOST = 100_000  # runs
+JOBS, RESULTS = "--jobs", "results of runs in the arena"
 
 
 def run_batch(asked: Asked, seeds: Sequence[int], output: Path, jobs: int | None, backend: str) -> None:
@@ -38,12 +32,12 @@ def run_batch(asked: Asked, seeds: Sequence[int], output: Path, jobs: int | None
         seeds: which.
         output: the page; results are beside it, its name ending in .jsonl.
         jobs: how many processes; None: one a core.
-        backend: one of `BACKENDS`.
+        backend: one of `palpate.cli.parallel.BACKENDS`.
 
     Raises:
         InputError: a wrong option, results of other settings, joblib or what its backend needs is not installed.
     """
-    _require(output, len(seeds), jobs, backend)
+    workers = _require(output, len(seeds), jobs, backend)
     asked.check()
     require_report()
     kept = output.with_suffix(".jsonl")
@@ -52,11 +46,9 @@ def run_batch(asked: Asked, seeds: Sequence[int], output: Path, jobs: int | None
     if known := [seed for seed in seeds if seed in done]:
         announce(f"{len(known)} of {len(seeds)} seeds are in {kept} already; the others follow")
     wanted = [seed for seed in seeds if seed not in done]
-    jobs = (cpu_count() or 1) if jobs is None else jobs
     try:
-        with writing(kept), kept.open("a", encoding="utf-8") as file, counting():
-            for result in _results(partial(_one, asked), wanted, jobs, backend):
-                _keep(file, result)
+        with closing(run_kept(partial(_one, asked), wanted, kept, (workers, backend, JOBS), asdict)) as results:
+            for result in results:
                 done[result.seed] = result
                 overwrite(_so_far([done[seed] for seed in seeds if seed in done], len(seeds)))
     except KeyboardInterrupt:
@@ -65,17 +57,14 @@ def run_batch(asked: Asked, seeds: Sequence[int], output: Path, jobs: int | None
     _report(asked, [done[seed] for seed in seeds], output)
 
 
-def _require(output: Path, seeds: int, jobs: int | None, backend: str) -> None:
+def _require(output: Path, seeds: int, jobs: int | None, backend: str) -> int:
+    """How many processes there will be."""
     if not 1 <= seeds <= MOST:
         raise InputError(f"must be from 1 to {MOST:,}, not {seeds}.", where="--seeds")
-    if jobs is not None and jobs < 1:
-        raise InputError(f"must be 1 at least, not {jobs}.", where="--jobs")
-    if backend not in BACKENDS:
-        hint = f"joblib's own are {', '.join(BACKENDS)}."
-        raise InputError(f"there is no backend {backend!r}.", where="--backend", hint=hint)
     if output.suffix != ".html":
         hint = "With --seeds it is a page: name it SUMMARY.html."
         raise InputError("is not the name of a page.", where=str(output), hint=hint)
+    return require_backend(backend, jobs, JOBS)
 
 
 def read_results(path: Path) -> tuple[dict[str, object], dict[int, ArenaResult]]:
@@ -86,44 +75,12 @@ def read_results(path: Path) -> tuple[dict[str, object], dict[int, ArenaResult]]
     Raises:
         InputError: it is no such file.
     """
-    rows = path.read_text(encoding="utf-8", errors="replace").splitlines()
-    found = dict[int, ArenaResult]()
+    settings, rows = read_rows(path, RESULTS)
     try:
-        settings = json.loads(rows[0])["settings"]
-        for number, row in enumerate(rows[1:], start=2):
-            try:
-                result = _result(json.loads(row))
-            except json.JSONDecodeError:
-                if number == len(rows):
-                    break
-                raise
-            found[result.seed] = result
-    except (ValueError, KeyError, TypeError, IndexError) as problem:
-        hint = "Name another output."
-        raise InputError("does not hold results of runs in the arena.", where=str(path), hint=hint) from problem
-    return settings, found
-
-
-def _result(row: dict[str, Any]) -> ArenaResult:
-    """Of one line; null is NaN, and a list a tuple."""
-    values: dict[str, Any] = {each.name: row[each.name] for each in fields(ArenaResult)}
-    for name, value in values.items():
-        if isinstance(value, list):
-            values[name] = tuple(nan if each is None else each for each in cast("list[Any]", value))
-    return ArenaResult(**values)
-
-
-def _keep(file: TextIO, result: ArenaResult) -> None:
-    """Add a line, whole or not at all as far as the system can."""
-    row = {name: _listed(value) for name, value in asdict(result).items()}
-    file.write(f"{json.dumps(row, allow_nan=False)}\n")
-    file.flush()
-
-
-def _listed(value: object) -> object:
-    if isinstance(value, tuple):
-        return [_listed(each) for each in cast("tuple[object, ...]", value)]
-    return None if isinstance(value, float) and not isfinite(value) else value
+        found = [from_row(ArenaResult, row) for row in rows]
+    except (KeyError, TypeError) as problem:
+        raise InputError(f"does not hold {RESULTS}.", where=str(path), hint="Name another output.") from problem
+    return settings, {result.seed: result for result in found}
 
 
 def _begin(path: Path, key: dict[str, object]) -> dict[int, ArenaResult]:
@@ -140,76 +97,13 @@ def _begin(path: Path, key: dict[str, object]) -> dict[int, ArenaResult]:
             said = ", ".join(f"{name} {there.get(name)!r} instead of {key[name]!r}" for name in other)
             hint = "Name another output, or remove it."
             raise InputError(f"holds runs of other settings: {said}.", where=str(path), hint=hint)
-    rows = [json.dumps({"settings": key})]
-    rows += [json.dumps({name: _listed(value) for name, value in asdict(each).items()}) for each in done.values()]
-    write_text(path, "\n".join([*rows, ""]))
+    begin_results(path, key, map(asdict, done.values()))
     return done
 
 
 def _one(asked: Asked, seed: int) -> ArenaResult:
     """One run, in whatever process."""
     return asked.run(seed).play()
-
-
-def _results(one: Callable[[int], ArenaResult], seeds: Sequence[int], jobs: int, backend: str) -> Iterator[ArenaResult]:
-    """Of each seed, in the order in which they are done."""
-    if jobs == 1 and backend == "loky":
-        yield from map(one, seeds)
-        return
-    joblib = _joblib(backend)
-    work = [joblib.delayed(one)(seed) for seed in seeds]
-    with _cluster(joblib, backend, jobs):
-        if backend == "ray":  # its backend answers when all are done: some at a time, so that little is lost
-            for at in range(0, len(work), jobs):
-                yield from joblib.Parallel(n_jobs=jobs)(work[at : at + jobs])
-            return
-        with closing(joblib.Parallel(n_jobs=jobs, return_as="generator_unordered")(work)) as made:
-            yield from made
-
-
-def _joblib(backend: str) -> ModuleType:
-    """With what the backend needs.
-
-    Raises:
-        InputError: it is not installed.
-    """
-    try:
-        joblib = import_module("joblib")
-    except ImportError as problem:
-        hint = "pip install 'palpate[simulation]', or --jobs 1 for one run after the other."
-        raise InputError("runs in parallel need joblib.", where="--jobs", hint=hint) from problem
-    needed = {"dask": "distributed", "ray": "ray.util.joblib"}.get(backend)
-    if needed is not None:
-        try:
-            import_module(needed)
-        except ImportError as problem:
-            name = needed.partition(".")[0]
-            raise InputError(f"needs {name}.", where=f"--backend {backend}", hint=f"pip install {name}") from problem
-    return joblib
-
-
-@contextmanager
-def _cluster(joblib: Any, backend: str, jobs: int) -> Generator[None]:
-    """Joblib runs on the backend meanwhile; a cluster is joined where its own variables say which, or made here."""
-    if backend == "dask":
-        with import_module("distributed").Client(**_local(jobs)), joblib.parallel_config(backend="dask"):
-            yield
-    elif backend == "ray":
-        import_module("ray.util.joblib").register_ray()
-        with joblib.parallel_config(backend="ray"):
-            yield
-    else:
-        with joblib.parallel_config(backend="loky", inner_max_num_threads=1):
-            yield
-
-
-def _local(jobs: int) -> dict[str, Any]:
-    """Of dask: the scheduler that DASK_SCHEDULER_ADDRESS names, or processes of its own."""
-    config = import_module("dask").config
-    address = config.get("scheduler-address", None)
-    if address is not None:
-        return {"address": address}
-    return {"n_workers": jobs, "threads_per_worker": 1, "dashboard_address": None}
 
 
 def _judged(asked: Asked, results: Iterable[ArenaResult]) -> list[Judged]:

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import ExitStack
 from pathlib import Path
-from time import perf_counter
 from typing import Annotated, Literal
 
 from tyro.conf import arg
 
 from palpate.cli.console import counting, lines, note, progress, shares, title, wait
-from palpate.cli.interrupts import import_mesh_reader, uninterrupted
+from palpate.cli.estimate_log import Estimated, estimate_log, record_of
+from palpate.cli.interrupts import import_mesh_reader
 from palpate.cli.options import FileOption, Log, Output
 from palpate.cli.report import judged
 from palpate.cli.report_advice import mounting_known
@@ -20,13 +18,10 @@ from palpate.cli.setup import Setup
 from palpate.contact.ground_truth import Samples, Touches
 from palpate.errors import InputError
 from palpate.io.atomic import keep_inputs, write_text
-from palpate.io.contacts import ContactsWriter, open_contacts, require_format
+from palpate.io.contacts import require_format
 from palpate.io.ground_truth import read_ground_truth
-from palpate.io.models import provenance, write_provenance
-from palpate.io.pipeline import OpenedLog, Pipeline
 from palpate.viewer.report import render, require_report
 from palpate.viewer.run_report import compose
-from palpate.viewer.run_summary import RunSummary
 
 __all__ = ["estimate"]
 
@@ -59,37 +54,25 @@ def estimate(
         truth: what is known of the contacts, to be drawn and judged in the report (see `palpate evaluate`).
     """
     rig = setup.load()
-    beside = output.with_name(f"{output.name}.toml") if output.name else output
     inputs = (log, setup.rig, *rig.files().values(), truth)
-    keep_inputs(output, inputs, beside=(beside, *([report] if report else [])))
+    keep_inputs(output, inputs, beside=(record_of(output), *([report] if report else [])))
     require_format(output)  # this and what follows: before the work, not after it
     known = _ground_truth(truth, report)
     opened = setup.open(log, rig)
     import_mesh_reader()
     wait("preparing the surface and compiling kernels (compiling happens once)")
-    pipeline, summary = Pipeline.of(opened, frame), RunSummary()
-    pipeline.seconds["write"] = 0.0
-    with ExitStack() as stack:
-        writer = stack.enter_context(open_contacts(output, frame_id=frame, features=pipeline.estimator.features))
-        interrupted = _interrupted(pipeline, writer, summary)
-        with uninterrupted():  # a second Ctrl-C waits until the file is whole
-            stack.close()
-    ended = "interrupted" if interrupted else "torn" if opened.torn else "whole"
     files = {"log": log, "rig": setup.rig, **rig.files(opened.kind), "truth": truth}
-    options = {**pipeline.facts, "frame": frame, "sensor": opened.kind.name, "ended": ended}
-    record = provenance(files, options)
-    write_provenance(beside, record)
-    doubts = pipeline.doubts()
-    short, nothing = list(_short(output, opened, summary, interrupted=interrupted)), pipeline.unbelievable()
-    _say(f"{log} -> {output}", pipeline, summary, doubts)
+    with counting():
+        done = estimate_log(opened, output, frame, files, progress)
+    _say(f"{log} -> {output}", done)
     if report is not None:
-        warnings = (*([nothing] if nothing else []), *doubts, *short)
-        run = run_of(pipeline, summary, record, output.name, warnings)
+        warnings = (*([done.nothing] if done.nothing else []), *done.doubts, *done.short)
+        run = run_of(done.pipeline, done.summary, done.record, output.name, warnings)
         write_text(report, render(compose(judged(run, known, mounted=mounting_known(rig)))))
-    note(short, kind="warning")
-    note([nothing] if nothing else [], kind="warning")
-    if short or nothing:
-        raise SystemExit(INTERRUPTED if interrupted else TORN if short else UNBELIEVABLE)
+    note(done.short, kind="warning")
+    note([done.nothing] if done.nothing else [], kind="warning")
+    if done.short or done.nothing:
+        raise SystemExit(INTERRUPTED if done.ended == "interrupted" else TORN if done.short else UNBELIEVABLE)
 
 
 def _ground_truth(truth: Path | None, report: Path | None) -> Samples | Touches | None:
@@ -106,33 +89,8 @@ def _ground_truth(truth: Path | None, report: Path | None) -> Samples | Touches 
     return None if truth is None else read_ground_truth(truth)
 
 
-def _interrupted(pipeline: Pipeline, writer: ContactsWriter, summary: RunSummary) -> bool:
-    """Every sample of the log, block by block; whether Ctrl-C ended it. Without a row there is nothing to keep."""
-    try:
-        with counting():
-            for _, found, placed in pipeline.stream():
-                with uninterrupted():  # a block is written and counted, or neither
-                    begin = perf_counter()
-                    writer.write(placed)
-                    pipeline.seconds["write"] += perf_counter() - begin
-                    summary.add(found)
-                progress(summary.samples, pipeline.log.position / max(pipeline.log.size, 1))
-    except KeyboardInterrupt:
-        if not writer.rows:
-            raise
-        return True
-    return False
-
-
-def _short(output: Path, log: OpenedLog, summary: RunSummary, *, interrupted: bool) -> Iterator[str]:
-    """Why not all of the log is in the output."""
-    if interrupted:
-        yield f"interrupted: {output.name} holds the {summary.samples:,} samples done until then"
-    if log.torn:
-        yield log.torn
-
-
-def _say(heading: str, pipeline: Pipeline, summary: RunSummary, doubts: list[str]) -> None:
+def _say(heading: str, done: Estimated) -> None:
+    pipeline, summary = done.pipeline, done.summary
     title(heading)
     several = f"; up to {summary.most} contacts at once" if summary.most > 1 else ""
     lines([("samples", f"{summary.samples:,} in, {summary.rows:,} rows out{several}")])
@@ -142,4 +100,4 @@ def _say(heading: str, pipeline: Pipeline, summary: RunSummary, doubts: list[str
     parts = ", ".join(f"{name} {seconds:.2f} s" for name, seconds in spent.items())
     lines([("time", f"{parts}; {rate:,.0f} samples/s once prepared and compiled")])
     note(pipeline.notes())
-    note(doubts, kind="warning")
+    note(done.doubts, kind="warning")

@@ -55,7 +55,7 @@ def simulate_arena(
     port: Count = 8080,
     seeds: Some = None,
     jobs: Some = None,
-    backend: Name = "loky",
+    backend: Name = "processes",
 ) -> None:
     """Send robots with a soft skin through an arena that they cannot see; record one run, or judge many seeds.
 
@@ -78,7 +78,7 @@ def simulate_arena(
         port: the first to try for the page.
         seeds: run so many arenas, in parallel; what is done stays, and the same command goes on with the rest.
         jobs: processes for them; otherwise one a core.
-        backend: of joblib, that runs them: loky on this machine, dask or ray on a cluster.
+        backend: what runs them: processes on this machine, or a dask or ray cluster.
     """
     asked = Asked(robots, density, layout, method, images, seconds, fault, None if rig is None else str(rig))
     if seed < 0:
@@ -115,7 +115,7 @@ def _require_alone(*, view: bool, film: bool) -> None:
 
 
 def _require_single(jobs: int | None, backend: str) -> None:
-    if jobs is not None or backend != "loky":
+    if jobs is not None or backend != "processes":
         raise InputError("is of many runs.", where="--jobs" if jobs is not None else "--backend", hint="Add --seeds N.")
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from palpate.viewer._style import AXES, INK, figure, styled
-from palpate.viewer.report import Report, Section, Table, Tile, percent, picture
+from palpate.viewer.report import Report, Section, Table, Tile, first_rows, percent, picture
 from palpate.viewer.run_report import median
 
 if TYPE_CHECKING:
@@ -167,19 +167,17 @@ def _failures(runs: Sequence[Judged]) -> Section:
     ]
     if not rows:
         return Section("Robots that do not arrive", text=("None.",))
-    more = f"The first {SHOWN} of {len(rows)}." if len(rows) > SHOWN else ""
-    table = Table(("seed", "robot", "in the end", "to see it"), tuple(rows[:SHOWN]), more)
+    table = first_rows(("seed", "robot", "in the end", "to see it"), rows, SHOWN)
     return Section("Robots that do not arrive", tables=(table,))
 
 
 def _table(runs: Sequence[Judged]) -> Table:
     header = ("seed", "arrive", "last [s]", "way [m]", "force 99 % [N]", "greatest [N]", "pushes", "deadlocks")
-    rows = tuple(
+    rows = [
         (
             f"{run.seed}", f"{run.count} of {len(run.arrived)}", _number(max(run.arrived) if run.whole else np.nan, 1),
             f"{sum(run.path):.2f}", f"{run.force:.2f}", f"{run.greatest:.2f}", f"{run.pushes}", f"{run.deadlocks}",
         )
-        for run in runs[:SHOWN]
-    )  # fmt: skip
-    more = [f"The first {SHOWN} of {len(runs):,}."] if len(runs) > SHOWN else []
-    return Table(header, rows, " ".join(more))
+        for run in runs
+    ]  # fmt: skip
+    return first_rows(header, rows, SHOWN)

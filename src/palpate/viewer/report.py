@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.resources import files
 from importlib.util import find_spec
@@ -13,7 +14,18 @@ from palpate.viewer._style import inline
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["Picture", "Report", "Section", "Table", "Tile", "percent", "picture", "render", "require_report"]
+__all__ = [
+    "Picture",
+    "Report",
+    "Section",
+    "Table",
+    "Tile",
+    "first_rows",
+    "percent",
+    "picture",
+    "render",
+    "require_report",
+]
 
 
 @dataclass(frozen=True)
@@ -93,6 +105,12 @@ def require_report() -> None:
 def percent(share: float) -> str:
     """A share, to a tenth of a percent."""
     return f"{100 * share:.1f} %"
+
+
+def first_rows(header: Sequence[str], rows: Sequence[Sequence[str]], most: int) -> Table:
+    """A table of at most so many rows, which says so where there are more."""
+    more = f"The first {most:,} of {len(rows):,}." if len(rows) > most else ""
+    return Table(tuple(header), tuple(tuple(row) for row in rows[:most]), more)
 
 
 def picture(drawn: Figure, caption: str) -> Picture:

@@ -93,7 +93,7 @@ class RigSurface:
     urdf: str | None = None
     link: str | None = None
     geometry: str | None = None
-    packages: Mapping[str, str] = field(default_factory=lambda: {})
+    packages: Mapping[str, str] = field(default_factory=lambda: {}, hash=False)
     crease: float = 30.0
     region: RigRegion = field(default_factory=RigRegion)
     covered: bool = False

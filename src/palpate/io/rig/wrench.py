@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -10,6 +12,7 @@ from palpate.contact.locate import Locator
 from palpate.contact.wrench_estimator import WrenchEstimator
 from palpate.errors import InputError
 from palpate.io.rig.kind import Prepared
+from palpate.io.rig.surface import RigSurface
 from palpate.io.rig.tables import RigFilter
 from palpate.sensors.drift import Drift
 from palpate.sensors.recording import Recording
@@ -90,7 +93,14 @@ def rig_surface(rig: Rig) -> Surface:
     """What is touched, with the kernels that search it loaded."""
     if rig.surface is None:
         raise InputError("the rig has no [surface].", where="rig")
-    surface = rig.surface.load(rig.folder)
+    files = [path for path in rig.surface.files(rig.folder).values() if path.is_file()]
+    return _surface(rig.surface, rig.folder, tuple((path.stat().st_mtime_ns, path.stat().st_size) for path in files))
+
+
+@lru_cache(maxsize=1)
+def _surface(stated: RigSurface, folder: Path, files: tuple[tuple[int, int], ...]) -> Surface:
+    """Read and prepared once for all logs of a rig, as long as its files stay as they are."""
+    surface = stated.load(folder)
     surface.prepared()
     return surface
 

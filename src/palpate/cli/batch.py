@@ -1,0 +1,269 @@
+"""`palpate batch`: many logs through one rig, on every core or a cluster, and one page about all of them."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator, Sequence
+from contextlib import closing
+from dataclasses import asdict, dataclass, fields, replace
+from functools import lru_cache
+from math import nan
+from pathlib import Path
+from typing import Annotated, Literal
+
+from tyro.conf import Positional, arg
+
+from palpate.cli.batch_logs import logs_of, names_of
+from palpate.cli.console import Figure, announce, lines, note, overwrite, title
+from palpate.cli.estimate_log import estimate_log, record_of
+from palpate.cli.interrupts import import_mesh_reader
+from palpate.cli.parallel import begin_results, from_row, read_rows, require_backend, run_kept
+from palpate.cli.setup import Setup
+from palpate.contact.estimate import Status
+from palpate.errors import InputError, PalpateError
+from palpate.io.atomic import write_text, writing
+from palpate.io.models import provenance
+from palpate.io.rig import Rig
+from palpate.viewer.batch_summary import LogResult, compose, figures
+from palpate.viewer.report import render, require_report
+
+__all__ = ["batch"]
+
+TORN, UNBELIEVABLE, SOME_FAILED = 3, 4, 5
+PAGE, KEPT = "batch.html", "batch.jsonl"
+PATHS = ("rig", "mesh", "payload")  # of a set-up
+SAID = 5  # failures that are printed
+RESULTS, WORKERS = "results of a batch of logs", "--workers"
+
+
+@dataclass(frozen=True)
+class _Job:
+    """One log.
+
+    Paths are absolute: a worker may stand in another folder.
+
+    Attributes:
+        setup: of all.
+        made: digest of version, rig and options, so that a process reads the rig once.
+        called: the log, as it was given.
+        log: that is read.
+        output: of contacts.
+        frame: of the result.
+    """
+
+    setup: Setup
+    made: str
+    called: str
+    log: Path
+    output: Path
+    frame: str
+
+    @property
+    def key(self) -> str:
+        """One a log, by whatever name it goes."""
+        return str(self.log.resolve())
+
+
+@dataclass(frozen=True)
+class _Kept:
+    """A line of the results: a log that is done, or failed.
+
+    Attributes:
+        log: resolved path.
+        output: name of the file of contacts.
+        made: digest of version, rig and options.
+        digest: of the log; "" where it could not be read.
+        size: bytes of the output.
+        result: for the page.
+    """
+
+    log: str
+    output: str
+    made: str
+    digest: str
+    size: int
+    result: LogResult
+
+
+def batch(
+    logs: Annotated[Positional[tuple[Path, ...]], arg(metavar="LOGS")],
+    /,
+    output: Annotated[Path, arg(aliases=["-o"], metavar="FOLDER")],
+    setup: Annotated[Setup, arg(name="")],
+    form: Annotated[Literal["parquet", "csv", "mcap"], arg(name="format", metavar="NAME")] = "parquet",
+    frame: Literal["surface", "sensor", "base"] = "surface",
+    workers: Annotated[int | None, arg(metavar="N", help_behavior_hint="")] = None,
+    backend: Annotated[str, arg(metavar="NAME")] = "processes",
+) -> None:
+    """Find contacts in many logs, each exactly as `palpate estimate` would, and write one page about all of them.
+
+    In the folder stand a file of contacts a log, each with its .toml, batch.html (a row a log) and batch.jsonl (what is
+    done). The same command goes on where it was ended: logs whose output is whole, from the same log, rig, options and
+    version, are not done again. A log that cannot be used is listed with the reason. Exit code 5: done, but some logs
+    failed; 3: one was cut off; 4: nothing in one can be believed.
+
+    Args:
+        logs: files, folders (with all that is below) and patterns; see `palpate estimate`.
+        output: folder to write into; made where it is not there.
+        setup: what is touched, and how contacts are found.
+        form: of the files of contacts: parquet, csv or mcap.
+        frame: of the results; base needs the sensor's orientation and position in the logs.
+        workers: logs at a time; otherwise one a core.
+        backend: what runs them: processes on this machine, or a dask or ray cluster that sees the same files.
+    """
+    count = require_backend(backend, workers, WORKERS)
+    require_report()
+    rig, found = setup.load(), logs_of(logs, output)
+    _require_folder(output)
+    made = _digest(setup, rig, frame)
+    done = dict[str, _Kept]()
+    kept = {each.log: each for each in _read(output / KEPT)}
+    known = {Path(each.log): each.output.removesuffix(f".{form}") for each in kept.values()}
+    anywhere, folder = _absolute(setup), output.absolute()
+    jobs = [
+        _Job(anywhere, made, str(log), log.absolute(), folder / f"{name}.{form}", frame)
+        for log, name in names_of(found, known).items()
+    ]
+    _require_apart(jobs, setup, rig)
+    for job in jobs:
+        overwrite(f"looking for what is done: {job.called}")
+        if (there := kept.get(job.key)) is not None and _holds(there, job):
+            done[there.log] = there
+    begin_results(output / KEPT, {"command": "batch"}, map(asdict, kept.values()))
+    if done:
+        announce(f"{len(done)} of {len(jobs)} logs are in {output} already; the others follow")
+    wanted = [job for job in jobs if job.key not in done]
+    try:
+        with closing(run_kept(_one, wanted, output / KEPT, (count, backend, WORKERS), asdict)) as results:
+            for result in results:
+                done[result.log] = result
+                overwrite(_so_far(done, len(jobs)))
+    except KeyboardInterrupt:
+        announce(f"{len(done)} of {len(jobs)} logs are in {output}: the same command goes on")
+        raise
+    _end([done[job.key].result for job in jobs], output, setup, rig)
+
+
+def _one(job: _Job) -> _Kept:
+    """One log, in whatever process; whatever is wrong with it is in its result."""
+    log, output = job.key, job.output.name
+    try:
+        rig = _rig(job.setup, job.made)
+        opened = job.setup.open(job.log, rig)
+        files = {"log": job.log, "rig": job.setup.rig, **rig.files(opened.kind)}
+        done = estimate_log(opened, job.output, job.frame, files, _silent, keep_short=False)
+    except PalpateError as problem:
+        return _Kept(log, output, job.made, "", 0, LogResult(job.called, failure=_short(str(problem), job)))
+    except Exception as problem:  # of one log in a thousand: the others shall not wait for it to be mended
+        said = f"{type(problem).__name__}: {' '.join(str(problem).split())}"
+        return _Kept(log, output, job.made, "", 0, LogResult(job.called, failure=said))
+    summary, touches = done.summary, done.summary.finder.touches()
+    warnings = (*([done.nothing] if done.nothing else []), *done.doubts, *done.short)
+    result = LogResult(
+        job.called,
+        output,
+        samples=summary.samples,
+        contacts=int(summary.statuses[[Status.CONTACT, Status.AMBIGUOUS]].sum()),
+        touches=len(touches),
+        peak=float(touches.peak_force.max()) if len(touches) else nan,
+        statuses=tuple(summary.statuses.tolist()),
+        warnings=warnings,
+        ended=done.ended,
+        believed=not done.nothing,
+    )
+    return _Kept(log, output, job.made, log_digest(job.log), job.output.stat().st_size, result)
+
+
+@lru_cache(maxsize=1)
+def _rig(setup: Setup, made: str) -> Rig:
+    """Read once a process; `made` changes with its files."""
+    import_mesh_reader()
+    return setup.load()
+
+
+def _silent(done: int, share: float) -> None:
+    """Nobody watches a single log."""
+
+
+def _short(said: str, job: _Job) -> str:
+    """Without the name of the log, which stands beside it."""
+    return said.removeprefix(f"{job.log}: ")
+
+
+def log_digest(log: Path) -> str:
+    """Of the bytes of a log; of a folder, of names, sizes and times of what is in it."""
+    if log.is_file():
+        with log.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    stats = [(path.name, path.stat()) for path in sorted(log.iterdir())]
+    said = repr([(name, stat.st_size, stat.st_mtime_ns) for name, stat in stats])
+    return hashlib.sha256(said.encode()).hexdigest()
+
+
+def _digest(setup: Setup, rig: Rig, frame: str) -> str:
+    """Of version, files of the rig and options."""
+    options = {each.name: getattr(setup, each.name) for each in fields(setup) if each.name not in PATHS}
+    record = provenance({"rig": setup.rig, **rig.files()}, {**options, "frame": frame})
+    return hashlib.sha256(repr(record).encode()).hexdigest()
+
+
+def _absolute(setup: Setup) -> Setup:
+    paths = {name: path.absolute() for name in PATHS if (path := getattr(setup, name)) is not None}
+    return replace(setup, **paths)
+
+
+def _require_folder(output: Path) -> None:
+    with writing(output):
+        if output.exists() and not output.is_dir():
+            raise InputError("is no folder.", where=str(output), hint="Many logs need a folder: -o FOLDER.")
+        output.mkdir(parents=True, exist_ok=True)
+
+
+def _require_apart(jobs: Sequence[_Job], setup: Setup, rig: Rig) -> None:
+    """No output is an input of any log."""
+    inputs = [setup.rig, *rig.files().values(), *(job.log for job in jobs)]
+    read = {path.resolve() for path in inputs if path is not None}
+    for path in (path for job in jobs for path in (job.output, record_of(job.output))):
+        if path.resolve() in read:
+            raise InputError("would overwrite an input.", where=str(path), hint="Name another folder.")
+
+
+def _read(path: Path) -> Iterator[_Kept]:
+    """What was done before; of a log that was done several times the last one counts."""
+    if not path.exists():
+        return
+    _, rows = read_rows(path, RESULTS)
+    try:
+        for row in rows:
+            yield from_row(_Kept, {**row, "result": from_row(LogResult, row["result"])})
+    except (KeyError, TypeError) as problem:
+        raise InputError(f"does not hold {RESULTS}.", where=str(path), hint="Name another folder.") from problem
+
+
+def _holds(there: _Kept, job: _Job) -> bool:
+    """Whether a log is done, from the same log, rig, options and version, and its output is still what was written."""
+    output = job.output
+    if there.result.failure or there.made != job.made or there.output != output.name:
+        return False
+    whole = output.is_file() and output.stat().st_size == there.size and record_of(output).is_file()
+    return whole and log_digest(job.log) == there.digest
+
+
+def _so_far(done: dict[str, _Kept], total: int) -> str:
+    failed = sum(bool(each.result.failure) for each in done.values())
+    samples = sum(each.result.samples for each in done.values())
+    return f"{len(done)} of {total} logs, {samples:,} samples" + (f", {failed} failed" if failed else "")
+
+
+def _end(results: Sequence[LogResult], output: Path, setup: Setup, rig: Rig) -> None:
+    page = output / PAGE
+    said = [("rig", str(setup.rig or setup.mesh)), *((name, str(path)) for name, path in rig.files().items())]
+    write_text(page, render(compose(results, tuple(said))))
+    title(f"{len(results)} logs -> {page}")
+    lines((name, Figure(text, value)) for name, text, value in figures(results))
+    failed = [each for each in results if each.failure]
+    note((f"{each.log}: {each.failure}" for each in failed[:SAID]), kind="warning")
+    note([f"{len(failed) - SAID} more logs failed, see {page}"] if len(failed) > SAID else [], kind="warning")
+    torn, nothing = any(each.ended == "torn" for each in results), any(not each.believed for each in results)
+    if failed or torn or nothing:
+        raise SystemExit(SOME_FAILED if failed else TORN if torn else UNBELIEVABLE)

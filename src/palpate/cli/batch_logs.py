@@ -1,0 +1,93 @@
+"""Which logs a batch has, by files, folders and patterns, and how their outputs are called."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from glob import glob, has_magic
+from pathlib import Path
+
+from palpate.errors import InputError
+from palpate.io.atomic import PART
+from palpate.io.logs.frame_folder import holds_frames
+from palpate.io.logs.video import VIDEOS
+
+__all__ = ["LOGS", "logs_of", "names_of"]
+
+LOGS = (".csv", ".tsv", ".txt", ".parquet", ".npy", ".npz", ".mcap", ".bag", ".db3", *VIDEOS)  # of a folder's files
+
+
+def logs_of(given: Sequence[Path], output: Path) -> list[Path]:
+    """Every log once, in the order in which they are given; those of a folder, and below it, by name.
+
+    A folder that is a ROS 2 bag or holds frames is one log.
+
+    Args:
+        given: files, folders, and patterns (`*`, `?`, `[...]`, `**`) that the shell left alone.
+        output: folder of the results, which is passed over.
+
+    Raises:
+        InputError: there is no such file, or no log in a folder or by a pattern.
+    """
+    found = dict[Path, Path]()
+    for path in given:
+        logs = list(_expanded(path, output.resolve()))
+        if not logs:
+            what = "no log is in it" if path.is_dir() else "nothing fits it"
+            raise InputError(f"{what}.", where=str(path), hint=f"Logs of a folder end in {', '.join(LOGS)}.")
+        found |= {log.resolve(): log for log in logs if log.resolve() not in found}
+    return list(found.values())
+
+
+def names_of(logs: Sequence[Path], known: Mapping[Path, str]) -> dict[Path, str]:
+    """How the output of each log is called, without a suffix: as the log, after its folders where two would be alike.
+
+    Args:
+        logs: of this batch.
+        known: resolved path of a log that was there before -> how its output was called; it stays.
+    """
+    names = {log: known[log.resolve()] for log in logs if log.resolve() in known}
+    taken, left = {name.lower() for name in known.values()}, [log for log in logs if log not in names]
+    for depth in range(max((len(log.resolve().parts) for log in left), default=0)):
+        called = {log: "-".join([*log.resolve().parts[-1 - depth : -1], log.stem]).replace("/", "") for log in left}
+        count = Counter(name.lower() for name in called.values())
+        settled = {log: name for log, name in called.items() if count[name.lower()] == 1 and name.lower() not in taken}
+        names |= settled
+        taken |= {name.lower() for name in settled.values()}
+        left = [log for log in left if log not in settled]
+    for log in left:  # the same but for the suffix, or for its letters' case
+        name = next(name for k in range(1, len(logs) + 2) if (name := f"{log.stem}-{k}").lower() not in taken)
+        names[log] = name
+        taken.add(name.lower())
+    return names
+
+
+def _expanded(path: Path, output: Path) -> Iterator[Path]:
+    if path.is_dir():
+        yield from [path] if _is_log(path) else _below(path, output)
+    elif path.exists() or not has_magic(str(path)):
+        if not path.exists():
+            raise InputError("there is no such file.", where=str(path))
+        yield path
+    else:
+        for each in sorted(glob(str(path), recursive=True)):
+            if Path(each).resolve() != output and output not in Path(each).resolve().parents:
+                yield from _expanded(Path(each), output) if Path(each).is_dir() else [Path(each)]
+
+
+def _below(folder: Path, output: Path) -> Iterator[Path]:
+    """Logs in a folder and the folders in it."""
+    if folder.resolve() == output:
+        return
+    for path in sorted(folder.iterdir()):
+        if path.name.startswith(".") or path.suffix == PART:
+            continue
+        if path.is_dir():
+            yield from [path] if _is_log(path) else _below(path, output)
+        elif path.suffix.lower() in LOGS:
+            yield path
+
+
+def _is_log(folder: Path) -> bool:
+    """A ROS 2 bag, or a folder of frames."""
+    return (folder / "metadata.yaml").exists() or holds_frames(folder)
