@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from os import cpu_count
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -20,12 +21,14 @@ from palpate.errors import InputError
 from palpate.io.atomic import keep_inputs, write_text
 from palpate.io.contacts import require_format
 from palpate.io.ground_truth import read_ground_truth
+from palpate.io.pipeline import OpenedLog
 from palpate.viewer.report import render, require_report
 from palpate.viewer.run_report import compose
 
 __all__ = ["estimate"]
 
 TORN, UNBELIEVABLE, INTERRUPTED = 3, 4, 130
+LONG = 100_000_000  # bytes of a log from which other processes are worth their start
 
 
 def estimate(
@@ -36,6 +39,7 @@ def estimate(
     frame: Literal["surface", "sensor", "base"] = "surface",
     report: FileOption = None,
     truth: FileOption = None,
+    workers: Annotated[int | None, arg(metavar="N", help_behavior_hint="")] = None,
 ) -> None:
     """Find contacts in the log of any sensor, with a rig, or in a log of wrenches with a mesh alone.
 
@@ -52,7 +56,11 @@ def estimate(
         frame: of the result; base needs the sensor's orientation and position in the log.
         report: page to write as well (.html): what was done, pictures, what to improve.
         truth: what is known of the contacts, to be drawn and judged in the report (see `palpate evaluate`).
+        workers: 1: one process does it all; 2 or more: others read and write meanwhile, the same bits. Otherwise they
+            do for logs of 100 MB and more, where there is more than one core.
     """
+    if workers is not None and workers < 1:
+        raise InputError(f"must be 1 at least, not {workers}.", where="--workers")
     rig = setup.load()
     inputs = (log, setup.rig, *rig.files().values(), truth)
     keep_inputs(output, inputs, beside=(record_of(output), *([report] if report else [])))
@@ -63,7 +71,7 @@ def estimate(
     wait("preparing the surface and compiling kernels (compiling happens once)")
     files = {"log": log, "rig": setup.rig, **rig.files(opened.kind), "truth": truth}
     with counting():
-        done = estimate_log(opened, output, frame, files, progress)
+        done = estimate_log(opened, output, frame, files, progress, several=_several(opened, workers))
     _say(f"{log} -> {output}", done)
     if report is not None:
         warnings = (*([done.nothing] if done.nothing else []), *done.doubts, *done.short)
@@ -73,6 +81,12 @@ def estimate(
     note([done.nothing] if done.nothing else [], kind="warning")
     if done.short or done.nothing:
         raise SystemExit(INTERRUPTED if done.ended == "interrupted" else TORN if done.short else UNBELIEVABLE)
+
+
+def _several(opened: OpenedLog, workers: int | None) -> bool:
+    """Whether reading and writing are done beside; a pipe gives its bytes to one process only."""
+    asked = workers > 1 if workers is not None else opened.size >= LONG and (cpu_count() or 1) > 1
+    return asked and (opened.path.is_file() or opened.path.is_dir())
 
 
 def _ground_truth(truth: Path | None, report: Path | None) -> Samples | Touches | None:
@@ -96,7 +110,8 @@ def _say(heading: str, done: Estimated) -> None:
     lines([("samples", f"{summary.samples:,} in, {summary.rows:,} rows out{several}")])
     lines(shares(summary.statuses))
     spent = {"read": pipeline.log.seconds, **pipeline.seconds}
-    rate = summary.samples / max(sum(spent.values()) - spent["prepare"] - spent["compile"], 1e-9)
+    busy = min(sum(spent.values()) - spent["prepare"], done.took) - spent["compile"]  # processes work at the same time
+    rate = summary.samples / max(busy, 1e-9)
     parts = ", ".join(f"{name} {seconds:.2f} s" for name, seconds in spent.items())
     lines([("time", f"{parts}; {rate:,.0f} samples/s once prepared and compiled")])
     note(pipeline.notes())

@@ -9,7 +9,7 @@ from pathlib import Path
 from time import perf_counter
 
 from palpate.cli.interrupts import uninterrupted
-from palpate.io.contacts import ContactsWriter, open_contacts
+from palpate.cli.summed_writer import SummedWriter, writing_beside, writing_here
 from palpate.io.models import provenance, write_provenance
 from palpate.io.pipeline import OpenedLog, Pipeline
 from palpate.viewer.run_summary import RunSummary
@@ -32,6 +32,7 @@ class Estimated:
         doubts: what may be wrong.
         short: why not all of the log is in the output, one sentence each.
         nothing: why nothing in it can be believed; "": something can.
+        took: seconds from the first sample to the last.
     """
 
     pipeline: Pipeline
@@ -41,6 +42,7 @@ class Estimated:
     doubts: list[str]
     short: list[str]
     nothing: str
+    took: float
 
 
 class _Stopped(Exception):
@@ -60,6 +62,7 @@ def estimate_log(
     watch: Watch,
     *,
     keep_short: bool = True,
+    several: bool = False,
 ) -> Estimated:
     """Every sample of a log into contacts.
 
@@ -70,42 +73,48 @@ def estimate_log(
         files: what it is made from, for OUTPUT.toml: what each is -> where.
         watch: is told how far it is.
         keep_short: after Ctrl-C the contacts found so far take the name of OUTPUT; otherwise they stay OUTPUT.part.
+        several: one process reads, this one locates, one writes; the same bits.
 
     Raises:
         InputError: the log or a file of the rig cannot be used.
         KeyboardInterrupt: there is no row yet, or it is not to be kept.
     """
-    pipeline, summary = Pipeline.of(opened, frame), RunSummary()
-    pipeline.seconds["write"] = 0.0
+    pipeline = Pipeline.of(opened, frame)
+    features = pipeline.estimator.features
+    if several:
+        opened.read_ahead()
     try:
         with ExitStack() as stack:
-            features = pipeline.estimator.features
-            writer = stack.enter_context(open_contacts(output, frame_id=frame, features=features))
-            interrupted = _interrupted(pipeline, writer, summary, watch)
+            made = (writing_beside if several else writing_here)(output, frame, features)
+            writer = stack.enter_context(made)
+            begin = perf_counter()
+            interrupted = _interrupted(pipeline, writer, watch)
             if interrupted and not keep_short:
                 raise _Stopped
             with uninterrupted():  # a second Ctrl-C waits until the file is whole
                 stack.close()
     except _Stopped:
         raise KeyboardInterrupt from None
+    summary = writer.summary
+    pipeline.seconds["write"] = writer.seconds
     ended = "interrupted" if interrupted else "torn" if opened.torn else "whole"
     options = {**pipeline.facts, "frame": frame, "sensor": opened.kind.name, "ended": ended}
     record = provenance(files, options)
     write_provenance(record_of(output), record)
     doubts, short = pipeline.doubts(), list(_short(output, opened, summary, interrupted=interrupted))
-    return Estimated(pipeline, summary, record, ended, doubts, short, pipeline.unbelievable())
+    took = perf_counter() - begin
+    return Estimated(pipeline, summary, record, ended, doubts, short, pipeline.unbelievable(), took)
 
 
-def _interrupted(pipeline: Pipeline, writer: ContactsWriter, summary: RunSummary, watch: Watch) -> bool:
+def _interrupted(pipeline: Pipeline, writer: SummedWriter, watch: Watch) -> bool:
     """Every sample of the log, block by block; whether Ctrl-C ended it. Without a row there is nothing to keep."""
+    samples = 0
     try:
-        for _, found, placed in pipeline.stream():
+        for block, found, placed in pipeline.stream():
             with uninterrupted():  # a block is written and counted, or neither
-                begin = perf_counter()
-                writer.write(placed)
-                pipeline.seconds["write"] += perf_counter() - begin
-                summary.add(found)
-            watch(summary.samples, pipeline.log.position / max(pipeline.log.size, 1))
+                writer.write(found, placed)
+            samples += len(block)
+            watch(samples, pipeline.log.position / max(pipeline.log.size, 1))
     except KeyboardInterrupt:
         if not writer.rows:
             raise

@@ -88,12 +88,14 @@ class _Thinned:
     """Of each bucket of `size` consecutive samples the one that `pick` takes; buckets double when there are many."""
 
     def __init__(self, limit: int, pick: Callable[[Contacts, int], Contacts]) -> None:
-        self.limit, self.size, self._pick = limit, 1, pick
+        self.limit, self.size, self._pick, self._held = limit, 1, pick, 0
         self.parts = [Contacts.single(np.empty(0), ContactEstimate.from_rows(np.empty((0, ROW.length))))]
 
     def add(self, contacts: Contacts) -> None:
-        self.parts.append(self._pick(contacts, self.size))
-        if sum(map(_samples, self.parts)) > 2 * self.limit:  # not at each block: joining costs as much as is held
+        part = self._pick(contacts, self.size)
+        self.parts.append(part)
+        self._held += _samples(part)
+        if self._held > 2 * self.limit:  # not at each block: joining costs as much as is held
             self.contacts()
 
     def contacts(self) -> Contacts:
@@ -102,7 +104,7 @@ class _Thinned:
         while _samples(kept) > self.limit:
             self.size *= 2
             kept = self._pick(kept, self.size)
-        self.parts = [kept]
+        self.parts, self._held = [kept], _samples(kept)
         return kept
 
 

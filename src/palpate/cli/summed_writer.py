@@ -1,0 +1,140 @@
+"""Contacts written and summed up block by block, in this process or in one beside it."""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from contextlib import AbstractContextManager, contextmanager
+from multiprocessing import get_context
+from multiprocessing.connection import Connection
+from pathlib import Path
+from time import perf_counter
+from typing import Any, Protocol
+
+from palpate.contact.contacts import Contacts
+from palpate.errors import InputError
+from palpate.io.ahead import Receiver, Sender, beside, way
+from palpate.io.contacts import ContactsWriter, open_contacts
+from palpate.viewer.run_summary import RunSummary
+
+__all__ = ["SummedWriter", "writing_beside", "writing_here"]
+
+_END, _ABANDON = "end", "abandon"
+
+
+class SummedWriter(Protocol):
+    """What a block is given to.
+
+    Attributes:
+        rows: given so far.
+        summary: of all blocks, once the file is whole.
+        seconds: spent on writing, likewise.
+    """
+
+    rows: int
+    summary: RunSummary
+    seconds: float
+
+    def write(self, found: Contacts, placed: Contacts) -> None:
+        """A block in the surface's frame, to be summed up, and in that of the file, to be written."""
+        ...
+
+
+class _Here:
+    def __init__(self, writer: ContactsWriter) -> None:
+        self._writer, self.summary, self.seconds, self.rows = writer, RunSummary(), 0.0, 0
+
+    def write(self, found: Contacts, placed: Contacts) -> None:
+        begin = perf_counter()
+        self._writer.write(placed)
+        self.seconds += perf_counter() - begin
+        self.summary.add(found)
+        self.rows += len(placed)
+
+
+@contextmanager
+def writing_here(output: Path, frame: str, features: tuple[str, ...]) -> Generator[SummedWriter]:
+    """See `palpate.io.contacts.open_contacts`."""
+    with open_contacts(output, frame_id=frame, features=features) as writer:
+        yield _Here(writer)
+
+
+class _Beside:
+    def __init__(self, sender: Sender, answer: Connection, output: Path) -> None:
+        self._sender, self._answer, self._output = sender, answer, output
+        self.summary, self.seconds, self.rows = RunSummary(), 0.0, 0
+
+    def write(self, found: Contacts, placed: Contacts) -> None:
+        self.put((found, None if placed is found else placed))
+        self.rows += len(placed)
+
+    def put(self, value: object) -> None:
+        """Into the way; why that cannot be, where the writer has failed."""
+        try:
+            self._sender.put(value)
+        except (EOFError, OSError):
+            self.end()
+            raise
+
+    def end(self) -> None:
+        """Takes the answer.
+
+        Raises:
+            InputError: it cannot be written, or nobody answers.
+        """
+        try:
+            answer: Any = self._answer.recv()
+        except (EOFError, OSError) as problem:
+            raise InputError("the process that wrote it was ended.", where=str(self._output)) from problem
+        if isinstance(answer, Exception):
+            raise answer
+        self.summary, self.seconds = answer
+
+
+@contextmanager
+def writing_beside(output: Path, frame: str, features: tuple[str, ...]) -> Generator[SummedWriter]:
+    """As `writing_here`, by another process."""
+    sender, receiver = way()
+    answer, answers = get_context("spawn").Pipe(duplex=False)
+    with beside("writer", _write, receiver, answers, output, frame, features) as process:
+        answers.close()
+        writer = _Beside(sender, answer, output)
+        try:
+            yield writer
+        except BaseException:
+            try:
+                sender.put(_ABANDON)
+                process.join()  # what was done stays OUTPUT.part
+            except (EOFError, OSError):
+                pass
+            raise
+        writer.put(_END)
+        writer.end()
+
+
+def _write(receiver: Receiver, answers: Connection, output: Path, frame: str, features: tuple[str, ...]) -> None:
+    """The process that writes."""
+    made: AbstractContextManager[SummedWriter] = writing_here(output, frame, features)
+    try:
+        with made as writer:
+            while not isinstance(value := _next(receiver), str):
+                found, placed = value
+                writer.write(found, found if placed is None else placed)
+            if value == _ABANDON:
+                raise _Abandoned
+        answers.send((writer.summary, writer.seconds))
+    except _Abandoned:
+        return
+    except Exception as problem:  # raised where it is written from
+        answers.send(problem)
+
+
+class _Abandoned(Exception):
+    """The file is not to be finished."""
+
+
+def _next(receiver: Receiver) -> Any:
+    """A block, or what comes instead of one; nobody sends any more where the command was killed."""
+    try:
+        return receiver.get()
+    except EOFError:
+        return _ABANDON

@@ -1,0 +1,184 @@
+"""A log read by a process of its own, ahead of who uses it, and the way that blocks take from process to process."""
+
+from __future__ import annotations
+
+import pickle
+import signal
+from collections.abc import Callable, Generator, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from multiprocessing import get_context, resource_tracker
+from multiprocessing.connection import Connection
+from multiprocessing.process import BaseProcess
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from palpate.errors import InputError
+from palpate.io.logs import open_log
+from palpate.io.logs.layout import Layout
+from palpate.io.logs.log import Log, LogContents
+from palpate.sensors.recording import Recording
+
+__all__ = ["ReadAhead", "Receiver", "Sender", "beside", "way"]
+
+SLOTS, SLOT = 6, 1 << 22  # values on their way at most; bytes of one: what is larger goes through the pipe
+
+
+class Sender:
+    """Where values go in. A value waits in shared memory until it is taken, or its place is wanted."""
+
+    def __init__(self, memory: Any, messages: Connection, freed: Connection) -> None:
+        self._memory, self._messages, self._freed = memory, messages, freed
+        self._free = list(range(SLOTS))
+
+    def put(self, value: object) -> None:
+        """Send what can be pickled; waits while too many are on their way.
+
+        Raises:
+            EOFError, OSError: nobody receives any more.
+        """
+        while self._freed.poll() or not self._free:
+            self._free.append(self._freed.recv())
+        parts = list[pickle.PickleBuffer]()
+        head = pickle.dumps(value, protocol=5, buffer_callback=parts.append)
+        raws = [part.raw() for part in parts]
+        sizes, slot = [raw.nbytes for raw in raws], self._free.pop()
+        if sum(sizes) > SLOT:
+            head, sizes = pickle.dumps(value, protocol=5), []
+            raws = []
+        at, view = slot * SLOT, np.frombuffer(self._memory, dtype=np.uint8)
+        for raw in raws:
+            view[at : at + raw.nbytes] = np.frombuffer(raw, dtype=np.uint8)
+            at += raw.nbytes
+        self._messages.send_bytes(pickle.dumps((slot, sizes, [raw.readonly for raw in raws], head)))
+
+
+class Receiver:
+    """Where values come out, in their order."""
+
+    def __init__(self, memory: Any, messages: Connection, freed: Connection) -> None:
+        self._memory, self._messages, self._freed = memory, messages, freed
+
+    def get(self) -> Any:
+        """The next value, its arrays its own.
+
+        Raises:
+            EOFError: who sends is gone.
+        """
+        slot, sizes, fixed, head = pickle.loads(self._messages.recv_bytes())
+        at, view = slot * SLOT, np.frombuffer(self._memory, dtype=np.uint8)
+        parts = list[bytearray | memoryview]()
+        for size, readonly in zip(sizes, fixed, strict=True):
+            copy = bytearray(view[at : at + size].data)
+            parts.append(memoryview(copy).toreadonly() if readonly else copy)
+            at += size
+        with suppress(OSError):  # who sent it has ended: its last values are here all the same
+            self._freed.send(slot)
+        return pickle.loads(head, buffers=parts)
+
+
+def way() -> tuple[Sender, Receiver]:
+    """From one process to another; either end is an argument of the other process."""
+    context = get_context("spawn")
+    memory = context.RawArray("B", SLOTS * SLOT)
+    taken, messages = context.Pipe(duplex=False)
+    freed, frees = context.Pipe(duplex=False)
+    return Sender(memory, messages, freed), Receiver(memory, taken, frees)
+
+
+@contextmanager
+def beside(name: str, target: Callable[..., None], *arguments: object) -> Generator[BaseProcess]:
+    """A process that does not hear Ctrl-C, which is for this one, and does not outlive the block.
+
+    Args:
+        name: for the list of processes.
+        target: what it runs, importable.
+        arguments: of it; ends of ways among them are closed here.
+    """
+    process = get_context("spawn").Process(target=target, args=arguments, name=f"palpate {name}", daemon=True)
+    resource_tracker.ensure_running()  # it lets signals through when it starts
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # which the process keeps
+    try:
+        process.start()
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+    for end in arguments:
+        if isinstance(end, Sender | Receiver):
+            close(end)
+    try:
+        yield process
+    finally:
+        if process.is_alive():
+            process.terminate()
+        process.join()
+
+
+def close(end: Sender | Receiver) -> None:
+    """This process's hold on it, so that the other end notices when the process that has it is gone."""
+    for connection in vars(end).values():
+        if isinstance(connection, Connection):
+            connection.close()
+
+
+@dataclass(frozen=True)
+class _Read:
+    """A block, and how far the reader is; `block` None: that was all; `failed`: why it cannot go on."""
+
+    block: Recording | None
+    position: int
+    torn: str
+    notes: tuple[str, ...]
+    failed: Exception | None = None
+
+
+class ReadAhead(Log):
+    """A log whose blocks another process reads and decodes while they are used here; the same blocks.
+
+    Args:
+        log: opened as usual; says what is in it.
+        layout: by which it was opened.
+    """
+
+    def __init__(self, log: Log, layout: Layout) -> None:
+        super().__init__(log.path, log.size)
+        self._log, self._layout = log, layout
+        self._notes: tuple[str, ...] = ()
+
+    def contents(self) -> LogContents:
+        """See `Log`."""
+        return self._log.contents()
+
+    def notes(self) -> tuple[str, ...]:
+        """See `Log`."""
+        return self._notes
+
+    def blocks(self) -> Iterator[Recording]:
+        """See `Log`."""
+        sender, receiver = way()
+        with beside("reader", _read, sender, self.path, self._layout):
+            while True:
+                try:
+                    read: _Read = receiver.get()
+                except (EOFError, OSError) as problem:
+                    raise InputError("the process that read it was ended.", where=str(self.path)) from problem
+                self.position, self.torn, self._notes = read.position, read.torn, read.notes
+                if read.failed is not None:
+                    raise read.failed
+                if read.block is None:
+                    return
+                yield read.block
+
+
+def _read(sender: Sender, path: Path, layout: Layout) -> None:
+    """The process that reads."""
+    log = open_log(path, layout)
+    try:
+        for block in log.blocks():
+            sender.put(_Read(block, log.position, log.torn, log.notes()))
+        sender.put(_Read(None, log.position, log.torn, log.notes()))
+    except (EOFError, BrokenPipeError):  # nobody wants more
+        return
+    except Exception as problem:  # raised where it is used
+        sender.put(_Read(None, log.position, log.torn, log.notes(), problem))
