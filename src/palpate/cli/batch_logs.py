@@ -59,7 +59,7 @@ def names_of(logs: Sequence[Path], known: Mapping[Path, str]) -> dict[Path, str]
         name = next(name for k in range(1, len(logs) + 2) if (name := f"{log.stem}-{k}").lower() not in taken)
         names[log] = name
         taken.add(name.lower())
-    return names
+    return {log: names[log] for log in logs}
 
 
 def _expanded(path: Path, output: Path) -> Iterator[Path]:

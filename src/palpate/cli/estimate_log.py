@@ -82,7 +82,7 @@ def estimate_log(
     pipeline = Pipeline.of(opened, frame)
     features = pipeline.estimator.features
     if several:
-        opened.read_ahead()
+        opened.read_ahead(pipeline.estimator)
     try:
         with ExitStack() as stack:
             made = (writing_beside if several else writing_here)(output, frame, features)

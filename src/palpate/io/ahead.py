@@ -19,9 +19,10 @@ from palpate.errors import InputError
 from palpate.io.logs import open_log
 from palpate.io.logs.layout import Layout
 from palpate.io.logs.log import Log, LogContents
+from palpate.sensors.motion import Motion
 from palpate.sensors.recording import Recording
 
-__all__ = ["ReadAhead", "Receiver", "Sender", "beside", "way"]
+__all__ = ["MotionAhead", "ReadAhead", "Receiver", "Sender", "beside", "way"]
 
 SLOTS, SLOT = 6, 1 << 22  # values on their way at most; bytes of one: what is larger goes through the pipe
 
@@ -130,7 +131,22 @@ class _Read:
     position: int
     torn: str
     notes: tuple[str, ...]
+    motion: Motion | None
     failed: Exception | None = None
+
+
+class MotionAhead(Motion):
+    """What a sensor has in place of the motion that the reader tells: blocks come with it, and so does what it met."""
+
+    met: Motion | None = None
+
+    def stream(self, blocks: Iterator[Recording]) -> Iterator[Recording]:
+        """As they are."""
+        return blocks
+
+    def notes(self, mass: float | None = None) -> tuple[str, ...]:
+        """See `Motion`."""
+        return () if self.met is None else self.met.notes(mass)
 
 
 class ReadAhead(Log):
@@ -139,11 +155,13 @@ class ReadAhead(Log):
     Args:
         log: opened as usual; says what is in it.
         layout: by which it was opened.
+        motion: what adds accelerations to the blocks, there; None: nothing does.
+        told: is told what that met.
     """
 
-    def __init__(self, log: Log, layout: Layout) -> None:
+    def __init__(self, log: Log, layout: Layout, motion: Motion | None = None, told: MotionAhead | None = None) -> None:
         super().__init__(log.path, log.size)
-        self._log, self._layout = log, layout
+        self._log, self._layout, self._motion, self._told = log, layout, motion, told
         self._notes: tuple[str, ...] = ()
 
     def contents(self) -> LogContents:
@@ -157,13 +175,15 @@ class ReadAhead(Log):
     def blocks(self) -> Iterator[Recording]:
         """See `Log`."""
         sender, receiver = way()
-        with beside("reader", _read, sender, self.path, self._layout):
+        with beside("reader", _read, sender, self.path, self._layout, self._motion):
             while True:
                 try:
                     read: _Read = receiver.get()
                 except (EOFError, OSError) as problem:
                     raise InputError("the process that read it was ended.", where=str(self.path)) from problem
                 self.position, self.torn, self._notes = read.position, read.torn, read.notes
+                if self._told is not None:
+                    self._told.met = read.motion
                 if read.failed is not None:
                     raise read.failed
                 if read.block is None:
@@ -171,14 +191,16 @@ class ReadAhead(Log):
                 yield read.block
 
 
-def _read(sender: Sender, path: Path, layout: Layout) -> None:
+def _read(sender: Sender, path: Path, layout: Layout, motion: Motion | None) -> None:
     """The process that reads."""
     log = open_log(path, layout)
+    failed = None
     try:
-        for block in log.blocks():
-            sender.put(_Read(block, log.position, log.torn, log.notes()))
-        sender.put(_Read(None, log.position, log.torn, log.notes()))
+        for block in log.blocks() if motion is None else motion.stream(log.blocks()):
+            sender.put(_Read(block, log.position, log.torn, log.notes(), motion))
     except (EOFError, BrokenPipeError):  # nobody wants more
         return
     except Exception as problem:  # raised where it is used
-        sender.put(_Read(None, log.position, log.torn, log.notes(), problem))
+        failed = problem
+    with suppress(EOFError, OSError):
+        sender.put(_Read(None, log.position, log.torn, log.notes(), motion, failed))

@@ -21,11 +21,12 @@ from palpate.contact.frames import placed
 from palpate.contact.plausibility import Asked, lines_of_action, never_at_rest, unbelievable, unexplained
 from palpate.contact.wrench_estimator import WrenchEstimator
 from palpate.errors import InputError
-from palpate.io.ahead import ReadAhead
+from palpate.io.ahead import MotionAhead, ReadAhead
 from palpate.io.logs import Log, contents, join, missing
 from palpate.io.logs import open_log as open_by_layout
 from palpate.io.rig.kind import Prepared, SensorKind
 from palpate.io.rig.rig import Rig, load_rig
+from palpate.sensors.compensation import Compensation
 from palpate.sensors.recording import ORIENTATION, POSITION, Recording
 
 __all__ = ["FRAMES", "HEAD", "OpenedLog", "Pipeline", "estimate", "open_log", "prepare"]
@@ -75,9 +76,18 @@ class OpenedLog:
         """What a reader of the results should know of what was read so far."""
         return self._log.notes()
 
-    def read_ahead(self) -> None:
-        """From now on its blocks are read by a process of its own, from the start: the same blocks, sooner."""
-        self._log, self._ahead = ReadAhead(self._log, self.kind.layout(self.rig)), True
+    def read_ahead(self, estimator: ContactEstimator) -> None:
+        """From now on its blocks are read by a process of its own, from the start: the same blocks, sooner.
+
+        Args:
+            estimator: of the log; accelerations that its sensor takes from poses are told there too.
+        """
+        sensor = estimator.sensor if isinstance(estimator, WrenchEstimator) else None
+        motion, told = None, None
+        if isinstance(sensor, Compensation) and sensor.motion is not None:
+            motion, told = sensor.motion, MotionAhead()
+            sensor.motion = told
+        self._log, self._ahead = ReadAhead(self._log, self.kind.layout(self.rig), motion, told), True
 
     def head(self, seconds: float = 0.0) -> Recording:
         """The start of the log: 20,000 samples or so many seconds, if it is that long; nothing of it is lost.
