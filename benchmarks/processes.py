@@ -18,7 +18,7 @@ from evidence.row import Row
 from palpate.simulation import simulate_session, write_session
 from palpate.simulation.session import Session
 
-__all__ = ["rows"]
+__all__ = ["prepare", "rows"]
 
 COMMAND = "python -m benchmarks --only processes"
 THEME = "processes"
@@ -52,7 +52,7 @@ def rows(small: bool) -> Iterator[Row]:
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch)
         session = simulate_session(facets=2_000 if small else 20_000)
-        _prepare(session, folder)
+        prepare(session, folder)
         for source, result, least in (
             ("mcap", "mcap", 100_000),
             ("mcap", "parquet", 100_000),
@@ -75,7 +75,7 @@ def rows(small: bool) -> Iterator[Row]:
         )
 
 
-def _prepare(session: Session, folder: Path) -> None:
+def prepare(session: Session, folder: Path) -> None:
     """Files of the session, its payload identified."""
     write_session(session, folder)
     _palpate(

@@ -114,6 +114,26 @@ def test_the_report_of_a_torn_log_says_so(made: Path, tmp_path: Path) -> None:
     assert "the file is torn" in (tmp_path / "report.html").read_text()
 
 
+def test_processes_beside_give_the_same_bits(made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """One reads and tells accelerations, one locates, one writes; that the log is torn, and what was met, is said."""
+    raw, said = (made / "touches.mcap").read_bytes(), list[list[str]]()
+    (tmp_path / "log.mcap").write_bytes(raw[: len(raw) // 2])
+    for workers in ("1", "2"):
+        (tmp_path / workers).mkdir()
+        output = tmp_path / workers / "contacts.csv"
+        assert estimate(tmp_path / "log.mcap", made / "rig.toml", output, "--workers", workers) == 3
+        said.append([line for line in capsys.readouterr().out.splitlines()[1:] if not line.startswith("  time ")])
+    assert said[0] == said[1]
+    assert "moving in" in "".join(said[0])
+    for name in ("contacts.csv", "contacts.csv.toml"):
+        assert (tmp_path / "1" / name).read_bytes() == (tmp_path / "2" / name).read_bytes()
+
+
+def test_fewer_than_one_worker_is_refused(made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert estimate(made / "touches.csv", made / "rig.toml", tmp_path / "x.csv", "--workers", "0") == 1
+    assert "--workers: must be 1 at least" in capsys.readouterr().err
+
+
 # interrupted
 
 
