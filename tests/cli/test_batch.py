@@ -106,11 +106,11 @@ def test_ctrl_c_leaves_no_half_output_and_goes_on(
 ) -> None:
     calls = iter(range(100))
 
-    def stop(done: int, share: float) -> None:
+    def stop(parent: int, done: int, share: float) -> None:
         if next(calls) == 1:
             raise KeyboardInterrupt
 
-    monkeypatch.setattr(command, "_silent", stop)
+    monkeypatch.setattr(command, "_watch", stop)
     out = tmp_path / "out"
     assert _batch(fleet, out) == 130
     assert "2 of 4 logs are in" in capsys.readouterr().out

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import hashlib
+import os
 from collections.abc import Iterator, Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass, fields, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from math import nan
 from pathlib import Path
 from typing import Annotated, Literal
@@ -49,6 +50,7 @@ class _Job:
         log: that is read.
         output: of contacts.
         frame: of the result.
+        parent: number of the process whose child does it; 0: whoever does.
     """
 
     setup: Setup
@@ -57,6 +59,7 @@ class _Job:
     log: Path
     output: Path
     frame: str
+    parent: int
 
     @property
     def key(self) -> str:
@@ -120,8 +123,9 @@ def batch(
     kept = {each.log: each for each in _read(output / KEPT)}
     known = {Path(each.log): each.output.removesuffix(f".{form}") for each in kept.values()}
     anywhere, folder = _absolute(setup), output.absolute()
+    parent = os.getpid() if backend == "processes" and count > 1 else 0
     jobs = [
-        _Job(anywhere, made, str(log), log.absolute(), folder / f"{name}.{form}", frame)
+        _Job(anywhere, made, _printable(log), log.absolute(), folder / f"{name}.{form}", frame, parent)
         for log, name in names_of(found, known).items()
     ]
     _require_apart(jobs, setup, rig)
@@ -134,7 +138,7 @@ def batch(
         announce(f"{len(done)} of {len(jobs)} logs are in {output} already; the others follow")
     wanted = [job for job in jobs if job.key not in done]
     try:
-        with closing(run_kept(_one, wanted, output / KEPT, (count, backend, WORKERS), asdict)) as results:
+        with closing(run_kept(_one, wanted, output / KEPT, (count, backend, WORKERS), asdict, _lost)) as results:
             for result in results:
                 done[result.log] = result
                 overwrite(_so_far(done, len(jobs)))
@@ -148,15 +152,15 @@ def _one(job: _Job) -> _Kept:
     """One log, in whatever process; whatever is wrong with it is in its result."""
     log, output = job.key, job.output.name
     try:
+        digest = log_digest(job.log)  # before: a log that grows meanwhile is another log
         rig = _rig(job.setup, job.made)
         opened = job.setup.open(job.log, rig)
         files = {"log": job.log, "rig": job.setup.rig, **rig.files(opened.kind)}
-        done = estimate_log(opened, job.output, job.frame, files, _silent, keep_short=False)
+        done = estimate_log(opened, job.output, job.frame, files, partial(_watch, job.parent), keep_short=False)
     except PalpateError as problem:
-        return _Kept(log, output, job.made, "", 0, LogResult(job.called, failure=_short(str(problem), job)))
+        return _failed(job, str(problem).removeprefix(f"{job.log}: "))  # which stands beside it
     except Exception as problem:  # of one log in a thousand: the others shall not wait for it to be mended
-        said = f"{type(problem).__name__}: {' '.join(str(problem).split())}"
-        return _Kept(log, output, job.made, "", 0, LogResult(job.called, failure=said))
+        return _failed(job, f"{type(problem).__name__}: {' '.join(str(problem).split())}")
     summary, touches = done.summary, done.summary.finder.touches()
     warnings = (*([done.nothing] if done.nothing else []), *done.doubts, *done.short)
     result = LogResult(
@@ -171,7 +175,16 @@ def _one(job: _Job) -> _Kept:
         ended=done.ended,
         believed=not done.nothing,
     )
-    return _Kept(log, output, job.made, log_digest(job.log), job.output.stat().st_size, result)
+    return _Kept(log, output, job.made, digest, job.output.stat().st_size, result)
+
+
+def _failed(job: _Job, why: str) -> _Kept:
+    return _Kept(job.key, job.output.name, job.made, "", 0, LogResult(job.called, failure=why))
+
+
+def _lost(job: _Job) -> _Kept:
+    """Its worker did not live to say anything."""
+    return _failed(job, "the process that read it was ended: too little memory, or a crash in a library.")
 
 
 @lru_cache(maxsize=1)
@@ -181,13 +194,10 @@ def _rig(setup: Setup, made: str) -> Rig:
     return setup.load()
 
 
-def _silent(done: int, share: float) -> None:
-    """Nobody watches a single log."""
-
-
-def _short(said: str, job: _Job) -> str:
-    """Without the name of the log, which stands beside it."""
-    return said.removeprefix(f"{job.log}: ")
+def _watch(parent: int, done: int, share: float) -> None:
+    """Nobody watches a single log; but a worker whose command was killed ends, before the command goes on anew."""
+    if parent and os.getppid() != parent:
+        raise KeyboardInterrupt
 
 
 def log_digest(log: Path) -> str:
@@ -205,6 +215,11 @@ def _digest(setup: Setup, rig: Rig, frame: str) -> str:
     options = {each.name: getattr(setup, each.name) for each in fields(setup) if each.name not in PATHS}
     record = provenance({"rig": setup.rig, **rig.files()}, {**options, "frame": frame})
     return hashlib.sha256(repr(record).encode()).hexdigest()
+
+
+def _printable(log: Path) -> str:
+    """As a page can hold it: a name need not be UTF-8."""
+    return str(log).encode(errors="backslashreplace").decode()
 
 
 def _absolute(setup: Setup) -> Setup:

@@ -44,14 +44,17 @@ def names_of(logs: Sequence[Path], known: Mapping[Path, str]) -> dict[Path, str]
 
     Args:
         logs: of this batch.
-        known: resolved path of a log that was there before -> how its output was called; it stays.
+        known: resolved path of a log that was there before -> how its output was called; it stays, and the others are
+            called as if all were new, so that a batch that was ended goes on with the names that it would have had.
     """
     names = {log: known[log.resolve()] for log in logs if log.resolve() in known}
     taken, left = {name.lower() for name in known.values()}, [log for log in logs if log not in names]
+    others = [log for log in known if log not in {each.resolve() for each in left}]  # count as if they were not named yet
     for depth in range(max((len(log.resolve().parts) for log in left), default=0)):
-        called = {log: "-".join([*log.resolve().parts[-1 - depth : -1], log.stem]).replace("/", "") for log in left}
+        called = {log: _called(log.resolve(), depth) for log in [*left, *others]}
         count = Counter(name.lower() for name in called.values())
-        settled = {log: name for log, name in called.items() if count[name.lower()] == 1 and name.lower() not in taken}
+        settled = {log: called[log] for log in left if count[called[log].lower()] == 1}
+        settled = {log: name for log, name in settled.items() if name.lower() not in taken}
         names |= settled
         taken |= {name.lower() for name in settled.values()}
         left = [log for log in left if log not in settled]
@@ -60,6 +63,11 @@ def names_of(logs: Sequence[Path], known: Mapping[Path, str]) -> dict[Path, str]
         names[log] = name
         taken.add(name.lower())
     return {log: names[log] for log in logs}
+
+
+def _called(log: Path, depth: int) -> str:
+    """After so many of its folders."""
+    return "-".join([*log.parts[-1 - depth : -1], log.stem]).replace("/", "")
 
 
 def _expanded(path: Path, output: Path) -> Iterator[Path]:

@@ -6,7 +6,7 @@ import json
 import logging
 import os
 from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
-from contextlib import closing, contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import fields
 from importlib import import_module
 from math import isfinite, nan
@@ -24,7 +24,9 @@ __all__ = ["BACKENDS", "begin_results", "each_done", "from_row", "read_rows", "r
 
 BACKENDS = ("processes", "dask", "ray")
 _NEEDED = {"dask": ("distributed", "dask[distributed]"), "ray": ("ray.util.joblib", "ray")}  # module, and pip's name
-ROUND = 4  # jobs a worker of Ray between two looks
+ADDRESSES = {"dask": "DASK_SCHEDULER_ADDRESS", "ray": "RAY_ADDRESS"}  # variables, of the engines' own
+ROUND = 8  # jobs a worker of Ray between two looks
+DOUBTED = 2  # jobs that joblib hands out at most, a worker
 
 Job = TypeVar("Job")
 Result = TypeVar("Result")
@@ -32,7 +34,7 @@ Made = TypeVar("Made")
 
 
 def require_backend(backend: str, workers: int | None, option: str) -> int:
-    """How many workers there will be; before any work is done.
+    """How many workers there will be, 0: as many as the cluster has that is joined; before any work is done.
 
     Args:
         backend: one of `BACKENDS`.
@@ -48,42 +50,74 @@ def require_backend(backend: str, workers: int | None, option: str) -> int:
         hint = f"There are {', '.join(BACKENDS)}."
         raise InputError(f"there is no backend {backend!r}.", where="--backend", hint=hint)
     count = (os.cpu_count() or 1) if workers is None else workers
-    if count > 1 or backend != "processes":
-        _joblib(backend, option)
-    return count
+    if count == 1 and backend == "processes":
+        return count
+    _joblib(backend, option)
+    return 0 if workers is None and _address(backend) else count
 
 
 def each_done(
-    one: Callable[[Job], Result], jobs: Sequence[Job], workers: int, backend: str, option: str
+    one: Callable[[Job], Result],
+    jobs: Sequence[Job],
+    workers: int,
+    backend: str,
+    option: str,
+    lost: Callable[[Job], Result] | None = None,
 ) -> Generator[Result]:
     """What comes of each job, in the order in which they are done.
+
+    Where a worker is ended from outside (memory, a crash in a library), nobody knows by which of its jobs: the first
+    of those that are left are tried one by one, and the others go on together.
 
     Args:
         one: what is done; it and its job can be pickled.
         jobs: all of them.
-        workers: at a time. One of "processes" is this process.
+        workers: at a time, see `require_backend`. One of "processes" is this process.
         backend: one of `BACKENDS`.
         option: that asks for workers, for sentences.
+        lost: what comes of a job that ends its worker; None: an error.
 
     Raises:
-        InputError: what the backend needs is not installed.
+        InputError: what the backend needs is not installed, its cluster does not answer, or a worker was ended.
     """
-    if not jobs:
-        return
     if workers == 1 and backend == "processes":
         yield from map(one, jobs)
         return
-    joblib = _joblib(backend, option)
-    work = [joblib.delayed(one)(job) for job in jobs]
-    with _cluster(joblib, backend, workers):
-        if backend == "ray":  # its backend answers when all are done: some at a time, so that little is lost
-            with joblib.Parallel(n_jobs=workers, batch_size=1) as parallel:
-                for at in range(0, len(work), ROUND * workers):
-                    yield from parallel(work[at : at + ROUND * workers])
-            return
-        parallel = joblib.Parallel(n_jobs=workers, return_as="generator_unordered", batch_size=1)
-        with closing(parallel(work)) as made:
-            yield from made
+    joblib, left, doubted = _joblib(backend, option), dict(enumerate(jobs)), 0
+    while left:
+        some = dict(list(left.items())[: 1 if doubted else None])
+        try:
+            with _cluster(joblib, backend, workers) as count, closing(_made(joblib, one, some, backend, count)) as made:
+                for number, result in made:
+                    del left[number]
+                    yield result
+        except _ended(backend) as problem:
+            if lost is None:
+                hint = f"Was there too little memory? Ask for fewer, {option}."
+                raise InputError("a worker was ended before it was done.", where=backend, hint=hint) from problem
+            if len(some) == 1:
+                yield lost(left.pop(*some))
+            doubted = doubted if doubted else DOUBTED * max(workers, 1) + 1
+        doubted = max(doubted - 1, 0)
+
+
+def _made(
+    joblib: Any, one: Callable[[Job], Result], jobs: Mapping[int, Job], backend: str, workers: int
+) -> Generator[tuple[int, Result]]:
+    """Numbers of jobs and what comes of them."""
+    work = [joblib.delayed(_numbered)(one, number, job) for number, job in jobs.items()]
+    if backend == "ray":  # its backend answers when all are done: some at a time, so that little is lost
+        with joblib.Parallel(n_jobs=workers, batch_size=1) as parallel:
+            for at in range(0, len(work), ROUND * workers):
+                yield from parallel(work[at : at + ROUND * workers])
+        return
+    parallel = joblib.Parallel(n_jobs=workers, return_as="generator_unordered", batch_size=1)
+    with closing(parallel(work)) as made:
+        yield from made
+
+
+def _numbered(one: Callable[[Job], Result], number: int, job: Job) -> tuple[int, Result]:
+    return number, one(job)
 
 
 def run_kept(
@@ -92,6 +126,7 @@ def run_kept(
     kept: Path,
     how: tuple[int, str, str],
     row: Callable[[Result], Mapping[str, object]],
+    lost: Callable[[Job], Result] | None = None,
 ) -> Generator[Result]:
     """As `each_done`; each result is a line of a file before it is given.
 
@@ -101,12 +136,12 @@ def run_kept(
         kept: the file, see `begin_results`.
         how: workers, backend and option of `each_done`.
         row: what stands in a result's line.
+        lost: of `each_done`.
     """
-    made = each_done(one, jobs, *how)
-    with writing(kept), kept.open("a", encoding="utf-8") as file, counting(), closing(made) as results:
+    with counting(), closing(each_done(one, jobs, *how, lost)) as results:
         for result in results:
-            file.write(_line(row(result)))
-            file.flush()
+            with writing(kept), kept.open("a", encoding="utf-8") as file:
+                file.write(_line(row(result)))
             yield result
 
 
@@ -194,40 +229,67 @@ def _joblib(backend: str, option: str) -> ModuleType:
     return joblib
 
 
-@contextmanager
-def _cluster(joblib: Any, backend: str, workers: int) -> Generator[None]:
-    """Joblib runs on the backend meanwhile; a cluster is joined where its own variables say which, or made here."""
+def _ended(backend: str) -> tuple[type[Exception], ...]:
+    """What is raised where a worker is gone."""
     if backend == "dask":
-        with import_module("distributed").Client(**_local(workers)), joblib.parallel_config(backend="dask"):
-            yield
-    elif backend == "ray":
-        with _ray(workers), joblib.parallel_config(backend="ray"):
-            yield
-    else:
-        with joblib.parallel_config(backend="loky", inner_max_num_threads=1):
-            yield
+        return (import_module("distributed").scheduler.KilledWorker,)
+    if backend == "ray":
+        return (import_module("ray").exceptions.RayActorError,)
+    return (import_module("concurrent.futures.process").BrokenProcessPool,)
 
 
 @contextmanager
-def _ray(workers: int) -> Generator[None]:
-    """The cluster that RAY_ADDRESS names, or processes of its own, ended with the block."""
+def _cluster(joblib: Any, backend: str, workers: int) -> Generator[int]:
+    """Joblib runs on the backend meanwhile; a cluster is joined where its own variables say which, or made here.
+
+    Gives how many workers there are.
+
+    Raises:
+        InputError: there is no cluster where the variable says.
+    """
+    if backend == "processes":
+        with joblib.parallel_config(backend="loky", inner_max_num_threads=1):
+            yield workers
+        return
+    with ExitStack() as stack:
+        try:
+            count = stack.enter_context((_dask if backend == "dask" else _ray)(workers))
+        except (OSError, ValueError, RuntimeError) as problem:  # whatever each of them calls it
+            there = f"{ADDRESSES[backend]}={address}" if (address := _address(backend)) else f"--backend {backend}"
+            raise InputError(f"the cluster does not answer ({_first_line(problem)}).", where=there) from problem
+        stack.enter_context(joblib.parallel_config(backend=backend))
+        yield count
+
+
+def _first_line(problem: Exception) -> str:
+    return next(iter(str(problem).splitlines()), type(problem).__name__).rstrip(".")
+
+
+def _address(backend: str) -> str | None:
+    """Of the cluster that is to be joined; None: one is made."""
+    if backend == "dask":
+        return import_module("dask").config.get("scheduler-address", None)
+    return os.environ.get(ADDRESSES["ray"]) if backend == "ray" else None
+
+
+@contextmanager
+def _dask(workers: int) -> Generator[int]:
+    address = _address("dask")
+    own = {"n_workers": workers, "threads_per_worker": 1, "dashboard_address": None, "silence_logs": logging.ERROR}
+    with import_module("distributed").Client(**(own if address is None else {"address": address})):
+        yield workers or -1  # joblib asks the cluster how many it has
+
+
+@contextmanager
+def _ray(workers: int) -> Generator[int]:
     ray = import_module("ray")
     import_module("ray.util.joblib").register_ray()
+    own = {} if _address("ray") else {"num_cpus": workers, "include_dashboard": False}
     there = ray.is_initialized()
     if not there:
-        own = {} if os.environ.get("RAY_ADDRESS") else {"num_cpus": workers, "include_dashboard": False}
         ray.init(**own, logging_level=logging.ERROR, log_to_driver=False)
     try:
-        yield
+        yield workers or max(int(ray.cluster_resources().get("CPU", 1)), 1)
     finally:
         if not there:
             ray.shutdown()
-
-
-def _local(workers: int) -> dict[str, Any]:
-    """Of dask: the scheduler that DASK_SCHEDULER_ADDRESS names, or processes of its own."""
-    config = import_module("dask").config
-    address = config.get("scheduler-address", None)
-    if address is not None:
-        return {"address": address}
-    return {"n_workers": workers, "threads_per_worker": 1, "dashboard_address": None, "silence_logs": logging.ERROR}

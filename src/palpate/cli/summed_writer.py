@@ -8,11 +8,11 @@ from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from pathlib import Path
 from time import perf_counter
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 from palpate.contact.contacts import Contacts
 from palpate.errors import InputError
-from palpate.io.ahead import Receiver, Sender, beside, way
+from palpate.io.ahead import Receiver, Sender, beside, sendable, way
 from palpate.io.contacts import ContactsWriter, open_contacts
 from palpate.viewer.run_summary import RunSummary
 
@@ -21,6 +21,7 @@ __all__ = ["SummedWriter", "writing_beside", "writing_here"]
 _END, _ABANDON = "end", "abandon"
 
 
+@runtime_checkable
 class SummedWriter(Protocol):
     """What a block is given to.
 
@@ -125,7 +126,7 @@ def _write(receiver: Receiver, answers: Connection, output: Path, frame: str, fe
     except _Abandoned:
         return
     except Exception as problem:  # raised where it is written from
-        answers.send(problem)
+        answers.send(sendable(problem))
 
 
 class _Abandoned(Exception):

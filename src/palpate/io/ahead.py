@@ -22,7 +22,7 @@ from palpate.io.logs.log import Log, LogContents
 from palpate.sensors.motion import Motion
 from palpate.sensors.recording import Recording
 
-__all__ = ["MotionAhead", "ReadAhead", "Receiver", "Sender", "beside", "way"]
+__all__ = ["MotionAhead", "ReadAhead", "Receiver", "Sender", "beside", "sendable", "way"]
 
 SLOTS, SLOT = 6, 1 << 22  # values on their way at most; bytes of one: what is larger goes through the pipe
 
@@ -116,6 +116,14 @@ def beside(name: str, target: Callable[..., None], *arguments: object) -> Genera
         process.join()
 
 
+def sendable(problem: Exception) -> Exception:
+    """What went wrong in one process, to be raised in another: as it is, or what it says where it cannot be pickled."""
+    try:
+        return pickle.loads(pickle.dumps(problem))
+    except Exception:  # of others' classes of errors, which may do anything
+        return RuntimeError(f"{type(problem).__name__}: {problem}")
+
+
 def close(end: Sender | Receiver) -> None:
     """This process's hold on it, so that the other end notices when the process that has it is gone."""
     for connection in vars(end).values():
@@ -201,6 +209,6 @@ def _read(sender: Sender, path: Path, layout: Layout, motion: Motion | None) -> 
     except (EOFError, BrokenPipeError):  # nobody wants more
         return
     except Exception as problem:  # raised where it is used
-        failed = problem
+        failed = sendable(problem)
     with suppress(EOFError, OSError):
         sender.put(_Read(None, log.position, log.torn, log.notes(), motion, failed))
