@@ -49,7 +49,9 @@ def names_of(logs: Sequence[Path], known: Mapping[Path, str]) -> dict[Path, str]
     """
     names = {log: known[log.resolve()] for log in logs if log.resolve() in known}
     taken, left = {name.lower() for name in known.values()}, [log for log in logs if log not in names]
-    others = [log for log in known if log not in {each.resolve() for each in left}]  # count as if they were not named yet
+    others = [
+        log for log in known if log not in {each.resolve() for each in left}
+    ]  # count as if they were not named yet
     for depth in range(max((len(log.resolve().parts) for log in left), default=0)):
         called = {log: _called(log.resolve(), depth) for log in [*left, *others]}
         count = Counter(name.lower() for name in called.values())

@@ -1,4 +1,4 @@
-"""Many jobs: over processes, Dask or Ray through joblib, and kept line by line so that the same command goes on."""
+"""Many jobs: over processes (joblib), Dask or Ray, and kept line by line so that the same command goes on."""
 
 from __future__ import annotations
 
@@ -6,27 +6,27 @@ import json
 import logging
 import os
 from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
-from contextlib import ExitStack, closing, contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import fields
 from importlib import import_module
+from itertools import islice
 from math import isfinite, nan
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar, cast
+from typing import Any, TypeVar, cast
 
 from palpate.cli.console import counting
 from palpate.errors import InputError
 from palpate.io.atomic import write_text, writing
 
-if TYPE_CHECKING:
-    from types import ModuleType
-
 __all__ = ["BACKENDS", "begin_results", "each_done", "from_row", "read_rows", "require_backend", "run_kept"]
 
 BACKENDS = ("processes", "dask", "ray")
-_NEEDED = {"dask": ("distributed", "dask[distributed]"), "ray": ("ray.util.joblib", "ray")}  # module, and pip's name
-ADDRESSES = {"dask": "DASK_SCHEDULER_ADDRESS", "ray": "RAY_ADDRESS"}  # variables, of the engines' own
-ROUND = 8  # jobs a worker of Ray between two looks
-DOUBTED = 2  # jobs that joblib hands out at most, a worker
+_NEEDED = {  # module, and what pip installs
+    "processes": ("joblib", "palpate[batch]"),
+    "dask": ("distributed", "dask[distributed]"),
+    "ray": ("ray", "ray"),
+}
+AHEAD = 2  # jobs that are handed out at a time, a worker: one is done, one waits
 
 Job = TypeVar("Job")
 Result = TypeVar("Result")
@@ -52,8 +52,9 @@ def require_backend(backend: str, workers: int | None, option: str) -> int:
     count = (os.cpu_count() or 1) if workers is None else workers
     if count == 1 and backend == "processes":
         return count
-    _joblib(backend, option)
-    return 0 if workers is None and _address(backend) else count
+    _require_installed(backend, option)
+    joined = {"processes": bool, "dask": _dask_address, "ray": lambda: os.environ.get("RAY_ADDRESS")}[backend]()
+    return 0 if workers is None and joined else count
 
 
 def each_done(
@@ -66,58 +67,110 @@ def each_done(
 ) -> Generator[Result]:
     """What comes of each job, in the order in which they are done.
 
-    Where a worker is ended from outside (memory, a crash in a library), nobody knows by which of its jobs: the first
-    of those that are left are tried one by one, and the others go on together.
-
     Args:
         one: what is done; it and its job can be pickled.
         jobs: all of them.
         workers: at a time, see `require_backend`. One of "processes" is this process.
         backend: one of `BACKENDS`.
         option: that asks for workers, for sentences.
-        lost: what comes of a job that ends its worker; None: an error.
+        lost: what comes of a job whose worker is ended from outside (memory, a crash in a library); None: an error.
 
     Raises:
         InputError: what the backend needs is not installed, its cluster does not answer, or a worker was ended.
     """
+    if not jobs:
+        return
     if workers == 1 and backend == "processes":
         yield from map(one, jobs)
         return
-    joblib, left, doubted = _joblib(backend, option), dict(enumerate(jobs)), 0
+    engine = {"processes": _on_processes, "dask": _on_dask, "ray": _on_ray}[backend]
+    _require_installed(backend, option)
+
+    def missed(job: Job) -> Result:
+        if lost is None:
+            hint = f"Was there too little memory? Ask for fewer, {option}."
+            raise InputError("a worker was ended before it was done.", where=f"--backend {backend}", hint=hint)
+        return lost(job)
+
+    with closing(engine(one, jobs, workers, missed)) as results:
+        yield from results
+
+
+def _on_processes(
+    one: Callable[[Job], Result], jobs: Sequence[Job], workers: int, missed: Callable[[Job], Result]
+) -> Generator[Result]:
+    """By joblib. Nobody knows which job ended a worker: the first of those left are tried one by one, then all."""
+    joblib = import_module("joblib")
+    broken = import_module("concurrent.futures.process").BrokenProcessPool
+    left, single = dict(enumerate(jobs)), 0  # `single`: jobs to be tried one by one
     while left:
-        some = dict(list(left.items())[: 1 if doubted else None])
+        some = list(left.items())[: 1 if single else None]
+        work = [joblib.delayed(_numbered)(one, number, job) for number, job in some]
         try:
-            with _cluster(joblib, backend, workers) as count, closing(_made(joblib, one, some, backend, count)) as made:
-                for number, result in made:
-                    del left[number]
-                    yield result
-        except _ended(backend) as problem:
-            if lost is None:
-                hint = f"Was there too little memory? Ask for fewer, {option}."
-                raise InputError("a worker was ended before it was done.", where=backend, hint=hint) from problem
+            with joblib.parallel_config(backend="loky", inner_max_num_threads=1):
+                parallel = joblib.Parallel(n_jobs=workers, return_as="generator_unordered", batch_size=1)
+                with closing(parallel(work)) as made:
+                    for number, result in made:
+                        del left[number]
+                        yield result
+        except broken:
             if len(some) == 1:
-                yield lost(left.pop(*some))
-            doubted = doubted if doubted else DOUBTED * max(workers, 1) + 1
-        doubted = max(doubted - 1, 0)
-
-
-def _made(
-    joblib: Any, one: Callable[[Job], Result], jobs: Mapping[int, Job], backend: str, workers: int
-) -> Generator[tuple[int, Result]]:
-    """Numbers of jobs and what comes of them."""
-    work = [joblib.delayed(_numbered)(one, number, job) for number, job in jobs.items()]
-    if backend == "ray":  # its backend answers when all are done: some at a time, so that little is lost
-        with joblib.Parallel(n_jobs=workers, batch_size=1) as parallel:
-            for at in range(0, len(work), ROUND * workers):
-                yield from parallel(work[at : at + ROUND * workers])
-        return
-    parallel = joblib.Parallel(n_jobs=workers, return_as="generator_unordered", batch_size=1)
-    with closing(parallel(work)) as made:
-        yield from made
+                yield missed(left.pop(some[0][0]))
+            single = single or AHEAD * workers + 1
+        single = max(single - 1, 0)
 
 
 def _numbered(one: Callable[[Job], Result], number: int, job: Job) -> tuple[int, Result]:
     return number, one(job)
+
+
+def _on_dask(
+    one: Callable[[Job], Result], jobs: Sequence[Job], workers: int, missed: Callable[[Job], Result]
+) -> Generator[Result]:
+    """By its own scheduler: joblib's way to it waits for ever where a worker was ended."""
+    distributed = import_module("distributed")
+    address = _dask_address()
+    own = {"n_workers": workers, "threads_per_worker": 1, "dashboard_address": None, "silence_logs": logging.CRITICAL}
+    with _joining("dask", address):
+        client = distributed.Client(**(own if address is None else {"address": address}))
+    with client:
+        waiting = dict(zip(client.map(one, jobs, pure=False), jobs, strict=True))
+        doubted = list[Job]()  # what waited on a worker that was ended is taken for what ended it
+        for future in distributed.as_completed(list(waiting)):
+            job = waiting.pop(future)
+            try:
+                yield future.result()
+            except distributed.scheduler.KilledWorker:
+                doubted.append(job)
+        for job in doubted:
+            try:
+                result = client.submit(one, job, pure=False).result()
+            except distributed.scheduler.KilledWorker:
+                result = missed(job)
+            yield result
+
+
+def _on_ray(
+    one: Callable[[Job], Result], jobs: Sequence[Job], workers: int, missed: Callable[[Job], Result]
+) -> Generator[Result]:
+    """By its own scheduler: joblib's way to it waits for ever, too, and answers only when all are done."""
+    ray = import_module("ray")
+    gone = (ray.exceptions.WorkerCrashedError, ray.exceptions.OutOfMemoryError)
+    with _ray(workers) as count:
+        task, left = ray.remote(num_cpus=1, max_retries=0)(_numbered), enumerate(jobs)
+        waiting = dict[Any, Job]()
+        while True:
+            for number, job in islice(left, AHEAD * count - len(waiting)):
+                waiting[task.remote(one, number, job)] = job
+            if not waiting:
+                return
+            (ready,), _ = ray.wait(list(waiting), num_returns=1)
+            job = waiting.pop(ready)
+            try:
+                _, result = ray.get(ready)
+            except gone:
+                result = missed(job)
+            yield result
 
 
 def run_kept(
@@ -207,89 +260,45 @@ def _told(value: object) -> object:
     return nan if value is None else value
 
 
-def _joblib(backend: str, option: str) -> ModuleType:
-    """With what the backend needs.
-
-    Raises:
-        InputError: it is not installed.
-    """
+def _require_installed(backend: str, option: str) -> None:
+    """Raises InputError: what the backend needs is not."""
+    module, package = _NEEDED[backend]
     try:
-        joblib = import_module("joblib")
+        import_module(module)
     except ImportError as problem:
-        hint = f"pip install 'palpate[batch]', or {option} 1 for one after the other."
-        raise InputError("jobs in parallel need joblib.", where=option, hint=hint) from problem
-    if backend in _NEEDED:
-        module, package = _NEEDED[backend]
-        try:
-            import_module(module)
-        except ImportError as problem:
-            name = module.partition(".")[0]
-            hint = f"pip install '{package}'"
-            raise InputError(f"needs {name}.", where=f"--backend {backend}", hint=hint) from problem
-    return joblib
+        one = f", or {option} 1 for one after the other" if backend == "processes" else ""
+        where = option if backend == "processes" else f"--backend {backend}"
+        hint = f"pip install '{package}'{one}."
+        raise InputError(f"jobs in parallel need {module}.", where=where, hint=hint) from problem
 
 
-def _ended(backend: str) -> tuple[type[Exception], ...]:
-    """What is raised where a worker is gone."""
-    if backend == "dask":
-        return (import_module("distributed").scheduler.KilledWorker,)
-    if backend == "ray":
-        return (import_module("ray").exceptions.RayActorError,)
-    return (import_module("concurrent.futures.process").BrokenProcessPool,)
-
-
-@contextmanager
-def _cluster(joblib: Any, backend: str, workers: int) -> Generator[int]:
-    """Joblib runs on the backend meanwhile; a cluster is joined where its own variables say which, or made here.
-
-    Gives how many workers there are.
-
-    Raises:
-        InputError: there is no cluster where the variable says.
-    """
-    if backend == "processes":
-        with joblib.parallel_config(backend="loky", inner_max_num_threads=1):
-            yield workers
-        return
-    with ExitStack() as stack:
-        try:
-            count = stack.enter_context((_dask if backend == "dask" else _ray)(workers))
-        except (OSError, ValueError, RuntimeError) as problem:  # whatever each of them calls it
-            there = f"{ADDRESSES[backend]}={address}" if (address := _address(backend)) else f"--backend {backend}"
-            raise InputError(f"the cluster does not answer ({_first_line(problem)}).", where=there) from problem
-        stack.enter_context(joblib.parallel_config(backend=backend))
-        yield count
-
-
-def _first_line(problem: Exception) -> str:
-    return next(iter(str(problem).splitlines()), type(problem).__name__).rstrip(".")
-
-
-def _address(backend: str) -> str | None:
-    """Of the cluster that is to be joined; None: one is made."""
-    if backend == "dask":
-        return import_module("dask").config.get("scheduler-address", None)
-    return os.environ.get(ADDRESSES["ray"]) if backend == "ray" else None
-
-
-@contextmanager
-def _dask(workers: int) -> Generator[int]:
-    address = _address("dask")
-    own = {"n_workers": workers, "threads_per_worker": 1, "dashboard_address": None, "silence_logs": logging.ERROR}
-    with import_module("distributed").Client(**(own if address is None else {"address": address})):
-        yield workers or -1  # joblib asks the cluster how many it has
+def _dask_address() -> str | None:
+    """Of the scheduler that is to be joined; None: one is made."""
+    return import_module("dask").config.get("scheduler-address", None)
 
 
 @contextmanager
 def _ray(workers: int) -> Generator[int]:
-    ray = import_module("ray")
-    import_module("ray.util.joblib").register_ray()
-    own = {} if _address("ray") else {"num_cpus": workers, "include_dashboard": False}
-    there = ray.is_initialized()
-    if not there:
-        ray.init(**own, logging_level=logging.ERROR, log_to_driver=False)
+    """The cluster that RAY_ADDRESS names, or processes of its own, ended with the block; gives how many it has."""
+    ray, address = import_module("ray"), os.environ.get("RAY_ADDRESS")
+    if ray.is_initialized():
+        yield workers or 1
+        return
+    own = {} if address else {"num_cpus": workers, "include_dashboard": False}
+    with _joining("ray", address):
+        ray.init(**own, logging_level=logging.CRITICAL, log_to_driver=False)
     try:
         yield workers or max(int(ray.cluster_resources().get("CPU", 1)), 1)
     finally:
-        if not there:
-            ray.shutdown()
+        ray.shutdown()
+
+
+@contextmanager
+def _joining(backend: str, address: str | None) -> Generator[None]:
+    """Raises InputError: the cluster does not answer."""
+    try:
+        yield
+    except (OSError, ValueError, RuntimeError) as problem:  # whatever each of them calls it
+        said = next(iter(str(problem).splitlines()), type(problem).__name__).rstrip(".")
+        there = f"--backend {backend}" if address is None else f"--backend {backend} at {address}"
+        raise InputError(f"the cluster does not answer ({said}).", where=there) from problem
