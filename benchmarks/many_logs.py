@@ -1,17 +1,22 @@
-"""Many logs by `palpate batch`, and one long log by `palpate estimate`, on two processes against one.
+"""Many logs by `palpate batch`, killed in the middle and resumed, and one long log by `palpate estimate`.
 
-Wall time means something on a machine that does nothing else; the CPU time beside it says what it could be there.
+The ideal time of a batch on two processes is half of the CPU seconds that its logs take one by one in one process that
+is warm. Wall time means something on a machine that does nothing else, so the load stands beside it, and the CPU
+seconds of all processes say what the wall time could be there.
 """
 
 from __future__ import annotations
 
+import os
 import resource
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 
 from benchmarks.processes import prepare
@@ -24,6 +29,9 @@ __all__ = ["rows"]
 COMMAND = "python -m benchmarks --only many_logs"
 THEME = "many_logs"
 LOGS, SAMPLES, LONG = 1_000, 20_000, 10_000_000
+ENGINES = {"processes": "joblib", "dask": "distributed", "ray": "ray"}  # backend -> its module
+TAG = "PALPATE_BENCHMARK"  # variable by which all processes of a command are known
+TICK = os.sysconf("SC_CLK_TCK")
 MOST, LEAST = 1.3, 1.7  # times the ideal time; times as quick
 WARM = """\
 import sys, time
@@ -54,36 +62,63 @@ def rows(small: bool) -> Iterator[Row]:
         count, samples = (4, 500) if small else (LOGS, SAMPLES)
         for number in range(count):
             write_log(folder / "logs" / f"log_{number:04}.mcap", session, samples - samples // 10 + 37 * number % 2_000)
-        yield _batch(folder, count, small)
+        yield from _batches(folder, count, small)
         samples = 2_000 if small else LONG
         write_log(folder / "long.mcap", session, samples)
         yield _long(folder, samples, small)
 
 
-def _batch(folder: Path, count: int, small: bool) -> Row:
+def _batches(folder: Path, count: int, small: bool) -> Iterator[Row]:
     rig = str(folder / "rig.toml")
-    words = [
-        str(folder / "logs" / "log_0000.mcap"),
-        str(folder / "logs"),
-        rig,
-        str(folder / "warm"),
-        str(folder / "one"),
-    ]
-    printed, _ = _timed(sys.executable, "-c", WARM, *words)
-    wall, cpu = map(float, printed.split()[-2:])
-    command = ("batch", str(folder / "logs"), "--rig", rig, "-o", str(folder / "two"), "--workers", "2")
-    _, both = _timed(sys.executable, "-m", "palpate", *command)
-    same = all(
-        file.read_bytes() == (folder / "two" / file.name).read_bytes() for file in (folder / "one").glob("*.parquet*")
+    logs = (str(folder / "logs" / "log_0000.mcap"), str(folder / "logs"))
+    printed, _ = _timed(sys.executable, "-c", WARM, *logs, rig, str(folder / "warm"), str(folder / "one"))
+    ideal = float(printed.split()[-1]) / 2
+    for backend in (name for name, module in ENGINES.items() if find_spec(module) is not None):
+        out = folder / backend
+        command = ("batch", logs[1], "--rig", rig, "-o", str(out), "--workers", "2", "--backend", backend)
+        took = [_watched(command, out / "batch.jsonl", most) for most in (count // 2, None)]
+        wall, cpu = sum(each.wall for each in took), sum(each.cpu for each in took)
+        one = sorted((folder / "one").glob("*.parquet"))
+        same = len(one) == count and all(file.read_bytes() == (out / file.name).read_bytes() for file in one)
+        ratio = wall / ideal
+        got = (
+            f"{ratio:.2f}x: {wall:.0f} s, two starts included, ideal {ideal:.0f} s; CPU of all processes "
+            f"{cpu / ideal / 2:.2f}x; {'the same' if same else 'OTHER'} bits; load {os.getloadavg()[0]:.1f}"
+        )
+        what = f"batch of {count:,} logs, 2 workers of {backend}, killed in the middle and resumed"
+        met = None if small else same and ratio <= MOST
+        yield Row(THEME, what, f"<= {MOST}x the ideal, same bits", got, met, COMMAND)
+
+
+def _watched(command: Sequence[str], kept: Path, most: int | None) -> _Time:
+    """A command until it ends, or is killed when so many results are kept."""
+    begin, spent = time.perf_counter(), dict[str, float]()
+    environment = {**os.environ, TAG: str(os.urandom(8).hex())}
+    process = subprocess.Popen(
+        [sys.executable, "-m", "palpate", *command],
+        env=environment,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
     )
-    ratio = both.wall / (wall / 2)
-    got = (
-        f"{ratio:.2f}x: {both.wall:.0f} s, start included, one by one in a warm process {wall:.0f} s; CPU "
-        f"{both.cpu / cpu:.2f}x ({both.cpu:.0f} s, {cpu:.0f} s); {'the same' if same else 'OTHER'} bits"
-    )
-    target = f"<= {MOST}x the ideal, same bits"
-    what = f"batch of {count:,} logs on 2 processes"
-    return Row(THEME, what, target, got, None if small else same and ratio <= MOST, COMMAND)
+    while process.poll() is None:
+        spent |= _spent(f"{TAG}={environment[TAG]}".encode())
+        if most is not None and kept.exists() and kept.read_bytes().count(b"\n") > most:
+            process.kill()
+        time.sleep(0.2)
+    if process.returncode and most is None:
+        raise RuntimeError(f"{' '.join(command)} ended with {process.returncode}")
+    return _Time(time.perf_counter() - begin, sum(spent.values()))
+
+
+def _spent(tag: bytes) -> dict[str, float]:
+    """CPU seconds of each process that has a variable; what has ended meanwhile is not in it."""
+    found = dict[str, float]()
+    for process in Path("/proc").glob("[0-9]*"):
+        with suppress(OSError):
+            if tag in (process / "environ").read_bytes().split(b"\0"):
+                ticks = (process / "stat").read_text().rpartition(")")[2].split()[11:13]
+                found[process.name] = sum(map(int, ticks)) / TICK
+    return found
 
 
 def _long(folder: Path, samples: int, small: bool) -> Row:

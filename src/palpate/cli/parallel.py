@@ -16,6 +16,7 @@ from typing import Any, TypeVar, cast
 
 from palpate.cli.console import counting
 from palpate.errors import InputError
+from palpate.io.ahead import deaf
 from palpate.io.atomic import write_text, writing
 
 __all__ = ["BACKENDS", "begin_results", "each_done", "from_row", "read_rows", "require_backend", "run_kept"]
@@ -131,7 +132,7 @@ def _on_dask(
     distributed = import_module("distributed")
     address = _dask_address()
     own = {"n_workers": workers, "threads_per_worker": 1, "dashboard_address": None, "silence_logs": logging.CRITICAL}
-    with _joining("dask", address):
+    with _joining("dask", address), deaf():
         client = distributed.Client(**(own if address is None else {"address": address}))
     with client:
         waiting = dict(zip(client.map(one, jobs, pure=False), jobs, strict=True))
@@ -284,7 +285,7 @@ def _ray(workers: int) -> Generator[int]:
     if ray.is_initialized():
         yield workers or 1
         return
-    own = {} if address else {"num_cpus": workers, "include_dashboard": False}
+    own = {} if address else {"address": "local", "num_cpus": workers, "include_dashboard": False}
     with _joining("ray", address):
         ray.init(**own, logging_level=logging.CRITICAL, log_to_driver=False)
     try:

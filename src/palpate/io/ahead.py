@@ -22,7 +22,7 @@ from palpate.io.logs.log import Log, LogContents
 from palpate.sensors.motion import Motion
 from palpate.sensors.recording import Recording
 
-__all__ = ["MotionAhead", "ReadAhead", "Receiver", "Sender", "beside", "sendable", "way"]
+__all__ = ["MotionAhead", "ReadAhead", "Receiver", "Sender", "beside", "deaf", "sendable", "way"]
 
 SLOTS, SLOT = 6, 1 << 22  # values on their way at most; bytes of one: what is larger goes through the pipe
 
@@ -90,6 +90,17 @@ def way() -> tuple[Sender, Receiver]:
 
 
 @contextmanager
+def deaf() -> Generator[None]:
+    """Processes and threads that are started meanwhile, and what these start, do not hear Ctrl-C."""
+    resource_tracker.ensure_running()  # it lets signals through when it starts
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # which they keep
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+@contextmanager
 def beside(name: str, target: Callable[..., None], *arguments: object) -> Generator[BaseProcess]:
     """A process that does not hear Ctrl-C, which is for this one, and does not outlive the block.
 
@@ -99,12 +110,8 @@ def beside(name: str, target: Callable[..., None], *arguments: object) -> Genera
         arguments: of it; ends of ways among them are closed here.
     """
     process = get_context("spawn").Process(target=target, args=arguments, name=f"palpate {name}", daemon=True)
-    resource_tracker.ensure_running()  # it lets signals through when it starts
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # which the process keeps
-    try:
+    with deaf():
         process.start()
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
     for end in arguments:
         if isinstance(end, Sender | Receiver):
             close(end)

@@ -106,8 +106,10 @@ def free_wrenches(rig: Rig, recording: Recording) -> Float[np.ndarray, "n 6"]:
 
 def doubted_noise(rig: Rig, recording: Recording) -> list[str]:
     """Where noise that the rig states is wrong by two or more against a recording."""
-    stated, seen = rig.force_torque.noise, _Seen(rig, recording).deviation
-    doubt = "" if stated is None or seen is None else wrong_noise(stated.six(), seen)
+    if (stated := rig.force_torque.noise) is None:
+        return []
+    seen = _Seen(rig, recording).deviation
+    doubt = "" if seen is None else wrong_noise(stated.six(), seen)
     return [doubt] if doubt else []
 
 
