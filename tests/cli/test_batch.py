@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import resource
 import signal
 import subprocess
 import sys
@@ -21,6 +22,7 @@ from palpate.cli.batch_logs import logs_of, names_of
 from palpate.errors import InputError
 from palpate.simulation.session import simulate_session
 from palpate.simulation.session_files import write_session
+from tests.support.logs_torn import torn_pages
 
 pytest.importorskip("matplotlib")
 pytest.importorskip("jinja2")
@@ -137,6 +139,42 @@ def test_a_batch_that_is_killed_goes_on(fleet: Path, made: Path, tmp_path: Path)
 
 def _lines(out: Path) -> list[str]:
     return (out / "batch.jsonl").read_text().splitlines()
+
+
+def test_a_full_disk_is_a_sentence_and_the_same_command_goes_on(
+    fleet: Path, made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """No file may become larger than some bytes, which is what a full disk is to a writer."""
+    out, (_, most) = tmp_path / "out", resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (4096, most))
+    try:
+        assert _batch(fleet, out) == 1
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (most, most))
+    assert "batch.html: cannot write here (File too large)" in capsys.readouterr().err
+    assert [json.loads(line)["result"]["failure"].count("cannot write") for line in _lines(out)[1:]].count(1) == 3
+    assert not list(out.glob("*.parquet"))
+    assert _batch(fleet, out) == 5
+    assert _same(made, out)
+
+
+def test_a_log_that_breaks_in_the_middle_is_listed(
+    fleet: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log, out = torn_pages(fleet / "logs/a/run.csv", tmp_path / "run.parquet"), tmp_path / "out"
+    words = ["batch", str(log), "--rig", str(fleet / "rig.toml"), "--workers", "1"]
+    assert main([*words, "-o", str(out)]) == 5
+    assert "run.parquet: cannot be read as Parquet" in capsys.readouterr().out
+    assert not list(out.glob("*.parquet"))
+    assert main([*words, "-o", str(log / "out")]) == 1
+    assert "cannot write here (Not a directory)" in capsys.readouterr().err
+
+
+def test_a_worker_that_is_ended_from_outside_costs_one_job() -> None:
+    """Jobs in Python, so that the one that leaves takes its process along."""
+    jobs = ["1", "2", "__import__('os')._exit(3)", "4", "5"]
+    found = parallel.each_done(eval, jobs, 2, "processes", "--workers", lambda job: len(job))
+    assert sorted(found) == sorted([1, 2, len(jobs[2]), 4, 5])
 
 
 @pytest.mark.parametrize(("backend", "module"), [("dask", "distributed"), ("ray", "ray")])

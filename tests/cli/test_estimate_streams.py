@@ -32,6 +32,7 @@ from palpate.sensors.recording import ORIENTATION
 from palpate.simulation.session import NOISE, Session, simulate_session
 from palpate.simulation.session_files import POSE_TOPIC, WRENCH_TOPIC, write_session
 from palpate.simulation.session_mcap import CLOCK_OFFSET, POSITION, write_session_mcap
+from tests.support.logs_torn import torn_pages
 
 RATE = 200
 STEP = 10**9 // RATE  # ns
@@ -127,6 +128,23 @@ def test_processes_beside_give_the_same_bits(made: Path, tmp_path: Path, capsys:
     assert "moving in" in "".join(said[0])
     for name in ("contacts.csv", "contacts.csv.toml"):
         assert (tmp_path / "1" / name).read_bytes() == (tmp_path / "2" / name).read_bytes()
+
+
+def test_what_goes_wrong_in_a_process_beside_is_the_same_sentence(
+    made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A log that breaks while it is read, and a folder where the file is to grow."""
+    log, output, said = torn_pages(made / "touches.csv", tmp_path / "log.parquet"), tmp_path / "x.csv", list[str]()
+    for path in (log, made / "touches.csv"):
+        for workers in ("1", "2"):
+            assert estimate(path, made / "rig.toml", output, "--workers", workers) == 1
+            said.append(capsys.readouterr().err)
+        Path(f"{output}.part").unlink(missing_ok=True)
+        (tmp_path / "x.csv.part" / "mine").mkdir(parents=True)
+    assert said[0] == said[1]
+    assert "cannot be read as Parquet" in said[0]
+    assert said[2] == said[3]
+    assert "is in the way: a folder with 'mine'" in said[2]
 
 
 def test_fewer_than_one_worker_is_refused(made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

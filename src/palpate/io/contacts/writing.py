@@ -105,7 +105,8 @@ class _Parquet:
         rows = pl.concat([self._rows, to_frame(contacts)])
         file = self._folder / f"{self._files:08d}.parquet"
         beside = file.with_suffix(PART)
-        rows.write_parquet(beside, compression="lz4", statistics=False)
+        with _of_the_system():
+            rows.write_parquet(beside, compression="lz4", statistics=False)
         beside.replace(file)
         full = len(rows) >= _SMALL
         self._rows, self._files = (rows.clear(), self._files + 1) if full else (rows, self._files)
@@ -113,9 +114,10 @@ class _Parquet:
     def finish(self) -> None:
         if files := sorted(self._folder.glob("*.parquet")):
             beside = self._folder / f"joined{PART}"  # only what nothing interrupted is called `WHOLE`
-            pl.scan_parquet(files, glob=False).sink_parquet(
-                beside, compression="zstd", compression_level=1, row_group_size=_GROUP
-            )
+            with _of_the_system():
+                pl.scan_parquet(files, glob=False).sink_parquet(
+                    beside, compression="zstd", compression_level=1, row_group_size=_GROUP
+                )
             beside.replace(self._folder / WHOLE)
         else:
             self._rows.write_parquet(self._folder / WHOLE)
@@ -123,6 +125,15 @@ class _Parquet:
     def abandon(self, *, keep: bool) -> None:
         if not keep:
             shutil.rmtree(self._folder)
+
+
+@contextmanager
+def _of_the_system() -> Generator[None]:
+    """A full disk is an `OSError` of Parquet too."""
+    try:
+        yield
+    except pl.exceptions.ComputeError as problem:
+        raise OSError(str(problem)) from problem
 
 
 _Sink = _Csv | _Parquet | _Mcap
