@@ -20,7 +20,9 @@ from palpate.io.benchmark import WIDTHS, Task, as_contacts
 
 __all__ = ["Answered", "Entrant", "Prepare", "asked_one_by_one", "users"]
 
-Prepare = Callable[[Task], Callable[[np.ndarray], Any] | None]  # of a task: what answers its readings; None: not entered
+Prepare = Callable[
+    [Task], Callable[[np.ndarray], Any] | None
+]  # of a task: what answers its readings; None: not entered
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +78,9 @@ def _rows(said: object, task: Task, sample: int, name: str) -> Float[np.ndarray,
     try:
         given = np.atleast_2d(np.asarray(said, dtype=np.float64))
     except (TypeError, ValueError) as problem:
-        raise InputError(f"answered with {type(said).__name__}, which is no array of numbers.", where=where) from problem
+        raise InputError(
+            f"answered with {type(said).__name__}, which is no array of numbers.", where=where
+        ) from problem
     if given.ndim != 2 or (given.size and given.shape[1] not in WIDTHS):
         shape = "x".join(map(str, np.shape(cast("Any", said))))
         raise InputError(f"answered with shape {shape}; a contact has 3, 6 or 12 numbers.", where=where)

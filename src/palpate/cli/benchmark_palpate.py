@@ -73,7 +73,7 @@ def _estimated(task: Task) -> Answered:
             words[-1] = str(folder / words[-1])
             if main([*words, "--quiet"]):
                 raise InputError(f"`palpate {command}` failed.", where=task.name)
-        log = folder / ("frames.avi" if task.kind == "marker_ring" else "readings.csv")
+        log = folder / ("frames" if task.kind == "marker_ring" else "readings.csv")
         begin = perf_counter()
         found = estimate(log, folder / "rig.toml")
         return Answered(_as_answers(found), (perf_counter() - begin) / max(task.samples, 1))

@@ -65,14 +65,19 @@ def _compensated(task: Task) -> ToWrench:
     free = task.table("free_motion.csv")
     rotations = rotation_from_quaternion(np.column_stack([free[name] for name in ("qx", "qy", "qz", "qw")]))
     known = payload_and_bias(np.column_stack([free[name] for name in WRENCH]), rotations)
-    pose = task.facts["pose"]
-    back = np.linalg.inv(Pose.from_quaternion(pose["quaternion_xyzw"], pose["xyz"]).wrench_matrix())
+    back = _to_body(task)
 
     def to_wrench(reading: np.ndarray) -> np.ndarray:
         rotation = rotation_from_quaternion(reading[7:11])
         return back @ contact_wrenches(reading[None, 1:7], rotation[None], known)[0]
 
     return to_wrench
+
+
+def _to_body(task: Task) -> np.ndarray:
+    """(6, 6) wrenches of the sensor's frame to those of the body's."""
+    pose = task.facts["pose"]
+    return np.linalg.inv(Pose.from_quaternion(pose["quaternion_xyzw"], pose["xyz"]).wrench_matrix())
 
 
 def _from_cells(task: Task) -> ToWrench:
@@ -108,12 +113,12 @@ def _on_skin(made: Callable[[skin_peers.Sheet], skin_peers.Frames], task: Task) 
     if task.kind != "skin":
         return None
     cells, curve, zero = task.table("cells.csv"), task.table("response.csv"), _at_rest(task)
-    places, normals = (np.column_stack([cells[name] for name in names]) for names in (("x", "y", "z"), ("nx", "ny", "nz")))
-    answer = made(skin_peers.Sheet(places, normals))
+    centres, normals = (np.column_stack([cells[f"{n}{axis}"] for axis in "xyz"]) for n in ("", "n"))
+    answer, back = made(skin_peers.Sheet(centres, normals)), _to_body(task)
 
     def answer_frame(reading: np.ndarray) -> np.ndarray:
         forces = np.interp(reading[7:] - zero[7:], curve["counts"], curve["force"])
-        rows = answer(forces, reading[1:7] - zero[1:7])
+        rows = answer(forces, back @ (reading[1:7] - zero[1:7]))
         return rows[np.argsort(-np.linalg.norm(rows[:, 3:], axis=1))[: task.most]]
 
     return answer_frame
@@ -123,7 +128,7 @@ def _on_images(task: Task) -> Callable[[np.ndarray], Any] | None:
     if task.kind != "marker_ring":
         return None
     known = task.table("calibration/truth.csv")
-    seen = np.stack([shrunk(image) for image in task.images("calibration/frames.avi")])
+    seen = np.stack([shrunk(image) for image in task.images("calibration/frames")])
     angle = np.radians(known["angle_deg"])
     outward = np.column_stack([np.cos(angle), np.sin(angle), 0.0 * angle])
     along = np.column_stack([-np.sin(angle), np.cos(angle), 0.0 * angle])

@@ -10,7 +10,7 @@ from tyro.conf import FlagCreatePairsOff, Positional, arg
 
 from palpate.cli.benchmark_entrants import Answered, Entrant, users
 from palpate.cli.benchmark_table import LEGEND, Row, as_markdown, as_page, cells, header
-from palpate.cli.console import note, overwrite, counting, part, step, table, title
+from palpate.cli.console import counting, note, overwrite, part, step, table, title
 from palpate.cli.options import FileOption
 from palpate.errors import InputError
 from palpate.evaluation.benchmark import score
@@ -66,9 +66,7 @@ def benchmark_score(
         write_text(output, (as_page if output.suffix.lower() in PAGES else as_markdown)(tasks, results))
 
 
-def _require(
-    folder: Path, answers: Path | None, estimator: str | None, alone: bool, output: Path | None
-) -> None:
+def _require(folder: Path, answers: Path | None, estimator: str | None, alone: bool, output: Path | None) -> None:
     """Before the work, not after it."""
     if not folder.is_dir():
         raise InputError("there is no such folder.", where=str(folder), hint="palpate benchmark make -o FOLDER")

@@ -17,7 +17,7 @@ __all__ = ["LEGEND", "Row", "as_markdown", "as_page", "cells", "header"]
 
 LEGEND = (
     "answered: share of the contacts that have an answer",
-    f"median, 95 %: distance within which so many of all contacts were found; a miss is infinitely far off, and "
+    "median, 95 %: distance within which so many of all contacts were found; a miss is infinitely far off, and "
     "`miss` stands where that is the figure",
     f"{1e3 * NEAR:g} mm: share of all contacts found within it",
     "force: median error of the force vector, of the answers",
@@ -116,4 +116,6 @@ def _length(value: float) -> str:
 
 
 def _time(seconds: float) -> str:
-    return "-" if not isfinite(seconds) else f"{1e6 * seconds:,.0f} us" if seconds < 0.01 else f"{1e3 * seconds:,.0f} ms"
+    return (
+        "-" if not isfinite(seconds) else f"{1e6 * seconds:,.0f} us" if seconds < 0.01 else f"{1e3 * seconds:,.0f} ms"
+    )

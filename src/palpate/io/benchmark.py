@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float, Int, UInt8
 
 from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import ROW, Status
@@ -18,6 +18,7 @@ from palpate.errors import InputError
 from palpate.io.models.toml import load_toml
 from palpate.io.tables.table import Table, read_table
 from palpate.io.units import near
+from palpate.sensors.markers import opencv
 from palpate.surfaces.mesh import Mesh
 
 __all__ = ["ANSWER", "WIDTHS", "Task", "as_contacts", "read_answers", "read_benchmark", "read_truth"]
@@ -62,22 +63,25 @@ class Task:
             InputError: the file cannot be read, or does not hold as many as task.toml says.
         """
         if self.kind == "marker_ring":
-            return self.images("frames.avi")
+            return self.images("frames")
         table = self._readings[1]
         if len(table) != self.samples:
             where = str(self.folder / "readings.csv")
             raise InputError(f"holds {len(table)} rows, and task.toml says {self.samples} samples.", where=where)
         return iter(table)
 
-    def images(self, file: str) -> Iterator[np.ndarray]:
-        """Frames of a video of the task, (h, w, 3) in blue, green and red.
+    def images(self, folder: str) -> Iterator[UInt8[np.ndarray, "h w 3"]]:
+        """Those in a folder of the task by name, in blue, green and red.
 
         Raises:
-            InputError: it cannot be read, or OpenCV is not installed.
+            InputError: one cannot be read, or OpenCV is not installed.
         """
-        from palpate.io.logs.video import read_frames
-
-        return read_frames(self.folder / file)
+        cv2 = opencv()
+        for path in sorted((self.folder / folder).glob("*.jpg")):
+            image = cv2.imread(str(path))
+            if image is None:
+                raise InputError("is no image that can be read.", where=str(path))
+            yield image
 
     def table(self, file: str) -> dict[str, Float[np.ndarray, " n"]]:
         """A CSV of the task, by columns.
@@ -243,4 +247,6 @@ def _check_most(table: Table, rows: Int[np.ndarray, " k"], sample: Int[np.ndarra
     if len(over):
         row = rows[over[task.most]]
         what = "1 contact" if task.most == 1 else f"{task.most} contacts"
-        table.refuse(int(row), f"sample {sample[over[0]]} of {task.name} has more than {what}, which is the most at once")
+        table.refuse(
+            int(row), f"sample {sample[over[0]]} of {task.name} has more than {what}, which is the most at once"
+        )

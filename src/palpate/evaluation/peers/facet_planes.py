@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float, Int
 
 from palpate.surfaces.mesh import Mesh
 
-__all__ = ["facet_planes", "paper_systems", "system_filler", "within"]
+__all__ = ["INSIDE", "facet_planes", "paper_systems", "system_filler", "within"]
 
 INSIDE = -1e-8  # barycentric coordinates of a facet's own points
 Planes = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from jaxtyping import Float, Int
 
 from palpate.contact.locate import Locator
 from palpate.evaluation.peers.facet_planes import facet_planes, paper_systems, within
@@ -91,7 +90,7 @@ def pseudo_inverse(mesh: Mesh) -> Answer:
 
 
 def least_squares(mesh: Mesh) -> Answer:
-    """scipy's Levenberg-Marquardt on M - p x F - k n(p) = 0 and p on the mesh, from the vertex that is nearest.
+    """Scipy's Levenberg-Marquardt on M - p x F - k n(p) = 0 and p on the mesh, from the vertex that is nearest.
 
     Unknown are p and k; normal and distance are those of the mesh's nearest point, derivatives are differences.
     """

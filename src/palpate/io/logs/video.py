@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import Float
 
 from palpate.errors import InputError
 from palpate.io.logs.images import Frame, ImageLog
@@ -19,7 +19,7 @@ from palpate.io.tables.lines import open_input
 from palpate.sensors.markers import opencv
 from palpate.sensors.recording import Recording
 
-__all__ = ["RATE", "VIDEOS", "VideoLog", "is_video", "read_frames"]
+__all__ = ["RATE", "VIDEOS", "VideoLog", "is_video"]
 
 VIDEOS = (".mp4", ".m4v", ".mov", ".avi", ".mkv", ".webm")
 RATE = 30.0  # Hz where nothing says it
@@ -31,20 +31,6 @@ def is_video(first: bytes) -> bool:
     """By the first bytes of a file."""
     riff = first[:4] == b"RIFF" and first[8:11] == b"AVI"
     return riff or first[:4] == b"\x1aE\xdf\xa3" or first[4:8] in _BOXES
-
-
-def read_frames(path: Path) -> Iterator[UInt8[np.ndarray, "h w 3"]]:
-    """The frames that can be decoded, one after the other, in blue, green and red.
-
-    Raises:
-        InputError: it cannot be read, or not decoded.
-    """
-    cv2 = opencv()
-    with _opened(cv2, path) as video:
-        sound, image = video.read()
-        while sound:
-            yield image
-            sound, image = video.read()
 
 
 class VideoLog(ImageLog):

@@ -35,7 +35,7 @@ tare = {0.8 * REST}
 
 def payload_log(folder: Path, rng: np.random.Generator, *, small: bool) -> MadeTask:
     """A probe on a force/torque sensor that turns: its weight and the sensor's zero are in the readings."""
-    session = simulate_session(int(rng.integers(2**31)), touches=4 if small else 16, facets=3000)
+    session = simulate_session(int(rng.integers(2**31)), touches=4 if small else 10, facets=3000)
     session = replace(session, nominal=session.true)  # where the probe sits is known here
     write_session(session, folder)
     (folder / "touches.csv").rename(folder / "readings.csv")
@@ -80,12 +80,10 @@ def fingertip(folder: Path, rng: np.random.Generator, *, small: bool) -> MadeTas
     known = [f"ref_f{axis}" for axis in CELL_AXES] + [f"ref_{axis}" for axis in CELL_AXES]
     table = np.column_stack([run.time, run.voltages, run.force, run.position])
     write_table(folder / "bench.csv", dict(zip(["time", *names, *known], table.T, strict=True)), digits=9)
-    time, wrenches, truth = _pressed(8 if small else 40, rng)
+    time, wrenches, truth = _pressed(6 if small else 24, rng)
     volts = bench.cells().voltages(wrenches) + rng.normal(0.0, 0.02, len(names))
     volts += bench.channel_noise() * rng.standard_normal(volts.shape)
-    write_table(
-        folder / "readings.csv", dict(zip(["time", *names], np.c_[time, volts].T, strict=True)), digits=9
-    )
+    write_table(folder / "readings.csv", dict(zip(["time", *names], np.c_[time, volts].T, strict=True)), digits=9)
     (folder / "plain.toml").write_text(f"{TIP}\n[load_cells]\n", encoding="utf-8")
     (folder / "rig.toml").write_text(f'{TIP}\n[load_cells]\nmodel = "tip.toml"\n', encoding="utf-8")
     return MadeTask(

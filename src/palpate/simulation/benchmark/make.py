@@ -28,7 +28,7 @@ Answer with one CSV for as many of the tasks as you like, a row a contact:
 
   task,sample,px,py,pz[,fx,fy,fz][,cxx,cxy,cxz,cyy,cyz,czz]
 
-sample   number of the reading, from 0 (row of readings.csv below the header, frame of the video)
+sample   number of the reading, from 0 (row of readings.csv below the header, image of frames/)
 p        the point [m], in the frame that task.toml names
 f        the force on the body [N]; may be left out
 c        covariance of the point [m^2]; may be left out

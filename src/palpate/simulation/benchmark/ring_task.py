@@ -7,24 +7,26 @@ from pathlib import Path
 import numpy as np
 
 from palpate.simulation.benchmark.task import MadeTask, Truth
+from palpate.simulation.ring_camera import Look
 from palpate.simulation.ring_session import Protocol, RingUnit, Touching, calibration_run, touching_run
 from palpate.simulation.ring_session_files import write_calibration_run, write_touching_run
 
 __all__ = ["marker_ring"]
 
 LEAST = 0.2  # N: a frame with a lighter contact is not judged
+QUALITY = 50  # of JPEG: 20 kB a frame
 DEPTHS = (0.003, 0.006, 0.009)  # m: of the calibration
 
 
 def marker_ring(folder: Path, rng: np.random.Generator, *, small: bool) -> MadeTask:
-    """One to three contacts at once on the barrel, still or rolling, as a video; a calibration as another."""
+    """One to three contacts at once on the barrel, still or rolling, as images; and a calibration of it."""
     seed = int(rng.integers(2**31))
-    unit = RingUnit.drawn(seed, coarse=True)
+    unit = RingUnit.drawn(seed, coarse=True, look=Look(quality=QUALITY))
     write_calibration_run(
-        calibration_run(unit, Protocol(12 if small else 18, DEPTHS, hold=1, pause=1)), folder / "calibration"
+        calibration_run(unit, Protocol(12, DEPTHS, hold=1, pause=1)), folder / "calibration", images="folder"
     )
-    session = touching_run(unit, Touching(touches=2 if small else 8, most=3, seed=seed))
-    write_touching_run(session, folder)
+    session = touching_run(unit, Touching(touches=2 if small else 6, most=3, seed=seed))
+    write_touching_run(session, folder, images="folder")
     rig = (folder / "rig.toml").read_text(encoding="utf-8")
     (folder / "rig.toml").write_text(f'{rig}model = "ring.toml"\n', encoding="utf-8")
     touched = np.isfinite(session.angle)
@@ -49,8 +51,8 @@ def marker_ring(folder: Path, rng: np.random.Generator, *, small: bool) -> MadeT
         len(session.time),
         3,
         {
-            "frames.avi": "a sample is a frame, counted from 0, at 30 a second; the first second is untouched",
-            "calibration/frames.avi": "the same unit pressed by one body at a time",
+            "frames/": "000000.jpg and so on: a sample is an image, 30 a second; the first second is untouched",
+            "calibration/frames/": "the same unit pressed by one body at a time",
             "calibration/truth.csv": "a row a frame of it: time, angle, depth, force and shear; nan where nothing touches",
             "camera.toml": "the lens (Kannala and Brandt)",
             "rig.toml": "radius, wall and count of markers, as a rig of Palpate",

@@ -21,6 +21,7 @@ RIG = """# What task.toml says, as a rig of Palpate.
 mesh = "body.stl"
 unit = "m"
 crease = 30
+pose = {{ xyz = {xyz}, quaternion_xyzw = {quaternion} }}
 
 [skin]
 map = "cells.csv"
@@ -53,7 +54,6 @@ def skin(folder: Path, rng: np.random.Generator, *, small: bool) -> MadeTask:
     frames = run.skin.channels[CELLS].reshape(len(run.skin.time), -1)
     wrench = _means(run.wrench.wrenches(), settings.wrench_rate // settings.skin_rate, len(frames))
     cells = [f"c{k}" for k in range(frames.shape[1])]
-    wrench = wrench @ np.linalg.inv(settings.mount.wrench_matrix()).T  # of the sensor -> of the link
     readings = {"time": run.skin.time} | dict(zip(("fx", "fy", "fz", "tx", "ty", "tz"), wrench.T, strict=True))
     write_table(
         folder / "readings.csv", readings | dict(zip(cells, frames.T, strict=True)), whole=tuple(cells), digits=6
@@ -64,7 +64,13 @@ def skin(folder: Path, rng: np.random.Generator, *, small: bool) -> MadeTask:
     torque = settings.torque_noise / np.sqrt(settings.wrench_rate // settings.skin_rate)
     (folder / "intensity.toml").write_text(intensity_model(), encoding="utf-8")
     numbers = {"rows": sheet.rows, "columns": sheet.columns, "tare": QUIET - 0.5, "unequal": settings.unequal}
-    (folder / "rig.toml").write_text(RIG.format(**numbers, cells=cells, force=noise, torque=torque), encoding="utf-8")
+    pose = {"xyz": settings.mount.translation.tolist(), "quaternion_xyzw": settings.mount.quaternion().tolist()}
+    (folder / "rig.toml").write_text(
+        RIG.format(
+            **numbers, cells=cells, force=noise, torque=torque, xyz=pose["xyz"], quaternion=pose["quaternion_xyzw"]
+        ),
+        encoding="utf-8",
+    )
     truth = run.truth
     push = np.linalg.norm(truth.force, axis=1)
     light = np.unique(truth.frame[push < LEAST])
@@ -75,12 +81,12 @@ def skin(folder: Path, rng: np.random.Generator, *, small: bool) -> MadeTask:
         "skin",
         f"a sheet of {sheet.rows} x {sheet.columns} taxels of 8 bits round a cylinder, pressed by up to three round "
         f"tips at once, some leaning or dragged; frames with a contact below {LEAST:g} N are not judged",
-        "of the cylinder's mesh: its axis is z",
+        "of the cylinder's mesh, whose axis is z; it sits at `pose` in the frame of the sensor below",
         len(frames),
         settings.touches,
         {
-            "readings.csv": "time, wrench of the sensor below as means about each frame (in the link's frame; with its "
-            "zero and the link's weight, which do not change), then counts of the cells; a row a sample. The first "
+            "readings.csv": "time, wrench of the sensor below as means about each frame (in the sensor's frame; with "
+            "its zero and the link's weight, which do not change), then counts of the cells; a row a sample. The first "
             f"{QUIET:g} s are untouched",
             "cells.csv": "where each cell sits: row, column, centre [m], outward normal, area [m^2]; row by row",
             "response.csv": "counts above rest of a usual cell, by its force [N]",
@@ -91,6 +97,7 @@ def skin(folder: Path, rng: np.random.Generator, *, small: bool) -> MadeTask:
         {
             "rest": QUIET,
             "noise": {"force": noise, "torque": torque, "counts": settings.cell_noise, "unequal": settings.unequal},
+            "pose": pose,
             "friction": settings.friction,
         },
     )

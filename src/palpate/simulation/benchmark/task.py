@@ -93,7 +93,9 @@ def write_task(task: MadeTask, folder: Path, seed: int, *, small: bool) -> None:
 def _toml(value: object) -> str:
     """A value in one line: JSON of texts, numbers and lists of them is TOML too."""
     if isinstance(value, dict):
-        return f"{{ {', '.join(f'{key} = {_toml(each)}' for key, each in cast('Mapping[str, object]', value).items())} }}"
+        return (
+            f"{{ {', '.join(f'{key} = {_toml(each)}' for key, each in cast('Mapping[str, object]', value).items())} }}"
+        )
     return json.dumps(value)
 
 

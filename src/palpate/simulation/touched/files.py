@@ -15,7 +15,16 @@ from palpate.simulation.skin_bench import HIGH, JOINT, LOW
 from palpate.simulation.touched.run import ForearmRun, Truth
 from palpate.simulation.touched.settings import GRAVITY, ForearmSettings
 
-__all__ = ["POSE_TOPIC", "SKIN_TOPIC", "TRUTH", "WRENCH_TOPIC", "intensity_model", "link_mesh", "write_forearm", "write_free"]
+__all__ = [
+    "POSE_TOPIC",
+    "SKIN_TOPIC",
+    "TRUTH",
+    "WRENCH_TOPIC",
+    "intensity_model",
+    "link_mesh",
+    "write_forearm",
+    "write_free",
+]
 
 WRENCH_TOPIC, SKIN_TOPIC, POSE_TOPIC = "/forearm/wrench", "/forearm/skin", "/forearm/pose"
 TRUTH = ("time", "px", "py", "pz", "nx", "ny", "nz", "fx", "fy", "fz", "touch", "seen", "share", "speed")
