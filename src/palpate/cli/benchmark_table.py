@@ -97,8 +97,8 @@ def _made(tasks: Mapping[str, Task]) -> str:
     facts = next(iter(tasks.values())).facts
     versions = ", ".join(f"{name} {version(name)}" for name in ("numpy", "scipy"))
     return (
-        f"Tasks of `palpate benchmark make --seed {facts.get('seed')}`, {facts.get('size')} size; Palpate {__version__}, "
-        f"Python {platform.python_version()}, {versions}, {platform.machine()}."
+        f"Tasks of `palpate benchmark make --seed {facts.get('seed')}`, {facts.get('size')} size; "
+        f"Palpate {__version__}, Python {platform.python_version()}, {versions}, {platform.machine()}."
     )
 
 

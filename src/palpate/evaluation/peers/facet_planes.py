@@ -53,7 +53,7 @@ def system_filler(mesh: Mesh) -> Systems:
 def paper_systems(
     mesh: Mesh,
 ) -> Callable[[np.ndarray], tuple[Int[np.ndarray, " k"], Float[np.ndarray, "k 3"], Float[np.ndarray, " k"]]]:
-    """All systems in one call: of a wrench (6,) the facets that it can touch, where [m], and with which torque [N m]."""
+    """All systems in one call: the facets that a wrench (6,) can touch, where [m], and with which torque [N m]."""
     fill, (normal, _, slopes, rests) = system_filler(mesh), facet_planes(mesh)
 
     def solve(wrench: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -90,7 +90,7 @@ def pseudo_inverse(mesh: Mesh) -> Answer:
 
 
 def least_squares(mesh: Mesh) -> Answer:
-    """Scipy's Levenberg-Marquardt on M - p x F - k n(p) = 0 and p on the mesh, from the vertex that is nearest.
+    """SciPy's Levenberg-Marquardt on M - p x F - k n(p) = 0 and p on the mesh, from the vertex that is nearest.
 
     Unknown are p and k; normal and distance are those of the mesh's nearest point, derivatives are differences.
     """

@@ -57,7 +57,7 @@ def payload_log(folder: Path, rng: np.random.Generator, *, small: bool) -> MadeT
         len(time),
         1,
         {
-            "readings.csv": "time, wrench, and the orientation qx, qy, qz, qw of the sensor in the base; a row a sample",
+            "readings.csv": "time, wrench, and orientation qx, qy, qz, qw of the sensor in the base; a row a sample",
             "free_motion.csv": "the same columns, untouched",
             "body.stl": "the probe, in metres",
             "rig.toml": "the same facts as a rig of Palpate; with it probe.stl, in millimetres",
@@ -95,7 +95,7 @@ def fingertip(folder: Path, rng: np.random.Generator, *, small: bool) -> MadeTas
         1,
         {
             "readings.csv": "time and voltages of the cells, u1x, u1y, u1z, u2x ...; a row a sample",
-            "bench.csv": "a bench with the same cells: a ball slides over the tip; beside the voltages the force on the "
+            "bench.csv": "a bench with the same cells: a ball slides over the tip; with the voltages the force on the "
             "tip (ref_fx ...) and the place of the ball's centre (ref_x ...). Where time jumps, zeros are new, and the "
             "first 2 s from there are untouched",
             "rig.toml": "the same facts as a rig of Palpate; plain.toml is the same before the calibration",

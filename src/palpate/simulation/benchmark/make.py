@@ -51,7 +51,9 @@ the columns above. task has: name, kind, folder, facts (task.toml), columns (of 
 class Maker(Protocol):
     """Makes a task in a folder that is there, and writes its readings."""
 
-    def __call__(self, folder: Path, rng: np.random.Generator, *, small: bool) -> MadeTask: ...
+    def __call__(self, folder: Path, rng: np.random.Generator, *, small: bool) -> MadeTask:
+        """`rng` is of everything drawn; `small` of a few samples."""
+        ...
 
 
 TASKS: dict[str, Maker] = {

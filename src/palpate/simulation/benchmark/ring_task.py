@@ -30,8 +30,8 @@ def marker_ring(folder: Path, rng: np.random.Generator, *, small: bool) -> MadeT
     rig = (folder / "rig.toml").read_text(encoding="utf-8")
     (folder / "rig.toml").write_text(f'{rig}model = "ring.toml"\n', encoding="utf-8")
     touched = np.isfinite(session.angle)
-    light = (touched & (np.nan_to_num(session.force) < LEAST)).any(axis=1)
-    frame, which = np.nonzero(touched & ~light[:, None])
+    light: np.ndarray = np.any(touched & (np.nan_to_num(session.force) < LEAST), axis=1, keepdims=True)
+    frame, which = np.nonzero(touched & ~light)
     angle, inward, shear = (values[frame, which] for values in (session.angle, session.force, session.shear))
     outward = np.stack([np.cos(angle), np.sin(angle), np.zeros(len(frame))], axis=1)
     along = np.stack([-outward[:, 1], outward[:, 0], outward[:, 2]], axis=1)
@@ -53,7 +53,7 @@ def marker_ring(folder: Path, rng: np.random.Generator, *, small: bool) -> MadeT
         {
             "frames/": "000000.jpg and so on: a sample is an image, 30 a second; the first second is untouched",
             "calibration/frames/": "the same unit pressed by one body at a time",
-            "calibration/truth.csv": "a row a frame of it: time, angle, depth, force and shear; nan where nothing touches",
+            "calibration/truth.csv": "a row a frame: time, angle, depth, force and shear; nan where nothing touches",
             "camera.toml": "the lens (Kannala and Brandt)",
             "rig.toml": "radius, wall and count of markers, as a rig of Palpate",
         },

@@ -65,12 +65,9 @@ def skin(folder: Path, rng: np.random.Generator, *, small: bool) -> MadeTask:
     (folder / "intensity.toml").write_text(intensity_model(), encoding="utf-8")
     numbers = {"rows": sheet.rows, "columns": sheet.columns, "tare": QUIET - 0.5, "unequal": settings.unequal}
     pose = {"xyz": settings.mount.translation.tolist(), "quaternion_xyzw": settings.mount.quaternion().tolist()}
-    (folder / "rig.toml").write_text(
-        RIG.format(
-            **numbers, cells=cells, force=noise, torque=torque, xyz=pose["xyz"], quaternion=pose["quaternion_xyzw"]
-        ),
-        encoding="utf-8",
-    )
+    placed = {"xyz": pose["xyz"], "quaternion": pose["quaternion_xyzw"]}
+    rig = RIG.format(**numbers, **placed, cells=cells, force=noise, torque=torque)
+    (folder / "rig.toml").write_text(rig, encoding="utf-8")
     truth = run.truth
     push = np.linalg.norm(truth.force, axis=1)
     light = np.unique(truth.frame[push < LEAST])

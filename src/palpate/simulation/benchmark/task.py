@@ -1,4 +1,4 @@
-"""What a task of the benchmark is once it is made, and its files: task.toml for people and programs, truth.csv apart."""
+"""What a task of the benchmark is once it is made, and its files: task.toml for all to read, truth.csv apart."""
 
 from __future__ import annotations
 
