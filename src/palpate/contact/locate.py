@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import copy
-import functools
 from collections.abc import Callable
 from dataclasses import dataclass
+from threading import Lock
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from jaxtyping import Bool, Float, Int8
@@ -203,6 +204,8 @@ class Locator:
         """
         wrenches = shaped(wrenches, (..., 6), "wrenches")
         batch = wrenches.shape[:-1]
+        if not batch and covariances is None and statuses is None:
+            return self._single(wrenches, self._state if sequential else _state(previous))
         noises, settings = self._noise[None], self._settings
         if covariances is not None:
             each = shaped(covariances, (..., 6, 6), "covariances")
@@ -213,6 +216,12 @@ class Locator:
         flat = wrenches.reshape(-1, 6), noises, known.reshape(-1)
         self._many(*flat, *self._arguments, settings, state, sequential, rows.reshape(-1, ROW.length))
         return ContactEstimate.from_rows(rows)
+
+    def _single(self, wrench: Float[np.ndarray, "6"], state: Float[np.ndarray, " s"]) -> ContactEstimate:
+        """One wrench by itself: what `run` does for a batch would take it five times as long."""
+        row = np.empty(ROW.length)
+        self._one(wrench, self._noise, *self._arguments, self._settings, state, row)
+        return ContactEstimate.from_rows(row)
 
     def run_into(
         self, wrenches: ArrayLike, covariances: ArrayLike | None, statuses: ArrayLike, out: np.ndarray
@@ -352,10 +361,39 @@ def _iterated(
     return ContactEstimate.joined([one.reshaped((1,)) for one in found])
 
 
-@functools.lru_cache(maxsize=8)
-def _prepared(surface: Surface, method: str, friction: float, torsion: float) -> Locator:
-    """The Locator behind `locate`; surfaces are compared by identity."""
-    return Locator(surface, method, friction, torsion, on=0.0, off=0.0)
+_KEPT = 8  # Locators of a surface that `locate` keeps, one for each method and bounds that it was called with
+_Bounds = tuple[str, float, float]
+_kept: WeakKeyDictionary[Surface, dict[_Bounds, Locator]] = WeakKeyDictionary()
+_keeping = Lock()
+
+
+def _prepared(surface: Surface, bounds: _Bounds) -> Locator:
+    """The Locator behind `locate`, kept as long as the surface lives; it does not name its surface, or both would stay.
+
+    Threads may share it: it is never used in sequence, so that it has no memory of its own.
+    """
+    of_surface = _kept.get(surface)
+    locator = None if of_surface is None else of_surface.get(bounds)
+    if locator is None:
+        locator = Locator(surface, *bounds, on=0.0, off=0.0)
+        del locator.surface
+        with _keeping:
+            of_surface = _kept.setdefault(surface, {})
+            while len(of_surface) >= _KEPT:
+                del of_surface[next(iter(of_surface))]
+            of_surface[bounds] = locator
+    return locator
+
+
+def _six_numbers(wrench: object) -> Float[np.ndarray, "6"] | None:
+    """A copy of six floats in a list, a tuple or an array; None of all else, which is looked at more closely."""
+    if type(wrench) is not list and type(wrench) is not tuple and type(wrench) is not np.ndarray:
+        return None
+    try:
+        array = np.array(wrench)
+    except ValueError:  # lists of different lengths
+        return None
+    return array if array.dtype == FLOAT and array.shape == _WRENCH else None
 
 
 def locate(
@@ -385,13 +423,15 @@ def locate(
     Raises:
         InputError: an unknown method, or wrenches, noise or previous of another shape.
     """
-    if not isinstance(wrench, Wrench):
-        wrench = Wrench.from_vector(wrench)
+    vectors, covariance = _six_numbers(wrench), None
+    if vectors is None:
+        whole = wrench if isinstance(wrench, Wrench) else Wrench.from_vector(wrench)
+        vectors, covariance = whole.vector(), whole.covariance
     point = previous.point if isinstance(previous, ContactEstimate) else previous
     last = None if point is None or not np.all(np.isfinite(point)) else point
-    vectors = wrench.vector()
     if method == "iterative":
         return _iterated(vectors.reshape(-1, 6), surface, last, friction, torsion).reshaped(vectors.shape[:-1])
-    locator = _prepared(surface, method, friction, torsion)
-    covariance = wrench.covariance if noise is None else noise_covariance(noise)
+    locator = _prepared(surface, (method, friction, torsion))
+    if noise is not None:
+        covariance = noise_covariance(noise)
     return locator.run(vectors, covariance, sequential=False, previous=last)
