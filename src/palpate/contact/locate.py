@@ -6,15 +6,27 @@ import copy
 from collections.abc import Callable
 from dataclasses import dataclass
 from threading import Lock
-from typing import Any
+from typing import Any, cast
 from weakref import WeakKeyDictionary
 
 import numpy as np
 from jaxtyping import Bool, Float, Int8
 from numpy.typing import ArrayLike
 
-from palpate.contact._settings import FOLLOW, HAS_PREVIOUS, LARGEST, NOISY, PREVIOUS, SOFT, STATE, TOUCHING
+from palpate.contact._settings import (
+    CENTRE,
+    FOLLOW,
+    HAS_PREVIOUS,
+    LARGEST,
+    NOISY,
+    PREVIOUS,
+    SCALE,
+    SOFT,
+    STATE,
+    TOUCHING,
+)
 from palpate.contact.estimate import ROW, ContactEstimate, Status
+from palpate.contact.neighbours import in_space
 from palpate.errors import InputError
 from palpate.sensors.load_cells import Indentation
 from palpate.spatial._arrays import FLOAT, INT8, Value, require_out, shaped
@@ -26,6 +38,8 @@ from palpate.surfaces.surface import Surface
 __all__ = ["METHODS", "Candidates", "Locator", "locate"]
 
 WORSE = 0.05  # of a touch's samples
+_MANY, _BLOCK = 4_000, 100_000  # wrenches for which it is worth while to sort them, and how many at a time
+_LARGE = 2**19  # bytes of a surface that a core does not keep at hand
 _WRENCH, _ROW = (6,), (ROW.length,)
 ON, OFF = 5.5, 3.0  # standard deviations of the force; noise alone exceeds the first once in a million samples
 METHODS = ("soft_finger", "wrench_axis")  # of a Locator; `locate` knows "iterative" too
@@ -214,8 +228,31 @@ class Locator:
         rows = self.empty(*batch)
         state = self._state if sequential else _state(previous)
         flat = wrenches.reshape(-1, 6), noises, known.reshape(-1)
-        self._many(*flat, *self._arguments, settings, state, sequential, rows.reshape(-1, ROW.length))
+        out = rows.reshape(-1, ROW.length)
+        if not sequential and len(out) >= _MANY and self._arguments[1].nbytes > _LARGE:
+            self._sorted(*flat, settings, state, out)
+        else:
+            self._many(*flat, *self._arguments, settings, state, sequential, out)
         return ContactEstimate.from_rows(rows)
+
+    def _sorted(
+        self,
+        wrenches: Float[np.ndarray, "n 6"],
+        noises: Float[np.ndarray, "k 6 6"],
+        known: Int8[np.ndarray, " n"],
+        settings: Float[np.ndarray, " s"],
+        state: Float[np.ndarray, " t"],
+        out: Float[np.ndarray, "n 22"],
+    ) -> None:
+        """Each on its own, in the order in which they lie in space: less waiting for memory, the same answers."""
+        centre, scale = settings[CENTRE : CENTRE + 3], float(settings[SCALE])
+        for first in range(0, len(out), _BLOCK):
+            block = slice(first, first + _BLOCK)
+            order = first + in_space(wrenches[block], centre, scale)
+            each = noises if len(noises) == 1 else noises[order]
+            found = self.empty(len(order))
+            self._many(wrenches[order], each, known[order], *self._arguments, settings, state.copy(), False, found)
+            out[order] = found
 
     def _single(self, wrench: Float[np.ndarray, "6"], state: Float[np.ndarray, " s"]) -> ContactEstimate:
         """One wrench by itself: what `run` does for a batch would take it five times as long."""
@@ -390,7 +427,7 @@ def _six_numbers(wrench: object) -> Float[np.ndarray, "6"] | None:
     if type(wrench) is not list and type(wrench) is not tuple and type(wrench) is not np.ndarray:
         return None
     try:
-        array = np.array(wrench)
+        array = np.array(cast("ArrayLike", wrench))
     except ValueError:  # lists of different lengths
         return None
     return array if array.dtype == FLOAT and array.shape == _WRENCH else None
@@ -434,4 +471,6 @@ def locate(
     locator = _prepared(surface, (method, friction, torsion))
     if noise is not None:
         covariance = noise_covariance(noise)
+    if vectors.ndim == 1 and covariance is None:
+        return locator._single(vectors, _state(last))
     return locator.run(vectors, covariance, sequential=False, previous=last)
