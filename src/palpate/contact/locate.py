@@ -254,10 +254,15 @@ class Locator:
             self._many(wrenches[order], each, known[order], *self._arguments, settings, state.copy(), False, found)
             out[order] = found
 
-    def _single(self, wrench: Float[np.ndarray, "6"], state: Float[np.ndarray, " s"]) -> ContactEstimate:
+    def _single(
+        self, wrench: Float[np.ndarray, "6"], state: Float[np.ndarray, " s"], covariance: np.ndarray | None = None
+    ) -> ContactEstimate:
         """One wrench by itself: what `run` does for a batch would take it five times as long."""
+        noise, settings = self._noise, self._settings
+        if covariance is not None:
+            noise, settings = shaped(covariance, (6, 6), "covariances"), self._noisy
         row = np.empty(ROW.length)
-        self._one(wrench, self._noise, *self._arguments, self._settings, state, row)
+        self._one(wrench, noise, *self._arguments, settings, state, row)
         return ContactEstimate.from_rows(row)
 
     def run_into(
@@ -471,6 +476,6 @@ def locate(
     locator = _prepared(surface, (method, friction, torsion))
     if noise is not None:
         covariance = noise_covariance(noise)
-    if vectors.ndim == 1 and covariance is None:
-        return locator._single(vectors, _state(last))
+    if vectors.ndim == 1:
+        return locator._single(vectors, _state(last), covariance)
     return locator.run(vectors, covariance, sequential=False, previous=last)
