@@ -235,6 +235,24 @@ class Locator:
             self._many(*flat, *self._arguments, settings, state, sequential, out)
         return ContactEstimate.from_rows(rows)
 
+    def alone(
+        self, wrench: ArrayLike, covariance: ArrayLike | None = None, previous: ArrayLike | None = None
+    ) -> ContactEstimate:
+        """One wrench (6,) on its own; the Locator's memory is left alone, so that threads may share it.
+
+        What `run` answers with `sequential=False`, sooner.
+
+        Args:
+            wrench: (6,) in the surface's frame, force first.
+            covariance: (6, 6) instead of the Locator's noise.
+            previous: (3,) [m] the last contact.
+
+        Raises:
+            InputError: other shapes, or numbers that are not real.
+        """
+        known = None if covariance is None else shaped(covariance, (6, 6), "covariance")
+        return self._single(shaped(wrench, _WRENCH, "wrench"), _state(previous), known)
+
     def _sorted(
         self,
         wrenches: Float[np.ndarray, "n 6"],
@@ -255,12 +273,15 @@ class Locator:
             out[order] = found
 
     def _single(
-        self, wrench: Float[np.ndarray, "6"], state: Float[np.ndarray, " s"], covariance: np.ndarray | None = None
+        self,
+        wrench: Float[np.ndarray, "6"],
+        state: Float[np.ndarray, " s"],
+        covariance: Float[np.ndarray, "6 6"] | None = None,
     ) -> ContactEstimate:
         """One wrench by itself: what `run` does for a batch would take it five times as long."""
         noise, settings = self._noise, self._settings
         if covariance is not None:
-            noise, settings = shaped(covariance, (6, 6), "covariances"), self._noisy
+            noise, settings = covariance, self._noisy
         row = np.empty(ROW.length)
         self._one(wrench, noise, *self._arguments, settings, state, row)
         return ContactEstimate.from_rows(row)
@@ -477,5 +498,5 @@ def locate(
     if noise is not None:
         covariance = noise_covariance(noise)
     if vectors.ndim == 1:
-        return locator._single(vectors, _state(last), covariance)
+        return locator.alone(vectors, covariance, last)
     return locator.run(vectors, covariance, sequential=False, previous=last)
