@@ -102,7 +102,7 @@ class ContactEstimate(Value):
     @classmethod
     def from_rows(cls, rows: Float[np.ndarray, "*batch 22"]) -> ContactEstimate:
         """From rows as the compiled loops write them."""
-        if rows.ndim == 1 and rows.item(ROW.candidates) >= 0.0 <= rows.item(ROW.status):  # none of them NaN
+        if rows.ndim == 1 and rows.item(ROW.candidates) >= 0 and rows.item(ROW.status) >= 0:  # none of them NaN
             return cls._from_row(rows.copy())
         return cls(
             point=rows[..., ROW.point].copy(),
