@@ -82,7 +82,7 @@ def test_perfect_answers_of_a_stranger_score_nothing_off(folder: Path, perfect: 
 @pytest.mark.parametrize(
     ("line", "said"),
     [
-        ("task,sample,px,py,pz\ntorus,0,1,2", "line 2.*does not have 5 fields"),
+        ("task,sample,px,py,pz\ntorus,0,1,2", "no row has the 5 fields.*line 2 has 4"),
         ("task,sample,px,py,pz\ntorus,0,1,2,nan", "line 2.*pz is no finite number.*leave out the row"),
         ("task,sample,px,py,pz\ntorus,0,1,2,x\ntorus,1,1,2,3", "line 2.*|'x' in column 'pz' is not a number"),
         ("task,sample,px,py,pz\ntorsu,0,1,2,3", "line 2.*no task 'torsu'.*'torus'"),

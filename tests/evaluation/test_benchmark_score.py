@@ -66,20 +66,21 @@ def test_ellipses_hold_the_truth_or_not() -> None:
 
 @pytest.mark.parametrize("name", [name for name in WRENCH_PEERS if "minimum norm" not in name])
 def test_without_torsion_every_peer_finds_the_place(name: str) -> None:
-    """Up to the mesh: its facets are 2 mm wide and at most 40 um inside the ellipsoid."""
+    """Up to the mesh: where its radius is 4.8 mm, facets of 2.5 mm are s^2 / 6r = 0.22 mm inside; forces lean."""
     rng, body = np.random.default_rng(3), Ellipsoid((0.03, 0.02, 0.012))
     points = body.sample(12, rng)
     wrenches = touch_wrenches(points, body.normals(points), rng)
     answer = WRENCH_PEERS[name](Mesh.from_arrays(*body.mesh(2000)))
     found = np.stack([answer(wrench) for wrench in wrenches])
-    assert np.linalg.norm(found - points, axis=1).max() < (2.5e-3 if "vertex" in name else 2e-4)
+    assert np.linalg.norm(found - points, axis=1).max() < (2.5e-3 if "vertex" in name else 3.1e-4)
 
 
 def test_the_shortest_lever_is_on_the_line_and_no_longer_than_the_truth() -> None:
     rng = np.random.default_rng(4)
     points = rng.normal(size=(20, 3))
     force = rng.normal(size=(20, 3))
-    answer = WRENCH_PEERS["minimum norm, pseudo-inverse of p x F = M"](Mesh.from_arrays(*Ellipsoid((1, 1, 1)).mesh(20)))
+    ball = Mesh.from_arrays(*Ellipsoid((1.0, 1.0, 1.0)).mesh(20))
+    answer = WRENCH_PEERS["minimum norm, pseudo-inverse of p x F = M"](ball)
     found = np.stack([answer(np.r_[f, np.cross(p, f)]) for p, f in zip(points, force, strict=True)])
     assert np.allclose(np.cross(found, force), np.cross(points, force), atol=1e-12)
     assert np.all(np.linalg.norm(found, axis=1) <= np.linalg.norm(points, axis=1) + 1e-12)
