@@ -131,7 +131,7 @@ def _on_dask(
     """By its own scheduler: joblib's way to it waits for ever where a worker was ended."""
     distributed = import_module("distributed")
     address = _dask_address()
-    own = {"n_workers": workers, "threads_per_worker": 1, "dashboard_address": None, "silence_logs": logging.CRITICAL}
+    own = {"n_workers": workers, "threads_per_worker": 1, "dashboard_address": ":0", "silence_logs": logging.CRITICAL}
     with _joining("dask", address), deaf():
         client = distributed.Client(**(own if address is None else {"address": address}))
     with client:
