@@ -101,7 +101,7 @@ class RingSense:
         """
         count = self._through_images(time, truth, dark) if self._images else self._by_markers(time, truth, dark)
         rows = self._rows[:count]
-        status = rows[0, ROW.status]
+        status = int(rows[0, ROW.status])
         if status == Status.INVALID:
             return None
         if status == Status.NO_CONTACT:

@@ -28,6 +28,7 @@ RATE = 1.0 / FRAME  # frames a second
 METHODS = ("ours", "paper", "paper-turned", "paper-random", "no-push", "no-memory")
 FAULTS = ("blind", "torn", "stuck-wheel", "wrong-goal")
 FELT = 0.2  # N: less is not counted as contact in a result
+TRACKED = np.array([5e-4, 5e-4, np.radians(0.2)])  # m, m, rad: deviations of a tracker
 STILL = 0.05, 30.0  # m, s: who moves less for so long is in a deadlock
 
 
@@ -237,7 +238,7 @@ class _Place:
     def told(self, pose: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3"]:
         """Of the true one."""
         if self._kind == "tracker":
-            return pose + self._rng.standard_normal(3) * [5e-4, 5e-4, np.radians(0.2)]
+            return pose + self._rng.standard_normal(3) * TRACKED
         turned = (pose[2] - self._heading + pi) % (2.0 * pi) - pi  # a gyroscope counts it
         self._heading = float(pose[2])
         self._counted[2] += turned + self._bias * FRAME
@@ -263,26 +264,28 @@ class _Sums:
         self._pushed = [False] * count
 
     def add(self, moment: Moment, goals: Float[np.ndarray, "n 2"]) -> None:
-        poses, time = moment.poses, moment.time
+        here, time = moment.poses[:, :2], moment.time
         if self._last is None:
-            self._rest = np.column_stack([poses[:, :2], np.full(len(poses), time)])
-        else:
-            self.path += np.hypot(*(poses[:, :2] - self._last[:, :2]).T)
-        self._last = poses
-        there = moment.arrived & (np.hypot(*(poses[:, :2] - goals).T) < 0.15)  # believed, and true
+            self._last, self._rest = here, np.column_stack([here, np.full(len(here), time)])
+        off = here - np.stack([self._last, goals, self._rest[:, :2]])
+        went, left, moved = np.hypot(off[..., 0], off[..., 1])
+        self.path += went
+        self._last = here
+        there = moment.arrived & (left < 0.15)  # believed, and true
         self.arrived = np.where(np.isnan(self.arrived) & there, time, self.arrived)
         for k, truth in enumerate(moment.truths):
-            pressed = truth[truth[:, 1] > FELT, 1]
-            self._forces += pressed.tolist()
-            self.greatest[k] = max(self.greatest[k], pressed.max(initial=0.0))
+            if len(truth):
+                pressed = truth[truth[:, 1] > FELT, 1].tolist()
+                self._forces += pressed
+                self.greatest[k] = max(self.greatest[k], *pressed, 0.0)
             pushing = moment.whys[k] == Push.MOVES.value
             self.pushes[k] += pushing and not self._pushed[k]
             self._pushed[k] = pushing
-        moved = np.hypot(*(poses[:, :2] - self._rest[:, :2]).T) > STILL[0]
-        stood = ~moved & (time - self._rest[:, 2] >= STILL[1]) & ~moment.arrived
+        still = moved <= STILL[0]
+        stood = still & (time - self._rest[:, 2] >= STILL[1]) & ~moment.arrived
         self.deadlocks += stood
-        begin = moved | stood | moment.arrived
-        self._rest[begin] = np.column_stack([poses[:, :2], np.full(len(poses), time)])[begin]
+        begin = ~still | stood | moment.arrived
+        self._rest[begin, :2], self._rest[begin, 2] = here[begin], time
 
     def result(self, seed: int, navigators: list[Navigator], seconds: float) -> ArenaResult:
         return ArenaResult(

@@ -27,6 +27,7 @@ _LIT = 0.002  # share of a frame's bytes: where fewer are lit, it is black but f
 _LEAST_AREA = 6.0  # px: a marker is 5 px large or larger
 _AWAY = 3  # frames: from then on a missing marker may be anywhere, and must be seen twice
 _LOOK = 10  # frames: while a marker is missing, the whole frame is searched that often
+_EVERY = 32  # rows: so many share one that tells a black frame and a frozen camera
 _AGAIN = 6.0  # px, of a marker that is back, from one frame to the next
 _DISC = 1 / (2 * np.pi)  # trace of the second moments of a disc over its area
 
@@ -200,8 +201,8 @@ def _quietest(image: Image, colour: MarkerColour, count: int) -> MarkerColour:
 
 
 def _read(image: Image) -> Image:
-    """The same pixels, that cannot be written: loops are compiled once, whether the caller's can be or not."""
-    view = image.view()
+    """The same pixels in one piece, that cannot be written: loops are compiled once, whatever the caller's are."""
+    view = np.ascontiguousarray(image).view()
     view.flags.writeable = False
     return view
 
@@ -300,10 +301,10 @@ class MarkerTracker:
         reach = np.clip(0.45 * (self._gap - radius), 4.0, 10.0)
         self._halves = np.ceil(radius + reach).astype(np.int64)
         self._alone = self._gap > self._halves + radius  # no neighbour reaches into its window
-        side = 2 * int(self._halves.max()) + 1
-        self._size_rest, self._fits = np.stack([self._areas, self._spreads], axis=-1), np.zeros(m, dtype=bool)
-        self._window, self._stack = np.zeros((side, side), np.int32), np.zeros(side * side, np.int32)
-        self._out = np.zeros((m, 7))
+        size_rest = np.stack([self._areas, self._spreads], axis=-1)
+        self._known, self._out = (self._halves, size_rest, self._alone, self._gap), np.zeros((m, 7))
+        camera = view.camera
+        self._sample = np.zeros((len(range(_EVERY // 2, camera.height, _EVERY)), 3 * camera.width), dtype=np.uint8)
         self.reset()
 
     def reset(self) -> None:
@@ -314,7 +315,7 @@ class MarkerTracker:
         self._seen, self._size = np.zeros(m, dtype=bool), self._areas.copy()
         self._age = np.full(m, _AWAY)  # frames since a marker was seen
         self._claimed = np.full((m, 2), np.nan)
-        self._fresh, self._sample, self._same, self._since = True, b"", 0, 0
+        self._fresh, self._sampled, self._same, self._since = True, False, 0, 0
 
     def track(self, image: Image, out: Float[np.ndarray, "m 2"]) -> Bool[np.ndarray, " m"]:
         """Pixels of every marker into `out`, NaN where it is not found; whether it is."""
@@ -337,15 +338,16 @@ class MarkerTracker:
         return found
 
     def _health(self, image: Image) -> Frame:
-        """Told from every 32nd row: a live camera's noise never repeats in 15 rows."""
+        """Told from every `_EVERY`th row: a live camera's noise never repeats in 15 rows."""
         camera = self.view.camera
         if image.dtype != np.uint8 or image.shape != (camera.height, camera.width, 3):
             return Frame.WRONG_SIZE
-        rows = np.ascontiguousarray(image[16::32])
-        seen = rows.tobytes()
-        self._same = self._same + 1 if seen == self._sample else 0
-        self._sample = seen
-        if np.count_nonzero(rows > 2 * _LEAST_CONTRAST) < _LIT * rows.size:
+        from palpate.sensors._markers import sampled  # here: compiled loops load when first needed
+
+        lit, same = sampled(_read(image), _EVERY, int(2 * _LEAST_CONTRAST), self._sample)
+        self._same = self._same + 1 if same and self._sampled else 0
+        self._sampled = True
+        if lit < _LIT * self._sample.size:
             return Frame.BLACK
         return Frame.FROZEN if self._same >= self.frozen_after else Frame.OK
 
@@ -368,22 +370,18 @@ class MarkerTracker:
     def _measure(self, image: Image, expected: Float[np.ndarray, "m 2"]) -> Float[np.ndarray, "m 7"]:
         from palpate.sensors._markers import measure_windows  # here: compiled loops load when first needed
 
-        measure_windows(_read(image), self._weights, expected, self._halves, self._window, self._stack, self._out)
+        measure_windows(_read(image), self._weights, expected, self._halves, self._out)
         return self._out
 
     def _follow(self, image: Image, expected: Float[np.ndarray, "m 2"]) -> Bool[np.ndarray, " m"] | None:
         """The markers in their windows; None where any of them leaves a doubt."""
-        from palpate.sensors._markers import doubtful, plausible
+        from palpate.sensors._markers import follow
 
         if self._fresh or (not self._seen.all() and self._since >= _LOOK):
             return None
-        got = self._measure(image, expected)
-        size, rest = self.limits.size, self._size_rest
-        plausible(got, rest, self._seen, size, _LEAST_CONTRAST, self._fits)
-        if doubtful(got, self._fits, self._seen, self._size, size, self._alone, rest, self._gap):
-            return None
-        self._take(got, self._seen)
-        return self._seen
+        limits, kept = (self.limits.size, _LEAST_CONTRAST), (self._seen, self._last, self._step, self._size)
+        sure = follow(_read(image), self._weights, expected, self._known, limits, self._out, *kept)
+        return self._seen if sure else None
 
     def _search(self, image: Image) -> Bool[np.ndarray, " m"]:
         """The markers of the whole frame, by their labels, each measured again in its window."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import atan2, remainder, tau
+from math import atan2, cos, pi, remainder, sin, tau
 
 import numpy as np
 from jaxtyping import Float
@@ -62,20 +62,19 @@ class ArenaWorld:
     @property
     def poses(self) -> Float[np.ndarray, "n 3"]:
         """x, y [m] and heading [rad], from -pi to pi, of each robot."""
-        carrier, on = self._own[:, 0], self._own[:, 1]
-        return _wrapped(carrier + _turned(on, carrier[:, 2]))
+        return np.array([_pose(*own) for own in self._own.tolist()])
 
     @property
     def velocities(self) -> Float[np.ndarray, "n 3"]:
         """Of each robot in the arena's frame [m/s], [rad/s]."""
-        carrier, turn = self._speed[:, 0], self._own[:, 0, 2]
-        swept = carrier[:, 2:] * _turned(self._own[:, 1] * (1.0, 1.0, 0.0), turn + 0.5 * np.pi)
-        return carrier + _turned(self._speed[:, 1], turn) + swept
+        return np.array([_velocity(*each) for each in zip(self._own.tolist(), self._speed.tolist(), strict=True)])
 
     @property
     def blocks(self) -> Float[np.ndarray, "m 3"]:
         """x, y [m] and turn [rad], from -pi to pi, of the movable blocks, in the order of `layout.movable`."""
-        return _wrapped(self._blocks[:, :3].copy())
+        blocks = self._blocks[:, :3].copy()
+        blocks[:, 2] -= tau * np.round(blocks[:, 2] / tau)
+        return blocks
 
     def step(self, wheels: Float[np.ndarray, "n 2"]) -> None:
         """Lets one frame of 1/30 s pass.
@@ -97,13 +96,15 @@ class ArenaWorld:
 
     def _drive(self, wheels: Float[np.ndarray, "n 2"]) -> None:
         """Puts each carrier under its robot and sets it going; the robot keeps its place and its velocity."""
-        velocity, self._own[:, 0] = self.velocities, self.poses
-        self._own[:, 1] = 0.0
-        carrier, heading = self._speed[:, 0], self._own[:, 0, 2]
-        carrier[:, 2] = (wheels[:, 1] - wheels[:, 0]) / self.robot.track
-        middle = heading + 0.5 * FRAME * carrier[:, 2]  # of the frame: the arc's chord
-        carrier[:, :2] = wheels.mean(axis=1)[:, None] * np.stack([np.cos(middle), np.sin(middle)], axis=1)
-        self._speed[:, 1] = _turned(velocity - carrier, -heading)
+        owns, speeds = self._own.tolist(), self._speed.tolist()  # plain numbers: arrays of three cost more than these
+        for k, (own, speed, (left, right)) in enumerate(zip(owns, speeds, wheels.tolist(), strict=True)):
+            vx, vy, spin = _velocity(own, speed)
+            x, y, heading = _pose(*own)
+            forward, turn = 0.5 * (left + right), (right - left) / self.robot.track
+            middle = heading + 0.5 * FRAME * turn  # of the frame: the arc's chord
+            along, across = forward * cos(middle), forward * sin(middle)
+            self._own[k] = (x, y, heading), (0.0, 0.0, 0.0)
+            self._speed[k] = (along, across, turn), (*_turned(vx - along, vy - across, -heading), spin - turn)
 
     def touches(self, robot: int) -> Float[np.ndarray, "k 5"]:
         """What truly touches a robot's skin now, by rising angle.
@@ -152,14 +153,22 @@ class ArenaWorld:
         return float((np.abs(own[:2]) > self.model.geom_size[geom, :2] - _CORNER).all())
 
 
-def _wrapped(poses: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
-    """With angles from -pi to pi."""
-    poses[:, 2] -= tau * np.round(poses[:, 2] / tau)
-    return poses
+def _pose(carrier: list[float], on: list[float]) -> tuple[float, float, float]:
+    """Of a robot in the arena, its heading from -pi to pi; `on`: on its carrier."""
+    x, y = _turned(on[0], on[1], carrier[2])
+    heading = carrier[2] + on[2]
+    return carrier[0] + x, carrier[1] + y, heading - tau * round(heading / tau)
 
 
-def _turned(vectors: Float[np.ndarray, "n 3"], angle: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
-    """About z; what is third of each stays."""
-    cos, sin = np.cos(angle), np.sin(angle)
-    x, y, z = vectors.T
-    return np.stack([cos * x - sin * y, sin * x + cos * y, z], axis=1)
+def _velocity(own: list[list[float]], speed: list[list[float]]) -> tuple[float, float, float]:
+    """Of a robot in the arena, from the places and speeds of its carrier and of itself on that."""
+    (_, _, turn), (px, py, _) = own
+    (cx, cy, spin), (vx, vy, more) = speed
+    x, y = _turned(vx, vy, turn)
+    u, v = _turned(px, py, turn + 0.5 * pi)  # swept as the carrier turns
+    return cx + x + spin * u, cy + y + spin * v, spin + more
+
+
+def _turned(x: float, y: float, angle: float) -> tuple[float, float]:
+    c, s = cos(angle), sin(angle)
+    return c * x - s * y, s * x + c * y
