@@ -233,12 +233,17 @@ class _Place:
         self._rng = np.random.default_rng(seed)
         self._kind, self._drive, self._counted = kind, drive, np.array(start, dtype=np.float64)
         self._scale, self._bias = 1.0 + 0.005 * self._rng.standard_normal(), 1e-4 * self._rng.standard_normal()
-        self._heading = float(start[2])
+        self._heading, self._noise = float(start[2]), self._noises()
+
+    def _noises(self) -> Iterator[Float[np.ndarray, "3"]]:
+        """Of a tracker, drawn for many frames at a time: the same numbers in the same order."""
+        while True:
+            yield from self._rng.standard_normal((300, 3)) * TRACKED
 
     def told(self, pose: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3"]:
         """Of the true one."""
         if self._kind == "tracker":
-            return pose + self._rng.standard_normal(3) * TRACKED
+            return pose + next(self._noise)
         turned = (pose[2] - self._heading + pi) % (2.0 * pi) - pi  # a gyroscope counts it
         self._heading = float(pose[2])
         self._counted[2] += turned + self._bias * FRAME

@@ -225,7 +225,7 @@ class RingEstimator:
 
     def _write(self, time: float, pixels: np.ndarray, state: int, rows: np.ndarray) -> int:
         """One frame's contacts into rows: how many."""
-        found, seen = self._located(pixels, np.array([state]))
+        found, seen = self._located(pixels, [state])
         count = self._frame(float(time), found, 0, float(seen[0]), self._scratch)
         fits = min(count, len(rows))
         rows[:fits] = self._scratch[:fits]
@@ -264,16 +264,18 @@ class RingEstimator:
         """What may be wrong, one sentence each."""
         return (self._tared.doubt,) if self._tared and self._tared.doubt else ()
 
-    def _located(self, pixels: np.ndarray, states: np.ndarray) -> tuple[RingFound, np.ndarray]:
-        usable = states == Frame.OK
-        if not usable.all():
-            for why in states[~usable].tolist():
-                self._bad[Frame(why)] += 1
-            pixels = np.where(usable[:, None, None], pixels, np.nan)
-        return self.locator.run(self.ring.displacements(pixels)), np.isfinite(pixels).all(axis=2).sum(axis=1) * 1.0
+    def _located(self, pixels: np.ndarray, states: list[int]) -> tuple[RingFound, np.ndarray]:
+        lost = [n for n, state in enumerate(states) if state != Frame.OK]
+        if lost:
+            for n in lost:
+                self._bad[Frame(states[n])] += 1
+            pixels = pixels.copy()
+            pixels[lost] = np.nan
+        seen = np.isfinite(pixels[..., 0] + pixels[..., 1]).sum(axis=1)
+        return self.locator.run(self.ring.displacements(pixels)), seen
 
     def _contacts(self, time: np.ndarray, pixels: np.ndarray, states: np.ndarray, first: int) -> Contacts:
-        return self._answer(time, *self._located(pixels, states), first)
+        return self._answer(time, *self._located(pixels, states.tolist()), first)
 
     def _answer(self, time: np.ndarray, found: RingFound, seen: np.ndarray, first: int) -> Contacts:
         rows, sample = self._rows(time, found, seen)

@@ -7,7 +7,7 @@ import numpy as np
 
 from palpate.surfaces._jit import exact
 
-__all__ = ["angles", "to_plane"]
+__all__ = ["angles", "displaced", "to_plane"]
 
 
 @exact
@@ -77,3 +77,13 @@ def to_plane(pixels, lens, pose, steps, out):
         if length > 0.0:
             out[i, 0] = pose[9] + length * ((pose[0] * a + pose[2] * c) + pose[1] * b)
             out[i, 1] = pose[10] + length * ((pose[3] * a + pose[5] * c) + pose[4] * b)
+
+
+@exact
+def displaced(pixels, lens, pose, steps, resting, axes, out):
+    """`MarkerRing.displacements`: `to_plane`, less where the markers rest (m, 2), along their axes (m, 2, 2)."""
+    to_plane(pixels, lens, pose, steps, out)
+    for i in range(len(pixels)):
+        m = i % len(resting)
+        x, y = out[i, 0] - resting[m, 0], out[i, 1] - resting[m, 1]
+        out[i, 0], out[i, 1] = x * axes[m, 0, 0] + y * axes[m, 1, 0], x * axes[m, 0, 1] + y * axes[m, 1, 1]

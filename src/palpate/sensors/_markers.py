@@ -373,22 +373,30 @@ def _doubtful(got, fits, seen, sizes, size, alone, rest, gaps):
 
 
 @entry
-def follow(image, weights, expected, known, limits, got, seen, last, step, sizes):
+def follow(image, weights, known, limits, got, seen, expected, last, step, sizes, age, out):
     """Measures the markers in their windows and, where none leaves a doubt, takes them: whether it does.
 
     Args:
-        image: as of `measure_windows`, as weights, expected and got.
+        image: as of `measure_windows`.
+        weights: as of `measure_windows`.
         known: half sides of the windows (m,) int64; areas and spreads at rest (m, 2); no neighbour at rest reaches into
             the window (m,) bool; gaps to the nearest neighbour at rest (m,) [px].
-        limits: greatest ratio of areas, least level above the base.
-        got: (m, 7) is filled.
+        limits: greatest ratio of areas, least level above the base, the longest step that is gone on with [px].
+        got: (m, 7) is filled by `measure_windows`.
         seen: (m,) bool, in the last frame.
+        expected: (m, 2) [px] of those that were not; changed: those that were are expected one step on.
         last: (m, 2) where markers were [px]; changed, as all that follows.
         step: (m, 2) that they went since the frame before.
         sizes: (m,) areas.
+        age: (m,) int64, frames since a marker was seen.
+        out: (m, 2) is filled where it takes them: as `last`, NaN of what is not seen.
     """
     halves, rest, alone, gaps = known
-    size, contrast = limits
+    size, contrast, longest = limits
+    for i in range(len(got)):
+        for a in range(2):
+            if seen[i]:
+                expected[i, a] = last[i, a] + min(max(step[i, a], -longest), longest)
     measure_windows(image, weights, expected, halves, got)
     fits = np.empty(len(got), np.bool_)
     _plausible(got, rest, seen, size, contrast, fits)
@@ -397,10 +405,10 @@ def follow(image, weights, expected, known, limits, got, seen, last, step, sizes
     for i in range(len(got)):
         for a in range(2):
             step[i, a] = got[i, a] - last[i, a] if seen[i] else 0.0
-            if seen[i]:
-                last[i, a] = got[i, a]
-        if seen[i]:
-            sizes[i] = got[i, 2]
+            last[i, a] = got[i, a] if seen[i] else last[i, a]
+            out[i, a] = got[i, a] if seen[i] else np.nan
+        sizes[i] = got[i, 2] if seen[i] else sizes[i]
+        age[i] = 0 if seen[i] else age[i] + 1
     return True
 
 

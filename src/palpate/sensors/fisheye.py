@@ -188,11 +188,29 @@ class RingView(Value):
         """Points [m] of the plane z = 0 that are seen at pixels; NaN where a ray does not meet it."""
         from palpate.sensors._fisheye import to_plane  # compiled: loaded when first needed
 
-        flat = np.ascontiguousarray(pixels, dtype=np.float64).reshape(-1, 2).view()
-        flat.flags.writeable = False  # compiled once, whether the caller's can be written or not
-        out = np.empty_like(flat)
+        flat, out = self._flat(pixels)
         to_plane(flat, *self._numbers, _STEPS, out)
         return out.reshape(np.shape(pixels))
+
+    def displacements(
+        self,
+        pixels: Float[np.ndarray, "*batch m 2"],
+        resting: Float[np.ndarray, "m 2"],
+        axes: Float[np.ndarray, "m 2 2"],
+    ) -> Float[np.ndarray, "*batch m 2"]:
+        """[m] in the plane of markers at pixels from where they rest, along the columns of each one's axes."""
+        from palpate.sensors._fisheye import displaced
+
+        flat, out = self._flat(pixels)
+        displaced(flat, *self._numbers, _STEPS, resting, axes, out)
+        return out.reshape(np.shape(pixels))
+
+    @staticmethod
+    def _flat(pixels: Float[np.ndarray, "*batch 2"]) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "n 2"]]:
+        """Pixels that cannot be written, so that loops are compiled once, and room for as many points."""
+        flat = np.ascontiguousarray(pixels, dtype=np.float64).reshape(-1, 2).view()
+        flat.flags.writeable = False
+        return flat, np.empty(flat.shape)
 
     @cached_property
     def _numbers(self) -> tuple[Float[np.ndarray, " 10"], Float[np.ndarray, " 12"]]:

@@ -75,7 +75,7 @@ class MarkerRing(Value):
 
     def displacements(self, pixels: Float[np.ndarray, "*batch m 2"]) -> Float[np.ndarray, "*batch m 2"]:
         """[m] of markers at pixels from where they rest, outwards and along rising angles; NaN stays."""
-        return np.einsum("...mi,mik->...mk", self.view.to_plane(pixels) - self._resting, self._axes)
+        return self.view.displacements(pixels, self._resting, self._axes)
 
     @cached_property
     def _resting(self) -> Float[np.ndarray, "m 2"]:
@@ -84,7 +84,7 @@ class MarkerRing(Value):
 
     @cached_property
     def _axes(self) -> Float[np.ndarray, "m 2 2"]:
-        return self.axes()
+        return np.ascontiguousarray(self.axes())
 
     def axes(self) -> Float[np.ndarray, "m 2 2"]:
         """Directions outwards and along rising angles at each marker, in the ring's plane: the columns."""

@@ -155,12 +155,15 @@ def draw(frame, behind, windows, shown, blur, scene, grain, offsets):
     light, colours, noise, phi = scene
     height, width = light.shape
     far = np.empty(LARGEST, np.float32)
+    every, clean = frame.reshape(-1), behind.reshape(-1)
     for m in range(len(windows)):
         left, top, right, bottom = windows[m]
         for y in range(top, bottom):
-            now, before = frame[y], behind[y]
-            for x in range(left, right):
-                now[x, 0], now[x, 1], now[x, 2] = before[x, 0], before[x, 1], before[x, 2]
+            first = 3 * (y * width + left)
+            last = min(first + (3 * (right - left) + 31) // 32 * 32, len(every))  # what is beside is clean: vectors
+            now, before = every[first:last], clean[first:last]
+            for k in range(len(now)):
+                now[k] = before[k]
         for k in range(4):
             windows[m, k] = 0
     for m in range(len(windows)):
