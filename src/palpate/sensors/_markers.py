@@ -226,6 +226,35 @@ def _refined(flat, rows, columns, weights, own, base, level, reach, middle, brig
         middle[1] += sy / total
 
 
+@inner
+def _window(expected, half, rows, columns):
+    """Left, top, width and height of a marker's window, and whether it is looked for at all."""
+    ex, ey = expected[0], expected[1]
+    if not (ex > -0.5 and ey > -0.5 and ex < columns - 0.5 and ey < rows - 0.5):
+        return 0, 0, 0, 0, False
+    cx, cy = int(np.rint(ex)), int(np.rint(ey))
+    x0, y0 = max(0, cx - half), max(0, cy - half)
+    return x0, y0, min(columns, cx + half + 1) - x0, min(rows, cy + half + 1) - y0, True
+
+
+@inner
+def _fetched(flat, rows, columns, expected, halves):
+    """Reads a byte of each cache line of the windows; what it adds up means nothing.
+
+    Reads that nothing waits for go on side by side: a frame that is not in the cache is measured a quarter faster.
+    """
+    total = 0
+    for i in range(len(expected)):
+        x0, y0, width, height, there = _window(expected[i], halves[i], rows, columns)
+        if there:
+            for y in range(y0, y0 + height):
+                first = 3 * (y * columns + x0)
+                for k in range(first, first + 3 * width, 64):
+                    total += flat[k]
+                total += flat[first + 3 * width - 1]
+    return total
+
+
 @entry
 def measure_windows(image, weights, expected, halves, out):
     """Each marker's blob, measured in a square window about where it is expected.
@@ -251,16 +280,13 @@ def measure_windows(image, weights, expected, halves, out):
     all_scores, all_values = np.empty(side * side, np.uint8), np.empty(side * side, np.uint8)
     stack = np.empty((side * side, 2), np.int32)
     bright = np.empty(((int(1.5 * side) + 8) ** 2, 3), np.int32)  # as wide as a disc that fills a window is refined in
+    bright[0, 0] = _fetched(flat, rows, columns, expected, halves)
     for i in range(len(expected)):
         out[i, :6] = 0.0
         out[i, 6] = _NOTHING
-        ex, ey = expected[i, 0], expected[i, 1]
-        if not (ex > -0.5 and ey > -0.5 and ex < columns - 0.5 and ey < rows - 0.5):
+        x0, y0, width, height, there = _window(expected[i], halves[i], rows, columns)
+        if not there:
             continue
-        cx, cy, half = int(np.rint(ex)), int(np.rint(ey)), halves[i]
-        x0, y0 = max(0, cx - half), max(0, cy - half)
-        width = min(columns, cx + half + 1) - x0
-        height = min(rows, cy + half + 1) - y0
         size = width * height
         scores, values = all_scores[:size], all_values[:size]
         _scores(flat, columns, weights, own, x0, y0, width, scores, values)
@@ -272,7 +298,7 @@ def measure_windows(image, weights, expected, halves, out):
         least = np.uint8(np.floor(half))
         above, _ = _above(scores, least)
         dark = _others(scores, values, least)
-        seed = _seed(scores, width, least, ey - y0, ex - x0)
+        seed = _seed(scores, width, least, expected[i, 1] - y0, expected[i, 0] - x0)
         if seed < 0:
             continue
         count, total, sx, sy, sq, rim = 0, 0.0, 0.0, 0.0, 0.0, False
