@@ -181,12 +181,9 @@ class ArenaRun:
     def _moment(self) -> Moment:
         world, time = self.world, self.world.time
         truths = [world.touches(k) for k in range(len(self.navigators))]
-        poses = world.poses.copy()
-        touches, wheels, tracked = list[np.ndarray | None](), np.zeros((len(poses), 2)), np.zeros((len(poses), 3))
-        for k, (sense, navigator, place) in enumerate(zip(self.senses, self.navigators, self.places, strict=True)):
-            blind = self._fault(k, "blind")
-            felt = sense.feel(time, truths[k], dark=blind is not None and time >= blind.since)
-            touches.append(_told(felt, self.settings.touch))
+        touches, poses = self._felt(time, truths), world.poses
+        wheels, tracked = np.zeros((len(poses), 2)), np.zeros((len(poses), 3))
+        for k, (navigator, place) in enumerate(zip(self.navigators, self.places, strict=True)):
             tracked[k] = place.told(poses[k])
             wheels[k] = navigator.update(time, touches[k], tracked[k])
             place.driven(wheels[k], FRAME)
@@ -197,6 +194,13 @@ class ArenaRun:
         moment = Moment(time, poses, tracked, world.blocks, touches, truths, wheels, states, whys, frames, arrived)
         self._sums.add(moment, self.settings.layout.goals)
         return moment
+
+    def _felt(self, time: float, truths: list[Float[np.ndarray, "k 5"]]) -> list[Float[np.ndarray, "k 2"] | None]:
+        """What the navigators are told of touches; robot after robot in each step, so that its code stays at hand."""
+        for k, (sense, truth) in enumerate(zip(self.senses, truths, strict=True)):
+            blind = self._fault(k, "blind") if self.settings.faults else None
+            sense.look(truth, dark=blind is not None and time >= blind.since)
+        return [_told(sense.feel(time), self.settings.touch) for sense in self.senses]
 
     def _driven(self, moment: Moment) -> Float[np.ndarray, "n 2"]:
         """What the tracks really do."""
@@ -277,7 +281,8 @@ class _Sums:
         self.path += went
         self._last = here
         there = moment.arrived & (left < 0.15)  # believed, and true
-        self.arrived = np.where(np.isnan(self.arrived) & there, time, self.arrived)
+        if there.any():
+            self.arrived = np.where(np.isnan(self.arrived) & there, time, self.arrived)
         for k, truth in enumerate(moment.truths):
             if len(truth):
                 pressed = truth[truth[:, 1] > FELT, 1].tolist()
@@ -290,7 +295,8 @@ class _Sums:
         stood = still & (time - self._rest[:, 2] >= STILL[1]) & ~moment.arrived
         self.deadlocks += stood
         begin = ~still | stood | moment.arrived
-        self._rest[begin, :2], self._rest[begin, 2] = here[begin], time
+        if begin.any():
+            self._rest[begin, :2], self._rest[begin, 2] = here[begin], time
 
     def result(self, seed: int, navigators: list[Navigator], seconds: float) -> ArenaResult:
         return ArenaResult(

@@ -95,10 +95,11 @@ class RingLocator:
         shear = self.settings.friction if response.shears else _NO_SHEAR
         table, slope = response.tables(self.markers, _TABLE)
         set_ = self.settings
-        self._model = (table, slope, np.array([set_.wide, shear]))
-        self._noise = np.ascontiguousarray(np.square(noise).reshape(-1))
-        self._settings = np.array([set_.on, set_.off, radians(set_.apart), float(set_.dropped), radians(set_.shift)])
-        self._learned = (response.width.copy(), response.spread.copy())
+        model = (table, slope, np.array([set_.wide, shear]))
+        numbers = np.array([set_.on, set_.off, radians(set_.apart), float(set_.dropped), radians(set_.shift)])
+        learned = (response.width.copy(), response.spread.copy())
+        squares = np.ascontiguousarray(np.square(noise).reshape(-1))
+        self._known = (self.markers, model, response.misfit, squares, numbers, learned)
         self._left = np.zeros((_ring.MOST + 1, _ring.STATE))
         self.most = _ring.MOST
 
@@ -118,8 +119,7 @@ class RingLocator:
         flat = np.ascontiguousarray(displacements.reshape(count, 2 * len(self.markers)))
         states = np.zeros((count, _ring.MOST, _ring.STATE))
         counts, cost = np.zeros(count, dtype=np.int64), np.zeros(count)
-        known = (self.markers, self._model, self.response.misfit, self._noise, self._settings, self._learned)
-        _ring.frames(flat, *known, states, counts, self._left, cost)
+        _ring.frames(flat, *self._known, states, counts, self._left, cost)
         return RingFound(states, counts, cost)
 
     def depth(self, states: Float[np.ndarray, "*batch 8"]) -> Float[np.ndarray, "*batch"]:

@@ -313,7 +313,7 @@ class MarkerTracker:
         m = len(self._areas)
         self.frame, self.searched = Frame.OK, False
         self._last, self._step, self._expected = self._rest.copy(), np.zeros((m, 2)), np.zeros((m, 2))
-        self._seen, self._size = np.zeros(m, dtype=bool), self._areas.copy()
+        self._seen, self._count, self._size = np.zeros(m, dtype=bool), 0, self._areas.copy()
         self._age = np.full(m, _AWAY)  # frames since a marker was seen
         self._claimed = np.full((m, 2), np.nan)
         self._fresh, self._sampled, self._same, self._since = True, False, 0, 0
@@ -333,7 +333,7 @@ class MarkerTracker:
             found = self._search(image)
             self._remember(found)
             out[:] = np.where(found[:, None], self._last, np.nan)
-        if self.frame == Frame.OK and np.count_nonzero(self._seen) < 0.6 * len(self._seen):
+        if self.frame == Frame.OK and self._count < 0.6 * len(self._seen):
             self.frame = Frame.LOST
         return self._seen.copy()
 
@@ -373,7 +373,7 @@ class MarkerTracker:
         """The markers in their windows, unless any of them leaves a doubt: whether none does."""
         from palpate.sensors._markers import follow
 
-        whole = bool(self._seen.all())
+        whole = self._count == len(self._seen)
         if self._fresh or (not whole and self._since >= _LOOK):
             return False
         if not whole:
@@ -415,7 +415,7 @@ class MarkerTracker:
         self._size = np.where(found, got[:, 2], self._size)
 
     def _remember(self, found: Bool[np.ndarray, " m"]) -> None:
-        self._seen = found.copy()
+        self._seen, self._count = found.copy(), int(np.count_nonzero(found))
         self._age = np.where(found, 0, self._age + 1)
         self._since = 0
-        self._fresh = not found.any()
+        self._fresh = not self._count

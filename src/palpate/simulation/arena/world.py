@@ -96,15 +96,18 @@ class ArenaWorld:
 
     def _drive(self, wheels: Float[np.ndarray, "n 2"]) -> None:
         """Puts each carrier under its robot and sets it going; the robot keeps its place and its velocity."""
-        owns, speeds = self._own.tolist(), self._speed.tolist()  # plain numbers: arrays of three cost more than these
-        for k, (own, speed, (left, right)) in enumerate(zip(owns, speeds, wheels.tolist(), strict=True)):
+        places, speeds = list[tuple[tuple[float, ...], ...]](), list[tuple[tuple[float, ...], ...]]()
+        gone = zip(self._own.tolist(), self._speed.tolist(), wheels.tolist(), strict=True)
+        for own, speed, (left, right) in gone:  # plain numbers: arrays of three cost more than what is computed
             vx, vy, spin = _velocity(own, speed)
             x, y, heading = _pose(*own)
             forward, turn = 0.5 * (left + right), (right - left) / self.robot.track
             middle = heading + 0.5 * FRAME * turn  # of the frame: the arc's chord
             along, across = forward * cos(middle), forward * sin(middle)
-            self._own[k] = (x, y, heading), (0.0, 0.0, 0.0)
-            self._speed[k] = (along, across, turn), (*_turned(vx - along, vy - across, -heading), spin - turn)
+            places.append(((x, y, heading), (0.0, 0.0, 0.0)))
+            slips = _turned(vx - along, vy - across, -heading)
+            speeds.append(((along, across, turn), (*slips, spin - turn)))
+        self._own[:], self._speed[:] = places, speeds
 
     def touches(self, robot: int) -> Float[np.ndarray, "k 5"]:
         """What truly touches a robot's skin now, by rising angle.
@@ -124,18 +127,19 @@ class ArenaWorld:
     def _all_touches(self) -> list[Float[np.ndarray, "k 5"]]:
         """Of each robot. Contacts are of the last substep, and so are the places they are held against."""
         data, contact = self.data, self.data.contact
-        geoms, address = contact.geom, contact.efc_address
+        geoms, address, force = contact.geom, contact.efc_address, data.efc_force
+        sides, depths = contact.frame, contact.dist
         robots = self._robot_of[geoms]
         rows: list[list[tuple[float, ...]]] = [[] for _ in range(self.layout.robots)]
         turn = data.xmat[self._bodies]
         headings = np.arctan2(turn[:, 3], turn[:, 0]).tolist()
         for i in np.flatnonzero((robots.max(axis=1) >= 0) & (address >= 0)).tolist():
-            normal, *along = data.efc_force[address[i] : address[i] + 3].tolist()
+            normal, *along = force[address[i] : address[i] + 3].tolist()
             if normal <= 0.0:
                 continue
-            x, y, _, *sides = contact.frame[i].tolist()  # the normal, and the force, go from the first to the second
-            shear = sum(f * (a * y - b * x) for f, a, b in zip(along, sides[::3], sides[1::3], strict=True))
-            depth = -float(contact.dist[i])
+            x, y, _, *other = sides[i].tolist()  # the normal, and the force, go from the first to the second
+            shear = sum(f * (a * y - b * x) for f, a, b in zip(along, other[::3], other[1::3], strict=True))
+            depth = -float(depths[i])
             (first, second), (one, two) = robots[i].tolist(), geoms[i].tolist()
             for robot, other, geom, sign in ((first, second, two, 1.0), (second, first, one, -1.0)):
                 if robot >= 0:
