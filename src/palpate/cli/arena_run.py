@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from math import cos, inf, nan, pi, sin
+from math import cos, inf, isnan, nan, pi, sin
 from typing import Literal
 
 import numpy as np
@@ -265,8 +265,8 @@ class _Sums:
     """Adds up what a result says."""
 
     def __init__(self, count: int) -> None:
-        self.arrived, self.path, self.greatest = np.full(count, nan), np.zeros(count), np.zeros(count)
-        self.pushes, self.deadlocks = np.zeros(count, dtype=int), np.zeros(count, dtype=int)
+        self.arrived, self.path, self.greatest = [nan] * count, [0.0] * count, [0.0] * count
+        self.pushes, self.deadlocks = [0] * count, [0] * count
         self._forces = list[float]()
         self._last: np.ndarray | None = None
         self._rest = np.full((count, 3), inf)  # where and since when it stands
@@ -277,36 +277,33 @@ class _Sums:
         if self._last is None:
             self._last, self._rest = here, np.column_stack([here, np.full(len(here), time)])
         off = here - np.stack([self._last, goals, self._rest[:, :2]])
-        went, left, moved = np.hypot(off[..., 0], off[..., 1])
-        self.path += went
         self._last = here
-        there = moment.arrived & (left < 0.15)  # believed, and true
-        if there.any():
-            self.arrived = np.where(np.isnan(self.arrived) & there, time, self.arrived)
-        for k, truth in enumerate(moment.truths):
-            if len(truth):
-                pressed = truth[truth[:, 1] > FELT, 1].tolist()
+        ways = zip(*np.hypot(off[..., 0], off[..., 1]).tolist(), moment.arrived.tolist(), strict=True)
+        for k, (went, left, moved, arrived) in enumerate(ways):  # plain numbers: robots are few
+            self.path[k] += went
+            if arrived and left < 0.15 and isnan(self.arrived[k]):  # believed, and true
+                self.arrived[k] = time
+            if len(moment.truths[k]):
+                pressed = [force for force in moment.truths[k][:, 1].tolist() if force > FELT]
                 self._forces += pressed
                 self.greatest[k] = max(self.greatest[k], *pressed, 0.0)
             pushing = moment.whys[k] == Push.MOVES.value
             self.pushes[k] += pushing and not self._pushed[k]
             self._pushed[k] = pushing
-        still = moved <= STILL[0]
-        stood = still & (time - self._rest[:, 2] >= STILL[1]) & ~moment.arrived
-        self.deadlocks += stood
-        begin = ~still | stood | moment.arrived
-        if begin.any():
-            self._rest[begin, :2], self._rest[begin, 2] = here[begin], time
+            stood = moved <= STILL[0] and not arrived and time - float(self._rest[k, 2]) >= STILL[1]
+            self.deadlocks[k] += stood
+            if moved > STILL[0] or stood or arrived:
+                self._rest[k, :2], self._rest[k, 2] = here[k], time
 
     def result(self, seed: int, navigators: list[Navigator], seconds: float) -> ArenaResult:
         return ArenaResult(
             seed,
-            tuple(self.arrived.tolist()),
-            tuple(self.path.tolist()),
-            tuple(self.greatest.tolist()),
+            tuple(self.arrived),
+            tuple(self.path),
+            tuple(self.greatest),
             float(np.percentile(self._forces, 99)) if self._forces else 0.0,
-            tuple(self.pushes.tolist()),
-            tuple(self.deadlocks.tolist()),
+            tuple(self.pushes),
+            tuple(self.deadlocks),
             tuple(f"{each.state}: {each.why}" for each in navigators),
             seconds,
         )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import atan2, cos, pi, remainder, sin, tau
+from math import atan2, cos, isfinite, pi, remainder, sin, tau
 
 import numpy as np
 from jaxtyping import Float
@@ -40,9 +40,9 @@ class ArenaWorld:
         self.data = self._mujoco.MjData(self.model)
         n, m = layout.robots, len(layout.movable)
         self._bodies = [self.model.body(f"robot{k}").id for k in range(n)]
-        self._robot_of = np.full(self.model.ngeom, -1)
-        self._robot_of[[self.model.geom(f"skin{k}").id for k in range(n)]] = np.arange(n)
-        self._plane = self.model.geom_type == int(self._mujoco.mjtGeom.mjGEOM_PLANE)
+        skins = {self.model.geom(f"skin{k}").id: k for k in range(n)}
+        self._robot_of = [skins.get(k, -1) for k in range(self.model.ngeom)]
+        self._plane = (self.model.geom_type == int(self._mujoco.mjtGeom.mjGEOM_PLANE)).tolist()
         rng = np.random.default_rng([seed, 181])
         self._gain = 1.0 + self.robot.uneven * rng.standard_normal((n, 2))
         self._own = self.data.qpos[: 6 * n].reshape(n, 2, 3)  # the carrier in the arena, the robot on the carrier
@@ -86,12 +86,12 @@ class ArenaWorld:
             InputError: not two finite speeds a robot.
             RuntimeError: the engine warned, and what it computes cannot be trusted.
         """
-        if wheels.shape != self._gain.shape or not np.isfinite(wheels).all():
+        if wheels.shape != self._gain.shape or not all(map(isfinite, wheels.ravel().tolist())):
             raise InputError(f"wheels must be two finite speeds for each of {len(self._gain)} robots, not {wheels}")
         self._drive(self._gain * wheels)
         self._mujoco.mj_step(self.model, self.data, SUBSTEPS)
         self._frames, self._found = self._frames + 1, None
-        if abs(self.data.time - self.time) > 0.5 * FRAME or self.data.warning.number.any():
+        if abs(self.data.time - self.time) > 0.5 * FRAME or any(self.data.warning.number.tolist()):
             raise RuntimeError("the physics engine gave up: a state that is not finite, or too fast")
 
     def _drive(self, wheels: Float[np.ndarray, "n 2"]) -> None:
@@ -126,35 +126,45 @@ class ArenaWorld:
 
     def _all_touches(self) -> list[Float[np.ndarray, "k 5"]]:
         """Of each robot. Contacts are of the last substep, and so are the places they are held against."""
-        data, contact = self.data, self.data.contact
-        geoms, address, force = contact.geom, contact.efc_address, data.efc_force
-        sides, depths = contact.frame, contact.dist
-        robots = self._robot_of[geoms]
+        data, contact, robots = self.data, self.data.contact, self._robot_of
+        force, frames, depths = data.efc_force, contact.frame, contact.dist
         rows: list[list[tuple[float, ...]]] = [[] for _ in range(self.layout.robots)]
         turn = data.xmat[self._bodies]
         headings = np.arctan2(turn[:, 3], turn[:, 0]).tolist()
-        for i in np.flatnonzero((robots.max(axis=1) >= 0) & (address >= 0)).tolist():
-            normal, *along = force[address[i] : address[i] + 3].tolist()
+        pairs = zip(contact.geom.tolist(), contact.efc_address.tolist(), strict=True)
+        for i, ((one, two), address) in enumerate(pairs):  # plain numbers: there are few contacts
+            first, second = robots[one], robots[two]
+            if max(first, second) < 0 or address < 0:
+                continue
+            normal, *along = force[address : address + 3].tolist()
             if normal <= 0.0:
                 continue
-            x, y, _, *other = sides[i].tolist()  # the normal, and the force, go from the first to the second
-            shear = sum(f * (a * y - b * x) for f, a, b in zip(along, other[::3], other[1::3], strict=True))
+            x, y, _, *sides = frames[i].tolist()  # the normal, and the force, go from the first to the second
+            shear = sum(f * (a * y - b * x) for f, a, b in zip(along, sides[::3], sides[1::3], strict=True))
             depth = -float(depths[i])
-            (first, second), (one, two) = robots[i].tolist(), geoms[i].tolist()
             for robot, other, geom, sign in ((first, second, two, 1.0), (second, first, one, -1.0)):
                 if robot >= 0:
                     angle = remainder(atan2(sign * y, sign * x) - headings[robot], tau)
                     kind = 2.0 if other >= 0 else self._kind(geom, robot)
                     rows[robot].append((angle, normal, shear, depth if other < 0 else 0.5 * depth, kind))
-        return [frozen(np.array(sorted(row)).reshape(-1, 5)) if row else _NONE for row in rows]
+        return [_frozen(sorted(row)) if row else _NONE for row in rows]
 
     def _kind(self, geom: int, robot: int) -> float:
         """1 where a box is nearest to the robot's middle with a corner, else 0."""
         if self._plane[geom]:
             return 0.0
-        away = self.data.xpos[self._bodies[robot]] - self.data.geom_xpos[geom]
-        own = away @ self.data.geom_xmat[geom].reshape(3, 3)
-        return float((np.abs(own[:2]) > self.model.geom_size[geom, :2] - _CORNER).all())
+        data, size = self.data, self.model.geom_size[geom].tolist()
+        turn = data.geom_xmat[geom].tolist()
+        here, there = data.xpos[self._bodies[robot]].tolist(), data.geom_xpos[geom].tolist()
+        away = [a - b for a, b in zip(here, there, strict=True)]
+        own = [sum(a * b for a, b in zip(away, turn[axis::3], strict=True)) for axis in (0, 1)]
+        return float(all(abs(off) > half - _CORNER for off, half in zip(own, size, strict=False)))
+
+
+def _frozen(rows: list[tuple[float, ...]]) -> Float[np.ndarray, "k 5"]:
+    made = np.array(rows)
+    made.flags.writeable = False
+    return made
 
 
 def _pose(carrier: list[float], on: list[float]) -> tuple[float, float, float]:
