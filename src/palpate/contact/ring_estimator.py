@@ -276,8 +276,8 @@ class RingEstimator:
                 self._bad[Frame(states[n])] += 1
             pixels = pixels.copy()
             pixels[lost] = np.nan
-        seen = [int(np.count_nonzero(each)) for each in np.isfinite(pixels[..., 0] + pixels[..., 1])]
-        return self.locator.run(self.ring.displacements(pixels)), seen
+        found, seen = self.locator.run_pixels(pixels, self.ring)
+        return found, seen.tolist()
 
     def _contacts(self, time: np.ndarray, pixels: np.ndarray, states: np.ndarray, first: int) -> Contacts:
         return self._answer(time, *self._located(pixels, states.tolist()), first)

@@ -17,9 +17,9 @@ from palpate.errors import InputError
 from palpate.spatial._arrays import Value, frozen
 from palpate.spatial.pose import Pose
 
-__all__ = ["Fisheye", "RingView"]
+__all__ = ["STEPS", "Fisheye", "RingView", "flat_pixels"]
 
-_STEPS = 60  # at most: Newton needs 4, halving an interval of pi to its last bit 53
+STEPS = 60  # at most: Newton needs 4, halving an interval of pi to its last bit 53
 
 
 @dataclass(frozen=True)
@@ -140,7 +140,7 @@ class Fisheye:
 
         flat = np.ascontiguousarray(bent).reshape(-1)
         theta, low, high = np.empty((3, len(flat)))
-        angles(flat, self.numbers[4:8], self.reach, _STEPS, theta, low, high)
+        angles(flat, self.numbers[4:8], self.reach, STEPS, theta, low, high)
         return np.where(bent <= self._widest, theta.reshape(bent.shape), np.nan)
 
 
@@ -188,32 +188,12 @@ class RingView(Value):
         """Points [m] of the plane z = 0 that are seen at pixels; NaN where a ray does not meet it."""
         from palpate.sensors._fisheye import to_plane  # compiled: loaded when first needed
 
-        flat, out = self._flat(pixels)
-        to_plane(flat, *self._numbers, _STEPS, out)
+        flat, out = flat_pixels(pixels), np.empty((np.size(pixels) // 2, 2))
+        to_plane(flat, *self.numbers, STEPS, out)
         return out.reshape(np.shape(pixels))
-
-    def displacements(
-        self,
-        pixels: Float[np.ndarray, "*batch m 2"],
-        resting: Float[np.ndarray, "m 2"],
-        axes: Float[np.ndarray, "m 2 2"],
-    ) -> Float[np.ndarray, "*batch m 2"]:
-        """[m] in the plane of markers at pixels from where they rest, along the columns of each one's axes."""
-        from palpate.sensors._fisheye import displaced
-
-        flat, out = self._flat(pixels)
-        displaced(flat, *self._numbers, _STEPS, resting, axes, out)
-        return out.reshape(np.shape(pixels))
-
-    @staticmethod
-    def _flat(pixels: Float[np.ndarray, "*batch 2"]) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "n 2"]]:
-        """Pixels that cannot be written, so that loops are compiled once, and room for as many points."""
-        flat = np.ascontiguousarray(pixels, dtype=np.float64).reshape(-1, 2).view()
-        flat.flags.writeable = False
-        return flat, np.empty(flat.shape)
 
     @cached_property
-    def _numbers(self) -> tuple[Float[np.ndarray, " 10"], Float[np.ndarray, " 12"]]:
+    def numbers(self) -> tuple[Float[np.ndarray, " 10"], Float[np.ndarray, " 12"]]:
         """The lens and where it is, as the compiled loop takes them."""
         return self.camera.numbers, np.concatenate([self.pose.rotation.reshape(-1), self.pose.translation])
 
@@ -240,3 +220,10 @@ class RingView(Value):
         points = np.asarray(points, dtype=np.float64)
         whole = np.concatenate([points, np.full((*points.shape[:-1], 1), height)], axis=-1)
         return self.camera.project(self._back.apply(whole))
+
+
+def flat_pixels(pixels: Float[np.ndarray, "*batch 2"]) -> Float[np.ndarray, "n 2"]:
+    """Pixels one after the other, that cannot be written, so that loops are compiled once, whatever is given."""
+    flat = np.ascontiguousarray(pixels, dtype=np.float64).reshape(-1, 2).view()
+    flat.flags.writeable = False
+    return flat
