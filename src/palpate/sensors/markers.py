@@ -201,7 +201,7 @@ def _quietest(image: Image, colour: MarkerColour, count: int) -> MarkerColour:
     return best
 
 
-def _read(image: Image) -> Image:
+def _read(image: np.ndarray) -> np.ndarray:
     """The same pixels in one piece, that cannot be written: loops are compiled once, whatever the caller's are."""
     view = np.ascontiguousarray(image).view()
     view.flags.writeable = False
@@ -318,7 +318,7 @@ class MarkerTracker:
         self._claimed = np.full((m, 2), np.nan)
         self._fresh, self._sampled, self._same, self._since = True, False, 0, 0
 
-    def track(self, image: Image, out: Float[np.ndarray, "m 2"]) -> Bool[np.ndarray, " m"]:
+    def track(self, image: np.ndarray, out: Float[np.ndarray, "m 2"]) -> Bool[np.ndarray, " m"]:
         """Pixels of every marker into `out`, NaN where it is not found; whether it is."""
         require_out(out, (len(self._areas), 2))
         image, self.searched = _read(image), False
@@ -337,7 +337,7 @@ class MarkerTracker:
             self.frame = Frame.LOST
         return self._seen.copy()
 
-    def _health(self, image: Image) -> Frame:
+    def _health(self, image: np.ndarray) -> Frame:
         """Told from every `_EVERY`th row: a live camera's noise never repeats in 15 rows."""
         camera = self.view.camera
         if image.dtype != np.uint8 or image.shape != (camera.height, camera.width, 3):

@@ -131,8 +131,9 @@ class ArenaWorld:
         rows: list[list[tuple[float, ...]]] = [[] for _ in range(self.layout.robots)]
         turn = data.xmat[self._bodies]
         headings = np.arctan2(turn[:, 3], turn[:, 0]).tolist()
-        pairs = zip(contact.geom.tolist(), contact.efc_address.tolist(), strict=True)
-        for i, ((one, two), address) in enumerate(pairs):  # plain numbers: there are few contacts
+        geoms: list[list[int]] = contact.geom.tolist()
+        addresses: list[int] = contact.efc_address.tolist()
+        for i, ((one, two), address) in enumerate(zip(geoms, addresses, strict=True)):  # plain numbers: there are few
             first, second = robots[one], robots[two]
             if max(first, second) < 0 or address < 0:
                 continue
