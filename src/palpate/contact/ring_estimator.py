@@ -269,7 +269,7 @@ class RingEstimator:
         """What may be wrong, one sentence each."""
         return (self._tared.doubt,) if self._tared and self._tared.doubt else ()
 
-    def _located(self, pixels: np.ndarray, states: list[int]) -> tuple[RingFound, list[int]]:
+    def _located(self, pixels: np.ndarray, states: list[int]) -> tuple[RingFound, list[float]]:
         lost = [n for n, state in enumerate(states) if state != Frame.OK]
         if lost:
             for n in lost:
@@ -277,16 +277,16 @@ class RingEstimator:
             pixels = pixels.copy()
             pixels[lost] = np.nan
         found, seen = self.locator.run_pixels(pixels, self.ring)
-        return found, seen.tolist()
+        return found, seen.astype(np.float64).tolist()
 
     def _contacts(self, time: np.ndarray, pixels: np.ndarray, states: np.ndarray, first: int) -> Contacts:
         return self._answer(time, *self._located(pixels, states.tolist()), first)
 
-    def _answer(self, time: np.ndarray, found: RingFound, seen: list[int], first: int) -> Contacts:
+    def _answer(self, time: np.ndarray, found: RingFound, seen: list[float], first: int) -> Contacts:
         rows, sample = self._rows(time, found, seen)
         return Contacts.of_rows(first + sample, time[sample], rows, self.features)
 
-    def _rows(self, time: np.ndarray, found: RingFound, seen: list[int]) -> tuple[np.ndarray, np.ndarray]:
+    def _rows(self, time: np.ndarray, found: RingFound, seen: list[float]) -> tuple[np.ndarray, np.ndarray]:
         """At least one row a frame, and the frame of each."""
         many = np.maximum(found.counts, 1)
         rows = self.empty(int(many.sum()))
