@@ -25,7 +25,7 @@ from palpate.simulation.session import Session, simulate_session
 from palpate.simulation.session_files import write_session
 from palpate.simulation.skin_session import SkinSession, simulate_protocol
 from palpate.spatial.pose import Pose
-from tests.support.bench_files import voltage_columns, write_bench_log
+from palpate.simulation.load_cell_files import voltage_columns, write_bench_log
 from tests.support.simulated import Truth, base_poses, pressed, write_table
 from tests.support.skin_session_files import write_skin_session
 
