@@ -61,6 +61,8 @@ class Block:
 
     def lines(self) -> list[tuple[str, int]]:
         """Of a shell, each with the exit code that it is to leave with; without comments, what is continued joined."""
+        if "<<" in self.code:
+            return [(self.code, 0)]  # a here-document is one whole
         whole = self.code.replace("\\\n", " ").splitlines()
         split = [(re.sub(r"(^|\s)#\s.*$", "", each).strip(), _CODE.search(each)) for each in whole]
         return [(line, 0 if said is None else int(said[1])) for line, said in split if line]
