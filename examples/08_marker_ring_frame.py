@@ -24,8 +24,7 @@ contacts = estimator.run(images)
 deepest = int(np.nanargmax(session.depth[:, 0]))
 row = int(np.flatnonzero(contacts.sample == deepest)[0])
 angle = np.degrees(contacts.features["angle"][row] - session.angle[deepest, 0])
-print(
-    f"image {deepest}: {contacts.features['markers'][row]:.0f} markers, status {palpate.Status(contacts.status[row]).label}"
-)
+status = palpate.Status(contacts.status[row]).label
+print(f"image {deepest}: {contacts.features['markers'][row]:.0f} markers, status {status}")
 print(f"depth {1e3 * contacts.features['depth'][row]:.2f} mm (true: {1e3 * session.depth[deepest, 0]:.2f})")
 print(f"angle off by {(angle + 180.0) % 360.0 - 180.0:.2f} degrees")

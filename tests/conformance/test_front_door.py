@@ -145,5 +145,7 @@ def test_every_call_on_a_page_is_one_that_the_command_line_takes() -> None:
     """Commands and options exist, in templates too; which files are there is another matter."""
     calls = {tuple(call): block for page in PAGES for block in blocks(page) for call in block.calls()}
     assert len(calls) > 60
-    refused = {f"{block}: palpate {' '.join(call)}": why for call, block in calls.items() if (why := refusal(list(call)))}
+    refused = {
+        f"{block}: palpate {' '.join(call)}": why for call, block in calls.items() if (why := refusal(list(call)))
+    }
     assert refused == {}

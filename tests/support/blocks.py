@@ -35,7 +35,9 @@ PAGES = tuple(
 )
 _FENCED = re.compile(r"^```(\w+)\n(.*?)^```", re.MULTILINE | re.DOTALL)
 _MARK = re.compile(r"<!-- (not run|by hand): .+ -->\s*$")
-_ELSEWHERE = re.compile(r"make |pip install |\. \.venv/bin/activate$|palpate demo|python examples/")  # have tests of their own
+_ELSEWHERE = re.compile(
+    r"make |pip install |\. \.venv/bin/activate$|palpate demo|python examples/"
+)  # have tests of their own
 _CODE = re.compile(r"#.*exit code (\d+)")  # a comment on a call that is to leave so
 
 
@@ -149,7 +151,12 @@ class Follower:
     def _call(self, line: str, wanted: int, block: Block) -> None:
         words, _, file = line.partition(" > ")
         out, err = io.StringIO(), io.StringIO()
-        with contextlib.chdir(self.folder), contextlib.redirect_stdout(out), contextlib.redirect_stderr(err), unserved():
+        with (
+            contextlib.chdir(self.folder),
+            contextlib.redirect_stdout(out),
+            contextlib.redirect_stderr(err),
+            unserved(),
+        ):
             code = main(shlex.split(words)[1:])
         if file:
             (self.folder / file.strip()).write_text(out.getvalue(), encoding="utf-8")
