@@ -128,15 +128,14 @@ def demo(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @EACH_PAGE
 def test_every_block_of_a_page_runs(page: Path, demo: Path, tmp_path: Path) -> None:
-    """In order, beside the files of the demo; what takes minutes, or cannot run here, says so above it."""
+    """In order; a page of snippets alone, beside the demo's files. What cannot run here says so above it."""
     found = [block for block in blocks(page) if block.kind in ("sh", "python") and not block.mark]
     if not found:
         pytest.skip("nothing on it is to run")
-    folder = tmp_path / "demo"
-    shutil.copytree(demo, folder)
-    if page.name != "python.md" and found[0].kind == "sh":
-        folder = tmp_path  # the page says by itself where its files are
-    follower = Follower(folder)
+    folder = tmp_path
+    if found[0].kind == "python":  # otherwise the page says by itself where its files are
+        folder = shutil.copytree(demo, tmp_path / "demo")
+    follower = Follower(folder, demo)
     for block in found:
         follower.run(block)
 

@@ -13,6 +13,7 @@ import importlib
 import io
 import re
 import shlex
+import shutil
 import subprocess
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -35,9 +36,8 @@ PAGES = tuple(
 )
 _FENCED = re.compile(r"^```(\w+)\n(.*?)^```", re.MULTILINE | re.DOTALL)
 _MARK = re.compile(r"<!-- (not run|by hand): .+ -->\s*$")
-_ELSEWHERE = re.compile(
-    r"make |pip install |\. \.venv/bin/activate$|palpate demo|python examples/"
-)  # have tests of their own
+_ELSEWHERE = re.compile(r"pip install |\. \.venv/bin/activate$|python examples/")  # have tests of their own
+_DEMO = re.compile(r"make demo\b|palpate demo\b(?:.* -o (?P<folder>\S+))?")
 _CODE = re.compile(r"#.*exit code (\d+)")  # a comment on a call that is to leave so
 
 
@@ -119,10 +119,12 @@ class Follower:
 
     Attributes:
         folder: where the next line runs.
+        demo: what the demo leaves; copied where a page makes it.
         names: of the snippets, which belong together.
     """
 
     folder: Path
+    demo: Path
     names: dict[str, object] = field(default_factory=dict[str, object])
 
     def run(self, block: Block) -> None:
@@ -142,7 +144,10 @@ class Follower:
         if line.startswith("cd "):
             self.folder = (self.folder / line[3:].strip()).resolve()
             assert self.folder.is_dir(), f"{block}: {line}: there is no such folder"
-        elif line.startswith("palpate ") and not line.startswith("palpate demo"):
+        elif made := _DEMO.match(line):
+            name = "demo" if line.startswith("make") else made["folder"] or "palpate_demo"
+            shutil.copytree(self.demo, self.folder / name)
+        elif line.startswith("palpate "):
             self._call(line, code, block)
         elif not _ELSEWHERE.match(line):
             done = subprocess.run(["bash", "-c", line], cwd=self.folder, capture_output=True, text=True)

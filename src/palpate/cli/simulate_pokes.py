@@ -15,6 +15,7 @@ from palpate.errors import InputError
 __all__ = ["simulate_pokes"]
 
 _PACE = (0.9, 0.1, 0.3, 1.0, 0.6)  # s: from poke to poke, rising, held, at rest before, moving: a quick hand
+_MOST = 5000  # pokes: four hours of log, which are made in memory
 _RIG = """# A forearm with {taxels} taxels, poked: to find where each of them sits. Lengths in metres.
 [surface]
 mesh = "forearm.stl"                 # the link's, in the link's frame
@@ -61,8 +62,10 @@ def simulate_pokes(
         pokes: how many; five a taxel are plenty.
     """
     require_new(output)
-    if seed < 0 or pokes < 7:
-        raise InputError("seed must not be negative, and there are 7 poses to poke in.", where="--seed, --pokes")
+    if seed < 0:
+        raise InputError("must not be negative.", where="--seed")
+    if not 7 <= pokes <= _MOST:
+        raise InputError(f"must be 7 (one in each pose of the elbow) to {_MOST:,}.", where="--pokes")
     from palpate.simulation import poke_session_files as files  # here: with them comes scipy
     from palpate.simulation.forearm import Forearm
     from palpate.simulation.poke_bench import PokeBench

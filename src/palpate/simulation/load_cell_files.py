@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from palpate.simulation.load_cell_bench import Bench, BenchRun
 
-__all__ = ["voltage_columns", "write_bench_log", "write_load_cell_session", "write_voltage_log"]
+__all__ = ["load_cell_rig", "voltage_columns", "write_bench_log", "write_load_cell_session", "write_voltage_log"]
 
 _AXES = ("x", "y", "z")
 _DIGITS = 9  # behind the point: of V, N, m and s alike
@@ -49,16 +49,20 @@ def write_load_cell_session(bench: Bench, folder: Path, *, thin: int = 20) -> tu
     true = used[used.loaded]
     rows: np.ndarray = np.concatenate([true.time[:, None], true.point, true.normal, true.wrench[:, :3]], axis=1)
     _write(folder / "truth.csv", _TRUTH, rows)
+    (folder / "rig.toml").write_text(load_cell_rig(bench), encoding="utf-8")
+    return known, used
+
+
+def load_cell_rig(bench: Bench) -> str:
+    """Text of a rig for a bench's fingertip, as `palpate estimate` and `calibrate load-cells` read it."""
     columns = voltage_columns(bench.cells().count)
-    text = _RIG.format(
+    return _RIG.format(
         cells=bench.cells().count,
         a=bench.ellipse.a,
         b=bench.ellipse.b,
         columns=", ".join(f'"{name}"' for name in columns),
         soft="" if bench.layer is None else "indentation = true              # the surface is soft\n",
     )
-    (folder / "rig.toml").write_text(text, encoding="utf-8")
-    return known, used
 
 
 def voltage_columns(cells: int) -> tuple[str, ...]:
