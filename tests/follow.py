@@ -74,7 +74,8 @@ class _Shell:
         if line.startswith("palpate demo") and "--no-view" not in line:
             line += " --no-view"
         done = self._run(["bash", "-c", line])
-        return None if done.returncode == wanted else f"exit code {done.returncode}: {done.stderr.strip()[-500:]}"
+        code = done.returncode if done.returncode >= 0 else 128 - done.returncode  # as a shell says that it was killed
+        return None if code == wanted else f"exit code {code}: {done.stderr.strip()[-500:]}"
 
     def snippet(self, code: str) -> str | None:
         """Snippets of a page belong together: each runs behind those before it."""

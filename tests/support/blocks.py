@@ -178,8 +178,11 @@ def unseen(shown: str, printed: list[str]) -> list[str]:
 
 
 def _alike(line: str, other: str) -> bool:
-    """Whether a line says what another does: the same words, and numbers that agree."""
+    """Whether a line says what another does: the same words, and numbers that agree; what `...` stands for is free."""
     words, others = line.split(), other.split()
+    if "..." in words:
+        rest = iter(others)
+        return all(any(_agree(word, each) for each in rest) for word in words if word != "...")
     return len(words) == len(others) and all(map(_agree, words, others))
 
 
