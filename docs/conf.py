@@ -15,10 +15,10 @@ release = tomllib.loads((DOCS.parent / "pyproject.toml").read_text(encoding="utf
 extensions = ["myst_parser", "mathml", "docstrings", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx_copybutton"]
 myst_enable_extensions = ["dollarmath", "deflist", "colon_fence"]
 myst_heading_anchors = 3
-suppress_warnings = ["toc.glob"]
+suppress_warnings = ["toc.empty_glob"]
 exclude_patterns = ["_build"]
 nitpicky = True
-nitpick_ignore_regex = [("py:class", r"(np|pl|collections|pathlib|jaxtyping|trimesh)\..*|Any|Callable|Iterable|Iterator|Mapping|Path|Sequence|Self")]
+nitpick_ignore_regex = [("py:class", r"(np|pl|collections|pathlib|jaxtyping|trimesh)\..*|Any|Callable|Iterable|Iterator|Mapping|Path|Sequence|Self|Literal|Hashable")]
 
 autodoc_member_order = "bysource"
 autodoc_typehints = "none"  # docs/_ext/docstrings.py shows them as they are written
@@ -29,6 +29,8 @@ toc_object_entries = False  # each has a heading; the menu of all pages with eve
 napoleon_use_ivar = True  # a dataclass's fields stand in its docstring, with units
 
 html_theme = "furo"
+html_static_path = ["_static"]
+html_css_files = ["palpate.css"]
 html_title = f"Palpate {release}"
 html_math_renderer = "mathml"
 html_copy_source = False

@@ -21,7 +21,9 @@ NAME = re.compile(r"[A-Za-z_][\w.]*$")
 EMPHASIS = re.compile(r"(?<![\w(\[*`])\*(\w+)\*(?![\w*])")
 ARRAY = re.compile(r"\b(Float|Int|Int8|Bool|UInt8)\[(?:np\.ndarray|Any), (['\"])\s*(.*?)\2\]")
 SHAPES = {"Float", "Int", "Int8", "Bool", "UInt8", "ArrayLike"}  # explained on the first page of the reference
-ALONE = {"class", "exception", "function"}  # found by their bare name wherever it is written
+ALONE = {"class", "exception", "function", "type"}  # found by their bare name wherever it is written
+FIELD = re.compile(r"^:(?:ivar|param) [^:]+:")
+FENCE = "```"
 COLON = "\ue000"  # stands for a colon that napoleon would take for the end of a type
 
 
@@ -42,20 +44,37 @@ def _plain(text: str) -> str:
 
 
 def _before(app: Sphinx, what: str, name: str, thing: Any, options: Any, lines: list[str]) -> None:
-    lines[:] = [as_rest(line) for line in lines]
+    lines[:] = _fenced([as_rest(line) for line in lines])
     if what in ("property", "attribute", "data") and lines:
         lines[0] = lines[0].replace(":", COLON)
 
 
+def _fenced(lines: list[str]) -> list[str]:
+    """Code between fences; and after `Returns:` the colon that napoleon would take for the end of a type."""
+    made: list[str] = []
+    code = returned = False
+    for line in lines:
+        if line.startswith(FENCE):
+            code = not code
+            line = ".. code-block:: python\n" if code else ""
+        elif code:
+            line = f"    {line}"
+        elif line and not line.startswith(" "):
+            returned = line in ("Returns:", "Yields:")
+        made += (line.replace(": ", COLON + " ") if returned and line.startswith(" ") else line).split("\n")
+    return made
+
+
 def _after(app: Sphinx, what: str, name: str, thing: Any, options: Any, lines: list[str]) -> None:
-    lines[:] = [line.replace(COLON, ":") for line in lines]
+    """What napoleon made: several names of one line stay together (a blank would end a type)."""
+    lines[:] = [FIELD.sub(lambda names: names[0].replace(", ", ","), line.replace(COLON, ":")) for line in lines]
 
 
 def _signature(
     app: Sphinx, what: str, name: str, thing: Any, options: Any, signature: str | None, returns: str | None
 ) -> tuple[str | None, str | None]:
     """With the types as the source has them: evaluated, `ArrayLike` would be nine lines of unions."""
-    if signature is None or what == "exception":
+    if signature is None or what == "exception" or (what == "class" and signature == "()"):  # as the page says
         return signature, returns
     try:
         whole = inspect.signature(thing)
