@@ -15,7 +15,6 @@ release = tomllib.loads((DOCS.parent / "pyproject.toml").read_text(encoding="utf
 extensions = ["myst_parser", "mathml", "docstrings", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx_copybutton"]
 myst_enable_extensions = ["dollarmath", "deflist", "colon_fence"]
 myst_heading_anchors = 3
-suppress_warnings = ["toc.empty_glob"]
 exclude_patterns = ["_build"]
 nitpicky = True
 nitpick_ignore_regex = [("py:class", r"(np|pl|collections|pathlib|jaxtyping|trimesh)\..*|Any|Callable|Iterable|Iterator|Mapping|Path|Sequence|Self|Literal|Hashable")]
