@@ -17,7 +17,8 @@ myst_enable_extensions = ["dollarmath", "deflist", "colon_fence"]
 myst_heading_anchors = 3
 exclude_patterns = ["_build"]
 nitpicky = True
-nitpick_ignore_regex = [("py:class", r"(np|pl|collections|pathlib|jaxtyping|trimesh)\..*|Any|Callable|Iterable|Iterator|Mapping|Path|Sequence|Self|Literal|Hashable")]
+FOREIGN = r"(np|pl|trimesh)\..*|Any|Callable|Hashable|Iterable|Iterator|Literal|Mapping|Path|Self|Sequence"
+nitpick_ignore_regex = [("py:class", FOREIGN)]  # of Python and of other libraries: their pages are on the network
 
 autodoc_member_order = "bysource"
 autodoc_typehints = "none"  # docs/_ext/docstrings.py shows them as they are written

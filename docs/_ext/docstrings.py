@@ -1,4 +1,4 @@
-"""The project's docstrings, plain text with names in backticks, as the reST that autodoc reads; types as they are written.
+"""The project's docstrings, plain text with names in backticks, as the reST that autodoc reads; types as written.
 
 A name in backticks becomes a link where the reference has it, and is code where not. `|torque|`, `(*batch, 3)` and the
 like are text: reST would take them for marks of its own. `Float[np.ndarray, "n 3"]` is shown as `Float["n 3"]`.

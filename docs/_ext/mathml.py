@@ -16,8 +16,8 @@ BAR = re.compile(r"<mo[^>]*>([|‖])</mo>")
 def paired(formula: str) -> str:
     """The bars of a norm or a magnitude as an opening and a closing one.
 
-    A bar says nothing of which it is. A browser takes both for operators between two things, with blanks about them, and
-    stretches the one that carries an exponent down below the line.
+    A bar says nothing of which it is. A browser takes both for operators between two things, with blanks about them,
+    and stretches the one that carries an exponent down below the line.
     """
     sides = cycle(("prefix", "postfix"))
     written = r'<mo form="{}" stretchy="false" lspace="0" rspace="0">{}</mo>'

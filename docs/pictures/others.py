@@ -34,7 +34,7 @@ noise = { force = 0.02, torque = 0.001 }
 
 [drift]
 walk = { force = 0.003, torque = 0.0001 }
-warm_up = { force = 0.6, torque = 0.018 }
+warm_up = { force = 0.03, torque = 0.0009 }
 settle = 200.0
 
 [estimate]
@@ -82,10 +82,10 @@ def drift(folder: Path) -> None:
     """A zero that wanders, as it was and as it was followed: not while something touches."""
     rng, rate = np.random.default_rng(4), 100.0
     time = np.arange(0.0, 240.0, 1.0 / rate)
-    law = Drift(np.repeat([3e-3, 1e-4], 3), np.repeat([0.01, 3e-4], 3), 200.0, 0.0, np.zeros(6), np.zeros(6))
+    law = Drift(np.repeat([3e-3, 1e-4], 3), np.repeat([5e-4, 1.5e-5], 3), 200.0, 0.0, np.zeros(6), np.zeros(6))
     zero = simulate_drift(time, law, rng)
     read = zero + np.repeat([0.02, 1e-3], 3) * rng.standard_normal(zero.shape)
-    touched = (time % 80 > 50) & (time % 80 < 62)
+    touched = (time % 80 > 40) & (time % 80 < 65)
     read[touched] += [0.0, 0.0, -3.0, 0.0, 0.0, 0.0]
     names = ("fx", "fy", "fz", "tx", "ty", "tz")
     pl.DataFrame({"time": time} | dict(zip(names, read.T, strict=True))).write_csv(folder / "wander.csv")
@@ -98,8 +98,8 @@ def drift(folder: Path) -> None:
     told = estimator.zero_history()
     drawn = figure(9.6, 3.6)
     axes = drawn.subplots()
-    for begin in np.arange(50.0, 240.0, 80.0):
-        axes.axvspan(begin, begin + 12.0, color=SKIN, alpha=0.6, linewidth=0, label="touched" if begin < 60 else None)
+    for begin in np.arange(40.0, 240.0, 80.0):
+        axes.axvspan(begin, begin + 25.0, color=SKIN, alpha=0.6, linewidth=0, label="touched" if begin < 60 else None)
     followed, band = told.zero[:, 2] - told.zero[0, 2], 1.96 * told.deviation[:, 2]
     axes.fill_between(told.time, 1e3 * (followed - band), 1e3 * (followed + band), color=DEEP, alpha=0.25, linewidth=0)
     axes.plot(time, 1e3 * zero[:, 2], color=WARM, linewidth=1.0, label="true zero of fz")
@@ -115,8 +115,8 @@ def marker_ring(folder: Path) -> None:
     made = folder / "ring"
     if not made.exists():
         run("simulate", "marker-ring", "-o", made, "--small")
-    truth = pl.read_csv(made / "truth.csv")
-    force = truth["force_n"].fill_nan(0.0)
+    truth = pl.read_csv(made / "truth.csv", null_values="nan")
+    force = truth["force_n"].fill_null(0.0)
     hardest = float(truth["time"][int(force.arg_max() or 0)])
     video = cv2.VideoCapture(str(made / "frames.avi"))
     frames = []

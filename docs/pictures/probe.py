@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import trimesh
 from drawing import DEEP, MM, MORE, SKIN, WARM, arrows, body, browser, figure, photographed, save
-
 from matplotlib.collections import PolyCollection
 
 import palpate
@@ -120,5 +119,6 @@ def view(folder: Path) -> None:
         page.goto(served.address)
         page.wait_for_selector("canvas")
         page.get_by_text("contact", exact=True).first.wait_for()
+        page.locator(".mantine-Notification-closeButton").first.click()  # that there is no graphics card here
         page.wait_for_timeout(6000)
         save(photographed(page), "view", MORE)

@@ -32,7 +32,7 @@ def skin_map(folder: Path) -> None:
     """Where the cells of a flat sheet come to lie on a link: `palpate map skin`."""
     link = forearm(folder) / "link.stl"
     mesh = palpate.Mesh.load(link, unit="m")
-    sheet = palpate.Sheet(rows=8, columns=16, pitch=(0.01, 0.01))
+    sheet = palpate.Sheet(rows=8, columns=11, pitch=(0.01, 0.01))
     laid = palpate.map_skin(mesh, sheet, origin=(0.0355, 0.0, -0.04), heading=(0, 0.4, 0.9))
     drawn = figure(6.4, 4.6)
     axes: Any = drawn.subplots(subplot_kw={"projection": "3d"})
@@ -40,8 +40,12 @@ def skin_map(folder: Path) -> None:
     centres, normals = laid.centres.reshape(-1, 3), laid.normals.reshape(-1, 3)
     near = normals @ _toward(*SIDE) > 0
     rows = np.repeat(np.arange(sheet.rows), sheet.columns)
-    axes.scatter(*(MM * (centres + 0.001 * normals))[near].T, c=rows[near], cmap="viridis", s=46, marker="s", depthshade=False)
-    axes.set_title(f"{sheet.rows} x {sheet.columns} cells of 10 mm, laid without stretching; coloured by row", fontsize=10)
+    axes.scatter(
+        *(MM * (centres + 0.001 * normals))[near].T, c=rows[near], cmap="viridis", s=46, marker="s", depthshade=False
+    )
+    axes.set_title(
+        f"{sheet.rows} x {sheet.columns} cells of 10 mm, laid without stretching; coloured by row", fontsize=10
+    )
     save(drawn, "skin_map", 128)
 
 
@@ -66,7 +70,9 @@ def skin_contacts(folder: Path) -> None:
     shown = axes.imshow(np.clip(cells - rest, 0, None).reshape(10, -1), cmap="Blues", origin="lower")
     drawn.colorbar(shown, ax=axes, label="counts above rest", shrink=0.8).outline.set_visible(False)
     force = np.linalg.norm(contacts.force[here], axis=1)
-    for row, column, newton in zip(contacts.features["row"][here], contacts.features["column"][here], force, strict=True):
+    for row, column, newton in zip(
+        contacts.features["row"][here], contacts.features["column"][here], force, strict=True
+    ):
         axes.plot(column, row, "o", color=WARM, markersize=8)
         axes.annotate(f"{newton:.1f} N", (column, row), (8, 8), textcoords="offset points", color=WARM, weight="bold")
     axes.set(xlabel="column", ylabel="row", title=f"{np.count_nonzero(here)} contacts in one frame of 10 x 22 cells")
@@ -75,7 +81,9 @@ def skin_contacts(folder: Path) -> None:
 
 def _busiest(contacts: palpate.Contacts) -> float:
     """The time with most contacts, of these the one with the largest of the smallest forces."""
-    table = pl.DataFrame({"time": contacts.time, "force": np.linalg.norm(contacts.force, axis=1)}).filter(contacts.answered)
+    table = pl.DataFrame({"time": contacts.time, "force": np.linalg.norm(contacts.force, axis=1)}).filter(
+        contacts.answered
+    )
     each = table.group_by("time").agg(pl.len(), pl.col("force").min()).sort("len", "force")
     return float(each["time"][-1])
 
@@ -90,7 +98,9 @@ def fusion(folder: Path) -> None:
     truth = pl.read_csv(made / "truth.csv").filter((pl.col("time") - when).abs() < 0.004)
     drawn = figure(9.6, 4.4)
     for axes, (view, name) in zip(
-        drawn.subplots(1, 2, subplot_kw={"projection": "3d"}), ((SIDE, "one side"), ((18, 130), "the other")), strict=True
+        drawn.subplots(1, 2, subplot_kw={"projection": "3d"}),
+        ((SIDE, "one side"), ((18, 130), "the other")),
+        strict=True,
     ):
         body(axes, mesh, view, alpha=0.25)
         arrows(axes, truth.select("px", "py", "pz").to_numpy(), truth.select("fx", "fy", "fz").to_numpy(), 4.0, WARM)
@@ -115,7 +125,7 @@ def taxels(folder: Path) -> None:
         write_poke_session(session, arm.cone, arm.cad(rng), made, rng, timing=timing, touches=6)
         (made / "rig.toml").write_text(POKED)
         run("calibrate", "taxels", made / "pokes.mcap", "--rig", made / "rig.toml", "-o", made / "skin.toml")
-    found, truth = (read_taxel_places(made / name).positions for name in ("skin.toml", "truth.txt"))
+    found, truth = (read_taxel_places(made / name).positions for name in ("skin.toml", "truth.csv"))
     drawn = figure(6.4, 4.6)
     axes: Any = drawn.subplots(subplot_kw={"projection": "3d"})
     axes.scatter(*(MM * truth).T, facecolors="none", edgecolors=WARM, s=40, depthshade=False, label="true")

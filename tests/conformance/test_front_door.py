@@ -21,7 +21,7 @@ from tests.conformance.sensors import SENSORS, Sensor
 
 ROOT = Path(__file__).resolve().parents[2]
 BY_NAME = {sensor.name: sensor for sensor in SENSORS}
-PAGES = sorted([ROOT / "README.md", *(ROOT / "docs").glob("*.md")])
+PAGES = sorted([ROOT / "README.md", *(page for page in (ROOT / "docs").rglob("*.md") if "_build" not in page.parts)])
 NOT_RUN = re.compile(r"<!-- not run: .+ -->\s*$")
 FENCED = re.compile(r"^```python\n(.*?)^```", re.MULTILINE | re.DOTALL)
 
@@ -127,7 +127,7 @@ def demo(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 def test_every_snippet_of_the_documentation_runs(page: Path, demo: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The snippets of a page belong together; one that cannot run says so: <!-- not run: why --> above it."""
     monkeypatch.chdir(demo)
