@@ -21,8 +21,8 @@ from palpate.cli import main as palpate_command
 HERE = Path(__file__).resolve().parent
 MM = 1e3
 COLOURS, MORE = 128, 256  # enough for two blues and grey, and for the colours of robots; a third of the size
+PAPER = 249  # as light as this is white
 SKIN, DEEP, WARM, LIGHT = "#c9d4e3", "#1b4f9c", "#d9822b", LightSource(azdeg=300, altdeg=50)
-ZOOM = 1.25  # a 3-D plot leaves wide margins
 SCREEN = ("--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
 
 
@@ -38,7 +38,11 @@ def save(picture: Figure | Image.Image, name: str, colours: int = COLOURS) -> No
         plain = BytesIO()
         picture.savefig(plain, format="png")
         picture = Image.open(plain)
-    picture.convert("RGB").quantize(colours, Image.Quantize.FASTOCTREE).save(HERE / f"{name}.png", optimize=True)
+    few = picture.convert("RGB").quantize(colours, Image.Quantize.FASTOCTREE)
+    palette = np.reshape(few.getpalette() or [], (-1, 3))
+    palette[np.all(palette >= PAPER, axis=1)] = 255  # white is a little blue otherwise
+    few.putpalette(palette.astype(np.uint8).tobytes())
+    few.save(HERE / f"{name}.png", optimize=True)
 
 
 def figure(width: float = 9.6, height: float = 4.0) -> Figure:
@@ -46,19 +50,15 @@ def figure(width: float = 9.6, height: float = 4.0) -> Figure:
     return Figure(figsize=(width, height), dpi=100, layout="constrained")
 
 
-def body(axes: Any, mesh: palpate.Mesh, view: tuple[float, float], alpha: float = 0.35) -> None:
-    """The body [mm], nothing about it; what is drawn beside it shines through."""
+def body(axes: Any, mesh: palpate.Mesh, view: tuple[float, float], alpha: float = 0.35, zoom: float = 1.0) -> None:
+    """The body [mm], nothing about it; what is drawn behind it shines through."""
     corners = MM * mesh.vertices[mesh.faces]
     axes.add_collection3d(
         Poly3DCollection(corners, facecolors=SKIN, shade=True, lightsource=LIGHT, linewidths=0, alpha=alpha)
     )
-    frame(axes, corners.reshape(-1, 3), view)
-
-
-def frame(axes: Any, points: Any, view: tuple[float, float]) -> None:
-    """Axes that hold the points [mm] at one scale, seen from an elevation and an azimuth [degrees]."""
+    points = corners.reshape(-1, 3)
     low, high = np.min(points, axis=0), np.max(points, axis=0)
-    axes.set_box_aspect(tuple(high - low), zoom=ZOOM)
+    axes.set_box_aspect(tuple(high - low), zoom=zoom)
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
     axes.set_axis_off()
     axes.view_init(elev=view[0], azim=view[1])
@@ -67,7 +67,12 @@ def frame(axes: Any, points: Any, view: tuple[float, float]) -> None:
 def arrows(axes: Any, point: Any, force: Any, scale: float, colour: str = DEEP) -> None:
     """Forces [N] that end where they act [m], so many mm for a newton."""
     axes.quiver(
-        *(MM * point - scale * force).T, *(scale * force).T, color=colour, arrow_length_ratio=0.2, linewidth=1.6
+        *(MM * point - scale * force).T,
+        *(scale * force).T,
+        color=colour,
+        arrow_length_ratio=0.2,
+        linewidth=1.6,
+        clip_on=False,
     )
     axes.scatter(*(MM * point).T, color=colour, s=10, depthshade=False)
 

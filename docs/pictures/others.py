@@ -7,15 +7,18 @@ from pathlib import Path
 import cv2
 import numpy as np
 import polars as pl
-from drawing import COLOURS, DEEP, MM, MORE, SKIN, WARM, browser, figure, photographed, run, save
+from drawing import DEEP, MM, MORE, SKIN, WARM, browser, figure, photographed, run, save
 from PIL import Image
 
 import palpate
 from palpate.sensors.drift import Drift
+from palpate.sensors.markers import find_blobs, find_colour
 from palpate.simulation.drift import simulate_drift
 from palpate.simulation.load_cell_bench import BENCHES
+from palpate.viewer.marker_ring import annotated
 
 CELLS = [[-0.0065, -0.0105, -0.0035], [0.0065, -0.0105, -0.0035], [-0.0065, 0.0105, -0.0035], [0.0065, 0.0105, -0.0035]]
+MARKERS = 24  # of the ring that is simulated
 TIP = """[surface]
 kind = "elliptic_cylinder"
 a = 0.014
@@ -47,7 +50,7 @@ def design(folder: Path) -> None:
     rig = folder / "design.toml"
     rig.write_text(f"{TIP}positions = {CELLS}\nsensitivity = 10.0\nnoise = 1e-4\nrange = 0.5\n")
     run("design", "load-cells", rig, "-o", folder / "design.html")
-    with browser(1100, 820) as page:
+    with browser(1100, 520) as page:
         page.goto((folder / "design.html").as_uri())
         page.wait_for_timeout(500)
         page.evaluate("document.querySelector('svg, img').scrollIntoView()")
@@ -111,19 +114,24 @@ def drift(folder: Path) -> None:
 
 
 def marker_ring(folder: Path) -> None:
-    """Two frames of the barrel's camera: at rest, and where it is pressed hardest."""
+    """The barrel's camera where it is pressed hardest, drawn as `palpate view` does, and at rest."""
     made = folder / "ring"
     if not made.exists():
         run("simulate", "marker-ring", "-o", made, "--small")
-    truth = pl.read_csv(made / "truth.csv", null_values="nan")
-    force = truth["force_n"].fill_null(0.0)
-    hardest = float(truth["time"][int(force.arg_max() or 0)])
-    video = cv2.VideoCapture(str(made / "frames.avi"))
-    frames = []
-    for number in (0, round(hardest * video.get(cv2.CAP_PROP_FPS))):
-        video.set(cv2.CAP_PROP_POS_FRAMES, number)
-        frames.append(video.read()[1][:, :, ::-1])
-    save(Image.fromarray(np.hstack(frames)).resize((960, 360)), "marker_ring", COLOURS)
+    force = pl.read_csv(made / "truth.csv", null_values="nan")["force_n"].fill_null(0.0)
+    frames = [_frame(made / "frames.avi", number) for number in (0, int(force.arg_max() or 0))]
+    colour = find_colour(frames[0], MARKERS)
+    rest, now = (find_blobs(each, colour).pixels for each in frames)
+    nearest = now[np.linalg.norm(rest[:, None] - now[None], axis=-1).argmin(axis=1)]
+    quiet = [cv2.medianBlur(frame, 5) for frame in frames]  # noise makes a large file
+    side = [annotated(frame, rest, where)[:, 80:560] for frame, where in zip(quiet, (rest, nearest), strict=True)]
+    save(Image.fromarray(np.hstack(side)), "marker_ring", 32)
+
+
+def _frame(film: Path, number: int) -> np.ndarray:
+    video = cv2.VideoCapture(str(film))
+    video.set(cv2.CAP_PROP_POS_FRAMES, number)
+    return video.read()[1]
 
 
 def phantom(folder: Path) -> None:
@@ -141,6 +149,5 @@ def _film(name: str, film: Path, *words: object) -> None:
     """The last picture of what `palpate simulate` films."""
     if not film.exists():
         run("simulate", name, *words, "--film", film)
-    video = cv2.VideoCapture(str(film))
-    video.set(cv2.CAP_PROP_POS_FRAMES, video.get(cv2.CAP_PROP_FRAME_COUNT) - 1)
-    save(Image.fromarray(video.read()[1][:, :, ::-1]), name, MORE)
+    last = int(cv2.VideoCapture(str(film)).get(cv2.CAP_PROP_FRAME_COUNT)) - 1
+    save(Image.fromarray(_frame(film, last)[:, :, ::-1]), name, MORE)

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import polars as pl
-from drawing import DEEP, MM, WARM, arrows, body, figure, frame, run, save
+from drawing import DEEP, MM, WARM, arrows, body, figure, run, save
 
 import palpate
 from palpate.io.contacts import read_contacts
@@ -34,19 +34,19 @@ def skin_map(folder: Path) -> None:
     mesh = palpate.Mesh.load(link, unit="m")
     sheet = palpate.Sheet(rows=8, columns=11, pitch=(0.01, 0.01))
     laid = palpate.map_skin(mesh, sheet, origin=(0.0355, 0.0, -0.04), heading=(0, 0.4, 0.9))
-    drawn = figure(6.4, 4.6)
+    drawn = figure(6.4, 5.4)
     axes: Any = drawn.subplots(subplot_kw={"projection": "3d"})
-    body(axes, mesh, SIDE, alpha=0.2)
+    body(axes, mesh, SIDE, alpha=0.2, zoom=1.1)
     centres, normals = laid.centres.reshape(-1, 3), laid.normals.reshape(-1, 3)
     near = normals @ _toward(*SIDE) > 0
     rows = np.repeat(np.arange(sheet.rows), sheet.columns)
     axes.scatter(
-        *(MM * (centres + 0.001 * normals))[near].T, c=rows[near], cmap="viridis", s=46, marker="s", depthshade=False
+        *(MM * (centres + 0.001 * normals))[near].T, c=rows[near], cmap="viridis", s=34, marker="s", depthshade=False
     )
     axes.set_title(
         f"{sheet.rows} x {sheet.columns} cells of 10 mm, laid without stretching; coloured by row", fontsize=10
     )
-    save(drawn, "skin_map", 128)
+    save(drawn, "skin_map")
 
 
 def _toward(elevation: float, azimuth: float) -> Any:
@@ -74,8 +74,9 @@ def skin_contacts(folder: Path) -> None:
         contacts.features["row"][here], contacts.features["column"][here], force, strict=True
     ):
         axes.plot(column, row, "o", color=WARM, markersize=8)
-        axes.annotate(f"{newton:.1f} N", (column, row), (8, 8), textcoords="offset points", color=WARM, weight="bold")
-    axes.set(xlabel="column", ylabel="row", title=f"{np.count_nonzero(here)} contacts in one frame of 10 x 22 cells")
+        axes.annotate(f"{newton:.1f} N", (column, row), (14, 14), textcoords="offset points", color=WARM, weight="bold")
+    axes.set(xticks=range(0, 22, 3), yticks=range(0, 10, 3), xlabel="column", ylabel="row")
+    axes.set_title(f"{np.count_nonzero(here)} contacts in one frame of 10 x 22 cells", fontsize=10)
     save(drawn, "skin_contacts")
 
 
@@ -96,13 +97,13 @@ def fusion(folder: Path) -> None:
     when = _busiest(contacts)
     here = (contacts.time == when) & contacts.located
     truth = pl.read_csv(made / "truth.csv").filter((pl.col("time") - when).abs() < 0.004)
-    drawn = figure(9.6, 4.4)
+    drawn = figure(9.6, 5.0)
     for axes, (view, name) in zip(
         drawn.subplots(1, 2, subplot_kw={"projection": "3d"}),
         ((SIDE, "one side"), ((18, 130), "the other")),
         strict=True,
     ):
-        body(axes, mesh, view, alpha=0.25)
+        body(axes, mesh, view, alpha=0.25, zoom=1.1)
         arrows(axes, truth.select("px", "py", "pz").to_numpy(), truth.select("fx", "fy", "fz").to_numpy(), 4.0, WARM)
         arrows(axes, contacts.point[here], contacts.force[here], 4.0, DEEP)
         axes.set_title(name, fontsize=10)
@@ -128,10 +129,10 @@ def taxels(folder: Path) -> None:
     found, truth = (read_taxel_places(made / name).positions for name in ("skin.toml", "truth.csv"))
     drawn = figure(6.4, 4.6)
     axes: Any = drawn.subplots(subplot_kw={"projection": "3d"})
+    body(axes, palpate.Mesh.load(made / "forearm.stl", unit="m"), (20, -60), alpha=0.15, zoom=1.1)
     axes.scatter(*(MM * truth).T, facecolors="none", edgecolors=WARM, s=40, depthshade=False, label="true")
     axes.scatter(*(MM * found).T, color=DEEP, s=10, depthshade=False, label="found")
-    frame(axes, MM * truth, (20, -60))
-    axes.legend(frameon=False)
+    axes.legend(frameon=False, loc="upper right")
     off = MM * np.median(np.linalg.norm(found - truth, axis=1))
     axes.set_title(f"{len(found)} taxels from 300 pokes; the median is {off:.1f} mm off", fontsize=10)
     save(drawn, "taxels")
