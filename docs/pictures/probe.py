@@ -14,7 +14,7 @@ import palpate
 from palpate.contact.events import Events, find_touches
 from palpate.io.contacts import read_contacts
 
-ARROW = 2.5  # mm for a newton
+ARROW = 2.2  # mm for a newton
 MAGNIFIED = 5  # times that ellipses are drawn larger than they are
 
 
@@ -26,7 +26,7 @@ def demo(folder: Path) -> None:
     drawn = figure()
     left, right = drawn.subfigures(1, 2, width_ratios=(1.15, 1.0))
     axes: Any = left.add_subplot(projection="3d")
-    body(axes, mesh, (24, -62), zoom=1.1)
+    body(axes, mesh, (24, -62))
     arrows(axes, touches.point, contacts.force[_peaks(contacts, touches)], ARROW)
     measures = " x ".join(f"{side:.0f}" for side in MM * np.ptp(mesh.vertices[mesh.faces.reshape(-1)], axis=0))
     axes.set_title(f"{len(touches)} touches of a probe of {measures} mm", fontsize=10)

@@ -97,17 +97,12 @@ def fusion(folder: Path) -> None:
     when = _busiest(contacts)
     here = (contacts.time == when) & contacts.located
     truth = pl.read_csv(made / "truth.csv").filter((pl.col("time") - when).abs() < 0.004)
-    drawn = figure(9.6, 5.0)
-    for axes, (view, name) in zip(
-        drawn.subplots(1, 2, subplot_kw={"projection": "3d"}),
-        ((SIDE, "one side"), ((18, 130), "the other")),
-        strict=True,
-    ):
-        body(axes, mesh, view, alpha=0.25, zoom=1.1)
-        arrows(axes, truth.select("px", "py", "pz").to_numpy(), truth.select("fx", "fy", "fz").to_numpy(), 4.0, WARM)
-        arrows(axes, contacts.point[here], contacts.force[here], 4.0, DEEP)
-        axes.set_title(name, fontsize=10)
-    drawn.suptitle("blue: found, with the shear that a skin does not feel; orange: true", fontsize=10)
+    drawn = figure(6.4, 5.4)
+    axes: Any = drawn.subplots(subplot_kw={"projection": "3d"})
+    body(axes, mesh, SIDE, alpha=0.25, zoom=1.1)
+    arrows(axes, truth.select("px", "py", "pz").to_numpy(), truth.select("fx", "fy", "fz").to_numpy(), 4.0, WARM)
+    arrows(axes, contacts.point[here], contacts.force[here], 4.0, DEEP)
+    axes.set_title("blue: found, with the shear that a skin does not feel; orange: true", fontsize=10)
     save(drawn, "fusion")
 
 
