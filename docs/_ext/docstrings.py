@@ -24,6 +24,7 @@ SHAPES = {"Float", "Int", "Int8", "Bool", "UInt8", "ArrayLike"}  # explained on 
 ALONE = {"class", "exception", "function", "type"}  # found by their bare name wherever it is written
 FIELD = re.compile(r"^:(?:ivar|param) [^:]+:")
 FENCE = "```"
+SECTIONS = ("Returns:", "Yields:", "Args:", "Attributes:", "Raises:")
 COLON = "\ue000"  # stands for a colon that napoleon would take for the end of a type
 
 
@@ -44,24 +45,32 @@ def _plain(text: str) -> str:
 
 
 def _before(app: Sphinx, what: str, name: str, thing: Any, options: Any, lines: list[str]) -> None:
-    lines[:] = _fenced([as_rest(line) for line in lines])
+    lines[:] = _blocks(lines)
     if what in ("property", "attribute", "data") and lines:
         lines[0] = lines[0].replace(":", COLON)
 
 
-def _fenced(lines: list[str]) -> list[str]:
-    """Code between fences; and after `Returns:` the colon that napoleon would take for the end of a type."""
+def _blocks(lines: list[str]) -> list[str]:
+    """Code between fences and what is set in as it stands, the rest as reST.
+
+    And after `Returns:` no colon, which napoleon would take for the end of a type.
+    """
     made: list[str] = []
-    code = returned = False
-    for line in lines:
+    head, code, inset = "", False, False
+    for before, line in zip(["", *lines], lines, strict=False):
         if line.startswith(FENCE):
             code = not code
-            line = ".. code-block:: python\n" if code else ""
-        elif code:
-            line = f"    {line}"
-        elif line and not line.startswith(" "):
-            returned = line in ("Returns:", "Yields:")
-        made += (line.replace(": ", COLON + " ") if returned and line.startswith(" ") else line).split("\n")
+            made += [".. code-block:: python", ""] if code else [""]
+            continue
+        if line and not line.startswith(" "):
+            head, inset = line, False
+        elif line and not before and head not in SECTIONS and not inset:
+            made, inset = [*made, "::", ""], True
+        if code or inset:
+            made.append(f"    {line}")
+        else:
+            text = as_rest(line)
+            made.append(text.replace(": ", COLON + " ") if head in SECTIONS[:2] and line.startswith(" ") else text)
     return made
 
 
