@@ -36,7 +36,7 @@ def skin_map(folder: Path) -> None:
     laid = palpate.map_skin(mesh, sheet, origin=(0.0355, 0.0, -0.04), heading=(0, 0.4, 0.9))
     drawn = figure(6.4, 5.4)
     axes: Any = drawn.subplots(subplot_kw={"projection": "3d"})
-    body(axes, mesh, SIDE, alpha=0.2, zoom=1.1)
+    body(axes, mesh, SIDE, alpha=0.2)
     centres, normals = laid.centres.reshape(-1, 3), laid.normals.reshape(-1, 3)
     near = normals @ _toward(*SIDE) > 0
     rows = np.repeat(np.arange(sheet.rows), sheet.columns)
@@ -99,7 +99,7 @@ def fusion(folder: Path) -> None:
     truth = pl.read_csv(made / "truth.csv").filter((pl.col("time") - when).abs() < 0.004)
     drawn = figure(6.4, 5.4)
     axes: Any = drawn.subplots(subplot_kw={"projection": "3d"})
-    body(axes, mesh, SIDE, alpha=0.25, zoom=1.1)
+    body(axes, mesh, SIDE, alpha=0.25)
     arrows(axes, truth.select("px", "py", "pz").to_numpy(), truth.select("fx", "fy", "fz").to_numpy(), 4.0, WARM)
     arrows(axes, contacts.point[here], contacts.force[here], 4.0, DEEP)
     axes.set_title("blue: found, with the shear that a skin does not feel; orange: true", fontsize=10)
