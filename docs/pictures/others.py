@@ -14,12 +14,11 @@ import palpate
 from palpate.sensors.drift import Drift
 from palpate.sensors.markers import find_blobs, find_colour
 from palpate.simulation.drift import simulate_drift
-from palpate.simulation.load_cell_bench import BENCHES
 from palpate.viewer.marker_ring import annotated
 
 CELLS = [[-0.0065, -0.0105, -0.0035], [0.0065, -0.0105, -0.0035], [-0.0065, 0.0105, -0.0035], [0.0065, 0.0105, -0.0035]]
 MARKERS = 24  # of the ring that is simulated
-TIP = """[surface]
+TIP = f"""[surface]
 kind = "elliptic_cylinder"
 a = 0.014
 b = 0.005
@@ -27,6 +26,10 @@ half_length = 0.016
 upper = true
 
 [load_cells]
+positions = {CELLS}
+sensitivity = 10.0
+noise = 1e-4
+range = 0.5
 """
 WANDER = """[surface]
 kind = "ellipsoid"
@@ -48,7 +51,7 @@ tare = 1.0
 def design(folder: Path) -> None:
     """What a layout of force cells can resolve, before it is built: `palpate design load-cells`."""
     rig = folder / "design.toml"
-    rig.write_text(f"{TIP}positions = {CELLS}\nsensitivity = 10.0\nnoise = 1e-4\nrange = 0.5\n")
+    rig.write_text(TIP)
     run("design", "load-cells", rig, "-o", folder / "design.html")
     with browser(1100, 520) as page:
         page.goto((folder / "design.html").as_uri())
@@ -59,21 +62,18 @@ def design(folder: Path) -> None:
 
 def fingertip(folder: Path) -> None:
     """A ball slides over a fingertip on four force cells: where it was found, beside where it was."""
-    bench = BENCHES["rigid"]
-    for name, made in (("bench", bench.run(0, thin=20)), ("slides", slides := bench.run(1, thin=20))):
-        columns = dict(zip((f"u{cell}{axis}" for cell in range(1, 5) for axis in "xyz"), made.voltages.T, strict=True))
-        columns |= dict(zip(("ref_fx", "ref_fy", "ref_fz"), made.force.T, strict=True))
-        columns |= dict(zip(("ref_x", "ref_y", "ref_z"), made.position.T, strict=True))
-        pl.DataFrame({"time": made.time} | columns).write_csv(folder / f"{name}.csv")
-    rig, model = folder / "tip_rig.toml", folder / "tip.toml"
-    cells = [f"u{cell}{axis}" for cell in range(1, 5) for axis in "xyz"]
-    rig.write_text(f'{TIP}model = "tip.toml"\ncolumns = {cells}\n\n[estimate]\ntare = 0.5\n'.replace("'", '"'))
-    run("calibrate", "load-cells", folder / "bench.csv", "--rig", rig, "-o", model)
-    contacts = palpate.estimate(folder / "slides.csv", rig)
+    made = folder / "fingertip"
+    if not made.exists():
+        run("simulate", "load-cells", "-o", made)
+        run(
+            "calibrate", "load-cells", made / "bench_log.csv", "--rig", made / "rig.toml", "-o", made / "fingertip.toml"
+        )
+    contacts = palpate.estimate(made / "log.csv", made / "rig.toml")
+    truth = pl.read_csv(made / "truth.csv").select("py", "px").to_numpy()
     drawn = figure(7.2, 4.2)
     axes = drawn.subplots()
     shown = contacts.answered & (np.linalg.norm(contacts.force, axis=1) > 1.0)
-    axes.plot(*(MM * slides.point[slides.loaded, :2][:, ::-1]).T, ".", color=WARM, markersize=7, label="true")
+    axes.plot(*(MM * truth).T, ".", color=WARM, markersize=7, label="true")
     axes.plot(*(MM * contacts.point[shown, :2][:, ::-1]).T, ".", color=DEEP, markersize=2, label="found")
     axes.set(aspect="equal", xlabel="y, along the finger [mm]", ylabel="x [mm]")
     axes.legend(frameon=False, loc="upper left", bbox_to_anchor=(1.0, 1.0))

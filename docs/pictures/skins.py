@@ -11,6 +11,7 @@ from drawing import DEEP, MM, WARM, arrows, body, figure, run, save
 
 import palpate
 from palpate.io.contacts import read_contacts
+from palpate.io.taxel_files import read_taxel_places
 
 FOREARM = ("--seed", 7, "--seconds", 30)
 SIDE = (18.0, -50.0)  # degrees that the link is seen from
@@ -108,18 +109,9 @@ def fusion(folder: Path) -> None:
 
 def taxels(folder: Path) -> None:
     """Where taxels of a forearm were found from the wrenches of pokes, and where they are."""
-    from palpate.io.taxel_files import read_taxel_places
-    from palpate.simulation.forearm import Forearm
-    from palpate.simulation.poke_bench import PokeBench
-    from palpate.simulation.poke_log import Timing
-    from palpate.simulation.poke_session_files import write_poke_session
-
-    rng, made, arm = np.random.default_rng(5), folder / "pokes", Forearm.of()
-    if not (made / "skin.toml").exists():
-        timing = Timing(period=0.9, ramp=0.1, hold=0.3, rest=1.0, move=0.6)
-        session = PokeBench.drawn(rng, skin=arm).session(rng, 300)
-        write_poke_session(session, arm.cone, arm.cad(rng), made, rng, timing=timing, touches=6)
-        (made / "rig.toml").write_text(POKED)
+    made = folder / "pokes"
+    if not made.exists():
+        run("simulate", "pokes", "-o", made)
         run("calibrate", "taxels", made / "pokes.mcap", "--rig", made / "rig.toml", "-o", made / "skin.toml")
     found, truth = (read_taxel_places(made / name).positions for name in ("skin.toml", "truth.csv"))
     drawn = figure(6.4, 4.6)
@@ -131,22 +123,3 @@ def taxels(folder: Path) -> None:
     off = MM * np.median(np.linalg.norm(found - truth, axis=1))
     axes.set_title(f"{len(found)} taxels from 300 pokes; the median is {off:.1f} mm off", fontsize=10)
     save(drawn, "taxels")
-
-
-POKED = """[surface]
-mesh = "forearm.stl"
-unit = "m"
-
-[force_torque]
-
-[skin]
-count = 84
-topic = "/skin/taxels"
-
-[pokes]
-sensor = "ft_sensor"
-link = "forearm"
-urdf = "arm.urdf"
-layout = "ring12"
-start = "cad.txt"
-"""
