@@ -12,11 +12,12 @@ import pytest
 import palpate
 from palpate.cli.app import COMMANDS, _options
 from palpate.cli.spelling import command_of, unknown_command, unknown_option
+from tests.support import blocks
+from tests.support.blocks import ROOT
 
-ROOT = Path(__file__).resolve().parents[1]
 DOCS, PICTURES = ROOT / "docs", ROOT / "docs/pictures"
-SITE = sorted(page for page in DOCS.rglob("*.md") if "_build" not in page.relative_to(DOCS).parts)
-PAGES = (*(ROOT / f"{name}.md" for name in ("README", "CONTRIBUTING", "CHANGELOG")), *SITE)
+PAGES = (*blocks.PAGES, ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md")
+SITE = [page for page in PAGES if page.is_relative_to(DOCS)]
 SHOWN = re.compile(r"!\[[^\]]*\]\(([^)\s]+)\)")
 LINKED = re.compile(r"(?<!!)\[[^\]]*\]\(([^)\s]+)\)")
 CODE = re.compile(r"^```(?!{).*?^```", re.MULTILINE | re.DOTALL)
