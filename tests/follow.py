@@ -1,12 +1,17 @@
 """Pages followed word by word, as a newcomer would: every block, in order, in a fresh folder, by a shell of its own.
 
-Run: `python -m tests.follow [PAGE...]`, or `make follow`; README.md and the tutorials without a word. Minutes; what fails
-is listed at the end, and the exit code is 1. `pip install` and `make` are not typed again: the environment is the one that
-this runs in, and of `make demo` the command that it stands for. What serves until Ctrl-C is interrupted once it serves.
+Run: `python -m tests.follow [--clone] [PAGE...]`, or `make follow`; without a word the README, the quick start and the
+tutorials. Minutes; what fails is listed at the end, and the exit code is 1. What a page shows of the output is looked
+for in what was printed, numbers to 5 %. What serves until Ctrl-C is interrupted once it serves.
+
+`pip install` and `make` are not typed again: the environment is the one that this runs in, and of `make demo` the
+command that it stands for. With `--clone` they are: in a clone of the last commit and a new environment, from the
+registry.
 """
 
 from __future__ import annotations
 
+import math
 import os
 import re
 import signal
@@ -20,26 +25,43 @@ from pathlib import Path
 from tests.support.blocks import PAGES, ROOT, Block, blocks
 
 SERVES = re.compile(r"palpate (view|replay)\b|palpate live\b.*--view")
+ACTIVATE = ". .venv/bin/activate"
 PATIENCE = 300.0  # s, of a page that is to be served
-STANDS_FOR = {"make demo": "python examples/demo.py --no-view", ". .venv/bin/activate": "true"}
+STANDS_FOR = {"make demo": "python examples/demo.py --no-view", ACTIVATE: "true"}
 BESIDE = ("examples",)  # what a clone has, and pages name
+AGREE = 0.05  # of a number: machines differ in its last digits, and it is rounded
+ROUNDED = 0.06  # the same, of numbers that are small
 
 
 def main() -> int:
     """Each page, and what of it failed."""
-    asked = [Path(word).resolve() for word in sys.argv[1:]]
-    pages = asked or [page for page in PAGES if page.name == "README.md" or page.parent.name == "tutorials"]
-    failed = [wrong for page in pages for wrong in _follow(page)]
-    _say(f"\n{len(failed)} blocks failed" + "".join(f"\n  {wrong}" for wrong in failed))
+    words = sys.argv[1:]
+    cloned = "--clone" in words
+    asked = [Path(word).resolve() for word in words if word != "--clone"]
+    failed = [wrong for page in asked or _usual() for wrong in _follow(page, cloned)]
+    _say(f"\n{len(failed)} failed" + "".join(f"\n  {wrong}" for wrong in failed))
     return bool(failed)
+
+
+def _usual() -> list[Path]:
+    return [page for page in PAGES if page.name in ("README.md", "quickstart.md") or page.parent.name == "tutorials"]
 
 
 @dataclass
 class _Shell:
-    """Where the reader is, and what was typed there."""
+    """Where the reader is, what was typed there, and what was printed.
+
+    Attributes:
+        folder: where the next line runs.
+        environment: of what runs.
+        cloned: lines are typed as they stand, in a clone.
+    """
 
     folder: Path
+    environment: dict[str, str]
+    cloned: bool
     snippets: list[str] = field(default_factory=list[str])
+    printed: list[str] = field(default_factory=list[str])
 
     def type(self, line: str, wanted: int) -> str | None:
         """What went wrong with a line; None where nothing did."""
@@ -48,21 +70,42 @@ class _Shell:
             return None if self.folder.is_dir() else "there is no such folder"
         if SERVES.match(line):
             return self._served(line)
-        line = STANDS_FOR.get(line, line)
+        if not self.cloned:
+            line = "true" if line.startswith("pip install") else STANDS_FOR.get(line, line)
+        elif line.startswith(ACTIVATE):
+            self.environment = _first(self.folder / ".venv/bin", self.environment)
         if line.startswith("palpate demo") and "--no-view" not in line:
             line += " --no-view"
-        if line.startswith("pip install"):
-            return None
-        done = subprocess.run(["bash", "-c", line], cwd=self.folder, env=_environment(), capture_output=True, text=True)
-        _say(done.stdout)
+        done = self._run(["bash", "-c", line])
         return None if done.returncode == wanted else f"exit code {done.returncode}: {done.stderr.strip()[-500:]}"
+
+    def snippet(self, code: str) -> str | None:
+        """Snippets of a page belong together: each runs behind those before it."""
+        self.snippets.append(code)
+        done = self._run(["python", "-c", "\n".join(self.snippets)])
+        return None if done.returncode == 0 else done.stderr.strip()[-500:]
+
+    def unseen(self, block: Block) -> list[str]:
+        """The lines of a block that nothing has printed."""
+        shown = [line for line in block.code.splitlines() if line.strip()]
+        return [line for line in shown if not any(_alike(line, other) for other in self.printed)]
+
+    def _run(self, words: list[str]) -> subprocess.CompletedProcess[str]:
+        done = subprocess.run(words, cwd=self.folder, env=self.environment, capture_output=True, text=True)
+        self._heard(done.stdout, done.stderr)
+        return done
+
+    def _heard(self, *said: str) -> None:
+        for text in said:
+            self.printed += text.splitlines()
+        _say(said[0])
 
     def _served(self, line: str) -> str | None:
         """It says where it serves, and ends at Ctrl-C."""
         out = self.folder / ".served"
         with out.open("w") as file:
             running = subprocess.Popen(
-                ["bash", "-c", f"exec {line}"], cwd=self.folder, env=_environment(), stdout=file, stderr=file
+                ["bash", "-c", f"exec {line}"], cwd=self.folder, env=self.environment, stdout=file, stderr=file
             )
         until = time.monotonic() + PATIENCE
         while running.poll() is None and "127.0.0.1" not in out.read_text() and time.monotonic() < until:
@@ -71,33 +114,37 @@ class _Shell:
             return f"ended by itself: {out.read_text()[-500:]}"
         running.send_signal(signal.SIGINT)
         running.wait(60)
-        return None if "127.0.0.1" in out.read_text() else "nothing was served"
-
-    def snippet(self, code: str) -> str | None:
-        """Snippets of a page belong together: each runs behind those before it."""
-        self.snippets.append(code)
-        done = subprocess.run(
-            [sys.executable, "-c", "\n".join(self.snippets)],
-            cwd=self.folder,
-            env=_environment(),
-            capture_output=True,
-            text=True,
-        )
-        _say(done.stdout)
-        return None if done.returncode == 0 else done.stderr.strip()[-500:]
+        said = out.read_text()
+        self._heard(said)
+        return None if "127.0.0.1" in said else "nothing was served"
 
 
-def _follow(page: Path) -> list[str]:
+def _follow(page: Path, cloned: bool) -> list[str]:
     _say(f"\n=== {page.relative_to(ROOT)}")
     failed: list[str] = []
     with tempfile.TemporaryDirectory(prefix="follow_") as made:
-        for name in BESIDE:
-            (Path(made) / name).symlink_to(ROOT / name)
-        shell = _Shell(Path(made))
+        shell = _cloned(Path(made)) if cloned else _here(Path(made))
         for block in blocks(page):
-            if block.mark != "not run" and block.kind in ("sh", "python"):
+            if block.mark != "not run":
                 failed += _block(shell, block)
     return failed
+
+
+def _here(folder: Path) -> _Shell:
+    """A new folder, this environment's programs, and the package of this tree."""
+    for name in BESIDE:
+        (folder / name).symlink_to(ROOT / name)
+    environment = _first(Path(sys.executable).parent, dict(os.environ))
+    return _Shell(folder, environment | {"PYTHONPATH": str(ROOT / "src")}, cloned=False)
+
+
+def _cloned(folder: Path) -> _Shell:
+    """A clone, and an environment that has pip and nothing else."""
+    subprocess.run(["git", "clone", "-q", str(ROOT), str(folder / "palpate")], check=True)
+    base = Path(sys.base_prefix) / "bin" / f"python3.{sys.version_info.minor}"
+    subprocess.run([str(base), "-m", "venv", str(folder / "environment")], check=True)
+    environment = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "VIRTUAL_ENV")}
+    return _Shell(folder / "palpate", _first(folder / "environment/bin", environment), cloned=True)
 
 
 def _block(shell: _Shell, block: Block) -> list[str]:
@@ -105,20 +152,34 @@ def _block(shell: _Shell, block: Block) -> list[str]:
         _say(f"--- {block}: python")
         wrong = shell.snippet(block.code)
         return [] if wrong is None else [f"{block}: {wrong}"]
+    if block.kind == "text" and not block.calls():
+        return [f"{block}: nothing printed this: {line}" for line in shell.unseen(block)]
     failed: list[str] = []
-    for line, wanted in block.lines():
+    for line, wanted in block.lines() if block.kind == "sh" else ():
         _say(f"--- {block}: $ {line}")
+        start = time.monotonic()
         wrong = shell.type(line, wanted)
+        _say(f"    ({time.monotonic() - start:.1f} s)")
         failed += [] if wrong is None else [f"{block}: {line}: {wrong}"]
     return failed
 
 
-def _environment() -> dict[str, str]:
-    """This environment's programs first, and the package of this tree."""
-    return os.environ | {
-        "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}",
-        "PYTHONPATH": str(ROOT / "src"),
-    }
+def _first(programs: Path, environment: dict[str, str]) -> dict[str, str]:
+    return environment | {"PATH": f"{programs}{os.pathsep}{environment['PATH']}"}
+
+
+def _alike(line: str, other: str) -> bool:
+    """Whether a line says what another does: the same words, and numbers that agree."""
+    words, others = line.split(), other.split()
+    return len(words) == len(others) and all(map(_agree, words, others))
+
+
+def _agree(one: str, other: str) -> bool:
+    a, b = (re.sub(r"[^\d.e-]", "", word) for word in (one, other))
+    try:
+        return math.isclose(float(a), float(b), rel_tol=AGREE, abs_tol=ROUNDED)
+    except ValueError:
+        return one == other
 
 
 def _say(text: str) -> None:
