@@ -11,7 +11,6 @@ registry.
 
 from __future__ import annotations
 
-import math
 import os
 import re
 import signal
@@ -22,15 +21,13 @@ import time
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from tests.support.blocks import PAGES, ROOT, Block, blocks
+from tests.support.blocks import PAGES, ROOT, Block, blocks, unseen
 
 SERVES = re.compile(r"palpate (view|replay)\b|palpate live\b.*--view")
 ACTIVATE = ". .venv/bin/activate"
 PATIENCE = 300.0  # s, of a page that is to be served
 STANDS_FOR = {"make demo": "python examples/demo.py --no-view", ACTIVATE: "true"}
 BESIDE = ("examples",)  # what a clone has, and pages name
-AGREE = 0.05  # of a number: machines differ in its last digits, and it is rounded
-ROUNDED = 0.06  # the same, of numbers that are small
 
 
 def main() -> int:
@@ -77,18 +74,14 @@ class _Shell:
         if line.startswith("palpate demo") and "--no-view" not in line:
             line += " --no-view"
         done = self._run(["bash", "-c", line])
-        return None if done.returncode == wanted else f"exit code {done.returncode}: {done.stderr.strip()[-500:]}"
+        code = done.returncode if done.returncode >= 0 else 128 - done.returncode  # as a shell says that it was killed
+        return None if code == wanted else f"exit code {code}: {done.stderr.strip()[-500:]}"
 
     def snippet(self, code: str) -> str | None:
         """Snippets of a page belong together: each runs behind those before it."""
         self.snippets.append(code)
         done = self._run(["python", "-c", "\n".join(self.snippets)])
         return None if done.returncode == 0 else done.stderr.strip()[-500:]
-
-    def unseen(self, block: Block) -> list[str]:
-        """The lines of a block that nothing has printed."""
-        shown = [line for line in block.code.splitlines() if line.strip()]
-        return [line for line in shown if not any(_alike(line, other) for other in self.printed)]
 
     def _run(self, words: list[str]) -> subprocess.CompletedProcess[str]:
         done = subprocess.run(words, cwd=self.folder, env=self.environment, capture_output=True, text=True)
@@ -153,7 +146,7 @@ def _block(shell: _Shell, block: Block) -> list[str]:
         wrong = shell.snippet(block.code)
         return [] if wrong is None else [f"{block}: {wrong}"]
     if block.kind == "text" and not block.calls():
-        return [f"{block}: nothing printed this: {line}" for line in shell.unseen(block)]
+        return [f"{block}: nothing printed this: {line}" for line in unseen(block.code, shell.printed)]
     failed: list[str] = []
     for line, wanted in block.lines() if block.kind == "sh" else ():
         _say(f"--- {block}: $ {line}")
@@ -166,20 +159,6 @@ def _block(shell: _Shell, block: Block) -> list[str]:
 
 def _first(programs: Path, environment: dict[str, str]) -> dict[str, str]:
     return environment | {"PATH": f"{programs}{os.pathsep}{environment['PATH']}"}
-
-
-def _alike(line: str, other: str) -> bool:
-    """Whether a line says what another does: the same words, and numbers that agree."""
-    words, others = line.split(), other.split()
-    return len(words) == len(others) and all(map(_agree, words, others))
-
-
-def _agree(one: str, other: str) -> bool:
-    a, b = (re.sub(r"[^\d.e-]", "", word) for word in (one, other))
-    try:
-        return math.isclose(float(a), float(b), rel_tol=AGREE, abs_tol=ROUNDED)
-    except ValueError:
-        return one == other
 
 
 def _say(text: str) -> None:

@@ -10,8 +10,10 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).resolve().parents[1]
+from tests.support.blocks import ROOT, blocks, unseen
+
 NUMBERED = sorted((ROOT / "examples").glob("[0-9][0-9]_*.py"))
+SHOWN = [block for block in blocks(ROOT / "docs/examples.md") if block.kind == "text"]  # what each of them prints
 ENDS = {  # of the last line: a pattern with numbers, and between what each lies
     "01_locate_one_wrench": (r"off by ([\d.]+) mm", (0.0, 0.05)),  # 8,000 facets are 0.01 mm inside the body
     "02_log_to_touches": (r"3 touches, off by ([\d.]+) mm", (0.0, 0.2)),  # the noise of a sample is 0.3 mm
@@ -31,12 +33,14 @@ def test_an_example_ends_with_its_number(example: Path) -> None:
     said = io.StringIO()
     with contextlib.redirect_stdout(said):
         runpy.run_path(str(example), run_name="__main__")
-    last = said.getvalue().splitlines()[-1]
+    lines = said.getvalue().splitlines()
+    last = lines[-1]
     pattern, *bounds = ENDS[example.stem]
     found = re.search(pattern, last)
     assert found is not None, last
     for number, (least, most) in zip(found.groups(), bounds, strict=True):
         assert least <= float(number) <= most, last
+    assert unseen(SHOWN[NUMBERED.index(example)].code, lines) == [], "the page shows otherwise"
 
 
 def test_every_example_is_numbered_in_turn_short_and_on_the_page() -> None:

@@ -11,6 +11,7 @@ import contextlib
 import functools
 import importlib
 import io
+import math
 import re
 import shlex
 import shutil
@@ -26,7 +27,7 @@ import tyro
 from palpate.cli import main
 from palpate.cli.app import COMMANDS
 
-__all__ = ["PAGES", "ROOT", "Block", "Follower", "blocks", "refusal", "unserved"]
+__all__ = ["PAGES", "ROOT", "Block", "Follower", "blocks", "refusal", "unseen", "unserved"]
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = tuple(
@@ -39,6 +40,8 @@ _MARK = re.compile(r"<!-- (not run|by hand): .+ -->\s*$")
 _ELSEWHERE = re.compile(r"pip install |\. \.venv/bin/activate$|python examples/")  # have tests of their own
 _DEMO = re.compile(r"make demo\b|palpate demo\b(?:.* -o (?P<folder>\S+))?")
 _CODE = re.compile(r"#.*exit code (\d+)")  # a comment on a call that is to leave so
+_AGREE = 0.05  # of a number: machines differ in its last digits, and it is rounded
+_ROUNDED = 0.06  # the same, of numbers that are small
 
 
 @dataclass(frozen=True)
@@ -166,6 +169,29 @@ class Follower:
         if file:
             (self.folder / file.strip()).write_text(out.getvalue(), encoding="utf-8")
         assert code == wanted, f"{block}: {line}: exit code {code}: {err.getvalue()}"
+
+
+def unseen(shown: str, printed: list[str]) -> list[str]:
+    """The lines of what a page shows that are not among what was printed: the same words, and numbers that agree."""
+    lines = [line for line in shown.splitlines() if line.strip()]
+    return [line for line in lines if not any(_alike(line, other) for other in printed)]
+
+
+def _alike(line: str, other: str) -> bool:
+    """Whether a line says what another does: the same words, and numbers that agree; what `...` stands for is free."""
+    words, others = line.split(), other.split()
+    if "..." in words:
+        rest = iter(others)
+        return all(any(_agree(word, each) for each in rest) for word in words if word != "...")
+    return len(words) == len(others) and all(map(_agree, words, others))
+
+
+def _agree(one: str, other: str) -> bool:
+    a, b = (re.sub(r"[^\d.e-]", "", word) for word in (one, other))
+    try:
+        return math.isclose(float(a), float(b), rel_tol=_AGREE, abs_tol=_ROUNDED)
+    except ValueError:
+        return one == other
 
 
 @contextlib.contextmanager
