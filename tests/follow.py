@@ -150,11 +150,17 @@ def _block(shell: _Shell, block: Block) -> list[str]:
     failed: list[str] = []
     for line, wanted in block.lines() if block.kind == "sh" else ():
         _say(f"--- {block}: $ {line}")
-        start = time.monotonic()
+        start, used = time.monotonic(), _used()
         wrong = shell.type(line, wanted)
-        _say(f"    ({time.monotonic() - start:.1f} s)")
+        _say(f"    ({time.monotonic() - start:.1f} s, {_used() - used:.1f} s of CPU)")
         failed += [] if wrong is None else [f"{block}: {line}: {wrong}"]
     return failed
+
+
+def _used() -> float:
+    """[s] of CPU, of what was started here and has ended."""
+    times = os.times()
+    return times.children_user + times.children_system
 
 
 def _first(programs: Path, environment: dict[str, str]) -> dict[str, str]:
