@@ -52,7 +52,7 @@ experiments: $(READY) ## the papers' experiments beside ours, into experiments/*
 mutants: $(READY) ## stated faults, turned on one by one: do the tests of their room notice?
 	$(BIN)/python -m mutants
 
-pictures: $(READY) ## the pictures of the README, into docs/pictures, from what `make demo` left
+pictures: $(READY) ## the pictures of README and pages, into docs/pictures, from what `make demo` left
 	$(BIN)/python docs/pictures/make.py
 
 follow: $(READY) ## the README and the tutorials, word by word as a newcomer would; minutes
