@@ -33,6 +33,7 @@ def view(
     log: Log,
     /,
     setup: Annotated[Setup, arg(name="")],
+    compare: Annotated[Path | None, arg(metavar="CONTACTS")] = None,
     port: Annotated[int, arg(metavar="N")] = 8080,
     host: Annotated[str, arg(metavar="ADDRESS")] = "127.0.0.1",
 ) -> None:
@@ -42,6 +43,7 @@ def view(
         log: a log of any sensor, which is estimated first, or what `palpate estimate` wrote, which is shown as it is;
             or places of taxels, such as `palpate calibrate taxels` writes.
         setup: what is touched and how it is located.
+        compare: other contacts, such as of the same log by other settings, drawn beside these at the same time.
         port: to serve at; the next free one if it is taken.
         host: address to serve at; the default can be reached from this machine only.
     """
@@ -53,6 +55,8 @@ def view(
     import_mesh_reader()
     contacts = _written(log)
     scene, notes = _estimated(log, setup, rig) if contacts is None else _shown(contacts, log, rig, setup.sensor)
+    if compare is not None:
+        scene = scene.compared(_others(compare, rig), compare.name)
     title(f"{log}: {len(scene):,} samples")
     note(notes)
     serve(scene, host, port, up=lambda at: announce(f"open {at} in a browser; Ctrl-C ends it"))
@@ -112,8 +116,26 @@ def _main(rig: Rig) -> str:
 
 def _shown(contacts: Contacts, path: Path, rig: Rig, sensor: str | None) -> tuple[Scene, list[str]]:
     """Contacts as they were written, in the frame that the body is drawn in."""
-    beside = read_provenance(path)  # which frame, and of which sensor they are
-    frame = beside.get("frame", "surface")
+    kind = sensor or str(read_provenance(path).get("sensor", _main(rig)))
+    contacts = _on_body(contacts, path, rig)
+    return prepare(body_of(rig), contacts, path.name, layers_of(rig, kind)), list(contacts.notes)
+
+
+def _others(path: Path, rig: Rig) -> Contacts:
+    """To compare, in the frame that the body is drawn in."""
+    contacts = _written(path)
+    if contacts is None:
+        raise InputError(
+            "holds no contacts to compare.",
+            where=str(path),
+            hint="Estimate it first: palpate estimate LOG --rig RIG -o CONTACTS.",
+        )
+    return _on_body(contacts, path, rig)
+
+
+def _on_body(contacts: Contacts, path: Path, rig: Rig) -> Contacts:
+    """As they were written, in the frame that the body is drawn in."""
+    frame = read_provenance(path).get("frame", "surface")
     if frame == "base":
         raise InputError(
             "these contacts are in the base frame, in which the body moves.",
@@ -122,5 +144,4 @@ def _shown(contacts: Contacts, path: Path, rig: Rig, sensor: str | None) -> tupl
         )
     if frame == "sensor" and rig.surface is not None:
         contacts = contacts.with_estimate(in_frame(contacts.estimate, rig.surface.pose.pose().inverse()))
-    kind = sensor or str(beside.get("sensor", _main(rig)))
-    return prepare(body_of(rig), contacts, path.name, layers_of(rig, kind)), list(contacts.notes)
+    return contacts

@@ -50,7 +50,7 @@ class LoadCellLayer:
 
     def draw(self, server: ViserServer, scene: Scene) -> None:
         """Boxes below the body; none where a place is not known."""
-        self._drawn.clear()
+        self._drawn = []  # anew: a copy of this layer may be drawn elsewhere
         if len(self.places) < self.cells.cells:
             return
         carried = self._carried(scene, np.flatnonzero(scene.touched))
