@@ -148,6 +148,11 @@ _KEYS = (
     ("click", "in a plot or a line of the list: go there"),
 )
 
+_CORNER = """<style>@media (min-width: 601px) { .palpate-legend {
+  position: fixed; left: 1em; bottom: 1em; max-width: 27em; border-radius: .4em; pointer-events: none;
+  background: color-mix(in srgb, var(--mantine-color-body) 80%, transparent);
+} }</style>"""  # on a phone it stays in the sheet
+
 
 def legend(scene: Scene) -> str:
     """What is drawn, what the colours of heat stand for, and which keys there are."""
@@ -166,7 +171,7 @@ def legend(scene: Scene) -> str:
     )
     keys = "".join(f'<div><kbd style="opacity:.75">{key}</kbd>&ensp;{words}</div>' for key, words in _KEYS)
     return (
-        f'<div class="palpate-legend" style="padding:.2em .8em .8em;font-size:.8em;line-height:1.5">{rows}'
+        f'{_CORNER}<div class="palpate-legend" style="padding:.2em .8em .8em;font-size:.8em;line-height:1.5">{rows}'
         f'{_heat(scene)}<div style="margin-top:.5em">{keys}</div></div>'
     )
 

@@ -1,5 +1,6 @@
 // Keys, clicks on plots and in the list of touches, which viser's elements do not tell: they are written into a text
-// field of the panel that nobody sees, and the server reads them there.
+// field of the panel that nobody sees, and the server reads them there. It runs as the handler of an element, in which
+// addEventListener alone would be that of the element.
 (() => {
   if (window.palpateAsks) return;
   window.palpateAsks = true;
@@ -18,7 +19,7 @@
     box.dispatchEvent(new Event("input", { bubbles: true }));
   };
   const keys = { " ": "play", ArrowRight: "touch 1", ArrowLeft: "touch -1" };
-  addEventListener("keydown", (event) => {
+  window.addEventListener("keydown", (event) => {
     const at = event.target, what = keys[event.key];
     if (!what || event.ctrlKey || event.metaKey || event.altKey) return;
     if (at.closest && at.closest("input:not([type=checkbox]), textarea, select, [role=slider], [contenteditable]")) return;
@@ -27,8 +28,8 @@
     event.stopImmediatePropagation();
     ask(event.shiftKey ? what.replace("touch", "sample") : what);
   }, true);
-  addEventListener("pointerdown", (event) => { down = [event.clientX, event.clientY]; }, true);
-  addEventListener("click", (event) => {
+  window.addEventListener("pointerdown", (event) => { down = [event.clientX, event.clientY]; }, true);
+  window.addEventListener("click", (event) => {
     const at = event.target.closest ? event.target : document.body;
     const button = at.closest("button, input[type=checkbox]");
     if (event.detail && button) button.blur();  // clicked by a pointer: keys are the page's again

@@ -118,7 +118,9 @@ class Panel:
                 "heat", True, visible=self._scene.body is not None, hint="where the body was touched, how long"
             )
             few = 0 < len(self._scene.touches) <= NUMBERED
-            self._numbers = self._gui.add_checkbox("numbers", False, visible=few, hint="of the touches, where they were")
+            self._numbers = self._gui.add_checkbox(
+                "numbers", False, visible=few, hint="of the touches, where they were"
+            )
             self._trail = self._gui.add_slider("trail [s]", 0.0, 60.0, 0.5, 5.0)
             options = tuple(f"x {times}" for times in MAGNIFICATIONS)
             first = options[MAGNIFICATIONS.index(self._scene.magnification)]

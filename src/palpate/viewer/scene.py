@@ -222,7 +222,7 @@ class Scene:
         """
         other = replace(self.showing(contacts), title=title)
         if not self._ahead(other) <= self.timeline.duration or self._ahead(other) + other.timeline.duration < 0:
-            raise InputError(f"was recorded at another time than {self.title}: there is nothing to compare.", title)
+            raise InputError(f"was recorded at another time than {self.title}: nothing to compare.", where=title)
         return replace(self, beside=other)
 
     def meanwhile(self, seconds: float) -> Moment | None:

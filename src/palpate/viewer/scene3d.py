@@ -17,7 +17,7 @@ from palpate.viewer.scene import Moment, Scene, ShownContact, nice
 if TYPE_CHECKING:
     from viser import ClientHandle, GlbHandle, LabelHandle, ViserServer
 
-__all__ = ["DISTANCE", "Scene3D", "Settings", "aim", "place_camera"]
+__all__ = ["DISTANCE", "NARROW", "Scene3D", "Settings", "aim", "place_camera"]
 
 TRACE = np.array([(0, 90, 170), (170, 205, 235)])  # now, and long ago
 DISTANCE = 1.31  # of the camera from the middle, in sizes of the body

@@ -11,7 +11,7 @@ from jaxtyping import UInt8
 
 from palpate.viewer.panel import Panel
 from palpate.viewer.scene import Scene
-from palpate.viewer.scene3d import Scene3D
+from palpate.viewer.scene3d import NARROW, Scene3D
 
 if TYPE_CHECKING:
     from viser import ClientHandle, ViserServer
@@ -36,10 +36,14 @@ class Session:
         self.playing = self._stopping = self._stale = False
         self.index = 0
         """The sample that is shown, counted in the scene."""
+        from viser import ViserServer
+
         with at.atomic():
             self.scene3d = Scene3D(at, scene)
             self._panel = Panel(at.gui, scene, self)
         self._show()
+        if not isinstance(at, ViserServer) and at.camera.aspect < NARROW:
+            self.frame(at)
         self._painter = threading.Thread(target=self._paint, name="palpate-page", daemon=True)
         self._painter.start()
 

@@ -78,9 +78,9 @@ class Timeline:
         """(k,) samples that are touched and belong to a touch."""
         touched = np.flatnonzero(self.touched)
         which = np.searchsorted(self._spans[:, 0], touched, side="right") - 1
-        inside = which >= 0
-        inside[inside] = touched[inside] <= self._spans[which[inside], 1]
-        return touched[inside]
+        last = np.append(self._spans[:, 1], -1)[which]  # before the first touch: none
+        inside: Int[np.ndarray, " k"] = touched[touched <= last]
+        return inside
 
     def at(self, seconds: float) -> int:
         """The sample in force at a time: the last that is not later."""

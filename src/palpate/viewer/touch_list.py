@@ -18,7 +18,7 @@ def touch_list(scene: Scene, time: float) -> str:
         return '<p style="opacity:.75;margin:.2em 1em;font-size:.8em">no touches</p>'
     now = np.flatnonzero((found.start <= time) & (time <= found.end))
     marked = int(now[0]) if len(now) else -1
-    lines = []
+    lines: list[str] = []
     for k in range(min(len(found), LISTED)):
         place = " ".join(f"{value:.1f}" for value in 1e3 * found.point[k])
         seconds = scene.seconds_at(float(found.peak_time[k]))
