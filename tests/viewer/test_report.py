@@ -129,6 +129,15 @@ def test_figures_of_nothing_are_drawn_without_a_warning(name: str) -> None:
     assert "<svg" in inline(EMPTY[name]())
 
 
+def test_numbers_of_touches_stand_on_the_near_side_and_say_more_to_a_pointer() -> None:
+    """One on top, seen from +z alone of the three sides (+z, -y, +x); what is said is escaped."""
+    touch = plots.Numbered(np.array([[0.0, 0.0, 0.02]]), np.array([[0.0, 0.0, 1.0]]), ('touch 1: <7 N> "hard"',))
+    svg = inline(plots.silhouettes(VERTICES, FACES, HOLES[:0], HOLES[:0], TIME[:0], touch))
+    assert svg.count("<title>") == 1
+    assert "<title>touch 1: &lt;7 N&gt; &quot;hard&quot;</title>" in svg
+    assert "hover: " not in svg
+
+
 def test_a_downsampled_line_keeps_every_extreme() -> None:
     """One sample of 30,000 stands out, up or down: it is in the line that is drawn."""
     for at in (0, 12_345, N - 1):

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from palpate.contact.estimate import Status
-from palpate.viewer._style import AXES, INK, MUTED, STATUS, figure, styled
+from palpate.viewer._style import AXES, HOVER, INK, MUTED, RULE, STATUS, figure, styled
 from palpate.viewer.samples import thinned
 from palpate.viewer.timeline import downsampled, since
 
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 __all__ = [
+    "Numbered",
     "Panel",
     "errors",
     "forces",
@@ -46,6 +47,15 @@ class Panel:
     unit: str
     floor: Float[np.ndarray, "3"]
     cutoff: float | None
+
+
+@dataclass(frozen=True, eq=False)
+class Numbered:
+    """Touches from 1 on: points [m], outward normals, and a line on each."""
+
+    point: Float[np.ndarray, "k 3"]
+    normal: Float[np.ndarray, "k 3"]
+    said: tuple[str, ...]
 
 
 @styled()
@@ -106,8 +116,12 @@ def silhouettes(
     point: Float[np.ndarray, "n 3"],
     normal: Float[np.ndarray, "n 3"],
     force: Float[np.ndarray, " n"],
+    touches: Numbered | None = None,
 ) -> Figure:
-    """The body [m] from three sides and where it was touched, coloured by force [N]; rings are on the far side."""
+    """The body [m] from three sides and where it was touched, coloured by force [N]; rings are on the far side.
+
+    Touches have their numbers where one sees them, with what is said of them when a pointer rests there.
+    """
     dx, dy, dz = np.ptp(vertices[faces.reshape(-1)], axis=0)
     least = 0.3 * max(dx, dy, dz)  # a flat body has views that are lines, and these have axes too
     widths, heights = (max(dx, least), max(dy, least)), (max(dy, least), max(dz, least))
@@ -119,6 +133,8 @@ def silhouettes(
         _body(axes, vertices, faces, (across, up, depth), toward)
         far = toward * normal[:, depth] < 0
         shown = _touched(axes, 1e3 * point[:, (across, up)], force, far) or shown
+        if touches is not None:
+            _number(axes, touches, (across, up), toward * touches.normal[:, depth] > 0)
         axes.set(xlabel=f"{_NAMES[across]} [mm]", ylabel=f"{_NAMES[up]} [mm]")
         axes.set_title(f"from {'+' if toward > 0 else '-'}{_NAMES[depth]}", color=MUTED)
     grid[0, 1].axis("off")
@@ -309,6 +325,14 @@ def _touched(
     rings = colormaps["viridis_r"](force[behind] / most if most > 0 else force[behind])
     axes.scatter(*point[behind].T, s=9, facecolors="none", edgecolors=rings, linewidths=0.4, alpha=0.5, rasterized=True)
     return axes.scatter(*point[seen].T, s=6, c=force[seen], **look)
+
+
+def _number(axes: Any, touches: Numbered, across: tuple[int, int], seen: Bool[np.ndarray, " k"]) -> None:
+    """Numbers of the touches on the near side, each in a disc that is large enough to point at."""
+    disc = {"boxstyle": "circle,pad=0.2", "facecolor": RULE, "linewidth": 0, "alpha": 0.85}
+    for k in np.flatnonzero(seen & np.isfinite(touches.point).all(axis=1)):
+        at = 1e3 * touches.point[k, list(across)]
+        axes.text(*at, f"{k + 1}", fontsize=6, ha="center", va="center", bbox=disc, gid=f"{HOVER}{touches.said[k]}")
 
 
 def _mark(axes: Any, at: float, text: str) -> None:

@@ -24,6 +24,7 @@ from palpate.viewer.timeline import since
 __all__ = ["Kept", "Run", "compose", "median", "tone", "touch_table"]
 
 SHOWN = 200  # touches in the table
+NUMBERED = 60  # on the body
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,14 +183,30 @@ def _places(run: Run) -> Section:
         return Section("Where it was touched", text=("No sample was located.",))
     shown: list[Picture] = []
     if run.body is not None:
-        body = plots.silhouettes(*run.body, kept.point, kept.contacts.normal, kept.strength)
-        shown.append(picture(body, "The body from three sides. Dots are on the near side, rings on the far one."))
+        touches = _numbered(run.summary.finder.touches())
+        body = plots.silhouettes(*run.body, kept.point, kept.contacts.normal, kept.strength, touches)
+        words = (
+            "The body from three sides. Dots are on the near side, rings on the far one; numbers are those of Touches"
+        )
+        shown.append(picture(body, f"{words}, and say more when a pointer rests on them."))
     if np.isfinite(kept.radius).any():
         sizes = plots.histogram(1e3 * kept.radius[kept.even], "long half axis of the 95 % ellipse [mm]")
         held = ", ".join(run.uncertainties)
         words = f"How certain the points are. The ellipses hold {held}; errors of the mesh are not in them."
         shown.append(picture(sizes, words))
     return Section("Where it was touched", pictures=tuple(shown))
+
+
+def _numbered(found: Events) -> plots.Numbered:
+    """The first touches: more numbers would hide the body."""
+    start, sd = since(found.start)[0], 1e3 * found.deviation
+    said = [
+        f"touch {k + 1}, {found.start[k] - start:.2f} to {found.end[k] - start:.2f} s: peak {found.peak_force[k]:.2f} N, "
+        f"({', '.join(f'{value:.2f}' for value in 1e3 * found.point[k])}) mm"
+        + (f", sd {sd[k]:.2f} mm" if np.isfinite(sd[k]) else "")
+        for k in range(min(len(found), NUMBERED))
+    ]
+    return plots.Numbered(found.point[: len(said)], found.normal[: len(said)], tuple(said))
 
 
 def _statuses(run: Run) -> Section:
