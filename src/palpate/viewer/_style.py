@@ -14,15 +14,13 @@ from palpate.errors import InputError
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["AXES", "HOVER", "INK", "MUTED", "RULE", "STATUS", "figure", "inline", "save", "styled"]
+__all__ = ["AXES", "INK", "MUTED", "RULE", "STATUS", "figure", "inline", "save", "styled"]
 
 INK, MUTED, RULE = "#1b2530", "#5d6975", "#d5dbe1"  # text, what comes second, lines of the grid
 AXES = ("#d55e00", "#009e73", "#0072b2")  # x, y, z: Okabe and Ito's colours, told apart by the colour-blind
 STATUS = ("#009e73", "#56b4e9", "#d5dbe1", "#9aa5b0", "#d55e00", "#e69f00", "#cc79a7", "#5d6975", "#f0e442")
 _THEME = {INK: "currentColor", MUTED: "var(--muted)", RULE: "var(--rule)"}  # a page in the dark has others
 _WIDTH = 4.6  # inches of 72 units: on a phone of 360 px a unit is a pixel, and letters keep their size
-HOVER = "hover: "  # an artist whose gid begins so says the rest of it when a pointer rests there
-_HOVER = re.compile(rf'<g id="{HOVER}([^"]*)">')
 _IDS = re.compile(r' id="(?:figure|axes|patch|line2d|matplotlib|text|legend|\w*Collection|xtick|ytick)\.?\w*_\d+"')
 
 
@@ -43,7 +41,7 @@ def inline(drawn: Figure) -> str:
     text = re.sub(r'^<svg[^>]*viewBox="([^"]*)"[^>]*>', r'<svg viewBox="\1" role="img">', text, count=1)
     for colour, name in _THEME.items():
         text = text.replace(colour, name)
-    return _IDS.sub("", _HOVER.sub(r"<g><title>\1</title>", text)).strip()
+    return _IDS.sub("", text).strip()
 
 
 def save(drawn: Figure, path: Path, kind: str) -> None:

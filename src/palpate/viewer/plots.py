@@ -10,7 +10,9 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from palpate.contact.estimate import Status
-from palpate.viewer._style import AXES, HOVER, INK, MUTED, RULE, STATUS, figure, styled
+from palpate.surfaces.drawing import Mark
+from palpate.viewer._style import AXES, INK, MUTED, RULE, STATUS, figure, styled
+from palpate.viewer.report import HOVER
 from palpate.viewer.samples import thinned
 from palpate.viewer.timeline import downsampled, since
 
@@ -18,7 +20,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 __all__ = [
-    "Numbered",
     "Panel",
     "errors",
     "forces",
@@ -47,15 +48,6 @@ class Panel:
     unit: str
     floor: Float[np.ndarray, "3"]
     cutoff: float | None
-
-
-@dataclass(frozen=True, eq=False)
-class Numbered:
-    """Touches from 1 on: points [m], outward normals, and a line on each."""
-
-    point: Float[np.ndarray, "k 3"]
-    normal: Float[np.ndarray, "k 3"]
-    said: tuple[str, ...]
 
 
 @styled()
@@ -116,7 +108,7 @@ def silhouettes(
     point: Float[np.ndarray, "n 3"],
     normal: Float[np.ndarray, "n 3"],
     force: Float[np.ndarray, " n"],
-    touches: Numbered | None = None,
+    touches: Sequence[Mark] = (),
 ) -> Figure:
     """The body [m] from three sides and where it was touched, coloured by force [N]; rings are on the far side.
 
@@ -133,8 +125,7 @@ def silhouettes(
         _body(axes, vertices, faces, (across, up, depth), toward)
         far = toward * normal[:, depth] < 0
         shown = _touched(axes, 1e3 * point[:, (across, up)], force, far) or shown
-        if touches is not None:
-            _number(axes, touches, (across, up), toward * touches.normal[:, depth] > 0)
+        _number(axes, [mark for mark in touches if toward * mark.normal[depth] > 0], (across, up))
         axes.set(xlabel=f"{_NAMES[across]} [mm]", ylabel=f"{_NAMES[up]} [mm]")
         axes.set_title(f"from {'+' if toward > 0 else '-'}{_NAMES[depth]}", color=MUTED)
     grid[0, 1].axis("off")
@@ -327,12 +318,13 @@ def _touched(
     return axes.scatter(*point[seen].T, s=6, c=force[seen], **look)
 
 
-def _number(axes: Any, touches: Numbered, across: tuple[int, int], seen: Bool[np.ndarray, " k"]) -> None:
-    """Numbers of the touches on the near side, each in a disc that is large enough to point at."""
+def _number(axes: Any, touches: Sequence[Mark], across: tuple[int, int]) -> None:
+    """Numbers of touches, each in a disc that is large enough to point at."""
     disc = {"boxstyle": "circle,pad=0.2", "facecolor": RULE, "linewidth": 0, "alpha": 0.85}
-    for k in np.flatnonzero(seen & np.isfinite(touches.point).all(axis=1)):
-        at = 1e3 * touches.point[k, list(across)]
-        axes.text(*at, f"{k + 1}", fontsize=6, ha="center", va="center", bbox=disc, gid=f"{HOVER}{touches.said[k]}")
+    for touch in touches:
+        if np.isfinite(touch.point).all():
+            at, said = 1e3 * touch.point[list(across)], f"{HOVER}{touch.said}"
+            axes.text(*at, touch.label, fontsize=6, ha="center", va="center", bbox=disc, gid=said)
 
 
 def _mark(axes: Any, at: float, text: str) -> None:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from platform import python_version
 
@@ -13,18 +13,22 @@ from jaxtyping import Bool, Float, Int
 from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import CHI2_95, Status
 from palpate.contact.events import Events, largest_deviation
+from palpate.contact.notebook import marks_of
 from palpate.contact.plausibility import UNLOADED
+from palpate.surfaces.drawing import Drawing, Mark, Specks
 from palpate.viewer import plots
 from palpate.viewer.captions import MEANING, feature
+from palpate.viewer.heat import colours
 from palpate.viewer.report import Picture, Report, Section, Table, Tile, percent, picture
 from palpate.viewer.run_summary import RunSummary
-from palpate.viewer.samples import sample_starts, strongest
+from palpate.viewer.samples import sample_starts, strongest, thinned
 from palpate.viewer.timeline import since
 
 __all__ = ["Kept", "Run", "compose", "median", "tone", "touch_table"]
 
 SHOWN = 200  # touches in the table
 NUMBERED = 60  # on the body
+SPECKS = 600  # samples on the body that is turned
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,10 +185,11 @@ def _places(run: Run) -> Section:
     kept = run.kept
     if not np.isfinite(kept.point).any():
         return Section("Where it was touched", text=("No sample was located.",))
+    touches = run.summary.finder.touches()
+    marks = marks_of(touches, NUMBERED, since(touches.start)[0])
     shown: list[Picture] = []
     if run.body is not None:
-        touches = _numbered(run.summary.finder.touches())
-        body = plots.silhouettes(*run.body, kept.point, kept.contacts.normal, kept.strength, touches)
+        body = plots.silhouettes(*run.body, kept.point, kept.contacts.normal, kept.strength, marks)
         words = (
             "The body from three sides. Dots are on the near side, rings on the far one; numbers are those of Touches"
         )
@@ -194,19 +199,26 @@ def _places(run: Run) -> Section:
         held = ", ".join(run.uncertainties)
         words = f"How certain the points are. The ellipses hold {held}; errors of the mesh are not in them."
         shown.append(picture(sizes, words))
-    return Section("Where it was touched", pictures=tuple(shown))
+    return Section("Where it was touched", pictures=tuple(shown), drawing=_in_space(run, marks))
 
 
-def _numbered(found: Events) -> plots.Numbered:
-    """The first touches: more numbers would hide the body."""
-    start, sd = since(found.start)[0], 1e3 * found.deviation
-    said = [
-        f"touch {k + 1}, {found.start[k] - start:.2f} to {found.end[k] - start:.2f} s: peak {found.peak_force[k]:.2f} N, "
-        f"({', '.join(f'{value:.2f}' for value in 1e3 * found.point[k])}) mm"
-        + (f", sd {sd[k]:.2f} mm" if np.isfinite(sd[k]) else "")
-        for k in range(min(len(found), NUMBERED))
-    ]
-    return plots.Numbered(found.point[: len(said)], found.normal[: len(said)], tuple(said))
+def _in_space(run: Run, marks: Sequence[Mark]) -> str:
+    """The body with its touches, to be turned; nothing where there is no body."""
+    if run.body is None:
+        return ""
+    kept = run.kept
+    some = thinned(np.flatnonzero(np.isfinite(kept.point[:, 0])), SPECKS)
+    share = kept.strength[some] / max(float(np.nanmax(kept.strength[some], initial=0.0)), 1e-12)
+    specks = Specks(kept.point[some], kept.contacts.normal[some], colours(0.15 + 0.85 * np.nan_to_num(share)))
+    look = marks[int(np.argmax(run.summary.finder.touches().peak_force[: len(marks)]))].normal if marks else None
+    drawn = Drawing(*run.body, marks, specks, title=f"where {run.log} was touched, to be turned by dragging")
+    return (drawn if look is None else replace(drawn, look=_aside(look))).html()
+
+
+def _aside(normal: Float[np.ndarray, "3"]) -> tuple[float, float, float]:
+    """From before a touch, somewhat aside and above."""
+    x, y, z = (normal + 0.4 * np.cross([0.0, 0.0, 1.0], normal) + [0.0, 0.0, 0.3]).tolist()
+    return x, y, z
 
 
 def _statuses(run: Run) -> Section:

@@ -11,7 +11,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from palpate.contact.contacts import Contacts
-from palpate.contact.estimate import CHI2_95, ROW, ContactEstimate, Status
+from palpate.contact.ellipse import ellipse
+from palpate.contact.estimate import ROW, ContactEstimate, Status
 from palpate.contact.events import Events, find_touches
 from palpate.errors import InputError
 from palpate.spatial.pose import quaternion_from_rotation, rotation_from_quaternion
@@ -29,7 +30,6 @@ __all__ = [
     "Moment",
     "Scene",
     "ShownContact",
-    "ellipse",
     "nice",
     "nothing",
     "prepare",
@@ -381,29 +381,6 @@ def nothing() -> Contacts:
     row[:, : ROW.torque], row[:, ROW.covariance] = np.nan, np.nan
     row[:, ROW.status] = Status.NO_CONTACT
     return Contacts.single(np.zeros(1), ContactEstimate.from_rows(row))
-
-
-def ellipse(
-    covariance: Float[np.ndarray, "3 3"], normal: Float[np.ndarray, "3"]
-) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "3 3"]]:
-    """The 95 % ellipse of a point in its tangent plane.
-
-    With B two tangents, the half-axes are sqrt(5.991 eigenvalues of B^T C B).
-
-    Returns:
-        Half-axes [m], the longer first (NaN without a covariance), and the rotation whose columns are the long axis,
-        the short axis and the normal.
-    """
-    if not np.isfinite(normal).all():
-        return np.full(2, np.nan), np.eye(3)
-    along = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
-    along /= np.linalg.norm(along)
-    tangents = np.column_stack([along, np.cross(normal, along)])
-    if not np.isfinite(covariance).all():
-        return np.full(2, np.nan), np.column_stack([tangents, normal])
-    values, vectors = np.linalg.eigh(tangents.T @ covariance @ tangents)
-    long = tangents @ vectors[:, 1]
-    return np.sqrt(CHI2_95 * np.maximum(values[::-1], 0.0)), np.column_stack([long, np.cross(normal, long), normal])
 
 
 def _first(time: Float[np.ndarray, " n"]) -> float:
