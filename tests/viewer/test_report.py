@@ -12,7 +12,7 @@ import pytest
 
 from palpate.contact.estimate import Status
 from palpate.simulation.shapes import Superquadric
-from palpate.surfaces.drawing import Mark
+from palpate.surfaces.drawing import Drawing, Mark
 from palpate.viewer import plots
 from palpate.viewer._style import inline
 from palpate.viewer.report import Report, Section, Table, Tile, picture, render
@@ -86,7 +86,7 @@ def page() -> str:
 
 
 def test_the_page_needs_nothing_else(page: str) -> None:
-    """No style sheet, image, font or script from elsewhere: every address in it is of itself. Only drawings have one."""
+    """No style sheet, image, font or script from elsewhere: addresses are of itself. Only drawings have one."""
     tags = _Page(page).tags
     assert not {"link", "iframe", "object"} & {tag for tag, _ in tags}
     assert [attrs.get("type") for tag, attrs in tags if tag == "script"] == ["application/json", None]
