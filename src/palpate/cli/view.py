@@ -8,15 +8,13 @@ from typing import Annotated
 from tyro.conf import arg
 
 from palpate.cli.console import announce, counting, lines, note, progress, title, wait
+from palpate.cli.contact_files import compared_blocks, on_body, written
 from palpate.cli.evaluate_taxels import is_taxel_file
 from palpate.cli.interrupts import import_mesh_reader
 from palpate.cli.options import Log
 from palpate.cli.page_layers import Kept, body_of, layers_of
 from palpate.cli.setup import Setup
 from palpate.contact.contacts import Contacts
-from palpate.contact.frames import in_frame
-from palpate.errors import InputError
-from palpate.io.contacts import contact_blocks, read_contacts
 from palpate.io.models import read_provenance
 from palpate.io.models.summary import of_taxels
 from palpate.io.pipeline import Pipeline
@@ -53,10 +51,10 @@ def view(
         return
     rig = setup.load()
     import_mesh_reader()
-    contacts = _written(log)
+    contacts = written(log)
     scene, notes = _estimated(log, setup, rig) if contacts is None else _shown(contacts, log, rig, setup.sensor)
     if compare is not None:
-        scene = scene.compared(_others(compare, rig), compare.name)
+        scene = scene.compared(Contacts.joined(list(compared_blocks(compare, rig))), compare.name)
     title(f"{log}: {len(scene):,} samples")
     note(notes)
     serve(scene, host, port, up=lambda at: announce(f"open {at} in a browser; Ctrl-C ends it"))
@@ -81,15 +79,6 @@ def _view_taxels(path: Path, setup: Setup, host: str, port: int) -> None:
         port=port,
         up=lambda at: announce(f"open {at} in a browser; Ctrl-C ends it"),
     )
-
-
-def _written(path: Path) -> Contacts | None:
-    """What a file of contacts holds; None where it is a log."""
-    try:
-        next(contact_blocks(path))
-    except InputError:  # the reader of logs will say what it is instead
-        return None
-    return read_contacts(path)
 
 
 def _estimated(path: Path, setup: Setup, rig: Rig) -> tuple[Scene, list[str]]:
@@ -117,31 +106,5 @@ def _main(rig: Rig) -> str:
 def _shown(contacts: Contacts, path: Path, rig: Rig, sensor: str | None) -> tuple[Scene, list[str]]:
     """Contacts as they were written, in the frame that the body is drawn in."""
     kind = sensor or str(read_provenance(path).get("sensor", _main(rig)))
-    contacts = _on_body(contacts, path, rig)
+    contacts = on_body(contacts, path, rig)
     return prepare(body_of(rig), contacts, path.name, layers_of(rig, kind)), list(contacts.notes)
-
-
-def _others(path: Path, rig: Rig) -> Contacts:
-    """To compare, in the frame that the body is drawn in."""
-    contacts = _written(path)
-    if contacts is None:
-        raise InputError(
-            "holds no contacts to compare.",
-            where=str(path),
-            hint="Estimate it first: palpate estimate LOG --rig RIG -o CONTACTS.",
-        )
-    return _on_body(contacts, path, rig)
-
-
-def _on_body(contacts: Contacts, path: Path, rig: Rig) -> Contacts:
-    """As they were written, in the frame that the body is drawn in."""
-    frame = read_provenance(path).get("frame", "surface")
-    if frame == "base":
-        raise InputError(
-            "these contacts are in the base frame, in which the body moves.",
-            where=str(path),
-            hint="Estimate without --frame base, or view the log itself.",
-        )
-    if frame == "sensor" and rig.surface is not None:
-        contacts = contacts.with_estimate(in_frame(contacts.estimate, rig.surface.pose.pose().inverse()))
-    return contacts
