@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from base64 import b64encode
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from html import escape
 from importlib.resources import files
 from typing import TYPE_CHECKING, Any
@@ -74,7 +74,7 @@ class Drawing:
     faces: Int[np.ndarray, "f 3"]
     marks: Sequence[Mark] = ()
     specks: Specks | None = None
-    look: tuple[float, float, float] = (0.55, -0.7, 0.456)
+    look: Float[np.ndarray, "3"] = field(default_factory=lambda: np.array([0.55, -0.7, 0.456]))
     title: str = "a body"
 
     @classmethod

@@ -22,6 +22,7 @@ from palpate.viewer.heat import colours
 from palpate.viewer.report import Picture, Report, Section, Table, Tile, percent, picture
 from palpate.viewer.run_summary import RunSummary
 from palpate.viewer.samples import sample_starts, strongest, thinned
+from palpate.viewer.scene import before
 from palpate.viewer.timeline import since
 
 __all__ = ["Kept", "Run", "compose", "median", "tone", "touch_table"]
@@ -212,13 +213,7 @@ def _in_space(run: Run, marks: Sequence[Mark]) -> str:
     specks = Specks(kept.point[some], kept.contacts.normal[some], colours(0.15 + 0.85 * np.nan_to_num(share)))
     look = marks[int(np.argmax(run.summary.finder.touches().peak_force[: len(marks)]))].normal if marks else None
     drawn = Drawing(*run.body, marks, specks, title=f"where {run.log} was touched, to be turned by dragging")
-    return (drawn if look is None else replace(drawn, look=_aside(look))).html()
-
-
-def _aside(normal: Float[np.ndarray, "3"]) -> tuple[float, float, float]:
-    """From before a touch, somewhat aside and above."""
-    x, y, z = (normal + 0.4 * np.cross([0.0, 0.0, 1.0], normal) + [0.0, 0.0, 0.3]).tolist()
-    return x, y, z
+    return (drawn if look is None else replace(drawn, look=before(look))).html()
 
 
 def _statuses(run: Run) -> Section:

@@ -30,6 +30,7 @@ __all__ = [
     "Moment",
     "Scene",
     "ShownContact",
+    "before",
     "nice",
     "nothing",
     "prepare",
@@ -387,6 +388,14 @@ def _first(time: Float[np.ndarray, " n"]) -> float:
     """[s] that is known; 0 where none is."""
     known = time[np.isfinite(time)]
     return float(known[0]) if len(known) else 0.0
+
+
+def before(normal: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3"]:
+    """Unit direction from which a contact is seen: before it, somewhat aside and above, never straight from above."""
+    way = normal + 0.5 * np.cross([0.0, 0.0, 1.0], normal) + [0.0, 0.0, 0.4]
+    way = way if np.hypot(way[0], way[1]) > 0.3 else way + np.array([0.35, -0.45, 0.0])
+    length = float(np.linalg.norm(way))
+    return way / length if length > 0.1 else normal
 
 
 def nice(value: float) -> float:

@@ -12,7 +12,7 @@ from jaxtyping import Float
 
 from palpate.viewer.heat import FineMesh, colours, linear
 from palpate.viewer.marker import FORCE, OTHER, Marker
-from palpate.viewer.scene import Moment, Scene, ShownContact, nice
+from palpate.viewer.scene import Moment, Scene, ShownContact, before, nice
 
 if TYPE_CHECKING:
     from viser import ClientHandle, GlbHandle, LabelHandle, ViserServer
@@ -187,7 +187,7 @@ def aim(
     """
     shown = scene.at(scene.opening).contacts[0] if contact is None else contact
     middle, radius = scene.focus
-    direction = _before(shown) if shown.located else np.array([0.55, -0.7, 0.456])
+    direction = before(shown.normal) if shown.located else np.array([0.55, -0.7, 0.456])
     narrow = aspect < NARROW
     half = min(VIEW / 2, np.arctan(np.tan(VIEW / 2) * aspect))
     distance = radius / scene.size / np.sin(half)
@@ -196,10 +196,3 @@ def aim(
     down = np.array([0.0, 0.0, 1.0]) - direction[2] * direction  # up in the picture
     middle = middle - lower * down / max(float(np.linalg.norm(down)), 1e-9)
     return middle + distance * direction, middle
-
-
-def _before(contact: ShownContact) -> Float[np.ndarray, "3"]:
-    """Unit direction from which a camera sees a contact: before it, somewhat from above and aside."""
-    direction = contact.normal + 0.5 * np.cross([0.0, 0.0, 1.0], contact.normal) + [0.0, 0.0, 0.4]
-    length = float(np.linalg.norm(direction))
-    return direction / length if length > 0.1 else contact.normal
