@@ -16,6 +16,7 @@ from palpate.cli.page_layers import Kept, body_of, layers_of
 from palpate.cli.setup import Setup
 from palpate.cli.simulate_phantom import folder_beside
 from palpate.contact.contacts import Contacts
+from palpate.errors import InputError
 from palpate.io.models import read_provenance
 from palpate.io.models.summary import of_taxels
 from palpate.io.pipeline import Pipeline

@@ -66,8 +66,7 @@ class Timeline:
         apart = np.flatnonzero(np.diff(clock) >= GAP + 1.5 * self.step)
         first, last = np.append(0, apart + 1), np.append(apart, len(touched) - 1)
         long = clock[last] - clock[first] + self.step >= SHORTEST
-        spans: Int[np.ndarray, "m 2"] = touched[np.column_stack([first, last])[long]]
-        return spans
+        return np.column_stack([touched[first[long]], touched[last[long]]])
 
     @cached_property
     def touches(self) -> Int[np.ndarray, " m"]:
