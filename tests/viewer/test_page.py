@@ -52,7 +52,7 @@ def _picture(view: object) -> np.ndarray:
 
 
 def _warm(picture: np.ndarray) -> int:
-    """Pixels of yellow and orange in the space, below the browser's remark that there is no graphics card and above the legend."""
+    """Pixels of yellow and orange in the space, below what the browser says of graphics cards and above the legend."""
     red, green, blue = np.moveaxis(picture[200:560, :860], -1, 0)
     return int(
         np.count_nonzero((red - blue > 60) & (green - blue > 25))

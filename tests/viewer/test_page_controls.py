@@ -15,11 +15,14 @@ from palpate.contact.estimate import Status
 from palpate.errors import InputError
 from palpate.surfaces.plane import plane
 from palpate.viewer.captions import beside
+from palpate.viewer.live_arena import LiveArena
 from palpate.viewer.marker import fade
 from palpate.viewer.scene import RIM, Scene, prepare
 from palpate.viewer.scene3d import aim
 from palpate.viewer.server import Page
 from palpate.viewer.timeline import Timeline
+from tests.support.arena_scenes import arena
+from tests.support.arena_scenes import scene as arena_scene
 from tests.support.browser import PATIENCE, chromium, until
 from tests.support.pages import ellipsoid, session
 
@@ -207,3 +210,19 @@ def test_each_browser_has_its_time_and_the_sheet_of_a_phone_folds(view: object, 
     until(lambda: not panel.is_visible() or panel.bounding_box()["y"] >= 780, "the sheet does not fold")
     phone.close()
     until(lambda: page.session is first, "a browser that left is not forgotten")
+
+
+def test_the_page_of_an_arena_says_what_robots_feel_and_pauses(browser: object) -> None:
+    """In the same browser: its robots stand on a canvas, their words in the panel, and its button stops the run."""
+    pytest.importorskip("cv2")
+    with LiveArena(arena(), port=0) as fed:
+        fed.show(arena_scene(10.0, force=3.0, blind=True), now=True)
+        opened = browser.new_page(viewport={"width": 390, "height": 844})
+        opened.set_default_timeout(1e3 * PATIENCE)
+        opened.goto(fed.address)
+        opened.wait_for_selector("canvas")
+        opened.get_by_text("blind").first.wait_for()
+        opened.get_by_role("button", name="Pause").click()
+        until(lambda: fed.paused, "the button does not pause")
+        assert opened.evaluate("document.documentElement.scrollWidth") <= 390
+        opened.close()
