@@ -133,11 +133,13 @@ def view(browser: object, page: Page) -> Iterator[object]:
 
 
 def _opened(browser: object, page: Page, width: int, height: int) -> object:
+    there = len(page._sessions)
     opened = browser.new_page(viewport={"width": width, "height": height})
     opened.set_default_timeout(1e3 * PATIENCE)
     opened.goto(page.address)
     opened.locator(".palpate-legend").wait_for()
     opened.get_by_text("palpate asks").wait_for(state="hidden")
+    until(lambda: len(page._sessions) > there, "the server does not know the browser")
     return opened
 
 

@@ -28,7 +28,7 @@
     pen.clearRect(0, 0, wide, high);
     const [ct, st, cr, sr] = [Math.cos(view.turn), Math.sin(view.turn), Math.cos(view.rise), Math.sin(view.rise)];
     const eye = [cr * ct, cr * st, sr], right = [-st, ct, 0], up = [-sr * ct, -sr * st, cr];
-    const scale = 1.15 * view.near * Math.min(wide, high);
+    const scale = 1.05 * view.near * Math.min(wide, high);
     const pixel = (p) => [wide / 2 + scale * dot(p, right), high / 2 - scale * dot(p, up)];
     const order = [];
     for (let f = 0; f < count; f++) if (data.open || dot(normals[f], eye) > 0) order.push([dot(middles[f], eye), f]);

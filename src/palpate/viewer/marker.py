@@ -47,7 +47,8 @@ class Marker:
         self._arrow = space.add_arrows(
             f"{root}/force/{slot}", nothing, ink, shaft_radius=0.007, head_radius=0.018, head_length=0.05
         )
-        self._label = space.add_label(f"{root}/force/{slot}/label", "", anchor="bottom-center")
+        below = "top-center" if root else "bottom-center"  # two results are often at one place
+        self._label = space.add_label(f"{root}/force/{slot}/label", "", anchor=below)
 
     def show(self, scene: Scene, contact: ShownContact | None, magnification: int) -> None:
         """Move it to a contact of a scene; None, or one without a place, hides it."""
