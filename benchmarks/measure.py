@@ -13,19 +13,21 @@ from numba import njit
 
 import palpate
 from benchmarks import rivals
+from palpate.contact.neighbours import in_space
 from palpate.simulation import BumpySphere, touch_wrenches
 from palpate.surfaces import _bvh
 from palpate.surfaces._patches import FLAT as FACET
 from palpate.surfaces._patches import Patches
 from palpate.surfaces._tree import Tree, build_tree
 
-__all__ = ["FLAT", "FULL", "Batch", "Meshes", "R", "Single", "batches", "singles"]
+__all__ = ["BEGINNER", "FLAT", "FULL", "Batch", "Meshes", "R", "Single", "batches", "singles"]
 
 R = 0.010  # m
 NOISE = [0.02] * 3 + [0.001] * 3
 ROUNDS = 5
 FACETS = "flat kernel, facets only, h/R 0.05"
 FLAT, FULL = "flat kernel, h/R 0.05", "full answer, h/R 0.3"
+BEGINNER = "palpate.locate(list, mesh), h/R 0.3"
 
 
 @dataclass
@@ -106,6 +108,7 @@ def singles(meshes: Meshes, queries: int, budget: float) -> list[Single]:
         FLAT: (_bvh.search, unit, (1.0, 1.0, tree.nodes, tree.corners, found)),
         FACETS: (_bvh.search, unit, (1.0, 1.0, bare.nodes, bare.corners, found)),
         FULL: (meshes.locator, steep, (out,)),
+        BEGINNER: (_as_list(meshes.smooth), steep, ()),
         "NumPy, three products a facet": (rivals.reciprocal_products(meshes.flat), slight, ()),
         "NumPy, closed form": (rivals.closed_form(meshes.flat), slight, ()),
     }
@@ -127,6 +130,11 @@ def singles(meshes: Meshes, queries: int, budget: float) -> list[Single]:
         for name, (call, arguments, rest) in calls.items():
             _time(call, np.roll(arguments, -turn * 7, axis=0), rest, budget, results[name].times)
     return list(results.values())
+
+
+def _as_list(mesh: palpate.Mesh) -> Callable[[np.ndarray], palpate.ContactEstimate]:
+    """The call that a beginner writes; making the list of six numbers is timed with it."""
+    return lambda wrench: palpate.locate(wrench.tolist(), mesh)
 
 
 def _time(
@@ -159,7 +167,7 @@ def _agree(calls: dict[str, Variant], meshes: Meshes, found: np.ndarray) -> None
             if kind == 0
         }
         for name, (call, wrenches, _) in calls.items():
-            if name not in (FLAT, FACETS, FULL) and not ours <= set(call(wrenches[i]).tolist()):
+            if name not in (FLAT, FACETS, FULL, BEGINNER) and not ours <= set(call(wrenches[i]).tolist()):
                 raise RuntimeError(f"{name} and the kernel disagree on wrench {i}")
 
 
@@ -182,6 +190,9 @@ def batches(meshes: Meshes, count: int) -> list[Batch]:
         "flat, h = 0": lambda: _search_many(unit_level, 1.0, 1.0, *parts),
         "flat, h/R 0.05": lambda: _search_many(unit_slight, 1.0, 1.0, *parts),
         "flat, facets only, h = 0": lambda: _search_many(unit_level, 1.0, 1.0, *bare),
+        "flat, facets only, h = 0, sorted": lambda: _search_many(
+            unit_level[in_space(level, meshes.tree.centre, meshes.tree.scale)], 1.0, 1.0, *bare
+        ),
         "full, h/R 0.3": lambda: meshes.locator.run(steep, sequential=False),
     }
     cast = rivals.embree_scene(meshes.flat)

@@ -7,7 +7,6 @@ the wrench was made at, on the exact surface.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 
@@ -16,6 +15,7 @@ from scipy.optimize import least_squares
 
 import palpate
 from palpate.contact.iterative import locate_iteratively
+from palpate.evaluation.peers.wrench_peers import Answer, nearest_vertex
 from palpate.simulation import Ellipsoid, touch_wrenches
 from palpate.surfaces import Ellipsoid as EllipsoidEquation
 from palpate.surfaces import plane
@@ -52,8 +52,6 @@ of one call from Python, median over the ellipsoid's {wrenches:,} wrenches (one 
 the normal: what they miss grows with h. On the equation soft_finger is {iterative:,.0f} times as
 quick as `iterative` with its analytic Jacobian, and {ratio:,.0f} times as the same four equations written out by hand
 for this one ellipsoid."""
-
-Answer = Callable[[np.ndarray], np.ndarray]  # a wrench (6,) to a point (3,) [m]
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +100,7 @@ def answers(scene: Scene) -> dict[str, Answer]:
         "first hit of the line of action, embreex": _first_hit(scene.mesh),
     }
     if scene.equation is not None:
-        made["nearest vertex by torque residual"] = _nearest_vertex(scene.mesh)
+        made["nearest vertex by torque residual"] = nearest_vertex(scene.mesh)
         made[EQUATION] = _located(scene.equation, "soft_finger")
         made[ITERATIVE] = _iterated(scene.equation)
         made[WRITTEN_OUT] = _levenberg_marquardt(scene.equation.axes, analytic=True)
@@ -158,19 +156,6 @@ def _first_hit(mesh: palpate.Mesh) -> Answer | None:
         origin = foot + along * (along @ (middle - foot) - size)
         ray = scene.run(np.float32(1e3 * origin[None]), np.float32(along[None]), output=True)
         return origin + 1e-3 * float(ray["tfar"][0]) * along if ray["primID"][0] >= 0 else NOWHERE
-
-    return answer
-
-
-def _nearest_vertex(mesh: palpate.Mesh) -> Answer:
-    """The vertex that is pressed and about which the least moment is left: |M - p x F|."""
-    vertices, normals = mesh.vertices, np.zeros(mesh.vertices.shape)
-    np.add.at(normals, mesh.faces, mesh.corner_normals)
-
-    def answer(wrench: np.ndarray) -> np.ndarray:
-        force, moment = wrench[:3], wrench[3:]
-        left = np.linalg.norm(moment - np.cross(vertices, force), axis=1)
-        return vertices[np.argmin(np.where(normals @ force < 0, left, np.inf))]
 
     return answer
 

@@ -7,22 +7,11 @@ from collections.abc import Callable
 import numpy as np
 
 import palpate
+from palpate.evaluation.peers.facet_planes import INSIDE, facet_planes, paper_systems, system_filler
 
 __all__ = ["batched_solve", "closed_form", "embree_scene", "loop_of_solves", "reciprocal_products"]
 
 Query = Callable[[np.ndarray], np.ndarray]  # a wrench (6,) to the facets (k,) that it can touch
-INSIDE = -1e-8
-
-
-def _planes(mesh: palpate.Mesh) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Normals, offsets d of N . p + d = 0, and two of the barycentric coordinates as g . p + e: (2, f, 3), (2, f)."""
-    a, b, c = (mesh.vertices[mesh.faces[:, i]] for i in range(3))
-    normal = mesh.normals
-    offset = -np.einsum("fk,fk->f", normal, a)
-    double = np.einsum("fk,fk->f", normal, np.cross(b - a, c - a))[:, None]
-    slopes = np.stack([np.cross(normal, c - b) / double, np.cross(normal, a - c) / double])
-    rests = 1.0 - np.einsum("ifk,ifk->if", slopes, np.stack([a, b]))
-    return normal, offset, slopes, rests
 
 
 def reciprocal_products(mesh: palpate.Mesh) -> Query:
@@ -32,7 +21,7 @@ def reciprocal_products(mesh: palpate.Mesh) -> Query:
     the wrench about the facet's edge: c b = f . (e N - d g) - M/|F| . (N x g). So a wrench touches a facet if its
     moments about the three edges have one sign, at any pitch.
     """
-    normal, offset, slopes, rests = _planes(mesh)
+    normal, offset, slopes, rests = facet_planes(mesh)
     slopes = np.concatenate([slopes, -slopes.sum(axis=0, keepdims=True)])
     rests = np.concatenate([rests, 1.0 - rests.sum(axis=0, keepdims=True)])
     lines = np.concatenate(
@@ -52,7 +41,7 @@ def reciprocal_products(mesh: palpate.Mesh) -> Query:
 
 def closed_form(mesh: palpate.Mesh) -> Query:
     """k, p0 and lambda for every facet, then two barycentric coordinates, as the derivation writes them."""
-    normal, offset, slopes, rests = _planes(mesh)
+    normal, offset, slopes, rests = facet_planes(mesh)
 
     def query(wrench: np.ndarray) -> np.ndarray:
         force, moment = wrench[:3], wrench[3:]
@@ -67,24 +56,9 @@ def closed_form(mesh: palpate.Mesh) -> Query:
     return query
 
 
-def _systems(mesh: palpate.Mesh) -> Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]:
-    """The paper's 4 x 4 system of every facet: -[F]x p + tau N = M - with p x F = -[F]x p - and N . p = -d."""
-    normal, offset, _, _ = _planes(mesh)
-    matrices, rights = np.zeros((len(normal), 4, 4)), np.zeros((len(normal), 4))
-    matrices[:, :3, 3], matrices[:, 3, :3], rights[:, 3] = normal, normal, -offset
-
-    def fill(wrench: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        fx, fy, fz = wrench[:3]
-        matrices[:, :3, :3] = [[0.0, fz, -fy], [-fz, 0.0, fx], [fy, -fx, 0.0]]
-        rights[:, :3] = wrench[3:]
-        return matrices, rights
-
-    return fill
-
-
 def loop_of_solves(mesh: palpate.Mesh) -> Query:
     """The paper, literally: one system after another, all facets."""
-    fill, normal, (_, _, slopes, rests) = _systems(mesh), mesh.normals, _planes(mesh)
+    fill, normal, (_, _, slopes, rests) = system_filler(mesh), mesh.normals, facet_planes(mesh)
 
     def query(wrench: np.ndarray) -> np.ndarray:
         matrices, rights = fill(wrench)
@@ -103,16 +77,8 @@ def loop_of_solves(mesh: palpate.Mesh) -> Query:
 
 def batched_solve(mesh: palpate.Mesh) -> Query:
     """All systems in one call."""
-    fill, normal, (_, _, slopes, rests) = _systems(mesh), mesh.normals, _planes(mesh)
-
-    def query(wrench: np.ndarray) -> np.ndarray:
-        matrices, rights = fill(wrench)
-        points = np.linalg.solve(matrices, rights[..., None])[:, :3, 0]
-        first, second = np.einsum("ifk,fk->if", slopes, points) + rests
-        inside = (first >= INSIDE) & (second >= INSIDE) & (first + second <= 1 - INSIDE)
-        return np.flatnonzero(inside & (normal @ wrench[:3] < 0))
-
-    return query
+    solve = paper_systems(mesh)
+    return lambda wrench: solve(wrench)[0]
 
 
 def embree_scene(mesh: palpate.Mesh) -> Callable[[np.ndarray, np.ndarray], np.ndarray] | None:

@@ -14,6 +14,8 @@ from typing import Any
 
 import numpy as np
 
+from palpate.evaluation.peers.skin_peers import minimum_norm
+
 __all__ = ["IDynTree", "minimum_norm"]
 
 _LINK = (
@@ -28,12 +30,6 @@ _ROBOT = (
     '<sensor name="ft" type="force_torque"><parent joint="ft"/><force_torque><frame>child</frame>'
     "<measure_direction>child_to_parent</measure_direction></force_torque></sensor></robot>"
 )
-
-
-def minimum_norm(points: np.ndarray, wrench: np.ndarray) -> np.ndarray:
-    """(n, 3) [N] the shortest forces at points (n, 3) that make a wrench."""
-    columns = [np.concatenate([np.eye(3), np.cross(point, np.eye(3)).T]) for point in points]
-    return (np.linalg.pinv(np.concatenate(columns, axis=1)) @ wrench).reshape(-1, 3)
 
 
 class IDynTree:

@@ -14,8 +14,9 @@ from pathlib import Path
 
 import numpy as np
 
+from experiments.check import Check, table
 from experiments.load_cells import figures
-from experiments.load_cells.page import Check, page, table
+from experiments.load_cells.page import UNITS, page
 from experiments.load_cells.study import PAPER, Answer, Study
 from experiments.load_cells.table import HEADER, Errors, errors, rows
 from palpate.simulation.load_cell_bench import BENCHES
@@ -57,13 +58,19 @@ def checks(made: Mapping[str, Study]) -> list[Check]:
     got["soft_theirs"] = figures_of(made["soft"], made["soft"].theirs)
     for name in ("drift", "torque"):
         got[name]["position_ratio"] = got[name]["position_rmse"] / got["rigid"]["position_rmse"]
-    asked = tomllib.loads((FOLDER / "expected.toml").read_text(encoding="utf-8"))
+    wanted = tomllib.loads((FOLDER / "expected.toml").read_text(encoding="utf-8"))
     return [
-        Check(bench["what"], figure, want.get("paper"), want.get("at_least"), want.get("at_most"), got[name][figure])
-        for name, bench in asked.items()
+        _check(bench["what"], figure, want, got[name][figure])
+        for name, bench in wanted.items()
         for figure, want in bench.items()
         if figure != "what"
     ]
+
+
+def _check(bench: str, figure: str, want: Mapping[str, float], got: float) -> Check:
+    scale, unit = UNITS[figure]
+    what = f"{bench}: {figure.replace('_', ' ')}{f' [{unit}]' if unit else ''}"
+    return Check.of(want, got, what, scale=scale)
 
 
 def main() -> int:

@@ -3,55 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from textwrap import wrap
 
-__all__ = ["Check", "page", "table"]
+from experiments.check import Check, table
+
+__all__ = ["UNITS", "page"]
 
 
-@dataclass(frozen=True)
-class Check:
-    """A figure that expected.toml asks for [SI]; `paper` is None where the paper has none."""
-
-    what: str
-    figure: str
-    paper: float | None
-    least: float | None
-    most: float | None
-    got: float
-
-    @property
-    def met(self) -> bool:
-        """Within its bounds; NaN is not."""
-        return (self.least is None or self.got >= self.least) and (self.most is None or self.got <= self.most)
-
-    def cells(self) -> list[str]:
-        """A row of the table."""
-        scale, unit = _UNITS[self.figure]
-        bounds = [
-            f"{sign} {scale * value:.3g}"
-            for sign, value in ((">=", self.least), ("<=", self.most))
-            if value is not None
-        ]
-        theirs = "" if self.paper is None else f"{scale * self.paper:.3g}"
-        name = f"{self.figure.replace('_', ' ')}{f' [{unit}]' if unit else ''}"
-        verdict = "met" if self.met else "**missed**"
-        return [self.what, name, theirs, f"{scale * self.got:.3g}", ", ".join(bounds), verdict]
-
-
-_UNITS = {
+UNITS = {
     "position_rmse": (1e6, "um"),
     "position_max": (1e6, "um"),
     "force_rmse": (1e3, "mN"),
     "torque_rmse": (1e3, "N mm"),
     "position_ratio": (1.0, ""),
 }
-
-
-def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """As Markdown."""
-    lines = [header, ["---"] * len(header), *rows]
-    return "\n".join("| " + " | ".join(cell.replace("|", r"\|") for cell in line) + " |" for line in lines)
 
 
 def page(checks: Sequence[Check], tables: str, remarks: Mapping[str, str]) -> str:
@@ -63,7 +28,7 @@ def page(checks: Sequence[Check], tables: str, remarks: Mapping[str, str]) -> st
         remarks: sentences on the indentation that was fitted ("law"), on ours where it knows that there is no torque
             ("told"), and on lighter touches ("lighter").
     """
-    asked = table(("bench", "figure", "paper", "ours", "asked", ""), [check.cells() for check in checks])
+    asked = table(("figure", "paper", "ours", "asked", ""), [check.cells() for check in checks])
     wrapped = {name: "\n  ".join(wrap(words, 117)) for name, words in remarks.items()}
     return _PAGE.format(asked=asked, tables=tables, **wrapped)
 

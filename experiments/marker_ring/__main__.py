@@ -9,7 +9,6 @@ import argparse
 import os
 import sys
 import time
-import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,11 +17,10 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # matrices are small: thread
 
 import numpy as np
 
-from experiments.load_cells.page import table
+from experiments.check import Check, checks_of, table
 from experiments.marker_ring import study
 from experiments.marker_ring.bench import Answer, Bench, Error, calibrated, errors
 from experiments.marker_ring.page import (
-    Check,
     by_depth,
     degrees,
     in_trouble,
@@ -167,12 +165,7 @@ def _times(found: Sequence[Error], other: Sequence[Error]) -> tuple[float, float
 
 def checks(made: Measured) -> list[Check]:
     """All that expected.toml asks for, measured."""
-    got = figures_of(made)
-    asked = tomllib.loads((FOLDER / "expected.toml").read_text(encoding="utf-8"))
-    return [
-        Check(want["what"], figure, want.get("paper"), want.get("at_least"), want.get("at_most"), got[figure])
-        for figure, want in asked.items()
-    ]
+    return checks_of(FOLDER / "expected.toml", figures_of(made))
 
 
 def _parts(made: Measured) -> dict[str, str]:

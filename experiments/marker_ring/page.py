@@ -7,13 +7,11 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from evidence.machine import machine
-from experiments.load_cells.page import Check as Figure
-from experiments.load_cells.page import table
+from experiments.check import Check, table
 from experiments.marker_ring.bench import Answer, Error, errors
 from experiments.marker_ring.study import Moving, Numbers, Trouble
 
 __all__ = [
-    "Check",
     "by_depth",
     "degrees",
     "in_trouble",
@@ -26,18 +24,6 @@ __all__ = [
 ]
 
 WAYS = ("theirs", "ours")
-
-
-class Check(Figure):
-    """A figure that expected.toml asks for: degrees, newtons, shares and ratios."""
-
-    def cells(self) -> list[str]:
-        """A row of the table."""
-        bounds = ((">=", self.least), ("<=", self.most))
-        asked = ", ".join(f"{sign} {value:g}" for sign, value in bounds if value is not None)
-        theirs = "" if self.paper is None else f"{self.paper:g}"
-        verdict = "" if not asked else "met" if self.met else "**missed**"
-        return [self.what, theirs, f"{self.got:.3g}" if self.got < 0.99 else f"{self.got:.4g}", asked, verdict]
 
 
 def degrees(found: Sequence[Error]) -> float:

@@ -8,15 +8,15 @@ from __future__ import annotations
 import argparse
 import sys
 import time
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 
+from experiments.check import Check, checks_of
 from experiments.moving_phantom.conditions import BIAS, DIRECTIONS, FULL, PERIODS, STEP, Sizes, sections
 from experiments.moving_phantom.figures import figure_10
-from experiments.moving_phantom.page import Check, page, parts, robust, stop
+from experiments.moving_phantom.page import page, parts, robust, stop
 from experiments.moving_phantom.study import SKIPPED, Found, traces
 
 __all__ = ["checks", "figures_of", "main", "write"]
@@ -54,14 +54,7 @@ def figures_of(found: Mapping[str, Found]) -> dict[str, float]:
 
 def checks(found: Mapping[str, Found]) -> list[Check]:
     """All that expected.toml asks for, measured."""
-    got = figures_of(found)
-    asked = tomllib.loads((FOLDER / "expected.toml").read_text(encoding="utf-8"))
-    return [
-        Check(
-            want["what"], want.get("paper"), want.get("human"), want.get("at_least"), want.get("at_most"), got[figure]
-        )
-        for figure, want in asked.items()
-    ]
+    return checks_of(FOLDER / "expected.toml", figures_of(found), theirs=("paper", "human"))
 
 
 def write(found: Mapping[str, Found], took: float) -> None:

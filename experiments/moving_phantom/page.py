@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from evidence.machine import machine
-from experiments.load_cells.page import table
+from experiments.check import Check, table
 from experiments.moving_phantom.conditions import BOUNDED, DIRECTIONS, HARD, INERTIA, PERIODS, PROBES, STEP
 from experiments.moving_phantom.study import SKIPPED, Found, Trace
 
-__all__ = ["Check", "page", "parts", "robust", "stop"]
+__all__ = ["page", "parts", "robust", "stop"]
 
 THEIRS = {  # of table II: mean and deviation [deg]
     "soft finger": ("1.53 +- 1.47", "1.87 +- 1.38", "3.34 +- 2.53", "3.74 +- 2.28", "0.439"),
@@ -25,31 +24,6 @@ TABLE_1 = {  # mean [deg], in-plane and out-of-plane for T = 10, 5 and 2 s
     "the paper's robot": ("1.26", "1.55", "3.97", "4.65", "x", "x"),
 }
 FORCES = {"vertical": "5.23-8.83", "in-plane": "6.04-8.26", "out-of-plane": "5.46-8.48"}
-
-
-@dataclass(frozen=True)
-class Check:
-    """A figure that expected.toml asks for; None where there is none."""
-
-    what: str
-    paper: float | None
-    human: float | None
-    least: float | None
-    most: float | None
-    got: float
-
-    @property
-    def met(self) -> bool:
-        """Within its bounds; NaN is not."""
-        return (self.least is None or self.got >= self.least) and (self.most is None or self.got <= self.most)
-
-    def cells(self) -> list[str]:
-        """A row of the table."""
-        bounds = ((">=", self.least), ("<=", self.most))
-        asked = ", ".join(f"{sign} {value:g}" for sign, value in bounds if value is not None)
-        said = ["" if value is None else f"{value:g}" for value in (self.paper, self.human)]
-        verdict = "" if not asked else "met" if self.met else "**missed**"
-        return [self.what, *said, f"{self.got:.3g}", asked, verdict]
 
 
 def _range(low: float, high: float) -> str:

@@ -9,7 +9,6 @@ import argparse
 import os
 import sys
 import time
-import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,8 +17,9 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # matrices are small: thread
 
 import numpy as np
 
+from experiments.check import Check, checks_of, table
 from experiments.taxel_poking import figures
-from experiments.taxel_poking.page import FINAL, SAID_4, SAID_5, SINGLES, Check, page, table
+from experiments.taxel_poking.page import FINAL, SAID_4, SAID_5, SINGLES, page
 from experiments.taxel_poking.study import ALONE, FIRST, Found, Session, alone, mean_of
 
 __all__ = ["FULL", "SMALL", "Measured", "Sizes", "checks", "main", "measured"]
@@ -106,12 +106,7 @@ def figures_of(made: Measured) -> dict[str, float]:
 
 def checks(made: Measured) -> list[Check]:
     """All that expected.toml asks for, measured."""
-    got = figures_of(made)
-    asked = tomllib.loads((FOLDER / "expected.toml").read_text(encoding="utf-8"))
-    return [
-        Check(want["what"], figure, want.get("paper"), want.get("at_least"), want.get("at_most"), got[figure])
-        for figure, want in asked.items()
-    ]
+    return checks_of(FOLDER / "expected.toml", figures_of(made), scale=lambda figure: 1.0 if "ratio" in figure else 1e3)
 
 
 def main() -> int:

@@ -5,27 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from evidence.machine import machine
-from experiments.load_cells.page import Check as Figure
-from experiments.load_cells.page import table
+from experiments.check import Check, table
 
-__all__ = ["FINAL", "SAID_4", "SAID_5", "SINGLES", "Check", "page", "table"]
+__all__ = ["FINAL", "SAID_4", "SAID_5", "SINGLES", "page"]
 
 SINGLES = {"free": (8.1e-3, 18.5e-3), "surface": (5.2e-3, 19.3e-3)}  # m, least and largest mean of a dataset
 FINAL = {"free": (4.2e-3, 10.2e-3), "surface": (3.7e-3, 9.5e-3)}  # m, final mean -+ its deviation over taxels
 SAID_4 = {"free": "8.1 +- 4.2 to 18.5 +- 8.3", "surface": "5.2 +- 3.1 to 19.3 +- 13.1"}
 SAID_5 = {"free": "7.2 +- 3 after all seven", "surface": "6.6 +- 2.9 after all seven"}
-
-
-class Check(Figure):
-    """A figure that expected.toml asks for, [m] but for ratios."""
-
-    def cells(self) -> list[str]:
-        """A row of the table, in millimetres but for ratios."""
-        scale = 1.0 if "ratio" in self.figure else 1e3
-        bounds = ((">=", self.least), ("<=", self.most))
-        asked = ", ".join(f"{sign} {scale * value:.3g}" for sign, value in bounds if value is not None)
-        theirs = "" if self.paper is None else f"{scale * self.paper:.3g}"
-        return [self.what, theirs, f"{scale * self.got:.3g}", asked, "met" if self.met else "**missed**"]
 
 
 def page(checks: Sequence[Check], tables: Mapping[str, str], took: float, pokes: int) -> str:

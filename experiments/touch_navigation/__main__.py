@@ -9,16 +9,16 @@ from __future__ import annotations
 
 import argparse
 import sys
-import tomllib
 from collections.abc import Mapping, Sequence
 from fnmatch import fnmatch
 from pathlib import Path
 
 import numpy as np
 
+from experiments.check import Check, checks_of
 from experiments.touch_navigation.conditions import BASELINES, FAULTS, FULL, Condition, conditions
 from experiments.touch_navigation.figures import arrivals, ways
-from experiments.touch_navigation.page import Check, differing, page, parts
+from experiments.touch_navigation.page import differing, page, parts
 from experiments.touch_navigation.study import Found, Outcome, frames_a_second
 from experiments.touch_navigation.study import found as find
 from palpate.cli.arena_run import RATE
@@ -59,12 +59,7 @@ def figures_of(found: Mapping[str, Found], sensed: float = float("nan")) -> dict
 
 def checks(found: Mapping[str, Found], sensed: float = float("nan")) -> list[Check]:
     """All that expected.toml asks for, measured."""
-    got = figures_of(found, sensed)
-    asked = tomllib.loads((FOLDER / "expected.toml").read_text(encoding="utf-8"))
-    return [
-        Check(want["what"], want.get("paper"), want.get("at_least"), want.get("at_most"), got[figure])
-        for figure, want in asked.items()
-    ]
+    return checks_of(FOLDER / "expected.toml", figures_of(found, sensed))
 
 
 def write(found: Mapping[str, Found], made: Sequence[Check], folder: Path = FOLDER) -> None:

@@ -3,43 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from evidence.machine import machine
-from experiments.load_cells.page import table
+from experiments.check import Check, table
 from experiments.touch_navigation.conditions import ABLATIONS, BASELINES, BUILT, COUNTS, FAULTS, JUDGED, LIMIT, TRAPS
 from experiments.touch_navigation.study import Found
 
-__all__ = ["FIGURE_11", "Check", "differing", "page", "parts"]
+__all__ = ["FIGURE_11", "differing", "page", "parts"]
 
 FIGURE_11 = (130.0, 156.0, 169.0, 182.0)  # s, in which robots 2, 3, 4 and 1 of the paper arrived
 _NONE = Found([])
-
-
-@dataclass(frozen=True)
-class Check:
-    """A figure that expected.toml asks for; None where there is none."""
-
-    what: str
-    paper: float | None
-    least: float | None
-    most: float | None
-    got: float
-
-    @property
-    def met(self) -> bool:
-        """Within its bounds; NaN is not."""
-        return (self.least is None or self.got >= self.least) and (self.most is None or self.got <= self.most)
-
-    def cells(self) -> list[str]:
-        """A row of the table."""
-        bounds = ((">=", self.least), ("<=", self.most))
-        asked = ", ".join(f"{sign} {value:g}" for sign, value in bounds if value is not None)
-        missed = "not run" if np.isnan(self.got) else "**missed**"
-        verdict = "" if not asked else "met" if self.met else missed
-        return [self.what, "" if self.paper is None else f"{self.paper:g}", f"{self.got:.3g}", asked, verdict]
 
 
 def parts(found: Mapping[str, Found]) -> dict[str, str]:

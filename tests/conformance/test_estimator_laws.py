@@ -6,7 +6,8 @@ import copy
 import pickle
 import re
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -38,14 +39,11 @@ class Set:
     case: Case
     rig: Any
     recording: Recording
-    _known: list[pl.DataFrame] = field(default_factory=list)
 
-    @property
+    @cached_property
     def known(self) -> pl.DataFrame:
         """Its contacts by `stream`, made once for all tests."""
-        if not self._known:
-            self._known.append(self.streamed())
-        return self._known[0]
+        return self.streamed()
 
     def estimator(self) -> Any:
         """Prepared for the log."""
@@ -61,14 +59,33 @@ class Set:
         """Its contacts by `stream`."""
         return pl.concat([found.to_polars() for found in self.estimator().stream(self.cut(size))])
 
-    def prepared(self) -> tuple[Any, Recording]:
-        """An estimator after `stream`, reset (its zero stays), and the samples as it got them ready."""
+    @cached_property
+    def _prepared(self) -> tuple[Any, Recording]:
         from palpate.io.logs import join
 
         estimator = self.estimator()
         ready = [block for block, _ in estimator.pairs(self.cut(LENGTH))]
-        estimator.reset()
         return estimator, join(ready)
+
+    def prepared(self) -> tuple[Any, Recording]:
+        """An estimator after `stream`, reset (its zero stays), and the samples as it got them ready.
+
+        One for all tests of a sensor: whatever a reset does not forget of one of them, the next would show.
+        """
+        estimator, ready = self._prepared
+        estimator.reset()
+        return estimator, ready
+
+    @cached_property
+    def raw(self) -> Any:
+        """What an estimator that has heard nothing yet says of the samples as they are."""
+        return self.estimator().run(self.recording)
+
+    @cached_property
+    def answers(self) -> pl.DataFrame:
+        """What a prepared estimator's `run` says of those samples."""
+        estimator, ready = self.prepared()
+        return estimator.run(ready).to_polars()
 
 
 _SETS: dict[str, Set] = {}  # a rig and a recording are frozen: one for all tests of a sensor
@@ -94,11 +111,10 @@ def test_blocks_of_any_size_are_answered_alike(made: Set) -> None:
 @SENSOR
 def test_update_run_and_stream_are_one(made: Set) -> None:
     """`update` is given no doubt about the acceleration, which looking ahead finds: without it, it is `run`."""
+    same(made.answers, made.known)
     estimator, ready = made.prepared()
-    same(estimator.run(ready).to_polars(), made.known)
     known = {name: values for name, values in ready.channels.items() if name != UNSTEADY}
     live = replace(ready, channels=known)
-    estimator.reset()
     single = [estimator.update(*reading) for reading in each_reading(estimator, live)]
     estimator.reset()
     same(_numbered(single), estimator.run(live).to_polars())
@@ -121,9 +137,8 @@ def test_update_into_writes_the_rows_of_update(made: Set) -> None:
 @SENSOR
 @pytest.mark.parametrize("size", [1, 16, 150])
 def test_blocks_of_arrays_give_the_rows_of_run(made: Set, size: int) -> None:
+    known = made.answers
     estimator, ready = made.prepared()
-    known = estimator.run(ready).to_polars()
-    estimator.reset()
     readings = readings_of(estimator, ready)
     out, counts, done, parts = estimator.empty(max(size, 2 * estimator.most)), np.zeros(size, np.int64), 0, []
     while done < len(ready):
@@ -142,9 +157,8 @@ def test_blocks_of_arrays_give_the_rows_of_run(made: Set, size: int) -> None:
 @SENSOR
 def test_reset_forgets(made: Set) -> None:
     """After the middle of a touch, the same samples are answered as if they were the first."""
+    known = made.answers
     estimator, ready = made.prepared()
-    known = estimator.run(ready).to_polars()
-    estimator.reset()
     estimator.run(ready.picked(slice(0, LENGTH * 2 // 3)))
     estimator.reset()
     same(estimator.run(ready).to_polars(), known)
@@ -225,7 +239,7 @@ def test_copies_share_nothing(made: Set, copied: Callable[[Any], Any]) -> None:
 @SENSOR
 @pytest.mark.parametrize("copied", [copy.deepcopy, lambda value: pickle.loads(pickle.dumps(value))])
 def test_values_come_back_as_they_were(made: Set, copied: Callable[[Any], Any]) -> None:
-    found = made.estimator().run(made.recording)
+    found = made.raw
     same(copied(found).to_polars(), found.to_polars())
     back = copied(made.recording)
     for name, values in made.recording.channels.items():

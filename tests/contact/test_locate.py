@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 import functools
+import pickle
+import weakref
+from dataclasses import replace
+from importlib import import_module
+from typing import Any
 
 import numpy as np
 import pytest
 from scipy.stats import chi2
 
 from palpate.contact import ROW, ContactEstimate, Locator, Status, locate
+from palpate.contact.neighbours import in_space
 from palpate.errors import InputError
 from palpate.simulation.contacts import touch_wrenches
 from palpate.spatial.pose import Pose
@@ -358,6 +364,61 @@ def test_locate_takes_six_numbers_rows_of_them_and_a_wrench() -> None:
     same(locate(rows.tolist(), lid(), noise=NOISE), expected)
     same(locate(rows[None], lid(), noise=NOISE)[0], expected)
     same(locate(tuple(rows[1]), lid(), noise=NOISE), expected[1])
+
+
+def test_six_numbers_are_answered_as_a_batch_of_one_and_are_not_written_into() -> None:
+    mesh = BODIES["L"].mesh
+    expected = found = locate([0, 0, -2, 0, 0, 0], mesh)
+    for vector in (*np.nan_to_num(a_log(mesh, 20)), np.full(6, np.nan), np.array([0.0, 0, -2, 0, 0, 0])):
+        expected = locate(vector[None], mesh)[0]
+        given = vector.copy()
+        given.flags.writeable = False
+        for form in (vector.tolist(), tuple(vector), given, np.repeat(vector, 2)[::2], vector.astype(">f8")):
+            found = locate(form, mesh)
+            same(found, expected)
+            assert list(vars(found)) == list(vars(expected))
+            for name, value in vars(expected).items():
+                assert np.asarray(value).dtype == np.asarray(getattr(found, name)).dtype, name
+                assert type(value) is type(getattr(found, name)), name
+    same(locate([0, 0, -2, 0, 0, 0], mesh), expected)  # the last one, of whole numbers
+    with pytest.raises(ValueError, match="read-only"):
+        found.point[0] = 1.0
+    with pytest.raises(ValueError, match="WRITEABLE"):
+        found.torque.flags.writeable = True
+    same(pickle.loads(pickle.dumps(found)), found)
+    wrongs: tuple[Any, ...] = ([0.0] * 5, ["a"] * 6, [[0.0], [1.0, 2.0], 3.0, 4.0, 5.0, 6.0], [None] * 6)
+    for wrong in wrongs:
+        with pytest.raises(InputError, match=r"vector must"):
+            locate(wrong, mesh)
+
+
+def test_a_surface_that_locate_has_met_can_be_forgotten() -> None:
+    mesh = replace(lid())
+    for friction in np.arange(1, 13) / 10:
+        locate(press(5.0), mesh, friction=friction)
+    gone = weakref.ref(mesh)
+    del mesh
+    assert gone() is None
+
+
+def test_many_wrenches_may_be_answered_in_any_order(monkeypatch: pytest.MonkeyPatch) -> None:
+    mesh = BODIES["L"].mesh
+    wrenches = a_log(mesh, 230)
+    covariances = np.linspace(1, 2, 230)[:, None, None] * np.diag(NOISE**2)
+    statuses = np.where(np.arange(230) % 7, -1, Status.SATURATED)
+    one = Locator(mesh, noise=NOISE)
+    given = [(None, None), (covariances, statuses), (covariances[0], None)]
+    expected = [one.run(wrenches, *each, sequential=False, previous=(0, 0, 1)) for each in given]
+    for name, value in (("_MANY", 10), ("_BLOCK", 100), ("_LARGE", 0)):
+        monkeypatch.setattr(import_module("palpate.contact.locate"), name, value)
+    for each, answer in zip(given, expected, strict=True):
+        same(one.run(wrenches, *each, sequential=False, previous=(0, 0, 1)), answer)
+    order = in_space(wrenches, mesh.centre, 0.5 * mesh.size)
+    assert np.array_equal(np.sort(order), np.arange(230))
+    places = expected[0].point[order]
+    steps = np.linalg.norm(np.diff(places[np.isfinite(places[:, 0])], axis=0), axis=1)
+    before = expected[0].point[np.isfinite(expected[0].point[:, 0])]
+    assert steps.mean() < 0.7 * np.linalg.norm(np.diff(before, axis=0), axis=1).mean()  # they lie closer together
 
 
 def test_run_answers_one_wrench_as_a_log_of_one() -> None:

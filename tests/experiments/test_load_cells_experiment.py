@@ -5,9 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from experiments.check import Check
 from experiments.load_cells.__main__ import FOLDER, figures_of, studies
 from experiments.load_cells.literal import Literal
-from experiments.load_cells.page import Check, page
+from experiments.load_cells.page import page
 from experiments.load_cells.study import Answer, Study
 from experiments.load_cells.table import PAPER, Errors, errors, rows
 from palpate.simulation.ball_on_ellipse import FINGERTIP
@@ -88,12 +89,12 @@ def test_a_thin_run_reaches_the_figures_of_the_rigid_bench(small: Study) -> None
 
 
 def test_the_page_says_what_was_met_and_what_was_missed() -> None:
-    fine = Check("bench", "position_rmse", 141e-6, None, 45e-6, 30e-6)
-    poor = Check("bench", "force_rmse", None, None, 5e-3, float("nan"))
+    fine = Check("bench: position rmse [um]", 30e-6, most=45e-6, theirs=(141e-6,), scale=1e6)
+    poor = Check("bench: force rmse [mN]", 6e-3, most=5e-3, scale=1e3)
     assert fine.met
     assert not poor.met
     made = page([fine, poor], "TABLES", {name: name.upper() for name in ("law", "told", "lighter")})
-    assert "| bench | position rmse [um] | 141 | 30 | <= 45 | met |" in made
+    assert "| bench: position rmse [um] | 141 | 30 | <= 45 | met |" in made
     assert "**missed**" in made
     assert all(part in made for part in ("TABLES", "LAW", "TOLD", "LIGHTER"))
 

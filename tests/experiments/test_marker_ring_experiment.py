@@ -10,9 +10,10 @@ import pytest
 pytest.importorskip("cv2")
 pytest.importorskip("skfem")
 
+from experiments.check import Check
 from experiments.marker_ring.__main__ import FOLDER, SMALL, Measured, checks, figures_of, measured
 from experiments.marker_ring.bench import Answer, errors
-from experiments.marker_ring.page import Check, degrees, in_trouble, newtons, of_numbers, page
+from experiments.marker_ring.page import degrees, in_trouble, newtons, of_numbers, page
 from experiments.marker_ring.study import TROUBLE
 from experiments.marker_ring.theirs import sorted_markers
 
@@ -72,8 +73,8 @@ def test_several_contacts_far_apart_are_counted(small: Measured) -> None:
 
 def test_the_page_says_what_was_met_and_what_was_missed(small: Measured) -> None:
     assert len(checks(small)) == 20
-    fine = Check("intervals", "interval", None, 0.93, 0.97, 0.95)
-    poor = Check("angle [deg]", "angle", 1.12, None, 0.5, float("nan"))
+    fine = Check("intervals", 0.95, 0.93, 0.97)
+    poor = Check("angle [deg]", 0.6, most=0.5, theirs=(1.12,))
     names = ("depth", "noise", "numbers", "speed", "intervals", "units")
     made = page([fine, poor], {name: name.upper() for name in names} | {"trouble": in_trouble(small.trouble)}, 1.0)
     assert "| intervals |  | 0.95 | >= 0.93, <= 0.97 | met |" in made

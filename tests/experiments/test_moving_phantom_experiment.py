@@ -9,10 +9,11 @@ import pytest
 
 pytest.importorskip("mujoco")
 
+from experiments.check import Check
 from experiments.moving_phantom.__main__ import FOLDER, checks, figures_of
 from experiments.moving_phantom.conditions import STEP, Sizes, sections, sine
 from experiments.moving_phantom.controllers import Iterative
-from experiments.moving_phantom.page import Check, page, parts
+from experiments.moving_phantom.page import page, parts
 from experiments.moving_phantom.study import COLUMNS, Condition, Found, Trace, traces
 from palpate.contact import Locator, WrenchEstimator
 from palpate.contact.estimate import ROW
@@ -100,7 +101,7 @@ def test_the_page_says_what_was_met_and_what_was_missed() -> None:
     assert got["ours_in-plane_10"] == pytest.approx(0.5)
     assert got["robust"] == pytest.approx(1.0)
     assert got["unplanned_settled"] == 0.0
-    fine, poor = Check("angle", 1.5, 0.6, None, 0.5, 0.4), Check("force", None, None, None, 0.5, float("nan"))
+    fine, poor = Check("angle", 0.4, most=0.5, theirs=(1.5, 0.6)), Check("force", 0.6, most=0.5, theirs=(None, None))
     text = page([fine, poor, *checks(found)], parts(found), 1.0, 3)
     assert "| angle | 1.5 | 0.6 | 0.4 | <= 0.5 | met |" in text
     assert "**missed**" in text

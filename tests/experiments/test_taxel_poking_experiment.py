@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from evidence.taxel_limit import priors_of
+from experiments.check import Check
 from experiments.taxel_poking.__main__ import AVERAGED, CAD, FOLDER, NOTHING, SMALL, Measured, checks, measured
-from experiments.taxel_poking.page import Check, page
+from experiments.taxel_poking.page import page
 from experiments.taxel_poking.study import ALONE, SKIN, Found, Session, alone
 from palpate.calibration.taxels import paper
 from palpate.simulation.poke_bench import MIX
@@ -54,14 +55,14 @@ def test_a_small_run_has_all_methods(small: Measured) -> None:
 
 
 def test_the_page_says_what_was_met_and_what_was_missed() -> None:
-    fine = Check("modules", "modules_cad", None, None, 1.5e-3, 1e-3)
-    poor = Check("times better", "ratio", None, 2.0, None, float("nan"))
+    fine = Check("modules", 1e-3, most=1.5e-3, scale=1e3)
+    poor = Check("times better", float("nan"), least=2.0)
     assert fine.met
     assert not poor.met
     tables = {name: name.upper() for name in ("singles", "running", "together", "alone", "slow")}
     made = page([fine, poor], tables, 1.0, 2000)
     assert "| modules |  | 1 | <= 1.5 | met |" in made
-    assert "| times better |  | nan | >= 2 | **missed** |" in made
+    assert "| times better |  | nan | >= 2 | **not measured** |" in made
     assert all(part in made for part in tables.values())
 
 

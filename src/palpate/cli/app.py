@@ -10,6 +10,8 @@ from dataclasses import dataclass, field
 
 from tyro.extras import SubcommandApp
 
+from palpate.cli.benchmark_make import benchmark_make
+from palpate.cli.benchmark_score import benchmark_score
 from palpate.cli.calibrate_camera import calibrate_camera
 from palpate.cli.calibrate_clock import calibrate_clock
 from palpate.cli.calibrate_drift import calibrate_drift
@@ -54,6 +56,9 @@ class _Group:
 
 COMMANDS: dict[str, Command | _Group] = {
     "estimate": estimate,
+    "benchmark": _Group(
+        "Score any estimator of contacts on simulated tasks", {"make": benchmark_make, "score": benchmark_score}
+    ),
     "calibrate": _Group(
         "Make a model from a log",
         {

@@ -3,17 +3,30 @@
 from __future__ import annotations
 
 import copy
-import functools
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from threading import Lock
+from typing import Any, cast
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from jaxtyping import Bool, Float, Int8
 from numpy.typing import ArrayLike
 
-from palpate.contact._settings import FOLLOW, HAS_PREVIOUS, LARGEST, NOISY, PREVIOUS, SOFT, STATE, TOUCHING
+from palpate.contact._settings import (
+    CENTRE,
+    FOLLOW,
+    HAS_PREVIOUS,
+    LARGEST,
+    NOISY,
+    PREVIOUS,
+    SCALE,
+    SOFT,
+    STATE,
+    TOUCHING,
+)
 from palpate.contact.estimate import ROW, ContactEstimate, Status
+from palpate.contact.neighbours import in_space
 from palpate.errors import InputError
 from palpate.sensors.load_cells import Indentation
 from palpate.spatial._arrays import FLOAT, INT8, Value, require_out, shaped
@@ -25,6 +38,8 @@ from palpate.surfaces.surface import Surface
 __all__ = ["METHODS", "Candidates", "Locator", "locate"]
 
 WORSE = 0.05  # of a touch's samples
+_MANY, _BLOCK = 4_000, 100_000  # wrenches for which it is worth while to sort them, and how many at a time
+_LARGE = 2**19  # bytes of a surface that a core does not keep at hand
 _WRENCH, _ROW = (6,), (ROW.length,)
 ON, OFF = 5.5, 3.0  # standard deviations of the force; noise alone exceeds the first once in a million samples
 METHODS = ("soft_finger", "wrench_axis")  # of a Locator; `locate` knows "iterative" too
@@ -203,6 +218,8 @@ class Locator:
         """
         wrenches = shaped(wrenches, (..., 6), "wrenches")
         batch = wrenches.shape[:-1]
+        if not batch and covariances is None and statuses is None:
+            return self._single(wrenches, self._state if sequential else _state(previous))
         noises, settings = self._noise[None], self._settings
         if covariances is not None:
             each = shaped(covariances, (..., 6, 6), "covariances")
@@ -211,8 +228,63 @@ class Locator:
         rows = self.empty(*batch)
         state = self._state if sequential else _state(previous)
         flat = wrenches.reshape(-1, 6), noises, known.reshape(-1)
-        self._many(*flat, *self._arguments, settings, state, sequential, rows.reshape(-1, ROW.length))
+        out = rows.reshape(-1, ROW.length)
+        if not sequential and len(out) >= _MANY and self._arguments[1].nbytes > _LARGE:
+            self._sorted(*flat, settings, state, out)
+        else:
+            self._many(*flat, *self._arguments, settings, state, sequential, out)
         return ContactEstimate.from_rows(rows)
+
+    def alone(
+        self, wrench: ArrayLike, covariance: ArrayLike | None = None, previous: ArrayLike | None = None
+    ) -> ContactEstimate:
+        """One wrench (6,) on its own; the Locator's memory is left alone, so that threads may share it.
+
+        What `run` answers with `sequential=False`, sooner.
+
+        Args:
+            wrench: (6,) in the surface's frame, force first.
+            covariance: (6, 6) instead of the Locator's noise.
+            previous: (3,) [m] the last contact.
+
+        Raises:
+            InputError: other shapes, or numbers that are not real.
+        """
+        known = None if covariance is None else shaped(covariance, (6, 6), "covariance")
+        return self._single(shaped(wrench, _WRENCH, "wrench"), _state(previous), known)
+
+    def _sorted(
+        self,
+        wrenches: Float[np.ndarray, "n 6"],
+        noises: Float[np.ndarray, "k 6 6"],
+        known: Int8[np.ndarray, " n"],
+        settings: Float[np.ndarray, " s"],
+        state: Float[np.ndarray, " t"],
+        out: Float[np.ndarray, "n 22"],
+    ) -> None:
+        """Each on its own, in the order in which they lie in space: less waiting for memory, the same answers."""
+        centre, scale = settings[CENTRE : CENTRE + 3], float(settings[SCALE])
+        for first in range(0, len(out), _BLOCK):
+            block = slice(first, first + _BLOCK)
+            order = first + in_space(wrenches[block], centre, scale)
+            each = noises if len(noises) == 1 else noises[order]
+            found = self.empty(len(order))
+            self._many(wrenches[order], each, known[order], *self._arguments, settings, state.copy(), False, found)
+            out[order] = found
+
+    def _single(
+        self,
+        wrench: Float[np.ndarray, "6"],
+        state: Float[np.ndarray, " s"],
+        covariance: Float[np.ndarray, "6 6"] | None = None,
+    ) -> ContactEstimate:
+        """One wrench by itself: what `run` does for a batch would take it five times as long."""
+        noise, settings = self._noise, self._settings
+        if covariance is not None:
+            noise, settings = covariance, self._noisy
+        row = np.empty(ROW.length)
+        self._one(wrench, noise, *self._arguments, settings, state, row)
+        return ContactEstimate.from_rows(row)
 
     def run_into(
         self, wrenches: ArrayLike, covariances: ArrayLike | None, statuses: ArrayLike, out: np.ndarray
@@ -352,10 +424,39 @@ def _iterated(
     return ContactEstimate.joined([one.reshaped((1,)) for one in found])
 
 
-@functools.lru_cache(maxsize=8)
-def _prepared(surface: Surface, method: str, friction: float, torsion: float) -> Locator:
-    """The Locator behind `locate`; surfaces are compared by identity."""
-    return Locator(surface, method, friction, torsion, on=0.0, off=0.0)
+_KEPT = 8  # Locators of a surface that `locate` keeps, one for each method and bounds that it was called with
+_Bounds = tuple[str, float, float]
+_kept: WeakKeyDictionary[Surface, dict[_Bounds, Locator]] = WeakKeyDictionary()
+_keeping = Lock()
+
+
+def _prepared(surface: Surface, bounds: _Bounds) -> Locator:
+    """The Locator behind `locate`, kept as long as the surface lives; it does not name its surface, or both would stay.
+
+    Threads may share it: it is never used in sequence, so that it has no memory of its own.
+    """
+    of_surface = _kept.get(surface)
+    locator = None if of_surface is None else of_surface.get(bounds)
+    if locator is None:
+        locator = Locator(surface, *bounds, on=0.0, off=0.0)
+        del locator.surface
+        with _keeping:
+            of_surface = _kept.setdefault(surface, {})
+            while len(of_surface) >= _KEPT:
+                del of_surface[next(iter(of_surface))]
+            of_surface[bounds] = locator
+    return locator
+
+
+def _six_numbers(wrench: object) -> Float[np.ndarray, "6"] | None:
+    """A copy of six floats in a list, a tuple or an array; None of all else, which is looked at more closely."""
+    if type(wrench) is not list and type(wrench) is not tuple and type(wrench) is not np.ndarray:
+        return None
+    try:
+        array = np.array(cast("ArrayLike", wrench))
+    except ValueError:  # lists of different lengths
+        return None
+    return array if array.dtype == FLOAT and array.shape == _WRENCH else None
 
 
 def locate(
@@ -385,13 +486,17 @@ def locate(
     Raises:
         InputError: an unknown method, or wrenches, noise or previous of another shape.
     """
-    if not isinstance(wrench, Wrench):
-        wrench = Wrench.from_vector(wrench)
+    vectors, covariance = _six_numbers(wrench), None
+    if vectors is None:
+        whole = wrench if isinstance(wrench, Wrench) else Wrench.from_vector(wrench)
+        vectors, covariance = whole.vector(), whole.covariance
     point = previous.point if isinstance(previous, ContactEstimate) else previous
     last = None if point is None or not np.all(np.isfinite(point)) else point
-    vectors = wrench.vector()
     if method == "iterative":
         return _iterated(vectors.reshape(-1, 6), surface, last, friction, torsion).reshaped(vectors.shape[:-1])
-    locator = _prepared(surface, method, friction, torsion)
-    covariance = wrench.covariance if noise is None else noise_covariance(noise)
+    locator = _prepared(surface, (method, friction, torsion))
+    if noise is not None:
+        covariance = noise_covariance(noise)
+    if vectors.ndim == 1:
+        return locator.alone(vectors, covariance, last)
     return locator.run(vectors, covariance, sequential=False, previous=last)

@@ -140,7 +140,7 @@ class RingEstimator:
             states[n] = self._track(frame, pixels[n])
         return pixels, states
 
-    def _track(self, image: UInt8[np.ndarray, "h w 3"], pixels: Float[np.ndarray, "m 2"]) -> int:
+    def _track(self, image: np.ndarray, pixels: Float[np.ndarray, "m 2"]) -> int:
         """Places of one frame's markers into `pixels`, and the frame's `Frame`."""
         self.tracker.track(image, pixels)
         return int(self.tracker.frame)

@@ -199,7 +199,7 @@ def _quietest(image: Image, colour: MarkerColour, count: int) -> MarkerColour:
     return best
 
 
-def _read(image: Image) -> Image:
+def _read(image: np.ndarray) -> Image:
     """The same pixels, that cannot be written: loops are compiled once, whether the caller's can be or not."""
     view = image.view()
     view.flags.writeable = False
@@ -316,7 +316,7 @@ class MarkerTracker:
         self._claimed = np.full((m, 2), np.nan)
         self._fresh, self._sample, self._same, self._since = True, b"", 0, 0
 
-    def track(self, image: Image, out: Float[np.ndarray, "m 2"]) -> Bool[np.ndarray, " m"]:
+    def track(self, image: np.ndarray, out: Float[np.ndarray, "m 2"]) -> Bool[np.ndarray, " m"]:
         """Pixels of every marker into `out`, NaN where it is not found; whether it is."""
         require_out(out, (len(self._areas), 2))
         out[:] = np.nan
@@ -336,7 +336,7 @@ class MarkerTracker:
             self.frame = Frame.LOST
         return found
 
-    def _health(self, image: Image) -> Frame:
+    def _health(self, image: np.ndarray) -> Frame:
         """Told from every 32nd row: a live camera's noise never repeats in 15 rows."""
         camera = self.view.camera
         if image.dtype != np.uint8 or image.shape != (camera.height, camera.width, 3):

@@ -65,6 +65,7 @@ class Session:
         load: what the sensor really carries.
         free_motion, touches: the logs.
         truth: the touches.
+        contact: (n, 6) [N, N m] what touches does to the probe at the times of `touches`, in the sensor's frame, exact.
     """
 
     vertices: Float[np.ndarray, "v 3"]
@@ -75,6 +76,7 @@ class Session:
     free_motion: Recording
     touches: Recording
     truth: Touches
+    contact: Float[np.ndarray, "n 6"]
 
 
 def simulate_session(seed: int = 0, *, touches: int = 20, facets: int = 8000) -> Session:
@@ -94,7 +96,7 @@ def simulate_session(seed: int = 0, *, touches: int = 20, facets: int = 8000) ->
     free = _move(_orientations(14, 1.2, rng), HOLD, MOVE)
     truth, arm, contact = _touching(probe, true, touches, rng)
     logs = _recorded(free, load, None, rng), _recorded(arm, load, contact, rng)
-    return Session(vertices, faces, NOMINAL, true, load, *logs, truth)
+    return Session(vertices, faces, NOMINAL, true, load, *logs, truth, contact)
 
 
 def _orientations(count: int, spread: float, rng: np.random.Generator) -> Float[np.ndarray, "n 4"]:

@@ -15,7 +15,16 @@ from palpate.simulation.skin_bench import HIGH, JOINT, LOW
 from palpate.simulation.touched.run import ForearmRun, Truth
 from palpate.simulation.touched.settings import GRAVITY, ForearmSettings
 
-__all__ = ["POSE_TOPIC", "SKIN_TOPIC", "TRUTH", "WRENCH_TOPIC", "link_mesh", "write_forearm", "write_free"]
+__all__ = [
+    "POSE_TOPIC",
+    "SKIN_TOPIC",
+    "TRUTH",
+    "WRENCH_TOPIC",
+    "intensity_model",
+    "link_mesh",
+    "write_forearm",
+    "write_free",
+]
 
 WRENCH_TOPIC, SKIN_TOPIC, POSE_TOPIC = "/forearm/wrench", "/forearm/skin", "/forearm/pose"
 TRUTH = ("time", "px", "py", "pz", "nx", "ny", "nz", "fx", "fy", "fz", "touch", "seen", "share", "speed")
@@ -134,7 +143,7 @@ def write_forearm(run: ForearmRun, folder: Path, free: Recording | None = None) 
     for name, text in (
         ("both.toml", _rig(settings)),
         ("payload.toml", _payload(settings)),
-        ("intensity.toml", _INTENSITY.format(low=LOW, high=HIGH, largest=_LARGEST, joint=JOINT)),
+        ("intensity.toml", intensity_model()),
         ("skin_map.toml", _map(settings)),
         ("README.txt", _about(settings, free)),
     ):
@@ -166,6 +175,11 @@ def link_mesh(settings: ForearmSettings, around: int = 120) -> tuple[Float[np.nd
     bottom_end = np.stack([np.full(around, len(side)), beside, here], axis=-1)
     top_end = np.stack([np.full(around, len(side) + 1), top + here, top + beside], axis=-1)
     return vertices, np.concatenate([lower, upper, bottom_end, top_end])
+
+
+def intensity_model() -> str:
+    """The curve of a cell of gain 1, as `palpate calibrate intensity` writes it."""
+    return _INTENSITY.format(low=LOW, high=HIGH, largest=_LARGEST, joint=JOINT)
 
 
 def _write_both(run: ForearmRun, path: Path) -> None:

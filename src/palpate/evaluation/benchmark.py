@@ -1,0 +1,73 @@
+"""The figures of the benchmark: answers of any estimator against what really touched, misses included."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from palpate.contact.contacts import Contacts
+from palpate.contact.ground_truth import Samples
+from palpate.evaluation.errors import Coverage, coverage, distances
+from palpate.evaluation.matching import match_instants
+
+__all__ = ["NEAR", "Score", "score"]
+
+NEAR = 0.002  # m: a place that is found
+
+
+@dataclass(frozen=True)
+class Score:
+    """Of one estimator at one task. A contact without an answer is a miss: infinitely far off.
+
+    Attributes:
+        contacts: that are to be found; answered: share of them that have an answer.
+        median, p95: [m] the least distance within which half, and 95 %, of all contacts were found; inf where so many
+            have no answer.
+        near: share of all contacts that were found within 2 mm.
+        force: [N] median length of the force's error, of the answers that state a force; NaN where none does.
+        coverage: of the answers that state a covariance.
+        false: answers at judged samples that no contact has.
+    """
+
+    contacts: int
+    answered: float
+    median: float
+    p95: float
+    near: float
+    force: float
+    coverage: Coverage
+    false: int
+
+
+def score(answers: Contacts, truth: Samples, quiet: Int[np.ndarray, " q"]) -> Score:
+    """Judge answers; the time of answers and truth is the number of the sample.
+
+    A contact has one answer and an answer one contact: of one sample those pairs whose distances have the least sum.
+
+    Args:
+        answers: each with a point; at samples that are neither in the truth nor in `quiet` they do not count.
+        truth: of the contacts, one at least.
+        quiet: (q,) samples in which nothing touches.
+    """
+    match, due = match_instants(answers, truth, 0.25)
+    found = match >= 0
+    apart: Float[np.ndarray, " n"] = np.where(found, distances(answers.point, truth.point[match]), np.inf)
+    errors: Float[np.ndarray, " k"] = np.full(len(truth.time), np.inf)
+    np.minimum.at(errors, match[found], apart[found])
+    wrong: Float[np.ndarray, " n"] = np.full(len(match), np.nan)
+    if truth.force is not None:
+        wrong = np.where(found, distances(answers.force, truth.force[match]), np.nan)
+    stated = wrong[np.isfinite(wrong)]
+    extra = (due & ~found) | np.isin(answers.sample, quiet)
+    return Score(
+        contacts=len(errors),
+        answered=float(np.mean(np.isfinite(errors))),
+        median=float(np.quantile(errors, 0.5, method="inverted_cdf")),
+        p95=float(np.quantile(errors, 0.95, method="inverted_cdf")),
+        near=float(np.mean(errors <= NEAR)),
+        force=float(np.median(stated)) if len(stated) else float("nan"),
+        coverage=coverage(answers.estimate, truth.point[match], found),
+        false=int(np.count_nonzero(extra)),
+    )

@@ -1,0 +1,36 @@
+"""From an image to a contact without a model: the calibration image that looks most alike."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from jaxtyping import Float, UInt8
+
+__all__ = ["BLOCK", "nearest_image", "shrunk"]
+
+BLOCK = 8  # pixels, whose mean is compared
+
+
+def shrunk(image: UInt8[np.ndarray, "h w 3"]) -> Float[np.ndarray, " n"]:
+    """Red less the mean of green and blue, a number for each block of 8 x 8 pixels."""
+    red = image[..., 2].astype(np.float64) - image[..., :2].mean(axis=2)  # OpenCV's order: blue, green, red
+    high, wide = (size - size % BLOCK for size in red.shape)
+    return red[:high, :wide].reshape(high // BLOCK, BLOCK, wide // BLOCK, BLOCK).mean(axis=(1, 3)).ravel()
+
+
+def nearest_image(
+    seen: Float[np.ndarray, "n m"], rows: Float[np.ndarray, "n 6"]
+) -> Callable[[UInt8[np.ndarray, "h w 3"]], Float[np.ndarray, "k 6"]]:
+    """One contact, that of the calibration image with the least squares of differences; none if it was untouched.
+
+    Args:
+        seen: calibration images as `shrunk` has them.
+        rows: point and force of each, NaN where nothing touched.
+    """
+
+    def answer(image: np.ndarray) -> np.ndarray:
+        row = rows[np.argmin(np.sum((seen - shrunk(image)) ** 2, axis=1))]
+        return row[None] if np.isfinite(row).all() else np.empty((0, 6))
+
+    return answer

@@ -1,0 +1,77 @@
+"""From a frame of a taxel skin to contacts, without any model of how a touch spreads."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from jaxtyping import Float
+
+__all__ = ["Sheet", "all_taxels", "minimum_norm", "patches", "patches_and_wrench"]
+
+LEAST = 0.15  # N a cell: below it is noise of the counts
+REACH = 1.6  # of the usual distance between neighbours: cells of one patch
+
+Frames = Callable[[np.ndarray, np.ndarray], np.ndarray]  # forces of cells (k,) [N], wrench (6,), to rows (c, 6)
+
+
+class Sheet:
+    """Where cells are: centres (k, 3) [m] and outward normals (k, 3)."""
+
+    def __init__(self, centres: Float[np.ndarray, "k 3"], normals: Float[np.ndarray, "k 3"]) -> None:
+        self.centres, self.normals = centres, normals
+        apart = np.linalg.norm(centres[:, None] - centres, axis=2)
+        pitch = np.median(np.sort(apart, axis=1)[:, 1])
+        self.near = apart < REACH * pitch
+
+
+def all_taxels(sheet: Sheet) -> Frames:
+    """One contact: the centre of all cells that feel something, weighted by force."""
+
+    def answer(forces: np.ndarray, wrench: np.ndarray) -> np.ndarray:
+        del wrench
+        felt = np.flatnonzero(forces > LEAST)
+        return _contact(sheet, forces, felt)[None] if len(felt) else np.empty((0, 6))
+
+    return answer
+
+
+def patches(sheet: Sheet) -> Frames:
+    """One contact for each patch of neighbours that feel something: its centre, and the sum along the normals."""
+    from scipy.sparse import csr_array
+    from scipy.sparse.csgraph import connected_components
+
+    def answer(forces: np.ndarray, wrench: np.ndarray) -> np.ndarray:
+        del wrench
+        felt = np.flatnonzero(forces > LEAST)
+        if not len(felt):
+            return np.empty((0, 6))
+        count, label = connected_components(csr_array(sheet.near[np.ix_(felt, felt)]), directed=False)
+        return np.stack([_contact(sheet, forces, felt[label == k]) for k in range(count)])
+
+    return answer
+
+
+def patches_and_wrench(sheet: Sheet) -> Frames:
+    """Places of `patches`, with the shortest forces there that make the wrench of the sensor below."""
+    skin = patches(sheet)
+
+    def answer(forces: np.ndarray, wrench: np.ndarray) -> np.ndarray:
+        rows = skin(forces, wrench)
+        if len(rows):
+            rows[:, 3:] = minimum_norm(rows[:, :3], wrench)
+        return rows
+
+    return answer
+
+
+def minimum_norm(points: Float[np.ndarray, "n 3"], wrench: Float[np.ndarray, "6"]) -> Float[np.ndarray, "n 3"]:
+    """(n, 3) [N] the shortest forces at points (n, 3) that make a wrench."""
+    columns = [np.concatenate([np.eye(3), np.cross(point, np.eye(3)).T]) for point in points]
+    return (np.linalg.pinv(np.concatenate(columns, axis=1)) @ wrench).reshape(-1, 3)
+
+
+def _contact(sheet: Sheet, forces: np.ndarray, which: np.ndarray) -> np.ndarray:
+    """Point and force (6,) of some cells."""
+    share = forces[which]
+    return np.r_[share @ sheet.centres[which] / share.sum(), -(share @ sheet.normals[which])]

@@ -1,0 +1,47 @@
+"""From readings to wrenches by plain least squares: what stands before a peer that takes a wrench."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float
+
+from palpate.spatial.pose import skew
+
+__all__ = ["contact_wrenches", "linear_map", "payload_and_bias"]
+
+
+def payload_and_bias(
+    wrenches: Float[np.ndarray, "n 6"], rotations: Float[np.ndarray, "n 3 3"]
+) -> Float[np.ndarray, "12"]:
+    """Weight in the base, force bias, mass moment and torque bias from free readings, all of them weighed alike.
+
+    F = R' w + b is linear in (w, b); then M = c x (R' w) + d is in (c, d).
+
+    Args:
+        wrenches: of the sensor that carries the tool and nothing touches.
+        rotations: of the sensor in the base.
+    """
+    one = np.broadcast_to(np.eye(3), rotations.shape)
+    turned = np.swapaxes(rotations, 1, 2)
+    first = np.concatenate([turned, one], axis=2).reshape(-1, 6)
+    weight = np.linalg.lstsq(first, wrenches[:, :3].ravel(), rcond=None)[0]
+    down = turned @ weight[:3]
+    second = np.concatenate([-skew(down), one], axis=2).reshape(-1, 6)
+    return np.concatenate([weight, np.linalg.lstsq(second, wrenches[:, 3:].ravel(), rcond=None)[0]])
+
+
+def contact_wrenches(
+    wrenches: Float[np.ndarray, "n 6"], rotations: Float[np.ndarray, "n 3 3"], known: Float[np.ndarray, "12"]
+) -> Float[np.ndarray, "n 6"]:
+    """Readings without what `payload_and_bias` found, in the sensor's frame."""
+    weight, bias, centre, moment = known.reshape(4, 3)
+    down = np.swapaxes(rotations, 1, 2) @ weight
+    return wrenches - np.concatenate([down + bias, np.cross(centre, down) + moment], axis=1)
+
+
+def linear_map(
+    channels: Float[np.ndarray, "n m"], points: Float[np.ndarray, "n 3"], forces: Float[np.ndarray, "n 3"]
+) -> Float[np.ndarray, "m 6"]:
+    """W = u @ map, from channels without their zero while forces press at known points: W = (F, p x F)."""
+    wrenches = np.concatenate([forces, np.cross(points, forces)], axis=1)
+    return np.linalg.lstsq(channels, wrenches, rcond=None)[0]

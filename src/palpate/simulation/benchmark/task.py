@@ -1,0 +1,115 @@
+"""What a task of the benchmark is once it is made, and its files: task.toml for all to read, truth.csv apart."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import cast
+
+import numpy as np
+from jaxtyping import Float, Int
+
+__all__ = ["MadeTask", "Truth", "write_body", "write_table", "write_task"]
+
+UNITS = "m, N, N m, s, rad; a wrench is force, then torque about the frame's origin, of the environment on the body"
+TRUTH = ("sample", "px", "py", "pz", "fx", "fy", "fz")
+
+
+@dataclass(frozen=True, eq=False)
+class Truth:
+    """What really touched, a row a contact; a sample in which nothing does has one row without numbers.
+
+    Samples without a row are not judged: a touch is on its way in or out there.
+
+    Attributes:
+        sample: (n,) number of the reading, from 0, rising.
+        point: (n, 3) [m] in the body's frame, NaN where nothing touches.
+        force: (n, 3) [N] on the body, NaN likewise.
+    """
+
+    sample: Int[np.ndarray, " n"]
+    point: Float[np.ndarray, "n 3"]
+    force: Float[np.ndarray, "n 3"]
+
+    @classmethod
+    def of(cls, sample: np.ndarray, point: np.ndarray, force: np.ndarray, quiet: np.ndarray) -> Truth:
+        """Of contacts, and of samples in which nothing touches (q,)."""
+        every = np.concatenate([sample, quiet]).astype(np.int64)
+        nothing = np.full((len(quiet), 3), np.nan)
+        order = np.argsort(every, kind="stable")
+        return cls(every[order], *(np.concatenate([known, nothing])[order] for known in (point, force)))
+
+
+@dataclass(frozen=True, eq=False)
+class MadeTask:
+    """A task, but for its readings, which its maker has written.
+
+    Attributes:
+        kind: of the readings: wrench, log, load_cells, skin or marker_ring.
+        about: what was simulated, in a sentence or two.
+        frame: in which points and forces are asked.
+        samples: how many readings; most: contacts at once, at most.
+        files: name -> what it holds.
+        truth: of the contacts.
+        facts: further keys of task.toml: noise, friction, ...
+    """
+
+    kind: str
+    about: str
+    frame: str
+    samples: int
+    most: int
+    files: Mapping[str, str]
+    truth: Truth
+    facts: Mapping[str, object] = field(default_factory=dict[str, object])
+
+
+def write_task(task: MadeTask, folder: Path, seed: int, *, small: bool) -> None:
+    """Write task.toml and truth.csv into the folder that gives the task its name."""
+    several = f", {task.most} at most" if task.most > 1 else ""
+    keys: dict[str, object] = {
+        "name": folder.name,
+        "kind": task.kind,
+        "about": task.about,
+        "asked": f"for each sample the contacts{several}: point, and force if known, in the frame below",
+        "units": UNITS,
+        "frame": task.frame,
+        "seed": seed,
+        "size": "small" if small else "full",
+        "samples": task.samples,
+        "most": task.most,
+        **task.facts,
+    }
+    lines = [f"{key} = {_toml(value)}" for key, value in keys.items()]
+    lines += ["", "[files]", *(f"{json.dumps(name)} = {json.dumps(text)}" for name, text in task.files.items()), ""]
+    (folder / "task.toml").write_text("\n".join(lines), encoding="utf-8")
+    truth = task.truth
+    rows = np.column_stack([truth.sample, truth.point, truth.force])
+    write_table(folder / "truth.csv", dict(zip(TRUTH, rows.T, strict=True)), whole=("sample",), digits=9)
+
+
+def _toml(value: object) -> str:
+    """A value in one line: JSON of texts, numbers and lists of them is TOML too."""
+    if isinstance(value, dict):
+        return (
+            f"{{ {', '.join(f'{key} = {_toml(each)}' for key, each in cast('Mapping[str, object]', value).items())} }}"
+        )
+    return json.dumps(value)
+
+
+def write_table(path: Path, columns: Mapping[str, np.ndarray], *, whole: tuple[str, ...] = (), digits: int) -> None:
+    """CSV with so many digits behind the point; NaN is an empty field, and columns of whole numbers are named."""
+    import polars as pl
+
+    frame = pl.DataFrame({name: np.asarray(values, dtype=np.float64) for name, values in columns.items()})
+    frame = frame.fill_nan(None).with_columns(pl.col(name).cast(pl.Int64) for name in whole)
+    frame.write_csv(path, float_precision=digits)
+
+
+def write_body(path: Path, vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]) -> None:
+    """Binary STL in metres."""
+    import trimesh
+
+    trimesh.Trimesh(vertices, faces, process=False).export(path)
