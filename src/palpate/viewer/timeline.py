@@ -66,7 +66,8 @@ class Timeline:
         apart = np.flatnonzero(np.diff(clock) >= GAP + 1.5 * self.step)
         first, last = np.append(0, apart + 1), np.append(apart, len(touched) - 1)
         long = clock[last] - clock[first] + self.step >= SHORTEST
-        return np.column_stack([touched[first[long]], touched[last[long]]])
+        spans: Int[np.ndarray, "m 2"] = np.stack([touched[first[long]], touched[last[long]]], axis=1)
+        return spans
 
     @cached_property
     def touches(self) -> Int[np.ndarray, " m"]:
