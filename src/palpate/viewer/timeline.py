@@ -72,7 +72,8 @@ class Timeline:
     @cached_property
     def touches(self) -> Int[np.ndarray, " m"]:
         """(m,) the middle of each touch; what is shorter than `SHORTEST` is none."""
-        return np.searchsorted(self.clock, self.clock[self._spans].sum(axis=1) / 2)
+        ends: Float[np.ndarray, "m 2"] = self.clock[self._spans]
+        return np.searchsorted(self.clock, (ends[:, 0] + ends[:, 1]) / 2)
 
     @cached_property
     def in_touch(self) -> Int[np.ndarray, " k"]:
