@@ -11,6 +11,7 @@ from typing import Annotated, Literal
 from tyro.conf import arg
 
 from palpate.cli.console import counting, lines, note, progress, shares, title, wait
+from palpate.cli.contact_files import compared_blocks
 from palpate.cli.interrupts import import_mesh_reader, uninterrupted
 from palpate.cli.options import FileOption, Log, Output
 from palpate.cli.report import judged
@@ -24,7 +25,9 @@ from palpate.io.contacts import ContactsWriter, open_contacts, require_format
 from palpate.io.ground_truth import read_ground_truth
 from palpate.io.models import provenance, write_provenance
 from palpate.io.pipeline import OpenedLog, Pipeline
+from palpate.io.rig import Rig
 from palpate.viewer.report import render, require_report
+from palpate.viewer.run_compare import beside
 from palpate.viewer.run_report import compose
 from palpate.viewer.run_summary import RunSummary
 
@@ -41,6 +44,7 @@ def estimate(
     frame: Literal["surface", "sensor", "base"] = "surface",
     report: FileOption = None,
     truth: FileOption = None,
+    compare: FileOption = None,
 ) -> None:
     """Find contacts in the log of any sensor, with a rig, or in a log of wrenches with a mesh alone.
 
@@ -57,13 +61,14 @@ def estimate(
         frame: of the result; base needs the sensor's orientation and position in the log.
         report: page to write as well (.html): what was done, pictures, what to improve.
         truth: what is known of the contacts, to be drawn and judged in the report (see `palpate evaluate`).
+        compare: other contacts, such as of the same log by other settings, to stand beside these in the report.
     """
     rig = setup.load()
-    beside = output.with_name(f"{output.name}.toml") if output.name else output
-    inputs = (log, setup.rig, *rig.files().values(), truth)
-    keep_inputs(output, inputs, beside=(beside, *([report] if report else [])))
+    record_file = output.with_name(f"{output.name}.toml") if output.name else output
+    inputs = (log, setup.rig, *rig.files().values(), truth, compare)
+    keep_inputs(output, inputs, beside=(record_file, *([report] if report else [])))
     require_format(output)  # this and what follows: before the work, not after it
-    known = _ground_truth(truth, report)
+    known, other = _ground_truth(truth, report), _compared(compare, report, rig)
     opened = setup.open(log, rig)
     import_mesh_reader()
     wait("preparing the surface and compiling kernels (compiling happens once)")
@@ -78,14 +83,15 @@ def estimate(
     files = {"log": log, "rig": setup.rig, **rig.files(opened.kind), "truth": truth}
     options = {**pipeline.facts, "frame": frame, "sensor": opened.kind.name, "ended": ended}
     record = provenance(files, options)
-    write_provenance(beside, record)
+    write_provenance(record_file, record)
     doubts = pipeline.doubts()
     short, nothing = list(_short(output, opened, summary, interrupted=interrupted)), pipeline.unbelievable()
     _say(f"{log} -> {output}", pipeline, summary, doubts)
     if report is not None:
         warnings = (*([nothing] if nothing else []), *doubts, *short)
         run = run_of(pipeline, summary, record, output.name, warnings)
-        write_text(report, render(compose(judged(run, known, mounted=mounting_known(rig)))))
+        run = judged(run, known, mounted=mounting_known(rig))
+        write_text(report, render(compose(run if other is None else beside(run, other[0], other[1]))))
     note(short, kind="warning")
     note([nothing] if nothing else [], kind="warning")
     if short or nothing:
@@ -104,6 +110,18 @@ def _ground_truth(truth: Path | None, report: Path | None) -> Samples | Touches 
             hint="Add --report FILE, or compare with palpate evaluate.",
         )
     return None if truth is None else read_ground_truth(truth)
+
+
+def _compared(path: Path | None, report: Path | None, rig: Rig) -> tuple[str, RunSummary] | None:
+    """Name and summary of the contacts to stand beside these."""
+    if path is None:
+        return None
+    if report is None:
+        raise InputError("is for the report, and none is asked for.", where="--compare", hint="Add --report FILE.")
+    other = RunSummary()
+    for block in compared_blocks(path, rig):
+        other.add(block)
+    return path.name, other
 
 
 def _interrupted(pipeline: Pipeline, writer: ContactsWriter, summary: RunSummary) -> bool:
