@@ -15,7 +15,7 @@ READY := .venv/.ready
 UV := .tools/bin/uv
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo browser test check docs bench evidence experiments mutants pictures package lock clean
+.PHONY: help setup demo browser test check docs bench evidence experiments mutants pictures follow package lock clean
 
 help: ## this list
 	@sed -n 's/^\([a-z]*\):.*## \(.*\)/make \1\t\2/p' Makefile
@@ -52,8 +52,11 @@ experiments: $(READY) ## the papers' experiments beside ours, into experiments/*
 mutants: $(READY) ## stated faults, turned on one by one: do the tests of their room notice?
 	$(BIN)/python -m mutants
 
-pictures: $(READY) ## the pictures of the README, into docs/pictures, from what `make demo` left
+pictures: $(READY) ## the pictures of README and pages, into docs/pictures, from what `make demo` left
 	$(BIN)/python docs/pictures/make.py
+
+follow: $(READY) ## the README and the tutorials, word by word as a newcomer would; minutes
+	$(BIN)/python -m tests.follow
 
 package: $(READY) ## wheel and sdist, built and used in bare environments of each Python that is here; minutes each
 	$(BIN)/python -m tests.package

@@ -11,7 +11,7 @@ import pytest
 from palpate.cli import main
 from palpate.io.contacts import read_contacts
 from palpate.simulation.load_cell_bench import BENCHES
-from tests.support.bench_files import voltage_columns, write_bench_log, write_voltage_log
+from palpate.simulation.load_cell_files import voltage_columns, write_bench_log, write_voltage_log
 
 RIG = """
 [surface]

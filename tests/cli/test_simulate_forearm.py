@@ -12,7 +12,8 @@ from palpate.cli import main
 pytest.importorskip("mujoco")
 pytest.importorskip("rosbags")
 
-FILES = {"both.mcap", "both.toml", "skin_map.toml", "intensity.toml", "payload.toml", "link.stl", "truth.csv"}
+TABLES = {"truth.csv", "load_cell_log.csv"}
+FILES = {"both.mcap", "both.toml", "skin_map.toml", "intensity.toml", "payload.toml", "link.stl"} | TABLES
 
 
 def _simulate(*words: str | Path) -> int:

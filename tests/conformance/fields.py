@@ -9,11 +9,10 @@ import contextlib
 import importlib
 import io
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
-from unittest import mock
 
 import numpy as np
 import polars as pl
@@ -25,6 +24,7 @@ from palpate.cli import main
 from palpate.errors import PalpateError
 from palpate.io.contacts import read_contacts
 from tests.conformance.sensors import Files, Sensor
+from tests.support.blocks import unserved
 from tests.support.simulated import POSE
 
 __all__ = ["FIELDS", "Case", "Refused", "judged", "run", "same"]
@@ -260,7 +260,7 @@ def _events(case: Case) -> None:
 @_field("view")
 def _view(case: Case) -> None:
     for file in (case.files.log, case.estimate()):
-        with _served() as scenes:
+        with unserved() as scenes:
             run("view", file, "--rig", case.files.rig, "--port", "0")
         assert len(scenes) == 1, "nothing was served"
 
@@ -352,17 +352,6 @@ def _screen(*words: object) -> str:
     assert len(rows) <= SCREEN[0], f"{len(rows)} lines are no screen"
     assert wide <= SCREEN[1], f"a line of {wide} letters is no screen"
     return said
-
-
-@contextlib.contextmanager
-def _served() -> Iterator[list[object]]:
-    """What `palpate view` would have served: all that is called serve... in its module gives its scene here."""
-    module = importlib.import_module("palpate.cli.view")
-    scenes: list[object] = []
-    with contextlib.ExitStack() as stack:
-        for name in [name for name in vars(module) if name.startswith("serve")]:
-            stack.enter_context(mock.patch.object(module, name, lambda scene, *_, **__: scenes.append(scene)))
-        yield scenes
 
 
 def _first(text: str) -> str:

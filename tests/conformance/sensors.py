@@ -19,13 +19,13 @@ from palpate.simulation.ball_on_ellipse import FINGERTIP
 from palpate.simulation.contacts import contact_wrenches
 from palpate.simulation.forearm import Forearm
 from palpate.simulation.load_cell_bench import BENCHES
+from palpate.simulation.load_cell_files import voltage_columns, write_bench_log
 from palpate.simulation.poke_bench import PokeBench, PokeErrors
 from palpate.simulation.poke_session_files import write_poke_session
 from palpate.simulation.session import Session, simulate_session
 from palpate.simulation.session_files import write_session
 from palpate.simulation.skin_session import SkinSession, simulate_protocol
 from palpate.spatial.pose import Pose
-from tests.support.bench_files import voltage_columns, write_bench_log
 from tests.support.simulated import Truth, base_poses, pressed, write_table
 from tests.support.skin_session_files import write_skin_session
 

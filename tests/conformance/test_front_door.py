@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import io
 import re
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 
@@ -18,12 +19,10 @@ from palpate.simulation.session_files import write_session
 from palpate.simulation.session_mcap import write_session_mcap
 from tests.conformance.fields import Case, run
 from tests.conformance.sensors import SENSORS, Sensor
+from tests.support.blocks import PAGES, ROOT, Follower, blocks, refusal
 
-ROOT = Path(__file__).resolve().parents[2]
 BY_NAME = {sensor.name: sensor for sensor in SENSORS}
-PAGES = sorted([ROOT / "README.md", *(ROOT / "docs").glob("*.md")])
-NOT_RUN = re.compile(r"<!-- not run: .+ -->\s*$")
-FENCED = re.compile(r"^```python\n(.*?)^```", re.MULTILINE | re.DOTALL)
+EACH_PAGE = pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
 
 WRENCH = """
 mesh = palpate.Mesh.load("probe.stl", unit="mm")
@@ -127,15 +126,25 @@ def demo(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
-def test_every_snippet_of_the_documentation_runs(page: Path, demo: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The snippets of a page belong together; one that cannot run says so: <!-- not run: why --> above it."""
-    monkeypatch.chdir(demo)
-    text = page.read_text(encoding="utf-8")
-    names: dict[str, object] = {}
-    for block in FENCED.finditer(text):
-        if NOT_RUN.search(text[: block.start()]):
-            continue
-        line = text.count("\n", 0, block.start()) + 1
-        with contextlib.redirect_stdout(io.StringIO()):
-            exec(compile("\n" * line + block[1], str(page), "exec"), names)
+@EACH_PAGE
+def test_every_block_of_a_page_runs(page: Path, demo: Path, tmp_path: Path) -> None:
+    """In order; a page of snippets alone, beside the demo's files. What cannot run here says so above it."""
+    found = [block for block in blocks(page) if block.kind in ("sh", "python") and not block.mark]
+    if not found:
+        pytest.skip("nothing on it is to run")
+    folder = tmp_path
+    if found[0].kind == "python":  # otherwise the page says by itself where its files are
+        folder = shutil.copytree(demo, tmp_path / "demo")
+    follower = Follower(folder, demo)
+    for block in found:
+        follower.run(block)
+
+
+def test_every_call_on_a_page_is_one_that_the_command_line_takes() -> None:
+    """Commands and options exist, in templates too; which files are there is another matter."""
+    calls = {tuple(call): block for page in PAGES for block in blocks(page) for call in block.calls()}
+    assert len(calls) > 60
+    refused = {
+        f"{block}: palpate {' '.join(call)}": why for call, block in calls.items() if (why := refusal(list(call)))
+    }
+    assert refused == {}

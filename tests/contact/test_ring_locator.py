@@ -7,10 +7,13 @@ import pytest
 from scipy.optimize import least_squares
 
 from palpate.contact.ring_locator import RingFound, RingLocator, RingSettings, turned
+from palpate.sensors.marker_ring import MarkerRing
+from palpate.sensors.markers import MarkerColour
 from palpate.sensors.ring_response import RingResponse
 
 pytest.importorskip("skfem")
 
+from tests.support.drawn_markers import nominal_view
 from tests.support.ring_presses import MARKERS, NOISE, barrel, calibrated, moved, presses, tip
 
 
@@ -29,6 +32,23 @@ def _located(response: RingResponse, frames: np.ndarray, **settings: float) -> R
     return RingFound(
         *(np.concatenate([getattr(each, name) for each in found]) for name in ("states", "counts", "residual"))
     )
+
+
+def test_from_pixels_is_from_their_displacements(response: RingResponse) -> None:
+    view = nominal_view()
+    ring = MarkerRing(0.055, view, MarkerColour(), view.from_plane(view.rest), np.full(24, 150.0), 0.03, response)
+    pressed = moved(barrel().press([tip(0.3, 0.006), tip(3.0, 0.004)]), np.random.default_rng(7))
+    frames = np.stack([0.0 * pressed, pressed, pressed])
+    pixels = view.from_plane(view.rest + np.einsum("mak,nmk->nma", ring.axes(), frames))
+    pixels[1, 3, 0] = pixels[2, :20] = np.nan
+    locators = [RingLocator(response, view.angles, ring.noise()) for _ in range(2)]
+    found, seen = locators[0].run_pixels(pixels, ring)
+    plain = locators[1].run(ring.displacements(pixels))
+    np.testing.assert_allclose(ring.displacements(pixels)[0], 0.0, atol=1e-12)
+    assert seen.tolist() == [24, 23, 4]
+    assert found.counts.tolist() == [0, 2, -1]
+    for name in ("states", "counts", "residual"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(plain, name))
 
 
 def test_a_tip_that_was_not_calibrated_is_found(response: RingResponse) -> None:

@@ -83,6 +83,16 @@ def test_the_plane_of_a_ring_and_back() -> None:
     assert view.to_plane(pixels.reshape(4, 25, 2)).shape == (4, 25, 2)
 
 
+def test_the_plane_s_kernel_is_its_plain_twin() -> None:
+    view, rng = _view(), np.random.default_rng(5)
+    pixels = np.concatenate([rng.uniform((-300, -300), (940, 780), (300, 2)), [[np.nan, 3.0], [LENS.cx, LENS.cy]]])
+    ray = view.pose.rotate(view.camera.rays(pixels))
+    length = -view.pose.translation[2] / ray[:, 2:]
+    plain = np.where(length > 0, view.pose.translation[:2] + length * ray[:, :2], np.nan)
+    assert np.array_equal(np.isnan(plain), np.isnan(view.to_plane(pixels)))
+    np.testing.assert_allclose(view.to_plane(pixels), plain, rtol=1e-12, atol=1e-15)
+
+
 def test_a_camera_at_its_nominal_place_sees_x_right_and_y_up() -> None:
     view = RingView(Fisheye.equidistant(), Pose(DOWN, [0, 0, 0.04]), 0.051, np.arange(24) * np.pi / 12)
     right, up = view.from_plane(np.array([[0.01, 0.0], [0.0, 0.01]])) - (319.5, 239.5)

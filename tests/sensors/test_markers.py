@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from palpate.errors import InputError
-from palpate.sensors._markers import measure_windows, score_image
+from palpate.sensors._markers import measure_windows, sampled, score_image
 from palpate.sensors.markers import SCORES, Frame, MarkerColour, MarkerTracker, find_blobs, find_colour
 from tests.support.drawn_markers import drawn, nominal_view
 
@@ -87,17 +87,21 @@ def test_the_window_s_kernel_is_its_plain_twin(score: str) -> None:
     expected[5] = (2.0, 479.0)
     halves = np.full(24, 17)
     out = np.empty((24, 7))
-    measure_windows(
-        image,
-        MarkerColour(score).weights,
-        expected,
-        halves,
-        np.zeros((35, 35), np.int32),
-        np.zeros(35 * 35, np.int32),
-        out,
-    )
+    measure_windows(image, MarkerColour(score).weights, expected, halves, out)
     for i in range(24):
         assert out[i] == pytest.approx(_plain(image, score, expected[i], 17), abs=1e-9)
+
+
+def test_the_kernel_that_samples_rows_is_its_plain_twin() -> None:
+    frames = np.random.default_rng(4).integers(0, 60, (2, 100, 9, 3), dtype=np.uint8)
+    frames.flags.writeable = False
+    sample = np.zeros((3, 27), np.uint8)
+    before = np.zeros_like(sample)
+    for frame in (frames[0], frames[0], frames[1]):
+        rows = frame[16::32].reshape(3, 27)
+        assert sampled(frame, 32, 40, sample) == (np.count_nonzero(rows > 40), np.array_equal(rows, before))
+        assert np.array_equal(sample, rows)
+        before = rows
 
 
 def _plain(image: np.ndarray, score: str, expected: np.ndarray, half: int) -> list[float]:

@@ -62,14 +62,14 @@ def test_the_page_colours_the_cell_that_carries_most_and_shows_the_torque() -> N
     scene = prepare(TIP, _contacts(), "fingertip", [layer])
     settings = Settings(heat=True, trail=1.0, magnification=1)
     with Page(scene, port=0) as page:
-        page._scene3d.show(scene.at(0), settings)
+        page.session.scene3d.show(scene.at(0), settings)
         near, far = (sum(layer._drawn[cell][0].color) for cell in (0, 3))
         assert near < far  # darker
         assert layer._drawn[0][1].text.startswith("cell 1: ")
-        arrow = page._scene3d._markers[0]._arc
+        arrow = page.session.scene3d._markers[0]._arc
         assert arrow.visible
         assert arrow.points[0, 1, 1] < 0  # against the clock about the normal is positive
-        page._scene3d.show(scene.at(10), settings)
+        page.session.scene3d.show(scene.at(10), settings)
         assert arrow.points[0, 1, 1] > 0
 
 

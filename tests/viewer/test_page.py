@@ -52,8 +52,8 @@ def _picture(view: object) -> np.ndarray:
 
 
 def _warm(picture: np.ndarray) -> int:
-    """Pixels of yellow and orange in the space, below the browser's remark that there is no graphics card."""
-    red, green, blue = np.moveaxis(picture[200:, :860], -1, 0)
+    """Pixels of yellow and orange in the space, below what the browser says of graphics cards and above the legend."""
+    red, green, blue = np.moveaxis(picture[200:560, :860], -1, 0)
     return int(
         np.count_nonzero((red - blue > 60) & (green - blue > 25))
     )  # the x axis is red, even where it fades to white
@@ -61,7 +61,7 @@ def _warm(picture: np.ndarray) -> int:
 
 def _shaded(picture: np.ndarray) -> int:
     """Pixels of the space that are grey: the body, and a few lines of the grid."""
-    space = picture[200:, :860]
+    space = picture[200:560, :860]
     return int(np.count_nonzero((space.max(axis=-1) < 235) & (np.ptp(space, axis=-1) < 40)))
 
 

@@ -12,6 +12,7 @@ import pytest
 
 from palpate.contact.estimate import Status
 from palpate.simulation.shapes import Superquadric
+from palpate.surfaces.drawing import Drawing, Mark
 from palpate.viewer import plots
 from palpate.viewer._style import inline
 from palpate.viewer.report import Report, Section, Table, Tile, picture, render
@@ -78,15 +79,17 @@ def page() -> str:
         facts=(("method", "soft_finger"),),
         pictures=(picture(FIGURES["forces"](), "below"),),
         tables=(Table(("a", "b"), (("1", "<script>alert(1)</script>"),)),),
+        drawing=Drawing(VERTICES, FACES, [Mark(VERTICES[0], np.eye(3)[2], "</script><b>")]).html(),
     )
     tiles = (Tile("samples", "8,800", "44 s", "good"),)
     return render(Report("log <b>.csv", "What was done.", tiles, ("careful",), (section,), "palpate"))
 
 
 def test_the_page_needs_nothing_else(page: str) -> None:
-    """No script, no style sheet, image or font from elsewhere: every address in it is of itself."""
+    """No style sheet, image, font or script from elsewhere: addresses are of itself. Only drawings have one."""
     tags = _Page(page).tags
-    assert not {"script", "link", "iframe", "object"} & {tag for tag, _ in tags}
+    assert not {"link", "iframe", "object"} & {tag for tag, _ in tags}
+    assert [attrs.get("type") for tag, attrs in tags if tag == "script"] == ["application/json", None]
     addresses = [value for _, attrs in tags for name, value in attrs.items() if name in ("src", "href", "xlink:href")]
     assert all(value is not None and value.startswith(("#", "data:image/png")) for value in addresses)
     used = re.findall(r"url\(([^)]*)\)", page)
@@ -97,6 +100,7 @@ def test_the_page_needs_nothing_else(page: str) -> None:
 def test_the_page_escapes_what_it_is_told(page: str) -> None:
     words = _Page(page).words
     assert "<script>alert(1)</script>" in words
+    assert "</script><b>" not in page
     assert "log <b>.csv" in words
     assert "Forces <all>" in words
 
@@ -127,6 +131,15 @@ def test_figures_are_small_and_say_their_units(name: str) -> None:
 @pytest.mark.parametrize("name", EMPTY)
 def test_figures_of_nothing_are_drawn_without_a_warning(name: str) -> None:
     assert "<svg" in inline(EMPTY[name]())
+
+
+def test_numbers_of_touches_stand_on_the_near_side_and_say_more_to_a_pointer() -> None:
+    """One on top, seen from +z alone of the three sides (+z, -y, +x); what is said is escaped."""
+    touch = Mark(np.array([0.0, 0.0, 0.02]), np.array([0.0, 0.0, 1.0]), 'touch 1: <7 N> "hard"', "1")
+    svg = picture(plots.silhouettes(VERTICES, FACES, HOLES[:0], HOLES[:0], TIME[:0], [touch]), "").svg
+    assert svg.count("<title>") == 1
+    assert '<title>touch 1: &lt;7 N&gt; "hard"</title>' in svg
+    assert "hover: " not in svg
 
 
 def test_a_downsampled_line_keeps_every_extreme() -> None:

@@ -9,13 +9,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from palpate.contact.ellipse import ellipse
 from palpate.contact.estimate import CHI2_95, Status
 from palpate.errors import InputError
 from palpate.spatial.pose import rotation_from_quaternion
 from palpate.surfaces.plane import plane
 from palpate.viewer.captions import MEANING, caption
 from palpate.viewer.heat import PALETTE, colours, density, refined
-from palpate.viewer.scene import MAGNIFICATIONS, Scene, ellipse, nice, prepare
+from palpate.viewer.scene import MAGNIFICATIONS, Scene, nice, prepare
 from palpate.viewer.timeline import Timeline, downsampled
 from tests.support.pages import BODY, SPREAD, ellipsoid, session, tangents, two_contacts
 

@@ -87,7 +87,7 @@ def test_the_page_of_a_sheet_shows_both_contacts_and_the_cells_below_them() -> N
     np.testing.assert_array_equal(scene.bounds, [low, high])
     with Page(scene, port=0) as page:
         assert page.index == 1  # the strongest
-        assert len(page._scene3d._markers) == 2
+        assert len(page.session.scene3d._markers) == 2
         shade = layer._cells.batched_colors.astype(int).sum(axis=1)
         order = np.argsort(shade, kind="stable")[:2]
         assert [divmod(int(cell), SHAPE[1]) for cell in order] == [(3, 15), (2, 5)]

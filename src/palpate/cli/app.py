@@ -37,7 +37,9 @@ from palpate.cli.rig_new import rig_new
 from palpate.cli.simulate import simulate_marker_ring
 from palpate.cli.simulate_arena import simulate_arena
 from palpate.cli.simulate_forearm import simulate_forearm_command
+from palpate.cli.simulate_load_cells import simulate_load_cells
 from palpate.cli.simulate_phantom import simulate_phantom
+from palpate.cli.simulate_pokes import simulate_pokes
 from palpate.cli.spelling import command_of, unknown_command, unknown_option
 from palpate.cli.view import view
 
@@ -92,8 +94,10 @@ COMMANDS: dict[str, Command | _Group] = {
         {
             "arena": simulate_arena,
             "forearm": simulate_forearm_command,
+            "load-cells": simulate_load_cells,
             "marker-ring": simulate_marker_ring,
             "phantom": simulate_phantom,
+            "pokes": simulate_pokes,
         },
     ),
 }

@@ -13,6 +13,7 @@ from palpate.contact.estimate import ROW, Status
 from palpate.contact.ring_estimator import RingEstimator
 from palpate.sensors.fisheye import Fisheye
 from palpate.sensors.marker_ring import MarkerRing, RingBody
+from palpate.sensors.markers import Frame
 from palpate.sensors.recording import IMAGE, Recording
 from palpate.simulation.arena.camera import SwiftCamera
 from palpate.simulation.arena.skin import RingSkin, disc_points
@@ -89,34 +90,36 @@ class RingSense:
         self._gone = list(range(count - count // 3, count)) if torn else []
         self._rows = self.estimator.empty(self.estimator.most)
         self._offset = wear.ring.rest - self.camera.places(wear.skin.rest)  # of a centroid from the outline's
+        self._pixels = wear.ring.rest.copy()
         self.frame = self.camera.black()
 
-    def feel(self, time: float, truth: Float[np.ndarray, "k 5"], *, dark: bool = False) -> Touches | None:
-        """Angle [rad] and force [N] of each touch felt; None where the skin says nothing.
+    def look(self, truth: Float[np.ndarray, "k 5"], *, dark: bool = False) -> None:
+        """The skin gives way to what touches it, and its markers are found.
 
         Args:
-            time: [s].
             truth: angle, force, shear, depth and kind of what really touches.
             dark: the camera sees nothing.
         """
-        count = self._through_images(time, truth, dark) if self._images else self._by_markers(time, truth, dark)
-        rows = self._rows[:count]
-        status = rows[0, ROW.status]
+        if self._images:
+            self.frame = self.camera.black() if dark else self.camera.frame(self._wear.skin.markers(truth), self._gone)
+            self.estimator.tracker.track(self.frame, self._pixels)
+        elif dark:
+            self._pixels[:] = np.nan
+        else:
+            places = self.camera.places(self._wear.skin.markers(truth)) + self._offset
+            self._pixels[:] = places + self._wear.ring.jitter * self._rng.standard_normal(places.shape)
+            self._pixels[self._gone] = np.nan
+
+    def feel(self, time: float) -> Touches | None:
+        """Angle [rad] and force [N] of each touch felt since `look`; None where the skin says nothing."""
+        state = self.estimator.tracker.frame if self._images else Frame.OK
+        rows = self._rows[: self.estimator.update_markers_into(time, self._pixels, self._rows, state)]
+        status = int(rows[0, ROW.status])
         if status == Status.INVALID:
             return None
         if status == Status.NO_CONTACT:
             return np.zeros((0, 2))
-        angle = rows[:, ROW.length]  # the first feature
-        return np.stack([angle, np.hypot(rows[:, ROW.force.start], rows[:, ROW.force.start + 1])], axis=1)
-
-    def _through_images(self, time: float, truth: Float[np.ndarray, "k 5"], dark: bool) -> int:
-        self.frame = self.camera.black() if dark else self.camera.frame(self._wear.skin.markers(truth), self._gone)
-        return self.estimator.update_into(time, self.frame, self._rows)
-
-    def _by_markers(self, time: float, truth: Float[np.ndarray, "k 5"], dark: bool) -> int:
-        if dark:
-            return self.estimator.update_markers_into(time, np.full_like(self._offset, np.nan), self._rows)
-        places = self.camera.places(self._wear.skin.markers(truth)) + self._offset
-        places += self._wear.ring.jitter * self._rng.standard_normal(places.shape)
-        places[self._gone] = np.nan
-        return self.estimator.update_markers_into(time, places, self._rows)
+        felt = np.empty((len(rows), 2))
+        felt[:, 0] = rows[:, ROW.length]  # the first feature
+        felt[:, 1] = np.hypot(rows[:, ROW.force.start], rows[:, ROW.force.start + 1])
+        return felt

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from math import cos, inf, nan, pi, sin
+from math import cos, inf, isnan, nan, pi, sin
 from typing import Literal
 
 import numpy as np
@@ -28,6 +28,7 @@ RATE = 1.0 / FRAME  # frames a second
 METHODS = ("ours", "paper", "paper-turned", "paper-random", "no-push", "no-memory")
 FAULTS = ("blind", "torn", "stuck-wheel", "wrong-goal")
 FELT = 0.2  # N: less is not counted as contact in a result
+TRACKED = np.array([5e-4, 5e-4, np.radians(0.2)])  # m, m, rad: deviations of a tracker
 STILL = 0.05, 30.0  # m, s: who moves less for so long is in a deadlock
 
 
@@ -180,12 +181,9 @@ class ArenaRun:
     def _moment(self) -> Moment:
         world, time = self.world, self.world.time
         truths = [world.touches(k) for k in range(len(self.navigators))]
-        poses = world.poses.copy()
-        touches, wheels, tracked = list[np.ndarray | None](), np.zeros((len(poses), 2)), np.zeros((len(poses), 3))
-        for k, (sense, navigator, place) in enumerate(zip(self.senses, self.navigators, self.places, strict=True)):
-            blind = self._fault(k, "blind")
-            felt = sense.feel(time, truths[k], dark=blind is not None and time >= blind.since)
-            touches.append(_told(felt, self.settings.touch))
+        touches, poses = self._felt(time, truths), world.poses
+        wheels, tracked = np.zeros((len(poses), 2)), np.zeros((len(poses), 3))
+        for k, (navigator, place) in enumerate(zip(self.navigators, self.places, strict=True)):
             tracked[k] = place.told(poses[k])
             wheels[k] = navigator.update(time, touches[k], tracked[k])
             place.driven(wheels[k], FRAME)
@@ -196,6 +194,13 @@ class ArenaRun:
         moment = Moment(time, poses, tracked, world.blocks, touches, truths, wheels, states, whys, frames, arrived)
         self._sums.add(moment, self.settings.layout.goals)
         return moment
+
+    def _felt(self, time: float, truths: list[Float[np.ndarray, "k 5"]]) -> list[Float[np.ndarray, "k 2"] | None]:
+        """What the navigators are told of touches; robot after robot in each step, so that its code stays at hand."""
+        for k, (sense, truth) in enumerate(zip(self.senses, truths, strict=True)):
+            blind = self._fault(k, "blind") if self.settings.faults else None
+            sense.look(truth, dark=blind is not None and time >= blind.since)
+        return [_told(sense.feel(time), self.settings.touch) for sense in self.senses]
 
     def _driven(self, moment: Moment) -> Float[np.ndarray, "n 2"]:
         """What the tracks really do."""
@@ -232,12 +237,17 @@ class _Place:
         self._rng = np.random.default_rng(seed)
         self._kind, self._drive, self._counted = kind, drive, np.array(start, dtype=np.float64)
         self._scale, self._bias = 1.0 + 0.005 * self._rng.standard_normal(), 1e-4 * self._rng.standard_normal()
-        self._heading = float(start[2])
+        self._heading, self._noise = float(start[2]), self._noises()
+
+    def _noises(self) -> Iterator[Float[np.ndarray, "3"]]:
+        """Of a tracker, drawn for many frames at a time: the same numbers in the same order."""
+        while True:
+            yield from self._rng.standard_normal((300, 3)) * TRACKED
 
     def told(self, pose: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3"]:
         """Of the true one."""
         if self._kind == "tracker":
-            return pose + self._rng.standard_normal(3) * [5e-4, 5e-4, np.radians(0.2)]
+            return pose + next(self._noise)
         turned = (pose[2] - self._heading + pi) % (2.0 * pi) - pi  # a gyroscope counts it
         self._heading = float(pose[2])
         self._counted[2] += turned + self._bias * FRAME
@@ -255,44 +265,45 @@ class _Sums:
     """Adds up what a result says."""
 
     def __init__(self, count: int) -> None:
-        self.arrived, self.path, self.greatest = np.full(count, nan), np.zeros(count), np.zeros(count)
-        self.pushes, self.deadlocks = np.zeros(count, dtype=int), np.zeros(count, dtype=int)
+        self.arrived, self.path, self.greatest = [nan] * count, [0.0] * count, [0.0] * count
+        self.pushes, self.deadlocks = [0] * count, [0] * count
         self._forces = list[float]()
         self._last: np.ndarray | None = None
         self._rest = np.full((count, 3), inf)  # where and since when it stands
         self._pushed = [False] * count
 
     def add(self, moment: Moment, goals: Float[np.ndarray, "n 2"]) -> None:
-        poses, time = moment.poses, moment.time
+        here, time = moment.poses[:, :2], moment.time
         if self._last is None:
-            self._rest = np.column_stack([poses[:, :2], np.full(len(poses), time)])
-        else:
-            self.path += np.hypot(*(poses[:, :2] - self._last[:, :2]).T)
-        self._last = poses
-        there = moment.arrived & (np.hypot(*(poses[:, :2] - goals).T) < 0.15)  # believed, and true
-        self.arrived = np.where(np.isnan(self.arrived) & there, time, self.arrived)
-        for k, truth in enumerate(moment.truths):
-            pressed = truth[truth[:, 1] > FELT, 1]
-            self._forces += pressed.tolist()
-            self.greatest[k] = max(self.greatest[k], pressed.max(initial=0.0))
+            self._last, self._rest = here, np.column_stack([here, np.full(len(here), time)])
+        off = here - np.stack([self._last, goals, self._rest[:, :2]])
+        self._last = here
+        ways = zip(*np.hypot(off[..., 0], off[..., 1]).tolist(), moment.arrived.tolist(), strict=True)
+        for k, (went, left, moved, arrived) in enumerate(ways):  # plain numbers: robots are few
+            self.path[k] += went
+            if arrived and left < 0.15 and isnan(self.arrived[k]):  # believed, and true
+                self.arrived[k] = time
+            if len(moment.truths[k]):
+                pressed = [force for force in moment.truths[k][:, 1].tolist() if force > FELT]
+                self._forces += pressed
+                self.greatest[k] = max(self.greatest[k], *pressed, 0.0)
             pushing = moment.whys[k] == Push.MOVES.value
             self.pushes[k] += pushing and not self._pushed[k]
             self._pushed[k] = pushing
-        moved = np.hypot(*(poses[:, :2] - self._rest[:, :2]).T) > STILL[0]
-        stood = ~moved & (time - self._rest[:, 2] >= STILL[1]) & ~moment.arrived
-        self.deadlocks += stood
-        begin = moved | stood | moment.arrived
-        self._rest[begin] = np.column_stack([poses[:, :2], np.full(len(poses), time)])[begin]
+            stood = moved <= STILL[0] and not arrived and time - float(self._rest[k, 2]) >= STILL[1]
+            self.deadlocks[k] += stood
+            if moved > STILL[0] or stood or arrived:
+                self._rest[k, :2], self._rest[k, 2] = here[k], time
 
     def result(self, seed: int, navigators: list[Navigator], seconds: float) -> ArenaResult:
         return ArenaResult(
             seed,
-            tuple(self.arrived.tolist()),
-            tuple(self.path.tolist()),
-            tuple(self.greatest.tolist()),
+            tuple(self.arrived),
+            tuple(self.path),
+            tuple(self.greatest),
             float(np.percentile(self._forces, 99)) if self._forces else 0.0,
-            tuple(self.pushes.tolist()),
-            tuple(self.deadlocks.tolist()),
+            tuple(self.pushes),
+            tuple(self.deadlocks),
             tuple(f"{each.state}: {each.why}" for each in navigators),
             seconds,
         )

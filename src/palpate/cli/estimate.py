@@ -9,6 +9,7 @@ from typing import Annotated, Literal
 from tyro.conf import arg
 
 from palpate.cli.console import counting, lines, note, progress, shares, title, wait
+from palpate.cli.contact_files import compared_blocks
 from palpate.cli.estimate_log import Estimated, estimate_log, record_of
 from palpate.cli.interrupts import import_mesh_reader
 from palpate.cli.options import FileOption, Log, Output
@@ -22,8 +23,11 @@ from palpate.io.atomic import keep_inputs, write_text
 from palpate.io.contacts import require_format
 from palpate.io.ground_truth import read_ground_truth
 from palpate.io.pipeline import OpenedLog
+from palpate.io.rig import Rig
 from palpate.viewer.report import render, require_report
+from palpate.viewer.run_compare import beside
 from palpate.viewer.run_report import compose
+from palpate.viewer.run_summary import RunSummary
 
 __all__ = ["estimate"]
 
@@ -39,6 +43,7 @@ def estimate(
     frame: Literal["surface", "sensor", "base"] = "surface",
     report: FileOption = None,
     truth: FileOption = None,
+    compare: FileOption = None,
     workers: Annotated[int | None, arg(metavar="N", help_behavior_hint="")] = None,
 ) -> None:
     """Find contacts in the log of any sensor, with a rig, or in a log of wrenches with a mesh alone.
@@ -56,16 +61,17 @@ def estimate(
         frame: of the result; base needs the sensor's orientation and position in the log.
         report: page to write as well (.html): what was done, pictures, what to improve.
         truth: what is known of the contacts, to be drawn and judged in the report (see `palpate evaluate`).
+        compare: other contacts, such as of the same log by other settings, to stand beside these in the report.
         workers: 1: one process does it all; 2 or more: others read and write meanwhile, the same bits. Otherwise they
             do for logs of 100 MB and more, where there is more than one core.
     """
     if workers is not None and workers < 1:
         raise InputError(f"must be 1 at least, not {workers}.", where="--workers")
     rig = setup.load()
-    inputs = (log, setup.rig, *rig.files().values(), truth)
+    inputs = (log, setup.rig, *rig.files().values(), truth, compare)
     keep_inputs(output, inputs, beside=(record_of(output), *([report] if report else [])))
     require_format(output)  # this and what follows: before the work, not after it
-    known = _ground_truth(truth, report)
+    known, other = _ground_truth(truth, report), _compared(compare, report, rig)
     opened = setup.open(log, rig)
     import_mesh_reader()
     wait("preparing the surface and compiling kernels (compiling happens once)")
@@ -76,7 +82,8 @@ def estimate(
     if report is not None:
         warnings = (*([done.nothing] if done.nothing else []), *done.doubts, *done.short)
         run = run_of(done.pipeline, done.summary, done.record, output.name, warnings)
-        write_text(report, render(compose(judged(run, known, mounted=mounting_known(rig)))))
+        run = judged(run, known, mounted=mounting_known(rig))
+        write_text(report, render(compose(run if other is None else beside(run, other[0], other[1]))))
     note(done.short, kind="warning")
     note([done.nothing] if done.nothing else [], kind="warning")
     if done.short or done.nothing:
@@ -101,6 +108,18 @@ def _ground_truth(truth: Path | None, report: Path | None) -> Samples | Touches 
             hint="Add --report FILE, or compare with palpate evaluate.",
         )
     return None if truth is None else read_ground_truth(truth)
+
+
+def _compared(path: Path | None, report: Path | None, rig: Rig) -> tuple[str, RunSummary] | None:
+    """Name and summary of the contacts to stand beside these."""
+    if path is None:
+        return None
+    if report is None:
+        raise InputError("is for the report, and none is asked for.", where="--compare", hint="Add --report FILE.")
+    other = RunSummary()
+    for block in compared_blocks(path, rig):
+        other.add(block)
+    return path.name, other
 
 
 def _say(heading: str, done: Estimated) -> None:

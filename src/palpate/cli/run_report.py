@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Bool, Float
 
+from palpate.cli.page_layers import body_of
 from palpate.cli.report_advice import mounting_known, wrench_advice
 from palpate.contact.contacts import Contacts
 from palpate.contact.fused_estimator import FusedEstimator
@@ -67,7 +68,11 @@ def run_of(
         return _of_wrenches(run, log.rig, estimator)
     if isinstance(estimator, FusedEstimator):
         return _of_both(run, log.rig, estimator)
-    return _of_taxels(run, log.rig, estimator) if isinstance(estimator, TaxelEstimator) else run
+    if isinstance(estimator, TaxelEstimator):
+        return _of_taxels(run, log.rig, estimator)
+    surface = body_of(log.rig)  # of a marker ring: a cylinder where the rig has no surface
+    drawn = None if surface is None else surface.drawn()
+    return run if drawn is None else replace(run, body=(drawn.vertices, drawn.faces))
 
 
 def _of_wrenches(run: Run, rig: Rig, estimator: WrenchEstimator) -> Run:

@@ -40,7 +40,7 @@ def simulate_forearm_command(
 
     Args:
         output: folder to make: both.mcap, both.toml, skin_map.toml, intensity.toml, payload.toml, link.stl, truth.csv,
-            README.txt.
+            load_cell_log.csv, README.txt.
         seconds: to simulate; the first 3 are untouched.
         touches: at once at most, 1 to 5.
         rows: of cells along the forearm, 10 mm each; 22 lie round it.

@@ -8,20 +8,23 @@ from typing import Annotated
 from tyro.conf import arg
 
 from palpate.cli.console import announce, counting, lines, note, progress, title, wait
+from palpate.cli.contact_files import compared_blocks, on_body, written
 from palpate.cli.evaluate_taxels import is_taxel_file
 from palpate.cli.interrupts import import_mesh_reader
 from palpate.cli.options import Log
 from palpate.cli.page_layers import Kept, body_of, layers_of
 from palpate.cli.setup import Setup
+from palpate.cli.simulate_phantom import folder_beside
 from palpate.contact.contacts import Contacts
-from palpate.contact.frames import in_frame
 from palpate.errors import InputError
-from palpate.io.contacts import contact_blocks, read_contacts
 from palpate.io.models import read_provenance
 from palpate.io.models.summary import of_taxels
 from palpate.io.pipeline import Pipeline
 from palpate.io.rig import Rig
 from palpate.io.taxel_files import read_taxel_places
+from palpate.sensors.markers import opencv
+from palpate.simulation.video import Video
+from palpate.viewer.film import RATE, SIZE, ScenePicture
 from palpate.viewer.scene import Scene, prepare
 from palpate.viewer.server import require_viser, serve
 from palpate.viewer.taxel_page import serve_taxels
@@ -33,6 +36,8 @@ def view(
     log: Log,
     /,
     setup: Annotated[Setup, arg(name="")],
+    compare: Annotated[Path | None, arg(metavar="CONTACTS", help_behavior_hint="")] = None,
+    film: Annotated[Path | None, arg(metavar="OUT.mp4", help_behavior_hint="")] = None,
     port: Annotated[int, arg(metavar="N")] = 8080,
     host: Annotated[str, arg(metavar="ADDRESS")] = "127.0.0.1",
 ) -> None:
@@ -42,20 +47,57 @@ def view(
         log: a log of any sensor, which is estimated first, or what `palpate estimate` wrote, which is shown as it is;
             or places of taxels, such as `palpate calibrate taxels` writes.
         setup: what is touched and how it is located.
+        compare: other contacts, such as of the same log by other settings, drawn beside these at the same time.
+        film: write a video instead of serving a page: as fast as what happened, drawn without a screen or a browser.
         port: to serve at; the next free one if it is taken.
         host: address to serve at; the default can be reached from this machine only.
     """
-    require_viser(host, port)  # before the work, not after it
+    if film is None:
+        require_viser(host, port)  # before the work, not after it
+    else:
+        _require_film(film, log)
     if is_taxel_file(log):
         _view_taxels(log, setup, host, port)
         return
     rig = setup.load()
     import_mesh_reader()
-    contacts = _written(log)
+    contacts = written(log)
     scene, notes = _estimated(log, setup, rig) if contacts is None else _shown(contacts, log, rig, setup.sensor)
+    if compare is not None:
+        scene = scene.compared(Contacts.joined(list(compared_blocks(compare, rig))), compare.name)
     title(f"{log}: {len(scene):,} samples")
     note(notes)
+    if film is not None:
+        _write_film(scene, film)
+        return
     serve(scene, host, port, up=lambda at: announce(f"open {at} in a browser; Ctrl-C ends it"))
+
+
+def _require_film(film: Path, log: Path) -> None:
+    """Before the work, say what would keep the video from being written."""
+    opencv()
+    if film.suffix != ".mp4":
+        raise InputError("is not the name of a video.", where=str(film), hint="Name it OUT.mp4.")
+    if film.exists() or film.is_symlink():
+        raise InputError("is already there.", where=str(film), hint="Name another film.")
+    if not film.absolute().parent.is_dir():
+        raise InputError("is to be made in a folder that is not there.", where=str(film))
+    if is_taxel_file(log):
+        raise InputError("is of contacts over time; places of taxels do not move.", where="--film")
+
+
+def _write_film(scene: Scene, path: Path) -> None:
+    """Every moment; the file is there when it is whole."""
+    pictures = ScenePicture(scene)
+    with folder_beside(path) as part:
+        with counting(), Video(part / path.name, SIZE, RATE) as video:
+            times = pictures.times.tolist()
+            for done, seconds in enumerate(times):
+                video.add(pictures.draw(seconds))
+                if done % RATE == 0:
+                    progress(done, done / len(times))
+        (part / path.name).replace(path)
+    announce(f"{len(times):,} pictures, {times[-1]:.1f} s -> {path}")
 
 
 def _view_taxels(path: Path, setup: Setup, host: str, port: int) -> None:
@@ -77,15 +119,6 @@ def _view_taxels(path: Path, setup: Setup, host: str, port: int) -> None:
         port=port,
         up=lambda at: announce(f"open {at} in a browser; Ctrl-C ends it"),
     )
-
-
-def _written(path: Path) -> Contacts | None:
-    """What a file of contacts holds; None where it is a log."""
-    try:
-        next(contact_blocks(path))
-    except InputError:  # the reader of logs will say what it is instead
-        return None
-    return read_contacts(path)
 
 
 def _estimated(path: Path, setup: Setup, rig: Rig) -> tuple[Scene, list[str]]:
@@ -112,15 +145,6 @@ def _main(rig: Rig) -> str:
 
 def _shown(contacts: Contacts, path: Path, rig: Rig, sensor: str | None) -> tuple[Scene, list[str]]:
     """Contacts as they were written, in the frame that the body is drawn in."""
-    beside = read_provenance(path)  # which frame, and of which sensor they are
-    frame = beside.get("frame", "surface")
-    if frame == "base":
-        raise InputError(
-            "these contacts are in the base frame, in which the body moves.",
-            where=str(path),
-            hint="Estimate without --frame base, or view the log itself.",
-        )
-    if frame == "sensor" and rig.surface is not None:
-        contacts = contacts.with_estimate(in_frame(contacts.estimate, rig.surface.pose.pose().inverse()))
-    kind = sensor or str(beside.get("sensor", _main(rig)))
+    kind = sensor or str(read_provenance(path).get("sensor", _main(rig)))
+    contacts = on_body(contacts, path, rig)
     return prepare(body_of(rig), contacts, path.name, layers_of(rig, kind)), list(contacts.notes)

@@ -13,9 +13,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from palpate.sensors._fisheye import displaced
 from palpate.surfaces._jit import entry, inner
 
-__all__ = ["MOST", "STATE", "frames"]
+__all__ = ["MOST", "STATE", "frames", "shown"]
 
 MOST = 6  # contacts at once
 STATE = 8  # angle, force, width z, shear / force t, deviations of angle, force and depth, evidence
@@ -453,3 +454,27 @@ def frames(displacements, markers, model, misfit, noise, settings, learned, stat
             states[n, c, 0] = 2.0 * np.pi * (turn - np.floor(turn))
     _copy(state, left[:MOST])
     left[MOST, 0] = count
+
+
+@entry
+def shown(pixels, ring, steps, known, states, counts, left, cost, many):
+    """`frames` of markers that are seen at pixels: `MarkerRing.displacements` first.
+
+    Args:
+        pixels: (n m, 2), NaN: not seen.
+        ring: lens, pose, resting and axes of `_fisheye.displaced`.
+        steps: as there.
+        known: markers to learned of `frames`.
+        states: as of `frames`.
+        counts: as of `frames`.
+        left: as of `frames`.
+        cost: as of `frames`.
+        many: (n,) int64 is filled: markers seen.
+    """
+    moved, m = np.empty(pixels.shape), len(pixels) // len(counts)
+    displaced(pixels, *ring[:2], steps, *ring[2:], moved)
+    for n in range(len(counts)):
+        many[n] = 0
+        for i in range(n * m, n * m + m):
+            many[n] += np.isfinite(pixels[i, 0]) and np.isfinite(pixels[i, 1])
+    frames(moved.reshape(len(counts), 2 * m), *known, states, counts, left, cost)

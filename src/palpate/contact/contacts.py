@@ -16,6 +16,9 @@ from palpate.contact.estimate import ROW, ContactEstimate, Status
 if TYPE_CHECKING:
     import polars as pl
 
+    from palpate.surfaces.drawing import Drawing
+    from palpate.surfaces.surface import Surface
+
 __all__ = ["Contacts"]
 
 _NO_FEATURES: Mapping[str, Float[np.ndarray, " n"]] = MappingProxyType({})
@@ -195,6 +198,16 @@ class Contacts:
             ImportError: pandas is not installed.
         """
         return import_module("pandas").DataFrame(self.to_polars().to_dict(as_series=False))
+
+    def show(self, surface: Surface | None = None) -> Drawing:
+        """The touches, numbered, on the body: a drawing that a notebook shows, and that a pointer turns.
+
+        Args:
+            surface: the body, in the frame of these contacts; None: they are drawn alone.
+        """
+        from palpate.contact.notebook import drawing_of_touches
+
+        return drawing_of_touches(self, surface)
 
     def _repr_html_(self) -> str:
         """For notebooks: how many of what, and the touches; every row is in `to_polars`."""

@@ -5,13 +5,17 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from palpate.errors import InputError
 from palpate.spatial._arrays import Value
+
+if TYPE_CHECKING:
+    from palpate.surfaces.drawing import Drawing
+    from palpate.surfaces.surface import Surface
 
 __all__ = ["CHI2_95", "ROW", "ContactEstimate", "Status"]
 
@@ -155,6 +159,16 @@ class ContactEstimate(Value):
 
     def __iter__(self) -> Iterator[ContactEstimate]:
         return (self[i] for i in range(len(self.status)))
+
+    def show(self, surface: Surface | None = None) -> Drawing:
+        """Points, forces and 95 % ellipses on the body: a drawing that a notebook shows, and that a pointer turns.
+
+        Args:
+            surface: the body, in the frame of these estimates; None: they are drawn alone.
+        """
+        from palpate.contact.notebook import drawing_of_estimates
+
+        return drawing_of_estimates(self, surface)
 
     def __repr__(self) -> str:
         if not self.batch:

@@ -1,16 +1,25 @@
-"""Contacts as a notebook shows them: one line, and a short table of the touches."""
+"""Contacts as a notebook shows them: one line and a short table of the touches, or a drawing."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from html import escape
 
-from palpate.contact.contacts import Contacts
-from palpate.contact.events import Events, find_touches
+import numpy as np
 
-__all__ = ["table_of"]
+from palpate.contact.contacts import Contacts
+from palpate.contact.ellipse import ellipse
+from palpate.contact.estimate import ContactEstimate
+from palpate.contact.events import Events, find_touches
+from palpate.surfaces.drawing import Drawing, Mark
+from palpate.surfaces.surface import Surface
+
+__all__ = ["drawing_of_estimates", "drawing_of_touches", "marks_of", "table_of"]
 
 _SHOWN = 10  # touches
+_DRAWN = 200  # touches, or estimates
+_RIM = 48  # points
 _HEADER = ("touch", "start [s]", "end [s]", "peak [N]", "x [mm]", "y [mm]", "z [mm]", "+- [mm]")
 
 
@@ -24,6 +33,54 @@ def table_of(contacts: Contacts) -> str:
         said.append(f"<p>and {len(touches) - _SHOWN:,} touches more: palpate.contact.events.find_touches</p>")
     said += [f"<p>{escape(note)}</p>" for note in contacts.notes]
     return "<div>" + "".join(said) + "</div>"
+
+
+def drawing_of_touches(contacts: Contacts, surface: Surface | None) -> Drawing:
+    """Where each touch was, with its number, and the force at its peak."""
+    touches = find_touches(contacts)
+    marks = marks_of(touches, _DRAWN)
+    rows = [_peak(contacts, touches, k) for k in range(len(marks))]
+    marks = [replace(mark, force=force) for mark, force in zip(marks, contacts.force[rows], strict=True)]
+    return Drawing.of(surface, marks, repr(contacts))
+
+
+def drawing_of_estimates(found: ContactEstimate, surface: Surface | None) -> Drawing:
+    """Each with a place, as an arrow and its 95 % ellipse."""
+    count = int(np.prod(found.batch))
+    flat = found.reshaped((count,))
+    known = np.flatnonzero(np.isfinite(np.hstack([flat.point, flat.normal])).all(axis=1))
+    few = known[:: 1 + len(known) // _DRAWN]
+    return Drawing.of(surface, [_mark(flat[int(k)]) for k in few], repr(found))
+
+
+def marks_of(touches: Events, most: int, start: float = 0.0) -> list[Mark]:
+    """The first touches from 1 on with what a pointer is told of them; times are seconds after `start`."""
+    marks: list[Mark] = []
+    for k in range(min(len(touches), most)):
+        place, deviation = ", ".join(f"{value:.2f}" for value in 1e3 * touches.point[k]), 1e3 * touches.deviation[k]
+        said = (
+            f"touch {k + 1}, {touches.start[k] - start:.2f} to {touches.end[k] - start:.2f} s: "
+            f"peak {touches.peak_force[k]:.2f} N, ({place}) mm"
+        )
+        said += f", sd {deviation:.2f} mm" if np.isfinite(deviation) else ""
+        marks.append(Mark(touches.point[k], touches.normal[k], said, f"{k + 1}"))
+    return marks
+
+
+def _peak(contacts: Contacts, touches: Events, k: int) -> int:
+    """The row of a touch's greatest force."""
+    mine = contacts.answered & (contacts.time == touches.peak_time[k]) & (contacts.identity == touches.identity[k])
+    return int(np.argmax(mine))
+
+
+def _mark(found: ContactEstimate) -> Mark:
+    """Of a single one."""
+    axes, frame = ellipse(found.covariance, found.normal)
+    turns = 2 * np.pi * np.arange(_RIM) / _RIM
+    rim = found.point + (np.column_stack([np.cos(turns), np.sin(turns)]) * axes) @ frame[:, :2].T
+    place, force = ", ".join(f"{value:.2f}" for value in 1e3 * found.point), float(np.linalg.norm(found.force))
+    said = f"{found.status}: {force:.2f} N at ({place}) mm"
+    return Mark(found.point, found.normal, said, force=found.force, rim=rim if np.isfinite(rim).all() else None)
 
 
 def _rows(touches: Events, most: int) -> Iterable[Sequence[str]]:

@@ -193,20 +193,25 @@ class RingEstimator:
         """`update` into rows of `empty`: how many are written, at least 1, as many as fit."""
         rows = self._into(out)
         image: UInt8[np.ndarray, "h w 3"] = np.asarray(reading)
-        pixels = np.full((1, len(self.ring), 2), np.nan)
-        return self._write(time, pixels, self._track(image, pixels[0]), rows)
+        pixels = np.empty((len(self.ring), 2))
+        return self._write(time, pixels, self._track(image, pixels), rows)
 
     def update_markers_into(
-        self, time: float, pixels: Float[np.ndarray, "m 2"], out: Float[np.ndarray, "*rows width"]
+        self,
+        time: float,
+        pixels: Float[np.ndarray, "m 2"],
+        out: Float[np.ndarray, "*rows width"],
+        frame: Frame = Frame.OK,
     ) -> int:
-        """`update_into` for whoever knows where the markers are, by another tracker or by a simulation.
+        """`update_into` for whoever knows where the markers are, by a tracker or by a simulation.
 
         Args:
             time: [s] of the frame.
             pixels: of every marker, NaN where it is not seen.
             out: rows of `empty`.
+            frame: what is the matter with it, as `MarkerTracker.frame` says.
         """
-        return self._write(time, np.asarray(pixels, dtype=np.float64)[None], int(Frame.OK), self._into(out))
+        return self._write(time, np.asarray(pixels, dtype=np.float64), int(frame), self._into(out))
 
     def _into(self, out: np.ndarray) -> Float[np.ndarray, "rows width"]:
         """Rows that can be written.
@@ -225,8 +230,8 @@ class RingEstimator:
 
     def _write(self, time: float, pixels: np.ndarray, state: int, rows: np.ndarray) -> int:
         """One frame's contacts into rows: how many."""
-        found, seen = self._located(pixels, np.array([state]))
-        count = self._frame(float(time), found, 0, float(seen[0]), self._scratch)
+        found, seen = self._located(pixels[None], [state])
+        count = self._frame(float(time), found, 0, seen[0], self._scratch)
         fits = min(count, len(rows))
         rows[:fits] = self._scratch[:fits]
         return fits
@@ -264,28 +269,30 @@ class RingEstimator:
         """What may be wrong, one sentence each."""
         return (self._tared.doubt,) if self._tared and self._tared.doubt else ()
 
-    def _located(self, pixels: np.ndarray, states: np.ndarray) -> tuple[RingFound, np.ndarray]:
-        usable = states == Frame.OK
-        if not usable.all():
-            for why in states[~usable].tolist():
-                self._bad[Frame(why)] += 1
-            pixels = np.where(usable[:, None, None], pixels, np.nan)
-        return self.locator.run(self.ring.displacements(pixels)), np.isfinite(pixels).all(axis=2).sum(axis=1) * 1.0
+    def _located(self, pixels: np.ndarray, states: list[int]) -> tuple[RingFound, list[float]]:
+        lost = [n for n, state in enumerate(states) if state != Frame.OK]
+        if lost:
+            for n in lost:
+                self._bad[Frame(states[n])] += 1
+            pixels = pixels.copy()
+            pixels[lost] = np.nan
+        found, seen = self.locator.run_pixels(pixels, self.ring)
+        return found, seen.astype(np.float64).tolist()
 
     def _contacts(self, time: np.ndarray, pixels: np.ndarray, states: np.ndarray, first: int) -> Contacts:
-        return self._answer(time, *self._located(pixels, states), first)
+        return self._answer(time, *self._located(pixels, states.tolist()), first)
 
-    def _answer(self, time: np.ndarray, found: RingFound, seen: np.ndarray, first: int) -> Contacts:
+    def _answer(self, time: np.ndarray, found: RingFound, seen: list[float], first: int) -> Contacts:
         rows, sample = self._rows(time, found, seen)
         return Contacts.of_rows(first + sample, time[sample], rows, self.features)
 
-    def _rows(self, time: np.ndarray, found: RingFound, seen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _rows(self, time: np.ndarray, found: RingFound, seen: list[float]) -> tuple[np.ndarray, np.ndarray]:
         """At least one row a frame, and the frame of each."""
         many = np.maximum(found.counts, 1)
         rows = self.empty(int(many.sum()))
         first = 0
         for n, when in enumerate(time.tolist()):
-            first += self._frame(when, found, n, float(seen[n]), rows[first:])
+            first += self._frame(when, found, n, seen[n], rows[first:])
         return rows, np.repeat(np.arange(len(time)), many)
 
     def _frame(self, time: float, found: RingFound, n: int, seen: float, rows: np.ndarray) -> int:
@@ -299,12 +306,12 @@ class RingEstimator:
         states, off = found.states[n, :count], float(found.residual[n])
         angle, z = states[:, 0], states[:, 2]
         columns = (np.cos(angle), np.sin(angle), self.locator.depth(states), np.interp(z, *self._widths))
-        for row, state, more in zip(rows, states.tolist(), np.stack(columns, axis=1).tolist(), strict=False):
-            row[:] = self._row(state, more, off, seen)
+        more = zip(*(each.tolist() for each in columns), strict=True)
+        rows[:count] = [self._row(state, each, off, seen) for state, each in zip(states.tolist(), more, strict=True)]
         self._identify(time, rows[:count])
         return count
 
-    def _row(self, state: list[float], more: list[float], off: float, seen: float) -> list[float]:
+    def _row(self, state: list[float], more: tuple[float, ...], off: float, seen: float) -> list[float]:
         """One contact, without its identity: plain numbers, as arrays of one to six cost more than what is computed.
 
         Args:

@@ -9,6 +9,8 @@ import numpy as np
 from jaxtyping import Float, Int
 from numpy.typing import ArrayLike
 
+from palpate.sensors.fisheye import STEPS, flat_pixels
+from palpate.sensors.marker_ring import MarkerRing
 from palpate.sensors.ring_response import RingResponse
 
 __all__ = ["RingFound", "RingLocator", "RingSettings", "turned"]
@@ -95,10 +97,11 @@ class RingLocator:
         shear = self.settings.friction if response.shears else _NO_SHEAR
         table, slope = response.tables(self.markers, _TABLE)
         set_ = self.settings
-        self._model = (table, slope, np.array([set_.wide, shear]))
-        self._noise = np.ascontiguousarray(np.square(noise).reshape(-1))
-        self._settings = np.array([set_.on, set_.off, radians(set_.apart), float(set_.dropped), radians(set_.shift)])
-        self._learned = (response.width.copy(), response.spread.copy())
+        model = (table, slope, np.array([set_.wide, shear]))
+        numbers = np.array([set_.on, set_.off, radians(set_.apart), float(set_.dropped), radians(set_.shift)])
+        learned = (response.width.copy(), response.spread.copy())
+        squares = np.ascontiguousarray(np.square(noise).reshape(-1))
+        self._known = (self.markers, model, response.misfit, squares, numbers, learned)
         self._left = np.zeros((_ring.MOST + 1, _ring.STATE))
         self.most = _ring.MOST
 
@@ -114,13 +117,24 @@ class RingLocator:
         """
         from palpate.contact import _ring
 
-        count = len(displacements)
-        flat = np.ascontiguousarray(displacements.reshape(count, 2 * len(self.markers)))
-        states = np.zeros((count, _ring.MOST, _ring.STATE))
-        counts, cost = np.zeros(count, dtype=np.int64), np.zeros(count)
-        known = (self.markers, self._model, self.response.misfit, self._noise, self._settings, self._learned)
-        _ring.frames(flat, *known, states, counts, self._left, cost)
-        return RingFound(states, counts, cost)
+        flat = np.ascontiguousarray(displacements.reshape(len(displacements), 2 * len(self.markers)))
+        found = self._room(len(displacements))
+        _ring.frames(flat, *self._known, found.states, found.counts, self._left, found.residual)
+        return found
+
+    def run_pixels(
+        self, pixels: Float[np.ndarray, "n m 2"], ring: MarkerRing
+    ) -> tuple[RingFound, Int[np.ndarray, " n"]]:
+        """`run` of markers of a ring that are seen at pixels, NaN: not seen; and how many are seen in each frame."""
+        from palpate.contact import _ring
+
+        found, many = self._room(len(pixels)), np.empty(len(pixels), dtype=np.int64)
+        answer = found.states, found.counts, self._left, found.residual, many
+        _ring.shown(flat_pixels(pixels), ring.numbers, STEPS, self._known, *answer)
+        return found, many
+
+    def _room(self, count: int) -> RingFound:
+        return RingFound(np.zeros((count, *self._left[1:].shape)), np.zeros(count, dtype=np.int64), np.zeros(count))
 
     def depth(self, states: Float[np.ndarray, "*batch 8"]) -> Float[np.ndarray, "*batch"]:
         """[m] of contacts: force times the depth of a newton."""

@@ -1,11 +1,13 @@
-"""Compiled: the angle from the axis of a fisheye lens at which a pixel looks."""
+"""Compiled: the angle from the axis of a fisheye lens at which a pixel looks, and where it meets a plane."""
 
 # pyright: basic
 from __future__ import annotations
 
+import numpy as np
+
 from palpate.surfaces._jit import exact
 
-__all__ = ["angles"]
+__all__ = ["angles", "displaced", "to_plane"]
 
 
 @exact
@@ -47,3 +49,41 @@ def angles(bent, lens, reach, steps, theta, low, high):
             break
         for i in range(len(bent)):
             theta[i] = step[i]
+
+
+@exact
+def to_plane(pixels, lens, pose, steps, out):
+    """`RingView.to_plane` without arrays between its steps.
+
+    Args:
+        pixels: (n, 2).
+        lens: (10,) fx, fy, cx, cy, k1 to k4, the largest theta and theta_d.
+        pose: (12,) rotation, row after row, and translation of the camera in the plane's frame.
+        steps: at most, of `angles`.
+        out: (n, 2) is filled; NaN where nothing of the plane is seen.
+    """
+    x, y, bent, theta, low, high = np.empty((6, len(pixels)))
+    for i in range(len(pixels)):
+        x[i], y[i] = (pixels[i, 0] - lens[2]) / lens[0], (pixels[i, 1] - lens[3]) / lens[1]
+        bent[i] = np.sqrt(x[i] * x[i] + y[i] * y[i])
+    angles(bent, lens[4:8], lens[8], steps, theta, low, high)
+    for i in range(len(pixels)):
+        out[i, 0] = out[i, 1] = np.nan
+        if not bent[i] <= lens[9]:
+            continue
+        ratio = 1.0 if bent[i] < 1e-9 else np.sin(theta[i]) / bent[i]  # there it is 1 to the last bit
+        a, b, c = ratio * x[i], ratio * y[i], np.cos(theta[i])
+        length = -pose[11] / ((pose[6] * a + pose[8] * c) + pose[7] * b)  # added up as NumPy's einsum does
+        if length > 0.0:
+            out[i, 0] = pose[9] + length * ((pose[0] * a + pose[2] * c) + pose[1] * b)
+            out[i, 1] = pose[10] + length * ((pose[3] * a + pose[5] * c) + pose[4] * b)
+
+
+@exact
+def displaced(pixels, lens, pose, steps, resting, axes, out):
+    """`MarkerRing.displacements`: `to_plane`, less where the markers rest (m, 2), along their axes (m, 2, 2)."""
+    to_plane(pixels, lens, pose, steps, out)
+    for i in range(len(pixels)):
+        m = i % len(resting)
+        x, y = out[i, 0] - resting[m, 0], out[i, 1] - resting[m, 1]
+        out[i, 0], out[i, 1] = x * axes[m, 0, 0] + y * axes[m, 1, 0], x * axes[m, 0, 1] + y * axes[m, 1, 1]

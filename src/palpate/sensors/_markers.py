@@ -10,19 +10,45 @@ import numpy as np
 
 from palpate.surfaces._jit import entry, inlined, inner
 
-__all__ = ["blob_sums", "doubtful", "label_path", "measure_windows", "plausible", "score_image"]
+__all__ = ["blob_sums", "follow", "label_path", "measure_windows", "sampled", "score_image"]
 
 _OK, _NOTHING, _RIM = 0.0, 1.0, 2.0
 _MANY = 1e18
 _CAP = 0.3  # of the contrast: a pixel well inside a marker counts no more for being brighter, which is noise
 
 
-@inlined
-def _score(image, y, x, weights):
-    """How much a pixel looks like a marker, 0 to 255: a weighted sum of its channels, in sixteenths."""
-    blue, green, red = np.int32(image[y, x, 0]), np.int32(image[y, x, 1]), np.int32(image[y, x, 2])
-    total = (weights[0] * blue + weights[1] * green + weights[2] * red + weights[3]) >> 4
-    return min(max(total, 0), 255)
+@inner
+def _score(flat, at, weights):
+    """How much the pixel that begins there looks like a marker, 0 to 255: its channels' weighted sum, in sixteenths.
+
+    Indices are unsigned, and numbers have 32 bits, so that loops over it become vector instructions.
+    """
+    blue, green, red = np.int32(flat[at]), np.int32(flat[at + np.uintp(1)]), np.int32(flat[at + np.uintp(2)])
+    total = np.int32(np.int32(weights[0] * blue + weights[1] * green + weights[2] * red + weights[3]) >> 4)
+    return np.uint8(min(max(total, np.int32(0)), np.int32(255)))
+
+
+@entry
+def sampled(image, every, lit, sample):
+    """How many bytes of every so many rows are above `lit`, and whether those rows are as in `sample`, which is filled.
+
+    Args:
+        image: (h, w, 3) uint8, contiguous.
+        every: rows; the first is at half of it.
+        lit: level.
+        sample: (rows, 3 w) uint8.
+    """
+    count, changed, least = 0, 0, np.uint8(lit)
+    for k in range(len(sample)):
+        row, before = image[every // 2 + k * every].reshape(-1), sample[k]
+        bright, off = np.int32(0), np.uint8(0)
+        for x in range(len(before)):
+            bright = np.int32(bright + np.int32(row[x] > least))
+            off = np.uint8(off | (row[x] ^ before[x]))
+            before[x] = row[x]
+        count += bright
+        changed |= off
+    return count, changed == 0
 
 
 @entry
@@ -30,8 +56,9 @@ def score_image(image, weights, out, histogram):
     """The score of every pixel (h, w) uint8, and how often each score (256,) int64 occurs in every other row."""
     histogram[:] = 0
     for y in range(image.shape[0]):
+        row = image[y].reshape(-1)
         for x in range(image.shape[1]):
-            out[y, x] = _score(image, y, x, weights)
+            out[y, x] = _score(row, np.uintp(3 * x), weights)
         if y % 2 == 0:
             for x in range(image.shape[1]):
                 histogram[out[y, x]] += 1
@@ -80,158 +107,214 @@ def blob_sums(score, labels, boxes, base, levels, sums):
                     sums[k, 6] += weight * dy * dy
 
 
-@inlined
-def _scores(image, weights, x0, y0, height, width, window):
-    """Fills a window's scores; their peak and their lowest."""
-    peak, low = 0, 255
-    for y in range(height):
-        for x in range(width):
-            score = _score(image, y0 + y, x0 + x, weights)
-            window[y, x] = score
-            peak = max(peak, score)
-            low = min(low, score)
-    return peak, low
-
-
-@inlined
-def _value(image, y, x, weights, own):
-    """What a pixel is weighed by: its score, or the markers' own channel, which the others' noise does not reach."""
-    if own >= 0:
-        return np.int32(image[y, x, own])
-    return _score(image, y, x, weights)
-
-
 @inner
-def _contrast(image, weights, own, x0, y0, height, width, window, least):
-    """Mean value of a window's pixels that are of no marker, and of the blob's, which are marked as taken."""
-    inside, outside, count, others = 0.0, 0.0, 0, 0
-    for y in range(height):
-        for x in range(width):
-            if window[y, x] < 0:
-                inside += _value(image, y0 + y, x0 + x, weights, own)
-                count += 1
-            elif window[y, x] <= least:
-                outside += _value(image, y0 + y, x0 + x, weights, own)
-                others += 1
-    return outside / max(others, 1), inside / max(count, 1)
+def _scores(flat, columns, weights, own, x0, y0, width, scores, values):
+    """Fills a window's scores, row after row, and what its pixels are weighed by.
 
-
-@inner
-def _refined(image, weights, own, base, level, reach, middle):
-    """The centroid of what stands out around `middle`, into it: weights rise from 30 to 60 % of the contrast.
-
-    So a pixel of the edge counts by how far it is covered, and noise on either side of the edge does not.
+    That is the score, or the markers' own channel, which the others' noise does not reach.
     """
-    low, span = base + 0.3 * (level - base), 0.3 * (level - base)
-    if not span > 0.0:
-        return
-    for _ in range(2):
-        x0, x1 = max(0, int(np.ceil(middle[0] - reach))), min(image.shape[1] - 1, int(np.floor(middle[0] + reach)))
-        y0, y1 = max(0, int(np.ceil(middle[1] - reach))), min(image.shape[0] - 1, int(np.floor(middle[1] + reach)))
-        total, sx, sy = 0.0, 0.0, 0.0
-        for y in range(y0, y1 + 1):
-            for x in range(x0, x1 + 1):
-                dx, dy = x - middle[0], y - middle[1]
-                inside = min(max(reach + 0.5 - np.sqrt(dx * dx + dy * dy), 0.0), 1.0)  # no jump as the disc moves
-                weight = inside * min(max((_value(image, y, x, weights, own) - low) / span, 0.0), 1.0)
-                total += weight
-                sx += weight * dx
-                sy += weight * dy
-        if not total > 0.0:
-            return
-        middle[0] += sx / total
-        middle[1] += sy / total
+    for y in range(len(scores) // width):
+        first = 3 * ((y0 + y) * columns + x0)
+        row, score = flat[first : first + 3 * width], scores[y * width : (y + 1) * width]
+        for x in range(width):
+            score[x] = _score(row, np.uintp(3 * x), weights)
+        value = values[y * width : (y + 1) * width]
+        if own >= 0:
+            for x in range(width):
+                value[x] = row[np.uintp(3 * x + own)]
+        else:
+            for x in range(width):
+                value[x] = score[x]
 
 
-@inlined
-def _levels(window, height, width, peak, low):
-    """The score of what is no marker, the mean of the rim's dimmer part, and of markers, of all above the half."""
-    total, count = 0, 0
+@inner
+def _range(scores):
+    """The lowest and the highest score."""
+    low, peak = np.uint8(255), np.uint8(0)
+    for score in scores:
+        low, peak = min(low, score), max(peak, score)
+    return np.int64(low), np.int64(peak)
+
+
+@inner
+def _above(scores, least):
+    """How many scores are above a threshold, and their sum."""
+    count, total = np.int32(0), np.int32(0)
+    for score in scores:
+        above = np.int32(score > least)
+        count = np.int32(count + above)
+        total = np.int32(total + np.int32(score) * above)
+    return np.int64(count), np.int64(total)
+
+
+@inner
+def _others(scores, values, least):
+    """The sum of the values of pixels whose scores are not above a threshold."""
+    total = np.int32(0)
+    for k in range(len(scores)):
+        total = np.int32(total + np.int32(values[k]) * np.int32(scores[k] <= least))
+    return np.int64(total)
+
+
+@inner
+def _base(scores, width, peak, low):
+    """The score of what is no marker: the mean of the rim's dimmer part."""
+    height, total, count = len(scores) // width, 0, 0
     for y in range(height):
         step = 1 if y == 0 or y == height - 1 else max(1, width - 1)
         for x in range(0, width, step):
-            if 2 * window[y, x] <= peak + low:
-                total += window[y, x]
+            score = np.int64(scores[y * width + x])
+            if 2 * score <= peak + low:
+                total += score
                 count += 1
-    base = total / count if count else 0.5 * (peak + low)
-    half = np.int32(np.floor(0.5 * (peak + base)))  # whole scores are above it as they are above the half
-    total, count = 0, 0
-    for y in range(height):
-        for x in range(width):
-            above = window[y, x] > half
-            total += window[y, x] * above
-            count += above
-    return base, (total / count if count else base)
+    return total / count if count else 0.5 * (peak + low)
 
 
-@inlined
-def _seed(window, height, width, least, row, column):
+@inner
+def _seed(scores, width, least, row, column):
     """The pixel above the threshold that is nearest to where the marker is expected; -1: none."""
-    if window[int(np.rint(row)), int(np.rint(column))] > least:
-        return int(np.rint(row)) * width + int(np.rint(column))
+    middle = int(np.rint(row)) * width + int(np.rint(column))
+    if scores[middle] > least:
+        return middle
     nearest, best = -1, _MANY
-    for y in range(height):
+    for y in range(len(scores) // width):
         for x in range(width):
-            if window[y, x] > least:
+            if scores[y * width + x] > least:
                 away = (x - column) * (x - column) + (y - row) * (y - row)
                 if away < best:
                     nearest, best = y * width + x, away
     return nearest
 
 
+@inner
+def _refined(flat, rows, columns, weights, own, base, level, reach, middle, bright):
+    """The centroid of what stands out around `middle`, into it: weights rise from 30 to 60 % of the contrast.
+
+    So a pixel of the edge counts by how far it is covered, and noise on either side of the edge does not. `bright`
+    (n, 3) int32 is scratch: only pixels that weigh anything are gone through.
+    """
+    low, span = base + 0.3 * (level - base), 0.3 * (level - base)
+    if not span > 0.0:
+        return
+    near, far = max(reach - 0.5, 0.0) ** 2 * (1.0 - 1e-9), (reach + 0.5) ** 2 * (1.0 + 1e-9)
+    for _ in range(2):
+        x0, x1 = max(0, int(np.ceil(middle[0] - reach))), min(columns - 1, int(np.floor(middle[0] + reach)))
+        y0, y1 = max(0, int(np.ceil(middle[1] - reach))), min(rows - 1, int(np.floor(middle[1] + reach)))
+        count = np.uintp(0)
+        for y in range(y0, y1 + 1):
+            at = np.uintp(3 * (y * columns + x0))
+            for x in range(x0, x1 + 1):
+                value = flat[at + np.uintp(own)] if own >= 0 else _score(flat, at, weights)
+                at += np.uintp(3)
+                bright[count, 0], bright[count, 1], bright[count, 2] = x, y, value
+                count += np.uintp(value > low)
+        total, sx, sy = 0.0, 0.0, 0.0
+        for k in range(count):
+            dx, dy = bright[k, 0] - middle[0], bright[k, 1] - middle[1]
+            square = dx * dx + dy * dy
+            if square > far:
+                continue
+            weight = min((bright[k, 2] - low) / span, 1.0)
+            if square > near:  # no jump as the disc moves
+                weight *= min(max(reach + 0.5 - np.sqrt(square), 0.0), 1.0)
+            total += weight
+            sx += weight * dx
+            sy += weight * dy
+        if not total > 0.0:
+            return
+        middle[0] += sx / total
+        middle[1] += sy / total
+
+
+@inner
+def _window(expected, half, rows, columns):
+    """Left, top, width and height of a marker's window, and whether it is looked for at all."""
+    ex, ey = expected[0], expected[1]
+    if not (ex > -0.5 and ey > -0.5 and ex < columns - 0.5 and ey < rows - 0.5):
+        return 0, 0, 0, 0, False
+    cx, cy = int(np.rint(ex)), int(np.rint(ey))
+    x0, y0 = max(0, cx - half), max(0, cy - half)
+    return x0, y0, min(columns, cx + half + 1) - x0, min(rows, cy + half + 1) - y0, True
+
+
+@inner
+def _fetched(flat, rows, columns, expected, halves):
+    """Reads a byte of each cache line of the windows; what it adds up means nothing.
+
+    Reads that nothing waits for go on side by side: a frame that is not in the cache is measured a quarter faster.
+    """
+    total = 0
+    for i in range(len(expected)):
+        x0, y0, width, height, there = _window(expected[i], halves[i], rows, columns)
+        if there:
+            for y in range(y0, y0 + height):
+                first = 3 * (y * columns + x0)
+                for k in range(first, first + 3 * width, 64):
+                    total += flat[k]
+                total += flat[first + 3 * width - 1]
+    return total
+
+
 @entry
-def measure_windows(image, weights, expected, halves, window, stack, out):
+def measure_windows(image, weights, expected, halves, out):
     """Each marker's blob, measured in a square window about where it is expected.
 
     The threshold is half of the window's level, the mean of what is above half of its peak; the blob is what hangs
     together (4 neighbours) with the nearest pixel above it. Its centroid is refined in the markers' own channel.
 
     Args:
-        image: (h, w, 3) uint8.
+        image: (h, w, 3) uint8, contiguous.
         weights: (4,) int32 of the score.
         expected: (m, 2) [px]; NaN: not looked for.
         halves: (m,) int64, half the side of each window [px].
-        window: (s, s) int32, scratch of the largest window, s = 2 max(halves) + 1.
-        stack: (s s,) int32, scratch.
         out: (m, 7) is filled: x, y, pixels, spread (trace of the second moments) [px^2], level above the base,
             pixels above the threshold that belong to something else, and 0 (measured), 1 (nothing) or 2 (cut by rim).
     """
-    own, middle = -1, np.empty(2)
+    own, middle, side = -1, np.empty(2), 0
     for c in range(3):
         if weights[c] > 0 and weights[(c + 1) % 3] <= 0 and weights[(c + 2) % 3] <= 0:
             own = c
+    for half in halves:
+        side = max(side, 2 * half + 1)
+    rows, columns, flat = image.shape[0], image.shape[1], image.reshape(-1)
+    all_scores, all_values = np.empty(side * side, np.uint8), np.empty(side * side, np.uint8)
+    stack = np.empty((side * side, 2), np.int32)
+    bright = np.empty(((int(1.5 * side) + 8) ** 2, 3), np.int32)  # as wide as a disc that fills a window is refined in
+    bright[0, 0] = _fetched(flat, rows, columns, expected, halves)
     for i in range(len(expected)):
         out[i, :6] = 0.0
         out[i, 6] = _NOTHING
-        ex, ey = expected[i, 0], expected[i, 1]
-        if not (ex > -0.5 and ey > -0.5 and ex < image.shape[1] - 0.5 and ey < image.shape[0] - 0.5):
+        x0, y0, width, height, there = _window(expected[i], halves[i], rows, columns)
+        if not there:
             continue
-        cx, cy, half = int(np.rint(ex)), int(np.rint(ey)), halves[i]
-        x0, y0 = max(0, cx - half), max(0, cy - half)
-        width = min(image.shape[1], cx + half + 1) - x0
-        height = min(image.shape[0], cy + half + 1) - y0
-        peak, low = _scores(image, weights, x0, y0, height, width, window)
-        base, level = _levels(window, height, width, peak, low)
+        size = width * height
+        scores, values = all_scores[:size], all_values[:size]
+        _scores(flat, columns, weights, own, x0, y0, width, scores, values)
+        low, peak = _range(scores)
+        base = _base(scores, width, peak, low)
+        count, sum_ = _above(scores, np.uint8(np.floor(0.5 * (peak + base))))  # whole scores: as above the half
+        level = sum_ / count if count else base
         half, most = 0.5 * (level + base), _CAP * (level - base)
-        least = np.int32(np.floor(half))
-        above = 0
-        for y in range(height):
-            for x in range(width):
-                above += window[y, x] > least
-        seed = _seed(window, height, width, least, ey - y0, ex - x0)
+        least = np.uint8(np.floor(half))
+        above, _ = _above(scores, least)
+        dark = _others(scores, values, least)
+        seed = _seed(scores, width, least, expected[i, 1] - y0, expected[i, 0] - x0)
         if seed < 0:
             continue
         count, total, sx, sy, sq, rim = 0, 0.0, 0.0, 0.0, 0.0, False
-        stack[0], top = seed, 1
+        sum_, lit = 0, 0  # of the blob's scores and values
         ax, ay = seed % width, seed // width  # moments about the seed: small numbers keep their bits
-        window[ay, ax] = -window[ay, ax] - 1
+        stack[0, 0], stack[0, 1], top = seed, scores[seed], 1
+        scores[seed] = 0  # taken
         while top > 0:
             top -= 1
-            place = stack[top]
+            place, score = np.int64(stack[top, 0]), np.int64(stack[top, 1])
             y, x = place // width, place % width
             count += 1
+            sum_ += score
+            lit += values[place]
             rim |= x == 0 or y == 0 or x == width - 1 or y == height - 1
-            weight = min(-window[y, x] - 1 - half, most)
+            weight = min(score - half, most)
             total += weight
             dx, dy = x - ax, y - ay
             sx += weight * dx
@@ -240,27 +323,29 @@ def measure_windows(image, weights, expected, halves, window, stack, out):
             for turn in range(4):
                 nx = x + (turn == 0) - (turn == 1)
                 ny = y + (turn == 2) - (turn == 3)
-                if 0 <= nx < width and 0 <= ny < height and window[ny, nx] > least:
-                    window[ny, nx] = -window[ny, nx] - 1  # taken, and its score kept
-                    stack[top] = ny * width + nx
-                    top += 1
+                if 0 <= nx < width and 0 <= ny < height:
+                    beside = ny * width + nx
+                    if scores[beside] > least:
+                        stack[top, 0], stack[top, 1] = beside, scores[beside]
+                        scores[beside] = 0
+                        top += 1
         mx, my = sx / total, sy / total
         middle[0], middle[1] = x0 + ax + mx, y0 + ay + my
         if 10 * (above - count) <= count:  # nothing else stands out nearby, which the disc would take in
             reach, which = 1.25 * np.sqrt(count / np.pi) + 2.0, own
-            dim, bright = _contrast(image, weights, own, x0, y0, height, width, window, least)
-            if bright - dim < 0.8 * (level - base):  # on a bright skin the channel alone tells less than the score
+            outside, inside = dark / max(size - above, 1), lit / count
+            if inside - outside < 0.8 * (level - base):  # on a bright skin the channel alone tells less than the score
                 which = -1
-                dim, bright = _contrast(image, weights, which, x0, y0, height, width, window, least)
-            _refined(image, weights, which, dim, bright, reach, middle)
+                outside, inside = _others(scores, scores, least) / max(size - above, 1), sum_ / count
+            _refined(flat, rows, columns, weights, which, outside, inside, reach, middle, bright)
         out[i, 0], out[i, 1] = middle[0], middle[1]
         out[i, 2], out[i, 3] = count, sq / total - mx * mx - my * my
         out[i, 4], out[i, 5] = level - base, above - count
         out[i, 6] = _RIM if rim else _OK
 
 
-@entry
-def plausible(got, rest, seen, size, contrast, fits):
+@inner
+def _plausible(got, rest, seen, size, contrast, fits):
     """Which windows show what may be a marker: whole, and of the area, shape and contrast of one.
 
     Args:
@@ -283,12 +368,12 @@ def plausible(got, rest, seen, size, contrast, fits):
         fits[i] = got[i, 6] == _OK and area * size > 1.0 and area < size and shape < 3.0 * area and got[i, 4] > least
 
 
-@entry
-def doubtful(got, fits, seen, sizes, size, alone, rest, gaps):
+@inner
+def _doubtful(got, fits, seen, sizes, size, alone, rest, gaps):
     """Whether any window leaves a doubt about which marker is where.
 
     Args:
-        got: as of `plausible`, as fits, seen, size and rest.
+        got: as of `_plausible`, as fits, seen, size and rest.
         fits: (m,) bool.
         seen: (m,) bool.
         sizes: (m,) areas in the last frame.
@@ -311,6 +396,46 @@ def doubtful(got, fits, seen, sizes, size, alone, rest, gaps):
         if seen[j] and np.hypot(got[i, 0] - got[j, 0], got[i, 1] - got[j, 1]) < 0.3 * gaps[i]:
             return True
     return False
+
+
+@entry
+def follow(image, weights, known, limits, got, seen, expected, last, step, sizes, age, out):
+    """Measures the markers in their windows and, where none leaves a doubt, takes them: whether it does.
+
+    Args:
+        image: as of `measure_windows`.
+        weights: as of `measure_windows`.
+        known: half sides of the windows (m,) int64; areas and spreads at rest (m, 2); no neighbour at rest reaches into
+            the window (m,) bool; gaps to the nearest neighbour at rest (m,) [px].
+        limits: greatest ratio of areas, least level above the base, the longest step that is gone on with [px].
+        got: (m, 7) is filled by `measure_windows`.
+        seen: (m,) bool, in the last frame.
+        expected: (m, 2) [px] of those that were not; changed: those that were are expected one step on.
+        last: (m, 2) where markers were [px]; changed, as all that follows.
+        step: (m, 2) that they went since the frame before.
+        sizes: (m,) areas.
+        age: (m,) int64, frames since a marker was seen.
+        out: (m, 2) is filled where it takes them: as `last`, NaN of what is not seen.
+    """
+    halves, rest, alone, gaps = known
+    size, contrast, longest = limits
+    for i in range(len(got)):
+        for a in range(2):
+            if seen[i]:
+                expected[i, a] = last[i, a] + min(max(step[i, a], -longest), longest)
+    measure_windows(image, weights, expected, halves, got)
+    fits = np.empty(len(got), np.bool_)
+    _plausible(got, rest, seen, size, contrast, fits)
+    if _doubtful(got, fits, seen, sizes, size, alone, rest, gaps):
+        return False
+    for i in range(len(got)):
+        for a in range(2):
+            step[i, a] = got[i, a] - last[i, a] if seen[i] else 0.0
+            last[i, a] = got[i, a] if seen[i] else last[i, a]
+            out[i, a] = got[i, a] if seen[i] else np.nan
+        sizes[i] = got[i, 2] if seen[i] else sizes[i]
+        age[i] = 0 if seen[i] else age[i] + 1
+    return True
 
 
 @inlined

@@ -17,9 +17,9 @@ from palpate.errors import InputError
 from palpate.spatial._arrays import Value, frozen
 from palpate.spatial.pose import Pose
 
-__all__ = ["Fisheye", "RingView"]
+__all__ = ["STEPS", "Fisheye", "RingView", "flat_pixels"]
 
-_STEPS = 60  # at most: Newton needs 4, halving an interval of pi to its last bit 53
+STEPS = 60  # at most: Newton needs 4, halving an interval of pi to its last bit 53
 
 
 @dataclass(frozen=True)
@@ -121,6 +121,12 @@ class Fisheye:
         """The largest theta_d."""
         return float(self._bent(np.asarray(self.reach))[0])
 
+    @cached_property
+    def numbers(self) -> Float[np.ndarray, " 10"]:
+        """fx, fy, cx, cy, k1 to k4, the largest theta and its theta_d, as the compiled loops take them."""
+        bends = (self.k1, self.k2, self.k3, self.k4)
+        return frozen(np.array([self.fx, self.fy, self.cx, self.cy, *bends, self.reach, self._widest]))
+
     def _bent(self, theta: Float[np.ndarray, "*batch"]) -> tuple[Float[np.ndarray, "*batch"], ...]:
         """theta_d, and its derivative."""
         t = theta * theta
@@ -134,7 +140,7 @@ class Fisheye:
 
         flat = np.ascontiguousarray(bent).reshape(-1)
         theta, low, high = np.empty((3, len(flat)))
-        angles(flat, np.array([self.k1, self.k2, self.k3, self.k4]), self.reach, _STEPS, theta, low, high)
+        angles(flat, self.numbers[4:8], self.reach, STEPS, theta, low, high)
         return np.where(bent <= self._widest, theta.reshape(bent.shape), np.nan)
 
 
@@ -180,8 +186,16 @@ class RingView(Value):
 
     def to_plane(self, pixels: Float[np.ndarray, "*batch 2"]) -> Float[np.ndarray, "*batch 2"]:
         """Points [m] of the plane z = 0 that are seen at pixels; NaN where a ray does not meet it."""
-        ray = self.pose.rotate(self.camera.rays(pixels))
-        return self.pose.translation[:2] + self._length(ray) * ray[..., :2]
+        from palpate.sensors._fisheye import to_plane  # compiled: loaded when first needed
+
+        flat, out = flat_pixels(pixels), np.empty((np.size(pixels) // 2, 2))
+        to_plane(flat, *self.numbers, STEPS, out)
+        return out.reshape(np.shape(pixels))
+
+    @cached_property
+    def numbers(self) -> tuple[Float[np.ndarray, " 10"], Float[np.ndarray, " 12"]]:
+        """The lens and where it is, as the compiled loop takes them."""
+        return self.camera.numbers, np.concatenate([self.pose.rotation.reshape(-1), self.pose.translation])
 
     def _length(self, ray: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 1"]:
         """How far along a ray the plane is; NaN where it is behind."""
@@ -206,3 +220,10 @@ class RingView(Value):
         points = np.asarray(points, dtype=np.float64)
         whole = np.concatenate([points, np.full((*points.shape[:-1], 1), height)], axis=-1)
         return self.camera.project(self._back.apply(whole))
+
+
+def flat_pixels(pixels: Float[np.ndarray, "*batch 2"]) -> Float[np.ndarray, "n 2"]:
+    """Pixels one after the other, that cannot be written, so that loops are compiled once, whatever is given."""
+    flat = np.ascontiguousarray(pixels, dtype=np.float64).reshape(-1, 2).view()
+    flat.flags.writeable = False
+    return flat

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float
 
-from palpate.sensors.fisheye import Fisheye, RingView
+from palpate.sensors.fisheye import STEPS, Fisheye, RingView, flat_pixels
 from palpate.sensors.markers import MarkerColour
 from palpate.sensors.ring_response import RingResponse
 from palpate.spatial._arrays import Value, frozen
@@ -75,16 +75,17 @@ class MarkerRing(Value):
 
     def displacements(self, pixels: Float[np.ndarray, "*batch m 2"]) -> Float[np.ndarray, "*batch m 2"]:
         """[m] of markers at pixels from where they rest, outwards and along rising angles; NaN stays."""
-        return np.einsum("...mi,mik->...mk", self.view.to_plane(pixels) - self._resting, self._axes)
+        from palpate.sensors._fisheye import displaced  # compiled: loaded when first needed
+
+        flat, out = flat_pixels(pixels), np.empty(np.shape(pixels))
+        lens, pose, resting, axes = self.numbers
+        displaced(flat, lens, pose, STEPS, resting, axes, out.reshape(-1, 2))
+        return out
 
     @cached_property
-    def _resting(self) -> Float[np.ndarray, "m 2"]:
-        """Where the markers rest in the ring's plane [m]."""
-        return self.view.to_plane(self.rest)
-
-    @cached_property
-    def _axes(self) -> Float[np.ndarray, "m 2 2"]:
-        return self.axes()
+    def numbers(self) -> tuple[np.ndarray, ...]:
+        """Lens and place of the camera, where markers rest in the ring's plane [m], and `axes`: for compiled loops."""
+        return *self.view.numbers, self.view.to_plane(self.rest), np.ascontiguousarray(self.axes())
 
     def axes(self) -> Float[np.ndarray, "m 2 2"]:
         """Directions outwards and along rising angles at each marker, in the ring's plane: the columns."""

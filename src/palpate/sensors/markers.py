@@ -27,6 +27,8 @@ _LIT = 0.002  # share of a frame's bytes: where fewer are lit, it is black but f
 _LEAST_AREA = 6.0  # px: a marker is 5 px large or larger
 _AWAY = 3  # frames: from then on a missing marker may be anywhere, and must be seen twice
 _LOOK = 10  # frames: while a marker is missing, the whole frame is searched that often
+_EVERY = 32  # rows: so many share one that tells a black frame and a frozen camera
+_LONGEST = 12.0  # px: a step that a marker is expected to go on with
 _AGAIN = 6.0  # px, of a marker that is back, from one frame to the next
 _DISC = 1 / (2 * np.pi)  # trace of the second moments of a disc over its area
 
@@ -199,9 +201,9 @@ def _quietest(image: Image, colour: MarkerColour, count: int) -> MarkerColour:
     return best
 
 
-def _read(image: np.ndarray) -> Image:
-    """The same pixels, that cannot be written: loops are compiled once, whether the caller's can be or not."""
-    view = image.view()
+def _read(image: np.ndarray) -> np.ndarray:
+    """The same pixels in one piece, that cannot be written: loops are compiled once, whatever the caller's are."""
+    view = np.ascontiguousarray(image).view()
     view.flags.writeable = False
     return view
 
@@ -300,90 +302,85 @@ class MarkerTracker:
         reach = np.clip(0.45 * (self._gap - radius), 4.0, 10.0)
         self._halves = np.ceil(radius + reach).astype(np.int64)
         self._alone = self._gap > self._halves + radius  # no neighbour reaches into its window
-        side = 2 * int(self._halves.max()) + 1
-        self._size_rest, self._fits = np.stack([self._areas, self._spreads], axis=-1), np.zeros(m, dtype=bool)
-        self._window, self._stack = np.zeros((side, side), np.int32), np.zeros(side * side, np.int32)
-        self._out = np.zeros((m, 7))
+        size_rest = np.stack([self._areas, self._spreads], axis=-1)
+        self._known, self._out = (self._halves, size_rest, self._alone, self._gap), np.zeros((m, 7))
+        camera = view.camera
+        self._sample = np.zeros((len(range(_EVERY // 2, camera.height, _EVERY)), 3 * camera.width), dtype=np.uint8)
         self.reset()
 
     def reset(self) -> None:
         """Forget every frame: the next one is searched whole, and starts a stretch of its own."""
         m = len(self._areas)
         self.frame, self.searched = Frame.OK, False
-        self._last, self._step = self._rest.copy(), np.zeros((m, 2))
-        self._seen, self._size = np.zeros(m, dtype=bool), self._areas.copy()
+        self._last, self._step, self._expected = self._rest.copy(), np.zeros((m, 2)), np.zeros((m, 2))
+        self._seen, self._count, self._size = np.zeros(m, dtype=bool), 0, self._areas.copy()
         self._age = np.full(m, _AWAY)  # frames since a marker was seen
         self._claimed = np.full((m, 2), np.nan)
-        self._fresh, self._sample, self._same, self._since = True, b"", 0, 0
+        self._fresh, self._sampled, self._same, self._since = True, False, 0, 0
 
     def track(self, image: np.ndarray, out: Float[np.ndarray, "m 2"]) -> Bool[np.ndarray, " m"]:
         """Pixels of every marker into `out`, NaN where it is not found; whether it is."""
         require_out(out, (len(self._areas), 2))
-        out[:] = np.nan
-        nothing = np.zeros(len(self._areas), dtype=bool)
-        self.searched = False
+        image, self.searched = _read(image), False
         self.frame = self._health(image)
         if self.frame in (Frame.WRONG_SIZE, Frame.BLACK):
-            return nothing
-        expected = self._expected()
-        found = self._follow(image, expected)
-        if found is None:
+            out[:] = np.nan
+            return np.zeros(len(self._areas), dtype=bool)
+        if self._follow(image, out):
+            self._since += 1
+        else:
             self.searched = True
             found = self._search(image)
-        self._remember(found)
-        out[found] = self._last[found]
-        if self.frame == Frame.OK and np.count_nonzero(found) < 0.6 * len(found):
+            self._remember(found)
+            out[:] = np.where(found[:, None], self._last, np.nan)
+        if self.frame == Frame.OK and self._count < 0.6 * len(self._seen):
             self.frame = Frame.LOST
-        return found
+        return self._seen.copy()
 
     def _health(self, image: np.ndarray) -> Frame:
-        """Told from every 32nd row: a live camera's noise never repeats in 15 rows."""
+        """Told from every `_EVERY`th row: a live camera's noise never repeats in 15 rows."""
         camera = self.view.camera
         if image.dtype != np.uint8 or image.shape != (camera.height, camera.width, 3):
             return Frame.WRONG_SIZE
-        rows = np.ascontiguousarray(image[16::32])
-        seen = rows.tobytes()
-        self._same = self._same + 1 if seen == self._sample else 0
-        self._sample = seen
-        if np.count_nonzero(rows > 2 * _LEAST_CONTRAST) < _LIT * rows.size:
+        from palpate.sensors._markers import sampled  # here: compiled loops load when first needed
+
+        lit, same = sampled(image, _EVERY, int(2 * _LEAST_CONTRAST), self._sample)
+        self._same = self._same + 1 if same and self._sampled else 0
+        self._sampled = True
+        if lit < _LIT * self._sample.size:
             return Frame.BLACK
         return Frame.FROZEN if self._same >= self.frozen_after else Frame.OK
 
-    def _expected(self) -> Float[np.ndarray, "m 2"]:
-        """One step on; what is missing is expected where its neighbours' displacement puts it."""
-        expected = self._ahead()
-        if not self._seen.all() and self._seen.any():
-            there = np.flatnonzero(self._seen)
-            moved = self._last[there] - self._rest[there]
-            for axis in range(2):
-                gone = ~self._seen
-                said = np.interp(np.flatnonzero(gone), there, moved[:, axis], period=len(self._seen))
-                expected[gone, axis] = self._rest[gone, axis] + said
-        return expected
+    def _guess(self) -> None:
+        """What is missing is expected where its neighbours' displacement puts it."""
+        there, gone = np.flatnonzero(self._seen), ~self._seen
+        moved = self._last[there] - self._rest[there]
+        for axis in range(2):
+            said = np.interp(np.flatnonzero(gone), there, moved[:, axis], period=len(self._seen))
+            self._expected[gone, axis] = self._rest[gone, axis] + said
 
     def _ahead(self) -> Float[np.ndarray, "m 2"]:
         """Where the markers are if they go on as they went."""
-        return self._last + np.minimum(np.maximum(self._step, -12.0), 12.0)
+        return self._last + np.minimum(np.maximum(self._step, -_LONGEST), _LONGEST)
 
     def _measure(self, image: Image, expected: Float[np.ndarray, "m 2"]) -> Float[np.ndarray, "m 7"]:
         from palpate.sensors._markers import measure_windows  # here: compiled loops load when first needed
 
-        measure_windows(_read(image), self._weights, expected, self._halves, self._window, self._stack, self._out)
+        measure_windows(image, self._weights, expected, self._halves, self._out)
         return self._out
 
-    def _follow(self, image: Image, expected: Float[np.ndarray, "m 2"]) -> Bool[np.ndarray, " m"] | None:
-        """The markers in their windows; None where any of them leaves a doubt."""
-        from palpate.sensors._markers import doubtful, plausible
+    def _follow(self, image: Image, out: Float[np.ndarray, "m 2"]) -> bool:
+        """The markers in their windows, unless any of them leaves a doubt: whether none does."""
+        from palpate.sensors._markers import follow
 
-        if self._fresh or (not self._seen.all() and self._since >= _LOOK):
-            return None
-        got = self._measure(image, expected)
-        size, rest = self.limits.size, self._size_rest
-        plausible(got, rest, self._seen, size, _LEAST_CONTRAST, self._fits)
-        if doubtful(got, self._fits, self._seen, self._size, size, self._alone, rest, self._gap):
-            return None
-        self._take(got, self._seen)
-        return self._seen
+        whole = self._count == len(self._seen)
+        if self._fresh or (not whole and self._since >= _LOOK):
+            return False
+        if not whole:
+            self._guess()
+        limits = self.limits.size, _LEAST_CONTRAST, _LONGEST
+        kept = self._seen, self._expected, self._last, self._step, self._size, self._age
+        return follow(image, self._weights, self._known, limits, self._out, *kept, out)
 
     def _search(self, image: Image) -> Bool[np.ndarray, " m"]:
         """The markers of the whole frame, by their labels, each measured again in its window."""
@@ -418,7 +415,7 @@ class MarkerTracker:
         self._size = np.where(found, got[:, 2], self._size)
 
     def _remember(self, found: Bool[np.ndarray, " m"]) -> None:
-        self._seen = found.copy()
+        self._seen, self._count = found.copy(), int(np.count_nonzero(found))
         self._age = np.where(found, 0, self._age + 1)
-        self._since = 0 if self.searched else self._since + 1
-        self._fresh = not found.any()
+        self._since = 0
+        self._fresh = not self._count

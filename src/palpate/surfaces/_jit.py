@@ -44,8 +44,11 @@ def entry(function):
 
 
 def exact(function):
-    """As `entry`, but a * b + c is two instructions: for what must give NumPy's bits."""
-    return _kept(njit(cache=True, error_model="numpy")(function))
+    """As `entry`, but a * b + c is two instructions: for what must give NumPy's bits.
+
+    That is said, not left out: what is left out is taken from the caller that it is first compiled for.
+    """
+    return _kept(njit(cache=True, error_model="numpy", fastmath=False)(function))
 
 
 def _kept(made):

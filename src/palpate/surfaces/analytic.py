@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -15,6 +15,9 @@ from palpate.spatial._arrays import Value, frozen, shaped
 from palpate.spatial.pose import Pose
 from palpate.surfaces.mesh import Mesh
 from palpate.surfaces.surface import Prepared
+
+if TYPE_CHECKING:
+    from palpate.surfaces.drawing import Drawing
 
 __all__ = ["Analytic"]
 
@@ -113,6 +116,12 @@ class Analytic(Value, ABC):
     def drawn(self) -> Mesh:
         """What a viewer shows of it."""
         return self.mesh()
+
+    def show(self) -> Drawing:
+        """A drawing that a notebook shows, and that a pointer turns."""
+        from palpate.surfaces.drawing import Drawing  # here: it is seldom wanted
+
+        return Drawing.of(self)
 
     def prepared(self) -> Prepared:
         """For the compiled loops; made, and they compiled, on the first call."""

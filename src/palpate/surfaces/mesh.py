@@ -24,6 +24,7 @@ from palpate.surfaces.surface import Prepared
 
 if TYPE_CHECKING:
     from palpate.spatial.pose import Pose
+    from palpate.surfaces.drawing import Drawing
 
 __all__ = ["UNITS", "Mesh", "plausible_size"]
 
@@ -226,6 +227,12 @@ class Mesh(Value):
     def drawn(self) -> Mesh:
         """What a viewer shows of it: itself."""
         return self
+
+    def show(self) -> Drawing:
+        """A drawing that a notebook shows, and that a pointer turns."""
+        from palpate.surfaces.drawing import Drawing  # here: it is seldom wanted
+
+        return Drawing.of(self)
 
     def project(
         self, points: ArrayLike

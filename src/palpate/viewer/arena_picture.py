@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import Counter
 from math import ceil
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float, UInt8
@@ -12,6 +11,7 @@ from jaxtyping import Float, UInt8
 from palpate.sensors.markers import opencv
 from palpate.viewer._style import MUTED, RULE, STATUS
 from palpate.viewer.arena import DARK, FORCE, Arena, Scene, Trails, colour, mixed, newtons
+from palpate.viewer.ink import Ink
 
 __all__ = ["SIZE", "ArenaPicture", "senses"]
 
@@ -20,7 +20,6 @@ HEAD, FOOT, SIDE = 48, 118, 24  # px above, below and beside the field
 LONG = 0.045  # m of an arrow for each newton
 LONGEST = 0.22  # m
 CELLS = 6  # robots that have a cell of their own below the field
-_SHIFT = 4  # bits of a fraction of a pixel
 _GROUND, _FLOOR = (244, 246, 248), (255, 255, 255)
 _FIXED, _PUSHED = mixed(STATUS[3], 0.1), mixed(STATUS[5], 0.55)
 _BLIND = (204, 51, 17)
@@ -38,7 +37,7 @@ class ArenaPicture:
 
     def __init__(self, arena: Arena) -> None:
         self.arena, self._trails = arena, Trails(arena.robots)
-        self._ink = _Ink(opencv())
+        self._ink = Ink(opencv())
         width, height = arena.size
         self._scale = min((SIZE[0] - 2 * SIDE) / width, (SIZE[1] - HEAD - FOOT) / height)
         self._corner = (SIZE[0] - self._scale * width) / 2, HEAD + self._scale * height
@@ -165,7 +164,7 @@ def senses(scene: Scene, radius: float, height: int, columns: int = 2) -> UInt8[
     Returns:
         One picture: blue, green, red.
     """
-    ink = _Ink(opencv())
+    ink = Ink(opencv())
     views = [_view(ink, scene, robot, radius, height) for robot in range(len(scene.poses))]
     for robot, view in enumerate(views):
         ink.disc(view, np.array([14.0, 14.0]), 10.0, colour(robot))
@@ -179,7 +178,7 @@ def senses(scene: Scene, radius: float, height: int, columns: int = 2) -> UInt8[
     return picture
 
 
-def _view(ink: _Ink, scene: Scene, robot: int, radius: float, height: int) -> UInt8[np.ndarray, "h w 3"]:
+def _view(ink: Ink, scene: Scene, robot: int, radius: float, height: int) -> UInt8[np.ndarray, "h w 3"]:
     """Of one robot: its camera's image, or else its ring, with ahead at the top."""
     if scene.frames is not None:
         frame = scene.frames[robot]
@@ -199,92 +198,3 @@ def _view(ink: _Ink, scene: Scene, robot: int, radius: float, height: int) -> UI
         tip = middle + ring * out
         ink.arrow(view, np.stack([tip + max(0.09, 0.22 * min(force / 5.0, 1.0)) * height * out, tip]), FORCE)
     return view
-
-
-class _Ink:
-    """OpenCV's strokes with colours in red, green, blue, places in fractions of a pixel, and text that fits."""
-
-    def __init__(self, cv2: Any) -> None:
-        self._cv2: Any = cv2
-        self._font: int = cv2.FONT_HERSHEY_SIMPLEX
-
-    def area(self, picture: np.ndarray, corners: Float[np.ndarray, "k 2"], shade: tuple[int, int, int]) -> None:
-        self._cv2.fillPoly(picture, [_fixed(corners)], shade[::-1], self._cv2.LINE_AA, _SHIFT)
-
-    def loop(self, picture: np.ndarray, corners: np.ndarray, shade: tuple[int, int, int], thick: int) -> None:
-        self._cv2.polylines(picture, [_fixed(corners)], True, shade[::-1], thick, self._cv2.LINE_AA, _SHIFT)
-
-    def line(self, picture: np.ndarray, points: np.ndarray, shade: tuple[int, int, int], thick: int) -> None:
-        self._cv2.polylines(picture, [_fixed(points)], False, shade[::-1], thick, self._cv2.LINE_AA, _SHIFT)
-
-    def disc(self, picture: np.ndarray, at: np.ndarray, radius: float, shade: tuple[int, int, int]) -> None:
-        self.ring(picture, at, radius, shade, -1)
-
-    def ring(self, picture: np.ndarray, at: np.ndarray, radius: float, shade: tuple[int, int, int], thick: int) -> None:
-        x, y = _fixed(at).tolist()
-        size = round(radius * (1 << _SHIFT))
-        self._cv2.circle(picture, (x, y), size, shade[::-1], thick, self._cv2.LINE_AA, _SHIFT)
-
-    def arrow(self, picture: np.ndarray, ends: Float[np.ndarray, "2 2"], shade: tuple[int, int, int]) -> None:
-        """From the first to the second, its head no longer than itself."""
-        way = ends[1] - ends[0]
-        length = float(np.linalg.norm(way))
-        if length < 1.0:
-            return
-        along = way / length
-        across, head = np.array([-along[1], along[0]]), min(11.0, 0.7 * length)
-        base = ends[1] - head * along
-        self.line(picture, np.stack([ends[0], base]), shade, 3)
-        self.area(picture, np.stack([ends[1], base + 0.5 * head * across, base - 0.5 * head * across]), shade)
-
-    def text(
-        self,
-        picture: np.ndarray,
-        words: str,
-        at: tuple[int, int],
-        size: float,
-        shade: tuple[int, int, int],
-        thick: int = 1,
-    ) -> None:
-        """From its lower left corner; the font knows ASCII alone."""
-        known = words.encode("ascii", "replace").decode()
-        self._cv2.putText(picture, known, at, self._font, size, shade[::-1], thick, self._cv2.LINE_AA)
-
-    def middle(self, picture: np.ndarray, words: str, at: np.ndarray, size: float, shade: tuple[int, int, int]) -> None:
-        """About a place."""
-        (wide, high), _ = self._cv2.getTextSize(words, self._font, size, 1)
-        self.text(picture, words, (round(at[0] - wide / 2), round(at[1] + high / 2)), size, shade)
-
-    def width(self, words: str, size: float) -> int:
-        """Of a line of text [px]."""
-        return int(self._cv2.getTextSize(words, self._font, size, 1)[0][0])
-
-    def cut(self, words: str, size: float, room: int) -> str:
-        """As much of a line as fits."""
-        if self.width(words, size) <= room:
-            return words
-        while words and self.width(f"{words}..", size) > room:
-            words = words[:-1]
-        return f"{words}.."
-
-    def wrapped(self, words: str, size: float, room: int, rows: int) -> list[str]:
-        """A sentence in lines that fit, the last one cut."""
-        lines = [""]
-        for word in words.split():
-            longer = f"{lines[-1]} {word}".strip()
-            if self.width(longer, size) <= room or not lines[-1]:
-                lines[-1] = longer
-            else:
-                lines.append(word)
-        if len(lines) > rows:
-            lines[rows - 1] = " ".join(lines[rows - 1 :])
-        return [self.cut(line, size, room) for line in lines[:rows]]
-
-    def shrunk(self, frame: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-        """An image in another size (width, height)."""
-        return self._cv2.resize(frame, size, interpolation=self._cv2.INTER_AREA)
-
-
-def _fixed(points: Float[np.ndarray, "*n 2"]) -> np.ndarray:
-    """As OpenCV takes fractions of a pixel."""
-    return np.rint(points * (1 << _SHIFT)).astype(np.int32)

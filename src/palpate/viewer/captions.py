@@ -13,7 +13,7 @@ from palpate.viewer.heat import PALETTE
 from palpate.viewer.scene import Moment, Scene, ShownContact
 from palpate.viewer.widgets import table
 
-__all__ = ["MEANING", "caption", "feature", "legend"]
+__all__ = ["MEANING", "beside", "caption", "feature", "legend"]
 
 NONE = "&ndash;"
 MEANING = {
@@ -116,13 +116,73 @@ def _measured(value: float, deviation: float) -> str:
     return f"{value:.2f}&nbsp;&plusmn;&nbsp;{deviation:.2f}" if np.isfinite(deviation) else f"{value:.2f}"
 
 
+def beside(scene: Scene, moment: Moment) -> list[str]:
+    """What is compared, at the same time: how hard, where, and how far from the strongest contact."""
+    other = scene.meanwhile(moment.seconds)
+    if other is None or scene.beside is None:
+        return []
+    theirs, ours = other.contacts[0], moment.contacts[0]
+    said = f"{scene.beside.title}: {theirs.status.label.replace('_', ' ')}"
+    if theirs.located:
+        place = " ".join(f"{name} {value:.2f}" for name, value in zip("xyz", 1e3 * theirs.point, strict=True))
+        said += f", {float(np.linalg.norm(theirs.force)):.2f} N at {place} mm"
+    if theirs.located and ours.located:
+        apart = 1e3 * float(np.linalg.norm(theirs.point - ours.point))
+        said += f"; {apart:.2f} mm and {float(np.linalg.norm(theirs.force - ours.force)):.2f} N apart"
+    return [said]
+
+
+_GLYPHS = {  # 28 x 18 each
+    "arrow": '<path d="M2 15 L20 5" stroke="rgb(0,48,120)" stroke-width="3"/><path d="M26 2 L16.5 3.5 L20.5 10 Z" '
+    'fill="rgb(0,48,120)"/>',
+    "ring": '<ellipse cx="14" cy="9" rx="11" ry="6" fill="rgba(0,48,120,.25)" '
+    'stroke="rgb(0,48,120)" stroke-width="2"/>',
+    "curl": '<path d="M9 15 A7 7 0 1 1 20 13" fill="none" stroke="rgb(130,40,120)" stroke-width="3"/>'
+    '<path d="M24 9 L15 12 L22 18 Z" fill="rgb(130,40,120)"/>',
+    "dot": '<circle cx="14" cy="9" r="5" fill="{0}"/>',
+}
+_KEYS = (
+    ("space", "play, pause"),
+    ("&larr; &rarr;", "touch before, touch after"),
+    ("shift &larr; &rarr;", "touched sample before, after"),
+    ("click", "in a plot or a line of the list: go there"),
+)
+
+_CORNER = """<style>@media (min-width: 601px) { .palpate-legend {
+  position: fixed; left: 1em; bottom: 1em; max-width: 27em; border-radius: .4em; pointer-events: none;
+  background: color-mix(in srgb, var(--mantine-color-body) 80%, transparent);
+} }</style>"""  # on a phone it stays in the sheet
+
+
 def legend(scene: Scene) -> str:
-    """What the colours of heat stand for."""
+    """What is drawn, what the colours of heat stand for, and which keys there are."""
+    drawn = [
+        (_GLYPHS["arrow"], "force on the body: the tip pushes"),
+        (_GLYPHS["ring"], "95 % ellipse of the point; faint: larger than it can tell"),
+        (_GLYPHS["curl"], "torque about the normal"),
+    ]
+    if scene.beside is not None:
+        drawn.append((_GLYPHS["dot"].format("rgb(0,48,120)"), escape(scene.title)))
+        drawn.append((_GLYPHS["dot"].format("rgb(0,120,80)"), escape(scene.beside.title)))
+    rows = "".join(
+        f'<div style="display:flex;align-items:center;gap:.7em"><svg width="28" height="18" aria-hidden="true">{glyph}'
+        f"</svg><span>{words}</span></div>"
+        for glyph, words in drawn
+    )
+    keys = "".join(f'<div><kbd style="opacity:.75">{key}</kbd>&ensp;{words}</div>' for key, words in _KEYS)
+    return (
+        f'{_CORNER}<div class="palpate-legend" style="padding:.2em .8em .8em;font-size:.8em;line-height:1.5">{rows}'
+        f'{_heat(scene)}<div style="margin-top:.5em">{keys}</div></div>'
+    )
+
+
+def _heat(scene: Scene) -> str:
+    if scene.body is None:
+        return ""
     stops = ",".join("rgb({:.0f},{:.0f},{:.0f})".format(*colour) for colour in PALETTE)
     longest = 1e-4 * float(scene.heat.max())  # s/cm^2
     return (
-        '<div style="padding:.2em .8em .8em;font-size:.8em">'
-        f'<div style="height:.6em;border-radius:.3em;background:linear-gradient(90deg,{stops})"></div>'
-        f'<div style="display:flex;justify-content:space-between"><span>not touched</span><span>{longest:.3g} s/cm²'
-        "</span></div></div>"
+        f'<div style="margin-top:.4em;height:.6em;border-radius:.3em;background:linear-gradient(90deg,{stops})"></div>'
+        '<div style="display:flex;justify-content:space-between"><span>heat: not touched</span>'
+        f"<span>{longest:.3g} s/cm²</span></div>"
     )

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 if TYPE_CHECKING:
-    from viser import GuiApi, ViserServer
+    from viser import ClientHandle, GuiApi, ViserServer
 
     from palpate.viewer.scene import Scene
 
@@ -24,7 +24,7 @@ class Layer(Protocol):
         """[m] what the picture must hold where the body has no mesh."""
         ...
 
-    def draw(self, server: ViserServer, scene: Scene) -> None:
+    def draw(self, server: ViserServer | ClientHandle, scene: Scene) -> None:
         """Add what stands in the scene, in `Scene.placed` units."""
         ...
 

@@ -12,7 +12,7 @@ from palpate.viewer.heat import colours
 from palpate.viewer.scene import Scene
 
 if TYPE_CHECKING:
-    from viser import BoxHandle, GuiApi, LabelHandle, ViserServer
+    from viser import BoxHandle, ClientHandle, GuiApi, LabelHandle, ViserServer
 
 __all__ = ["LoadCellLayer", "loads"]
 
@@ -48,9 +48,9 @@ class LoadCellLayer:
         """(k, 3) [m] of the cells, none where they are not known."""
         return self.cells.positions[np.isfinite(self.cells.positions).all(axis=1)]
 
-    def draw(self, server: ViserServer, scene: Scene) -> None:
+    def draw(self, server: ViserServer | ClientHandle, scene: Scene) -> None:
         """Boxes below the body; none where a place is not known."""
-        self._drawn.clear()
+        self._drawn = []  # anew: a copy of this layer may be drawn elsewhere
         if len(self.places) < self.cells.cells:
             return
         carried = self._carried(scene, np.flatnonzero(scene.touched))

@@ -5,66 +5,79 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
-from palpate.viewer.scene import Scene, ShownContact
+from palpate.viewer.scene import DISC, RIM, RINGS, Scene, ShownContact
 
 if TYPE_CHECKING:
     from viser import SceneApi, SceneNodeHandle
 
-__all__ = ["FORCE", "Marker", "arc"]
+__all__ = ["FORCE", "OTHER", "Marker", "arc", "fade"]
 
 FORCE, POINT, TORQUE = (0, 48, 120), (16, 24, 32), (130, 40, 120)
+OTHER = (0, 120, 80)  # of contacts that are compared
+FAINT = np.array((190, 205, 225))  # of the rim of an ellipse that says nothing
 FAINTEST = 0.02  # of the usual torque: less is not drawn
 _FULL, _RADIUS, _STEPS = 1.5 * np.pi, 0.09, 40  # arc of the usual torque [rad], in sizes of the body
-_CIRCLE = np.stack([np.cos(np.linspace(0, 2 * np.pi, 65)), np.sin(np.linspace(0, 2 * np.pi, 65)), np.zeros(65)], axis=1)
 
 
 class Marker:
     """The number `slot` of the contacts that a sample may have."""
 
-    def __init__(self, space: SceneApi, slot: int) -> None:
-        name, nothing = f"/contact/{slot}", np.zeros((1, 2, 3))
+    def __init__(self, space: SceneApi, slot: int, root: str = "", ink: tuple[int, int, int] = FORCE) -> None:
+        name, nothing = f"{root}/contact/{slot}", np.zeros((1, 2, 3))
+        self._ink = ink
         self._frame = space.add_frame(name, show_axes=False)
         space.add_icosphere(f"{name}/point", radius=0.008, color=POINT, cast_shadow=False)
         space.add_arrows(
             f"{name}/normal", np.array([[[0, 0, 0], [0, 0, 0.12]]]), POINT, shaft_radius=0.002, head_radius=0.006,
             head_length=0.02,
         )  # fmt: skip
+        flat = np.column_stack([DISC, np.zeros(len(DISC))])
         self._disc = space.add_mesh_simple(
-            f"{name}/disc", _CIRCLE, _fan(65), color=FORCE, opacity=0.25, side="double", cast_shadow=False
+            f"{root}/ellipse/{slot}/disc", flat, _facets(), color=ink, opacity=0.25, side="double", cast_shadow=False
         )
         self._rim = space.add_line_segments(
-            f"{name}/ellipse", np.stack([_CIRCLE[:-1], _CIRCLE[1:]], axis=1), FORCE, thickness=2.0,
-            thickness_units="screen",
-        )  # fmt: skip
+            f"{root}/ellipse/{slot}/rim", nothing, ink, thickness=2.0, thickness_units="screen"
+        )
         self._arc = space.add_line_segments(f"{name}/torque", nothing, TORQUE, thickness=4.0, thickness_units="screen")
         self._head = space.add_arrows(
             f"{name}/torque_head", nothing, TORQUE, shaft_radius=0.002, head_radius=0.014, head_length=0.03
         )
         self._arrow = space.add_arrows(
-            f"/force/{slot}", nothing, FORCE, shaft_radius=0.007, head_radius=0.018, head_length=0.05
+            f"{root}/force/{slot}", nothing, ink, shaft_radius=0.007, head_radius=0.018, head_length=0.05
         )
-        self._label = space.add_label(f"/force/{slot}/label", "", anchor="bottom-center")
+        below = "top-center" if root else "bottom-center"  # two results are often at one place
+        self._label = space.add_label(f"{root}/force/{slot}/label", "", anchor=below)
 
     def show(self, scene: Scene, contact: ShownContact | None, magnification: int) -> None:
         """Move it to a contact of a scene; None, or one without a place, hides it."""
         located = contact is not None and contact.located
         for handle in (self._frame, self._arrow, self._label):
             _put(handle, visible=located)
+        known = contact is not None and located and bool(np.isfinite(contact.axes).all())
+        for handle in (self._disc, self._rim):
+            _put(handle, visible=known)
         if contact is None or not located:
             return
         x, y, z, w = contact.turn.tolist()
         self._frame.position = scene.placed(contact.point + 1e-3 * scene.size * contact.normal)
         self._frame.wxyz = (w, x, y, z)
-        known = bool(np.isfinite(contact.axes).all())
-        _put(self._disc, visible=known)
-        _put(self._rim, visible=known)
         if known:
-            long, short = (magnification * contact.axes / scene.size).tolist()
-            self._disc.scale = self._rim.scale = (long, short, 1.0)
+            self._show_ellipse(scene, contact, magnification)
         self._show_force(scene, contact)
         self._show_torque(contact.torque / scene.torque if scene.torque > 0 else 0.0)
+
+    def _show_ellipse(self, scene: Scene, contact: ShownContact, magnification: int) -> None:
+        """Laid on the body, and the fainter the larger it is beside it."""
+        points = scene.placed(scene.ellipse_on_body(contact, magnification)).astype(np.float32)
+        strength = fade(magnification * float(contact.axes[0]), scene.size)
+        self._disc.vertices = points
+        _put(self._disc, opacity=round(0.25 * strength, 3))
+        rim = points[-RIM:]
+        self._rim.points = np.stack([rim, np.roll(rim, -1, axis=0)], axis=1)
+        ink = FAINT + strength * (np.array(self._ink) - FAINT)
+        self._rim.colors = np.tile(ink.round().astype(np.uint8), (RIM, 2, 1))
 
     def _show_force(self, scene: Scene, contact: ShownContact) -> None:
         """An arrow that pushes with its tip."""
@@ -105,5 +118,18 @@ def arc(share: float) -> Float[np.ndarray, "_ 2 3"]:
     return np.stack([points[:-1], points[1:]], axis=1)
 
 
-def _fan(count: int) -> np.ndarray:
-    return np.stack([np.zeros(count - 2, int), np.arange(1, count - 1), np.arange(2, count)], axis=1)
+def fade(long: float, size: float) -> float:
+    """How strongly an ellipse with this half-axis is drawn: in full up to a quarter of the body, then fainter."""
+    return float(np.clip(0.25 * size / max(long, 1e-12), 0.15, 1.0))
+
+
+def _facets() -> Int[np.ndarray, "f 3"]:
+    """Between the rings of `DISC`."""
+    around = np.arange(RIM)
+    after = (around + 1) % RIM
+    parts = [np.stack([np.zeros(RIM, int), 1 + around, 1 + after], axis=1)]
+    for ring in range(RINGS - 1):
+        inner, outer = 1 + ring * RIM, 1 + (ring + 1) * RIM
+        parts.append(np.stack([inner + around, outer + around, outer + after], axis=1))
+        parts.append(np.stack([inner + around, outer + after, inner + after], axis=1))
+    return np.concatenate(parts)

@@ -12,7 +12,7 @@ from palpate.sensors.marker_ring import MarkerRing
 from palpate.sensors.markers import opencv
 
 if TYPE_CHECKING:
-    from viser import GuiApi, GuiImageHandle, PointCloudHandle, ViserServer
+    from viser import ClientHandle, GuiApi, GuiImageHandle, PointCloudHandle, ViserServer
 
     from palpate.viewer.scene import Scene
 
@@ -77,7 +77,7 @@ class RingLayer:
         angles = self._ring.view.angles
         return self._ring.radius * np.stack([np.cos(angles), np.sin(angles), np.zeros(len(angles))], axis=1)
 
-    def draw(self, server: ViserServer, scene: Scene) -> None:
+    def draw(self, server: ViserServer | ClientHandle, scene: Scene) -> None:
         """Markers as points in the plane of the ring."""
         self._scene = scene
         colours = np.tile(np.array(_COLOUR, np.uint8), (len(self._ring), 1))

@@ -2,24 +2,28 @@
 
 from __future__ import annotations
 
+from html import escape
+from importlib.resources import files
 from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float
 
 from palpate.viewer._style import AXES
-from palpate.viewer.captions import caption, legend
+from palpate.viewer.captions import beside, caption, legend
 from palpate.viewer.scene import MAGNIFICATIONS, Moment, Scene
 from palpate.viewer.scene3d import Settings
+from palpate.viewer.touch_list import touch_list
 from palpate.viewer.widgets import ELLIPSE, dock, theme
 
 if TYPE_CHECKING:
-    from viser import GuiUplotHandle, ViserServer
+    from viser import ClientHandle, GuiApi, GuiUplotHandle
 
-    from palpate.viewer.server import Page
+    from palpate.viewer.session import Session
 
 __all__ = ["Panel"]
 
+NUMBERED = 60  # touches whose numbers are drawn: more would hide the body
 SPEEDS = {"x 0.1": 0.1, "x 0.5": 0.5, "x 1": 1.0, "x 2": 2.0, "x 5": 5.0, "x 20": 20.0}
 WINDOWS = {"all": 0.0, "20 s": 20.0, "5 s": 5.0, "1 s": 1.0}
 NOW = "#cc3311"
@@ -29,20 +33,23 @@ FORCES, PLACES = slice(0, 2), slice(2, 5)  # columns of the curves
 class Panel:
     """Handles of the panel; `show` writes a moment into them."""
 
-    def __init__(self, server: ViserServer, scene: Scene, page: Page) -> None:
-        self._scene, self._page, self._gui = scene, page, server.gui
+    def __init__(self, gui: GuiApi, scene: Scene, session: Session) -> None:
+        self._scene, self._session, self._gui = scene, session, gui
         dock(self._gui, scene.title)
         self._now = self._gui.add_html("")
         for layer in scene.layers:
             layer.panel(self._gui)
         self._add_timeline()
+        self._add_touches()
         self._add_plots()
         self._add_settings()
+        self._gui.add_html(legend(scene))
+        self._add_controls()
 
     def settings(self) -> Settings:
         """As they stand."""
         magnification = MAGNIFICATIONS[self._ellipse.options.index(self._ellipse.value)]
-        return Settings(self._heat.value, float(self._trail.value), magnification)
+        return Settings(self._heat.value, float(self._trail.value), magnification, self._numbers.value)
 
     @property
     def speed(self) -> float:
@@ -52,10 +59,12 @@ class Panel:
     def show(self, moment: Moment, seconds: float) -> None:
         """Describe a moment, and mark it in the plots."""
         lines = [line for layer in self._scene.layers for line in layer.captions(self._scene, moment.index)]
+        lines += beside(self._scene, moment)
         self._now.content = caption(moment, self.settings().magnification, lines)
         if self._slider.value != seconds:
             self._slider.value = seconds
-        self._show_playing(self._page.playing)
+        self._show_playing(self._session.playing)
+        self._touches.content = touch_list(self._scene, moment.time)
         self._show_plots(moment)
 
     def _show_playing(self, playing: bool) -> None:
@@ -72,37 +81,63 @@ class Panel:
         self._play = self._gui.add_button("Play")
         self._skip = self._gui.add_button_group("touch", ("previous", "next", "turn to it"))
         self._speed = self._gui.add_dropdown("speed", tuple(SPEEDS), initial_value="x 1")
-        self._slider.on_update(lambda event: self._page.seek(self._slider.value) if event.client else None)
-        self._play.on_click(lambda _: self._page.play(not self._page.playing))
-        self._skip.on_click(lambda _: self._skipped(self._skip.value))
+        self._slider.on_update(lambda event: self._session.seek(self._slider.value) if event.client else None)
+        self._play.on_click(lambda _: self._session.play(not self._session.playing))
+        self._skip.on_click(lambda event: self._skipped(self._skip.value, event.client))
+        picture = self._gui.add_button_group(
+            "picture", ("whole", "save"), hint="look at all that was touched; save what is seen as a file"
+        )
+        picture.on_click(lambda event: self._pictured(picture.value, event.client))
 
-    def _skipped(self, where: str) -> None:
+    def _skipped(self, where: str, client: ClientHandle | None) -> None:
         if where == "turn to it":
-            self._page.face()
+            self._session.face(client)
         else:
-            self._page.step(1 if where == "next" else -1)
+            self._session.step(1 if where == "next" else -1)
+
+    def _pictured(self, what: str, client: ClientHandle | None) -> None:
+        if what == "save":
+            self._session.save(client)
+        else:
+            self._session.frame(client)
+
+    def _add_touches(self) -> None:
+        """The list; what is the same as before is not sent again."""
+        self._touches = self._gui.add_html("")
+
+    def _add_controls(self) -> None:
+        """Keys and clicks: a script, and the field in which it leaves what is asked for (see there)."""
+        asked = self._gui.add_text("palpate asks", "")
+        asked.on_update(lambda event: self._session.ask(asked.value.partition(" ")[2]) if event.client else None)
+        script = files("palpate.viewer").joinpath("controls.js").read_text(encoding="utf-8")
+        self._gui.add_html(f'<style onload="{escape(script)}"></style>')  # viser runs no script element
 
     def _add_settings(self) -> None:
         with self._gui.add_folder("Show"):
             self._heat = self._gui.add_checkbox(
                 "heat", True, visible=self._scene.body is not None, hint="where the body was touched, how long"
             )
+            few = 0 < len(self._scene.touches) <= NUMBERED
+            self._numbers = self._gui.add_checkbox(
+                "numbers", False, visible=few, hint="of the touches, where they were"
+            )
             self._trail = self._gui.add_slider("trail [s]", 0.0, 60.0, 0.5, 5.0)
             options = tuple(f"x {times}" for times in MAGNIFICATIONS)
             first = options[MAGNIFICATIONS.index(self._scene.magnification)]
             self._ellipse = self._gui.add_dropdown("ellipse", options, initial_value=first, hint=ELLIPSE)
             self._dark = self._gui.add_checkbox("dark", False)
-        for handle in (self._heat, self._trail, self._ellipse, self._window):
-            handle.on_update(lambda event: self._page.refresh())
+        for handle in (self._heat, self._numbers, self._trail, self._ellipse, self._window):
+            handle.on_update(lambda event: self._session.refresh())
         self._dark.on_update(lambda event: theme(self._gui, self._dark.value))
-        if self._scene.body is not None:
-            self._gui.add_html(legend(self._scene))
 
     def _add_plots(self) -> None:
         self._window = self._gui.add_dropdown("plots", tuple(WINDOWS), initial_value="all")
         self._whole = self._scene.curves()
         forces = ("total", "strongest") if self._scene.several else ("pressing", "force")
-        self._force = self._plot(FORCES, forces, ("#9aa5b0", "#0072b2"), "N")
+        inks = ("#9aa5b0", "#0072b2")
+        if self._scene.beside is not None:
+            forces, inks = (self._scene.beside.title, forces[1]), ("#007850", "#0072b2")
+        self._force = self._plot(FORCES, forces, inks, "N")
         self._place = self._plot(PLACES, ("x", "y", "z"), AXES, "mm")
 
     def _plot(self, which: slice, names: tuple[str, ...], inks: tuple[str, ...], unit: str) -> GuiUplotHandle:

@@ -10,7 +10,9 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from palpate.contact.estimate import Status
-from palpate.viewer._style import AXES, INK, MUTED, STATUS, figure, styled
+from palpate.surfaces.drawing import Mark
+from palpate.viewer._style import AXES, INK, MUTED, RULE, STATUS, figure, styled
+from palpate.viewer.report import HOVER
 from palpate.viewer.samples import thinned
 from palpate.viewer.timeline import downsampled, since
 
@@ -106,8 +108,12 @@ def silhouettes(
     point: Float[np.ndarray, "n 3"],
     normal: Float[np.ndarray, "n 3"],
     force: Float[np.ndarray, " n"],
+    touches: Sequence[Mark] = (),
 ) -> Figure:
-    """The body [m] from three sides and where it was touched, coloured by force [N]; rings are on the far side."""
+    """The body [m] from three sides and where it was touched, coloured by force [N]; rings are on the far side.
+
+    Touches have their numbers where one sees them, with what is said of them when a pointer rests there.
+    """
     dx, dy, dz = np.ptp(vertices[faces.reshape(-1)], axis=0)
     least = 0.3 * max(dx, dy, dz)  # a flat body has views that are lines, and these have axes too
     widths, heights = (max(dx, least), max(dy, least)), (max(dy, least), max(dz, least))
@@ -119,6 +125,7 @@ def silhouettes(
         _body(axes, vertices, faces, (across, up, depth), toward)
         far = toward * normal[:, depth] < 0
         shown = _touched(axes, 1e3 * point[:, (across, up)], force, far) or shown
+        _number(axes, [mark for mark in touches if toward * mark.normal[depth] > 0], (across, up))
         axes.set(xlabel=f"{_NAMES[across]} [mm]", ylabel=f"{_NAMES[up]} [mm]")
         axes.set_title(f"from {'+' if toward > 0 else '-'}{_NAMES[depth]}", color=MUTED)
     grid[0, 1].axis("off")
@@ -309,6 +316,15 @@ def _touched(
     rings = colormaps["viridis_r"](force[behind] / most if most > 0 else force[behind])
     axes.scatter(*point[behind].T, s=9, facecolors="none", edgecolors=rings, linewidths=0.4, alpha=0.5, rasterized=True)
     return axes.scatter(*point[seen].T, s=6, c=force[seen], **look)
+
+
+def _number(axes: Any, touches: Sequence[Mark], across: tuple[int, int]) -> None:
+    """Numbers of touches, each in a disc that is large enough to point at."""
+    disc = {"boxstyle": "circle,pad=0.2", "facecolor": RULE, "linewidth": 0, "alpha": 0.85}
+    for touch in touches:
+        if np.isfinite(touch.point).all():
+            at, said = 1e3 * touch.point[list(across)], f"{HOVER}{touch.said}"
+            axes.text(*at, touch.label, fontsize=6, ha="center", va="center", bbox=disc, gid=said)
 
 
 def _mark(axes: Any, at: float, text: str) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.resources import files
@@ -26,6 +27,9 @@ __all__ = [
     "render",
     "require_report",
 ]
+
+HOVER = "hover: "  # so begins the gid of an artist that says the rest of it when a pointer rests there
+_SAID = re.compile(rf"<g id=([\"']){HOVER}(.*?)\1>")
 
 
 @dataclass(frozen=True)
@@ -66,6 +70,7 @@ class Section:
         pictures: figures, side by side where there is room.
         facts: names and values.
         tables: each in a box of its own that scrolls.
+        drawing: elements as they are, such as `palpate.surfaces.drawing.Drawing.html`.
     """
 
     title: str
@@ -74,10 +79,11 @@ class Section:
     pictures: tuple[Picture, ...] = ()
     facts: tuple[tuple[str, str], ...] = ()
     tables: tuple[Table, ...] = ()
+    drawing: str = ""
 
     def __bool__(self) -> bool:
         """Something stands below the heading."""
-        return any((self.text, self.points, self.pictures, self.facts, self.tables))
+        return any((self.text, self.points, self.pictures, self.facts, self.tables, self.drawing))
 
 
 @dataclass(frozen=True)
@@ -114,12 +120,12 @@ def first_rows(header: Sequence[str], rows: Sequence[Sequence[str]], most: int) 
 
 
 def picture(drawn: Figure, caption: str) -> Picture:
-    """A figure as it goes into the page."""
-    return Picture(inline(drawn), caption)
+    """A figure as it goes into the page; a pointer that rests on artists with a gid after `HOVER` is told the rest."""
+    return Picture(_SAID.sub(r"<g><title>\2</title>", inline(drawn)), caption)
 
 
 def render(report: Report) -> str:
-    """One self-contained page: no script, no address, nothing to fetch.
+    """One self-contained page: nothing to fetch; the only scripts are those of drawings, all else is there without.
 
     Raises:
         InputError: matplotlib or jinja2 is not installed.
@@ -130,5 +136,5 @@ def render(report: Report) -> str:
 
     page = files("palpate.viewer").joinpath("report.html").read_text(encoding="utf-8")
     environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
-    environment.filters["drawn"] = Markup  # an SVG of our own making; everything else is escaped
+    environment.filters["drawn"] = Markup  # an SVG or a drawing of our own making; everything else is escaped
     return environment.from_string(page).render(report=report)

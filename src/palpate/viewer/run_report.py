@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from platform import python_version
 
@@ -13,17 +13,23 @@ from jaxtyping import Bool, Float, Int
 from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import CHI2_95, Status
 from palpate.contact.events import Events, largest_deviation
+from palpate.contact.notebook import marks_of
 from palpate.contact.plausibility import UNLOADED
+from palpate.surfaces.drawing import Drawing, Mark, Specks
 from palpate.viewer import plots
 from palpate.viewer.captions import MEANING, feature
+from palpate.viewer.heat import colours
 from palpate.viewer.report import Picture, Report, Section, Table, Tile, percent, picture
 from palpate.viewer.run_summary import RunSummary
-from palpate.viewer.samples import sample_starts, strongest
+from palpate.viewer.samples import sample_starts, strongest, thinned
+from palpate.viewer.scene import before
 from palpate.viewer.timeline import since
 
 __all__ = ["Kept", "Run", "compose", "median", "tone", "touch_table"]
 
 SHOWN = 200  # touches in the table
+NUMBERED = 60  # on the body
+SPECKS = 600  # samples on the body that is turned
 
 
 @dataclass(frozen=True, eq=False)
@@ -180,16 +186,34 @@ def _places(run: Run) -> Section:
     kept = run.kept
     if not np.isfinite(kept.point).any():
         return Section("Where it was touched", text=("No sample was located.",))
+    touches = run.summary.finder.touches()
+    marks = marks_of(touches, NUMBERED, since(touches.start)[0])
     shown: list[Picture] = []
     if run.body is not None:
-        body = plots.silhouettes(*run.body, kept.point, kept.contacts.normal, kept.strength)
-        shown.append(picture(body, "The body from three sides. Dots are on the near side, rings on the far one."))
+        body = plots.silhouettes(*run.body, kept.point, kept.contacts.normal, kept.strength, marks)
+        words = (
+            "The body from three sides. Dots are on the near side, rings on the far one; numbers are those of Touches"
+        )
+        shown.append(picture(body, f"{words}, and say more when a pointer rests on them."))
     if np.isfinite(kept.radius).any():
         sizes = plots.histogram(1e3 * kept.radius[kept.even], "long half axis of the 95 % ellipse [mm]")
         held = ", ".join(run.uncertainties)
         words = f"How certain the points are. The ellipses hold {held}; errors of the mesh are not in them."
         shown.append(picture(sizes, words))
-    return Section("Where it was touched", pictures=tuple(shown))
+    return Section("Where it was touched", pictures=tuple(shown), drawing=_in_space(run, marks))
+
+
+def _in_space(run: Run, marks: Sequence[Mark]) -> str:
+    """The body with its touches, to be turned; nothing where there is no body."""
+    if run.body is None:
+        return ""
+    kept = run.kept
+    some = thinned(np.flatnonzero(np.isfinite(kept.point[:, 0])), SPECKS)
+    share = kept.strength[some] / max(float(np.nanmax(kept.strength[some], initial=0.0)), 1e-12)
+    specks = Specks(kept.point[some], kept.contacts.normal[some], colours(0.15 + 0.85 * np.nan_to_num(share)))
+    look = marks[int(np.argmax(run.summary.finder.touches().peak_force[: len(marks)]))].normal if marks else None
+    drawn = Drawing(*run.body, marks, specks, title=f"where {run.log} was touched, to be turned by dragging")
+    return (drawn if look is None else replace(drawn, look=before(look))).html()
 
 
 def _statuses(run: Run) -> Section:

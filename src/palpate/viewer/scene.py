@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -10,20 +11,46 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from palpate.contact.contacts import Contacts
-from palpate.contact.estimate import CHI2_95, ROW, ContactEstimate, Status
+from palpate.contact.ellipse import ellipse
+from palpate.contact.estimate import ROW, ContactEstimate, Status
+from palpate.contact.events import Events, find_touches
 from palpate.errors import InputError
-from palpate.spatial.pose import quaternion_from_rotation
+from palpate.spatial.pose import quaternion_from_rotation, rotation_from_quaternion
 from palpate.surfaces import Surface
 from palpate.viewer.heat import FineMesh, density, refined
 from palpate.viewer.layer import Layer
 from palpate.viewer.samples import sample_starts, strongest, thinned, totals
 from palpate.viewer.timeline import Timeline, downsampled
 
-__all__ = ["MAGNIFICATIONS", "Moment", "Scene", "ShownContact", "ellipse", "nice", "nothing", "prepare"]
+__all__ = [
+    "DISC",
+    "MAGNIFICATIONS",
+    "RIM",
+    "RINGS",
+    "Moment",
+    "Scene",
+    "ShownContact",
+    "before",
+    "nice",
+    "nothing",
+    "prepare",
+]
 
 MAGNIFICATIONS = (1, 2, 5, 10, 20, 50, 100)
 PLOTTED = 800  # rows of a plot: two a pixel
 TRAIL = 300  # samples of a trail
+RIM = 64  # points on the rim of an ellipse
+RINGS = 8  # of points within it
+DISC = np.array(
+    [(0.0, 0.0)]
+    + [  # (1 + RINGS RIM, 2) of the unit disc, the rim last
+        (ring / RINGS * np.cos(turn), ring / RINGS * np.sin(turn))
+        for ring in range(1, RINGS + 1)
+        for turn in 2 * np.pi * np.arange(RIM) / RIM
+    ]
+)
+_LIFT = 2e-3  # sizes of the body by which an ellipse lies above it
+_ABOUT = 0.2  # sizes of the body that are shown about what was touched
 _SAMPLED = 2_000  # contacts that a typical value is taken from
 _FEW = 50  # while they come
 _STRONG = 0.95  # quantile of what counts as usual
@@ -92,6 +119,8 @@ class Scene:
         newton: [m] that an arrow is long for each newton.
         magnification: of the ellipses, so that a usual one can be seen; one of MAGNIFICATIONS.
         layers: what sensors add.
+        surface: the body, on which ellipses are laid; None: they are flat.
+        beside: other contacts on the same body and the same clock, to compare; None: there are none.
     """
 
     title: str
@@ -105,6 +134,8 @@ class Scene:
     newton: float
     magnification: int
     layers: tuple[Layer, ...] = ()
+    surface: Surface | None = None
+    beside: Scene | None = None
 
     def __len__(self) -> int:
         return len(self.starts)
@@ -145,10 +176,68 @@ class Scene:
         torque = np.abs(self.contacts.torque[np.isfinite(self.contacts.torque)])
         return float(np.quantile(torque, _STRONG)) if len(torque) else 0.0
 
+    @cached_property
+    def touches(self) -> Events:
+        """As `palpate events` and the report number them."""
+        return find_touches(self.contacts)
+
+    @cached_property
+    def focus(self) -> tuple[Float[np.ndarray, "3"], float]:
+        """Middle [m] and radius [m] of what was touched, with some of the body about it; else of all that is shown."""
+        points = self.contacts.point[self.touched]
+        if not len(points):
+            return self.bounds.mean(axis=0), 0.5 * self.size
+        low, high = points.min(axis=0), points.max(axis=0)
+        radius = 0.5 * float(np.linalg.norm(high - low)) + _ABOUT * self.size
+        if radius >= 0.5 * self.size:
+            return self.bounds.mean(axis=0), 0.5 * self.size
+        return (low + high) / 2, radius
+
+    def ready(self) -> None:
+        """Compute what the first picture needs, before anybody waits for it."""
+        _ = (self.touches, self.focus, self.torque, self.total)
+        opening = self.at(self.opening).contacts[0]
+        if opening.located and np.isfinite(opening.axes).all():
+            self.ellipse_on_body(opening, 1)  # loads machine code
+
+    def again(self) -> Scene:
+        """The same with layers that can be drawn once more, for another browser; what was computed is kept."""
+        made = copy(self)
+        object.__setattr__(made, "layers", tuple(copy(layer) for layer in self.layers))
+        return made
+
     def showing(self, contacts: Contacts) -> Scene:
         """The same body, layers and scales with other contacts, at least one row."""
         starts, touched, timeline = _sampled(contacts)
         return replace(self, contacts=contacts, starts=starts, touched=touched, timeline=timeline)
+
+    def compared(self, contacts: Contacts, title: str) -> Scene:
+        """With other contacts beside these, such as of the same log by other settings.
+
+        Args:
+            contacts: on the same clock, at least one row.
+            title: what to call them.
+
+        Raises:
+            InputError: the two have no time in common.
+        """
+        other = replace(self.showing(contacts), title=title)
+        if not self._ahead(other) <= self.timeline.duration or self._ahead(other) + other.timeline.duration < 0:
+            raise InputError(f"was recorded at another time than {self.title}: nothing to compare.", where=title)
+        return replace(self, beside=other)
+
+    def meanwhile(self, seconds: float) -> Moment | None:
+        """What `beside` has at a time since the start of these contacts [s]; None: nothing is compared."""
+        other = self.beside
+        return None if other is None else other.at(other.timeline.at(seconds - self._ahead(other)))
+
+    def seconds_at(self, time: float) -> float:
+        """Since the start, of a time as it was recorded [s]."""
+        return time - _first(self.contacts.time)
+
+    def _ahead(self, other: Scene) -> float:
+        """By how much another's clock starts later [s]."""
+        return _first(other.contacts.time) - _first(self.contacts.time)
 
     def scaled(self) -> Scene:
         """Its arrows and ellipses drawn as large as suits its contacts; without any they stay as they are."""
@@ -174,6 +263,27 @@ class Scene:
             float(self.contacts.time[first]),
             tuple(self._shown(first + k) for k in order.tolist()),
         )
+
+    def ellipse_on_body(self, contact: ShownContact, magnification: int) -> Float[np.ndarray, "k 3"]:
+        """A located contact's 95 % ellipse laid on the body [m], so that nothing of it hangs over an edge.
+
+        Its points, those of `DISC` in the tangent plane, are taken to the nearest point of the surface.
+        """
+        axes = np.minimum(magnification * contact.axes, 2.0 * self.size)
+        frame = rotation_from_quaternion(contact.turn)
+        flat = contact.point + (DISC * axes) @ frame[:, :2].T
+        if self.surface is None:
+            return flat + _LIFT * self.size * contact.normal
+        points, normals, _ = self.surface.project(flat)
+        return points + _LIFT * self.size * normals
+
+    def _total_beside(self, clock: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
+        """(k,) [N] of the contacts that are compared at times since the start of these."""
+        if (other := self.beside) is None:
+            return np.full(len(clock), np.nan)
+        seconds = clock - self._ahead(other)
+        at = np.searchsorted(other.timeline.clock, seconds + 1e-9, side="right") - 1
+        return np.where((at >= 0) & (seconds <= other.timeline.duration + 1e-9), other.total[np.maximum(at, 0)], np.nan)
 
     def _shown(self, row: int) -> ShownContact:
         found = self.contacts
@@ -218,7 +328,7 @@ class Scene:
         """Seconds, and beside them two forces [N] and x, y, z [mm] of the strongest contact.
 
         The second force is that of the strongest contact; the first its part along the normal or, where there may be
-        several contacts, the sum of all.
+        several contacts, the sum of all; where others are compared, the sum of theirs.
 
         Args:
             window: of samples; None: all.
@@ -227,6 +337,8 @@ class Scene:
         rows, found = self.strongest[picked], self.contacts
         force = found.force[rows]
         first = self.total[picked] if self.several else -np.sum(force * found.normal[rows], axis=1)
+        if self.beside is not None:
+            first = self._total_beside(self.timeline.clock[picked])
         values = np.column_stack([first, np.linalg.norm(force, axis=1), 1e3 * found.point[rows]])
         values[~self.touched[rows], 2:] = np.nan
         return downsampled(self.timeline.clock[picked], values, PLOTTED)
@@ -259,7 +371,9 @@ def prepare(surface: Surface | None, contacts: Contacts, title: str = "", layers
         heat = density(body, points, contacts.normal[touched], seconds[touched], width)
     shown = contacts[thinned(np.flatnonzero(touched), _SAMPLED)]
     newton, magnification = _newton(size, shown), _magnified(size, shown)
-    return Scene(title, bounds, body, contacts, starts, touched, timeline, heat, newton, magnification, tuple(layers))
+    return Scene(
+        title, bounds, body, contacts, starts, touched, timeline, heat, newton, magnification, tuple(layers), surface
+    )
 
 
 def nothing() -> Contacts:
@@ -270,27 +384,18 @@ def nothing() -> Contacts:
     return Contacts.single(np.zeros(1), ContactEstimate.from_rows(row))
 
 
-def ellipse(
-    covariance: Float[np.ndarray, "3 3"], normal: Float[np.ndarray, "3"]
-) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "3 3"]]:
-    """The 95 % ellipse of a point in its tangent plane.
+def _first(time: Float[np.ndarray, " n"]) -> float:
+    """[s] that is known; 0 where none is."""
+    known = time[np.isfinite(time)]
+    return float(known[0]) if len(known) else 0.0
 
-    With B two tangents, the half-axes are sqrt(5.991 eigenvalues of B^T C B).
 
-    Returns:
-        Half-axes [m], the longer first (NaN without a covariance), and the rotation whose columns are the long axis,
-        the short axis and the normal.
-    """
-    if not np.isfinite(normal).all():
-        return np.full(2, np.nan), np.eye(3)
-    along = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
-    along /= np.linalg.norm(along)
-    tangents = np.column_stack([along, np.cross(normal, along)])
-    if not np.isfinite(covariance).all():
-        return np.full(2, np.nan), np.column_stack([tangents, normal])
-    values, vectors = np.linalg.eigh(tangents.T @ covariance @ tangents)
-    long = tangents @ vectors[:, 1]
-    return np.sqrt(CHI2_95 * np.maximum(values[::-1], 0.0)), np.column_stack([long, np.cross(normal, long), normal])
+def before(normal: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3"]:
+    """Unit direction from which a contact is seen: before it, somewhat aside and above, never straight from above."""
+    way = normal + 0.5 * np.cross([0.0, 0.0, 1.0], normal) + [0.0, 0.0, 0.4]
+    way = way if np.hypot(way[0], way[1]) > 0.3 else way + np.array([0.35, -0.45, 0.0])
+    length = float(np.linalg.norm(way))
+    return way / length if length > 0.1 else normal
 
 
 def nice(value: float) -> float:

@@ -11,25 +11,28 @@ import numpy as np
 from jaxtyping import Float
 
 from palpate.viewer.heat import FineMesh, colours, linear
-from palpate.viewer.marker import FORCE, Marker
-from palpate.viewer.scene import Moment, Scene, ShownContact, nice
+from palpate.viewer.marker import FORCE, OTHER, Marker
+from palpate.viewer.scene import Moment, Scene, ShownContact, before, nice
 
 if TYPE_CHECKING:
-    from viser import GlbHandle, ViserServer
+    from viser import ClientHandle, GlbHandle, LabelHandle, ViserServer
 
-__all__ = ["DISTANCE", "Scene3D", "Settings"]
+__all__ = ["DISTANCE", "NARROW", "Scene3D", "Settings", "aim", "place_camera"]
 
 TRACE = np.array([(0, 90, 170), (170, 205, 235)])  # now, and long ago
 DISTANCE = 1.31  # of the camera from the middle, in sizes of the body
+VIEW = np.radians(45.0)  # angle of view from top to bottom
+NARROW, SHEET = 0.8, 0.46  # width over height of a phone; share of its height that the panel covers
 
 
 @dataclass(frozen=True)
 class Settings:
-    """What a person chose to see: heat or not, seconds of trail, magnification of the ellipses."""
+    """What a person chose to see: heat or not, seconds of trail, magnification of the ellipses, numbers of touches."""
 
     heat: bool
     trail: float
     magnification: int
+    numbers: bool = False
 
 
 class Scene3D:
@@ -37,15 +40,24 @@ class Scene3D:
 
     Attributes:
         scene: whose moments are shown; another of the same body may take its place.
+
+    Args:
+        server: to draw at: for everybody, or for one browser.
+        scene: to be drawn.
     """
 
-    def __init__(self, server: ViserServer, scene: Scene) -> None:
+    def __init__(self, server: ViserServer | ClientHandle, scene: Scene) -> None:
+        from viser import ViserServer
+
         self.scene, self._server, self._space = scene, server, server.scene
         self._space.configure_default_lights(cast_shadow=False)  # slow where there is no graphics card
-        self._place_camera(server)
+        if isinstance(server, ViserServer):
+            place_camera(server, scene)
         self._add_ground()
         self._bodies: dict[bool, GlbHandle] = {}  # with and without heat, each made when first wanted
         self._markers: list[Marker] = []
+        self._others: list[Marker] = []
+        self._numbers: list[LabelHandle] = []
         nothing = np.zeros((1, 2, 3))
         self._trail = self._space.add_line_segments("/trail", nothing, FORCE, thickness=3.0, thickness_units="screen")
         for layer in scene.layers:
@@ -55,6 +67,7 @@ class Scene3D:
         """Move everything to a moment."""
         if self.scene.body is not None:
             self._show_body(self.scene.body, settings.heat)
+        self._show_numbers(settings.numbers)
         self.show_trail(moment, settings.trail)
         self.move(self.scene, moment, settings.magnification)
 
@@ -70,15 +83,24 @@ class Scene3D:
             self._markers.append(Marker(self._space, len(self._markers)))
         for marker, contact in zip_longest(self._markers, moment.contacts):
             marker.show(self.scene, contact, magnification)
+        self._move_others(moment, magnification)
         for layer in self.scene.layers:
             layer.show(scene, moment.index)
 
-    def face(self, contact: ShownContact) -> None:
-        """Turn everybody's camera to a contact."""
-        for client in self._server.get_clients().values():
-            with client.atomic():
-                client.camera.position = _before(contact)
-                client.camera.look_at = np.zeros(3)
+    def _move_others(self, moment: Moment, magnification: int) -> None:
+        """The contacts that are compared."""
+        if (other := self.scene.meanwhile(moment.seconds)) is None:
+            return
+        while len(self._others) < len(other.contacts):
+            self._others.append(Marker(self._space, len(self._others), "/beside", OTHER))
+        for marker, contact in zip_longest(self._others, other.contacts):
+            marker.show(self.scene, contact, magnification)
+
+    def face(self, client: ClientHandle, contact: ShownContact | None = None) -> None:
+        """Turn a browser's camera to a contact; None: to what was touched, from where it was touched most."""
+        with client.atomic():
+            client.camera.fov = float(VIEW)
+            client.camera.position, client.camera.look_at = aim(self.scene, contact, client.camera.aspect)
 
     def show_trail(self, moment: Moment, seconds: float) -> None:
         """Where contacts were in the seconds before a moment of `scene`."""
@@ -88,6 +110,20 @@ class Scene3D:
             shade = TRACE[0] + np.clip(age, 0.0, 1.0)[:, None] * (TRACE[1] - TRACE[0])
             self._trail.points = self.scene.placed(segments).astype(np.float32)
             self._trail.colors = np.repeat(shade.astype(np.uint8)[:, None], 2, axis=1)
+
+    def _show_numbers(self, wanted: bool) -> None:
+        """Of the touches, where they were; drawn when first wanted."""
+        if wanted and not self._numbers:
+            found, size = self.scene.touches, self.scene.size
+            places = self.scene.placed(found.point + 0.02 * size * found.normal)
+            self._numbers = [
+                self._space.add_label(f"/touches/{k + 1}", f"{k + 1}", position=place, font_screen_scale=0.75)
+                for k, place in enumerate(places)
+                if np.isfinite(place).all()
+            ]
+        for label in self._numbers:
+            if label.visible != wanted:
+                label.visible = wanted
 
     def _show_body(self, body: FineMesh, warm: bool) -> None:
         if warm not in self._bodies:
@@ -108,13 +144,6 @@ class Scene3D:
         made = BytesIO()
         mesh.export(made, file_type="glb")
         return made.getvalue()
-
-    def _place_camera(self, server: ViserServer) -> None:
-        """On the side of the contact that is shown first."""
-        camera, opening = server.initial_camera, self.scene.at(self.scene.opening).contacts[0]
-        away = _before(opening) if opening.located else DISTANCE * np.array([0.55, -0.7, 0.456])
-        camera.position, camera.look_at, camera.up = away, np.zeros(3), np.array([0.0, 0.0, 1.0])
-        camera.near, camera.far = 0.01, 100.0
 
     def _add_ground(self) -> None:
         """A grid under the body with the size of its cell, and the axes of the surface's frame: the scale."""
@@ -137,8 +166,33 @@ class Scene3D:
             self._space.add_label(f"/axes/{name}", name, position=end, font_screen_scale=0.8, depth_test=True)
 
 
-def _before(contact: ShownContact) -> Float[np.ndarray, "3"]:
-    """Where a camera sees a contact, in units of the scene: before it, somewhat from above and aside."""
-    direction = contact.normal + 0.5 * np.cross([0.0, 0.0, 1.0], contact.normal) + [0.0, 0.0, 0.4]
-    length = float(np.linalg.norm(direction))
-    return DISTANCE * (direction / length if length > 0.1 else contact.normal)
+def place_camera(server: ViserServer, scene: Scene) -> None:
+    """Where the cameras of browsers that come later begin: on the side of the contact that is shown first."""
+    camera = server.initial_camera
+    camera.fov = float(VIEW)
+    camera.position, camera.look_at = aim(scene)
+    camera.up = np.array([0.0, 0.0, 1.0])
+    camera.near, camera.far = 0.01, 100.0
+
+
+def aim(
+    scene: Scene, contact: ShownContact | None = None, aspect: float = 1.0
+) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
+    """Where a camera stands and what it looks at, in units of the scene, so that it holds what was touched.
+
+    Args:
+        scene: to be seen.
+        contact: to be seen from its side; None: the strongest.
+        aspect: width over height of the picture. On a phone the panel covers the lower part, and the rest is used.
+    """
+    shown = scene.at(scene.opening).contacts[0] if contact is None else contact
+    middle, radius = scene.focus
+    direction = before(shown.normal) if shown.located else np.array([0.55, -0.7, 0.456])
+    narrow = aspect < NARROW
+    half = min(VIEW / 2, np.arctan(np.tan(VIEW / 2) * aspect))
+    distance = radius / scene.size / np.sin(half)
+    middle = scene.placed(middle)
+    lower = SHEET * distance * np.tan(VIEW / 2) if narrow else 0.0
+    down = np.array([0.0, 0.0, 1.0]) - direction[2] * direction  # up in the picture
+    middle = middle - lower * down / max(float(np.linalg.norm(down)), 1e-9)
+    return middle + distance * direction, middle

@@ -1,4 +1,4 @@
-"""The page: a scene in a browser, with a timeline to scrub and play. Thin: what to draw is decided in `scene`."""
+"""The page: a scene in a browser, with a timeline to scrub and play; each browser has a `Session` of its own."""
 
 from __future__ import annotations
 
@@ -7,20 +7,19 @@ import threading
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from importlib.util import find_spec
-from time import monotonic
 from typing import TYPE_CHECKING
 
 from palpate.errors import InputError
-from palpate.viewer.panel import Panel
 from palpate.viewer.scene import Scene
-from palpate.viewer.scene3d import Scene3D
+from palpate.viewer.scene3d import place_camera
+from palpate.viewer.session import Session
+from palpate.viewer.widgets import name
 
 if TYPE_CHECKING:
-    from viser import ViserServer
+    from viser import ClientHandle, ViserServer
 
 __all__ = ["Page", "address", "listen", "quiet", "require_viser", "serve"]
 
-TICK = 1 / 20  # s between two pictures
 PORTS = 100  # tried, where one is taken
 
 
@@ -39,7 +38,7 @@ def serve(
         InputError: viser is not installed, or nothing can listen there.
     """
     try:
-        with Page(scene, host, port) as page:
+        with Page(scene, host, port, together=False) as page:
             up(page.address)
             threading.Event().wait()
     except KeyboardInterrupt:  # how this ends
@@ -58,60 +57,70 @@ def require_viser(host: str, port: int) -> None:
 
 
 class Page:
-    """A scene, served from a thread of its own until `stop`; as a context manager it stops by itself.
+    """A scene, served from threads of its own until `stop`; as a context manager it stops by itself.
 
-    All that changes the picture runs in one more thread, which draws the latest request and drops those before it.
+    Args:
+        scene: what to show.
+        host: address to listen at; only this machine can reach the default.
+        port: the first to try; 0 for any.
+        together: all browsers see the same moment, and whoever changes it changes it for all; else each has its own.
+
+    Raises:
+        InputError: viser is not installed, or nothing can listen there.
     """
 
-    def __init__(self, scene: Scene, host: str = "127.0.0.1", port: int = 8080) -> None:
+    def __init__(self, scene: Scene, host: str = "127.0.0.1", port: int = 8080, *, together: bool = True) -> None:
         self.scene = scene
+        scene.ready()
         self._server = listen(host, port)
-        self._wake = threading.Condition()
-        self._seconds = float(scene.timeline.clock[scene.opening])
-        self.playing = self._stopping = self._stale = False
-        self.index = 0
-        """The sample that is shown, counted in the scene."""
-        with self._server.atomic():
-            self._scene3d = Scene3D(self._server, scene)
-            self._panel = Panel(self._server, scene, self)
-        self._show()
-        self._painter = threading.Thread(target=self._paint, name="palpate-page", daemon=True)
-        self._painter.start()
+        self._lock = threading.Lock()
+        self._sessions: dict[int, Session] = {}
+        if together:
+            self._sessions[-1] = Session(self._server, scene)
+            return
+        place_camera(self._server, scene)
+        name(self._server.gui, scene.title)
+        self._server.on_client_connect(self._join)
+        self._server.on_client_disconnect(self._leave)
 
     @property
     def address(self) -> str:
         """To open in a browser."""
         return address(self._server)
 
+    @property
+    def session(self) -> Session:
+        """The latest one: of the browser that came last, or of all.
+
+        Raises:
+            IndexError: each browser has its own, and none is there.
+        """
+        return list(self._sessions.values())[-1]
+
+    @property
+    def index(self) -> int:
+        """The sample that the latest session shows."""
+        return self.session.index
+
+    @property
+    def playing(self) -> bool:
+        """The latest session is."""
+        return self.session.playing
+
     def seek(self, seconds: float) -> None:
-        """Go to a time since the start of the log."""
-        self._request(seconds=min(max(seconds, 0.0), self.scene.timeline.duration))
+        """Take every session to a time since the start of the log."""
+        for session in list(self._sessions.values()):
+            session.seek(seconds)
 
     def play(self, on: bool) -> None:
-        """Run, or stand still; at the end it begins anew."""
-        if on and self._seconds >= self.scene.timeline.duration:
-            self.seek(0.0)
-        self._request(playing=on)
-
-    def refresh(self) -> None:
-        """Draw again: a setting has changed."""
-        self._request()
-
-    def step(self, which: int) -> None:
-        """To the next touch (1) or the previous one (-1)."""
-        timeline = self.scene.timeline
-        self.seek(float(timeline.clock[timeline.touch(timeline.at(self._seconds), which)]))
-
-    def face(self) -> None:
-        """Look at the side of the strongest contact."""
-        strongest = self.scene.at(self.index).contacts[0]
-        if strongest.located:
-            self._scene3d.face(strongest)
+        """Let every session run, or stand still."""
+        for session in list(self._sessions.values()):
+            session.play(on)
 
     def stop(self) -> None:
         """Close the page and free its port."""
-        self._request(stopping=True)
-        self._painter.join(timeout=5.0)
+        for session in list(self._sessions.values()):
+            session.stop()
         with quiet():
             self._server.stop()
 
@@ -121,42 +130,16 @@ class Page:
     def __exit__(self, *_: object) -> None:
         self.stop()
 
-    def _request(self, seconds: float | None = None, playing: bool | None = None, stopping: bool = False) -> None:
-        with self._wake:
-            self._seconds = self._seconds if seconds is None else seconds
-            self.playing = self.playing if playing is None else playing
-            self._stopping |= stopping
-            self._stale = True
-            self._wake.notify_all()
+    def _join(self, client: ClientHandle) -> None:
+        session = Session(client, self.scene.again())
+        with self._lock:
+            self._sessions[client.client_id] = session
 
-    def _paint(self) -> None:
-        last = monotonic()
-        while True:
-            with self._wake:
-                self._wake.wait_for(lambda: self._stale or self.playing)
-                if self._stopping:
-                    return
-                self._stale = False
-                now = monotonic()
-                if self.playing:
-                    self._advance(min(now - last, 2 * TICK))
-                last = now
-            self._show()
-            with self._wake:
-                self._wake.wait_for(lambda: self._stopping, timeout=max(0.0, TICK - (monotonic() - now)))
-
-    def _advance(self, passed: float) -> None:
-        duration = self.scene.timeline.duration
-        self._seconds = min(self._seconds + self._panel.speed * passed, duration)
-        self.playing = self._seconds < duration
-
-    def _show(self) -> None:
-        seconds = self._seconds
-        self.index = self.scene.timeline.at(seconds)
-        moment = self.scene.at(self.index)
-        with self._server.atomic():
-            self._scene3d.show(moment, self._panel.settings())
-            self._panel.show(moment, seconds)
+    def _leave(self, client: ClientHandle) -> None:
+        with self._lock:
+            session = self._sessions.pop(client.client_id, None)
+        if session is not None:
+            session.stop()
 
 
 def address(server: ViserServer) -> str:

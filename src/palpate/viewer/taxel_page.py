@@ -20,7 +20,7 @@ from palpate.viewer.server import address, listen, quiet
 from palpate.viewer.widgets import dock, table
 
 if TYPE_CHECKING:
-    from viser import GuiApi, ViserServer
+    from viser import ClientHandle, GuiApi, ViserServer
 
 __all__ = ["PlacesLayer", "TaxelPage", "serve_taxels"]
 
@@ -64,7 +64,7 @@ class PlacesLayer:
         """(k, 3) [m]."""
         return self._points
 
-    def draw(self, server: ViserServer, scene: Scene) -> None:
+    def draw(self, server: ViserServer | ClientHandle, scene: Scene) -> None:
         """Patches, rims, ellipsoids and the numbers of the modules."""
         self._scene = scene
         side = self._side()

@@ -15,7 +15,7 @@ from palpate.viewer.samples import sheet_places
 from palpate.viewer.scene import Scene
 
 if TYPE_CHECKING:
-    from viser import BatchedMeshHandle, GuiApi, GuiImageHandle, ViserServer
+    from viser import BatchedMeshHandle, ClientHandle, GuiApi, GuiImageHandle, ViserServer
 
 __all__ = ["TaxelLayer", "cell_mesh", "patches", "unrolled"]
 
@@ -53,7 +53,7 @@ class TaxelLayer:
         """(k, 3) [m] of the cells."""
         return self._body.positions
 
-    def draw(self, server: ViserServer, scene: Scene) -> None:
+    def draw(self, server: ViserServer | ClientHandle, scene: Scene) -> None:
         """All cells as instances of one square, seen from both sides."""
         rotations, scales = patches(self._body)
         self._cells: BatchedMeshHandle = server.scene.add_batched_meshes_simple(

@@ -57,16 +57,32 @@ class Timeline:
         return np.minimum(np.diff(self.clock, append=self.duration + self.step), 10.0 * self.step)
 
     @cached_property
-    def touches(self) -> Int[np.ndarray, " m"]:
-        """(m,) the middle of each touch, which goes on over gaps of `GAP` and lasts at least `SHORTEST`."""
+    def _spans(self) -> Int[np.ndarray, "m 2"]:
+        """(m, 2) first and last sample of each touch: it goes on over gaps of `GAP`, and lasts at least `SHORTEST`."""
         touched = np.flatnonzero(self.touched)
         if not len(touched):
-            return touched
+            return np.zeros((0, 2), dtype=np.int64)
         clock = self.clock[touched]
         apart = np.flatnonzero(np.diff(clock) >= GAP + 1.5 * self.step)
         first, last = np.append(0, apart + 1), np.append(apart, len(touched) - 1)
         long = clock[last] - clock[first] + self.step >= SHORTEST
-        return np.searchsorted(self.clock, (clock[first] + clock[last])[long] / 2)
+        spans: Int[np.ndarray, "m 2"] = np.stack([touched[first[long]], touched[last[long]]], axis=1)
+        return spans
+
+    @cached_property
+    def touches(self) -> Int[np.ndarray, " m"]:
+        """(m,) the middle of each touch; what is shorter than `SHORTEST` is none."""
+        ends: Float[np.ndarray, "m 2"] = self.clock[self._spans]
+        return np.searchsorted(self.clock, (ends[:, 0] + ends[:, 1]) / 2)
+
+    @cached_property
+    def in_touch(self) -> Int[np.ndarray, " k"]:
+        """(k,) samples that are touched and belong to a touch."""
+        touched = np.flatnonzero(self.touched)
+        which = np.searchsorted(self._spans[:, 0], touched, side="right") - 1
+        last = np.append(self._spans[:, 1], -1)[which]  # before the first touch: none
+        inside: Int[np.ndarray, " k"] = touched[touched <= last]
+        return inside
 
     def at(self, seconds: float) -> int:
         """The sample in force at a time: the last that is not later."""
@@ -78,8 +94,16 @@ class Timeline:
 
     def touch(self, index: int, step: int) -> int:
         """The sample amid the next touch (step 1) or the previous one (-1); the same if there is none."""
-        which = np.searchsorted(self.touches, index, side="right" if step > 0 else "left") + (0 if step > 0 else -1)
-        return int(self.touches[which]) if 0 <= which < len(self.touches) else index
+        return _next(self.touches, index, step)
+
+    def touched_sample(self, index: int, step: int) -> int:
+        """The next sample of a touch (step 1) or the previous one (-1); the same if there is none."""
+        return _next(self.in_touch, index, step)
+
+
+def _next(among: Int[np.ndarray, " m"], index: int, step: int) -> int:
+    which = np.searchsorted(among, index, side="right" if step > 0 else "left") + (0 if step > 0 else -1)
+    return int(among[which]) if 0 <= which < len(among) else index
 
 
 def since(time: Float[np.ndarray, " n"]) -> tuple[float, str]:

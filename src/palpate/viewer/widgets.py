@@ -10,10 +10,16 @@ import numpy as np
 if TYPE_CHECKING:
     from viser import GuiApi, GuiUplotHandle
 
-__all__ = ["ELLIPSE", "add_curves", "dock", "table", "theme"]
+__all__ = ["ELLIPSE", "add_curves", "dock", "name", "table", "theme"]
 
 ELLIPSE = "the 95 % ellipse of a point, drawn so many times as large"
 _TITLE = """<style onload="document.title='Palpate'"></style>"""  # viser names its page after itself
+_SHEET = """<style>@media (max-width: 600px) {
+.mantine-Paper-root[style*="position: fixed"][style*="bottom: 0px"] {
+  width: 100% !important; max-height: 46% !important;
+}
+.mantine-Paper-root[style*="position: fixed"] div[style="width: 20em;"] { width: 100% !important; }
+}</style>"""  # viser's covers three fifths of a phone, and not its whole width
 
 
 def theme(gui: GuiApi, dark: bool) -> None:
@@ -23,12 +29,17 @@ def theme(gui: GuiApi, dark: bool) -> None:
     )
 
 
-def dock(gui: GuiApi, title: str) -> None:
-    """A panel at the right, named after what is shown."""
+def name(gui: GuiApi, title: str) -> None:
+    """A panel at the right, named after what is shown; on a phone a sheet below, which a tap on its name folds."""
     theme(gui, dark=False)
     gui.set_panel_label(f"Palpate \u00b7 {title}" if title else "Palpate")
     gui.main_panel.dock_right()
-    gui.add_html(_TITLE)
+
+
+def dock(gui: GuiApi, title: str) -> None:
+    """The same with what the panel must hold: the page's name, and the look of the sheet."""
+    name(gui, title)
+    gui.add_html(_TITLE + _SHEET)
 
 
 def table(rows: Sequence[tuple[str, str]]) -> str:

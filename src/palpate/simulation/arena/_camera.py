@@ -137,6 +137,29 @@ def _coloured(far, phi, colours, noise, light, grain, pixels):
         pixels[x, 2] = np.uint8(np.int32(min(abs(value2) + half, most)))
 
 
+@inner
+def _fetched(every, clean, light, grain, width, windows, offsets):
+    """Reads a pixel of each cache line that the windows of a frame cover; what it adds up means nothing.
+
+    Reads that nothing waits for go on side by side, and drawing that waits for memory line by line takes half as long
+    again: what is drawn in was last used four frames ago.
+    """
+    total, some = 0, np.float32(0.0)
+    lit, noise, row = light.reshape(-1), grain.reshape(-1), 3 * grain.shape[1]
+    for m in range(len(windows)):
+        left, top, right, bottom = windows[m]
+        for y in range(top, bottom):
+            first, last = y * width + left, y * width + right - 1
+            for k in range(3 * first, 3 * last, 64):
+                total += every[k] + clean[k]
+            total += every[3 * last + 2] + clean[3 * last + 2]
+            some += lit[first] + lit[last]
+            first = (offsets[m, 0] + y - top) * row + 3 * offsets[m, 1]
+            for k in range(first, first + 3 * (right - left), 16):
+                some += noise[k]
+    return total + some
+
+
 @entry
 def draw(frame, behind, windows, shown, blur, scene, grain, offsets):
     """Markers over a frame's background; what was drawn in it before is taken away.
@@ -155,12 +178,16 @@ def draw(frame, behind, windows, shown, blur, scene, grain, offsets):
     light, colours, noise, phi = scene
     height, width = light.shape
     far = np.empty(LARGEST, np.float32)
+    every, clean = frame.reshape(-1), behind.reshape(-1)
+    far[0] = _fetched(every, clean, light, grain, width, windows, offsets)  # about where markers are now
     for m in range(len(windows)):
         left, top, right, bottom = windows[m]
         for y in range(top, bottom):
-            now, before = frame[y], behind[y]
-            for x in range(left, right):
-                now[x, 0], now[x, 1], now[x, 2] = before[x, 0], before[x, 1], before[x, 2]
+            first = 3 * (y * width + left)
+            last = min(first + (3 * (right - left) + 31) // 32 * 32, len(every))  # what is beside is clean: vectors
+            now, before = every[first:last], clean[first:last]
+            for k in range(len(now)):
+                now[k] = before[k]
         for k in range(4):
             windows[m, k] = 0
     for m in range(len(windows)):

@@ -19,6 +19,7 @@ __all__ = ["SwiftCamera"]
 
 BACKGROUNDS = 4
 GRAIN = 256  # px: side of the piece of noise that windows are cut from
+AHEAD = 300  # frames whose noise is drawn at once: a call of the generator costs more than its numbers
 OUTLINE = 12  # corners of the discs of `Barrel`
 SHAPE = float(np.sqrt(OUTLINE / (2.0 * np.pi) * np.sin(2.0 * np.pi / OUTLINE)))  # of an ellipse of the same area
 PIXEL = 1.0 / 12.0  # px^2: variance of a pixel's own width
@@ -30,7 +31,7 @@ class SwiftCamera:
     Args:
         camera: that sees.
         look: of the scene; its `quality` makes no difference.
-        rng: of noise; drawn from at every frame.
+        rng: of noise; drawn from for many frames at a time.
     """
 
     def __init__(self, camera: RingCamera, look: Look, rng: np.random.Generator) -> None:
@@ -41,7 +42,7 @@ class SwiftCamera:
         self._behind = [photographer.background(0.0) for _ in range(BACKGROUNDS)]
         self._frames = [each.copy() for each in self._behind]
         self._windows: list[np.ndarray] = [np.zeros((0, 4), dtype=np.int64)] * BACKGROUNDS
-        self._turn = 0
+        self._turn, self._drawn = 0, iter(())
         self._grain, self._blur = photographer.grain(GRAIN), float(np.sqrt(look.blur**2 + PIXEL))
         skin, red = look.colours()
         noise = look.noise**2 * np.array([SHOT, READ**2])
@@ -67,7 +68,10 @@ class SwiftCamera:
         shown = self._ellipses(points)
         if len(hidden):
             shown[list(hidden)] = np.nan
-        offsets = self.rng.integers(0, GRAIN - LARGEST, (len(points), 2))
+        offsets = next(self._drawn, None)
+        if offsets is None or len(offsets) != len(points):
+            self._drawn = iter(self.rng.integers(0, GRAIN - LARGEST, (AHEAD, len(points), 2)))
+            offsets = next(self._drawn)
         buffers = (self._frames[at], self._behind[at], self._windows[at])
         draw(*buffers, shown, self._blur, self._scene, self._grain, offsets)
         return self._frames[at]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import atan2, remainder, tau
+from math import atan2, cos, isfinite, pi, remainder, sin, tau
 
 import numpy as np
 from jaxtyping import Float
@@ -40,9 +40,9 @@ class ArenaWorld:
         self.data = self._mujoco.MjData(self.model)
         n, m = layout.robots, len(layout.movable)
         self._bodies = [self.model.body(f"robot{k}").id for k in range(n)]
-        self._robot_of = np.full(self.model.ngeom, -1)
-        self._robot_of[[self.model.geom(f"skin{k}").id for k in range(n)]] = np.arange(n)
-        self._plane = self.model.geom_type == int(self._mujoco.mjtGeom.mjGEOM_PLANE)
+        skins = {self.model.geom(f"skin{k}").id: k for k in range(n)}
+        self._robot_of = [skins.get(k, -1) for k in range(self.model.ngeom)]
+        self._plane = (self.model.geom_type == int(self._mujoco.mjtGeom.mjGEOM_PLANE)).tolist()
         rng = np.random.default_rng([seed, 181])
         self._gain = 1.0 + self.robot.uneven * rng.standard_normal((n, 2))
         self._own = self.data.qpos[: 6 * n].reshape(n, 2, 3)  # the carrier in the arena, the robot on the carrier
@@ -62,20 +62,19 @@ class ArenaWorld:
     @property
     def poses(self) -> Float[np.ndarray, "n 3"]:
         """x, y [m] and heading [rad], from -pi to pi, of each robot."""
-        carrier, on = self._own[:, 0], self._own[:, 1]
-        return _wrapped(carrier + _turned(on, carrier[:, 2]))
+        return np.array([_pose(*own) for own in self._own.tolist()])
 
     @property
     def velocities(self) -> Float[np.ndarray, "n 3"]:
         """Of each robot in the arena's frame [m/s], [rad/s]."""
-        carrier, turn = self._speed[:, 0], self._own[:, 0, 2]
-        swept = carrier[:, 2:] * _turned(self._own[:, 1] * (1.0, 1.0, 0.0), turn + 0.5 * np.pi)
-        return carrier + _turned(self._speed[:, 1], turn) + swept
+        return np.array([_velocity(*each) for each in zip(self._own.tolist(), self._speed.tolist(), strict=True)])
 
     @property
     def blocks(self) -> Float[np.ndarray, "m 3"]:
         """x, y [m] and turn [rad], from -pi to pi, of the movable blocks, in the order of `layout.movable`."""
-        return _wrapped(self._blocks[:, :3].copy())
+        blocks = self._blocks[:, :3].copy()
+        blocks[:, 2] -= tau * np.round(blocks[:, 2] / tau)
+        return blocks
 
     def step(self, wheels: Float[np.ndarray, "n 2"]) -> None:
         """Lets one frame of 1/30 s pass.
@@ -87,23 +86,28 @@ class ArenaWorld:
             InputError: not two finite speeds a robot.
             RuntimeError: the engine warned, and what it computes cannot be trusted.
         """
-        if wheels.shape != self._gain.shape or not np.isfinite(wheels).all():
+        if wheels.shape != self._gain.shape or not all(map(isfinite, wheels.ravel().tolist())):
             raise InputError(f"wheels must be two finite speeds for each of {len(self._gain)} robots, not {wheels}")
         self._drive(self._gain * wheels)
         self._mujoco.mj_step(self.model, self.data, SUBSTEPS)
         self._frames, self._found = self._frames + 1, None
-        if abs(self.data.time - self.time) > 0.5 * FRAME or self.data.warning.number.any():
+        if abs(self.data.time - self.time) > 0.5 * FRAME or any(self.data.warning.number.tolist()):
             raise RuntimeError("the physics engine gave up: a state that is not finite, or too fast")
 
     def _drive(self, wheels: Float[np.ndarray, "n 2"]) -> None:
         """Puts each carrier under its robot and sets it going; the robot keeps its place and its velocity."""
-        velocity, self._own[:, 0] = self.velocities, self.poses
-        self._own[:, 1] = 0.0
-        carrier, heading = self._speed[:, 0], self._own[:, 0, 2]
-        carrier[:, 2] = (wheels[:, 1] - wheels[:, 0]) / self.robot.track
-        middle = heading + 0.5 * FRAME * carrier[:, 2]  # of the frame: the arc's chord
-        carrier[:, :2] = wheels.mean(axis=1)[:, None] * np.stack([np.cos(middle), np.sin(middle)], axis=1)
-        self._speed[:, 1] = _turned(velocity - carrier, -heading)
+        places, speeds = list[tuple[tuple[float, ...], ...]](), list[tuple[tuple[float, ...], ...]]()
+        gone = zip(self._own.tolist(), self._speed.tolist(), wheels.tolist(), strict=True)
+        for own, speed, (left, right) in gone:  # plain numbers: arrays of three cost more than what is computed
+            vx, vy, spin = _velocity(own, speed)
+            x, y, heading = _pose(*own)
+            forward, turn = 0.5 * (left + right), (right - left) / self.robot.track
+            middle = heading + 0.5 * FRAME * turn  # of the frame: the arc's chord
+            along, across = forward * cos(middle), forward * sin(middle)
+            places.append(((x, y, heading), (0.0, 0.0, 0.0)))
+            slips = _turned(vx - along, vy - across, -heading)
+            speeds.append(((along, across, turn), (*slips, spin - turn)))
+        self._own[:], self._speed[:] = places, speeds
 
     def touches(self, robot: int) -> Float[np.ndarray, "k 5"]:
         """What truly touches a robot's skin now, by rising angle.
@@ -122,44 +126,64 @@ class ArenaWorld:
 
     def _all_touches(self) -> list[Float[np.ndarray, "k 5"]]:
         """Of each robot. Contacts are of the last substep, and so are the places they are held against."""
-        data, contact = self.data, self.data.contact
-        geoms, address = contact.geom, contact.efc_address
-        robots = self._robot_of[geoms]
+        data, contact, robots = self.data, self.data.contact, self._robot_of
+        force, frames, depths = data.efc_force, contact.frame, contact.dist
         rows: list[list[tuple[float, ...]]] = [[] for _ in range(self.layout.robots)]
         turn = data.xmat[self._bodies]
         headings = np.arctan2(turn[:, 3], turn[:, 0]).tolist()
-        for i in np.flatnonzero((robots.max(axis=1) >= 0) & (address >= 0)).tolist():
-            normal, *along = data.efc_force[address[i] : address[i] + 3].tolist()
+        geoms: list[list[int]] = contact.geom.tolist()
+        addresses: list[int] = contact.efc_address.tolist()
+        for i, ((one, two), address) in enumerate(zip(geoms, addresses, strict=True)):  # plain numbers: there are few
+            first, second = robots[one], robots[two]
+            if max(first, second) < 0 or address < 0:
+                continue
+            normal, *along = force[address : address + 3].tolist()
             if normal <= 0.0:
                 continue
-            x, y, _, *sides = contact.frame[i].tolist()  # the normal, and the force, go from the first to the second
+            x, y, _, *sides = frames[i].tolist()  # the normal, and the force, go from the first to the second
             shear = sum(f * (a * y - b * x) for f, a, b in zip(along, sides[::3], sides[1::3], strict=True))
-            depth = -float(contact.dist[i])
-            (first, second), (one, two) = robots[i].tolist(), geoms[i].tolist()
+            depth = -float(depths[i])
             for robot, other, geom, sign in ((first, second, two, 1.0), (second, first, one, -1.0)):
                 if robot >= 0:
                     angle = remainder(atan2(sign * y, sign * x) - headings[robot], tau)
                     kind = 2.0 if other >= 0 else self._kind(geom, robot)
                     rows[robot].append((angle, normal, shear, depth if other < 0 else 0.5 * depth, kind))
-        return [frozen(np.array(sorted(row)).reshape(-1, 5)) if row else _NONE for row in rows]
+        return [_frozen(sorted(row)) if row else _NONE for row in rows]
 
     def _kind(self, geom: int, robot: int) -> float:
         """1 where a box is nearest to the robot's middle with a corner, else 0."""
         if self._plane[geom]:
             return 0.0
-        away = self.data.xpos[self._bodies[robot]] - self.data.geom_xpos[geom]
-        own = away @ self.data.geom_xmat[geom].reshape(3, 3)
-        return float((np.abs(own[:2]) > self.model.geom_size[geom, :2] - _CORNER).all())
+        data, size = self.data, self.model.geom_size[geom].tolist()
+        turn = data.geom_xmat[geom].tolist()
+        here, there = data.xpos[self._bodies[robot]].tolist(), data.geom_xpos[geom].tolist()
+        away = [a - b for a, b in zip(here, there, strict=True)]
+        own = [sum(a * b for a, b in zip(away, turn[axis::3], strict=True)) for axis in (0, 1)]
+        return float(all(abs(off) > half - _CORNER for off, half in zip(own, size, strict=False)))
 
 
-def _wrapped(poses: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
-    """With angles from -pi to pi."""
-    poses[:, 2] -= tau * np.round(poses[:, 2] / tau)
-    return poses
+def _frozen(rows: list[tuple[float, ...]]) -> Float[np.ndarray, "k 5"]:
+    made = np.array(rows)
+    made.flags.writeable = False
+    return made
 
 
-def _turned(vectors: Float[np.ndarray, "n 3"], angle: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
-    """About z; what is third of each stays."""
-    cos, sin = np.cos(angle), np.sin(angle)
-    x, y, z = vectors.T
-    return np.stack([cos * x - sin * y, sin * x + cos * y, z], axis=1)
+def _pose(carrier: list[float], on: list[float]) -> tuple[float, float, float]:
+    """Of a robot in the arena, its heading from -pi to pi; `on`: on its carrier."""
+    x, y = _turned(on[0], on[1], carrier[2])
+    heading = carrier[2] + on[2]
+    return carrier[0] + x, carrier[1] + y, heading - tau * round(heading / tau)
+
+
+def _velocity(own: list[list[float]], speed: list[list[float]]) -> tuple[float, float, float]:
+    """Of a robot in the arena, from the places and speeds of its carrier and of itself on that."""
+    (_, _, turn), (px, py, _) = own
+    (cx, cy, spin), (vx, vy, more) = speed
+    x, y = _turned(vx, vy, turn)
+    u, v = _turned(px, py, turn + 0.5 * pi)  # swept as the carrier turns
+    return cx + x + spin * u, cy + y + spin * v, spin + more
+
+
+def _turned(x: float, y: float, angle: float) -> tuple[float, float]:
+    c, s = cos(angle), sin(angle)
+    return c * x - s * y, s * x + c * y

@@ -12,6 +12,7 @@ from jaxtyping import Float, Int
 from palpate.sensors.recording import CELLS, ORIENTATION, Recording
 from palpate.simulation.bags import Stamped, poses, readings, wrenches, write_bag
 from palpate.simulation.skin_bench import HIGH, JOINT, LOW
+from palpate.simulation.skin_session import load_cell_presses
 from palpate.simulation.touched.run import ForearmRun, Truth
 from palpate.simulation.touched.settings import GRAVITY, ForearmSettings
 
@@ -30,6 +31,7 @@ WRENCH_TOPIC, SKIN_TOPIC, POSE_TOPIC = "/forearm/wrench", "/forearm/skin", "/for
 TRUTH = ("time", "px", "py", "pz", "nx", "ny", "nz", "fx", "fy", "fz", "touch", "seen", "share", "speed")
 _POSE_RATE = 100  # Hz
 _ORIGIN = (0.4, 0.0, 0.6)  # m: the arm turns the sensor about its origin
+_PRESSES = 20  # of each cell on the bench
 _LARGEST = 19.0  # N on one cell, where its 8 bits end
 _KINDS = {WRENCH_TOPIC: "geometry_msgs/msg/WrenchStamped", POSE_TOPIC: "geometry_msgs/msg/PoseStamped"}
 _RIG = """# A simulated forearm: a taxel skin round a link, which a force/torque sensor carries. What really touched it
@@ -109,6 +111,7 @@ _README = """A simulated forearm, touched at up to {touches} places at once (MuJ
 both.mcap       {wrench_topic} (WrenchStamped, {wrench_rate} Hz), {skin_topic} (UInt8MultiArray, {skin_rate} Hz),
                 {pose_topic} (PoseStamped, 100 Hz); the first {quiet:g} s are untouched and at rest
 free.mcap       {free}
+load_cell_log.csv  presses of each cell under a load cell: force [N], intensity [counts], row, column
 both.toml       the rig; with it skin_map.toml, intensity.toml, payload.toml, link.stl
 truth.csv       a row a contact and frame of the skin, on the clock of the wrenches, in the link's frame: point [m],
                 normal out of the link, force [N] on the link, touch (which one it is), share (of the normal force that
@@ -123,6 +126,8 @@ truth.csv       a row a contact and frame of the skin, on the clock of the wrenc
 
 def write_forearm(run: ForearmRun, folder: Path, free: Recording | None = None) -> None:
     """Write both.mcap, both.toml, skin_map.toml, intensity.toml, payload.toml, link.stl, truth.csv and README.txt.
+
+    And load_cell_log.csv, of each of its cells pressed on a bench: what intensity.toml is found from again.
 
     Args:
         run: of the forearm.
@@ -149,6 +154,7 @@ def write_forearm(run: ForearmRun, folder: Path, free: Recording | None = None) 
     ):
         (folder / name).write_text(text, encoding="utf-8")
     _write_truth(run.truth, folder / "truth.csv")
+    _write_presses(run, folder / "load_cell_log.csv")
 
 
 def write_free(log: Recording, path: Path, settings: ForearmSettings) -> None:
@@ -261,6 +267,14 @@ def _write_truth(truth: Truth, path: Path) -> None:
     numbers = np.column_stack([truth.time, truth.point, truth.normal, truth.force, *about])
     layout = ["%.6f"] * 10 + ["%d", "%d", "%.4f", "%.6f"]
     np.savetxt(path, numbers, fmt=layout, delimiter=",", header=",".join(TRUTH), comments="", encoding="utf-8")
+
+
+def _write_presses(run: ForearmRun, path: Path) -> None:
+    """The noise is of another day than the run: drawn apart, the same for all."""
+    force, counts, cell = load_cell_presses(run.settings.sheet, run.sheet, np.random.default_rng(0), presses=_PRESSES)
+    numbers = np.column_stack([force, counts, cell])
+    header, layout = "force,intensity,row,column", ["%.4f", "%d", "%d", "%d"]
+    np.savetxt(path, numbers, fmt=layout, delimiter=",", header=header, comments="", encoding="utf-8")
 
 
 def _rows(values: Float[np.ndarray, "n k"]) -> str:

@@ -1,0 +1,61 @@
+"""Files of contacts that other commands wrote, in the frame that the body is drawn in."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from palpate.contact.contacts import Contacts
+from palpate.contact.frames import in_frame
+from palpate.errors import InputError
+from palpate.io.contacts import contact_blocks, read_contacts
+from palpate.io.models import read_provenance
+from palpate.io.rig import Rig
+
+__all__ = ["compared_blocks", "on_body", "written"]
+
+
+def written(path: Path) -> Contacts | None:
+    """What a file of contacts holds; None where it is a log."""
+    return read_contacts(path) if _holds_contacts(path) else None
+
+
+def compared_blocks(path: Path, rig: Rig) -> Iterator[Contacts]:
+    """Contacts to compare, block by block, in the frame that the body is drawn in.
+
+    Raises:
+        InputError: the file holds none, or they are in a frame in which the body moves.
+    """
+    if not _holds_contacts(path):
+        raise InputError(
+            "holds no contacts to compare.",
+            where=str(path),
+            hint="Estimate it first: palpate estimate LOG --rig RIG -o CONTACTS.",
+        )
+    return (on_body(block, path, rig) for block in contact_blocks(path))
+
+
+def on_body(contacts: Contacts, path: Path, rig: Rig) -> Contacts:
+    """As they were written, in the frame that the body is drawn in.
+
+    Raises:
+        InputError: they are in the base frame.
+    """
+    frame = read_provenance(path).get("frame", "surface")
+    if frame == "base":
+        raise InputError(
+            "these contacts are in the base frame, in which the body moves.",
+            where=str(path),
+            hint="Estimate without --frame base, or view the log itself.",
+        )
+    if frame == "sensor" and rig.surface is not None:
+        contacts = contacts.with_estimate(in_frame(contacts.estimate, rig.surface.pose.pose().inverse()))
+    return contacts
+
+
+def _holds_contacts(path: Path) -> bool:
+    try:
+        next(contact_blocks(path))
+    except InputError:  # the reader of logs will say what it is instead
+        return False
+    return True

@@ -1,0 +1,199 @@
+"""A body and what lies on it as a piece of HTML that a pointer turns: in notebooks, and in reports."""
+
+from __future__ import annotations
+
+import json
+from base64 import b64encode
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from html import escape
+from importlib.resources import files
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from jaxtyping import Float, Int, UInt8
+
+if TYPE_CHECKING:
+    from palpate.surfaces.surface import Surface
+
+__all__ = ["Drawing", "Mark", "Specks", "simpler"]
+
+FACETS = 8_000  # drawn: more is slow to turn, and no finer to see
+LONGEST = 0.3  # of the body: the arrow of the largest force
+MARGIN = 0.05  # m about a single point
+_STYLE = (
+    ".palpate-drawing{position:relative;width:100%;font:13px/1.4 system-ui,sans-serif}.palpate-drawing canvas{display:"
+    "block;width:100%;height:420px;touch-action:pan-y;cursor:grab}.palpate-drawing output{position:absolute;"
+    "max-width:22em;padding:.3em .6em;border-radius:.3em;background:#1b2530;color:#fff;pointer-events:none;"
+    "overflow-wrap:anywhere}.palpate-drawing output[hidden]{display:none}"
+)
+
+
+@dataclass(frozen=True)
+class Mark:
+    """Something at a point of the body.
+
+    Attributes:
+        point: (3,) [m]; normal: (3,) unit, outward: it is pale where one looks at its back.
+        said: when a pointer rests on it.
+        label: written in it, one to three letters; nothing: a small dot.
+        force: (3,) [N], an arrow that pushes with its tip; None: there is none.
+        rim: (r, 3) [m] a closed line about it; None: there is none.
+    """
+
+    point: Float[np.ndarray, "3"]
+    normal: Float[np.ndarray, "3"]
+    said: str
+    label: str = ""
+    force: Float[np.ndarray, "3"] | None = None
+    rim: Float[np.ndarray, "r 3"] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Specks:
+    """Small dots: points [m], outward normals, colours."""
+
+    point: Float[np.ndarray, "m 3"]
+    normal: Float[np.ndarray, "m 3"]
+    colour: UInt8[np.ndarray, "m 3"]
+
+
+@dataclass(frozen=True, eq=False)
+class Drawing:
+    """A body with marks; a notebook shows it, `html` puts it into a page.
+
+    Attributes:
+        vertices: (v, 3) [m]; faces: (f, 3); both empty where the body is not known.
+        marks: on it, with a point each.
+        specks: on it; None: there are none.
+        look: (3,) direction from which it is seen first.
+        title: what a screen reader says of it.
+    """
+
+    vertices: Float[np.ndarray, "v 3"]
+    faces: Int[np.ndarray, "f 3"]
+    marks: Sequence[Mark] = ()
+    specks: Specks | None = None
+    look: Float[np.ndarray, "3"] = field(default_factory=lambda: np.array([0.55, -0.7, 0.456]))
+    title: str = "a body"
+
+    @classmethod
+    def of(cls, surface: Surface | None, marks: Sequence[Mark] = (), title: str = "contacts") -> Drawing:
+        """Of a surface with marks; without a surface of the marks alone."""
+        if surface is None:
+            return cls(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64), marks, title=title)
+        mesh = surface.drawn()
+        return cls(mesh.vertices, mesh.faces, marks, title=repr(mesh))
+
+    def html(self) -> str:
+        """For a page: elements and one script; without scripts nothing is seen of it. It names no other file."""
+        return (
+            f'<div class="palpate-drawing" hidden><style>{_STYLE}</style>'
+            f'<canvas tabindex="0" role="img" aria-label="{escape(self.title)}"></canvas><output hidden></output>'
+            f'<script type="application/json">{self._data()}</script><script>{_script()}</script></div>'
+        )
+
+    def page(self) -> str:
+        """A whole page, to be written into a file."""
+        return (
+            f'<!DOCTYPE html><html lang="en"><meta charset="utf-8"><body style="margin:0">{self.html()}</body></html>'
+        )
+
+    def _repr_html_(self) -> str:
+        """For notebooks, in a frame of its own: what it needs meets nothing else there."""
+        return (
+            f'<iframe srcdoc="{escape(self.page())}" sandbox="allow-scripts" title="{escape(self.title)}" '
+            'style="width:100%;max-width:720px;height:424px;border:0"></iframe>'
+        )
+
+    def __repr__(self) -> str:
+        marks = f", {len(self.marks):,} marks" if self.marks else ""
+        return f"Drawing({len(self.faces):,} facets{marks}; a notebook shows it, .page() is HTML)"
+
+    def _data(self) -> str:
+        """Everything in units of the size about the middle, as JSON in which no element can end."""
+        low, high = self._bounds()
+        middle, size = (low + high) / 2, float(np.linalg.norm(high - low))
+        vertices, faces = simpler(self.vertices, self.faces, FACETS)
+        strong = max((float(np.linalg.norm(m.force)) for m in self.marks if m.force is not None), default=0.0)
+        longest = LONGEST / max(strong, 1e-12)
+        marks = [_written(mark, middle, size, longest) for mark in self.marks if np.isfinite(mark.point).all()]
+        data = {
+            "vertices": _packed(np.rint(65535 * ((vertices - middle) / size + 0.5)), np.uint16),
+            "faces": _packed(faces, np.uint32),
+            "open": not _closed(faces),
+            "marks": marks,
+            "specks": [] if self.specks is None else _rows(self.specks, middle, size),
+            "look": [float(value) for value in self.look],
+            "size": " x ".join(f"{1e3 * side:.3g}" for side in high - low) + " mm",
+        }
+        return json.dumps(data, separators=(",", ":")).replace("<", "\\u003c")
+
+    def _bounds(self) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
+        """Corners of what is drawn [m]."""
+        points = self.vertices[np.unique(self.faces)]
+        if not len(points):
+            points = np.array([mark.point for mark in self.marks if np.isfinite(mark.point).all()]).reshape(-1, 3)
+        if not len(points):
+            return np.full(3, -MARGIN), np.full(3, MARGIN)
+        low, high = points.min(axis=0), points.max(axis=0)
+        margin = 0.0 if np.linalg.norm(high - low) > 0 else MARGIN
+        return low - margin, high + margin
+
+
+def simpler(
+    vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"], most: int
+) -> tuple[Float[np.ndarray, "w 3"], Int[np.ndarray, "g 3"]]:
+    """A mesh with at most so many facets: vertices of one cell of a grid become one, the cells as small as that allows.
+
+    Rossignac and Borrel, Multi-resolution 3D approximations for rendering complex scenes, 1993.
+    """
+    used, corners = np.unique(faces, return_inverse=True)
+    points, few = vertices[used], corners.reshape(-1, 3)
+    cell = float(np.ptp(points, axis=0).max()) / 200 if len(points) else 0.0
+    while len(few) > most:
+        keys = np.floor((vertices[used] - vertices[used].min(axis=0)) / cell).astype(np.int64)
+        _, which, count = np.unique(keys, axis=0, return_inverse=True, return_counts=True)
+        which = which.reshape(-1)
+        points = np.column_stack([np.bincount(which, column) for column in vertices[used].T]) / count[:, None]
+        few = which[corners.reshape(-1, 3)]
+        few = few[(few[:, 0] != few[:, 1]) & (few[:, 1] != few[:, 2]) & (few[:, 2] != few[:, 0])]
+        _, first = np.unique(np.sort(few, axis=1), axis=0, return_index=True)
+        few, cell = few[np.sort(first)], 1.25 * cell
+    return points, few.astype(np.int64)
+
+
+def _closed(faces: Int[np.ndarray, "f 3"]) -> bool:
+    """No edge has one facet alone: nobody sees the inside."""
+    edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
+    _, count = np.unique(edges, axis=0, return_counts=True)
+    return bool((count > 1).all())
+
+
+def _written(mark: Mark, middle: np.ndarray, size: float, longest: float) -> dict[str, Any]:
+    """As the script reads it."""
+    made: dict[str, Any] = {"point": _short((mark.point - middle) / size), "normal": _short(mark.normal)}
+    made |= {"said": mark.said, "label": mark.label}
+    if mark.force is not None and np.isfinite(mark.force).all():
+        made["force"] = _short(longest * mark.force)
+    if mark.rim is not None and np.isfinite(mark.rim).all():
+        made["rim"] = [_short(point) for point in (mark.rim - middle) / size]
+    return made
+
+
+def _rows(specks: Specks, middle: np.ndarray, size: float) -> list[list[float]]:
+    known = np.isfinite(specks.point).all(axis=1) & np.isfinite(specks.normal).all(axis=1)
+    places = np.column_stack([(specks.point[known] - middle) / size, specks.normal[known]])
+    return [[*_short(place), *map(int, ink)] for place, ink in zip(places, specks.colour[known], strict=True)]
+
+
+def _short(values: np.ndarray) -> list[float]:
+    return [round(float(value), 4) for value in np.nan_to_num(values)]
+
+
+def _packed(values: np.ndarray, kind: type[np.unsignedinteger[Any]]) -> str:
+    return b64encode(np.ascontiguousarray(values.astype(kind)).tobytes()).decode()
+
+
+def _script() -> str:
+    return files("palpate.surfaces").joinpath("drawing.js").read_text(encoding="utf-8")

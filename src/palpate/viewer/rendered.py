@@ -1,0 +1,123 @@
+"""A body as a camera sees it, drawn by the processor alone: facets into a picture with depths."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int, UInt8
+
+__all__ = ["Camera", "Rendered", "rendered"]
+
+_AT_ONCE = 2_000_000  # pixels of facets' boxes that are tried at once
+_LEAST = 1e-3  # depth: what is nearer is not drawn
+
+
+@dataclass(frozen=True)
+class Camera:
+    """Where one looks from, with z up in the picture.
+
+    Attributes:
+        position, target: (3,).
+        view: [rad] angle from the top of the picture to its bottom.
+        size: (width, height) of the picture [px].
+    """
+
+    position: Float[np.ndarray, "3"]
+    target: Float[np.ndarray, "3"]
+    view: float
+    size: tuple[int, int]
+
+    def seen(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
+        """(n, 3) column and row [px], and depth along the line of sight."""
+        ahead = (self.target - self.position) / np.linalg.norm(self.target - self.position)
+        right = np.cross(ahead, [0.0, 0.0, 1.0])
+        right = right / np.linalg.norm(right) if np.linalg.norm(right) > 1e-9 else np.array([1.0, 0.0, 0.0])
+        along = (points - self.position) @ np.column_stack([right, -np.cross(right, ahead), ahead])
+        depth = np.maximum(along[:, 2], _LEAST)
+        scale = 0.5 * self.size[1] / np.tan(self.view / 2)
+        return np.column_stack([scale * along[:, :2] / depth[:, None] + np.array(self.size) / 2, depth])
+
+
+@dataclass(frozen=True, eq=False)
+class Rendered:
+    """A picture (h, w) in red, green, blue; depth: of each pixel, infinite where nothing is."""
+
+    picture: UInt8[np.ndarray, "h w 3"]
+    depth: Float[np.ndarray, "h w"]
+
+    def visible(self, seen: Float[np.ndarray, "n 3"], slack: float) -> Bool[np.ndarray, " n"]:
+        """(n,) points as `Camera.seen` gives them that lie in the picture and before the body, or this far within."""
+        height, width = self.depth.shape
+        columns, rows = np.rint(seen[:, 0]).astype(np.int64), np.rint(seen[:, 1]).astype(np.int64)
+        inside = (columns >= 0) & (columns < width) & (rows >= 0) & (rows < height)
+        at = self.depth[np.clip(rows, 0, height - 1), np.clip(columns, 0, width - 1)]
+        return inside & (seen[:, 2] <= at + slack)
+
+
+def rendered(
+    camera: Camera,
+    vertices: Float[np.ndarray, "v 3"],
+    normals: Float[np.ndarray, "v 3"],
+    faces: Int[np.ndarray, "f 3"],
+    colours: UInt8[np.ndarray, "v 3"],
+    ground: tuple[int, int, int] = (255, 255, 255),
+) -> Rendered:
+    """A mesh with a colour and a normal a vertex, lit from beside the camera; facets have no back.
+
+    Args:
+        camera: that sees it.
+        vertices: of the mesh.
+        normals: at them, unit.
+        faces: of the mesh.
+        colours: at the vertices, in sRGB.
+        ground: where nothing is.
+    """
+    width, height = camera.size
+    seen = camera.seen(vertices)
+    way = camera.position - vertices
+    lit = np.abs(np.einsum("ij,ij->i", normals, way / np.linalg.norm(way, axis=1, keepdims=True)))
+    inks = colours * (0.45 + 0.55 * lit)[:, None]
+    picture = np.empty((height * width, 3))
+    picture[:] = ground
+    depth = np.full(height * width, np.inf)
+    corners = seen[faces]
+    low = np.clip(np.ceil(corners[..., :2].min(axis=1)), 0, [width, height]).astype(np.int64)
+    high = np.clip(np.floor(corners[..., :2].max(axis=1)), -1, [width - 1, height - 1]).astype(np.int64)
+    spans = np.maximum(high - low + 1, 0)
+    count = spans.prod(axis=1)
+    part = np.cumsum(count) // _AT_ONCE
+    for some in (np.flatnonzero((part == k) & (count > 0)) for k in range(int(part.max(initial=-1)) + 1)):
+        which, pixels, shares = _inside(corners[some], low[some], spans[some], count[some], width)
+        three = faces[some[which]]
+        far = np.einsum("ij,ij->i", shares, seen[three, 2])
+        order = np.argsort(-far, kind="stable")  # the nearest is written last
+        order = order[far[order] < depth[pixels[order]]]
+        depth[pixels[order]] = far[order]
+        picture[pixels[order]] = np.einsum("ij,ijk->ik", shares[order], inks[three[order]])
+    shape = (height, width)
+    return Rendered(picture.round().astype(np.uint8).reshape(*shape, 3), depth.reshape(shape))
+
+
+def _inside(
+    corners: Float[np.ndarray, "k 3 3"],
+    low: Int[np.ndarray, "k 2"],
+    spans: Int[np.ndarray, "k 2"],
+    count: Int[np.ndarray, " k"],
+    width: int,
+) -> tuple[Int[np.ndarray, " p"], Int[np.ndarray, " p"], Float[np.ndarray, "p 3"]]:
+    """Pixels that lie in facets: which facet, which pixel, and the shares of its corners (barycentric)."""
+    which = np.repeat(np.arange(len(count)), count)
+    number = np.arange(len(which)) - np.repeat(np.cumsum(count) - count, count)
+    x = low[which, 0] + number % spans[which, 0]
+    y = low[which, 1] + number // spans[which, 0]
+    a, b, c = corners[:, 0, :2], corners[:, 1, :2], corners[:, 2, :2]
+    ab, ac = b - a, c - a
+    area = ab[:, 0] * ac[:, 1] - ab[:, 1] * ac[:, 0]
+    scale = np.where(np.abs(area) > 1e-12, 1.0 / np.where(area == 0, 1.0, area), np.nan)[which]
+    px, py = x - a[which, 0], y - a[which, 1]
+    second = (px * ac[which, 1] - py * ac[which, 0]) * scale
+    third = (ab[which, 0] * py - ab[which, 1] * px) * scale
+    within = (second >= -1e-9) & (third >= -1e-9) & (second + third <= 1 + 1e-9)  # NaN is not
+    shares = np.column_stack([1 - second - third, second, third])[within]
+    return which[within], (y * width + x)[within], shares

@@ -1,0 +1,130 @@
+"""Two runs on one body and one clock side by side, as a section of the report of the first."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from palpate.contact.events import Events
+from palpate.contact.notebook import marks_of
+from palpate.contact.plausibility import UNLOADED
+from palpate.errors import InputError
+from palpate.viewer import plots
+from palpate.viewer.report import Picture, Section, Table, percent, picture
+from palpate.viewer.run_report import NUMBERED, SHOWN, Kept, Run
+from palpate.viewer.run_summary import RunSummary
+from palpate.viewer.samples import sample_starts, strongest
+from palpate.viewer.timeline import since
+
+__all__ = ["beside", "partners"]
+
+
+def beside(run: Run, name: str, other: RunSummary) -> Run:
+    """With a section that puts another run next to it.
+
+    Args:
+        run: of the report.
+        name: of the other's file.
+        other: its contacts, on the same body and the same clock.
+
+    Raises:
+        InputError: the two have no time in common.
+    """
+    kept = Kept(other.contacts, other.even)
+    ours, theirs = run.kept.contacts.time, kept.contacts.time
+    if not (_low(ours) <= _high(theirs) and _low(theirs) <= _high(ours)):
+        raise InputError(f"was recorded at another time than {run.log}: nothing to compare.", where=name)
+    names = (run.output, name)
+    section = Section(
+        f"Beside {name}",
+        text=("Left and right, or above and below on a phone: the same pictures of both, on the same body.",),
+        tables=(_figures(names, (run.summary, other), (run.kept, kept)), _touches(run.summary, other)),
+        pictures=(*_over_time(names, (run.kept, kept)), *_places(run, names, kept, other)),
+    )
+    return replace(run, sections=(section, *run.sections))
+
+
+def partners(ours: Events, theirs: Events) -> Int[np.ndarray, " k"]:
+    """(k,) for each touch that of the other run with which it shares most time; -1 where there is none.
+
+    Of those that share as much, the one whose point is nearer.
+    """
+    found = np.full(len(ours), -1, dtype=np.int64)
+    for k in range(len(ours)):
+        shared = np.minimum(ours.end[k], theirs.end) - np.maximum(ours.start[k], theirs.start)
+        apart = np.linalg.norm(theirs.point - ours.point[k], axis=1)
+        order = np.lexsort((apart, -shared))
+        if len(order) and shared[order[0]] >= 0:
+            found[k] = order[0]
+    return found
+
+
+def _figures(names: tuple[str, str], runs: tuple[RunSummary, RunSummary], kept: tuple[Kept, Kept]) -> Table:
+    figures: Sequence[tuple[str, Callable[[RunSummary, Kept], str]]] = (
+        ("samples", lambda run, _: f"{run.samples:,}"),
+        ("answered, of the loaded", lambda run, _: _answered(run)),
+        ("touches", lambda run, _: f"{len(run.finder.touches()):,}"),
+        ("peak force [N]", lambda _, held: f"{np.nanmax(held.strength, initial=0.0):.3g}"),
+        ("95 % radius, median [mm]", lambda _, held: f"{1e3 * held.median_radius:.3g}"),
+    )
+    rows = [(what, *(said(run, held) for run, held in zip(runs, kept, strict=True))) for what, said in figures]
+    return Table(("", *names), tuple(rows))
+
+
+def _answered(run: RunSummary) -> str:
+    loaded = run.rows - int(run.statuses[list(UNLOADED)].sum())
+    return percent(int(run.statuses[:2].sum()) / loaded) if loaded else "-"
+
+
+def _touches(run: RunSummary, other: RunSummary) -> Table:
+    """Each touch with its partner, and how far they differ."""
+    ours, theirs = run.finder.touches(), other.finder.touches()
+    with_whom, start = partners(ours, theirs), since(ours.start)[0]
+    rows: list[tuple[str, ...]] = []
+    for k in range(min(len(ours), SHOWN)):
+        j, mine = int(with_whom[k]), (f"{k + 1}", f"{ours.start[k] - start:.3f}", f"{ours.peak_force[k]:.3f}")
+        if j < 0:
+            rows.append((*mine, "none", "-", "-", "-"))
+            continue
+        apart, later = float(np.linalg.norm(theirs.point[j] - ours.point[k])), theirs.start[j] - ours.start[k]
+        rows.append((*mine, f"{j + 1}", f"{theirs.peak_force[j]:.3f}", f"{1e3 * apart:.2f}", f"{later:+.3f}"))
+    alone = np.setdiff1d(np.arange(len(theirs)), with_whom)
+    said = [f"The first {SHOWN} of {len(ours):,}."] if len(ours) > SHOWN else []
+    if len(alone):
+        said.append(f"Touches of the other that are no touch here: {', '.join(str(k + 1) for k in alone[:20])}.")
+    header = ("touch", "start [s]", "peak [N]", "there", "peak there [N]", "apart [mm]", "later there [s]")
+    return Table(header, tuple(rows), " ".join(said))
+
+
+def _over_time(names: tuple[str, str], both: tuple[Kept, Kept]) -> list[Picture]:
+    shown: list[Picture] = []
+    for name, kept in zip(names, both, strict=True):
+        found = kept.contacts
+        picked = strongest(found, sample_starts(found))
+        drawn = plots.forces(found.time[picked], found.force[picked], found.status[picked])
+        shown.append(picture(drawn, f"Force over time in {name}."))
+    return shown
+
+
+def _places(run: Run, names: tuple[str, str], kept: Kept, other: RunSummary) -> list[Picture]:
+    """The body with the touches of each, where it is known."""
+    if run.body is None:
+        return []
+    shown: list[Picture] = []
+    for name, held, summary in zip(names, (run.kept, kept), (run.summary, other), strict=True):
+        touches = summary.finder.touches()
+        marks = marks_of(touches, NUMBERED, since(touches.start)[0])
+        drawn = plots.silhouettes(*run.body, held.point, held.contacts.normal, held.strength, marks)
+        shown.append(picture(drawn, f"Where it was touched in {name}."))
+    return shown
+
+
+def _low(time: Float[np.ndarray, " n"]) -> float:
+    return float(np.min(time, initial=np.inf, where=np.isfinite(time)))
+
+
+def _high(time: Float[np.ndarray, " n"]) -> float:
+    return float(np.max(time, initial=-np.inf, where=np.isfinite(time)))

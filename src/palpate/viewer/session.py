@@ -1,0 +1,156 @@
+"""What one browser sees of a scene, or all together: its moment, whether it plays, and what was asked for last."""
+
+from __future__ import annotations
+
+import threading
+from time import monotonic
+from typing import TYPE_CHECKING
+
+import numpy as np
+from jaxtyping import UInt8
+
+from palpate.viewer.panel import Panel
+from palpate.viewer.scene import Scene
+from palpate.viewer.scene3d import NARROW, Scene3D
+
+if TYPE_CHECKING:
+    from viser import ClientHandle, ViserServer
+
+__all__ = ["Session"]
+
+TICK = 1 / 20  # s between two pictures
+
+
+class Session:
+    """All that changes the picture runs in one more thread, which draws the latest request and drops those before it.
+
+    Args:
+        at: the browser, or the server where all see the same.
+        scene: whose moments are shown.
+    """
+
+    def __init__(self, at: ViserServer | ClientHandle, scene: Scene) -> None:
+        self.scene, self._at = scene, at
+        self._wake = threading.Condition()
+        self._seconds = float(scene.timeline.clock[scene.opening])
+        self.playing = self._stopping = self._stale = False
+        self.index = 0
+        """The sample that is shown, counted in the scene."""
+        from viser import ViserServer
+
+        with at.atomic():
+            self.scene3d = Scene3D(at, scene)
+            self._panel = Panel(at.gui, scene, self)
+        self._show()
+        if not isinstance(at, ViserServer) and at.camera.aspect < NARROW:
+            self.frame(at)
+        self._painter = threading.Thread(target=self._paint, name="palpate-page", daemon=True)
+        self._painter.start()
+
+    def seek(self, seconds: float) -> None:
+        """Go to a time since the start of the log."""
+        self._request(seconds=min(max(seconds, 0.0), self.scene.timeline.duration))
+
+    def play(self, on: bool) -> None:
+        """Run, or stand still; at the end it begins anew."""
+        if on and self._seconds >= self.scene.timeline.duration:
+            self.seek(0.0)
+        self._request(playing=on)
+
+    def refresh(self) -> None:
+        """Draw again: a setting has changed."""
+        self._request()
+
+    def step(self, which: int) -> None:
+        """To the next touch (1) or the previous one (-1)."""
+        timeline = self.scene.timeline
+        self.seek(float(timeline.clock[timeline.touch(timeline.at(self._seconds), which)]))
+
+    def step_sample(self, which: int) -> None:
+        """To the next sample (1) that is touched, or the previous one (-1)."""
+        timeline = self.scene.timeline
+        self.seek(float(timeline.clock[timeline.touched_sample(timeline.at(self._seconds), which)]))
+
+    def ask(self, what: str) -> None:
+        """A request of the page's keys and clicks, such as "play", "seek 1.5", "touch -1"; any other is none."""
+        verb, _, value = what.partition(" ")
+        if verb == "play":
+            self.play(not self.playing)
+        elif verb in ("touch", "sample") and value in ("1", "-1"):
+            (self.step if verb == "touch" else self.step_sample)(int(value))
+        elif verb == "seek":
+            try:
+                self.seek(float(value))
+            except ValueError:  # from a browser: not to be believed
+                return
+
+    def face(self, client: ClientHandle | None) -> None:
+        """Let a browser look at the side of the strongest contact."""
+        strongest = self.scene.at(self.index).contacts[0]
+        if client is not None and strongest.located:
+            self.scene3d.face(client, strongest)
+
+    def save(self, client: ClientHandle | None) -> None:
+        """Hand a browser its picture of the scene as a file."""
+        if client is None:
+            return
+        camera = client.camera
+        shown = client.get_render(camera.image_height, camera.image_width, transport_format="png", timeout=30.0)
+        import imageio.v3  # comes with viser
+
+        made = imageio.v3.imwrite("<bytes>", _on_white(shown), extension=".png")
+        title = "".join(letter if letter.isalnum() else "_" for letter in self.scene.title) or "palpate"
+        client.send_file_download(f"{title}_{self._seconds:.3f}s.png", made, save_immediately=True)
+
+    def frame(self, client: ClientHandle | None) -> None:
+        """Let a browser look at all that was touched."""
+        if client is not None:
+            self.scene3d.face(client)
+
+    def stop(self) -> None:
+        """Draw no more."""
+        self._request(stopping=True)
+        self._painter.join(timeout=5.0)
+
+    def _request(self, seconds: float | None = None, playing: bool | None = None, stopping: bool = False) -> None:
+        with self._wake:
+            self._seconds = self._seconds if seconds is None else seconds
+            self.playing = self.playing if playing is None else playing
+            self._stopping |= stopping
+            self._stale = True
+            self._wake.notify_all()
+
+    def _paint(self) -> None:
+        last = monotonic()
+        while True:
+            with self._wake:
+                self._wake.wait_for(lambda: self._stale or self.playing)
+                if self._stopping:
+                    return
+                self._stale = False
+                now = monotonic()
+                if self.playing:
+                    self._advance(min(now - last, 2 * TICK))
+                last = now
+            self._show()
+            with self._wake:
+                self._wake.wait_for(lambda: self._stopping, timeout=max(0.0, TICK - (monotonic() - now)))
+
+    def _advance(self, passed: float) -> None:
+        duration = self.scene.timeline.duration
+        self._seconds = min(self._seconds + self._panel.speed * passed, duration)
+        self.playing = self._seconds < duration
+
+    def _show(self) -> None:
+        seconds = self._seconds
+        self.index = self.scene.timeline.at(seconds)
+        moment = self.scene.at(self.index)
+        with self._at.atomic():
+            self.scene3d.show(moment, self._panel.settings())
+            self._panel.show(moment, seconds)
+
+
+def _on_white(shown: UInt8[np.ndarray, "h w c"]) -> UInt8[np.ndarray, "h w 3"]:
+    """A picture, where it is transparent."""
+    share = shown[..., 3:] / 255.0 if shown.shape[2] == 4 else np.ones((*shown.shape[:2], 1))
+    return (shown[..., :3] * share + 255.0 * (1.0 - share)).round().astype(np.uint8)

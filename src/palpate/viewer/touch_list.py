@@ -1,0 +1,36 @@
+"""The touches of a scene as a list that is clicked: number, place, peak."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from palpate.viewer.scene import Scene
+
+__all__ = ["touch_list"]
+
+LISTED = 500  # touches: a longer list is slow to send, and nobody reads it
+
+
+def touch_list(scene: Scene, time: float) -> str:
+    """HTML; the touch at a time as it was recorded [s] is marked, and a line goes to its peak when clicked."""
+    found = scene.touches
+    if not len(found):
+        return '<p style="opacity:.75;margin:.2em 1em;font-size:.8em">no touches</p>'
+    now = np.flatnonzero((found.start <= time) & (time <= found.end))
+    marked = int(now[0]) if len(now) else -1
+    lines: list[str] = []
+    for k in range(min(len(found), LISTED)):
+        place = " ".join(f"{value:.1f}" for value in 1e3 * found.point[k])
+        seconds = scene.seconds_at(float(found.peak_time[k]))
+        look = "background:rgba(0,114,178,.18);font-weight:600" if k == marked else ""
+        lines.append(
+            f'<tr data-asks="seek {seconds:.6f}" style="cursor:pointer;{look}"><td>{k + 1}</td>'
+            f"<td>{seconds:.2f}</td><td>{found.peak_force[k]:.2f}</td><td>{place}</td></tr>"
+        )
+    more = f"<div>and {len(found) - LISTED:,} more</div>" if len(found) > LISTED else ""
+    head = "".join(f"<th>{name}</th>" for name in ("touch", "at [s]", "peak [N]", "x y z [mm]"))
+    return (
+        '<div class="palpate-touches" style="margin:.2em .8em .6em;max-height:9.5em;overflow-y:auto;font-size:.8em;'
+        'font-variant-numeric:tabular-nums"><table style="width:100%;text-align:right;border-collapse:collapse">'
+        f'<thead style="opacity:.6">{head}</thead><tbody>{"".join(lines)}</tbody></table>{more}</div>'
+    )

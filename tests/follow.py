@@ -1,0 +1,176 @@
+"""Pages followed word by word, as a newcomer would: every block, in order, in a fresh folder, by a shell of its own.
+
+Run: `python -m tests.follow [--clone] [PAGE...]`, or `make follow`; without a word the README, the quick start and the
+tutorials. Minutes; what fails is listed at the end, and the exit code is 1. What a page shows of the output is looked
+for in what was printed, numbers to 5 %. What serves until Ctrl-C is interrupted once it serves.
+
+`pip install` and `make` are not typed again: the environment is the one that this runs in, and of `make demo` the
+command that it stands for. With `--clone` they are: in a clone of the last commit and a new environment, from the
+registry.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from tests.support.blocks import PAGES, ROOT, Block, blocks, unseen
+
+SERVES = re.compile(r"palpate (view|replay)\b|palpate live\b.*--view")
+ACTIVATE = ". .venv/bin/activate"
+PATIENCE = 300.0  # s, of a page that is to be served
+STANDS_FOR = {"make demo": "python examples/demo.py --no-view", ACTIVATE: "true"}
+BESIDE = ("examples",)  # what a clone has, and pages name
+
+
+def main() -> int:
+    """Each page, and what of it failed."""
+    words = sys.argv[1:]
+    cloned = "--clone" in words
+    asked = [Path(word).resolve() for word in words if word != "--clone"]
+    failed = [wrong for page in asked or _usual() for wrong in _follow(page, cloned)]
+    _say(f"\n{len(failed)} failed" + "".join(f"\n  {wrong}" for wrong in failed))
+    return bool(failed)
+
+
+def _usual() -> list[Path]:
+    return [page for page in PAGES if page.name in ("README.md", "quickstart.md") or page.parent.name == "tutorials"]
+
+
+@dataclass
+class _Shell:
+    """Where the reader is, what was typed there, and what was printed.
+
+    Attributes:
+        folder: where the next line runs.
+        environment: of what runs.
+        cloned: lines are typed as they stand, in a clone.
+    """
+
+    folder: Path
+    environment: dict[str, str]
+    cloned: bool
+    snippets: list[str] = field(default_factory=list[str])
+    printed: list[str] = field(default_factory=list[str])
+
+    def type(self, line: str, wanted: int) -> str | None:
+        """What went wrong with a line; None where nothing did."""
+        if line.startswith("cd "):
+            self.folder = (self.folder / line[3:].strip()).resolve()
+            return None if self.folder.is_dir() else "there is no such folder"
+        if SERVES.match(line):
+            return self._served(line)
+        if not self.cloned:
+            line = "true" if line.startswith("pip install") else STANDS_FOR.get(line, line)
+        elif line.startswith(ACTIVATE):
+            self.environment = _first(self.folder / ".venv/bin", self.environment)
+        if line.startswith("palpate demo") and "--no-view" not in line:
+            line += " --no-view"
+        done = self._run(["bash", "-c", line])
+        code = done.returncode if done.returncode >= 0 else 128 - done.returncode  # as a shell says that it was killed
+        return None if code == wanted else f"exit code {code}: {done.stderr.strip()[-500:]}"
+
+    def snippet(self, code: str) -> str | None:
+        """Snippets of a page belong together: each runs behind those before it."""
+        self.snippets.append(code)
+        done = self._run(["python", "-c", "\n".join(self.snippets)])
+        return None if done.returncode == 0 else done.stderr.strip()[-500:]
+
+    def _run(self, words: list[str]) -> subprocess.CompletedProcess[str]:
+        done = subprocess.run(words, cwd=self.folder, env=self.environment, capture_output=True, text=True)
+        self._heard(done.stdout, done.stderr)
+        return done
+
+    def _heard(self, *said: str) -> None:
+        for text in said:
+            self.printed += text.splitlines()
+        _say(said[0])
+
+    def _served(self, line: str) -> str | None:
+        """It says where it serves, and ends at Ctrl-C."""
+        out = self.folder / ".served"
+        with out.open("w") as file:
+            running = subprocess.Popen(
+                ["bash", "-c", f"exec {line}"], cwd=self.folder, env=self.environment, stdout=file, stderr=file
+            )
+        until = time.monotonic() + PATIENCE
+        while running.poll() is None and "127.0.0.1" not in out.read_text() and time.monotonic() < until:
+            time.sleep(0.5)
+        if running.poll() is not None:
+            return f"ended by itself: {out.read_text()[-500:]}"
+        running.send_signal(signal.SIGINT)
+        running.wait(60)
+        said = out.read_text()
+        self._heard(said)
+        return None if "127.0.0.1" in said else "nothing was served"
+
+
+def _follow(page: Path, cloned: bool) -> list[str]:
+    _say(f"\n=== {page.relative_to(ROOT)}")
+    failed: list[str] = []
+    with tempfile.TemporaryDirectory(prefix="follow_") as made:
+        shell = _cloned(Path(made)) if cloned else _here(Path(made))
+        for block in blocks(page):
+            if block.mark != "not run":
+                failed += _block(shell, block)
+    return failed
+
+
+def _here(folder: Path) -> _Shell:
+    """A new folder, this environment's programs, and the package of this tree."""
+    for name in BESIDE:
+        (folder / name).symlink_to(ROOT / name)
+    environment = _first(Path(sys.executable).parent, dict(os.environ))
+    return _Shell(folder, environment | {"PYTHONPATH": str(ROOT / "src")}, cloned=False)
+
+
+def _cloned(folder: Path) -> _Shell:
+    """A clone, and an environment that has pip and nothing else."""
+    subprocess.run(["git", "clone", "-q", str(ROOT), str(folder / "palpate")], check=True)
+    base = Path(sys.base_prefix) / "bin" / f"python3.{sys.version_info.minor}"
+    subprocess.run([str(base), "-m", "venv", str(folder / "environment")], check=True)
+    environment = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "VIRTUAL_ENV")}
+    return _Shell(folder / "palpate", _first(folder / "environment/bin", environment), cloned=True)
+
+
+def _block(shell: _Shell, block: Block) -> list[str]:
+    if block.kind == "python":
+        _say(f"--- {block}: python")
+        wrong = shell.snippet(block.code)
+        return [] if wrong is None else [f"{block}: {wrong}"]
+    if block.kind == "text" and not block.calls():
+        return [f"{block}: nothing printed this: {line}" for line in unseen(block.code, shell.printed)]
+    failed: list[str] = []
+    for line, wanted in block.lines() if block.kind == "sh" else ():
+        _say(f"--- {block}: $ {line}")
+        start, used = time.monotonic(), _used()
+        wrong = shell.type(line, wanted)
+        _say(f"    ({time.monotonic() - start:.1f} s, {_used() - used:.1f} s of CPU)")
+        failed += [] if wrong is None else [f"{block}: {line}: {wrong}"]
+    return failed
+
+
+def _used() -> float:
+    """[s] of CPU, of what was started here and has ended."""
+    times = os.times()
+    return times.children_user + times.children_system
+
+
+def _first(programs: Path, environment: dict[str, str]) -> dict[str, str]:
+    return environment | {"PATH": f"{programs}{os.pathsep}{environment['PATH']}"}
+
+
+def _say(text: str) -> None:
+    sys.stdout.write(f"{text}\n" if text and not text.endswith("\n") else text)
+    sys.stdout.flush()
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,76 @@
+"""Two runs side by side, and drawings that turn: what is said of them follows from the contacts."""
+
+from __future__ import annotations
+
+import json
+import re
+from base64 import b64decode
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from palpate.contact.contacts import Contacts
+from palpate.contact.events import find_touches
+from palpate.errors import InputError
+from palpate.surfaces.drawing import FACETS, Drawing, simpler
+from palpate.viewer.run_compare import beside, partners
+from palpate.viewer.run_report import Run
+from palpate.viewer.run_summary import RunSummary
+from tests.support.pages import BODY, ellipsoid, session
+
+
+def _moved(by: float, later: float = 0.0) -> Contacts:
+    """The session with every point [m] and time [s] off."""
+    found = session()
+    off = replace(found.estimate, point=found.estimate.point + np.array([0.0, 0.0, by]))
+    return replace(found.with_estimate(off), time=found.time + later)
+
+
+def _summary(contacts: Contacts) -> RunSummary:
+    made = RunSummary()
+    made.add(contacts)
+    return made
+
+
+def test_a_run_stands_beside_one_whose_points_are_off() -> None:
+    run = Run("log", "ours.csv", "done", _summary(session()))
+    section = beside(run, "theirs.csv", _summary(_moved(2e-3, 0.1))).sections[0]
+    figures, touches = section.tables
+    assert figures.header == ("", "ours.csv", "theirs.csv")
+    ((*_, there, _, apart, later),) = touches.rows
+    assert (there, apart, later) == ("1", "2.00", "+0.100")
+    with pytest.raises(InputError, match="another time"):
+        beside(run, "late.csv", _summary(_moved(0.0, 100.0)))
+
+
+def test_a_touch_without_a_partner_has_none() -> None:
+    ours, theirs = find_touches(session()), find_touches(_moved(0.0, 3.0))
+    assert partners(ours, theirs).tolist() == [-1]
+    assert partners(ours, ours).tolist() == [0]
+
+
+def test_a_drawing_holds_the_body_and_the_touches() -> None:
+    """Vertices come back to 1/65535 of the size; nothing in it is an address."""
+    mesh, found = ellipsoid(500), session()
+    html = found.show(mesh).html()
+    data = json.loads(re.search(r'<script type="application/json">(.*?)</script>', html).group(1))
+    packed = np.frombuffer(b64decode(data["vertices"]), np.uint16).reshape(-1, 3) / 65535 - 0.5
+    size = float(np.linalg.norm(np.ptp(mesh.vertices, axis=0)))
+    middle = (mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0)) / 2
+    assert np.abs(packed * size + middle - mesh.vertices[np.unique(mesh.faces)]).max() < size / 65535
+    (mark,) = data["marks"]
+    assert mark["label"] == "1"
+    assert np.linalg.norm(mark["force"]) == pytest.approx(0.3, abs=1e-3)
+    assert "http" not in html
+    single = found.estimate[200].show()
+    assert len(json.loads(re.search(r"json\">(.*?)</script>", single.html()).group(1))["marks"][0]["rim"]) == 48
+    assert "<iframe srcdoc=" in mesh.show()._repr_html_()
+    assert Drawing.of(None).html()  # nothing at all is no error
+
+
+def test_a_simpler_mesh_is_near_the_finer_one() -> None:
+    vertices, faces = BODY.mesh(40_000)
+    points, few = simpler(vertices, faces, FACETS)
+    assert FACETS / 4 < len(few) <= FACETS
+    assert np.abs((points / BODY.axes) ** 2 @ np.ones(3) - 1).max() < 0.05
