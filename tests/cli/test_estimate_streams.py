@@ -134,13 +134,12 @@ def test_what_goes_wrong_in_a_process_beside_is_the_same_sentence(
     made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """A log that breaks while it is read, and a folder where the file is to grow."""
-    log, output, said = torn_pages(made / "touches.csv", tmp_path / "log.parquet"), tmp_path / "x.csv", list[str]()
-    for path in (log, made / "touches.csv"):
+    log, said = torn_pages(made / "touches.csv", tmp_path / "log.parquet"), list[str]()
+    (tmp_path / "y.csv.part" / "mine").mkdir(parents=True)
+    for path, output in ((log, tmp_path / "x.csv"), (made / "touches.csv", tmp_path / "y.csv")):
         for workers in ("1", "2"):
             assert estimate(path, made / "rig.toml", output, "--workers", workers) == 1
             said.append(capsys.readouterr().err)
-        Path(f"{output}.part").unlink(missing_ok=True)
-        (tmp_path / "x.csv.part" / "mine").mkdir(parents=True)
     assert said[0] == said[1]
     assert "cannot be read as Parquet" in said[0]
     assert said[2] == said[3]

@@ -127,9 +127,13 @@ class Bare(RingSense):
     def __init__(self, *_: object, **__: object) -> None:
         self.frame = np.zeros((2, 2, 3), dtype=np.uint8)
 
-    def feel(self, time: float, truth: np.ndarray, *, dark: bool = False) -> np.ndarray | None:
+    def look(self, truth: np.ndarray, *, dark: bool = False) -> None:
+        """Kept."""
+        self.truth = None if dark else truth[:, :2]
+
+    def feel(self, time: float) -> np.ndarray | None:
         """The first two columns."""
-        return None if dark else truth[:, :2]
+        return self.truth
 
 
 def test_a_short_run_comes_out_the_same_again(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -181,7 +181,7 @@ def _written(mark: Mark, middle: np.ndarray, size: float, longest: float) -> dic
     return made
 
 
-def _rows(specks: Specks, middle: np.ndarray, size: float) -> list[list[float]]:
+def _rows(specks: Specks, middle: np.ndarray, size: float) -> list[list[float | int]]:
     known = np.isfinite(specks.point).all(axis=1) & np.isfinite(specks.normal).all(axis=1)
     places = np.column_stack([(specks.point[known] - middle) / size, specks.normal[known]])
     return [[*_short(place), *map(int, ink)] for place, ink in zip(places, specks.colour[known], strict=True)]
