@@ -77,6 +77,28 @@ def test_a_missing_viser_is_said_before_any_work(
     assert "pip install 'palpate[view]'" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (("--film", "out.txt"), "Name it OUT.mp4"),
+        (("--film", "nowhere/out.mp4"), "a folder that is not there"),
+        (("--film", "out.mp4", "--compare", "nofile.csv"), "nofile.csv: there is no such file"),
+        (("--compare", "touches.csv"), "touches.csv: holds no contacts to compare"),
+    ],
+)
+def test_films_and_comparisons_that_cannot_be_are_one_sentence(
+    made: Path, shown: list[Scene], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
+    options: tuple[str, ...], said: str,
+) -> None:  # fmt: skip
+    monkeypatch.chdir(made)
+    assert main(["view", "surface.csv", "--rig", "rig.toml", *options]) == 1
+    problem = capsys.readouterr().err
+    assert said in problem
+    assert problem.count("\n") == 1
+    assert not shown
+    assert not (made / "out.mp4").exists()
+
+
 @pytest.mark.parametrize("where", [("--host", "192.0.2.1"), ("--port", "70000"), ("--port", "-5")])
 def test_an_address_to_which_nothing_can_be_bound_is_one_sentence(
     made: Path, capsys: pytest.CaptureFixture[str], where: tuple[str, str]

@@ -24,9 +24,9 @@ def compared_blocks(path: Path, rig: Rig) -> Iterator[Contacts]:
     """Contacts to compare, block by block, in the frame that the body is drawn in.
 
     Raises:
-        InputError: the file holds none, or they are in a frame in which the body moves.
+        InputError: there is no such file, it holds none, or they are in a frame in which the body moves.
     """
-    if not _holds_contacts(path):
+    if path.exists() and not _holds_contacts(path):
         raise InputError(
             "holds no contacts to compare.",
             where=str(path),
