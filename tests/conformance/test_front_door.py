@@ -22,7 +22,12 @@ from tests.conformance.sensors import SENSORS, Sensor
 from tests.support.blocks import PAGES, ROOT, Follower, blocks, refusal
 
 BY_NAME = {sensor.name: sensor for sensor in SENSORS}
-EACH_PAGE = pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
+TO_RUN = {
+    page: found
+    for page in PAGES
+    if (found := [block for block in blocks(page) if block.kind in ("sh", "python") and not block.mark])
+}
+EACH_PAGE = pytest.mark.parametrize("page", TO_RUN, ids=lambda page: page.relative_to(ROOT).as_posix())
 
 WRENCH = """
 mesh = palpate.Mesh.load("probe.stl", unit="mm")
@@ -129,10 +134,7 @@ def demo(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @EACH_PAGE
 def test_every_block_of_a_page_runs(page: Path, demo: Path, tmp_path: Path) -> None:
     """In order; a page of snippets alone, beside the demo's files. What cannot run here says so above it."""
-    found = [block for block in blocks(page) if block.kind in ("sh", "python") and not block.mark]
-    if not found:
-        pytest.skip("nothing on it is to run")
-    folder = tmp_path
+    found, folder = TO_RUN[page], tmp_path
     if found[0].kind == "python":  # otherwise the page says by itself where its files are
         folder = shutil.copytree(demo, tmp_path / "demo")
     follower = Follower(folder, demo)

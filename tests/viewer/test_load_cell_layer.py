@@ -61,7 +61,7 @@ def test_the_page_colours_the_cell_that_carries_most_and_shows_the_torque() -> N
     layer = LoadCellLayer(CELLS)
     scene = prepare(TIP, _contacts(), "fingertip", [layer])
     settings = Settings(heat=True, trail=1.0, magnification=1)
-    with Page(scene, port=0) as page:
+    with Page(scene, port=0, together=True) as page:
         page.session.scene3d.show(scene.at(0), settings)
         near, far = (sum(layer._drawn[cell][0].color) for cell in (0, 3))
         assert near < far  # darker
@@ -75,5 +75,5 @@ def test_the_page_colours_the_cell_that_carries_most_and_shows_the_torque() -> N
 
 def test_cells_whose_places_are_not_known_are_not_drawn() -> None:
     layer = LoadCellLayer(with_changes(CELLS, positions=np.full((4, 3), np.nan)))
-    with Page(prepare(TIP, _contacts(), "", [layer]), port=0):
+    with Page(prepare(TIP, _contacts(), "", [layer]), port=0, together=True):
         assert layer._drawn == []

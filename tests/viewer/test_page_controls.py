@@ -115,7 +115,7 @@ def test_the_other_result_is_that_of_the_same_time(scene: Scene) -> None:
 
 @pytest.fixture(scope="module")
 def page(scene: Scene) -> Iterator[Page]:
-    with Page(scene, port=0, together=False) as served:
+    with Page(scene, port=0) as served:
         yield served
 
 

@@ -85,7 +85,7 @@ def test_the_page_of_a_sheet_shows_both_contacts_and_the_cells_below_them() -> N
     scene = prepare(None, contacts, "sheet", [layer])
     low, high = CELLS[0].min(axis=0), CELLS[0].max(axis=0)
     np.testing.assert_array_equal(scene.bounds, [low, high])
-    with Page(scene, port=0) as page:
+    with Page(scene, port=0, together=True) as page:
         assert page.index == 1  # the strongest
         assert len(page.session.scene3d._markers) == 2
         shade = layer._cells.batched_colors.astype(int).sum(axis=1)
@@ -103,7 +103,7 @@ def test_cells_without_a_grid_are_drawn_on_the_body_and_have_no_sheet() -> None:
     points = BODY.on_ray(rng.normal(size=(50, 3)))
     contacts = two_contacts()
     layer = TaxelLayer(TaxelBody.anywhere(points, BODY.normals(points), np.full(50, 1e-5)), rng.random((100, 50)))
-    with Page(prepare(ellipsoid(), contacts, "", [layer]), port=0):
+    with Page(prepare(ellipsoid(), contacts, "", [layer]), port=0, together=True):
         assert layer._sheet is None
         assert layer._cells.batched_colors.shape == (50, 3)
 
@@ -111,6 +111,6 @@ def test_cells_without_a_grid_are_drawn_on_the_body_and_have_no_sheet() -> None:
 def test_contacts_of_a_file_are_shown_without_the_forces_of_cells() -> None:
     contacts, _ = _sheet_contacts()
     layer = TaxelLayer(SHEET_BODY)
-    with Page(prepare(None, contacts, "", [layer]), port=0) as page:
+    with Page(prepare(None, contacts, "", [layer]), port=0, together=True) as page:
         assert layer.captions(page.scene, page.index) == []
         assert layer._sheet is None

@@ -38,7 +38,7 @@ def serve(
         InputError: viser is not installed, or nothing can listen there.
     """
     try:
-        with Page(scene, host, port, together=False) as page:
+        with Page(scene, host, port) as page:
             up(page.address)
             threading.Event().wait()
     except KeyboardInterrupt:  # how this ends
@@ -69,7 +69,7 @@ class Page:
         InputError: viser is not installed, or nothing can listen there.
     """
 
-    def __init__(self, scene: Scene, host: str = "127.0.0.1", port: int = 8080, *, together: bool = True) -> None:
+    def __init__(self, scene: Scene, host: str = "127.0.0.1", port: int = 8080, *, together: bool = False) -> None:
         self.scene = scene
         scene.ready()
         self._server = listen(host, port)
