@@ -133,7 +133,7 @@ def _long(folder: Path, samples: int, small: bool) -> Row:
     cpu = min(each.cpu for each in found[2]) / min(each.cpu for each in found[1])
     got = f"{one / two:.2f}x: {one:.0f} s, {two:.0f} s; CPU {cpu:.2f}x; {'the same' if same else 'OTHER'} bits"
     target = f">= {LEAST}x on two cores, same bits"
-    what = f"one log of {samples:,} samples, read, located and written by three processes"
+    what = f"one log of {samples:,} samples, read and written by processes of their own, located in a thread"
     return Row(THEME, what, target, got, None if small else same and one / two >= LEAST, COMMAND)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import fields
+from threading import active_count
 
 import numpy as np
 import pytest
@@ -88,9 +89,12 @@ def assert_same(parts: list[ContactEstimate], whole: ContactEstimate) -> None:
         assert np.array_equal(joined.reshape(expected.shape), expected, equal_nan=True)
 
 
-def streamed(made: Filter | None, recording: Recording, size: int, base: bool) -> list[ContactEstimate]:
+def streamed(
+    made: Filter | None, recording: Recording, size: int, base: bool, beside: bool = False
+) -> list[ContactEstimate]:
     sensor = ForceTorque(NOISE, frame="base") if base else None
     chain, pieces = estimator(made, sensor), list(blocks(recording, size))
+    chain.beside = beside
     answers = list(chain.pairs(pieces))
     assert [id(block) for block, _ in answers] == [id(block) for block in pieces]  # in order, row for row
     assert [len(answer.status) for _, answer in answers] == [len(block) for block in pieces]
@@ -109,12 +113,27 @@ def test_block_sizes_make_no_difference_to_the_last_bit(made: Filter | None, bas
 
 
 @pytest.mark.parametrize("made", FILTERS[2:], ids=["butterworth", "zero phase"])
-def test_large_blocks_make_no_difference_either(made: Filter | None) -> None:
-    """Larger than the pieces in which the work is done inside."""
+def test_large_blocks_and_a_thread_make_no_difference_either(made: Filter | None) -> None:
+    """Larger than the pieces in which the work is done inside; the thread locates while the next ones are measured."""
     recording = hard_log(9000)
     (whole,) = streamed(made, recording, 10**6, False)
-    for size in (4096, 701):
-        assert_same(streamed(made, recording, size, False), whole)
+    for size, beside in ((4096, False), (701, True), (10**6, True)):
+        assert_same(streamed(made, recording, size, False, beside), whole)
+
+
+def test_what_goes_wrong_beside_is_raised_in_its_turn_and_the_thread_ends() -> None:
+    chain, before = estimator(), active_count()
+    chain.beside = True
+    pieces = list(blocks(hard_log(), 100))
+    pieces[3] = Recording(pieces[3].time, {FORCE: pieces[3].channels[FORCE]})
+    answers = chain.stream(pieces)
+    with pytest.raises(InputError, match="torque"):
+        list(answers)
+    assert active_count() == before
+    early = chain.stream(list(blocks(hard_log(), 100)))
+    next(early)
+    early.close()  # whoever needs no more
+    assert active_count() == before
 
 
 @pytest.mark.parametrize("made", FILTERS[:3], ids=["none", "kalman", "butterworth"])

@@ -31,7 +31,7 @@ from palpate.contact._settings import (
 )
 from palpate.contact._slopes import sandwich, sensitivity, slopes_at, softened, tangents, to_metres, to_unit
 from palpate.contact._touch import ANOTHER, MEAN, better, follow, forget, friction, rival, torsion, within_bounds
-from palpate.surfaces._jit import entry, inner
+from palpate.surfaces._jit import entry, inner, released
 from palpate.surfaces._kernels import CANDIDATE, CAPACITY, nearest_to_axis, search, shape_operator
 from palpate.surfaces._vectors import copy_into, cross_into, dot
 
@@ -349,7 +349,7 @@ def _off_surface(wrench, unit, noise, nodes, corners, settings, noisy, found, ro
         row[_RESIDUAL] = distance_to_point(wrench, noise, row[:6])
 
 
-@entry
+@released
 def estimate_many(wrenches, noises, forced, nodes, corners, settings, state, sequential, rows):
     """`estimate` over (n, 6). noises is (n, 6, 6) or (1, 6, 6); forced (n,) >= 0 is a status known beforehand.
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable, Iterator, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -33,6 +34,7 @@ from palpate.spatial.pose import Pose
 __all__ = ["WrenchEstimator"]
 
 PIECE = 4096  # samples at a time: what lies between two steps stays in the cache
+AHEAD = 2  # blocks that may wait for the thread that locates
 ROW_SHAPE = (ROW.length,)
 ALL = np.ones(1)  # of the noise is left
 
@@ -132,6 +134,10 @@ class WrenchEstimator:
             of it widens the covariance, so that a contact begins where the force is more than that. For logs
             (`live=False`) the zero is smoothed by what comes after a touch, for which blocks wait 10 minutes at most.
 
+    Attributes:
+        beside: `pairs` and `stream` locate in a thread of their own, two blocks behind what they take: sooner where
+            there is a core to spare, the same bits. Not where the zero is followed or the filter looks ahead.
+
     Raises:
         InputError: a filter without a rate, or with one that is too low for it; or a negative placement; a drift of
             other channels than the sensor's, or of a sensor whose noise is not known.
@@ -174,7 +180,7 @@ class WrenchEstimator:
             self.sensor.smoothed_by(filter, rate, self._settled())
         elif isinstance(self.sensor, LoadCellArray):
             self.sensor.settled = self._settled()
-        self._whole, self.drift = not live, drift
+        self._whole, self.drift, self.beside = not live, drift, False
         self._shape = None if drift is None else ContactShape(self.locator, self._placement, self.placement)
         self._follower = self._told = self._follows()
         self._live: _Live | None = None
@@ -304,6 +310,8 @@ class WrenchEstimator:
             located = self._rejoined(parts)
         elif looks_ahead:
             located = (part for part, _ in self._look_ahead(_Piece(block, None, block) for block in ready))
+        elif self.beside and self.drift is None:
+            located = self._located_beside(ready)
         else:
             located = map(self._block, ready)
         first = 0
@@ -370,14 +378,32 @@ class WrenchEstimator:
 
     def _block(self, block: Recording) -> Located:
         """All samples of a block, so many at a time."""
-        pieces: list[Located] = []
+        return self._joined(block, [self._located(*each) for each in self._measured(block)])
+
+    def _measured(self, block: Recording) -> Iterator[tuple[Recording, Measured, np.ndarray, np.ndarray]]:
+        """What `_located` takes, so many samples of a block at a time."""
         for cut in self._cuts(block.time):
             piece = block.picked(cut)
             follower = self._forwards(float(piece.time[0])) if len(piece) else None
             measured = self.sensor.measure(piece)
             if follower is not None:
                 follower.add(piece.time, follower.sensor.kept(piece))
-            pieces.append(self._located(piece, measured, *self._filtered(measured)))
+            yield piece, measured, *self._filtered(measured)
+
+    def _located_beside(self, blocks: Iterable[Recording]) -> Iterator[Located]:
+        """`_block` of each, located in a thread of its own while the next ones are read and compensated."""
+        waiting: deque[tuple[Recording, list[Future[Located]]]] = deque()
+        with ThreadPoolExecutor(1) as thread:
+            for block in blocks:
+                waiting.append((block, [thread.submit(self._located, *each) for each in self._measured(block)]))
+                if len(waiting) > AHEAD:
+                    first, parts = waiting.popleft()
+                    yield self._joined(first, [part.result() for part in parts])
+            for block, parts in waiting:
+                yield self._joined(block, [part.result() for part in parts])
+
+    @staticmethod
+    def _joined(block: Recording, pieces: list[Located]) -> Located:
         return pieces[0]._replace(block=block) if len(pieces) == 1 else joined(block, pieces)
 
     def _cuts(self, time: Float[np.ndarray, " n"]) -> list[slice]:

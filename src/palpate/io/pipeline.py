@@ -77,13 +77,14 @@ class OpenedLog:
         return self._log.notes()
 
     def read_ahead(self, estimator: ContactEstimator) -> None:
-        """From now on its blocks are read by a process of its own, from the start: the same blocks, sooner.
+        """From now on its blocks are read by a process of its own, from the start, and located in a thread: sooner.
 
         Args:
             estimator: of the log; accelerations that its sensor takes from poses are told there too.
         """
-        sensor = estimator.sensor if isinstance(estimator, WrenchEstimator) else None
-        motion, told = None, None
+        sensor, motion, told = None, None, None
+        if isinstance(estimator, WrenchEstimator):
+            sensor, estimator.beside = estimator.sensor, True
         if isinstance(sensor, Compensation) and sensor.motion is not None:
             motion, told = sensor.motion, MotionAhead()
             sensor.motion = told

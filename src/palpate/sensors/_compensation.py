@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from palpate.sensors._placing import mounting_errors, row, to_surface
-from palpate.surfaces._jit import entry, inner
+from palpate.surfaces._jit import entry, inner, released
 from palpate.surfaces._vectors import copy_into, cross_into
 
 __all__ = ["compensate", "place"]
@@ -97,7 +97,7 @@ def _payload_errors(turn, weight, center, factor, matrix, work, errors):
         to_surface(matrix, error, errors[i])
 
 
-@entry
+@released
 def place(
     wrenches,
     rotations,

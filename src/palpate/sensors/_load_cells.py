@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from palpate.sensors._placing import mounting_errors, row, to_surface
-from palpate.surfaces._jit import entry, inlined, inner
+from palpate.surfaces._jit import entry, inlined, inner, released
 
 __all__ = ["measure", "place"]
 
@@ -262,7 +262,7 @@ def _turned(matrix, extra, work, covariance):
                 covariance[i, j] += work[i, k] * matrix[j, k]
 
 
-@entry
+@released
 def place(wrenches, which, extra, share, slow, covariances, unsure, mounting, matrix, located, covariance):
     """Wrenches (n, 6) to the surface's frame (n, 6), and their covariances (n, 6, 6).
 
