@@ -14,8 +14,9 @@ from tyro.conf import arg
 from palpate.calibration.mounting import Mounting, Spreads, identify_mounting, mean_touches
 from palpate.calibration.presses import find_presses
 from palpate.calibration.touch_error import TouchError, touch_error
-from palpate.cli.console import lines, note, title, wait
+from palpate.cli.console import lines, note, title
 from palpate.cli.interrupts import import_mesh_reader
+from palpate.cli.machine_code import preparing
 from palpate.cli.options import FileOption, Log, Output, RigFile
 from palpate.contact.ground_truth import Touches
 from palpate.contact.locate import Locator
@@ -67,7 +68,7 @@ def calibrate_mounting(
     if setup.surface is None:
         raise InputError("a rig needs a [surface].", where=str(rig))
     surface = setup.surface.load(setup.folder).drawn()  # an equation as its fine mesh: evidence counts facets
-    wait("preparing the surface and compiling kernels (compiling happens once)")
+    preparing(setup, "force_torque")
     wrenches, covariances, estimator = _in_sensor(recording, setup, surface)
     touches = _presses(recording, wrenches, estimator) if marks is None else read_touches(marks)
     _require_overlap(recording, touches, marks or log)
@@ -135,9 +136,8 @@ def _in_sensor(
         on=None if settings is None else settings.on,
         off=None if settings is None else settings.off,
     )
-    estimator = WrenchEstimator(
-        locator, Compensation(sensor, rig_payload(setup))
-    )  # its surface frame is the sensor's: no mount
+    load = rig_payload(setup)
+    estimator = WrenchEstimator(locator, Compensation(sensor, load), live=False)  # surface frame = sensor frame
     wrenches, covariances, statuses = estimator.contact_wrenches(recording)
     usable = np.where((statuses < 0)[:, None], wrenches, np.nan)
     added = None if covariances is None or covariances.ndim == 2 else covariances - sensor.noise

@@ -15,6 +15,7 @@ from tyro.conf import FlagCreatePairsOff, arg
 
 from palpate.cli import main
 from palpate.cli.console import announce, muted, step, table, title
+from palpate.cli.machine_code import compile_beside
 from palpate.cli.simulate import require_new
 from palpate.contact.estimate import Status
 from palpate.errors import InputError
@@ -81,6 +82,7 @@ def demo(
     _require_extras(("viser", *NEEDED) if shown else NEEDED)
     if not force:
         require_new(output)
+    compile_beside()
     from palpate.simulation.session import simulate_session  # here: with them comes scipy
     from palpate.simulation.session_files import write_session
     from palpate.simulation.session_mcap import write_session_mcap

@@ -7,7 +7,7 @@ import numpy as np
 
 from palpate.contact._settings import FRICTION, SOFT, TORSION
 from palpate.contact._slopes import sandwich, sensitivity, tangents, to_metres, to_unit
-from palpate.surfaces._jit import inner
+from palpate.surfaces._jit import entry, inner
 from palpate.surfaces._kernels import CANDIDATE, CAPACITY, search
 from palpate.surfaces._vectors import copy_into, cross_into, dot
 
@@ -117,7 +117,7 @@ def _metric(a, b, inverse):
     return np.sqrt(max(0.0, total))
 
 
-@inner
+@entry
 def distance_to_bounds(wrench, noise, nodes, corners, settings, first, place):
     """Distance in the metric of `noise` from a wrench to the nearest that a contact within the bounds can make.
 

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numba import typeof
 
 from palpate.contact._bounds import distance_to_bounds, distance_to_point
 from palpate.contact._cones import distance_to_edges
@@ -35,7 +36,7 @@ from palpate.surfaces._jit import entry, inner, released
 from palpate.surfaces._kernels import CANDIDATE, CAPACITY, nearest_to_axis, search, shape_operator
 from palpate.surfaces._vectors import copy_into, cross_into, dot
 
-__all__ = ["estimate", "estimate_many"]
+__all__ = ["compile_half", "estimate", "estimate_many"]
 
 _GRAZING = 60.0  # tan(theta) beyond which a contact is searched for without a limit
 _CHI2_95 = 5.991464547107979  # two degrees of freedom
@@ -299,7 +300,7 @@ def _carry(t, spread, out):
             out[3 * i + j] = out[3 * j + i] = total  # symmetric to the last bit
 
 
-@inner
+@entry
 def _beside(wrench, unit, noise, nodes, corners, settings, near, plausible, place, t, spread):
     """What a sharp edge near the answer makes of it (`at_edge`)."""
     if settings[NOISY] == 0.0:
@@ -308,13 +309,29 @@ def _beside(wrench, unit, noise, nodes, corners, settings, near, plausible, plac
     return at_edge(wrench, unit, noise, nodes, corners, settings, near, plausible, place, t, spread)
 
 
+def compile_half() -> None:
+    """Compile what takes the compiler half of its time for `estimate` on meshes; nothing is run.
+
+    These functions are entries of their own for this: one process can compile them while another compiles the rest.
+    """
+    row, square, t = np.zeros(6), np.zeros((6, 6)), np.zeros((2, 3))
+    tree = np.zeros((1, 14, 8), np.float32), np.zeros((1, 20))
+    for function, given in (
+        (_nearest, (row, row, square, *tree, row, row, 0.0, 0, row, t, t)),
+        (_beside, (row, row, square, *tree, row, row, 0, row, t, t)),
+        (follow, (row, square, row, row, square, square, row, 0, 0, np.zeros(6, np.int64))),
+        (distance_to_bounds, (row, square, *tree, row, row, row)),
+    ):
+        function.compile(tuple(map(typeof, given)))
+
+
 @inner
 def _least(one, two):
     """The lesser; NaN is none."""
     return two if two < one else one
 
 
-@inner
+@entry
 def _nearest(wrench, unit, noise, nodes, corners, settings, state, away, moved, place, t, spread):
     """The distance from the bounds where edges and corners may be nearer than `away`; do they take over the answer?
 

@@ -18,7 +18,7 @@ try:
 except ImportError:  # not on Windows
     fcntl = None
 
-__all__ = ["STAMP", "chosen_for", "entry", "exact", "inlined", "inner", "released"]
+__all__ = ["STAMP", "chosen_for", "entry", "exact", "inlined", "inner", "on_disk", "released"]
 
 
 def _stamp() -> str:
@@ -55,6 +55,11 @@ def exact(function):
     That is said, not left out: what is left out is taken from the caller that it is first compiled for.
     """
     return _kept(njit(cache=True, error_model="numpy", fastmath=False)(function))
+
+
+def on_disk(made: Any) -> bool:
+    """Whether this version's machine code of an entry is there, for any types."""
+    return bool(made._cache._cache_file._load_index())
 
 
 def _kept(made):
