@@ -13,8 +13,6 @@ $(shell mkdir -p "$(TMPDIR)")
 BIN := .venv/bin
 READY := .venv/.ready
 UV := .tools/bin/uv
-# Processes of the tests: one more than cores, as some always wait, for the compiler, a browser or a clock.
-WORKERS := import os; print(min(4, 1 + (os.cpu_count() or 1)))
 
 .DEFAULT_GOAL := help
 .PHONY: help setup demo browser test check docs bench evidence experiments mutants pictures follow package lock clean
@@ -31,7 +29,7 @@ browser: ## chromium, from Debian's packages where there is none: the tests of t
 	@command -v chromium > /dev/null || { apt-get update -qq && apt-get install -qq -y --no-install-recommends chromium; }
 
 test: $(READY) ## the tests; those of the page skip without chromium
-	OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n "$$($(BIN)/python -c '$(WORKERS)')" --dist worksteal
+	OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n auto --maxprocesses 4 --dist worksteal
 
 check: $(READY) ## style, types, import directions
 	$(BIN)/ruff check
