@@ -1,7 +1,8 @@
 """Wheel and sdist as a stranger gets them: built, looked into, and used in bare environments; `make package`.
 
 No part of the tests: it installs from the registry, and compiles every kernel anew for each Python (minutes each).
-Run: `python -m tests.package [contents] [alone] [all] [lowest] [types] [--python 3.12]...`; all of them without a word.
+Run: `python -m tests.package [contents] [alone] [extras] [all] [lowest] [types] [--python 3.12]...`; without a step,
+all of them.
 """
 
 from __future__ import annotations
@@ -19,7 +20,18 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 WORK = ROOT / ".cache" / "package"
 PYTHONS = ("3.11", "3.12", "3.13")
-STEPS = ("contents", "alone", "all", "lowest", "types")
+STEPS = ("contents", "alone", "extras", "all", "lowest", "types")
+EXTRAS = {  # what each brings, by the names under which it is imported
+    "batch": "joblib",
+    "camera": "cv2",
+    "fusion": "clarabel",
+    "live": "cyclonedds, serial",
+    "report": "jinja2, matplotlib",
+    "ros": "rosbags",
+    "simulation": "mujoco, skfem, cv2, joblib",
+    "urdf": "pinocchio",
+    "view": "viser",
+}
 WHEEL_HAS = ("palpate/py.typed", "palpate/viewer/report.html", "palpate/__main__.py", "palpate/cli/demo.py")
 SDIST_HAS = ("README.md", "LICENSE", "pyproject.toml", "CHANGELOG.md", "CITATION.cff", "src/palpate/py.typed")
 NOBODYS = ("__pycache__", ".pyc", ".nbi", ".nbc", ".venv", ".cache/", ".tools/", "demo/touches", ".DS_Store")
@@ -61,6 +73,8 @@ def main() -> None:
             continue
         if "alone" in steps:
             _alone(wheel, version, interpreter)
+        if "extras" in steps:
+            _extras(wheel, version, interpreter)
         if "all" in steps:
             _whole(wheel, version, interpreter, "highest")
         if (
@@ -104,6 +118,20 @@ def _alone(wheel: Path, version: str, interpreter: str) -> None:
         [] if "palpate[all]" in refused and "\n" not in refused else [refused], "the demo does not say what it lacks"
     )
     _say(f"{version}, alone: {refused}")
+
+
+def _extras(wheel: Path, version: str, interpreter: str) -> None:
+    """Each extra by itself brings what it is for, and the commands are there; `all` names every one."""
+    with zipfile.ZipFile(wheel) as archive:
+        about = archive.read(next(name for name in archive.namelist() if name.endswith("METADATA"))).decode()
+    stated = {line.removeprefix("Provides-Extra: ") for line in about.splitlines() if "Provides-Extra: " in line}
+    _require(sorted(stated - {"all", "bench"} ^ set(EXTRAS)), "extras that this file and pyproject.toml do not share")
+    for extra, modules in EXTRAS.items():
+        bin_ = _environment(f"{extra}-{version}", interpreter, f"{wheel}[{extra}]")
+        _run(str(bin_ / "python"), "-c", f"import {modules}")
+        _run(str(bin_ / "palpate"), "--version")
+        shutil.rmtree(bin_.parent)  # together they are large
+    _say(f"{version}, each extra alone: {', '.join(EXTRAS)} bring what they are for")
 
 
 def _whole(wheel: Path, version: str, interpreter: str, resolution: str) -> None:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from palpate.errors import GeometryError, PalpateError
+from palpate.simulation.phantom.probes import probe
 from palpate.simulation.shapes import Ellipsoid
 from palpate.surfaces import Mesh, plane
 from tests.support.bodies import BODIES, R, box, cylinder
@@ -146,6 +147,16 @@ def test_a_cylinder_is_split_at_its_rims_and_smooth_around() -> None:
     radial /= np.linalg.norm(radial, axis=1, keepdims=True)
     apart = np.arccos(np.clip(np.einsum("ij,ij->i", radial, mesh.corner_normals[side]), -1, 1))
     assert apart.max() < 1e-7  # by symmetry the angle-weighted mean is radial: at each corner two facets left and right
+
+
+@pytest.mark.parametrize("name", ["linear", "t-shaped"])
+def test_walls_that_end_in_a_fillet_stay_upright(name: str) -> None:
+    """An angle-weighted mean of wall and fillet leans by half of a step of the fillet, and does so down the wall."""
+    made = probe(name)
+    mesh = Mesh.from_arrays(made.vertices, made.faces)
+    walls = np.abs(mesh.normals[:, 2]) < 1e-9
+    assert walls.sum() > 100
+    assert np.degrees(np.abs(mesh.corner_normals[walls][..., 2])).max() < 0.2
 
 
 def test_crease_angle_decides_and_zero_is_faceted() -> None:

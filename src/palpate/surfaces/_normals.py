@@ -7,6 +7,8 @@ from jaxtyping import Float, Int
 
 __all__ = ["corner_normals", "facet_normals", "half_edge_twins"]
 
+_LARGE = 5.0  # times the area that is usual at a corner
+
 
 def facet_normals(
     vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]
@@ -46,7 +48,9 @@ def corner_normals(
     """Normals at the corners of the facets, and which corners share one.
 
     Facets that meet at an edge by less than `crease` [rad] share the normals of its two ends; a shared normal is the
-    angle-weighted mean of its facets' (Thurmer and Wuthrich 1998).
+    angle-weighted mean of its facets' (Thurmer and Wuthrich 1998), where they are of a size. Facets that are much
+    larger than those beside them are flat because they were meant to be, as a wall is that ends in a fillet: they keep
+    their normals, which would tilt by degrees else, and with them the wall.
 
     Returns:
         normals (f, 3, 3), unit; groups (f, 3), equal where the normal is shared.
@@ -54,7 +58,7 @@ def corner_normals(
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
-    normals, _ = facet_normals(vertices, faces)
+    normals, areas = facet_normals(vertices, faces)
     twins = half_edge_twins(faces)
     half = np.flatnonzero(twins > np.arange(len(twins)))
     other = twins[half]
@@ -66,13 +70,27 @@ def corner_normals(
     count = faces.size
     graph = coo_array((np.ones(len(left), dtype=np.int8), (left, right)), shape=(count, count))
     _, groups = connected_components(graph, directed=False)
-    weighted = normals[:, None, :] * _corner_angles(vertices, faces)[:, :, None]
+    weights = _corner_angles(vertices, faces) * _prominence(areas, groups.reshape(-1, 3))
+    weighted = normals[:, None, :] * weights[:, :, None]
     sums = np.stack([np.bincount(groups, weighted[..., k].reshape(-1)) for k in range(3)], axis=1)
     length = np.linalg.norm(sums, axis=1)
     shared = sums[groups] / np.where(length > 1e-12, length, 1.0)[groups, None]
     own = np.repeat(normals, 3, axis=0)
     shared = np.where((length[groups] > 1e-12)[:, None], shared, own)
     return shared.reshape(-1, 3, 3), groups.reshape(-1, 3)
+
+
+def _prominence(areas: Float[np.ndarray, " f"], groups: Int[np.ndarray, "f 3"]) -> Float[np.ndarray, "f 3"]:
+    """By how much more than its angle a facet counts at a corner: nearly 1 where those that meet there are of a size.
+
+    The usual size at a corner is the geometric mean of the areas.
+    """
+    each = np.repeat(areas[:, None], 3, axis=1)
+    there = each > 0.0
+    logarithms = np.log(each, where=there, out=np.zeros_like(each))
+    count = np.maximum(np.bincount(groups.reshape(-1), there.reshape(-1)), 1.0)
+    usual = np.exp(np.bincount(groups.reshape(-1), logarithms.reshape(-1)) / count)
+    return 1.0 + (each / (_LARGE * usual[groups])) ** 3
 
 
 def _next_corner(half_edges: Int[np.ndarray, " h"]) -> Int[np.ndarray, " h"]:
