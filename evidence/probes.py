@@ -42,7 +42,7 @@ def rows(small: bool) -> Iterator[Row]:
     if folder is None:
         yield from skipped(NAME, "three ultrasound probes", "", COMMAND)
         return
-    count = 300 if small else 10_000
+    count = 1_000 if small else 10_000
     for probe, (kind, crease) in product(PROBES, KINDS.items()):
         mesh = palpate.Mesh.load(folder / f"data/probes/{probe}.stl", unit="mm", crease=radians(crease))
         yield from _judge(probe.removeprefix("UsProbe_"), mesh, kind, count)
