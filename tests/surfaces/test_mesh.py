@@ -151,7 +151,10 @@ def test_a_cylinder_is_split_at_its_rims_and_smooth_around() -> None:
 
 @pytest.mark.parametrize("name", ["linear", "t-shaped"])
 def test_walls_that_end_in_a_fillet_stay_upright(name: str) -> None:
-    """An angle-weighted mean of wall and fillet leans by half of a step of the fillet, and does so down the wall."""
+    """An angle-weighted mean leans by half of a step of the fillet, 5.6 degrees, all the way down the wall.
+
+    At its corners the wall is 100 times as large as the fillet's facets and more: what is left is far below a tenth.
+    """
     made = probe(name)
     mesh = Mesh.from_arrays(made.vertices, made.faces)
     walls = np.abs(mesh.normals[:, 2]) < 1e-9
