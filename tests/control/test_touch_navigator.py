@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from palpate.control.navigation import Navigator
+from palpate.control.progress_watch import ProgressWatch
 from palpate.control.push_test import Push, PushTest
 from palpate.control.touch_navigator import TouchNavigator, TouchNavigatorSettings
 from palpate.control.track_watch import TrackWatch
@@ -163,6 +164,26 @@ def test_faults_are_told() -> None:
     assert walled.go(60.0).navigator.state == "stopped"
     with pytest.raises(InputError, match="goal"):
         TouchNavigator((1.0, math.inf))
+    with pytest.raises(InputError, match="ground"):
+        TouchNavigator((1.0, 0.0), settings=TouchNavigatorSettings(ground=0))
+
+
+def test_a_search_of_new_ground_goes_on_and_one_of_the_same_ground_ends() -> None:
+    def ends(way: Callable[[float], tuple[float, float]], goal: tuple[float, float], start: float = 0.0) -> float:
+        watch = ProgressWatch(100.0, 20)
+        times = (start + 0.5 * k for k in range(2000))
+        gone = ((time, *way(0.1 * (time - start))) for time in times)
+        return next((t - start for t, x, y in gone if not watch.update(t, x, y, math.dist((x, y), goal))), math.inf)
+
+    def there_and_back(s: float) -> tuple[float, float]:
+        return abs(s % 4.0 - 2.0), 0.0
+
+    assert ends(lambda s: (-s, 0.0), (3.0, 0.0)) == math.inf  # away from the goal, but always new
+    assert ends(lambda s: (s, 0.0), (200.0, 0.0)) == math.inf
+    assert ends(there_and_back, (-1.0, 0.0)) == pytest.approx(120.0, abs=1.0)  # nearest after 20 s
+    assert ends(there_and_back, (-1.0, 0.0), start=1e9) == pytest.approx(120.0, abs=1.0)
+    assert ends(lambda s: (0.001 * s, -s % 4.0), (0.0, -9.0)) < 1000.0  # new ground, but little
+    assert ends(lambda s: (0.0, 0.0), (1.0, 0.0)) == pytest.approx(100.5)
 
 
 def test_a_push_is_judged_along_the_push() -> None:

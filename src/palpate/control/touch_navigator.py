@@ -7,7 +7,8 @@ Beyond the state machine of the paper [marker ring, V], which forgets a touch as
 * motion into a contact is slowed in proportion to what is left of the force allowed, so that a touch stays soft;
 * what is ahead is pushed, and stands fast if it has not moved after a while (`PushTest`);
 * what pushes back is given way to;
-* what holds the robot unfelt is remembered as well, and a track that does not follow is noticed (`TrackWatch`).
+* what holds the robot unfelt is remembered as well, and a track that does not follow is noticed (`TrackWatch`);
+* a search that only goes over the same ground ends, and says so (`ProgressWatch`).
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from jaxtyping import Float
 
 from palpate.control.drive import DifferentialDrive
 from palpate.control.navigation import heading_error, require_goal
+from palpate.control.progress_watch import ProgressWatch
 from palpate.control.push_test import Push, PushTest
 from palpate.control.touch_map import TouchMap, TouchMapSettings
 from palpate.control.track_watch import TrackWatch
@@ -58,7 +60,8 @@ class TouchNavigatorSettings:
         slow: share of the top speed at which it does.
         turn: [rad/s] fastest.
         still: [m], [s]: who has moved less in so long is stuck.
-        patience: [s] after which it stops, if it has come no nearer to its goal.
+        patience, ground: [s] after which it stops, if it has come no nearer to its goal in that time, nor to so many
+            places where it has not been before; see `ProgressWatch`.
         push: False: nothing is pushed on purpose.
         remember: False: no memory.
         map: how places are remembered.
@@ -89,7 +92,8 @@ class TouchNavigatorSettings:
     slow: float = 0.6
     turn: float = 1.0
     still: tuple[float, float] = (0.06, 15.0)
-    patience: float = 600.0
+    patience: float = 300.0
+    ground: int = 50
     push: bool = True
     remember: bool = True
     map: TouchMapSettings = field(default_factory=TouchMapSettings)
@@ -107,7 +111,7 @@ class TouchNavigator:
         seed: of its own draws, which part robots that stand in each other's way.
 
     Raises:
-        InputError: a goal that is not two finite numbers.
+        InputError: a goal that is not two finite numbers, or settings that cannot be.
     """
 
     def __init__(
@@ -121,6 +125,7 @@ class TouchNavigator:
         self.goal = require_goal(goal)
         self.drive, self.settings, self.seed = drive or DifferentialDrive(), settings or TouchNavigatorSettings(), seed
         self.map, self._watch = TouchMap(self.settings.radius, self.settings.map), TrackWatch(self.drive)
+        self._progress = ProgressWatch(self.settings.patience, self.settings.ground)
         self._test = PushTest(self.settings.settle, self.settings.test, self.settings.moved)
         self.reset()
 
@@ -129,13 +134,13 @@ class TouchNavigator:
         self.state, self.why, self.arrived = "move to goal", "nothing is in the way", False
         self.map.reset()
         self._watch.reset()
+        self._progress.reset()
         self._test.end()
         self._rng = np.random.default_rng([self.seed, 18])
         self._way: list[tuple[float, float]] = []
         self._planned, self._changed, self._blocked = -inf, True, False
         self._until, self._leave = -inf, (0.0, 0.0)
         self._stood = inf, inf, 0.0
-        self._nearest = inf, 0.0
         self._sent = 0.0, 0.0
 
     def update(
@@ -172,10 +177,8 @@ class TouchNavigator:
         side = self._watch.update(time, here, self._sent, touched=touched)
         if side is not None:
             return f"the {side} track does not follow"
-        if far < self._nearest[0] - 0.05:
-            self._nearest = far, time
-        if time - self._nearest[1] > self.settings.patience:
-            return f"no nearer to the goal for {self.settings.patience:g} s"
+        if not self._progress.update(time, here[0], here[1], far):
+            return f"no nearer to the goal for {self.settings.patience:g} s, and hardly anywhere new: is it in reach?"
         return None
 
     def _decided(self, time: float, here: Pose, felt: Felt) -> tuple[float, float]:
