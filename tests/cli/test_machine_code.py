@@ -56,6 +56,6 @@ def test_processes_start_once_where_nothing_is_compiled_yet(
 
 def test_none_starts_where_the_machine_code_is_there(started: list[list[str]]) -> None:
     Locator(BODIES["ellipsoid"].mesh)
-    assert _jit.on_disk(_kernel.estimate)
+    assert _jit.on_disk(_kernel.estimate_many)
     machine_code.compile_beside()
     assert not started

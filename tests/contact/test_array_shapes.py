@@ -27,7 +27,7 @@ from tests.support.bodies import BODIES, R
 
 ANY = None
 KERNELS = (
-    *(_kernel.estimate, _kernel.estimate_many, _bvh.search, _equation.contacts, _nearest.nearest_to_point),
+    *(_kernel.estimate_many, _bvh.search, _equation.contacts, _nearest.nearest_to_point),
     *(_equation.nearest_points, _bspline.evaluate, _bspline.geodesics),
 )
 

@@ -10,6 +10,7 @@ from time import perf_counter
 
 from palpate.cli.interrupts import uninterrupted
 from palpate.cli.summed_writer import SummedWriter, writing_beside, writing_here
+from palpate.io.memory import keep_memory
 from palpate.io.models import provenance, write_provenance
 from palpate.io.pipeline import OpenedLog, Pipeline
 from palpate.viewer.run_summary import RunSummary
@@ -79,6 +80,7 @@ def estimate_log(
         InputError: the log or a file of the rig cannot be used.
         KeyboardInterrupt: there is no row yet, or it is not to be kept.
     """
+    keep_memory()
     pipeline = Pipeline.of(opened, frame)
     features = pipeline.estimator.features
     if several:

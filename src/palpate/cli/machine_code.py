@@ -38,7 +38,7 @@ def compile_beside() -> None:
     from palpate.contact import _kernel  # compiled: loaded when first needed
     from palpate.surfaces._jit import on_disk
 
-    if not on_disk(_kernel.estimate):
+    if not on_disk(_kernel.estimate_many):
         _STARTED.extend(_start(part) for part in (HALF, ALL))
 
 

@@ -18,6 +18,7 @@ from palpate.cli.console import counting
 from palpate.errors import InputError
 from palpate.io.ahead import deaf
 from palpate.io.atomic import write_text, writing
+from palpate.io.memory import KEEPING
 
 __all__ = ["BACKENDS", "begin_results", "each_done", "from_row", "read_rows", "require_backend", "run_kept"]
 
@@ -132,7 +133,9 @@ def _on_dask(
     distributed = import_module("distributed")
     address = _dask_address()
     own = {"n_workers": workers, "threads_per_worker": 1, "dashboard_address": ":0", "silence_logs": logging.CRITICAL}
-    with _joining("dask", address), deaf():
+    settings = {f"distributed.nanny.pre-spawn-environ.{name}": value for name, value in KEEPING.items()}
+    settings["distributed.worker.profile.enabled"] = False  # it stops the work a hundred times a second
+    with _joining("dask", address), deaf(), import_module("dask").config.set(settings):
         client = distributed.Client(**(own if address is None else {"address": address}))
     with client:
         waiting = dict(zip(client.map(one, jobs, pure=False), jobs, strict=True))

@@ -14,6 +14,7 @@ from palpate.contact.contacts import Contacts
 from palpate.errors import InputError
 from palpate.io.ahead import Receiver, Sender, beside, sendable, way
 from palpate.io.contacts import ContactsWriter, open_contacts
+from palpate.io.memory import keep_memory
 from palpate.viewer.run_summary import RunSummary
 
 __all__ = ["SummedWriter", "writing_beside", "writing_here"]
@@ -114,6 +115,7 @@ def writing_beside(output: Path, frame: str, features: tuple[str, ...]) -> Gener
 
 def _write(receiver: Receiver, answers: Connection, output: Path, frame: str, features: tuple[str, ...]) -> None:
     """The process that writes."""
+    keep_memory()
     made: AbstractContextManager[SummedWriter] = writing_here(output, frame, features)
     try:
         with made as writer:

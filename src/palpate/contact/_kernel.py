@@ -32,11 +32,11 @@ from palpate.contact._settings import (
 )
 from palpate.contact._slopes import sandwich, sensitivity, slopes_at, softened, tangents, to_metres, to_unit
 from palpate.contact._touch import ANOTHER, MEAN, better, follow, forget, friction, rival, torsion, within_bounds
-from palpate.surfaces._jit import entry, inner, released
+from palpate.surfaces._jit import entry, inlined, inner, released
 from palpate.surfaces._kernels import CANDIDATE, CAPACITY, nearest_to_axis, search, shape_operator
 from palpate.surfaces._vectors import copy_into, cross_into, dot
 
-__all__ = ["compile_half", "estimate", "estimate_many"]
+__all__ = ["compile_half", "estimate_many"]
 
 _GRAZING = 60.0  # tan(theta) beyond which a contact is searched for without a limit
 _CHI2_95 = 5.991464547107979  # two degrees of freedom
@@ -205,8 +205,8 @@ def _at_surface(wrench, nodes, corners, settings, near, found):
     return out
 
 
-@entry
-def estimate(wrench, noise, nodes, corners, settings, state, row):
+@inlined
+def _estimate(wrench, noise, nodes, corners, settings, state, row):
     """One wrench (6,) with covariance (6, 6) in the surface's frame to one row of `estimate.ROW`."""
     row[:] = np.nan
     row[_CANDIDATES] = 0.0
@@ -310,7 +310,7 @@ def _beside(wrench, unit, noise, nodes, corners, settings, near, plausible, plac
 
 
 def compile_half() -> None:
-    """Compile what takes the compiler half of its time for `estimate` on meshes; nothing is run.
+    """Compile what takes the compiler half of its time for `estimate_many` on meshes; nothing is run.
 
     These functions are entries of their own for this: one process can compile them while another compiles the rest.
     """
@@ -368,7 +368,7 @@ def _off_surface(wrench, unit, noise, nodes, corners, settings, noisy, found, ro
 
 @released
 def estimate_many(wrenches, noises, forced, nodes, corners, settings, state, sequential, rows):
-    """`estimate` over (n, 6). noises is (n, 6, 6) or (1, 6, 6); forced (n,) >= 0 is a status known beforehand.
+    """`_estimate` over (n, 6), or one. noises is (n, 6, 6) or (1, 6, 6); forced (n,) >= 0 is a status known beforehand.
 
     In sequence the hysteresis and the previous contact go from sample to sample; otherwise each starts from `state`.
     """
@@ -382,4 +382,4 @@ def estimate_many(wrenches, noises, forced, nodes, corners, settings, state, seq
             rows[i, _STATUS] = forced[i]
             continue
         noise = noises[i] if len(noises) > 1 else noises[0]
-        estimate(wrenches[i], noise, nodes, corners, settings, state, rows[i])
+        _estimate(wrenches[i], noise, nodes, corners, settings, state, rows[i])

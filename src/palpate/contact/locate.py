@@ -41,6 +41,7 @@ WORSE = 0.05  # of a touch's samples
 _MANY, _BLOCK = 4_000, 100_000  # wrenches for which it is worth while to sort them, and how many at a time
 _LARGE = 2**19  # bytes of a surface that a core does not keep at hand
 _WRENCH, _ROW = (6,), (ROW.length,)
+_ANY = np.full(1, -1, np.int8)  # of one sample no status is known beforehand
 ON, OFF = 5.5, 3.0  # standard deviations of the force; noise alone exceeds the first once in a million samples
 METHODS = ("soft_finger", "wrench_axis")  # of a Locator; `locate` knows "iterative" too
 
@@ -129,9 +130,8 @@ class Locator:
         )
         self._noisy = self._settings.copy()  # with covariances beside the wrenches
         self._noisy[NOISY] = 1.0
-        self._noise = np.zeros((6, 6)) if self.noise is None else _writable(self.noise)
-        self._state, self._wrench = _state(None), np.zeros(6)
-        self._one: Callable[..., Any] = _kernel.estimate
+        self._noises = np.zeros((1, 6, 6)) if self.noise is None else _writable(self.noise[None])
+        self._state, self._wrench = _state(None), np.zeros((1, 6))
         self._many: Callable[..., Any] = _kernel.estimate_many
         self(np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0]), self.empty())
         self.run(np.zeros((1, 6)))
@@ -141,14 +141,14 @@ class Locator:
         return copy.deepcopy(self)  # a shallow one would share its memory of the last contact
 
     def __getstate__(self) -> dict[str, Any]:
-        return {name: value for name, value in vars(self).items() if name not in ("_arguments", "_one", "_many")}
+        return {name: value for name, value in vars(self).items() if name not in ("_arguments", "_many")}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         from palpate.contact import _kernel
 
         vars(self).update(state)
         self._arguments = self.surface.prepared().arguments
-        self._one, self._many = _kernel.estimate, _kernel.estimate_many
+        self._many = _kernel.estimate_many
 
     @staticmethod
     def empty(*batch: int) -> Float[np.ndarray, "*batch 22"]:
@@ -170,7 +170,7 @@ class Locator:
 
     def compiled(self, known: bool) -> tuple[Any, ...]:
         """For loops that go on from a wrench: noises (0, 6, 6) where its covariance is known, tree, settings, state."""
-        noises = np.empty((0, 6, 6)) if known else self._noise[None]
+        noises = np.empty((0, 6, 6)) if known else self._noises
         return noises, *self._arguments, self._noisy if known else self._settings, self._state
 
     def reset(self, previous: ArrayLike | None = None) -> None:
@@ -194,7 +194,8 @@ class Locator:
         if type(wrench) is not np.ndarray or wrench.shape != _WRENCH or wrench.dtype != FLOAT:
             wrench = shaped(wrench, _WRENCH, "wrench")
         self._wrench[:] = wrench  # the one array type that was compiled for
-        self._one(self._wrench, self._noise, *self._arguments, self._settings, self._state, out)
+        rows = out.reshape(1, ROW.length)
+        self._many(self._wrench, self._noises, _ANY, *self._arguments, self._settings, self._state, True, rows)
 
     def run(
         self,
@@ -220,7 +221,7 @@ class Locator:
         batch = wrenches.shape[:-1]
         if not batch and covariances is None and statuses is None:
             return self._single(wrenches, self._state if sequential else _state(previous))
-        noises, settings = self._noise[None], self._settings
+        noises, settings = self._noises, self._settings
         if covariances is not None:
             each = shaped(covariances, (..., 6, 6), "covariances")
             noises, settings = each[None] if each.ndim == 2 else _each(each, batch), self._noisy
@@ -279,12 +280,12 @@ class Locator:
         covariance: Float[np.ndarray, "6 6"] | None = None,
     ) -> ContactEstimate:
         """One wrench by itself: what `run` does for a batch would take it five times as long."""
-        noise, settings = self._noise, self._settings
+        noises, settings = self._noises, self._settings
         if covariance is not None:
-            noise, settings = covariance, self._noisy
-        row = np.empty(ROW.length)
-        self._one(wrench, noise, *self._arguments, settings, state, row)
-        return ContactEstimate.from_rows(row)
+            noises, settings = covariance[None], self._noisy
+        rows = np.empty((1, ROW.length))
+        self._many(wrench[None], noises, _ANY, *self._arguments, settings, state, True, rows)
+        return ContactEstimate.from_rows(rows[0])
 
     def run_into(
         self, wrenches: ArrayLike, covariances: ArrayLike | None, statuses: ArrayLike, out: np.ndarray
@@ -304,7 +305,7 @@ class Locator:
         count = len(out)
         wrenches = shaped(wrenches, (count, 6), "wrenches")
         statuses = shaped(statuses, (count,), "statuses", INT8)
-        noises, settings = self._noise[None], self._settings
+        noises, settings = self._noises, self._settings
         if covariances is not None:
             noises, settings = shaped(covariances, (count, 6, 6), "covariances"), self._noisy
         self._many(wrenches, noises, statuses, *self._arguments, settings, self._state, True, out)
@@ -336,7 +337,7 @@ class Locator:
         last = rows[count - 1]
         state = _state(last[ROW.point])
         state[TOUCHING] = state[FOLLOW] = 1.0
-        noises, settings = self._noise[None], self._settings
+        noises, settings = self._noises, self._settings
         if covariances is not None:
             noises, settings = covariances[:count][::-1].copy(), self._noisy
         open_end = last[ROW.status] == Status.AMBIGUOUS

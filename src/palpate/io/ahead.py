@@ -19,6 +19,7 @@ from palpate.errors import InputError
 from palpate.io.logs import open_log
 from palpate.io.logs.layout import Layout
 from palpate.io.logs.log import Log, LogContents
+from palpate.io.memory import keep_memory
 from palpate.sensors.motion import Motion
 from palpate.sensors.recording import Recording
 
@@ -208,6 +209,7 @@ class ReadAhead(Log):
 
 def _read(sender: Sender, path: Path, layout: Layout, motion: Motion | None) -> None:
     """The process that reads."""
+    keep_memory()
     log = open_log(path, layout)
     failed = None
     try:

@@ -35,6 +35,9 @@ def inline(drawn: Figure) -> str:
     """As an SVG element for a page, in the page's colours."""
     page = StringIO()
     with styled():
+        if (layout := drawn.get_layout_engine()) is not None:  # once, or all is drawn twice
+            layout.execute(drawn)
+            drawn.set_layout_engine("none")
         drawn.savefig(page, format="svg", transparent=True, dpi=200, metadata={"Date": None, "Creator": None})
     text = page.getvalue()
     text = re.sub(r"<metadata>.*?</metadata>", "", text[text.index("<svg") :], flags=re.DOTALL)
