@@ -17,6 +17,8 @@ import textwrap
 import zipfile
 from pathlib import Path
 
+from hatch_build import RELATIVE
+
 ROOT = Path(__file__).resolve().parents[1]
 WORK = ROOT / ".cache" / "package"
 PYTHONS = ("3.11", "3.12", "3.13")
@@ -33,7 +35,15 @@ EXTRAS = {  # what each brings, by the names under which it is imported
     "view": "viser",
 }
 WHEEL_HAS = ("palpate/py.typed", "palpate/viewer/report.html", "palpate/__main__.py", "palpate/cli/demo.py")
-SDIST_HAS = ("README.md", "LICENSE", "pyproject.toml", "CHANGELOG.md", "CITATION.cff", "src/palpate/py.typed")
+SDIST_HAS = (
+    "README.md",
+    "LICENSE",
+    "pyproject.toml",
+    "hatch_build.py",
+    "CHANGELOG.md",
+    "CITATION.cff",
+    "src/palpate/py.typed",
+)
 NOBODYS = ("__pycache__", ".pyc", ".nbi", ".nbc", ".venv", ".cache/", ".tools/", "demo/touches", ".DS_Store")
 USER = '''
     """What a stranger types: every name below has a type that a strict checker knows."""
@@ -105,6 +115,7 @@ def _contents(wheel: Path) -> None:
     outside = [name for name in inside if not name.startswith("palpate")]
     _require(outside, "the wheel writes outside of its package")
     _require([] if "Provides-Extra: all" in about else ["all"], "no extra")
+    _require(RELATIVE.findall(about), "the index page would have links that lead nowhere")
     sizes = ", ".join(f"{file.name} {file.stat().st_size / 1e3:,.0f} kB" for file in (wheel, sdist))
     _say(f"contents: {sizes}; {len(inside)} and {len(source)} files, nothing that should not be there")
 

@@ -1,0 +1,45 @@
+"""What an index page says of Palpate: the README, with links that hold there.
+
+The README's own links are relative, as a checkout wants them. `PALPATE_URL` at build time is where the project's files
+can be seen: links then lead there. Without it what they name stays as plain text: an index page has no files beside it.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from pathlib import Path
+from typing import Any
+
+from hatchling.metadata.plugin.interface import MetadataHookInterface
+
+RELATIVE = re.compile(r"(?P<picture>!?)\[(?P<text>[^\]]*)\]\((?![a-z]+:|#)(?P<target>[^)]+)\)")
+
+
+class CustomMetadataHook(MetadataHookInterface):
+    """The two fields of pyproject.toml that depend on where the project is at home."""
+
+    def update(self, metadata: dict[str, Any]) -> None:
+        """Write `readme`, and `urls` where they are known."""
+        home = os.environ.get("PALPATE_URL", "").rstrip("/")
+        text = Path(self.root, "README.md").read_text(encoding="utf-8")
+        metadata["readme"] = {"content-type": "text/markdown", "text": for_an_index(text, home)}
+        if home:
+            files = f"{home}/blob/main"
+            metadata["urls"] = {
+                "Source": home,
+                "Documentation": f"{files}/docs/index.md",
+                "Changelog": f"{files}/CHANGELOG.md",
+            }
+
+
+def for_an_index(readme: str, home: str) -> str:
+    """A README whose relative links lead to the files at `home`; "": they become their text, and pictures nothing."""
+
+    def link(found: re.Match[str]) -> str:
+        picture, text, target = found["picture"], found["text"], found["target"]
+        if not home:
+            return "" if picture else text
+        return f"{picture}[{text}]({home}/{'raw' if picture else 'blob'}/main/{target})"
+
+    return RELATIVE.sub(link, readme)
