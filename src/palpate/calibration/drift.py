@@ -4,16 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Bool, Float
 
-from palpate.calibration.drift_search import Search
 from palpate.calibration.drift_windows import GAP, windows_of
 from palpate.errors import InputError
 from palpate.sensors.drift import Drift
 from palpate.sensors.noise import resolution_of
 from palpate.spatial._arrays import Value
+
+if TYPE_CHECKING:
+    from palpate.calibration.drift_search import Search
 
 __all__ = ["DriftFit", "identify_drift"]
 
@@ -128,6 +131,8 @@ def identify_drift(
     courses = others if kelvin is None else np.column_stack([kelvin, others])
     windows = windows_of(when, what, courses, window)
     least = resolution_of(what) ** 2 / 12.0
+    from palpate.calibration.drift_search import Search  # scipy.optimize: loaded when first needed
+
     found = Search(windows, [list(group) for group in alike], least).run()
     notes += found.notes(noise, float(np.median(np.diff(when))), names)
     return _made(found, alike, len(what), notes, kelvin=kelvin is not None)
