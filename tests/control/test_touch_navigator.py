@@ -160,30 +160,36 @@ def test_faults_are_told() -> None:
     numb.feels = False
     numb.driven = lambda wheels: (0.0, 0.0) if numb.pose[0] > 0.26 and sum(wheels) > 0.0 else wheels
     assert any("does not feel" in each for each in numb.go(20.0).seen)
-    walled = course(*(Wall((x, -0.4), (x, 0.4)) for x in (-0.2, 0.3)), patience=20.0)
-    assert walled.go(60.0).navigator.state == "stopped"
+    walled = course(*(Wall((x, -0.4), (x, 0.4)) for x in (-0.2, 0.3)), doubt=10.0, patience=20.0)
+    assert walled.go(18.0).navigator.state != "stopped"
+    assert walled.navigator.why.count("is the goal in reach?") == 1
+    assert walled.go(42.0).navigator.state == "stopped"
     with pytest.raises(InputError, match="goal"):
         TouchNavigator((1.0, math.inf))
     with pytest.raises(InputError, match="ground"):
         TouchNavigator((1.0, 0.0), settings=TouchNavigatorSettings(ground=0))
 
 
-def test_a_search_of_new_ground_goes_on_and_one_of_the_same_ground_ends() -> None:
-    def ends(way: Callable[[float], tuple[float, float]], goal: tuple[float, float], start: float = 0.0) -> float:
+def test_a_search_of_new_ground_is_believed_in_and_one_of_the_same_ground_is_not() -> None:
+    def doubted(way: Callable[[float], tuple[float, float]], goal: tuple[float, float], start: float = 0.0) -> float:
         watch = ProgressWatch(100.0, 20)
         times = (start + 0.5 * k for k in range(2000))
         gone = ((time, *way(0.1 * (time - start))) for time in times)
-        return next((t - start for t, x, y in gone if not watch.update(t, x, y, math.dist((x, y), goal))), math.inf)
+        for t, x, y in gone:
+            watch.update(t, x, y, math.dist((x, y), goal))
+            if watch.doubtful:
+                return t - start
+        return math.inf
 
     def there_and_back(s: float) -> tuple[float, float]:
         return abs(s % 4.0 - 2.0), 0.0
 
-    assert ends(lambda s: (-s, 0.0), (3.0, 0.0)) == math.inf  # away from the goal, but always new
-    assert ends(lambda s: (s, 0.0), (200.0, 0.0)) == math.inf
-    assert ends(there_and_back, (-1.0, 0.0)) == pytest.approx(120.0, abs=1.0)  # nearest after 20 s
-    assert ends(there_and_back, (-1.0, 0.0), start=1e9) == pytest.approx(120.0, abs=1.0)
-    assert ends(lambda s: (0.001 * s, -s % 4.0), (0.0, -9.0)) < 1000.0  # new ground, but little
-    assert ends(lambda s: (0.0, 0.0), (1.0, 0.0)) == pytest.approx(100.5)
+    assert doubted(lambda s: (-s, 0.0), (3.0, 0.0)) == math.inf  # away from the goal, but always new
+    assert doubted(lambda s: (s, 0.0), (200.0, 0.0)) == math.inf
+    assert doubted(there_and_back, (-1.0, 0.0)) == pytest.approx(120.0, abs=1.0)  # nearest after 20 s
+    assert doubted(there_and_back, (-1.0, 0.0), start=1e9) == pytest.approx(120.0, abs=1.0)
+    assert doubted(lambda s: (0.001 * s, -s % 4.0), (0.0, -9.0)) < 1000.0  # new ground, but little
+    assert doubted(lambda s: (0.0, 0.0), (1.0, 0.0)) == pytest.approx(100.5)
 
 
 def test_a_push_is_judged_along_the_push() -> None:

@@ -8,7 +8,7 @@ Beyond the state machine of the paper [marker ring, V], which forgets a touch as
 * what is ahead is pushed, and stands fast if it has not moved after a while (`PushTest`);
 * what pushes back is given way to;
 * what holds the robot unfelt is remembered as well, and a track that does not follow is noticed (`TrackWatch`);
-* a search that only goes over the same ground ends, and says so (`ProgressWatch`).
+* a search that only goes over the same ground says so (`ProgressWatch`), and in the end it stops.
 """
 
 from __future__ import annotations
@@ -30,6 +30,7 @@ from palpate.control.track_watch import TrackWatch
 
 __all__ = ["TouchNavigator", "TouchNavigatorSettings"]
 
+DOUBT = "no nearer for long, and hardly anywhere new: is the goal in reach?"
 Pose = tuple[float, float, float]
 UNDER = 0.014  # m inside the skin, deeper than it is ever pressed in: what was touched there is gone
 Felt = list[tuple[float, float]]  # angle [rad], force [N]
@@ -60,8 +61,9 @@ class TouchNavigatorSettings:
         slow: share of the top speed at which it does.
         turn: [rad/s] fastest.
         still: [m], [s]: who has moved less in so long is stuck.
-        patience, ground: [s] after which it stops, if it has come no nearer to its goal in that time, nor to so many
-            places where it has not been before; see `ProgressWatch`.
+        doubt, ground: [s] after which it says that its goal may be out of reach, if it has come no nearer in that time,
+            nor to so many places where it has not been before; see `ProgressWatch`.
+        patience: [s] after which it stops, if it has come no nearer to its goal.
         push: False: nothing is pushed on purpose.
         remember: False: no memory.
         map: how places are remembered.
@@ -92,8 +94,9 @@ class TouchNavigatorSettings:
     slow: float = 0.6
     turn: float = 1.0
     still: tuple[float, float] = (0.06, 15.0)
-    patience: float = 300.0
+    doubt: float = 300.0
     ground: int = 50
+    patience: float = 600.0
     push: bool = True
     remember: bool = True
     map: TouchMapSettings = field(default_factory=TouchMapSettings)
@@ -125,13 +128,14 @@ class TouchNavigator:
         self.goal = require_goal(goal)
         self.drive, self.settings, self.seed = drive or DifferentialDrive(), settings or TouchNavigatorSettings(), seed
         self.map, self._watch = TouchMap(self.settings.radius, self.settings.map), TrackWatch(self.drive)
-        self._progress = ProgressWatch(self.settings.patience, self.settings.ground)
+        self._progress = ProgressWatch(self.settings.doubt, self.settings.ground)
         self._test = PushTest(self.settings.settle, self.settings.test, self.settings.moved)
         self.reset()
 
     def reset(self) -> None:
         """Anew: nothing touched yet, the goal not reached."""
-        self.state, self.why, self.arrived = "move to goal", "nothing is in the way", False
+        self.state, self._why, self.arrived = "move to goal", "nothing is in the way", False
+        self.why = self._why
         self.map.reset()
         self._watch.reset()
         self._progress.reset()
@@ -153,7 +157,7 @@ class TouchNavigator:
             self.arrived = True
             return self._say("arrived", "within reach of the goal")
         if self.state == "stopped":
-            return self._say(self.state, self.why)
+            return self._say(self.state, self._why)
         if not isfinite(x + y + heading):
             return self._say("no pose", "the pose is not finite")
         if touches is None:
@@ -165,10 +169,11 @@ class TouchNavigator:
             return self._say("stopped", fault)
         self._remember(time, here, felt)
         forward, turn = self._decided(time, here, felt)
-        return self._say(self.state, self.why, self._soft(forward, felt), self._aside(turn, felt))
+        return self._say(self.state, self._why, self._soft(forward, felt), self._aside(turn, felt))
 
     def _say(self, state: str, why: str, forward: float = 0.0, turn: float = 0.0) -> tuple[float, float]:
-        self.state, self.why = state, why
+        self.state, self._why = state, why
+        self.why = f"{why}; {DOUBT}" if self._progress.doubtful and state not in ("arrived", "stopped") else why
         self._sent = self.drive.wheels(forward, turn)
         return self._sent
 
@@ -177,8 +182,8 @@ class TouchNavigator:
         side = self._watch.update(time, here, self._sent, touched=touched)
         if side is not None:
             return f"the {side} track does not follow"
-        if not self._progress.update(time, here[0], here[1], far):
-            return f"no nearer to the goal for {self.settings.patience:g} s, and hardly anywhere new: is it in reach?"
+        if self._progress.update(time, here[0], here[1], far) > self.settings.patience:
+            return f"no nearer to the goal for {self.settings.patience:g} s"
         return None
 
     def _decided(self, time: float, here: Pose, felt: Felt) -> tuple[float, float]:
@@ -187,9 +192,9 @@ class TouchNavigator:
         if time < self._until and not behind:
             return self._leave
         self._until = -inf
-        self.state, self.why = "move to goal", "a touch is passed" if felt else "nothing is in the way"
+        self.state, self._why = "move to goal", "a touch is passed" if felt else "nothing is in the way"
         if self._blocked:
-            self.why = "no way is free: it tries what it touched longest ago"
+            self._why = "no way is free: it tries what it touched longest ago"
         flanks = self._squeezed(felt)
         if flanks and not behind:
             self._stands(time, here, flanks, self.settings.pushed)
@@ -213,7 +218,7 @@ class TouchNavigator:
             why = f"it has hardly moved for {self.settings.still[1]:g} s"
             return self._retreat(time, "escape", why, float(self._rng.uniform(1.0, 3.0)), side)
         if self._test.push is not None:
-            self.state, self.why = "push", self._test.push.value
+            self.state, self._why = "push", self._test.push.value
         return self._followed(time, here)
 
     # what is touched
@@ -281,7 +286,7 @@ class TouchNavigator:
     # motion
 
     def _retreat(self, time: float, state: str, why: str, seconds: float, turn: float = 0.0) -> tuple[float, float]:
-        self.state, self.why, self._until = state, why, time + seconds
+        self.state, self._why, self._until = state, why, time + seconds
         self._leave = -self.settings.slow * self.drive.top, turn
         self._test.end()
         return self._leave
