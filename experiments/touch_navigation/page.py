@@ -10,6 +10,7 @@ from evidence.machine import machine
 from experiments.check import Check, table
 from experiments.touch_navigation.conditions import ABLATIONS, BASELINES, BUILT, COUNTS, FAULTS, JUDGED, LIMIT, TRAPS
 from experiments.touch_navigation.study import Found
+from palpate.control.touch_navigator import DOUBT
 
 __all__ = ["FIGURE_11", "differing", "page", "parts"]
 
@@ -131,7 +132,7 @@ def _faults(found: Mapping[str, Found]) -> str:
         if not len(runs):
             continue
         without = _of(found, "ours").of(runs)
-        words = [each.states[0] for each in runs.outcomes]
+        words = [DOUBT if DOUBT in each.states[0] else each.states[0] for each in runs.outcomes]
         usual = max(dict.fromkeys(words), key=words.count)
         first = 100.0 * np.mean([each.there[0] for each in runs.outcomes])
         shares = f"{runs.healthy:.1f}", f"{without.healthy:.1f}", f"{first:.0f}"

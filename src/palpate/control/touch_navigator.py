@@ -28,7 +28,7 @@ from palpate.control.push_test import Push, PushTest
 from palpate.control.touch_map import TouchMap, TouchMapSettings
 from palpate.control.track_watch import TrackWatch
 
-__all__ = ["TouchNavigator", "TouchNavigatorSettings"]
+__all__ = ["DOUBT", "TouchNavigator", "TouchNavigatorSettings"]
 
 DOUBT = "no nearer for long, and hardly anywhere new: is the goal in reach?"
 Pose = tuple[float, float, float]
