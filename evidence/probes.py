@@ -179,7 +179,7 @@ def _causes(
         ),
         0.0,
     )
-    names = list(causes)
+    behind_gap, shell, by_edge, unanswered, lost, concave = causes
     wrong = np.flatnonzero(~first)
     seam = _near_open_edges(mesh, points[wrong])
     open_to_touch = np.zeros(len(wrong), dtype=bool)
@@ -187,13 +187,13 @@ def _causes(
     open_to_touch[there] = outside(found.point[wrong][there], found.normal[wrong][there])
     for i, by_seam, exposed in zip(wrong, seam, open_to_touch, strict=True):
         if covered[i] and not among[i]:
-            cause = names[0]
+            cause = behind_gap
         elif not found.answered[i]:
-            cause = names[3]
+            cause = unanswered
         elif not among[i]:
-            cause = names[2] if by_seam else names[4]
+            cause = by_edge if by_seam else lost
         else:
-            cause = names[5] if exposed else names[1]
+            cause = concave if exposed else shell
         causes[cause] += 1 / len(first)
     return causes
 

@@ -119,6 +119,8 @@ def identify_drift(
     Raises:
         InputError: the log is too short, touched, moved, a channel never changes, or times run backwards.
     """
+    from palpate.calibration.drift_search import Search  # scipy.optimize: loaded when first needed
+
     channels = values.shape[1]
     alike = ([0, 1, 2], [3, 4, 5]) if groups is None and channels == 6 else groups or [list(range(channels))]
     names = tuple(names) or tuple(f"channel {k + 1}" for k in range(channels))
@@ -131,8 +133,6 @@ def identify_drift(
     courses = others if kelvin is None else np.column_stack([kelvin, others])
     windows = windows_of(when, what, courses, window)
     least = resolution_of(what) ** 2 / 12.0
-    from palpate.calibration.drift_search import Search  # scipy.optimize: loaded when first needed
-
     found = Search(windows, [list(group) for group in alike], least).run()
     notes += found.notes(noise, float(np.median(np.diff(when))), names)
     return _made(found, alike, len(what), notes, kelvin=kelvin is not None)

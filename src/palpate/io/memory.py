@@ -1,7 +1,7 @@
 """Free memory stays with the process.
 
 Blocks of a log come and go by the thousand. The C library gives the memory of each back to the system, above all that
-of threads, and the system clears it anew for the next: a tenth of the time of a long log, a fifth of a Dask worker's.
+of threads, and the system clears it anew for the next: of Dask workers that was a fifth of the CPU time.
 """
 
 from __future__ import annotations
