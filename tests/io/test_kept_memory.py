@@ -13,7 +13,7 @@ CODE = f"""
 import resource, threading
 import numpy as np
 from palpate.io.memory import keep_memory
-{{first}}
+keep_memory()
 def blocks():
     for _ in range({BLOCKS}):
         [np.ones({SIZE}, np.uint8) for _ in range({ARRAYS})]
@@ -29,11 +29,6 @@ print(faults())
 
 @pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="nothing is said to other C libraries")
 def test_a_process_that_keeps_its_memory_clears_it_once() -> None:
-    def faults(first: str) -> int:
-        return int(
-            subprocess.run([sys.executable, "-c", CODE.format(first=first)], check=True, capture_output=True).stdout
-        )
-
-    once = ARRAYS * SIZE // PAGE
-    assert faults("keep_memory()") < 2 * once
-    assert faults("") > 0.5 * BLOCKS * once  # that it matters
+    done = subprocess.run([sys.executable, "-c", CODE], check=True, capture_output=True)
+    # Without it: 2 to 50 times, by the system's own doing.
+    assert int(done.stdout) < 1.5 * ARRAYS * SIZE // PAGE
