@@ -41,6 +41,7 @@ INERTIA = {
 }
 BOUNDED = "servo's model, joints that reach 30 rad/s^2 only"
 BIAS = 0.02  # N, sideways
+QUIET = {"force_noise": 0.01, "torque_noise": 0.375e-3}  # N, N m: a quarter of the noise
 STEP = 4.0  # s after the unplanned motion began
 DRIFT = 0.5 / 60.0  # N/s, sideways
 PROBES = ("convex", "linear", "t-shaped")
@@ -133,11 +134,12 @@ def _ours(sizes: Sizes) -> list[Condition]:
 
 def _unplanned(sizes: Sizes) -> list[Condition]:
     made = list[Condition]()
-    for way in DIRECTIONS:
-        for seed in _seeds(sizes.seeds):
-            moving = unplanned(seed, direction=way, step_at=STEP, begin=BEGIN)
-            settings = LabSettings(motion=moving, seed=seed)
-            made.append(Condition(f"unplanned {way}", settings, STEP + 1.0, direction=way))
+    for name, noise in (("unplanned", {}), ("unplanned, quiet,", QUIET)):
+        for way in DIRECTIONS:
+            for seed in _seeds(sizes.seeds):
+                moving = unplanned(seed, direction=way, step_at=STEP, begin=BEGIN)
+                settings = LabSettings(motion=moving, seed=seed, **noise)
+                made.append(Condition(f"{name} {way}", settings, STEP + 1.0, direction=way))
     return made
 
 

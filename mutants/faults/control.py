@@ -34,6 +34,13 @@ FAULTS: list[Fault] = [
         ("what was faster before may stay so", "min(max(move, -most), most)", "move"),
     ),
     *of(
+        "control/_arm.py",
+        "tests/control/test_inverse_kinematics.py",
+        ("what the joints sag is left out", "joints[k] = command[k] + offset[k]", "joints[k] = command[k]"),
+        ("the point may turn as fast as it moves", "_bound(e, 3, bounds[2] * dt)", "_bound(e, 3, bounds[1] * dt)"),
+        ("the last step is forgotten", "last[k] = following[k] - command[k]", "last[k] = 0.0"),
+    ),
+    *of(
         "io/arm.py",
         "tests/control/test_arm.py",
         ("a joint passed from its child keeps its sign", "signs[:, None] * axes", "axes"),
@@ -93,8 +100,10 @@ FAULTS: list[Fault] = [
     *of(
         "control/_motion_bank.py",
         "tests/control/test_motion_bank.py",
-        ("what was seen long ago counts as much", "np.exp(-dt / memory)", "np.exp(-0.0 * dt / memory)"),
-        ("a filter that foresees ill keeps its own state", "filters[c, i, 9] < LEAST", "filters[c, i, 9] < -1e9"),
+        ("each filter goes on from its own state", "_mix(old, shares, filters[j])", "None"),
+        ("a jump lasts", "settled + (1.0 - settled) * left", "1.0"),
+        ("the value cannot jump", "jump * dt", "0.0"),
+        ("how likely a reading was counts for nothing", "np.exp(likely[i] - best)", "1.0"),
         ("the spread between filters is left out", "filters[i, k] + apart", "filters[i, k] + 0.0 * apart"),
     ),
     *of(
@@ -102,6 +111,15 @@ FAULTS: list[Fault] = [
         "tests/control/test_servo_model.py",
         ("a ramp is met as late as a step", "slope = whole / ramp if moving else 0.0", "slope = 0.0"),
         ("the free motion is not damped critically", "change = b * decay - w * free", "change = -w * free"),
+        ("the end of a ramp is passed over", "start < middle < end", "False"),
+        ("feedback is held against the model now", "abs(times[k] - time) < abs(times[nearest] - time)", "False"),
+    ),
+    *of(
+        "control/servo.py",
+        "tests/control/test_servo_model.py",
+        ("no command is ever missed", "lost = without < 0.5 * off", "lost = False"),
+        ("commands after one that was lost are lost too", "self._take(each.time, each.target)", "None"),
+        ("a robot that is slow loses commands", "self._usual**2 + USUAL * (size**2 - self._usual**2)", "FAINT**2"),
     ),
     *of(
         "control/probe_face.py",

@@ -4,15 +4,10 @@ from __future__ import annotations
 
 import importlib
 import inspect
-import os
 import re
 import signal
 import socket
-import subprocess
-import sys
 import urllib.request
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +19,7 @@ from palpate.simulation.session import simulate_session
 from palpate.simulation.session_files import write_session
 from palpate.viewer import server
 from palpate.viewer.scene import Scene
+from tests.support.program import program
 
 view_command = importlib.import_module("palpate.cli.view")
 
@@ -121,7 +117,7 @@ def test_it_serves_until_ctrl_c_on_the_next_free_port(made: Path) -> None:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
         port = taken.getsockname()[1]
-        with _program("view", str(made / "surface.csv"), "--rig", str(made / "rig.toml"), "--port", str(port)) as run:
+        with program("view", str(made / "surface.csv"), "--rig", str(made / "rig.toml"), "--port", str(port)) as run:
             assert run.stdout is not None
             line = next(line for line in run.stdout if "http" in line)
             address = re.search(r"http://127\.0\.0\.1:(\d+)", line)
@@ -132,22 +128,3 @@ def test_it_serves_until_ctrl_c_on_the_next_free_port(made: Path) -> None:
             run.send_signal(signal.SIGINT)
             rest, errors = run.communicate(timeout=30)
     assert (run.returncode, rest, errors) == (0, "", "")
-
-
-@contextmanager
-def _program(*arguments: str) -> Iterator[subprocess.Popen[str]]:
-    """Palpate as a program that hears Ctrl-C, even where whoever runs the tests does not."""
-    hears = "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler)"
-    script = f"{hears}; from palpate.cli import main; sys.exit(main())"
-    run = subprocess.Popen(
-        [sys.executable, "-c", script, *arguments],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        env={**os.environ, "PYTHONUNBUFFERED": "1"},
-    )
-    try:
-        yield run
-    finally:
-        run.kill()
-        run.communicate()

@@ -50,9 +50,11 @@ def test_a_ball_on_a_plane_reads_the_planes_angles_and_height(
     tip = middle + RADIUS * rotation[:, 2]
     place = rotation.T @ (middle + RADIUS * n - tip)
     force = rotation.T @ (-FORCE * n)
-    readings = np.zeros(3)
+    readings, worth, floor = np.zeros(3), np.zeros(3), np.array([1e-6, 4e-6, 9e-6])
     frame = (np.array([RADIUS, RADIUS]), axes, origin, np.array([a, b, height]))
-    pressing = _align.observed(place, force, rotation, tip, *frame, FORCE, STIFFNESS, readings)
+    contact = (place, np.full(2, 2e-6 * RADIUS**2), force, rotation, tip)
+    pressing = _align.observed(*contact, *frame, FORCE, STIFFNESS, floor, readings, worth)
+    assert worth == pytest.approx([2e-6, 4e-6, 9e-6])
     assert pressing == pytest.approx(FORCE, rel=1e-12)
     assert readings[:2] == pytest.approx([a, b], abs=1e-9)
     # R (n, -n^2/2) is the ball to second order: R n^4/8 at the largest lean of both, 0.6 rad
@@ -63,7 +65,8 @@ def test_a_newton_too_much_is_a_surface_that_is_nearer_by_the_stiffness() -> Non
     readings, far = np.zeros(3), np.zeros(3)
     frame = (np.array([RADIUS, RADIUS]), np.eye(3), np.zeros(3), np.zeros(3))
     for force, out in ((FORCE, readings), (FORCE + 1.0, far)):
-        _align.observed(np.zeros(3), np.array([0, 0, -force]), np.eye(3), np.zeros(3), *frame, FORCE, STIFFNESS, out)
+        contact = (np.zeros(3), np.zeros(2), np.array([0, 0, -force]), np.eye(3), np.zeros(3))
+        _align.observed(*contact, *frame, FORCE, STIFFNESS, np.ones(3), out, np.zeros(3))
     assert far[2] - readings[2] == pytest.approx(-1.0 / STIFFNESS)
 
 

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from palpate.control import _arm
 from palpate.control.arm import Arm
 from palpate.control.inverse_kinematics import damped_step, limited
 from palpate.errors import InputError
@@ -132,3 +133,27 @@ def test_a_fast_step_keeps_its_direction() -> None:
     assert out[0] == pytest.approx(1.49)
     with pytest.raises(InputError, match="out must not be"):
         limited(arm, q, step, step, 0.02, step)
+
+
+def test_a_period_of_the_loop_is_pose_jacobian_step_and_limits(tmp_path: Path) -> None:
+    """The compiled cycle against its parts, each of which is tested by itself: equal but for rounding."""
+    arm, rng = load_arm(write_arm(tmp_path), "base", "ft"), np.random.default_rng(3)
+    axes, point = np.linalg.qr(rng.normal(size=(3, 3)))[0], np.array([0.01, -0.02, 0.15])
+    command, last, bounds = np.array([0.3, 0.8, -1.2, 0.4, 1.0, -0.5]), np.zeros(6), np.array([0.01, 0.25, 1.0])
+    turned, at = np.empty((3, 3)), np.empty(3)
+    for size in (1e-4, 1e-2, 1.0, np.nan):  # free, free, bounded, none
+        offset, e = 0.01 * rng.normal(size=6), size * rng.normal(size=6)
+        _arm.stance(arm.chain, command, offset, axes, point, turned, at)
+        pose = arm.pose(command + offset)
+        assert turned == pytest.approx(pose.rotation @ axes, abs=1e-12)
+        assert at == pytest.approx(pose.apply(point), abs=1e-12)
+        wanted = np.zeros(6) if np.isnan(size) else e.copy()
+        for part, most in ((wanted[:3], 0.25 * 0.02), (wanted[3:], 1.0 * 0.02)):
+            part *= min(1.0, most / max(1e-9, float(np.linalg.norm(part))))
+        step, following = np.empty(6), np.empty(6)
+        damped_step(arm.jacobian(command + offset, point), wanted, 0.01, step)
+        limited(arm, command, step, last, 0.02, following)
+        before = command.copy()
+        _arm.stepped(arm.chain, arm.limits, offset, point, e, bounds, 0.02, command, last)
+        assert command == pytest.approx(following, abs=1e-12)
+        assert last == pytest.approx(following - before, abs=1e-12)

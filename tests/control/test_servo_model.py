@@ -82,6 +82,60 @@ def test_feedback_is_followed_slowly_and_nan_is_left_out() -> None:
     assert model.joints[0] + 0.0 == pytest.approx(1e-3, rel=1e-3)
 
 
+def test_feedback_is_held_against_the_moment_that_it_is_of() -> None:
+    """What comes 20 ms late is no offset: on a ramp of 1 rad/s that would be 20 mrad."""
+    model = ServoModel(Servo(), 1, correction=0.1)
+    model.start(0.0, np.zeros(1))
+    joints = {}
+    for k in range(200):
+        model.advance(0.005 * k)
+        joints[k] = float(model.joints[0])
+        if k % 4 == 0:
+            model.send(0.005 * k, np.array([0.005 * k]))
+            if k >= 4:
+                model.correct(0.005 * (k - 4), np.array([joints[k - 4]]))
+    assert model.offset[0] == pytest.approx(0.0, abs=1e-12)
+
+
+def driven(lag: float, lost: set[int], noise: float = 0.0) -> tuple[ServoModel, np.ndarray]:
+    """A model of 30 ms and how far it is off a robot of this lag, which never gets some of 200 commands; every 5 ms."""
+    model, robot, rng = ServoModel(Servo(), 2), ServoModel(Servo(lag=lag), 2), np.random.default_rng(6)
+    off = list[float]()
+    for each in (model, robot):
+        each.start(0.0, np.zeros(2))
+    kept = np.zeros(2)
+    for k in range(800):
+        now = 0.005 * k
+        model.advance(now)
+        robot.advance(now)
+        if k % 4 == 0:
+            model.correct(now, robot.joints + noise * rng.standard_normal(2))
+            wanted = 0.3 * np.sin([2.0 * now, 3.0 * now])
+            model.send(now, wanted)
+            kept = kept if k // 4 in lost else wanted
+            robot.send(now, kept)
+        off.append(float(np.abs(model.joints - robot.joints).max()))
+    return model, np.array(off)
+
+
+def test_a_command_that_never_came_is_taken_out() -> None:
+    """One, two and three in a row: found by the feedback 40 ms after each was given, and the model is the robot's."""
+    lost = {40, 80, 81, 120, 121, 122, 160}
+    model, off = driven(0.030, lost, noise=1e-5)
+    assert model.missed == len(lost)
+    wrong = {4 * each + k for each in lost for k in range(5, 9)}  # from when it should have begun, to the feedback
+    right = [k for k in range(len(off)) if k not in wrong]
+    assert off[right].max() < 2e-4
+    assert off[sorted(wrong)].max() > 1e-3  # it does make a difference
+
+
+def test_a_robot_that_is_slower_than_stated_is_not_taken_for_one_that_loses_commands() -> None:
+    """It is off by the lag that the model does not know of, 15 ms at 0.9 rad/s, and by no more."""
+    model, off = driven(0.045, set())
+    assert model.missed <= 5  # at the very beginning, until it is known how far off it is usually
+    assert off.max() < 0.9 * 0.015 * 1.2
+
+
 @pytest.mark.parametrize("wrong", [{"period": 0.0}, {"lag": -1.0}, {"delay": np.nan}, {"ramp": np.inf}])
 def test_times_that_are_none_are_refused(wrong: dict[str, float]) -> None:
     with pytest.raises(InputError, match=next(iter(wrong))):

@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+import re
+import signal
+from io import BytesIO
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from palpate.spatial.pose import Pose
 from palpate.viewer.live_probe import ARROW, SCALE, SHOWN, LiveProbe
+from tests.support.browser import PATIENCE, chromium, until
 from tests.support.pages import ellipsoid
+from tests.support.program import program
 
 pytest.importorskip("viser")
 
@@ -27,3 +34,34 @@ def test_what_is_fed_is_drawn() -> None:
         time, turned, across = page._angle.data
         assert len(time) == SHOWN
         np.testing.assert_allclose([turned[-1], across[-1]], np.degrees([0.01, -0.02]))
+
+
+def test_a_run_is_watched_in_a_browser_and_ends_by_ctrl_c(tmp_path: Path) -> None:
+    """`simulate phantom --view`: probe and tissue are drawn, the words and the picture go on; no file is left."""
+    import imageio.v3
+
+    asked = ("simulate", "phantom", "--seconds", "600", "-o", str(tmp_path / "run.mcap"), "--view", "--port", "0")
+    with chromium() as browser, program(*asked) as run:
+        assert run.stdout is not None
+        address = next(found[0] for line in run.stdout if (found := re.search(r"http://127\.0\.0\.1:\d+", line)))
+        page = browser.new_page(viewport={"width": 900, "height": 600}, device_scale_factor=0.5)
+        page.set_default_timeout(1e3 * PATIENCE)
+        page.goto(address)
+        page.wait_for_selector("canvas")
+
+        def drawn() -> np.ndarray:
+            return imageio.v3.imread(BytesIO(page.screenshot()))[..., :3].astype(int)
+
+        def painted() -> bool:
+            """The blue probe over the pink tissue."""
+            red, green, blue = np.moveaxis(drawn(), -1, 0)
+            return int((blue - red > 50).sum()) > 200 and int(((red - green > 15) & (green - blue > 8)).sum()) > 200
+
+        until(painted, "no blue probe on pink tissue")
+        page.get_by_text("hold", exact=False).first.wait_for()
+        before = drawn()
+        until(lambda: np.abs(drawn() - before).max() > 50, "the picture stands still")
+        run.send_signal(signal.SIGINT)
+        _, errors = run.communicate(timeout=30)
+    assert run.returncode == 130, errors
+    assert list(tmp_path.iterdir()) == []

@@ -97,8 +97,12 @@ def _outward(values, axes, out):
 
 
 @entry
-def observed(place, force, rotation, tip, radii, axes, origin, values, wanted, stiffness, readings):
+def observed(
+    place, variance, force, rotation, tip, radii, axes, origin, values, wanted, stiffness, floor, readings, worth
+):
     """Angles and height of the surface by one contact, into readings (3,); the force [N] that presses comes out.
+
+    worth (3,): the variances of the readings, of the angles by that of the place (2,), none below the floor (3,).
 
     place, force (3,) in the face's axes, which stand as `rotation` with their middle at `tip`; axes, origin: of the
     first touch; values (3,): what is believed of the surface so far, for the lowest point of the probe.
@@ -125,6 +129,9 @@ def observed(place, force, rotation, tip, radii, axes, origin, values, wanted, s
         height += low[i] * normal[i]
         upright += normal[i] * axes[i, 2]
     readings[2] = (height - (pressing - wanted) / stiffness) / upright
+    worth[2] = floor[2]
+    for k in range(2):
+        worth[k] = max(floor[k], variance[k] / (radii[k] * radii[k]))
     return pressing
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from palpate.surfaces._jit import entry, inner
 from palpate.surfaces._vectors import cross_into
 
-__all__ = ["damped_step", "jacobian", "limit", "motion", "pose"]
+__all__ = ["damped_step", "jacobian", "limit", "motion", "pose", "stance", "stepped"]
 
 _SHIFT, _AXIS, _TURNS = 9, 12, 15
 _LOWER, _UPPER, _SPEED, _ACCELERATION = 0, 1, 2, 3
@@ -255,3 +255,55 @@ def limit(limits, q, step, last, dt, out):
             goal = max(goal, limits[_LOWER, k])
         out[k] = goal
     return share if sound else math.nan
+
+
+@entry
+def stance(chain, q, offset, axes, tip, turned, at):
+    """Axes (3, 3) and a tip (3,) of the sensor's frame in the base, where the joints are `offset` (n,) off q (n,)."""
+    rotation, translation, joints = np.empty((3, 3)), np.empty(3), np.empty(len(q))
+    for k in range(len(q)):
+        joints[k] = q[k] + offset[k]
+    pose(chain, joints, rotation, translation)
+    for i in range(3):
+        at[i] = translation[i]
+        for j in range(3):
+            at[i] += rotation[i, j] * tip[j]
+            turned[i, j] = 0.0
+            for k in range(3):
+                turned[i, j] += rotation[i, k] * axes[k, j]
+
+
+@inner
+def _bound(e, begin, most):
+    """Three entries of a wanted step no longer than `most`."""
+    size = math.sqrt(e[begin] * e[begin] + e[begin + 1] * e[begin + 1] + e[begin + 2] * e[begin + 2])
+    if size > most:
+        for i in range(begin, begin + 3):
+            e[i] *= most / size
+
+
+@entry
+def stepped(chain, limits, offset, point, e, bounds, dt, command, last):
+    """One period on: the joint command (n,) and its step (n,) are written anew, toward a wanted step e (6,) of a point.
+
+    e is shortened to what bounds (3,) allow: the speeds [m/s, rad/s] of the point, and before them the damping; one
+    that is not finite is no motion. Where the joints are, they are `offset` (n,) off the command.
+    """
+    n = len(command)
+    joints, step, following = np.empty(n), np.empty(n), np.empty(n)
+    for i in range(6):
+        if not abs(e[i]) < math.inf:
+            for k in range(6):
+                e[k] = 0.0
+    _bound(e, 0, bounds[1] * dt)
+    _bound(e, 3, bounds[2] * dt)
+    for k in range(n):
+        joints[k] = command[k] + offset[k]
+        following[k] = command[k]
+    columns = np.empty((6, n))
+    jacobian(chain, joints, point, columns)
+    damped_step(columns, e, bounds[0], step)
+    limit(limits, command, step, last, dt, following)
+    for k in range(n):
+        last[k] = following[k] - command[k]
+        command[k] = following[k]

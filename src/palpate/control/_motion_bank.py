@@ -1,4 +1,4 @@
-"""Compiled: several Kalman filters side by side on each of some series, mixed by how well they foresee it."""
+"""Compiled: Kalman filters on each of some series that take turns: interacting multiple models."""
 
 # pyright: basic
 from __future__ import annotations
@@ -7,38 +7,31 @@ import numpy as np
 
 from palpate.surfaces._jit import entry, inner
 
-__all__ = ["STATE", "advance", "foresee"]
+__all__ = ["STATE", "advance", "changed", "foresee"]
 
-STATE = 10  # of a filter: value, rate, its rate; the six entries of their covariance; the logarithm of its weight
-FEWEST = 1e-3  # a filter that weighs less begins anew from the mixture
-LEAST = np.log(FEWEST)
+STATE = 10  # of a filter: value, rate, its rate; the six entries of their covariance; its probability
 
 
 @inner
-def _predict(s, dt, density):
-    """One filter over dt: white noise of this density on the third derivative, or, negative, on the first alone."""
-    if density < 0.0:
-        s[1] = s[2] = 0.0
-        s[4] = s[5] = s[6] = s[7] = s[8] = 0.0
-        s[3] -= density * dt
-        return
+def _predict(s, dt, jerk, jump):
+    """One filter over dt: white noise of these densities on the third derivative and on the value itself."""
     h = 0.5 * dt * dt
     p00, p01, p02, p11, p12, p22 = s[3], s[4], s[5], s[6], s[7], s[8]
     a0, a1, a2 = p00 + dt * p01 + h * p02, p01 + dt * p11 + h * p12, p02 + dt * p12 + h * p22  # first row of F P
     b1, b2 = p11 + dt * p12, p12 + dt * p22
     s[0] += dt * s[1] + h * s[2]
     s[1] += dt * s[2]
-    s[3] = a0 + dt * a1 + h * a2 + density * dt**5 / 20.0
-    s[4] = a1 + dt * a2 + density * dt**4 / 8.0
-    s[5] = a2 + density * dt**3 / 6.0
-    s[6] = b1 + dt * b2 + density * dt**3 / 3.0
-    s[7] = b2 + density * dt**2 / 2.0
-    s[8] = p22 + density * dt
+    s[3] = a0 + dt * a1 + h * a2 + jerk * dt**5 / 20.0 + jump * dt
+    s[4] = a1 + dt * a2 + jerk * dt**4 / 8.0
+    s[5] = a2 + jerk * dt**3 / 6.0
+    s[6] = b1 + dt * b2 + jerk * dt**3 / 3.0
+    s[7] = b2 + jerk * dt**2 / 2.0
+    s[8] = p22 + jerk * dt
 
 
 @inner
 def _correct(s, z, variance):
-    """One filter by one reading; twice the logarithm of how likely that was, but for a constant."""
+    """One filter by one reading; the logarithm of how likely that was, but for a constant."""
     total = s[3] + variance
     missed = z - s[0]
     k0, k1, k2 = s[3] / total, s[4] / total, s[5] / total
@@ -52,64 +45,100 @@ def _correct(s, z, variance):
     s[6] -= k1 * p1
     s[7] -= k1 * p2
     s[8] -= k2 * p2
-    return -missed * missed / total - np.log(total)
+    return -0.5 * (missed * missed / total + np.log(total))
+
+
+@entry
+def changed(dt, rates, out):
+    """Probabilities (k, k) that the row's filter is the right one and after dt [s] the column's.
+
+    The last filter is for jumps. rates (3,) [1/s]: with which a smooth motion is drawn anew from the k - 1 kinds of it,
+    a jump begins, and one ends in any of them. With S what all smooth kinds have together, dS/dt = -begins S +
+    ends (1 - S), and what one has more than its share of S goes by exp(-(changes + begins) t).
+    """
+    changes, begins, ends = rates[0], rates[1], rates[2]
+    k = len(out)
+    settled = begins / (begins + ends) if begins > 0.0 else 0.0
+    left = np.exp(-(begins + ends) * dt)
+    same = np.exp(-(changes + begins) * dt)
+    for i in range(k):
+        jumps = settled * (1.0 - left) if i < k - 1 else settled + (1.0 - settled) * left
+        out[i, k - 1] = jumps
+        for j in range(k - 1):
+            out[i, j] = (1.0 - jumps) / (k - 1)
+            if i < k - 1:
+                out[i, j] += ((1.0 if i == j else 0.0) - 1.0 / (k - 1)) * same
 
 
 @inner
-def _mix(filters, mixed):
-    """State and covariance of the mixture."""
+def _mix(filters, shares, mixed):
+    """State and covariance (9,) of the filters (k, STATE), each by its share (k,)."""
     for j in range(9):
         mixed[j] = 0.0
     for i in range(len(filters)):
-        weight = np.exp(filters[i, 9])
         for j in range(3):
-            mixed[j] += weight * filters[i, j]
+            mixed[j] += shares[i] * filters[i, j]
     for i in range(len(filters)):
-        weight = np.exp(filters[i, 9])
         k = 3
         for a in range(3):
             for b in range(a, 3):
                 apart = (filters[i, a] - mixed[a]) * (filters[i, b] - mixed[b])
-                mixed[k] += weight * (filters[i, k] + apart)
+                mixed[k] += shares[i] * (filters[i, k] + apart)
                 k += 1
 
 
 @inner
-def _weigh(filters):
-    """Weights that sum to one."""
-    best = filters[0, 9]
+def _interact(filters, change, old, shares):
+    """Each filter begins from what all know, by how likely they were right before it; its probability is predicted."""
+    for i in range(len(filters)):
+        for j in range(STATE):
+            old[i, j] = filters[i, j]
+    for j in range(len(filters)):
+        total = 0.0
+        for i in range(len(filters)):
+            shares[i] = change[i, j] * old[i, 9]
+            total += shares[i]
+        for i in range(len(filters)):
+            shares[i] /= total
+        _mix(old, shares, filters[j])
+        filters[j, 9] = total
+
+
+@inner
+def _weigh(filters, likely):
+    """Probabilities by how likely (k,), as logarithms, the reading was to each; they sum to one."""
+    best, total = likely[0], 0.0
     for i in range(1, len(filters)):
-        best = max(best, filters[i, 9])
-    total = 0.0
+        best = max(best, likely[i])
     for i in range(len(filters)):
-        total += np.exp(filters[i, 9] - best)
+        filters[i, 9] *= np.exp(likely[i] - best)
+        total += filters[i, 9]
     for i in range(len(filters)):
-        filters[i, 9] -= best + np.log(total)
+        filters[i, 9] /= total
 
 
 @entry
-def advance(readings, variances, dt, densities, memory, filters, mixed):
+def advance(readings, variances, dt, densities, rates, filters, mixed):
     """All filters (c, k, STATE) by dt [s], and by the readings (c,) that are not NaN; the mixtures (c, 9) of them.
 
-    densities (c, k): of the noise that drives each, see `_predict`. A filter's past counts by exp(-age/memory); one
-    that weighs next to nothing begins anew from the mixture, so that a step does not linger in the slow ones.
+    densities (c, k, 2): of the noise that drives each, see `_predict`; rates (3,): see `changed`.
     """
-    kept = np.exp(-dt / memory)
+    count = filters.shape[1]
+    change, old = np.empty((count, count)), np.empty((count, STATE))
+    shares, likely = np.empty(count), np.empty(count)
+    changed(dt, rates, change)
     for c in range(len(readings)):
+        _interact(filters[c], change, old, shares)
         seen = readings[c] == readings[c]
-        for i in range(filters.shape[1]):
-            s = filters[c, i]
-            _predict(s, dt, densities[c, i])
+        for i in range(count):
+            _predict(filters[c, i], dt, densities[c, i, 0], densities[c, i, 1])
             if seen:
-                s[9] = kept * s[9] + 0.5 * _correct(s, readings[c], variances[c])
+                likely[i] = _correct(filters[c, i], readings[c], variances[c])
         if seen:
-            _weigh(filters[c])
-        _mix(filters[c], mixed[c])
-        for i in range(filters.shape[1]):
-            if filters[c, i, 9] < LEAST:
-                for j in range(9):
-                    filters[c, i, j] = mixed[c, j]
-                filters[c, i, 9] = LEAST
+            _weigh(filters[c], likely)
+        for i in range(count):
+            shares[i] = filters[c, i, 9]
+        _mix(filters[c], shares, mixed[c])
 
 
 @entry

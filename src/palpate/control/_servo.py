@@ -7,7 +7,7 @@ import numpy as np
 
 from palpate.surfaces._jit import entry
 
-__all__ = ["along"]
+__all__ = ["along", "apart", "follow"]
 
 
 @entry
@@ -40,3 +40,32 @@ def along(state, line, begun, ramp, lag, start, end):
         state[0, j] = goal - 2.0 / w * slope + free
         state[1, j] = slope + change
         state[2, j] = -w * b * decay - w * change
+
+
+@entry
+def follow(state, line, offset, begun, ramp, lag, start, end, joints):
+    """As `along`, by way of where the ramp ends; the joints (n,) are the state's with the offset (n,)."""
+    middle = begun + ramp
+    if start < middle < end:
+        along(state, line, begun, ramp, lag, start, middle)
+        start = middle
+    if start < end:
+        along(state, line, begun, ramp, lag, start, end)
+    for j in range(len(joints)):
+        joints[j] = state[0, j] + offset[j]
+
+
+@entry
+def apart(past, times, time, joints, offset, out):
+    """Feedback (n,) less what the past (m, n) was at the nearest of the times (m,), less offset (n,), into out (n,).
+
+    Returns its root mean square; NaN where the feedback is not finite.
+    """
+    nearest, total = 0, 0.0
+    for k in range(1, len(times)):
+        if abs(times[k] - time) < abs(times[nearest] - time):
+            nearest = k
+    for j in range(len(joints)):
+        out[j] = joints[j] - past[nearest, j] - offset[j]
+        total += out[j] * out[j]
+    return np.sqrt(total / len(joints)) if total < np.inf else np.nan

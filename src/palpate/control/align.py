@@ -12,7 +12,6 @@ from palpate.contact import Status, WrenchEstimator
 from palpate.contact.estimate import ROW
 from palpate.control.arm import Arm
 from palpate.control.follow import Follow
-from palpate.control.inverse_kinematics import damped_step, limited
 from palpate.control.law import MotionLaw, Sensed
 from palpate.control.probe_face import ProbeFace
 from palpate.control.servo import Servo, ServoModel
@@ -67,9 +66,9 @@ class AlignController:
         law: MotionLaw | None = None,
         inertia: ArrayLike | None = None,
     ) -> None:
-        from palpate.control import _align as kernel  # compiled: loaded when first needed
+        from palpate.control import _align, _arm  # compiled: loaded when first needed
 
-        self._kernel = kernel
+        self._kernel, self._chain = _align, _arm
         surface = estimator.locator.surface
         if law is None and estimator.filter is not None:
             raise InputError("the estimator filters, which this law does itself.", hint="Build it without a filter.")
@@ -102,10 +101,10 @@ class AlignController:
     def _allocate(self, count: int) -> None:
         self._row, self.seen = self.estimator.empty(1)[0], Sensed()
         self._sensor, self._place = np.eye(3), np.zeros(3)  # pose of the sensor in the base, now
-        self._commanded, self._commanded_place = np.eye(3), np.zeros(3)
-        self._motion, self._jacobian = np.zeros(12), np.zeros((6, count))
-        self._e, self._step, self._last = np.zeros(6), np.zeros(count), np.zeros(count)
-        self._command, self._next = np.zeros(count), np.zeros(count)
+        self._stance, self._foremost = np.eye(3), np.zeros(3)  # axes of the face and its tip, as commanded last
+        self._motion, self._e, self._last = np.zeros(12), np.zeros(6), np.zeros(count)
+        self._command = np.zeros(count)
+        self._bounds = np.array([DAMPING, self.limits.speed, self.limits.turn])
         self._fed, self._read = list[float](), list[float]()
         self._wrench, self._felt = np.full(6, np.nan), np.zeros(6)
         self._time = self._due = -np.inf
@@ -154,7 +153,7 @@ class AlignController:
         self._last[:] = 0.0
         self._time = self._due = time
         self._fed = self._command.tolist()
-        self._pose(self.model.joints, self._sensor, self._place)
+        self._chain.pose(self.arm.chain, self.model.joints, self._sensor, self._place)
         self._home[:] = self._place + self._sensor @ self._tip
         self._tared = time if self._tared is None else self._tared
 
@@ -185,8 +184,11 @@ class AlignController:
         fed = feedback.tolist()  # of six numbers a list compares ten times as fast as an array
         if fed != self._fed:
             self._fed = fed
-            self.model.correct(time, feedback)
-        self._pose(self.model.joints, self._sensor, self._place)
+            if self.model.correct(time, feedback):
+                self.law.forget()
+            else:
+                self.law.keep()
+        self._chain.pose(self.arm.chain, self.model.joints, self._sensor, self._place)
         if self._new(wrench):
             self._sense(time, acceleration)
         else:
@@ -195,9 +197,6 @@ class AlignController:
             self._due = max(self._due + self.servo.period, time)
             self._move(time)
         return self._command
-
-    def _pose(self, joints: np.ndarray, rotation: np.ndarray, translation: np.ndarray) -> None:
-        self.arm.pose_into(joints, rotation, translation)
 
     def _new(self, wrench: ArrayLike | None) -> bool:
         """Whether there is a reading that was not there before."""
@@ -234,7 +233,8 @@ class AlignController:
     def _acceleration(self, said: ArrayLike | None) -> Float[np.ndarray, " 3"]:
         """Of the payload's centre, in the sensor's frame, without gravity; what turning it takes leaves the wrench."""
         model, centre, moved = self.model, self._centre, self._moved
-        self.arm.motion_into(model.joints, model.speeds, model.accelerations, centre, self._motion)
+        moves = model.joints, model.speeds, model.accelerations
+        self._chain.motion(self.arm.chain, *moves, centre, self._motion)
         wrenches = (self._wrench, self._felt)
         self._kernel.felt(self._motion, self._sensor, self._inertia, self._load, *wrenches, moved, self._spent)
         if said is None:
@@ -252,11 +252,10 @@ class AlignController:
         self._kernel.sensed(self._row, self._sensor, self._place, *face, *out)
 
     def _move(self, time: float) -> None:
-        """A new command, by the state."""
+        """A new command, by the state: where the last one leads, the wanted step from there, the joints for it."""
         self._e[:] = 0.0
-        self._pose(self._command + self.model.offset, self._commanded, self._commanded_place)
-        axes = self._commanded @ self._axes
-        tip = self._commanded_place + self._commanded @ self._tip
+        arm, offset, axes, tip = self.arm, self.model.offset, self._stance, self._foremost
+        self._chain.stance(arm.chain, self._command, offset, self._axes, self._tip, axes, tip)
         self._guard(time, axes, tip)
         state, period = self.supervisor.state, self.servo.period
         if state == State.APPROACH:
@@ -267,13 +266,8 @@ class AlignController:
             self.law.hold(time, axes, tip, period, self._e)
         elif self.supervisor.retreating:
             self._e[:3] = -self.limits.approach * period * axes[:, 2]
-        self._bound(period)
-        self.arm.jacobian_into(self._command + self.model.offset, self._tip, self._jacobian)
-        damped_step(self._jacobian, self._e, DAMPING, self._step)
-        self._next[:] = self._command
-        limited(self.arm, self._command, self._step, self._last, period, self._next)
-        np.subtract(self._next, self._command, out=self._last)
-        self._command[:] = self._next
+        given = offset, self._tip, self._e, self._bounds
+        self._chain.stepped(arm.chain, arm.limits, *given, period, self._command, self._last)
         self.model.send(time, self._command)
 
     def _guard(self, time: float, axes: Float[np.ndarray, "3 3"], tip: Float[np.ndarray, " 3"]) -> None:
@@ -298,19 +292,6 @@ class AlignController:
             why = f"the probe leans by more than {math.degrees(limits.tilt):.0f} deg from where it first touched"
         if why:
             supervisor.stop(time, why, retreat=True)
-
-    def _bound(self, period: float) -> None:
-        """No faster than tip and probe may move; what is not finite is no motion."""
-        e = self._e.tolist()
-        if not all(map(math.isfinite, e)):
-            self._e[:] = 0.0
-            return
-        for part, size, most in (
-            (self._e[:3], math.hypot(*e[:3]), self.limits.speed),
-            (self._e[3:], math.hypot(*e[3:]), self.limits.turn),
-        ):
-            if size > most * period:
-                part *= most * period / size
 
 
 def _filled(surface: object, rotation: Float[np.ndarray, "3 3"], mass: float) -> Float[np.ndarray, "3 3"]:

@@ -45,7 +45,7 @@ class Arm(Value):
     upper: Float[np.ndarray, " n"]
     speed: Float[np.ndarray, " n"]
     acceleration: Float[np.ndarray, " n"] | None = None
-    _chain: Float[np.ndarray, "m 16"] = field(init=False, repr=False)
+    chain: Float[np.ndarray, "m 16"] = field(init=False, repr=False)
     limits: Float[np.ndarray, "4 n"] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -71,7 +71,7 @@ class Arm(Value):
         object.__setattr__(self, "axes", frozen(joints[:n, :3]))
         object.__setattr__(self, "revolute", turns)
         # writable, because compiled loops that are given a read-only array are compiled again
-        object.__setattr__(self, "_chain", np.ascontiguousarray(chain))
+        object.__setattr__(self, "chain", np.ascontiguousarray(chain))
         object.__setattr__(
             self, "limits", np.array([self.lower, self.upper, self.speed, self.acceleration], dtype=np.float64)
         )
@@ -96,7 +96,7 @@ class Arm(Value):
         """T_base_sensor at joint positions q [rad, m]."""
         require_out(rotation, (3, 3))
         require_out(translation, (3,))
-        _arm.pose(self._chain, self._joints(q), rotation, translation)
+        _arm.pose(self.chain, self._joints(q), rotation, translation)
 
     def jacobian_into(
         self, q: Float[np.ndarray, " n"], point: Float[np.ndarray, " 3"], out: Float[np.ndarray, "6 n"]
@@ -109,7 +109,7 @@ class Arm(Value):
             out: (6, n).
         """
         require_out(out, (6, len(self.names)))
-        _arm.jacobian(self._chain, self._joints(q), shaped(point, (3,), "point"), out)
+        _arm.jacobian(self.chain, self._joints(q), shaped(point, (3,), "point"), out)
 
     def motion_into(
         self,
@@ -135,7 +135,7 @@ class Arm(Value):
         """
         require_out(out, (12,))
         place = shaped(point, (3,), "point")
-        _arm.motion(self._chain, self._joints(q), self._joints(rate), self._joints(change), place, out)
+        _arm.motion(self.chain, self._joints(q), self._joints(rate), self._joints(change), place, out)
 
     def pose(self, q: ArrayLike) -> Pose:
         """T_base_sensor at joint positions q."""

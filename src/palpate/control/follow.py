@@ -16,10 +16,11 @@ ANGLE_FLOOR = float(np.radians(0.8))  # a filter that believes readings to be be
 HEIGHT_FLOOR = 60e-6  # m
 SIZES = (0.17, 0.17, 0.01)  # of the motions to expect [rad, rad, m]
 SPEED = 0.01  # m/s at most, while it presses
-SMOOTHING = np.array([0.06, 0.06, 0.03])  # s, of the commanded angles and height: what the joints' accelerations allow
+SMOOTHING = np.array([0.05, 0.05, 0.025])  # s, of the commanded angles and height: what the joints' accelerations allow
 SOFTEST = 0.02  # of the stiffest
 SETTLED = 0.1  # of the wanted force
 SETTLING = 0.25  # s that the force is to be there
+RECALLED = 0.1  # s: what was known before that says less than readings from a wrong place
 PATIENCE = 6.0  # s, after which the stiffness stays as it was stated
 
 
@@ -58,14 +59,15 @@ class Follow:
         self.late, self.ready = 0.07, False
         self.bank = MotionBank(SIZES)
         self._axes, self._origin = np.eye(3), np.zeros(3)
-        self._readings, self._variances = np.zeros(3), np.array([0.0, 0.0, HEIGHT_FLOOR**2])
+        self._readings, self._variances = np.zeros(3), np.zeros(3)
+        self._floor = np.array([ANGLE_FLOOR, ANGLE_FLOOR, HEIGHT_FLOOR]) ** 2
         self._grid = np.geomspace(SOFTEST * self.stiffest, self.stiffest, 10)
         self._table = np.array([face.radii(self.force, each) for each in self._grid])  # now: it takes 20 ms each
         self.radii = np.zeros(2)
         self._know_radii()
         self._observed, self._smoothed, self._target = kernel.observed, kernel.smoothed, kernel.target
         self._sums, self._right = np.zeros((3, 3)), np.zeros(3)
-        self._begun = self._time = self._reached = 0.0
+        self._begun = self._time = self._kept = self._reached = 0.0
         self._pressing = self._touch = self.depth = 0.0
         self._smooth, self._rate = np.zeros(3), np.zeros(3)
 
@@ -77,6 +79,7 @@ class Follow:
         self._reached, self.ready, self._pressing = np.inf, False, 0.0
         self._read(seen)
         self.bank.start([*self._readings[:2], 0.0])
+        self._kept = seen.time
         self._touch = float(np.sqrt(seen.force @ seen.force))
 
     def observe(self, seen: Sensed) -> None:
@@ -87,6 +90,17 @@ class Follow:
         self._time = seen.time
         if not self.ready:
             self._learn(seen, pressing)
+
+    def keep(self) -> None:
+        """The surface as it is known now was seen from where the robot was said to be."""
+        self.bank.keep()
+        self._kept = self._time
+
+    def forget(self) -> None:
+        """The surface is what it was when it was kept last, if that was not long ago."""
+        if self._time - self._kept < RECALLED:
+            self.bank.recall()
+            self._time = self._kept
 
     def press(self, seen: Sensed, period: float, out: Float[np.ndarray, " 6"]) -> None:
         """Along the probe's axis by (wanted - force)/D, D = 2 K late: without overshoot.
@@ -117,12 +131,11 @@ class Follow:
 
     def _read(self, seen: Sensed) -> float:
         """Readings of the surface and their variances; the force that presses [N]."""
-        for k in (0, 1):
-            self._variances[k] = max(ANGLE_FLOOR**2, float(seen.variance[k] / self.radii[k] ** 2))
         values, _ = self.bank.predict(seen.time - self._time)
-        contact = (seen.place, seen.force, seen.rotation, seen.tip)
+        contact = (seen.place, seen.variance, seen.force, seen.rotation, seen.tip)
         frame = (self.radii, self._axes, self._origin)
-        return self._observed(*contact, *frame, values, self.force, self.stiffness, self._readings)
+        wanted = (self.force, self.stiffness, self._floor)
+        return self._observed(*contact, *frame, values, *wanted, self._readings, self._variances)
 
     def _learn(self, seen: Sensed, pressing: float) -> None:
         """Stiffness from depth against time and force, from a third of the wanted force on."""
@@ -144,10 +157,11 @@ class Follow:
                 self.stiffness = 1.0 / compliance
         before = self.radii.copy()
         self._know_radii()
-        angles = self.bank.predict(0.0)[0][:2] * before / self.radii
         height = float(self._readings[2])
-        self.bank.start([*angles, height])
-        self._smooth[:2], self._smooth[2] = angles, height
+        self.bank.scale(np.append(before / self.radii, 1.0))
+        self.bank.start([height], series=slice(2, 3))
+        self._kept = self._time
+        self._smooth[:] = 0.0, 0.0, height  # the probe stands as it first touched: it has only pressed since
         self._rate[:] = 0.0
         self.depth = max(0.0, height) / (1.0 - min(0.5, np.sqrt(self._touch / self.force)))
         self.ready = True

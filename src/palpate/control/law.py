@@ -52,6 +52,14 @@ class MotionLaw(Protocol):
         """Each reading that was located, from the first on."""
         ...
 
+    def keep(self) -> None:
+        """What was observed so far was seen from where the robot was said to be: its feedback agrees."""
+        ...
+
+    def forget(self) -> None:
+        """What was observed since was not: a command never reached the robot."""
+        ...
+
     def press(self, seen: Sensed, period: float, out: Float[np.ndarray, " 6"]) -> None:
         """The step of one period [s] until it is ready."""
         ...

@@ -13,19 +13,20 @@ from palpate.spatial._arrays import shaped
 
 __all__ = ["MotionBank"]
 
-# Densities of white noise on the third derivative, of motions as large as 1: sines of 10, 5, 2 and 1 s; and of one on
-# the first, for steps.
-JERK = (0.03, 1.0, 30.0, 600.0)
-STEP = 0.5
-MEMORY = 0.5  # s
+# Densities of white noise, of motions as large as 1: on the third derivative, for sines from 10 s down to 1 s; and on
+# the value itself, for jumps.
+JERK = (0.03, 1.0, 30.0, 300.0)
+JUMP = 3.0
+RATES = (0.1, 0.3, 10.0)  # 1/s: a smooth motion becomes another, a jump begins, and ends
 
 
 class MotionBank:
-    """A bank of Kalman filters on each of some series, mixed by their likelihood; no period or shape is assumed.
+    """Kalman filters on each of some series that take turns by what they foresee; no period or shape is assumed.
 
-    Each filter believes in a constant second derivative that white noise of its own density drives, from slow motions
-    to quick ones, and one in a constant value that steps. The likelihood of what each foresaw, forgotten within half a
-    second, weighs them (multiple-model estimation [bar-shalom]); prediction is by the mixture.
+    Each filter believes in a second derivative that white noise of its own density changes, from slow motions to quick
+    ones; for the last, which is for jumps, the value itself has such a noise besides. A motion may change from one
+    filter to another at any time: each begins a step from the mixture of all, by how likely they were right before it
+    (interacting multiple models, Blom and Bar-Shalom 1988 [bar-shalom]). Prediction is by the mixture.
 
     Args:
         sizes: (c,) of the motions to expect, one a series, in its unit: their order of magnitude is enough.
@@ -41,29 +42,54 @@ class MotionBank:
         if not ((self.sizes > 0) & np.isfinite(self.sizes)).all():
             raise InputError(f"sizes of motions must be positive, not {self.sizes.tolist()}.")
         count = len(self.sizes)
-        self._densities = self.sizes[:, None] ** 2 * np.array([*JERK, -STEP])
+        noises = np.array([*((each, 0.0) for each in JERK), (JERK[0], JUMP)])
+        self._densities, self._rates = self.sizes[:, None, None] ** 2 * noises, np.array(RATES)
         self._advance, self._foresee = kernel.advance, kernel.foresee
-        self._filters = np.zeros((count, self._densities.shape[1], kernel.STATE))
+        self._filters = np.zeros((count, len(noises), kernel.STATE))
         self._mixed = np.zeros((count, 9))
+        self._kept = np.zeros_like(self._filters), np.zeros_like(self._mixed)
         self._value, self._rate = np.zeros(count), np.zeros(count)
         self.start(np.zeros(count))
         self.update(0.005, np.zeros(count), np.ones(count))  # compiles
         self.predict(0.0)
         self.start(np.zeros(count))
 
-    def start(self, values: ArrayLike, rates: ArrayLike | None = None) -> None:
-        """Begin at these values (c,), known to about the sizes, and at rest within the sizes over a second."""
-        self._filters[:] = 0.0
-        self._filters[..., 0] = np.asarray(values, dtype=np.float64)[:, None]
-        self._filters[..., 1] = 0.0 if rates is None else np.asarray(rates, dtype=np.float64)[:, None]
+    def start(self, values: ArrayLike, rates: ArrayLike | None = None, series: int | slice = slice(None)) -> None:
+        """Begin at these values (c,), known to about the sizes, and at rest within the sizes over a second.
+
+        Args:
+            values: (c,), or of the series that begin.
+            rates: as many, 0 if not told.
+            series: which; all if not told.
+        """
+        filters = self._filters[series]
+        filters[:] = 0.0
+        filters[..., 0] = np.asarray(values, dtype=np.float64)[..., None]
+        filters[..., 1] = 0.0 if rates is None else np.asarray(rates, dtype=np.float64)[..., None]
         for entry, share in ((3, 1.0), (6, 1.0), (8, 10.0)):
-            self._filters[..., entry] = share * self.sizes[:, None] ** 2
-        self._filters[..., 9] = -np.log(self._filters.shape[1])
-        self._mixed[:] = self._filters[:, 0, :9]
+            filters[..., entry] = share * self.sizes[series, None] ** 2
+        filters[..., 9] = 1.0 / filters.shape[-2]
+        self._mixed[series] = filters[..., 0, :9]
+        self.keep()
+
+    def scale(self, factors: Float[np.ndarray, " c"]) -> None:
+        """What was read so far, in another unit: each series, how fast it goes and what is unsure times its factor."""
+        for known in (self._filters, self._mixed[:, None]):
+            known[..., :3] *= factors[:, None, None]
+            known[..., 3:9] *= factors[:, None, None] ** 2
+        self.keep()
+
+    def keep(self) -> None:
+        """Remember what is known now, for `recall`."""
+        self._kept[0][:], self._kept[1][:] = self._filters, self._mixed
+
+    def recall(self) -> None:
+        """Know again what was kept last, or begun with."""
+        self._filters[:], self._mixed[:] = self._kept
 
     def update(self, step: float, readings: Float[np.ndarray, " c"], variances: Float[np.ndarray, " c"]) -> None:
         """Over a step [s] of time, then by one reading of each series; NaN: none of that series."""
-        self._advance(readings, variances, step, self._densities, MEMORY, self._filters, self._mixed)
+        self._advance(readings, variances, step, self._densities, self._rates, self._filters, self._mixed)
 
     def predict(self, ahead: float) -> tuple[Float[np.ndarray, " c"], Float[np.ndarray, " c"]]:
         """Values and rates `ahead` [s] from now; the arrays are written anew by the next call."""
@@ -77,5 +103,5 @@ class MotionBank:
 
     @property
     def weights(self) -> Sequence[Sequence[float]]:
-        """How much each filter counts, one row a series; they sum to one."""
-        return np.exp(self._filters[..., 9]).tolist()
+        """How probably each filter is the right one now, a row a series; they sum to one."""
+        return self._filters[..., 9].tolist()

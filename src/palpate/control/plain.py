@@ -86,6 +86,12 @@ class Plain:
         self._low_pass(self._time, USED, self._place)
         self._off = force_error(float(seen.force[2]), self.force)
 
+    def keep(self) -> None:
+        """The paper's law knows of no feedback."""
+
+    def forget(self) -> None:
+        """See `keep`."""
+
     def press(self, seen: Sensed, period: float, out: Float[np.ndarray, " 6"]) -> None:
         """As `hold`."""
         self.hold(seen.time, seen.rotation, seen.tip, period, out)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from dataclasses import dataclass
 
@@ -13,6 +14,10 @@ from palpate.errors import InputError
 __all__ = ["Servo", "ServoModel"]
 
 REMEMBERED = 64  # moments, to find what feedback is to be compared with
+BEGUN = 4  # commands, to find one that never came
+FAINT = 2e-5  # rad or m that feedback is off the model at least: encoders
+ODD = 4.0  # times what it usually is off
+USUAL = 0.05  # share of the newest feedback in that
 
 
 @dataclass(frozen=True)
@@ -53,28 +58,48 @@ class Servo:
         return self.delay + self.ramp + self.lag
 
 
+@dataclass(frozen=True, eq=False)
+class _Begun:
+    """A command, when it began, and what the model was before."""
+
+    time: float
+    target: Float[np.ndarray, " n"]
+    state: Float[np.ndarray, "3 n"]
+    line: Float[np.ndarray, "2 n"]
+    begun: float
+
+
 class ServoModel:
     """Joints, their speeds and accelerations between and ahead of the robot's own feedback.
 
     Exact for ramps: the solution of the differential equation in closed form from one change of the ramp to the next.
-    What the joints are off it in their feedback (sag, deflection, friction) is followed slowly and added.
+    What the joints are off it in their feedback (sag, deflection, friction) is followed slowly and added. A command
+    that was lost on its way shows in the feedback after it should have begun, and is taken out.
 
     Args:
         servo: how the robot follows.
         count: n, of joints.
         correction: [s] time constant by which feedback corrects the model.
+
+    Attributes:
+        offset: (n,) what the joints are off the model, by their feedback.
+        missed: how many commands never came.
     """
 
     def __init__(self, servo: Servo, count: int, correction: float = 0.1) -> None:
         from palpate.control import _servo as kernel  # compiled: loaded when first needed
 
-        self.servo, self.correction, self._along = servo, correction, kernel.along
+        self.servo, self.correction = servo, correction
+        self._following, self._apart = kernel.follow, kernel.apart
         self._state, self._line = np.zeros((3, count)), np.zeros((2, count))
         self.offset, self._joints = np.zeros(count), np.zeros(count)
         self._waiting: deque[tuple[float, np.ndarray]] = deque()
+        self._begins = deque[_Begun](maxlen=BEGUN)
+        self._off = np.zeros(count)
         self._past, self._times, self._kept = np.zeros((REMEMBERED, count)), np.zeros(REMEMBERED), 0
         self.start(0.0, np.zeros(count))
         self.advance(1e-3)  # compiles
+        self.correct(1e-3, np.zeros(count))
         self.start(0.0, np.zeros(count))
 
     def start(self, time: float, joints: Float[np.ndarray, " n"]) -> None:
@@ -83,6 +108,8 @@ class ServoModel:
         self._state[0] = self._joints[:] = joints
         self._begun, self._time, self._fed = -np.inf, time, time
         self._waiting.clear()
+        self._begins.clear()
+        self._usual, self.missed = 5.0 * FAINT, 0  # what feedback is off usually
         self._times[:] = -np.inf
         self._kept = 0
 
@@ -93,24 +120,34 @@ class ServoModel:
     def advance(self, time: float) -> None:
         """To a later time [s]; earlier ones are left alone."""
         while self._waiting and self._waiting[0][0] <= time:
-            begins, target = self._waiting.popleft()
-            self._follow(begins)
-            share = 1.0 if self.servo.ramp == 0.0 else min(1.0, (begins - self._begun) / self.servo.ramp)
-            self._line[0] += share * (self._line[1] - self._line[0])
-            self._line[1], self._begun = target, begins
+            self._take(*self._waiting.popleft())
         self._follow(time)
-        np.add(self._state[0], self.offset, out=self._joints)
         self._past[self._kept], self._times[self._kept] = self._state[0], time
         self._kept = (self._kept + 1) % REMEMBERED
 
-    def correct(self, time: float, joints: Float[np.ndarray, " n"]) -> None:
-        """By feedback of the joints as they were at this time, at most some cycles ago."""
-        if not np.isfinite(joints).all():
-            return
-        modelled = self._past[int(np.argmin(np.abs(self._times - time)))]
-        share = 1.0 - float(np.exp(-max(0.0, time - self._fed) / self.correction))
-        self.offset += share * (joints - modelled - self.offset)
+    def correct(self, time: float, joints: Float[np.ndarray, " n"]) -> bool:
+        """By feedback of the joints as they were at this time, at most some cycles ago.
+
+        Returns:
+            Whether it shows that the newest command that should have begun never came. The model is then that of a
+            robot which never had it, from when on it should have begun.
+        """
+        off = self._apart(self._past, self._times, time, joints, self.offset, self._off)
+        if not off < np.inf:
+            return False
+        newest = next((each for each in reversed(self._begins) if each.time < time - 0.5 * self.servo.period), None)
+        without = off
+        if newest is not None and off > ODD * self._usual:
+            without = self._without(newest, time, joints)
+        lost = without < 0.5 * off
+        size = min(off, without, 2.0 * self._usual)  # one that is odd counts little
+        self._usual = max(FAINT, math.sqrt(self._usual**2 + USUAL * (size**2 - self._usual**2)))
+        if newest is not None and lost:
+            self._take_out(newest)
+        else:
+            self.offset += (1.0 - math.exp(-max(0.0, time - self._fed) / self.correction)) * self._off
         self._fed = max(time, self._fed)
+        return lost
 
     @property
     def joints(self) -> Float[np.ndarray, " n"]:
@@ -127,11 +164,36 @@ class ServoModel:
         """(n,) theirs."""
         return self._state[2]
 
+    def _take(self, begins: float, target: Float[np.ndarray, " n"]) -> None:
+        """The reference goes to a new command from here on."""
+        self._follow(begins)
+        self._begins.append(_Begun(begins, target, self._state.copy(), self._line.copy(), self._begun))
+        share = 1.0 if self.servo.ramp == 0.0 else min(1.0, (begins - self._begun) / self.servo.ramp)
+        self._line[0] += share * (self._line[1] - self._line[0])
+        self._line[1], self._begun = target, begins
+
+    def _without(self, command: _Begun, time: float, joints: Float[np.ndarray, " n"]) -> float:
+        """Root mean square of what the feedback is off joints that never had this command."""
+        given = command.begun, self.servo.ramp, self.servo.lag
+        modelled = np.empty_like(self.offset)
+        self._following(command.state.copy(), command.line, self.offset, *given, command.time, time, modelled)
+        return math.dist(joints, modelled) / math.sqrt(len(joints))
+
+    def _take_out(self, command: _Begun) -> None:
+        """As if this command had never come; those after it begin as they did."""
+        now, later = self._time, [each for each in self._begins if each.time > command.time]
+        while self._begins and self._begins[-1].time >= command.time:
+            self._begins.pop()
+        self._state[:], self._line[:] = command.state, command.line
+        self._begun, self._time = command.begun, command.time
+        for each in later:
+            self._take(each.time, each.target)
+        self._follow(now)
+        self._times[self._times > command.time] = -np.inf  # what was modelled since was wrong
+        self.missed += 1
+
     def _follow(self, time: float) -> None:
-        """Over the ramp until it ends, then over what stands still."""
-        ends = self._begun + self.servo.ramp
-        for until in (ends, time) if self._time < ends < time else (time,):
-            if self._time < until:
-                given = self._begun, self.servo.ramp, self.servo.lag
-                self._along(self._state, self._line, *given, self._time, until)
-                self._time = until
+        """To a later time, as the reference goes now."""
+        given = self._begun, self.servo.ramp, self.servo.lag
+        self._following(self._state, self._line, self.offset, *given, self._time, time, self._joints)
+        self._time = max(self._time, time)
