@@ -116,8 +116,8 @@ def _writers(session: Session, folder: Path, samples: int) -> dict[str, Callable
     def ours(suffix: str) -> Callable[[], None]:
         def write() -> None:
             with open_contacts(folder / f"contacts{suffix}") as output:
-                for block, found in blocks:
-                    output.write(block.time, found.estimate)
+                for _, found in blocks:
+                    output.write(found)
 
         return write
 
