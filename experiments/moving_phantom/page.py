@@ -338,7 +338,7 @@ As it came in these runs, two at a time on a machine that did other work as well
   of velocity.
 - **Unplanned motion.** Nothing is lost. 10 deg within 0.1 s, 190 deg/s at most, come faster than the loop: the first
   command that can know of it is given after 40 ms and met by a quarter at 85 ms, when the probe leans by 9 deg. The
-  lowest point of a face of 54 mm is then 0.7 mm deeper, which is the 1.6 N. Out-of-plane 10 mN of sideways force are
+  lowest point of a face of 54 mm is then 0.7 mm deeper, which is the 1.7 N. Out-of-plane 10 mN of sideways force are
   0.8 deg, so that half a second below 1 deg is partly luck; with a quarter of the noise 10 of 20 settle in time, the
   slowest after 0.7 s. Commands that are smoothed over 20 ms instead of 50 let 13 of those 20, the slowest after 0.6 s,
   but a robot that accelerates less than its model says then begins to oscillate.
@@ -350,7 +350,7 @@ As it came in these runs, two at a time on a machine that did other work as well
   counted as leaving `hold`.
 - **Inertia.** The servo's model is as good as an accelerometer. Second differences of the feedback, a cycle late and
   more, are worse than nothing. Where the robot has a bound of 30
-  rad/s^2 of which the model does not know, the row above, one of 24 seeds fell into an oscillation and stopped
+  rad/s^2 of which the model does not know (the last row), one of 24 further seeds fell into an oscillation and stopped
   at 20 N: what the model says must be so. The lab's own bound is that of the torques, 100 rad/s^2.
 - **Drift** is predicted with the smaller gain and the wanted force: out-of-plane it is a tenth more than predicted,
   in-plane a third of it, for the larger radius. The stop comes early enough with the noise taken off, without room.

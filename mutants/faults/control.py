@@ -117,8 +117,14 @@ FAULTS: list[Fault] = [
     *of(
         "control/servo.py",
         "tests/control/test_servo_model.py",
-        ("no command is ever missed", "lost = without < 0.5 * off", "lost = False"),
-        ("commands after one that was lost are lost too", "self._take(each.time, each.target)", "None"),
+        ("no command is ever missed", "without < 0.5 * off", "False"),
+        (
+            "commands after one that was lost are lost too",
+            "self._take(later[0].time, later.popleft().target)",
+            "later.popleft()",
+        ),
+        ("only the newest command may be lost", "course.take(each.time, each.target)", "None"),
+        ("what was modelled since stays wrong", "self._past[k] = self._course.state[0]", "pass"),
         ("a robot that is slow loses commands", "self._usual**2 + USUAL * (size**2 - self._usual**2)", "FAINT**2"),
     ),
     *of(

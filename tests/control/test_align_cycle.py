@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 from benchmarks.control import WANTED, Press, bent, elbow_arm, press
 from palpate.contact import WrenchEstimator
 from palpate.control.align import AlignController
-from palpate.control.servo import Servo
+from palpate.control.follow import Follow
+from palpate.control.servo import Feedback, Servo
 from palpate.control.supervisor import Limits, State
 from palpate.errors import InputError
 from palpate.sensors.filters import Butterworth
@@ -39,8 +40,8 @@ class Loop:
             command = self.controller.update(now, None if silent else wrench, joints)
             if not np.array_equal(command, self.sent):
                 self.sent, self.commands = command.copy(), self.commands + 1
-                self.plant.robot.send(now, self.kept if lost and self.commands % lost == 0 else self.sent)
-                self.kept = self.sent
+                self.kept = self.kept if lost and self.commands % lost == 0 else self.sent
+                self.plant.robot.send(now, self.kept)
             forces.append(self.plant.force)
             angles.append(self.plant.angle)
             states.add(self.controller.state)
@@ -77,6 +78,26 @@ def test_commands_that_never_arrive_are_found(held: Loop) -> None:
     assert np.degrees(angles.mean()) < 1.1
 
 
+def test_what_was_observed_before_a_lost_command_was_known_is_forgotten(held: Loop) -> None:
+    """The law is told to keep what it knows where feedback agrees, and to go back there where a command was lost."""
+    law, controller = held.controller.law, held.controller
+    assert isinstance(law, Follow)
+    held.run(0.1)
+    controller._heed(0.0, Feedback.AGREES)
+    known, at = law.bank.predict(0.0)[0].copy(), law._time
+    wrench, _ = held.plant.read(held.count / RATE)
+    controller.update(held.count / RATE, wrench, controller._feedback)  # no new feedback
+    held.count += 1
+    assert law.bank.predict(0.0)[0].tolist() != known.tolist()
+    controller._heed(at, Feedback.ODD)  # says nothing: it neither keeps nor forgets
+    controller._heed(at, Feedback.LOST)
+    assert law.bank.predict(0.0)[0].tolist() == known.tolist()
+    assert law._time == at
+    controller._heed(at, Feedback.AGREES)
+    held.run(0.5)
+    assert controller.state == State.HOLD
+
+
 def test_a_sensor_that_says_nothing_stops_the_motion_and_comes_back(held: Loop) -> None:
     _, _, states = held.run(0.15, silent=True)
     assert held.controller.state == State.LOST
@@ -108,6 +129,21 @@ def test_too_much_force_ends_it_and_the_probe_retreats(held: Loop) -> None:
     forces, _, states = held.run(2.5)
     assert states == {State.STOPPED}
     assert forces[-1] == 0.0
+
+
+def test_a_robot_that_takes_no_commands_stops_the_loop() -> None:
+    """Its brakes are on from the third second: ten commands later that is said."""
+    loop = Loop()
+    loop.run(3.0)
+    assert loop.controller.state == State.HOLD
+    loop.run(1.0, lost=1)
+    assert loop.controller.state == State.STOPPED
+    assert loop.controller.why == "the robot has not followed the last 10 commands"
+
+
+def test_feedback_of_another_robot_is_refused(held: Loop) -> None:
+    with pytest.raises(InputError, match="6 joints"):
+        held.controller.update(held.count / RATE, None, np.zeros(7))
 
 
 def test_a_limit_below_the_wanted_force_is_refused(held: Loop) -> None:

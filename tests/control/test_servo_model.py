@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from palpate.control.servo import Servo, ServoModel
+from palpate.control.servo import Feedback, Servo, ServoModel
 from palpate.errors import InputError
 
 
@@ -97,10 +97,13 @@ def test_feedback_is_held_against_the_moment_that_it_is_of() -> None:
     assert model.offset[0] == pytest.approx(0.0, abs=1e-12)
 
 
-def driven(lag: float, lost: set[int], noise: float = 0.0) -> tuple[ServoModel, np.ndarray]:
-    """A model of 30 ms and how far it is off a robot of this lag, which never gets some of 200 commands; every 5 ms."""
+def driven(lag: float, lost: set[int], phase: int = 0, late: int = 0) -> tuple[ServoModel, np.ndarray]:
+    """A model of 30 ms and how far it is off a robot of this lag, which never gets some of 200 commands; every 5 ms.
+
+    Feedback comes once a command, `phase` times 5 ms after it is given, and is `late` times 5 ms old.
+    """
     model, robot, rng = ServoModel(Servo(), 2), ServoModel(Servo(lag=lag), 2), np.random.default_rng(6)
-    off = list[float]()
+    off, was = list[float](), list[np.ndarray]()
     for each in (model, robot):
         each.start(0.0, np.zeros(2))
     kept = np.zeros(2)
@@ -108,8 +111,10 @@ def driven(lag: float, lost: set[int], noise: float = 0.0) -> tuple[ServoModel, 
         now = 0.005 * k
         model.advance(now)
         robot.advance(now)
+        was.append(robot.joints.copy())
+        if k % 4 == phase and k >= late:
+            model.correct(0.005 * (k - late), was[k - late] + 1e-5 * rng.standard_normal(2))
         if k % 4 == 0:
-            model.correct(now, robot.joints + noise * rng.standard_normal(2))
             wanted = 0.3 * np.sin([2.0 * now, 3.0 * now])
             model.send(now, wanted)
             kept = kept if k // 4 in lost else wanted
@@ -118,22 +123,35 @@ def driven(lag: float, lost: set[int], noise: float = 0.0) -> tuple[ServoModel, 
     return model, np.array(off)
 
 
-def test_a_command_that_never_came_is_taken_out() -> None:
-    """One, two and three in a row: found by the feedback 40 ms after each was given, and the model is the robot's."""
-    lost = {40, 80, 81, 120, 121, 122, 160}
-    model, off = driven(0.030, lost, noise=1e-5)
-    assert model.missed == len(lost)
-    wrong = {4 * each + k for each in lost for k in range(5, 9)}  # from when it should have begun, to the feedback
+LOST = {40, 80, 81, 120, 121, 122, 160}  # one, two and three in a row
+
+
+@pytest.mark.parametrize("phase", [0, 1, 2, 3])
+@pytest.mark.parametrize("late", [0, 4])
+def test_a_command_that_never_came_is_taken_out(phase: int, late: int) -> None:
+    """Found by the second feedback at the latest after it should have begun, and the model is the robot's again."""
+    model, off = driven(0.030, LOST, phase, late)
+    assert model.missed == len(LOST)
+    wrong = {4 * each + k for each in LOST for k in range(4, 8 + phase + late)}
     right = [k for k in range(len(off)) if k not in wrong]
     assert off[right].max() < 2e-4
-    assert off[sorted(wrong)].max() > 1e-3  # it does make a difference
+    assert phase > 1 or off[sorted(wrong)].max() > 1e-3  # it does make a difference, if it is found late
 
 
 def test_a_robot_that_is_slower_than_stated_is_not_taken_for_one_that_loses_commands() -> None:
-    """It is off by the lag that the model does not know of, 15 ms at 0.9 rad/s, and by no more."""
+    """It is off by what the lag that the model does not know of makes, 15 ms at 0.9 rad/s, less what feedback adds."""
     model, off = driven(0.045, set())
     assert model.missed <= 5  # at the very beginning, until it is known how far off it is usually
     assert off.max() < 0.9 * 0.015 * 1.2
+    assert off[400:].mean() < 0.5 * 0.9 * 0.015
+
+
+def test_feedback_that_is_none_says_nothing() -> None:
+    model = ServoModel(Servo(), 2)
+    assert model.correct(0.0, np.array([np.nan, 0.0])) == Feedback.ODD
+    assert model.correct(0.0, np.zeros(2)) == Feedback.AGREES
+    with pytest.raises(InputError, match="2 joints"):
+        model.correct(0.0, np.zeros(3))
 
 
 @pytest.mark.parametrize("wrong", [{"period": 0.0}, {"lag": -1.0}, {"delay": np.nan}, {"ramp": np.inf}])

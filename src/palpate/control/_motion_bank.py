@@ -99,7 +99,7 @@ def _interact(filters, change, old, shares):
             shares[i] = change[i, j] * old[i, 9]
             total += shares[i]
         for i in range(len(filters)):
-            shares[i] /= total
+            shares[i] = shares[i] / total if total > 0.0 else 1.0 if i == j else 0.0  # impossible: as it was
         _mix(old, shares, filters[j])
         filters[j, 9] = total
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from palpate.surfaces._jit import entry
+from palpate.surfaces._jit import entry, inner
 
-__all__ = ["along", "apart", "follow"]
+__all__ = ["apart", "follow"]
 
 
-@entry
-def along(state, line, begun, ramp, lag, start, end):
+@inner
+def _along(state, line, begun, ramp, lag, start, end):
     """State (3, n), joints, speeds and accelerations, from `start` to `end` [s], while the reference r is one line.
 
     line (2, n): r goes from the first to the second within `ramp` from `begun` on, and stays. With w = 2/lag
@@ -43,16 +43,14 @@ def along(state, line, begun, ramp, lag, start, end):
 
 
 @entry
-def follow(state, line, offset, begun, ramp, lag, start, end, joints):
-    """As `along`, by way of where the ramp ends; the joints (n,) are the state's with the offset (n,)."""
+def follow(state, line, begun, ramp, lag, start, end):
+    """As `_along`, by way of where the ramp ends."""
     middle = begun + ramp
     if start < middle < end:
-        along(state, line, begun, ramp, lag, start, middle)
+        _along(state, line, begun, ramp, lag, start, middle)
         start = middle
     if start < end:
-        along(state, line, begun, ramp, lag, start, end)
-    for j in range(len(joints)):
-        joints[j] = state[0, j] + offset[j]
+        _along(state, line, begun, ramp, lag, start, end)
 
 
 @entry

@@ -14,7 +14,7 @@ from palpate.control.arm import Arm
 from palpate.control.follow import Follow
 from palpate.control.law import MotionLaw, Sensed
 from palpate.control.probe_face import ProbeFace
-from palpate.control.servo import Servo, ServoModel
+from palpate.control.servo import Feedback, Servo, ServoModel
 from palpate.control.supervisor import Limits, State, Supervisor
 from palpate.errors import InputError
 from palpate.sensors.compensation import Compensation
@@ -25,6 +25,7 @@ from palpate.surfaces.mesh import Mesh
 __all__ = ["AlignController"]
 
 DAMPING = 0.01  # of (10): a twentieth of what an arm of half a metre moves, where it is not near a singular pose
+DEAF = 10  # commands in a row that never came
 JUMP = 5.0  # s between two calls that no clock makes
 LEAST = 1e-4  # s: cycles are told apart to this
 
@@ -68,7 +69,7 @@ class AlignController:
     ) -> None:
         from palpate.control import _align, _arm  # compiled: loaded when first needed
 
-        self._kernel, self._chain = _align, _arm
+        self._kernel, self._moves = _align, _arm
         surface = estimator.locator.surface
         if law is None and estimator.filter is not None:
             raise InputError("the estimator filters, which this law does itself.", hint="Build it without a filter.")
@@ -103,7 +104,7 @@ class AlignController:
         self._sensor, self._place = np.eye(3), np.zeros(3)  # pose of the sensor in the base, now
         self._stance, self._foremost = np.eye(3), np.zeros(3)  # axes of the face and its tip, as commanded last
         self._motion, self._e, self._last = np.zeros(12), np.zeros(6), np.zeros(count)
-        self._command = np.zeros(count)
+        self._command, self._feedback, self._unheard = np.zeros(count), np.zeros(count), 0
         self._bounds = np.array([DAMPING, self.limits.speed, self.limits.turn])
         self._fed, self._read = list[float](), list[float]()
         self._wrench, self._felt = np.full(6, np.nan), np.zeros(6)
@@ -150,10 +151,10 @@ class AlignController:
         self.model.start(time, self._command)
         self.supervisor.start(time)
         self.estimator.reset()
-        self._last[:] = 0.0
+        self._last[:], self._unheard = 0.0, 0
         self._time = self._due = time
         self._fed = self._command.tolist()
-        self._chain.pose(self.arm.chain, self.model.joints, self._sensor, self._place)
+        self._moves.pose(self.arm.chain, self.model.joints, self._sensor, self._place)
         self._home[:] = self._place + self._sensor @ self._tip
         self._tared = time if self._tared is None else self._tared
 
@@ -170,9 +171,16 @@ class AlignController:
                 from the robot's model.
 
         Returns:
-            (n,) within the arm's limits, whatever came in. The array is written anew by the next call.
+            (n,) within the arm's limits, whatever came in; to be sent once a period, changed or not. The array is
+            written anew by the next call.
+
+        Raises:
+            InputError: joints of another number than the arm's.
         """
-        feedback = np.asarray(joints, dtype=np.float64)
+        feedback, given = self._feedback, np.asarray(joints, dtype=np.float64)
+        if given.shape != feedback.shape:
+            raise InputError(f"feedback must be of {len(feedback)} joints, not of shape {given.shape}.", where="joints")
+        feedback[:] = given
         if self._time == -np.inf:
             self.start(time, feedback)
         elif not time > self._time or not time < self._time + JUMP:
@@ -184,11 +192,8 @@ class AlignController:
         fed = feedback.tolist()  # of six numbers a list compares ten times as fast as an array
         if fed != self._fed:
             self._fed = fed
-            if self.model.correct(time, feedback):
-                self.law.forget()
-            else:
-                self.law.keep()
-        self._chain.pose(self.arm.chain, self.model.joints, self._sensor, self._place)
+            self._heed(time, self.model.correct(time, feedback))
+        self._moves.pose(self.arm.chain, self.model.joints, self._sensor, self._place)
         if self._new(wrench):
             self._sense(time, acceleration)
         else:
@@ -197,6 +202,17 @@ class AlignController:
             self._due = max(self._due + self.servo.period, time)
             self._move(time)
         return self._command
+
+    def _heed(self, time: float, said: Feedback) -> None:
+        """What the robot's feedback means for what was observed, and for going on."""
+        if said == Feedback.AGREES:
+            self._unheard = 0
+            self.law.keep()
+        elif said == Feedback.LOST:
+            self._unheard += 1
+            self.law.forget()
+            if self._unheard >= DEAF:
+                self.supervisor.stop(time, f"the robot has not followed the last {self._unheard} commands")
 
     def _new(self, wrench: ArrayLike | None) -> bool:
         """Whether there is a reading that was not there before."""
@@ -234,7 +250,7 @@ class AlignController:
         """Of the payload's centre, in the sensor's frame, without gravity; what turning it takes leaves the wrench."""
         model, centre, moved = self.model, self._centre, self._moved
         moves = model.joints, model.speeds, model.accelerations
-        self._chain.motion(self.arm.chain, *moves, centre, self._motion)
+        self._moves.motion(self.arm.chain, *moves, centre, self._motion)
         wrenches = (self._wrench, self._felt)
         self._kernel.felt(self._motion, self._sensor, self._inertia, self._load, *wrenches, moved, self._spent)
         if said is None:
@@ -255,7 +271,7 @@ class AlignController:
         """A new command, by the state: where the last one leads, the wanted step from there, the joints for it."""
         self._e[:] = 0.0
         arm, offset, axes, tip = self.arm, self.model.offset, self._stance, self._foremost
-        self._chain.stance(arm.chain, self._command, offset, self._axes, self._tip, axes, tip)
+        self._moves.stance(arm.chain, self._command, offset, self._axes, self._tip, axes, tip)
         self._guard(time, axes, tip)
         state, period = self.supervisor.state, self.servo.period
         if state == State.APPROACH:
@@ -267,7 +283,7 @@ class AlignController:
         elif self.supervisor.retreating:
             self._e[:3] = -self.limits.approach * period * axes[:, 2]
         given = offset, self._tip, self._e, self._bounds
-        self._chain.stepped(arm.chain, arm.limits, *given, period, self._command, self._last)
+        self._moves.stepped(arm.chain, arm.limits, *given, period, self._command, self._last)
         self.model.send(time, self._command)
 
     def _guard(self, time: float, axes: Float[np.ndarray, "3 3"], tip: Float[np.ndarray, " 3"]) -> None:

@@ -32,6 +32,10 @@ class Arm(Value):
         speed: (n,) the most [rad/s, m/s].
         acceleration: (n,) the most [rad/s^2, m/s^2]; infinite where none is stated.
 
+    Attributes:
+        chain: (n + 1, 16) all of it as compiled loops take it, see `_arm`; not to be changed.
+        limits: (4, n) lower, upper, speed and acceleration, likewise.
+
     Raises:
         InputError: lengths that differ, an axis without a direction, a range that is empty, a speed that is not
             positive and finite.

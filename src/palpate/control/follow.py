@@ -97,7 +97,10 @@ class Follow:
         self._kept = self._time
 
     def forget(self) -> None:
-        """The surface is what it was when it was kept last, if that was not long ago."""
+        """The surface is what it was when it was kept last, if that was not long ago.
+
+        What was learned of the stiffness stays: some readings of hundreds.
+        """
         if self._time - self._kept < RECALLED:
             self.bank.recall()
             self._time = self._kept

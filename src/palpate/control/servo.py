@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from copy import copy
 from dataclasses import dataclass
+from enum import Enum
 
 import numpy as np
 from jaxtyping import Float
 
 from palpate.errors import InputError
 
-__all__ = ["Servo", "ServoModel"]
+__all__ = ["Feedback", "Servo", "ServoModel"]
 
 REMEMBERED = 64  # moments, to find what feedback is to be compared with
-BEGUN = 4  # commands, to find one that never came
+BEGUN = 4  # commands that are remembered
+SHOWN = 2  # of them of which one may never have come: an older one would have shown in feedback before
 FAINT = 2e-5  # rad or m that feedback is off the model at least: encoders
 ODD = 4.0  # times what it usually is off
 USUAL = 0.05  # share of the newest feedback in that
@@ -58,15 +61,52 @@ class Servo:
         return self.delay + self.ramp + self.lag
 
 
+class Feedback(Enum):
+    """What feedback says of the model."""
+
+    AGREES = "agrees"
+    ODD = "odd"
+    """It is not finite, or unusually far off, and no lost command explains that."""
+    LOST = "lost"
+    """The newest command that should show in it never came."""
+
+
+class _Course:
+    """Joints on their way: exact from one change of the line that they follow to the next."""
+
+    def __init__(self, servo: Servo, time: float, joints: Float[np.ndarray, " n"]) -> None:
+        from palpate.control import _servo as kernel  # compiled: loaded when first needed
+
+        self.servo, self.time, self.begun, self._follow = servo, time, -np.inf, kernel.follow
+        self.state, self.line = np.zeros((3, len(joints))), np.zeros((2, len(joints)))
+        self.state[0] = self.line[:] = joints
+
+    def copy(self) -> _Course:
+        """Another that goes on from here."""
+        made = copy(self)
+        made.state, made.line = self.state.copy(), self.line.copy()
+        return made
+
+    def follow(self, time: float) -> None:
+        """To a later time [s]; earlier ones are left alone."""
+        self._follow(self.state, self.line, self.begun, self.servo.ramp, self.servo.lag, self.time, time)
+        self.time = max(self.time, time)
+
+    def take(self, begins: float, target: Float[np.ndarray, " n"]) -> None:
+        """The line leads to a new command from this time on."""
+        self.follow(begins)
+        share = 1.0 if self.servo.ramp == 0.0 else min(1.0, (begins - self.begun) / self.servo.ramp)
+        self.line[0] += share * (self.line[1] - self.line[0])
+        self.line[1], self.begun = target, begins
+
+
 @dataclass(frozen=True, eq=False)
 class _Begun:
-    """A command, when it began, and what the model was before."""
+    """A command, when it began, and the course that it changed."""
 
     time: float
     target: Float[np.ndarray, " n"]
-    state: Float[np.ndarray, "3 n"]
-    line: Float[np.ndarray, "2 n"]
-    begun: float
+    before: _Course
 
 
 class ServoModel:
@@ -83,19 +123,17 @@ class ServoModel:
 
     Attributes:
         offset: (n,) what the joints are off the model, by their feedback.
-        missed: how many commands never came.
+        missed: how many commands never came, as far as feedback tells: it must come about once a command, and the
+            joints must lag behind it.
     """
 
     def __init__(self, servo: Servo, count: int, correction: float = 0.1) -> None:
         from palpate.control import _servo as kernel  # compiled: loaded when first needed
 
-        self.servo, self.correction = servo, correction
-        self._following, self._apart = kernel.follow, kernel.apart
-        self._state, self._line = np.zeros((3, count)), np.zeros((2, count))
-        self.offset, self._joints = np.zeros(count), np.zeros(count)
+        self.servo, self.correction, self._apart = servo, correction, kernel.apart
+        self.offset, self._joints, self._off = np.zeros(count), np.zeros(count), np.zeros(count)
         self._waiting: deque[tuple[float, np.ndarray]] = deque()
         self._begins = deque[_Begun](maxlen=BEGUN)
-        self._off = np.zeros(count)
         self._past, self._times, self._kept = np.zeros((REMEMBERED, count)), np.zeros(REMEMBERED), 0
         self.start(0.0, np.zeros(count))
         self.advance(1e-3)  # compiles
@@ -104,9 +142,8 @@ class ServoModel:
 
     def start(self, time: float, joints: Float[np.ndarray, " n"]) -> None:
         """At rest at these joints, with nothing commanded."""
-        self._state[:], self._line[:], self.offset[:] = 0.0, joints, 0.0
-        self._state[0] = self._joints[:] = joints
-        self._begun, self._time, self._fed = -np.inf, time, time
+        self._course, self._fed = _Course(self.servo, time, joints), time
+        self.offset[:], self._joints[:] = 0.0, joints
         self._waiting.clear()
         self._begins.clear()
         self._usual, self.missed = 5.0 * FAINT, 0  # what feedback is off usually
@@ -121,33 +158,37 @@ class ServoModel:
         """To a later time [s]; earlier ones are left alone."""
         while self._waiting and self._waiting[0][0] <= time:
             self._take(*self._waiting.popleft())
-        self._follow(time)
-        self._past[self._kept], self._times[self._kept] = self._state[0], time
+        self._course.follow(time)
+        np.add(self._course.state[0], self.offset, out=self._joints)
+        self._past[self._kept], self._times[self._kept] = self._course.state[0], time
         self._kept = (self._kept + 1) % REMEMBERED
 
-    def correct(self, time: float, joints: Float[np.ndarray, " n"]) -> bool:
+    def correct(self, time: float, joints: Float[np.ndarray, " n"]) -> Feedback:
         """By feedback of the joints as they were at this time, at most some cycles ago.
 
-        Returns:
-            Whether it shows that the newest command that should have begun never came. The model is then that of a
-            robot which never had it, from when on it should have begun.
+        Where a command never came, the model is that of a robot which never had it, from when on it should have begun.
+
+        Raises:
+            InputError: feedback of another number of joints.
         """
+        if joints.shape != self.offset.shape:
+            raise InputError(f"feedback must be of {len(self.offset)} joints, not {joints.shape}.", where="joints")
         off = self._apart(self._past, self._times, time, joints, self.offset, self._off)
         if not off < np.inf:
-            return False
-        newest = next((each for each in reversed(self._begins) if each.time < time - 0.5 * self.servo.period), None)
-        without = off
-        if newest is not None and off > ODD * self._usual:
-            without = self._without(newest, time, joints)
-        lost = without < 0.5 * off
+            return Feedback.ODD
+        odd, without, lost = off > ODD * self._usual, off, None
+        begun = [each for each in self._begins if each.time <= time][-SHOWN:]
+        for each in begun if odd else ():
+            if (gap := self._without(each, time, joints)) < without:
+                without, lost = gap, each
         size = min(off, without, 2.0 * self._usual)  # one that is odd counts little
         self._usual = max(FAINT, math.sqrt(self._usual**2 + USUAL * (size**2 - self._usual**2)))
-        if newest is not None and lost:
-            self._take_out(newest)
-        else:
-            self.offset += (1.0 - math.exp(-max(0.0, time - self._fed) / self.correction)) * self._off
-        self._fed = max(time, self._fed)
-        return lost
+        passed, self._fed = max(0.0, time - self._fed), max(time, self._fed)
+        if lost is not None and without < 0.5 * off:
+            self._take_out(lost)
+            return Feedback.LOST
+        self.offset += (1.0 - math.exp(-passed / self.correction)) * self._off
+        return Feedback.ODD if odd else Feedback.AGREES
 
     @property
     def joints(self) -> Float[np.ndarray, " n"]:
@@ -157,43 +198,43 @@ class ServoModel:
     @property
     def speeds(self) -> Float[np.ndarray, " n"]:
         """(n,) their derivatives."""
-        return self._state[1]
+        return self._course.state[1]
 
     @property
     def accelerations(self) -> Float[np.ndarray, " n"]:
         """(n,) theirs."""
-        return self._state[2]
+        return self._course.state[2]
 
     def _take(self, begins: float, target: Float[np.ndarray, " n"]) -> None:
-        """The reference goes to a new command from here on."""
-        self._follow(begins)
-        self._begins.append(_Begun(begins, target, self._state.copy(), self._line.copy(), self._begun))
-        share = 1.0 if self.servo.ramp == 0.0 else min(1.0, (begins - self._begun) / self.servo.ramp)
-        self._line[0] += share * (self._line[1] - self._line[0])
-        self._line[1], self._begun = target, begins
+        """A command begins."""
+        self._course.follow(begins)
+        self._begins.append(_Begun(begins, target, self._course.copy()))
+        self._course.take(begins, target)
+
+    def _after(self, command: _Begun) -> list[_Begun]:
+        return [each for each in self._begins if each.time > command.time]
 
     def _without(self, command: _Begun, time: float, joints: Float[np.ndarray, " n"]) -> float:
         """Root mean square of what the feedback is off joints that never had this command."""
-        given = command.begun, self.servo.ramp, self.servo.lag
-        modelled = np.empty_like(self.offset)
-        self._following(command.state.copy(), command.line, self.offset, *given, command.time, time, modelled)
-        return math.dist(joints, modelled) / math.sqrt(len(joints))
+        course = command.before.copy()
+        for each in self._after(command):
+            if each.time <= time:
+                course.take(each.time, each.target)
+        course.follow(time)
+        return math.dist(joints, course.state[0] + self.offset) / math.sqrt(len(joints))
 
     def _take_out(self, command: _Begun) -> None:
-        """As if this command had never come; those after it begin as they did."""
-        now, later = self._time, [each for each in self._begins if each.time > command.time]
+        """As if this command had never come: what was modelled since is modelled anew; later ones begin as they did."""
+        later = deque(self._after(command))
         while self._begins and self._begins[-1].time >= command.time:
             self._begins.pop()
-        self._state[:], self._line[:] = command.state, command.line
-        self._begun, self._time = command.begun, command.time
-        for each in later:
-            self._take(each.time, each.target)
-        self._follow(now)
-        self._times[self._times > command.time] = -np.inf  # what was modelled since was wrong
+        self._course = command.before
+        for k in np.argsort(self._times, kind="stable").tolist():
+            moment = float(self._times[k])
+            if moment >= command.time:
+                while later and later[0].time <= moment:
+                    self._take(later[0].time, later.popleft().target)
+                self._course.follow(moment)
+                self._past[k] = self._course.state[0]
+        np.add(self._course.state[0], self.offset, out=self._joints)
         self.missed += 1
-
-    def _follow(self, time: float) -> None:
-        """To a later time, as the reference goes now."""
-        given = self._begun, self.servo.ramp, self.servo.lag
-        self._following(self._state, self._line, self.offset, *given, self._time, time, self._joints)
-        self._time = max(self._time, time)
