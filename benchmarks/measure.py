@@ -57,9 +57,9 @@ class Batch:
 
 @njit(cache=True, nogil=True)
 def _search_many(wrenches, soft, tan_limit, nodes, corners, found):
-    total = 0
+    total, room = 0, _bvh.room()
     for i in range(len(wrenches)):
-        total += _bvh.search(wrenches[i], soft, tan_limit, nodes, corners, found)
+        total += _bvh.search_in(wrenches[i], soft, tan_limit, nodes, corners, found, room)
     return total
 
 

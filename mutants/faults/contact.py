@@ -100,7 +100,7 @@ FAULTS: list[Fault] = [
     *of(
         "contact/_slopes.py",
         "tests/contact/test_uncertainty.py tests/laws/test_equation_laws.py",
-        ("a row of the sandwich", "half[k] * right[j, k]", "half[k] * right[i, k]", "sandwich"),
+        ("a row of the sandwich", "half * right[j, k]", "half * right[i, k]", "sandwich_into"),
     ),
     *of(
         "sensors/_compensation.py",

@@ -7,8 +7,9 @@ import numpy as np
 
 from palpate.contact._settings import FRICTION, SOFT, TORSION
 from palpate.contact._slopes import sandwich, sensitivity, tangents, to_metres, to_unit
+from palpate.surfaces._bvh import room
 from palpate.surfaces._jit import entry, inner
-from palpate.surfaces._kernels import CANDIDATE, CAPACITY, search
+from palpate.surfaces._kernels import CANDIDATE, CAPACITY, search_in
 from palpate.surfaces._vectors import copy_into, cross_into, dot
 
 __all__ = ["distance_to_bounds", "distance_to_point"]
@@ -131,14 +132,14 @@ def distance_to_bounds(wrench, noise, nodes, corners, settings, first, place):
     values, rows, active = np.empty(2), np.empty((2, 6)), np.zeros((2, 6))
     right, near = np.empty(2), np.empty(6)
     current, unit, spot = wrench.copy(), np.empty(6), place.copy()
-    found, candidate = np.empty((CAPACITY + 1, CANDIDATE)), first.copy()
+    found, candidate, free = np.empty((CAPACITY + 1, CANDIDATE)), first.copy(), room()
     inverse = _inverse(noise)
     best, step_size = np.inf, 1.0
     use0 = use1 = False
     for step in range(_STEPS):
         if step > 0:
             to_unit(current, settings, unit)
-            count = search(unit, settings[SOFT], 0.5 + 2.0 * candidate[4], nodes, corners, found)
+            count = search_in(unit, settings[SOFT], 0.5 + 2.0 * candidate[4], nodes, corners, found, free)
             if count == 0:
                 break
             chosen = 0

@@ -30,10 +30,20 @@ from palpate.contact._settings import (
     SOFT,
     TOUCHING,
 )
-from palpate.contact._slopes import sandwich, sensitivity, slopes_at, softened, tangents, to_metres, to_unit
+from palpate.contact._slopes import (
+    sandwich,
+    sandwich_into,
+    sensitivity,
+    slopes_at,
+    softened,
+    tangents,
+    to_metres,
+    to_unit,
+)
 from palpate.contact._touch import ANOTHER, MEAN, better, follow, forget, friction, rival, torsion, within_bounds
+from palpate.surfaces._bvh import room
 from palpate.surfaces._jit import entry, inlined, inner, released
-from palpate.surfaces._kernels import CANDIDATE, CAPACITY, nearest_to_axis, search, shape_operator
+from palpate.surfaces._kernels import CANDIDATE, CAPACITY, nearest_to_axis, search_in, shape_operator
 from palpate.surfaces._vectors import copy_into, cross_into, dot
 
 __all__ = ["compile_half", "estimate_many"]
@@ -155,20 +165,20 @@ def _gate(wrench, noise, settings, state):
 
 
 @inner
-def _search(wrench, unit, nodes, corners, settings, limit, found):
+def _search(wrench, unit, nodes, corners, settings, limit, found, free):
     """Candidates of a wrench, which goes into unit in the tree's size; how many. `limit`: friction at most, if any."""
     to_unit(wrench, settings, unit)
     count = 0
     while count == 0 and limit < np.inf:  # outside the bounds, wider step by step: a search without a limit is slow
-        count = search(unit, settings[SOFT], limit, nodes, corners, found)
+        count = search_in(unit, settings[SOFT], limit, nodes, corners, found, free)
         limit = 4.0 * max(1.0, limit) if limit < _GRAZING else np.inf
     if count == 0:
-        count = search(unit, settings[SOFT], np.inf, nodes, corners, found)
+        count = search_in(unit, settings[SOFT], np.inf, nodes, corners, found, free)
     return count
 
 
 @inner
-def _at_surface(wrench, nodes, corners, settings, near, found):
+def _at_surface(wrench, nodes, corners, settings, near, found, free):
     """The wrench that the same force would make at the surface, where under a soft layer it acts d below.
 
     A force at p - d n has the moment M = (p - d n) x F + tau n, so M' = M + d n x F, d = depth |F . n|^exponent, is
@@ -180,7 +190,7 @@ def _at_surface(wrench, nodes, corners, settings, near, found):
     places, torques = np.empty((CAPACITY + 1, 6)), np.empty(CAPACITY + 1)
     size = np.sqrt(dot(wrench[:3], wrench[:3])) * settings[SCALE]
     for step in range(_SETTLING):
-        count = _search(out, unit, nodes, corners, settings, settings[FRICTION], found)
+        count = _search(out, unit, nodes, corners, settings, settings[FRICTION], found, free)
         if count == 0:
             break
         best, _ = _choose(out, settings, near, found, count, places, torques)
@@ -205,8 +215,16 @@ def _at_surface(wrench, nodes, corners, settings, near, found):
     return out
 
 
+@inner
+def _workspace():
+    """What `_estimate` writes into on its way, once for many wrenches."""
+    places, torques, branches = np.empty((CAPACITY + 1, 6)), np.empty(CAPACITY + 1), np.empty(CAPACITY + 1, np.int64)
+    slopes = np.empty((2, 3)), np.empty((2, 2)), np.empty((2, 6)), np.empty((2, 2))
+    return np.empty(6), np.empty((CAPACITY + 1, CANDIDATE)), places, torques, branches, slopes, room()
+
+
 @inlined
-def _estimate(wrench, noise, nodes, corners, settings, state, row):
+def _estimate(wrench, noise, nodes, corners, settings, state, row, work):
     """One wrench (6,) with covariance (6, 6) in the surface's frame to one row of `estimate.ROW`."""
     row[:] = np.nan
     row[_CANDIDATES] = 0.0
@@ -219,14 +237,15 @@ def _estimate(wrench, noise, nodes, corners, settings, state, row):
         state[HAS_PREVIOUS] = 0.0
         forget(state)
         return
-    unit, found, near = np.empty(6), np.empty((CAPACITY + 1, CANDIDATE)), state
+    unit, found, places, torques, branches, (t, shape, slopes, spread), free = work
+    near = state
     if settings[DEPTH] > 0.0:
         near = state.copy()
-        wrench = _at_surface(wrench, nodes, corners, settings, near, found)
+        wrench = _at_surface(wrench, nodes, corners, settings, near, found, free)
     noisy = settings[NOISY] == 1.0
     limit = friction(wrench, noise, settings, state) if noisy else settings[FRICTION]
-    count = _search(wrench, unit, nodes, corners, settings, limit, found)
-    places, torques, branches = np.zeros((count + 1, 6)), np.empty(count + 1), np.empty(count + 1, np.int64)
+    count = _search(wrench, unit, nodes, corners, settings, limit, found, free)
+    places[0] = 0.0  # where there is none
     best = plausible = within = 0
     doubtful = False
     if count > 0:
@@ -243,14 +262,13 @@ def _estimate(wrench, noise, nodes, corners, settings, state, row):
     if noisy and within == 0 and not remembered and _deviations(wrench, noise) < EXPLAINED:
         row[_STATUS] = _TOO_LIGHT  # noise alone explains the force, and so it would any contact
         return
-    t, shape, slopes = np.empty((2, 3)), np.empty((2, 2)), np.empty((2, 6))
-    spread = np.zeros((2, 2))
+    spread[:] = 0.0
     known = noisy and count > 0 and sensitivity(wrench, found[best], place, nodes, corners, settings, t, shape, slopes)
     if known:
         if settings[DEPTH] > 0.0:
             shape_operator(found[best], t, settings[SCALE], nodes, corners, shape)
             softened(wrench[:3], place[3:], t, shape, settings, slopes)
-        spread = sandwich(slopes, noise, slopes)
+        sandwich_into(slopes, noise, slopes, spread)
     moved, away = 0, found[count, 5] if remembered else np.inf
     if not remembered:
         if within == 0 and noisy and count > 0:
@@ -372,7 +390,7 @@ def estimate_many(wrenches, noises, forced, nodes, corners, settings, state, seq
 
     In sequence the hysteresis and the previous contact go from sample to sample; otherwise each starts from `state`.
     """
-    start = state.copy()
+    start, work = state.copy(), _workspace()
     for i in range(len(wrenches)):
         if not sequential:
             copy_into(start, state)
@@ -382,4 +400,4 @@ def estimate_many(wrenches, noises, forced, nodes, corners, settings, state, seq
             rows[i, _STATUS] = forced[i]
             continue
         noise = noises[i] if len(noises) > 1 else noises[0]
-        _estimate(wrenches[i], noise, nodes, corners, settings, state, rows[i])
+        _estimate(wrenches[i], noise, nodes, corners, settings, state, rows[i], work)

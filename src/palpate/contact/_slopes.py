@@ -19,7 +19,7 @@ from palpate.surfaces._jit import inner
 from palpate.surfaces._kernels import shape_operator
 from palpate.surfaces._vectors import cross_into, dot
 
-__all__ = ["sandwich", "sensitivity", "slopes_at", "softened", "tangents", "to_metres", "to_unit"]
+__all__ = ["sandwich", "sandwich_into", "sensitivity", "slopes_at", "softened", "tangents", "to_metres", "to_unit"]
 
 
 @inner
@@ -51,42 +51,53 @@ def slopes_at(wrench, place, t, shape, soft, slopes):
         across = np.empty((2, 3))
         tangents(wrench[:3] / np.sqrt(square), across)
         pitch = along / square
-    g, right = np.empty((2, 2)), np.empty((2, 6))
     for a in range(2):
         ax, ay, az = across[a, 0], across[a, 1], across[a, 2]
-        for c in range(2):
-            x, y, z = fy * t[c, 2] - fz * t[c, 1], fz * t[c, 0] - fx * t[c, 2], fx * t[c, 1] - fy * t[c, 0]
-            g[a, c] = ax * x + ay * y + az * z - soft * tau * shape[a, c]
-        right[a, 0] = ay * place[2] - az * place[1] + pitch * ax  # t . (p x dF) = (t x p) . dF
-        right[a, 1] = az * place[0] - ax * place[2] + pitch * ay
-        right[a, 2] = ax * place[1] - ay * place[0] + pitch * az
-        right[a, 3], right[a, 4], right[a, 5] = -ax, -ay, -az
-    det = g[0, 0] * g[1, 1] - g[0, 1] * g[1, 0]
+        slopes[a, 0] = ay * place[2] - az * place[1] + pitch * ax  # t . (p x dF) = (t x p) . dF
+        slopes[a, 1] = az * place[0] - ax * place[2] + pitch * ay
+        slopes[a, 2] = ax * place[1] - ay * place[0] + pitch * az
+        slopes[a, 3], slopes[a, 4], slopes[a, 5] = -ax, -ay, -az
+    g00 = _turned(fx, fy, fz, across, 0, t, 0) - soft * tau * shape[0, 0]
+    g01 = _turned(fx, fy, fz, across, 0, t, 1) - soft * tau * shape[0, 1]
+    g10 = _turned(fx, fy, fz, across, 1, t, 0) - soft * tau * shape[1, 0]
+    g11 = _turned(fx, fy, fz, across, 1, t, 1) - soft * tau * shape[1, 1]
+    det = g00 * g11 - g01 * g10
     if abs(det) < 1e-14 * square:
         return False
     for k in range(6):
-        slopes[0, k] = (g[1, 1] * right[0, k] - g[0, 1] * right[1, k]) / det
-        slopes[1, k] = (g[0, 0] * right[1, k] - g[1, 0] * right[0, k]) / det
+        first, second = slopes[0, k], slopes[1, k]
+        slopes[0, k] = (g11 * first - g01 * second) / det
+        slopes[1, k] = (g00 * second - g10 * first) / det
     return True
 
 
 @inner
+def _turned(fx, fy, fz, across, a, t, c):
+    """Row a of `across` times F x (row c of t)."""
+    x, y, z = fy * t[c, 2] - fz * t[c, 1], fz * t[c, 0] - fx * t[c, 2], fx * t[c, 1] - fy * t[c, 0]
+    return across[a, 0] * x + across[a, 1] * y + across[a, 2] * z
+
+
+@inner
 def sandwich(left, middle, right):
-    """Left (i, 6) middle (6, 6) right (j, 6)^T, small and without a call into BLAS."""
-    out = np.zeros((len(left), len(right)))
-    half = np.empty(6)
-    for i in range(len(left)):
-        for k in range(6):
-            total = 0.0
-            for m in range(6):
-                total += left[i, m] * middle[m, k]
-            half[k] = total
-        for j in range(len(right)):
-            total = 0.0
-            for k in range(6):
-                total += half[k] * right[j, k]
-            out[i, j] = total
+    """Left (i, 6) middle (6, 6) right (j, 6)^T, in a new array (i, j)."""
+    out = np.empty((len(left), len(right)))
+    sandwich_into(left, middle, right, out)
     return out
+
+
+@inner
+def sandwich_into(left, middle, right, out):
+    """Left (i, 6) middle (6, 6) right (j, 6)^T, small and without a call into BLAS, into out (i, j)."""
+    for i in range(len(left)):
+        for j in range(len(right)):
+            out[i, j] = 0.0
+        for k in range(6):
+            half = 0.0
+            for m in range(6):
+                half += left[i, m] * middle[m, k]
+            for j in range(len(right)):
+                out[i, j] += half * right[j, k]
 
 
 @inner
@@ -133,11 +144,10 @@ def to_metres(candidate, settings, place):
 @inner
 def to_unit(wrench, settings, out):
     """The wrench about the tree's centre, in its unit size."""
-    work = np.empty(3)
-    cross_into(settings[CENTRE : CENTRE + 3], wrench[:3], work)
+    cross_into(settings[CENTRE : CENTRE + 3], wrench[:3], out[3:])
     for k in range(3):
         out[k] = wrench[k]
-        out[3 + k] = (wrench[3 + k] - work[k]) / settings[SCALE]
+        out[3 + k] = (wrench[3 + k] - out[3 + k]) / settings[SCALE]
 
 
 @inner

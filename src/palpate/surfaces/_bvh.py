@@ -25,7 +25,9 @@ __all__ = [
     "WIDTH",
     "axis_view",
     "build",
+    "room",
     "search",
+    "search_in",
     "start_view",
     "test_children",
 ]
@@ -257,8 +259,20 @@ def _keep(found, count, capacity, patch, b, kind, corners, fx, fy, fz, tan_limit
     return min(max(count, spot + 1), capacity)
 
 
+@inner
+def room():
+    """What `search_in` writes into on its way: asking for memory takes as long as a search."""
+    return np.empty(14, dtype=np.float32), np.empty((4, 3)), np.empty((STACK, 2), dtype=np.int64)
+
+
 @entry
 def search(wrench, soft, tan_limit, nodes, corners, found):
+    """As `search_in`, with room of its own."""
+    return search_in(wrench, soft, tan_limit, nodes, corners, found, room())
+
+
+@entry
+def search_in(wrench, soft, tan_limit, nodes, corners, found, room):
     """Every contact that a wrench can have on the patches.
 
     Args:
@@ -268,6 +282,7 @@ def search(wrench, soft, tan_limit, nodes, corners, found):
         nodes: of the tree.
         corners: of the tree.
         found: (CAPACITY + 1, CANDIDATE) to write into; its last row is scratch.
+        room: of `room`.
 
     Returns:
         how many rows of `found` are contacts, in no order: patch 0, barycentric 1-3, tan(theta) 4, height along f 5,
@@ -281,10 +296,8 @@ def search(wrench, soft, tan_limit, nodes, corners, found):
     my = pz * fx - px * fz + pitch * fy
     mz = px * fy - py * fx + pitch * fz
     qu, qv = ux * px + uy * py + uz * pz, vx * px + vy * py + vz * pz
-    view = np.empty(14, dtype=np.float32)
+    view, out, pending = room  # the last: first and size, as in a node
     start_view((fx, fy, fz), (px, py, pz), pitch, tan_limit, view)
-    out = np.empty((4, 3))
-    pending = np.empty((STACK, 2), dtype=np.int64)  # first and size, as in a node
     pending[0, 0], pending[0, 1] = 0, 0
     depth, count = 1, 0
     while depth > 0:

@@ -7,14 +7,13 @@ A surface is two arguments of every kernel: `nodes` and `corners` of a mesh's tr
 # pyright: basic
 from __future__ import annotations
 
-import numpy as np
 from numba import types
 
 from palpate.surfaces import _bvh, _equation, _nearest
 from palpate.surfaces._bvh import CANDIDATE, CAPACITY
 from palpate.surfaces._jit import chosen_for, inner
 
-__all__ = ["CANDIDATE", "CAPACITY", "is_mesh", "nearest_to_axis", "search", "shape_operator"]
+__all__ = ["CANDIDATE", "CAPACITY", "is_mesh", "nearest_to_axis", "search", "search_in", "shape_operator"]
 
 
 def is_mesh(one):
@@ -23,16 +22,27 @@ def is_mesh(one):
 
 
 def search(wrench, soft, tan_limit, one, two, found):
-    """Every contact of a wrench, as `_bvh.search` says; callable from Python too."""
+    """Every contact of a wrench, as `_bvh.search_in` says; from Python."""
     kernel = _bvh.search if is_mesh(one) else _equation.contacts
     return kernel(wrench, soft, tan_limit, one, two, found)
 
 
-@chosen_for(search)
-def _search(wrench, soft, tan_limit, one, two, found):
-    if is_mesh(one):
-        return lambda wrench, soft, tan_limit, one, two, found: _bvh.search(wrench, soft, tan_limit, one, two, found)
-    return lambda wrench, soft, tan_limit, one, two, found: _equation.contacts(wrench, soft, tan_limit, one, two, found)
+def search_in(wrench, soft, tan_limit, one, two, found, room):
+    """Every contact of a wrench, as `_bvh.search_in` says."""
+    raise NotImplementedError("compiled code only")
+
+
+@chosen_for(search_in)
+def _search_in(wrench, soft, tan_limit, one, two, found, room):
+    return _in_tree if is_mesh(one) else _on_equation
+
+
+def _in_tree(wrench, soft, tan_limit, one, two, found, room):
+    return _bvh.search_in(wrench, soft, tan_limit, one, two, found, room)
+
+
+def _on_equation(wrench, soft, tan_limit, one, two, found, room):
+    return _equation.contacts(wrench, soft, tan_limit, one, two, found)
 
 
 def nearest_to_axis(wrench, one, two, found):
@@ -70,21 +80,28 @@ def _of_patch(candidate, t, scale, one, two, out):
 @inner
 def _interpolated(row, b, n, t, scale, out):
     """Of a patch with interpolated normals."""
-    a, d = np.empty((2, 2)), np.empty((2, 2))  # tangential parts of the edges and of the change of the normal
     length = 0.0
     for k in range(3):
         length += (b[0] * row[3 + k] + b[1] * row[9 + k] + b[2] * row[15 + k]) * n[k]
-    for i in range(2):
-        for j in range(2):
-            o = 6 * (j + 1)
-            a[i, j] = d[i, j] = 0.0
-            for k in range(3):
-                a[i, j] += t[i, k] * (row[o + k] - row[k]) * scale
-                d[i, j] += t[i, k] * (row[o + 3 + k] - row[3 + k]) / length
-    det = a[0, 0] * a[1, 1] - a[0, 1] * a[1, 0]
+    # tangential parts of the two edges, and of the change of the normal along them
+    a00, d00 = _change(row, 6, t, 0, scale, length)
+    a01, d01 = _change(row, 12, t, 0, scale, length)
+    a10, d10 = _change(row, 6, t, 1, scale, length)
+    a11, d11 = _change(row, 12, t, 1, scale, length)
+    det = a00 * a11 - a01 * a10
     if det == 0.0:
         return
-    out[0, 0] = (d[0, 0] * a[1, 1] - d[0, 1] * a[1, 0]) / det
-    out[0, 1] = (d[0, 1] * a[0, 0] - d[0, 0] * a[0, 1]) / det
-    out[1, 0] = (d[1, 0] * a[1, 1] - d[1, 1] * a[1, 0]) / det
-    out[1, 1] = (d[1, 1] * a[0, 0] - d[1, 0] * a[0, 1]) / det
+    out[0, 0] = (d00 * a11 - d01 * a10) / det
+    out[0, 1] = (d01 * a00 - d00 * a01) / det
+    out[1, 0] = (d10 * a11 - d11 * a10) / det
+    out[1, 1] = (d11 * a00 - d10 * a01) / det
+
+
+@inner
+def _change(row, corner, t, i, scale, length):
+    """From the first corner of a patch to another: position and normal, along tangent i."""
+    place = normal = 0.0
+    for k in range(3):
+        place += t[i, k] * (row[corner + k] - row[k]) * scale
+        normal += t[i, k] * (row[corner + 3 + k] - row[3 + k]) / length
+    return place, normal
