@@ -1,7 +1,7 @@
 """The stated faults, a file a room. A file that moves takes a new path here; a fault that is mended away goes."""
 
 from mutants.fault import Fault
-from mutants.faults import calibration, contact, control, evaluation, io, sensors, simulation, spatial, surfaces
+from mutants.faults import calibration, contact, control, evaluation, io, live, sensors, simulation, spatial, surfaces
 
 __all__ = ["FAULTS"]
 
@@ -14,5 +14,6 @@ FAULTS: list[Fault] = [
     *calibration.FAULTS,
     *evaluation.FAULTS,
     *io.FAULTS,
+    *live.FAULTS,
     *simulation.FAULTS,
 ]
