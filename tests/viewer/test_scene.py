@@ -8,14 +8,15 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 from palpate.contact.ellipse import ellipse
 from palpate.contact.estimate import CHI2_95, Status
 from palpate.errors import InputError
-from palpate.spatial.pose import rotation_from_quaternion
 from palpate.surfaces.plane import plane
 from palpate.viewer.captions import MEANING, caption
 from palpate.viewer.heat import PALETTE, colours, density, refined
+from palpate.viewer.marker import _facing
 from palpate.viewer.scene import MAGNIFICATIONS, Scene, nice, prepare
 from palpate.viewer.timeline import Timeline, downsampled
 from tests.support.pages import BODY, SPREAD, ellipsoid, session, tangents, two_contacts
@@ -50,7 +51,29 @@ def test_an_ellipse_without_a_covariance_is_none() -> None:
     axes, rotation = ellipse(np.full((3, 3), np.nan), np.array([0.0, 0.0, 1.0]))
     assert np.isnan(axes).all()
     assert rotation @ rotation.T == pytest.approx(np.eye(3))
-    assert np.isnan(ellipse(np.eye(3), np.full(3, np.nan))[0]).all()
+    assert np.isnan(ellipse(np.full((3, 3), np.inf), np.array([0.0, 0.0, 1.0]))[0]).all()
+    none, rotation = ellipse(np.eye(3), np.full(3, np.nan))
+    assert np.isnan(none).all()
+    assert np.array_equal(rotation, np.eye(3))
+
+
+def test_many_ellipses_are_each_its_own() -> None:
+    """Down to normals straight down, and with rows that have none."""
+    rng = np.random.default_rng(4)
+    normal = np.concatenate([np.eye(3), -np.eye(3), np.full((1, 3), np.nan)])
+    spread = rng.normal(size=(7, 3, 3))
+    axes, frames = ellipse(spread @ np.swapaxes(spread, 1, 2), normal)
+    for k in range(7):
+        alone = ellipse(spread[k] @ spread[k].T, normal[k])
+        assert alone[0] == pytest.approx(axes[k], nan_ok=True)
+        assert alone[1] == pytest.approx(frames[k])
+    assert np.isnan(axes).any(axis=1).tolist() == 6 * [False] + [True]
+
+
+@pytest.mark.parametrize("normal", [(0, 0, 1), (0, 0, -1), (0.6, -0.8, 0), (0.48, 0.64, -0.6), (1e-6, 0, -1)])
+def test_what_marks_a_contact_stands_on_its_normal(normal: tuple[float, float, float]) -> None:
+    w, x, y, z = _facing(np.array(normal, dtype=float))
+    assert Rotation.from_quat([x, y, z, w]).apply([0.0, 0.0, 1.0]) == pytest.approx(normal, abs=2e-6)
 
 
 def test_a_moment_is_the_estimate_of_its_sample(scene: Scene) -> None:
@@ -62,7 +85,7 @@ def test_a_moment_is_the_estimate_of_its_sample(scene: Scene) -> None:
     assert shown.status == Status.CONTACT
     assert np.array_equal(shown.point, contacts.point[200])
     along, across = tangents(contacts.normal[200:201])
-    turned = rotation_from_quaternion(shown.turn)
+    turned = shown.frame
     assert shown.axes == pytest.approx(np.sqrt(CHI2_95) * np.array(SPREAD), rel=1e-9)
     assert abs(turned[:, 0] @ along[0]) == pytest.approx(1.0)
     assert abs(turned[:, 1] @ across[0]) == pytest.approx(1.0)

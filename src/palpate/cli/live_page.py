@@ -80,6 +80,7 @@ def _wait(ring: Ring, parent: int) -> None:
 def _serve(page: LivePage, stream: Stream, parent: int) -> None:
     """Look at the ring, and draw what is new while somebody watches; fewer pictures rather than more of a core."""
     told, drawn, spent, before = -np.inf, -1, 0.0, time.process_time()
+    due = time.monotonic()
     while not stream.ring["stop"] and not orphaned(parent):
         begun, watched = time.monotonic(), page.watched
         stream.look(watched)
@@ -94,7 +95,8 @@ def _serve(page: LivePage, stream: Stream, parent: int) -> None:
         used, before = time.process_time() - before, time.process_time()
         spent += SMOOTH * (used - spent)
         pause = max(TICK, min(spent / SHARE, IDLE)) if watched else IDLE
-        time.sleep(max(0.001, pause - (time.monotonic() - begun)))
+        due = max(due + pause, begun)  # where the last picture came late, the next one makes up for it
+        time.sleep(max(0.001, due - time.monotonic()))
 
 
 class Stream:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -35,7 +36,7 @@ class Marker:
         )  # fmt: skip
         flat = np.column_stack([DISC, np.zeros(len(DISC))])
         self._disc = space.add_mesh_simple(
-            f"{root}/ellipse/{slot}/disc", flat, _facets(), color=ink, opacity=0.25, side="double", cast_shadow=False
+            f"{root}/ellipse/{slot}/disc", flat, _facets(), color=ink, opacity=0.0, side="double", cast_shadow=False
         )
         self._rim = space.add_line_segments(
             f"{root}/ellipse/{slot}/rim", nothing, ink, thickness=2.0, thickness_units="screen"
@@ -60,9 +61,8 @@ class Marker:
             _put(handle, visible=known)
         if contact is None or not located:
             return
-        x, y, z, w = contact.turn.tolist()
         self._frame.position = scene.placed(contact.point + 1e-3 * scene.size * contact.normal)
-        self._frame.wxyz = (w, x, y, z)
+        self._frame.wxyz = _facing(contact.normal)
         if known:
             self._show_ellipse(scene, contact, magnification)
         self._show_force(scene, contact)
@@ -73,11 +73,12 @@ class Marker:
         points = scene.placed(scene.ellipse_on_body(contact, magnification)).astype(np.float32)
         strength = fade(magnification * float(contact.axes[0]), scene.size)
         self._disc.vertices = points
-        _put(self._disc, opacity=round(0.25 * strength, 3))
         rim = points[-RIM:]
         self._rim.points = np.stack([rim, np.roll(rim, -1, axis=0)], axis=1)
-        ink = FAINT + strength * (np.array(self._ink) - FAINT)
-        self._rim.colors = np.tile(ink.round().astype(np.uint8), (RIM, 2, 1))
+        if (opacity := round(0.25 * strength, 3)) != self._disc.opacity:
+            self._disc.opacity = opacity
+            ink = FAINT + strength * (np.array(self._ink) - FAINT)
+            self._rim.colors = np.tile(ink.round().astype(np.uint8), (RIM, 2, 1))
 
     def _show_force(self, scene: Scene, contact: ShownContact) -> None:
         """An arrow that pushes with its tip."""
@@ -102,6 +103,15 @@ class Marker:
         last = segments[-1, 1] - segments[-1, 0]
         tip = segments[-1, 1] + 0.03 * last / np.linalg.norm(last)
         self._head.points = np.stack([segments[-3, 1], tip])[None].astype(np.float32)
+
+
+def _facing(normal: Float[np.ndarray, "3"]) -> tuple[float, float, float, float]:
+    """Quaternion w, x, y, z that turns z to a normal by the shortest way."""
+    x, y, z = normal.tolist()
+    if z < -1.0 + 1e-9:
+        return 0.0, 1.0, 0.0, 0.0
+    length = math.sqrt(2.0 * (1.0 + z))
+    return 0.5 * length, -y / length, x / length, 0.0
 
 
 def _put(handle: SceneNodeHandle, **values: bool | float) -> None:

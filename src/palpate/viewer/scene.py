@@ -15,7 +15,6 @@ from palpate.contact.ellipse import ellipse
 from palpate.contact.estimate import ROW, ContactEstimate, Status
 from palpate.contact.events import Events, find_touches
 from palpate.errors import InputError
-from palpate.spatial.pose import quaternion_from_rotation, rotation_from_quaternion
 from palpate.surfaces import Surface
 from palpate.viewer.heat import FineMesh, density, refined
 from palpate.viewer.layer import Layer
@@ -66,7 +65,7 @@ class ShownContact:
         force: (3,) [N] on the body; torque: [N m] about the normal.
         deviation: (3,) [m] standard deviations of the point along x, y, z; NaN where no noise is known.
         axes: (2,) half-axes [m] of the 95 % ellipse, the longer first; NaN where there is none.
-        turn: (4,) quaternion x, y, z, w of the frame of the long axis, the short axis and the normal.
+        frame: (3, 3) rotation whose columns are the long axis, the short axis and the normal.
         features: what the sensor adds, SI; those that are known.
     """
 
@@ -78,10 +77,10 @@ class ShownContact:
     torque: float
     deviation: Float[np.ndarray, "3"]
     axes: Float[np.ndarray, "2"]
-    turn: Float[np.ndarray, "4"]
+    frame: Float[np.ndarray, "3 3"]
     features: Mapping[str, float]
 
-    @property
+    @cached_property
     def located(self) -> bool:
         """There is a point to draw."""
         return bool(np.isfinite(self.point).all() and np.isfinite(self.normal).all())
@@ -270,8 +269,7 @@ class Scene:
         Its points, those of `DISC` in the tangent plane, are taken to the nearest point of the surface.
         """
         axes = np.minimum(magnification * contact.axes, 2.0 * self.size)
-        frame = rotation_from_quaternion(contact.turn)
-        flat = contact.point + (DISC * axes) @ frame[:, :2].T
+        flat = contact.point + (DISC * axes) @ contact.frame[:, :2].T
         if self.surface is None:
             return flat + _LIFT * self.size * contact.normal
         points, normals, _ = self.surface.project(flat)
@@ -287,7 +285,7 @@ class Scene:
 
     def _shown(self, row: int) -> ShownContact:
         found = self.contacts
-        axes, rotation = ellipse(found.covariance[row], found.normal[row])
+        axes, frame = ellipse(found.covariance[row], found.normal[row])
         features = {name: float(values[row]) for name, values in found.features.items()}
         return ShownContact(
             identity=int(found.identity[row]),
@@ -298,7 +296,7 @@ class Scene:
             torque=float(found.torque[row]),
             deviation=np.sqrt(np.maximum(np.diag(found.covariance[row]), 0.0)),
             axes=axes,
-            turn=quaternion_from_rotation(rotation),
+            frame=frame,
             features={name: value for name, value in features.items() if np.isfinite(value)},
         )
 
@@ -432,7 +430,7 @@ def _width(size: float, points: Float[np.ndarray, "n 3"]) -> float:
 
 
 def _magnified(size: float, shown: Contacts) -> int:
-    axes = np.array([ellipse(shown.covariance[k], shown.normal[k])[0][0] for k in range(len(shown))])
+    axes = ellipse(shown.covariance, shown.normal)[0][:, 0]
     axes = axes[axes > 0]
     wanted = size / 50 / float(np.median(axes)) if len(axes) else 1.0
     return next((times for times in MAGNIFICATIONS if times >= wanted), MAGNIFICATIONS[-1])
