@@ -26,7 +26,7 @@ def ellipse(
         (*batch, 3, 3) whose columns are the long axis, the short axis and the normal (the identity without a normal).
     """
     tangents = _tangents(normal)
-    known = np.isfinite(covariance).all(axis=(-2, -1), keepdims=True)
+    known = np.asarray(np.isfinite(covariance).all(axis=(-2, -1)))[..., None, None]
     plane = np.swapaxes(tangents, -1, -2) @ np.where(known, covariance, np.nan) @ tangents
     middle, half = 0.5 * (plane[..., 0, 0] + plane[..., 1, 1]), 0.5 * (plane[..., 0, 0] - plane[..., 1, 1])
     radius = np.hypot(half, plane[..., 0, 1])
