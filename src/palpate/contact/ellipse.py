@@ -26,8 +26,8 @@ def ellipse(
         (*batch, 3, 3) whose columns are the long axis, the short axis and the normal (the identity without a normal).
     """
     tangents = _tangents(normal)
-    known = np.asarray(np.isfinite(covariance).all(axis=(-2, -1)))[..., None, None]
-    plane = np.swapaxes(tangents, -1, -2) @ np.where(known, covariance, np.nan) @ tangents
+    finite = np.where(np.isfinite(covariance), covariance, np.nan)  # products make one NaN all of them
+    plane = np.swapaxes(tangents, -1, -2) @ finite @ tangents
     middle, half = 0.5 * (plane[..., 0, 0] + plane[..., 1, 1]), 0.5 * (plane[..., 0, 0] - plane[..., 1, 1])
     radius = np.hypot(half, plane[..., 0, 1])
     axes = np.sqrt(CHI2_95 * np.maximum(np.stack([middle + radius, middle - radius], axis=-1), 0.0))
