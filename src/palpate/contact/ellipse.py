@@ -35,7 +35,8 @@ def ellipse(
     spin = np.concatenate([np.cos(turn), -np.sin(turn), np.sin(turn), np.cos(turn)], axis=-1)
     flat = tangents @ spin.reshape(*spin.shape[:-2], 2, 2)
     frame = np.concatenate([flat, normal[..., None]], axis=-1)
-    return axes, np.where(np.isfinite(normal).all(axis=-1)[..., None, None], frame, np.eye(3))
+    known = np.asarray(np.isfinite(normal).all(axis=-1))[..., None, None]
+    return axes, np.where(known, frame, np.eye(3))
 
 
 def _tangents(normal: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3 2"]:
