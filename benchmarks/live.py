@@ -31,7 +31,7 @@ from palpate.io.live.ring import Ring
 from palpate.io.live.source import Batch
 from palpate.simulation import BumpySphere, touch_wrenches
 
-__all__ = ["rows"]
+__all__ = ["HOST", "RIG", "Memory", "R", "rows", "wrenches"]
 
 COMMAND = "python -m benchmarks --only live"
 NAME = "live"
@@ -185,7 +185,7 @@ def _peer(folder: Path, seconds: float) -> Row:
     return Row(NAME, what, "", f"{figures}; {_evenly(sent)}", None, COMMAND)
 
 
-class _Memory:
+class Memory:
     """A source that gives so many samples whenever it is asked."""
 
     shape: tuple[int, ...] = (6,)
@@ -195,14 +195,18 @@ class _Memory:
     def __init__(self, values: np.ndarray, size: int) -> None:
         self.values, self.size, self.next = values, size, 0
 
-    def open(self) -> None: ...
+    def open(self) -> None:
+        """Nothing to open."""
 
-    def close(self) -> None: ...
+    def close(self) -> None:
+        """Nor to close."""
 
     def said(self) -> list[str]:
+        """Nor anything to say."""
         return []
 
     def receive(self, batch: Batch, timeout: float) -> int:
+        """The next ones."""
         here = slice(self.next, self.next + self.size)
         self.next = here.stop % (len(self.values) - self.size)
         batch.stamp[: self.size], batch.lost[: self.size] = time.time_ns(), 0
@@ -215,7 +219,7 @@ def _blocks(folder: Path, *, judged: bool) -> Iterator[Row]:
     values = wrenches(14_000)
     (folder / "rig.toml").write_text(RIG.format(host=HOST, port=1, web=1), encoding="utf-8")
     for size in (1, 16, 256):
-        live = Live(folder / "rig.toml", source=_Memory(values, size))
+        live = Live(folder / "rig.toml", source=Memory(values, size))
         ring = Ring.make(folder / f"ring{size}", live.form())
         live.into(ring)
         count = max(60, 14_000 // size)

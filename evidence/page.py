@@ -23,7 +23,7 @@ from palpate.surfaces import Mesh
 from palpate.viewer.scene import Scene, prepare
 from palpate.viewer.server import Page
 
-__all__ = ["rows"]
+__all__ = ["CHROMIUM", "browser", "rows"]
 
 COMMAND = "python -m evidence --only page"
 NAME = "page"
@@ -98,7 +98,7 @@ def _with_browser(page: Page) -> Iterator[Row]:
     if CHROMIUM is None:
         yield Row(NAME, "scrubbing with a browser", "> 10 a second", "skipped: no chromium", None, COMMAND)
         return
-    with _browser() as view:
+    with browser() as view:
         view.goto(page.address)
         view.wait_for_function("window.body")
         yield _scrubbed(page, "chromium drawing it in software beside it", 5.0, 10.0)
@@ -123,7 +123,7 @@ def _first_paint(scene: Scene) -> Iterator[Row]:
 
 def _painted(scene: Scene | None) -> tuple[float, float, float]:
     """Seconds from when the server is up to the browser's first paint, the first frame, and the body in it."""
-    with _browser() as view, _server(scene) as address:
+    with browser() as view, _server(scene) as address:
         up = time()
         view.goto(address)
         view.wait_for_function("window.frame" if scene is None else "window.body")
@@ -149,7 +149,7 @@ def _server(scene: Scene | None) -> Iterator[str]:
 
 
 @contextmanager
-def _browser() -> Iterator[Any]:
+def browser() -> Iterator[Any]:
     """An empty page of a browser with a profile of its own."""
     from playwright.sync_api import sync_playwright
 
