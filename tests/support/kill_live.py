@@ -27,7 +27,7 @@ from palpate.io.live.record import ring_of
 from palpate.io.live.recover import recover
 from palpate.io.live.ring import Ring
 
-__all__ = ["kill_again_and_again"]
+__all__ = ["children", "kill_again_and_again"]
 
 RATE, BLOCK = 7000, 256  # Hz, samples sent at once at most
 PATIENCE = 60.0  # s
@@ -99,7 +99,7 @@ class _Run:
     def running(self) -> dict[str, int]:
         """Process ids; the recorder, who locks it, holds the ring's file open beside the map."""
         found = {SUPERVISOR: self._main.pid}
-        for child in _children(self._main.pid):
+        for child in children(self._main.pid):
             try:
                 if self.ring.name not in (child / "maps").read_text():
                     continue
@@ -153,7 +153,8 @@ class _Run:
         return self._main.poll() is not None
 
 
-def _children(parent: int) -> list[Path]:
+def children(parent: int) -> list[Path]:
+    """Folders in /proc of the processes that a process started."""
     found = list[Path]()
     for task in Path(f"/proc/{parent}/task").glob("*/children"):
         found += [Path("/proc") / child for child in task.read_text().split()]
