@@ -98,9 +98,7 @@ def soak(folder: Path, wanted: int) -> str:
         seen.count(folder)
         if now - told > 30.0:
             told = now
-            print(
-                f"{received:,} received, {seen.recorded:,} counted, {seen.grown:.1f} MiB", file=sys.stderr, flush=True
-            )
+            sys.stderr.write(f"{received:,} received, {seen.recorded:,} counted, {seen.grown:.1f} MiB\n")
         time.sleep(0.5)
     took = time.monotonic() - begin
     running.send_signal(signal.SIGINT)
