@@ -8,7 +8,7 @@ PalpateError
 
 from __future__ import annotations
 
-__all__ = ["GeometryError", "InputError", "NotIdentifiable", "PalpateError"]
+__all__ = ["GeometryError", "InputError", "NotIdentifiable", "PalpateError", "not_loaded"]
 
 
 class PalpateError(Exception):
@@ -29,6 +29,21 @@ class InputError(PalpateError):
         place = f"{where}: " if where else ""
         advice = f" {hint}" if hint else ""
         super().__init__(f"{place}{what}{advice}")
+
+
+def not_loaded(problem: ImportError, what: str, extra: str, where: str = "") -> InputError:
+    """What to raise where a library that an extra brings is not there, or is and cannot be used.
+
+    Args:
+        problem: what the import met.
+        what: needs it, without a stop: "bags need rosbags".
+        extra: of Palpate, that brings it.
+        where: file, as the user knows it.
+    """
+    if isinstance(problem, ModuleNotFoundError):
+        return InputError(f"{what}.", where=where, hint=f"pip install 'palpate[{extra}]'")
+    hint = "Bare systems lack libraries that it needs: install the one that is named."
+    return InputError(f"{what}, which is installed but does not load ({problem}).", where=where, hint=hint)
 
 
 class GeometryError(PalpateError):

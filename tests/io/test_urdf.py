@@ -176,3 +176,15 @@ def test_without_pinocchio_joint_states_are_refused(robots: dict[str, Path], mon
     with pytest.raises(InputError, match=r"joint states need pinocchio.*palpate\[urdf\]"):
         Kinematics(Urdf(robots["arm"]), "base", "tool")
     assert len(Urdf(robots["arm"]).body("tool").faces)  # surface and mounting do without
+
+
+def test_a_library_that_is_there_and_does_not_load_is_not_to_be_installed_again(
+    robots: dict[str, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As on a bare system, where pinocchio finds no libgomp."""
+    (tmp_path / "pinocchio.py").write_text("raise ImportError('libgomp.so.1: cannot open shared object file')")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(import_module("sys").modules, "pinocchio", raising=False)
+    with pytest.raises(InputError, match=r"is installed but does not load \(libgomp.so.1") as refusal:
+        Kinematics(Urdf(robots["arm"]), "base", "tool")
+    assert "pip" not in str(refusal.value)

@@ -253,5 +253,5 @@ def test_it_says_what_is_wrong(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) 
         raise ImportError(name)
 
     monkeypatch.setattr(engines, "import_module", absent)
-    with pytest.raises(InputError, match="MuJoCo is not installed"):
+    with pytest.raises(InputError, match="needs MuJoCo"):
         _world()

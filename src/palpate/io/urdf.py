@@ -16,7 +16,7 @@ from xml.etree import ElementTree
 import numpy as np
 from jaxtyping import Float, Int
 
-from palpate.errors import GeometryError, InputError
+from palpate.errors import GeometryError, InputError, not_loaded
 from palpate.io.units import near
 from palpate.spatial.frames import FrameTree
 from palpate.spatial.pose import Pose, quaternion_from_rotation
@@ -330,9 +330,7 @@ class Kinematics:
         try:
             self._pin: Any = import_module("pinocchio")
         except ImportError as problem:
-            raise InputError(
-                "joint states need pinocchio.", where=str(urdf.path), hint="pip install 'palpate[urdf]'"
-            ) from problem
+            raise not_loaded(problem, "joint states need pinocchio", "urdf", where=str(urdf.path)) from problem
         chain, known = urdf.chain(base, sensor), {joint.name: joint for joint in urdf.joints}
         for joint in chain:
             if joint.mimics and (joint.mimics not in known or known[joint.mimics].mimics):

@@ -11,7 +11,7 @@ from typing import cast
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 
-from palpate.errors import InputError
+from palpate.errors import InputError, not_loaded
 from palpate.sensors.fisheye import RingView
 from palpate.sensors.marker_labels import USUAL_LIMITS, LabelLimits, label_ring
 from palpate.spatial._arrays import Value, frozen, require_out
@@ -43,7 +43,7 @@ def opencv() -> ModuleType:
     try:
         import cv2
     except ImportError as problem:
-        raise InputError("images need OpenCV.", hint="pip install 'palpate[camera]'") from problem
+        raise not_loaded(problem, "images need OpenCV", "camera") from problem
     return cast("ModuleType", cv2)
 
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from palpate.errors import InputError
+from palpate.errors import not_loaded
 
 __all__ = ["Bag", "Stamped", "header", "nanoseconds", "open_bag", "poses", "readings", "wrenches", "write_bag"]
 
@@ -59,7 +59,7 @@ def open_bag(path: Path, kinds: Mapping[str, str]) -> Generator[Bag]:
         from rosbags.rosbag2 import StoragePlugin, Writer
         from rosbags.typesys import Stores, get_typestore
     except ImportError as problem:
-        raise InputError("writing MCAP needs rosbags.", hint="pip install 'palpate[ros]'") from problem
+        raise not_loaded(problem, "writing MCAP needs rosbags", "ros") from problem
     store = get_typestore(Stores.ROS2_HUMBLE)
     with tempfile.TemporaryDirectory(dir=path.parent) as scratch:  # rosbags writes a folder with one MCAP in it
         bag = Path(scratch) / "bag"

@@ -16,7 +16,7 @@ from jaxtyping import Float, Int
 from scipy import sparse
 from scipy.linalg import cho_factor, cho_solve
 
-from palpate.errors import InputError
+from palpate.errors import not_loaded
 
 if TYPE_CHECKING:
     from palpate.simulation.barrel import BarrelSettings
@@ -47,10 +47,8 @@ def _skfem() -> Any:
     try:
         return import_module("skfem")
     except ImportError as problem:
-        raise InputError(
-            "scikit-fem is not installed, and the barrel's elasticity is computed with it",
-            where="marker ring",
-            hint="pip install 'palpate[simulation]'",
+        raise not_loaded(
+            problem, "the barrel's elasticity needs scikit-fem", "simulation", where="marker ring"
         ) from problem
 
 

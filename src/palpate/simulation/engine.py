@@ -5,7 +5,7 @@ from __future__ import annotations
 from importlib import import_module
 from typing import Any
 
-from palpate.errors import InputError
+from palpate.errors import not_loaded
 
 __all__ = ["engine"]
 
@@ -22,8 +22,4 @@ def engine(what: str) -> Any:
     try:
         return import_module("mujoco")
     except ImportError as problem:
-        raise InputError(
-            f"MuJoCo is not installed, and the {what} runs on it",
-            where=what,
-            hint="pip install 'palpate[simulation]'",
-        ) from problem
+        raise not_loaded(problem, "the simulation needs MuJoCo", "simulation", where=what) from problem

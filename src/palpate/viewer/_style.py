@@ -9,7 +9,7 @@ from io import StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from palpate.errors import InputError
+from palpate.errors import not_loaded
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -63,7 +63,7 @@ def styled() -> Generator[None]:
     try:
         import matplotlib
     except ImportError as problem:
-        raise InputError("drawing needs matplotlib.", hint="pip install 'palpate[report]'") from problem
+        raise not_loaded(problem, "drawing needs matplotlib", "report") from problem
     with matplotlib.rc_context(_RC):
         yield
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike
 
-from palpate.errors import InputError
+from palpate.errors import InputError, not_loaded
 from palpate.io.live.source import Batch
 from palpate.io.rig.rig import Rig
 
@@ -36,7 +36,7 @@ class Camera:
         try:
             self._cv2: Any = import_module("cv2")
         except ImportError as problem:
-            raise InputError("a camera needs OpenCV.", hint="pip install palpate[camera]") from problem
+            raise not_loaded(problem, "a camera needs OpenCV", "camera") from problem
         self._address, self._rate = address, rate
         self._said: list[str] = []
         self._device: Any = None

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from palpate.errors import InputError
+from palpate.errors import InputError, not_loaded
 from palpate.io.live.ros_types import idl_type, ros_type_name
 from palpate.io.logs.log import Messages, Topic
 
@@ -47,9 +47,7 @@ def _cyclone() -> SimpleNamespace:
     try:
         import_module("cyclonedds")
     except ImportError as problem:
-        raise InputError(
-            "ROS 2 is reached through cyclonedds, which is not installed.", hint="pip install 'palpate[live]'"
-        ) from problem
+        raise not_loaded(problem, "ROS 2 needs cyclonedds", "live") from problem
     found: dict[str, Any] = {}
     for name in ("core", "domain", "topic", "sub", "pub", "qos", "builtin"):
         found |= vars(import_module(f"cyclonedds.{name}"))

@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from numpy.typing import DTypeLike
 
-from palpate.errors import InputError
+from palpate.errors import InputError, not_loaded
 from palpate.io.live.source import SILENT, Batch
 from palpate.io.rig.source import RigSource
 
@@ -256,7 +256,7 @@ class SerialPort:
 
             from serial import Serial
         except ImportError as problem:
-            raise InputError("serial ports need pyserial.", hint="pip install 'palpate[live]'") from problem
+            raise not_loaded(problem, "serial ports need pyserial", "live") from problem
         try:
             return Serial(self._stated.address, self._stated.baud, timeout=0, exclusive=True)
         except (OSError, ValueError, OverflowError, termios.error) as problem:

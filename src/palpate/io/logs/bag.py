@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from palpate.errors import InputError
+from palpate.errors import InputError, not_loaded
 from palpate.io.logs.log import Messages, Source, Topic, merged
 from palpate.io.logs.mcap import McapFile
 from palpate.io.tables.lines import open_input
@@ -119,7 +119,7 @@ class BagFile(Source):
             from rosbags.rosbag1 import Reader as Reader1
             from rosbags.rosbag2 import Reader as Reader2
         except ImportError as problem:
-            raise InputError("bags need rosbags.", where=str(self.path), hint="pip install 'palpate[ros]'") from problem
+            raise not_loaded(problem, "bags need rosbags", "ros", where=str(self.path)) from problem
         try:
             with (Reader1 if self.path.suffix == ".bag" else Reader2)(self.path) as bag:
                 yield bag
