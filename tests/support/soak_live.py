@@ -64,7 +64,7 @@ class Soak:
             file.unlink()
 
     def weigh(self, parent: int, seconds: float) -> None:
-        """Memory of the command and its processes, against what it was once they were settled."""
+        """Memory of the command and its processes at most, against what it was at most until they were settled."""
         for process in [Path("/proc") / str(parent), *children(parent)]:
             try:
                 words = (process / "status").read_text().split()
@@ -72,7 +72,7 @@ class Soak:
             except (OSError, ValueError):  # it has just ended
                 continue
             if seconds < SETTLED:
-                self.settled[process.name] = held
+                self.settled[process.name] = max(held, self.settled.get(process.name, 0.0))
             elif process.name in self.settled:
                 self.grown = max(self.grown, held - self.settled[process.name])
 
@@ -108,7 +108,7 @@ def soak(folder: Path, wanted: int) -> str:
     rate, lost = received / took, received - seen.recorded
     return (
         f"{received:,} samples in {took / 60:.1f} min, {rate:,.0f} a second: {lost:,} received and not recorded, "
-        f"{seen.files} files; no process grew by more than {seen.grown:.1f} MiB after its first {SETTLED:g} s"
+        f"{seen.files} files; no process held more than {seen.grown:.1f} MiB above what it did than in its first {SETTLED:g} s"
     )
 
 
