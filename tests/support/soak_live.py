@@ -108,7 +108,7 @@ def soak(folder: Path, wanted: int) -> str:
     rate, lost = received / took, received - seen.recorded
     return (
         f"{received:,} samples in {took / 60:.1f} min, {rate:,.0f} a second: {lost:,} received and not recorded, "
-        f"{seen.files} files; no process held more than {seen.grown:.1f} MiB above what it did than in its first {SETTLED:g} s"
+        f"{seen.files} files; memory of a process at most {seen.grown:.1f} MiB above that of its first {SETTLED:g} s"
     )
 
 
