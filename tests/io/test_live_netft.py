@@ -339,6 +339,15 @@ def test_counters_find_every_gap_and_repetition_in_blocks_of_any_size(
     assert sequence.restarts == 0
 
 
+def test_counters_that_wrap_go_on() -> None:
+    """After 7 days at 7 kHz: two are missing over the end of the count, in a block and from one block to the next."""
+    sequence, lost, end = Sequence(), np.zeros(8, dtype=np.int64), 1 << 32
+    assert sequence.follow([end - 3, end - 2], [end - 3, end - 2], [0, 1], lost) is None
+    assert sequence.follow([1, 2], [1, 2], [2, 3], lost) == [0, 1]
+    assert lost[:2].tolist() == [2, 0]
+    assert (sequence.gaps, sequence.missing, sequence.restarts) == (1, 2, 0)
+
+
 @pytest.mark.parametrize(
     ("product", "status", "believed", "word"),
     [

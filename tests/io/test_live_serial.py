@@ -75,6 +75,16 @@ def test_any_payload_is_read_however_it_is_cut(raws: list[bytes], chance: random
         assert frames.faults() == []
 
 
+def test_a_block_that_reaches_over_the_end_of_a_frame_is_damage() -> None:
+    """Bytes that would be a whole frame, check and all, if the zeros in them were read as bytes of one block."""
+    body = struct.pack("<BBHI", 1, 0, 2, 1) + bytes([3, 0])
+    whole = body + struct.pack("<I", zlib.crc32(body))
+    frames = CobsFrames(2)
+    frames.feed(b"\x00" + bytes([len(whole) + 1]) + whole + b"\x00")
+    assert len(_taken(frames, 2)[0]) == 0
+    assert "damaged" in "".join(frames.faults())
+
+
 @given(payloads, st.integers(0, 2**32 - 1))
 def test_frames_are_made_as_the_oracle_makes_them(raw: bytes, counter: int) -> None:
     made, ends = encoded(np.frombuffer(raw, dtype=np.uint8)[None].astype(float), counter, "u1")
