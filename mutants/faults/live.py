@@ -30,7 +30,7 @@ FAULTS: list[Fault] = [
     ),
     *of(
         "io/live/ring.py",
-        "tests/io/test_live_stream.py tests/io/test_live_record.py",
+        "tests/io/test_live_ring.py tests/io/test_live_stream.py tests/io/test_live_record.py",
         ("a reader that is lapped goes on where it was", "max(first, self._oldest())", "first"),
         ("slots that were written over meanwhile are given", "first >= self._oldest()", "True"),
         ("what is received may be read as answered", "self[word]", 'self["received"]', "read"),

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import time
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -20,6 +23,7 @@ class Given:
 
     def __init__(self, shape: tuple[int, ...]) -> None:
         self.shape, self.waiting = shape, list[tuple[int, np.ndarray]]()
+        self.missing = dict[int, int]()  # before the sample of that stamp
 
     def give(self, stamps: np.ndarray, values: np.ndarray) -> None:
         """More samples that wait."""
@@ -32,7 +36,7 @@ class Given:
         """All that wait."""
         count = min(len(batch), len(self.waiting))
         for k, (stamp, values) in enumerate(self.waiting[:count]):
-            batch.stamp[k], batch.values[k], batch.lost[k] = stamp, values, 0
+            batch.stamp[k], batch.values[k], batch.lost[k] = stamp, values, self.missing.get(stamp, 0)
         self.waiting = self.waiting[count:]
         return count
 
@@ -81,6 +85,28 @@ def test_a_frame_does_not_wait_for_ever(devices: tuple[Given, Given, Pair]) -> N
     assert found == 1
     assert np.isnan(batch.values[0, 6:12]).all()
     assert batch.values[0, 12] == 0
+
+
+def test_a_frame_waits_for_wrenches(devices: tuple[Given, Given, Pair], monkeypatch: pytest.MonkeyPatch) -> None:
+    """On a clock that stands still, so that a busy machine does not make it late."""
+    frames, _, pair = devices
+    clock = SimpleNamespace(monotonic=lambda: 0.0, sleep=time.sleep, time_ns=time.time_ns)
+    monkeypatch.setattr("palpate.io.live.pair.time", clock)
+    frames.give(np.array([10 * MS]), np.ones((1, 2, 3)))
+    assert pair.receive(Batch(pair.shape), 0.0) == 0
+
+
+def test_what_is_missing_is_said_of_the_frame_before_which_it_is(devices: tuple[Given, Given, Pair]) -> None:
+    frames, wrenches, pair = devices
+    batch = Batch(pair.shape)
+    frames.missing = {30 * MS: 3, 50 * MS: 1}
+    frames.give(10 * MS * np.arange(1, 6), np.ones((5, 2, 3)))
+    wrenches.give(MS * np.arange(30) + MS // 2, np.ones((30, 6)))
+    assert pair.receive(batch, 0.0) == 2
+    assert batch.lost[:2].tolist() == [0, 0]
+    wrenches.give(MS * np.arange(30, 60) + MS // 2, np.ones((30, 6)))
+    assert pair.receive(batch, 0.0) == 3
+    assert batch.lost[:3].tolist() == [3, 0, 1]
 
 
 def test_wrenches_of_another_clock_are_said(devices: tuple[Given, Given, Pair]) -> None:

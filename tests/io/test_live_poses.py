@@ -21,8 +21,10 @@ START = 1_700_000_000 * SECOND  # doubles of seconds since 1970 would be good to
 WAY = (("world", "base"), ("base", "arm"), ("arm", "hand"), ("stand", "world"), ("stand", "ft"))
 
 
-def _tree(name: str, rows: list[tuple[int, str, str, np.ndarray, np.ndarray]]) -> Messages:
-    """One message a row: stamp [ns], parent, child, position, quaternion x, y, z, w."""
+def _tree(
+    name: str, rows: list[tuple[int, str, str, np.ndarray, np.ndarray]], sent: int | np.ndarray = START
+) -> Messages:
+    """One message a row: stamp [ns], parent, child, position, quaternion x, y, z, w; and when it was sent."""
     time, header = TYPES["builtin_interfaces/msg/Time"], TYPES["std_msgs/msg/Header"]
     vector, turn = TYPES["geometry_msgs/msg/Vector3"], TYPES["geometry_msgs/msg/Quaternion"]
     raws = [
@@ -42,10 +44,10 @@ def _tree(name: str, rows: list[tuple[int, str, str, np.ndarray, np.ndarray]]) -
         )
         for stamp, parent, child, position, quaternion in rows
     ]
-    return _messages(Topic(name, "tf2_msgs/TFMessage", "cdr"), raws)
+    return _messages(Topic(name, "tf2_msgs/TFMessage", "cdr"), raws, sent)
 
 
-def _messages(topic: Topic, raws: list[bytes], sent: int = START) -> Messages:
+def _messages(topic: Topic, raws: list[bytes], sent: int | np.ndarray = START) -> Messages:
     length = np.array([len(raw) for raw in raws], dtype=np.int64)
     nothing = np.zeros(len(raws), dtype=np.int64)
     return Messages(b"".join(raws), {0: topic}, nothing, nothing + sent, np.cumsum(length) - length, length)
@@ -190,6 +192,46 @@ def test_poses_without_stamps_are_of_when_they_were_sent() -> None:
     assert found.position.tolist() == [[1.0, 2.0, 3.0]]
     poses.add(_messages(Topic("/pose", kind, "cdr"), [raw[:40]], START + 1))
     assert poses.said() == ["messages of poses are cut short, or of another type; they are left out"]
+
+
+NOWHERE, STRAIGHT = np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0])
+
+
+@pytest.mark.parametrize("oldest", ["first", "last"])
+def test_the_oldest_edge_has_the_age_and_what_edges_may_have_turned_adds_as_squares(oldest: str) -> None:
+    """Held edges that turn about z by 1 and 2 rad/s, the newest of them 20 and 50 ms before the sample."""
+    poses = LivePoses(("a", "c"), hold=True)
+    ages = [50, 20] if oldest == "first" else [20, 50]  # ms
+    for (parent, child), speed, age in zip((("a", "b"), ("b", "c")), (1.0, 2.0), ages, strict=True):
+        ms = np.arange(-400, -age + 1, 10)
+        turned = Rotation.from_rotvec(np.outer(1e-3 * ms * speed, [0.0, 0.0, 1.0])).as_quat()
+        rows = [(START + int(each) * 10**6, parent, child, NOWHERE, q) for each, q in zip(ms, turned, strict=True)]
+        poses.add(_tree("/tf", rows))
+    found = poses.at(np.array([START]))
+    assert found.age[0] == pytest.approx(0.05)
+    assert found.turned[0] == pytest.approx(np.hypot(1e-3 * ages[0], 2e-3 * ages[1]), rel=1e-6)
+
+
+def test_transforms_without_stamps_are_of_when_they_were_sent() -> None:
+    poses, sent = LivePoses(("a", "b")), START + np.array([0, 10**7])
+    poses.add(_tree("/tf", [(0, "a", "b", np.array([x, 0.0, 0.0]), STRAIGHT) for x in (1.0, 2.0)], sent))
+    assert poses.at(np.array([START + 5 * 10**6])).position[0] == pytest.approx([1.5, 0.0, 0.0])
+
+
+def test_a_fixed_transform_does_not_take_the_place_of_one_that_moves() -> None:
+    poses = LivePoses(("a", "b"))
+    stamps = START + 10**7 * np.arange(3)
+    poses.add(_tree("/tf", [(int(stamp), "a", "b", np.ones(3), STRAIGHT) for stamp in stamps]))
+    poses.add(_tree("/tf_static", [(START, "a", "b", NOWHERE, STRAIGHT)]))
+    assert poses.at(stamps[1:2]).position[0] == pytest.approx(np.ones(3))
+
+
+def test_a_fixed_transform_without_a_direction_is_none() -> None:
+    poses = LivePoses(("a", "b"))
+    poses.add(_tree("/tf_static", [(START, "a", "b", NOWHERE, np.zeros(4))]))
+    assert np.isnan(poses.at(np.array([START])).quaternion).all()
+    poses.add(_tree("/tf_static", [(START, "a", "b", NOWHERE, STRAIGHT)]))
+    assert poses.at(np.array([START])).quaternion[0] == pytest.approx(STRAIGHT)
 
 
 def test_the_rest_of_a_robot_does_not_matter() -> None:

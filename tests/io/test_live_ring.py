@@ -1,0 +1,54 @@
+"""The ring of `palpate live`: what a reader may see, and which files are rings."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from palpate.errors import InputError
+from palpate.io.live.ring import Ring
+from palpate.io.live.source import Batch
+from tests.support.live_rings import answered, sphere_ring
+
+
+@pytest.fixture
+def ring(tmp_path: Path) -> Ring:
+    return sphere_ring(tmp_path / "ring")
+
+
+def test_what_is_written_over_while_it_is_copied_is_not_given(ring: Ring, monkeypatch: pytest.MonkeyPatch) -> None:
+    answered(ring, 1000)
+    reader, laps = Ring(ring.path), [len(ring.slots)]
+    places = reader._parts
+
+    def meanwhile(first: int, count: int) -> object:
+        """The reader knows where to copy from; before it does, the writer goes round."""
+        found = places(first, count)
+        if laps:
+            answered(ring, laps.pop())
+        return found
+
+    monkeypatch.setattr(reader, "_parts", meanwhile)
+    slots, first = reader.read(0, 100)
+    assert first > 0
+    assert np.array_equal(slots["number"], first + 1 + np.arange(100))
+
+
+def test_what_is_received_and_not_answered_is_for_those_who_ask_for_it(ring: Ring) -> None:
+    answered(ring, 7)
+    ring.take_in(Batch((6,), 5), 5, np.zeros(5))
+    assert len(ring.read(0, 100)[0]) == 7
+    assert len(ring.read(0, 100, "received")[0]) == 12
+
+
+def test_a_ring_of_another_version_and_one_that_is_cut_off_are_refused(ring: Ring) -> None:
+    ring["version"] += 1
+    with pytest.raises(InputError, match="another version"):
+        Ring(ring.path)
+    ring["version"] -= 1
+    os.truncate(ring.path, ring.path.stat().st_size - 1)
+    with pytest.raises(InputError, match="is cut off"):
+        Ring(ring.path)
