@@ -55,6 +55,16 @@ def test_touches_do_not_count_for_half_of_the_time(step: float) -> None:
     np.testing.assert_allclose(found, DEVIATIONS * (1 + step**2 / 12) ** 0.5, rtol=0.2)
 
 
+def test_a_hand_that_trembles_does_not_count() -> None:
+    """Half of the time ten times as much as the noise, in seconds that are steady otherwise."""
+    rng = np.random.default_rng(7)
+    trembling = np.repeat(np.arange(40) % 2 == 1, 500)
+    readings = rng.normal(size=(20_000, 6)) * DEVIATIONS * np.where(trembling, 10.0, 1.0)[:, None]
+    found = estimate_noise(readings)
+    assert found is not None
+    np.testing.assert_allclose(found, DEVIATIONS, rtol=0.05)  # 10,000 readings tell it to 0.7 %
+
+
 def test_noise_as_one_over_f_passes_a_filter_as_its_spectrum_says() -> None:
     noise, made = shaped(40_000, 5.0), Butterworth(10.0)
     found = rest_noise(touched(noise))
