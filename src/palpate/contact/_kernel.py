@@ -11,6 +11,7 @@ from palpate.contact._cones import distance_to_edges
 from palpate.contact._edges import EXPLAINED, at_edge, exact
 from palpate.contact._settings import (
     ACCURACY,
+    BEFORE,
     BRANCH,
     BRANCHES,
     CONTESTED,
@@ -40,7 +41,7 @@ from palpate.contact._slopes import (
     to_metres,
     to_unit,
 )
-from palpate.contact._touch import ANOTHER, MEAN, better, follow, forget, friction, rival, torsion, within_bounds
+from palpate.contact._touch import MEAN, better, follow, forget, friction, misfit, rival, torsion, within_bounds
 from palpate.surfaces._bvh import room
 from palpate.surfaces._jit import entry, inlined, inner, released
 from palpate.surfaces._kernels import CANDIDATE, CAPACITY, nearest_to_axis, search_in, shape_operator
@@ -50,6 +51,7 @@ __all__ = ["compile_half", "estimate_many"]
 
 _GRAZING = 60.0  # tan(theta) beyond which a contact is searched for without a limit
 _CHI2_95 = 5.991464547107979  # two degrees of freedom
+_APART = 4.0  # standard deviations between an answer and the mean place of its touch
 _CONTACT, _AMBIGUOUS, _NO_CONTACT, _TOO_LIGHT, _OFF_SURFACE, _IMPLAUSIBLE, _INVALID = 0, 1, 2, 3, 4, 5, 7
 _SETTLING, _SETTLED = 60, 1e-11  # steps to where a force acts under a soft layer; arm of what is left, of the size
 _RESIDUAL, _CANDIDATES, _STATUS = 19, 20, 21  # estimate._Row, which compiled code cannot read
@@ -110,19 +112,21 @@ def _outside(point, place, t, spread, det, limit):
 
 @inner
 def _jumped(wrench, noise, state, place, t, spread):
-    """Is this place far from the last one, though a contact there would explain the wrench too?"""
-    if state[HAS_PREVIOUS] == 0.0:
-        return False
+    """Is this place far from the mean of its touch, though a contact there would explain the wrench too?
+
+    Where the surface is flat within the ellipse one excludes the other, whether the contact slides or not. So one of
+    the two, or both, is off by more than the ellipse says: the surface bends within it, or folds.
+    """
+    before, mean = state[BEFORE : BEFORE + MEAN + 6], np.empty(6)
     gap = 0.0
     for k in range(3):
-        gap += (place[k] - state[PREVIOUS + k]) ** 2
+        gap += (place[k] - before[MEAN + k]) ** 2
     det = spread[0, 0] * spread[1, 1] - spread[0, 1] * spread[1, 0]
-    if gap * (spread[0, 0] + spread[1, 1]) <= ANOTHER**2 * det:  # the least variance is more than det / trace
+    if before[0] == 0.0 or gap * (spread[0, 0] + spread[1, 1]) <= _APART**2 * det:  # the least variance is more
+        return False  # than det / trace
+    if not _outside(before[MEAN : MEAN + 3], place, t, spread, det, _APART**2):
         return False
-    last = state[PREVIOUS : PREVIOUS + 6]
-    if not _outside(last, place, t, spread, det, ANOTHER**2) or not dot(wrench[:3], last[3:]) < 0.0:
-        return False
-    return distance_to_point(wrench, noise, last) < ANOTHER
+    return dot(wrench[:3], before[MEAN + 3 :]) < 0.0 and misfit(wrench, noise, before, mean) < _APART**2
 
 
 @inner
