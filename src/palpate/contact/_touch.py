@@ -173,9 +173,11 @@ def _apart(branch, place):
 
 @inner
 def _far(wrench, noise, settings, state):
-    """How far [m] from a branch a candidate is another; noise moves it, but not where the branch is known."""
-    known = settings[SCALE] * _REACH
-    return known if state[FOLLOW] == 1.0 else known + reach(wrench, noise, settings)
+    """How far [m] from a branch a candidate is another; noise moves it, and the branch where that is known."""
+    known, moved = settings[SCALE] * _REACH, reach(wrench, noise, settings)
+    if state[FOLLOW] == 1.0:
+        moved *= min(1.0, np.sqrt(dot(wrench[:3], wrench[:3]) / state[BRANCHES + _WEIGHT]))
+    return known + moved
 
 
 @inner
@@ -371,4 +373,5 @@ def rival(state, branch):
     if branch < 0:
         return False
     one = _branch(state, branch)
-    return one[_WEIGHT] > 0.0 and one[_GAIN] > -_threshold(one)
+    late = max(0.0, one[_HANDICAP] - _LATE * (_EARLY - 1))
+    return one[_WEIGHT] > 0.0 and one[_GAIN] - late > -_threshold(one)

@@ -38,6 +38,7 @@ from palpate.surfaces.surface import Surface
 __all__ = ["METHODS", "Candidates", "Locator", "locate"]
 
 WORSE = 0.05  # of a touch's samples
+_END = 32  # answered samples at the end of a touch, as many as a branch remembers
 _MANY, _BLOCK = 4_000, 100_000  # wrenches for which it is worth while to sort them, and how many at a time
 _LARGE = 2**19  # bytes of a surface that a core does not keep at hand
 _WRENCH, _ROW = (6,), (ROW.length,)
@@ -319,6 +320,7 @@ class Locator:
     ) -> None:
         """The rows of one touch once more, from its end to its start, near the contact that was believed at the end.
 
+        The end is the hardest pressed of the last samples: the very last ones tell little. What comes after it stays.
         `AMBIGUOUS` stays only where it was so at the end too. Where that leaves more samples implausible the rows stay:
         it was more than one touch. The Locator's own memory is left alone.
 
@@ -333,7 +335,8 @@ class Locator:
         answered = np.flatnonzero(rows[:, ROW.status] <= Status.AMBIGUOUS)
         if not len(answered):
             return
-        count = int(answered[-1]) + 1
+        late = answered[-_END:]
+        count = int(late[np.argmax(np.linalg.norm(rows[late, ROW.force], axis=1))]) + 1
         last = rows[count - 1]
         state = _state(last[ROW.point])
         state[TOUCHING] = state[FOLLOW] = 1.0
