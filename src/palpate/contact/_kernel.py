@@ -27,6 +27,7 @@ from palpate.contact._settings import (
     OFF,
     ON,
     PREVIOUS,
+    SAMPLES,
     SCALE,
     SOFT,
     TOUCHING,
@@ -41,7 +42,7 @@ from palpate.contact._slopes import (
     to_metres,
     to_unit,
 )
-from palpate.contact._touch import MEAN, better, follow, forget, friction, misfit, rival, torsion, within_bounds
+from palpate.contact._touch import EARLY, MEAN, better, follow, forget, friction, misfit, rival, torsion, within_bounds
 from palpate.surfaces._bvh import room
 from palpate.surfaces._jit import entry, inlined, inner, released
 from palpate.surfaces._kernels import CANDIDATE, CAPACITY, nearest_to_axis, search_in, shape_operator
@@ -51,6 +52,7 @@ __all__ = ["compile_half", "estimate_many"]
 
 _GRAZING = 60.0  # tan(theta) beyond which a contact is searched for without a limit
 _CHI2_95 = 5.991464547107979  # two degrees of freedom
+_VAGUE = 0.03  # of the body's size: a deviation from which on an ellipse is doubted while a touch begins
 _APART = 4.0  # standard deviations between an answer and the mean place of its touch
 _CONTACT, _AMBIGUOUS, _NO_CONTACT, _TOO_LIGHT, _OFF_SURFACE, _IMPLAUSIBLE, _INVALID = 0, 1, 2, 3, 4, 5, 7
 _SETTLING, _SETTLED = 60, 1e-11  # steps to where a force acts under a soft layer; arm of what is left, of the size
@@ -127,6 +129,35 @@ def _jumped(wrench, noise, state, place, t, spread):
     if not _outside(before[MEAN : MEAN + 3], place, t, spread, det, _APART**2):
         return False
     return dot(wrench[:3], before[MEAN + 3 :]) < 0.0 and misfit(wrench, noise, before, mean) < _APART**2
+
+
+@entry
+def _elsewhere(wrench, unit, noise, nodes, corners, settings, slopes, place, t, spread, found, free):
+    """May it be a place outside the ellipse, that noise of two standard deviations along a tangent leads to?
+
+    Past an edge, or where the surface bends within the ellipse: slopes say nothing of either.
+    """
+    moved, spot = np.empty(6), np.empty((1, 6))
+    det = spread[0, 0] * spread[1, 1] - spread[0, 1] * spread[1, 0]
+    for k in range(4):
+        side, square = slopes[k // 2], 0.0
+        for i in range(6):
+            moved[i] = 0.0
+            for j in range(6):
+                moved[i] += noise[i, j] * side[j]
+            square += side[i] * moved[i]
+        scale = (2.0 - 4.0 * (k % 2)) / np.sqrt(square)
+        for i in range(6):
+            moved[i] = wrench[i] + scale * moved[i]
+        to_unit(moved, settings, unit)
+        count = search_in(unit, settings[SOFT], settings[FRICTION], nodes, corners, found, free)
+        for i in range(count):
+            to_metres(found[i], settings, spot[0])
+            torque, pressing = torsion(moved, spot, 0, settings[SOFT])
+            if within_bounds(found, i, torque, pressing, settings):
+                if _outside(spot[0], place, t, spread, det, _APART**2) and dot(wrench[:3], spot[0, 3:]) < 0.0:
+                    return True
+    return False
 
 
 @inner
@@ -306,6 +337,10 @@ def _estimate(wrench, noise, nodes, corners, settings, state, row, work):
     several = several and _ambiguous(found, places, count, best, t, spread, noisy, state, branches)
     if moved > 1 or doubtful or several or (known and _jumped(wrench, noise, state, place, t, spread)):
         row[_STATUS] = _AMBIGUOUS
+    elif known and state[FOLLOW] == 0.0 and 1.0 < state[SAMPLES] <= EARLY:
+        if spread[0, 0] + spread[1, 1] > (_VAGUE * settings[SCALE]) ** 2:
+            if _elsewhere(wrench, unit, noise, nodes, corners, settings, slopes, place, t, spread, found, free):
+                row[_STATUS] = _AMBIGUOUS
     state[HAS_PREVIOUS] = 1.0
     copy_into(place, state[PREVIOUS : PREVIOUS + 6])
 

@@ -24,6 +24,7 @@ from palpate.contact._settings import (
     FOLLOW,
     FRICTION,
     MOST,
+    PREVIOUS,
     SAMPLES,
     SCALE,
     SOFT,
@@ -34,16 +35,16 @@ from palpate.surfaces._jit import entry, inner
 from palpate.surfaces._kernels import CANDIDATE
 from palpate.surfaces._vectors import copy_into, cross_into, dot
 
-__all__ = ["MEAN", "better", "follow", "forget", "friction", "misfit", "rival", "torsion", "within_bounds"]
+__all__ = ["EARLY", "MEAN", "better", "follow", "forget", "friction", "misfit", "rival", "torsion", "within_bounds"]
 
 # of a branch: the weight of its mean place, that place [m] and its normal, what it gained, its handicap, last candidate
 _WEIGHT, MEAN, _GAIN, _SQUARES, _HANDICAP, _LAST = 0, 1, 7, 8, 9, 10
 _KEPT = 1.0 - 1.0 / 32.0  # of the weight of a branch's mean place, from sample to sample
-_EARLY = 8  # samples in which any branch may appear
+EARLY = 8  # samples in which any branch may appear
 _WORST = 8.0  # loss of a sample at most
 _LEAST, _SURE = 1.0, 2.5
 _LATE, _LATEST = 0.5, 10.0  # handicap a sample of a branch that appears later, and at most
-_ANOTHER = 5.0  # standard deviations from a place at which it is another touch, where no candidate is near
+_ANOTHER, _SURELY = 5.0, 8.0  # standard deviations from a place beyond which it is another touch, and surely so
 _REACH = 0.1  # of the tree's size: beyond noise: a candidate further from a branch is another
 _MAY_BE = 0.5  # of a candidate that noise alone may have put beyond the bounds, where 1 is within them
 _GRAZING = 60.0  # bound of friction without noise at most
@@ -79,7 +80,7 @@ def friction(wrench, noise, settings, state):
     While branches are not told apart it is by so much wider as noise can turn the force: a place that a sample puts
     beyond the bound may be it.
     """
-    if state[FOLLOW] == 1.0 or (state[SAMPLES] >= _EARLY and state[CONTESTED] == 0.0):
+    if state[FOLLOW] == 1.0 or (state[SAMPLES] >= EARLY and state[CONTESTED] == 0.0):
         return settings[FRICTION]
     turned = max(noise[0, 0], noise[1, 1], noise[2, 2]) / dot(wrench[:3], wrench[:3])
     angle = np.arctan(settings[FRICTION]) + _NEAR * np.sqrt(turned)
@@ -228,6 +229,17 @@ def _threshold(branch):
 
 
 @inner
+def _anew(wrench, state, candidate, place, doubtful):
+    """Another touch, since a log may hold one sample of each; in doubt the branch that was believed stays a rival."""
+    before = _branch(state, 0).copy()
+    forget(state)
+    _begin(_branch(state, 0), candidate, place, dot(wrench[:3], wrench[:3]), 0.0)
+    if doubtful:
+        before[_GAIN], before[_SQUARES] = -_WORST, _WORST**2
+        copy_into(before, _branch(state, 1))
+
+
+@inner
 def _believe(state, k, count, of_candidate):
     """Branch k becomes the first; what the others gained counts against it."""
     gain, squares = state[BRANCHES + k * BRANCH + _GAIN], state[BRANCHES + k * BRANCH + _SQUARES]
@@ -243,6 +255,7 @@ def _believe(state, k, count, of_candidate):
     for i in range(count):
         if of_candidate[i] == k or of_candidate[i] == 0:
             of_candidate[i] = k - of_candidate[i]
+    copy_into(_branch(state, 0)[MEAN : MEAN + 6], state[PREVIOUS : PREVIOUS + 6])  # edges are looked for near by
 
 
 @inner
@@ -359,9 +372,8 @@ def _followed(wrench, noise, settings, state, found, places, torques, count, bes
             return of_branch[winner]
     if of_branch[0] >= 0:
         return of_branch[0]
-    if state[FOLLOW] == 0.0 and not squares[0] < _ANOTHER**2:  # another touch: a log may hold one sample of each
-        forget(state)
-        _begin(_branch(state, 0), found[best], places[best], dot(wrench[:3], wrench[:3]), 0.0)
+    if state[FOLLOW] == 0.0 and not squares[0] < _ANOTHER**2:
+        _anew(wrench, state, found[best], places[best], squares[0] < _SURELY**2)
         return best
     _remembered(wrench, state, settings, found, places, torques, count, squares[0])
     return count
@@ -373,5 +385,5 @@ def rival(state, branch):
     if branch < 0:
         return False
     one = _branch(state, branch)
-    late = max(0.0, one[_HANDICAP] - _LATE * (_EARLY - 1))
+    late = max(0.0, one[_HANDICAP] - _LATE * (EARLY - 1))
     return one[_WEIGHT] > 0.0 and one[_GAIN] - late > -_threshold(one)
