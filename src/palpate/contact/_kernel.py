@@ -154,9 +154,9 @@ def _elsewhere(wrench, unit, noise, nodes, corners, settings, slopes, place, t, 
         for i in range(count):
             to_metres(found[i], settings, spot[0])
             torque, pressing = torsion(moved, spot, 0, settings[SOFT])
-            if within_bounds(found, i, torque, pressing, settings):
-                if _outside(spot[0], place, t, spread, det, _APART**2) and dot(wrench[:3], spot[0, 3:]) < 0.0:
-                    return True
+            held = within_bounds(found, i, torque, pressing, settings) and dot(wrench[:3], spot[0, 3:]) < 0.0
+            if held and _outside(spot[0], place, t, spread, det, _APART**2):
+                return True
     return False
 
 
@@ -255,7 +255,7 @@ def _workspace():
     """What `_estimate` writes into on its way, once for many wrenches."""
     places, torques, branches = np.empty((CAPACITY + 1, 6)), np.empty(CAPACITY + 1), np.empty(CAPACITY + 1, np.int64)
     slopes = np.empty((2, 3)), np.empty((2, 2)), np.empty((2, 6)), np.empty((2, 2))
-    return np.empty(6), np.empty((CAPACITY + 1, CANDIDATE)), places, torques, branches, slopes, room()
+    return np.empty(6), np.empty(6), np.empty((CAPACITY + 1, CANDIDATE)), places, torques, branches, slopes, room()
 
 
 @inlined
@@ -272,7 +272,7 @@ def _estimate(wrench, noise, nodes, corners, settings, state, row, work):
         state[HAS_PREVIOUS] = 0.0
         forget(state)
         return
-    unit, found, places, torques, branches, (t, shape, slopes, spread), free = work
+    unit, nearest, found, places, torques, branches, (t, shape, slopes, spread), free = work
     near = state
     if settings[DEPTH] > 0.0:
         near = state.copy()
@@ -307,7 +307,9 @@ def _estimate(wrench, noise, nodes, corners, settings, state, row, work):
     moved, away = 0, found[count, 5] if remembered else np.inf
     if not remembered:
         if within == 0 and noisy and count > 0:
-            away = distance_to_bounds(wrench, noise, nodes, corners, settings, found[best], place)
+            away = distance_to_bounds(wrench, noise, nodes, corners, settings, found[best], place, nearest)
+            det = spread[0, 0] * spread[1, 1] - spread[0, 1] * spread[1, 0]
+            doubtful = doubtful or (away <= EXPLAINED and _outside(nearest, place, t, spread, det, _CHI2_95))
         edged = settings[EDGED] == 1.0
         if edged and (noisy or within == 0):
             moved, beside = _beside(wrench, unit, noise, nodes, corners, settings, near, within, place, t, spread)
@@ -338,9 +340,9 @@ def _estimate(wrench, noise, nodes, corners, settings, state, row, work):
     if moved > 1 or doubtful or several or (known and _jumped(wrench, noise, state, place, t, spread)):
         row[_STATUS] = _AMBIGUOUS
     elif known and state[FOLLOW] == 0.0 and 1.0 < state[SAMPLES] <= EARLY:
-        if spread[0, 0] + spread[1, 1] > (_VAGUE * settings[SCALE]) ** 2:
-            if _elsewhere(wrench, unit, noise, nodes, corners, settings, slopes, place, t, spread, found, free):
-                row[_STATUS] = _AMBIGUOUS
+        vague = spread[0, 0] + spread[1, 1] > (_VAGUE * settings[SCALE]) ** 2
+        if vague and _elsewhere(wrench, unit, noise, nodes, corners, settings, slopes, place, t, spread, found, free):
+            row[_STATUS] = _AMBIGUOUS
     state[HAS_PREVIOUS] = 1.0
     copy_into(place, state[PREVIOUS : PREVIOUS + 6])
 
@@ -377,7 +379,7 @@ def compile_half() -> None:
         (_nearest, (row, row, square, *tree, row, row, 0.0, 0, row, t, t)),
         (_beside, (row, row, square, *tree, row, row, 0, row, t, t)),
         (follow, (row, square, row, row, square, square, row, 0, 0, np.zeros(6, np.int64))),
-        (distance_to_bounds, (row, square, *tree, row, row, row)),
+        (distance_to_bounds, (row, square, *tree, row, row, row, row)),
     ):
         function.compile(tuple(map(typeof, given)))
 
