@@ -42,7 +42,19 @@ from palpate.contact._slopes import (
     to_metres,
     to_unit,
 )
-from palpate.contact._touch import EARLY, MEAN, better, follow, forget, friction, misfit, rival, torsion, within_bounds
+from palpate.contact._touch import (
+    EARLY,
+    MEAN,
+    better,
+    beyond,
+    follow,
+    forget,
+    friction,
+    misfit,
+    rival,
+    torsion,
+    within_bounds,
+)
 from palpate.surfaces._bvh import room
 from palpate.surfaces._jit import entry, inlined, inner, released
 from palpate.surfaces._kernels import CANDIDATE, CAPACITY, nearest_to_axis, search_in, shape_operator
@@ -53,7 +65,9 @@ __all__ = ["compile_half", "estimate_many"]
 _GRAZING = 60.0  # tan(theta) beyond which a contact is searched for without a limit
 _CHI2_95 = 5.991464547107979  # two degrees of freedom
 _VAGUE = 0.03  # of the body's size: a deviation from which on an ellipse is doubted while a touch begins
-_APART = 4.0  # standard deviations between an answer and the mean place of its touch
+# Standard deviations between an answer and the mean place of its touch; between the wrench and what makes it there; and
+# the ratio of their squares, 1 where the surface is flat.
+_APART, _NEAR, _BENT = 3.0, 4.0, 1.5
 _CONTACT, _AMBIGUOUS, _NO_CONTACT, _TOO_LIGHT, _OFF_SURFACE, _IMPLAUSIBLE, _INVALID = 0, 1, 2, 3, 4, 5, 7
 _SETTLING, _SETTLED = 60, 1e-11  # steps to where a force acts under a soft layer; arm of what is left, of the size
 _RESIDUAL, _CANDIDATES, _STATUS = 19, 20, 21  # estimate._Row, which compiled code cannot read
@@ -126,13 +140,17 @@ def _jumped(wrench, noise, state, place, t, spread):
     det = spread[0, 0] * spread[1, 1] - spread[0, 1] * spread[1, 0]
     if before[0] == 0.0 or gap * (spread[0, 0] + spread[1, 1]) <= _APART**2 * det:  # the least variance is more
         return False  # than det / trace
-    if not _outside(before[MEAN : MEAN + 3], place, t, spread, det, _APART**2):
+    if (
+        not _outside(before[MEAN : MEAN + 3], place, t, spread, det, _APART**2)
+        or not dot(wrench[:3], before[MEAN + 3 :]) < 0.0
+    ):
         return False
-    return dot(wrench[:3], before[MEAN + 3 :]) < 0.0 and misfit(wrench, noise, before, mean) < _APART**2
+    square, off = misfit(wrench, noise, before, mean)
+    return off < _NEAR**2 and _outside(mean, place, t, spread, det, _BENT * square)
 
 
 @entry
-def _elsewhere(wrench, unit, noise, nodes, corners, settings, slopes, place, t, spread, found, free):
+def _elsewhere(wrench, unit, noise, nodes, corners, settings, limit, slopes, place, t, spread, found, free):
     """May it be a place outside the ellipse, that noise of two standard deviations along a tangent leads to?
 
     Past an edge, or where the surface bends within the ellipse: slopes say nothing of either.
@@ -150,12 +168,12 @@ def _elsewhere(wrench, unit, noise, nodes, corners, settings, slopes, place, t, 
         for i in range(6):
             moved[i] = wrench[i] + scale * moved[i]
         to_unit(moved, settings, unit)
-        count = search_in(unit, settings[SOFT], settings[FRICTION], nodes, corners, found, free)
+        count = search_in(unit, settings[SOFT], limit, nodes, corners, found, free)
         for i in range(count):
             to_metres(found[i], settings, spot[0])
             torque, pressing = torsion(moved, spot, 0, settings[SOFT])
-            held = within_bounds(found, i, torque, pressing, settings) and dot(wrench[:3], spot[0, 3:]) < 0.0
-            if held and _outside(spot[0], place, t, spread, det, _APART**2):
+            off = beyond(moved, noise, spot[0], torque, found[i, 4], settings)
+            if off < EXPLAINED**2 and pressing < 0.0 and _outside(spot[0], place, t, spread, det, _APART**2):
                 return True
     return False
 
@@ -341,7 +359,9 @@ def _estimate(wrench, noise, nodes, corners, settings, state, row, work):
         row[_STATUS] = _AMBIGUOUS
     elif known and state[FOLLOW] == 0.0 and 1.0 < state[SAMPLES] <= EARLY:
         vague = spread[0, 0] + spread[1, 1] > (_VAGUE * settings[SCALE]) ** 2
-        if vague and _elsewhere(wrench, unit, noise, nodes, corners, settings, slopes, place, t, spread, found, free):
+        if vague and _elsewhere(
+            wrench, unit, noise, nodes, corners, settings, limit, slopes, place, t, spread, found, free
+        ):
             row[_STATUS] = _AMBIGUOUS
     state[HAS_PREVIOUS] = 1.0
     copy_into(place, state[PREVIOUS : PREVIOUS + 6])

@@ -35,7 +35,19 @@ from palpate.surfaces._jit import entry, inner
 from palpate.surfaces._kernels import CANDIDATE
 from palpate.surfaces._vectors import copy_into, cross_into, dot
 
-__all__ = ["EARLY", "MEAN", "better", "follow", "forget", "friction", "misfit", "rival", "torsion", "within_bounds"]
+__all__ = [
+    "EARLY",
+    "MEAN",
+    "better",
+    "beyond",
+    "follow",
+    "forget",
+    "friction",
+    "misfit",
+    "rival",
+    "torsion",
+    "within_bounds",
+]
 
 # of a branch: the weight of its mean place, that place [m] and its normal, what it gained, its handicap, last candidate
 _WEIGHT, MEAN, _GAIN, _SQUARES, _HANDICAP, _LAST = 0, 1, 7, 8, 9, 10
@@ -131,7 +143,7 @@ def _moved(branch, candidate, place, weight):
 
 
 @inner
-def _beyond(wrench, noise, place, torque, tangent, settings):
+def beyond(wrench, noise, place, torque, tangent, settings):
     """By how many standard deviations, squared, a candidate exceeds the bounds of friction and torsion."""
     pressing = -dot(wrench[:3], place[3:])
     if not pressing > 0.0:
@@ -154,14 +166,14 @@ def _beyond(wrench, noise, place, torque, tangent, settings):
 
 @inner
 def _at(wrench, noise, place, settings):
-    """`_beyond` of a contact at a place, (6,) point and normal, with whatever torsion the wrench has there."""
+    """`beyond` of a contact at a place, (6,) point and normal, with whatever torsion the wrench has there."""
     one, turned = np.empty((1, 6)), np.empty(1)
     copy_into(place, one[0])
     turned[0], pressing = torsion(wrench, one, 0, 0.0)
     tangent = np.inf
     if pressing < 0.0:
         tangent = np.sqrt(max(0.0, dot(wrench[:3], wrench[:3]) / (pressing * pressing) - 1.0))
-    return _beyond(wrench, noise, place, turned[0], tangent, settings)
+    return beyond(wrench, noise, place, turned[0], tangent, settings)
 
 
 @inner
@@ -214,13 +226,16 @@ def _assign(wrench, noise, state, settings, places, near, count, of_branch, of_c
 
 @inner
 def misfit(wrench, noise, branch, place):
-    """Squared standard deviations from a wrench to the nearest that a contact where the branch is can make."""
+    """Squared standard deviations from a wrench to the nearest that a contact at a branch's mean place can make.
+
+    First as if the mean place were known, then with what it is off; the place goes into place (6,).
+    """
     known = branch[_WEIGHT]
     length = np.sqrt(dot(branch[MEAN + 3 : MEAN + 6], branch[MEAN + 3 : MEAN + 6]))
     for k in range(3):
         place[k], place[3 + k] = branch[MEAN + k], branch[MEAN + 3 + k] / length
     far = distance_to_point(wrench, noise, place)
-    return far * far * known / (known + dot(wrench[:3], wrench[:3]))
+    return far * far, far * far * known / (known + dot(wrench[:3], wrench[:3]))
 
 
 @inner
@@ -284,7 +299,7 @@ def _judge(wrench, noise, settings, state, found, places, near, of_branch, squar
         branch = _branch(state, k)
         if branch[_WEIGHT] == 0.0:
             continue
-        off, i = misfit(wrench, noise, branch, place), of_branch[k]
+        off, i = misfit(wrench, noise, branch, place)[1], of_branch[k]
         squares[k] = off + (near[i] if i >= 0 else _at(wrench, noise, place, settings))
         loss = min(_WORST, 0.5 * squares[k])
         if i >= 0:
@@ -358,7 +373,7 @@ def _followed(wrench, noise, settings, state, found, places, torques, count, bes
     """`follow` where there are several branches, or another candidate than the one that is believed."""
     near, of_branch = np.empty(count), np.full(MOST, -1)
     for i in range(count):
-        near[i] = 0.0 if found[i, 7] == 1.0 else _beyond(wrench, noise, places[i], torques[i], found[i, 4], settings)
+        near[i] = 0.0 if found[i, 7] == 1.0 else beyond(wrench, noise, places[i], torques[i], found[i, 4], settings)
         if 0.0 < near[i] < EXPLAINED**2:
             found[i, 7] = _MAY_BE
     _assign(wrench, noise, state, settings, places, near, count, of_branch, of_candidate)
