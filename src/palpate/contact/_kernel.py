@@ -359,8 +359,10 @@ def _estimate(wrench, noise, nodes, corners, settings, state, row, work):
         row[_STATUS] = _AMBIGUOUS
     elif known and state[FOLLOW] == 0.0 and 1.0 < state[SAMPLES] <= EARLY:
         vague = spread[0, 0] + spread[1, 1] > (_VAGUE * settings[SCALE]) ** 2
-        if vague and _elsewhere(
-            wrench, unit, noise, nodes, corners, settings, limit, slopes, place, t, spread, found, free
+        guessed = vague and within == 0 and moved == 0 and not remembered
+        if guessed or (
+            vague
+            and _elsewhere(wrench, unit, noise, nodes, corners, settings, limit, slopes, place, t, spread, found, free)
         ):
             row[_STATUS] = _AMBIGUOUS
     state[HAS_PREVIOUS] = 1.0

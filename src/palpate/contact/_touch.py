@@ -54,7 +54,7 @@ _WEIGHT, MEAN, _GAIN, _SQUARES, _HANDICAP, _LAST = 0, 1, 7, 8, 9, 10
 _KEPT = 1.0 - 1.0 / 32.0  # of the weight of a branch's mean place, from sample to sample
 EARLY = 8  # samples in which any branch may appear
 _WORST = 8.0  # loss of a sample at most
-_LEAST, _SURE = 1.0, 2.5
+_LEAST, _TAKES, _APART = 1.0, 2.5, 3.0
 _LATE, _LATEST = 0.5, 10.0  # handicap a sample of a branch that appears later, and at most
 _ANOTHER, _SURELY = 5.0, 8.0  # standard deviations from a place beyond which it is another touch, and surely so
 _REACH = 0.1  # of the tree's size: beyond noise: a candidate further from a branch is another
@@ -177,7 +177,7 @@ def _at(wrench, noise, place, settings):
 
 
 @inner
-def _apart(branch, place):
+def _gap(branch, place):
     total = 0.0
     for k in range(3):
         total += (branch[MEAN + k] - place[k]) ** 2
@@ -200,7 +200,7 @@ def _alone(wrench, noise, state, settings, place):
         if state[BRANCHES + k * BRANCH] > 0.0:
             return False
     far = _far(wrench, noise, settings, state)
-    return _apart(_branch(state, 0), place) < far * far
+    return _gap(_branch(state, 0), place) < far * far
 
 
 @inner
@@ -216,7 +216,7 @@ def _assign(wrench, noise, state, settings, places, near, count, of_branch, of_c
             for i in range(count):
                 if of_candidate[i] >= 0 or not (k == 0 or near[i] < _NEAR**2):
                     continue
-                apart = _apart(branch, places[i])
+                apart = _gap(branch, places[i])
                 if apart < least:
                     least, which, whose = apart, i, k
         if which < 0:
@@ -239,8 +239,8 @@ def misfit(wrench, noise, branch, place):
 
 
 @inner
-def _threshold(branch):
-    return _LEAST + _SURE * np.sqrt(branch[_SQUARES])
+def _threshold(branch, deviations):
+    return _LEAST + deviations * np.sqrt(branch[_SQUARES])
 
 
 @inner
@@ -324,7 +324,7 @@ def _winner(state, of_branch, squares):
         branch = _branch(state, k)
         if branch[_WEIGHT] == 0.0 or of_branch[k] < 0 or (lost and not squares[k] < EXPLAINED**2):
             continue
-        margin = branch[_GAIN] - branch[_HANDICAP] - _threshold(branch)
+        margin = branch[_GAIN] - branch[_HANDICAP] - _threshold(branch, _TAKES)
         if margin > top:
             top, winner = margin, k
     return winner
@@ -401,4 +401,4 @@ def rival(state, branch):
         return False
     one = _branch(state, branch)
     late = max(0.0, one[_HANDICAP] - _LATE * (EARLY - 1))
-    return one[_WEIGHT] > 0.0 and one[_GAIN] - late > -_threshold(one)
+    return one[_WEIGHT] > 0.0 and one[_GAIN] - late > -_threshold(one, _APART)
