@@ -54,7 +54,7 @@ _WEIGHT, MEAN, _GAIN, _SQUARES, _HANDICAP, _LAST = 0, 1, 7, 8, 9, 10
 _KEPT = 1.0 - 1.0 / 32.0  # of the weight of a branch's mean place, from sample to sample
 EARLY = 8  # samples in which any branch may appear
 _WORST = 8.0  # loss of a sample at most
-_LEAST, _TAKES, _APART = 1.0, 2.5, 3.0
+_LEAST, _TAKES, _APART = 1.0, 2.5, 2.5
 _LATE, _LATEST = 0.5, 10.0  # handicap a sample of a branch that appears later, and at most
 _ANOTHER, _SURELY = 5.0, 8.0  # standard deviations from a place beyond which it is another touch, and surely so
 _REACH = 0.1  # of the tree's size: beyond noise: a candidate further from a branch is another
@@ -264,7 +264,7 @@ def _believe(state, k, count, of_candidate):
     for j in range(1, MOST):
         branch = _branch(state, j)
         if j == k:
-            branch[_GAIN], branch[_SQUARES], branch[_HANDICAP] = -gain, squares, 0.0
+            branch[_GAIN], branch[_SQUARES], branch[_HANDICAP] = -0.5 * gain, squares, 0.0
         else:
             branch[_GAIN] -= gain
     for i in range(count):
