@@ -54,9 +54,9 @@ FAULTS: list[Fault] = [
         ("the friction is not bound", "found[i, 4] <= settings[FRICTION]", "found[i, 4] >= 0.0"),
         ("what a branch loses is its gain", "gain = first_loss - loss", "gain = loss - first_loss"),
         ("no branch ever wins", "margin > top", "margin > top + np.inf", "_winner"),
-        ("each branch is a rival", "one[_GAIN] > -_threshold(one)", "one[_GAIN] < np.inf", "rival"),
+        ("each branch is a rival", "one[_GAIN] - late > -_threshold(one, _APART)", "one[_GAIN] < np.inf", "rival"),
         ("beyond the bounds is no rival", "found[i, 7] = _MAY_BE", "found[i, 7] = 0.0", "_followed"),
-        ("all are told apart", "one[_GAIN] > -_threshold(one)", "one[_GAIN] > np.inf", "rival"),
+        ("all are told apart", "one[_GAIN] - late > -_threshold(one, _APART)", "one[_GAIN] > np.inf", "rival"),
     ),
     *of(
         "contact/_edges.py",

@@ -67,7 +67,7 @@ _CHI2_95 = 5.991464547107979  # two degrees of freedom
 _VAGUE = 0.03  # of the body's size: a deviation from which on an ellipse is doubted while a touch begins
 # Standard deviations between an answer and the mean place of its touch; between the wrench and what makes it there; and
 # the ratio of their squares, 1 where the surface is flat.
-_APART, _NEAR, _BENT = 3.0, 4.0, 1.5
+_APART, _NEAR, _BENT = 3.0, 5.0, 1.5
 _CONTACT, _AMBIGUOUS, _NO_CONTACT, _TOO_LIGHT, _OFF_SURFACE, _IMPLAUSIBLE, _INVALID = 0, 1, 2, 3, 4, 5, 7
 _SETTLING, _SETTLED = 60, 1e-11  # steps to where a force acts under a soft layer; arm of what is left, of the size
 _RESIDUAL, _CANDIDATES, _STATUS = 19, 20, 21  # estimate._Row, which compiled code cannot read
@@ -145,17 +145,19 @@ def _jumped(wrench, noise, state, place, t, spread):
         or not dot(wrench[:3], before[MEAN + 3 :]) < 0.0
     ):
         return False
-    square, off = misfit(wrench, noise, before, mean)
-    return off < _NEAR**2 and _outside(mean, place, t, spread, det, _BENT * square)
+    square, share = misfit(wrench, noise, before, mean)
+    return square * share < _NEAR**2 and _outside(mean, place, t, spread, det, _BENT * square)
 
 
 @entry
-def _elsewhere(wrench, unit, noise, nodes, corners, settings, limit, slopes, place, t, spread, found, free):
+def _elsewhere(wrench, unit, noise, nodes, corners, settings, limit, place, t, spread, found, free):
     """May it be a place outside the ellipse, that noise of two standard deviations along a tangent leads to?
 
     Past an edge, or where the surface bends within the ellipse: slopes say nothing of either.
     """
-    moved, spot = np.empty(6), np.empty((1, 6))
+    moved, spot, slopes = np.empty(6), np.empty((1, 6)), np.empty((2, 6))
+    if not slopes_at(wrench, place, t, np.zeros((2, 2)), settings[SOFT], slopes):
+        return True
     det = spread[0, 0] * spread[1, 1] - spread[0, 1] * spread[1, 0]
     for k in range(4):
         side, square = slopes[k // 2], 0.0
@@ -359,10 +361,9 @@ def _estimate(wrench, noise, nodes, corners, settings, state, row, work):
         row[_STATUS] = _AMBIGUOUS
     elif known and state[FOLLOW] == 0.0 and 1.0 < state[SAMPLES] <= EARLY:
         vague = spread[0, 0] + spread[1, 1] > (_VAGUE * settings[SCALE]) ** 2
-        guessed = vague and within == 0 and moved == 0 and not remembered
-        if guessed or (
-            vague
-            and _elsewhere(wrench, unit, noise, nodes, corners, settings, limit, slopes, place, t, spread, found, free)
+        guessed = within == 0 and moved == 0 and not remembered
+        if vague and (
+            guessed or _elsewhere(wrench, unit, noise, nodes, corners, settings, limit, place, t, spread, found, free)
         ):
             row[_STATUS] = _AMBIGUOUS
     state[HAS_PREVIOUS] = 1.0

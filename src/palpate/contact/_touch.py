@@ -2,9 +2,10 @@
 
 Each candidate is a sample of a *branch*: a place on the surface where this touch may be. While force and torque change,
 a contact stays where it is, or slides; a false branch wanders, since it follows the line of action. So each branch
-remembers its mean place, and in each sample every branch loses r^2 / 2, with r the distance, in standard deviations, of
-the wrench from the nearest that a contact at that place can make, and at most `_WORST`: two branches of a touch that
-slides lose alike. What a branch gains on the one that is believed is summed, D, and its squares, V: without a
+remembers its mean place, and in each sample every branch loses r^2 / 2 - log s, with r the distance, in standard
+deviations, of the wrench from the nearest that a contact at that place can make, s the share of its square that the
+sample's own noise has beside what the mean is off, and at most `_WORST`: two branches of a touch that slides lose
+alike. What a branch gains on the one that is believed is summed, D, and its squares, V: without a
 difference D / sqrt(V) is near normal, whatever the samples are. It takes the place of the one believed when
 D > T, and is told apart when D < -T, T = `_LEAST` + `_SURE` sqrt(V).
 """
@@ -228,14 +229,14 @@ def _assign(wrench, noise, state, settings, places, near, count, of_branch, of_c
 def misfit(wrench, noise, branch, place):
     """Squared standard deviations from a wrench to the nearest that a contact at a branch's mean place can make.
 
-    First as if the mean place were known, then with what it is off; the place goes into place (6,).
+    The mean place goes into place (6,). Beside it the share of the square that is left with what the mean is off.
     """
     known = branch[_WEIGHT]
     length = np.sqrt(dot(branch[MEAN + 3 : MEAN + 6], branch[MEAN + 3 : MEAN + 6]))
     for k in range(3):
         place[k], place[3 + k] = branch[MEAN + k], branch[MEAN + 3 + k] / length
     far = distance_to_point(wrench, noise, place)
-    return far * far, far * far * known / (known + dot(wrench[:3], wrench[:3]))
+    return far * far, known / (known + dot(wrench[:3], wrench[:3]))
 
 
 @inner
@@ -299,9 +300,9 @@ def _judge(wrench, noise, settings, state, found, places, near, of_branch, squar
         branch = _branch(state, k)
         if branch[_WEIGHT] == 0.0:
             continue
-        off, i = misfit(wrench, noise, branch, place)[1], of_branch[k]
-        squares[k] = off + (near[i] if i >= 0 else _at(wrench, noise, place, settings))
-        loss = min(_WORST, 0.5 * squares[k])
+        (off, share), i = misfit(wrench, noise, branch, place), of_branch[k]
+        squares[k] = off * share + (near[i] if i >= 0 else _at(wrench, noise, place, settings))
+        loss = min(_WORST, 0.5 * squares[k] - np.log(share))
         if i >= 0:
             _moved(branch, found[i], places[i], dot(wrench[:3], wrench[:3]))
         if k == 0:
