@@ -40,6 +40,9 @@ FAULTS: list[Fault] = [
         ),
         ("one covariance for all samples", "len(noises) > 1", "len(noises) > 1000000", "estimate_many"),
         ("implausible candidates count", "max(1, plausible) if explained else 0", "count"),
+        ("what noise makes on a flat surface is a bend", "_BENT * square", "0.0 * square", "_jumped"),
+        ("no bend is seen", "square * share < _NEAR**2", "square * share < 0.0", "_jumped"),
+        ("nothing is looked for while a touch begins", "1.0 < state[SAMPLES] <= EARLY", "state[SAMPLES] < 0.0"),
     ),
     *of(
         "contact/_touch.py",
@@ -93,8 +96,8 @@ FAULTS: list[Fault] = [
         ("a squared distance", "np.sqrt(max(0.0, total))", "max(0.0, total)", "_metric"),
         (
             "the nearest of all steps is not kept",
-            "min(best, distance)",
-            "max(distance, best if best < np.inf else 0.0)",
+            "distance < best",
+            "distance > best or best == np.inf",
         ),
     ),
     *of(
