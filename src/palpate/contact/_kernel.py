@@ -65,6 +65,7 @@ __all__ = ["compile_half", "estimate_many"]
 _GRAZING = 60.0  # tan(theta) beyond which a contact is searched for without a limit
 _CHI2_95 = 5.991464547107979  # two degrees of freedom
 _VAGUE = 0.03  # of the body's size: a deviation from which on an ellipse is doubted while a touch begins
+_PROBED = 2.5  # standard deviations along a tangent, at which it is looked for what the ellipse does not know
 # Standard deviations between an answer and the mean place of its touch; between the wrench and what makes it there; and
 # the ratio of their squares, 1 where the surface is flat.
 _APART, _NEAR, _BENT = 3.0, 5.0, 1.5
@@ -151,7 +152,7 @@ def _jumped(wrench, noise, state, place, t, spread):
 
 @entry
 def _elsewhere(wrench, unit, noise, nodes, corners, settings, limit, place, t, spread, found, free):
-    """May it be a place outside the ellipse, that noise of two standard deviations along a tangent leads to?
+    """May it be a place outside the ellipse, that noise of `_PROBED` standard deviations along a tangent leads to?
 
     Past an edge, or where the surface bends within the ellipse: slopes say nothing of either.
     """
@@ -166,7 +167,7 @@ def _elsewhere(wrench, unit, noise, nodes, corners, settings, limit, place, t, s
             for j in range(6):
                 moved[i] += noise[i, j] * side[j]
             square += side[i] * moved[i]
-        scale = (2.0 - 4.0 * (k % 2)) / np.sqrt(square)
+        scale = (_PROBED - 2.0 * _PROBED * (k % 2)) / np.sqrt(square)
         for i in range(6):
             moved[i] = wrench[i] + scale * moved[i]
         to_unit(moved, settings, unit)
