@@ -134,17 +134,15 @@ def _jumped(wrench, noise, state, place, t, spread):
     Where the surface is flat within the ellipse one excludes the other, whether the contact slides or not. So one of
     the two, or both, is off by more than the ellipse says: the surface bends within it, or folds.
     """
-    before, mean = state[BEFORE : BEFORE + MEAN + 6], np.empty(6)
     gap = 0.0
     for k in range(3):
-        gap += (place[k] - before[MEAN + k]) ** 2
+        gap += (place[k] - state[BEFORE + MEAN + k]) ** 2
     det = spread[0, 0] * spread[1, 1] - spread[0, 1] * spread[1, 0]
-    if before[0] == 0.0 or gap * (spread[0, 0] + spread[1, 1]) <= _APART**2 * det:  # the least variance is more
-        return False  # than det / trace
-    if (
-        not _outside(before[MEAN : MEAN + 3], place, t, spread, det, _APART**2)
-        or not dot(wrench[:3], before[MEAN + 3 :]) < 0.0
-    ):
+    # the least variance is more than det / trace
+    if state[BEFORE] == 0.0 or gap * (spread[0, 0] + spread[1, 1]) <= _APART**2 * det:
+        return False
+    before, mean = state[BEFORE : BEFORE + MEAN + 6], np.empty(6)
+    if not (_outside(before[MEAN:], place, t, spread, det, _APART**2) and dot(wrench[:3], before[MEAN + 3 :]) < 0.0):
         return False
     square, share = misfit(wrench, noise, before, mean)
     return square * share < _NEAR**2 and _outside(mean, place, t, spread, det, _BENT * square)

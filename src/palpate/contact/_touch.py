@@ -138,8 +138,9 @@ def _begin(branch, candidate, place, weight, handicap):
 def _moved(branch, candidate, place, weight):
     """A branch after a sample in which it has a candidate; samples weigh as the square of their force [N^2]."""
     branch[_WEIGHT] = _KEPT * branch[_WEIGHT] + weight
+    share = weight / branch[_WEIGHT]
     for k in range(6):
-        branch[MEAN + k] += (place[k] - branch[MEAN + k]) * weight / branch[_WEIGHT]
+        branch[MEAN + k] += (place[k] - branch[MEAN + k]) * share
     copy_into(candidate, branch[_LAST : _LAST + CANDIDATE])
 
 
@@ -352,8 +353,9 @@ def follow(wrench, noise, settings, state, found, places, torques, count, best, 
     the candidate to begin with.
     """
     state[SAMPLES] += 1.0
-    first, weight = _branch(state, 0), dot(wrench[:3], wrench[:3])
-    copy_into(first[: MEAN + 6], state[BEFORE : BEFORE + MEAN + 6])
+    first, weight = _branch(state, 0), wrench[0] ** 2 + wrench[1] ** 2 + wrench[2] ** 2
+    for k in range(MEAN + 6):
+        state[BEFORE + k] = first[k]
     of_candidate[:] = -1
     if first[_WEIGHT] == 0.0:
         _begin(first, found[best], places[best], weight, 0.0)
