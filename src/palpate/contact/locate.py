@@ -337,7 +337,7 @@ class Locator:
         if not len(answered):
             return
         late = answered[-_END:]
-        sure = rows[late, ROW.status] == Status.CONTACT
+        sure: Bool[np.ndarray, " k"] = rows[late, ROW.status] == Status.CONTACT
         pressed = np.linalg.norm(rows[late, ROW.force], axis=1)
         count = int(late[np.argmax(np.where(sure | ~sure.any(), pressed, 0.0))]) + 1
         last = rows[count - 1]
@@ -346,7 +346,7 @@ class Locator:
         noises, settings = self._noises, self._settings
         if covariances is not None:
             noises, settings = covariances[:count][::-1].copy(), self._noisy
-        open_end = np.mean(sure) < 0.5
+        open_end = np.count_nonzero(sure) < 0.5 * len(sure)
         back = self.empty(count)
         given = wrenches[:count][::-1].copy(), noises, statuses[:count][::-1].copy()
         self._many(*given, *self._arguments, settings, state, True, back)
