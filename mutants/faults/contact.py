@@ -42,7 +42,6 @@ FAULTS: list[Fault] = [
         ("implausible candidates count", "max(1, plausible) if explained else 0", "count"),
         ("what noise makes on a flat surface is a bend", "_BENT * square", "0.0 * square", "_jumped"),
         ("no bend is seen", "square * share < _NEAR**2", "square * share < 0.0", "_jumped"),
-        ("nothing is looked for while a touch begins", "1.0 < state[SAMPLES] <= EARLY", "state[SAMPLES] < 0.0"),
     ),
     *of(
         "contact/_touch.py",
