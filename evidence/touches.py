@@ -89,11 +89,16 @@ def _judge(name: str, mesh: palpate.Mesh, torsion: float, count: int) -> Iterato
 
 
 def _counted(what: str, found: palpate.Contacts, points: np.ndarray, live: bool) -> Iterator[Row]:
-    """An answer is on another branch if it is off by more than 3 mm and 5 standard deviations."""
+    """An answer is on another branch if it is off by more than 3 mm and 5 standard deviations.
+
+    Only the samples of the touch are judged: of those after it, in which the hysteresis may still hold it, no place is
+    right, so none is a jump within the touch.
+    """
     whole = LENGTH + GAP
     error = np.linalg.norm(found.point - np.repeat(points, whole, axis=0), axis=1)
     sigma = np.sqrt(np.trace(found.covariance, axis1=1, axis2=2))
-    wrong, status = (error > np.maximum(5 * sigma, 3e-3)).reshape(-1, whole), found.status.reshape(-1, whole)
+    wrong = (error > np.maximum(5 * sigma, 3e-3)).reshape(-1, whole)[:, :LENGTH]
+    status = found.status.reshape(-1, whole)[:, :LENGTH]
     right, jumps, ambiguous, wait = 0, 0, 0.0, int(0.1 * RATE) if live else 0
     for off, codes in zip(wrong, status, strict=True):
         touching = np.flatnonzero((codes <= palpate.Status.AMBIGUOUS) | (codes == palpate.Status.IMPLAUSIBLE))

@@ -40,6 +40,8 @@ FAULTS: list[Fault] = [
         ),
         ("one covariance for all samples", "len(noises) > 1", "len(noises) > 1000000", "estimate_many"),
         ("implausible candidates count", "max(1, plausible) if explained else 0", "count"),
+        ("what noise makes on a flat surface is a bend", "_BENT * square", "0.0 * square", "_jumped"),
+        ("no bend is seen", "square * share < _NEAR**2", "square * share < 0.0", "_jumped"),
     ),
     *of(
         "contact/_touch.py",
@@ -54,9 +56,9 @@ FAULTS: list[Fault] = [
         ("the friction is not bound", "found[i, 4] <= settings[FRICTION]", "found[i, 4] >= 0.0"),
         ("what a branch loses is its gain", "gain = first_loss - loss", "gain = loss - first_loss"),
         ("no branch ever wins", "margin > top", "margin > top + np.inf", "_winner"),
-        ("each branch is a rival", "one[_GAIN] > -_threshold(one)", "one[_GAIN] < np.inf", "rival"),
+        ("each branch is a rival", "one[_GAIN] - late > -_threshold(one, _APART)", "one[_GAIN] < np.inf", "rival"),
         ("beyond the bounds is no rival", "found[i, 7] = _MAY_BE", "found[i, 7] = 0.0", "_followed"),
-        ("all are told apart", "one[_GAIN] > -_threshold(one)", "one[_GAIN] > np.inf", "rival"),
+        ("all are told apart", "one[_GAIN] - late > -_threshold(one, _APART)", "one[_GAIN] > np.inf", "rival"),
     ),
     *of(
         "contact/_edges.py",
@@ -93,8 +95,8 @@ FAULTS: list[Fault] = [
         ("a squared distance", "np.sqrt(max(0.0, total))", "max(0.0, total)", "_metric"),
         (
             "the nearest of all steps is not kept",
-            "min(best, distance)",
-            "max(distance, best if best < np.inf else 0.0)",
+            "distance < best",
+            "distance > best or best == np.inf",
         ),
     ),
     *of(

@@ -12,7 +12,7 @@ from palpate.sensors import Recording
 from palpate.sensors.compensation import Compensation
 from palpate.sensors.force_torque import ForceTorque, Payload
 from palpate.sensors.recording import FORCE, TORQUE
-from palpate.simulation import contact_wrenches
+from palpate.simulation import BumpySphere, contact_wrenches
 from palpate.spatial.pose import Pose
 from palpate.surfaces.mesh import Mesh
 from palpate.surfaces.plane import plane
@@ -124,3 +124,33 @@ def test_drift_since_the_tare_and_a_misfit_of_the_payload_raise_the_threshold() 
     still = Recording(late.time, late.channels | {"orientation": np.tile([0.0, 0.0, 0.0, 1.0], (2, 1))})
     found = WrenchEstimator(locator, Compensation(ForceTorque(NOISE), weightless), Pose.identity()).run(still)
     assert np.isin(found.status, UNTOUCHED).all()
+
+
+def test_on_a_flat_surface_noise_makes_no_doubt_where_a_contact_slides() -> None:
+    """There a place is excluded by the wrench exactly as by the ellipse, so no mean place contradicts an answer."""
+    at = np.stack([np.linspace(-0.02, 0.02, 3000), np.zeros(3000), np.zeros(3000)], axis=1)
+    wrenches = contact_wrenches(at, np.tile(UP, (3000, 1)), np.tile([0.3, 0.0, -3.0], (3000, 1)), np.zeros(3000))
+    wrenches += 5 * NOISE * np.random.default_rng(3).standard_normal((3000, 6))
+    found = Locator(plane(np.zeros(3), UP, 0.1), noise=5 * NOISE).run(wrenches)
+    assert (found.status == Status.CONTACT).all()
+
+
+def test_no_error_beyond_the_ellipse_is_sure_where_the_surface_bends_within_it() -> None:
+    """A body of bumps with a torsion as large as itself: wrenches fold, and single samples land 4 mm away."""
+    body = BumpySphere(0.01, amplitude=0.4)
+    noise, rng = np.array([0.05] * 3 + [3e-3] * 3), np.random.default_rng(11)
+    points = body.sample(12, rng)
+    normals = body.normals(points)
+    locator, wrong, sure = Locator(Mesh.from_arrays(*body.mesh(2_000)), noise=noise, torsion=0.01), 0, 0
+    for point, normal in zip(points, normals, strict=True):
+        push = 3.0 * (1 - np.exp(-np.arange(COUNT) / 20)) + 0.5
+        force, twist = -push[:, None] * normal, 0.008 * push * np.sin(np.arange(COUNT) / 15)
+        clean = contact_wrenches(np.tile(point, (COUNT, 1)), np.tile(normal, (COUNT, 1)), force, twist)
+        found = locator.run(clean + noise * rng.standard_normal((COUNT, 6)))
+        locator.reset()
+        error, far = np.linalg.norm(found.point - point, axis=1), np.sqrt(np.trace(found.covariance, axis1=1, axis2=2))
+        off = error > np.maximum(5 * far, 2e-3)
+        wrong += int(off.sum())
+        sure += int((off & (found.status == Status.CONTACT)).sum())
+    assert wrong >= 10
+    assert sure == 0

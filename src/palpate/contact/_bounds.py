@@ -119,8 +119,10 @@ def _metric(a, b, inverse):
 
 
 @entry
-def distance_to_bounds(wrench, noise, nodes, corners, settings, first, place):
+def distance_to_bounds(wrench, noise, nodes, corners, settings, first, place, nearest):
     """Distance in the metric of `noise` from a wrench to the nearest that a contact within the bounds can make.
+
+    The point and normal of that contact go into `nearest` (6,).
 
     Where the point lies is a function of the wrench, so the bounds are two functions g(W), and the nearest W' with
     g(W') <= 0 is found by the damped iteration of Hasofer, Lind, Rackwitz and Fiessler,
@@ -152,7 +154,9 @@ def distance_to_bounds(wrench, noise, nodes, corners, settings, first, place):
             distance = _metric(wrench, near, inverse)
             if distance > 0.999 * best:
                 step_size *= 0.5
-            best = min(best, distance)
+            if distance < best:
+                best = distance
+                copy_into(spot, nearest)
             if step_size < 0.1:
                 break
         if not sensitivity(current, candidate, spot, nodes, corners, settings, t, shape, slopes):

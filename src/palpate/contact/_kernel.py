@@ -11,6 +11,7 @@ from palpate.contact._cones import distance_to_edges
 from palpate.contact._edges import EXPLAINED, at_edge, exact
 from palpate.contact._settings import (
     ACCURACY,
+    BEFORE,
     BRANCH,
     BRANCHES,
     CONTESTED,
@@ -26,6 +27,7 @@ from palpate.contact._settings import (
     OFF,
     ON,
     PREVIOUS,
+    SAMPLES,
     SCALE,
     SOFT,
     TOUCHING,
@@ -40,7 +42,19 @@ from palpate.contact._slopes import (
     to_metres,
     to_unit,
 )
-from palpate.contact._touch import ANOTHER, MEAN, better, follow, forget, friction, rival, torsion, within_bounds
+from palpate.contact._touch import (
+    EARLY,
+    MEAN,
+    better,
+    beyond,
+    follow,
+    forget,
+    friction,
+    misfit,
+    rival,
+    torsion,
+    within_bounds,
+)
 from palpate.surfaces._bvh import room
 from palpate.surfaces._jit import entry, inlined, inner, released
 from palpate.surfaces._kernels import CANDIDATE, CAPACITY, nearest_to_axis, search_in, shape_operator
@@ -50,6 +64,11 @@ __all__ = ["compile_half", "estimate_many"]
 
 _GRAZING = 60.0  # tan(theta) beyond which a contact is searched for without a limit
 _CHI2_95 = 5.991464547107979  # two degrees of freedom
+_VAGUE = 0.03  # of the body's size: a deviation from which on an ellipse is doubted while a touch begins
+_PROBED = 2.5  # standard deviations along a tangent, at which it is looked for what the ellipse does not know
+# Standard deviations between an answer and the mean place of its touch; between the wrench and what makes it there; and
+# the ratio of their squares, 1 where the surface is flat.
+_APART, _NEAR, _BENT = 3.0, 5.0, 1.5
 _CONTACT, _AMBIGUOUS, _NO_CONTACT, _TOO_LIGHT, _OFF_SURFACE, _IMPLAUSIBLE, _INVALID = 0, 1, 2, 3, 4, 5, 7
 _SETTLING, _SETTLED = 60, 1e-11  # steps to where a force acts under a soft layer; arm of what is left, of the size
 _RESIDUAL, _CANDIDATES, _STATUS = 19, 20, 21  # estimate._Row, which compiled code cannot read
@@ -110,19 +129,54 @@ def _outside(point, place, t, spread, det, limit):
 
 @inner
 def _jumped(wrench, noise, state, place, t, spread):
-    """Is this place far from the last one, though a contact there would explain the wrench too?"""
-    if state[HAS_PREVIOUS] == 0.0:
-        return False
+    """Is this place far from the mean of its touch, though a contact there would explain the wrench too?
+
+    Where the surface is flat within the ellipse one excludes the other, whether the contact slides or not. So one of
+    the two, or both, is off by more than the ellipse says: the surface bends within it, or folds.
+    """
     gap = 0.0
     for k in range(3):
-        gap += (place[k] - state[PREVIOUS + k]) ** 2
+        gap += (place[k] - state[BEFORE + MEAN + k]) ** 2
     det = spread[0, 0] * spread[1, 1] - spread[0, 1] * spread[1, 0]
-    if gap * (spread[0, 0] + spread[1, 1]) <= ANOTHER**2 * det:  # the least variance is more than det / trace
+    # the least variance is more than det / trace
+    if state[BEFORE] == 0.0 or gap * (spread[0, 0] + spread[1, 1]) <= _APART**2 * det:
         return False
-    last = state[PREVIOUS : PREVIOUS + 6]
-    if not _outside(last, place, t, spread, det, ANOTHER**2) or not dot(wrench[:3], last[3:]) < 0.0:
+    before, mean = state[BEFORE : BEFORE + MEAN + 6], np.empty(6)
+    if not (_outside(before[MEAN:], place, t, spread, det, _APART**2) and dot(wrench[:3], before[MEAN + 3 :]) < 0.0):
         return False
-    return distance_to_point(wrench, noise, last) < ANOTHER
+    square, share = misfit(wrench, noise, before, mean)
+    return square * share < _NEAR**2 and _outside(mean, place, t, spread, det, _BENT * square)
+
+
+@entry
+def _elsewhere(wrench, unit, noise, nodes, corners, settings, limit, place, t, spread, found, free):
+    """May it be a place outside the ellipse, that noise of `_PROBED` standard deviations along a tangent leads to?
+
+    Past an edge, or where the surface bends within the ellipse: slopes say nothing of either.
+    """
+    moved, spot, slopes = np.empty(6), np.empty((1, 6)), np.empty((2, 6))
+    if not slopes_at(wrench, place, t, np.zeros((2, 2)), settings[SOFT], slopes):
+        return True
+    det = spread[0, 0] * spread[1, 1] - spread[0, 1] * spread[1, 0]
+    for k in range(4):
+        side, square = slopes[k // 2], 0.0
+        for i in range(6):
+            moved[i] = 0.0
+            for j in range(6):
+                moved[i] += noise[i, j] * side[j]
+            square += side[i] * moved[i]
+        scale = (_PROBED - 2.0 * _PROBED * (k % 2)) / np.sqrt(square)
+        for i in range(6):
+            moved[i] = wrench[i] + scale * moved[i]
+        to_unit(moved, settings, unit)
+        count = search_in(unit, settings[SOFT], limit, nodes, corners, found, free)
+        for i in range(count):
+            to_metres(found[i], settings, spot[0])
+            torque, pressing = torsion(moved, spot, 0, settings[SOFT])
+            off = beyond(moved, noise, spot[0], torque, found[i, 4], settings)
+            if off < EXPLAINED**2 and pressing < 0.0 and _outside(spot[0], place, t, spread, det, _APART**2):
+                return True
+    return False
 
 
 @inner
@@ -220,7 +274,7 @@ def _workspace():
     """What `_estimate` writes into on its way, once for many wrenches."""
     places, torques, branches = np.empty((CAPACITY + 1, 6)), np.empty(CAPACITY + 1), np.empty(CAPACITY + 1, np.int64)
     slopes = np.empty((2, 3)), np.empty((2, 2)), np.empty((2, 6)), np.empty((2, 2))
-    return np.empty(6), np.empty((CAPACITY + 1, CANDIDATE)), places, torques, branches, slopes, room()
+    return np.empty(6), np.empty(6), np.empty((CAPACITY + 1, CANDIDATE)), places, torques, branches, slopes, room()
 
 
 @inlined
@@ -237,7 +291,7 @@ def _estimate(wrench, noise, nodes, corners, settings, state, row, work):
         state[HAS_PREVIOUS] = 0.0
         forget(state)
         return
-    unit, found, places, torques, branches, (t, shape, slopes, spread), free = work
+    unit, nearest, found, places, torques, branches, (t, shape, slopes, spread), free = work
     near = state
     if settings[DEPTH] > 0.0:
         near = state.copy()
@@ -272,7 +326,9 @@ def _estimate(wrench, noise, nodes, corners, settings, state, row, work):
     moved, away = 0, found[count, 5] if remembered else np.inf
     if not remembered:
         if within == 0 and noisy and count > 0:
-            away = distance_to_bounds(wrench, noise, nodes, corners, settings, found[best], place)
+            away = distance_to_bounds(wrench, noise, nodes, corners, settings, found[best], place, nearest)
+            det = spread[0, 0] * spread[1, 1] - spread[0, 1] * spread[1, 0]
+            doubtful = doubtful or (away <= EXPLAINED and _outside(nearest, place, t, spread, det, _CHI2_95))
         edged = settings[EDGED] == 1.0
         if edged and (noisy or within == 0):
             moved, beside = _beside(wrench, unit, noise, nodes, corners, settings, near, within, place, t, spread)
@@ -302,6 +358,13 @@ def _estimate(wrench, noise, nodes, corners, settings, state, row, work):
     several = several and _ambiguous(found, places, count, best, t, spread, noisy, state, branches)
     if moved > 1 or doubtful or several or (known and _jumped(wrench, noise, state, place, t, spread)):
         row[_STATUS] = _AMBIGUOUS
+    elif known and state[FOLLOW] == 0.0 and 1.0 < state[SAMPLES] <= EARLY:
+        vague = spread[0, 0] + spread[1, 1] > (_VAGUE * settings[SCALE]) ** 2
+        guessed = within == 0 and moved == 0 and not remembered
+        if vague and (
+            guessed or _elsewhere(wrench, unit, noise, nodes, corners, settings, limit, place, t, spread, found, free)
+        ):
+            row[_STATUS] = _AMBIGUOUS
     state[HAS_PREVIOUS] = 1.0
     copy_into(place, state[PREVIOUS : PREVIOUS + 6])
 
@@ -338,7 +401,7 @@ def compile_half() -> None:
         (_nearest, (row, row, square, *tree, row, row, 0.0, 0, row, t, t)),
         (_beside, (row, row, square, *tree, row, row, 0, row, t, t)),
         (follow, (row, square, row, row, square, square, row, 0, 0, np.zeros(6, np.int64))),
-        (distance_to_bounds, (row, square, *tree, row, row, row)),
+        (distance_to_bounds, (row, square, *tree, row, row, row, row)),
     ):
         function.compile(tuple(map(typeof, given)))
 

@@ -2,9 +2,10 @@
 
 Each candidate is a sample of a *branch*: a place on the surface where this touch may be. While force and torque change,
 a contact stays where it is, or slides; a false branch wanders, since it follows the line of action. So each branch
-remembers its mean place, and in each sample every branch loses r^2 / 2, with r the distance, in standard deviations, of
-the wrench from the nearest that a contact at that place can make, and at most `_WORST`: two branches of a touch that
-slides lose alike. What a branch gains on the one that is believed is summed, D, and its squares, V: without a
+remembers its mean place, and in each sample every branch loses r^2 / 2 - log s, with r the distance, in standard
+deviations, of the wrench from the nearest that a contact at that place can make, s the share of its square that the
+sample's own noise has beside what the mean is off, and at most `_WORST`: two branches of a touch that slides lose
+alike. What a branch gains on the one that is believed is summed, D, and its squares, V: without a
 difference D / sqrt(V) is near normal, whatever the samples are. It takes the place of the one believed when
 D > T, and is told apart when D < -T, T = `_LEAST` + `_SURE` sqrt(V).
 """
@@ -16,21 +17,47 @@ import numpy as np
 
 from palpate.contact._bounds import distance_to_point
 from palpate.contact._edges import EXPLAINED, reach
-from palpate.contact._settings import BRANCH, BRANCHES, CONTESTED, FOLLOW, FRICTION, MOST, SAMPLES, SCALE, SOFT, TORSION
+from palpate.contact._settings import (
+    BEFORE,
+    BRANCH,
+    BRANCHES,
+    CONTESTED,
+    FOLLOW,
+    FRICTION,
+    MOST,
+    PREVIOUS,
+    SAMPLES,
+    SCALE,
+    SOFT,
+    TORSION,
+)
 from palpate.contact._slopes import to_metres
 from palpate.surfaces._jit import entry, inner
 from palpate.surfaces._kernels import CANDIDATE
 from palpate.surfaces._vectors import copy_into, cross_into, dot
 
-__all__ = ["ANOTHER", "MEAN", "better", "follow", "forget", "friction", "rival", "torsion", "within_bounds"]
+__all__ = [
+    "EARLY",
+    "MEAN",
+    "better",
+    "beyond",
+    "follow",
+    "forget",
+    "friction",
+    "misfit",
+    "rival",
+    "torsion",
+    "within_bounds",
+]
 
-_COUNT, _GAIN, _SQUARES, MEAN, _LAST = 0, 1, 2, 3, 6  # of a branch; its mean position [m], its last candidate
-_MEMORY = 32.0  # samples of a branch's mean place
-_EARLY = 8  # samples in which any branch may appear
+# of a branch: the weight of its mean place, that place [m] and its normal, what it gained, its handicap, last candidate
+_WEIGHT, MEAN, _GAIN, _SQUARES, _HANDICAP, _LAST = 0, 1, 7, 8, 9, 10
+_KEPT = 1.0 - 1.0 / 32.0  # of the weight of a branch's mean place, from sample to sample
+EARLY = 8  # samples in which any branch may appear
 _WORST = 8.0  # loss of a sample at most
-_LEAST, _SURE = 1.0, 2.5
+_LEAST, _TAKES, _APART = 1.0, 2.5, 2.5
 _LATE, _LATEST = 0.5, 10.0  # handicap a sample of a branch that appears later, and at most
-ANOTHER = 5.0  # standard deviations from a place at which it is another touch, where no candidate is near
+_ANOTHER, _SURELY = 5.0, 8.0  # standard deviations from a place beyond which it is another touch, and surely so
 _REACH = 0.1  # of the tree's size: beyond noise: a candidate further from a branch is another
 _MAY_BE = 0.5  # of a candidate that noise alone may have put beyond the bounds, where 1 is within them
 _GRAZING = 60.0  # bound of friction without noise at most
@@ -66,7 +93,7 @@ def friction(wrench, noise, settings, state):
     While branches are not told apart it is by so much wider as noise can turn the force: a place that a sample puts
     beyond the bound may be it.
     """
-    if state[FOLLOW] == 1.0 or (state[SAMPLES] >= _EARLY and state[CONTESTED] == 0.0):
+    if state[FOLLOW] == 1.0 or (state[SAMPLES] >= EARLY and state[CONTESTED] == 0.0):
         return settings[FRICTION]
     turned = max(noise[0, 0], noise[1, 1], noise[2, 2]) / dot(wrench[:3], wrench[:3])
     angle = np.arctan(settings[FRICTION]) + _NEAR * np.sqrt(turned)
@@ -100,24 +127,25 @@ def forget(state):
 
 
 @inner
-def _begin(branch, candidate, place, handicap):
+def _begin(branch, candidate, place, weight, handicap):
     """A branch at a candidate."""
     branch[:] = 0.0
-    branch[_GAIN] = -handicap
-    _moved(branch, candidate, place)
+    branch[_HANDICAP] = handicap
+    _moved(branch, candidate, place, weight)
 
 
 @inner
-def _moved(branch, candidate, place):
-    """A branch after a sample in which it has a candidate."""
-    branch[_COUNT] = min(_MEMORY, branch[_COUNT] + 1.0)
-    for k in range(3):
-        branch[MEAN + k] += (place[k] - branch[MEAN + k]) / branch[_COUNT]
+def _moved(branch, candidate, place, weight):
+    """A branch after a sample in which it has a candidate; samples weigh as the square of their force [N^2]."""
+    branch[_WEIGHT] = _KEPT * branch[_WEIGHT] + weight
+    share = weight / branch[_WEIGHT]
+    for k in range(6):
+        branch[MEAN + k] += (place[k] - branch[MEAN + k]) * share
     copy_into(candidate, branch[_LAST : _LAST + CANDIDATE])
 
 
 @inner
-def _beyond(wrench, noise, place, torque, tangent, settings):
+def beyond(wrench, noise, place, torque, tangent, settings):
     """By how many standard deviations, squared, a candidate exceeds the bounds of friction and torsion."""
     pressing = -dot(wrench[:3], place[3:])
     if not pressing > 0.0:
@@ -140,18 +168,18 @@ def _beyond(wrench, noise, place, torque, tangent, settings):
 
 @inner
 def _at(wrench, noise, place, settings):
-    """`_beyond` of a contact at a place, (6,) point and normal, with whatever torsion the wrench has there."""
+    """`beyond` of a contact at a place, (6,) point and normal, with whatever torsion the wrench has there."""
     one, turned = np.empty((1, 6)), np.empty(1)
     copy_into(place, one[0])
     turned[0], pressing = torsion(wrench, one, 0, 0.0)
     tangent = np.inf
     if pressing < 0.0:
         tangent = np.sqrt(max(0.0, dot(wrench[:3], wrench[:3]) / (pressing * pressing) - 1.0))
-    return _beyond(wrench, noise, place, turned[0], tangent, settings)
+    return beyond(wrench, noise, place, turned[0], tangent, settings)
 
 
 @inner
-def _apart(branch, place):
+def _gap(branch, place):
     total = 0.0
     for k in range(3):
         total += (branch[MEAN + k] - place[k]) ** 2
@@ -160,9 +188,11 @@ def _apart(branch, place):
 
 @inner
 def _far(wrench, noise, settings, state):
-    """How far [m] from a branch a candidate is another; noise moves it, but not where the branch is known."""
-    known = settings[SCALE] * _REACH
-    return known if state[FOLLOW] == 1.0 else known + reach(wrench, noise, settings)
+    """How far [m] from a branch a candidate is another; noise moves it, and the branch where that is known."""
+    known, moved = settings[SCALE] * _REACH, reach(wrench, noise, settings)
+    if state[FOLLOW] == 1.0:
+        moved *= min(1.0, np.sqrt(dot(wrench[:3], wrench[:3]) / state[BRANCHES + _WEIGHT]))
+    return known + moved
 
 
 @inner
@@ -172,7 +202,7 @@ def _alone(wrench, noise, state, settings, place):
         if state[BRANCHES + k * BRANCH] > 0.0:
             return False
     far = _far(wrench, noise, settings, state)
-    return _apart(_branch(state, 0), place) < far * far
+    return _gap(_branch(state, 0), place) < far * far
 
 
 @inner
@@ -183,12 +213,12 @@ def _assign(wrench, noise, state, settings, places, near, count, of_branch, of_c
         least, which, whose = far * far, -1, -1
         for k in range(MOST):
             branch = _branch(state, k)
-            if branch[_COUNT] == 0.0 or of_branch[k] >= 0:
+            if branch[_WEIGHT] == 0.0 or of_branch[k] >= 0:
                 continue
             for i in range(count):
                 if of_candidate[i] >= 0 or not (k == 0 or near[i] < _NEAR**2):
                     continue
-                apart = _apart(branch, places[i])
+                apart = _gap(branch, places[i])
                 if apart < least:
                     least, which, whose = apart, i, k
         if which < 0:
@@ -197,21 +227,37 @@ def _assign(wrench, noise, state, settings, places, near, count, of_branch, of_c
 
 
 @inner
-def _misfit(wrench, noise, branch, place):
-    """Squared standard deviations from a wrench to the nearest that a contact where the branch is can make."""
-    copy_into(branch[MEAN : MEAN + 3], place)
-    copy_into(branch[_LAST + 11 : _LAST + 14], place[3:])
-    far, count = distance_to_point(wrench, noise, place), branch[_COUNT]
-    return far * far * count / (1.0 + count)
+def misfit(wrench, noise, branch, place):
+    """Squared standard deviations from a wrench to the nearest that a contact at a branch's mean place can make.
+
+    The mean place goes into place (6,). Beside it the share of the square that is left with what the mean is off.
+    """
+    known = branch[_WEIGHT]
+    length = np.sqrt(dot(branch[MEAN + 3 : MEAN + 6], branch[MEAN + 3 : MEAN + 6]))
+    for k in range(3):
+        place[k], place[3 + k] = branch[MEAN + k], branch[MEAN + 3 + k] / length
+    far = distance_to_point(wrench, noise, place)
+    return far * far, known / (known + dot(wrench[:3], wrench[:3]))
 
 
 @inner
-def _threshold(branch):
-    return _LEAST + _SURE * np.sqrt(branch[_SQUARES])
+def _threshold(branch, deviations):
+    return _LEAST + deviations * np.sqrt(branch[_SQUARES])
 
 
 @inner
-def _believe(state, k):
+def _anew(wrench, state, candidate, place, doubtful):
+    """Another touch, since a log may hold one sample of each; in doubt the branch that was believed stays a rival."""
+    before = _branch(state, 0).copy()
+    forget(state)
+    _begin(_branch(state, 0), candidate, place, dot(wrench[:3], wrench[:3]), 0.0)
+    if doubtful:
+        before[_GAIN], before[_SQUARES] = -_WORST, _WORST**2
+        copy_into(before, _branch(state, 1))
+
+
+@inner
+def _believe(state, k, count, of_candidate):
     """Branch k becomes the first; what the others gained counts against it."""
     gain, squares = state[BRANCHES + k * BRANCH + _GAIN], state[BRANCHES + k * BRANCH + _SQUARES]
     for i in range(BRANCH):
@@ -220,13 +266,17 @@ def _believe(state, k):
     for j in range(1, MOST):
         branch = _branch(state, j)
         if j == k:
-            branch[_GAIN], branch[_SQUARES] = -gain, squares
+            branch[_GAIN], branch[_SQUARES], branch[_HANDICAP] = -0.5 * gain, squares, 0.0
         else:
             branch[_GAIN] -= gain
+    for i in range(count):
+        if of_candidate[i] == k or of_candidate[i] == 0:
+            of_candidate[i] = k - of_candidate[i]
+    copy_into(_branch(state, 0)[MEAN : MEAN + 6], state[PREVIOUS : PREVIOUS + 6])  # edges are looked for near by
 
 
 @inner
-def _born(state, found, places, near, count, of_candidate):
+def _born(wrench, state, found, places, near, count, of_candidate):
     """Candidates that no branch has had become branches, while there is room."""
     handicap = min(_LATEST, _LATE * (state[SAMPLES] - 1.0))
     for i in range(count):
@@ -235,61 +285,63 @@ def _born(state, found, places, near, count, of_candidate):
         worst, which = np.inf, -1
         for k in range(1, MOST):
             branch = _branch(state, k)
-            gain = -np.inf if branch[_COUNT] == 0.0 else branch[_GAIN]
+            gain = -np.inf if branch[_WEIGHT] == 0.0 else branch[_GAIN] - branch[_HANDICAP]
             if gain < worst:
                 worst, which = gain, k
         if worst < -handicap:
-            _begin(_branch(state, which), found[i], places[i], handicap)
+            _begin(_branch(state, which), found[i], places[i], dot(wrench[:3], wrench[:3]), handicap)
             of_candidate[i] = which
 
 
 @inner
-def _judge(wrench, noise, settings, state, found, places, near, of_branch):
-    """Count a sample's losses, and let the branches move; the misfit of the one that is believed, at its place."""
-    place, first, first_loss = np.empty(6), np.inf, 0.0
+def _judge(wrench, noise, settings, state, found, places, near, of_branch, squares):
+    """Count a sample's losses, and let the branches move; how far off each is, in squared standard deviations."""
+    place, first_loss = np.empty(6), 0.0
     for k in range(MOST):
         branch = _branch(state, k)
-        if branch[_COUNT] == 0.0:
+        if branch[_WEIGHT] == 0.0:
             continue
-        misfit, i = _misfit(wrench, noise, branch, place), of_branch[k]
-        loss = min(_WORST, 0.5 * (misfit + (near[i] if i >= 0 else _at(wrench, noise, place, settings))))
+        (off, share), i = misfit(wrench, noise, branch, place), of_branch[k]
+        squares[k] = off * share + (near[i] if i >= 0 else _at(wrench, noise, place, settings))
+        loss = min(_WORST, 0.5 * squares[k] - np.log(share))
         if i >= 0:
-            _moved(branch, found[i], places[i])
+            _moved(branch, found[i], places[i], dot(wrench[:3], wrench[:3]))
         if k == 0:
-            first, first_loss = misfit, loss
+            first_loss = loss
         else:
             gain = first_loss - loss
             branch[_GAIN] += gain
             branch[_SQUARES] += gain * gain
-    return first
 
 
 @inner
-def _winner(state, of_branch):
-    """The branch that takes the place of the one that is believed; 0 where none does."""
-    top, winner = 0.0, 0
+def _winner(state, of_branch, squares):
+    """The branch that takes the place of the one that is believed; 0 where none does.
+
+    Where that one makes no such wrench, any other that does, the one that gained most.
+    """
+    lost = of_branch[0] < 0 and not squares[0] < _ANOTHER**2
+    top, winner = -np.inf if lost else 0.0, 0
     for k in range(1, MOST):
         branch = _branch(state, k)
-        margin = branch[_GAIN] - _threshold(branch)
-        if branch[_COUNT] > 0.0 and of_branch[k] >= 0 and margin > top:
+        if branch[_WEIGHT] == 0.0 or of_branch[k] < 0 or (lost and not squares[k] < EXPLAINED**2):
+            continue
+        margin = branch[_GAIN] - branch[_HANDICAP] - _threshold(branch, _TAKES)
+        if margin > top:
             top, winner = margin, k
     return winner
 
 
 @inner
-def _remembered(wrench, noise, state, settings, found, places, torques, count, misfit):
+def _remembered(wrench, state, settings, found, places, torques, count, square):
     """The last candidate of the branch that is believed as one of this sample, in the row after the others.
 
     Its residual takes the place of its height.
     """
     copy_into(_branch(state, 0)[_LAST : _LAST + CANDIDATE], found[count])
     to_metres(found[count], settings, places[count])
-    torques[count], pressing = torsion(wrench, places, count, settings[SOFT])
-    size = dot(wrench[:3], wrench[:3])
-    found[count, 4] = np.sqrt(max(0.0, size / (pressing * pressing) - 1.0)) if pressing < 0.0 else np.inf
-    if not within_bounds(found, count, torques[count], pressing, settings):
-        misfit += _beyond(wrench, noise, places[count], torques[count], found[count, 4], settings)
-    found[count, 5] = np.sqrt(misfit)
+    torques[count], _ = torsion(wrench, places, count, settings[SOFT])
+    found[count, 5] = np.sqrt(square)
     found[count, 7] = 1.0 if found[count, 5] <= EXPLAINED else 0.0
 
 
@@ -301,13 +353,15 @@ def follow(wrench, noise, settings, state, found, places, torques, count, best, 
     the candidate to begin with.
     """
     state[SAMPLES] += 1.0
-    first = _branch(state, 0)
+    first, weight = _branch(state, 0), wrench[0] ** 2 + wrench[1] ** 2 + wrench[2] ** 2
+    for k in range(MEAN + 6):
+        state[BEFORE + k] = first[k]
     of_candidate[:] = -1
-    if first[_COUNT] == 0.0:
-        _begin(first, found[best], places[best], 0.0)
+    if first[_WEIGHT] == 0.0:
+        _begin(first, found[best], places[best], weight, 0.0)
     state[CONTESTED] = 0.0
     if count == 1 and found[0, 7] == 1.0 and _alone(wrench, noise, state, settings, places[0]):
-        _moved(first, found[0], places[0])
+        _moved(first, found[0], places[0], weight)
         of_candidate[0] = 0
         return 0
     which = _followed(wrench, noise, settings, state, found, places, torques, count, best, of_candidate)
@@ -322,29 +376,25 @@ def _followed(wrench, noise, settings, state, found, places, torques, count, bes
     """`follow` where there are several branches, or another candidate than the one that is believed."""
     near, of_branch = np.empty(count), np.full(MOST, -1)
     for i in range(count):
-        near[i] = 0.0 if found[i, 7] == 1.0 else _beyond(wrench, noise, places[i], torques[i], found[i, 4], settings)
+        near[i] = 0.0 if found[i, 7] == 1.0 else beyond(wrench, noise, places[i], torques[i], found[i, 4], settings)
         if 0.0 < near[i] < EXPLAINED**2:
             found[i, 7] = _MAY_BE
     _assign(wrench, noise, state, settings, places, near, count, of_branch, of_candidate)
-    misfit = _judge(wrench, noise, settings, state, found, places, near, of_branch)
+    squares = np.empty(MOST)
+    _judge(wrench, noise, settings, state, found, places, near, of_branch, squares)
     if state[FOLLOW] == 0.0:
-        _born(state, found, places, near, count, of_candidate)
-        winner = _winner(state, of_branch)
+        _born(wrench, state, found, places, near, count, of_candidate)
+        winner = _winner(state, of_branch, squares)
         if winner > 0:
-            _believe(state, winner)
-            for i in range(count):
-                if of_candidate[i] == winner or of_candidate[i] == 0:
-                    of_candidate[i] = winner - of_candidate[i]
+            _believe(state, winner, count, of_candidate)
             return of_branch[winner]
     if of_branch[0] >= 0:
         return of_branch[0]
-    _remembered(wrench, noise, state, settings, found, places, torques, count, misfit)
-    if found[count, 5] < (ANOTHER if state[FOLLOW] == 0.0 else np.inf):
-        return count
-    if state[FOLLOW] == 0.0:  # another touch: a log may hold one sample of each
-        forget(state)
-        _begin(_branch(state, 0), found[best], places[best], 0.0)
-    return best
+    if state[FOLLOW] == 0.0 and not squares[0] < _ANOTHER**2:
+        _anew(wrench, state, found[best], places[best], squares[0] < _SURELY**2)
+        return best
+    _remembered(wrench, state, settings, found, places, torques, count, squares[0])
+    return count
 
 
 @inner
@@ -353,4 +403,5 @@ def rival(state, branch):
     if branch < 0:
         return False
     one = _branch(state, branch)
-    return one[_COUNT] > 0.0 and one[_GAIN] > -_threshold(one)
+    late = max(0.0, one[_HANDICAP] - _LATE * (EARLY - 1))
+    return one[_WEIGHT] > 0.0 and one[_GAIN] - late > -_threshold(one, _APART)

@@ -38,6 +38,7 @@ from palpate.surfaces.surface import Surface
 __all__ = ["METHODS", "Candidates", "Locator", "locate"]
 
 WORSE = 0.05  # of a touch's samples
+_END = 32  # answered samples at the end of a touch, as many as a branch remembers
 _MANY, _BLOCK = 4_000, 100_000  # wrenches for which it is worth while to sort them, and how many at a time
 _LARGE = 2**19  # bytes of a surface that a core does not keep at hand
 _WRENCH, _ROW = (6,), (ROW.length,)
@@ -319,8 +320,10 @@ class Locator:
     ) -> None:
         """The rows of one touch once more, from its end to its start, near the contact that was believed at the end.
 
-        `AMBIGUOUS` stays only where it was so at the end too. Where that leaves more samples implausible the rows stay:
-        it was more than one touch. The Locator's own memory is left alone.
+        The end is the hardest pressed of the last samples, of those that are not in doubt if there are any: the very
+        last ones tell little. What comes after it stays. `AMBIGUOUS` stays only where most of the last samples are so.
+        Where that leaves more samples implausible the rows stay: it was more than one touch. The Locator's own memory
+        is left alone.
 
         Args:
             wrenches: (n, 6) of the touch, in the surface's frame.
@@ -333,14 +336,17 @@ class Locator:
         answered = np.flatnonzero(rows[:, ROW.status] <= Status.AMBIGUOUS)
         if not len(answered):
             return
-        count = int(answered[-1]) + 1
+        late = answered[-_END:]
+        sure: Bool[np.ndarray, " k"] = rows[late, ROW.status] == Status.CONTACT
+        pressed = np.linalg.norm(rows[late, ROW.force], axis=1)
+        count = int(late[np.argmax(np.where(sure | ~sure.any(), pressed, 0.0))]) + 1
         last = rows[count - 1]
         state = _state(last[ROW.point])
         state[TOUCHING] = state[FOLLOW] = 1.0
         noises, settings = self._noises, self._settings
         if covariances is not None:
             noises, settings = covariances[:count][::-1].copy(), self._noisy
-        open_end = last[ROW.status] == Status.AMBIGUOUS
+        open_end = np.count_nonzero(sure) < 0.5 * len(sure)
         back = self.empty(count)
         given = wrenches[:count][::-1].copy(), noises, statuses[:count][::-1].copy()
         self._many(*given, *self._arguments, settings, state, True, back)
