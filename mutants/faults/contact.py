@@ -134,4 +134,24 @@ FAULTS: list[Fault] = [
             "rotation[j, k] - acceleration[k] * load[_SLOPE + j]",
         ),
     ),
+    *of(
+        "contact/_fused.py",
+        "tests/contact/test_fused.py",
+        ("misplaced by the forces that the skin says", "second[i, r, q] = total", "second[i, r, q] += 0.0", "_again"),
+        (
+            "the prior is not written anew",
+            "level[i] = max(mean[3 * i], 0.2 * contacts[i, 6])",
+            "level[i] = contacts[i, 6]",
+        ),
+        (
+            "friction is not bounded",
+            "variance -= aa * aa + bb * bb + 2.0 * ab * ab + 2.0 / 3.0 * (aa * bb - ab * ab)",
+            "variance -= 0.0 * aa",
+        ),
+    ),
+    *of(
+        "contact/fused.py",
+        "tests/contact/test_fused.py",
+        ("the way into the cones is free", "totals[0, 6] += further", "totals[0, 6] += 0.0"),
+    ),
 ]
