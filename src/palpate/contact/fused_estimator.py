@@ -71,6 +71,9 @@ class FusedEstimator:
         mount_covariance: (6, 6) of its (rotation vector [rad], translation [m]), perturbed on the left.
         drift: how the sensor's zero wanders: it is followed while neither skin nor wrench tells of a contact.
         covered: the body is touched nowhere but on the skin, so that where this feels nothing, nothing touches.
+
+    Attributes:
+        kelvin: as of `WrenchEstimator`.
     """
 
     channels = (CELLS, FORCE, TORQUE, AVERAGED)
@@ -103,7 +106,7 @@ class FusedEstimator:
             sensor.smoothed_by(self._filter, taxels.rate, recursion.share.min() if both is None else both)
         if recursion is not None and not self._zero_phase:
             self._forward = Forward(recursion, known_rate(taxels.rate, "frames"))
-        self._covered = covered
+        self._covered, self.kelvin = covered, np.nan
         self._follower = None if drift is None else self._follows(drift, noise)
         self._rows = taxels.empty(taxels.most)
         self.reset()
@@ -204,7 +207,7 @@ class FusedEstimator:
         require_out(rows, (None, ROW.length + len(self.features) + 1))
         cells, wrench, averaged = values[:-7], values[-7:-1], values[-1:]
         count = self.taxels.update_into(time, cells, self._rows)
-        follower = self._entered(time)
+        follower = self._entered(time, self.kelvin)
         measured = self.sensor.single(time, wrench, rotation, acceleration)
         located, covariance, status = self._placed(measured, averaged)
         if follower is not None:
@@ -231,7 +234,7 @@ class FusedEstimator:
             block = Recording(time[one], {**channels, **kept}, source="the stream")
             self.taxels.run_into(block.time, channels[CELLS], self._rows, counts[one])
             skin = self._rows[: int(counts[done])]
-            follower = self._entered(float(time[done]))
+            follower = self._entered(float(time[done]), ZeroFollower.kelvin(kept))
             located, covariance, status = self._wrenches(block)
             if follower is not None:
                 follower.add(block.time, follower.sensor.kept(block), self._told(skin))
@@ -284,10 +287,10 @@ class FusedEstimator:
         locator = Locator(self.fused.surface, friction=self.fused.settings.friction, noise=matrix @ noise @ matrix.T)
         return ZeroFollower(self.sensor, drift, ContactShape(locator, self._placement))
 
-    def _entered(self, time: float) -> ZeroFollower | None:
+    def _entered(self, time: float, kelvin: float) -> ZeroFollower | None:
         """What follows the zero, told that samples of this time come next."""
         if self._follower is not None:
-            self._follower.enter(time)
+            self._follower.enter(time, kelvin)
         return self._follower
 
     def _told(self, skin: Float[np.ndarray, "n v"]) -> bool | None:
@@ -325,7 +328,8 @@ class FusedEstimator:
         out = self.empty(self.most)
         for cut in [slice(0, len(block))] if self._follower is None else self._follower.pieces(block.time):
             piece = block.picked(cut)
-            follower = self._entered(float(piece.time[0])) if len(piece) else None
+            kelvin = ZeroFollower.kelvin(piece.channels)
+            follower = self._entered(float(piece.time[0]), kelvin) if len(piece) else None
             located = self._wrenches(piece) if smoothed is None else self._placed(*smoothed)
             if follower is not None:
                 felt = self._told(skin[edges[cut.start] : edges[cut.stop]])
