@@ -164,4 +164,20 @@ FAULTS: list[Fault] = [
         ),
         ("slopes are known", "ways[: len(state.zero), kept:] = warmer * np.eye(len(state.zero))", "pass"),
     ),
+    *of(
+        "contact/_taxels.py",
+        "tests/contact/test_taxel_estimator.py",
+        ("rests do not wander", "variance[k] += walk * walk * max(passed, 0.0)", "variance[k] += 0.0 * passed"),
+        ("a touch that shows late is in the rest", "touched[k] > slot[0] - AFTER", "touched[k] > slot[0] + 1000.0"),
+        (
+            "light touches are in the rest",
+            "sign * (waiting[k] - baseline[k]) > _HELD * np.sqrt(variance[k] + noise[k] * noise[k] / frames)",
+            "frames < 0.0",
+        ),
+        (
+            "a mean a second old is as good as new",
+            "variance[k] = (1.0 - gain) * before + since",
+            "variance[k] = (1.0 - gain) * before",
+        ),
+    ),
 ]

@@ -82,7 +82,7 @@ def _read(log: Path, setup: Rig) -> tuple[str, Recording, tuple[str, ...]]:
             raise InputError(
                 f"[{kind}] has no zero that is followed: [drift] is of a force/torque sensor or of load cells.",
                 where=str(log),
-                hint="A skin follows its zero by itself: drift in [contacts]." if kind == "skin" else "",
+                hint="A skin follows its zero by itself: walk or drift in [contacts]." if kind == "skin" else "",
             )
         blocks = list(opened)
         if not sum(map(len, blocks)):
