@@ -180,4 +180,14 @@ FAULTS: list[Fault] = [
             "variance[k] = (1.0 - gain) * before",
         ),
     ),
+    *of(
+        "contact/fused_estimator.py",
+        "tests/contact/test_fused_estimator.py",
+        (
+            "the zero from both sides is not used",
+            "follower.sensor.follow(zero)",
+            "follower.sensor.follow(None)",
+            "_both_sides",
+        ),
+    ),
 ]

@@ -449,32 +449,14 @@ class WrenchEstimator:
         if follower is None:
             return
         self._told = follower
-        waiting: deque[tuple[int, _Piece]] = deque()
-        zeros: deque[ZeroState] = deque()
-        done = 0  # windows whose zeros have been taken
-        for block in blocks:
-            cuts = list(follower.pieces(block.time)) or [slice(0, 0)]
-            for cut in cuts:
-                piece = block.picked(cut)
-                if len(piece):
-                    follower.enter(float(piece.time[0]), follower.kelvin(piece.channels))
-                    follower.add(piece.time, follower.sensor.kept(piece))
-                waiting.append((follower.count, _Piece(piece, None, block if cut is cuts[-1] else None)))
-            zeros.extend(follower.settled())
-            while waiting and waiting[0][0] < done + len(zeros):
-                number, piece = waiting.popleft()
-                while done < number:
-                    zeros.popleft()
-                    done += 1
-                yield piece._replace(zero=zeros[0])
-        follower.finish()
-        zeros.extend(follower.settled())
-        last = zeros[0] if zeros else None
-        for number, piece in waiting:
-            while done < number and zeros:
-                last = zeros.popleft()
-                done += 1
-            yield piece._replace(zero=zeros[0] if zeros else last)
+        pieces = (
+            _Piece(block.picked(cut), None, block if cut is cuts[-1] else None)
+            for block in blocks
+            for cuts in [list(follower.pieces(block.time)) or [slice(0, 0)]]
+            for cut in cuts
+        )
+        for piece, zero in follower.both_sides((piece.samples, None, piece) for piece in pieces):
+            yield piece._replace(zero=zero)
 
     def _piece(self, piece: _Piece) -> tuple[Located, Recording | None]:
         """Located with its own zero, and the block that it ends."""

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from itertools import pairwise
 from math import floor, isfinite
+from typing import TypeVar
 
 import numpy as np
 from jaxtyping import Float
@@ -14,7 +15,7 @@ from palpate.contact.zero_gate import ContactShape, Decided, ZeroGate
 from palpate.contact.zero_record import ZeroRecord
 from palpate.errors import InputError
 from palpate.sensors.drift import Drift
-from palpate.sensors.recording import TEMPERATURE
+from palpate.sensors.recording import TEMPERATURE, Recording
 from palpate.sensors.zero_filter import (
     FollowedSensor,
     Free,
@@ -32,6 +33,7 @@ __all__ = ["WINDOW", "ZeroFollower"]
 WINDOW = 0.1  # s: short beside a touch, long enough for some samples
 AHEAD = 100  # free windows after one that are waited for on logs: more hardly change it
 LONGEST = 6000  # windows that wait: ten minutes
+T = TypeVar("T")
 
 
 class ZeroFollower:
@@ -204,6 +206,34 @@ class ZeroFollower:
         """Smoothed zeros, one a window in which there were samples, as far as they are known."""
         while self._ready:
             yield self._ready.popleft()
+
+    def both_sides(self, pieces: Iterable[tuple[Recording, bool | None, T]]) -> Iterator[tuple[T, ZeroState | None]]:
+        """For logs: what belongs to each piece, in order, with its zero, as soon as what came after it is known too.
+
+        Args:
+            pieces: samples of one window or of a part of it, what a skin says of them (`add`), what belongs to them.
+        """
+        waiting, zeros, done = deque[tuple[int, T]](), deque[ZeroState](), 0  # done: windows whose zeros were taken
+        for samples, touched, what in pieces:
+            if len(samples):
+                self.enter(float(samples.time[0]), self.kelvin(samples.channels))
+                self.add(samples.time, self.sensor.kept(samples), touched)
+            waiting.append((self.count, what))
+            zeros.extend(self.settled())
+            while waiting and waiting[0][0] < done + len(zeros):
+                number, known = waiting.popleft()
+                while done < number:
+                    zeros.popleft()
+                    done += 1
+                yield known, zeros[0]
+        self.finish()
+        zeros.extend(self.settled())
+        last = zeros[0] if zeros else None
+        for number, known in waiting:
+            while done < number and zeros:
+                last = zeros.popleft()
+                done += 1
+            yield known, zeros[0] if zeros else last
 
     def history(self) -> ZeroHistory:
         """Some of the windows so far."""
