@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from evidence.row import shared
-from experiments.drift.real import pad
+from experiments.drift.real import aged, pad
 from experiments.drift.study import MINUTE, Line, jumps, long_contacts, payload, smoothing, touches
 from experiments.drift.world import Touch
 
@@ -35,6 +35,7 @@ def figures(size: int) -> Iterator[Line]:
     if folder is not None:
         for log in ("trajectory_panda_ft_opti.csv", "data_two_payloads_ft.csv"):
             yield from pad(folder / "data" / "pad", log, 3e-3)
+            yield from aged(folder / "data" / "pad" / log, 3e-3)
 
 
 def _two(rng: np.random.Generator, begin: float, end: float, onset: float) -> list[Touch]:

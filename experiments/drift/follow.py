@@ -56,8 +56,9 @@ def follow(
     alone: bool = False,
     payload: Payload | None = None,
     orientation: np.ndarray | None = None,
+    temperature: np.ndarray | None = None,
 ) -> Followed:
-    """By the windows of Palpate; `touched` (n,) is what a skin says."""
+    """By the windows of Palpate; `touched` (n,) is what a skin says, `temperature` (n,) [K]."""
     channels = {FORCE: readings[:, :3], TORQUE: readings[:, 3:]}
     if orientation is not None:
         channels[ORIENTATION] = orientation
@@ -67,11 +68,11 @@ def follow(
     follower = ZeroFollower(sensor, drift, shape(), alone=alone, smooth=smooth)
     times, states = list[float](), list[ZeroState]()
     for cut in follower.pieces(time):
-        follower.enter(float(time[cut.start]))
+        follower.enter(float(time[cut.start]), np.nan if temperature is None else float(temperature[cut.start]))
         middle = float(time[cut].mean())
         times.append(middle)
         if not smooth:
-            states.append(follower.filter.at(middle))
+            states.append(follower.at(middle))
         skin = None if touched is None else bool(touched[cut].any())
         follower.add(time[cut], sensor.kept(log.picked(cut)), skin)
     follower.finish()

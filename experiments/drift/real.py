@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,34 +13,46 @@ from experiments.drift.study import Line
 from experiments.drift.world import drift_of
 from palpate.contact import Locator, WrenchEstimator
 from palpate.sensors.compensation import Compensation
+from palpate.sensors.drift import Drift
 from palpate.sensors.force_torque import ForceTorque
-from palpate.sensors.noise import rest_noise
+from palpate.sensors.noise import Noise, rest_noise
 from palpate.sensors.recording import FORCE, TORQUE, Recording
 from palpate.sensors.zero_filter import ZeroStatus
 from palpate.surfaces import plane
 
-__all__ = ["pad"]
+__all__ = ["aged", "pad"]
 
 PRESSED = 1.5  # N
+TARE, TOUCHED = 200, 100  # samples
 
 
-def pad(folder: Path, log: str, walk: float) -> Iterator[Line]:
-    """A pad on an ATI Gamma: contacts with and without following [mm, N]. y and z were swapped by the driver."""
-    table = pl.read_csv(folder / log)
+def _read(path: Path) -> tuple[pl.DataFrame, Recording]:
+    """The table, and its wrenches; y and z were swapped by the driver."""
+    table = pl.read_csv(path)
     names = [f"ft_wrench_{part}_{axis}" for part in ("force", "torque") for axis in "xzy"]
     if names[0] not in table.columns:
         names = [name.replace("ft_wrench_", "") for name in names]
     seen = table.select(names).to_numpy().astype(float)
     time = table["timestamp"].to_numpy().astype(float) - float(table["timestamp"][0])
-    recording = Recording(time, {FORCE: seen[:, :3], TORQUE: seen[:, 3:]})
+    return table, Recording(time, {FORCE: seen[:, :3], TORQUE: seen[:, 3:]})
+
+
+def _estimator(noise: Noise, drift: Drift | None, live: bool) -> WrenchEstimator:
+    surface = plane((0.0, 0.008, 0.0), (0.0, 1.0, 0.0), half_width=0.2)
+    sensor = Compensation(ForceTorque(noise.deviation, spectrum=noise.spectrum))
+    return WrenchEstimator(Locator(surface, on=0.5, off=0.3), sensor, live=live, drift=drift)
+
+
+def pad(folder: Path, log: str, walk: float) -> Iterator[Line]:
+    """A pad on an ATI Gamma: contacts with and without following [mm, N]."""
+    table, recording = _read(folder / log)
+    time, seen = recording.time, recording.wrenches()
     noise = rest_noise(seen)
     if noise is None:
         return
     force = {}
     for name, drift in (("tare alone", None), ("followed", drift_of(walk))):
-        surface = plane((0.0, 0.008, 0.0), (0.0, 1.0, 0.0), half_width=0.2)
-        sensor = Compensation(ForceTorque(noise.deviation, spectrum=noise.spectrum))
-        made = WrenchEstimator(Locator(surface, on=0.5, off=0.3), sensor, live=False, drift=drift)
+        made = _estimator(noise, drift, live=False)
         parts = list(made.stream(recording.picked(slice(k, k + 500)) for k in range(0, len(recording), 500)))
         point, force[name] = (
             np.concatenate([getattr(part.estimate, field) for part in parts]) for field in ("point", "force")
@@ -62,3 +75,29 @@ def pad(folder: Path, log: str, walk: float) -> Iterator[Line]:
         yield Line(f"{log}, {name}, walk {1e3 * walk:g} mN/sqrt(s)", figures)
         for said in (*made.notes(), *made.doubts()):
             yield Line(f"  {said}", {})
+
+
+def aged(path: Path, walk: float, ages: tuple[float, ...] = (0.0, 60.0, 600.0, 3600.0)) -> Iterator[Line]:
+    """The touches of a pad's log so many seconds [s] after its tare, in which nothing was read: what is known then."""
+    _, recording = _read(path)
+    seen = recording.wrenches()
+    noise = rest_noise(seen)
+    if noise is None:
+        return
+    first = int(np.argmax(np.linalg.norm(seen[:, :3], axis=1) > PRESSED))
+    rest, touched = recording.picked(slice(0, TARE)), recording.picked(slice(first, first + TOUCHED))
+    for age in ages:
+        made = _estimator(noise, drift_of(walk), live=True)
+        made.tare(rest)
+        made.run(rest)
+        later = replace(touched, time=touched.time - touched.time[0] + rest.time[-1] + age)
+        one, history = made.run(later).estimate, made.zero_history()
+        assert history is not None
+        ellipses = np.linalg.eigvalsh(one.covariance[np.isfinite(one.covariance).all(axis=(1, 2))])[:, -1]
+        figures = {
+            "zero unsure N": float(history.deviation[-1, :3].mean()),
+            "walk alone N": float(walk * np.sqrt(age + later.time[-1] - later.time[0])),
+            "place unsure mm": float(1e3 * np.sqrt(np.median(ellipses))) if len(ellipses) else np.nan,
+            "answered": float(np.mean(one.status <= 1)),
+        }
+        yield Line(f"{path.name}, a tare {age:g} s old, walk {1e3 * walk:g} mN/sqrt(s)", figures)

@@ -178,8 +178,9 @@ def _places(sizes: Sizes, seeds: Sequence[int], checks: list[Check]) -> list[str
     lines = [
         "## Where an unseen contact is",
         "",
-        "The likeliest place, and the fewest places that hold 95 % of the belief; forces of all with one contact",
-        "there. The prototype's median for 5 N: 10, 23, 33 mm beside one, two, three.",
+        "The likeliest place, and the fewest places that hold 95 % of the belief: whether the nearest place on the",
+        "contact's own side is one of them (normals within 60 degrees); forces of all with one contact there. The",
+        "prototype's median for 5 N: 10, 23, 33 mm beside one, two, three.",
         "",
         "| beside | unseen | region holds | its share of the skin | place off [mm] | seen force off [N] | unseen [N] |",
         "| --- | --- | --- | --- | --- | --- | --- |",

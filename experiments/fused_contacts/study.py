@@ -126,13 +126,17 @@ def places(kind: str, count: int, force: float, now: Conditions, sizes: Sizes, s
             found = locator.fuse(*made.seen(count))
             ranked = locator.unseen(found)
             apart = np.linalg.norm(ranked.points - made.places[-1], axis=1)
-            rows.append((bool(ranked.region[apart.argmin()]), float(ranked.region.mean()), float(apart[0])))
+            off = float(apart[0])
+            apart[ranked.normals @ made.normals[-1] < 0.5] = np.inf  # round an edge: another contact, however near
+            rows.append((bool(ranked.region[apart.argmin()]), float(ranked.region.mean()), off))
             both = locator.beside(found, ranked)
-            off = np.linalg.norm(both.force - made.forces, axis=1)
-            seen.append(off[:-1])
-            unseen.append(float(off[-1]))
-    held, area, off = (np.array(each) for each in zip(*rows, strict=True))
-    return Places(count, force, float(held.mean()), float(area.mean()), off, np.concatenate(seen), np.array(unseen))
+            wrong = np.linalg.norm(both.force - made.forces, axis=1)
+            seen.append(wrong[:-1])
+            unseen.append(float(wrong[-1]))
+    held, area, distance = (np.array(each) for each in zip(*rows, strict=True))
+    return Places(
+        count, force, float(held.mean()), float(area.mean()), distance, np.concatenate(seen), np.array(unseen)
+    )
 
 
 def harder(now: Conditions, **other: float) -> Conditions:

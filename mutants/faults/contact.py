@@ -136,4 +136,60 @@ FAULTS: list[Fault] = [
             "rotation[j, k] - acceleration[k] * load[_SLOPE + j]",
         ),
     ),
+    *of(
+        "contact/_fused.py",
+        "tests/contact/test_fused.py",
+        ("misplaced by the forces that the skin says", "second[i, r, q] = total", "second[i, r, q] += 0.0", "_again"),
+        (
+            "the prior is not written anew",
+            "level[i] = max(mean[3 * i], 0.2 * contacts[i, 6])",
+            "level[i] = contacts[i, 6]",
+        ),
+        (
+            "friction is not bounded",
+            "variance -= aa * aa + bb * bb + 2.0 * ab * ab + 2.0 / 3.0 * (aa * bb - ab * ab)",
+            "variance -= 0.0 * aa",
+        ),
+    ),
+    *of(
+        "contact/fused.py",
+        "tests/contact/test_fused.py",
+        ("the way into the cones is free", "totals[0, 6] += further", "totals[0, 6] += 0.0"),
+    ),
+    *of(
+        "contact/zero_follower.py",
+        "tests/contact/test_zero_follower.py",
+        (
+            "temperature is taken off once only",
+            "zero = state.zero + warmer * (self.drift.thermal + state.coefficient[self._weighs :])",
+            "zero = state.zero",
+        ),
+        ("slopes are known", "ways[: len(state.zero), kept:] = warmer * np.eye(len(state.zero))", "pass"),
+    ),
+    *of(
+        "contact/_taxels.py",
+        "tests/contact/test_taxel_estimator.py",
+        ("rests do not wander", "variance[k] += walk * walk * max(passed, 0.0)", "variance[k] += 0.0 * passed"),
+        ("a touch that shows late is in the rest", "touched[k] > slot[0] - AFTER", "touched[k] > slot[0] + 1000.0"),
+        (
+            "light touches are in the rest",
+            "sign * (waiting[k] - baseline[k]) > _HELD * np.sqrt(variance[k] + noise[k] * noise[k] / frames)",
+            "frames < 0.0",
+        ),
+        (
+            "a mean a second old is as good as new",
+            "variance[k] = (1.0 - gain) * before + since",
+            "variance[k] = (1.0 - gain) * before",
+        ),
+    ),
+    *of(
+        "contact/fused_estimator.py",
+        "tests/contact/test_fused_estimator.py",
+        (
+            "the zero from both sides is not used",
+            "follower.sensor.follow(zero)",
+            "follower.sensor.follow(None)",
+            "_both_sides",
+        ),
+    ),
 ]

@@ -16,7 +16,9 @@ from palpate.errors import InputError
 from palpate.io.logs import join
 from palpate.io.pipeline import open_log, prepare
 from palpate.io.rig import load_rig
+from palpate.sensors.drift import Drift
 from palpate.sensors.recording import AVERAGED, CELLS, FORCE, TORQUE, Recording
+from palpate.sensors.zero_filter import ZeroStatus
 from palpate.simulation.skin_bench import Rolled
 from palpate.simulation.touched.files import write_forearm
 from palpate.simulation.touched.run import ForearmRun, simulate_forearm
@@ -181,3 +183,35 @@ def test_means_have_less_noise(estimator: FusedEstimator, log: Recording) -> Non
     means = estimator.run(part).features["force_xx"]
     estimator.reset()
     assert np.nanmean(means) < np.nanmean(estimator.run(one).features["force_xx"])
+
+
+def test_on_logs_the_zero_beside_a_skin_is_smoothed_from_both_sides(estimator: FusedEstimator, log: Recording) -> None:
+    """40 mN/s: forwards a contact is off by what the zero did meanwhile, from both sides by little of it."""
+    quiet = log.picked(log.time < log.time[0] + 1.4)
+    step, span = log.time[1] - log.time[0], log.time[-1] - log.time[0]
+    ends = [replace(quiet, time=quiet.time + span + step), replace(quiet, time=quiet.time + span + step + 1.4)]
+    log = join([log, *ends])  # which the touch does not outlast
+    ran = np.outer(log.time - log.time[0], [0.04, -0.03, 0.02, 0.0, 0.0, 0.0])
+    drifts = replace(log, channels={**log.channels, FORCE: log.channels[FORCE] + ran[:, :3]})
+    drift = Drift([0.05] * 3 + [1e-4] * 3)
+    parts = estimator.taxels, estimator.sensor, estimator.fused, estimator.mount
+    off, found = dict[str, float](), list[np.ndarray]()
+    for name, size in (("forward", 300), ("both", 300), ("both", 61)):
+        made = FusedEstimator(*parts, drift=drift, live=name == "forward")
+        made.reset()
+        blocks = [drifts.picked(slice(a, a + size)) for a in range(0, len(drifts), size)]
+        pairs = list(made.pairs(iter(blocks)))
+        assert [len(block) for block, _ in pairs] == [len(block) for block in blocks]
+        history = made.zero_history()
+        assert history is not None
+        if name == "both":
+            found.append(np.concatenate([each.force for _, each in pairs]))
+            assert np.concatenate([each.sample for _, each in pairs]).max() == len(log) - 1
+        true = np.array([np.interp(history.time, log.time, axis) for axis in ran[:, :3].T]).T
+        error = history.zero[:, :3] - true
+        error -= error[history.time < history.time[0] + 1.0].mean(axis=0)  # the sensor's own zero
+        held = history.status == ZeroStatus.HELD
+        assert held.sum() > 10
+        off[name] = float(np.sqrt(np.mean(error[held] ** 2)))
+    np.testing.assert_array_equal(found[0], found[1])
+    assert off["both"] < 0.6 * off["forward"]

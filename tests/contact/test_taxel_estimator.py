@@ -14,12 +14,14 @@ from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import CHI2_95, Status
 from palpate.contact.taxel_estimator import TaxelEstimator, TaxelSettings
 from palpate.errors import InputError
+from palpate.sensors.drift import Drift
 from palpate.sensors.filters import Butterworth, Filter, Kalman
 from palpate.sensors.intensity import Curve, Intensity
 from palpate.sensors.recording import CELLS, Recording
 from palpate.sensors.skin_map import SkinMap
 from palpate.sensors.taxel_health import Health
 from palpate.sensors.taxels import TaxelBody
+from palpate.simulation.drift import simulate_drift
 from palpate.simulation.skin_bench import Patch, Rolled, press
 
 LINEAR = Intensity((Curve("polynomial", np.array([10.0]), np.zeros((1, 1)), largest=20.0),))  # counts per newton
@@ -324,6 +326,96 @@ def test_rest_follows_drift_where_nothing_touches() -> None:
     cells = REST + np.linspace(0.0, 1.0, len(time))[:, None, None] * np.ones((6, 22))
     assert not _skin().run(_recording(time, cells)).answered.any()
     assert _skin(settings=TaxelSettings(drift=np.inf)).run(_recording(time, cells)).answered.any()
+
+
+WALK = TaxelSettings(walk=0.03)  # counts/sqrt(s), of cells whose noise is 0.1 counts
+
+
+def _wandering(seconds: float, load: np.ndarray, begin: float, end: float, seed: int) -> tuple[Recording, np.ndarray]:
+    """Frames at 25 Hz of zeros that walk, each its own, with a touch between two times; and the zeros."""
+    rng, time = np.random.default_rng(seed), np.arange(0.0, seconds, 0.04)
+    zero = REST + simulate_drift(time, Drift(np.full(132, WALK.walk)), rng).reshape(-1, 6, 22)
+    touched = (time >= begin) & (time < end)
+    cells = zero + 10.0 * load * touched[:, None, None] + 0.1 * rng.standard_normal(zero.shape)
+    return _recording(time, cells), zero
+
+
+def test_a_minute_of_touch_is_not_eaten_and_the_variance_of_the_rest_holds() -> None:
+    """Cells under the touch know their rest to the walk of a minute; free ones to the steady state of the filter."""
+    load = press(FLAT, [Patch(2.4, 9.3, 2.0, 3.0)]).loads
+    under, away = load > 0.1, np.s_[:, 14:]
+    skin, inside = _skin(settings=WALK), {"under": list[bool](), "free": list[bool]()}
+    left = list[float]()
+    for seed in range(6):
+        skin.reset()
+        log, zero = _wandering(72.0, load, 10.0, 75.0, seed)
+        found = skin.run(log)
+        rest, sure = skin.rest
+        off = (rest - zero[-1]) / sure
+        inside["under"] += (np.abs(off[under]) < 1.96).tolist()
+        inside["free"] += (np.abs(off[away]) < 1.96).ravel().tolist()
+        np.testing.assert_allclose(sure[under], WALK.walk * 62.0**0.5, rtol=0.05)
+        assert sure[away].max() < 0.042  # sqrt(walk noise sqrt(dt) + walk^2 1 s) is 0.039
+        first, last = (float(found.features["load"][found.sample == k][0]) for k in (275, len(log) - 1))
+        left.append(last - first)
+    assert 0.92 < np.mean(inside["free"]) < 0.98
+    assert 0.88 < np.mean(inside["under"]) < 0.99
+    # N: the walks of a minute of some 25 cells, 10 counts a newton, are 0.12; cells at the edge leave the touch as the
+    # thresholds rise
+    assert np.abs(left).max() < 4.0 * 0.12
+    assert abs(np.mean(left)) < 0.15
+
+
+def test_what_is_not_known_of_a_rest_moves_the_thresholds_and_widens_the_ellipse() -> None:
+    """After a minute of touch, in newtons 24 mN a cell; a lighter touch of 6 noises there is no longer one."""
+    load = press(FLAT, [Patch(2.4, 9.3, 2.0, 3.0)]).loads
+    log, _ = _wandering(70.0, load, 10.0, 75.0, 1)
+    skin = _skin(settings=WALK)
+    found = skin.run(log)
+    ends = [found[found.sample == k].estimate.covariance[0] for k in (275, len(log) - 1)]
+    assert np.trace(ends[1]) > 1.02 * np.trace(ends[0])
+    cell = np.unravel_index(np.argmax(load), load.shape)
+    light = skin.rest[0].copy()
+    light[cell] += 0.1 * 7.0
+    assert not skin.update(70.0, light).answered.any()
+    fresh = _skin(settings=WALK)
+    light = np.full((6, 22), REST)
+    light[cell] += 0.1 * 7.0
+    assert fresh.update(0.0, light).answered.any()
+
+
+def test_a_light_touch_below_the_thresholds_is_no_rest() -> None:
+    """Two noises for 20 s: a follower of 10 s takes 86 % of it, the walk explains nothing of the kind."""
+    load = np.zeros((6, 22))
+    load[2, 9] = 0.02  # N: 0.2 counts
+    log, zero = _wandering(30.0, load, 10.0, 35.0, 2)
+    eaten: list[float] = []
+    for settings in (TaxelSettings(walk=0.005), TaxelSettings()):
+        skin = _skin(settings=settings)
+        skin.run(_recording(log.time, log.channels[CELLS] - zero + REST))
+        eaten.append(float(skin.rest[0][2, 9] - REST) / 0.2)
+    assert eaten[1] > 0.8
+    assert eaten[0] < 0.15
+
+
+@pytest.mark.parametrize("filter", [None, Butterworth(8.0, zero_phase=True)])
+def test_rests_that_are_followed_are_the_same_however_the_log_is_cut(filter: Filter | None) -> None:
+    load = press(FLAT, [Patch(2.4, 9.3, 2.0, 3.0)]).loads
+    log, _ = _wandering(12.0, load, 3.0, 6.0, 3)
+    time, cells = log.time.copy(), log.channels[CELLS].copy()
+    time[200:] += 7.0  # a gap
+    time[250:] -= 2.5  # and time that runs back
+    time[120], cells[40, 1, 3], cells[60] = np.nan, np.nan, np.nan
+    log, body = _recording(time, cells), TaxelBody.sheet(FLAT.layout(), bits=None)
+    skin = TaxelEstimator(body, LINEAR, _health(), settings=WALK, filter=filter, rate=25.0)
+    ends: list[tuple[np.ndarray, ...]] = []
+    for size in (300, 11, 1):
+        skin.reset()
+        parts = list(skin.stream(log.picked(slice(a, a + size)) for a in range(0, 300, size)))
+        ends.append((Contacts.joined(parts).estimate.point, skin.rest))
+    for point, rest in ends[1:]:
+        np.testing.assert_array_equal(point, ends[0][0])
+        np.testing.assert_array_equal(rest, ends[0][1])
 
 
 def test_eight_bits_that_wrap_are_put_right() -> None:

@@ -28,10 +28,11 @@ from palpate.sensors.force_torque import ForceTorque, Payload
 from palpate.sensors.load_cell_array import LoadCellArray
 from palpate.sensors.load_cell_zero import Zero
 from palpate.sensors.load_cells import VOLTAGE, LoadCells
-from palpate.sensors.recording import FORCE, ORIENTATION, TORQUE
+from palpate.sensors.recording import FORCE, ORIENTATION, TEMPERATURE, TORQUE
 from palpate.sensors.wrench_sensor import Placement
 from palpate.sensors.zero_filter import ZeroStatus
 from palpate.simulation.cell_array import LAYOUTS, random_cells
+from palpate.simulation.drift import simulate_drift
 from palpate.spatial.pose import Pose, rotation_from_quaternion
 from palpate.surfaces import EllipticCylinder, Mesh
 
@@ -251,6 +252,73 @@ def test_time_alone_does_not_make_a_light_touch_the_zero() -> None:
     during = (found.time > 13.0) & (found.time < 43.0)
     assert np.all(found.status[during] != ZeroStatus.FREE)
     assert np.mean(found.status[found.time > 47.0] == ZeroStatus.FREE) > 0.9  # and its end is seen
+
+
+SLOPE = np.array([0.02] * 3 + [7.5e-4] * 3)  # N/K, N m/K
+
+
+def _warms(walk: float, unsure: float) -> Drift:
+    plain = drift_of(walk)
+    return Drift(plain.walk, thermal=SLOPE, thermal_deviation=unsure * SLOPE)
+
+
+def test_what_temperature_does_in_contact_is_taken_off() -> None:
+    """3 K in 40 s of contact are 0.06 N an axis; what is left is what a walk of 1 mN/sqrt(s) does: 6 mN an axis."""
+    rng, time = np.random.default_rng(3), np.arange(0.0, 60.0, 1.0 / 40.0)
+    kelvin = 25.0 + np.clip((time - 5.0) / 15.0, 0.0, 3.0)
+    seen = kelvin[:, None] * SLOPE + wrenches(time, [Touch(12.0, 55.0, 3.0, 0.2)], rng)
+    seen += NOISE * rng.standard_normal(seen.shape)
+    end = (kelvin[-1] - kelvin[0]) * SLOPE
+    for smooth in (False, True):
+        found = follow(time, seen, _warms(1e-3, 0.0), smooth=smooth, temperature=kelvin)
+        at = np.searchsorted(found.time, 54.0)
+        assert np.abs(found.zero[at, :3] - kelvin[0] * SLOPE[:3] - end[:3]).max() < 0.02
+        without = follow(time, seen, drift_of(1e-3), smooth=smooth)
+        assert smooth or np.abs(without.zero[at, :3] - kelvin[0] * SLOPE[:3] - end[:3]).max() > 0.03
+
+
+def test_what_is_unsure_of_the_slope_is_in_the_covariance_and_is_learnt() -> None:
+    """Slopes that are 30 % off: in contact the band holds them; after 8 K without contact they are known."""
+    time, inside = np.arange(0.0, 30.0, 1.0 / 80.0), list[np.ndarray]()
+    kelvin = 20.0 + np.clip(time - 6.0, 0.0, 8.0)
+    drift = _warms(1e-3, 0.3)
+    for seed in range(8):
+        rng = np.random.default_rng([9, seed])
+        zero = simulate_drift(time, drift, rng, kelvin)
+        noise = NOISE * rng.standard_normal(zero.shape)
+        load = wrenches(time, [Touch(5.5, 28.0, 5.0, 0.2)], rng)
+        found = follow(time, zero + noise + load, drift, temperature=kelvin)
+        at = np.searchsorted(found.time, 26.0)
+        off = found.zero[at] - zero[np.searchsorted(time, 26.0)]
+        inside.append(np.abs(off) < 1.96 * np.sqrt(np.diag(found.covariance[at])[:6]))
+        assert found.covariance[at, 0, 0] > (0.9 * 8.0 * 0.3 * SLOPE[0]) ** 2
+        free = follow(time, zero + noise, drift, temperature=kelvin)
+        assert free.covariance[at, 0, 0] < (0.2 * 8.0 * 0.3 * SLOPE[0]) ** 2
+    assert 0.87 < np.mean(inside) <= 1.0  # of 48, 0.95 less two deviations and a half
+
+
+def test_temperature_has_the_same_bits_live_and_in_blocks_and_its_lack_is_said() -> None:
+    log, _ = _log(6.0)
+    kelvin = 20.0 + 0.5 * np.sqrt(np.arange(len(log)))
+    kelvin[100:160] = np.nan
+    warm = replace(log, channels={**log.channels, TEMPERATURE: kelvin[:, None]})
+    drift = Drift(DRIFT.walk, DRIFT.warm_up, DRIFT.settling, thermal=SLOPE, thermal_deviation=0.1 * SLOPE)
+    one, two, three, none = (_estimator(drift) for _ in range(4))
+    rows = one.empty(len(log))
+    readings, turns = log.wrenches(), rotation_from_quaternion(log.channels[ORIENTATION])
+    for k in range(len(log)):
+        one.kelvin = kelvin[k]
+        one.update_into(float(log.time[k]), readings[k], rows[k], turns[k])
+    expected = _flat(Contacts.single(log.time, ContactEstimate.from_rows(rows)))
+    blocks = np.concatenate([_flat(two.run(each)) for each in _blocks(warm, 7, 1, 90)])
+    np.testing.assert_array_equal(blocks, expected)
+    beside = {name: warm.channels[name] for name in (ORIENTATION, TEMPERATURE)}
+    again = three.empty(len(log))
+    three.run_into(log.time, readings, again, np.zeros(len(log), np.int64), beside)
+    np.testing.assert_array_equal(again, rows)
+    assert not np.array_equal(_flat(none.run(log)), expected)
+    assert any("no temperature" in said for said in none.notes())
+    assert not any("no temperature" in said for said in two.notes())
 
 
 def test_shape_tells_a_contact_of_the_body() -> None:

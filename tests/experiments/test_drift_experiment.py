@@ -1,8 +1,11 @@
 """The study of drift: what is usual eats a contact, and the trials run small."""
 
+from pathlib import Path
+
 import numpy as np
 
 from experiments.drift.follow import exponential, one_tare
+from experiments.drift.real import aged
 from experiments.drift.study import jumps
 from experiments.drift.world import NOISE, PLACE, RATE, Touch, drift_of, readings, wrenches
 
@@ -35,3 +38,20 @@ def test_a_jump_that_a_skin_does_not_feel_is_followed() -> None:
     assert line.figures["median off 5 s after"] < 0.05
     assert line.figures["followed"] == 1.0
     assert "a skin feels nothing" in str(line)
+
+
+def test_a_tare_ages_as_the_root_of_time(tmp_path: Path) -> None:
+    """Of a pad pressed with 5 N, 4 s after the log's start: what is not known of the zero grows by walk^2 t."""
+    rng, time = np.random.default_rng(4), np.arange(600) / 80.0
+    press = np.where(time > 4.0, -5.0, 0.0)[:, None] * [0.0, 1.0, 0.0]
+    load = np.concatenate([press, np.cross([0.02, 0.008, 0.01], press)], axis=1)
+    seen = load + [0.02, 0.02, 0.02, 4e-4, 4e-4, 4e-4] * rng.standard_normal((600, 6))
+    names = [f"ft_wrench_{part}_{axis}" for part in ("force", "torque") for axis in "xzy"]
+    head, table = ",".join(["timestamp", *names]), np.column_stack([time, seen])
+    np.savetxt(tmp_path / "pad.csv", table, delimiter=",", header=head, comments="", fmt="%.9g")
+    lines = list(aged(tmp_path / "pad.csv", 3e-3, (0.0, 100.0, 3600.0)))
+    unsure = np.array([line.figures["zero unsure N"] for line in lines])
+    np.testing.assert_allclose(np.diff(unsure**2), 3e-3**2 * np.diff([0.0, 100.0, 3600.0]), rtol=1e-3)
+    places = [line.figures["place unsure mm"] for line in lines]
+    assert places[0] < places[1] < places[2]
+    assert all(line.figures["answered"] == 1.0 for line in lines)

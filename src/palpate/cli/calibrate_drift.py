@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -21,10 +22,10 @@ from palpate.io.pipeline import open_log
 from palpate.io.rig import Rig, load_rig
 from palpate.io.rig.drift import MINUTE, drift_table
 from palpate.io.rig.edit import update_drift
-from palpate.io.rig.force_torque import free_wrenches, rig_payload
+from palpate.io.rig.force_torque import accelerated, free_wrenches, rig_payload
 from palpate.io.rig.load_cells import RigLoadCells
 from palpate.sensors.force_torque import Payload
-from palpate.sensors.recording import ORIENTATION, TEMPERATURE, VOLTAGE, Recording
+from palpate.sensors.recording import ORIENTATION, POSITION, TEMPERATURE, VOLTAGE, Recording
 from palpate.spatial.pose import rotation_from_quaternion
 
 __all__ = ["calibrate_drift"]
@@ -57,6 +58,8 @@ def calibrate_drift(
     _require_one(setup, kind, rig)
     temperature = recording.channels[TEMPERATURE][:, 0] if TEMPERATURE in recording.channels else None
     if kind == "force_torque":
+        setup, moves = _moving(setup, recording)
+        notes = (*notes, *moves)
         found, said = _of_wrenches(setup, recording, temperature, window), _Wrench()
         payload = rig_payload(setup)
     else:
@@ -82,7 +85,7 @@ def _read(log: Path, setup: Rig) -> tuple[str, Recording, tuple[str, ...]]:
             raise InputError(
                 f"[{kind}] has no zero that is followed: [drift] is of a force/torque sensor or of load cells.",
                 where=str(log),
-                hint="A skin follows its zero by itself: drift in [contacts]." if kind == "skin" else "",
+                hint="A skin follows its zero by itself: walk or drift in [contacts]." if kind == "skin" else "",
             )
         blocks = list(opened)
         if not sum(map(len, blocks)):
@@ -98,6 +101,20 @@ def _require_one(setup: Rig, kind: str, rig: Path) -> None:
             where=str(rig),
             hint=f"Remove drift from [{kind}], then run this again.",
         )
+
+
+def _moving(setup: Rig, recording: Recording) -> tuple[Rig, tuple[str, ...]]:
+    """The rig with accelerations from the poses where the arm moves and the log has none, and what is to be said."""
+    if not accelerated(setup, recording):
+        return setup, ()
+    if POSITION not in recording.channels or setup.acceleration.kind == "none":
+        return setup, (
+            "the arm moves, and how much it is accelerated is not known: what inertia does to the payload counts as "
+            "walk, which may be smaller than is said. Record at rest, or slowly, or with positions or accelerations",
+        )
+    taken = replace(setup.acceleration, from_poses=True, columns=None, topic=None)
+    said = "the arm moves: accelerations were taken from the poses ([acceleration] from_poses = true does so elsewhere)"
+    return replace(setup, acceleration=taken), (said,)
 
 
 def _of_wrenches(

@@ -22,11 +22,10 @@ import numpy as np
 
 from palpate.surfaces._jit import entry, inner
 
-__all__ = ["drawn", "explained", "fuse", "fuse_one", "room", "split"]
+__all__ = ["explained", "fuse", "fuse_one", "rarity", "room"]
 
 ROW = 17  # of a contact: point, outward normal, normal force, its deviation, covariance of the place row by row
 OUT = 5  # of a contact: force, deviation of the tangential force now over before, slack of the cone
-_STRIDE = 1009  # rows of the table of draws from one contact to the next
 
 
 @inner
@@ -288,10 +287,46 @@ def _surprise(rows, root, carries, factor, column, found):
                 bb += column[2, r] ** 2
             variance -= aa * aa + bb * bb + 2.0 * ab * ab + 2.0 / 3.0 * (aa * bb - ab * ab)
     found[0], found[1], found[2] = total, dof, variance
-    found[3] = np.nan
-    if dof > 0 and variance > 0.0:  # Wilson and Hilferty's approximation of a gamma distribution's tail
-        spread = variance / (9.0 * dof * dof)
-        found[3] = 0.5 * math.erfc(((total / dof) ** (1.0 / 3.0) - (1.0 - spread)) / np.sqrt(2.0 * spread))
+    found[3] = _rarity(total, dof, variance)
+
+
+@inner
+def _rarity(total, dof, variance):
+    """Share of a gamma distribution of this mean and variance beyond `total` (Wilson and Hilferty); NaN without one."""
+    if not (dof > 0 and variance > 0.0):
+        return np.nan
+    spread = variance / (9.0 * dof * dof)
+    return 0.5 * math.erfc(((total / dof) ** (1.0 / 3.0) - (1.0 - spread)) / np.sqrt(2.0 * spread))
+
+
+@entry
+def rarity(total, dof, variance):
+    """`_rarity`, from outside."""
+    return _rarity(total, dof, variance)
+
+
+@inner
+def _expected(rows, carries, wrenches, mean, totals, off):
+    """Wrenches that the skin alone lets expect, and how far off those are that are measured."""
+    sensors, count = carries.shape
+    for k in range(sensors):
+        for r in range(6):
+            totals[k, r] = 0.0
+            for i in range(count):
+                if carries[k, i]:
+                    totals[k, r] += rows[r, 3 * i] * mean[3 * i]
+            off[6 * k + r] = wrenches[k, r] - totals[k, r]
+
+
+@inner
+def _whitened(innovation, off, k, factor, column):
+    """One sensor's `off`, whitened into column[0] by L D L^T of its covariance, which is left in `factor`."""
+    for r in range(6):
+        column[0, r] = off[6 * k + r]
+        for q in range(6):
+            factor[r, q] = innovation[6 * k + r, 6 * k + q]
+    _split(factor, 1e-13)
+    _whiten(factor, column[0])
 
 
 @inner
@@ -342,8 +377,11 @@ def fuse(contacts, wrenches, covariances, carries, settings, work, out, covarian
         out: (n, 5) rows, see `OUT`.
         covariance: (3n, 3n) of the forces.
         totals: (k, 16) the wrenches that the skin alone lets expect; how far they are off: squared, degrees of
-            freedom, its variance, share of such distances that are as large, roughly; that, whitened by `factors`.
-        factors: (k, 6, 6) L D L^T of the wrenches' covariance about them.
+            freedom, its variance, share of such distances that are as large, all by the prior as it was last written,
+            whose forces are those that misplaced contacts and friction are proportional to; how far off they are,
+            whitened by `factors`.
+        factors: (k, 6, 6) L D L^T of the wrenches' covariance by the first prior: where something is unseen, the
+            forces found are bent towards it.
 
     Returns:
         How many contacts violate their cone.
@@ -380,7 +418,7 @@ def _fuse(given, work, out, covariance, totals, factors):
     whitened = flat.reshape((height, size))
     _first(contacts, settings, frames, mean, variance, second)
     _felt(contacts, frames, rows)
-    column = np.empty((3, 6))
+    column, last = np.empty((3, 6)), np.empty((6, 6))
     for i in range(count):
         level[i] = contacts[i, 6]
     for a in range(3 * count):
@@ -390,21 +428,17 @@ def _fuse(given, work, out, covariance, totals, factors):
         _prior(contacts, settings, level, variance, root)
         _noise(contacts, second, covariances, carries, noise)
         if turn == 0:
+            _expected(rows, carries, wrenches, mean, totals, off)
+        if turn == 0 or turn == turns:
             _innovation(noise, rows, root, carries, innovation)
-            for k in range(sensors):
-                for r in range(6):
-                    totals[k, r] = 0.0
-                    for i in range(count):
-                        if carries[k, i]:
-                            totals[k, r] += rows[r, 3 * i] * mean[3 * i]
-                    off[6 * k + r] = column[0, r] = wrenches[k, r] - totals[k, r]
-                    for q in range(6):
-                        factors[k, r, q] = innovation[6 * k + r, 6 * k + q]
-                _split(factors[k], 1e-13)
-                _whiten(factors[k], column[0])
+        for k in range(sensors):
+            if turn == turns:
+                _whitened(innovation, off, k, last, column)
+                _surprise(rows, root, carries[k], last, column, totals[k, 6:10])
+            if turn == 0:
+                _whitened(innovation, off, k, factors[k], column)
                 for r in range(6):
                     totals[k, 10 + r] = column[0, r]
-                _surprise(rows, root, carries[k], factors[k], column, totals[k, 6:10])
         for a in range(3 * count):
             mean[a] = before[a]
             for b in range(3 * count):
@@ -415,67 +449,6 @@ def _fuse(given, work, out, covariance, totals, factors):
         if turn < turns:
             _again(contacts, frames, mean, square, level, variance, second)
     return _results(frames, mean, root, square, settings[3], out, covariance)
-
-
-@entry
-def drawn(contacts, carries, covariance, expected, factor, settings, table, out):
-    """Wrenches of a sensor where no contact is unseen, drawn from the model.
-
-    Args:
-        contacts: (n, 17) rows, see `ROW`.
-        carries: (n,) whether the sensor feels a contact.
-        covariance: (6, 6) L D L^T of the sensor's noise, as `split` leaves it.
-        expected: (6,) wrench that the skin alone lets expect.
-        factor: (6, 6) as `fuse` left it.
-        settings: as for `fuse`.
-        table: (m, 13) normal numbers for the skin's gain, its own error, place (3); a point in the unit disc (2);
-            normal numbers for the wrench's noise (6). Contact i takes row j + `_STRIDE` i of it in draw j.
-        out: (m, 6) wrenches less what is expected, whitened.
-    """
-    count, size = len(contacts), len(table)
-    frames, spreads, own = np.empty((count, 3, 3)), np.empty((count, 3, 3)), np.empty(count)
-    for i in range(count):
-        _frame(contacts[i, 3:6], frames[i])
-        own[i] = np.sqrt(contacts[i, 7] ** 2 + settings[2] ** 2)
-        for r in range(3):
-            for q in range(3):
-                spreads[i, r, q] = 0.5 * (contacts[i, 8 + 3 * r + q] + contacts[i, 8 + 3 * q + r])
-        _split(spreads[i], 1e-13)
-    column, force, place, scaled = np.empty(6), np.empty(3), np.empty(3), np.empty(6)
-    for j in range(size):
-        for r in range(6):
-            scaled[r] = np.sqrt(covariance[r, r]) * table[j, 7 + r]
-        for r in range(6):
-            column[r] = scaled[r] - expected[r]
-            for q in range(r):
-                column[r] += covariance[r, q] * scaled[q]
-        for i in range(count):
-            if not carries[i]:
-                continue
-            draw = table[(j + _STRIDE * (i + 1)) % size]
-            gain = max(1.0 + settings[1] * draw[0], 0.2)
-            normal = max(contacts[i, 6] / gain + own[i] * draw[1], 0.0)
-            for e in range(3):
-                scaled[e] = np.sqrt(spreads[i, e, e]) * draw[2 + e]
-                across = 2.0 * settings[0] * normal * (draw[5] * frames[i, 1, e] + draw[6] * frames[i, 2, e])
-                force[e] = normal * frames[i, 0, e] + across
-            for e in range(3):
-                place[e] = contacts[i, e] + scaled[e]
-                for q in range(e):
-                    place[e] += spreads[i, e, q] * scaled[q]
-                column[e] += force[e]
-            column[3] += place[1] * force[2] - place[2] * force[1]
-            column[4] += place[2] * force[0] - place[0] * force[2]
-            column[5] += place[0] * force[1] - place[1] * force[0]
-        _whiten(factor, column)
-        for r in range(6):
-            out[j, r] = column[r]
-
-
-@entry
-def split(matrix):
-    """L D L^T of a covariance, in place."""
-    _split(matrix, 1e-13)
 
 
 @entry

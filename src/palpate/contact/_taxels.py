@@ -24,9 +24,13 @@ __all__ = [
     "LAST",
     "LIMIT",
     "MOST",
+    "NEVER",
     "NOISE",
     "NUMBERS",
+    "SLOTS",
+    "TOUCHED",
     "TURNS",
+    "VARIANCE",
     "WHOLE",
     "WRAPPED",
     "frames",
@@ -39,9 +43,17 @@ AREA = 22  # where the numbers behind a row of an estimate begin
 NO_CONTACT, SATURATED, INVALID = 2, 6, 7  # palpate.contact.estimate.Status
 # numbers of a cell: what is known of it, what the last frame left (rest, reading, one that was a number), and a frame's
 NOISE, LIMIT, BASELINE, LAST, HELD, FORCE, Z, SPREAD = 0, 1, 2, 3, 4, 5, 6, 7
-ERROR, USED, OWN, AT, NUMBERS = 8, 9, 10, 11, 13
-# and whole ones: the same; how often around its range it is, and how often it went over an end
-GOOD, CURVE, TURNS, WRAPPED, LABEL, LIVE, CELLS, PARENT, WHOLE = 0, 1, 2, 3, 4, 5, 6, 7, 8
+ERROR, USED, OWN, VARIANCE, AT, NUMBERS = 8, 9, 10, 11, 12, 14
+# and whole ones: the same; how often around its range it is, and how often it went over an end; the window in which it
+# was last touched
+GOOD, CURVE, TURNS, WRAPPED, LABEL, LIVE, CELLS, PARENT, TOUCHED, WHOLE = 0, 1, 2, 3, 4, 5, 6, 7, 8, 9
+# of a rest that is followed by a Kalman filter, as `contact.zero_follower` does for wrenches
+WINDOW = 0.1  # s whose mean is taken
+DELAY = 10  # windows that one waits for a touch that shows late
+AFTER = 5  # windows after a touch that are left out
+SLOTS = DELAY + 1
+NEVER = -(1 << 60)
+_HELD = 4.0  # deviations above the rest beyond which a window is of a touch below the thresholds
 _ROUNDS = 8  # of expectation maximisation
 _NARROW = 0.12  # squared cells: no contact is seen narrower than its cell
 # what the edges of cells make of a centroid, in cells: see `_narrow`
@@ -386,6 +398,12 @@ def _narrow(moment, least):
 
 
 @inner
+def _deviation(noise, variance):
+    """Of a reading above its rest, whose own variance is 0 where it is not followed by a Kalman filter."""
+    return noise if variance == 0.0 else np.sqrt(noise * noise + variance)
+
+
+@inner
 def _errors(cells, count, end, scale, curves, settings, value, numbers, whole):
     """What the centroid takes for the force of each cell of an area and its rim, and by how much that may be off [N].
 
@@ -396,7 +414,7 @@ def _errors(cells, count, end, scale, curves, settings, value, numbers, whole):
     off, sign, unequal = settings[1], settings[4], settings[5]
     tables, gaps = curves
     noise, baseline, spread, error = numbers[NOISE], numbers[BASELINE], numbers[SPREAD], numbers[ERROR]
-    force, z, used = numbers[FORCE], numbers[Z], numbers[USED]
+    force, z, used, variance = numbers[FORCE], numbers[Z], numbers[USED], numbers[VARIANCE]
     which, live = whole[CURVE], whole[LIVE]
     squares = 0.0
     for i in range(count, end):
@@ -408,7 +426,7 @@ def _errors(cells, count, end, scale, curves, settings, value, numbers, whole):
         above = max(sign * (value[k] - baseline[k]), 0.0) if live[k] else 0.0
         curve, gap = tables[which[k]], gaps[which[k]]
         slope = (_force(above + gap, curve, gap) - _force(above, curve, gap)) / gap
-        spread[k] = noise[k] * scale * slope
+        spread[k] = _deviation(noise[k] * scale, variance[k]) * slope
         gain = unequal * above * slope
         used[k] = force[k] if i < count else taken * force[k]
         error[k] = np.sqrt(spread[k] ** 2 + gain**2) if i < count else left * spread[k]
@@ -482,16 +500,88 @@ def _sense(raw, value, scale, curves, sign, numbers, whole, neighbours, between)
     """How far each cell stands above its rest, in deviations and in newtons."""
     tables, gaps = curves
     baseline, noise, z, force = numbers[BASELINE], numbers[NOISE], numbers[Z], numbers[FORCE]
+    variance = numbers[VARIANCE]
     good, which, label, live = whole[GOOD], whole[CURVE], whole[LABEL], whole[LIVE]
     lacking = False
     for k in range(len(raw)):
         live[k] = good[k] != 0 and np.isfinite(raw[k])
         lacking = lacking or not live[k]
         above = sign * (value[k] - baseline[k]) if live[k] else 0.0
-        z[k], force[k] = above / (noise[k] * scale), _force(above, tables[which[k]], gaps[which[k]])
+        z[k] = above / _deviation(noise[k] * scale, variance[k])
+        force[k] = _force(above, tables[which[k]], gaps[which[k]])
         label[k] = 0
     if lacking:
         _fill(z, force, live, neighbours, between)
+
+
+@inner
+def _enter_window(time, walk, sign, zeros, numbers, whole):
+    """The rests at a frame of a new window: all may have wandered, and what by now is known to be free is taken in."""
+    sums, slots, clock = zeros
+    now = np.floor(time / WINDOW)
+    if now == clock[0] or np.isnan(time):
+        return
+    passed = time - clock[1] if clock[1] == clock[1] else 0.0
+    if passed < 0.0:
+        slots[:, 1] = 0.0  # time runs back: what waited is of no use
+    variance = numbers[VARIANCE]
+    for k in range(sums.shape[1]):
+        variance[k] += walk * walk * max(passed, 0.0)
+    clock[0], clock[1] = now, time
+    waiting, frames = numbers[OWN], 0.0
+    waiting[:] = 0.0
+    for i in range(SLOTS):
+        if slots[i, 1] > 0.0:
+            waiting += sums[i]
+            frames += slots[i, 1]
+    waiting /= max(frames, 1.0)
+    for step in range(1, SLOTS + 1):
+        i = (int(now) + step) % SLOTS
+        if slots[i, 1] > 0.0 and slots[i, 0] <= now - DELAY:
+            _take_in(time, walk, sign, sums[i], slots[i], frames, numbers, whole)
+    i = int(now) % SLOTS
+    slots[i, 0], slots[i, 1], slots[i, 2] = now, 0.0, 0.0
+    sums[i] = 0.0
+
+
+@inner
+def _take_in(time, walk, sign, total, slot, frames, numbers, whole):
+    """A window's mean into the rest of each cell that was not touched about then: a Kalman filter of a random walk.
+
+    Variances are those of now, the mean is that of a second ago: between them lies the walk. The mean of all `frames`
+    that wait, in numbers[OWN], tells of a touch below the thresholds.
+    """
+    baseline, noise, variance, waiting = numbers[BASELINE], numbers[NOISE], numbers[VARIANCE], numbers[OWN]
+    good, touched, count = whole[GOOD], whole[TOUCHED], slot[1]
+    since = walk * walk * max(time - slot[2] / count, 0.0)
+    for k in range(len(total)):
+        if not good[k] or touched[k] > slot[0] - AFTER:
+            continue
+        before, reads = max(variance[k] - since, 0.0), noise[k] * noise[k] / count
+        off = total[k] / count - baseline[k]
+        if sign * (waiting[k] - baseline[k]) > _HELD * np.sqrt(variance[k] + noise[k] * noise[k] / frames):
+            continue
+        gain = before / (before + reads)
+        baseline[k] += gain * off
+        variance[k] = (1.0 - gain) * before + since
+    slot[1] = 0.0
+
+
+@inner
+def _keep_window(time, value, zeros, whole):
+    """A frame for its window, and which cells were touched in it, or their rims were."""
+    sums, slots, _ = zeros
+    if np.isnan(time):
+        return
+    now = int(np.floor(time / WINDOW))
+    label, live, touched = whole[LABEL], whole[LIVE], whole[TOUCHED]
+    i = now % SLOTS
+    for k in range(len(value)):
+        sums[i, k] += value[k]
+        if label[k] != 0 or not live[k]:
+            touched[k] = now
+    slots[i, 1] += 1.0
+    slots[i, 2] += time
 
 
 @inner
@@ -538,8 +628,8 @@ def prepare(raw, rest, neighbours, turn, numbers, whole, values, status):
 
 
 @entry
-def frames(time, raw, values, status, left, place, table, curves, settings, smoothing, clock, numbers, whole, tracks,
-           following, out, rows, forces):  # fmt: skip
+def frames(time, raw, values, status, left, place, table, curves, settings, smoothing, clock, zeros, numbers, whole,
+           tracks, following, out, rows, forces):  # fmt: skip
     """Frames to contacts: rows in `out`, at least one a frame; (how many frames, how many rows).
 
     It stops before a frame for which `out` could be too short, unless that is the first.
@@ -552,16 +642,18 @@ def frames(time, raw, values, status, left, place, table, curves, settings, smoo
     table: neighbours, steps, between, columns (1 if no sheet).
     curves: (c, t) forces [N], (c,) counts between two.
     settings: on, off, sure, share, sign, unequal, drift [s], turn (0: none), share of the noise's variance in the
-        rest, reach, speed, patience.
+        rest, reach, speed, patience, walk [counts/sqrt(s)] (0: the rest is followed exponentially, within `drift`).
     smoothing: sections, start, gains, gap, clock, state of `sensors._filters.smooth`, and shares by age ((0,) if there
         is no filter).
     clock: (2,) time of the last frame and how many were of no use: changed, as all that follows.
+    zeros: of rests with a walk, what waits: sums of readings (SLOTS, k), of each window its number, how many frames and
+        the sum of their times (SLOTS, 3), and (2,) number of the last window and when it began (NaN: none).
     numbers, whole: (NUMBERS, k) and (WHOLE, k) of the cells.
     tracks, following: of `contact._track.follow`.
     out: (r, w) rows: of an estimate, then features, then identity. rows: (n,) of each frame.
     forces: (n, k) [N] of each cell; (0, k): not wanted.
     """
-    drift, turn, resting, reach, speed, patience = settings[6:]
+    drift, turn, resting, reach, speed, patience, walk = settings[6:]
     sections, start, gains, gap, since, state, shares = smoothing
     age, identity = np.empty(1, dtype=np.int64), np.empty(MOST, dtype=np.int64)
     used = 0
@@ -569,7 +661,7 @@ def frames(time, raw, values, status, left, place, table, curves, settings, smoo
         if i > 0 and len(out) - used < MOST:
             return i, used
         passed, follows = time[i] - clock[0], 0.0
-        if passed == passed and drift < np.inf:  # no NaN
+        if passed == passed and drift < np.inf and walk == 0.0:  # no NaN
             follows = 1.0 - np.exp(-min(max(passed, 0.0), drift) / drift)
         if time[i] == time[i]:
             clock[0] = time[i]
@@ -584,7 +676,11 @@ def frames(time, raw, values, status, left, place, table, curves, settings, smoo
                 scale = np.sqrt(shares[min(max(age[0], 0), len(shares) - 1)] + resting)
         here, found = out[used:], 0
         if status[which] < 0:
+            if walk > 0.0:
+                _enter_window(time[i], walk, settings[4], zeros, numbers, whole)
             found = _contacts(raw[i], value, scale, follows, place, table, curves, settings, numbers, whole, here)
+            if walk > 0.0:
+                _keep_window(time[i], value, zeros, whole)
             follow(time[i], here[:, :3], found, tracks, following, reach, speed, patience, identity)
             here[:found, -1] = identity[:found]
         else:

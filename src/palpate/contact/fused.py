@@ -14,7 +14,6 @@ import numpy as np
 from jaxtyping import Bool, Float
 from numpy.typing import ArrayLike
 
-from palpate.contact.fused_alarm import Draws
 from palpate.contact.fused_cones import within_cones
 from palpate.contact.fused_unseen import PUSHES, Unseen, candidates, locked, ranked
 from palpate.errors import InputError
@@ -98,7 +97,8 @@ class Fused(Value):
         slack: (n,) [N] friction times the normal less the tangential force.
         bound: (n,) whether the cone of friction binds.
         expected: (k, 6) wrenches that the skin alone lets expect.
-        surprise: (k,) squared distance of the wrench from it, in deviations (Mahalanobis); NaN without a wrench.
+        surprise: (k,) squared distance of the wrench from it, in the deviations that the forces found let expect
+            (Mahalanobis), and of one sensor from there into the cones; NaN without a wrench.
         p: (k,) share of touches without an unseen contact whose wrench is as far off; NaN without a wrench.
         alarm: whether something pushes that the skin does not see.
         given: what it was made of.
@@ -129,7 +129,7 @@ class FusedLocator:
     Args:
         surface: of the body; where unseen contacts are looked for.
         settings: what is known beforehand.
-        seed: of the places at which unseen contacts are looked for, and of the false alarms that are drawn.
+        seed: of the places at which unseen contacts are looked for.
     """
 
     def __init__(self, surface: Surface, settings: FusionSettings | None = None, seed: int = 0) -> None:
@@ -137,7 +137,6 @@ class FusedLocator:
         set_ = self.settings
         self._settings = np.array([set_.tangential, set_.gain, set_.floor, set_.friction, set_.turns])
         self._work = dict[int, np.ndarray]()
-        self._draws = Draws(seed, set_.alarm)
 
     def fuse(
         self,
@@ -194,8 +193,8 @@ class FusedLocator:
             covariance: (6, 6) of its noise.
             out: (n, 5) force [N], share, slack [N].
             out_covariance: (3n, 3n) of the forces.
-            out_total: (16,) expected wrench, surprise, its degrees of freedom and variance, p but roughly, and the
-                wrench less what was expected, whitened.
+            out_total: (16,) expected wrench, surprise but for the cones, its degrees of freedom and variance, p of
+                that, and the wrench less what was expected, whitened.
 
         Returns:
             How many contacts violate their cone: `fuse` would move them into it.
@@ -258,12 +257,14 @@ class FusedLocator:
         broken = _fused.fuse(*given, self._settings, work, out, covariance, totals, factors)
         force, notes = out[:, :3], tuple[str, ...]()
         if broken:
-            force, notes = within_cones(force, covariance, contacts[:, 3:6], self.settings.friction)
+            force, further, notes = within_cones(force, covariance, contacts[:, 3:6], self.settings.friction)
+            if sensors == 1:  # of several, nothing says whose wrench is that much further off
+                totals[0, 6] += further
+                totals[0, 9] = _fused.rarity(totals[0, 6], totals[0, 7], totals[0, 8])
         normal = -np.einsum("ni,ni->n", force, contacts[:, 3:6])
         across = np.linalg.norm(force + normal[:, None] * contacts[:, 3:6], axis=1)
         slack = self.settings.friction * normal - across
-        p = np.array([self._draws.share(contacts, given[3][k], given[2][k], totals[k], factors[k], self._settings)
-                      for k in range(sensors)], dtype=np.float64)  # fmt: skip
+        p = totals[:, 9].copy()
         told = np.full((len(wrenches), 8), np.nan)
         told[heard, :7], told[heard, 7] = totals[:, :7], p
         return Fused(

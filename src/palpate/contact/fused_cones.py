@@ -22,7 +22,7 @@ def within_cones(
     covariance: Float[np.ndarray, "m m"],
     normals: Float[np.ndarray, "n 3"],
     friction: float,
-) -> tuple[Float[np.ndarray, "n 3"], tuple[str, ...]]:
+) -> tuple[Float[np.ndarray, "n 3"], float, tuple[str, ...]]:
     """The forces f with the least (f - force)^T covariance^-1 (f - force) of those within the cones.
 
     With covariance = S S^T and f = force + S x it is the shortest x whose f lies in second-order cones
@@ -35,19 +35,19 @@ def within_cones(
         friction: tangential over normal force.
 
     Returns:
-        Forces, and what could not be done.
+        Forces, how far off they are: that least square, and what could not be done.
     """
     try:
         clarabel: Any = import_module("clarabel")
     except ImportError:
-        return force, (_WITHOUT,)
+        return force, 0.0, (_WITHOUT,)
     count, root = len(force), _root(covariance)
     turn = _cones(normals, friction)
     matrix = (turn @ root.reshape(count, 3, -1)).reshape(3 * count, -1)
     given = (turn @ force[:, :, None]).reshape(-1)
     size = matrix.shape[1]
     if not size:
-        return force, (_NONE,)
+        return force, 0.0, (_NONE,)
     rows: Int[np.ndarray, " m"] = np.arange(3 * count * size) % (3 * count)
     settings = clarabel.DefaultSettings()
     settings.verbose = False
@@ -61,8 +61,9 @@ def within_cones(
     )
     found = problem.solve()
     if str(found.status) not in ("Solved", "AlmostSolved"):
-        return force, (_NONE,)
-    return force + (root @ np.asarray(found.x)).reshape(-1, 3), ()
+        return force, 0.0, (_NONE,)
+    least = np.asarray(found.x)
+    return force + (root @ least).reshape(-1, 3), float(least @ least), ()
 
 
 def _columns(values: Float[np.ndarray, "r c"], rows: Int[np.ndarray, " m"], each: int, height: int) -> Any:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int, Int8
@@ -71,6 +72,11 @@ class FusedEstimator:
         mount_covariance: (6, 6) of its (rotation vector [rad], translation [m]), perturbed on the left.
         drift: how the sensor's zero wanders: it is followed while neither skin nor wrench tells of a contact.
         covered: the body is touched nowhere but on the skin, so that where this feels nothing, nothing touches.
+        live: for samples as they come. False is for logs: in `pairs` and `stream` the zero is smoothed by what comes
+            after a touch, for which blocks wait 10 minutes at most.
+
+    Attributes:
+        kelvin: as of `WrenchEstimator`.
     """
 
     channels = (CELLS, FORCE, TORQUE, AVERAGED)
@@ -84,6 +90,7 @@ class FusedEstimator:
         mount_covariance: Float[np.ndarray, "6 6"] | None = None,
         drift: Drift | None = None,
         covered: bool = False,
+        live: bool = True,
     ) -> None:
         noise = sensor.noise
         if noise is None:
@@ -103,8 +110,9 @@ class FusedEstimator:
             sensor.smoothed_by(self._filter, taxels.rate, recursion.share.min() if both is None else both)
         if recursion is not None and not self._zero_phase:
             self._forward = Forward(recursion, known_rate(taxels.rate, "frames"))
-        self._covered = covered
-        self._follower = None if drift is None else self._follows(drift, noise)
+        self._covered, self.kelvin = covered, np.nan
+        self._follower = self._teller = None if drift is None else self._follows(drift, noise)
+        self._behind = None if drift is None or live else self._follows(drift, noise, smooth=True)
         self._rows = taxels.empty(taxels.most)
         self.reset()
 
@@ -129,6 +137,7 @@ class FusedEstimator:
             self._forward.reset()
         if self._follower is not None:
             self._follower.reset()
+        self._teller = self._follower
         self._noted = dict[str, None]()
         self._since = self._looked = np.nan  # [s] when the wrench began to be unexplained, and its place was looked for
         self._places: Unseen | None = None
@@ -160,6 +169,9 @@ class FusedEstimator:
     ) -> Iterator[tuple[Recording, Contacts]]:
         """Each block with its contacts, in order, as soon as they are known; see `TaxelEstimator.pairs`."""
         first, ready = 0, self.sensor.ready(blocks)
+        if self._behind is not None:
+            yield from self._both_sides(self._behind, self.taxels.pairs(ready, forces))
+            return
         beside = _Beside(self.sensor, self._filter, self.taxels.rate) if self._filter and self._zero_phase else None
         for block, found in self.taxels.pairs(ready if beside is None else beside.measured(ready), forces):
             yield block, self._joined(found, block, first, None if beside is None else beside.taken())
@@ -204,7 +216,7 @@ class FusedEstimator:
         require_out(rows, (None, ROW.length + len(self.features) + 1))
         cells, wrench, averaged = values[:-7], values[-7:-1], values[-1:]
         count = self.taxels.update_into(time, cells, self._rows)
-        follower = self._entered(time)
+        follower = self._entered(time, self.kelvin)
         measured = self.sensor.single(time, wrench, rotation, acceleration)
         located, covariance, status = self._placed(measured, averaged)
         if follower is not None:
@@ -231,7 +243,7 @@ class FusedEstimator:
             block = Recording(time[one], {**channels, **kept}, source="the stream")
             self.taxels.run_into(block.time, channels[CELLS], self._rows, counts[one])
             skin = self._rows[: int(counts[done])]
-            follower = self._entered(float(time[done]))
+            follower = self._entered(float(time[done]), ZeroFollower.kelvin(kept))
             located, covariance, status = self._wrenches(block)
             if follower is not None:
                 follower.add(block.time, follower.sensor.kept(block), self._told(skin))
@@ -243,7 +255,7 @@ class FusedEstimator:
     def notes(self) -> tuple[str, ...]:
         """What was met so far, one sentence each."""
         said = [*self._noted, *self.taxels.notes(), *self.sensor.notes()]
-        said += [] if self._follower is None else self._follower.notes()
+        said += [] if self._teller is None else self._teller.notes()
         if self._missing:
             said.append(
                 f"{self._missing} of {self._frames} frames have no wrench: their forces are the skin's alone (share 1)"
@@ -253,7 +265,7 @@ class FusedEstimator:
     def doubts(self) -> tuple[str, ...]:
         """What may be wrong: the skin and the wrench that do not belong together."""
         said = [*self.taxels.doubts(), *self.sensor.doubts()]
-        said += [] if self._follower is None else self._follower.doubts()
+        said += [] if self._teller is None else self._teller.doubts()
         if self._touched >= ENOUGH and self._opposed > AGREES * self._touched:
             said.append(
                 f"the wrench points against what the skin feels in {self._opposed} of {self._touched} frames with a "
@@ -268,9 +280,9 @@ class FusedEstimator:
 
     def zero_history(self) -> ZeroHistory | None:
         """How the zero of the wrenches went; None where it is not followed."""
-        return None if self._follower is None else self._follower.history()
+        return None if self._teller is None else self._teller.history()
 
-    def _follows(self, drift: Drift, noise: Float[np.ndarray, "6 6"]) -> ZeroFollower:
+    def _follows(self, drift: Drift, noise: Float[np.ndarray, "6 6"], smooth: bool = False) -> ZeroFollower:
         """What follows the zero of the wrenches, from its tare on."""
         if not isinstance(self.sensor, FollowedSensor):
             raise InputError("the zero of this sensor cannot be followed.", where="drift")
@@ -282,12 +294,12 @@ class FusedEstimator:
             )
         matrix = self._placement.matrix
         locator = Locator(self.fused.surface, friction=self.fused.settings.friction, noise=matrix @ noise @ matrix.T)
-        return ZeroFollower(self.sensor, drift, ContactShape(locator, self._placement))
+        return ZeroFollower(self.sensor, drift, ContactShape(locator, self._placement), smooth=smooth)
 
-    def _entered(self, time: float) -> ZeroFollower | None:
+    def _entered(self, time: float, kelvin: float) -> ZeroFollower | None:
         """What follows the zero, told that samples of this time come next."""
         if self._follower is not None:
-            self._follower.enter(time)
+            self._follower.enter(time, kelvin)
         return self._follower
 
     def _told(self, skin: Float[np.ndarray, "n v"]) -> bool | None:
@@ -320,23 +332,63 @@ class FusedEstimator:
 
     def _joined(self, found: Contacts, block: Recording, first: int = 0, smoothed: _Taken | None = None) -> Contacts:
         """Contacts of the skin with the wrenches of their frames, in pieces where the zero is followed."""
-        skin, parts, counts = found.rows(), list[np.ndarray](), np.zeros(len(block), dtype=np.int64)
-        edges = np.searchsorted(found.sample - first, np.arange(len(block) + 1)).tolist()
-        out = self.empty(self.most)
-        for cut in [slice(0, len(block))] if self._follower is None else self._follower.pieces(block.time):
-            piece = block.picked(cut)
-            follower = self._entered(float(piece.time[0])) if len(piece) else None
+        made = list[_Framed]()
+        for cut in self._cuts(found, block, first):
+            piece = cut.samples
+            follower = self._entered(float(piece.time[0]), ZeroFollower.kelvin(piece.channels)) if len(piece) else None
             located = self._wrenches(piece) if smoothed is None else self._placed(*smoothed)
             if follower is not None:
-                felt = self._told(skin[edges[cut.start] : edges[cut.stop]])
-                follower.add(piece.time, follower.sensor.kept(piece), felt)
-            for k, (wrench, covariance, status) in enumerate(zip(*located, strict=True), cut.start):
-                rows = skin[edges[k] : edges[k + 1]]
-                counts[k] = self._frame(float(block.time[k]), rows, wrench, covariance, int(status), out)
-                parts.append(out[: counts[k]].copy())
-        made = np.concatenate([self.empty(0), *parts])
-        sample = first + np.repeat(np.arange(len(block)), counts)
-        return Contacts.of_rows(sample, np.repeat(block.time, counts), made, self.features)
+                follower.add(piece.time, follower.sensor.kept(piece), self._told(cut.skin))
+            made.append(self._framed(cut, located))
+        return self._contacts(made, block, first)
+
+    def _both_sides(
+        self, follower: ZeroFollower, pairs: Iterable[tuple[Recording, Contacts]]
+    ) -> Iterator[tuple[Recording, Contacts]]:
+        """Blocks of a log with the zero that was found from both sides."""
+        follower.reset()
+        self._teller, made, first = follower, list[_Framed](), 0
+
+        def cuts() -> Iterator[_Cut]:
+            begin = 0
+            for block, found in pairs:
+                yield from self._cuts(found, block, begin)
+                begin += len(block)
+
+        for cut, zero in follower.both_sides((cut.samples, self._told(cut.skin), cut) for cut in cuts()):
+            if zero is not None:
+                follower.sensor.follow(zero)
+            made.append(self._framed(cut, self._wrenches(cut.samples)))
+            if cut.block is not None:
+                yield cut.block, self._contacts(made, cut.block, first)
+                first, made = first + len(cut.block), []
+
+    def _cuts(self, found: Contacts, block: Recording, first: int) -> Iterator[_Cut]:
+        """A block in pieces of one window of the zero, where it is followed."""
+        skin = found.rows()
+        edges = np.searchsorted(found.sample - first, np.arange(len(block) + 1))
+        followed = self._follower is not None and len(block) > 0
+        cuts = list(ZeroFollower.pieces(block.time)) if followed else [slice(0, len(block))]
+        for cut in cuts:
+            part = edges[cut.start : cut.stop + 1]
+            rows, ends = skin[part[0] : part[-1]], (part - part[0]).tolist()
+            yield _Cut(block.picked(cut), rows, ends, block if cut is cuts[-1] else None)
+
+    def _framed(self, cut: _Cut, located: tuple[np.ndarray, np.ndarray, np.ndarray]) -> _Framed:
+        """The frames of a piece, one after the other."""
+        out, parts, counts = self.empty(self.most), list[np.ndarray](), list[int]()
+        for k, (wrench, covariance, status) in enumerate(zip(*located, strict=True)):
+            rows = cut.skin[cut.edges[k] : cut.edges[k + 1]]
+            counts.append(self._frame(float(cut.samples.time[k]), rows, wrench, covariance, int(status), out))
+            parts.append(out[: counts[-1]].copy())
+        return np.concatenate([self.empty(0), *parts]), counts
+
+    def _contacts(self, made: list[_Framed], block: Recording, first: int) -> Contacts:
+        counts = np.array([count for _, each in made for count in each], dtype=np.int64)
+        sample, time = first + np.repeat(np.arange(len(block)), counts), np.repeat(block.time, counts)
+        return Contacts.of_rows(
+            sample, time, np.concatenate([self.empty(0), *(rows for rows, _ in made)]), self.features
+        )
 
     def _frame(
         self,
@@ -419,6 +471,21 @@ class FusedEstimator:
         self._opposed += alarm and bool(forces.sum(axis=0) @ wrench[:3] < 0)
 
 
+class _Cut(NamedTuple):
+    """Samples of one window of the zero, with what the skin alone says of them.
+
+    Attributes:
+        samples: they; skin: rows of all of them; edges: where those of each begin, and where the last end.
+        block: that they end; None: it goes on.
+    """
+
+    samples: Recording
+    skin: Float[np.ndarray, "r v"]
+    edges: list[int]
+    block: Recording | None
+
+
+_Framed = tuple[Float[np.ndarray, "_ w"], list[int]]  # rows, and how many of each frame
 _Smoothed = tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, " n"]]  # wrenches, and what is left of their noise
 _Taken = tuple[Measured, Float[np.ndarray, " n"], _Smoothed]  # the second: means of how many readings
 

@@ -45,6 +45,9 @@ class TaxelSettings:
             the lower peak.
         unequal: share by which a cell's gain may be off from its curve, beside its noise.
         drift: [s] in which the rest of an untouched cell is followed; inf: it stays.
+        walk: [counts/sqrt(s)] by which a cell's rest wanders. Where it is stated, it takes the place of `drift`: the
+            rest is followed by a Kalman filter, a second late and while nothing touches the cell, and what is not
+            known of it is in the thresholds and the covariance. 0: not known.
         reach, speed, patience: of identities: a contact may be `reach` [m] off from one frame to the next, and move at
             `speed` [m/s] beside that; one that is lost is waited for `patience` [s].
     """
@@ -55,6 +58,7 @@ class TaxelSettings:
     share: float = 0.05
     unequal: float = 0.02
     drift: float = 10.0
+    walk: float = 0.0
     reach: float = 0.012
     speed: float = 0.5
     patience: float = 0.3
@@ -64,6 +68,8 @@ class TaxelSettings:
             raise ValueError(f"off ({self.off:g}) must lie between 0 and on ({self.on:g})")
         if not (self.drift > 0 and self.sure >= 0 and 0 <= self.share < 1):
             raise ValueError("drift must be positive, sure not negative and share between 0 and 1")
+        if not 0 <= self.walk < inf:
+            raise ValueError("walk must not be negative")
         if not 0 <= self.unequal < inf:
             raise ValueError("unequal must not be negative")
         if not (self.reach > 0 and self.speed >= 0 and self.patience >= 0):
@@ -141,6 +147,7 @@ class TaxelEstimator:
         if self._recursion is not None and not self._zero_phase:
             self._forward = Forward(self._recursion, known_rate(self.rate, "frames"), count)
         self._clock = np.zeros(2)
+        self._zeros = np.zeros((_taxels.SLOTS, count)), np.zeros((_taxels.SLOTS, 3)), np.full(2, np.nan)
         self._turn = 0.0 if body.bits is None else body.top + 1.0
         self._numbers = np.ones((_taxels.NUMBERS, count))
         self._whole = np.zeros((_taxels.WHOLE, count), dtype=np.int64)
@@ -164,6 +171,10 @@ class TaxelEstimator:
         kernels, health = self._kernels, self.health
         if health is not None:
             self._numbers[[kernels.BASELINE, kernels.HELD]] = health.baseline
+            walks = self.settings.walk > 0.0
+            self._numbers[kernels.VARIANCE] = health.noise**2 / max(1, health.frames) if walks else 0.0
+        self._zeros[1][:], self._zeros[2][:] = 0.0, np.nan
+        self._whole[kernels.TOUCHED] = kernels.NEVER
         self._numbers[kernels.LAST] = np.nan
         self._whole[[kernels.TURNS, kernels.WRAPPED]] = 0
         self._clock[:] = np.nan, 0.0
@@ -181,6 +192,13 @@ class TaxelEstimator:
     def force(self) -> Float[np.ndarray, "*cells"]:
         """[N] of each cell in the last frame, below the thresholds too; a view that the next frame overwrites."""
         return self._numbers[self._kernels.FORCE].reshape(self.body.shape)
+
+    @property
+    def rest(self) -> tuple[Float[np.ndarray, "*cells"], Float[np.ndarray, "*cells"]]:
+        """[counts] of each cell after the last frame, and its deviation: 0 where no `walk` is stated."""
+        kernels = self._kernels
+        rest, deviation = self._numbers[kernels.BASELINE].copy(), np.sqrt(self._numbers[kernels.VARIANCE])
+        return rest.reshape(self.body.shape), deviation.reshape(self.body.shape)
 
     @property
     def label(self) -> Int[np.ndarray, "*cells"]:
@@ -397,10 +415,10 @@ class TaxelEstimator:
         resting = 0.0 if self._recursion is None or self.health is None else 1.0 / self.health.frames
         sign = -1.0 if self._falling else 1.0
         numbers = (set_.on, set_.off, set_.sure, set_.share, sign, set_.unequal, set_.drift, self._turn, resting)
-        settings = (*numbers, set_.reach, set_.speed, set_.patience)
+        settings = (*numbers, set_.reach, set_.speed, set_.patience, set_.walk)
         smoothing = _NO_FILTER if forward is None else (*forward.parts, forward.shares)
         known = (self._place, self._table, self._curves, settings, smoothing)
-        return (*known, self._clock, self._numbers, self._whole, *self._tracks)
+        return (*known, self._clock, self._zeros, self._numbers, self._whole, *self._tracks)
 
     def _look(self, head: Recording) -> None:
         """Find what is not known of rest, noise and bad cells in the first frames of a log."""

@@ -135,6 +135,8 @@ class WrenchEstimator:
             (`live=False`) the zero is smoothed by what comes after a touch, for which blocks wait 10 minutes at most.
 
     Attributes:
+        kelvin: temperature of the sensor [K or degrees C] for `update` and `update_into`, which take no channels: to be
+            set as it changes, where `drift` has a `thermal`. Blocks bring theirs (`TEMPERATURE`).
         beside: `pairs` and `stream` locate in a thread of their own, two blocks behind what they take: sooner where
             there is a core to spare, the same bits. Not where the zero is followed or the filter looks ahead.
 
@@ -180,7 +182,7 @@ class WrenchEstimator:
             self.sensor.smoothed_by(filter, rate, self._settled())
         elif isinstance(self.sensor, LoadCellArray):
             self.sensor.settled = self._settled()
-        self._whole, self.drift, self.beside = not live, drift, False
+        self._whole, self.drift, self.beside, self.kelvin = not live, drift, False, np.nan
         self._shape = None if drift is None else ContactShape(self.locator, self._placement, self.placement)
         self._follower = self._told = self._follows()
         self._live: _Live | None = None
@@ -247,7 +249,7 @@ class WrenchEstimator:
             require_forward(self.filter)
         row = out if out.ndim == 1 else out[0]
         require_out(row, ROW_SHAPE)
-        rows, follower = row[None], self._forwards(time)
+        rows, follower = row[None], self._forwards(time, self.kelvin)
         if self._live is None:
             measured = self.sensor.single(time, reading, rotation, acceleration)
             located, covariances = self.sensor.place(measured, *self._filtered(measured), self._placement)
@@ -384,7 +386,7 @@ class WrenchEstimator:
         """What `_located` takes, so many samples of a block at a time."""
         for cut in self._cuts(block.time):
             piece = block.picked(cut)
-            follower = self._forwards(float(piece.time[0])) if len(piece) else None
+            follower = self._forwards(float(piece.time[0]), ZeroFollower.kelvin(piece.channels)) if len(piece) else None
             measured = self.sensor.measure(piece)
             if follower is not None:
                 follower.add(piece.time, follower.sensor.kept(piece))
@@ -412,10 +414,10 @@ class WrenchEstimator:
             return list(self._follower.pieces(time)) or [slice(0, 0)]
         return [slice(start, start + PIECE) for start in range(0, max(1, len(time)), PIECE)]
 
-    def _forwards(self, time: float) -> ZeroFollower | None:
+    def _forwards(self, time: float, kelvin: float = np.nan) -> ZeroFollower | None:
         """What follows the zero of samples as they come, told that those of this time come next."""
         if self._follower is not None:
-            self._follower.enter(time)
+            self._follower.enter(time, kelvin)
             self._told = self._follower
         return self._follower
 
@@ -427,8 +429,9 @@ class WrenchEstimator:
             live.block(time, readings, beside, rows)
             return
         for cut in self._follower.pieces(time):
-            follower = self._forwards(float(time[cut.start]))
-            inputs = live.block(time[cut], readings[cut], {name: part[cut] for name, part in beside.items()}, rows[cut])
+            known = {name: part[cut] for name, part in beside.items()}
+            follower = self._forwards(float(time[cut.start]), ZeroFollower.kelvin(known))
+            inputs = live.block(time[cut], readings[cut], known, rows[cut])
             if follower is not None:
                 follower.add(time[cut], follower.sensor.kept_of(inputs, cut.stop - cut.start))
 
@@ -446,32 +449,14 @@ class WrenchEstimator:
         if follower is None:
             return
         self._told = follower
-        waiting: deque[tuple[int, _Piece]] = deque()
-        zeros: deque[ZeroState] = deque()
-        done = 0  # windows whose zeros have been taken
-        for block in blocks:
-            cuts = list(follower.pieces(block.time)) or [slice(0, 0)]
-            for cut in cuts:
-                piece = block.picked(cut)
-                if len(piece):
-                    follower.enter(float(piece.time[0]))
-                    follower.add(piece.time, follower.sensor.kept(piece))
-                waiting.append((follower.count, _Piece(piece, None, block if cut is cuts[-1] else None)))
-            zeros.extend(follower.settled())
-            while waiting and waiting[0][0] < done + len(zeros):
-                number, piece = waiting.popleft()
-                while done < number:
-                    zeros.popleft()
-                    done += 1
-                yield piece._replace(zero=zeros[0])
-        follower.finish()
-        zeros.extend(follower.settled())
-        last = zeros[0] if zeros else None
-        for number, piece in waiting:
-            while done < number and zeros:
-                last = zeros.popleft()
-                done += 1
-            yield piece._replace(zero=zeros[0] if zeros else last)
+        pieces = (
+            _Piece(block.picked(cut), None, block if cut is cuts[-1] else None)
+            for block in blocks
+            for cuts in [list(follower.pieces(block.time)) or [slice(0, 0)]]
+            for cut in cuts
+        )
+        for piece, zero in follower.both_sides((piece.samples, None, piece) for piece in pieces):
+            yield piece._replace(zero=zero)
 
     def _piece(self, piece: _Piece) -> tuple[Located, Recording | None]:
         """Located with its own zero, and the block that it ends."""

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from itertools import pairwise
 from math import floor, isfinite
+from typing import TypeVar
 
 import numpy as np
 from jaxtyping import Float
@@ -14,6 +15,7 @@ from palpate.contact.zero_gate import ContactShape, Decided, ZeroGate
 from palpate.contact.zero_record import ZeroRecord
 from palpate.errors import InputError
 from palpate.sensors.drift import Drift
+from palpate.sensors.recording import TEMPERATURE, Recording
 from palpate.sensors.zero_filter import (
     FollowedSensor,
     Free,
@@ -31,6 +33,7 @@ __all__ = ["WINDOW", "ZeroFollower"]
 WINDOW = 0.1  # s: short beside a touch, long enough for some samples
 AHEAD = 100  # free windows after one that are waited for on logs: more hardly change it
 LONGEST = 6000  # windows that wait: ten minutes
+T = TypeVar("T")
 
 
 class ZeroFollower:
@@ -40,7 +43,7 @@ class ZeroFollower:
     was read in it:
 
         for piece in follower.pieces(time):
-            follower.enter(float(time[piece][0]))   # the sensor's zero is now that of this window
+            follower.enter(float(time[piece][0]), kelvin)   # the sensor's zero is now that of this window
             ...                                     # measure, place, locate
             follower.add(time[piece], sensor.kept(...))
 
@@ -66,9 +69,11 @@ class ZeroFollower:
             raise InputError(
                 f"the drift is of {len(drift.walk)} channels, and the sensor has {len(begin.zero)}.", where="drift"
             )
-        weighs = sensor.coefficients if drift.weight > 0 else 0
+        self._weighs = sensor.coefficients if drift.weight > 0 else 0
+        self._warms = bool(drift.thermal.any() or drift.thermal_deviation.any())
         self.sensor, self.drift, self.smooth = sensor, drift, smooth
-        self.filter = ZeroFilter(drift, np.full(weighs, drift.weight))
+        slopes = drift.thermal_deviation if self._warms else np.empty(0)
+        self.filter = ZeroFilter(drift, np.concatenate([np.full(self._weighs, drift.weight), slopes]))
         self.gate = ZeroGate(self.filter, sensor, shape, alone)
         self._record = ZeroRecord(sensor)
         self.count = 0
@@ -83,7 +88,8 @@ class ZeroFollower:
         self._waiting = dict[int, Window]()
         self._nodes, self._ready = deque[Node](), deque[ZeroState]()
         self._used = 0
-        self._statuses = deque[tuple[float, ZeroStatus]]()
+        self._statuses = deque[tuple[float, ZeroStatus, float]]()
+        self._kelvin = self._first_kelvin = np.nan  # of the window that was entered, and of the zero's start
         self.filter.time = self._tared = np.nan
         self._taken = self.sensor.zeros_taken
         self.sensor.follow(None)
@@ -101,8 +107,18 @@ class ZeroFollower:
         for begin, end in pairwise([0, *changes.tolist(), len(time)]):
             yield slice(begin, end)
 
-    def enter(self, time: float) -> bool:
-        """The next samples are of this time [s]: is it another window? Then the one before ends."""
+    @staticmethod
+    def kelvin(channels: Mapping[str, np.ndarray]) -> float:
+        """Temperature of the first sample of some channels; NaN where there is none."""
+        return float(channels[TEMPERATURE].flat[0]) if TEMPERATURE in channels else np.nan
+
+    def enter(self, time: float, kelvin: float = np.nan) -> bool:
+        """The next samples are of this time [s]: is it another window? Then the one before ends.
+
+        Args:
+            time: of the first of them.
+            kelvin: temperature of the sensor then [K or degrees C]; NaN: as it was last.
+        """
         if self.sensor.zeros_taken != self._taken:
             self.restart()
         window = self._window if not isfinite(time) else floor(time / WINDOW)
@@ -111,16 +127,17 @@ class ZeroFollower:
         self.close()
         self._window = window
         middle = (window + 0.5) * WINDOW
+        self._kelvin = kelvin if isfinite(kelvin) else self._kelvin
+        self._first_kelvin = self._first_kelvin if isfinite(self._first_kelvin) else self._kelvin
         if np.isnan(self.filter.time):
             self._tared, state, regressor = self.sensor.start()
             begun = time if np.isnan(self._tared) else min(self._tared, time)
             during = 0.0 if np.isnan(self._tared) else self._tared - begun  # s: of a log, all of the tare is ahead
             wandered = self.drift.walk**2 * during + (self.drift.warm_up * during) ** 2
-            coefficients = self.filter.known - self.filter.channels
             spread = state.covariance + np.diag(wandered)
-            self.filter.start(begun, state.zero, spread, regressor[:, :coefficients])
+            self.filter.start(begun, state.zero, spread, self._regressor(regressor, self._warmer(self._kelvin)))
         if not self.smooth:
-            self.sensor.follow(self.filter.at(middle))
+            self.sensor.follow(self.at(middle))
         return True
 
     def add(
@@ -146,7 +163,9 @@ class ZeroFollower:
         touched, number = self._touched, self.count
         self._times, self._parts, self._touched = [], [], None
         self.count += 1
-        free = self.sensor.free(kept)
+        free, warmer = self.sensor.free(kept), self._warmer(self._kelvin)
+        if warmer:
+            free = free._replace(value=free.value - self.drift.thermal * warmer)
         usable = np.isfinite(free.value).all(axis=1) & np.isfinite(free.regressor).all(axis=(1, 2)) & np.isfinite(time)
         middle = (self._window + 0.5) * WINDOW
         if not usable.any():
@@ -155,7 +174,7 @@ class ZeroFollower:
             self._settle(lost, middle, ZeroStatus.LOST)
             return
         noise, stays = self.sensor.window_noise(kept, usable)
-        regressor = free.regressor[usable].mean(axis=0)[:, : self.filter.known - self.filter.channels]
+        regressor = self._regressor(free.regressor[usable].mean(axis=0), warmer)
         window = Window(float(time[usable].mean()), free.value[usable].mean(axis=0), regressor, noise, stays)
         self._waiting[number] = window
         if window.time <= self._tared:  # the tare has it already
@@ -179,10 +198,42 @@ class ZeroFollower:
         self.close()
         self._finish()
 
+    def at(self, time: float) -> ZeroState:
+        """What is known now of the zero then [s], at the temperature of the window that was entered."""
+        return self._warmed(self.filter.at(time), self._kelvin)
+
     def settled(self) -> Iterator[ZeroState]:
         """Smoothed zeros, one a window in which there were samples, as far as they are known."""
         while self._ready:
             yield self._ready.popleft()
+
+    def both_sides(self, pieces: Iterable[tuple[Recording, bool | None, T]]) -> Iterator[tuple[T, ZeroState | None]]:
+        """For logs: what belongs to each piece, in order, with its zero, as soon as what came after it is known too.
+
+        Args:
+            pieces: samples of one window or of a part of it, what a skin says of them (`add`), what belongs to them.
+        """
+        waiting, zeros, done = deque[tuple[int, T]](), deque[ZeroState](), 0  # done: windows whose zeros were taken
+        for samples, touched, what in pieces:
+            if len(samples):
+                self.enter(float(samples.time[0]), self.kelvin(samples.channels))
+                self.add(samples.time, self.sensor.kept(samples), touched)
+            waiting.append((self.count, what))
+            zeros.extend(self.settled())
+            while waiting and waiting[0][0] < done + len(zeros):
+                number, known = waiting.popleft()
+                while done < number:
+                    zeros.popleft()
+                    done += 1
+                yield known, zeros[0]
+        self.finish()
+        zeros.extend(self.settled())
+        last = zeros[0] if zeros else None
+        for number, known in waiting:
+            while done < number and zeros:
+                last = zeros.popleft()
+                done += 1
+            yield known, zeros[0] if zeros else last
 
     def history(self) -> ZeroHistory:
         """Some of the windows so far."""
@@ -190,7 +241,10 @@ class ZeroFollower:
 
     def notes(self) -> tuple[str, ...]:
         """How far the zero was followed, and how long it was held."""
-        return self._record.notes(self.gate.jumps)
+        said = self._record.notes(self.gate.jumps)
+        if self._warms and said and np.isnan(self._first_kelvin):
+            return (*said, "no temperature came: what it does to the zero (thermal in [drift]) was not taken off")
+        return said
 
     def doubts(self) -> tuple[str, ...]:
         """Changes that were not followed, and a zero that is hardly ever free."""
@@ -205,6 +259,26 @@ class ZeroFollower:
         m, q = self.filter.channels, self.filter.known - self.filter.channels
         return np.zeros(m), np.zeros((m, q)), np.eye(m), np.zeros((m, m))
 
+    def _warmer(self, kelvin: float) -> float:
+        """[K] than at the start of the zero."""
+        passed = kelvin - self._first_kelvin if self._warms else 0.0
+        return passed if isfinite(passed) else 0.0
+
+    def _regressor(self, weights: Float[np.ndarray, "m q"], warmer: float) -> Float[np.ndarray, "m k"]:
+        """By what a window errs for one off in each coefficient: the payload's weight, each channel's slope."""
+        hangs = weights[:, : self._weighs]
+        return np.concatenate([hangs, warmer * np.eye(len(weights))], axis=1) if self._warms else hangs
+
+    def _warmed(self, state: ZeroState, kelvin: float) -> ZeroState:
+        """The zero at a temperature, with what is not known of the slopes in its covariance."""
+        if not self._warms:
+            return state
+        warmer, kept = self._warmer(kelvin), len(state.zero) + self._weighs
+        ways = np.concatenate([np.eye(kept), np.zeros((kept, len(state.zero)))], axis=1)
+        ways[: len(state.zero), kept:] = warmer * np.eye(len(state.zero))
+        zero = state.zero + warmer * (self.drift.thermal + state.coefficient[self._weighs :])
+        return ZeroState(zero, state.coefficient[: self._weighs], ways @ state.covariance @ ways.T)
+
     def _strength(self, window: Window, free: Free, usable: np.ndarray, noise: Float[np.ndarray, "m m"]) -> float:
         """The largest force of a sample, in deviations."""
         expected, spread = self.filter.expected(window.time, window.regressor)
@@ -216,14 +290,14 @@ class ZeroFollower:
 
     def _settle(self, decided: Decided, time: float, status: ZeroStatus) -> None:
         """Windows that are decided go into the filter, or past it; one then has a status."""
-        self._statuses.append((time, status))
+        self._statuses.append((time, status, self._kelvin))
         self._pass(decided.unused)
         if decided.jump is not None:
             self.filter.widen(np.outer(decided.jump, decided.jump))
         for number in decided.used:
             self._keep(self.filter.update(self._waiting.pop(number), number))
         if not self.smooth:
-            self._record.add(time, self.filter.at(time), status)
+            self._record.add(time, self.at(time), status)
             self._statuses.clear()
 
     def _pass(self, numbers: list[int]) -> None:
@@ -248,8 +322,9 @@ class ZeroFollower:
     def _smooth(self, count: int) -> None:
         """The first so many."""
         found = [self.filter.known_of(*one) for one in smoothed(list(self._nodes), count)][::-1]
-        self._ready.extend(found)
-        for state in found:
-            time, status = self._statuses.popleft()
+        for plain in found:
+            time, status, kelvin = self._statuses.popleft()
+            state = self._warmed(plain, kelvin)
+            self._ready.append(state)
             self._record.add(time, state, status)
             self._used -= self._nodes.popleft().gained is not None

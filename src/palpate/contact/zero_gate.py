@@ -24,6 +24,7 @@ MEMORY = 12.0  # s in which a touch that has ended must be seen to end: the slow
 SINGLE, LAGGED, RETURNED = 1e-4, 1e-3, 0.05  # chance that a free window, or the mean of those that wait, is held, or
 # is not seen to be free again
 SLOW = 0.010  # N/s: half the speed of a touch that reaches 0.2 N in 10 s
+SURELY = 3.0  # deviations: more follow more slow ramps of the zero, and eat two touches of 0.2 N that begin within 10 s
 SMALL = 2.0  # N: a larger change is never taken for a jump
 EXPLAINED = 4.0  # standard deviations from the nearest contact within the bounds: further, and it is none
 SLACK = 0.5e-3  # m by which a body differs from its mesh: a contact is still a contact
@@ -284,8 +285,9 @@ class ZeroGate:
         limit = SLOW * np.array([1.0, self.shape.lever])
         size = np.array([np.linalg.norm(wrench[0, :3]), np.linalg.norm(wrench[0, 3:])])
         sure = np.sqrt(np.array([np.trace(covariance[:3, :3]), np.trace(covariance[3:, 3:])]) / 3.0)
+        least = np.sqrt(np.maximum(size**2 - 3.0 * sure**2, 0.0))  # noise makes every length longer
         return (
-            float(np.max((size - 3.0 * sure) / limit)),
+            float(np.max((least - SURELY * sure) / limit)),
             float(np.max((size + sure) / limit)),
             float(np.ptp(times)),
         )

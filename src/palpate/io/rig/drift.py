@@ -145,7 +145,7 @@ def check_drift(rig: Rig, path: Path) -> None:
         raise InputError(
             f"a [drift] is of a force/torque sensor or of load cells, not of [{names[0]}].",
             where=str(path),
-            hint="A skin follows its zero by itself: drift in [contacts]." if "skin" in names else "",
+            hint="A skin follows its zero by itself: walk or drift in [contacts]." if "skin" in names else "",
         )
     if wanted not in names:
         pair = "{ force = ..., torque = ... }"

@@ -31,7 +31,7 @@ from palpate.sensors.compensation import Compensation
 from palpate.sensors.force_torque import ForceTorque, Payload
 from palpate.sensors.motion import Motion
 from palpate.sensors.noise import NoiseSpectrum, estimate_noise, rest_noise, wrong_noise
-from palpate.sensors.recording import ACCELERATION, FORCE, ORIENTATION, TORQUE, Recording
+from palpate.sensors.recording import ACCELERATION, FORCE, ORIENTATION, TORQUE, UNSTEADY, Recording
 
 if TYPE_CHECKING:
     from palpate.io.rig.rig import Rig
@@ -102,6 +102,14 @@ def free_wrenches(rig: Rig, recording: Recording) -> Float[np.ndarray, "n 6"]:
     sensor = Compensation(ForceTorque(limits=limits, frame=wrench.frame), payload, _motion(rig, payload, recording))
     made = [sensor.measure(block) for block in sensor.ready([recording])]
     return np.concatenate([np.where((part.status < 0)[:, None], part.wrench, np.nan) for part in made])
+
+
+def accelerated(rig: Rig, recording: Recording) -> bool:
+    """Whether poses show that the payload is accelerated, and no acceleration that the rig names says how much."""
+    motion = _motion(rig, rig_payload(rig), recording)
+    if motion is None or motion.source != "none" or ORIENTATION not in recording.channels:
+        return False
+    return any(bool((block.channels[UNSTEADY] > 0.0).any()) for block in motion.stream(iter([recording])))
 
 
 def doubted_noise(rig: Rig, recording: Recording) -> list[str]:

@@ -82,6 +82,7 @@ def _build(rig: Rig, head: Recording | None) -> Prepared:
         None if uncertain is None else np.asarray(uncertain),
         rig_drift(rig, 6),
         known.covered,
+        live=head is None,
     )
     made = Prepared(estimator, felt.said, felt.doubted, {**felt.facts, **vars(settings), **_surface_facts(rig)})
     tare = rig.estimate.tare or rig.table(RigSkin).tare
