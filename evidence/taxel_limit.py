@@ -17,7 +17,7 @@ from palpate.simulation.forearm import Forearm
 from palpate.simulation.poke_bench import HAND, MIX, Arm, PokeBench, PokeErrors
 from palpate.surfaces.mesh import Mesh
 
-__all__ = ["priors_of", "rows"]
+__all__ = ["HELD", "priors_of", "rows"]
 
 COMMAND = "python -m evidence --only taxel_limit"
 NAME = "taxels, limits"
