@@ -13,7 +13,7 @@ from palpate.calibration.taxels.metric import nearest_in_metric
 from palpate.calibration.taxels.nuisances import Nuisances, predicted
 from palpate.calibration.taxels.place import common_layout, place_modules
 from palpate.calibration.taxels.plan import candidates, known_after, plan_pokes
-from palpate.calibration.taxels.response import learned, seen_among
+from palpate.calibration.taxels.response import charted, learned, seen_among
 from palpate.calibration.taxels.ties import tied
 from palpate.calibration.taxels.units import fitted, single
 from palpate.errors import InputError, NotIdentifiable
@@ -139,9 +139,10 @@ def test_the_response_model_says_where_pokes_were_and_how_well(skin: Forearm, li
     bench = PokeBench.drawn(rng, skin=skin, errors=QUIET, tip=HAND)
     session = bench.session(rng, 800)
     units = fitted(skin.layout, skin.places.positions, link)
-    response = learned(session.pokes, units)
+    chart = charted(session.pokes, units)
+    response = learned(chart)
     assert abs(response.reach - bench.layer.depth / np.sqrt(5.0)) < 0.4e-3  # of (1 + r^2 / h^2)^-5/2, and a tip of 4 mm
-    seen = seen_among(session.pokes, units, response)
+    seen = seen_among(chart, response)
     points, axes = seen.points(units)
     away = np.einsum("nca,nc->na", axes, points - session.contacts)[seen.found]
     told = np.einsum("na,na->n", away, np.linalg.solve(seen.covariance[seen.found], away[..., None])[..., 0])
