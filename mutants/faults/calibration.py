@@ -117,4 +117,9 @@ FAULTS: list[Fault] = [
             "np.einsum('kia,kia->k', basis, own)",
         ),
     ),
+    *of(
+        "calibration/taxels/response.py",
+        POKED,
+        ("pokes lie on the chord between taxels", "units.surface.project(points)[0]", "points"),
+    ),
 ]

@@ -150,6 +150,23 @@ def test_the_response_model_says_where_pokes_were_and_how_well(skin: Forearm, li
     assert np.abs(np.median(away, axis=0)).max() < 0.1e-3
 
 
+def test_a_poke_between_taxels_lies_on_the_link_and_not_on_their_chord(skin: Forearm, link: Mesh) -> None:
+    """A chord of 12 mm lies up to 0.6 mm below a radius of 32 mm: as a lever that would read as the sensor's gain."""
+    rng = RNG(10)
+    session = PokeBench.drawn(rng, skin=skin, errors=QUIET, tip=HAND).session(rng, 300)
+    units = fitted(skin.layout, skin.places.positions, link)
+    chart = charted(session.pokes, units)
+    seen = seen_among(chart, learned(chart))
+    points = seen.points(units)[0][seen.found]
+    onto, normals, _ = link.project(session.contacts[seen.found])
+    np.testing.assert_allclose(link.project(points)[0], points, atol=1e-9)
+    off = points - onto
+    across = off - np.einsum("nc,nc->n", off, normals)[:, None] * normals
+    near = np.linalg.norm(across, axis=1) < 0.5e-3
+    assert near.sum() > 30
+    assert np.abs(np.einsum("nc,nc->n", off, normals)[near]).max() < 0.05e-3
+
+
 def test_modules_from_cad_beat_the_paper_on_the_same_pokes(
     skin: Forearm, link: Mesh, session: PokeSession, from_cad: TaxelCalibration
 ) -> None:

@@ -80,7 +80,10 @@ class Seen:
         places, normals = units.places()
         axes = tangents(units, normals, self.origin)
         there = np.nan_to_num(places)[np.maximum(self.taxels, 0)]
-        return np.einsum("nw,nwc->nc", self.shares, there) + np.einsum("nca,na->nc", axes, self.beside), axes
+        points = np.einsum("nw,nwc->nc", self.shares, there) + np.einsum("nca,na->nc", axes, self.beside)
+        if units.surface is not None:  # between taxels the chord lies below it, and a lever is too short by that
+            points = np.where(self.found[:, None], units.surface.project(points)[0], points)
+        return points, axes
 
 
 def tangents(

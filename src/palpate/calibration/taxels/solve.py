@@ -309,13 +309,13 @@ def _shared(
     axes = tangents(units, units.places()[1], seen.origin[rows])
     beside = root @ linear.by_point[rows] @ axes  # (r, 3, 2)
     along = np.einsum("ril,ria->rla", values, beside)
-    gathered = np.zeros((size, pokes.taxels, 2))
-    sound = columns >= 0
-    taxel = np.broadcast_to(seen.origin[rows][:, None], columns.shape)
-    np.add.at(gathered, (columns[sound], taxel[sound]), along[sound])
-    used = np.bincount(seen.origin[rows], minlength=pokes.taxels) > 0
-    told = gathered[:, used].reshape(size, -1)
-    return SHARED**2 * covariance @ (told @ told.T) @ covariance
+    used, taxel = np.unique(seen.origin[rows], return_inverse=True)
+    where, sound = columns * len(used) + taxel[:, None], columns >= 0
+    told = np.zeros((size, size))
+    for way in range(2):
+        lines = np.bincount(where[sound], along[sound, way], size * len(used)).reshape(size, -1)
+        told += lines @ lines.T
+    return SHARED**2 * covariance @ told @ covariance
 
 
 def _twist(pokes: Pokes) -> float:
