@@ -25,7 +25,7 @@ def _chart(pokes: int, rng: np.random.Generator) -> Chart:
     log = MODEL.log((flat**2).sum(axis=2)) + 0.3 * rng.standard_normal((pokes, width))
     log = np.where((taxels >= 0) & (log > quiet[:, None]), log, np.nan)
     log[-1] = np.nan
-    return Chart(taxels, flat, taxels[:, 0], log, quiet, np.isfinite(log).any(axis=1), SPACING)
+    return Chart(taxels, flat, taxels[:, 0], log, quiet, np.asarray(np.isfinite(log).any(axis=1), dtype=bool), SPACING)
 
 
 def _likelihood(chart: Chart, grid: np.ndarray) -> np.ndarray:
@@ -39,7 +39,8 @@ def _likelihood(chart: Chart, grid: np.ndarray) -> np.ndarray:
     fit = -0.5 * ((share * gap**2).sum(axis=2) - total * shift)
     under = (chart.quiet[:, None, None] - log - shift[..., None]) / np.hypot(MODEL.scatter, ROUGH)
     silent = (chart.taxels >= 0)[:, None] & ~answered
-    fit = fit + np.where(silent, log_ndtr(np.clip(under, -30.0, 30.0)), 0.0).sum(axis=2)
+    missed = np.asarray(log_ndtr(np.clip(under, -30.0, 30.0)), dtype=np.float64)
+    fit = fit + np.where(silent, missed, 0.0).sum(axis=2)
     weight = np.exp(fit - fit.max(axis=1, keepdims=True))
     return weight / weight.sum(axis=1, keepdims=True)
 
