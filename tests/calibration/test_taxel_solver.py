@@ -5,7 +5,7 @@ from scipy.special import log_ndtr
 
 from palpate.calibration.taxels.calibrate import spreads
 from palpate.calibration.taxels.response import GRID, LEFT, ROUGH, UNEVEN, WIDE, Chart, Response, seen_among
-from palpate.calibration.taxels.solve import _solved
+from palpate.calibration.taxels.solve import eliminated
 from palpate.calibration.taxels.units import Units
 from palpate.sensors.taxel_modules import ModuleLayout
 
@@ -76,7 +76,7 @@ def test_units_are_eliminated_one_by_one() -> None:
         root[rows] *= keep
     root[units * size :, : units * size] = 0.0
     matrix, right = root.T @ root, rng.standard_normal(count)
-    np.testing.assert_allclose(_solved(matrix, right, units, size), np.linalg.solve(matrix, right), rtol=1e-8)
+    np.testing.assert_allclose(eliminated(matrix, right, units, size), np.linalg.solve(matrix, right), rtol=1e-8)
 
 
 def test_spreads_are_those_of_all_places_at_once() -> None:

@@ -19,7 +19,7 @@ from palpate.calibration.taxels.units import Units
 from palpate.sensors.pokes import Pokes
 from palpate.spatial.pose import skew
 
-__all__ = ["Before", "Solution", "solve"]
+__all__ = ["Before", "Solution", "eliminated", "solve"]
 
 TAIL = 5.0  # degrees of freedom of the residuals: pokes that fit badly count less
 _STEPS = 40
@@ -141,7 +141,7 @@ class Before:
         found[self.free] = (
             np.linalg.solve(matrix, wanted)  # a poke hangs on several
             if units.alone
-            else _solved(matrix, wanted, len(units), units.freedom)
+            else eliminated(matrix, wanted, len(units), units.freedom)
         )
         return found
 
@@ -158,8 +158,17 @@ class Before:
         return matrix + np.diag(1e-12 * scale)
 
 
-def _solved(matrix: np.ndarray, right: np.ndarray, units: int, size: int) -> np.ndarray:
-    """Of units that do not touch each other, so that each is eliminated for itself, then what they have in common."""
+def eliminated(
+    matrix: Float[np.ndarray, "p p"], right: Float[np.ndarray, " p"], units: int, size: int
+) -> Float[np.ndarray, " p"]:
+    """What solves it, of units that do not touch each other: each is eliminated for itself, then what they share.
+
+    Args:
+        matrix: positive; units of `size` unknowns each come first.
+        right: of the equations.
+        units: how many.
+        size: of each.
+    """
     rows, each = slice(None, units * size), np.arange(units)
     own = matrix[rows, rows].reshape(units, size, units, size)[each, :, each]
     cross, rest = matrix[rows, units * size :], slice(units * size, None)
