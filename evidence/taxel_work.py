@@ -11,7 +11,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from evidence.row import Row, shared, skipped
-from evidence.taxel_limit import priors_of
+from evidence.taxel_limit import HELD, priors_of
 from palpate.calibration.taxels import calibrate_taxels
 from palpate.calibration.taxels.place import common_layout, place_modules
 from palpate.contact.taxel_estimator import TaxelEstimator
@@ -39,7 +39,7 @@ COARSE, FINE, KEPT = 10, 150, 3  # rounds of registration, of all starts and of 
 
 def rows(small: bool) -> Iterator[Row]:
     """Touches of a calibrated skin, speed, the real skin."""
-    yield from _touched(*((1, 200, 20) if small else (6, 1000, 300)))
+    yield from _touched(*((1, 200, 20) if small else (60, 1000, 100)))
     yield from _speed(small)
     yield from _icub(small)
 
@@ -54,10 +54,12 @@ class _Judged:
     Attributes:
         away: [m] of contacts from the single touches that they are.
         count: contacts each touch, or pair, was taken for.
+        held: single touches whose 95 % ellipse holds them.
         told: which pairs were told apart; beside: of which both lie beside a taxel.
     """
 
     away: np.ndarray
+    held: np.ndarray
     count: np.ndarray
     told: np.ndarray
     beside: np.ndarray
@@ -90,6 +92,7 @@ def _touched(sessions: int, pokes: int, touches: int) -> Iterator[Row]:
     judged = sessions > 1  # one session is worth little
     what = f"one touch on a skin calibrated from CAD, {of}: median place error over that with the true places"
     yield Row(NAME, what, "<= 1.5", got, ratio <= 1.5 if judged else None, COMMAND)
+    yield _ellipses({true: [one.held for one in of] for true, of in single.items()}, of, judged=judged)
     split = sum(int((one.count > 1).sum()) for one in single[False])
     got = f"{split} of {sessions * touches}"
     yield Row(NAME, "the same: one touch told as several", "", got, None, COMMAND)
@@ -106,6 +109,18 @@ def _touched(sessions: int, pokes: int, touches: int) -> Iterator[Row]:
         yield Row(NAME, what, ">= 95 %" * asked, got, met, COMMAND)
 
 
+def _ellipses(held: dict[bool, list[np.ndarray]], of: str, *, judged: bool) -> Row:
+    """Touches of one session share what is wrong with its skin: the deviation is of the means of sessions."""
+    share = {true: np.array([each.mean() for each in by]) for true, by in held.items()}
+    found, off = float(share[False].mean()), float(share[False].std(ddof=1)) if judged else 0.0
+    got = (
+        f"{found:.1%} +- {off / len(held[False]) ** 0.5:.1%} ({share[False].min():.1%} to {share[False].max():.1%} by "
+        f"session; with the true places, taken for exact, {share[True].mean():.1%})"
+    )
+    what = f"95 % ellipses of one touch on a skin calibrated from CAD, {of}: truth inside"
+    return Row(NAME, what, "93-97 %", got, 0.93 <= found <= 0.97 if judged else None, COMMAND)
+
+
 @cache
 def _skin() -> Forearm:
     return Forearm.of()
@@ -120,21 +135,30 @@ def _calibrated(bench: PokeBench, pokes: int, rng: np.random.Generator) -> Taxel
 
 def _judged(places: TaxelPlaces, touches: SkinTouches, several: int) -> _Judged:
     """In the middle frame of each touch, or of each pair of them."""
-    estimator = TaxelEstimator(TaxelBody.placed(places.positions, places.normals, bits=8))
+    body = TaxelBody.placed(places.positions, places.normals, covariance=places.covariance, bits=8)
+    estimator = TaxelEstimator(body)
     found = estimator.run(Recording(touches.time, {CELLS: touches.frames}))
-    away, count, told = list[float](), list[int](), list[bool]()
+    away, held, count, told = list[float](), list[bool](), list[int](), list[bool]()
     for k in range(0, len(touches.start), several):
         rows = np.flatnonzero((found.sample == (touches.start[k] + touches.end[k]) // 2) & found.located)
         count.append(len(rows))
         far = np.linalg.norm(found.estimate.point[rows, None] - touches.point[None, k : k + several], axis=2)
         if several == 1 and len(rows):
+            row = rows[int(far[:, 0].argmin())]
             away.append(float(far[:, 0].min()))
+            held.append(_holds(found.estimate.point[row] - touches.point[k], found.estimate.covariance[row]))
         if several == 2:
             two = len(rows) == 2
             told.append(two and bool(min(max(far[0, 0], far[1, 1]), max(far[0, 1], far[1, 0])) < NEAR))
     to_taxels = np.linalg.norm(touches.point[:, None] - _skin().places.positions, axis=2).min(axis=1)
     beside = (to_taxels < BESIDE).reshape(-1, several).all(axis=1)
-    return _Judged(np.array(away), np.array(count), np.array(told, dtype=bool), beside)
+    return _Judged(np.array(away), np.array(held), np.array(count), np.array(told, dtype=bool), beside)
+
+
+def _holds(away: np.ndarray, covariance: np.ndarray) -> bool:
+    """Whether the 95 % ellipse in the tangent plane, across which a covariance has no extent, does."""
+    values, axes = np.linalg.eigh(covariance)
+    return bool(((axes[:, 1:].T @ away) ** 2 / values[1:]).sum() < HELD)
 
 
 # --- real time

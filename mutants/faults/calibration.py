@@ -6,6 +6,7 @@ __all__ = ["FAULTS"]
 
 PAYLOAD = "tests/calibration/test_payload.py"
 POKED = "tests/calibration/test_poked_taxels.py"
+SOLVED = "tests/calibration/test_taxel_solver.py"
 FOUND = "tests/calibration/test_find_pokes.py"
 
 FAULTS: list[Fault] = [
@@ -94,5 +95,31 @@ FAULTS: list[Fault] = [
             "low + np.flatnonzero(_apart(free.mean[low:high], mean) <= 1.0)",
             "np.arange(low, high)",
         ),
+    ),
+    *of(
+        "calibration/taxels/_response.py",
+        SOLVED,
+        ("taxels that were silent tell nothing", "shares[i] == 0.0", "shares[i] < 0.0"),
+        ("every poke presses alike", "total / weight", "0.0"),
+        ("no place lies between points of the grid", "(2.0 / (side - 1)) ** 2 / 12.0", "0.0"),
+    ),
+    *of(
+        "calibration/taxels/solve.py",
+        SOLVED,
+        ("units do not see what they have in common", "told[:, -1] - told[:, :-1] @ common", "told[:, -1]"),
+    ),
+    *of(
+        "calibration/taxels/calibrate.py",
+        SOLVED,
+        (
+            "a rigid motion is taken off once",
+            "2.0 * np.einsum('kia,kia->k', basis, own)",
+            "np.einsum('kia,kia->k', basis, own)",
+        ),
+    ),
+    *of(
+        "calibration/taxels/response.py",
+        POKED,
+        ("pokes lie on the chord between taxels", "units.surface.project(points)[0]", "points"),
     ),
 ]

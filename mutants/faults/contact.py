@@ -192,4 +192,15 @@ FAULTS: list[Fault] = [
             "_both_sides",
         ),
     ),
+    *of(
+        "contact/_taxels.py",
+        "tests/contact/test_taxels_anywhere.py",
+        ("places of taxels are taken for exact", "len(covariances) > 0", "len(covariances) < 0"),
+        (
+            "places of taxels err each for itself",
+            "share * covariances[cells[i], a, b]",
+            "share * share * covariances[cells[i], a, b]",
+        ),
+        ("doubt along the normal leans the ellipse", "half[a, b] - normal[a] * across", "half[a, b]"),
+    ),
 ]

@@ -13,7 +13,7 @@ from palpate.calibration.taxels.metric import nearest_in_metric
 from palpate.calibration.taxels.nuisances import Nuisances, predicted
 from palpate.calibration.taxels.place import common_layout, place_modules
 from palpate.calibration.taxels.plan import candidates, known_after, plan_pokes
-from palpate.calibration.taxels.response import learned, seen_among
+from palpate.calibration.taxels.response import charted, learned, seen_among
 from palpate.calibration.taxels.ties import tied
 from palpate.calibration.taxels.units import fitted, single
 from palpate.errors import InputError, NotIdentifiable
@@ -139,14 +139,32 @@ def test_the_response_model_says_where_pokes_were_and_how_well(skin: Forearm, li
     bench = PokeBench.drawn(rng, skin=skin, errors=QUIET, tip=HAND)
     session = bench.session(rng, 800)
     units = fitted(skin.layout, skin.places.positions, link)
-    response = learned(session.pokes, units)
+    chart = charted(session.pokes, units)
+    response = learned(chart)
     assert abs(response.reach - bench.layer.depth / np.sqrt(5.0)) < 0.4e-3  # of (1 + r^2 / h^2)^-5/2, and a tip of 4 mm
-    seen = seen_among(session.pokes, units, response)
+    seen = seen_among(chart, response)
     points, axes = seen.points(units)
     away = np.einsum("nca,nc->na", axes, points - session.contacts)[seen.found]
     told = np.einsum("na,na->n", away, np.linalg.solve(seen.covariance[seen.found], away[..., None])[..., 0])
     assert 0.25 < np.median(told) / 1.386 < 1.6  # of chi-square with two degrees of freedom; the model errs on the wide
     assert np.abs(np.median(away, axis=0)).max() < 0.1e-3
+
+
+def test_a_poke_between_taxels_lies_on_the_link_and_not_on_their_chord(skin: Forearm, link: Mesh) -> None:
+    """A chord of 12 mm lies up to 0.6 mm below a radius of 32 mm: as a lever that would read as the sensor's gain."""
+    rng = RNG(10)
+    session = PokeBench.drawn(rng, skin=skin, errors=QUIET, tip=HAND).session(rng, 300)
+    units = fitted(skin.layout, skin.places.positions, link)
+    chart = charted(session.pokes, units)
+    seen = seen_among(chart, learned(chart))
+    points = seen.points(units)[0][seen.found]
+    onto, normals, _ = link.project(session.contacts[seen.found])
+    np.testing.assert_allclose(link.project(points)[0], points, atol=1e-9)
+    off = points - onto
+    across = off - np.einsum("nc,nc->n", off, normals)[:, None] * normals
+    near = np.linalg.norm(across, axis=1) < 0.5e-3
+    assert near.sum() > 30
+    assert np.abs(np.einsum("nc,nc->n", off, normals)[near]).max() < 0.05e-3
 
 
 def test_modules_from_cad_beat_the_paper_on_the_same_pokes(

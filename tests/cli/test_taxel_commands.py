@@ -11,6 +11,8 @@ import pytest
 from palpate.cli import main
 from palpate.evaluation.taxels import compare_places
 from palpate.io.models import read_model
+from palpate.io.rig import load_rig
+from palpate.io.rig.skin import rig_body
 from palpate.io.taxel_files import read_taxel_places
 from palpate.sensors.taxel_places import TaxelPlaces
 from palpate.simulation.forearm import Forearm
@@ -103,6 +105,11 @@ def test_inspect_says_what_each_file_is(folder: Path, capsys: pytest.CaptureFixt
     ):
         assert main(["inspect", f"{folder}/{name}"]) == 0
         assert said in capsys.readouterr().out
+
+
+def test_contacts_know_how_well_the_places_of_their_taxels_are_known(folder: Path) -> None:
+    skin = read_model(folder / "skin.toml", TaxelPlaces)
+    np.testing.assert_array_equal(rig_body(load_rig(folder / "skin_rig.toml")).covariance, skin.covariance)
 
 
 def test_the_skin_at_work_finds_touches(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

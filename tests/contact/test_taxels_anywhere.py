@@ -58,6 +58,59 @@ def test_place_and_force_are_those_of_the_pressure(width: float) -> None:
         assert np.linalg.norm(found.force[0] - force) < 0.05 * np.linalg.norm(force)
 
 
+def _with_places(covariance: np.ndarray | None) -> TaxelEstimator:
+    none = np.zeros(COUNT, dtype=bool)
+    body = TaxelBody.placed(RADIUS * TAXELS, TAXELS, covariance=covariance)
+    return TaxelEstimator(body, None, Health(np.zeros(COUNT), np.full(COUNT, NOISE), none, none))
+
+
+def test_a_contact_carries_what_is_not_known_of_its_taxels_places() -> None:
+    """Two taxels pressed by 3 and 1 N: three quarters of the covariance of one and a quarter of the other's."""
+    rng = np.random.default_rng(2)
+    root = 1e-3 * rng.standard_normal((COUNT, 3, 3))
+    covariance = root @ root.swapaxes(1, 2)
+    body, one = _estimator().body, 90
+    beside = (body.neighbours[one] >= 0) & (body.between[one, :, 0] < 0)  # no other taxel lies between
+    other = int(body.neighbours[one][beside][0])
+    loads = np.zeros(COUNT)
+    loads[[one, other]] = 3.0, 1.0
+    plain, found = (_with_places(known).update(0.0, loads) for known in (None, covariance))
+    across = np.eye(3) - np.outer(found.normal[0], found.normal[0])
+    told = across @ (0.75 * covariance[one] + 0.25 * covariance[other]) @ across
+    np.testing.assert_allclose(found.covariance[0] - plain.covariance[0], told, atol=1e-12)
+    np.testing.assert_array_equal(found.point, plain.point)
+
+
+def test_the_mean_covariance_of_places_is_what_errors_that_are_alike_make() -> None:
+    """All taxels off by one draw: contacts err by it, and their stated variances add to the places'."""
+    rng, truth = np.random.default_rng(3), RADIUS * TAXELS[60]
+    deviation = 1.5e-3
+    known = np.tile(deviation**2 * np.eye(3), (COUNT, 1, 1))
+    none, loads = np.zeros(COUNT, dtype=bool), _pressed(TAXELS[60], 3.0)[0]
+    away, said = list[np.ndarray](), np.zeros((3, 3))
+    for off in deviation * rng.standard_normal((200, 3)):
+        body = TaxelBody.placed(RADIUS * TAXELS + off, TAXELS, covariance=known)
+        health = Health(np.zeros(COUNT), np.full(COUNT, NOISE), none, none)
+        found = TaxelEstimator(body, None, health).update(0.0, loads)
+        away.append(found.point[0] - truth)
+        said = found.covariance[0]
+    flat = np.linalg.eigh(said)[1][:, 1:]
+    square = np.einsum("nc,ca->na", np.array(away), flat) ** 2
+    np.testing.assert_allclose(square.mean(axis=0), [deviation**2] * 2, rtol=0.3)  # four deviations of 200 draws
+    np.testing.assert_allclose(np.linalg.eigvalsh(said)[1:], [deviation**2] * 2, rtol=0.3)
+
+
+def test_places_without_a_covariance_answer_as_before_to_the_last_bit() -> None:
+    loads = _pressed(TAXELS[37], 3.0)[0] + _pressed(-TAXELS[90], 2.0)[0]
+    unknown = np.full((COUNT, 3, 3), np.nan)
+    for known in (None, unknown):
+        rows, plain = _with_places(known).empty(4), _estimator().empty(4)
+        assert _with_places(known).update_into(0.0, loads, rows) == _estimator().update_into(0.0, loads, plain)
+        np.testing.assert_array_equal(rows, plain)
+    unknown[37] = 1e-6 * np.eye(3)  # of one it is known
+    assert _with_places(unknown).body.covariance[[36, 37], 0, 0].tolist() == [0.0, 1e-6]  # type: ignore[index]
+
+
 def test_two_touches_three_spacings_apart_are_two() -> None:
     estimator, turn = _estimator(), 3.0 * SPACING / RADIUS
     for one in _fibonacci(25):

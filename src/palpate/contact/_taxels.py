@@ -386,6 +386,31 @@ def _write(here, ways, moments, variances, out, first):
 
 
 @inner
+def _add_places(cells, count, own, force, inside, covariances, out):
+    """Adds what is not known of where the taxels are to the covariance of a contact, in its tangent plane.
+
+    The errors d of taxels side by side are mostly alike, as of one module. Whatever they have in common, the centroid's
+    covariance is at most the mean of theirs, since E (sum w d) (sum w d)' <= sum w E d d' [Jensen, for shares w], and
+    just that if they are the same.
+    """
+    known, half = np.zeros((3, 3)), np.zeros((3, 3))
+    for i in range(count):
+        share = own[i] * force[cells[i]] / inside
+        for a in range(3):
+            for b in range(3):
+                known[a, b] += share * covariances[cells[i], a, b]
+    normal = out[3:6]
+    for a in range(3):
+        across = known[a, 0] * normal[0] + known[a, 1] * normal[1] + known[a, 2] * normal[2]
+        for b in range(3):
+            half[a, b] = known[a, b] - across * normal[b]
+    for b in range(3):
+        across = normal[0] * half[0, b] + normal[1] * half[1, b] + normal[2] * half[2, b]
+        for a in range(3):
+            out[10 + 3 * a + b] += half[a, b] - normal[a] * across
+
+
+@inner
 def _narrow(moment, least):
     """Variance of a centroid along an axis, because a cell does not tell where in it the force is; squared cells.
 
@@ -437,7 +462,7 @@ def _measure(cells, count, end, part, number, parts, raw, value, numbers, sign, 
     """One contact of an area: sums over its share of each cell; the centroid is divided by the sum of the forces."""
     force, error, used = numbers[FORCE], numbers[ERROR], numbers[USED]
     own, limit, at = numbers[OWN], numbers[LIMIT], numbers[AT:]
-    vectors, sizes, grid, ring = place
+    vectors, sizes, grid, ring, covariances = place
     normals, areas = vectors[1], sizes[0]
     share = np.empty(PARTS)
     share[0] = 1.0
@@ -488,6 +513,8 @@ def _measure(cells, count, end, part, number, parts, raw, value, numbers, sign, 
     else:
         _anywhere(cells, end, own, used, inside, origin, place, here, ways)
     _write(here, ways, np.array([rr, cc, rc]), np.array([vr, vc, vrc]), out, first + 4)
+    if len(covariances) > 0:
+        _add_places(cells, end, own, used, inside, covariances, out)
     out[6:9] = push
     out[21] = SATURATED if full else 0.0
     out[first], out[first + 1], out[first + 2], out[first + 3] = covered, total, peak, pressed / covered
@@ -638,7 +665,7 @@ def frames(time, raw, values, status, left, place, table, curves, settings, smoo
     values, status, left: (n, k), (n,), (n,) of frames that are filtered already, and the share of the variance of their
         noise that is left; (1, k), (1,) to work on and (0,) where not.
     place: (3, k, 3) positions, normals and tangents, (2, k) areas and spacings, grid (0, 0, 6 if none), columns of a
-        ring (0: none).
+        ring (0: none), (k, 3, 3) covariances of the positions ((0, 3, 3): not known).
     table: neighbours, steps, between, columns (1 if no sheet).
     curves: (c, t) forces [N], (c,) counts between two.
     settings: on, off, sure, share, sign, unequal, drift [s], turn (0: none), share of the noise's variance in the

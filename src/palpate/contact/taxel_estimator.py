@@ -82,7 +82,8 @@ class TaxelEstimator:
     A cell's reading is taken from its rest, which follows drift while nothing touches it, and turned into force before
     anything is summed. Contacts are connected cells; one whose pressure has two peaks with a saddle between them is
     two, whose cells are shared out by a mixture of two round Gaussians. The place is the centroid, divided by the sum
-    of the forces [skin map, (1) corrected], on a sheet on the map between cell centres, else lifted onto the body; the
+    of the forces [skin map, (1) corrected], on a sheet on the map between cell centres, else lifted onto the body; its
+    covariance holds that of the taxels' own places, where the body has one, as if those of a contact erred alike. The
     force is the sum over the cells, each along its own normal; the torque about the normal is NaN, because cells feel
     no shear. SATURATED: located, but the force is a lower bound.
 
@@ -138,7 +139,8 @@ class TaxelEstimator:
         self._curves = curves.tables()
         grid = np.zeros((0, 0, 6)) if body.grid is None else body.grid.copy()
         vectors = np.stack([body.positions, body.normals, body.tangents])
-        self._place = (vectors, np.stack([body.areas, body.spacing]), grid, body.turn)
+        known = np.zeros((0, 3, 3)) if body.covariance is None else body.covariance.copy()
+        self._place = (vectors, np.stack([body.areas, body.spacing]), grid, body.turn, known)
         tables = (body.neighbours.copy(), body.steps.copy(), body.between.copy())
         self._table = (*tables, max(body.columns, 1))
         self._zero_phase = filter is not None and filter.zero_phase

@@ -47,6 +47,7 @@ class TaxelBody:
         notes: what to know, a sentence each.
         numbers: (k,) which number of a frame each taxel is; None: they are all of them, in their order.
         frame: how many numbers a frame has then.
+        covariance: (k, 3, 3) [m^2] of the positions, 0 of one that is not known; None: of none is.
     """
 
     positions: Float[np.ndarray, "k 3"]
@@ -66,6 +67,7 @@ class TaxelBody:
     notes: tuple[str, ...] = ()
     numbers: Int[np.ndarray, " k"] | None = None
     frame: int = 0
+    covariance: Float[np.ndarray, "k 3 3"] | None = None
 
     def __post_init__(self) -> None:
         if self.bits is not None and not 1 <= self.bits <= 16:
@@ -179,13 +181,20 @@ class TaxelBody:
 
     @classmethod
     def placed(
-        cls, positions: ArrayLike, normals: ArrayLike, *, bits: int | None = None, masked: Sequence[int] = ()
+        cls,
+        positions: ArrayLike,
+        normals: ArrayLike,
+        *,
+        covariance: ArrayLike | None = None,
+        bits: int | None = None,
+        masked: Sequence[int] = (),
     ) -> TaxelBody:
         """Taxels `anywhere` of a skin at some of whose numbers there is none: NaN, and left out.
 
         Args:
             positions: (n, 3) [m], a row a number of a frame.
             normals: (n, 3) outward.
+            covariance: (n, 3, 3) [m^2] of the positions, NaN where it is not known.
             bits: of a reading.
             masked: numbers of a frame that are not to be used.
 
@@ -199,6 +208,8 @@ class TaxelBody:
                 raise InputError(f"taxel {taxel} is masked, but there are {len(points)}, from 0.", where="taxels")
         left = np.flatnonzero(np.isin(numbers, masked)).tolist()
         body = cls.anywhere(points[numbers], outward[numbers], bits=bits, masked=left)
+        if covariance is not None:
+            body = replace(body, covariance=_known(np.asarray(covariance, dtype=np.float64)[numbers]))
         return body if len(numbers) == len(points) else replace(body, numbers=numbers, frame=len(points))
 
     @property
@@ -248,6 +259,12 @@ class TaxelBody:
         size = " x ".join(f"{1e3 * side:.4g}" for side in np.ptp(self.positions, axis=0)) if len(self) else "0 x 0 x 0"
         layout = f"{self.rows} x {self.columns}, " if self.rows else ""
         return f"TaxelBody({layout}{len(self):,} taxels, {np.count_nonzero(self.usable):,} usable, {size} mm)"
+
+
+def _known(covariance: Float[np.ndarray, "k 3 3"]) -> Float[np.ndarray, "k 3 3"] | None:
+    """0 of those that are not known; None: of none is."""
+    known = np.asarray(np.isfinite(covariance).all(axis=(1, 2)), dtype=bool)
+    return np.where(known[:, None, None], covariance, 0.0) if known.any() else None
 
 
 def _columns_used(place: SkinMap) -> int:

@@ -224,15 +224,19 @@ def spreads(
     absolute = np.full((len(units.layout), 3, 3), np.nan)
     absolute[rows] = np.einsum("kif,kfg,kjg->kij", by, blocks, by)
     relative = np.full(len(units.layout), np.nan)
-    full = np.zeros((3 * len(rows), len(units) * size))
-    where = unit[:, None] * size + np.arange(size)
-    np.put_along_axis(full.reshape(len(rows), 3, -1), np.repeat(where[:, None], 3, axis=1), by, axis=2)
     away = points - points.mean(axis=0)
     turn = np.stack([np.cross(axis, away) for axis in np.eye(3)], axis=2)
     rigid = np.concatenate([np.tile(np.eye(3), (len(rows), 1, 1)), turn / max(np.abs(away).max(), 1e-9)], axis=2)
-    basis = np.linalg.qr(rigid.reshape(-1, 6))[0]
-    left = full - basis @ (basis.T @ full)
-    relative[rows] = np.sqrt(((left @ known) * left).sum(axis=1).reshape(-1, 3).sum(axis=1).clip(0.0))
+    basis = np.linalg.qr(rigid.reshape(-1, 6))[0].reshape(-1, 3, 6)
+    # with F the derivatives, K the covariance and B the basis: the diagonal of (1 - B B') F K F' (1 - B B')
+    moved = np.zeros((len(units), 6, size))
+    np.add.at(moved, unit, np.einsum("kia,kif->kaf", basis, by))
+    moved = np.moveaxis(moved, 1, 0).reshape(6, -1)  # B' F
+    both = moved @ known
+    own = np.einsum("afk,kif->kia", both.reshape(6, len(units), size)[:, unit].transpose(0, 2, 1), by)
+    square = np.trace(absolute[rows], axis1=1, axis2=2) - 2.0 * np.einsum("kia,kia->k", basis, own)
+    square += np.einsum("kia,ab,kib->k", basis, both @ moved.T, basis)
+    relative[rows] = np.sqrt(square.clip(0.0))
     return absolute, relative
 
 

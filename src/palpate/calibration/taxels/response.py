@@ -20,7 +20,7 @@ from jaxtyping import Bool, Float, Int
 from palpate.calibration.taxels.units import Units, frame_about
 from palpate.sensors.pokes import Pokes
 
-__all__ = ["Response", "Seen", "centred", "learned", "seen_among"]
+__all__ = ["Chart", "Response", "Seen", "centred", "charted", "learned", "seen_among"]
 
 NEAR = 14  # taxels about the strongest one that are looked at
 WIDE = 1.6  # half the width of what is searched for the poke, in spacings
@@ -80,7 +80,10 @@ class Seen:
         places, normals = units.places()
         axes = tangents(units, normals, self.origin)
         there = np.nan_to_num(places)[np.maximum(self.taxels, 0)]
-        return np.einsum("nw,nwc->nc", self.shares, there) + np.einsum("nca,na->nc", axes, self.beside), axes
+        points = np.einsum("nw,nwc->nc", self.shares, there) + np.einsum("nca,na->nc", axes, self.beside)
+        if units.surface is not None:  # between taxels the chord lies below it, and a lever is too short by that
+            points = np.where(self.found[:, None], units.surface.project(points)[0], points)
+        return points, axes
 
 
 def tangents(
@@ -94,14 +97,22 @@ def tangents(
 
 
 @dataclass(frozen=True, eq=False)
-class _Chart:
-    """Taxels about each poke, in the plane that touches the skin at the strongest answer."""
+class Chart:
+    """Taxels about each poke, in the plane that touches the skin at the strongest answer.
+
+    Attributes:
+        taxels: (n, w), -1: none; flat: (n, w, 2) [m] where they are there.
+        origin: (n,) the one that answered most.
+        log: (n, w) of the answers over the force, NaN: silent; quiet: (n,) the same of the threshold.
+        found: (n,) whether there was an answer.
+        spacing: [m] between taxels.
+    """
 
     taxels: Int[np.ndarray, "n w"]
     flat: Float[np.ndarray, "n w 2"]
     origin: Int[np.ndarray, " n"]
-    log: Float[np.ndarray, "n w"]  # of the answers, over the force; NaN: silent
-    quiet: Float[np.ndarray, " n"]  # the same of the threshold
+    log: Float[np.ndarray, "n w"]
+    quiet: Float[np.ndarray, " n"]
     found: Bool[np.ndarray, " n"]
     spacing: float
 
@@ -111,9 +122,8 @@ class _Chart:
         return response.scatter**2 + (ROUGH * np.exp(-over)) ** 2
 
 
-def seen_among(pokes: Pokes, units: Units, response: Response) -> Seen:
-    """Mean and covariance of where each poke was, by the answers, for taxels where the units have them."""
-    chart = _chart(pokes, units)
+def seen_among(chart: Chart, response: Response) -> Seen:
+    """Mean and covariance of where each poke was, by the answers."""
     mean, covariance = _posterior(chart, response)
     shares, beside = _shares(chart, mean)
     return Seen(chart.taxels, shares, chart.origin, beside, covariance, chart.found)
@@ -136,11 +146,10 @@ def centred(pokes: Pokes, units: Units) -> Seen:
     return Seen(taxels, shares, origin, np.zeros((len(pokes), 2)), covariance, found)
 
 
-def learned(pokes: Pokes, units: Units, response: Response | None = None) -> Response:
+def learned(chart: Chart, response: Response | None = None) -> Response:
     """The model of these taxels' responses, by turns with where the pokes were."""
     from scipy.optimize import least_squares  # here: scipy is slow to import
 
-    chart = _chart(pokes, units)
     told = np.isfinite(chart.log).sum(axis=1) >= 3
     known = _guess(chart) if response is None else response
     if told.sum() < _ENOUGH:
@@ -173,7 +182,7 @@ def learned(pokes: Pokes, units: Units, response: Response | None = None) -> Res
     return known
 
 
-def _guess(chart: _Chart) -> Response:
+def _guess(chart: Chart) -> Response:
     """From how strong the strongest answers are, and how far taxels lie apart."""
     strongest = np.nanmax(np.where(chart.found[:, None], chart.log, -np.inf), axis=1, initial=-np.inf)[chart.found]
     if not len(strongest):
@@ -185,12 +194,12 @@ def _guess(chart: _Chart) -> Response:
     return Response(float(np.median(strongest)), float(reach))
 
 
-def _picked(chart: _Chart, rows: Bool[np.ndarray, " n"]) -> _Chart:
+def _picked(chart: Chart, rows: Bool[np.ndarray, " n"]) -> Chart:
     same = ("taxels", "flat", "origin", "log", "quiet", "found")
     return replace(chart, **{name: getattr(chart, name)[rows] for name in same})
 
 
-def _chart(pokes: Pokes, units: Units) -> _Chart:
+def charted(pokes: Pokes, units: Units) -> Chart:
     """The taxels about the strongest answer of each poke, those that are nearest to it and face the same way.
 
     Of modules only those on the same one: where they lie to each other is known, wherever the module is. (Others would
@@ -233,7 +242,7 @@ def _chart(pokes: Pokes, units: Units) -> _Chart:
         quiet = np.log(
             max(pokes.threshold, float(np.quantile(pokes.response, 0.02)) if len(pokes.response) else 1.0) / force
         )
-    return _Chart(about, flat, origin, log, np.nan_to_num(quiet), found, spacing)
+    return Chart(about, flat, origin, log, np.nan_to_num(quiet), found, spacing)
 
 
 def _answers(pokes: Pokes, about: Int[np.ndarray, "n w"]) -> Float[np.ndarray, "n w"]:
@@ -248,49 +257,18 @@ def _answers(pokes: Pokes, about: Int[np.ndarray, "n w"]) -> Float[np.ndarray, "
     return np.where(there, pokes.response[order][at], np.nan)
 
 
-def _posterior(chart: _Chart, response: Response) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "n 2 2"]]:
+def _posterior(chart: Chart, response: Response) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "n 2 2"]]:
     """Mean and covariance of a poke's place about the strongest answer, all places alike before: on a grid, twice."""
-    side = np.linspace(-1.0, 1.0, GRID)
-    square = np.stack(np.meshgrid(side, side, indexing="ij"), axis=-1).reshape(-1, 2)
-    mean, covariance = np.zeros((len(chart.log), 2)), np.tile(np.eye(2) * chart.spacing**2, (len(chart.log), 1, 1))
-    for start in range(0, len(chart.log), 2048):  # so many at once fit the cache
-        rows = slice(start, start + 2048)
-        half = np.full((len(chart.log[rows]), 2), WIDE * chart.spacing)
-        for _ in range(2):
-            grid = mean[rows][:, None] + half[:, None] * square
-            weight = _likelihood(chart, response, grid, rows)
-            middle = np.einsum("ng,nga->na", weight, grid)
-            away, cell = grid - middle[:, None], 2.0 * half / (GRID - 1)
-            spread = np.einsum("ng,nga,ngb->nab", weight, away, away)
-            mean[rows] = middle
-            covariance[rows] = spread + np.eye(2) * (cell**2 / 12.0)[:, None]
-            half = np.minimum(half, LEFT * np.sqrt(np.einsum("naa->na", spread)) + 0.5 * cell)
+    from palpate.calibration.taxels._response import posterior  # compiled: loaded when first needed
+
+    mean, covariance = np.zeros((len(chart.log), 2)), np.zeros((len(chart.log), 2, 2))
+    model = response.level, response.reach, response.power, response.scatter, ROUGH, UNEVEN
+    search = GRID, WIDE * chart.spacing, LEFT
+    posterior(chart.taxels, chart.flat, chart.log, chart.quiet, model, search, mean, covariance)
     return mean, covariance
 
 
-def _likelihood(
-    chart: _Chart, response: Response, grid: Float[np.ndarray, "n g 2"], rows: slice
-) -> Float[np.ndarray, "n g"]:
-    """How likely the answers of a poke are, were it at each point of the grid; they add up to 1."""
-    from scipy.special import log_ndtr
-
-    square = ((chart.flat[rows][:, None] - grid[:, :, None]) ** 2).sum(axis=3)
-    log = response.log(square)
-    answered = np.isfinite(chart.log[rows])[:, None]
-    silent = (chart.taxels[rows] >= 0)[:, None] & ~answered
-    share = np.where(answered, 1.0 / chart.variance(response, rows)[:, None], 0.0)
-    gap = np.where(answered, chart.log[rows][:, None] - log, 0.0)
-    total = (share * gap).sum(axis=2)
-    shift = total / (share.sum(axis=2) + 1.0 / UNEVEN**2)  # of this poke's level
-    fit = -0.5 * ((share * gap**2).sum(axis=2) - total * shift)
-    under = (chart.quiet[rows][:, None, None] - log - shift[..., None]) / np.hypot(response.scatter, ROUGH)
-    missed = np.asarray(log_ndtr(np.clip(under, -30.0, 30.0)), dtype=np.float64)
-    fit = fit + np.where(silent, missed, 0.0).sum(axis=2)
-    weight = np.exp(fit - fit.max(axis=1, keepdims=True))
-    return weight / weight.sum(axis=1, keepdims=True)
-
-
-def _shares(chart: _Chart, mean: Float[np.ndarray, "n 2"]) -> tuple[Float[np.ndarray, "n w"], Float[np.ndarray, "n 2"]]:
+def _shares(chart: Chart, mean: Float[np.ndarray, "n 2"]) -> tuple[Float[np.ndarray, "n w"], Float[np.ndarray, "n 2"]]:
     """Shares of taxels, least in the sum of squares over their say, whose places give the mean; and what is left."""
     answered = np.isfinite(chart.log)
     say = np.where(answered, 1.0, QUIET) * (chart.taxels >= 0)

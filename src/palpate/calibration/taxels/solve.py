@@ -13,13 +13,13 @@ from jaxtyping import Float, Int
 
 from palpate.calibration.taxels.nuisances import Nuisances, predicted
 from palpate.calibration.taxels.priors import Priors
-from palpate.calibration.taxels.response import Response, Seen, centred, learned, seen_among, tangents
+from palpate.calibration.taxels.response import Response, Seen, centred, charted, learned, seen_among, tangents
 from palpate.calibration.taxels.ties import tied
 from palpate.calibration.taxels.units import Units
 from palpate.sensors.pokes import Pokes
 from palpate.spatial.pose import skew
 
-__all__ = ["Before", "Solution", "solve"]
+__all__ = ["Before", "Solution", "eliminated", "solve"]
 
 TAIL = 5.0  # degrees of freedom of the residuals: pokes that fit badly count less
 _STEPS = 40
@@ -82,8 +82,9 @@ def solve(
     """
     nuisances = Nuisances.none(max(pokes.configurations, 1))
     before = Before(units, start, deviations, Nuisances.deviations(priors, max(pokes.configurations, 1)))
-    response = None if units.alone else learned(pokes, units)
-    seen = centred(pokes, units) if response is None else seen_among(pokes, units, response)
+    chart = None if units.alone else charted(pokes, units)
+    response = None if chart is None else learned(chart)
+    seen = centred(pokes, units) if chart is None or response is None else seen_among(chart, response)
     twist, size, by_place = _twist(pokes), len(units) * units.freedom, units.jacobian()
     for turn in range(_STEPS):
         if turn % _FRESH == 0:
@@ -135,9 +136,13 @@ class Before:
         """The step to the most likely values."""
         away = np.zeros(len(self.units)) if self.start is None else units.away(self.start).ravel()
         gap = np.concatenate([self.units * away, self.nuisances * nuisances.vector()])
-        matrix = self._raised(square)
+        matrix, wanted = self._raised(square), (right - gap)[self.free]
         found = np.zeros(len(right))
-        found[self.free] = np.linalg.solve(matrix, (right - gap)[self.free])
+        found[self.free] = (
+            np.linalg.solve(matrix, wanted)  # a poke hangs on several
+            if units.alone
+            else eliminated(matrix, wanted, len(units), units.freedom)
+        )
         return found
 
     def covariance(self, square: np.ndarray) -> Float[np.ndarray, "p p"]:
@@ -151,6 +156,26 @@ class Before:
         matrix = matrix[np.ix_(self.free, self.free)]
         scale = np.diag(matrix).copy()
         return matrix + np.diag(1e-12 * scale)
+
+
+def eliminated(
+    matrix: Float[np.ndarray, "p p"], right: Float[np.ndarray, " p"], units: int, size: int
+) -> Float[np.ndarray, " p"]:
+    """What solves it, of units that do not touch each other: each is eliminated for itself, then what they share.
+
+    Args:
+        matrix: positive; units of `size` unknowns each come first.
+        right: of the equations.
+        units: how many.
+        size: of each.
+    """
+    rows, each = slice(None, units * size), np.arange(units)
+    own = matrix[rows, rows].reshape(units, size, units, size)[each, :, each]
+    cross, rest = matrix[rows, units * size :], slice(units * size, None)
+    told = np.concatenate([cross, right[rows, None]], axis=1).reshape(units, size, -1)
+    told = np.linalg.solve(own, told).reshape(units * size, -1)
+    common = np.linalg.solve(matrix[rest, rest] - cross.T @ told[:, :-1], right[rest] - cross.T @ told[:, -1])
+    return np.concatenate([told[:, -1] - told[:, :-1] @ common, common])
 
 
 def _precision(deviations: Float[np.ndarray, " q"]) -> Float[np.ndarray, " q"]:
@@ -292,14 +317,14 @@ def _shared(
     values, columns, size = _lines(linear, rows, root, len(units), units.freedom, pokes)
     axes = tangents(units, units.places()[1], seen.origin[rows])
     beside = root @ linear.by_point[rows] @ axes  # (r, 3, 2)
-    told = np.einsum("ril,ria->rla", values, beside)
-    gathered = np.zeros((size, pokes.taxels, 2))
-    sound = columns >= 0
-    taxel = np.broadcast_to(seen.origin[rows][:, None], columns.shape)
-    np.add.at(gathered, (columns[sound], taxel[sound]), told[sound])
-    used = np.bincount(seen.origin[rows], minlength=pokes.taxels) > 0
-    moved = SHARED * covariance @ gathered[:, used].reshape(size, -1)
-    return moved @ moved.T
+    along = np.einsum("ril,ria->rla", values, beside)
+    used, taxel = np.unique(seen.origin[rows], return_inverse=True)
+    where, sound = columns * len(used) + taxel[:, None], columns >= 0
+    told = np.zeros((size, size))
+    for way in range(2):
+        lines = np.bincount(where[sound], along[sound, way], size * len(used)).reshape(size, -1)
+        told += lines @ lines.T
+    return SHARED**2 * covariance @ told @ covariance
 
 
 def _twist(pokes: Pokes) -> float:

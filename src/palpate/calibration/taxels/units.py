@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -17,6 +18,7 @@ __all__ = ["Units", "fitted", "frame_about", "single"]
 _STEP = np.array([2e-5, 2e-5, 1e-3])  # m, m, rad: of the differences that stand for derivatives
 _ROUNDS = 25  # of the fit of modules to places
 _STILL = 1e-9  # m
+_FAR = 1e-3  # m, rad: of a step after which derivatives are taken anew
 
 Vectors = Float[np.ndarray, "k 3"]
 
@@ -65,6 +67,10 @@ class Units:
 
     def places(self) -> tuple[Vectors, Vectors]:
         """(k, 3) [m] and outward normals; NaN of a taxel without a unit."""
+        return self._places
+
+    @cached_property
+    def _places(self) -> tuple[Vectors, Vectors]:
         rows = self.taxels
         unit, flat = self.layout.module[rows], self.layout.places[rows]
         points, normals = np.full((2, len(self.layout), 3), np.nan)
@@ -73,6 +79,7 @@ class Units:
             points[rows], normals[rows] = self.centre[unit] + ways, self.frame[unit][:, :, 2]
         else:
             points[rows], normals[rows], _ = walk(self.surface, self.centre[unit], ways)
+        points.flags.writeable = normals.flags.writeable = False
         return points, normals
 
     def moved(self, by: Float[np.ndarray, "u f"]) -> Units:
@@ -98,6 +105,10 @@ class Units:
 
     def jacobian(self) -> Float[np.ndarray, "k 3 f"]:
         """(k, 3, freedom) of each taxel's place by the unknowns of its unit; 0 of a taxel without one."""
+        return self._jacobian
+
+    @cached_property
+    def _jacobian(self) -> Float[np.ndarray, "k 3 f"]:
         found = np.zeros((len(self.layout), 3, self.freedom))
         rows = self.taxels
         unit = self.layout.module[rows]
@@ -176,12 +187,14 @@ def fitted(
     known = np.isfinite(places).all(axis=1) & np.isfinite(layout.places).all(axis=1) & (layout.module >= 0)
     share = np.where(known, 1.0 if weights is None else np.maximum(weights, 0.0), 0.0)
     units = _start(layout, places, surface, share)
+    matrix, far = np.zeros(0), True
     for _ in range(_ROUNDS):
         gap = np.nan_to_num(places - units.places()[0])
-        matrix = units.jacobian()
+        matrix = units.jacobian() if far else matrix
         step = _solved(units, matrix, gap, share)
-        units = units.moved(step)
-        if np.abs(step).max(initial=0.0) < _STILL:
+        units, longest = units.moved(step), float(np.abs(step).max(initial=0.0))
+        far = longest > _FAR
+        if longest < _STILL:
             break
     return units
 

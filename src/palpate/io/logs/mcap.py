@@ -10,6 +10,7 @@ from collections import Counter
 from collections.abc import Collection, Generator, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import cached_property
 from io import BytesIO
 from pathlib import Path
 from struct import error as StructError
@@ -23,6 +24,7 @@ from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.reader import make_reader
 from mcap.records import Channel, Schema
+from mcap.summary import Summary
 
 from palpate.io.logs.log import Messages, Source, Topic, merged
 from palpate.io.logs.mcap_chunks import LARGEST, inflate
@@ -178,8 +180,8 @@ class McapFile(Source):
     def _read_index(self) -> bool:
         """Whether there is one that names every topic, with the number of messages in each."""
         self._forget()
-        with open_input(self.path) as file, suppress(Exception):  # whatever the library meets in a damaged one
-            summary = make_reader(file).get_summary()
+        with suppress(Exception):  # whatever the library meets in a damaged one
+            summary = self._summary
             if summary is not None and summary.statistics is not None:
                 for record in (*summary.schemas.values(), *summary.channels.values()):
                     self._declare(record)
@@ -187,6 +189,12 @@ class McapFile(Source):
                 self.duration = (summary.statistics.message_end_time - summary.statistics.message_start_time) / 1e9
                 return summary.statistics.channel_count == len(self._topics)
         return False
+
+    @cached_property
+    def _summary(self) -> Summary | None:
+        """The library reads it record by record, which takes longer than to read a chunk: once."""
+        with open_input(self.path) as file:
+            return make_reader(file).get_summary()
 
 
 def _stretches(data: bytes) -> Iterator[_Stretch]:

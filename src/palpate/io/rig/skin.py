@@ -182,7 +182,7 @@ def rig_body(rig: Rig) -> TaxelBody:
     if table.map is not None:
         return TaxelBody.sheet(rig_map(rig), bits=bits, masked=masked)
     places = rig_taxels(rig)
-    return TaxelBody.placed(places.positions, places.normals, bits=bits, masked=masked)
+    return TaxelBody.placed(places.positions, places.normals, covariance=places.covariance, bits=bits, masked=masked)
 
 
 def _build(rig: Rig, head: Recording | None) -> Prepared:

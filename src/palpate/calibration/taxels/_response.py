@@ -1,0 +1,102 @@
+"""Compiled: where pokes were, by the answers of the taxels about them."""
+
+# pyright: basic
+from __future__ import annotations
+
+from math import erfc, exp, hypot, log, log1p, sqrt
+
+import numpy as np
+
+from palpate.surfaces._jit import entry, inner
+
+__all__ = ["posterior"]
+
+_FAR = 30.0  # deviations beyond which nothing becomes less likely
+
+
+@inner
+def _log_below(x):
+    """Logarithm of the normal distribution."""
+    return log(0.5 * erfc(-min(max(x, -_FAR), _FAR) / sqrt(2.0)))
+
+
+@inner
+def _fit(x, y, count, at, answers, shares, weight, quiet, model, silent):
+    """Logarithm of how likely the answers are, were the poke at x, y; its level fits best, as far as it may."""
+    level, reach, power, scatter, rough = model[:5]
+    total, squares = 0.0, 0.0
+    for i in range(count):
+        square = (at[i, 0] - x) ** 2 + (at[i, 1] - y) ** 2
+        told = level - power * log1p(square / (2.0 * power * reach * reach))
+        gap = answers[i] - told
+        if shares[i] > 0.0:
+            total += shares[i] * gap
+            squares += shares[i] * gap * gap
+        else:
+            silent[i] = told
+    shift = total / weight
+    found = -0.5 * (squares - total * shift)
+    for i in range(count):
+        if shares[i] == 0.0:
+            found += _log_below((quiet - silent[i] - shift) / hypot(scatter, rough))
+    return found
+
+
+@entry
+def posterior(taxels, flat, logs, quiet, model, search, mean, covariance):
+    """Mean (n, 2) and covariance (n, 2, 2) of each poke's place, all places alike before.
+
+    On a grid about the strongest answer, and again on one about what is left of it.
+
+    taxels, flat, logs, quiet: of `response.Chart`.
+    model: level, reach, power, scatter, rough and uneven of `response`.
+    search: points along each side, half of the first one's length [m], deviations about the mean searched again.
+    """
+    side, first, left = search
+    scatter, rough, uneven = model[3:]
+    wide = taxels.shape[1]
+    at, answers, shares, silent = np.empty((wide, 2)), np.empty(wide), np.empty(wide), np.empty(wide)
+    fits, half, middle = np.empty((side, side)), np.empty(2), np.empty(2)
+    for n in range(len(taxels)):
+        count, weight = 0, 1.0 / (uneven * uneven)
+        for i in range(wide):
+            if taxels[n, i] < 0:
+                continue
+            at[count, 0], at[count, 1] = flat[n, i, 0], flat[n, i, 1]
+            answers[count], shares[count] = 0.0, 0.0
+            if np.isfinite(logs[n, i]):
+                over = rough * exp(quiet[n] - logs[n, i])
+                answers[count], shares[count] = logs[n, i], 1.0 / (scatter * scatter + over * over)
+                weight += shares[count]
+            count += 1
+        half[:] = first
+        middle[:] = mean[n]
+        for _ in range(2):
+            best = -np.inf
+            for a in range(side):
+                x = middle[0] + half[0] * (2.0 * a / (side - 1) - 1.0)
+                for b in range(side):
+                    y = middle[1] + half[1] * (2.0 * b / (side - 1) - 1.0)
+                    fits[a, b] = _fit(x, y, count, at, answers, shares, weight, quiet[n], model, silent)
+                    best = max(best, fits[a, b])
+            total, u, v, uu, vv, uv = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0  # about the middle, in halves
+            for a in range(side):
+                p = 2.0 * a / (side - 1) - 1.0
+                for b in range(side):
+                    q, share = 2.0 * b / (side - 1) - 1.0, exp(fits[a, b] - best)
+                    total += share
+                    u += share * p
+                    v += share * q
+                    uu += share * p * p
+                    vv += share * q * q
+                    uv += share * p * q
+            u, v, cell = u / total, v / total, (2.0 / (side - 1)) ** 2 / 12.0
+            uu, vv, uv = uu / total - u * u, vv / total - v * v, uv / total - u * v
+            middle[0] += half[0] * u
+            middle[1] += half[1] * v
+            covariance[n, 0, 0], covariance[n, 1, 1] = half[0] ** 2 * (uu + cell), half[1] ** 2 * (vv + cell)
+            covariance[n, 0, 1] = covariance[n, 1, 0] = half[0] * half[1] * uv
+            for k in range(2):
+                spread = max(uu if k == 0 else vv, 0.0)
+                half[k] = min(half[k], half[k] * (left * sqrt(spread) + 1.0 / (side - 1)))
+        mean[n] = middle
