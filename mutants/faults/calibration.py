@@ -95,4 +95,9 @@ FAULTS: list[Fault] = [
             "np.arange(low, high)",
         ),
     ),
+    *of(
+        "calibration/marker_ring/response.py",
+        "tests/calibration/test_ring_response.py",
+        ("misfits of all rings are mixed", "ring == row // 2", "ring >= 0"),
+    ),
 ]

@@ -50,6 +50,27 @@ def test_a_press_that_was_left_out_is_predicted() -> None:
         assert np.sqrt(np.mean(left**2)) < 0.1 * np.sqrt(np.mean(made.displacements[k] ** 2))
 
 
+def test_each_ring_has_the_response_of_its_own_markers() -> None:
+    """Two rings that see the same have each what one alone has, to rounding; another's rings must be as many."""
+    alone, made = calibrated()
+    twice = replace(
+        made,
+        displacements=np.concatenate([made.displacements, 2.0 * made.displacements], axis=1),
+        markers=np.tile(MARKERS, 2),
+        noise=np.concatenate([made.noise, 2.0 * made.noise]),
+        rings=2,
+    )
+    both = fit_response(twice)
+    assert both.rings == 2
+    np.testing.assert_allclose(both.coefficients[:, :2], alone.coefficients, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(both.coefficients[:, 2:], 2.0 * alone.coefficients, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(both.misfit, np.concatenate([alone.misfit, 2.0 * alone.misfit]), rtol=1e-6)
+    table, _ = both.tables(np.tile(MARKERS, 2), 8)
+    np.testing.assert_allclose(table[:, 48:], 2.0 * table[:, :48], rtol=0, atol=1e-9)
+    with pytest.raises(InputError, match="1 rings of markers, this one 2"):
+        fit_response(twice, alone)
+
+
 def test_another_unit_needs_two_dozen_presses() -> None:
     """With the first unit's response 24 presses do; the errors stay within 1.5 times those of a full calibration."""
     before, _ = calibrated()

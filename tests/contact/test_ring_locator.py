@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.optimize import least_squares
@@ -139,6 +141,23 @@ def test_markers_that_are_missing_or_wrong_cost_little(response: RingResponse) -
     gone = frame.copy()
     gone[:13] = np.nan
     assert _located(response, gone[None]).counts[0] == -1
+
+
+def test_a_second_ring_that_sees_the_same_halves_the_variance(response: RingResponse) -> None:
+    """Of twice the displacements with twice the noise and the misfit: as much told as by the first."""
+    bare = replace(response, spread=np.zeros(2))
+    twice = replace(
+        bare,
+        coefficients=np.concatenate([bare.coefficients, 2.0 * bare.coefficients], axis=1),
+        misfit=np.concatenate([bare.misfit, 2.0 * bare.misfit]),
+    )
+    frame = moved(barrel().press([tip(0.7, 0.007)]), np.random.default_rng(11))
+    one = RingLocator(bare, MARKERS, NOISE).run(frame[None])
+    noise = np.concatenate([NOISE, 2.0 * NOISE])
+    both = RingLocator(twice, np.tile(MARKERS, 2), noise).run(np.concatenate([frame, 2.0 * frame])[None])
+    assert both.counts[0] == one.counts[0] == 1
+    np.testing.assert_allclose(both.states[0, 0, :2], one.states[0, 0, :2], rtol=2e-3)  # the priors weigh half
+    np.testing.assert_allclose(both.states[0, 0, 4:7], one.states[0, 0, 4:7] / np.sqrt(2.0), rtol=0.02)
 
 
 def test_frames_in_pieces_are_answered_alike(response: RingResponse) -> None:

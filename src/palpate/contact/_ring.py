@@ -66,15 +66,16 @@ def _copy(one, other):
 @inner
 def _variances(state, count, markers, misfit, noise, variance):
     """Of each displacement: the pixels', and what the response of each contact leaves."""
-    parts = misfit.shape[1]
+    parts, each = misfit.shape[1], 2 * len(markers) // len(misfit)
     for m in range(len(markers)):
+        ring = 2 * (m // each)
         for e in range(2):
             i = 2 * m + e
             variance[i] = noise[i]
             for c in range(count):
                 turn = (markers[m] - state[c, 0]) / (2.0 * np.pi)
                 k = int((turn - np.floor(turn)) * parts) % parts
-                variance[i] += (state[c, 1] * misfit[e, k]) ** 2
+                variance[i] += (state[c, 1] * misfit[ring + e, k]) ** 2
 
 
 @inner
@@ -412,9 +413,9 @@ def frames(displacements, markers, model, misfit, noise, settings, learned, stat
 
     Args:
         displacements: (n, 2 m) [m] outwards and along rising angles, marker by marker; NaN: not seen.
-        markers: (m,) [rad] at rest.
+        markers: (m,) [rad] at rest, ring by ring, as many in each.
         model: table and slope (a, 2 m, b) of `RingResponse.tables`, and (2,) deviations of z and t.
-        misfit: (2, B) [m/N].
+        misfit: (2 r, B) [m/N] of r rings.
         noise: (2 m,) [m^2] of the pixels.
         settings: (5,) on and off in deviations, least angle between contacts [rad], markers that may be left out, and
             by how much a neighbour shifts a contact [rad].
@@ -462,7 +463,7 @@ def shown(pixels, ring, steps, known, states, counts, left, cost, many):
 
     Args:
         pixels: (n m, 2), NaN: not seen.
-        ring: lens, pose, resting and axes of `_fisheye.displaced`.
+        ring: lens, pose, heights, resting and axes of `_fisheye.displaced`.
         steps: as there.
         known: markers to learned of `frames`.
         states: as of `frames`.
@@ -472,7 +473,7 @@ def shown(pixels, ring, steps, known, states, counts, left, cost, many):
         many: (n,) int64 is filled: markers seen.
     """
     moved, m = np.empty(pixels.shape), len(pixels) // len(counts)
-    displaced(pixels, *ring[:2], steps, *ring[2:], moved)
+    displaced(pixels, *ring[:3], steps, *ring[3:], moved)
     for n in range(len(counts)):
         many[n] = 0
         for i in range(n * m, n * m + m):

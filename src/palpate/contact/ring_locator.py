@@ -78,7 +78,7 @@ class RingLocator:
 
     Args:
         response: of the ring.
-        markers: (m,) [rad] angles at rest.
+        markers: (m,) [rad] angles at rest, ring by ring.
         noise: (m, 2) [m] deviation of a displacement, outwards and along.
         settings: how contacts are found.
     """

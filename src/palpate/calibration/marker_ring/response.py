@@ -29,7 +29,8 @@ class RingPresses:
         angle: (n,) [rad] of the centre of pressure. depth: (n,) [m]. force: (n,) [N] radial, positive inwards.
         shear: (n,) [N] along rising angles; NaN: not known.
         displacements: (n, m, 2) [m] outwards and along; NaN: not seen.
-        markers: (m,) [rad] at rest. noise: (m, 2) [m] deviation of a displacement.
+        markers: (m,) [rad] at rest, ring by ring, as many in each. noise: (m, 2) [m] deviation of a displacement.
+        rings: of markers.
     """
 
     angle: Float[np.ndarray, " n"]
@@ -39,6 +40,7 @@ class RingPresses:
     displacements: Float[np.ndarray, "n m 2"]
     markers: Float[np.ndarray, " m"]
     noise: Float[np.ndarray, "m 2"]
+    rings: int = 1
 
     def __len__(self) -> int:
         return len(self.angle)
@@ -47,6 +49,16 @@ class RingPresses:
         """Some of them."""
         names = ("angle", "depth", "force", "shear", "displacements")
         return replace(self, **{name: getattr(self, name)[rows] for name in names})
+
+    def by_ring(self) -> list[RingPresses]:
+        """What each ring saw of them."""
+        if self.rings == 1:
+            return [self]
+        own = [np.split(each, self.rings) for each in (np.swapaxes(self.displacements, 0, 1), self.markers, self.noise)]
+        return [
+            replace(self, displacements=np.swapaxes(moved, 0, 1), markers=markers, noise=noise, rings=1)
+            for moved, markers, noise in zip(*own, strict=True)
+        ]
 
 
 def fit_response(presses: RingPresses, before: RingResponse | None = None) -> RingResponse:
@@ -71,6 +83,8 @@ def fit_response(presses: RingPresses, before: RingResponse | None = None) -> Ri
 def _require_presses(presses: RingPresses, before: RingResponse | None) -> None:
     if len(presses) < _LEAST:
         raise InputError(f"{len(presses)} presses are too few: the fit needs {_LEAST} at least.", where="truth")
+    if before is not None and before.rings != presses.rings:
+        raise InputError(f"the other unit has {before.rings} rings of markers, this one {presses.rings}.")
     angles = np.sort(np.mod(presses.angle, 2.0 * np.pi))
     gap = np.degrees(np.diff(angles, append=angles[0] + 2.0 * np.pi).max())
     if gap > 60.0 + 60.0 * (before is not None):
@@ -87,12 +101,14 @@ def _fitted(presses: RingPresses, before: RingResponse | None) -> RingResponse:
         weight = presses.force**2
         mean = float(np.average(ratio, weights=weight))
         width = np.array([mean, max(float(np.sqrt(np.average((ratio - mean) ** 2, weights=weight))), 0.02 * mean)])
-        start = np.zeros((3 + sheared, 2, 2 * ORDERS[0] + 1, 2 * ORDERS[1] + 1))
+        start = np.zeros((3 + sheared, 2 * presses.rings, 2 * ORDERS[0] + 1, 2 * ORDERS[1] + 1))
     else:
         start, width = _rescaled(presses, before)
-    coefficients = _regression(presses, start, width, known=before is not None)
+    each = zip(presses.by_ring(), np.split(start, presses.rings, axis=1), strict=True)
+    found = [_regression(seen, own, width, known=before is not None) for seen, own in each]
+    coefficients = np.concatenate(found, axis=1)
     largest = np.array([presses.depth.max(), presses.force.max()])
-    return RingResponse(coefficients, width, np.zeros((2, PARTS)), np.zeros(2), largest)
+    return RingResponse(coefficients, width, np.zeros((2 * presses.rings, PARTS)), np.zeros(2), largest)
 
 
 def _terms(presses: RingPresses, width: np.ndarray, terms: int) -> Float[np.ndarray, "n b"]:
@@ -131,19 +147,15 @@ def _times(coefficients: np.ndarray, gain: np.ndarray, order: int) -> np.ndarray
 
 def _predicted(presses: RingPresses, coefficients: np.ndarray, terms: np.ndarray) -> Float[np.ndarray, "n m 2"]:
     orders = coefficients.shape[2] // 2, coefficients.shape[3] // 2
-    delta = presses.markers[None, :] - presses.angle[:, None]
-    return np.einsum(
-        "nb,bckm,nik,nm->nic",
-        terms,
-        coefficients,
-        ring_basis(delta, orders[0]),
-        ring_basis(presses.angle, orders[1]),
-        optimize=True,
-    )
+    of_phi, found = ring_basis(presses.angle, orders[1]), list[np.ndarray]()
+    for seen, own in zip(presses.by_ring(), np.split(coefficients, presses.rings, axis=1), strict=True):
+        of_delta = ring_basis(seen.markers[None, :] - seen.angle[:, None], orders[0])
+        found.append(np.einsum("nb,bckm,nik,nm->nic", terms, own, of_delta, of_phi, optimize=True))
+    return np.concatenate(found, axis=1)
 
 
 def _regression(presses: RingPresses, start: np.ndarray, width: np.ndarray, *, known: bool) -> np.ndarray:
-    """Ridge regression towards `start`, with the precision of `_precision`."""
+    """Ridge regression of one ring's response towards `start`, with the precision of `_precision`."""
     terms = _terms(presses, width, len(start))
     shape = start.shape
     size = shape[0] * shape[2] * shape[3]
@@ -182,10 +194,10 @@ def _left_out(presses: RingPresses, before: RingResponse | None, whole: RingResp
     """Misfit and spread, from two fits to halves of the angles, each judged on the other."""
     _, which = np.unique(np.round(np.mod(presses.angle, 2.0 * np.pi), 2), return_inverse=True)
     folds = which % 2 if min(np.bincount(which % 2, minlength=2)) >= _LEAST else np.arange(len(presses)) % 2
-    misfit, errors = np.zeros((2, PARTS)), list[np.ndarray]()
+    errors = list[np.ndarray]()
     fits = [_fitted(presses.picked(folds != fold), before) for fold in (0, 1)]
     parts = [presses.picked(folds == fold) for fold in (0, 1)]
-    square, number = np.zeros((2, PARTS)), np.zeros((2, PARTS))
+    square, number = np.zeros((2, 2 * presses.rings, PARTS))
     for fit, part in zip(fits, parts, strict=True):
         _add_misfit(fit, part, square, number)
     misfit = np.sqrt(np.maximum(square, 0.0) / np.maximum(number, 1e-30))
@@ -199,11 +211,12 @@ def _add_misfit(fit: RingResponse, part: RingPresses, square: np.ndarray, number
     left = part.displacements - _predicted(part, fit.coefficients, _terms(part, fit.width, len(fit.coefficients)))
     delta = np.mod(part.markers[None, :] - part.angle[:, None], 2.0 * np.pi)
     where = np.minimum((delta / (2.0 * np.pi) * PARTS).astype(np.int64), PARTS - 1)
-    for e in range(2):
-        seen = np.isfinite(left[..., e])
-        over = np.where(seen, left[..., e] ** 2 - part.noise[None, :, e] ** 2, 0.0)
-        square[e] += np.bincount(where[seen], over[seen], PARTS)
-        number[e] += np.bincount(where[seen], np.broadcast_to(part.force[:, None] ** 2, where.shape)[seen], PARTS)
+    ring = np.arange(len(part.markers)) // (len(part.markers) // part.rings)
+    for row in range(len(square)):
+        seen = np.isfinite(left[..., row % 2]) & (ring == row // 2)
+        over = np.where(seen, left[..., row % 2] ** 2 - part.noise[None, :, row % 2] ** 2, 0.0)
+        square[row] += np.bincount(where[seen], over[seen], PARTS)
+        number[row] += np.bincount(where[seen], np.broadcast_to(part.force[:, None] ** 2, where.shape)[seen], PARTS)
 
 
 def _errors(fit: RingResponse, part: RingPresses) -> Float[np.ndarray, "n 5"]:
