@@ -139,4 +139,18 @@ FAULTS: list[Fault] = [
         "tests/contact/test_ring_locator.py",
         ("every ring has the first one's misfit", "misfit[ring + e, k]", "misfit[e, k]"),
     ),
+    *of(
+        "contact/_ring.py",
+        "tests/contact/test_ring_locator.py",
+        (
+            "neighbours carry a contact the other way",
+            "state[c, 0] + moved / (outer - depth)",
+            "state[c, 0] - moved / (outer - depth)",
+        ),
+        (
+            "a wider contact carries the skin as any",
+            "per = skin[0, k, m] + z * (skin[1, k, m] + z * skin[2, k, m])",
+            "per = skin[0, k, m]",
+        ),
+    ),
 ]

@@ -407,6 +407,40 @@ def _deviations(state, count, work, width, spread, shift):
         state[c, 6] = np.sqrt(max(depth, 0.0) + (spread[1] * force * deep) ** 2)
 
 
+@inner
+def _carried(state, count, skin, outer, width, found):
+    """Angles of contacts where the skin beneath each is, which its neighbours' dents move along: into `found`.
+
+    A response says which part of the skin is pressed, by where that part is under one contact alone. What shear moves
+    is left out: the markers tell it too poorly.
+
+    Args:
+        state: contacts.
+        count: of them.
+        skin: (3, 2 K + 1, 2 M + 1) [m/N] of `RingResponse.skin`.
+        outer: radius [m].
+        width: (2,) of a `RingResponse`.
+        found: (n, STATE), its first column is written.
+    """
+    _, orders, rounds = skin.shape
+    for c in range(count):
+        moved = 0.0
+        for d in range(count):
+            if d == c:
+                continue
+            delta, phi, z = state[c, 0] - state[d, 0], state[d, 0], state[d, 2]
+            for k in range(orders):
+                turn = (k + 1) // 2 * delta
+                of_delta = np.sin(turn) if k % 2 == 0 and k else np.cos(turn)
+                for m in range(rounds):
+                    turn = (m + 1) // 2 * phi
+                    of_phi = np.sin(turn) if m % 2 == 0 and m else np.cos(turn)
+                    per = skin[0, k, m] + z * (skin[1, k, m] + z * skin[2, k, m])
+                    moved += state[d, 1] * per * of_delta * of_phi
+        depth = state[c, 1] * (width[0] + state[c, 2] * width[1])
+        found[c, 0] = state[c, 0] + moved / (outer - depth)
+
+
 @entry
 def frames(displacements, markers, model, misfit, noise, settings, learned, states, counts, left, cost):
     """Contacts of frames one after the other, each from those of the one before.
@@ -419,7 +453,7 @@ def frames(displacements, markers, model, misfit, noise, settings, learned, stat
         noise: (2 m,) [m^2] of the pixels.
         settings: (5,) on and off in deviations, least angle between contacts [rad], markers that may be left out, and
             by how much a neighbour shifts a contact [rad].
-        learned: width (2,) [m/N] and spread (2,) of a `RingResponse`.
+        learned: width (2,) [m/N] and spread (2,) of a `RingResponse`, its `skin`, and the outer radius [m].
         states: (n, MOST, STATE), written, as all that follows.
         counts: (n,) of contacts; -1: fewer than half of the markers are seen.
         left: (MOST + 1, STATE) contacts of the frame before, their count in the last row's first place; changed.
@@ -450,6 +484,7 @@ def frames(displacements, markers, model, misfit, noise, settings, learned, stat
         cost[n] = np.sqrt(cost[n] / free)
         counts[n] = count
         _copy(state, states[n])
+        _carried(state, count, learned[2], learned[3], learned[0], states[n])
         for c in range(count):
             turn = states[n, c, 0] / (2.0 * np.pi)
             states[n, c, 0] = 2.0 * np.pi * (turn - np.floor(turn))

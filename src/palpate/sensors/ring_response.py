@@ -87,6 +87,21 @@ class RingResponse(Value):
         of_delta, of_phi = (ring_basis(angle, order) for angle, order in zip((delta, phi), self.orders, strict=True))
         return np.einsum("bckm,nk,nm->ncb", self.coefficients, of_delta, of_phi, optimize=True)
 
+    def skin(self, outer: float, inner: float) -> Float[np.ndarray, "3 k m"]:
+        """What a contact moves the outer skin by along rising angles, per newton: v0, v1 and v2 of it [m/N].
+
+        As `coefficients`. The markers are on the inner side; across the wall the skin keeps straight and upright
+        [Kirchhoff and Love]: u_outer = u (1 + t / r) - t / r dw / dtheta, w the markers' movement outwards, t the
+        thickness, r the inner radius. Of the first ring.
+
+        Args:
+            outer: radius [m] of the skin's outer surface.
+            inner: radius [m] of the markers.
+        """
+        share = (outer - inner) / inner
+        tilt = np.einsum("jk,bkm->bjm", _slope(self.orders[0]), self.coefficients[:3, 0])
+        return np.ascontiguousarray((1.0 + share) * self.coefficients[:3, 1] - share * tilt)
+
     def tables(
         self, markers: Float[np.ndarray, " m"], count: int
     ) -> tuple[Float[np.ndarray, "a n b"], Float[np.ndarray, "a n b"]]:

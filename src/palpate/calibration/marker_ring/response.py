@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -17,8 +18,8 @@ ORDERS = (16, 2)  # of the angle between marker and contact, and of the contact'
 PARTS = 48  # of a turn, in which misfits are told
 _BLOCK = 256  # presses at once
 _LEAST = 8  # presses that a fit needs
-_UNEQUAL = 0.15  # share by which a skin's response usually differs from angle to angle
-_NEW_UNIT = 0.25  # share by which another unit's response differs once its stiffness is taken off
+_NEW_SKIN = 1.0, 4.0, 0.03  # numbers of `_deviations` that the search for the likeliest begins with: of a new kind,
+_NEW_UNIT = 0.1, 4.0, 0.3  # and of another unit of a known kind, once its stiffness is taken off
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,8 +66,9 @@ def fit_response(presses: RingPresses, before: RingResponse | None = None) -> Ri
     """The response that explains presses, with what it leaves unexplained on presses that were left out.
 
     A regression on v0, v1, v2 and s with a prior: smooth in the angle from the contact, nearly the same all round the
-    ring. With the response of another unit the prior is that one, times a stiffness of its own all round: tens of
-    presses then do.
+    ring; how smooth and how nearly, the presses say: a looser prior learns the pixels' noise, and two contacts near to
+    each other pay for that. With the response of another unit the prior is that one, times a stiffness of its own all
+    round: tens of presses then do.
 
     Args:
         presses: all round, of two widths at least; of shear, too, where it is known.
@@ -155,13 +157,22 @@ def _predicted(presses: RingPresses, coefficients: np.ndarray, terms: np.ndarray
 
 
 def _regression(presses: RingPresses, start: np.ndarray, width: np.ndarray, *, known: bool) -> np.ndarray:
-    """Ridge regression of one ring's response towards `start`, with the precision of `_precision`."""
-    terms = _terms(presses, width, len(start))
-    shape = start.shape
+    """Ridge regression of one ring's response towards `start`, with the prior that its evidence chooses."""
+    shape, usual = start.shape, float(np.sqrt(np.nanmean((presses.displacements / presses.force[:, None, None]) ** 2)))
+    normal, right = _sums(presses, start, width, usual)
+    scale = _most_likely(normal, right, shape, usual, _NEW_UNIT if known else _NEW_SKIN)
+    found: np.ndarray = np.linalg.solve(normal + np.diag(scale**-2.0), right)
+    return start + np.moveaxis(found.reshape(shape[0], shape[2], shape[3], 2), 3, 1)
+
+
+def _sums(
+    presses: RingPresses, start: np.ndarray, width: np.ndarray, usual: float
+) -> tuple[Float[np.ndarray, "size size"], Float[np.ndarray, "size 2"]]:
+    """The normal matrix and its right sides, outwards and along, of what `start` leaves."""
+    terms, shape = _terms(presses, width, len(start)), start.shape
     size = shape[0] * shape[2] * shape[3]
     normal, right = np.zeros((size, size)), np.zeros((size, 2))
     noise = float(np.sqrt(np.mean(presses.noise**2)))
-    usual = float(np.sqrt(np.nanmean((presses.displacements / presses.force[:, None, None]) ** 2)))
     left = presses.displacements - _predicted(presses, start, terms)
     for first in range(0, len(presses), _BLOCK):
         rows = slice(first, first + _BLOCK)
@@ -174,20 +185,58 @@ def _regression(presses: RingPresses, start: np.ndarray, width: np.ndarray, *, k
         flat = (design * scaled[:, :, None, None, None]).reshape(-1, size)
         normal += flat.T @ flat
         right += flat.T @ (np.where(seen[..., None], left[rows], 0.0) * scaled[..., None]).reshape(-1, 2)
-    precision = _precision(shape, usual, known=known)
-    found: np.ndarray = np.linalg.solve(normal + np.diag(precision), right)
-    return start + np.moveaxis(found.reshape(shape[0], shape[2], shape[3], 2), 3, 1)
+    return normal, right
 
 
-def _precision(shape: tuple[int, ...], usual: float, *, known: bool) -> Float[np.ndarray, " size"]:
-    """Of the prior: of coefficients beside those of the start, whose usual displacement per newton is given [m/N]."""
+def _most_likely(
+    normal: np.ndarray, right: np.ndarray, shape: tuple[int, ...], usual: float, first: tuple[float, float, float]
+) -> Float[np.ndarray, " size"]:
+    """Deviations of the coefficients under the prior whose evidence is largest [Bishop 2006, 3.5.1].
+
+    log p(u) = sum over both axes of (log|P| - log|N + P| + r' (N + P)^-1 r) / 2 + what no prior changes, P the
+    precision, N the normal matrix, r its right side.
+
+    Args:
+        normal: of the regression.
+        right: its right sides.
+        shape: of the coefficients.
+        usual: displacement of a newton [m/N].
+        first: numbers of `_deviations` to begin with.
+    """
+    from scipy.linalg import cho_factor, cho_solve  # here: they take a while to import
+    from scipy.optimize import minimize
+
+    start = np.log(first)
+
+    def deviations(x: np.ndarray) -> Float[np.ndarray, " size"]:
+        return usual * _deviations(shape, *np.exp(np.clip(x, start - 4.0, start + 4.0)).tolist())
+
+    def unlikely(x: np.ndarray) -> float:
+        precision = deviations(x) ** -2.0
+        factor = cho_factor(normal + np.diag(precision), lower=True, check_finite=False)
+        spread = np.sum(np.log(precision)) - 2.0 * np.sum(np.log(np.diag(factor[0])))
+        return float(-spread - 0.5 * np.sum(right * cho_solve(factor, right)))
+
+    simplex = start + np.concatenate([np.zeros((1, 3)), 0.5 * np.eye(3)])
+    options: Any = {"initial_simplex": simplex, "xatol": 0.05, "fatol": 0.5, "maxfev": 200}
+    return deviations(minimize(unlikely, start, method="Nelder-Mead", options=options).x)
+
+
+def _deviations(shape: tuple[int, ...], size: float, smooth: float, uneven: float) -> Float[np.ndarray, " size"]:
+    """Of coefficients under the prior, beside those of the start; the usual displacement of a newton is 1.
+
+    Args:
+        shape: of the coefficients.
+        size: of all of them.
+        smooth: order in delta from which on they fall.
+        uneven: share of the first order in phi.
+    """
     of_term = np.array([1.0, 0.5, 0.25, 1.0])[: shape[0]]
     k = np.repeat(np.arange(1, shape[2] // 2 + 1), 2)
-    of_delta = np.concatenate([[1.0], 1.0 / (1.0 + (k / 8.0) ** 3)])
+    of_delta = np.concatenate([[1.0], 1.0 / (1.0 + (k / smooth) ** 3)])
     m = np.repeat(np.arange(1, shape[3] // 2 + 1), 2)
-    of_phi = np.concatenate([[1.0], _UNEQUAL / m])
-    deviation = usual * np.einsum("b,k,m->bkm", of_term, of_delta, of_phi)
-    return 1.0 / np.square(deviation * (_NEW_UNIT if known else 1.0)).reshape(-1)
+    of_phi = np.concatenate([[1.0], uneven / m])
+    return size * np.einsum("b,k,m->bkm", of_term, of_delta, of_phi).reshape(-1)
 
 
 def _left_out(presses: RingPresses, before: RingResponse | None, whole: RingResponse) -> dict[str, np.ndarray]:
