@@ -203,4 +203,19 @@ FAULTS: list[Fault] = [
         ),
         ("doubt along the normal leans the ellipse", "half[a, b] - normal[a] * across", "half[a, b]"),
     ),
+    *of(
+        "contact/_ring.py",
+        "tests/contact/test_ring_locator.py",
+        ("every ring has the first one's misfit", "misfit[ring + e, k]", "misfit[e, k]"),
+        (
+            "neighbours carry a contact the other way",
+            "state[c, 0] + moved / (outer - depth)",
+            "state[c, 0] - moved / (outer - depth)",
+        ),
+        (
+            "a wider contact carries the skin as any",
+            "per = skin[0, k, m] + z * (skin[1, k, m] + z * skin[2, k, m])",
+            "per = skin[0, k, m]",
+        ),
+    ),
 ]

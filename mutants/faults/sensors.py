@@ -56,4 +56,24 @@ FAULTS: list[Fault] = [
             "np.sum(pairs * reached, axis=0)",
         ),
     ),
+    *of(
+        "sensors/marker_labels.py",
+        "tests/sensors/test_markers.py",
+        ("a ring takes what is the next one's", "cost[blob[moved[:, 0] == inmost[marker]]] = limits.missing", "pass"),
+    ),
+    *of(
+        "sensors/markers.py",
+        "tests/sensors/test_markers.py",
+        ("the ring behind is labelled first", "np.argsort(-self.view.rings)", "np.argsort(self.view.rings)"),
+    ),
+    *of(
+        "sensors/_fisheye.py",
+        "tests/calibration/test_ring_camera.py",
+        ("all rings lie in one plane", "heights[i % len(heights)] - pose[11]", "-pose[11]"),
+    ),
+    *of(
+        "sensors/ring_response.py",
+        "tests/calibration/test_ring_response.py",
+        ("the wall does not tilt", "share * tilt", "0.0 * tilt"),
+    ),
 ]

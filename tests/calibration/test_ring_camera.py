@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from palpate.calibration.ring_camera import calibrate_board, fit_lens, fit_ring_view
+from palpate.calibration.ring_camera import calibrate_board, fit_lens, fit_ring_view, fit_rings
 from palpate.errors import InputError, NotIdentifiable
 from palpate.sensors.fisheye import Fisheye, RingView
 from palpate.spatial.pose import Pose
@@ -116,3 +116,28 @@ def test_what_is_no_ring_is_said() -> None:
         fit_ring_view(np.random.default_rng(5).uniform((0, 0), (640, 480), (24, 2)), 0.051, camera=LENS)
     with pytest.raises(InputError, match="six or more"):
         fit_ring_view(np.zeros((3, 2)), 0.051)
+
+
+def test_several_rings_are_told_apart_by_their_heights() -> None:
+    """The camera's place is the first ring's fit, and every marker stands where it was put."""
+    rings, rng = (0.0, 0.01, -0.008), np.random.default_rng(6)
+    plain = _ring((0.03, -0.02), (0.001, -0.001, 0.041), 0.05)
+    stagger = np.concatenate([plain.angles, plain.angles + 0.1, plain.angles])
+    view = RingView(LENS, plain.pose, 0.051, stagger, rings)
+    pixels, order = view.from_plane(view.rest, view.heights), rng.permutation(72)
+    found, which = fit_rings(pixels[order], 0.051, rings, camera=LENS)
+    alone = fit_ring_view(pixels[:24], 0.051, camera=LENS)
+    np.testing.assert_allclose(found.pose.translation, alone.view.pose.translation, rtol=0, atol=1e-9)
+    turn = found.angles - stagger[order[which]]
+    assert np.array_equal(order[which] // 24, np.repeat([0, 1, 2], 24))
+    assert np.abs(np.arctan2(np.sin(turn), np.cos(turn))).max() <= 1e-6
+    places = found.to_plane(pixels[order[which]], found.heights)
+    assert np.abs(np.hypot(*places.T) - 0.051).max() <= 1e-7
+
+
+def test_rings_that_do_not_lie_one_round_the_other_are_said() -> None:
+    view = _ring((0.0, 0.0), (0.0, 0.0, 0.04), 0.0)
+    outer = view.from_plane(view.rest)
+    pairs = outer.mean(axis=0) + 0.8 * (np.repeat(outer[::2], 2, axis=0) - outer.mean(axis=0))
+    with pytest.raises(InputError, match="one round the other"):
+        fit_rings(np.concatenate([outer, pairs]), 0.051, (0.0, -0.01), camera=LENS)

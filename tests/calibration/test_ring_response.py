@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from palpate.calibration.marker_ring.response import fit_response
+from palpate.calibration.marker_ring.response import _deviations, _most_likely, fit_response
 from palpate.contact.ring_locator import RingLocator, turned
 from palpate.errors import InputError
 from palpate.sensors.ring_response import RingResponse, ring_basis
@@ -48,6 +48,53 @@ def test_a_press_that_was_left_out_is_predicted() -> None:
         terms = np.array([made.force[k], made.force[k] * z[k], made.force[k] * z[k] ** 2, made.shear[k]])
         left = made.displacements[k] - shapes @ terms
         assert np.sqrt(np.mean(left**2)) < 0.1 * np.sqrt(np.mean(made.displacements[k] ** 2))
+
+
+def test_each_ring_has_the_response_of_its_own_markers() -> None:
+    """Two rings that see the same have each what one alone has, to rounding; another's rings must be as many."""
+    alone, made = calibrated()
+    twice = replace(
+        made,
+        displacements=np.concatenate([made.displacements, 2.0 * made.displacements], axis=1),
+        markers=np.tile(MARKERS, 2),
+        noise=np.concatenate([made.noise, 2.0 * made.noise]),
+        rings=2,
+    )
+    both = fit_response(twice)
+    assert both.rings == 2
+    np.testing.assert_allclose(both.coefficients[:, :2], alone.coefficients, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(both.coefficients[:, 2:], 2.0 * alone.coefficients, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(both.misfit, np.concatenate([alone.misfit, 2.0 * alone.misfit]), rtol=1e-6)
+    table, _ = both.tables(np.tile(MARKERS, 2), 8)
+    np.testing.assert_allclose(table[:, 48:], 2.0 * table[:, :48], rtol=0, atol=1e-9)
+    with pytest.raises(InputError, match="1 rings of markers, this one 2"):
+        fit_response(twice, alone)
+
+
+def test_the_likeliest_prior_is_the_one_that_numbers_were_drawn_from() -> None:
+    """Coefficients drawn with known deviations, seen through a random design: their size within a tenth."""
+    rng, shape = np.random.default_rng(12), (3, 2, 17, 3)
+    for size, smooth, uneven in ((0.5, 3.0, 0.1), (2.0, 5.0, 0.5)):
+        truth = 1e-3 * _deviations(shape, size, smooth, uneven)
+        design = rng.standard_normal((1500, len(truth))) / 1e-4
+        drawn = design @ (truth[:, None] * rng.standard_normal((len(truth), 2))) + rng.standard_normal((1500, 2))
+        found = _most_likely(design.T @ design, design.T @ drawn, shape, 1e-3, (1.0, 4.0, 0.03))
+        assert np.abs(np.log(found / truth)).max() < 0.8
+        assert abs(np.log(found[0] / truth[0])) < 0.3
+
+
+def test_the_skin_turns_as_kirchhoff_says() -> None:
+    """u_outer = u (1 + t / r) - t / r dw / dtheta, the slope by a difference; the sum over harmonics written out."""
+    response = calibrated()[0]
+    skin, step, share = response.skin(0.055, 0.051), 1e-6, 0.004 / 0.051
+    for delta, phi in ((0.4, 1.0), (-0.7, 4.0)):
+        here, after, before = (
+            response.at(np.array([delta + each]), np.array([phi]))[0, :, :3] for each in (0.0, step, -step)
+        )
+        slope = (after[0] - before[0]) / (2.0 * step)
+        basis = ring_basis(np.array(delta), response.orders[0]), ring_basis(np.array(phi), response.orders[1])
+        found = np.einsum("bkm,k,m->b", skin, *basis)
+        np.testing.assert_allclose(found, here[1] * (1.0 + share) - share * slope, rtol=1e-6, atol=1e-12)
 
 
 def test_another_unit_needs_two_dozen_presses() -> None:

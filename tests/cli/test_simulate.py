@@ -46,7 +46,7 @@ def test_ctrl_c_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize("wrong", [("--seed", "-1"), ("--count", "0")])
+@pytest.mark.parametrize("wrong", [("--seed", "-1"), ("--count", "0"), ("--rings", "4")])
 def test_impossible_numbers_are_refused(tmp_path: Path, wrong: tuple[str, str]) -> None:
     assert _simulate("-o", tmp_path / "run", *wrong) == 1
     assert not list(tmp_path.iterdir())

@@ -118,19 +118,20 @@ def _camera(seed: int) -> Fisheye:
 
 
 def _marker_ring(seed: int) -> MarkerRing:
-    """Seven markers; on odd seeds with shear."""
+    """Seven markers, or two rings of four; on odd seeds with shear."""
     rng = np.random.default_rng(seed)
     pose = Pose.from_rotation_vector(rng.normal(size=3) / 10, [0.0, 1e-3, 0.04])
-    view = RingView(_camera(seed), pose, 0.051, np.sort(rng.uniform(0.0, 6.0, 7)))
+    rings, count = ((0.0,), 7) if seed % 3 else ((0.0, 0.03 / 7), 8)
+    view = RingView(_camera(seed), pose, 0.051, np.sort(rng.uniform(0.0, 6.0, count)), rings)
     response = RingResponse(
-        rng.normal(size=(3 + seed % 2, 2, 9, 5)) / 3,
+        rng.normal(size=(3 + seed % 2, 2 * len(rings), 9, 5)) / 3,
         rng.uniform(size=2) / 7,
-        rng.uniform(size=(2, 6)),
+        rng.uniform(size=(2 * len(rings), 6)),
         rng.uniform(size=2),
         np.array([0.01, 5.1]),
     )
     colour = MarkerColour("red", 1 / 3, 0.01)
-    rest, area = view.from_plane(view.rest) + rng.normal(size=(7, 2)), rng.uniform(30.0, 40.0, 7)
+    rest, area = view.from_plane(view.rest) + rng.normal(size=(count, 2)), rng.uniform(30.0, 40.0, count)
     said = {"provenance": {"log": "frames.avi"}, "notes": ("a note",)}
     return MarkerRing(0.055, view, colour, rest, area, 0.7 / 3, response, **said)
 

@@ -246,3 +246,32 @@ def test_a_tracker_says_what_does_not_fit() -> None:
         MarkerTracker(VIEW, RED, REST[:20], np.full(20, 80.0))
     with pytest.raises(InputError, match="out"):
         _tracker().track(drawn(REST), np.empty((23, 2)))
+
+
+def test_rings_one_behind_the_other_keep_their_labels() -> None:
+    """Three rings, 8 mm deep dents in all of them: a marker pressed in stands where the next ring's marker rested.
+
+    Frame by frame without a past, and followed; four markers of each ring are hidden in half of the touches.
+    """
+    view = nominal_view(rings=(0.0, 0.01, -0.01))
+    rest = view.from_plane(view.rest, view.heights)
+    blobs = find_blobs(drawn(rest, 3.0), RED)
+    nearest = np.linalg.norm(blobs.pixels[None] - rest[:, None], axis=-1).argmin(axis=1)
+    tracker, rng = MarkerTracker(view, RED, blobs.pixels[nearest], blobs.areas[nearest]), np.random.default_rng(11)
+    out = np.empty((72, 2))
+    for touch in range(8):
+        apart = view.angles - rng.uniform(0, 2 * np.pi)
+        dent = np.exp(-0.5 * (np.arctan2(np.sin(apart), np.cos(apart)) / 0.25) ** 2)
+        dent *= np.where(view.heights == 0.0, 1.0, 0.7)
+        hidden = np.concatenate([24 * ring + rng.permutation(24)[: 4 * (touch % 2)] for ring in range(3)])
+        seen = np.setdiff1d(np.arange(72), hidden)
+        tracker.reset()
+        for share in (1.0, 0.0, 0.3, 0.7, 1.0):
+            places = view.rest * (1.0 - share * 0.008 / 0.051 * dent)[:, None]
+            pixels = view.from_plane(places, view.heights)
+            tracker.track(drawn(pixels[seen], 3.0, noise=1.0, rng=rng), out)
+            off = np.linalg.norm(out - pixels, axis=1)
+            found = np.isfinite(off)
+            assert not found[hidden].any()
+            assert off[found].max() < 1.0
+            assert found.sum() >= len(seen) - 2

@@ -175,3 +175,28 @@ def test_without_scikit_fem_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setitem(sys.modules, "skfem", None)
     with pytest.raises(InputError, match=r"palpate\[simulation\]"):
         solid(EVEN)
+
+
+def test_rings_above_and_below_the_equator_are_mirrored_and_the_middle_one_is_as_alone(barrel: Barrel) -> None:
+    several = Barrel.built(replace(COARSE, rings=(0.0, 0.01, -0.01)))
+    one, more = (each.press([Indenter("tip", 1.0, 0.006)]) for each in (barrel, several))
+    middle, above, below = np.split(more.markers - several.rest[:, 0], 3)
+    np.testing.assert_allclose(middle, one.markers - barrel.rest[:, 0], atol=1e-12)
+    np.testing.assert_allclose(above, below * (1.0, 1.0, -1.0), atol=1e-12)
+    k = round(24 / (2.0 * np.pi))
+    assert 0.3 < np.linalg.norm(above[k, :2]) / np.linalg.norm(middle[k, :2]) < 0.95  # a dent is deepest in its middle
+    np.testing.assert_allclose(several.rest[24:48, 0, 2], 0.01)
+
+
+def test_a_marker_on_a_node_goes_where_the_node_goes() -> None:
+    """At heights of the mesh's own rows, in the second brick: the inner side's compliance, straight from the body."""
+    settings = replace(COARSE, around=24, rings=(0.0, 0.006, 0.016), markers=24)
+    barrel, body = Barrel.built(settings), solid(settings)
+    levels = np.unique(np.round(body.place[:, 2], 9))
+    loaded = 3 * body.node[:, : int(np.searchsorted(levels, settings.band + 1e-9)), 2].ravel()
+    for ring, height in enumerate(settings.rings):
+        node = body.node[4, int(np.searchsorted(levels, height)), 0]  # of marker 2: two columns a brick
+        straight = compliance(body, np.concatenate([loaded, 3 * node + np.arange(3)]), loaded)[-3:]
+        np.testing.assert_allclose(
+            barrel.answer.reshape(72, -1, 3, 2 * len(loaded))[24 * ring + 2, 0][:, ::2], straight, atol=1e-12
+        )

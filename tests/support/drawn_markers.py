@@ -15,10 +15,11 @@ __all__ = ["drawn", "nominal_view"]
 _PARTS = 16
 
 
-def nominal_view(m: int = 24) -> RingView:
-    """Markers on a circle of 51 mm, seen from 40 mm above its middle."""
+def nominal_view(m: int = 24, rings: tuple[float, ...] = (0.0,)) -> RingView:
+    """Markers on a circle of 51 mm, seen from 40 mm above its middle; of several rings every other one is staggered."""
     pose = Pose(np.diag([1.0, -1.0, -1.0]), [0.0, 0.0, 0.04])
-    return RingView(Fisheye(204.0, 204.0, 319.5, 239.5), pose, 0.051, 2 * np.pi * np.arange(m) / m)
+    angles = 2 * np.pi * (np.arange(m) + 0.5 * (np.arange(len(rings))[:, None] % 2)) / m
+    return RingView(Fisheye(204.0, 204.0, 319.5, 239.5), pose, 0.051, angles.ravel(), rings)
 
 
 def drawn(

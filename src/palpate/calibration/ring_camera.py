@@ -15,7 +15,7 @@ from palpate.sensors.markers import opencv
 from palpate.spatial._arrays import Value, frozen
 from palpate.spatial.pose import Pose
 
-__all__ = ["BoardFit", "RingFit", "calibrate_board", "fit_lens", "fit_ring_view"]
+__all__ = ["BoardFit", "RingFit", "calibrate_board", "fit_lens", "fit_ring_view", "fit_rings"]
 
 HEIGHT = 0.04  # m, of the camera above the ring, where nothing better is known
 _FACING = np.diag([1.0, -1.0, -1.0])  # x_c = x, y_c = -y, z_c = -z
@@ -128,7 +128,7 @@ def fit_ring_view(
 
     Tilt, offset, height and start angle by least squares of pixels against the even ring; the camera's turn about the
     axis is left at its nominal value, because the ring's x axis is where the camera's is. What is uneven about the
-    markers stays in the measured rest places. One ring only: markers at other heights are given to a fit of their own.
+    markers stays in the measured rest places. One ring only: `fit_rings` is for markers at several heights.
 
     One flat ring does not tell the focal length from the height: without a `camera` an equidistant lens with its
     middle in the picture's middle is taken, `height` is held and the focal length fitted.
@@ -170,6 +170,42 @@ def fit_ring_view(
     residual = float(np.sqrt(2 * solution.cost / len(seen)))
     found = {"residual": residual, "covariance": spread, "focal_fitted": focal_fitted}
     return RingFit(measured, order, places, start=start + float(solution.x[5]), **found)
+
+
+def fit_rings(
+    rest_pixels: Float[np.ndarray, "m 2"], radius: float, rings: Sequence[float], **camera: Any
+) -> tuple[RingView, Int[np.ndarray, " m"]]:
+    """`fit_ring_view` of the first of several rings, and which of the given pixels is marker i, ring by ring.
+
+    Args:
+        rest_pixels: as many of each ring, in any order.
+        radius: of the first ring [m].
+        rings: heights of the rings [m]; the first is 0.
+        camera: what is known of it, as `fit_ring_view` takes it.
+
+    Raises:
+        InputError: as `fit_ring_view`; the rings do not lie one round the other in the picture.
+    """
+    pixels = np.asarray(rest_pixels, dtype=np.float64)
+    if len(rings) == 1:
+        fitted = fit_ring_view(pixels, radius, **camera)
+        return fitted.view, fitted.order
+    inmost = np.split(np.argsort(np.linalg.norm(pixels - pixels.mean(axis=0), axis=1)), len(rings))
+    owned = dict(zip(np.argsort(rings).tolist(), inmost, strict=True))  # the nearer, the larger in the picture
+    fitted = fit_ring_view(pixels[owned[0]], radius, **camera)
+    order, angles = [owned[0][fitted.order]], [fitted.view.angles]
+    for ring in range(1, len(rings)):
+        x, y = fitted.view.to_plane(pixels[owned[ring]], np.asarray(rings, dtype=np.float64)[ring : ring + 1]).T
+        turn: Float[np.ndarray, " m"] = np.sort(np.arctan2(y, x))
+        gaps: Float[np.ndarray, " m"] = np.append(turn[1:], turn[0] + 2.0 * np.pi) - turn
+        usual = 2.0 * np.pi / len(turn)
+        if not (gaps.min() > 0.5 * usual and gaps.max() < 1.5 * usual):
+            said = "the rings of markers do not lie one round the other in the picture."
+            raise InputError(said, where="marker_ring.rings", hint="State the height of each ring above the first.")
+        order.append(owned[ring][np.argsort(np.arctan2(y, x))])
+        angles.append(turn)
+    view = fitted.view
+    return RingView(view.camera, view.pose, radius, np.concatenate(angles), rings), np.concatenate(order)
 
 
 def replace_angles(view: RingView, angles: Float[np.ndarray, " m"]) -> RingView:

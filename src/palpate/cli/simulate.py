@@ -28,6 +28,7 @@ def simulate_marker_ring(
     touches: Flag = False,
     small: Flag = False,
     count: Annotated[int | None, arg(metavar="N", help_behavior_hint="")] = None,
+    rings: Annotated[int, arg(metavar="N")] = 1,
     images: Flag = False,
 ) -> None:
     """Record a simulated barrel: its calibration run, or touches to judge by; with the truth from its mechanics.
@@ -38,13 +39,16 @@ def simulate_marker_ring(
         touches: record touches, several at once and moving, instead of a calibration run.
         small: fewer of them, on a coarser barrel: seconds instead of minutes.
         count: angles around the ring, or touches; otherwise 36 and 24 angles, 12 and 4 touches.
+        rings: of 24 markers each, 10 mm apart: 1 to 3.
         images: write a folder of images instead of a video.
     """
     require_new(output)
     if seed < 0 or (count is not None and count < 1):
         raise InputError("seed must not be negative, and count positive.", where="--seed, --count")
+    if rings not in (1, 2, 3):
+        raise InputError(f"1 to 3 rings can be simulated, not {rings}.", where="--rings")
     with whole(output) as part, counting():
-        figures = _record(part, seed, touches, small, count, images)
+        figures = _record(part, seed, rings, touches, small, count, images)
     title(f"marker ring, unit {seed} -> {output}")
     lines(figures)
     note(["truth.csv is of the centre of pressure, by linear elasticity; estimates never see it"])
@@ -79,14 +83,14 @@ def whole(output: Path) -> Generator[Path]:
 
 
 def _record(
-    folder: Path, seed: int, touches: bool, small: bool, count: int | None, images: bool
+    folder: Path, seed: int, rings: int, touches: bool, small: bool, count: int | None, images: bool
 ) -> list[tuple[str, object]]:
     """Simulate and write; what was."""
     from palpate.simulation import ring_session as ring  # here: with them comes scipy
     from palpate.simulation import ring_session_files as files
 
     wait("building the barrel")
-    unit = ring.RingUnit.drawn(seed, coarse=small)
+    unit = ring.RingUnit.drawn(seed, coarse=small, rings=rings)
     form = "folder" if images else "video"
     if touches:
         wanted = ring.Touching(touches=count or (4 if small else 12), seed=seed)

@@ -66,15 +66,16 @@ def _copy(one, other):
 @inner
 def _variances(state, count, markers, misfit, noise, variance):
     """Of each displacement: the pixels', and what the response of each contact leaves."""
-    parts = misfit.shape[1]
+    parts, each = misfit.shape[1], 2 * len(markers) // len(misfit)
     for m in range(len(markers)):
+        ring = 2 * (m // each)
         for e in range(2):
             i = 2 * m + e
             variance[i] = noise[i]
             for c in range(count):
                 turn = (markers[m] - state[c, 0]) / (2.0 * np.pi)
                 k = int((turn - np.floor(turn)) * parts) % parts
-                variance[i] += (state[c, 1] * misfit[e, k]) ** 2
+                variance[i] += (state[c, 1] * misfit[ring + e, k]) ** 2
 
 
 @inner
@@ -406,19 +407,53 @@ def _deviations(state, count, work, width, spread, shift):
         state[c, 6] = np.sqrt(max(depth, 0.0) + (spread[1] * force * deep) ** 2)
 
 
+@inner
+def _carried(state, count, skin, outer, width, found):
+    """Angles of contacts where the skin beneath each is, which its neighbours' dents move along: into `found`.
+
+    A response says which part of the skin is pressed, by where that part is under one contact alone. What shear moves
+    is left out: the markers tell it too poorly.
+
+    Args:
+        state: contacts.
+        count: of them.
+        skin: (3, 2 K + 1, 2 M + 1) [m/N] of `RingResponse.skin`.
+        outer: radius [m].
+        width: (2,) of a `RingResponse`.
+        found: (n, STATE), its first column is written.
+    """
+    _, orders, rounds = skin.shape
+    for c in range(count):
+        moved = 0.0
+        for d in range(count):
+            if d == c:
+                continue
+            delta, phi, z = state[c, 0] - state[d, 0], state[d, 0], state[d, 2]
+            for k in range(orders):
+                turn = (k + 1) // 2 * delta
+                of_delta = np.sin(turn) if k % 2 == 0 and k else np.cos(turn)
+                for m in range(rounds):
+                    turn = (m + 1) // 2 * phi
+                    of_phi = np.sin(turn) if m % 2 == 0 and m else np.cos(turn)
+                    per = skin[0, k, m] + z * (skin[1, k, m] + z * skin[2, k, m])
+                    moved += state[d, 1] * per * of_delta * of_phi
+        depth = state[c, 1] * (width[0] + state[c, 2] * width[1])
+        found[c, 0] = state[c, 0] + moved / (outer - depth)
+
+
 @entry
 def frames(displacements, markers, model, misfit, noise, settings, learned, states, counts, left, cost):
     """Contacts of frames one after the other, each from those of the one before.
 
     Args:
         displacements: (n, 2 m) [m] outwards and along rising angles, marker by marker; NaN: not seen.
-        markers: (m,) [rad] at rest.
+        markers: (m,) [rad] at rest, ring by ring, as many in each.
         model: table and slope (a, 2 m, b) of `RingResponse.tables`, and (2,) deviations of z and t.
-        misfit: (2, B) [m/N].
+        misfit: (2 r, B) [m/N] of r rings.
         noise: (2 m,) [m^2] of the pixels.
         settings: (5,) on and off in deviations, least angle between contacts [rad], markers that may be left out, and
             by how much a neighbour shifts a contact [rad].
-        learned: width (2,) [m/N] and spread (2,) of a `RingResponse`.
+        learned: width (2,) [m/N] and spread (2,) of a `RingResponse`, its `skin`, and the outer radius [m].
         states: (n, MOST, STATE), written, as all that follows.
         counts: (n,) of contacts; -1: fewer than half of the markers are seen.
         left: (MOST + 1, STATE) contacts of the frame before, their count in the last row's first place; changed.
@@ -449,6 +484,7 @@ def frames(displacements, markers, model, misfit, noise, settings, learned, stat
         cost[n] = np.sqrt(cost[n] / free)
         counts[n] = count
         _copy(state, states[n])
+        _carried(state, count, learned[2], learned[3], learned[0], states[n])
         for c in range(count):
             turn = states[n, c, 0] / (2.0 * np.pi)
             states[n, c, 0] = 2.0 * np.pi * (turn - np.floor(turn))
@@ -462,7 +498,7 @@ def shown(pixels, ring, steps, known, states, counts, left, cost, many):
 
     Args:
         pixels: (n m, 2), NaN: not seen.
-        ring: lens, pose, resting and axes of `_fisheye.displaced`.
+        ring: lens, pose, heights, resting and axes of `_fisheye.displaced`.
         steps: as there.
         known: markers to learned of `frames`.
         states: as of `frames`.
@@ -472,7 +508,7 @@ def shown(pixels, ring, steps, known, states, counts, left, cost, many):
         many: (n,) int64 is filled: markers seen.
     """
     moved, m = np.empty(pixels.shape), len(pixels) // len(counts)
-    displaced(pixels, *ring[:2], steps, *ring[2:], moved)
+    displaced(pixels, *ring[:3], steps, *ring[3:], moved)
     for n in range(len(counts)):
         many[n] = 0
         for i in range(n * m, n * m + m):

@@ -67,7 +67,8 @@ class RingEstimator:
 
     def _know(self, ring: MarkerRing) -> None:
         self.ring = ring
-        self.locator = RingLocator(ring.response, ring.view.angles, ring.noise(), self.settings)
+        skin = ring.radius, ring.view.radius
+        self.locator = RingLocator(ring.response, ring.view.angles, ring.noise(), self.settings, skin)
         self.tracker = MarkerTracker(ring.view, ring.colour, ring.rest, ring.area)
         self._widths = _dent_widths(ring)
         self.reset()

@@ -39,7 +39,7 @@ class RingSettings:
     off: float = 4.0
     apart: float = 18.0
     dropped: int = 4
-    shift: float = 0.7
+    shift: float = 0.5
     friction: float = 0.15
     wide: float = 2.0
     reach: float = 0.008
@@ -78,9 +78,10 @@ class RingLocator:
 
     Args:
         response: of the ring.
-        markers: (m,) [rad] angles at rest.
+        markers: (m,) [rad] angles at rest, ring by ring.
         noise: (m, 2) [m] deviation of a displacement, outwards and along.
         settings: how contacts are found.
+        skin: radii [m] of the outer surface and of the markers; None: of a skin that no contact moves along.
     """
 
     def __init__(
@@ -89,6 +90,7 @@ class RingLocator:
         markers: Float[np.ndarray, " m"],
         noise: Float[np.ndarray, "m 2"],
         settings: RingSettings | None = None,
+        skin: tuple[float, float] | None = None,
     ) -> None:
         from palpate.contact import _ring  # compiled: loaded when first needed
 
@@ -99,7 +101,8 @@ class RingLocator:
         set_ = self.settings
         model = (table, slope, np.array([set_.wide, shear]))
         numbers = np.array([set_.on, set_.off, radians(set_.apart), float(set_.dropped), radians(set_.shift)])
-        learned = (response.width.copy(), response.spread.copy())
+        carried = np.zeros((3, 1, 1)) if skin is None else response.skin(*skin)
+        learned = (response.width.copy(), response.spread.copy(), carried, np.inf if skin is None else skin[0])
         squares = np.ascontiguousarray(np.square(noise).reshape(-1))
         self._known = (self.markers, model, response.misfit, squares, numbers, learned)
         self._left = np.zeros((_ring.MOST + 1, _ring.STATE))

@@ -52,13 +52,14 @@ def angles(bent, lens, reach, steps, theta, low, high):
 
 
 @exact
-def to_plane(pixels, lens, pose, steps, out):
+def to_plane(pixels, lens, pose, heights, steps, out):
     """`RingView.to_plane` without arrays between its steps.
 
     Args:
         pixels: (n, 2).
         lens: (10,) fx, fy, cx, cy, k1 to k4, the largest theta and theta_d.
         pose: (12,) rotation, row after row, and translation of the camera in the plane's frame.
+        heights: (k,) of the planes [m], for one pixel after the other, over and over.
         steps: at most, of `angles`.
         out: (n, 2) is filled; NaN where nothing of the plane is seen.
     """
@@ -73,16 +74,17 @@ def to_plane(pixels, lens, pose, steps, out):
             continue
         ratio = 1.0 if bent[i] < 1e-9 else np.sin(theta[i]) / bent[i]  # there it is 1 to the last bit
         a, b, c = ratio * x[i], ratio * y[i], np.cos(theta[i])
-        length = -pose[11] / ((pose[6] * a + pose[8] * c) + pose[7] * b)  # added up as NumPy's einsum does
+        high = heights[i % len(heights)] - pose[11]
+        length = high / ((pose[6] * a + pose[8] * c) + pose[7] * b)  # added up as NumPy's einsum does
         if length > 0.0:
             out[i, 0] = pose[9] + length * ((pose[0] * a + pose[2] * c) + pose[1] * b)
             out[i, 1] = pose[10] + length * ((pose[3] * a + pose[5] * c) + pose[4] * b)
 
 
 @exact
-def displaced(pixels, lens, pose, steps, resting, axes, out):
+def displaced(pixels, lens, pose, heights, steps, resting, axes, out):
     """`MarkerRing.displacements`: `to_plane`, less where the markers rest (m, 2), along their axes (m, 2, 2)."""
-    to_plane(pixels, lens, pose, steps, out)
+    to_plane(pixels, lens, pose, heights, steps, out)
     for i in range(len(pixels)):
         m = i % len(resting)
         x, y = out[i, 0] - resting[m, 0], out[i, 1] - resting[m, 1]

@@ -369,7 +369,7 @@ def _plausible(got, rest, seen, size, contrast, fits):
 
 
 @inner
-def _doubtful(got, fits, seen, sizes, size, alone, rest, gaps):
+def _doubtful(got, fits, seen, sizes, size, alone, rest, gaps, pairs):
     """Whether any window leaves a doubt about which marker is where.
 
     Args:
@@ -381,9 +381,9 @@ def _doubtful(got, fits, seen, sizes, size, alone, rest, gaps):
         alone: (m,) bool, no neighbour at rest reaches into the window.
         rest: (m, 2) area and spread at rest.
         gaps: (m,) to the nearest neighbour at rest [px].
+        pairs: (p, 2) int64, markers that must stand apart.
     """
-    m = len(got)
-    for i in range(m):
+    for i in range(len(got)):
         if fits[i] != seen[i]:
             return True
         if not seen[i]:
@@ -392,8 +392,9 @@ def _doubtful(got, fits, seen, sizes, size, alone, rest, gaps):
             return True
         if alone[i] and got[i, 5] >= 0.25 * rest[i, 0]:
             return True
-        j = (i + 1) % m
-        if seen[j] and np.hypot(got[i, 0] - got[j, 0], got[i, 1] - got[j, 1]) < 0.3 * gaps[i]:
+    for k in range(len(pairs)):
+        i, j = pairs[k, 0], pairs[k, 1]
+        if seen[i] and seen[j] and np.hypot(got[i, 0] - got[j, 0], got[i, 1] - got[j, 1]) < 0.3 * gaps[i]:
             return True
     return False
 
@@ -406,7 +407,7 @@ def follow(image, weights, known, limits, got, seen, expected, last, step, sizes
         image: as of `measure_windows`.
         weights: as of `measure_windows`.
         known: half sides of the windows (m,) int64; areas and spreads at rest (m, 2); no neighbour at rest reaches into
-            the window (m,) bool; gaps to the nearest neighbour at rest (m,) [px].
+            the window (m,) bool; gaps to the nearest neighbour at rest (m,) [px]; `pairs` of `_doubtful`.
         limits: greatest ratio of areas, least level above the base, the longest step that is gone on with [px].
         got: (m, 7) is filled by `measure_windows`.
         seen: (m,) bool, in the last frame.
@@ -417,7 +418,7 @@ def follow(image, weights, known, limits, got, seen, expected, last, step, sizes
         age: (m,) int64, frames since a marker was seen.
         out: (m, 2) is filled where it takes them: as `last`, NaN of what is not seen.
     """
-    halves, rest, alone, gaps = known
+    halves, rest, alone, gaps, pairs = known
     size, contrast, longest = limits
     for i in range(len(got)):
         for a in range(2):
@@ -426,7 +427,7 @@ def follow(image, weights, known, limits, got, seen, expected, last, step, sizes
     measure_windows(image, weights, expected, halves, got)
     fits = np.empty(len(got), np.bool_)
     _plausible(got, rest, seen, size, contrast, fits)
-    if _doubtful(got, fits, seen, sizes, size, alone, rest, gaps):
+    if _doubtful(got, fits, seen, sizes, size, alone, rest, gaps, pairs):
         return False
     for i in range(len(got)):
         for a in range(2):

@@ -11,7 +11,8 @@ from dataclasses import dataclass, fields
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
+from numpy.typing import ArrayLike
 
 from palpate.errors import InputError
 from palpate.spatial._arrays import Value, frozen
@@ -19,6 +20,7 @@ from palpate.spatial.pose import Pose
 
 __all__ = ["STEPS", "Fisheye", "RingView", "flat_pixels"]
 
+_GROUND = frozen(np.zeros(1))
 STEPS = 60  # at most: Newton needs 4, halving an interval of pi to its last bit 53
 
 
@@ -149,12 +151,14 @@ class RingView(Value):
     """Where a camera sees a ring of markers, and where they rest.
 
     The ring's frame: origin in the ring's centre, z along the barrel's axis towards the camera, angles about z from x.
+    Further rings of as many markers may stand above and below it: the markers are given ring by ring.
 
     Args:
         camera: the lens.
         pose: T_ring_camera.
         radius: of the ring of markers [m].
         angles: (m,) at which they rest [rad].
+        rings: (r,) heights of the rings of markers [m]; the first is 0.
 
     Raises:
         InputError: a radius or angles that are none, a camera in the ring's plane.
@@ -164,9 +168,13 @@ class RingView(Value):
     pose: Pose
     radius: float
     angles: Float[np.ndarray, " m"]
+    rings: Float[np.ndarray, " r"]
 
-    def __init__(self, camera: Fisheye, pose: Pose, radius: float, angles: Float[np.ndarray, " m"]) -> None:
-        for name, value in {"camera": camera, "pose": pose, "radius": float(radius), "angles": frozen(angles)}.items():
+    def __init__(
+        self, camera: Fisheye, pose: Pose, radius: float, angles: Float[np.ndarray, " m"], rings: ArrayLike = (0.0,)
+    ) -> None:
+        given = {"camera": camera, "pose": pose, "radius": float(radius), "angles": frozen(angles)}
+        for name, value in (given | {"rings": frozen(np.asarray(rings, dtype=np.float64))}).items():
             object.__setattr__(self, name, value)
         if not (np.isfinite(radius) and radius > 0):
             raise InputError(f"radius = {radius} m is no radius of a ring.")
@@ -174,6 +182,10 @@ class RingView(Value):
             raise InputError("angles must be three or more finite numbers [rad], one a marker.")
         if pose.translation.shape != (3,) or not abs(pose.translation[2]) > 1e-6:
             raise InputError("the camera must be one, and outside the plane of the ring.")
+        if self.rings.ndim != 1 or not len(self.rings) or self.rings[0] != 0.0 or len(self.angles) % len(self.rings):
+            raise InputError("rings must be heights of which the first is 0, of as many markers each.")
+        if not (self.rings < abs(pose.translation[2])).all():
+            raise InputError("every ring must be in front of the camera.")
 
     @cached_property
     def rest(self) -> Float[np.ndarray, "m 2"]:
@@ -181,15 +193,32 @@ class RingView(Value):
         return frozen(self.radius * np.stack([np.cos(self.angles), np.sin(self.angles)], axis=-1))
 
     @cached_property
+    def ring(self) -> Int[np.ndarray, " m"]:
+        """The ring of each marker, a number into `rings`."""
+        return np.repeat(np.arange(len(self.rings)), len(self.angles) // len(self.rings))
+
+    @cached_property
+    def heights(self) -> Float[np.ndarray, " m"]:
+        """Of each marker at rest [m]."""
+        return frozen(self.rings[self.ring])
+
+    @cached_property
     def _back(self) -> Pose:
         return self.pose.inverse()
 
-    def to_plane(self, pixels: Float[np.ndarray, "*batch 2"]) -> Float[np.ndarray, "*batch 2"]:
-        """Points [m] of the plane z = 0 that are seen at pixels; NaN where a ray does not meet it."""
+    def to_plane(
+        self, pixels: Float[np.ndarray, "*batch 2"], heights: Float[np.ndarray, " k"] = _GROUND
+    ) -> Float[np.ndarray, "*batch 2"]:
+        """Points [m] that are seen at pixels, of the plane z = 0; NaN where a ray does not meet it.
+
+        Args:
+            pixels: any number.
+            heights: of the planes [m], for one pixel after the other, over and over: `heights` of all markers' pixels.
+        """
         from palpate.sensors._fisheye import to_plane  # compiled: loaded when first needed
 
         flat, out = flat_pixels(pixels), np.empty((np.size(pixels) // 2, 2))
-        to_plane(flat, *self.numbers, STEPS, out)
+        to_plane(flat, *self.numbers, heights, STEPS, out)
         return out.reshape(np.shape(pixels))
 
     @cached_property
@@ -197,28 +226,31 @@ class RingView(Value):
         """The lens and where it is, as the compiled loop takes them."""
         return self.camera.numbers, np.concatenate([self.pose.rotation.reshape(-1), self.pose.translation])
 
-    def _length(self, ray: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 1"]:
-        """How far along a ray the plane is; NaN where it is behind."""
+    def _length(self, ray: Float[np.ndarray, "*batch 3"], height: ArrayLike) -> Float[np.ndarray, "*batch 1"]:
+        """How far along a ray the plane z = height is; NaN where it is behind."""
         with np.errstate(divide="ignore", invalid="ignore"):
-            length = -self.pose.translation[2] / ray[..., 2]
+            length = (height - self.pose.translation[2]) / ray[..., 2]
             return np.where(length > 0, length, np.nan)[..., None]
 
     def to_plane_with_slope(
-        self, pixels: Float[np.ndarray, "*batch 2"]
+        self, pixels: Float[np.ndarray, "*batch 2"], height: ArrayLike = 0.0
     ) -> tuple[Float[np.ndarray, "*batch 2"], Float[np.ndarray, "*batch 2 2"]]:
-        """Points of the plane [m], and their derivative by the pixel [m/px]."""
+        """Points of the plane z = height [m], and their derivative by the pixel [m/px]."""
         rays, slope = self.camera.rays_with_slope(pixels)
         ray, turn = self.pose.rotate(rays), self.pose.rotation @ slope
         with np.errstate(divide="ignore", invalid="ignore"):
             ratio = ray[..., :2] / ray[..., 2:]
         matrix = turn[..., :2, :] - ratio[..., None] * turn[..., 2:, :]
-        length = self._length(ray)
+        length = self._length(ray, height)
         return self.pose.translation[:2] + length * ray[..., :2], length[..., None] * matrix
 
-    def from_plane(self, points: Float[np.ndarray, "*batch 2"], height: float = 0.0) -> Float[np.ndarray, "*batch 2"]:
+    def from_plane(
+        self, points: Float[np.ndarray, "*batch 2"], height: ArrayLike = 0.0
+    ) -> Float[np.ndarray, "*batch 2"]:
         """Pixels of points (x, y) [m] at z = `height` [m] of the ring's frame."""
         points = np.asarray(points, dtype=np.float64)
-        whole = np.concatenate([points, np.full((*points.shape[:-1], 1), height)], axis=-1)
+        high = np.broadcast_to(np.asarray(height)[..., None], (*points.shape[:-1], 1))
+        whole = np.concatenate([points, high], axis=-1)
         return self.camera.project(self._back.apply(whole))
 
 

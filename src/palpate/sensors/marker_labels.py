@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-__all__ = ["USUAL_LIMITS", "LabelLimits", "label_ring"]
+__all__ = ["USUAL_LIMITS", "LabelLimits", "label_ring", "owed"]
 
 
 @dataclass(frozen=True)
@@ -52,6 +52,7 @@ def label_ring(
     rest_areas: Float[np.ndarray, " m"],
     *,
     expected: Float[np.ndarray, "m 2"] | None = None,
+    price: Float[np.ndarray, " k"] | None = None,
     limits: LabelLimits = USUAL_LIMITS,
 ) -> Int[np.ndarray, " m"]:
     """The blob of every marker, -1 where it is missing.
@@ -66,6 +67,7 @@ def label_ring(
         rest: places at rest [m], by rising angle.
         rest_areas: at rest.
         expected: places where the markers are thought to be [m]; NaN where nothing is known.
+        price: of each blob, as costs are counted; None: none has one.
         limits: see there.
     """
     from palpate.sensors._markers import label_path  # here: compiled loops load when first needed
@@ -81,11 +83,32 @@ def label_ring(
         off = np.sum((blobs[blob] - expected[marker]) ** 2, axis=-1) / limits.jump**2
         extra = np.minimum(np.nan_to_num(off), _CAP)
     own = 0.5 * (((size - usual) / _SIZE) ** 2 + extra)
+    if price is not None:
+        own += price[blob]
     first = np.searchsorted(marker, np.arange(len(rest) + 1))
     settings = np.array([limits.missing, 2 * limits.steady, 0.35, _LONGEST])
     label_path(first, moved, own, settings, labels)
     _settle(labels, np.column_stack([moved, size]), first, extra, _Neighbours(rest, limits))
     return np.where(labels >= 0, blob[labels], -1)
+
+
+def owed(
+    blobs: Float[np.ndarray, "k 2"],
+    areas: Float[np.ndarray, " k"],
+    rest: Float[np.ndarray, "m 2"],
+    rest_areas: Float[np.ndarray, " m"],
+    limits: LabelLimits = USUAL_LIMITS,
+) -> Float[np.ndarray, " k"]:
+    """What it costs to take blobs from this ring for one that stands before it, as `label_ring`'s `price`.
+
+    A marker of the ring before it, pressed in, may stand where one of this ring rests; the skin does not fold, so that
+    this ring's own is the innermost of all that may be it, and without that one it has none.
+    """
+    marker, blob, moved = _candidates(blobs, areas, rest, rest_areas, limits)
+    cost, inmost = np.zeros(len(blobs)), np.full(len(rest), np.inf)
+    np.minimum.at(inmost, marker, moved[:, 0])
+    cost[blob[moved[:, 0] == inmost[marker]]] = limits.missing
+    return cost
 
 
 def _candidates(

@@ -23,10 +23,11 @@ class RingBody:
     """What is known of a unit before it is calibrated.
 
     Attributes:
-        radius: [m] of the outer surface at the markers. thickness: [m] of the skin. markers: how many.
+        radius: [m] of the outer surface at the markers. thickness: [m] of the skin. markers: how many, in each ring.
         camera: lens; None: of an equidistant lens, whose focal length is fitted.
         height: [m] of the camera above the markers, roughly.
         colour: of the markers; None: found.
+        rings: [m] heights of the rings of markers, towards the camera; the first is 0: the one that radius is of.
     """
 
     radius: float
@@ -35,6 +36,7 @@ class RingBody:
     camera: Fisheye | None = None
     height: float = 0.04
     colour: MarkerColour | None = None
+    rings: tuple[float, ...] = (0.0,)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -63,6 +65,8 @@ class MarkerRing(Value):
 
     def __post_init__(self) -> None:
         count = len(self.view.angles)
+        if self.response.rings != len(self.view.rings):
+            raise ValueError(f"the response is of {self.response.rings} rings, the view of {len(self.view.rings)}")
         object.__setattr__(self, "rest", frozen(self.rest, tail=(2,), name="rest"))
         object.__setattr__(self, "area", frozen(self.area, name="area"))
         if self.rest.shape != (count, 2) or self.area.shape != (count,):
@@ -78,14 +82,15 @@ class MarkerRing(Value):
         from palpate.sensors._fisheye import displaced  # compiled: loaded when first needed
 
         flat, out = flat_pixels(pixels), np.empty(np.shape(pixels))
-        lens, pose, resting, axes = self.numbers
-        displaced(flat, lens, pose, STEPS, resting, axes, out.reshape(-1, 2))
+        lens, pose, heights, resting, axes = self.numbers
+        displaced(flat, lens, pose, heights, STEPS, resting, axes, out.reshape(-1, 2))
         return out
 
     @cached_property
     def numbers(self) -> tuple[np.ndarray, ...]:
-        """Lens and place of the camera, where markers rest in the ring's plane [m], and `axes`: for compiled loops."""
-        return *self.view.numbers, self.view.to_plane(self.rest), np.ascontiguousarray(self.axes())
+        """Lens and place of the camera; heights of the markers, where they rest in their planes [m], and `axes`."""
+        resting = self.view.to_plane(self.rest, self.view.heights)
+        return *self.view.numbers, self.view.heights, resting, np.ascontiguousarray(self.axes())
 
     def axes(self) -> Float[np.ndarray, "m 2 2"]:
         """Directions outwards and along rising angles at each marker, in the ring's plane: the columns."""
@@ -94,7 +99,7 @@ class MarkerRing(Value):
 
     def noise(self) -> Float[np.ndarray, "m 2"]:
         """[m] deviation of each displacement that `jitter` makes."""
-        along = np.swapaxes(self.axes(), -1, -2) @ self.view.to_plane_with_slope(self.rest)[1]
+        along = np.swapaxes(self.axes(), -1, -2) @ self.view.to_plane_with_slope(self.rest, self.view.heights)[1]
         return self.jitter * np.linalg.norm(along, axis=-1)
 
     def __repr__(self) -> str:

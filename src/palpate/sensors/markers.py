@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float, Int, UInt8
 
 from palpate.errors import InputError, not_loaded
 from palpate.sensors.fisheye import RingView
-from palpate.sensors.marker_labels import USUAL_LIMITS, LabelLimits, label_ring
+from palpate.sensors.marker_labels import USUAL_LIMITS, LabelLimits, label_ring, owed
 from palpate.spatial._arrays import Value, frozen, require_out
 
 __all__ = ["Blobs", "Frame", "MarkerColour", "MarkerTracker", "find_blobs", "find_colour", "opencv"]
@@ -254,6 +254,17 @@ def _no_blobs() -> Blobs:
     return Blobs(np.zeros((0, 2)), np.zeros(0), np.zeros((0, 2, 2)), np.zeros(0), np.zeros(0))
 
 
+def _pairs(ring: Int[np.ndarray, " m"], gaps: Float[np.ndarray, "m m"]) -> Int[np.ndarray, "p 2"]:
+    """Markers whose windows might show the same blob: neighbours in a ring, and the nearest of other rings."""
+    m, each = len(ring), np.count_nonzero(ring == 0)
+    first = np.arange(m)
+    pairs = np.stack([first, ring * each + (first + 1) % each], axis=1)
+    if m > each:
+        nearest = np.where(ring[:, None] == ring, np.inf, gaps).argmin(axis=1)
+        pairs = np.concatenate([pairs, np.stack([first, nearest], axis=1)])
+    return pairs
+
+
 class MarkerTracker:
     """The markers of a ring, frame by frame: windows about where they are expected, else the whole frame.
 
@@ -295,15 +306,17 @@ class MarkerTracker:
         self._spreads = self._areas * _DISC if spreads is None else frozen(spreads)
         if not len(self._rest) == len(self._areas) == len(self._spreads) == m:
             raise InputError(f"{m} markers need as many pixels, areas and spreads.")
-        self._weights, self._plane = colour.weights, view.to_plane(self._rest)
+        self._weights, self._plane = colour.weights, view.to_plane(self._rest, view.heights)
         gaps = np.linalg.norm(self._rest[:, None] - self._rest[None], axis=-1) + np.diag(np.full(m, np.inf))
         self._gap = gaps.min(axis=1)
         radius = 1.6 * np.sqrt(self._spreads) + 1.5
         reach = np.clip(0.45 * (self._gap - radius), 4.0, 10.0)
         self._halves = np.ceil(radius + reach).astype(np.int64)
-        self._alone = self._gap > self._halves + radius  # no neighbour reaches into its window
+        self._alone = self._gap > self._halves + radius  # no neighbour reaches into its window:
+        self._alone &= len(view.rings) == 1  # of another ring one may, where the skin is pressed
         size_rest = np.stack([self._areas, self._spreads], axis=-1)
-        self._known, self._out = (self._halves, size_rest, self._alone, self._gap), np.zeros((m, 7))
+        self._known = self._halves, size_rest, self._alone, self._gap, _pairs(view.ring, gaps)
+        self._out = np.zeros((m, 7))
         camera = view.camera
         self._sample = np.zeros((len(range(_EVERY // 2, camera.height, _EVERY)), 3 * camera.width), dtype=np.uint8)
         self.reset()
@@ -353,11 +366,13 @@ class MarkerTracker:
 
     def _guess(self) -> None:
         """What is missing is expected where its neighbours' displacement puts it."""
-        there, gone = np.flatnonzero(self._seen), ~self._seen
-        moved = self._last[there] - self._rest[there]
-        for axis in range(2):
-            said = np.interp(np.flatnonzero(gone), there, moved[:, axis], period=len(self._seen))
-            self._expected[gone, axis] = self._rest[gone, axis] + said
+        for ring in range(len(self.view.rings)):
+            own = self.view.ring == ring
+            there, gone = np.flatnonzero(own & self._seen), np.flatnonzero(own & ~self._seen)
+            moved = self._last[there] - self._rest[there]
+            for axis in range(2):
+                said = np.interp(gone, there, moved[:, axis], period=np.count_nonzero(own)) if len(there) else 0.0
+                self._expected[gone, axis] = self._rest[gone, axis] + said
 
     def _ahead(self) -> Float[np.ndarray, "m 2"]:
         """Where the markers are if they go on as they went."""
@@ -387,9 +402,8 @@ class MarkerTracker:
         blobs = find_blobs(image, self.colour)
         blobs = blobs[~blobs.cut & np.isfinite(self.view.to_plane(blobs.pixels)).all(axis=-1)]
         known = (self._age < _AWAY)[:, None]
-        expected = np.where(known, self.view.to_plane(self._ahead()), np.nan)
-        places = self.view.to_plane(blobs.pixels)
-        labels = label_ring(places, blobs.areas, self._plane, self._areas, expected=expected, limits=self.limits)
+        expected = np.where(known, self.view.to_plane(self._ahead(), self.view.heights), np.nan)
+        labels = self._labels(blobs, expected)
         found = labels >= 0
         if not found.any():
             return found
@@ -400,6 +414,26 @@ class MarkerTracker:
         found &= self._confirmed(got, found)
         self._take(got, found)
         return found
+
+    def _labels(self, blobs: Blobs, expected: Float[np.ndarray, "m 2"]) -> Int[np.ndarray, " m"]:
+        """Ring by ring, from the one nearest to the camera on."""
+        labels, free = np.full(len(self._areas), -1), np.arange(len(blobs))
+        order: list[int] = np.argsort(-self.view.rings).tolist()
+        for ring, behind in zip(order, [*order[1:], None], strict=True):
+            own, left = self.view.ring == ring, blobs[free]
+            price = None if behind is None else owed(*self._before(left, behind), self.limits)
+            before = self._before(left, ring)
+            found = label_ring(*before, expected=expected[own], price=price, limits=self.limits)
+            if len(free):
+                labels[own] = np.where(found >= 0, free[found], -1)
+            free = np.setdiff1d(free, labels)
+        return labels
+
+    def _before(self, blobs: Blobs, ring: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Places and areas of blobs, taken for a ring's, and of its markers at rest."""
+        own = self.view.ring == ring
+        places = self.view.to_plane(blobs.pixels, self.view.rings[ring : ring + 1])
+        return places, blobs.areas, self._plane[own], self._areas[own]
 
     def _confirmed(self, got: Float[np.ndarray, "m 7"], found: Bool[np.ndarray, " m"]) -> Bool[np.ndarray, " m"]:
         """What was missing must stand in the same place twice: a stray blob rarely does."""

@@ -36,32 +36,34 @@ class RingResponse(Value):
     F is the radial force, z the contact's width: the depth of a newton, (depth / F - mean) / deviation, which is
     larger for a narrow tip than for a plate, and t = shear / F. In an elastic skin u is linear in the pressure, and
     the pressure of a contact is F times a shape of one number, so that several contacts add up. phi enters beside
-    delta because no skin is equally thick all round.
+    delta because no skin is equally thick all round. Every ring of markers has functions of its own.
 
     Attributes:
-        coefficients: (b, 2, 2 K + 1, 2 M + 1) [m/N] of v0, v1, v2 and, where shear was calibrated, s; outwards and
-            along rising angles; in `ring_basis` of delta and of phi.
+        coefficients: (b, 2 r, 2 K + 1, 2 M + 1) [m/N] of v0, v1, v2 and, where shear was calibrated, s; outwards and
+            along rising angles, ring by ring; in `ring_basis` of delta and of phi.
         width: (2,) [m/N] mean and deviation of depth / F in the calibration.
-        misfit: (2, B) [m/N] rms of what the model leaves, outwards and along, of markers in B equal parts of a turn
-            from the contact on.
+        misfit: (2 r, B) [m/N] rms of what the model leaves, outwards and along, ring by ring, of markers in B equal
+            parts of a turn from the contact on.
         spread: (2,) [rad], share of the force: deviations of angle and of force that hold on touches left out of the
             fit, beside what the noise of the pixels explains.
         largest: (2,) [m], [N] depth and force up to which it was calibrated.
     """
 
-    coefficients: Float[np.ndarray, "b 2 k m"]
+    coefficients: Float[np.ndarray, "b e k m"]
     width: Float[np.ndarray, "2"]
-    misfit: Float[np.ndarray, "2 parts"]
+    misfit: Float[np.ndarray, "e parts"]
     spread: Float[np.ndarray, "2"]
     largest: Float[np.ndarray, "2"]
 
     def __post_init__(self) -> None:
         shape = self.coefficients.shape
-        if shape[0] not in (3, 4) or shape[2] % 2 == 0 or shape[3] % 2 == 0:
-            raise ValueError(f"coefficients must be 3 or 4 x 2 x odd x odd, not {shape}")
+        if shape[0] not in (3, 4) or shape[1] % 2 or shape[2] % 2 == 0 or shape[3] % 2 == 0:
+            raise ValueError(f"coefficients must be 3 or 4 x 2 for each ring x odd x odd, not {shape}")
+        if len(self.misfit) != shape[1]:
+            raise ValueError(f"misfit must have {shape[1]} rows, as coefficients have, not {len(self.misfit)}")
         if not (self.width > 0).all() or not (self.misfit >= 0).all() or not (self.spread >= 0).all():
             raise ValueError("width must be positive, misfit and spread not negative")
-        tails = {"coefficients": (2, *shape[2:]), "width": (2,), "misfit": (), "spread": (2,), "largest": (2,)}
+        tails = {"coefficients": shape[1:], "width": (2,), "misfit": (), "spread": (2,), "largest": (2,)}
         for name, tail in tails.items():
             object.__setattr__(self, name, frozen(getattr(self, name), tail=tail, name=name))
 
@@ -71,21 +73,41 @@ class RingResponse(Value):
         return len(self.coefficients) == 4
 
     @property
+    def rings(self) -> int:
+        """How many rings of markers."""
+        return self.coefficients.shape[1] // 2
+
+    @property
     def orders(self) -> tuple[int, int]:
         """K and M."""
         return self.coefficients.shape[2] // 2, self.coefficients.shape[3] // 2
 
-    def at(self, delta: Float[np.ndarray, " n"], phi: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 2 b"]:
-        """v0, v1, v2 and s of markers at delta [rad] from contacts at phi [rad]."""
+    def at(self, delta: Float[np.ndarray, " n"], phi: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n e b"]:
+        """v0, v1, v2 and s of markers at delta [rad] from contacts at phi [rad], ring by ring."""
         of_delta, of_phi = (ring_basis(angle, order) for angle, order in zip((delta, phi), self.orders, strict=True))
         return np.einsum("bckm,nk,nm->ncb", self.coefficients, of_delta, of_phi, optimize=True)
+
+    def skin(self, outer: float, inner: float) -> Float[np.ndarray, "3 k m"]:
+        """What a contact moves the outer skin by along rising angles, per newton: v0, v1 and v2 of it [m/N].
+
+        As `coefficients`. The markers are on the inner side; across the wall the skin keeps straight and upright
+        [Kirchhoff and Love]: u_outer = u (1 + t / r) - t / r dw / dtheta, w the markers' movement outwards, t the
+        thickness, r the inner radius. Of the first ring.
+
+        Args:
+            outer: radius [m] of the skin's outer surface.
+            inner: radius [m] of the markers.
+        """
+        share = (outer - inner) / inner
+        tilt = np.einsum("jk,bkm->bjm", _slope(self.orders[0]), self.coefficients[:3, 0])
+        return np.ascontiguousarray((1.0 + share) * self.coefficients[:3, 1] - share * tilt)
 
     def tables(
         self, markers: Float[np.ndarray, " m"], count: int
     ) -> tuple[Float[np.ndarray, "a n b"], Float[np.ndarray, "a n b"]]:
         """Of markers at angles [rad], for contacts at `count` angles all round: `at` and its derivative by phi.
 
-        Marker by marker, outwards and along: n = 2 m.
+        Markers ring by ring, as many in each; marker by marker, outwards and along: n = 2 m.
         """
         phi = 2.0 * np.pi * np.arange(count) / count
         orders = self.orders
@@ -95,7 +117,8 @@ class RingResponse(Value):
         by_phi = of_phi @ _slope(orders[1])
 
         def at(one: np.ndarray, other: np.ndarray) -> np.ndarray:
-            found = np.einsum("bckm,aik,am->aicb", self.coefficients, one, other, optimize=True)
-            return np.ascontiguousarray(found.reshape(count, 2 * len(markers), -1))
+            each = zip(np.split(self.coefficients, self.rings, axis=1), np.split(one, self.rings, axis=1), strict=True)
+            found = [np.einsum("bckm,aik,am->aicb", own, near, other, optimize=True) for own, near in each]
+            return np.ascontiguousarray(np.concatenate(found, axis=1).reshape(count, 2 * len(markers), -1))
 
         return at(of_delta, of_phi), at(of_delta, by_phi) - at(by_delta, of_phi)

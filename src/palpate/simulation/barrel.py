@@ -35,7 +35,8 @@ class BarrelSettings:
         around: bricks around the ring, a multiple of 4.
         rows: [m] edges of the bricks from the equator to the clamped end.
         band: [m] height above the equator up to which bodies can touch; one of `rows`.
-        markers: how many, evenly spaced from angle 0.
+        markers: how many in each ring, evenly spaced from angle 0.
+        rings: [m] heights of the rings of markers above the equator, ring by ring; below `rows`' clamped end.
         marker_radius: [m] of a marker.
         outline: points on a marker's outline.
         seed: of the uneven thickness.
@@ -51,6 +52,7 @@ class BarrelSettings:
     rows: tuple[float, ...] = FULL_ROWS
     band: float = 0.016
     markers: int = 24
+    rings: tuple[float, ...] = (0.0,)
     marker_radius: float = 0.0015
     outline: int = 12
     seed: int = 0
@@ -115,13 +117,15 @@ class Barrel:
         levels = np.unique(np.round(body.place[:, 2], 9))
         rows = int(np.searchsorted(levels, settings.band + 1e-9))
         skin = body.node[:, :rows, 2]
-        inner = body.node[:, :3, 0]
+        rest, theta = _marker_points(settings)
+        tall = 1 + 2 * int(np.searchsorted(settings.rows, float(np.abs(rest[..., 2]).max())))
+        inner = body.node[:, :tall, 0]
         loaded = (3 * skin.ravel()[:, None] + np.arange(2)).ravel()
         answered = (3 * inner.ravel()[:, None] + np.arange(3)).ravel()
         both = compliance(body, np.concatenate([loaded, answered]), loaded)
         square = both[: len(loaded)]
         band = Band(settings.outer, body.place[skin][:, :, 2][0], (square + square.T) / 2.0)
-        rest, weights = _marker_points(settings, levels[2])
+        weights = _inner_weights(theta, rest[..., 2], 2 * settings.around, levels[:tall])
         held = both[len(loaded) :].reshape(inner.size, 3, -1)
         answer = np.einsum("qi,iaf->qaf", weights, held)
         answer[rest.reshape(-1, 3)[:, 2] < 0.0, 2] *= -1.0  # below the equator: the mirror image
@@ -158,21 +162,33 @@ class Barrel:
         return Pressed(found.angle, found.force, found.shear, depth, moved[:, 0], moved[:, 1:])
 
 
-def _marker_points(settings: BarrelSettings, top: float) -> tuple[np.ndarray, np.ndarray]:
-    """Centres and outlines of the markers at rest (m, q, 3), and weights (m q, nodes) of the inner nodes in them."""
+def _marker_points(settings: BarrelSettings) -> tuple[np.ndarray, np.ndarray]:
+    """Centres and outlines of the markers at rest (m, q, 3), ring by ring, and their angles (m, q)."""
     around = 2.0 * np.pi * np.arange(settings.outline) / settings.outline
-    turn = 2.0 * np.pi * np.arange(settings.markers) / settings.markers
-    radius = settings.radius - settings.thickness_at(turn)
+    turn = np.tile(2.0 * np.pi * np.arange(settings.markers) / settings.markers, len(settings.rings))
+    height = np.repeat(settings.rings, settings.markers)
+    radius = settings.outer(height) - settings.thickness_at(turn)
     across = np.concatenate([[0.0], np.cos(around)]) * settings.marker_radius
     theta = turn[:, None] + across / radius[:, None]
-    z = np.broadcast_to(np.concatenate([[0.0], np.sin(around)]) * settings.marker_radius, theta.shape)
+    z = height[:, None] + np.concatenate([[0.0], np.sin(around)]) * settings.marker_radius
     radius = settings.outer(z) - settings.thickness_at(theta)
-    rest = np.stack([radius * np.cos(theta), radius * np.sin(theta), z], axis=-1)
-    columns, share = _columns(theta.ravel(), 2 * settings.around)
-    height = _quadratic(2.0 * np.abs(z).ravel() / top)
-    weights = np.zeros((theta.size, 2 * settings.around, 3))
-    np.put_along_axis(weights, columns[:, :, None].repeat(3, 2), share[:, :, None] * height[:, None, :], axis=1)
-    return rest, weights.reshape(theta.size, -1)
+    return np.stack([radius * np.cos(theta), radius * np.sin(theta), z], axis=-1), theta
+
+
+def _inner_weights(
+    theta: Float[np.ndarray, "m q"], z: Float[np.ndarray, "m q"], columns: int, levels: Float[np.ndarray, " r"]
+) -> Float[np.ndarray, "p n"]:
+    """Weights (m q, nodes) of the inner nodes, column by column at their levels [m], in points of the inner side."""
+    column, share = _columns(theta.ravel(), columns)
+    up = np.abs(z).ravel()
+    brick = np.clip(np.searchsorted(levels[::2], up, side="right") - 1, 0, len(levels) // 2 - 1)
+    row = 2 * brick[:, None] + np.arange(3)
+    low, high = levels[row[:, 0]], levels[row[:, 2]]
+    height = _quadratic(2.0 * (up - low) / (high - low))
+    weights = np.zeros((len(up), columns, len(levels)))
+    at = np.arange(len(up))[:, None, None]
+    weights[at, column[:, :, None], row[:, None, :]] = share[:, :, None] * height[:, None, :]
+    return weights.reshape(len(up), -1)
 
 
 def _quadratic(at: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:

@@ -24,6 +24,7 @@ DRAG = 0.002  # m
 RAMP = 0.2  # s from the first touch to the full depth
 APART = np.radians(30.0)  # between touches at once
 SPEED = (0.01, 0.1)  # m/s
+RINGS = (0.0, 0.01, -0.01)  # m, heights of rings of markers
 STILL = 1e-5  # m a frame: less is not smeared
 
 
@@ -37,10 +38,17 @@ class RingUnit:
     seed: int
 
     @staticmethod
-    def drawn(seed: int, *, coarse: bool = False, look: Look | None = None) -> RingUnit:
-        """A unit as they leave the mould: wall, silicone and camera differ a little from the next."""
+    def drawn(seed: int, *, coarse: bool = False, look: Look | None = None, rings: int = 1) -> RingUnit:
+        """A unit as they leave the mould: wall, silicone and camera differ a little from the next.
+
+        Args:
+            seed: of what differs.
+            coarse: fewer bricks.
+            look: of the scene; None: the usual one.
+            rings: of markers, 1 to 3, 10 mm apart.
+        """
         rng = np.random.default_rng([seed, 14])
-        settings = BarrelSettings(seed=seed)
+        settings = BarrelSettings(seed=seed, rings=RINGS[:rings])
         if coarse:
             settings = replace(settings, around=48, rows=COARSE_ROWS)
         wall, stiff = 1.0 + 0.03 * rng.standard_normal(), 1.0 + 0.05 * rng.standard_normal()

@@ -22,7 +22,7 @@ RIG = """# A ring of markers inside a barrel of silicone, seen by a fisheye came
 [marker_ring]
 radius = {radius}          # of the barrel outside, where the ring is
 thickness = {thickness}        # of its wall
-markers = {markers}
+markers = {markers}{rings}
 camera = "camera.toml"     # of the lens alone; how it stands in the barrel is found in calibration
 """
 CAMERA = """# Kannala and Brandt's model as OpenCV's fisheye has it, in pixels; as a calibration by a board gives it.
@@ -87,7 +87,10 @@ def _units(session: RingSession) -> np.ndarray:
 def _write_unit(unit: RingUnit, folder: Path) -> None:
     """The rig by the drawing, and the lens; nothing of what only a simulation knows."""
     folder.mkdir(parents=True, exist_ok=True)
-    rig = RIG.format(radius=unit.barrel.radius, thickness=type(unit.barrel).thickness, markers=unit.barrel.markers)
+    barrel = unit.barrel
+    rings = f"               # in each ring\nrings = {list(barrel.rings)}   # their heights, towards the camera"
+    more = rings if len(barrel.rings) > 1 else ""
+    rig = RIG.format(radius=barrel.radius, thickness=type(barrel).thickness, markers=barrel.markers, rings=more)
     (folder / "rig.toml").write_text(rig, encoding="utf-8")
     camera: RingCamera = unit.camera
     (folder / "camera.toml").write_text(CAMERA.format(**vars(camera)), encoding="utf-8")

@@ -75,10 +75,11 @@ class RingLayer:
     def places(self) -> Float[np.ndarray, "k 3"]:
         """(m, 3) [m] of the skin's outside at the markers."""
         angles = self._ring.view.angles
-        return self._ring.radius * np.stack([np.cos(angles), np.sin(angles), np.zeros(len(angles))], axis=1)
+        place = [self._ring.radius * np.cos(angles), self._ring.radius * np.sin(angles), self._ring.view.heights]
+        return np.stack(place, axis=1)
 
     def draw(self, server: ViserServer | ClientHandle, scene: Scene) -> None:
-        """Markers as points in the plane of the ring."""
+        """Markers as points in the planes of their rings."""
         self._scene = scene
         colours = np.tile(np.array(_COLOUR, np.uint8), (len(self._ring), 1))
         points = self._points(self._ring.rest)
@@ -122,8 +123,9 @@ class RingLayer:
 
     def _points(self, pixels: Float[np.ndarray, "m 2"]) -> Float32[np.ndarray, "m 3"]:
         """In the scene's units; a marker that is not seen stands where it rests."""
-        plane = self._ring.view.to_plane(np.where(np.isfinite(pixels), pixels, self._ring.rest))
-        return self._scene.placed(np.concatenate([plane, np.zeros((len(plane), 1))], axis=1)).astype(np.float32)
+        view = self._ring.view
+        plane = view.to_plane(np.where(np.isfinite(pixels), pixels, self._ring.rest), view.heights)
+        return self._scene.placed(np.concatenate([plane, view.heights[:, None]], axis=1)).astype(np.float32)
 
     def _picture(self, sample: int) -> UInt8[np.ndarray, "h w 3"]:
         if self._fed is not None:

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
 from palpate.calibration.marker_ring.response import RingPresses, fit_response
-from palpate.calibration.ring_camera import fit_ring_view
+from palpate.calibration.ring_camera import fit_rings
 from palpate.errors import InputError
 from palpate.sensors.fisheye import RingView
 from palpate.sensors.marker_ring import MarkerRing, RingBody
@@ -116,19 +116,20 @@ class _Rest:
                 hint="Let the log begin with a second in which nothing touches the ring.",
             )
         still = np.concatenate(self.frames)[: min(count, _LOOKED)]
-        self.colour = self.body.colour or _colour(still, self.body.markers)
+        count = self.body.markers * len(self.body.rings)
+        self.colour = self.body.colour or _colour(still, count)
         seen = [find_blobs(frame, self.colour) for frame in still]
-        first = next((blobs for blobs in seen if len(blobs) == self.body.markers), None)
+        first = next((blobs for blobs in seen if len(blobs) == count), None)
         if first is None:
             raise InputError(
-                f"{len(seen[0])} markers are found in the first frame, and the rig says {self.body.markers}.",
+                f"{len(seen[0])} markers are found in the first frame, and the rig says {count}.",
                 where="marker_ring.markers",
             )
         size = (still.shape[2], still.shape[1])
         inner = self.body.radius - self.body.thickness
-        fitted = fit_ring_view(first.pixels, inner, camera=self.body.camera, height=self.body.height, size=size)
-        self.view = fitted.view
-        self.rest, self.area = _usual(seen, first.pixels[fitted.order])
+        camera = {"camera": self.body.camera, "height": self.body.height, "size": size}
+        self.view, order = fit_rings(first.pixels, inner, self.body.rings, **camera)
+        self.rest, self.area = _usual(seen, first.pixels[order])
         return MarkerTracker(self.view, self.colour, self.rest, self.area)
 
 
@@ -185,7 +186,8 @@ def _model(
     if not rows.any():
         raise InputError("no frame is pressed with a known angle, depth and force, and shows the markers.")
     body = looking.body
-    nothing = RingResponse(np.zeros((3, 2, 1, 1)), np.ones(2), np.zeros((2, 1)), np.zeros(2), np.zeros(2))
+    each = 2 * len(view.rings)
+    nothing = RingResponse(np.zeros((3, each, 1, 1)), np.ones(2), np.zeros((each, 1)), np.zeros(2), np.zeros(2))
     plain = MarkerRing(body.radius, view, colour, rest, looking.area, max(jitter, 1e-3), nothing)
     turned = _turned(plain, pixels[rows], truth.angle[rows])
     presses = RingPresses(
@@ -196,6 +198,7 @@ def _model(
         turned.displacements(pixels[rows]),
         turned.view.angles,
         turned.noise(),
+        len(view.rings),
     )
     response = fit_response(presses, before)
     used = f"{np.count_nonzero(rows)} of {np.count_nonzero(truth.pressed)} pressed frames were used"
@@ -213,7 +216,9 @@ def _turned(ring: MarkerRing, pixels: np.ndarray, angle: np.ndarray) -> MarkerRi
         raise InputError("the angles of the truth are not those at which the markers move.", where="truth", hint=hint)
     c, s = np.cos(offset), np.sin(offset)
     turn = Pose(np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]), np.zeros(3))
-    view = RingView(ring.view.camera, turn @ ring.view.pose, ring.view.radius, ring.view.angles + offset)
+    view = RingView(
+        ring.view.camera, turn @ ring.view.pose, ring.view.radius, ring.view.angles + offset, ring.view.rings
+    )
     return MarkerRing(ring.radius, view, ring.colour, ring.rest, ring.area, ring.jitter, ring.response)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -17,8 +18,8 @@ ORDERS = (16, 2)  # of the angle between marker and contact, and of the contact'
 PARTS = 48  # of a turn, in which misfits are told
 _BLOCK = 256  # presses at once
 _LEAST = 8  # presses that a fit needs
-_UNEQUAL = 0.15  # share by which a skin's response usually differs from angle to angle
-_NEW_UNIT = 0.25  # share by which another unit's response differs once its stiffness is taken off
+_NEW_SKIN = 1.0, 4.0, 0.03  # numbers of `_deviations` that the search for the likeliest begins with: of a new kind,
+_NEW_UNIT = 0.1, 4.0, 0.3  # and of another unit of a known kind, once its stiffness is taken off
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,7 +30,8 @@ class RingPresses:
         angle: (n,) [rad] of the centre of pressure. depth: (n,) [m]. force: (n,) [N] radial, positive inwards.
         shear: (n,) [N] along rising angles; NaN: not known.
         displacements: (n, m, 2) [m] outwards and along; NaN: not seen.
-        markers: (m,) [rad] at rest. noise: (m, 2) [m] deviation of a displacement.
+        markers: (m,) [rad] at rest, ring by ring, as many in each. noise: (m, 2) [m] deviation of a displacement.
+        rings: of markers.
     """
 
     angle: Float[np.ndarray, " n"]
@@ -39,6 +41,7 @@ class RingPresses:
     displacements: Float[np.ndarray, "n m 2"]
     markers: Float[np.ndarray, " m"]
     noise: Float[np.ndarray, "m 2"]
+    rings: int = 1
 
     def __len__(self) -> int:
         return len(self.angle)
@@ -48,13 +51,24 @@ class RingPresses:
         names = ("angle", "depth", "force", "shear", "displacements")
         return replace(self, **{name: getattr(self, name)[rows] for name in names})
 
+    def by_ring(self) -> list[RingPresses]:
+        """What each ring saw of them."""
+        if self.rings == 1:
+            return [self]
+        own = [np.split(each, self.rings) for each in (np.swapaxes(self.displacements, 0, 1), self.markers, self.noise)]
+        return [
+            replace(self, displacements=np.swapaxes(moved, 0, 1), markers=markers, noise=noise, rings=1)
+            for moved, markers, noise in zip(*own, strict=True)
+        ]
+
 
 def fit_response(presses: RingPresses, before: RingResponse | None = None) -> RingResponse:
     """The response that explains presses, with what it leaves unexplained on presses that were left out.
 
     A regression on v0, v1, v2 and s with a prior: smooth in the angle from the contact, nearly the same all round the
-    ring. With the response of another unit the prior is that one, times a stiffness of its own all round: tens of
-    presses then do.
+    ring; how smooth and how nearly, the presses say: a looser prior learns the pixels' noise, and two contacts near to
+    each other pay for that. With the response of another unit the prior is that one, times a stiffness of its own all
+    round: tens of presses then do.
 
     Args:
         presses: all round, of two widths at least; of shear, too, where it is known.
@@ -71,6 +85,8 @@ def fit_response(presses: RingPresses, before: RingResponse | None = None) -> Ri
 def _require_presses(presses: RingPresses, before: RingResponse | None) -> None:
     if len(presses) < _LEAST:
         raise InputError(f"{len(presses)} presses are too few: the fit needs {_LEAST} at least.", where="truth")
+    if before is not None and before.rings != presses.rings:
+        raise InputError(f"the other unit has {before.rings} rings of markers, this one {presses.rings}.")
     angles = np.sort(np.mod(presses.angle, 2.0 * np.pi))
     gap = np.degrees(np.diff(angles, append=angles[0] + 2.0 * np.pi).max())
     if gap > 60.0 + 60.0 * (before is not None):
@@ -87,12 +103,14 @@ def _fitted(presses: RingPresses, before: RingResponse | None) -> RingResponse:
         weight = presses.force**2
         mean = float(np.average(ratio, weights=weight))
         width = np.array([mean, max(float(np.sqrt(np.average((ratio - mean) ** 2, weights=weight))), 0.02 * mean)])
-        start = np.zeros((3 + sheared, 2, 2 * ORDERS[0] + 1, 2 * ORDERS[1] + 1))
+        start = np.zeros((3 + sheared, 2 * presses.rings, 2 * ORDERS[0] + 1, 2 * ORDERS[1] + 1))
     else:
         start, width = _rescaled(presses, before)
-    coefficients = _regression(presses, start, width, known=before is not None)
+    each = zip(presses.by_ring(), np.split(start, presses.rings, axis=1), strict=True)
+    found = [_regression(seen, own, width, known=before is not None) for seen, own in each]
+    coefficients = np.concatenate(found, axis=1)
     largest = np.array([presses.depth.max(), presses.force.max()])
-    return RingResponse(coefficients, width, np.zeros((2, PARTS)), np.zeros(2), largest)
+    return RingResponse(coefficients, width, np.zeros((2 * presses.rings, PARTS)), np.zeros(2), largest)
 
 
 def _terms(presses: RingPresses, width: np.ndarray, terms: int) -> Float[np.ndarray, "n b"]:
@@ -131,25 +149,30 @@ def _times(coefficients: np.ndarray, gain: np.ndarray, order: int) -> np.ndarray
 
 def _predicted(presses: RingPresses, coefficients: np.ndarray, terms: np.ndarray) -> Float[np.ndarray, "n m 2"]:
     orders = coefficients.shape[2] // 2, coefficients.shape[3] // 2
-    delta = presses.markers[None, :] - presses.angle[:, None]
-    return np.einsum(
-        "nb,bckm,nik,nm->nic",
-        terms,
-        coefficients,
-        ring_basis(delta, orders[0]),
-        ring_basis(presses.angle, orders[1]),
-        optimize=True,
-    )
+    of_phi, found = ring_basis(presses.angle, orders[1]), list[np.ndarray]()
+    for seen, own in zip(presses.by_ring(), np.split(coefficients, presses.rings, axis=1), strict=True):
+        of_delta = ring_basis(seen.markers[None, :] - seen.angle[:, None], orders[0])
+        found.append(np.einsum("nb,bckm,nik,nm->nic", terms, own, of_delta, of_phi, optimize=True))
+    return np.concatenate(found, axis=1)
 
 
 def _regression(presses: RingPresses, start: np.ndarray, width: np.ndarray, *, known: bool) -> np.ndarray:
-    """Ridge regression towards `start`, with the precision of `_precision`."""
-    terms = _terms(presses, width, len(start))
-    shape = start.shape
+    """Ridge regression of one ring's response towards `start`, with the prior that its evidence chooses."""
+    shape, usual = start.shape, float(np.sqrt(np.nanmean((presses.displacements / presses.force[:, None, None]) ** 2)))
+    normal, right = _sums(presses, start, width, usual)
+    scale = _most_likely(normal, right, shape, usual, _NEW_UNIT if known else _NEW_SKIN)
+    found: np.ndarray = np.linalg.solve(normal + np.diag(scale**-2.0), right)
+    return start + np.moveaxis(found.reshape(shape[0], shape[2], shape[3], 2), 3, 1)
+
+
+def _sums(
+    presses: RingPresses, start: np.ndarray, width: np.ndarray, usual: float
+) -> tuple[Float[np.ndarray, "size size"], Float[np.ndarray, "size 2"]]:
+    """The normal matrix and its right sides, outwards and along, of what `start` leaves."""
+    terms, shape = _terms(presses, width, len(start)), start.shape
     size = shape[0] * shape[2] * shape[3]
     normal, right = np.zeros((size, size)), np.zeros((size, 2))
     noise = float(np.sqrt(np.mean(presses.noise**2)))
-    usual = float(np.sqrt(np.nanmean((presses.displacements / presses.force[:, None, None]) ** 2)))
     left = presses.displacements - _predicted(presses, start, terms)
     for first in range(0, len(presses), _BLOCK):
         rows = slice(first, first + _BLOCK)
@@ -162,30 +185,68 @@ def _regression(presses: RingPresses, start: np.ndarray, width: np.ndarray, *, k
         flat = (design * scaled[:, :, None, None, None]).reshape(-1, size)
         normal += flat.T @ flat
         right += flat.T @ (np.where(seen[..., None], left[rows], 0.0) * scaled[..., None]).reshape(-1, 2)
-    precision = _precision(shape, usual, known=known)
-    found: np.ndarray = np.linalg.solve(normal + np.diag(precision), right)
-    return start + np.moveaxis(found.reshape(shape[0], shape[2], shape[3], 2), 3, 1)
+    return normal, right
 
 
-def _precision(shape: tuple[int, ...], usual: float, *, known: bool) -> Float[np.ndarray, " size"]:
-    """Of the prior: of coefficients beside those of the start, whose usual displacement per newton is given [m/N]."""
+def _most_likely(
+    normal: np.ndarray, right: np.ndarray, shape: tuple[int, ...], usual: float, first: tuple[float, float, float]
+) -> Float[np.ndarray, " size"]:
+    """Deviations of the coefficients under the prior whose evidence is largest [Bishop 2006, 3.5.1].
+
+    log p(u) = sum over both axes of (log|P| - log|N + P| + r' (N + P)^-1 r) / 2 + what no prior changes, P the
+    precision, N the normal matrix, r its right side.
+
+    Args:
+        normal: of the regression.
+        right: its right sides.
+        shape: of the coefficients.
+        usual: displacement of a newton [m/N].
+        first: numbers of `_deviations` to begin with.
+    """
+    from scipy.linalg import cho_factor, cho_solve  # here: they take a while to import
+    from scipy.optimize import minimize
+
+    start = np.log(first)
+
+    def deviations(x: np.ndarray) -> Float[np.ndarray, " size"]:
+        return usual * _deviations(shape, *np.exp(np.clip(x, start - 4.0, start + 4.0)).tolist())
+
+    def unlikely(x: np.ndarray) -> float:
+        precision = deviations(x) ** -2.0
+        factor = cho_factor(normal + np.diag(precision), lower=True, check_finite=False)
+        spread = np.sum(np.log(precision)) - 2.0 * np.sum(np.log(np.diag(factor[0])))
+        return float(-spread - 0.5 * np.sum(right * cho_solve(factor, right)))
+
+    simplex = start + np.concatenate([np.zeros((1, 3)), 0.5 * np.eye(3)])
+    options: Any = {"initial_simplex": simplex, "xatol": 0.05, "fatol": 0.5, "maxfev": 200}
+    return deviations(minimize(unlikely, start, method="Nelder-Mead", options=options).x)
+
+
+def _deviations(shape: tuple[int, ...], size: float, smooth: float, uneven: float) -> Float[np.ndarray, " size"]:
+    """Of coefficients under the prior, beside those of the start; the usual displacement of a newton is 1.
+
+    Args:
+        shape: of the coefficients.
+        size: of all of them.
+        smooth: order in delta from which on they fall.
+        uneven: share of the first order in phi.
+    """
     of_term = np.array([1.0, 0.5, 0.25, 1.0])[: shape[0]]
     k = np.repeat(np.arange(1, shape[2] // 2 + 1), 2)
-    of_delta = np.concatenate([[1.0], 1.0 / (1.0 + (k / 8.0) ** 3)])
+    of_delta = np.concatenate([[1.0], 1.0 / (1.0 + (k / smooth) ** 3)])
     m = np.repeat(np.arange(1, shape[3] // 2 + 1), 2)
-    of_phi = np.concatenate([[1.0], _UNEQUAL / m])
-    deviation = usual * np.einsum("b,k,m->bkm", of_term, of_delta, of_phi)
-    return 1.0 / np.square(deviation * (_NEW_UNIT if known else 1.0)).reshape(-1)
+    of_phi = np.concatenate([[1.0], uneven / m])
+    return size * np.einsum("b,k,m->bkm", of_term, of_delta, of_phi).reshape(-1)
 
 
 def _left_out(presses: RingPresses, before: RingResponse | None, whole: RingResponse) -> dict[str, np.ndarray]:
     """Misfit and spread, from two fits to halves of the angles, each judged on the other."""
     _, which = np.unique(np.round(np.mod(presses.angle, 2.0 * np.pi), 2), return_inverse=True)
     folds = which % 2 if min(np.bincount(which % 2, minlength=2)) >= _LEAST else np.arange(len(presses)) % 2
-    misfit, errors = np.zeros((2, PARTS)), list[np.ndarray]()
+    errors = list[np.ndarray]()
     fits = [_fitted(presses.picked(folds != fold), before) for fold in (0, 1)]
     parts = [presses.picked(folds == fold) for fold in (0, 1)]
-    square, number = np.zeros((2, PARTS)), np.zeros((2, PARTS))
+    square, number = np.zeros((2, 2 * presses.rings, PARTS))
     for fit, part in zip(fits, parts, strict=True):
         _add_misfit(fit, part, square, number)
     misfit = np.sqrt(np.maximum(square, 0.0) / np.maximum(number, 1e-30))
@@ -199,11 +260,12 @@ def _add_misfit(fit: RingResponse, part: RingPresses, square: np.ndarray, number
     left = part.displacements - _predicted(part, fit.coefficients, _terms(part, fit.width, len(fit.coefficients)))
     delta = np.mod(part.markers[None, :] - part.angle[:, None], 2.0 * np.pi)
     where = np.minimum((delta / (2.0 * np.pi) * PARTS).astype(np.int64), PARTS - 1)
-    for e in range(2):
-        seen = np.isfinite(left[..., e])
-        over = np.where(seen, left[..., e] ** 2 - part.noise[None, :, e] ** 2, 0.0)
-        square[e] += np.bincount(where[seen], over[seen], PARTS)
-        number[e] += np.bincount(where[seen], np.broadcast_to(part.force[:, None] ** 2, where.shape)[seen], PARTS)
+    ring = np.arange(len(part.markers)) // (len(part.markers) // part.rings)
+    for row in range(len(square)):
+        seen = np.isfinite(left[..., row % 2]) & (ring == row // 2)
+        over = np.where(seen, left[..., row % 2] ** 2 - part.noise[None, :, row % 2] ** 2, 0.0)
+        square[row] += np.bincount(where[seen], over[seen], PARTS)
+        number[row] += np.bincount(where[seen], np.broadcast_to(part.force[:, None] ** 2, where.shape)[seen], PARTS)
 
 
 def _errors(fit: RingResponse, part: RingPresses) -> Float[np.ndarray, "n 5"]:

@@ -117,9 +117,10 @@ def _marker_ring(
     camera: Fisheye,
     pose: Float[np.ndarray, "3 4"],
     markers: Float[np.ndarray, "m 4"],
+    rings: tuple[float, ...] = (0.0,),
     **rest: Any,
 ) -> MarkerRing:
-    view = RingView(camera, Pose(pose[:, :3], pose[:, 3]), inner, markers[:, 3].copy())
+    view = RingView(camera, Pose(pose[:, :3], pose[:, 3]), inner, markers[:, 3].copy(), rings)
     return MarkerRing(radius, view, rest=markers[:, :2], area=markers[:, 2], **rest)
 
 
@@ -127,14 +128,16 @@ def _marker_ring_keys(ring: MarkerRing) -> dict[str, Any]:
     view, same = ring.view, ("radius", "jitter", "notes", "colour", "response", "provenance")
     pose = np.concatenate([view.pose.rotation, view.pose.translation[:, None]], axis=1)
     table = np.concatenate([ring.rest, ring.area[:, None], view.angles[:, None]], axis=1)
-    own = {"inner": view.radius, "camera": view.camera, "pose": pose, "markers": table}
+    own: dict[str, Any] = {"inner": view.radius, "camera": view.camera, "pose": pose, "markers": table}
+    if len(view.rings) > 1:
+        own["rings"] = tuple(view.rings.tolist())
     return {name: getattr(ring, name) for name in same} | own
 
 
 def _ring_response(shape: tuple[int, int, int], coefficients: Float[np.ndarray, "n k"], **rest: Any) -> RingResponse:
-    if min(shape) < 1 or coefficients.shape != (shape[0] * 2 * shape[1], shape[2]):
-        raise ValueError(f"coefficients must be {shape[0]} x 2 x {shape[1]} rows of {shape[2]} numbers")
-    return RingResponse(coefficients.reshape(shape[0], 2, shape[1], shape[2]), **rest)
+    if min(shape) < 1 or coefficients.shape[1] != shape[2] or len(coefficients) % (shape[0] * 2 * shape[1]):
+        raise ValueError(f"coefficients must be {shape[0]} x 2 x {shape[1]} rows of {shape[2]} numbers for each ring")
+    return RingResponse(coefficients.reshape(shape[0], -1, shape[1], shape[2]), **rest)
 
 
 def _ring_response_keys(response: RingResponse) -> dict[str, Any]:
@@ -152,6 +155,7 @@ FORMS: Mapping[type, Form] = {
             "notes": Key(),
             "pose": Key("of the camera in the ring: rotation, and place [m] in the last column"),
             "markers": Key("a row a marker at rest: x y [px], area [px], angle [rad]"),
+            "rings": Key("m, heights of the rings of markers, towards the camera; as many rows of markers each"),
             "colour": Key(),
             "camera": Key(),
             "response": Key(),

@@ -154,9 +154,10 @@ def of_marker_ring(ring: MarkerRing) -> Lines:
     outward, along = (1e6 * np.median(ring.noise(), axis=0)).tolist()
     tilt = np.degrees(np.arccos(np.clip(-view.pose.rotation[2, 2], -1.0, 1.0)))
     depth, force = response.largest.tolist()
+    rings = f" in {response.rings} rings" if response.rings > 1 else ""
     angle, share = np.degrees(response.spread[0]), 100.0 * response.spread[1]
     return [
-        ("ring", f"{len(ring)} {ring.colour.score} markers, radius {1e3 * ring.radius:.1f} mm outside"),
+        ("ring", f"{len(ring)} {ring.colour.score} markers{rings}, radius {1e3 * ring.radius:.1f} mm outside"),
         ("camera", f"{1e3 * view.pose.translation[2]:.1f} mm above the markers, tilted by {tilt:.1f} deg"),
         ("noise", f"{ring.jitter:.2g} px: {outward:.0f} um outwards, {along:.0f} um along"),
         ("calibrated", f"to {1e3 * depth:.3g} mm, {force:.3g} N{'; shear, too' if response.shears else ''}"),

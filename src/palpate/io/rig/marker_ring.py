@@ -38,6 +38,7 @@ _TEXT = """\
 radius = 0.055                       # m, of the skin's outer surface at the markers: measure it
 thickness = 0.004                    # m, of the skin
 markers = 24                         # round the ring
+# rings = [0.0, 0.01]                # m, heights of several rings of as many markers, towards the camera; first 0
 # camera = "camera.toml"             # lens: fx, fy, cx, cy, k1, k2, k3, k4, width, height of a fisheye calibration
 {where}# tare = 1.0                         # s: the log starts so long untouched
 
@@ -51,14 +52,15 @@ class RigMarkerRing:
 
     `model` is a file of `palpate calibrate marker-ring`. For a calibration: `radius` [m] of the outer surface at the
     markers, `thickness` [m] of the skin, how many `markers`, the `camera`'s lens as a file, its `height` [m] above the
-    markers. `topic` of a log with topics; `tare` [s]: the log starts untouched for so long; `contacts`: how contacts
-    are found.
+    markers; `rings` [m], the heights of several rings of as many markers each, the first 0. `topic` of a log with
+    topics; `tare` [s]: the log starts untouched for so long; `contacts`: how contacts are found.
     """
 
     model: str | None = None
     radius: float | None = None
     thickness: float | None = None
     markers: int | None = None
+    rings: tuple[float, ...] = (0.0,)
     camera: str | None = None
     height: float = 0.04
     topic: str | None = None
@@ -71,6 +73,11 @@ class RigMarkerRing:
         require_positive(self, "radius", "thickness", "height", "tare")
         if self.markers is not None and self.markers < 6:
             raise ValueError(f"markers must be 6 at least, not {self.markers}")
+        heights = np.array(self.rings, dtype=np.float64)
+        if not len(heights) or heights[0] != 0 or not (np.isfinite(heights) & (np.abs(heights) < self.height)).all():
+            raise ValueError(f"rings must be heights [m] within the camera's {self.height:g}, the first 0")
+        if len(set(self.rings)) < len(self.rings):
+            raise ValueError("no two rings can have the same height")
         if self.radius is not None and self.thickness is not None and self.thickness >= self.radius:
             raise ValueError("thickness must be less than radius")
 
@@ -90,7 +97,7 @@ def rig_ring_body(rig: Rig) -> RingBody:
             hint="Measure the ring: radius of the outer surface [m], thickness of the skin [m], number of markers.",
         )
     camera = None if table.camera is None else _camera(rig.folder / table.camera)
-    return RingBody(table.radius, table.thickness, table.markers, camera, table.height)
+    return RingBody(table.radius, table.thickness, table.markers, camera, table.height, rings=table.rings)
 
 
 def _camera(path: Path) -> Fisheye:
