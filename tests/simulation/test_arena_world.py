@@ -250,7 +250,7 @@ def test_it_says_what_is_wrong(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) 
         world.step(STILL)
 
     def absent(name: str) -> None:
-        raise ImportError(name)
+        raise ModuleNotFoundError(name)
 
     monkeypatch.setattr(engines, "import_module", absent)
     with pytest.raises(InputError, match="needs MuJoCo"):

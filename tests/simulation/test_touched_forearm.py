@@ -232,8 +232,8 @@ def test_presses_of_nothing_are_refused() -> None:
 
 def test_without_the_engine_one_sentence_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     def missing(name: str) -> None:
-        raise ImportError(name)
+        raise ModuleNotFoundError(name)
 
     monkeypatch.setattr(engines, "import_module", missing)
-    with pytest.raises(InputError, match="the touched forearm runs on it"):
+    with pytest.raises(InputError, match="touched forearm: the simulation needs MuJoCo"):
         simulate_forearm(np.random.default_rng(0), SHORT)
