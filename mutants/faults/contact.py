@@ -42,6 +42,16 @@ FAULTS: list[Fault] = [
         ("implausible candidates count", "max(1, plausible) if explained else 0", "count"),
         ("what noise makes on a flat surface is a bend", "_BENT * square", "0.0 * square", "_jumped"),
         ("no bend is seen", "square * share < _NEAR**2", "square * share < 0.0", "_jumped"),
+        (
+            "nothing is looked for while a touch begins",
+            "_elsewhere(wrench, unit, noise, nodes, corners, settings, limit, place, t, spread, found, free)",
+            "False",
+        ),
+        (
+            "a touch begins for ever",
+            "1.0 < state[SAMPLES] <= EARLY",
+            "1.0 < state[SAMPLES]",
+        ),
     ),
     *of(
         "contact/_touch.py",
@@ -57,7 +67,7 @@ FAULTS: list[Fault] = [
         ("what a branch loses is its gain", "gain = first_loss - loss", "gain = loss - first_loss"),
         ("no branch ever wins", "margin > top", "margin > top + np.inf", "_winner"),
         ("each branch is a rival", "one[_GAIN] - late > -_threshold(one, _APART)", "one[_GAIN] < np.inf", "rival"),
-        ("beyond the bounds is no rival", "found[i, 7] = _MAY_BE", "found[i, 7] = 0.0", "_followed"),
+        ("beyond the bounds is no rival", "not near[i] < _NEAR**2", "near[i] > 0.0", "_born"),
         ("all are told apart", "one[_GAIN] - late > -_threshold(one, _APART)", "one[_GAIN] > np.inf", "rival"),
     ),
     *of(

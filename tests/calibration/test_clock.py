@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from evidence.moving import Swing, moving_wrenches
-from palpate.calibration.clock import ClockOffset, identify_offset
+from palpate.calibration.clock import ClockOffset, _deviation, identify_offset
 from palpate.errors import InputError, NotIdentifiable
 from palpate.sensors import Payload
 from palpate.simulation.session import GRAVITY, Load
@@ -135,6 +135,31 @@ def test_a_sensor_that_carries_nothing_tells_nothing() -> None:
     nothing = Load(0.0, np.zeros(3), LOAD.force_bias, LOAD.torque_bias)
     with pytest.raises(NotIdentifiable):
         identify_offset(*a_log(0.04, load=nothing))
+
+
+def test_a_turn_that_is_too_slow_is_no_answer_however_sure_the_search_is() -> None:
+    """1 N that turns at 0.09 rad/s under 0.1 N of noise, 400 times: 0.1 / (0.09 sqrt 400) = 56 ms, above 30 ms.
+
+    From -5 to 5 s of search the true offset stands out clearly all the same.
+    """
+    time, posed, weight = np.arange(400) / 20.0, np.arange(-6.0, 26.0, 0.1), np.array([0.0, 0.0, -1.0])
+    turn, poses = (Rotation.from_rotvec(0.09 * at[:, None] * [1.0, 0.0, 0.0]) for at in (time, posed))
+    wrenches = np.zeros((400, 6))
+    wrenches[:, :3] = turn.inv().apply(weight) + 0.1 * np.random.default_rng(0).normal(size=(400, 3))
+    payload = Payload(weight, np.zeros(3), np.zeros(3), np.zeros(3))
+    with pytest.raises(NotIdentifiable, match=r"would be known to 0\.0[4-7]"):
+        identify_offset(
+            time, wrenches, posed, poses.as_quat(), payload=payload, search=(-5.0, 5.0), noise=np.full(6, 0.1)
+        )
+
+
+def test_a_residual_that_is_said_five_times_tells_no_more_than_once() -> None:
+    """All within one stretch, as where poses are interpolated: the deviation stays, it does not shrink by sqrt 5."""
+    rng, time = np.random.default_rng(1), np.arange(60.0)
+    across, residual = rng.normal(size=(2, 60, 3))
+    once = _deviation(time, across, residual, 1.0)
+    often = _deviation(*(np.repeat(each, 5, axis=0) for each in (time, across, residual)), 1.0)
+    assert often == pytest.approx(once, rel=1e-12)
 
 
 def test_an_offset_beyond_the_search_is_said() -> None:

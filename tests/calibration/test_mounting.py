@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from palpate.calibration._pose_fit import _scale, offset
+from palpate.calibration._pose_fit import _scale, fit, offset
 from palpate.calibration._touch_evidence import KnownPoints, moved
 from palpate.calibration.mounting import Mounting, Spreads, identify_mounting, mean_touches
 from palpate.calibration.touch_error import spread_in_time, touch_error
@@ -223,6 +223,24 @@ def test_the_scale_of_distances_is_their_deviation_where_it_is_more_than_one() -
     steps = np.random.default_rng(6).normal(size=(20_000, 3))
     assert _scale(np.linalg.norm(2.0 * steps, axis=1)) == pytest.approx(2.0, rel=0.02)
     assert _scale(np.linalg.norm(0.5 * steps, axis=1)) == 1.0
+
+
+def test_a_far_touch_pulls_no_harder_the_further_it_is() -> None:
+    """Huber: three deviations' worth at 20 of them as at 40; its direction turns with the pose, by a few percent."""
+    rng = np.random.default_rng(14)
+    points = BODY.sample(12, rng)
+    normals = BODY.normals(points)
+    wrenches = sensed(contact_wrenches(points, normals, pressed(points, rng)[:, :3], np.zeros(12)))
+
+    def pulled(far: float) -> np.ndarray:
+        marks = points.copy()
+        marks[4] += far * np.array([1.0, 0.0, 0.0])
+        evidence = KnownPoints(wrenches, np.zeros((12, 6, 6)), Spreads(placement=1e-3), marks, normals)
+        return offset(TRUE, fit(evidence, NOMINAL)[0])
+
+    near, far = pulled(0.02), pulled(0.04)
+    assert np.linalg.norm(near[3:]) > 1e-5  # it does pull
+    assert np.linalg.norm(far - near) < 0.1 * np.linalg.norm(near)
 
 
 def test_what_touches_err_by_beside_the_noise_is_found(mesh: Mesh) -> None:

@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from palpate.calibration import diagnose_payload, identify_payload
-from palpate.calibration._payload_fit import residual_covariance
+from palpate.calibration._payload_fit import covariance, model, residual_covariance, two_stage
 from palpate.errors import InputError, NotIdentifiable
 from palpate.sensors import Payload
 from palpate.spatial.pose import rotation_from_quaternion
@@ -420,3 +420,18 @@ def test_the_noise_that_a_fit_leaves_is_corrected_for_its_unknowns() -> None:
 def _left_of_a_fit(rng: np.random.Generator, unknowns: int) -> np.ndarray:
     columns, values = rng.normal(size=(12, unknowns)), rng.normal(size=12)
     return (values - columns @ np.linalg.lstsq(columns, values, rcond=None)[0]).reshape(4, 3)
+
+
+def test_the_covariance_of_two_stages_is_noise_through_their_slopes() -> None:
+    """By central differences of every reading; their step, 1e-4 of about 10 N, errs by its square, 1e-10."""
+    rotations, step = poses(6), 1e-4
+    exact = readings(rotations).ravel()
+    slopes = np.empty((12, exact.size))
+    for k, change in enumerate(step * np.eye(exact.size)):
+        up, down = (two_stage((exact + way * change).reshape(-1, 6), rotations, None) for way in (1.0, -1.0))
+        slopes[:, k] = (up - down) / (2 * step)
+    root = np.random.default_rng(8).normal(size=(6, 6)) * NOISE
+    noise = root.T @ root  # forces and torques correlate
+    found, gain = covariance(model(TRUTH, rotations)[1], noise, joint=False)
+    np.testing.assert_allclose(gain.reshape(12, -1), slopes, rtol=0, atol=1e-8)
+    np.testing.assert_allclose(found, slopes @ np.kron(np.eye(6), noise) @ slopes.T, rtol=1e-6, atol=1e-12)

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.optimize import least_squares
 from scipy.stats import norm
 
 from evidence.bodies import prism
 from evidence.covariance import CHI2_95, NOISE, squared_distance
 from evidence.edges import PRISMS, edges, touches
 from palpate.contact import Locator, Status
+from palpate.simulation import contact_wrenches
 from palpate.surfaces import Mesh
 from palpate.surfaces._edges import SHARP, sharp_edges
 from tests.support.bodies import BODIES
@@ -97,7 +99,9 @@ def likely(name: str, wrench: np.ndarray, number: int) -> np.ndarray:
 def test_the_place_along_an_edge_is_the_mean_over_its_normals() -> None:
     """Against the plain twin, in the middle of the wedge's edges, where no facet explains the wrench.
 
-    The point stands off the edge where the noise put it on a facet: only the part along the edge is compared.
+    The point stands off the edge where the noise put it on a facet: only the part along the edge is compared. Torsions
+    of up to 4 mm, of the 5 that bound them across a normal, leave some normals out. 0.1 um: beyond four deviations a
+    share is 1 or 0 in the kernel, which is 3e-5 of some millimetres.
     """
     name, rng = "wedge of 60 degrees", np.random.default_rng(5)
     first, second, left, right = edges(*PRISMS[name])
@@ -108,8 +112,37 @@ def test_the_place_along_an_edge_is_the_mean_over_its_normals() -> None:
         for _ in range(5):
             n = (left + right)[k] / np.linalg.norm((left + right)[k])
             force = -5.0 * n + rng.uniform(-1, 1, 3)
-            wrench = np.concatenate([force, np.cross(middle, force) + rng.uniform(-2e-3, 2e-3) * n])
+            wrench = np.concatenate([force, np.cross(middle, force) + rng.uniform(-2e-2, 2e-2) * n])
             wrench += 0.3 * NOISE * rng.standard_normal(6)
             answer = locator.run(wrench, sequential=False)
             assert answer.status == Status.CONTACT
-            assert abs(answer.point[2] - likely(name, wrench, k)[2]) < 1e-9
+            assert abs(answer.point[2] - likely(name, wrench, k)[2]) < 1e-7
+
+
+def test_past_the_end_of_an_edge_the_residual_is_the_least_over_its_normals() -> None:
+    """Against a direct minimisation over the contacts of a ridge that ends at the origin.
+
+    The force passes 1.3 mm beside the end, at 35 degrees: torsion makes up for a part of that moment, the more the
+    further the normal leans from the force, and its noise says to which side. The middle normal leaves 1.3 times the
+    least. 2 %: the search ends where no more than that of the square is to be gained.
+    """
+    friction, noise, length = 0.5, np.array([0.02] * 3 + [1e-3, 1e-3, 3e-3]), 0.02
+    ends = np.array([[0.0, 0.0, 0.0], [0.0, length, 0.0]])
+    vertices = (ends + 0.01 * np.array([[[0.0, 0.0, 0.0]], [[-1.0, 0.0, 0.0]], [[0.0, 0.0, -1.0]]])).reshape(6, 3)
+    ridge = Mesh.from_arrays(vertices, np.array([[2, 0, 1], [2, 1, 3], [0, 4, 5], [0, 5, 1]]))
+    force = -5.0 * np.array([np.sin(np.radians(35)), 0.0, np.cos(np.radians(35))])
+    wrench = np.concatenate([force, np.cross([0.0, -1.3e-3, 0.0], force)])
+
+    def misfit(x: np.ndarray) -> np.ndarray:
+        lean, grip, share, way, twist, along = x
+        normal, side = np.array([np.sin(lean), 0, np.cos(lean)]), np.array([np.cos(lean), 0, -np.sin(lean)])
+        slip = friction * share * (np.sin(way) * side + np.cos(way) * np.array([0.0, 1.0, 0.0]))
+        at = np.array([0.0, along, 0.0])
+        made = contact_wrenches(at, normal, grip * (slip - normal), np.array(TORSION * twist * grip))
+        return (made - wrench) / noise
+
+    bounds = ([0.0, 0.1, 0.0, -9.0, -1.0, 0.0], [0.5 * np.pi, 20.0, 1.0, 9.0, 1.0, length])
+    starts = [[lean, 5.0, 0.5, way, 0.1, 1e-3] for lean in (0.3, 0.8, 1.2) for way in (-1.5, 1.5)]
+    least = min(np.sqrt(2 * least_squares(misfit, start, bounds=bounds).cost) for start in starts)
+    answer = Locator(ridge, friction=friction, torsion=TORSION, noise=noise).run(wrench, sequential=False)
+    assert answer.residual == pytest.approx(least, rel=0.02)

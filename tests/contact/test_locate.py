@@ -212,9 +212,10 @@ def test_previous_decides_between_candidates_and_so_does_the_sequence() -> None:
     before = locate(Wrench.from_vector(alone), mesh)
     assert np.allclose(locate(Wrench.from_vector(wrench), mesh, previous=before).point, second, rtol=0, atol=1e-10)
     locator = Locator(mesh, noise=NOISE)
-    in_sequence = locator.run(np.array([alone, wrench, np.zeros(6), wrench]))
-    assert np.allclose(in_sequence.point[1], second, rtol=0, atol=1e-10)
-    assert np.allclose(in_sequence.point[3], first, rtol=0, atol=1e-10)  # let go in between: nothing to go on from
+    for each in (Locator(mesh), locator):  # by the last contact alone; with noise, by the touch so far
+        in_sequence = each.run(np.array([alone, wrench, np.zeros(6), wrench]))
+        assert np.allclose(in_sequence.point[1], second, rtol=0, atol=1e-10)
+        assert np.allclose(in_sequence.point[3], first, rtol=0, atol=1e-10)  # let go in between: nothing to go on from
     locator.reset()
     apart = locator.run(np.array([alone, wrench]), sequential=False)
     assert np.allclose(apart.point[1], first, rtol=0, atol=1e-10)  # each on its own
@@ -224,6 +225,21 @@ def test_a_candidate_within_the_ellipse_is_no_ambiguity() -> None:
     mesh, _, _, wrench = two_ways()
     vague = np.array([0.02] * 3 + [0.5] * 3)  # a decimetre
     assert locate(Wrench.from_vector(wrench), mesh, noise=vague).status == Status.CONTACT
+
+
+@pytest.mark.parametrize(("x", "early"), [(-1.5e-3, Status.AMBIGUOUS), (-5e-3, Status.CONTACT)])
+def test_while_a_touch_begins_a_place_that_noise_leads_to_past_an_edge_is_in_doubt(x: float, early: Status) -> None:
+    """On the upper tread of a stair, 1.5 and 5 deviations of 1 mm beside its edge: 2.5 of them may lead to the lower.
+
+    From the second sample of the touch, where the first was no accident, to the eighth.
+    """
+    tread = np.array([[-0.01, -0.01, 0.0], [0.0, -0.01, 0.0], [0.0, 0.01, 0.0], [-0.01, 0.01, 0.0]])
+    faces = np.array([[0, 1, 2], [0, 2, 3]])
+    lower = tread + np.array([0.01, 0.0, -0.01])
+    stair = Mesh.from_arrays(np.concatenate([tread, lower]), np.concatenate([faces, faces + 4]))
+    wrench = pressing(np.array([x, 0.0, 0.0]), UP, np.array([0.0, 0.0, -5.0]), 0.0)
+    locator = Locator(stair, noise=[0.02] * 3 + [5e-3] * 3)
+    assert status_of(locator, *[wrench] * 12) == [Status.CONTACT] + [early] * 7 + [Status.CONTACT] * 4
 
 
 def ambiguous_scale(answer: ContactEstimate, other: np.ndarray) -> float:

@@ -83,6 +83,16 @@ def test_it_scales_with_the_noise() -> None:
     assert np.allclose(2 * one.residual, two.residual, rtol=1e-6, atol=0, equal_nan=True)
 
 
+@pytest.mark.parametrize("turn", [1.0, -1.0])
+def test_pressing_harder_carries_more_torsion(turn: float) -> None:
+    """On a plane |tau| <= c p bounds by a line; x beyond it are x / sqrt(var tau + c^2 var p), two equal parts here."""
+    excess, pressed, bound, deviation = 5e-3, 5.0, 5e-3, 1e-3
+    noise = np.array([deviation / bound] * 3 + [deviation] * 3)
+    wrench = np.array([0.0, 0.0, -pressed, 0.0, 0.0, turn * (bound * pressed + excess)])
+    answer = Locator(plane((0, 0, 0), (0, 0, 1), R), noise=noise, torsion=bound).run(wrench, sequential=False)
+    assert answer.residual == pytest.approx(excess / (np.sqrt(2.0) * deviation), rel=1e-6)
+
+
 def off_surface(mesh: Mesh, rng: np.random.Generator, count: int) -> np.ndarray:
     """Wrenches that press the surface from above and pass beside it."""
     force = np.array([0, 0, -5.0]) + rng.normal(size=(count, 3))

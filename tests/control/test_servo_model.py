@@ -64,6 +64,20 @@ def test_a_ramp_is_met_late_by_what_the_servo_says() -> None:
     assert model.speeds[0] == pytest.approx(1.0, abs=1e-9)
 
 
+def test_a_ramp_may_end_between_two_looks() -> None:
+    """(R(t) - R(t - T)) / T with the answer R to a ramp of 1/s, t - 2/w + (t + 2/w) exp(-w t), and its derivatives."""
+    servo, model = Servo(), ServoModel(Servo(), 1)
+    model.start(0.0, np.zeros(1))
+    model.send(0.0, np.ones(1))
+    model.advance(0.07)
+    w = 2.0 / servo.lag
+    t = 0.07 - servo.delay - np.array([0.0, servo.ramp])  # since it began, and since it ended
+    decay = np.exp(-w * t)
+    ramp = np.array([t - 2.0 / w + (t + 2.0 / w) * decay, 1.0 - (1.0 + w * t) * decay, w * w * t * decay])
+    found = [model.joints[0], model.speeds[0], model.accelerations[0]]
+    assert found == pytest.approx((ramp[:, 0] - ramp[:, 1]) / servo.ramp, rel=1e-9)
+
+
 def test_without_lag_and_ramp_a_command_is_there_at_once() -> None:
     model = ServoModel(Servo(period=0.002, delay=0.0, ramp=0.0, lag=0.0), 2)
     model.start(0.0, np.zeros(2))
@@ -136,6 +150,24 @@ def test_a_command_that_never_came_is_taken_out(phase: int, late: int) -> None:
     right = [k for k in range(len(off)) if k not in wrong]
     assert off[right].max() < 2e-4
     assert phase > 1 or off[sorted(wrong)].max() > 1e-3  # it does make a difference, if it is found late
+
+
+def test_a_command_that_never_came_is_found_behind_a_larger_one_that_did() -> None:
+    """A lost step of 4 mrad shows only in the feedback in which the next, of 0.8 rad, shows three times as much."""
+    model, robot, said = ServoModel(Servo(), 1), ServoModel(Servo(), 1), list[Feedback]()
+    for each in (model, robot):
+        each.start(0.0, np.zeros(1))
+    model.send(0.0, np.array([4e-3]))
+    for time in (0.02, 0.025, 0.045):
+        for each in (model, robot):
+            each.advance(time)
+            if time == 0.02:
+                each.send(time, np.array([0.8]))
+        if time > 0.02:
+            said.append(model.correct(time, robot.joints.copy()))
+    assert said == [Feedback.AGREES, Feedback.LOST]
+    assert model.missed == 1
+    assert model.joints[0] == pytest.approx(robot.joints[0], abs=1e-5)  # of 16 urad, in the first feedback, a part
 
 
 def test_a_robot_that_is_slower_than_stated_is_not_taken_for_one_that_loses_commands() -> None:
