@@ -48,7 +48,7 @@ class Sizes:
     slow: int
 
 
-FULL, SMALL = Sizes(2000, 20, 10, 3, 2, 500), Sizes(300, 2, 1, 0, 0, 0)
+FULL, SMALL = Sizes(2000, 20, 20, 3, 2, 500), Sizes(300, 2, 1, 0, 0, 0)
 
 
 @dataclass(frozen=True)
