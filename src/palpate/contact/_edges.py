@@ -26,7 +26,7 @@ from palpate.contact._settings import CENTRE, FRICTION, HAS_PREVIOUS, PREVIOUS, 
 from palpate.contact._slopes import sandwich
 from palpate.surfaces._bvh import KIND
 from palpate.surfaces._edges import SHARP
-from palpate.surfaces._jit import chosen_for, inner, inner_exact
+from palpate.surfaces._jit import chosen_for, inner
 from palpate.surfaces._kernels import is_mesh
 from palpate.surfaces._nearest import edges_near, nearest_to_point
 from palpate.surfaces._vectors import copy_into, cross_into, dot
@@ -293,7 +293,7 @@ def _of_mesh(wrench, unit, noise, nodes, corners, settings, state, plausible, pl
     return answer, sums[17]
 
 
-@inner_exact
+@inner
 def _onto(place, nodes, corners, settings):
     """The nearest point of the surface: noise may put an answer past the far side of a narrow facet."""
     point, found = np.empty((1, 3)), np.empty((1, 4))

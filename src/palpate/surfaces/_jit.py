@@ -18,7 +18,7 @@ try:
 except ImportError:  # not on Windows
     fcntl = None
 
-__all__ = ["STAMP", "chosen_for", "entry", "exact", "inlined", "inner", "inner_exact", "on_disk", "released"]
+__all__ = ["STAMP", "chosen_for", "entry", "inlined", "inner", "on_disk", "released"]
 
 
 def _stamp() -> str:
@@ -30,13 +30,15 @@ def _stamp() -> str:
 STAMP = _stamp()
 
 
-_OPTIONS: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract"}}
+# a * b + c stays two instructions. Left to the compiler it is one or two as a function happens to be compiled into
+# another, and the process that compiles has other last bits than those that read its machine code; it was no faster.
+_OPTIONS: dict[str, Any] = {"error_model": "numpy", "fastmath": False}
 
 
 def entry(function):
     """Decorates a compiled function that Python calls.
 
-    Division by zero gives inf as in NumPy, and a * b + c may be one instruction; NaN and inf keep their meaning.
+    Division by zero gives inf as in NumPy; NaN and inf keep their meaning.
     Machine code is kept on disk, so that only the first process ever waits for the compiler. numba forgets it when the
     function's own file changes but not when a file that it calls into does, so the stamp of all kernels takes the place
     of the file's. Processes that start together do not compile the same function each: the others wait for the first.
@@ -47,14 +49,6 @@ def entry(function):
 def released(function):
     """As `entry`, for a loop over many samples: other threads of Python go on meanwhile."""
     return _kept(njit(cache=True, nogil=True, **_OPTIONS)(function))
-
-
-def exact(function):
-    """As `entry`, but a * b + c is two instructions: for what must give NumPy's bits.
-
-    That is said, not left out: what is left out is taken from the caller that it is first compiled for.
-    """
-    return _kept(njit(cache=True, error_model="numpy", fastmath=False)(function))
 
 
 def on_disk(made: Any) -> bool:
@@ -111,16 +105,6 @@ def _by_one_process(dispatcher):
 def inner(function):
     """Decorates a function that only compiled code calls: no wrapper for Python, which halves the compiler's work."""
     made = cast(Any, njit)(no_cpython_wrapper=True, no_cfunc_wrapper=True, **_OPTIONS)(function)
-    return _once_for_constants(made)
-
-
-def inner_exact(function):
-    """As `inner`, but a * b + c is two instructions.
-
-    Elsewhere it is one or two as the compiler likes, and what it likes depends on what a function is compiled into. For
-    what all answers go through: the process that compiled gives the same bits as those that read its machine code.
-    """
-    made = cast(Any, njit)(no_cpython_wrapper=True, no_cfunc_wrapper=True, **{**_OPTIONS, "fastmath": False})(function)
     return _once_for_constants(made)
 
 

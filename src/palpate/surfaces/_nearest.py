@@ -6,12 +6,12 @@ from __future__ import annotations
 import numpy as np
 
 from palpate.surfaces._bvh import KIND, STACK, WIDTH, axis_view, start_view, test_children
-from palpate.surfaces._jit import entry, exact, inner, inner_exact
+from palpate.surfaces._jit import entry, inner
 
 __all__ = ["edges_near", "nearest_to_axis", "nearest_to_point", "point_to_triangle"]
 
 
-@inner_exact
+@inner
 def _origin_to_triangle(q, out):
     """Squared distance from the origin to a triangle in the plane; barycentric coordinates of the nearest point."""
     det = (q[1, 0] - q[0, 0]) * (q[2, 1] - q[0, 1]) - (q[2, 0] - q[0, 0]) * (q[1, 1] - q[0, 1])
@@ -91,7 +91,7 @@ def _place(corners, patch, b0, b1, b2, out):
         out[k] /= length
 
 
-@inner_exact
+@inner
 def point_to_triangle(row, point, out):
     """Squared distance from a point to a triangle in space; barycentric coordinates of the nearest point."""
     ax, ay, az = row[0] - point[0], row[1] - point[1], row[2] - point[2]
@@ -115,7 +115,7 @@ def point_to_triangle(row, point, out):
     return _origin_to_triangle(q, out) + height * height
 
 
-@exact
+@entry
 def nearest_to_point(points, nodes, corners, found):
     """For each point (n, 3), in unit size, the nearest point of the facets: patch, b0, b1, b2 into found (n, 4)."""
     bary = np.empty(3)
