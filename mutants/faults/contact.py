@@ -214,6 +214,19 @@ FAULTS: list[Fault] = [
         ("doubt along the normal leans the ellipse", "half[a, b] - normal[a] * across", "half[a, b]"),
     ),
     *of(
+        "contact/_taxel_fit.py",
+        "tests/contact/test_taxels_anywhere.py",
+        ("the fit of a touch ends where it begins", "x[:] = trial", "x[2:] = trial[2:]"),
+        ("pressure is taken for a Gaussian", "shape = (_SHAPE * peak) ** 2", "shape = 0.0"),
+        (
+            "nothing is thought of a touch",
+            "sure = np.array([_BESIDE**-2, _BESIDE**-2, 0.0, _WIDER**-2])",
+            "sure = np.array([1e-9, 1e-9, 0.0, 1e-9])",
+        ),
+        ("a misfit leaves the ellipse", "max(1.0, _cost(touch, x, prior, np.zeros(4)) / max(end - 4, 1))", "1.0"),
+        ("the body does not bend", "bend[0, c] += scale * ahead * at[c, k]", "bend[0, c] += 0.0 * ahead * at[c, k]"),
+    ),
+    *of(
         "contact/_ring.py",
         "tests/contact/test_ring_locator.py",
         ("every ring has the first one's misfit", "misfit[ring + e, k]", "misfit[e, k]"),

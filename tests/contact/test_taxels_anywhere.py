@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+from scipy.optimize import least_squares
 
-from palpate.contact.taxel_estimator import TaxelEstimator
+from palpate.contact.taxel_estimator import TaxelEstimator, TaxelSettings
 from palpate.sensors.taxel_health import Health
 from palpate.sensors.taxels import TaxelBody
 from palpate.spatial.pose import Pose
@@ -133,3 +134,102 @@ def test_a_rigid_motion_moves_the_answer() -> None:
     np.testing.assert_allclose(there.covariance, pose.rotation @ here.covariance @ pose.rotation.T, atol=1e-15)
     for name in here.features:
         np.testing.assert_allclose(there.features[name], here.features[name], rtol=1e-9, atol=1e-12)
+
+
+# --- beside an edge of the skin
+
+PITCH = 6e-3
+
+
+def _plate(rows: int = 8, columns: int = 5, bend: float = 0.0) -> TaxelBody:
+    """A lattice of triangles whose last row is at x = 0, on a plane or on a cylinder along y of radius 1/bend."""
+    row, column = (values.ravel() for values in np.meshgrid(np.arange(rows), np.arange(columns), indexing="ij"))
+    x, y = -PITCH * np.sqrt(0.75) * row, PITCH * (column + 0.5 * (row % 2))
+    return TaxelBody.anywhere(*_cylinder(x, y, bend))
+
+
+def _cylinder(x: np.ndarray, y: np.ndarray, bend: float) -> tuple[np.ndarray, np.ndarray]:
+    if bend == 0.0:
+        return np.column_stack([x, y, 0 * x]), np.tile([0.0, 0.0, 1.0], (x.size, 1))
+    normal = np.column_stack([np.sin(bend * x), 0 * x, np.cos(bend * x)])
+    return normal / bend + np.outer(y, [0.0, 1.0, 0.0]), normal
+
+
+def _felt(body: TaxelBody, middle: np.ndarray, depth: float) -> np.ndarray:
+    """Stress at this depth below a point load on a half space [Boussinesq 1885], which is no Gaussian."""
+    return 20.0 * (1.0 + np.sum((body.positions - middle) ** 2, axis=1) / depth**2) ** -2.5
+
+
+def _plate_estimator(body: TaxelBody, noise: float = 0.05, unequal: float = 0.02) -> TaxelEstimator:
+    none, rest = np.zeros(len(body), dtype=bool), np.zeros(len(body))
+    health = Health(rest, np.full(len(body), noise), none, none)
+    return TaxelEstimator(body, None, health, settings=TaxelSettings(unequal=unequal))
+
+
+@pytest.mark.parametrize("bend", [0.0, 30.0], ids=["plane", "cylinder"])
+def test_an_edge_of_the_skin_does_not_pull_a_touch_to_where_taxels_are(bend: float) -> None:
+    """Off by less than a tenth of a spacing, where the centroid of what is felt lies more than a quarter inside."""
+    body = _plate(bend=bend)
+    estimator = _plate_estimator(body)
+    for x, y in ((0.1, 1.9), (0.2, 2.3), (0.3, 2.0)):
+        middle, normal = (each[0] for each in _cylinder(PITCH * np.array([x]), PITCH * np.array([y]), bend))
+        loads = _felt(body, middle, 1.2 * PITCH)
+        found = estimator.update(0.0, loads)
+        assert len(found) == 1
+        centroid = loads @ body.positions / loads.sum()
+        assert np.linalg.norm(centroid - middle) > 0.25 * PITCH
+        assert np.linalg.norm(found.point[0] - middle) < 0.1 * PITCH
+        off = found.point[0, 2] if bend == 0.0 else np.hypot(found.point[0, 0], found.point[0, 2]) - 1 / bend
+        assert abs(off) < 2e-3 * PITCH
+        assert found.normal[0] @ normal > np.cos(0.1 * PITCH * bend + 1e-6)
+
+
+def test_ellipses_hold_touches_on_the_last_rows_of_a_skin() -> None:
+    rng, body = np.random.default_rng(7), _plate()
+    estimator, held = _plate_estimator(body, unequal=0.1), 0
+    for _ in range(300):
+        middle = PITCH * np.array([rng.uniform(-1.2, 0.4), rng.uniform(1.0, 3.0), 0.0])
+        loads = _felt(body, middle, PITCH * rng.uniform(0.8, 1.3)) * (1 + 0.1 * rng.standard_normal(len(body)))
+        found = estimator.update(0.0, loads + 0.05 * rng.standard_normal(len(body)))
+        off = (found.point[0] - middle)[:2]
+        held += bool(off @ np.linalg.solve(found.covariance[0, :2, :2], off) < 5.991)
+    assert held >= 0.9 * 300
+
+
+def test_a_touch_that_one_taxel_feels_may_be_beside_it() -> None:
+    body = TaxelBody.anywhere([[0.0, 0.0, 0.0], [PITCH, 0.0, 0.0]], [[0.0, 0.0, 1.0]] * 2)
+    found = _plate_estimator(body).update(0.0, [20.0, 0.0])
+    across, along = np.sqrt(np.diag(found.covariance[0])[[1, 0]])
+    assert 0.35 * PITCH < across < 0.6 * PITCH
+    assert along < across  # the other taxel says that it is not there
+
+
+def test_the_fit_is_the_one_that_scipy_finds() -> None:
+    """Residuals and priors as the module's comments say, minimised by another program; curvature by differences."""
+    rng, body = np.random.default_rng(11), _plate()
+    bar = PITCH * np.arange(-1.0, 1.1, 0.5)[:, None] * [0.0, 1.0, 0.0]  # along which no round Gaussian fits
+    for pieces in (bar[2:3], bar[2:3], bar[2:3], bar):
+        middle = PITCH * np.array([rng.uniform(-2.0, 0.3), rng.uniform(1.5, 2.5), 0.0])
+        loads = sum(_felt(body, middle + piece, 1.1 * PITCH) for piece in pieces)
+        loads = loads + 0.05 * rng.standard_normal(len(body))
+        found = _plate_estimator(body).update(0.0, loads)
+        area = loads > 3 * 0.05
+        rim = (np.linalg.norm(body.positions[:, None] - body.positions[area], axis=2).min(axis=1) < 2.1 * PITCH) & ~area
+        near = [int(k) for k in np.flatnonzero(area)]
+        beside = {int(j) for k in near for j in body.neighbours[k] if j >= 0} & set(np.flatnonzero(rim).tolist())
+        seen = np.array(near + sorted(beside))
+        at, hard = body.positions[seen, :2] / PITCH, body.positions[np.argmax(loads), :2] / PITCH
+        gain = np.where(area[seen], 0.02 * loads[seen], 0.0)
+        spread = np.sqrt(0.05**2 + gain**2 + (0.04 * loads.max()) ** 2)
+
+        def left(x: np.ndarray, at=at, hard=hard, spread=spread, seen=seen, loads=loads) -> np.ndarray:
+            model = np.exp(x[2] - 0.5 * ((at - x[:2]) ** 2).sum(axis=1) * np.exp(-2 * x[3]))
+            return np.concatenate([(loads[seen] - model) / spread, (x[:2] - hard) / 0.5, [(x[3] - np.log(0.5)) / 0.5]])
+
+        best = least_squares(left, [*(middle[:2] / PITCH), np.log(20.0), np.log(0.5)], xtol=1e-12, ftol=1e-12)
+        np.testing.assert_allclose(found.point[0, :2], PITCH * best.x[:2], atol=0.01 * PITCH)
+        misfit = np.sum(best.fun[: len(seen)] ** 2) / (len(seen) - 4)
+        assert (misfit > 1.5) == (len(pieces) > 1)
+        scale = max(1.0, misfit)
+        told = scale * PITCH**2 * np.linalg.inv(best.jac.T @ best.jac)[:2, :2]
+        np.testing.assert_allclose(found.covariance[0, :2, :2], told, rtol=0.05, atol=0.02 * np.trace(told))

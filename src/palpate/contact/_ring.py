@@ -15,6 +15,7 @@ import numpy as np
 
 from palpate.sensors._fisheye import displaced
 from palpate.surfaces._jit import entry, inner
+from palpate.surfaces._vectors import solve_positive
 
 __all__ = ["MOST", "STATE", "frames", "shown"]
 
@@ -76,33 +77,6 @@ def _variances(state, count, markers, misfit, noise, variance):
                 turn = (markers[m] - state[c, 0]) / (2.0 * np.pi)
                 k = int((turn - np.floor(turn)) * parts) % parts
                 variance[i] += (state[c, 1] * misfit[ring + e, k]) ** 2
-
-
-@inner
-def _solved(normal, gradient, size, step):
-    """Solves normal step = gradient in place by Cholesky's factor, which is left in `normal`; False: it has none."""
-    for i in range(size):
-        for j in range(i + 1):
-            total = normal[i, j]
-            for k in range(j):
-                total -= normal[i, k] * normal[j, k]
-            if i == j:
-                if not total > 0.0:
-                    return False
-                normal[i, i] = np.sqrt(total)
-            else:
-                normal[i, j] = total / normal[j, j]
-    for i in range(size):
-        total = gradient[i]
-        for k in range(i):
-            total -= normal[i, k] * step[k]
-        step[i] = total / normal[i, i]
-    for i in range(size - 1, -1, -1):
-        total = step[i]
-        for k in range(i + 1, size):
-            total -= normal[k, i] * step[k]
-        step[i] = total / normal[i, i]
-    return True
 
 
 @inner
@@ -174,7 +148,7 @@ def _refine(problem, used, state, count, work):
             for a in range(size):
                 for b in range(a + 1):
                     factor[a, b] = normal[a, b] * (1.0 + damping) if a == b else normal[a, b]
-            if _solved(factor, gradient, size, step):
+            if solve_positive(factor, gradient, size, step):
                 for c in range(count):
                     trial[c, 0] = state[c, 0] + min(max(step[4 * c], -0.15), 0.15)
                     trial[c, 1] = max(state[c, 1] + step[4 * c + 1], 1e-3)
@@ -391,7 +365,7 @@ def _deviations(state, count, work, width, spread, shift):
                 unit[a] = 1.0 if a == 4 * c + e else 0.0
                 for b in range(size):
                     factor[a, b] = work[2][a, b] * (1.0 + 1e-12 if a == b else 1.0)
-            known = _solved(factor, unit, size, column)
+            known = solve_positive(factor, unit, size, column)
             for k in range(4):
                 covariance[e, k] = column[4 * c + k] if known else np.nan
         force, z = state[c, 1], state[c, 2]

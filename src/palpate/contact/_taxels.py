@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from palpate.contact._taxel_fit import fit_touch, lift
 from palpate.contact._track import follow
 from palpate.sensors._filters import smooth
 from palpate.surfaces._jit import entry, inner
@@ -63,7 +64,6 @@ _ALIKE = 0.025  # the same of touches one to one and a half cells wide: 0.001 to
 _ONE_ROW = 0.02  # squared cells: the second moment below which a touch lies in one row of cells
 _WIDE = 0.0045  # deviation times the second moment, of touches wider than that: 0.0027 (Hertz's) to 0.0062 (flat)
 _LEAST_WIDE = 0.2  # squared cells
-_SIDEWAYS = 0.2  # cosine between a cell's normal and the contact's below which it says nothing of the height
 
 
 @inner
@@ -326,44 +326,6 @@ def _on_sheet(grid, row, column, here, ways):
 
 
 @inner
-def _anywhere(cells, count, own, force, inside, origin, place, here, ways):
-    """The same of a centroid c of taxels anywhere, lifted onto the body along its mean normal n.
-
-    By the sum of w_i/2 ((p_i - c) . n + (p_i - c) . n_i / n . n_i), which on a sphere is right to the fourth order of
-    the contact's size; the first part is 0 about the centroid.
-    """
-    positions, normals, tangents, spacing = place[0][0], place[0][1], place[0][2], place[1][1]
-    here[:] = 0.0
-    for i in range(count):
-        k = cells[i]
-        for c in range(3):
-            here[c] += own[i] * force[k] / inside * positions[k, c]
-            here[3 + c] += own[i] * force[k] / inside * normals[k, c]
-    here[3:] /= np.sqrt(here[3] ** 2 + here[4] ** 2 + here[5] ** 2)
-    height = 0.0
-    for i in range(count):
-        k = cells[i]
-        cosine, over = 0.0, 0.0
-        for c in range(3):
-            cosine += normals[k, c] * here[3 + c]
-            over += normals[k, c] * (positions[k, c] - here[c])
-        if cosine > _SIDEWAYS:
-            height += 0.5 * own[i] * force[k] / inside * over / cosine
-    along, size = 0.0, 0.0
-    for c in range(3):
-        here[c] += height * here[3 + c]
-        along += tangents[origin, c] * here[3 + c]
-    for c in range(3):
-        ways[0, c] = tangents[origin, c] - along * here[3 + c]
-        size += ways[0, c] ** 2
-    for c in range(3):
-        ways[0, c] *= spacing[origin] / np.sqrt(size)
-    for c in range(3):
-        a, b = (c + 1) % 3, (c + 2) % 3
-        ways[1, c] = here[3 + a] * ways[0, b] - here[3 + b] * ways[0, a]
-
-
-@inner
 def _write(here, ways, moments, variances, out, first):
     """Where a contact lies and what its place is worth; from `first` the axes of its pressure [m] and their angle."""
     out[:6] = here
@@ -501,18 +463,19 @@ def _measure(cells, count, end, part, number, parts, raw, value, numbers, sign, 
         vr += square * a * a
         vc += square * b * b
         vrc += square * a * b
-    rr, cc, rc = rr / pressed, cc / pressed, rc / pressed
-    least = 0.5 * (rr + cc) - np.sqrt(0.25 * (rr - cc) ** 2 + rc * rc)
-    vr += _narrow(rr, least)
-    vc += _narrow(cc, least)
-    here, ways, first = np.empty(6), np.empty((2, 3)), AREA
+    moments = np.array([rr / pressed, cc / pressed, rc / pressed])
+    here, ways, first, fitted = np.empty(6), np.empty((2, 3)), AREA, np.empty(5)
     if len(grid) > 0:
+        least = 0.5 * (moments[0] + moments[1]) - np.sqrt(0.25 * (moments[0] - moments[1]) ** 2 + moments[2] ** 2)
+        variances = np.array([vr + _narrow(moments[0], least), vc + _narrow(moments[1], least), vrc])
         column = column % ring if ring > 0 else column
         _on_sheet(grid, row, column, here, ways)
         out[AREA], out[AREA + 1], first = row, column, AREA + 2
     else:
-        _anywhere(cells, end, own, used, inside, origin, place, here, ways)
-    _write(here, ways, np.array([rr, cc, rc]), np.array([vr, vc, vrc]), out, first + 4)
+        fit_touch(cells, count, end, own, (force, numbers[SPREAD], error), at, np.array([row, column]), fitted)
+        lift(cells, end, own, used, inside, origin, at, fitted[0], fitted[1], place, here, ways)
+        variances = fitted[2:]
+    _write(here, ways, moments, variances, out, first + 4)
     if len(covariances) > 0:
         _add_places(cells, end, own, used, inside, covariances, out)
     out[6:9] = push

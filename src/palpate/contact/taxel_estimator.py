@@ -31,6 +31,7 @@ __all__ = ["FEATURES", "TaxelEstimator", "TaxelSettings"]
 FEATURES = ("area", "load", "peak", "pressure", "axis_long", "axis_short", "angle", "cells")
 HEAD = 2048  # frames from which rest, noise and faults are taken
 _ROWS = 1024  # of a piece of answers
+_UNKNOWN, _CALIBRATED = 0.1, 0.02  # shares by which gains differ: of cells as they are made, and of calibrated ones
 _PLAIN = Intensity((Curve("polynomial", np.ones(1), np.zeros((1, 1)), largest=1.0),), unit="newtons")
 
 
@@ -43,7 +44,8 @@ class TaxelSettings:
             as cells that stand `off` above: a threshold of each cell's own, that follows its drift.
         sure, share: two peaks are two contacts if the saddle lies deeper than `sure` deviations and than this share of
             the lower peak.
-        unequal: share by which a cell's gain may be off from its curve, beside its noise.
+        unequal: share by which a cell's gain may be off from its curve, beside its noise; None: 0.02 of cells whose
+            curves are known, 0.1 of others.
         drift: [s] in which the rest of an untouched cell is followed; inf: it stays.
         walk: [counts/sqrt(s)] by which a cell's rest wanders. Where it is stated, it takes the place of `drift`: the
             rest is followed by a Kalman filter, a second late and while nothing touches the cell, and what is not
@@ -56,7 +58,7 @@ class TaxelSettings:
     off: float = 3.0
     sure: float = 5.0
     share: float = 0.05
-    unequal: float = 0.02
+    unequal: float | None = None
     drift: float = 10.0
     walk: float = 0.0
     reach: float = 0.012
@@ -70,7 +72,7 @@ class TaxelSettings:
             raise ValueError("drift must be positive, sure not negative and share between 0 and 1")
         if not 0 <= self.walk < inf:
             raise ValueError("walk must not be negative")
-        if not 0 <= self.unequal < inf:
+        if self.unequal is not None and not 0 <= self.unequal < inf:
             raise ValueError("unequal must not be negative")
         if not (self.reach > 0 and self.speed >= 0 and self.patience >= 0):
             raise ValueError("reach must be positive, speed and patience not negative")
@@ -81,11 +83,12 @@ class TaxelEstimator:
 
     A cell's reading is taken from its rest, which follows drift while nothing touches it, and turned into force before
     anything is summed. Contacts are connected cells; one whose pressure has two peaks with a saddle between them is
-    two, whose cells are shared out by a mixture of two round Gaussians. The place is the centroid, divided by the sum
-    of the forces [skin map, (1) corrected], on a sheet on the map between cell centres, else lifted onto the body; its
-    covariance holds that of the taxels' own places, where the body has one, as if those of a contact erred alike. The
-    force is the sum over the cells, each along its own normal; the torque about the normal is NaN, because cells feel
-    no shear. SATURATED: located, but the force is a lower bound.
+    two, whose cells are shared out by a mixture of two round Gaussians. The place on a sheet is the centroid, divided
+    by the sum of the forces [skin map, (1) corrected], on the map between cell centres. Of taxels anywhere it is the
+    middle of a round Gaussian that is fitted to their readings, so that an edge of the skin or a hole does not pull it,
+    lifted onto the body. Its covariance holds that of the taxels' own places, where the body has one, as if those of a
+    contact erred alike. The force is the sum over the cells, each along its own normal; the torque about the normal is
+    NaN, because cells feel no shear. SATURATED: located, but the force is a lower bound.
 
     Features: on a sheet `row`, `column` between cell centres, which have whole numbers; `area` [m^2] of the cells that
     are pressed; `load` [N], the sum of the cells' forces along their own normals, on a curved body more than the force;
@@ -416,7 +419,8 @@ class TaxelEstimator:
         set_, forward = self.settings, self._forward
         resting = 0.0 if self._recursion is None or self.health is None else 1.0 / self.health.frames
         sign = -1.0 if self._falling else 1.0
-        numbers = (set_.on, set_.off, set_.sure, set_.share, sign, set_.unequal, set_.drift, self._turn, resting)
+        unequal = (_UNKNOWN if self.intensity is None else _CALIBRATED) if set_.unequal is None else set_.unequal
+        numbers = (set_.on, set_.off, set_.sure, set_.share, sign, unequal, set_.drift, self._turn, resting)
         settings = (*numbers, set_.reach, set_.speed, set_.patience, set_.walk)
         smoothing = _NO_FILTER if forward is None else (*forward.parts, forward.shares)
         known = (self._place, self._table, self._curves, settings, smoothing)

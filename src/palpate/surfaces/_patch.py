@@ -125,12 +125,11 @@ def solve_patch(x0, y0, x1, y1, x2, y2, c0, c1, c2, g0, h0, g1, h1, g2, h2, pitc
     count = 0
     for r in range(found):
         x = roots[r]
-        total = s0 + x * (s1 + x * s2)
+        u, v, w = a0 + x * (a1 + x * a2), b0 + x * (b1 + x * b2), d0 + x * (d1 + x * d2)
+        total = u + v + w  # not s0 + x (s1 + x s2), which is another number where they cancel
         if total == 0.0:
             continue
-        u = (a0 + x * (a1 + x * a2)) / total
-        v = (b0 + x * (b1 + x * b2)) / total
-        w = (d0 + x * (d1 + x * d2)) / total
+        u, v, w = u / total, v / total, w / total
         # A root can be spurious (without pitch, w = 0 is a double one) or lost in rounding (a patch seen edge-on): the
         # contact has to solve the equations themselves.
         facing = u * c0 + v * c1 + w * c2

@@ -50,7 +50,7 @@ bits = {bits}                             # of a whole-number reading; 0: readin
 [contacts]
 on = 6.0                             # a touch begins where a cell stands so many deviations of its noise above its rest
 off = 3.0                            # and reaches as far as cells that stand so many above
-unequal = 0.02                       # share by which a cell's gain may be off from its curve: it widens the ellipses
+# unequal = 0.02                     # share by which a cell's gain may be off from its curve: it widens the ellipses
 
 """
 REST = 5.0  # s of a stream from which the same is taken, where no tare says how long
