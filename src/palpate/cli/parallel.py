@@ -289,12 +289,27 @@ def _ray(workers: int) -> Generator[int]:
         yield workers or 1
         return
     own = {} if address else {"address": "local", "num_cpus": workers, "include_dashboard": False}
-    with _joining("ray", address):
+    with _joining("ray", address), _environment({name: str(value) for name, value in KEEPING.items()}):
         ray.init(**own, logging_level=logging.CRITICAL, log_to_driver=False)
     try:
         yield workers or max(int(ray.cluster_resources().get("CPU", 1)), 1)
     finally:
         ray.shutdown()
+
+
+@contextmanager
+def _environment(more: Mapping[str, str]) -> Generator[None]:
+    """Processes that are started meanwhile have these variables, too."""
+    before = {name: os.environ.get(name) for name in more}
+    os.environ.update(more)
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
 
 
 @contextmanager
