@@ -393,11 +393,15 @@ class WrenchEstimator:
             yield piece, measured, *self._filtered(measured)
 
     def _located_beside(self, blocks: Iterable[Recording]) -> Iterator[Located]:
-        """`_block` of each, located in a thread of its own while the next ones are read and compensated."""
+        """`_block` of each, located in a thread of its own while the next ones are read, compensated and placed."""
         waiting: deque[tuple[Recording, list[Future[Located]]]] = deque()
         with ThreadPoolExecutor(1) as thread:
             for block in blocks:
-                waiting.append((block, [thread.submit(self._located, *each) for each in self._measured(block)]))
+                parts = [
+                    thread.submit(self._answered, piece, measured.status, *self._on_surface(measured, wrenches, share))
+                    for piece, measured, wrenches, share in self._measured(block)
+                ]
+                waiting.append((block, parts))
                 if len(waiting) > AHEAD:
                     first, parts = waiting.popleft()
                     yield self._joined(first, [part.result() for part in parts])
@@ -488,10 +492,23 @@ class WrenchEstimator:
     def _located(
         self, block: Recording, measured: Measured, wrenches: Float[np.ndarray, "n 6"], share: Float[np.ndarray, " k"]
     ) -> Located:
-        located, covariances = self.sensor.place(measured, wrenches, share, self._placement)
-        rows = self.empty(len(wrenches))
-        self.locator.run_into(located, covariances, measured.status, rows)
-        return Located(block, located, covariances, measured.status, rows)
+        return self._answered(block, measured.status, *self._on_surface(measured, wrenches, share))
+
+    def _on_surface(
+        self, measured: Measured, wrenches: Float[np.ndarray, "n 6"], share: Float[np.ndarray, " k"]
+    ) -> tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, "n 6 6"] | None]:
+        return self.sensor.place(measured, wrenches, share, self._placement)
+
+    def _answered(
+        self,
+        block: Recording,
+        status: Int8[np.ndarray, " n"],
+        located: Float[np.ndarray, "n 6"],
+        covariances: Float[np.ndarray, "n 6 6"] | None,
+    ) -> Located:
+        rows = self.empty(len(located))
+        self.locator.run_into(located, covariances, status, rows)
+        return Located(block, located, covariances, status, rows)
 
     def _placed(self, rows: Float[np.ndarray, "n width"]) -> Float[np.ndarray, "n width"]:
         """With what touches err by beside their wrenches; after a touch was decided."""
