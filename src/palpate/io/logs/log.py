@@ -103,7 +103,10 @@ class Messages:
 
     def of(self, topic: Topic) -> Messages:
         """Those of one topic, as far as they are of its type."""
-        mask = np.isin(self.topic, [key for key, other in self.topics.items() if other.same(topic)])
+        mask = np.zeros(len(self.topic), dtype=bool)
+        for key, other in self.topics.items():
+            if other.same(topic):
+                mask |= self.topic == key
         return Messages(self.data, self.topics, self.topic[mask], self.time[mask], self.start[mask], self.length[mask])
 
 
