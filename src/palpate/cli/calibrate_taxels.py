@@ -179,7 +179,7 @@ def _layout(
         if not path.exists():
             hint = f"Use {', '.join(LAYOUTS)}, or a file of taxels."
             raise InputError(f"there is no layout {chosen!r}.", where="layout", hint=hint)
-        return ModuleLayout.of(read_taxel_places(path)), []
+        return ModuleLayout.of(read_taxel_places(path), bent=True), []
     places = LAYOUTS[chosen]
     taxels = len(start or ()) if pokes is None else pokes.taxels
     count, left = divmod(taxels, len(places))
