@@ -79,19 +79,24 @@ def _unbent(away: Float[np.ndarray, "t 3"], axes: Float[np.ndarray, "3 3"]) -> F
 
     To fourth order: along x the arc of K x^2 / 2 is x + K^2 x^3 / 6, and across it nothing is longer.
     """
-    for _ in range(_ROUNDS):
-        x, y, height = (away @ axes.T).T
-        forms = np.column_stack([np.ones_like(x), x, y, x * x / 2, x * y, y * y / 2])
-        scale = np.abs(forms).max(axis=0)
-        _, lean, tilt, a, b, c = np.linalg.lstsq(forms / scale, height, rcond=1e-6)[0] / scale
-        outward = axes[2] - lean * axes[0] - tilt * axes[1]  # until it is normal to the sheet in the middle
-        outward = outward / np.linalg.norm(outward)
-        along = axes[0] - (axes[0] @ outward) * outward
-        along = along / np.linalg.norm(along)
-        axes = np.stack([along, np.cross(outward, along), outward])
+    for _ in range(_ROUNDS):  # until the third axis is normal to the sheet in the middle
+        lean, _ = _bend(away @ axes.T)
+        outward: Float[np.ndarray, "3"] = axes[2] - lean @ axes[:2]
+        along: Float[np.ndarray, "3"] = axes[0] - (axes[0] @ outward) / (outward @ outward) * outward
+        frame = np.stack([along, np.cross(outward, along), outward])
+        axes = frame / np.linalg.norm(frame, axis=1, keepdims=True)
     flat = away @ axes[:2].T
-    pull = flat @ np.array([[a, b], [b, c]])
+    pull = flat @ _bend(away @ axes.T)[1]
     return flat + (flat * pull).sum(axis=1, keepdims=True) * pull / 6.0
+
+
+def _bend(points: Float[np.ndarray, "t 3"]) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2 2"]]:
+    """Slope and curvature [1/m] in the origin of the height that is nearest to points, of second degree."""
+    x, y, height = points.T
+    forms = np.column_stack([np.ones_like(x), x, y, x * x / 2, x * y, y * y / 2])
+    scale = np.abs(forms).max(axis=0)
+    found = np.asarray(np.linalg.lstsq(forms / scale, height, rcond=1e-6)[0], dtype=np.float64) / scale
+    return found[1:3], found[np.array([[3, 4], [4, 5]])]
 
 
 def _ring() -> Float[np.ndarray, "12 2"]:

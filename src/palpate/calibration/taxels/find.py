@@ -345,7 +345,8 @@ def _rests(free: _Free, means: Float[np.ndarray, "n 16"], time: Float[np.ndarray
     share = (time - free.time[one]) / np.maximum(free.time[other] - free.time[one], 1e-9)
     share = np.where(before & after, share, 0.0)[:, None]
     rest = (1.0 - share) * free.mean[one, :6] + share * free.mean[other, :6]
-    return np.where((before | after)[:, None], rest, np.nan)
+    found = np.asarray(before | after, dtype=bool)
+    return np.where(found[:, None], rest, np.nan)
 
 
 def _noise(samples: _Samples, free: _Free, spans: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "6 6"]:
