@@ -111,12 +111,20 @@ FAULTS: list[Fault] = [
     *of(
         "calibration/taxels/solve.py",
         POKED,
-        ("contacts about a taxel err by as much wherever they are", " @ seen.covariance[rows]", " * 1e-6"),
+        (
+            "contacts about a taxel err by as much wherever they are",
+            "root @ linear.by_point[rows] @ axes @ seen.covariance[rows]",
+            "1e-6 * root @ linear.by_point[rows] @ axes",
+        ),
     ),
     *of(
         "sensors/taxel_modules.py",
         POKED,
-        ("a bent module is as long as seen from above", "* pull / 6.0", "* 0.0"),
+        (
+            "a bent module is as long as seen from above",
+            "flat + (flat * pull).sum(axis=1, keepdims=True) * pull / 6.0",
+            "flat",
+        ),
     ),
     *of(
         "calibration/taxels/calibrate.py",
