@@ -92,8 +92,8 @@ FAULTS: list[Fault] = [
         FOUND,
         (
             "free motion of any pose is taken off",
-            "low + np.flatnonzero(_apart(free.mean[low:high], mean) <= 1.0)",
-            "np.arange(low, high)",
+            "same = there & (_apart(free.mean[about], means[:, None]) <= 1.0)",
+            "same = there",
         ),
     ),
     *of(
@@ -107,6 +107,24 @@ FAULTS: list[Fault] = [
         "calibration/taxels/solve.py",
         SOLVED,
         ("units do not see what they have in common", "told[:, -1] - told[:, :-1] @ common", "told[:, -1]"),
+    ),
+    *of(
+        "calibration/taxels/solve.py",
+        POKED,
+        (
+            "contacts about a taxel err by as much wherever they are",
+            "root @ linear.by_point[rows] @ axes @ seen.covariance[rows]",
+            "1e-6 * root @ linear.by_point[rows] @ axes",
+        ),
+    ),
+    *of(
+        "sensors/taxel_modules.py",
+        POKED,
+        (
+            "a bent module is as long as seen from above",
+            "flat + (flat * pull).sum(axis=1, keepdims=True) * pull / 6.0",
+            "flat",
+        ),
     ),
     *of(
         "calibration/taxels/calibrate.py",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from itertools import zip_longest
 
 import numpy as np
 import pytest
@@ -61,7 +62,7 @@ def test_wrenches_and_configurations_are_those_of_the_pokes() -> None:
     deviations.
     """
     log, session = _log(), _session()
-    found = find_pokes([_recording(log)], _frames(log))
+    found = find_pokes([_recording(log), *_frames(log)])
     true = _matched(found, log)
     assert len(found) >= 0.95 * len(session.pokes)
     np.testing.assert_array_equal(found.configuration, session.pokes.configuration[true])
@@ -81,7 +82,7 @@ def test_wrenches_and_configurations_are_those_of_the_pokes() -> None:
 def test_answers_are_those_that_stand_above_the_threshold() -> None:
     """Steady parts hold a share of the whole answer, less by ramps and rounding: by half a count and 15 %."""
     log = _log()
-    found = find_pokes([_recording(log)], _frames(log))
+    found = find_pokes([_recording(log), *_frames(log)])
     true = _matched(found, log)
     touches = log.session.touches
     table = np.zeros((len(log.start), found.taxels))
@@ -97,9 +98,11 @@ def test_answers_are_those_that_stand_above_the_threshold() -> None:
 def test_blocks_of_any_size_give_the_same_pokes_within_rounding() -> None:
     log = _log()
     frames, recording = _frames(log)[0], _recording(log)
-    one = find_pokes([recording], [frames])
+    one = find_pokes([recording, frames])
     cut = [(frames[0][k : k + 700], frames[1][k : k + 700].astype(np.float64)) for k in range(0, len(frames[0]), 700)]
-    other = find_pokes([recording.picked(slice(k, k + 999)) for k in range(0, len(recording), 999)], cut)
+    pieces = [recording.picked(slice(k, k + 999)) for k in range(0, len(recording), 999)]
+    turns = [part for pair in zip_longest(cut, pieces) for part in pair if part is not None]  # in turns
+    other = find_pokes(turns)
     np.testing.assert_array_equal(one.starts, other.starts)
     np.testing.assert_allclose(one.wrench, other.wrench, atol=1e-9)
     np.testing.assert_allclose(one.response, other.response, rtol=0.05, atol=0.05)  # the rest follows by blocks
@@ -108,8 +111,8 @@ def test_blocks_of_any_size_give_the_same_pokes_within_rounding() -> None:
 def test_falling_readings_and_a_drifting_rest_are_followed() -> None:
     log = _log()
     drift = np.linspace(0.0, 4.0, len(log.taxels))[:, None]
-    rising = find_pokes([_recording(log)], _frames(log, np.rint(np.minimum(log.taxels + drift, 255.0))))
-    falling = find_pokes([_recording(log)], _frames(log, 255 - log.taxels), PokeSearch(falling=True))
+    rising = find_pokes([_recording(log), *_frames(log, np.rint(np.minimum(log.taxels + drift, 255.0)))])
+    falling = find_pokes([_recording(log), *_frames(log, 255 - log.taxels)], PokeSearch(falling=True))
     assert abs(len(rising) - len(log.start)) <= 4
     assert abs(len(falling) - len(log.start)) <= 4
 
@@ -162,7 +165,7 @@ def test_a_taxel_stuck_on_is_named_and_left_out(share: float) -> None:
     taxels = log.taxels.copy()
     first = int(share * len(taxels))
     taxels[max(first, 60) :, 17] = 180
-    found = find_pokes([_recording(log)], _frames(log, taxels))
+    found = find_pokes([_recording(log), *_frames(log, taxels)])
     assert 17 not in found.taxel
     assert any("taxel 17 answers nearly all the time, or never returns" in said for said in found.notes)
     assert len(found) >= 0.9 * len(log.start)
@@ -214,7 +217,7 @@ def _another_skin(log: PokeLog) -> tuple[Recording, list[tuple[np.ndarray, np.nd
 def test_what_cannot_be_meant_is_a_sentence(made: object, said: str) -> None:
     recording, frames, search = made(_log())
     with pytest.raises(InputError, match=said):
-        find_pokes([recording], frames, search)
+        find_pokes([recording, *frames], search)
 
 
 def test_a_clock_that_jumps_back_and_readings_that_are_none_lose_little() -> None:
@@ -224,7 +227,7 @@ def test_a_clock_that_jumps_back_and_readings_that_are_none_lose_little() -> Non
     time[5000:5050] -= 3.0
     wrench = log.wrench.copy()
     wrench[8000:8100] = np.nan
-    found = find_pokes([replace(_recording(log, wrench), time=time)], _frames(log))
+    found = find_pokes([replace(_recording(log, wrench), time=time), *_frames(log)])
     assert len(found) >= len(log.start) - 4
     assert any("50 wrenches are not later" in said for said in found.notes)
 
@@ -233,7 +236,7 @@ def test_a_pose_that_stays_is_taken_as_given() -> None:
     log = _log()
     bare = {name: each for name, each in _recording(log).channels.items() if name in (FORCE, TORQUE)}
     pose = Pose.from_rotation_vector([0.1, 0.2, 0.3], [0.0, 0.01, 0.1])
-    found = find_pokes([replace(_recording(log), channels=bare)], _frames(log), PokeSearch(pose=pose))
+    found = find_pokes([replace(_recording(log), channels=bare), *_frames(log)], PokeSearch(pose=pose))
     np.testing.assert_allclose(found.origin, np.tile(pose.translation, (len(found), 1)))
     assert found.configurations == 1
 

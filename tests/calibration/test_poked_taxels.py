@@ -9,16 +9,19 @@ import pytest
 
 from evidence.taxel_limit import priors_of
 from palpate.calibration.taxels import Priors, TaxelCalibration, calibrate_taxels, paper
+from palpate.calibration.taxels import solve as solving
 from palpate.calibration.taxels.metric import nearest_in_metric
 from palpate.calibration.taxels.nuisances import Nuisances, predicted
 from palpate.calibration.taxels.place import common_layout, place_modules
 from palpate.calibration.taxels.plan import candidates, known_after, plan_pokes
 from palpate.calibration.taxels.response import charted, learned, seen_among
+from palpate.calibration.taxels.solve import solve
 from palpate.calibration.taxels.ties import tied
 from palpate.calibration.taxels.units import fitted, single
 from palpate.errors import InputError, NotIdentifiable
 from palpate.sensors.pokes import Pokes
 from palpate.sensors.taxel_modules import LAYOUTS, ModuleLayout
+from palpate.sensors.taxel_places import TaxelPlaces
 from palpate.simulation.forearm import Forearm
 from palpate.simulation.poke_bench import HAND, MIX, PokeBench, PokeErrors, PokeSession
 from palpate.spatial.pose import Pose
@@ -132,6 +135,49 @@ def test_a_flat_module_keeps_its_lengths_on_a_developable_link(skin: Forearm, li
     units = fitted(skin.layout, skin.places.positions, link)
     # the mesh's chords lie up to 17 um inside the cone
     np.testing.assert_allclose(units.places()[0], skin.places.positions, atol=4e-5)
+
+
+def test_modules_bent_on_their_link_are_as_long_as_laid_flat() -> None:
+    """12 mm on a radius of 32 mm are 0.3 mm shorter seen from above; a module that is flat stays as it is."""
+    skin, turn = Forearm.of(2), Pose.from_rotation_vector(np.array([0.3, -1.0, 0.4]), np.array([0.1, 0.0, 0.2]))
+    flat = turn.apply(np.column_stack([skin.flat, np.zeros(24)]))
+    outward = np.tile(turn.rotation[:, 2], (24, 1))
+    plane = TaxelPlaces(flat, outward, module=skin.places.module)
+
+    def lengths(layout: np.ndarray) -> np.ndarray:
+        each = layout.reshape(2, 12, 2)
+        return np.linalg.norm(each[:, :, None] - each[:, None], axis=3)
+
+    exact = lengths(skin.layout.places)
+    for places, bent, off in ((skin.places, True, 0.03e-3), (plane, True, 1e-9), (plane, False, 1e-9)):
+        found = lengths(ModuleLayout.of(places, bent=bent).places)
+        np.testing.assert_allclose(found, exact, atol=off)
+    assert np.abs(lengths(ModuleLayout.of(skin.places).places) - exact).max() > 0.3e-3
+
+
+def test_the_covariance_holds_pokes_that_get_denser_to_one_side(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What it has for them is what the answer moves by, taxel by taxel, were all contacts about it off by S g."""
+    skin, rng = Forearm.of(1), RNG(17)
+    link = Mesh.from_arrays(*skin.cone.mesh())
+    pokes = PokeBench.drawn(rng, skin=skin, errors=QUIET, tip=HAND).session(rng, 120).pokes
+    units, priors = fitted(skin.layout, skin.places.positions, link), priors_of(QUIET)
+    response, denser = learned(charted(pokes, units)), 0.02  # so small that all is linear
+    monkeypatch.setattr(solving, "learned", lambda _: response)
+    monkeypatch.setattr(solving, "_STILL", 1e-10)
+    monkeypatch.setattr(solving, "DENSER", 0.0)
+    plain, chart = solve(pokes, units, priors), charted(pokes, units)
+    seen, moved = seen_among(chart, response), np.zeros((3, 3))
+    for taxel in np.unique(seen.origin[plain.weight > 0]):
+        for way in denser / chart.spacing * np.eye(2):
+            off = np.where((seen.origin == taxel)[:, None], seen.covariance @ way, 0.0)
+            monkeypatch.setattr(solving, "seen_among", lambda *_, off=off: replace(seen, beside=seen.beside + off))
+            by = solve(pokes, units, priors).units.away(plain.units)[0]
+            moved += np.outer(by, by)
+    monkeypatch.setattr(solving, "seen_among", seen_among)
+    monkeypatch.setattr(solving, "DENSER", denser)
+    held = solve(pokes, units, priors).covariance[:3, :3] - plain.covariance[:3, :3]
+    scale = np.sqrt(np.diag(moved))
+    np.testing.assert_allclose(held / np.outer(scale, scale), moved / np.outer(scale, scale), atol=0.2)
 
 
 def test_the_response_model_says_where_pokes_were_and_how_well(skin: Forearm, link: Mesh) -> None:

@@ -3,17 +3,24 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 import pytest
 
 from palpate.cli import main
 from palpate.evaluation.taxels import compare_places
+from palpate.io.logs import join
+from palpate.io.logs.log import Messages
+from palpate.io.logs.mcap import McapFile
 from palpate.io.models import read_model
 from palpate.io.rig import load_rig
+from palpate.io.rig.pokes import open_pokes
 from palpate.io.rig.skin import rig_body
 from palpate.io.taxel_files import read_taxel_places
+from palpate.sensors.recording import Recording
 from palpate.sensors.taxel_places import TaxelPlaces
 from palpate.simulation.forearm import Forearm
 from palpate.simulation.poke_bench import Arm, PokeBench
@@ -53,6 +60,27 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "skin_rig.toml").write_text(RIG.format(skin='taxels = "skin.toml"'))
     assert main([*_calibrate(folder, "pokes.mcap"), "-o", f"{folder}/skin.toml"]) == 0
     return folder
+
+
+def test_wrenches_and_frames_of_one_reading_are_those_of_two(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    rig, whole = load_rig(folder / "rig.toml"), list[Path]()
+    read = McapFile._read  # pyright: ignore[reportPrivateUsage] - counted
+
+    def counted(self: McapFile, file: BinaryIO) -> Iterator[Messages]:
+        yield from read(self, file)
+        whole.append(self.path)  # not of a glance at the first stamps
+
+    monkeypatch.setattr(McapFile, "_read", counted)
+    log, frames, parts = open_pokes(folder / "pokes.mcap", rig)
+    both = list(parts)
+    assert len(whole) == 1
+    wrenches, stored = join(list(log.blocks())), list(frames.stored())
+    of_both = join([part for part in both if isinstance(part, Recording)])
+    for name, values in wrenches.channels.items():
+        np.testing.assert_array_equal(of_both.channels[name], values)
+    for k in range(2):
+        of_one = np.concatenate([part[k] for part in both if not isinstance(part, Recording)])
+        np.testing.assert_array_equal(of_one, np.concatenate([part[k] for part in stored]))
 
 
 def _calibrate(folder: Path, log: str, rig: str = "rig.toml") -> list[str]:

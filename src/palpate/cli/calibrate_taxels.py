@@ -21,16 +21,17 @@ from palpate.cli.interrupts import import_mesh_reader
 from palpate.cli.options import FileOption, Log, Output, RigFile, Scalar
 from palpate.errors import InputError
 from palpate.io.atomic import keep_inputs
-from palpate.io.logs import contents, open_log
+from palpate.io.logs import contents
 from palpate.io.models import provenance, read_model
 from palpate.io.models.summary import of_taxels
 from palpate.io.poke_files import holds_pokes, read_pokes
 from palpate.io.rig import Rig, load_rig
-from palpate.io.rig.pokes import RigPokes, cells_layout, open_wrenches
+from palpate.io.rig.pokes import RigPokes, open_pokes
 from palpate.io.rig.skin import RigSkin
 from palpate.io.taxel_files import SUFFIXES, read_taxel_places, write_taxel_places
 from palpate.sensors.intensity import Intensity
 from palpate.sensors.pokes import Pokes
+from palpate.sensors.recording import Recording
 from palpate.sensors.taxel_modules import LAYOUTS, ModuleLayout
 from palpate.sensors.taxel_places import TaxelPlaces
 from palpate.surfaces import Surface
@@ -145,17 +146,18 @@ def _pokes(log: Path, rig: Rig, start: TaxelPlaces | None) -> Pokes:
         limits=None if limits is None else limits.six(),
         start=start,
     )
-    (wrenches, pushed), frames = open_wrenches(log, rig), open_log(log, cells_layout(rig))
+    wrenches, frames, parts = open_pokes(log, rig)
 
-    def blocks() -> Iterator[Block]:
+    def counted() -> Iterator[Recording | Block]:
         done = 0
-        for time, values in frames.stored():
-            done += len(time)
-            progress(done, frames.position / max(frames.size, 1))
-            yield time, values
+        for part in parts:
+            if isinstance(part, Recording):
+                done += len(part)
+                progress(done, wrenches.position / max(wrenches.size, 1))
+            yield part
 
     with counting():
-        found = find_pokes(pushed, blocks(), search)
+        found = find_pokes(counted(), search)
     torn = [said for said in (wrenches.torn, frames.torn) if said]
     said = dict.fromkeys((*torn, *wrenches.notes(), *frames.notes(), *found.notes))
     return replace(found, notes=tuple(said))
@@ -177,7 +179,7 @@ def _layout(
         if not path.exists():
             hint = f"Use {', '.join(LAYOUTS)}, or a file of taxels."
             raise InputError(f"there is no layout {chosen!r}.", where="layout", hint=hint)
-        return ModuleLayout.of(read_taxel_places(path)), []
+        return ModuleLayout.of(read_taxel_places(path), bent=True), []
     places = LAYOUTS[chosen]
     taxels = len(start or ()) if pokes is None else pokes.taxels
     count, left = divmod(taxels, len(places))

@@ -371,7 +371,10 @@ class Kinematics:
     def poses(self, values: Float[np.ndarray, "n k"]) -> tuple[Float[np.ndarray, "n 4"], Float[np.ndarray, "n 3"]]:
         """Quaternions x, y, z, w and positions [m] of the sensor in the base, at positions of `joints`."""
         pin, model, data = self._pin, self._model, self._data
-        values, row_of = np.unique(values, axis=0, return_inverse=True)  # an arm that stays, stays in one pose
+        moved = np.ones(len(values), dtype=bool)
+        moved[1:] = (values[1:] != values[:-1]).any(axis=1)
+        values, row_of = np.unique(values[moved], axis=0, return_inverse=True)  # an arm that stays, stays in one pose
+        row_of = row_of[np.cumsum(moved) - 1]
         rotation, shift = np.empty((len(values), 3, 3)), np.empty((len(values), 3))
         where = pin.neutral(model)
         base, sensor = self._frames

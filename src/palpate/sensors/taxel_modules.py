@@ -14,6 +14,7 @@ from palpate.spatial._arrays import Value, frozen
 __all__ = ["LAYOUTS", "ModuleLayout"]
 
 _SPACING = 6.533e-3  # m, between neighbours of the lattice of iCub's later triangles
+_TELLING, _ROUNDS = 6, 3  # taxels that say how a module is bent; turns until its middle is level
 _STEP = 6.0e-3  # m, between neighbours along the edge of its earlier ones
 
 
@@ -51,8 +52,13 @@ class ModuleLayout(Value):
         return cls(np.tile(places, (modules, 1)), np.repeat(np.arange(modules), len(places)))
 
     @classmethod
-    def of(cls, places: TaxelPlaces) -> ModuleLayout:
-        """As taxels lie in the plane that is nearest to each module, as of CAD."""
+    def of(cls, places: TaxelPlaces, *, bent: bool = False) -> ModuleLayout:
+        """As taxels lie in the plane that is nearest to each module, as of CAD.
+
+        Args:
+            places: with modules.
+            bent: modules follow their link, as far as these places do: laid flat they are longer than seen from above.
+        """
         flat = np.full((len(places), 2), np.nan)
         module = np.where(places.there, places.module, -1)
         for number in range(places.modules):
@@ -64,8 +70,33 @@ class ModuleLayout(Value):
             axes = np.linalg.svd(away, full_matrices=True)[2]
             axes[2] *= np.sign(axes[2] @ outward) or 1.0
             axes[1] = np.cross(axes[2], axes[0])
-            flat[rows] = away @ axes[:2].T
+            flat[rows] = _unbent(away, axes) if bent and len(rows) >= _TELLING else away @ axes[:2].T
         return cls(flat, module)
+
+
+def _unbent(away: Float[np.ndarray, "t 3"], axes: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "t 2"]:
+    """Flat places of points about the origin of a bent sheet, which is fitted: p + (p' K p) K p / 6, K its curvature.
+
+    To fourth order: along x the arc of K x^2 / 2 is x + K^2 x^3 / 6, and across it nothing is longer.
+    """
+    for _ in range(_ROUNDS):  # until the third axis is normal to the sheet in the middle
+        lean, _ = _bend(away @ axes.T)
+        outward: Float[np.ndarray, "3"] = axes[2] - lean @ axes[:2]
+        along: Float[np.ndarray, "3"] = axes[0] - (axes[0] @ outward) / (outward @ outward) * outward
+        frame = np.stack([along, np.cross(outward, along), outward])
+        axes = frame / np.linalg.norm(frame, axis=1, keepdims=True)
+    flat = away @ axes[:2].T
+    pull = flat @ _bend(away @ axes.T)[1]
+    return flat + (flat * pull).sum(axis=1, keepdims=True) * pull / 6.0
+
+
+def _bend(points: Float[np.ndarray, "t 3"]) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2 2"]]:
+    """Slope and curvature [1/m] in the origin of the height that is nearest to points, of second degree."""
+    x, y, height = points.T
+    forms = np.column_stack([np.ones_like(x), x, y, x * x / 2, x * y, y * y / 2])
+    scale = np.abs(forms).max(axis=0)
+    found = np.asarray(np.linalg.lstsq(forms / scale, height, rcond=1e-6)[0], dtype=np.float64) / scale
+    return found[1:3], found[np.array([[3, 4], [4, 5]])]
 
 
 def _ring() -> Float[np.ndarray, "12 2"]:

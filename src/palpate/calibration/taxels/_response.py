@@ -12,18 +12,19 @@ from palpate.surfaces._jit import entry, inner
 __all__ = ["posterior"]
 
 _FAR = 30.0  # deviations beyond which nothing becomes less likely
+_SURE = 8.5  # deviations beyond which the logarithm of the normal distribution is 0 to the last bit
 
 
 @inner
 def _log_below(x):
     """Logarithm of the normal distribution."""
-    return log(0.5 * erfc(-min(max(x, -_FAR), _FAR) / sqrt(2.0)))
+    return 0.0 if x > _SURE else log(0.5 * erfc(-max(x, -_FAR) / sqrt(2.0)))
 
 
 @inner
 def _fit(x, y, count, at, answers, shares, weight, quiet, model, silent):
     """Logarithm of how likely the answers are, were the poke at x, y; its level fits best, as far as it may."""
-    level, reach, power, scatter, rough = model[:5]
+    level, reach, power, spread = model
     total, squares = 0.0, 0.0
     for i in range(count):
         square = (at[i, 0] - x) ** 2 + (at[i, 1] - y) ** 2
@@ -38,7 +39,7 @@ def _fit(x, y, count, at, answers, shares, weight, quiet, model, silent):
     found = -0.5 * (squares - total * shift)
     for i in range(count):
         if shares[i] == 0.0:
-            found += _log_below((quiet - silent[i] - shift) / hypot(scatter, rough))
+            found += _log_below((quiet - silent[i] - shift) / spread)
     return found
 
 
@@ -54,6 +55,7 @@ def posterior(taxels, flat, logs, quiet, model, search, mean, covariance):
     """
     side, first, left = search
     scatter, rough, uneven = model[3:]
+    shape = model[0], model[1], model[2], hypot(scatter, rough)
     wide = taxels.shape[1]
     at, answers, shares, silent = np.empty((wide, 2)), np.empty(wide), np.empty(wide), np.empty(wide)
     fits, half, middle = np.empty((side, side)), np.empty(2), np.empty(2)
@@ -77,7 +79,7 @@ def posterior(taxels, flat, logs, quiet, model, search, mean, covariance):
                 x = middle[0] + half[0] * (2.0 * a / (side - 1) - 1.0)
                 for b in range(side):
                     y = middle[1] + half[1] * (2.0 * b / (side - 1) - 1.0)
-                    fits[a, b] = _fit(x, y, count, at, answers, shares, weight, quiet[n], model, silent)
+                    fits[a, b] = _fit(x, y, count, at, answers, shares, weight, quiet[n], shape, silent)
                     best = max(best, fits[a, b])
             total, u, v, uu, vv, uv = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0  # about the middle, in halves
             for a in range(side):

@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float, Int
 from palpate.errors import InputError
 from palpate.sensors.taxel_health import resting
 
-__all__ = ["Answers", "read_answers"]
+__all__ = ["AnswerReader", "Answers", "Block", "read_answers"]
 
 HEAD = 2048  # frames from which rest and noise are taken
 FEWEST = 16  # frames of a log
@@ -65,16 +65,16 @@ def read_answers(
     Raises:
         InputError: too few frames, or one that does not fit the others.
     """
-    reader = _Reader(threshold, top, falling)
+    reader = AnswerReader(threshold, top=top, falling=falling)
     for time, values in frames:
         reader.take(np.asarray(time), values)
     return reader.finish()
 
 
-class _Reader:
-    """Keeps rest and answers while blocks go by."""
+class AnswerReader:
+    """Keeps rest and answers while blocks go by; arguments as those of `read_answers`."""
 
-    def __init__(self, threshold: float | None, top: float, falling: bool) -> None:
+    def __init__(self, threshold: float | None = None, *, top: float = np.inf, falling: bool = False) -> None:
         self._given, self._top, self._sign = threshold, top, -1.0 if falling else 1.0
         self._head = list[tuple[np.ndarray, np.ndarray]]()
         self._rest: Float[np.ndarray, " k"] = np.zeros(0)

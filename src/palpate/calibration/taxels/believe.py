@@ -122,12 +122,14 @@ def _far_apart(pokes: Pokes, start: TaxelPlaces) -> Bool[np.ndarray, " n"]:
         return np.zeros(len(pokes), dtype=bool)
     distances: Any = cKDTree(known).query(known, k=2)[0]
     usual = float(np.median(distances[:, 1]))
+    first = pokes.taxel[pokes.starts[pokes.poke]]
+    wide = np.linalg.norm(points[pokes.taxel] - points[first], axis=1) > APART * usual
 
     def beside(taxels: Int[np.ndarray, " a"]) -> Bool[np.ndarray, "a a"]:
         away = np.linalg.norm(points[taxels][:, None] - points[taxels], axis=2)
         return ~(away > APART * usual)  # what is not known lies anywhere
 
-    return _split(pokes, beside)
+    return _split(pokes, beside, np.unique(pokes.poke[wide]))  # all beside one of them are no two areas
 
 
 def _never_together(pokes: Pokes) -> Bool[np.ndarray, " n"]:
@@ -153,13 +155,15 @@ def _never_together(pokes: Pokes) -> Bool[np.ndarray, " n"]:
         found[rare] = False
         return found
 
-    return _split(pokes, beside)
+    return _split(pokes, beside, np.arange(len(pokes)))
 
 
-def _split(pokes: Pokes, beside: Callable[[np.ndarray], np.ndarray]) -> Bool[np.ndarray, " n"]:
-    """Pokes whose answers fall into parts that are not beside each other, the second of a fair share."""
+def _split(
+    pokes: Pokes, beside: Callable[[np.ndarray], np.ndarray], among: Int[np.ndarray, " j"]
+) -> Bool[np.ndarray, " n"]:
+    """Pokes among these whose answers fall into parts that are not beside each other, the second of a fair share."""
     found = np.zeros(len(pokes), dtype=bool)
-    for k in range(len(pokes)):
+    for k in among.tolist():
         rows = slice(*pokes.starts[k : k + 2])
         taxels, response = pokes.taxel[rows], pokes.response[rows]
         if len(taxels) < 2:

@@ -132,7 +132,7 @@ def _together(
 ) -> TaxelCalibration:
     """All at once: units from a start or from the paper's way, then with everything that is estimated."""
     if modules:
-        layout = layout if layout is not None or start is None else ModuleLayout.of(start)
+        layout = layout if layout is not None or start is None else ModuleLayout.of(start, bent=True)
         if layout is None or not layout.modules:
             raise InputError(
                 "modules need a layout.", where="method", hint="Give one, or a start with modules, or use 'taxels'."

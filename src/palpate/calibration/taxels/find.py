@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from palpate.calibration.taxels.answers import Answers, Block, read_answers
+from palpate.calibration.taxels.answers import AnswerReader, Answers, Block
 from palpate.calibration.taxels.believe import believed
 from palpate.errors import InputError
 from palpate.sensors.correlation import correlation_time
@@ -32,6 +32,7 @@ AROUND = 4  # means of free motion before and behind that one is compared with
 OUTLYING = 6.0  # deviations of a mean of free motion from the others': something touched
 FEW = 4  # pokes in each stretch in which the arm stays, on average, or poses are what counts
 NULLS = 12  # pairs of free means from which their scatter is taken
+ROWS = 1 << 12  # that are summed up at once: they stay in the processor's cache
 
 
 @dataclass(frozen=True)
@@ -77,7 +78,7 @@ class _Samples:
         return (self.sums[last] - self.sums[first]) / np.maximum(count, 1)[:, None], count
 
 
-def find_pokes(wrenches: Iterable[Recording], frames: Iterable[Block], search: PokeSearch | None = None) -> Pokes:
+def find_pokes(parts: Iterable[Recording | Block], search: PokeSearch | None = None) -> Pokes:
     """Pokes of one log, whose wrenches and taxels come at their own times on one clock.
 
     A poke is a stretch in which some taxel stands above its rest. Its wrench is the mean over its steady part less that
@@ -85,16 +86,15 @@ def find_pokes(wrenches: Iterable[Recording], frames: Iterable[Block], search: P
     such a difference in free motion.
 
     Args:
-        wrenches: blocks with force and torque in the sensor's frame; orientation and position are the link's in it.
-        frames: blocks of times and readings of the taxels.
+        parts: blocks with force and torque in the sensor's frame, orientation and position the link's in it, and blocks
+            of times and readings of the taxels; each kind in its order, whichever comes first.
         search: how they are looked for.
 
     Raises:
         InputError: nothing answers, no free motion before the first poke, no pose, or no time in common.
     """
     search = search or PokeSearch()
-    samples, said = _samples(wrenches, search)
-    answers = read_answers(frames, threshold=search.threshold, top=search.top, falling=search.falling)
+    samples, answers, said = _read(parts, search)
     spans, active = _stretches(answers)
     _require_sense(samples, answers, active)
     free = _free(samples, active)
@@ -110,28 +110,48 @@ def find_pokes(wrenches: Iterable[Recording], frames: Iterable[Block], search: P
     return believed(pokes, start=search.start, saturated=highest)
 
 
-def _samples(blocks: Iterable[Recording], search: PokeSearch) -> tuple[_Samples, list[str]]:
-    """The whole log of wrenches, without rows that run back in time."""
-    parts = [(block.time, block.wrenches(), *_poses(block, search.pose)) for block in blocks]
-    time, wrench, quaternion, position = (np.concatenate(each) for each in zip(*parts, strict=True))
-    if search.limits is not None:
-        wrench = np.where((np.abs(wrench) >= search.limits).any(axis=1, keepdims=True), np.nan, wrench)
-    later = np.maximum.accumulate(np.concatenate([[-np.inf], np.nan_to_num(time, nan=-np.inf)]))
-    good, said = time > later[:-1], list[str]()
+def _read(parts: Iterable[Recording | Block], search: PokeSearch) -> tuple[_Samples, Answers, list[str]]:
+    """Frames of many taxels do not fit in memory: what answers in them is kept, beside the whole log of wrenches."""
+    reader = AnswerReader(search.threshold, top=search.top, falling=search.falling)
+    wrenches = list[tuple[np.ndarray, ...]]()
+    for part in parts:
+        if isinstance(part, Recording):
+            wrenches.append((part.time, part.wrenches(), *_poses(part, search.pose)))
+        else:
+            reader.take(*part)
+    samples, said = _samples(wrenches, search.limits)
+    return samples, reader.finish(), said
+
+
+def _samples(
+    parts: Sequence[tuple[np.ndarray, ...]], limits: Float[np.ndarray, "6"] | None
+) -> tuple[_Samples, list[str]]:
+    """Of blocks of times, wrenches, quaternions and positions, without rows that run back in time."""
+    columns = [np.concatenate(each) for each in zip(*parts, strict=True)]
+    later = np.maximum.accumulate(np.concatenate([[-np.inf], np.nan_to_num(columns[0], nan=-np.inf)]))
+    good, said = columns[0] > later[:-1], list[str]()
     if not good.all():
         back = np.count_nonzero(~good)
         said.append(f"{back} wrenches are not later than those before them, and are left out: did the clock jump?")
-    time, wrench, quaternion, position = (each[good] for each in (time, wrench, quaternion, position))
+        columns = [each[good] for each in columns]
+    time, wrench, quaternion, position = columns
     if not len(time):
         raise InputError("has no wrench with a time.", where="wrenches")
+    if limits is not None:
+        wrench = np.where((np.abs(wrench) >= limits).any(axis=1, keepdims=True), np.nan, wrench)
     quaternion = _aligned(quaternion)
     shift = np.nanmean(position, axis=0) if np.isfinite(position).any() else np.zeros(3)
-    position = position - shift
-    table = np.concatenate([wrench, quaternion, position, position**2], axis=1)
-    known = np.isfinite(table).all(axis=1)
-    table[~known] = 0.0
-    sums = np.concatenate([np.zeros((1, table.shape[1])), np.cumsum(table, axis=0)])
-    return _Samples(time, sums, np.concatenate([[0], np.cumsum(known)]), wrench, shift), said
+    sums, known = np.zeros((len(time) + 1, 16)), np.zeros(len(time) + 1, dtype=np.int64)
+    for start in range(0, len(time), ROWS):
+        rows, after = slice(start, start + ROWS), slice(start + 1, start + 1 + ROWS)
+        away = position[rows] - shift
+        table = np.concatenate([wrench[rows], quaternion[rows], away, away**2], axis=1)
+        sound = np.isfinite(table).all(axis=1)
+        table[~sound] = 0.0
+        table[0] += sums[start]
+        np.cumsum(table, axis=0, out=sums[after])
+        known[after] = known[start] + np.cumsum(sound)
+    return _Samples(time, sums, known, wrench, shift), said
 
 
 def _poses(block: Recording, pose: Pose | None) -> tuple[Float[np.ndarray, "n 4"], Float[np.ndarray, "n 3"]]:
@@ -248,14 +268,23 @@ def _free(samples: _Samples, active: Float[np.ndarray, "q 2"]) -> _Free:
 
 def _untouched(free: _Free) -> _Free:
     """Without those in which something touched although no taxel answered: they are far from those around them."""
-    off = np.zeros(len(free.time))
-    for k in range(len(off)):
-        around = slice(max(0, k - AROUND), k + AROUND + 1)
-        same = free.mean[around][_apart(free.mean[around], free.mean[k]) <= 1.0]
-        off[k] = np.linalg.norm(free.mean[k, :3] - np.median(same[:, :3], axis=0))
+    about, there = _around(np.arange(len(free.time)), range(-AROUND, AROUND + 1), len(free.time))
+    same = there & (_apart(free.mean[about], free.mean[:, None]) <= 1.0)
+    ordered = np.sort(np.where(same[..., None], free.mean[about, :3], np.inf), axis=1)
+    count, row = same.sum(axis=1), np.arange(len(about))
+    median = (ordered[row, (count - 1) // 2] + ordered[row, count // 2]) / 2.0
+    off = np.linalg.norm(free.mean[:, :3] - median, axis=1)
     usual = 1.4826 * float(np.median(off[off > 0])) if (off > 0).any() else 0.0
     kept = off <= max(OUTLYING * usual, 1e-9)
     return _Free(*(each[kept] for each in (free.time, free.mean, free.count, free.gap, free.ends)))
+
+
+def _around(
+    at: Int[np.ndarray, " n"], steps: range, count: int
+) -> tuple[Int[np.ndarray, "n s"], Bool[np.ndarray, "n s"]]:
+    """Entries so many steps from others, of `count` in all, and whether there are such."""
+    about = at[:, None] + np.array(steps)
+    return np.clip(about, 0, count - 1), (about >= 0) & (about < count)
 
 
 def _spread(mean: Float[np.ndarray, "n 16"]) -> Float[np.ndarray, " n"]:
@@ -265,12 +294,12 @@ def _spread(mean: Float[np.ndarray, "n 16"]) -> Float[np.ndarray, " n"]:
     return np.maximum(turned / TURNED, shifted / SHIFTED)
 
 
-def _apart(one: Float[np.ndarray, "n 16"], other: Float[np.ndarray, "*n 16"]) -> Float[np.ndarray, " n"]:
+def _apart(one: Float[np.ndarray, "*n 16"], other: Float[np.ndarray, "*m 16"]) -> Float[np.ndarray, "*k"]:
     """How far poses are from another one, or each from its own, in parts of what counts as staying."""
-    both = np.abs((one[:, 6:10] * other[..., 6:10]).sum(axis=1))
-    cosine = both / np.linalg.norm(one[:, 6:10], axis=1) / np.linalg.norm(other[..., 6:10], axis=-1)
+    both = np.abs((one[..., 6:10] * other[..., 6:10]).sum(axis=-1))
+    cosine = both / np.linalg.norm(one[..., 6:10], axis=-1) / np.linalg.norm(other[..., 6:10], axis=-1)
     turned = 2.0 * np.arccos(np.clip(cosine, 0.0, 1.0))
-    shifted = np.linalg.norm(one[:, 10:13] - other[..., 10:13], axis=1)
+    shifted = np.linalg.norm(one[..., 10:13] - other[..., 10:13], axis=-1)
     return np.maximum(turned / TURNED, shifted / SHIFTED)
 
 
@@ -288,39 +317,36 @@ def _measured(
     samples: _Samples, spans: Float[np.ndarray, "p 2"], free: _Free
 ) -> tuple[Float[np.ndarray, "n 16"], Float[np.ndarray, "n 2"], dict[str, int]]:
     """Means of those pokes that can be used, less what the sensor reads without them; their times; why others not."""
-    rows, kept = list[np.ndarray](), list[np.ndarray]()
     dropped = {"the arm moves": 0, "no wrench or pose": 0, "no free motion in this configuration": 0}
     step = float(np.median(np.diff(samples.time))) if len(samples.time) > 1 else 0.0
     means, counts = samples.windows(spans)
     lacking = counts < np.maximum(LEAST, 0.5 * np.diff(spans, axis=1)[:, 0] / max(step, 1e-9))
     moving = ~lacking & (_spread(means) > 1.0)
     dropped["no wrench or pose"], dropped["the arm moves"] = int(lacking.sum()), int(moving.sum())
-    still = ~(lacking | moving)
-    for span, mean in zip(spans[still], means[still], strict=True):
-        rest = _rest(free, mean, float(span.mean()))
-        if rest is None:
-            dropped["no free motion in this configuration"] += 1
-            continue
-        mean[:6] -= rest
-        mean[10:13] += samples.shift
-        rows.append(mean)
-        kept.append(span)
-    return np.array(rows).reshape(-1, 16), np.array(kept).reshape(-1, 2), dropped
+    rows, kept = (each[~(lacking | moving)] for each in (means, spans))
+    rest = _rests(free, rows, kept.mean(axis=1))
+    known = np.isfinite(rest).all(axis=1)
+    dropped["no free motion in this configuration"] = int((~known).sum())
+    rows[:, :6] -= rest
+    rows[:, 10:13] += samples.shift
+    return rows[known], kept[known], dropped
 
 
-def _rest(free: _Free, mean: Float[np.ndarray, "16"], time: float) -> Float[np.ndarray, "6"] | None:
-    """What the sensor reads untouched, straight between the free motion before and behind in the same pose."""
-    at = int(np.searchsorted(free.time, time))
-    low, high = max(0, at - 2 * NEAREST), min(len(free.time), at + 2 * NEAREST)
-    same = low + np.flatnonzero(_apart(free.mean[low:high], mean) <= 1.0)
-    before, after = same[same < at], same[same >= at]
-    if not len(same):
-        return None
-    if not (len(before) and len(after)):
-        return free.mean[before[-1] if len(before) else after[0], :6]
-    one, other = before[-1], after[0]
-    share = (time - free.time[one]) / max(free.time[other] - free.time[one], 1e-9)
-    return (1.0 - share) * free.mean[one, :6] + share * free.mean[other, :6]
+def _rests(free: _Free, means: Float[np.ndarray, "n 16"], time: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 6"]:
+    """What the sensor reads untouched, straight between the free motion before and behind in the same pose, or NaN."""
+    reach = 2 * NEAREST
+    about, there = _around(np.searchsorted(free.time, time), range(-reach, reach), len(free.time))
+    same = there & (_apart(free.mean[about], means[:, None]) <= 1.0)
+    before, after = same[:, :reach].any(axis=1), same[:, reach:].any(axis=1)
+    row = np.arange(len(means))
+    one = about[row, reach - 1 - np.argmax(same[:, reach - 1 :: -1], axis=1)]
+    other = about[row, reach + np.argmax(same[:, reach:], axis=1)]
+    one, other = np.where(before, one, other), np.where(after, other, one)
+    share = (time - free.time[one]) / np.maximum(free.time[other] - free.time[one], 1e-9)
+    share = np.where(before & after, share, 0.0)[:, None]
+    rest = (1.0 - share) * free.mean[one, :6] + share * free.mean[other, :6]
+    found = np.asarray(before | after, dtype=bool)
+    return np.where(found[:, None], rest, np.nan)
 
 
 def _noise(samples: _Samples, free: _Free, spans: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "6 6"]:

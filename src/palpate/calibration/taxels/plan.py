@@ -167,7 +167,7 @@ def after_calibration(
             hint="Plan from a .toml that palpate calibrate taxels wrote with method modules or taxels.",
         )
     if places.modules:
-        units = fitted(ModuleLayout.of(places), places.positions, surface)
+        units = fitted(ModuleLayout.of(places, bent=True), places.positions, surface)
     else:
         units, priors = single(places.positions, surface, places.normals), priors.of_single_taxels()
     rows = places.configurations

@@ -26,7 +26,7 @@ _STEPS = 40
 _FRESH = 5  # steps after which the derivatives of the taxels' places are taken anew
 _STILL = 1e-5  # m: the steps that end it
 _LONGEST = 1e-2, 0.4  # m, rad: of one step of a unit
-SHARED = 0.3e-3  # m: what the model of responses leaves out is alike for all pokes about a taxel
+DENSER = 2.0  # deviation of the log of how dense pokes are, from one taxel to the next: nobody pokes evenly
 LEAST = 1.0  # 1/m^2, 1/rad^2: nothing is known of a unit, but that it is within a metre
 _WELL = 2.366  # median of chi-square with three degrees of freedom
 
@@ -100,8 +100,10 @@ def solve(
     linear = _linear(pokes, units, units.jacobian(), seen, nuisances, twist)
     weight, noise = _weights(pokes, seen, linear)
     covariance = before.covariance(_all(linear, weight / noise**2, units, pokes, priors)[0])
-    if response is not None:
-        covariance = covariance + _shared(linear, weight / noise**2, pokes, units, seen, covariance)
+    if chart is not None:
+        covariance = covariance + _shared(
+            linear, weight / noise**2, pokes, units, seen, covariance, DENSER / chart.spacing
+        )
     return Solution(units, nuisances, response, covariance, linear.residual, weight, noise)
 
 
@@ -311,12 +313,18 @@ def _shared(
     units: Units,
     seen: Seen,
     covariance: Float[np.ndarray, "p p"],
+    denser: float,
 ) -> Float[np.ndarray, "p p"]:
-    """What the covariance lacks, since contacts about one taxel err alike and do not average out."""
+    """What the covariance lacks, since contacts about one taxel err alike and do not average out.
+
+    Where a poke was is told with all places alike before. If pokes get denser to one side as exp(g . x), those about a
+    taxel all lie off by S g to first order, S the covariance of each: far at the edge of a module, where little is
+    known of a place, hardly between taxels. g has the deviation `denser` [1/m] along each axis, its own at each taxel.
+    """
     rows, root = _roots(linear, weight)
     values, columns, size = _lines(linear, rows, root, len(units), units.freedom, pokes)
     axes = tangents(units, units.places()[1], seen.origin[rows])
-    beside = root @ linear.by_point[rows] @ axes  # (r, 3, 2)
+    beside = root @ linear.by_point[rows] @ axes @ seen.covariance[rows]  # (r, 3, 2)
     along = np.einsum("ril,ria->rla", values, beside)
     used, taxel = np.unique(seen.origin[rows], return_inverse=True)
     where, sound = columns * len(used) + taxel[:, None], columns >= 0
@@ -324,7 +332,7 @@ def _shared(
     for way in range(2):
         lines = np.bincount(where[sound], along[sound, way], size * len(used)).reshape(size, -1)
         told += lines @ lines.T
-    return SHARED**2 * covariance @ told @ covariance
+    return denser**2 * covariance @ told @ covariance
 
 
 def _twist(pokes: Pokes) -> float:

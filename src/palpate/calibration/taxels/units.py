@@ -18,6 +18,7 @@ __all__ = ["Units", "fitted", "frame_about", "single"]
 _STEP = np.array([2e-5, 2e-5, 1e-3])  # m, m, rad: of the differences that stand for derivatives
 _ROUNDS = 25  # of the fit of modules to places
 _STILL = 1e-9  # m
+_CIRCLING = 1e-4, 0.9  # m, rad: steps so short that shrink by less go round about an edge between two facets
 _FAR = 1e-3  # m, rad: of a step after which derivatives are taken anew
 
 Vectors = Float[np.ndarray, "k 3"]
@@ -187,15 +188,16 @@ def fitted(
     known = np.isfinite(places).all(axis=1) & np.isfinite(layout.places).all(axis=1) & (layout.module >= 0)
     share = np.where(known, 1.0 if weights is None else np.maximum(weights, 0.0), 0.0)
     units = _start(layout, places, surface, share)
-    matrix, far = np.zeros(0), True
+    matrix, far, before = np.zeros(0), True, np.inf
     for _ in range(_ROUNDS):
         gap = np.nan_to_num(places - units.places()[0])
         matrix = units.jacobian() if far else matrix
         step = _solved(units, matrix, gap, share)
         units, longest = units.moved(step), float(np.abs(step).max(initial=0.0))
         far = longest > _FAR
-        if longest < _STILL:
+        if longest < _STILL or _CIRCLING[1] * before < longest < _CIRCLING[0]:
             break
+        before = longest
     return units
 
 

@@ -1,7 +1,7 @@
 """Logs: from what a file is to recordings in SI, block by block. `open_log` opens any of them."""
 
 from palpate.io.logs.layout import ArrayChannel, ImageChannel, Layout
-from palpate.io.logs.log import Images, Log, LogContents
+from palpate.io.logs.log import Images, Log, LogContents, Stored
 from palpate.io.logs.opening import (
     contents,
     image_size,
@@ -20,6 +20,7 @@ __all__ = [
     "Layout",
     "Log",
     "LogContents",
+    "Stored",
     "contents",
     "image_size",
     "join",

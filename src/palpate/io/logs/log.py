@@ -13,7 +13,9 @@ from jaxtyping import Float, Int
 from palpate.io.tables.stated import Stated
 from palpate.sensors.recording import CELLS, Recording
 
-__all__ = ["Images", "Log", "LogContents", "Messages", "Source", "Topic", "merged"]
+__all__ = ["Images", "Log", "LogContents", "Messages", "Source", "Stored", "Topic", "merged"]
+
+Stored = tuple[Float[np.ndarray, " n"], np.ndarray]  # times [s], and frames (n, k) as they are stored
 
 
 @dataclass(frozen=True)
@@ -101,7 +103,10 @@ class Messages:
 
     def of(self, topic: Topic) -> Messages:
         """Those of one topic, as far as they are of its type."""
-        mask = np.isin(self.topic, [key for key, other in self.topics.items() if other.same(topic)])
+        mask = np.zeros(len(self.topic), dtype=bool)
+        for key, other in self.topics.items():
+            if other.same(topic):
+                mask |= self.topic == key
         return Messages(self.data, self.topics, self.topic[mask], self.time[mask], self.start[mask], self.length[mask])
 
 
@@ -161,7 +166,7 @@ class Log(_Watched, ABC):
             InputError: what the layout asks for is not there.
         """
 
-    def stored(self) -> Iterator[tuple[Float[np.ndarray, " n"], np.ndarray]]:
+    def stored(self) -> Iterator[Stored]:
         """Times [s] and frames (n, k) of taxels as they are stored, where that is quicker: whole numbers stay whole.
 
         Raises:
@@ -169,3 +174,12 @@ class Log(_Watched, ABC):
         """
         for block in self.blocks():
             yield block.time, block.channels[CELLS].reshape(len(block), -1)
+
+    def beside(self, frames: Log) -> Iterator[Recording | Stored]:
+        """Its `blocks`, and what `frames`, the file by another layout, has `stored`: in one reading where that can be.
+
+        Raises:
+            InputError: what one of the layouts asks for is not there.
+        """
+        yield from self.blocks()
+        yield from frames.stored()

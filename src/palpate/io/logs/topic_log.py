@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
@@ -15,7 +15,7 @@ from palpate.errors import InputError
 from palpate.io.logs.decoding import ARRAYS, decode, decode_array, has_header, seconds
 from palpate.io.logs.joints import JointPoses, joint_stamps, joint_topic
 from palpate.io.logs.layout import ArrayChannel, Layout
-from palpate.io.logs.log import Log, LogContents, Messages, Source, Topic
+from palpate.io.logs.log import Log, LogContents, Messages, Source, Stored, Topic
 from palpate.io.logs.samples import NUMBERS, WRENCH, Samples, rows_at_once
 from palpate.io.logs.topics import LIVE_ACCELERATION, LIVE_POSE, POSE_KINDS, choose, doubtful, main_channel, sentence
 from palpate.io.logs.transforms import Frames, TreePoses, read_frames, tree_topics
@@ -69,6 +69,49 @@ class TopicLog(Log):
 
     def blocks(self) -> Iterator[Recording]:
         """See `palpate.io.logs.log.Log`."""
+        join, wanted = self._started()
+        for messages in self._pieces(wanted):
+            yield from join.take(messages)
+        yield from self._ended(join)
+
+    def stored(self) -> Iterator[Stored]:
+        """See `palpate.io.logs.log.Log`."""
+        main = self._as_stored()
+        if main is None:
+            yield from super().stored()
+            return
+        for messages in self._pieces([main.topic.name]):
+            yield main.stored(messages)
+
+    def beside(self, frames: Log) -> Iterator[Recording | Stored]:
+        """See `palpate.io.logs.log.Log`."""
+        main = frames._as_stored() if isinstance(frames, TopicLog) else None
+        if main is None:
+            yield from super().beside(frames)
+            return
+        join, wanted = self._started()
+        for messages in self._pieces([*wanted, main.topic.name]):
+            yield from join.take(messages)
+            yield main.stored(messages)
+        yield from self._ended(join)
+
+    def _pieces(self, names: Collection[str]) -> Iterator[Messages]:
+        """Of the source, which is watched meanwhile."""
+        for messages in self._source.messages(names):
+            self.position = self._source.position
+            yield messages
+        self.torn = self._source.torn
+
+    def _as_stored(self) -> _Stream | None:
+        """The topic of an array whose numbers are taken as they are stored; None: they are not."""
+        array, topic = main_channel(self._layout), self._chosen()["main"]
+        if array is None or topic.kind not in ARRAYS or array.scale != 1.0:
+            return None
+        self._main = _Stream(topic, self._source, array)
+        return self._main
+
+    def _started(self) -> tuple[_Join, set[str]]:
+        """What makes samples of messages, and the topics that it needs."""
         layout, array, chosen = self._layout, main_channel(self._layout), self._chosen()
         if "both" in chosen and array is not None:
             array = replace(array, shape=(array.size + BESIDE,))
@@ -86,26 +129,14 @@ class TopicLog(Log):
         self._join = join = _Join(main, tracks, Samples(layout, self.path), layout, wrenches)
         wanted = {main.topic.name, *(topic.name for track in tracks.values() for topic in track.topics)}
         wanted |= set() if wrenches is None else {wrenches.stream.topic.name}
-        for messages in self._source.messages(wanted):
-            self.position = self._source.position
-            yield from join.take(messages)
-        self.torn = self._source.torn
+        return join, wanted
+
+    def _ended(self, join: _Join) -> Iterator[Recording]:
+        """The samples that are left."""
         yield from join.finish()
         if not join.rows:
-            name = main.topic.name
+            name = join.topic.name
             raise InputError(f"topic {name!r} has no messages.", where=str(self.path), hint=sentence(self.torn))
-
-    def stored(self) -> Iterator[tuple[Float[np.ndarray, " n"], np.ndarray]]:
-        """See `palpate.io.logs.log.Log`."""
-        array, topic = main_channel(self._layout), self._chosen()["main"]
-        if array is None or topic.kind not in ARRAYS or array.scale != 1.0:
-            yield from super().stored()
-            return
-        main = self._main = _Stream(topic, self._source, array)
-        for messages in self._source.messages([topic.name]):
-            self.position = self._source.position
-            yield main.stored(messages)
-        self.torn = self._source.torn
 
     def poses(self) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, "k 7"]]:
         """Stamps [s] as recorded, without the layout's offset, and positions [m] and quaternions of the sensor.
@@ -307,6 +338,11 @@ class _Join:
         if self._lost:
             said.append(f"{self._lost} samples have no pose: none of their time had come {self._held} rows later")
         return tuple(dict.fromkeys((*said, *self._samples.notes())))
+
+    @property
+    def topic(self) -> Topic:
+        """That of the rows."""
+        return self._main.topic
 
     @property
     def _beside(self) -> tuple[_Beside, ...]:

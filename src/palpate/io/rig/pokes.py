@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from palpate.errors import InputError
-from palpate.io.logs import Log, contents, open_log
+from palpate.io.logs import Log, Stored, contents, open_log
 from palpate.io.logs.layout import ArrayChannel, Layout
 from palpate.io.logs.topics import NONE
 from palpate.io.rig.surface import RigPose
@@ -23,7 +23,7 @@ from palpate.sensors.recording import ORIENTATION, POSITION, Recording
 if TYPE_CHECKING:
     from palpate.io.rig.rig import Rig
 
-__all__ = ["RigPokes", "RigPriors", "cells_layout", "open_wrenches", "wrench_layout"]
+__all__ = ["RigPokes", "RigPriors", "cells_layout", "open_pokes", "wrench_layout"]
 
 _JOINTS = "joints"
 
@@ -142,22 +142,23 @@ def wrench_layout(rig: Rig) -> Layout:
     )
 
 
-def open_wrenches(path: Path, rig: Rig) -> tuple[Log, Iterator[Recording]]:
-    """A log and its blocks of wrenches, each with the link in the sensor's frame where the log says it.
+def open_pokes(path: Path, rig: Rig) -> tuple[Log, Log, Iterator[Recording | Stored]]:
+    """A log for its wrenches and for its frames of taxels, and both: wrenches with the link where the log says it.
 
     Of a table with a `urdf`, the joints between sensor and link are columns of their names [rad].
 
     Raises:
         InputError: the log cannot be read, or a joint is missing or in degrees.
     """
-    layout = wrench_layout(rig)
+    layout, frames = wrench_layout(rig), open_log(path, cells_layout(rig))
     if layout.urdf is None or layout.frames is None or not contents(path).names:
         log = open_log(path, layout)
-        return log, log.blocks()
+        return log, frames, log.beside(frames)
     kinematics = Kinematics(Urdf(layout.urdf), *layout.frames)
     joints = ArrayChannel(_JOINTS, (len(kinematics.joints),), kinematics.joints, table="pokes")
     log = open_log(path, replace(layout, frames=None, urdf=None, joints_topic=None, arrays=(joints,)))
-    return log, (_posed(block, kinematics) for block in log.blocks())
+    parts = (_posed(part, kinematics) if isinstance(part, Recording) else part for part in log.beside(frames))
+    return log, frames, parts
 
 
 def _posed(block: Recording, kinematics: Kinematics) -> Recording:
