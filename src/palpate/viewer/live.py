@@ -102,6 +102,8 @@ class LivePage:
             self._add_settings()
             self._sentences = gui.add_html("")
         self._tare.on_click(lambda _: tare())
+        if surface is not None:
+            surface.project(self.scene.bounds[:1])  # loads machine code before somebody watches
         self._scene3d.show(self.scene.at(0), Settings(heat=False, trail=0.0, magnification=1))
         self.tell(None, Figures())
 

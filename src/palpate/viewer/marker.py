@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from functools import cache
 from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float, Int
 
-from palpate.viewer.scene import DISC, RIM, RINGS, Scene, ShownContact
+from palpate.viewer.scene import RIM, RINGS, Scene, ShownContact, disc
 
 if TYPE_CHECKING:
     from viser import SceneApi, SceneNodeHandle
@@ -34,10 +35,11 @@ class Marker:
             f"{name}/normal", np.array([[[0, 0, 0], [0, 0, 0.12]]]), POINT, shaft_radius=0.002, head_radius=0.006,
             head_length=0.02,
         )  # fmt: skip
-        flat = np.column_stack([DISC, np.zeros(len(DISC))])
+        flat = np.pad(disc(RINGS), ((0, 0), (0, 1)))
         self._disc = space.add_mesh_simple(
-            f"{root}/ellipse/{slot}/disc", flat, _facets(), color=ink, opacity=0.0, side="double", cast_shadow=False
-        )
+            f"{root}/ellipse/{slot}/disc", flat, _facets(len(flat)), color=ink, opacity=0.0, side="double",
+            cast_shadow=False,
+        )  # fmt: skip
         self._rim = space.add_line_segments(
             f"{root}/ellipse/{slot}/rim", nothing, ink, thickness=2.0, thickness_units="screen"
         )
@@ -72,13 +74,22 @@ class Marker:
         """Laid on the body, and the fainter the larger it is beside it."""
         points = scene.placed(scene.ellipse_on_body(contact, magnification)).astype(np.float32)
         strength = fade(magnification * float(contact.axes[0]), scene.size)
-        self._disc.vertices = points
+        self._lay(points)
         rim = points[-RIM:]
         self._rim.points = np.stack([rim, np.roll(rim, -1, axis=0)], axis=1)
         if (opacity := round(0.25 * strength, 3)) != self._disc.opacity:
             self._disc.opacity = opacity
             ink = FAINT + strength * (np.array(self._ink) - FAINT)
             self._rim.colors = np.tile(ink.round().astype(np.uint8), (RIM, 2, 1))
+
+    def _lay(self, points: Float[np.ndarray, "k 3"]) -> None:
+        """The ellipse's points; be they more or fewer than before, no facet ever names one that is not there."""
+        more = len(points) - len(self._disc.vertices)
+        if more < 0:
+            self._disc.faces = _facets(len(points))
+        self._disc.vertices = points
+        if more > 0:
+            self._disc.faces = _facets(len(points))
 
     def _show_force(self, scene: Scene, contact: ShownContact) -> None:
         """An arrow that pushes with its tip."""
@@ -133,13 +144,14 @@ def fade(long: float, size: float) -> float:
     return float(np.clip(0.25 * size / max(long, 1e-12), 0.15, 1.0))
 
 
-def _facets() -> Int[np.ndarray, "f 3"]:
-    """Between the rings of `DISC`."""
+@cache
+def _facets(count: int) -> Int[np.ndarray, "f 3"]:
+    """Between the rings of a `disc` of so many points."""
     around = np.arange(RIM)
     after = (around + 1) % RIM
     parts = [np.stack([np.zeros(RIM, int), 1 + around, 1 + after], axis=1)]
-    for ring in range(RINGS - 1):
-        inner, outer = 1 + ring * RIM, 1 + (ring + 1) * RIM
+    for inner in range(1, count - RIM, RIM):
+        outer = inner + RIM
         parts.append(np.stack([inner + around, outer + around, outer + after], axis=1))
         parts.append(np.stack([inner + around, outer + after, inner + after], axis=1))
-    return np.concatenate(parts)
+    return np.concatenate(parts).astype(np.uint32)

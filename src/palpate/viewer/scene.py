@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -22,14 +22,13 @@ from palpate.viewer.samples import sample_starts, strongest, thinned, totals
 from palpate.viewer.timeline import Timeline, downsampled
 
 __all__ = [
-    "DISC",
     "MAGNIFICATIONS",
     "RIM",
-    "RINGS",
     "Moment",
     "Scene",
     "ShownContact",
     "before",
+    "disc",
     "nice",
     "nothing",
     "prepare",
@@ -38,16 +37,9 @@ __all__ = [
 MAGNIFICATIONS = (1, 2, 5, 10, 20, 50, 100)
 PLOTTED = 800  # rows of a plot: two a pixel
 TRAIL = 300  # samples of a trail
-RIM = 64  # points on the rim of an ellipse
-RINGS = 8  # of points within it
-DISC = np.array(
-    [(0.0, 0.0)]
-    + [  # (1 + RINGS RIM, 2) of the unit disc, the rim last
-        (ring / RINGS * np.cos(turn), ring / RINGS * np.sin(turn))
-        for ring in range(1, RINGS + 1)
-        for turn in 2 * np.pi * np.arange(RIM) / RIM
-    ]
-)
+RIM = 64  # points on the rim of an ellipse, and on each ring within it
+RINGS, MORE = 4, 8  # rings of points, the rim the last; of an ellipse that is large beside the body
+_LARGE = 0.05  # sizes of the body, of the longer half-axis
 _LIFT = 2e-3  # sizes of the body by which an ellipse lies above it
 _ABOUT = 0.2  # sizes of the body that are shown about what was touched
 _SAMPLED = 2_000  # contacts that a typical value is taken from
@@ -139,14 +131,18 @@ class Scene:
     def __len__(self) -> int:
         return len(self.starts)
 
-    @property
+    @cached_property
     def size(self) -> float:
         """Diagonal of what is shown [m]."""
         return float(np.linalg.norm(self.bounds[1] - self.bounds[0]))
 
+    @cached_property
+    def _middle(self) -> Float[np.ndarray, "3"]:
+        return self.bounds.mean(axis=0)
+
     def placed(self, points: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3"]:
         """In units of the size about the middle, so that a needle and a torso look alike to a camera."""
-        return (points - self.bounds.mean(axis=0)) / self.size
+        return (points - self._middle) / self.size
 
     @cached_property
     def strongest(self) -> Int[np.ndarray, " m"]:
@@ -266,10 +262,11 @@ class Scene:
     def ellipse_on_body(self, contact: ShownContact, magnification: int) -> Float[np.ndarray, "k 3"]:
         """A located contact's 95 % ellipse laid on the body [m], so that nothing of it hangs over an edge.
 
-        Its points, those of `DISC` in the tangent plane, are taken to the nearest point of the surface.
+        Its points, those of a `disc` in the tangent plane, are taken to the nearest point of the surface.
         """
         axes = np.minimum(magnification * contact.axes, 2.0 * self.size)
-        flat = contact.point + (DISC * axes) @ contact.frame[:, :2].T
+        within = disc(MORE if axes[0] > _LARGE * self.size else RINGS)
+        flat = contact.point + (within * axes) @ contact.frame[:, :2].T
         if self.surface is None:
             return flat + _LIFT * self.size * contact.normal
         points, normals, _ = self.surface.project(flat)
@@ -372,6 +369,15 @@ def prepare(surface: Surface | None, contacts: Contacts, title: str = "", layers
     return Scene(
         title, bounds, body, contacts, starts, touched, timeline, heat, newton, magnification, tuple(layers), surface
     )
+
+
+@cache
+def disc(rings: int) -> Float[np.ndarray, "k 2"]:
+    """(1 + rings RIM, 2) points of the unit disc: the middle, then ring after ring, the rim last."""
+    turn = 2 * np.pi * np.arange(RIM) / RIM
+    share = np.arange(1, rings + 1)[:, None] / rings
+    around = np.stack([share * np.cos(turn), share * np.sin(turn)], axis=-1)
+    return np.concatenate([np.zeros((1, 2)), around.reshape(-1, 2)])
 
 
 def nothing() -> Contacts:
