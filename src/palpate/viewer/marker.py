@@ -20,6 +20,7 @@ FORCE, POINT, TORQUE = (0, 48, 120), (16, 24, 32), (130, 40, 120)
 OTHER = (0, 120, 80)  # of contacts that are compared
 FAINT = np.array((190, 205, 225))  # of the rim of an ellipse that says nothing
 FAINTEST = 0.02  # of the usual torque: less is not drawn
+STILL = 0.01  # sizes of the body by which a label is not moved: words that tremble cannot be read
 _FULL, _RADIUS, _STEPS = 1.5 * np.pi, 0.09, 40  # arc of the usual torque [rad], in sizes of the body
 
 
@@ -98,7 +99,9 @@ class Marker:
         length = float(np.linalg.norm(shaft))
         _put(self._arrow, head_length=min(0.05, 0.6 * length), head_radius=min(0.018, 0.3 * length))
         self._arrow.points = np.stack([tip - shaft, tip])[None].astype(np.float32)
-        self._label.position = tip - shaft - (0.03 * shaft / length if length > 0 else 0.0)
+        tail = tip - shaft - (0.03 * shaft / length if length > 0 else 0.0)
+        if np.abs(tail - self._label.position).max() > STILL:
+            self._label.position = tail
         name = f"{contact.identity}: " if scene.several else ""
         self._label.text = f"{name}{np.linalg.norm(contact.force):.1f} N"
 

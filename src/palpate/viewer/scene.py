@@ -27,6 +27,7 @@ __all__ = [
     "Moment",
     "Scene",
     "ShownContact",
+    "alone",
     "before",
     "disc",
     "nice",
@@ -248,16 +249,7 @@ class Scene:
 
     def at(self, index: int) -> Moment:
         """What there is at one sample."""
-        rows = self.rows(index)
-        order = np.argsort(-np.linalg.norm(self.contacts.force[rows], axis=1), kind="stable")  # NaN last
-        first = rows.start
-        return Moment(
-            index,
-            int(self.contacts.sample[first]),
-            float(self.timeline.clock[index]),
-            float(self.contacts.time[first]),
-            tuple(self._shown(first + k) for k in order.tolist()),
-        )
+        return _moment(self.contacts, self.rows(index), index, float(self.timeline.clock[index]))
 
     def ellipse_on_body(self, contact: ShownContact, magnification: int) -> Float[np.ndarray, "k 3"]:
         """A located contact's 95 % ellipse laid on the body [m], so that nothing of it hangs over an edge.
@@ -279,23 +271,6 @@ class Scene:
         seconds = clock - self._ahead(other)
         at = np.searchsorted(other.timeline.clock, seconds + 1e-9, side="right") - 1
         return np.where((at >= 0) & (seconds <= other.timeline.duration + 1e-9), other.total[np.maximum(at, 0)], np.nan)
-
-    def _shown(self, row: int) -> ShownContact:
-        found = self.contacts
-        axes, frame = ellipse(found.covariance[row], found.normal[row])
-        features = {name: float(values[row]) for name, values in found.features.items()}
-        return ShownContact(
-            identity=int(found.identity[row]),
-            status=Status(int(found.status[row])),
-            point=found.point[row],
-            normal=found.normal[row],
-            force=found.force[row],
-            torque=float(found.torque[row]),
-            deviation=np.sqrt(np.maximum(np.diag(found.covariance[row]), 0.0)),
-            axes=axes,
-            frame=frame,
-            features={name: value for name, value in features.items() if np.isfinite(value)},
-        )
 
     def trail(self, index: int, seconds: float) -> tuple[Float[np.ndarray, "k 2 3"], Float[np.ndarray, " k"]]:
         """Where each contact was in the last seconds: segments [m] and their ages (0 now, 1 oldest)."""
@@ -368,6 +343,36 @@ def prepare(surface: Surface | None, contacts: Contacts, title: str = "", layers
     newton, magnification = _newton(size, shown), _magnified(size, shown)
     return Scene(
         title, bounds, body, contacts, starts, touched, timeline, heat, newton, magnification, tuple(layers), surface
+    )
+
+
+def alone(found: Contacts) -> Moment:
+    """The moment of contacts that are all of one sample, in no scene."""
+    return _moment(found, slice(0, len(found)), 0, 0.0)
+
+
+def _moment(found: Contacts, rows: slice, index: int, seconds: float) -> Moment:
+    """Of the rows of one sample."""
+    order = np.argsort(-np.linalg.norm(found.force[rows], axis=1), kind="stable")  # NaN last
+    first = rows.start
+    shown = tuple(_shown(found, first + k) for k in order.tolist())
+    return Moment(index, int(found.sample[first]), seconds, float(found.time[first]), shown)
+
+
+def _shown(found: Contacts, row: int) -> ShownContact:
+    axes, frame = ellipse(found.covariance[row], found.normal[row])
+    features = {name: float(values[row]) for name, values in found.features.items()}
+    return ShownContact(
+        identity=int(found.identity[row]),
+        status=Status(int(found.status[row])),
+        point=found.point[row],
+        normal=found.normal[row],
+        force=found.force[row],
+        torque=float(found.torque[row]),
+        deviation=np.sqrt(np.maximum(np.diag(found.covariance[row]), 0.0)),
+        axes=axes,
+        frame=frame,
+        features={name: value for name, value in features.items() if np.isfinite(value)},
     )
 
 
