@@ -23,7 +23,9 @@ from palpate.viewer.timeline import Timeline, downsampled
 
 __all__ = [
     "MAGNIFICATIONS",
+    "MORE",
     "RIM",
+    "RINGS",
     "Moment",
     "Scene",
     "ShownContact",
