@@ -7,7 +7,7 @@ from functools import cache
 from typing import TYPE_CHECKING
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float, UInt32
 
 from palpate.viewer.scene import RIM, RINGS, Scene, ShownContact, disc
 
@@ -148,7 +148,7 @@ def fade(long: float, size: float) -> float:
 
 
 @cache
-def _facets(count: int) -> Int[np.ndarray, "f 3"]:
+def _facets(count: int) -> UInt32[np.ndarray, "f 3"]:
     """Between the rings of a `disc` of so many points."""
     around = np.arange(RIM)
     after = (around + 1) % RIM
