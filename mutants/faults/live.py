@@ -42,8 +42,8 @@ FAULTS: list[Fault] = [
         ),
         (
             "samples behind a gap have the numbers of those in it",
-            'slots["number"] - 1, seconds',
-            'slots["number"][0] - 1 + np.arange(len(slots)), seconds',
+            'slots["number"] - 1',
+            'slots["number"][0] - 1 + np.arange(len(slots))',
         ),
         ("a sample that is not answered has a contact", 'slots["rows"] * (slots["ready"] > 0)', 'slots["rows"] * 1'),
         ("a file of another version is read", 'self["version"] != VERSION', "False"),
