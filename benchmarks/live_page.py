@@ -1,7 +1,8 @@
-"""The page of `palpate live`: pictures a second in a browser, and how much of a core they take, at 1 and 7 kHz.
+"""The page of `palpate live`: pictures a second that are sent, and how much of a core they take, at 1 and 7 kHz.
 
-A picture that reached the browser is a message of its socket that came by itself: viser sends what was changed at once
-as one. The browser draws in software on the same machine, as it would not on a robot's, so the load is told too.
+A picture is a message of the page's socket that came by itself: viser sends what was changed at once as one. Something
+touches all the time, since a picture that is as the one before is not sent. A browser here draws in software, on the
+processors of the page and of all else that runs, as it would not on a robot's: so a client that only reads is told too.
 """
 
 from __future__ import annotations
@@ -10,9 +11,10 @@ import os
 import tempfile
 import threading
 import time
-from collections.abc import Generator, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Generator, Iterator
+from contextlib import contextmanager, suppress
 from multiprocessing import get_context
+from multiprocessing.connection import Connection
 from pathlib import Path
 
 import numpy as np
@@ -32,52 +34,107 @@ COMMAND = "python -m benchmarks --only live_page"
 NAME = "live page"
 FACETS, TICK = 20_000, 0.002  # s between two blocks of samples
 PICTURES, SHARE = 29.0, 10.0  # a second; % of a core
-SETTLE, SECONDS = 5.0, 20.0  # s: once the browser has the body; that are counted
+SETTLE, SECONDS = 5.0, 20.0  # s: once the page is seen; that are counted
 APART = 0.005  # s: messages that are closer belong to one picture
+TOUCH = 700  # samples of a touch, of which none is without one
+CAMERA = {  # what a browser says first: from then on viser counts it
+    "type": "ViewerCameraMessage", "wxyz": (1.0, 0.0, 0.0, 0.0), "position": (0.0, 0.0, 3.0), "fov": 0.8, "near": 0.01,
+    "far": 100.0, "image_height": 800, "image_width": 1280, "look_at": (0.0, 0.0, 0.0), "up_direction": (0.0, 0.0, 1.0),
+}  # fmt: skip
+
+Watch = Callable[[str, float, Callable[[], None]], list[float]]
 
 
 def rows(small: bool) -> Iterator[Row]:
-    """A body of 20k facets, touched every other tenth of a second; small judges nothing."""
-    what = "pictures a second in chromium, and the page's share of a core"
-    if CHROMIUM is None:
-        yield Row(NAME, what, "", "skipped: no chromium", None, COMMAND)
-        return
+    """A body of 20k facets that is touched; small judges nothing."""
+    watchers: list[tuple[str, Watch]] = [("a client that only reads", _reading), ("chromium", _browsing)]
     for rate in (1000, 7000):
-        with tempfile.TemporaryDirectory() as scratch:
-            pictures, share = _watched(Path(scratch), rate, 3.0 if small else SECONDS)
-        got = f"{pictures:.1f} a second, {share:.1f} % of a core; load {os.getloadavg()[0]:.1f} on {os.cpu_count()}"
-        target = "" if small else f">= {PICTURES:g} a second at <= {SHARE:g} %"
-        met = pictures >= PICTURES and share <= SHARE if target else None
-        yield Row(NAME, f"{rate:,} Hz: {what}", target, got, met, COMMAND)
+        for who, watch in watchers:
+            what = f"{rate:,} Hz: pictures a second to {who}, and the page's share of a core"
+            if watch is _browsing and CHROMIUM is None:
+                yield Row(NAME, what, "", "skipped: no chromium", None, COMMAND)
+                continue
+            with tempfile.TemporaryDirectory() as scratch:
+                pictures, share = _watched(Path(scratch), rate, watch, 3.0 if small else SECONDS)
+            each = 10.0 * share / pictures if pictures else float("nan")
+            load = f"load {os.getloadavg()[0]:.1f} on {os.cpu_count()}"
+            got = f"{pictures:.1f} a second, {share:.1f} % of a core, {each:.2f} ms each; {load}"
+            target = "" if small else f">= {PICTURES:g} a second at <= {SHARE:g} %"
+            yield Row(NAME, what, target, got, pictures >= PICTURES and share <= SHARE if target else None, COMMAND)
 
 
-def _watched(folder: Path, rate: int, seconds: float) -> tuple[float, float]:
-    """Pictures a second that reach a browser, and % of a core of the page's process."""
+def _watched(folder: Path, rate: int, watch: Watch, seconds: float) -> tuple[float, float]:
+    """Pictures a second that reach who watches, and % of a core of the page's process."""
     trimesh.Trimesh(*BumpySphere(R).mesh(FACETS), process=False).export(folder / "body.stl")
-    rig, came = folder / "rig.toml", list[float]()
+    rig, spent = folder / "rig.toml", list[tuple[float, float]]()
     rig.write_text(RIG.format(host=HOST, port=1, web=1), encoding="utf-8")
-    with _streaming(folder, rate) as ring, browser() as view:
+    with _streaming(folder, rate) as ring:
         process = get_context("spawn").Process(target=show, args=(ring.path, rig, 0, os.getpid()), daemon=True)
         process.start()
         try:
-            view.on("websocket", lambda socket: socket.on("framereceived", lambda _: came.append(time.monotonic())))
-            view.goto(_address(ring))
-            view.wait_for_function("window.body")
-            view.wait_for_timeout(1e3 * SETTLE)
-            came.clear()
-            spent, begun = _spent(process.pid), time.monotonic()
-            view.wait_for_timeout(1e3 * seconds)
-            spent, took = _spent(process.pid) - spent, time.monotonic() - begun
+            came = watch(_address(ring), seconds, lambda: spent.append((_spent(process.pid), time.monotonic())))
         finally:
             process.terminate()
             process.join()
-    return (np.diff(came) > APART).sum() / took, 100.0 * spent / took
+    used, took = np.diff(spent, axis=0)[0]
+    return (np.diff(came) > APART).sum() / took, 100.0 * used / took
+
+
+def _browsing(address: str, seconds: float, mark: Callable[[], None]) -> list[float]:
+    """When messages reached a browser [s]; `mark` is called before and after they are counted."""
+    came = list[float]()
+    with browser() as view:
+        view.on("websocket", lambda socket: socket.on("framereceived", lambda _: came.append(time.monotonic())))
+        view.goto(address)
+        view.wait_for_function("window.body")
+        view.wait_for_timeout(1e3 * SETTLE)
+        came.clear()
+        mark()
+        view.wait_for_timeout(1e3 * seconds)
+        mark()
+    return came
+
+
+def _reading(address: str, seconds: float, mark: Callable[[], None]) -> list[float]:
+    """The same of a process that reads and does nothing with it."""
+    heard, told = get_context("spawn").Pipe()
+    process = get_context("spawn").Process(target=_read, args=(address, told), daemon=True)
+    process.start()
+    heard.recv()
+    time.sleep(SETTLE)
+    begun = time.monotonic()
+    mark()
+    time.sleep(seconds)
+    mark()
+    heard.send("enough")
+    came: list[float] = heard.recv()
+    process.join()
+    return [at for at in came if begun <= at < begun + seconds]
+
+
+def _read(address: str, told: Connection) -> None:
+    """As a browser does it, and when each message came."""
+    import viser
+    from msgspec import msgpack
+    from websockets.sync.client import connect
+    from websockets.typing import Subprotocol
+
+    came, version = list[float](), Subprotocol(f"viser-v{viser.__version__}")
+    with connect(address.replace("http", "ws"), subprotocols=[version], max_size=None, compression=None) as socket:
+        socket.send(msgpack.encode(CAMERA))
+        told.send("connected")
+        while not told.poll():
+            with suppress(TimeoutError):
+                socket.recv(timeout=0.5)
+                came.append(time.monotonic())
+    told.send(came)
 
 
 @contextmanager
 def _streaming(folder: Path, rate: int) -> Generator[Ring]:
     """A ring that a thread fills, received and answered."""
-    live = Live(folder / "rig.toml", source=Memory(wrenches(14_000), round(rate * TICK)))
+    touched = wrenches(14_000).reshape(-1, 2, TOUCH, 6)[:, 1].reshape(-1, 6)
+    live = Live(folder / "rig.toml", source=Memory(touched, round(rate * TICK)))
     ring, over = Ring.make(folder / "ring", live.form()), threading.Event()
     live.into(ring)
 

@@ -40,6 +40,12 @@ FAULTS: list[Fault] = [
             "self._sentences[count % SENTENCES] = (time.time_ns(), text)",
             "self._sentences[0] = (time.time_ns(), text)",
         ),
+        (
+            "samples behind a gap have the numbers of those in it",
+            'slots["number"] - 1',
+            'slots["number"][0] - 1 + np.arange(len(slots))',
+        ),
+        ("a sample that is not answered has a contact", 'slots["rows"] * (slots["ready"] > 0)', 'slots["rows"] * 1'),
         ("a file of another version is read", 'self["version"] != VERSION', "False"),
         ("a file that is cut off is read", "HEAD + count * slot.itemsize > size", "False"),
     ),

@@ -80,7 +80,7 @@ def test_a_replayed_log_is_answered_as_the_log_is(live: Live, tmp_path: Path) ->
     assert np.array_equal(rows[:, ROW.status], known.status)
     assert known.answered.any()
     slots, first = ring.read(0, len(recording))
-    through = ring.form.contacts(slots, first)
+    through = ring.form.contacts(slots)
     same(
         through.to_polars().drop("time"),
         known.to_polars().drop("time").slice(int(np.searchsorted(known.sample, first))),

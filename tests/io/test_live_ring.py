@@ -11,7 +11,7 @@ import pytest
 from palpate.errors import InputError
 from palpate.io.live.ring import Ring
 from palpate.io.live.source import Batch
-from tests.support.live_rings import answered, sphere_ring
+from tests.support.live_rings import answered, sphere_ring, touches
 
 
 @pytest.fixture
@@ -42,6 +42,17 @@ def test_what_is_received_and_not_answered_is_for_those_who_ask_for_it(ring: Rin
     ring.take_in(Batch((6,), 5), 5, np.zeros(5))
     assert len(ring.read(0, 100)[0]) == 7
     assert len(ring.read(0, 100, "received")[0]) == 12
+
+
+def test_contacts_have_the_numbers_of_their_samples_over_a_gap_and_an_unanswered_one(ring: Ring) -> None:
+    answered(ring, 20)
+    first, rest = ring.read(0, 5)[0], ring.read(12, 8)[0]
+    rest["ready"][2] = 0
+    found = ring.form.contacts(np.concatenate([first, rest]))
+    assert found.sample.tolist() == [0, 1, 2, 3, 4, 12, 13, 15, 16, 17, 18, 19]
+    known = touches(0, 20)
+    assert np.array_equal(found.force, known.force[found.sample])
+    assert ring.form.contacts(rest[3:]).sample.tolist() == [15, 16, 17, 18, 19]
 
 
 def test_a_ring_of_another_version_and_one_that_is_cut_off_are_refused(ring: Ring) -> None:

@@ -16,8 +16,8 @@ from palpate.errors import InputError
 from palpate.surfaces.plane import plane
 from palpate.viewer.captions import beside
 from palpate.viewer.live_arena import LiveArena
-from palpate.viewer.marker import fade
-from palpate.viewer.scene import RIM, Scene, prepare
+from palpate.viewer.marker import Marker, fade
+from palpate.viewer.scene import MORE, RIM, RINGS, Scene, prepare
 from palpate.viewer.scene3d import aim
 from palpate.viewer.server import Page
 from palpate.viewer.timeline import Timeline
@@ -71,6 +71,34 @@ def test_an_ellipse_lies_on_the_body_however_large(scene: Scene) -> None:
         assert np.linalg.norm(rim - nearest, axis=1).max() <= 2.1e-3 * scene.size
     small = scene.ellipse_on_body(contact, 1)[-RIM:] - contact.point
     assert np.linalg.norm(small, axis=1).max() == pytest.approx(contact.axes[0], rel=0.05)
+
+
+def test_a_large_ellipse_has_more_rings_and_every_facet_its_points(scene: Scene) -> None:
+    """Drawn small, large and small again: the middle and the rim are where they were."""
+    contact = scene.at(150).contacts[0]
+    counts = [len(scene.ellipse_on_body(contact, times)) for times in (1, 100)]
+    assert counts == [1 + RINGS * RIM, 1 + MORE * RIM]
+    with Page(scene, port=0) as page:
+        marker = Marker(page._server.scene, 0)
+        for times, count in zip((1, 100, 1), (*counts, counts[0]), strict=True):
+            marker.show(scene, contact, times)
+            points = scene.placed(scene.ellipse_on_body(contact, times))
+            np.testing.assert_allclose(marker._disc.vertices, points, atol=1e-6)
+            assert np.array_equal(np.unique(marker._disc.faces), np.arange(count))
+            np.testing.assert_allclose(marker._rim.points[:, 0], points[-RIM:], atol=1e-6)
+
+
+def test_a_label_does_not_tremble_with_noise(scene: Scene) -> None:
+    contact = scene.at(150).contacts[0]
+    with Page(scene, port=0) as page:
+        marker = Marker(page._server.scene, 0)
+        marker.show(scene, contact, 1)
+        before = marker._label.position.copy()
+        for share, moved in ((0.005, 0.0), (0.02, 0.02)):  # sizes of the body
+            aside = contact.point + share * scene.size * np.array([0.0, 0.0, 1.0])
+            marker.show(scene, replace(contact, point=aside), 1)
+            np.testing.assert_allclose(marker._label.position - before, [0.0, 0.0, moved], atol=1e-9)
+            np.testing.assert_allclose(marker._arrow.points[0, 1], scene.placed(aside), atol=1e-6)
 
 
 def test_an_ellipse_ends_where_the_body_ends() -> None:

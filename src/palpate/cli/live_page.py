@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import signal
 import time
 from collections import deque
@@ -41,6 +42,7 @@ IMAGES = 1 << 24  # bytes of images that are read at once
 SENTENCES = 12
 RATED = 2.0  # s over which a rate is counted
 REST = 50  # frames from which the page takes the rest of cells
+_GATHERED = ["number", "stamp", "arrived", "ready", "lost", "rows", "contacts"]  # of a slot: no images
 
 Feed = Callable[[np.ndarray, bool], None]
 
@@ -61,6 +63,8 @@ def show(ring: Path, rig: Path, port: int, parent: int) -> None:
         layers = layers_of(stated, read.form.sensor, live=read.form.shape)
         stream = Stream(read, feed_of(stated, read, layers))
         with LivePage(body_of(stated), layers, rig.stem, stream.tare, port=port) as page:
+            gc.collect()
+            gc.freeze()  # or it looks through all that is here to stay, again and again
             taken = "" if port in (0, int(page.address.rpartition(":")[2])) else f" (port {port} is taken)"
             read.say(f"the page is at {page.address}{taken}")
             _serve(page, stream, parent)
@@ -84,8 +88,8 @@ def _serve(page: LivePage, stream: Stream, parent: int) -> None:
     while not stream.ring["stop"] and not orphaned(parent):
         begun, watched = time.monotonic(), page.watched
         stream.look(watched)
-        if watched and stream.newest is not None and stream.next_one != drawn:
-            page.show(stream.newest)
+        if watched and stream.next_one != drawn and (newest := stream.newest) is not None:
+            page.show(newest)
             drawn = stream.next_one
         if begun - told >= TOLD:
             stream.gather()
@@ -116,7 +120,7 @@ class Stream:
         self._lost = self._skipped = self._sentence = 0
         self._waited = deque[tuple[float, np.ndarray]]()
         self._counts = deque[tuple[float, int]]()
-        self._fresh = list[tuple[np.ndarray, int]]()
+        self._fresh = list[np.ndarray]()
         self._latency: tuple[float, tuple[float, float, float] | None] = -np.inf, None
         self._received, self._at = -1, time.monotonic()
         self._said = deque[tuple[str, str]](maxlen=SENTENCES)
@@ -140,7 +144,7 @@ class Stream:
         self._skipped += first - self.next_one
         self.next_one = first + len(slots)
         if len(slots):
-            self._fresh.append((slots, first))
+            self._fresh.append(slots)
             self._feed(slots, watched)
 
     @property
@@ -148,8 +152,7 @@ class Stream:
         """Of the last sample that was read, if it has an answer."""
         if not self._fresh:
             return None
-        slots, first = self._fresh[-1]
-        found = self.ring.form.contacts(slots[-1:], first + len(slots) - 1)
+        found = self.ring.form.contacts(self._fresh[-1][-1:])
         return found if len(found) else None
 
     def gather(self) -> None:
@@ -157,14 +160,14 @@ class Stream:
         now = time.monotonic()
         while self._waited and self._waited[0][0] < now - SECONDS:
             self._waited.popleft()
-        fresh, self._fresh = self._fresh, list[tuple[np.ndarray, int]]()
-        if not fresh:
+        if not self._fresh:
             return
-        self._lost += sum(int(slots["lost"].sum()) for slots, _ in fresh)
-        self._waited.append((now, np.concatenate([latencies(slots) for slots, _ in fresh])))
-        found = [self.ring.form.contacts(slots, first) for slots, first in fresh]
-        if new := [part for part in found if len(part)]:
-            self.window = recent(self.window, Contacts.joined(new))
+        fresh = np.concatenate([slots[_GATHERED] for slots in self._fresh])
+        self._fresh.clear()
+        self._lost += int(fresh["lost"].sum())
+        self._waited.append((now, latencies(fresh)))
+        if len(found := self.ring.form.contacts(fresh)):
+            self.window = recent(self.window, found)
 
     def figures(self) -> Figures:
         """Of now."""

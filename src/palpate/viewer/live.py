@@ -14,7 +14,7 @@ from palpate.surfaces import Surface
 from palpate.viewer.captions import caption
 from palpate.viewer.layer import Layer
 from palpate.viewer.samples import sample_starts, totals
-from palpate.viewer.scene import MAGNIFICATIONS, Scene, nothing, prepare
+from palpate.viewer.scene import MAGNIFICATIONS, Scene, alone, nothing, prepare
 from palpate.viewer.scene3d import Scene3D, Settings
 from palpate.viewer.server import address, listen, quiet
 from palpate.viewer.timeline import downsampled
@@ -102,6 +102,8 @@ class LivePage:
             self._add_settings()
             self._sentences = gui.add_html("")
         self._tare.on_click(lambda _: tare())
+        if surface is not None:
+            surface.project(self.scene.bounds[:1])  # loads machine code before somebody watches
         self._scene3d.show(self.scene.at(0), Settings(heat=False, trail=0.0, magnification=1))
         self.tell(None, Figures())
 
@@ -121,9 +123,9 @@ class LivePage:
         Args:
             found: of one sample, in the surface's frame.
         """
-        scene = self.scene.showing(found)
+        scene = self.scene.showing(found) if self.scene.layers else self.scene
         with self._server.atomic():
-            self._scene3d.move(scene, scene.at(0), self._magnification)
+            self._scene3d.move(scene, alone(found), self._magnification)
 
     def tell(self, window: Contacts | None, figures: Figures) -> None:
         """Words, figures, the curve and the trail, a few times a second: nobody reads faster.

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from functools import cache
 from typing import TYPE_CHECKING
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float, UInt32
 
-from palpate.viewer.scene import DISC, RIM, RINGS, Scene, ShownContact
+from palpate.viewer.scene import RIM, RINGS, Scene, ShownContact, disc
 
 if TYPE_CHECKING:
     from viser import SceneApi, SceneNodeHandle
@@ -19,6 +20,7 @@ FORCE, POINT, TORQUE = (0, 48, 120), (16, 24, 32), (130, 40, 120)
 OTHER = (0, 120, 80)  # of contacts that are compared
 FAINT = np.array((190, 205, 225))  # of the rim of an ellipse that says nothing
 FAINTEST = 0.02  # of the usual torque: less is not drawn
+STILL = 0.01  # sizes of the body by which a label is not moved: words that tremble cannot be read
 _FULL, _RADIUS, _STEPS = 1.5 * np.pi, 0.09, 40  # arc of the usual torque [rad], in sizes of the body
 
 
@@ -34,10 +36,11 @@ class Marker:
             f"{name}/normal", np.array([[[0, 0, 0], [0, 0, 0.12]]]), POINT, shaft_radius=0.002, head_radius=0.006,
             head_length=0.02,
         )  # fmt: skip
-        flat = np.column_stack([DISC, np.zeros(len(DISC))])
+        flat = np.pad(disc(RINGS), ((0, 0), (0, 1)))
         self._disc = space.add_mesh_simple(
-            f"{root}/ellipse/{slot}/disc", flat, _facets(), color=ink, opacity=0.0, side="double", cast_shadow=False
-        )
+            f"{root}/ellipse/{slot}/disc", flat, _facets(len(flat)), color=ink, opacity=0.0, side="double",
+            cast_shadow=False,
+        )  # fmt: skip
         self._rim = space.add_line_segments(
             f"{root}/ellipse/{slot}/rim", nothing, ink, thickness=2.0, thickness_units="screen"
         )
@@ -72,13 +75,22 @@ class Marker:
         """Laid on the body, and the fainter the larger it is beside it."""
         points = scene.placed(scene.ellipse_on_body(contact, magnification)).astype(np.float32)
         strength = fade(magnification * float(contact.axes[0]), scene.size)
-        self._disc.vertices = points
+        self._lay(points)
         rim = points[-RIM:]
         self._rim.points = np.stack([rim, np.roll(rim, -1, axis=0)], axis=1)
         if (opacity := round(0.25 * strength, 3)) != self._disc.opacity:
             self._disc.opacity = opacity
             ink = FAINT + strength * (np.array(self._ink) - FAINT)
             self._rim.colors = np.tile(ink.round().astype(np.uint8), (RIM, 2, 1))
+
+    def _lay(self, points: Float[np.ndarray, "k 3"]) -> None:
+        """The ellipse's points; be they more or fewer than before, no facet ever names one that is not there."""
+        more = len(points) - len(self._disc.vertices)
+        if more < 0:
+            self._disc.faces = _facets(len(points))
+        self._disc.vertices = points
+        if more > 0:
+            self._disc.faces = _facets(len(points))
 
     def _show_force(self, scene: Scene, contact: ShownContact) -> None:
         """An arrow that pushes with its tip."""
@@ -87,7 +99,9 @@ class Marker:
         length = float(np.linalg.norm(shaft))
         _put(self._arrow, head_length=min(0.05, 0.6 * length), head_radius=min(0.018, 0.3 * length))
         self._arrow.points = np.stack([tip - shaft, tip])[None].astype(np.float32)
-        self._label.position = tip - shaft - (0.03 * shaft / length if length > 0 else 0.0)
+        tail = tip - shaft - (0.03 * shaft / length if length > 0 else 0.0)
+        if np.abs(tail - self._label.position).max() > STILL:
+            self._label.position = tail
         name = f"{contact.identity}: " if scene.several else ""
         self._label.text = f"{name}{np.linalg.norm(contact.force):.1f} N"
 
@@ -133,13 +147,14 @@ def fade(long: float, size: float) -> float:
     return float(np.clip(0.25 * size / max(long, 1e-12), 0.15, 1.0))
 
 
-def _facets() -> Int[np.ndarray, "f 3"]:
-    """Between the rings of `DISC`."""
+@cache
+def _facets(count: int) -> UInt32[np.ndarray, "f 3"]:
+    """Between the rings of a `disc` of so many points."""
     around = np.arange(RIM)
     after = (around + 1) % RIM
     parts = [np.stack([np.zeros(RIM, int), 1 + around, 1 + after], axis=1)]
-    for ring in range(RINGS - 1):
-        inner, outer = 1 + ring * RIM, 1 + (ring + 1) * RIM
+    for inner in range(1, count - RIM, RIM):
+        outer = inner + RIM
         parts.append(np.stack([inner + around, outer + around, outer + after], axis=1))
         parts.append(np.stack([inner + around, outer + after, inner + after], axis=1))
-    return np.concatenate(parts)
+    return np.concatenate(parts).astype(np.uint32)

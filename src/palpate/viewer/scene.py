@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -22,14 +22,16 @@ from palpate.viewer.samples import sample_starts, strongest, thinned, totals
 from palpate.viewer.timeline import Timeline, downsampled
 
 __all__ = [
-    "DISC",
     "MAGNIFICATIONS",
+    "MORE",
     "RIM",
     "RINGS",
     "Moment",
     "Scene",
     "ShownContact",
+    "alone",
     "before",
+    "disc",
     "nice",
     "nothing",
     "prepare",
@@ -38,16 +40,9 @@ __all__ = [
 MAGNIFICATIONS = (1, 2, 5, 10, 20, 50, 100)
 PLOTTED = 800  # rows of a plot: two a pixel
 TRAIL = 300  # samples of a trail
-RIM = 64  # points on the rim of an ellipse
-RINGS = 8  # of points within it
-DISC = np.array(
-    [(0.0, 0.0)]
-    + [  # (1 + RINGS RIM, 2) of the unit disc, the rim last
-        (ring / RINGS * np.cos(turn), ring / RINGS * np.sin(turn))
-        for ring in range(1, RINGS + 1)
-        for turn in 2 * np.pi * np.arange(RIM) / RIM
-    ]
-)
+RIM = 64  # points on the rim of an ellipse, and on each ring within it
+RINGS, MORE = 4, 8  # rings of points, the rim the last; of an ellipse that is large beside the body
+_LARGE = 0.05  # sizes of the body, of the longer half-axis
 _LIFT = 2e-3  # sizes of the body by which an ellipse lies above it
 _ABOUT = 0.2  # sizes of the body that are shown about what was touched
 _SAMPLED = 2_000  # contacts that a typical value is taken from
@@ -139,14 +134,18 @@ class Scene:
     def __len__(self) -> int:
         return len(self.starts)
 
-    @property
+    @cached_property
     def size(self) -> float:
         """Diagonal of what is shown [m]."""
         return float(np.linalg.norm(self.bounds[1] - self.bounds[0]))
 
+    @cached_property
+    def _middle(self) -> Float[np.ndarray, "3"]:
+        return self.bounds.mean(axis=0)
+
     def placed(self, points: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3"]:
         """In units of the size about the middle, so that a needle and a torso look alike to a camera."""
-        return (points - self.bounds.mean(axis=0)) / self.size
+        return (points - self._middle) / self.size
 
     @cached_property
     def strongest(self) -> Int[np.ndarray, " m"]:
@@ -252,24 +251,16 @@ class Scene:
 
     def at(self, index: int) -> Moment:
         """What there is at one sample."""
-        rows = self.rows(index)
-        order = np.argsort(-np.linalg.norm(self.contacts.force[rows], axis=1), kind="stable")  # NaN last
-        first = rows.start
-        return Moment(
-            index,
-            int(self.contacts.sample[first]),
-            float(self.timeline.clock[index]),
-            float(self.contacts.time[first]),
-            tuple(self._shown(first + k) for k in order.tolist()),
-        )
+        return _moment(self.contacts, self.rows(index), index, float(self.timeline.clock[index]))
 
     def ellipse_on_body(self, contact: ShownContact, magnification: int) -> Float[np.ndarray, "k 3"]:
         """A located contact's 95 % ellipse laid on the body [m], so that nothing of it hangs over an edge.
 
-        Its points, those of `DISC` in the tangent plane, are taken to the nearest point of the surface.
+        Its points, those of a `disc` in the tangent plane, are taken to the nearest point of the surface.
         """
         axes = np.minimum(magnification * contact.axes, 2.0 * self.size)
-        flat = contact.point + (DISC * axes) @ contact.frame[:, :2].T
+        within = disc(MORE if axes[0] > _LARGE * self.size else RINGS)
+        flat = contact.point + (within * axes) @ contact.frame[:, :2].T
         if self.surface is None:
             return flat + _LIFT * self.size * contact.normal
         points, normals, _ = self.surface.project(flat)
@@ -282,23 +273,6 @@ class Scene:
         seconds = clock - self._ahead(other)
         at = np.searchsorted(other.timeline.clock, seconds + 1e-9, side="right") - 1
         return np.where((at >= 0) & (seconds <= other.timeline.duration + 1e-9), other.total[np.maximum(at, 0)], np.nan)
-
-    def _shown(self, row: int) -> ShownContact:
-        found = self.contacts
-        axes, frame = ellipse(found.covariance[row], found.normal[row])
-        features = {name: float(values[row]) for name, values in found.features.items()}
-        return ShownContact(
-            identity=int(found.identity[row]),
-            status=Status(int(found.status[row])),
-            point=found.point[row],
-            normal=found.normal[row],
-            force=found.force[row],
-            torque=float(found.torque[row]),
-            deviation=np.sqrt(np.maximum(np.diag(found.covariance[row]), 0.0)),
-            axes=axes,
-            frame=frame,
-            features={name: value for name, value in features.items() if np.isfinite(value)},
-        )
 
     def trail(self, index: int, seconds: float) -> tuple[Float[np.ndarray, "k 2 3"], Float[np.ndarray, " k"]]:
         """Where each contact was in the last seconds: segments [m] and their ages (0 now, 1 oldest)."""
@@ -372,6 +346,45 @@ def prepare(surface: Surface | None, contacts: Contacts, title: str = "", layers
     return Scene(
         title, bounds, body, contacts, starts, touched, timeline, heat, newton, magnification, tuple(layers), surface
     )
+
+
+def alone(found: Contacts) -> Moment:
+    """The moment of contacts that are all of one sample, in no scene."""
+    return _moment(found, slice(0, len(found)), 0, 0.0)
+
+
+def _moment(found: Contacts, rows: slice, index: int, seconds: float) -> Moment:
+    """Of the rows of one sample."""
+    order = np.argsort(-np.linalg.norm(found.force[rows], axis=1), kind="stable")  # NaN last
+    first = rows.start
+    shown = tuple(_shown(found, first + k) for k in order.tolist())
+    return Moment(index, int(found.sample[first]), seconds, float(found.time[first]), shown)
+
+
+def _shown(found: Contacts, row: int) -> ShownContact:
+    axes, frame = ellipse(found.covariance[row], found.normal[row])
+    features = {name: float(values[row]) for name, values in found.features.items()}
+    return ShownContact(
+        identity=int(found.identity[row]),
+        status=Status(int(found.status[row])),
+        point=found.point[row],
+        normal=found.normal[row],
+        force=found.force[row],
+        torque=float(found.torque[row]),
+        deviation=np.sqrt(np.maximum(np.diag(found.covariance[row]), 0.0)),
+        axes=axes,
+        frame=frame,
+        features={name: value for name, value in features.items() if np.isfinite(value)},
+    )
+
+
+@cache
+def disc(rings: int) -> Float[np.ndarray, "k 2"]:
+    """(1 + rings RIM, 2) points of the unit disc: the middle, then ring after ring, the rim last."""
+    turn = 2 * np.pi * np.arange(RIM) / RIM
+    share = np.arange(1, rings + 1)[:, None] / rings
+    around = np.stack([share * np.cos(turn), share * np.sin(turn)], axis=-1)
+    return np.concatenate([np.zeros((1, 2)), around.reshape(-1, 2)])
 
 
 def nothing() -> Contacts:

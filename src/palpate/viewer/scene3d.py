@@ -75,7 +75,7 @@ class Scene3D:
         """Move contacts and layers alone.
 
         Args:
-            scene: that the moment is of; arrows have the scales of `self.scene`.
+            scene: whose sample the layers show; arrows have the scales of `self.scene`.
             moment: to be shown.
             magnification: of the ellipses.
         """

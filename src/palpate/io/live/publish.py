@@ -127,7 +127,7 @@ def publish(ring: Path, to: str, rig: Path, parent: int, rate: float = RATE) -> 
         while not read["stop"] and not orphaned(parent):
             slots, first = read.read(next_one, MOST)
             next_one = first + len(slots)
-            publisher.publish(read.form.contacts(slots, first))
+            publisher.publish(read.form.contacts(slots))
             if publisher.tare_asked():  # others write this word, too: only then
                 read["asked"] += 1
             for sentence in publisher.said():

@@ -105,7 +105,7 @@ class RecordMessages:
             slots: in order.
             first: number of the sample in the first.
         """
-        contacts = self._form.contacts(slots, first)
+        contacts = self._form.contacts(slots)
         times = slots["stamp"].clip(0, LATEST)
         answers, views = self._contacts.of(contacts, times[contacts.sample - first])
         posed = np.isfinite(slots["orientation"]).all(axis=1) & self._form.poses

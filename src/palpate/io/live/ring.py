@@ -101,13 +101,15 @@ class Form:
             align=True,
         )
 
-    def contacts(self, slots: np.ndarray, first: int) -> Contacts:
-        """Of slots in order, the first of which is the sample of that number; samples without an answer have no row."""
-        counts = np.where(slots["ready"] > 0, slots["rows"], 0)
+    def contacts(self, slots: np.ndarray) -> Contacts:
+        """Of slots in order; samples without an answer have no row."""
+        rows, sample, times = slots["contacts"], slots["number"] - 1, seconds(slots["stamp"])
+        counts = slots["rows"] * (slots["ready"] > 0)
+        if (counts == 1).all():  # as a rule
+            return Contacts.of_rows(sample, times, rows[:, 0], self.features)
         which = np.repeat(np.arange(len(slots)), counts)
         place = np.arange(len(which)) - np.repeat(np.cumsum(counts) - counts, counts)
-        times = seconds(slots["stamp"])
-        return Contacts.of_rows(first + which, times[which], slots["contacts"][which, place], self.features)
+        return Contacts.of_rows(sample[which], times[which], rows[which, place], self.features)
 
 
 def latencies(slots: np.ndarray) -> Float[np.ndarray, " k"]:
