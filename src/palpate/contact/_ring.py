@@ -140,8 +140,8 @@ def _cost(displacement, used, variance, state, count, model, held, residual, jac
 def _refine(problem, used, state, count, work):
     """Gauss-Newton from `state`, which is changed; the cost at its end. The normal matrix stays in work[2].
 
-    `problem`: displacements, markers, model, misfit and noise of `frames`, and (MOST,) `_held`. `work`: residuals, their derivatives, the
-    normal matrix, variances.
+    `problem`: displacements, markers, model, misfit and noise of `frames`, and what `_held` fills. `work`: residuals,
+    their derivatives, the normal matrix, variances.
     """
     residual, jacobian, normal, variance = work
     displacement, markers, model, misfit, noise, held = problem
@@ -359,7 +359,7 @@ def _retried(problem, used, state, count, work, cost, nearest, on):
         left = _drop(other, count, c)
         without = _refine(problem, used, other, left, work)
         more, after = _added(problem, used, other, left, work, without, nearest, on, trial)
-        if more == count and after < cost:
+        if more == count and after < cost - 1.0:
             _copy(trial, state)
             cost = after
     return _refine(problem, used, state, count, work)
@@ -523,7 +523,8 @@ def frames(displacements, markers, model, misfit, noise, settings, learned, stat
         noise: (2 m,) [m^2] of the pixels.
         settings: (5,) on and off in deviations, least angle between contacts [rad], markers that may be left out, and
             by how much a neighbour shifts a contact [rad].
-        learned: width (2,) [m/N] and spread (2,) of a `RingResponse`, its `skin`, the outer radius [m], and its grip.
+        learned: width (2,) [m/N] and spread (2,) of a `RingResponse`, its `skin`, the outer radius [m], and its grip;
+            0: neighbours leave no shear.
         states: (n, MOST, STATE), written, as all that follows.
         counts: (n,) of contacts; -1: fewer than half of the markers are seen.
         left: (MOST + 1, STATE) contacts of the frame before, their count in the last row's first place; changed.
@@ -549,7 +550,7 @@ def frames(displacements, markers, model, misfit, noise, settings, learned, stat
         held[:] = 0.0
         problem = (here, markers, model, misfit, noise, held)
         count, cost[n] = _found(problem, used, state, count, work, settings)
-        if count > 1 and skin.shape[1] == 4:
+        if count > 1 and grip > 0.0:
             for _ in range(_ROUNDS):
                 _held(state, count, skin, outer, grip, held)
                 cost[n] = _refine(problem, used, state, count, work)

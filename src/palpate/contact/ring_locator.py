@@ -30,7 +30,7 @@ class RingSettings:
         dropped: markers of a frame that may be left out because no contact explains them.
         shift: [deg] by which a neighbour 30 degrees away may shift a contact, as a deviation; one farther away by less.
         friction: usual shear / force, as a deviation; None: that of the calibration.
-        wide: how much more widths vary than in the calibration.
+        wide: deviations of the calibration's widths that a contact's width usually has.
         reach, speed, patience: of identities: a contact may be `reach` [m] off from one frame to the next, and move at
             `speed` [m/s] beside that; one that is lost is waited for `patience` [s].
     """
@@ -102,8 +102,8 @@ class RingLocator:
         model = (table, slope, np.array([set_.wide * wide, shear, middle]))
         numbers = np.array([set_.on, set_.off, radians(set_.apart), float(set_.dropped), radians(set_.shift)])
         moved = np.zeros((2, 3, 1, 1)) if skin is None else response.skin(*skin)
-        outer = np.inf if skin is None else skin[0]
-        learned = (response.width.copy(), response.spread.copy(), moved, outer, response.grip)
+        outer, grip = (np.inf, 0.0) if skin is None else (skin[0], response.grip if response.shears else 0.0)
+        learned = (response.width.copy(), response.spread.copy(), moved, outer, grip)
         squares = np.ascontiguousarray(np.square(noise).reshape(-1))
         self._known = (self.markers, model, response.misfit, squares, numbers, learned)
         self._left = np.zeros((_ring.MOST + 1, _ring.STATE))
