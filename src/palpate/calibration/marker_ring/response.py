@@ -118,7 +118,7 @@ def _fitted(presses: RingPresses, before: RingResponse | None) -> RingResponse:
 
 
 def _usual(presses: RingPresses, width: np.ndarray, sheared: bool) -> tuple[Float[np.ndarray, "3"], float]:
-    """`usual` and `grip` of a `RingResponse`; the grip of the heavier half, as a light press tells more of the gauge."""
+    """`usual` and `grip` of a `RingResponse`; grip of the heavier half: light presses tell more of the gauge."""
     z = (presses.depth / presses.force - width[0]) / width[1]
     if not sheared:
         return np.array([z.mean(), z.std(), _SHEAR]), 0.0

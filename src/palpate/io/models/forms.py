@@ -187,7 +187,7 @@ FORMS: Mapping[type, Form] = {
             "spread": Key("rad, share of the force: deviations on touches that were not fitted"),
             "largest": Key("m, N: up to which it was calibrated"),
             "usual": Key(
-                "before anything is known: mean and deviation of z, the width, and deviation of shear / force"
+                "before anything is known: mean and deviation of the width z, deviation of shear / force"
             ),
             "grip": Key("shear / force up to which it was calibrated", least=0.0),
             "shape": Key("of the coefficients: v0 v1 v2 (s), terms of the angle from the contact, of the contact's"),
