@@ -129,8 +129,8 @@ FAULTS: list[Fault] = [
         ("a light press says what friction is", "presses.force >= np.median(presses.force)", "presses.force > 0.0"),
         (
             "another unit's friction is forgotten",
-            "usual, grip = before.usual, before.grip",
-            "usual, grip = before.usual, 0.0",
+            "before.usual, before.grip",
+            "before.usual, 0.0",
         ),
         (
             "the evidence does not know how far a prior reaches",

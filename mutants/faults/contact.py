@@ -227,13 +227,13 @@ FAULTS: list[Fault] = [
             "force * (moved[0, 0] + z * (moved[0, 1] + z * moved[0, 2]))",
             "force * moved[0, 0]",
         ),
-        ("a tilted skin is pressed as an upright one", "held[c] = slope / outer", "held[c] = 0.0"),
+        ("a tilted skin is pressed as an upright one", "slope / outer", "0.0"),
         (
             "friction pulls with the skin",
             "min(max(-along / gives, -grip), grip)",
             "min(max(along / gives, -grip), grip)",
         ),
         ("friction holds more than it can", "min(max(-along / gives, -grip), grip)", "-along / gives"),
-        ("the usual width is none", "else priors[2])) / priors[e]", "else 0.0)) / priors[e]"),
+        ("the usual width is none", "held[c] if e else priors[2]", "held[c] if e else 0.0"),
     ),
 ]
