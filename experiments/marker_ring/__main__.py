@@ -131,7 +131,7 @@ def figures_of(made: Measured) -> dict[str, float]:
     got["apart_25"] = apart.get(25, (np.nan, np.nan))[0]
     got["apart_30"] = max(angle for at, (angle, _) in apart.items() if at >= 30)
     got["apart_30_force"] = max(force for at, (_, force) in apart.items() if at >= 30)
-    got["three_four"] = max(ratio[each.name][0] for each in more)
+    got["three_four"], got["three_four_force"] = (max(ratio[each.name][k] for each in more) for k in (0, 1))
     speeds = {each.speed: each for each in made.moving}
     got["moving_slow"] = float(np.abs(speeds[0.04].held["ours"]).mean())
     got["moving_fast"] = float(np.abs(speeds[0.1].middle["ours"]).mean())

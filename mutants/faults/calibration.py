@@ -144,6 +144,12 @@ FAULTS: list[Fault] = [
         "calibration/marker_ring/response.py",
         "tests/calibration/test_ring_response.py",
         ("misfits of all rings are mixed", "ring == row // 2", "ring >= 0"),
+        ("a light press says what friction is", "presses.force >= np.median(presses.force)", "presses.force > 0.0"),
+        (
+            "another unit's friction is forgotten",
+            "before.usual, before.grip",
+            "before.usual, 0.0",
+        ),
         (
             "the evidence does not know how far a prior reaches",
             "spread = np.sum(np.log(precision)) - 2.0 * np.sum(np.log(np.diag(factor[0])))",

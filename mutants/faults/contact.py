@@ -232,13 +232,21 @@ FAULTS: list[Fault] = [
         ("every ring has the first one's misfit", "misfit[ring + e, k]", "misfit[e, k]"),
         (
             "neighbours carry a contact the other way",
-            "state[c, 0] + moved / (outer - depth)",
-            "state[c, 0] - moved / (outer - depth)",
+            "state[c, 0] + along / (outer - depth)",
+            "state[c, 0] - along / (outer - depth)",
         ),
         (
             "a wider contact carries the skin as any",
-            "per = skin[0, k, m] + z * (skin[1, k, m] + z * skin[2, k, m])",
-            "per = skin[0, k, m]",
+            "force * (moved[0, 0] + z * (moved[0, 1] + z * moved[0, 2]))",
+            "force * moved[0, 0]",
         ),
+        ("a tilted skin is pressed as an upright one", "slope / outer", "0.0"),
+        (
+            "friction pulls with the skin",
+            "min(max(-along / gives, -grip), grip)",
+            "min(max(along / gives, -grip), grip)",
+        ),
+        ("friction holds more than it can", "min(max(-along / gives, -grip), grip)", "-along / gives"),
+        ("the usual width is none", "held[c] if e else priors[2]", "held[c] if e else 0.0"),
     ),
 ]

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from palpate.calibration.marker_ring.response import _deviations, _most_likely, fit_response
+from palpate.calibration.marker_ring.response import RingPresses, _deviations, _most_likely, _usual, fit_response
 from palpate.contact.ring_locator import RingLocator, turned
 from palpate.errors import InputError
 from palpate.sensors.ring_response import RingResponse, ring_basis
@@ -83,6 +83,27 @@ def test_the_likeliest_prior_is_the_one_that_numbers_were_drawn_from() -> None:
         assert abs(np.log(found[0] / truth[0])) < 0.3
 
 
+def test_what_is_usual_is_what_the_presses_were() -> None:
+    """Widths 1 and 3 in turns, half of the presses dragged by 0.4 of their force; a light one's 0.9 is no grip."""
+    force, shear = np.array([2.0, 2.0, 1.0, 1.0, 0.1]), np.array([0.8, 0.0, -0.4, 0.0, 0.09])
+    depth = force * (3e-3 + 1e-3 * np.array([1.0, 3.0, 1.0, 3.0, 2.0]))
+    nothing = np.zeros((5, 24, 2))
+    made = RingPresses(np.arange(5.0), depth, force, shear, nothing, MARKERS, np.ones((24, 2)))
+    usual, grip = _usual(made, np.array([3e-3, 1e-3]), True)
+    np.testing.assert_allclose(usual, [2.0, np.sqrt(0.8), np.sqrt((2.0 * 0.16 + 0.81) / 5.0)])
+    assert grip == pytest.approx(0.4)
+    assert _usual(made, np.array([3e-3, 1e-3]), False)[1] == 0.0
+
+
+def test_another_unit_is_touched_as_the_first() -> None:
+    """Two dozen presses that are not dragged tell nothing of friction."""
+    before, made = calibrated()
+    some = np.arange(len(made)) % 6 < 2
+    after = fit_response(made.picked(some), before)
+    assert after.grip == before.grip
+    np.testing.assert_array_equal(after.usual, before.usual)
+
+
 def test_the_skin_turns_as_kirchhoff_says() -> None:
     """u_outer = u (1 + t / r) - t / r dw / dtheta, the slope by a difference; the sum over harmonics written out."""
     response = calibrated()[0]
@@ -93,8 +114,9 @@ def test_the_skin_turns_as_kirchhoff_says() -> None:
         )
         slope = (after[0] - before[0]) / (2.0 * step)
         basis = ring_basis(np.array(delta), response.orders[0]), ring_basis(np.array(phi), response.orders[1])
-        found = np.einsum("bkm,k,m->b", skin, *basis)
+        found, tilt = np.einsum("ebkm,k,m->eb", skin[:, :3], *basis)
         np.testing.assert_allclose(found, here[1] * (1.0 + share) - share * slope, rtol=1e-6, atol=1e-12)
+        np.testing.assert_allclose(tilt, slope, rtol=1e-6, atol=1e-12)
 
 
 def test_another_unit_needs_two_dozen_presses() -> None:

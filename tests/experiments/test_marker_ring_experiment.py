@@ -72,7 +72,7 @@ def test_several_contacts_far_apart_are_counted(small: Measured) -> None:
 
 
 def test_the_page_says_what_was_met_and_what_was_missed(small: Measured) -> None:
-    assert len(checks(small)) == 20
+    assert len(checks(small)) == 21
     fine = Check("intervals", 0.95, 0.93, 0.97)
     poor = Check("angle [deg]", 0.6, most=0.5, theirs=(1.12,))
     names = ("depth", "noise", "numbers", "speed", "intervals", "units")

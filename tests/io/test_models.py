@@ -129,6 +129,8 @@ def _marker_ring(seed: int) -> MarkerRing:
         rng.uniform(size=(2 * len(rings), 6)),
         rng.uniform(size=2),
         np.array([0.01, 5.1]),
+        rng.uniform(size=3),
+        0.4 / 3,
     )
     colour = MarkerColour("red", 1 / 3, 0.01)
     rest, area = view.from_plane(view.rest) + rng.normal(size=(count, 2)), rng.uniform(30.0, 40.0, count)

@@ -196,6 +196,17 @@ def test_a_jump_and_a_hidden_marker_are_searched_for() -> None:
     assert set(told) == {Frame.OK}
 
 
+def test_a_blob_that_runs_into_a_marker_does_not_carry_it_away() -> None:
+    """As large as a marker, and beside it for one frame: both together are not 1.7 times as large, and 2.8 px off."""
+    rng, tracker = np.random.default_rng(6), _tracker()
+    beside = np.concatenate([REST, REST[[7]] + np.array([0.0, 5.5])])
+    out, searched, told = _run(tracker, [drawn(each, noise=2.0, rng=rng) for each in (REST, REST, beside, REST, REST)])
+    assert np.isnan(out[2, 7]).all()
+    assert np.nanmax(np.abs(out - REST)) <= 2 * CLOSE
+    assert searched == [True, False, True, True, False]
+    assert set(told) == {Frame.OK}
+
+
 def test_hidden_markers_stay_missing_among_stray_blobs_of_their_colour() -> None:
     """Four hidden, ten stray blobs of 2 to 10 px elsewhere in every frame: none is taken for a marker."""
     rng, tracker = np.random.default_rng(8), _tracker()

@@ -3,9 +3,11 @@
 Minimised over the contacts c of a frame, each with (phi, F, z, t), see `sensors.ring_response`:
 
     sum over i of (u_i - sum over c of F (v0 + z v1 + z^2 v2 + t s)_i(phi))^2 / var_i
-    + sum over c of (z / Z)^2 + (t / T)^2
+    + sum over c of ((z - m) / Z)^2 + ((t - h) / T)^2
 
-by Gauss-Newton steps that are shortened until they help. var_i is the pixels' noise and what the response leaves.
+by Gauss-Newton steps that are shortened until they help. var_i is the pixels' noise and what the response leaves; m, Z
+and T are what the calibration showed; h is the shear that a contact's neighbours leave it with, see `_held`; 0 while
+contacts are looked for, and for a single one.
 """
 
 # pyright: basic
@@ -23,6 +25,8 @@ MOST = 6  # contacts at once
 STATE = 8  # angle, force, width z, shear / force t, deviations of angle, force and depth, evidence
 _STEPS = 12  # of Gauss-Newton
 _TRIALS = 180  # angles at which one more contact is looked for
+_FAR = (3.0, 4.0)  # deviations of width and of shear, within which they are looked for
+_ROUNDS = 2  # of shears by neighbours that move as they do
 _FITS = 12.0  # squared deviations of a marker: where all lie below, no contact is missing
 
 
@@ -80,7 +84,7 @@ def _variances(state, count, markers, misfit, noise, variance):
 
 
 @inner
-def _cost(displacement, used, variance, state, count, model, residual, jacobian):
+def _cost(displacement, used, variance, state, count, model, held, residual, jacobian):
     """The sum that is minimised, with residuals and derivatives where `jacobian` has columns."""
     table, slope, priors = model
     size = len(displacement)
@@ -99,7 +103,7 @@ def _cost(displacement, used, variance, state, count, model, residual, jacobian)
                 jacobian[i, 4 * c + 1] = value[i]
                 jacobian[i, 4 * c + 2] = force * by_z[i]
                 jacobian[i, 4 * c + 3] = force * shear[i]
-        cost += (z / priors[0]) ** 2 + (t / priors[1]) ** 2
+        cost += ((z - priors[2]) / priors[0]) ** 2 + ((t - held[c]) / priors[1]) ** 2
     for i in range(size):
         if used[i]:
             cost += residual[i] ** 2 / variance[i]
@@ -110,18 +114,18 @@ def _cost(displacement, used, variance, state, count, model, residual, jacobian)
 def _refine(problem, used, state, count, work):
     """Gauss-Newton from `state`, which is changed; the cost at its end. The normal matrix stays in work[2].
 
-    `problem`: displacements, markers, model, misfit and noise of `frames`. `work`: residuals, their derivatives, the
-    normal matrix, variances.
+    `problem`: displacements, markers, model, misfit and noise of `frames`, and what `_held` fills. `work`: residuals,
+    their derivatives, the normal matrix, variances.
     """
     residual, jacobian, normal, variance = work
-    displacement, markers, model, misfit, noise = problem
+    displacement, markers, model, misfit, noise, held = problem
     priors, size = model[2], 4 * count
     gradient, step = np.empty(size), np.empty(size)
     factor, trial = np.empty((size, size)), np.empty((len(state), STATE))
     _copy(state, trial)
     no_jacobian = np.empty((len(residual), 0))
     _variances(state, count, markers, misfit, noise, variance)
-    cost, damping = _cost(displacement, used, variance, state, count, model, residual, jacobian), 1e-4
+    cost, damping = _cost(displacement, used, variance, state, count, model, held, residual, jacobian), 1e-4
     for turn in range(_STEPS):
         for a in range(size):
             gradient[a] = 0.0
@@ -139,7 +143,7 @@ def _refine(problem, used, state, count, work):
         for c in range(count):
             for e in range(2):
                 a = 4 * c + 2 + e
-                gradient[a] -= state[c, 2 + e] / priors[e] ** 2
+                gradient[a] -= (state[c, 2 + e] - (held[c] if e else priors[2])) / priors[e] ** 2
                 normal[a, a] += 1.0 / priors[e] ** 2
         if turn == _STEPS - 1:
             break
@@ -152,16 +156,17 @@ def _refine(problem, used, state, count, work):
                 for c in range(count):
                     trial[c, 0] = state[c, 0] + min(max(step[4 * c], -0.15), 0.15)
                     trial[c, 1] = max(state[c, 1] + step[4 * c + 1], 1e-3)
-                    for e in range(2, 4):
-                        bound = 3.0 * priors[e - 2]
-                        trial[c, e] = min(max(state[c, e] + step[4 * c + e], -bound), bound)
-                found = _cost(displacement, used, variance, trial, count, model, residual, no_jacobian)
+                    for e in range(2):
+                        middle, bound = 0.0 if e else priors[2], _FAR[e] * priors[e]
+                        moved_to = state[c, 2 + e] + step[4 * c + 2 + e]
+                        trial[c, 2 + e] = min(max(moved_to, middle - bound), middle + bound)
+                found = _cost(displacement, used, variance, trial, count, model, held, residual, no_jacobian)
                 if found < cost:
                     better = True
                     break
             damping *= 10.0
         if not better:
-            _cost(displacement, used, variance, state, count, model, residual, jacobian)
+            _cost(displacement, used, variance, state, count, model, held, residual, jacobian)
             break
         for c in range(count):
             moved = max(moved, abs(trial[c, 0] - state[c, 0]) / 1e-4, abs(trial[c, 1] - state[c, 1]) / 1e-4)
@@ -169,7 +174,7 @@ def _refine(problem, used, state, count, work):
                 state[c, k] = trial[c, k]
         damping = max(0.1 * damping, 1e-7)
         _variances(state, count, markers, misfit, noise, variance)
-        cost = _cost(displacement, used, variance, state, count, model, residual, jacobian)
+        cost = _cost(displacement, used, variance, state, count, model, held, residual, jacobian)
         if moved < 1.0:
             break
     return cost
@@ -286,7 +291,7 @@ def _added(problem, used, state, count, work, cost, nearest, on, trial):
             halves[count, k] = state[c, k]
         halves[c, 0], halves[count, 0] = state[c, 0] - 0.6 * nearest, state[c, 0] + 0.6 * nearest
         halves[c, 1] = halves[count, 1] = 0.5 * state[c, 1]
-        halves[c, 2], halves[count, 2] = problem[2][2][0], problem[2][2][0]
+        halves[c, 2], halves[count, 2] = problem[2][2][2], problem[2][2][2]
         split = _refine(problem, used, halves, count + 1, work)
         if split < after:
             more, after = count + 1, split
@@ -317,10 +322,28 @@ def _merged(problem, used, state, count, work, cost, nearest):
 
 
 @inner
+def _retried(problem, used, state, count, work, cost, nearest, on):
+    """Each contact in turn is taken out and looked for anew; the cost at the end.
+
+    What was first taken for one wide body between two contacts stays in a valley of its own when the second is added.
+    """
+    other, trial = np.empty((len(state), STATE)), np.empty((len(state), STATE))
+    for c in range(count):
+        _copy(state, other)
+        left = _drop(other, count, c)
+        without = _refine(problem, used, other, left, work)
+        more, after = _added(problem, used, other, left, work, without, nearest, on, trial)
+        if more == count and after < cost - 1.0:
+            _copy(trial, state)
+            cost = after
+    return _refine(problem, used, state, count, work)
+
+
+@inner
 def _found(problem, used, state, count, work, settings):
     """The contacts of a frame, from those of the one before: how many, and the cost."""
     on, off, nearest, dropped = settings[0] ** 2, settings[1] ** 2, settings[2], settings[3]
-    cost = _refine(problem, used, state, count, work)
+    cost, before = _refine(problem, used, state, count, work), count
     trial = np.empty((len(state), STATE))
     for _ in range(2 * MOST + int(dropped)):
         worst, far = _worst(used, work)
@@ -340,6 +363,8 @@ def _found(problem, used, state, count, work, settings):
             break
         cost = _refine(problem, used, state, count, work)
     count, cost = _merged(problem, used, state, count, work, cost, nearest)
+    if count > 1 and count != before:
+        cost = _retried(problem, used, state, count, work, cost, nearest, on)
     while count:
         which, least = _weakest(problem, used, state, count, work, cost, off)
         if least > off:
@@ -382,37 +407,82 @@ def _deviations(state, count, work, width, spread, shift):
 
 
 @inner
+def _skin(skin, delta, phi, moved):
+    """What a contact at phi does to the outer skin at an angle delta from it, per newton: `moved` (2, b)."""
+    moved[:] = 0.0
+    for k in range(skin.shape[2]):
+        turn = (k + 1) // 2 * delta
+        of_delta = np.sin(turn) if k % 2 == 0 and k else np.cos(turn)
+        for m in range(skin.shape[3]):
+            turn = (m + 1) // 2 * phi
+            both = of_delta * (np.sin(turn) if m % 2 == 0 and m else np.cos(turn))
+            for e in range(2):
+                for q in range(skin.shape[1]):
+                    moved[e, q] += skin[e, q, k, m] * both
+
+
+@inner
+def _dents(state, count, which, skin, moved):
+    """How the dents of its neighbours move the skin under a contact: along rising angles [m], and its slope [m/rad].
+
+    What shear moves is left out: the markers tell it too poorly.
+    """
+    along = slope = 0.0
+    for d in range(count):
+        if d != which:
+            _skin(skin, state[which, 0] - state[d, 0], state[d, 0], moved)
+            force, z = state[d, 1], state[d, 2]
+            along += force * (moved[0, 0] + z * (moved[0, 1] + z * moved[0, 2]))
+            slope += force * (moved[1, 0] + z * (moved[1, 1] + z * moved[1, 2]))
+    return along, slope
+
+
+@inner
 def _carried(state, count, skin, outer, width, found):
     """Angles of contacts where the skin beneath each is, which its neighbours' dents move along: into `found`.
 
-    A response says which part of the skin is pressed, by where that part is under one contact alone. What shear moves
-    is left out: the markers tell it too poorly.
+    A response says which part of the skin is pressed, by where that part is under one contact alone.
 
     Args:
         state: contacts.
         count: of them.
-        skin: (3, 2 K + 1, 2 M + 1) [m/N] of `RingResponse.skin`.
+        skin: (2, b, 2 K + 1, 2 M + 1) [m/N] of `RingResponse.skin`.
         outer: radius [m].
         width: (2,) of a `RingResponse`.
         found: (n, STATE), its first column is written.
     """
-    _, orders, rounds = skin.shape
+    moved = np.empty(skin.shape[:2])
     for c in range(count):
-        moved = 0.0
-        for d in range(count):
-            if d == c:
-                continue
-            delta, phi, z = state[c, 0] - state[d, 0], state[d, 0], state[d, 2]
-            for k in range(orders):
-                turn = (k + 1) // 2 * delta
-                of_delta = np.sin(turn) if k % 2 == 0 and k else np.cos(turn)
-                for m in range(rounds):
-                    turn = (m + 1) // 2 * phi
-                    of_phi = np.sin(turn) if m % 2 == 0 and m else np.cos(turn)
-                    per = skin[0, k, m] + z * (skin[1, k, m] + z * skin[2, k, m])
-                    moved += state[d, 1] * per * of_delta * of_phi
+        along, _ = _dents(state, count, c, skin, moved)
         depth = state[c, 1] * (width[0] + state[c, 2] * width[1])
-        found[c, 0] = state[c, 0] + moved / (outer - depth)
+        found[c, 0] = state[c, 0] + along / (outer - depth)
+
+
+@inner
+def _held(state, count, skin, outer, grip, held):
+    """The shear / force that its neighbours leave each contact with, into `held`.
+
+    Their dents tilt the skin under it, and it presses along the skin's normal. They carry the skin along, too, and
+    friction holds it back: at the least not at all, at the most until it does not move, or up to `grip` of the force.
+    Which of these is not known, so it is the middle. Markers tell the shears of near contacts poorly: two that pull
+    at each other look much like two that press harder.
+
+    Args:
+        state: contacts.
+        count: of them.
+        skin: as of `_carried`, with what shear does.
+        outer: radius [m].
+        grip: of a `RingResponse`.
+        held: (MOST,), written.
+    """
+    moved = np.empty(skin.shape[:2])
+    for c in range(count):
+        along, slope = _dents(state, count, c, skin, moved)
+        _skin(skin, 0.0, state[c, 0], moved)
+        gives = state[c, 1] * moved[0, 3]
+        held[c] = slope / outer
+        if gives > 0.0:
+            held[c] += 0.5 * min(max(-along / gives, -grip), grip)
 
 
 @entry
@@ -422,12 +492,13 @@ def frames(displacements, markers, model, misfit, noise, settings, learned, stat
     Args:
         displacements: (n, 2 m) [m] outwards and along rising angles, marker by marker; NaN: not seen.
         markers: (m,) [rad] at rest, ring by ring, as many in each.
-        model: table and slope (a, 2 m, b) of `RingResponse.tables`, and (2,) deviations of z and t.
+        model: table and slope (a, 2 m, b) of `RingResponse.tables`, and (3,) deviations of z and t, and z's mean.
         misfit: (2 r, B) [m/N] of r rings.
         noise: (2 m,) [m^2] of the pixels.
         settings: (5,) on and off in deviations, least angle between contacts [rad], markers that may be left out, and
             by how much a neighbour shifts a contact [rad].
-        learned: width (2,) [m/N] and spread (2,) of a `RingResponse`, its `skin`, and the outer radius [m].
+        learned: width (2,) [m/N] and spread (2,) of a `RingResponse`, its `skin`, the outer radius [m], and its grip;
+            0: neighbours leave no shear.
         states: (n, MOST, STATE), written, as all that follows.
         counts: (n,) of contacts; -1: fewer than half of the markers are seen.
         left: (MOST + 1, STATE) contacts of the frame before, their count in the last row's first place; changed.
@@ -437,7 +508,8 @@ def frames(displacements, markers, model, misfit, noise, settings, learned, stat
     work = (np.empty(size), np.empty((size, 4 * MOST)), np.empty((4 * MOST, 4 * MOST)), np.empty(size))
     state, used = np.zeros((MOST, STATE)), np.empty(size, dtype=np.bool_)
     _copy(left[:MOST], state)
-    count, here = int(left[MOST, 0]), np.empty(size)
+    count, here, held = int(left[MOST, 0]), np.empty(size), np.zeros(MOST)
+    width, spread, skin, outer, grip = learned
     for n in range(len(displacements)):
         seen = 0
         for i in range(size):
@@ -449,8 +521,14 @@ def frames(displacements, markers, model, misfit, noise, settings, learned, stat
             continue
         for i in range(size):
             here[i] = displacements[n, i] if used[i] else 0.0
-        count, cost[n] = _found((here, markers, model, misfit, noise), used, state, count, work, settings)
-        _deviations(state, count, work, learned[0], learned[1], settings[4])
+        held[:] = 0.0
+        problem = (here, markers, model, misfit, noise, held)
+        count, cost[n] = _found(problem, used, state, count, work, settings)
+        if count > 1 and grip > 0.0:
+            for _ in range(_ROUNDS):
+                _held(state, count, skin, outer, grip, held)
+                cost[n] = _refine(problem, used, state, count, work)
+        _deviations(state, count, work, width, spread, settings[4])
         seen = 0
         for i in range(size):
             seen += used[i]
@@ -458,7 +536,7 @@ def frames(displacements, markers, model, misfit, noise, settings, learned, stat
         cost[n] = np.sqrt(cost[n] / free)
         counts[n] = count
         _copy(state, states[n])
-        _carried(state, count, learned[2], learned[3], learned[0], states[n])
+        _carried(state, count, skin, outer, width, states[n])
         for c in range(count):
             turn = states[n, c, 0] / (2.0 * np.pi)
             states[n, c, 0] = 2.0 * np.pi * (turn - np.floor(turn))

@@ -29,7 +29,7 @@ class RingSettings:
         apart: [deg] nearer to each other no two contacts are told apart.
         dropped: markers of a frame that may be left out because no contact explains them.
         shift: [deg] by which a neighbour 30 degrees away may shift a contact, as a deviation; one farther away by less.
-        friction: usual shear / force, as a deviation.
+        friction: usual shear / force, as a deviation; None: that of the calibration.
         wide: deviations of the calibration's widths that a contact's width usually has.
         reach, speed, patience: of identities: a contact may be `reach` [m] off from one frame to the next, and move at
             `speed` [m/s] beside that; one that is lost is waited for `patience` [s].
@@ -40,8 +40,8 @@ class RingSettings:
     apart: float = 18.0
     dropped: int = 4
     shift: float = 0.5
-    friction: float = 0.15
-    wide: float = 2.0
+    friction: float | None = None
+    wide: float = 1.0
     reach: float = 0.008
     speed: float = 0.5
     patience: float = 0.2
@@ -51,7 +51,7 @@ class RingSettings:
             raise ValueError(f"off ({self.off:g}) must lie between 0 and on ({self.on:g})")
         if not 0 < self.apart < 180:
             raise ValueError(f"apart must lie between 0 and 180 degrees, not {self.apart:g}")
-        if self.dropped < 0 or not (self.friction > 0 and self.wide > 0 and self.shift >= 0):
+        if self.dropped < 0 or not (self.wide > 0 and self.shift >= 0 and (self.friction is None or self.friction > 0)):
             raise ValueError("dropped and shift must not be negative, friction and wide must be positive")
         if not (self.reach > 0 and self.speed >= 0 and self.patience >= 0):
             raise ValueError("reach must be positive, speed and patience not negative")
@@ -96,13 +96,14 @@ class RingLocator:
 
         self.response, self.settings = response, settings or RingSettings()
         self.markers = np.array(markers, dtype=np.float64)
-        shear = self.settings.friction if response.shears else _NO_SHEAR
+        set_, (middle, wide, usual) = self.settings, response.usual.tolist()
+        shear = (set_.friction or usual) if response.shears else _NO_SHEAR
         table, slope = response.tables(self.markers, _TABLE)
-        set_ = self.settings
-        model = (table, slope, np.array([set_.wide, shear]))
+        model = (table, slope, np.array([set_.wide * wide, shear, middle]))
         numbers = np.array([set_.on, set_.off, radians(set_.apart), float(set_.dropped), radians(set_.shift)])
-        carried = np.zeros((3, 1, 1)) if skin is None else response.skin(*skin)
-        learned = (response.width.copy(), response.spread.copy(), carried, np.inf if skin is None else skin[0])
+        moved = np.zeros((2, 3, 1, 1)) if skin is None else response.skin(*skin)
+        outer, grip = (np.inf, 0.0) if skin is None else (skin[0], response.grip if response.shears else 0.0)
+        learned = (response.width.copy(), response.spread.copy(), moved, outer, grip)
         squares = np.ascontiguousarray(np.square(noise).reshape(-1))
         self._known = (self.markers, model, response.misfit, squares, numbers, learned)
         self._left = np.zeros((_ring.MOST + 1, _ring.STATE))

@@ -14,6 +14,7 @@ __all__ = ["blob_sums", "follow", "label_path", "measure_windows", "sampled", "s
 
 _OK, _NOTHING, _RIM = 0.0, 1.0, 2.0
 _MANY = 1e18
+_GROWN, _OFF, _TORN = 0.15, 0.25, 12.0  # deviations of a log area and of a place over the radius; squares that doubt
 _CAP = 0.3  # of the contrast: a pixel well inside a marker counts no more for being brighter, which is noise
 
 
@@ -369,13 +370,16 @@ def _plausible(got, rest, seen, size, contrast, fits):
 
 
 @inner
-def _doubtful(got, fits, seen, sizes, size, alone, rest, gaps, pairs):
+def _doubtful(got, fits, seen, expected, sizes, size, alone, rest, gaps, pairs):
     """Whether any window leaves a doubt about which marker is where.
+
+    One that changes its size and leaves its way at once may have something of its colour beside it.
 
     Args:
         got: as of `_plausible`, as fits, seen, size and rest.
         fits: (m,) bool.
         seen: (m,) bool.
+        expected: (m, 2) [px].
         sizes: (m,) areas in the last frame.
         size: greatest ratio of areas.
         alone: (m,) bool, no neighbour at rest reaches into the window.
@@ -389,6 +393,9 @@ def _doubtful(got, fits, seen, sizes, size, alone, rest, gaps, pairs):
         if not seen[i]:
             continue
         if got[i, 2] * size <= sizes[i] or got[i, 2] >= sizes[i] * size:
+            return True
+        off = (got[i, 0] - expected[i, 0]) ** 2 + (got[i, 1] - expected[i, 1]) ** 2
+        if (np.log(got[i, 2] / sizes[i]) / _GROWN) ** 2 + np.pi * off / (_OFF * _OFF * rest[i, 0]) > _TORN:
             return True
         if alone[i] and got[i, 5] >= 0.25 * rest[i, 0]:
             return True
@@ -427,7 +434,7 @@ def follow(image, weights, known, limits, got, seen, expected, last, step, sizes
     measure_windows(image, weights, expected, halves, got)
     fits = np.empty(len(got), np.bool_)
     _plausible(got, rest, seen, size, contrast, fits)
-    if _doubtful(got, fits, seen, sizes, size, alone, rest, gaps, pairs):
+    if _doubtful(got, fits, seen, expected, sizes, size, alone, rest, gaps, pairs):
         return False
     for i in range(len(got)):
         for a in range(2):

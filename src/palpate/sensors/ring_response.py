@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Float
@@ -47,6 +47,9 @@ class RingResponse(Value):
         spread: (2,) [rad], share of the force: deviations of angle and of force that hold on touches left out of the
             fit, beside what the noise of the pixels explains.
         largest: (2,) [m], [N] depth and force up to which it was calibrated.
+        usual: (3,) mean and deviation of the width z, and deviation of t, of the presses that it was calibrated with:
+            what a contact's are before anything is known.
+        grip: t up to which it was calibrated; 0: none is known.
     """
 
     coefficients: Float[np.ndarray, "b e k m"]
@@ -54,6 +57,8 @@ class RingResponse(Value):
     misfit: Float[np.ndarray, "e parts"]
     spread: Float[np.ndarray, "2"]
     largest: Float[np.ndarray, "2"]
+    usual: Float[np.ndarray, "3"] = field(default_factory=lambda: np.array([0.0, 2.0, 0.15]))
+    grip: float = 0.0
 
     def __post_init__(self) -> None:
         shape = self.coefficients.shape
@@ -63,7 +68,9 @@ class RingResponse(Value):
             raise ValueError(f"misfit must have {shape[1]} rows, as coefficients have, not {len(self.misfit)}")
         if not (self.width > 0).all() or not (self.misfit >= 0).all() or not (self.spread >= 0).all():
             raise ValueError("width must be positive, misfit and spread not negative")
-        tails = {"coefficients": shape[1:], "width": (2,), "misfit": (), "spread": (2,), "largest": (2,)}
+        if not (self.usual[1:] > 0).all() or not self.grip >= 0:
+            raise ValueError("deviations of usual must be positive, grip not negative")
+        tails = {"coefficients": shape[1:], "width": (2,), "misfit": (), "spread": (2,), "largest": (2,), "usual": (3,)}
         for name, tail in tails.items():
             object.__setattr__(self, name, frozen(getattr(self, name), tail=tail, name=name))
 
@@ -87,20 +94,20 @@ class RingResponse(Value):
         of_delta, of_phi = (ring_basis(angle, order) for angle, order in zip((delta, phi), self.orders, strict=True))
         return np.einsum("bckm,nk,nm->ncb", self.coefficients, of_delta, of_phi, optimize=True)
 
-    def skin(self, outer: float, inner: float) -> Float[np.ndarray, "3 k m"]:
-        """What a contact moves the outer skin by along rising angles, per newton: v0, v1 and v2 of it [m/N].
+    def skin(self, outer: float, inner: float) -> Float[np.ndarray, "2 b k m"]:
+        """What a contact does to the outer skin, per newton: moves it along rising angles [m/N], and its slope [m/N].
 
         As `coefficients`. The markers are on the inner side; across the wall the skin keeps straight and upright
-        [Kirchhoff and Love]: u_outer = u (1 + t / r) - t / r dw / dtheta, w the markers' movement outwards, t the
-        thickness, r the inner radius. Of the first ring.
+        [Kirchhoff and Love]: u_outer = u (1 + t / r) - t / r dw / dtheta, w the markers' movement outwards, whose
+        derivative by the angle is the slope, t the thickness, r the inner radius. Of the first ring.
 
         Args:
             outer: radius [m] of the skin's outer surface.
             inner: radius [m] of the markers.
         """
         share = (outer - inner) / inner
-        tilt = np.einsum("jk,bkm->bjm", _slope(self.orders[0]), self.coefficients[:3, 0])
-        return np.ascontiguousarray((1.0 + share) * self.coefficients[:3, 1] - share * tilt)
+        slope = np.einsum("jk,bkm->bjm", _slope(self.orders[0]), self.coefficients[:, 0])
+        return np.stack([(1.0 + share) * self.coefficients[:, 1] - share * slope, slope])
 
     def tables(
         self, markers: Float[np.ndarray, " m"], count: int

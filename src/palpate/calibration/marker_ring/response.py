@@ -18,6 +18,7 @@ ORDERS = (16, 2)  # of the angle between marker and contact, and of the contact'
 PARTS = 48  # of a turn, in which misfits are told
 _BLOCK = 256  # presses at once
 _LEAST = 8  # presses that a fit needs
+_SHEAR = 0.15  # usual shear / force where none was calibrated
 _NEW_SKIN = 1.0, 4.0, 0.03  # numbers of `_deviations` that the search for the likeliest begins with: of a new kind,
 _NEW_UNIT = 0.1, 4.0, 0.3  # and of another unit of a known kind, once its stiffness is taken off
 
@@ -104,13 +105,26 @@ def _fitted(presses: RingPresses, before: RingResponse | None) -> RingResponse:
         mean = float(np.average(ratio, weights=weight))
         width = np.array([mean, max(float(np.sqrt(np.average((ratio - mean) ** 2, weights=weight))), 0.02 * mean)])
         start = np.zeros((3 + sheared, 2 * presses.rings, 2 * ORDERS[0] + 1, 2 * ORDERS[1] + 1))
+        usual, grip = _usual(presses, width, sheared)
     else:
         start, width = _rescaled(presses, before)
+        usual, grip = before.usual, before.grip
     each = zip(presses.by_ring(), np.split(start, presses.rings, axis=1), strict=True)
     found = [_regression(seen, own, width, known=before is not None) for seen, own in each]
     coefficients = np.concatenate(found, axis=1)
     largest = np.array([presses.depth.max(), presses.force.max()])
-    return RingResponse(coefficients, width, np.zeros((2 * presses.rings, PARTS)), np.zeros(2), largest)
+    nothing = np.zeros((2 * presses.rings, PARTS))
+    return RingResponse(coefficients, width, nothing, np.zeros(2), largest, usual, grip)
+
+
+def _usual(presses: RingPresses, width: np.ndarray, sheared: bool) -> tuple[Float[np.ndarray, "3"], float]:
+    """`usual` and `grip` of a `RingResponse`; grip of the heavier half: light presses tell more of the gauge."""
+    z = (presses.depth / presses.force - width[0]) / width[1]
+    if not sheared:
+        return np.array([z.mean(), z.std(), _SHEAR]), 0.0
+    share = presses.shear / presses.force
+    grip = float(np.abs(share[presses.force >= np.median(presses.force)]).max())
+    return np.array([z.mean(), z.std(), float(np.sqrt(np.mean(share**2)))]), grip
 
 
 def _terms(presses: RingPresses, width: np.ndarray, terms: int) -> Float[np.ndarray, "n b"]:
