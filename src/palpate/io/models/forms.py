@@ -186,9 +186,7 @@ FORMS: Mapping[type, Form] = {
             "misfit": Key("m/N, left unexplained outwards and along, in equal parts of a turn from the contact on"),
             "spread": Key("rad, share of the force: deviations on touches that were not fitted"),
             "largest": Key("m, N: up to which it was calibrated"),
-            "usual": Key(
-                "before anything is known: mean and deviation of the width z, deviation of shear / force"
-            ),
+            "usual": Key("before anything is known: mean and deviation of the width z, deviation of shear / force"),
             "grip": Key("shear / force up to which it was calibrated", least=0.0),
             "shape": Key("of the coefficients: v0 v1 v2 (s), terms of the angle from the contact, of the contact's"),
             "coefficients": Key("m/N, rows: v0 v1 v2 (s), each outwards, then along"),
