@@ -34,7 +34,7 @@ def rows(small: bool) -> Iterator[Row]:
             60 if start else 200
         )  # from nothing all taxels of a session share one slide, which is most of the error
         yield from _limit(skin, link, 1 if small else trials, 200 if small else 1000, start)
-    yield from _untouched(skin, link, 1 if small else 24, 200 if small else 1000)
+    yield from _untouched(skin, link, 1 if small else 60, 200 if small else 1000)
     yield from _planning(skin, link, small)
 
 
