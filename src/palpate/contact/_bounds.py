@@ -12,7 +12,7 @@ from palpate.surfaces._jit import entry, inner
 from palpate.surfaces._kernels import CANDIDATE, CAPACITY, search_in
 from palpate.surfaces._vectors import copy_into, cross_into, dot
 
-__all__ = ["distance_to_bounds", "distance_to_point"]
+__all__ = ["distance_to_bounds", "distance_to_point", "inverse"]
 
 _STEPS = 30  # of the search for the nearest wrench within the bounds
 
@@ -60,8 +60,8 @@ def _bounds(wrench, place, t, shape, slopes, settings, values, rows):
 
 
 @inner
-def _inverse(matrix):
-    """Inverse of a 6 x 6 covariance by Gauss and Jordan; NaN where it has none."""
+def inverse(matrix):
+    """Inverse of a covariance by Gauss and Jordan; NaN where it has none."""
     size = len(matrix)
     work, out = matrix.copy(), np.eye(size)
     for i in range(size):
@@ -135,7 +135,7 @@ def distance_to_bounds(wrench, noise, nodes, corners, settings, first, place, ne
     right, near = np.empty(2), np.empty(6)
     current, unit, spot = wrench.copy(), np.empty(6), place.copy()
     found, candidate, free = np.empty((CAPACITY + 1, CANDIDATE)), first.copy(), room()
-    inverse = _inverse(noise)
+    metric = inverse(noise)
     best, step_size = np.inf, 1.0
     use0 = use1 = False
     for step in range(_STEPS):
@@ -151,7 +151,7 @@ def distance_to_bounds(wrench, noise, nodes, corners, settings, first, place, ne
             copy_into(found[chosen], candidate)
             to_metres(candidate, settings, spot)
         if _allowed(current, spot, settings, near):
-            distance = _metric(wrench, near, inverse)
+            distance = _metric(wrench, near, metric)
             if distance > 0.999 * best:
                 step_size *= 0.5
             if distance < best:

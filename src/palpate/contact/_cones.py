@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from palpate.contact._bounds import inverse
 from palpate.contact._edges import MOST, edges_of, near_previous, read_edge
 from palpate.contact._settings import CENTRE, FRICTION, SCALE, TORSION
 from palpate.contact._slopes import sandwich, tangents
@@ -28,7 +29,7 @@ _STEPS, _SWEEPS = 12, 60
 _SAME = 2e-3  # distances that the search cannot tell apart
 _UNBOUND = 1e3  # of the body's size: a torsion that no contact has, in the place of an infinite bound
 _SEARCHED = 32  # edges and corners, the likeliest first
-_TURNS, _SECANTS = 8, 8
+_TURNS, _SECANTS = 24, 8
 _NEAR_ENOUGH = 0.02  # of a distance: what a better normal could gain
 _SLACK = 2.0  # the gap bounds convex functions; these are nearly so
 
@@ -103,12 +104,12 @@ def _nearest_at(wrench, noise, n, rows, linear, equal, settings, near, lift):
 
 
 @inner
-def _at_edge(wrench, noise, line, n, settings, rows, near, lift, slope):
-    """Distance to the contacts of an edge with one normal; by how much its half square changes with n into slope (3,).
+def _at_edge(wrench, noise, line, n, settings, rows, near, lift, turns):
+    """Distance to the contacts of an edge with one normal; the rows' values at the nearest by the normal, turns (5, 3).
 
-    By the multipliers of what depends on the normal: with u = e x n, d(u . m) = (m x e) . dn.
+    With u = e x n, d(u . m) = (m x e) . dn.
     """
-    u, m, turn = np.empty(3), np.empty(3), np.empty(3)
+    u, m = np.empty(3), np.empty(3)
     cross_into(line[3:6], n, u)
     _moment_row(line[3:6], line[:3], rows[0])
     _moment_row(u, line[:3], rows[1])  # (F . n) s
@@ -116,15 +117,14 @@ def _at_edge(wrench, noise, line, n, settings, rows, near, lift, slope):
         rows[2, k] = -rows[1, k] + (line[6] * n[k] if k < 3 else 0.0)
     distance = _nearest_at(wrench, noise, n, rows, 3, 1, settings, near, lift)
     _moment_about(line[:3], near, m)
-    cross_into(m, line[3:6], turn)
-    by_force = lift[2] * line[6] + _turning(near, n, settings, lift)
+    cross_into(m, line[3:6], turns[1])
     for k in range(3):
-        slope[k] = (lift[1] - lift[2]) * turn[k] + by_force * near[k]
+        turns[0, k], turns[2, k] = 0.0, line[6] * near[k] - turns[1, k]
     return distance
 
 
 @inner
-def _at_corner(wrench, noise, point, n, settings, rows, near, lift, slope):
+def _at_corner(wrench, noise, point, n, settings, rows, near, lift, turns):
     """The same of a corner: with tangents t, d(t . m) = -(t . dn)(n . m)."""
     t, m = np.empty((2, 3)), np.empty(3)
     tangents(n, t)
@@ -132,9 +132,9 @@ def _at_corner(wrench, noise, point, n, settings, rows, near, lift, slope):
     _moment_row(t[1], point, rows[1])
     distance = _nearest_at(wrench, noise, n, rows, 2, 2, settings, near, lift)
     _moment_about(point, near, m)
-    along, by_force = dot(n, m), _turning(near, n, settings, lift)
+    along = dot(n, m)
     for k in range(3):
-        slope[k] = by_force * near[k] - along * (lift[0] * t[0, k] + lift[1] * t[1, k])
+        turns[0, k], turns[1, k], turns[2, k] = -along * t[0, k], -along * t[1, k], 0.0
     return distance
 
 
@@ -144,16 +144,6 @@ def _moment_about(point, w, out):
     cross_into(point, w[:3], out)
     for k in range(3):
         out[k] = w[3 + k] - out[k]
-
-
-@inner
-def _turning(w, n, settings, lift):
-    """Friction and torsion by the normal: the factor of F in the slope."""
-    size, pressing = np.sqrt(dot(w[:3], w[:3])), dot(w[:3], n)
-    if not size > 0.0:
-        return 0.0
-    c = min(settings[TORSION], _UNBOUND * settings[SCALE])
-    return (lift[3] * np.sqrt(1.0 + settings[FRICTION] ** 2) - 2.0 * lift[4] * c * pressing) / size
 
 
 @inner
@@ -206,77 +196,186 @@ def _off_corner(wrench, noise, row, settings):
 
 
 @inner
-def _at(wrench, noise, row, line, n, settings, rows, near, lift, slope):
-    """The distance at one normal, and its slope across that."""
-    if row[KIND] == SHARP:
-        distance = _at_edge(wrench, noise, line, n, settings, rows, near, lift, slope)
-    else:
-        distance = _at_corner(wrench, noise, line[:3], n, settings, rows, near, lift, slope)
-    along = dot(slope, n)
+def _at(wrench, noise, row, line, mix, settings, n, rows, near, lift, turns):
+    """The distance at the normal that is this mix of the patch's; into turns how the rows turn as the shares change."""
+    corners = len(mix)
+    length = 0.0
     for k in range(3):
-        slope[k] -= along * n[k]
+        n[k] = 0.0
+        for i in range(corners):
+            n[k] += mix[i] * row[3 + 6 * i + k]
+        length += n[k] ** 2
+    length = np.sqrt(length)
+    for k in range(3):
+        n[k] /= length
+    by = np.empty((_ROWS, 3))
+    if row[KIND] == SHARP:
+        distance = _at_edge(wrench, noise, line, n, settings, rows, near, lift, by)
+    else:
+        distance = _at_corner(wrench, noise, line[:3], n, settings, rows, near, lift, by)
+    size, pressing = np.sqrt(dot(near[:3], near[:3])), dot(near[:3], n)
+    c = min(settings[TORSION], _UNBOUND * settings[SCALE])
+    for k in range(3):
+        by[3, k] = near[k] * np.sqrt(1.0 + settings[FRICTION] ** 2) / size if size > 0.0 else 0.0
+        by[4, k] = -2.0 * c * pressing * near[k] / size if size > 0.0 else 0.0
+    for j in range(_ROWS):
+        along = dot(by[j], n)
+        for i in range(corners):
+            here = row[3 + 6 * i : 6 + 6 * i]
+            turns[j, i] = (dot(by[j], here) - along * dot(n, here)) / length
     return distance
 
 
 @inner
-def _between(n, row, which, share, out):
-    """A unit normal, some share of the way from n to a normal of the patch."""
-    length = 0.0
-    for k in range(3):
-        out[k] = (1.0 - share) * n[k] + share * row[3 + 6 * which + k]
-        length += out[k] ** 2
-    for k in range(3):
-        out[k] /= np.sqrt(length)
+def _changes(lift, turns, slope):
+    """How the half square of the distance changes with the shares of the normals, into slope."""
+    for i in range(len(slope)):
+        slope[i] = 0.0
+        for j in range(_ROWS):
+            slope[i] += lift[j] * turns[j, i]
 
 
 @inner
-def _descend(wrench, noise, row, line, settings, most, rows, near, lift, n):
-    """Distance to an edge's or a corner's contacts, and the normal where it is attained; inf beyond `most`.
+def _bends(noise, rows, lift, turns, square):
+    """Its second derivatives (Gauss and Newton): it is y' (A S A')^-1 y/2 of the rows that bind, which turn y."""
+    count, corners = 0, len(square)
+    active, turn = np.empty((_ROWS, 6)), np.empty((_ROWS, corners))
+    for j in range(_ROWS):
+        if lift[j] != 0.0:
+            copy_into(rows[j], active[count])
+            copy_into(turns[j], turn[count])
+            count += 1
+    square[:] = 0.0
+    if count == 0:
+        return
+    weights = inverse(sandwich(active[:count], noise, active[:count]))
+    if not weights[0, 0] > 0.0:  # rows that say the same
+        return
+    for i in range(corners):
+        for k in range(corners):
+            for a in range(count):
+                for b in range(count):
+                    square[i, k] += turn[a, i] * weights[a, b] * turn[b, k]
 
-    From the mean of its normals towards the one that promises most (Frank and Wolfe 1956), along a secant. What is
-    promised, the gap, bounds what can be gained: it ends where that is within `_NEAR_ENOUGH`, or not enough.
-    """
-    corners = 2 if row[KIND] == SHARP else 3
-    slope, best_slope, tried, start = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
-    _between(row[3:6], row, 1, 0.5, n)
-    if corners == 3:
-        _between(n, row, 2, 1.0 / 3.0, n)
-    pressed = dot(wrench[:3], n)
-    for i in range(corners):  # nothing leads away from a normal that the force pulls at
+
+@inner
+def _inside(slope, square, mix, out):
+    """Where the quadratic model of three normals' shares is least; False where a share is negative there."""
+    p = square[0, 0] - 2.0 * square[0, 2] + square[2, 2]
+    q = square[0, 1] - square[0, 2] - square[1, 2] + square[2, 2]
+    r = square[1, 1] - 2.0 * square[1, 2] + square[2, 2]
+    det = p * r - q * q
+    if not det > 1e-12 * p * r:
+        return False
+    x, y = slope[2] - slope[0], slope[2] - slope[1]
+    out[0], out[1] = mix[0] + (r * x - q * y) / det, mix[1] + (p * y - q * x) / det
+    out[2] = 1.0 - out[0] - out[1]
+    return min(out[0], out[1], out[2]) >= 0.0
+
+
+@inner
+def _model_least(slope, square, mix, out):
+    """The shares, none of them negative, where the quadratic model is least."""
+    corners, least = len(mix), np.inf
+    if corners == 3 and _inside(slope, square, mix, out):
+        return
+    tried, way = np.empty(corners), np.empty(corners)
+    for i in range(1, corners + corners // 3):  # sides
+        j = i % corners
+        tried[:] = 0.0
+        tried[i - 1] = 1.0
+        way[:] = 0.0
+        way[i - 1], way[j] = -1.0, 1.0
+        falls, bends = _along(slope, square, mix, tried, way)
+        share = min(1.0, max(0.0, -falls / bends)) if bends > 0.0 else 1.0 if falls < 0.0 else 0.0
+        tried[i - 1], tried[j] = 1.0 - share, share
+        for k in range(corners):
+            way[k] = tried[k] - mix[k]
+        falls, bends = _along(slope, square, mix, mix, way)
+        if falls + 0.5 * bends < least:
+            least = falls + 0.5 * bends
+            copy_into(tried, out)
+
+
+@inner
+def _along(slope, square, mix, start, way):
+    """First and second derivative of the model at `start` along `way`."""
+    first = second = 0.0
+    for i in range(len(mix)):
+        first += slope[i] * way[i]
+        for k in range(len(mix)):
+            first += square[i, k] * way[i] * (start[k] - mix[k])
+            second += square[i, k] * way[i] * way[k]
+    return first, second
+
+
+@inner
+def _middle(wrench, row, mix):
+    """All normals in equal shares, or one that the force presses where it pulls at that: nothing leads away from it."""
+    pressed = 0.0
+    for i in range(len(mix)):
+        mix[i] = 1.0 / len(mix)
+        pressed += dot(wrench[:3], row[3 + 6 * i : 6 + 6 * i])
+    for i in range(len(mix)):
         here = dot(wrench[:3], row[3 + 6 * i : 6 + 6 * i])
         if pressed >= 0.0 and here < pressed:
             pressed = here
-            copy_into(row[3 + 6 * i : 6 + 6 * i], n)
-    best = _at(wrench, noise, row, line, n, settings, rows, near, lift, best_slope)
+            mix[:] = 0.0
+            mix[i] = 1.0
+
+
+@inner
+def _descend(wrench, noise, row, line, settings, most, mix, n, rows, near, lift):
+    """Distance to an edge's or a corner's contacts, and the shares of normals where it is attained; inf beyond `most`.
+
+    From the middle of its normals to where a quadratic model is least, along a secant, again and again. What the best
+    of the normals promises, the gap, bounds what can be gained (Frank and Wolfe 1956): it ends where that is within
+    `_NEAR_ENOUGH`, or not enough.
+    """
+    corners = len(mix)
+    turns, square, start = np.zeros((_ROWS, corners)), np.zeros((corners, corners)), np.empty(corners)
+    slope, tried, here, way = np.empty(corners), np.empty(corners), np.empty(corners), np.empty(corners)
+    _middle(wrench, row, mix)
+    best = _at(wrench, noise, row, line, mix, settings, n, rows, near, lift, turns)
+    _changes(lift, turns, slope)
+    if corners == 3:  # an edge has but one way
+        _bends(noise, rows, lift, turns, square)
     for _ in range(_TURNS):
-        which, gap = 0, 0.0
+        gap = 0.0
         for i in range(corners):
-            promised = 0.0
-            for k in range(3):
-                promised -= best_slope[k] * (row[3 + 6 * i + k] - n[k])
-            if promised > gap:
-                which, gap = i, promised
+            gap = max(gap, -slope[i])
         if best * best - 2.0 * gap > (_SLACK * most) ** 2:
             return np.inf
         if gap <= _NEAR_ENOUGH * best * best:
             break
-        low, high, falling, rising, share, moved = 0.0, 1.0, gap, 0.0, 1.0, False
-        copy_into(n, start)
+        _model_least(slope, square, mix, way)
+        falling = 0.0
+        for i in range(corners):
+            way[i] -= mix[i]
+            falling -= slope[i] * way[i]
+        low, high, rising, share, moved = 0.0, 1.0, 0.0, 1.0, False
+        copy_into(mix, start)
         for _ in range(_SECANTS):
-            _between(start, row, which, share, tried)
-            distance = _at(wrench, noise, row, line, tried, settings, rows, near, lift, slope)
+            for i in range(corners):
+                tried[i] = start[i] + share * way[i]
+            distance = _at(wrench, noise, row, line, tried, settings, n, rows, near, lift, turns)
+            _changes(lift, turns, here)
             ahead = 0.0
-            for k in range(3):
-                ahead += slope[k] * (row[3 + 6 * which + k] - start[k])
+            for i in range(corners):
+                ahead += here[i] * way[i]
             if distance < best:
                 best, moved = distance, True
-                copy_into(tried, n)
-                copy_into(slope, best_slope)
+                copy_into(tried, mix)
+                copy_into(here, slope)
+                if corners == 3:
+                    _bends(noise, rows, lift, turns, square)
             if ahead > 0.0:
+                falling = 0.5 * falling if high < 1.0 else falling  # Illinois: the side that stays counts half
                 high, rising = share, ahead
             else:
+                rising = 0.5 * rising if low > 0.0 else rising
                 low, falling = share, -ahead
-            if high == low or abs(ahead) * (high - low) <= _NEAR_ENOUGH * best * best:
+            if high == low or (moved and abs(ahead) * (high - low) <= _NEAR_ENOUGH * best * best):
                 break
             share = low + (high - low) * min(0.9, max(0.1, falling / (falling + rising)))
         if not moved:
@@ -287,16 +386,18 @@ def _descend(wrench, noise, row, line, settings, most, rows, near, lift, n):
 @inner
 def _to(wrench, noise, row, settings, most, rows, near, place):
     """Distance to an edge's or a corner's contacts, and the nearest into place (6,), where that is less than `most`."""
-    line, lift, slope = np.empty(14), np.empty(_ROWS), np.empty(3)
+    line, lift = np.empty(14), np.empty(_ROWS)
+    corners = 2 if row[KIND] == SHARP else 3
+    mix, turns = np.empty(corners), np.empty((_ROWS, corners))
     if row[KIND] == SHARP:
         read_edge(row, settings, line)
     else:
         _place_of(row, settings, line)
     n = place[3:]
-    best = _descend(wrench, noise, row, line, settings, most, rows, near, lift, n)
+    best = _descend(wrench, noise, row, line, settings, most, mix, n, rows, near, lift)
     if not best < most + _SAME:
         return np.inf
-    best = _at(wrench, noise, row, line, n, settings, rows, near, lift, slope)
+    best = _at(wrench, noise, row, line, mix, settings, n, rows, near, lift, turns)
     along = 0.0
     if row[KIND] == SHARP:
         pressing = dot(near[:3], n)

@@ -336,6 +336,9 @@ def _estimate(wrench, noise, nodes, corners, settings, state, row, work):
         if edged and within == 0 and noisy and not away <= EXPLAINED:
             away, other = _nearest(wrench, unit, noise, nodes, corners, settings, near, away, moved, place, t, spread)
             moved = 1 if other else moved
+        if within == 0 and noisy and count > 1 and plausible == 0 and near[HAS_PREVIOUS] == 0.0 and away > EXPLAINED:
+            away = _of_others(wrench, noise, nodes, corners, settings, found, places, count, best, away)
+            doubtful = doubtful or away <= EXPLAINED
         if moved == 1 or moved == 3:
             known, torques[best] = noisy, torsion(wrench, places, best, 0.0)[0]
         if count == 0 and not away <= EXPLAINED:
@@ -434,6 +437,16 @@ def _nearest(wrench, unit, noise, nodes, corners, settings, state, away, moved, 
     for a in range(2):
         copy_into(both[a], spread[a])
     return least, True
+
+
+@inner
+def _of_others(wrench, noise, nodes, corners, settings, found, places, count, best, away):
+    """The least of `away` and the distances from the bounds at the other candidates."""
+    spot = np.empty(6)
+    for i in range(count):
+        if i != best:
+            away = _least(distance_to_bounds(wrench, noise, nodes, corners, settings, found[i], places[i], spot), away)
+    return away
 
 
 @inner
