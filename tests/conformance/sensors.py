@@ -280,7 +280,7 @@ def _poked(folder: Path, run: Callable[..., str]) -> Files:
     return Files(
         log=folder / "log.csv",
         rig=folder / "rig.toml",
-        truth=replace(truth, point=share @ places.positions, force=felt),
+        truth=replace(truth, force=felt),
         rest=0.8,
         mount=MOUNT,
         models=(folder / "skin.toml",),
