@@ -31,7 +31,7 @@ from experiments.marker_ring.page import (
     of_units,
     page,
 )
-from experiments.marker_ring.study import DEEP_FROM, NOISE, NOISES, THIRD, Moving, Numbers, Sizes, Trouble
+from experiments.marker_ring.study import DEEP_FROM, FLICKER, NOISE, NOISES, THIRD, Moving, Numbers, Sizes, Trouble
 from palpate.simulation.barrel import Indenter
 from palpate.simulation.ring_camera import Look
 from palpate.simulation.ring_session import Protocol, RingUnit
@@ -40,6 +40,7 @@ __all__ = ["FULL", "SMALL", "Measured", "checks", "figures_of", "main", "measure
 
 FOLDER = Path(__file__).parent
 SEED = 300  # of the unit; nothing was chosen on it
+OTHERS = range(2, 6)  # beyond it, those of more units for intervals and labels: presses of one share its calibration
 FULL = Sizes(
     coarse=False,
     protocol=Protocol(angles=24, hold=1, pause=1),
@@ -78,6 +79,7 @@ class Measured:
         noises: noise of the camera -> way -> errors of the plate.
         several, moving, trouble: row by row.
         transfer: kind of calibration -> errors of ours on the second unit.
+        others: number -> presses that their own calibration has not seen, and blobs that flicker, of more units.
     """
 
     plate: list[Answer]
@@ -87,6 +89,7 @@ class Measured:
     moving: list[Moving]
     trouble: list[Trouble]
     transfer: dict[str, list[Error]]
+    others: dict[int, tuple[list[Error], Trouble]]
 
 
 def measured(sizes: Sizes, seed: int = SEED) -> Measured:
@@ -112,7 +115,18 @@ def measured(sizes: Sizes, seed: int = SEED) -> Measured:
         study.moving(bench, made, sizes, rng),
         study.troubled(bench, made, sizes, seed),
         study.transfer(unit, made, sizes, seed),
+        {seed + more: _another(seed + more, sizes) for more in (OTHERS[:1] if sizes.coarse else OTHERS)},
     )
+
+
+def _another(seed: int, sizes: Sizes) -> tuple[list[Error], Trouble]:
+    """What intervals and labels are judged on, of one more unit."""
+    unit = RingUnit.drawn(seed, coarse=sizes.coarse, look=Look(noise=NOISE))
+    bench, rng = Bench(unit, seed), np.random.default_rng([seed, 1])
+    made = calibrated(bench.calibration(sizes.protocol), unit.look)
+    bodies = Indenter("plate", 0.0, 0.01), Indenter("tip", 0.0, 0.01, THIRD)
+    answers = [each for body in bodies for each in study.one_contact(bench, made, body, sizes, rng)]
+    return errors(answers, "ours"), study.troubled(bench, made, sizes, seed, (FLICKER,))[0]
 
 
 def figures_of(made: Measured) -> dict[str, float]:
@@ -135,12 +149,20 @@ def figures_of(made: Measured) -> dict[str, float]:
     speeds = {each.speed: each for each in made.moving}
     got["moving_slow"] = float(np.abs(speeds[0.04].held["ours"]).mean())
     got["moving_fast"] = float(np.abs(speeds[0.1].middle["ours"]).mean())
-    got["labels"] = min(each.right["ours"] for each in made.trouble)
+    got["labels"] = min(_labels(made).values())
     got["trouble_angle"] = max(each.times(made.trouble[0]) for each in made.trouble[1:])
     got["interval_angle"], got["interval_force"] = _inside(_unseen(made)["all of these"])
     few, full = (made.transfer[name] for name in ("few touches, from the first unit", "in full"))
     got["transfer"], got["transfer_force"] = _times(few, full)
     return got
+
+
+def _labels(made: Measured) -> dict[str, float]:
+    """Share of the frames whose labels are all right, by the trouble; blobs that flicker on all units."""
+    right = {each.name: each.right["ours"] for each in made.trouble}
+    flicker = [each for each in made.trouble if each.name == FLICKER] + [each for _, each in made.others.values()]
+    frames = np.array([each.frames for each in flicker])
+    return right | {FLICKER: float(np.average([each.right["ours"] for each in flicker], weights=frames))}
 
 
 def _unseen(made: Measured) -> dict[str, list[Error]]:
@@ -150,6 +172,7 @@ def _unseen(made: Measured) -> dict[str, list[Error]]:
         "third body": errors(made.third, "ours"),
         "tip, 4 to 8 mm": made.several[0].errors["ours"],
     }
+    kinds |= {f"unit {seed}, plate and third body": found for seed, (found, _) in made.others.items()}
     return kinds | {"all of these": [each for found in kinds.values() for each in found]}
 
 
@@ -180,7 +203,7 @@ def _parts(made: Measured) -> dict[str, str]:
         "noise": of_noise({NOISE: {way: errors(made.plate, way) for way in ("theirs", "ours")}} | made.noises),
         "numbers": of_numbers(made.several),
         "speed": of_speed(made.moving),
-        "trouble": in_trouble(made.trouble),
+        "trouble": in_trouble(made.trouble, {seed: each for seed, (_, each) in made.others.items()}),
         "intervals": table(("95 % intervals of", "contacts", "angle holds [%]", "force holds [%]"), inside),
         "units": of_units(made.transfer),
     }

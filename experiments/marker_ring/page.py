@@ -90,15 +90,16 @@ def of_speed(moving: Sequence[Moving]) -> str:
     return table(("mm/s", *heads), rows)
 
 
-def in_trouble(trouble: Sequence[Trouble]) -> str:
-    """A row a trouble."""
+def in_trouble(trouble: Sequence[Trouble], elsewhere: Mapping[int, Trouble]) -> str:
+    """A row a trouble, those of other units last, of which there are no clean frames."""
     rows = list[list[str]]()
-    for each in trouble:
+    others = {f"{each.name}, unit {seed}": each for seed, each in elsewhere.items()}
+    for name, each in ({each.name: each for each in trouble} | others).items():
         right = [f"{100 * each.right[way]:.2f}" for way in WAYS]
         there = [f"{100 * each.answered[way]:.0f}" for way in WAYS]
         off = [f"{np.degrees(np.abs(each.angle[way]).mean()):.2f}" if len(each.angle[way]) else "-" for way in WAYS]
-        times = f"{each.times(trouble[0]):.2f}"
-        rows.append([each.name, f"{each.frames}", *right, f"{100 * each.seen:.1f}", *there, *off, times])
+        times = f"{each.times(trouble[0]):.2f}" if name not in others else "-"
+        rows.append([name, f"{each.frames}", *right, f"{100 * each.seen:.1f}", *there, *off, times])
     heads = ("frames", "labels right [%], theirs", "ours", "markers seen [%], ours")
     return table(
         ("", *heads, "touches found [%], theirs", "ours", "angle [deg], theirs", "ours", "ours, times clean"), rows

@@ -26,6 +26,7 @@ from palpate.simulation.ring_session import Protocol, RingSession, RingUnit
 
 __all__ = [
     "DEEP_FROM",
+    "FLICKER",
     "NOISE",
     "NOISES",
     "THIRD",
@@ -53,10 +54,11 @@ DEEP = 0.008  # m, of a moving plate
 FINE = 0.0005  # m between the equilibria that a moving plate passes
 READ = 200.0  # Hz, of the force sensor that the paper compares with
 OFF = 3.0  # px from its true place, from which on a marker's label is wrong
+FLICKER = "4 hidden, 10 blobs that flicker"  # the hardest for labels
 TROUBLE = {
     "clean": Look(),
     "4 hidden, 10 blobs that stay": Look(),
-    "4 hidden, 10 blobs that flicker": Look(),
+    FLICKER: Look(),
     "light x0.5": Look(brightness=0.5),
     "light x2": Look(brightness=2.0),
     "hue +10": Look(hue=20.0),
@@ -251,14 +253,17 @@ class Trouble:
         return float(np.abs(own).mean() / np.abs(other[: len(own)]).mean()) if len(own) else float("nan")
 
 
-def troubled(bench: Bench, made: Calibrated, sizes: Sizes, seed: int) -> list[Trouble]:
+def troubled(
+    bench: Bench, made: Calibrated, sizes: Sizes, seed: int, names: Sequence[str] = tuple(TROUBLE)
+) -> list[Trouble]:
     """The same touches by the third tip, 3 to 6 mm deep, in every trouble, coming down in 8 frames."""
     found, touches = list[Trouble](), list[list[Pressed]]()
     rng = np.random.default_rng([seed, 3])
     for _ in range(max(sizes.hidden, sizes.looks)):
         body = Indenter("tip", float(rng.uniform(0.0, 2.0 * np.pi)), float(rng.uniform(0.003, 0.006)), THIRD)
         touches.append([bench.rest] * 2 + bench.ladder([body], 7)[:-1] + [bench.ladder([body], 1)[0]] * 4)
-    for name, look in TROUBLE.items():
+    for name in names:
+        look = TROUBLE[name]
         count = sizes.hidden if "hidden" in name or name == "clean" else sizes.looks
         found.append(_in_trouble(bench, made, name, replace(look, noise=bench.unit.look.noise), touches[:count]))
     return found

@@ -76,7 +76,7 @@ def test_the_page_says_what_was_met_and_what_was_missed(small: Measured) -> None
     fine = Check("intervals", 0.95, 0.93, 0.97)
     poor = Check("angle [deg]", 0.6, most=0.5, theirs=(1.12,))
     names = ("depth", "noise", "numbers", "speed", "intervals", "units")
-    made = page([fine, poor], {name: name.upper() for name in names} | {"trouble": in_trouble(small.trouble)}, 1.0)
+    made = page([fine, poor], {name: name.upper() for name in names} | {"trouble": in_trouble(small.trouble, {})}, 1.0)
     assert "| intervals |  | 0.95 | >= 0.93, <= 0.97 | met |" in made
     assert "**missed**" in made
     assert all(part in made for part in ("DEPTH", "NOISE", "NUMBERS", "SPEED", "INTERVALS", "UNITS", "light x2"))
