@@ -231,11 +231,17 @@ class Scene:
 
     def seconds_at(self, time: float) -> float:
         """Since the start, of a time as it was recorded [s]."""
-        return time - _first(self.contacts.time)
+        return time - self._began
 
     def _ahead(self, other: Scene) -> float:
         """By how much another's clock starts later [s]."""
-        return _first(other.contacts.time) - _first(self.contacts.time)
+        return other._began - self._began
+
+    @cached_property
+    def _began(self) -> float:
+        """The first time that is known [s]; 0 where none is."""
+        known = self.contacts.time[np.isfinite(self.contacts.time)]
+        return float(known[0]) if len(known) else 0.0
 
     def scaled(self) -> Scene:
         """Its arrows and ellipses drawn as large as suits its contacts; without any they stay as they are."""
@@ -393,12 +399,6 @@ def nothing() -> Contacts:
     row[:, : ROW.torque], row[:, ROW.covariance] = np.nan, np.nan
     row[:, ROW.status] = Status.NO_CONTACT
     return Contacts.single(np.zeros(1), ContactEstimate.from_rows(row))
-
-
-def _first(time: Float[np.ndarray, " n"]) -> float:
-    """[s] that is known; 0 where none is."""
-    known = time[np.isfinite(time)]
-    return float(known[0]) if len(known) else 0.0
 
 
 def before(normal: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3"]:
