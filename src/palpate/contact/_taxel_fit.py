@@ -70,7 +70,8 @@ def fit_touch(cells, count, end, own, numbers, at, start, out):
         pull[:] = 0.0
         pull[a] = scale
         factor[:] = normal
-        solve_positive(factor, pull, 4, step)
+        if not solve_positive(factor, pull, 4, step):
+            step[:] = np.nan
         out[2 + a] = step[a]
         out[4] = step[0]
 

@@ -385,6 +385,23 @@ def _narrow(moment, least):
 
 
 @inner
+def _vary(cells, end, own, error, inside, at, row, column, moments, out):
+    """Variances of a centroid along both axes, and their product, into out (3,), of cells and of where in them."""
+    out[:] = 0.0
+    for i in range(end):
+        k = cells[i]
+        a, b = at[0, k] - row, at[1, k] - column
+        square = (own[i] * error[k] / inside) ** 2
+        out[0] += square * a * a
+        out[1] += square * b * b
+        out[2] += square * a * b
+    rr, cc, rc = moments
+    least = 0.5 * (rr + cc) - np.sqrt(0.25 * (rr - cc) ** 2 + rc * rc)
+    out[0] += _narrow(rr, least)
+    out[1] += _narrow(cc, least)
+
+
+@inner
 def _deviation(noise, variance):
     """Of a reading above its rest, whose own variance is 0 where it is not followed by a Kalman filter."""
     return noise if variance == 0.0 else np.sqrt(noise * noise + variance)
@@ -451,31 +468,24 @@ def _measure(cells, count, end, part, number, parts, raw, value, numbers, sign, 
     if inside <= 0.0 or pressed <= 0.0 or total <= 0.0:
         return False
     row, column = row / inside, column / inside
-    rr, cc, rc, vr, vc, vrc = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    for i in range(end):
+    rr, cc, rc = 0.0, 0.0, 0.0
+    for i in range(count):
         k = cells[i]
         a, b = at[0, k] - row, at[1, k] - column
-        if i < count:
-            rr += own[i] * force[k] * a * a
-            cc += own[i] * force[k] * b * b
-            rc += own[i] * force[k] * a * b
-        square = (own[i] * error[k] / inside) ** 2
-        vr += square * a * a
-        vc += square * b * b
-        vrc += square * a * b
+        rr += own[i] * force[k] * a * a
+        cc += own[i] * force[k] * b * b
+        rc += own[i] * force[k] * a * b
     moments = np.array([rr / pressed, cc / pressed, rc / pressed])
     here, ways, first, fitted = np.empty(6), np.empty((2, 3)), AREA, np.empty(5)
     if len(grid) > 0:
-        least = 0.5 * (moments[0] + moments[1]) - np.sqrt(0.25 * (moments[0] - moments[1]) ** 2 + moments[2] ** 2)
-        variances = np.array([vr + _narrow(moments[0], least), vc + _narrow(moments[1], least), vrc])
+        _vary(cells, end, own, error, inside, at, row, column, moments, fitted[2:])
         column = column % ring if ring > 0 else column
         _on_sheet(grid, row, column, here, ways)
         out[AREA], out[AREA + 1], first = row, column, AREA + 2
     else:
         fit_touch(cells, count, end, own, (force, numbers[SPREAD], error), at, np.array([row, column]), fitted)
         lift(cells, end, own, used, inside, origin, at, fitted[0], fitted[1], place, here, ways)
-        variances = fitted[2:]
-    _write(here, ways, moments, variances, out, first + 4)
+    _write(here, ways, moments, fitted[2:], out, first + 4)
     if len(covariances) > 0:
         _add_places(cells, end, own, used, inside, covariances, out)
     out[6:9] = push

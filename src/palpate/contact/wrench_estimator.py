@@ -398,7 +398,12 @@ class WrenchEstimator:
         with ThreadPoolExecutor(1) as thread:
             for block in blocks:
                 parts = [
-                    thread.submit(self._answered, piece, measured.status, *self._on_surface(measured, wrenches, share))
+                    thread.submit(
+                        self._answered,
+                        piece,
+                        measured.status,
+                        *self.sensor.place(measured, wrenches, share, self._placement),
+                    )
                     for piece, measured, wrenches, share in self._measured(block)
                 ]
                 waiting.append((block, parts))
@@ -492,12 +497,8 @@ class WrenchEstimator:
     def _located(
         self, block: Recording, measured: Measured, wrenches: Float[np.ndarray, "n 6"], share: Float[np.ndarray, " k"]
     ) -> Located:
-        return self._answered(block, measured.status, *self._on_surface(measured, wrenches, share))
-
-    def _on_surface(
-        self, measured: Measured, wrenches: Float[np.ndarray, "n 6"], share: Float[np.ndarray, " k"]
-    ) -> tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, "n 6 6"] | None]:
-        return self.sensor.place(measured, wrenches, share, self._placement)
+        placed = self.sensor.place(measured, wrenches, share, self._placement)
+        return self._answered(block, measured.status, *placed)
 
     def _answered(
         self,
