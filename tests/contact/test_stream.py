@@ -123,7 +123,7 @@ def test_large_blocks_and_a_thread_make_no_difference_either(made: Filter | None
 
 def test_what_goes_wrong_beside_is_raised_in_its_turn_and_the_thread_ends() -> None:
     chain, before = estimator(), active_count()
-    chain.beside = True
+    chain.threads = 2
     pieces = list(blocks(hard_log(), 100))
     pieces[3] = Recording(pieces[3].time, {FORCE: pieces[3].channels[FORCE]})
     answers = chain.stream(pieces)

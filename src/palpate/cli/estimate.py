@@ -63,8 +63,8 @@ def estimate(
         report: page to write as well (.html): what was done, pictures, what to improve.
         truth: what is known of the contacts, to be drawn and judged in the report (see `palpate evaluate`).
         compare: other contacts, such as of the same log by other settings, to stand beside these in the report.
-        workers: 1: one process does it all; 2 or more: others read and write meanwhile, the same bits. Otherwise they
-            do for logs of 100 MB and more, where there is more than one core.
+        workers: 1: one process does it all; 2 or more: others read and write meanwhile, and so many threads locate;
+            the same bits. Otherwise they do for logs of 100 MB and more, a thread a core.
     """
     if workers is not None and workers < 1:
         raise InputError(f"must be 1 at least, not {workers}.", where="--workers")
@@ -78,7 +78,7 @@ def estimate(
     preparing(rig, opened.kind.name)
     files = {"log": log, "rig": setup.rig, **rig.files(opened.kind), "truth": truth}
     with counting():
-        done = estimate_log(opened, output, frame, files, progress, several=_several(opened, workers))
+        done = estimate_log(opened, output, frame, files, progress, workers=_workers(opened, workers))
     _say(f"{log} -> {output}", done)
     if report is not None:
         warnings = (*([done.nothing] if done.nothing else []), *done.doubts, *done.short)
@@ -91,10 +91,10 @@ def estimate(
         raise SystemExit(INTERRUPTED if done.ended == "interrupted" else TORN if done.short else UNBELIEVABLE)
 
 
-def _several(opened: OpenedLog, workers: int | None) -> bool:
-    """Whether reading and writing are done beside; a pipe gives its bytes to one process only."""
-    asked = workers > 1 if workers is not None else opened.size >= LONG and (cpu_count() or 1) > 1
-    return asked and (opened.path.is_file() or opened.path.is_dir())
+def _workers(opened: OpenedLog, asked: int | None) -> int:
+    """Threads that locate while others read and write, 1: none; a pipe gives its bytes to one process only."""
+    count = asked if asked is not None else (cpu_count() or 1) if opened.size >= LONG else 1
+    return count if opened.path.is_file() or opened.path.is_dir() else 1
 
 
 def _ground_truth(truth: Path | None, report: Path | None) -> Samples | Touches | None:

@@ -63,7 +63,7 @@ def estimate_log(
     watch: Watch,
     *,
     keep_short: bool = True,
-    several: bool = False,
+    workers: int = 1,
 ) -> Estimated:
     """Every sample of a log into contacts.
 
@@ -74,7 +74,7 @@ def estimate_log(
         files: what it is made from, for OUTPUT.toml: what each is -> where.
         watch: is told how far it is.
         keep_short: after Ctrl-C the contacts found so far take the name of OUTPUT; otherwise they stay OUTPUT.part.
-        several: one process reads, this one locates, one writes; the same bits.
+        workers: of more than one, that many threads locate, a process reads and one writes; the same bits.
 
     Raises:
         InputError: the log or a file of the rig cannot be used.
@@ -83,11 +83,11 @@ def estimate_log(
     keep_memory()
     pipeline = Pipeline.of(opened, frame)
     features = pipeline.estimator.features
-    if several:
-        opened.read_ahead(pipeline.estimator)
+    if workers > 1:
+        opened.read_ahead(pipeline.estimator, workers)
     try:
         with ExitStack() as stack:
-            made = (writing_beside if several else writing_here)(output, frame, features)
+            made = (writing_beside if workers > 1 else writing_here)(output, frame, features)
             writer = stack.enter_context(made)
             begin = perf_counter()
             interrupted = _interrupted(pipeline, writer, watch)

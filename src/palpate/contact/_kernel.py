@@ -30,6 +30,7 @@ from palpate.contact._settings import (
     SAMPLES,
     SCALE,
     SOFT,
+    STATE,
     TOUCHING,
 )
 from palpate.contact._slopes import (
@@ -60,7 +61,7 @@ from palpate.surfaces._jit import entry, inlined, inner, released
 from palpate.surfaces._kernels import CANDIDATE, CAPACITY, nearest_to_axis, search_in, shape_operator
 from palpate.surfaces._vectors import copy_into, cross_into, dot
 
-__all__ = ["compile_half", "estimate_many"]
+__all__ = ["compile_half", "estimate_many", "first_free"]
 
 _GRAZING = 60.0  # tan(theta) beyond which a contact is searched for without a limit
 _CHI2_95 = 5.991464547107979  # two degrees of freedom
@@ -477,3 +478,15 @@ def estimate_many(wrenches, noises, forced, nodes, corners, settings, state, seq
             continue
         noise = noises[i] if len(noises) > 1 else noises[0]
         _estimate(wrenches[i], noise, nodes, corners, settings, state, rows[i], work)
+
+
+@released
+def first_free(wrenches, noises, forced, settings):
+    """The first of the samples of `estimate_many` that is without contact whatever came before it; -1: none is."""
+    touching = np.zeros(STATE)
+    for i in range(len(wrenches)):
+        touching[TOUCHING] = 1.0
+        noise = noises[i] if len(noises) > 1 else noises[0]
+        if forced[i] < 0 and _gate(wrenches[i], noise, settings, touching) == _NO_CONTACT:
+            return i
+    return -1

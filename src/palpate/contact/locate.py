@@ -134,6 +134,7 @@ class Locator:
         self._noises = np.zeros((1, 6, 6)) if self.noise is None else _writable(self.noise[None])
         self._state, self._wrench = _state(None), np.zeros((1, 6))
         self._many: Callable[..., Any] = _kernel.estimate_many
+        self._first_free: Callable[..., int] = _kernel.first_free
         self(np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0]), self.empty())
         self.run(np.zeros((1, 6)))
         self.reset()
@@ -142,14 +143,14 @@ class Locator:
         return copy.deepcopy(self)  # a shallow one would share its memory of the last contact
 
     def __getstate__(self) -> dict[str, Any]:
-        return {name: value for name, value in vars(self).items() if name not in ("_arguments", "_many")}
+        return {name: value for name, value in vars(self).items() if name not in ("_arguments", "_many", "_first_free")}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         from palpate.contact import _kernel
 
         vars(self).update(state)
         self._arguments = self.surface.prepared().arguments
-        self._many = _kernel.estimate_many
+        self._many, self._first_free = _kernel.estimate_many, _kernel.first_free
 
     @staticmethod
     def empty(*batch: int) -> Float[np.ndarray, "*batch 22"]:
@@ -288,8 +289,35 @@ class Locator:
         self._many(wrench[None], noises, _ANY, *self._arguments, settings, state, True, rows)
         return ContactEstimate.from_rows(rows[0])
 
+    @property
+    def memory(self) -> Float[np.ndarray, " s"]:
+        """What the last sample leaves to the next, itself: hysteresis, last contact, branches of the touch."""
+        return self._state
+
+    @staticmethod
+    def no_contact() -> Float[np.ndarray, " s"]:
+        """A memory of its own, of which nothing is left: as behind any sample without contact."""
+        return _state(None)
+
+    def first_free(
+        self,
+        wrenches: Float[np.ndarray, "n 6"],
+        covariances: Float[np.ndarray, "n 6 6"] | None,
+        statuses: Int8[np.ndarray, " n"],
+    ) -> int:
+        """The first of the samples of `run_into` that is without contact whatever came before it; -1: none is."""
+        noises, settings = self._noises, self._settings
+        if covariances is not None:
+            noises, settings = covariances, self._noisy
+        return self._first_free(wrenches, noises, statuses, settings)
+
     def run_into(
-        self, wrenches: ArrayLike, covariances: ArrayLike | None, statuses: ArrayLike, out: np.ndarray
+        self,
+        wrenches: ArrayLike,
+        covariances: ArrayLike | None,
+        statuses: ArrayLike,
+        out: np.ndarray,
+        memory: Float[np.ndarray, " s"] | None = None,
     ) -> None:
         """`run` in sequence into rows of `empty()`; copies nothing that is contiguous and writable.
 
@@ -298,6 +326,8 @@ class Locator:
             covariances: (n, 6, 6), or None for the Locator's noise.
             statuses: (n,) int8, a `Status` known beforehand or -1.
             out: (n, 22).
+            memory: from `no_contact` or of an earlier call, used and changed in place of the Locator's own, so that
+                threads may share it.
 
         Raises:
             InputError: other shapes, or an `out` that cannot be written into.
@@ -309,7 +339,8 @@ class Locator:
         noises, settings = self._noises, self._settings
         if covariances is not None:
             noises, settings = shaped(covariances, (count, 6, 6), "covariances"), self._noisy
-        self._many(wrenches, noises, statuses, *self._arguments, settings, self._state, True, out)
+        state = self._state if memory is None else memory
+        self._many(wrenches, noises, statuses, *self._arguments, settings, state, True, out)
 
     def follow_back(
         self,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable, Iterator, Mapping
-from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,6 +14,7 @@ from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import ROW, ContactEstimate
 from palpate.contact.estimator import NOTHING_BESIDE
 from palpate.contact.locate import Locator
+from palpate.contact.locating_threads import LocatingThreads, Pending
 from palpate.contact.whole_touches import Located, joined, whole_touches
 from palpate.contact.zero_follower import ZeroFollower
 from palpate.contact.zero_gate import ContactShape
@@ -34,7 +34,7 @@ from palpate.spatial.pose import Pose
 __all__ = ["WrenchEstimator"]
 
 PIECE = 4096  # samples at a time: what lies between two steps stays in the cache
-AHEAD = 2  # blocks that may wait for the thread that locates
+AHEAD = 2  # blocks that may wait for the threads that locate
 ROW_SHAPE = (ROW.length,)
 ALL = np.ones(1)  # of the noise is left
 
@@ -137,8 +137,8 @@ class WrenchEstimator:
     Attributes:
         kelvin: temperature of the sensor [K or degrees C] for `update` and `update_into`, which take no channels: to be
             set as it changes, where `drift` has a `thermal`. Blocks bring theirs (`TEMPERATURE`).
-        beside: `pairs` and `stream` locate in a thread of their own, two blocks behind what they take: sooner where
-            there is a core to spare, the same bits. Not where the zero is followed or the filter looks ahead.
+        threads: in which `pairs` and `stream` locate, two blocks behind what they take: sooner where there are cores to
+            spare, the same bits. 0: in none but the caller's, as where the zero is followed or the filter looks ahead.
 
     Raises:
         InputError: a filter without a rate, or with one that is too low for it; or a negative placement; a drift of
@@ -182,7 +182,7 @@ class WrenchEstimator:
             self.sensor.smoothed_by(filter, rate, self._settled())
         elif isinstance(self.sensor, LoadCellArray):
             self.sensor.settled = self._settled()
-        self._whole, self.drift, self.beside, self.kelvin = not live, drift, False, np.nan
+        self._whole, self.drift, self.threads, self.kelvin = not live, drift, 0, np.nan
         self._shape = None if drift is None else ContactShape(self.locator, self._placement, self.placement)
         self._follower = self._told = self._follows()
         self._live: _Live | None = None
@@ -312,7 +312,7 @@ class WrenchEstimator:
             located = self._rejoined(parts)
         elif looks_ahead:
             located = (part for part, _ in self._look_ahead(_Piece(block, None, block) for block in ready))
-        elif self.beside and self.drift is None:
+        elif self.threads and self.drift is None:
             located = self._located_beside(ready)
         else:
             located = map(self._block, ready)
@@ -393,23 +393,19 @@ class WrenchEstimator:
             yield piece, measured, *self._filtered(measured)
 
     def _located_beside(self, blocks: Iterable[Recording]) -> Iterator[Located]:
-        """`_block` of each, located in a thread of its own while the next ones are read, compensated and placed."""
-        waiting: deque[tuple[Recording, list[Future[Located]]]] = deque()
-        with ThreadPoolExecutor(1) as thread:
+        """`_block` of each, located in threads of their own while the next ones are read, compensated and placed."""
+        waiting: deque[tuple[Recording, list[Pending]]] = deque()
+        with LocatingThreads(self.locator, self.threads) as threads:
             for block in blocks:
                 parts = [
-                    thread.submit(
-                        self._answered,
-                        piece,
-                        measured.status,
-                        *self.sensor.place(measured, wrenches, share, self._placement),
-                    )
+                    threads.put(piece, *self.sensor.place(measured, wrenches, share, self._placement), measured.status)
                     for piece, measured, wrenches, share in self._measured(block)
                 ]
                 waiting.append((block, parts))
                 if len(waiting) > AHEAD:
                     first, parts = waiting.popleft()
                     yield self._joined(first, [part.result() for part in parts])
+            threads.finish()
             for block, parts in waiting:
                 yield self._joined(block, [part.result() for part in parts])
 
@@ -497,19 +493,10 @@ class WrenchEstimator:
     def _located(
         self, block: Recording, measured: Measured, wrenches: Float[np.ndarray, "n 6"], share: Float[np.ndarray, " k"]
     ) -> Located:
-        placed = self.sensor.place(measured, wrenches, share, self._placement)
-        return self._answered(block, measured.status, *placed)
-
-    def _answered(
-        self,
-        block: Recording,
-        status: Int8[np.ndarray, " n"],
-        located: Float[np.ndarray, "n 6"],
-        covariances: Float[np.ndarray, "n 6 6"] | None,
-    ) -> Located:
+        located, covariances = self.sensor.place(measured, wrenches, share, self._placement)
         rows = self.empty(len(located))
-        self.locator.run_into(located, covariances, status, rows)
-        return Located(block, located, covariances, status, rows)
+        self.locator.run_into(located, covariances, measured.status, rows)
+        return Located(block, located, covariances, measured.status, rows)
 
     def _placed(self, rows: Float[np.ndarray, "n width"]) -> Float[np.ndarray, "n width"]:
         """With what touches err by beside their wrenches; after a touch was decided."""

@@ -76,15 +76,16 @@ class OpenedLog:
         """What a reader of the results should know of what was read so far."""
         return self._log.notes()
 
-    def read_ahead(self, estimator: ContactEstimator) -> None:
-        """From now on its blocks are read by a process of its own, from the start, and located in a thread: sooner.
+    def read_ahead(self, estimator: ContactEstimator, threads: int) -> None:
+        """From now on its blocks are read by a process of its own, from the start, and located in threads: sooner.
 
         Args:
             estimator: of the log; accelerations that its sensor takes from poses are told there too.
+            threads: that locate at a time.
         """
         sensor, motion, told = None, None, None
         if isinstance(estimator, WrenchEstimator):
-            sensor, estimator.beside = estimator.sensor, True
+            sensor, estimator.threads = estimator.sensor, threads
         if isinstance(sensor, Compensation) and sensor.motion is not None:
             motion, told = sensor.motion, MotionAhead()
             sensor.motion = told
