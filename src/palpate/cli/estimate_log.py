@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack
+from collections.abc import Callable, Generator, Iterator, Mapping
+from concurrent.futures import Future
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from threading import Thread
 from time import perf_counter
+from typing import NamedTuple
 
 from palpate.cli.interrupts import uninterrupted
-from palpate.cli.summed_writer import SummedWriter, writing_beside, writing_here
+from palpate.cli.summed_writer import SummedWriter, WriterProcess, writer_process, writing_beside, writing_here
+from palpate.io.ahead import Reader
 from palpate.io.memory import keep_memory
 from palpate.io.models import provenance, write_provenance
 from palpate.io.pipeline import OpenedLog, Pipeline
@@ -81,15 +85,60 @@ def estimate_log(
         KeyboardInterrupt: there is no row yet, or it is not to be kept.
     """
     keep_memory()
-    pipeline = Pipeline.of(opened, frame)
-    features = pipeline.estimator.features
-    if workers > 1:
-        opened.read_ahead(pipeline.estimator, workers)
+    with ExitStack() as stack:
+        beside = stack.enter_context(_beside(opened, files)) if workers > 1 else None
+        pipeline = Pipeline.of(opened, frame)
+        made = output, frame, pipeline.estimator.features
+        begin = perf_counter()
+        if beside is None:
+            writing = writing_here(*made)
+        else:
+            opened.read_ahead(beside.reader, pipeline.estimator, workers)
+            writing = writing_beside(beside.writer, *made)
+        interrupted, writer = _written(pipeline, writing, watch, keep_short=keep_short)
+    summary = writer.summary
+    pipeline.seconds["write"] = writer.seconds
+    ended = "interrupted" if interrupted else "torn" if opened.torn else "whole"
+    options = {**pipeline.facts, "frame": frame, "sensor": opened.kind.name, "ended": ended}
+    inputs = provenance(files, {}) if beside is None else beside.inputs.result()
+    record = inputs | provenance({}, options)
+    write_provenance(record_of(output), record)
+    doubts, short = pipeline.doubts(), list(_short(output, opened, summary, interrupted=interrupted))
+    took = perf_counter() - begin
+    return Estimated(pipeline, summary, record, ended, doubts, short, pipeline.unbelievable(), took)
+
+
+class _Beside(NamedTuple):
+    """What goes on beside this process: reading, writing, and what the inputs are by their content."""
+
+    reader: Reader
+    writer: WriterProcess
+    inputs: Future[dict[str, str]]
+
+
+@contextmanager
+def _beside(opened: OpenedLog, files: Mapping[str, Path | None]) -> Generator[_Beside]:
+    """All of them begin now, while the rest is prepared."""
+    inputs: Future[dict[str, str]] = Future()
+
+    def hashed() -> None:
+        try:
+            inputs.set_result(provenance(files, {}))
+        except Exception as problem:  # raised where it is used
+            inputs.set_exception(problem)
+
+    with opened.reading_beside() as reader, writer_process() as writer:
+        Thread(target=hashed, daemon=True).start()  # nobody waits for it when the command is ended
+        yield _Beside(reader, writer, inputs)
+
+
+def _written(
+    pipeline: Pipeline, writing: AbstractContextManager[SummedWriter], watch: Watch, *, keep_short: bool
+) -> tuple[bool, SummedWriter]:
+    """Every sample of the log into the file; whether Ctrl-C ended it."""
     try:
         with ExitStack() as stack:
-            made = (writing_beside if workers > 1 else writing_here)(output, frame, features)
-            writer = stack.enter_context(made)
-            begin = perf_counter()
+            writer = stack.enter_context(writing)
             interrupted = _interrupted(pipeline, writer, watch)
             if interrupted and not keep_short:
                 raise _Stopped
@@ -97,15 +146,7 @@ def estimate_log(
                 stack.close()
     except _Stopped:
         raise KeyboardInterrupt from None
-    summary = writer.summary
-    pipeline.seconds["write"] = writer.seconds
-    ended = "interrupted" if interrupted else "torn" if opened.torn else "whole"
-    options = {**pipeline.facts, "frame": frame, "sensor": opened.kind.name, "ended": ended}
-    record = provenance(files, options)
-    write_provenance(record_of(output), record)
-    doubts, short = pipeline.doubts(), list(_short(output, opened, summary, interrupted=interrupted))
-    took = perf_counter() - begin
-    return Estimated(pipeline, summary, record, ended, doubts, short, pipeline.unbelievable(), took)
+    return interrupted, writer
 
 
 def _interrupted(pipeline: Pipeline, writer: SummedWriter, watch: Watch) -> bool:

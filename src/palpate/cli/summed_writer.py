@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Generator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, contextmanager, suppress
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
+from multiprocessing.process import BaseProcess
 from pathlib import Path
 from time import perf_counter
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 from palpate.contact.contacts import Contacts
 from palpate.errors import InputError
@@ -17,7 +18,7 @@ from palpate.io.contacts import ContactsWriter, open_contacts
 from palpate.io.memory import keep_memory
 from palpate.viewer.run_summary import RunSummary
 
-__all__ = ["SummedWriter", "writing_beside", "writing_here"]
+__all__ = ["SummedWriter", "WriterProcess", "writer_process", "writing_beside", "writing_here"]
 
 _END, _ABANDON = "end", "abandon"
 
@@ -60,9 +61,26 @@ def writing_here(output: Path, frame: str, features: tuple[str, ...]) -> Generat
         yield _Here(writer)
 
 
+class WriterProcess(NamedTuple):
+    """A process that writes one file, made by `writer_process`, and how it is told what and says what became of it."""
+
+    process: BaseProcess
+    sender: Sender
+    answer: Connection
+
+
+@contextmanager
+def writer_process() -> Generator[WriterProcess]:
+    """A process that writes when `writing_beside` tells it what: it takes a second to start."""
+    sender, receiver = way()
+    answer, answers = get_context("spawn").Pipe(duplex=False)
+    with beside("writer", _write, receiver, answers) as process:
+        yield WriterProcess(process, sender, answer)
+
+
 class _Beside:
-    def __init__(self, sender: Sender, answer: Connection, output: Path) -> None:
-        self._sender, self._answer, self._output = sender, answer, output
+    def __init__(self, process: WriterProcess, output: Path) -> None:
+        self._process, self._output = process, output
         self.summary, self.seconds, self.rows = RunSummary(), 0.0, 0
 
     def write(self, found: Contacts, placed: Contacts) -> None:
@@ -72,7 +90,7 @@ class _Beside:
     def put(self, value: object) -> None:
         """Into the way; why that cannot be, where the writer has failed."""
         try:
-            self._sender.put(value)
+            self._process.sender.put(value)
         except (EOFError, OSError):
             self.end()
             raise
@@ -84,7 +102,7 @@ class _Beside:
             InputError: it cannot be written, or nobody answers.
         """
         try:
-            answer: Any = self._answer.recv()
+            answer: Any = self._process.answer.recv()
         except (EOFError, OSError) as problem:
             raise InputError("the process that wrote it was ended.", where=str(self._output)) from problem
         if isinstance(answer, Exception):
@@ -93,31 +111,30 @@ class _Beside:
 
 
 @contextmanager
-def writing_beside(output: Path, frame: str, features: tuple[str, ...]) -> Generator[SummedWriter]:
+def writing_beside(
+    process: WriterProcess, output: Path, frame: str, features: tuple[str, ...]
+) -> Generator[SummedWriter]:
     """As `writing_here`, by another process."""
-    sender, receiver = way()
-    answer, answers = get_context("spawn").Pipe(duplex=False)
-    with beside("writer", _write, receiver, answers, output, frame, features) as process:
-        answers.close()
-        writer = _Beside(sender, answer, output)
-        try:
-            yield writer
-        except BaseException:
-            try:
-                sender.put(_ABANDON)
-                process.join()  # what was done stays OUTPUT.part
-            except (EOFError, OSError):
-                pass
-            raise
-        writer.put(_END)
-        writer.end()
+    writer = _Beside(process, output)
+    writer.put((output, frame, features))
+    try:
+        yield writer
+    except BaseException:
+        with suppress(EOFError, OSError):
+            process.sender.put(_ABANDON)
+            process.process.join()  # what was done stays OUTPUT.part
+        raise
+    writer.put(_END)
+    writer.end()
 
 
-def _write(receiver: Receiver, answers: Connection, output: Path, frame: str, features: tuple[str, ...]) -> None:
+def _write(receiver: Receiver, answers: Connection) -> None:
     """The process that writes."""
     keep_memory()
-    made: AbstractContextManager[SummedWriter] = writing_here(output, frame, features)
     try:
+        if isinstance(opening := _next(receiver), str):
+            return
+        made: AbstractContextManager[SummedWriter] = writing_here(*opening)
         with made as writer:
             while not isinstance(value := _next(receiver), str):
                 found, placed = value

@@ -24,30 +24,36 @@ class _Run:
 
     Args:
         start: the memory that they begin with, or the run in whose memory they go on.
+        locator, pool: by what, in the threads of which.
     """
 
-    def __init__(self, start: _Memory | _Run) -> None:
-        self._start, self._parts = start, list[_Part]()
+    def __init__(self, start: _Memory | _Run, locator: Locator, pool: ThreadPoolExecutor) -> None:
+        self._start, self._locator, self._pool = start, locator, pool
+        self._parts = list[_Part]()
         self._done: Future[_Memory] | None = None
 
     def add(self, part: _Part) -> None:
-        """The next samples, before the run is handed out."""
+        """The next samples, before a thread begins."""
         self._parts.append(part)
 
-    def hand_out(self, pool: ThreadPoolExecutor, locator: Locator) -> None:
-        """Let a thread begin: the runs before were handed out before, so that none waits for one behind it."""
-        self._done = pool.submit(self._located, locator)
+    @property
+    def begun(self) -> bool:
+        return self._done is not None
+
+    def begin(self) -> Future[_Memory]:
+        """Let a thread begin; one that it goes on from began before, so that it does not wait for one behind it."""
+        if self._done is None:
+            self._done = self._pool.submit(self._located)
+        return self._done
 
     def memory(self) -> _Memory:
         """What the last sample leaves to the next, when it is located."""
-        if self._done is None:
-            raise RuntimeError("this run was not handed out.")
-        return self._done.result()
+        return self.begin().result()
 
-    def _located(self, locator: Locator) -> _Memory:
+    def _located(self) -> _Memory:
         memory = self._start.memory() if isinstance(self._start, _Run) else self._start
         for part in self._parts:
-            locator.run_into(*part, memory=memory)
+            self._locator.run_into(*part, memory=memory)
         self._parts, self._start = [], memory  # a chain of runs keeps no samples
         return memory
 
@@ -59,7 +65,7 @@ class Pending(NamedTuple):
     runs: tuple[_Run, ...]
 
     def result(self) -> Located:
-        """The samples with their rows, once `LocatingThreads` took the samples behind them or was told of the end."""
+        """The samples with their rows."""
         for run in self.runs:
             run.memory()
         return self.located
@@ -68,7 +74,8 @@ class Pending(NamedTuple):
 class LocatingThreads:
     """`Locator.run_into` of the pieces of a log in their order, the same bits, by several threads.
 
-    A piece is cut behind its first sample without contact. What is behind it can begin at once, in another thread.
+    A thread takes the samples from one without contact to the next such one in another piece: no more than that is
+    known to depend on each other. It takes fewer where their result is asked for before.
 
     Args:
         locator: goes on from its memory, and has that of the last sample after `finish`.
@@ -77,7 +84,10 @@ class LocatingThreads:
 
     def __init__(self, locator: Locator, threads: int) -> None:
         self._locator, self._pool = locator, ThreadPoolExecutor(threads)
-        self._run = _Run(locator.memory.copy())  # that is not handed out yet: the next piece may have its end
+        self._run = self._run_from(locator.memory.copy())  # to which samples are added
+
+    def _run_from(self, start: _Memory | _Run) -> _Run:
+        return _Run(start, self._locator, self._pool)
 
     def put(
         self,
@@ -87,18 +97,21 @@ class LocatingThreads:
         statuses: Int8[np.ndarray, " n"],
     ) -> Pending:
         """The next samples, as `Locator.run_into` takes them."""
-        rows = self._locator.empty(len(wrenches))
+        located = Located(piece, wrenches, covariances, statuses, self._locator.empty(len(wrenches)))
         cut = self._locator.first_free(wrenches, covariances, statuses) + 1
-        before, self._run = self._run, _Run(self._locator.no_contact() if cut else self._run)
-        for run, span in ((before, slice(0, cut)), (self._run, slice(cut, None))):
-            known = None if covariances is None else covariances[span]
-            run.add((wrenches[span], known, statuses[span], rows[span]))
-        before.hand_out(self._pool, self._locator)
-        return Pending(Located(piece, wrenches, covariances, statuses, rows), (before, self._run))
+        if self._run.begun:
+            self._run = self._run_from(self._run)
+        runs = [self._run]
+        self._run.add(_part(located, slice(0, cut or None)))
+        if cut:
+            self._run.begin()
+            self._run = self._run_from(self._locator.no_contact())
+            self._run.add(_part(located, slice(cut, None)))
+            runs.append(self._run)
+        return Pending(located, tuple(runs))
 
     def finish(self) -> None:
         """There are no more samples."""
-        self._run.hand_out(self._pool, self._locator)
         self._locator.memory[:] = self._run.memory()
 
     def __enter__(self) -> LocatingThreads:
@@ -108,3 +121,8 @@ class LocatingThreads:
         self, kind: type[BaseException] | None, raised: BaseException | None, at: TracebackType | None
     ) -> None:
         self._pool.shutdown(cancel_futures=raised is not None)
+
+
+def _part(located: Located, span: slice) -> _Part:
+    known = None if located.covariance is None else located.covariance[span]
+    return located.wrench[span], known, located.status[span], located.rows[span]

@@ -34,7 +34,7 @@ from palpate.spatial.pose import Pose
 __all__ = ["WrenchEstimator"]
 
 PIECE = 4096  # samples at a time: what lies between two steps stays in the cache
-AHEAD = 2  # blocks that may wait for the threads that locate
+AHEAD = 4  # blocks that may wait for the threads that locate
 ROW_SHAPE = (ROW.length,)
 ALL = np.ones(1)  # of the noise is left
 

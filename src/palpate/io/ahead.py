@@ -23,7 +23,18 @@ from palpate.io.memory import keep_memory
 from palpate.sensors.motion import Motion
 from palpate.sensors.recording import Recording
 
-__all__ = ["MotionAhead", "ReadAhead", "Receiver", "Sender", "beside", "deaf", "sendable", "way"]
+__all__ = [
+    "MotionAhead",
+    "ReadAhead",
+    "Reader",
+    "Receiver",
+    "Sender",
+    "beside",
+    "deaf",
+    "reading_beside",
+    "sendable",
+    "way",
+]
 
 SLOTS, SLOT = 6, 1 << 22  # values on their way at most; bytes of one: what is larger goes through the pipe
 
@@ -108,13 +119,15 @@ def beside(name: str, target: Callable[..., None], *arguments: object) -> Genera
     Args:
         name: for the list of processes.
         target: what it runs, importable.
-        arguments: of it; ends of ways among them are closed here.
+        arguments: of it; connections and ends of ways among them are closed here.
     """
     process = get_context("spawn").Process(target=target, args=arguments, name=f"palpate {name}", daemon=True)
     with deaf():
         process.start()
     for end in arguments:
-        if isinstance(end, Sender | Receiver):
+        if isinstance(end, Connection):
+            end.close()
+        elif isinstance(end, Sender | Receiver):
             close(end)
     try:
         yield process
@@ -165,19 +178,48 @@ class MotionAhead(Motion):
         return () if self.met is None else self.met.notes(mass)
 
 
+class Reader:
+    """A process that reads one log, made by `reading_beside`."""
+
+    def __init__(self, receiver: Receiver, told: Connection) -> None:
+        self._receiver, self._told = receiver, told
+
+    def blocks(self, path: Path, motion: Motion | None) -> Iterator[_Read]:
+        """Let it begin; what it has read, to the end.
+
+        Raises:
+            InputError: the process was ended.
+        """
+        try:
+            self._told.send(motion)
+            while True:
+                yield self._receiver.get()
+        except (EOFError, OSError) as problem:
+            raise InputError("the process that read it was ended.", where=str(path)) from problem
+
+
+@contextmanager
+def reading_beside(path: Path, layout: Layout) -> Generator[Reader]:
+    """A process that opens a log now, and reads it when it is told how: it takes a second to start."""
+    sender, receiver = way()
+    told, tells = get_context("spawn").Pipe(duplex=False)
+    with beside("reader", _read, sender, told, path, layout):
+        yield Reader(receiver, tells)
+
+
 class ReadAhead(Log):
     """A log whose blocks another process reads and decodes while they are used here; the same blocks.
 
     Args:
         log: opened as usual; says what is in it.
-        layout: by which it was opened.
+        reader: the process, of this log.
         motion: what adds accelerations to the blocks, there; None: nothing does.
         told: is told what that met.
     """
 
-    def __init__(self, log: Log, layout: Layout, motion: Motion | None = None, told: MotionAhead | None = None) -> None:
+    def __init__(self, log: Log, reader: Reader, motion: Motion | None = None, told: MotionAhead | None = None) -> None:
         super().__init__(log.path, log.size)
-        self._log, self._layout, self._motion, self._told = log, layout, motion, told
+        self._log, self._reader, self._motion, self._told = log, reader, motion, told
         self._notes: tuple[str, ...] = ()
 
     def contents(self) -> LogContents:
@@ -189,28 +231,26 @@ class ReadAhead(Log):
         return self._notes
 
     def blocks(self) -> Iterator[Recording]:
-        """See `Log`."""
-        sender, receiver = way()
-        with beside("reader", _read, sender, self.path, self._layout, self._motion):
-            while True:
-                try:
-                    read: _Read = receiver.get()
-                except (EOFError, OSError) as problem:
-                    raise InputError("the process that read it was ended.", where=str(self.path)) from problem
-                self.position, self.torn, self._notes = read.position, read.torn, read.notes
-                if self._told is not None:
-                    self._told.met = read.motion
-                if read.failed is not None:
-                    raise read.failed
-                if read.block is None:
-                    return
-                yield read.block
+        """See `Log`; once."""
+        for read in self._reader.blocks(self.path, self._motion):
+            self.position, self.torn, self._notes = read.position, read.torn, read.notes
+            if self._told is not None:
+                self._told.met = read.motion
+            if read.failed is not None:
+                raise read.failed
+            if read.block is None:
+                return
+            yield read.block
 
 
-def _read(sender: Sender, path: Path, layout: Layout, motion: Motion | None) -> None:
+def _read(sender: Sender, told: Connection, path: Path, layout: Layout) -> None:
     """The process that reads."""
     keep_memory()
     log = open_log(path, layout)
+    try:
+        motion: Motion | None = told.recv()
+    except EOFError:  # nobody wants any
+        return
     failed = None
     try:
         for block in log.blocks() if motion is None else motion.stream(log.blocks()):

@@ -21,7 +21,7 @@ from palpate.contact.frames import placed
 from palpate.contact.plausibility import Asked, lines_of_action, never_at_rest, unbelievable, unexplained
 from palpate.contact.wrench_estimator import WrenchEstimator
 from palpate.errors import InputError
-from palpate.io.ahead import MotionAhead, ReadAhead
+from palpate.io.ahead import MotionAhead, ReadAhead, Reader, reading_beside
 from palpate.io.logs import Log, contents, join, missing
 from palpate.io.logs import open_log as open_by_layout
 from palpate.io.rig.kind import Prepared, SensorKind
@@ -76,10 +76,15 @@ class OpenedLog:
         """What a reader of the results should know of what was read so far."""
         return self._log.notes()
 
-    def read_ahead(self, estimator: ContactEstimator, threads: int) -> None:
+    def reading_beside(self) -> AbstractContextManager[Reader]:
+        """A process that can read it from the start, for `read_ahead`; it starts meanwhile."""
+        return reading_beside(self.path, self.kind.layout(self.rig))
+
+    def read_ahead(self, reader: Reader, estimator: ContactEstimator, threads: int) -> None:
         """From now on its blocks are read by a process of its own, from the start, and located in threads: sooner.
 
         Args:
+            reader: the process.
             estimator: of the log; accelerations that its sensor takes from poses are told there too.
             threads: that locate at a time.
         """
@@ -89,7 +94,7 @@ class OpenedLog:
         if isinstance(sensor, Compensation) and sensor.motion is not None:
             motion, told = sensor.motion, MotionAhead()
             sensor.motion = told
-        self._log, self._ahead = ReadAhead(self._log, self.kind.layout(self.rig), motion, told), True
+        self._log, self._ahead = ReadAhead(self._log, reader, motion, told), True
 
     def head(self, seconds: float = 0.0) -> Recording:
         """The start of the log: 20,000 samples or so many seconds, if it is that long; nothing of it is lost.
