@@ -258,4 +258,24 @@ FAULTS: list[Fault] = [
         ("friction holds more than it can", "min(max(-along / gives, -grip), grip)", "-along / gives"),
         ("the usual width is none", "held[c] if e else priors[2]", "held[c] if e else 0.0"),
     ),
+    *of(
+        "contact/locating_threads.py",
+        "tests/contact/test_locating_threads.py",
+        (
+            "a run that goes on begins as after a rest",
+            "self._run = self._run_from(self._run)",
+            "self._run = self._run_from(self._locator.no_contact())",
+        ),
+        ("the Locator forgets what threads left", "self._locator.memory[:] = self._run.memory()", "self._run.memory()"),
+    ),
+    *of(
+        "contact/_kernel.py",
+        "tests/contact/test_locating_threads.py",
+        (
+            "a bad sample counts as one without contact",
+            "forced[i] < 0 and _gate(wrenches[i], noise, settings, state) == _NO_CONTACT",
+            "_gate(wrenches[i], noise, settings, state) == _NO_CONTACT",
+            "first_free",
+        ),
+    ),
 ]

@@ -483,10 +483,9 @@ def estimate_many(wrenches, noises, forced, nodes, corners, settings, state, seq
 @released
 def first_free(wrenches, noises, forced, settings):
     """The first of the samples of `estimate_many` that is without contact whatever came before it; -1: none is."""
-    touching = np.zeros(STATE)
+    state = np.zeros(STATE)
     for i in range(len(wrenches)):
-        touching[TOUCHING] = 1.0
         noise = noises[i] if len(noises) > 1 else noises[0]
-        if forced[i] < 0 and _gate(wrenches[i], noise, settings, touching) == _NO_CONTACT:
+        if forced[i] < 0 and _gate(wrenches[i], noise, settings, state) == _NO_CONTACT:
             return i
     return -1
