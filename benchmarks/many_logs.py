@@ -1,4 +1,4 @@
-"""Many logs by `palpate batch`, killed in the middle and resumed, and one long log by `palpate estimate`.
+"""Many logs by `palpate batch`, killed in the middle and resumed.
 
 The ideal time of a batch on two processes is half of the CPU seconds that its logs take one by one in one process that
 is warm. Wall time means something on a machine that does nothing else, so the load stands beside it, and the CPU
@@ -24,15 +24,15 @@ from evidence.long_logs import write_log
 from evidence.row import Row
 from palpate.simulation import simulate_session
 
-__all__ = ["rows"]
+__all__ = ["Time", "rows", "timed"]
 
 COMMAND = "python -m benchmarks --only many_logs"
 THEME = "many_logs"
-LOGS, SAMPLES, LONG = 1_000, 20_000, 10_000_000
+LOGS, SAMPLES = 1_000, 20_000
 ENGINES = {"processes": "joblib", "dask": "distributed", "ray": "ray"}  # backend -> its module
 TAG = "PALPATE_BENCHMARK"  # variable by which all processes of a command are known
 TICK = os.sysconf("SC_CLK_TCK")
-MOST, LEAST = 1.3, 1.7  # times the ideal time; times as quick
+MOST = 1.3  # times the ideal time
 WARM = """\
 import sys, time
 from palpate.cli import main
@@ -45,8 +45,13 @@ print("warm", time.perf_counter() - wall, time.process_time() - cpu)
 
 
 @dataclass(frozen=True)
-class _Time:
-    """Seconds of a command: on the wall, and of all its processes together."""
+class Time:
+    """Seconds of a command.
+
+    Attributes:
+        wall: on the wall.
+        cpu: of all its processes together.
+    """
 
     wall: float
     cpu: float
@@ -63,15 +68,12 @@ def rows(small: bool) -> Iterator[Row]:
         for number in range(count):
             write_log(folder / "logs" / f"log_{number:04}.mcap", session, samples - samples // 10 + 37 * number % 2_000)
         yield from _batches(folder, count, small)
-        samples = 2_000 if small else LONG
-        write_log(folder / "long.mcap", session, samples)
-        yield _long(folder, samples, small)
 
 
 def _batches(folder: Path, count: int, small: bool) -> Iterator[Row]:
     rig = str(folder / "rig.toml")
     logs = (str(folder / "logs" / "log_0000.mcap"), str(folder / "logs"))
-    printed, _ = _timed(sys.executable, "-c", WARM, *logs, rig, str(folder / "warm"), str(folder / "one"))
+    printed, _ = timed(sys.executable, "-c", WARM, *logs, rig, str(folder / "warm"), str(folder / "one"))
     ideal = float(printed.split()[-1]) / 2
     for backend in (name for name, module in ENGINES.items() if find_spec(module) is not None):
         out = folder / backend
@@ -90,7 +92,7 @@ def _batches(folder: Path, count: int, small: bool) -> Iterator[Row]:
         yield Row(THEME, what, f"<= {MOST}x the ideal, same bits", got, met, COMMAND)
 
 
-def _watched(command: Sequence[str], kept: Path, most: int | None) -> _Time:
+def _watched(command: Sequence[str], kept: Path, most: int | None) -> Time:
     """A command until it ends, or is killed when so many results are kept."""
     begin, spent = time.perf_counter(), dict[str, float]()
     environment = {**os.environ, TAG: str(os.urandom(8).hex())}
@@ -107,7 +109,7 @@ def _watched(command: Sequence[str], kept: Path, most: int | None) -> _Time:
         time.sleep(0.2)
     if process.returncode and most is None:
         raise RuntimeError(f"{' '.join(command)} ended with {process.returncode}")
-    return _Time(time.perf_counter() - begin, sum(spent.values()))
+    return Time(time.perf_counter() - begin, sum(spent.values()))
 
 
 def _spent(tag: bytes) -> dict[str, float]:
@@ -121,27 +123,11 @@ def _spent(tag: bytes) -> dict[str, float]:
     return found
 
 
-def _long(folder: Path, samples: int, small: bool) -> Row:
-    found = dict[int, list[_Time]]({1: [], 2: []})
-    for workers in (1, 2, 1, 2):  # in turns
-        command = ("estimate", str(folder / "long.mcap"), "--rig", str(folder / "rig.toml"))
-        output = str(folder / f"long{workers}.mcap")
-        _, took = _timed(sys.executable, "-m", "palpate", *command, "-o", output, "--workers", str(workers))
-        found[workers].append(took)
-    same = (folder / "long1.mcap").read_bytes() == (folder / "long2.mcap").read_bytes()
-    one, two = (min(each.wall for each in found[workers]) for workers in (1, 2))
-    cpu = min(each.cpu for each in found[2]) / min(each.cpu for each in found[1])
-    got = f"{one / two:.2f}x: {one:.0f} s, {two:.0f} s; CPU {cpu:.2f}x; {'the same' if same else 'OTHER'} bits"
-    target = f">= {LEAST}x on two cores, same bits"
-    what = f"one log of {samples:,} samples, read and written by processes of their own, located in a thread"
-    return Row(THEME, what, target, got, None if small else same and one / two >= LEAST, COMMAND)
-
-
-def _timed(*command: str) -> tuple[str, _Time]:
+def timed(*command: str) -> tuple[str, Time]:
     """What a command prints, and how long it took."""
     before, begin = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     wall, after = time.perf_counter() - begin, resource.getrusage(resource.RUSAGE_CHILDREN)
     if done.returncode:
         raise RuntimeError(f"{' '.join(command)} ended with {done.returncode}: {done.stderr}")
-    return done.stdout, _Time(wall, after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime)
+    return done.stdout, Time(wall, after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime)
