@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
+from palpate.contact import locating_threads
 from palpate.contact.estimate import ROW, Status
 from palpate.contact.locate import Locator
 from palpate.contact.locating_threads import LocatingThreads, Pending
@@ -40,8 +41,9 @@ def wrenches(locator: Locator, lengths: tuple[int, ...], rest: int) -> np.ndarra
 
 @pytest.mark.parametrize("known", [True, False], ids=["noise of the locator", "covariances"])
 @pytest.mark.parametrize("piece", [1, 40, 333])
-def test_threads_give_the_same_bits(locator: Locator, piece: int, known: bool) -> None:
+def test_threads_give_the_same_bits(locator: Locator, piece: int, known: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     """Touches shorter than a piece and longer than several, pieces without a rest, some asked for before the next."""
+    monkeypatch.setattr(locating_threads, "LONG", 100)
     given = wrenches(locator, (30, 300, 25, 900, 60, 60), rest=20)
     statuses, expected, rows = np.full(len(given), -1, np.int8), locator.empty(len(given)), list[np.ndarray]()
     statuses[50::111] = Status.NO_POSE

@@ -15,6 +15,7 @@ from palpate.sensors.recording import Recording
 
 __all__ = ["LocatingThreads", "Pending"]
 
+LONG = 8192  # samples without a rest that wait for one: others are measured meanwhile
 _Memory = Float[np.ndarray, " s"]
 _Part = tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, "n 6 6"] | None, Int8[np.ndarray, " n"], np.ndarray]
 
@@ -38,7 +39,13 @@ class _Run:
 
     @property
     def begun(self) -> bool:
+        """No more samples are added."""
         return self._done is not None
+
+    @property
+    def samples(self) -> int:
+        """So far."""
+        return sum(len(statuses) for _, _, statuses, _ in self._parts)
 
     def begin(self) -> Future[_Memory]:
         """Let a thread begin; one that it goes on from began before, so that it does not wait for one behind it."""
@@ -75,7 +82,7 @@ class LocatingThreads:
     """`Locator.run_into` of the pieces of a log in their order, the same bits, by several threads.
 
     A thread takes the samples from one without contact to the next such one in another piece: no more than that is
-    known to depend on each other. It takes fewer where their result is asked for before.
+    known to depend on each other. It takes fewer of a long touch, and where their result is asked for before.
 
     Args:
         locator: goes on from its memory, and has that of the last sample after `finish`.
@@ -108,6 +115,8 @@ class LocatingThreads:
             self._run = self._run_from(self._locator.no_contact())
             self._run.add(_part(located, slice(cut, None)))
             runs.append(self._run)
+        elif self._run.samples >= LONG:
+            self._run.begin()
         return Pending(located, tuple(runs))
 
     def finish(self) -> None:
