@@ -65,6 +65,7 @@ FAULTS: list[Fault] = [
         "sensors/markers.py",
         "tests/sensors/test_markers.py",
         ("the ring behind is labelled first", "np.argsort(-self.view.rings)", "np.argsort(self.view.rings)"),
+        ("a stray alone is believed at once", "back &= self._alone_away(got, found)", "back[:] = False"),
     ),
     *of(
         "sensors/_markers.py",
@@ -73,6 +74,11 @@ FAULTS: list[Fault] = [
             "a marker may grow and leave its way at once",
             "(np.log(got[i, 2] / sizes[i]) / _GROWN) ** 2 + np.pi * off / (_OFF * _OFF * rest[i, 0])",
             "0.0",
+        ),
+        (
+            "a stray may pull a marker away",
+            "max(area / usual - 1.0, 0.0) * max(shape / usual - 1.0, 0.0) < _PULLED * _PULLED",
+            "True",
         ),
     ),
     *of(

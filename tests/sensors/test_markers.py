@@ -207,6 +207,34 @@ def test_a_blob_that_runs_into_a_marker_does_not_carry_it_away() -> None:
     assert set(told) == {Frame.OK}
 
 
+def test_what_a_stray_blob_pulls_away_is_left_out_of_a_search() -> None:
+    """Strays of any size and distance at six markers of a first frame: none is farther off than half its radius."""
+    rng, tracker, off = np.random.default_rng(9), _tracker(), list[float]()
+    for _ in range(40):
+        tracker.reset()
+        struck = rng.choice(24, 6, replace=False)
+        radii, turn = rng.uniform(2.0, 5.0, 6), rng.uniform(0.0, 2.0 * np.pi, 6)
+        away = (5.0 + radii + rng.uniform(-3.0, 1.0, 6))[:, None] * np.stack([np.cos(turn), np.sin(turn)], axis=1)
+        pixels, sizes = np.concatenate([REST, REST[struck] + away]), np.concatenate([np.full(24, 5.0), radii])
+        out = np.empty((24, 2))
+        found = tracker.track(drawn(pixels, sizes, noise=2.0, rng=rng), out)
+        assert np.delete(found, struck).all()
+        off += np.linalg.norm(out - REST, axis=1)[found].tolist()
+    assert max(off) <= 2.5
+
+
+def test_one_that_stands_alone_in_a_first_frame_must_be_seen_twice() -> None:
+    """Three neighbours hidden, and a stray of a marker's size 13 px from the one between them, which is hidden, too."""
+    tracker, seen = _tracker(), np.setdiff1d(np.arange(24), (9, 10, 11))
+    inward = (REST.mean(axis=0) - REST[10]) / np.linalg.norm(REST.mean(axis=0) - REST[10])
+    stray = drawn(np.concatenate([REST[seen], REST[[10]] + 13.0 * inward]))
+    out = np.empty((24, 2))
+    assert not tracker.track(stray, out)[10]
+    assert not tracker.track(drawn(REST[seen]), out)[10]
+    tracker.reset()
+    assert tracker.track(drawn(np.delete(REST, (9, 11), axis=0)), out)[10]  # where it rests it is believed at once
+
+
 def test_hidden_markers_stay_missing_among_stray_blobs_of_their_colour() -> None:
     """Four hidden, ten stray blobs of 2 to 10 px elsewhere in every frame: none is taken for a marker."""
     rng, tracker = np.random.default_rng(8), _tracker()

@@ -10,11 +10,12 @@ import numpy as np
 
 from palpate.surfaces._jit import entry, inlined, inner
 
-__all__ = ["blob_sums", "follow", "label_path", "measure_windows", "sampled", "score_image"]
+__all__ = ["blob_sums", "follow", "label_path", "measure_windows", "plausible", "sampled", "score_image"]
 
 _OK, _NOTHING, _RIM = 0.0, 1.0, 2.0
 _MANY = 1e18
 _GROWN, _OFF, _TORN = 0.15, 0.25, 12.0  # deviations of a log area and of a place over the radius; squares that doubt
+_PULLED = 0.4  # of a marker's root mean square radius: farther a stray blob that has run into it may not move it
 _CAP = 0.3  # of the contrast: a pixel well inside a marker counts no more for being brighter, which is noise
 
 
@@ -345,28 +346,36 @@ def measure_windows(image, weights, expected, halves, out):
         out[i, 6] = _RIM if rim else _OK
 
 
-@inner
-def _plausible(got, rest, seen, size, contrast, fits):
-    """Which windows show what may be a marker: whole, and of the area, shape and contrast of one.
+@entry
+def plausible(got, rest, seen, size, contrast, fits):
+    """Which windows show what may be a marker: whole, and of the area, shape and contrast of one, and it alone.
+
+    A stray blob of q times the marker's mass, at a distance D, moves the centroid of both by s = D q / (1 + q), and
+    adds D^2 q / (1 + q)^2 = s^2 / q to the second moments: so area and moments that are too large by q and by e times
+    the marker's own tell that s is the root of q e times its root mean square radius.
 
     Args:
         got: (m, 7) of `measure_windows`.
         rest: (m, 2) area and spread at rest.
-        seen: (m,) bool, in the last frame: their mean contrast is the usual one.
+        seen: (m,) bool, in the last frame, or found in this: their mean contrast and area are the usual ones.
         size: greatest ratio of areas.
         contrast: least level above the base.
         fits: (m,) bool is filled.
     """
-    total, count = 0.0, 0
+    total, large, count = 0.0, 0.0, 0
     for i in range(len(got)):
         if seen[i]:
             total += got[i, 4]
+            large += got[i, 2] / rest[i, 0]
             count += 1
     least = max(contrast, 0.4 * total / count) if count else contrast
+    usual = large / count if count else 1.0
     for i in range(len(got)):
         area = got[i, 2] / rest[i, 0]
         shape = got[i, 3] / rest[i, 1]
-        fits[i] = got[i, 6] == _OK and area * size > 1.0 and area < size and shape < 3.0 * area and got[i, 4] > least
+        alone = max(area / usual - 1.0, 0.0) * max(shape / usual - 1.0, 0.0) < _PULLED * _PULLED
+        like = area * size > 1.0 and area < size and shape < 3.0 * area
+        fits[i] = got[i, 6] == _OK and like and alone and got[i, 4] > least
 
 
 @inner
@@ -376,7 +385,7 @@ def _doubtful(got, fits, seen, expected, sizes, size, alone, rest, gaps, pairs):
     One that changes its size and leaves its way at once may have something of its colour beside it.
 
     Args:
-        got: as of `_plausible`, as fits, seen, size and rest.
+        got: as of `plausible`, as fits, seen, size and rest.
         fits: (m,) bool.
         seen: (m,) bool.
         expected: (m, 2) [px].
@@ -433,7 +442,7 @@ def follow(image, weights, known, limits, got, seen, expected, last, step, sizes
                 expected[i, a] = last[i, a] + min(max(step[i, a], -longest), longest)
     measure_windows(image, weights, expected, halves, got)
     fits = np.empty(len(got), np.bool_)
-    _plausible(got, rest, seen, size, contrast, fits)
+    plausible(got, rest, seen, size, contrast, fits)
     if _doubtful(got, fits, seen, expected, sizes, size, alone, rest, gaps, pairs):
         return False
     for i in range(len(got)):

@@ -411,6 +411,7 @@ class MarkerTracker:
         got = self._measure(image, wanted)
         away = np.hypot(*(got[:, :2] - wanted).T)
         found &= (got[:, 6] == 0.0) & (away < 1.0)
+        found &= self._like_markers(got, found)
         found &= self._confirmed(got, found)
         self._take(got, found)
         return found
@@ -435,12 +436,31 @@ class MarkerTracker:
         places = self.view.to_plane(blobs.pixels, self.view.rings[ring : ring + 1])
         return places, blobs.areas, self._plane[own], self._areas[own]
 
+    def _like_markers(self, got: Float[np.ndarray, "m 7"], found: Bool[np.ndarray, " m"]) -> Bool[np.ndarray, " m"]:
+        from palpate.sensors._markers import plausible
+
+        fits = np.empty(len(found), dtype=bool)
+        plausible(got, self._known[1], found, self.limits.size, _LEAST_CONTRAST, fits)
+        return fits
+
     def _confirmed(self, got: Float[np.ndarray, "m 7"], found: Bool[np.ndarray, " m"]) -> Bool[np.ndarray, " m"]:
-        """What was missing must stand in the same place twice: a stray blob rarely does."""
-        back = found & (self._age >= _AWAY) & (not self._fresh)
+        """What was missing must stand in the same place twice: a stray blob rarely does.
+
+        In a first frame so must what is away from where it rests, with no marker beside it that says the same.
+        """
+        back = found & (self._age >= _AWAY)
+        if self._fresh:
+            back &= self._alone_away(got, found)
         near = np.hypot(*(got[:, :2] - self._claimed).T) < _AGAIN
         self._claimed = np.where(back[:, None], got[:, :2], np.nan)
         return ~back | near
+
+    def _alone_away(self, got: Float[np.ndarray, "m 7"], found: Bool[np.ndarray, " m"]) -> Bool[np.ndarray, " m"]:
+        alone = np.zeros(len(found), dtype=bool)
+        for ring in range(len(self.view.rings)):
+            own = np.flatnonzero(self.view.ring == ring)
+            alone[own] = ~(np.roll(found[own], 1) | np.roll(found[own], -1))
+        return alone & (np.hypot(*(got[:, :2] - self._rest).T) > _AGAIN)
 
     def _take(self, got: Float[np.ndarray, "m 7"], found: Bool[np.ndarray, " m"]) -> None:
         again = found & self._seen
