@@ -177,6 +177,25 @@ def test_forces_of_neighbours_are_not_biased_by_their_friction(response: RingRes
     assert abs(off[1].mean()) < 0.5 * abs(off[0].mean())
 
 
+def test_bodies_that_are_said_to_be_slippery_are_not_held(response: RingResponse) -> None:
+    """Tips 40 degrees apart, without friction: what the calibration's friction would hold makes forces too large.
+
+    Where less friction is stated, neighbours leave less shear; more than the calibration's changes nothing of it.
+    """
+    off = np.zeros((2, 6))
+    for k in range(6):
+        pressed = barrel().press([tip(1.0 * k, 0.006), tip(1.0 * k + np.radians(40.0), 0.005)], 0.0)
+        for which, friction in enumerate((None, 0.01)):
+            locator = RingLocator(response, MARKERS, NOISE, RingSettings(friction=friction), SKIN)
+            found = locator.run(moved(pressed)[None])
+            assert found.counts[0] == 2
+            off[which, k] = found.states[0, :2, 1].sum() / pressed.force.sum() - 1.0
+    assert off[0].mean() > 0.02
+    assert abs(off[1].mean()) < 0.4 * off[0].mean()
+    sticky = RingLocator(response, MARKERS, NOISE, RingSettings(friction=10.0 * response.usual[2]), SKIN)
+    assert sticky.grip == response.grip
+
+
 def test_markers_that_are_missing_or_wrong_cost_little(response: RingResponse) -> None:
     rng = np.random.default_rng(9)
     pressed = barrel().press([tip(2.5, 0.006)])

@@ -29,7 +29,8 @@ class RingSettings:
         apart: [deg] nearer to each other no two contacts are told apart.
         dropped: markers of a frame that may be left out because no contact explains them.
         shift: [deg] by which a neighbour 30 degrees away may shift a contact, as a deviation; one farther away by less.
-        friction: usual shear / force, as a deviation; None: that of the calibration.
+        friction: usual shear / force, as a deviation; None: that of the calibration. Where it is less, what neighbours
+            leave a contact with is held by as much less.
         wide: deviations of the calibration's widths that a contact's width usually has.
         reach, speed, patience: of identities: a contact may be `reach` [m] off from one frame to the next, and move at
             `speed` [m/s] beside that; one that is lost is waited for `patience` [s].
@@ -82,6 +83,9 @@ class RingLocator:
         noise: (m, 2) [m] deviation of a displacement, outwards and along.
         settings: how contacts are found.
         skin: radii [m] of the outer surface and of the markers; None: of a skin that no contact moves along.
+
+    Attributes:
+        grip: shear / force up to which a contact is held where its neighbours carry the skin along.
     """
 
     def __init__(
@@ -98,11 +102,12 @@ class RingLocator:
         self.markers = np.array(markers, dtype=np.float64)
         set_, (middle, wide, usual) = self.settings, response.usual.tolist()
         shear = (set_.friction or usual) if response.shears else _NO_SHEAR
+        self.grip = response.grip * min(1.0, shear / usual) if response.shears else 0.0
         table, slope = response.tables(self.markers, _TABLE)
         model = (table, slope, np.array([set_.wide * wide, shear, middle]))
         numbers = np.array([set_.on, set_.off, radians(set_.apart), float(set_.dropped), radians(set_.shift)])
         moved = np.zeros((2, 3, 1, 1)) if skin is None else response.skin(*skin)
-        outer, grip = (np.inf, 0.0) if skin is None else (skin[0], response.grip if response.shears else 0.0)
+        outer, grip = (np.inf, 0.0) if skin is None else (skin[0], self.grip)
         learned = (response.width.copy(), response.spread.copy(), moved, outer, grip)
         squares = np.ascontiguousarray(np.square(noise).reshape(-1))
         self._known = (self.markers, model, response.misfit, squares, numbers, learned)
