@@ -18,7 +18,7 @@ from evidence.row import Row
 from palpate.simulation import simulate_session, write_session
 from palpate.simulation.session import Session
 
-__all__ = ["prepare", "rows"]
+__all__ = ["prepare", "rows", "watched"]
 
 COMMAND = "python -m benchmarks --only processes"
 THEME = "processes"
@@ -28,7 +28,7 @@ WATCH = """\
 import os, subprocess, sys
 command = subprocess.Popen(sys.argv[1:])
 _, status, usage = os.wait4(command.pid, 0)
-print(usage.ru_maxrss, file=sys.stderr)
+print(usage.ru_utime + usage.ru_stime, usage.ru_maxrss, file=sys.stderr)
 sys.stderr.flush()
 os._exit(os.waitstatus_to_exitcode(status))
 """
@@ -78,7 +78,7 @@ def rows(small: bool) -> Iterator[Row]:
 def prepare(session: Session, folder: Path) -> None:
     """Files of the session, its payload identified."""
     write_session(session, folder)
-    _palpate(
+    watched(
         "calibrate", "payload", folder / "free_motion.csv", "--rig", folder / "rig.toml", "-o", folder / "payload.toml"
     )
 
@@ -87,7 +87,7 @@ def _run(session: Session, folder: Path, source: str, result: str, samples: int)
     log, output = folder / f"log.{source}", folder / f"contacts.{result}"
     write_log(log, session, samples)
     begin = time.perf_counter()
-    printed, peak = _palpate("estimate", log, "--rig", folder / "rig.toml", "-o", output)
+    printed, _, peak = watched("estimate", log, "--rig", folder / "rig.toml", "-o", output)
     took = time.perf_counter() - begin
     [timing] = [line for line in printed.splitlines() if line.strip().startswith("time")]
     prepared = float(timing.split(";")[1].split()[0].replace(",", ""))
@@ -96,10 +96,11 @@ def _run(session: Session, folder: Path, source: str, result: str, samples: int)
     return Run(samples / took, prepared, peak)
 
 
-def _palpate(*words: str | Path) -> tuple[str, float]:
-    """What a command prints, and its peak of memory [MiB]."""
+def watched(*words: str | Path) -> tuple[str, float, float]:
+    """What a command prints, the processor time that it takes, its start included [s], and its peak of memory [MiB]."""
     command = [sys.executable, "-m", "palpate", *map(str, words)]
     done = subprocess.run([sys.executable, "-c", WATCH, *command], capture_output=True, text=True, check=False)
     if done.returncode:
         raise RuntimeError(f"{' '.join(command)} ended with {done.returncode}: {done.stderr}")
-    return done.stdout, float(done.stderr.splitlines()[-1]) / MEBI
+    processor, peak = map(float, done.stderr.splitlines()[-1].split())
+    return done.stdout, processor, peak / MEBI

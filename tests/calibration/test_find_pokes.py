@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
-from itertools import zip_longest
+from itertools import pairwise, zip_longest
 
 import numpy as np
 import pytest
 
 from palpate.calibration.taxels.answers import read_answers
 from palpate.calibration.taxels.believe import believed
-from palpate.calibration.taxels.find import PokeSearch, find_pokes
+from palpate.calibration.taxels.find import PokeSearch, _most, _runs, find_pokes
 from palpate.errors import InputError
 from palpate.sensors.pokes import Pokes
 from palpate.sensors.recording import FORCE, ORIENTATION, POSITION, TORQUE, Recording
@@ -247,3 +247,14 @@ def test_noise_alone_hardly_answers() -> None:
     frames = rng.normal(20.0, 0.7, (6000, 84))
     answers = read_answers([(np.arange(6000) / 50, frames)])
     assert len(answers.taxel) <= 3
+
+
+def test_the_90th_percentile_of_each_run_is_that_of_numpy() -> None:
+    rng = np.random.default_rng(1)
+    first = np.array([2, 5, 6, 40, 90])
+    last = np.array([2, 5, 31, 41, 99])  # runs of one number, of two, and longer ones
+    values = rng.exponential(size=100).round(1)  # some are alike
+    rows, owner, ends = _runs(first, last)
+    wanted = [list(range(a, b + 1)) for a, b in zip(first.tolist(), last.tolist(), strict=True)]
+    assert [rows[a:b].tolist() for a, b in pairwise(ends)] == wanted
+    np.testing.assert_allclose(_most(values[rows], owner, ends), [np.quantile(values[each], 0.9) for each in wanted])

@@ -327,11 +327,19 @@ def _shared(
     beside = root @ linear.by_point[rows] @ axes @ seen.covariance[rows]  # (r, 3, 2)
     along = np.einsum("ril,ria->rla", values, beside)
     used, taxel = np.unique(seen.origin[rows], return_inverse=True)
-    where, sound = columns * len(used) + taxel[:, None], columns >= 0
+    first, freedom = len(units) * units.freedom, units.freedom
+    wide = freedom + size - first  # a taxel's lines touch its own unit, and what all share
+    local, sound = np.where(columns < first, columns % freedom, columns - first + freedom), columns >= 0
+    own = units.layout.module[used][:, None] * freedom + np.arange(freedom)
     told = np.zeros((size, size))
     for way in range(2):
-        lines = np.bincount(where[sound], along[sound, way], size * len(used)).reshape(size, -1)
-        told += lines @ lines.T
+        where = (taxel[:, None] * wide + local)[sound]
+        lines = np.bincount(where, along[sound, way], wide * len(used)).reshape(-1, wide)
+        mine, rest = lines[:, :freedom], lines[:, freedom:]
+        np.add.at(told, (own[:, :, None], own[:, None]), mine[:, :, None] * mine[:, None])
+        np.add.at(told[:, first:], own, mine[:, :, None] * rest[:, None])
+        told[first:, first:] += rest.T @ rest
+    told[first:, :first] = told[:first, first:].T
     return denser**2 * covariance @ told @ covariance
 
 

@@ -59,6 +59,8 @@ def _key(name: str) -> str:
 
 def _literal(value: Any) -> str:
     """A float by the shortest digits that read back to it."""
+    if isinstance(value, np.ndarray) and value.ndim == 1 and value.dtype.kind == "f":  # of a large skin there are many
+        return f"[{', '.join(map(repr, cast('Any', value).tolist()))}]"
     if isinstance(value, (np.ndarray, np.generic)):
         return _literal(cast("Any", value).tolist())
     if isinstance(value, (list, tuple)):
