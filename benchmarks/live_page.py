@@ -33,7 +33,7 @@ __all__ = ["rows"]
 COMMAND = "python -m benchmarks --only live_page"
 NAME = "live page"
 FACETS, TICK = 20_000, 0.002  # s between two blocks of samples
-PICTURES, SHARE = 29.0, 10.0  # a second; % of a core
+PICTURES, SHARE = 30.0, 10.0  # a second; % of a core
 SETTLE, SECONDS = 5.0, 20.0  # s: once the page is seen; that are counted
 APART = 0.005  # s: messages that are closer belong to one picture
 TOUCH = 700  # samples of a touch, of which none is without one
@@ -60,7 +60,8 @@ def rows(small: bool) -> Iterator[Row]:
             load = f"load {os.getloadavg()[0]:.1f} on {os.cpu_count()}"
             got = f"{pictures:.1f} a second, {share:.1f} % of a core, {each:.2f} ms each; {load}"
             target = "" if small else f">= {PICTURES:g} a second at <= {SHARE:g} %"
-            yield Row(NAME, what, target, got, pictures >= PICTURES and share <= SHARE if target else None, COMMAND)
+            enough = pictures >= PICTURES - 1.0 / SECONDS  # of 30 a second 599 to 601 fall into 20 s
+            yield Row(NAME, what, target, got, enough and share <= SHARE if target else None, COMMAND)
 
 
 def _watched(folder: Path, rate: int, watch: Watch, seconds: float) -> tuple[float, float]:
@@ -77,7 +78,7 @@ def _watched(folder: Path, rate: int, watch: Watch, seconds: float) -> tuple[flo
             process.terminate()
             process.join()
     used, took = np.diff(spent, axis=0)[0]
-    return (np.diff(came) > APART).sum() / took, 100.0 * used / took
+    return (np.diff(came, prepend=-np.inf) > APART).sum() / took, 100.0 * used / took
 
 
 def _browsing(address: str, seconds: float, mark: Callable[[], None]) -> list[float]:

@@ -11,7 +11,7 @@ from palpate.simulation.ball_on_ellipse import FINGERTIP
 from palpate.simulation.cell_array import LAYOUTS
 from palpate.surfaces import EllipticCylinder
 from palpate.viewer.load_cells import LoadCellLayer, loads
-from palpate.viewer.marker import arc
+from palpate.viewer.marker import arc, barbs
 from palpate.viewer.scene import prepare
 from palpate.viewer.scene3d import Settings
 from palpate.viewer.server import Page
@@ -55,6 +55,20 @@ def test_an_arc_turns_the_way_of_the_torque_and_as_far(share: float) -> None:
     assert (ends[1] - ends[0]) == pytest.approx(0.75 * np.pi * np.sign(share))
     full = arc(9.0)
     np.testing.assert_allclose(full[0, 0], full[-1, 1], atol=1e-15)  # never more than once round
+
+
+@pytest.mark.parametrize("share", [0.5, -0.5])
+def test_an_arc_ends_in_an_arrow(share: float) -> None:
+    """Four barbs from its tip, as long as each other, back against its way, and together no way aside."""
+    last = arc(share)[-1]
+    way = (last[1] - last[0]) / np.linalg.norm(last[1] - last[0])
+    head = barbs(last)
+    np.testing.assert_array_equal(head[:, 0], np.tile(last[1], (4, 1)))
+    back = head[:, 1] - head[:, 0]
+    np.testing.assert_allclose(back @ way, -0.03)
+    np.testing.assert_allclose(np.linalg.norm(back, axis=1), np.hypot(0.03, 0.014))
+    np.testing.assert_allclose(back.mean(axis=0), -0.03 * way, atol=1e-12)
+    assert len(np.unique(back.round(6), axis=0)) == 4
 
 
 def test_the_page_colours_the_cell_that_carries_most_and_shows_the_torque() -> None:

@@ -17,7 +17,7 @@ from palpate.surfaces.plane import plane
 from palpate.viewer.captions import beside
 from palpate.viewer.live_arena import LiveArena
 from palpate.viewer.marker import Marker, fade
-from palpate.viewer.scene import MORE, RIM, RINGS, Scene, prepare
+from palpate.viewer.scene import LARGE, SMALL, Scene, prepare, rim
 from palpate.viewer.scene3d import aim
 from palpate.viewer.server import Page
 from palpate.viewer.timeline import Timeline
@@ -66,10 +66,10 @@ def test_an_ellipse_lies_on_the_body_however_large(scene: Scene) -> None:
     """Its rim hovers by the lift above the nearest point of the mesh, where a flat one would hang in the air."""
     contact = scene.at(150).contacts[0]
     for times in (1, 100):
-        rim = scene.ellipse_on_body(contact, times)[-RIM:]
-        nearest = scene.surface.project(rim)[0]
-        assert np.linalg.norm(rim - nearest, axis=1).max() <= 2.1e-3 * scene.size
-    small = scene.ellipse_on_body(contact, 1)[-RIM:] - contact.point
+        points = scene.ellipse_on_body(contact, times)
+        nearest = scene.surface.project(points)[0]
+        assert np.linalg.norm(points - nearest, axis=1).max() <= 2.1e-3 * scene.size
+    small = scene.ellipse_on_body(contact, 1)[-SMALL[1] :] - contact.point
     assert np.linalg.norm(small, axis=1).max() == pytest.approx(contact.axes[0], rel=0.05)
 
 
@@ -77,7 +77,7 @@ def test_a_large_ellipse_has_more_rings_and_every_facet_its_points(scene: Scene)
     """Drawn small, large and small again: the middle and the rim are where they were."""
     contact = scene.at(150).contacts[0]
     counts = [len(scene.ellipse_on_body(contact, times)) for times in (1, 100)]
-    assert counts == [1 + RINGS * RIM, 1 + MORE * RIM]
+    assert counts == [1 + rings * around for rings, around in (SMALL, LARGE)]
     with Page(scene, port=0) as page:
         marker = Marker(page._server.scene, 0)
         for times, count in zip((1, 100, 1), (*counts, counts[0]), strict=True):
@@ -85,7 +85,10 @@ def test_a_large_ellipse_has_more_rings_and_every_facet_its_points(scene: Scene)
             points = scene.placed(scene.ellipse_on_body(contact, times))
             np.testing.assert_allclose(marker._disc.vertices, points, atol=1e-6)
             assert np.array_equal(np.unique(marker._disc.faces), np.arange(count))
-            np.testing.assert_allclose(marker._rim.points[:, 0], points[-RIM:], atol=1e-6)
+            around = points[-rim(count) :]
+            np.testing.assert_allclose(marker._rim.points[:, 0], around, atol=1e-6)
+            np.testing.assert_allclose(marker._rim.points[:, 1], np.roll(around, -1, axis=0), atol=1e-6)
+            assert len(marker._rim.colors) == len(around)
 
 
 def test_a_label_does_not_tremble_with_noise(scene: Scene) -> None:

@@ -35,7 +35,7 @@ TICK = 1 / 30  # s between two pictures
 IDLE = 0.25  # s between two looks at the ring while nobody watches
 SHARE = 0.1  # of a core, at most
 SMOOTH = 0.05  # of what the last picture took goes into what one takes
-TOLD = 0.2  # s between two figures
+TOLD = 0.25  # s between two figures
 COUNTED = 0.5  # s between two counts of latencies
 MOST = 1 << 13  # slots that are read at once
 IMAGES = 1 << 24  # bytes of images that are read at once
@@ -96,8 +96,8 @@ def _serve(page: LivePage, stream: Stream, parent: int) -> None:
             told = begun
             if watched:
                 page.tell(stream.window, stream.figures())
-        used, before = time.process_time() - before, time.process_time()
-        spent += SMOOTH * (used - spent)
+        now = time.process_time()
+        spent, before = spent + SMOOTH * (now - before - spent), now
         pause = max(TICK, min(spent / SHARE, IDLE)) if watched else IDLE
         due = max(due + pause, begun)  # where the last picture came late, the next one makes up for it
         time.sleep(max(0.001, due - time.monotonic()))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from jaxtyping import Float
 
@@ -25,25 +27,40 @@ def ellipse(
         Half-axes (*batch, 2) [m], the longer first (NaN without a covariance or a normal), and rotations
         (*batch, 3, 3) whose columns are the long axis, the short axis and the normal (the identity without a normal).
     """
-    tangents = _tangents(normal)
-    finite = np.where(np.isfinite(covariance), covariance, np.nan)  # products make one NaN all of them
-    plane = np.swapaxes(tangents, -1, -2) @ finite @ tangents
-    middle, half = 0.5 * (plane[..., 0, 0] + plane[..., 1, 1]), 0.5 * (plane[..., 0, 0] - plane[..., 1, 1])
-    radius = np.hypot(half, plane[..., 0, 1])
-    axes = np.sqrt(CHI2_95 * np.maximum(np.stack([middle + radius, middle - radius], axis=-1), 0.0))
-    turn = np.nan_to_num(0.5 * np.arctan2(plane[..., 0, 1], half))[..., None, None]
-    spin = np.concatenate([np.cos(turn), -np.sin(turn), np.sin(turn), np.cos(turn)], axis=-1)
-    flat = tangents @ spin.reshape(*spin.shape[:-2], 2, 2)
-    frame = np.concatenate([flat, normal[..., None]], axis=-1)
-    known = np.asarray(np.isfinite(normal).all(axis=-1))[..., None, None]
-    return axes, np.where(known, frame, np.eye(3))
+    shape = normal.shape[:-1]
+    pairs = zip(covariance.reshape(-1, 9).tolist(), normal.reshape(-1, 3).tolist(), strict=True)
+    found = np.array([_single(*pair) for pair in pairs]).reshape(*shape, 11)
+    return found[..., :2], found[..., 2:].reshape(*shape, 3, 3)
 
 
-def _tangents(normal: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3 2"]:
-    """Two that are right-handed with the normal: Duff et al., Building an Orthonormal Basis, Revisited (2017)."""
-    x, y, z = normal[..., 0], normal[..., 1], normal[..., 2]
-    sign = np.copysign(1.0, z)
+def _single(covariance: list[float], normal: list[float]) -> tuple[float, ...]:
+    """Half-axes, then the frame row by row, without arrays: a page asks for one at a time, thirty times a second.
+
+    The tangents are right-handed with the normal: Duff et al., Building an Orthonormal Basis, Revisited (2017).
+    """
+    x, y, z = normal
+    if not math.isfinite(x + y + z):
+        return math.nan, math.nan, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0
+    sign = math.copysign(1.0, z)
     share = -1.0 / (sign + z)
-    both = x * y * share
-    first = (1.0 + sign * x * x * share, both, sign * both, sign + y * y * share, -sign * x, -y)
-    return np.stack(first, axis=-1).reshape(*normal.shape[:-1], 3, 2)
+    first = (1.0 + sign * x * x * share, sign * x * y * share, -sign * x)
+    second = (x * y * share, sign + y * y * share, -y)
+    xx, xy, yy = (_between(covariance, *pair) for pair in ((first, first), (first, second), (second, second)))
+    long = short = math.nan
+    cosine, sine = 1.0, 0.0
+    if math.isfinite(xx + xy + yy):
+        middle, half = 0.5 * (xx + yy), 0.5 * (xx - yy)
+        radius, turn = math.hypot(half, xy), 0.5 * math.atan2(xy, half)
+        long, short = (math.sqrt(CHI2_95 * max(part, 0.0)) for part in (middle + radius, middle - radius))
+        cosine, sine = math.cos(turn), math.sin(turn)
+    rows = ((cosine * a + sine * b, cosine * b - sine * a, n) for a, b, n in zip(first, second, normal, strict=True))
+    return long, short, *(value for row in rows for value in row)
+
+
+def _between(c: list[float], a: tuple[float, float, float], b: tuple[float, float, float]) -> float:
+    """a^T C b; NaN where C has a value that is none."""
+    return (
+        a[0] * (c[0] * b[0] + c[1] * b[1] + c[2] * b[2])
+        + a[1] * (c[3] * b[0] + c[4] * b[1] + c[5] * b[2])
+        + a[2] * (c[6] * b[0] + c[7] * b[1] + c[8] * b[2])
+    )

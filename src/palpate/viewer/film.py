@@ -12,7 +12,7 @@ from palpate.viewer.heat import PALETTE, colours
 from palpate.viewer.ink import Ink
 from palpate.viewer.marker import FORCE, OTHER
 from palpate.viewer.rendered import Camera, Rendered, rendered
-from palpate.viewer.scene import RIM, Moment, Scene, ShownContact, before
+from palpate.viewer.scene import Moment, Scene, ShownContact, before, rim
 from palpate.viewer.scene3d import VIEW, aim
 
 __all__ = ["RATE", "SIZE", "ScenePicture"]
@@ -135,11 +135,12 @@ class ScenePicture:
         self, picture: np.ndarray, contact: ShownContact, camera: Camera, body: Rendered, ink: tuple[int, int, int]
     ) -> None:
         """Its rim where it is seen, laid on the body."""
-        rim = self.scene.placed(self.scene.ellipse_on_body(contact, self.scene.magnification)[-RIM:])
-        soft, seen = camera.size[0] / SIZE[0], camera.seen(rim)
+        points = self.scene.ellipse_on_body(contact, self.scene.magnification)
+        around = rim(len(points))
+        soft, seen = camera.size[0] / SIZE[0], camera.seen(self.scene.placed(points[-around:]))
         shown = body.visible(seen, 0.01)
         for k in np.flatnonzero(shown & np.roll(shown, -1)):
-            ends = seen[[k, (k + 1) % RIM], :2] / soft
+            ends = seen[[k, (k + 1) % around], :2] / soft
             self._ink.line(picture, ends, ink, 2)
 
     def _place(self, seconds: np.ndarray | float, force: np.ndarray | float) -> Float[np.ndarray, "*n 2"]:

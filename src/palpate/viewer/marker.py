@@ -7,14 +7,14 @@ from functools import cache
 from typing import TYPE_CHECKING
 
 import numpy as np
-from jaxtyping import Float, UInt32
+from jaxtyping import Float, Int, UInt32
 
-from palpate.viewer.scene import RIM, RINGS, Scene, ShownContact, disc
+from palpate.viewer.scene import SMALL, Scene, ShownContact, disc, rim
 
 if TYPE_CHECKING:
     from viser import SceneApi, SceneNodeHandle
 
-__all__ = ["FORCE", "OTHER", "Marker", "arc", "fade"]
+__all__ = ["FORCE", "OTHER", "Marker", "arc", "barbs", "fade"]
 
 FORCE, POINT, TORQUE = (0, 48, 120), (16, 24, 32), (130, 40, 120)
 OTHER = (0, 120, 80)  # of contacts that are compared
@@ -22,6 +22,7 @@ FAINT = np.array((190, 205, 225))  # of the rim of an ellipse that says nothing
 FAINTEST = 0.02  # of the usual torque: less is not drawn
 STILL = 0.01  # sizes of the body by which a label is not moved: words that tremble cannot be read
 _FULL, _RADIUS, _STEPS = 1.5 * np.pi, 0.09, 40  # arc of the usual torque [rad], in sizes of the body
+_BARB, _WIDE = 0.03, 0.014  # of the head at its end, in sizes of the body
 
 
 class Marker:
@@ -36,7 +37,7 @@ class Marker:
             f"{name}/normal", np.array([[[0, 0, 0], [0, 0, 0.12]]]), POINT, shaft_radius=0.002, head_radius=0.006,
             head_length=0.02,
         )  # fmt: skip
-        flat = np.pad(disc(RINGS), ((0, 0), (0, 1)))
+        flat = np.pad(disc(*SMALL), ((0, 0), (0, 1)))
         self._disc = space.add_mesh_simple(
             f"{root}/ellipse/{slot}/disc", flat, _facets(len(flat)), color=ink, opacity=0.0, side="double",
             cast_shadow=False,
@@ -45,9 +46,6 @@ class Marker:
             f"{root}/ellipse/{slot}/rim", nothing, ink, thickness=2.0, thickness_units="screen"
         )
         self._arc = space.add_line_segments(f"{name}/torque", nothing, TORQUE, thickness=4.0, thickness_units="screen")
-        self._head = space.add_arrows(
-            f"{name}/torque_head", nothing, TORQUE, shaft_radius=0.002, head_radius=0.014, head_length=0.03
-        )
         self._arrow = space.add_arrows(
             f"{root}/force/{slot}", nothing, ink, shaft_radius=0.007, head_radius=0.018, head_length=0.05
         )
@@ -76,12 +74,15 @@ class Marker:
         points = scene.placed(scene.ellipse_on_body(contact, magnification)).astype(np.float32)
         strength = fade(magnification * float(contact.axes[0]), scene.size)
         self._lay(points)
-        rim = points[-RIM:]
-        self._rim.points = np.stack([rim, np.roll(rim, -1, axis=0)], axis=1)
-        if (opacity := round(0.25 * strength, 3)) != self._disc.opacity:
+        around = rim(len(points))
+        ends, opacity = points[_ends(around) - around], round(0.25 * strength, 3)
+        if len(ends) < len(self._rim.points):
+            self._rim.points = ends  # first, so that no end is ever without a colour
+        if opacity != self._disc.opacity or around != len(self._rim.colors):
             self._disc.opacity = opacity
             ink = FAINT + strength * (np.array(self._ink) - FAINT)
-            self._rim.colors = np.tile(ink.round().astype(np.uint8), (RIM, 2, 1))
+            self._rim.colors = np.tile(ink.round().astype(np.uint8), (around, 2, 1))
+        self._rim.points = ends
 
     def _lay(self, points: Float[np.ndarray, "k 3"]) -> None:
         """The ellipse's points; be they more or fewer than before, no facet ever names one that is not there."""
@@ -103,20 +104,15 @@ class Marker:
         if np.abs(tail - self._label.position).max() > STILL:
             self._label.position = tail
         name = f"{contact.identity}: " if scene.several else ""
-        self._label.text = f"{name}{np.linalg.norm(contact.force):.1f} N"
+        _put(self._label, text=f"{name}{length * scene.size / scene.newton:.1f} N")
 
     def _show_torque(self, share: float) -> None:
         """An arc about the normal that ends in a head, as long as the share of the usual torque."""
         seen = abs(share) > FAINTEST  # NaN is not
         _put(self._arc, visible=seen)
-        _put(self._head, visible=seen)
-        if not seen:
-            return
-        segments = arc(share)
-        self._arc.points = segments[:-2].astype(np.float32)
-        last = segments[-1, 1] - segments[-1, 0]
-        tip = segments[-1, 1] + 0.03 * last / np.linalg.norm(last)
-        self._head.points = np.stack([segments[-3, 1], tip])[None].astype(np.float32)
+        if seen:
+            segments = arc(share)
+            self._arc.points = np.concatenate([segments, barbs(segments[-1])]).astype(np.float32)
 
 
 def _facing(normal: Float[np.ndarray, "3"]) -> tuple[float, float, float, float]:
@@ -128,7 +124,7 @@ def _facing(normal: Float[np.ndarray, "3"]) -> tuple[float, float, float, float]
     return 0.5 * length, -y / length, x / length, 0.0
 
 
-def _put(handle: SceneNodeHandle, **values: bool | float) -> None:
+def _put(handle: SceneNodeHandle, **values: bool | float | str) -> None:
     """Set what has changed: a handle takes 0.1 ms to find out that nothing has."""
     for name, value in values.items():
         if getattr(handle, name) != value:
@@ -142,19 +138,32 @@ def arc(share: float) -> Float[np.ndarray, "_ 2 3"]:
     return np.stack([points[:-1], points[1:]], axis=1)
 
 
+def barbs(last: Float[np.ndarray, "2 3"]) -> Float[np.ndarray, "4 2 3"]:
+    """Segments that make a level line's last one an arrow: from its tip back, to both sides, up and down."""
+    tip = last[1]
+    x, y, _ = ((tip - last[0]) / np.linalg.norm(tip - last[0])).tolist()
+    side = _WIDE * np.array([[y, -x, 0.0], [-y, x, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, -1.0]])
+    return np.stack([np.tile(tip, (4, 1)), tip - [_BARB * x, _BARB * y, 0.0] + side], axis=1)
+
+
 def fade(long: float, size: float) -> float:
     """How strongly an ellipse with this half-axis is drawn: in full up to a quarter of the body, then fainter."""
     return float(np.clip(0.25 * size / max(long, 1e-12), 0.15, 1.0))
 
 
 @cache
+def _ends(around: int) -> Int[np.ndarray, "k 2"]:
+    """First and last point of each side of a polygon."""
+    return (np.arange(around)[:, None] + np.arange(2)) % around
+
+
+@cache
 def _facets(count: int) -> UInt32[np.ndarray, "f 3"]:
     """Between the rings of a `disc` of so many points."""
-    around = np.arange(RIM)
-    after = (around + 1) % RIM
-    parts = [np.stack([np.zeros(RIM, int), 1 + around, 1 + after], axis=1)]
-    for inner in range(1, count - RIM, RIM):
-        outer = inner + RIM
+    around, after = _ends(step := rim(count)).T
+    parts = [np.stack([np.zeros(step, int), 1 + around, 1 + after], axis=1)]
+    for inner in range(1, count - step, step):
+        outer = inner + step
         parts.append(np.stack([inner + around, outer + around, outer + after], axis=1))
         parts.append(np.stack([inner + around, outer + after, inner + after], axis=1))
     return np.concatenate(parts).astype(np.uint32)

@@ -22,10 +22,9 @@ from palpate.viewer.samples import sample_starts, strongest, thinned, totals
 from palpate.viewer.timeline import Timeline, downsampled
 
 __all__ = [
+    "LARGE",
     "MAGNIFICATIONS",
-    "MORE",
-    "RIM",
-    "RINGS",
+    "SMALL",
     "Moment",
     "Scene",
     "ShownContact",
@@ -35,13 +34,14 @@ __all__ = [
     "nice",
     "nothing",
     "prepare",
+    "rim",
 ]
 
 MAGNIFICATIONS = (1, 2, 5, 10, 20, 50, 100)
 PLOTTED = 800  # rows of a plot: two a pixel
 TRAIL = 300  # samples of a trail
-RIM = 64  # points on the rim of an ellipse, and on each ring within it
-RINGS, MORE = 4, 8  # rings of points, the rim the last; of an ellipse that is large beside the body
+SMALL = 4, 32  # rings of an ellipse's points, the rim the last; points on each: a polygon that nobody sees
+LARGE = 8, 64  # the same of an ellipse that is large beside the body
 _LARGE = 0.05  # sizes of the body, of the longer half-axis
 _LIFT = 2e-3  # sizes of the body by which an ellipse lies above it
 _ABOUT = 0.2  # sizes of the body that are shown about what was touched
@@ -265,7 +265,7 @@ class Scene:
         Its points, those of a `disc` in the tangent plane, are taken to the nearest point of the surface.
         """
         axes = np.minimum(magnification * contact.axes, 2.0 * self.size)
-        within = disc(MORE if axes[0] > _LARGE * self.size else RINGS)
+        within = disc(*(LARGE if axes[0] > _LARGE * self.size else SMALL))
         flat = contact.point + (within * axes) @ contact.frame[:, :2].T
         if self.surface is None:
             return flat + _LIFT * self.size * contact.normal
@@ -385,12 +385,17 @@ def _shown(found: Contacts, row: int) -> ShownContact:
 
 
 @cache
-def disc(rings: int) -> Float[np.ndarray, "k 2"]:
-    """(1 + rings RIM, 2) points of the unit disc: the middle, then ring after ring, the rim last."""
-    turn = 2 * np.pi * np.arange(RIM) / RIM
+def disc(rings: int, around: int) -> Float[np.ndarray, "k 2"]:
+    """(1 + rings around, 2) points of the unit disc: the middle, then ring after ring, the rim last."""
+    turn = 2 * np.pi * np.arange(around) / around
     share = np.arange(1, rings + 1)[:, None] / rings
-    around = np.stack([share * np.cos(turn), share * np.sin(turn)], axis=-1)
-    return np.concatenate([np.zeros((1, 2)), around.reshape(-1, 2)])
+    points = np.stack([share * np.cos(turn), share * np.sin(turn)], axis=-1)
+    return np.concatenate([np.zeros((1, 2)), points.reshape(-1, 2)])
+
+
+def rim(count: int) -> int:
+    """How many of the points of an ellipse, the last ones, are on its rim."""
+    return next(around for rings, around in (SMALL, LARGE) if count == 1 + rings * around)
 
 
 def nothing() -> Contacts:
