@@ -86,4 +86,9 @@ FAULTS: list[Fault] = [
         ("a fixed edge takes the place of one that moves", "len(sound) and edge not in self._edges", "len(sound)"),
         ("transforms of no length are held", "sound_quaternions(values[:, 3:])", "True"),
     ),
+    *of(
+        "viewer/scene.py",
+        "tests/cli/test_live_page.py",
+        ("arrows keep their scale, however hard it is touched", "force * self.newton > self.size", "False"),
+    ),
 ]

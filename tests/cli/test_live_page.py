@@ -18,11 +18,13 @@ import numpy as np
 import pytest
 
 from palpate.cli.live_page import show
+from palpate.contact.contacts import Contacts
+from palpate.contact.estimate import ROW
 from palpate.io.live.ring import Ring
 from palpate.surfaces import Sphere
 from palpate.viewer.live import SECONDS, Figures, LivePage, recent
 from tests.support.browser import PATIENCE, chromium, until
-from tests.support.live_rings import RADIUS, answered, sphere_rig, sphere_ring, touches
+from tests.support.live_rings import RADIUS, answered, rows, sphere_rig, sphere_ring, touches
 
 pytest.importorskip("viser")
 
@@ -196,6 +198,27 @@ def test_what_was_not_fetched_is_replaced_by_what_comes_after_it() -> None:
                 page.tell(window, Figures(samples=k, said=(("10:00:00", f"sentence {k}"),)))
             sizes.append(len(waiting))
         assert sizes[0] == sizes[1] == sizes[2]
+
+
+def test_no_arrow_is_longer_than_the_body_however_old_the_scale_is() -> None:
+    """Fifty times as hard as the contact that the page was scaled to a moment ago; and a usual one is no dot."""
+    with LivePage(Sphere(RADIUS), (), "sphere", lambda: None, port=0) as page:
+
+        def shown(found: Contacts) -> float:
+            page.show(found)
+            tail, tip = page._scene3d._markers[0]._arrow.points[0]
+            return float(np.linalg.norm(tip - tail))
+
+        usual = recent(None, touches(0, 40))
+        assert 0.1 < shown(usual[-1:]) < 1.0  # nothing has scaled it yet
+        page.tell(usual, Figures())
+        assert 0.1 < shown(usual[-1:]) < 1.0
+        hard = rows(40, 1)
+        hard[:, ROW.force] *= 50.0
+        assert 0.1 < shown(Contacts.of_rows(np.array([40]), np.array([0.2]), hard, ())) < 1.0
+        hard[:, ROW.force] = np.nan
+        page.show(Contacts.of_rows(np.array([41]), np.array([0.205]), hard, ()))  # of a reading that is no number
+        assert np.isfinite(page.scene.newton)
 
 
 def test_a_window_keeps_the_last_seconds_and_the_strongest_of_what_it_leaves_out() -> None:

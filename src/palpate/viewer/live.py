@@ -123,6 +123,8 @@ class LivePage:
         Args:
             found: of one sample, in the surface's frame.
         """
+        hardest = float(np.fmax.reduce(np.linalg.norm(found.force, axis=1)))
+        self.scene = self._scene3d.scene = self.scene.bearing(hardest)  # scales are some seconds old
         scene = self.scene.showing(found) if self.scene.layers else self.scene
         with self._server.atomic():
             self._scene3d.move(scene, alone(found), self._magnification)

@@ -48,6 +48,7 @@ _ABOUT = 0.2  # sizes of the body that are shown about what was touched
 _SAMPLED = 2_000  # contacts that a typical value is taken from
 _FEW = 50  # while they come
 _STRONG = 0.95  # quantile of what counts as usual
+_ARROW = 0.35  # sizes of the body that an arrow of a usual force is long
 
 
 @dataclass(frozen=True)
@@ -250,6 +251,10 @@ class Scene:
             return self
         return replace(self, newton=_newton(self.size, shown), magnification=_magnified(self.size, shown))
 
+    def bearing(self, force: float) -> Scene:
+        """Its arrows scaled to a force [N] of which one would be longer than the body; else, and by NaN, as it is."""
+        return replace(self, newton=_ARROW * self.size / force) if force * self.newton > self.size else self
+
     def rows(self, index: int) -> slice:
         """The rows of a sample."""
         end = self.starts[index + 1] if index + 1 < len(self.starts) else len(self.contacts)
@@ -430,7 +435,7 @@ def _sampled(contacts: Contacts) -> tuple[Int[np.ndarray, " m"], Bool[np.ndarray
 def _newton(size: float, shown: Contacts) -> float:
     """[m] of an arrow for each newton: a strong one is a third as long as the body."""
     strong = float(np.nanquantile(np.linalg.norm(shown.force, axis=1), _STRONG)) if len(shown) else 1.0
-    return 0.35 * size / max(strong, 1e-9)
+    return _ARROW * size / max(strong, 1e-9)
 
 
 def _bounds(points: Float[np.ndarray, "n 3"], layers: Sequence[Layer]) -> Float[np.ndarray, "2 3"]:
