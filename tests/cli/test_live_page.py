@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from palpate.cli.live_page import Stream as Reading
 from palpate.cli.live_page import show
 from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import ROW
@@ -198,6 +199,24 @@ def test_what_was_not_fetched_is_replaced_by_what_comes_after_it() -> None:
                 page.tell(window, Figures(samples=k, said=(("10:00:00", f"sentence {k}"),)))
             sizes.append(len(waiting))
         assert sizes[0] == sizes[1] == sizes[2]
+
+
+def test_who_comes_when_the_stream_stands_still_sees_its_last_sample(tmp_path: Path) -> None:
+    """Nobody watched while it came; what the layers show of it is fed once, not with every look."""
+    ring, fed = sphere_ring(tmp_path / "ring"), list[tuple[int, bool]]()
+    reading = Reading(ring, lambda slots, watched: fed.append((len(slots), watched)))
+    assert reading.newest is None
+    reading.look(True)
+    answered(ring, 30)
+    reading.look(False)
+    reading.gather()
+    for _ in range(3):
+        reading.look(True)
+        reading.gather()
+    assert reading.newest is not None
+    assert reading.newest.sample.tolist() == [29]
+    assert fed == [(30, False), (1, True)]
+    ring.close()
 
 
 def test_no_arrow_is_longer_than_the_body_however_old_the_scale_is() -> None:

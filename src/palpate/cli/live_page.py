@@ -121,6 +121,8 @@ class Stream:
         self._waited = deque[tuple[float, np.ndarray]]()
         self._counts = deque[tuple[float, int]]()
         self._fresh = list[np.ndarray]()
+        self._last: np.ndarray | None = None  # slot
+        self._fed = True  # the layers have what somebody who watches is to see of it
         self._latency: tuple[float, tuple[float, float, float] | None] = -np.inf, None
         self._received, self._at = -1, time.monotonic()
         self._said = deque[tuple[str, str]](maxlen=SENTENCES)
@@ -145,14 +147,18 @@ class Stream:
         self.next_one = first + len(slots)
         if len(slots):
             self._fresh.append(slots)
+            self._last, self._fed = slots[-1:], watched
             self._feed(slots, watched)
+        elif watched and not self._fed and self._last is not None:  # the stream stands still since before they came
+            self._fed = True
+            self._feed(self._last, watched)
 
     @property
     def newest(self) -> Contacts | None:
         """Of the last sample that was read, if it has an answer."""
-        if not self._fresh:
+        if self._last is None:
             return None
-        found = self.ring.form.contacts(self._fresh[-1][-1:])
+        found = self.ring.form.contacts(self._last)
         return found if len(found) else None
 
     def gather(self) -> None:
