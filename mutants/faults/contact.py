@@ -55,8 +55,8 @@ FAULTS: list[Fault] = [
         ),
         (
             "a touch begins for ever",
-            "1.0 < state[SAMPLES] <= EARLY",
-            "1.0 < state[SAMPLES]",
+            "state[BRANCHES] <= EARLY * _square(wrench)",
+            "state[BRANCHES] >= 0.0",
         ),
     ),
     *of(
@@ -72,6 +72,12 @@ FAULTS: list[Fault] = [
         ("the friction is not bound", "found[i, 4] <= settings[FRICTION]", "found[i, 4] >= 0.0"),
         ("what a branch loses is its gain", "gain = first_loss - loss", "gain = loss - first_loss"),
         ("no branch ever wins", "margin > top", "margin > top + np.inf", "_winner"),
+        (
+            "a touch that begins within another is at one place",
+            "of_candidate[best] = 0",
+            "of_candidate[:] = 0",
+            "_anew",
+        ),
         ("each branch is a rival", "one[_GAIN] - late > -_threshold(one, _APART)", "one[_GAIN] < np.inf", "rival"),
         ("beyond the bounds is no rival", "not near[i] < _NEAR**2", "near[i] > 0.0", "_born"),
         ("all are told apart", "one[_GAIN] - late > -_threshold(one, _APART)", "one[_GAIN] > np.inf", "rival"),

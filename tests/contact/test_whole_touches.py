@@ -57,6 +57,17 @@ def test_a_false_place_wanders_as_the_force_turns(height: float) -> None:
     assert np.allclose(found.point[-50:, 2], height)
 
 
+@pytest.mark.parametrize("live", [True, False], ids=["live", "log"])
+def test_what_begins_within_a_touch_has_as_many_places_as_what_begins_after_one(live: bool) -> None:
+    """From the middle to 2.5 mm beside it without letting go: either plate may be touched there, at once."""
+    wrenches = touch(UPPER, turns=False)
+    wrenches[COUNT // 2 :, 4] += 5.0 * 2.5e-3  # moment of a force that stands at x = 2.5 mm
+    found = WrenchEstimator(Locator(plates(), noise=NOISE), ForceTorque(NOISE), live=live).run(recorded(wrenches))
+    assert np.allclose(found.point[COUNT // 2 :, 0], 2.5e-3, atol=2e-4)
+    assert (found.status[COUNT // 2 :] == Status.AMBIGUOUS).mean() > 0.98
+    assert found.status[COUNT // 2] == Status.AMBIGUOUS
+
+
 def test_what_cannot_be_told_apart_stays_ambiguous() -> None:
     found = Locator(plates(), noise=NOISE).run(touch(UPPER, turns=False))
     assert (found.status == Status.AMBIGUOUS).mean() > 0.9

@@ -69,7 +69,7 @@ _VAGUE = 0.03  # of the body's size: a deviation from which on an ellipse is dou
 _PROBED = 2.5  # standard deviations along a tangent, at which it is looked for what the ellipse does not know
 # Standard deviations between an answer and the mean place of its touch; between the wrench and what makes it there; and
 # the ratio of their squares, 1 where the surface is flat.
-_APART, _NEAR, _BENT = 3.0, 5.0, 1.5
+_APART, _NEAR, _BENT = 3.0, 8.0, 1.5
 _CONTACT, _AMBIGUOUS, _NO_CONTACT, _TOO_LIGHT, _OFF_SURFACE, _IMPLAUSIBLE, _INVALID = 0, 1, 2, 3, 4, 5, 7
 _SETTLING, _SETTLED = 60, 1e-11  # steps to where a force acts under a soft layer; arm of what is left, of the size
 _RESIDUAL, _CANDIDATES, _STATUS = 19, 20, 21  # estimate._Row, which compiled code cannot read
@@ -101,6 +101,12 @@ def _choose(wrench, settings, state, found, count, places, torques):
 
 
 @inner
+def _square(wrench):
+    """Of the force; a plain sum, where parts of arrays would be counted."""
+    return wrench[0] * wrench[0] + wrench[1] * wrench[1] + wrench[2] * wrench[2]
+
+
+@inner
 def _ambiguous(found, places, count, best, t, spread, noisy, state, branches):
     """Does another candidate that may be it, and is not told apart, lie outside the 95 % ellipse of the one chosen?"""
     det = spread[0, 0] * spread[1, 1] - spread[0, 1] * spread[1, 0]
@@ -110,9 +116,9 @@ def _ambiguous(found, places, count, best, t, spread, noisy, state, branches):
         if not noisy or _outside(places[i], places[best], t, spread, det, _CHI2_95):
             return True
     if noisy and state[CONTESTED] == 1.0:
-        for k in range(1, MOST):
+        for k in range(MOST):
             mean = BRANCHES + k * BRANCH + MEAN
-            if rival(state, k) and _outside(state[mean : mean + 3], places[best], t, spread, det, _CHI2_95):
+            if (k == 0 or rival(state, k)) and _outside(state[mean : mean + 3], places[best], t, spread, det, _CHI2_95):
                 return True
     return False
 
@@ -362,7 +368,7 @@ def _estimate(wrench, noise, nodes, corners, settings, state, row, work):
     several = several and _ambiguous(found, places, count, best, t, spread, noisy, state, branches)
     if moved > 1 or doubtful or several or (known and _jumped(wrench, noise, state, place, t, spread)):
         row[_STATUS] = _AMBIGUOUS
-    elif known and state[FOLLOW] == 0.0 and 1.0 < state[SAMPLES] <= EARLY:
+    elif known and state[FOLLOW] == 0.0 and state[SAMPLES] > 1.0 and state[BRANCHES] <= EARLY * _square(wrench):
         vague = spread[0, 0] + spread[1, 1] > (_VAGUE * settings[SCALE]) ** 2
         guessed = within == 0 and moved == 0 and not remembered
         if vague and (

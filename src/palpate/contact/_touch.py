@@ -57,6 +57,7 @@ EARLY = 8  # samples in which any branch may appear
 _WORST = 8.0  # loss of a sample at most
 _LEAST, _TAKES, _APART = 1.0, 2.5, 2.5
 _LATE, _LATEST = 0.5, 10.0  # handicap a sample of a branch that appears later, and at most
+_WITHIN = 2.0  # samples that a touch counts as old when it begins within another
 _ANOTHER, _SURELY = 5.0, 8.0  # standard deviations from a place beyond which it is another touch, and surely so
 _REACH = 0.1  # of the tree's size: beyond noise: a candidate further from a branch is another
 _MAY_BE = 0.5  # of a candidate that noise alone may have put beyond the bounds, where 1 is within them
@@ -246,14 +247,26 @@ def _threshold(branch, deviations):
 
 
 @inner
-def _anew(wrench, state, candidate, place, doubtful):
-    """Another touch, since a log may hold one sample of each; in doubt the branch that was believed stays a rival."""
-    before = _branch(state, 0).copy()
-    forget(state)
-    _begin(_branch(state, 0), candidate, place, dot(wrench[:3], wrench[:3]), 0.0)
-    if doubtful:
-        before[_GAIN], before[_SQUARES] = -_WORST, _WORST**2
-        copy_into(before, _branch(state, 1))
+def _anew(wrench, state, found, places, near, count, best, squares, of_candidate):
+    """Another touch, since a log may hold one sample of each; in doubt what was believed, and its rivals, stay rivals.
+
+    Every candidate of the sample may be it, as in the first sample of a touch.
+    """
+    free = MOST - 1
+    for k in range(MOST - 1, -1, -1):
+        branch = _branch(state, k)
+        if squares[k] < _SURELY**2 and (k == 0 or rival(state, k)):
+            branch[_GAIN], branch[_SQUARES], branch[_HANDICAP] = -_WORST, _WORST**2, 0.0
+        else:
+            branch[_WEIGHT] = 0.0
+            free = max(1, k)
+    copy_into(_branch(state, 0), _branch(state, free))
+    _begin(_branch(state, 0), found[best], places[best], dot(wrench[:3], wrench[:3]), 0.0)
+    of_candidate[:] = -1
+    of_candidate[best] = 0
+    state[SAMPLES] = 1.0
+    _born(wrench, state, found, places, near, count, squares, of_candidate)
+    state[SAMPLES] = _WITHIN
 
 
 @inner
@@ -269,6 +282,7 @@ def _believe(state, k, count, of_candidate):
             branch[_GAIN], branch[_SQUARES], branch[_HANDICAP] = -0.5 * gain, squares, 0.0
         else:
             branch[_GAIN] -= gain
+            branch[_SQUARES] += squares
     for i in range(count):
         if of_candidate[i] == k or of_candidate[i] == 0:
             of_candidate[i] = k - of_candidate[i]
@@ -276,7 +290,7 @@ def _believe(state, k, count, of_candidate):
 
 
 @inner
-def _born(wrench, state, found, places, near, count, of_candidate):
+def _born(wrench, state, found, places, near, count, squares, of_candidate):
     """Candidates that no branch has had become branches, while there is room."""
     handicap = min(_LATEST, _LATE * (state[SAMPLES] - 1.0))
     for i in range(count):
@@ -290,7 +304,7 @@ def _born(wrench, state, found, places, near, count, of_candidate):
                 worst, which = gain, k
         if worst < -handicap:
             _begin(_branch(state, which), found[i], places[i], dot(wrench[:3], wrench[:3]), handicap)
-            of_candidate[i] = which
+            of_candidate[i], squares[which] = which, np.inf
 
 
 @inner
@@ -324,7 +338,7 @@ def _winner(state, of_branch, squares):
     top, winner = -np.inf if lost else 0.0, 0
     for k in range(1, MOST):
         branch = _branch(state, k)
-        if branch[_WEIGHT] == 0.0 or of_branch[k] < 0 or (lost and not squares[k] < EXPLAINED**2):
+        if branch[_WEIGHT] == 0.0 or not (squares[k] < EXPLAINED**2 if lost else of_branch[k] >= 0):
             continue
         margin = branch[_GAIN] - branch[_HANDICAP] - _threshold(branch, _TAKES)
         if margin > top:
@@ -380,18 +394,18 @@ def _followed(wrench, noise, settings, state, found, places, torques, count, bes
         if 0.0 < near[i] < EXPLAINED**2:
             found[i, 7] = _MAY_BE
     _assign(wrench, noise, state, settings, places, near, count, of_branch, of_candidate)
-    squares = np.empty(MOST)
+    squares = np.full(MOST, np.inf)
     _judge(wrench, noise, settings, state, found, places, near, of_branch, squares)
     if state[FOLLOW] == 0.0:
-        _born(wrench, state, found, places, near, count, of_candidate)
+        _born(wrench, state, found, places, near, count, squares, of_candidate)
         winner = _winner(state, of_branch, squares)
         if winner > 0:
             _believe(state, winner, count, of_candidate)
-            return of_branch[winner]
+            of_branch[0], squares[0] = of_branch[winner], squares[winner]
     if of_branch[0] >= 0:
         return of_branch[0]
     if state[FOLLOW] == 0.0 and not squares[0] < _ANOTHER**2:
-        _anew(wrench, state, found[best], places[best], squares[0] < _SURELY**2)
+        _anew(wrench, state, found, places, near, count, best, squares, of_candidate)
         return best
     _remembered(wrench, state, settings, found, places, torques, count, squares[0])
     return count

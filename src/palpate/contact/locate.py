@@ -375,12 +375,14 @@ class Locator:
         state = _state(last[ROW.point])
         state[TOUCHING] = state[FOLLOW] = 1.0
         noises, settings = self._noises, self._settings
+        begin = max(0, count - 1 - _END)
+        order = np.r_[count - 1 : begin : -1, begin : count - 1, count - 1 : -1 : -1]
         if covariances is not None:
-            noises, settings = covariances[:count][::-1].copy(), self._noisy
+            noises, settings = covariances[order], self._noisy
         open_end = np.count_nonzero(sure) < 0.5 * len(sure)
-        back = self.empty(count)
-        given = wrenches[:count][::-1].copy(), noises, statuses[:count][::-1].copy()
-        self._many(*given, *self._arguments, settings, state, True, back)
+        back = self.empty(len(order))
+        self._many(wrenches[order], noises, statuses[order], *self._arguments, settings, state, True, back)
+        back = back[-count:]
         before, after = (np.count_nonzero(made[:, ROW.status] == Status.IMPLAUSIBLE) for made in (rows[:count], back))
         if after > before + WORSE * count:
             return
