@@ -107,6 +107,7 @@ FAULTS: list[Fault] = [
             "square[i, k] += turn[a, i] * weights[a, b] * turn[b, k]",
             "square[i, k] += 0.0 * turn[a, i]",
         ),
+        ("few edges looked at", "rows = np.empty(_LOOKED, dtype=np.int64)", "rows = np.empty(64, dtype=np.int64)"),
     ),
     *of(
         "contact/_bounds.py",

@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 
 from palpate.contact._bounds import inverse
-from palpate.contact._edges import MOST, edges_of, near_previous, read_edge
+from palpate.contact._edges import edges_of, near_previous, read_edge
 from palpate.contact._settings import CENTRE, FRICTION, SCALE, TORSION
 from palpate.contact._slopes import sandwich, tangents
 from palpate.surfaces._bvh import KIND
@@ -28,7 +28,7 @@ _ROWS = 5  # three of an edge at most, friction, torsion
 _STEPS, _SWEEPS = 12, 60
 _SAME = 2e-3  # distances that the search cannot tell apart
 _UNBOUND = 1e3  # of the body's size: a torsion that no contact has, in the place of an infinite bound
-_SEARCHED = 32  # edges and corners, the likeliest first
+_LOOKED, _SEARCHED = 512, 128  # edges and corners: whose bounds are compared; searched, the likeliest first
 _TURNS, _SECANTS = 24, 8
 _NEAR_ENOUGH = 0.02  # of a distance: what a better normal could gain
 _SLACK = 2.0  # the gap bounds convex functions; these are nearly so
@@ -424,7 +424,7 @@ def _of_equation(wrench, unit, noise, nodes, corners, settings, state, most, pla
 
 
 def _of_mesh(wrench, unit, noise, nodes, corners, settings, state, most, place):
-    rows = np.empty(MOST, dtype=np.int64)
+    rows = np.empty(_LOOKED, dtype=np.int64)
     count = edges_of(wrench, unit, noise, nodes, corners, settings, most, VERTEX, rows)
     count = near_previous(wrench, noise, corners, settings, state, rows, count)
     work, near, spot = np.zeros((_ROWS, 6)), np.empty(6), np.empty(6)

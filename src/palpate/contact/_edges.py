@@ -31,14 +31,14 @@ from palpate.surfaces._kernels import is_mesh
 from palpate.surfaces._nearest import edges_near, nearest_to_point
 from palpate.surfaces._vectors import copy_into, cross_into, dot
 
-__all__ = ["EXPLAINED", "MOST", "at_edge", "edges_of", "exact", "near_previous", "reach", "read_edge"]
+__all__ = ["EXPLAINED", "at_edge", "edges_of", "exact", "near_previous", "reach", "read_edge"]
 
 _NORMALS = 16  # of a fan that are weighed
 _FAR = 4.0  # standard deviations from an edge beyond which it is none
 _BESIDE = 0.05  # weight of the facet or corner beside an edge: as that of an edge 2.5 standard deviations off
 _EVEN = (1.645 / 1.96) ** 2  # 95 % of an even spread lie within 1.645 rms, from its middle or end; of a normal 1.96
 _VAGUE = 10.0  # of the body's size: noise that tells no edge from another
-MOST = 64  # edges and corners looked at
+_MOST = 64  # edges looked at
 _EXACT = 1e-7  # of force and size: how far off a wrench without noise may be
 EXPLAINED = 3.0  # standard deviations within which a wrench is one that a contact within the bounds makes
 _SUMS = 20  # weight 0, w p 1-3, w n 4-6, w p p' 7-15, likelihood 16, distance 17, heaviest edge 18, its weight 19
@@ -281,7 +281,7 @@ def _of_equation(wrench, unit, noise, nodes, corners, settings, state, plausible
 
 
 def _of_mesh(wrench, unit, noise, nodes, corners, settings, state, plausible, place, t, spread):
-    rows = np.empty(MOST, dtype=np.int64)
+    rows = np.empty(_MOST, dtype=np.int64)
     count = edges_of(wrench, unit, noise, nodes, corners, settings, _FAR, SHARP, rows)
     count = near_previous(wrench, noise, corners, settings, state, rows, count)
     if count == 0:
