@@ -1,8 +1,9 @@
 """The page of `palpate live`: pictures a second that are sent, and how much of a core they take, at 1 and 7 kHz.
 
-A picture is a message of the page's socket that came by itself: viser sends what was changed at once as one. Something
-touches all the time, since a picture that is as the one before is not sent. A browser here draws in software, on the
-processors of the page and of all else that runs, as it would not on a robot's: so a client that only reads is told too.
+A picture is a message of the page's socket: the page changes all that it changes in a turn at once, which viser sends
+as one. Something touches all the time, since a picture that is as the one before is not sent. A browser here draws in
+software, on the processors of the page and of all else that runs, as it would not on a robot's; what it does not fetch
+in time is replaced by what comes after it. So a client that only reads is told too.
 """
 
 from __future__ import annotations
@@ -35,7 +36,6 @@ NAME = "live page"
 FACETS, TICK = 20_000, 0.002  # s between two blocks of samples
 PICTURES, SHARE = 30.0, 10.0  # a second; % of a core
 SETTLE, SECONDS = 5.0, 20.0  # s: once the page is seen; that are counted
-APART = 0.005  # s: messages that are closer belong to one picture
 TOUCH = 700  # samples of a touch, of which none is without one
 CAMERA = {  # what a browser says first: from then on viser counts it
     "type": "ViewerCameraMessage", "wxyz": (1.0, 0.0, 0.0, 0.0), "position": (0.0, 0.0, 3.0), "fov": 0.8, "near": 0.01,
@@ -78,7 +78,7 @@ def _watched(folder: Path, rate: int, watch: Watch, seconds: float) -> tuple[flo
             process.terminate()
             process.join()
     used, took = np.diff(spent, axis=0)[0]
-    return (np.diff(came, prepend=-np.inf) > APART).sum() / took, 100.0 * used / took
+    return len(came) / took, 100.0 * used / took
 
 
 def _browsing(address: str, seconds: float, mark: Callable[[], None]) -> list[float]:

@@ -34,7 +34,7 @@ __all__ = ["Stream", "feed_of", "show"]
 TICK = 1 / 30  # s between two pictures
 IDLE = 0.25  # s between two looks at the ring while nobody watches
 SHARE = 0.1  # of a core, at most
-SMOOTH = 0.05  # of what the last picture took goes into what one takes
+SAVED = 0.05  # s of a core that may be taken at once
 TOLD = 0.25  # s between two figures
 COUNTED = 0.5  # s between two counts of latencies
 MOST = 1 << 13  # slots that are read at once
@@ -83,22 +83,24 @@ def _wait(ring: Ring, parent: int) -> None:
 
 def _serve(page: LivePage, stream: Stream, parent: int) -> None:
     """Look at the ring, and draw what is new while somebody watches; fewer pictures rather than more of a core."""
-    told, drawn, spent, before = -np.inf, -1, 0.0, time.process_time()
-    due = time.monotonic()
+    told, drawn, saved = -np.inf, -1, SAVED
+    due = last = time.monotonic()
+    spent = time.process_time()
     while not stream.ring["stop"] and not orphaned(parent):
         begun, watched = time.monotonic(), page.watched
         stream.look(watched)
-        if watched and stream.next_one != drawn and (newest := stream.newest) is not None:
-            page.show(newest)
-            drawn = stream.next_one
-        if begun - told >= TOLD:
-            stream.gather()
-            told = begun
-            if watched:
-                page.tell(stream.window, stream.figures())
-        now = time.process_time()
-        spent, before = spent + SMOOTH * (now - before - spent), now
-        pause = max(TICK, min(spent / SHARE, IDLE)) if watched else IDLE
+        with page.at_once():
+            if watched and stream.next_one != drawn and (newest := stream.newest) is not None:
+                page.show(newest)
+                drawn = stream.next_one
+            if begun - told >= TOLD:
+                stream.gather()
+                told = begun
+                if watched:
+                    page.tell(stream.window, stream.figures())
+        saved += SHARE * (begun - last) - (time.process_time() - spent)
+        saved, last, spent = min(saved, SAVED), begun, time.process_time()
+        pause = max(TICK, min(-saved / SHARE, IDLE)) if watched else IDLE
         due = max(due + pause, begun)  # where the last picture came late, the next one makes up for it
         time.sleep(max(0.001, due - time.monotonic()))
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from html import escape
 from time import monotonic
@@ -116,6 +117,10 @@ class LivePage:
     def watched(self) -> bool:
         """Somebody looks."""
         return bool(self._server.get_clients())
+
+    def at_once(self) -> AbstractContextManager[None]:
+        """What is shown and told within reaches a browser as one message."""
+        return self._server.atomic()
 
     def show(self, found: Contacts) -> None:
         """Draw contacts, thirty times a second if that is wanted.
