@@ -55,8 +55,8 @@ FAULTS: list[Fault] = [
         ),
         (
             "a touch begins for ever",
-            "state[BRANCHES] <= EARLY * _square(wrench)",
-            "state[BRANCHES] >= 0.0",
+            "1.0 < state[SAMPLES] <= EARLY",
+            "1.0 < state[SAMPLES]",
         ),
     ),
     *of(

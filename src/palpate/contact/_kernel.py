@@ -101,12 +101,6 @@ def _choose(wrench, settings, state, found, count, places, torques):
 
 
 @inner
-def _square(wrench):
-    """Of the force; a plain sum, where parts of arrays would be counted."""
-    return wrench[0] * wrench[0] + wrench[1] * wrench[1] + wrench[2] * wrench[2]
-
-
-@inner
 def _ambiguous(found, places, count, best, t, spread, noisy, state, branches):
     """Does another candidate that may be it, and is not told apart, lie outside the 95 % ellipse of the one chosen?"""
     det = spread[0, 0] * spread[1, 1] - spread[0, 1] * spread[1, 0]
@@ -368,7 +362,7 @@ def _estimate(wrench, noise, nodes, corners, settings, state, row, work):
     several = several and _ambiguous(found, places, count, best, t, spread, noisy, state, branches)
     if moved > 1 or doubtful or several or (known and _jumped(wrench, noise, state, place, t, spread)):
         row[_STATUS] = _AMBIGUOUS
-    elif known and state[FOLLOW] == 0.0 and state[SAMPLES] > 1.0 and state[BRANCHES] <= EARLY * _square(wrench):
+    elif known and state[FOLLOW] == 0.0 and 1.0 < state[SAMPLES] <= EARLY:
         vague = spread[0, 0] + spread[1, 1] > (_VAGUE * settings[SCALE]) ** 2
         guessed = within == 0 and moved == 0 and not remembered
         if vague and (
