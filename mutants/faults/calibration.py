@@ -99,9 +99,8 @@ FAULTS: list[Fault] = [
     *of(
         "calibration/taxels/_response.py",
         SOLVED,
-        ("taxels that were silent tell nothing", "range(told, count)", "range(count, count)"),
+        ("taxels that were silent tell nothing", "shares[i] == 0.0", "shares[i] < 0.0"),
         ("every poke presses alike", "total / weight", "0.0"),
-        ("answers are not looked at further where they are a little less likely", "best - _NOTHING", "best - 1.0"),
         ("no place lies between points of the grid", "(2.0 / (side - 1)) ** 2 / 12.0", "0.0"),
     ),
     *of(
