@@ -98,9 +98,11 @@ def _serve(page: LivePage, stream: Stream, parent: int) -> None:
                 told = begun
                 if watched:
                     page.tell(stream.window, stream.figures())
-        saved += SHARE * (begun - last) - (time.process_time() - spent)
-        saved, last, spent = min(saved, SAVED), begun, time.process_time()
-        pause = max(TICK, min(-saved / SHARE, IDLE)) if watched else IDLE
+        now = time.process_time()
+        saved += SHARE * (begun - last) - (now - spent)
+        saved = min(max(saved, -SHARE * IDLE), SAVED)  # no debt of minutes, once a slow spell is over
+        last, spent = begun, now
+        pause = max(TICK, -saved / SHARE) if watched else IDLE
         due = max(due + pause, begun)  # where the last picture came late, the next one makes up for it
         time.sleep(max(0.001, due - time.monotonic()))
 
