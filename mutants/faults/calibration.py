@@ -83,6 +83,13 @@ FAULTS: list[Fault] = [
         ("doubtful pokes count in full", "pokes.weight[pokes.poke]", "np.ones(len(pokes.poke))"),
     ),
     *of(
+        "calibration/taxels/_accumulate.py",
+        "tests/calibration/test_taxel_accumulate.py",
+        ("the torque is taken for its part beside a unit force", "s * (z * m[0] - x * m[2])", "z * m[0] - x * m[2]"),
+        ("a poke without force counts", "not square > 0.0", "square < 0.0"),
+        ("a taxel's sums are set and not added to", "sums[j, c] += w * line[c]", "sums[j, c] = w * line[c]"),
+    ),
+    *of(
         "calibration/taxels/answers.py",
         FOUND,
         ("the rest of a taxel stays as it began", "1.0 - np.exp(-(time[-1] - time[0]) / DRIFT)", "0.0"),

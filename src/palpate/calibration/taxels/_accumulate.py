@@ -11,29 +11,26 @@ __all__ = ["accumulate"]
 
 
 @entry
-def accumulate(force, torque, starts, taxel, weights, matrix, vector, pressing):
-    """Adds w (I - u u') to matrix (k, 6: xx xy xz yy yz zz), w u x m / |f| to vector and w u to pressing (k, 3).
+def accumulate(force, torque, starts, taxel, weights, sums):
+    """Adds to sums (k, 12): w (I - u u') as xx xy xz yy yz zz, w u x m / |f|, and w u.
 
     u = f / |f|.
 
     Pokes (n, 3) [N], [N m] about the origin in which places are wanted; answers by `starts`, `taxel`, `weights`.
     """
-    line = np.empty(9)
+    line = np.empty(sums.shape[1])
     for i in range(len(force)):
         f, m = force[i], torque[i]
         square = f[0] * f[0] + f[1] * f[1] + f[2] * f[2]
         if not square > 0.0:
             continue
-        size = np.sqrt(square)
-        line[0], line[1], line[2] = 1.0 - f[0] * f[0] / square, -f[0] * f[1] / square, -f[0] * f[2] / square
-        line[3], line[4], line[5] = 1.0 - f[1] * f[1] / square, -f[1] * f[2] / square, 1.0 - f[2] * f[2] / square
-        line[6] = (f[1] * m[2] - f[2] * m[1]) / square
-        line[7] = (f[2] * m[0] - f[0] * m[2]) / square
-        line[8] = (f[0] * m[1] - f[1] * m[0]) / square
+        s = 1.0 / np.sqrt(square)
+        x, y, z = f[0] * s, f[1] * s, f[2] * s
+        line[0], line[1], line[2] = 1.0 - x * x, -x * y, -x * z
+        line[3], line[4], line[5] = 1.0 - y * y, -y * z, 1.0 - z * z
+        line[6], line[7], line[8] = s * (y * m[2] - z * m[1]), s * (z * m[0] - x * m[2]), s * (x * m[1] - y * m[0])
+        line[9], line[10], line[11] = x, y, z
         for a in range(starts[i], starts[i + 1]):
             j, w = taxel[a], weights[a]
-            for c in range(6):
-                matrix[j, c] += w * line[c]
-            for c in range(3):
-                vector[j, c] += w * line[6 + c]
-                pressing[j, c] += w * f[c] / size
+            for c in range(len(line)):  # not 12: a loop of known length becomes scalars, and is no vector any more
+                sums[j, c] += w * line[c]

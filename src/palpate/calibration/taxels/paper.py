@@ -60,11 +60,11 @@ def normal_equations(pokes: Pokes, *, weighted: bool = False) -> NormalEquations
         weights = weights * (pokes.response / _strongest(pokes)[pokes.poke]) ** 2
     sound = np.asarray(np.isfinite(pokes.wrench).all(axis=1), dtype=bool)
     weights = np.where(sound[pokes.poke], weights, 0.0)
-    flat, (vector, pressing) = np.zeros((pokes.taxels, 6)), np.zeros((2, pokes.taxels, 3))
-    known = np.nan_to_num(force), np.nan_to_num(torque), pokes.starts, pokes.taxel, weights
-    accumulate(*known, flat, vector, pressing)
-    matrix = flat[:, [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(-1, 3, 3)
-    return NormalEquations(matrix, vector, pressing, np.bincount(pokes.taxel, weights, pokes.taxels))
+    sums = np.zeros((pokes.taxels, 12))
+    accumulate(np.nan_to_num(force), np.nan_to_num(torque), pokes.starts, pokes.taxel, weights, sums)
+    matrix = sums[:, [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(-1, 3, 3)
+    weight = np.bincount(pokes.taxel, weights, pokes.taxels)
+    return NormalEquations(matrix, sums[:, 6:9].copy(), sums[:, 9:].copy(), weight)
 
 
 def _strongest(pokes: Pokes) -> Float[np.ndarray, " n"]:
