@@ -154,9 +154,17 @@ FAULTS: list[Fault] = [
         ("a light press says what friction is", "presses.force >= np.median(presses.force)", "presses.force > 0.0"),
         (
             "another unit's friction is forgotten",
-            "before.usual, before.grip",
-            "before.usual, 0.0",
+            "before.usual, before.grip, before.dragged",
+            "before.usual, 0.0, before.dragged",
         ),
+        (
+            "another unit's kinds are forgotten",
+            "before.usual, before.grip, before.dragged",
+            "before.usual, before.grip, np.zeros(3)",
+        ),
+        ("presses always come in two kinds", "two - one < np.log(len(share))", "two - one < -np.inf"),
+        ("shear of 0 is believed", "np.maximum(each.sum(axis=0), 1e-300)), _PLAIN)", "each.sum(axis=0)), 1e-9)"),
+        ("shares stay as they were taken for", "weights = each.mean(axis=0)", "pass"),
         (
             "the evidence does not know how far a prior reaches",
             "spread = np.sum(np.log(precision)) - 2.0 * np.sum(np.log(np.diag(factor[0])))",

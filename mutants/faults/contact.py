@@ -251,12 +251,24 @@ FAULTS: list[Fault] = [
     *of(
         "contact/ring_locator.py",
         "tests/contact/test_ring_locator.py",
+        (
+            "kinds stay where friction is stated",
+            "set_.friction is None and response.shears",
+            "response.shears",
+        ),
         ("slippery bodies are held as any", "min(1.0, shear / usual)", "1.0"),
         ("bodies are held by more than was seen", "min(1.0, shear / usual)", "shear / usual"),
     ),
     *of(
         "contact/_ring.py",
         "tests/contact/test_ring_locator.py",
+        ("a kind's own deviation is forgotten", "both = wide + 1.0 / sure", "both = 1.0 / sure"),
+        ("both kinds are as frequent", "np.log(kinds[0] if k else 1.0 - kinds[0])", "np.log(0.5)"),
+        ("what is expected of shear is counted twice", "1.0 / variance - 1.0 / usual**2", "1.0 / variance"),
+        ("kinds that differ are no doubt", "dragged * (1.0 - dragged) * (mean[1] - mean[0]) ** 2", "0.0"),
+        ("shear alone is weighed anew", "state[0, a] += gain[a] * (mean - t)", "state[0, 3] = mean"),
+        ("deviations stay as they were", "gain[a] * gain[b] * (left - variance)", "0.0"),
+        ("one of several is weighed as a single one", "kinds[0] > 0.0 and count == 1", "kinds[0] > 0.0 and count >= 1"),
         ("every ring has the first one's misfit", "misfit[ring + e, k]", "misfit[e, k]"),
         (
             "neighbours carry a contact the other way",

@@ -7,7 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from palpate.calibration.marker_ring.response import RingPresses, _deviations, _most_likely, _usual, fit_response
+from palpate.calibration.marker_ring.response import (
+    RingPresses,
+    _deviations,
+    _dragged,
+    _most_likely,
+    _usual,
+    fit_response,
+)
 from palpate.contact.ring_locator import RingLocator, turned
 from palpate.errors import InputError
 from palpate.sensors.ring_response import RingResponse, ring_basis
@@ -95,6 +102,35 @@ def test_what_is_usual_is_what_the_presses_were() -> None:
     assert _usual(made, np.array([3e-3, 1e-3]), False)[1] == 0.0
 
 
+def test_presses_of_two_kinds_are_found_as_they_were_drawn() -> None:
+    rng = np.random.default_rng(13)
+    for share, narrow, wide in ((0.1, 0.03, 0.4), (0.3, 0.05, 0.25)):
+        dragged = rng.random(2000) < share
+        found = _dragged(np.where(dragged, wide, narrow) * rng.standard_normal(2000))
+        np.testing.assert_allclose(found, [share, narrow, wide], rtol=0.12)
+
+
+def test_presses_of_one_kind_are_of_one_kind() -> None:
+    for seed in range(20):
+        assert not _dragged(0.2 * np.random.default_rng(seed).standard_normal(300)).any()
+    assert not _dragged(np.zeros(50)).any()
+
+
+def test_shear_that_is_stated_as_0_is_not_believed_to_be_0() -> None:
+    share, narrow, wide = _dragged(np.array([0.0] * 90 + [0.4, -0.4] * 5)).tolist()
+    assert share == pytest.approx(0.1, abs=0.01)  # 0 may be dragged, too
+    assert narrow == 0.02
+    assert wide == pytest.approx(0.4, rel=0.05)
+
+
+def test_a_calibration_finds_its_dragged_presses() -> None:
+    response, made = calibrated()
+    share = made.shear / made.force
+    assert response.dragged[0] == pytest.approx(np.mean(np.abs(share) > 0.1), abs=0.12)
+    assert response.dragged[1] < 0.06
+    assert response.dragged[2] == pytest.approx(response.grip, rel=0.4)
+
+
 def test_another_unit_is_touched_as_the_first() -> None:
     """Two dozen presses that are not dragged tell nothing of friction."""
     before, made = calibrated()
@@ -102,6 +138,7 @@ def test_another_unit_is_touched_as_the_first() -> None:
     after = fit_response(made.picked(some), before)
     assert after.grip == before.grip
     np.testing.assert_array_equal(after.usual, before.usual)
+    np.testing.assert_array_equal(after.dragged, before.dragged)
 
 
 def test_the_skin_turns_as_kirchhoff_says() -> None:
@@ -155,3 +192,6 @@ def test_a_response_of_another_shape_is_refused() -> None:
         replace(response, coefficients=np.zeros((3, 2, 4, 3)))
     with pytest.raises(ValueError, match="width"):
         replace(response, width=np.array([1.0, 0.0]))
+    for wrong in ([1.0, 0.1, 0.2], [-0.1, 0.1, 0.2], [0.1, 0.0, 0.2], [0.1, 0.3, 0.2], [0.1, 0.1, np.inf]):
+        with pytest.raises(ValueError, match="dragged"):
+            replace(response, dragged=np.array(wrong))

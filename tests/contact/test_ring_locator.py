@@ -130,6 +130,58 @@ def test_the_sum_of_squares_is_at_its_least(response: RingResponse) -> None:
     assert np.abs(best.x - start.ravel())[[0, 4]].max() < np.radians(0.05)
 
 
+def _mixed(response: RingResponse, frame: np.ndarray, plain: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Means and variances of angle, force and width, when the shear's posterior is summed up over a fine grid."""
+    jac = least_squares(_residuals(response, frame, plain[None], np.zeros(1)), plain, max_nfev=1).jac
+    covariance, (share, *kinds), usual = np.linalg.inv(jac.T @ jac), response.dragged.tolist(), response.usual[2]
+    t = np.linspace(-3.0, 3.0, 60001)
+
+    def normal(at: np.ndarray, deviation: float) -> np.ndarray:
+        return np.exp(-0.5 * (at / deviation) ** 2) / deviation
+
+    expected = (1.0 - share) * normal(t, kinds[0]) + share * normal(t, kinds[1])
+    log = -0.5 * (t - plain[3]) ** 2 / covariance[3, 3] + 0.5 * (t / usual) ** 2
+    density = expected * np.exp(log - log[np.abs(t) < 1.0].max())
+    density /= density.sum()
+    mean = (t * density).sum()
+    gain = covariance[:, 3] / covariance[3, 3]
+    left = ((t - mean) ** 2 * density).sum() - covariance[3, 3]
+    return plain + gain * (mean - plain[3]), np.diag(covariance) + gain**2 * left
+
+
+@pytest.mark.parametrize(("depth", "slide"), [(0.002, 0.0), (0.006, 0.0), (0.004, 0.001), (0.006, 0.002)])
+def test_a_shear_of_two_kinds_is_told_as_its_posterior_summed_up(
+    response: RingResponse, depth: float, slide: float
+) -> None:
+    """By quadrature of the mixture, not by formulas of normal distributions; light and heavy, plain and dragged."""
+    bare = replace(response, spread=np.zeros(2), dragged=np.array([0.2, 0.03, 0.35]))
+    frame = moved(barrel().press([tip(0.4, depth, slide=slide)]), np.random.default_rng(8))
+    plain = _located(replace(bare, dragged=np.zeros(3)), frame[None]).states[0, 0]
+    told = _located(bare, frame[None]).states[0, 0]
+    mean, variance = _mixed(bare, frame, plain[:4])
+    wide = plain[[4, 5]]
+    assert (np.abs(told[:2] - mean[:2]) < 0.03 * wide).all()
+    assert abs(told[3] - mean[3]) < 0.005
+    np.testing.assert_allclose(told[4:6], np.sqrt(variance[:2]), rtol=0.02)
+    assert abs(told[3] - plain[3]) > 0.004  # the kinds make a difference
+
+
+def test_kinds_are_for_single_contacts_of_the_calibration_s_friction(response: RingResponse) -> None:
+    """Not where another friction is stated, nor for several: their neighbours say what shear is to be expected."""
+    rng, one = np.random.default_rng(8), replace(response, dragged=np.zeros(3))
+    frames = [
+        moved(barrel().press([tip(at, 0.006) for at in angles]), rng) for angles in ([0.3], [0.3, 1.1], [1.0, 2.0, 4.0])
+    ]
+    for frame, friction, same in zip(
+        [frames[0], *frames], (0.1, None, None, None), (True, False, True, True), strict=True
+    ):
+        pair = [
+            RingLocator(each, MARKERS, NOISE, RingSettings(friction=friction), SKIN).run(frame[None]).states
+            for each in (response, one)
+        ]
+        assert np.array_equal(*pair) == same
+
+
 def _dents(response: RingResponse, states: np.ndarray) -> np.ndarray:
     """(2, c) along [m] and slope [m/rad] of the skin under each contact by the others' dents: the sum written out."""
     skin, orders, found = response.skin(*SKIN), response.orders, np.zeros((2, len(states)))
@@ -244,7 +296,7 @@ def test_the_carried_angle_is_the_sum_written_out(response: RingResponse) -> Non
 
 def test_a_second_ring_that_sees_the_same_halves_the_variance(response: RingResponse) -> None:
     """Of twice the displacements with twice the noise and the misfit: as much told as by the first."""
-    bare = replace(response, spread=np.zeros(2))
+    bare = replace(response, spread=np.zeros(2), dragged=np.zeros(3))
     twice = replace(
         bare,
         coefficients=np.concatenate([bare.coefficients, 2.0 * bare.coefficients], axis=1),

@@ -131,6 +131,7 @@ def _marker_ring(seed: int) -> MarkerRing:
         np.array([0.01, 5.1]),
         rng.uniform(size=3),
         0.4 / 3,
+        np.array([0.1, 0.2, 0.4]) / 3 * (seed % 2),
     )
     colour = MarkerColour("red", 1 / 3, 0.01)
     rest, area = view.from_plane(view.rest) + rng.normal(size=(count, 2)), rng.uniform(30.0, 40.0, count)

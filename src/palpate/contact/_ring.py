@@ -7,7 +7,8 @@ Minimised over the contacts c of a frame, each with (phi, F, z, t), see `sensors
 
 by Gauss-Newton steps that are shortened until they help. var_i is the pixels' noise and what the response leaves; m, Z
 and T are what the calibration showed; h is the shear that a contact's neighbours leave it with, see `_held`; 0 while
-contacts are looked for, and for a single one.
+contacts are looked for, and for a single one, whose t is then weighed anew where the presses of the calibration
+came in two kinds, see `_told`.
 """
 
 # pyright: basic
@@ -375,34 +376,82 @@ def _found(problem, used, state, count, work, settings):
 
 
 @inner
-def _deviations(state, count, work, width, spread, shift):
-    """Standard deviations of angle, force and depth of each contact, from the inverse of the normal matrix.
+def _covariance(normal, size, covariance):
+    """The inverse of a normal matrix, of which the lower half is filled; NaN where it has none."""
+    factor, column, unit = np.empty((size, size)), np.empty(size), np.zeros(size)
+    for a in range(size):
+        for b in range(size):
+            unit[b] = 1.0 if a == b else 0.0
+            for c in range(size):
+                factor[b, c] = normal[b, c] * (1.0 + 1e-12 if b == c else 1.0)
+        known = solve_positive(factor, unit, size, column)
+        for b in range(size):
+            covariance[a, b] = column[b] if known else np.nan
+
+
+@inner
+def _told(t, variance, usual, kinds):
+    """Mean and variance of a contact's shear / force, where contacts come in two kinds.
+
+    The fit took it for a number of one normal distribution; what the markers alone say is that result less the
+    distribution. Each kind makes another of it, and has a weight: the share of the kind, times how likely it makes what
+    the markers say. The moments are those of the mixture.
+
+    Args:
+        t: of the fit.
+        variance: of it.
+        usual: deviation of the one distribution.
+        kinds: `dragged` of a `RingResponse`.
+    """
+    sure = max(1.0 / variance - 1.0 / usual**2, 1e-6 / variance)  # of the markers alone
+    seen = t / (variance * sure)
+    odds, mean, spread = np.empty(2), np.empty(2), np.empty(2)
+    for k in range(2):
+        wide = kinds[1 + k] ** 2
+        both = wide + 1.0 / sure
+        odds[k] = -0.5 * (seen**2 / both + np.log(both)) + np.log(kinds[0] if k else 1.0 - kinds[0])
+        mean[k], spread[k] = seen * wide / both, wide / (sure * both)
+    dragged = 1.0 / (1.0 + np.exp(min(odds[0] - odds[1], 700.0)))
+    between = dragged * (1.0 - dragged) * (mean[1] - mean[0]) ** 2
+    at = mean[0] + dragged * (mean[1] - mean[0])
+    return at, spread[0] + dragged * (spread[1] - spread[0]) + between
+
+
+@inner
+def _weighed(state, usual, kinds, covariance):
+    """A single contact's shear as `_told`, and all else by as much as it goes with shear, in state and covariance."""
+    variance, t, gain = covariance[3, 3], state[0, 3], np.empty(4)
+    if not variance > 0.0:
+        return
+    mean, left = _told(t, variance, usual, kinds)
+    for a in range(4):
+        gain[a] = covariance[a, 3] / variance
+    for a in range(4):
+        state[0, a] += gain[a] * (mean - t)
+        for b in range(4):
+            covariance[a, b] += gain[a] * gain[b] * (left - variance)
+    state[0, 1] = max(state[0, 1], 1e-3)
+
+
+@inner
+def _deviations(state, count, covariance, width, spread, shift):
+    """Standard deviations of angle, force and depth of each contact.
 
     A neighbour's dent turns the skin, so that responses do not quite add up: it shifts a contact 30 degrees away by
     about `shift` [rad], one farther away by less.
     """
-    size = 4 * count
-    factor, column, unit = np.empty((size, size)), np.empty(size), np.zeros(size)
     for c in range(count):
-        covariance = np.zeros((4, 4))
-        for e in range(4):
-            for a in range(size):
-                unit[a] = 1.0 if a == 4 * c + e else 0.0
-                for b in range(size):
-                    factor[a, b] = work[2][a, b] * (1.0 + 1e-12 if a == b else 1.0)
-            known = solve_positive(factor, unit, size, column)
-            for k in range(4):
-                covariance[e, k] = column[4 * c + k] if known else np.nan
-        force, z = state[c, 1], state[c, 2]
+        force, z, at = state[c, 1], state[c, 2], 4 * c
         deep, more = width[0] + z * width[1], force * width[1]
         beside = spread[0] ** 2
         for d in range(count):
             gap = _apart(state[c, 0], state[d, 0])
             if d != c and gap < 0.5 * np.pi:
                 beside += (shift * min(1.0, np.pi / 6.0 / gap)) ** 2
-        state[c, 4] = np.sqrt(covariance[0, 0] + beside)
-        state[c, 5] = np.sqrt(covariance[1, 1] + (spread[1] * force) ** 2)
-        depth = deep * deep * covariance[1, 1] + 2.0 * deep * more * covariance[1, 2] + more * more * covariance[2, 2]
+        of_force, of_both, of_width = covariance[at + 1, at + 1], covariance[at + 1, at + 2], covariance[at + 2, at + 2]
+        state[c, 4] = np.sqrt(covariance[at, at] + beside)
+        state[c, 5] = np.sqrt(of_force + (spread[1] * force) ** 2)
+        depth = deep * deep * of_force + 2.0 * deep * more * of_both + more * more * of_width
         state[c, 6] = np.sqrt(max(depth, 0.0) + (spread[1] * force * deep) ** 2)
 
 
@@ -497,8 +546,8 @@ def frames(displacements, markers, model, misfit, noise, settings, learned, stat
         noise: (2 m,) [m^2] of the pixels.
         settings: (5,) on and off in deviations, least angle between contacts [rad], markers that may be left out, and
             by how much a neighbour shifts a contact [rad].
-        learned: width (2,) [m/N] and spread (2,) of a `RingResponse`, its `skin`, the outer radius [m], and its grip;
-            0: neighbours leave no shear.
+        learned: width (2,) [m/N] and spread (2,) of a `RingResponse`, its `skin`, the outer radius [m], its grip; 0:
+            neighbours leave no shear; and its kinds of contacts, see `_told`; a share of 0: one kind.
         states: (n, MOST, STATE), written, as all that follows.
         counts: (n,) of contacts; -1: fewer than half of the markers are seen.
         left: (MOST + 1, STATE) contacts of the frame before, their count in the last row's first place; changed.
@@ -509,7 +558,8 @@ def frames(displacements, markers, model, misfit, noise, settings, learned, stat
     state, used = np.zeros((MOST, STATE)), np.empty(size, dtype=np.bool_)
     _copy(left[:MOST], state)
     count, here, held = int(left[MOST, 0]), np.empty(size), np.zeros(MOST)
-    width, spread, skin, outer, grip = learned
+    covariance = np.empty((4 * MOST, 4 * MOST))
+    width, spread, skin, outer, grip, kinds = learned
     for n in range(len(displacements)):
         seen = 0
         for i in range(size):
@@ -528,7 +578,10 @@ def frames(displacements, markers, model, misfit, noise, settings, learned, stat
             for _ in range(_ROUNDS):
                 _held(state, count, skin, outer, grip, held)
                 cost[n] = _refine(problem, used, state, count, work)
-        _deviations(state, count, work, width, spread, settings[4])
+        _covariance(work[2], 4 * count, covariance)
+        if kinds[0] > 0.0 and count == 1:
+            _weighed(state, model[2][1], kinds, covariance)
+        _deviations(state, count, covariance, width, spread, settings[4])
         seen = 0
         for i in range(size):
             seen += used[i]

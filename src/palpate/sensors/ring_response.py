@@ -50,6 +50,8 @@ class RingResponse(Value):
         usual: (3,) mean and deviation of the width z, and deviation of t, of the presses that it was calibrated with:
             what a contact's are before anything is known.
         grip: t up to which it was calibrated; 0: none is known.
+        dragged: (3,) of the presses that it was calibrated with, the share that was dragged, and deviations of t of
+            those that were not, and of those that were; share 0: all are of one kind, that of `usual`.
     """
 
     coefficients: Float[np.ndarray, "b e k m"]
@@ -59,6 +61,7 @@ class RingResponse(Value):
     largest: Float[np.ndarray, "2"]
     usual: Float[np.ndarray, "3"] = field(default_factory=lambda: np.array([0.0, 2.0, 0.15]))
     grip: float = 0.0
+    dragged: Float[np.ndarray, "3"] = field(default_factory=lambda: np.zeros(3))
 
     def __post_init__(self) -> None:
         shape = self.coefficients.shape
@@ -70,8 +73,10 @@ class RingResponse(Value):
             raise ValueError("width must be positive, misfit and spread not negative")
         if not (self.usual[1:] > 0).all() or not self.grip >= 0:
             raise ValueError("deviations of usual must be positive, grip not negative")
+        if not 0 <= self.dragged[0] < 1 or (self.dragged[0] and not 0 < self.dragged[1] <= self.dragged[2] < np.inf):
+            raise ValueError("dragged must be a share below 1 and two deviations, positive and rising")
         tails = {"coefficients": shape[1:], "width": (2,), "misfit": (), "spread": (2,), "largest": (2,), "usual": (3,)}
-        for name, tail in tails.items():
+        for name, tail in (tails | {"dragged": (3,)}).items():
             object.__setattr__(self, name, frozen(getattr(self, name), tail=tail, name=name))
 
     @property

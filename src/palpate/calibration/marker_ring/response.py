@@ -18,6 +18,8 @@ ORDERS = (16, 2)  # of the angle between marker and contact, and of the contact'
 PARTS = 48  # of a turn, in which misfits are told
 _BLOCK = 256  # presses at once
 _LEAST = 8  # presses that a fit needs
+_PLAIN = 0.02  # of the force: no better does a gauge beside a ring tell shear
+_TURNS = 200  # of expectation and maximisation
 _SHEAR = 0.15  # usual shear / force where none was calibrated
 _NEW_SKIN = 1.0, 4.0, 0.03  # numbers of `_deviations` that the search for the likeliest begins with: of a new kind,
 _NEW_UNIT = 0.1, 4.0, 0.3  # and of another unit of a known kind, once its stiffness is taken off
@@ -106,15 +108,16 @@ def _fitted(presses: RingPresses, before: RingResponse | None) -> RingResponse:
         width = np.array([mean, max(float(np.sqrt(np.average((ratio - mean) ** 2, weights=weight))), 0.02 * mean)])
         start = np.zeros((3 + sheared, 2 * presses.rings, 2 * ORDERS[0] + 1, 2 * ORDERS[1] + 1))
         usual, grip = _usual(presses, width, sheared)
+        dragged = _dragged(presses.shear / presses.force) if sheared else np.zeros(3)
     else:
         start, width = _rescaled(presses, before)
-        usual, grip = before.usual, before.grip
+        usual, grip, dragged = before.usual, before.grip, before.dragged
     each = zip(presses.by_ring(), np.split(start, presses.rings, axis=1), strict=True)
     found = [_regression(seen, own, width, known=before is not None) for seen, own in each]
     coefficients = np.concatenate(found, axis=1)
     largest = np.array([presses.depth.max(), presses.force.max()])
     nothing = np.zeros((2 * presses.rings, PARTS))
-    return RingResponse(coefficients, width, nothing, np.zeros(2), largest, usual, grip)
+    return RingResponse(coefficients, width, nothing, np.zeros(2), largest, usual, grip, dragged)
 
 
 def _usual(presses: RingPresses, width: np.ndarray, sheared: bool) -> tuple[Float[np.ndarray, "3"], float]:
@@ -125,6 +128,29 @@ def _usual(presses: RingPresses, width: np.ndarray, sheared: bool) -> tuple[Floa
     share = presses.shear / presses.force
     grip = float(np.abs(share[presses.force >= np.median(presses.force)]).max())
     return np.array([z.mean(), z.std(), float(np.sqrt(np.mean(share**2)))]), grip
+
+
+def _dragged(share: Float[np.ndarray, " n"]) -> Float[np.ndarray, "3"]:
+    """`dragged` of a `RingResponse`: two normal distributions about 0, by expectation and maximisation.
+
+    Zeros where one distribution explains shear / force as well, by Schwarz's criterion [Bishop 2006, 4.4.1 and 9.2.2].
+    """
+    square, deviations = share**2, np.maximum([np.median(np.abs(share)), np.abs(share).max()], _PLAIN)
+    weights = np.array([0.5, 0.5])
+
+    def likely(weights: np.ndarray, deviations: np.ndarray) -> Float[np.ndarray, "n k"]:
+        return weights / deviations * np.exp(-0.5 * square[:, None] / deviations**2) + 1e-300
+
+    for _ in range(_TURNS):
+        each = likely(weights, deviations)
+        each /= each.sum(axis=1, keepdims=True)
+        weights = each.mean(axis=0)
+        deviations = np.maximum(np.sqrt(square @ each / np.maximum(each.sum(axis=0), 1e-300)), _PLAIN)
+    two = np.log(likely(weights, deviations).sum(axis=1)).sum()
+    one = np.log(likely(np.ones(1), np.maximum(np.sqrt(square.mean(keepdims=True)), _PLAIN))).sum()
+    if two - one < np.log(len(share)):  # two numbers more
+        return np.zeros(3)
+    return np.array([weights[1], *deviations])
 
 
 def _terms(presses: RingPresses, width: np.ndarray, terms: int) -> Float[np.ndarray, "n b"]:

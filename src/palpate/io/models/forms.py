@@ -188,6 +188,9 @@ FORMS: Mapping[type, Form] = {
             "largest": Key("m, N: up to which it was calibrated"),
             "usual": Key("before anything is known: mean and deviation of the width z, deviation of shear / force"),
             "grip": Key("shear / force up to which it was calibrated", least=0.0),
+            "dragged": Key(
+                "share of dragged presses, deviations of shear / force of plain and of dragged; 0: one kind"
+            ),
             "shape": Key("of the coefficients: v0 v1 v2 (s), terms of the angle from the contact, of the contact's"),
             "coefficients": Key("m/N, rows: v0 v1 v2 (s), each outwards, then along"),
         },
