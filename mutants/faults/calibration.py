@@ -163,7 +163,11 @@ FAULTS: list[Fault] = [
             "before.usual, before.grip, np.zeros(3)",
         ),
         ("presses always come in two kinds", "two - one < np.log(len(share))", "two - one < -np.inf"),
-        ("shear of 0 is believed", "np.maximum(each.sum(axis=0), 1e-300)), _PLAIN)", "each.sum(axis=0)), 1e-9)"),
+        (
+            "shear of 0 is believed",
+            "np.maximum(np.sqrt(square @ each / np.maximum(each.sum(axis=0), 1e-300)), _PLAIN)",
+            "np.maximum(np.sqrt(square @ each / np.maximum(each.sum(axis=0), 1e-300)), 1e-9)",
+        ),
         ("shares stay as they were taken for", "weights = each.mean(axis=0)", "pass"),
         (
             "the evidence does not know how far a prior reaches",
