@@ -1,4 +1,4 @@
-"""Where to poke next: the pokes that shrink the largest covariance of a taxel most, and how many more it takes."""
+"""Where to poke next: the pokes that shrink the largest covariances of taxels most, and how many more it takes."""
 
 from __future__ import annotations
 
@@ -26,6 +26,7 @@ TILT = radians(20.0)  # of the directions that are looked at beside the normal
 PLACED = 0.7e-3  # m: how well taxels tell where a poke was
 LOOKED = 3000  # candidates that are looked at for a poke
 MOST = 2000  # pokes of a plan
+KEEN = 8.0  # power of a taxel's variance in how much it counts beside the worst one
 
 Vectors = Float[np.ndarray, "n 3"]
 
@@ -203,7 +204,10 @@ def plan_pokes(
     pokes: int = 50,
     seed: int = 0,
 ) -> Plan:
-    """Pokes one after the other, each the one that takes most from the trace of the worst taxel's covariance.
+    """Pokes one after the other, each the one that takes most from the covariances of the taxels that are worst.
+
+    By the worst one alone a poke would be chosen as if others, nearly as bad, were not there, which many pokes improve,
+    too. So each taxel above `wanted` counts, by the power `KEEN` of its variance over the largest.
 
     Args:
         units: where taxels are.
@@ -214,8 +218,10 @@ def plan_pokes(
         seed: where there are many candidates, of those that are looked at for each poke.
     """
     taxels, size = units.taxels, units.freedom
-    columns = units.layout.module[taxels][:, None] * size + np.arange(size)
+    unit = units.layout.module[taxels]
+    columns = unit[:, None] * size + np.arange(size)
     by = units.jacobian()[taxels]
+    square = np.swapaxes(by, 1, 2) @ by
     rng = np.random.default_rng(seed)
     known: Float[np.ndarray, "p p"] = covariance.copy()
     chosen, worst = list[int](), [0.0]
@@ -228,14 +234,17 @@ def plan_pokes(
             break
         few = np.arange(len(options.taxel))
         if len(few) > LOOKED:
-            own = units.layout.module[options.taxel] == units.layout.module[taxels[j]]
+            own = units.layout.module[options.taxel] == unit[j]
             few = np.unique(np.concatenate([few[own], rng.choice(few, LOOKED, replace=False)]))
         rows = options.rows[few]
         spread: Float[np.ndarray, "c 3 p"] = rows @ known  # (c, 3, p)
         seen: Float[np.ndarray, "c 3 3"] = spread @ np.swapaxes(rows, 1, 2) + np.eye(3)
-        mine = np.einsum("if,caf->cai", by[j], spread[:, :, columns[j]])
+        counts = (traces / traces[j]) ** KEEN * (traces > wanted**2)
+        pull = np.zeros((len(units), size, size))
+        np.add.at(pull, unit, counts[:, None, None] * square)
+        own = spread[:, :, : len(units) * size].reshape(len(few), 3, len(units), size)
         inverse = np.linalg.inv(seen)
-        gain = np.einsum("cai,cab,cbi->c", mine, inverse, mine)
+        gain = np.einsum("cab,cauf,cbuf->c", inverse, own, (own[..., None, :] @ pull)[..., 0, :], optimize=True)
         best = int(np.argmax(gain))
         known = known - spread[best].T @ (inverse[best] @ spread[best])
         known = 0.5 * (known + known.T)

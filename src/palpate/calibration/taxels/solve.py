@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from palpate.calibration.taxels.nuisances import Nuisances, predicted
 from palpate.calibration.taxels.priors import Priors
@@ -85,11 +85,11 @@ def solve(
     chart = None if units.alone else charted(pokes, units)
     response = None if chart is None else learned(chart)
     seen = centred(pokes, units) if chart is None or response is None else seen_among(chart, response)
-    twist, size, by_place = _twist(pokes), len(units) * units.freedom, units.jacobian()
+    size, by_place = len(units) * units.freedom, units.jacobian()
     for turn in range(_STEPS):
         if turn % _FRESH == 0:
             by_place = units.jacobian()
-        linear = _linear(pokes, units, by_place, seen, nuisances, twist)
+        linear = _linear(pokes, units, by_place, seen, nuisances)
         weight, noise, _ = _weights(pokes, seen, linear)
         step = before.step(*_all(linear, weight / noise**2, units, pokes, priors), units, nuisances)
         by = step[:size].reshape(len(units), -1)
@@ -97,7 +97,7 @@ def solve(
         units, nuisances = units.moved(share * by), nuisances.moved(share * step[size:])
         if share == 1.0 and np.abs(by[:, :2]).max(initial=0.0) < _STILL:
             break
-    linear = _linear(pokes, units, units.jacobian(), seen, nuisances, twist)
+    linear = _linear(pokes, units, units.jacobian(), seen, nuisances)
     weight, noise, worth = _weights(pokes, seen, linear)
     told = worth * weight / noise**2
     covariance = before.covariance(_all(linear, told, units, pokes, priors)[0])
@@ -204,7 +204,6 @@ def _linear(
     by_place: Float[np.ndarray, "k 3 f"],
     seen: Seen,
     nuisances: Nuisances,
-    twist: float,
 ) -> _Linear:
     """Residuals, and their derivatives where the force most likely was, and the contact is expected.
 
@@ -221,6 +220,7 @@ def _linear(
     beside = said.by_point @ axes
     force = pokes.wrench[:, :3]
     spread = read @ pokes.noise @ np.swapaxes(read, 1, 2) + beside @ seen.covariance @ np.swapaxes(beside, 1, 2)
+    twist = _twist(force, residual, spread, seen.found & (pokes.weight > 0))
     spread = spread + twist**2 * np.einsum("ni,nj->nij", force, force)
     sound = np.asarray(np.isfinite(residual).all(axis=1), dtype=bool)
     spread = np.where(sound[:, None, None], spread, np.eye(3))
@@ -356,22 +356,21 @@ def _shared(
     return denser**2 * covariance @ told @ covariance
 
 
-def _twist(pokes: Pokes) -> float:
-    """[m] Torque along the force over the force, beyond what noise makes: friction under a tip that turns.
+def _twist(
+    force: Float[np.ndarray, "n 3"],
+    residual: Float[np.ndarray, "n 3"],
+    spread: Float[np.ndarray, "n 3 3"],
+    used: Bool[np.ndarray, " n"],
+) -> float:
+    """[m] Residual torque along the force over the force, beyond what noise makes: friction under a tip that turns.
 
-    F . M is the same whatever the frame, and 0 for a pure force [taxel poking, (3)].
+    F . M is the same whatever the frame, and 0 for a pure force [taxel poking, (3)]: once bias and cross-talk are
+    known. As they are measured they vary with the direction of the force, by millimetres that are no friction.
     """
-    force, torque = pokes.wrench[:, :3], pokes.wrench[:, 3:]
-    size = np.linalg.norm(force, axis=1)
-    sound = (size > 0) & np.isfinite(pokes.wrench).all(axis=1) & (pokes.weight > 0)
-    if not sound.any():
+    rows = used & np.isfinite(residual).all(axis=1) & (force != 0).any(axis=1)
+    if not rows.any():
         return 0.0
-    force, torque, size = force[sound], torque[sound], size[sound]
-    pitch = np.einsum("ni,ni->n", force, torque) / size**2
-    for number in range(pokes.configurations):  # bias and cross-talk are alike within a configuration
-        rows = pokes.configuration[sound] == number
-        pitch[rows] -= np.median(pitch[rows]) if rows.any() else 0.0
-    swapped = np.concatenate([torque, force], axis=1)
-    noise = np.einsum("ni,ij,nj->n", swapped, pokes.noise, swapped) / size**4
-    spread = 1.4826 * np.median(np.abs(pitch))
-    return float(np.sqrt(max(spread**2 - np.median(noise), 0.0)))
+    along = force[rows] / (force[rows] ** 2).sum(axis=1, keepdims=True)
+    found = 1.4826 * np.median(np.abs(np.einsum("ni,ni->n", along, residual[rows])))
+    noise = np.median(np.einsum("ni,nij,nj->n", along, spread[rows], along))
+    return float(np.sqrt(max(found**2 - noise, 0.0)))
