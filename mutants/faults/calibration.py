@@ -106,8 +106,9 @@ FAULTS: list[Fault] = [
     *of(
         "calibration/taxels/_response.py",
         SOLVED,
-        ("taxels that were silent tell nothing", "shares[i] == 0.0", "shares[i] < 0.0"),
+        ("taxels that were silent tell nothing", "range(told, count)", "range(count, count)"),
         ("every poke presses alike", "total / weight", "0.0"),
+        ("answers are not looked at further where they are a little less likely", "best - _NOTHING", "best - 1.0"),
         ("no place lies between points of the grid", "(2.0 / (side - 1)) ** 2 / 12.0", "0.0"),
     ),
     *of(
@@ -122,6 +123,22 @@ FAULTS: list[Fault] = [
             "contacts about a taxel err by as much wherever they are",
             "root @ linear.by_point[rows] @ axes @ seen.covariance[rows]",
             "1e-6 * root @ linear.by_point[rows] @ axes",
+        ),
+        (
+            "derivatives hold what a contact is off by",
+            "pokes.wrench - noise), points, nuisances)",
+            "pokes.wrench - noise), points + (axes @ seen.covariance @ np.swapaxes(beside, 1, 2) @ told)[..., 0], nuisances)",
+        ),
+        ("bias and cross-talk pass for friction", "_twist(force, residual,", "_twist(force, pokes.wrench[:, 3:],"),
+        ("weights that fall waste nothing", "mean - 2.0 * varied / (TAIL + 3.0)", "mean"),
+    ),
+    *of(
+        "calibration/taxels/plan.py",
+        POKED,
+        (
+            "a plan looks at good taxels as at bad ones",
+            "(traces / traces[j]) ** KEEN * (traces > wanted**2)",
+            "1.0 + 0.0 * traces",
         ),
     ),
     *of(

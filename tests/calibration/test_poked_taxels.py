@@ -180,6 +180,80 @@ def test_the_covariance_holds_pokes_that_get_denser_to_one_side(monkeypatch: pyt
     np.testing.assert_allclose(held / np.outer(scale, scale), moved / np.outer(scale, scale), atol=0.2)
 
 
+def test_derivatives_do_not_hold_what_a_contact_is_off_by(skin: Forearm, link: Mesh) -> None:
+    """They are the same whatever the torque reads, if only torques are noisy: what is off is a contact or a torque."""
+    rng = RNG(21)
+    session = PokeBench.drawn(rng, skin=skin, errors=MIX, tip=HAND).session(rng, 60)
+    units, none = fitted(skin.layout, skin.places.positions, link), Nuisances.none(7)
+    seen = seen_among(charted(session.pokes, units), learned(charted(session.pokes, units)))
+    pokes = replace(session.pokes, noise=np.diag([0.0, 0.0, 0.0, 2e-4, 2e-4, 2e-4]))
+    other = replace(pokes, wrench=pokes.wrench + 0.02 * rng.normal(size=(60, 6)) * [0, 0, 0, 1, 1, 1])
+    first, second = (solving._linear(each, units, units.jacobian(), seen, none) for each in (pokes, other))
+    assert np.abs(first.residual - second.residual).max() > 0.01
+    for name in ("by_unit", "by_point"):
+        np.testing.assert_allclose(getattr(first, name), getattr(second, name), atol=1e-12)
+
+
+def test_torque_along_the_force_is_friction_once_bias_and_cross_talk_are_known(
+    skin: Forearm, link: Mesh, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rng = RNG(22)
+    bench = PokeBench.drawn(rng, skin=skin, errors=MIX, tip=HAND)
+    session = bench.session(rng, 400)
+    friction = np.einsum("ni,ni->n", session.touches.force, session.touches.torque) / session.force**2
+    units, none = fitted(skin.layout, skin.places.positions, link), Nuisances.none(7)
+    true = replace(none, frames=bench.frames, bias=bench.bias, cross_talk=bench.cross_talk)
+    seen = seen_among(charted(session.pokes, units), learned(charted(session.pokes, units)))
+    told, plain = list[float](), solving._twist
+    monkeypatch.setattr(solving, "_twist", lambda *given: told.append(plain(*given)) or told[-1])
+    for known in (none, true):
+        solving._linear(session.pokes, units, units.jacobian(), seen, known)
+    noise = 0.1 * 0.015 / float(np.median(session.force))  # a tenth of what torques scatter: what 400 pokes tell
+    assert told[0] > 2.5e-3
+    assert told[1] < np.hypot(friction.std(), np.sqrt(10.0) * noise) < 0.7e-3
+
+
+@pytest.mark.parametrize("tail", [np.inf, 5.0])
+def test_weights_that_fall_are_worth_what_their_estimates_scatter(tail: float) -> None:
+    """The mean of 50 vectors by such weights, 4,000 times: its variance is that of its information."""
+    draws, count = 4000, 50
+    rng = RNG(23)
+    wide = 1.0 if np.isinf(tail) else np.sqrt(tail / rng.chisquare(tail, (draws, count, 1)))
+    residual = rng.normal(size=(draws, count, 3)) * wide
+    middle, weight = np.zeros((draws, 1, 3)), np.ones((draws, count, 1))
+    for _ in range(30):
+        weight = (solving.TAIL + 3.0) / (solving.TAIL + ((residual - middle) ** 2).sum(axis=2, keepdims=True))
+        middle = (weight * residual).sum(axis=1, keepdims=True) / weight.sum(axis=1, keepdims=True)
+    flat = residual.reshape(-1, 3)
+    square = np.einsum("ni,ni->n", flat, flat)
+    worth = solving._worth(square, np.ones(len(flat)))
+    mean = ((solving.TAIL + 3.0) / (solving.TAIL + square)).mean()
+    assert 1.0 / (count * worth * mean) == pytest.approx(middle.var(), rel=0.06)
+
+
+def test_a_plan_looks_at_taxels_that_are_nearly_the_worst(skin: Forearm, link: Mesh) -> None:
+    """So it needs no more pokes than one that looks at the worst alone."""
+    units = single(skin.places.positions[:24], link)
+    arm = PokeBench.drawn(RNG(0), skin=skin).arm
+    options, priors = candidates(units, arm.pose(*arm.joints[:2].T), MIX.noise), priors_of(MIX)
+    before = known_after(units, options, np.zeros(len(options.taxel)), priors, 2, units.each(3e-3, 0.09))
+    wanted, alone = 2.3e-3, before.copy()
+    taxel = np.arange(2 * 24).reshape(24, 2)
+    by, greedy = units.jacobian(), 0
+    while True:
+        traces = np.einsum("kif,kfg,kig->k", by, alone[taxel[:, :, None], taxel[:, None]], by)
+        worst = int(traces.argmax())
+        if traces[worst] <= wanted**2:
+            break
+        spread = options.rows @ alone
+        inverse = np.linalg.inv(spread @ np.swapaxes(options.rows, 1, 2) + np.eye(3))
+        best = int(np.einsum("caf,cab,cbf->c", spread[..., taxel[worst]], inverse, spread[..., taxel[worst]]).argmax())
+        alone, greedy = alone - spread[best].T @ inverse[best] @ spread[best], greedy + 1
+    plan = plan_pokes(units, before, options, wanted=wanted, pokes=200)
+    assert plan.reached
+    assert 24 < plan.needed <= greedy
+
+
 def test_the_response_model_says_where_pokes_were_and_how_well(skin: Forearm, link: Mesh) -> None:
     rng = RNG(9)
     bench = PokeBench.drawn(rng, skin=skin, errors=QUIET, tip=HAND)

@@ -45,14 +45,18 @@ def _likelihood(chart: Chart, grid: np.ndarray) -> np.ndarray:
     return weight / weight.sum(axis=1, keepdims=True)
 
 
+def _square(points: int) -> np.ndarray:
+    """(points^2, 2) of a grid from -1 to 1."""
+    side = np.linspace(-1.0, 1.0, points)
+    return np.stack(np.meshgrid(side, side, indexing="ij"), axis=-1).reshape(-1, 2)
+
+
 def test_the_kernel_finds_pokes_where_numpy_does() -> None:
     chart = _chart(200, RNG(1))
-    side = np.linspace(-1.0, 1.0, GRID)
-    square = np.stack(np.meshgrid(side, side, indexing="ij"), axis=-1).reshape(-1, 2)
     mean, half = np.zeros((200, 2)), np.full((200, 2), WIDE * SPACING)
     covariance = np.zeros((200, 2, 2))
     for _ in range(2):
-        grid = mean[:, None] + half[:, None] * square
+        grid = mean[:, None] + half[:, None] * _square(GRID)
         weight = _likelihood(chart, grid)
         mean = np.einsum("ng,nga->na", weight, grid)
         away, cell = grid - mean[:, None], 2.0 * half / (GRID - 1)
@@ -63,6 +67,29 @@ def test_the_kernel_finds_pokes_where_numpy_does() -> None:
     np.testing.assert_allclose(seen.covariance, covariance, rtol=1e-9, atol=1e-18)
     points = np.einsum("nw,nwa->na", seen.shares, chart.flat) + seen.beside
     np.testing.assert_allclose(points[chart.found], mean[chart.found], atol=1e-12)
+
+
+def test_a_poke_beside_two_taxels_may_be_on_either_side_of_them() -> None:
+    """Both peaks, each narrow, are in mean and covariance, wherever they lie between points of a grid."""
+    count, rng = 40, RNG(2)
+    flat = np.zeros((count, 3, 2))
+    flat[:, 1, 0], flat[:, 2, 1] = SPACING, -1.6 * SPACING
+    beside = np.stack([rng.uniform(0.3, 0.5, count), rng.uniform(0.5, 0.75, count)], axis=1) * SPACING
+    log = MODEL.log(((flat - beside[:, None]) ** 2).sum(axis=2))
+    log[:, 2] = np.nan
+    taxels = np.tile([7, 8, 9], (count, 1))
+    quiet = MODEL.log(np.full(count, SPACING**2)) - 0.5
+    chart = Chart(taxels, flat, taxels[:, 0], log, quiet, np.ones(count, dtype=bool), SPACING)
+    grid = WIDE * SPACING * np.tile(_square(161), (count, 1, 1))
+    weight = _likelihood(chart, grid)
+    mean = np.einsum("ng,nga->na", weight, grid)
+    away = grid - mean[:, None]
+    deviation = np.sqrt(np.einsum("ng,nga,nga->na", weight, away, away))
+    seen = seen_among(chart, MODEL)
+    found = np.einsum("nw,nwa->na", seen.shares, chart.flat) + seen.beside
+    assert deviation[:, 1].min() > 2e-3
+    np.testing.assert_allclose(found, mean, atol=0.3e-3)
+    np.testing.assert_allclose(np.sqrt(np.einsum("naa->na", seen.covariance))[:, 1], deviation[:, 1], rtol=0.1)
 
 
 def test_units_are_eliminated_one_by_one() -> None:

@@ -12,6 +12,7 @@ from palpate.surfaces._jit import entry, inner
 __all__ = ["posterior"]
 
 _FAR = 30.0  # deviations beyond which nothing becomes less likely
+_NOTHING = 40.0  # below the largest logarithm: e^-40 of it
 _SURE = 8.5  # deviations beyond which the logarithm of the normal distribution is 0 to the last bit
 
 
@@ -22,24 +23,27 @@ def _log_below(x):
 
 
 @inner
-def _fit(x, y, count, at, answers, shares, weight, quiet, model, silent):
-    """Logarithm of how likely the answers are, were the poke at x, y; its level fits best, as far as it may."""
+def _fit(x, y, told, count, at, answers, shares, weight, quiet, model, least):
+    """Logarithm of how likely the answers are, were the poke at x, y; its level fits best, as far as it may.
+
+    The first `told` of `count` taxels answered. What lies below `least` by them alone is not looked at further: silent
+    ones only make it less likely.
+    """
     level, reach, power, spread = model
     total, squares = 0.0, 0.0
-    for i in range(count):
+    for i in range(told):
         square = (at[i, 0] - x) ** 2 + (at[i, 1] - y) ** 2
-        told = level - power * log1p(square / (2.0 * power * reach * reach))
-        gap = answers[i] - told
-        if shares[i] > 0.0:
-            total += shares[i] * gap
-            squares += shares[i] * gap * gap
-        else:
-            silent[i] = told
+        gap = answers[i] - level + power * log1p(square / (2.0 * power * reach * reach))
+        total += shares[i] * gap
+        squares += shares[i] * gap * gap
     shift = total / weight
     found = -0.5 * (squares - total * shift)
-    for i in range(count):
-        if shares[i] == 0.0:
-            found += _log_below((quiet - silent[i] - shift) / spread)
+    for i in range(told, count):
+        if found < least:
+            break
+        square = (at[i, 0] - x) ** 2 + (at[i, 1] - y) ** 2
+        there = level - power * log1p(square / (2.0 * power * reach * reach))
+        found += _log_below((quiet - there - shift) / spread)
     return found
 
 
@@ -47,7 +51,8 @@ def _fit(x, y, count, at, answers, shares, weight, quiet, model, silent):
 def posterior(taxels, flat, logs, quiet, model, search, mean, covariance):
     """Mean (n, 2) and covariance (n, 2, 2) of each poke's place, all places alike before.
 
-    On a grid about the strongest answer, and again on one about what is left of it.
+    On a grid about the strongest answer, and again on one about what is left of it. Grids are fine enough for narrow
+    peaks: two taxels that answer alone leave one on either side of them, which a coarse grid weighs by chance.
 
     taxels, flat, logs, quiet: of `response.Chart`.
     model: level, reach, power, scatter, rough and uneven of `response`.
@@ -57,20 +62,21 @@ def posterior(taxels, flat, logs, quiet, model, search, mean, covariance):
     scatter, rough, uneven = model[3:]
     shape = model[0], model[1], model[2], hypot(scatter, rough)
     wide = taxels.shape[1]
-    at, answers, shares, silent = np.empty((wide, 2)), np.empty(wide), np.empty(wide), np.empty(wide)
+    at, answers, shares = np.empty((wide, 2)), np.empty(wide), np.empty(wide)
     fits, half, middle = np.empty((side, side)), np.empty(2), np.empty(2)
     for n in range(len(taxels)):
-        count, weight = 0, 1.0 / (uneven * uneven)
-        for i in range(wide):
-            if taxels[n, i] < 0:
-                continue
-            at[count, 0], at[count, 1] = flat[n, i, 0], flat[n, i, 1]
-            answers[count], shares[count] = 0.0, 0.0
-            if np.isfinite(logs[n, i]):
-                over = rough * exp(quiet[n] - logs[n, i])
-                answers[count], shares[count] = logs[n, i], 1.0 / (scatter * scatter + over * over)
-                weight += shares[count]
-            count += 1
+        count, told, weight = 0, 0, 1.0 / (uneven * uneven)
+        for silent in (False, True):
+            for i in range(wide):
+                if taxels[n, i] < 0 or np.isfinite(logs[n, i]) == silent:
+                    continue
+                at[count, 0], at[count, 1] = flat[n, i, 0], flat[n, i, 1]
+                if not silent:
+                    over = rough * exp(quiet[n] - logs[n, i])
+                    answers[count], shares[count] = logs[n, i], 1.0 / (scatter * scatter + over * over)
+                    weight += shares[count]
+                    told += 1
+                count += 1
         half[:] = first
         middle[:] = mean[n]
         for _ in range(2):
@@ -79,7 +85,7 @@ def posterior(taxels, flat, logs, quiet, model, search, mean, covariance):
                 x = middle[0] + half[0] * (2.0 * a / (side - 1) - 1.0)
                 for b in range(side):
                     y = middle[1] + half[1] * (2.0 * b / (side - 1) - 1.0)
-                    fits[a, b] = _fit(x, y, count, at, answers, shares, weight, quiet[n], shape, silent)
+                    fits[a, b] = _fit(x, y, told, count, at, answers, shares, weight, quiet[n], shape, best - _NOTHING)
                     best = max(best, fits[a, b])
             total, u, v, uu, vv, uv = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0  # about the middle, in halves
             for a in range(side):

@@ -24,13 +24,13 @@ __all__ = ["Chart", "Response", "Seen", "centred", "charted", "learned", "seen_a
 
 NEAR = 14  # taxels about the strongest one that are looked at
 WIDE = 1.6  # half the width of what is searched for the poke, in spacings
-GRID = 9  # points along each side of it, and then of what is left of it
+GRID = 17  # points along each side of it, and then of what is left of it: two peaks lie 2 mm apart
 LEFT = 2.5  # deviations about the mean that are searched again
 UNEVEN = 0.25  # deviation of the log of a poke's level: force and tool are not always alike
 ROUGH = 0.3  # deviation of the log of a response that is as large as the threshold, from rounding and noise
 CENTRED = 2e-3  # m: how far a poke is from the centroid of its answers
 QUIET = 0.05  # share of an answering taxel's say in where the poke was, for one that was silent
-_ENOUGH, _MANY = 30, 2000  # pokes of which the model is learned, at least and about
+_ENOUGH, _MANY = 30, 1000  # pokes of which the model is learned, at least and about
 _ROUNDS = 4
 _LEAST = 0.05  # of the scatter
 

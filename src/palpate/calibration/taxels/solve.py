@@ -107,25 +107,27 @@ def solve(
 
 
 def _weights(pokes: Pokes, seen: Seen, linear: _Linear) -> tuple[Float[np.ndarray, " n"], float, float]:
-    """How far each poke counts, 0: not at all; how many times larger residuals are than their covariance; their worth.
-
-    That is what J' W J, of pokes that count less where they fit badly, must be multiplied by to be their information.
-    With d the squared residual of p = 3 numbers and w = (T + p) / (T + d) the equations' slope is a = E[w] - 2 b /
-    (T + p) and their variance b = E[w^2 d] / p, in units of J' S^-1 J: an information of a^2 / b (Huber, Robust
-    Statistics, 6.3), where J' W J has E[w]. With normal residuals that is 1 / 1.16: weights that heed no more than an
-    outlier's size waste some of what the others say.
-    """
+    """How far each poke counts, 0: not at all; how many times larger residuals are than their covariance; `_worth`."""
     distance = _square(linear.residual, linear.spread)
     used = seen.found & (pokes.weight > 0) & np.isfinite(distance)
     if not used.any():
         return np.zeros(len(pokes)), 1.0, 1.0
     noise = max(1.0, float(np.sqrt(np.median(distance[used]) / _WELL)))
     square = np.nan_to_num(distance) / noise**2
+    weight = np.where(used, pokes.weight * (TAIL + 3.0) / (TAIL + square), 0.0)
+    return weight, noise, _worth(square[used], pokes.weight[used])
+
+
+def _worth(square: Float[np.ndarray, " r"], believed: Float[np.ndarray, " r"]) -> float:
+    """What J' W J must be multiplied by to be the information of pokes that count less where they fit badly.
+
+    With d the squared residual of p = 3 numbers and w = (T + p) / (T + d), the equations have the variance b =
+    E[w^2 d] / p and the slope a = E[w] - 2 b / (T + p), in units of J' S^-1 J: an information of a^2 / b (Huber and
+    Ronchetti, Robust Statistics, 2009, 6.3), where J' W J has E[w]. With normal residuals this is 1 / 1.16.
+    """
     share = (TAIL + 3.0) / (TAIL + square)
-    mean, varied = (float(np.average(each[used], weights=pokes.weight[used])) for each in (share, share**2 * square))
-    varied /= 3.0
-    worth = min((mean - 2.0 * varied / (TAIL + 3.0)) ** 2 / (varied * mean), 1.0) if varied > 0 else 1.0
-    return np.where(used, pokes.weight * share, 0.0), noise, worth
+    mean, varied = (float(np.average(each, weights=believed)) for each in (share, share**2 * square / 3.0))
+    return min((mean - 2.0 * varied / (TAIL + 3.0)) ** 2 / (varied * mean), 1.0) if varied > 0 else 1.0
 
 
 class Before:
