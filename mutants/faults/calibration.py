@@ -126,10 +126,14 @@ FAULTS: list[Fault] = [
         ),
         (
             "derivatives hold what a contact is off by",
-            "pokes.wrench - noise), points, nuisances)",
-            "pokes.wrench - noise), points + (axes @ seen.covariance @ np.swapaxes(beside, 1, 2) @ told)[..., 0], nuisances)",
+            "predicted(replace(pokes, wrench=pokes.wrench - noise), points, nuisances)",
+            "predicted(replace(pokes, wrench=pokes.wrench - noise), points + 1e-3 * told[..., 0], nuisances)",
         ),
-        ("bias and cross-talk pass for friction", "_twist(force, residual,", "_twist(force, pokes.wrench[:, 3:],"),
+        (
+            "bias and cross-talk pass for friction",
+            "_twist(force, residual, spread, seen.found & (pokes.weight > 0))",
+            "_twist(force, pokes.wrench[:, 3:], spread, seen.found & (pokes.weight > 0))",
+        ),
         ("weights that fall waste nothing", "mean - 2.0 * varied / (TAIL + 3.0)", "mean"),
     ),
     *of(
