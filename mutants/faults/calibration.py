@@ -140,9 +140,9 @@ FAULTS: list[Fault] = [
         "calibration/taxels/plan.py",
         POKED,
         (
-            "a plan looks at good taxels as at bad ones",
-            "(traces / traces[j]) ** KEEN * (traces > wanted**2)",
-            "1.0 + 0.0 * traces",
+            "a plan looks at the taxels that are known best",
+            "(traces / traces[j]) ** KEEN",
+            "(traces / traces[j]) ** -KEEN",
         ),
     ),
     *of(
