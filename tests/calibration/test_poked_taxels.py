@@ -159,7 +159,7 @@ def test_the_covariance_holds_pokes_that_get_denser_to_one_side(monkeypatch: pyt
     """What it has for them is what the answer moves by, taxel by taxel, were all contacts about it off by S g."""
     skin, rng = Forearm.of(1), RNG(17)
     link = Mesh.from_arrays(*skin.cone.mesh())
-    pokes = PokeBench.drawn(rng, skin=skin, errors=QUIET, tip=HAND).session(rng, 120).pokes
+    pokes = PokeBench.drawn(rng, skin=skin, errors=QUIET, tip=HAND).session(rng, 240).pokes
     units, priors = fitted(skin.layout, skin.places.positions, link), priors_of(QUIET)
     response, denser = learned(charted(pokes, units)), 0.02  # so small that all is linear
     monkeypatch.setattr(solving, "learned", lambda _: response)
@@ -268,6 +268,20 @@ def test_the_response_model_says_where_pokes_were_and_how_well(skin: Forearm, li
     told = np.einsum("na,na->n", away, np.linalg.solve(seen.covariance[seen.found], away[..., None])[..., 0])
     assert 0.25 < np.median(told) / 1.386 < 1.6  # of chi-square with two degrees of freedom; the model errs on the wide
     assert np.abs(np.median(away, axis=0)).max() < 0.1e-3
+
+
+def test_pokes_with_three_answers_each_say_nothing_of_scatter(skin: Forearm, link: Mesh) -> None:
+    """A level and a place take all three: what was left looked like any scatter, which grew, and spoilt the reach."""
+    rng = RNG(9)
+    bench = PokeBench.drawn(rng, skin=skin, errors=QUIET)
+    pokes = bench.session(rng, 300).pokes
+    chart = charted(pokes, fitted(skin.layout, skin.places.positions, link))
+    order = np.argsort(-np.nan_to_num(chart.log, nan=-np.inf), axis=1)
+    third = np.take_along_axis(chart.log, order[:, 2:3], axis=1)
+    few = replace(chart, log=np.where(chart.log < third, np.nan, chart.log))  # the strongest three of each
+    response = learned(few)
+    assert abs(response.reach - bench.layer.depth / np.sqrt(5.0)) < 0.6e-3
+    assert response.scatter == 0.2
 
 
 def test_a_poke_between_taxels_lies_on_the_link_and_not_on_their_chord(skin: Forearm, link: Mesh) -> None:

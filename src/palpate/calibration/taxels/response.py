@@ -176,9 +176,12 @@ def learned(chart: Chart, response: Response | None = None) -> Response:
         reach, power = np.exp(found.x)
         shape = Response(0.0, float(reach), float(power))
         level = float(np.median(chart.log[rows] - shape.log(square[rows])))
-        free = max(int(rows.sum()) - 3 * len(chart.log), 1)  # level and place of each poke are taken from its answers
-        spread = 1.4826 * float(np.median(np.abs(gaps(found.x)))) * np.sqrt(rows.sum() / free)
-        known = Response(level, float(reach), float(power), float(np.clip(spread, _LEAST, 1.0)))
+        free = int(rows.sum()) - 3 * len(chart.log)  # level and place of each poke are taken from its answers
+        scatter = known.scatter  # as was thought, while hardly an answer is left to tell it: then it grew without end
+        if free >= _ENOUGH:
+            spread = 1.4826 * float(np.median(np.abs(gaps(found.x)))) * np.sqrt(rows.sum() / free)
+            scatter = float(np.clip(spread, _LEAST, 1.0))
+        known = Response(level, float(reach), float(power), scatter)
     return known
 
 
