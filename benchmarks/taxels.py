@@ -122,7 +122,7 @@ def large_log(folder: Path, modules: int, pokes: int) -> tuple[TaxelPlaces, str]
 
 
 def _sums(small: bool) -> Row:
-    """Both in turns; of the rounds the median. NumPy takes 14 to 34 ms from process to process, ours about the same."""
+    """Both in turns; of the rounds the median. NumPy takes 14 ms in one process and up to 34 in another."""
     pokes, taxels = (2_000 if small else 100_000), 4_000
     given = drawn(pokes, taxels, np.random.default_rng(0))
     took: dict[str, list[float]] = {"compiled": [], "bincount": []}

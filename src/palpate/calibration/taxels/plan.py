@@ -26,7 +26,7 @@ TILT = radians(20.0)  # of the directions that are looked at beside the normal
 PLACED = 0.7e-3  # m: how well taxels tell where a poke was
 LOOKED = 3000  # candidates that are looked at for a poke
 MOST = 2000  # pokes of a plan
-KEEN = 8.0  # power of a taxel's variance in how much it counts beside the worst one
+KEEN = 8.0  # power of a taxel's variance in how much it counts beside the worst one; 3 to 200 serve as well
 
 Vectors = Float[np.ndarray, "n 3"]
 

@@ -90,7 +90,7 @@ def solve(
         if turn % _FRESH == 0:
             by_place = units.jacobian()
         linear = _linear(pokes, units, by_place, seen, nuisances)
-        weight, noise, _ = _weights(pokes, seen, linear)
+        weight, noise = _weights(pokes, seen, linear)
         step = before.step(*_all(linear, weight / noise**2, units, pokes, priors), units, nuisances)
         by = step[:size].reshape(len(units), -1)
         share = 1.0 / max(float(np.abs(by / units.each(*_LONGEST)).max(initial=1.0)), 1.0)
@@ -98,35 +98,39 @@ def solve(
         if share == 1.0 and np.abs(by[:, :2]).max(initial=0.0) < _STILL:
             break
     linear = _linear(pokes, units, units.jacobian(), seen, nuisances)
-    weight, noise, worth = _weights(pokes, seen, linear)
-    told = worth * weight / noise**2
+    weight, noise = _weights(pokes, seen, linear)
+    told = _worth(weight, pokes.weight) * weight / noise**2
     covariance = before.covariance(_all(linear, told, units, pokes, priors)[0])
     if chart is not None:
         covariance = covariance + _shared(linear, told, pokes, units, seen, covariance, DENSER / chart.spacing)
     return Solution(units, nuisances, response, covariance, linear.residual, weight, noise)
 
 
-def _weights(pokes: Pokes, seen: Seen, linear: _Linear) -> tuple[Float[np.ndarray, " n"], float, float]:
-    """How far each poke counts, 0: not at all; how many times larger residuals are than their covariance; `_worth`."""
+def _weights(pokes: Pokes, seen: Seen, linear: _Linear) -> tuple[Float[np.ndarray, " n"], float]:
+    """How far each poke counts, 0: not at all; and how many times larger the residuals are than their covariance."""
     distance = _square(linear.residual, linear.spread)
     used = seen.found & (pokes.weight > 0) & np.isfinite(distance)
-    if not used.any():
-        return np.zeros(len(pokes)), 1.0, 1.0
-    noise = max(1.0, float(np.sqrt(np.median(distance[used]) / _WELL)))
-    square = np.nan_to_num(distance) / noise**2
-    weight = np.where(used, pokes.weight * (TAIL + 3.0) / (TAIL + square), 0.0)
-    return weight, noise, _worth(square[used], pokes.weight[used])
+    noise = max(1.0, float(np.sqrt(np.median(distance[used]) / _WELL))) if used.any() else 1.0
+    return np.where(used, pokes.weight * (TAIL + 3.0) / (TAIL + np.nan_to_num(distance) / noise**2), 0.0), noise
 
 
-def _worth(square: Float[np.ndarray, " r"], believed: Float[np.ndarray, " r"]) -> float:
+def _worth(weight: Float[np.ndarray, " n"], believed: Float[np.ndarray, " n"]) -> float:
     """What J' W J must be multiplied by to be the information of pokes that count less where they fit badly.
 
     With d the squared residual of p = 3 numbers and w = (T + p) / (T + d), the equations have the variance b =
     E[w^2 d] / p and the slope a = E[w] - 2 b / (T + p), in units of J' S^-1 J: an information of a^2 / b (Huber and
     Ronchetti, Robust Statistics, 2009, 6.3), where J' W J has E[w]. With normal residuals this is 1 / 1.16.
+
+    Args:
+        weight: of each poke, w times
+        believed: how far it was believed before.
     """
-    share = (TAIL + 3.0) / (TAIL + square)
-    mean, varied = (float(np.average(each, weights=believed)) for each in (share, share**2 * square / 3.0))
+    used = weight > 0
+    if not used.any():
+        return 1.0
+    share = weight[used] / believed[used]
+    varied = share * (TAIL + 3.0 - TAIL * share) / 3.0  # w^2 d / p
+    mean, varied = (float(np.average(each, weights=believed[used])) for each in (share, varied))
     return min((mean - 2.0 * varied / (TAIL + 3.0)) ** 2 / (varied * mean), 1.0) if varied > 0 else 1.0
 
 
@@ -213,7 +217,7 @@ def _linear(
     product does not vanish on average, and pulls gains towards 0, which slides everything (errors in variables). Where
     a contact was, is the mean of all that its answers allow: the true one lies about it, not it about the true one, so
     that derivatives there do not hold what it is off by (errors as Berkson has them, Two regressions, 1950), and those
-    at the likeliest contact would. They shrank the whole skin by half a percent.
+    at the likeliest contact would: they shrank the whole skin.
     """
     points, axes = seen.points(units)
     said = predicted(pokes, points, nuisances)
