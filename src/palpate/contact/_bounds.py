@@ -8,7 +8,7 @@ import numpy as np
 from palpate.contact._settings import FRICTION, SOFT, TORSION
 from palpate.contact._slopes import sandwich, sensitivity, tangents, to_metres, to_unit
 from palpate.surfaces._bvh import room
-from palpate.surfaces._jit import entry, inner
+from palpate.surfaces._jit import inner
 from palpate.surfaces._kernels import CANDIDATE, CAPACITY, search_in
 from palpate.surfaces._vectors import copy_into, cross_into, dot
 
@@ -118,7 +118,7 @@ def _metric(a, b, inverse):
     return np.sqrt(max(0.0, total))
 
 
-@entry
+@inner
 def distance_to_bounds(wrench, noise, nodes, corners, settings, first, place, nearest):
     """Distance in the metric of `noise` from a wrench to the nearest that a contact within the bounds can make.
 

@@ -20,7 +20,7 @@ import math
 
 import numpy as np
 
-from palpate.surfaces._jit import entry, inner
+from palpate.surfaces._jit import entry, inner, released
 
 __all__ = ["explained", "fuse", "fuse_one", "rarity", "room"]
 
@@ -299,7 +299,7 @@ def _rarity(total, dof, variance):
     return 0.5 * math.erfc(((total / dof) ** (1.0 / 3.0) - (1.0 - spread)) / np.sqrt(2.0 * spread))
 
 
-@entry
+@entry("total float, dof float, variance float")
 def rarity(total, dof, variance):
     """`_rarity`, from outside."""
     return _rarity(total, dof, variance)
@@ -335,7 +335,12 @@ def _taken(work, begin, size):
     return work[begin : begin + size], begin + size
 
 
-@entry
+@entry(
+    """
+    contacts n 17, wrench 6, covariance 6 6, settings 5, work out w, out out n 5, out_covariance out 3n 3n, total
+    out 16
+    """
+)
 def fuse_one(contacts, wrench, covariance, settings, work, out, out_covariance, total):
     """`fuse` for one sensor that feels all contacts: (6,), (6, 6), (16,) for (1, 6), (1, 6, 6), (1, 16).
 
@@ -363,7 +368,12 @@ def room(count, sensors):
     return 20 * count + 5 * n + n * n + 6 * n + 2 * k * k + 2 * k + k * n
 
 
-@entry
+@released(
+    """
+    contacts n 17, wrenches k 6, covariances k 6 6, carries bool k n, settings 5, work out w, out out n 5,
+    covariance out 3n 3n, totals out k 16, factors out k 6 6
+    """
+)
 def fuse(contacts, wrenches, covariances, carries, settings, work, out, covariance, totals, factors):
     """The forces of contacts (n, 17) felt by sensors (k, 6).
 
@@ -451,7 +461,7 @@ def _fuse(given, work, out, covariance, totals, factors):
     return _results(frames, mean, root, square, settings[3], out, covariance)
 
 
-@entry
+@released("places c 8, whitened 6, factor 6 6, tangential float, magnitudes m, out out c 4")
 def explained(places, whitened, factor, tangential, magnitudes, out):
     """How well one more contact explains a wrench, place by place.
 

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import typeof
 
 from palpate.contact._bounds import distance_to_bounds, distance_to_point
 from palpate.contact._cones import distance_to_edges
@@ -57,11 +56,11 @@ from palpate.contact._touch import (
     within_bounds,
 )
 from palpate.surfaces._bvh import room
-from palpate.surfaces._jit import entry, inlined, inner, released
+from palpate.surfaces._jit import inlined, inner, released
 from palpate.surfaces._kernels import CANDIDATE, CAPACITY, nearest_to_axis, search_in, shape_operator
 from palpate.surfaces._vectors import copy_into, cross_into, dot
 
-__all__ = ["compile_half", "estimate_many", "first_free"]
+__all__ = ["estimate_many", "first_free"]
 
 _GRAZING = 60.0  # tan(theta) beyond which a contact is searched for without a limit
 _CHI2_95 = 5.991464547107979  # two degrees of freedom
@@ -149,7 +148,7 @@ def _jumped(wrench, noise, state, place, t, spread):
     return square * share < _NEAR**2 and _outside(mean, place, t, spread, det, _BENT * square)
 
 
-@entry
+@inner
 def _elsewhere(wrench, unit, noise, nodes, corners, settings, limit, place, t, spread, found, free):
     """May it be a place outside the ellipse, that noise of `_PROBED` standard deviations along a tangent leads to?
 
@@ -385,7 +384,7 @@ def _carry(t, spread, out):
             out[3 * i + j] = out[3 * j + i] = total  # symmetric to the last bit
 
 
-@entry
+@inner
 def _beside(wrench, unit, noise, nodes, corners, settings, near, plausible, place, t, spread):
     """What a sharp edge near the answer makes of it (`at_edge`)."""
     if settings[NOISY] == 0.0:
@@ -394,29 +393,13 @@ def _beside(wrench, unit, noise, nodes, corners, settings, near, plausible, plac
     return at_edge(wrench, unit, noise, nodes, corners, settings, near, plausible, place, t, spread)
 
 
-def compile_half() -> None:
-    """Compile what takes the compiler half of its time for `estimate_many` on meshes; nothing is run.
-
-    These functions are entries of their own for this: one process can compile them while another compiles the rest.
-    """
-    row, square, t = np.zeros(6), np.zeros((6, 6)), np.zeros((2, 3))
-    tree = np.zeros((1, 14, 8), np.float32), np.zeros((1, 20))
-    for function, given in (
-        (_nearest, (row, row, square, *tree, row, row, 0.0, 0, row, t, t)),
-        (_beside, (row, row, square, *tree, row, row, 0, row, t, t)),
-        (follow, (row, square, row, row, square, square, row, 0, 0, np.zeros(6, np.int64))),
-        (distance_to_bounds, (row, square, *tree, row, row, row, row)),
-    ):
-        function.compile(tuple(map(typeof, given)))
-
-
 @inner
 def _least(one, two):
     """The lesser; NaN is none."""
     return two if two < one else one
 
 
-@entry
+@inner
 def _nearest(wrench, unit, noise, nodes, corners, settings, state, away, moved, place, t, spread):
     """The distance from the bounds where edges and corners may be nearer than `away`; do they take over the answer?
 
@@ -461,7 +444,12 @@ def _off_surface(wrench, unit, noise, nodes, corners, settings, noisy, found, ro
         row[_RESIDUAL] = distance_to_point(wrench, noise, row[:6])
 
 
-@released
+@released(
+    """
+    wrenches n 6, noises n|1 6 6, forced int8 n, nodes float32 k 14 8 | 10 | function, corners p 20 | s 6 | s 6,
+    settings 14, state out 162, sequential bool, rows out n 22
+    """
+)
 def estimate_many(wrenches, noises, forced, nodes, corners, settings, state, sequential, rows):
     """`_estimate` over (n, 6), or one. noises is (n, 6, 6) or (1, 6, 6); forced (n,) >= 0 is a status known beforehand.
 
@@ -480,7 +468,7 @@ def estimate_many(wrenches, noises, forced, nodes, corners, settings, state, seq
         _estimate(wrenches[i], noise, nodes, corners, settings, state, rows[i], work)
 
 
-@released
+@released("wrenches n 6, noises n|1 6 6, forced int8 n, settings 14")
 def first_free(wrenches, noises, forced, settings):
     """The first of the samples of `estimate_many` that is without contact whatever came before it; -1: none is."""
     state = np.zeros(STATE)

@@ -41,7 +41,12 @@ def _vector(memory, table, k):
     return _stack(memory, table, k)[0, 0]
 
 
-@entry
+@entry(
+    """
+    inputs i, memory m, table int64 11 4, memory_of_blame out b, noises 0 6 6, nodes float32 k 14 8 | 10 |
+    function, corners p 20 | s 6 | s 6, settings 14, state out 162, rows out n 22
+    """
+)
 def load_cells(inputs, memory, table, memory_of_blame, noises, nodes, corners, settings, state, rows):
     """Inputs are the voltages (n m,) of n samples; noises (0, 6, 6), for the sensor always knows its own."""
     n = len(rows)
@@ -77,7 +82,12 @@ def load_cells(inputs, memory, table, memory_of_blame, noises, nodes, corners, s
     estimate_many(located, covariances, statuses, nodes, corners, settings, state, True, rows)
 
 
-@entry
+@entry(
+    """
+    inputs 20n, memory m, table int64 9 4, unused 0, noises h 6 6, nodes float32 k 14 8 | 10 | function, corners p
+    20 | s 6 | s 6, settings 14, state out 162, rows out n 22
+    """
+)
 def force_torque(inputs, memory, table, unused, noises, nodes, corners, settings, state, rows):
     """Inputs (20 n,) of n samples, as `Compensation.inputs` lays them out.
 

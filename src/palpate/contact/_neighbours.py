@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from palpate.surfaces._jit import entry, inner
+from palpate.surfaces._jit import inner, released
 
 __all__ = ["CELLS", "keys"]
 
@@ -23,7 +23,7 @@ def _spread(x):
     return key
 
 
-@entry
+@released("wrenches n 6, centre 3, scale float, out out uint16 n")
 def keys(wrenches, centre, scale, out):
     """Of wrenches (n, 6), force first, and a ball about centre (3,) of radius scale, into out (n,): Morton's order."""
     for i in range(len(wrenches)):

@@ -17,7 +17,7 @@ from __future__ import annotations
 import numpy as np
 
 from palpate.sensors._fisheye import displaced
-from palpate.surfaces._jit import entry, inner
+from palpate.surfaces._jit import inner, released
 from palpate.surfaces._vectors import solve_positive
 
 __all__ = ["MOST", "STATE", "frames", "shown"]
@@ -534,7 +534,12 @@ def _held(state, count, skin, outer, grip, held):
             held[c] += 0.5 * min(max(-along / gives, -grip), grip)
 
 
-@entry
+@released(
+    """
+    displacements n d, markers m, model (a d b, a d b, 3), misfit r q, noise d, settings 5, learned (2, 2, 2 s t
+    u, float, float, 3), states out n 6 8, counts out int64 n, left out 7 8, cost out n
+    """
+)
 def frames(displacements, markers, model, misfit, noise, settings, learned, states, counts, left, cost):
     """Contacts of frames one after the other, each from those of the one before.
 
@@ -597,7 +602,12 @@ def frames(displacements, markers, model, misfit, noise, settings, learned, stat
     left[MOST, 0] = count
 
 
-@entry
+@released(
+    """
+    pixels p 2, ring (10, 12, m, m 2, m 2 2), steps int, known (m, (a d b, a d b, 3), r q, d, 5, (2, 2, 2 s t u,
+    float, float, 3)), states out n 6 8, counts out int64 n, left out 7 8, cost out n, many out int64 n
+    """
+)
 def shown(pixels, ring, steps, known, states, counts, left, cost, many):
     """`frames` of markers that are seen at pixels: `MarkerRing.displacements` first.
 

@@ -12,7 +12,7 @@ import numpy as np
 from palpate.contact._taxel_fit import fit_touch, lift
 from palpate.contact._track import follow
 from palpate.sensors._filters import smooth
-from palpate.surfaces._jit import entry, inner
+from palpate.surfaces._jit import inner, released
 
 __all__ = [
     "AREA",
@@ -620,14 +620,26 @@ def _contacts(raw, value, scale, drift, place, table, curves, settings, numbers,
     return found
 
 
-@entry
+@released(
+    """
+    raw n m, rest m, neighbours int64 m d, turn float, numbers out 14 m, whole out int64 9 m, values out n m,
+    status out int8 n
+    """
+)
 def prepare(raw, rest, neighbours, turn, numbers, whole, values, status):
     """The first step of frames (n, k) for a filter that looks ahead: `values` (n, k) to filter, and status (n,)."""
     for i in range(len(raw)):
         status[i] = -1 if _take(raw[i], rest, neighbours, turn, numbers, whole, values[i]) else INVALID
 
 
-@entry
+@released(
+    """
+    time n, raw n m, values out k m, status out int8 k, left out w, place (3 m 3, 2 m, a b 6, int, c 3 3), table
+    (int64 m d, m d 2, int64 m d 2, int), curves (e 2048, e), settings 13*float, smoothing (out f 6, out f 2, out
+    g, float, out 2, out h p, out q), clock out 2, zeros (out 11 m, out 11 3, out 2), numbers out 14 m, whole out
+    int64 9 m, tracks out 128 8, following out int64 1, out out r s, rows out int64 n, forces out t m
+    """
+)
 def frames(time, raw, values, status, left, place, table, curves, settings, smoothing, clock, zeros, numbers, whole,
            tracks, following, out, rows, forces):  # fmt: skip
     """Frames to contacts: rows in `out`, at least one a frame; (how many frames, how many rows).

@@ -32,7 +32,7 @@ from palpate.contact._settings import (
     TORSION,
 )
 from palpate.contact._slopes import to_metres
-from palpate.surfaces._jit import entry, inner
+from palpate.surfaces._jit import inner
 from palpate.surfaces._kernels import CANDIDATE
 from palpate.surfaces._vectors import copy_into, cross_into, dot
 
@@ -359,7 +359,7 @@ def _remembered(wrench, state, settings, found, places, torques, count, square):
     found[count, 7] = 1.0 if found[count, 5] <= EXPLAINED else 0.0
 
 
-@entry
+@inner
 def follow(wrench, noise, settings, state, found, places, torques, count, best, of_candidate):
     """The candidate of the branch that is believed, after this sample; into of_candidate the branch of each, or -1.
 

@@ -13,7 +13,12 @@ TRACKS = 128  # touches that are remembered
 TRACK = 8  # identity (-1: free), position (3), velocity (3), time it was last seen
 
 
-@entry
+@entry(
+    """
+    time float, points n 3, count int, tracks out 128 8, following out int64 1, reach float, speed float, patience
+    float, identity out int64 m
+    """
+)
 def follow(time, points, count, tracks, following, reach, speed, patience, identity):
     """Identities of `count` touches at `points`; `tracks` (TRACKS, TRACK) and `following` (1,) are changed.
 

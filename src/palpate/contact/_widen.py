@@ -3,12 +3,12 @@
 # pyright: basic
 from __future__ import annotations
 
-from palpate.surfaces._jit import entry
+from palpate.surfaces._jit import released
 
 __all__ = ["widen"]
 
 
-@entry
+@released("rows out n 22, variance float")
 def widen(rows, variance):
     """Adds variance (1 - n n^T) [m^2] to the covariances in rows (n, 22) of `estimate.ROW`; NaN stays NaN."""
     for row in rows:

@@ -34,7 +34,7 @@ def _cross(a, b, out):
     out[2] = a[0] * b[1] - a[1] * b[0]
 
 
-@entry
+@entry("motion 12, sensor 3 3, inertia 3 3, load 3, wrench 6, out out 6, acceleration out 3, moved out 3")
 def felt(motion, sensor, inertia, load, wrench, out, acceleration, moved):
     """The wrench (6,) with what turning the payload takes added, M + I al + w x I w, and its centre's acceleration.
 
@@ -58,7 +58,12 @@ def felt(motion, sensor, inertia, load, wrench, out, acceleration, moved):
         moved[i] += spent
 
 
-@entry
+@entry(
+    """
+    row 22, sensor 3 3, place 3, face 3 3, middle 3, axes 3 3, tip 3, moved 3, rotation out 3 3, at out 3, found
+    out 3, variance out 2, force out 3
+    """
+)
 def sensed(row, sensor, place, face, middle, axes, tip, moved, rotation, at, found, variance, force):
     """What a law is given: axes of the face and its middle in the base; place, variance and force in the face's axes.
 
@@ -96,7 +101,12 @@ def _outward(values, axes, out):
         out[i] = (axes[i, 0] * x + axes[i, 1] * y + axes[i, 2]) / length
 
 
-@entry
+@entry(
+    """
+    place 3, variance 2, force 3, rotation 3 3, tip 3, radii 2, axes 3 3, origin 3, values 3, wanted float,
+    stiffness float, floor 3, readings out 3, worth out 3
+    """
+)
 def observed(
     place, variance, force, rotation, tip, radii, axes, origin, values, wanted, stiffness, floor, readings, worth
 ):
@@ -135,7 +145,7 @@ def observed(
     return pressing
 
 
-@entry
+@entry("goal 3, smoothing 3, period float, value out 3, rate out 3")
 def smoothed(goal, smoothing, period, value, rate):
     """Values and rates (c,) over a period [s] to goals (c,), critically damped, `smoothing` (c,) [s] behind."""
     for c in range(len(value)):
@@ -148,7 +158,7 @@ def smoothed(goal, smoothing, period, value, rate):
         rate[c] = slope * decay - w * moved
 
 
-@entry
+@entry("values 3, axes 3 3, origin 3, depth float, rotation 3 3, tip 3, out out 6")
 def target(values, axes, origin, depth, rotation, tip, out):
     """The step (6,) from a pose (rotation, tip) to that which meets the surface, in base axes.
 

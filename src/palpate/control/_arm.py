@@ -87,13 +87,13 @@ def _walk(chain, q, point, rotation, position, axes):
         position[r] += rotation[r, 0] * point[0] + rotation[r, 1] * point[1] + rotation[r, 2] * point[2]
 
 
-@entry
+@entry("chain n+1 16, q n, rotation out 3 3, translation out 3")
 def pose(chain, q, rotation, translation):
     """T_base_sensor at joint positions q (n,), into rotation (3, 3) and translation (3,)."""
     _walk(chain, q, np.zeros(3), rotation, translation, np.empty((6, len(q))))
 
 
-@entry
+@entry("chain n+1 16, q n, point 3, out out 6 n")
 def jacobian(chain, q, point, out):
     """Of a point of the sensor frame: linear rows, then angular, in base axes, into out (6, n)."""
     position, rotation = np.empty(3), np.empty((3, 3))
@@ -120,7 +120,7 @@ def _carry(step, out, work):
         out[6 + r] += swing[r] + twice[r]
 
 
-@entry
+@entry("chain n+1 16, q n, rate n, change n, point 3, out out 12")
 def motion(chain, q, rate, change, point, out):
     """Of a point of the sensor frame: velocity, angular velocity, acceleration, angular acceleration, into out (12,).
 
@@ -156,7 +156,7 @@ def motion(chain, q, rate, change, point, out):
     _carry(step, out, work)
 
 
-@entry
+@entry("jacobian 6 n, e 6, damping float, out out n")
 def damped_step(jacobian, e, damping, out):
     """J' y into out (n,), where (J J' + damping^2 I) y = e; returns |damping^2 y| / |e|, or NaN with out zero.
 
@@ -219,7 +219,7 @@ def _brakes(room, slowing):
     return k * slowing + (room - 0.5 * k * (k + 1.0) * slowing) / (k + 1.0)
 
 
-@entry
+@entry("limits 4 n, q n, step n, last n, dt float, out out n")
 def limit(limits, q, step, last, dt, out):
     """Into out (n,): q + step as far as the limits (4, n) allow; returns the share of the step, NaN for a hold.
 
@@ -257,7 +257,7 @@ def limit(limits, q, step, last, dt, out):
     return share if sound else math.nan
 
 
-@entry
+@entry("chain n+1 16, q n, offset n, axes 3 3, tip 3, turned out 3 3, at out 3")
 def stance(chain, q, offset, axes, tip, turned, at):
     """Axes (3, 3) and a tip (3,) of the sensor's frame in the base, where the joints are `offset` (n,) off q (n,)."""
     rotation, translation, joints = np.empty((3, 3)), np.empty(3), np.empty(len(q))
@@ -282,7 +282,7 @@ def _bound(e, begin, most):
             e[i] *= most / size
 
 
-@entry
+@entry("chain n+1 16, limits 4 n, offset n, point 3, e out 6, bounds 3, dt float, command out n, last out n")
 def stepped(chain, limits, offset, point, e, bounds, dt, command, last):
     """One period on: the joint command (n,) and its step (n,) are written anew, toward a wanted step e (6,) of a point.
 

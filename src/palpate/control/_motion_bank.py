@@ -48,7 +48,7 @@ def _correct(s, z, variance):
     return -0.5 * (missed * missed / total + np.log(total))
 
 
-@entry
+@entry("dt float, rates 3, out out n n")
 def changed(dt, rates, out):
     """Probabilities (k, k) that the row's filter is the right one and after dt [s] the column's.
 
@@ -117,7 +117,7 @@ def _weigh(filters, likely):
         filters[i, 9] /= total
 
 
-@entry
+@entry("readings n, variances n, dt float, densities n m 2, rates 3, filters out n m 10, mixed out n 9")
 def advance(readings, variances, dt, densities, rates, filters, mixed):
     """All filters (c, k, STATE) by dt [s], and by the readings (c,) that are not NaN; the mixtures (c, 9) of them.
 
@@ -141,7 +141,7 @@ def advance(readings, variances, dt, densities, rates, filters, mixed):
         _mix(filters[c], shares, mixed[c])
 
 
-@entry
+@entry("mixed n 9, ahead float, value out n, rate out n")
 def foresee(mixed, ahead, value, rate):
     """What the mixtures (c, 9) expect `ahead` [s] from now, and how fast it then moves, into (c,) each."""
     for c in range(len(mixed)):

@@ -42,7 +42,7 @@ def _along(state, line, begun, ramp, lag, start, end):
         state[2, j] = -w * b * decay - w * change
 
 
-@entry
+@entry("state out 3 n, line 2 n, begun float, ramp float, lag float, start float, end float")
 def follow(state, line, begun, ramp, lag, start, end):
     """As `_along`, by way of where the ramp ends."""
     middle = begun + ramp
@@ -53,7 +53,7 @@ def follow(state, line, begun, ramp, lag, start, end):
         _along(state, line, begun, ramp, lag, start, end)
 
 
-@entry
+@entry("past k n, times k, time float, joints n, offset n, out out n")
 def apart(past, times, time, joints, offset, out):
     """Feedback (n,) less what the past (m, n) was at the nearest of the times (m,), less offset (n,), into out (n,).
 

@@ -5,14 +5,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from palpate.surfaces._jit import entry, inner
+from palpate.surfaces._jit import inner, released
 
 __all__ = ["fill", "find_way"]
 
 DIAGONAL = np.sqrt(2.0)
 
 
-@entry
+@released("marks k 3, origin 2, cell float, hard float, soft float, near float, cost out n m")
 def fill(marks, origin, cell, hard, soft, near, cost):
     """Cost of a unit of length in every cell: 1 + the greatest that a mark says of it.
 
@@ -125,7 +125,7 @@ def _straight(cost, a, b):
     return sum_ * length / count
 
 
-@entry
+@released("cost n m, start int64 2, goal int64 2, way out k 2")
 def find_way(cost, start, goal, way):
     """The cheapest way from one cell (row, column) to another, its corners into `way` (n, 2): how many, and its cost.
 

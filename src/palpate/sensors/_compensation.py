@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from palpate.sensors._placing import mounting_errors, row, to_surface
-from palpate.surfaces._jit import entry, inner, released
+from palpate.surfaces._jit import inner, released
 from palpate.surfaces._vectors import copy_into, cross_into
 
 __all__ = ["compensate", "place"]
@@ -39,7 +39,12 @@ def _hang(rotation, acceleration, load, weight):
             weight[k] += rotation[j, k] * load[_WEIGHT + j]
 
 
-@entry
+@released(
+    """
+    readings n 6, rotations n|1 3 3, accelerations n|1 3, limits 6, load 11, zero 6, base bool, wrenches out n 6,
+    statuses out int8 n
+    """
+)
 def compensate(readings, rotations, accelerations, limits, load, zero, base, wrenches, statuses):
     """`Payload.compensate` without its covariance, and what is wrong with a sample (-1: nothing).
 
@@ -97,7 +102,12 @@ def _payload_errors(turn, weight, center, factor, matrix, work, errors):
         to_surface(matrix, error, errors[i])
 
 
-@released
+@released(
+    """
+    wrenches n 6, rotations n|1 3 3, accelerations n|1 3, unsteady n|1 1, age n|1 1, share n|1, load 11, mean 4 3,
+    factor c 12, mounting d 6, matrix 6 6, constant 5 6 6, located out n 6, covariance out n 6 6
+    """
+)
 def place(
     wrenches,
     rotations,

@@ -3,7 +3,7 @@
 # pyright: basic
 from __future__ import annotations
 
-from palpate.surfaces._jit import entry, inlined
+from palpate.surfaces._jit import inlined, released
 
 __all__ = ["AGE", "TIME", "smooth"]
 
@@ -44,7 +44,12 @@ def _run(time, status, values, sections, start, gains, gap, clock, state, age, w
                 x[c] = y
 
 
-@entry
+@released(
+    """
+    time n, status int8 n, values out n m, sections k 6, start k 2, gains g, gap float, clock out 2, state out a
+    m, age out int64 n
+    """
+)
 def smooth(time, status, values, sections, start, gains, gap, clock, state, age):
     """Filter values (n, w) in place; all columns alike.
 

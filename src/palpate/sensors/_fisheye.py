@@ -5,12 +5,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from palpate.surfaces._jit import entry
+from palpate.surfaces._jit import released
 
 __all__ = ["angles", "displaced", "to_plane"]
 
 
-@entry
+@released("bent n, lens 4, reach float, steps int, theta out n, low out n, high out n")
 def angles(bent, lens, reach, steps, theta, low, high):
     """Theta from theta_d: Newton's steps, halving where one leaves the bracket, until all have settled.
 
@@ -51,7 +51,7 @@ def angles(bent, lens, reach, steps, theta, low, high):
             theta[i] = step[i]
 
 
-@entry
+@released("pixels n 2, lens 10, pose 12, heights m, steps int, out out n 2")
 def to_plane(pixels, lens, pose, heights, steps, out):
     """`RingView.to_plane` without arrays between its steps.
 
@@ -81,7 +81,7 @@ def to_plane(pixels, lens, pose, heights, steps, out):
             out[i, 1] = pose[10] + length * ((pose[3] * a + pose[5] * c) + pose[4] * b)
 
 
-@entry
+@released("pixels n 2, lens 10, pose 12, heights m, steps int, resting m 2, axes m 2 2, out out n 2")
 def displaced(pixels, lens, pose, heights, steps, resting, axes, out):
     """`MarkerRing.displacements`: `to_plane`, less where the markers rest (m, 2), along their axes (m, 2, 2)."""
     to_plane(pixels, lens, pose, heights, steps, out)

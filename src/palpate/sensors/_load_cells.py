@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from palpate.sensors._placing import mounting_errors, row, to_surface
-from palpate.surfaces._jit import entry, inlined, inner, released
+from palpate.surfaces._jit import inlined, inner, released
 
 __all__ = ["measure", "place"]
 
@@ -182,7 +182,12 @@ def _judged(out, square, stuck, agreed, ways, covariances, bounds, settings, bla
     return 1 + count
 
 
-@entry
+@released(
+    """
+    readings n v, channels v 3, mapping v w, ways w 3 v, covariances a 6 6, bounds a, settings 7 6, state out s,
+    wrenches out n 6, statuses out int8 n, which out int64 n, extra out n 6 6
+    """
+)
 def measure(readings, channels, mapping, ways, covariances, bounds, settings, state, wrenches, statuses, which, extra):
     """Voltages (n, m) to wrenches (n, 6), and what is wrong with a sample (-1: nothing).
 
@@ -262,7 +267,12 @@ def _turned(matrix, extra, work, covariance):
                 covariance[i, j] += work[i, k] * matrix[j, k]
 
 
-@released
+@released(
+    """
+    wrenches n 6, which int64 n, extra n 6 6, share n|1, slow float, covariances a 6 6, unsure 21 24, mounting k
+    6, matrix 6 6, located out n 6, covariance out n 6 6
+    """
+)
 def place(wrenches, which, extra, share, slow, covariances, unsure, mounting, matrix, located, covariance):
     """Wrenches (n, 6) to the surface's frame (n, 6), and their covariances (n, 6, 6).
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from palpate.surfaces._jit import entry, inlined, inner
+from palpate.surfaces._jit import entry, inlined, inner, released
 
 __all__ = ["blob_sums", "follow", "label_path", "measure_windows", "plausible", "sampled", "score_image"]
 
@@ -30,7 +30,7 @@ def _score(flat, at, weights):
     return np.uint8(min(max(total, np.int32(0)), np.int32(255)))
 
 
-@entry
+@released("image uint8 h w 3, every int, lit int, sample out uint8 a b")
 def sampled(image, every, lit, sample):
     """How many bytes of every so many rows are above `lit`, and whether those rows are as in `sample`, which is filled.
 
@@ -53,7 +53,7 @@ def sampled(image, every, lit, sample):
     return count, changed == 0
 
 
-@entry
+@released("image uint8 h w 3, weights int32 4, out out uint8 h w, histogram out int64 256")
 def score_image(image, weights, out, histogram):
     """The score of every pixel (h, w) uint8, and how often each score (256,) int64 occurs in every other row."""
     histogram[:] = 0
@@ -66,7 +66,7 @@ def score_image(image, weights, out, histogram):
                 histogram[out[y, x]] += 1
 
 
-@entry
+@released("score uint8 h w, labels int32 h w, boxes int32 k 5, base float, levels out k, sums out k 7")
 def blob_sums(score, labels, boxes, base, levels, sums):
     """Of every label: pixels above half of its level, and their score above it: count, w, wx, wy, wxx, wxy, wyy.
 
@@ -257,7 +257,7 @@ def _fetched(flat, rows, columns, expected, halves):
     return total
 
 
-@entry
+@released("image uint8 h w 3, weights int32 4, expected n 2, halves int64 n, out out n 7")
 def measure_windows(image, weights, expected, halves, out):
     """Each marker's blob, measured in a square window about where it is expected.
 
@@ -346,7 +346,7 @@ def measure_windows(image, weights, expected, halves, out):
         out[i, 6] = _RIM if rim else _OK
 
 
-@entry
+@entry("got n 7, rest n 2, seen bool n, size float, contrast float, fits out bool n")
 def plausible(got, rest, seen, size, contrast, fits):
     """Which windows show what may be a marker: whole, and of the area, shape and contrast of one, and it alone.
 
@@ -415,7 +415,13 @@ def _doubtful(got, fits, seen, expected, sizes, size, alone, rest, gaps, pairs):
     return False
 
 
-@entry
+@released(
+    """
+    image uint8 h w 3, weights int32 4, known (int64 n, n 2, bool n, n, int64 m 2), limits (float, float, float),
+    got out n 7, seen bool n, expected out n 2, last out n 2, step out n 2, sizes out n, age out int64 n, out out
+    n 2
+    """
+)
 def follow(image, weights, known, limits, got, seen, expected, last, step, sizes, age, out):
     """Measures the markers in their windows and, where none leaves a doubt, takes them: whether it does.
 
@@ -462,7 +468,7 @@ def _rough(a, b, gap, steady, share):
     return ((a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2) / (2.0 * scale * scale)
 
 
-@entry
+@released("first int64 m+1, moved k 2, own k, settings 4, chosen out int64 m")
 def label_path(first, moved, own, settings, chosen):
     """The candidates around a ring that are cheapest together.
 

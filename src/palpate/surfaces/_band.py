@@ -5,12 +5,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from palpate.surfaces._jit import entry
+from palpate.surfaces._jit import released
 
 __all__ = ["solve_band"]
 
 
-@entry
+@released("band out n m, vector out n")
 def solve_band(band, vector):
     """Solves A x = b in place by Cholesky: band (n, w) holds A[j + k, j] at [j, k], vector b and then x.
 

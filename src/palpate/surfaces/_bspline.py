@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from palpate.surfaces._jit import entry, inner
+from palpate.surfaces._jit import inner, released
 
 __all__ = ["evaluate", "geodesics", "normal_equations"]
 
@@ -93,7 +93,7 @@ def _at(u, v, knots_u, knots_v, degree_u, degree_v, periodic, coefficients, work
                 out[5, k] = 0.0
 
 
-@entry
+@released("uv n 2, knots_u m, knots_v k, degree_u int, degree_v int, periodic bool, coefficients a b 3, out out n 6 3")
 def evaluate(uv, knots_u, knots_v, degree_u, degree_v, periodic, coefficients, out):
     """Position, r_u, r_v, r_uu, r_uv, r_vv at (n, 2) parameters into out (n, 6, 3)."""
     work = np.empty((9, MOST))
@@ -126,7 +126,12 @@ def _slope(state, knots_u, knots_v, degree_u, degree_v, periodic, coefficients, 
     out[4], out[5] = state[5], -(uu * vv - uv * uv) / (square * square) * state[4]
 
 
-@entry
+@released(
+    """
+    step float, knots_u m, knots_v k, degree_u int, degree_v int, periodic bool, coefficients a b 3, states out s
+    n 6, slopes out s n 6
+    """
+)
 def geodesics(step, knots_u, knots_v, degree_u, degree_v, periodic, coefficients, states, slopes):
     """From states[0] (m, 6) on, geodesics by Runge-Kutta's fourth in equal steps, and their slopes (s + 1, m, 6)."""
     work, r = np.empty((9, MOST)), np.empty((6, 3))
@@ -151,7 +156,12 @@ def geodesics(step, knots_u, knots_v, degree_u, degree_v, periodic, coefficients
             _slope(y, knots_u, knots_v, degree_u, degree_v, periodic, coefficients, work, r, k4)
 
 
-@entry
+@released(
+    """
+    uv n 2, points n 3, directions n 3, knots_u m, knots_v k, degree_u int, degree_v int, starts a b 3, spokes a b
+    3, band out p q, vector out p
+    """
+)
 def normal_equations(uv, points, directions, knots_u, knots_v, degree_u, degree_v, starts, spokes, band, vector):
     """Adds what points ask of the offsets s_ij along the lines A_ij + s_ij D_ij to a band matrix and a vector.
 

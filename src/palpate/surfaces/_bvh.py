@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from palpate.surfaces._jit import entry, inlined, inner
+from palpate.surfaces._jit import entry, inlined, inner, released
 from palpate.surfaces._patch import solve_flat, solve_patch, solve_vertex
 from palpate.surfaces._patches import FLAT, VERTEX
 from palpate.surfaces._vectors import copy_into
@@ -120,7 +120,7 @@ def _split(middles, order, ends):
         parts *= 2
 
 
-@entry
+@released("corners n 3 6, nodes out float32 n+1 14 8")
 def build(corners, nodes):
     """Fill `nodes`, as `Tree` describes them; the order of the patches and how many nodes."""
     count = len(corners)
@@ -265,13 +265,13 @@ def room():
     return np.empty(14, dtype=np.float32), np.empty((4, 3)), np.empty((STACK, 2), dtype=np.int64)
 
 
-@entry
+@entry("wrench 6, soft float, tan_limit float, nodes float32 k 14 8, corners p 20, found out 17 14")
 def search(wrench, soft, tan_limit, nodes, corners, found):
     """As `search_in`, with room of its own."""
     return search_in(wrench, soft, tan_limit, nodes, corners, found, room())
 
 
-@entry
+@inner
 def search_in(wrench, soft, tan_limit, nodes, corners, found, room):
     """Every contact that a wrench can have on the patches.
 

@@ -18,9 +18,8 @@ smoothly with the wrench, and following it from the axis without pitch, where it
 from __future__ import annotations
 
 import numpy as np
-from numba import types
 
-from palpate.surfaces._jit import chosen_for, entry, inlined, inner
+from palpate.surfaces._jit import chosen_for, entry, inlined, inner, released
 from palpate.surfaces._vectors import copy_into
 
 __all__ = ["contacts", "curvature", "enter", "evaluate", "nearest", "nearest_points", "nearest_to_line"]
@@ -41,7 +40,7 @@ def evaluate(equation, table, p, out):
 @chosen_for(evaluate)
 def _evaluate(equation, table, p, out):
     """The quadric's coefficients, or the user's function, by what `equation` is."""
-    return _quadric_evaluate if isinstance(equation, types.Array) else _function_evaluate
+    return _quadric_evaluate if getattr(equation, "ndim", 0) == 1 else _function_evaluate
 
 
 def _quadric_evaluate(equation, table, p, out):
@@ -74,7 +73,7 @@ def entries(equation, table, p, f, out):
 @chosen_for(entries)
 def _entries(equation, table, p, f, out):
     """A quadratic equation, or a search along the line."""
-    return _quadric_entries if isinstance(equation, types.Array) else _function_entries
+    return _quadric_entries if getattr(equation, "ndim", 0) == 1 else _function_entries
 
 
 def _quadric_entries(equation, table, p, f, out):
@@ -315,7 +314,7 @@ def _axis(wrench, table, soft, f, m, bare, p):
     return pitch * soft
 
 
-@entry
+@entry("wrench 6, soft float, tan_limit float, equation 10 | function, table s 6 | s 6, found out 17 14")
 def contacts(wrench, soft, tan_limit, equation, table, found):
     """`_bvh.search` on an equation: contacts of a wrench, in unit size, into rows of found; how many.
 
@@ -457,7 +456,7 @@ def nearest(equation, table, metric, q, f, p):
     return square
 
 
-@entry
+@released("points n 3, equation 10 | function, table s 6 | s 6, out out n 6")
 def nearest_points(points, equation, table, out):
     """For each point (n, 3), in unit size, the closest of the surface and the unit normal there, into out (n, 6)."""
     metric, free, h = np.eye(3), np.zeros(3), np.empty(10)
@@ -486,7 +485,7 @@ def nearest_to_line(wrench, equation, table, found):
     return np.sqrt(max(0.0, square))
 
 
-@entry
+@released("origins n 3, directions n 3, equation 10 | function, table s 6 | s 6, out out n 3")
 def enter(origins, directions, equation, table, out):
     """Where lines (n, 3), in unit size, first enter the surface, into out (n, 3); NaN where they do not."""
     steps = np.empty(4)

@@ -7,20 +7,19 @@ import functools
 from typing import Any, cast
 
 import numpy as np
-from numba import cfunc, njit, types
 
 __all__ = ["compiled", "superquadric"]
-
-_SIGNATURE = types.void(types.float64[::1], types.float64[::1])
 
 
 def compiled(value, gradient, hessian) -> Any:
     """One compiled function (point (3,), out (10,)) of three, as `_equation.evaluate` reads it."""
+    from numba import cfunc, njit, types  # only where a user writes an equation
+
     value, gradient, hessian = (
         cast(Any, njit(error_model="numpy")(function)) for function in (value, gradient, hessian)
     )
 
-    @cfunc(_SIGNATURE, error_model="numpy")
+    @cfunc(types.void(types.float64[::1], types.float64[::1]), error_model="numpy")
     def write(p, out):
         slope, bend = gradient(p), hessian(p)
         out[0] = value(p)

@@ -1,30 +1,64 @@
-"""How loops are compiled here, once for all kernels."""
+"""How loops are compiled: ahead of time into the extension module of this version, or by numba where it has none.
+
+A kernel is a plain Python function with one of the decorators below. numba is imported when the first of them has to be
+compiled, which is never where the extension module (`native_build.py`) has what is called.
+"""
 
 # pyright: basic
 from __future__ import annotations
 
 import gc
 import hashlib
+import logging
+import os
+import platform
+import threading
+from collections.abc import Callable
 from contextlib import ExitStack, suppress
+from functools import cache, cached_property, update_wrapper
+from importlib.machinery import EXTENSION_SUFFIXES, ExtensionFileLoader
+from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from typing import Any, cast
 
-from numba import njit, types
-from numba.core.compiler_lock import global_compiler_lock
-from numba.extending import overload
+from palpate.surfaces._arguments import Argument, forms, require
 
 try:
     import fcntl
 except ImportError:  # not on Windows
     fcntl = None
 
-__all__ = ["STAMP", "chosen_for", "entry", "inlined", "inner", "on_disk", "released"]
+__all__ = [
+    "ENTRIES",
+    "OPTIONS",
+    "STAMP",
+    "Entry",
+    "Kernel",
+    "chosen_for",
+    "entry",
+    "inlined",
+    "inner",
+    "kernel_files",
+    "level",
+    "native_file",
+    "register_choices",
+    "released",
+]
+
+PACKAGE = Path(__file__).parents[1]
+V3 = frozenset(["avx2", "bmi1", "bmi2", "f16c", "fma", "abm", "movbe"])  # flags of x86-64-v3 in /proc/cpuinfo
+
+
+def kernel_files() -> list[Path]:
+    """Return the files that compiled code is made of, in order."""
+    private = sorted(file for file in PACKAGE.rglob("_*.py") if not file.name.startswith("__"))
+    return [file for file in private if file.name == "_settings.py" or b"_jit import" in file.read_bytes()]
 
 
 def _stamp() -> str:
-    """A digest of every private module of the package, the kernels among them."""
-    files = sorted(Path(__file__).parents[1].rglob("_*.py"))
-    return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()
+    """Return a digest of the kernels, and of how they are compiled."""
+    files = [*kernel_files(), Path(__file__)]
+    return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()[:16]
 
 
 STAMP = _stamp()
@@ -32,40 +66,200 @@ STAMP = _stamp()
 
 # a * b + c stays two instructions. Left to the compiler it is one or two as a function happens to be compiled into
 # another, and the process that compiles has other last bits than those that read its machine code; it was no faster.
-_OPTIONS: dict[str, Any] = {"error_model": "numpy", "fastmath": False}
+OPTIONS: dict[str, Any] = {"error_model": "numpy", "fastmath": False}
+ENTRIES: dict[str, Entry] = {}  # every compiled function that Python calls, by its module and name
+PARTS = 2  # of the extension module, which are compiled side by side
+_CHOICES: list[tuple[Callable[..., Any], Callable[..., Any]]] = []
+_MAKING = threading.RLock()
 
 
-def entry(function):
-    """Decorates a compiled function that Python calls.
+class Kernel:
+    """A function that is compiled when compiled code first calls it; from Python it runs as it is written."""
+
+    def __init__(self, function: Callable[..., Any], **options: Any) -> None:
+        self.py_func, self.options = function, options
+        update_wrapper(self, function)
+
+    @cached_property
+    def dispatcher(self) -> Any:
+        """Numba's compiler of this function, made when first needed."""
+        with _MAKING:
+            if "dispatcher" not in vars(self):
+                vars(self)["dispatcher"] = _dispatcher(self.py_func, self.options)
+            return vars(self)["dispatcher"]
+
+    @property
+    def _numba_type_(self) -> Any:
+        return self.dispatcher._numba_type_
+
+    @property
+    def targetoptions(self) -> Any:
+        """Numba's options, which its inliner reads."""
+        return self.dispatcher.targetoptions
+
+    def __call__(self, *given: Any) -> Any:
+        return self.py_func(*given)
+
+
+class Entry(Kernel):
+    """A compiled function that Python calls: every call checks its arguments first.
+
+    Attributes:
+        name: by which the extension module exports it.
+        ways: its arguments, for each way in which it can be called.
+    """
+
+    def __init__(self, function: Callable[..., Any], stated: str, **options: Any) -> None:
+        super().__init__(function, cache=True, **options)
+        names = function.__code__.co_varnames[: function.__code__.co_argcount]
+        self.ways: tuple[tuple[Argument, ...], ...] = forms(stated, names)
+        self.name = f"{function.__module__.removeprefix('palpate.')}.{function.__name__}".replace(".", "_")
+        self._compiled: dict[int, Callable[..., Any]] = {}
+        ENTRIES[self.name] = self
+
+    def __call__(self, *given: Any) -> Any:
+        return self.compiled_for(*given)(*given)
+
+    def compiled_for(self, *given: Any) -> Callable[..., Any]:
+        """Return the compiled function for arguments like these; its own calls check nothing.
+
+        For loops whose arrays are made once and stay; what a caller passes anew is checked where it comes in.
+
+        Raises:
+            InputError: an argument has another type, shape or layout than compiled code reads.
+        """
+        return self._of(require(self.py_func, self.ways, given))
+
+    @property
+    def unchecked(self) -> Callable[..., Any]:
+        """The compiled function itself, where there is one way to call it."""
+        (_,) = self.ways
+        return self._of(0)
+
+    def _of(self, way: int) -> Callable[..., Any]:
+        """Return the compiled function of a way: of the extension module, or numba's."""
+        compiled = self._compiled.get(way)
+        if compiled is None:
+            compiled = self._compiled[way] = _native().get(self.symbol(way)) or self.dispatcher
+        return compiled
+
+    def symbol(self, way: int) -> str:
+        """Return the name by which the extension module has the function for a way of calling it."""
+        return f"{self.name}_{way}"
+
+    def __reduce__(self) -> str:  # by its name in its module
+        return self.py_func.__name__
+
+
+def entry(stated: str) -> Callable[[Callable[..., Any]], Entry]:
+    """Return a decorator of a compiled function that Python calls; its arguments are stated as `forms` reads them.
 
     Division by zero gives inf as in NumPy; NaN and inf keep their meaning.
-    Machine code is kept on disk, so that only the first process ever waits for the compiler. numba forgets it when the
-    function's own file changes but not when a file that it calls into does, so the stamp of all kernels takes the place
-    of the file's. Processes that start together do not compile the same function each: the others wait for the first.
     """
-    return _kept(njit(cache=True, **_OPTIONS)(function))
+    return lambda function: Entry(function, stated)
 
 
-def released(function):
-    """As `entry`, for a loop over many samples: other threads of Python go on meanwhile."""
-    return _kept(njit(cache=True, nogil=True, **_OPTIONS)(function))
+def released(stated: str) -> Callable[[Callable[..., Any]], Entry]:
+    """Return a decorator as `entry` does, for a loop over many samples: other threads of Python go on meanwhile."""
+    return lambda function: Entry(function, stated, nogil=True)
 
 
-def on_disk(made: Any) -> bool:
-    """Whether this version's machine code of an entry is there, for any types."""
-    return bool(made._cache._cache_file._load_index())
+def inner(function: Callable[..., Any]) -> Kernel:
+    """Decorate a function that only compiled code calls: no wrapper for Python, which halves the compiler's work."""
+    return Kernel(function, no_cpython_wrapper=True, no_cfunc_wrapper=True)
 
 
-def _kept(made):
-    """Its machine code goes by the stamp of all kernels, and one process compiles it."""
-    dispatcher = cast(Any, made)
+def inlined(function: Callable[..., Any]) -> Kernel:
+    """Decorate one of the few inner functions that must not become a call."""
+    return Kernel(function, inline="always")
+
+
+def chosen_for(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Return a decorator of what returns the function that compiled code calls, given the types of the arguments."""
+
+    def decorate(choice: Callable[..., Any]) -> Callable[..., Any]:
+        _CHOICES.append((function, choice))
+        return choice
+
+    return decorate
+
+
+def register_choices() -> None:
+    """Make what is chosen by types known to numba, before anything is compiled."""
+    from numba.extending import overload
+
+    while _CHOICES:
+        function, choice = _CHOICES.pop()
+        cast(Any, overload)(function, jit_options=OPTIONS)(choice)
+
+
+def level() -> str:
+    """Return the processor's instructions that compiled code may use: x86-64-v3, or the machine's name."""
+    machine = platform.machine()
+    if machine != "x86_64":
+        return machine
+    with suppress(OSError), open("/proc/cpuinfo", encoding="ascii", errors="replace") as file:
+        flags = next((line for line in file if line.startswith("flags")), "")
+        if set(flags.split()) >= V3:
+            return "x86-64-v3"
+    return "x86-64"
+
+
+def native_file(level: str, part: int) -> Path:
+    """Return where the extension module of these kernels is, for a level and this Python."""
+    return PACKAGE / "_native" / f"{level}-{STAMP}-{part}{EXTENSION_SUFFIXES[0]}"
+
+
+@cache
+def _native() -> dict[str, Callable[..., Any]]:
+    """Return what the extension module has; nothing where there is none of these kernels, or PALPATE_NATIVE is 0."""
+    if os.environ.get("PALPATE_NATIVE") == "0":
+        return {}
+    found: dict[str, Callable[..., Any]] = {}
+    for part in range(PARTS):
+        files = [file for name in (level(), platform.machine()) if (file := native_file(name, part)).exists()]
+        if files:
+            name = f"palpate_native_{part}"
+            spec = cast(Any, spec_from_file_location(name, files[0], loader=ExtensionFileLoader(name, str(files[0]))))
+            found |= vars(module_from_spec(spec))
+    return found
+
+
+def _dispatcher(function: Callable[..., Any], options: dict[str, Any]) -> Any:
+    """Return numba's compiler of a function; what it makes of an entry is kept on disk where that can be written."""
+    from numba import njit
+
+    register_choices()
+    try:
+        made = cast(Any, njit)(**options, **OPTIONS)(function)
+    except RuntimeError:  # neither the package nor a home can be written
+        _warn_once()
+        made = cast(Any, njit)(**{**options, "cache": False}, **OPTIONS)(function)
+        options = {}
+    return _once_for_constants(_kept(made) if options.get("cache") else made)
+
+
+@cache
+def _warn_once() -> None:
+    logging.getLogger("palpate").warning(
+        "palpate compiles in every process anew: its folder cannot be written, nor a home (or name one: NUMBA_CACHE_DIR)"
+    )
+
+
+def _kept(dispatcher: Any) -> Any:
+    """Keep machine code by the stamp of all kernels; numba's goes by the function's own file, not by what it calls.
+
+    Processes that start together do not compile the same function each: the others wait for the first.
+    """
     dispatcher._cache._cache_file._source_stamp = STAMP
     dispatcher.compile = _by_one_process(dispatcher)
-    return _once_for_constants(dispatcher)
+    return dispatcher
 
 
-def _once_for_constants(dispatcher):
-    """Calls from compiled code with a constant are calls with its type: numba would compile anew for each constant."""
+def _once_for_constants(dispatcher: Any) -> Any:
+    """Take calls from compiled code with a constant as calls with its type, or each constant is compiled anew."""
+    from numba import types
+
     template = dispatcher.get_call_template
 
     def get_call_template(args, kws):
@@ -75,8 +269,10 @@ def _once_for_constants(dispatcher):
     return dispatcher
 
 
-def _by_one_process(dispatcher):
-    """Its `compile`, behind a lock on a file beside the machine code; a process that is killed holds none."""
+def _by_one_process(dispatcher: Any) -> Callable[..., Any]:
+    """Return its `compile` behind a lock on a file beside the machine code; a process that is killed holds none."""
+    from numba.core.compiler_lock import global_compiler_lock
+
     compiles, cache = dispatcher.compile, dispatcher._cache
     file = Path(cache.cache_path) / f"{cache._impl.filename_base}.lock"
     held = 0
@@ -100,19 +296,3 @@ def _by_one_process(dispatcher):
                     gc.enable()
 
     return compile
-
-
-def inner(function):
-    """Decorates a function that only compiled code calls: no wrapper for Python, which halves the compiler's work."""
-    made = cast(Any, njit)(no_cpython_wrapper=True, no_cfunc_wrapper=True, **_OPTIONS)(function)
-    return _once_for_constants(made)
-
-
-def inlined(function):
-    """Decorates one of the few inner functions that must not become a call."""
-    return njit(inline="always", **_OPTIONS)(function)
-
-
-def chosen_for(function):
-    """Decorates what returns the function that compiled code calls, given the types of the arguments."""
-    return cast(Any, overload)(function, jit_options=_OPTIONS)

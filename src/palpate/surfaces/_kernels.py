@@ -7,8 +7,6 @@ A surface is two arguments of every kernel: `nodes` and `corners` of a mesh's tr
 # pyright: basic
 from __future__ import annotations
 
-from numba import types
-
 from palpate.surfaces import _bvh, _equation, _nearest
 from palpate.surfaces._bvh import CANDIDATE, CAPACITY
 from palpate.surfaces._jit import chosen_for, inner
@@ -18,7 +16,7 @@ __all__ = ["CANDIDATE", "CAPACITY", "is_mesh", "nearest_to_axis", "search", "sea
 
 def is_mesh(one):
     """Nodes are the only array of three axes; of types when compiling, of values in Python."""
-    return getattr(one, "ndim", 0) == 3 and not isinstance(one, types.FunctionType)
+    return getattr(one, "ndim", 0) == 3
 
 
 def search(wrench, soft, tan_limit, one, two, found):

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 from palpate.surfaces._bvh import KIND, STACK, WIDTH, axis_view, start_view, test_children
-from palpate.surfaces._jit import entry, inner
+from palpate.surfaces._jit import inner, released
 
 __all__ = ["edges_near", "nearest_to_axis", "nearest_to_point", "point_to_triangle"]
 
@@ -34,7 +34,7 @@ def _origin_to_triangle(q, out):
     return best
 
 
-@entry
+@inner
 def nearest_to_axis(wrench, nodes, corners, found):
     """The point nearest to the wrench axis, on a facet that faces the force.
 
@@ -115,7 +115,7 @@ def point_to_triangle(row, point, out):
     return _origin_to_triangle(q, out) + height * height
 
 
-@entry
+@released("points n 3, nodes float32 k 14 8, corners p 20, found out n 4")
 def nearest_to_point(points, nodes, corners, found):
     """For each point (n, 3), in unit size, the nearest point of the facets: patch, b0, b1, b2 into found (n, 4)."""
     bary = np.empty(3)

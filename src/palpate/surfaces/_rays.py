@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from palpate.surfaces._bvh import STACK, WIDTH
-from palpate.surfaces._jit import entry, inlined, inner
+from palpate.surfaces._jit import inlined, inner, released
 
 __all__ = ["first_hits", "mark_facets", "open_facets"]
 
@@ -82,7 +82,7 @@ def _first_hit(nodes, corners, o, d, pending):
     return best
 
 
-@entry
+@released("origins n 3, directions n 3, nodes float32 k 14 8, corners p 20, out out n")
 def first_hits(origins, directions, nodes, corners, out):
     """How far along each ray (n, 3), (n, 3) the first facet stands, into out (n,); inf where there is none."""
     pending = np.empty((STACK, 2), dtype=np.int64)
@@ -112,7 +112,7 @@ def _sample(row, parts, at, out):
         out[k] = row[k] + across * (row[6 + k] - row[k]) + along * (row[12 + k] - row[6 + k])
 
 
-@entry
+@released("corners n 20, low 3, step float, grid out bool a b c")
 def mark_facets(corners, low, step, grid):
     """Set the cells of `grid` (a, b, c), of size `step` from `low` (3,) on, that a facet passes through."""
     point = np.empty(3)
@@ -138,7 +138,7 @@ def _passes(o, n, far, low, step, swept):
     return False
 
 
-@entry
+@released("corners n 20, nodes float32 k 14 8, low 3, step float, swept bool a b c, out out bool n")
 def open_facets(corners, nodes, low, step, swept, out):
     """Which facets there is a way to, into out (f,); those that are set already are not asked again.
 

@@ -5,12 +5,17 @@ from __future__ import annotations
 
 import numpy as np
 
-from palpate.surfaces._jit import entry
+from palpate.surfaces._jit import released
 
 __all__ = ["normal_equations"]
 
 
-@entry
+@released(
+    """
+    strain n m 3, found n m 6 3, sides n m 2 2, weights n m, first_y int64 n, by n 4, dy n 4, first_x int64 m, bx
+    m 4, dx m 4, stride_y int, stride_x int, band out k j, vector out k
+    """
+)
 def normal_equations(strain, found, sides, weights, first_y, by, dy, first_x, bx, dx, stride_y, stride_x, band, vector):
     """Adds J'WJ to a band matrix and -J'WE to vector, J the derivative of (E_xx, E_yy, sqrt(2) E_xy).
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from palpate.surfaces._jit import entry
+from palpate.surfaces._jit import released
 
 __all__ = ["accumulate"]
 
 
-@entry
+@released("force n 3, torque n 3, starts int64 n+1, taxel int64 a, weights a, sums out k 12")
 def accumulate(force, torque, starts, taxel, weights, sums):
     """Adds to sums (k, 12): w (I - u u') as xx xy xz yy yz zz, w u x m / |f|, and w u.
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from palpate.surfaces._jit import entry, inner
+from palpate.surfaces._jit import inner, released
 from palpate.surfaces._nearest import point_to_triangle
 
 __all__ = ["nearest"]
 
 
-@entry
+@released("centre k 3, root k 3 3, least k, pressing k 3, corners f 3 3, balls f 7, found out k 3")
 def nearest(centre, root, least, pressing, corners, balls, found):
     """For each centre (k, 3) the point that minimises |root (p - centre)|, of triangles (f, 3, 3) that a force presses.
 

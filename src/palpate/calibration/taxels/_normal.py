@@ -3,12 +3,12 @@
 # pyright: basic
 from __future__ import annotations
 
-from palpate.surfaces._jit import entry
+from palpate.surfaces._jit import released
 
 __all__ = ["add_squares"]
 
 
-@entry
+@released("rows n 3 m, right n 3, columns int64 n m, square out k k, vector out k")
 def add_squares(rows, right, columns, square, vector):
     """Adds J' J to square (p, p), its upper triangle, and J' r to vector (p,).
 

@@ -7,7 +7,7 @@ from math import erfc, exp, hypot, log, log1p, sqrt
 
 import numpy as np
 
-from palpate.surfaces._jit import entry, inner
+from palpate.surfaces._jit import inner, released
 
 __all__ = ["posterior"]
 
@@ -47,7 +47,12 @@ def _fit(x, y, told, count, at, answers, shares, weight, quiet, model, least):
     return found
 
 
-@entry
+@released(
+    """
+    taxels int64 n m, flat n m 2, logs n m, quiet n, model (float, float, float, float, float, float), search
+    (int, float, float), mean out n 2, covariance out n 2 2
+    """
+)
 def posterior(taxels, flat, logs, quiet, model, search, mean, covariance):
     """Mean (n, 2) and covariance (n, 2, 2) of each poke's place, all places alike before.
 

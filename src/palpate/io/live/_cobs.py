@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from palpate.surfaces._jit import entry, inner
+from palpate.surfaces._jit import inner, released
 
 __all__ = ["DAMAGED", "FOREIGN", "JOINED", "LAST", "LOST", "NUMBERS", "RESTARTS", "STATE", "decode", "encode"]
 
@@ -110,7 +110,7 @@ def _count(counter, state):
     return ahead - 1
 
 
-@entry
+@released("data uint8 n, scratch out uint8 s, values out k m, lost out int64 k, state out int64 7")
 def decode(data, scratch, values, lost, state):
     """Numbers of whole frames into values (n, numbers), and what is missing before each into lost (n,).
 
@@ -152,7 +152,7 @@ def decode(data, scratch, values, lost, state):
     return found, at
 
 
-@entry
+@released("frames out uint8 n m, out out uint8 k, ends out int64 n")
 def encode(frames, out, ends):
     """Frames (n, bytes), each with room for its check at the end, stuffed into `out`; `ends` (n,) says where each ends.
 

@@ -20,7 +20,12 @@ _BILLION = 1_000_000_000
 _EXACT = 1 << 53  # below it every integer is a double
 
 
-@entry
+@entry(
+    """
+    slots out int64 n m, first int, count int, stamp int64 k, arrived int64 k, lost int64 k, values k|0 w, posed
+    bool, orientation k 4, position k 3, acceleration k 3, unsteady k
+    """
+)
 def take_in(slots, first, count, stamp, arrived, lost, values, posed, orientation, position, acceleration, unsteady):
     """So many samples from number `first` on, values (n, m); without `posed` the last four are not read."""
     reals = slots.view(np.float64)
@@ -39,7 +44,7 @@ def take_in(slots, first, count, stamp, arrived, lost, values, posed, orientatio
             real[_UNSTEADY] = unsteady[k]
 
 
-@entry
+@entry("slots out int64 n m, first int, rows k w, counts int64 s, now int")
 def answer(slots, first, rows, counts, now):
     """Rows (m, width), counts[k] of them for sample `first` + k, known at `now` [ns]."""
     reals = slots.view(np.float64)
@@ -53,7 +58,7 @@ def answer(slots, first, rows, counts, now):
         slot[_ROWS], slot[_READY] = counts[k], now
 
 
-@entry
+@entry("stamp int64 n")
 def seconds(stamp):
     """The bits of `palpate.io.logs.decoding.seconds`."""
     times = np.empty(len(stamp))
@@ -66,7 +71,12 @@ def seconds(stamp):
     return times
 
 
-@entry
+@entry(
+    """
+    count int, seconds int64 n, nanoseconds int64 n, least int, now int, stamp out int64 n, said out uint64 n,
+    size int
+    """
+)
 def stamped(count, seconds, nanoseconds, least, now, stamp, said, size):
     """Stamps [ns] of so many datagrams that were received, `now` where the kernel did not say them.
 

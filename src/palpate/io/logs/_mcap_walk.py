@@ -3,7 +3,7 @@
 # pyright: basic
 from __future__ import annotations
 
-from palpate.surfaces._jit import entry, inlined
+from palpate.surfaces._jit import inlined, released
 
 __all__ = ["walk"]
 
@@ -21,7 +21,7 @@ def _whole(data, at, count):
     return value
 
 
-@entry
+@released("data uint8 n, at int, messages out int64 4 m, others out int64 k 3")
 def walk(data, at, messages, others):
     """Lists messages (4, k): channel, log time [ns], start and length of payload; others (k, 3): kind, start, length.
 

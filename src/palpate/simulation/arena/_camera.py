@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from palpate.surfaces._jit import entry, inner
+from palpate.surfaces._jit import inner, released
 
 __all__ = ["LARGEST", "PER", "WIDE", "draw", "ellipses"]
 
@@ -57,7 +57,7 @@ def _harmonics(points, lens, pixel, waves):
             waves[4, a] += 2.0 * c * s * part
 
 
-@entry
+@released("points m 3 3, lens 20, shape float, out out m 6")
 def ellipses(points, lens, shape, out):
     """What a camera sees of discs: the centroid of each one's picture, and two conjugate half axes of an ellipse.
 
@@ -160,7 +160,12 @@ def _fetched(every, clean, light, grain, width, windows, offsets):
     return total + some
 
 
-@entry
+@released(
+    """
+    frame out uint8 h w 3, behind uint8 h w 3, windows out int64 m 4, shown m 6, blur float, scene (float32 h w,
+    float32 2 3, float32 2, float32 p), grain float32 s s 3, offsets int64 m 2
+    """
+)
 def draw(frame, behind, windows, shown, blur, scene, grain, offsets):
     """Markers over a frame's background; what was drawn in it before is taken away.
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from palpate.surfaces._jit import entry
+from palpate.surfaces._jit import released
 
 __all__ = ["superposed"]
 
 
-@entry
+@released("rest r, presses float32 k a l r, shears float32 k a r, largest k, touches t 5, out out r")
 def superposed(rest, presses, shears, largest, touches, out):
     """Places of points under several touches at once.
 

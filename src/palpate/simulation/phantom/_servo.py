@@ -8,7 +8,7 @@ from palpate.surfaces._jit import entry
 __all__ = ["follow"]
 
 
-@entry
+@entry("servo out 2 n, goal n, joints n, speeds n, law 6, out out n")
 def follow(servo, goal, joints, speeds, law, out):
     """Accelerations wanted of the joints, one time step after another.
 

@@ -10,7 +10,7 @@ from palpate.surfaces._jit import entry
 __all__ = ["press"]
 
 
-@entry
+@entry("cells n 7, law 5, probe 6 3, phantom 6 3, bristles out n 3, out out 11")
 def press(cells, law, probe, phantom, bristles, out):
     """Force, moment and pressure of an elastic foundation with friction.
 

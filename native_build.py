@@ -1,0 +1,179 @@
+"""Compile the kernels ahead of time, into the extension module that `palpate.surfaces._jit` loads.
+
+`python native_build.py [LEVEL]...` builds it for processor levels, "x86-64-v3" and "x86-64" of x86-64 and the machine's
+name elsewhere; without one, for this processor. It needs numba, setuptools, a C compiler and Python's headers. The
+module consists of parts, compiled side by side by a process each; its files bear a digest of all kernels in their
+names, and one of other kernels is never loaded.
+"""
+
+from __future__ import annotations
+
+import os
+import platform
+import shutil
+import subprocess
+import sys
+import tempfile
+import warnings
+from importlib import import_module
+from pathlib import Path
+from time import perf_counter
+from types import ModuleType
+from typing import Any
+
+ROOT = Path(__file__).parent
+PACKAGE = ROOT / "src" / "palpate"
+FIRST = ("contact__kernel_", "contact__live_")  # half of the work: the entries of the first part
+
+
+def main(levels: list[str]) -> int:
+    """Build the parts that are not there yet; return the exit code."""
+    jit = _kernels()
+    wanted = [(level, part) for level in levels or [jit.level()] for part in range(jit.PARTS)]
+    missing = [one for one in wanted if not jit.native_file(*one).exists()]
+    if not missing:
+        return 0
+    begin = perf_counter()
+    _say("compiling kernels ahead of time, once for this version (a minute)")
+    running = [_start(level, part) for level, part in missing]
+    failed = [error for process in running if (error := process.communicate()[1]) and process.returncode]
+    if failed:
+        _say(f"no extension module: {failed[0].strip().splitlines()[-1]}")
+        _say("kernels will be compiled when they are first used, which takes a minute, once")
+        return 1
+    files = [jit.native_file(*one) for one in wanted]
+    for old in set(files[0].parent.glob("*.so")) - set(files):
+        if old.name.split("-")[-2] != jit.STAMP:
+            old.unlink()
+    size = sum(file.stat().st_size for file in files)
+    _say(f"compiled in {perf_counter() - begin:.0f} s: {len(jit.ENTRIES)} entries, {size / 1e6:.1f} MB")
+    return 0
+
+
+def _start(level: str, part: int) -> subprocess.Popen[str]:
+    """Start a process that compiles one part; the name of the processor is read when numba is imported."""
+    surroundings = {name: value for name, value in os.environ.items() if not name.startswith("NUMBA_")}
+    if level.startswith("x86-64"):
+        surroundings |= {"NUMBA_CPU_NAME": level, "NUMBA_CPU_FEATURES": ""}
+    command = [sys.executable, __file__, "--part", level, str(part)]
+    return subprocess.Popen(command, env=surroundings, stderr=subprocess.PIPE, text=True)
+
+
+def build(level: str, part: int) -> None:
+    """Compile one part of the module for a processor level."""
+    from numba.core import typing
+    from numba.pycc import cc, compiler
+
+    jit = _kernels()
+    _only_once()
+    jit.register_choices()
+    module = cc.CC(f"palpate_native_{part}", source_module=ModuleType("palpate_native"))
+    released = set[Any]()
+    for entry in jit.ENTRIES.values():
+        entry.options["cache"] = False  # there is no machine code to keep
+        if entry.name.startswith(FIRST) is not (part == 0):
+            continue
+        for way, arguments in enumerate(entry.ways):
+            types = [_type(argument) for argument in arguments]
+            if None not in types:
+                symbol, signature = entry.symbol(way), typing.signature(None, *types)
+                module._exported_functions[symbol] = compiler.ExportEntry(symbol, signature, entry.py_func)
+        if entry.options.get("nogil"):
+            released.add(entry.py_func)
+    compiler.compile_extra = _with_flags(compiler.compile_extra, released, jit.OPTIONS["error_model"])
+    with tempfile.TemporaryDirectory() as scratch:
+        module.output_dir, module.output_file = scratch, f"palpate_native_{part}.so"
+        module.target_cpu = level if level.startswith("x86-64") else "generic"
+        module.compile()
+        final = jit.native_file(level, part)
+        final.parent.mkdir(exist_ok=True)
+        shutil.copy(Path(scratch, module.output_file), final.with_suffix(".part"))
+        final.with_suffix(".part").replace(final)
+
+
+def _with_flags(compile_extra: Any, released: set[Any], error_model: str) -> Any:
+    """Return what pycc compiles an entry with, and with the flags that its own call leaves out."""
+
+    def compile_with_flags(*given: Any, **rest: Any) -> Any:
+        *first, function, args, returns, flags = given
+        flags = flags.copy()
+        flags.error_model, flags.release_gil = error_model, function in released
+        return compile_extra(*first, function, args, returns, flags, **rest)
+
+    return compile_with_flags
+
+
+def _only_once() -> None:
+    """Let numba optimise and emit the whole module at its end, and not each inner function with all that it calls.
+
+    The functions between are typed and lowered, and stay as they are: nobody runs them here. What numba itself runs is
+    compiled before.
+    """
+    from numba import njit
+    from numba.core import codegen, cpu
+
+    njit(lambda: [0.0])()
+
+    def finalize(library: Any) -> None:
+        library._finalize_dynamic_globals()
+        library._finalized = True
+
+    def with_all(library: Any) -> None:
+        """Link what is called, callers first: what nobody has called so far would be dropped."""
+        order: list[Any] = []
+
+        def visit(called: Any) -> None:
+            for one in called._linking_libraries:
+                if one not in seen:
+                    seen.add(one)
+                    visit(one)
+                    order.append(one)
+
+        seen: set[Any] = set()
+        visit(library)
+        library._linking_libraries = order[::-1]
+        link(library)
+
+    link = codegen.AOTCodeLibrary.finalize
+    codegen.JITCodeLibrary.finalize, codegen.AOTCodeLibrary.finalize = finalize, with_all
+    cpu.CPUContext.get_executable = lambda *_: [].append  # a function of its own for each; it is never called
+
+
+def _type(argument: Any) -> Any:
+    """Return numba's type of an argument; None of a compiled function, which a user's own equation is."""
+    from numba.core import types
+    from numba.np.numpy_support import from_dtype
+
+    kind = type(argument).__name__
+    if kind == "Function":
+        return None
+    if kind == "Number":
+        return {"float": types.float64, "int": types.int64, "bool": types.boolean}[argument.kind]
+    if kind == "Several":
+        return types.Tuple([_type(part) for part in argument.parts])
+    return types.Array(from_dtype(argument.dtype), len(argument.shape), "C")
+
+
+def _kernels() -> Any:
+    """Import every kernel without the packages that it is in, which need what a build has not; return `_jit`."""
+    if "palpate" not in sys.modules:
+        for folder in (PACKAGE, *(file.parent for file in PACKAGE.rglob("__init__.py"))):
+            name = ".".join(("palpate", *folder.relative_to(PACKAGE).parts))
+            package = sys.modules[name] = ModuleType(name)
+            package.__path__ = [str(folder)]
+    jit = import_module("palpate.surfaces._jit")
+    for file in jit.kernel_files():
+        import_module(".".join(("palpate", *file.relative_to(PACKAGE).with_suffix("").parts)))
+    return jit
+
+
+def _say(text: str) -> None:
+    print(text, file=sys.stderr, flush=True)
+
+
+if __name__ == "__main__":
+    warnings.simplefilter("ignore")
+    if sys.argv[1:2] == ["--part"]:
+        build(sys.argv[2], int(sys.argv[3]))
+    else:
+        sys.exit(main(sys.argv[1:]))
