@@ -133,8 +133,8 @@ class Locator:
         self._noisy[NOISY] = 1.0
         self._noises = np.zeros((1, 6, 6)) if self.noise is None else _writable(self.noise[None])
         self._state, self._wrench = _state(None), np.zeros((1, 6))
-        self._many: Callable[..., Any] = _kernel.estimate_many
         self._first_free: Callable[..., int] = _kernel.first_free
+        self._many = self._bound()
         self(np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0]), self.empty())
         self.run(np.zeros((1, 6)))
         self.reset()
@@ -150,7 +150,14 @@ class Locator:
 
         vars(self).update(state)
         self._arguments = self.surface.prepared().arguments
-        self._many, self._first_free = _kernel.estimate_many, _kernel.first_free
+        self._many, self._first_free = self._bound(), _kernel.first_free
+
+    def _bound(self) -> Callable[..., Any]:
+        """Return the compiled loop for these settings on this surface; the arrays of each call are checked by callers."""
+        from palpate.contact import _kernel
+
+        own = *self._arguments, self._settings, self._state
+        return _kernel.estimate_many.compiled_for(self._wrench, self._noises, _ANY, *own, True, self.empty(1))
 
     @staticmethod
     def empty(*batch: int) -> Float[np.ndarray, "*batch 22"]:

@@ -72,7 +72,7 @@ class _Live:
 
         self._given = sensor, locator, placement
         self._hold, self._pack, self._revision = sensor.hold, _live.packed, -1
-        self._loop = _live.force_torque if isinstance(sensor, Compensation) else _live.load_cells
+        self._entry = _live.force_torque if isinstance(sensor, Compensation) else _live.load_cells
         self._compiled = locator.compiled(known=sensor.noise is not None)
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -104,6 +104,7 @@ class _Live:
             packed = self._pack(sensor.constants(placement))
             self._arguments = *packed, sensor.state, *self._compiled
             self._revision = sensor.revision
+            self._loop = self._entry.compiled_for(sensor.held, *self._arguments, np.empty((1, ROW.length)))
         self._loop(sensor.held if inputs is None else inputs, *self._arguments, rows)
 
 

@@ -154,7 +154,7 @@ class AlignController:
         self._last[:], self._unheard = 0.0, 0
         self._time = self._due = time
         self._fed = self._command.tolist()
-        self._moves.pose(self.arm.chain, self.model.joints, self._sensor, self._place)
+        self._moves.pose.unchecked(self.arm.chain, self.model.joints, self._sensor, self._place)
         self._home[:] = self._place + self._sensor @ self._tip
         self._tared = time if self._tared is None else self._tared
 
@@ -193,7 +193,7 @@ class AlignController:
         if fed != self._fed:
             self._fed = fed
             self._heed(time, self.model.correct(time, feedback))
-        self._moves.pose(self.arm.chain, self.model.joints, self._sensor, self._place)
+        self._moves.pose.unchecked(self.arm.chain, self.model.joints, self._sensor, self._place)
         if self._new(wrench):
             self._sense(time, acceleration)
         else:
@@ -250,9 +250,11 @@ class AlignController:
         """Of the payload's centre, in the sensor's frame, without gravity; what turning it takes leaves the wrench."""
         model, centre, moved = self.model, self._centre, self._moved
         moves = model.joints, model.speeds, model.accelerations
-        self._moves.motion(self.arm.chain, *moves, centre, self._motion)
+        self._moves.motion.unchecked(self.arm.chain, *moves, centre, self._motion)
         wrenches = (self._wrench, self._felt)
-        self._kernel.felt(self._motion, self._sensor, self._inertia, self._load, *wrenches, moved, self._spent)
+        self._kernel.felt.unchecked(
+            self._motion, self._sensor, self._inertia, self._load, *wrenches, moved, self._spent
+        )
         if said is None:
             return moved
         turning, speeding = (self._sensor.T @ self._motion[k : k + 3] for k in (3, 9))
@@ -265,13 +267,13 @@ class AlignController:
         seen.time = time
         face = (self._face_axes, self._middle, self._axes, self._tip, self._spent)
         out = (seen.rotation, seen.tip, seen.place, seen.variance, seen.force)
-        self._kernel.sensed(self._row, self._sensor, self._place, *face, *out)
+        self._kernel.sensed.unchecked(self._row, self._sensor, self._place, *face, *out)
 
     def _move(self, time: float) -> None:
         """A new command, by the state: where the last one leads, the wanted step from there, the joints for it."""
         self._e[:] = 0.0
         arm, offset, axes, tip = self.arm, self.model.offset, self._stance, self._foremost
-        self._moves.stance(arm.chain, self._command, offset, self._axes, self._tip, axes, tip)
+        self._moves.stance.unchecked(arm.chain, self._command, offset, self._axes, self._tip, axes, tip)
         self._guard(time, axes, tip)
         state, period = self.supervisor.state, self.servo.period
         if state == State.APPROACH:
@@ -283,7 +285,7 @@ class AlignController:
         elif self.supervisor.retreating:
             self._e[:3] = -self.limits.approach * period * axes[:, 2]
         given = offset, self._tip, self._e, self._bounds
-        self._moves.stepped(arm.chain, arm.limits, *given, period, self._command, self._last)
+        self._moves.stepped.unchecked(arm.chain, arm.limits, *given, period, self._command, self._last)
         self.model.send(time, self._command)
 
     def _guard(self, time: float, axes: Float[np.ndarray, "3 3"], tip: Float[np.ndarray, " 3"]) -> None:

@@ -65,7 +65,8 @@ class Follow:
         self._table = np.array([face.radii(self.force, each) for each in self._grid])  # now: it takes 20 ms each
         self.radii = np.zeros(2)
         self._know_radii()
-        self._observed, self._smoothed, self._target = kernel.observed, kernel.smoothed, kernel.target
+        self._observed, self._smoothed = kernel.observed.unchecked, kernel.smoothed.unchecked
+        self._target = kernel.target.unchecked
         self._sums, self._right = np.zeros((3, 3)), np.zeros(3)
         self._begun = self._time = self._kept = self._reached = 0.0
         self._pressing = self._touch = self.depth = 0.0

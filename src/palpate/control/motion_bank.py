@@ -44,7 +44,7 @@ class MotionBank:
         count = len(self.sizes)
         noises = np.array([*((each, 0.0) for each in JERK), (JERK[0], JUMP)])
         self._densities, self._rates = self.sizes[:, None, None] ** 2 * noises, np.array(RATES)
-        self._advance, self._foresee = kernel.advance, kernel.foresee
+        self._advance, self._foresee = kernel.advance.unchecked, kernel.foresee.unchecked
         self._filters = np.zeros((count, len(noises), kernel.STATE))
         self._mixed = np.zeros((count, 9))
         self._kept = np.zeros_like(self._filters), np.zeros_like(self._mixed)

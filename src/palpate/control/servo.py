@@ -76,7 +76,7 @@ class _Course:
     def __init__(self, servo: Servo, time: float, joints: Float[np.ndarray, " n"]) -> None:
         from palpate.control import _servo as kernel  # compiled: loaded when first needed
 
-        self.servo, self.time, self.begun, self._follow = servo, time, -np.inf, kernel.follow
+        self.servo, self.time, self.begun, self._follow = servo, time, -np.inf, kernel.follow.unchecked
         self.state, self.line = np.zeros((3, len(joints))), np.zeros((2, len(joints)))
         self.state[0] = self.line[:] = joints
 
@@ -130,7 +130,7 @@ class ServoModel:
     def __init__(self, servo: Servo, count: int, correction: float = 0.1) -> None:
         from palpate.control import _servo as kernel  # compiled: loaded when first needed
 
-        self.servo, self.correction, self._apart = servo, correction, kernel.apart
+        self.servo, self.correction, self._apart = servo, correction, kernel.apart.unchecked
         self.offset, self._joints, self._off = np.zeros(count), np.zeros(count), np.zeros(count)
         self._waiting: deque[tuple[float, np.ndarray]] = deque()
         self._begins = deque[_Begun](maxlen=BEGUN)

@@ -21,7 +21,7 @@ from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from typing import Any, cast
 
-from palpate.surfaces._arguments import Argument, forms, require
+from palpate.surfaces._arguments import Argument, form_of, forms, require
 
 try:
     import fcntl
@@ -68,6 +68,7 @@ STAMP = _stamp()
 # another, and the process that compiles has other last bits than those that read its machine code; it was no faster.
 OPTIONS: dict[str, Any] = {"error_model": "numpy", "fastmath": False}
 ENTRIES: dict[str, Entry] = {}  # every compiled function that Python calls, by its module and name
+KEPT = 256  # forms of arguments that an entry remembers
 PARTS = 2  # of the extension module, which are compiled side by side
 _CHOICES: list[tuple[Callable[..., Any], Callable[..., Any]]] = []
 _MAKING = threading.RLock()
@@ -115,6 +116,7 @@ class Entry(Kernel):
         self.ways: tuple[tuple[Argument, ...], ...] = forms(stated, names)
         self.name = f"{function.__module__.removeprefix('palpate.')}.{function.__name__}".replace(".", "_")
         self._compiled: dict[int, Callable[..., Any]] = {}
+        self._fitting: dict[tuple[Any, ...], Callable[..., Any]] = {}  # forms of arguments that were seen to fit
         ENTRIES[self.name] = self
 
     def __call__(self, *given: Any) -> Any:
@@ -128,7 +130,14 @@ class Entry(Kernel):
         Raises:
             InputError: an argument has another type, shape or layout than compiled code reads.
         """
-        return self._of(require(self.py_func, self.ways, given))
+        form = form_of(given)
+        compiled = self._fitting.get(form)
+        if compiled is None:
+            compiled = self._of(require(self.py_func, self.ways, given))
+            if len(self._fitting) >= KEPT:
+                self._fitting.clear()
+            self._fitting[form] = compiled
+        return compiled
 
     @property
     def unchecked(self) -> Callable[..., Any]:
@@ -221,8 +230,20 @@ def _native() -> dict[str, Callable[..., Any]]:
         if files:
             name = f"palpate_native_{part}"
             spec = cast(Any, spec_from_file_location(name, files[0], loader=ExtensionFileLoader(name, str(files[0]))))
-            found |= vars(module_from_spec(spec))
+            functions = vars(module_from_spec(spec))
+            for function in functions.values():
+                if callable(function):
+                    function.__module__ = __name__  # where a pickle finds it, by `__getattr__`
+                    found[function.__name__] = function
     return found
+
+
+def __getattr__(name: str) -> Callable[..., Any]:
+    """Return a function of the extension module."""
+    function = None if name.startswith("_") else _native().get(name)
+    if function is None:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return function
 
 
 def _dispatcher(function: Callable[..., Any], options: dict[str, Any]) -> Any:
