@@ -16,7 +16,8 @@ import json
 import mmap
 import os
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from math import prod
@@ -232,12 +233,27 @@ class Ring:
 
     def say(self, sentence: str) -> None:
         """Keep a sentence with the time, for all who read the ring; any process may, one at a time."""
-        text = sentence.encode()[: SENTENCE - 1].decode(errors="ignore").encode()
+        with self._alone():
+            self._keep(sentence)
+
+    def ask_tare(self, by: str) -> None:
+        """Ask the writer for a tare, and keep who did; any process may."""
+        with self._alone():
+            self._keep(f"tare asked for by {by}")
+            self["asked"] += 1
+
+    @contextmanager
+    def _alone(self) -> Generator[None]:
+        """While no other process, and no other thread of this one, does the same."""
         with self.path.open("r+b") as file:
-            fcntl.lockf(file, fcntl.LOCK_EX, 1, _SAID)  # let go of when the file is closed, or the process killed
-            count = self["said"]
-            self._sentences[count % SENTENCES] = (time.time_ns(), text)
-            self["said"] = count + 1
+            fcntl.flock(file, fcntl.LOCK_EX)  # let go of when the file is closed, or the process killed
+            yield
+
+    def _keep(self, sentence: str) -> None:
+        text = sentence.encode()[: SENTENCE - 1].decode(errors="ignore").encode()
+        count = self["said"]
+        self._sentences[count % SENTENCES] = (time.time_ns(), text)
+        self["said"] = count + 1
 
     def said(self, since: int) -> tuple[list[tuple[int, str]], int]:
         """Stamps [ns] and sentences from a number on, as far as they are kept, and the number to go on from."""
