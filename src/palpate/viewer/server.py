@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from importlib.util import find_spec
 from ipaddress import ip_address
 from secrets import token_urlsafe
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, TypeVar
 
 from palpate.errors import InputError
 from palpate.viewer.scene import Scene
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Page", "Served", "require_viser", "serve"]
 
+_Page = TypeVar("_Page", bound="Served")
 PORTS = 100  # tried, where one is taken
 _ELSEWHERE = {socket.AF_INET: "192.0.2.1", socket.AF_INET6: "2001:db8::1"}  # addresses of nobody, for documentation
 
@@ -89,7 +90,7 @@ class Served:
         with _quiet():
             self._server.stop()
 
-    def __enter__(self) -> Self:
+    def __enter__(self: _Page) -> _Page:
         return self
 
     def __exit__(self, *_: object) -> None:

@@ -8,6 +8,7 @@ from http import HTTPStatus
 from logging import Filter, Logger, LogRecord
 from types import CodeType, FunctionType, SimpleNamespace
 from typing import Any
+from warnings import filterwarnings
 
 import viser
 import viser.infra
@@ -43,6 +44,7 @@ def listening(guard: Guard, host: str, port: int) -> viser.ViserServer:
     Raises:
         InputError: this viser is built in another way, so that it could not be guarded.
     """
+    filterwarnings("ignore", r"Queued a \w+ on a closed connection")  # a browser that goes while its page is made
     server: Any = viser.ViserServer.__new__(viser.ViserServer)
     door = _Door(guard, server)
     worker = _rebound(viser.infra.WebsockServer._background_worker, websockets=door.websockets)  # pyright: ignore[reportPrivateUsage]
