@@ -8,18 +8,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-msgspec = pytest.importorskip("msgspec")
+pytest.importorskip("msgspec")
 
-from palpate.viewer.guard import (  # noqa: E402
-    LARGEST,
-    Guard,
-    Kind,
-    Request,
-    Verdict,
-    Widget,
-    in_url,
-    judged,
-)
+import msgspec
+
+from palpate.viewer.guard import LARGEST, Guard, Kind, Request, Verdict, Widget, in_url, judged
 
 TOKEN = "h3Kq-0_zYw"
 GUARD = Guard("0.0.0.0", TOKEN)

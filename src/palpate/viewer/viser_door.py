@@ -45,17 +45,14 @@ def listening(guard: Guard, host: str, port: int) -> viser.ViserServer:
         InputError: this viser is built in another way, so that it could not be guarded.
     """
     filterwarnings("ignore", r"Queued a \w+ on a closed connection")  # a browser that goes while its page is made
+    infra: Any = viser.infra
     server: Any = viser.ViserServer.__new__(viser.ViserServer)
     door = _Door(guard, server)
-    worker = _rebound(viser.infra.WebsockServer._background_worker, websockets=door.websockets)  # pyright: ignore[reportPrivateUsage]
-
-    class Server(viser.infra.WebsockServer):
-        _background_worker = worker
-
-    _rebound(viser.ViserServer.__init__, infra=_with(viser.infra, WebsockServer=Server))(
-        server, host, port, label="Palpate", verbose=False
-    )
-    inside: Any = (server._websock_server, "_live_connections"), (server.gui, "_gui_input_handle_from_uuid")
+    behind = {"_background_worker": _rebound(infra.WebsockServer._background_worker, websockets=door.websockets)}
+    made = type("Server", (infra.WebsockServer,), behind)
+    begin = _rebound(viser.ViserServer.__init__, infra=_with(infra, WebsockServer=made))
+    begin(server, host, port, label="Palpate", verbose=False)
+    inside = (server._websock_server, "_live_connections"), (server.gui, "_gui_input_handle_from_uuid")
     if not door.serving or not all(hasattr(owner, name) for owner, name in inside):
         server.stop()
         raise _unknown()
