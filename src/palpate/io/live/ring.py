@@ -22,6 +22,7 @@ from dataclasses import asdict, dataclass
 from functools import cached_property
 from math import prod
 from pathlib import Path
+from threading import Lock
 from types import ModuleType
 from typing import Any, cast
 
@@ -128,7 +129,7 @@ class Ring:
     """
 
     def __init__(self, path: Path) -> None:
-        self.path = path
+        self.path, self._talking = path, Lock()
         try:
             with path.open("r+b") as file:
                 size = os.fstat(file.fileno()).st_size
@@ -245,8 +246,8 @@ class Ring:
     @contextmanager
     def _alone(self) -> Generator[None]:
         """While no other process, and no other thread of this one, does the same."""
-        with self.path.open("r+b") as file:
-            fcntl.flock(file, fcntl.LOCK_EX)  # let go of when the file is closed, or the process killed
+        with self._talking, self.path.open("r+b") as file:  # the lock of the file is one for all threads of a process
+            fcntl.lockf(file, fcntl.LOCK_EX, 1, _SAID)  # let go of when the file is closed, or the process killed
             yield
 
     def _keep(self, sentence: str) -> None:
