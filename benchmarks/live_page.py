@@ -23,6 +23,7 @@ import trimesh
 
 from benchmarks.live import HOST, RIG, Memory, R, wrenches
 from evidence.page import CHROMIUM, browser
+from evidence.page_client import CAMERA, opened
 from evidence.row import Row
 from palpate.cli.live_page import show
 from palpate.io.live.live import Live
@@ -33,14 +34,11 @@ __all__ = ["rows"]
 
 COMMAND = "python -m benchmarks --only live_page"
 NAME = "live page"
+TOKEN = "of_this_benchmark"
 FACETS, TICK = 20_000, 0.002  # s between two blocks of samples
 PICTURES, SHARE = 30.0, 10.0  # a second; % of a core
 SETTLE, SECONDS = 5.0, 20.0  # s: once the page is seen; that are counted
 TOUCH = 700  # samples of a touch, of which none is without one
-CAMERA = {  # what a browser says first: from then on viser counts it
-    "type": "ViewerCameraMessage", "wxyz": (1.0, 0.0, 0.0, 0.0), "position": (0.0, 0.0, 3.0), "fov": 0.8, "near": 0.01,
-    "far": 100.0, "image_height": 800, "image_width": 1280, "look_at": (0.0, 0.0, 0.0), "up_direction": (0.0, 0.0, 1.0),
-}  # fmt: skip
 
 Watch = Callable[[str, float, Callable[[], None]], list[float]]
 
@@ -70,7 +68,9 @@ def _watched(folder: Path, rate: int, watch: Watch, seconds: float) -> tuple[flo
     rig, spent = folder / "rig.toml", list[tuple[float, float]]()
     rig.write_text(RIG.format(host=HOST, port=1, web=1), encoding="utf-8")
     with _streaming(folder, rate) as ring:
-        process = get_context("spawn").Process(target=show, args=(ring.path, rig, 0, os.getpid()), daemon=True)
+        process = get_context("spawn").Process(
+            target=show, args=(ring.path, rig, HOST, 0, TOKEN, os.getpid()), daemon=True
+        )
         process.start()
         try:
             came = watch(_address(ring), seconds, lambda: spent.append((_spent(process.pid), time.monotonic())))
@@ -115,13 +115,10 @@ def _reading(address: str, seconds: float, mark: Callable[[], None]) -> list[flo
 
 def _read(address: str, told: Connection) -> None:
     """As a browser does it, and when each message came."""
-    import viser
     from msgspec import msgpack
-    from websockets.sync.client import connect
-    from websockets.typing import Subprotocol
 
-    came, version = list[float](), Subprotocol(f"viser-v{viser.__version__}")
-    with connect(address.replace("http", "ws"), subprotocols=[version], max_size=None, compression=None) as socket:
+    came = list[float]()
+    with opened(address) as socket:
         socket.send(msgpack.encode(CAMERA))
         told.send("connected")
         while not told.poll():
@@ -162,7 +159,7 @@ def _address(ring: Ring) -> str:
     while time.monotonic() < end:
         for _, sentence in ring.said(0)[0]:
             if sentence.startswith("the page is at "):
-                return sentence.split(" ")[4]
+                return f"{sentence.split(' ')[4]}/?token={TOKEN}"
         time.sleep(0.1)
     raise TimeoutError("the page did not say where it is")
 

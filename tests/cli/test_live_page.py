@@ -29,7 +29,7 @@ from tests.support.live_rings import RADIUS, answered, rows, sphere_rig, sphere_
 
 pytest.importorskip("viser")
 
-RATE = 200.0  # Hz
+RATE, TOKEN = 200.0, "of_this_test"  # Hz
 
 
 @dataclass
@@ -71,7 +71,7 @@ def stream(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Stream]:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
         context = multiprocessing.get_context("spawn")
-        arguments = (ring.path, rig, taken.getsockname()[1], os.getpid())
+        arguments = (ring.path, rig, "127.0.0.1", taken.getsockname()[1], TOKEN, os.getpid())
         process = context.Process(target=show, args=arguments, daemon=True)
         process.start()
         made = Stream(ring, process)
@@ -106,7 +106,7 @@ def view(browser: object, stream: Stream) -> Iterator[object]:
 def _address(stream: Stream) -> str:
     found = re.search(r"the page is at (http://127\.0\.0\.1:\d+)", stream.said())
     assert found is not None
-    return found[1]
+    return f"{found[1]}/?token={TOKEN}"
 
 
 def test_the_next_free_port_is_taken_and_said(stream: Stream) -> None:
@@ -125,11 +125,13 @@ def test_rate_contact_latency_and_drops_are_on_the_page(view: object, stream: St
     until(lambda: re.search(r"samples\s+[\d,]+, 3 lost", text()), "no drops")
     assert re.search(r"median [\d,]+, 99\s% [\d,]+, worst [\d,]+ µs", text())
     assert "the page is at" in text()
+    assert TOKEN not in text()  # which somebody may look at, or record
 
 
 def test_the_button_asks_for_a_tare_and_shows_what_came_of_it(view: object, stream: Stream) -> None:
     view.get_by_role("button", name="Tare").click()
     until(lambda: stream.ring["asked"] == 1, "nobody asked")
+    assert stream.said().endswith("tare asked for by the page (127.0.0.1)")
     view.get_by_role("button", name="Taring", disabled=True).wait_for()
     stream.ring.say("tare over 200 samples: <b>nothing</b> moved")
     stream.ring["done"] = 1
@@ -188,7 +190,7 @@ def _descendants(parent: int, name: str) -> list[int]:
 
 def test_what_was_not_fetched_is_replaced_by_what_comes_after_it() -> None:
     """However many pictures are drawn, as many messages wait for a browser as after the first turn of the contact."""
-    with LivePage(Sphere(RADIUS), (), "sphere", lambda: None, port=0) as page:
+    with LivePage(Sphere(RADIUS), (), "sphere", lambda browser: None, port=0) as page:
         waiting = page._server._websock_server._broadcast_buffer.message_from_id
         sizes = list[int]()
         for turn in range(3):
@@ -221,7 +223,7 @@ def test_who_comes_when_the_stream_stands_still_sees_its_last_sample(tmp_path: P
 
 def test_no_arrow_is_longer_than_the_body_however_old_the_scale_is() -> None:
     """Fifty times as hard as the contact that the page was scaled to a moment ago; and a usual one is no dot."""
-    with LivePage(Sphere(RADIUS), (), "sphere", lambda: None, port=0) as page:
+    with LivePage(Sphere(RADIUS), (), "sphere", lambda browser: None, port=0) as page:
 
         def shown(found: Contacts) -> float:
             page.show(found)

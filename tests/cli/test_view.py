@@ -120,7 +120,7 @@ def test_it_serves_until_ctrl_c_on_the_next_free_port(made: Path) -> None:
         with program("view", str(made / "surface.csv"), "--rig", str(made / "rig.toml"), "--port", str(port)) as run:
             assert run.stdout is not None
             line = next(line for line in run.stdout if "http" in line)
-            address = re.search(r"http://127\.0\.0\.1:(\d+)", line)
+            address = re.search(r"http://127\.0\.0\.1:(\d+)/\?token=[\w-]+", line)
             assert address is not None
             assert int(address[1]) != port
             with urllib.request.urlopen(address[0]) as answer:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import os
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from palpate.errors import InputError
+from palpate.io.live.record import only_one
 from palpate.io.live.ring import Ring
 from palpate.io.live.source import Batch
 from tests.support.live_rings import answered, sphere_ring, touches
@@ -63,3 +65,12 @@ def test_a_ring_of_another_version_and_one_that_is_cut_off_are_refused(ring: Rin
     os.truncate(ring.path, ring.path.stat().st_size - 1)
     with pytest.raises(InputError, match="is cut off"):
         Ring(ring.path)
+
+
+def test_tares_are_counted_and_said_by_any_thread_while_somebody_records(ring: Ring) -> None:
+    """None of 40 is lost, and the recorder's lock of the file stops nobody."""
+    with only_one(ring.path), ThreadPoolExecutor(8) as askers:
+        list(askers.map(ring.ask_tare, [f"asker {k}" for k in range(40)], timeout=30.0))
+    said, count = ring.said(0)
+    assert ring["asked"] == count == 40
+    assert sorted(sentence for _, sentence in said) == sorted(f"tare asked for by asker {k}" for k in range(40))

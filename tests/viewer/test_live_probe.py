@@ -43,7 +43,7 @@ def test_a_run_is_watched_in_a_browser_and_ends_by_ctrl_c(tmp_path: Path) -> Non
     asked = ("simulate", "phantom", "--seconds", "600", "-o", str(tmp_path / "run.mcap"), "--view", "--port", "0")
     with chromium() as browser, program(*asked) as run:
         assert run.stdout is not None
-        address = next(found[0] for line in run.stdout if (found := re.search(r"http://127\.0\.0\.1:\d+", line)))
+        address = next(found[0] for line in run.stdout if (found := re.search(r"http://127\.0\.0\.1:\d+\S+", line)))
         page = browser.new_page(viewport={"width": 900, "height": 600}, device_scale_factor=0.5)
         page.set_default_timeout(1e3 * PATIENCE)
         page.goto(address)

@@ -12,6 +12,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from pathlib import Path
+from secrets import token_urlsafe
 from typing import Annotated
 
 from tyro.conf import FlagConversionOff, FlagCreatePairsOff, UseAppendAction, arg
@@ -48,6 +49,7 @@ def live(
     split: float = 1000.0,
     view: Annotated[bool, FlagCreatePairsOff] = False,
     port: int = 8080,
+    host: Annotated[str, arg(metavar="ADDRESS")] = "127.0.0.1",
     publish: Annotated[UseAppendAction[tuple[str, ...]], arg(metavar="TO", help_behavior_hint="")] = (),
     sensor: Annotated[str | None, arg(metavar="NAME", help_behavior_hint="")] = None,
     seconds: Scalar = None,
@@ -64,7 +66,8 @@ def live(
             `palpate recover`.
         split: MB after which another file is begun: run.mcap, run.1.mcap, ...
         view: show it in a browser.
-        port: of that page.
+        port: of that page; the next free one if it is taken.
+        host: address to serve it at; the default can be reached from this machine only.
         publish: contacts to ros2[:DOMAIN], udp:HOST:PORT or unix:PATH (JSON lines); may be given again.
         sensor: name of the sensor's table, where the rig has several.
         seconds: to run; without it until Ctrl-C, or the end of a log that is replayed without a page.
@@ -82,16 +85,18 @@ def live(
         path = stack.enter_context(_ring(record))
         heard, trouble = Pipe(duplex=False)
         arguments = (rig, path, sensor, os.getpid(), trouble, realtime, record is not None)
-        receiver = Worker("receiver", receive, arguments)
+        receiver, token = Worker("receiver", receive, arguments), token_urlsafe(16)
         supervisor = Supervisor([receiver])
         receiver.start()
         ring = None
         try:
             ring = _made(path, receiver, heard, came)
-            supervisor.workers += _readers(path, rig, record, split, view, port, publish)
+            supervisor.workers += _readers(path, rig, record, split, publish)
+            if view:
+                supervisor.workers.append(Worker("page", show, (path, rig, host, port, token, os.getpid())))
             for worker in supervisor.workers[1:]:
                 worker.start()
-            _watch(supervisor, ring, heard, came, seconds, stays=view)
+            _watch(supervisor, ring, heard, came, seconds, token, stays=view)
         finally:
             note(supervisor.stop(ring), kind="warning")
         if ring is not None:
@@ -110,16 +115,12 @@ def _require(stated: Rig, rig: Path, record: Path | None, publish: tuple[str, ..
         require_address(each)
 
 
-def _readers(
-    ring: Path, rig: Path, record: Path | None, split: float, view: bool, port: int, publish_to: tuple[str, ...]
-) -> list[Worker]:
-    """The processes that read the ring."""
+def _readers(ring: Path, rig: Path, record: Path | None, split: float, publish_to: tuple[str, ...]) -> list[Worker]:
+    """The processes that read the ring and write elsewhere."""
     parent = os.getpid()
     made: list[Worker] = []
     if record is not None:
         made.append(Worker("recorder", record_ring, (ring, record, split * MEGA, parent)))
-    if view:
-        made.append(Worker("page", show, (ring, rig, port, parent)))
     made += [Worker(f"publisher to {to}", publish, (ring, to, rig, parent)) for to in publish_to]
     return made
 
@@ -189,22 +190,29 @@ def _heard(trouble: Connection, timeout: float = 0.0) -> None:
 
 
 def _watch(
-    supervisor: Supervisor, ring: Ring, trouble: Connection, came: Came, seconds: float | None, *, stays: bool
+    supervisor: Supervisor,
+    ring: Ring,
+    trouble: Connection,
+    came: Came,
+    seconds: float | None,
+    token: str,
+    *,
+    stays: bool,
 ) -> None:
     """Until Ctrl-C, or for so many seconds: restarts, sentences, a line of figures, tares.
 
     A log that is at its end ends it too, unless it `stays` for somebody who looks at it.
     """
-    figures, end = Figures(ring), time.monotonic() + (seconds or float("inf"))
+    figures, end = Figures(ring, token), time.monotonic() + (seconds or float("inf"))
     every, then = LINE if sys.stderr.isatty() else SELDOM, 0.0
-    keys = done = 0
+    done = 0
     with counting(), pressed() as key:
         while not came.stop and time.monotonic() < end and (stays or not ring["ended"]):
-            keys += int(key(0.1) == "t")
-            wanted = came.tares + keys - done  # counted, not reset: a signal may fall between any two steps
-            done += wanted
-            if wanted:  # others write this word, too: only then
-                ring["asked"] += wanted
+            if key(0.1) == "t":
+                ring.ask_tare("the key t")
+            if (tares := came.tares) > done:  # counted, not reset: a signal may fall between any two steps
+                ring.ask_tare("a signal (SIGUSR1)")
+                done = tares
             _heard(trouble)
             supervisor.watch(ring)
             figures.sentences()

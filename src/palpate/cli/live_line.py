@@ -22,10 +22,11 @@ class Figures:
 
     Args:
         ring: of the stream.
+        token: that opens the page: it stands on the screen alone, and in no record.
     """
 
-    def __init__(self, ring: Ring) -> None:
-        self._ring, self._said = ring, 0
+    def __init__(self, ring: Ring, token: str = "") -> None:
+        self._ring, self._said, self._token = ring, 0, token
         self._count, self._at, self._lost = ring["answered"], time.monotonic(), 0
 
     def sentences(self) -> None:
@@ -35,7 +36,15 @@ class Figures:
             when = datetime.fromtimestamp(stamp / 1e9).strftime("%H:%M:%S")
             if sys.stderr.isatty():
                 print("\r\x1b[K", end="", file=sys.stderr, flush=True)
-            announce(f"{when} {sentence}")
+            announce(f"{when} {self._opened(sentence)}")
+
+    def _opened(self, sentence: str) -> str:
+        """The sentence on the page with an address that opens it."""
+        begin = "the page is at "
+        if not sentence.startswith(begin):
+            return sentence
+        address, blank, rest = sentence.removeprefix(begin).partition(" ")
+        return f"{begin}{address}/?token={self._token}{blank}{rest}"
 
     def line(self) -> None:
         """Rate, contacts, latency, drops: in place where a person watches, else one below the other."""

@@ -47,13 +47,15 @@ _GATHERED = ["number", "stamp", "arrived", "ready", "lost", "rows", "contacts"] 
 Feed = Callable[[np.ndarray, bool], None]
 
 
-def show(ring: Path, rig: Path, port: int, parent: int) -> None:
+def show(ring: Path, rig: Path, host: str, port: int, token: str, parent: int) -> None:
     """Serve the page until the ring says stop, or the parent is gone; a process of its own.
 
     Args:
         ring: file of the stream.
         rig: of the stream.
+        host: address to serve at.
         port: the first to try; the next free one is taken and said.
+        token: that opens the page; the ring, which is recorded, does not have it.
         parent: process.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's, which says stop
@@ -62,11 +64,11 @@ def show(ring: Path, rig: Path, port: int, parent: int) -> None:
         stated = load_rig(rig)
         layers = layers_of(stated, read.form.sensor, live=read.form.shape)
         stream = Stream(read, feed_of(stated, read, layers))
-        with LivePage(body_of(stated), layers, rig.stem, stream.tare, port=port) as page:
+        with LivePage(body_of(stated), layers, rig.stem, stream.tare, host, port, token) as page:
             gc.collect()
             gc.freeze()  # or it looks through all that is here to stay, again and again
-            taken = "" if port in (0, int(page.address.rpartition(":")[2])) else f" (port {port} is taken)"
-            read.say(f"the page is at {page.address}{taken}")
+            taken = "" if port in (0, page.port) else f" (port {port} is taken)"
+            read.say(f"the page is at {page.address.partition('/?')[0]}{taken}")
             _serve(page, stream, parent)
     except PalpateError as problem:
         read.say(f"there is no page: {problem}")
@@ -132,9 +134,9 @@ class Stream:
         self._said = deque[tuple[str, str]](maxlen=SENTENCES)
         self._tare = ""
 
-    def tare(self) -> None:
-        """Ask the receiver for one."""
-        self.ring["asked"] += 1
+    def tare(self, browser: str) -> None:
+        """Ask the receiver for one, as a person did in a browser at that address."""
+        self.ring.ask_tare(f"the page ({browser})")
 
     def look(self, watched: bool) -> None:
         """Read what is new."""

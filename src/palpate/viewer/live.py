@@ -17,7 +17,7 @@ from palpate.viewer.layer import Layer
 from palpate.viewer.samples import sample_starts, totals
 from palpate.viewer.scene import MAGNIFICATIONS, Scene, alone, nothing, prepare
 from palpate.viewer.scene3d import Scene3D, Settings
-from palpate.viewer.server import address, listen, quiet
+from palpate.viewer.server import Served
 from palpate.viewer.timeline import downsampled
 from palpate.viewer.widgets import ELLIPSE, add_curves, dock, table, theme
 
@@ -60,8 +60,8 @@ class Figures:
     said: tuple[tuple[str, str], ...] = ()
 
 
-class LivePage:
-    """A page that is fed; served from a thread of its own until `stop`, and by itself as a context manager.
+class LivePage(Served):
+    """A page that is fed, served as `Served` is.
 
     Nothing is computed or sent for a value that is the same as before; what a browser does not fetch is replaced by
     what comes after it, so that one that stalls costs no memory.
@@ -70,9 +70,10 @@ class LivePage:
         surface: the body; None: the layers show it.
         layers: what the sensor adds.
         title: what to call it.
-        tare: called when a person asks for one.
+        tare: called when a person asks for one, with the address of that browser.
         host: address to listen at; only this machine can reach the default.
         port: the first to try; 0 for any.
+        token: that opens the page; "": a new one.
 
     Raises:
         InputError: viser is not installed, or nothing can listen there.
@@ -83,12 +84,16 @@ class LivePage:
         surface: Surface | None,
         layers: Sequence[Layer],
         title: str,
-        tare: Callable[[], None],
+        tare: Callable[[str], None],
         host: str = "127.0.0.1",
         port: int = 8080,
+        token: str = "",
     ) -> None:
         self.scene: Scene = prepare(surface, nothing(), title, layers)
-        self._server, self._scaled = listen(host, port), -np.inf
+        from palpate.viewer.viser_door import browser_address  # here: it needs viser
+
+        super().__init__(host, port, token)
+        self._scaled = -np.inf
         gui = self._server.gui
         with self._server.atomic():
             self._scene3d = Scene3D(self._server, self.scene)
@@ -102,16 +107,11 @@ class LivePage:
             self._tare = gui.add_button("Tare", hint="take what the sensor reads now for nothing touching it")
             self._add_settings()
             self._sentences = gui.add_html("")
-        self._tare.on_click(lambda _: tare())
+        self._tare.on_click(lambda event: tare(browser_address(self._server, event.client_id)))
         if surface is not None:
             surface.project(self.scene.bounds[:1])  # loads machine code before somebody watches
         self._scene3d.show(self.scene.at(0), Settings(heat=False, trail=0.0, magnification=1))
         self.tell(None, Figures())
-
-    @property
-    def address(self) -> str:
-        """To open in a browser."""
-        return address(self._server)
 
     @property
     def watched(self) -> bool:
@@ -157,17 +157,6 @@ class LivePage:
             self._sentences.content = _sentences(figures)
             self._tare.label = "Taring" if figures.taring else "Tare"
             self._tare.disabled = figures.taring
-
-    def stop(self) -> None:
-        """Close the page and free its port."""
-        with quiet():
-            self._server.stop()
-
-    def __enter__(self) -> LivePage:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.stop()
 
     def _curve(self, silent: float) -> tuple[np.ndarray, np.ndarray]:
         """Seconds before now, and the force; the curve knows no NaN."""

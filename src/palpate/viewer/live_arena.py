@@ -12,7 +12,7 @@ from jaxtyping import Float, Int
 from palpate.viewer._style import MUTED, RULE, STATUS
 from palpate.viewer.arena import Arena, Scene, Trails, colour, mixed, newtons
 from palpate.viewer.arena_picture import senses
-from palpate.viewer.server import address, listen, quiet
+from palpate.viewer.server import Served
 from palpate.viewer.widgets import dock, theme
 
 if TYPE_CHECKING:
@@ -32,8 +32,8 @@ PUSH = (150, 25, 0)  # red, green, blue of an arrow: what the page's lights make
 _RED = "#cc3311"
 
 
-class LiveArena:
-    """A page that is fed; served from a thread of its own until `stop`, and by itself as a context manager.
+class LiveArena(Served):
+    """A page that is fed, served as `Served` is.
 
     Args:
         arena: that is drawn.
@@ -45,7 +45,8 @@ class LiveArena:
     """
 
     def __init__(self, arena: Arena, host: str = "127.0.0.1", port: int = 8080) -> None:
-        self.arena, self._server = arena, listen(host, port)
+        super().__init__(host, port)
+        self.arena = arena
         self._trails = Trails(arena.robots)
         self._drawn = self._told = -np.inf
         self._due, self._last = monotonic(), 0.0
@@ -58,11 +59,6 @@ class LiveArena:
             self._blocks = [_add_block(space, arena, at) for at in range(len(arena.half))]
             self._robots = [_Robot(space, robot, arena.radius) for robot in range(arena.robots)]
             self._add_panel()
-
-    @property
-    def address(self) -> str:
-        """To open in a browser."""
-        return address(self._server)
 
     @property
     def paused(self) -> bool:
@@ -128,17 +124,6 @@ class LiveArena:
                 self._due = monotonic() + PATIENCE
             sleep(min(PATIENCE, max(0.0, self._due - monotonic())))
         self._due = max(self._due, monotonic() - PATIENCE)
-
-    def stop(self) -> None:
-        """Close the page and free its port."""
-        with quiet():
-            self._server.stop()
-
-    def __enter__(self) -> LiveArena:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.stop()
 
     def _place_camera(self) -> None:
         """Before the lower wall, so that the whole field is seen beside the panel."""

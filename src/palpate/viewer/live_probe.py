@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from palpate.spatial.pose import Pose
-from palpate.viewer.server import address, listen, quiet
+from palpate.viewer.server import Served
 from palpate.viewer.widgets import add_curves, dock
 
 __all__ = ["LiveProbe"]
@@ -18,8 +18,8 @@ SHOWN = 300  # rows of a curve
 ARROW = 0.01 * SCALE  # for each newton
 
 
-class LiveProbe:
-    """A page that is fed; drawn about the place of the surface at the first call.
+class LiveProbe(Served):
+    """A page that is fed, served as `Served` is; drawn about the place of the surface at the first call.
 
     Args:
         vertices: (v, 3) of the probe [m].
@@ -40,7 +40,7 @@ class LiveProbe:
         host: str = "127.0.0.1",
         port: int = 8080,
     ) -> None:
-        self._server = listen(host, port)
+        super().__init__(host, port)
         space, gui = self._server.scene, self._server.gui
         space.set_up_direction("+z")
         space.configure_default_lights(cast_shadow=False)
@@ -61,11 +61,6 @@ class LiveProbe:
         self._force = add_curves(gui, ("force [N]",), ("#0072b2",))
         self._angle = add_curves(gui, ("in-plane [deg]", "out-of-plane [deg]"), ("#d55e00", "#009e73"))
         self._middle: np.ndarray | None = None
-
-    @property
-    def address(self) -> str:
-        """To open in a browser."""
-        return address(self._server)
 
     def show(
         self,
@@ -101,14 +96,3 @@ class LiveProbe:
             self._words.content = words
             self._force.data = (columns[0], columns[1])
             self._angle.data = (columns[0], columns[2], columns[3])
-
-    def stop(self) -> None:
-        """Close the page and free its port."""
-        with quiet():
-            self._server.stop()
-
-    def __enter__(self) -> LiveProbe:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.stop()

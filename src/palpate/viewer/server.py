@@ -7,7 +7,9 @@ import threading
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from importlib.util import find_spec
-from typing import TYPE_CHECKING
+from ipaddress import ip_address
+from secrets import token_urlsafe
+from typing import TYPE_CHECKING, TypeVar
 
 from palpate.errors import InputError
 from palpate.viewer.scene import Scene
@@ -18,9 +20,11 @@ from palpate.viewer.widgets import name
 if TYPE_CHECKING:
     from viser import ClientHandle, ViserServer
 
-__all__ = ["Page", "address", "listen", "quiet", "require_viser", "serve"]
+__all__ = ["Page", "Served", "require_viser", "serve"]
 
+_Page = TypeVar("_Page", bound="Served")
 PORTS = 100  # tried, where one is taken
+_ELSEWHERE = {socket.AF_INET: "192.0.2.1", socket.AF_INET6: "2001:db8::1"}  # addresses of nobody, for documentation
 
 
 def serve(
@@ -56,8 +60,45 @@ def require_viser(host: str, port: int) -> None:
     _free(host, port)
 
 
-class Page:
-    """A scene, served from threads of its own until `stop`; as a context manager it stops by itself.
+class Served:
+    """A page that is served from threads of its own until `stop`; as a context manager it stops by itself.
+
+    Only a browser that opens `address` is answered, and those that have opened it before; see `Guard`.
+
+    Attributes:
+        address: to open in a browser, with the token that it needs. Where the server listens at all addresses of this
+            machine, it is the one that others on its network reach.
+        port: that was free.
+
+    Args:
+        host: address to listen at; only this machine can reach the default.
+        port: the first to try; 0 for any.
+        token: that opens the page; "": a new one.
+
+    Raises:
+        InputError: viser is not installed, or nothing can listen there.
+    """
+
+    def __init__(self, host: str = "127.0.0.1", port: int = 8080, token: str = "") -> None:
+        token = token or token_urlsafe(16)
+        self._server = _listen(host, port, token)
+        self.port = self._server.get_port()
+        self.address = f"{_shown(host)}:{self.port}/?token={token}"
+
+    def stop(self) -> None:
+        """Close the page and free its port."""
+        with _quiet():
+            self._server.stop()
+
+    def __enter__(self: _Page) -> _Page:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.stop()
+
+
+class Page(Served):
+    """A scene, served as `Served` is.
 
     Args:
         scene: what to show.
@@ -72,7 +113,7 @@ class Page:
     def __init__(self, scene: Scene, host: str = "127.0.0.1", port: int = 8080, *, together: bool = False) -> None:
         self.scene = scene
         scene.ready()
-        self._server = listen(host, port)
+        super().__init__(host, port)
         self._lock = threading.Lock()
         self._sessions: dict[int, Session] = {}
         if together:
@@ -82,11 +123,6 @@ class Page:
         name(self._server.gui, scene.title)
         self._server.on_client_connect(self._join)
         self._server.on_client_disconnect(self._leave)
-
-    @property
-    def address(self) -> str:
-        """To open in a browser."""
-        return address(self._server)
 
     @property
     def session(self) -> Session:
@@ -121,14 +157,7 @@ class Page:
         """Close the page and free its port."""
         for session in list(self._sessions.values()):
             session.stop()
-        with quiet():
-            self._server.stop()
-
-    def __enter__(self) -> Page:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.stop()
+        super().stop()
 
     def _join(self, client: ClientHandle) -> None:
         session = Session(client, self.scene.again())
@@ -142,27 +171,36 @@ class Page:
             session.stop()
 
 
-def address(server: ViserServer) -> str:
-    """Of a server's page, to open in a browser."""
-    host = server.get_host()
-    host = {"0.0.0.0": "127.0.0.1", "::": "[::1]"}.get(host, f"[{host}]" if ":" in host else host)
-    return f"http://{host}:{server.get_port()}"
+def _shown(host: str) -> str:
+    """The start of an address that leads to a host that was listened at, from other machines if they can reach it."""
+    from palpate.viewer.guard import in_url  # here: what it needs comes with viser
+
+    try:
+        everywhere = ip_address(host).is_unspecified
+    except ValueError:
+        return f"http://{host}"
+    return f"http://{in_url(_own(host) if everywhere else host)}"
 
 
-def listen(host: str, port: int) -> ViserServer:
-    """A server on this port, or on the next one that is free."""
+def _own(everywhere: str) -> str:
+    """The address of this machine on its network; where it is on none, its own."""
+    family = socket.AF_INET6 if ":" in everywhere else socket.AF_INET
+    with socket.socket(family, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.connect((_ELSEWHERE[family], 9))  # sends nothing
+        except OSError:
+            return "::1" if family == socket.AF_INET6 else "127.0.0.1"
+        return str(probe.getsockname()[0])
+
+
+def _listen(host: str, port: int, token: str) -> ViserServer:
+    """A server on this port, or on the next one that is free, guarded by a token."""
     require_viser(host, port)
-    from viser import ViserServer
+    from palpate.viewer.guard import Guard
+    from palpate.viewer.viser_door import listening
 
-    class Local(ViserServer):
-        """Never reached from elsewhere unless the host says so."""
-
-        def request_share_url(self, verbose: bool = True) -> str | None:
-            """A stranger's page may ask for this by itself: nothing is shared with anybody's servers."""
-            return None
-
-    with quiet():
-        return Local(host, _free(host, port), label="Palpate", verbose=False)
+    with _quiet():
+        return listening(Guard(host, token), host, _free(host, port))
 
 
 def _free(host: str, port: int) -> int:
@@ -186,7 +224,7 @@ def _free(host: str, port: int) -> int:
 
 
 @contextmanager
-def quiet() -> Generator[None]:
+def _quiet() -> Generator[None]:
     """Viser announces itself on the screen; here the command speaks."""
     import rich
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import threading
 from time import monotonic
 from typing import TYPE_CHECKING
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
 __all__ = ["Session"]
 
 TICK = 1 / 20  # s between two pictures
+_NUMBER = re.compile(r"-?\d+(\.\d*)?(e-?\d\d?)?")
 
 
 class Session:
@@ -78,11 +80,8 @@ class Session:
             self.play(not self.playing)
         elif verb in ("touch", "sample") and value in ("1", "-1"):
             (self.step if verb == "touch" else self.step_sample)(int(value))
-        elif verb == "seek":
-            try:
-                self.seek(float(value))
-            except ValueError:  # from a browser: not to be believed
-                return
+        elif verb == "seek" and _NUMBER.fullmatch(value):  # from a browser: not to be believed
+            self.seek(float(value))
 
     def face(self, client: ClientHandle | None) -> None:
         """Let a browser look at the side of the strongest contact."""
@@ -95,7 +94,11 @@ class Session:
         if client is None:
             return
         camera = client.camera
-        shown = client.get_render(camera.image_height, camera.image_width, transport_format="png", timeout=30.0)
+        try:
+            shown = client.get_render(camera.image_height, camera.image_width, transport_format="png", timeout=30.0)
+        except (RuntimeError, TimeoutError):
+            client.add_notification("No picture", "The browser made none; try again while its window is seen.")
+            return
         import imageio.v3  # comes with viser
 
         made = imageio.v3.imwrite("<bytes>", _on_white(shown), extension=".png")

@@ -16,7 +16,7 @@ from palpate.surfaces import Surface
 from palpate.viewer.heat import colours, linear
 from palpate.viewer.scene import MAGNIFICATIONS, Scene, nothing, prepare
 from palpate.viewer.scene3d import DISTANCE, Scene3D, Settings
-from palpate.viewer.server import address, listen, quiet
+from palpate.viewer.server import Served
 from palpate.viewer.widgets import dock, table
 
 if TYPE_CHECKING:
@@ -175,8 +175,8 @@ class PlacesLayer:
         return f'<p style="opacity:.75;margin:.2em 1em">{escape(said + rim)}</p>'
 
 
-class TaxelPage:
-    """Places of taxels, served until `stop`; as a context manager it stops by itself.
+class TaxelPage(Served):
+    """Places of taxels, served as `Served` is.
 
     Args:
         places: of the taxels.
@@ -198,28 +198,12 @@ class TaxelPage:
     ) -> None:
         layer = PlacesLayer(places, surface)
         scene = prepare(surface, nothing(), title, (layer,))
-        self._server = listen(host, port)
+        super().__init__(host, port)
         with self._server.atomic():
             scene3d = Scene3D(self._server, scene)
             scene3d.show(scene.at(0), Settings(heat=False, trail=0.0, magnification=1))
             self._look(layer, scene)
             self._panel(layer, title, facts)
-
-    @property
-    def address(self) -> str:
-        """To open in a browser."""
-        return address(self._server)
-
-    def stop(self) -> None:
-        """Close the page and free its port."""
-        with quiet():
-            self._server.stop()
-
-    def __enter__(self) -> TaxelPage:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.stop()
 
     def _look(self, layer: PlacesLayer, scene: Scene) -> None:
         """At a skin on one side of the link, from that side, as near as it is large."""

@@ -128,8 +128,8 @@ def publish(ring: Path, to: str, rig: Path, parent: int, rate: float = RATE) -> 
             slots, first = read.read(next_one, MOST)
             next_one = first + len(slots)
             publisher.publish(read.form.contacts(slots))
-            if publisher.tare_asked():  # others write this word, too: only then
-                read["asked"] += 1
+            if publisher.tare_asked():
+                read.ask_tare(f"a message to {to}")
             for sentence in publisher.said():
                 read.say(sentence)
             if len(slots) < MOST:

@@ -16,11 +16,13 @@ import json
 import mmap
 import os
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from math import prod
 from pathlib import Path
+from threading import Lock
 from types import ModuleType
 from typing import Any, cast
 
@@ -127,7 +129,7 @@ class Ring:
     """
 
     def __init__(self, path: Path) -> None:
-        self.path = path
+        self.path, self._talking = path, Lock()
         try:
             with path.open("r+b") as file:
                 size = os.fstat(file.fileno()).st_size
@@ -232,12 +234,27 @@ class Ring:
 
     def say(self, sentence: str) -> None:
         """Keep a sentence with the time, for all who read the ring; any process may, one at a time."""
-        text = sentence.encode()[: SENTENCE - 1].decode(errors="ignore").encode()
-        with self.path.open("r+b") as file:
+        with self._alone():
+            self._keep(sentence)
+
+    def ask_tare(self, by: str) -> None:
+        """Ask the writer for a tare, and keep who did; any process may."""
+        with self._alone():
+            self._keep(f"tare asked for by {by}")
+            self["asked"] += 1
+
+    @contextmanager
+    def _alone(self) -> Generator[None]:
+        """While no other process, and no other thread of this one, does the same."""
+        with self._talking, self.path.open("r+b") as file:  # the lock of the file is one for all threads of a process
             fcntl.lockf(file, fcntl.LOCK_EX, 1, _SAID)  # let go of when the file is closed, or the process killed
-            count = self["said"]
-            self._sentences[count % SENTENCES] = (time.time_ns(), text)
-            self["said"] = count + 1
+            yield
+
+    def _keep(self, sentence: str) -> None:
+        text = sentence.encode()[: SENTENCE - 1].decode(errors="ignore").encode()
+        count = self["said"]
+        self._sentences[count % SENTENCES] = (time.time_ns(), text)
+        self["said"] = count + 1
 
     def said(self, since: int) -> tuple[list[tuple[int, str]], int]:
         """Stamps [ns] and sentences from a number on, as far as they are kept, and the number to go on from."""

@@ -1,0 +1,234 @@
+"""Who may open a page, and what a browser may tell it: decisions alone, which `viser_door` carries out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from enum import Enum
+from hmac import compare_digest
+from ipaddress import IPv6Address, ip_address
+from math import hypot, isfinite, pi
+from typing import Annotated, NamedTuple
+from urllib.parse import parse_qs
+
+from msgspec import DecodeError, Meta, Struct, ValidationError  # comes with viser
+from msgspec.msgpack import Decoder
+
+__all__ = ["LARGEST", "Guard", "Kind", "Request", "Verdict", "Widget", "in_url", "judged"]
+
+LARGEST = 1 << 24  # bytes of a message: a picture that was asked for
+LARGE = 1 << 12  # bytes of any other
+PIXELS = 1 << 26  # of a picture
+_PNG = b"\x89PNG\r\n\x1a\n\x00\x00\x00\rIHDR"
+_REFUSED = "This page answers only at the address that its command printed.\n"
+_CLOSED = "Open the address that the command printed, with all that follows ?token= in it.\n"
+
+
+class Request(NamedTuple):
+    """What was asked of the server.
+
+    Attributes:
+        path: with its query.
+        headers: all values of a header.
+        local: address of this machine at which the request arrived.
+        port: of it.
+    """
+
+    path: str
+    headers: Callable[[str], Sequence[str]]
+    local: str
+    port: int
+
+    @property
+    def tokens(self) -> list[str]:
+        """Those in the query."""
+        try:
+            return parse_qs(self.path.partition("?")[2], max_num_fields=16).get("token", [])
+        except ValueError:
+            return []
+
+    @property
+    def cookies(self) -> list[str]:
+        """Values of the cookie of this port: pages at two ports of a machine share their cookies."""
+        pairs = (pair.strip().partition("=") for header in self.headers("Cookie") for pair in header.split(";"))
+        return [value for name, _, value in pairs if name == _cookie(self.port)]
+
+
+@dataclass(frozen=True)
+class Guard:
+    """Decides by what nobody but the owner's browser can send.
+
+    A foreign page can let a browser send anything, but neither under another `Origin` than its own, nor, where its name
+    was made to lead here, under another `Host`. Another user of this machine, or of the network, has no token.
+
+    Attributes:
+        host: that the server was told to listen at.
+        token: that the printed address ends with.
+    """
+
+    host: str
+    token: str
+
+    def refusal(self, request: Request) -> str:
+        """Why a request is not answered, for whoever reads it; "" where it is."""
+        host, origin = request.headers("Host"), request.headers("Origin")
+        if len(host) != 1 or host[0].lower() not in self._hosts(request):
+            return _REFUSED
+        if any(each.lower() != f"http://{host[0].lower()}" for each in origin):
+            return _REFUSED
+        return "" if any(map(self._right, [*request.cookies, *request.tokens])) else _CLOSED
+
+    def entering(self, request: Request) -> str:
+        """The cookie for a request that has the token in its address; "" where it has none."""
+        if not any(map(self._right, request.tokens)):
+            return ""
+        return f"{_cookie(request.port)}={self.token}; Path=/; HttpOnly; SameSite=Strict"
+
+    def _right(self, token: str) -> bool:
+        return compare_digest(token.encode(errors="replace"), self.token.encode())
+
+    def _hosts(self, request: Request) -> set[str]:
+        """This machine's names that lead here; no name that somebody else could let lead here."""
+        names = {"localhost", "127.0.0.1", "[::1]", in_url(self.host.lower()), in_url(request.local)}
+        return {f"{name}:{request.port}" for name in names} | (names if request.port == 80 else set[str]())
+
+
+def in_url(host: str) -> str:
+    """A name or address as it stands in an address of a page."""
+    try:
+        address = ip_address(host.partition("%")[0])
+    except ValueError:
+        return host
+    if isinstance(address, IPv6Address):
+        return f"[{address}]" if address.ipv4_mapped is None else str(address.ipv4_mapped)
+    return str(address)
+
+
+def _cookie(port: int) -> str:
+    return f"palpate_{port}"
+
+
+class Kind(Enum):
+    """What a person can do with a widget."""
+
+    PRESS = "press"
+    CHOOSE = "choose"
+    SET = "set"
+    CHECK = "check"
+    WRITE = "write"
+
+
+class Widget(NamedTuple):
+    """What may become of a widget.
+
+    Attributes:
+        kind: of it.
+        usable: it is seen, and not disabled.
+        options: to choose from.
+        low, high: of a number.
+    """
+
+    kind: Kind
+    usable: bool = True
+    options: tuple[str, ...] = ()
+    low: float = 0.0
+    high: float = 0.0
+
+
+class Verdict(Enum):
+    """What becomes of a message: it is taken, has no effect, or ends its connection."""
+
+    TAKE = "take"
+    IGNORE = "ignore"
+    CLOSE = "close"
+
+
+_Vector = tuple[float, float, float]
+_Side = Annotated[int, Meta(ge=0, le=1 << 15)]
+_Name = Annotated[str, Meta(max_length=64)]
+
+
+class _Camera(Struct, forbid_unknown_fields=True, tag_field="type", tag="ViewerCameraMessage"):
+    wxyz: tuple[float, float, float, float]
+    position: _Vector
+    fov: float
+    near: float
+    far: float
+    image_height: _Side
+    image_width: _Side
+    look_at: _Vector
+    up_direction: _Vector
+
+
+class _Value(Struct, forbid_unknown_fields=True):
+    value: bool | int | float | Annotated[str, Meta(max_length=256)]
+
+
+class _Update(Struct, forbid_unknown_fields=True, tag_field="type", tag="GuiUpdateMessage"):
+    uuid: _Name
+    updates: _Value
+
+
+class _Picture(Struct, forbid_unknown_fields=True, tag_field="type", tag="GetRenderResponseMessage"):
+    payload: bytes
+    render_uuid: _Name
+
+
+_DECODER = Decoder(_Camera | _Update | _Picture)
+
+
+def judged(raw: object, widget: Callable[[str], Widget | None]) -> Verdict:
+    """What becomes of a message.
+
+    A browser may send a number that is out of bounds while it is typed, press a button that was disabled a moment ago,
+    and have no height while its window is folded: these have no effect. All else that is not allowed is hostile.
+
+    Args:
+        raw: as it came.
+        widget: finds a widget by its name.
+    """
+    if not isinstance(raw, bytes):
+        return Verdict.CLOSE
+    try:
+        message = _DECODER.decode(raw)
+    except (ValidationError, DecodeError, RecursionError):
+        return Verdict.CLOSE
+    if isinstance(message, _Picture):
+        return _picture(message.payload)
+    if len(raw) > LARGE:
+        return Verdict.CLOSE
+    if isinstance(message, _Camera):
+        return _camera(message)
+    found = widget(message.uuid)
+    return Verdict.CLOSE if found is None else _update(found, message.updates.value)
+
+
+def _camera(seen: _Camera) -> Verdict:
+    numbers = (*seen.wxyz, *seen.position, *seen.look_at, *seen.up_direction, seen.fov, seen.near, seen.far)
+    if not all(map(isfinite, numbers)):
+        return Verdict.CLOSE
+    fit = abs(hypot(*seen.wxyz) - 1.0) < 1e-3 and any(seen.up_direction) and seen.position != seen.look_at
+    fit = fit and 0.0 < seen.fov < pi and 0.0 < seen.near < seen.far and seen.image_height > 0 < seen.image_width
+    return Verdict.TAKE if fit else Verdict.IGNORE
+
+
+def _update(widget: Widget, value: bool | int | float | str) -> Verdict:
+    number = isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value)
+    right = {
+        Kind.PRESS: value is True,
+        Kind.CHOOSE: value in widget.options,
+        Kind.SET: number,
+        Kind.CHECK: isinstance(value, bool),
+        Kind.WRITE: isinstance(value, str),
+    }[widget.kind]
+    if not right:
+        return Verdict.CLOSE
+    within = widget.kind is not Kind.SET or widget.low <= float(value) <= widget.high
+    return Verdict.TAKE if widget.usable and within else Verdict.IGNORE
+
+
+def _picture(payload: bytes) -> Verdict:
+    """A picture may be large, but not what it says it is; empty is a browser that could make none."""
+    sides = [int.from_bytes(payload[at : at + 4]) for at in (len(_PNG), len(_PNG) + 4)]
+    fit = payload.startswith(_PNG) and 0 < sides[0] * sides[1] <= PIXELS
+    return Verdict.TAKE if fit or not payload else Verdict.CLOSE
