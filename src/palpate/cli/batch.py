@@ -22,7 +22,7 @@ from palpate.cli.parallel import begin_results, from_row, read_rows, require_bac
 from palpate.cli.setup import Setup
 from palpate.contact.estimate import Status
 from palpate.errors import InputError, PalpateError
-from palpate.io.atomic import write_text, writing
+from palpate.io.atomic import reserve_output, write_text, writing
 from palpate.io.models import provenance
 from palpate.io.rig import Rig
 from palpate.viewer.batch_summary import LogResult, compose, figures
@@ -232,6 +232,7 @@ def _require_folder(output: Path) -> None:
         if output.exists() and not output.is_dir():
             raise InputError("is no folder.", where=str(output), hint="Many logs need a folder: -o FOLDER.")
         output.mkdir(parents=True, exist_ok=True)
+    reserve_output(output / KEPT)
 
 
 def _require_apart(jobs: Sequence[_Job], setup: Setup, rig: Rig) -> None:

@@ -12,6 +12,7 @@ import polars as pl
 from palpate.contact.contacts import Contacts
 from palpate.contact.table import features_of, from_frame, schema
 from palpate.errors import InputError
+from palpate.forks import require_polars_threads
 from palpate.io.atomic import PART
 from palpate.io.contacts.csv import csv_blocks, noted, require_columns
 from palpate.io.contacts.mcap import KIND, from_messages, named_features
@@ -32,6 +33,7 @@ def contact_blocks(path: Path) -> Iterator[Contacts]:
     Raises:
         InputError: it is none, or a row is not one of contacts.
     """
+    require_polars_threads()
     if path.is_dir():
         yield from _folder(path)
         return
