@@ -13,7 +13,18 @@ from pathlib import Path
 from palpate.errors import InputError
 from palpate.io.output_lock import only_writer, reserve
 
-__all__ = ["PART", "WHOLE", "growing", "keep_inputs", "part", "replacing", "reserve_output", "write_text", "writing"]
+__all__ = [
+    "PART",
+    "WHOLE",
+    "growing",
+    "irregular",
+    "keep_inputs",
+    "part",
+    "replacing",
+    "reserve_output",
+    "write_text",
+    "writing",
+]
 
 PART = ".part"
 WHOLE = "whole.part"  # in a folder that grew: what it became
@@ -164,9 +175,16 @@ def _clear(temporary: Path) -> None:
     shutil.rmtree(temporary)
 
 
+def irregular(status: os.stat_result) -> str:
+    """Return what a path leads to where that is no regular file, and "" where it is one."""
+    if stat.S_ISREG(status.st_mode):
+        return ""
+    kinds = {stat.S_IFDIR: "a folder", stat.S_IFIFO: "a pipe", stat.S_IFSOCK: "a socket"}
+    return kinds.get(stat.S_IFMT(status.st_mode), "a device")
+
+
 def _refuse_irregular(path: Path, status: os.stat_result | None) -> None:
-    if status is not None and not stat.S_ISREG(status.st_mode):
-        kind = "a folder" if stat.S_ISDIR(status.st_mode) else "a pipe or a device"
+    if status is not None and (kind := irregular(status)):
         raise InputError(f"is {kind}, not a file to write.", where=str(path), hint="Name another output.")
 
 

@@ -18,6 +18,7 @@ from palpate.io.contacts.csv import csv_blocks, noted, require_columns
 from palpate.io.contacts.mcap import KIND, from_messages, named_features
 from palpate.io.logs.log import Messages
 from palpate.io.logs.mcap import MAGIC, McapFile
+from palpate.io.tables.lines import open_input, read_some
 
 __all__ = ["contact_blocks"]
 
@@ -47,11 +48,8 @@ def contact_blocks(path: Path) -> Iterator[Contacts]:
 
 
 def _start(path: Path) -> bytes:
-    try:
-        with path.open("rb") as file:
-            return file.read(len(MAGIC))
-    except (OSError, ValueError):  # the reader of text says what is wrong
-        return b""
+    with open_input(path) as file:
+        return read_some(file, path, len(MAGIC))
 
 
 def _folder(path: Path) -> Iterator[Contacts]:
