@@ -28,6 +28,7 @@ from evidence import (
     page,
     payload,
     probes,
+    processes,
     same,
     skin_contacts,
     skin_map,
@@ -68,6 +69,7 @@ THEMES: dict[str, Theme] = {
     "taxel_work": taxel_work.rows,
     "bad_input": bad_input.rows,
     "files": files.rows,
+    "processes": processes.rows,
 }
 
 
