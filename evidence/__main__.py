@@ -29,6 +29,7 @@ from evidence import (
     page,
     payload,
     probes,
+    processes,
     same,
     skin_contacts,
     skin_map,
@@ -70,6 +71,7 @@ THEMES: dict[str, Theme] = {
     "taxel_work": taxel_work.rows,
     "bad_input": bad_input.rows,
     "files": files.rows,
+    "processes": processes.rows,
 }
 
 

@@ -44,6 +44,7 @@ def _run(argv: Sequence[str] | None) -> int:
         with uninterrupted():  # imports here, not above: Ctrl-C may fall on them
             from palpate.cli.app import run
             from palpate.cli.console import spoken
+            from palpate.io.output_lock import reserving
 
         words = list(sys.argv[1:] if argv is None else argv)
         if words == ["--version"]:
@@ -53,7 +54,8 @@ def _run(argv: Sequence[str] | None) -> int:
             return 0
         if isinstance(sys.stdout, io.TextIOWrapper):
             sys.stdout.reconfigure(errors="backslashreplace")  # names of files need not fit the terminal's encoding
-        with spoken(quiet="--quiet" in words, json="--json" in words):  # of every command, wherever they stand
+        # these two are of every command, wherever they stand
+        with reserving(), spoken(quiet="--quiet" in words, json="--json" in words):
             run([word for word in words if word not in ("--quiet", "--json")])
     except PalpateError as problem:
         print(f"palpate: {problem}", file=sys.stderr)

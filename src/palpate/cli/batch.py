@@ -22,9 +22,10 @@ from palpate.cli.parallel import begin_results, from_row, read_rows, require_bac
 from palpate.cli.setup import Setup
 from palpate.contact.estimate import Status
 from palpate.errors import InputError, PalpateError
-from palpate.io.atomic import write_text, writing
+from palpate.io.atomic import reserve_output, write_text, writing
 from palpate.io.models import provenance
 from palpate.io.rig import Rig
+from palpate.io.tables.lines import open_input
 from palpate.viewer.batch_summary import LogResult, compose, figures
 from palpate.viewer.report import render, require_report
 
@@ -202,8 +203,8 @@ def _watch(parent: int, done: int, share: float) -> None:
 
 def log_digest(log: Path) -> str:
     """Of the bytes of a log; of a folder, of names, sizes and times of what is in it."""
-    if log.is_file():
-        with log.open("rb") as file:
+    if not log.is_dir():
+        with open_input(log) as file:
             return hashlib.file_digest(file, "sha256").hexdigest()
     stats = [(path.name, path.stat()) for path in sorted(log.iterdir())]
     said = repr([(name, stat.st_size, stat.st_mtime_ns) for name, stat in stats])
@@ -232,6 +233,7 @@ def _require_folder(output: Path) -> None:
         if output.exists() and not output.is_dir():
             raise InputError("is no folder.", where=str(output), hint="Many logs need a folder: -o FOLDER.")
         output.mkdir(parents=True, exist_ok=True)
+    reserve_output(output / KEPT)
 
 
 def _require_apart(jobs: Sequence[_Job], setup: Setup, rig: Rig) -> None:

@@ -21,6 +21,7 @@ from palpate.contact.estimate import Status
 from palpate.errors import InputError
 from palpate.evaluation.evaluate import Report
 from palpate.evaluation.evaluate import evaluate as judged
+from palpate.io.atomic import reserve_output
 from palpate.io.contacts import read_contacts
 from palpate.io.ground_truth import read_ground_truth
 from palpate.io.models import read_model
@@ -80,7 +81,9 @@ def demo(
     """
     shown = view or (sys.stdout.isatty() and not no_view and not muted())
     _require_extras(("viser", *NEEDED) if shown else NEEDED)
-    if not force:
+    if force:
+        reserve_output(output)
+    else:
         require_new(output)
     compile_beside()
     from palpate.simulation.session import simulate_session  # here: with them comes scipy

@@ -95,15 +95,17 @@ def estimate_log(
         else:
             opened.read_ahead(beside.reader, pipeline.estimator, workers)
             writing = writing_beside(beside.writer, *made)
-        interrupted, writer = _written(pipeline, writing, watch, keep_short=keep_short)
-    summary = writer.summary
+
+        def made_from(*, interrupted: bool) -> dict[str, str]:
+            ended = "interrupted" if interrupted else "torn" if opened.torn else "whole"
+            options = {**pipeline.facts, "frame": frame, "sensor": opened.kind.name, "ended": ended}
+            inputs = provenance(files, {}) if beside is None else beside.inputs.result()
+            return inputs | provenance({}, options)
+
+        writer, record = _written(pipeline, writing, watch, output, made_from, keep_short=keep_short)
+    summary, ended = writer.summary, record["ended"]
     pipeline.seconds["write"] = writer.seconds
-    ended = "interrupted" if interrupted else "torn" if opened.torn else "whole"
-    options = {**pipeline.facts, "frame": frame, "sensor": opened.kind.name, "ended": ended}
-    inputs = provenance(files, {}) if beside is None else beside.inputs.result()
-    record = inputs | provenance({}, options)
-    write_provenance(record_of(output), record)
-    doubts, short = pipeline.doubts(), list(_short(output, opened, summary, interrupted=interrupted))
+    doubts, short = pipeline.doubts(), list(_short(output, opened, summary, interrupted=ended == "interrupted"))
     took = perf_counter() - begin
     return Estimated(pipeline, summary, record, ended, doubts, short, pipeline.unbelievable(), took)
 
@@ -133,20 +135,31 @@ def _beside(opened: OpenedLog, files: Mapping[str, Path | None]) -> Generator[_B
 
 
 def _written(
-    pipeline: Pipeline, writing: AbstractContextManager[SummedWriter], watch: Watch, *, keep_short: bool
-) -> tuple[bool, SummedWriter]:
-    """Every sample of the log into the file; whether Ctrl-C ended it."""
+    pipeline: Pipeline,
+    writing: AbstractContextManager[SummedWriter],
+    watch: Watch,
+    output: Path,
+    made_from: Callable[..., dict[str, str]],
+    *,
+    keep_short: bool,
+) -> tuple[SummedWriter, dict[str, str]]:
+    """Write every sample of the log into OUTPUT, and OUTPUT.toml: both, or after a further Ctrl-C neither."""
     try:
         with ExitStack() as stack:
             writer = stack.enter_context(writing)
-            interrupted = _interrupted(pipeline, writer, watch)
-            if interrupted and not keep_short:
-                raise _Stopped
-            with uninterrupted():  # a second Ctrl-C waits until the file is whole
+            try:
+                interrupted = _interrupted(pipeline, writer, watch)
+                if interrupted and not keep_short:
+                    raise _Stopped
+                record = made_from(interrupted=interrupted)
+            except KeyboardInterrupt:
+                raise _Stopped from None
+            with uninterrupted():
                 stack.close()
+                write_provenance(record_of(output), record)
     except _Stopped:
         raise KeyboardInterrupt from None
-    return interrupted, writer
+    return writer, record
 
 
 def _interrupted(pipeline: Pipeline, writer: SummedWriter, watch: Watch) -> bool:

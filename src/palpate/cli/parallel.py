@@ -19,6 +19,7 @@ from palpate.errors import InputError
 from palpate.io.ahead import deaf
 from palpate.io.atomic import write_text, writing
 from palpate.io.memory import KEEPING
+from palpate.io.tables.lines import open_input
 
 __all__ = ["BACKENDS", "begin_results", "each_done", "from_row", "read_rows", "require_backend", "run_kept"]
 
@@ -214,7 +215,8 @@ def read_rows(path: Path, what: str) -> tuple[dict[str, object], list[dict[str, 
     Raises:
         InputError: it is no such file.
     """
-    lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
+    with open_input(path) as file:
+        lines = file.read().decode(errors="replace").splitlines()
     rows = list[dict[str, Any]]()
     try:
         settings = json.loads(lines[0])["settings"]

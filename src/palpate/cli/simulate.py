@@ -13,7 +13,7 @@ from tyro.conf import FlagCreatePairsOff, arg
 
 from palpate.cli.console import counting, lines, note, progress, title, wait
 from palpate.errors import InputError
-from palpate.io.atomic import PART
+from palpate.io.atomic import PART, reserve_output
 
 __all__ = ["require_new", "simulate_marker_ring", "whole"]
 
@@ -55,11 +55,12 @@ def simulate_marker_ring(
 
 
 def require_new(folder: Path) -> None:
-    """Requires a folder that can be made.
+    """Require a folder that can be made, and let no other process make it until the command ends.
 
     Raises:
-        InputError: it is a file, holds something, or would be in a folder that is not there.
+        InputError: it is a file, holds something, would be in a folder that is not there, or another process makes it.
     """
+    reserve_output(folder)
     if folder.exists() and not folder.is_dir():
         raise InputError("is a file, not a folder.", where=str(folder), hint="Name another folder.")
     if folder.is_dir() and any(folder.iterdir()):

@@ -16,6 +16,7 @@ from palpate.cli.console import Figure, announce, counting, lines, note, progres
 from palpate.cli.options import FileOption, require_port
 from palpate.cli.simulate_phantom import folder_beside
 from palpate.errors import InputError
+from palpate.io.atomic import reserve_output
 
 if TYPE_CHECKING:
     from palpate.cli.arena_run import ArenaResult, ArenaRun, Moment
@@ -127,6 +128,8 @@ def _require_new(output: Path, film: Path | None, asked: Asked, robots: int) -> 
         raise InputError("is not the name of an MCAP file.", where=str(output), hint=hint)
     if film is not None and film.suffix != ".mp4":
         raise InputError("is not the name of a video.", where=str(film), hint="Name it RUN.mp4.")
+    for file in [output, *([film] if film is not None else [])]:
+        reserve_output(file)
     for file in [*files_of(output, robots, asked.images).values(), *([film] if film is not None else [])]:
         if file.exists() or file.is_symlink():
             raise InputError("is already there.", where=str(file), hint="Name another output.")

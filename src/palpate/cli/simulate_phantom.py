@@ -15,7 +15,7 @@ from tyro.conf import FlagCreatePairsOff, arg
 
 from palpate.cli.console import Figure, announce, counting, lines, note, progress, title, wait
 from palpate.errors import InputError
-from palpate.io.atomic import PART
+from palpate.io.atomic import PART, reserve_output
 
 if TYPE_CHECKING:
     from palpate.cli.phantom_run import Moment
@@ -109,6 +109,8 @@ def _require_new(output: Path, film: Path | None) -> None:
         raise InputError("is not the name of an MCAP file.", where=str(output), hint="Name it RUN.mcap.")
     if film is not None and film.suffix != ".mp4":
         raise InputError("is not the name of a video.", where=str(film), hint="Name it RUN.mp4.")
+    for file in [output, *([film] if film is not None else [])]:
+        reserve_output(file)
     for file in [*files_of(output).values(), *([film] if film is not None else [])]:
         if file.exists() or file.is_symlink():
             raise InputError("is already there.", where=str(file), hint="Name another output.")

@@ -42,9 +42,9 @@ def draw_spectrum(recording: Recording, output: Path, name: str) -> None:
     """Draw the spectra of FORCE and, where there is one, of PLACE; print what they propose.
 
     Raises:
-        InputError: the log is too short or its rate wanders, or OUTPUT cannot be written.
+        InputError: the log is too short, its rate wanders or its values do not change, or OUTPUT cannot be written.
     """
-    force = spectrum(recording.time, recording.channels[FORCE])
+    force = _spectrum(recording, FORCE)
     proposal = propose_cutoff(force)
     panels = [plots.Panel(force.frequency, force.density, "force", "N", proposal.floor, proposal.frequency)]
     said = [("cut-off", proposal.sentence), *(("as a filter", setting) for setting in proposal.settings)]
@@ -58,12 +58,19 @@ def draw_spectrum(recording: Recording, output: Path, name: str) -> None:
     lines([("spectrum", f"{output}, of {force.samples:,} samples in {force.stretches:,} stretches"), *said])
 
 
+def _spectrum(recording: Recording, channel: str) -> Spectrum:
+    found = spectrum(recording.time, recording.channels[channel])
+    if not found.density.any():
+        raise InputError(f"has no spectrum: {channel} does not change.", where=recording.source)
+    return found
+
+
 def _place(recording: Recording) -> tuple[Spectrum, Cutoff] | None:
     """Of the answered stretches; None, and said, where they are too short."""
     if PLACE not in recording.channels:
         return None
     try:
-        found = spectrum(recording.time, recording.channels[PLACE])
+        found = _spectrum(recording, PLACE)
     except InputError as problem:
         note([f"no spectrum of the place: {problem}"])
         return None

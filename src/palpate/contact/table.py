@@ -10,6 +10,7 @@ from jaxtyping import Float, Int
 
 from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import ContactEstimate, Status
+from palpate.forks import require_polars_threads
 
 __all__ = [
     "COLUMNS",
@@ -46,6 +47,7 @@ def features_of(names: tuple[str, ...] | list[str]) -> tuple[str, ...]:
 
 def to_frame(contacts: Contacts) -> pl.DataFrame:
     """The columns of `COLUMNS`, then features; null where a number is NaN, the status's label."""
+    require_polars_threads()
     estimate = contacts.estimate
     numbers = np.column_stack([estimate.point, estimate.normal, estimate.force, estimate.torque])
     variances = estimate.covariance[:, *_UPPER]

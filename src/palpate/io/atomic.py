@@ -11,8 +11,20 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from palpate.errors import InputError
+from palpate.io.output_lock import only_writer, reserve
 
-__all__ = ["PART", "WHOLE", "growing", "keep_inputs", "part", "replacing", "write_text", "writing"]
+__all__ = [
+    "PART",
+    "WHOLE",
+    "growing",
+    "irregular",
+    "keep_inputs",
+    "part",
+    "replacing",
+    "reserve_output",
+    "write_text",
+    "writing",
+]
 
 PART = ".part"
 WHOLE = "whole.part"  # in a folder that grew: what it became
@@ -21,6 +33,8 @@ WHOLE = "whole.part"  # in a folder that grew: what it became
 def keep_inputs(output: Path, inputs: Iterable[Path | None], *, beside: Iterable[Path] = ()) -> None:
     """Refuse, before any work is done, to write over what is read, over what is no regular file, or into no folder.
 
+    What will be written is reserved until the command ends: no other process writes it meanwhile.
+
     Args:
         output: what will be written.
         inputs: what is read; None is passed over. A file that may be updated in place is left out.
@@ -28,7 +42,7 @@ def keep_inputs(output: Path, inputs: Iterable[Path | None], *, beside: Iterable
 
     Raises:
         InputError: a file to write is an input (by whatever name or link), a folder, a pipe or a device, or in a
-            folder that is not there.
+            folder that is not there, or another process writes it.
     """
     read = [(path, _status(path)) for path in inputs if path is not None]
     grown = Path(f"{output}{PART}")
@@ -40,6 +54,17 @@ def keep_inputs(output: Path, inputs: Iterable[Path | None], *, beside: Iterable
         for path, status in read:
             if target is not None and status is not None and os.path.samestat(target, status):
                 raise InputError(f"would overwrite an input, {path}.", where=str(written), hint="Name another output.")
+    for written in (output, *beside):
+        reserve_output(written)
+
+
+def reserve_output(path: Path) -> None:
+    """Let no other process write a file or a folder until the command ends.
+
+    Raises:
+        InputError: another process writes it.
+    """
+    reserve(_target(path))
 
 
 def part(path: Path) -> Path:
@@ -60,14 +85,15 @@ def growing(path: Path) -> Generator[Path]:
     """
     _refuse_irregular(path, _status(path))
     target, temporary = _target(path), part(path)
-    with writing(path):
-        _clear(temporary)
-    try:
-        yield temporary
-    except KeyboardInterrupt:
+    with only_writer(target):
+        with writing(path):
+            _clear(temporary)
+        try:
+            yield temporary
+        except KeyboardInterrupt:
+            _place(temporary, target)
+            raise
         _place(temporary, target)
-        raise
-    _place(temporary, target)
 
 
 @contextmanager
@@ -77,11 +103,12 @@ def replacing(path: Path) -> Generator[Path]:
     Links are followed: what they lead to is replaced.
 
     Raises:
-        InputError: the folder is not there, or may not be written, or `path` is a folder, a pipe or a device.
+        InputError: the folder is not there, or may not be written, `path` is a folder, a pipe or a device, or another
+            process writes it.
     """
     _refuse_irregular(path, _status(path))
     target = _target(path)
-    with writing(path):
+    with writing(path), only_writer(target):
         handle, name = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name[:32]}.", suffix=PART)
         os.close(handle)
         temporary = Path(name)
@@ -148,9 +175,16 @@ def _clear(temporary: Path) -> None:
     shutil.rmtree(temporary)
 
 
+def irregular(status: os.stat_result) -> str:
+    """Return what a path leads to where that is no regular file, and "" where it is one."""
+    if stat.S_ISREG(status.st_mode):
+        return ""
+    kinds = {stat.S_IFDIR: "a folder", stat.S_IFIFO: "a pipe", stat.S_IFSOCK: "a socket"}
+    return kinds.get(stat.S_IFMT(status.st_mode), "a device")
+
+
 def _refuse_irregular(path: Path, status: os.stat_result | None) -> None:
-    if status is not None and not stat.S_ISREG(status.st_mode):
-        kind = "a folder" if stat.S_ISDIR(status.st_mode) else "a pipe or a device"
+    if status is not None and (kind := irregular(status)):
         raise InputError(f"is {kind}, not a file to write.", where=str(path), hint="Name another output.")
 
 

@@ -17,6 +17,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from palpate.errors import GeometryError, InputError, not_loaded
+from palpate.io.tables.lines import open_input
 from palpate.io.units import near
 from palpate.spatial.frames import FrameTree
 from palpate.spatial.pose import Pose, quaternion_from_rotation
@@ -85,7 +86,8 @@ class Urdf:
     def __init__(self, path: Path, packages: Mapping[str, Path] | None = None) -> None:
         self.path, self.packages = path, dict(packages or {})
         try:
-            root = ElementTree.parse(path).getroot()
+            with open_input(path) as file:
+                root = ElementTree.parse(file).getroot()
         except (OSError, ElementTree.ParseError, UnicodeError, ValueError) as problem:
             raise InputError(f"is no URDF that can be read ({problem}).", where=str(path)) from problem
         if path.suffix == ".xacro" or any("xacro" in str(each.tag) for each in root.iter()):

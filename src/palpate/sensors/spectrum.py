@@ -11,6 +11,7 @@ from jaxtyping import Float, Int
 
 from palpate.errors import InputError
 from palpate.sensors.filters import Butterworth, Kalman
+from palpate.sensors.recording import LARGEST
 
 __all__ = ["Cutoff", "Spectrum", "propose_cutoff", "spectrum", "steady_stretches"]
 
@@ -67,13 +68,14 @@ def spectrum(time: Float[np.ndarray, " n"], values: Float[np.ndarray, "n c"]) ->
 
     Args:
         time: (n,) [s].
-        values: (n, c) in their unit; NaN where there is none (not answered).
+        values: (n, c) in their unit; NaN where there is none (not answered); as such counts what is beyond `LARGEST`.
 
     Raises:
         InputError: no stretch is long enough: the log is short, or its rate wanders.
     """
     from scipy.signal import welch
 
+    values = np.where(np.abs(values) <= LARGEST, values, np.nan)
     step = _usual_step(time)
     pieces = list(steady_stretches(time, values, step))
     lengths = np.array([piece.stop - piece.start for piece in pieces], dtype=np.int64)

@@ -22,10 +22,10 @@ def load_trimesh(path: Path) -> Any:
     Raises:
         InputError: no such file, an unknown format, or nothing in it that is a mesh.
     """
+    if not path.is_file():
+        raise InputError("is no regular file." if path.exists() else "no such mesh file.", where=str(path))
     import trimesh  # here: it takes a while to import
 
-    if not path.is_file():
-        raise InputError("no such mesh file.", where=str(path))
     kind = path.suffix.lower().lstrip(".")
     if kind not in trimesh.available_formats():
         raise InputError(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import re
 from collections.abc import Generator
 from contextlib import contextmanager
@@ -60,10 +61,17 @@ def styled() -> Generator[None]:
     Raises:
         InputError: matplotlib is not installed.
     """
+    logger = logging.getLogger("matplotlib")
+    level = logger.level
+    logger.setLevel(logging.ERROR)  # it has two lines to say where nothing can be kept in the home
     try:
         import matplotlib
+
+        matplotlib.get_cachedir()
     except ImportError as problem:
         raise not_loaded(problem, "drawing needs matplotlib", "report") from problem
+    finally:
+        logger.setLevel(level)
     with matplotlib.rc_context(_RC):
         yield
 

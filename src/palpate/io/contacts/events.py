@@ -7,6 +7,7 @@ from pathlib import Path
 import polars as pl
 
 from palpate.contact.events import Events
+from palpate.forks import require_polars_threads
 from palpate.io.atomic import replacing
 
 __all__ = ["write_events"]
@@ -14,6 +15,7 @@ __all__ = ["write_events"]
 
 def write_events(path: Path, events: Events) -> None:
     """Write start,end,px,py,pz,label and what else is known of each touch, SI; labels are numbers from 1."""
+    require_polars_threads()
     columns = {
         "start": events.start,
         "end": events.end,

@@ -12,11 +12,13 @@ import polars as pl
 from palpate.contact.contacts import Contacts
 from palpate.contact.table import features_of, from_frame, schema
 from palpate.errors import InputError
+from palpate.forks import require_polars_threads
 from palpate.io.atomic import PART
 from palpate.io.contacts.csv import csv_blocks, noted, require_columns
 from palpate.io.contacts.mcap import KIND, from_messages, named_features
 from palpate.io.logs.log import Messages
 from palpate.io.logs.mcap import MAGIC, McapFile
+from palpate.io.tables.lines import open_input, read_some
 
 __all__ = ["contact_blocks"]
 
@@ -32,6 +34,7 @@ def contact_blocks(path: Path) -> Iterator[Contacts]:
     Raises:
         InputError: it is none, or a row is not one of contacts.
     """
+    require_polars_threads()
     if path.is_dir():
         yield from _folder(path)
         return
@@ -45,11 +48,8 @@ def contact_blocks(path: Path) -> Iterator[Contacts]:
 
 
 def _start(path: Path) -> bytes:
-    try:
-        with path.open("rb") as file:
-            return file.read(len(MAGIC))
-    except (OSError, ValueError):  # the reader of text says what is wrong
-        return b""
+    with open_input(path) as file:
+        return read_some(file, path, len(MAGIC))
 
 
 def _folder(path: Path) -> Iterator[Contacts]:

@@ -5,6 +5,8 @@ While it is written, OUTPUT is OUTPUT.part, which can be read up to its last blo
 
 from __future__ import annotations
 
+import os
+import re
 import shutil
 from collections.abc import Generator
 from contextlib import contextmanager
@@ -129,11 +131,12 @@ class _Parquet:
 
 @contextmanager
 def _of_the_system() -> Generator[None]:
-    """A full disk is an `OSError` of Parquet too."""
+    """Raise the system's error, such as that of a full disk, which polars has in a sentence of its own."""
     try:
         yield
     except pl.exceptions.ComputeError as problem:
-        raise OSError(str(problem)) from problem
+        number = re.search(r"\(os error (\d+)\)", str(problem))
+        raise OSError(int(number[1]), os.strerror(int(number[1]))) if number else OSError(str(problem)) from problem
 
 
 _Sink = _Csv | _Parquet | _Mcap

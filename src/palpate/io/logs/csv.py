@@ -38,7 +38,7 @@ class CsvLog(ColumnLog):
     def blocks(self) -> Iterator[Recording]:
         """See `palpate.io.logs.log.Log`."""
         self._rows, self._columns, self.torn = Rows(), None, ""
-        with open_input(self.path) as file:
+        with open_input(self.path, pipe=True) as file:
             for table in tables(file, self.path, PIECE):
                 self.position = file.tell() if file.seekable() else 0
                 if self._columns is None:

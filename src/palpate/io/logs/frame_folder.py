@@ -45,7 +45,7 @@ class FrameFolder(ImageLog):
 
     def __init__(self, path: Path, layout: Layout) -> None:
         files = (file for file in path.iterdir() if file.suffix.lower() in FRAMES and not file.name.startswith("."))
-        self._files = sorted(files, key=natural)
+        self._files = sorted(filter(Path.is_file, files), key=natural)
         super().__init__(path, sum(file.stat().st_size for file in self._files), layout)
 
     def contents(self) -> LogContents:

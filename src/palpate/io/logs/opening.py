@@ -231,7 +231,7 @@ def _kind(path: Path) -> str:
     """The usual suffix of what this is, by its first bytes: "" for text."""
     if path.is_dir():
         return _FRAMES if holds_frames(path) else "folder"
-    if path.exists() and not path.is_file():  # a pipe gives its first bytes once
+    if path.is_fifo():  # it gives its first bytes once
         return ""
     with open_input(path) as file:
         first = read_some(file, path, 64)

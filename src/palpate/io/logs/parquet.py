@@ -9,6 +9,7 @@ import numpy as np
 import polars as pl
 
 from palpate.errors import InputError
+from palpate.forks import require_polars_threads
 from palpate.io.logs.columns import ColumnLog, Columns
 from palpate.io.logs.log import LogContents
 from palpate.io.logs.samples import NUMBERS, rows_at_once
@@ -49,6 +50,7 @@ class ParquetLog(ColumnLog):
             ) from problem
 
     def _blocks(self) -> Iterator[Recording]:
+        require_polars_threads()
         frame = pl.scan_parquet(self.path, glob=False)
         kinds = frame.collect_schema()
         self._columns = columns = Columns(self._layout, self.path, dict.fromkeys(kinds.names(), ()))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import tomllib
 from collections.abc import Mapping, Sequence
+from io import TextIOWrapper
 from pathlib import Path
 from typing import Any, cast
 
@@ -14,23 +15,26 @@ from jaxtyping import Float
 from tomlkit.items import Array
 
 from palpate.errors import InputError
-from palpate.io.units import near
+from palpate.io.tables.lines import open_input
 
 __all__ = ["load_toml", "toml_array", "toml_lines"]
+
+_LARGEST = 1 << 25  # characters
 
 
 def load_toml(path: str | Path) -> dict[str, Any]:
     """A TOML file as a dictionary.
 
     Raises:
-        InputError: not there, or not TOML; says the line.
+        InputError: not there, longer than 32 MB, or not TOML; says the line.
     """
     path = Path(path)
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
-    except FileNotFoundError:
-        siblings = [other.name for other in path.parent.glob("*.toml")] if path.parent.is_dir() else []
-        raise InputError("there is no such file.", where=str(path), hint=near(path.name, siblings)) from None
+        with TextIOWrapper(open_input(path), encoding="utf-8-sig") as file:
+            text = file.read(_LARGEST + 1)
+        if len(text) > _LARGEST:
+            raise InputError("is longer than 32 MB, which no TOML file of Palpate is.", where=str(path))
+        return tomllib.loads(text)
     except (OSError, UnicodeDecodeError) as problem:
         raise InputError(f"cannot be read ({problem}).", where=str(path)) from problem
     except (ValueError, RecursionError) as problem:  # tomllib's own, an integer too long, lists in lists in lists

@@ -225,7 +225,8 @@ def _with_torques(found: Found, wrenches: np.ndarray, size: float | None) -> Fou
     """With the unit of the torque, by its numbers where nothing states it, and the noise."""
     fields, remarks, layout = dict(found.fields), list(found.remarks), found.layout
     if "torque_unit" not in fields:
-        free = wrenches - np.nanmedian(wrenches, axis=0)
+        known = wrenches[np.isfinite(wrenches).all(axis=1)]
+        free = known - np.median(known, axis=0) if len(known) else known
         fields["torque_unit"] = torque_unit = _torque_unit(free, size)
         layout = replace(layout, torque_unit=torque_unit)
         wrenches = wrenches * np.repeat([1.0, TORQUE_UNITS[torque_unit]], 3)
@@ -267,7 +268,7 @@ def _torque_unit(free: np.ndarray, size: float | None) -> str:
         free: wrenches without bias.
         size: [m] of the body; None: not known, and only torques that no arm makes are told.
     """
-    if size is None:
+    if size is None or not len(free):
         return "N mm" if _arm(free) > _LONGEST_ARM else "N m"
     for unit in ("N m", "N mm"):
         scaled = free * np.repeat([1.0, TORQUE_UNITS[unit]], 3)
@@ -277,8 +278,9 @@ def _torque_unit(free: np.ndarray, size: float | None) -> str:
 
 
 def _arm(free: np.ndarray) -> float:
-    """Torque over force at the median."""
-    return float(np.nanmedian(np.linalg.norm(free[:, 3:], axis=1) / np.linalg.norm(free[:, :3], axis=1).clip(1e-12)))
+    """Torque over force at the median; NaN without a wrench."""
+    arms = np.linalg.norm(free[:, 3:], axis=1) / np.linalg.norm(free[:, :3], axis=1).clip(1e-12)
+    return float(np.median(arms)) if len(arms) else np.nan
 
 
 FORCE_TORQUE = SensorKind(

@@ -3,31 +3,56 @@
 from __future__ import annotations
 
 import codecs
+import os
+import select
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import BinaryIO
 
 from palpate.errors import InputError
+from palpate.io.atomic import irregular
 from palpate.io.units import near
 
 __all__ = ["open_input", "read_some", "whole_lines"]
 
+_WAIT = 1.5  # s that a pipe is given until its first byte
 _LONGEST = 1 << 26  # bytes of a line, beyond which a file is no text
 
 
-def open_input(path: Path) -> BinaryIO:
-    """Open a file to be read.
+def open_input(path: Path, *, pipe: bool = False) -> BinaryIO:
+    """Open a file to be read. A pipe waits for who writes, and a device may never end: they are not opened.
+
+    Args:
+        path: of the file.
+        pipe: a pipe is read too, from its start to its end and once, if something is written into it by now.
 
     Raises:
-        InputError: it is not there, or may not be read.
+        InputError: it is not there, may not be read, or is a folder, a pipe, a device or a socket.
     """
     try:
-        return path.open("rb")
+        kind = irregular(path.stat())
+        if kind == "a pipe" and pipe:
+            return _open_pipe(path)
+        if not kind:
+            return path.open("rb")
     except FileNotFoundError:
         siblings = [other.name for other in path.parent.glob("*")] if path.parent.is_dir() else []
         raise InputError("there is no such file.", where=str(path), hint=near(path.name, siblings)) from None
     except (OSError, ValueError) as problem:  # the second: a NUL in the name
         raise InputError(f"cannot be read ({problem}).", where=str(path)) from problem
+    hint = "" if kind == "a folder" else "Write what it gives into a file first, and name that."
+    raise InputError(f"is {kind}, not a file that can be read.", where=str(path), hint=hint)
+
+
+def _open_pipe(path: Path) -> BinaryIO:
+    """Open a pipe into which something is written."""
+    handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK)  # does not wait for who writes
+    if not select.select([handle], [], [], _WAIT)[0]:
+        os.close(handle)
+        hint = "Write what it gives into a file first, and name that."
+        raise InputError(f"is a pipe, into which nothing was written for {_WAIT:g} s.", where=str(path), hint=hint)
+    os.set_blocking(handle, True)
+    return os.fdopen(handle, "rb")
 
 
 def whole_lines(file: BinaryIO, path: Path, size: int) -> Iterator[bytes]:

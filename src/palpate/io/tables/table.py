@@ -16,6 +16,7 @@ import polars as pl
 from jaxtyping import Bool, Float, Int, UInt8
 
 from palpate.errors import InputError
+from palpate.forks import require_polars_threads
 from palpate.io.tables.dialect import COMMENTS, LOOKED_AT, SPACES, Dialect, find_dialect, spaces_to_tabs
 from palpate.io.tables.fields import Fields, Rows
 from palpate.io.tables.lines import open_input, whole_lines
@@ -258,6 +259,7 @@ def _frame(
     text: bytes, delimiter: str, path: Path, count: int, columns: Sequence[int], *, numbers: bool
 ) -> pl.DataFrame:
     """Columns c0, c1, ... of text without a header; null where a field is empty or not of this kind."""
+    require_polars_threads()
     names = [f"c{k}" for k in range(count)]
     try:
         return pl.read_csv(

@@ -1,0 +1,50 @@
+"""Forked processes, in which the threads of polars are missing: what would wait for them for ever is refused."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+
+from palpate.errors import InputError
+
+__all__ = ["require_polars_threads"]
+
+_TASKS = Path("/proc/self/task")  # Linux alone has it; a fork of other systems is refused once polars is imported
+_threads = {"started": False, "missing": False}
+
+
+def require_polars_threads() -> None:
+    """Refuse to read or write a table in a process that was forked from one in which polars had started its threads.
+
+    A fork copies the locks of these threads and not the threads: polars would wait for them for ever.
+
+    Raises:
+        InputError: this is such a process.
+    """
+    if _threads["missing"]:
+        raise InputError(
+            "tables cannot be read or written in a process that was forked after its parent had read or written one: "
+            "the threads of polars are missing.",
+            where=f"process {os.getpid()}",
+            hint='Start it by multiprocessing.get_context("spawn") or "forkserver", or fork before the first table.',
+        )
+
+
+def _look() -> None:
+    """Before a fork."""
+    try:
+        names = [(task / "comm").read_text() for task in _TASKS.iterdir()]
+    except OSError:
+        _threads["started"] = "polars" in sys.modules
+    else:
+        _threads["started"] = any(name.startswith("polars-") and name[7:].strip().isdigit() for name in names)
+
+
+def _forked() -> None:
+    """In the process that was forked; one that it forks lacks the threads just as well."""
+    _threads["missing"] = _threads["missing"] or _threads["started"]
+
+
+if hasattr(os, "register_at_fork"):  # not on Windows
+    os.register_at_fork(before=_look, after_in_child=_forked)
