@@ -306,9 +306,7 @@ class Locator:
         statuses: Int8[np.ndarray, " n"],
     ) -> int:
         """The first of the samples of `run_into` that is without contact whatever came before it; -1: none is."""
-        noises, settings = self._noises, self._settings
-        if covariances is not None:
-            noises, settings = covariances, self._noisy
+        wrenches, noises, statuses, settings = self._sequence(wrenches, covariances, statuses)
         return self._first_free(wrenches, noises, statuses, settings)
 
     def run_into(
@@ -333,14 +331,22 @@ class Locator:
             InputError: other shapes, or an `out` that cannot be written into.
         """
         require_out(out, (None, ROW.length))
-        count = len(out)
-        wrenches = shaped(wrenches, (count, 6), "wrenches")
-        statuses = shaped(statuses, (count,), "statuses", INT8)
-        noises, settings = self._noises, self._settings
-        if covariances is not None:
-            noises, settings = shaped(covariances, (count, 6, 6), "covariances"), self._noisy
+        wrenches, noises, statuses, settings = self._sequence(wrenches, covariances, statuses, len(out))
         state = self._state if memory is None else memory
+        if memory is not None:
+            require_out(memory, self._state.shape, "memory")
         self._many(wrenches, noises, statuses, *self._arguments, settings, state, True, out)
+
+    def _sequence(
+        self, wrenches: ArrayLike, covariances: ArrayLike | None, statuses: ArrayLike, count: int | None = None
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Wrenches (n, 6), their noises, statuses (n,) and the settings for them as the compiled loops take them."""
+        wrenches = shaped(wrenches, (count, 6), "wrenches")
+        count = len(wrenches)
+        statuses = shaped(statuses, (count,), "statuses", INT8)
+        if covariances is None:
+            return wrenches, self._noises, statuses, self._settings
+        return wrenches, shaped(covariances, (count, 6, 6), "covariances"), statuses, self._noisy
 
     def follow_back(
         self,
@@ -364,6 +370,8 @@ class Locator:
         """
         if self.noise is None and covariances is None:
             return  # without noise no branch was ever told from another
+        require_out(rows, (None, ROW.length), "rows")
+        wrenches, noises, statuses, settings = self._sequence(wrenches, covariances, statuses, len(rows))
         answered = np.flatnonzero(rows[:, ROW.status] <= Status.AMBIGUOUS)
         if not len(answered):
             return
@@ -374,11 +382,10 @@ class Locator:
         last = rows[count - 1]
         state = _state(last[ROW.point])
         state[TOUCHING] = state[FOLLOW] = 1.0
-        noises, settings = self._noises, self._settings
         begin = max(0, count - 1 - _END)
         order = np.r_[count - 1 : begin : -1, begin : count - 1, count - 1 : -1 : -1]
         if covariances is not None:
-            noises, settings = covariances[order], self._noisy
+            noises = noises[order]
         open_end = np.count_nonzero(sure) < 0.5 * len(sure)
         back = self.empty(len(order))
         self._many(wrenches[order], noises, statuses[order], *self._arguments, settings, state, True, back)

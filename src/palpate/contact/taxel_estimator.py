@@ -14,7 +14,7 @@ from jaxtyping import Float, Int
 from numpy.typing import ArrayLike
 
 from palpate.contact.contacts import Contacts
-from palpate.contact.estimator import NOTHING_BESIDE
+from palpate.contact.estimator import NOTHING_BESIDE, instant, samples
 from palpate.errors import InputError
 from palpate.sensors.filters import Filter
 from palpate.sensors.intensity import Curve, Intensity
@@ -23,7 +23,7 @@ from palpate.sensors.smoothing import BothWays, Forward, known_rate, require_for
 from palpate.sensors.taxel_health import FEWEST, Health, at_rest, examine
 from palpate.sensors.taxels import TaxelBody
 from palpate.sensors.wrench_sensor import Tare
-from palpate.spatial._arrays import require_out
+from palpate.spatial._arrays import require_out, shaped
 from palpate.spatial.pose import Pose
 
 __all__ = ["FEATURES", "TaxelEstimator", "TaxelSettings"]
@@ -261,7 +261,7 @@ class TaxelEstimator:
         Raises:
             InputError: the rest is not known, or the filter looks ahead.
         """
-        rows = self.empty(self._kernels.MOST)
+        rows, time = self.empty(self._kernels.MOST), instant(time)
         rows = rows[: self.update_into(time, reading, rows)]
         return self._contacts(rows, np.zeros(len(rows), np.int64), np.full(len(rows), time, dtype=np.float64))
 
@@ -285,10 +285,10 @@ class TaxelEstimator:
             or not out.size
         ):
             raise InputError(f"out must be rows of {width} as `empty` makes them, not {out.dtype} {out.shape}.")
-        frame = self.body.picked(np.asarray(reading))
+        frame = self.body.picked(shaped(reading, (...,), "reading"))
         fits = frame.shape == self.body.shape or frame.shape == (len(self.body),)
         when, raw, rows = self._single
-        when[0] = time
+        when[0] = instant(time)
         raw[0] = frame.reshape(-1) if fits else np.nan
         raw[np.abs(raw) > LARGEST] = np.nan  # a fault of the sensor
         return self._run(when, raw, self._buffer, out.reshape(-1, width), rows, self._buffer[0][:0])[1]
@@ -305,6 +305,7 @@ class TaxelEstimator:
         require_forward(self.filter)
         self._require_rest()
         require_out(out, (None, self._width))
+        time, readings, _ = samples(time, readings, counts)
         raw = self.body.readings(Recording(time, {CELLS: readings}, source="the stream"))
         return self._run(time, raw, self._buffer, out, counts, self._buffer[0][:0])[0]
 
