@@ -18,6 +18,7 @@ from palpate.contact.fused_cones import within_cones
 from palpate.contact.fused_unseen import PUSHES, Unseen, candidates, locked, ranked
 from palpate.errors import InputError
 from palpate.spatial._arrays import Value, shaped
+from palpate.spatial.arguments import takes_arrays
 from palpate.surfaces.surface import Surface
 
 __all__ = ["Fused", "FusedLocator", "FusionSettings", "Unseen"]
@@ -85,6 +86,7 @@ class Given(Value):
         locked(self)
 
 
+@takes_arrays
 @dataclass(frozen=True, eq=False)
 class Fused(Value):
     """Forces of contacts, and how well the wrenches fit to them.
@@ -121,6 +123,7 @@ class Fused(Value):
         locked(self)
 
 
+@takes_arrays
 class FusedLocator:
     """Forces of several contacts of a body, from its skin and its force/torque sensors.
 

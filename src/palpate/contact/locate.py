@@ -30,6 +30,7 @@ from palpate.contact.neighbours import in_space
 from palpate.errors import InputError
 from palpate.sensors.load_cells import Indentation
 from palpate.spatial._arrays import FLOAT, INT8, Value, require_out, shaped
+from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.shown import vector
 from palpate.spatial.uncertain import noise_covariance
 from palpate.spatial.wrench import Wrench
@@ -47,6 +48,7 @@ ON, OFF = 5.5, 3.0  # standard deviations of the force; noise alone exceeds the 
 METHODS = ("soft_finger", "wrench_axis")  # of a Locator; `locate` knows "iterative" too
 
 
+@takes_arrays
 @dataclass(frozen=True, eq=False)
 class Candidates(Value):
     """Every contact that one wrench can have on a surface, best first.

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from palpate.sensors.fisheye import STEPS, flat_pixels
 from palpate.sensors.marker_ring import MarkerRing
 from palpate.sensors.ring_response import RingResponse
+from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["RingFound", "RingLocator", "RingSettings", "turned"]
 
@@ -58,6 +59,7 @@ class RingSettings:
             raise ValueError("reach must be positive, speed and patience not negative")
 
 
+@takes_arrays
 @dataclass(frozen=True, eq=False)
 class RingFound:
     """Contacts of frames, in the form of the compiled loops.
@@ -74,6 +76,7 @@ class RingFound:
     residual: Float[np.ndarray, " n"]
 
 
+@takes_arrays
 class RingLocator:
     """Contacts from displacements, frame after frame: each starts from those of the frame before.
 

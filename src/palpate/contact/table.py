@@ -10,6 +10,7 @@ from jaxtyping import Float, Int
 
 from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import ContactEstimate, Status
+from palpate.spatial.arguments import takes_arrays
 
 __all__ = [
     "COLUMNS",
@@ -93,6 +94,7 @@ def pointless(estimate: ContactEstimate) -> int | None:
     return int(rows[0]) if len(rows) else None
 
 
+@takes_arrays
 def assembled(
     sample: Int[np.ndarray, " n"],
     identity: Int[np.ndarray, " n"],

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from palpate.errors import InputError
 from palpate.spatial._arrays import shaped
+from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["MotionBank"]
 
@@ -20,6 +21,7 @@ JUMP = 3.0
 RATES = (0.1, 0.3, 10.0)  # 1/s: a smooth motion becomes another, a jump begins, and ends
 
 
+@takes_arrays
 class MotionBank:
     """Kalman filters on each of some series that take turns by what they foresee; no period or shape is assumed.
 

@@ -13,6 +13,7 @@ from palpate.sensors.fisheye import STEPS, Fisheye, RingView, flat_pixels
 from palpate.sensors.markers import MarkerColour
 from palpate.sensors.ring_response import RingResponse
 from palpate.spatial._arrays import Value, frozen
+from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.shown import one_line
 
 __all__ = ["MarkerRing", "RingBody"]
@@ -39,6 +40,7 @@ class RingBody:
     rings: tuple[float, ...] = (0.0,)
 
 
+@takes_arrays
 @dataclass(frozen=True, eq=False, repr=False)
 class MarkerRing(Value):
     """One unit.

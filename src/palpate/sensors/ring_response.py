@@ -8,10 +8,12 @@ import numpy as np
 from jaxtyping import Float
 
 from palpate.spatial._arrays import Value, frozen
+from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["RingResponse", "ring_basis"]
 
 
+@takes_arrays
 def ring_basis(angle: Float[np.ndarray, "*batch"], order: int) -> Float[np.ndarray, "*batch terms"]:
     """1, cos, sin, cos 2, sin 2, ... of an angle [rad], up to an order: (*batch, 2 order + 1)."""
     turns = np.multiply.outer(angle, np.arange(1, order + 1))
@@ -27,6 +29,7 @@ def _slope(order: int) -> Float[np.ndarray, "terms terms"]:
     return matrix
 
 
+@takes_arrays
 @dataclass(frozen=True, eq=False, repr=False)
 class RingResponse(Value):
     """Displacement of a marker at the angle theta by a contact at phi, with delta = theta - phi.

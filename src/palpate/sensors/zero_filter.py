@@ -14,6 +14,7 @@ from palpate.errors import InputError
 from palpate.sensors.drift import Drift
 from palpate.sensors.recording import Recording
 from palpate.spatial._arrays import Value
+from palpate.spatial.arguments import takes_arrays
 
 __all__ = [
     "FollowedSensor",
@@ -295,6 +296,7 @@ def smoothed(
         weight = (weight + weight.T) / 2.0
 
 
+@takes_arrays
 @dataclass(frozen=True, eq=False)
 class ZeroHistory(Value):
     """How the zero went, some windows of all, evenly spread.

@@ -106,9 +106,9 @@ def _converted(values: ArrayLike, shape: Shape, name: str, dtype: np.dtype[Any])
     wanted = f"{name} must be {dtype} of shape {_said(shape)}"
     try:
         given = np.asarray(values)
-    except ValueError as problem:  # lists of different lengths
+    except (ValueError, TypeError) as problem:  # lists of different lengths, for one
         raise InputError(f"{wanted}: {problem}") from problem
-    if given.dtype.kind not in _KINDS[dtype.kind] and (given.size or given.dtype.kind != "f"):  # an empty list is float
+    if given.size and given.dtype.kind not in _KINDS[dtype.kind]:
         raise InputError(f"{wanted}, not {given.dtype} of shape {given.shape}.")
     array = np.array(given, dtype=dtype, order="C", subok=False)
     if dtype != FLOAT and not np.array_equal(array, given):

@@ -9,10 +9,12 @@ from jaxtyping import Float
 from numpy.typing import ArrayLike
 
 from palpate.spatial._arrays import Value, frozen
+from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["Pose", "quaternion_from_rotation", "rotation_from_quaternion", "skew"]
 
 
+@takes_arrays
 def skew(vector: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3 3"]:
     """The matrix [v]x with [v]x u = v x u."""
     matrix = np.zeros((*vector.shape[:-1], 3, 3))
@@ -23,6 +25,7 @@ def skew(vector: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3 3
     return matrix
 
 
+@takes_arrays
 def rotation_from_quaternion(quaternion: Float[np.ndarray, "*batch 4"]) -> Float[np.ndarray, "*batch 3 3"]:
     """Rotation matrices from quaternions x, y, z, w of any length but zero (NaN in, NaN out)."""
     q = quaternion / np.linalg.norm(quaternion, axis=-1, keepdims=True)
@@ -31,6 +34,7 @@ def rotation_from_quaternion(quaternion: Float[np.ndarray, "*batch 4"]) -> Float
     return np.eye(3) + 2.0 * (w * cross + cross @ cross)
 
 
+@takes_arrays
 def quaternion_from_rotation(rotation: Float[np.ndarray, "*batch 3 3"]) -> Float[np.ndarray, "*batch 4"]:
     """Unit quaternions x, y, z, w with w >= 0."""
     from scipy.spatial.transform import Rotation  # here: it takes 0.1 s to import
@@ -39,6 +43,7 @@ def quaternion_from_rotation(rotation: Float[np.ndarray, "*batch 3 3"]) -> Float
     return flat.reshape(*rotation.shape[:-2], 4)
 
 
+@takes_arrays
 @dataclass(frozen=True, eq=False, init=False)
 class Pose(Value):
     """Rotation and translation [m] of a source frame in a target frame, batched by leading axes.

@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Float, Int, UInt8
 
+from palpate.spatial.arguments import takes_arrays
+
 if TYPE_CHECKING:
     from palpate.surfaces.surface import Surface
 
@@ -29,6 +31,7 @@ _STYLE = (
 )
 
 
+@takes_arrays
 @dataclass(frozen=True)
 class Mark:
     """Something at a point of the body.
@@ -49,6 +52,7 @@ class Mark:
     rim: Float[np.ndarray, "r 3"] | None = None
 
 
+@takes_arrays
 @dataclass(frozen=True, eq=False)
 class Specks:
     """Small dots: points [m], outward normals, colours."""
@@ -58,6 +62,7 @@ class Specks:
     colour: UInt8[np.ndarray, "m 3"]
 
 
+@takes_arrays
 @dataclass(frozen=True, eq=False)
 class Drawing:
     """A body with marks; a notebook shows it, `html` puts it into a page.
@@ -141,6 +146,7 @@ class Drawing:
         return low - margin, high + margin
 
 
+@takes_arrays
 def simpler(
     vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"], most: int
 ) -> tuple[Float[np.ndarray, "w 3"], Int[np.ndarray, "g 3"]]:

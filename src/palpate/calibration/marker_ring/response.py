@@ -11,6 +11,7 @@ from jaxtyping import Bool, Float
 from palpate.contact.ring_locator import RingLocator, RingSettings, turned
 from palpate.errors import InputError
 from palpate.sensors.ring_response import RingResponse, ring_basis
+from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["RingPresses", "fit_response"]
 
@@ -25,6 +26,7 @@ _NEW_SKIN = 1.0, 4.0, 0.03  # numbers of `_deviations` that the search for the l
 _NEW_UNIT = 0.1, 4.0, 0.3  # and of another unit of a known kind, once its stiffness is taken off
 
 
+@takes_arrays
 @dataclass(frozen=True, eq=False)
 class RingPresses:
     """Single contacts of known truth with what the markers did.

@@ -13,10 +13,12 @@ import numpy as np
 from jaxtyping import Float
 
 from palpate.errors import InputError
+from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["Chart", "flat_chart", "round_chart", "wrapped"]
 
 
+@takes_arrays
 @dataclass(frozen=True, eq=False)
 class Chart:
     """Planes u and v, and the line in which they meet: A(u, v) + s D(v).
@@ -60,11 +62,13 @@ class Chart:
         return way
 
 
+@takes_arrays
 def wrapped(angle: Float[np.ndarray, "*batch"]) -> Float[np.ndarray, "*batch"]:
     """The same angle in [-pi, pi)."""
     return np.mod(angle + np.pi, 2 * np.pi) - np.pi
 
 
+@takes_arrays
 def flat_chart(
     origin: Float[np.ndarray, "3"], normal: Float[np.ndarray, "3"], heading: Float[np.ndarray, "3"]
 ) -> Chart:
@@ -74,6 +78,7 @@ def flat_chart(
     return Chart(False, origin, np.stack([np.cross(v, normal), v, normal]))
 
 
+@takes_arrays
 def round_chart(
     middles: Float[np.ndarray, "f 3"],
     normals: Float[np.ndarray, "f 3"],

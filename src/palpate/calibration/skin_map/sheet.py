@@ -15,6 +15,7 @@ from palpate.calibration.skin_map.layout import Layout, Sheet, lay
 from palpate.calibration.skin_map.shell import Mode, Planes, Shell, Site, shell
 from palpate.errors import InputError, PalpateError
 from palpate.sensors.skin_map import SkinMap
+from palpate.spatial.arguments import takes_arrays
 from palpate.surfaces.mesh import Mesh
 
 __all__ = ["Sheet", "fit_stretch", "map_skin", "mapped", "placed"]
@@ -105,6 +106,7 @@ def _else(on: Callable[[Site], SkinMap], site: Site) -> SkinMap | None:
     return result if abs(result.strain[1]) < _HELD else None
 
 
+@takes_arrays
 def mapped(found: Shell, sheet: Sheet, origin: Float[np.ndarray, "3"], heading: Float[np.ndarray, "3"]) -> SkinMap:
     """Lay a sheet on a shell.
 
