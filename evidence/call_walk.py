@@ -67,11 +67,18 @@ def public() -> Iterator[Known]:
     seen = set[int]()
     for room in ROOMS:
         package = importlib.import_module(f"palpate.{room}")
-        names = [f"palpate.{room}", *(each.name for each in pkgutil.walk_packages(package.__path__, f"palpate.{room}."))]
+        names = [
+            f"palpate.{room}",
+            *(each.name for each in pkgutil.walk_packages(package.__path__, f"palpate.{room}.")),
+        ]
         for module in (importlib.import_module(name) for name in names if "._" not in name):
             for name in getattr(module, "__all__", ()):
                 made = getattr(module, name)
-                if callable(made) and id(made) not in seen and str(getattr(made, "__module__", "")).startswith("palpate"):
+                if (
+                    callable(made)
+                    and id(made) not in seen
+                    and str(getattr(made, "__module__", "")).startswith("palpate")
+                ):
                     seen.add(id(made))
                     yield from _with_methods(f"{made.__module__}.{name}", made)
 
@@ -125,7 +132,9 @@ def _watched(known: Known, made: Callable[..., Any], calls: dict[str, Call]) -> 
         begun = time.perf_counter()
         answer = made(*args, **kwargs)
         try:
-            bound = inspect.signature(known.owner if known.attribute == "__init__" else known.made).bind(*kept[0], **kept[1])
+            bound = inspect.signature(known.owner if known.attribute == "__init__" else known.made).bind(
+                *kept[0], **kept[1]
+            )
         except (TypeError, ValueError):
             return answer
         calls.setdefault(known.name, Call(known, bound, time.perf_counter() - begun))
@@ -165,9 +174,11 @@ def wrong(value: Any) -> dict[str, Any]:
     """Wrong arguments in place of a valid one, by what is wrong."""
     made: dict[str, Any] = {"a word": "abc", "none": None, "an object": object(), "too large": 10**400}
     if not isinstance(value, np.ndarray | list | tuple):
-        return made | {"nan": np.nan, "inf": np.inf, "negative": -1, "zero": 0, "huge": 1e300, "a list": [value, value]} | {
-            "complex": 1j
-        }
+        return (
+            made
+            | {"nan": np.nan, "inf": np.inf, "negative": -1, "zero": 0, "huge": 1e300, "a list": [value, value]}
+            | {"complex": 1j}
+        )
     array = np.asarray(value)
     made |= {"one axis more": array[None], "an axis behind": array[..., None], "complex": array * 1j, "one number": 1.0}
     made |= {"objects": array.astype(object) if array.size < 1000 else np.array([None]), "words": array.astype(str)}
@@ -222,7 +233,7 @@ def containers(value: np.ndarray) -> dict[str, tuple[Any, np.ndarray]]:
 
 
 def answer(call: Call, changed: Mapping[str, Any]) -> tuple[str, Any]:
-    """"answered", "refused" or the name of a raw error; with the answer, or what was said."""
+    """ "answered", "refused" or the name of a raw error; with the answer, or what was said."""
     known, arguments = call.known, call.arguments() | dict(changed)
     given = inspect.BoundArguments(call.bound.signature, {name: arguments[name] for name in call.bound.arguments})
     made = known.owner if known.attribute == "__init__" and known.owner is not None else known.made
@@ -258,7 +269,9 @@ def same(one: Any, other: Any, depth: int = 0) -> bool:
     if isinstance(one, np.ndarray) and isinstance(other, np.ndarray):
         if one.dtype.kind == "O":
             return one.shape == other.shape
-        return one.shape == other.shape and one.dtype == other.dtype and np.array_equal(one, other, one.dtype.kind == "f")
+        return (
+            one.shape == other.shape and one.dtype == other.dtype and np.array_equal(one, other, one.dtype.kind == "f")
+        )
     if type(one) is not type(other):
         return False
     if isinstance(one, float):
@@ -276,7 +289,9 @@ def same(one: Any, other: Any, depth: int = 0) -> bool:
     return True
 
 
-def _tried(calls: list[Call], count: int, rng: np.random.Generator) -> Iterator[tuple[Call, str, str, str, dict[str, Any]]]:
+def _tried(
+    calls: list[Call], count: int, rng: np.random.Generator
+) -> Iterator[tuple[Call, str, str, str, dict[str, Any]]]:
     """So many calls, spread over all callables: kind, argument, what it is, and the argument itself."""
     offers: list[list[tuple[Call, str, str, str]]] = []
     for call in calls:
@@ -304,7 +319,10 @@ def main(count: int, seed: int, first: int, folder: Path) -> None:
 
     every = [each for each in public() if takes_numbers(each)]
     calls = made_calls(every, folder, small=0 < count < 2000)
-    print(json.dumps({"callables": len(every), "missing": sorted(e.name for e in every if e.name not in calls)}), flush=True)
+    print(
+        json.dumps({"callables": len(every), "missing": sorted(e.name for e in every if e.name not in calls)}),
+        flush=True,
+    )
     listed = [calls[name] for name in sorted(calls)]
     for number, (call, kind, name, what, given) in enumerate(_tried(listed, count, np.random.default_rng(seed))):
         if number < first:
@@ -330,7 +348,8 @@ def takes_numbers(known: Known) -> bool:
     except (TypeError, ValueError):
         return False
     return any(
-        any(word in str(each.annotation) for word in ("Array", "ndarray", "Vector", "Image")) for each in parameters.values()
+        any(word in str(each.annotation) for word in ("Array", "ndarray", "Vector", "Image"))
+        for each in parameters.values()
     )
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, Int8
 
 from palpate.contact.estimate import ROW, ContactEstimate, Status
+from palpate.errors import InputError
 from palpate.spatial.arguments import takes_arrays
 
 if TYPE_CHECKING:
@@ -55,7 +56,7 @@ class Contacts:
         columns = {"time": self.time, "identity": self.identity, "estimate": self.estimate.status, **features}
         for name, values in columns.items():
             if values.shape != (count,):
-                raise ValueError(f"{name} has shape {values.shape} for {count} rows")
+                raise InputError(f"{name} has shape {values.shape} for {count} rows.")
 
     @classmethod
     def single(cls, time: Float[np.ndarray, " n"], estimate: ContactEstimate, first: int = 0) -> Contacts:

@@ -51,15 +51,15 @@ class FusionSettings:
 
     def __post_init__(self) -> None:
         if not 0 < self.friction < inf:
-            raise ValueError(f"friction must be positive, not {self.friction:g}")
+            raise InputError(f"friction must be positive, not {self.friction:g}.")
         if not 0 <= self.tangential <= self.friction:
-            raise ValueError(f"tangential ({self.tangential:g}) must lie between 0 and friction ({self.friction:g})")
+            raise InputError(f"tangential ({self.tangential:g}) must lie between 0 and friction ({self.friction:g}).")
         if not (0 <= self.gain < 1 and 0 <= self.floor < inf):
-            raise ValueError("gain must lie between 0 and 1, and floor must not be negative")
+            raise InputError("gain must lie between 0 and 1, and floor must not be negative.")
         if self.turns < 0:
-            raise ValueError(f"turns must not be negative, not {self.turns}")
+            raise InputError(f"turns must not be negative, not {self.turns}.")
         if not 0 < self.alarm < 0.5:
-            raise ValueError(f"alarm must lie between 0 and 0.5, not {self.alarm:g}")
+            raise InputError(f"alarm must lie between 0 and 0.5, not {self.alarm:g}.")
 
 
 @dataclass(frozen=True, eq=False)

@@ -200,6 +200,7 @@ def locate_iteratively(
     return IterativeResult(frozen(point), frozen(normal), frozen(force), torque, residual, evaluations, within, status)
 
 
+@takes_arrays
 def fit_paraboloid(mesh: Mesh, about: ArrayLike, radius: float | None = None) -> PatchParaboloid:
     """The paraboloid that fits a mesh best about a point, least squares along the normal there.
 

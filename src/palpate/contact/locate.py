@@ -29,7 +29,7 @@ from palpate.contact.estimate import ROW, ContactEstimate, Status
 from palpate.contact.neighbours import in_space
 from palpate.errors import InputError
 from palpate.sensors.load_cells import Indentation
-from palpate.spatial._arrays import FLOAT, INT8, Value, require_out, shaped
+from palpate.spatial._arrays import FLOAT, INT8, Value, require_batch, require_out, shaped
 from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.shown import vector
 from palpate.spatial.uncertain import noise_covariance
@@ -432,13 +432,8 @@ def _writable(array: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
 
 def _each(covariances: np.ndarray, batch: tuple[int, ...]) -> Float[np.ndarray, "n 6 6"]:
     """One covariance a wrench."""
-    try:
-        whole = np.broadcast_to(covariances, (*batch, 6, 6))
-    except ValueError as problem:
-        raise InputError(
-            f"covariances must have shape {(*batch, 6, 6)} or (6, 6), not {covariances.shape}."
-        ) from problem
-    return _writable(whole.reshape(-1, 6, 6))
+    require_batch(covariances, batch, "covariances")
+    return _writable(np.broadcast_to(covariances, (*batch, 6, 6)).reshape(-1, 6, 6))
 
 
 def _state(previous: ArrayLike | None) -> Float[np.ndarray, " s"]:

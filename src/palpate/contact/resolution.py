@@ -121,6 +121,7 @@ def position_slope(
     return np.concatenate([shift - force[..., :, None] * out[..., None, :], twist[..., None, :]], axis=-2)
 
 
+@takes_arrays
 def nominal_cells(
     positions: ArrayLike, sensitivity: float, noise: float, limit: float = np.inf, *, drift: float = 0.0
 ) -> LoadCells:

@@ -67,15 +67,15 @@ class TaxelSettings:
 
     def __post_init__(self) -> None:
         if not 0 < self.off <= self.on < inf:
-            raise ValueError(f"off ({self.off:g}) must lie between 0 and on ({self.on:g})")
+            raise InputError(f"off ({self.off:g}) must lie between 0 and on ({self.on:g}).")
         if not (self.drift > 0 and self.sure >= 0 and 0 <= self.share < 1):
-            raise ValueError("drift must be positive, sure not negative and share between 0 and 1")
+            raise InputError("drift must be positive, sure not negative and share between 0 and 1.")
         if not 0 <= self.walk < inf:
-            raise ValueError("walk must not be negative")
+            raise InputError("walk must not be negative.")
         if self.unequal is not None and not 0 <= self.unequal < inf:
-            raise ValueError("unequal must not be negative")
+            raise InputError("unequal must not be negative.")
         if not (self.reach > 0 and self.speed >= 0 and self.patience >= 0):
-            raise ValueError("reach must be positive, speed and patience not negative")
+            raise InputError("reach must be positive, speed and patience not negative.")
 
 
 class TaxelEstimator:

@@ -40,6 +40,7 @@ class Recursion:
     response: Float[np.ndarray, " l"]
 
 
+@takes_arrays
 @dataclass(frozen=True)
 class Kalman:
     """The filter of `probe`: identity transition, each axis by itself.
@@ -102,6 +103,7 @@ class Kalman:
         return Recursion(np.zeros((0, 6)), np.zeros((0, 2)), table, table, np.zeros(0))
 
 
+@takes_arrays
 @dataclass(frozen=True)
 class Butterworth:
     """A low-pass, flat in its band; it starts as if the first sample had been there for ever.

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from palpate.errors import InputError
 
-__all__ = ["FLOAT", "INT8", "Value", "frozen", "require_out", "require_shape", "shaped"]
+__all__ = ["FLOAT", "INT8", "Value", "frozen", "require_batch", "require_out", "require_shape", "shaped"]
 
 Shape = tuple[int | EllipsisType | None, ...]  # first, None: any length, or ...: any leading axes
 
@@ -47,6 +47,15 @@ def require_shape(array: np.ndarray, shape: Shape, name: str) -> None:
     """Raise an InputError where an array has another shape than one that is wanted, as `shaped` takes it."""
     if not _fits(array.shape, shape):
         raise InputError(f"{name} must have shape {_said(shape)}, not {array.shape}.")
+
+
+def require_batch(array: np.ndarray, batch: tuple[int, ...], name: str) -> None:
+    """Raise an InputError where the leading axes of matrices (*batch, 6, 6) cannot be those, or be broadcast to them."""
+    try:
+        np.broadcast_to(array, (*batch, *array.shape[-2:]))
+    except ValueError as problem:
+        shapes = f"{(*batch, *array.shape[-2:])} or {array.shape[-2:]}"
+        raise InputError(f"{name} must have shape {shapes}, not {array.shape}.") from problem
 
 
 def require_out(out: np.ndarray, shape: Shape, name: str = "out") -> None:

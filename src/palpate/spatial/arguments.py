@@ -35,9 +35,10 @@ class _Wanted(NamedTuple):
         name: of the argument.
         optional: None is one, too.
         others: classes of which it may be instead.
-        dtype: of an array; None: a number.
+        dtype: of an array; None: a number, or numbers of any type.
         axes: of an array, as jaxtyping writes them.
         whole: of a number: it must be.
+        any: any array of real numbers, which the function makes one of its own from.
     """
 
     name: str
@@ -45,7 +46,8 @@ class _Wanted(NamedTuple):
     others: tuple[type, ...]
     dtype: np.dtype[Any] | None
     axes: tuple[str, ...]
-    whole: bool
+    whole: bool = False
+    any: bool = False
 
 
 def takes_arrays(made: _Made) -> _Made:
@@ -78,7 +80,8 @@ def _class(made: type[Any]) -> type[Any]:
 
 def _function(function: Callable[..., Any]) -> Callable[..., Any]:
     parameters = signature(function).parameters
-    if not any("[" in str(each.annotation) or "float" in str(each.annotation) for each in parameters.values()):
+    words = ("[", "ArrayLike", "float", "int")
+    if not any(word in str(each.annotation) for each in parameters.values() for word in words):
         return function
     places = tuple(parameters)
     plan: dict[str, _Wanted] | None = None
@@ -109,7 +112,11 @@ def _plan(function: Callable[..., Any]) -> dict[str, _Wanted]:
     for name, parameter in signature(function).parameters.items():
         if name in _WRITTEN or parameter.kind in (Parameter.VAR_POSITIONAL, Parameter.VAR_KEYWORD):
             continue
-        wanted = _wanted(name, _annotation(parameter.annotation, function))
+        stated = str(parameter.annotation)
+        if stated in ("ArrayLike", "ArrayLike | None"):
+            wanted = _Wanted(name, stated != "ArrayLike", (), None, (), any=True)
+        else:
+            wanted = _wanted(name, _annotation(parameter.annotation, function))
         if wanted is not None:
             made[name] = wanted
     return made
@@ -137,15 +144,17 @@ def _wanted(name: str, annotation: Any) -> _Wanted | None:
         return _Wanted(name, optional, others, None, (), float not in kinds)
     (array,) = arrays
     kind = array.dtype.__name__
-    return _Wanted(
-        name, optional, others, _DTYPES.get(kind) or np.dtype(kind.lower()), (*array.dim_str.split(),), False
-    )
+    dtype = _DTYPES.get(kind) or np.dtype(kind.lower())
+    return _Wanted(name, optional, others, dtype, tuple(array.dim_str.split()))
 
 
 def _taken(wanted: _Wanted | None, value: Any, sizes: dict[str, _Size]) -> Any:
     """An argument as the function takes it."""
     if wanted is None or (value is None and wanted.optional) or isinstance(value, wanted.others):
         return value
+    if wanted.any:
+        real = type(value) is np.ndarray and value.dtype.kind in "biuf"
+        return value if real else _real(value, wanted.name)
     if wanted.dtype is None:
         return value if type(value) is float or type(value) is int else _number(value, wanted)
     array = value
@@ -153,6 +162,17 @@ def _taken(wanted: _Wanted | None, value: Any, sizes: dict[str, _Size]) -> Any:
         array = shaped(value, (...,), wanted.name, wanted.dtype)
     if not _bound(array.shape, wanted, sizes):
         raise InputError(f"{wanted.name} must have shape {_said(wanted.axes, sizes)}, not {array.shape}.")
+    return array
+
+
+def _real(values: Any, name: str) -> np.ndarray:
+    """An array of real numbers, of the type that they have."""
+    try:
+        array = np.asarray(values)
+    except (ValueError, TypeError):  # lists of different lengths, for one
+        array = np.zeros(1, dtype=object)
+    if array.size and array.dtype.kind not in "biuf":
+        raise InputError(f"{name} must be an array of real numbers, not {values!r:.60}.")
     return array
 
 

@@ -15,6 +15,7 @@ __all__ = ["inverse_pose_covariance", "noise_covariance", "pose_noise_on_wrench"
 LARGEST = 1e9  # N, N m: no sensor, and its square is a number
 
 
+@takes_arrays
 def noise_covariance(noise: ArrayLike) -> Float[np.ndarray, "6 6"]:
     """A 6 x 6 covariance [N, N m], force first, from one, or from six standard deviations.
 

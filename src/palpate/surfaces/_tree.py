@@ -73,12 +73,3 @@ def _branches(
     order, used = _bvh.build(corners, nodes)
     tags = np.stack([patches.kind, patches.facet], axis=1)
     return nodes[:used].copy(), np.concatenate([corners[order].reshape(-1, 18), tags[order]], axis=1)
-
-
-def _box(positions: Float[np.ndarray, "m 3 3"]) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
-    """Lowest and highest coordinates."""
-    low, high = np.full(3, np.inf), np.full(3, -np.inf)
-    for block in blocks(len(positions)):
-        columns = positions[block].transpose(2, 0, 1).reshape(3, -1)  # long rows are quicker
-        low, high = np.minimum(low, columns.min(axis=1)), np.maximum(high, columns.max(axis=1))
-    return low, high

@@ -135,12 +135,14 @@ def solve_tangent(
     return np.stack([g * a - f * b, e * b - f * a], axis=-1) / (e * g - f * f)[..., None]
 
 
+@takes_arrays
 def open_knots(breaks: ArrayLike, degree: int = 3) -> Float[np.ndarray, " k"]:
     """Knots that begin and end at the first and the last of `breaks`, each `degree` + 1 times."""
     breaks = np.asarray(breaks, dtype=np.float64)
     return np.concatenate([np.full(degree, breaks[0]), breaks, np.full(degree, breaks[-1])])
 
 
+@takes_arrays
 def periodic_knots(breaks: ArrayLike, degree: int = 3) -> Float[np.ndarray, " k"]:
     """Knots of a closed curve; the last of `breaks` is the first again, a period later."""
     breaks = np.asarray(breaks, dtype=np.float64)

@@ -80,6 +80,7 @@ def _held(
     return found
 
 
+@takes_arrays
 def paper_map(
     mesh: Mesh,
     sheet: Sheet,

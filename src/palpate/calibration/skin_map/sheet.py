@@ -24,6 +24,7 @@ _HELD = 0.10  # strain beyond which no sheet lies by itself
 _ASTRAY = 0.25  # of the cells may seem to lie beside the surface along geodesics: the layout may bring them back
 
 
+@takes_arrays
 def map_skin(
     mesh: Mesh,
     sheet: Sheet,
@@ -74,6 +75,7 @@ def map_skin(
     return replace(result, notes=(*notes, *result.notes), provenance=dict(provenance or {}))
 
 
+@takes_arrays
 def placed(mesh: Mesh, sheet: Sheet, origin: ArrayLike, heading: ArrayLike) -> Site:
     """The sheet's corner on the mesh, its heading there, the outward normal, and the facets of the body it lies on.
 
@@ -143,6 +145,7 @@ def mapped(found: Shell, sheet: Sheet, origin: Float[np.ndarray, "3"], heading: 
     )
 
 
+@takes_arrays
 def fit_stretch(
     mesh: Mesh,
     sheet: Sheet,
