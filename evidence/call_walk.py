@@ -233,7 +233,7 @@ def containers(value: np.ndarray) -> dict[str, tuple[Any, np.ndarray]]:
 
 
 def answer(call: Call, changed: Mapping[str, Any]) -> tuple[str, Any]:
-    """ "answered", "refused" or the name of a raw error; with the answer, or what was said."""
+    """How it ended, "answered", "refused" or the name of a raw error; with the answer, or what was said."""
     known, arguments = call.known, call.arguments() | dict(changed)
     given = inspect.BoundArguments(call.bound.signature, {name: arguments[name] for name in call.bound.arguments})
     made = known.owner if known.attribute == "__init__" and known.owner is not None else known.made

@@ -50,7 +50,7 @@ def require_shape(array: np.ndarray, shape: Shape, name: str) -> None:
 
 
 def require_batch(array: np.ndarray, batch: tuple[int, ...], name: str) -> None:
-    """Raise an InputError where the leading axes of matrices (*batch, 6, 6) cannot be those, or be broadcast to them."""
+    """Raise an InputError where matrices (..., 6, 6) cannot be broadcast to one for each of a batch."""
     try:
         np.broadcast_to(array, (*batch, *array.shape[-2:]))
     except ValueError as problem:
