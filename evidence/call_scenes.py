@@ -15,7 +15,6 @@ from evidence.row import ROOT
 
 __all__ = ["made_calls"]
 
-SMALL = ("01_locate_one_wrench", "05_surface_by_equation")
 COMMANDS = (
     "demo -o demo --no-serve",
     "estimate demo/touches.mcap --rig demo/rig.toml -o demo/filtered.csv --filter butterworth --cutoff 15 --force",
@@ -41,8 +40,8 @@ COMMANDS = (
 )
 
 
-def made_calls(known: Iterable[Known], folder: Path, *, small: bool) -> dict[str, Call]:
-    """The first call of each that is made by the examples and, in full, by the commands, in a folder of their own."""
+def made_calls(known: Iterable[Known], folder: Path) -> dict[str, Call]:
+    """The first call of each that is made by the examples and the commands, in a folder of their own."""
     from palpate.cli import main
 
     calls, failed = watch(known), list[str]()
@@ -52,9 +51,8 @@ def made_calls(known: Iterable[Known], folder: Path, *, small: bool) -> dict[str
     try:
         with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()) as said:
             for example in sorted((ROOT / "examples").glob("[0-9]*.py")):
-                if not small or example.stem in SMALL:
-                    runpy.run_path(str(example))
-            for command in () if small else COMMANDS:
+                runpy.run_path(str(example))
+            for command in COMMANDS:
                 if main(command.split()) not in (0, 4):
                     failed.append(f"palpate {command}: {said.getvalue()[-300:]}")
     finally:

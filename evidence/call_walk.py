@@ -31,6 +31,7 @@ WRITTEN = {"out", "counts", "rows", "memory", "state"}  # written into: a copy i
 LARGEST = 200_000  # numbers in the arguments of a call that is kept
 SLOW = 0.5  # s: a callable that takes longer gets a few calls only
 FEW = 4
+FEWEST = 2000  # calls, up to which those that annotations alone make are enough
 
 
 @dataclasses.dataclass(frozen=True)
@@ -315,10 +316,12 @@ def _tried(
 
 def main(count: int, seed: int, first: int, folder: Path) -> None:
     """Make the calls from `first` on."""
+    out, sys.stdout = sys.stdout, sys.stderr  # what a call prints is no line of this
     from evidence.call_scenes import made_calls
+    from evidence.call_values import generated
 
     every = [each for each in public() if takes_numbers(each)]
-    calls = made_calls(every, folder, small=0 < count < 2000)
+    calls = generated(every, made_calls(every, folder) if count > FEWEST else {})
     print(
         json.dumps({"callables": len(every), "missing": sorted(e.name for e in every if e.name not in calls)}),
         flush=True,
@@ -328,17 +331,17 @@ def main(count: int, seed: int, first: int, folder: Path) -> None:
         if number < first:
             continue
         row = {"number": number, "call": call.known.name, "kind": kind, "argument": name, "what": what}
-        print(json.dumps(row), flush=True)
+        print(json.dumps(row), flush=True, file=out)
         if kind == "wrong":
             how, said = answer(call, given)
-            print(json.dumps({"how": how, "said": said if how not in ("answered", "refused") else ""}), flush=True)
+            print(json.dumps({"how": how, "said": said if how not in ("answered", "refused") else ""}), flush=True, file=out)
             continue
         other, plain = given[name]
         due, found = answer(call, {name: plain}), answer(call, {name: other})
         agrees = due[0] == found[0] and (due[0] != "answered" or same(due[1], found[1]))
         said = "" if agrees else f"{due[0]} {str(due[1])[:80]} / {found[0]} {str(found[1])[:160]}"
         raw = found[0] if found[0] not in ("answered", "refused") else ""
-        print(json.dumps({"how": "same" if agrees else raw or "differs", "said": said}), flush=True)
+        print(json.dumps({"how": "same" if agrees else raw or "differs", "said": said}), flush=True, file=out)
 
 
 def takes_numbers(known: Known) -> bool:

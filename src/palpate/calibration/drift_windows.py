@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from palpate.errors import InputError
-from palpate.spatial._arrays import Value
+from palpate.spatial._arrays import Value, shaped
 from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["GAP", "Windows", "described", "first_guess", "require_free", "stretches", "untouched", "windows_of"]
@@ -41,6 +41,7 @@ class Windows(Value):
 
     def picked(self, rows: Bool[np.ndarray, " w"]) -> Windows:
         """Those of a mask."""
+        rows = shaped(rows, self.middle.shape, "rows", np.dtype(np.bool_))
         return Windows(self.middle[rows], self.mean[rows], self.courses[rows], self.length)
 
     def doubled(self) -> Windows:

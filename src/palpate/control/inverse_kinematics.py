@@ -9,12 +9,10 @@ from palpate.control import _arm
 from palpate.control.arm import Arm
 from palpate.errors import InputError
 from palpate.spatial._arrays import require_out, shaped
-from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["damped_step", "limited"]
 
 
-@takes_arrays
 def damped_step(
     jacobian: Float[np.ndarray, "6 n"], e: Float[np.ndarray, " 6"], damping: float, out: Float[np.ndarray, " n"]
 ) -> float:
@@ -42,7 +40,6 @@ def damped_step(
     return _arm.damped_step(shaped(jacobian, (6, n), "jacobian"), shaped(e, (6,), "e"), damping, out)
 
 
-@takes_arrays
 def limited(
     arm: Arm,
     q: Float[np.ndarray, " n"],

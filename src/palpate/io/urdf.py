@@ -18,6 +18,7 @@ from jaxtyping import Float, Int
 
 from palpate.errors import GeometryError, InputError, not_loaded
 from palpate.io.units import near
+from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.frames import FrameTree
 from palpate.spatial.pose import Pose, quaternion_from_rotation
 from palpate.surfaces._load import arrays_of, load_trimesh
@@ -44,6 +45,7 @@ class Joint:
     follows: tuple[float, float] = (1.0, 0.0)
 
 
+@takes_arrays
 @dataclass(frozen=True)
 class LinkBody:
     """What a link is made of, in its frame [m].
@@ -316,6 +318,7 @@ class Urdf:
         return values
 
 
+@takes_arrays
 class Kinematics:
     """One link in another, from the positions of the joints between them, by pinocchio.
 

@@ -83,26 +83,33 @@ def _function(function: Callable[..., Any]) -> Callable[..., Any]:
     words = ("[", "ArrayLike", "float", "int")
     if not any(word in str(each.annotation) for each in parameters.values() for word in words):
         return function
-    places = tuple(parameters)
+    names = tuple(parameters)
     plan: dict[str, _Wanted] | None = None
+    places: list[tuple[int, _Wanted]] = []
 
     @wraps(function)
     def taking(*args: Any, **kwargs: Any) -> Any:
         nonlocal plan
         if plan is None:  # not earlier: annotations may name what its module defines later
             plan = _plan(function)
+            places.extend((place, plan[name]) for place, name in enumerate(names) if name in plan)
         sizes: dict[str, _Size] = {}
-        given = [_taken(plan.get(name), value, sizes) for name, value in zip(places, args, strict=False)]
-        given += args[len(given) :]
-        named = {name: _taken(plan.get(name), value, sizes) for name, value in kwargs.items()}
+        given, count = list(args), len(args)
+        for place, wanted in places:
+            if place < count:
+                given[place] = _taken(wanted, given[place], sizes)
+        for name, value in kwargs.items():
+            if name in plan:
+                kwargs[name] = _taken(plan[name], value, sizes)
         try:
-            return function(*given, **named)
+            return function(*given, **kwargs)
         except (ValueError, IndexError, ArithmeticError) as problem:
-            unusable = _unusable({**dict(zip(places, given, strict=False)), **named}, plan, problem)
+            unusable = _unusable({**dict(zip(names, given, strict=False)), **kwargs}, plan, problem)
             if not unusable:
                 raise
             raise InputError(unusable) from problem
 
+    vars(taking)["takes_arrays"] = True
     return taking
 
 
@@ -148,9 +155,9 @@ def _wanted(name: str, annotation: Any) -> _Wanted | None:
     return _Wanted(name, optional, others, dtype, tuple(array.dim_str.split()))
 
 
-def _taken(wanted: _Wanted | None, value: Any, sizes: dict[str, _Size]) -> Any:
+def _taken(wanted: _Wanted, value: Any, sizes: dict[str, _Size]) -> Any:
     """An argument as the function takes it."""
-    if wanted is None or (value is None and wanted.optional) or isinstance(value, wanted.others):
+    if (value is None and wanted.optional) or isinstance(value, wanted.others):
         return value
     if wanted.any:
         real = type(value) is np.ndarray and value.dtype.kind in "biuf"
@@ -170,10 +177,8 @@ def _real(values: Any, name: str) -> np.ndarray:
     try:
         array = np.asarray(values)
     except (ValueError, TypeError):  # lists of different lengths, for one
-        array = np.zeros(1, dtype=object)
-    if array.size and array.dtype.kind not in "biuf":
-        raise InputError(f"{name} must be an array of real numbers, not {values!r:.60}.")
-    return array
+        array = np.array([None])
+    return array if array.dtype.kind in "biuf" else shaped(values, (...,), name)
 
 
 def _number(value: Any, wanted: _Wanted) -> Any:
@@ -207,10 +212,10 @@ def _bound(shape: tuple[int, ...], wanted: _Wanted, sizes: dict[str, _Size]) -> 
 
 def _same(axis: str, length: int | tuple[int, ...], argument: str, sizes: dict[str, _Size]) -> bool:
     """Whether an axis, or some, have the length of their name."""
-    if axis in ("_", "..."):
-        return True
     if axis.isdigit():
         return length == int(axis)
+    if axis in ("_", "..."):
+        return True
     name = axis.removeprefix("#")
     known = sizes.setdefault(name, _Size(length, argument)).length
     if known == length or name == axis:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Float, Int, UInt8
 
+from palpate.errors import InputError
 from palpate.spatial.arguments import takes_arrays
 
 if TYPE_CHECKING:
@@ -154,6 +155,8 @@ def simpler(
 
     Rossignac and Borrel, Multi-resolution 3D approximations for rendering complex scenes, 1993.
     """
+    if faces.size and not (faces.min() >= 0 and faces.max() < len(vertices)):
+        raise InputError(f"faces must be numbers of the {len(vertices)} vertices, from 0.")
     used, corners = np.unique(faces, return_inverse=True)
     points, few = vertices[used], corners.reshape(-1, 3)
     cell = float(np.ptp(points, axis=0).max()) / 200 if len(points) else 0.0

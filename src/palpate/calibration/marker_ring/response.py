@@ -11,6 +11,7 @@ from jaxtyping import Bool, Float
 from palpate.contact.ring_locator import RingLocator, RingSettings, turned
 from palpate.errors import InputError
 from palpate.sensors.ring_response import RingResponse, ring_basis
+from palpate.spatial._arrays import shaped
 from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["RingPresses", "fit_response"]
@@ -53,6 +54,7 @@ class RingPresses:
 
     def picked(self, rows: Bool[np.ndarray, " n"]) -> RingPresses:
         """Some of them."""
+        rows = shaped(rows, self.angle.shape, "rows", np.dtype(np.bool_))
         names = ("angle", "depth", "force", "shear", "displacements")
         return replace(self, **{name: getattr(self, name)[rows] for name in names})
 

@@ -35,7 +35,7 @@ class Chart:
     axes: Float[np.ndarray, "3 3"]
 
     def lines(
-        self, u: Float[np.ndarray, "..."], v: Float[np.ndarray, "..."]
+        self, u: Float[np.ndarray, "*#batch"], v: Float[np.ndarray, "*#batch"]
     ) -> tuple[Float[np.ndarray, "... 3"], Float[np.ndarray, "... 3"]]:
         """A point of each line, and its unit direction."""
         p, q, w = self.axes
@@ -54,7 +54,9 @@ class Chart:
         u, b, c = np.moveaxis(self.local(points), -1, 0)
         return np.stack([u, np.arctan2(c, b), np.hypot(b, c)] if self.round else [u, b, c], axis=-1)
 
-    def between(self, start: Float[np.ndarray, "..."], end: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
+    def between(
+        self, start: Float[np.ndarray, "*#batch _"], end: Float[np.ndarray, "*#batch _"]
+    ) -> Float[np.ndarray, "..."]:
         """Way in u and v from coordinates to others; round the axis it is the shorter one."""
         way = end[..., :2] - start[..., :2]
         if self.round:
