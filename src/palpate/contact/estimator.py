@@ -119,14 +119,18 @@ class ContactEstimator(Protocol):
         ...
 
     def update(
-        self, time: float, reading: ArrayLike, rotation: ArrayLike | None = None, acceleration: ArrayLike | None = None
+        self,
+        time: ArrayLike,
+        reading: ArrayLike,
+        rotation: ArrayLike | None = None,
+        acceleration: ArrayLike | None = None,
     ) -> Contacts:
         """Of one live sample."""
         ...
 
     def update_into(
         self,
-        time: float,
+        time: ArrayLike,
         reading: ArrayLike,
         out: Float[np.ndarray, "*rows width"],
         rotation: ArrayLike | None = None,
@@ -137,11 +141,11 @@ class ContactEstimator(Protocol):
 
     def run_into(
         self,
-        time: Float[np.ndarray, " n"],
-        readings: np.ndarray,
+        time: ArrayLike,
+        readings: ArrayLike,
         out: Float[np.ndarray, "rows width"],
         counts: Int[np.ndarray, " n"],
-        beside: Mapping[str, np.ndarray] = NOTHING_BESIDE,
+        beside: Mapping[str, ArrayLike] = NOTHING_BESIDE,
     ) -> int:
         """`run` of arrays into rows of `empty`, for streams.
 

@@ -182,7 +182,11 @@ class FusedEstimator:
         return (found for _, found in self.pairs(blocks))
 
     def update(
-        self, time: float, reading: ArrayLike, rotation: ArrayLike | None = None, acceleration: ArrayLike | None = None
+        self,
+        time: ArrayLike,
+        reading: ArrayLike,
+        rotation: ArrayLike | None = None,
+        acceleration: ArrayLike | None = None,
     ) -> Contacts:
         """The contacts of one frame.
 
@@ -203,7 +207,7 @@ class FusedEstimator:
 
     def update_into(
         self,
-        time: float,
+        time: ArrayLike,
         reading: ArrayLike,
         out: Float[np.ndarray, "*rows w"],
         rotation: ArrayLike | None = None,
@@ -227,11 +231,11 @@ class FusedEstimator:
 
     def run_into(
         self,
-        time: Float[np.ndarray, " n"],
-        readings: Float[np.ndarray, "n k"],
+        time: ArrayLike,
+        readings: ArrayLike,
         out: Float[np.ndarray, "rows width"],
         counts: Int[np.ndarray, " n"],
-        beside: Mapping[str, np.ndarray] = NOTHING_BESIDE,
+        beside: Mapping[str, ArrayLike] = NOTHING_BESIDE,
     ) -> int:
         """`run` of arrays; see `ContactEstimator` and, for what a reading is, `update`."""
         require_forward(self._filter)

@@ -177,7 +177,11 @@ class RingEstimator:
         return (found for _, found in self.pairs(blocks))
 
     def update(
-        self, time: float, reading: ArrayLike, rotation: ArrayLike | None = None, acceleration: ArrayLike | None = None
+        self,
+        time: ArrayLike,
+        reading: ArrayLike,
+        rotation: ArrayLike | None = None,
+        acceleration: ArrayLike | None = None,
     ) -> Contacts:
         """The contacts of one image (height, width, 3), uint8; one row that says so where there is none."""
         image = reading if type(reading) is np.ndarray else shaped(reading, (..., 3), "reading", UINT8)
@@ -187,7 +191,7 @@ class RingEstimator:
 
     def update_into(
         self,
-        time: float,
+        time: ArrayLike,
         reading: ArrayLike,
         out: Float[np.ndarray, "*rows width"],
         rotation: ArrayLike | None = None,
@@ -201,8 +205,8 @@ class RingEstimator:
 
     def update_markers_into(
         self,
-        time: float,
-        pixels: Float[np.ndarray, "m 2"],
+        time: ArrayLike,
+        pixels: ArrayLike,
         out: Float[np.ndarray, "*rows width"],
         frame: Frame = Frame.OK,
     ) -> int:
@@ -242,11 +246,11 @@ class RingEstimator:
 
     def run_into(
         self,
-        time: Float[np.ndarray, " n"],
-        readings: UInt8[np.ndarray, "n h w 3"],
+        time: ArrayLike,
+        readings: ArrayLike,
         out: Float[np.ndarray, "rows width"],
         counts: Int[np.ndarray, " n"],
-        beside: Mapping[str, np.ndarray] = NOTHING_BESIDE,
+        beside: Mapping[str, ArrayLike] = NOTHING_BESIDE,
     ) -> int:
         """`run` of arrays; see `ContactEstimator`. What is known beside makes no difference."""
         require_out(out, (None, ROW.length + len(self.features) + 1))

@@ -248,7 +248,11 @@ class TaxelEstimator:
         return self._tared
 
     def update(
-        self, time: float, reading: ArrayLike, rotation: ArrayLike | None = None, acceleration: ArrayLike | None = None
+        self,
+        time: ArrayLike,
+        reading: ArrayLike,
+        rotation: ArrayLike | None = None,
+        acceleration: ArrayLike | None = None,
     ) -> Contacts:
         """The contacts of one frame; one row that says so where there is none.
 
@@ -267,7 +271,7 @@ class TaxelEstimator:
 
     def update_into(
         self,
-        time: float,
+        time: ArrayLike,
         reading: ArrayLike,
         out: Float[np.ndarray, "*rows w"],
         rotation: ArrayLike | None = None,
@@ -295,11 +299,11 @@ class TaxelEstimator:
 
     def run_into(
         self,
-        time: Float[np.ndarray, " n"],
-        readings: np.ndarray,
+        time: ArrayLike,
+        readings: ArrayLike,
         out: Float[np.ndarray, "rows width"],
         counts: Int[np.ndarray, " n"],
-        beside: Mapping[str, np.ndarray] = NOTHING_BESIDE,
+        beside: Mapping[str, ArrayLike] = NOTHING_BESIDE,
     ) -> int:
         """`run` of arrays; see `ContactEstimator`. What is known beside makes no difference."""
         require_forward(self.filter)

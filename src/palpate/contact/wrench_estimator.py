@@ -80,7 +80,7 @@ class _Live:
 
     def __call__(
         self,
-        time: float,
+        time: ArrayLike,
         reading: ArrayLike,
         rotation: ArrayLike | None,
         acceleration: ArrayLike | None,
@@ -215,7 +215,7 @@ class WrenchEstimator:
 
     def update(
         self,
-        time: float,
+        time: ArrayLike,
         reading: ArrayLike,
         rotation: ArrayLike | None = None,
         acceleration: ArrayLike | None = None,
@@ -238,7 +238,7 @@ class WrenchEstimator:
 
     def update_into(
         self,
-        time: float,
+        time: ArrayLike,
         reading: ArrayLike,
         out: Float[np.ndarray, "*rows width"],
         rotation: ArrayLike | None = None,
@@ -265,11 +265,11 @@ class WrenchEstimator:
 
     def run_into(
         self,
-        time: Float[np.ndarray, " n"],
-        readings: Float[np.ndarray, "n k"],
+        time: ArrayLike,
+        readings: ArrayLike,
         out: Float[np.ndarray, "rows width"],
         counts: Int[np.ndarray, " n"],
-        beside: Mapping[str, np.ndarray] = NOTHING_BESIDE,
+        beside: Mapping[str, ArrayLike] = NOTHING_BESIDE,
     ) -> int:
         """`run` of arrays, one row a sample; see `ContactEstimator`."""
         require_forward(self.filter)
