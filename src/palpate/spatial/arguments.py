@@ -80,8 +80,7 @@ def _class(made: type[Any]) -> type[Any]:
 
 def _function(function: Callable[..., Any]) -> Callable[..., Any]:
     parameters = signature(function).parameters
-    words = ("[", "ArrayLike", "float", "int")
-    if not any(word in str(each.annotation) for each in parameters.values() for word in words):
+    if not parameters.keys() - {"self", "cls"}:
         return function
     names = tuple(parameters)
     plan: dict[str, _Wanted] | None = None
@@ -120,8 +119,8 @@ def _plan(function: Callable[..., Any]) -> dict[str, _Wanted]:
         if name in _WRITTEN or parameter.kind in (Parameter.VAR_POSITIONAL, Parameter.VAR_KEYWORD):
             continue
         stated = str(parameter.annotation)
-        if stated in ("ArrayLike", "ArrayLike | None"):
-            wanted = _Wanted(name, stated != "ArrayLike", (), None, (), any=True)
+        if stated.removesuffix(" | None") in ("ArrayLike", "np.ndarray"):
+            wanted = _Wanted(name, stated.endswith("None"), (), None, (), any=True)
         else:
             wanted = _wanted(name, _annotation(parameter.annotation, function))
         if wanted is not None:
@@ -163,7 +162,7 @@ def _taken(wanted: _Wanted, value: Any, sizes: dict[str, _Size]) -> Any:
         real = type(value) is np.ndarray and value.dtype.kind in "biuf"
         return value if real else _real(value, wanted.name)
     if wanted.dtype is None:
-        return value if type(value) is float or type(value) is int else _number(value, wanted)
+        return value if type(value) is int or (type(value) is float and not wanted.whole) else _number(value, wanted)
     array = value
     if type(array) is not np.ndarray or array.dtype != wanted.dtype or not array.flags.c_contiguous:
         array = shaped(value, (...,), wanted.name, wanted.dtype)

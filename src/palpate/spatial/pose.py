@@ -37,10 +37,17 @@ def rotation_from_quaternion(quaternion: Float[np.ndarray, "*batch 4"]) -> Float
 
 @takes_arrays
 def quaternion_from_rotation(rotation: Float[np.ndarray, "*batch 3 3"]) -> Float[np.ndarray, "*batch 4"]:
-    """Unit quaternions x, y, z, w with w >= 0."""
+    """Return unit quaternions x, y, z, w with w >= 0.
+
+    Raises:
+        InputError: some rotation is a reflection, or zero.
+    """
     from scipy.spatial.transform import Rotation  # here: it takes 0.1 s to import
 
-    flat = Rotation.from_matrix(rotation.reshape(-1, 3, 3)).as_quat(canonical=True)
+    try:
+        flat = Rotation.from_matrix(rotation.reshape(-1, 3, 3)).as_quat(canonical=True)
+    except ValueError as problem:
+        raise InputError("rotation is not a rotation matrix (orthonormal, determinant +1).") from problem
     return flat.reshape(*rotation.shape[:-2], 4)
 
 
