@@ -11,6 +11,7 @@ import sys
 from evidence import (
     answered,
     bad_input,
+    calls,
     clock,
     conformance,
     covariance,
@@ -70,6 +71,7 @@ THEMES: dict[str, Theme] = {
     "taxel_limit": taxel_limit.rows,
     "taxel_work": taxel_work.rows,
     "bad_input": bad_input.rows,
+    "calls": calls.rows,
     "files": files.rows,
     "processes": processes.rows,
 }

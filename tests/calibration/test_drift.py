@@ -293,3 +293,26 @@ def test_a_payload_that_weighs_something_else_is_no_walk() -> None:
     assert found.drift.walk.mean() == pytest.approx(WALK, rel=0.15)
     with pytest.raises(InputError, match="the arm moves"):
         identify(time, values + 0.2 * down)
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-3])
+def test_a_temperature_that_rises_steadily_leaves_the_sum_of_both(noise: float) -> None:
+    """b = k s t + r t where the temperature is s t: k s + r is known as well as a rate alone, neither of them is.
+
+    The rates of 3 channels lie within 4 deviations of what is found (one of 5,000 would not).
+    """
+    time, values = a_log(3)
+    celsius, slope = 25.0 + 0.02 * time, np.array([1.0, 0.5, -0.8])
+    read = celsius + np.random.default_rng(3).normal(0.0, noise, len(time))
+    fit = identify(time, values + (celsius[:, None] - 25.0) * slope + 1e-3 * time[:, None], temperature=read)
+    assert not fit.drift.thermal.any()
+    assert any("rises and falls" in note for note in fit.notes)
+    assert np.all(np.abs(fit.rate - 0.02 * slope - 1e-3) < 4.0 * fit.warm_up_deviation)
+    assert np.all(fit.drift.warm_up**2 >= np.mean(fit.rate**2))  # of alike channels, their mean square
+
+
+def test_a_temperature_that_rises_and_settles_is_told_from_a_steady_rate() -> None:
+    time, values = a_log(4)
+    celsius = 25.0 + 4.0 * np.minimum(time / 40.0, 1.0)
+    fit = identify(time, values + 0.05 * celsius[:, None] + 1e-3 * time[:, None], temperature=celsius)
+    assert np.all(np.abs(fit.drift.thermal - 0.05) < 4.0 * fit.drift.thermal_deviation)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import pickle
 import re
+import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -13,6 +14,7 @@ from typing import Any
 import numpy as np
 import polars as pl
 import pytest
+from numba.core.dispatcher import Dispatcher
 from scipy.spatial.transform import Rotation
 
 import palpate
@@ -161,6 +163,60 @@ def test_blocks_of_arrays_give_the_rows_of_run(made: Set, size: int) -> None:
         parts.append(palpate.Contacts.of_rows(which, ready.time[which], rows, estimator.features).to_polars())
         done += step
     same(pl.concat(parts), known)
+
+
+HOLDERS: dict[str, Callable[[np.ndarray], Any]] = {
+    "strided": lambda a: np.repeat(a, 2, axis=0)[::2],
+    "by columns": np.asfortranarray,
+    "read-only": lambda a: _locked(a.copy()),
+    "single precision": lambda a: a.astype(np.float32),
+    "whole numbers": lambda a: np.nan_to_num(np.round(a)).astype(np.int64),
+    "true or false": lambda a: np.nan_to_num(a) > 0,
+    "a list": lambda a: a.tolist(),
+    "a tuple": lambda a: tuple(a.tolist()),
+}
+
+
+def _locked(values: np.ndarray) -> np.ndarray:
+    values.flags.writeable = False
+    return values
+
+
+def _compiled() -> int:
+    """How many signatures there is machine code for."""
+    modules = [module for name, module in list(sys.modules.items()) if name.startswith("palpate.") and "._" in name]
+    made = {id(value): value for module in modules for value in vars(module).values() if isinstance(value, Dispatcher)}
+    return sum(len(dispatcher.signatures) for dispatcher in made.values())
+
+
+@SENSOR
+@pytest.mark.parametrize("holder", HOLDERS)
+def test_whatever_holds_times_and_readings_gives_the_same_bits_and_compiles_nothing(made: Set, holder: str) -> None:
+    estimator, ready = made.prepared()
+    piece, hold = slice(LENGTH // 2, LENGTH // 2 + 12), HOLDERS[holder]
+    readings = readings_of(estimator, ready)[piece]
+    beside = {name: values[piece] for name, values in ready.channels.items() if name in BESIDE}
+    image = readings.dtype == np.uint8
+    held = readings if image and holder in ("single precision", "whole numbers", "true or false") else hold(readings)
+    when, count = hold(ready.time[piece]), len(readings)
+
+    def answered(time: Any, readings: Any, beside: Any) -> tuple[np.ndarray, np.ndarray]:
+        estimator.reset()
+        rows, counts = estimator.empty(count * estimator.most), np.zeros(count, np.int64)
+        assert estimator.run_into(time, readings, rows, counts, beside) == count
+        return rows[: counts.sum()], counts
+
+    plain = np.array(when, dtype=np.float64), np.array(held, dtype=readings.dtype)
+    expected, before = answered(*plain, beside), _compiled()
+    found = answered(when, held, {name: np.repeat(values, 2, axis=0)[::2] for name, values in beside.items()})
+    for one, two in zip(found, expected, strict=True):
+        assert np.array_equal(one, two, equal_nan=True)
+    if not isinstance(held, list | tuple):  # a sample alone: a number of any type, and a row
+        for k, (time, reading, *rest) in enumerate(each_reading(estimator, ready.picked(piece))):
+            alone = np.asarray(reading) if image else hold(np.asarray(reading))
+            estimator.update_into(when[k], alone, estimator.empty(estimator.most), *rest)
+            estimator.update(np.asarray(time), alone, *rest)
+    assert _compiled() == before
 
 
 @SENSOR

@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float
 from palpate.errors import InputError, NotIdentifiable
 from palpate.sensors.force_torque import Payload
 from palpate.sensors.noise import estimate_noise
+from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose import rotation_from_quaternion
 from palpate.spatial.pose_track import PoseTrack
 
@@ -44,6 +45,7 @@ class ClockOffset:
     notes: tuple[str, ...] = ()
 
 
+@takes_arrays
 def identify_offset(
     time: Float[np.ndarray, " n"],
     wrenches: Float[np.ndarray, "n 6"],

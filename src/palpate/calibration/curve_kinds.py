@@ -10,6 +10,7 @@ from jaxtyping import Float
 
 from palpate.errors import InputError, NotIdentifiable
 from palpate.sensors.intensity import Curve
+from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["FEWEST", "chosen"]
 
@@ -103,6 +104,7 @@ def _best(joints: np.ndarray, force: np.ndarray, signed: np.ndarray) -> Curve:
     return min(fits, key=lambda fit: fit.residual)
 
 
+@takes_arrays
 def chosen(
     kind: str, degree: int | None, force: Float[np.ndarray, " n"], signed: Float[np.ndarray, " n"]
 ) -> tuple[Curve, str]:

@@ -14,6 +14,7 @@ from palpate.errors import InputError
 from palpate.sensors.drift import Drift
 from palpate.sensors.noise import resolution_of
 from palpate.spatial._arrays import Value
+from palpate.spatial.arguments import takes_arrays
 
 if TYPE_CHECKING:
     from palpate.calibration.drift_search import Search
@@ -26,6 +27,7 @@ LEAST_TILT = 0.02  # rad, rms: a weight off by 0.1 N is 2 mN off then
 LEAST_KELVIN = 0.1  # K: less change of temperature tells nothing
 
 
+@takes_arrays
 @dataclass(frozen=True, eq=False)
 class DriftFit(Value):
     """What a log says of a zero.
@@ -86,6 +88,7 @@ class DriftFit(Value):
         return replace(self, drift=wider, **{name: filled(getattr(self, name)) for name in names})
 
 
+@takes_arrays
 def identify_drift(
     time: Float[np.ndarray, " n"],
     values: Float[np.ndarray, "n m"],
@@ -103,7 +106,8 @@ def identify_drift(
     the noise of a window's mean is fitted, not taken from that of a reading, as noise may be coloured; where what is
     left is not white, windows become longer. Warm-up r s (1 - exp(-t/s)), temperature and what turns with gravity are
     found by generalised least squares; the warm-up is believed where the ratio of likelihoods is beyond chance by
-    chi-square.
+    chi-square. A temperature that changes as a warm-up would is left out: of both, only the sum is known, which the
+    warm-up then holds with its deviation.
 
     Args:
         time: (n,) [s].
@@ -134,6 +138,13 @@ def identify_drift(
     windows = windows_of(when, what, courses, window)
     least = resolution_of(what) ** 2 / 12.0
     found = Search(windows, [list(group) for group in alike], least).run()
+    if kelvin is not None and not found.distinct(0):
+        kelvin = None
+        notes.append(
+            "the temperature changes as steadily as a warm-up would: what it does to the zero is in the warm-up; a log "
+            "in which it rises and falls tells them from each other"
+        )
+        found = Search(windows_of(when, what, others, window), [list(group) for group in alike], least).run()
     notes += found.notes(noise, float(np.median(np.diff(when))), names)
     return _made(found, alike, len(what), notes, kelvin=kelvin is not None)
 

@@ -18,8 +18,9 @@ from palpate.calibration.drift_windows import (
     stretches,
     untouched,
 )
-from palpate.calibration.walk import Steps, WalkFit, fit_walk, innovations, likelihood_of, steps_of
+from palpate.calibration.walk import Steps, WalkFit, covariance_of, fit_walk, innovations, likelihood_of, steps_of
 from palpate.errors import InputError
+from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["Search"]
 
@@ -28,10 +29,12 @@ SURE = 0.99  # that there is a warm-up
 LONGEST_WINDOW, FEWEST = 1.0, 100  # s; windows of a log in which noise is not white over shorter ones
 LAGS, COLOURED, MOVING = 5, 0.1, 0.35  # correlation of what is left from window to window
 WRONG = 3.0  # times the noise that is stated
+DISTINCT = 1e-3  # of the variance of a coefficient, what is left where no other course is like it
 ROUNDS = 4  # of leaving out what is touched
 SETTLINGS = 9  # that are tried
 
 
+@takes_arrays
 class Search:
     """What is touched, the length of windows, whether there is a warm-up: each depends on the others.
 
@@ -108,6 +111,11 @@ class Search:
         self.settling = settling if self.warm else np.inf
         self.found = fit_walk(self._with(self.settling), self._groups, start=best if self.warm else steady)
         self.rate, self.rate_deviation = self.found.course[-1], np.sqrt(self.found.covariance[:, -1, -1])
+
+    def distinct(self, course: int) -> bool:
+        """Whether the log tells a course that the windows know of from the others, a warm-up among them."""
+        alone = covariance_of(self._steps.with_shape(self._changes(self.settling)[:, course]), self.found)
+        return bool(np.all(alone[:, 0, 0] > DISTINCT * self.found.covariance[:, course, course]))
 
     def _given(self, settling: float | None, start: WalkFit | None = None) -> WalkFit:
         """The fit with a warm-up of this time, or with none (None), alike channels taken together."""

@@ -9,7 +9,8 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from palpate.errors import InputError
-from palpate.spatial._arrays import Value
+from palpate.spatial._arrays import Value, shaped
+from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["GAP", "Windows", "described", "first_guess", "require_free", "stretches", "untouched", "windows_of"]
 
@@ -21,6 +22,7 @@ SURE = 6.0  # deviations from what is expected: one of 10^9 by chance
 LAGS = (2.0, 5.0, 10.0)  # s over which the walk is first guessed
 
 
+@takes_arrays
 @dataclass(frozen=True, eq=False)
 class Windows(Value):
     """Means.
@@ -39,6 +41,7 @@ class Windows(Value):
 
     def picked(self, rows: Bool[np.ndarray, " w"]) -> Windows:
         """Those of a mask."""
+        rows = shaped(rows, self.middle.shape, "rows", np.dtype(np.bool_))
         return Windows(self.middle[rows], self.mean[rows], self.courses[rows], self.length)
 
     def doubled(self) -> Windows:
@@ -54,6 +57,7 @@ class Windows(Value):
         return Windows(halved(self.middle)[two], halved(self.mean)[two], courses, 2.0 * self.length)
 
 
+@takes_arrays
 def windows_of(
     time: Float[np.ndarray, " n"],
     values: Float[np.ndarray, "n m"],
@@ -98,6 +102,7 @@ def first_guess(windows: Windows) -> tuple[Float[np.ndarray, " m"], Float[np.nda
     return walk, noise
 
 
+@takes_arrays
 def untouched(
     windows: Windows,
     walk: Float[np.ndarray, " m"],
@@ -124,6 +129,7 @@ def untouched(
     return free & padded[:-2] & padded[2:]
 
 
+@takes_arrays
 def require_free(windows: Windows, free: Bool[np.ndarray, " w"], longest: float, share: float) -> None:
     """Refuses a log that was touched too much to speak of its zero.
 
@@ -200,6 +206,7 @@ def described(runs: Sequence[tuple[float, float]], most: int = 3) -> str:
     return ", ".join(said) + more
 
 
+@takes_arrays
 def stretches(windows: Windows, mask: Bool[np.ndarray, " w"]) -> list[tuple[float, float]]:
     """Beginning and end [s] of each stretch of a mask."""
     edges = np.diff(np.concatenate([[0], mask.astype(np.int8), [0]]))

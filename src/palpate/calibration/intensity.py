@@ -12,12 +12,14 @@ from jaxtyping import Bool, Float, Int
 from palpate.calibration.curve_kinds import FEWEST, chosen
 from palpate.errors import InputError, NotIdentifiable
 from palpate.sensors.intensity import Curve, Intensity
+from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["identify_curve", "identify_intensity", "identify_resistive", "tells"]
 
 _FLAT = 0.1  # of the slope below it: a curve that rises less to its end saturates
 
 
+@takes_arrays
 def identify_curve(
     force: Float[np.ndarray, " n"],
     intensity: Float[np.ndarray, " n"],
@@ -66,6 +68,7 @@ def _identified(
     return replace(curve, saturation=saturation, falling=falling, hysteresis=hysteresis), why
 
 
+@takes_arrays
 def tells(curve: Curve, force: Float[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
     """Whether one reading at a force [N] says more of it than that it lies within the range, largest / sqrt(12)."""
     return curve.deviation(force, curve.residual) < curve.largest / np.sqrt(12.0)
@@ -99,6 +102,7 @@ def _end(curve: Curve) -> float:
     return last if flat else curve.largest
 
 
+@takes_arrays
 def identify_intensity(
     force: Float[np.ndarray, " n"],
     intensity: Float[np.ndarray, " n"],
@@ -184,6 +188,7 @@ def _gains(
     return zero, gain, error
 
 
+@takes_arrays
 def identify_resistive(
     force: Float[np.ndarray, " n"],
     reading: Float[np.ndarray, " n"],

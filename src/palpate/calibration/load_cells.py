@@ -15,6 +15,7 @@ from palpate.calibration._load_cell_fit import Fit, Touches, fit, linear_start, 
 from palpate.calibration._load_cell_log import BenchLog, Blocks, blocks_of, rest_noise, rests
 from palpate.errors import InputError
 from palpate.sensors.load_cells import LENGTH, LoadCells, require_layout, with_changes
+from palpate.spatial.arguments import takes_arrays
 from palpate.surfaces import Surface
 
 __all__ = ["CalibrationOptions", "LoadCellCalibration", "identify_load_cells"]
@@ -26,6 +27,7 @@ NOWHERE = 5.0  # times its radius: a log that cannot be meant
 FARTHEST = 0.2  # of the ball's radius: how far off the surface its centre may say that it touches, before it is said
 
 
+@takes_arrays
 @dataclass(frozen=True, eq=False)
 class CalibrationOptions:
     """What is known beside the log, and how it is fitted.
@@ -87,6 +89,7 @@ class LoadCellCalibration:
         return float(np.sqrt(square[:3].sum())), float(np.sqrt(square[3:5].sum())), float(np.sqrt(square[5]))
 
 
+@takes_arrays
 def identify_load_cells(
     time: ArrayLike,
     voltages: ArrayLike,

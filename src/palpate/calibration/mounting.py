@@ -16,6 +16,7 @@ from palpate.calibration._touch_evidence import Evidence, KnownPoints, Somewhere
 from palpate.calibration.touch_error import spread_in_time
 from palpate.errors import InputError, NotIdentifiable
 from palpate.spatial._arrays import frozen
+from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose import Pose, skew
 from palpate.spatial.shown import one_line
 from palpate.spatial.uncertain import noise_covariance
@@ -28,6 +29,7 @@ WRONG = 5.0  # of a touch: beyond it the touch is left out and named: another ma
 _USUAL = Spreads()
 
 
+@takes_arrays
 @dataclass(frozen=True, eq=False)
 class Mounting:
     """The pose of a surface in its sensor's frame, with how well the touches determine it.
@@ -69,6 +71,7 @@ class Mounting:
         return one_line(self)
 
 
+@takes_arrays
 def identify_mounting(
     wrenches: Float[np.ndarray, "n 6"],
     surface: Mesh,
@@ -135,6 +138,7 @@ def identify_mounting(
     return _judged(evidence(used), pose, initial, used, notes)
 
 
+@takes_arrays
 def mean_touches(
     time: Float[np.ndarray, " m"],
     wrenches: Float[np.ndarray, "m 6"],

@@ -15,6 +15,7 @@ from palpate.errors import InputError
 from palpate.sensors.force_torque import STANDARD_GRAVITY, Payload
 from palpate.sensors.recording import LARGEST
 from palpate.spatial._arrays import shaped
+from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.uncertain import noise_covariance
 from palpate.spatial.wrench import Wrench
 
@@ -23,6 +24,7 @@ __all__ = ["Hypothesis", "diagnose_payload", "identify_payload"]
 FAR = 1.0  # m from the sensor: no tool has its centre of mass further out
 
 
+@takes_arrays
 def identify_payload(
     wrenches: Wrench | ArrayLike,
     rotations: ArrayLike,
@@ -76,6 +78,7 @@ def identify_payload(
     return replace(solution.payload, notes=notes, provenance={**options, **(provenance or {})})
 
 
+@takes_arrays
 def diagnose_payload(
     wrenches: Wrench | ArrayLike,
     rotations: ArrayLike,

@@ -7,12 +7,15 @@ from math import radians
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from palpate.spatial.arguments import takes_arrays
+
 __all__ = ["average_poses"]
 
 STILL = radians(0.3)
 ENOUGH = 4  # poses
 
 
+@takes_arrays
 def average_poses(
     wrenches: Float[np.ndarray, "n 6"], rotations: Float[np.ndarray, "n 3 3"], *, shortest: int = 10
 ) -> tuple[Float[np.ndarray, "k 6"], Float[np.ndarray, "k 3 3"], Int[np.ndarray, " k"]]:

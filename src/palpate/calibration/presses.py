@@ -5,11 +5,14 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
+from palpate.spatial.arguments import takes_arrays
+
 __all__ = ["find_presses"]
 
 HELD = 0.7  # of a press's own 90th percentile of force: leaves the ramps out
 
 
+@takes_arrays
 def find_presses(
     time: Float[np.ndarray, " n"],
     wrenches: Float[np.ndarray, "n 6"],

@@ -13,6 +13,7 @@ from palpate.errors import InputError, NotIdentifiable
 from palpate.sensors.fisheye import Fisheye, RingView
 from palpate.sensors.markers import opencv
 from palpate.spatial._arrays import Value, frozen
+from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose import Pose
 
 __all__ = ["BoardFit", "RingFit", "calibrate_board", "fit_lens", "fit_ring_view", "fit_rings"]
@@ -62,6 +63,7 @@ class RingFit(Value):
             object.__setattr__(self, name, value)
 
 
+@takes_arrays
 def calibrate_board(
     images: Sequence[UInt8[np.ndarray, "h w 3"]], board: tuple[int, int] = (9, 6), square: float = 0.01
 ) -> BoardFit:
@@ -89,6 +91,7 @@ def calibrate_board(
     return fit_lens(corners, board, square, size)
 
 
+@takes_arrays
 def fit_lens(
     corners: Sequence[Float[np.ndarray, "c 2"]], board: tuple[int, int], square: float, size: tuple[int, int]
 ) -> BoardFit:
@@ -116,6 +119,7 @@ def fit_lens(
     return BoardFit(Fisheye(fx, fy, cx, cy, k1, k2, k3, k4, *size), float(rms), len(seen))
 
 
+@takes_arrays
 def fit_ring_view(
     rest_pixels: Float[np.ndarray, "m 2"],
     radius: float,
@@ -172,6 +176,7 @@ def fit_ring_view(
     return RingFit(measured, order, places, start=start + float(solution.x[5]), **found)
 
 
+@takes_arrays
 def fit_rings(
     rest_pixels: Float[np.ndarray, "m 2"], radius: float, rings: Sequence[float], **camera: Any
 ) -> tuple[RingView, Int[np.ndarray, " m"]]:

@@ -10,6 +10,7 @@ from jaxtyping import Float, Int
 
 from palpate.contact.ground_truth import Touches
 from palpate.sensors.correlation import correlation_time
+from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose import Pose, skew
 
 __all__ = ["TouchError", "spread_in_time", "touch_error"]
@@ -35,6 +36,7 @@ class TouchError:
         return max(self.beside**2 - marks**2, 0.0) ** 0.5
 
 
+@takes_arrays
 def touch_error(
     time: Float[np.ndarray, " m"],
     wrenches: Float[np.ndarray, "m 6"],
@@ -97,6 +99,7 @@ def _moments(
     return float(np.sum(across**2)) / weight / 2.0, by_noise * len(wrenches) / weight / 2.0
 
 
+@takes_arrays
 def spread_in_time(errors: Float[np.ndarray, "n k"]) -> float:
     """How many touches in a row tell what one does: the correlation time of their errors, 1 where it is not sure."""
     times = correlation_time(errors)

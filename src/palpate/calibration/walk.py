@@ -11,8 +11,9 @@ from scipy.linalg import lapack, solve_banded
 from scipy.optimize import minimize
 
 from palpate.spatial._arrays import Value
+from palpate.spatial.arguments import takes_arrays
 
-__all__ = ["Steps", "WalkFit", "fit_walk", "innovations", "likelihood_of", "steps_of"]
+__all__ = ["Steps", "WalkFit", "covariance_of", "fit_walk", "innovations", "likelihood_of", "steps_of"]
 
 SEEN = 2.71  # twice the log-likelihood by which a walk that is seen beats none, one-sided 5 %
 LOWEST = -16.0  # log of the least variance of a walk, over that of the noise in a window
@@ -20,10 +21,12 @@ LOWEST = -16.0  # log of the least variance of a walk, over that of the noise in
 _factored: Callable[..., tuple[np.ndarray, np.ndarray, int]] = vars(lapack)["dpttrf"]  # they have no types
 _solve: Callable[..., tuple[np.ndarray, int]] = vars(lapack)["dpttrs"]
 _TINY = 1e-300
+_UNKNOWN = 1e-8  # of a course alone, what is known at least when others are like it
 _SHIFT, _SLOPE = 0.02, 1e-4  # of logarithms, for second differences and for slopes
 _FAR = 1e30  # where there is no likelihood
 
 
+@takes_arrays
 @dataclass(frozen=True, eq=False)
 class Steps(Value):
     """Differences of window means one behind the other, in which the zero itself does not matter.
@@ -48,6 +51,7 @@ class Steps(Value):
         return Steps(self.change, self.apart, self.joined, shape, self.window)
 
 
+@takes_arrays
 @dataclass(frozen=True, eq=False)
 class WalkFit(Value):
     """What is most likely.
@@ -69,6 +73,7 @@ class WalkFit(Value):
     seen: Bool[np.ndarray, " m"]
 
 
+@takes_arrays
 def steps_of(
     middle: Float[np.ndarray, " w"], mean: Float[np.ndarray, "w m"], window: float, longest: float = np.inf
 ) -> Steps:
@@ -118,6 +123,11 @@ def likelihood_of(steps: Steps, fit: WalkFit) -> float:
     return _courses(steps, fit.walk**2, fit.noise**2)[2]
 
 
+def covariance_of(steps: Steps, fit: WalkFit) -> Float[np.ndarray, "m p p"]:
+    """Return the covariances of the coefficients of other courses, under a fit's walk and noise."""
+    return _courses(steps, fit.walk**2, fit.noise**2)[1]
+
+
 def innovations(steps: Steps, fit: WalkFit) -> Float[np.ndarray, "k m"]:
     """What each step adds to what those before say, over its deviation: white if the model holds."""
     each = [_Solved(steps, k, fit.walk[k] ** 2, fit.noise[k] ** 2) for k in range(len(fit.walk))]
@@ -143,7 +153,7 @@ class _Solved:
         self.pivots, self.factors, failed = _factored(diagonal, beside)
         both = np.column_stack([change, shape])
         product: Float[np.ndarray, "q q"] = both.T @ _solve(self.pivots, self.factors, both)[0]
-        self.covariance: Float[np.ndarray, "p p"] = np.linalg.inv(product[1:, 1:])
+        self.covariance = _inverse(product[1:, 1:])
         self.course: Float[np.ndarray, " p"] = self.covariance @ product[1:, 0]
         self._square = float(product[0, 0] - product[0, 1:] @ self.course)
         self._failed = bool(failed)
@@ -168,6 +178,14 @@ class _Solved:
         """White and of variance 1 if the model holds."""
         bands = np.stack([np.ones(len(self.pivots)), np.append(self.factors, 0.0)])
         return solve_banded((1, 0), bands, self._left) / np.sqrt(self.pivots)
+
+
+def _inverse(information: Float[np.ndarray, "p p"]) -> Float[np.ndarray, "p p"]:
+    """Of courses, which may be alike: each then has ten thousand times the deviation that it would have alone."""
+    alone = np.sqrt(np.diag(information))
+    alone = np.where(alone > 0.0, alone, 1.0)
+    correlation = information / alone / alone[:, None]
+    return np.linalg.inv(correlation + _UNKNOWN * np.eye(len(alone))) / alone / alone[:, None]
 
 
 class _Group:

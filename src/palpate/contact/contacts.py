@@ -12,6 +12,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, Int8
 
 from palpate.contact.estimate import ROW, ContactEstimate, Status
+from palpate.errors import InputError
+from palpate.spatial.arguments import takes_arrays
 
 if TYPE_CHECKING:
     import polars as pl
@@ -24,6 +26,7 @@ __all__ = ["Contacts"]
 _NO_FEATURES: Mapping[str, Float[np.ndarray, " n"]] = MappingProxyType({})
 
 
+@takes_arrays
 @dataclass(frozen=True, eq=False)
 class Contacts:
     """Contacts in the order of the samples, at least one row a sample; a sample without one has a row that says so.
@@ -53,7 +56,7 @@ class Contacts:
         columns = {"time": self.time, "identity": self.identity, "estimate": self.estimate.status, **features}
         for name, values in columns.items():
             if values.shape != (count,):
-                raise ValueError(f"{name} has shape {values.shape} for {count} rows")
+                raise InputError(f"{name} has shape {values.shape} for {count} rows.")
 
     @classmethod
     def single(cls, time: Float[np.ndarray, " n"], estimate: ContactEstimate, first: int = 0) -> Contacts:

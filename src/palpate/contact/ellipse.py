@@ -8,10 +8,12 @@ import numpy as np
 from jaxtyping import Float
 
 from palpate.contact.estimate import CHI2_95
+from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["ellipse"]
 
 
+@takes_arrays
 def ellipse(
     covariance: Float[np.ndarray, "*batch 3 3"], normal: Float[np.ndarray, "*batch 3"]
 ) -> tuple[Float[np.ndarray, "*batch 2"], Float[np.ndarray, "*batch 3 3"]]:

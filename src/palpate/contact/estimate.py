@@ -12,6 +12,7 @@ from jaxtyping import Float, Int
 
 from palpate.errors import InputError
 from palpate.spatial._arrays import Value
+from palpate.spatial.arguments import takes_arrays
 
 if TYPE_CHECKING:
     from palpate.surfaces.drawing import Drawing
@@ -64,6 +65,7 @@ class _Row:
 ROW = _Row
 
 
+@takes_arrays
 @dataclass(frozen=True, eq=False, repr=False)
 class ContactEstimate(Value):
     """Where, how hard, which way and how sure, batched by leading axes, in the surface's frame.

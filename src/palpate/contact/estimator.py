@@ -4,20 +4,70 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from types import MappingProxyType
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float, Int
 from numpy.typing import ArrayLike
 
 from palpate.contact.contacts import Contacts
+from palpate.errors import InputError
 from palpate.sensors.recording import Recording
 from palpate.sensors.wrench_sensor import Tare
+from palpate.spatial._arrays import FLOAT, shaped
 from palpate.spatial.pose import Pose
 
-__all__ = ["NOTHING_BESIDE", "ContactEstimator"]
+__all__ = ["NOTHING_BESIDE", "ContactEstimator", "instant", "samples"]
 
 NOTHING_BESIDE: Mapping[str, np.ndarray] = MappingProxyType({})
+
+_COUNT = np.dtype(np.int64)
+
+
+def instant(time: ArrayLike) -> float:
+    """Return the time [s] of one sample as a number, whatever holds it.
+
+    Raises:
+        InputError: it is not one number.
+    """
+    return time if type(time) is float else float(shaped(time, (), "time"))
+
+
+def samples(
+    time: ArrayLike,
+    readings: ArrayLike,
+    counts: np.ndarray,
+    beside: Mapping[str, ArrayLike] = NOTHING_BESIDE,
+    dtype: np.dtype[Any] = FLOAT,
+) -> tuple[Float[np.ndarray, " n"], np.ndarray, dict[str, np.ndarray]]:
+    """Return times, readings and other channels of `run_into` as compiled loops take them: contiguous, float64.
+
+    Args:
+        time: (n,) [s].
+        readings: (n, ...).
+        counts: to be written into.
+        beside: other channels, each (n, ...).
+        dtype: of the readings.
+
+    Raises:
+        InputError: there is not one reading and one row of each other channel a time, or `counts` cannot take as many
+            whole numbers.
+    """
+    time = shaped(time, (None,), "time")
+    made = {"readings": shaped(readings, (...,), "readings", dtype)}
+    made |= {name: shaped(values, (...,), name) for name, values in beside.items()}
+    for name, values in made.items():
+        if values.shape[:1] != time.shape:
+            raise InputError(f"{name} must have one row for each of {len(time)} times, not shape {values.shape}.")
+    if (
+        type(counts) is not np.ndarray
+        or counts.shape != time.shape
+        or counts.dtype != _COUNT
+        or not counts.flags.carray
+    ):
+        seen = f"{getattr(counts, 'dtype', type(counts).__name__)} of shape {getattr(counts, 'shape', ())}"
+        raise InputError(f"counts must be a writable, contiguous array of int64 and shape {time.shape}, not {seen}.")
+    return time, made.pop("readings"), made
 
 
 @runtime_checkable
@@ -69,14 +119,18 @@ class ContactEstimator(Protocol):
         ...
 
     def update(
-        self, time: float, reading: ArrayLike, rotation: ArrayLike | None = None, acceleration: ArrayLike | None = None
+        self,
+        time: ArrayLike,
+        reading: ArrayLike,
+        rotation: ArrayLike | None = None,
+        acceleration: ArrayLike | None = None,
     ) -> Contacts:
         """Of one live sample."""
         ...
 
     def update_into(
         self,
-        time: float,
+        time: ArrayLike,
         reading: ArrayLike,
         out: Float[np.ndarray, "*rows width"],
         rotation: ArrayLike | None = None,
@@ -87,11 +141,11 @@ class ContactEstimator(Protocol):
 
     def run_into(
         self,
-        time: Float[np.ndarray, " n"],
-        readings: np.ndarray,
+        time: ArrayLike,
+        readings: ArrayLike,
         out: Float[np.ndarray, "rows width"],
         counts: Int[np.ndarray, " n"],
-        beside: Mapping[str, np.ndarray] = NOTHING_BESIDE,
+        beside: Mapping[str, ArrayLike] = NOTHING_BESIDE,
     ) -> int:
         """`run` of arrays into rows of `empty`, for streams.
 

@@ -13,6 +13,7 @@ from jaxtyping import Bool, Float, Int
 from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import Status
 from palpate.sensors.recording import LARGEST
+from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["Events", "TouchFinder", "find_touches", "largest_deviation"]
 
@@ -22,6 +23,7 @@ LEAST = 1e-24  # m^2: below any spread of a point
 FAINT = 0.1  # of the heaviest window's weight: what weighs less has no say in that
 
 
+@takes_arrays
 @dataclass(frozen=True, eq=False)
 class Events:
     """Touches of one identity each, in the order in which they began in the file; two at once are two.
@@ -89,6 +91,7 @@ def find_touches(contacts: Contacts, *, gap: float = 0.05, shortest: float = 0.0
     return finder.touches()
 
 
+@takes_arrays
 def largest_deviation(covariance: Float[np.ndarray, "k 3 3"]) -> Float[np.ndarray, " k"]:
     """(k,) [m] standard deviation in the direction in which it is largest; NaN where not known."""
     known = np.isfinite(covariance).all(axis=(1, 2))

@@ -8,6 +8,7 @@ from jaxtyping import Float
 from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import ContactEstimate, Status
 from palpate.sensors.recording import ORIENTATION, POSITION, Recording
+from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose import Pose
 
 __all__ = ["in_base", "in_frame", "placed"]
@@ -53,6 +54,7 @@ def in_frame(estimate: ContactEstimate, pose: Pose) -> ContactEstimate:
     )
 
 
+@takes_arrays
 def in_base(
     estimate: ContactEstimate,
     quaternions: Float[np.ndarray, "n 4"],

@@ -18,6 +18,7 @@ from palpate.contact.fused_cones import within_cones
 from palpate.contact.fused_unseen import PUSHES, Unseen, candidates, locked, ranked
 from palpate.errors import InputError
 from palpate.spatial._arrays import Value, shaped
+from palpate.spatial.arguments import takes_arrays
 from palpate.surfaces.surface import Surface
 
 __all__ = ["Fused", "FusedLocator", "FusionSettings", "Unseen"]
@@ -50,15 +51,15 @@ class FusionSettings:
 
     def __post_init__(self) -> None:
         if not 0 < self.friction < inf:
-            raise ValueError(f"friction must be positive, not {self.friction:g}")
+            raise InputError(f"friction must be positive, not {self.friction:g}.")
         if not 0 <= self.tangential <= self.friction:
-            raise ValueError(f"tangential ({self.tangential:g}) must lie between 0 and friction ({self.friction:g})")
+            raise InputError(f"tangential ({self.tangential:g}) must lie between 0 and friction ({self.friction:g}).")
         if not (0 <= self.gain < 1 and 0 <= self.floor < inf):
-            raise ValueError("gain must lie between 0 and 1, and floor must not be negative")
+            raise InputError("gain must lie between 0 and 1, and floor must not be negative.")
         if self.turns < 0:
-            raise ValueError(f"turns must not be negative, not {self.turns}")
+            raise InputError(f"turns must not be negative, not {self.turns}.")
         if not 0 < self.alarm < 0.5:
-            raise ValueError(f"alarm must lie between 0 and 0.5, not {self.alarm:g}")
+            raise InputError(f"alarm must lie between 0 and 0.5, not {self.alarm:g}.")
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,6 +86,7 @@ class Given(Value):
         locked(self)
 
 
+@takes_arrays
 @dataclass(frozen=True, eq=False)
 class Fused(Value):
     """Forces of contacts, and how well the wrenches fit to them.
@@ -121,6 +123,7 @@ class Fused(Value):
         locked(self)
 
 
+@takes_arrays
 class FusedLocator:
     """Forces of several contacts of a body, from its skin and its force/torque sensors.
 

@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
+from palpate.spatial.arguments import takes_arrays
+
 __all__ = ["within_cones"]
 
 _WITHOUT = (
@@ -17,6 +19,7 @@ _WITHOUT = (
 _NONE = "no forces within the cones of friction were found: those of the closed form are given"
 
 
+@takes_arrays
 def within_cones(
     force: Float[np.ndarray, "n 3"],
     covariance: Float[np.ndarray, "m m"],

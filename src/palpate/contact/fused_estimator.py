@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import ROW, Status
-from palpate.contact.estimator import NOTHING_BESIDE
+from palpate.contact.estimator import NOTHING_BESIDE, instant, samples
 from palpate.contact.fused import Fused, FusedLocator
 from palpate.contact.fused_unseen import Unseen
 from palpate.contact.locate import Locator
@@ -27,7 +27,7 @@ from palpate.sensors.recording import AVERAGED, CELLS, FORCE, TORQUE, Recording,
 from palpate.sensors.smoothing import BothWays, Forward, known_rate, require_forward
 from palpate.sensors.wrench_sensor import Measured, Placement, Tare, WrenchSensor
 from palpate.sensors.zero_filter import FollowedSensor, ZeroHistory
-from palpate.spatial._arrays import require_out
+from palpate.spatial._arrays import require_out, shaped
 from palpate.spatial.pose import Pose
 
 __all__ = ["FEATURES", "FusedEstimator"]
@@ -182,7 +182,11 @@ class FusedEstimator:
         return (found for _, found in self.pairs(blocks))
 
     def update(
-        self, time: float, reading: ArrayLike, rotation: ArrayLike | None = None, acceleration: ArrayLike | None = None
+        self,
+        time: ArrayLike,
+        reading: ArrayLike,
+        rotation: ArrayLike | None = None,
+        acceleration: ArrayLike | None = None,
     ) -> Contacts:
         """The contacts of one frame.
 
@@ -196,14 +200,14 @@ class FusedEstimator:
         Raises:
             InputError: the reading has another shape, the rest is not known, or the filter looks ahead.
         """
-        rows = self.empty(self.most)
+        rows, time = self.empty(self.most), instant(time)
         rows = rows[: self.update_into(time, reading, rows, rotation, acceleration)]
         count = len(rows)
         return Contacts.of_rows(np.zeros(count, np.int64), np.full(count, time, np.float64), rows, self.features)
 
     def update_into(
         self,
-        time: float,
+        time: ArrayLike,
         reading: ArrayLike,
         out: Float[np.ndarray, "*rows w"],
         rotation: ArrayLike | None = None,
@@ -211,7 +215,8 @@ class FusedEstimator:
     ) -> int:
         """`update` into rows of `empty`: how many are written, at least 1, as many as fit."""
         require_forward(self._filter)
-        values = np.asarray(reading, dtype=np.float64).reshape(-1)
+        width = len(self.taxels.body) + 7
+        values, time = shaped(reading, (width,), "reading"), instant(time)
         rows = out.reshape(-1, out.shape[-1])
         require_out(rows, (None, ROW.length + len(self.features) + 1))
         cells, wrench, averaged = values[:-7], values[-7:-1], values[-1:]
@@ -226,15 +231,16 @@ class FusedEstimator:
 
     def run_into(
         self,
-        time: Float[np.ndarray, " n"],
-        readings: Float[np.ndarray, "n k"],
+        time: ArrayLike,
+        readings: ArrayLike,
         out: Float[np.ndarray, "rows width"],
         counts: Int[np.ndarray, " n"],
-        beside: Mapping[str, np.ndarray] = NOTHING_BESIDE,
+        beside: Mapping[str, ArrayLike] = NOTHING_BESIDE,
     ) -> int:
         """`run` of arrays; see `ContactEstimator` and, for what a reading is, `update`."""
         require_forward(self._filter)
         require_out(out, (None, ROW.length + len(self.features) + 1))
+        time, readings, beside = samples(time, readings, counts, beside)
         done = used = 0
         while done < len(time) and len(out) - used >= self.most:
             one = slice(done, done + 1)

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from palpate.spatial._arrays import Value
+from palpate.spatial.arguments import takes_arrays
 from palpate.surfaces.surface import Surface
 
 __all__ = ["PUSHES", "Unseen", "candidates", "locked", "ranked"]
@@ -26,6 +27,7 @@ def locked(value: Value) -> None:
             each.flags.writeable = False
 
 
+@takes_arrays
 @dataclass(frozen=True, eq=False)
 class Unseen(Value):
     """Places of one contact more, the likeliest first.
@@ -100,6 +102,7 @@ def _spread(fine: Float[np.ndarray, "m 3"], count: int) -> tuple[Int[np.ndarray,
     return kept, nearest
 
 
+@takes_arrays
 def ranked(places: Float[np.ndarray, "c 8"], explained: Float[np.ndarray, "c 4"]) -> Unseen:
     """Places in the order of belief, with the smallest set that holds 95 %.
 

@@ -8,10 +8,12 @@ import numpy as np
 from jaxtyping import Float
 
 from palpate.spatial._arrays import frozen
+from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["Samples", "Touches"]
 
 
+@takes_arrays
 @dataclass(frozen=True, eq=False)
 class Samples:
     """The truth at instants.
@@ -34,6 +36,7 @@ class Samples:
                 object.__setattr__(self, name, frozen(value))
 
 
+@takes_arrays
 @dataclass(frozen=True, eq=False)
 class Touches:
     """Intervals in which one known point was touched.

@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike
 from palpate.contact.estimate import ContactEstimate, Status
 from palpate.errors import GeometryError, InputError
 from palpate.spatial._arrays import frozen
+from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose import skew
 from palpate.surfaces.mesh import Mesh
 
@@ -60,6 +61,7 @@ class Equation(Protocol):
         ...
 
 
+@takes_arrays
 @dataclass(frozen=True, eq=False)
 class IterativeResult:
     """Where the iteration ended, and what speaks against it.
@@ -102,6 +104,7 @@ class IterativeResult:
         )
 
 
+@takes_arrays
 @dataclass(frozen=True, eq=False)
 class PatchParaboloid:
     """z = a + b x + c y + d x^2 + e x y + f y^2 in a frame of its own, fitted to a region of a mesh.
@@ -147,6 +150,7 @@ class PatchParaboloid:
         return np.broadcast_to(self.axes.T @ local @ self.axes, (len(points), 3, 3))
 
 
+@takes_arrays
 def locate_iteratively(
     wrench: Float[np.ndarray, "6"],
     surface: Equation | Mesh,
@@ -196,6 +200,7 @@ def locate_iteratively(
     return IterativeResult(frozen(point), frozen(normal), frozen(force), torque, residual, evaluations, within, status)
 
 
+@takes_arrays
 def fit_paraboloid(mesh: Mesh, about: ArrayLike, radius: float | None = None) -> PatchParaboloid:
     """The paraboloid that fits a mesh best about a point, least squares along the normal there.
 

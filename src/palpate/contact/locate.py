@@ -29,7 +29,8 @@ from palpate.contact.estimate import ROW, ContactEstimate, Status
 from palpate.contact.neighbours import in_space
 from palpate.errors import InputError
 from palpate.sensors.load_cells import Indentation
-from palpate.spatial._arrays import FLOAT, INT8, Value, require_out, shaped
+from palpate.spatial._arrays import FLOAT, INT8, Value, require_batch, require_out, shaped
+from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.shown import vector
 from palpate.spatial.uncertain import noise_covariance
 from palpate.spatial.wrench import Wrench
@@ -47,6 +48,7 @@ ON, OFF = 5.5, 3.0  # standard deviations of the force; noise alone exceeds the 
 METHODS = ("soft_finger", "wrench_axis")  # of a Locator; `locate` knows "iterative" too
 
 
+@takes_arrays
 @dataclass(frozen=True, eq=False)
 class Candidates(Value):
     """Every contact that one wrench can have on a surface, best first.
@@ -313,9 +315,7 @@ class Locator:
         statuses: Int8[np.ndarray, " n"],
     ) -> int:
         """The first of the samples of `run_into` that is without contact whatever came before it; -1: none is."""
-        noises, settings = self._noises, self._settings
-        if covariances is not None:
-            noises, settings = covariances, self._noisy
+        wrenches, noises, statuses, settings = self._sequence(wrenches, covariances, statuses)
         return self._first_free(wrenches, noises, statuses, settings)
 
     def run_into(
@@ -340,14 +340,22 @@ class Locator:
             InputError: other shapes, or an `out` that cannot be written into.
         """
         require_out(out, (None, ROW.length))
-        count = len(out)
-        wrenches = shaped(wrenches, (count, 6), "wrenches")
-        statuses = shaped(statuses, (count,), "statuses", INT8)
-        noises, settings = self._noises, self._settings
-        if covariances is not None:
-            noises, settings = shaped(covariances, (count, 6, 6), "covariances"), self._noisy
+        wrenches, noises, statuses, settings = self._sequence(wrenches, covariances, statuses, len(out))
         state = self._state if memory is None else memory
+        if memory is not None:
+            require_out(memory, self._state.shape, "memory")
         self._many(wrenches, noises, statuses, *self._arguments, settings, state, True, out)
+
+    def _sequence(
+        self, wrenches: ArrayLike, covariances: ArrayLike | None, statuses: ArrayLike, count: int | None = None
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Wrenches (n, 6), their noises, statuses (n,) and the settings for them as the compiled loops take them."""
+        wrenches = shaped(wrenches, (count, 6), "wrenches")
+        count = len(wrenches)
+        statuses = shaped(statuses, (count,), "statuses", INT8)
+        if covariances is None:
+            return wrenches, self._noises, statuses, self._settings
+        return wrenches, shaped(covariances, (count, 6, 6), "covariances"), statuses, self._noisy
 
     def follow_back(
         self,
@@ -371,6 +379,8 @@ class Locator:
         """
         if self.noise is None and covariances is None:
             return  # without noise no branch was ever told from another
+        require_out(rows, (None, ROW.length), "rows")
+        wrenches, noises, statuses, settings = self._sequence(wrenches, covariances, statuses, len(rows))
         answered = np.flatnonzero(rows[:, ROW.status] <= Status.AMBIGUOUS)
         if not len(answered):
             return
@@ -381,11 +391,10 @@ class Locator:
         last = rows[count - 1]
         state = _state(last[ROW.point])
         state[TOUCHING] = state[FOLLOW] = 1.0
-        noises, settings = self._noises, self._settings
         begin = max(0, count - 1 - _END)
         order = np.r_[count - 1 : begin : -1, begin : count - 1, count - 1 : -1 : -1]
         if covariances is not None:
-            noises, settings = covariances[order], self._noisy
+            noises = noises[order]
         open_end = np.count_nonzero(sure) < 0.5 * len(sure)
         back = self.empty(len(order))
         self._many(wrenches[order], noises, statuses[order], *self._arguments, settings, state, True, back)
@@ -430,13 +439,8 @@ def _writable(array: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
 
 def _each(covariances: np.ndarray, batch: tuple[int, ...]) -> Float[np.ndarray, "n 6 6"]:
     """One covariance a wrench."""
-    try:
-        whole = np.broadcast_to(covariances, (*batch, 6, 6))
-    except ValueError as problem:
-        raise InputError(
-            f"covariances must have shape {(*batch, 6, 6)} or (6, 6), not {covariances.shape}."
-        ) from problem
-    return _writable(whole.reshape(-1, 6, 6))
+    require_batch(covariances, batch, "covariances")
+    return _writable(np.broadcast_to(covariances, (*batch, 6, 6)).reshape(-1, 6, 6))
 
 
 def _state(previous: ArrayLike | None) -> Float[np.ndarray, " s"]:

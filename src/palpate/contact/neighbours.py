@@ -5,9 +5,12 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float, Int
 
+from palpate.spatial.arguments import takes_arrays
+
 __all__ = ["in_space"]
 
 
+@takes_arrays
 def in_space(wrenches: Float[np.ndarray, "n 6"], centre: Float[np.ndarray, "3"], scale: float) -> Int[np.ndarray, " n"]:
     """The numbers of the wrenches, those whose axes enter a ball around the body close to each other side by side.
 

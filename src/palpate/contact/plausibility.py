@@ -9,6 +9,7 @@ from jaxtyping import Float, Int
 
 from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import Status
+from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["Asked", "LinesOfAction", "lines_of_action", "never_at_rest", "unbelievable", "unexplained"]
 
@@ -49,6 +50,7 @@ class LinesOfAction:
         return ""
 
 
+@takes_arrays
 def lines_of_action(wrenches: Float[np.ndarray, "n 6"], centre: Float[np.ndarray, "3"], size: float) -> LinesOfAction:
     """Compare the wrench axes with the body, all in one frame.
 
@@ -74,6 +76,7 @@ def lines_of_action(wrenches: Float[np.ndarray, "n 6"], centre: Float[np.ndarray
     return LinesOfAction(int(np.count_nonzero(loaded)), float(far), float(near))
 
 
+@takes_arrays
 def never_at_rest(wrenches: Float[np.ndarray, "n 6"], on: float) -> str:
     """The sentence to say when the force never falls below the threshold of contact, else empty.
 
@@ -88,6 +91,7 @@ def never_at_rest(wrenches: Float[np.ndarray, "n 6"], on: float) -> str:
     return f"the force is never below {least:.3g} N: if the log has free moments, bias or payload is left in it"
 
 
+@takes_arrays
 @dataclass(frozen=True)
 class Asked:
     """Which bounds of friction and torsion the loaded samples ask for.
@@ -162,6 +166,7 @@ class Asked:
         )
 
 
+@takes_arrays
 def unexplained(counts: Int[np.ndarray, " s"], asked: Asked | None = None) -> list[str]:
     """Why many of the loaded samples have no contact within the bounds, and which bounds would do; else nothing.
 
@@ -188,6 +193,7 @@ def unexplained(counts: Int[np.ndarray, " s"], asked: Asked | None = None) -> li
     ]
 
 
+@takes_arrays
 def unbelievable(counts: Int[np.ndarray, " s"], small: int) -> str:
     """The sentence to end with when not one sample can be believed, else empty.
 

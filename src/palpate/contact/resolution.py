@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from palpate.errors import InputError
 from palpate.sensors.load_cells import LoadCells, single_wrench_map
+from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose import skew
 
 __all__ = ["WANTED", "Resolution", "nominal_cells", "position_slope", "resolution"]
@@ -18,6 +19,7 @@ WANTED = 2e-3  # m: the accuracy that the paper asks for
 AZIMUTHS = 12  # of a force with friction, the worst of which counts
 
 
+@takes_arrays
 @dataclass(frozen=True)
 class Resolution:
     """Root mean square errors at n points, in three dimensions, of a force that presses there.
@@ -56,6 +58,7 @@ class Resolution:
             return np.where(left <= 0, np.inf, self.noise / np.sqrt(np.maximum(left, 0.0)))
 
 
+@takes_arrays
 def resolution(
     cells: LoadCells,
     points: Float[np.ndarray, "n 3"],
@@ -92,6 +95,7 @@ def resolution(
     return Resolution(*(np.max([one[k] for one in worst], axis=0) for k in range(5)), largest=largest)
 
 
+@takes_arrays
 def position_slope(
     point: Float[np.ndarray, "*batch 3"],
     normal: Float[np.ndarray, "*batch 3"],
@@ -117,6 +121,7 @@ def position_slope(
     return np.concatenate([shift - force[..., :, None] * out[..., None, :], twist[..., None, :]], axis=-2)
 
 
+@takes_arrays
 def nominal_cells(
     positions: ArrayLike, sensitivity: float, noise: float, limit: float = np.inf, *, drift: float = 0.0
 ) -> LoadCells:

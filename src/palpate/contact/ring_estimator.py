@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import ROW, Status
-from palpate.contact.estimator import NOTHING_BESIDE
+from palpate.contact.estimator import NOTHING_BESIDE, instant, samples
 from palpate.contact.ring_locator import RingFound, RingLocator, RingSettings
 from palpate.errors import InputError
 from palpate.sensors.marker_ring import MarkerRing
@@ -20,10 +20,12 @@ from palpate.sensors.markers import Frame, MarkerTracker
 from palpate.sensors.recording import IMAGE, Recording
 from palpate.sensors.ring_response import ring_basis
 from palpate.sensors.wrench_sensor import Tare
+from palpate.spatial._arrays import require_out, shaped
 from palpate.spatial.pose import Pose
 
 __all__ = ["FEATURES", "RingEstimator"]
 
+UINT8 = np.dtype(np.uint8)
 FEATURES = ("angle", "depth", "width", "shear", "angle_sd", "force_sd", "depth_sd", "markers")
 _SEEN = ROW.length + len(FEATURES) - 1  # the column of how many markers were seen
 _UNBELIEVABLE = 4.0  # deviations that the displacements are off, on the whole, from what contacts can make
@@ -175,32 +177,36 @@ class RingEstimator:
         return (found for _, found in self.pairs(blocks))
 
     def update(
-        self, time: float, reading: ArrayLike, rotation: ArrayLike | None = None, acceleration: ArrayLike | None = None
+        self,
+        time: ArrayLike,
+        reading: ArrayLike,
+        rotation: ArrayLike | None = None,
+        acceleration: ArrayLike | None = None,
     ) -> Contacts:
         """The contacts of one image (height, width, 3), uint8; one row that says so where there is none."""
-        image: UInt8[np.ndarray, "h w 3"] = np.asarray(reading)
-        pixels = np.full((1, len(self.ring), 2), np.nan)
+        image = reading if type(reading) is np.ndarray else shaped(reading, (..., 3), "reading", UINT8)
+        time, pixels = instant(time), np.full((1, len(self.ring), 2), np.nan)
         state = np.array([self._track(image, pixels[0])])
         return self._contacts(np.array([time], dtype=np.float64), pixels, state, 0)
 
     def update_into(
         self,
-        time: float,
+        time: ArrayLike,
         reading: ArrayLike,
         out: Float[np.ndarray, "*rows width"],
         rotation: ArrayLike | None = None,
         acceleration: ArrayLike | None = None,
     ) -> int:
         """`update` into rows of `empty`: how many are written, at least 1, as many as fit."""
-        rows = self._into(out)
-        image: UInt8[np.ndarray, "h w 3"] = np.asarray(reading)
+        rows, time = self._into(out), instant(time)
+        image = reading if type(reading) is np.ndarray else shaped(reading, (..., 3), "reading", UINT8)
         pixels = np.empty((len(self.ring), 2))
         return self._write(time, pixels, self._track(image, pixels), rows)
 
     def update_markers_into(
         self,
-        time: float,
-        pixels: Float[np.ndarray, "m 2"],
+        time: ArrayLike,
+        pixels: ArrayLike,
         out: Float[np.ndarray, "*rows width"],
         frame: Frame = Frame.OK,
     ) -> int:
@@ -212,7 +218,8 @@ class RingEstimator:
             out: rows of `empty`.
             frame: what is the matter with it, as `MarkerTracker.frame` says.
         """
-        return self._write(time, np.asarray(pixels, dtype=np.float64), int(frame), self._into(out))
+        pixels = shaped(pixels, (len(self.ring), 2), "pixels")
+        return self._write(instant(time), pixels, int(frame), self._into(out))
 
     def _into(self, out: np.ndarray) -> Float[np.ndarray, "rows width"]:
         """Rows that can be written.
@@ -239,13 +246,15 @@ class RingEstimator:
 
     def run_into(
         self,
-        time: Float[np.ndarray, " n"],
-        readings: UInt8[np.ndarray, "n h w 3"],
+        time: ArrayLike,
+        readings: ArrayLike,
         out: Float[np.ndarray, "rows width"],
         counts: Int[np.ndarray, " n"],
-        beside: Mapping[str, np.ndarray] = NOTHING_BESIDE,
+        beside: Mapping[str, ArrayLike] = NOTHING_BESIDE,
     ) -> int:
         """`run` of arrays; see `ContactEstimator`. What is known beside makes no difference."""
+        require_out(out, (None, ROW.length + len(self.features) + 1))
+        time, readings, _ = samples(time, readings, counts, dtype=UINT8)
         used = 0
         for n, (when, image) in enumerate(zip(time.tolist(), readings, strict=True)):
             if used + self.most > len(out):

@@ -9,9 +9,11 @@ import numpy as np
 from jaxtyping import Float, Int
 from numpy.typing import ArrayLike
 
+from palpate.errors import InputError
 from palpate.sensors.fisheye import STEPS, flat_pixels
 from palpate.sensors.marker_ring import MarkerRing
 from palpate.sensors.ring_response import RingResponse
+from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["RingFound", "RingLocator", "RingSettings", "turned"]
 
@@ -49,15 +51,16 @@ class RingSettings:
 
     def __post_init__(self) -> None:
         if not 0 < self.off <= self.on < inf:
-            raise ValueError(f"off ({self.off:g}) must lie between 0 and on ({self.on:g})")
+            raise InputError(f"off ({self.off:g}) must lie between 0 and on ({self.on:g}).")
         if not 0 < self.apart < 180:
-            raise ValueError(f"apart must lie between 0 and 180 degrees, not {self.apart:g}")
+            raise InputError(f"apart must lie between 0 and 180 degrees, not {self.apart:g}.")
         if self.dropped < 0 or not (self.wide > 0 and self.shift >= 0 and (self.friction is None or self.friction > 0)):
-            raise ValueError("dropped and shift must not be negative, friction and wide must be positive")
+            raise InputError("dropped and shift must not be negative, friction and wide must be positive.")
         if not (self.reach > 0 and self.speed >= 0 and self.patience >= 0):
-            raise ValueError("reach must be positive, speed and patience not negative")
+            raise InputError("reach must be positive, speed and patience not negative.")
 
 
+@takes_arrays
 @dataclass(frozen=True, eq=False)
 class RingFound:
     """Contacts of frames, in the form of the compiled loops.
@@ -74,6 +77,7 @@ class RingFound:
     residual: Float[np.ndarray, " n"]
 
 
+@takes_arrays
 class RingLocator:
     """Contacts from displacements, frame after frame: each starts from those of the frame before.
 
@@ -152,6 +156,7 @@ class RingLocator:
         return states[..., 1] * (mean + deviation * states[..., 2])
 
 
+@takes_arrays
 def turned(angle: ArrayLike) -> Float[np.ndarray, "*batch"]:
     """Angles [rad] into -pi ... pi."""
     return np.asarray((np.asarray(angle) + pi) % (2.0 * pi) - pi)

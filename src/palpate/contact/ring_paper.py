@@ -5,11 +5,14 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
+from palpate.spatial.arguments import takes_arrays
+
 __all__ = ["PaperForce", "paper_contacts"]
 
 _LEAST = 1.0  # px: a middle marker that moved less is no contact
 
 
+@takes_arrays
 def paper_contacts(
     rest: Float[np.ndarray, "m 2"], now: Float[np.ndarray, "m 2"], least: float = _LEAST
 ) -> Float[np.ndarray, "k 2"]:
@@ -49,6 +52,7 @@ def _angle(before: np.ndarray, after: np.ndarray, moved: np.ndarray, middle: int
     return angle if off < 2.0 * np.pi / count else own
 
 
+@takes_arrays
 class PaperForce:
     """F = f(displacement, angle) of third order [marker ring, Fig. 3], fitted to presses as the paper does.
 

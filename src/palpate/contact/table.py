@@ -11,6 +11,7 @@ from jaxtyping import Float, Int
 from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import ContactEstimate, Status
 from palpate.forks import require_polars_threads
+from palpate.spatial.arguments import takes_arrays
 
 __all__ = [
     "COLUMNS",
@@ -95,6 +96,7 @@ def pointless(estimate: ContactEstimate) -> int | None:
     return int(rows[0]) if len(rows) else None
 
 
+@takes_arrays
 def assembled(
     sample: Int[np.ndarray, " n"],
     identity: Int[np.ndarray, " n"],

@@ -14,7 +14,7 @@ from jaxtyping import Float, Int
 from numpy.typing import ArrayLike
 
 from palpate.contact.contacts import Contacts
-from palpate.contact.estimator import NOTHING_BESIDE
+from palpate.contact.estimator import NOTHING_BESIDE, instant, samples
 from palpate.errors import InputError
 from palpate.sensors.filters import Filter
 from palpate.sensors.intensity import Curve, Intensity
@@ -23,7 +23,7 @@ from palpate.sensors.smoothing import BothWays, Forward, known_rate, require_for
 from palpate.sensors.taxel_health import FEWEST, Health, at_rest, examine
 from palpate.sensors.taxels import TaxelBody
 from palpate.sensors.wrench_sensor import Tare
-from palpate.spatial._arrays import require_out
+from palpate.spatial._arrays import require_out, shaped
 from palpate.spatial.pose import Pose
 
 __all__ = ["FEATURES", "TaxelEstimator", "TaxelSettings"]
@@ -67,15 +67,15 @@ class TaxelSettings:
 
     def __post_init__(self) -> None:
         if not 0 < self.off <= self.on < inf:
-            raise ValueError(f"off ({self.off:g}) must lie between 0 and on ({self.on:g})")
+            raise InputError(f"off ({self.off:g}) must lie between 0 and on ({self.on:g}).")
         if not (self.drift > 0 and self.sure >= 0 and 0 <= self.share < 1):
-            raise ValueError("drift must be positive, sure not negative and share between 0 and 1")
+            raise InputError("drift must be positive, sure not negative and share between 0 and 1.")
         if not 0 <= self.walk < inf:
-            raise ValueError("walk must not be negative")
+            raise InputError("walk must not be negative.")
         if self.unequal is not None and not 0 <= self.unequal < inf:
-            raise ValueError("unequal must not be negative")
+            raise InputError("unequal must not be negative.")
         if not (self.reach > 0 and self.speed >= 0 and self.patience >= 0):
-            raise ValueError("reach must be positive, speed and patience not negative")
+            raise InputError("reach must be positive, speed and patience not negative.")
 
 
 class TaxelEstimator:
@@ -248,7 +248,11 @@ class TaxelEstimator:
         return self._tared
 
     def update(
-        self, time: float, reading: ArrayLike, rotation: ArrayLike | None = None, acceleration: ArrayLike | None = None
+        self,
+        time: ArrayLike,
+        reading: ArrayLike,
+        rotation: ArrayLike | None = None,
+        acceleration: ArrayLike | None = None,
     ) -> Contacts:
         """The contacts of one frame; one row that says so where there is none.
 
@@ -261,13 +265,13 @@ class TaxelEstimator:
         Raises:
             InputError: the rest is not known, or the filter looks ahead.
         """
-        rows = self.empty(self._kernels.MOST)
+        rows, time = self.empty(self._kernels.MOST), instant(time)
         rows = rows[: self.update_into(time, reading, rows)]
         return self._contacts(rows, np.zeros(len(rows), np.int64), np.full(len(rows), time, dtype=np.float64))
 
     def update_into(
         self,
-        time: float,
+        time: ArrayLike,
         reading: ArrayLike,
         out: Float[np.ndarray, "*rows w"],
         rotation: ArrayLike | None = None,
@@ -285,26 +289,27 @@ class TaxelEstimator:
             or not out.size
         ):
             raise InputError(f"out must be rows of {width} as `empty` makes them, not {out.dtype} {out.shape}.")
-        frame = self.body.picked(np.asarray(reading))
+        frame = self.body.picked(shaped(reading, (...,), "reading"))
         fits = frame.shape == self.body.shape or frame.shape == (len(self.body),)
         when, raw, rows = self._single
-        when[0] = time
+        when[0] = instant(time)
         raw[0] = frame.reshape(-1) if fits else np.nan
         raw[np.abs(raw) > LARGEST] = np.nan  # a fault of the sensor
         return self._run(when, raw, self._buffer, out.reshape(-1, width), rows, self._buffer[0][:0])[1]
 
     def run_into(
         self,
-        time: Float[np.ndarray, " n"],
-        readings: np.ndarray,
+        time: ArrayLike,
+        readings: ArrayLike,
         out: Float[np.ndarray, "rows width"],
         counts: Int[np.ndarray, " n"],
-        beside: Mapping[str, np.ndarray] = NOTHING_BESIDE,
+        beside: Mapping[str, ArrayLike] = NOTHING_BESIDE,
     ) -> int:
         """`run` of arrays; see `ContactEstimator`. What is known beside makes no difference."""
         require_forward(self.filter)
         self._require_rest()
         require_out(out, (None, self._width))
+        time, readings, _ = samples(time, readings, counts)
         raw = self.body.readings(Recording(time, {CELLS: readings}, source="the stream"))
         return self._run(time, raw, self._buffer, out, counts, self._buffer[0][:0])[0]
 

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from palpate.contact.contacts import Contacts
 from palpate.contact.estimate import ROW, ContactEstimate
-from palpate.contact.estimator import NOTHING_BESIDE
+from palpate.contact.estimator import NOTHING_BESIDE, instant, samples
 from palpate.contact.locate import Locator
 from palpate.contact.locating_threads import LocatingThreads, Pending
 from palpate.contact.whole_touches import Located, joined, whole_touches
@@ -80,7 +80,7 @@ class _Live:
 
     def __call__(
         self,
-        time: float,
+        time: ArrayLike,
         reading: ArrayLike,
         rotation: ArrayLike | None,
         acceleration: ArrayLike | None,
@@ -216,7 +216,7 @@ class WrenchEstimator:
 
     def update(
         self,
-        time: float,
+        time: ArrayLike,
         reading: ArrayLike,
         rotation: ArrayLike | None = None,
         acceleration: ArrayLike | None = None,
@@ -233,13 +233,13 @@ class WrenchEstimator:
         Raises:
             InputError: the reading has another shape; the rotation is needed and there is none; the filter looks ahead.
         """
-        rows = self.empty(1)
+        rows, time = self.empty(1), instant(time)
         self.update_into(time, reading, rows, rotation, acceleration)
         return Contacts.single(np.array([time], dtype=np.float64), ContactEstimate.from_rows(rows), self._samples - 1)
 
     def update_into(
         self,
-        time: float,
+        time: ArrayLike,
         reading: ArrayLike,
         out: Float[np.ndarray, "*rows width"],
         rotation: ArrayLike | None = None,
@@ -248,8 +248,9 @@ class WrenchEstimator:
         """`update` into a row of `empty()`, or the first of some, for a control loop; `ROW` says what stands where."""
         if self._zero_phase:
             require_forward(self.filter)
-        row = out if out.ndim == 1 else out[0]
+        row = out if getattr(out, "ndim", 1) == 1 else out.reshape(-1, out.shape[-1])[0]
         require_out(row, ROW_SHAPE)
+        time = instant(time)
         rows, follower = row[None], self._forwards(time, self.kelvin)
         if self._live is None:
             measured = self.sensor.single(time, reading, rotation, acceleration)
@@ -265,15 +266,16 @@ class WrenchEstimator:
 
     def run_into(
         self,
-        time: Float[np.ndarray, " n"],
-        readings: Float[np.ndarray, "n k"],
+        time: ArrayLike,
+        readings: ArrayLike,
         out: Float[np.ndarray, "rows width"],
         counts: Int[np.ndarray, " n"],
-        beside: Mapping[str, np.ndarray] = NOTHING_BESIDE,
+        beside: Mapping[str, ArrayLike] = NOTHING_BESIDE,
     ) -> int:
         """`run` of arrays, one row a sample; see `ContactEstimator`."""
         require_forward(self.filter)
         require_out(out, (None, ROW.length))
+        time, readings, beside = samples(time, readings, counts, beside)
         count = min(len(time), len(out))
         rows, kept = out[:count], {name: values[:count] for name, values in beside.items()}
         if self._live is None:

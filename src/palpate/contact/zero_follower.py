@@ -27,6 +27,7 @@ from palpate.sensors.zero_filter import (
     ZeroStatus,
     smoothed,
 )
+from palpate.spatial._arrays import shaped
 
 __all__ = ["WINDOW", "ZeroFollower"]
 
@@ -97,6 +98,7 @@ class ZeroFollower:
     @staticmethod
     def pieces(time: Float[np.ndarray, " n"]) -> Iterator[slice]:
         """Slices of a block, each of one window; times that are not known belong to the one before."""
+        time = shaped(time, (None,), "time")
         if not len(time):
             return
         windows = np.floor(time / WINDOW)

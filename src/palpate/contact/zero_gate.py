@@ -13,6 +13,7 @@ from palpate.contact.estimate import Status
 from palpate.contact.locate import ON, Locator
 from palpate.sensors.wrench_sensor import Placement
 from palpate.sensors.zero_filter import FollowedSensor, Window, ZeroFilter
+from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["DELAY", "ContactShape", "Decided", "Jump", "Seen", "ZeroGate"]
 
@@ -37,6 +38,7 @@ class Seen(Enum):
     NO_CONTACT = 1
 
 
+@takes_arrays
 class ContactShape:
     """Can one contact of the body make a wrench? By a `Locator` of its own, which remembers nothing.
 

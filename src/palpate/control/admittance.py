@@ -10,6 +10,7 @@ from jaxtyping import Float
 
 from palpate.errors import InputError
 from palpate.spatial._arrays import require_out
+from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["Admittance", "force_error", "selected_step", "turning_error"]
 
@@ -79,6 +80,7 @@ def turning_error(x: float, y: float) -> tuple[float, float]:
     return -y, x
 
 
+@takes_arrays
 def selected_step(
     rotation: Float[np.ndarray, "3 3"],
     speed: float,

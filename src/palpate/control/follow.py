@@ -9,6 +9,7 @@ from palpate.control.law import Sensed
 from palpate.control.motion_bank import MotionBank
 from palpate.control.probe_face import ProbeFace
 from palpate.errors import InputError
+from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["Follow"]
 
@@ -24,6 +25,7 @@ RECALLED = 0.1  # s: what was known before that says less than readings from a w
 PATIENCE = 6.0  # s, after which the stiffness stays as it was stated
 
 
+@takes_arrays
 class Follow:
     """Ours: the surface's two angles and its height, each with its speed, are states that readings correct.
 

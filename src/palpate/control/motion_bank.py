@@ -63,9 +63,10 @@ class MotionBank:
             series: which; all if not told.
         """
         filters = self._filters[series]
+        shape = filters.shape[:-2]
+        begun = shaped(values, shape, "values"), np.zeros(shape) if rates is None else shaped(rates, shape, "rates")
         filters[:] = 0.0
-        filters[..., 0] = np.asarray(values, dtype=np.float64)[..., None]
-        filters[..., 1] = 0.0 if rates is None else np.asarray(rates, dtype=np.float64)[..., None]
+        filters[..., 0], filters[..., 1] = (each[..., None] for each in begun)
         for entry, share in ((3, 1.0), (6, 1.0), (8, 10.0)):
             filters[..., entry] = share * self.sizes[series, None] ** 2
         filters[..., 9] = 1.0 / filters.shape[-2]
@@ -74,6 +75,7 @@ class MotionBank:
 
     def scale(self, factors: Float[np.ndarray, " c"]) -> None:
         """What was read so far, in another unit: each series, how fast it goes and what is unsure times its factor."""
+        factors = shaped(factors, self.sizes.shape, "factors")
         for known in (self._filters, self._mixed[:, None]):
             known[..., :3] *= factors[:, None, None]
             known[..., 3:9] *= factors[:, None, None] ** 2
@@ -89,6 +91,8 @@ class MotionBank:
 
     def update(self, step: float, readings: Float[np.ndarray, " c"], variances: Float[np.ndarray, " c"]) -> None:
         """Over a step [s] of time, then by one reading of each series; NaN: none of that series."""
+        shape = self.sizes.shape
+        readings, variances = shaped(readings, shape, "readings"), shaped(variances, shape, "variances")
         self._advance(readings, variances, step, self._densities, self._rates, self._filters, self._mixed)
 
     def predict(self, ahead: float) -> tuple[Float[np.ndarray, " c"], Float[np.ndarray, " c"]]:

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from palpate.control.drive import DifferentialDrive
 from palpate.control.navigation import Speedometer, Steering, heading_error, require_goal
 from palpate.errors import InputError
+from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["Condition", "PaperNavigator", "PaperSettings", "PaperState"]
 
@@ -120,6 +121,7 @@ class PaperSettings:
             )
 
 
+@takes_arrays
 class PaperNavigator:
     """The paper's navigator: no memory, one rule.
 

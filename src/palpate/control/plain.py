@@ -15,6 +15,7 @@ from palpate.control.stability import DelayedRobot, require_stable
 from palpate.errors import InputError
 from palpate.sensors.filters import Butterworth
 from palpate.sensors.smoothing import Forward
+from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["Plain"]
 
@@ -22,6 +23,7 @@ LOW_PASS = 10.0  # Hz, of the place of the contact, as the paper chose it from a
 USED = np.full(1, -1, dtype=np.int8)
 
 
+@takes_arrays
 class Plain:
     """(7), (8) and (9) of `probe`, the axes of (8) paired crosswise (`turning_error`), on a low-passed place.
 

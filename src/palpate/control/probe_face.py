@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from palpate.errors import GeometryError
 from palpate.spatial._arrays import Value, frozen
+from palpate.spatial.arguments import takes_arrays
 from palpate.surfaces.mesh import Mesh
 
 __all__ = ["ProbeFace"]
@@ -27,6 +28,7 @@ CELLS = 24  # along the face
 EPSILON = 1e-9
 
 
+@takes_arrays
 @dataclass(frozen=True, eq=False)
 class ProbeFace(Value):
     """The face that a probe is to press with.

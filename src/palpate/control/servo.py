@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from palpate.errors import InputError
+from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["Feedback", "Servo", "ServoModel"]
 
@@ -109,6 +110,7 @@ class _Begun:
     before: _Course
 
 
+@takes_arrays
 class ServoModel:
     """Joints, their speeds and accelerations between and ahead of the robot's own feedback.
 

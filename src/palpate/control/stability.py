@@ -16,6 +16,7 @@ from jaxtyping import Float
 from palpate.control.admittance import Admittance
 from palpate.errors import InputError
 from palpate.spatial._arrays import Value, frozen
+from palpate.spatial.arguments import takes_arrays
 
 __all__ = [
     "DelayedRobot",
@@ -32,6 +33,7 @@ _UNITS = {"force": ("N s/m", "N/m", "kg"), "orientation": ("m s/rad", "m/rad", "
 _FINE = 60  # halvings of a bracket: to rounding
 
 
+@takes_arrays
 @dataclass(frozen=True, eq=False)
 class DelayedRobot(Value):
     """What lies between a command and the reading that feels it, in cycles of the controller.

@@ -27,6 +27,7 @@ from palpate.control.progress_watch import ProgressWatch
 from palpate.control.push_test import Push, PushTest
 from palpate.control.touch_map import TouchMap, TouchMapSettings
 from palpate.control.track_watch import TrackWatch
+from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["DOUBT", "TouchNavigator", "TouchNavigatorSettings"]
 
@@ -102,6 +103,7 @@ class TouchNavigatorSettings:
     map: TouchMapSettings = field(default_factory=TouchMapSettings)
 
 
+@takes_arrays
 class TouchNavigator:
     """From touches and pose to the speeds of both tracks, at the caller's rate (30 Hz in mind); see `Navigator`.
 

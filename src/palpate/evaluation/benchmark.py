@@ -11,6 +11,7 @@ from palpate.contact.contacts import Contacts
 from palpate.contact.ground_truth import Samples
 from palpate.evaluation.errors import Coverage, coverage, distances
 from palpate.evaluation.matching import match_instants
+from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["NEAR", "Score", "score"]
 
@@ -41,6 +42,7 @@ class Score:
     false: int
 
 
+@takes_arrays
 def score(answers: Contacts, truth: Samples, quiet: Int[np.ndarray, " q"]) -> Score:
     """Judge answers; the time of answers and truth is the number of the sample.
 

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from palpate.contact.estimate import CHI2_95, ContactEstimate
+from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["HEADER", "Coverage", "ErrorSummary", "angles", "coverage", "distances"]
 
@@ -15,6 +16,7 @@ HEADER = ("mean", "median", "95 %", "worst", "count")
 _FLAT = 1e-9  # of the largest variance: below it a direction has none
 
 
+@takes_arrays
 @dataclass(frozen=True)
 class ErrorSummary:
     """What a person wants to know of many errors, in their unit."""
@@ -55,11 +57,13 @@ class Coverage:
     mean_square: float
 
 
+@takes_arrays
 def distances(points: Float[np.ndarray, "n 3"], truth: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:
     """[m], NaN where either is."""
     return np.linalg.norm(points - truth, axis=-1)
 
 
+@takes_arrays
 def angles(one: Float[np.ndarray, "n 3"], other: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:
     """Between directions [rad], exact for small ones too; NaN where either is NaN or zero."""
     sine, cosine = np.linalg.norm(np.cross(one, other), axis=-1), np.sum(one * other, axis=-1)
@@ -67,6 +71,7 @@ def angles(one: Float[np.ndarray, "n 3"], other: Float[np.ndarray, "n 3"]) -> Fl
     return np.where(zero, np.nan, np.arctan2(sine, cosine))
 
 
+@takes_arrays
 def coverage(estimate: ContactEstimate, truth: Float[np.ndarray, "n 3"], which: Bool[np.ndarray, " n"]) -> Coverage:
     """Of the estimates named by `which`; those whose covariance is NaN or not of rank 2 are left out.
 

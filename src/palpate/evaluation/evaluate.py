@@ -12,6 +12,7 @@ from palpate.contact.estimate import Status
 from palpate.contact.ground_truth import Samples, Touches
 from palpate.evaluation.errors import Coverage, ErrorSummary, angles, coverage, distances
 from palpate.evaluation.matching import match_instants, match_touches
+from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["Report", "Touch", "evaluate", "report"]
 
@@ -34,6 +35,7 @@ class Touch:
     scatter: float
 
 
+@takes_arrays
 @dataclass(frozen=True, eq=False)
 class Report:
     """What `palpate evaluate` prints.
@@ -83,6 +85,7 @@ def evaluate(contacts: Contacts, truth: Samples | Touches, *, tolerance: float =
     return report(contacts, truth, match, due)
 
 
+@takes_arrays
 def report(
     contacts: Contacts,
     truth: Samples,

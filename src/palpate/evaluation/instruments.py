@@ -15,6 +15,7 @@ from palpate.contact.locate import Locator
 from palpate.evaluation.errors import ErrorSummary
 from palpate.evaluation.evaluate import Report, report
 from palpate.sensors.skin_map import SkinMap
+from palpate.spatial.arguments import takes_arrays
 from palpate.surfaces.mesh import Mesh
 
 __all__ = [
@@ -39,6 +40,7 @@ _MEASURED = ("point", "normal", "force", "torque", "covariance")
 _FINE = 4  # facets of the map's mesh in a cell
 
 
+@takes_arrays
 @dataclass(frozen=True, eq=False)
 class Reference:
     """What another instrument says of the touches.
@@ -56,6 +58,7 @@ class Reference:
     name: str
 
 
+@takes_arrays
 @dataclass(frozen=True, eq=False)
 class InstrumentReport:
     """Position and direction of touches against an instrument.
@@ -75,6 +78,7 @@ class InstrumentReport:
     reference: Reference
 
 
+@takes_arrays
 def wrench_points(surface: Mesh, wrenches: Float[np.ndarray, "n 6"], *, alone: Bool[np.ndarray, " n"]) -> Reference:
     """Where the line of the force meets the link, and from where it comes [skin map, (6) to (9)].
 
@@ -117,6 +121,7 @@ def _why(alone: bool, newtons: float, pitch: float, met: bool) -> str:
     return "" if met else "the line of the force misses the link"
 
 
+@takes_arrays
 def wand_points(
     surface: Mesh,
     wand: Float[np.ndarray, "v 3"],
@@ -226,6 +231,7 @@ def touches_of(contacts: Contacts) -> tuple[Contacts, Bool[np.ndarray, " k"]]:
     return medians(contacts, touches), alone
 
 
+@takes_arrays
 def medians(contacts: Contacts, touches: list[Int[np.ndarray, " _"]]) -> Contacts:
     """One contact for each of some touches: the median of its rows."""
     return Contacts.joined([contacts[:0], *(_median(contacts[rows]) for rows in touches)])

@@ -7,6 +7,7 @@ from jaxtyping import Bool, Float, Int
 
 from palpate.contact.contacts import Contacts
 from palpate.contact.ground_truth import Samples, Touches
+from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["match_instants", "match_touches", "nearest_in_time"]
 
@@ -14,6 +15,7 @@ _AT_ONCE = 0.5  # of the shorter of two touches: those that overlap by more are 
 _NOWHERE = 1e9  # m: how far a contact that is not answered is from every truth
 
 
+@takes_arrays
 def nearest_in_time(
     time: Float[np.ndarray, " n"], known: Float[np.ndarray, " k"], tolerance: float
 ) -> Int[np.ndarray, " n"]:

@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float, Int
 from palpate.errors import InputError
 from palpate.evaluation.errors import ErrorSummary
 from palpate.sensors.taxel_places import TaxelPlaces
+from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose import Pose
 
 __all__ = ["CHI2_95_3", "TaxelErrors", "compare_places"]
@@ -20,6 +21,7 @@ _FLAT = 1e-6  # of the largest variance: below it a direction has none
 FEWEST = 3  # taxels that a rigid motion is found from
 
 
+@takes_arrays
 @dataclass(frozen=True, eq=False)
 class TaxelErrors:
     """k taxels of which both places are known.

@@ -19,6 +19,7 @@ from palpate.io.models.toml import load_toml
 from palpate.io.tables.table import Table, read_table
 from palpate.io.units import near
 from palpate.sensors.markers import opencv
+from palpate.spatial.arguments import takes_arrays
 from palpate.surfaces.mesh import Mesh
 
 __all__ = ["ANSWER", "WIDTHS", "Task", "as_contacts", "read_answers", "read_benchmark", "read_truth"]
@@ -145,6 +146,7 @@ def read_truth(task: Task) -> tuple[Samples, Int[np.ndarray, " q"]]:
     return Samples(known[:, 0], known[:, 1:4], force=known[:, 4:7]), rows[~touched, 0].astype(np.int64)
 
 
+@takes_arrays
 def as_contacts(sample: Int[np.ndarray, " n"], rows: Float[np.ndarray, "n width"]) -> Contacts:
     """Answers as contacts whose time is the number of the sample.
 

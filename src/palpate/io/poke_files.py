@@ -15,6 +15,7 @@ from palpate.io.tables.stated import Stated
 from palpate.io.tables.table import Table, read_table
 from palpate.io.units import FORCE_UNITS, TORQUE_UNITS, split_unit, to_si
 from palpate.sensors.pokes import Pokes
+from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose import rotation_from_quaternion
 from palpate.surfaces.mesh import UNITS
 
@@ -31,6 +32,7 @@ def holds_pokes(names: Sequence[str]) -> bool:
     return bool(bare & {*_WHICH}) and bare >= {*WRENCH_COLUMNS} and any(map(_TAXEL.fullmatch, names))
 
 
+@takes_arrays
 def read_pokes(path: str | Path, *, threshold: float = 0.0, noise: Float[np.ndarray, "6 6"] | None = None) -> Pokes:
     """Read `configuration,fx,fy,fz,tx,ty,tz,qx,qy,qz,qw,x,y,z,t0,t1,...[,weight][,time]`.
 

@@ -14,6 +14,7 @@ from jaxtyping import AbstractArray, Float
 
 from palpate.errors import GeometryError, InputError, NotIdentifiable
 from palpate.io.units import near
+from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["INFINITE", "Form", "Key", "covariance_matrix", "parse"]
 
@@ -116,6 +117,7 @@ def parse(
         raise InputError(f"{str(problem).removesuffix('.')}.", where=place) from problem
 
 
+@takes_arrays
 def covariance_matrix(
     rows: Sequence[Sequence[float]] | Float[np.ndarray, "n k"], size: int, name: str
 ) -> Float[np.ndarray, "size size"]:

@@ -15,6 +15,7 @@ from palpate.errors import InputError
 from palpate.io.atomic import write_text
 from palpate.io.models import read_model, write_model
 from palpate.sensors.skin_map import SkinMap
+from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["SUFFIXES", "fixed_frame", "read_skin_map", "write_skin_map"]
 
@@ -117,6 +118,7 @@ def _urdf(skin: SkinMap, name: str) -> str:
     return "\n".join([*lines, ""])
 
 
+@takes_arrays
 def fixed_frame(
     name: str, point: Float[np.ndarray, "3"], normal: Float[np.ndarray, "3"], along: Float[np.ndarray, "3"]
 ) -> list[str]:

@@ -19,6 +19,7 @@ from jaxtyping import Float, Int
 from palpate.errors import GeometryError, InputError, not_loaded
 from palpate.io.tables.lines import open_input
 from palpate.io.units import near
+from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.frames import FrameTree
 from palpate.spatial.pose import Pose, quaternion_from_rotation
 from palpate.surfaces._load import arrays_of, load_trimesh
@@ -45,6 +46,7 @@ class Joint:
     follows: tuple[float, float] = (1.0, 0.0)
 
 
+@takes_arrays
 @dataclass(frozen=True)
 class LinkBody:
     """What a link is made of, in its frame [m].
@@ -318,6 +320,7 @@ class Urdf:
         return values
 
 
+@takes_arrays
 class Kinematics:
     """One link in another, from the positions of the joints between them, by pinocchio.
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
+from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose import rotation_from_quaternion
 
 __all__ = ["kind_of_acceleration", "turned_from_gravity", "wrong_acceleration"]
@@ -15,6 +16,7 @@ _QUICK = 0.5 * G  # m/s^2: a motion is slower at the median of a log, and an IMU
 _SCALES = {"m/s^2": 1.0, "g": G, "mg": 1e-3 * G}
 
 
+@takes_arrays
 def kind_of_acceleration(values: Float[np.ndarray, "n 3"], unit: str | None) -> tuple[str, str, float]:
     """What accelerations are: "imu", "motion" or "none" of both, their unit, and the median of their length in it.
 
@@ -32,6 +34,7 @@ def kind_of_acceleration(values: Float[np.ndarray, "n 3"], unit: str | None) -> 
     return ("motion" if length * _SCALES[known] < _QUICK else "none"), known, length
 
 
+@takes_arrays
 def wrong_acceleration(values: Float[np.ndarray, "n 3"], kind: str) -> str:
     """Why accelerations [m/s^2] are not of this kind, and what would mend the rig; "" where they may be."""
     length, _ = _length(values)
@@ -55,6 +58,7 @@ def wrong_acceleration(values: Float[np.ndarray, "n 3"], kind: str) -> str:
     return ""
 
 
+@takes_arrays
 def turned_from_gravity(
     values: Float[np.ndarray, "n 3"], quaternions: Float[np.ndarray, "n 4"], gravity: Float[np.ndarray, "3"]
 ) -> float:

@@ -18,6 +18,7 @@ from palpate.sensors.recording import ACCELERATION, FORCE, ORIENTATION, TORQUE, 
 from palpate.sensors.rest import at_rest
 from palpate.sensors.wrench_sensor import Placement, Tare, square_root
 from palpate.sensors.zero_filter import Free, ZeroState
+from palpate.spatial._arrays import shaped
 from palpate.spatial.pose import Pose, rotation_from_quaternion, skew
 from palpate.spatial.pose_track import sound_quaternions
 
@@ -513,7 +514,4 @@ def _both(shares: Float[np.ndarray, "6"]) -> Float[np.ndarray, "6 6"]:
 
 def _of_one(what: str, values: ArrayLike, shape: tuple[int, ...]) -> np.ndarray:
     """One sample's values."""
-    array = np.asarray(values, dtype=np.float64)
-    if array.shape != shape:
-        raise InputError(f"the {what} of one sample must have shape {shape}, not {array.shape}.")
-    return array
+    return shaped(values, shape, f"the {what} of one sample")

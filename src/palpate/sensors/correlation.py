@@ -5,11 +5,14 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
+from palpate.spatial.arguments import takes_arrays
+
 __all__ = ["correlation_time"]
 
 LONGEST = 1 / 4  # of the series: beyond it a correlation is not known
 
 
+@takes_arrays
 def correlation_time(values: Float[np.ndarray, "n k"]) -> Float[np.ndarray, " k"]:
     """Integrated correlation time of each column [samples], at least 1.
 

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from palpate.errors import InputError
 from palpate.spatial._arrays import frozen
+from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["Butterworth", "Filter", "Kalman", "Recursion"]
 
@@ -19,6 +20,7 @@ LEAST_RATIO = 1e-8  # of q and r: as slow
 MOST_SECTIONS = 4  # second order each
 
 
+@takes_arrays
 @dataclass(frozen=True, eq=False)
 class Recursion:
     """A filter at a rate, as the compiled loop runs it; the age of a sample counts from 0 where the filter started.
@@ -38,6 +40,7 @@ class Recursion:
     response: Float[np.ndarray, " l"]
 
 
+@takes_arrays
 @dataclass(frozen=True)
 class Kalman:
     """The filter of `probe`: identity transition, each axis by itself.
@@ -100,6 +103,7 @@ class Kalman:
         return Recursion(np.zeros((0, 6)), np.zeros((0, 2)), table, table, np.zeros(0))
 
 
+@takes_arrays
 @dataclass(frozen=True)
 class Butterworth:
     """A low-pass, flat in its band; it starts as if the first sample had been there for ever.

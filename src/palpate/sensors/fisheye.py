@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 
 from palpate.errors import InputError
 from palpate.spatial._arrays import Value, frozen
+from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose import Pose
 
 __all__ = ["STEPS", "Fisheye", "RingView", "flat_pixels"]
@@ -24,6 +25,7 @@ _GROUND = frozen(np.zeros(1))
 STEPS = 60  # at most: Newton needs 4, halving an interval of pi to its last bit 53
 
 
+@takes_arrays
 @dataclass(frozen=True)
 class Fisheye:
     """A fisheye lens and its image.
@@ -146,6 +148,7 @@ class Fisheye:
         return np.where(bent <= self._widest, theta.reshape(bent.shape), np.nan)
 
 
+@takes_arrays
 @dataclass(frozen=True, eq=False, init=False)
 class RingView(Value):
     """Where a camera sees a ring of markers, and where they rest.
@@ -254,6 +257,7 @@ class RingView(Value):
         return self.camera.project(self._back.apply(whole))
 
 
+@takes_arrays
 def flat_pixels(pixels: Float[np.ndarray, "*batch 2"]) -> Float[np.ndarray, "n 2"]:
     """Pixels one after the other, that cannot be written, so that loops are compiled once, whatever is given."""
     flat = np.ascontiguousarray(pixels, dtype=np.float64).reshape(-1, 2).view()

@@ -14,6 +14,7 @@ from palpate.errors import InputError
 from palpate.sensors.noise import NoiseSpectrum
 from palpate.sensors.recording import LARGEST
 from palpate.spatial._arrays import Value, frozen
+from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose import skew
 from palpate.spatial.shown import one_line, vector
 from palpate.spatial.uncertain import noise_covariance
@@ -24,6 +25,7 @@ STANDARD_GRAVITY = 9.80665  # m/s^2
 FRAMES = ("sensor", "base")
 
 
+@takes_arrays
 @dataclass(frozen=True, eq=False)
 class Payload(Value):
     """What hangs on the sensor, and the sensor's zero.
@@ -153,6 +155,7 @@ class Payload(Value):
         return np.where(lost, np.nan, np.swapaxes(rotations, -1, -2))
 
 
+@takes_arrays
 @dataclass(frozen=True, eq=False, init=False)
 class ForceTorque(Value):
     """A six-axis force/torque sensor.

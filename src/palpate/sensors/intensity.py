@@ -11,6 +11,7 @@ from jaxtyping import Float, Int
 
 from palpate.errors import InputError
 from palpate.spatial._arrays import frozen
+from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["KINDS", "Curve", "Intensity"]
 
@@ -18,6 +19,7 @@ KINDS = ("polynomial", "two_range", "monotone", "resistive")
 _KNOTS = 2048  # of a curve as a table: linear between them, finer than 16 bits can tell
 
 
+@takes_arrays
 @dataclass(frozen=True, eq=False)
 class Curve:
     """Intensity above the unloaded one as a function of force, I = f(F), and back [skin map, 3.1].
@@ -159,6 +161,7 @@ def rising(curve: Curve, parameters: Float[np.ndarray, " p"], force: np.ndarray)
     return curve.scale * curve.reference * force / (2.0 * parameters[0] + parameters[1] * force)
 
 
+@takes_arrays
 @dataclass(frozen=True, eq=False)
 class Intensity:
     """The curves of all cells.

@@ -18,6 +18,7 @@ from palpate.sensors.load_cells import VOLTAGE, LoadCells
 from palpate.sensors.recording import LARGEST, Recording
 from palpate.sensors.wrench_sensor import Placement, Tare
 from palpate.sensors.zero_filter import Free, ZeroState
+from palpate.spatial._arrays import shaped
 from palpate.spatial.pose import Pose
 
 __all__ = ["START", "LoadCellArray"]
@@ -157,7 +158,7 @@ class LoadCellArray:
 
     def hold(self, time: float, reading: ArrayLike, rotation: ArrayLike | None, acceleration: ArrayLike | None) -> None:
         """The voltages of one sample into `held`."""
-        values = np.asarray(reading, dtype=np.float64)
+        values = shaped(reading, (...,), "reading")
         if values.shape != self._shape:
             raise InputError(_SHAPE.format(self.cells.cells, *self._shape, values.shape))
         self.held[:] = values

@@ -9,12 +9,14 @@ from jaxtyping import Bool, Float
 
 from palpate.errors import NotIdentifiable
 from palpate.sensors.load_cells import LoadCells
+from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["Explanations", "explanations"]
 
 CHANCE = 1e-6  # that sound channels leave more than the bound
 
 
+@takes_arrays
 @dataclass(frozen=True, eq=False)
 class Explanations:
     """Of k cells: that cell e is wrong, e < k, or else channel e - k.
@@ -86,6 +88,7 @@ class Explanations:
         return 1.0 + self.cells.drift**2 + self.cells.misfit**2 * load
 
 
+@takes_arrays
 def explanations(cells: LoadCells, sound: Bool[np.ndarray, " some"] | None = None) -> Explanations:
     """Prepared for sound cells (k,) or channels (3 k,); None: all.
 

@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float
 
 from palpate.sensors.load_cell_explanations import CHANCE, Explanations, explanations
 from palpate.sensors.load_cells import LoadCells
+from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["Fault", "find_faults"]
 
@@ -42,6 +43,7 @@ class Fault:
     channels: tuple[int, ...] = ()
 
 
+@takes_arrays
 def find_faults(
     cells: LoadCells,
     readings: Float[np.ndarray, "n m"],

@@ -10,6 +10,7 @@ from jaxtyping import Float
 from palpate.errors import InputError
 from palpate.sensors.correlation import correlation_time
 from palpate.sensors.load_cells import LoadCells
+from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["Zero", "take_zero"]
 
@@ -20,6 +21,7 @@ LIKE_TOUCH = 0.05  # of a change of the zero that no wrench explains: less, and 
 HEAVY = 0.2  # N that such a change must weigh
 
 
+@takes_arrays
 @dataclass(frozen=True, eq=False)
 class Zero:
     """What the cells read unloaded.
@@ -37,6 +39,7 @@ class Zero:
     touch: Float[np.ndarray, "6"] | None = None
 
 
+@takes_arrays
 def take_zero(cells: LoadCells, voltages: Float[np.ndarray, "n m"], where: str = "") -> Zero:
     """The mean of a window in which nothing changes but by noise.
 

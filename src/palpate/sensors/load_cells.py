@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from palpate.errors import InputError, NotIdentifiable
 from palpate.sensors.recording import REFERENCE, VOLTAGE
 from palpate.spatial._arrays import Value, frozen
+from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose import skew
 from palpate.spatial.shown import one_line
 
@@ -34,6 +35,7 @@ FLATTEST = 1e-3  # of the largest singular value: below it a direction of the wr
 IN_LINE = 0.02  # of the layout's extent: cells nearer to one line than this cannot tell the moment about it
 
 
+@takes_arrays
 @dataclass(frozen=True)
 class Indentation:
     """How deep below the surface the line of action passes, under a soft layer.
@@ -66,6 +68,7 @@ class Indentation:
         return self.depth * np.abs(pressing) ** self.exponent
 
 
+@takes_arrays
 @dataclass(frozen=True, eq=False, init=False)
 class LoadCells(Value):
     """k three-axis cells under a rigid frame read u = C w + b + noise, w the wrench on the frame [load cells, (1)-(8)].
@@ -258,6 +261,7 @@ class LoadCells(Value):
         return one_line(self)
 
 
+@takes_arrays
 def require_layout(positions: Float[np.ndarray, "k 3"]) -> None:
     """Raise a NotIdentifiable where the cells whose places are known stand in one line.
 
@@ -283,6 +287,7 @@ def require_layout(positions: Float[np.ndarray, "k 3"]) -> None:
     )
 
 
+@takes_arrays
 def wrench_direction(direction: Float[np.ndarray, "6"]) -> str:
     """A direction of (force, torque / `LENGTH`) as words."""
     force, torque = direction[:3], direction[3:]
@@ -294,6 +299,7 @@ def wrench_direction(direction: Float[np.ndarray, "6"]) -> str:
     return " with ".join(parts)
 
 
+@takes_arrays
 def named_axis(axis: Float[np.ndarray, "3"]) -> str:
     """'z', or the three numbers."""
     unit = axis / np.linalg.norm(axis)
@@ -304,6 +310,7 @@ def named_axis(axis: Float[np.ndarray, "3"]) -> str:
     return "(" + ", ".join(f"{value:.2f}" for value in unit + 0.0) + ")"
 
 
+@takes_arrays
 def single_wrench_map(position: Float[np.ndarray, "3"]) -> Float[np.ndarray, "6 3"]:
     """(I; [l]x): the wrench of a cell's force at its place."""
     return np.concatenate([np.eye(3), skew(position)])

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
+from palpate.spatial.arguments import takes_arrays
+
 __all__ = ["USUAL_LIMITS", "LabelLimits", "label_ring", "owed"]
 
 
@@ -45,6 +47,7 @@ _EVEN = 3e-3  # variance of what is uneven from marker to marker, of the varianc
 _CAP = 8.0  # of the cost of a jump: what moved faster than expected may still be found by its neighbours
 
 
+@takes_arrays
 def label_ring(
     blobs: Float[np.ndarray, "k 2"],
     areas: Float[np.ndarray, " k"],
@@ -92,6 +95,7 @@ def label_ring(
     return np.where(labels >= 0, blob[labels], -1)
 
 
+@takes_arrays
 def owed(
     blobs: Float[np.ndarray, "k 2"],
     areas: Float[np.ndarray, " k"],

@@ -9,10 +9,12 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float
 
+from palpate.errors import InputError
 from palpate.sensors.fisheye import STEPS, Fisheye, RingView, flat_pixels
 from palpate.sensors.markers import MarkerColour
 from palpate.sensors.ring_response import RingResponse
 from palpate.spatial._arrays import Value, frozen
+from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.shown import one_line
 
 __all__ = ["MarkerRing", "RingBody"]
@@ -39,6 +41,7 @@ class RingBody:
     rings: tuple[float, ...] = (0.0,)
 
 
+@takes_arrays
 @dataclass(frozen=True, eq=False, repr=False)
 class MarkerRing(Value):
     """One unit.
@@ -66,13 +69,13 @@ class MarkerRing(Value):
     def __post_init__(self) -> None:
         count = len(self.view.angles)
         if self.response.rings != len(self.view.rings):
-            raise ValueError(f"the response is of {self.response.rings} rings, the view of {len(self.view.rings)}")
+            raise InputError(f"the response is of {self.response.rings} rings, the view of {len(self.view.rings)}.")
         object.__setattr__(self, "rest", frozen(self.rest, tail=(2,), name="rest"))
         object.__setattr__(self, "area", frozen(self.area, name="area"))
         if self.rest.shape != (count, 2) or self.area.shape != (count,):
-            raise ValueError(f"rest and area must be of {count} markers, not {self.rest.shape} and {self.area.shape}")
+            raise InputError(f"rest and area must be of {count} markers, not {self.rest.shape} and {self.area.shape}.")
         if not (self.radius > self.view.radius > 0 and self.jitter > 0):
-            raise ValueError("radius must be larger than that of the markers, and jitter positive")
+            raise InputError("radius must be larger than that of the markers, and jitter positive.")
 
     def __len__(self) -> int:
         return len(self.view.angles)

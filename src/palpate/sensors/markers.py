@@ -15,6 +15,7 @@ from palpate.errors import InputError, not_loaded
 from palpate.sensors.fisheye import RingView
 from palpate.sensors.marker_labels import USUAL_LIMITS, LabelLimits, label_ring, owed
 from palpate.spatial._arrays import Value, frozen, require_out
+from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["Blobs", "Frame", "MarkerColour", "MarkerTracker", "find_blobs", "find_colour", "opencv"]
 
@@ -139,6 +140,7 @@ class Blobs(Value):
         return len(self.areas)
 
 
+@takes_arrays
 def find_blobs(image: Image, colour: MarkerColour, *, least_area: float = _LEAST_AREA) -> Blobs:
     """All blobs of a frame that have the markers' colour; none where nothing stands out.
 
@@ -151,6 +153,7 @@ def find_blobs(image: Image, colour: MarkerColour, *, least_area: float = _LEAST
     return _blobs(score, base, base + colour.threshold * (top - base), least_area)
 
 
+@takes_arrays
 def find_colour(image: Image, count: int | None = None, *, background: int = 0) -> MarkerColour:
     """The colour of the markers of an unloaded frame: the score whose blobs are `count`, or else the most alike.
 

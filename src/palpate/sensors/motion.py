@@ -12,6 +12,7 @@ from jaxtyping import Bool, Float
 from palpate.errors import InputError
 from palpate.sensors._curvature import Curvature, Settings, curvature, part_of, pose_period, settings_of
 from palpate.sensors.recording import ACCELERATION, ORIENTATION, POSITION, UNSTEADY, Recording
+from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose import rotation_from_quaternion
 
 __all__ = ["Motion"]
@@ -27,6 +28,7 @@ ARM = 0.5  # m from the sensor to where the arm turns, where only orientations a
 UNKNOWN = 10.0  # m/s^2: about 1 g, for the rows where the acceleration should be known and is not
 
 
+@takes_arrays
 class Motion:
     """Adds to a recording, row for row, how its sensor is accelerated, and how well that is known.
 

@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float, Int
 from palpate.errors import InputError
 from palpate.sensors.filters import Filter
 from palpate.spatial._arrays import Value, frozen
+from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["Noise", "NoiseSpectrum", "estimate_noise", "resolution_of", "rest_noise", "wrong_noise"]
 
@@ -25,6 +26,7 @@ HARMONICS = 3  # of the error of a quantised reading; the next is below 1 % of i
 WRONG = 2.0  # times too large or too small: said
 
 
+@takes_arrays
 @dataclass(frozen=True, eq=False)
 class NoiseSpectrum(Value):
     """How the variance of a reading is spread over frequencies.
@@ -69,6 +71,7 @@ class NoiseSpectrum(Value):
         return (np.sin(count * angle) / (count * np.sin(angle))) ** 2 @ self.power
 
 
+@takes_arrays
 @dataclass(frozen=True, eq=False)
 class Noise(Value):
     """What a log at rest says.
@@ -85,6 +88,7 @@ class Noise(Value):
         object.__setattr__(self, "deviation", frozen(self.deviation))
 
 
+@takes_arrays
 def estimate_noise(readings: Float[np.ndarray, "n k"]) -> Float[np.ndarray, " k"] | None:
     """Standard deviations of one reading, in the quiet parts of a log; None where fewer than ten samples are finite.
 
@@ -103,6 +107,7 @@ def estimate_noise(readings: Float[np.ndarray, "n k"]) -> Float[np.ndarray, " k"
     return _deviation(variance, quiet, resolution_of(usable))
 
 
+@takes_arrays
 def rest_noise(readings: Float[np.ndarray, "n k"], *, wander: bool = True) -> Noise | None:
     """Deviation and spectrum of the noise where a log rests at one level; None where it hardly does.
 
@@ -145,6 +150,7 @@ def rest_noise(readings: Float[np.ndarray, "n k"], *, wander: bool = True) -> No
     return Noise(np.sqrt(total), NoiseSpectrum(frequency, power / np.where(total > 0, total, 1.0)))
 
 
+@takes_arrays
 def wrong_noise(stated: Float[np.ndarray, "6"], seen: Float[np.ndarray, "6"]) -> str:
     """Where stated deviations of a wrench are wrong by two or more against those of a log, a sentence; else ""."""
     wrong: list[str] = []
@@ -210,6 +216,7 @@ def _deviation(
     return np.sqrt(np.maximum(mean, resolution**2 / 12.0))
 
 
+@takes_arrays
 def resolution_of(readings: Float[np.ndarray, "n k"]) -> Float[np.ndarray, " k"]:
     """The step of which all differences are multiples; 0 where there is none."""
     return np.array([_step(np.unique(column)) for column in readings.T])

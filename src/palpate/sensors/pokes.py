@@ -10,10 +10,12 @@ from numpy.typing import ArrayLike
 
 from palpate.errors import InputError
 from palpate.spatial._arrays import Value, frozen
+from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["Pokes"]
 
 
+@takes_arrays
 @dataclass(frozen=True, eq=False)
 class Pokes(Value):
     """n pokes, m answers of taxels to them; a *configuration* is one arm configuration in which pokes were made.

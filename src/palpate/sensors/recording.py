@@ -155,20 +155,28 @@ def apart(names: Sequence[str], readings: np.ndarray) -> dict[str, np.ndarray]:
 
 def _dtype(name: str, values: ArrayLike) -> DTypeLike:
     """Images keep what they are given in, and are refused if that is not uint8."""
-    return np.asarray(values).dtype if name == IMAGE else np.float64
+    return getattr(values, "dtype", np.uint8) if name == IMAGE else np.float64
 
 
 def sealed(
     values: ArrayLike, *, own: bool = False, dtype: DTypeLike = np.float64
 ) -> Float[np.ndarray, "..."] | UInt8[np.ndarray, "..."]:
-    """A read-only array, contiguous by rows: `values` itself where it is one, else a copy.
+    """Return a read-only array, contiguous by rows: `values` itself where it is one, else a copy.
 
     Args:
         values: numbers.
         own: nobody else holds `values`, so that it need not be copied for being writable.
         dtype: of the array.
+
+    Raises:
+        InputError: they are not real numbers.
     """
-    array = np.asarray(values)
+    try:
+        array = np.asarray(values)
+    except ValueError as problem:  # lists of different lengths
+        raise InputError(f"values of a recording must be an array of numbers: {problem}.") from problem
+    if array.size and array.dtype.kind not in "biuf":
+        raise InputError(f"values of a recording must be real numbers, not {array.dtype} of shape {array.shape}.")
     copied = None if own or not array.flags.writeable else True  # None: where it must be
     array = np.array(array, dtype=dtype, order="C", copy=copied)
     array.flags.writeable = False

@@ -9,6 +9,7 @@ from jaxtyping import Float
 
 from palpate.errors import InputError
 from palpate.sensors.noise import estimate_noise
+from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["Rest", "at_rest"]
 
@@ -18,6 +19,7 @@ DRIFT = 5.0  # standard errors between the halves, and at least
 LEAST_DRIFT = 1.0  # times the noise: sensors warm up
 
 
+@takes_arrays
 @dataclass(frozen=True, eq=False)
 class Rest:
     """What a steady window reads.
@@ -37,6 +39,7 @@ class Rest:
         return f"tare over {self.samples} samples: {force:.3g} N and {torque:.3g} N m are taken off from now on"
 
 
+@takes_arrays
 def at_rest(wrenches: Float[np.ndarray, "n 6"], noise: Float[np.ndarray, "6 6"] | None, where: str) -> Rest:
     """The mean of wrenches that stand still: their scatter is noise, and both halves agree.
 

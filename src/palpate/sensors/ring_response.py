@@ -7,11 +7,14 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Float
 
+from palpate.errors import InputError
 from palpate.spatial._arrays import Value, frozen
+from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["RingResponse", "ring_basis"]
 
 
+@takes_arrays
 def ring_basis(angle: Float[np.ndarray, "*batch"], order: int) -> Float[np.ndarray, "*batch terms"]:
     """1, cos, sin, cos 2, sin 2, ... of an angle [rad], up to an order: (*batch, 2 order + 1)."""
     turns = np.multiply.outer(angle, np.arange(1, order + 1))
@@ -27,6 +30,7 @@ def _slope(order: int) -> Float[np.ndarray, "terms terms"]:
     return matrix
 
 
+@takes_arrays
 @dataclass(frozen=True, eq=False, repr=False)
 class RingResponse(Value):
     """Displacement of a marker at the angle theta by a contact at phi, with delta = theta - phi.
@@ -66,15 +70,15 @@ class RingResponse(Value):
     def __post_init__(self) -> None:
         shape = self.coefficients.shape
         if shape[0] not in (3, 4) or shape[1] % 2 or shape[2] % 2 == 0 or shape[3] % 2 == 0:
-            raise ValueError(f"coefficients must be 3 or 4 x 2 for each ring x odd x odd, not {shape}")
+            raise InputError(f"coefficients must be 3 or 4 x 2 for each ring x odd x odd, not {shape}.")
         if len(self.misfit) != shape[1]:
-            raise ValueError(f"misfit must have {shape[1]} rows, as coefficients have, not {len(self.misfit)}")
+            raise InputError(f"misfit must have {shape[1]} rows, as coefficients have, not {len(self.misfit)}.")
         if not (self.width > 0).all() or not (self.misfit >= 0).all() or not (self.spread >= 0).all():
-            raise ValueError("width must be positive, misfit and spread not negative")
+            raise InputError("width must be positive, misfit and spread not negative.")
         if not (self.usual[1:] > 0).all() or not self.grip >= 0:
-            raise ValueError("deviations of usual must be positive, grip not negative")
+            raise InputError("deviations of usual must be positive, grip not negative.")
         if not 0 <= self.dragged[0] < 1 or (self.dragged[0] and not 0 < self.dragged[1] <= self.dragged[2] < np.inf):
-            raise ValueError("dragged must be a share below 1 and two deviations, positive and rising")
+            raise InputError("dragged must be a share below 1 and two deviations, positive and rising.")
         tails = {"coefficients": shape[1:], "width": (2,), "misfit": (), "spread": (2,), "largest": (2,), "usual": (3,)}
         for name, tail in (tails | {"dragged": (3,)}).items():
             object.__setattr__(self, name, frozen(getattr(self, name), tail=tail, name=name))

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 
 from palpate.errors import InputError
 from palpate.spatial._arrays import frozen
+from palpate.spatial.arguments import takes_arrays
 from palpate.surfaces.bspline import BSplineSurface
 
 if TYPE_CHECKING:
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
 __all__ = ["SkinMap"]
 
 
+@takes_arrays
 @dataclass(frozen=True, eq=False)
 class SkinMap:
     """Positions, outward normals and areas of rows x columns cells, in the link's own frame.

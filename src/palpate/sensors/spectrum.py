@@ -12,6 +12,7 @@ from jaxtyping import Float, Int
 from palpate.errors import InputError
 from palpate.sensors.filters import Butterworth, Kalman
 from palpate.sensors.recording import LARGEST
+from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["Cutoff", "Spectrum", "propose_cutoff", "spectrum", "steady_stretches"]
 
@@ -24,6 +25,7 @@ NARROW: float = 2 ** (1 / 3)  # the ratio of the ends of the band that each figu
 HIGHEST = 0.2  # of the rate: above it a filter takes off too little to be worth its lag
 
 
+@takes_arrays
 @dataclass(frozen=True)
 class Spectrum:
     """Welch's estimate of power spectral densities, one-sided.
@@ -44,6 +46,7 @@ class Spectrum:
     stretches: int
 
 
+@takes_arrays
 @dataclass(frozen=True)
 class Cutoff:
     """What a spectrum proposes.
@@ -61,6 +64,7 @@ class Cutoff:
     settings: tuple[str, ...] = ()
 
 
+@takes_arrays
 def spectrum(time: Float[np.ndarray, " n"], values: Float[np.ndarray, "n c"]) -> Spectrum:
     """Spectra of all channels, from the stretches in which steps are even and no value is NaN [welch].
 
@@ -93,6 +97,7 @@ def spectrum(time: Float[np.ndarray, " n"], values: Float[np.ndarray, "n c"]) ->
     return Spectrum(frequency[inner], total[inner] / weight, rate, samples, weight, len(used))
 
 
+@takes_arrays
 def steady_stretches(time: Float[np.ndarray, " n"], values: Float[np.ndarray, "n c"], step: float) -> Iterator[slice]:
     """Pieces of at least `SHORTEST` samples, every value finite and every step within `EVEN` of the usual one."""
     good = np.isfinite(time) & np.isfinite(values).all(axis=1)

@@ -12,6 +12,7 @@ from palpate.errors import InputError
 from palpate.sensors.recording import Recording
 from palpate.sensors.taxels import TaxelBody
 from palpate.spatial._arrays import frozen
+from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["Health", "at_rest", "examine", "resting"]
 
@@ -26,6 +27,7 @@ WRAP = 0.85  # of the range: a step of a cell alone that is no touch
 _QUANTUM = 12**-0.5  # deviation of what is rounded to whole numbers
 
 
+@takes_arrays
 @dataclass(frozen=True, eq=False)
 class Health:
     """What the cells are at rest, and which are no good.
@@ -153,6 +155,7 @@ def _hysteresis(
     return float(np.median(found)) if found else float("nan")
 
 
+@takes_arrays
 def resting(cells: Float[np.ndarray, "n k"], *, whole: bool) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
     """Mean and deviation of the crowd at each cell's lower end."""
     steps = np.abs(np.diff(cells, axis=0))

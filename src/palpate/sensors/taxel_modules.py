@@ -10,6 +10,7 @@ from jaxtyping import Float, Int
 from palpate.errors import InputError
 from palpate.sensors.taxel_places import TaxelPlaces
 from palpate.spatial._arrays import Value, frozen
+from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["LAYOUTS", "ModuleLayout"]
 
@@ -18,6 +19,7 @@ _TELLING, _ROUNDS = 6, 3  # taxels that say how a module is bent; turns until it
 _STEP = 6.0e-3  # m, between neighbours along the edge of its earlier ones
 
 
+@takes_arrays
 @dataclass(frozen=True, eq=False)
 class ModuleLayout(Value):
     """k taxels on modules.

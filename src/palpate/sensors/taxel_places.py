@@ -11,10 +11,12 @@ from jaxtyping import Bool, Float, Int
 
 from palpate.errors import InputError
 from palpate.spatial._arrays import Value, frozen
+from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["TaxelPlaces"]
 
 
+@takes_arrays
 @dataclass(frozen=True, eq=False)
 class TaxelPlaces(Value):
     """k taxels in the frame of the link that carries them.

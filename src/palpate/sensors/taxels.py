@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from palpate.errors import InputError
 from palpate.sensors.recording import CELLS, LARGEST, Recording
 from palpate.sensors.skin_map import SkinMap
+from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["TaxelBody"]
 
@@ -26,6 +27,7 @@ _CROSSED = 1.1  # of a distance squared: taxels whose squared distances to both 
 _COVERED = 0.93  # squared spacings that a cell covers: 0.87 on a lattice of triangles, 1 on one of squares
 
 
+@takes_arrays
 @dataclass(frozen=True, eq=False)
 class TaxelBody:
     """Cells of a sheet, row by row, or taxels anywhere on a body, in the body's own frame.

@@ -11,6 +11,7 @@ from jaxtyping import Float, Int8
 from numpy.typing import ArrayLike
 
 from palpate.sensors.recording import Recording
+from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose import Pose
 from palpate.spatial.uncertain import inverse_pose_covariance
 
@@ -37,6 +38,7 @@ class Measured(Protocol):
         ...
 
 
+@takes_arrays
 @dataclass(frozen=True, eq=False)
 class Tare:
     """What a tare took off.
@@ -55,6 +57,7 @@ class Tare:
     least: float = 0.0
 
 
+@takes_arrays
 class Placement:
     """Where the surface sits on the sensor, as the compiled loops take it.
 
@@ -135,6 +138,7 @@ class WrenchSensor(Protocol):
         ...
 
 
+@takes_arrays
 def square_root(covariance: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "r n"]:
     """Vectors whose squares sum to a covariance, as many as its rank; in units in which its diagonal is 1."""
     scale = np.sqrt(np.diag(covariance))

@@ -13,7 +13,8 @@ from jaxtyping import Bool, Float, Int8
 from palpate.errors import InputError
 from palpate.sensors.drift import Drift
 from palpate.sensors.recording import Recording
-from palpate.spatial._arrays import Value
+from palpate.spatial._arrays import Value, shaped
+from palpate.spatial.arguments import takes_arrays
 
 __all__ = [
     "FollowedSensor",
@@ -157,6 +158,7 @@ class ZeroFilter:
     """
 
     def __init__(self, drift: Drift, coefficients: Float[np.ndarray, " q"]) -> None:
+        coefficients = shaped(coefficients, (None,), "coefficients")
         self.drift, self._deviation = drift, coefficients
         self.channels, self.known = len(drift.walk), len(drift.walk) + len(coefficients)
         self._rates = bool(drift.warm_up.any())
@@ -295,6 +297,7 @@ def smoothed(
         weight = (weight + weight.T) / 2.0
 
 
+@takes_arrays
 @dataclass(frozen=True, eq=False)
 class ZeroHistory(Value):
     """How the zero went, some windows of all, evenly spread.

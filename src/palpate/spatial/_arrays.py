@@ -13,10 +13,11 @@ from numpy.typing import ArrayLike
 
 from palpate.errors import InputError
 
-__all__ = ["FLOAT", "INT8", "Value", "frozen", "require_out", "shaped"]
+__all__ = ["FLOAT", "INT8", "Value", "frozen", "require_batch", "require_out", "require_shape", "shaped"]
 
 Shape = tuple[int | EllipsisType | None, ...]  # first, None: any length, or ...: any leading axes
 
+_KINDS = {"f": "biuf", "i": "iu", "u": "iu", "b": "b"}  # of numbers that arrays of a kind are made from
 FLOAT, INT8 = np.dtype(np.float64), np.dtype(np.int8)
 
 
@@ -30,7 +31,7 @@ def shaped(values: ArrayLike, shape: Shape, name: str, dtype: np.dtype[Any] = FL
         values: numbers.
         shape: wanted; None in front is any length, ... any leading axes.
         name: of the argument, for the message.
-        dtype: float64 or int8.
+        dtype: float64, bool or one of integers.
 
     Raises:
         InputError: another shape, or numbers that the type cannot hold.
@@ -38,13 +39,27 @@ def shaped(values: ArrayLike, shape: Shape, name: str, dtype: np.dtype[Any] = FL
     array = values
     if type(array) is not np.ndarray or array.dtype != dtype or not array.flags.carray:
         array = _converted(values, shape, name, dtype)
-    if not _fits(array.shape, shape):
-        raise InputError(f"{name} must have shape {_said(shape)}, not {array.shape}.")
+    require_shape(array, shape, name)
     return array
 
 
-def require_out(out: np.ndarray, shape: Shape) -> None:
-    """Requires what a compiled loop can write into: float64 of this shape, contiguous, aligned and writable.
+def require_shape(array: np.ndarray, shape: Shape, name: str) -> None:
+    """Raise an InputError where an array has another shape than one that is wanted, as `shaped` takes it."""
+    if not _fits(array.shape, shape):
+        raise InputError(f"{name} must have shape {_said(shape)}, not {array.shape}.")
+
+
+def require_batch(array: np.ndarray, batch: tuple[int, ...], name: str) -> None:
+    """Raise an InputError where matrices (..., 6, 6) cannot be broadcast to one for each of a batch."""
+    try:
+        np.broadcast_to(array, (*batch, *array.shape[-2:]))
+    except ValueError as problem:
+        shapes = f"{(*batch, *array.shape[-2:])} or {array.shape[-2:]}"
+        raise InputError(f"{name} must have shape {shapes}, not {array.shape}.") from problem
+
+
+def require_out(out: np.ndarray, shape: Shape, name: str = "out") -> None:
+    """Require what a compiled loop can write into: float64 of this shape, contiguous, aligned and writable.
 
     Raises:
         InputError: it is not; nothing is copied, because the caller would not see what is written.
@@ -52,25 +67,22 @@ def require_out(out: np.ndarray, shape: Shape) -> None:
     if type(out) is np.ndarray and out.dtype == FLOAT and out.flags.carray:
         if _fits(out.shape, shape):
             return
-        raise InputError(f"out must have shape {_said(shape)}, not {out.shape}.")
+        raise InputError(f"{name} must have shape {_said(shape)}, not {out.shape}.")
     seen = [f"{name} {getattr(out, name)}" for name in ("dtype", "shape", "strides") if hasattr(out, name)]
     raise InputError(
-        f"out must be a writable, contiguous array of float64 and shape {_said(shape)}, "
+        f"{name} must be a writable, contiguous array of float64 and shape {_said(shape)}, "
         f"not {type(out).__name__} {', '.join(seen)}."
     )
 
 
 def frozen(values: ArrayLike, *, tail: tuple[int, ...] = (), name: str = "array") -> Float[np.ndarray, "..."]:
-    """A read-only float64 copy of `values` whose last axes are `tail`, in C order whatever the order it came in.
+    """Return a read-only float64 copy of `values` whose last axes are `tail`, in C order whatever the order it came in.
 
     Raises:
-        ValueError: the last axes are not `tail`, or the numbers are complex.
+        InputError: the last axes are not `tail`, or the numbers are not real.
     """
-    if np.iscomplexobj(values):
-        raise ValueError(f"{name} must be real numbers")
-    array = np.array(values, dtype=np.float64, order="C")
-    if not _fits(array.shape, (..., *tail)):
-        raise ValueError(f"{name} must have shape {_said((..., *tail))}, not {array.shape}")
+    array = _converted(values, (..., *tail), name, FLOAT)
+    require_shape(array, (..., *tail), name)
     array.flags.writeable = False
     return array
 
@@ -103,9 +115,9 @@ def _converted(values: ArrayLike, shape: Shape, name: str, dtype: np.dtype[Any])
     wanted = f"{name} must be {dtype} of shape {_said(shape)}"
     try:
         given = np.asarray(values)
-    except ValueError as problem:  # lists of different lengths
+    except (ValueError, TypeError) as problem:  # lists of different lengths, for one
         raise InputError(f"{wanted}: {problem}") from problem
-    if given.size and given.dtype.kind not in ("biuf" if dtype == FLOAT else "iu"):
+    if given.size and given.dtype.kind not in _KINDS[dtype.kind]:
         raise InputError(f"{wanted}, not {given.dtype} of shape {given.shape}.")
     array = np.array(given, dtype=dtype, order="C", subok=False)
     if dtype != FLOAT and not np.array_equal(array, given):

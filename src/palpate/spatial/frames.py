@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from palpate.errors import InputError
+from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose import Pose
 from palpate.spatial.pose_track import PoseTrack
 
@@ -97,6 +98,7 @@ class FrameTree:
         return tuple(way)
 
 
+@takes_arrays
 @dataclass(frozen=True, eq=False)
 class FramePath:
     """The edges between two frames, as one track of poses: it is asked as a `PoseTrack` is.

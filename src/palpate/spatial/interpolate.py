@@ -5,9 +5,12 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
+from palpate.spatial.arguments import takes_arrays
+
 __all__ = ["slerp"]
 
 
+@takes_arrays
 def slerp(
     first: Float[np.ndarray, "*batch 4"], second: Float[np.ndarray, "*batch 4"], share: Float[np.ndarray, "*batch"]
 ) -> Float[np.ndarray, "*batch 4"]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float, Int
 
+from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.interpolate import slerp
 from palpate.spatial.pose_track import SLACK, PoseTrack
 
@@ -16,6 +17,7 @@ _RENEWED = 12  # poses after which it is taken anew: that costs 0.2 ms
 _LONG = 8  # poses apart: the longer of the two lags
 
 
+@takes_arrays
 class LiveTrack(PoseTrack):
     """Poses of which the newest is older than what is asked for, as a rule.
 

@@ -8,11 +8,14 @@ import numpy as np
 from jaxtyping import Float
 from numpy.typing import ArrayLike
 
-from palpate.spatial._arrays import Value, frozen
+from palpate.errors import InputError
+from palpate.spatial._arrays import Value, frozen, shaped
+from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["Pose", "quaternion_from_rotation", "rotation_from_quaternion", "skew"]
 
 
+@takes_arrays
 def skew(vector: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3 3"]:
     """The matrix [v]x with [v]x u = v x u."""
     matrix = np.zeros((*vector.shape[:-1], 3, 3))
@@ -23,6 +26,7 @@ def skew(vector: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3 3
     return matrix
 
 
+@takes_arrays
 def rotation_from_quaternion(quaternion: Float[np.ndarray, "*batch 4"]) -> Float[np.ndarray, "*batch 3 3"]:
     """Rotation matrices from quaternions x, y, z, w of any length but zero (NaN in, NaN out)."""
     q = quaternion / np.linalg.norm(quaternion, axis=-1, keepdims=True)
@@ -31,14 +35,23 @@ def rotation_from_quaternion(quaternion: Float[np.ndarray, "*batch 4"]) -> Float
     return np.eye(3) + 2.0 * (w * cross + cross @ cross)
 
 
+@takes_arrays
 def quaternion_from_rotation(rotation: Float[np.ndarray, "*batch 3 3"]) -> Float[np.ndarray, "*batch 4"]:
-    """Unit quaternions x, y, z, w with w >= 0."""
+    """Return unit quaternions x, y, z, w with w >= 0.
+
+    Raises:
+        InputError: some rotation is a reflection, or zero.
+    """
     from scipy.spatial.transform import Rotation  # here: it takes 0.1 s to import
 
-    flat = Rotation.from_matrix(rotation.reshape(-1, 3, 3)).as_quat(canonical=True)
+    try:
+        flat = Rotation.from_matrix(rotation.reshape(-1, 3, 3)).as_quat(canonical=True)
+    except ValueError as problem:
+        raise InputError("rotation is not a rotation matrix (orthonormal, determinant +1).") from problem
     return flat.reshape(*rotation.shape[:-2], 4)
 
 
+@takes_arrays
 @dataclass(frozen=True, eq=False, init=False)
 class Pose(Value):
     """Rotation and translation [m] of a source frame in a target frame, batched by leading axes.
@@ -48,7 +61,7 @@ class Pose(Value):
         translation: (*batch, 3) [m].
 
     Raises:
-        ValueError: the rotation is not one (a reflection, a scaled matrix).
+        InputError: the rotation is not one (a reflection, a scaled matrix), or there are not as many translations.
     """
 
     rotation: Float[np.ndarray, "*batch 3 3"]
@@ -59,7 +72,11 @@ class Pose(Value):
         object.__setattr__(self, "translation", frozen(translation, tail=(3,), name="translation"))
         gram = self.rotation @ np.swapaxes(self.rotation, -1, -2)
         if not np.allclose(gram, np.eye(3), atol=1e-6) or np.any(np.linalg.det(self.rotation) < 0):
-            raise ValueError("rotation is not a rotation matrix (orthonormal, determinant +1)")
+            raise InputError("rotation is not a rotation matrix (orthonormal, determinant +1).")
+        if self.rotation.shape[:-2] != self.translation.shape[:-1]:
+            raise InputError(
+                f"rotation {self.rotation.shape} and translation {self.translation.shape} are not one for each other."
+            )
 
     @classmethod
     def identity(cls) -> Pose:
@@ -69,14 +86,16 @@ class Pose(Value):
     @classmethod
     def from_quaternion(cls, quaternion_xyzw: ArrayLike, translation: ArrayLike) -> Pose:
         """From a quaternion x, y, z, w of any length but zero."""
-        return cls(rotation_from_quaternion(np.asarray(quaternion_xyzw, dtype=np.float64)), translation)
+        return cls(rotation_from_quaternion(shaped(quaternion_xyzw, (..., 4), "quaternion_xyzw")), translation)
 
     @classmethod
     def from_rotation_vector(cls, rotation_vector: ArrayLike, translation: ArrayLike) -> Pose:
         """From axis times angle [rad]."""
         from scipy.spatial.transform import Rotation
 
-        return cls(Rotation.from_rotvec(np.asarray(rotation_vector, dtype=np.float64)).as_matrix(), translation)
+        vector = shaped(rotation_vector, (..., 3), "rotation_vector")
+        turns = Rotation.from_rotvec(vector.reshape(-1, 3)).as_matrix()
+        return cls(turns.reshape(*vector.shape, 3), translation)
 
     def quaternion(self) -> Float[np.ndarray, "*batch 4"]:
         """Unit quaternion x, y, z, w with w >= 0."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Bool, Float
 
+from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.interpolate import slerp
 
 __all__ = ["PoseTrack", "sound_quaternions"]
@@ -12,6 +13,7 @@ __all__ = ["PoseTrack", "sound_quaternions"]
 SLACK = 1e-6  # s: seconds since 1970 are only good to a quarter of this in float64, and must not open a gap
 
 
+@takes_arrays
 class PoseTrack:
     """Recorded poses, added in pieces as they come; asked at any times that lie between them.
 
@@ -119,6 +121,7 @@ class PoseTrack:
         return self._rows
 
 
+@takes_arrays
 def sound_quaternions(quaternion: Float[np.ndarray, "n 4"]) -> Bool[np.ndarray, " n"]:
     """Where the length says that these are rotations: not NaN, infinite, zero or far from 1."""
     with np.errstate(over="ignore", invalid="ignore"):

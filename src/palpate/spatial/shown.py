@@ -9,12 +9,15 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
+from palpate.spatial.arguments import takes_arrays
+
 __all__ = ["one_line", "vector"]
 
 _NUMBERS = 6  # of an array that are printed; of a larger one, its shape
 _LONGEST = 40  # characters of a string
 
 
+@takes_arrays
 def vector(values: ArrayLike, digits: int = 3) -> str:
     """Numbers (n,) in brackets, with as many digits behind the point."""
     return "(" + ", ".join(f"{value:.{digits}f}" for value in np.asarray(values, dtype=np.float64)) + ")"

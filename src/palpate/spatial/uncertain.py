@@ -7,6 +7,7 @@ from jaxtyping import Float
 from numpy.typing import ArrayLike
 
 from palpate.errors import InputError
+from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose import Pose, skew
 
 __all__ = ["inverse_pose_covariance", "noise_covariance", "pose_noise_on_wrench"]
@@ -14,6 +15,7 @@ __all__ = ["inverse_pose_covariance", "noise_covariance", "pose_noise_on_wrench"
 LARGEST = 1e9  # N, N m: no sensor, and its square is a number
 
 
+@takes_arrays
 def noise_covariance(noise: ArrayLike) -> Float[np.ndarray, "6 6"]:
     """A 6 x 6 covariance [N, N m], force first, from one, or from six standard deviations.
 
@@ -36,6 +38,7 @@ def noise_covariance(noise: ArrayLike) -> Float[np.ndarray, "6 6"]:
     return array
 
 
+@takes_arrays
 def pose_noise_on_wrench(
     wrench: Float[np.ndarray, "*batch 6"], covariance: Float[np.ndarray, "6 6"]
 ) -> Float[np.ndarray, "*batch 6 6"]:
@@ -56,6 +59,7 @@ def pose_noise_on_wrench(
     return jacobian @ covariance @ np.swapaxes(jacobian, -1, -2)
 
 
+@takes_arrays
 def inverse_pose_covariance(pose: Pose, covariance: Float[np.ndarray, "6 6"]) -> Float[np.ndarray, "6 6"]:
     """The covariance of the inverse of a pose, each perturbed on its left.
 

@@ -9,7 +9,8 @@ import numpy as np
 from jaxtyping import Float
 from numpy.typing import ArrayLike
 
-from palpate.spatial._arrays import Value, frozen, shaped
+from palpate.errors import InputError
+from palpate.spatial._arrays import Value, frozen, require_batch, shaped
 
 if TYPE_CHECKING:
     from palpate.spatial.pose import Pose
@@ -29,7 +30,7 @@ class Wrench(Value):
         covariance: (*batch, 6, 6) or (6, 6), force first [N, N m]; None when not known.
 
     Raises:
-        ValueError: shapes that do not belong together.
+        InputError: shapes that do not belong together.
     """
 
     force: Float[np.ndarray, "*batch 3"]
@@ -41,10 +42,10 @@ class Wrench(Value):
         set_field(self, "force", frozen(force, tail=(3,), name="force"))
         set_field(self, "torque", frozen(torque, tail=(3,), name="torque"))
         if self.force.shape != self.torque.shape:
-            raise ValueError(f"force {self.force.shape} and torque {self.torque.shape} differ in shape")
+            raise InputError(f"force {self.force.shape} and torque {self.torque.shape} differ in shape.")
         spread = None if covariance is None else frozen(covariance, tail=(6, 6), name="covariance")
         if spread is not None:
-            np.broadcast_to(spread, (*self.force.shape[:-1], 6, 6))  # raises ValueError
+            require_batch(spread, self.force.shape[:-1], "covariance")
         set_field(self, "covariance", spread)
 
     @classmethod

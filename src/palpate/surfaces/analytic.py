@@ -12,6 +12,7 @@ from jaxtyping import Float, Int
 from numpy.typing import ArrayLike
 
 from palpate.spatial._arrays import Value, frozen, shaped
+from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose import Pose
 from palpate.surfaces.mesh import Mesh
 from palpate.surfaces.surface import Prepared
@@ -24,6 +25,7 @@ __all__ = ["Analytic"]
 SAMPLES = 24  # along each side of the chart, for a first guess at the nearest point
 
 
+@takes_arrays
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Analytic(Value, ABC):
     """A surface f(p) = 0, f < 0 inside, along axes of its own.

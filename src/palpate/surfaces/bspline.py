@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from palpate.errors import GeometryError
 from palpate.spatial._arrays import Value, frozen, shaped
+from palpate.spatial.arguments import takes_arrays
 from palpate.surfaces.mesh import Mesh
 
 __all__ = ["BSplineSurface", "basis_matrices", "greville", "open_knots", "periodic_knots", "solve_tangent"]
@@ -18,6 +19,7 @@ __all__ = ["BSplineSurface", "basis_matrices", "greville", "open_knots", "period
 _MOST = 5  # the highest degree: `_bspline.MOST` holds its basis functions
 
 
+@takes_arrays
 @dataclass(frozen=True, eq=False)
 class BSplineSurface(Value):
     """r(u, v) = sum_ij N_i(u) M_j(v) P_ij [m], with r_u x r_v pointing out of the body.
@@ -122,6 +124,7 @@ class BSplineSurface(Value):
         return Mesh.from_arrays(points.reshape(-1, 3), faces)
 
 
+@takes_arrays
 def solve_tangent(
     tangents: Float[np.ndarray, "*batch 2 3"], vectors: Float[np.ndarray, "*batch 3"]
 ) -> Float[np.ndarray, "*batch 2"]:
@@ -132,12 +135,14 @@ def solve_tangent(
     return np.stack([g * a - f * b, e * b - f * a], axis=-1) / (e * g - f * f)[..., None]
 
 
+@takes_arrays
 def open_knots(breaks: ArrayLike, degree: int = 3) -> Float[np.ndarray, " k"]:
     """Knots that begin and end at the first and the last of `breaks`, each `degree` + 1 times."""
     breaks = np.asarray(breaks, dtype=np.float64)
     return np.concatenate([np.full(degree, breaks[0]), breaks, np.full(degree, breaks[-1])])
 
 
+@takes_arrays
 def periodic_knots(breaks: ArrayLike, degree: int = 3) -> Float[np.ndarray, " k"]:
     """Knots of a closed curve; the last of `breaks` is the first again, a period later."""
     breaks = np.asarray(breaks, dtype=np.float64)
@@ -149,12 +154,14 @@ def periodic_knots(breaks: ArrayLike, degree: int = 3) -> Float[np.ndarray, " k"
     return around[start - degree : start + len(breaks) + degree]
 
 
+@takes_arrays
 def greville(knots: Float[np.ndarray, " k"], degree: int) -> Float[np.ndarray, " n"]:
     """Where control points have most of their say: means x_i of `degree` knots, so that x = sum N_i(x) x_i."""
     inner = np.lib.stride_tricks.sliding_window_view(knots[1:-1], degree)
     return inner.mean(axis=1)
 
 
+@takes_arrays
 def basis_matrices(
     knots: Float[np.ndarray, " k"], degree: int, places: Float[np.ndarray, " n"]
 ) -> tuple[Float[np.ndarray, "n a"], Float[np.ndarray, "n a"]]:

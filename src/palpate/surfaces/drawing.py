@@ -13,6 +13,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Float, Int, UInt8
 
+from palpate.errors import InputError
+from palpate.spatial.arguments import takes_arrays
+
 if TYPE_CHECKING:
     from palpate.surfaces.surface import Surface
 
@@ -29,6 +32,7 @@ _STYLE = (
 )
 
 
+@takes_arrays
 @dataclass(frozen=True)
 class Mark:
     """Something at a point of the body.
@@ -49,6 +53,7 @@ class Mark:
     rim: Float[np.ndarray, "r 3"] | None = None
 
 
+@takes_arrays
 @dataclass(frozen=True, eq=False)
 class Specks:
     """Small dots: points [m], outward normals, colours."""
@@ -58,6 +63,7 @@ class Specks:
     colour: UInt8[np.ndarray, "m 3"]
 
 
+@takes_arrays
 @dataclass(frozen=True, eq=False)
 class Drawing:
     """A body with marks; a notebook shows it, `html` puts it into a page.
@@ -141,6 +147,7 @@ class Drawing:
         return low - margin, high + margin
 
 
+@takes_arrays
 def simpler(
     vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"], most: int
 ) -> tuple[Float[np.ndarray, "w 3"], Int[np.ndarray, "g 3"]]:
@@ -148,6 +155,8 @@ def simpler(
 
     Rossignac and Borrel, Multi-resolution 3D approximations for rendering complex scenes, 1993.
     """
+    if faces.size and not (faces.min() >= 0 and faces.max() < len(vertices)):
+        raise InputError(f"faces must be numbers of the {len(vertices)} vertices, from 0.")
     used, corners = np.unique(faces, return_inverse=True)
     points, few = vertices[used], corners.reshape(-1, 3)
     cell = float(np.ptp(points, axis=0).max()) / 200 if len(points) else 0.0

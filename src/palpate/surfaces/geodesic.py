@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
+from palpate.spatial.arguments import takes_arrays
 from palpate.surfaces.surface import Surface
 
 __all__ = ["walk"]
@@ -16,6 +17,7 @@ LONGER = 1.3  # of a step, at most
 Vectors = Float[np.ndarray, "n 3"]
 
 
+@takes_arrays
 def walk(surface: Surface, starts: Vectors, ways: Vectors, *, steps: int = STEPS) -> tuple[Vectors, Vectors, Vectors]:
     """Where walks along geodesics end.
 

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 
 from palpate.errors import GeometryError, InputError
 from palpate.spatial._arrays import Value, frozen, shaped
+from palpate.spatial.arguments import takes_arrays
 from palpate.surfaces._edges import sharp_edges
 from palpate.surfaces._exposure import exposed
 from palpate.surfaces._normals import corner_normals, facet_normals, half_edge_twins
@@ -32,6 +33,7 @@ UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254}
 CREASE = radians(30)
 
 
+@takes_arrays
 @dataclass(frozen=True, eq=False)
 class Mesh(Value):
     """A mesh in metres; build it with `from_arrays`, `from_trimesh` or `load`.

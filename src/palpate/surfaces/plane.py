@@ -7,11 +7,13 @@ from numpy.typing import ArrayLike
 
 from palpate.errors import GeometryError
 from palpate.spatial._arrays import shaped
+from palpate.spatial.arguments import takes_arrays
 from palpate.surfaces.mesh import Mesh
 
 __all__ = ["plane"]
 
 
+@takes_arrays
 def plane(point: ArrayLike, normal: ArrayLike, half_width: float = 1.0) -> Mesh:
     """A square of two facets through `point` [m], pressed on its `normal` side.
 

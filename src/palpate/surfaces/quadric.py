@@ -10,11 +10,13 @@ from jaxtyping import Float, Int
 
 from palpate.errors import GeometryError
 from palpate.spatial._arrays import frozen
+from palpate.spatial.arguments import takes_arrays
 from palpate.surfaces.analytic import Analytic
 
 __all__ = ["Cylinder", "Ellipsoid", "EllipticCylinder", "Paraboloid", "Quadric", "Sphere"]
 
 
+@takes_arrays
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Quadric(Analytic):
     """p'A p + 2 b'p + c = 0 along its own axes."""

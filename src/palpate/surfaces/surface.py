@@ -9,12 +9,15 @@ import numpy as np
 from jaxtyping import Float, Int
 from numpy.typing import ArrayLike
 
+from palpate.spatial.arguments import takes_arrays
+
 if TYPE_CHECKING:
     from palpate.surfaces.mesh import Mesh
 
 __all__ = ["Prepared", "Surface"]
 
 
+@takes_arrays
 @dataclass(frozen=True)
 class Prepared:
     """A surface as compiled loops read it: two arguments (`_kernels`), in unit size (p - centre)/scale, in metres.

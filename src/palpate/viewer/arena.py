@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
+from palpate.spatial.arguments import takes_arrays
 from palpate.viewer._style import AXES, INK, STATUS
 
 __all__ = ["DARK", "FORCE", "Arena", "Scene", "Trails", "colour", "mixed", "newtons"]
@@ -15,6 +16,7 @@ STEP = 0.01  # m between two points of a trail
 _COLOURS = (AXES[2], AXES[1], STATUS[6], STATUS[1], STATUS[7], STATUS[5])  # vermilion is kept for forces
 
 
+@takes_arrays
 @dataclass(frozen=True, eq=False)
 class Arena:
     """What does not change.
@@ -55,6 +57,7 @@ class Arena:
         return corners
 
 
+@takes_arrays
 @dataclass(frozen=True, eq=False)
 class Scene:
     """A moment.
@@ -81,6 +84,7 @@ class Scene:
     frames: tuple[UInt8[np.ndarray, "h w 3"], ...] | None = None
 
 
+@takes_arrays
 class Trails:
     """Where each robot has been, a point every centimetre of its way.
 
@@ -118,6 +122,7 @@ def mixed(code: str | tuple[int, int, int], white: float) -> tuple[int, int, int
     return red, green, blue
 
 
+@takes_arrays
 def newtons(touches: Float[np.ndarray, "_ 2"] | None) -> str:
     """What a skin feels, in a few words."""
     if touches is None:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Float
 
+from palpate.spatial.arguments import takes_arrays
 from palpate.viewer._style import AXES, INK, figure, styled
 from palpate.viewer.report import Report, Section, Table, Tile, first_rows, percent, picture
 from palpate.viewer.run_report import median
@@ -142,6 +143,7 @@ def _over_time(runs: Sequence[Judged]) -> Section:
     return Section("When they arrive", pictures=(picture(drawn, "Robots that arrived, by the time they took."),))
 
 
+@takes_arrays
 @styled()
 def arrivals(times: Float[np.ndarray, " n"]) -> Figure:
     """How many robots arrived when [s]."""

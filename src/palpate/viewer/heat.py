@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int, UInt8
 
+from palpate.spatial.arguments import takes_arrays
 from palpate.surfaces.mesh import Mesh
 
 __all__ = ["FineMesh", "colours", "density", "linear", "refined"]
@@ -18,6 +19,7 @@ PALETTE = np.array(
 )
 
 
+@takes_arrays
 @dataclass(frozen=True)
 class FineMesh:
     """A mesh to draw: one normal a vertex, vertices doubled along creases.
@@ -31,6 +33,7 @@ class FineMesh:
     faces: Int[np.ndarray, "f 3"]
 
 
+@takes_arrays
 def refined(mesh: Mesh, points: Float[np.ndarray, "n 3"], width: float) -> FineMesh:
     """The mesh with facets near these points cut until their edges are no longer than a width [m]."""
     from scipy.spatial import KDTree
@@ -49,6 +52,7 @@ def refined(mesh: Mesh, points: Float[np.ndarray, "n 3"], width: float) -> FineM
     return FineMesh(distinct[:, :3].copy(), normals, numbers.reshape(-1, 3).astype(np.int64))
 
 
+@takes_arrays
 def density(
     body: FineMesh,
     points: Float[np.ndarray, "n 3"],
@@ -68,12 +72,14 @@ def density(
     return np.bincount(pairs.row, share * seconds[pairs.col], minlength=len(body.vertices))
 
 
+@takes_arrays
 def colours(share: Float[np.ndarray, " v"]) -> UInt8[np.ndarray, "v 3"]:
     """From the colour of the bare body (0) to the darkest (1), in sRGB."""
     stops = np.linspace(0.0, 1.0, len(PALETTE))
     return np.column_stack([np.interp(share, stops, PALETTE[:, k]) for k in range(3)]).round().astype(np.uint8)
 
 
+@takes_arrays
 def linear(colour: UInt8[np.ndarray, "v 3"]) -> UInt8[np.ndarray, "v 3"]:
     """From sRGB to linear, as vertex colours of a glTF and colours of instances are."""
     return (255 * (colour / 255.0) ** 2.2).round().astype(np.uint8)

@@ -7,11 +7,14 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from palpate.spatial.arguments import takes_arrays
+
 __all__ = ["Ink"]
 
 _SHIFT = 4  # bits of a fraction of a pixel
 
 
+@takes_arrays
 class Ink:
     """OpenCV's strokes with colours in red, green, blue, places in fractions of a pixel, and text that fits."""
 

@@ -7,6 +7,7 @@ from collections import deque
 import numpy as np
 from jaxtyping import Float, Int
 
+from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose import Pose
 from palpate.viewer.server import Served
 from palpate.viewer.widgets import add_curves, dock
@@ -18,6 +19,7 @@ SHOWN = 300  # rows of a curve
 ARROW = 0.01 * SCALE  # for each newton
 
 
+@takes_arrays
 class LiveProbe(Served):
     """A page that is fed, served as `Served` is; drawn about the place of the surface at the first call.
 

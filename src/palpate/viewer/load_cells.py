@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from palpate.sensors.load_cells import LoadCells
+from palpate.spatial.arguments import takes_arrays
 from palpate.viewer.heat import colours
 from palpate.viewer.scene import Scene
 
@@ -21,6 +22,7 @@ BOX = 0.35  # of the distance between neighbours
 _STRONG = 0.95  # quantile of what counts as usual
 
 
+@takes_arrays
 def loads(
     cells: LoadCells,
     point: Float[np.ndarray, "*batch 3"],

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Float, Int
 
+from palpate.spatial.arguments import takes_arrays
 from palpate.viewer._style import AXES, INK, MUTED, figure, styled
 from palpate.viewer.plots import named, plain
 
@@ -20,6 +21,7 @@ LEVELS = 9  # colours of a map: as many as an eye tells apart
 _NAMES = "xyz"
 
 
+@takes_arrays
 @styled()
 def surface_map(
     vertices: Float[np.ndarray, "v 3"],
@@ -62,6 +64,7 @@ def surface_map(
     return drawn
 
 
+@takes_arrays
 @styled()
 def sheet_map(
     cells: Float[np.ndarray, "n 2"],
@@ -91,6 +94,7 @@ def sheet_map(
     return drawn
 
 
+@takes_arrays
 @styled()
 def error_over_force(
     force: Float[np.ndarray, " n"], curves: Mapping[str, Float[np.ndarray, " n"]], wanted: float

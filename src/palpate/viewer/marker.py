@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float, Int, UInt32
 
+from palpate.spatial.arguments import takes_arrays
 from palpate.viewer.scene import SMALL, Scene, ShownContact, disc, rim
 
 if TYPE_CHECKING:
@@ -138,6 +139,7 @@ def arc(share: float) -> Float[np.ndarray, "_ 2 3"]:
     return np.stack([points[:-1], points[1:]], axis=1)
 
 
+@takes_arrays
 def barbs(last: Float[np.ndarray, "2 3"]) -> Float[np.ndarray, "4 2 3"]:
     """Segments that make a level line's last one an arrow: from its tip back, to both sides, up and down."""
     tip = last[1]

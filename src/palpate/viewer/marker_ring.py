@@ -10,6 +10,7 @@ from jaxtyping import Float, Float32, UInt8
 
 from palpate.sensors.marker_ring import MarkerRing
 from palpate.sensors.markers import opencv
+from palpate.spatial.arguments import takes_arrays
 
 if TYPE_CHECKING:
     from viser import ClientHandle, GuiApi, GuiImageHandle, PointCloudHandle, ViserServer
@@ -24,12 +25,14 @@ _MAGNIFIED = 4  # times that displacements are drawn longer than they are
 _COLOUR = (200, 40, 40)
 
 
+@takes_arrays
 def compressed(frame: UInt8[np.ndarray, "h w 3"]) -> bytes:
     """A frame as JPEG: a log of frames does not fit into memory."""
     cv2 = opencv()
     return bytes(cv2.imencode(".jpg", frame, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])[1])
 
 
+@takes_arrays
 def annotated(
     frame: UInt8[np.ndarray, "h w 3"], rest: Float[np.ndarray, "m 2"], pixels: Float[np.ndarray, "m 2"]
 ) -> UInt8[np.ndarray, "h w 3"]:
@@ -48,6 +51,7 @@ def annotated(
     return picture[..., ::-1].copy()
 
 
+@takes_arrays
 class RingLayer:
     """The ring's markers in the scene, and the frame in the panel.
 

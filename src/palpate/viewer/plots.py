@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from palpate.contact.estimate import Status
+from palpate.spatial.arguments import takes_arrays
 from palpate.surfaces.drawing import Mark
 from palpate.viewer._style import AXES, INK, MUTED, RULE, STATUS, figure, styled
 from palpate.viewer.report import HOVER
@@ -38,6 +39,7 @@ DOTS = 1_500
 _NAMES = ("x", "y", "z")
 
 
+@takes_arrays
 @dataclass(frozen=True, eq=False)
 class Panel:
     """The spectrum of a vector: frequency [Hz], density and its noise floor [unit^2/Hz], cut-off [Hz] or None."""
@@ -50,6 +52,7 @@ class Panel:
     cutoff: float | None
 
 
+@takes_arrays
 @styled()
 def forces(time: Float[np.ndarray, " n"], force: Float[np.ndarray, "n 3"], status: Int[np.ndarray, " n"]) -> Figure:
     """Components [N], magnitude [N] and what became of each sample, over time [s]."""
@@ -67,6 +70,7 @@ def forces(time: Float[np.ndarray, " n"], force: Float[np.ndarray, "n 3"], statu
     return drawn
 
 
+@takes_arrays
 @styled()
 def locations(
     time: Float[np.ndarray, " n"],
@@ -101,6 +105,7 @@ def locations(
     return drawn
 
 
+@takes_arrays
 @styled()
 def silhouettes(
     vertices: Float[np.ndarray, "v 3"],
@@ -135,6 +140,7 @@ def silhouettes(
     return drawn
 
 
+@takes_arrays
 @styled()
 def histogram(values: Float[np.ndarray, " n"], label: str) -> Figure:
     """How many of each size, on a logarithmic axis where they span more than a decade."""
@@ -156,6 +162,7 @@ def histogram(values: Float[np.ndarray, " n"], label: str) -> Figure:
     return drawn
 
 
+@takes_arrays
 @styled()
 def statuses(counts: Int[np.ndarray, " s"]) -> Figure:
     """One bar for each status that occurred, with its share."""
@@ -173,6 +180,7 @@ def statuses(counts: Int[np.ndarray, " s"]) -> Figure:
     return drawn
 
 
+@takes_arrays
 @styled()
 def errors(time: Float[np.ndarray, " n"], error: Float[np.ndarray, " n"], radius: Float[np.ndarray, " n"]) -> Figure:
     """Distance from the ground truth [m] and the 95 % radius that was predicted [m], over time [s]."""
@@ -190,6 +198,7 @@ def errors(time: Float[np.ndarray, " n"], error: Float[np.ndarray, " n"], radius
     return drawn
 
 
+@takes_arrays
 @styled()
 def touch_errors(labels: Sequence[str], error: Float[np.ndarray, " n"], radius: Float[np.ndarray, " n"]) -> Figure:
     """Each touch: how far its median point is from the ground truth [m], and the 95 % radius of a sample of it [m]."""

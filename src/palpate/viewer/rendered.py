@@ -7,12 +7,15 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 
+from palpate.spatial.arguments import takes_arrays
+
 __all__ = ["Camera", "Rendered", "rendered"]
 
 _AT_ONCE = 2_000_000  # pixels of facets' boxes that are tried at once
 _LEAST = 1e-3  # depth: what is nearer is not drawn
 
 
+@takes_arrays
 @dataclass(frozen=True)
 class Camera:
     """Where one looks from, with z up in the picture.
@@ -39,6 +42,7 @@ class Camera:
         return np.column_stack([scale * along[:, :2] / depth[:, None] + np.array(self.size) / 2, depth])
 
 
+@takes_arrays
 @dataclass(frozen=True, eq=False)
 class Rendered:
     """A picture (h, w) in red, green, blue; depth: of each pixel, infinite where nothing is."""
@@ -55,6 +59,7 @@ class Rendered:
         return inside & (seen[:, 2] <= at + slack)
 
 
+@takes_arrays
 def rendered(
     camera: Camera,
     vertices: Float[np.ndarray, "v 3"],

@@ -15,6 +15,7 @@ from palpate.contact.estimate import CHI2_95, Status
 from palpate.contact.events import Events, largest_deviation
 from palpate.contact.notebook import marks_of
 from palpate.contact.plausibility import UNLOADED
+from palpate.spatial.arguments import takes_arrays
 from palpate.surfaces.drawing import Drawing, Mark, Specks
 from palpate.viewer import plots
 from palpate.viewer.captions import MEANING, feature
@@ -32,6 +33,7 @@ NUMBERED = 60  # on the body
 SPECKS = 600  # samples on the body that is turned
 
 
+@takes_arrays
 @dataclass(frozen=True, eq=False)
 class Run:
     """All that is known when a log is done.
@@ -98,6 +100,7 @@ def compose(run: Run) -> Report:
     )
 
 
+@takes_arrays
 @dataclass(frozen=True, eq=False)
 class Kept:
     """Downsampled contacts, n rows of m samples, and what follows from them."""
@@ -131,6 +134,7 @@ class Kept:
         return median(self.radius[self.even])
 
 
+@takes_arrays
 def median(values: Float[np.ndarray, " n"]) -> float:
     """Of the finite ones; NaN where there is none."""
     known = values[np.isfinite(values)]

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from palpate.contact.contacts import Contacts
+from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["sample_starts", "sheet_places", "strongest", "thinned", "totals"]
 
@@ -17,6 +18,7 @@ def sample_starts(contacts: Contacts) -> Int[np.ndarray, " m"]:
     return np.flatnonzero(np.diff(contacts.sample, prepend=contacts.sample[:1] - 1))
 
 
+@takes_arrays
 def strongest(contacts: Contacts, starts: Int[np.ndarray, " m"]) -> Int[np.ndarray, " m"]:
     """(m,) of each sample the row with the largest force; the first where none is known."""
     counted = np.repeat(np.arange(len(starts)), np.diff(starts, append=len(contacts)))  # a file may not be in order
@@ -30,11 +32,13 @@ def sheet_places(contacts: Contacts) -> Float[np.ndarray, "n 2"] | None:
     return np.column_stack([features["row"], features["column"]]) if on_sheet else None
 
 
+@takes_arrays
 def thinned(rows: Int[np.ndarray, " n"], most: int) -> Int[np.ndarray, " k"]:
     """At most `most` of some rows, evenly spread."""
     return rows[:: 1 + len(rows) // most]
 
 
+@takes_arrays
 def totals(contacts: Contacts, starts: Int[np.ndarray, " m"]) -> Float[np.ndarray, " m"]:
     """(m,) [N] sum of the lengths of a sample's forces; NaN where none is known."""
     force = np.linalg.norm(contacts.force, axis=1)

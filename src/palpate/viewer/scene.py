@@ -15,6 +15,7 @@ from palpate.contact.ellipse import ellipse
 from palpate.contact.estimate import ROW, ContactEstimate, Status
 from palpate.contact.events import Events, find_touches
 from palpate.errors import InputError
+from palpate.spatial.arguments import takes_arrays
 from palpate.surfaces import Surface
 from palpate.viewer.heat import FineMesh, density, refined
 from palpate.viewer.layer import Layer
@@ -51,6 +52,7 @@ _STRONG = 0.95  # quantile of what counts as usual
 _ARROW = 0.35  # sizes of the body that an arrow of a usual force is long
 
 
+@takes_arrays
 @dataclass(frozen=True)
 class ShownContact:
     """One contact, as it is drawn and described.
@@ -98,6 +100,7 @@ class Moment:
     contacts: tuple[ShownContact, ...]
 
 
+@takes_arrays
 @dataclass(frozen=True, eq=False)
 class Scene:
     """A body and its contacts over n rows and m samples, prepared so that any moment can be drawn at once.
@@ -411,6 +414,7 @@ def nothing() -> Contacts:
     return Contacts.single(np.zeros(1), ContactEstimate.from_rows(row))
 
 
+@takes_arrays
 def before(normal: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3"]:
     """Unit direction from which a contact is seen: before it, somewhat aside and above, never straight from above."""
     way = normal + 0.5 * np.cross([0.0, 0.0, 1.0], normal) + [0.0, 0.0, 0.4]

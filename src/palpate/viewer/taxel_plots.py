@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Float
 
+from palpate.spatial.arguments import takes_arrays
 from palpate.viewer._style import AXES, MUTED, figure, styled
 
 if TYPE_CHECKING:
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
 __all__ = ["error_map", "moved_map", "unroll"]
 
 
+@takes_arrays
 def unroll(points: Float[np.ndarray, "k 3"], *others: Float[np.ndarray, "k 3"]) -> list[Float[np.ndarray, "k 2"]]:
     """(k, 2) [m] along and around a cylinder that lies as the points do; other points by the same cylinder.
 
@@ -49,6 +51,7 @@ def _circle(
     return float(np.std(np.linalg.norm(flat - centre, axis=1))), frame, centre, radius
 
 
+@takes_arrays
 @styled()
 def error_map(points: Float[np.ndarray, "k 3"], error: Float[np.ndarray, " k"]) -> Figure:
     """How far off [mm] each taxel is, on the unrolled skin."""
@@ -61,6 +64,7 @@ def error_map(points: Float[np.ndarray, "k 3"], error: Float[np.ndarray, " k"]) 
     return drawn
 
 
+@takes_arrays
 @styled()
 def moved_map(estimate: Float[np.ndarray, "k 3"], truth: Float[np.ndarray, "k 3"]) -> Figure:
     """Where taxels are and where they were found, on the unrolled skin."""

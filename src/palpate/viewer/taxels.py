@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float, Float32, Int, UInt8
 
 from palpate.sensors.taxels import TaxelBody
+from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose import quaternion_from_rotation
 from palpate.viewer.heat import colours, linear
 from palpate.viewer.marker import FORCE
@@ -26,6 +27,7 @@ _CORNERS = 0.5 * np.array([(-1.0, -1.0, 0.0), (1.0, -1.0, 0.0), (1.0, 1.0, 0.0),
 _FACES = np.array([(0, 1, 2), (0, 2, 3)])
 
 
+@takes_arrays
 class TaxelLayer:
     """Cells anywhere on a body, each a patch in its tangent plane.
 
@@ -146,6 +148,7 @@ def cell_mesh(body: TaxelBody) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray
     return corners.reshape(-1, 3), faces.reshape(-1, 3).astype(np.int64)
 
 
+@takes_arrays
 def unrolled(
     force: Float[np.ndarray, "rows columns"], most: float, contacts: Float[np.ndarray, "c 2"]
 ) -> UInt8[np.ndarray, "h w 3"]:

@@ -9,6 +9,8 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from palpate.spatial.arguments import takes_arrays
+
 __all__ = ["Timeline", "downsampled", "since"]
 
 LATE = 1e6  # s: a log that begins later does not begin near 0
@@ -16,6 +18,7 @@ _EPOCH = 1e9, 1e10  # s since 1970 that are a log's: 2001 to 2286
 GAP, SHORTEST = 0.05, 0.02  # s, as `palpate events` has them
 
 
+@takes_arrays
 @dataclass(frozen=True)
 class Timeline:
     """Seconds since the start of a log, one a sample, never running backwards.
@@ -106,6 +109,7 @@ def _next(among: Int[np.ndarray, " m"], index: int, step: int) -> int:
     return int(among[which]) if 0 <= which < len(among) else index
 
 
+@takes_arrays
 def since(time: Float[np.ndarray, " n"]) -> tuple[float, str]:
     """The second from which times are counted for a person, and the words for it: 0 and "", or "after" the start.
 
@@ -119,6 +123,7 @@ def since(time: Float[np.ndarray, " n"]) -> tuple[float, str]:
     return start, f"after {datetime.fromtimestamp(start, UTC):%Y-%m-%d %H:%M:%S} UTC"
 
 
+@takes_arrays
 def downsampled(
     clock: Float[np.ndarray, " n"], values: Float[np.ndarray, "n k"], most: int
 ) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, "m k"]]:

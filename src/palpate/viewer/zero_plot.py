@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Bool, Float
 
+from palpate.spatial.arguments import takes_arrays
 from palpate.viewer._style import AXES, MUTED, figure, styled
 from palpate.viewer.plots import COLUMNS, named
 from palpate.viewer.timeline import downsampled, since
@@ -21,6 +22,7 @@ _SURE = 1.96  # deviations: 95 %
 MOST, FEWEST = 1_400, 60  # points of all lines, and of one
 
 
+@takes_arrays
 @styled()
 def zeros(
     time: Float[np.ndarray, " n"],

@@ -16,6 +16,7 @@ from palpate.sensors.marker_ring import MarkerRing, RingBody
 from palpate.sensors.markers import Blobs, Frame, MarkerColour, MarkerTracker, find_blobs, find_colour
 from palpate.sensors.recording import IMAGE, Recording
 from palpate.sensors.ring_response import RingResponse
+from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose import Pose
 
 __all__ = ["RingTruth", "calibrate_marker_ring"]
@@ -25,6 +26,7 @@ _LOOKED = 60  # unloaded frames that the rest is taken from
 _MIRRORED = 0.6  # rad: median error of angles that fall where the markers' rise
 
 
+@takes_arrays
 @dataclass(frozen=True, eq=False)
 class RingTruth:
     """Of each frame: (n,) angle [rad], depth [m], force [N] and shear [N]; NaN: untouched, or not known."""

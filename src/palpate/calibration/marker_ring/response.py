@@ -11,6 +11,8 @@ from jaxtyping import Bool, Float
 from palpate.contact.ring_locator import RingLocator, RingSettings, turned
 from palpate.errors import InputError
 from palpate.sensors.ring_response import RingResponse, ring_basis
+from palpate.spatial._arrays import shaped
+from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["RingPresses", "fit_response"]
 
@@ -25,6 +27,7 @@ _NEW_SKIN = 1.0, 4.0, 0.03  # numbers of `_deviations` that the search for the l
 _NEW_UNIT = 0.1, 4.0, 0.3  # and of another unit of a known kind, once its stiffness is taken off
 
 
+@takes_arrays
 @dataclass(frozen=True, eq=False)
 class RingPresses:
     """Single contacts of known truth with what the markers did.
@@ -51,6 +54,7 @@ class RingPresses:
 
     def picked(self, rows: Bool[np.ndarray, " n"]) -> RingPresses:
         """Some of them."""
+        rows = shaped(rows, self.angle.shape, "rows", np.dtype(np.bool_))
         names = ("angle", "depth", "force", "shear", "displacements")
         return replace(self, **{name: getattr(self, name)[rows] for name in names})
 

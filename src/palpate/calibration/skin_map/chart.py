@@ -13,10 +13,12 @@ import numpy as np
 from jaxtyping import Float
 
 from palpate.errors import InputError
+from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["Chart", "flat_chart", "round_chart", "wrapped"]
 
 
+@takes_arrays
 @dataclass(frozen=True, eq=False)
 class Chart:
     """Planes u and v, and the line in which they meet: A(u, v) + s D(v).
@@ -33,7 +35,7 @@ class Chart:
     axes: Float[np.ndarray, "3 3"]
 
     def lines(
-        self, u: Float[np.ndarray, "..."], v: Float[np.ndarray, "..."]
+        self, u: Float[np.ndarray, "*#batch"], v: Float[np.ndarray, "*#batch"]
     ) -> tuple[Float[np.ndarray, "... 3"], Float[np.ndarray, "... 3"]]:
         """A point of each line, and its unit direction."""
         p, q, w = self.axes
@@ -52,7 +54,9 @@ class Chart:
         u, b, c = np.moveaxis(self.local(points), -1, 0)
         return np.stack([u, np.arctan2(c, b), np.hypot(b, c)] if self.round else [u, b, c], axis=-1)
 
-    def between(self, start: Float[np.ndarray, "..."], end: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
+    def between(
+        self, start: Float[np.ndarray, "*#batch _"], end: Float[np.ndarray, "*#batch _"]
+    ) -> Float[np.ndarray, "..."]:
         """Way in u and v from coordinates to others; round the axis it is the shorter one."""
         way = end[..., :2] - start[..., :2]
         if self.round:
@@ -60,11 +64,13 @@ class Chart:
         return way
 
 
+@takes_arrays
 def wrapped(angle: Float[np.ndarray, "*batch"]) -> Float[np.ndarray, "*batch"]:
     """The same angle in [-pi, pi)."""
     return np.mod(angle + np.pi, 2 * np.pi) - np.pi
 
 
+@takes_arrays
 def flat_chart(
     origin: Float[np.ndarray, "3"], normal: Float[np.ndarray, "3"], heading: Float[np.ndarray, "3"]
 ) -> Chart:
@@ -74,6 +80,7 @@ def flat_chart(
     return Chart(False, origin, np.stack([np.cross(v, normal), v, normal]))
 
 
+@takes_arrays
 def round_chart(
     middles: Float[np.ndarray, "f 3"],
     normals: Float[np.ndarray, "f 3"],

@@ -8,6 +8,7 @@ from jaxtyping import Float
 from palpate.calibration.skin_map.chart import Chart
 from palpate.calibration.skin_map.knots import Breaks
 from palpate.errors import GeometryError
+from palpate.spatial.arguments import takes_arrays
 from palpate.surfaces.bspline import BSplineSurface, greville, open_knots, periodic_knots
 
 __all__ = ["fit"]
@@ -15,6 +16,7 @@ __all__ = ["fit"]
 _STIFFNESS = 1e-6  # of second differences of s beside the data's mean: it decides where there are no data
 
 
+@takes_arrays
 def fit(
     chart: Chart,
     breaks: Breaks,

@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from jaxtyping import Float, Int
 
+from palpate.spatial.arguments import takes_arrays
 from palpate.surfaces.bspline import BSplineSurface
 
 __all__ = ["Breaks", "Fitted", "Span", "breaks_at", "clusters", "refined"]
@@ -80,6 +81,7 @@ def _along(
     return np.bincount(span[np.arange(len(gained)) % len(places)], gained, minlength=count)
 
 
+@takes_arrays
 def clusters(values: Float[np.ndarray, " n"], apart: float) -> Float[np.ndarray, " c"]:
     """Means of the groups of values that lie closer together than `apart`."""
     ordered = np.sort(values)
@@ -87,6 +89,7 @@ def clusters(values: Float[np.ndarray, " n"], apart: float) -> Float[np.ndarray,
     return np.bincount(group, ordered) / np.bincount(group)
 
 
+@takes_arrays
 def breaks_at(places: Float[np.ndarray, " n"], degree: int) -> Float[np.ndarray, " k"]:
     """Breaks of an open spline with as many control points as places: all of these, but for some beside the ends."""
     if len(places) <= degree + 1:

@@ -23,6 +23,7 @@ import numpy as np
 from jaxtyping import Float
 
 from palpate.errors import InputError
+from palpate.spatial.arguments import takes_arrays
 from palpate.surfaces.bspline import basis_matrices, greville, open_knots, solve_tangent
 
 __all__ = ["Bounds", "Layout", "Parametric", "Sheet", "lay"]
@@ -108,6 +109,7 @@ class Layout:
     rounds: int
 
 
+@takes_arrays
 def lay(
     surface: Parametric,
     start: Float[np.ndarray, "2"],

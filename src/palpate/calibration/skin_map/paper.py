@@ -22,6 +22,7 @@ from palpate.calibration.skin_map.sheet import placed
 from palpate.calibration.skin_map.shell import Planes, full_sections
 from palpate.errors import GeometryError
 from palpate.sensors.skin_map import SkinMap
+from palpate.spatial.arguments import takes_arrays
 from palpate.surfaces.bspline import BSplineSurface, basis_matrices, greville, open_knots
 from palpate.surfaces.mesh import Mesh
 
@@ -31,6 +32,7 @@ Reading = Literal["literal", "greville"]
 _PLANES = 10  # of either family, as in the paper
 
 
+@takes_arrays
 def paper_surface(
     chart: Chart,
     triangles: Float[np.ndarray, "f 3 3"],
@@ -78,6 +80,7 @@ def _held(
     return found
 
 
+@takes_arrays
 def paper_map(
     mesh: Mesh,
     sheet: Sheet,

@@ -9,12 +9,14 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from palpate.calibration.skin_map.chart import Chart, wrapped
+from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["Sections", "cut"]
 
 Ends = Float[np.ndarray, "s d"]
 
 
+@takes_arrays
 @dataclass(frozen=True, eq=False)
 class Sections:
     """The outermost cut of each line.
@@ -31,6 +33,7 @@ class Sections:
     facet: Int[np.ndarray, "n m"]
 
 
+@takes_arrays
 def cut(
     chart: Chart, triangles: Float[np.ndarray, "f 3 3"], u: Float[np.ndarray, " n"], v: Float[np.ndarray, " m"]
 ) -> Sections:

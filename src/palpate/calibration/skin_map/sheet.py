@@ -15,6 +15,7 @@ from palpate.calibration.skin_map.layout import Layout, Sheet, lay
 from palpate.calibration.skin_map.shell import Mode, Planes, Shell, Site, shell
 from palpate.errors import InputError, PalpateError
 from palpate.sensors.skin_map import SkinMap
+from palpate.spatial.arguments import takes_arrays
 from palpate.surfaces.mesh import Mesh
 
 __all__ = ["Sheet", "fit_stretch", "map_skin", "mapped", "placed"]
@@ -23,6 +24,7 @@ _HELD = 0.10  # strain beyond which no sheet lies by itself
 _ASTRAY = 0.25  # of the cells may seem to lie beside the surface along geodesics: the layout may bring them back
 
 
+@takes_arrays
 def map_skin(
     mesh: Mesh,
     sheet: Sheet,
@@ -73,6 +75,7 @@ def map_skin(
     return replace(result, notes=(*notes, *result.notes), provenance=dict(provenance or {}))
 
 
+@takes_arrays
 def placed(mesh: Mesh, sheet: Sheet, origin: ArrayLike, heading: ArrayLike) -> Site:
     """The sheet's corner on the mesh, its heading there, the outward normal, and the facets of the body it lies on.
 
@@ -105,6 +108,7 @@ def _else(on: Callable[[Site], SkinMap], site: Site) -> SkinMap | None:
     return result if abs(result.strain[1]) < _HELD else None
 
 
+@takes_arrays
 def mapped(found: Shell, sheet: Sheet, origin: Float[np.ndarray, "3"], heading: Float[np.ndarray, "3"]) -> SkinMap:
     """Lay a sheet on a shell.
 
@@ -141,6 +145,7 @@ def mapped(found: Shell, sheet: Sheet, origin: Float[np.ndarray, "3"], heading: 
     )
 
 
+@takes_arrays
 def fit_stretch(
     mesh: Mesh,
     sheet: Sheet,

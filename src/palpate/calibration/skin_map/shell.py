@@ -14,6 +14,7 @@ from palpate.calibration.skin_map.fit import fit
 from palpate.calibration.skin_map.knots import Breaks, Fitted, Span, breaks_at, clusters, refined
 from palpate.calibration.skin_map.sections import Sections, cut
 from palpate.errors import GeometryError
+from palpate.spatial.arguments import takes_arrays
 from palpate.surfaces.bspline import BSplineSurface, solve_tangent
 from palpate.surfaces.mesh import Mesh
 
@@ -36,6 +37,7 @@ _FINE = (3, 5)  # degree through vertices, which are exact: round a link a cubic
 _LEAST = 0.7  # of the rows that most spokes have, for a spoke to count
 
 
+@takes_arrays
 @dataclass(frozen=True, eq=False)
 class Planes:
     """The user's own two families of planes: an axis, and where the planes stand on it and about it.
@@ -59,6 +61,7 @@ class Planes:
 _ANY = Planes()
 
 
+@takes_arrays
 @dataclass(frozen=True, eq=False)
 class Site:
     """Where a sheet begins on a mesh.
@@ -88,6 +91,7 @@ class Site:
         return self.mesh.normals[self.facets]
 
 
+@takes_arrays
 @dataclass(frozen=True, eq=False)
 class Shell:
     """A smooth surface, and what of it is really there.

@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float, Int
 
 from palpate.errors import InputError
 from palpate.sensors.taxel_health import resting
+from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["AnswerReader", "Answers", "Block", "read_answers"]
 
@@ -28,6 +29,7 @@ FELL, FALLEN = 0.5, 0.25  # of a threshold below the first rest, and of the log 
 Block = tuple[Float[np.ndarray, "..."], np.ndarray]
 
 
+@takes_arrays
 @dataclass(frozen=True, eq=False)
 class Answers:
     """m answers in n frames of k taxels.
@@ -71,6 +73,7 @@ def read_answers(
     return reader.finish()
 
 
+@takes_arrays
 class AnswerReader:
     """Keeps rest and answers while blocks go by; arguments as those of `read_answers`."""
 

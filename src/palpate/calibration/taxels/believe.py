@@ -12,6 +12,7 @@ from jaxtyping import Bool, Float, Int
 from palpate.errors import InputError
 from palpate.sensors.pokes import Pokes
 from palpate.sensors.taxel_places import TaxelPlaces
+from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["believed"]
 
@@ -26,6 +27,7 @@ LEVER = 0.1  # m, by which errors of force are those of torque
 FEWEST = 8  # pokes from which a usual pitch is known
 
 
+@takes_arrays
 def believed(
     pokes: Pokes, *, start: TaxelPlaces | None = None, saturated: Bool[np.ndarray, " n"] | None = None
 ) -> Pokes:

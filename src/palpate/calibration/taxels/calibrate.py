@@ -15,6 +15,7 @@ from palpate.errors import InputError, NotIdentifiable
 from palpate.sensors.pokes import Pokes
 from palpate.sensors.taxel_modules import ModuleLayout
 from palpate.sensors.taxel_places import TaxelPlaces
+from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose import quaternion_from_rotation
 from palpate.surfaces.surface import Surface
 
@@ -26,6 +27,7 @@ ENOUGH = 10  # pokes in all
 NAMED = 12  # taxels in a sentence
 
 
+@takes_arrays
 @dataclass(frozen=True, eq=False)
 class TaxelCalibration:
     """What pokes tell.

@@ -15,6 +15,7 @@ from palpate.sensors.correlation import correlation_time
 from palpate.sensors.pokes import Pokes
 from palpate.sensors.recording import ORIENTATION, POSITION, Recording
 from palpate.sensors.taxel_places import TaxelPlaces
+from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose import Pose, rotation_from_quaternion
 
 __all__ = ["PokeSearch", "find_pokes"]
@@ -35,6 +36,7 @@ NULLS = 12  # pairs of free means from which their scatter is taken
 ROWS = 1 << 12  # that are summed up at once: they stay in the processor's cache
 
 
+@takes_arrays
 @dataclass(frozen=True)
 class PokeSearch:
     """How pokes are looked for.

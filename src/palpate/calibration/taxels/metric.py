@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
+from palpate.spatial.arguments import takes_arrays
 from palpate.surfaces.mesh import Mesh
 from palpate.surfaces.surface import Surface
 
@@ -15,6 +16,7 @@ ROUNDS = 20  # of Newton's steps on a surface that is no mesh
 REACHED = 1e-12  # m
 
 
+@takes_arrays
 def nearest_in_metric(
     matrix: Float[np.ndarray, "k 3 3"],
     vector: Float[np.ndarray, "k 3"],

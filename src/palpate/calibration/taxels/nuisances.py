@@ -19,11 +19,13 @@ from jaxtyping import Float
 from palpate.calibration.taxels.priors import Priors
 from palpate.sensors.pokes import Pokes
 from palpate.spatial._arrays import Value
+from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose import Pose, skew
 
 __all__ = ["Nuisances", "Predicted", "predicted"]
 
 
+@takes_arrays
 @dataclass(frozen=True, eq=False)
 class Nuisances(Value):
     """What is estimated beside the taxels, for d configurations.
@@ -74,6 +76,7 @@ class Nuisances(Value):
         return np.concatenate([np.tile(frame, configurations), common, np.tile(bias, configurations), cross.ravel()])
 
 
+@takes_arrays
 @dataclass(frozen=True, eq=False)
 class Predicted:
     """The torque that pokes should show, and how it changes.
@@ -91,6 +94,7 @@ class Predicted:
     by_wrench: Float[np.ndarray, "n 3 6"]
 
 
+@takes_arrays
 def predicted(pokes: Pokes, points: Float[np.ndarray, "n 3"], nuisances: Nuisances) -> Predicted:
     """The torque of pokes at points of the link, (n, 3) [m] in its frame."""
     d, cross = pokes.configuration, nuisances.cross_talk

@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float, Int
 from palpate.calibration.taxels.metric import nearest_in_metric
 from palpate.sensors.pokes import Pokes
 from palpate.spatial._arrays import Value
+from palpate.spatial.arguments import takes_arrays
 from palpate.surfaces.surface import Surface
 
 __all__ = ["NormalEquations", "averaged", "free", "in_link", "normal_equations", "on_surface"]
@@ -19,6 +20,7 @@ FLAT = 1e-9  # of the eigenvalues of a taxel's matrix: below it its lines of for
 Places = Float[np.ndarray, "k 3"]
 
 
+@takes_arrays
 @dataclass(frozen=True, eq=False)
 class NormalEquations(Value):
     """A p = b of each taxel.

@@ -16,6 +16,7 @@ from palpate.errors import InputError
 from palpate.sensors.pokes import Pokes
 from palpate.sensors.taxel_modules import ModuleLayout
 from palpate.sensors.taxel_places import TaxelPlaces
+from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose import Pose
 from palpate.surfaces.surface import Surface
 
@@ -31,6 +32,7 @@ KEEN = 8.0  # power of a taxel's variance in how much it counts beside the worst
 Vectors = Float[np.ndarray, "n 3"]
 
 
+@takes_arrays
 @dataclass(frozen=True, eq=False)
 class Candidates:
     """Pokes that could be made, c of them.
@@ -48,6 +50,7 @@ class Candidates:
     rows: Float[np.ndarray, "c 3 p"]
 
 
+@takes_arrays
 @dataclass(frozen=True, eq=False)
 class Plan:
     """What to do next.
@@ -68,6 +71,7 @@ class Plan:
         return len(self.chosen)
 
 
+@takes_arrays
 def candidates(
     units: Units,
     poses: Pose,
@@ -180,6 +184,7 @@ def after_calibration(
     return units, known_after(units, options, made, priors, len(rows), deviations), options
 
 
+@takes_arrays
 def known_after(
     units: Units,
     options: Candidates,
@@ -195,6 +200,7 @@ def known_after(
     return before.covariance(flat.T @ flat)
 
 
+@takes_arrays
 def plan_pokes(
     units: Units,
     covariance: Float[np.ndarray, "p p"],

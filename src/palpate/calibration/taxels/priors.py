@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from math import inf, radians
 
+from palpate.errors import InputError
+
 __all__ = ["Priors"]
 
 
@@ -40,7 +42,7 @@ class Priors:
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
             if not value >= 0:
-                raise ValueError(f"{name} must not be negative")
+                raise InputError(f"{name} must not be negative.")
 
     def of_single_taxels(self) -> Priors:
         """Without cross-talk: centroids of answers shrink towards their middle, which would read as the sensor's gain.

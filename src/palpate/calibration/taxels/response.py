@@ -19,6 +19,7 @@ from jaxtyping import Bool, Float, Int
 
 from palpate.calibration.taxels.units import Units, frame_about
 from palpate.sensors.pokes import Pokes
+from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["Chart", "Response", "Seen", "centred", "charted", "learned", "seen_among"]
 
@@ -35,6 +36,7 @@ _ROUNDS = 4
 _LEAST = 0.05  # of the scatter
 
 
+@takes_arrays
 @dataclass(frozen=True)
 class Response:
     """How taxels answer.
@@ -55,6 +57,7 @@ class Response:
         return self.level - self.power * np.log1p(square / (2.0 * self.power * self.reach**2))
 
 
+@takes_arrays
 @dataclass(frozen=True, eq=False)
 class Seen:
     """Where pokes were among the taxels about them, for w taxels each.
@@ -96,6 +99,7 @@ def tangents(
     return frame_about(np.where(known[:, None], normals[taxel], [0.0, 0.0, 1.0]), along)[:, :, :2]
 
 
+@takes_arrays
 @dataclass(frozen=True, eq=False)
 class Chart:
     """Taxels about each poke, in the plane that touches the skin at the strongest answer.

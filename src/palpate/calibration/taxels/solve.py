@@ -17,6 +17,7 @@ from palpate.calibration.taxels.response import Response, Seen, centred, charted
 from palpate.calibration.taxels.ties import tied
 from palpate.calibration.taxels.units import Units
 from palpate.sensors.pokes import Pokes
+from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose import skew
 
 __all__ = ["Before", "Solution", "eliminated", "solve"]
@@ -31,6 +32,7 @@ LEAST = 1.0  # 1/m^2, 1/rad^2: nothing is known of a unit, but that it is within
 _WELL = 2.366  # median of chi-square with three degrees of freedom
 
 
+@takes_arrays
 @dataclass(frozen=True, eq=False)
 class Solution:
     """What fits best.
@@ -63,6 +65,7 @@ class _Linear:
     by_point: Float[np.ndarray, "n 3 3"]
 
 
+@takes_arrays
 def solve(
     pokes: Pokes,
     units: Units,
@@ -134,6 +137,7 @@ def _worth(weight: Float[np.ndarray, " n"], believed: Float[np.ndarray, " n"]) -
     return min((mean - 2.0 * varied / (TAIL + 3.0)) ** 2 / (varied * mean), 1.0) if varied > 0 else 1.0
 
 
+@takes_arrays
 class Before:
     """What is believed before a poke is made: precisions of all unknowns, and where units are believed to be."""
 
@@ -179,6 +183,7 @@ class Before:
         return matrix + np.diag(1e-12 * scale)
 
 
+@takes_arrays
 def eliminated(
     matrix: Float[np.ndarray, "p p"], right: Float[np.ndarray, " p"], units: int, size: int
 ) -> Float[np.ndarray, " p"]:

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from palpate.sensors.taxel_modules import ModuleLayout
+from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose import Pose, skew
 from palpate.surfaces.geodesic import walk
 from palpate.surfaces.surface import Surface
@@ -24,6 +25,7 @@ _FAR = 1e-3  # m, rad: of a step after which derivatives are taken anew
 Vectors = Float[np.ndarray, "k 3"]
 
 
+@takes_arrays
 @dataclass(frozen=True, eq=False)
 class Units:
     """u units and the k taxels on them; a taxel without a unit has no place.
@@ -150,6 +152,7 @@ class Units:
         return np.concatenate([flat, np.arctan2(heading[:, 1], heading[:, 0])[:, None]], axis=1)
 
 
+@takes_arrays
 def frame_about(normals: Vectors, along: Vectors) -> Float[np.ndarray, "k 3 3"]:
     """Frames whose third column is the normal and whose first lies nearest to a direction, or anywhere across."""
     outward = normals / np.linalg.norm(normals, axis=1, keepdims=True)
@@ -161,6 +164,7 @@ def frame_about(normals: Vectors, along: Vectors) -> Float[np.ndarray, "k 3 3"]:
     return np.stack([first, np.cross(outward, first), outward], axis=2)
 
 
+@takes_arrays
 def single(places: Vectors, surface: Surface | None, outward: Vectors | None = None) -> Units:
     """Every taxel that has a place as a unit of its own; `outward` (k, 3) says where there is no surface."""
     rows = np.flatnonzero(np.isfinite(places).all(axis=1))
@@ -174,6 +178,7 @@ def single(places: Vectors, surface: Surface | None, outward: Vectors | None = N
     return Units(ModuleLayout(flat, module), centre, frame, surface)
 
 
+@takes_arrays
 def fitted(
     layout: ModuleLayout, places: Vectors, surface: Surface | None, weights: Float[np.ndarray, " k"] | None = None
 ) -> Units:

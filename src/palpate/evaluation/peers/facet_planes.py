@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from palpate.spatial.arguments import takes_arrays
 from palpate.surfaces.mesh import Mesh
 
 __all__ = ["INSIDE", "facet_planes", "paper_systems", "system_filler", "within"]
@@ -27,6 +28,7 @@ def facet_planes(mesh: Mesh) -> Planes:
     return normal, offset, slopes, rests
 
 
+@takes_arrays
 def within(
     points: Float[np.ndarray, "f 3"], slopes: Float[np.ndarray, "2 f 3"], rests: Float[np.ndarray, "2 f"]
 ) -> Bool[np.ndarray, " f"]:

@@ -7,11 +7,14 @@ from collections.abc import Callable
 import numpy as np
 from jaxtyping import Float, UInt8
 
+from palpate.spatial.arguments import takes_arrays
+
 __all__ = ["BLOCK", "nearest_image", "shrunk"]
 
 BLOCK = 8  # pixels, whose mean is compared
 
 
+@takes_arrays
 def shrunk(image: UInt8[np.ndarray, "h w 3"]) -> Float[np.ndarray, " n"]:
     """Red less the mean of green and blue, a number for each block of 8 x 8 pixels."""
     red = image[..., 2].astype(np.float64) - image[..., :2].mean(axis=2)  # OpenCV's order: blue, green, red
@@ -19,6 +22,7 @@ def shrunk(image: UInt8[np.ndarray, "h w 3"]) -> Float[np.ndarray, " n"]:
     return red[:high, :wide].reshape(high // BLOCK, BLOCK, wide // BLOCK, BLOCK).mean(axis=(1, 3)).ravel()
 
 
+@takes_arrays
 def nearest_image(
     seen: Float[np.ndarray, "n m"], rows: Float[np.ndarray, "n 6"]
 ) -> Callable[[UInt8[np.ndarray, "h w 3"]], Float[np.ndarray, "k 6"]]:

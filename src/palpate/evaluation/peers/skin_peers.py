@@ -7,6 +7,8 @@ from collections.abc import Callable
 import numpy as np
 from jaxtyping import Float
 
+from palpate.spatial.arguments import takes_arrays
+
 __all__ = ["Sheet", "all_taxels", "minimum_norm", "patches", "patches_and_wrench"]
 
 LEAST = 0.15  # N a cell: below it is noise of the counts
@@ -15,6 +17,7 @@ REACH = 1.6  # of the usual distance between neighbours: cells of one patch
 Frames = Callable[[np.ndarray, np.ndarray], np.ndarray]  # forces of cells (k,) [N], wrench (6,), to rows (c, 6)
 
 
+@takes_arrays
 class Sheet:
     """Where cells are: centres (k, 3) [m] and outward normals (k, 3)."""
 
@@ -65,6 +68,7 @@ def patches_and_wrench(sheet: Sheet) -> Frames:
     return answer
 
 
+@takes_arrays
 def minimum_norm(points: Float[np.ndarray, "n 3"], wrench: Float[np.ndarray, "6"]) -> Float[np.ndarray, "n 3"]:
     """(n, 3) [N] the shortest forces at points (n, 3) that make a wrench."""
     columns = [np.concatenate([np.eye(3), np.cross(point, np.eye(3)).T]) for point in points]

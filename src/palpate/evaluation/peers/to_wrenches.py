@@ -5,11 +5,13 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
+from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose import skew
 
 __all__ = ["contact_wrenches", "linear_map", "payload_and_bias"]
 
 
+@takes_arrays
 def payload_and_bias(
     wrenches: Float[np.ndarray, "n 6"], rotations: Float[np.ndarray, "n 3 3"]
 ) -> Float[np.ndarray, "12"]:
@@ -30,6 +32,7 @@ def payload_and_bias(
     return np.concatenate([weight, np.linalg.lstsq(second, wrenches[:, 3:].ravel(), rcond=None)[0]])
 
 
+@takes_arrays
 def contact_wrenches(
     wrenches: Float[np.ndarray, "n 6"], rotations: Float[np.ndarray, "n 3 3"], known: Float[np.ndarray, "12"]
 ) -> Float[np.ndarray, "n 6"]:
@@ -39,6 +42,7 @@ def contact_wrenches(
     return wrenches - np.concatenate([down + bias, np.cross(centre, down) + moment], axis=1)
 
 
+@takes_arrays
 def linear_map(
     channels: Float[np.ndarray, "n m"], points: Float[np.ndarray, "n 3"], forces: Float[np.ndarray, "n 3"]
 ) -> Float[np.ndarray, "m 6"]:

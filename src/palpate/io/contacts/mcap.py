@@ -12,6 +12,7 @@ from palpate.contact.estimate import ContactEstimate, Status
 from palpate.contact.table import pointless
 from palpate.io.contacts.mcap_rows import CDR, Fields, Rows, layout, made, stamped
 from palpate.io.contacts.mcap_write import Topic
+from palpate.spatial.arguments import takes_arrays
 
 __all__ = [
     "KIND",
@@ -111,6 +112,7 @@ def _contact_fields(features: tuple[str, ...]) -> Fields:
     return (*_CONTACT_FIELDS, *((f"feature {name}", "<f8", ()) for name in features), ("status", "u1", ()))
 
 
+@takes_arrays
 class Messages:
     """Makes the messages of samples; one frame's name makes all messages of a topic equally long.
 

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Int
 
 from palpate.io.contacts.mcap_write import MESSAGE
+from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["CDR", "Fields", "Rows", "layout", "made", "stamped"]
 
@@ -65,6 +66,7 @@ class Rows:
         self.count = 0
 
 
+@takes_arrays
 def made(kinds: Sequence[Rows], stamps: Sequence[Int[np.ndarray, " _"]]) -> tuple[np.ndarray, list[np.ndarray]]:
     """A message of each kind for each of its stamps [ns]: the bytes of all, and a view of them a kind, to be filled."""
     ends = np.cumsum([len(each) * kind.record.itemsize for kind, each in zip(kinds, stamps, strict=True)])

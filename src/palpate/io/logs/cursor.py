@@ -8,12 +8,14 @@ import numpy as np
 from jaxtyping import Bool, Int
 
 from palpate.io.logs.log import Messages
+from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["Cursor", "taken"]
 
 _MOST_DIMENSIONS = 16
 
 
+@takes_arrays
 class Cursor:
     """Reads on through many messages at once, each at its own place.
 
@@ -108,6 +110,7 @@ class Cursor:
             self.at = self.at + (self._origin - self.at) % size
 
 
+@takes_arrays
 def taken(data: bytes, at: Int[np.ndarray, " n"], width: int, sound: Bool[np.ndarray, " n"]) -> np.ndarray:
     """(n, width) bytes, of which those that are not sound are 0xff: NaN as doubles."""
     if not sound.all():

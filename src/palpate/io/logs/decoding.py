@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float, Int
 
 from palpate.io.logs.cursor import Cursor, taken
 from palpate.io.logs.log import Messages, Topic
+from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["ARRAYS", "FIXED", "IMAGE", "Kind", "decode", "decode_array", "has_header", "role", "seconds", "shape_of"]
 
@@ -120,6 +121,7 @@ def shape_of(messages: Messages, topic: Topic) -> tuple[int, ...] | None:
     return tuple(known[0].tolist()) if len(known) else None
 
 
+@takes_arrays
 def seconds(nanoseconds: Int[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
     """The doubles nearest to these times."""
     whole = nanoseconds // 10**9

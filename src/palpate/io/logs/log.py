@@ -12,6 +12,7 @@ from jaxtyping import Float, Int
 
 from palpate.io.tables.stated import Stated
 from palpate.sensors.recording import CELLS, Recording
+from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["Images", "Log", "LogContents", "Messages", "Source", "Stored", "Topic", "merged"]
 
@@ -83,6 +84,7 @@ class LogContents:
     images: Images | None = None
 
 
+@takes_arrays
 @dataclass(frozen=True)
 class Messages:
     """Some messages, in the order of the file.

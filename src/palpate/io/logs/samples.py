@@ -23,6 +23,7 @@ from palpate.sensors.recording import (
     Recording,
     sealed,
 )
+from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["NUMBERS", "WRENCH", "Samples", "rows_at_once"]
 
@@ -34,6 +35,7 @@ LONG_STEP = 0.5  # s: of a log of forces a long one, and in another unit a usual
 LATEST = 1e20  # s: beyond any clock, in nanoseconds too
 
 
+@takes_arrays
 class Samples:
     """Makes the blocks of one log, and keeps account of what is odd in them.
 

@@ -15,6 +15,7 @@ from palpate.errors import InputError
 from palpate.io.logs.cursor import taken
 from palpate.io.logs.decoding import seconds
 from palpate.io.logs.log import Messages, Source, Topic
+from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.frames import FramePath, FrameTree
 from palpate.spatial.pose import Pose
 from palpate.spatial.pose_track import PoseTrack, sound_quaternions
@@ -183,6 +184,7 @@ def _joined(pieces: list[np.ndarray]) -> np.ndarray:
     return np.concatenate([np.zeros(0, dtype=np.int64), *pieces])
 
 
+@takes_arrays
 @dataclass
 class SeenEdge:
     """What a log says of one edge.

@@ -5,11 +5,14 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
+from palpate.spatial.arguments import takes_arrays
+
 __all__ = ["WrenchMeans"]
 
 SLACK = 1e-6  # s: seconds since 1970 are only good to a quarter of this
 
 
+@takes_arrays
 class WrenchMeans:
     """Recorded wrenches, added in pieces as they come; asked in order at the times of rows, such as frames of a skin.
 

@@ -16,6 +16,7 @@ from tomlkit.items import Array
 
 from palpate.errors import InputError
 from palpate.io.tables.lines import open_input
+from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["load_toml", "toml_array", "toml_lines"]
 
@@ -41,6 +42,7 @@ def load_toml(path: str | Path) -> dict[str, Any]:
         raise InputError(f"is not TOML: {problem}.", where=str(path)) from problem
 
 
+@takes_arrays
 def toml_array(rows: Float[np.ndarray, "n k"] | Sequence[Sequence[float]]) -> Array:
     """A matrix for tomlkit, one row a line."""
     array = tomlkit.array()

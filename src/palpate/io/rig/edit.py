@@ -18,6 +18,7 @@ from palpate.errors import InputError
 from palpate.io.atomic import write_text
 from palpate.io.models import load_toml, printable, toml_array
 from palpate.io.rig.kinds import KINDS
+from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose import Pose
 
 __all__ = ["update_drift", "update_offset", "update_pose"]
@@ -27,6 +28,7 @@ _FOUND = {"walk", "warm_up", "settle", "thermal", "thermal_deviation"}  # by a f
 _COVARIANCE = "of rotation [rad] and translation [m] in the sensor's frame"
 
 
+@takes_arrays
 def update_pose(
     source: Path,
     target: Path,

@@ -15,6 +15,7 @@ from palpate.io.logs import LogContents
 from palpate.io.rig.guess import time_table
 from palpate.io.rig.names import counter_column, made_up, split_stamp, time_column
 from palpate.io.units import SAMPLES, TIME_UNITS, known_unit
+from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["TimeGuess", "guess_time", "unit_by_size"]
 
@@ -24,6 +25,7 @@ _NOT_READ = re.compile(r"(?:[\W_])(mins?|minutes?|h|hrs?|hours?|days?)\W*$", re.
 _USUAL = 300.0  # Hz: what a rate is nearest to, where two units make one
 
 
+@takes_arrays
 @dataclass(frozen=True)
 class TimeGuess:
     """Of a table.
@@ -91,6 +93,7 @@ def guess_time(contents: LogContents, wrench: Sequence[str]) -> TimeGuess:
     return TimeGuess(column, known or "", remarks=(remark,) if remark else (), stated=stated.rate)
 
 
+@takes_arrays
 def unit_by_size(time: Float[np.ndarray, " n"], column: str) -> tuple[str, str]:
     """The unit of times that state none, and what should be said of it, "" where there is no doubt.
 

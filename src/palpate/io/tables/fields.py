@@ -9,10 +9,12 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from palpate.errors import InputError
+from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["Fields", "Rows"]
 
 
+@takes_arrays
 class Fields:
     """What was met while some columns were read."""
 
@@ -54,6 +56,7 @@ class Fields:
         return (f"{self.bad} of {self.rows} rows have a field that is missing or not a number (first: {first})",)
 
 
+@takes_arrays
 class Rows:
     """How many rows of a file have the fields of its header, summed over its pieces."""
 

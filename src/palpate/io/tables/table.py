@@ -22,6 +22,7 @@ from palpate.io.tables.fields import Fields, Rows
 from palpate.io.tables.lines import open_input, whole_lines
 from palpate.io.tables.stamps import seconds
 from palpate.io.units import near
+from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["Table", "read_table", "tables"]
 
@@ -30,6 +31,7 @@ _MARKS = frozenset(mark[0] for mark in _COMMENTS)
 _INSIDE = b"\x1f"  # stands for a delimiter inside quotes, so that every line parses on its own
 
 
+@takes_arrays
 @dataclass(frozen=True)
 class Table:
     """The text of some rows of a file; numbers are made on request, so that a bad field can be named.

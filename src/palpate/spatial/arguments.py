@@ -1,0 +1,253 @@
+"""What public functions take, read from their annotations: any container of numbers becomes the array they are for."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from functools import wraps
+from inspect import Parameter, isfunction, signature
+from types import NoneType, UnionType
+from typing import Any, NamedTuple, TypeVar, Union, cast, get_args, get_origin
+
+import numpy as np
+
+from palpate.errors import InputError
+from palpate.spatial._arrays import shaped
+
+__all__ = ["takes_arrays"]
+
+_Made = TypeVar("_Made", bound=Callable[..., Any])
+_WRITTEN = {"out", "counts"}  # arguments that are written into: a copy would be of no use
+_DTYPES = {"Float": np.dtype(np.float64), "Int": np.dtype(np.int64), "Bool": np.dtype(np.bool_)}
+
+
+class _Size(NamedTuple):
+    """Of a named axis, or of some (`*batch`): its length or theirs, and which argument has it."""
+
+    length: int | tuple[int, ...]
+    argument: str
+
+
+class _Wanted(NamedTuple):
+    """What an annotation wants of an argument.
+
+    Attributes:
+        name: of the argument.
+        optional: None is one, too.
+        others: classes of which it may be instead.
+        dtype: of an array; None: a number, or numbers of any type.
+        axes: of an array, as jaxtyping writes them.
+        whole: of a number: it must be.
+        any: any array of real numbers, which the function makes one of its own from.
+    """
+
+    name: str
+    optional: bool
+    others: tuple[type, ...]
+    dtype: np.dtype[Any] | None
+    axes: tuple[str, ...]
+    whole: bool = False
+    any: bool = False
+
+
+def takes_arrays(made: _Made) -> _Made:
+    """Decorate a function, or a class for its constructor and its public methods, that is annotated by jaxtyping.
+
+    Arguments that are annotated as arrays may then be lists, tuples or whatever NumPy makes an array of, of any type of
+    real numbers, order and strides: the function gets an array of the type of the annotation, contiguous by rows, the
+    one that was given if it is that already. Axes of one name have one length in all arguments. Arguments named `out`
+    and `counts` are written into, and left to the function.
+
+    What a function cannot compute with, as NumPy or LAPACK say it, is an InputError that names the argument that is
+    empty or not finite, if one is.
+
+    Raises:
+        InputError: an argument has another shape, or is not of real numbers.
+    """
+    return cast("_Made", _class(made) if isinstance(made, type) else _function(made))
+
+
+def _class(made: type[Any]) -> type[Any]:
+    for name, value in list(vars(made).items()):
+        if name.startswith("_") and name not in ("__init__", "__call__"):
+            continue
+        if isinstance(value, classmethod | staticmethod):
+            setattr(made, name, type(value)(_function(value.__func__)))
+        elif isfunction(value):
+            setattr(made, name, _function(value))
+    return made
+
+
+def _function(function: Callable[..., Any]) -> Callable[..., Any]:
+    parameters = signature(function).parameters
+    if not parameters.keys() - {"self", "cls"}:
+        return function
+    names = tuple(parameters)
+    plan: dict[str, _Wanted] | None = None
+    places: list[tuple[int, _Wanted]] = []
+
+    @wraps(function)
+    def taking(*args: Any, **kwargs: Any) -> Any:
+        nonlocal plan
+        if plan is None:  # not earlier: annotations may name what its module defines later
+            plan = _plan(function)
+            places.extend((place, plan[name]) for place, name in enumerate(names) if name in plan)
+        sizes: dict[str, _Size] = {}
+        given, count = list(args), len(args)
+        for place, wanted in places:
+            if place < count:
+                given[place] = _taken(wanted, given[place], sizes)
+        for name, value in kwargs.items():
+            if name in plan:
+                kwargs[name] = _taken(plan[name], value, sizes)
+        try:
+            return function(*given, **kwargs)
+        except (ValueError, IndexError, ArithmeticError) as problem:
+            unusable = _unusable({**dict(zip(names, given, strict=False)), **kwargs}, plan, problem)
+            if not unusable:
+                raise
+            raise InputError(unusable) from problem
+
+    vars(taking)["takes_arrays"] = True
+    return taking
+
+
+def _plan(function: Callable[..., Any]) -> dict[str, _Wanted]:
+    """By name, what is wanted of the arguments that are arrays or numbers."""
+    made: dict[str, _Wanted] = {}
+    for name, parameter in signature(function).parameters.items():
+        if name in _WRITTEN or parameter.kind in (Parameter.VAR_POSITIONAL, Parameter.VAR_KEYWORD):
+            continue
+        stated = str(parameter.annotation)
+        if stated.removesuffix(" | None") in ("ArrayLike", "np.ndarray"):
+            wanted = _Wanted(name, stated.endswith("None"), (), None, (), any=True)
+        else:
+            wanted = _wanted(name, _annotation(parameter.annotation, function))
+        if wanted is not None:
+            made[name] = wanted
+    return made
+
+
+def _annotation(annotation: Any, function: Callable[..., Any]) -> Any:
+    if not isinstance(annotation, str):
+        return annotation
+    try:
+        return eval(annotation, getattr(function, "__globals__", {}))
+    except (NameError, AttributeError, TypeError):  # a name that is imported for type checkers only
+        return None
+
+
+def _wanted(name: str, annotation: Any) -> _Wanted | None:
+    options = get_args(annotation) if get_origin(annotation) in (Union, UnionType) else (annotation,)
+    arrays = [option for option in options if hasattr(option, "dim_str")]
+    kinds = [option for option in options if option in (float, int)]
+    others = tuple(option for option in options if isinstance(option, type) and option not in (*arrays, *kinds))
+    optional = NoneType in others
+    if len(arrays) + bool(kinds) != 1 or len(others) + len(arrays) + len(kinds) != len(options):
+        return None  # none of both, or what cannot be told from its class
+    others = tuple(other for other in others if other is not NoneType)
+    if not arrays:
+        return _Wanted(name, optional, others, None, (), float not in kinds)
+    (array,) = arrays
+    kind = array.dtype.__name__
+    dtype = _DTYPES.get(kind) or np.dtype(kind.lower())
+    return _Wanted(name, optional, others, dtype, tuple(array.dim_str.split()))
+
+
+def _taken(wanted: _Wanted, value: Any, sizes: dict[str, _Size]) -> Any:
+    """An argument as the function takes it."""
+    if (value is None and wanted.optional) or isinstance(value, wanted.others):
+        return value
+    if wanted.any:
+        real = type(value) is np.ndarray and value.dtype.kind in "biuf"
+        return value if real else _real(value, wanted.name)
+    if wanted.dtype is None:
+        return value if type(value) is int or (type(value) is float and not wanted.whole) else _number(value, wanted)
+    array = value
+    if type(array) is not np.ndarray or array.dtype != wanted.dtype or not array.flags.c_contiguous:
+        array = shaped(value, (...,), wanted.name, wanted.dtype)
+    if not _bound(array.shape, wanted, sizes):
+        raise InputError(f"{wanted.name} must have shape {_said(wanted.axes, sizes)}, not {array.shape}.")
+    return array
+
+
+def _real(values: Any, name: str) -> np.ndarray:
+    """An array of real numbers, of the type that they have."""
+    try:
+        array = np.asarray(values)
+    except (ValueError, TypeError):  # lists of different lengths, for one
+        array = np.array([None])
+    return array if array.dtype.kind in "biuf" else shaped(values, (...,), name)
+
+
+def _number(value: Any, wanted: _Wanted) -> Any:
+    """One number, of whatever class."""
+    if isinstance(value, bool):
+        return value
+    array = shaped(value, (...,), wanted.name) if not isinstance(value, str) else np.zeros(0)
+    if array.ndim or (wanted.whole and array != np.round(array)):
+        kind = "a whole number" if wanted.whole else "a number"
+        raise InputError(f"{wanted.name} must be {kind}, not {value!r:.60}.")
+    return int(array) if wanted.whole else float(array)
+
+
+def _bound(shape: tuple[int, ...], wanted: _Wanted, sizes: dict[str, _Size]) -> bool:
+    """Whether a shape is one that is wanted, with the lengths that others gave to the names of axes; adds its own."""
+    axes = wanted.axes
+    many = next((place for place, axis in enumerate(axes) if axis == "..." or axis.startswith("*")), None)
+    if many is None:
+        return len(shape) == len(axes) and all(
+            _same(axis, length, wanted.name, sizes) for axis, length in zip(axes, shape, strict=True)
+        )
+    behind = len(axes) - many - 1
+    if len(shape) < many + behind:
+        return False
+    end = len(shape) - behind
+    single = zip((*axes[:many], *axes[many + 1 :]), (*shape[:many], *shape[end:]), strict=True)
+    return all(_same(axis, length, wanted.name, sizes) for axis, length in single) and _same(
+        axes[many].removeprefix("*"), shape[many:end], wanted.name, sizes
+    )
+
+
+def _same(axis: str, length: int | tuple[int, ...], argument: str, sizes: dict[str, _Size]) -> bool:
+    """Whether an axis, or some, have the length of their name."""
+    if axis.isdigit():
+        return length == int(axis)
+    if axis in ("_", "..."):
+        return True
+    name = axis.removeprefix("#")
+    known = sizes.setdefault(name, _Size(length, argument)).length
+    if known == length or name == axis:
+        return known == length
+    try:
+        both = np.broadcast_shapes(cast("tuple[int, ...]", known), cast("tuple[int, ...]", length))
+    except ValueError:
+        return False
+    sizes[name] = _Size(both, argument)
+    return True
+
+
+def _said(axes: tuple[str, ...], sizes: dict[str, _Size]) -> str:
+    """A shape as Python writes it, with the lengths that other arguments have."""
+    words = [axis.lstrip("*#") for axis in axes]
+    known = [sizes[word].length if word in sizes else word for word in words]
+    flat = [str(part) for each in known for part in (each if isinstance(each, tuple) else (each,))]
+    because = [f"{word} as in {sizes[word].argument}" for word in words if word in sizes]
+    return f"({', '.join(flat)}{',' * (len(flat) == 1)})" + (f" ({', '.join(because)})" if because else "")
+
+
+def _unusable(given: dict[str, Any], plan: dict[str, _Wanted], problem: Exception) -> str:
+    """Which argument cannot be computed with, as a sentence; empty: none is known to be so."""
+    for name in plan:
+        value = given.get(name)
+        if isinstance(value, np.ndarray):
+            if not value.size:
+                return f"{name} is empty."
+            if value.dtype.kind == "f" and not np.isfinite(value).all():
+                first = np.argwhere(~np.isfinite(value))[0].tolist()
+                return f"{name} must be finite, and is {value[tuple(first)]} at {first}."
+        elif isinstance(value, float) and not math.isfinite(value):
+            return f"{name} must be finite, not {value}."
+        elif isinstance(problem, ZeroDivisionError) and isinstance(value, float | int) and value == 0:
+            return f"{name} must not be zero."
+    return ""
