@@ -17,7 +17,7 @@ from palpate.spatial._arrays import Value, frozen, shaped
 from palpate.surfaces._edges import sharp_edges
 from palpate.surfaces._exposure import exposed
 from palpate.surfaces._normals import corner_normals, facet_normals, half_edge_twins
-from palpate.surfaces._patches import build_patches
+from palpate.surfaces._patches import Split, build_patches
 from palpate.surfaces._repair import bodies, repair
 from palpate.surfaces._tree import Tree, build_tree
 from palpate.surfaces.surface import Prepared
@@ -92,11 +92,11 @@ class Mesh(Value):
         """
         if not 0 <= crease <= pi:  # NaN too
             raise InputError(f"crease must lie between 0 and pi [rad], not {crease:g}.", hint="Use math.radians(30).")
-        points, triangles, notes = repair(vertices, faces)
+        points, triangles, twins, notes = repair(vertices, faces)
         crease = float(crease) if smooth else 0.0
         listed = region is not None and np.ndim(region) == 1
         touchable = np.ones(len(triangles), dtype=np.bool_) if covered or listed else None
-        normals, _ = corner_normals(points, triangles, crease)
+        normals = corner_normals(points, triangles, twins, crease)
         if region is not None:
             kept = _in_region(points, triangles, region)
             touchable = (exposed(points, triangles) if touchable is None else touchable)[kept]
@@ -212,8 +212,13 @@ class Mesh(Value):
 
     @functools.cached_property
     def _tree(self) -> Tree:
-        arrays = self.vertices, self.faces, self.corner_normals, self.covered
-        return build_tree(build_patches(*arrays), sharp_edges(*arrays))
+        split = Split.of(self.vertices, self.faces, self.corner_normals, self.covered)
+        sharp = sharp_edges(split)
+        rows = build_patches(self.faces, split, len(sharp))
+        count = len(sharp)
+        rows[len(rows) - count :] = sharp
+        del split, sharp  # memory that the tree needs
+        return build_tree(rows, count)
 
     def tree(self) -> Tree:
         """The prepared search tree; built (and its loops compiled) on the first call."""
