@@ -42,19 +42,24 @@ ROUNDING = 1e-6  # of the float32 in which nodes are kept and tested
 
 
 @inner
-def _select(keys, order, low, high, middle):
-    """Partly sort order[low:high] so that position `middle` splits it by key (Hoare's quickselect)."""
+def _select(middles, k, order, low, high, middle):
+    """Partly sort order[low:high], and the middles (m, 3) with it, so that `middle` splits it by their column k.
+
+    Hoare's quickselect. What is compared is moved along, because it is read in order then.
+    """
     left, right = low, high - 1
     while left < right:
-        pivot = keys[order[(left + right) // 2]]
+        pivot = middles[(left + right) // 2, k]
         i, j = left, right
         while i <= j:
-            while keys[order[i]] < pivot:
+            while middles[i, k] < pivot:
                 i += 1
-            while keys[order[j]] > pivot:
+            while middles[j, k] > pivot:
                 j -= 1
             if i <= j:
                 order[i], order[j] = order[j], order[i]
+                for axis in range(3):
+                    middles[i, axis], middles[j, axis] = middles[j, axis], middles[i, axis]
                 i += 1
                 j -= 1
         if middle <= j:
@@ -111,11 +116,11 @@ def _split(middles, order, ends):
             for k in range(3):
                 least, most = np.inf, -np.inf
                 for at in range(low, high):
-                    least, most = min(least, middles[k, order[at]]), max(most, middles[k, order[at]])
+                    least, most = min(least, middles[at, k]), max(most, middles[at, k])
                 if most - least > longest:
                     widest, longest = k, most - least
             ends[2 * part + 1] = (low + high) // 2
-            _select(middles[widest], order, low, high, (low + high) // 2)
+            _select(middles, widest, order, low, high, (low + high) // 2)
         parts *= 2
 
 
@@ -124,10 +129,10 @@ def build(corners, nodes):
     """Fill `nodes`, as `Tree` describes them, and bring the patches (m, 20) into its order; how many nodes."""
     count = len(corners)
     order = np.arange(count)
-    middles = np.empty((3, count))
-    for k in range(3):
-        for m in range(count):
-            middles[k, m] = corners[m, k] + corners[m, 6 + k] + corners[m, 12 + k]
+    middles = np.empty((count, 3))
+    for m in range(count):
+        for k in range(3):
+            middles[m, k] = corners[m, k] + corners[m, 6 + k] + corners[m, 12 + k]
     pending = np.empty((STACK, 3), dtype=np.int64)  # low, high, node
     pending[0, 0], pending[0, 1], pending[0, 2] = 0, count, 0
     ends = np.empty(WIDTH + 1, dtype=np.int64)

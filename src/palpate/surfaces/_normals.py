@@ -24,7 +24,7 @@ def facet_normals(
     """Unit normals of the facets and their areas; a facet without area gets a zero normal."""
     normals, areas = np.empty((len(faces), 3)), np.empty(len(faces))
     for block in blocks(len(faces)):
-        a, b, c = (vertices[faces[block, i]] for i in range(3))
+        a, b, c = np.moveaxis(vertices.take(faces[block], axis=0), 1, 0)
         cross = np.cross(b - a, c - a)
         length = np.linalg.norm(cross, axis=1)
         normals[block] = cross / np.where(length > 0, length, 1.0)[:, None]
@@ -107,7 +107,7 @@ def _usual_areas(areas: Float[np.ndarray, " f"], groups: Int[np.ndarray, "f 3"],
 
 
 def _corner_angles(vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]) -> Float[np.ndarray, "f 3"]:
-    points = vertices[faces]
+    points = vertices.take(faces, axis=0)
     ahead = np.roll(points, -1, axis=1) - points
     behind = np.roll(points, 1, axis=1) - points
     sine = np.linalg.norm(np.cross(ahead, behind), axis=2)

@@ -36,7 +36,7 @@ def patch_rows(
 def facet_rows(
     vertices: Float[np.ndarray, "v 3"],
     faces: Int[np.ndarray, "f 3"],
-    corner: Float[np.ndarray, "f #3 3"],
+    corner: Float[np.ndarray, "f _ 3"],
     used: Int[np.ndarray, " m"],
     spare: int = 0,
 ) -> Float[np.ndarray, "n 20"]:
@@ -45,9 +45,9 @@ def facet_rows(
     for block in blocks(len(used)):
         facet, part = used[block], rows[: len(used)][block]
         corners = part[:, :KIND].reshape(-1, 3, 6)
-        corners[:, :, :3], corners[:, :, 3:] = vertices[faces[facet]], corner[facet]
-        spread = np.einsum("fik,fk->fi", corners[:, :, 3:], corners[:, 0, 3:]).min(axis=1)
-        part[:, KIND], part[:, FACET] = np.where(spread > 1.0 - _SAME, FLAT, SMOOTH), facet
+        corners[:, :, :3], corners[:, :, 3:] = vertices.take(faces.take(facet, axis=0), axis=0), corner[facet]
+        flat = np.einsum("fik,fk->fi", corners[:, :, 3:], corners[:, 0, 3:]) > 1.0 - _SAME
+        part[:, KIND], part[:, FACET] = np.where(flat[:, 0] & flat[:, 1] & flat[:, 2], FLAT, SMOOTH), facet
     return rows
 
 
@@ -114,9 +114,7 @@ class Split:
         return np.concatenate(corners), np.concatenate(facet)
 
 
-def build_patches(
-    faces: Int[np.ndarray, "f 3"], split: Split, spare: int = 0
-) -> Float[np.ndarray, "m 20"]:
+def build_patches(faces: Int[np.ndarray, "f 3"], split: Split, spare: int = 0) -> Float[np.ndarray, "m 20"]:
     """The patches of a mesh as rows; none of covered facets, nor of edges and corners between such.
 
     Behind them are `spare` rows to be written.

@@ -132,8 +132,9 @@ def _without_slivers(
     """A facet needs three different corners and a height above rounding of its longest edge."""
     good = np.empty(len(triangles), dtype=np.bool_)
     for block in blocks(len(triangles)):
-        corners = points[triangles[block]]
-        longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
+        corners = points.take(triangles[block], axis=0)
+        sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
+        longest = np.maximum(np.maximum(sides[:, 0], sides[:, 1]), sides[:, 2])
         good[block] = facet_normals(points, triangles[block])[1] > 1e-9 * longest**2
     dropped = int(np.count_nonzero(~good))
     return triangles[good] if dropped else triangles, dropped
@@ -161,7 +162,7 @@ def _outward(
     closed[body[np.flatnonzero(twins < 0) // 3]] = False
     middle, volumes = points.mean(axis=0), np.empty(len(triangles))
     for block in blocks(len(triangles)):
-        a, b, c = (points[triangles[block, i]] - middle for i in range(3))
+        a, b, c = np.moveaxis(points.take(triangles[block], axis=0) - middle, 1, 0)
         volumes[block] = np.einsum("ij,ij->i", a, np.cross(b, c))
     volume = np.bincount(body, volumes)
     changed = np.bincount(body, flipped.astype(np.float64)) / np.bincount(body)

@@ -1,4 +1,4 @@
-"""Compiled: what hangs together in a mesh: equal rows, close points, edges, bodies, shared normals and rings of corners.
+"""Compiled: what belongs together in a mesh: equal rows, close points, edges, bodies, shared normals, rings of corners.
 
 Every loop is linear in the number of facets. Half-edge 3 f + i runs from corner i to corner i + 1 of facet f, and
 corners have the same numbers.
@@ -232,9 +232,9 @@ def walk_facets(faces, order, flipped, body):
                     best = -1
                     for i in range(3):
                         other = beside[i]
-                        if other >= 0 and body[other] < 0 and (other > facet) == later:
-                            if best < 0 or other < beside[best]:
-                                best = i
+                        open_one = other >= 0 and body[other] < 0 and (other > facet) == later
+                        if open_one and (best < 0 or other < beside[best]):
+                            best = i
                     if best >= 0:
                         other = beside[best]
                         body[other] = count

@@ -51,12 +51,14 @@ def build_tree(rows: Float[np.ndarray, "m 20"], sharp: int = 0) -> Tree:
     if count > _MOST:
         raise GeometryError(f"{count} patches are too many ({_MOST}); simplify the mesh or choose a region")
 
-    positions = rows[:, :_bvh.KIND].reshape(-1, 3, 6)[:, :, :3]  # a view
-    low, high = positions[:count].min(axis=(0, 1)), positions[:count].max(axis=(0, 1))
+    positions = rows[:, : _bvh.KIND].reshape(-1, 3, 6)[:, :, :3]  # a view
+    low, high = _box(positions[:count])
     centre, scale = 0.5 * (low + high), 0.5 * float(np.linalg.norm(high - low))
     for block in blocks(len(rows)):
         positions[block] = (positions[block] - centre) / scale
-    nodes = np.empty((count // 4 + sharp // 4 + 5, 14, _bvh.WIDTH), dtype=np.float32)  # each but a root has five or more
+    nodes = np.empty(
+        (count // 4 + sharp // 4 + 5, 14, _bvh.WIDTH), dtype=np.float32
+    )  # each but a root has five or more
     used = last = _bvh.build(rows[:count], nodes)
     if sharp:
         last += _bvh.build(rows[count:], nodes[used:])
@@ -66,3 +68,12 @@ def build_tree(rows: Float[np.ndarray, "m 20"], sharp: int = 0) -> Tree:
     nodes[last, 10, 0] = used if sharp else -1.0
     nodes.resize((last + 1, *nodes.shape[1:]), refcheck=False)
     return Tree(nodes=nodes, corners=rows, centre=centre, scale=scale)
+
+
+def _box(positions: Float[np.ndarray, "m 3 3"]) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
+    """Lowest and highest coordinates."""
+    low, high = np.full(3, np.inf), np.full(3, -np.inf)
+    for block in blocks(len(positions)):
+        columns = positions[block].transpose(2, 0, 1).reshape(3, -1)  # long rows are quicker
+        low, high = np.minimum(low, columns.min(axis=1)), np.maximum(high, columns.max(axis=1))
+    return low, high
