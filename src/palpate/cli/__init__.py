@@ -41,18 +41,21 @@ def _run(argv: Sequence[str] | None) -> int:
     try:
         from palpate.cli.interrupts import uninterrupted
 
-        with uninterrupted():  # imports here, not above: Ctrl-C may fall on them
-            from palpate.cli.app import run
-            from palpate.cli.console import spoken
-
         words = list(sys.argv[1:] if argv is None else argv)
         if words == ["--version"]:
             from palpate import __version__
 
             print(f"palpate {__version__}")
             return 0
+        with uninterrupted():  # imports here, not above: Ctrl-C may fall on them
+            from palpate.cli.app import run
         if isinstance(sys.stdout, io.TextIOWrapper):
             sys.stdout.reconfigure(errors="backslashreplace")  # names of files need not fit the terminal's encoding
+        if {"-h", "--help"} & set(words):  # nothing but the parser speaks
+            run(words)
+            return 0
+        with uninterrupted():
+            from palpate.cli.console import spoken
         with spoken(quiet="--quiet" in words, json="--json" in words):  # of every command, wherever they stand
             run([word for word in words if word not in ("--quiet", "--json")])
     except PalpateError as problem:
