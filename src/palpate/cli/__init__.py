@@ -39,7 +39,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _run(argv: Sequence[str] | None) -> int:
     try:
-        from palpate.cli.interrupts import uninterrupted
+        from palpate.interrupts import uninterrupted
 
         words = list(sys.argv[1:] if argv is None else argv)
         if words == ["--version"]:

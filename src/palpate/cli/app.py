@@ -11,8 +11,8 @@ from importlib import import_module
 from shutil import get_terminal_size
 from textwrap import wrap
 
-from palpate.cli.interrupts import uninterrupted
 from palpate.cli.spelling import command_of, unknown_command, unknown_option
+from palpate.interrupts import uninterrupted
 
 __all__ = ["run"]
 

@@ -119,7 +119,10 @@ class Mesh(Value):
             InputError: no unit, an unknown one, or nothing that has vertices and faces.
             GeometryError: nothing usable in it.
         """
-        return cls._from_numbers(mesh, unit, type(mesh).__name__, options)
+        from palpate.surfaces._load import arrays_of
+
+        source = type(mesh).__name__
+        return cls._from_numbers(*arrays_of(mesh, source), unit, source, options)
 
     @classmethod
     def load(cls, path: str | Path, unit: str | None = None, **options: Any) -> Mesh:
@@ -134,17 +137,21 @@ class Mesh(Value):
             InputError: no such file, no unit, an unknown one or a file that is not a mesh.
             GeometryError: nothing usable in it.
         """
-        from palpate.surfaces._load import load_trimesh
+        from palpate.surfaces._load import load_arrays
 
-        return cls._from_numbers(load_trimesh(Path(path)), unit, str(path), options)
+        return cls._from_numbers(*load_arrays(Path(path)), unit, str(path), options)
 
     @classmethod
-    def _from_numbers(cls, mesh: Any, unit: str | None, source: str, options: dict[str, Any]) -> Mesh:
-        """From what trimesh holds, in a unit."""
-        from palpate.surfaces._load import arrays_of
-
+    def _from_numbers(
+        cls,
+        vertices: Float[np.ndarray, "v 3"],
+        faces: Int[np.ndarray, "f 3"],
+        unit: str | None,
+        source: str,
+        options: dict[str, Any],
+    ) -> Mesh:
+        """From what a file holds, in a unit."""
         scale = _require_unit(unit, source)
-        vertices, faces = arrays_of(mesh, source)
         try:
             made = cls.from_arrays(vertices * scale, faces, **options)
         except GeometryError as error:
