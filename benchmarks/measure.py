@@ -17,7 +17,7 @@ from palpate.contact.neighbours import in_space
 from palpate.simulation import BumpySphere, touch_wrenches
 from palpate.surfaces import _bvh
 from palpate.surfaces._patches import FLAT as FACET
-from palpate.surfaces._patches import Patches
+from palpate.surfaces._patches import patch_rows
 from palpate.surfaces._tree import Tree, build_tree
 
 __all__ = ["BEGINNER", "FLAT", "FULL", "Batch", "Meshes", "R", "Single", "batches", "singles"]
@@ -90,8 +90,7 @@ class Meshes:
 def _facets_only(mesh: palpate.Mesh) -> Tree:
     """A tree without the vertices' fans: what the NumPy forms and embree see, a quarter of the patches."""
     corners = np.concatenate([mesh.vertices[mesh.faces], mesh.corner_normals], axis=2)
-    count = len(corners)
-    return build_tree(Patches(corners, np.full(count, FACET), np.arange(count)))
+    return build_tree(patch_rows(corners, FACET, np.arange(len(corners))))
 
 
 Variant = tuple[Callable[..., Any], np.ndarray, tuple[object, ...]]  # what is called, first arguments, the others

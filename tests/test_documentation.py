@@ -76,7 +76,7 @@ def test_the_reference_has_every_name_of_the_front_door() -> None:
 
 @cache
 def _known(command: tuple[str, ...]) -> set[str]:
-    return _options(list(command))
+    return _options(command)
 
 
 @pytest.mark.parametrize("page", PAGES, ids=_id)

@@ -17,7 +17,7 @@ import polars as pl
 import pytest
 
 from palpate.cli import main
-from palpate.cli.interrupts import uninterrupted
+from palpate.interrupts import uninterrupted
 from palpate.io.models import read_model
 from palpate.sensors.force_torque import Payload
 from palpate.simulation.session import simulate_session

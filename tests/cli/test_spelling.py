@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from palpate.cli import main
+from palpate.cli.app import _EACH
 from palpate.cli.spelling import command_of, unknown_command, unknown_option
 
 GROUPS = {"estimate": (), "events": (), "calibrate": ("clock", "load-cells"), "rig": ("new",)}
@@ -68,3 +69,24 @@ def test_what_is_not_misspelt_is_said_by_the_parser(capsys: pytest.CaptureFixtur
 def test_completion_is_printed_and_no_wrong_call(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["--tyro-print-completion", "bash"]) == 0
     assert "calibrate" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("call", ["", "calibrate"])
+def test_a_call_without_a_command_is_told_where_they_are_listed(call: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(call.split()) == 2
+    assert f"`{' '.join(['palpate', *call.split(), '--help'])}` lists them" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", _EACH)
+def test_the_table_says_of_a_command_what_its_docstring_begins_with(name: str) -> None:
+    """The lists are printed without importing the commands."""
+    first = (_EACH[name].load().__doc__ or "").partition("\n\n")[0]
+    assert _EACH[name].about == " ".join(first.split())
+
+
+def test_the_lists_of_commands_name_each_of_them(capsys: pytest.CaptureFixture[str]) -> None:
+    for name, command in _EACH.items():
+        group = name.split()[:-1]
+        assert main([*group, "--help"]) == 0
+        said = " ".join(capsys.readouterr().out.split())
+        assert f" {name.split()[-1]} {command.about}" in said

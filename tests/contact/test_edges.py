@@ -14,6 +14,7 @@ from palpate.contact import Locator, Status
 from palpate.simulation import contact_wrenches
 from palpate.surfaces import Mesh
 from palpate.surfaces._edges import SHARP, sharp_edges
+from palpate.surfaces._patches import KIND, Split
 from tests.support.bodies import BODIES
 
 FRICTION, TORSION = 1.0, 5e-3
@@ -26,8 +27,8 @@ def located(name: str) -> Locator:
 @pytest.mark.parametrize("name", ["box", "wedge of 60 degrees", "cube's corner", "L-bracket"])
 def test_the_sharp_edges_of_a_prism_are_its_convex_ones_with_the_normals_beside(name: str) -> None:
     mesh = Mesh.from_arrays(*prism(*PRISMS[name]))
-    found = sharp_edges(mesh.vertices, mesh.faces, mesh.corner_normals)
-    ours = found.corners[found.kind == SHARP]
+    found = sharp_edges(Split.of(mesh.vertices, mesh.faces, mesh.corner_normals))
+    ours = found[found[:, KIND] == SHARP, :KIND].reshape(-1, 3, 6)
     first, second, left, right = edges(*PRISMS[name])
     assert len(ours) == len(first)
     for a, b, n, m in zip(first, second, left, right, strict=True):
@@ -40,7 +41,7 @@ def test_the_sharp_edges_of_a_prism_are_its_convex_ones_with_the_normals_beside(
 def test_a_smooth_body_has_none_and_a_rim_as_many_as_it_has_pieces() -> None:
     for name, count in (("ellipsoid", 0), ("plane", 0), ("cylinder", 64)):
         mesh = BODIES[name].mesh
-        assert len(sharp_edges(mesh.vertices, mesh.faces, mesh.corner_normals).kind) == count
+        assert len(sharp_edges(Split.of(mesh.vertices, mesh.faces, mesh.corner_normals))) == count
 
 
 @pytest.mark.parametrize("name", PRISMS)

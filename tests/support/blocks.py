@@ -98,10 +98,11 @@ def refusal(words: list[str]) -> str | None:
         return None
     command: Any = COMMANDS.get(given[0])
     rest = given[1:]
-    if command is not None and not callable(command):
+    if hasattr(command, "commands"):
         command, rest = command.commands.get(rest[0]) if rest else None, rest[1:]
     if command is None:
         return f"there is no command `palpate {' '.join(given[:2])}`"
+    command = command.load()
 
     @functools.wraps(command)
     def nothing(*_: object, **__: object) -> None:

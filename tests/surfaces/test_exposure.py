@@ -10,7 +10,7 @@ from evidence.bodies import prism
 from palpate import Locator, Pose, Status
 from palpate.errors import GeometryError, InputError
 from palpate.surfaces import Mesh, _rays, plane
-from palpate.surfaces._patches import Patches
+from palpate.surfaces._patches import patch_rows
 from palpate.surfaces._tree import build_tree
 from tests.support.bodies import BODIES, R, box, pressing
 
@@ -48,7 +48,7 @@ def test_rays_stop_where_each_facet_solved_by_itself_says() -> None:
     corners = np.zeros((60, 3, 6))
     corners[:, :, :3] = rng.normal(size=(60, 1, 3)) + 0.5 * rng.normal(size=(60, 3, 3))
     corners[:, :, 5] = 1.0
-    tree = build_tree(Patches(corners, np.zeros(60, np.int64), np.arange(60)))
+    tree = build_tree(patch_rows(corners, 0, np.arange(60)))
     origins, directions = 0.3 * rng.normal(size=(200, 3)), rng.normal(size=(200, 3))
     directions[:20] = np.eye(3)[np.arange(20) % 3]  # along the axes, where a box has no slope
     found, expected = np.empty(200), np.full(200, np.inf)

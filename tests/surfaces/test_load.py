@@ -10,6 +10,7 @@ import trimesh
 
 from palpate.errors import GeometryError, InputError, PalpateError
 from palpate.surfaces import Mesh
+from palpate.surfaces._load import _load_trimesh, arrays_of, load_arrays
 from tests.support.bodies import R, box
 
 
@@ -38,6 +39,17 @@ def test_text_stl_and_bytes_stl_are_the_same(tmp_path: Path) -> None:
     trimesh.Trimesh(vertices * 1e3, faces, process=False).export(tmp_path / "text.stl", file_type="stl_ascii")
     one, two = Mesh.load(tmp_path / "text.stl", unit="mm"), Mesh.load(write(tmp_path / "bytes.stl"), unit="mm")
     assert np.allclose(one.bounds, two.bounds, rtol=1e-6)
+
+
+def test_bytes_stl_is_read_as_by_trimesh_to_the_last_bit(tmp_path: Path) -> None:
+    """Whatever its numbers are: random bytes hold NaN, infinities and numbers without a normal form."""
+    bits = np.random.default_rng(8).integers(0, 256, (400, 50), dtype=np.uint8)
+    for facets in (bits, np.frombuffer(write(tmp_path / "box.stl").read_bytes()[84:], np.uint8).reshape(-1, 50)):
+        path = tmp_path / "any.stl"
+        path.write_bytes(bytes(80) + len(facets).to_bytes(4, "little") + facets.tobytes())
+        for ours, theirs in zip(load_arrays(path), arrays_of(_load_trimesh(path), ""), strict=True):
+            assert ours.tobytes() == theirs.tobytes()
+            assert (ours.dtype, ours.shape) == (theirs.dtype, theirs.shape)
 
 
 def test_every_body_of_a_file_is_read(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Which commands there are."""
+"""Which commands there are. The one that is called is imported; of the others a table has what the help says."""
 
 from __future__ import annotations
 
@@ -7,46 +7,30 @@ import re
 from collections.abc import Callable, Sequence
 from contextlib import redirect_stdout, suppress
 from dataclasses import dataclass, field
+from importlib import import_module
+from shutil import get_terminal_size
+from textwrap import wrap
 
-from tyro.extras import SubcommandApp
-
-from palpate.cli.batch import batch
-from palpate.cli.benchmark_make import benchmark_make
-from palpate.cli.benchmark_score import benchmark_score
-from palpate.cli.calibrate_camera import calibrate_camera
-from palpate.cli.calibrate_clock import calibrate_clock
-from palpate.cli.calibrate_drift import calibrate_drift
-from palpate.cli.calibrate_intensity import calibrate_intensity
-from palpate.cli.calibrate_load_cells import calibrate_load_cells
-from palpate.cli.calibrate_marker_ring import calibrate_marker_ring_command
-from palpate.cli.calibrate_mounting import calibrate_mounting
-from palpate.cli.calibrate_payload import calibrate_payload
-from palpate.cli.calibrate_taxels import calibrate_taxels_command
-from palpate.cli.demo import demo
-from palpate.cli.design_load_cells import design_load_cells
-from palpate.cli.estimate import estimate
-from palpate.cli.evaluate import evaluate
-from palpate.cli.events import events
-from palpate.cli.inspect import inspect
-from palpate.cli.live import live
-from palpate.cli.map_skin import map_skin
-from palpate.cli.plan_pokes import plan_pokes_command
-from palpate.cli.recover import recover
-from palpate.cli.replay import replay
-from palpate.cli.rig_new import rig_new
-from palpate.cli.simulate import simulate_marker_ring
-from palpate.cli.simulate_arena import simulate_arena
-from palpate.cli.simulate_forearm import simulate_forearm_command
-from palpate.cli.simulate_load_cells import simulate_load_cells
-from palpate.cli.simulate_phantom import simulate_phantom
-from palpate.cli.simulate_pokes import simulate_pokes
 from palpate.cli.spelling import command_of, unknown_command, unknown_option
-from palpate.cli.view import view
+from palpate.interrupts import uninterrupted
 
 __all__ = ["run"]
 
 USAGE = 2  # the exit code of a call that the parser refuses
-Command = Callable[..., None]
+
+
+@dataclass(frozen=True)
+class _Command:
+    """A function of a module of `palpate.cli`, and the first paragraph of its docstring."""
+
+    module: str
+    function: str
+    about: str
+
+    def load(self) -> Callable[..., None]:
+        """The command itself."""
+        with uninterrupted():
+            return getattr(import_module(f"palpate.cli.{self.module}"), self.function)
 
 
 @dataclass(frozen=True)
@@ -54,53 +38,189 @@ class _Group:
     """Commands of two words, and what they have in common."""
 
     about: str
-    commands: dict[str, Command] = field(default_factory=dict[str, Command])
+    commands: dict[str, _Command] = field(default_factory=dict[str, _Command])
 
 
-COMMANDS: dict[str, Command | _Group] = {
-    "estimate": estimate,
-    "batch": batch,
-    "benchmark": _Group(
-        "Score any estimator of contacts on simulated tasks", {"make": benchmark_make, "score": benchmark_score}
+_GROUPS = {
+    "benchmark": "Score any estimator of contacts on simulated tasks",
+    "calibrate": "Make a model from a log",
+    "design": "What a sensor can resolve before it is built",
+    "map": "Find where the cells of a sensor sit on a robot",
+    "plan": "What to measure next",
+    "rig": "Write a rig to start from",
+    "simulate": "Record what is simulated, with its truth",
+}
+_EACH = {
+    "estimate": _Command(
+        "estimate",
+        "estimate",
+        "Find contacts in the log of any sensor, with a rig, or in a log of wrenches with a mesh alone.",
     ),
-    "calibrate": _Group(
-        "Make a model from a log",
-        {
-            "camera": calibrate_camera,
-            "clock": calibrate_clock,
-            "drift": calibrate_drift,
-            "intensity": calibrate_intensity,
-            "load-cells": calibrate_load_cells,
-            "marker-ring": calibrate_marker_ring_command,
-            "payload": calibrate_payload,
-            "mounting": calibrate_mounting,
-            "taxels": calibrate_taxels_command,
-        },
+    "batch": _Command(
+        "batch",
+        "batch",
+        "Find contacts in many logs, each exactly as `palpate estimate` would, and write one page about all of them.",
     ),
-    "demo": demo,
-    "design": _Group("What a sensor can resolve before it is built", {"load-cells": design_load_cells}),
-    "evaluate": evaluate,
-    "events": events,
-    "inspect": inspect,
-    "live": live,
-    "map": _Group("Find where the cells of a sensor sit on a robot", {"skin": map_skin}),
-    "plan": _Group("What to measure next", {"pokes": plan_pokes_command}),
-    "recover": recover,
-    "replay": replay,
-    "view": view,
-    "rig": _Group("Write a rig to start from", {"new": rig_new}),
-    "simulate": _Group(
-        "Record what is simulated, with its truth",
-        {
-            "arena": simulate_arena,
-            "forearm": simulate_forearm_command,
-            "load-cells": simulate_load_cells,
-            "marker-ring": simulate_marker_ring,
-            "phantom": simulate_phantom,
-            "pokes": simulate_pokes,
-        },
+    "benchmark make": _Command(
+        "benchmark_make",
+        "benchmark_make",
+        "Make tasks that any estimator of contacts can be scored by: wrenches, logs, frames of a skin, images.",
+    ),
+    "benchmark score": _Command(
+        "benchmark_score",
+        "benchmark_score",
+        "Score estimators on a folder of `palpate benchmark make`: yours, Palpate, and the usual ways as peers.",
+    ),
+    "calibrate camera": _Command(
+        "calibrate_camera",
+        "calibrate_camera",
+        "Calibrate a fisheye lens from pictures of a chessboard, held at all angles and to the edges of the picture.",
+    ),
+    "calibrate clock": _Command(
+        "calibrate_clock",
+        "calibrate_clock",
+        "Find how late or early the poses are stamped, from how the payload's weight turns, and write it into the rig.",
+    ),
+    "calibrate drift": _Command(
+        "calibrate_drift",
+        "calibrate_drift",
+        "Find how the zero of a force/torque sensor or of load cells wanders, and write it into the rig.",
+    ),
+    "calibrate intensity": _Command(
+        "calibrate_intensity",
+        "calibrate_intensity",
+        "Fit the curve from intensity to force, and each cell's gain where the log says which cell was pressed.",
+    ),
+    "calibrate load-cells": _Command(
+        "calibrate_load_cells",
+        "calibrate_load_cells",
+        "Calibrate three-axis force cells under a rigid frame, from a bench log with a reference.",
+    ),
+    "calibrate marker-ring": _Command(
+        "calibrate_marker_ring",
+        "calibrate_marker_ring_command",
+        "Calibrate a soft ring of markers from presses of known angle, depth and force.",
+    ),
+    "calibrate payload": _Command(
+        "calibrate_payload",
+        "calibrate_payload",
+        "Identify weight, centre of mass and biases from a log in which nothing is touched.",
+    ),
+    "calibrate mounting": _Command(
+        "calibrate_mounting",
+        "calibrate_mounting",
+        "Find the pose of the surface in the sensor's frame, starting from the rig's, and write it into the rig.",
+    ),
+    "calibrate taxels": _Command(
+        "calibrate_taxels",
+        "calibrate_taxels_command",
+        "Find where each taxel of a skin sits, from the wrenches of pokes in several arm configurations.",
+    ),
+    "demo": _Command(
+        "demo",
+        "demo",
+        "Make up a robot's session, run the whole chain of commands on it, and compare what is found with the truth.",
+    ),
+    "design load-cells": _Command(
+        "design_load_cells",
+        "design_load_cells",
+        "Draw how well place, force and torque can be known over the surface, and the smallest force that will do.",
+    ),
+    "evaluate": _Command(
+        "evaluate",
+        "evaluate",
+        "Errors of location, direction and force, coverage of the ellipses, share of each status.",
+    ),
+    "events": _Command(
+        "events",
+        "events",
+        "Touches: start, end, peak force, place; of several contacts at a time each by itself.",
+    ),
+    "inspect": _Command(
+        "inspect",
+        "inspect",
+        "Say what is in a log, a mesh, a rig, a model, a result or a truth; draw the spectrum of a log or a result.",
+    ),
+    "live": _Command(
+        "live",
+        "live",
+        "Find contacts in the samples of a device as they come; Ctrl-C ends it, and the end of a log that is replayed.",
+    ),
+    "map skin": _Command(
+        "map_skin",
+        "map_skin",
+        "Fit a smooth surface to a link's mesh, lay the sheet on it without stretching, and write where its cells are.",
+    ),
+    "plan pokes": _Command(
+        "plan_pokes",
+        "plan_pokes_command",
+        "Say which pokes shrink the largest deviation of a taxel most, one after the other, until it is small enough.",
+    ),
+    "recover": _Command(
+        "recover",
+        "recover",
+        "Put together what `palpate live --record OUTPUT` left when it was killed: OUTPUT.part and OUTPUT.ring.",
+    ),
+    "replay": _Command(
+        "replay",
+        "replay",
+        "Play a log as a device, on this machine alone, until Ctrl-C; it says the [source] of a rig that reaches it.",
+    ),
+    "view": _Command(
+        "view",
+        "view",
+        "Show contacts on the body, with a timeline to scrub and play, in a browser; Ctrl-C ends it.",
+    ),
+    "rig new": _Command(
+        "rig_new",
+        "rig_new",
+        "Guess a rig from the log of any sensor, and a mesh: which sensor, columns, units, noise.",
+    ),
+    "simulate arena": _Command(
+        "simulate_arena",
+        "simulate_arena",
+        "Send robots with a soft skin through an arena that they cannot see; record one run, or judge many seeds.",
+    ),
+    "simulate forearm": _Command(
+        "simulate_forearm",
+        "simulate_forearm_command",
+        "Record a simulated forearm with a skin and a force/torque sensor at its base, touched at several places.",
+    ),
+    "simulate load-cells": _Command(
+        "simulate_load_cells",
+        "simulate_load_cells",
+        "Record a simulated fingertip on four force cells: a run of the bench to calibrate by, and one to estimate.",
+    ),
+    "simulate marker-ring": _Command(
+        "simulate",
+        "simulate_marker_ring",
+        "Record a simulated barrel: its calibration run, or touches to judge by; with the truth from its mechanics.",
+    ),
+    "simulate phantom": _Command(
+        "simulate_phantom",
+        "simulate_phantom",
+        "Hold a probe on a soft phantom that moves, in a physics engine; record it with its truth.",
+    ),
+    "simulate pokes": _Command(
+        "simulate_pokes",
+        "simulate_pokes",
+        "Record a simulated forearm whose taxels are poked in seven poses of the elbow, and touches of it afterwards.",
     ),
 }
+
+
+def _tree() -> dict[str, _Command | _Group]:
+    tree: dict[str, _Command | _Group] = {}
+    groups = {name: _Group(about) for name, about in _GROUPS.items()}
+    for name, command in _EACH.items():
+        first, _, below = name.partition(" ")
+        if below:
+            groups[first].commands[below] = command
+        tree[first] = groups.get(first, command)
+    return tree
+
+
+COMMANDS = _tree()
 _NAMES = {name: tuple(each.commands) if isinstance(each, _Group) else () for name, each in COMMANDS.items()}
 
 
@@ -113,38 +233,83 @@ def run(argv: Sequence[str]) -> None:
     if sentence := unknown_command(words, _NAMES):
         raise SystemExit(sentence)
     asked = bool({"-h", "--help"} & set(words))
+    called = command_of(words, _NAMES)
+    if any(word.startswith("--tyro-") for word in words):
+        _complete(words)
+    elif " ".join(called) in _EACH:
+        _call(called, words, asked)
+    elif asked:
+        print(_listed(called))
+    else:
+        missing = f"a command is missing; `{' '.join(['palpate', *called, '--help'])}` lists them."
+        raise SystemExit(unknown_option(words, called, _options(called)) or missing)
+
+
+def _call(called: tuple[str, ...], words: list[str], asked: bool) -> None:
     try:
-        _parse(words, speaks=asked)
+        _parse(called, words, speaks=asked)
     except SystemExit as leaving:
         if asked or leaving.code != USAGE:
             raise
-        if sentence := unknown_option(words, command_of(words, _NAMES), _options(words)):
+        if sentence := unknown_option(words, called, _options(called)):
             raise SystemExit(sentence) from None
-        _parse(words, speaks=True)  # no command has run yet, and none will: the parser says why
+        _parse(called, words, speaks=True)  # no command has run yet, and none will: the parser says why
 
 
-def _parse(words: list[str], *, speaks: bool) -> None:
+def _parse(called: tuple[str, ...], words: list[str], *, speaks: bool) -> None:
+    import tyro  # here: lists of commands do without it
+
+    prog = " ".join(["palpate", *called])
+    tyro.cli(_EACH[" ".join(called)].load(), prog=prog, args=words[len(called) :], console_outputs=speaks)
+
+
+def _complete(words: list[str]) -> None:
+    """Print or write what a shell completes by: of all commands with their options."""
+    from tyro.extras import SubcommandApp
+
     app = SubcommandApp()
     for name, each in COMMANDS.items():
         if isinstance(each, _Group):
             group = SubcommandApp()
             for below, command in each.commands.items():
-                group.command(name=below)(command)
-            app.command(group, name=name, help=f"{each.about}: {', '.join(each.commands)}.")
+                group.command(name=below)(command.load())
+            app.command(group, name=name, help=each.about)
         else:
-            app.command(name=name)(each)
-    app.cli(prog="palpate", description=_DESCRIPTION, args=words, console_outputs=speaks)
+            app.command(name=name)(each.load())
+    app.cli(prog="palpate", description=_DESCRIPTION, args=words)
 
 
-def _options(words: list[str]) -> set[str]:
-    """The options of the command of a call, as its help lists them."""
+def _listed(called: tuple[str, ...]) -> str:
+    """The help of `palpate`, or of a group: its commands, a paragraph each."""
+    group = COMMANDS[called[0]] if called else None
+    if isinstance(group, _Group):
+        about, commands = f"{group.about}.", {name: command.about for name, command in group.commands.items()}
+    else:
+        about = _DESCRIPTION
+        commands = {
+            name: f"{each.about}: {', '.join(each.commands)}." if isinstance(each, _Group) else each.about
+            for name, each in COMMANDS.items()
+        }
+    width, indent = min(get_terminal_size().columns, 100), max(map(len, commands)) + 5
+    lines = [f"usage: {' '.join(['palpate', *called])} COMMAND ...", "", about, "", "commands:"]
+    for name, each in commands.items():
+        lines += wrap(f"  {name:<{indent - 3}} {each}", width, subsequent_indent=" " * indent, break_on_hyphens=False)
+    lines += ["", f"`{' '.join(['palpate', *called])} COMMAND --help` has the options of each."]
+    return "\n".join(lines)
+
+
+def _options(called: Sequence[str]) -> set[str]:
+    """The options of a command, as its help lists them."""
+    every = {"--help", *_EVERYWHERE[bool(called)]}
+    if " ".join(called) not in _EACH:
+        return every
     text = io.StringIO()
     with redirect_stdout(text), suppress(SystemExit):
-        _parse([*command_of(words, _NAMES), "--help"], speaks=True)
-    every = {"--help", "--json", "--quiet"} if command_of(words, _NAMES) else {"--help", "--version"}
+        _parse(tuple(called), [*called, "--help"], speaks=True)
     return every | set(re.findall(r"--[a-z][\w-]*", text.getvalue()))
 
 
+_EVERYWHERE = (("--version",), ("--json", "--quiet"))  # without a command, and with one
 _DESCRIPTION = """Where, how hard and in which direction a robot is being touched.
 
 Every command takes --quiet (nothing but warnings and errors, on stderr) and --json (what it says, as JSON)."""

@@ -17,7 +17,6 @@ from tyro.conf import Positional, arg
 from palpate.cli.batch_logs import logs_of, names_of
 from palpate.cli.console import Figure, announce, lines, note, overwrite, title
 from palpate.cli.estimate_log import estimate_log, record_of
-from palpate.cli.interrupts import import_mesh_reader
 from palpate.cli.parallel import begin_results, from_row, read_rows, require_backend, run_kept
 from palpate.cli.setup import Setup
 from palpate.contact.estimate import Status
@@ -191,7 +190,6 @@ def _lost(job: _Job) -> _Kept:
 @lru_cache(maxsize=1)
 def _rig(setup: Setup, made: str) -> Rig:
     """Read once a process; `made` changes with its files."""
-    import_mesh_reader()
     return setup.load()
 
 

@@ -15,7 +15,6 @@ from palpate.calibration.mounting import Mounting, Spreads, identify_mounting, m
 from palpate.calibration.presses import find_presses
 from palpate.calibration.touch_error import TouchError, touch_error
 from palpate.cli.console import lines, note, title
-from palpate.cli.interrupts import import_mesh_reader
 from palpate.cli.machine_code import preparing
 from palpate.cli.options import FileOption, Log, Output, RigFile
 from palpate.contact.ground_truth import Touches
@@ -64,7 +63,6 @@ def calibrate_mounting(
     setup = load_rig(rig)
     keep_inputs(output, (log, marks, *setup.files().values()))  # not the rig: it may be updated
     recording = read_recording(log, setup.layout("force_torque"))
-    import_mesh_reader()
     if setup.surface is None:
         raise InputError("a rig needs a [surface].", where=str(rig))
     surface = setup.surface.load(setup.folder).drawn()  # an equation as its fine mesh: evidence counts facets

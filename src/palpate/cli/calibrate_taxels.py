@@ -17,7 +17,6 @@ from palpate.calibration.taxels.find import PokeSearch, find_pokes
 from palpate.calibration.taxels.place import place_modules
 from palpate.cli.console import Figure, counting, lines, note, progress, title, wait
 from palpate.cli.evaluate_taxels import is_taxel_file
-from palpate.cli.interrupts import import_mesh_reader
 from palpate.cli.options import FileOption, Log, Output, RigFile, Scalar
 from palpate.errors import InputError
 from palpate.io.atomic import keep_inputs
@@ -76,8 +75,6 @@ def calibrate_taxels_command(
     setup = replace(setup, pokes=table)
     begun = start or (None if table.start is None else setup.folder / table.start)
     keep_inputs(output, (log, rig, begun, *setup.files().values()))
-    if setup.surface is not None:
-        import_mesh_reader()
     surface = None if setup.surface is None else setup.surface.load(setup.folder)
     if is_taxel_file(log):
         _place(log, setup, method, layout, (output, rig, surface))

@@ -67,7 +67,7 @@ def demo(
     no_view: Flag = False,
     force: Flag = False,
 ) -> None:
-    """Make up a robot's session, run the whole chain of commands on it, and compare what is found with what is true.
+    """Make up a robot's session, run the whole chain of commands on it, and compare what is found with the truth.
 
     A probe of 60 x 25 x 40 mm sits on a force/torque sensor, 1.2 mm and 1.5 degrees off its drawing; the arm's clock is
     30 ms behind the sensor's. The arm moves freely, then the probe is touched at 20 marks. Ten of the touches place the

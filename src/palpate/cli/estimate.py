@@ -11,7 +11,6 @@ from tyro.conf import arg
 from palpate.cli.console import counting, lines, note, progress, shares, title
 from palpate.cli.contact_files import compared_blocks
 from palpate.cli.estimate_log import Estimated, estimate_log, record_of
-from palpate.cli.interrupts import import_mesh_reader
 from palpate.cli.machine_code import preparing
 from palpate.cli.options import FileOption, Log, Output
 from palpate.cli.report import judged
@@ -74,7 +73,6 @@ def estimate(
     require_format(output)  # this and what follows: before the work, not after it
     known, other = _ground_truth(truth, report), _compared(compare, report, rig)
     opened = setup.open(log, rig)
-    import_mesh_reader()
     preparing(rig, opened.kind.name)
     files = {"log": log, "rig": setup.rig, **rig.files(opened.kind), "truth": truth}
     with counting():

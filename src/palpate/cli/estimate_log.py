@@ -11,8 +11,8 @@ from threading import Thread
 from time import perf_counter
 from typing import NamedTuple
 
-from palpate.cli.interrupts import uninterrupted
 from palpate.cli.summed_writer import SummedWriter, WriterProcess, writer_process, writing_beside, writing_here
+from palpate.interrupts import uninterrupted
 from palpate.io.ahead import Reader
 from palpate.io.memory import keep_memory
 from palpate.io.models import provenance, write_provenance

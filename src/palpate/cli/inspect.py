@@ -12,7 +12,6 @@ from tyro.conf import arg
 from palpate.cli.console import Figure, in_full, lines, note, span, title
 from palpate.cli.evaluate import truth_times
 from palpate.cli.inspect_log import inspect_contacts, inspect_log, say_contents
-from palpate.cli.interrupts import import_mesh_reader
 from palpate.cli.options import FileOption, SomeFile
 from palpate.cli.spectrum import KINDS, draw_spectrum, located
 from palpate.contact.ground_truth import Touches
@@ -96,7 +95,6 @@ def _data(file: Path, rig: Rig | None, sensor: str | None, topic: str | None, ou
     else:
         recording, torn = inspect_log(file, rig, sensor, topic)
         if output is not None and recording is not None and rig is not None:
-            import_mesh_reader()
             recording = located(recording, rig, sensor)
     if output is not None:
         if recording is None or not len(recording):
@@ -112,7 +110,6 @@ def _holds_contacts(there: LogContents) -> bool:
 
 
 def _mesh(file: Path) -> None:
-    import_mesh_reader()
     mesh = Mesh.load(file, unit="m")
     extent = mesh.bounds[1] - mesh.bounds[0]
     title(f"{file}: a mesh")

@@ -12,7 +12,6 @@ from palpate.calibration.skin_map import Planes, Sheet, fit_stretch
 from palpate.calibration.skin_map import map_skin as isometric
 from palpate.calibration.skin_map.paper import paper_map
 from palpate.cli.console import lines, note, title, wait
-from palpate.cli.interrupts import import_mesh_reader
 from palpate.cli.options import MeshFile, Output
 from palpate.errors import InputError
 from palpate.io.atomic import keep_inputs
@@ -102,7 +101,6 @@ def map_skin(mesh: MeshFile, /, output: Output, options: Annotated[Options, arg(
         output: map to write: .toml, .csv, .txt (iCub) or .urdf.
         options: what is laid where.
     """
-    import_mesh_reader()
     keep_inputs(output, (mesh,))
     if output.suffix.lower() not in SUFFIXES:
         raise InputError(

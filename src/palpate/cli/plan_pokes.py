@@ -10,7 +10,6 @@ from tyro.conf import Positional, arg
 from palpate.calibration.taxels import Priors
 from palpate.calibration.taxels.plan import Candidates, Plan, after_calibration, plan_pokes
 from palpate.cli.console import lines, note, title
-from palpate.cli.interrupts import import_mesh_reader
 from palpate.cli.options import Output
 from palpate.errors import InputError
 from palpate.io.atomic import keep_inputs, write_text
@@ -49,8 +48,6 @@ def plan_pokes_command(
     keep_inputs(output, (rig, skin, *setup.files().values()))
     if not (wanted >= 0 and pokes >= 1):
         raise InputError("wanted must not be negative, and pokes positive.", where="--wanted, --pokes")
-    if setup.surface is not None:
-        import_mesh_reader()
     surface = None if setup.surface is None else setup.surface.load(setup.folder)
     places = read_taxel_places(skin)
     priors = Priors(**table.priors.stated())

@@ -11,7 +11,6 @@ from typing import Annotated
 from tyro.conf import FlagCreatePairsOff, Positional, UseAppendAction, arg
 
 from palpate.cli.console import note, title
-from palpate.cli.interrupts import import_mesh_reader
 from palpate.cli.options import Output, Scalar
 from palpate.errors import InputError
 from palpate.io.atomic import keep_inputs, write_text
@@ -74,7 +73,6 @@ def rig_new(
         raise InputError("is there already.", where=str(output), hint="Add --force to overwrite it.")
     if rate is not None and not 0 < rate < inf:
         raise InputError("must be positive.", where="--rate")
-    import_mesh_reader()
     body = None if mesh is None else Body.of(mesh, robot.link, _packages(robot.package))
     with TemporaryDirectory() as scratch:
         seen = log or listen(_known(live), Path(scratch))

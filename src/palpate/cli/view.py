@@ -10,7 +10,6 @@ from tyro.conf import arg
 from palpate.cli.console import announce, counting, lines, note, progress, title
 from palpate.cli.contact_files import compared_blocks, on_body, written
 from palpate.cli.evaluate_taxels import is_taxel_file
-from palpate.cli.interrupts import import_mesh_reader
 from palpate.cli.machine_code import preparing
 from palpate.cli.options import Log
 from palpate.cli.page_layers import Kept, body_of, layers_of
@@ -18,6 +17,7 @@ from palpate.cli.setup import Setup
 from palpate.cli.simulate_phantom import folder_beside
 from palpate.contact.contacts import Contacts
 from palpate.errors import InputError
+from palpate.interrupts import import_mesh_reader
 from palpate.io.models import read_provenance
 from palpate.io.models.summary import of_taxels
 from palpate.io.pipeline import Pipeline

@@ -155,7 +155,7 @@ class Locator:
         self._many, self._first_free = self._bound(), _kernel.first_free
 
     def _bound(self) -> Callable[..., Any]:
-        """Return the compiled loop for these settings on this surface; the arrays of each call are checked by callers."""
+        """Return the compiled loop for these settings on this surface; callers check the arrays of each call."""
         from palpate.contact import _kernel
 
         own = *self._arguments, self._settings, self._state

@@ -22,7 +22,7 @@ from palpate.io.units import near
 from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.frames import FrameTree
 from palpate.spatial.pose import Pose, quaternion_from_rotation
-from palpate.surfaces._load import arrays_of, load_trimesh
+from palpate.surfaces._load import arrays_of, load_arrays
 from palpate.surfaces.mesh import Mesh
 
 __all__ = ["GEOMETRIES", "Kinematics", "LinkBody", "Urdf"]
@@ -216,7 +216,7 @@ class Urdf:
             return *arrays_of(self._primitive(shape.find("geometry"), f"link {link!r}"), str(self.path)), None
         file = self.resolve(mesh.get("filename", ""))
         scale = self._numbers(mesh, "scale", f"link {link!r}", (1.0, 1.0, 1.0)) * _collada_unit(file)
-        points, faces = arrays_of(load_trimesh(file), str(file))
+        points, faces = load_arrays(file)
         mirrored = bool(np.prod(scale) < 0)  # the other hand of a pair: facets are seen from the other side
         return points * scale, faces[:, ::-1] if mirrored else faces, file
 

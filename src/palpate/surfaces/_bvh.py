@@ -13,7 +13,7 @@ import numpy as np
 
 from palpate.surfaces._jit import entry, inlined, inner, released
 from palpate.surfaces._patch import solve_flat, solve_patch, solve_vertex
-from palpate.surfaces._patches import FLAT, VERTEX
+from palpate.surfaces._patches import FACET, FLAT, KIND, VERTEX
 from palpate.surfaces._vectors import copy_into
 
 __all__ = [
@@ -34,7 +34,6 @@ __all__ = [
 
 CAPACITY = 16  # candidates kept a query; the ones nearest to the force stay
 CANDIDATE = 14  # numbers a candidate, as `search` says
-KIND, FACET = 18, 19  # behind the three corners of a patch
 STACK = 128  # of a walk down the tree: seven a level, of which there are 8 at most
 LEAF = 4
 WIDTH = 8  # children of a node
@@ -43,19 +42,24 @@ ROUNDING = 1e-6  # of the float32 in which nodes are kept and tested
 
 
 @inner
-def _select(keys, order, low, high, middle):
-    """Partly sort order[low:high] so that position `middle` splits it by key (Hoare's quickselect)."""
+def _select(middles, k, order, low, high, middle):
+    """Partly sort order[low:high], and the middles (m, 3) with it, so that `middle` splits it by their column k.
+
+    Hoare's quickselect. What is compared is moved along, because it is read in order then.
+    """
     left, right = low, high - 1
     while left < right:
-        pivot = keys[order[(left + right) // 2]]
+        pivot = middles[(left + right) // 2, k]
         i, j = left, right
         while i <= j:
-            while keys[order[i]] < pivot:
+            while middles[i, k] < pivot:
                 i += 1
-            while keys[order[j]] > pivot:
+            while middles[j, k] > pivot:
                 j -= 1
             if i <= j:
                 order[i], order[j] = order[j], order[i]
+                for axis in range(3):
+                    middles[i, axis], middles[j, axis] = middles[j, axis], middles[i, axis]
                 i += 1
                 j -= 1
         if middle <= j:
@@ -73,10 +77,10 @@ def _fill_child(node, child, corners, order, low, high):
     for at in range(low, high):
         for i in range(3):
             for k in range(3):
-                x = corners[order[at], i, k]
+                x = corners[order[at], 6 * i + k]
                 box_low[k] = min(box_low[k], x)
                 box_high[k] = max(box_high[k], x)
-                axis[k] += corners[order[at], i, 3 + k]
+                axis[k] += corners[order[at], 6 * i + 3 + k]
     length = np.sqrt(axis[0] ** 2 + axis[1] ** 2 + axis[2] ** 2)
     cosine = -1.0
     if length > 1e-9:
@@ -84,8 +88,8 @@ def _fill_child(node, child, corners, order, low, high):
         cosine = 1.0
         for at in range(low, high):
             for i in range(3):
-                n = corners[order[at], i]
-                cosine = min(cosine, axis[0] * n[3] + axis[1] * n[4] + axis[2] * n[5])
+                n = corners[order[at], 6 * i + 3 : 6 * i + 6]
+                cosine = min(cosine, axis[0] * n[0] + axis[1] * n[1] + axis[2] * n[2])
     for k in range(3):
         node[k, child] = 0.5 * (box_low[k] + box_high[k])
         node[3 + k, child] = 0.5 * (box_high[k] - box_low[k]) + ROUNDING
@@ -112,23 +116,23 @@ def _split(middles, order, ends):
             for k in range(3):
                 least, most = np.inf, -np.inf
                 for at in range(low, high):
-                    least, most = min(least, middles[k, order[at]]), max(most, middles[k, order[at]])
+                    least, most = min(least, middles[at, k]), max(most, middles[at, k])
                 if most - least > longest:
                     widest, longest = k, most - least
             ends[2 * part + 1] = (low + high) // 2
-            _select(middles[widest], order, low, high, (low + high) // 2)
+            _select(middles, widest, order, low, high, (low + high) // 2)
         parts *= 2
 
 
 @released("corners n 3 6, nodes out float32 n+1 14 8")
 def build(corners, nodes):
-    """Fill `nodes`, as `Tree` describes them; the order of the patches and how many nodes."""
+    """Fill `nodes`, as `Tree` describes them, and bring the patches (m, 20) into its order; how many nodes."""
     count = len(corners)
     order = np.arange(count)
-    middles = np.empty((3, count))
-    for k in range(3):
-        for m in range(count):
-            middles[k, m] = corners[m, 0, k] + corners[m, 1, k] + corners[m, 2, k]
+    middles = np.empty((count, 3))
+    for m in range(count):
+        for k in range(3):
+            middles[m, k] = corners[m, k] + corners[m, 6 + k] + corners[m, 12 + k]
     pending = np.empty((STACK, 3), dtype=np.int64)  # low, high, node
     pending[0, 0], pending[0, 1], pending[0, 2] = 0, count, 0
     ends = np.empty(WIDTH + 1, dtype=np.int64)
@@ -152,7 +156,25 @@ def build(corners, nodes):
             pending[depth, 0], pending[depth, 1], pending[depth, 2] = low, high, used
             depth += 1
             used += 1
-    return order, used
+    _reorder(corners, order)
+    return used
+
+
+@inner
+def _reorder(rows, order):
+    """Row number order[i] moves to i, in place; `order` is used up."""
+    spare = np.empty(rows.shape[1])
+    for start in range(len(rows)):
+        if order[start] < 0:
+            continue
+        copy_into(rows[start], spare)
+        at = start
+        while order[at] != start:
+            copy_into(rows[order[at]], rows[at])
+            following = order[at]
+            order[at], at = -1, following
+        copy_into(spare, rows[at])
+        order[at] = -1
 
 
 @inner

@@ -10,10 +10,10 @@ from __future__ import annotations
 from math import cos, radians
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float
 
-from palpate.surfaces._normals import half_edge_twins
-from palpate.surfaces._patches import VERTEX, Patches, vertex_fans
+from palpate.surfaces._normals import next_corner
+from palpate.surfaces._patches import VERTEX, Split, patch_rows
 
 __all__ = ["SHARP", "sharp_edges"]
 
@@ -22,27 +22,20 @@ _SHARPEST = cos(radians(20))  # facets of a rounded body that was meshed coarsel
 _SOLID = 0.02  # volume of three normals below which a corner is no more than its edges
 
 
-def sharp_edges(
-    vertices: Float[np.ndarray, "v 3"],
-    faces: Int[np.ndarray, "f 3"],
-    corner: Float[np.ndarray, "f 3 3"],
-    covered: Bool[np.ndarray, " f"] | None = None,
-) -> Patches:
-    """Convex edges over which normals are split, and convex corners between them, as patches without area.
+def sharp_edges(split: Split) -> Float[np.ndarray, "n 20"]:
+    """Convex edges over which normals are split, and convex corners between them, as rows of patches without area.
 
     An edge has its two ends, with one side's normal at the first and the other's at the second, both across the edge;
     the third corner is their middle. Along the edge the inside of the first side is n x e. None are between covered
     facets.
     """
-    covered = np.zeros(len(faces), dtype=np.bool_) if covered is None else covered
-    facets = np.concatenate([vertices[faces], corner], axis=2)
-    flat, twins = facets.reshape(-1, 6), half_edge_twins(faces)
-    half = np.flatnonzero(twins > np.arange(len(twins)))
-    ahead, other = _next(half), twins[half]
-    start, end = flat[half, :3], flat[ahead, :3]
+    half, covered = split.half_edges(1), split.covered
+    other = split.twins[half]
+    near, far, beyond, back = (split.at(corner) for corner in (half, next_corner(half), other, next_corner(other)))
+    start, end = near[:, :3], far[:, :3]
     along = end - start
-    first = _across(flat[half, 3:] + flat[ahead, 3:], along)
-    second = _across(flat[other, 3:] + flat[_next(other), 3:], along)
+    first = _across(near[:, 3:] + far[:, 3:], along)
+    second = _across(beyond[:, 3:] + back[:, 3:], along)
     outward = np.einsum("ij,ij->i", second, np.cross(first, along))  # < 0 where convex
     bent = np.einsum("ij,ij->i", first, second) < _SHARPEST
     kept = bent & (outward < 0.0) & ~(covered[half // 3] & covered[other // 3])
@@ -56,18 +49,14 @@ def sharp_edges(
         axis=1,
     )
     hollow = np.concatenate([start[bent & ~kept], end[bent & ~kept]])
-    fans, _, beside = vertex_fans(facets, twins, covered)
+    fans, beside = split.fans
     solid = np.abs(np.linalg.det(fans[:, :, 3:])) > _SOLID
-    at = _keys(fans[:, 0, :3])
     solid &= ~covered[beside]
-    solid &= ~np.isin(at, _keys(hollow)) & np.isin(at, _keys(np.concatenate([start[kept], end[kept]])))
+    fans, beside = fans[solid], beside[solid]
+    at = _keys(fans[:, 0, :3])
+    solid = ~np.isin(at, _keys(hollow)) & np.isin(at, _keys(np.concatenate([start[kept], end[kept]])))
     kind = np.concatenate([np.full(len(edges), SHARP), np.full(np.count_nonzero(solid), VERTEX)])
-    return Patches(np.concatenate([edges, fans[solid]]), kind, np.concatenate([half[kept] // 3, beside[solid]]))
-
-
-def _next(half_edges: Int[np.ndarray, " h"]) -> Int[np.ndarray, " h"]:
-    """The corner at which a half-edge ends."""
-    return half_edges - half_edges % 3 + (half_edges + 1) % 3
+    return patch_rows(np.concatenate([edges, fans[solid]]), kind, np.concatenate([half[kept] // 3, beside[solid]]))
 
 
 def _across(normals: Float[np.ndarray, "n 3"], along: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:

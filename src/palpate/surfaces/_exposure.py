@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from palpate.surfaces._normals import facet_normals
-from palpate.surfaces._patches import Patches
+from palpate.surfaces._patches import facet_rows
 from palpate.surfaces._tree import build_tree
 
 __all__ = ["exposed"]
@@ -29,8 +29,7 @@ def exposed(vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]) -
     from palpate.surfaces import _rays  # compiled: loaded when first needed
 
     normals, areas = facet_normals(vertices, faces)
-    corners = np.concatenate([vertices[faces], np.repeat(normals[:, None], 3, axis=1)], axis=2)
-    tree = build_tree(Patches(corners, np.zeros(len(faces), np.int64), np.arange(len(faces))))
+    tree = build_tree(facet_rows(vertices, faces, normals[:, None], np.arange(len(faces))))
     found = np.zeros(len(faces), dtype=np.bool_)
     _rays.open_facets(tree.corners, tree.nodes, np.zeros(3), _STEP, np.empty((0, 0, 0), np.bool_), found)
     if not found.all():  # else there is nothing to ask the ball

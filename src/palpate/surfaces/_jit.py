@@ -263,7 +263,7 @@ def _dispatcher(function: Callable[..., Any], options: dict[str, Any]) -> Any:
 @cache
 def _warn_once() -> None:
     logging.getLogger("palpate").warning(
-        "palpate compiles in every process anew: its folder cannot be written, nor a home (or name one: NUMBA_CACHE_DIR)"
+        "palpate compiles in every process anew: it can write neither its folder nor a home (NUMBA_CACHE_DIR names one)"
     )
 
 

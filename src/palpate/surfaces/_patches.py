@@ -9,102 +9,141 @@ presses on a closed body has a solution; and edges and vertices need no code of 
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from palpate.surfaces._normals import half_edge_twins
+from palpate.surfaces._normals import blocks, half_edge_twins, next_corner
 
-__all__ = ["EDGE", "FLAT", "SMOOTH", "VERTEX", "Patches", "build_patches", "vertex_fans"]
+__all__ = ["EDGE", "FACET", "FLAT", "KIND", "SMOOTH", "VERTEX", "Split", "build_patches", "facet_rows", "patch_rows"]
 
 FLAT, SMOOTH, EDGE, VERTEX = 0, 1, 2, 3  # what a patch is: the kind decides its tangent plane
+KIND, FACET = 18, 19  # behind the three corners of a patch
 _SAME = 1e-12  # 1 - cos of normals that count as one
 
 
-@dataclass(frozen=True)
-class Patches:
-    """Corners (m, 3, 6): position [m] and unit normal; kind (m,); facet (m,), the facet a patch is or touches."""
+def patch_rows(
+    corners: Float[np.ndarray, "m 3 6"], kind: Int[np.ndarray, " m"] | int, facet: Int[np.ndarray, " m"]
+) -> Float[np.ndarray, "m 20"]:
+    """Rows of patches: corners, of position [m] and unit normal; kind; the facet that each is or touches."""
+    rows = np.empty((len(corners), 20))
+    rows[:, :KIND], rows[:, KIND], rows[:, FACET] = corners.reshape(-1, 18), kind, facet
+    return rows
 
-    corners: Float[np.ndarray, "m 3 6"]
-    kind: Int[np.ndarray, " m"]
-    facet: Int[np.ndarray, " m"]
 
-
-def build_patches(
+def facet_rows(
     vertices: Float[np.ndarray, "v 3"],
     faces: Int[np.ndarray, "f 3"],
-    corner: Float[np.ndarray, "f 3 3"],
-    covered: Bool[np.ndarray, " f"] | None = None,
-) -> Patches:
-    """The patches of a mesh with corner normals; none of covered facets, nor of edges and corners between such."""
-    covered = np.zeros(len(faces), dtype=np.bool_) if covered is None else covered
-    facets = np.concatenate([vertices[faces], corner], axis=2)
-    spread = np.einsum("fik,fk->fi", corner, corner[:, 0]).min(axis=1)
-    parts = [(facets, np.where(spread > 1.0 - _SAME, FLAT, SMOOTH), np.arange(len(faces)))]
-    twins = half_edge_twins(faces)
-    parts.append(_edge_strips(facets, twins, covered))
-    parts.append(vertex_fans(facets, twins, covered))
-    corners, kind, facet = (np.concatenate(part) for part in zip(*parts, strict=True))
-    if covered.any():
-        rest = ~covered[facet]
-        corners, kind, facet = corners[rest], kind[rest], facet[rest]
-    return Patches(np.ascontiguousarray(corners), kind.astype(np.int64), facet.astype(np.int64))
+    corner: Float[np.ndarray, "f _ 3"],
+    used: Int[np.ndarray, " m"],
+    spare: int = 0,
+) -> Float[np.ndarray, "n 20"]:
+    """The facets that are used, as rows of patches, with normals at their corners; behind them `spare` rows."""
+    rows = np.empty((len(used) + spare, 20))
+    for block in blocks(len(used)):
+        facet, part = used[block], rows[: len(used)][block]
+        corners = part[:, :KIND].reshape(-1, 3, 6)
+        corners[:, :, :3], corners[:, :, 3:] = vertices.take(faces.take(facet, axis=0), axis=0), corner[facet]
+        flat = np.einsum("fik,fk->fi", corners[:, :, 3:], corners[:, 0, 3:]) > 1.0 - _SAME
+        part[:, KIND], part[:, FACET] = np.where(flat[:, 0] & flat[:, 1] & flat[:, 2], FLAT, SMOOTH), facet
+    return rows
 
 
-_Part = tuple[Float[np.ndarray, "m 3 6"], Int[np.ndarray, " m"], Int[np.ndarray, " m"]]
+@dataclass(frozen=True)
+class Split:
+    """Where the normals of a mesh are split.
+
+    Attributes:
+        vertices: (v, 3) [m]; point: (3 f,) which of them is at each corner; flat: (3 f, 3) the normals there.
+        twins: (3 f,) of the half-edges; changes: (3 f,) of the normals, as `compare_normals` says.
+        covered: (f,) facets that give no contacts.
+    """
+
+    vertices: Float[np.ndarray, "v 3"]
+    point: Int[np.ndarray, " h"]
+    flat: Float[np.ndarray, "h 3"]
+    twins: Int[np.ndarray, " h"]
+    changes: Int[np.ndarray, " h"]
+    covered: Bool[np.ndarray, " f"]
+
+    @classmethod
+    def of(
+        cls,
+        vertices: Float[np.ndarray, "v 3"],
+        faces: Int[np.ndarray, "f 3"],
+        corner: Float[np.ndarray, "f 3 3"],
+        covered: Bool[np.ndarray, " f"] | None = None,
+    ) -> Split:
+        """Of a mesh with corner normals."""
+        from palpate.surfaces import _topology  # compiled: loaded when first needed
+
+        covered = np.zeros(len(faces), dtype=np.bool_) if covered is None else covered
+        twins, flat = half_edge_twins(faces), corner.reshape(-1, 3)
+        changes = np.empty(len(twins), dtype=np.int64)
+        _topology.compare_normals(flat, twins, _SAME, changes)
+        return cls(vertices, faces.reshape(-1), flat, twins, changes, covered)
+
+    def at(self, corner: Int[np.ndarray, "*n"]) -> Float[np.ndarray, "*n 6"]:
+        """Position and normal at corners."""
+        return np.concatenate([self.vertices[self.point[corner]], self.flat[corner]], axis=-1)
+
+    def half_edges(self, least: int) -> Int[np.ndarray, " n"]:
+        """The first half-edge of each edge at one of whose ends the normals change by so much, in order."""
+        changed = np.flatnonzero(self.changes >= least)
+        return np.unique(np.minimum(changed, self.twins[changed]))
+
+    @functools.cached_property
+    def fans(self) -> tuple[Float[np.ndarray, "k 3 6"], Int[np.ndarray, " k"]]:
+        """At corners where three or more normals meet, patches over them in their order around it; a facet of each."""
+        from palpate.surfaces import _topology
+
+        members, sizes = np.empty_like(self.twins), np.empty_like(self.twins)
+        sizes = sizes[: _topology.walk_rings(self.twins, self.changes, members, sizes)].copy()
+        begin = np.cumsum(sizes) - sizes
+        corners = [np.zeros((0, 3, 6))]
+        facet = [np.zeros(0, dtype=np.int64)]
+        for size in dict.fromkeys(sizes.tolist()):
+            if size > 2:
+                index = members[begin[sizes == size][:, None] + np.arange(size)]
+                fans = _fan(self.at(index))
+                corners.append(fans.reshape(-1, 3, 6))
+                open_one = np.argmin(self.covered[index // 3], axis=1)
+                facet.append(np.repeat(index[np.arange(len(index)), open_one] // 3, len(fans[0])))
+        return np.concatenate(corners), np.concatenate(facet)
 
 
-def _edge_strips(
-    facets: Float[np.ndarray, "f 3 6"], twins: Int[np.ndarray, " h"], covered: Bool[np.ndarray, " f"]
-) -> _Part:
+def build_patches(faces: Int[np.ndarray, "f 3"], split: Split, spare: int = 0) -> Float[np.ndarray, "m 20"]:
+    """The patches of a mesh as rows; none of covered facets, nor of edges and corners between such.
+
+    Behind them are `spare` rows to be written.
+    """
+    corners, facet = _edge_strips(split)
+    fans, beside = split.fans
+    kind = np.repeat([EDGE, VERTEX], [len(corners), len(fans)])
+    corners, facet = np.concatenate([corners, fans]), np.concatenate([facet, beside])
+    rest = np.flatnonzero(~split.covered[facet])
+    used = np.flatnonzero(~split.covered)
+    rows = facet_rows(split.vertices, faces, split.flat.reshape(-1, 3, 3), used, len(rest) + spare)
+    rows[len(used) : len(used) + len(rest)] = patch_rows(corners[rest], kind[rest], facet[rest])
+    return rows
+
+
+def _edge_strips(split: Split) -> tuple[Float[np.ndarray, "m 3 6"], Int[np.ndarray, " m"]]:
     """Two patches a crease edge.
 
     Between flat facets they are skipped: there the strip has no area in any view, because the shift between two normals
     runs exactly along their edge.
     """
-    flat = facets.reshape(-1, 6)
-    half = np.flatnonzero(twins > np.arange(len(twins)))
-    ahead = half - half % 3 + (half + 1) % 3
-    other = twins[half]
-    other_ahead = other - other % 3 + (other + 1) % 3
-    a1, b1, b2, a2 = flat[half], flat[ahead], flat[other], flat[other_ahead]
-    split = (_apart(a1, a2) | _apart(b1, b2)) & (_apart(a1, b1) | _apart(a2, b2))
-    a1, b1, b2, a2 = a1[split], b1[split], b2[split], a2[split]
+    half = split.half_edges(2)
+    other = split.twins[half]
+    a1, b1, b2, a2 = (split.at(corner) for corner in (half, next_corner(half), other, next_corner(other)))
+    bent = _apart(a1, b1) | _apart(a2, b2)
+    a1, b1, b2, a2 = a1[bent], b1[bent], b2[bent], a2[bent]
     corners = np.concatenate([np.stack([a1, a2, b2], axis=1), np.stack([a1, b2, b1], axis=1)])
-    left, right = half[split] // 3, other[split] // 3
-    facet = np.tile(np.where(covered[left], right, left), 2)
-    return corners, np.full(len(corners), EDGE), facet
-
-
-def vertex_fans(
-    facets: Float[np.ndarray, "f 3 6"], twins: Int[np.ndarray, " h"], covered: Bool[np.ndarray, " f"]
-) -> _Part:
-    """At a corner where three or more normals meet, a fan over them in their order around the corner."""
-    flat = facets.reshape(-1, 6)
-    corner = np.arange(len(flat))
-    crossing = twins[corner]  # leave the corner over its outgoing edge
-    onward = np.where(crossing >= 0, crossing - crossing % 3 + (crossing + 1) % 3, -1)
-    changes = np.zeros(len(flat), dtype=bool)
-    inner = onward >= 0
-    changes[inner] = _apart(flat[corner[inner]], flat[onward[inner]])
-    rings: dict[int, list[list[int]]] = {}
-    seen = np.zeros(len(flat), dtype=bool)
-    for start in np.flatnonzero(changes):
-        if not seen[start]:
-            ring = _ring(int(start), onward, changes, seen)
-            rings.setdefault(len(ring), []).append(ring)
-    corners = [np.zeros((0, 3, 6))]
-    facet = [np.zeros(0, dtype=np.int64)]
-    for size, members in rings.items():
-        if size > 2:
-            index = np.array(members)
-            fans = _fan(flat[index])
-            corners.append(fans.reshape(-1, 3, 6))
-            open_one = np.argmin(covered[index // 3], axis=1)
-            facet.append(np.repeat(index[np.arange(len(index)), open_one] // 3, len(fans[0])))
-    both = np.concatenate(corners)
-    return both, np.full(len(both), VERTEX), np.concatenate(facet)
+    left, right = half[bent] // 3, other[bent] // 3
+    return corners, np.tile(np.where(split.covered[left], right, left), 2)
 
 
 def _fan(ring: Float[np.ndarray, "r k 6"]) -> Float[np.ndarray, "r t 3 6"]:
@@ -120,18 +159,6 @@ def _fan(ring: Float[np.ndarray, "r k 6"]) -> Float[np.ndarray, "r t 3 6"]:
     hub[:, 3:] = np.where(length > 1e-6, hub[:, 3:] / np.maximum(length, 1e-6), ring[:, 0, 3:])
     middle = np.broadcast_to(hub[:, None], ring.shape)
     return np.stack([middle, ring, np.roll(ring, -1, axis=1)], axis=2)
-
-
-def _ring(start: int, onward: np.ndarray, changes: np.ndarray, seen: np.ndarray) -> list[int]:
-    """One corner for each distinct normal around a vertex, in the order of the walk `onward`."""
-    ring: list[int] = []
-    at = start
-    while at >= 0 and not seen[at]:
-        seen[at] = True
-        if changes[at]:
-            ring.append(int(onward[at]))
-        at = int(onward[at])
-    return ring
 
 
 def _apart(a: Float[np.ndarray, "n 6"], b: Float[np.ndarray, "n 6"]) -> np.ndarray:

@@ -7,12 +7,12 @@ the winding is made consistent over each body and outward. Nothing is moved, fil
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
 
 from palpate.errors import GeometryError
 from palpate.spatial._arrays import shaped
-from palpate.surfaces._normals import facet_normals, half_edge_twins
+from palpate.surfaces._normals import blocks, facet_normals, half_edge_twins, sort_half_edges
 
 __all__ = ["bodies", "repair"]
 
@@ -21,8 +21,8 @@ _FARTHEST = 1e12  # in any unit: what is beyond is a fault of the file, and its 
 
 def repair(
     vertices: ArrayLike, faces: ArrayLike
-) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"], tuple[str, ...]]:
-    """Merged, cleaned and oriented arrays, and notes on what was done.
+) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"], Int[np.ndarray, " h"], tuple[str, ...]]:
+    """Merged, cleaned and oriented arrays, the twins of their half-edges, and notes on what was done.
 
     Raises:
         GeometryError: wrong shapes, vertex numbers out of range, or no facet with an area.
@@ -46,18 +46,18 @@ def repair(
     triangles, doubled = _without_doubles(triangles)
     if doubled:
         notes.append(f"{doubled} doubled facets dropped")
-    triangles, turned = _outward(points, triangles)
+    triangles, twins, turned = _outward(points, triangles)
     if turned:
         notes.append(f"{turned} facets turned over so that normals agree and point outward")
-    open_edges = int(np.count_nonzero(half_edge_twins(triangles) < 0))
+    open_edges = int(np.count_nonzero(twins < 0))
     if open_edges and not _sheet(points, triangles):
         notes.append(f"the mesh is not closed: {open_edges} edges have no single neighbour")
-    return points, triangles, tuple(notes)
+    return points, triangles, twins, tuple(notes)
 
 
 def bodies(triangles: Int[np.ndarray, "f 3"]) -> int:
     """How many there are, joined over edges with exactly two facets."""
-    return int(_winding(triangles)[1].max()) + 1
+    return int(_winding(triangles, sort_half_edges(triangles)[0])[1].max()) + 1
 
 
 def _sheet(points: Float[np.ndarray, "v 3"], triangles: Int[np.ndarray, "f 3"]) -> bool:
@@ -90,95 +90,98 @@ def _merged(
     The step is that of the largest coordinate, as STL writes it in whatever unit; at most 1e-4 of the size, so that a
     body far from its origin keeps its shape.
     """
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-    from scipy.spatial import KDTree
+    from palpate.surfaces import _topology  # compiled: loaded when first needed
 
-    needed = np.unique(triangles)
+    there = np.zeros(len(points), dtype=np.bool_)
+    there[triangles.reshape(-1)] = True
+    needed = np.flatnonzero(there)
     used, same = _distinct(points[needed])
     size = float(np.linalg.norm(used.max(axis=0) - used.min(axis=0)))
     step = np.sqrt(3.0) * float(np.finfo(np.float32).eps) * float(np.abs(used).max())
-    near = KDTree(used).query_pairs(max(1e-7 * size, min(step, 1e-4 * size)), output_type="ndarray")
-    graph = coo_array((np.ones(len(near)), (near[:, 0], near[:, 1])), shape=(len(used), len(used)))
-    count, group = connected_components(graph, directed=False)
-    first = np.full(count, len(used))
-    np.minimum.at(first, group, np.arange(len(used)))
+    group = np.zeros(len(used), dtype=np.int64)
+    if size > 0.0:
+        count = _topology.join_near(used, max(1e-7 * size, min(step, 1e-4 * size)), group)
+        if count < len(used):
+            used, same = used[np.unique(group, return_index=True)[1]], group[same]
     renamed = np.zeros(len(points), dtype=np.int64)
-    renamed[needed] = group[same]
-    return used[first], renamed[triangles]
+    renamed[needed] = same
+    return used, renamed[triangles]
 
 
 def _distinct(points: Float[np.ndarray, "v 3"]) -> tuple[Float[np.ndarray, "w 3"], Int[np.ndarray, " v"]]:
     """Points that differ, in order, and which of them each is: a quick start for meshes that share no vertices."""
+    number, first = _numbered((points + 0.0).view(np.int64))  # 0.0 and -0.0 are one
+    points = points[first]
     order = np.lexsort(points.T[::-1])
-    sorted_ = points[order]
-    new = np.ones(len(points), dtype=bool)
-    new[1:] = np.any(sorted_[1:] != sorted_[:-1], axis=1)
-    number = np.empty(len(points), dtype=np.int64)
-    number[order] = np.cumsum(new) - 1
-    return sorted_[new], number
+    rank = np.empty(len(order), dtype=np.int64)
+    rank[order] = np.arange(len(order))
+    return points[order], rank[number]
+
+
+def _numbered(rows: Int[np.ndarray, "n 3"]) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " k"]]:
+    """Which of the different rows each is, in the order in which they come, and where they come first."""
+    from palpate.surfaces import _topology
+
+    number, first = np.empty(len(rows), dtype=np.int64), np.empty(len(rows), dtype=np.int64)
+    return number, first[: _topology.number_rows(rows, number, first)].copy()
 
 
 def _without_slivers(
     points: Float[np.ndarray, "v 3"], triangles: Int[np.ndarray, "f 3"]
 ) -> tuple[Int[np.ndarray, "g 3"], int]:
     """A facet needs three different corners and a height above rounding of its longest edge."""
-    _, area = facet_normals(points, triangles)
-    sides = points[triangles] - np.roll(points[triangles], 1, axis=1)
-    longest = np.linalg.norm(sides, axis=2).max(axis=1)
-    good = area > 1e-9 * longest**2
-    return triangles[good], int(np.count_nonzero(~good))
+    good = np.empty(len(triangles), dtype=np.bool_)
+    for block in blocks(len(triangles)):
+        corners = points.take(triangles[block], axis=0)
+        sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
+        longest = np.maximum(np.maximum(sides[:, 0], sides[:, 1]), sides[:, 2])
+        good[block] = facet_normals(points, triangles[block])[1] > 1e-9 * longest**2
+    dropped = int(np.count_nonzero(~good))
+    return triangles[good] if dropped else triangles, dropped
 
 
 def _without_doubles(triangles: Int[np.ndarray, "f 3"]) -> tuple[Int[np.ndarray, "g 3"], int]:
-    _, first = np.unique(np.sort(triangles, axis=1), axis=0, return_index=True)
-    return triangles[np.sort(first)], len(triangles) - len(first)
+    first = _numbered(np.sort(triangles, axis=1))[1]
+    doubled = len(triangles) - len(first)
+    return triangles[first] if doubled else triangles, doubled
 
 
-def _outward(points: Float[np.ndarray, "v 3"], triangles: Int[np.ndarray, "f 3"]) -> tuple[Int[np.ndarray, "f 3"], int]:
+def _outward(
+    points: Float[np.ndarray, "v 3"], triangles: Int[np.ndarray, "f 3"]
+) -> tuple[Int[np.ndarray, "f 3"], Int[np.ndarray, " h"], int]:
     """Consistent winding over each connected body, and positive volume where the body is closed.
 
     An open body keeps the sense of most of its facets: which side is out is then the file's word.
     """
-    flipped, body = _winding(triangles)
-    result = np.where(flipped[:, None], triangles[:, ::-1], triangles)
+    order, twins = sort_half_edges(triangles)
+    flipped, body = _winding(triangles, order)
+    if flipped.any():
+        triangles = np.where(flipped[:, None], triangles[:, ::-1], triangles)
+        twins = half_edge_twins(triangles)
     closed = np.ones(body.max() + 1, dtype=bool)
-    closed[body[np.flatnonzero(half_edge_twins(result) < 0) // 3]] = False
-    a, b, c = (points[result[:, i]] - points.mean(axis=0) for i in range(3))
-    volume = np.bincount(body, np.einsum("ij,ij->i", a, np.cross(b, c)))
+    closed[body[np.flatnonzero(twins < 0) // 3]] = False
+    middle, volumes = points.mean(axis=0), np.empty(len(triangles))
+    for block in blocks(len(triangles)):
+        a, b, c = np.moveaxis(points.take(triangles[block], axis=0) - middle, 1, 0)
+        volumes[block] = np.einsum("ij,ij->i", a, np.cross(b, c))
+    volume = np.bincount(body, volumes)
     changed = np.bincount(body, flipped.astype(np.float64)) / np.bincount(body)
-    turn = np.where(closed, volume < 0, changed > 0.5)
-    result = np.where(turn[body][:, None], result[:, ::-1], result)
-    return np.ascontiguousarray(result), int(np.count_nonzero(flipped ^ turn[body]))
+    turn = np.where(closed, volume < 0, changed > 0.5)[body]
+    if turn.any():
+        triangles = np.ascontiguousarray(np.where(turn[:, None], triangles[:, ::-1], triangles))
+        twins = half_edge_twins(triangles)
+    return triangles, twins, int(np.count_nonzero(flipped ^ turn))
 
 
-def _winding(triangles: Int[np.ndarray, "f 3"]) -> tuple[np.ndarray, Int[np.ndarray, " f"]]:
+def _winding(
+    triangles: Int[np.ndarray, "f 3"], order: Int[np.ndarray, " h"]
+) -> tuple[Bool[np.ndarray, " f"], Int[np.ndarray, " f"]]:
     """Which facets to flip so that neighbours agree, and the body each belongs to.
 
-    Bodies are joined over edges with exactly two facets. Signs by a walk over a spanning forest of the facet graph.
+    Bodies are joined over edges with exactly two facets.
     """
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import breadth_first_order, connected_components
+    from palpate.surfaces import _topology
 
-    start = triangles.reshape(-1)
-    end = np.roll(triangles, -1, axis=1).reshape(-1)
-    key = np.minimum(start, end) * (int(triangles.max()) + 1) + np.maximum(start, end)
-    order = np.argsort(key, kind="stable")
-    _, begin, counts = np.unique(key[order], return_index=True, return_counts=True)
-    pair = begin[counts == 2]
-    one, two = order[pair], order[pair + 1]
-    agree = start[one] != start[two]  # run through in opposite senses
-    count = len(triangles)
-    left, right = one // 3, two // 3
-    graph = coo_array((np.ones(len(left)), (left, right)), shape=(count, count)).tocsr()
-    bodies, body = connected_components(graph, directed=False)
-    if agree.all():
-        return np.zeros(count, dtype=bool), body
-    against = coo_array((~agree * 1.0, (left, right)), shape=(count, count)).tocsr()
-    against = against + against.T
-    flipped = np.zeros(count, dtype=bool)
-    for first in np.unique(body, return_index=True)[1][:bodies]:
-        walk, before = breadth_first_order(graph, int(first), directed=False)
-        for facet in walk[1:]:
-            flipped[facet] = flipped[before[facet]] ^ bool(against[facet, before[facet]])
+    flipped, body = np.zeros(len(triangles), dtype=np.bool_), np.empty(len(triangles), dtype=np.int64)
+    _topology.walk_facets(triangles, order, flipped, body)
     return flipped, body

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float, Float32
 
 from palpate.errors import GeometryError
-from palpate.surfaces._patches import Patches
+from palpate.surfaces._normals import blocks
 
 __all__ = ["Tree", "build_tree"]
 
@@ -37,39 +37,43 @@ class Tree:
     scale: float
 
 
-def build_tree(patches: Patches, sharp: Patches | None = None) -> Tree:
+def build_tree(rows: Float[np.ndarray, "m 20"], sharp: int = 0) -> Tree:
     """Build the tree: three rounds of median splits along the longest side a node, leaves of up to four patches.
 
     Args:
-        patches: what a wrench can meet.
-        sharp: edges and corners that it can pass within its noise (`sharp_edges`).
+        rows: patches (`patch_rows`) that a wrench can meet. The tree takes them over: they are brought to unit size and
+            into the order of its leaves where they are.
+        sharp: how many of them, at the end, are edges and corners that it can pass within its noise (`sharp_edges`).
     """
-    if len(patches.kind) > _MOST:
-        raise GeometryError(f"{len(patches.kind)} patches are too many ({_MOST}); simplify the mesh or choose a region")
-
-    positions = patches.corners[:, :, :3]
-    low, high = positions.min(axis=(0, 1)), positions.max(axis=(0, 1))
-    centre, scale = 0.5 * (low + high), 0.5 * float(np.linalg.norm(high - low))
-    nodes, corners = _branches(patches, centre, scale)
-    last = np.full((1, *nodes.shape[1:]), -1.0, dtype=np.float32)
-    if sharp is not None and len(sharp.kind):
-        more, edges = _branches(sharp, centre, scale)
-        inside = more[:, 11] == 0.0
-        more[:, 10] += np.where(inside, np.float32(len(nodes)), np.float32(len(corners)))
-        last[0, 10, 0] = len(nodes)
-        nodes, corners = np.concatenate([nodes, more]), np.concatenate([corners, edges])
-    return Tree(nodes=np.concatenate([nodes, last]), corners=corners, centre=centre, scale=scale)
-
-
-def _branches(
-    patches: Patches, centre: Float[np.ndarray, "3"], scale: float
-) -> tuple[Float32[np.ndarray, "n 14 8"], Float[np.ndarray, "m 20"]]:
-    """Nodes over patches, and the patches in the order of the leaves, in unit size."""
     from palpate.surfaces import _bvh  # compiled: loaded when first needed
 
-    corners = patches.corners.copy()
-    corners[:, :, :3] = (corners[:, :, :3] - centre) / scale
-    nodes = np.zeros((len(corners) + 1, 14, _bvh.WIDTH), dtype=np.float32)
-    order, used = _bvh.build(corners, nodes)
-    tags = np.stack([patches.kind, patches.facet], axis=1)
-    return nodes[:used].copy(), np.concatenate([corners[order].reshape(-1, 18), tags[order]], axis=1)
+    count = len(rows) - sharp
+    if count > _MOST:
+        raise GeometryError(f"{count} patches are too many ({_MOST}); simplify the mesh or choose a region")
+
+    positions = rows[:, : _bvh.KIND].reshape(-1, 3, 6)[:, :, :3]  # a view
+    low, high = _box(positions[:count])
+    centre, scale = 0.5 * (low + high), 0.5 * float(np.linalg.norm(high - low))
+    for block in blocks(len(rows)):
+        positions[block] = (positions[block] - centre) / scale
+    nodes = np.empty(
+        (count // 4 + sharp // 4 + 5, 14, _bvh.WIDTH), dtype=np.float32
+    )  # each but a root has five or more
+    used = last = _bvh.build(rows[:count], nodes)
+    if sharp:
+        last += _bvh.build(rows[count:], nodes[used:])
+        more = nodes[used:last]
+        more[:, 10] += np.where(more[:, 11] == 0.0, np.float32(used), np.float32(count))
+    nodes[last] = -1.0
+    nodes[last, 10, 0] = used if sharp else -1.0
+    nodes.resize((last + 1, *nodes.shape[1:]), refcheck=False)
+    return Tree(nodes=nodes, corners=rows, centre=centre, scale=scale)
+
+
+def _box(positions: Float[np.ndarray, "m 3 3"]) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
+    """Lowest and highest coordinates."""
+    low, high = np.full(3, np.inf), np.full(3, -np.inf)
+    for block in blocks(len(positions)):
+        columns = positions[block].transpose(2, 0, 1).reshape(3, -1)  # long rows are quicker
+        low, high = np.minimum(low, columns.min(axis=1)), np.maximum(high, columns.max(axis=1))
+    return low, high

@@ -18,7 +18,7 @@ from palpate.spatial.arguments import takes_arrays
 from palpate.surfaces._edges import sharp_edges
 from palpate.surfaces._exposure import exposed
 from palpate.surfaces._normals import corner_normals, facet_normals, half_edge_twins
-from palpate.surfaces._patches import build_patches
+from palpate.surfaces._patches import Split, build_patches
 from palpate.surfaces._repair import bodies, repair
 from palpate.surfaces._tree import Tree, build_tree
 from palpate.surfaces.surface import Prepared
@@ -94,11 +94,11 @@ class Mesh(Value):
         """
         if not 0 <= crease <= pi:  # NaN too
             raise InputError(f"crease must lie between 0 and pi [rad], not {crease:g}.", hint="Use math.radians(30).")
-        points, triangles, notes = repair(vertices, faces)
+        points, triangles, twins, notes = repair(vertices, faces)
         crease = float(crease) if smooth else 0.0
         listed = region is not None and np.ndim(region) == 1
         touchable = np.ones(len(triangles), dtype=np.bool_) if covered or listed else None
-        normals, _ = corner_normals(points, triangles, crease)
+        normals = corner_normals(points, triangles, twins, crease)
         if region is not None:
             kept = _in_region(points, triangles, region)
             touchable = (exposed(points, triangles) if touchable is None else touchable)[kept]
@@ -121,7 +121,10 @@ class Mesh(Value):
             InputError: no unit, an unknown one, or nothing that has vertices and faces.
             GeometryError: nothing usable in it.
         """
-        return cls._from_numbers(mesh, unit, type(mesh).__name__, options)
+        from palpate.surfaces._load import arrays_of
+
+        source = type(mesh).__name__
+        return cls._from_numbers(*arrays_of(mesh, source), unit, source, options)
 
     @classmethod
     def load(cls, path: str | Path, unit: str | None = None, **options: Any) -> Mesh:
@@ -136,17 +139,21 @@ class Mesh(Value):
             InputError: no such file, no unit, an unknown one or a file that is not a mesh.
             GeometryError: nothing usable in it.
         """
-        from palpate.surfaces._load import load_trimesh
+        from palpate.surfaces._load import load_arrays
 
-        return cls._from_numbers(load_trimesh(Path(path)), unit, str(path), options)
+        return cls._from_numbers(*load_arrays(Path(path)), unit, str(path), options)
 
     @classmethod
-    def _from_numbers(cls, mesh: Any, unit: str | None, source: str, options: dict[str, Any]) -> Mesh:
-        """From what trimesh holds, in a unit."""
-        from palpate.surfaces._load import arrays_of
-
+    def _from_numbers(
+        cls,
+        vertices: Float[np.ndarray, "v 3"],
+        faces: Int[np.ndarray, "f 3"],
+        unit: str | None,
+        source: str,
+        options: dict[str, Any],
+    ) -> Mesh:
+        """From what a file holds, in a unit."""
         scale = _require_unit(unit, source)
-        vertices, faces = arrays_of(mesh, source)
         try:
             made = cls.from_arrays(vertices * scale, faces, **options)
         except GeometryError as error:
@@ -214,8 +221,13 @@ class Mesh(Value):
 
     @functools.cached_property
     def _tree(self) -> Tree:
-        arrays = self.vertices, self.faces, self.corner_normals, self.covered
-        return build_tree(build_patches(*arrays), sharp_edges(*arrays))
+        split = Split.of(self.vertices, self.faces, self.corner_normals, self.covered)
+        sharp = sharp_edges(split)
+        rows = build_patches(self.faces, split, len(sharp))
+        count = len(sharp)
+        rows[len(rows) - count :] = sharp
+        del split, sharp  # memory that the tree needs
+        return build_tree(rows, count)
 
     def tree(self) -> Tree:
         """The prepared search tree; built (and its loops compiled) on the first call."""

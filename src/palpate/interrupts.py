@@ -32,6 +32,6 @@ def uninterrupted() -> Generator[None]:
 
 
 def import_mesh_reader() -> None:
-    """The library behind `Mesh.load`, whole before the first mesh is read."""
+    """Import trimesh, which takes a while and must not be broken off halfway."""
     with uninterrupted():
         import_module("trimesh")
