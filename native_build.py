@@ -9,7 +9,6 @@ names, and one of other kernels is never loaded.
 from __future__ import annotations
 
 import os
-import platform
 import shutil
 import subprocess
 import sys

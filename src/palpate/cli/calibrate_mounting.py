@@ -14,8 +14,7 @@ from tyro.conf import arg
 from palpate.calibration.mounting import Mounting, Spreads, identify_mounting, mean_touches
 from palpate.calibration.presses import find_presses
 from palpate.calibration.touch_error import TouchError, touch_error
-from palpate.cli.console import lines, note, title
-from palpate.cli.machine_code import preparing
+from palpate.cli.console import lines, note, title, wait
 from palpate.cli.options import FileOption, Log, Output, RigFile
 from palpate.contact.ground_truth import Touches
 from palpate.contact.locate import Locator
@@ -66,7 +65,7 @@ def calibrate_mounting(
     if setup.surface is None:
         raise InputError("a rig needs a [surface].", where=str(rig))
     surface = setup.surface.load(setup.folder).drawn()  # an equation as its fine mesh: evidence counts facets
-    preparing(setup, "force_torque")
+    wait("preparing the surface")
     wrenches, covariances, estimator = _in_sensor(recording, setup, surface)
     touches = _presses(recording, wrenches, estimator) if marks is None else read_touches(marks)
     _require_overlap(recording, touches, marks or log)

@@ -15,7 +15,6 @@ from tyro.conf import FlagCreatePairsOff, arg
 
 from palpate.cli import main
 from palpate.cli.console import announce, muted, step, table, title
-from palpate.cli.machine_code import compile_beside
 from palpate.cli.simulate import require_new
 from palpate.contact.estimate import Status
 from palpate.errors import InputError
@@ -85,7 +84,6 @@ def demo(
         reserve_output(output)
     else:
         require_new(output)
-    compile_beside()
     from palpate.simulation.session import simulate_session  # here: with them comes scipy
     from palpate.simulation.session_files import write_session
     from palpate.simulation.session_mcap import write_session_mcap

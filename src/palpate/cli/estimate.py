@@ -8,10 +8,9 @@ from typing import Annotated, Literal
 
 from tyro.conf import arg
 
-from palpate.cli.console import counting, lines, note, progress, shares, title
+from palpate.cli.console import counting, lines, note, progress, shares, title, wait
 from palpate.cli.contact_files import compared_blocks
 from palpate.cli.estimate_log import Estimated, estimate_log, record_of
-from palpate.cli.machine_code import preparing
 from palpate.cli.options import FileOption, Log, Output
 from palpate.cli.report import judged
 from palpate.cli.report_advice import mounting_known
@@ -73,7 +72,7 @@ def estimate(
     require_format(output)  # this and what follows: before the work, not after it
     known, other = _ground_truth(truth, report), _compared(compare, report, rig)
     opened = setup.open(log, rig)
-    preparing(rig, opened.kind.name)
+    wait("preparing the surface")
     files = {"log": log, "rig": setup.rig, **rig.files(opened.kind), "truth": truth}
     with counting():
         done = estimate_log(opened, output, frame, files, progress, workers=_workers(opened, workers))

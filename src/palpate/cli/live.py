@@ -17,11 +17,10 @@ from typing import Annotated
 
 from tyro.conf import FlagConversionOff, FlagCreatePairsOff, UseAppendAction, arg
 
-from palpate.cli.console import counting, lines, note, title
+from palpate.cli.console import counting, lines, note, title, wait
 from palpate.cli.keys import Came, pressed, signals
 from palpate.cli.live_line import Figures, summary
 from palpate.cli.live_page import show
-from palpate.cli.machine_code import preparing
 from palpate.cli.options import FileOption, RigFile, Scalar, require_port, require_positive
 from palpate.errors import InputError
 from palpate.io.atomic import keep_inputs
@@ -79,7 +78,7 @@ def live(
     require_port(port, "--port")
     _require(stated, rig, record, publish, split)
     title(f"{source.kind}{f' at {source.address}' if source.address else ''}, {stated.kind(sensor).called}")
-    preparing(stated, stated.kind(sensor).name)
+    wait("preparing the surface")
     with ExitStack() as stack:
         came = stack.enter_context(signals())  # from here on: a tare may be asked for before anything runs
         path = stack.enter_context(_ring(record))

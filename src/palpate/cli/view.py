@@ -7,10 +7,9 @@ from typing import Annotated
 
 from tyro.conf import arg
 
-from palpate.cli.console import announce, counting, lines, note, progress, title
+from palpate.cli.console import announce, counting, lines, note, progress, title, wait
 from palpate.cli.contact_files import compared_blocks, on_body, written
 from palpate.cli.evaluate_taxels import is_taxel_file
-from palpate.cli.machine_code import preparing
 from palpate.cli.options import Log
 from palpate.cli.page_layers import Kept, body_of, layers_of
 from palpate.cli.setup import Setup
@@ -125,7 +124,7 @@ def _view_taxels(path: Path, setup: Setup, host: str, port: int) -> None:
 def _estimated(path: Path, setup: Setup, rig: Rig) -> tuple[Scene, list[str]]:
     """A log on its way through the whole chain, and what is to be known of it."""
     log = setup.open(path, rig)
-    preparing(rig, log.kind.name)
+    wait("preparing the surface")
     pipeline = Pipeline.of(log)
     kept, parts, done = Kept(), list[Contacts](), 0
     with counting():

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from itertools import chain
@@ -28,6 +28,7 @@ from palpate.io.rig.kind import Prepared, SensorKind
 from palpate.io.rig.rig import Rig, load_rig
 from palpate.sensors.compensation import Compensation
 from palpate.sensors.recording import ORIENTATION, POSITION, Recording
+from palpate.surfaces._jit import compile_seconds
 
 __all__ = ["FRAMES", "HEAD", "OpenedLog", "Pipeline", "estimate", "open_log", "prepare"]
 
@@ -278,13 +279,14 @@ class Pipeline:
         """
         if frame not in FRAMES:
             raise InputError(f"there is no frame {frame!r}.", hint=f"Use one of {', '.join(FRAMES)}.")
-        begin, read = perf_counter(), log.seconds
+        begin, read, before = perf_counter(), log.seconds, compile_seconds()
         head = log.head()
         if frame == "base":
             _require_pose(log, head)
         made = prepare(log.rig, log)
         pipeline = cls(log, frame, made.estimator, made.said, made.doubted, made.facts)
-        pipeline.seconds["prepare"] = perf_counter() - begin - (log.seconds - read)
+        compiling = pipeline.seconds["compile"] = compile_seconds() - before
+        pipeline.seconds["prepare"] = perf_counter() - begin - (log.seconds - read) - compiling
         return pipeline
 
     def stream(self, **options: Any) -> Iterator[tuple[Recording, Contacts, Contacts]]:
@@ -293,25 +295,18 @@ class Pipeline:
         Args:
             options: that this estimator's `pairs` has beside the blocks, such as `forces` of taxels.
         """
-        from numba.core import event  # heavy: loaded when needed, as the kernels are
-
-        timer: Callable[..., AbstractContextManager[object]] = vars(event)["install_timer"]  # it has no types
         located = self.estimator.pairs(self.log, **options)
         while True:
-            begin, read, before = perf_counter(), self.log.seconds, self.seconds["compile"]
-            with timer("numba:compile", self._compiled):
-                pair = next(located, None)
-            elsewhere = self.log.seconds - read + self.seconds["compile"] - before
-            self.seconds["locate"] += perf_counter() - begin - elsewhere
+            begin, read, before = perf_counter(), self.log.seconds, compile_seconds()
+            pair = next(located, None)
+            compiling = compile_seconds() - before
+            self.seconds["compile"] += compiling  # the rate of the rest is that of the next run, too
+            self.seconds["locate"] += perf_counter() - begin - (self.log.seconds - read) - compiling
             if pair is None:
                 return
             block, found = pair
             self._seen.add(block, found, self._size, keep=isinstance(self.estimator, WrenchEstimator))
             yield block, found, placed(found, block, self.frame, self.estimator.mount)
-
-    def _compiled(self, seconds: float) -> None:
-        """While samples are located: their rate would say nothing of the next run."""
-        self.seconds["compile"] += seconds
 
     @property
     def _size(self) -> float:

@@ -19,6 +19,7 @@ from functools import cache, cached_property, update_wrapper
 from importlib.machinery import EXTENSION_SUFFIXES, ExtensionFileLoader
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
+from time import perf_counter
 from typing import Any, cast
 
 from palpate.surfaces._arguments import Argument, form_of, forms, require
@@ -35,6 +36,7 @@ __all__ = [
     "Entry",
     "Kernel",
     "chosen_for",
+    "compile_seconds",
     "entry",
     "inlined",
     "inner",
@@ -52,26 +54,49 @@ V3 = frozenset(["avx2", "bmi1", "bmi2", "f16c", "fma", "abm", "movbe"])  # flags
 def kernel_files() -> list[Path]:
     """Return the files that compiled code is made of, in order."""
     private = sorted(file for file in PACKAGE.rglob("_*.py") if not file.name.startswith("__"))
-    return [file for file in private if file.name == "_settings.py" or b"_jit import" in file.read_bytes()]
+    return [file for file in private if file.name == "_settings.py" or b"surfaces._jit import" in file.read_bytes()]
 
 
 def _stamp() -> str:
     """Return a digest of the kernels, and of how they are compiled."""
-    files = [*kernel_files(), Path(__file__)]
-    return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()[:16]
-
-
-STAMP = _stamp()
+    digest = hashlib.sha256(repr(OPTIONS).encode())
+    for file in kernel_files():
+        digest.update(file.read_bytes())
+    return digest.hexdigest()[:16]
 
 
 # a * b + c stays two instructions. Left to the compiler it is one or two as a function happens to be compiled into
 # another, and the process that compiles has other last bits than those that read its machine code; it was no faster.
 OPTIONS: dict[str, Any] = {"error_model": "numpy", "fastmath": False}
+STAMP = _stamp()
 ENTRIES: dict[str, Entry] = {}  # every compiled function that Python calls, by its module and name
 KEPT = 256  # forms of arguments that an entry remembers
 PARTS = 2  # of the extension module, which are compiled side by side
 _CHOICES: list[tuple[Callable[..., Any], Callable[..., Any]]] = []
 _MAKING = threading.RLock()
+
+
+class _Compiling:
+    """The time that the compiler has taken, from the first function to the last of those that it meets."""
+
+    def __init__(self) -> None:
+        self.seconds, self._depth, self._begin = 0.0, 0, 0.0
+
+    def __enter__(self) -> None:
+        self._begin = self._begin if self._depth else perf_counter()
+        self._depth += 1
+
+    def __exit__(self, *_: object) -> None:
+        self._depth -= 1
+        self.seconds += 0.0 if self._depth else perf_counter() - self._begin
+
+
+_COMPILING = _Compiling()
+
+
+def compile_seconds() -> float:
+    """Return how long this process has compiled so far [s]."""
+    return _COMPILING.seconds
 
 
 class Kernel:
@@ -300,7 +325,7 @@ def _by_one_process(dispatcher: Any) -> Callable[..., Any]:
 
     def compile(signature):
         nonlocal held
-        with ExitStack() as stack:
+        with ExitStack() as stack, _COMPILING:
             stack.enter_context(cast(Any, global_compiler_lock))  # first, or two threads could wait for each other
             if not held and fcntl is not None:
                 with suppress(OSError):  # a folder that cannot be written keeps no machine code either
