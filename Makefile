@@ -15,20 +15,23 @@ READY := .venv/.ready
 UV := .tools/bin/uv
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo browser test check docs bench evidence experiments mutants pictures follow package lock clean
+.PHONY: help setup native demo browser test check docs bench evidence experiments mutants pictures follow package lock clean
 
 help: ## this list
 	@sed -n 's/^\([a-z]*\):.*## \(.*\)/make \1\t\2/p' Makefile
 
 setup: $(READY) ## the environment, in .venv
 
-demo: $(READY) ## the whole chain on a made-up session, into demo/
+native: $(READY) ## the kernels, compiled ahead of time; at once where they are
+	@$(BIN)/python native_build.py
+
+demo: native ## the whole chain on a made-up session, into demo/
 	$(BIN)/python examples/demo.py
 
 browser: ## chromium, from Debian's packages where there is none: the tests of the page open it
 	@command -v chromium > /dev/null || { apt-get update -qq && apt-get install -qq -y --no-install-recommends chromium; }
 
-test: $(READY) ## the tests; those of the page skip without chromium
+test: native ## the tests; those of the page skip without chromium
 	OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n auto --maxprocesses 4 --dist worksteal
 
 check: $(READY) ## style, types, import directions
@@ -76,5 +79,6 @@ $(UV):
 $(READY): $(UV) requirements.lock pyproject.toml
 	$(UV) venv --quiet --allow-existing --python "$(PYTHON)" .venv
 	$(UV) pip sync --quiet --compile-bytecode --python $(BIN)/python --require-hashes requirements.lock
+	$(BIN)/python native_build.py
 	$(UV) pip install --quiet --python $(BIN)/python --no-deps --no-build-isolation --editable .
 	@touch $@

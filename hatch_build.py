@@ -1,4 +1,4 @@
-"""What an index page says of Palpate: the README, with links that hold there.
+"""What a wheel holds beside the sources: the description for an index page, and the kernels compiled ahead of time.
 
 The README's own links are relative, as a checkout wants them. `PALPATE_URL` at build time is where the project's files
 can be seen: links then lead there. Without it what they name stays as plain text: an index page has no files beside it.
@@ -7,10 +7,14 @@ can be seen: links then lead there. Without it what they name stays as plain tex
 from __future__ import annotations
 
 import os
+import platform
 import re
+import sys
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 from hatchling.metadata.plugin.interface import MetadataHookInterface
 
 RELATIVE = re.compile(r"(?P<picture>!?)\[(?P<text>[^\]]*)\]\((?![a-z]+:|#)(?P<target>[^)]+)\)")
@@ -31,6 +35,20 @@ class CustomMetadataHook(MetadataHookInterface):
                 "Documentation": f"{files}/docs/index.md",
                 "Changelog": f"{files}/CHANGELOG.md",
             }
+
+
+class CustomBuildHook(BuildHookInterface[Any]):
+    """The extension module: for both levels of x86-64 processors in a wheel, for this one in a checkout."""
+
+    def initialize(self, version: str, build_data: dict[str, Any]) -> None:
+        """Build it, and name the platform; where it cannot be built the wheel is one of Python alone."""
+        sys.path.insert(0, self.root)
+        native = import_module("native_build")
+        editable = version == "editable"
+        built = native.main(() if editable or platform.machine() != "x86_64" else native.LEVELS)
+        if built and not editable:
+            build_data["artifacts"] += [str(file.relative_to(self.root)) for file in built]
+            build_data.update(pure_python=False, infer_tag=True)
 
 
 def for_an_index(readme: str, home: str) -> str:

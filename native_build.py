@@ -9,12 +9,16 @@ names, and one of other kernels is never loaded.
 from __future__ import annotations
 
 import os
+import platform
 import shutil
 import subprocess
 import sys
+import sysconfig
 import tempfile
 import warnings
+from collections.abc import Sequence
 from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 from time import perf_counter
 from types import ModuleType
@@ -22,31 +26,48 @@ from typing import Any
 
 ROOT = Path(__file__).parent
 PACKAGE = ROOT / "src" / "palpate"
+LEVELS = ("x86-64-v3", "x86-64")  # of x86-64 processors
 FIRST = ("contact__kernel_", "contact__live_")  # half of the work: the entries of the first part
 
 
-def main(levels: list[str]) -> int:
-    """Build the parts that are not there yet; return the exit code."""
+def main(levels: Sequence[str] = ()) -> list[Path]:
+    """Build the parts that are not there yet, and return all that are wanted; none where they cannot be built."""
     jit = _kernels()
     wanted = [(level, part) for level in levels or [jit.level()] for part in range(jit.PARTS)]
-    missing = [one for one in wanted if not jit.native_file(*one).exists()]
-    if not missing:
-        return 0
-    begin = perf_counter()
-    _say("compiling kernels ahead of time, once for this version (a minute)")
-    running = [_start(level, part) for level, part in missing]
-    failed = [error for process in running if (error := process.communicate()[1]) and process.returncode]
-    if failed:
-        _say(f"no extension module: {failed[0].strip().splitlines()[-1]}")
-        _say("kernels will be compiled when they are first used, which takes a minute, once")
-        return 1
     files = [jit.native_file(*one) for one in wanted]
-    for old in set(files[0].parent.glob("*.so")) - set(files):
-        if old.name.split("-")[-2] != jit.STAMP:
+    missing = [one for one, file in zip(wanted, files, strict=True) if not file.exists()]
+    if not missing:
+        return files
+    lacking = _lacking()
+    if not lacking:
+        begin = perf_counter()
+        _say("compiling the kernels ahead of time, once for this version: a minute on two cores")
+        running = [_start(level, part) for level, part in missing]
+        errors = [process.communicate()[1] for process in running]
+        failed = [error for error, process in zip(errors, running, strict=True) if process.returncode]
+        lacking = failed[0].strip().splitlines()[-1] if failed else ""
+    if lacking:
+        _say(f"kernels are not compiled ahead of time ({lacking}): the first use of each compiles it, minutes in all")
+        return []
+    for old in files[0].parent.glob("*.so"):
+        if f"-{jit.STAMP}-" not in old.name:
             old.unlink()
     size = sum(file.stat().st_size for file in files)
-    _say(f"compiled in {perf_counter() - begin:.0f} s: {len(jit.ENTRIES)} entries, {size / 1e6:.1f} MB")
-    return 0
+    _say(f"compiled {len(jit.ENTRIES)} kernels in {perf_counter() - begin:.0f} s, {size / 1e6:.1f} MB")
+    return files
+
+
+def _lacking() -> str:
+    """Return what keeps this machine from building, "" for nothing."""
+    compiler = (sysconfig.get_config_var("CC") or "cc").split()[0]
+    if platform.system() != "Linux":
+        return "only on Linux so far"
+    if shutil.which(compiler) is None:
+        return f"no C compiler: {compiler}"
+    if not Path(sysconfig.get_path("include"), "Python.h").is_file():
+        return "no headers of Python"
+    absent = [name for name in ("numba", "setuptools") if find_spec(name) is None]
+    return f"no {absent[0]}" if absent else ""
 
 
 def _start(level: str, part: int) -> subprocess.Popen[str]:
@@ -167,7 +188,8 @@ def _kernels() -> Any:
 
 
 def _say(text: str) -> None:
-    print(text, file=sys.stderr, flush=True)
+    sys.stderr.write(f"{text}\n")
+    sys.stderr.flush()
 
 
 if __name__ == "__main__":
@@ -175,4 +197,4 @@ if __name__ == "__main__":
     if sys.argv[1:2] == ["--part"]:
         build(sys.argv[2], int(sys.argv[3]))
     else:
-        sys.exit(main(sys.argv[1:]))
+        main(sys.argv[1:])

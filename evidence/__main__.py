@@ -18,6 +18,7 @@ from evidence import (
     covered,
     edges,
     engine,
+    entries,
     equations,
     files,
     filters,
@@ -72,6 +73,7 @@ THEMES: dict[str, Theme] = {
     "taxel_work": taxel_work.rows,
     "bad_input": bad_input.rows,
     "calls": calls.rows,
+    "entries": entries.rows,
     "files": files.rows,
     "processes": processes.rows,
 }

@@ -5,7 +5,6 @@ from __future__ import annotations
 import copy
 import pickle
 import re
-import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -14,7 +13,6 @@ from typing import Any
 import numpy as np
 import polars as pl
 import pytest
-from numba.core.dispatcher import Dispatcher
 from scipy.spatial.transform import Rotation
 
 import palpate
@@ -25,6 +23,7 @@ from palpate.sensors.recording import ORIENTATION, POSITION, UNSTEADY, Recording
 from tests.conformance.fields import Case, run, same
 from tests.conformance.live import BESIDE, each_reading, readings_of, whole
 from tests.conformance.sensors import SENSORS, Sensor
+from tests.support.kernels import compilations
 
 LENGTH = 400  # samples: the zero and the first touch
 ROWS = 16  # of room for the contacts of one sample
@@ -182,13 +181,6 @@ def _locked(values: np.ndarray) -> np.ndarray:
     return values
 
 
-def _compiled() -> int:
-    """How many signatures there is machine code for."""
-    modules = [module for name, module in list(sys.modules.items()) if name.startswith("palpate.") and "._" in name]
-    made = {id(value): value for module in modules for value in vars(module).values() if isinstance(value, Dispatcher)}
-    return sum(len(dispatcher.signatures) for dispatcher in made.values())
-
-
 @SENSOR
 @pytest.mark.parametrize("holder", HOLDERS)
 def test_whatever_holds_times_and_readings_gives_the_same_bits_and_compiles_nothing(made: Set, holder: str) -> None:
@@ -207,7 +199,7 @@ def test_whatever_holds_times_and_readings_gives_the_same_bits_and_compiles_noth
         return rows[: counts.sum()], counts
 
     plain = np.array(when, dtype=np.float64), np.array(held, dtype=readings.dtype)
-    expected, before = answered(*plain, beside), _compiled()
+    expected, before = answered(*plain, beside), compilations()
     found = answered(when, held, {name: np.repeat(values, 2, axis=0)[::2] for name, values in beside.items()})
     for one, two in zip(found, expected, strict=True):
         assert np.array_equal(one, two, equal_nan=True)
@@ -216,7 +208,7 @@ def test_whatever_holds_times_and_readings_gives_the_same_bits_and_compiles_noth
             alone = np.asarray(reading) if image else hold(np.asarray(reading))
             estimator.update_into(when[k], alone, estimator.empty(estimator.most), *rest)
             estimator.update(np.asarray(time), alone, *rest)
-    assert _compiled() == before
+    assert compilations() == before
 
 
 @SENSOR

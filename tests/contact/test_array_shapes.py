@@ -17,19 +17,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from palpate.calibration import identify_payload
-from palpate.contact import ContactEstimate, Locator, _kernel, locate
+from palpate.contact import ContactEstimate, Locator, locate
 from palpate.errors import InputError
 from palpate.simulation.shapes import Ellipsoid
 from palpate.spatial.wrench import Wrench
-from palpate.surfaces import Cylinder, Mesh, _bspline, _bvh, _equation, _nearest, plane, superquadric
+from palpate.surfaces import Cylinder, Mesh, plane, superquadric
 from palpate.surfaces.bspline import BSplineSurface, open_knots
 from tests.support.bodies import BODIES, R
+from tests.support.kernels import compilations
 
 ANY = None
-KERNELS = (
-    *(_kernel.estimate_many, _bvh.search, _equation.contacts, _nearest.nearest_to_point),
-    *(_equation.nearest_points, _bspline.evaluate, _bspline.geodesics),
-)
 
 
 @dataclass(frozen=True)
@@ -194,11 +191,11 @@ def test_any_layout_and_type_gives_the_same_answer_and_compiles_nothing(name: st
     if call.whole and not kind.startswith("int"):
         kind = "int64"
     expected = values(call.answer(call.suits.astype("int8" if call.whole else "float64")))
-    compiled = [len(kernel.signatures) for kernel in KERNELS]
+    compiled = compilations()
     found = values(call.answer(LAYOUTS[layout](call.suits.astype(kind))))
     for one, two in zip(found, expected, strict=True):
         assert np.array_equal(one, two, equal_nan=True)
-    assert [len(kernel.signatures) for kernel in KERNELS] == compiled
+    assert compilations() == compiled
 
 
 @pytest.mark.parametrize("name", CALLS)

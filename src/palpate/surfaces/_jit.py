@@ -48,6 +48,7 @@ __all__ = [
 ]
 
 PACKAGE = Path(__file__).parents[1]
+CPUINFO = Path("/proc/cpuinfo")
 V3 = frozenset(["avx2", "bmi1", "bmi2", "f16c", "fma", "abm", "movbe"])  # flags of x86-64-v3 in /proc/cpuinfo
 
 
@@ -232,7 +233,7 @@ def level() -> str:
     machine = platform.machine()
     if machine != "x86_64":
         return machine
-    with suppress(OSError), open("/proc/cpuinfo", encoding="ascii", errors="replace") as file:
+    with suppress(OSError), CPUINFO.open(encoding="ascii", errors="replace") as file:
         flags = next((line for line in file if line.startswith("flags")), "")
         if set(flags.split()) >= V3:
             return "x86-64-v3"

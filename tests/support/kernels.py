@@ -1,0 +1,12 @@
+"""What numba has compiled in this process, of the entries of all kernels that are loaded."""
+
+from __future__ import annotations
+
+from palpate.surfaces import _jit
+
+__all__ = ["compilations"]
+
+
+def compilations() -> int:
+    """Return how many signatures numba has machine code for; none where the extension module has everything."""
+    return sum(len(entry.dispatcher.signatures) for entry in _jit.ENTRIES.values() if "dispatcher" in vars(entry))
