@@ -8,12 +8,17 @@ from typing import Any, cast
 
 import numpy as np
 
+from palpate.errors import not_loaded
+
 __all__ = ["compiled", "superquadric"]
 
 
 def compiled(value, gradient, hessian) -> Any:
     """One compiled function (point (3,), out (10,)) of three, as `_equation.evaluate` reads it."""
-    from numba import cfunc, njit, types  # only where a user writes an equation
+    try:
+        from numba import cfunc, njit, types
+    except ImportError as problem:
+        raise not_loaded(problem, "surfaces written as an equation need numba", "compile") from problem
 
     value, gradient, hessian = (
         cast(Any, njit(error_model="numpy")(function)) for function in (value, gradient, hessian)

@@ -22,6 +22,7 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any, cast
 
+from palpate.errors import not_loaded
 from palpate.surfaces._arguments import Argument, form_of, forms, require
 
 try:
@@ -274,8 +275,11 @@ def __getattr__(name: str) -> Callable[..., Any]:
 
 def _dispatcher(function: Callable[..., Any], options: dict[str, Any]) -> Any:
     """Return numba's compiler of a function; what it makes of an entry is kept on disk where that can be written."""
-    from numba import njit
-
+    try:
+        from numba import njit
+    except ImportError as problem:
+        what = "this kernel was not compiled ahead of time, which needs numba"
+        raise not_loaded(problem, what, "compile") from problem
     register_choices()
     try:
         made = cast(Any, njit)(**options, **OPTIONS)(function)
