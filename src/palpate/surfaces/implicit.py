@@ -160,6 +160,8 @@ def _compiled(value: Callable[..., Any], gradient: Callable[..., Any], hessian: 
 
     try:
         return _function.compiled(value, gradient, hessian)
+    except InputError:
+        raise
     except Exception as error:  # numba raises many kinds
         line = str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
         raise InputError(
