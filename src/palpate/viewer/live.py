@@ -90,9 +90,9 @@ class LivePage(Served):
         token: str = "",
     ) -> None:
         self.scene: Scene = prepare(surface, nothing(), title, layers)
-        from palpate.viewer.viser_door import browser_address  # here: it needs viser
-
         super().__init__(host, port, token)
+        from palpate.viewer.viser_door import browser_address  # here: it needs viser, which is there now
+
         self._scaled = -np.inf
         gui = self._server.gui
         with self._server.atomic():
