@@ -116,12 +116,13 @@ class _Running:
 
     def ended(self) -> _Ended:
         """Wait for its end; one that hangs is killed."""
-        end, pid = time.monotonic() + PATIENCE, 0
+        end = time.monotonic() + PATIENCE
+        pid, status, usage = os.wait4(self.process.pid, os.WNOHANG)
         while not pid:
-            pid, status, usage = os.wait4(self.process.pid, os.WNOHANG)
-            if not pid and time.monotonic() > end:
+            if time.monotonic() > end:
                 self.process.kill()
             time.sleep(0.005)
+            pid, status, usage = os.wait4(self.process.pid, os.WNOHANG)
         self.process.returncode = code = os.waitstatus_to_exitcode(status)
         with self._said as file:
             file.seek(0)
