@@ -2,13 +2,28 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
 from palpate.errors import InputError
-from palpate.io.atomic import keep_inputs, write_text
+from palpate.io.atomic import growing, keep_inputs, write_text
+from palpate.io.output_lock import reserving
+from palpate.io.tables.lines import open_input
+
+HOLD = """
+import sys
+from pathlib import Path
+from palpate.io.atomic import growing
+
+with growing(Path(sys.argv[1])):
+    print("holds", flush=True)
+    sys.stdin.read()
+"""
 
 
 def test_an_input_is_not_overwritten_by_whatever_name(tmp_path: Path) -> None:
@@ -73,3 +88,68 @@ def test_text_that_is_not_utf8_leaves_nothing(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="not UTF-8"):
         write_text(tmp_path / "rig.toml", "bad \udcff")
     assert not list(tmp_path.iterdir())
+
+
+def test_one_process_writes_an_output_whatever_its_spelling(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    output, link = tmp_path / "contacts.csv", tmp_path / "link.csv"
+    link.symlink_to(output)
+    monkeypatch.chdir(tmp_path)
+    pipe = subprocess.PIPE
+    with subprocess.Popen([sys.executable, "-c", HOLD, output], stdin=pipe, stdout=pipe, text=True) as other:
+        assert other.stdout is not None
+        assert other.stdout.readline() == "holds\n"
+        for name in (output, link, Path("contacts.csv"), tmp_path / ".." / tmp_path.name / "contacts.csv"):
+            with pytest.raises(InputError, match=rf"is being written by another command \(process {other.pid} on"):
+                write_text(name, "mine")
+            with pytest.raises(InputError, match="another command"), reserving():
+                keep_inputs(tmp_path / "other.csv", [], beside=[name])
+        other.kill()  # the system releases the lock of a process that dies
+    write_text(output, "mine")
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["contacts.csv", "link.csv"]
+
+
+def test_what_a_command_reserves_it_writes_and_nobody_else(tmp_path: Path) -> None:
+    output = tmp_path / "contacts.csv"
+    with reserving():
+        keep_inputs(output, [])
+        write_text(output, "mine")
+        other = subprocess.run(
+            [sys.executable, "-c", f"exec({HOLD!r})", output], input="", capture_output=True, text=True, check=False
+        )
+        assert other.returncode == 0  # the process that a command starts writes for it
+    assert [file.name for file in tmp_path.iterdir()] == ["contacts.csv"]
+    write_text(output, "again")
+
+
+def test_a_thread_is_another_writer(tmp_path: Path) -> None:
+    with growing(tmp_path / "a.csv") as file:
+        file.write_text("")
+        with pytest.raises(InputError, match=f"process {os.getpid()} on"), growing(tmp_path / "a.csv"):
+            pass
+
+
+def test_without_locks_outputs_are_written_all_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object) -> None:
+        raise OSError(38, "Function not implemented")
+
+    monkeypatch.setattr(fcntl, "flock", refuse)
+    write_text(tmp_path / "a.csv", "rows")
+    assert [file.name for file in tmp_path.iterdir()] == ["a.csv"]
+
+
+def test_what_is_no_file_is_not_opened(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    for path, word in ((tmp_path, "a folder"), (tmp_path / "pipe", "a pipe"), (Path("/dev/zero"), "a device")):
+        with pytest.raises(InputError, match=f"is {word}, not a file"):
+            open_input(path)
+    with pytest.raises(InputError, match="into which nothing was written"):
+        open_input(tmp_path / "pipe", pipe=True)
+
+
+def test_a_pipe_with_something_in_it_can_be_read(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    into = os.open(tmp_path / "pipe", os.O_RDWR)
+    os.write(into, b"rows")
+    with open_input(tmp_path / "pipe", pipe=True) as file:
+        os.close(into)
+        assert file.read() == b"rows"
