@@ -297,7 +297,7 @@ def test_a_payload_that_weighs_something_else_is_no_walk() -> None:
 
 @pytest.mark.parametrize("noise", [0.0, 1e-3])
 def test_a_temperature_that_rises_steadily_leaves_the_sum_of_both(noise: float) -> None:
-    """b = k s t + r t where the temperature is s t: k s + r is known as well as a rate alone, neither of them is.
+    """B = k s t + r t where the temperature is s t: k s + r is known as well as a rate alone, neither of them is.
 
     The rates of 3 channels lie within 4 deviations of what is found (one of 5,000 would not).
     """
