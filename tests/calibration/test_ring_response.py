@@ -188,10 +188,10 @@ def test_presses_that_say_too_little_are_refused() -> None:
 
 def test_a_response_of_another_shape_is_refused() -> None:
     response = calibrated()[0]
-    with pytest.raises(ValueError, match="odd"):
+    with pytest.raises(InputError, match="odd"):
         replace(response, coefficients=np.zeros((3, 2, 4, 3)))
-    with pytest.raises(ValueError, match="width"):
+    with pytest.raises(InputError, match="width"):
         replace(response, width=np.array([1.0, 0.0]))
     for wrong in ([1.0, 0.1, 0.2], [-0.1, 0.1, 0.2], [0.1, 0.0, 0.2], [0.1, 0.3, 0.2], [0.1, 0.1, np.inf]):
-        with pytest.raises(ValueError, match="dragged"):
+        with pytest.raises(InputError, match="dragged"):
             replace(response, dragged=np.array(wrong))

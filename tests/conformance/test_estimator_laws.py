@@ -185,7 +185,7 @@ def _locked(values: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("holder", HOLDERS)
 def test_whatever_holds_times_and_readings_gives_the_same_bits_and_compiles_nothing(made: Set, holder: str) -> None:
     estimator, ready = made.prepared()
-    piece, hold = slice(LENGTH // 2, LENGTH // 2 + 12), HOLDERS[holder]
+    piece, hold = slice(len(ready) // 2, len(ready) // 2 + 12), HOLDERS[holder]
     readings = readings_of(estimator, ready)[piece]
     beside = {name: values[piece] for name, values in ready.channels.items() if name in BESIDE}
     image = readings.dtype == np.uint8

@@ -298,7 +298,7 @@ def test_a_point_that_is_nan_or_infinite_has_no_nearest_and_harms_no_other(make:
 
 
 def test_a_covariance_that_does_not_go_with_its_wrenches_is_refused() -> None:
-    with pytest.raises(ValueError, match="shape"):
+    with pytest.raises(InputError, match="shape"):
         Wrench.from_vector(np.zeros((3, 6)), np.zeros((5, 6, 6)))
 
 

@@ -391,5 +391,5 @@ def test_what_does_not_fit_is_said(change: dict[str, np.ndarray], said: str) -> 
     [{"friction": 0.0}, {"tangential": 0.7}, {"gain": 1.0}, {"floor": -1.0}, {"alarm": 0.0}, {"turns": -1}],
 )
 def test_settings_are_checked(change: dict[str, float]) -> None:
-    with pytest.raises(ValueError, match=next(iter(change))):
+    with pytest.raises(InputError, match=next(iter(change))):
         FusionSettings(**change)

@@ -10,6 +10,7 @@ import pytest
 from scipy.optimize import least_squares
 
 from palpate.contact.ring_locator import RingFound, RingLocator, RingSettings, turned
+from palpate.errors import InputError
 from palpate.sensors.marker_ring import MarkerRing
 from palpate.sensors.markers import MarkerColour
 from palpate.sensors.ring_response import RingResponse, ring_basis
@@ -322,5 +323,5 @@ def test_frames_in_pieces_are_answered_alike(response: RingResponse) -> None:
 
 def test_settings_that_mean_nothing_are_refused() -> None:
     for wrong in ({"on": 3.0, "off": 4.0}, {"apart": 0.0}, {"friction": 0.0}, {"patience": -1.0}):
-        with pytest.raises(ValueError, match=next(iter(wrong)) if "on" not in wrong else "off"):
+        with pytest.raises(InputError, match=next(iter(wrong)) if "on" not in wrong else "off"):
             RingSettings(**wrong)

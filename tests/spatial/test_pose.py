@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from palpate.errors import InputError
 from palpate.spatial.pose import Pose, quaternion_from_rotation, rotation_from_quaternion, skew
 
 TINY = 1e-14  # a few roundings of numbers near one
@@ -95,7 +96,7 @@ def test_batches_lead(shape: tuple[int, ...]) -> None:
 
 @pytest.mark.parametrize("matrix", [np.diag([1.0, 1, -1]), 2 * np.eye(3), np.zeros((3, 3)), np.full((3, 3), np.nan)])
 def test_what_is_no_rotation_is_refused(matrix: np.ndarray) -> None:
-    with pytest.raises(ValueError, match="not a rotation matrix"):
+    with pytest.raises(InputError, match="not a rotation matrix"):
         Pose(matrix, np.zeros(3))
 
 

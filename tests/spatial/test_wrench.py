@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from palpate.errors import InputError
 from palpate.spatial.pose import Pose
 from palpate.spatial.wrench import Wrench
 
@@ -70,5 +71,5 @@ def test_shapes_are_checked_and_values_frozen() -> None:
     for array in (wrench.force, wrench.torque, wrench.covariance):
         with pytest.raises(ValueError, match="read-only"):
             array[...] = 1.0
-    with pytest.raises((ValueError, TypeError), match=r"shape|torque"):
+    with pytest.raises((InputError, TypeError), match=r"shape|torque"):
         Wrench(np.zeros((2, 3)), np.zeros(3))

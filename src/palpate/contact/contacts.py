@@ -13,7 +13,6 @@ from jaxtyping import Bool, Float, Int, Int8
 
 from palpate.contact.estimate import ROW, ContactEstimate, Status
 from palpate.errors import InputError
-from palpate.spatial.arguments import takes_arrays
 
 if TYPE_CHECKING:
     import polars as pl
@@ -26,7 +25,6 @@ __all__ = ["Contacts"]
 _NO_FEATURES: Mapping[str, Float[np.ndarray, " n"]] = MappingProxyType({})
 
 
-@takes_arrays
 @dataclass(frozen=True, eq=False)
 class Contacts:
     """Contacts in the order of the samples, at least one row a sample; a sample without one has a row that says so.

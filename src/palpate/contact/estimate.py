@@ -11,8 +11,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from palpate.errors import InputError
-from palpate.spatial._arrays import Value
-from palpate.spatial.arguments import takes_arrays
+from palpate.spatial._arrays import Value, shaped
 
 if TYPE_CHECKING:
     from palpate.surfaces.drawing import Drawing
@@ -65,7 +64,9 @@ class _Row:
 ROW = _Row
 
 
-@takes_arrays
+_ROW = (ROW.length,)
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class ContactEstimate(Value):
     """Where, how hard, which way and how sure, batched by leading axes, in the surface's frame.
@@ -108,6 +109,8 @@ class ContactEstimate(Value):
     @classmethod
     def from_rows(cls, rows: Float[np.ndarray, "*batch 22"]) -> ContactEstimate:
         """From rows as the compiled loops write them."""
+        if type(rows) is not np.ndarray or rows.shape[-1:] != _ROW:
+            rows = shaped(rows, (..., ROW.length), "rows")
         if rows.ndim == 1 and rows.item(ROW.candidates) >= 0 and rows.item(ROW.status) >= 0:  # none of them NaN
             return cls._from_row(rows.copy())
         return cls(

@@ -257,7 +257,6 @@ class RingView(Value):
         return self.camera.project(self._back.apply(whole))
 
 
-@takes_arrays
 def flat_pixels(pixels: Float[np.ndarray, "*batch 2"]) -> Float[np.ndarray, "n 2"]:
     """Pixels one after the other, that cannot be written, so that loops are compiled once, whatever is given."""
     flat = np.ascontiguousarray(pixels, dtype=np.float64).reshape(-1, 2).view()

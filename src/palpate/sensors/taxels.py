@@ -27,7 +27,6 @@ _CROSSED = 1.1  # of a distance squared: taxels whose squared distances to both 
 _COVERED = 0.93  # squared spacings that a cell covers: 0.87 on a lattice of triangles, 1 on one of squares
 
 
-@takes_arrays
 @dataclass(frozen=True, eq=False)
 class TaxelBody:
     """Cells of a sheet, row by row, or taxels anywhere on a body, in the body's own frame.
@@ -86,6 +85,7 @@ class TaxelBody:
         return len(self.positions)
 
     @classmethod
+    @takes_arrays
     def sheet(cls, place: SkinMap, *, bits: int | None = 8, masked: Sequence[tuple[int, int]] = ()) -> TaxelBody:
         """A sheet on a link: a cell has eight neighbours; where the sheet closes round the link, over the seam too.
 
@@ -133,6 +133,7 @@ class TaxelBody:
         return cls(*flat, *unit, neighbours, steps, between, usable, bits, rows, columns, grid, turn, tuple(notes))
 
     @classmethod
+    @takes_arrays
     def anywhere(
         cls,
         positions: ArrayLike,
@@ -182,6 +183,7 @@ class TaxelBody:
         return cls(points, outward, covered, spacing, tangents, neighbours, steps, between, usable, bits)
 
     @classmethod
+    @takes_arrays
     def placed(
         cls,
         positions: ArrayLike,

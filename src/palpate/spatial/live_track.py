@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float, Int
 
+from palpate.spatial._arrays import shaped
 from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.interpolate import slerp
 from palpate.spatial.pose_track import SLACK, PoseTrack
@@ -17,7 +18,6 @@ _RENEWED = 12  # poses after which it is taken anew: that costs 0.2 ms
 _LONG = 8  # poses apart: the longer of the two lags
 
 
-@takes_arrays
 class LiveTrack(PoseTrack):
     """Poses of which the newest is older than what is asked for, as a rule.
 
@@ -50,6 +50,7 @@ class LiveTrack(PoseTrack):
         self._moved: tuple[float, float, float] | None = None  # mean squares of acceleration, noise, velocity
         self._since = 0  # poses that have come since
 
+    @takes_arrays
     def add(
         self,
         time: Float[np.ndarray, " n"],
@@ -74,6 +75,7 @@ class LiveTrack(PoseTrack):
 
     def at(self, time: Float[np.ndarray, " n"]) -> tuple[Float[np.ndarray, "n 4"], Float[np.ndarray, "n 3"]]:
         """Quaternions x, y, z, w and positions [m]: see the class. NaN where there is no answer."""
+        time = shaped(time, (None,), "time")
         if (time > self._newest).all():  # as a rule
             answers = np.full((len(time), 7), np.nan)
             quaternion, position = answers[:, :4], answers[:, 4:]
@@ -99,6 +101,7 @@ class LiveTrack(PoseTrack):
 
         Where fewer than three poses are there, s is NaN: nothing is known of the motion.
         """
+        time = shaped(time, (None,), "time")
         age = np.maximum(time - self._newest, 0.0)
         turned = np.zeros(len(time))
         late = np.flatnonzero(age > 0)

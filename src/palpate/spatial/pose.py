@@ -15,9 +15,9 @@ from palpate.spatial.arguments import takes_arrays
 __all__ = ["Pose", "quaternion_from_rotation", "rotation_from_quaternion", "skew"]
 
 
-@takes_arrays
 def skew(vector: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3 3"]:
     """The matrix [v]x with [v]x u = v x u."""
+    vector = shaped(vector, (..., 3), "vector")
     matrix = np.zeros((*vector.shape[:-1], 3, 3))
     x, y, z = np.moveaxis(vector, -1, 0)
     matrix[..., 0, 1], matrix[..., 0, 2] = -z, y
@@ -26,9 +26,9 @@ def skew(vector: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3 3
     return matrix
 
 
-@takes_arrays
 def rotation_from_quaternion(quaternion: Float[np.ndarray, "*batch 4"]) -> Float[np.ndarray, "*batch 3 3"]:
     """Rotation matrices from quaternions x, y, z, w of any length but zero (NaN in, NaN out)."""
+    quaternion = shaped(quaternion, (..., 4), "quaternion")
     q = quaternion / np.linalg.norm(quaternion, axis=-1, keepdims=True)
     vector, w = q[..., :3], q[..., 3, None, None]
     cross = skew(vector)

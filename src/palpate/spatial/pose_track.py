@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Bool, Float
 
+from palpate.spatial._arrays import shaped
 from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.interpolate import slerp
 
@@ -121,9 +122,9 @@ class PoseTrack:
         return self._rows
 
 
-@takes_arrays
 def sound_quaternions(quaternion: Float[np.ndarray, "n 4"]) -> Bool[np.ndarray, " n"]:
     """Where the length says that these are rotations: not NaN, infinite, zero or far from 1."""
+    quaternion = shaped(quaternion, (None, 4), "quaternion")
     with np.errstate(over="ignore", invalid="ignore"):
         length = np.sqrt(np.sum(quaternion * quaternion, axis=1))
     return (length > 0.5) & (length < 2.0)
