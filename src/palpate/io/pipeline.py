@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+import sys
+from collections.abc import Iterable, Iterator
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from itertools import chain
@@ -28,6 +29,7 @@ from palpate.io.rig.kind import Prepared, SensorKind
 from palpate.io.rig.rig import Rig, load_rig
 from palpate.sensors.compensation import Compensation
 from palpate.sensors.recording import ORIENTATION, POSITION, Recording
+from palpate.waiting import waiting
 
 __all__ = ["FRAMES", "HEAD", "OpenedLog", "Pipeline", "estimate", "open_log", "prepare"]
 
@@ -278,13 +280,14 @@ class Pipeline:
         """
         if frame not in FRAMES:
             raise InputError(f"there is no frame {frame!r}.", hint=f"Use one of {', '.join(FRAMES)}.")
-        begin, read = perf_counter(), log.seconds
+        begin, read, before = perf_counter(), log.seconds, _compiled()
         head = log.head()
         if frame == "base":
             _require_pose(log, head)
         made = prepare(log.rig, log)
         pipeline = cls(log, frame, made.estimator, made.said, made.doubted, made.facts)
-        pipeline.seconds["prepare"] = perf_counter() - begin - (log.seconds - read)
+        pipeline.seconds["compile"] = _compiled() - before
+        pipeline.seconds["prepare"] = perf_counter() - begin - (log.seconds - read) - pipeline.seconds["compile"]
         return pipeline
 
     def stream(self, **options: Any) -> Iterator[tuple[Recording, Contacts, Contacts]]:
@@ -293,25 +296,18 @@ class Pipeline:
         Args:
             options: that this estimator's `pairs` has beside the blocks, such as `forces` of taxels.
         """
-        from numba.core import event  # heavy: loaded when needed, as the kernels are
-
-        timer: Callable[..., AbstractContextManager[object]] = vars(event)["install_timer"]  # it has no types
         located = self.estimator.pairs(self.log, **options)
         while True:
-            begin, read, before = perf_counter(), self.log.seconds, self.seconds["compile"]
-            with timer("numba:compile", self._compiled):
-                pair = next(located, None)
-            elsewhere = self.log.seconds - read + self.seconds["compile"] - before
-            self.seconds["locate"] += perf_counter() - begin - elsewhere
+            begin, read, before = perf_counter(), self.log.seconds, _compiled()
+            pair = next(located, None)
+            compiled = _compiled() - before
+            self.seconds["compile"] += compiled
+            self.seconds["locate"] += perf_counter() - begin - (self.log.seconds - read) - compiled
             if pair is None:
                 return
             block, found = pair
             self._seen.add(block, found, self._size, keep=isinstance(self.estimator, WrenchEstimator))
             yield block, found, placed(found, block, self.frame, self.estimator.mount)
-
-    def _compiled(self, seconds: float) -> None:
-        """While samples are located: their rate would say nothing of the next run."""
-        self.seconds["compile"] += seconds
 
     @property
     def _size(self) -> float:
@@ -359,11 +355,17 @@ def estimate(
     Raises:
         InputError: the log or a file of the rig cannot be used.
     """
-    with open_log(log, rig, sensor, topic) as opened:
+    with waiting(f"finding the contacts in {log}"), open_log(log, rig, sensor, topic) as opened:
         pipeline = Pipeline.of(opened, frame)
         found = Contacts.joined([contacts for _, _, contacts in pipeline.stream()])
         first = [said for said in (opened.torn, pipeline.unbelievable()) if said]
         return found.noted((*first, *pipeline.doubts(), *pipeline.notes()))
+
+
+def _compiled() -> float:
+    """How long this process has compiled so far [s]; the compiler is not loaded for that."""
+    jit = sys.modules.get("palpate.surfaces._jit")
+    return 0.0 if jit is None else jit.COMPILER.seconds
 
 
 def _require_pose(log: OpenedLog, head: Recording) -> None:

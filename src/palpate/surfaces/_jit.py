@@ -6,7 +6,9 @@ from __future__ import annotations
 import gc
 import hashlib
 from contextlib import ExitStack, suppress
+from dataclasses import dataclass
 from pathlib import Path
+from time import perf_counter
 from typing import Any, cast
 
 from numba import njit, types
@@ -18,7 +20,9 @@ try:
 except ImportError:  # not on Windows
     fcntl = None
 
-__all__ = ["STAMP", "chosen_for", "entry", "inlined", "inner", "on_disk", "released"]
+from palpate.waiting import waiting
+
+__all__ = ["COMPILER", "STAMP", "chosen_for", "entry", "inlined", "inner", "on_disk", "released"]
 
 
 def _stamp() -> str:
@@ -33,6 +37,17 @@ STAMP = _stamp()
 # a * b + c stays two instructions. Left to the compiler it is one or two as a function happens to be compiled into
 # another, and the process that compiles has other last bits than those that read its machine code; it was no faster.
 _OPTIONS: dict[str, Any] = {"error_model": "numpy", "fastmath": False}
+
+
+@dataclass
+class Compiler:
+    """How long this process compiled, or waited for another that did [s], and how many functions it is inside of."""
+
+    seconds: float = 0.0
+    depth: int = 0
+
+
+COMPILER = Compiler()
 
 
 def entry(function):
@@ -85,19 +100,26 @@ def _by_one_process(dispatcher):
         nonlocal held
         with ExitStack() as stack:
             stack.enter_context(cast(Any, global_compiler_lock))  # first, or two threads could wait for each other
+            begin, hits = perf_counter(), sum(dispatcher.stats.cache_hits.values())
+            if not COMPILER.depth:
+                stack.enter_context(waiting("compiling, once; it takes about a minute"))
             if not held and fcntl is not None:
                 with suppress(OSError):  # a folder that cannot be written keeps no machine code either
                     cache._impl.locator.ensure_cache_path()
                     fcntl.flock(stack.enter_context(file.open("w")), fcntl.LOCK_EX)
-            held += 1
+            ready = perf_counter()
+            held, COMPILER.depth = held + 1, COMPILER.depth + 1
             collects = gc.isenabled()
             gc.disable()  # a tenth of the compiler's time: it makes many objects that live until it is done
             try:
                 return compiles(signature)
             finally:
-                held -= 1
+                held, COMPILER.depth = held - 1, COMPILER.depth - 1
                 if collects:
                     gc.enable()
+                if not COMPILER.depth:  # reading machine code from the disk is no compiling, waiting for it is
+                    read = sum(dispatcher.stats.cache_hits.values()) > hits
+                    COMPILER.seconds += (ready if read else perf_counter()) - begin
 
     return compile
 
