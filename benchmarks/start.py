@@ -31,6 +31,16 @@ CPU = [  # what, target [s], arguments of Python
         ["-c", "import palpate; palpate.Mesh.load('probe.stl', 'mm')"],
     ),
 ]
+LARGE = """
+import resource, time
+import palpate
+from palpate.simulation.shapes import BumpySphere
+palpate.Mesh.from_arrays(*BumpySphere(0.01).mesh(200)).prepared()
+arrays = BumpySphere(0.01).mesh(FACETS)
+begin = time.process_time()
+palpate.Mesh.from_arrays(*arrays).prepared()
+print(time.process_time() - begin, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
+"""
 FIRST = """
 import json, time
 import numpy as np, palpate
@@ -69,6 +79,7 @@ print(json.dumps(took))
 def rows(small: bool) -> Iterator[Row]:
     """Import, then the first queries of a process; in full also with an empty cache of compiled code."""
     yield from _cpu(1 if small else 5)
+    yield _large(20_000 if small else 1_000_000)
     yield _first("compiled before (cached)", None)
     if not small:
         with TemporaryDirectory() as empty:
@@ -89,6 +100,15 @@ def _cpu(turns: int) -> Iterator[Row]:
             got = f"{', '.join(figures[: 1 + (trees[' there'] != ROOT)])} (CPU, median of {turns})"
             met = None if turns == 1 else median(took[""]) <= least
             yield Row(NAME, what, f"<= {least} s", got, met, COMMAND)
+
+
+def _large(facets: int) -> Row:
+    """A mesh from its arrays to its tree, in a process of its own; the peak is that of the whole process."""
+    _python(LARGE.replace("FACETS", "2000"))  # compiles, which takes memory
+    prepared, peak = (float(word) for word in _python(LARGE.replace("FACETS", str(facets))).split())
+    met = None if facets < 1_000_000 else prepared <= 6.0 and peak <= 600.0
+    got = f"{prepared:.1f} s (CPU), {peak:.0f} MiB (the whole process)"
+    return Row(NAME, f"a mesh of {facets:,} facets prepared", "<= 6 s and <= 600 MiB", got, met, COMMAND)
 
 
 def _process(tree: Path, arguments: list[str], folder: str) -> float:
