@@ -20,7 +20,7 @@ from palpate.spatial.pose import skew
 from tests.support.checked import CALLS, start_counting
 
 ROOT = Path(__file__).resolve().parents[1]
-HEAVY = ("numba", "scipy", "trimesh", "polars", "collada", "tyro", "embreex")
+HEAVY = ("numba", "scipy", "trimesh", "polars", "collada", "tyro", "embreex", "numpy", "jaxtyping")
 
 
 def _ours() -> list[Path]:
@@ -62,7 +62,9 @@ def test_every_room_exports_what_it_says(package: Path) -> None:
     assert [name for name in getattr(module, "__all__", []) if not hasattr(module, name)] == []
 
 
-@pytest.mark.parametrize(("module", "needed"), [("palpate", ()), ("palpate.cli.app", ("polars", "tyro"))])
+@pytest.mark.parametrize(
+    ("module", "needed"), [("palpate", ()), ("palpate.cli.app", ()), ("palpate.surfaces", ("numpy", "jaxtyping"))]
+)
 def test_importing_stays_light(module: str, needed: tuple[str, ...]) -> None:
     """Compilers, solvers and mesh readers load when first needed: that, not a clock, is what keeps the import quick."""
     script = f"import sys, {module}; print(*sorted(name.partition('.')[0] for name in sys.modules))"

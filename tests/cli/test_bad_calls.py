@@ -15,6 +15,7 @@ from typing import IO
 import numpy as np
 import polars as pl
 import pytest
+import trimesh
 
 from palpate.cli import main
 from palpate.interrupts import uninterrupted
@@ -314,6 +315,8 @@ sys.exit(main())
 
 @pytest.mark.usefixtures("here")
 def test_ctrl_c_while_the_mesh_reader_is_imported_is_not_swallowed() -> None:
+    trimesh.load("probe.stl").export("probe.obj")  # a binary STL needs no library
+    Path("rig.toml").write_text(Path("rig.toml").read_text().replace("probe.stl", "probe.obj"))
     process = _python(INTERRUPTING, *ESTIMATE.split(), "out.csv")
     _, said = process.communicate(timeout=120)
     assert (process.returncode, said) == (130, b"palpate: interrupted; no file is half written\n")

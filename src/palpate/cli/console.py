@@ -6,6 +6,7 @@ The same words are text, or one JSON object (`--json`), or nothing but the warni
 from __future__ import annotations
 
 import json
+import logging
 import re
 import sys
 from collections.abc import Generator, Iterable, Sequence
@@ -82,6 +83,9 @@ _VOICES = [_Voice()]  # the last one speaks
 def spoken(*, quiet: bool, json: bool) -> Generator[None]:
     """What is said meanwhile is text, or one JSON object when it ends by itself or with an exit code of its own."""
     _VOICES.append(_Voice(quiet=quiet, json=json))
+    library = logging.getLogger("palpate")
+    level = library.level
+    library.setLevel(logging.ERROR)  # commands say themselves what takes long
     try:
         yield
     except SystemExit as leaving:
@@ -91,6 +95,7 @@ def spoken(*, quiet: bool, json: bool) -> Generator[None]:
     else:
         _finish()
     finally:
+        library.setLevel(level)
         _VOICES.pop()
 
 

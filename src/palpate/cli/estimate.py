@@ -127,7 +127,8 @@ def _say(heading: str, done: Estimated) -> None:
     lines([("samples", f"{summary.samples:,} in, {summary.rows:,} rows out{several}")])
     lines(shares(summary.statuses))
     spent = {"read": pipeline.log.seconds, **pipeline.seconds}
-    busy = min(sum(spent.values()) - spent["prepare"], done.took) - spent["compile"]  # processes work at the same time
+    busy = sum(spent.values()) - spent["prepare"] - spent["compile"]
+    busy = min(busy, done.took)  # processes work at the same time
     rate = summary.samples / max(busy, 1e-9)
     parts = ", ".join(f"{name} {seconds:.2f} s" for name, seconds in spent.items())
     lines([("time", f"{parts}; {rate:,.0f} samples/s once prepared and compiled")])

@@ -29,6 +29,7 @@ from palpate.io.rig.rig import Rig, load_rig
 from palpate.sensors.compensation import Compensation
 from palpate.sensors.recording import ORIENTATION, POSITION, Recording
 from palpate.surfaces._jit import compile_seconds
+from palpate.waiting import waiting
 
 __all__ = ["FRAMES", "HEAD", "OpenedLog", "Pipeline", "estimate", "open_log", "prepare"]
 
@@ -354,7 +355,7 @@ def estimate(
     Raises:
         InputError: the log or a file of the rig cannot be used.
     """
-    with open_log(log, rig, sensor, topic) as opened:
+    with waiting(f"finding the contacts in {log}"), open_log(log, rig, sensor, topic) as opened:
         pipeline = Pipeline.of(opened, frame)
         found = Contacts.joined([contacts for _, _, contacts in pipeline.stream()])
         first = [said for said in (opened.torn, pipeline.unbelievable()) if said]

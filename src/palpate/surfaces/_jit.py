@@ -24,6 +24,7 @@ from typing import Any, cast
 
 from palpate.errors import not_loaded
 from palpate.surfaces._arguments import Argument, form_of, forms, require
+from palpate.waiting import waiting
 
 try:
     import fcntl
@@ -292,8 +293,8 @@ def _dispatcher(function: Callable[..., Any], options: dict[str, Any]) -> Any:
 
 @cache
 def _warn_once() -> None:
-    logging.getLogger("palpate").warning(
-        "palpate compiles in every process anew: it can write neither its folder nor a home (NUMBA_CACHE_DIR names one)"
+    logging.getLogger("palpate").error(
+        "palpate: compiling in every process anew: neither the package's folder nor a home can be written (NUMBA_CACHE_DIR names one)"
     )
 
 
@@ -331,6 +332,7 @@ def _by_one_process(dispatcher: Any) -> Callable[..., Any]:
     def compile(signature):
         nonlocal held
         with ExitStack() as stack, _COMPILING:
+            stack.enter_context(waiting("compiling, once; it takes about a minute"))
             stack.enter_context(cast(Any, global_compiler_lock))  # first, or two threads could wait for each other
             if not held and fcntl is not None:
                 with suppress(OSError):  # a folder that cannot be written keeps no machine code either

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field, replace
 from math import pi, radians
 from pathlib import Path
@@ -22,6 +23,7 @@ from palpate.surfaces._patches import Split, build_patches
 from palpate.surfaces._repair import bodies, repair
 from palpate.surfaces._tree import Tree, build_tree
 from palpate.surfaces.surface import Prepared
+from palpate.waiting import waiting
 
 if TYPE_CHECKING:
     from palpate.spatial.pose import Pose
@@ -31,6 +33,7 @@ __all__ = ["UNITS", "Mesh", "plausible_size"]
 
 UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254}
 CREASE = radians(30)
+_LARGE = 100_000  # facets
 
 
 @takes_arrays
@@ -94,11 +97,12 @@ class Mesh(Value):
         """
         if not 0 <= crease <= pi:  # NaN too
             raise InputError(f"crease must lie between 0 and pi [rad], not {crease:g}.", hint="Use math.radians(30).")
-        points, triangles, twins, notes = repair(vertices, faces)
         crease = float(crease) if smooth else 0.0
+        with _announced(np.size(faces) // 3):
+            points, triangles, twins, notes = repair(vertices, faces)
+            normals = corner_normals(points, triangles, twins, crease)
         listed = region is not None and np.ndim(region) == 1
         touchable = np.ones(len(triangles), dtype=np.bool_) if covered or listed else None
-        normals = corner_normals(points, triangles, twins, crease)
         if region is not None:
             kept = _in_region(points, triangles, region)
             touchable = (exposed(points, triangles) if touchable is None else touchable)[kept]
@@ -221,6 +225,10 @@ class Mesh(Value):
 
     @functools.cached_property
     def _tree(self) -> Tree:
+        with _announced(len(self.faces)):
+            return self._built()
+
+    def _built(self) -> Tree:
         split = Split.of(self.vertices, self.faces, self.corner_normals, self.covered)
         sharp = sharp_edges(split)
         rows = build_patches(self.faces, split, len(sharp))
@@ -271,6 +279,11 @@ class Mesh(Value):
         """The same mesh in another frame; pose is T_target_mesh."""
         vertices, normals = pose.apply(self.vertices), pose.rotate(self.corner_normals)
         return replace(self, vertices=vertices, corner_normals=normals, touchable=~self.covered)
+
+
+def _announced(facets: int) -> AbstractContextManager[None]:
+    """A large mesh is worth a word while it is prepared; a small one is done before."""
+    return waiting(f"preparing a mesh of {facets:,} facets") if facets >= _LARGE else nullcontext()
 
 
 def _in_region(vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"], region: ArrayLike) -> np.ndarray:

@@ -1,0 +1,38 @@
+"""What takes longer than a person waits for in silence is announced once, by the logger "palpate", to stderr.
+
+`logging.getLogger("palpate").setLevel(logging.ERROR)` switches it off; commands, which have lines of progress, do.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Generator
+from contextlib import contextmanager
+
+__all__ = ["waiting"]
+
+PATIENCE = 2.0  # s
+_ANNOUNCED: set[str] = set()
+
+
+@contextmanager
+def waiting(what: str) -> Generator[None]:
+    """Announce what is going on if the block takes longer than two seconds; once a process for the same words."""
+    if what in _ANNOUNCED:
+        yield
+        return
+    timer = threading.Timer(PATIENCE, _announce, (what,))
+    timer.daemon = True
+    timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
+
+
+def _announce(what: str) -> None:
+    import logging  # here: it is seldom wanted
+
+    if what not in _ANNOUNCED:
+        _ANNOUNCED.add(what)
+        logging.getLogger("palpate").warning("palpate: %s", what)
