@@ -62,6 +62,18 @@ def test_every_compiled_function_that_python_calls_is_stated() -> None:
     assert {file.name for file in numba} == {"_jit.py", "_function.py"}
 
 
+def test_the_digest_covers_whatever_compiled_code_is_made_of() -> None:
+    files = _jit.kernel_files()
+    names = {".".join(("palpate", *file.relative_to(_jit.PACKAGE).with_suffix("").parts)) for file in files}
+    names |= {"palpate.surfaces._jit", "palpate.errors"}
+    for file in files:
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("palpate"):
+                rooms = {f"{node.module}.{one.name}" for one in node.names}  # `from palpate.surfaces import _bvh`
+                given = {node.module} if rooms - names else rooms
+                assert file.name in _jit.CONSTANTS or given <= names, file.name
+
+
 @needs_module
 def test_the_first_answer_needs_no_compiler() -> None:
     code = """

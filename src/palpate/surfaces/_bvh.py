@@ -124,7 +124,7 @@ def _split(middles, order, ends):
         parts *= 2
 
 
-@released("corners n 3 6, nodes out float32 n+1 14 8")
+@released("corners out n 20, nodes out float32 m 14 8")
 def build(corners, nodes):
     """Fill `nodes`, as `Tree` describes them, and bring the patches (m, 20) into its order; how many nodes."""
     count = len(corners)

@@ -50,14 +50,15 @@ __all__ = [
 ]
 
 PACKAGE = Path(__file__).parents[1]
+CONSTANTS = ("_edges.py", "_patches.py", "_settings.py")  # files that kernels take numbers from
 CPUINFO = Path("/proc/cpuinfo")
 V3 = frozenset(["avx2", "bmi1", "bmi2", "f16c", "fma", "abm", "movbe"])  # flags of x86-64-v3 in /proc/cpuinfo
 
 
 def kernel_files() -> list[Path]:
     """Return the files that compiled code is made of, in order."""
-    private = sorted(file for file in PACKAGE.rglob("_*.py") if not file.name.startswith("__"))
-    return [file for file in private if file.name == "_settings.py" or b"surfaces._jit import" in file.read_bytes()]
+    private = sorted(file for file in PACKAGE.rglob("_[a-z]*.py") if file.name != "_jit.py")
+    return [file for file in private if file.name in CONSTANTS or b"surfaces._jit import" in file.read_bytes()]
 
 
 def _stamp() -> str:
@@ -294,7 +295,7 @@ def _dispatcher(function: Callable[..., Any], options: dict[str, Any]) -> Any:
 @cache
 def _warn_once() -> None:
     logging.getLogger("palpate").error(
-        "palpate: compiling in every process anew: neither the package's folder nor a home can be written (NUMBA_CACHE_DIR names one)"
+        "palpate: compiling in every process anew: no folder for machine code can be written (NUMBA_CACHE_DIR names one)"
     )
 
 
