@@ -334,7 +334,8 @@ def main(count: int, seed: int, first: int, folder: Path) -> None:
         print(json.dumps(row), flush=True, file=out)
         if kind == "wrong":
             how, said = answer(call, given)
-            print(json.dumps({"how": how, "said": said if how not in ("answered", "refused") else ""}), flush=True, file=out)
+            said = said if how not in ("answered", "refused") else ""
+            print(json.dumps({"how": how, "said": said}), flush=True, file=out)
             continue
         other, plain = given[name]
         due, found = answer(call, {name: plain}), answer(call, {name: other})
