@@ -17,6 +17,7 @@ from palpate.spatial._arrays import shaped
 __all__ = ["takes_arrays"]
 
 _Made = TypeVar("_Made", bound=Callable[..., Any])
+_LARGEST = 2**62  # whole number
 _WRITTEN = {"out", "counts"}  # arguments that are written into: a copy would be of no use
 _DTYPES = {"Float": np.dtype(np.float64), "Int": np.dtype(np.int64), "Bool": np.dtype(np.bool_)}
 
@@ -163,7 +164,9 @@ def _taken(wanted: _Wanted, value: Any, sizes: dict[str, _Size]) -> Any:
         real = type(value) is np.ndarray and value.dtype.kind in "biuf"
         return value if real else _real(value, wanted.name)
     if wanted.dtype is None:
-        return value if type(value) is int or (type(value) is float and not wanted.whole) else _number(value, wanted)
+        kind = type(value)
+        plain = (kind is float and not wanted.whole) or (kind is int and -_LARGEST < value < _LARGEST)
+        return value if plain else _number(value, wanted)
     array = value
     if type(array) is not np.ndarray or array.dtype != wanted.dtype or not array.flags.c_contiguous:
         array = shaped(cast("Any", value), (...,), wanted.name, wanted.dtype)
@@ -186,7 +189,7 @@ def _number(value: Any, wanted: _Wanted) -> Any:
     if isinstance(value, bool):
         return value
     array = shaped(value, (...,), wanted.name) if not isinstance(value, str) else np.zeros(0)
-    if array.ndim or (wanted.whole and array != np.round(array)):
+    if array.ndim or (wanted.whole and not (array == np.round(array) and abs(array) < _LARGEST)):
         kind = "a whole number" if wanted.whole else "a number"
         raise InputError(f"{wanted.name} must be {kind}, not {value!r:.60}.")
     return int(array) if wanted.whole else float(array)
