@@ -326,6 +326,7 @@ def main(count: int, seed: int, first: int, folder: Path) -> None:
     print(
         json.dumps({"callables": len(every), "missing": sorted(e.name for e in every if e.name not in calls)}),
         flush=True,
+        file=out,
     )
     listed = [calls[name] for name in sorted(calls)]
     for number, (call, kind, name, what, given) in enumerate(_tried(listed, count, np.random.default_rng(seed))):

@@ -85,6 +85,8 @@ def _part(walk: _Walk, count: int, first: int, folder: Path) -> int | None:
     call: dict[str, object] | None = None
     with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True) as process:
         for line in process.stdout or ():
+            if not line.startswith("{"):  # of a library that prints
+                continue
             row = json.loads(line)
             if "callables" in row:
                 walk.callables, walk.missing = row["callables"], row["missing"]
