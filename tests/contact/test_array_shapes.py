@@ -326,3 +326,19 @@ def test_the_smallest_ellipsoid_of_all_is_not_read_beyond_its_end() -> None:
         one.run(np.ones((5, 6)), statuses=np.zeros(3, np.int8))
     with pytest.raises(InputError, match=r"wrenches must have shape \(\.\.\., 6\), not \(5, 5\)"):
         one.run(np.ones((5, 5)))
+
+
+@pytest.mark.parametrize("memory", [np.zeros(1), np.zeros(3), Locator.no_contact()[::-1]])
+def test_a_memory_of_another_size_is_refused(memory: Any) -> None:
+    with pytest.raises(InputError, match="memory must"):
+        locator().run_into(PRESSES.copy(), None, np.full(3, -1, np.int8), np.zeros((3, 22)), memory=memory)
+
+
+def test_a_touch_of_wrenches_of_another_shape_is_refused() -> None:
+    statuses = np.full(20, -1, np.int8)
+    with pytest.raises(InputError, match=r"wrenches must have shape \(n, 6\), not \(20, 1\)"):
+        locator().first_free(np.zeros((20, 1)), None, statuses)
+    with pytest.raises(InputError, match=r"wrenches must have shape \(20, 6\), not \(20, 1\)"):
+        locator().follow_back(np.zeros((20, 1)), None, statuses, np.zeros((20, 22)))
+    with pytest.raises(InputError, match=r"statuses must have shape \(20,\), not \(3,\)"):
+        locator().follow_back(np.zeros((20, 6)), None, statuses[:3], np.zeros((20, 22)))

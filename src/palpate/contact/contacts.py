@@ -13,6 +13,7 @@ from jaxtyping import Bool, Float, Int, Int8
 
 from palpate.contact.estimate import ROW, ContactEstimate, Status
 from palpate.errors import InputError
+from palpate.spatial._arrays import shaped
 
 if TYPE_CHECKING:
     import polars as pl
@@ -59,6 +60,7 @@ class Contacts:
     @classmethod
     def single(cls, time: Float[np.ndarray, " n"], estimate: ContactEstimate, first: int = 0) -> Contacts:
         """One contact a sample, the samples counted from `first`."""
+        time = shaped(time, (None,), "time")
         count = len(time)
         return cls(first + np.arange(count), time, np.zeros(count, dtype=np.int64), estimate)
 

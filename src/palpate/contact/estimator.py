@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from types import MappingProxyType
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, Protocol, cast, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -30,7 +30,7 @@ def instant(time: ArrayLike) -> float:
     Raises:
         InputError: it is not one number.
     """
-    return time if type(time) is float else float(shaped(time, (), "time"))
+    return cast("float", time) if type(time) is float else float(shaped(time, (), "time"))
 
 
 def samples(

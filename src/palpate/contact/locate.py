@@ -310,9 +310,9 @@ class Locator:
 
     def first_free(
         self,
-        wrenches: Float[np.ndarray, "n 6"],
-        covariances: Float[np.ndarray, "n 6 6"] | None,
-        statuses: Int8[np.ndarray, " n"],
+        wrenches: ArrayLike,
+        covariances: ArrayLike | None,
+        statuses: ArrayLike,
     ) -> int:
         """The first of the samples of `run_into` that is without contact whatever came before it; -1: none is."""
         wrenches, noises, statuses, settings = self._sequence(wrenches, covariances, statuses)
@@ -359,9 +359,9 @@ class Locator:
 
     def follow_back(
         self,
-        wrenches: Float[np.ndarray, "n 6"],
-        covariances: Float[np.ndarray, "n 6 6"] | None,
-        statuses: Int8[np.ndarray, " n"],
+        wrenches: ArrayLike,
+        covariances: ArrayLike | None,
+        statuses: ArrayLike,
         rows: Float[np.ndarray, "n 22"],
     ) -> None:
         """The rows of one touch once more, from its end to its start, near the contact that was believed at the end.

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from palpate.contact import Contacts, Status
 from palpate.control.drive import DifferentialDrive
 from palpate.errors import InputError
+from palpate.spatial._arrays import shaped
 
 __all__ = ["Navigator", "Speedometer", "Steering", "heading_error", "planar_touches", "require_goal"]
 
@@ -92,7 +93,7 @@ def require_goal(goal: ArrayLike) -> tuple[float, float]:
     Raises:
         InputError: it is not two finite numbers.
     """
-    numbers = np.asarray(goal, dtype=np.float64)
+    numbers = shaped(goal, (...,), "goal")
     if numbers.shape != (2,) or not np.isfinite(numbers).all():
         raise InputError(f"the goal must be two finite numbers, x and y [m], not {numbers.tolist()}.", where="goal")
     return float(numbers[0]), float(numbers[1])

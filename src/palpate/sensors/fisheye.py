@@ -15,7 +15,7 @@ from jaxtyping import Float, Int
 from numpy.typing import ArrayLike
 
 from palpate.errors import InputError
-from palpate.spatial._arrays import Value, frozen
+from palpate.spatial._arrays import Value, frozen, shaped
 from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose import Pose
 
@@ -259,6 +259,6 @@ class RingView(Value):
 
 def flat_pixels(pixels: Float[np.ndarray, "*batch 2"]) -> Float[np.ndarray, "n 2"]:
     """Pixels one after the other, that cannot be written, so that loops are compiled once, whatever is given."""
-    flat = np.ascontiguousarray(pixels, dtype=np.float64).reshape(-1, 2).view()
+    flat = shaped(pixels, (..., 2), "pixels").reshape(-1, 2).view()
     flat.flags.writeable = False
     return flat

@@ -17,6 +17,7 @@ from palpate.spatial._arrays import shaped
 __all__ = ["takes_arrays"]
 
 _Made = TypeVar("_Made", bound=Callable[..., Any])
+_LARGEST = 2**62  # whole number
 _WRITTEN = {"out", "counts"}  # arguments that are written into: a copy would be of no use
 _DTYPES = {"Float": np.dtype(np.float64), "Int": np.dtype(np.int64), "Bool": np.dtype(np.bool_)}
 
@@ -72,7 +73,8 @@ def _class(made: type[Any]) -> type[Any]:
         if name.startswith("_") and name not in ("__init__", "__call__"):
             continue
         if isinstance(value, classmethod | staticmethod):
-            setattr(made, name, type(value)(_function(value.__func__)))
+            kind, plain = cast("Any", type(cast("Any", value))), cast("Any", value).__func__
+            setattr(made, name, kind(_function(plain)))
         elif isfunction(value):
             setattr(made, name, _function(value))
     return made
@@ -162,10 +164,12 @@ def _taken(wanted: _Wanted, value: Any, sizes: dict[str, _Size]) -> Any:
         real = type(value) is np.ndarray and value.dtype.kind in "biuf"
         return value if real else _real(value, wanted.name)
     if wanted.dtype is None:
-        return value if type(value) is int or (type(value) is float and not wanted.whole) else _number(value, wanted)
+        kind = type(value)
+        plain = (kind is float and not wanted.whole) or (kind is int and -_LARGEST < value < _LARGEST)
+        return value if plain else _number(value, wanted)
     array = value
     if type(array) is not np.ndarray or array.dtype != wanted.dtype or not array.flags.c_contiguous:
-        array = shaped(value, (...,), wanted.name, wanted.dtype)
+        array = shaped(cast("Any", value), (...,), wanted.name, wanted.dtype)
     if not _bound(array.shape, wanted, sizes):
         raise InputError(f"{wanted.name} must have shape {_said(wanted.axes, sizes)}, not {array.shape}.")
     return array
@@ -185,7 +189,7 @@ def _number(value: Any, wanted: _Wanted) -> Any:
     if isinstance(value, bool):
         return value
     array = shaped(value, (...,), wanted.name) if not isinstance(value, str) else np.zeros(0)
-    if array.ndim or (wanted.whole and array != np.round(array)):
+    if array.ndim or (wanted.whole and not (array == np.round(array) and abs(array) < _LARGEST)):
         kind = "a whole number" if wanted.whole else "a number"
         raise InputError(f"{wanted.name} must be {kind}, not {value!r:.60}.")
     return int(array) if wanted.whole else float(array)
@@ -241,11 +245,12 @@ def _unusable(given: dict[str, Any], plan: dict[str, _Wanted], problem: Exceptio
     for name in plan:
         value = given.get(name)
         if isinstance(value, np.ndarray):
-            if not value.size:
+            array = cast("np.ndarray", value)
+            if not array.size:
                 return f"{name} is empty."
-            if value.dtype.kind == "f" and not np.isfinite(value).all():
-                first = np.argwhere(~np.isfinite(value))[0].tolist()
-                return f"{name} must be finite, and is {value[tuple(first)]} at {first}."
+            if array.dtype.kind == "f" and not np.isfinite(array).all():
+                first = np.argwhere(~np.isfinite(array))[0].tolist()
+                return f"{name} must be finite, and is {array[tuple(first)]} at {first}."
         elif isinstance(value, float) and not math.isfinite(value):
             return f"{name} must be finite, not {value}."
         elif isinstance(problem, ZeroDivisionError) and isinstance(value, float | int) and value == 0:
