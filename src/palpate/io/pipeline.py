@@ -141,9 +141,9 @@ class OpenedLog:
 
     def _timed(self, blocks: Iterator[Recording]) -> Iterator[Recording]:
         while True:
-            begin, before = perf_counter(), _compiled()
+            begin, before = perf_counter(), compile_seconds()
             block = next(blocks, None)
-            self.seconds += perf_counter() - begin - (_compiled() - before)
+            self.seconds += perf_counter() - begin - (compile_seconds() - before)
             if block is None:
                 return
             yield block
