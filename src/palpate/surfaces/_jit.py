@@ -295,7 +295,7 @@ def _dispatcher(function: Callable[..., Any], options: dict[str, Any]) -> Any:
 @cache
 def _warn_once() -> None:
     logging.getLogger("palpate").error(
-        "palpate: compiling in every process anew: no folder for machine code can be written (NUMBA_CACHE_DIR names one)"
+        "palpate: compiling in every process: no folder for machine code can be written (NUMBA_CACHE_DIR names one)"
     )
 
 
