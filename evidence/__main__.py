@@ -26,6 +26,7 @@ from evidence import (
     laws,
     load_cells,
     marker_images,
+    native,
     noise,
     pad,
     page,
@@ -74,6 +75,7 @@ THEMES: dict[str, Theme] = {
     "bad_input": bad_input.rows,
     "calls": calls.rows,
     "entries": entries.rows,
+    "native": native.rows,
     "files": files.rows,
     "processes": processes.rows,
 }

@@ -157,7 +157,7 @@ def test_what_is_asked_for_wrongly_is_a_sentence(robots: dict[str, Path], tmp_pa
         gripper.body("left", "visual")
     with pytest.raises(InputError, match=r"has several links\. Name one with --link: tool"):
         Body.of(robots["arm"])
-    with pytest.raises(InputError, match="no URDF that can be read"):
+    with pytest.raises(InputError, match="there is no such file"):
         Urdf(tmp_path / "none.urdf")
     with pytest.raises(InputError, match="no link 'tol'"):
         Kinematics(arm, "base", "tol")

@@ -255,7 +255,7 @@ def _native() -> dict[str, Callable[..., Any]]:
         return {}
     found: dict[str, Callable[..., Any]] = {}
     for part in range(PARTS):
-        files = [file for name in (level(), platform.machine()) if (file := native_file(name, part)).exists()]
+        files = [file for name in (level(), level().removesuffix("-v3")) if (file := native_file(name, part)).exists()]
         if files:
             name = f"palpate_native_{part}"
             spec = cast(Any, spec_from_file_location(name, files[0], loader=ExtensionFileLoader(name, str(files[0]))))
