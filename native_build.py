@@ -171,7 +171,7 @@ def _type(argument: Any) -> Any:
         return {"float": types.float64, "int": types.int64, "bool": types.boolean}[argument.kind]
     if kind == "Several":
         return types.Tuple([_type(part) for part in argument.parts])
-    return types.Array(from_dtype(argument.dtype), len(argument.shape), "C")
+    return types.Array(from_dtype(argument.dtype), len(argument.shape), "A" if argument.strided else "C")
 
 
 def _kernels() -> Any:

@@ -42,7 +42,7 @@ def _try(known: Known, calls: dict[str, Call], pool: dict[type, Any]) -> None:
             signature.bind(**{name: value for name, value in given.items() if name not in ("self", "cls")})
             if (not {"self", "cls"} & given.keys())
             else inspect.BoundArguments(signature, given)
-        )  # type: ignore[arg-type]
+        )
         begun = time.perf_counter()
         with warnings.catch_warnings(), np.errstate(all="ignore"):
             warnings.simplefilter("ignore")

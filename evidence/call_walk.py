@@ -142,7 +142,7 @@ def _watched(known: Known, made: Callable[..., Any], calls: dict[str, Call]) -> 
         calls.setdefault(known.name, Call(known, bound, time.perf_counter() - begun))
         return answer
 
-    call.unwatched = made  # type: ignore[attr-defined]
+    vars(call)["unwatched"] = made
     return call
 
 

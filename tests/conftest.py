@@ -30,7 +30,9 @@ def _checked_modules() -> list[str]:
     checked = [
         file
         for file in files
-        if not re.search(r"^\s*(?:from|import) numba|^@(?:entry|released|inner|inlined)", file.read_text(), re.MULTILINE)
+        if not re.search(
+            r"^\s*(?:from|import) numba|^@(?:entry|released|inner|inlined)", file.read_text(), re.MULTILINE
+        )
     ]
     return [".".join(file.relative_to(source).with_suffix("").parts) for file in checked]
 

@@ -101,8 +101,8 @@ FAULTS: list[Fault] = [
         ("points beyond a cell's border are not looked for", "int(at + 1.01 / _CELL)", "int(at)"),
         (
             "an edge that runs twice the same way is paired",
-            "if ups == 1 and downs == 1:",
-            "if ups >= 1 and downs >= 1:",
+            "ups == 1 and downs == 1",
+            "ups >= 1 and downs >= 1",
         ),
         ("neighbours are walked in the order of their edges", "other < beside[best]", "False"),
     ),

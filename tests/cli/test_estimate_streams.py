@@ -15,7 +15,6 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 import pytest
-from numba.core import event
 from scipy.spatial.transform import Rotation
 
 import palpate
@@ -32,6 +31,7 @@ from palpate.sensors.recording import ORIENTATION
 from palpate.simulation.session import NOISE, Session, simulate_session
 from palpate.simulation.session_files import POSE_TOPIC, WRENCH_TOPIC, write_session
 from palpate.simulation.session_mcap import CLOCK_OFFSET, POSITION, write_session_mcap
+from palpate.surfaces import _jit
 from tests.support.logs_torn import torn_pages
 
 RATE = 200
@@ -520,10 +520,10 @@ def test_compiling_is_no_part_of_locating(made: Path, monkeypatch: pytest.Monkey
     """What is spent is told apart: the parts are no more than the whole."""
     opened = palpate.open_log(made / "touches.csv", made / "mine.toml")
     pipeline = Pipeline.of(opened)
-    pairs, compiling = pipeline.estimator.pairs, vars(event)["trigger_event"]
+    pairs = pipeline.estimator.pairs
 
     def late(blocks: OpenedLog) -> Iterator[object]:
-        with compiling("numba:compile"):
+        with _jit._COMPILING:
             time.sleep(0.3)
         yield from pairs(blocks)
 

@@ -32,7 +32,7 @@ def test_identities_stay_while_touches_cross_in_order_of_the_list() -> None:
     for k in range(100):
         x = 0.001 * k
         points = np.array([_place(x), _place(0.1 - x, 0.02)])
-        turn = points[::-1] if k % 2 else points
+        turn = points[::-1].copy() if k % 2 else points
         names = tracker.follow(0.02 * k, turn).copy()
         seen.append(names[::-1] if k % 2 else names)
     assert (np.array(seen) == seen[0]).all()

@@ -170,7 +170,7 @@ def test_a_joint_without_a_limit_is_refused(tmp_path: Path, limit: str, said: st
 
 
 def test_other_joints_and_files_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="no URDF that can be read"):
+    with pytest.raises(InputError, match="there is no such file"):
         load_arm(tmp_path / "none.urdf", "a", "b")
     ends = '<robot name="r"><link name="a"/><link name="b"/><link name="c"/>'
     leads = joint("j", "revolute", "a", "b")

@@ -29,6 +29,7 @@ from palpate.io.logs import (
     read_recording,
 )
 from palpate.io.pipeline import OpenedLog, Seen
+from palpate.io.rig import Rig
 from palpate.sensors.recording import CELLS, IMAGE, Recording
 from tests.support.image_files import (
     BAGS,
@@ -422,7 +423,7 @@ def _layout(_: object) -> Layout:
 def test_the_start_of_a_log_of_images_is_some_frames(tmp_path: Path) -> None:
     path = write_video(tmp_path / "log.avi", 200)
     kind = cast(Any, SimpleNamespace(layout=_layout))
-    with OpenedLog(path, cast(Any, None), kind) as log:
+    with OpenedLog(path, object.__new__(Rig), kind) as log:
         for seconds in (0.0, 5.0):
             assert 30 <= len(log.head(seconds)) < 100
         assert numbers(images(join(list(log)))) == list(range(200))

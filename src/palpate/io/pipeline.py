@@ -121,7 +121,7 @@ class OpenedLog:
         """Whether what was read is less than is asked for."""
         if self._images:
             return count < HEAD_FRAMES
-        return not (count >= HEAD or values >= HEAD_VALUES) or _span(self._first) <= seconds
+        return not (count >= HEAD or values >= HEAD_VALUES) or bool(_span(self._first) <= seconds)
 
     def __iter__(self) -> Iterator[Recording]:
         """Every sample once, in blocks, from the start."""

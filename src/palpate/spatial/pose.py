@@ -73,10 +73,11 @@ class Pose(Value):
         gram = self.rotation @ np.swapaxes(self.rotation, -1, -2)
         if not np.allclose(gram, np.eye(3), atol=1e-6) or np.any(np.linalg.det(self.rotation) < 0):
             raise InputError("rotation is not a rotation matrix (orthonormal, determinant +1).")
-        if self.rotation.shape[:-2] != self.translation.shape[:-1]:
-            raise InputError(
-                f"rotation {self.rotation.shape} and translation {self.translation.shape} are not one for each other."
-            )
+        try:  # one of them may be for all of the other
+            np.broadcast_shapes(self.rotation.shape[:-2], self.translation.shape[:-1])
+        except ValueError as problem:
+            what = f"rotation {self.rotation.shape} and translation {self.translation.shape}"
+            raise InputError(f"{what} are not one for each other.") from problem
 
     @classmethod
     def identity(cls) -> Pose:

@@ -13,7 +13,7 @@ from palpate.errors import InputError
 
 __all__ = ["Argument", "Array", "Function", "Number", "Several", "form_of", "forms", "require"]
 
-_ARRAY = re.compile(r"(?P<out>out )?(?P<dtype>(?:bool|u?int\d+|float\d+) )?(?P<sizes>[^ ].*)")
+_ARRAY = re.compile(r"(?P<out>out )?(?P<strided>strided )?(?P<dtype>(?:bool|u?int\d+|float\d+) )?(?P<sizes>[^ ].*)")
 _SIZE = re.compile(r"(?P<times>\d+)?(?P<name>[a-z])(?:\+(?P<more>\d+))?(?:\|(?P<other>\d+))?")
 _NUMBERS = {"float": float, "int": (int, np.integer), "bool": (bool, np.bool_)}  # np.float64 is a float
 
@@ -60,24 +60,26 @@ class Size:
 
 @dataclass(frozen=True)
 class Array:
-    """A contiguous array of one type; `written`: the function writes into it."""
+    """An array of one type; `written`: the function writes into it, `strided`: it need not be contiguous."""
 
     dtype: np.dtype[Any]
     shape: tuple[Size, ...]
     written: bool
+    strided: bool
 
     def fits(self, value: Any, sizes: dict[str, int]) -> bool:
         """Return whether a value is such an array, given the sizes known so far."""
         if type(value) is not np.ndarray or value.dtype != self.dtype or value.ndim != len(self.shape):
             return False
         flags = value.flags
-        if not (flags.carray if self.written else flags.c_contiguous and flags.aligned):
+        if not (flags.aligned and (flags.writeable or not self.written) and (flags.c_contiguous or self.strided)):
             return False
         return all(size.fits(length, sizes) for size, length in zip(self.shape, value.shape, strict=True))
 
     def __str__(self) -> str:
         shape = ", ".join(map(str, self.shape)) + ("," if len(self.shape) == 1 else "")
-        return f"a {'writable, ' * self.written}contiguous array of {self.dtype} and shape ({shape})"
+        kind = ", ".join(["writable"] * self.written + ["contiguous"] * (not self.strided))
+        return f"a {kind} array of {self.dtype} and shape ({shape})"
 
 
 @dataclass(frozen=True)
@@ -115,8 +117,8 @@ def forms(stated: str, parameters: Sequence[str]) -> tuple[tuple[Argument, ...],
     """Return the arguments of each way in which a function can be called, from how its decorator states them.
 
     Arguments are parted by commas, each a name and what it is. A number is "float", "int" or "bool". An array is
-    "[out] [type] sizes": `out` if the function writes into it, float64 unless a type is named, and a size for each
-    axis: a number, a letter (the same wherever it stands), or "20n", "n+1", "n|1" (n or 1). A tuple is in
+    "[out] [strided] [type] sizes": `out` if the function writes into it, `strided` if it need not be contiguous,
+    float64 unless a type is named, and a size for each axis: a number, a letter (the same wherever it stands), or "20n", "n+1", "n|1" (n or 1). A tuple is in
     parentheses, "13*float" is one of 13 numbers. What differs between ways stands between " | ".
     """
     arguments = [argument.partition(" ")[::2] for argument in _parted(" ".join(stated.split()))]
@@ -151,7 +153,8 @@ def _argument(form: str) -> Argument:
     if found is None:
         raise TypeError(f"no argument: {form!r}")
     shape = tuple(map(_size, found["sizes"].split(" ")))
-    return Array(np.dtype((found["dtype"] or "float64").strip()), shape, bool(found["out"]))
+    dtype = np.dtype((found["dtype"] or "float64").strip())
+    return Array(dtype, shape, bool(found["out"]), bool(found["strided"]))
 
 
 def _size(text: str) -> Size:

@@ -22,8 +22,8 @@ _EXACT = 1 << 53  # below it every integer is a double
 
 @entry(
     """
-    slots out int64 n m, first int, count int, stamp int64 k, arrived int64 k, lost int64 k, values k|0 w, posed
-    bool, orientation k 4, position k 3, acceleration k 3, unsteady k
+    slots out int64 n m, first int, count int, stamp int64 k, arrived int64 a, lost int64 k, values v w,
+    posed bool, orientation k 4, position k 3, acceleration k 3, unsteady u
     """
 )
 def take_in(slots, first, count, stamp, arrived, lost, values, posed, orientation, position, acceleration, unsteady):
@@ -73,8 +73,8 @@ def seconds(stamp):
 
 @entry(
     """
-    count int, seconds int64 n, nanoseconds int64 n, least int, now int, stamp out int64 n, said out uint64 n,
-    size int
+    count int, seconds strided int64 n, nanoseconds strided int64 n, least int, now int, stamp out int64 n,
+    said out strided uint64 n, size int
     """
 )
 def stamped(count, seconds, nanoseconds, least, now, stamp, said, size):
