@@ -8,6 +8,7 @@ names, and one of other kernels is never loaded.
 
 from __future__ import annotations
 
+import gc
 import os
 import platform
 import shutil
@@ -84,6 +85,7 @@ def build(level: str, part: int) -> None:
     from numba.core import typing
     from numba.pycc import cc, compiler
 
+    gc.disable()  # a tenth of the time: the compiler makes many objects that live until it is done
     jit = _kernels()
     _only_once()
     jit.register_choices()

@@ -118,8 +118,9 @@ def forms(stated: str, parameters: Sequence[str]) -> tuple[tuple[Argument, ...],
 
     Arguments are parted by commas, each a name and what it is. A number is "float", "int" or "bool". An array is
     "[out] [strided] [type] sizes": `out` if the function writes into it, `strided` if it need not be contiguous,
-    float64 unless a type is named, and a size for each axis: a number, a letter (the same wherever it stands), or "20n", "n+1", "n|1" (n or 1). A tuple is in
-    parentheses, "13*float" is one of 13 numbers. What differs between ways stands between " | ".
+    float64 unless a type is named, and a size for each axis: a number, a letter (the same wherever it stands), or
+    "20n", "n+1", "n|1" (n or 1). A tuple is in parentheses, "13*float" is one of 13 numbers. What differs between
+    ways stands between " | ".
     """
     arguments = [argument.partition(" ")[::2] for argument in _parted(" ".join(stated.split()))]
     if [name for name, _ in arguments] != list(parameters):
