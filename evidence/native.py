@@ -17,6 +17,7 @@ import numpy as np
 
 import native_build
 from evidence.row import ROOT, Row
+from palpate.cli import main
 from palpate.contact import Locator
 from palpate.simulation import simulate_session, write_session
 from palpate.simulation.shapes import Ellipsoid
@@ -57,6 +58,7 @@ def rows(small: bool) -> Iterator[Row]:
 
 def _sessions(folder: Path, small: bool) -> Iterator[tuple[str, Path, Path]]:
     write_session(simulate_session(touches=2 if small else 20, facets=320 if small else 20_000), folder)
+    main(["--quiet", "calibrate", "payload", str(folder / "free_motion.csv"), "-o", str(folder / "payload.toml")])
     yield "six-axis", folder / "touches.csv", folder / "rig.toml"
     for sensor, (words, log, rig) in {} if small else SESSIONS.items():
         made = folder / sensor

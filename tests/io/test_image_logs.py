@@ -7,8 +7,6 @@ import re
 import weakref
 from collections.abc import Callable
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any, cast
 
 import cv2
 import numpy as np
@@ -30,6 +28,7 @@ from palpate.io.logs import (
 )
 from palpate.io.pipeline import OpenedLog, Seen
 from palpate.io.rig import Rig
+from palpate.io.rig.kind import SensorKind
 from palpate.sensors.recording import CELLS, IMAGE, Recording
 from tests.support.image_files import (
     BAGS,
@@ -422,7 +421,7 @@ def _layout(_: object) -> Layout:
 
 def test_the_start_of_a_log_of_images_is_some_frames(tmp_path: Path) -> None:
     path = write_video(tmp_path / "log.avi", 200)
-    kind = cast(Any, SimpleNamespace(layout=_layout))
+    kind = SensorKind("camera", "a camera", type(None), (IMAGE,), _layout, cast(Any, _layout))
     with OpenedLog(path, object.__new__(Rig), kind) as log:
         for seconds in (0.0, 5.0):
             assert 30 <= len(log.head(seconds)) < 100

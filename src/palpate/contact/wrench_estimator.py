@@ -80,7 +80,7 @@ class _Live:
 
     def __call__(
         self,
-        time: ArrayLike,
+        time: float,
         reading: ArrayLike,
         rotation: ArrayLike | None,
         acceleration: ArrayLike | None,

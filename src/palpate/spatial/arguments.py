@@ -164,8 +164,7 @@ def _taken(wanted: _Wanted, value: Any, sizes: dict[str, _Size]) -> Any:
         real = type(value) is np.ndarray and value.dtype.kind in "biuf"
         return value if real else _real(value, wanted.name)
     if wanted.dtype is None:
-        kind = type(value)
-        plain = (kind is float and not wanted.whole) or (kind is int and -_LARGEST < value < _LARGEST)
+        plain = (type(value) is float and not wanted.whole) or (type(value) is int and -_LARGEST < value < _LARGEST)
         return value if plain else _number(value, wanted)
     array = value
     if type(array) is not np.ndarray or array.dtype != wanted.dtype or not array.flags.c_contiguous:

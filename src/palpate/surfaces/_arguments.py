@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -90,9 +90,10 @@ class Several:
 
     def fits(self, value: Any, sizes: dict[str, int]) -> bool:
         """Return whether a value is a tuple of what it should hold."""
-        if type(value) is not tuple or len(value) != len(self.parts):
+        if type(value) is not tuple or len(cast("tuple[Any, ...]", value)) != len(self.parts):
             return False
-        return all(part.fits(one, sizes) for part, one in zip(self.parts, value, strict=True))
+        given = cast("tuple[Any, ...]", value)
+        return all(part.fits(one, sizes) for part, one in zip(self.parts, given, strict=True))
 
     def __str__(self) -> str:
         return f"a tuple of {'; '.join(map(str, self.parts))}"
@@ -174,7 +175,7 @@ def form_of(given: tuple[Any, ...]) -> tuple[Any, ...]:
         [
             (value.dtype, value.shape, value.flags.num)
             if type(value) is np.ndarray
-            else form_of(value)
+            else form_of(cast("tuple[Any, ...]", value))
             if type(value) is tuple
             else type(value)
             for value in given
@@ -211,5 +212,5 @@ def _seen(value: Any) -> str:
         order = "" if value.flags.c_contiguous else ", not contiguous"
         return f"{value.dtype} of shape {value.shape}{order}{'' if value.flags.writeable else ', read-only'}"
     if isinstance(value, tuple):
-        return f"({'; '.join(map(_seen, value))})"
+        return f"({'; '.join(map(_seen, cast('tuple[Any, ...]', value)))})"
     return type(value).__name__
