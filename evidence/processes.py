@@ -163,7 +163,7 @@ def _pairs(folder: Path, count: int, formats: Sequence[str]) -> Iterator[Row]:
             both = [each.ended() for each in [_Running(folder, [*words, output]) for output in outputs]]
             codes = sorted(each.code in (0, 4) for each in both)
             won += codes == [False, True] and (folder / outputs[0]).exists()
-            refused += any(each.code == 1 and "is being written by another command" in each.said for each in both)
+            refused += any(each.code == 1 and "is being written already" in each.said for each in both)
         litter = [file.name for file in folder.iterdir() if file.suffix in (".lock", ".part")]
         got = f"{won} with one that wins, {refused} with one that says so, {len(litter)} files left over"
         what = f"{count} pairs of `estimate` at once with one output ({suffix})"

@@ -28,7 +28,7 @@ from palpate.io.logs import (
 )
 from palpate.io.pipeline import OpenedLog, Seen
 from palpate.io.rig import Rig
-from palpate.io.rig.kind import SensorKind
+from palpate.io.rig.kind import Prepared, SensorKind
 from palpate.sensors.recording import CELLS, IMAGE, Recording
 from tests.support.image_files import (
     BAGS,
@@ -419,9 +419,13 @@ def _layout(_: object) -> Layout:
     return LAYOUT
 
 
+def _no_estimator(*_: object) -> Prepared:
+    raise NotImplementedError
+
+
 def test_the_start_of_a_log_of_images_is_some_frames(tmp_path: Path) -> None:
     path = write_video(tmp_path / "log.avi", 200)
-    kind = SensorKind("camera", "a camera", type(None), (IMAGE,), _layout, cast(Any, _layout))
+    kind = SensorKind("camera", "a camera", type(None), (IMAGE,), _layout, _no_estimator)
     with OpenedLog(path, object.__new__(Rig), kind) as log:
         for seconds in (0.0, 5.0):
             assert 30 <= len(log.head(seconds)) < 100

@@ -99,7 +99,7 @@ def test_one_process_writes_an_output_whatever_its_spelling(tmp_path: Path, monk
         assert other.stdout is not None
         assert other.stdout.readline() == "holds\n"
         for name in (output, link, Path("contacts.csv"), tmp_path / ".." / tmp_path.name / "contacts.csv"):
-            with pytest.raises(InputError, match=rf"is being written by another command \(process {other.pid} on"):
+            with pytest.raises(InputError, match=rf"is being written already \(by process {other.pid} on"):
                 write_text(name, "mine")
             with pytest.raises(InputError, match="another command"), reserving():
                 keep_inputs(tmp_path / "other.csv", [], beside=[name])

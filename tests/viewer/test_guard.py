@@ -142,13 +142,14 @@ def test_no_property_but_the_value_is_set(name: str, value: object) -> None:
 def test_a_picture_may_be_large_and_nothing_else() -> None:
     head = b"\x89PNG\r\n\x1a\n\x00\x00\x00\rIHDR"
 
-    def picture(*sides: int) -> Verdict:
-        made = head + b"".join(side.to_bytes(4) for side in sides) + bytes(LARGEST // 4)
+    def picture(*sides: int, colours: int = 6) -> Verdict:
+        made = head + b"".join(side.to_bytes(4) for side in sides) + bytes([8, colours]) + bytes(LARGEST // 4)
         return said({"type": "GetRenderResponseMessage", "payload": made, "render_uuid": "a"})
 
     assert picture(1080, 1920) is Verdict.TAKE
     assert picture(60_000, 60_000) is Verdict.CLOSE
     assert picture(0, 1920) is Verdict.CLOSE
+    assert picture(1080, 1920, colours=0) is Verdict.CLOSE  # grey: no browser makes one
     assert said({"type": "GetRenderResponseMessage", "payload": b"", "render_uuid": "a"}) is Verdict.TAKE
     assert said({"type": "GetRenderResponseMessage", "payload": b"GIF89a", "render_uuid": "a"}) is Verdict.CLOSE
     assert judged(msgspec.msgpack.encode(CAMERA) + bytes(10_000), WIDGETS.get) is Verdict.CLOSE

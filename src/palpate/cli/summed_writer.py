@@ -16,6 +16,7 @@ from palpate.errors import InputError
 from palpate.io.ahead import Receiver, Sender, beside, sendable, way
 from palpate.io.contacts import ContactsWriter, open_contacts
 from palpate.io.memory import keep_memory
+from palpate.io.output_lock import inherited
 from palpate.viewer.run_summary import RunSummary
 
 __all__ = ["SummedWriter", "WriterProcess", "writer_process", "writing_beside", "writing_here"]
@@ -135,7 +136,7 @@ def _write(receiver: Receiver, answers: Connection) -> None:
         if isinstance(opening := _next(receiver), str):
             return
         made: AbstractContextManager[SummedWriter] = writing_here(*opening)
-        with made as writer:
+        with inherited(opening[0].resolve()), made as writer:
             while not isinstance(value := _next(receiver), str):
                 found, placed = value
                 writer.write(found, found if placed is None else placed)

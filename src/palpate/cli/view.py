@@ -17,6 +17,7 @@ from palpate.cli.simulate_phantom import folder_beside
 from palpate.contact.contacts import Contacts
 from palpate.errors import InputError
 from palpate.interrupts import import_mesh_reader
+from palpate.io.atomic import reserve_output
 from palpate.io.models import read_provenance
 from palpate.io.models.summary import of_taxels
 from palpate.io.pipeline import Pipeline
@@ -78,6 +79,7 @@ def _require_film(film: Path, log: Path) -> None:
     opencv()
     if film.suffix != ".mp4":
         raise InputError("is not the name of a video.", where=str(film), hint="Name it OUT.mp4.")
+    reserve_output(film)
     if film.exists() or film.is_symlink():
         raise InputError("is already there.", where=str(film), hint="Name another film.")
     if not film.absolute().parent.is_dir():

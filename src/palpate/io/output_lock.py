@@ -7,9 +7,10 @@ same; it is removed when it is released. Where the file system has no locks, not
 from __future__ import annotations
 
 import os
+import threading
 import time
 from collections.abc import Generator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 from palpate.errors import InputError
@@ -19,17 +20,26 @@ try:
 except ImportError:  # not on Windows
     fcntl = None
 
-__all__ = ["only_writer", "reserve", "reserving"]
+__all__ = ["inherited", "only_writer", "reserve", "reserving"]
 
-_RESERVED: list[tuple[set[Path], ExitStack]] = []  # of each command that runs in this process, one within the other
+_RESERVED: list[tuple[int, set[Path], ExitStack]] = []  # by commands of this process, with the thread of each
 
 
 @contextmanager
 def reserving() -> Generator[None]:
     """What `reserve` is called for meanwhile is reserved until the block ends."""
     with ExitStack() as stack:
-        _RESERVED.append((set(), stack))
-        stack.callback(_RESERVED.pop)
+        entry = threading.get_ident(), set[Path](), stack
+        _RESERVED.append(entry)
+        stack.callback(_RESERVED.remove, entry)
+        yield
+
+
+@contextmanager
+def inherited(target: Path) -> Generator[None]:
+    """Take an output as reserved meanwhile: the process that started this one has reserved it."""
+    with reserving():
+        _RESERVED[-1][1].add(target)
         yield
 
 
@@ -42,8 +52,9 @@ def reserve(target: Path) -> None:
     Raises:
         InputError: another process writes it.
     """
-    if _RESERVED and not _reserved(target):
-        targets, stack = _RESERVED[-1]
+    own = [entry for entry in _RESERVED if entry[0] == threading.get_ident()]
+    if own and not _reserved(target):
+        _, targets, stack = own[-1]
         stack.enter_context(_locked(target))
         targets.add(target)
 
@@ -65,50 +76,59 @@ def only_writer(target: Path) -> Generator[None]:
 
 
 def _reserved(target: Path) -> bool:
-    return any(target in targets for targets, _ in _RESERVED)
+    return any(target in targets for _, targets, _ in _RESERVED)
 
 
 @contextmanager
 def _locked(target: Path) -> Generator[None]:
-    file = target.with_name(f".{target.name}.lock")
+    file = target.parent / f".{target.name[:200]}.lock"
     handle = _lock(file, target)
     try:
         yield
     finally:
         if handle is not None:
-            file.unlink(missing_ok=True)
+            with suppress(OSError):
+                file.unlink(missing_ok=True)
             os.close(handle)
 
 
 def _lock(file: Path, target: Path) -> int | None:
-    """Open and lock a file; None where there are no locks, or the process that started this one has the lock."""
+    """Open and lock a file; None where there are no locks."""
     while fcntl is not None:
         try:
-            handle = os.open(file, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o666)
+            handle = _opened(file)
         except OSError:  # what is wrong with the folder is reported when the output is written
             return None
         try:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            if file.exists() and os.path.samestat(os.fstat(handle), file.stat()):
-                os.truncate(handle, 0)
-                os.write(handle, f"{os.getpid()} on {os.uname().nodename}".encode())
-                return handle
-            os.close(handle)  # it was released, and removed, between the two: the next try makes a new one
         except BlockingIOError:
             holder = _holder(handle)
             os.close(handle)
-            if holder.split(" ")[0] == str(os.getppid()):
-                return None
             raise InputError(
-                f"is being written by another command (process {holder}).",
+                f"is being written already (by process {holder}).",
                 where=str(target),
-                hint="Wait until it has ended, or name another output.",
+                hint="Wait until that has ended, or name another output.",
             ) from None
         except OSError:  # this file system has no locks
             os.close(handle)
-            file.unlink(missing_ok=True)
             return None
+        with suppress(OSError):
+            if os.path.samestat(os.fstat(handle), file.stat()):
+                with suppress(OSError):  # whose it is, is only for the sentence
+                    os.truncate(handle, 0)
+                    os.write(handle, f"{os.getpid()} on {os.uname().nodename}".encode())
+                return handle
+        os.close(handle)  # it was released, and removed, between the two: the next try makes a new one
     return None
+
+
+def _opened(file: Path) -> int:
+    """Open the lock's file, which may be another user's: to lock it, reading is enough."""
+    flags = os.O_NOFOLLOW | os.O_CLOEXEC
+    try:
+        return os.open(file, os.O_RDWR | os.O_CREAT | flags, 0o666)
+    except PermissionError:
+        return os.open(file, os.O_RDONLY | flags)
 
 
 def _holder(handle: int) -> str:

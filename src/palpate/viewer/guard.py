@@ -21,7 +21,7 @@ LARGE = 1 << 12  # bytes of any other
 PIXELS = 1 << 26  # of a picture
 _PNG = b"\x89PNG\r\n\x1a\n\x00\x00\x00\rIHDR"
 _REFUSED = "This page answers only at the address that its command printed.\n"
-_CLOSED = "Open the address that the command printed, with all that follows ?token= in it.\n"
+_CLOSED = "Open the whole address that the command printed, with what follows ?token= in it.\n"
 
 
 class Request(NamedTuple):
@@ -230,5 +230,6 @@ def _update(widget: Widget, value: bool | int | float | str) -> Verdict:
 def _picture(payload: bytes) -> Verdict:
     """A picture may be large, but not what it says it is; empty is a browser that could make none."""
     sides = [int.from_bytes(payload[at : at + 4]) for at in (len(_PNG), len(_PNG) + 4)]
-    fit = payload.startswith(_PNG) and 0 < sides[0] * sides[1] <= PIXELS
+    colours = payload[24:26] in (b"\x08\x02", b"\x08\x06")  # RGB or RGBA, eight bits each
+    fit = payload.startswith(_PNG) and colours and 0 < sides[0] * sides[1] <= PIXELS
     return Verdict.TAKE if fit or not payload else Verdict.CLOSE

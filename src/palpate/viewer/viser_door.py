@@ -48,9 +48,12 @@ def listening(guard: Guard, host: str, port: int) -> viser.ViserServer:
     infra: Any = viser.infra
     server: Any = viser.ViserServer.__new__(viser.ViserServer)
     door = _Door(guard, server)
-    behind = {"_background_worker": _rebound(infra.WebsockServer._background_worker, websockets=door.websockets)}
-    made = type("Server", (infra.WebsockServer,), behind)
-    begin = _rebound(viser.ViserServer.__init__, infra=_with(infra, WebsockServer=made))
+    try:
+        behind = {"_background_worker": _rebound(infra.WebsockServer._background_worker, websockets=door.websockets)}
+        made = type("Server", (infra.WebsockServer,), behind)
+        begin = _rebound(viser.ViserServer.__init__, infra=_with(infra, WebsockServer=made))
+    except (AttributeError, TypeError) as problem:
+        raise _unknown() from problem
     begin(server, host, port, label="Palpate", verbose=False)
     inside = (server._websock_server, "_live_connections"), (server.gui, "_gui_input_handle_from_uuid")
     if not door.serving or not all(hasattr(owner, name) for owner, name in inside):

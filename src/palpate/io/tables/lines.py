@@ -15,6 +15,7 @@ from palpate.io.units import near
 
 __all__ = ["open_input", "read_some", "whole_lines"]
 
+_INTO_A_FILE = "Write what it gives into a file first, and name that."
 _WAIT = 1.5  # s that a pipe is given until its first byte
 _LONGEST = 1 << 26  # bytes of a line, beyond which a file is no text
 
@@ -40,7 +41,7 @@ def open_input(path: Path, *, pipe: bool = False) -> BinaryIO:
         raise InputError("there is no such file.", where=str(path), hint=near(path.name, siblings)) from None
     except (OSError, ValueError) as problem:  # the second: a NUL in the name
         raise InputError(f"cannot be read ({problem}).", where=str(path)) from problem
-    hint = "" if kind == "a folder" else "Write what it gives into a file first, and name that."
+    hint = "" if kind == "a folder" else _INTO_A_FILE
     raise InputError(f"is {kind}, not a file that can be read.", where=str(path), hint=hint)
 
 
@@ -49,8 +50,8 @@ def _open_pipe(path: Path) -> BinaryIO:
     handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK)  # does not wait for who writes
     if not select.select([handle], [], [], _WAIT)[0]:
         os.close(handle)
-        hint = "Write what it gives into a file first, and name that."
-        raise InputError(f"is a pipe, into which nothing was written for {_WAIT:g} s.", where=str(path), hint=hint)
+        what = f"is a pipe, into which nothing was written for {_WAIT:g} s."
+        raise InputError(what, where=str(path), hint=_INTO_A_FILE)
     os.set_blocking(handle, True)
     return os.fdopen(handle, "rb")
 
