@@ -69,7 +69,7 @@ lock: $(UV) ## requirements.lock from pyproject.toml
 		--generate-hashes --no-header --no-annotate --upgrade --quiet --output-file requirements.lock
 
 clean: ## back to a fresh clone
-	rm -rf .venv .tools .cache .pytest_cache .ruff_cache .import_linter_cache .hypothesis docs/_build demo
+	rm -rf .venv .tools .cache src/palpate/_native .pytest_cache .ruff_cache .import_linter_cache .hypothesis docs/_build demo
 	find src tests benchmarks evidence examples experiments mutants -name __pycache__ -exec rm -rf {} +
 
 $(UV):

@@ -109,8 +109,9 @@ def build(level: str, part: int) -> None:
         module.compile()
         final = jit.native_file(level, part)
         final.parent.mkdir(exist_ok=True)
-        shutil.copy(Path(scratch, module.output_file), final.with_suffix(".part"))
-        final.with_suffix(".part").replace(final)
+        part = final.with_suffix(f".{os.getpid()}")  # two builds at once make the same file
+        shutil.copy(Path(scratch, module.output_file), part)
+        part.replace(final)
 
 
 def _with_flags(compile_extra: Any, released: set[Any], error_model: str) -> Any:

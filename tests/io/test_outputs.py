@@ -12,7 +12,7 @@ import pytest
 
 from palpate.errors import InputError
 from palpate.io.atomic import growing, keep_inputs, write_text
-from palpate.io.output_lock import reserving
+from palpate.io.output_lock import inherited, reserving
 from palpate.io.tables.lines import open_input
 
 HOLD = """
@@ -101,7 +101,7 @@ def test_one_process_writes_an_output_whatever_its_spelling(tmp_path: Path, monk
         for name in (output, link, Path("contacts.csv"), tmp_path / ".." / tmp_path.name / "contacts.csv"):
             with pytest.raises(InputError, match=rf"is being written already \(by process {other.pid} on"):
                 write_text(name, "mine")
-            with pytest.raises(InputError, match="another command"), reserving():
+            with pytest.raises(InputError, match="is being written already"), reserving():
                 keep_inputs(tmp_path / "other.csv", [], beside=[name])
         other.kill()  # the system releases the lock of a process that dies
     write_text(output, "mine")
@@ -116,7 +116,10 @@ def test_what_a_command_reserves_it_writes_and_nobody_else(tmp_path: Path) -> No
         other = subprocess.run(
             [sys.executable, "-c", f"exec({HOLD!r})", output], input="", capture_output=True, text=True, check=False
         )
-        assert other.returncode == 0  # the process that a command starts writes for it
+        assert other.returncode == 1
+        assert "is being written already" in other.stderr
+    with inherited(output), growing(output) as file:  # a process that a command starts is told so
+        file.write_text("mine")
     assert [file.name for file in tmp_path.iterdir()] == ["contacts.csv"]
     write_text(output, "again")
 

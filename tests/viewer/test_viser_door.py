@@ -82,7 +82,7 @@ def test_a_phone_opens_what_is_printed_and_a_stranger_does_not(browser: object, 
     stranger = browser.new_page()
     answer = stranger.goto(page.address.partition("?")[0])
     assert answer.status == 403
-    assert stranger.inner_text("body").startswith("Open the address that the command printed")
+    assert stranger.inner_text("body").startswith("Open the whole address that the command printed")
     stranger.close()
 
 

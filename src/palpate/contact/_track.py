@@ -26,6 +26,7 @@ def follow(time, points, count, tracks, following, reach, speed, patience, ident
     that is lost is waited for so long as `patience`: two that merge for a moment part under their own names. Distances
     are those in space, so that the seam of a sheet is no gap.
     """
+    count = min(count, len(points), len(identity))
     for t in range(len(tracks)):
         if tracks[t, 0] >= 0.0 and not abs(time - tracks[t, 7]) <= patience:
             tracks[t, 0] = -1.0

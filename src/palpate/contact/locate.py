@@ -542,7 +542,8 @@ def locate(
         whole = wrench if isinstance(wrench, Wrench) else Wrench.from_vector(wrench)
         vectors, covariance = whole.vector(), whole.covariance
     point = previous.point if isinstance(previous, ContactEstimate) else previous
-    last = None if point is None or not np.all(np.isfinite(point)) else point
+    last = None if point is None else shaped(point, (3,), "previous")
+    last = None if last is None or not np.isfinite(last).all() else last
     if method == "iterative":
         return _iterated(vectors.reshape(-1, 6), surface, last, friction, torsion).reshaped(vectors.shape[:-1])
     locator = _prepared(surface, (method, friction, torsion))

@@ -349,7 +349,8 @@ class RingEstimator:
 
         set_, count = self.settings, len(rows)
         identity, points = np.zeros(count, dtype=np.int64), np.ascontiguousarray(rows[:, ROW.point])
-        _track.follow(time, points, count, *self._tracks, set_.reach, set_.speed, set_.patience, identity)
+        reach, speed, patience = map(float, (set_.reach, set_.speed, set_.patience))
+        _track.follow(time, points, count, *self._tracks, reach, speed, patience, identity)
         rows[:, -1] = identity
 
 

@@ -13,6 +13,7 @@ from palpate.errors import InputError
 from palpate.sensors.fisheye import STEPS, flat_pixels
 from palpate.sensors.marker_ring import MarkerRing
 from palpate.sensors.ring_response import RingResponse
+from palpate.spatial._arrays import shaped
 from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["RingFound", "RingLocator", "RingSettings", "turned"]
@@ -130,7 +131,8 @@ class RingLocator:
         """
         from palpate.contact import _ring
 
-        flat = np.ascontiguousarray(displacements.reshape(len(displacements), 2 * len(self.markers)))
+        displacements = shaped(displacements, (None, len(self.markers), 2), "displacements")
+        flat = displacements.reshape(len(displacements), 2 * len(self.markers))
         found = self._room(len(displacements))
         _ring.frames(flat, *self._known, found.states, found.counts, self._left, found.residual)
         return found
@@ -141,6 +143,7 @@ class RingLocator:
         """`run` of markers of a ring that are seen at pixels, NaN: not seen; and how many are seen in each frame."""
         from palpate.contact import _ring
 
+        pixels = shaped(pixels, (None, len(self.markers), 2), "pixels")
         found, many = self._room(len(pixels)), np.empty(len(pixels), dtype=np.int64)
         answer = found.states, found.counts, self._left, found.residual, many
         _ring.shown(flat_pixels(pixels), ring.numbers, STEPS, self._known, *answer)

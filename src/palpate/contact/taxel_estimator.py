@@ -310,6 +310,8 @@ class TaxelEstimator:
         self._require_rest()
         require_out(out, (None, self._width))
         time, readings, _ = samples(time, readings, counts)
+        if not len(out):
+            return 0
         raw = self.body.readings(Recording(time, {CELLS: readings}, source="the stream"))
         return self._run(time, raw, self._buffer, out, counts, self._buffer[0][:0])[0]
 
@@ -426,7 +428,7 @@ class TaxelEstimator:
         sign = -1.0 if self._falling else 1.0
         unequal = (_UNKNOWN if self.intensity is None else _CALIBRATED) if set_.unequal is None else set_.unequal
         numbers = (set_.on, set_.off, set_.sure, set_.share, sign, unequal, set_.drift, self._turn, resting)
-        settings = (*numbers, set_.reach, set_.speed, set_.patience, set_.walk)
+        settings = tuple(map(float, (*numbers, set_.reach, set_.speed, set_.patience, set_.walk)))
         smoothing = _NO_FILTER if forward is None else (*forward.parts, forward.shares)
         known = (self._place, self._table, self._curves, settings, smoothing)
         return (*known, self._clock, self._zeros, self._numbers, self._whole, *self._tracks)

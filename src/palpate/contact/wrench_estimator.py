@@ -248,7 +248,12 @@ class WrenchEstimator:
         """`update` into a row of `empty()`, or the first of some, for a control loop; `ROW` says what stands where."""
         if self._zero_phase:
             require_forward(self.filter)
-        row = out if getattr(out, "ndim", 1) == 1 else out.reshape(-1, out.shape[-1])[0]
+        row = out
+        if getattr(out, "ndim", 1) != 1:
+            require_out(out, (..., ROW.length))
+            if not out.size:
+                raise InputError("out must have a row to write into.")
+            row = out.reshape(-1, ROW.length)[0]
         require_out(row, ROW_SHAPE)
         time = instant(time)
         rows, follower = row[None], self._forwards(time, self.kelvin)

@@ -37,7 +37,7 @@ def damped_step(
     """
     n = len(out)
     require_out(out, (n,))
-    return _arm.damped_step(shaped(jacobian, (6, n), "jacobian"), shaped(e, (6,), "e"), damping, out)
+    return _arm.damped_step(shaped(jacobian, (6, n), "jacobian"), shaped(e, (6,), "e"), float(damping), out)
 
 
 def limited(
@@ -71,4 +71,4 @@ def limited(
     joints, wanted, before = shaped(q, (n,), "q"), shaped(step, (n,), "step"), shaped(last, (n,), "last")
     if np.may_share_memory(out, before) or np.may_share_memory(out, wanted):
         raise InputError("out must not be the step's own array.")
-    return _arm.limit(arm.limits, joints, wanted, before, dt, out)
+    return _arm.limit(arm.limits, joints, wanted, before, float(dt), out)

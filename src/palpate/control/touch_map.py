@@ -125,7 +125,7 @@ class TouchMap:
         marks = places[:, :3].copy()
         marks[:, 2] = set_.weight * places[:, 3] * np.exp((places[:, 2] - time) / set_.fade)
         hard = self.radius - set_.slack
-        fill(marks, low, set_.cell, hard, hard + set_.clearance, set_.near, cost)
+        fill(marks, low, *map(float, (set_.cell, hard, hard + set_.clearance, set_.near)), cost)
         at, to = (((np.array(each) - low) / set_.cell).astype(np.int64)[::-1].copy() for each in (start, goal))
         corners = np.empty((CORNERS, 2))
         count, price = find_way(cost, at, to, corners)

@@ -111,6 +111,7 @@ def _lock(file: Path, target: Path) -> int | None:
             ) from None
         except OSError:  # this file system has no locks
             os.close(handle)
+            file.unlink(missing_ok=True)
             return None
         with suppress(OSError):
             if os.path.samestat(os.fstat(handle), file.stat()):

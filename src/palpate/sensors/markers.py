@@ -396,7 +396,7 @@ class MarkerTracker:
             return False
         if not whole:
             self._guess()
-        limits = self.limits.size, _LEAST_CONTRAST, _LONGEST
+        limits = float(self.limits.size), _LEAST_CONTRAST, _LONGEST
         kept = self._seen, self._expected, self._last, self._step, self._size, self._age
         return follow(image, self._weights, self._known, limits, self._out, *kept, out)
 
@@ -443,7 +443,7 @@ class MarkerTracker:
         from palpate.sensors._markers import plausible
 
         fits = np.empty(len(found), dtype=bool)
-        plausible(got, self._known[1], found, self.limits.size, _LEAST_CONTRAST, fits)
+        plausible(got, self._known[1], found, float(self.limits.size), _LEAST_CONTRAST, fits)
         return fits
 
     def _confirmed(self, got: Float[np.ndarray, "m 7"], found: Bool[np.ndarray, " m"]) -> Bool[np.ndarray, " m"]:

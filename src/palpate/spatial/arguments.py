@@ -18,7 +18,12 @@ __all__ = ["takes_arrays"]
 
 _Made = TypeVar("_Made", bound=Callable[..., Any])
 _LARGEST = 2**62  # whole number
-_WRITTEN = {"out", "counts"}  # arguments that are written into: a copy would be of no use
+_WRITTEN = {
+    "out",
+    "out_covariance",
+    "out_total",
+    "counts",
+}  # arguments that are written into: a copy would be of no use
 _DTYPES = {"Float": np.dtype(np.float64), "Int": np.dtype(np.int64), "Bool": np.dtype(np.bool_)}
 
 
@@ -164,7 +169,7 @@ def _taken(wanted: _Wanted, value: Any, sizes: dict[str, _Size]) -> Any:
         real = type(value) is np.ndarray and value.dtype.kind in "biuf"
         return value if real else _real(value, wanted.name)
     if wanted.dtype is None:
-        plain = (type(value) is float and not wanted.whole) or (type(value) is int and -_LARGEST < value < _LARGEST)
+        plain = type(value) is int and -_LARGEST < value < _LARGEST if wanted.whole else type(value) is float
         return value if plain else _number(value, wanted)
     array = value
     if type(array) is not np.ndarray or array.dtype != wanted.dtype or not array.flags.c_contiguous:

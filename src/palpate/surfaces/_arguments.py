@@ -78,7 +78,7 @@ class Array:
 
     def __str__(self) -> str:
         shape = ", ".join(map(str, self.shape)) + ("," if len(self.shape) == 1 else "")
-        kind = ", ".join(["writable"] * self.written + ["contiguous"] * (not self.strided))
+        kind = ", ".join(["writable"] * self.written + ["contiguous"] * (not self.strided) or ["aligned"])
         return f"a {kind} array of {self.dtype} and shape ({shape})"
 
 
@@ -210,6 +210,7 @@ def _wrong(arguments: tuple[Argument, ...], given: tuple[Any, ...]) -> Iterator[
 def _seen(value: Any) -> str:
     if isinstance(value, np.ndarray):
         order = "" if value.flags.c_contiguous else ", not contiguous"
+        order += "" if value.flags.aligned else ", not aligned"
         return f"{value.dtype} of shape {value.shape}{order}{'' if value.flags.writeable else ', read-only'}"
     if isinstance(value, tuple):
         return f"({'; '.join(map(_seen, cast('tuple[Any, ...]', value)))})"

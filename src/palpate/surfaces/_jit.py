@@ -50,7 +50,7 @@ __all__ = [
 ]
 
 PACKAGE = Path(__file__).parents[1]
-CONSTANTS = ("_edges.py", "_patches.py", "_settings.py")  # files that kernels take numbers from
+CONSTANTS = ("_arguments.py", "_edges.py", "_patches.py", "_settings.py")  # of signatures, and of numbers in kernels
 CPUINFO = Path("/proc/cpuinfo")
 V3 = frozenset(["avx2", "bmi1", "bmi2", "f16c", "fma", "abm", "movbe"])  # flags of x86-64-v3 in /proc/cpuinfo
 
@@ -96,6 +96,7 @@ class _Compiling:
 
 
 _COMPILING = _Compiling()
+_WAIT = "compiling, once; it takes about a minute"
 
 
 def compile_seconds() -> float:
@@ -259,7 +260,11 @@ def _native() -> dict[str, Callable[..., Any]]:
         if files:
             name = f"palpate_native_{part}"
             spec = cast(Any, spec_from_file_location(name, files[0], loader=ExtensionFileLoader(name, str(files[0]))))
-            functions = vars(module_from_spec(spec))
+            try:
+                functions = vars(module_from_spec(spec))
+            except ImportError as problem:  # another C library than it was built with, or a torn file
+                logging.getLogger("palpate").error("palpate: %s cannot be loaded (%s)", files[0], problem)
+                continue
             for function in functions.values():
                 if callable(function):
                     function.__module__ = __name__  # where a pickle finds it, by `__getattr__`
@@ -288,7 +293,8 @@ def _dispatcher(function: Callable[..., Any], options: dict[str, Any]) -> Any:
     except RuntimeError:  # neither the package nor a home can be written
         _warn_once()
         made = cast(Any, njit)(**{**options, "cache": False}, **OPTIONS)(function)
-        options = {}
+        made.compile = _announced(made.compile)
+        return _once_for_constants(made)
     return _once_for_constants(_kept(made) if options.get("cache") else made)
 
 
@@ -297,6 +303,16 @@ def _warn_once() -> None:
     logging.getLogger("palpate").error(
         "palpate: compiling in every process: no folder for machine code can be written (NUMBA_CACHE_DIR names one)"
     )
+
+
+def _announced(compiles: Callable[..., Any]) -> Callable[..., Any]:
+    """Return a dispatcher's `compile` that counts its time, and says what is waited for."""
+
+    def compile(signature):
+        with _COMPILING, waiting(_WAIT):
+            return compiles(signature)
+
+    return compile
 
 
 def _kept(dispatcher: Any) -> Any:
@@ -333,7 +349,7 @@ def _by_one_process(dispatcher: Any) -> Callable[..., Any]:
     def compile(signature):
         nonlocal held
         with ExitStack() as stack, _COMPILING:
-            stack.enter_context(waiting("compiling, once; it takes about a minute"))
+            stack.enter_context(waiting(_WAIT))
             stack.enter_context(cast(Any, global_compiler_lock))  # first, or two threads could wait for each other
             if not held and fcntl is not None:
                 with suppress(OSError):  # a folder that cannot be written keeps no machine code either

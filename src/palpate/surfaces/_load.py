@@ -28,7 +28,11 @@ def load_arrays(path: Path) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "
     """
     if not path.is_file():
         raise InputError("is no regular file." if path.exists() else "no such mesh file.", where=str(path))
-    if path.suffix.lower() == ".stl" and (found := _binary_stl(path)) is not None:
+    try:
+        found = _binary_stl(path) if path.suffix.lower() == ".stl" else None
+    except OSError as problem:
+        raise InputError(f"cannot be read ({problem.strerror}).", where=str(path)) from problem
+    if found is not None:
         return found
     return arrays_of(_load_trimesh(path), str(path))
 

@@ -41,7 +41,9 @@ def sort_half_edges(faces: Int[np.ndarray, "f 3"]) -> tuple[Int[np.ndarray, " h"
     from palpate.surfaces import _topology  # compiled: loaded when first needed
 
     order, twins = np.empty(faces.size, dtype=np.int64), np.empty(faces.size, dtype=np.int64)
-    _topology.pair_edges(np.array(faces, dtype=np.int64, order="C", copy=None), int(faces.max()) + 1, order, twins)
+    _topology.pair_edges(
+        np.array(faces, dtype=np.int64, order="C", copy=None), int(faces.max(initial=-1)) + 1, order, twins
+    )
     return order, twins
 
 

@@ -86,7 +86,7 @@ class BSplineSurface(Value):
         begin = shaped(begin, (None, 6), "begin")
         states, slopes = np.empty((2, steps + 1, *begin.shape))
         states[0] = begin
-        _bspline.geodesics(step, *self._numbers, states, slopes)
+        _bspline.geodesics(float(step), *self._numbers, states, slopes)
         return states, slopes
 
     @property

@@ -64,6 +64,8 @@ class Mesh(Value):
                 array = np.array(getattr(self, name), order="C")
                 array.flags.writeable = False
                 object.__setattr__(self, name, array)
+        if self.faces.size and not 0 <= self.faces.min() <= self.faces.max() < len(self.vertices):
+            raise GeometryError(f"faces must name vertices, from 0 to {len(self.vertices) - 1}")
 
     def __repr__(self) -> str:
         size = np.ptp(self.vertices, axis=0) if len(self.vertices) else np.zeros(3)

@@ -29,7 +29,7 @@ _EXACT = 1 << 53  # below it every integer is a double
 def take_in(slots, first, count, stamp, arrived, lost, values, posed, orientation, position, acceleration, unsteady):
     """So many samples from number `first` on, values (n, m); without `posed` the last four are not read."""
     reals = slots.view(np.float64)
-    before = slots.shape[1] - values.shape[1]
+    before, count = slots.shape[1] - values.shape[1], min(count, len(stamp))
     for k in range(count):
         slot, real = slots[(first + k) % len(slots)], reals[(first + k) % len(slots)]
         slot[_READY] = slot[_ROWS] = 0
@@ -84,7 +84,7 @@ def stamped(count, seconds, nanoseconds, least, now, stamp, said, size):
     how many it may say, and what it was of the last datagram is returned (0: there is none).
     """
     last = np.int64(0)
-    for k in range(count):
+    for k in range(min(count, len(stamp))):
         last = np.int64(said[k])
         stamp[k] = seconds[k] * _BILLION + nanoseconds[k] if last >= least else now
         said[k] = size
