@@ -36,6 +36,7 @@ def import_with_faults(faults: list[Fault]) -> None:
     folder = CACHE / digest.hexdigest()[:16]
     folder.mkdir(parents=True, exist_ok=True)
     os.environ["NUMBA_CACHE_DIR"] = str(folder / "numba")
+    os.environ["PALPATE_NATIVE"] = "0"  # the module has no faults
     _read_instead(made)
     sys.path[:0] = [str(ROOT), str(PACKAGE.parent), str(ROOT / "tests")]
     importlib.import_module("conftest")  # enforces shapes and types of what is imported from now on
