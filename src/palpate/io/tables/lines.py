@@ -6,6 +6,7 @@ import codecs
 import os
 import select
 from collections.abc import Callable, Iterator
+from io import BufferedReader
 from pathlib import Path
 from typing import BinaryIO
 
@@ -20,7 +21,7 @@ _WAIT = 1.5  # s that a pipe is given until its first byte
 _LONGEST = 1 << 26  # bytes of a line, beyond which a file is no text
 
 
-def open_input(path: Path, *, pipe: bool = False) -> BinaryIO:
+def open_input(path: Path, *, pipe: bool = False) -> BufferedReader:
     """Open a file to be read. A pipe waits for who writes, and a device may never end: they are not opened.
 
     Args:
@@ -45,7 +46,7 @@ def open_input(path: Path, *, pipe: bool = False) -> BinaryIO:
     raise InputError(f"is {kind}, not a file that can be read.", where=str(path), hint=hint)
 
 
-def _open_pipe(path: Path) -> BinaryIO:
+def _open_pipe(path: Path) -> BufferedReader:
     """Open a pipe into which something is written."""
     handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK)  # does not wait for who writes
     if not select.select([handle], [], [], _WAIT)[0]:
