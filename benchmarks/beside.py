@@ -19,7 +19,7 @@ ROOT = Path(__file__).parents[1]
 ROUNDS = 41
 CALLS = {
     "one `palpate.locate`": "palpate.locate(wrench, mesh)",
-    "one live sample, six-axis (`update_into`)": "estimator.update_into(0.0, wrench, row, turn)",
+    "one live sample, six-axis (`update_into`)": "estimator.update_into(0.0, wrench, row)",
     "10,000 wrenches by `Locator.run`": "locator.run(many, sequential=False)",
 }
 SIDE = """
@@ -28,10 +28,8 @@ import numpy as np, palpate
 from palpate.simulation.shapes import Ellipsoid
 mesh = palpate.Mesh.from_arrays(*Ellipsoid((0.010, 0.007, 0.005)).mesh(20_000))
 locator = palpate.Locator(mesh, noise=[0.02] * 3 + [0.001] * 3)
-payload = palpate.Payload(0.4, [0.0, 0.0, 0.04])
-sensor = palpate.Compensation(palpate.ForceTorque([0.02] * 3 + [0.001] * 3), payload)
-estimator = palpate.WrenchEstimator(locator, sensor)
-wrench, row, turn = np.array([0.5, 0.0, -5.0, 0.0, 0.001, 0.001]), estimator.empty(), np.eye(3)
+estimator = palpate.WrenchEstimator(locator, palpate.ForceTorque([0.02] * 3 + [0.001] * 3))
+wrench, row = np.array([0.5, 0.0, -5.0, 0.0, 0.001, 0.001]), estimator.empty()
 many = np.random.default_rng(0).normal(size=(10_000, 6)) * [5, 5, 5, 0.02, 0.02, 0.02]
 for line in sys.stdin:
     count, call = line.rstrip().split(" ", 1)
