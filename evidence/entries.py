@@ -89,7 +89,7 @@ def _wrong(random: np.random.Generator, arguments: tuple[Any, ...], place: int, 
     others += [right.astype(other), right.astype(np.int16), right.view(np.recarray)]
     known = [axis for axis, size in enumerate(argument.shape) if not size.name]
     others += [np.zeros([n + 1 + (k == axis) for k, n in enumerate(right.shape)], right.dtype) for axis in known]
-    if right.size > 1:
+    if right.size > 1 and not argument.strided:
         others.append(np.zeros((*right.shape[:-1], 2 * right.shape[-1]), right.dtype)[..., ::2])
     if argument.written:
         locked = right.copy()
