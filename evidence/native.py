@@ -28,10 +28,9 @@ __all__ = ["rows"]
 COMMAND = "python -m evidence --only native"
 NAME = "native"
 MOST, MOST_MIB = {"six-axis": 2.0}, 200.0  # s of CPU, 3 of the other sensors; memory
-SESSIONS = {  # what `palpate simulate` makes, its log and its rig
-    "load cells": (("load-cells",), "log.csv", "rig.toml"),
-    "skin and six-axis": (("forearm",), "both.mcap", "both.toml"),
-    "marker ring": (("marker-ring", "--small"), "frames.avi", "rig.toml"),
+SESSIONS = {  # what `palpate simulate` makes, its log and its rig, and the calibration that the rig needs
+    "load cells": ("load-cells", "log.csv", "rig.toml", "load-cells bench_log.csv --rig rig.toml -o fingertip.toml"),
+    "skin and six-axis": ("forearm", "both.mcap", "both.toml", ""),
 }
 RUN = """
 import os, resource, sys
@@ -60,10 +59,16 @@ def _sessions(folder: Path, small: bool) -> Iterator[tuple[str, Path, Path]]:
     write_session(simulate_session(touches=2 if small else 20, facets=320 if small else 20_000), folder)
     main(["--quiet", "calibrate", "payload", str(folder / "free_motion.csv"), "-o", str(folder / "payload.toml")])
     yield "six-axis", folder / "touches.csv", folder / "rig.toml"
-    for sensor, (words, log, rig) in {} if small else SESSIONS.items():
-        made = folder / sensor
-        subprocess.run([sys.executable, "-m", "palpate", "simulate", *words, "-o", str(made)], check=True, cwd=folder)
+    for sensor, (kind, log, rig, calibration) in {} if small else SESSIONS.items():
+        made = folder / kind
+        _palpate(folder, "simulate", kind, "-o", kind)
+        if calibration:
+            _palpate(made, "calibrate", *calibration.split())
         yield sensor, made / log, made / rig
+
+
+def _palpate(folder: Path, *words: str) -> None:
+    subprocess.run([sys.executable, "-m", "palpate", "--quiet", *words], check=True, cwd=folder)
 
 
 def _estimated(sensor: str, log: Path, rig: Path, small: bool) -> Iterator[Row]:
