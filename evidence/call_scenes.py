@@ -16,10 +16,10 @@ from evidence.row import ROOT
 __all__ = ["made_calls"]
 
 COMMANDS = (
-    "demo -o demo --no-serve",
-    "estimate demo/touches.mcap --rig demo/rig.toml -o demo/filtered.csv --filter butterworth --cutoff 15 --force",
+    "demo -o demo --no-view",
+    "estimate demo/touches.mcap --rig demo/rig.toml -o demo/filtered.csv --filter butterworth --cutoff 15",
     "simulate load-cells -o fingertip/",
-    "calibrate load-cells fingertip/bench_log.csv --rig fingertip/rig.toml -o fingertip/fingertip.toml --force",
+    "calibrate load-cells fingertip/bench_log.csv --rig fingertip/rig.toml -o fingertip/fingertip.toml",
     "estimate fingertip/log.csv --rig fingertip/rig.toml -o fingertip/contacts.csv --report fingertip/report.html",
     "evaluate fingertip/contacts.csv fingertip/truth.csv",
     "design load-cells fingertip/rig.toml -o fingertip/design.html",
@@ -31,10 +31,10 @@ COMMANDS = (
     "evaluate forearm/both.csv forearm/truth.csv",
     "simulate pokes -o pokes/",
     "calibrate taxels pokes/pokes.mcap --rig pokes/rig.toml -o pokes/skin.toml",
-    "evaluate pokes/skin.toml pokes/truth.csv --report pokes/skin.html",
+    "evaluate pokes/skin.toml pokes/truth.csv",
     "plan pokes pokes/rig.toml --skin pokes/skin.toml -o pokes/next.csv --wanted 1.6e-3",
     "simulate marker-ring -o ring/ --small",
-    "calibrate marker-ring ring/ --rig ring/rig.toml -o ring/ring.toml --force",
+    "calibrate marker-ring ring/frames.avi --rig ring/rig.toml -o ring/ring.toml",
     "simulate arena --layout u --seed 3 --seconds 4 -o u.mcap",
     "simulate phantom --seconds 2 -o phantom.mcap",
 )

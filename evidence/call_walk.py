@@ -192,7 +192,7 @@ def wrong(value: Any) -> dict[str, Any]:
     if array.dtype.kind == "f":
         for name, number in (("nan", np.nan), ("inf", np.inf), ("huge", 1e300)):
             spoilt = np.array(array)
-            spoilt[(0,) * array.ndim] = number
+            spoilt.flat[:1] = number
             made |= {f"a {name}": spoilt, f"all {name}": np.full_like(array, number)}
         made["zeros"] = np.zeros_like(array)
     else:
