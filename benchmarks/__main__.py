@@ -12,7 +12,7 @@ import time
 from pathlib import Path
 
 from benchmarks import (
-    beside,
+    checkouts,
     control,
     equations,
     fused,
@@ -45,7 +45,7 @@ written. BLAS may use more than one thread. The clock's 0.05 us are in every fig
 RESULTS, TARGETS = (Path(__file__).parent / name for name in ("RESULTS.md", "TARGETS.md"))
 THEMES: dict[str, Theme] = {
     "speed": speed.rows,
-    "beside": beside.rows,
+    "checkouts": checkouts.rows,
     "equations": equations.rows,
     "fused": fused.rows,
     "control": control.rows,

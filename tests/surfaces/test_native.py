@@ -19,7 +19,9 @@ from palpate.surfaces._arguments import forms, require
 from palpate.surfaces._band import solve_band
 
 BUILT = _jit.native_file(_jit.level(), 0).exists()
-needs_module = pytest.mark.skipif(not BUILT, reason="no extension module was built (make native)")
+needs_module = pytest.mark.skipif(  # CI has a compiler: there it fails
+    not BUILT and not os.environ.get("CI"), reason="no extension module was built (make native)"
+)
 
 
 @pytest.fixture
@@ -126,26 +128,24 @@ def test_without_a_c_compiler_one_line_says_so(tmp_path: Path) -> None:
     assert "no C compiler" in found.stderr
 
 
-@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() != 0, reason="only root can become somebody else")
+@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() != 0, reason="only root can mount")
 def test_where_nothing_can_be_written_kernels_are_compiled_with_one_line() -> None:
     code = """
-import os
-os.setgid(65534), os.setuid(65534)
 import numpy as np
 from palpate.surfaces._band import solve_band
 vector = np.ones(2)
 solve_band(np.array([[2.0, 0.0], [2.0, 0.0]]), vector)
 print(vector.tolist())
 """
+    locked = 'mount --bind "$1" "$1" && mount -o remount,ro,bind "$1" && exec "$2" -B -c "$3"'
     found = subprocess.run(
-        [sys.executable, "-B", "-c", code],
-        env={**os.environ, "PALPATE_NATIVE": "0", "HOME": "/nonexistent", "XDG_CACHE_HOME": "/nonexistent"},
+        ["unshare", "-m", "bash", "-c", locked, "bash", str(ROOT), sys.executable, code],
+        env={**os.environ, "PALPATE_NATIVE": "0", "HOME": "/proc", "XDG_CACHE_HOME": "/proc"},
         capture_output=True,
         text=True,
-        cwd=ROOT,
     )
-    if "could not import" in found.stderr or "Permission" in found.stderr:
-        pytest.skip("Python itself is not for others to read")
+    if found.returncode and ("unshare:" in found.stderr or "mount:" in found.stderr):
+        pytest.skip("this system lets nobody mount a folder read-only")
     assert found.stdout.strip() == "[0.5, 0.5]", found.stderr
     assert len(found.stderr.splitlines()) == 1
     assert "NUMBA_CACHE_DIR" in found.stderr

@@ -113,7 +113,7 @@ class Search:
         self.rate, self.rate_deviation = self.found.course[-1], np.sqrt(self.found.covariance[:, -1, -1])
 
     def distinct(self, course: int) -> bool:
-        """Whether the log tells a course that the windows know of from the others, a warm-up among them."""
+        """Return whether the log tells a known course of the windows from the others, a warm-up among them."""
         alone = covariance_of(self._steps.with_shape(self._changes(self.settling)[:, course]), self.found)
         return bool(np.all(alone[:, 0, 0] > DISTINCT * self.found.covariance[:, course, course]))
 

@@ -181,7 +181,7 @@ class _Solved:
 
 
 def _inverse(information: Float[np.ndarray, "p p"]) -> Float[np.ndarray, "p p"]:
-    """Of courses, which may be alike: each then has ten thousand times the deviation that it would have alone."""
+    """Invert an information of courses; of some that are alike each has 10,000 times the deviation of one by itself."""
     alone = np.sqrt(np.diag(information))
     alone = np.where(alone > 0.0, alone, 1.0)
     correlation = information / alone / alone[:, None]

@@ -1,4 +1,4 @@
-"""Which commands there are. The one that is called is imported; of the others a table has what the help says."""
+"""Run the command that is called, which alone is imported; a table has what the help says of the others."""
 
 from __future__ import annotations
 

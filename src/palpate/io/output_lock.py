@@ -1,4 +1,4 @@
-"""One writer of an output at a time: a lock beside it, which the system releases when a process dies.
+"""Let one process at a time write an output, by a lock that the system releases when the process dies.
 
 OUTPUT's lock is the file `.OUTPUT.lock` in the folder of what OUTPUT leads to, so that every spelling of a path has the
 same; it is removed when it is released. Where the file system has no locks, nothing is locked.
@@ -26,20 +26,20 @@ _RESERVED: list[tuple[int, set[Path], ExitStack]] = []  # by commands of this pr
 
 
 @contextmanager
-def reserving() -> Generator[None]:
-    """What `reserve` is called for meanwhile is reserved until the block ends."""
+def reserving() -> Generator[set[Path]]:
+    """Keep what `reserve` is called for meanwhile reserved until the block ends."""
     with ExitStack() as stack:
         entry = threading.get_ident(), set[Path](), stack
         _RESERVED.append(entry)
         stack.callback(_RESERVED.remove, entry)
-        yield
+        yield entry[1]
 
 
 @contextmanager
 def inherited(target: Path) -> Generator[None]:
     """Take an output as reserved meanwhile: the process that started this one has reserved it."""
-    with reserving():
-        _RESERVED[-1][1].add(target)
+    with reserving() as targets:
+        targets.add(target)
         yield
 
 

@@ -1,4 +1,4 @@
-"""What public functions take, read from their annotations: any container of numbers becomes the array they are for."""
+"""Read from the annotations of public functions which arrays they take, and make these of any container of numbers."""
 
 from __future__ import annotations
 
@@ -18,12 +18,7 @@ __all__ = ["takes_arrays"]
 
 _Made = TypeVar("_Made", bound=Callable[..., Any])
 _LARGEST = 2**62  # whole number
-_WRITTEN = {
-    "out",
-    "out_covariance",
-    "out_total",
-    "counts",
-}  # arguments that are written into: a copy would be of no use
+_WRITTEN = {"out", "out_covariance", "out_total", "counts"}  # a copy of these arguments would be of no use
 _DTYPES = {"Float": np.dtype(np.float64), "Int": np.dtype(np.int64), "Bool": np.dtype(np.bool_)}
 
 

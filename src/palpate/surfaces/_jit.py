@@ -96,7 +96,6 @@ class _Compiling:
 
 
 _COMPILING = _Compiling()
-_WAIT = "compiling, once; it takes about a minute"
 
 
 def compile_seconds() -> float:
@@ -309,7 +308,7 @@ def _announced(compiles: Callable[..., Any]) -> Callable[..., Any]:
     """Return a dispatcher's `compile` that counts its time, and says what is waited for."""
 
     def compile(signature):
-        with _COMPILING, waiting(_WAIT):
+        with _COMPILING, waiting("compiling, once; it takes about a minute"):
             return compiles(signature)
 
     return compile
@@ -321,7 +320,7 @@ def _kept(dispatcher: Any) -> Any:
     Processes that start together do not compile the same function each: the others wait for the first.
     """
     dispatcher._cache._cache_file._source_stamp = STAMP
-    dispatcher.compile = _by_one_process(dispatcher)
+    dispatcher.compile = _announced(_by_one_process(dispatcher))
     return dispatcher
 
 
@@ -348,8 +347,7 @@ def _by_one_process(dispatcher: Any) -> Callable[..., Any]:
 
     def compile(signature):
         nonlocal held
-        with ExitStack() as stack, _COMPILING:
-            stack.enter_context(waiting(_WAIT))
+        with ExitStack() as stack:
             stack.enter_context(cast(Any, global_compiler_lock))  # first, or two threads could wait for each other
             if not held and fcntl is not None:
                 with suppress(OSError):  # a folder that cannot be written keeps no machine code either

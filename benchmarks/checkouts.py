@@ -1,4 +1,4 @@
-"""One `locate` and one live sample beside those of another checkout, round by round in turns: PALPATE_BESIDE=DIR."""
+"""Compare one `locate`, one live sample and a batch with another checkout, in turns: PALPATE_BESIDE=DIR."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from evidence.row import Row
 
 __all__ = ["rows"]
 
-COMMAND = "PALPATE_BESIDE=DIR python -m benchmarks --only beside"
-NAME = "beside"
+COMMAND = "PALPATE_BESIDE=DIR python -m benchmarks --only checkouts"
+NAME = "checkouts"
 ROOT = Path(__file__).parents[1]
 ROUNDS = 41
 CALLS = {
@@ -43,7 +43,7 @@ for line in sys.stdin:
 
 
 def rows(small: bool) -> Iterator[Row]:
-    """The median ratio of rounds; small, or without another checkout, beside itself."""
+    """Measure the median ratio of rounds; small, or without another checkout, this one against itself."""
     there = Path(os.environ.get("PALPATE_BESIDE", ROOT)).resolve()
     sides = [_started(ROOT), _started(there)]
     try:
