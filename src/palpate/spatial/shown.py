@@ -11,9 +11,10 @@ from numpy.typing import ArrayLike
 
 from palpate.spatial.arguments import takes_arrays
 
-__all__ = ["one_line", "vector"]
+__all__ = ["one_line", "uncertain", "vector"]
 
 _NUMBERS = 6  # of an array that are printed; of a larger one, its shape
+_DECIMALS = 6  # behind the point, at most
 _LONGEST = 40  # characters of a string
 
 
@@ -21,6 +22,17 @@ _LONGEST = 40  # characters of a string
 def vector(values: ArrayLike, digits: int = 3) -> str:
     """Numbers (n,) in brackets, with as many digits behind the point."""
     return "(" + ", ".join(f"{value:.{digits}f}" for value in np.asarray(values, dtype=np.float64)) + ")"
+
+
+def uncertain(value: float, deviation: float, least: float = 0.0) -> str:
+    """Return a value with its standard deviation: two digits of the deviation, and as many of the value.
+
+    A deviation below `least` is not written, and the value has the digits of `least`; where no deviation is known, two.
+    """
+    known = max(deviation, least)
+    digits = min(max(0, 1 - int(f"{known:.1e}".partition("e")[2])), _DECIMALS) if 0.0 < known < np.inf else 2
+    shown = f"{round(value, digits) + 0.0:.{digits}f}"
+    return f"{shown} ± {deviation:.{digits}f}" if 0.0 < deviation < np.inf and deviation >= least else shown
 
 
 def one_line(value: object) -> str:

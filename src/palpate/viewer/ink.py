@@ -34,6 +34,12 @@ class Ink:
         """An open line."""
         self._cv2.polylines(picture, [_fixed(points)], False, shade[::-1], thick, self._cv2.LINE_AA, _SHIFT)
 
+    def lines(
+        self, picture: np.ndarray, ends: Float[np.ndarray, "k 2 2"], shade: tuple[int, int, int], thick: int
+    ) -> None:
+        """Many straight ones."""
+        self._cv2.polylines(picture, list(_fixed(ends)), False, shade[::-1], thick, self._cv2.LINE_AA, _SHIFT)
+
     def disc(self, picture: np.ndarray, at: np.ndarray, radius: float, shade: tuple[int, int, int]) -> None:
         """A filled circle."""
         self.ring(picture, at, radius, shade, -1)

@@ -20,6 +20,11 @@ class Layer(Protocol):
     """Drawn once, and then moved from moment to moment."""
 
     @property
+    def covers(self) -> bool:
+        """It hides the body below it, and its heat."""
+        ...
+
+    @property
     def places(self) -> Float[np.ndarray, "k 3"]:
         """[m] what the picture must hold where the body has no mesh."""
         ...
@@ -36,6 +41,10 @@ class Layer(Protocol):
         """Move everything to a sample of the scene, or of one with other contacts on the same body."""
         ...
 
-    def captions(self, scene: Scene, index: int) -> list[str]:
-        """Lines of plain text below the contacts."""
+    def rows(self, scene: Scene, index: int) -> list[tuple[str, str]]:
+        """Names and values with their units, plain text, below those of the contacts."""
+        ...
+
+    def legend(self) -> list[str]:
+        """What its marks and colours are, as `palpate.viewer.legend` makes it."""
         ...

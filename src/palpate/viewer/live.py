@@ -13,10 +13,11 @@ import numpy as np
 from palpate.contact.contacts import Contacts
 from palpate.surfaces import Surface
 from palpate.viewer.captions import caption
+from palpate.viewer.legend import legend
 from palpate.viewer.layer import Layer
 from palpate.viewer.samples import sample_starts, totals
 from palpate.viewer.scene import MAGNIFICATIONS, Scene, alone, nothing, prepare
-from palpate.viewer.scene3d import Scene3D, Settings
+from palpate.viewer.scene3d import Scene3D, Settings, aim
 from palpate.viewer.server import Served
 from palpate.viewer.timeline import downsampled
 from palpate.viewer.widgets import ELLIPSE, add_curves, dock, table, theme
@@ -91,6 +92,7 @@ class LivePage(Served):
     ) -> None:
         self.scene: Scene = prepare(surface, nothing(), title, layers)
         super().__init__(host, port, token)
+        self.look(lambda aspect: aim(self.scene, aspect))
         from palpate.viewer.viser_door import browser_address  # here: it needs viser, which is there now
 
         self._scaled = -np.inf
@@ -107,6 +109,7 @@ class LivePage(Served):
             self._tare = gui.add_button("Tare", hint="take what the sensor reads now for nothing touching it")
             self._add_settings()
             self._sentences = gui.add_html("")
+            self._legend = gui.add_html("")
         self._tare.on_click(lambda event: tare(browser_address(self._server, event.client_id)))
         if surface is not None:
             surface.project(self.scene.bounds[:1])  # loads machine code before somebody watches
@@ -147,10 +150,11 @@ class LivePage(Served):
                 self.scene, self._scaled = self.scene.scaled(), monotonic()
         scene = self._scene3d.scene = self.scene
         moment = scene.at(len(scene) - 1)
-        lines = [line for layer in scene.layers for line in layer.captions(scene, moment.index)]
+        rows = [row for layer in scene.layers for row in layer.rows(scene, moment.index)]
         with self._server.atomic():
             self._scene3d.show_trail(moment, float(self._trail.value))
-            self._now.content = caption(moment, self._magnification, lines)
+            self._now.content = caption(moment, self._magnification, rows)
+            self._legend.content = legend(scene, heat=False)
             self._force.data = self._curve(figures.silent)
             self._alarm.content = _alarm(figures)
             self._figures.content = _described(figures)

@@ -10,6 +10,7 @@ from jaxtyping import Float
 from palpate.sensors.load_cells import LoadCells
 from palpate.spatial.arguments import takes_arrays
 from palpate.viewer.heat import colours
+from palpate.viewer.legend import bar
 from palpate.viewer.scene import Scene
 
 if TYPE_CHECKING:
@@ -46,6 +47,11 @@ class LoadCellLayer:
         self._met = 1e-12
 
     @property
+    def covers(self) -> bool:
+        """Cells are drawn below the body."""
+        return False
+
+    @property
     def places(self) -> Float[np.ndarray, "k 3"]:
         """(k, 3) [m] of the cells, none where they are not known."""
         return self.cells.positions[np.isfinite(self.cells.positions).all(axis=1)]
@@ -69,25 +75,39 @@ class LoadCellLayer:
             self._drawn.append((box, server.scene.add_label(f"{name}/name", "", position=(0.0, 0.0, -side))))
 
     def panel(self, gui: GuiApi) -> None:
-        """Nothing: the labels stand beside the cells."""
+        """Nothing."""
 
     def show(self, scene: Scene, index: int) -> None:
         """Colour them for a sample."""
         if not self._drawn:
             return
-        row = scene.strongest[index : index + 1]
-        carried = self._carried(scene, row)[0] if scene.contacts[row].located[0] else np.zeros(self.cells.cells)
+        carried = self._now(scene, index)
         if self._most is None:  # nothing was touched when they were drawn: darkest is the most so far
             self._met = max(self._met, float(carried.max()))
-        shades = colours(np.clip(carried / (self._met if self._most is None else max(self._most, 1e-12)), 0.0, 1.0))
+        shades = colours(np.clip(carried / self._darkest, 0.0, 1.0))
         for number, (box, label) in enumerate(self._drawn):
             red, green, blue = shades[number].tolist()
             box.color = (red, green, blue)
-            label.text = f"cell {number + 1}: {1e3 * carried[number]:.0f} mV"
+            label.text = f"{number + 1}"
 
-    def captions(self, scene: Scene, index: int) -> list[str]:
-        """Nothing."""
-        return []
+    def rows(self, scene: Scene, index: int) -> list[tuple[str, str]]:
+        """What each cell carries, by the model: a cell whose place is not known has a row too."""
+        carried = self._now(scene, index)
+        return [(f"cell {number + 1}", f"{1e3 * volts:.1f} mV") for number, volts in enumerate(carried)]
+
+    def legend(self) -> list[str]:
+        """The reading of the darkest cell."""
+        return [bar("load cell", 1e3 * self._darkest, "mV")] if self._drawn else []
+
+    @property
+    def _darkest(self) -> float:
+        """[V] of a cell."""
+        return self._met if self._most is None else max(self._most, 1e-12)
+
+    def _now(self, scene: Scene, index: int) -> Float[np.ndarray, " k"]:
+        """[V] of each cell at a sample; 0 where nothing is located."""
+        row = scene.strongest[index : index + 1]
+        return self._carried(scene, row)[0] if scene.contacts[row].located[0] else np.zeros(self.cells.cells)
 
     def _carried(self, scene: Scene, rows: np.ndarray) -> Float[np.ndarray, "n k"]:
         found = scene.contacts

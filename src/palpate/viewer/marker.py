@@ -68,7 +68,7 @@ class Marker:
         if known:
             self._show_ellipse(scene, contact, magnification)
         self._show_force(scene, contact)
-        self._show_torque(contact.torque / scene.torque if scene.torque > 0 else 0.0)
+        self._show_torque(scene.turning(contact))
 
     def _show_ellipse(self, scene: Scene, contact: ShownContact, magnification: int) -> None:
         """Laid on the body, and the fainter the larger it is beside it."""

@@ -11,6 +11,7 @@ from jaxtyping import Float, Float32, UInt8
 from palpate.sensors.marker_ring import MarkerRing
 from palpate.sensors.markers import opencv
 from palpate.spatial.arguments import takes_arrays
+from palpate.viewer.legend import dot
 
 if TYPE_CHECKING:
     from viser import ClientHandle, GuiApi, GuiImageHandle, PointCloudHandle, ViserServer
@@ -76,6 +77,11 @@ class RingLayer:
         self._image: GuiImageHandle | None = None
 
     @property
+    def covers(self) -> bool:
+        """Markers are within the skin."""
+        return False
+
+    @property
     def places(self) -> Float[np.ndarray, "k 3"]:
         """(m, 3) [m] of the skin's outside at the markers."""
         angles = self._ring.view.angles
@@ -108,13 +114,13 @@ class RingLayer:
         if self._image is not None:
             self._image.image = self._picture(sample)
 
-    def captions(self, scene: Scene, index: int) -> list[str]:
-        """How many markers are seen."""
-        sample = self._sample(scene, index)
-        if sample is None:
-            return []
-        seen = np.count_nonzero(np.isfinite(self._seen(sample)[:, 0]))
-        return [f"{seen} of {len(self._ring)} markers seen"]
+    def rows(self, scene: Scene, index: int) -> list[tuple[str, str]]:
+        """How many markers the ring has; how many are seen is a feature of its contacts."""
+        return [("markers of the ring", f"{len(self._ring)}")]
+
+    def legend(self) -> list[str]:
+        """The markers."""
+        return [dot(_COLOUR, "marker, inside")]
 
     def _sample(self, scene: Scene, index: int) -> int | None:
         """Of the log; None where nothing is known of it."""

@@ -10,7 +10,8 @@ import numpy as np
 from jaxtyping import Float
 
 from palpate.viewer._style import AXES
-from palpate.viewer.captions import beside, caption, legend
+from palpate.viewer.captions import beside, caption
+from palpate.viewer.legend import keys, legend
 from palpate.viewer.scene import MAGNIFICATIONS, Moment, Scene
 from palpate.viewer.scene3d import Settings
 from palpate.viewer.touch_list import touch_list
@@ -43,7 +44,8 @@ class Panel:
         self._add_touches()
         self._add_plots()
         self._add_settings()
-        self._gui.add_html(legend(scene))
+        self._legend = self._gui.add_html("")
+        self._gui.add_html(keys())
         self._add_controls()
 
     def settings(self) -> Settings:
@@ -58,9 +60,10 @@ class Panel:
 
     def show(self, moment: Moment, seconds: float) -> None:
         """Describe a moment, and mark it in the plots."""
-        lines = [line for layer in self._scene.layers for line in layer.captions(self._scene, moment.index)]
-        lines += beside(self._scene, moment)
-        self._now.content = caption(moment, self.settings().magnification, lines)
+        rows = [row for layer in self._scene.layers for row in layer.rows(self._scene, moment.index)]
+        rows += beside(self._scene, moment)
+        self._now.content = caption(moment, self.settings().magnification, rows)
+        self._legend.content = legend(self._scene, self._heat.value)
         if self._slider.value != seconds:
             self._slider.value = seconds
         self._show_playing(self._session.playing)
@@ -79,18 +82,18 @@ class Panel:
         step = min(timeline.step or duration / 1000, duration)
         self._slider = self._gui.add_slider("time [s]", 0.0, duration, step, 0.0)
         self._play = self._gui.add_button("Play")
-        self._skip = self._gui.add_button_group("touch", ("previous", "next", "turn to it"))
+        self._skip = self._gui.add_button_group("touch", ("previous", "next", "focus contact"))
         self._speed = self._gui.add_dropdown("speed", tuple(SPEEDS), initial_value="x 1")
         self._slider.on_update(lambda event: self._session.seek(self._slider.value) if event.client else None)
         self._play.on_click(lambda _: self._session.play(not self._session.playing))
         self._skip.on_click(lambda event: self._skipped(self._skip.value, event.client))
         picture = self._gui.add_button_group(
-            "picture", ("whole", "save"), hint="look at all that was touched; save what is seen as a file"
+            "picture", ("reset view", "save"), hint="look at the whole body; save what is seen as a file"
         )
         picture.on_click(lambda event: self._pictured(picture.value, event.client))
 
     def _skipped(self, where: str, client: ClientHandle | None) -> None:
-        if where == "turn to it":
+        if where == "focus contact":
             self._session.face(client)
         else:
             self._session.step(1 if where == "next" else -1)
@@ -115,7 +118,9 @@ class Panel:
     def _add_settings(self) -> None:
         with self._gui.add_folder("Show"):
             self._heat = self._gui.add_checkbox(
-                "heat", True, visible=self._scene.body is not None, hint="where the body was touched, how long"
+                "heat",
+                not any(layer.covers for layer in self._scene.layers),
+                visible=self._scene.body is not None, hint="where the body was touched, how long"
             )
             few = 0 < len(self._scene.touches) <= NUMBERED
             self._numbers = self._gui.add_checkbox(

@@ -11,7 +11,7 @@ from palpate.spatial.arguments import takes_arrays
 
 __all__ = ["Camera", "Rendered", "rendered"]
 
-_AT_ONCE = 2_000_000  # pixels of facets' boxes that are tried at once
+_AT_ONCE = 200_000  # pixels of facets' boxes that are tried at once: more do not stay in the processor's cache
 _LEAST = 1e-3  # depth: what is nearer is not drawn
 
 
@@ -91,15 +91,22 @@ def rendered(
     high = np.clip(np.floor(corners[..., :2].max(axis=1)), -1, [width - 1, height - 1]).astype(np.int64)
     spans = np.maximum(high - low + 1, 0)
     count = spans.prod(axis=1)
-    part = np.cumsum(count) // _AT_ONCE
-    for some in (np.flatnonzero((part == k) & (count > 0)) for k in range(int(part.max(initial=-1)) + 1)):
-        which, pixels, shares = _inside(corners[some], low[some], spans[some], count[some], width)
-        three = faces[some[which]]
-        far = np.einsum("ij,ij->i", shares, seen[three, 2])
-        order = np.argsort(-far, kind="stable")  # the nearest is written last
-        order = order[far[order] < depth[pixels[order]]]
-        depth[pixels[order]] = far[order]
-        picture[pixels[order]] = np.einsum("ij,ijk->ik", shares[order], inks[three[order]])
+    toward = np.einsum("ij,ij->i", normals, way)[faces].max(axis=1) > 0
+    for facing in (True, False):  # those that face away are mostly hidden by the others, and need not be filled then
+        there = np.flatnonzero((count > 0) & (toward == facing))
+        if not facing:
+            at = np.clip(np.rint(corners[there, :, :2]), 0, [width - 1, height - 1]).astype(np.int64)
+            nearest = depth[at[..., 1] * width + at[..., 0]]
+            there = there[(corners[there, :, 2] < nearest).any(axis=1)]
+        parts = np.cumsum(count[there]) // _AT_ONCE
+        for some in np.split(there, np.flatnonzero(np.diff(parts)) + 1):
+            which, pixels, shares = _inside(corners[some], low[some], spans[some], count[some], width)
+            three = faces[some[which]]
+            far = np.einsum("ij,ij->i", shares, seen[three, 2])
+            order = np.argsort(-far, kind="stable")  # the nearest is written last
+            order = order[far[order] < depth[pixels[order]]]
+            depth[pixels[order]] = far[order]
+            picture[pixels[order]] = np.einsum("ij,ijk->ik", shares[order], inks[three[order]])
     shape = (height, width)
     return Rendered(picture.round().astype(np.uint8).reshape(*shape, 3), depth.reshape(shape))
 

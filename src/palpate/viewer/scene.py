@@ -45,10 +45,15 @@ SMALL = 4, 32  # rings of an ellipse's points, the rim the last; points on each:
 LARGE = 8, 64  # the same of an ellipse that is large beside the body
 _LARGE = 0.05  # sizes of the body, of the longer half-axis
 _LIFT = 2e-3  # sizes of the body by which an ellipse lies above it
-_ABOUT = 0.2  # sizes of the body that are shown about what was touched
+_ABOUT = 0.2  # sizes of the body that are shown about a contact
+_ROOM = 0.3  # sizes of the body about it for an arrow that is still to come
+_SURE = 3.0  # deviations that a torque is from zero before it is drawn
 _SAMPLED = 2_000  # contacts that a typical value is taken from
 _FEW = 50  # while they come
 _STRONG = 0.95  # quantile of what counts as usual
+_OUTERMOST = 200  # directions in which the outline is looked for
+_MEDIAN_STEP = 0.6745 * 2**0.5  # median of the difference of two normal values, in their deviations
+_PAIRS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 _ARROW = 0.35  # sizes of the body that an arrow of a usual force is long
 
 
@@ -64,6 +69,7 @@ class ShownContact:
         deviation: (3,) [m] standard deviations of the point along x, y, z; NaN where no noise is known.
         axes: (2,) half-axes [m] of the 95 % ellipse, the longer first; NaN where there is none.
         frame: (3, 3) rotation whose columns are the long axis, the short axis and the normal.
+        covariance: (3, 3) [m^2] of the point.
         features: what the sensor adds, SI; those that are known.
     """
 
@@ -76,12 +82,24 @@ class ShownContact:
     deviation: Float[np.ndarray, "3"]
     axes: Float[np.ndarray, "2"]
     frame: Float[np.ndarray, "3 3"]
+    covariance: Float[np.ndarray, "3 3"]
     features: Mapping[str, float]
 
     @cached_property
     def located(self) -> bool:
         """There is a point to draw."""
         return bool(np.isfinite(self.point).all() and np.isfinite(self.normal).all())
+
+    @cached_property
+    def force_deviation(self) -> float:
+        """[N] standard deviation of the force's size, as the sensor knows it; NaN where it does not."""
+        known = self.features
+        if "force_xx" not in known:
+            return known.get("force_sd", float("nan"))
+        spread, size = np.zeros((3, 3)), float(np.linalg.norm(self.force))
+        for (i, j), name in zip(_PAIRS, ("xx", "xy", "xz", "yy", "yz", "zz"), strict=True):
+            spread[i, j] = spread[j, i] = known.get(f"force_{name}", np.nan)
+        return float(np.sqrt(self.force @ spread @ self.force)) / size if size > 0 else float("nan")
 
 
 @dataclass(frozen=True)
@@ -184,20 +202,51 @@ class Scene:
         return find_touches(self.contacts)
 
     @cached_property
-    def focus(self) -> tuple[Float[np.ndarray, "3"], float]:
-        """Middle [m] and radius [m] of what was touched, with some of the body about it; else of all that is shown."""
-        points = self.contacts.point[self.touched]
-        if not len(points):
-            return self.bounds.mean(axis=0), 0.5 * self.size
-        low, high = points.min(axis=0), points.max(axis=0)
-        radius = 0.5 * float(np.linalg.norm(high - low)) + _ABOUT * self.size
-        if radius >= 0.5 * self.size:
-            return self.bounds.mean(axis=0), 0.5 * self.size
-        return (low + high) / 2, radius
+    def outline(self) -> Float[np.ndarray, "k 3"]:
+        """(k, 3) [m] points of the body, or of what layers show, that are the outermost in some direction."""
+        if self.body is None:
+            return _corners(self.bounds)
+        return self.body.vertices[np.unique((self.body.vertices @ _directions().T).argmax(axis=0))]
+
+    def seen_with(self, contacts: Sequence[ShownContact]) -> Float[np.ndarray, "k 3"]:
+        """(k, 3) [m] of the body and the arrows of contacts; room for arrows where there are none."""
+        tails = self._tails(contacts)
+        room = _corners(self.bounds + _ROOM * self.size * np.array([[-1.0], [1.0]]))
+        return np.concatenate([self.outline, tails if len(tails) else room])
+
+    def seen_near(self, contact: ShownContact) -> Float[np.ndarray, "k 3"]:
+        """(k, 3) [m] of a located contact's arrow and of what is about it."""
+        about = contact.point + _ABOUT * self.size * np.array([[-1.0] * 3, [1.0] * 3])
+        return np.concatenate([_corners(about), self._tails([contact])])
+
+    def _tails(self, contacts: Sequence[ShownContact]) -> Float[np.ndarray, "k 3"]:
+        """(k, 3) [m] where arrows begin, and their labels are."""
+        known = [each for each in contacts if each.located and np.isfinite(each.force).all()]
+        return np.array([each.point - self.newton * each.force for each in known]).reshape(-1, 3)
+
+    @cached_property
+    def torque_noise(self) -> float:
+        """[N m] standard deviation of the torque from sample to sample of a touch; 0 where nothing is known."""
+        torque = self.contacts.torque[self.strongest[self.timeline.in_touch]]
+        steps = np.diff(torque)
+        steps = np.abs(steps[np.isfinite(steps)])
+        return float(np.median(steps)) / _MEDIAN_STEP if len(steps) else 0.0
+
+    def turning(self, contact: ShownContact) -> float:
+        """The share of the usual torque that a contact has; 0 where it does not stand out of its own noise.
+
+        Noise is that from sample to sample, and what the place may be off: n . (dp x f) has the variance v' C v,
+        v = f x n.
+        """
+        lever = np.cross(contact.force, contact.normal)
+        spread = float(lever @ np.nan_to_num(contact.covariance) @ lever)
+        noise = float(np.sqrt(max(spread, 0.0) + self.torque_noise**2))
+        sure = abs(contact.torque) > _SURE * noise and self.torque > 0  # NaN is not
+        return contact.torque / self.torque if sure else 0.0
 
     def ready(self) -> None:
         """Compute what the first picture needs, before anybody waits for it."""
-        _ = (self.touches, self.focus, self.torque, self.total)
+        _ = (self.touches, self.outline, self.torque, self.torque_noise, self.total)
         opening = self.at(self.opening).contacts[0]
         if opening.located and np.isfinite(opening.axes).all():
             self.ellipse_on_body(opening, 1)  # loads machine code
@@ -388,6 +437,7 @@ def _shown(found: Contacts, row: int) -> ShownContact:
         deviation=np.sqrt(np.maximum(np.diag(found.covariance[row]), 0.0)),
         axes=axes,
         frame=frame,
+        covariance=found.covariance[row],
         features={name: value for name, value in features.items() if np.isfinite(value)},
     )
 
@@ -440,6 +490,19 @@ def _newton(size: float, shown: Contacts) -> float:
     """[m] of an arrow for each newton: a strong one is a third as long as the body."""
     strong = float(np.nanquantile(np.linalg.norm(shown.force, axis=1), _STRONG)) if len(shown) else 1.0
     return _ARROW * size / max(strong, 1e-9)
+
+
+def _corners(box: Float[np.ndarray, "2 3"]) -> Float[np.ndarray, "8 3"]:
+    """Of a box from its least and its largest coordinates."""
+    return np.stack(np.meshgrid(*box.T, indexing="ij"), axis=-1).reshape(-1, 3)
+
+
+@cache
+def _directions() -> Float[np.ndarray, "k 3"]:
+    """Evenly over the sphere."""
+    rise = np.linspace(-1.0, 1.0, _OUTERMOST)
+    turn, flat = np.pi * (1.0 + 5.0**0.5) * np.arange(_OUTERMOST), np.sqrt(1.0 - rise**2)
+    return np.stack([flat * np.cos(turn), flat * np.sin(turn), rise], axis=1)
 
 
 def _bounds(points: Float[np.ndarray, "n 3"], layers: Sequence[Layer]) -> Float[np.ndarray, "2 3"]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from io import BytesIO
 from itertools import zip_longest
@@ -10,19 +11,19 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float
 
+from palpate.viewer.camera import fit
 from palpate.viewer.heat import FineMesh, colours, linear
 from palpate.viewer.marker import FORCE, OTHER, Marker
+from palpate.viewer.legend import AXES
 from palpate.viewer.scene import Moment, Scene, ShownContact, before, nice
 
 if TYPE_CHECKING:
     from viser import ClientHandle, GlbHandle, LabelHandle, ViserServer
 
-__all__ = ["DISTANCE", "NARROW", "Scene3D", "Settings", "aim", "place_camera"]
+__all__ = ["Scene3D", "Settings", "aim"]
 
 TRACE = np.array([(0, 90, 170), (170, 205, 235)])  # now, and long ago
-DISTANCE = 1.31  # of the camera from the middle, in sizes of the body
-VIEW = np.radians(45.0)  # angle of view from top to bottom
-NARROW, SHEET = 0.8, 0.46  # width over height of a phone; share of its height that the panel covers
+BEYOND = 0.05  # sizes of the body that its axes are longer than it
 
 
 @dataclass(frozen=True)
@@ -47,12 +48,8 @@ class Scene3D:
     """
 
     def __init__(self, server: ViserServer | ClientHandle, scene: Scene) -> None:
-        from viser import ViserServer
-
         self.scene, self._server, self._space = scene, server, server.scene
         self._space.configure_default_lights(cast_shadow=False)  # slow where there is no graphics card
-        if isinstance(server, ViserServer):
-            place_camera(server, scene)
         self._add_ground()
         self._bodies: dict[bool, GlbHandle] = {}  # with and without heat, each made when first wanted
         self._markers: list[Marker] = []
@@ -97,10 +94,12 @@ class Scene3D:
             marker.show(self.scene, contact, magnification)
 
     def face(self, client: ClientHandle, contact: ShownContact | None = None) -> None:
-        """Turn a browser's camera to a contact; None: to what was touched, from where it was touched most."""
+        """Turn a browser's camera to a contact; None: to the whole body, from the side of its strongest contact."""
         with client.atomic():
-            client.camera.fov = float(VIEW)
-            client.camera.position, client.camera.look_at = aim(self.scene, contact, client.camera.aspect)
+            seen = () if contact is None else (contact,)
+            client.camera.position, client.camera.look_at = aim(
+                self.scene, client.camera.aspect, seen, near=contact is not None
+            )
 
     def show_trail(self, moment: Moment, seconds: float) -> None:
         """Where contacts were in the seconds before a moment of `scene`."""
@@ -146,53 +145,36 @@ class Scene3D:
         return made.getvalue()
 
     def _add_ground(self) -> None:
-        """A grid under the body with the size of its cell, and the axes of the surface's frame: the scale."""
+        """A grid under the body and the axes of the surface's frame; the legend has their scale and colours."""
         low, high = self.scene.bounds
         size = self.scene.size
         cell = nice(size / 12)
-        x, y, floor = self.scene.placed(low - 0.03 * size).tolist()
+        floor = self.scene.placed(low - 0.03 * size)[2]
         self._space.add_grid(
             "/grid", width=2.0, height=2.0, position=(0.0, 0.0, floor), cell_size=cell / size,
             section_size=5 * cell / size, cell_color=(206, 212, 218), section_color=(168, 176, 184),
             fade_distance=4.0,
         )  # fmt: skip
-        self._space.add_label("/grid/cell", f"grid {1e3 * cell:g} mm", position=(x, y - 0.12, 0.0))
-        length = float(np.abs(np.stack([low, high])).max() / size + 0.1)
-        self._space.add_frame(
-            "/axes", position=self.scene.placed(np.zeros(3)), axes_length=length, axes_radius=0.0025,
-            origin_radius=0.006, origin_color=(90, 98, 106),
-        )  # fmt: skip
-        for name, end in zip("xyz", length * np.eye(3), strict=True):
-            self._space.add_label(f"/axes/{name}", name, position=end, font_screen_scale=0.8, depth_test=True)
-
-
-def place_camera(server: ViserServer, scene: Scene) -> None:
-    """Where the cameras of browsers that come later begin: on the side of the contact that is shown first."""
-    camera = server.initial_camera
-    camera.fov = float(VIEW)
-    camera.position, camera.look_at = aim(scene)
-    camera.up = np.array([0.0, 0.0, 1.0])
-    camera.near, camera.far = 0.01, 100.0
+        ends = np.diag(np.maximum(high, 0.0) + BEYOND * size)
+        axes = self.scene.placed(np.stack([np.zeros((3, 3)), ends], axis=1)).astype(np.float32)
+        inks = np.repeat(np.array(AXES, np.uint8)[:, None], 2, axis=1)
+        self._space.add_line_segments("/axes", axes, inks, thickness=3.0, thickness_units="screen")
 
 
 def aim(
-    scene: Scene, contact: ShownContact | None = None, aspect: float = 1.0
+    scene: Scene, aspect: float, contacts: Sequence[ShownContact] = (), covered: float | None = None, near: bool = False
 ) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
-    """Where a camera stands and what it looks at, in units of the scene, so that it holds what was touched.
+    """Where a camera stands and what it looks at, in units of the scene: the body and the arrows of contacts.
 
     Args:
         scene: to be seen.
-        contact: to be seen from its side; None: the strongest.
-        aspect: width over height of the picture. On a phone the panel covers the lower part, and the rest is used.
+        aspect: width over height of the picture.
+        contacts: to be seen, the first from its side; without any, those of the moment that is shown first.
+        covered: as `fit` has it.
+        near: the first contact and what is about it alone.
     """
-    shown = scene.at(scene.opening).contacts[0] if contact is None else contact
-    middle, radius = scene.focus
-    direction = before(shown.normal) if shown.located else np.array([0.55, -0.7, 0.456])
-    narrow = aspect < NARROW
-    half = min(VIEW / 2, np.arctan(np.tan(VIEW / 2) * aspect))
-    distance = radius / scene.size / np.sin(half)
-    middle = scene.placed(middle)
-    lower = SHEET * distance * np.tan(VIEW / 2) if narrow else 0.0
-    down = np.array([0.0, 0.0, 1.0]) - direction[2] * direction  # up in the picture
-    middle = middle - lower * down / max(float(np.linalg.norm(down)), 1e-9)
-    return middle + distance * direction, middle
+    contacts = contacts or scene.at(scene.opening).contacts
+    first = contacts[0]
+    direction = before(first.normal) if first.located else np.array([0.55, -0.7, 0.456])
+    points = scene.seen_near(first) if near and first.located else scene.seen_with(contacts)
+    return fit(scene.placed(points), direction / np.linalg.norm(direction), aspect, covered)

@@ -13,11 +13,13 @@ from typing import TYPE_CHECKING, TypeVar
 
 from palpate.errors import InputError
 from palpate.viewer.scene import Scene
-from palpate.viewer.scene3d import place_camera
+from palpate.viewer.camera import VIEW
+from palpate.viewer.scene3d import aim
 from palpate.viewer.session import Session
 from palpate.viewer.widgets import name
 
 if TYPE_CHECKING:
+    import numpy as np
     from viser import ClientHandle, ViserServer
 
 __all__ = ["Page", "Served", "require_viser", "serve"]
@@ -85,6 +87,18 @@ class Served:
         self.port = self._server.get_port()
         self.address = f"{_shown(host)}:{self.port}/?token={token}"
 
+    def look(self, aim: Callable[[float], tuple[np.ndarray, np.ndarray]]) -> None:
+        """Let the camera of each browser begin at a place and look at another, by the width over height of its picture."""
+        camera = self._server.initial_camera
+        camera.position, camera.look_at = aim(1.0)
+        camera.up, camera.fov, camera.near, camera.far = (0.0, 0.0, 1.0), VIEW, 0.01, 100.0
+
+        def turn(client: ClientHandle) -> None:
+            with client.atomic():
+                client.camera.position, client.camera.look_at = aim(client.camera.aspect)
+
+        self._server.on_client_connect(turn)
+
     def stop(self) -> None:
         """Close the page and free its port."""
         with _quiet():
@@ -114,12 +128,12 @@ class Page(Served):
         self.scene = scene
         scene.ready()
         super().__init__(host, port)
+        self.look(lambda aspect: aim(scene, aspect))
         self._lock = threading.Lock()
         self._sessions: dict[int, Session] = {}
         if together:
             self._sessions[-1] = Session(self._server, scene)
             return
-        place_camera(self._server, scene)
         name(self._server.gui, scene.title)
         self._server.on_client_connect(self._join)
         self._server.on_client_disconnect(self._leave)

@@ -12,7 +12,7 @@ from jaxtyping import UInt8
 
 from palpate.viewer.panel import Panel
 from palpate.viewer.scene import Scene
-from palpate.viewer.scene3d import NARROW, Scene3D
+from palpate.viewer.scene3d import Scene3D
 
 if TYPE_CHECKING:
     from viser import ClientHandle, ViserServer
@@ -38,14 +38,10 @@ class Session:
         self.playing = self._stopping = self._stale = False
         self.index = 0
         """The sample that is shown, counted in the scene."""
-        from viser import ViserServer
-
         with at.atomic():
             self.scene3d = Scene3D(at, scene)
             self._panel = Panel(at.gui, scene, self)
         self._show()
-        if not isinstance(at, ViserServer) and at.camera.aspect < NARROW:
-            self.frame(at)
         self._painter = threading.Thread(target=self._paint, name="palpate-page", daemon=True)
         self._painter.start()
 
@@ -106,7 +102,7 @@ class Session:
         client.send_file_download(f"{title}_{self._seconds:.3f}s.png", made, save_immediately=True)
 
     def frame(self, client: ClientHandle | None) -> None:
-        """Let a browser look at all that was touched."""
+        """Let a browser look at the whole body."""
         if client is not None:
             self.scene3d.face(client)
 

@@ -13,9 +13,10 @@ from jaxtyping import Float, UInt8
 from palpate.sensors.taxel_places import TaxelPlaces
 from palpate.spatial.pose import quaternion_from_rotation
 from palpate.surfaces import Surface
+from palpate.viewer.camera import fit
 from palpate.viewer.heat import colours, linear
 from palpate.viewer.scene import MAGNIFICATIONS, Scene, nothing, prepare
-from palpate.viewer.scene3d import DISTANCE, Scene3D, Settings
+from palpate.viewer.scene3d import Scene3D, Settings
 from palpate.viewer.server import Served
 from palpate.viewer.widgets import dock, table
 
@@ -32,6 +33,7 @@ MODULES = np.array(  # Okabe and Ito's colours, and two more: told apart by the 
     [(0, 114, 178), (230, 159, 0), (0, 158, 115), (204, 121, 167), (86, 180, 233), (213, 94, 0), (150, 140, 40)]
 )
 LOOSE, NEVER = (150, 158, 166), (20, 24, 30)
+ONE_SIDED = 0.1  # length of the mean of the normals of a skin that is not round its link
 BY = ("module", "deviation", "pokes")
 _CORNERS = 0.5 * np.array([(-1.0, -1.0, 0.0), (1.0, -1.0, 0.0), (1.0, 1.0, 0.0), (-1.0, 1.0, 0.0)])
 _FACES = np.array([(0, 1, 2), (0, 2, 3)])
@@ -58,6 +60,11 @@ class PlacesLayer:
         self._covariance, self._deviation = places.covariance[there], places.deviations()[there]
         self._known = np.isfinite(self._covariance).all(axis=(1, 2))
         self.never = (self._pokes == 0) & bool(self._pokes.any())
+
+    @property
+    def covers(self) -> bool:
+        """Taxels lie on the body."""
+        return True
 
     @property
     def places(self) -> Float[np.ndarray, "k 3"]:
@@ -141,8 +148,12 @@ class PlacesLayer:
     def show(self, scene: Scene, index: int) -> None:
         """Nothing moves."""
 
-    def captions(self, scene: Scene, index: int) -> list[str]:
+    def rows(self, scene: Scene, index: int) -> list[tuple[str, str]]:
         """Nothing."""
+        return []
+
+    def legend(self) -> list[str]:
+        """Nothing: the panel explains the colours."""
         return []
 
     def _side(self) -> float:
@@ -199,21 +210,15 @@ class TaxelPage(Served):
         layer = PlacesLayer(places, surface)
         scene = prepare(surface, nothing(), title, (layer,))
         super().__init__(host, port)
+        outward = layer.normals.mean(axis=0)  # of a skin on one side of the link: it is seen from there
+        one_sided = float(np.linalg.norm(outward)) > ONE_SIDED
+        direction = outward / np.linalg.norm(outward) + [0.0, 0.0, 0.25] if one_sided else np.array([0.55, -0.7, 0.456])
+        points = scene.placed(np.concatenate([layer.places, np.zeros((0, 3)) if one_sided else scene.outline]))
+        self.look(lambda aspect: fit(points, direction / np.linalg.norm(direction), aspect))
         with self._server.atomic():
             scene3d = Scene3D(self._server, scene)
             scene3d.show(scene.at(0), Settings(heat=False, trail=0.0, magnification=1))
-            self._look(layer, scene)
             self._panel(layer, title, facts)
-
-    def _look(self, layer: PlacesLayer, scene: Scene) -> None:
-        """At a skin on one side of the link, from that side, as near as it is large."""
-        outward, camera = layer.normals.mean(axis=0), self._server.initial_camera
-        if (length := float(np.linalg.norm(outward))) < 0.1:
-            return
-        across = float(np.linalg.norm(np.ptp(layer.places, axis=0))) / scene.size
-        middle = scene.placed(layer.places.mean(axis=0))
-        camera.look_at = middle
-        camera.position = middle + min(1.4 * across, DISTANCE) * (outward / length + [0.0, 0.0, 0.25])
 
     def _panel(self, layer: PlacesLayer, title: str, facts: Sequence[tuple[str, str]]) -> None:
         gui = self._server.gui

@@ -11,6 +11,7 @@ from palpate.sensors.taxels import TaxelBody
 from palpate.spatial.arguments import takes_arrays
 from palpate.spatial.pose import quaternion_from_rotation
 from palpate.viewer.heat import colours, linear
+from palpate.viewer.legend import bar
 from palpate.viewer.marker import FORCE
 from palpate.viewer.samples import sheet_places
 from palpate.viewer.scene import Scene
@@ -23,6 +24,7 @@ __all__ = ["TaxelLayer", "cell_mesh", "patches", "unrolled"]
 PIXELS = 18  # of a cell of the unrolled sheet
 LIFT = 3e-4  # m: cells stand out from the body
 GAP = 0.94  # of a cell's side is drawn
+CLEAR = 0.9  # of the way to the nearest cell that one anywhere on a body is wide
 _CORNERS = 0.5 * np.array([(-1.0, -1.0, 0.0), (1.0, -1.0, 0.0), (1.0, 1.0, 0.0), (-1.0, 1.0, 0.0)])
 _FACES = np.array([(0, 1, 2), (0, 2, 3)])
 
@@ -51,20 +53,30 @@ class TaxelLayer:
         self._sheet: GuiImageHandle | None = None
 
     @property
+    def covers(self) -> bool:
+        """Cells lie on the body."""
+        return True
+
+    @property
     def places(self) -> Float[np.ndarray, "k 3"]:
         """(k, 3) [m] of the cells."""
         return self._body.positions
 
     def draw(self, server: ViserServer | ClientHandle, scene: Scene) -> None:
         """All cells as instances of one square, seen from both sides."""
-        rotations, scales = patches(self._body)
+        rotations, sides = patches(self._body)
+        if not self._body.rows and len(self._body) > 1:  # places and areas are measured: squares could overlap
+            from scipy.spatial import KDTree
+
+            away = np.asarray(KDTree(self._body.positions).query(self._body.positions, k=2)[0])
+            sides = np.minimum(sides, CLEAR * away[:, 1:])
         self._cells: BatchedMeshHandle = server.scene.add_batched_meshes_simple(
             "/taxels",
             _CORNERS,
             _FACES,
             batched_wxyzs=np.roll(quaternion_from_rotation(rotations), 1, axis=1),
             batched_positions=scene.placed(self._body.positions + LIFT * self._body.normals),
-            batched_scales=GAP * scales / scene.size,
+            batched_scales=GAP * sides / scene.size,
             batched_colors=self._colours(np.zeros(len(self._body))),
             side="double",
             lod="off",
@@ -92,12 +104,16 @@ class TaxelLayer:
         if self._sheet is not None:
             self._sheet.image = unrolled(force.reshape(self._body.rows, -1), self.most, _dots(scene, index))
 
-    def captions(self, scene: Scene, index: int) -> list[str]:
+    def rows(self, scene: Scene, index: int) -> list[tuple[str, str]]:
         """Sums of the cells."""
         if not self._known:
             return []
         force = self._force(scene, index)
-        return [f"all cells {force.sum():.2f} N, the strongest {force.max():.2f} N (darkest: {self.most:.2g} N)"]
+        return [("all cells", f"{force.sum():.2f} N"), ("strongest cell", f"{force.max():.2f} N")]
+
+    def legend(self) -> list[str]:
+        """The force of the darkest cell."""
+        return [bar("cell", self.most, "N")] if self._known else []
 
     @property
     def _known(self) -> bool:

@@ -1,0 +1,45 @@
+"""Where a camera stands so that points are seen, whole and beside what the panel and the legend cover."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float
+
+from palpate.spatial.arguments import takes_arrays
+
+__all__ = ["MARGIN", "NARROW", "SHEET", "STRIP", "VIEW", "fit"]
+
+VIEW = float(np.radians(45.0))  # angle of view from top to bottom
+MARGIN = 0.14  # of half the picture, on each side: the words at the end of an arrow have room there
+NARROW = 0.8  # width over height: narrower pictures are those of phones
+SHEET, STRIP = 0.46, 0.1  # shares of the height that are covered: by a phone's panel, by the legend of others
+
+
+@takes_arrays
+def fit(
+    points: Float[np.ndarray, "n 3"], direction: Float[np.ndarray, "3"], aspect: float, covered: float | None = None
+) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
+    """Return the nearest place from which a camera sees all points, and what it looks at.
+
+    A point is within an edge of the picture where right * x <= a * depth, which is linear in the camera's place c: of
+    the points only the largest right * x + a * forward * x matters, for each of the four edges.
+
+    Args:
+        points: to be seen; at least one.
+        direction: unit, from them to the camera; z is up in the picture.
+        aspect: width over height of the picture.
+        covered: share of the height, from below, that is hidden; None: by the panel of a phone, or by the legend.
+    """
+    covered = (SHEET if aspect < NARROW else STRIP) if covered is None else covered
+    right = np.cross([0.0, 0.0, 1.0], direction)
+    right = right / np.linalg.norm(right) if np.linalg.norm(right) > 1e-9 else np.array([1.0, 0.0, 0.0])
+    above, way = np.cross(direction, right), points @ direction
+    top = np.tan(VIEW / 2) * (1.0 - MARGIN)
+    foot, side = np.tan(VIEW / 2) * (1.0 - 2.0 * covered - MARGIN * (1.0 - covered)), top * aspect
+    x, y = points @ right, points @ above
+    easts, wests = float((x + side * way).max()), float((side * way - x).max())
+    norths, souths = float((y + top * way).max()), float((foot * way - y).max())
+    far = max((easts + wests) / (2.0 * side), (norths + souths) / (top + foot), float(way.max()) + 1e-3)
+    across, up = 0.5 * (easts - wests), 0.5 * (norths - souths + (foot - top) * far)
+    position = across * right + up * above + far * direction
+    return position, position - (far - float(way.mean())) * direction

@@ -1,0 +1,81 @@
+"""What is drawn and what its colours stand for, as HTML: a strip below the scene, on a phone a part of the panel."""
+
+from __future__ import annotations
+
+from html import escape
+
+import numpy as np
+
+from palpate.viewer.heat import PALETTE
+from palpate.viewer.scene import Scene, nice
+
+__all__ = ["AXES", "bar", "dot", "item", "keys", "legend", "strip"]
+
+_ARROW, _RIM = "rgb(40,140,205)", "rgb(0,48,120)"  # of what the page's lights make of a force; of lines, which have none
+AXES = ((200, 40, 40), (40, 150, 40), (40, 70, 200))  # x, y, z
+_GLYPHS = {  # 28 x 18 each
+    "arrow": '<path d="M2 15 L20 5" stroke="{0}" stroke-width="3"/><path d="M26 2 L16.5 3.5 L20.5 10 Z" fill="{0}"/>',
+    "ring": '<ellipse cx="14" cy="9" rx="11" ry="6" fill="rgba(0,48,120,.25)" stroke="{0}" stroke-width="2"/>',
+    "curl": '<path d="M9 15 A7 7 0 1 1 20 13" fill="none" stroke="{0}" stroke-width="3"/>'
+    '<path d="M24 9 L15 12 L22 18 Z" fill="{0}"/>',
+    "dot": '<circle cx="14" cy="9" r="5" fill="{0}"/>',
+    "line": '<path d="M2 9 L26 9" stroke="{0}" stroke-width="3"/>',
+}
+_KEYS = (
+    ("space", "play, pause"),
+    ("&larr; &rarr;", "touch before, touch after"),
+    ("shift &larr; &rarr;", "touched sample before, after"),
+    ("click", "in a plot or a line of the list: go there"),
+)
+_WIDE = """<style>@media (min-width: 1000px) { .palpate-legend {
+  position: fixed; left: 0; bottom: 0; max-width: calc(100vw - 31em); padding: .5em 1em !important;
+  pointer-events: none; background: color-mix(in srgb, var(--mantine-color-body) 80%, transparent);
+} }</style>"""  # narrower, it stays in the panel
+
+
+def item(glyph: str, ink: str, words: str) -> str:
+    """A glyph in a colour of CSS, and what it is."""
+    drawn = _GLYPHS[glyph].format(ink)
+    return f'<svg width="28" height="18" style="flex:none" aria-hidden="true">{drawn}</svg><span>{words}</span>'
+
+
+def dot(ink: tuple[int, int, int], words: str) -> str:
+    """Points or marks of a colour."""
+    return item("dot", "rgb({},{},{})".format(*ink), escape(words))
+
+
+def bar(words: str, most: float, unit: str) -> str:
+    """The colours from 0 to the most that is drawn."""
+    stops = ",".join("rgb({:.0f},{:.0f},{:.0f})".format(*colour) for colour in PALETTE)
+    ramp = f'<span style="width:6em;height:.6em;border-radius:.3em;background:linear-gradient(90deg,{stops})"></span>'
+    return f"<span>{escape(words)} 0</span>{ramp}<span>{most:.3g} {escape(unit)}</span>"
+
+
+def strip(items: list[str]) -> str:
+    """All of them, side by side."""
+    rows = "".join(f'<span style="display:flex;align-items:center;gap:.5em">{each}</span>' for each in items)
+    return (
+        f'{_WIDE}<div class="palpate-legend" style="display:flex;flex-wrap:wrap;gap:.2em 1.3em;padding:.2em .8em .8em;'
+        f'font-size:.8em;line-height:1.4">{rows}</div>'
+    )
+
+
+def legend(scene: Scene, heat: bool) -> str:
+    """What a scene draws, with or without heat."""
+    items = [item("arrow", _ARROW, "force on the body: the tip pushes"), item("ring", _RIM, "95 % ellipse of the point")]
+    if np.isfinite(scene.contacts.torque).any():
+        items.append(item("curl", "rgb(130,40,120)", "torque about the normal"))
+    if scene.beside is not None:
+        items += [dot((0, 48, 120), scene.title), dot((0, 120, 80), scene.beside.title)]
+    if heat and scene.body is not None:
+        items.append(bar("touched", 1e-4 * float(scene.heat.max()), "s/cm²"))
+    items += [each for layer in scene.layers for each in layer.legend()]
+    axes = "".join(f'<b style="color:rgb({r},{g},{b})">{name}</b>&thinsp;' for name, (r, g, b) in zip("xyz", AXES, strict=True))
+    items.append(f"<span>axes {axes}, grid {1e3 * nice(scene.size / 12):g} mm</span>")
+    return strip(items)
+
+
+def keys() -> str:
+    """Which keys there are."""
+    rows = "".join(f'<div><kbd style="opacity:.75">{key}</kbd>&ensp;{words}</div>' for key, words in _KEYS)
+    return f'<div style="padding:.2em .8em .8em;font-size:.8em;line-height:1.5">{rows}</div>'
