@@ -216,7 +216,7 @@ def _arena() -> AbstractContextManager[Target]:
 
 
 def _phantom() -> AbstractContextManager[Target]:
-    return _here(LiveProbe(*Ellipsoid((0.03, 0.02, 0.015)).mesh(200), (0.2, 0.1, 0.05), port=0))
+    return _here(LiveProbe(*Ellipsoid((0.03, 0.02, 0.015)).mesh(200), (0.2, 0.1, 0.05), 7.0, port=0))
 
 
 def _taxels() -> AbstractContextManager[Target]:

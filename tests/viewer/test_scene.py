@@ -16,7 +16,7 @@ from palpate.errors import InputError
 from palpate.surfaces.plane import plane
 from palpate.viewer.captions import MEANING, caption
 from palpate.viewer.heat import PALETTE, colours, density, refined
-from palpate.viewer.marker import _facing
+from palpate.viewer.marker import facing
 from palpate.viewer.scene import MAGNIFICATIONS, Scene, nice, prepare
 from palpate.viewer.timeline import Timeline, downsampled
 from tests.support.pages import BODY, SPREAD, ellipsoid, session, tangents, two_contacts
@@ -72,7 +72,7 @@ def test_many_ellipses_are_each_its_own() -> None:
 
 @pytest.mark.parametrize("normal", [(0, 0, 1), (0, 0, -1), (0.6, -0.8, 0), (0.48, 0.64, -0.6), (1e-6, 0, -1)])
 def test_what_marks_a_contact_stands_on_its_normal(normal: tuple[float, float, float]) -> None:
-    w, x, y, z = _facing(np.array(normal, dtype=float))
+    w, x, y, z = facing(np.array(normal, dtype=float))
     assert Rotation.from_quat([x, y, z, w]).apply([0.0, 0.0, 1.0]) == pytest.approx(normal, abs=2e-6)
 
 

@@ -14,7 +14,7 @@ from palpate.evaluation.evaluate import Report as Evaluation
 from palpate.evaluation.evaluate import evaluate
 from palpate.viewer import plots
 from palpate.viewer.report import Picture, Section, Table, Tile, percent, picture
-from palpate.viewer.run_report import Kept, Run, median, tone
+from palpate.viewer.run_report import Kept, Run, coverage_tone, median
 
 __all__ = ["judged"]
 
@@ -51,7 +51,7 @@ def _tiles(found: Evaluation | None) -> list[Tile]:
     tiles = [Tile("location error", f"{1e3 * found.location.mean:.2f} mm", worst)]
     if found.coverage.count:
         inside = found.coverage.inside
-        tiles.append(Tile("truth in the ellipse", percent(inside), "should be 95 %", tone(inside, 0.9, 0.8)))
+        tiles.append(Tile("truth in the ellipse", percent(inside), "should be 95 %", coverage_tone(inside)))
     return tiles
 
 

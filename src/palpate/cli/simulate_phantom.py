@@ -177,16 +177,18 @@ def _live(lab: PhantomLab, port: int | None, stack: ExitStack) -> Show | None:
     """How a moment gets onto the page, and how often; it waits where the simulation is ahead of the clock."""
     if port is None:
         return None
+    from palpate.cli.phantom_run import FORCE
     from palpate.viewer.live_probe import LiveProbe
 
-    page = stack.enter_context(LiveProbe(lab.probe.vertices, lab.probe.faces, PLATE, port=port))
+    page = stack.enter_context(LiveProbe(lab.probe.vertices, lab.probe.faces, PLATE, FORCE, port=port))
     announce(f"open {page.address} in a browser; Ctrl-C ends the run and leaves no file")
     start = monotonic()
 
     def show(truth: Truth, state: str) -> None:
         place = truth.sensor.apply(np.nan_to_num(truth.centre))
         angles = truth.in_plane, truth.out_of_plane
-        page.show(truth.time, truth.sensor, truth.phantom, np.stack([place, truth.force]), angles, state)
+        push = np.stack([place, truth.force])
+        page.show(truth.time, truth.sensor, truth.phantom, push, angles, state, lab.links())
         sleep(max(0.0, start + truth.time - monotonic()))
 
     return SHOWN, show

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from palpate.spatial.arguments import takes_arrays
 
-__all__ = ["one_line", "uncertain", "vector"]
+__all__ = ["one_line", "rounded", "uncertain", "vector"]
 
 _NUMBERS = 6  # of an array that are printed; of a larger one, its shape
 _DECIMALS = 6  # behind the point, at most
@@ -24,15 +24,21 @@ def vector(values: ArrayLike, digits: int = 3) -> str:
     return "(" + ", ".join(f"{value:.{digits}f}" for value in np.asarray(values, dtype=np.float64)) + ")"
 
 
-def uncertain(value: float, deviation: float, least: float = 0.0) -> str:
-    """Return a value with its standard deviation: two digits of the deviation, and as many of the value.
+def rounded(value: float, deviation: float) -> str:
+    """Return a value with as many digits as its standard deviation has in two; two behind the point where none is known."""
+    digits = 2
+    if 0.0 < deviation < np.inf:
+        digits = min(max(0, 1 - int(f"{deviation:.1e}".partition("e")[2])), _DECIMALS)
+    return f"{round(value, digits) + 0.0:.{digits}f}"
 
-    A deviation below `least` is not written, and the value has the digits of `least`; where no deviation is known, two.
+
+def uncertain(value: float, deviation: float, least: float = 0.0) -> str:
+    """Return a value with its standard deviation, both to two digits of that.
+
+    A deviation below `least` is not written, and the value has the digits of `least`.
     """
-    known = max(deviation, least)
-    digits = min(max(0, 1 - int(f"{known:.1e}".partition("e")[2])), _DECIMALS) if 0.0 < known < np.inf else 2
-    shown = f"{round(value, digits) + 0.0:.{digits}f}"
-    return f"{shown} ± {deviation:.{digits}f}" if 0.0 < deviation < np.inf and deviation >= least else shown
+    shown = rounded(value, max(deviation, least))
+    return f"{shown} ± {rounded(deviation, deviation)}" if 0.0 < deviation < np.inf and deviation >= least else shown
 
 
 def one_line(value: object) -> str:

@@ -16,6 +16,8 @@
     normals.push(unit(cross(sub(b, a), sub(c, a))));
     middles.push([(a[0] + b[0] + c[0]) / 3, (a[1] + b[1] + c[1]) / 3, (a[2] + b[2] + c[2]) / 3]);
   }
+  const outer = [...data.marks.flatMap((mark) => [mark.point, mark.force ? sub(mark.point, mark.force) : mark.point])];
+  for (let k = 0; k < points.length / 3; k++) outer.push(at(k));
   const first = { turn: Math.atan2(data.look[1], data.look[0]), rise: Math.asin(unit(data.look)[2]), near: 1 };
   let view = { ...first }, placed = [], asked = false;
   const theme = () => getComputedStyle(box).color;
@@ -28,7 +30,8 @@
     pen.clearRect(0, 0, wide, high);
     const [ct, st, cr, sr] = [Math.cos(view.turn), Math.sin(view.turn), Math.cos(view.rise), Math.sin(view.rise)];
     const eye = [cr * ct, cr * st, sr], right = [-st, ct, 0], up = [-sr * ct, -sr * st, cr];
-    const scale = 1.05 * view.near * Math.min(wide, high);
+    const reach = (way) => outer.reduce((most, p) => Math.max(most, Math.abs(dot(p, way))), 1e-9);
+    const scale = 0.44 * view.near * Math.min(wide / reach(right), high / reach(up));  // it fills its picture
     const pixel = (p) => [wide / 2 + scale * dot(p, right), high / 2 - scale * dot(p, up)];
     const order = [];
     for (let f = 0; f < count; f++) if (data.open || dot(normals[f], eye) > 0) order.push([dot(middles[f], eye), f]);
@@ -62,16 +65,25 @@
         pen.stroke(); pen.globalAlpha *= 0.25; pen.fill(); pen.globalAlpha *= 4;
       }
       if (mark.force) arrow(pixel(sub(mark.point, mark.force)), tip);
-      const size = mark.label ? 8 : 3.5;
-      pen.beginPath(); pen.arc(...tip, size, 0, 7); pen.fill();
+      const size = mark.label ? 8 : 3.5, free = mark.label && seen(mark) ? beside(tip) : tip;
+      if (free !== tip) { pen.lineWidth = 1; pen.beginPath(); pen.moveTo(...tip); pen.lineTo(...free); pen.stroke(); }
+      pen.beginPath(); pen.arc(...free, size, 0, 7); pen.fill();
       if (mark.label) {
         pen.fillStyle = "#fff"; pen.font = "600 10px system-ui, sans-serif";
-        pen.textAlign = "center"; pen.textBaseline = "middle"; pen.fillText(mark.label, ...tip);
+        pen.textAlign = "center"; pen.textBaseline = "middle"; pen.fillText(mark.label, ...free);
       }
       pen.globalAlpha = 1;
-      if (seen(mark)) placed.push([tip, size + 3, mark.said]);
+      if (seen(mark)) placed.push([free, size + 3, mark.said]);
     }
     axes(pixel, [right, up], wide, high);
+  }
+  function beside(tip) {  // the nearest place on a spiral where no number lies yet
+    const taken = ([x, y]) => placed.some(([p]) => Math.hypot(p[0] - x, p[1] - y) < 17);
+    let place = tip;
+    for (let k = 1; k < 60 && taken(place); k++) {
+      place = [tip[0] + 3 * Math.sqrt(k) * 2 * Math.cos(2.4 * k), tip[1] + 3 * Math.sqrt(k) * 2 * Math.sin(2.4 * k)];
+    }
+    return place;
   }
   function arrow(tail, tip) {
     const way = [tip[0] - tail[0], tip[1] - tail[1]], long = Math.hypot(...way);

@@ -11,7 +11,7 @@ from palpate.contact.estimate import Status
 from palpate.spatial.shown import uncertain
 from palpate.viewer._style import STATUS
 from palpate.viewer.scene import Moment, Scene, ShownContact
-from palpate.viewer.widgets import table
+from palpate.viewer.widgets import card
 
 __all__ = ["MEANING", "beside", "caption", "feature"]
 
@@ -49,12 +49,16 @@ _FEATURES = {  # as files name them, in SI -> name, how many of which unit; with
     "depth_sd": ("depth, sd", 1e3, "mm"),
     "force_sd": ("force, sd", 1.0, "N"),
 }
-_INWARD = "bound", "force_sd", *(f"force_{pair}" for pair in ("xx", "xy", "xz", "yy", "yz", "zz"))  # no rows of their own
+_INWARD = (
+    "bound",
+    "force_sd",
+    *(f"force_{pair}" for pair in ("xx", "xy", "xz", "yy", "yz", "zz")),
+)  # no rows of their own
 
 
-def feature(name: str) -> tuple[float, str]:
-    """By how much a feature is multiplied to be shown, and in which unit; "" where it has none."""
-    return _FEATURES.get(name, (name, 1.0, ""))[1:]
+def feature(name: str) -> tuple[str, float, str]:
+    """What a feature is called, by how much it is multiplied to be shown, and in which unit; "" where it has none."""
+    return _FEATURES.get(name, (name.replace("_", " "), 1.0, ""))
 
 
 def caption(moment: Moment, magnification: int, more: Sequence[tuple[str, str]] = ()) -> str:
@@ -72,13 +76,7 @@ def caption(moment: Moment, magnification: int, more: Sequence[tuple[str, str]] 
     rows = [row for contact in contacts for row in _contact(contact, magnification, single)]
     rows += [(escape(name), escape(value)) for name, value in more]
     rows.append(("time", f"{moment.time:.3f} s, sample {moment.sample:,}"))
-    return (
-        '<div style="padding:.3em .7em 0;font-size:.8em;line-height:1.45;'
-        'font-variant-numeric:tabular-nums"><div style="display:flex;align-items:center;gap:.7em">'
-        f'<span style="font-size:2.2em;font-weight:600">{number}</span><span style="padding:.05em .7em;'
-        f'border-radius:1em;border:2px solid {STATUS[status]}" title="{escape(MEANING[status])}">{words}</span></div>'
-        f"{table(rows)}</div>"
-    )
+    return card(number, words, STATUS[status], MEANING[status], rows)
 
 
 def _contact(contact: ShownContact, magnification: int, single: bool) -> Iterator[tuple[str, str]]:
@@ -120,7 +118,7 @@ def _newton(force: float) -> str:
 
 
 def _feature(name: str, contact: ShownContact) -> tuple[str, str]:
-    words, scale, unit = _FEATURES.get(name, (name.replace("_", " "), 1.0, ""))
+    words, scale, unit = feature(name)
     deviation = scale * contact.features.get(f"{name}_sd", np.nan)
     value = scale * contact.features[name]
     shown = uncertain(value, deviation) if np.isfinite(deviation) else f"{value:.3g}"
@@ -132,7 +130,10 @@ def _place(contact: ShownContact) -> str:
         return NONE
     least = 0.1 * float(np.nan_to_num(contact.deviation).max())  # less is of the surface, on which the point lies
     pairs = zip("xyz", 1e3 * contact.point, 1e3 * contact.deviation, strict=True)
-    return "&ensp;".join(f"{name}&nbsp;{uncertain(value, error, 1e3 * least)}" for name, value, error in pairs) + "&nbsp;mm"
+    return (
+        "&ensp;".join(f"{name}&nbsp;{uncertain(value, error, 1e3 * least)}" for name, value, error in pairs)
+        + "&nbsp;mm"
+    )
 
 
 def _ellipse(contact: ShownContact, magnification: int) -> str:

@@ -89,7 +89,7 @@ class ScenePicture:
         if at not in self._bodies:
             camera = self._cameras[at]
             drawn = self._rendered(camera)
-            small = self._cv2.resize(drawn.picture, (SIZE[0], _HIGH), interpolation=self._cv2.INTER_AREA)[:, :, ::-1]
+            small = np.ascontiguousarray(self._ink.shrunk(drawn.picture, (SIZE[0], _HIGH))[:, :, ::-1])
             self._bodies = {k: side for k, side in self._bodies.items() if k >= at - 1}
             self._bodies[at] = _Side(camera, drawn, small)
         return self._bodies[at]

@@ -11,7 +11,10 @@ from palpate.viewer.scene import Scene, nice
 
 __all__ = ["AXES", "bar", "dot", "item", "keys", "legend", "strip"]
 
-_ARROW, _RIM = "rgb(40,140,205)", "rgb(0,48,120)"  # of what the page's lights make of a force; of lines, which have none
+_ARROW, _RIM = (
+    "rgb(40,140,205)",
+    "rgb(0,48,120)",
+)  # of what the page's lights make of a force; of lines, which have none
 AXES = ((200, 40, 40), (40, 150, 40), (40, 70, 200))  # x, y, z
 _GLYPHS = {  # 28 x 18 each
     "arrow": '<path d="M2 15 L20 5" stroke="{0}" stroke-width="3"/><path d="M26 2 L16.5 3.5 L20.5 10 Z" fill="{0}"/>',
@@ -62,7 +65,10 @@ def strip(items: list[str]) -> str:
 
 def legend(scene: Scene, heat: bool) -> str:
     """What a scene draws, with or without heat."""
-    items = [item("arrow", _ARROW, "force on the body: the tip pushes"), item("ring", _RIM, "95 % ellipse of the point")]
+    items = [
+        item("arrow", _ARROW, "force on the body: the tip pushes"),
+        item("ring", _RIM, "95 % ellipse of the point"),
+    ]
     if np.isfinite(scene.contacts.torque).any():
         items.append(item("curl", "rgb(130,40,120)", "torque about the normal"))
     if scene.beside is not None:
@@ -70,7 +76,9 @@ def legend(scene: Scene, heat: bool) -> str:
     if heat and scene.body is not None:
         items.append(bar("touched", 1e-4 * float(scene.heat.max()), "s/cm²"))
     items += [each for layer in scene.layers for each in layer.legend()]
-    axes = "".join(f'<b style="color:rgb({r},{g},{b})">{name}</b>&thinsp;' for name, (r, g, b) in zip("xyz", AXES, strict=True))
+    axes = "".join(
+        f'<b style="color:rgb({r},{g},{b})">{name}</b>&thinsp;' for name, (r, g, b) in zip("xyz", AXES, strict=True)
+    )
     items.append(f"<span>axes {axes}, grid {1e3 * nice(scene.size / 12):g} mm</span>")
     return strip(items)
 

@@ -12,8 +12,10 @@ from jaxtyping import Float, Int
 from palpate.viewer._style import MUTED, RULE, STATUS
 from palpate.viewer.arena import Arena, Scene, Trails, colour, mixed, newtons
 from palpate.viewer.arena_picture import senses
+from palpate.viewer.camera import fit
+from palpate.viewer.legend import dot, item, strip
 from palpate.viewer.server import Served
-from palpate.viewer.widgets import dock, theme
+from palpate.viewer.widgets import card, dock, theme
 
 if TYPE_CHECKING:
     from viser import SceneApi
@@ -22,6 +24,8 @@ __all__ = ["LiveArena"]
 
 TICK, SLOW = 1 / 15, 1 / 4  # s of the clock between two pictures, and between two states of the panel and the trails
 PATIENCE = 0.05  # s between two looks at the panel while it waits
+BEFORE = np.array([0.0, -0.57, 0.82])  # where the camera stands: before the lower wall, and above it
+HEAD = 0.14  # m: how high the number of a robot is drawn
 TALL, WALL, BLOCK = 0.06, 0.05, 0.09  # m: how high a robot, the walls and blocks are drawn
 THICK = 0.02  # m of a wall
 ARROW, LONGEST = 0.045, 0.22  # m of an arrow for each newton, and at most
@@ -51,8 +55,9 @@ class LiveArena(Served):
         self._drawn = self._told = -np.inf
         self._due, self._last = monotonic(), 0.0
         self._paused = False
+        corners = np.array([(x, y, z) for x in (0.0, arena.size[0]) for y in (0.0, arena.size[1]) for z in (0.0, HEAD)])
+        self.look(lambda aspect: fit(corners, BEFORE / np.linalg.norm(BEFORE), aspect))
         with self._server.atomic():
-            self._place_camera()
             space = self._server.scene
             space.configure_default_lights(cast_shadow=False)
             _add_field(space, arena)
@@ -125,14 +130,6 @@ class LiveArena(Served):
             sleep(min(PATIENCE, max(0.0, self._due - monotonic())))
         self._due = max(self._due, monotonic() - PATIENCE)
 
-    def _place_camera(self) -> None:
-        """Before the lower wall, so that the whole field is seen beside the panel."""
-        (width, height), camera = self.arena.size, self._server.initial_camera
-        far = max(width, 1.4 * height)
-        camera.position = (width / 2, height / 2 - 0.46 * far, 0.66 * far)
-        camera.look_at, camera.up = (width / 2, 0.46 * height, 0.0), (0.0, 0.0, 1.0)
-        camera.near, camera.far = 0.05, 100.0
-
     def _add_panel(self) -> None:
         gui = self._server.gui
         dock(gui, self.arena.name or "arena")
@@ -148,10 +145,11 @@ class LiveArena(Served):
         with gui.add_folder("Show", expand_by_default=False):
             dark = gui.add_checkbox("dark", False)
         dark.on_update(lambda _: theme(gui, dark.value))
+        gui.add_html(strip(_legend(self.arena)))
 
 
 class _Robot:
-    """One robot: a disc with a nose, its number and state, its way so far, and arrows that push it."""
+    """One robot: a disc with a nose, its number, its way so far, and arrows that push it."""
 
     def __init__(self, space: SceneApi, robot: int, radius: float) -> None:
         name, own = f"/robot_{robot + 1}", colour(robot)
@@ -164,8 +162,12 @@ class _Robot:
         space.add_mesh_simple(
             f"{name}/nose", flat, np.array([[0, 1, 2]]), color=(255, 255, 255), side="double", cast_shadow=False
         )
-        self._label = space.add_label(
-            f"{name}/state", "", position=(0.0, 0.0, TALL + 0.06), anchor="bottom-center", font_screen_scale=0.85
+        space.add_label(
+            f"{name}/number",
+            f"{robot + 1}",
+            position=(0.0, 0.0, TALL + 0.03),
+            anchor="bottom-center",
+            font_screen_scale=0.85,
         )
         nothing = np.zeros((1, 2, 3), dtype=np.float32)
         self._trail = space.add_line_segments(
@@ -193,10 +195,7 @@ class _Robot:
         self._push(scene)
 
     def tell(self, scene: Scene, trails: Trails) -> None:
-        """Its state, and its way so far."""
-        words = f"{self._robot + 1} {scene.states[self._robot]}"
-        if self._label.text != words:
-            self._label.text = words
+        """Its way so far."""
         if (length := trails.length(self._robot)) > max(1, self._shown):
             self._shown, way = length, trails.of(self._robot)
             way = np.column_stack([way, np.full(length, 0.003)]).astype(np.float32)
@@ -322,8 +321,18 @@ def _words(scene: Scene) -> str:
             f'<span style="color:{shade}">{newtons(felt)}</span>'
             f'<br><span style="opacity:.65">{escape(why)}</span></span></div>'
         )
-    return (
-        '<div style="padding:.4em .7em 0;font-size:.85em;line-height:1.35;font-variant-numeric:tabular-nums">'
-        f'<div style="font-size:1.3em"><b>{scene.time:.1f} s</b> &middot; {int(scene.arrived.sum())} of '
-        f"{len(scene.states)} arrived</div>{''.join(rows)}</div>"
+    arrived, robots = int(scene.arrived.sum()), len(scene.states)
+    ink = STATUS[0] if arrived == robots else STATUS[3]
+    return card(
+        f"{scene.time:.1f} s", f"{arrived} of {robots} arrived", ink, "robots at their goals", (), "".join(rows)
     )
+
+
+def _legend(arena: Arena) -> list[str]:
+    """What is drawn of an arena."""
+    items = [item("arrow", "rgb(213,94,0)", f"push on a robot, up to {LONGEST / ARROW:.1f} N")]
+    if arena.movable.any():
+        items.append(dot(mixed(STATUS[5], 0.0), "block that can be pushed"))
+    if not arena.movable.all():
+        items.append(dot(mixed(STATUS[3], 0.0), "fixed block"))
+    return [*items, item("line", "rgb({},{},{})".format(*colour(0)), "way so far"), "<span>grid 0.5 m</span>"]

@@ -15,7 +15,7 @@ from palpate.viewer.scene import SMALL, Scene, ShownContact, disc, rim
 if TYPE_CHECKING:
     from viser import SceneApi, SceneNodeHandle
 
-__all__ = ["FORCE", "OTHER", "Marker", "arc", "barbs", "fade"]
+__all__ = ["FORCE", "OTHER", "Marker", "arc", "barbs", "facing", "fade"]
 
 FORCE, POINT, TORQUE = (0, 48, 120), (16, 24, 32), (130, 40, 120)
 OTHER = (0, 120, 80)  # of contacts that are compared
@@ -64,7 +64,7 @@ class Marker:
         if contact is None or not located:
             return
         self._frame.position = scene.placed(contact.point + 1e-3 * scene.size * contact.normal)
-        self._frame.wxyz = _facing(contact.normal)
+        self._frame.wxyz = facing(contact.normal)
         if known:
             self._show_ellipse(scene, contact, magnification)
         self._show_force(scene, contact)
@@ -116,9 +116,9 @@ class Marker:
             self._arc.points = np.concatenate([segments, barbs(segments[-1])]).astype(np.float32)
 
 
-def _facing(normal: Float[np.ndarray, "3"]) -> tuple[float, float, float, float]:
-    """Quaternion w, x, y, z that turns z to a normal by the shortest way."""
-    x, y, z = normal.tolist()
+def facing(way: Float[np.ndarray, "3"]) -> tuple[float, float, float, float]:
+    """Quaternion w, x, y, z that turns z to a direction by the shortest way."""
+    x, y, z = (way / np.linalg.norm(way)).tolist()
     if z < -1.0 + 1e-9:
         return 0.0, 1.0, 0.0, 0.0
     length = math.sqrt(2.0 * (1.0 + z))

@@ -93,7 +93,9 @@ class RingLayer:
         self._scene = scene
         colours = np.tile(np.array(_COLOUR, np.uint8), (len(self._ring), 1))
         points = self._points(self._ring.rest)
-        self._markers: PointCloudHandle = server.scene.add_point_cloud("/markers", points, colours, point_size=0.02)
+        self._markers: PointCloudHandle = server.scene.add_point_cloud(
+            "/markers", points, colours, point_size=0.012, point_shape="circle"
+        )
 
     def panel(self, gui: GuiApi) -> None:
         """The frame."""

@@ -120,7 +120,8 @@ class Panel:
             self._heat = self._gui.add_checkbox(
                 "heat",
                 not any(layer.covers for layer in self._scene.layers),
-                visible=self._scene.body is not None, hint="where the body was touched, how long"
+                visible=self._scene.body is not None,
+                hint="where the body was touched, how long",
             )
             few = 0 < len(self._scene.touches) <= NUMBERED
             self._numbers = self._gui.add_checkbox(

@@ -36,6 +36,8 @@ __all__ = [
 
 COLUMNS = 450  # of a line over time: as many as a phone has pixels
 DOTS = 1_500
+_DISCS = 26  # numbers that stand side by side in the views of a body
+_GOLDEN, _TRIED = 2.4, 200  # rad from a place of the spiral to the next; places that are tried
 _NAMES = ("x", "y", "z")
 
 
@@ -124,13 +126,13 @@ def silhouettes(
     widths, heights = (max(dx, least), max(dy, least)), (max(dy, least), max(dz, least))
     drawn = figure(min(5.5, 0.9 + 3.6 * sum(heights) / sum(widths)))
     grid: Any = drawn.subplots(2, 2, width_ratios=widths, height_ratios=heights)
-    shown = None
+    shown, wide = None, 1e3 * sum(widths) / _DISCS
     for across, up, depth, axes in ((0, 1, 2, grid[0, 0]), (0, 2, 1, grid[1, 0]), (1, 2, 0, grid[1, 1])):
         toward = -1.0 if (across, up) == (0, 2) else 1.0  # so that what is seen is right-handed
         _body(axes, vertices, faces, (across, up, depth), toward)
         far = toward * normal[:, depth] < 0
         shown = _touched(axes, 1e3 * point[:, (across, up)], force, far) or shown
-        _number(axes, [mark for mark in touches if toward * mark.normal[depth] > 0], (across, up))
+        _number(axes, [mark for mark in touches if toward * mark.normal[depth] > 0], (across, up), wide)
         axes.set(xlabel=f"{_NAMES[across]} [mm]", ylabel=f"{_NAMES[up]} [mm]")
         axes.set_title(f"from {'+' if toward > 0 else '-'}{_NAMES[depth]}", color=MUTED)
     grid[0, 1].axis("off")
@@ -304,6 +306,7 @@ def _body(axes: Any, vertices: np.ndarray, faces: np.ndarray, order: tuple[int, 
         PolyCollection(list(shapes), facecolors=colours, edgecolors=colours, linewidths=0.3, rasterized=True)
     )
     axes.set_aspect("equal", adjustable="datalim")
+    axes.margins(0.03)
     axes.autoscale_view()
     axes.grid(visible=False)
 
@@ -327,13 +330,28 @@ def _touched(
     return axes.scatter(*point[seen].T, s=6, c=force[seen], **look)
 
 
-def _number(axes: Any, touches: Sequence[Mark], across: tuple[int, int]) -> None:
-    """Numbers of touches, each in a disc that is large enough to point at."""
+def _number(axes: Any, touches: Sequence[Mark], across: tuple[int, int], wide: float) -> None:
+    """Numbers of touches, each in a disc `wide` [mm] across that is large enough to point at, none on another."""
     disc = {"boxstyle": "circle,pad=0.2", "facecolor": RULE, "linewidth": 0, "alpha": 0.85}
+    taken = np.zeros((0, 2))
     for touch in touches:
         if np.isfinite(touch.point).all():
             at, said = 1e3 * touch.point[list(across)], f"{HOVER}{touch.said}"
-            axes.text(*at, touch.label, fontsize=6, ha="center", va="center", bbox=disc, gid=said)
+            free = _free(at, taken, wide)
+            taken = np.concatenate([taken, free[None]])
+            if free is not at:
+                axes.plot(*np.stack([at, free], axis=1), color=MUTED, linewidth=0.5)
+            axes.text(*free, touch.label, fontsize=6, ha="center", va="center", bbox=disc, gid=said)
+
+
+def _free(at: Float[np.ndarray, "2"], taken: Float[np.ndarray, "n 2"], wide: float) -> Float[np.ndarray, "2"]:
+    """The place itself, or the nearest on a spiral about it, that is no nearer than `wide` to those that are taken."""
+    for turn in range(_TRIED):
+        way = np.array([np.cos(_GOLDEN * turn), np.sin(_GOLDEN * turn)])
+        place = at + 0.3 * wide * turn**0.5 * way if turn else at
+        if (np.linalg.norm(taken - place, axis=1) >= wide).all():
+            return place
+    return at
 
 
 def _mark(axes: Any, at: float, text: str) -> None:

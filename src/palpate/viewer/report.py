@@ -135,6 +135,13 @@ def render(report: Report) -> str:
     from markupsafe import Markup
 
     page = files("palpate.viewer").joinpath("report.html").read_text(encoding="utf-8")
-    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    environment = Environment(
+        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, finalize=_written
+    )
     environment.filters["drawn"] = Markup  # an SVG or a drawing of our own making; everything else is escaped
     return environment.from_string(page).render(report=report)
+
+
+def _written(value: object) -> object:
+    """Text with the signs that a terminal may lack; elements of our own making as they are."""
+    return value.replace("+-", "±") if type(value) is str else value

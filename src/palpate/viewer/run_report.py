@@ -16,6 +16,7 @@ from palpate.contact.events import Events, largest_deviation
 from palpate.contact.notebook import marks_of
 from palpate.contact.plausibility import UNLOADED
 from palpate.spatial.arguments import takes_arrays
+from palpate.spatial.shown import rounded
 from palpate.surfaces.drawing import Drawing, Mark, Specks
 from palpate.viewer import plots
 from palpate.viewer.captions import MEANING, feature
@@ -26,10 +27,11 @@ from palpate.viewer.samples import sample_starts, strongest, thinned
 from palpate.viewer.scene import before
 from palpate.viewer.timeline import since
 
-__all__ = ["Kept", "Run", "compose", "median", "tone", "touch_table"]
+__all__ = ["Kept", "Run", "compose", "coverage_tone", "median", "touch_table"]
 
 SHOWN = 200  # touches in the table
 NUMBERED = 60  # on the body
+UNCERTAIN = ""  # in place of a format: with the digits of the touch's deviation
 SPECKS = 600  # samples on the body that is turned
 
 
@@ -141,9 +143,10 @@ def median(values: Float[np.ndarray, " n"]) -> float:
     return float(np.median(known)) if len(known) else float("nan")
 
 
-def tone(share: float, good: float, poor: float) -> str:
-    """Of a tile."""
-    return "good" if share >= good else "poor" if share < poor else ""
+def coverage_tone(inside: float) -> str:
+    """Of the share of truths that 95 % ellipses hold: too many are as wrong as too few."""
+    off = abs(inside - 0.95)
+    return "good" if off <= 0.03 else "poor" if off > 0.1 or inside > 0.995 else ""
 
 
 def _tiles(run: Run, touches: int) -> list[Tile]:
@@ -151,13 +154,14 @@ def _tiles(run: Run, touches: int) -> list[Tile]:
     answered, total = int(counts[: Status.AMBIGUOUS + 1].sum()), max(summary.rows, 1)
     loaded = total - int(counts[list(UNLOADED)].sum())
     share = answered / loaded if loaded else float("nan")
+    tone = "good" if share >= 0.95 else "poor" if share < 0.7 else ""
     time = kept.contacts.time
     known = time[np.isfinite(time)]
     span = float(np.ptp(known)) if len(known) else 0.0
     rows = "samples" if total <= summary.samples else "rows"
     tiles = [
         Tile("samples", f"{summary.samples:,}", f"{span:.4g} s at {summary.rate:.4g} Hz"),
-        Tile("answered", percent(share) if loaded else "-", f"of {loaded:,} loaded {rows}", tone(share, 0.95, 0.7)),
+        Tile("answered", percent(share) if loaded else "-", f"of {loaded:,} loaded {rows}", tone),
     ]
     if np.isfinite(kept.strength).any():
         peak = int(np.nanargmax(kept.strength))
@@ -231,7 +235,7 @@ def _statuses(run: Run) -> Section:
 def _touches(found: Events) -> Section:
     if not len(found):
         return Section("Touches")
-    text = "sd is one standard deviation of a sample in the direction in which it is largest."
+    text = "± is one standard deviation of a sample in the direction in which it is largest."
     return Section("Touches", text=(text,), tables=(touch_table(found, SHOWN),))
 
 
@@ -241,26 +245,30 @@ def touch_table(found: Events, most: int) -> Table:
     columns = {
         "touch": ("{:.0f}", np.arange(1, len(found) + 1)),
         "contact": ("{:.0f}", found.identity),
-        "start [s]": ("{:.3f}", found.start - start),
-        "end [s]": ("{:.3f}", found.end - start),
-        "lasts [s]": ("{:.3f}", found.end - found.start),
-        "peak [N]": ("{:.3f}", found.peak_force),
-        "x [mm]": ("{:.2f}", x),
-        "y [mm]": ("{:.2f}", y),
-        "z [mm]": ("{:.2f}", z),
-        "sd [mm]": ("{:.2f}", 1e3 * found.deviation),
-        "slid [mm]": ("{:.2f}", 1e3 * found.slid),
+        "start [s]": ("{:.2f}", found.start - start),
+        "end [s]": ("{:.2f}", found.end - start),
+        "lasts [s]": ("{:.2f}", found.end - found.start),
+        "peak [N]": ("{:.2f}", found.peak_force),
+        "x [mm]": (UNCERTAIN, x),
+        "y [mm]": (UNCERTAIN, y),
+        "z [mm]": (UNCERTAIN, z),
+        "± [mm]": (UNCERTAIN, 1e3 * found.deviation),
+        "slid [mm]": (UNCERTAIN, 1e3 * found.slid),
         "ambiguous [%]": ("{:.1f}", 100 * found.ambiguous),
     }
     if not found.identity.any():  # of a sensor that feels one contact at a time
         del columns["contact"]
     for name, values in found.features.items():
-        scale, unit = feature(name)
-        columns[f"{name} [{unit}]" if unit else name] = ("{:.4g}", scale * values)
-    rows = [
-        tuple(text.format(values[k]) if np.isfinite(values[k]) else "-" for text, values in columns.values())
-        for k in range(min(len(found), most))
-    ]
+        words, scale, unit = feature(name)
+        columns[f"{words} [{unit}]" if unit else words] = ("{:.3g}", scale * values)
+
+    def cell(text: str, values: np.ndarray, k: int) -> str:
+        if not np.isfinite(values[k]):
+            return "-"
+        deviation = 1e3 * float(found.deviation[k])  # [mm], which says how many digits mean something
+        return rounded(float(values[k]), deviation) if text == UNCERTAIN else text.format(values[k])
+
+    rows = [tuple(cell(*column, k) for column in columns.values()) for k in range(min(len(found), most))]
     more = [f"The first {most} of {len(found):,}."] if len(found) > most else []
     more += [f"Start and end are seconds {after}."] if after else []
     return Table(tuple(columns), tuple(rows), " ".join(more))

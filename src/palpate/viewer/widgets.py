@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from html import escape
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -10,9 +11,10 @@ import numpy as np
 if TYPE_CHECKING:
     from viser import GuiApi, GuiUplotHandle
 
-__all__ = ["ELLIPSE", "add_curves", "dock", "name", "table", "theme"]
+__all__ = ["ELLIPSE", "add_curves", "card", "dock", "name", "table", "theme"]
 
 ELLIPSE = "the 95 % ellipse of a point, drawn so many times as large"
+TARGET = "#5d6975"
 _TITLE = """<style onload="document.title='Palpate'"></style>"""  # viser names its page after itself
 _SHEET = """<style>@media (max-width: 600px) {
 .mantine-Paper-root[style*="position: fixed"][style*="bottom: 0px"] {
@@ -42,6 +44,17 @@ def dock(gui: GuiApi, title: str) -> None:
     gui.add_html(_TITLE + _SHEET)
 
 
+def card(number: str, status: str, ink: str, meaning: str, rows: Sequence[tuple[str, str]], more: str = "") -> str:
+    """What is so now, as HTML: a number with its unit, a status in a ring of a colour, names and values; then more."""
+    ring = f"padding:.05em .7em;border-radius:1em;border:2px solid {ink}"
+    return (
+        '<div class="palpate-card" style="padding:.3em .7em 0;font-size:.8em;line-height:1.45;'
+        'font-variant-numeric:tabular-nums"><div style="display:flex;align-items:center;gap:.7em">'
+        f'<span style="font-size:2.2em;font-weight:600;white-space:nowrap">{number}</span>'
+        f'<span style="{ring}" title="{escape(meaning)}">{status}</span></div>{table(rows)}{more}</div>'
+    )
+
+
 def table(rows: Sequence[tuple[str, str]]) -> str:
     """Names and what stands beside them, as HTML."""
     made = "".join(
@@ -53,7 +66,11 @@ def table(rows: Sequence[tuple[str, str]]) -> str:
 
 
 def add_curves(
-    gui: GuiApi, names: Sequence[str], inks: Sequence[str], span: tuple[float, float] | None = None
+    gui: GuiApi,
+    names: Sequence[str],
+    inks: Sequence[str],
+    span: tuple[float, float] | None = None,
+    target: str = "",
 ) -> GuiUplotHandle:
     """Lines over time [s], whose `data` is to be set: times, and the values of each.
 
@@ -62,15 +79,18 @@ def add_curves(
         names: of the lines, with their units.
         inks: their colours.
         span: [s] that is shown; None: whatever there is.
+        target: name of a dashed line behind the others, such as of what is wanted; "": none.
     """
     from viser import uplot
 
     curves: list[Any] = [
         uplot.Series(label=name, stroke=ink, width=1.25) for name, ink in zip(names, inks, strict=True)
     ]
+    if target:
+        curves.append(uplot.Series(label=target, stroke=TARGET, width=1.25, dash=(6.0, 4.0)))
     across = uplot.Scale(time=False) if span is None else uplot.Scale(time=False, range=span)
     return gui.add_uplot(
-        tuple(np.zeros(1) for _ in range(1 + len(names))),
+        tuple(np.zeros(1) for _ in range(1 + len(curves))),
         (uplot.Series(label="time [s]"), *curves),
         scales={"x": across},
         legend=uplot.Legend(show=True, live=False),

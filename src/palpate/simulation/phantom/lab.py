@@ -280,6 +280,19 @@ class PhantomLab:
             joints=frozen(self._joints),
         )
 
+    def links(self) -> tuple[Float[np.ndarray, "k 2 3"], list[float]]:
+        """The ends of the arm's links, as they are drawn, in the base [m], and their radii [m]."""
+        capsule, cylinder = (
+            int(kind) for kind in (self._mujoco.mjtGeom.mjGEOM_CAPSULE, self._mujoco.mjtGeom.mjGEOM_CYLINDER)
+        )
+        kind = self.model.geom_type
+        drawn = np.flatnonzero((kind == capsule) | (kind == cylinder))
+        radius = self.model.geom_size[drawn, 0]
+        length = self.model.geom_size[drawn, 1] + radius * (kind[drawn] == capsule)  # half of it, with its round ends
+        half = self.data.geom_xmat[drawn].reshape(-1, 3, 3)[:, :, 2] * length[:, None]
+        middle = self.data.geom_xpos[drawn]
+        return np.stack([middle - half, middle + half], axis=1), radius.tolist()
+
     def free_wrenches(
         self, count: int = 12, samples: int = 200
     ) -> tuple[Float[np.ndarray, "k 6"], Float[np.ndarray, "k 3 3"]]:
