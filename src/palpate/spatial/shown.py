@@ -25,7 +25,7 @@ def vector(values: ArrayLike, digits: int = 3) -> str:
 
 
 def rounded(value: float, deviation: float) -> str:
-    """Return a value with as many digits as its standard deviation has in two; two behind the point where none is known."""
+    """Return a value to two digits of its standard deviation; where none is known, two behind the point."""
     digits = 2
     if 0.0 < deviation < np.inf:
         digits = min(max(0, 1 - int(f"{deviation:.1e}".partition("e")[2])), _DECIMALS)

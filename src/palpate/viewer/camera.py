@@ -7,11 +7,12 @@ from jaxtyping import Float
 
 from palpate.spatial.arguments import takes_arrays
 
-__all__ = ["MARGIN", "NARROW", "SHEET", "STRIP", "VIEW", "fit"]
+__all__ = ["PANEL", "PHONE", "VIEW", "fit"]
 
 VIEW = float(np.radians(45.0))  # angle of view from top to bottom
 MARGIN = 0.14  # of half the picture, on each side: the words at the end of an arrow have room there
 NARROW = 0.8  # width over height: narrower pictures are those of phones
+PHONE, PANEL = 600, 388  # px: wider windows lose so much to the panel, which is not docked yet when a browser comes
 SHEET, STRIP = 0.46, 0.1  # shares of the height that are covered: by a phone's panel, by the legend of others
 
 

@@ -128,12 +128,10 @@ def _feature(name: str, contact: ShownContact) -> tuple[str, str]:
 def _place(contact: ShownContact) -> str:
     if not contact.located:
         return NONE
-    least = 0.1 * float(np.nan_to_num(contact.deviation).max())  # less is of the surface, on which the point lies
+    least = 0.05 * float(np.nan_to_num(contact.deviation).max())  # less is of the surface, on which the point lies
     pairs = zip("xyz", 1e3 * contact.point, 1e3 * contact.deviation, strict=True)
-    return (
-        "&ensp;".join(f"{name}&nbsp;{uncertain(value, error, 1e3 * least)}" for name, value, error in pairs)
-        + "&nbsp;mm"
-    )
+    shown = (f"{name} {uncertain(value, error, 1e3 * least)}" for name, value, error in pairs)
+    return "&ensp;".join(each.replace(" ", "&nbsp;") for each in shown) + "&nbsp;mm"
 
 
 def _ellipse(contact: ShownContact, magnification: int) -> str:

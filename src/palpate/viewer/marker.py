@@ -101,9 +101,9 @@ class Marker:
         length = float(np.linalg.norm(shaft))
         _put(self._arrow, head_length=min(0.05, 0.6 * length), head_radius=min(0.018, 0.3 * length))
         self._arrow.points = np.stack([tip - shaft, tip])[None].astype(np.float32)
-        tail = tip - shaft - (0.03 * shaft / length if length > 0 else 0.0)
-        if np.abs(tail - self._label.position).max() > STILL:
-            self._label.position = tail
+        words = scene.placed(scene.labelled(contact))
+        if np.abs(words - self._label.position).max() > STILL:
+            self._label.position = words
         name = f"{contact.identity}: " if scene.several else ""
         _put(self._label, text=f"{name}{length * scene.size / scene.newton:.1f} N")
 

@@ -117,8 +117,8 @@ class RingLayer:
             self._image.image = self._picture(sample)
 
     def rows(self, scene: Scene, index: int) -> list[tuple[str, str]]:
-        """How many markers the ring has; how many are seen is a feature of its contacts."""
-        return [("markers of the ring", f"{len(self._ring)}")]
+        """Nothing: how many markers are seen is a feature of the contacts."""
+        return []
 
     def legend(self) -> list[str]:
         """The markers."""

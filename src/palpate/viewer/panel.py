@@ -15,7 +15,7 @@ from palpate.viewer.legend import keys, legend
 from palpate.viewer.scene import MAGNIFICATIONS, Moment, Scene
 from palpate.viewer.scene3d import Settings
 from palpate.viewer.touch_list import touch_list
-from palpate.viewer.widgets import ELLIPSE, dock, theme
+from palpate.viewer.widgets import ELLIPSE, PADDING, dock, theme
 
 if TYPE_CHECKING:
     from viser import ClientHandle, GuiApi, GuiUplotHandle
@@ -28,6 +28,7 @@ NUMBERED = 60  # touches whose numbers are drawn: more would hide the body
 SPEEDS = {"x 0.1": 0.1, "x 0.5": 0.5, "x 1": 1.0, "x 2": 2.0, "x 5": 5.0, "x 20": 20.0}
 WINDOWS = {"all": 0.0, "20 s": 20.0, "5 s": 5.0, "1 s": 1.0}
 NOW = "#cc3311"
+DIGIT = 1e-4  # s: more are not written; as many fit
 FORCES, PLACES = slice(0, 2), slice(2, 5)  # columns of the curves
 
 
@@ -64,8 +65,8 @@ class Panel:
         rows += beside(self._scene, moment)
         self._now.content = caption(moment, self.settings().magnification, rows)
         self._legend.content = legend(self._scene, self._heat.value)
-        if self._slider.value != seconds:
-            self._slider.value = seconds
+        if self._slider.value != (shown := _short(seconds)):
+            self._slider.value = shown
         self._show_playing(self._session.playing)
         self._touches.content = touch_list(self._scene, moment.time)
         self._show_plots(moment)
@@ -78,8 +79,8 @@ class Panel:
 
     def _add_timeline(self) -> None:
         timeline = self._scene.timeline
-        duration = max(timeline.duration, 1e-6)
-        step = min(timeline.step or duration / 1000, duration)
+        duration = max(_short(timeline.duration), DIGIT)
+        step = min(max(_short(timeline.step or duration / 1000), DIGIT), duration)
         self._slider = self._gui.add_slider("time [s]", 0.0, duration, step, 0.0)
         self._play = self._gui.add_button("Play")
         self._skip = self._gui.add_button_group("touch", ("previous", "next", "focus contact"))
@@ -170,6 +171,7 @@ class Panel:
             legend=uplot.Legend(show=True, live=False),
             cursor=uplot.Cursor(sync=uplot.Cursor_Sync(key="palpate")),
             height=150,
+            padding=PADDING,
         )
 
     def _show_plots(self, moment: Moment) -> None:
@@ -179,6 +181,11 @@ class Panel:
             clock, values = self._scene.curves(span)
         for plot, which in ((self._force, FORCES), (self._place, PLACES)):
             plot.data = _marked(clock, values[:, which], moment.seconds, _range(self._whole[1][:, which]))
+
+
+def _short(seconds: float) -> float:
+    """Rounded up, so that the sample at a time is none before it."""
+    return round(float(np.ceil(round(seconds / DIGIT, 3))) * DIGIT, 4)
 
 
 def _range(values: Float[np.ndarray, "m k"]) -> tuple[float, float]:

@@ -235,7 +235,7 @@ def _statuses(run: Run) -> Section:
 def _touches(found: Events) -> Section:
     if not len(found):
         return Section("Touches")
-    text = "± is one standard deviation of a sample in the direction in which it is largest."
+    text = "sd is one standard deviation of a sample in the direction in which it is largest."
     return Section("Touches", text=(text,), tables=(touch_table(found, SHOWN),))
 
 
@@ -245,22 +245,22 @@ def touch_table(found: Events, most: int) -> Table:
     columns = {
         "touch": ("{:.0f}", np.arange(1, len(found) + 1)),
         "contact": ("{:.0f}", found.identity),
-        "start [s]": ("{:.2f}", found.start - start),
-        "end [s]": ("{:.2f}", found.end - start),
-        "lasts [s]": ("{:.2f}", found.end - found.start),
+        "start [s]": ("{:.3f}", found.start - start),
+        "end [s]": ("{:.3f}", found.end - start),
+        "lasts [s]": ("{:.3f}", found.end - found.start),
         "peak [N]": ("{:.2f}", found.peak_force),
         "x [mm]": (UNCERTAIN, x),
         "y [mm]": (UNCERTAIN, y),
         "z [mm]": (UNCERTAIN, z),
-        "± [mm]": (UNCERTAIN, 1e3 * found.deviation),
+        "sd [mm]": (UNCERTAIN, 1e3 * found.deviation),
         "slid [mm]": (UNCERTAIN, 1e3 * found.slid),
         "ambiguous [%]": ("{:.1f}", 100 * found.ambiguous),
     }
     if not found.identity.any():  # of a sensor that feels one contact at a time
         del columns["contact"]
     for name, values in found.features.items():
-        words, scale, unit = feature(name)
-        columns[f"{words} [{unit}]" if unit else words] = ("{:.3g}", scale * values)
+        _, scale, unit = feature(name)
+        columns[f"{name} [{unit}]" if unit else name] = ("{:.3g}", scale * values)
 
     def cell(text: str, values: np.ndarray, k: int) -> str:
         if not np.isfinite(values[k]):

@@ -51,6 +51,7 @@ _SURE = 3.0  # deviations that a torque is from zero before it is drawn
 _SAMPLED = 2_000  # contacts that a typical value is taken from
 _FEW = 50  # while they come
 _STRONG = 0.95  # quantile of what counts as usual
+_BEYOND = 0.03  # sizes of the body from an arrow's tail to its label
 _OUTERMOST = 200  # directions in which the outline is looked for
 _MEDIAN_STEP = 0.6745 * 2**0.5  # median of the difference of two normal values, in their deviations
 _PAIRS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
@@ -220,9 +221,15 @@ class Scene:
         return np.concatenate([_corners(about), self._tails([contact])])
 
     def _tails(self, contacts: Sequence[ShownContact]) -> Float[np.ndarray, "k 3"]:
-        """(k, 3) [m] where arrows begin, and their labels are."""
+        """(k, 3) [m] where the labels of arrows are."""
         known = [each for each in contacts if each.located and np.isfinite(each.force).all()]
-        return np.array([each.point - self.newton * each.force for each in known]).reshape(-1, 3)
+        return np.array([self.labelled(each) for each in known]).reshape(-1, 3)
+
+    def labelled(self, contact: ShownContact) -> Float[np.ndarray, "3"]:
+        """(3,) [m] where the label of a located contact is: beyond its arrow's tail."""
+        length = float(np.linalg.norm(contact.force))
+        beyond = _BEYOND * self.size / length if length > 0 else 0.0
+        return contact.point - (self.newton + beyond) * contact.force
 
     @cached_property
     def torque_noise(self) -> float:

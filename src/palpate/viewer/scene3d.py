@@ -6,15 +6,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from io import BytesIO
 from itertools import zip_longest
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from jaxtyping import Float
 
 from palpate.viewer.camera import fit
 from palpate.viewer.heat import FineMesh, colours, linear
-from palpate.viewer.marker import FORCE, OTHER, Marker
 from palpate.viewer.legend import AXES
+from palpate.viewer.marker import FORCE, OTHER, Marker
 from palpate.viewer.scene import Moment, Scene, ShownContact, before, nice
 
 if TYPE_CHECKING:
@@ -141,7 +141,7 @@ class Scene3D:
             vertex_colors=linear(colours(share)),
         )  # fmt: skip
         made = BytesIO()
-        mesh.export(made, file_type="glb")
+        trimesh.Scene([mesh]).export(made, file_type="glb", tree_postprocessor=_both_sides)
         return made.getvalue()
 
     def _add_ground(self) -> None:
@@ -159,6 +159,14 @@ class Scene3D:
         axes = self.scene.placed(np.stack([np.zeros((3, 3)), ends], axis=1)).astype(np.float32)
         inks = np.repeat(np.array(AXES, np.uint8)[:, None], 2, axis=1)
         self._space.add_line_segments("/axes", axes, inks, thickness=3.0, thickness_units="screen")
+
+
+def _both_sides(tree: dict[str, Any]) -> None:
+    """An open body has an inside that is seen: facets of a glTF have a front alone, unless its material says so."""
+    tree["materials"] = [{"doubleSided": True}]
+    for mesh in tree["meshes"]:
+        for part in mesh["primitives"]:
+            part["material"] = 0
 
 
 def aim(

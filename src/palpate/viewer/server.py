@@ -12,8 +12,8 @@ from secrets import token_urlsafe
 from typing import TYPE_CHECKING, TypeVar
 
 from palpate.errors import InputError
+from palpate.viewer.camera import PANEL, PHONE, VIEW
 from palpate.viewer.scene import Scene
-from palpate.viewer.camera import VIEW
 from palpate.viewer.scene3d import aim
 from palpate.viewer.session import Session
 from palpate.viewer.widgets import name
@@ -88,14 +88,15 @@ class Served:
         self.address = f"{_shown(host)}:{self.port}/?token={token}"
 
     def look(self, aim: Callable[[float], tuple[np.ndarray, np.ndarray]]) -> None:
-        """Let the camera of each browser begin at a place and look at another, by the width over height of its picture."""
+        """Let the camera of each browser begin where `aim` has it: position and target, by width over height."""
         camera = self._server.initial_camera
         camera.position, camera.look_at = aim(1.0)
         camera.up, camera.fov, camera.near, camera.far = (0.0, 0.0, 1.0), VIEW, 0.01, 100.0
 
         def turn(client: ClientHandle) -> None:
+            wide, high = client.camera.image_width, client.camera.image_height
             with client.atomic():
-                client.camera.position, client.camera.look_at = aim(client.camera.aspect)
+                client.camera.position, client.camera.look_at = aim((wide - PANEL * (wide > PHONE)) / high)
 
         self._server.on_client_connect(turn)
 

@@ -20,7 +20,7 @@ def touch_list(scene: Scene, time: float) -> str:
     marked = int(now[0]) if len(now) else -1
     lines: list[str] = []
     for k in range(min(len(found), LISTED)):
-        place = " ".join(f"{value:.1f}" for value in 1e3 * found.point[k])
+        place = "&ensp;".join(f"{value:.1f}" for value in 1e3 * found.point[k])
         seconds = scene.seconds_at(float(found.peak_time[k]))
         look = "background:rgba(0,114,178,.18);font-weight:600" if k == marked else ""
         lines.append(
@@ -30,7 +30,7 @@ def touch_list(scene: Scene, time: float) -> str:
     more = f"<div>and {len(found) - LISTED:,} more</div>" if len(found) > LISTED else ""
     head = "".join(f"<th>{name}</th>" for name in ("touch", "at [s]", "peak [N]", "x y z [mm]"))
     return (
-        '<div class="palpate-touches" style="margin:.2em .8em .6em;max-height:9.5em;overflow-y:auto;font-size:.8em;'
-        'font-variant-numeric:tabular-nums"><table style="width:100%;text-align:right;border-collapse:collapse">'
+        '<div class="palpate-touches" style="margin:.2em .8em .6em;max-height:9em;overflow-y:auto;font-size:.8em;line-height:1.5em;'
+        'font-variant-numeric:tabular-nums"><table style="width:calc(100% - .8em);text-align:right;border-collapse:collapse">'
         f'<thead style="opacity:.6">{head}</thead><tbody>{"".join(lines)}</tbody></table>{more}</div>'
     )

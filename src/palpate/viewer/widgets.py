@@ -11,9 +11,10 @@ import numpy as np
 if TYPE_CHECKING:
     from viser import GuiApi, GuiUplotHandle
 
-__all__ = ["ELLIPSE", "add_curves", "card", "dock", "name", "table", "theme"]
+__all__ = ["ELLIPSE", "PADDING", "add_curves", "card", "dock", "name", "table", "theme"]
 
 ELLIPSE = "the 95 % ellipse of a point, drawn so many times as large"
+PADDING = (8, 8, 0, 0)  # px about a plot: the uppermost number of its axis is not cut
 TARGET = "#5d6975"
 _TITLE = """<style onload="document.title='Palpate'"></style>"""  # viser names its page after itself
 _SHEET = """<style>@media (max-width: 600px) {
@@ -95,4 +96,5 @@ def add_curves(
         scales={"x": across},
         legend=uplot.Legend(show=True, live=False),
         height=150,
+        padding=PADDING,
     )
