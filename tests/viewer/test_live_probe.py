@@ -22,16 +22,22 @@ pytest.importorskip("viser")
 def test_what_is_fed_is_drawn() -> None:
     body = ellipsoid(500)
     middle, force = np.array([0.4, 0.0, 0.15]), np.array([0.0, 0.0, 7.0])
-    with LiveProbe(body.vertices, body.faces, (0.2, 0.1, 0.05), port=0) as page:
+    with LiveProbe(body.vertices, body.faces, (0.2, 0.1, 0.05), 7.0, port=0) as page:
         assert page.address.startswith("http://127.0.0.1:")
         probe = Pose(np.diag([1.0, -1.0, -1.0]), middle + np.array([0.0, 0.0, 0.15]))
+        arm = np.array([[[0.0, 0.0, 0.0], [0.0, 0.0, 0.3]], [[0.0, 0.0, 0.3], [0.4, 0.0, 0.3]]]), (0.05, 0.04)
         for tick in range(SHOWN + 5):
             push = np.stack([middle, force])
-            page.show(0.1 * tick, probe, Pose(np.eye(3), middle), push, (0.01, -0.02), "hold")
+            page.show(0.1 * tick, probe, Pose(np.eye(3), middle), push, (0.01, -0.02), "hold: force is held", arm)
         np.testing.assert_allclose(page._probe.position, [0.0, 0.0, 0.15 * SCALE], atol=1e-12)
         np.testing.assert_allclose(np.abs(page._probe.wxyz), [0.0, 1.0, 0.0, 0.0], atol=1e-12)
         np.testing.assert_allclose(page._arrow.points[0], [[0.0, 0.0, -7.0 * ARROW], [0.0, 0.0, 0.0]], atol=1e-6)
-        time, turned, across = page._angle.data
+        time, turned, across, straight = page._angle.data
+        assert (straight == 0.0).all()
+        assert (page._force.data[2] == 7.0).all()
+        for words in ("7.00 N", "hold", "force is held", "0.57°", "-1.15°"):
+            assert words in page._words.content
+        np.testing.assert_allclose(page._links[1].position, SCALE * (np.array([0.2, 0.0, 0.3]) - middle), atol=1e-12)
         assert len(time) == SHOWN
         np.testing.assert_allclose([turned[-1], across[-1]], np.degrees([0.01, -0.02]))
 

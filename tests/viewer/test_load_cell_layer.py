@@ -79,7 +79,8 @@ def test_the_page_colours_the_cell_that_carries_most_and_shows_the_torque() -> N
         page.session.scene3d.show(scene.at(0), settings)
         near, far = (sum(layer._drawn[cell][0].color) for cell in (0, 3))
         assert near < far  # darker
-        assert layer._drawn[0][1].text.startswith("cell 1: ")
+        assert [name for name, _ in layer.rows(scene, 0)] == ["cell 1", "cell 2", "cell 3", "cell 4"]
+        assert layer.rows(scene, 0)[0][1].endswith(" mV")
         arrow = page.session.scene3d._markers[0]._arc
         assert arrow.visible
         assert arrow.points[0, 1, 1] < 0  # against the clock about the normal is positive

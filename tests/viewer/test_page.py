@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from palpate.viewer.camera import SHEET, STRIP
 from palpate.viewer.scene import Scene, prepare
 from palpate.viewer.server import Page
 from tests.support.browser import PATIENCE, chromium, until
@@ -107,7 +108,7 @@ def test_the_camera_turns_to_the_side_that_is_touched(view: object, page: Page, 
         return page.index == 200
 
     until(there, "no seeking")
-    view.get_by_role("button", name="turn to it").click()
+    view.get_by_role("button", name="focus contact").click()
     client = next(iter(page._server.get_clients().values()))
     normal = scene.at(200).contacts[0].normal
     until(lambda: client.camera.position @ normal > 0.7 * np.linalg.norm(client.camera.position), "it does not turn")
@@ -127,6 +128,19 @@ def test_the_page_asks_nobody_else(view: object, page: Page) -> None:
     assert foreign == []
 
 
+def test_nothing_of_the_page_is_cut_or_lies_on_something_else(view: object) -> None:
+    """The legend is a strip left of the panel, no higher than the camera leaves free; no line is wider than the panel."""
+    legend = view.locator(".palpate-legend").bounding_box()
+    assert legend["x"] >= 0
+    assert legend["x"] + legend["width"] <= view.locator(".palpate-card").bounding_box()["x"]
+    assert legend["y"] + legend["height"] == pytest.approx(800, abs=1)
+    assert legend["height"] <= STRIP * 800
+    wide = (
+        "[...document.querySelectorAll('.palpate-card, .palpate-touches')].every(e => e.scrollWidth <= e.clientWidth)"
+    )
+    assert view.evaluate(wide)
+
+
 def test_a_touch_on_a_phone_is_readable(browser: object, page: Page) -> None:
     for context in browser.contexts:  # what the tests above looked at: it is drawn on and on, without a graphics card
         context.close()
@@ -134,6 +148,9 @@ def test_a_touch_on_a_phone_is_readable(browser: object, page: Page) -> None:
     opened.set_default_timeout(1e3 * PATIENCE)
     opened.goto(page.address)
     opened.get_by_text("session").first.wait_for()
+    opened.locator(".palpate-card").wait_for()
     wide = opened.evaluate("document.documentElement.scrollWidth")
+    sheet = opened.get_by_text("session").first.bounding_box()["y"]
     opened.close()
     assert wide <= 390
+    assert sheet >= (1 - SHEET) * 844 - 1  # the camera counts on it

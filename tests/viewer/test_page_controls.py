@@ -18,7 +18,6 @@ from palpate.viewer.captions import beside
 from palpate.viewer.live_arena import LiveArena
 from palpate.viewer.marker import Marker, fade
 from palpate.viewer.scene import LARGE, SMALL, Scene, prepare, rim
-from palpate.viewer.scene3d import aim
 from palpate.viewer.server import Page
 from palpate.viewer.timeline import Timeline
 from tests.support.arena_scenes import arena
@@ -117,19 +116,6 @@ def test_an_ellipse_larger_than_the_body_is_faint() -> None:
     assert fade(0.1, 1.0) == 1.0
     assert fade(1.0, 1.0) == pytest.approx(0.25)
     assert fade(1e9, 1.0) == pytest.approx(0.15)
-
-
-def test_the_camera_holds_what_was_touched(scene: Scene) -> None:
-    """Angles from its axis to all touched points are less than half its angle of view, on a phone across it too."""
-    points = scene.placed(scene.contacts.point[scene.touched])
-    for aspect in (1.6, 1.0):
-        position, target = aim(scene, aspect=aspect)
-        along = (target - position) / np.linalg.norm(target - position)
-        rays = points - position
-        cosine = rays @ along / np.linalg.norm(rays, axis=1)
-        assert np.degrees(np.arccos(cosine.min())) < 22.5
-    small = prepare(ellipsoid(500), _two_touches()[150:160])
-    assert np.linalg.norm(np.subtract(*aim(small))) < 0.7 * np.linalg.norm(np.subtract(*aim(scene)))  # nearer
 
 
 def test_the_other_result_is_that_of_the_same_time(scene: Scene) -> None:

@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 from palpate.contact.ellipse import ellipse
 from palpate.contact.estimate import CHI2_95, Status
 from palpate.errors import InputError
+from palpate.spatial.shown import uncertain
 from palpate.surfaces.plane import plane
 from palpate.viewer.captions import MEANING, caption
 from palpate.viewer.heat import PALETTE, colours, density, refined
@@ -236,10 +237,10 @@ def test_every_status_has_its_words() -> None:
 
 
 def test_a_caption_holds_units_and_standard_deviations(scene: Scene) -> None:
-    said = caption(scene.at(200), 5, ["a < b"]).replace("&nbsp;", " ").replace("&plusmn;", "+-")
+    said = caption(scene.at(200), 5, [("a < b", "1 N")]).replace("&nbsp;", " ").replace("±", "+-")
     moment = scene.at(200).contacts[0]
     assert f"{np.linalg.norm(moment.force):.2f} N" in said
-    assert f"x {1e3 * moment.point[0]:.2f} +- {1e3 * moment.deviation[0]:.2f}" in said
+    assert f"x {uncertain(1e3 * moment.point[0], 1e3 * moment.deviation[0])}".replace("±", "+-") in said
     assert "within 0.98 &times; 0.49 mm, drawn 5 times as large" in said  # sqrt(5.991) times 0.4 and 0.2 mm
     assert "1.0 mN m" in said
     assert "a &lt; b" in said
@@ -272,7 +273,7 @@ def test_a_moment_holds_all_contacts_of_its_sample_the_strongest_first() -> None
     said = caption(scene.at(50), 1)
     assert "2 contacts" in said
     assert "3.00 N" in said  # 2 and 1
-    assert "area&nbsp;2&nbsp;cm²" in said
+    assert "contact area&nbsp;2&nbsp;cm²" in said
 
 
 def test_plots_of_several_contacts_hold_the_sum_and_the_strongest() -> None:

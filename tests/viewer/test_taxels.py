@@ -91,7 +91,8 @@ def test_the_page_of_a_sheet_shows_both_contacts_and_the_cells_below_them() -> N
         shade = layer._cells.batched_colors.astype(int).sum(axis=1)
         order = np.argsort(shade, kind="stable")[:2]
         assert [divmod(int(cell), SHAPE[1]) for cell in order] == [(3, 15), (2, 5)]
-        assert layer.captions(scene, 1) == ["all cells 10.00 N, the strongest 6.00 N (darkest: 5.9 N)"]
+        assert layer.rows(scene, 1) == [("all cells", "10.00 N"), ("strongest cell", "6.00 N")]
+        assert f"{layer.most:.3g} N" in layer.legend()[0]
         layer.show(scene, 0)
         assert len(np.unique(layer._cells.batched_colors, axis=0)) == 1
         with urllib.request.urlopen(page.address) as answer:
@@ -112,5 +113,5 @@ def test_contacts_of_a_file_are_shown_without_the_forces_of_cells() -> None:
     contacts, _ = _sheet_contacts()
     layer = TaxelLayer(SHEET_BODY)
     with Page(prepare(None, contacts, "", [layer]), port=0, together=True) as page:
-        assert layer.captions(page.scene, page.index) == []
+        assert layer.rows(page.scene, page.index) == layer.legend() == []
         assert layer._sheet is None

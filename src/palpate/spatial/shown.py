@@ -32,13 +32,10 @@ def rounded(value: float, deviation: float) -> str:
     return f"{round(value, digits) + 0.0:.{digits}f}"
 
 
-def uncertain(value: float, deviation: float, least: float = 0.0) -> str:
-    """Return a value with its standard deviation, both to two digits of that.
-
-    A deviation below `least` is not written, and the value has the digits of `least`.
-    """
-    shown = rounded(value, max(deviation, least))
-    return f"{shown} ± {rounded(deviation, deviation)}" if 0.0 < deviation < np.inf and deviation >= least else shown
+def uncertain(value: float, deviation: float) -> str:
+    """Return a value with its standard deviation, both to two digits of that; the value alone where none is known."""
+    known = 0.0 < deviation < np.inf
+    return rounded(value, deviation) + (f" ± {rounded(deviation, deviation)}" if known else "")
 
 
 def one_line(value: object) -> str:

@@ -8,7 +8,7 @@ from html import escape
 import numpy as np
 
 from palpate.contact.estimate import Status
-from palpate.spatial.shown import uncertain
+from palpate.spatial.shown import rounded, uncertain
 from palpate.viewer._style import STATUS
 from palpate.viewer.scene import Moment, Scene, ShownContact
 from palpate.viewer.widgets import card
@@ -16,6 +16,7 @@ from palpate.viewer.widgets import card
 __all__ = ["MEANING", "beside", "caption", "feature"]
 
 NONE = "&ndash;"
+FLAT = 0.05  # of the largest deviation: less is none
 MEANING = {
     Status.CONTACT: "Located.",
     Status.AMBIGUOUS: "Located, but another point explains the reading too and lies outside the 95 % ellipse.",
@@ -86,7 +87,7 @@ def _contact(contact: ShownContact, magnification: int, single: bool) -> Iterato
     yield "place", _place(contact)
     yield "95 %", _ellipse(contact, magnification)
     if np.isfinite(contact.torque):
-        yield "torque", f"{1e3 * contact.torque + 0.0:.1f} mN m about the normal"
+        yield "torque", f"{round(1e3 * contact.torque, 1) + 0.0:.1f} mN m about the normal"
     features = [_feature(name, contact) for name in contact.features if _shown(name, contact)]
     if single:
         yield from features
@@ -121,17 +122,19 @@ def _feature(name: str, contact: ShownContact) -> tuple[str, str]:
     words, scale, unit = feature(name)
     deviation = scale * contact.features.get(f"{name}_sd", np.nan)
     value = scale * contact.features[name]
-    shown = uncertain(value, deviation) if np.isfinite(deviation) else f"{value:.3g}"
+    shown = uncertain(value, deviation) if np.isfinite(deviation) else f"{float(f'{value:.3g}'):,g}"
     return escape(words), f"{shown}&nbsp;{unit}" if unit else shown
 
 
 def _place(contact: ShownContact) -> str:
     if not contact.located:
         return NONE
-    least = 0.05 * float(np.nan_to_num(contact.deviation).max())  # less is of the surface, on which the point lies
-    pairs = zip("xyz", 1e3 * contact.point, 1e3 * contact.deviation, strict=True)
-    shown = (f"{name} {uncertain(value, error, 1e3 * least)}" for name, value, error in pairs)
-    return "&ensp;".join(each.replace(" ", "&nbsp;") for each in shown) + "&nbsp;mm"
+    most = 1e3 * float(np.nan_to_num(contact.deviation).max())
+    shown = list[str]()
+    for name, value, error in zip("xyz", 1e3 * contact.point, 1e3 * contact.deviation, strict=True):
+        across = error > FLAT * most  # along the normal the point lies on the surface, which has no deviation
+        shown.append(f"{name} {uncertain(value, error) if across else rounded(value, most)}".replace(" ", "&nbsp;"))
+    return "&ensp;".join(shown) + "&nbsp;mm"
 
 
 def _ellipse(contact: ShownContact, magnification: int) -> str:

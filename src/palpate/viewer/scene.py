@@ -53,7 +53,7 @@ _FEW = 50  # while they come
 _STRONG = 0.95  # quantile of what counts as usual
 _BEYOND = 0.03  # sizes of the body from an arrow's tail to its label
 _OUTERMOST = 200  # directions in which the outline is looked for
-_MEDIAN_STEP = 0.6745 * 2**0.5  # median of the difference of two normal values, in their deviations
+_MEDIAN_BEND = 0.6745 * 6**0.5  # median of a - 2 b + c of normal values, in their deviations
 _PAIRS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 _ARROW = 0.35  # sizes of the body that an arrow of a usual force is long
 
@@ -233,11 +233,11 @@ class Scene:
 
     @cached_property
     def torque_noise(self) -> float:
-        """[N m] standard deviation of the torque from sample to sample of a touch; 0 where nothing is known."""
+        """[N m] standard deviation of the torque beside what its neighbours in time lead to; 0 where it is not known."""
         torque = self.contacts.torque[self.strongest[self.timeline.in_touch]]
-        steps = np.diff(torque)
-        steps = np.abs(steps[np.isfinite(steps)])
-        return float(np.median(steps)) / _MEDIAN_STEP if len(steps) else 0.0
+        bends = np.abs(np.diff(torque, 2))
+        bends = bends[np.isfinite(bends)]
+        return float(np.median(bends)) / _MEDIAN_BEND if len(bends) else 0.0
 
     def turning(self, contact: ShownContact) -> float:
         """The share of the usual torque that a contact has; 0 where it does not stand out of its own noise.

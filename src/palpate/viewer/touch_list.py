@@ -30,7 +30,9 @@ def touch_list(scene: Scene, time: float) -> str:
     more = f"<div>and {len(found) - LISTED:,} more</div>" if len(found) > LISTED else ""
     head = "".join(f"<th>{name}</th>" for name in ("touch", "at [s]", "peak [N]", "x y z [mm]"))
     return (
-        '<div class="palpate-touches" style="margin:.2em .8em .6em;max-height:9em;overflow-y:auto;font-size:.8em;line-height:1.5em;'
-        'font-variant-numeric:tabular-nums"><table style="width:calc(100% - .8em);text-align:right;border-collapse:collapse">'
+        "<style>.palpate-touches { margin: .2em .8em .6em; max-height: 9em; overflow-y: auto; font-size: .8em; }"
+        ".palpate-touches table { width: calc(100% - .8em); text-align: right; border-collapse: collapse; }"
+        ".palpate-touches td, .palpate-touches th { padding: 0; line-height: 1.5em; }</style>"
+        '<div class="palpate-touches" style="font-variant-numeric:tabular-nums"><table>'
         f'<thead style="opacity:.6">{head}</thead><tbody>{"".join(lines)}</tbody></table>{more}</div>'
     )
