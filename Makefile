@@ -15,7 +15,7 @@ READY := .venv/.ready
 UV := .tools/bin/uv
 
 .DEFAULT_GOAL := help
-.PHONY: help setup native demo browser test check docs bench evidence experiments mutants pictures follow package lock clean
+.PHONY: help setup native demo browser test check docs bench evidence experiments mutants pictures screens follow package lock clean
 
 help: ## this list
 	@sed -n 's/^\([a-z]*\):.*## \(.*\)/make \1\t\2/p' Makefile
@@ -57,6 +57,9 @@ mutants: $(READY) ## stated faults, turned on one by one: do the tests of their 
 
 pictures: $(READY) ## the pictures of README and pages, into docs/pictures, from what `make demo` left
 	$(BIN)/python docs/pictures/make.py
+
+screens: $(READY) ## pictures of every page in a browser, at a desk and on a phone, into .cache/screens; minutes
+	$(BIN)/python -m tests.screens .cache/screens
 
 follow: $(READY) ## the README and the tutorials, word by word as a newcomer would; minutes
 	$(BIN)/python -m tests.follow

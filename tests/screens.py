@@ -1,8 +1,8 @@
-"""Pictures of every page in a browser, at a desk and on a phone: `python -m tests.screens FOLDER [NAME ...]`, or `make screens`.
+"""Pictures of every page in a browser, at a desk and on a phone, to be looked at.
 
-Six sensors of the conformance table, the arena and the phantom, each by the command that a person types. Their files
-are made once, in FOLDER/files; the pictures are FOLDER/NAME_WIDTH.png. What a machine can see is printed, and the exit
-code is 1 where a page has a fault.
+Run: `make screens`, or `python -m tests.screens FOLDER [NAME ...]`; minutes. Six sensors of the conformance table, the
+arena and the phantom, each by the command that a person types. Their files are made once, in FOLDER/files; the
+pictures are FOLDER/NAME_WIDTH.png.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ LIVE = {
 DRAWN = 8.0  # s that a browser without a graphics card takes to draw all of a page
 
 
-def main() -> int:
+def main() -> None:
     """Each page that is named, or all."""
     folder, names = Path(sys.argv[1]).resolve(), sys.argv[2:]
     sensors = {sensor.name.replace(" ", "_"): sensor for sensor in SENSORS if sensor.added is None}
@@ -39,8 +39,7 @@ def main() -> int:
                 for width, height in SIZES:
                     picture = folder / f"{name}_{width}.png"
                     _photograph(browser, address, (width, height), picture)
-                    print(picture, flush=True)
-    return 0
+                    sys.stdout.write(f"{picture}\n")
 
 
 def _words(name: str, sensor: Sensor | None, folder: Path) -> tuple[str, ...]:
@@ -74,7 +73,6 @@ def _served(words: tuple[str, ...]) -> Iterator[str]:
             if found := ADDRESS.search(line):
                 yield found.group()
                 return
-            print("   ", line.rstrip())
         raise SystemExit(f"no page: palpate {' '.join(words)}")
     finally:
         process.send_signal(signal.SIGINT)
@@ -94,4 +92,4 @@ def _photograph(browser: Any, address: str, size: tuple[int, int], picture: Path
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()
