@@ -233,7 +233,7 @@ class Scene:
 
     @cached_property
     def torque_noise(self) -> float:
-        """[N m] standard deviation of the torque beside what its neighbours in time lead to; 0 where it is not known."""
+        """[N m] standard deviation of the torque about a line through its neighbours; 0 where it is not known."""
         torque = self.contacts.torque[self.strongest[self.timeline.in_touch]]
         bends = np.abs(np.diff(torque, 2))
         bends = bends[np.isfinite(bends)]
