@@ -123,8 +123,9 @@ def test_the_other_result_is_that_of_the_same_time(scene: Scene) -> None:
     other = scene.meanwhile(2.5)
     assert other.index == 150
     assert np.array_equal(other.contacts[0].force, 2.0 * session().force[150])
-    (line,) = beside(scene, scene.at(250))
-    assert line.startswith("theirs: contact, ")
+    ((title, said),) = beside(scene, scene.at(250))
+    assert title == "theirs"
+    assert said.startswith("contact, ")
     late = session()
     with pytest.raises(InputError, match="another time"):
         scene.compared(replace(late, time=late.time + 100.0), "late")
@@ -196,8 +197,8 @@ def test_a_click_in_the_list_or_on_a_plot_goes_there(view: object, page: Page, s
 
 def test_what_is_compared_is_said(view: object, page: Page) -> None:
     page.session.seek(2.5)
-    view.get_by_text("theirs: contact").wait_for()
-    for words in ("force on the body", "95 % ellipse", "torque about the normal", "heat", "space"):
+    view.locator(".palpate-card").get_by_text("theirs", exact=True).wait_for()
+    for words in ("force on the body", "95 % ellipse", "torque about the normal", "touched 0", "theirs", "grid"):
         assert words in view.locator(".palpate-legend").inner_text()
 
 

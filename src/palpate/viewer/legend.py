@@ -6,6 +6,7 @@ from html import escape
 
 import numpy as np
 
+from palpate.viewer.camera import PANEL
 from palpate.viewer.heat import PALETTE
 from palpate.viewer.scene import Scene, nice
 
@@ -31,9 +32,9 @@ _KEYS = (
     ("click", "in a plot or a line of the list: go there"),
 )
 _WIDE = """<style>@media (min-width: 1000px) { .palpate-legend {
-  position: fixed; left: 0; bottom: 0; max-width: calc(100vw - 31em); padding: .5em 1em !important;
+  position: fixed; left: 0; bottom: 0; box-sizing: border-box; max-width: calc(100vw - PANELpx); padding: .5em 1em !important;
   pointer-events: none; background: color-mix(in srgb, var(--mantine-color-body) 80%, transparent);
-} }</style>"""  # narrower, it stays in the panel
+} }</style>""".replace("PANEL", str(PANEL))  # narrower, it stays in the panel
 
 
 def item(glyph: str, ink: str, words: str) -> str:

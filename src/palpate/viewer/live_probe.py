@@ -110,7 +110,9 @@ class LiveProbe(Served):
         force, ends = float(np.linalg.norm(push[1])), SCALE * arm[0]
         if self._middle is None:
             self._middle = phantom.translation
-            seen = np.concatenate([self._corners, (ends - SCALE * self._middle).reshape(-1, 3)])
+            sides = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=np.float64)
+            around = [end + SCALE * radius * sides for link, radius in zip(ends, arm[1], strict=True) for end in link]
+            seen = np.concatenate([self._corners, *(each - SCALE * self._middle for each in around)])
             self.look(lambda aspect: fit(seen, FROM / np.linalg.norm(FROM), aspect))
             self._links = [self._link(k, *each) for k, each in enumerate(zip(ends, arm[1], strict=True))]
         self._rows.append((time, force, self._wanted, *np.degrees(angles), 0.0))
