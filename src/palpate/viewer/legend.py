@@ -32,7 +32,8 @@ _KEYS = (
     ("click", "in a plot or a line of the list: go there"),
 )
 _WIDE = """<style>@media (min-width: 1000px) { .palpate-legend {
-  position: fixed; left: 0; bottom: 0; box-sizing: border-box; max-width: calc(100vw - PANELpx); padding: .5em 1em !important;
+  position: fixed; left: 0; bottom: 0; box-sizing: border-box; max-width: calc(100vw - PANELpx);
+  padding: .5em 1em !important;
   pointer-events: none; background: color-mix(in srgb, var(--mantine-color-body) 80%, transparent);
 } }</style>""".replace("PANEL", str(PANEL))  # narrower, it stays in the panel
 
