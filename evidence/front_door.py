@@ -71,22 +71,24 @@ _WRONG: dict[str, tuple[str, ...]] = {  # kind of an argument -> what it cannot 
     "path": ("None", "a number", "an array", "a mapping", "a function", "a tensor", "a Payload", "somebody's"),
     "log": ("None", "a number", "a function", "a tensor", "a Payload", "somebody's"),
     "rig": ("a number", "an array", "a mapping", "a function", "a tensor", "a DataFrame", "a Payload"),
+    "status": (
+        "None",
+        "text",
+        "a number",
+        "a mapping",
+        "a function",
+        "somebody's",
+    ),  # Python compares the others itself
     "value": ("None", "text", "a number", "an array", "a mapping", "a function", "a DataFrame", "somebody's"),
 }
 
 
 def _calls(probe: Path) -> list[tuple[str, Callable[..., Any], dict[str, Any], dict[str, str]]]:
     """Calls with their arguments, and of which kind those are that are spoilt."""
-    mesh, wrench, pose = (
-        palpate.plane([0, 0, 0], [0, 0, 1]),
-        np.array([0, 0, -5.0, 0.02, 0, 0]),
-        palpate.Pose.identity(),
-    )
-    contact, locator, sensor = (
-        palpate.locate(wrench, mesh),
-        palpate.Locator(mesh),
-        palpate.ForceTorque(noise=(0.02, 1e-3)),
-    )
+    mesh, box = palpate.plane([0, 0, 0], [0, 0, 1]), trimesh.creation.box()
+    wrench, pose = np.array([0, 0, -5.0, 0.02, 0, 0]), palpate.Pose.identity()
+    contact, locator = palpate.locate(wrench, mesh), palpate.Locator(mesh)
+    sensor = palpate.ForceTorque(noise=(0.02, 1e-3))
     contacts = palpate.WrenchEstimator(locator, sensor).update(0.0, wrench)
     turns, many = np.tile([0, 0, 0, 1.0], (9, 1)), np.tile(wrench, (9, 1))
     time, rig = np.arange(9.0), Rig(RigSurface("plane"))
@@ -165,7 +167,7 @@ def _calls(probe: Path) -> list[tuple[str, Callable[..., Any], dict[str, Any], d
         (
             "Mesh.from_trimesh",
             palpate.Mesh.from_trimesh,
-            {"mesh": trimesh.creation.box(), "unit": "mm"},
+            {"mesh": box, "unit": "mm"},
             {"mesh": value},
         ),
         (
@@ -185,7 +187,7 @@ def _calls(probe: Path) -> list[tuple[str, Callable[..., Any], dict[str, Any], d
         ("contacts.save", contacts.save, {"path": "contacts.csv"}, {"path": "path"}),
         ("contacts.plot", contacts.plot, {"surface": mesh}, {"surface": "surface"}),
         ("Contacts.load", palpate.Contacts.load, {"path": "contacts.csv"}, {"path": "path"}),
-        ("Status", palpate.Status, {"value": 0}, {"value": value}),
+        ("Status", palpate.Status, {"value": 0}, {"value": "status"}),
         ("AlignController", palpate.AlignController, {"arm": None, "estimator": None}, {"estimator": value}),
         ("DifferentialDrive", palpate.DifferentialDrive, {"track": 0.085}, {"track": "number"}),
         ("TouchNavigator", palpate.TouchNavigator, {"goal": (1.2, 0.0)}, {"goal": numbers}),

@@ -15,8 +15,16 @@ from palpate.errors import InputError
 __all__ = ["by_name", "called_as"]
 
 _Made = TypeVar("_Made", bound=Callable[..., Any])
-_KINDS = {str: "text", float: "a number", int: "a whole number", bool: "True or False", PathLike: "a path"}
-_KINDS |= {NoneType: "None", Mapping: "a mapping", Sequence: "a list", tuple: "a tuple"}
+_KINDS: dict[Any, str] = {
+    str: "text",
+    float: "a number",
+    int: "a whole number",
+    bool: "True or False",
+    PathLike: "a path",
+    NoneType: "None",
+    Mapping: "a mapping",
+    Sequence: "a list",
+}
 
 
 class _Numbers:
@@ -51,10 +59,10 @@ def called_as(line: str, **lines: str) -> Callable[[_Made], _Made]:
         if not isinstance(made, type):
             return _explained(made, line)
         for name, written in {"__init__": line, **lines}.items():
-            method = vars(made)[name]
-            kind: Any = type(method) if isinstance(method, classmethod | staticmethod) else None
-            plain = _explained(method.__func__ if kind else method, written)
-            setattr(made, name, kind(plain) if kind else plain)
+            method: Any = vars(made)[name]
+            of_class = type(method) is classmethod
+            plain = _explained(method.__func__ if of_class else method, written)
+            setattr(made, name, classmethod(plain) if of_class else plain)
         return made
 
     return cast("Callable[[_Made], _Made]", decorated)
@@ -161,7 +169,7 @@ def _described(value: Any) -> str:
     if isinstance(value, type):
         return f"the class {value.__name__}"
     shape: object = getattr(value, "shape", None)
-    return _one(type(value)) + (f" of shape {shape}" if isinstance(shape, tuple) else "")
+    return _one(cast("Any", type(value))) + (f" of shape {shape}" if isinstance(shape, tuple) else "")
 
 
 def _one(kind: type[Any]) -> str:

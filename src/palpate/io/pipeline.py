@@ -370,14 +370,14 @@ def estimate(
     Raises:
         InputError: the log, the mesh or a file of the rig cannot be used, or there is neither a rig nor a mesh.
     """
-    if rig is None and mesh is None:
+    known = rig if isinstance(rig, Rig) or rig is None else load_rig(rig)
+    known = known if mesh is None else with_mesh(known, mesh, unit)
+    if known is None:
         raise InputError("nothing says what is touched.", hint=f"Write {_LINE}.")
     if mesh is None and unit is not None:
         raise InputError("unit is of a mesh, and none is given.", hint='Write mesh="probe.stl", unit="mm".')
-    known = rig if isinstance(rig, Rig) or rig is None else load_rig(rig)
-    rig = known if mesh is None else with_mesh(known, mesh, unit)
     name = log if isinstance(log, str | PathLike) else "the log"
-    with waiting(f"finding the contacts in {name}"), open_log(log, rig, sensor, topic) as opened:
+    with waiting(f"finding the contacts in {name}"), open_log(log, known, sensor, topic) as opened:
         pipeline = Pipeline.of(opened, frame)
         found = Contacts.joined([contacts for _, _, contacts in pipeline.stream()])
         first = [said for said in (opened.torn, pipeline.unbelievable()) if said]

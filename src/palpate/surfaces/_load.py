@@ -77,7 +77,7 @@ def arrays_of(mesh: Any, source: str) -> tuple[Float[np.ndarray, "v 3"], Int[np.
     mesh = mesh.to_mesh() if hasattr(mesh, "to_mesh") else mesh
     if not (hasattr(mesh, "vertices") and hasattr(mesh, "faces")):
         line = 'palpate.Mesh.from_trimesh(trimesh.load("probe.stl"), unit="mm")'
-        raise InputError("is no trimesh.Trimesh and no trimesh.Scene.", where=source, hint=f"Write {line}.")
+        raise InputError("mesh is no trimesh.Trimesh and no trimesh.Scene.", hint=f"Write {line}.")
     vertices, faces = np.asarray(mesh.vertices, dtype=np.float64), np.asarray(mesh.faces, dtype=np.int64)
     if faces.ndim != 2 or len(faces) == 0:
         raise InputError("there is no triangle in this mesh.", where=source)

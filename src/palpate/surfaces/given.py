@@ -41,7 +41,7 @@ def as_surface(given: SurfaceLike, unit: str | None = None) -> Surface:
         return Mesh.load(given, unit)
     if isinstance(given, Trimesh):
         return Mesh.from_trimesh(given, unit)
-    if not isinstance(given, Surface):
+    if not hasattr(given, "prepared"):
         line = 'palpate.Mesh.load("probe.stl", unit="mm")'
         raise InputError(f"a {type(given).__name__} is no surface.", hint=f"Write {line}.")
     if unit is not None:

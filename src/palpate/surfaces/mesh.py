@@ -139,8 +139,8 @@ class Mesh(Value):
         """
         from palpate.surfaces._load import arrays_of
 
-        source, named = type(mesh).__name__, getattr(mesh, "units", None)
-        unit = _OF_TRIMESH.get(named, named) if unit is None else unit
+        source, named = type(mesh).__name__, str(getattr(mesh, "units", None) or "")
+        unit = unit or _OF_TRIMESH.get(named, named) or None
         return cls._from_numbers(*arrays_of(mesh, source), unit, source, options)
 
     @classmethod
