@@ -71,14 +71,8 @@ _WRONG: dict[str, tuple[str, ...]] = {  # kind of an argument -> what it cannot 
     "path": ("None", "a number", "an array", "a mapping", "a function", "a tensor", "a Payload", "somebody's"),
     "log": ("None", "a number", "a function", "a tensor", "a Payload", "somebody's"),
     "rig": ("a number", "an array", "a mapping", "a function", "a tensor", "a DataFrame", "a Payload"),
-    "status": (
-        "None",
-        "text",
-        "a number",
-        "a mapping",
-        "a function",
-        "somebody's",
-    ),  # Python compares the others itself
+    # of an enumeration, which compares arrays itself before anything else is called
+    "status": ("None", "text", "a number", "a mapping", "a function", "somebody's"),
     "value": ("None", "text", "a number", "an array", "a mapping", "a function", "a DataFrame", "somebody's"),
 }
 

@@ -166,11 +166,23 @@ def _described(value: Any) -> str:
         return repr(value)
     if isinstance(value, str):
         return f"the text {value!r:.40}"
+    if isinstance(value, PathLike):
+        return "a path"
     if isinstance(value, type):
         return f"the class {value.__name__}"
-    shape: object = getattr(value, "shape", None)
-    return _one(cast("Any", type(value))) + (f" of shape {shape}" if isinstance(shape, tuple) else "")
+    if isinstance(value, list | tuple):
+        import numpy as np
+
+        try:
+            return f"a list of {np.asarray(cast('Any', value)).dtype}"
+        except (ValueError, TypeError):
+            return "lists of more than one shape"
+    shape, kind = getattr(value, "shape", None), getattr(value, "dtype", None)
+    parts = [f"shape {shape}"] if isinstance(shape, tuple) else []
+    parts += [] if kind is None else [str(kind)]
+    return " of ".join([_one(cast("Any", type(value))), *parts])
 
 
 def _one(kind: type[Any]) -> str:
-    return {"ndarray": "an array"}.get(kind.__name__) or f"a {kind.__name__}"
+    name = kind.__name__.replace("ndarray", "array")
+    return f"{'an' if name[0] in 'aeiouAEIOU' else 'a'} {name}"

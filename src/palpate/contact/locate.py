@@ -559,7 +559,7 @@ def locate(
         surface = as_surface(surface, unit)
     known, vectors, covariance = cast("Surface", surface), _six_numbers(wrench), None
     if vectors is None:
-        whole = wrench if isinstance(wrench, Wrench) else Wrench.from_vector(wrench)
+        whole = wrench if isinstance(wrench, Wrench) else Wrench.from_vector(shaped(wrench, (..., 6), "wrench"))
         vectors, covariance = whole.vector(), whole.covariance
     point = previous.point if isinstance(previous, ContactEstimate) else previous
     last = None if point is None else shaped(point, (3,), "previous")

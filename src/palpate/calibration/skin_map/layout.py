@@ -58,7 +58,7 @@ class Parametric(Protocol):
         ...
 
 
-@called_as("palpate.Sheet(6, 22)")
+@called_as("palpate.Sheet(6, 22, (0.01, 0.01))")
 @dataclass(frozen=True)
 class Sheet:
     """A flat sheet of cells before it is laid.
