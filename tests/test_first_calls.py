@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import builtins
 import importlib
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -233,6 +234,34 @@ def test_a_table_of_pandas_needs_it(here: Bench, monkeypatch: pytest.MonkeyPatch
         here.contacts.to_pandas()
 
 
+def test_the_page_of_the_module_runs(here: Bench) -> None:
+    """Its lines, with the readings that they are of."""
+    turns = np.random.default_rng(5).normal(size=(12, 4))
+    rotations = palpate.Pose.from_quaternion(turns, np.zeros(3)).rotation
+    given = {
+        "time": 0.0,
+        "wrench": WRENCH,
+        "rotation": np.eye(3),
+        "positions": 0.01 * np.array([[x, y, 0.0] for x in range(4) for y in range(4)]),
+        "normals": np.tile([0.0, 0.0, 1.0], (16, 1)),
+        "times": np.arange(50) / 50,
+        "readings": np.random.default_rng(6).normal(10.0, 0.1, (50, 16)),
+        "wrenches": -palpate.Payload(mass=0.4).compensate(np.zeros((12, 6)), rotations)[0],
+        "quaternions": turns,
+        "mesh": here.mesh,
+        "T_base_surface": np.eye(4),
+    }
+    lines = re.findall(r"^    (.*)\n", str(palpate.__doc__), re.MULTILINE)
+    exec("\n".join(lines), given)
+    assert len(lines) >= 30
+
+
+def test_touches_are_a_row_of_each(here: Bench) -> None:
+    touches = here.contacts.touches()
+    np.testing.assert_allclose([touch.start for touch in touches], [0.51, 1.51], atol=1e-9)
+    assert touches[1].peak_force == touches.peak_force.max()
+
+
 def test_the_front_door_lists_itself() -> None:
     assert sorted(dir(palpate)) == sorted(palpate.__all__)
     import palpate.contact.locate as module
@@ -253,6 +282,10 @@ def test_the_front_door_lists_itself() -> None:
         (lambda: palpate.Pose([0, 0, 0.085], [0, 0, 0, 1]), "palpate.Pose.from_quaternion([0, 0, 0, 1]"),
         (lambda: palpate.locate(WRENCH[:5], palpate.plane([0, 0, 0], [0, 0, 1])), "palpate.locate([0, 0, -5"),
         (lambda: palpate.Payload(0.4), "palpate.Payload(mass=0.4"),
+        (lambda: palpate.locate(force=WRENCH[:3], torque=WRENCH[3:]), "palpate.locate([0, 0, -5"),  # type: ignore[call-arg]
+        (lambda: palpate.Pose.identity() @ WRENCH, "contact.in_frame(T_base_surface)"),  # type: ignore[operator]
+        (lambda: palpate.Pose.identity().apply("a"), "pose.apply(contact.point)"),  # type: ignore[arg-type]
+        (lambda: palpate.estimate("log.csv", "rig.toml")["force"], "contacts[3]"),  # type: ignore[call-overload]
         (lambda: palpate.Status("touched"), "palpate.Status.CONTACT"),  # type: ignore[arg-type]
     ],
 )
@@ -260,6 +293,12 @@ def test_what_cannot_work_is_answered_with_the_line(here: Bench, call: Callable[
     with pytest.raises(InputError) as said:
         call()
     assert line in str(said.value)
+
+
+@pytest.mark.parametrize("name", ["position", "magnitude", "events", "to_csv", "show"])
+def test_a_part_of_contacts_by_another_name_is_answered_with_the_line(here: Bench, name: str) -> None:
+    with pytest.raises(AttributeError, match=r"Write .*contacts\."):
+        getattr(palpate.estimate(here.log, "rig.toml"), name)
 
 
 @pytest.mark.parametrize(

@@ -1,39 +1,43 @@
 """Palpate: where, how hard and in which direction a robot is being touched.
 
-    import palpate                                   # SI: m, N, N m, s; force first; quaternions x, y, z, w
+    import palpate  # lengths in m, forces in N, torques in N m, times in s; quaternions are x, y, z, w
 
-    # one wrench on a mesh; on a fingertip with an equation; in a loop
+    # a wrench, force first; `contact` is true where one was found
     contact = palpate.locate([0, 0, -5, 0.02, 0, 0], "probe.stl", unit="mm", noise=(0.02, 0.001))
-    if contact: print(contact.point, contact.normal, contact.force, contact.covariance)
-    contact = palpate.locate([0, 0, -5, 0.02, 0, 0], palpate.surfaces.Sphere(0.01))
-    locator = palpate.Locator("probe.stl", unit="mm", noise=(0.02, 0.001))
+    contact.status, contact.point, contact.normal, contact.force, contact.covariance
 
-    # a log, by a rig that `palpate rig new` writes, or a tared one by a mesh alone; a DataFrame or arrays for the log
+    # a log, by a rig that `palpate rig new` writes; a tared one by a mesh alone; a DataFrame will do for the file
     contacts = palpate.estimate("log.csv", "rig.toml")
     contacts = palpate.estimate("log.csv", mesh="probe.stl", unit="mm")
-    contacts.point[contacts.answered], contacts.status == palpate.Status.CONTACT, contacts[3], contacts.notes
+    contacts[3], contacts.point[contacts.answered], contacts.status == palpate.Status.CONTACT, contacts.notes
 
-    # touches; files; tables; a drawing
-    contacts.touches().start, contacts.touches().peak_force
-    contacts.save("contacts.mcap"); contacts = palpate.Contacts.load("contacts.mcap"); contacts.to_polars()
-    contacts.plot(mesh).save("contacts.html")
+    # touches
+    for touch in contacts.touches():
+        touch.start, touch.end, touch.point, touch.peak_force
 
-    # a live loop of your own, or a device
+    # a file, a table, a drawing
+    contacts.save("contacts.mcap")
+    contacts = palpate.Contacts.load("contacts.mcap")
+    contacts.to_polars()
+    contacts.plot(palpate.Mesh.load("probe.stl", unit="mm")).save("contacts.html")
+
+    # a loop of your own
     estimator = palpate.load_rig("rig.toml").estimator(rate=200.0)
-    if estimator.update(time, wrench, rotation): ...
-    live = palpate.open_live("rig.toml")
+    contacts = estimator.update(time, wrench, rotation)
 
-    # a skin
+    # a fingertip with an equation; a skin of taxels
+    contact = palpate.locate([0, 0, -5, 0.02, 0, 0], palpate.surfaces.Sphere(0.01))
     skin = palpate.TaxelEstimator(palpate.TaxelBody.anywhere(positions, normals))
+    skin.tare(palpate.Recording(times, {"cells": readings}))
 
-    # the payload, from wrenches that nothing touches; one that is known
+    # the payload, from wrenches in poses in which nothing is touched; or one that is known
     palpate.identify_payload(wrenches, quaternions).save("payload.toml")
     sensor = palpate.Compensation(palpate.ForceTorque(noise=(0.02, 0.001)), palpate.Payload(mass=0.4))
     estimator = palpate.WrenchEstimator(mesh, sensor, mount=palpate.Pose.from_quaternion([0, 0, 0, 1], [0, 0, 0.085]))
 
-    # other frames
-    palpate.estimate("log.csv", "rig.toml", frame="base")
-    contacts.in_frame(palpate.Pose.from_matrix(T_base_surface))
+    # the robot's base
+    contacts = palpate.estimate("log.csv", "rig.toml", frame="base")
+    contact.in_frame(palpate.Pose.from_matrix(T_base_surface))
 
 What is refused raises `palpate.PalpateError`, with a sentence that says what to write. Files are read in `palpate.io`.
 """
@@ -164,8 +168,10 @@ _ELSEWHERE = {  # what else one looks for at the front door
     "Rig": 'palpate.load_rig("rig.toml")',
     "live": 'palpate.open_live("rig.toml")',
     "load": 'palpate.load_rig("rig.toml"), or palpate.Contacts.load("contacts.mcap")',
+    "load_log": 'palpate.estimate("log.csv", "rig.toml")',
     "load_mesh": 'palpate.Mesh.load("probe.stl", unit="mm")',
     "plot": "contacts.plot(mesh)",
+    "show": "contacts.plot(mesh)",
     "read": 'palpate.estimate("log.csv", "rig.toml")',
 }
 

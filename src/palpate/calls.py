@@ -12,7 +12,7 @@ from typing import Any, Literal, TypeVar, Union, cast, get_args, get_origin
 
 from palpate.errors import InputError
 
-__all__ = ["by_name", "called_as"]
+__all__ = ["answering", "by_name", "called_as"]
 
 _Made = TypeVar("_Made", bound=Callable[..., Any])
 _KINDS: dict[Any, str] = {
@@ -39,6 +39,21 @@ def by_name(dotted: str) -> Any:
     """
     module, _, name = dotted.rpartition(".")
     return getattr(import_module(module), name)
+
+
+def answering(**lines: str) -> Callable[[Any, str], Any]:
+    """Return a `__getattr__` that answers a name that one looks for with the line that is meant.
+
+    Args:
+        lines: name -> line.
+    """
+
+    def missing(value: object, name: str) -> Any:
+        hint = f". Write {lines[name]}" if name in lines else ""
+        what = f"{type(value).__name__!r} object has no attribute {name!r}{hint}"
+        raise AttributeError(what, name=name, obj=value)
+
+    return missing
 
 
 def called_as(line: str, **lines: str) -> Callable[[_Made], _Made]:
@@ -77,7 +92,7 @@ def _explained(function: Any, line: str) -> Any:
             wrong = _wrong(function, args, kwargs) or _unfit(function, problem)
             if not wrong:
                 raise
-            where = function.__qualname__.removesuffix(".__init__")
+            where = function.__qualname__.partition(".__")[0]
             raise InputError(wrong, where=where, hint=f"Write {line}.") from problem
 
     return explaining
@@ -129,7 +144,7 @@ def _fits(option: Any, value: Any) -> bool:
     if option is _Numbers or hasattr(option, "dim_str"):
         return _is_numbers(value)
     if option in (float, int):
-        return _is_numbers(value) and np.ndim(value) == 0
+        return _is_numbers(value, "biuf" if option is float else "biu") and np.ndim(value) == 0
     if get_origin(option) is Literal:
         return value in get_args(option)
     option = option or NoneType
@@ -139,11 +154,11 @@ def _fits(option: Any, value: Any) -> bool:
     return isinstance(value, kind) if isinstance(kind, type) and kind is not Any else True
 
 
-def _is_numbers(value: Any) -> bool:
+def _is_numbers(value: Any, kinds: str = "biuf") -> bool:
     import numpy as np
 
     try:
-        return np.asarray(value).dtype.kind in "biuf"
+        return np.asarray(value).dtype.kind in kinds
     except Exception:  # whatever an object of another library raises
         return False
 

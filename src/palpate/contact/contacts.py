@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, overload
 import numpy as np
 from jaxtyping import Bool, Float, Int, Int8
 
-from palpate.calls import by_name, called_as
+from palpate.calls import answering, by_name, called_as
 from palpate.contact.estimate import ROW, ContactEstimate, Status
 from palpate.errors import InputError
 from palpate.spatial._arrays import shaped
@@ -57,6 +57,15 @@ class Contacts:
     estimate: ContactEstimate
     features: Mapping[str, Float[np.ndarray, " n"]] = field(default_factory=lambda: _NO_FEATURES)
     notes: tuple[str, ...] = ()
+
+    if not TYPE_CHECKING:  # which knows the names itself
+        __getattr__ = answering(
+            position="contacts.point",
+            magnitude="np.linalg.norm(contacts.force, axis=1)",
+            events="contacts.touches()",
+            show="contacts.plot(mesh)",
+            to_csv='contacts.save("contacts.csv")',
+        )
 
     def __post_init__(self) -> None:
         for name in ("sample", "time", "identity"):

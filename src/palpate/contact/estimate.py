@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Float, Int
 
-from palpate.calls import called_as
+from palpate.calls import answering, called_as
 from palpate.errors import InputError
 from palpate.spatial._arrays import Value, shaped
 from palpate.spatial.pose import Pose
@@ -112,6 +112,14 @@ class ContactEstimate(Value):
     residual: Float[np.ndarray, "*batch"]
     candidates: Int[np.ndarray, "*batch"]
     status: Any  # int8 array or Status: no type checker knows the batch
+
+    if not TYPE_CHECKING:  # which knows the names itself
+        __getattr__ = answering(
+            position="contact.point",
+            magnitude="np.linalg.norm(contact.force)",
+            show="contact.plot(mesh)",
+            found="if contact:",
+        )
 
     def __post_init__(self) -> None:
         if not self.batch:

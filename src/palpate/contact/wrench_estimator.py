@@ -112,8 +112,9 @@ class _Live:
 
 @called_as(
     "palpate.WrenchEstimator(mesh, palpate.ForceTorque(noise=(0.02, 0.001)))",
-    update="estimator.update(time, [0, 0, -5, 0.02, 0, 0])",
+    update="estimator.update(time, [0, 0, -5, 0.02, 0, 0], pose.rotation)",
     run='estimator.run(palpate.Recording(time, {"force": force, "torque": torque}))',
+    tare='estimator.tare(palpate.Recording(time, {"force": force, "torque": torque}))',
 )
 class WrenchEstimator:
     """The `ContactEstimator` of every sensor of wrenches, on any surface.

@@ -57,6 +57,8 @@ def quaternion_from_rotation(rotation: Float[np.ndarray, "*batch 3 3"]) -> Float
     from_quaternion="palpate.Pose.from_quaternion([0, 0, 0, 1], [0, 0, 0.085])",
     from_matrix="palpate.Pose.from_matrix(np.eye(4))",
     from_rotation_vector="palpate.Pose.from_rotation_vector([0, 0, 1.57], [0, 0, 0.085])",
+    apply="pose.apply(contact.point)",
+    __matmul__="T_base_sensor @ T_sensor_surface; contact.in_frame(T_base_surface) moves a contact",
 )
 @takes_arrays
 @dataclass(frozen=True, eq=False, init=False)
