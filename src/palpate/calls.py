@@ -8,7 +8,9 @@ from importlib import import_module
 from inspect import Signature, signature, unwrap
 from os import PathLike
 from types import NoneType, UnionType
-from typing import Any, Literal, TypeVar, Union, cast, get_args, get_origin
+from typing import Any, TypeVar, Union, cast, get_args, get_origin
+
+import numpy as np
 
 from palpate.errors import InputError
 
@@ -27,6 +29,15 @@ _KINDS: dict[Any, str] = {
 }
 
 
+_MEANT = {
+    "position": "contacts.point",
+    "magnitude": "np.linalg.norm(contacts.force, axis=-1)",
+    "events": "contacts.touches()",
+    "show": "contacts.plot(mesh)",
+    "to_csv": 'contacts.save("contacts.csv")',
+}
+
+
 class _Numbers:
     """What stands for numpy's ArrayLike in an annotation."""
 
@@ -41,19 +52,10 @@ def by_name(dotted: str) -> Any:
     return getattr(import_module(module), name)
 
 
-def answering(**lines: str) -> Callable[[Any, str], Any]:
-    """Return a `__getattr__` that answers a name that one looks for with the line that is meant.
-
-    Args:
-        lines: name -> line.
-    """
-
-    def missing(value: object, name: str) -> Any:
-        hint = f". Write {lines[name]}" if name in lines else ""
-        what = f"{type(value).__name__!r} object has no attribute {name!r}{hint}"
-        raise AttributeError(what, name=name, obj=value)
-
-    return missing
+def answering(value: object, name: str) -> Any:
+    """Answer a name that one looks for in contacts with what is meant, as their `__getattr__`."""
+    hint = f". Write {_MEANT[name]}" if name in _MEANT else ""
+    raise AttributeError(f"{type(value).__name__!r} object has no attribute {name!r}{hint}", name=name, obj=value)
 
 
 def called_as(line: str, **lines: str) -> Callable[[_Made], _Made]:
@@ -139,24 +141,17 @@ def _taken(function: Any, stated: Signature) -> dict[str, tuple[Any, ...]]:
 
 def _fits(option: Any, value: Any) -> bool:
     """Whether a value is of a kind; of kinds that are not known here, any is."""
-    import numpy as np  # here: the front door opens without
-
     if option is _Numbers or hasattr(option, "dim_str"):
         return _is_numbers(value)
     if option in (float, int):
         return _is_numbers(value, "biuf" if option is float else "biu") and np.ndim(value) == 0
-    if get_origin(option) is Literal:
-        return value in get_args(option)
-    option = option or NoneType
-    kind: Any = get_origin(option) or option
+    kind: Any = get_origin(option) or option or NoneType
     if kind is Sequence:
         return isinstance(value, Sequence | np.ndarray) and not isinstance(value, str)
     return isinstance(value, kind) if isinstance(kind, type) and kind is not Any else True
 
 
 def _is_numbers(value: Any, kinds: str = "biuf") -> bool:
-    import numpy as np
-
     try:
         return np.asarray(value).dtype.kind in kinds
     except Exception:  # whatever an object of another library raises
@@ -168,16 +163,13 @@ def _named(option: Any) -> str:
     if option is _Numbers or hasattr(option, "dim_str"):
         axes = ["..." if axis.startswith("*") else axis for axis in getattr(option, "dim_str", "").split()]
         return f"numbers of shape ({', '.join(axes)}{',' * (len(axes) == 1)})" if axes else "numbers"
-    if get_origin(option) is Literal:
-        return " or ".join(map(repr, get_args(option)))
-    option = option or NoneType
-    kind: Any = get_origin(option) or option
+    kind: Any = get_origin(option) or option or NoneType
     return _KINDS.get(kind) or _one(kind)
 
 
 def _described(value: Any) -> str:
     """What was given."""
-    if value is None or isinstance(value, bool | int | float):
+    if isinstance(value, float | int | None):
         return repr(value)
     if isinstance(value, str):
         return f"the text {value!r:.40}"
@@ -186,8 +178,6 @@ def _described(value: Any) -> str:
     if isinstance(value, type):
         return f"the class {value.__name__}"
     if isinstance(value, list | tuple):
-        import numpy as np
-
         try:
             return f"a list of {np.asarray(cast('Any', value)).dtype}"
         except (ValueError, TypeError):

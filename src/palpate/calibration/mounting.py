@@ -30,7 +30,6 @@ WRONG = 5.0  # of a touch: beyond it the touch is left out and named: another ma
 _USUAL = Spreads()
 
 
-@called_as("palpate.identify_mounting(wrenches, mesh, initial=palpate.Pose.identity(), points=marks)")
 @takes_arrays
 @dataclass(frozen=True, eq=False)
 class Mounting:

@@ -59,13 +59,7 @@ class Contacts:
     notes: tuple[str, ...] = ()
 
     if not TYPE_CHECKING:  # which knows the names itself
-        __getattr__ = answering(
-            position="contacts.point",
-            magnitude="np.linalg.norm(contacts.force, axis=1)",
-            events="contacts.touches()",
-            show="contacts.plot(mesh)",
-            to_csv='contacts.save("contacts.csv")',
-        )
+        __getattr__ = answering
 
     def __post_init__(self) -> None:
         for name in ("sample", "time", "identity"):

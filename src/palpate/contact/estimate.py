@@ -114,12 +114,7 @@ class ContactEstimate(Value):
     status: Any  # int8 array or Status: no type checker knows the batch
 
     if not TYPE_CHECKING:  # which knows the names itself
-        __getattr__ = answering(
-            position="contact.point",
-            magnitude="np.linalg.norm(contact.force)",
-            show="contact.plot(mesh)",
-            found="if contact:",
-        )
+        __getattr__ = answering
 
     def __post_init__(self) -> None:
         if not self.batch:

@@ -50,7 +50,6 @@ ON, OFF = 5.5, 3.0  # standard deviations of the force; noise alone exceeds the 
 METHODS = ("soft_finger", "wrench_axis")  # of a Locator; `locate` knows "iterative" too
 
 
-@called_as("palpate.Locator(mesh).candidates(wrench)")
 @takes_arrays
 @dataclass(frozen=True, eq=False)
 class Candidates(Value):

@@ -96,15 +96,18 @@ class Payload(Value):
             if weight is not None or not mass >= 0:
                 raise InputError(f"a mass ({mass}) must be >= 0, and takes the place of a weight", where="payload")
             weight = np.array([0.0, 0.0, -mass * magnitude])
-        set_field, given = object.__setattr__, (weight, force_bias, center_of_mass, torque_bias)
-        for name, values in zip(("weight", "force_bias", "center_of_mass", "torque_bias"), given, strict=True):
-            set_field(self, name, _finite(name, values, (3,)))
-        set_field(self, "covariance", _finite("covariance", covariance, (12, 12), LARGEST**2))
-        set_field(self, "magnitude", magnitude)
-        set_field(self, "residual", _finite("residual", residual, (2,)))
-        set_field(self, "samples", samples)
-        set_field(self, "provenance", MappingProxyType(dict(provenance)))
-        set_field(self, "notes", tuple(notes))
+        vars(self).update(
+            weight=_finite("weight", weight, (3,)),
+            force_bias=_finite("force_bias", force_bias, (3,)),
+            center_of_mass=_finite("center_of_mass", center_of_mass, (3,)),
+            torque_bias=_finite("torque_bias", torque_bias, (3,)),
+            covariance=_finite("covariance", covariance, (12, 12), LARGEST**2),
+            magnitude=magnitude,
+            residual=_finite("residual", residual, (2,)),
+            samples=samples,
+            provenance=MappingProxyType(dict(provenance)),
+            notes=tuple(notes),
+        )
 
     @classmethod
     def load(cls, path: str | PathLike[str]) -> Payload:

@@ -11,7 +11,6 @@ import numpy as np
 from jaxtyping import Bool, Float
 from numpy.typing import ArrayLike
 
-from palpate.calls import called_as
 from palpate.errors import InputError, NotIdentifiable
 from palpate.sensors.recording import REFERENCE, VOLTAGE
 from palpate.spatial._arrays import Value, frozen
@@ -69,7 +68,6 @@ class Indentation:
         return self.depth * np.abs(pressing) ** self.exponent
 
 
-@called_as("palpate.identify_load_cells(time, voltages, forces, centres, surface).cells")
 @takes_arrays
 @dataclass(frozen=True, eq=False, init=False)
 class LoadCells(Value):

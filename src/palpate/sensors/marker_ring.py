@@ -9,7 +9,6 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float
 
-from palpate.calls import called_as
 from palpate.errors import InputError
 from palpate.sensors.fisheye import STEPS, Fisheye, RingView, flat_pixels
 from palpate.sensors.markers import MarkerColour
@@ -42,7 +41,6 @@ class RingBody:
     rings: tuple[float, ...] = (0.0,)
 
 
-@called_as('palpate.load_rig("rig.toml").estimator()')
 @takes_arrays
 @dataclass(frozen=True, eq=False, repr=False)
 class MarkerRing(Value):
