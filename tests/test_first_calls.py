@@ -196,7 +196,7 @@ def test_contacts_are_indexed_moved_saved_and_drawn(here: Bench, tmp_path: Path)
     np.testing.assert_allclose(contact.in_frame(move).point, move.apply(contact.point))
     np.testing.assert_array_equal(contacts.in_frame(move)[row].point, contact.in_frame(move).point)
     with pytest.raises(InputError, match='frame="base"'):
-        contacts.in_frame("base")  # type: ignore[arg-type]
+        contacts.in_frame("base")
     base = palpate.estimate("log.csv", "rig.toml", frame="base")
     np.testing.assert_allclose(base.point[row] - contacts.point[row], [0.1, 0.2, 0.3], atol=1e-3)  # m: it is filtered
     contacts.save(tmp_path / "c.mcap")
@@ -277,16 +277,16 @@ def test_the_front_door_lists_itself() -> None:
         (lambda: palpate.estimate("log.csv"), 'mesh="probe.stl"'),
         (lambda: palpate.estimate("log.csv", mesh="probe.stl"), "unit"),
         (lambda: palpate.estimate("log.csv", "rig.toml", unit="mm"), 'mesh="probe.stl", unit="mm"'),
-        (lambda: palpate.TaxelEstimator(np.eye(3)), "palpate.TaxelBody.anywhere(positions, normals)"),  # type: ignore[arg-type]
+        (lambda: palpate.TaxelEstimator(np.eye(3)), "palpate.TaxelBody.anywhere(positions, normals)"),
         (lambda: palpate.Pose.from_quaternion([0, 0, 0.085], [0, 0, 0, 1]), "([0, 0, 0, 1], [0, 0, 0.085])"),
         (lambda: palpate.Pose([0, 0, 0.085], [0, 0, 0, 1]), "palpate.Pose.from_quaternion([0, 0, 0, 1]"),
         (lambda: palpate.locate(WRENCH[:5], palpate.plane([0, 0, 0], [0, 0, 1])), "palpate.locate([0, 0, -5"),
         (lambda: palpate.Payload(0.4), "palpate.Payload(mass=0.4"),
-        (lambda: palpate.locate(force=WRENCH[:3], torque=WRENCH[3:]), "palpate.locate([0, 0, -5"),  # type: ignore[call-arg]
-        (lambda: palpate.Pose.identity() @ WRENCH, "contact.in_frame(T_base_surface)"),  # type: ignore[operator]
-        (lambda: palpate.Pose.identity().apply("a"), "pose.apply(contact.point)"),  # type: ignore[arg-type]
-        (lambda: palpate.estimate("log.csv", "rig.toml")["force"], "contacts[3]"),  # type: ignore[call-overload]
-        (lambda: palpate.Status("touched"), "palpate.Status.CONTACT"),  # type: ignore[arg-type]
+        (lambda: palpate.locate(force=WRENCH[:3], torque=WRENCH[3:]), "palpate.locate([0, 0, -5"),
+        (lambda: palpate.Pose.identity() @ WRENCH, "contact.in_frame(T_base_surface)"),
+        (lambda: palpate.Pose.identity().apply("a"), "pose.apply(contact.point)"),
+        (lambda: palpate.estimate("log.csv", "rig.toml")["force"], "contacts[3]"),
+        (lambda: palpate.Status("touched"), "palpate.Status.CONTACT"),
     ],
 )
 def test_what_cannot_work_is_answered_with_the_line(here: Bench, call: Callable[[], object], line: str) -> None:
