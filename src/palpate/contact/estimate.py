@@ -44,7 +44,7 @@ class Status(IntEnum):
             if isinstance(value, str) and value == each.label:
                 return each
         hint = f"Write palpate.Status.CONTACT, or another of {', '.join(cls.__members__)}."
-        given = repr(value)[:40] if isinstance(value, str | int | float) else f"a {type(value).__name__}"
+        given = repr(value)[:40] if isinstance(value, str | int | float | None) else f"a {type(value).__name__}"
         raise InputError(f"{given} is no status.", hint=hint)
 
     @property
